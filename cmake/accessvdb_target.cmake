@@ -1,0 +1,22 @@
+# Flags of every target of ours, applied to our targets only.
+function(accessvdb_target name)
+  target_compile_features(${name} PUBLIC cxx_std_20)
+  set_target_properties(${name} PROPERTIES CXX_EXTENSIONS OFF POSITION_INDEPENDENT_CODE ON)
+  target_compile_options(${name} PRIVATE -Wall -Wextra -Wpedantic -Wshadow $<$<BOOL:${ACCESSVDB_WARNINGS_AS_ERRORS}>:-Werror>)
+  # No contraction of a*b+c anywhere: host and device must round alike, and SIMD and scalar code too.
+  target_compile_options(${name} PRIVATE -ffp-contract=off)
+  if(ACCESSVDB_SANITIZE)
+    target_compile_options(${name} PRIVATE -fsanitize=${ACCESSVDB_SANITIZE} -fno-omit-frame-pointer -g1)
+    target_link_options(${name} PUBLIC -fsanitize=${ACCESSVDB_SANITIZE})
+  endif()
+endfunction()
+
+# One folder of the library: an object library that becomes part of libaccessvdb.
+#   accessvdb_layer(tsdf SOURCES a.cpp b.cpp LINKS OpenVDB::openvdb)
+function(accessvdb_layer name)
+  cmake_parse_arguments(LAYER "" "" "SOURCES;LINKS" ${ARGN})
+  add_library(accessvdb_${name} OBJECT ${LAYER_SOURCES})
+  accessvdb_target(accessvdb_${name})
+  target_link_libraries(accessvdb_${name} PUBLIC ${LAYER_LINKS})
+  set_property(GLOBAL APPEND PROPERTY ACCESSVDB_LAYERS accessvdb_${name})
+endfunction()

@@ -1,0 +1,75 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The accessibility field: scans go in, labelled surface points come out.
+///
+/// Not thread-safe: one thread calls at a time. Inside, all threads of the machine work, and the result is the same
+/// bit for bit whatever their number.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "accessvdb/params.h"
+#include "accessvdb/tool_geometry.h"
+#include "accessvdb/types.h"
+
+namespace accessvdb {
+
+class TsdfVolume;
+
+class AccessibilityField {
+ public:
+  /// @throws InvalidArgument (params), ResourceLimit (tool too large for the voxel size), DeviceError
+  AccessibilityField(const ToolGeometry& tool, const FieldParams& params = {});
+  ~AccessibilityField();
+  AccessibilityField(AccessibilityField&&) noexcept;
+  AccessibilityField& operator=(AccessibilityField&&) noexcept;
+
+  /// Fuses one scan. Bad returns are counted, never used.
+  /// @param points_S  returns in the sensor frame, metres; exactly (0,0,0) means "no return"
+  /// @param T_W_S     pose, sensor to world, rigid
+  /// @throws UnusableInput for a pose that is not finite or not rigid; then nothing has changed
+  FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S);
+
+  /// Fuses rays that each have their own origin (ray clouds), or one origin for all.
+  /// @param points_W   [n] returns in the world frame
+  /// @param origins_W  [n] or [1] sensor positions in the world frame
+  FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W);
+
+  /// Scores what changed since the last update().
+  UpdateStats update();
+
+  /// All points with their labels, as of the last update(). Points that came later are unscored.
+  [[nodiscard]] FieldSnapshot snapshot() const;
+
+  /// The same points scored anew against the current map, every direction, no history: what `exact` must equal.
+  /// Costs a full evaluation and changes nothing. @param tests  where to put the number of (point, direction) tests
+  [[nodiscard]] FieldSnapshot evaluateFromScratch(std::uint64_t* tests = nullptr) const;
+
+  /// The point of the voxel that holds p_W, if there is one.
+  [[nodiscard]] std::optional<SurfacePoint> pointAt(const Eigen::Vector3d& p_W) const;
+
+  [[nodiscard]] const TsdfVolume& volume() const;
+  [[nodiscard]] const ToolGeometry& tool() const;
+  [[nodiscard]] const FieldParams& params() const;           ///< resolved
+  [[nodiscard]] Eigen::Vector3d origin_W() const;            ///< of the local frame; set by the first scan
+  [[nodiscard]] MemoryUse memoryUse() const;
+  [[nodiscard]] std::string deviceName() const;              ///< "cpu" or "cuda:NAME"
+  [[nodiscard]] double toolShareHidden() const;              ///< share of the tool inside the self-exclusion radius
+  [[nodiscard]] int collisionLimit() const;                  ///< [n_c] fewest collisions that block a direction
+
+  /// Writes field.vdb, field_points.vdb and points.ply into a folder, each whole or not at all.
+  /// @throws OutputError
+  void write(const std::filesystem::path& folder) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace accessvdb

@@ -1,0 +1,85 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Writing a field to files and reading it back. Every file appears whole or not at all.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <iosfwd>
+#include <map>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/types.h"
+
+namespace accessvdb {
+class TsdfVolume;
+class ToolGeometry;
+}
+
+namespace accessvdb::io {
+
+/// Calls `body` with a checked stream on a temporary file beside `path`; then flush, fsync, rename, fsync of the folder.
+/// Nothing is left behind when anything fails. @throws OutputError (disk full, permission, ...)
+void writeFileDurably(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body);
+
+/// Makes the folder if needed and proves that a file can be created in it. @throws OutputError
+void prepareOutputFolder(const std::filesystem::path& folder);
+
+/// Name and text pairs that go into the metadata of the .vdb files, in order ("voxel_size_m", "0.01", ...).
+using FieldMetadata = std::vector<std::pair<std::string, std::string>>;
+
+/// field.vdb: density, accessible, blocked, confidence, score, best_direction, distance, weight, cleared (INTERFACE).
+void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume, const FieldSnapshot& field,
+                   const FieldMetadata& metadata);
+/// field_points.vdb: one PointDataGrid for Houdini.
+void writePointsVdb(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata);
+/// points.ply: binary little endian, positions in the world frame as doubles.
+void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata);
+/// Reads points.ply back, with origin and voxel size from its header comments. @throws InputError
+[[nodiscard]] FieldSnapshot readPointsPly(const std::filesystem::path& path);
+
+/// What `info` tells about a grid.
+struct GridSummary {
+  std::string name, type, grid_class;
+  std::uint64_t active_voxels = 0, leaves = 0, bytes = 0;
+  std::array<std::int32_t, 3> min_ijk = {}, max_ijk = {};   ///< of active voxels
+  Eigen::Vector3d voxel_size_m = {0, 0, 0};
+  std::vector<std::pair<std::string, std::string>> metadata;
+};
+struct VdbSummary {
+  std::string creator;
+  std::vector<GridSummary> grids;
+  std::vector<std::pair<std::string, std::string>> metadata;
+};
+/// Reads any .vdb file. @throws InputError (not a .vdb, damaged)
+[[nodiscard]] VdbSummary summarizeVdb(const std::filesystem::path& path);
+
+/// Answers about the map at world positions, from field.vdb of an output folder.
+class StoredField {
+ public:
+  struct Answer {
+    Eigen::Vector3d position_W;
+    std::optional<SurfacePoint> point;  ///< the surface point of that voxel, else the nearest within 3 voxels
+    double point_distance_m = 0;        ///< from the position to that point
+    bool observed = false, cleared = false;
+    float distance_m = 0, weight = 0;
+  };
+  /// @throws InputError where the folder holds no field of ours
+  static StoredField open(const std::filesystem::path& folder);
+  ~StoredField();
+  StoredField(StoredField&&) noexcept;
+  [[nodiscard]] Answer at(const Eigen::Vector3d& p_W) const;
+  [[nodiscard]] const FieldSnapshot& points() const;
+
+ private:
+  struct Impl;
+  explicit StoredField(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace accessvdb::io

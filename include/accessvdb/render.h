@@ -1,0 +1,29 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Pictures without a display: points as shaded splats (green accessible, red blocked, grey not scored), or a tool.
+#pragma once
+
+#include <Eigen/Core>
+#include <filesystem>
+
+#include "accessvdb/types.h"
+
+namespace accessvdb {
+class ToolGeometry;
+}
+
+namespace accessvdb::io {
+
+struct RenderOptions {
+  int width_px = 1600;
+  int height_px = 1000;
+  /// Towards the viewer, world frame; orthographic. (0,0,1) = top view; default = iso.
+  Eigen::Vector3d view_W = {-1.0, -1.0, 0.8};
+};
+
+/// @throws OutputError; InvalidArgument for a zero or non-finite view direction
+void renderField(const std::filesystem::path& png, const FieldSnapshot& field, const RenderOptions& options = {});
+/// The tool in its frame: axes drawn, tip marked, size written beside it.
+void renderTool(const std::filesystem::path& png, const ToolGeometry& tool, const RenderOptions& options = {});
+
+}  // namespace accessvdb::io

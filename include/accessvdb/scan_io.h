@@ -1,0 +1,78 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Reading scans and poses from files, and matching one to the other.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace accessvdb::io {
+
+/// Auto looks at the file's name and content. Viewpoint: the VIEWPOINT line of each PCD.
+enum class PoseFormat { Auto, Tum, Kitti, Balm, Hba, Viewpoint };
+
+struct ScanInputOptions {
+  std::filesystem::path scans;                 ///< a folder of scans, or one file
+  std::filesystem::path poses;                 ///< may be empty (VIEWPOINT, ray cloud, sensor_at)
+  PoseFormat pose_format = PoseFormat::Auto;
+  std::filesystem::path calib;                 ///< KITTI calib.txt, where poses are of the camera
+  std::optional<Eigen::Vector3d> sensor_at_W;  ///< one sensor position for one cloud in the world frame
+  int every = 1;                               ///< use every n-th scan
+  bool allow_truncated = false;                ///< keep the complete records of a truncated file
+  bool sort_poses = false;                     ///< accept pose files whose stamps run backwards, by sorting them
+  std::size_t rays_per_step = 20000;           ///< a ray cloud or single cloud is handed out in steps of this many
+};
+
+/// One integration step. Either points_S with T_W_S, or points_W with origins_W (size n, or 1 for all).
+struct ScanRecord {
+  std::vector<Eigen::Vector3f> points_S;
+  Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
+  std::vector<Eigen::Vector3d> points_W;
+  std::vector<Eigen::Vector3d> origins_W;
+  double stamp_s = 0;                          ///< 0 where unknown
+  std::string path;
+  std::uint64_t truncated_points = 0;          ///< records that the header promised and the file lacks
+};
+
+struct InputFile {
+  std::string path;
+  std::string sha256;
+};
+
+/// Scans with their poses, in order; files are read when asked for.
+class ScanSequence {
+ public:
+  /// Lists the scans, reads the poses, matches them and checks them.
+  /// @throws InputError (code 3) unreadable or malformed; UnusableInput (code 4) no overlap, bad poses
+  static ScanSequence open(const ScanInputOptions& options);
+  ~ScanSequence();
+  ScanSequence(ScanSequence&&) noexcept;
+  ScanSequence& operator=(ScanSequence&&) noexcept;
+
+  [[nodiscard]] std::size_t size() const;           ///< number of steps
+  [[nodiscard]] ScanRecord read(std::size_t step);  ///< @throws InputError naming the file
+  [[nodiscard]] const std::vector<std::string>& notices() const;  ///< frame, quaternion order, matching rule, repairs
+  [[nodiscard]] std::string matchingRule() const;   ///< one line, also among the notices
+  [[nodiscard]] std::vector<std::string> paths() const;  ///< every file that is or will be read
+  [[nodiscard]] std::optional<double> recordedRangeNoise_m() const;  ///< from range_noise.txt beside the scans, if any
+  [[nodiscard]] std::uint64_t inputBytes() const;   ///< total size of the scan files
+
+ private:
+  struct Impl;
+  explicit ScanSequence(std::unique_ptr<Impl> impl);
+  std::unique_ptr<Impl> impl_;
+};
+
+/// Lower-case hexadecimal SHA-256 of a file. @throws InputError
+[[nodiscard]] std::string sha256OfFile(const std::filesystem::path& path);
+
+/// Query positions from a text file, one "x y z" or "x,y,z" a line. @throws InputError naming the line
+[[nodiscard]] std::vector<Eigen::Vector3d> readPositions(const std::filesystem::path& path);
+
+}  // namespace accessvdb::io

@@ -1,0 +1,63 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// A tool as a triangle mesh in the tool frame: metres, tip at the origin, +x from the tip along the body (the way
+/// the tool withdraws), +z up. Right-handed.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace accessvdb {
+
+enum class LengthUnit { Metre, Centimetre, Millimetre, Inch };
+[[nodiscard]] double metresPer(LengthUnit unit);
+
+/// How the mesh's own frame maps to the tool frame; all in the mesh's own units and axes.
+struct ToolPose {
+  std::optional<Eigen::Vector3d> tip;   ///< interaction point; default: the origin of the mesh file
+  Eigen::Vector3d axis = {1, 0, 0};     ///< from the tip along the body
+  Eigen::Vector3d up = {0, 0, 1};       ///< becomes +z as far as it is perpendicular to the axis
+};
+
+class ToolGeometry {
+ public:
+  /// Reads any mesh that assimp reads, in a child process with limits on time and memory.
+  /// @param unit  needed for formats that carry none (STL, OBJ, PLY)
+  /// @throws InputError (unreadable, malformed, no faces, non-finite), UnusableInput (size outside 1 mm .. 20 m),
+  ///         InvalidArgument (zero or parallel axis and up)
+  static ToolGeometry fromMesh(const std::filesystem::path& path, std::optional<LengthUnit> unit,
+                               const ToolPose& pose = {});
+  /// From vertices in metres in the tool frame and triangles of vertex indices.
+  static ToolGeometry fromTriangles(std::vector<Eigen::Vector3f> vertices_T,
+                                    std::vector<std::array<std::uint32_t, 3>> triangles, std::string name);
+  /// "builtin:pencil" (0.15 m long, 8 mm thick, 20 mm conical tip) or "builtin:pruner" (an arm of about 0.6 m reach
+  /// with a body behind it). @throws InvalidArgument for another name.
+  static ToolGeometry builtin(const std::string& name);
+
+  [[nodiscard]] const std::vector<Eigen::Vector3f>& vertices_T() const { return vertices_T_; }
+  [[nodiscard]] const std::vector<std::array<std::uint32_t, 3>>& triangles() const { return triangles_; }
+  [[nodiscard]] const std::string& name() const { return name_; }        ///< file name or builtin name
+  [[nodiscard]] const std::string& sha256() const { return sha256_; }    ///< of vertices and triangles
+  [[nodiscard]] const std::vector<std::string>& notes() const { return notes_; }  ///< repairs, oddities, in words
+  [[nodiscard]] bool watertight() const { return watertight_; }
+  [[nodiscard]] Eigen::Vector3f min_T() const { return min_T_; }
+  [[nodiscard]] Eigen::Vector3f max_T() const { return max_T_; }
+  [[nodiscard]] float reach_m() const { return reach_m_; }               ///< farthest vertex from the tip
+
+ private:
+  ToolGeometry() = default;
+  std::vector<Eigen::Vector3f> vertices_T_;
+  std::vector<std::array<std::uint32_t, 3>> triangles_;
+  std::string name_, sha256_;
+  std::vector<std::string> notes_;
+  bool watertight_ = false;
+  Eigen::Vector3f min_T_ = Eigen::Vector3f::Zero(), max_T_ = Eigen::Vector3f::Zero();
+  float reach_m_ = 0;
+};
+
+}  // namespace accessvdb

@@ -1,0 +1,64 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The map: an unbounded, sparse OpenVDB volume of truncated signed distances, weights and cleared flags.
+///
+/// While it is authored, one OpenVDB tree holds all three (docs/DESIGN.md, "The authored map"); distance(), weight()
+/// and cleared() hand out ordinary OpenVDB grids. The value of voxel ijk sits at indexToWorld(ijk), its cell is +-v/2
+/// around it (OpenVDB's convention). Grids are in the local frame: metres, z up, origin_W away from the world's origin.
+#pragma once
+
+#include <openvdb/openvdb.h>
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <memory>
+
+#include "accessvdb/params.h"
+
+namespace accessvdb {
+
+namespace internal {
+class PackedMap;
+}
+
+/// Everything the map knows about one voxel.
+struct VoxelState {
+  float distance_m = 0;      ///< mean of the clamped distances; tau where unobserved
+  std::uint32_t weight = 0;  ///< observations; 0 = unobserved
+  bool cleared = false;      ///< some ray passed here on its way to a return
+};
+
+class TsdfVolume {
+ public:
+  /// @param params  resolved parameters. @throws InvalidArgument
+  explicit TsdfVolume(const TsdfParams& params);
+  ~TsdfVolume();
+  TsdfVolume(TsdfVolume&&) noexcept;
+  TsdfVolume& operator=(TsdfVolume&&) noexcept;
+
+  [[nodiscard]] const TsdfParams& params() const;
+  [[nodiscard]] double voxelSize_m() const;
+  [[nodiscard]] double truncationDistance_m() const;
+
+  [[nodiscard]] VoxelState at(const openvdb::Coord& ijk) const;
+
+  /// Copies in the usual types, built in parallel; cost and memory grow with the number of leaves.
+  [[nodiscard]] openvdb::FloatGrid::Ptr distance() const;  ///< "distance", metres, background tau, active = observed
+  [[nodiscard]] openvdb::FloatGrid::Ptr weight() const;    ///< "weight", observations, background 0, active = observed
+  [[nodiscard]] openvdb::BoolGrid::Ptr cleared() const;    ///< "cleared", background false, active = cleared
+
+  [[nodiscard]] std::uint64_t leafCount() const;
+  [[nodiscard]] std::uint64_t activeVoxelCount() const;    ///< observed voxels
+  [[nodiscard]] std::uint64_t memoryBytes() const;
+  /// Box of all leaves in voxels (inclusive); empty box where the map is empty.
+  [[nodiscard]] openvdb::CoordBBox leafBounds() const;
+
+  /// For the stages of this library only.
+  [[nodiscard]] internal::PackedMap& packed() { return *packed_; }
+  [[nodiscard]] const internal::PackedMap& packed() const { return *packed_; }
+
+ private:
+  std::unique_ptr<internal::PackedMap> packed_;
+};
+
+}  // namespace accessvdb

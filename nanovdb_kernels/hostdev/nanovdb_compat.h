@@ -1,0 +1,23 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The only file on the kernel side that includes NanoVDB. Knows the header paths of 10.x and of 11 and later.
+#pragma once
+
+#include <nanovdb/NanoVDB.h>
+
+#if defined(__CUDACC__)
+#define ACCESSVDB_HOSTDEV __host__ __device__
+#else
+#define ACCESSVDB_HOSTDEV
+#endif
+
+namespace accessvdb::kernels {
+
+using OccupancyGrid = nanovdb::NanoGrid<bool>;
+using OccupancyTree = nanovdb::NanoTree<bool>;
+using OccupancyRoot = nanovdb::NanoRoot<bool>;
+using OccupancyUpper = nanovdb::NanoUpper<bool>;
+using OccupancyLower = nanovdb::NanoLower<bool>;
+using OccupancyLeaf = nanovdb::NanoLeaf<bool>;
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,87 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What the rules see: trivially copyable, non-owning views that travel to a kernel by value.
+///
+/// Frame L: the local frame, world minus the recorded origin, metres, float32. Voxel of p_L: round(p_L / v).
+#pragma once
+
+#include <cstdint>
+#include <type_traits>
+
+#include "accessvdb/point_label.h"
+#include "nanovdb_compat.h"
+
+namespace accessvdb::kernels {
+
+/// Most direction words: D <= 256.
+inline constexpr int kMaxDirectionWords = 4;
+/// Most samples along the approach corridor.
+inline constexpr int kMaxArmSamples = 64;
+
+/// A set of directions, bit d of word d/64.
+struct DirectionMask {
+  std::uint64_t word[kMaxDirectionWords];
+
+  ACCESSVDB_HOSTDEV bool test(int d) const { return (word[d >> 6] >> (d & 63)) & 1u; }
+  ACCESSVDB_HOSTDEV void set(int d) { word[d >> 6] |= std::uint64_t(1) << (d & 63); }
+  ACCESSVDB_HOSTDEV void reset(int d) { word[d >> 6] &= ~(std::uint64_t(1) << (d & 63)); }
+};
+
+/// The map as scoring needs it: value bit = collides, active bit = arm_free. A missing leaf means: tool free, arm
+/// blocked.
+struct OccupancyView {
+  const OccupancyGrid* grid = nullptr;
+  float inverse_voxel_size = 0;  ///< [1/m]
+};
+
+/// A vertical run of up to 64 tool voxels relative to the voxel of the surface point: bit i = (dx, dy, dz + i).
+/// Columns of one direction are sorted by (dx, dy, dz), so that neighbours in the list are neighbours in the map.
+struct VoxelColumn {
+  std::int16_t dx, dy, dz, unused;
+  std::uint64_t bits;
+};
+static_assert(sizeof(VoxelColumn) == 16);
+
+/// The tool at every direction d, tip at the origin, self-exclusion already applied.
+struct ToolKernelView {
+  const VoxelColumn* columns = nullptr;        ///< voxel form: columns of d are [column_begin[d], column_begin[d+1])
+  const std::uint32_t* column_begin = nullptr; ///< [D + 1]
+  const float* samples = nullptr;              ///< sample form: 3 floats a sample, metres, rotated to d
+  const std::uint32_t* sample_begin = nullptr; ///< [D + 1]
+  bool use_samples = false;
+  std::uint16_t collision_limit = 1;           ///< [n_c] a direction is free when its count is below
+};
+
+/// Directions and the corridor: tables computed once on the host.
+struct ApproachView {
+  const float* direction_xy = nullptr;  ///< [2 D] cos and sin of yaw 2 pi d / D
+  const float* arm_offsets = nullptr;   ///< [D x num_arm x 3] metres from the surface point
+  int num_directions = 0;               ///< [D]
+  int num_arm = 0;                      ///< samples a direction, in the order in which they are tested
+  float normal_cos_min = 0;             ///< cos of the cone around the normal
+};
+
+/// State of the points on the device, structure of arrays; index = stable id. 64 bytes a point at D <= 192.
+struct PointStateView {
+  float* position_L = nullptr;        ///< [3 n] first return, metres; x y z interleaved
+  float* normal_L = nullptr;          ///< [3 n] unit; zero = none
+  std::uint64_t* seen = nullptr;      ///< [words n] directions observed from, neighbours joined
+  std::uint16_t* score = nullptr;     ///< [n] fewest collisions; kNoScore
+  std::uint16_t* direction = nullptr; ///< [n] best direction; kNoDirection
+  float* stability = nullptr;         ///< [n] a
+  std::uint16_t* weight = nullptr;    ///< [n] observations behind the confidence
+  PointLabel* label = nullptr;        ///< [n]
+  PointReason* reason = nullptr;      ///< [n]
+  std::uint8_t* flags = nullptr;      ///< [n] see PointFlag
+  int direction_words = 0;            ///< words of `seen` a point
+};
+
+enum PointFlag : std::uint8_t { kConfident = 1 };
+
+static_assert(std::is_trivially_copyable_v<DirectionMask>);
+static_assert(std::is_trivially_copyable_v<OccupancyView>);
+static_assert(std::is_trivially_copyable_v<ToolKernelView>);
+static_assert(std::is_trivially_copyable_v<ApproachView>);
+static_assert(std::is_trivially_copyable_v<PointStateView>);
+
+}  // namespace accessvdb::kernels

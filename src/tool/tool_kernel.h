@@ -1,0 +1,46 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The tool at every approach direction, as the scoring rules want it (paper, "Tool kernel").
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "accessvdb/params.h"
+#include "accessvdb/tool_geometry.h"
+#include "hostdev/views.h"
+
+namespace accessvdb::internal {
+
+/// Yaw directions a_d = (cos, sin)(2 pi d / D), computed in double and rounded once.
+struct DirectionTable {
+  std::vector<float> xy;  ///< [2 D]
+  static DirectionTable make(int num_directions);
+};
+
+/// Host-side tables behind a ToolKernelView.
+struct ToolKernel {
+  std::vector<kernels::VoxelColumn> columns;
+  std::vector<std::uint32_t> column_begin;   ///< [D + 1]
+  std::vector<float> samples;                ///< [3 sum]
+  std::vector<std::uint32_t> sample_begin;   ///< [D + 1]
+  std::vector<std::uint32_t> voxel_count;    ///< [D] voxels left after self-exclusion
+  std::array<int, 3> min_ijk = {}, max_ijk = {};  ///< box of all voxels (or sample voxels) of all directions, relative to the point's voxel
+  double hidden_share = 0;                   ///< share of the solid tool's voxels at d = 0 that self-exclusion removes
+  std::uint16_t collision_limit = 1;         ///< [n_c] see make()
+  bool use_samples = false;
+
+  [[nodiscard]] kernels::ToolKernelView view() const;
+
+  /// Voxel form: voxel (i,j,k) belongs to the tool at direction d if its cell touches the surface of the rotated mesh
+  /// or its centre lies inside a watertight mesh; cells whose centre is within self_exclusion_voxels of the origin are
+  /// removed. collision_limit = max_collisions + 1, by rule max(1, floor(0.005 x fewest voxels of any d)) + 1.
+  /// Sample form: surface_samples points uniform on the surface from a fixed seed, rotated; those within
+  /// self_exclusion_voxels * v are removed; collision_limit = max_collisions + 1, by rule 5.
+  /// Both forms are made where useful (voxel form always, for sizes and footprints). Parallel over directions.
+  /// @throws ResourceLimit when the tool spans more than 30 000 voxels or needs more than 2^31 columns
+  static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved);
+};
+
+}  // namespace accessvdb::internal
