@@ -1,2 +1,258 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
+#include "accessvdb/tool_geometry.h"
+
+#include <openssl/evp.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <limits>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "tool/builtin_tools.h"
+#include "tool/mesh_reader.h"
+#include "tool/mesh_repair.h"
+
+namespace accessvdb {
+namespace {
+
+using Triangle = std::array<std::uint32_t, 3>;
+
+constexpr double kMinSize_m = 0.001, kMaxSize_m = 20.0;
+/// Share of the tool's size beyond which a tip off the mesh is more likely a mistake than a choice.
+constexpr double kTipGapShare = 0.1;
+
+std::string number(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.4g", value);
+  return text;
+}
+
+std::string triple(const Eigen::Vector3d& p, const char* between) {
+  return number(p.x()) + between + number(p.y()) + between + number(p.z());
+}
+
+/// Counts are written little endian and coordinates as their bits, so that the digest is the same everywhere.
+std::string digestOf(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& triangles) {
+  static_assert(sizeof(Eigen::Vector3f) == 12 && sizeof(Triangle) == 12);
+  EVP_MD_CTX* context = EVP_MD_CTX_new();
+  unsigned char digest[EVP_MAX_MD_SIZE];
+  unsigned int size = 0;
+  const std::uint64_t counts[2] = {vertices.size(), triangles.size()};
+  const bool done = context && EVP_DigestInit_ex(context, EVP_sha256(), nullptr) == 1 &&
+                    EVP_DigestUpdate(context, counts, sizeof counts) == 1 &&
+                    EVP_DigestUpdate(context, vertices.data(), 12 * vertices.size()) == 1 &&
+                    EVP_DigestUpdate(context, triangles.data(), 12 * triangles.size()) == 1 &&
+                    EVP_DigestFinal_ex(context, digest, &size) == 1;
+  EVP_MD_CTX_free(context);
+  if (!done) throw InternalError("tool.digest", "", "the SHA-256 of the tool could not be computed");
+  std::string text;
+  for (unsigned int n = 0; n < size; ++n) {
+    char byte[3];
+    std::snprintf(byte, sizeof byte, "%02x", digest[n]);
+    text += byte;
+  }
+  return text;
+}
+
+/// From the origin to the nearest point of a triangle.
+double distanceToOrigin(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
+  const Eigen::Vector3d normal = (b - a).cross(c - a);
+  const Eigen::Vector3d* corner[3] = {&a, &b, &c};
+  bool inside = normal.squaredNorm() > 0;
+  double nearest = std::numeric_limits<double>::infinity();
+  for (int e = 0; e < 3; ++e) {
+    const Eigen::Vector3d &from = *corner[e], edge = *corner[(e + 1) % 3] - from;
+    if (normal.dot(edge.cross(-from)) < 0) inside = false;
+    const double length2 = edge.squaredNorm();
+    const double t = length2 > 0 ? std::clamp(-from.dot(edge) / length2, 0.0, 1.0) : 0.0;
+    nearest = std::min(nearest, (from + t * edge).norm());
+  }
+  return inside ? std::abs(a.dot(normal)) / normal.norm() : nearest;
+}
+
+/// Rows: the tool frame's axes in the mesh's axes.
+Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject) {
+  for (const Eigen::Vector3d& p : {pose.axis, pose.up, pose.tip.value_or(Eigen::Vector3d::Zero())}) {
+    if (!p.allFinite()) {
+      throw InvalidArgument("tool.pose", subject, "the tool's tip, axis or up is not finite",
+                            "Give --tool-tip, --tool-axis and --tool-up as three numbers each");
+    }
+  }
+  const double axis_length = pose.axis.stableNorm(), up_length = pose.up.stableNorm();
+  if (!(axis_length > 0) || !(up_length > 0)) {
+    throw InvalidArgument("tool.pose", subject, "the tool's axis or up is zero",
+                          "Give directions such as --tool-axis 1,0,0 --tool-up 0,0,1");
+  }
+  const Eigen::Vector3d x = pose.axis / axis_length, up = pose.up / up_length, z = up - up.dot(x) * x;
+  if (!(z.norm() > 1e-6)) {
+    throw InvalidArgument(
+        "tool.pose", subject,
+        "the tool's axis (" + triple(pose.axis, ",") + ") and up (" + triple(pose.up, ",") + ") are parallel",
+        "Give a --tool-up that points sideways from --tool-axis");
+  }
+  Eigen::Matrix3d rows;
+  rows.row(0) = x;
+  rows.row(2) = z.normalized();
+  rows.row(1) = rows.row(2).cross(rows.row(0));
+  return rows;
+}
+
+std::vector<std::string> notesOf(const internal::RepairedMesh& mesh) {
+  std::vector<std::string> notes;
+  if (mesh.zero_area > 0) notes.push_back(std::to_string(mesh.zero_area) + " triangles without area left out");
+  if (mesh.zero_area_kept > 0) {
+    notes.push_back(std::to_string(mesh.zero_area_kept) + " triangles without area kept: they close the surface");
+  }
+  if (mesh.duplicates > 0) notes.push_back(std::to_string(mesh.duplicates) + " duplicate triangles left out");
+  if (mesh.flipped > 0)
+    notes.push_back(std::to_string(mesh.flipped) + " triangles turned to agree with their neighbours");
+  if (mesh.welded_by_tolerance)
+    notes.push_back("vertices closer than a millionth of the mesh's size joined to close it");
+  if (!mesh.watertight) {
+    notes.push_back("mesh is not watertight (" + std::to_string(mesh.open_edges) +
+                    " open edges): only its surface counts as tool, not its inside");
+  }
+  return notes;
+}
+
+/// Size, position, and what looks like a wrong tip or axis.
+std::vector<std::string> plausibilityNotes(const ToolGeometry& tool) {
+  std::vector<std::string> notes;
+  double area = 0, area_behind = 0, tip_gap_m = std::numeric_limits<double>::infinity();
+  for (const Triangle& t : tool.triangles()) {
+    const Eigen::Vector3d a = tool.vertices_T()[t[0]].cast<double>(), b = tool.vertices_T()[t[1]].cast<double>(),
+                          c = tool.vertices_T()[t[2]].cast<double>();
+    const double twice_area = (b - a).cross(c - a).norm();
+    area += twice_area;
+    if ((a + b + c).x() < 0) area_behind += twice_area;
+    tip_gap_m = std::min(tip_gap_m, distanceToOrigin(a, b, c));
+  }
+  const double size_m = (tool.max_T() - tool.min_T()).cast<double>().maxCoeff();
+  if (tip_gap_m > kTipGapShare * size_m) {
+    notes.push_back("warning: the tip is " + number(tip_gap_m) +
+                    " m away from the nearest part of the mesh; check --tool-tip and --tool-unit");
+  }
+  if (area_behind > 0.5 * area) {
+    notes.push_back("warning: most of the tool (" + number(100 * area_behind / area) +
+                    " % of its surface) lies on the far side of the tip, in the direction in which it approaches; "
+                    "check --tool-axis (from the tip along the body) and --tool-tip");
+  }
+  return notes;
+}
+
+}  // namespace
+
+double metresPer(LengthUnit unit) {
+  switch (unit) {
+    case LengthUnit::Metre:
+      return 1.0;
+    case LengthUnit::Centimetre:
+      return 0.01;
+    case LengthUnit::Millimetre:
+      return 0.001;
+    case LengthUnit::Inch:
+      return 0.0254;
+  }
+  throw InvalidArgument("tool.unit", "", "the length unit is none of metre, centimetre, millimetre and inch");
+}
+
+ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T, std::vector<Triangle> triangles,
+                                         std::string name) {
+  for (const Triangle& t : triangles) {
+    for (std::uint32_t v : t) {
+      if (!(v < vertices_T.size())) {
+        throw InvalidArgument(
+            "tool.index", name,
+            "a triangle refers to vertex " + std::to_string(v) + " of " + std::to_string(vertices_T.size()));
+      }
+      if (!vertices_T[v].allFinite()) {
+        throw UnusableInput("tool.nonfinite", name, "vertex " + std::to_string(v) + " is not finite",
+                            "Export the mesh again");
+      }
+    }
+  }
+  internal::RepairedMesh mesh = internal::repairMesh(vertices_T, triangles);
+  if (mesh.triangles.empty()) {
+    throw UnusableInput("tool.no_faces", name, triangles.empty() ? "the mesh has no faces" : "no face has an area",
+                        "Export the tool as a surface of triangles or polygons");
+  }
+  ToolGeometry tool;
+  tool.vertices_T_ = std::move(mesh.vertices);
+  tool.triangles_ = std::move(mesh.triangles);
+  tool.watertight_ = mesh.watertight;
+  tool.name_ = std::move(name);
+  tool.min_T_ = tool.max_T_ = tool.vertices_T_[0];
+  double reach_m = 0;
+  for (const Eigen::Vector3f& p : tool.vertices_T_) {
+    tool.min_T_ = tool.min_T_.cwiseMin(p);
+    tool.max_T_ = tool.max_T_.cwiseMax(p);
+    reach_m = std::max(reach_m, p.cast<double>().norm());
+  }
+  tool.reach_m_ = float(reach_m);
+  tool.sha256_ = digestOf(tool.vertices_T_, tool.triangles_);
+  tool.notes_ = notesOf(mesh);
+  for (std::string& note : plausibilityNotes(tool)) tool.notes_.push_back(std::move(note));
+  return tool;
+}
+
+ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::optional<LengthUnit> unit,
+                                    const ToolPose& pose) {
+  const std::string subject = path.string();
+  const Eigen::Matrix3d R_T_M = rotationOf(pose, subject);
+  const internal::FileMesh mesh = internal::readMeshFile(path);
+
+  Eigen::AlignedBox3d box;
+  for (const Eigen::Vector3f& p : mesh.vertices) box.extend(p.cast<double>());
+  std::vector<std::string> notes = mesh.notes;
+  // Vertices may come in another unit than they have in the file; the tip is in the file's.
+  const double file_units_per_vertex_unit =
+      mesh.metres_per_file_unit > 0 ? mesh.metres_per_vertex_unit / mesh.metres_per_file_unit : 1.0;
+  const Eigen::Vector3d extents = file_units_per_vertex_unit * box.sizes();
+  double metres_per_file_unit = mesh.metres_per_file_unit;
+  if (unit) {
+    if (metres_per_file_unit > 0 && std::abs(metresPer(*unit) / metres_per_file_unit - 1) > 1e-6) {
+      notes.push_back("warning: the file says that its unit is " + number(metres_per_file_unit) + " m; " +
+                      number(metresPer(*unit)) + " m is used instead, as asked for");
+    }
+    metres_per_file_unit = metresPer(*unit);
+  }
+  if (!(metres_per_file_unit > 0)) {
+    throw InvalidArgument(
+        "tool.unit", subject,
+        "this kind of mesh carries no length unit; its extents are " + triple(extents, " x ") + " in the file's units",
+        "Say what they are: --tool-unit m, cm, mm or in");
+  }
+  const double size_m = extents.maxCoeff() * metres_per_file_unit;
+  if (!(size_m >= kMinSize_m && size_m <= kMaxSize_m)) {
+    throw UnusableInput("tool.size", subject,
+                        "the tool would be " + number(size_m) + " m large (" + triple(extents, " x ") +
+                            " in the file's units); 0.001 to 20 m is plausible",
+                        "Check --tool-unit: m, cm, mm or in");
+  }
+
+  const Eigen::Vector3d tip_M = pose.tip.value_or(Eigen::Vector3d::Zero());
+  std::vector<Eigen::Vector3f> vertices_T;
+  vertices_T.reserve(mesh.vertices.size());
+  for (const Eigen::Vector3f& p_M : mesh.vertices) {
+    const Eigen::Vector3d from_tip_M = file_units_per_vertex_unit * p_M.cast<double>() - tip_M;
+    vertices_T.emplace_back((metres_per_file_unit * (R_T_M * from_tip_M)).cast<float>());
+  }
+  ToolGeometry tool = fromTriangles(std::move(vertices_T), mesh.triangles, path.filename().string());
+  notes.push_back("size " + triple((tool.max_T_ - tool.min_T_).cast<double>(), " x ") + " m, from (" +
+                  triple(tool.min_T_.cast<double>(), ", ") + ") to (" + triple(tool.max_T_.cast<double>(), ", ") +
+                  ") in the tool frame; tip (" + triple(tip_M, ", ") + "), axis (" + triple(R_T_M.row(0), ", ") +
+                  "), up (" + triple(R_T_M.row(2), ", ") + ") in the mesh's frame");
+  tool.notes_.insert(tool.notes_.begin(), notes.begin(), notes.end());
+  return tool;
+}
+
+ToolGeometry ToolGeometry::builtin(const std::string& name) {
+  internal::BuiltinMesh mesh = internal::builtinMesh(name);
+  return fromTriangles(std::move(mesh.vertices_T), std::move(mesh.triangles), name);
+}
+
+}  // namespace accessvdb

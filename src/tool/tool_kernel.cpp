@@ -1,2 +1,181 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
+#include "tool/tool_kernel.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+
+#include "accessvdb/error.h"
+#include "tool/surface_samples.h"
+#include "tool/voxelize.h"
+#include "tool/yaw_direction.h"
+
+namespace accessvdb::internal {
+namespace {
+
+/// Offsets are int16; some room is left for adding them to a voxel within its leaf.
+constexpr double kMaxSpanVoxels = 30000;
+constexpr double kMaxColumns = 2147483648.0;
+/// [n_c] of 1000 surface samples (paper).
+constexpr int kSampleCollisionLimit = 5;
+/// Share of the tool's voxels that may collide: noise of single voxels must not block a direction.
+constexpr double kCollisionShare = 0.005;
+
+std::vector<Eigen::Vector3d> rotated(const std::vector<Eigen::Vector3f>& vertices, CosSin yaw, double scale) {
+  std::vector<Eigen::Vector3d> out;
+  out.reserve(vertices.size());
+  for (const Eigen::Vector3f& p : vertices) {
+    const double x = p.x() * scale, y = p.y() * scale, z = p.z() * scale;
+    out.emplace_back(yaw.cos * x - yaw.sin * y, yaw.sin * x + yaw.cos * y, z);
+  }
+  return out;
+}
+
+/// Columns of all directions that the surface alone needs, from its area: a column for each cell of the ground below
+/// it, counted once a direction. Low by design (steep walls count little), so that only hopeless cases are refused.
+double fewestColumns(const ToolGeometry& tool, double voxel_size_m, int num_directions) {
+  double ground_m2 = 0;
+  for (const auto& t : tool.triangles()) {
+    const Eigen::Vector3d a = tool.vertices_T()[t[0]].cast<double>(), b = tool.vertices_T()[t[1]].cast<double>(),
+                          c = tool.vertices_T()[t[2]].cast<double>();
+    ground_m2 = std::max(ground_m2, 0.5 * std::abs((b - a).x() * (c - a).y() - (b - a).y() * (c - a).x()));
+  }
+  return ground_m2 / (voxel_size_m * voxel_size_m) * num_directions;
+}
+
+[[noreturn]] void refuseColumns(const ToolGeometry& tool, double voxel_size_m) {
+  throw ResourceLimit("tool.columns", tool.name(),
+                      "at a voxel size of " + std::to_string(voxel_size_m) +
+                          " m the tool needs more than 2^31 voxel columns over all directions",
+                      "Use a larger --voxel, fewer directions or a smaller tool");
+}
+
+std::uint16_t limited(double limit) { return std::uint16_t(std::clamp(limit, 1.0, 65534.0)); }
+
+struct Box {
+  std::array<int, 3> low = {std::numeric_limits<int>::max(), std::numeric_limits<int>::max(),
+                            std::numeric_limits<int>::max()};
+  std::array<int, 3> high = {std::numeric_limits<int>::min(), std::numeric_limits<int>::min(),
+                             std::numeric_limits<int>::min()};
+
+  void add(int i, int j, int k) {
+    const std::array<int, 3> p = {i, j, k};
+    for (int a = 0; a < 3; ++a) {
+      low[a] = std::min(low[a], p[a]);
+      high[a] = std::max(high[a], p[a]);
+    }
+  }
+};
+
+}  // namespace
+
+DirectionTable DirectionTable::make(int num_directions) {
+  DirectionTable table;
+  table.xy.reserve(2 * std::size_t(num_directions));
+  for (int d = 0; d < num_directions; ++d) {
+    const CosSin yaw = yawDirection(d, num_directions);
+    table.xy.push_back(float(yaw.cos));
+    table.xy.push_back(float(yaw.sin));
+  }
+  return table;
+}
+
+kernels::ToolKernelView ToolKernel::view() const {
+  return {columns.data(), column_begin.data(), samples.data(), sample_begin.data(), use_samples, collision_limit};
+}
+
+ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolved) {
+  const double v = resolved.tsdf.voxel_size_m, exclusion = resolved.scoring.self_exclusion_voxels;
+  const int num_directions = resolved.approach.num_directions;
+  const auto D = std::size_t(num_directions);
+  const double span_voxels =
+      std::max(double(tool.reach_m()), (tool.max_T() - tool.min_T()).cast<double>().maxCoeff()) / v;
+  if (!(span_voxels <= kMaxSpanVoxels)) {
+    throw ResourceLimit("tool.span", tool.name(),
+                        "the tool spans " + std::to_string(std::llround(std::min(span_voxels, 1e15))) +
+                            " voxels; at most 30000 can be handled",
+                        "Use a larger --voxel, or check --tool-unit and --tool-tip");
+  }
+  if (fewestColumns(tool, v, num_directions) > kMaxColumns) refuseColumns(tool, v);
+
+  ToolKernel kernel;
+  kernel.voxel_count.resize(D);
+  std::vector<std::vector<kernels::VoxelColumn>> of_direction(D);
+  std::vector<Box> boxes(D);
+  const auto makeDirection = [&](int d) {
+    std::vector<VoxelRun> runs = voxelize(rotated(tool.vertices_T(), yawDirection(d, num_directions), 1 / v),
+                                          tool.triangles(), tool.watertight());
+    const std::uint64_t all = countVoxels(runs), removed = removeBall(runs, exclusion);
+    for (const VoxelRun& run : runs) {
+      boxes[d].add(run.i, run.j, run.lo);
+      boxes[d].add(run.i, run.j, run.hi);
+    }
+    kernel.voxel_count[d] =
+        std::uint32_t(std::min<std::uint64_t>(all - removed, std::numeric_limits<std::uint32_t>::max()));
+    if (d == 0 && all > 0) kernel.hidden_share = double(removed) / double(all);
+    of_direction[d] = packColumns(runs);
+  };
+  makeDirection(0);  // first, so that what does not fit is noticed before all of memory is full of it
+  if (double(of_direction[0].size()) * num_directions > kMaxColumns) refuseColumns(tool, v);
+  tbb::parallel_for(1, num_directions, makeDirection);
+
+  std::size_t num_columns = 0;
+  kernel.column_begin.push_back(0);
+  for (const auto& columns : of_direction) {
+    num_columns += columns.size();
+    if (double(num_columns) > kMaxColumns) refuseColumns(tool, v);
+    kernel.column_begin.push_back(std::uint32_t(num_columns));
+  }
+  kernel.columns.reserve(num_columns);
+  for (auto& columns : of_direction) {
+    kernel.columns.insert(kernel.columns.end(), columns.begin(), columns.end());
+    std::vector<kernels::VoxelColumn>().swap(columns);
+  }
+  Box box;
+  for (std::size_t d = 0; d < D; ++d) {
+    if (kernel.voxel_count[d] == 0) continue;
+    box.add(boxes[d].low[0], boxes[d].low[1], boxes[d].low[2]);
+    box.add(boxes[d].high[0], boxes[d].high[1], boxes[d].high[2]);
+  }
+
+  kernel.sample_begin.assign(D + 1, 0);
+  kernel.use_samples = resolved.scoring.form == ToolForm::SurfaceSamples;
+  if (kernel.use_samples) {
+    std::vector<Eigen::Vector3d> samples =
+        sampleSurface(tool.vertices_T(), tool.triangles(), resolved.scoring.surface_samples);
+    std::erase_if(samples, [&](const Eigen::Vector3d& p) { return p.norm() <= exclusion * v; });
+    for (int d = 0; d < num_directions; ++d) {
+      const CosSin yaw = yawDirection(d, num_directions);
+      for (const Eigen::Vector3d& p : samples) {
+        const double q[3] = {yaw.cos * p.x() - yaw.sin * p.y(), yaw.sin * p.x() + yaw.cos * p.y(), p.z()};
+        int low[3], high[3];
+        for (int a = 0; a < 3; ++a) {
+          kernel.samples.push_back(float(q[a]));
+          // The point lies anywhere in its voxel, so a sample may fall into either of two; the margin is for float32.
+          low[a] = int(std::floor(q[a] / v - 1e-3));
+          high[a] = int(std::floor(q[a] / v + 1 + 1e-3));
+        }
+        box.add(low[0], low[1], low[2]);
+        box.add(high[0], high[1], high[2]);
+      }
+      kernel.sample_begin[std::size_t(d) + 1] = std::uint32_t(kernel.samples.size() / 3);
+    }
+  }
+  if (box.low[0] <= box.high[0]) kernel.min_ijk = box.low, kernel.max_ijk = box.high;
+
+  if (resolved.scoring.max_collisions > 0) {
+    kernel.collision_limit = limited(double(resolved.scoring.max_collisions) + 1);
+  } else if (kernel.use_samples) {
+    kernel.collision_limit = kSampleCollisionLimit;
+  } else {
+    const std::uint32_t fewest = *std::min_element(kernel.voxel_count.begin(), kernel.voxel_count.end());
+    kernel.collision_limit = limited(std::max(1.0, std::floor(kCollisionShare * fewest)) + 1);
+  }
+  return kernel;
+}
+
+}  // namespace accessvdb::internal

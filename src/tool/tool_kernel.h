@@ -22,13 +22,14 @@ struct DirectionTable {
 /// Host-side tables behind a ToolKernelView.
 struct ToolKernel {
   std::vector<kernels::VoxelColumn> columns;
-  std::vector<std::uint32_t> column_begin;   ///< [D + 1]
-  std::vector<float> samples;                ///< [3 sum]
-  std::vector<std::uint32_t> sample_begin;   ///< [D + 1]
-  std::vector<std::uint32_t> voxel_count;    ///< [D] voxels left after self-exclusion
-  std::array<int, 3> min_ijk = {}, max_ijk = {};  ///< box of all voxels (or sample voxels) of all directions, relative to the point's voxel
-  double hidden_share = 0;                   ///< share of the solid tool's voxels at d = 0 that self-exclusion removes
-  std::uint16_t collision_limit = 1;         ///< [n_c] see make()
+  std::vector<std::uint32_t> column_begin;  ///< [D + 1]
+  std::vector<float> samples;               ///< [3 sum]
+  std::vector<std::uint32_t> sample_begin;  ///< [D + 1]
+  std::vector<std::uint32_t> voxel_count;   ///< [D] voxels left after self-exclusion
+  /// Box of all voxels (or sample voxels) of all directions, relative to the point's voxel.
+  std::array<int, 3> min_ijk = {}, max_ijk = {};
+  double hidden_share = 0;            ///< share of the tool's voxels at d = 0 that self-exclusion removes
+  std::uint16_t collision_limit = 1;  ///< [n_c] see make()
   bool use_samples = false;
 
   [[nodiscard]] kernels::ToolKernelView view() const;

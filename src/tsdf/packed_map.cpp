@@ -1,2 +1,51 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
+#include "tsdf/packed_map.h"
+
+namespace accessvdb::internal {
+
+PackedMap::PackedMap(const TsdfParams& resolved)
+    : params_(resolved),
+      tree_(0),
+      clamp_min_m_(static_cast<float>(resolved.clamp_min_m)),
+      step_m_(static_cast<float>((resolved.truncation_distance_m - resolved.clamp_min_m) / kMeanSteps)) {}
+
+void PackedMap::setCollisionDistance(float r_c_m) {
+  std::uint32_t low = 0, high = kMeanSteps + 1;  // distanceOf() is monotone
+  while (low < high) {
+    const std::uint32_t middle = (low + high) / 2;
+    if (distanceOf(middle) >= r_c_m) {
+      high = middle;
+    } else {
+      low = middle + 1;
+    }
+  }
+  collision_mean_ = low;
+}
+
+VoxelState PackedMap::at(const openvdb::Coord& ijk) const {
+  VoxelState state;
+  state.distance_m = static_cast<float>(params_.truncation_distance_m);
+  const PackedLeaf* leaf = tree_.probeConstLeaf(ijk);
+  if (leaf == nullptr) return state;
+  state.cleared = leaf->isValueOn(ijk);
+  if (const std::uint32_t* values = packedValues(*leaf)) {
+    const std::uint32_t packed = values[PackedLeaf::coordToOffset(ijk)];
+    state.weight = weightOf(packed);
+    if (state.weight > 0) state.distance_m = distanceOf(meanOf(packed));
+  }
+  return state;
+}
+
+std::uint64_t PackedMap::memoryBytes() const {
+  std::uint64_t bytes = allocated_leaf_count * kObservedLeafBytes +
+                        (leaf_count - allocated_leaf_count) * kClearedLeafBytes;
+  const auto nodes = tree_.nodeCount();  // leaf, lower, upper, root
+  if (nodes.size() >= 3) {
+    bytes += nodes[1] * sizeof(PackedTree::RootNodeType::ChildNodeType::ChildNodeType);
+    bytes += nodes[2] * sizeof(PackedTree::RootNodeType::ChildNodeType);
+  }
+  return bytes;
+}
+
+}  // namespace accessvdb::internal

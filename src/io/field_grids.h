@@ -1,0 +1,71 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Surface points as voxels of a grid, and grids to a .vdb file one after the other.
+#pragma once
+
+#include <openvdb/openvdb.h>
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "accessvdb/field_io.h"
+
+namespace accessvdb::internal {
+
+/// The voxel whose centre, indexToWorld(ijk), is nearest: floor(x / v + 0.5) on each axis, in doubles.
+/// @param p_L  local frame, metres. @throws InvalidArgument for a position that has no voxel (non-finite, too far)
+[[nodiscard]] openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m);
+
+/// Linear transform of all our grids: voxel size v, voxel (0,0,0) at the local origin.
+[[nodiscard]] openvdb::math::Transform::Ptr fieldTransform(double voxel_size_m);
+
+/// The surface points of a snapshot sorted by leaf, so that grids can be built a leaf at a time on all threads.
+/// Where two points share a voxel, the one with the lower index stands.
+class SurfaceVoxels {
+ public:
+  struct Entry {
+    openvdb::Coord ijk;
+    std::uint32_t index;  ///< of the point in the snapshot
+  };
+  explicit SurfaceVoxels(const FieldSnapshot& field);
+
+  /// Grid with the voxels of all points for which `keep` holds, active, value from `value`; both take a SurfacePoint.
+  template <typename GridT, typename Keep, typename Value>
+  [[nodiscard]] typename GridT::Ptr grid(const std::string& name, const typename GridT::ValueType& background,
+                                         const Keep& keep, const Value& value) const;
+
+  [[nodiscard]] const std::vector<Entry>& entries() const { return entries_; }
+
+ private:
+  const FieldSnapshot& field_;
+  std::vector<Entry> entries_;            ///< by leaf, then by index; one entry a voxel
+  std::vector<std::size_t> leaf_begins_;  ///< first entry of each leaf, and the end
+};
+
+/// One grid of a file: its name, and how to make it when its turn comes.
+struct LazyGrid {
+  std::string name;
+  std::function<openvdb::GridBase::Ptr()> make;
+};
+
+/// Writes grids one after the other: only one is in memory at a time. With offsets where the stream can seek.
+void writeGrids(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata);
+
+/// Origin, voxel size, version and the given pairs; names that these have already are left out of the pairs.
+[[nodiscard]] openvdb::MetaMap fieldMetadata(const FieldSnapshot& field, const io::FieldMetadata& metadata);
+
+/// field.vdb from the points and from the three grids of the volume, each made when its turn comes.
+struct VolumeGrids {
+  std::function<openvdb::FloatGrid::Ptr()> distance;
+  std::function<openvdb::FloatGrid::Ptr()> weight;
+  std::function<openvdb::BoolGrid::Ptr()> cleared;
+};
+void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volume, const FieldSnapshot& field,
+                     const io::FieldMetadata& metadata);
+
+}  // namespace accessvdb::internal
+
+#include "io/surface_voxels_grid.h"

@@ -1,0 +1,26 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Runs code that may crash, hang or eat memory in a child process with limits.
+#pragma once
+
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <string>
+
+namespace accessvdb::internal {
+
+struct ChildLimits {
+  std::chrono::seconds time{120};
+  std::uint64_t extra_memory_bytes = std::uint64_t{4} << 30;  ///< beyond what this process has mapped
+};
+
+struct ChildResult {
+  bool ok = false;
+  std::string text;  ///< what the job returned, or why there is nothing
+};
+
+/// Forks, runs `job` there, silent, and hands back its text. A crash, a time-out or an exception becomes ok = false.
+[[nodiscard]] ChildResult runInChild(const ChildLimits& limits, const std::function<std::string()>& job);
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,121 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "io/input_file.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <cstring>
+#include <limits>
+
+#include "accessvdb/error.h"
+
+namespace accessvdb::io {
+namespace {
+
+constexpr std::size_t kMaxMessageBytes = 1024;
+constexpr std::size_t kReadStep = std::size_t{1} << 24;
+constexpr std::string_view kLfsPointer = "version https://git-lfs";
+
+class Descriptor {
+ public:
+  /// O_NONBLOCK: opening a pipe that nobody writes to must not wait for ever.
+  explicit Descriptor(const std::filesystem::path& path)
+      : fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)) {
+    if (fd_ < 0) {
+      const int error = errno;
+      const bool missing = error == ENOENT || error == ENOTDIR;
+      throw InputError(missing ? "input.missing" : "input.unreadable", forMessage(path.native()),
+                       std::string("cannot be opened: ") + std::strerror(error),
+                       missing ? "Check the path" : "Check the permissions");
+    }
+  }
+  ~Descriptor() { ::close(fd_); }
+  Descriptor(const Descriptor&) = delete;
+  Descriptor& operator=(const Descriptor&) = delete;
+  [[nodiscard]] int get() const { return fd_; }
+
+ private:
+  int fd_;
+};
+
+std::uint64_t regularSize(const Descriptor& file, const std::filesystem::path& path) {
+  struct stat info {};
+  if (::fstat(file.get(), &info) != 0)
+    throw InputError("input.unreadable", forMessage(path.native()), std::strerror(errno), "Check the file system");
+  if (!S_ISREG(info.st_mode))
+    throw InputError("input.not_a_file", forMessage(path.native()),
+                     S_ISDIR(info.st_mode) ? "is a folder where a file is needed" : "is not a regular file",
+                     "Give the path of a regular file");
+  return static_cast<std::uint64_t>(info.st_size);
+}
+
+}  // namespace
+
+std::string forMessage(std::string_view text) {
+  std::string out;
+  for (const char c : text) {
+    const auto byte = static_cast<unsigned char>(c);
+    if (out.size() >= kMaxMessageBytes) return out + "...";
+    if (byte >= 0x20 && byte != 0x7f) {
+      out += c;
+      continue;
+    }
+    constexpr std::string_view kHex = "0123456789abcdef";
+    out += "\\x";
+    out += kHex[byte >> 4];
+    out += kHex[byte & 15];
+  }
+  return out;
+}
+
+std::uint64_t inputFileSize(const std::filesystem::path& path) {
+  const Descriptor file(path);
+  return regularSize(file, path);
+}
+
+std::string readInputFile(const std::filesystem::path& path, std::uint64_t max_bytes) {
+  const Descriptor file(path);
+  const std::uint64_t size = regularSize(file, path);
+  const std::string subject = forMessage(path.native());
+  if (size == 0) throw InputError("input.empty", subject, "is empty (0 bytes)", "Copy the file again");
+  const std::uint64_t wanted = std::min(size, max_bytes);
+  std::string bytes(wanted, '\0');
+  std::uint64_t have = 0;
+  while (have < wanted) {
+    const ssize_t n = ::read(file.get(), bytes.data() + have, std::min<std::uint64_t>(kReadStep, wanted - have));
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0)
+      throw InputError("input.unreadable", subject,
+                       "reading failed at byte " + std::to_string(have) + ": " + std::strerror(errno),
+                       "Check the disk");
+    if (n == 0) break;
+    have += static_cast<std::uint64_t>(n);
+  }
+  if (have != wanted || regularSize(file, path) != size)
+    throw InputError("input.changed", subject, "changed its size while it was read", "Wait until it is complete");
+  if (std::string_view(bytes).substr(0, kLfsPointer.size()) == kLfsPointer)
+    throw InputError("input.lfs_pointer", subject, "is a Git LFS pointer, not the data",
+                     "Run 'git lfs pull' where the file comes from");
+  return bytes;
+}
+
+std::uint64_t recordsAvailable(const std::string& subject, std::uint64_t promised, std::uint64_t record_bytes,
+                               std::uint64_t available_bytes, bool allow_truncated, std::uint64_t& missing) {
+  const std::uint64_t complete = available_bytes / record_bytes;
+  missing = promised > complete ? promised - complete : 0;
+  if (missing == 0) return promised;
+  if (allow_truncated) return complete;
+  const bool countable = promised <= std::numeric_limits<std::uint64_t>::max() / record_bytes;
+  throw InputError("input.truncated", subject,
+                   "the header promises " + std::to_string(promised) + " points" +
+                       (countable ? " (" + std::to_string(promised * record_bytes) + " bytes)" : std::string()) +
+                       " but " + std::to_string(available_bytes) + " bytes follow it: " + std::to_string(complete) +
+                       " complete points",
+                   "Use --allow-truncated to keep " + std::to_string(complete) + " points");
+}
+
+}  // namespace accessvdb::io

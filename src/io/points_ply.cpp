@@ -1,0 +1,93 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Writing points.ply: binary, little endian, world positions as doubles so that UTM coordinates keep their
+/// millimetres.
+#include "io/points_ply.h"
+
+#include <array>
+#include <bit>
+#include <charconv>
+#include <cstring>
+#include <ostream>
+#include <vector>
+
+#include "accessvdb/config.h"
+#include "accessvdb/field_io.h"
+#include "io/label_colours.h"
+
+namespace accessvdb::io {
+namespace {
+
+static_assert(std::endian::native == std::endian::little, "records are copied as they lie in memory");
+constexpr std::size_t kRecordsPerBlock = 16384;
+
+/// Shortest text that reads back as the same double, whatever the locale.
+std::string exactText(double value) {
+  std::array<char, 40> text;
+  const auto end = std::to_chars(text.data(), text.data() + text.size(), value).ptr;
+  return {text.data(), end};
+}
+
+/// A header comment is one line of printable text.
+std::string oneLine(std::string text) {
+  for (char& c : text) {
+    if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
+  }
+  return text;
+}
+
+void writeHeader(std::ostream& stream, const FieldSnapshot& field, const FieldMetadata& metadata) {
+  stream << "ply\nformat binary_little_endian 1.0\n";
+  stream << "comment AccessVDB " << ACCESSVDB_VERSION << "\n";
+  stream << "comment origin_W " << exactText(field.origin_W.x()) << " " << exactText(field.origin_W.y()) << " "
+         << exactText(field.origin_W.z()) << "\n";
+  stream << "comment voxel_size_m " << exactText(field.voxel_size_m) << "\n";
+  for (const auto& [name, text] : metadata) {
+    if (name.empty() || name == "origin_W" || name == "voxel_size_m") continue;
+    stream << "comment " << oneLine(name) << " " << oneLine(text) << "\n";
+  }
+  stream << "element vertex " << std::to_string(field.points.size()) << "\n";
+  for (const auto& property : internal::kPointsPlyProperties) {
+    stream << "property " << property.type << " " << property.name << "\n";
+  }
+  stream << "end_header\n";
+}
+
+template <typename T>
+char* put(char* to, const T& value) {
+  std::memcpy(to, &value, sizeof(T));
+  return to + sizeof(T);
+}
+
+char* putRecord(char* to, const SurfacePoint& point) {
+  for (int axis = 0; axis < 3; ++axis) to = put(to, point.position_W[axis]);
+  for (int axis = 0; axis < 3; ++axis) to = put(to, point.normal_W[axis]);
+  to = put(to, internal::colourOf(point.label));
+  to = put(to, static_cast<std::uint8_t>(point.label));
+  to = put(to, static_cast<std::uint8_t>(point.reason));
+  to = put(to, point.score);
+  to = put(to, point.confidence);
+  to = put(to, point.stability);
+  for (int axis = 0; axis < 3; ++axis) to = put(to, point.direction_W[axis]);
+  return put(to, static_cast<float>(point.yaw_rad * internal::kDegreesPerRadian));
+}
+
+}  // namespace
+
+void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata) {
+  writeFileDurably(path, [&](std::ostream& stream) {
+    writeHeader(stream, field, metadata);
+    std::vector<char> block(kRecordsPerBlock * internal::kPointsPlyRecordBytes);
+    char* to = block.data();
+    for (const SurfacePoint& point : field.points) {
+      to = putRecord(to, point);
+      if (to == block.data() + block.size()) {
+        stream.write(block.data(), static_cast<std::streamsize>(block.size()));
+        to = block.data();
+      }
+    }
+    stream.write(block.data(), to - block.data());
+  });
+}
+
+}  // namespace accessvdb::io

@@ -1,0 +1,38 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Layout of a record of points.ply; writer and reader share it.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+namespace accessvdb::internal {
+
+struct PlyProperty {
+  const char* type;
+  const char* name;
+};
+
+/// In this order, packed, little endian.
+inline constexpr std::array<PlyProperty, 18> kPointsPlyProperties = {{{"double", "x"},
+                                                                      {"double", "y"},
+                                                                      {"double", "z"},
+                                                                      {"float", "nx"},
+                                                                      {"float", "ny"},
+                                                                      {"float", "nz"},
+                                                                      {"uchar", "red"},
+                                                                      {"uchar", "green"},
+                                                                      {"uchar", "blue"},
+                                                                      {"uchar", "label"},
+                                                                      {"uchar", "reason"},
+                                                                      {"ushort", "score"},
+                                                                      {"float", "confidence"},
+                                                                      {"float", "stability"},
+                                                                      {"float", "dx"},
+                                                                      {"float", "dy"},
+                                                                      {"float", "dz"},
+                                                                      {"float", "yaw"}}};
+inline constexpr std::size_t kPointsPlyRecordBytes = 3 * 8 + 3 * 4 + 3 + 2 + 2 + 6 * 4;
+inline constexpr double kDegreesPerRadian = 57.295779513082320876798;
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,214 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Reading our own points.ply back. Every count is checked against the bytes that are there before memory is asked for.
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <fstream>
+#include <optional>
+#include <sstream>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "io/points_ply.h"
+
+namespace accessvdb::io {
+namespace {
+
+constexpr std::size_t kMaxHeaderBytes = std::size_t{1} << 20;
+constexpr std::size_t kRecordsPerBlock = 16384;
+constexpr const char* kAdvice = "Give a points.ply that accessvdb map has written";
+
+struct PlyHeader {
+  std::uint64_t count = 0;
+  std::optional<Eigen::Vector3d> origin_W;
+  std::optional<double> voxel_size_m;
+  // Parameters from the comments, where they are: what the columns leave out follows from them.
+  std::optional<double> num_directions, confidence_half_weight, stability_min;
+};
+
+template <typename Number>
+std::optional<Number> parseNumber(const std::string& text) {
+  Number value = {};
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
+  return value;
+}
+
+std::vector<std::string> wordsOf(const std::string& line) {
+  std::istringstream stream(line);
+  std::vector<std::string> words;
+  for (std::string word; stream >> word;) words.push_back(word);
+  return words;
+}
+
+class PlyReader {
+ public:
+  explicit PlyReader(const std::filesystem::path& path) : path_(path.string()) {
+    std::error_code error;
+    if (!std::filesystem::is_regular_file(path, error)) fail("missing", "is not a file that can be read");
+    size_ = std::filesystem::file_size(path, error);
+    stream_.open(path, std::ios::binary);
+    if (error || !stream_) fail("unreadable", "cannot be opened");
+  }
+
+  FieldSnapshot read() {
+    const PlyHeader header = readHeader();
+    if (!header.origin_W || !header.voxel_size_m) fail("foreign", "has no origin_W and voxel_size_m of AccessVDB");
+    FieldSnapshot field;
+    field.origin_W = *header.origin_W;
+    field.voxel_size_m = *header.voxel_size_m;
+    if (!field.origin_W.allFinite() || !(field.voxel_size_m > 0) || !std::isfinite(field.voxel_size_m)) {
+      fail("malformed", "has an origin or a voxel size that is no usable number");
+    }
+    const std::uint64_t rest = size_ - header_bytes_;
+    if (header.count > rest / internal::kPointsPlyRecordBytes ||
+        header.count * internal::kPointsPlyRecordBytes != rest) {
+      fail("truncated", "promises " + std::to_string(header.count) + " points of " +
+                            std::to_string(internal::kPointsPlyRecordBytes) + " bytes, but " + std::to_string(rest) +
+                            " bytes follow the header");
+    }
+    field.points.reserve(header.count);
+    std::vector<char> block(kRecordsPerBlock * internal::kPointsPlyRecordBytes);
+    for (std::uint64_t done = 0; done < header.count;) {
+      const std::uint64_t records = std::min<std::uint64_t>(kRecordsPerBlock, header.count - done);
+      const auto bytes = static_cast<std::streamsize>(records * internal::kPointsPlyRecordBytes);
+      if (!stream_.read(block.data(), bytes)) fail("truncated", "ends early");
+      for (std::uint64_t i = 0; i < records; ++i) {
+        field.points.push_back(
+            parseRecord(block.data() + i * internal::kPointsPlyRecordBytes, static_cast<std::uint32_t>(done + i)));
+        complete(field.points.back(), header);
+      }
+      done += records;
+    }
+    return field;
+  }
+
+ private:
+  [[noreturn]] void fail(const std::string& kind, const std::string& problem) const {
+    throw InputError("input." + kind, path_, problem, kAdvice);
+  }
+
+  std::string readLine() {
+    std::string line;
+    for (int c = stream_.get(); c != '\n'; c = stream_.get()) {
+      if (c == std::char_traits<char>::eof() || ++header_bytes_ > kMaxHeaderBytes) {
+        fail("malformed", "has no complete PLY header");
+      }
+      line.push_back(static_cast<char>(c));
+    }
+    ++header_bytes_;
+    return line;
+  }
+
+  PlyHeader readHeader() {
+    PlyHeader header;
+    if (readLine() != "ply") fail("malformed", "is not a PLY file");
+    if (readLine() != "format binary_little_endian 1.0") fail("foreign", "is not a binary little endian PLY file");
+    bool vertices = false;
+    std::size_t properties = 0;
+    for (std::string line = readLine(); line != "end_header"; line = readLine()) {
+      const auto words = wordsOf(line);
+      if (words.size() >= 3 && words[0] == "comment") {
+        readComment(words, header);
+      } else if (words.size() == 3 && words[0] == "element" && words[1] == "vertex" && !vertices) {
+        const auto count = parseNumber<std::uint64_t>(words[2]);
+        if (!count || *count >= INT32_MAX) fail("malformed", "has no usable number of vertices");
+        header.count = *count;
+        vertices = true;
+      } else if (words.size() == 3 && words[0] == "property" && properties < internal::kPointsPlyProperties.size() &&
+                 words[1] == internal::kPointsPlyProperties[properties].type &&
+                 words[2] == internal::kPointsPlyProperties[properties].name) {
+        ++properties;
+      } else if (words.empty() || words[0] != "comment") {
+        fail("foreign", "has other elements or properties than the points of an accessibility field");
+      }
+    }
+    if (!vertices || properties != internal::kPointsPlyProperties.size()) {
+      fail("foreign", "lacks properties of the points of an accessibility field");
+    }
+    return header;
+  }
+
+  /// Values that do not parse are left out; those that are needed are asked for later.
+  static void readComment(const std::vector<std::string>& words, PlyHeader& header) {
+    // Parameters carry the name of their stage in front: "scoring.confidence_half_weight".
+    const std::string name = words[1].substr(words[1].rfind('.') + 1);
+    const auto value = parseNumber<double>(words[2]);
+    if (words[1] == "origin_W" && words.size() == 5) {
+      const auto y = parseNumber<double>(words[3]), z = parseNumber<double>(words[4]);
+      if (value && y && z) header.origin_W = Eigen::Vector3d(*value, *y, *z);
+    } else if (words.size() != 3) {
+      return;
+    } else if (words[1] == "voxel_size_m") {
+      header.voxel_size_m = value;
+    } else if (name == "num_directions") {
+      header.num_directions = value;
+    } else if (name == "confidence_half_weight") {
+      header.confidence_half_weight = value;
+    } else if (name == "stability_min") {
+      header.stability_min = value;
+    }
+  }
+
+  template <typename T>
+  static T take(const char*& from) {
+    T value;
+    std::memcpy(&value, from, sizeof(T));
+    from += sizeof(T);
+    return value;
+  }
+
+  SurfacePoint parseRecord(const char* from, std::uint32_t index) const {
+    SurfacePoint point;
+    point.id = index;
+    for (int axis = 0; axis < 3; ++axis) point.position_W[axis] = take<double>(from);
+    for (int axis = 0; axis < 3; ++axis) point.normal_W[axis] = take<float>(from);
+    from += 3;  // the colour follows from the label
+    const auto label = take<std::uint8_t>(from);
+    const auto reason = take<std::uint8_t>(from);
+    point.score = take<std::uint16_t>(from);
+    point.confidence = take<float>(from);
+    point.stability = take<float>(from);
+    for (int axis = 0; axis < 3; ++axis) point.direction_W[axis] = take<float>(from);
+    point.yaw_rad = static_cast<float>(take<float>(from) / internal::kDegreesPerRadian);
+    // Damage must not pass as a statement about the world.
+    const bool finite = point.position_W.allFinite() && point.normal_W.allFinite() && point.direction_W.allFinite() &&
+                        std::isfinite(point.confidence) && std::isfinite(point.stability) &&
+                        std::isfinite(point.yaw_rad);
+    if (!finite || label >= kNumPointLabels || reason >= kNumPointReasons) {
+      fail("malformed", "holds a non-finite value or an unknown label or reason in point " + std::to_string(index));
+    }
+    point.label = static_cast<PointLabel>(label);
+    point.reason = static_cast<PointReason>(reason);
+    return point;
+  }
+
+  /// Direction index, weight and the confident flag are not columns; they follow from the parameters.
+  static void complete(SurfacePoint& point, const PlyHeader& header) {
+    if (header.num_directions && !point.direction_W.isZero()) {
+      const double step = std::round(point.yaw_rad * internal::kDegreesPerRadian * *header.num_directions / 360.0);
+      if (step >= 0 && step < *header.num_directions && step < kNoDirection) {
+        point.direction = static_cast<std::uint16_t>(step);
+      }
+    }
+    if (header.confidence_half_weight && point.confidence < 1) {
+      const double c = point.confidence;
+      point.weight = static_cast<float>(std::round(c * *header.confidence_half_weight / (1 - c)));
+    }
+    if (header.stability_min) {
+      point.confident =
+          point.label == PointLabel::Accessible && point.confidence * point.stability > *header.stability_min;
+    }
+  }
+
+  std::string path_;
+  std::ifstream stream_;
+  std::uint64_t size_ = 0, header_bytes_ = 0;
+};
+
+}  // namespace
+
+FieldSnapshot readPointsPly(const std::filesystem::path& path) { return PlyReader(path).read(); }
+
+}  // namespace accessvdb::io

@@ -1,0 +1,141 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Picture of a field: oriented discs, light from above the viewer, depth shading, legend and scale bar.
+#include "accessvdb/render.h"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <string>
+#include <vector>
+
+#include "io/camera.h"
+#include "io/canvas.h"
+#include "io/picture_text.h"
+
+namespace accessvdb::io {
+namespace {
+
+using internal::Camera;
+using internal::Canvas;
+using internal::Rgb;
+using internal::RgbImage;
+
+constexpr int kSupersampling = 2;
+constexpr double kMargin = 0.05;
+/// Discs of neighbouring voxels must overlap whatever their direction: half the diagonal of a voxel's face and more.
+constexpr double kSplatRadiusVoxels = 0.85;
+constexpr double kMinSplatRadius_px = 1.0;
+constexpr double kMaxSplatShare = 0.1;  ///< of the picture's height: a field of one point is no wall of colour
+constexpr float kAmbient = 0.45f, kDiffuse = 0.62f;
+constexpr float kNoNormalLight = 0.85f;
+const Eigen::Vector3f kLight_V = Eigen::Vector3f(-0.35f, 0.55f, 0.75f).normalized();
+const Eigen::Vector3f kBackground = {0.975f, 0.975f, 0.97f};
+constexpr Rgb kInk = {40, 44, 52};
+
+Eigen::Vector3f toFloat(const Rgb& colour) { return Eigen::Vector3f(colour[0], colour[1], colour[2]) / 255.0f; }
+
+float lightOn(const Eigen::Vector3f& normal_V) {
+  if (normal_V.isZero()) return kNoNormalLight;
+  // The side that faces the viewer is the one that is seen.
+  const Eigen::Vector3f facing = normal_V.z() < 0 ? Eigen::Vector3f(-normal_V) : normal_V;
+  return kAmbient + kDiffuse * std::max(0.0f, facing.dot(kLight_V));
+}
+
+/// 1, 2 or 5 times a power of ten: about a sixth of the picture's width.
+double scaleBarLength_m(double px_per_m, int width_px) {
+  const double target_m = width_px / 6.0 / px_per_m;
+  const double decade = std::pow(10.0, std::floor(std::log10(target_m)));
+  for (const double factor : {5.0, 2.0}) {
+    if (factor * decade <= target_m) return factor * decade;
+  }
+  return decade;
+}
+
+std::string lengthText(double length_m) {
+  if (length_m >= 1) return internal::fixedText(length_m, 0) + " m";
+  if (length_m >= 0.01) return internal::fixedText(length_m * 100, 0) + " cm";
+  return internal::fixedText(length_m * 1000, length_m < 0.001 ? 3 : 0) + " mm";
+}
+
+void drawScaleBar(RgbImage& image, double px_per_m) {
+  const int scale = internal::textScale(image.height_px);
+  const double length_m = scaleBarLength_m(px_per_m, image.width_px);
+  const int length_px = std::max(1, static_cast<int>(std::lround(length_m * px_per_m)));
+  const int margin = 12 * scale, tick = 4 * scale;
+  const int x1 = image.width_px - margin, x0 = x1 - length_px, y = image.height_px - margin;
+  image.fillRectangle(x0, y - scale, x1, y, kInk, 1.0f);
+  image.fillRectangle(x0, y - tick, x0 + scale, y, kInk, 1.0f);
+  image.fillRectangle(x1 - scale, y - tick, x1, y, kInk, 1.0f);
+  const std::string text = lengthText(length_m);
+  internal::drawText(image, (x0 + x1 - internal::textWidth(text, scale)) / 2,
+                     y - tick - 3 * scale - internal::textHeight(scale), text, scale, kInk);
+}
+
+void drawLegend(RgbImage& image, const FieldSnapshot& field) {
+  struct Row {
+    PointLabel label;
+    const char* words;
+  };
+  constexpr std::array<Row, 3> kRows = {
+      {{PointLabel::Accessible, "accessible"}, {PointLabel::Blocked, "blocked"}, {PointLabel::Unscored, "not scored"}}};
+  const int scale = internal::textScale(image.height_px);
+  const int line = 12 * scale, margin = 12 * scale, chip = internal::textHeight(scale);
+  std::array<std::string, kRows.size()> counts, shares;
+  int count_width = 0, share_width = 0;
+  for (std::size_t i = 0; i < kRows.size(); ++i) {
+    const std::uint64_t count = field.count(kRows[i].label);
+    const double total = static_cast<double>(std::max<std::size_t>(1, field.points.size()));
+    counts[i] = internal::groupedText(count);
+    shares[i] = internal::fixedText(100.0 * static_cast<double>(count) / total, 1) + " %";
+    count_width = std::max(count_width, internal::textWidth(counts[i], scale));
+    share_width = std::max(share_width, internal::textWidth(shares[i], scale));
+  }
+  const int names_x = margin + chip + 6 * scale;
+  const int counts_x = names_x + internal::textWidth("accessible", scale) + 10 * scale + count_width;
+  const int shares_x = counts_x + 10 * scale + share_width;
+  const int top = image.height_px - margin - static_cast<int>(kRows.size()) * line;
+  const Rgb paper = {250, 250, 248};
+  image.fillRectangle(margin - 5 * scale, top - 5 * scale, shares_x + 5 * scale, image.height_px - margin + scale,
+                      paper, 0.8f);
+  for (std::size_t i = 0; i < kRows.size(); ++i) {
+    const int y = top + static_cast<int>(i) * line;
+    image.fillRectangle(margin, y, margin + chip, y + chip, internal::colourOf(kRows[i].label), 1.0f);
+    internal::drawText(image, names_x, y, kRows[i].words, scale, kInk);
+    internal::drawText(image, counts_x - internal::textWidth(counts[i], scale), y, counts[i], scale, kInk);
+    internal::drawText(image, shares_x - internal::textWidth(shares[i], scale), y, shares[i], scale, kInk);
+  }
+}
+
+}  // namespace
+
+void renderField(const std::filesystem::path& png, const FieldSnapshot& field, const RenderOptions& options) {
+  Camera camera = internal::cameraTowards(options, kSupersampling);
+  std::vector<Eigen::Vector3f> points_V;
+  points_V.reserve(field.points.size());
+  // Around the map's origin, so that floats do for UTM coordinates too.
+  for (const SurfacePoint& point : field.points) {
+    points_V.push_back(camera.toView(point.position_W - field.origin_W).cast<float>());
+  }
+  internal::frameScene(camera, points_V, kMargin);
+
+  Canvas canvas(camera.width_px, camera.height_px);
+  const double radius_px = std::clamp(kSplatRadiusVoxels * field.voxel_size_m * camera.px_per_m,
+                                      kMinSplatRadius_px * kSupersampling, kMaxSplatShare * camera.height_px);
+  const Eigen::Matrix3f R_V_W = camera.R_V_W.cast<float>();
+  for (std::size_t i = 0; i < field.points.size(); ++i) {
+    const SurfacePoint& point = field.points[i];
+    const Eigen::Vector3f normal_V = R_V_W * point.normal_W;
+    canvas.drawSplat(camera.toPixels(points_V[i].cast<double>()), normal_V, radius_px, camera.px_per_m,
+                     toFloat(internal::colourOf(point.label)) * lightOn(normal_V));
+  }
+  const double picture_height_m = camera.height_px / camera.px_per_m;
+  canvas.shadeByDepth(std::max(6 * field.voxel_size_m, 0.03 * picture_height_m), 2 * kSupersampling, 1.1f);
+
+  RgbImage image = canvas.reduced(kSupersampling, kBackground);
+  drawLegend(image, field);
+  if (!field.points.empty()) drawScaleBar(image, camera.px_per_m / kSupersampling);
+  internal::writePng(png, image);
+}
+
+}  // namespace accessvdb::io

@@ -1,0 +1,31 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which scan files there are, in natural order.
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "io/point_cloud.h"
+
+namespace accessvdb::io {
+
+struct ScanFileList {
+  std::vector<std::filesystem::path> files;  ///< not empty
+  ScanKind kind = ScanKind::Pcd;             ///< of all
+  std::filesystem::path folder;              ///< that holds the files
+  bool whole_folder = false;                 ///< a folder was asked for, not one file
+  std::vector<std::string> notices;
+};
+
+/// full9 before full10: runs of digits compare by their value.
+[[nodiscard]] bool naturalLess(std::string_view a, std::string_view b);
+
+/// The scans of a folder, of the one sub-folder with scans if it has none itself, or one file.
+/// @throws InputError (no scans, unknown kind, LAZ)
+[[nodiscard]] ScanFileList listScans(const std::filesystem::path& path);
+
+}  // namespace accessvdb::io

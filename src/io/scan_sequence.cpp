@@ -1,0 +1,215 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Scans with their poses as a sequence of steps: one file a step, or one cloud handed out in parts.
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "accessvdb/error.h"
+#include "accessvdb/scan_io.h"
+#include "io/input_file.h"
+#include "io/point_cloud.h"
+#include "io/scan_files.h"
+#include "io/scan_poses.h"
+#include "io/text_lines.h"
+
+namespace accessvdb::io {
+namespace {
+
+/// Notices of single files beyond this many would only repeat each other.
+constexpr std::size_t kMaxFileNotices = 20;
+/// What shading normals look like: of length 1 within the rounding of text with 3 digits.
+constexpr double kUnitNormal = 1e-3;
+
+/// Rounds to float; what a float cannot hold becomes infinite, so that it is counted as such.
+float toFloat(double value) {
+  constexpr double kMax = std::numeric_limits<float>::max();
+  if (std::abs(value) > kMax)
+    return std::copysign(std::numeric_limits<float>::infinity(), static_cast<float>(value > 0 ? 1 : -1));
+  return static_cast<float>(value);
+}
+
+std::optional<double> readRangeNoise(const std::filesystem::path& path) {
+  const std::string file = readInputFile(path);
+  LineReader lines(file, forMessage(path.native()));
+  std::string_view line;
+  std::vector<std::string_view> tokens;
+  std::optional<double> noise_m;
+  while (lines.next(line)) {
+    if (isBlankOrComment(line)) continue;
+    splitTokens(line, tokens);
+    double value = 0;
+    if (noise_m || tokens.size() != 1 || !parseNumber(tokens[0], value) || !(value >= 0 && std::isfinite(value)))
+      lines.fail("is not the one range noise in metres that this file should hold", "Correct or remove the file");
+    noise_m = value;
+  }
+  return noise_m;
+}
+
+/// Surface normals would be taken for sensor positions 1 m off the surface: refuse them.
+void refuseSurfaceNormals(const std::vector<Eigen::Vector3d>& rays, const std::string& subject) {
+  const bool all_unit = std::all_of(rays.begin(), rays.end(), [](const Eigen::Vector3d& ray) {
+    return std::abs(ray.norm() - 1) <= kUnitNormal || ray.isZero(0);
+  });
+  if (all_unit)
+    throw UnusableInput("input.no_rays", subject,
+                        "is no ray cloud: its nx ny nz are all of length 1, as surface normals are",
+                        "Give poses, or the one sensor position with --sensor-at X,Y,Z");
+}
+
+void checkOptions(const ScanInputOptions& options) {
+  if (options.every < 1) throw InvalidArgument("usage.every", "--every", "must be at least 1", "1 uses all scans");
+  if (options.rays_per_step < 1)
+    throw InvalidArgument("usage.rays_per_step", "rays_per_step", "must be at least 1", "The default is 20000");
+  if (!options.sensor_at_W) return;
+  if (!options.sensor_at_W->allFinite())
+    throw InvalidArgument("usage.sensor_at", "--sensor-at", "must be three finite numbers", "Give X,Y,Z in metres");
+  if (!options.poses.empty())
+    throw InvalidArgument("usage.sensor_at", "--sensor-at", "and a pose file exclude each other",
+                          "Leave out one of the two");
+}
+
+}  // namespace
+
+struct ScanSequence::Impl {
+  ScanInputOptions options;
+  ScanKind kind = ScanKind::Pcd;
+  std::vector<std::filesystem::path> scan_files;  ///< of each step, or the one cloud
+  std::vector<MatchedScan> poses;                 ///< of each step, empty for one cloud
+  std::vector<std::filesystem::path> other_files;
+  std::vector<std::string> notices;
+  std::size_t file_notices = 0;
+  std::string rule;
+  std::optional<double> range_noise_m;
+  std::uint64_t input_bytes = 0;
+  std::optional<PointCloud> cloud;      ///< one cloud in the world frame
+  std::vector<std::size_t> part_begin;  ///< first ray of each step of the cloud
+
+  void addFileNotices(const std::vector<std::string>& more) {
+    for (const std::string& notice : more)
+      if (++file_notices <= kMaxFileNotices) notices.push_back(notice);
+  }
+
+  void openCloud(const ScanFileList& scans) {
+    const bool rays = !options.sensor_at_W;
+    const std::filesystem::path& path = scans.files.front();
+    const std::string subject = forMessage(path.native());
+    cloud = readCloud(path, kind, {options.allow_truncated, rays});
+    addFileNotices(cloud->notices);
+    if (cloud->points.empty()) throw UnusableInput("input.no_points", subject, "holds no points", "Give another file");
+    if (rays) refuseSurfaceNormals(cloud->ray_vectors, subject);
+    rule = rays ? "matching: ray cloud, each point has its own sensor position (point + nx ny nz), world frame"
+                : "matching: one cloud in the world frame, seen from the one sensor position given";
+    if (cloud->unbounded_rays != 0)
+      notices.push_back(subject + ": " + std::to_string(cloud->unbounded_rays) +
+                        " rays that met nothing (alpha 0) are left out");
+    scan_files = scans.files;
+    const std::size_t step = options.rays_per_step;
+    for (std::size_t begin = 0, part = 0; begin < cloud->points.size(); ++part) {
+      if (part % static_cast<std::size_t>(options.every) == 0) part_begin.push_back(begin);
+      begin += std::min(step, cloud->points.size() - begin);
+    }
+  }
+
+  void openScans(const ScanFileList& scans) {
+    ScanPoses found = posesForScans(scans, options);
+    notices.insert(notices.end(), found.notices.begin(), found.notices.end());
+    notices.insert(notices.end(), found.match.notices.begin(), found.match.notices.end());
+    other_files = std::move(found.files);
+    rule = found.match.rule;
+    for (std::size_t i = 0; i < found.match.scans.size(); i += static_cast<std::size_t>(options.every)) {
+      poses.push_back(found.match.scans[i]);
+      scan_files.push_back(scans.files[found.match.scans[i].scan]);
+    }
+  }
+
+  ScanRecord readPart(std::size_t step) const {
+    const std::size_t begin = part_begin.at(step);
+    const std::size_t count = std::min(options.rays_per_step, cloud->points.size() - begin);
+    ScanRecord record;
+    record.path = scan_files.front().string();
+    record.truncated_points = step == 0 ? cloud->truncated_points : 0;
+    record.points_W.assign(cloud->points.begin() + begin, cloud->points.begin() + begin + count);
+    if (!cloud->stamps_s.empty()) record.stamp_s = cloud->stamps_s[begin];
+    if (options.sensor_at_W) {
+      record.origins_W = {*options.sensor_at_W};
+      return record;
+    }
+    record.origins_W.reserve(count);
+    for (std::size_t i = begin; i < begin + count; ++i)
+      record.origins_W.push_back(cloud->points[i] + cloud->ray_vectors[i]);
+    return record;
+  }
+
+  ScanRecord readScan(std::size_t step) {
+    const MatchedScan& pose = poses.at(step);
+    const std::filesystem::path& path = scan_files[step];
+    const PointCloud scan = readCloud(path, kind, {options.allow_truncated, false});
+    addFileNotices(scan.notices);
+    ScanRecord record;
+    record.path = path.string();
+    record.T_W_S = pose.T_W_S;
+    record.stamp_s = pose.stamp_s;
+    record.truncated_points = scan.truncated_points;
+    record.points_S.reserve(scan.points.size());
+    for (const Eigen::Vector3d& p : scan.points)
+      record.points_S.emplace_back(toFloat(p[0]), toFloat(p[1]), toFloat(p[2]));
+    return record;
+  }
+};
+
+ScanSequence::ScanSequence(std::unique_ptr<Impl> impl) : impl_(std::move(impl)) {}
+ScanSequence::~ScanSequence() = default;
+ScanSequence::ScanSequence(ScanSequence&&) noexcept = default;
+ScanSequence& ScanSequence::operator=(ScanSequence&&) noexcept = default;
+
+ScanSequence ScanSequence::open(const ScanInputOptions& options) {
+  checkOptions(options);
+  auto impl = std::make_unique<Impl>();
+  impl->options = options;
+  const ScanFileList scans = listScans(options.scans);
+  impl->kind = scans.kind;
+  impl->notices = scans.notices;
+  const bool single = scans.files.size() == 1;
+  if (options.sensor_at_W && !single)
+    throw InvalidArgument("usage.sensor_at", "--sensor-at",
+                          "is for one cloud, the folder holds " + std::to_string(scans.files.size()) + " scans",
+                          "Give one file, or poses for all");
+  const bool ray_cloud = single && scans.kind == ScanKind::Ply && options.poses.empty();
+  if (options.sensor_at_W || ray_cloud) {
+    impl->openCloud(scans);
+  } else {
+    impl->openScans(scans);
+  }
+  impl->notices.push_back(impl->rule);
+  for (const auto& file : impl->scan_files) impl->input_bytes += inputFileSize(file);
+  if (const auto noise = besideScans(scans, "range_noise.txt")) {
+    impl->range_noise_m = readRangeNoise(*noise);
+    impl->other_files.push_back(*noise);
+  }
+  return ScanSequence(std::move(impl));
+}
+
+std::size_t ScanSequence::size() const { return impl_->cloud ? impl_->part_begin.size() : impl_->poses.size(); }
+
+ScanRecord ScanSequence::read(std::size_t step) {
+  if (step >= size())
+    throw InvalidArgument("usage.step", "step " + std::to_string(step),
+                          "is past the end, there are " + std::to_string(size()), "Count from 0");
+  return impl_->cloud ? impl_->readPart(step) : impl_->readScan(step);
+}
+
+const std::vector<std::string>& ScanSequence::notices() const { return impl_->notices; }
+std::string ScanSequence::matchingRule() const { return impl_->rule; }
+
+std::vector<std::string> ScanSequence::paths() const {
+  std::vector<std::string> paths;
+  for (const auto& files : {impl_->scan_files, impl_->other_files})
+    for (const auto& file : files) paths.push_back(file.string());
+  return paths;
+}
+
+std::optional<double> ScanSequence::recordedRangeNoise_m() const { return impl_->range_noise_m; }
+std::uint64_t ScanSequence::inputBytes() const { return impl_->input_bytes; }
+
+}  // namespace accessvdb::io

@@ -1,0 +1,68 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Surface points sorted by the leaf that holds them.
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+
+#include <cmath>
+#include <tuple>
+
+#include "accessvdb/error.h"
+#include "io/field_grids.h"
+
+namespace accessvdb::internal {
+namespace {
+
+// Far inside int32, so that neighbours and leaf origins of any accepted voxel exist too.
+constexpr double kMaxVoxelIndex = 1 << 30;
+constexpr openvdb::Int32 kLeafMask = ~openvdb::Int32{7};
+static_assert(openvdb::FloatTree::LeafNodeType::LOG2DIM == 3);
+
+std::tuple<openvdb::Int32, openvdb::Int32, openvdb::Int32> leafKey(const openvdb::Coord& ijk) {
+  return {ijk.x() & kLeafMask, ijk.y() & kLeafMask, ijk.z() & kLeafMask};
+}
+
+}  // namespace
+
+openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m) {
+  openvdb::Coord ijk;
+  for (int axis = 0; axis < 3; ++axis) {
+    const double index = std::floor(p_L[axis] / voxel_size_m + 0.5);
+    if (!(std::abs(index) <= kMaxVoxelIndex)) {
+      throw InvalidArgument("position.range", "",
+                            "position (" + std::to_string(p_L.x()) + ", " + std::to_string(p_L.y()) + ", " +
+                                std::to_string(p_L.z()) + ") m from the map's origin has no voxel",
+                            "Give finite coordinates in the map's own world frame");
+    }
+    ijk[axis] = static_cast<openvdb::Int32>(index);
+  }
+  return ijk;
+}
+
+openvdb::math::Transform::Ptr fieldTransform(double voxel_size_m) {
+  if (!(voxel_size_m > 0) || !std::isfinite(voxel_size_m)) {
+    throw InvalidArgument("field.voxel_size", "", "the field's voxel size is not a positive number",
+                          "Set FieldSnapshot::voxel_size_m");
+  }
+  return openvdb::math::Transform::createLinearTransform(voxel_size_m);
+}
+
+SurfaceVoxels::SurfaceVoxels(const FieldSnapshot& field) : field_(field), entries_(field.points.size()) {
+  static_cast<void>(fieldTransform(field.voxel_size_m));  // checks the voxel size before anything divides by it
+  tbb::parallel_for(std::size_t{0}, entries_.size(), [&](std::size_t i) {
+    entries_[i] = {voxelAt(field.points[i].position_W - field.origin_W, field.voxel_size_m),
+                   static_cast<std::uint32_t>(i)};
+  });
+  tbb::parallel_sort(entries_.begin(), entries_.end(), [](const Entry& a, const Entry& b) {
+    return std::make_tuple(leafKey(a.ijk), a.ijk, a.index) < std::make_tuple(leafKey(b.ijk), b.ijk, b.index);
+  });
+  entries_.erase(
+      std::unique(entries_.begin(), entries_.end(), [](const Entry& a, const Entry& b) { return a.ijk == b.ijk; }),
+      entries_.end());
+  for (std::size_t i = 0; i < entries_.size(); ++i) {
+    if (i == 0 || leafKey(entries_[i].ijk) != leafKey(entries_[i - 1].ijk)) leaf_begins_.push_back(i);
+  }
+  leaf_begins_.push_back(entries_.size());
+}
+
+}  // namespace accessvdb::internal

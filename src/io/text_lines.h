@@ -1,0 +1,45 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Text input without a locale: lines (LF or CRLF, byte order mark, length cap) and numbers (std::from_chars).
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace accessvdb::io {
+
+inline constexpr std::size_t kMaxLineBytes = std::size_t{1} << 16;
+
+/// Walks over the lines of a text that it does not own.
+class LineReader {
+ public:
+  /// @param subject  the file's name for messages
+  LineReader(std::string_view text, std::string subject);
+  /// The next line without its end, or false. @throws InputError for a line over kMaxLineBytes
+  bool next(std::string_view& line);
+  [[nodiscard]] std::size_t number() const { return number_; }    ///< of the last line, from 1
+  [[nodiscard]] std::size_t offset() const { return position_; }  ///< first byte after the last line
+  [[nodiscard]] bool terminated() const { return terminated_; }   ///< the last line ended with a line feed
+  [[nodiscard]] const std::string& subject() const { return subject_; }
+  /// @throws InputError "input.malformed" naming the last line
+  [[noreturn]] void fail(const std::string& problem, const std::string& advice = "Check the file") const;
+
+ private:
+  std::string_view text_;
+  std::string subject_;
+  std::size_t position_ = 0, number_ = 0;
+  bool terminated_ = true;
+};
+
+/// Pieces between blanks, tabs, commas and semicolons.
+void splitTokens(std::string_view line, std::vector<std::string_view>& tokens);
+/// The whole token as a number; nan and inf are numbers, 1e999 is inf, hexadecimal is none.
+[[nodiscard]] bool parseNumber(std::string_view token, double& value);
+[[nodiscard]] bool parseCount(std::string_view token, std::uint64_t& value);
+/// Lines that say nothing: blank, or a comment that begins with #.
+[[nodiscard]] bool isBlankOrComment(std::string_view line);
+
+}  // namespace accessvdb::io

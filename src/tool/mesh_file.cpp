@@ -1,0 +1,253 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "tool/mesh_file.h"
+
+#include <fcntl.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <cmath>
+#include <cstring>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/error.h"
+
+namespace accessvdb::internal {
+namespace {
+
+std::string lowered(std::string_view text) {
+  std::string out(text);
+  for (char& c : out) c = c >= 'A' && c <= 'Z' ? char(c - 'A' + 'a') : c;
+  return out;
+}
+
+[[noreturn]] void malformed(const std::string& subject, const std::string& problem) {
+  throw InputError("tool.malformed", subject, problem, "Export or copy the mesh again");
+}
+
+std::uint64_t countOf(std::string_view text, std::string_view word) {
+  std::uint64_t count = 0;
+  for (std::size_t at = text.find(word); at != text.npos; at = text.find(word, at + word.size())) ++count;
+  return count;
+}
+
+/// Words of one line.
+std::vector<std::string_view> wordsOf(std::string_view line) {
+  std::vector<std::string_view> words;
+  for (std::size_t at = 0; at < line.size();) {
+    const std::size_t begin = line.find_first_not_of(" \t\r", at);
+    if (begin == line.npos) break;
+    const std::size_t end = std::min(line.find_first_of(" \t\r", begin), line.size());
+    words.push_back(line.substr(begin, end - begin));
+    at = end;
+  }
+  return words;
+}
+
+std::optional<std::uint64_t> wholeNumber(std::string_view word) {
+  std::uint64_t value = 0;
+  const auto result = std::from_chars(word.data(), word.data() + word.size(), value);
+  if (result.ec != std::errc() || result.ptr != word.data() + word.size()) return std::nullopt;
+  return value;
+}
+
+void checkStl(MeshFile& file, const std::string& subject) {
+  const std::string& b = file.bytes;
+  std::uint32_t faces = 0;
+  if (b.size() >= 84) std::memcpy(&faces, b.data() + 80, 4);
+  const std::uint64_t binary_size = 84 + std::uint64_t{50} * faces;
+  const std::string start = lowered(std::string_view(b).substr(0, 1024));
+  // Binary files may begin with "solid" too; the size settles it.
+  const bool text = start.find("solid") != start.npos && (b.size() < 84 || b.size() != binary_size) &&
+                    (start.find("facet") != start.npos || start.find('\0') == start.npos);
+  if (text) {
+    const std::string all = lowered(b);
+    file.expected_faces = countOf(all, "endfacet");
+    const std::uint64_t begun = countOf(all, "facet normal");
+    if (begun > *file.expected_faces) {
+      malformed(subject, "the STL is cut off: " + std::to_string(begun) + " faces begin and " +
+                             std::to_string(*file.expected_faces) + " end");
+    }
+    return;
+  }
+  if (b.size() < 84) malformed(subject, "the file is too short for a binary STL and is no text STL");
+  if (b.size() < binary_size) {
+    malformed(subject, "the STL announces " + std::to_string(faces) + " faces but has room for " +
+                           std::to_string((b.size() - 84) / 50));
+  }
+  file.expected_faces = faces;
+}
+
+std::uint64_t plyScalarBytes(std::string_view type) {
+  static constexpr std::pair<std::string_view, std::uint64_t> kTypes[] = {
+      {"char", 1},  {"uchar", 1},   {"int8", 1},   {"uint8", 1},  {"short", 2}, {"ushort", 2},
+      {"int16", 2}, {"uint16", 2},  {"int", 4},    {"uint", 4},   {"int32", 4}, {"uint32", 4},
+      {"float", 4}, {"float32", 4}, {"double", 8}, {"float64", 8}};
+  for (const auto& [name, bytes] : kTypes) {
+    if (name == type) return bytes;
+  }
+  return 0;
+}
+
+/// Assimp believes the counts of a PLY header, so they are held against the size of the file first.
+void checkPly(MeshFile& file, const std::string& subject) {
+  const std::string_view all = file.bytes;
+  if (all.substr(0, 3) != "ply") malformed(subject, "the file does not begin like a PLY");
+  bool ascii = false, ended = false;
+  std::uint64_t element_count = 0, record_bytes = 0, least_bytes = 0;
+  const auto closeElement = [&] {
+    const std::uint64_t each = ascii ? std::max<std::uint64_t>(record_bytes > 0 ? 2 : 0, 1) : record_bytes;
+    if (each > 0 && element_count > (kMaxMeshFileBytes << 4) / each)
+      least_bytes = kMaxMeshFileBytes << 4;
+    else
+      least_bytes += element_count * each;
+    record_bytes = 0;
+  };
+  std::size_t at = 0;
+  for (int line_number = 0; at < all.size() && line_number < 1000 && !ended; ++line_number) {
+    const std::size_t end = std::min(all.find('\n', at), all.size());
+    const std::vector<std::string_view> words = wordsOf(all.substr(at, std::min<std::size_t>(end - at, 4096)));
+    at = end + 1;
+    if (words.empty() || words[0] == "comment" || words[0] == "obj_info") continue;
+    if (words[0] == "format") {
+      ascii = words.size() > 1 && words[1] == "ascii";
+    } else if (words[0] == "element") {
+      const auto count = words.size() == 3 ? wholeNumber(words[2]) : std::nullopt;
+      if (!count)
+        malformed(subject, "line " + std::to_string(line_number + 1) + " of the PLY header is not understood");
+      closeElement();
+      if (words[1] == "tristrips") {
+        throw InputError("tool.format", subject, "the PLY holds triangle strips, which are not read",
+                         "Export it with plain faces");
+      }
+      element_count = *count;
+      if (words[1] == "face") file.expected_faces = *count;
+    } else if (words[0] == "property") {
+      const bool list = words.size() == 5 && words[1] == "list";
+      const std::uint64_t bytes = words.size() > 2 ? plyScalarBytes(words[list ? 2 : 1]) : 0;
+      if (bytes == 0 || (!list && words.size() != 3)) {
+        malformed(subject, "line " + std::to_string(line_number + 1) + " of the PLY header is not understood");
+      }
+      record_bytes += bytes;
+    } else if (words[0] == "end_header") {
+      ended = true;
+    }
+  }
+  closeElement();
+  if (!ended) malformed(subject, "the PLY header does not end");
+  const std::uint64_t left = at < all.size() ? all.size() - at : 0;
+  if (least_bytes > left + 1) {  // the last line of a text file may lack its line break
+    malformed(subject, "the PLY header announces at least " + std::to_string(least_bytes) + " bytes but " +
+                           std::to_string(left) + " follow");
+  }
+}
+
+/// The file's own unit; COLLADA says metre where there is none.
+double colladaUnit(std::string_view all, const std::string& subject) {
+  const std::size_t unit = all.find("<unit");
+  if (unit == all.npos) return 1.0;
+  const std::string_view tag = all.substr(unit, std::min<std::size_t>(all.find('>', unit), all.size()) - unit);
+  const std::size_t meter = tag.find("meter");
+  if (meter == tag.npos) return 1.0;
+  const std::size_t open = tag.find_first_of("\"'", meter);
+  const std::size_t close = open == tag.npos ? open : tag.find_first_of("\"'", open + 1);
+  double value = 0;
+  if (close == tag.npos) malformed(subject, "the COLLADA unit is not understood");
+  const std::string_view digits = tag.substr(open + 1, close - open - 1);
+  const auto result = std::from_chars(digits.data(), digits.data() + digits.size(), value);
+  if (result.ec != std::errc() || !(value > 0 && std::isfinite(value))) {
+    malformed(subject, "the COLLADA unit is no positive length");
+  }
+  return value;
+}
+
+MeshFormat formatOf(const std::string& extension, const std::string& subject) {
+  static constexpr std::pair<std::string_view, MeshFormat> kFormats[] = {
+      {"stl", MeshFormat::Stl},     {"obj", MeshFormat::Obj},   {"ply", MeshFormat::Ply}, {"off", MeshFormat::Off},
+      {"dae", MeshFormat::Collada}, {"gltf", MeshFormat::Gltf}, {"glb", MeshFormat::Glb}};
+  for (const auto& [name, format] : kFormats) {
+    if (name == extension) return format;
+  }
+  throw InputError(
+      "tool.format", subject,
+      extension.empty() ? "the mesh has no file ending" : "meshes ending in ." + extension + " are not read",
+      "Use STL, OBJ, PLY, OFF, DAE, glTF or GLB, or builtin:pencil or builtin:pruner");
+}
+
+}  // namespace
+
+std::optional<std::string> readRegularFile(const std::filesystem::path& path, std::uint64_t max_bytes,
+                                           std::string& problem) {
+  const int fd = ::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+  if (fd < 0) {
+    problem = "cannot be opened: " + std::generic_category().message(errno);
+    return std::nullopt;
+  }
+  struct Closer {
+    int fd;
+    ~Closer() { ::close(fd); }
+  } closer{fd};
+  struct stat info = {};
+  if (::fstat(fd, &info) != 0 || !S_ISREG(info.st_mode)) {
+    problem = S_ISDIR(info.st_mode) ? "is a folder, not a mesh file" : "is not a regular file";
+    return std::nullopt;
+  }
+  if (std::uint64_t(info.st_size) > max_bytes) {
+    problem = "has " + std::to_string(info.st_size) + " bytes; at most " + std::to_string(max_bytes) + " are read";
+    return std::nullopt;
+  }
+  std::string bytes(std::size_t(info.st_size), '\0');
+  std::size_t got = 0;
+  while (got < bytes.size()) {
+    const ssize_t n = ::read(fd, bytes.data() + got, bytes.size() - got);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) {
+      problem = "cannot be read: " + std::generic_category().message(errno);
+      return std::nullopt;
+    }
+    if (n == 0) break;
+    got += std::size_t(n);
+  }
+  bytes.resize(got);
+  return bytes;
+}
+
+MeshFile openMeshFile(const std::filesystem::path& path) {
+  const std::string subject = path.string();
+  MeshFile file;
+  file.extension = lowered(path.extension().string());
+  if (!file.extension.empty()) file.extension.erase(0, 1);
+
+  std::string problem;
+  std::optional<std::string> bytes = readRegularFile(path, kMaxMeshFileBytes, problem);
+  if (!bytes) throw InputError("input.unreadable", subject, "the tool mesh " + problem, "Check the path of --tool");
+  file.format = formatOf(file.extension, subject);
+  file.bytes = std::move(*bytes);
+  const std::string_view all = file.bytes;
+  if (all.empty()) throw InputError("input.empty", subject, "the file is empty", "Export or copy the mesh again");
+  if (all.starts_with("version https://git-lfs.github.com/spec")) {
+    throw InputError("input.lfs_pointer", subject, "this is a git LFS pointer, not the mesh itself",
+                     "Run git lfs pull in its repository");
+  }
+  const bool text = file.format == MeshFormat::Obj || file.format == MeshFormat::Off ||
+                    file.format == MeshFormat::Collada || file.format == MeshFormat::Gltf;
+  if (text && (all.starts_with("\xff\xfe") || all.starts_with("\xfe\xff"))) {
+    throw InputError("tool.encoding", subject, "the file is UTF-16 text, which is not read", "Save it as UTF-8");
+  }
+  if (file.format == MeshFormat::Stl) checkStl(file, subject);
+  if (file.format == MeshFormat::Ply) checkPly(file, subject);
+  if (file.format == MeshFormat::Collada) file.metres_per_unit = colladaUnit(all, subject);
+  if (file.format == MeshFormat::Gltf) file.metres_per_unit = 1.0;
+  if (file.format == MeshFormat::Glb) {
+    if (!all.starts_with("glTF")) malformed(subject, "the file does not begin like a GLB");
+    file.metres_per_unit = 1.0;
+  }
+  return file;
+}
+
+}  // namespace accessvdb::internal

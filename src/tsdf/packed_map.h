@@ -1,0 +1,76 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The authored map: one OpenVDB tree of 32-bit voxels instead of three grids.
+///
+/// value  = mean distance in 20 bits | weight in 12 bits; 0 = unobserved
+/// active = cleared
+///
+/// A leaf that rays only passed through has no buffer at all (OpenVDB's PartialCreate): 112 bytes instead of 2.2 kB.
+/// Integration is bound by memory, so this, not arithmetic, decides its speed (docs/DESIGN.md, "The authored map").
+#pragma once
+
+#include <openvdb/openvdb.h>
+
+#include <cstdint>
+
+#include "accessvdb/params.h"
+#include "accessvdb/tsdf_volume.h"
+
+namespace accessvdb::internal {
+
+using PackedTree = openvdb::Int32Tree;
+using PackedLeaf = PackedTree::LeafNodeType;
+static_assert(PackedLeaf::LOG2DIM == 3, "masks and rows assume 8x8x8 leaves");
+
+/// Steps of a distance sample: [clamp_min, tau] in 16 bits. Steps of the stored mean: 16 times finer, 20 bits.
+inline constexpr std::uint32_t kSampleSteps = 65535;
+inline constexpr std::uint32_t kMeanSteps = kSampleSteps * 16;
+inline constexpr std::uint32_t kWeightBits = 12;
+inline constexpr std::uint32_t kWeightMask = (1u << kWeightBits) - 1;
+
+constexpr std::uint32_t packVoxel(std::uint32_t mean, std::uint32_t weight) { return mean << kWeightBits | weight; }
+constexpr std::uint32_t meanOf(std::uint32_t packed) { return packed >> kWeightBits; }
+constexpr std::uint32_t weightOf(std::uint32_t packed) { return packed & kWeightMask; }
+
+class PackedMap {
+ public:
+  explicit PackedMap(const TsdfParams& resolved);
+
+  [[nodiscard]] const TsdfParams& params() const { return params_; }
+  [[nodiscard]] PackedTree& tree() { return tree_; }
+  [[nodiscard]] const PackedTree& tree() const { return tree_; }
+
+  /// Metres of a stored mean; the one place where steps become metres.
+  [[nodiscard]] float distanceOf(std::uint32_t mean) const { return clamp_min_m_ + static_cast<float>(mean) * step_m_; }
+  /// A voxel with weight collides when its mean lies below this: least mean whose distance is >= r_c.
+  [[nodiscard]] std::uint32_t collisionMean() const { return collision_mean_; }
+  void setCollisionDistance(float r_c_m);
+
+  [[nodiscard]] VoxelState at(const openvdb::Coord& ijk) const;
+
+  std::uint64_t leaf_count = 0;           ///< all leaves
+  std::uint64_t allocated_leaf_count = 0; ///< those with a buffer
+  std::uint64_t observed_voxels = 0;
+
+  [[nodiscard]] std::uint64_t memoryBytes() const;
+
+ private:
+  TsdfParams params_;
+  PackedTree tree_;
+  float clamp_min_m_, step_m_;
+  std::uint32_t collision_mean_ = 0;
+};
+
+/// Bytes that a leaf costs, malloc's 16 bytes each included; asserted in a test.
+inline constexpr std::uint64_t kClearedLeafBytes = sizeof(PackedLeaf) + 16;
+inline constexpr std::uint64_t kObservedLeafBytes = kClearedLeafBytes + 512 * sizeof(std::int32_t) + 16;
+
+/// The packed values of a leaf, or nullptr where it is cleared only. (buffer().data() would allocate.)
+inline const std::uint32_t* packedValues(const PackedLeaf& leaf) {
+  return leaf.buffer().empty() ? nullptr : reinterpret_cast<const std::uint32_t*>(leaf.buffer().data());
+}
+inline std::uint32_t* packedValues(PackedLeaf& leaf) {
+  return leaf.buffer().empty() ? nullptr : reinterpret_cast<std::uint32_t*>(leaf.buffer().data());
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,49 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Fuses the returns of a scan into the map (paper, "Scan-centric TSDF"; SPEC a.3, a.4).
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "accessvdb/leaf_change.h"
+#include "tsdf/leaf_fusion.h"
+#include "tsdf/packed_map.h"
+#include "tsdf/return_bins.h"
+
+namespace accessvdb::internal {
+
+/// What one scan did to the map.
+struct IntegrationResult {
+  std::uint64_t touched_leaves = 0;
+  std::uint64_t new_leaves = 0;
+  FoldCounts counts;
+  /// Leaves with flipped facts, each at most once; in the integrator's memory, valid until the next integrate().
+  std::vector<std::span<const LeafChange>> changes;
+};
+
+class ScanIntegrator {
+ public:
+  explicit ScanIntegrator(PackedMap& map);
+  ~ScanIntegrator();
+
+  /// @param p_L  [n] finite returns in the local frame, metres, none at its sensor
+  /// @param q_L  [n] or [1] sensor positions in the local frame
+  /// @throws std::bad_alloc; then the map is unchanged or holds part of the scan
+  IntegrationResult integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+
+ private:
+  PackedMap& map_;
+  RegionShape shape_;
+  ReturnBins bins_;
+  std::vector<ReturnRay> rays_;
+  struct Workers;
+  std::unique_ptr<Workers> workers_;                                        ///< a LeafFusion a thread
+  std::array<std::vector<LeafChange>, ReturnBins::kBuckets> changes_;       ///< kept, so that memory is reused
+};
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,32 @@
+#!/usr/bin/env bash
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+# Shows that check_docs.sh fires on a dead link and on a dead path, and on nothing else.
+set -euo pipefail
+checker=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/check_docs.sh
+tree=$(mktemp -d)
+trap 'rm -rf "$tree"' EXIT
+mkdir -p "$tree/docs" "$tree/src/io"
+touch "$tree/src/io/ply.cpp" "$tree/docs/b.md"
+
+expect() {  # expect EXIT_CODE DOCUMENT TEXT
+  local code=0
+  echo "$3" >"$tree/$2"
+  "$checker" "$tree" >"$tree/out" || code=$?
+  if ((code != $1)) || { ((code == 1)) && ! grep -q "$2: " "$tree/out"; }; then
+    echo "FAILED: '$3' in $2: exit code $code instead of $1"
+    exit 1
+  fi
+  rm "$tree/$2"
+}
+
+# shellcheck disable=SC2016  # the backticks are Markdown
+{
+  expect 0 README.md 'See [b](docs/b.md#part), [web](https://example.org/x.md) and `src/io/ply.cpp`; also `./src/io`.'
+  expect 1 README.md 'See [c](docs/c.md).'
+  expect 1 README.md 'See ![picture](docs/none.png).'
+  expect 1 README.md 'See `src/io/las.cpp`.'
+  expect 0 docs/a.md 'See [b](b.md), [up](../src/io/ply.cpp) and `src/io/ply.cpp`.'
+  expect 1 docs/a.md 'See [b](docs/b.md).'
+}
+echo "every rule fires"

@@ -1,0 +1,29 @@
+#!/usr/bin/env bash
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+# Labels are equal on every backend only if no compiler contracts or reorders arithmetic: every translation unit of ours
+# must be compiled with -ffp-contract=off and without any fast-math flag.
+#   check_flags.sh compile_commands.json      exit code 77 (skipped) where the build did not export it
+set -euo pipefail
+commands=${1:?usage: check_flags.sh compile_commands.json}
+if [[ ! -f $commands ]]; then
+  echo "skipped: no $commands; configure with a preset or -DCMAKE_EXPORT_COMPILE_COMMANDS=ON"
+  exit 77
+fi
+
+awk '
+  /"command":/ { command = $0 " " }
+  /"file":/ {
+    file = $0; sub(/^[^:]*: *"/, "", file); sub(/".*/, "", file); ++files
+    if (file !~ /\.cu$/ && command !~ / -ffp-contract=off /) { print file ": compiled without -ffp-contract=off"; bad = 1 }
+    if (file ~ /\.cu$/ && command !~ / --?fmad=false /) { print file ": compiled without --fmad=false"; bad = 1 }
+    # A later flag wins over an earlier one.
+    if (command ~ / (-Ofast|-ffast-math|-funsafe-math-optimizations|-fassociative-math|-freciprocal-math|-ffp-contract=(fast|on)|--?use_fast_math) /) {
+      print file ": compiled with a fast-math flag"; bad = 1
+    }
+    command = ""
+  }
+  END {
+    if (files == 0) { print "no translation unit found"; bad = 1 }
+    exit bad
+  }' "$commands"

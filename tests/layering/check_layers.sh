@@ -1,0 +1,151 @@
+#!/usr/bin/env bash
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+# Checks which layer includes what, and a few rules that no compiler knows: check_layers.sh [ROOT]
+# Prints one line a violation, "file:line: rule: what", and exits 1 if there is any.
+#
+# The table is a list of what IS allowed; an include that it does not know is a violation too, so that a new dependency
+# has to be written down here. Arrows run one way: a folder may only name folders that stand in its row.
+set -euo pipefail
+root=${1:-$(dirname "${BASH_SOURCE[0]}")/../..}
+cd "$root"
+
+# layer: what its files may include (its own files always). `grids` is the public header that hands out OpenVDB grids,
+# `constants` the headers that hold no code that a device could lack.
+allowed_includes() {
+  cat <<'TABLE'
+api      std eigen
+grids    std eigen api openvdb
+hostdev  constants label
+launch   std api hostdev
+cpu      std posix api hostdev launch tbb
+cuda     std api hostdev launch cuda
+tsdf     std api grids eigen openvdb tbb
+mirror   std api grids openvdb launch hostdev
+points   std api eigen tbb launch hostdev
+tool     std posix api eigen tbb launch hostdev assimp openssl
+io       std posix api grids eigen openvdb tbb pcl png openssl json
+field    std posix api grids eigen openvdb tbb launch hostdev tsdf mirror points tool io
+sim      std api grids eigen tbb field embree
+eval     std api grids eigen tbb field embree qhull png json
+tools    std posix api grids eigen cli toml json sim eval
+examples std api grids eigen cli
+TABLE
+}
+
+sources() {  # every source file of the product; tests may include anything
+  local folders=()
+  for folder in include nanovdb_kernels src tools examples; do
+    [[ -d $folder ]] && folders+=("$folder")
+  done
+  find "${folders[@]}" -type f \( -name '*.h' -o -name '*.cuh' -o -name '*.cpp' -o -name '*.cu' \) | LC_ALL=C sort
+}
+
+check_includes() {
+  local files
+  files=$(sources)
+  {
+    allowed_includes | sed 's/^/ALLOW /'
+    awk '{ print "FILE", $0 }' <<<"$files"
+    # shellcheck disable=SC2086  # one word a file: names with blanks are a violation of their own
+    grep -nHE '^[[:space:]]*#[[:space:]]*include' $files | sed -E 's/^([^:]*):([0-9]+):[^"<]*(["<])([^">]*).*/INCLUDE \1 \2 \3 \4/'
+  } | awk '
+    function folder(path) { sub(/\/[^\/]*$/, "", path); return path }
+    function layerOf(path,   part) {
+      split(path, part, "/")
+      if (path ~ /^include\/accessvdb\/tsdf_volume\.h$/) return "grids"
+      if (path ~ /^include\/accessvdb\//) return "api"
+      if (part[1] == "nanovdb_kernels" || part[1] == "src") return part[2]
+      return part[1]
+    }
+    function classOf(name, quote, path,   first, here) {
+      first = name; sub(/\/.*/, "", first)
+      if (name ~ /(^|\/)\.\.\//) return "parent-folder"
+      if (name == "accessvdb/tsdf_volume.h") return "grids"
+      if (name == "accessvdb/point_label.h" && layerOf(path) == "hostdev") return "label"
+      if (first == "accessvdb") return "api"
+      if (first in third) return third[first]
+      if (name in third) return third[name]
+      if (name ~ /^(cuda|device_|driver_types|vector_types|cooperative_groups|nvrtc|curand)/ && !(first in layers)) return "cuda"
+      if (name ~ /^sys\// || name in posix) return "posix"
+      if (name in constants && layerOf(path) == "hostdev") return "constants"
+      if (quote == "<" && name !~ /[\/.]/) return "std"
+      if (name ~ /\// && first in layers) return first
+      here = folder(path) "/" name
+      if (here in exists) return layerOf(path)
+      if ((layerOf(path) "/" name) in exists) return layerOf(path)  # examples and tools, by their path below them
+      if (("nanovdb_kernels/hostdev/" name) in exists) return "hostdev"
+      return "unlisted"
+    }
+    BEGIN {
+      n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl assimp:assimp Eigen:eigen unsupported:eigen " \
+                "cub:cuda thrust:cuda nv:cuda embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
+                "openssl:openssl CLI:cli toml++:toml toml.hpp:toml nlohmann:json", pairs, " ")
+      for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }
+      n = split("unistd.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")
+      for (i = 1; i <= n; ++i) posix[names[i]] = 1
+      n = split("cstdint cstddef cmath cfloat climits limits type_traits", names, " ")
+      for (i = 1; i <= n; ++i) constants[names[i]] = 1
+    }
+    $1 == "ALLOW" { layers[$2] = 1; for (i = 3; i <= NF; ++i) allow[$2, $i] = 1; allow[$2, $2] = 1; next }
+    $1 == "FILE" { exists[$2] = 1; next }
+    {
+      path = $2; line = $3; name = $5; layer = layerOf(path); class = classOf(name, $4, path)
+      where = path ":" line
+      if (!(layer in layers)) { print where ": unknown-layer: no row in the table for \"" layer "\""; next }
+      if (class == "parent-folder") { print where ": parent-folder: \"" name "\" climbs out of its folder"; next }
+      if (class == "unlisted") { print where ": unlisted: \"" name "\" is not a dependency that the table knows"; next }
+      if (class == "nanovdb") {
+        if (path != "nanovdb_kernels/hostdev/nanovdb_compat.h")
+          print where ": nanovdb-once: only nanovdb_compat.h includes NanoVDB"
+        next
+      }
+      if (class == "assimp" && layer == "tool") {
+        if (assimp_file != "" && assimp_file != path) print where ": assimp-once: already in " assimp_file
+        assimp_file = path
+      }
+      if (!((layer, class) in allow)) print where ": layer: " layer " must not include " class " (\"" name "\")"
+    }'
+}
+
+check_names() {
+  local folders=()
+  for folder in include nanovdb_kernels src tools examples tests cmake; do
+    [[ -d $folder ]] && folders+=("$folder")
+  done
+  find "${folders[@]}" | LC_ALL=C sort |
+    grep -E '(^|[/_])(utils?|common|core|helpers?|managers?)(\.[a-z]+)?$' |
+    sed 's/$/:1: name: says nothing about what it holds/' || true
+  find "${folders[@]}" -name '* *' | sed 's/$/:1: name: has a blank/'
+}
+
+# Lines of code without // comments and without string contents, as "file:line:code".
+code_lines() {
+  sources | while read -r file; do
+    sed -E 's/"([^"\\]|\\.)*"/""/g; s@//.*@@' "$file" | awk -v file="$file" 'NF { print file ":" NR ":" $0 }'
+  done
+}
+
+check_code() {
+  local code
+  code=$(code_lines)
+  # Whole-grid conversions cost tens of milliseconds a frame; the mirror is patched instead. Tests compare with them.
+  grep -E ':.*\b(openToNanoVDB|createNanoGrid)\b' <<<"$code" |
+    sed -E 's/^([^:]*:[0-9]+):.*/\1: conversion: whole-grid NanoVDB conversion outside tests/' || true
+  # A library neither ends its host nor writes to its terminal.
+  grep -E '^(include|nanovdb_kernels|src)/[^:]*:[0-9]+:' <<<"$code" |
+    grep -E '(^|[^A-Za-z0-9_])(exit|abort|quick_exit|terminate|printf|puts)[[:space:]]*\(|std::(cout|cerr|clog)\b|\bcudaDeviceReset\b' |
+    sed -E 's/^([^:]*:[0-9]+):.*/\1: quiet-library: ends the process, resets the device or prints/' || true
+}
+
+check_licence() {
+  sources | while read -r file; do
+    sed -n 2p "$file" | grep -q 'SPDX-License-Identifier: Apache-2.0' || echo "$file:2: licence: no SPDX line"
+  done
+}
+
+violations=$(check_includes; check_names; check_code; check_licence)
+if [[ -n $violations ]]; then
+  echo "$violations"
+  exit 1
+fi

@@ -1,0 +1,111 @@
+#!/usr/bin/env bash
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+# Shows that each rule of check_layers.sh fires: plants one violation at a time in an otherwise clean tree.
+set -euo pipefail
+checker=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/check_layers.sh
+tree=$(mktemp -d)
+trap 'rm -rf "$tree"' EXIT
+licence=$'// Copyright Contributors to the AccessVDB project\n// SPDX-License-Identifier: Apache-2.0'
+failures=0
+
+plant_clean_tree() {
+  rm -rf "${tree:?}"/*
+  write include/accessvdb/types.h '#include <vector>' '#include <Eigen/Core>'
+  write include/accessvdb/tsdf_volume.h '#include <openvdb/openvdb.h>' '#include "accessvdb/types.h"'
+  write nanovdb_kernels/hostdev/nanovdb_compat.h '#include <nanovdb/NanoVDB.h>'
+  write nanovdb_kernels/hostdev/views.h '#include <cstdint>' '#include "accessvdb/point_label.h"' '#include "nanovdb_compat.h"'
+  write nanovdb_kernels/launch/backend.h '#include <memory>' '#include "hostdev/views.h"'
+  write nanovdb_kernels/cpu/cpu_backend.cpp '#include <tbb/parallel_for.h>' '#include "launch/backend.h"' '#include <sys/mman.h>'
+  write src/tsdf/map.cpp '#include <tbb/parallel_for.h>' '#include <openvdb/openvdb.h>' '#include "tsdf/map.h"' '// exit(1)'
+  write src/tool/mesh_reader.cpp '#include <assimp/scene.h>' '#include <unistd.h>' 'void f() { _exit(1); g("abort()"); }'
+  write src/field/field.cpp '#include "tsdf/map.h"' '#include "launch/backend.h"'
+  write tools/map.cpp '#include <CLI/CLI.hpp>' '#include "accessvdb/types.h"' 'int main() { std::cout << 1; }'
+  write tests/parity/mirror_test.cpp '#include <nanovdb/util/OpenToNanoVDB.h>' 'auto h = nanovdb::openToNanoVDB(g);'
+}
+
+write() {  # write FILE LINE...
+  mkdir -p "$tree/$(dirname "$1")"
+  { echo "$licence"; printf '%s\n' "${@:2}"; } >"$tree/$1"
+}
+
+expect() {  # expect RULE FILE LINE...: a clean tree plus this file breaks exactly this rule, in this file
+  plant_clean_tree
+  write "${@:2}"
+  report "$1" "$2"
+}
+
+report() {  # report RULE FILE
+  local output code=0
+  output=$("$checker" "$tree") || code=$?
+  if ((code != 1)) || [[ $(wc -l <<<"$output") -ne 1 || $output != "$2:"*": $1: "* ]]; then
+    echo "FAILED: rule '$1' on $2: exit code $code, output: ${output:-nothing}"
+    failures=$((failures + 1))
+  fi
+}
+
+plant_clean_tree
+if ! output=$("$checker" "$tree"); then
+  echo "FAILED: the clean tree is reported: $output"
+  failures=$((failures + 1))
+fi
+
+for header in cuda_runtime.h nanovdb/NanoVDB.h tbb/task_arena.h pcl/point_types.h assimp/mesh.h openvdb/openvdb.h tsdf/map.h; do
+  rule=layer
+  [[ $header == nanovdb/* ]] && rule=nanovdb-once
+  expect "$rule" include/accessvdb/bad.h "#include <$header>"
+done
+for header in vector array Eigen/Core openvdb/openvdb.h tbb/task_arena.h cuda_runtime.h accessvdb/types.h launch/backend.h; do
+  expect layer nanovdb_kernels/hostdev/bad.h "#include <$header>"
+done
+for header in openvdb/openvdb.h accessvdb/tsdf_volume.h Eigen/Core cuda_runtime.h tsdf/map.h cuda/launch.cuh; do
+  expect layer nanovdb_kernels/cpu/bad.cpp "#include \"$header\""
+done
+for header in openvdb/openvdb.h Eigen/Core tbb/task_arena.h; do
+  expect layer nanovdb_kernels/cuda/bad.cu "#include <$header>"
+done
+for header in hostdev/views.h launch/backend.h pcl/point_types.h points/store.h; do
+  expect layer src/tsdf/bad.cpp "#include \"$header\""
+done
+for header in pcl/point_types.h assimp/mesh.h field/field.h; do
+  expect layer src/mirror/bad.cpp "#include \"$header\""
+done
+for header in openvdb/tree/Tree.h accessvdb/tsdf_volume.h cuda_runtime.h tsdf/map.h; do
+  expect layer src/points/bad.cpp "#include \"$header\""
+  expect layer src/tool/bad.cpp "#include \"$header\""
+done
+for header in hostdev/views.h launch/backend.h cuda_runtime.h field/field.h; do
+  expect layer src/io/bad.cpp "#include \"$header\""
+done
+for header in cuda_runtime.h pcl/point_types.h assimp/mesh.h sim/scene.h eval/oracle.h; do
+  expect layer src/field/bad.cpp "#include \"$header\""
+done
+for header in hostdev/views.h tsdf/map.h; do
+  expect layer src/eval/bad.cpp "#include \"$header\""
+done
+for header in tsdf/map.h hostdev/views.h openvdb/openvdb.h io/ply.h; do
+  expect layer tools/bad.cpp "#include \"$header\""
+done
+expect nanovdb-once src/mirror/bad.cpp '#include <nanovdb/util/GridBuilder.h>'
+expect assimp-once src/tool/other_reader.cpp '#include <assimp/Importer.hpp>'
+expect parent-folder src/points/bad.cpp '#include "../points/store.h"'
+expect unlisted src/points/bad.cpp '#include <boost/optional.hpp>'
+expect unknown-layer src/planner/bad.cpp '#include <vector>'
+expect conversion src/mirror/bad.cpp 'auto handle = nanovdb::openToNanoVDB(grid);'
+expect conversion src/field/bad.cpp 'auto handle = createNanoGrid(grid);'
+expect quiet-library src/io/bad.cpp 'void f() { std::exit(1); }'
+expect quiet-library src/io/bad.cpp 'void f() { abort(); }'
+expect quiet-library src/io/bad.cpp 'void f() { std::cerr << 1; }'
+expect quiet-library include/accessvdb/bad.h 'inline void f() { printf(""); }'
+for name in src/io/utils.h src/common src/io/ply_helpers.cpp include/accessvdb/manager.h tests/core; do
+  plant_clean_tree
+  mkdir -p "$tree/$name"
+  report name "$name"
+done
+plant_clean_tree
+mkdir -p "$tree/src/io"
+printf '#pragma once\n' >"$tree/src/io/bare.h"
+report licence src/io/bare.h
+
+((failures == 0)) || exit 1
+echo "every rule fires"

@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+# Configures and builds one preset of CMakePresets.json, with ccache and mold where they work, on as many jobs as the
+# memory carries: build_preset.sh ci
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+preset=${1:?usage: build_preset.sh PRESET}
+
+# Translation units with OpenVDB and PCL take up to 2 GB each.
+memory_kb=$(awk '/^MemAvailable:/ {print $2}' /proc/meminfo)
+if [[ -r /sys/fs/cgroup/memory.max ]]; then
+  limit=$(cat /sys/fs/cgroup/memory.max)
+  if [[ $limit != max ]] && ((limit / 1024 < memory_kb)); then memory_kb=$((limit / 1024)); fi
+fi
+jobs=$((memory_kb / (2 * 1024 * 1024)))
+((jobs >= 1)) || jobs=1
+((jobs <= $(nproc))) || jobs=$(nproc)
+
+# Empty values too, so that a launcher that has gone away does not live on in the cache.
+launcher=$(command -v ccache || true)
+linker=""
+if command -v mold >/dev/null && echo 'int main() {}' | c++ -fuse-ld=mold -x c++ - -o /dev/null 2>/dev/null; then
+  linker=-fuse-ld=mold
+fi
+export CCACHE_BASEDIR=$PWD
+
+cmake --preset "$preset" "-DCMAKE_CXX_COMPILER_LAUNCHER=$launcher" "-DCMAKE_EXE_LINKER_FLAGS=$linker" \
+  "-DCMAKE_SHARED_LINKER_FLAGS=$linker"
+cmake --build --preset "$preset" -j "$jobs"

@@ -1,0 +1,182 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "command_line.h"
+
+#include <toml++/toml.h>
+
+#include <algorithm>
+#include <cerrno>
+#include <charconv>
+#include <cstdio>
+#include <cstring>
+#include <fstream>
+#include <optional>
+#include <sstream>
+
+#include "accessvdb/config.h"
+#include "accessvdb/error.h"
+
+namespace accessvdb::tools {
+namespace {
+
+constexpr const char* kVerbs[] = {"map", "info", "query", "render"};
+
+std::string verbOf(const CLI::App& app) { return app.get_name().substr(app.get_name().find(' ') + 1); }
+
+[[noreturn]] void throwUsage(const CLI::App& app, std::string problem) {
+  while (!problem.empty() && (problem.back() == '.' || problem.back() == '\n')) problem.pop_back();
+  throw InvalidArgument("usage.option", verbOf(app), problem, "See accessvdb " + verbOf(app) + " --help");
+}
+
+/// A TOML value as the text that would have followed the flag; [1, 2, 3] stands for 1,2,3.
+std::optional<std::string> flagText(const toml::node& node) {
+  if (const auto* text = node.as_string()) return text->get();
+  if (const auto* array = node.as_array()) {
+    std::string joined;
+    for (const toml::node& element : *array) {
+      const auto part = flagText(element);
+      if (!part) return std::nullopt;
+      joined += (joined.empty() ? "" : ",") + *part;
+    }
+    return joined;
+  }
+  if (!node.is_integer() && !node.is_floating_point() && !node.is_boolean()) return std::nullopt;
+  std::ostringstream out;
+  out.imbue(std::locale::classic());
+  out.precision(17);
+  if (const auto* integer = node.as_integer()) out << integer->get();
+  if (const auto* real = node.as_floating_point()) out << real->get();
+  if (const auto* boolean = node.as_boolean()) out << (boolean->get() ? "true" : "false");
+  return out.str();
+}
+
+CLI::Option* findOption(CLI::App& app, const std::string& key) {
+  const bool refused = key == "config" || key == "print-config" || key == "help";
+  return refused ? nullptr : app.get_option_no_throw("--" + key);
+}
+
+void applyTable(CLI::App& app, const std::string& file, const toml::table& table, bool strict) {
+  for (const auto& [toml_key, node] : table) {
+    const std::string key(toml_key.str());
+    if (node.is_table()) {
+      if (std::find(std::begin(kVerbs), std::end(kVerbs), key) == std::end(kVerbs) || strict) {
+        throw InvalidArgument("config.table", file, "[" + key + "] is not a verb", "Use [" + verbOf(app) + "]");
+      }
+      continue;
+    }
+    CLI::Option* option = findOption(app, key);
+    if (option == nullptr) {
+      throw InvalidArgument("config.key", file, "\"" + key + "\" is not an option of accessvdb " + verbOf(app),
+                            "Keys are the flags without the dashes; see accessvdb " + verbOf(app) + " --help");
+    }
+    if (option->count() > 0) continue;  // a flag wins, and a key of [verb] wins over one of the top level
+    const auto text = flagText(node);
+    if (!text) throw InvalidArgument("config.value", file, "\"" + key + "\" has a value of the wrong kind");
+    try {
+      option->add_result(*text);
+      option->run_callback();
+    } catch (const CLI::ParseError& error) {
+      throw InvalidArgument("config.value", file, "\"" + key + "\": " + error.what());
+    }
+  }
+}
+
+void applyConfig(CLI::App& app, const std::string& file) {
+  std::ifstream in(file);
+  if (!in) {
+    throw InputError("config.unreadable", file, std::string("cannot be read: ") + std::strerror(errno),
+                     "Check the path");
+  }
+  toml::table table;
+  try {
+    table = toml::parse(in, file);
+  } catch (const toml::parse_error& error) {
+    std::ostringstream problem;
+    problem << "line " << error.source().begin.line << " is not TOML: " << error.description();
+    throw InvalidArgument("config.syntax", file, problem.str(), "Write key = value, texts in quotes");
+  }
+  if (const toml::table* own = table[verbOf(app)].as_table()) applyTable(app, file, *own, true);
+  applyTable(app, file, table, false);
+}
+
+}  // namespace
+
+void addCommonOptions(CLI::App& app, CommonOptions& options, const std::string& verb, const std::string& purpose,
+                      const std::string& example) {
+  app.name("accessvdb " + verb);
+  app.description(purpose);
+  app.footer("Example:\n  " + example);
+  app.add_option("--device", options.device, "where scoring runs: auto, cpu or cuda")->capture_default_str();
+  app.add_option("--threads", options.threads, "threads to use; 0 = all")->capture_default_str();
+  app.add_option("--config", options.config, "TOML file with the same names as the flags; flags win");
+  app.add_flag("--quiet", options.quiet, "only errors and warnings on stderr");
+  app.add_option("--error-format", options.error_format, "how stderr is written: text or json")->capture_default_str();
+}
+
+bool parseCommandLine(CLI::App& app, const Arguments& arguments, const CommonOptions& options, Messages& messages) {
+  try {
+    app.parse(Arguments(arguments.rbegin(), arguments.rend()));
+  } catch (const CLI::CallForHelp&) {
+    printData(app.help());
+    return false;
+  } catch (const CLI::ParseError& error) {
+    throwUsage(app, error.what());
+  }
+  if (!options.config.empty()) applyConfig(app, options.config);
+  messages.setQuiet(options.quiet);
+  return true;
+}
+
+void checkCommonOptions(const CommonOptions& options) {
+  if (options.device != "auto" && options.device != "cpu" && options.device != "cuda") {
+    throw InvalidArgument("usage.device", "--device", "\"" + options.device + "\" is not a device",
+                          "Use auto, cpu or cuda");
+  }
+  if (options.threads < 0) throw InvalidArgument("usage.threads", "--threads", "cannot be negative", "Use 0 for all");
+  if (options.error_format != "text" && options.error_format != "json") {
+    throw InvalidArgument("usage.error_format", "--error-format", "\"" + options.error_format + "\" is not a format",
+                          "Use text or json");
+  }
+#ifndef ACCESSVDB_HAS_CUDA
+  if (options.device == "cuda") {
+    throw DeviceError("device.not_built", "cuda", "this program was built without CUDA", "Use --device auto or cpu");
+  }
+#endif
+}
+
+std::string effectiveConfig(const CLI::App& app) {
+  toml::table values;
+  for (const CLI::Option* option : app.get_options()) {
+    const std::string name = option->get_single_name();
+    if (option->get_lnames().empty() || name == "help" || name == "config" || name == "print-config") continue;
+    if (option->get_expected_max() == 0) {
+      values.insert(name, option->count() > 0 && option->as<bool>());
+      continue;
+    }
+    const std::string text = option->count() > 0 ? option->results().front() : option->get_default_str();
+    if (text.empty()) continue;
+    std::int64_t integer = 0;
+    double real = 0;
+    const char* end = text.data() + text.size();
+    if (auto parsed = std::from_chars(text.data(), end, integer); parsed.ec == std::errc() && parsed.ptr == end) {
+      values.insert(name, integer);
+    } else if (auto number = std::from_chars(text.data(), end, real); number.ec == std::errc() && number.ptr == end) {
+      values.insert(name, real);
+    } else {
+      values.insert(name, text);
+    }
+  }
+  std::ostringstream out;
+  out << "[" << verbOf(app) << "]\n" << values << "\n";
+  return out.str();
+}
+
+void printData(const std::string& text) {
+  const bool written = std::fwrite(text.data(), 1, text.size(), stdout) == text.size();
+  if (!written || std::fflush(stdout) != 0) {
+    throw OutputError("output.stdout", "standard output", std::string("cannot be written: ") + std::strerror(errno),
+                      "Free some space or write elsewhere");
+  }
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,35 @@
+#!/usr/bin/env bash
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+# Installs what is missing, builds, makes sample scans of a walk past trees and computes which of their surfaces a pruner
+# can reach. Everything lands below out/demo; run it again as often as you like.
+set -euo pipefail
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+out=out/demo
+bin=build/release/bin
+
+./tools/setup_debian.sh
+./tools/build_preset.sh release >&2
+
+# Scans of the last run are good if the settings and the program that made them are the same.
+settings="--frames 40 --rays 20000 --seed 1 --range-noise 0.01"
+stamp=$out/sample_scans.stamp
+wanted="$settings $(cksum <"$bin/make_sample_scans")"
+if [[ ! -f $stamp || $(<"$stamp") != "$wanted" ]]; then
+  rm -rf "$out/scans" "$stamp"
+  mkdir -p "$out"
+  # shellcheck disable=SC2086  # the settings are several words on purpose
+  "$bin/make_sample_scans" --out "$out/scans" $settings >&2
+  echo "$wanted" >"$stamp"
+fi
+
+"$bin/accessvdb" map --scans "$out/scans" --poses "$out/scans/poses.txt" --tool builtin:pruner --voxel 0.05 --out "$out/field"
+
+cat <<END
+
+Done. Open these:
+  picture                       $PWD/$out/field/preview.png
+  Blender, Houdini, ParaView    $PWD/$out/field/field.vdb
+  CloudCompare, MeshLab         $PWD/$out/field/points.ply
+  counts, timing, parameters    $PWD/$out/field/report.json
+END

@@ -1,0 +1,137 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb info: what is inside a .vdb file or an output folder.
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "command_line.h"
+#include "options.h"
+#include "verbs.h"
+
+namespace accessvdb::tools {
+namespace {
+
+using Json = nlohmann::ordered_json;
+namespace fs = std::filesystem;
+
+Json jsonPairs(const std::vector<std::pair<std::string, std::string>>& pairs) {
+  Json json = Json::object();
+  for (const auto& [key, value] : pairs) json[key] = value;
+  return json;
+}
+
+Json describeVdb(const fs::path& path) {
+  const io::VdbSummary summary = io::summarizeVdb(path);
+  Json grids = Json::array();
+  for (const io::GridSummary& grid : summary.grids) {
+    const Eigen::Vector3d& v = grid.voxel_size_m;
+    grids.push_back({{"name", grid.name},
+                     {"type", grid.type},
+                     {"class", grid.grid_class},
+                     {"active_voxels", grid.active_voxels},
+                     {"leaves", grid.leaves},
+                     {"bytes", grid.bytes},
+                     {"min_ijk", grid.min_ijk},
+                     {"max_ijk", grid.max_ijk},
+                     {"voxel_size_m", {v.x(), v.y(), v.z()}},
+                     {"metadata", jsonPairs(grid.metadata)}});
+  }
+  return {{"path", path.string()},
+          {"creator", summary.creator},
+          {"metadata", jsonPairs(summary.metadata)},
+          {"grids", grids}};
+}
+
+/// The counts of an output folder: of its report where there is one.
+Json describeReport(const fs::path& path) {
+  std::ifstream in(path);
+  const Json report = Json::parse(in, nullptr, false);
+  if (report.is_discarded() || !report.is_object()) {
+    throw InputError("input.report", path.string(), "is not valid JSON", "Run accessvdb map again");
+  }
+  return report;
+}
+
+std::string text(const Json& value) { return printable(value.is_string() ? value.get<std::string>() : value.dump()); }
+
+std::string wordsOfVdb(const Json& vdb) {
+  std::string words = text(vdb["path"]) + "\n";
+  if (!vdb["creator"].get<std::string>().empty()) words += "  creator: " + text(vdb["creator"]) + "\n";
+  for (const auto& [key, value] : vdb["metadata"].items()) words += "  " + printable(key) + ": " + text(value) + "\n";
+  if (vdb["grids"].empty()) words += "  no grids\n";
+  for (const Json& grid : vdb["grids"]) {
+    words += "  grid " + text(grid["name"]) + ": " + text(grid["type"]) + ", class " + text(grid["class"]) + ", " +
+             text(grid["active_voxels"]) + " active voxels, " + text(grid["leaves"]) + " leaves, " +
+             bytesInWords(grid["bytes"].get<double>()) + ", voxel " +
+             numberText(grid["voxel_size_m"][0].get<double>()) + " m";
+    if (grid["active_voxels"].get<std::uint64_t>() > 0)
+      words += ", voxels " + text(grid["min_ijk"]) + " to " + text(grid["max_ijk"]);
+    words += "\n";
+    for (const auto& [key, value] : grid["metadata"].items()) {
+      // Where every grid carries the file's metadata, saying it once is enough.
+      if (!vdb["metadata"].contains(key)) words += "    " + printable(key) + ": " + text(value) + "\n";
+    }
+  }
+  return words;
+}
+
+std::string wordsOfReport(const Json& report) {
+  std::string words = "report.json\n";
+  for (const char* key : {"version", "exit_code", "device"}) {
+    if (report.contains(key)) words += std::string("  ") + key + ": " + text(report[key]) + "\n";
+  }
+  if (report.contains("counts") && report["counts"].is_object()) {
+    for (const auto& [key, value] : report["counts"].items())
+      words += "  " + printable(key) + ": " + text(value) + "\n";
+  }
+  return words;
+}
+
+}  // namespace
+
+int runInfo(const Arguments& arguments, Messages& messages) {
+  CommonOptions common;
+  std::string path;
+  bool json = false;
+  CLI::App app;
+  addCommonOptions(app, common, "info", "Tells what is inside a .vdb file or an output folder of accessvdb map.",
+                   "accessvdb info out/ --json");
+  app.add_option("path", path, "FILE.vdb or DIR");
+  app.add_flag("--json", json, "as JSON");
+  if (!parseCommandLine(app, arguments, common, messages)) return 0;
+  checkCommonOptions(common);
+
+  if (path.empty())
+    throw InvalidArgument("usage.missing", "info", "needs FILE.vdb or DIR", "See accessvdb info --help");
+  Json result;
+  std::error_code status;
+  if (!fs::is_directory(path, status)) {
+    result = describeVdb(path);
+    printData(json ? result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n" : wordsOfVdb(result));
+    return 0;
+  }
+  const fs::path folder = path;
+  result = {{"path", path}, {"report", nullptr}, {"files", Json::array()}};
+  std::string words;
+  if (fs::exists(folder / "report.json", status)) {
+    result["report"] = describeReport(folder / "report.json");
+    words += wordsOfReport(result["report"]);
+  }
+  for (const char* file : {"field.vdb", "field_points.vdb"}) {
+    if (!fs::exists(folder / file, status)) continue;
+    result["files"].push_back(describeVdb(folder / file));
+    words += wordsOfVdb(result["files"].back());
+  }
+  if (words.empty()) {
+    throw InputError("input.no_field", path, "the folder holds neither field.vdb nor report.json",
+                     "Name the --out folder of accessvdb map, or a .vdb file");
+  }
+  printData(json ? result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n" : words);
+  return 0;
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,256 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb map: the main job, from files to files.
+#include <chrono>
+#include <csignal>
+#include <filesystem>
+#include <set>
+#include <sstream>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/render.h"
+#include "map_options.h"
+#include "memory_check.h"
+#include "plausibility.h"
+#include "progress.h"
+#include "report.h"
+#include "run_summary.h"
+#include "stop_signal.h"
+#include "verbs.h"
+
+namespace accessvdb::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+constexpr const char* kOutputs[] = {"field.vdb", "field_points.vdb", "points.ply", "preview.png", "report.json"};
+
+double millisecondsSince(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+/// One run; its report is complete at every moment, so that it can be written whatever happens.
+class MapRun {
+ public:
+  MapRun(const MapOptions& options, Messages& messages) : options_(options), messages_(messages) {}
+
+  /// @return 0, or 128 + the signal that stopped it
+  int run();
+  /// As far as the run came. Says nothing and keeps what is there where it may not or cannot write.
+  void reportFailure(const Failure& failure);
+
+ private:
+  void claimOutputFolder();
+  void hashInput(const fs::path& path);
+  void setParameters(const FieldParams& params);
+  void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
+  void integrate(const io::ScanRecord& record, AccessibilityField& field);
+  void update(AccessibilityField& field);
+  void finish(io::ScanSequence& scans, const AccessibilityField& field);
+
+  const MapOptions& options_;
+  Messages& messages_;
+  RunReport report_;
+  SceneStatistics scene_;
+  std::set<std::string> hashed_;
+  std::uint64_t truncated_points_ = 0;
+  bool refused_ = false;  // the outputs that are there must stay
+  Clock::time_point start_ = Clock::now();
+};
+
+void MapRun::claimOutputFolder() {
+  const fs::path out = options_.out;
+  if (options_.no_clobber) {
+    for (const char* file : kOutputs) {
+      std::error_code status;
+      if (!fs::exists(fs::symlink_status(out / file, status))) continue;
+      refused_ = true;
+      throw OutputError("output.exists", (out / file).string(), "exists, and --no-clobber was given",
+                        "Choose another --out folder");
+    }
+  }
+  io::prepareOutputFolder(out);
+}
+
+void MapRun::hashInput(const fs::path& path) {
+  std::error_code status;
+  if (path.empty() || !fs::is_regular_file(path, status) || !hashed_.insert(path.string()).second) return;
+  report_.inputs.push_back({path.string(), io::sha256OfFile(path)});
+}
+
+void MapRun::setParameters(const FieldParams& params) {
+  report_.parameters = {{"scans", options_.scans},
+                        {"poses", options_.poses},
+                        {"pose_format", options_.pose_format},
+                        {"tool", options_.tool.tool},
+                        {"tool_unit", options_.tool.unit},
+                        {"tool_tip", options_.tool.tip},
+                        {"tool_axis", options_.tool.axis},
+                        {"tool_up", options_.tool.up},
+                        {"profile", options_.profile},
+                        {"every", std::to_string(options_.every)},
+                        {"update_every", std::to_string(options_.update_every)}};
+  std::istringstream lines(params.describe());
+  for (std::string line; std::getline(lines, line);) {
+    const auto space = line.find(' ');
+    if (space != std::string::npos) report_.parameters.emplace_back(line.substr(0, space), line.substr(space + 1));
+  }
+}
+
+void MapRun::integrate(const io::ScanRecord& record, AccessibilityField& field) {
+  const FrameStats stats = record.points_W.empty() ? field.integrateScan(record.points_S, record.T_W_S)
+                                                   : field.integrateRays(record.points_W, record.origins_W);
+  scene_.add(record);
+  report_.add(stats);
+  report_.integrate.add(stats.integrate_ms);
+  report_.mirror.add(stats.mirror_ms);
+  truncated_points_ += record.truncated_points;
+  ++report_.scans;
+}
+
+void MapRun::update(AccessibilityField& field) {
+  const UpdateStats stats = field.update();
+  report_.update.add(stats.update_ms);
+  report_.score.add(stats.score_ms);
+}
+
+void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
+  Progress progress(messages_, "fusing scans", scans.size());
+  bool fresh = false;  // integrated since the last update
+  for (std::size_t step = 0; step < scans.size() && stopSignal() == 0; ++step) {
+    const io::ScanRecord record = scans.read(step);
+    const auto begin = Clock::now();
+    integrate(record, field);
+    fresh = true;
+    if (options_.update_every > 0 && report_.scans % static_cast<std::uint64_t>(options_.update_every) == 0) {
+      update(field);
+      fresh = false;
+    }
+    report_.frame.add(millisecondsSince(begin));
+    hashInput(record.path);
+    progress.show(step + 1, fs::path(record.path).filename().string());
+  }
+  progress.finish();
+  if (fresh) {
+    if (!messages_.quiet() && options_.update_every == 0) messages_.notice("scoring the surface points");
+    update(field);
+  }
+}
+
+void MapRun::finish(io::ScanSequence& scans, const AccessibilityField& field) {
+  const fs::path out = options_.out;
+  if (stopSignal() == 0) {
+    for (const std::string& path : scans.paths()) hashInput(path);
+  }
+  report_.memory = field.memoryUse();
+  const FieldSnapshot snapshot = field.snapshot();
+  report_.surface_points = snapshot.points.size();
+  for (const PointLabel label : {PointLabel::Unscored, PointLabel::Accessible, PointLabel::Blocked}) {
+    report_.labels[static_cast<int>(label)] = snapshot.count(label);
+  }
+  report_.reasons = snapshot.reasons();
+  if (truncated_points_ > 0) {
+    messages_.warning("input.truncated",
+                      std::to_string(truncated_points_) + " points that the files promise are missing");
+  }
+
+  field.write(out);
+  io::renderField(out / "preview.png", snapshot, renderOptions(options_.picture));
+
+  RunFacts facts{report_, scene_, {}, field.origin_W(), snapshot.voxel_size_m};
+  for (const SurfacePoint& point : snapshot.points) facts.surface_W.extend(point.position_W);
+  facts.tool_size_m = (field.tool().max_T() - field.tool().min_T()).cast<double>();
+  facts.tool_reach_m = field.tool().reach_m();
+  facts.tool_share_hidden = field.toolShareHidden();
+  for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
+  messages_.notice(toolInWords(field.tool(), options_.tool));
+  for (const Warning& warning : findImplausible(facts)) messages_.warning(warning.id, warning.text);
+  messages_.notice("done in " + numberText(millisecondsSince(start_) / 1000) +
+                   " s; wrote field.vdb, field_points.vdb, " + "points.ply, preview.png and report.json into " +
+                   out.string());
+}
+
+int MapRun::run() {
+  checkMapOptions(options_);
+  setParameters(fieldParams(options_));
+  claimOutputFolder();
+  watchStopSignals();
+
+  const ToolGeometry tool = loadTool(options_.tool);
+  hashInput(options_.tool.tool);
+  for (const std::string& note : tool.notes()) messages_.notice("tool: " + note);
+  messages_.notice(toolInWords(tool, options_.tool));
+  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options_));
+  for (const fs::path path : {options_.poses, options_.calib, options_.common.config}) hashInput(path);
+  for (const std::string& note : scans.notices()) messages_.notice(note);
+
+  const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
+  setParameters(params);
+  report_.predicted_bytes = checkMemory(options_, scans, messages_);
+  AccessibilityField field(tool, params);
+  report_.device = field.deviceName();
+  integrateAll(scans, field);
+
+  const int signal = stopSignal();
+  if (signal != 0) {
+    messages_.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") + " after " +
+                     std::to_string(report_.scans) + " of " + std::to_string(scans.size()) + " scans" +
+                     (report_.points_used > 0 ? "; saving what was finished" : "; nothing to save"));
+  }
+  if (report_.points_used > 0) {
+    finish(scans, field);
+  } else if (signal == 0) {
+    throw UnusableInput("scans.no_returns", options_.scans,
+                        "not one of the " + std::to_string(report_.points_in) + " returns in " +
+                            std::to_string(report_.scans) + " scans can be used (" + droppedInWords(report_) + ")",
+                        "Check the scans, --min-range and --max-range");
+  }
+  report_.exit_code = signal == 0 ? 0 : 128 + signal;
+  writeReport(fs::path(options_.out) / "report.json", report_, messages_);
+  return report_.exit_code;
+}
+
+void MapRun::reportFailure(const Failure& failure) {
+  if (options_.out.empty() || refused_) return;
+  report_.exit_code = failure.exit_code;
+  report_.failure = failure;
+  const fs::path path = fs::path(options_.out) / "report.json";
+  try {
+    if (options_.no_clobber && fs::exists(path)) return;
+    io::prepareOutputFolder(options_.out);
+    writeReport(path, report_, messages_);
+  } catch (const std::exception&) {
+    // The failure itself is what the user has to hear about; an unwritable folder is often that very failure.
+  }
+}
+
+}  // namespace
+
+int runMap(const Arguments& arguments, Messages& messages) {
+  MapOptions options;
+  CLI::App app;
+  addMapOptions(app, options);
+  if (!parseCommandLine(app, arguments, options.common, messages)) return 0;
+  if (options.print_config) {
+    checkCommonOptions(options.common);
+    std::string text =
+        "# accessvdb map: effective configuration, readable by --config\n" + effectiveConfig(app) +
+        "\n# What follows from it, rules applied (a range noise recorded beside the scans changes it):\n";
+    std::istringstream lines(fieldParams(options).describe());
+    for (std::string line; std::getline(lines, line);) text += "#   " + line + "\n";
+    printData(text);
+    return 0;
+  }
+  MapRun run(options, messages);
+  try {
+    return run.run();
+  } catch (const std::exception& error) {
+    run.reportFailure(describeFailure(error));
+    throw;
+  }
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,134 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "map_options.h"
+
+#include <array>
+#include <tuple>
+#include <utility>
+
+#include "accessvdb/error.h"
+
+namespace accessvdb::tools {
+namespace {
+
+template <typename Value, std::size_t kCount>
+Value chooseWord(const std::string& flag, const std::string& word,
+                 const std::array<std::pair<const char*, Value>, kCount>& words) {
+  std::string list;
+  for (const auto& [name, value] : words) {
+    if (word == name) return value;
+    list += (list.empty() ? "" : ", ") + std::string(name);
+  }
+  throw InvalidArgument("usage.word", flag, "\"" + word + "\" is not known", "Use one of " + list);
+}
+
+constexpr std::array<std::pair<const char*, io::PoseFormat>, 6> kPoseFormats = {
+    {{"auto", io::PoseFormat::Auto},
+     {"tum", io::PoseFormat::Tum},
+     {"kitti", io::PoseFormat::Kitti},
+     {"balm", io::PoseFormat::Balm},
+     {"hba", io::PoseFormat::Hba},
+     {"viewpoint", io::PoseFormat::Viewpoint}}};
+constexpr std::array<std::pair<const char*, Profile>, 2> kProfiles = {
+    {{"product", Profile::Product}, {"paper", Profile::Paper}}};
+constexpr std::array<std::pair<const char*, UpdatePolicy>, 2> kPolicies = {
+    {{"exact", UpdatePolicy::Exact}, {"paper", UpdatePolicy::Paper}}};
+constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
+    {{"auto", BackendKind::Auto}, {"cpu", BackendKind::Cpu}, {"cuda", BackendKind::Cuda}}};
+
+}  // namespace
+
+void addMapOptions(CLI::App& app, MapOptions& options) {
+  addCommonOptions(
+      app, options.common, "map", "Scans + poses + tool -> accessibility field.",
+      "accessvdb map --scans scans/ --poses poses.txt --tool pruner.stl --tool-unit mm --voxel 0.02 --out out/\n"
+      "  accessvdb map --scans cloud.ply --sensor-at 0,0,1.5 --tool builtin:pencil --out out/");
+  app.add_option("--scans", options.scans, "folder of .pcd, .ply, .bin or .las scans, or one file");
+  app.add_option("--poses", options.poses,
+                 "pose file; may be left out for VIEWPOINT poses, ray clouds and --sensor-at");
+  app.add_option("--pose-format", options.pose_format, "auto, tum, kitti, balm, hba or viewpoint")
+      ->capture_default_str();
+  app.add_option("--calib", options.calib, "KITTI calib.txt, where poses are of the camera");
+  app.add_option("--sensor-at", options.sensor_at, "X,Y,Z of the one sensor position of one cloud in the world frame");
+  addToolOptions(app, options.tool);
+  app.add_option("--voxel", options.voxel_m, "edge of a voxel in metres")->capture_default_str();
+  app.add_option("--out", options.out, "folder for field.vdb, field_points.vdb, points.ply, report.json, preview.png");
+  app.add_option("--min-range", options.min_range_m, "drop returns nearer than this, metres");
+  app.add_option("--max-range", options.max_range_m, "drop returns beyond this, metres");
+  app.add_option("--range-noise", options.range_noise_m,
+                 "sigma of the sensor's range noise, metres; default: recorded beside the scans, else 0.02");
+  app.add_option("--tau", options.tau, "truncation distance in metres, or in voxels (4v)");
+  app.add_option("--profile", options.profile, "product or paper")->capture_default_str();
+  app.add_option("--policy", options.policy, "how points to re-score are chosen: exact or paper");
+  app.add_option("--directions", options.directions, "approach directions over 360 degrees, 4 .. 256");
+  app.add_option("--knn", options.knn, "neighbours of a normal; default by rule");
+  app.add_option("--corridor", options.corridor_m, "length of the straight corridor that must be free, metres");
+  app.add_option("--every", options.every, "use every n-th scan")->capture_default_str();
+  app.add_option("--update-every", options.update_every, "score every n scans; 0 = once at the end")
+      ->capture_default_str();
+  app.add_option("--max-memory", options.max_memory, "most memory to use, for example 2G or 500M");
+  app.add_flag("--allow-truncated", options.allow_truncated, "keep the complete records of truncated files");
+  app.add_flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
+  app.add_flag("--no-clobber", options.no_clobber, "refuse to write over existing outputs");
+  addPictureOptions(app, options.picture);
+  app.add_flag("--print-config", options.print_config, "print the effective configuration as TOML and end");
+}
+
+void checkMapOptions(const MapOptions& options) {
+  checkCommonOptions(options.common);
+  for (const auto& [flag, value, what] :
+       {std::tuple{"--scans", options.scans, "a folder of scans or one file"},
+        std::tuple{"--tool", options.tool.tool, "a mesh, builtin:pencil or builtin:pruner"},
+        std::tuple{"--out", options.out, "the folder for the results"}}) {
+    if (value.empty()) throw InvalidArgument("usage.missing", flag, "is missing", std::string("Name ") + what);
+  }
+  if (options.every < 1) throw InvalidArgument("usage.every", "--every", "must be 1 or more");
+  if (options.update_every < 0) throw InvalidArgument("usage.update_every", "--update-every", "cannot be negative");
+  if (!options.max_memory.empty()) (void)parseBytes("--max-memory", options.max_memory);
+  (void)scanInputOptions(options);
+  (void)renderOptions(options.picture);
+  (void)fieldParams(options);
+}
+
+io::ScanInputOptions scanInputOptions(const MapOptions& options) {
+  io::ScanInputOptions input;
+  input.scans = options.scans;
+  input.poses = options.poses;
+  input.pose_format = chooseWord("--pose-format", options.pose_format, kPoseFormats);
+  input.calib = options.calib;
+  if (!options.sensor_at.empty()) input.sensor_at_W = parseVector("--sensor-at", options.sensor_at);
+  input.every = options.every;
+  input.allow_truncated = options.allow_truncated;
+  input.sort_poses = options.sort_poses;
+  return input;
+}
+
+FieldParams fieldParams(const MapOptions& options, std::optional<double> recorded_noise_m) {
+  // Checked here although the library checks it again: everything below is derived from it.
+  if (!(options.voxel_m > 0)) {
+    throw InvalidArgument("usage.voxel", "--voxel", "must be a positive length in metres", "Use for example 0.01");
+  }
+  FieldParams params;
+  if (chooseWord("--profile", options.profile, kProfiles) == Profile::Paper)
+    params = FieldParams::paper(options.voxel_m);
+  params.tsdf.voxel_size_m = options.voxel_m;
+  if (recorded_noise_m) params.tsdf.range_noise_m = *recorded_noise_m;
+  if (options.range_noise_m) params.tsdf.range_noise_m = *options.range_noise_m;
+  if (!options.tau.empty()) {
+    params.tsdf.truncation_distance_m = parseLength_m("--tau", options.tau, options.voxel_m);
+    if (!(params.tsdf.truncation_distance_m > 0)) {
+      throw InvalidArgument("usage.tau", "--tau", "must be positive", "Leave it out for the rule");
+    }
+  }
+  if (options.min_range_m) params.tsdf.min_range_m = *options.min_range_m;
+  if (options.max_range_m) params.tsdf.max_range_m = *options.max_range_m;
+  if (options.directions) params.approach.num_directions = *options.directions;
+  if (options.corridor_m) params.approach.corridor_length_m = *options.corridor_m;
+  if (options.knn) params.scoring.neighbours = *options.knn;
+  if (!options.policy.empty()) params.update.policy = chooseWord("--policy", options.policy, kPolicies);
+  params.backend = chooseWord("--device", options.common.device, kDevices);
+  params.threads = options.common.threads;
+  return params.resolved();
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,41 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The flags of `map` and what they mean to the library.
+#pragma once
+
+#include <optional>
+#include <string>
+
+#include "accessvdb/params.h"
+#include "accessvdb/scan_io.h"
+#include "command_line.h"
+#include "options.h"
+
+namespace accessvdb::tools {
+
+struct MapOptions {
+  CommonOptions common;
+  ToolOptions tool;
+  PictureOptions picture;
+  std::string scans, poses, out, calib, sensor_at, tau, max_memory;
+  std::string pose_format = "auto", profile = "product", policy;
+  double voxel_m = 0.01;
+  std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
+  std::optional<int> directions, knn;
+  int every = 1, update_every = 0;
+  bool allow_truncated = false, sort_poses = false, no_clobber = false, print_config = false;
+};
+
+void addMapOptions(CLI::App& app, MapOptions& options);
+
+/// What can be told to be wrong from the flags alone. @throws InvalidArgument, DeviceError
+void checkMapOptions(const MapOptions& options);
+
+/// @throws InvalidArgument
+[[nodiscard]] io::ScanInputOptions scanInputOptions(const MapOptions& options);
+
+/// Resolved parameters. Range noise: the flag, else what was recorded beside the scans, else the library's default.
+/// @throws InvalidArgument
+[[nodiscard]] FieldParams fieldParams(const MapOptions& options, std::optional<double> recorded_noise_m = {});
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,136 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "memory_check.h"
+
+#include <algorithm>
+#include <cmath>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "memory_prediction.h"
+#include "progress.h"
+#include "stop_signal.h"
+
+namespace accessvdb::tools {
+namespace {
+
+constexpr double kReturnsWithoutLimit = 5e6;   // about two seconds of prediction
+constexpr std::size_t kReturnsKept = 200'000;  // for trying other voxel sizes without reading again
+constexpr double kVoxelMax_m = 10;             // the library's own bound
+constexpr double kVoxelStep = 1.25;
+
+using Ray = std::pair<Eigen::Vector3f, Eigen::Vector3f>;  // sensor and return, relative to the first sensor position
+
+/// An evenly spread part of all rays, of bounded size: when full, every other one goes.
+class RaySample {
+ public:
+  void add(const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L) {
+    if (count_++ % stride_ != 0) return;
+    rays_.emplace_back(o_L.cast<float>(), p_L.cast<float>());
+    if (rays_.size() < kReturnsKept) return;
+    for (std::size_t i = 0; 2 * i < rays_.size(); ++i) rays_[i] = rays_[2 * i];
+    rays_.resize(rays_.size() / 2);
+    stride_ *= 2;
+  }
+  [[nodiscard]] double predictedBytes(const TsdfParams& params) const {
+    MemoryPredictor predictor(params);
+    for (const auto& [o_L, p_L] : rays_) predictor.add(o_L.cast<double>(), p_L.cast<double>());
+    return predictor.prediction().bytes();
+  }
+
+ private:
+  std::vector<Ray> rays_;
+  std::uint64_t count_ = 0, stride_ = 1;
+};
+
+/// Feeds every return of a record to `use`, relative to the first sensor position.
+class LocalRays {
+ public:
+  template <typename Use>
+  void each(const io::ScanRecord& record, Use use) {
+    const auto one = [&](const Eigen::Vector3d& o_W, const Eigen::Vector3d& p_W) {
+      if (!p_W.allFinite() || !o_W.allFinite()) return;
+      if (!origin_W_) origin_W_ = o_W;
+      use(Eigen::Vector3d(o_W - *origin_W_), Eigen::Vector3d(p_W - *origin_W_));
+    };
+    for (std::size_t i = 0; i < record.points_W.size(); ++i) {
+      one(record.origins_W.size() == 1 ? record.origins_W[0] : record.origins_W.at(i), record.points_W[i]);
+    }
+    for (const Eigen::Vector3f& p_S : record.points_S) {
+      if (!p_S.isZero(0)) one(record.T_W_S.translation(), record.T_W_S * p_S.cast<double>());
+    }
+  }
+
+ private:
+  std::optional<Eigen::Vector3d> origin_W_;
+};
+
+/// Two digits, rounded up, so that the advice fits for certain.
+double roundedUp(double value) {
+  const double unit = std::pow(10.0, std::floor(std::log10(value)) - 1);
+  return std::ceil(value / unit - 1e-9) * unit;
+}
+
+double smallestFittingVoxel_m(MapOptions options, std::optional<double> noise_m, const RaySample& sample,
+                              double predicted, double limit) {
+  const double start_m = options.voxel_m;
+  // The sample meets fewer leaves than all rays do; the ratio at the asked voxel size corrects for that.
+  const double ratio = predicted / sample.predictedBytes(fieldParams(options, noise_m).tsdf);
+  const auto fits = [&](double voxel_m) {
+    options.voxel_m = voxel_m;
+    return ratio * sample.predictedBytes(fieldParams(options, noise_m).tsdf) <= limit;
+  };
+  double low_m = start_m, high_m = start_m * kVoxelStep;
+  while (high_m < kVoxelMax_m && !fits(high_m)) low_m = std::exchange(high_m, high_m * kVoxelStep);
+  if (high_m >= kVoxelMax_m) return 0;
+  for (int step = 0; step < 3; ++step) {
+    const double middle_m = std::sqrt(low_m * high_m);
+    (fits(middle_m) ? high_m : low_m) = middle_m;
+  }
+  return roundedUp(high_m);
+}
+
+}  // namespace
+
+std::optional<std::uint64_t> checkMemory(const MapOptions& options, io::ScanSequence& scans, Messages& messages) {
+  const std::optional<double> noise_m = scans.recordedRangeNoise_m();
+  const bool limited = !options.max_memory.empty();
+  MemoryPredictor predictor(fieldParams(options, noise_m).tsdf);
+  RaySample sample;
+  LocalRays rays;
+  std::size_t stride = 1;
+  Progress progress(messages, "predicting memory", scans.size());
+  for (std::size_t step = 0; step < scans.size(); step += stride) {
+    if (stopSignal() != 0) return std::nullopt;
+    const io::ScanRecord record = scans.read(step);
+    rays.each(record, [&](const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L) {
+      predictor.add(o_L, p_L);
+      sample.add(o_L, p_L);
+    });
+    if (step == 0 && !limited) {
+      const double all =
+          static_cast<double>(record.points_S.size() + record.points_W.size()) * static_cast<double>(scans.size());
+      stride = static_cast<std::size_t>(std::max(1.0, std::ceil(all / kReturnsWithoutLimit)));
+    }
+    progress.show(std::min(step + stride, scans.size()));
+  }
+  progress.finish();
+
+  const double predicted = predictor.prediction().bytes();
+  const std::optional<std::uint64_t> available = availableMemoryBytes();
+  messages.notice("predicted peak memory: " + std::string(stride > 1 ? "at least " : "") + bytesInWords(predicted) +
+                  (available ? ", available " + bytesInWords(static_cast<double>(*available)) : std::string()));
+  const double limit = limited     ? static_cast<double>(parseBytes("--max-memory", options.max_memory))
+                       : available ? static_cast<double>(*available)
+                                   : predicted;
+  if (predicted > limit) {
+    const double voxel_m = smallestFittingVoxel_m(options, noise_m, sample, predicted, limit);
+    throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
+                        "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
+                        voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits"
+                                    : "No voxel size fits: allow more memory");
+  }
+  return static_cast<std::uint64_t>(predicted);
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,153 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "memory_prediction.h"
+
+#include <algorithm>
+#include <cmath>
+#include <fstream>
+#include <limits>
+#include <string>
+
+namespace accessvdb::tools {
+namespace {
+
+// Bytes a thing at the peak of a run. calibrated by: computed from the layouts, then checked against host_peak_bytes.
+constexpr double kConeLeafBytes = 2300;    // authored leaf with distances and weights, tree included
+constexpr double kBandLeafBytes = 300;     // authored leaf with cleared flags only
+constexpr double kMirrorLeafBytes = 400;   // NanoVDB leaf of the mirror, slack of its growth included
+constexpr double kPointBytes = 400;        // a surface point on host and device side, with its neighbour search
+constexpr double kExportLeafBytes = 2200;  // one float grid copied at a time while field.vdb is written
+constexpr double kFixedBytes = 150e6;      // program, libraries, tool tables, one scan
+
+constexpr double kLeafVoxels = 8;
+// The cone and the band are cut into slabs this thick along the ray; thinner costs time, thicker counts corners.
+constexpr double kSlabVoxels = 2.5;
+// Makes truncation of a coordinate a floor, for every coordinate that the map can hold.
+constexpr double kOffset = 1099511627776.0;  // 2^40
+
+std::uint64_t mix(std::uint64_t x) {  // finaliser of splitmix64
+  x = (x ^ (x >> 30)) * 0xbf58476d1ce4e5b9ULL;
+  x = (x ^ (x >> 27)) * 0x94d049bb133111ebULL;
+  return x ^ (x >> 31);
+}
+
+std::int64_t cell(double x) { return static_cast<std::int64_t>(x + kOffset); }
+
+std::uint64_t hashOf(std::int64_t x, std::int64_t y, std::int64_t z) {
+  return mix(static_cast<std::uint64_t>(x) * 0x9e3779b97f4a7c15ULL +
+             static_cast<std::uint64_t>(y) * 0xc2b2ae3d27d4eb4fULL +
+             static_cast<std::uint64_t>(z) * 0x165667b19e3779f9ULL);
+}
+
+std::optional<std::uint64_t> readNumber(const char* path) {
+  std::ifstream in(path);
+  std::uint64_t value = 0;
+  if (in >> value) return value;
+  return std::nullopt;
+}
+
+}  // namespace
+
+void DistinctCounter::merge(const DistinctCounter& other) {
+  for (std::size_t i = 0; i < registers_.size(); ++i) registers_[i] = std::max(registers_[i], other.registers_[i]);
+}
+
+double DistinctCounter::estimate() const {
+  double sum = 0;
+  std::size_t zeros = 0;
+  for (const std::uint8_t rank : registers_) {
+    sum += std::ldexp(1.0, -rank);
+    zeros += rank == 0;
+  }
+  constexpr auto kCount = static_cast<double>(kRegisters);
+  const double raw = 0.7213 / (1 + 1.079 / kCount) * kCount * kCount / sum;
+  if (raw <= 2.5 * kCount && zeros > 0) return kCount * std::log(kCount / static_cast<double>(zeros));
+  return raw;
+}
+
+double MemoryPrediction::bytes() const {
+  return kFixedBytes + cone_leaves * (kConeLeafBytes + kMirrorLeafBytes + kExportLeafBytes) +
+         band_leaves * (kBandLeafBytes + kMirrorLeafBytes) + surface_points * kPointBytes;
+}
+
+MemoryPredictor::MemoryPredictor(const TsdfParams& params)
+    : params_(params), per_leaf_(1.0 / (kLeafVoxels * params.voxel_size_m)) {}
+
+void MemoryPredictor::touchBox(const Eigen::Vector3d& centre, const Eigen::Vector3d& half, DistinctCounter& counter) {
+  // A voxel's cell is half a voxel around its sample, so leaf k begins at voxel coordinate 8 k - 0.5.
+  const double shift = 0.5 / kLeafVoxels;
+  const Eigen::Vector3d low = ((centre - half) * per_leaf_).array() + shift;
+  const Eigen::Vector3d high = ((centre + half) * per_leaf_).array() + shift;
+  for (std::int64_t x = cell(low.x()); x <= cell(high.x()); ++x) {
+    for (std::int64_t y = cell(low.y()); y <= cell(high.y()); ++y) {
+      for (std::int64_t z = cell(low.z()); z <= cell(high.z()); ++z) counter.add(hashOf(x, y, z));
+    }
+  }
+}
+
+void MemoryPredictor::add(const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L) {
+  const Eigen::Vector3d towards = o_L - p_L;
+  const double range = towards.norm();
+  if (!(range >= std::max(params_.min_range_m, 1e-9) && range <= params_.max_range_m)) return;
+  ++returns_;
+  const double v = params_.voxel_size_m, tau = params_.truncation_distance_m, slab = kSlabVoxels * v;
+  const Eigen::Vector3d u = towards / range;
+  // Half extents of a disk across the ray, for radius 1, and of a slab along it.
+  const Eigen::Vector3d across = (1.0 - u.array().square()).max(0.0).sqrt();
+  const Eigen::Vector3d along = u.cwiseAbs() * (0.5 * slab);
+  surface_.add(hashOf(cell(p_L.x() / v + 0.5), cell(p_L.y() / v + 0.5), cell(p_L.z() / v + 0.5)));
+
+  if (params_.region == UpdateRegion::FullCube) {
+    touchBox(p_L, Eigen::Vector3d::Constant(tau), cone_leaves_);
+  } else {
+    const double spread = std::sqrt(1.0 - params_.cone_cos_min * params_.cone_cos_min) / params_.cone_cos_min;
+    const double rim = tau * std::sqrt(1.0 - params_.cone_cos_min * params_.cone_cos_min);
+    const double top = tau - 0.5 * slab;
+    for (double s = 0.5 * slab; s < top + slab; s += slab) {
+      const double middle = std::min(s, std::max(top, 0.0));  // the last slab ends at tau
+      const double radius = std::min(spread * (middle + 0.5 * slab), rim);
+      const Eigen::Vector3d half = across * radius + along;
+      if (middle < range) touchBox(p_L + u * middle, half, cone_leaves_);
+      touchBox(p_L - u * middle, half, cone_leaves_);
+    }
+  }
+  const double end = std::min(params_.cleared_end_tau * tau, range);
+  const Eigen::Vector3d band = across * (params_.cleared_radius_voxels * v) + along;
+  for (double s = params_.cleared_begin_tau * tau + 0.5 * slab; s < end + 0.5 * slab; s += slab) {
+    touchBox(p_L + u * std::min(s, end - 0.5 * slab), band, band_leaves_);
+  }
+}
+
+MemoryPrediction MemoryPredictor::prediction() const {
+  MemoryPrediction result;
+  result.returns = returns_;
+  result.surface_points = surface_.estimate();
+  result.cone_leaves = cone_leaves_.estimate();
+  DistinctCounter both = band_leaves_;
+  both.merge(cone_leaves_);
+  result.band_leaves = std::max(0.0, both.estimate() - result.cone_leaves);
+  return result;
+}
+
+std::optional<std::uint64_t> availableMemoryBytes() {
+  std::uint64_t best = std::numeric_limits<std::uint64_t>::max();
+  std::ifstream meminfo("/proc/meminfo");
+  for (std::string key; meminfo >> key;) {
+    std::uint64_t kib = 0;
+    std::string rest;
+    if (key == "MemAvailable:" && meminfo >> kib) best = kib * 1024;
+    std::getline(meminfo, rest);
+  }
+  // Version 2, then version 1 of control groups, as a container sees its own.
+  for (const auto& [limit, used] :
+       {std::pair{"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory.current"},
+        std::pair{"/sys/fs/cgroup/memory/memory.limit_in_bytes", "/sys/fs/cgroup/memory/memory.usage_in_bytes"}}) {
+    const auto most = readNumber(limit);
+    const auto now = readNumber(used);
+    if (most && now && *most > *now) best = std::min(best, *most - *now);
+  }
+  if (best == std::numeric_limits<std::uint64_t>::max()) return std::nullopt;
+  return best;
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,66 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// How much memory a run will take, told before the work starts.
+///
+/// Memory follows three counts: leaves that some return's double cone touches (they hold distances), leaves that only
+/// a cleared band touches, and surface voxels (one point each). All three are numbers of distinct things over all
+/// returns, so they are estimated by HyperLogLog counters: a few million returns a second in 48 KiB.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "accessvdb/params.h"
+
+namespace accessvdb::tools {
+
+/// Estimates the number of distinct 64-bit hashes seen; standard error 0.8 %.
+class DistinctCounter {
+ public:
+  DistinctCounter() : registers_(kRegisters, 0) {}
+  void add(std::uint64_t hash) {
+    const std::uint64_t index = hash >> (64 - kIndexBits);
+    const auto rank = static_cast<std::uint8_t>(__builtin_clzll((hash << kIndexBits) | (1ULL << (kIndexBits - 1))) + 1);
+    if (rank > registers_[index]) registers_[index] = rank;
+  }
+  void merge(const DistinctCounter& other);
+  [[nodiscard]] double estimate() const;
+
+ private:
+  static constexpr int kIndexBits = 14;
+  static constexpr std::size_t kRegisters = std::size_t{1} << kIndexBits;
+  std::vector<std::uint8_t> registers_;
+};
+
+struct MemoryPrediction {
+  std::uint64_t returns = 0;  ///< returns that it is drawn from
+  double cone_leaves = 0;     ///< leaves that hold distances
+  double band_leaves = 0;     ///< leaves that are only passed on the way to a return
+  double surface_points = 0;
+  [[nodiscard]] double bytes() const;
+};
+
+class MemoryPredictor {
+ public:
+  /// @param params  resolved parameters
+  explicit MemoryPredictor(const TsdfParams& params);
+
+  /// One return at p with the sensor at o, both relative to some fixed origin near the scene, metres.
+  void add(const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L);
+  [[nodiscard]] MemoryPrediction prediction() const;
+
+ private:
+  void touchBox(const Eigen::Vector3d& centre, const Eigen::Vector3d& half, DistinctCounter& counter);
+
+  TsdfParams params_;
+  double per_leaf_;  // 1 / edge of a leaf
+  DistinctCounter cone_leaves_, band_leaves_, surface_;
+  std::uint64_t returns_ = 0;
+};
+
+/// What the machine can still give: physical memory and the limits of the control group. Nothing where unknown.
+[[nodiscard]] std::optional<std::uint64_t> availableMemoryBytes();
+
+}  // namespace accessvdb::tools

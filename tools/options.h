@@ -1,0 +1,45 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Option texts turned into values with units, and the tool and picture flags that several verbs have.
+#pragma once
+
+#include <CLI/App.hpp>
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <string>
+
+#include "accessvdb/render.h"
+#include "accessvdb/tool_geometry.h"
+
+namespace accessvdb::tools {
+
+/// "X,Y,Z". @throws InvalidArgument naming the flag
+[[nodiscard]] Eigen::Vector3d parseVector(const std::string& flag, const std::string& text);
+/// "0.1" in metres, or "4v" in voxels. @throws InvalidArgument naming the flag
+[[nodiscard]] double parseLength_m(const std::string& flag, const std::string& text, double voxel_size_m);
+/// "500000", "500k", "500M", "2G", "1T" bytes, powers of 1024. @throws InvalidArgument naming the flag
+[[nodiscard]] std::uint64_t parseBytes(const std::string& flag, const std::string& text);
+/// "2.4 GiB"
+[[nodiscard]] std::string bytesInWords(double bytes);
+/// Shortest text that reads back as about the same number (six digits).
+[[nodiscard]] std::string numberText(double value);
+
+struct ToolOptions {
+  std::string tool, unit, tip, axis, up;
+};
+void addToolOptions(CLI::App& app, ToolOptions& options);
+/// @throws what ToolGeometry::fromMesh throws; InvalidArgument for a bad flag
+[[nodiscard]] ToolGeometry loadTool(const ToolOptions& options);
+/// Size and pose of a tool in one line.
+[[nodiscard]] std::string toolInWords(const ToolGeometry& tool, const ToolOptions& options);
+
+struct PictureOptions {
+  std::string view = "iso";
+  int width_px = 1600, height_px = 1000;
+};
+void addPictureOptions(CLI::App& app, PictureOptions& options);
+/// @throws InvalidArgument
+[[nodiscard]] io::RenderOptions renderOptions(const PictureOptions& options);
+
+}  // namespace accessvdb::tools

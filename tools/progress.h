@@ -1,0 +1,33 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// How far a long job is: a bar on a terminal, now and then a plain line elsewhere, nothing with --quiet or JSON.
+#pragma once
+
+#include <chrono>
+#include <cstddef>
+#include <string>
+
+#include "error_output.h"
+
+namespace accessvdb::tools {
+
+class Progress {
+ public:
+  Progress(const Messages& messages, std::string label, std::size_t total);
+  ~Progress() { finish(); }
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  void show(std::size_t done, const std::string& detail = {});
+  /// Ends the bar's line; other output may follow.
+  void finish();
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  bool enabled_, terminal_, open_line_ = false;
+  std::string label_;
+  std::size_t total_;
+  Clock::time_point start_, last_;
+};
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,119 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb query: what a stored field says at given world positions.
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+#include <numbers>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/scan_io.h"
+#include "command_line.h"
+#include "options.h"
+#include "verbs.h"
+
+namespace accessvdb::tools {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+double yawDegrees(const SurfacePoint& point) {
+  const double degrees = point.yaw_rad * 180.0 / std::numbers::pi;
+  return degrees < 0 ? degrees + 360.0 : degrees;
+}
+
+const char* stateOf(const io::StoredField::Answer& answer) {
+  return answer.observed ? "observed" : answer.cleared ? "cleared" : "unknown";
+}
+
+template <typename Vector>
+Json jsonVector(const Vector& v) {
+  return Json::array({v.x(), v.y(), v.z()});
+}
+
+Json jsonAnswer(const io::StoredField::Answer& answer) {
+  Json json = {{"at", jsonVector(answer.position_W)}, {"voxel", stateOf(answer)}};
+  json["distance_m"] = answer.observed ? Json(answer.distance_m) : Json(nullptr);
+  json["weight"] = answer.weight;
+  json["point"] = nullptr;
+  if (answer.point) {
+    const SurfacePoint& point = *answer.point;
+    const bool has_direction = point.direction != kNoDirection;
+    json["point"] = {{"id", point.id},
+                     {"position", jsonVector(point.position_W)},
+                     {"offset_m", answer.point_distance_m},
+                     {"label", name(point.label)},
+                     {"reason", name(point.reason)},
+                     {"direction", has_direction ? jsonVector(point.direction_W) : Json(nullptr)},
+                     {"yaw_deg", has_direction ? Json(yawDegrees(point)) : Json(nullptr)},
+                     {"score", point.score != kNoScore ? Json(point.score) : Json(nullptr)},
+                     {"confidence", point.confidence},
+                     {"stability", point.stability},
+                     {"normal", jsonVector(point.normal_W)}};
+  }
+  return json;
+}
+
+std::string wordsOf(const io::StoredField::Answer& answer) {
+  char line[512];
+  std::snprintf(line, sizeof line, "at %.10g %.10g %.10g\n  voxel: %s, distance %s m, weight %.6g\n",
+                answer.position_W.x(), answer.position_W.y(), answer.position_W.z(), stateOf(answer),
+                answer.observed ? numberText(answer.distance_m).c_str() : "-", answer.weight);
+  std::string text = line;
+  if (!answer.point) return text + "  no surface point here\n";
+  const SurfacePoint& point = *answer.point;
+  std::snprintf(line, sizeof line, "  point %u, %.4g m away: %s, reason %s, score %s, confidence %.3f\n", point.id,
+                answer.point_distance_m, name(point.label), name(point.reason),
+                point.score != kNoScore ? std::to_string(point.score).c_str() : "-", point.confidence);
+  text += line;
+  if (point.direction == kNoDirection) return text + "  no best direction\n";
+  std::snprintf(line, sizeof line, "  best direction %.4f %.4f %.4f, yaw %.1f degrees\n", point.direction_W.x(),
+                point.direction_W.y(), point.direction_W.z(), yawDegrees(point));
+  return text + line;
+}
+
+}  // namespace
+
+int runQuery(const Arguments& arguments, Messages& messages) {
+  CommonOptions common;
+  std::string map, points_file;
+  std::vector<std::string> at;
+  bool json = false;
+  CLI::App app;
+  addCommonOptions(app, common, "query",
+                   "Tells label, reason, best direction, score, confidence and distance at points.",
+                   "accessvdb query --map out/ --at 1.2,-0.4,0.9 --json");
+  app.add_option("--map", map, "output folder of accessvdb map");
+  app.add_option("--at", at, "X,Y,Z in the world frame, metres; can be given again")->allow_extra_args(false);
+  app.add_option("--points", points_file, "text file, one \"x y z\" or \"x,y,z\" a line");
+  app.add_flag("--json", json, "answer as a JSON array");
+  if (!parseCommandLine(app, arguments, common, messages)) return 0;
+  checkCommonOptions(common);
+
+  if (map.empty())
+    throw InvalidArgument("usage.missing", "--map", "is missing", "Name the output folder of accessvdb map");
+  if (at.empty() == points_file.empty()) {
+    throw InvalidArgument("usage.missing", "query", "needs either --at X,Y,Z or --points FILE",
+                          "See accessvdb query --help");
+  }
+  std::vector<Eigen::Vector3d> positions_W;
+  for (const std::string& text : at) positions_W.push_back(parseVector("--at", text));
+  if (!points_file.empty()) positions_W = io::readPositions(points_file);
+
+  const io::StoredField field = io::StoredField::open(map);
+  Json answers = Json::array();
+  std::string text;
+  for (const Eigen::Vector3d& p_W : positions_W) {
+    const io::StoredField::Answer answer = field.at(p_W);
+    if (json) {
+      answers.push_back(jsonAnswer(answer));
+    } else {
+      text += wordsOf(answer);
+    }
+  }
+  printData(json ? answers.dump(2) + "\n" : text);
+  return 0;
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,50 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb render: a picture of a field, or of a tool in its frame.
+#include "accessvdb/render.h"
+
+#include <filesystem>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "command_line.h"
+#include "options.h"
+#include "verbs.h"
+
+namespace accessvdb::tools {
+
+int runRender(const Arguments& arguments, Messages& messages) {
+  CommonOptions common;
+  ToolOptions tool_options;
+  PictureOptions picture;
+  std::string map, out;
+  CLI::App app;
+  addCommonOptions(app, common, "render", "Draws a field, or a tool in its frame (tip, axes, size), into a PNG file.",
+                   "accessvdb render --map out/ --out top.png --view top\n"
+                   "  accessvdb render --tool pruner.stl --tool-unit mm --tool-tip -100,0,0 --out tool.png");
+  app.add_option("--map", map, "output folder of accessvdb map");
+  app.add_option("--out", out, "the PNG file to write");
+  addPictureOptions(app, picture);
+  addToolOptions(app, tool_options);
+  if (!parseCommandLine(app, arguments, common, messages)) return 0;
+  checkCommonOptions(common);
+
+  if (map.empty() == tool_options.tool.empty()) {
+    throw InvalidArgument("usage.missing", "render", "needs either --map DIR or --tool MESH",
+                          "See accessvdb render --help");
+  }
+  if (out.empty()) throw InvalidArgument("usage.missing", "--out", "is missing", "Name the PNG file to write");
+  const io::RenderOptions render = renderOptions(picture);
+  if (!map.empty()) {
+    io::renderField(out, io::readPointsPly(std::filesystem::path(map) / "points.ply"), render);
+  } else {
+    const ToolGeometry tool = loadTool(tool_options);
+    for (const std::string& note : tool.notes()) messages.notice(note);
+    messages.notice(toolInWords(tool, tool_options));
+    io::renderTool(out, tool, render);
+  }
+  messages.notice("wrote " + out);
+  return 0;
+}
+
+}  // namespace accessvdb::tools

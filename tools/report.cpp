@@ -1,0 +1,125 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "report.h"
+
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <numeric>
+#include <ostream>
+
+#include "accessvdb/config.h"
+#include "accessvdb/field_io.h"
+
+namespace accessvdb::tools {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+Json jsonTimes(const StageTimes& times) {
+  return {{"mean", times.mean()},
+          {"p50", times.percentile(0.50)},
+          {"p95", times.percentile(0.95)},
+          {"p99", times.percentile(0.99)},
+          {"max", times.percentile(1.0)}};
+}
+
+/// Numbers and truth values as such, all else as text (JSON has no infinity).
+Json jsonValue(const std::string& text) {
+  if (text == "true" || text == "false") return text == "true";
+  const char* end = text.data() + text.size();
+  std::int64_t integer = 0;
+  if (auto parsed = std::from_chars(text.data(), end, integer); parsed.ec == std::errc() && parsed.ptr == end)
+    return integer;
+  double real = 0;
+  if (auto parsed = std::from_chars(text.data(), end, real);
+      parsed.ec == std::errc() && parsed.ptr == end && std::isfinite(real)) {
+    return real;
+  }
+  return text;
+}
+
+}  // namespace
+
+double StageTimes::mean() const {
+  if (samples_ms_.empty()) return 0;
+  return std::accumulate(samples_ms_.begin(), samples_ms_.end(), 0.0) / static_cast<double>(samples_ms_.size());
+}
+
+double StageTimes::percentile(double share) const {
+  if (samples_ms_.empty()) return 0;
+  std::vector<double> sorted = samples_ms_;
+  std::sort(sorted.begin(), sorted.end());
+  const auto rank = static_cast<std::size_t>(std::ceil(share * static_cast<double>(sorted.size())));
+  return sorted[std::clamp<std::size_t>(rank, 1, sorted.size()) - 1];
+}
+
+void RunReport::add(const FrameStats& stats) {
+  points_in += stats.points_in;
+  points_used += stats.points_used;
+  for (int reason = 0; reason < kNumDropReasons; ++reason) dropped[reason] += stats.dropped[reason];
+}
+
+std::uint64_t hostPeakBytes() {
+  rusage usage = {};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;  // Linux counts in KiB
+}
+
+void writeReport(const std::filesystem::path& path, const RunReport& report, const Messages& messages) {
+  Json parameters = Json::object();
+  for (const auto& [key, value] : report.parameters) parameters[key] = jsonValue(value);
+  Json inputs = Json::array();
+  for (const io::InputFile& file : report.inputs) inputs.push_back({{"path", file.path}, {"sha256", file.sha256}});
+  Json dropped = Json::object();
+  for (int i = 0; i < kNumDropReasons; ++i) dropped[name(static_cast<DropReason>(i))] = report.dropped[i];
+  Json reasons = Json::object();
+  for (int i = 1; i < kNumPointReasons; ++i) reasons[name(static_cast<PointReason>(i))] = report.reasons[i];
+  const auto count = [&](PointLabel label) { return report.labels[static_cast<int>(label)]; };
+
+  Json json = {{"schema", 1},
+               {"version", ACCESSVDB_VERSION},
+               {"exit_code", report.exit_code},
+               {"device", report.device},
+               {"parameters", parameters},
+               {"inputs", inputs},
+               {"counts",
+                {{"scans", report.scans},
+                 {"points_in", report.points_in},
+                 {"points_used", report.points_used},
+                 {"dropped", dropped},
+                 {"surface_points", report.surface_points},
+                 {"accessible", count(PointLabel::Accessible)},
+                 {"blocked", count(PointLabel::Blocked)},
+                 {"unscored", count(PointLabel::Unscored)},
+                 {"reasons", reasons}}},
+               {"timing_ms",
+                {{"frame", jsonTimes(report.frame)},
+                 {"integrate", jsonTimes(report.integrate)},
+                 {"mirror", jsonTimes(report.mirror)},
+                 {"update", jsonTimes(report.update)},
+                 {"score", jsonTimes(report.score)}}},
+               {"memory", {{"host_peak_bytes", hostPeakBytes()}, {"device_peak_bytes", 0}}},
+               {"map",
+                {{"leaves", report.memory.leaves},
+                 {"active_voxels", report.memory.active_voxels},
+                 {"bytes", report.memory.map_bytes}}}};
+  if (report.predicted_bytes) json["memory"]["predicted_bytes"] = *report.predicted_bytes;
+  Json warnings = Json::array();
+  for (const auto& [id, text] : messages.warnings()) warnings.push_back({{"id", id}, {"text", text}});
+  json["warnings"] = warnings;
+  json["notices"] = messages.notices();
+  if (report.failure) {
+    json["error"] = {{"id", report.failure->id},
+                     {"subject", report.failure->subject},
+                     {"problem", report.failure->problem},
+                     {"advice", report.failure->advice}};
+  }
+  const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace);
+  io::writeFileDurably(path, [&](std::ostream& out) { out << text << "\n"; });
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,59 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// report.json: what one run of `map` read, did, took and left, also where it failed.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/scan_io.h"
+#include "accessvdb/types.h"
+#include "error_output.h"
+
+namespace accessvdb::tools {
+
+/// Milliseconds of one stage, one sample a call.
+class StageTimes {
+ public:
+  void add(double ms) { samples_ms_.push_back(ms); }
+  [[nodiscard]] bool empty() const { return samples_ms_.empty(); }
+  [[nodiscard]] double mean() const;
+  /// Nearest rank; share in (0, 1]. 0 where there is no sample.
+  [[nodiscard]] double percentile(double share) const;
+
+ private:
+  std::vector<double> samples_ms_;
+};
+
+struct RunReport {
+  int exit_code = 0;
+  std::string device = "cpu";
+  std::vector<std::pair<std::string, std::string>> parameters;  ///< flags as given, then every effective parameter
+  std::vector<io::InputFile> inputs;
+
+  std::uint64_t scans = 0, points_in = 0, points_used = 0;
+  std::array<std::uint64_t, kNumDropReasons> dropped = {};
+  std::uint64_t surface_points = 0;
+  std::array<std::uint64_t, kNumPointLabels> labels = {};
+  std::array<std::uint64_t, kNumPointReasons> reasons = {};
+
+  StageTimes frame, integrate, mirror, update, score;
+  std::optional<std::uint64_t> predicted_bytes;
+  MemoryUse memory;
+  std::optional<Failure> failure;
+
+  void add(const FrameStats& stats);
+};
+
+/// Most memory that the process ever held.
+[[nodiscard]] std::uint64_t hostPeakBytes();
+
+/// @throws OutputError
+void writeReport(const std::filesystem::path& path, const RunReport& report, const Messages& messages);
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,18 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What a run of `map` found, in a few lines for people.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "plausibility.h"
+
+namespace accessvdb::tools {
+
+/// "no_return 28.0 %, non_finite 0.1 %", of the returns; "none dropped"
+[[nodiscard]] std::string droppedInWords(const RunReport& report);
+
+[[nodiscard]] std::vector<std::string> summarizeRun(const RunFacts& facts);
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,61 @@
+#!/usr/bin/env bash
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+# Installs what is missing from the distribution's packages (Debian 12, Ubuntu 24.04 or newer). Does nothing, and needs
+# neither network nor root, when everything is there.
+#   setup_debian.sh           what the library and the program need
+#   setup_debian.sh --tests   also what the test suite needs
+set -euo pipefail
+
+fail() {
+  echo "setup: error: $*" >&2
+  exit 1
+}
+
+packages=(
+  g++ cmake ninja-build pkg-config
+  libopenvdb-dev libnanovdb-dev libboost-iostreams-dev  # the map; OpenVDB's CMake module asks for iostreams
+  libtbb-dev libeigen3-dev
+  libpcl-dev                                            # scans
+  libassimp-dev                                         # tool meshes
+  libpng-dev libssl-dev nlohmann-json3-dev              # pictures, hashes, reports
+  libcli11-dev libtomlplusplus-dev                      # the command line
+)
+for argument in "$@"; do
+  case "$argument" in
+    --tests) packages+=(libgtest-dev libbenchmark-dev binutils ccache mold clang-format) ;;
+    *) fail "unknown option '$argument'. Use --tests or nothing." ;;
+  esac
+done
+
+if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
+  # Elsewhere the names differ; CMake names each library that is missing.
+  for program in c++ cmake ninja; do
+    command -v "$program" >/dev/null ||
+      fail "'$program' is missing and this is not Debian or Ubuntu. Install it and the libraries listed in tools/setup_debian.sh."
+  done
+  echo "setup: not Debian or Ubuntu: nothing installed. CMake will name each library that is missing." >&2
+  exit 0
+fi
+
+missing=()
+for package in "${packages[@]}"; do
+  state=$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true)
+  [[ $state == installed ]] || missing+=("$package")
+done
+((${#missing[@]} > 0)) || exit 0
+
+as_root=()
+if ((EUID != 0)); then
+  command -v sudo >/dev/null || fail "missing packages and no sudo. As root: apt-get install ${missing[*]}"
+  as_root=(sudo)
+fi
+echo "setup: installing ${missing[*]}" >&2
+"${as_root[@]}" apt-get update -qq >&2 ||
+  fail "apt-get update failed. Is the network up? Still missing: ${missing[*]}"
+for package in "${missing[@]}"; do
+  apt-cache show "$package" >/dev/null 2>&1 ||
+    fail "this distribution has no package '$package'. Debian 12 and Ubuntu 24.04 have it."
+done
+"${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >&2 ||
+  fail "apt-get could not install: ${missing[*]}"
