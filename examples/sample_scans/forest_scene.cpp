@@ -20,6 +20,8 @@ constexpr double kStripHalfWidth_m = 10.0;
 constexpr double kMargin_m = 8.0;         // the scene goes on beyond both ends of the path
 constexpr double kPathClearance_m = 1.7;  // longest branch and thickest trunk stay off the sensor
 constexpr double kTreeSpacing_m = 1.2;
+constexpr double kLeafyShare = 0.7;
+constexpr double kAreaPerTree_m2 = 10.0;
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 struct Placement {
@@ -60,6 +62,10 @@ void addTree(const Vector2d& foot, RandomStream& random, std::vector<Shape>& sha
       const Vector3d from(foot.x(), foot.y(), z);
       const Vector3d along(std::cos(climb) * std::cos(yaw), std::cos(climb) * std::sin(yaw), std::sin(climb));
       shapes.push_back(Capsule{from, from + length * along, random.uniform(0.010, 0.025)});
+      // Foliage at the outer end of most branches; what is left bare is what a pruner works on.
+      if (random.uniform() < kLeafyShare) {
+        shapes.push_back(Capsule{from + 0.7 * length * along, from + length * along, random.uniform(0.08, 0.20)});
+      }
     }
   }
 }
@@ -73,7 +79,7 @@ double pathYaw(double s_m) { return std::atan(kPathAmplitude_m / kPathScale_m * 
 AnalyticScene makeForest(const ForestOptions& options) {
   const double length = options.path_length_m;
   const double area = (length + 2.0 * kMargin_m) * 2.0 * kStripHalfWidth_m;
-  const int trees = options.trees >= 0 ? options.trees : static_cast<int>(area / 20.0);
+  const int trees = options.trees >= 0 ? options.trees : static_cast<int>(area / kAreaPerTree_m2);
   std::vector<Shape> shapes;
 
   // Streams apart, so that another number of trees leaves the rest where it is.

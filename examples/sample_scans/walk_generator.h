@@ -21,11 +21,11 @@ struct WalkOptions {
   double range_noise_m = 0.0;  ///< sigma of the Gaussian along the ray
   std::uint64_t seed = 1;      ///< of the scene and of the noise
   double length_m = 0.0;       ///< of the walk along x; 0 = rule: 0.1 m a frame
-  double max_range_m = 20.0;   ///< returns beyond become (0,0,0)
+  double max_range_m = 30.0;   ///< returns beyond become (0,0,0)
   double frame_period_s = 0.1;
   double mount_pitch_rad = 0.3;  ///< nose down
   double height_m = 1.3;         ///< of the sensor
-  int trees = -1;                ///< -1 = rule: one to 20 square metres
+  int trees = -1;                ///< -1 = rule: one to 10 square metres
   bool flat_ground = false;
   Eigen::Vector3d offset_W = {0, 0, 0};  ///< added to every pose: the scene somewhere else in the world
 };

@@ -1,0 +1,71 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which directions are admissible, and in which order they are tried (paper, "Approach directions").
+#pragma once
+
+#include "hostdev/views.h"
+
+namespace accessvdb::kernels {
+
+/// Cosine between direction d and a normal; directions are horizontal.
+ACCESSVDB_HOSTDEV inline float cosToNormal(const ApproachView& approach, int d, const float* normal) {
+  return approach.direction_xy[2 * d] * normal[0] + approach.direction_xy[2 * d + 1] * normal[1];
+}
+
+/// Walks the directions by ascending angle to the normal, ties by lower d, as long as they lie in the normal cone.
+///
+/// Directions are equidistant in yaw, so the angle grows on both sides of the nearest one: the walk is a merge of the two
+/// sides. Neighbouring cosines differ by more than 1e-5 inside the cone (D <= 256), far above float32's rounding.
+class DirectionWalk {
+ public:
+  ACCESSVDB_HOSTDEV DirectionWalk(const ApproachView& approach, const float* normal)
+      : approach_(approach), normal_{normal[0], normal[1], normal[2]} {
+    int nearest = 0;
+    float best = cosToNormal(approach_, 0, normal_);
+    for (int d = 1; d < approach_.num_directions; ++d) {
+      const float c = cosToNormal(approach_, d, normal_);
+      if (c > best) {
+        best = c;
+        nearest = d;
+      }
+    }
+    up_ = nearest;
+    up_cos_ = best;
+    down_ = nearest;
+    stepDown();
+    left_ = approach_.num_directions;
+  }
+
+  /// Next direction, or -1 when the cone is exhausted.
+  ACCESSVDB_HOSTDEV int next() {
+    if (left_ == 0) return -1;
+    const bool take_up = up_cos_ > down_cos_ || (up_cos_ == down_cos_ && up_ <= down_);
+    const float c = take_up ? up_cos_ : down_cos_;
+    if (!(c >= approach_.normal_cos_min)) return -1;
+    --left_;
+    const int d = take_up ? up_ : down_;
+    if (take_up) {
+      stepUp();
+    } else {
+      stepDown();
+    }
+    return d;
+  }
+
+ private:
+  ACCESSVDB_HOSTDEV void stepUp() {
+    up_ = up_ + 1 == approach_.num_directions ? 0 : up_ + 1;
+    up_cos_ = cosToNormal(approach_, up_, normal_);
+  }
+  ACCESSVDB_HOSTDEV void stepDown() {
+    down_ = down_ == 0 ? approach_.num_directions - 1 : down_ - 1;
+    down_cos_ = cosToNormal(approach_, down_, normal_);
+  }
+
+  const ApproachView& approach_;
+  float normal_[3];
+  int up_, down_, left_;
+  float up_cos_, down_cos_;
+};
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,78 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Tests of one direction at one point: the approach corridor, then the tool.
+#pragma once
+
+#include "occupancy_query.h"
+
+namespace accessvdb::kernels {
+
+/// Set bits of a 32-bit word.
+ACCESSVDB_HOSTDEV inline int bitCount(std::uint32_t word) {
+#if defined(__CUDA_ARCH__)
+  return __popc(word);
+#else
+  word = word - (word >> 1 & 0x55555555u);
+  word = (word & 0x33333333u) + (word >> 2 & 0x33333333u);
+  return static_cast<int>(((word + (word >> 4)) & 0x0f0f0f0fu) * 0x01010101u >> 24);
+#endif
+}
+
+/// Outcome of the corridor test (paper, "Arm path checking").
+struct ArmResult {
+  int passed;          ///< samples before the first blocked one; num_arm when free
+  PointReason reason;  ///< None when free; Arm: an obstacle; Unknown: unobserved and never cleared
+};
+
+ACCESSVDB_HOSTDEV inline ArmResult testArm(const OccupancyReader& map, const ApproachView& approach, int d,
+                                           const float* position_L, float inverse_voxel_size) {
+  const float* offset = approach.arm_offsets + 3 * static_cast<std::int64_t>(d) * approach.num_arm;
+  for (int n = 0; n < approach.num_arm; ++n, offset += 3) {
+    const Coord ijk = voxelOf(position_L[0] + offset[0], position_L[1] + offset[1], position_L[2] + offset[2],
+                              inverse_voxel_size);
+    if (!map.armFree(ijk)) return {n, map.collides(ijk) ? PointReason::Arm : PointReason::Unknown};
+  }
+  return {approach.num_arm, PointReason::None};
+}
+
+/// Colliding voxels of the tool at direction d, placed at the voxel of the point. Stops once the count exceeds
+/// `stop_above`; the result is exact up to there, else some number above it.
+ACCESSVDB_HOSTDEV inline int countVoxelCollisions(const OccupancyReader& map, const ToolKernelView& tool, int d,
+                                                  const Coord& point_ijk, int stop_above) {
+  int count = 0;
+  const VoxelColumn* end = tool.columns + tool.column_begin[d + 1];
+  for (const VoxelColumn* column = tool.columns + tool.column_begin[d]; column != end; ++column) {
+    const std::int32_t x = point_ijk[0] + column->dx, y = point_ijk[1] + column->dy, z = point_ijk[2] + column->dz;
+    const int shift = z & 7;
+    std::int32_t row = z - shift;
+    // First row: the lowest 8 - shift bits, moved up; then eight bits a row.
+    std::uint64_t bits = column->bits;
+    std::uint32_t wanted = static_cast<std::uint32_t>(bits << shift) & 0xffu;
+    bits >>= 8 - shift;
+    while (true) {
+      if (wanted != 0) count += bitCount(map.collidesRow(Coord(x, y, row)) & wanted);
+      if (bits == 0) break;
+      wanted = static_cast<std::uint32_t>(bits) & 0xffu;
+      bits >>= 8;
+      row += 8;
+    }
+    if (count > stop_above) return count;
+  }
+  return count;
+}
+
+/// Colliding samples of the tool's surface at direction d, placed at the point (paper, "Tool kernel").
+ACCESSVDB_HOSTDEV inline int countSampleCollisions(const OccupancyReader& map, const ToolKernelView& tool, int d,
+                                                   const float* position_L, float inverse_voxel_size, int stop_above) {
+  int count = 0;
+  const float* end = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[d + 1]);
+  for (const float* t = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[d]); t != end; t += 3) {
+    const Coord ijk =
+        voxelOf(position_L[0] + t[0], position_L[1] + t[1], position_L[2] + t[2], inverse_voxel_size);
+    count += map.collides(ijk) ? 1 : 0;
+    if (count > stop_above) return count;
+  }
+  return count;
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,95 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Scoring of one point: the best direction, its collision count, and the reason where there is none (SPEC a.6).
+///
+/// Directions are ranked by the stage that they reached (normal < unseen < arm or unknown < tool), then by corridor samples
+/// passed, then by lower count, smaller angle to the normal, lower d. The first one gives reason, direction and score.
+#pragma once
+
+#include "direction_filter.h"
+#include "direction_score.h"
+
+namespace accessvdb::kernels {
+
+/// What to do with one point.
+struct ScoreItem {
+  std::uint32_t id = 0;
+  std::uint16_t known_score = kNoScore;          ///< count of known_direction, valid under the current map
+  std::uint16_t known_direction = kNoDirection;  ///< kNoDirection: nothing is known
+  DirectionMask skip = {};                       ///< directions known to be blocked under the current map
+  DirectionMask candidates = {};                 ///< directions that may be tried at all
+};
+
+/// What came out.
+struct ScoreResult {
+  std::uint16_t score = kNoScore;
+  std::uint16_t direction = kNoDirection;
+  PointReason reason = PointReason::Normal;  ///< None: a direction is free
+  std::uint8_t scored = 0;                   ///< 0: the point has no normal
+  std::uint8_t skipped = 0;                  ///< admissible directions were skipped: reason and score cover the rest only
+  std::uint16_t tests = 0;                   ///< directions tested
+  DirectionMask blocked = {};                ///< directions found blocked
+};
+
+ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map, float inverse_voxel_size,
+                                                      const ToolKernelView& tool, const ApproachView& approach,
+                                                      const float* position_L, const float* normal_L,
+                                                      const std::uint64_t* seen, const ScoreItem& item) {
+  ScoreResult result;
+  if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return result;
+  result.scored = 1;
+  const Coord point_ijk = voxelOf(position_L[0], position_L[1], position_L[2], inverse_voxel_size);
+
+  int best_count = kNoScore, best_passed = -1;
+  bool in_cone = false, admissible = false;
+  DirectionWalk walk(approach, normal_L);
+  for (int d = walk.next(); d >= 0; d = walk.next()) {
+    in_cone = true;
+    if (!((seen[d >> 6] >> (d & 63)) & 1u) || !item.candidates.test(d)) continue;
+    admissible = true;
+    if (d == item.known_direction) {
+      if (item.known_score < best_count) {
+        best_count = item.known_score;
+        result.direction = static_cast<std::uint16_t>(d);
+      }
+      if (best_count == 0) break;
+      continue;
+    }
+    if (item.skip.test(d)) {
+      result.skipped = 1;
+      continue;
+    }
+    ++result.tests;
+    const ArmResult arm = testArm(map, approach, d, position_L, inverse_voxel_size);
+    if (arm.reason != PointReason::None) {
+      result.blocked.set(d);
+      if (best_count == kNoScore && arm.passed > best_passed) {
+        best_passed = arm.passed;
+        result.reason = arm.reason;
+        result.direction = static_cast<std::uint16_t>(d);
+      }
+      continue;
+    }
+    // Later directions must be strictly better, so counting may stop at the best so far: minimum and argmin stay exact.
+    const int bound = best_count < item.known_score ? best_count : item.known_score;
+    const int count = tool.use_samples ? countSampleCollisions(map, tool, d, position_L, inverse_voxel_size, bound)
+                                       : countVoxelCollisions(map, tool, d, point_ijk, bound);
+    if (count >= tool.collision_limit) result.blocked.set(d);
+    if (count < best_count) {
+      best_count = count < kNoScore ? count : kNoScore - 1;
+      result.direction = static_cast<std::uint16_t>(d);
+      if (count == 0) break;
+    }
+  }
+  if (!in_cone) {
+    result.reason = PointReason::Normal;
+  } else if (!admissible) {
+    result.reason = PointReason::Unseen;
+  } else if (best_count != kNoScore) {
+    result.score = static_cast<std::uint16_t>(best_count);
+    result.reason = best_count < tool.collision_limit ? PointReason::None : PointReason::Tool;
+  }
+  return result;
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,53 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What a backend does: memory, the mirror's address range, and the two operations on point state. The rules themselves
+/// are in hostdev/; a backend only decides which thread runs them on which point.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "hostdev/direction_search.h"
+#include "hostdev/point_update.h"
+#include "hostdev/views.h"
+#include "launch/device_array.h"
+#include "launch/mirror_arena.h"
+
+namespace accessvdb::kernels {
+
+/// What the host knows anew about a point.
+struct PointInput {
+  std::uint32_t id = 0;
+  std::uint16_t weight = 0;
+  float position_L[3] = {0, 0, 0};
+  float normal_L[3] = {0, 0, 0};
+  DirectionMask seen = {};
+};
+
+/// Scores `count` items: searches directions by the rules, updates the point's state, hands the result back.
+struct ScoreRequest {
+  OccupancyView map;
+  ToolKernelView tool;        ///< in the backend's memory
+  ApproachView approach;      ///< in the backend's memory
+  PointStateView points;      ///< in the backend's memory
+  UpdateRule rule;
+  const ScoreItem* items = nullptr;  ///< [count] host memory; ids differ
+  ScoreResult* results = nullptr;    ///< [count] host memory
+  std::size_t count = 0;
+};
+
+/// Calls return when their effect is visible to the host.
+class Backend : public DeviceMemory {
+ public:
+  [[nodiscard]] virtual std::string name() const = 0;  ///< "cpu" or "cuda:NAME"
+  [[nodiscard]] virtual std::unique_ptr<MirrorArena> makeArena() = 0;
+  /// Writes what the host knows into the state arrays: position, normal, seen, weight.
+  virtual void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) = 0;
+  virtual void scorePoints(const ScoreRequest& request) = 0;
+};
+
+/// The rules under TBB on host memory.
+[[nodiscard]] std::unique_ptr<Backend> makeCpuBackend();
+
+}  // namespace accessvdb::kernels
