@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb map: the main job, from files to files.
 #include <chrono>
+#include <cmath>
 #include <csignal>
 #include <filesystem>
 #include <set>
@@ -168,7 +169,7 @@ void MapRun::finish(io::ScanSequence& scans, const AccessibilityField& field) {
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
   messages_.notice(toolInWords(field.tool(), options_.tool));
   for (const Warning& warning : findImplausible(facts)) messages_.warning(warning.id, warning.text);
-  messages_.notice("done in " + numberText(millisecondsSince(start_) / 1000) +
+  messages_.notice("done in " + numberText(std::round(millisecondsSince(start_) / 100) / 10) +
                    " s; wrote field.vdb, field_points.vdb, " + "points.ply, preview.png and report.json into " +
                    out.string());
 }
@@ -182,7 +183,6 @@ int MapRun::run() {
   const ToolGeometry tool = loadTool(options_.tool);
   hashInput(options_.tool.tool);
   for (const std::string& note : tool.notes()) messages_.notice("tool: " + note);
-  messages_.notice(toolInWords(tool, options_.tool));
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options_));
   for (const fs::path path : {options_.poses, options_.calib, options_.common.config}) hashInput(path);
   for (const std::string& note : scans.notices()) messages_.notice(note);

@@ -4,7 +4,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <thread>
 #include <utility>
+#include <vector>
 
 #include "accessvdb/error.h"
 #include "memory_prediction.h"
@@ -14,7 +16,8 @@
 namespace accessvdb::tools {
 namespace {
 
-constexpr double kReturnsWithoutLimit = 5e6;   // about two seconds of prediction
+constexpr double kReturnsWithoutLimit = 3e6;   // about two seconds of prediction on two cores
+constexpr std::size_t kReturnsAThread = 4096;  // fewer are not worth a thread
 constexpr std::size_t kReturnsKept = 200'000;  // for trying other voxel sizes without reading again
 constexpr double kVoxelMax_m = 10;             // the library's own bound
 constexpr double kVoxelStep = 1.25;
@@ -24,9 +27,9 @@ using Ray = std::pair<Eigen::Vector3f, Eigen::Vector3f>;  // sensor and return, 
 /// An evenly spread part of all rays, of bounded size: when full, every other one goes.
 class RaySample {
  public:
-  void add(const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L) {
+  void add(const Ray& ray) {
     if (count_++ % stride_ != 0) return;
-    rays_.emplace_back(o_L.cast<float>(), p_L.cast<float>());
+    rays_.push_back(ray);
     if (rays_.size() < kReturnsKept) return;
     for (std::size_t i = 0; 2 * i < rays_.size(); ++i) rays_[i] = rays_[2 * i];
     rays_.resize(rays_.size() / 2);
@@ -43,26 +46,55 @@ class RaySample {
   std::uint64_t count_ = 0, stride_ = 1;
 };
 
-/// Feeds every return of a record to `use`, relative to the first sensor position.
+/// The returns of a record, relative to the first sensor position of all.
 class LocalRays {
  public:
-  template <typename Use>
-  void each(const io::ScanRecord& record, Use use) {
-    const auto one = [&](const Eigen::Vector3d& o_W, const Eigen::Vector3d& p_W) {
+  const std::vector<Ray>& of(const io::ScanRecord& record) {
+    rays_.clear();
+    const auto add = [&](const Eigen::Vector3d& o_W, const Eigen::Vector3d& p_W) {
       if (!p_W.allFinite() || !o_W.allFinite()) return;
       if (!origin_W_) origin_W_ = o_W;
-      use(Eigen::Vector3d(o_W - *origin_W_), Eigen::Vector3d(p_W - *origin_W_));
+      rays_.emplace_back((o_W - *origin_W_).cast<float>(), (p_W - *origin_W_).cast<float>());
     };
     for (std::size_t i = 0; i < record.points_W.size(); ++i) {
-      one(record.origins_W.size() == 1 ? record.origins_W[0] : record.origins_W.at(i), record.points_W[i]);
+      add(record.origins_W.size() == 1 ? record.origins_W[0] : record.origins_W.at(i), record.points_W[i]);
     }
     for (const Eigen::Vector3f& p_S : record.points_S) {
-      if (!p_S.isZero(0)) one(record.T_W_S.translation(), record.T_W_S * p_S.cast<double>());
+      if (!p_S.isZero(0)) add(record.T_W_S.translation(), record.T_W_S * p_S.cast<double>());
     }
+    return rays_;
   }
 
  private:
+  std::vector<Ray> rays_;
   std::optional<Eigen::Vector3d> origin_W_;
+};
+
+/// One predictor a thread; the order in which they meet does not matter.
+class ParallelPredictor {
+ public:
+  ParallelPredictor(const TsdfParams& params, int threads)
+      : predictors_(threads > 0 ? static_cast<std::size_t>(threads) : std::max(1u, std::thread::hardware_concurrency()),
+                    MemoryPredictor(params)) {}
+  void add(const std::vector<Ray>& rays) {
+    const std::size_t parts = std::clamp<std::size_t>(rays.size() / kReturnsAThread, 1, predictors_.size());
+    const auto part = [&](std::size_t k) {
+      for (std::size_t i = k * rays.size() / parts; i < (k + 1) * rays.size() / parts; ++i) {
+        predictors_[k].add(rays[i].first.cast<double>(), rays[i].second.cast<double>());
+      }
+    };
+    std::vector<std::jthread> others;
+    for (std::size_t k = 1; k < parts; ++k) others.emplace_back(part, k);
+    part(0);
+  }
+  [[nodiscard]] MemoryPrediction prediction() const {
+    MemoryPredictor all = predictors_.front();
+    for (std::size_t k = 1; k < predictors_.size(); ++k) all.merge(predictors_[k]);
+    return all.prediction();
+  }
+
+ private:
+  std::vector<MemoryPredictor> predictors_;
 };
 
 /// Two digits, rounded up, so that the advice fits for certain.
@@ -95,7 +127,7 @@ double smallestFittingVoxel_m(MapOptions options, std::optional<double> noise_m,
 std::optional<std::uint64_t> checkMemory(const MapOptions& options, io::ScanSequence& scans, Messages& messages) {
   const std::optional<double> noise_m = scans.recordedRangeNoise_m();
   const bool limited = !options.max_memory.empty();
-  MemoryPredictor predictor(fieldParams(options, noise_m).tsdf);
+  ParallelPredictor predictor(fieldParams(options, noise_m).tsdf, options.common.threads);
   RaySample sample;
   LocalRays rays;
   std::size_t stride = 1;
@@ -103,10 +135,9 @@ std::optional<std::uint64_t> checkMemory(const MapOptions& options, io::ScanSequ
   for (std::size_t step = 0; step < scans.size(); step += stride) {
     if (stopSignal() != 0) return std::nullopt;
     const io::ScanRecord record = scans.read(step);
-    rays.each(record, [&](const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L) {
-      predictor.add(o_L, p_L);
-      sample.add(o_L, p_L);
-    });
+    const std::vector<Ray>& returns = rays.of(record);
+    predictor.add(returns);
+    for (const Ray& ray : returns) sample.add(ray);
     if (step == 0 && !limited) {
       const double all =
           static_cast<double>(record.points_S.size() + record.points_W.size()) * static_cast<double>(scans.size());

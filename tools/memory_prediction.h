@@ -4,7 +4,8 @@
 ///
 /// Memory follows three counts: leaves that some return's double cone touches (they hold distances), leaves that only
 /// a cleared band touches, and surface voxels (one point each). All three are numbers of distinct things over all
-/// returns, so they are estimated by HyperLogLog counters: a few million returns a second in 48 KiB.
+/// returns, so they are estimated by HyperLogLog counters: 48 KiB for any number of returns, and threads can merge
+/// theirs.
 #pragma once
 
 #include <Eigen/Core>
@@ -49,10 +50,14 @@ class MemoryPredictor {
 
   /// One return at p with the sensor at o, both relative to some fixed origin near the scene, metres.
   void add(const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L);
+  /// As if all that went into `other` had come here.
+  void merge(const MemoryPredictor& other);
   [[nodiscard]] MemoryPrediction prediction() const;
 
  private:
   void touchBox(const Eigen::Vector3d& centre, const Eigen::Vector3d& half, DistinctCounter& counter);
+  /// Leaves with a voxel in the cylinder around axis u, `radius` wide and one slab thick.
+  void touchSlab(const Eigen::Vector3d& centre, const Eigen::Vector3d& u, double radius, DistinctCounter& counter);
 
   TsdfParams params_;
   double per_leaf_;  // 1 / edge of a leaf

@@ -133,11 +133,11 @@ std::string toolInWords(const ToolGeometry& tool, const ToolOptions& options) {
                 "tool %s: %.4g x %.4g x %.4g m (length x width x height), reach %.4g m, box %s to %s",
                 printable(tool.name()).c_str(), size.x(), size.y(), size.z(), tool.reach_m(),
                 vectorText(tool.min_T()).c_str(), vectorText(tool.max_T()).c_str());
-  std::string line = text;
+  std::string line = std::string(text) + "; tip at 0,0,0, axis +x along the body, up +z";
   if (options.tool.rfind("builtin:", 0) != 0) {
-    line += "; in the mesh: tip " + (options.tip.empty() ? std::string("0,0,0") : options.tip) + ", axis " +
+    line += " (in the mesh: tip " + (options.tip.empty() ? std::string("0,0,0") : options.tip) + ", axis " +
             (options.axis.empty() ? std::string("1,0,0") : options.axis) + ", up " +
-            (options.up.empty() ? std::string("0,0,1") : options.up);
+            (options.up.empty() ? std::string("0,0,1") : options.up) + ")";
   }
   return line;
 }

@@ -21,7 +21,7 @@ constexpr double kMargin_m = 8.0;         // the scene goes on beyond both ends 
 constexpr double kPathClearance_m = 1.7;  // longest branch and thickest trunk stay off the sensor
 constexpr double kTreeSpacing_m = 1.2;
 constexpr double kLeafyShare = 0.7;
-constexpr double kAreaPerTree_m2 = 10.0;
+constexpr double kAreaPerTree_m2 = 7.0;
 constexpr double kTwoPi = 2.0 * std::numbers::pi;
 
 struct Placement {
@@ -48,13 +48,13 @@ struct Placement {
 };
 
 void addTree(const Vector2d& foot, RandomStream& random, std::vector<Shape>& shapes) {
-  const double height = random.uniform(4.0, 8.0);
+  const double height = random.uniform(5.0, 10.0);
   const double base_radius = random.uniform(0.08, 0.20);
   shapes.push_back(TaperedCylinder{{foot.x(), foot.y(), 0.0}, height, base_radius, 0.3 * base_radius});
   for (double z = random.uniform(0.7, 1.2); z < 0.95 * height; z += random.uniform(0.35, 0.6)) {
     const int branches = 4 + static_cast<int>(random.next() % 3);
     const double first_yaw = random.uniform(0.0, kTwoPi);
-    const double reach = random.uniform(0.6, 1.3) * (1.0 - 0.7 * z / height);
+    const double reach = random.uniform(0.6, 1.3) * (1.0 - 0.5 * z / height);
     for (int b = 0; b < branches; ++b) {
       const double yaw = first_yaw + kTwoPi * b / branches + random.uniform(-0.2, 0.2);
       const double climb = random.uniform(0.05, 0.55);
@@ -64,7 +64,7 @@ void addTree(const Vector2d& foot, RandomStream& random, std::vector<Shape>& sha
       shapes.push_back(Capsule{from, from + length * along, random.uniform(0.010, 0.025)});
       // Foliage at the outer end of most branches; what is left bare is what a pruner works on.
       if (random.uniform() < kLeafyShare) {
-        shapes.push_back(Capsule{from + 0.7 * length * along, from + length * along, random.uniform(0.08, 0.20)});
+        shapes.push_back(Capsule{from + 0.7 * length * along, from + length * along, random.uniform(0.10, 0.28)});
       }
     }
   }

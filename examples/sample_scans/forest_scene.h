@@ -12,7 +12,7 @@ namespace accessvdb::samples {
 
 struct ForestOptions {
   double path_length_m = 4.0;
-  int trees = -1;  ///< -1 = rule: one to 10 square metres
+  int trees = -1;  ///< -1 = rule: one to 7 square metres
   bool flat_ground = false;
   std::uint64_t seed = 1;
 };

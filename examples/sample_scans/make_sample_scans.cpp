@@ -16,7 +16,7 @@ constexpr const char* kUsage =
     "usage: make_sample_scans --out DIR [--frames 40] [--rays 20000] [--seed 1] [--range-noise 0] [--trees N]\n"
     "                         [--length METRES] [--max-range 30] [--flat] [--stamps]\n"
     "A walk past trees with a Mid-360-like scanner. Writes 000000.pcd ..., poses.txt (TUM), range_noise.txt.\n"
-    "  --range-noise S  sigma of the range noise, metres      --trees N   default: one to 10 square metres\n"
+    "  --range-noise S  sigma of the range noise, metres      --trees N   default: one to 7 square metres\n"
     "  --length L       default: 0.1 m a frame                --flat      ground without bumps\n"
     "  --stamps         name the scans by time stamp\n";
 

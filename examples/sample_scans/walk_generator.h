@@ -25,7 +25,7 @@ struct WalkOptions {
   double frame_period_s = 0.1;
   double mount_pitch_rad = 0.3;  ///< nose down
   double height_m = 1.3;         ///< of the sensor
-  int trees = -1;                ///< -1 = rule: one to 10 square metres
+  int trees = -1;                ///< -1 = rule: one to 7 square metres
   bool flat_ground = false;
   Eigen::Vector3d offset_W = {0, 0, 0};  ///< added to every pose: the scene somewhere else in the world
 };

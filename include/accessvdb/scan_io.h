@@ -18,15 +18,15 @@ namespace accessvdb::io {
 enum class PoseFormat { Auto, Tum, Kitti, Balm, Hba, Viewpoint };
 
 struct ScanInputOptions {
-  std::filesystem::path scans;                 ///< a folder of scans, or one file
-  std::filesystem::path poses;                 ///< may be empty (VIEWPOINT, ray cloud, sensor_at)
+  std::filesystem::path scans = {};                 ///< a folder of scans, or one file
+  std::filesystem::path poses = {};                 ///< may be empty (VIEWPOINT, ray cloud, sensor_at)
   PoseFormat pose_format = PoseFormat::Auto;
-  std::filesystem::path calib;                 ///< KITTI calib.txt, where poses are of the camera
-  std::optional<Eigen::Vector3d> sensor_at_W;  ///< one sensor position for one cloud in the world frame
-  int every = 1;                               ///< use every n-th scan
-  bool allow_truncated = false;                ///< keep the complete records of a truncated file
-  bool sort_poses = false;                     ///< accept pose files whose stamps run backwards, by sorting them
-  std::size_t rays_per_step = 20000;           ///< a ray cloud or single cloud is handed out in steps of this many
+  std::filesystem::path calib = {};                 ///< KITTI calib.txt, where poses are of the camera
+  std::optional<Eigen::Vector3d> sensor_at_W = {};  ///< one sensor position for one cloud in the world frame
+  int every = 1;                                    ///< use every n-th scan
+  bool allow_truncated = false;                     ///< keep the complete records of a truncated file
+  bool sort_poses = false;                          ///< accept pose files whose stamps run backwards, by sorting them
+  std::size_t rays_per_step = 20000;                ///< a ray cloud or single cloud is handed out in steps of this many
 };
 
 /// One integration step. Either points_S with T_W_S, or points_W with origins_W (size n, or 1 for all).

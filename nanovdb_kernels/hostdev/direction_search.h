@@ -29,6 +29,10 @@ struct ScoreResult {
   std::uint8_t skipped = 0;                  ///< admissible directions were skipped: reason and score cover the rest only
   std::uint16_t tests = 0;                   ///< directions tested
   DirectionMask blocked = {};                ///< directions found blocked
+  // The point's stored state after the update (hostdev/point_update.h).
+  PointLabel label = PointLabel::Unscored;
+  std::uint16_t stored_score = kNoScore;
+  std::uint16_t stored_direction = kNoDirection;
 };
 
 ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map, float inverse_voxel_size,

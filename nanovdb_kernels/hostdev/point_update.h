@@ -18,7 +18,8 @@ struct UpdateRule {
 /// Confidence in the map at a point, c = w / (w + k_c).
 ACCESSVDB_HOSTDEV inline float confidenceOf(float weight, float half_weight) { return weight / (weight + half_weight); }
 
-ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, std::uint32_t id, const ScoreResult& result,
+/// Updates the stored state of a point and tells the result what is stored now.
+ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, std::uint32_t id, ScoreResult& result,
                                           const UpdateRule& rule) {
   constexpr float kDecay = 0.75f, kRecovery = 0.15f;
   if (result.scored == 0) {
@@ -36,7 +37,10 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, std::uin
   if (was_free) a = free_now ? a + kRecovery * (1.0f - a) : a * kDecay;
   points.stability[id] = a;
 
-  if (!rule.keep_best || result.score < points.score[id] || points.score[id] == kNoScore) {
+  // A blocked point that stays blocked, with some directions skipped because they are known to be blocked: what is
+  // stored is the closest of all directions, the result only that of the rest.
+  const bool partial = !rule.keep_best && result.skipped != 0 && !free_now && points.label[id] == PointLabel::Blocked;
+  if (!partial && (!rule.keep_best || result.score < points.score[id] || points.score[id] == kNoScore)) {
     points.score[id] = result.score;
     points.direction[id] = result.direction;
     points.reason[id] = result.reason;
@@ -50,6 +54,9 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, std::uin
   }
   const float c = confidenceOf(static_cast<float>(points.weight[id]), rule.half_weight);
   points.flags[id] = accessible && c * a > rule.stability_min ? kConfident : 0;
+  result.label = points.label[id];
+  result.stored_score = points.score[id];
+  result.stored_direction = points.direction[id];
 }
 
 }  // namespace accessvdb::kernels

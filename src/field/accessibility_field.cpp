@@ -1,2 +1,202 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
+/// The frame loop: the only place where the stages meet.
+#include "accessvdb/accessibility_field.h"
+
+#include <tbb/task_arena.h>
+
+#include <chrono>
+#include <numeric>
+
+#include "accessvdb/config.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/tsdf_volume.h"
+#include "field/point_weights.h"
+#include "field/scan_gate.h"
+#include "field/scoring_setup.h"
+#include "field/snapshot_builder.h"
+#include "launch/backend.h"
+#include "mirror/nanovdb_mirror.h"
+#include "points/update_scheduler.h"
+#include "tsdf/scan_integrator.h"
+
+namespace accessvdb {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+double millisecondsSince(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+std::unique_ptr<kernels::Backend> chooseBackend(BackendKind kind) {
+  if (kind == BackendKind::Cuda) {
+    throw DeviceError("device.missing", "cuda", "this build has no CUDA backend", "Use --device cpu");
+  }
+  return kernels::makeCpuBackend();
+}
+
+tbb::task_arena makeArena(int threads) {
+  return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
+}
+
+}  // namespace
+
+struct AccessibilityField::Impl {
+  Impl(const ToolGeometry& tool_geometry, const FieldParams& given)
+      : params(given.resolved()),
+        tool(tool_geometry),
+        arena(makeArena(params.threads)),
+        backend(chooseBackend(params.backend)),
+        setup(tool, params, *backend),
+        volume(params.tsdf),
+        gate(params.tsdf),
+        integrator(prepared(volume, params)),
+        mirror(backend->makeArena(), params.tsdf.voxel_size_m),
+        points(params, setup.directions_xy()),
+        reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight)),
+        scorer(points, params, *backend, reads),
+        scheduler(params.update.policy == UpdatePolicy::Exact
+                      ? internal::makeExactScheduler(scorer, setup.hostTool(), setup.hostApproach())
+                      : internal::makePaperScheduler(scorer, setup.hostTool(), setup.hostApproach())) {}
+
+  static internal::PackedMap& prepared(TsdfVolume& volume, const FieldParams& params) {
+    volume.packed().setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
+    return volume.packed();
+  }
+
+  void integrate(const internal::GatedScan& scan, FrameStats& stats) {
+    if (scan.p_L.empty()) return;
+    const auto start = Clock::now();
+    const internal::IntegrationResult result = integrator.integrate(scan.p_L, scan.q_L);
+    stats.touched_leaves = result.touched_leaves;
+    stats.new_leaves = result.new_leaves;
+    stats.distance_updates = result.counts.distance_updates;
+    stats.cleared_updates = result.counts.cleared_updates;
+    const internal::TouchedPoints touched = points.addReturns(scan.p_L, scan.q_L);
+    stats.integrate_ms = millisecondsSince(start);
+    const auto mirroring = Clock::now();
+    for (const auto& changes : result.changes) mirror.apply(changes);
+    stats.mirror_ms = millisecondsSince(mirroring);
+    scheduler->noteScan(touched, scan.p_L, scan.q_L, result.changes);
+  }
+
+  FieldParams params;
+  ToolGeometry tool;
+  tbb::task_arena arena;
+  std::unique_ptr<kernels::Backend> backend;
+  internal::ScoringSetup setup;
+  TsdfVolume volume;
+  internal::ScanGate gate;
+  internal::ScanIntegrator integrator;
+  internal::NanoVdbMirror mirror;
+  internal::PointStore points;
+  internal::MapReads reads;
+  internal::PointScorer scorer;
+  std::unique_ptr<internal::UpdateScheduler> scheduler;
+};
+
+AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
+    : impl_(makeArena(params.threads).execute([&] { return std::make_unique<Impl>(tool, params); })) {}
+AccessibilityField::~AccessibilityField() = default;
+AccessibilityField::AccessibilityField(AccessibilityField&&) noexcept = default;
+AccessibilityField& AccessibilityField::operator=(AccessibilityField&&) noexcept = default;
+
+FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S) {
+  FrameStats stats;
+  impl_->arena.execute([&] { impl_->integrate(impl_->gate.gate(points_S, T_W_S, stats), stats); });
+  return stats;
+}
+
+FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
+                                             std::span<const Eigen::Vector3d> origins_W) {
+  FrameStats stats;
+  impl_->arena.execute([&] { impl_->integrate(impl_->gate.gate(points_W, origins_W, stats), stats); });
+  return stats;
+}
+
+UpdateStats AccessibilityField::update() {
+  return impl_->arena.execute([&] { return impl_->scheduler->update(impl_->setup.tables(impl_->mirror.grid())); });
+}
+
+FieldSnapshot AccessibilityField::snapshot() const {
+  return impl_->arena.execute([&] { return makeSnapshot(impl_->scorer, *impl_->backend, impl_->gate.origin_W()); });
+}
+
+FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) const {
+  return impl_->arena.execute([&] {
+    internal::PointScorer scorer(impl_->points, impl_->params, *impl_->backend, impl_->reads);
+    scorer.grow();
+    std::vector<std::uint32_t> ids(impl_->points.size());
+    std::iota(ids.begin(), ids.end(), 0u);
+    scorer.refreshWeights(ids);
+    std::erase_if(ids, [&](std::uint32_t id) { return !scorer.confidentEnough(id); });
+    scorer.refreshNeighbourhoods(ids);
+    scorer.upload(ids);
+    std::vector<kernels::ScoreItem> items(ids.size());
+    for (std::size_t n = 0; n < ids.size(); ++n) {
+      items[n].id = ids[n];
+      items[n].candidates = internal::allDirections(impl_->params.approach.num_directions);
+    }
+    internal::ScoringTables tables = impl_->setup.tables(impl_->mirror.grid());
+    tables.rule.keep_best = false;
+    const auto results = scorer.score(items, tables);
+    if (tests != nullptr) {
+      *tests = 0;
+      for (const auto& result : results) *tests += result.tests;
+    }
+    return makeSnapshot(scorer, *impl_->backend, impl_->gate.origin_W());
+  });
+}
+
+std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p_W) const {
+  if (!p_W.allFinite()) return std::nullopt;
+  const Eigen::Vector3d p_L = p_W - impl_->gate.origin_W();
+  if (!(p_L.lpNorm<Eigen::Infinity>() <= 1e6 * impl_->params.tsdf.voxel_size_m)) return std::nullopt;
+  const std::uint32_t id = impl_->points.index().find(impl_->points.voxelOf(p_L.cast<float>()));
+  if (id == internal::kNone) return std::nullopt;
+  return makePoint(impl_->scorer, *impl_->backend, impl_->gate.origin_W(), id);
+}
+
+const TsdfVolume& AccessibilityField::volume() const { return impl_->volume; }
+const ToolGeometry& AccessibilityField::tool() const { return impl_->tool; }
+const FieldParams& AccessibilityField::params() const { return impl_->params; }
+Eigen::Vector3d AccessibilityField::origin_W() const { return impl_->gate.origin_W(); }
+std::string AccessibilityField::deviceName() const { return impl_->backend->name(); }
+double AccessibilityField::toolShareHidden() const { return impl_->setup.tool().hidden_share; }
+int AccessibilityField::collisionLimit() const { return impl_->setup.tool().collision_limit; }
+
+MemoryUse AccessibilityField::memoryUse() const {
+  MemoryUse use;
+  use.map_bytes = impl_->volume.memoryBytes();
+  use.mirror_bytes = impl_->mirror.usedBytes() + impl_->mirror.hostBytes();
+  use.point_host_bytes = impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes();
+  use.point_device_bytes = impl_->scorer.device().bytes() + impl_->setup.deviceBytes();
+  use.leaves = impl_->volume.leafCount();
+  use.active_voxels = impl_->volume.activeVoxelCount();
+  return use;
+}
+
+void AccessibilityField::write(const std::filesystem::path& folder) const {
+  io::FieldMetadata metadata = {{"accessvdb_version", ACCESSVDB_VERSION},
+                                {"tool", impl_->tool.name()},
+                                {"tool_sha256", impl_->tool.sha256()},
+                                {"tool_reach_m", std::to_string(impl_->tool.reach_m())},
+                                {"collision_limit", std::to_string(collisionLimit())},
+                                {"device", deviceName()}};
+  const std::string description = impl_->params.describe();
+  for (std::size_t begin = 0; begin < description.size();) {
+    const std::size_t end = description.find('\n', begin), blank = description.find(' ', begin);
+    metadata.emplace_back(description.substr(begin, blank - begin), description.substr(blank + 1, end - blank - 1));
+    begin = end + 1;
+  }
+  const FieldSnapshot field = snapshot();
+  impl_->arena.execute([&] {
+    io::prepareOutputFolder(folder);
+    io::writeFieldVdb(folder / "field.vdb", impl_->volume, field, metadata);
+    io::writePointsVdb(folder / "field_points.vdb", field, metadata);
+    io::writePointsPly(folder / "points.ply", field, metadata);
+  });
+}
+
+}  // namespace accessvdb

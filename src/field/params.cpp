@@ -1,2 +1,143 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
+/// The rules behind parameters left at 0, and their checks (SPEC, "Two profiles").
+#include "accessvdb/params.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+
+#include "accessvdb/error.h"
+
+namespace accessvdb {
+namespace {
+
+constexpr double kPi = 3.141592653589793;
+
+std::string text(double value) {
+  char buffer[32];
+  const auto end = std::to_chars(buffer, buffer + sizeof buffer, value).ptr;
+  return {buffer, end};
+}
+
+/// @throws InvalidArgument unless value lies in [low, high]; NaN never does.
+void require(const char* field, double value, double low, double high, const char* advice = "") {
+  if (value >= low && value <= high) return;
+  throw InvalidArgument("config.range", field, text(value) + " is outside " + text(low) + " .. " + text(high), advice);
+}
+
+/// PCA neighbours: noise comparable to the voxel needs more of them (SPEC e).
+int neighboursFor(double range_noise_m, double voxel_size_m) {
+  if (range_noise_m >= voxel_size_m) return 60;
+  return range_noise_m >= 0.5 * voxel_size_m ? 30 : 10;
+}
+
+}  // namespace
+
+FieldParams FieldParams::paper(double voxel_size_m) {
+  FieldParams p;
+  p.tsdf.voxel_size_m = voxel_size_m;
+  p.tsdf.range_noise_m = 0;
+  p.tsdf.region = UpdateRegion::FullCube;
+  p.tsdf.truncation_distance_m = std::max(4 * voxel_size_m, 0.02);
+  p.tsdf.cleared_radius_voxels = 0;
+  p.tsdf.cleared_begin_tau = 1;
+  p.approach.coarse_to_fine = true;
+  p.approach.viewpoints = true;
+  p.scoring.collision_distance_m = 0.0005;
+  p.scoring.form = ToolForm::SurfaceSamples;
+  p.scoring.neighbours = 10;
+  p.scoring.mean_positions = false;
+  p.scoring.join_neighbour_views = false;
+  p.scoring.neighbourhood_weight = false;
+  p.update.policy = UpdatePolicy::Paper;
+  return p;
+}
+
+FieldParams FieldParams::resolved() const {
+  FieldParams p = *this;
+  TsdfParams& t = p.tsdf;
+  require("voxel_size_m", t.voxel_size_m, 0.0005, 10, "Choose a voxel between 0.5 mm and 10 m");
+  require("range_noise_m", t.range_noise_m, 0, 10);
+  if (t.truncation_distance_m == 0) t.truncation_distance_m = std::max(4 * t.voxel_size_m, 5 * t.range_noise_m);
+  require("truncation_distance_m", t.truncation_distance_m, t.voxel_size_m, 100 * t.voxel_size_m,
+          "tau lies between 1 and 100 voxels; choose a larger voxel or a smaller tau");
+  require("min_range_m", t.min_range_m, 0, 1e6);
+  require("max_range_m", t.max_range_m, t.min_range_m, std::numeric_limits<double>::infinity());
+  require("cone_cos_min", t.cone_cos_min, 0.85, 0.9999);
+  require("clamp_min_m", t.clamp_min_m, -t.truncation_distance_m, 0);
+  require("max_weight", t.max_weight, 1, 4095);
+  require("cleared_radius_voxels", t.cleared_radius_voxels, 0, 16);
+  require("cleared_begin_tau", t.cleared_begin_tau, 0, 10);
+  require("cleared_end_tau", t.cleared_end_tau, t.cleared_begin_tau, 100);
+
+  ApproachParams& a = p.approach;
+  require("num_directions", a.num_directions, 4, 256, "Up to 256 directions are supported");
+  require("normal_cone_rad", a.normal_cone_rad, 0.01, kPi / 2);
+  require("observation_cos_min", a.observation_cos_min, -1, 1);
+  for (const double f : a.arm_tau) require("arm_tau", f, 0, 100);
+  require("corridor_length_m", a.corridor_length_m, 0, 50 * t.truncation_distance_m,
+          "A corridor is at most 50 tau long");
+  // Only what rays were seen to pass counts as free, so the cleared band reaches as far as the corridor.
+  t.cleared_end_tau = std::max(t.cleared_end_tau, a.corridor_length_m / t.truncation_distance_m);
+
+  ScoringParams& s = p.scoring;
+  if (s.collision_distance_m == 0) s.collision_distance_m = 0.5 * t.voxel_size_m;
+  require("collision_distance_m", s.collision_distance_m, 1e-6, t.truncation_distance_m);
+  require("self_exclusion_voxels", s.self_exclusion_voxels, 0, 100);
+  require("surface_samples", s.surface_samples, 10, 1'000'000);
+  require("max_collisions", s.max_collisions, 0, 65000);
+  if (s.neighbours == 0) s.neighbours = neighboursFor(t.range_noise_m, t.voxel_size_m);
+  require("neighbours", s.neighbours, 3, 500);
+  require("confidence_half_weight", s.confidence_half_weight, 0.01, 1000);
+  require("confidence_min", s.confidence_min, 0, 0.99);
+
+  require("budget_points", p.update.budget_points, 0, 2'000'000'000);
+  require("changed_voxel_sample", p.update.changed_voxel_sample, 0, 1'000'000);
+  require("changed_voxel_radius_voxels", p.update.changed_voxel_radius_voxels, 0, 100);
+  require("requeue_motion_m", p.update.requeue_motion_m, 0, 1000);
+  require("stability_min", p.update.stability_min, 0, 1);
+  require("threads", p.threads, 0, 4096);
+  return p;
+}
+
+std::string FieldParams::describe() const {
+  std::string out;
+  const auto put = [&](const char* name, const std::string& value) { out += std::string(name) + " " + value + "\n"; };
+  put("voxel_size_m", text(tsdf.voxel_size_m));
+  put("truncation_distance_m", text(tsdf.truncation_distance_m));
+  put("range_noise_m", text(tsdf.range_noise_m));
+  put("min_range_m", text(tsdf.min_range_m));
+  put("max_range_m", text(tsdf.max_range_m));
+  put("region", tsdf.region == UpdateRegion::DoubleCone ? "double_cone" : "full_cube");
+  put("cone_cos_min", text(tsdf.cone_cos_min));
+  put("clamp_min_m", text(tsdf.clamp_min_m));
+  put("max_weight", std::to_string(tsdf.max_weight));
+  put("cleared_radius_voxels", text(tsdf.cleared_radius_voxels));
+  put("cleared_begin_tau", text(tsdf.cleared_begin_tau));
+  put("cleared_end_tau", text(tsdf.cleared_end_tau));
+  put("num_directions", std::to_string(approach.num_directions));
+  put("normal_cone_rad", text(approach.normal_cone_rad));
+  put("observation_cos_min", text(approach.observation_cos_min));
+  put("arm_tau", text(approach.arm_tau[0]) + " " + text(approach.arm_tau[1]) + " " + text(approach.arm_tau[2]));
+  put("corridor_length_m", text(approach.corridor_length_m));
+  put("coarse_to_fine", approach.coarse_to_fine ? "true" : "false");
+  put("viewpoints", approach.viewpoints ? "true" : "false");
+  put("collision_distance_m", text(scoring.collision_distance_m));
+  put("self_exclusion_voxels", text(scoring.self_exclusion_voxels));
+  put("tool_form", scoring.form == ToolForm::Voxels ? "voxels" : "surface_samples");
+  put("surface_samples", std::to_string(scoring.surface_samples));
+  put("max_collisions", std::to_string(scoring.max_collisions));
+  put("neighbours", std::to_string(scoring.neighbours));
+  put("mean_positions", scoring.mean_positions ? "true" : "false");
+  put("join_neighbour_views", scoring.join_neighbour_views ? "true" : "false");
+  put("neighbourhood_weight", scoring.neighbourhood_weight ? "true" : "false");
+  put("confidence_half_weight", text(scoring.confidence_half_weight));
+  put("confidence_min", text(scoring.confidence_min));
+  put("policy", update.policy == UpdatePolicy::Exact ? "exact" : "paper");
+  put("budget_points", std::to_string(update.budget_points));
+  put("stability_min", text(update.stability_min));
+  return out;
+}
+
+}  // namespace accessvdb

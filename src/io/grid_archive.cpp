@@ -62,6 +62,7 @@ openvdb::MetaMap fieldMetadata(const FieldSnapshot& field, const io::FieldMetada
     map.removeMeta(name);  // insertMeta refuses a value of another type
     map.insertMeta(name, value);
   };
+  replace("creator", openvdb::StringMetadata("AccessVDB " ACCESSVDB_VERSION));
   replace("accessvdb_version", openvdb::StringMetadata(ACCESSVDB_VERSION));
   replace("origin_W_x", openvdb::DoubleMetadata(field.origin_W.x()));
   replace("origin_W_y", openvdb::DoubleMetadata(field.origin_W.y()));

@@ -11,8 +11,8 @@
 namespace accessvdb::internal {
 
 struct ChildLimits {
-  std::chrono::seconds time{120};
-  std::uint64_t extra_memory_bytes = std::uint64_t{4} << 30;  ///< beyond what this process has mapped
+  std::chrono::seconds time{30};
+  std::uint64_t extra_memory_bytes = std::uint64_t{1} << 30;  ///< beyond what this process has mapped
 };
 
 struct ChildResult {

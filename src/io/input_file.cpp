@@ -16,7 +16,6 @@
 namespace accessvdb::io {
 namespace {
 
-constexpr std::size_t kMaxMessageBytes = 1024;
 constexpr std::size_t kReadStep = std::size_t{1} << 24;
 constexpr std::string_view kLfsPointer = "version https://git-lfs";
 
@@ -55,11 +54,11 @@ std::uint64_t regularSize(const Descriptor& file, const std::filesystem::path& p
 
 }  // namespace
 
-std::string forMessage(std::string_view text) {
+std::string forMessage(std::string_view text, std::size_t max_bytes) {
   std::string out;
   for (const char c : text) {
     const auto byte = static_cast<unsigned char>(c);
-    if (out.size() >= kMaxMessageBytes) return out + "...";
+    if (out.size() >= max_bytes) return out + "...";
     if (byte >= 0x20 && byte != 0x7f) {
       out += c;
       continue;

@@ -11,8 +11,10 @@
 
 namespace accessvdb::io {
 
-/// File text or a path made fit for a message: control bytes escaped, clamped to 1 KB.
-[[nodiscard]] std::string forMessage(std::string_view text);
+/// File text or a path made fit for a message: control bytes escaped, clamped.
+[[nodiscard]] std::string forMessage(std::string_view text, std::size_t max_bytes = 1024);
+/// The same for one word of a file.
+[[nodiscard]] inline std::string wordForMessage(std::string_view word) { return forMessage(word, 64); }
 
 /// Size of a regular file in bytes. @throws InputError (missing, folder, pipe, device, no permission)
 [[nodiscard]] std::uint64_t inputFileSize(const std::filesystem::path& path);

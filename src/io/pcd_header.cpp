@@ -16,7 +16,7 @@ using Tokens = std::vector<std::string_view>;
 
 std::uint64_t countOf(const LineReader& lines, std::string_view token) {
   std::uint64_t value = 0;
-  if (!parseCount(token, value)) lines.fail("has '" + forMessage(token) + "' where a count is needed");
+  if (!parseCount(token, value)) lines.fail("has '" + wordForMessage(token) + "' where a count is needed");
   return value;
 }
 
@@ -29,7 +29,7 @@ ScalarType scalarOf(const LineReader& lines, std::string_view type, std::uint64_
   };
   const auto found = kTypes.find({type, size});
   if (found == kTypes.end())
-    lines.fail("makes a field of TYPE '" + forMessage(type) + "' and SIZE " + std::to_string(size));
+    lines.fail("makes a field of TYPE '" + wordForMessage(type) + "' and SIZE " + std::to_string(size));
   return found->second;
 }
 
@@ -52,7 +52,8 @@ void layOutRecord(const LineReader& lines, const RawHeader& raw, PcdHeader& head
     field.first_value = header.record_values;
     field.offset_bytes = header.record_bytes;
     if (!(field.count >= 1 && field.count <= kMaxPcdRecordBytes))
-      lines.fail("ends a header with COUNT " + std::to_string(field.count) + " for field " + forMessage(field.name));
+      lines.fail("ends a header with COUNT " + std::to_string(field.count) + " for field " +
+                 wordForMessage(field.name));
     header.record_values += field.count;
     header.record_bytes += field.count * scalarBytes(field.type);
     if (header.record_bytes > kMaxPcdRecordBytes)
@@ -93,7 +94,7 @@ PcdHeader parsePcdHeader(std::string_view file, const std::string& subject) {
     splitTokens(line, tokens);
     const std::string_view key = tokens.front();
     const auto single = [&] {
-      if (tokens.size() != 2) lines.fail("needs one value after " + forMessage(key));
+      if (tokens.size() != 2) lines.fail("needs one value after " + wordForMessage(key));
       return tokens[1];
     };
     const auto counts = [&] {
@@ -131,7 +132,7 @@ PcdHeader parsePcdHeader(std::string_view file, const std::string& subject) {
       } else if (kind == "binary_compressed") {
         header.data = PcdHeader::Data::BinaryCompressed;
       } else {
-        lines.fail("asks for DATA '" + forMessage(kind) + "'", "Known are ascii, binary and binary_compressed");
+        lines.fail("asks for DATA '" + wordForMessage(kind) + "'", "Known are ascii, binary and binary_compressed");
       }
       layOutRecord(lines, raw, header);
       countPoints(lines, raw, header);
@@ -139,7 +140,7 @@ PcdHeader parsePcdHeader(std::string_view file, const std::string& subject) {
       header.data_offset = lines.offset();
       return header;
     } else {
-      lines.fail("begins with '" + forMessage(key) + "', which no PCD header does",
+      lines.fail("begins with '" + wordForMessage(key) + "', which no PCD header does",
                  "Check that this is a PCD file and not text or a link to the data");
     }
   }

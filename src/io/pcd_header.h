@@ -39,7 +39,7 @@ struct PcdHeader {
 
 inline constexpr std::uint64_t kMaxPcdRecordBytes = 1 << 16;
 /// A header lies within this many bytes of the beginning.
-inline constexpr std::uint64_t kMaxPcdHeaderBytes = 1 << 16;
+inline constexpr std::uint64_t kMaxPcdHeaderBytes = 1 << 17;
 
 /// @throws InputError "input.malformed" naming the line
 [[nodiscard]] PcdHeader parsePcdHeader(std::string_view file, const std::string& subject);

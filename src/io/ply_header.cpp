@@ -23,7 +23,7 @@ ScalarType scalarOf(const LineReader& lines, std::string_view name) {
       {"float", ScalarType::Float32},  {"float32", ScalarType::Float32}, {"double", ScalarType::Float64},
       {"float64", ScalarType::Float64}};
   const auto found = kTypes.find(name);
-  if (found == kTypes.end()) lines.fail("has the unknown type '" + forMessage(name) + "'");
+  if (found == kTypes.end()) lines.fail("has the unknown type '" + wordForMessage(name) + "'");
   return found->second;
 }
 
@@ -106,7 +106,7 @@ PlyHeader parsePlyHeader(std::string_view file, const std::string& subject) {
       header.data_offset = lines.offset();
       return header;
     } else {
-      lines.fail("begins with '" + forMessage(tokens[0]) + "', which no PLY header does");
+      lines.fail("begins with '" + wordForMessage(tokens[0]) + "', which no PLY header does");
     }
   }
   throw InputError("input.malformed", subject, "breaks off inside the header", "Copy the file again");

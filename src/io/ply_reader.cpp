@@ -43,7 +43,7 @@ void addVertex(const std::array<double, 8>& value, const VertexColumns& columns,
   const bool vertex = element.name == "vertex";
   throw InputError(
       "input.truncated", subject,
-      "the header promises " + std::to_string(element.count) + " of '" + forMessage(element.name) +
+      "the header promises " + std::to_string(element.count) + " of '" + wordForMessage(element.name) +
           "' but the file ends after " + std::to_string(complete) + " complete ones",
       vertex ? "Use --allow-truncated to keep " + std::to_string(complete) + " points" : "Copy the file again");
 }

@@ -35,7 +35,7 @@ std::vector<Row> readRows(const std::filesystem::path& path, const std::string& 
     for (const std::string_view token : tokens) {
       double value = 0;
       if (!parseNumber(token, value))
-        lines.fail("has '" + forMessage(token) + "' where a number is needed",
+        lines.fail("has '" + wordForMessage(token) + "' where a number is needed",
                    "Pose files are plain numbers: TUM, KITTI, BALM or HBA");
       row.values.push_back(value);
     }
@@ -149,7 +149,7 @@ void applyCalibration(const std::filesystem::path& path, PoseFile& file) {
     std::array<double, 12> v;
     bool good = tokens.size() == 13;
     for (std::size_t i = 0; good && i < 12; ++i) good = parseNumber(tokens[i + 1], v[i]);
-    if (!good) lines.fail("needs 12 numbers after " + forMessage(tokens[0]));
+    if (!good) lines.fail("needs 12 numbers after " + wordForMessage(tokens[0]));
     PoseChecker checker(lines.subject());
     const Eigen::Isometry3d T_C_S = checker.fromMatrix(matrixOf(v.data()), lines.number());
     checker.addNotice(file.notices);

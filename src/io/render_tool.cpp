@@ -87,7 +87,7 @@ void renderTool(const std::filesystem::path& png, const ToolGeometry& tool, cons
   // Axes and tip lie in front of everything: they are what the picture is for.
   const double lift_m = 4 * (size_m.norm() + axis_m);
   const int scale = internal::textScale(options.height_px);
-  const double line_px = 1.5 * scale * kSupersampling;
+  const double line_px = 2.5 * scale * kSupersampling;
   const std::array<Axis, 3> axes = {
       {{"x", {0.84f, 0.16f, 0.16f}}, {"y", {0.13f, 0.60f, 0.20f}}, {"z", {0.15f, 0.35f, 0.85f}}}};
   const Eigen::Vector3d tip_px = camera.toPixels(Eigen::Vector3d::Zero());
@@ -97,9 +97,9 @@ void renderTool(const std::filesystem::path& png, const ToolGeometry& tool, cons
     ends_px[a] = camera.toPixels(camera.toView(Eigen::Vector3d::Unit(axis) * axis_m));
     canvas.drawLine(tip_px, ends_px[a], line_px, lift_m, axes[a].colour);
   }
-  canvas.drawSplat(tip_px + Eigen::Vector3d(0, 0, 2 * lift_m), Eigen::Vector3f::Zero(), 3.2 * line_px, 1,
+  canvas.drawSplat(tip_px + Eigen::Vector3d(0, 0, 2 * lift_m), Eigen::Vector3f::Zero(), 2.2 * line_px, 1,
                    {0.10f, 0.10f, 0.12f});
-  canvas.drawSplat(tip_px + Eigen::Vector3d(0, 0, 3 * lift_m), Eigen::Vector3f::Zero(), 2.0 * line_px, 1,
+  canvas.drawSplat(tip_px + Eigen::Vector3d(0, 0, 3 * lift_m), Eigen::Vector3f::Zero(), 1.4 * line_px, 1,
                    {1.0f, 0.80f, 0.10f});
 
   RgbImage image = canvas.reduced(kSupersampling, kBackground);

@@ -134,6 +134,10 @@ VdbSummary summarizeVdb(const std::filesystem::path& path) {
   const json parsed = json::parse(result.text);
   VdbSummary summary;
   if (parsed.contains("metadata")) summary.metadata = parsed["metadata"].get<Pairs>();
+  // OpenVDB keeps the creator on each grid, Houdini at file level.
+  for (const auto& [name, text] : summary.metadata) {
+    if (name == "creator") summary.creator = text;
+  }
   for (const json& grid : parsed.at("grids")) {
     summary.grids.push_back(gridFrom(grid));
     if (summary.creator.empty()) summary.creator = grid.at("creator");

@@ -1,2 +1,276 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
+/// Exact incremental updates. After every update without a backlog, the label of each point, and the best direction and
+/// score of each accessible point, are those of a full evaluation of the current map.
+///
+/// For each point the scheduler knows directions K that are blocked under the current map. They need no test until
+///   a flip for the better lies on a voxel that the direction reads (then the direction leaves K),
+/// while a flip for the worse matters only to the one best direction of an accessible point. A changed normal or seen set
+/// only changes which directions are admissible: those outside K are tested, the others are known.
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <vector>
+
+#include "points/flip_set.h"
+#include "points/leaf_footprint.h"
+#include "points/update_scheduler.h"
+
+namespace accessvdb::internal {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+double millisecondsSince(Clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
+}
+
+/// What is due at a point. Kept while it waits in the backlog.
+enum Due : std::uint8_t {
+  kScore = 1,           ///< directions outside K have to be tried
+  kForgetBest = 2,      ///< the count of the best direction is not valid any more
+  kForgetBlocked = 4    ///< K is not valid any more
+};
+
+class ExactScheduler final : public UpdateScheduler {
+ public:
+  ExactScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach)
+      : scorer_(scorer),
+        approach_(approach),
+        footprint_(tool, approach, scorer.params().tsdf.voxel_size_m),
+        all_(allDirections(approach.num_directions)) {}
+
+  void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
+                std::span<const std::span<const LeafChange>> changes) override {
+    touched_.insert(touched_.end(), touched.all.begin(), touched.all.end());
+    if (!anything_scored_) return;  // nothing to invalidate yet
+    for (const auto& part : changes) flips_.add(part);
+  }
+
+  UpdateStats update(const ScoringTables& tables) override {
+    UpdateStats stats;
+    const auto start = Clock::now();
+    scorer_.grow();
+    blocked_.resize(scorer_.points().size(), DirectionMask{});
+    due_.resize(scorer_.points().size(), 0);
+
+    const std::vector<std::uint32_t> crossed = findCrossed();
+    const std::vector<std::uint32_t> moved = findMoved(crossed);
+    const std::vector<std::uint32_t> changed = scorer_.refreshNeighbourhoods(moved);
+    for (const std::uint32_t id : changed) request(id, 0);
+    for (const std::uint32_t id : crossed) request(id, kForgetBlocked | kForgetBest);
+    std::vector<std::uint32_t> sent = changed;
+    sent.insert(sent.end(), crossed.begin(), crossed.end());
+    scorer_.upload(sent);
+    if (!flips_.empty()) applyFlips();
+    flips_.clear();
+    touched_.clear();
+
+    std::vector<std::uint32_t> work = takeWork();
+    stats.dirty_points = moved.size() + work.size();
+    stats.backlog = queue_.size();
+    stats.update_ms = millisecondsSince(start);
+    const auto scoring = Clock::now();
+    scoreAll(work, tables, stats);
+    stats.score_ms = millisecondsSince(scoring);
+    return stats;
+  }
+
+  std::uint64_t bytes() const override {
+    return blocked_.capacity() * sizeof(DirectionMask) + due_.capacity() + flips_.bytes() +
+           (touched_.capacity() + fresh_.capacity() + queue_.capacity()) * sizeof(std::uint32_t);
+  }
+
+ private:
+  void request(std::uint32_t id, unsigned what) {
+    if (due_[id] == 0) queue_.push_back(id);
+    due_[id] = static_cast<std::uint8_t>(due_[id] | kScore | what);
+  }
+
+  /// Cause (e): points whose confidence crossed the bound. Weights only grow, so only points below it are looked at.
+  std::vector<std::uint32_t> findCrossed() {
+    for (std::uint32_t id = known_points_; id < scorer_.points().size(); ++id) fresh_.push_back(id);
+    known_points_ = scorer_.points().size();
+    std::vector<std::uint32_t> crossed = scorer_.refreshWeights(fresh_);
+    std::erase_if(fresh_, [&](std::uint32_t id) { return scorer_.confidentEnough(id); });
+    // What `confident` needs; costs little beside the rest.
+    std::vector<std::uint32_t> scored;
+    for (const std::uint32_t id : touched_) {
+      if (scorer_.record(id).has_neighbourhood) scored.push_back(id);
+    }
+    scorer_.refreshWeights(scored);
+    scorer_.upload(scored);
+    return crossed;
+  }
+
+  /// Causes (b), (c), (d): scored points whose neighbourhood holds a touched point; and points scored for the first time.
+  std::vector<std::uint32_t> findMoved(const std::vector<std::uint32_t>& crossed) {
+    const PointStore& points = scorer_.points();
+    const auto& blocks = points.index().blocks();
+    std::vector<std::uint8_t> moved(points.size(), 0);
+    // A touched point's mean may have moved anywhere inside its voxel.
+    const float slack = 1.7320508f * static_cast<float>(scorer_.params().tsdf.voxel_size_m) * 1.001f;
+    std::vector<float> block_reach(blocks.size(), 0);
+    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
+      for (const std::uint32_t id : blocks[b].ids) {
+        if (scorer_.record(id).has_neighbourhood) block_reach[b] = std::max(block_reach[b], scorer_.record(id).reach_m + slack);
+      }
+    });
+    const float most_reach = block_reach.empty() ? 0 : *std::max_element(block_reach.begin(), block_reach.end());
+    const auto block_size_m = static_cast<float>(8 * scorer_.params().tsdf.voxel_size_m);
+    const auto leaves = static_cast<std::int32_t>(most_reach / block_size_m) + 1;
+
+    std::sort(touched_.begin(), touched_.end());
+    touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
+    if (most_reach > 0) {
+      tbb::parallel_for(std::size_t{0}, touched_.size(), [&](std::size_t n) {
+        const Eigen::Vector3f& c = points.pca_L(touched_[n]);
+        const Index3 leaf = parentOf(points.voxelOf(points.first_L(touched_[n])));
+        points.index().forEachBlock(
+            {leaf[0] - leaves, leaf[1] - leaves, leaf[2] - leaves}, {leaf[0] + leaves, leaf[1] + leaves, leaf[2] + leaves},
+            [&](std::uint32_t b) {
+              const auto box_gap = static_cast<float>(
+                  std::max({std::abs(blocks[b].leaf[0] - leaf[0]), std::abs(blocks[b].leaf[1] - leaf[1]),
+                            std::abs(blocks[b].leaf[2] - leaf[2]), 1}) - 1) * block_size_m;
+              if (box_gap > block_reach[b]) return;
+              for (const std::uint32_t id : blocks[b].ids) {
+                const PointRecord& record = scorer_.record(id);
+                if (!record.has_neighbourhood) continue;
+                if ((points.pca_L(id) - c).norm() <= record.reach_m + slack) {
+                  std::atomic_ref<std::uint8_t>(moved[id]).store(1, std::memory_order_relaxed);
+                }
+              }
+            });
+      });
+    }
+    for (const std::uint32_t id : crossed) moved[id] = 1;
+    std::vector<std::uint32_t> ids;
+    for (std::uint32_t id = 0; id < moved.size(); ++id) {
+      if (moved[id] != 0) ids.push_back(id);
+    }
+    return ids;
+  }
+
+  /// Cause (a), with the sign of the flips.
+  void applyFlips() {
+    const PointStore& points = scorer_.points();
+    const auto& blocks = points.index().blocks();
+    std::vector<std::uint8_t> wanted(points.size(), 0);
+    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
+      const bool any_scored = std::any_of(blocks[b].ids.begin(), blocks[b].ids.end(), [&](std::uint32_t id) {
+        return scorer_.record(id).label != PointLabel::Unscored;
+      });
+      if (!any_scored) return;
+      const AffectedDirections affected = footprint_.affected(blocks[b].leaf, flips_);
+      if (!any(affected.better) && !any(affected.worse)) return;
+      for (const std::uint32_t id : blocks[b].ids) {
+        if (scorer_.record(id).label != PointLabel::Unscored) wanted[id] = applyFlipsTo(id, affected);
+      }
+    });
+    for (std::uint32_t id = 0; id < wanted.size(); ++id) {
+      if (wanted[id] != 0) request(id, wanted[id]);
+    }
+  }
+
+  std::uint8_t applyFlipsTo(std::uint32_t id, const AffectedDirections& affected) {
+    const PointRecord& record = scorer_.record(id);
+    const Eigen::Vector3f& position_L = scorer_.points().first_L(id);
+    std::uint8_t wanted = 0;
+    const bool accessible = record.label == PointLabel::Accessible;
+    if (accessible && affected.worse.test(record.direction) && footprint_.readsWorse(position_L, record.direction, flips_)) {
+      wanted |= kScore | kForgetBest;
+    }
+    // With collisions left at the best direction, any other may have become better, tested or not.
+    const bool count_matters = accessible && record.score > 0;
+    const DirectionMask suspects = affected.better & (count_matters ? record.seen : blocked_[id]);
+    for (int word = 0; word < kernels::kMaxDirectionWords; ++word) {
+      for (std::uint64_t bits = suspects.word[word]; bits != 0; bits &= bits - 1) {
+        const int d = word * 64 + std::countr_zero(bits);
+        if (!footprint_.readsBetter(position_L, d, flips_)) continue;
+        blocked_[id].reset(d);
+        wanted |= kScore | (count_matters ? kForgetBest : 0);
+      }
+    }
+    return wanted;
+  }
+
+  std::vector<std::uint32_t> takeWork() {
+    const int budget = scorer_.params().update.budget_points;
+    const std::size_t count = budget > 0 ? std::min(queue_.size(), static_cast<std::size_t>(budget)) : queue_.size();
+    std::vector<std::uint32_t> work(queue_.begin(), queue_.begin() + static_cast<std::ptrdiff_t>(count));
+    queue_.erase(queue_.begin(), queue_.begin() + static_cast<std::ptrdiff_t>(count));
+    return work;
+  }
+
+  void scoreAll(const std::vector<std::uint32_t>& work, const ScoringTables& tables, UpdateStats& stats) {
+    std::vector<kernels::ScoreItem> items;
+    std::vector<PointLabel> labels_before;
+    items.reserve(work.size());
+    for (const std::uint32_t id : work) {
+      const PointRecord& record = scorer_.record(id);
+      const std::uint8_t due = std::exchange(due_[id], std::uint8_t{0});
+      if (!scorer_.confidentEnough(id)) continue;
+      const bool best_admissible = scorer_.admissible(id, record.direction, approach_);
+      // The reason of a blocked point belongs to its closest direction: when that one is gone, look at all of them.
+      const bool reason_gone = record.label == PointLabel::Blocked && !best_admissible;
+      if ((due & kForgetBlocked) != 0 || record.label == PointLabel::Unscored || reason_gone) blocked_[id] = {};
+      kernels::ScoreItem item;
+      item.id = id;
+      item.skip = blocked_[id];
+      item.candidates = all_;
+      if (record.label == PointLabel::Accessible && (due & kForgetBest) == 0 && best_admissible) {
+        item.known_direction = record.direction;
+        item.known_score = record.score;
+      }
+      items.push_back(item);
+      labels_before.push_back(record.label);
+    }
+    const auto take = [&](const std::vector<kernels::ScoreItem>& asked, const std::vector<kernels::ScoreResult>& results) {
+      for (std::size_t n = 0; n < asked.size(); ++n) {
+        blocked_[asked[n].id] = blocked_[asked[n].id] | results[n].blocked;
+        stats.direction_tests += results[n].tests;
+        stats.scored_points += results[n].tests > 0 ? 1 : 0;
+      }
+    };
+    const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables);
+    take(items, results);
+
+    // Points that lost their access while some directions were skipped: the reason needs all of them.
+    std::vector<kernels::ScoreItem> again;
+    for (std::size_t n = 0; n < items.size(); ++n) {
+      stats.label_changes += labels_before[n] != results[n].label ? 1 : 0;
+      if (results[n].label == PointLabel::Blocked && labels_before[n] == PointLabel::Accessible && results[n].skipped != 0) {
+        blocked_[items[n].id] = {};
+        again.push_back({});
+        again.back().id = items[n].id;
+        again.back().candidates = all_;
+      }
+    }
+    if (!again.empty()) take(again, scorer_.score(again, tables));
+    anything_scored_ = anything_scored_ || !items.empty();
+  }
+
+  PointScorer& scorer_;
+  kernels::ApproachView approach_;
+  LeafFootprint footprint_;
+  DirectionMask all_;
+  FlipSet flips_;
+  std::vector<std::uint32_t> touched_;      ///< since the last update
+  std::vector<std::uint32_t> fresh_;        ///< below the confidence bound
+  std::vector<std::uint32_t> queue_;        ///< points with something due, first come first served
+  std::vector<DirectionMask> blocked_;      ///< [K] by id
+  std::vector<std::uint8_t> due_;           ///< by id
+  std::uint32_t known_points_ = 0;
+  bool anything_scored_ = false;
+};
+
+}  // namespace
+
+std::unique_ptr<UpdateScheduler> makeExactScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
+                                                    const kernels::ApproachView& approach) {
+  return std::make_unique<ExactScheduler>(scorer, tool, approach);
+}
+
+}  // namespace accessvdb::internal

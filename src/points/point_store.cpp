@@ -1,2 +1,183 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
+#include "points/point_store.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+
+#include <cmath>
+#include <tuple>
+
+#include "hostdev/occupancy_query.h"
+
+namespace accessvdb::internal {
+namespace {
+
+constexpr double kOffsetSteps = 1 << 20;  // of a voxel
+constexpr double kSensorSteps = 1 << 16;  // of a metre
+/// Viewpoints nearer than this to a stored one are not stored (SPEC a.2).
+constexpr float kViewpointSpacing_m = 0.10f;
+
+std::uint64_t voxelKey(const Index3& voxel) {
+  constexpr std::int64_t kBias = 1 << 20;
+  return static_cast<std::uint64_t>(voxel[0] + kBias) << 42 | static_cast<std::uint64_t>(voxel[1] + kBias) << 21 |
+         static_cast<std::uint64_t>(voxel[2] + kBias);
+}
+
+/// A return with its voxel; sorted, so that the order inside a scan does not matter.
+struct KeyedReturn {
+  std::uint64_t key;
+  std::uint32_t index;
+};
+
+}  // namespace
+
+PointStore::PointStore(const FieldParams& resolved, std::vector<float> direction_xy)
+    : params_(resolved),
+      direction_xy_(std::move(direction_xy)),
+      inverse_voxel_size_(static_cast<float>(1.0 / resolved.tsdf.voxel_size_m)),
+      words_((resolved.approach.num_directions + 63) / 64) {}
+
+Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
+  const auto ijk = kernels::voxelOf(p_L.x(), p_L.y(), p_L.z(), inverse_voxel_size_);
+  return {ijk[0], ijk[1], ijk[2]};
+}
+
+TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
+  TouchedPoints touched;
+  const auto sensor = [&](std::uint32_t n) -> const Eigen::Vector3f& { return q_L[q_L.size() == 1 ? 0 : n]; };
+  std::vector<KeyedReturn> returns(p_L.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), 4096), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      returns[n] = {voxelKey(voxelOf(p_L[n])), static_cast<std::uint32_t>(n)};
+    }
+  });
+  const auto values = [&](std::uint32_t n) {
+    const Eigen::Vector3f &p = p_L[n], &q = sensor(n);
+    return std::make_tuple(p.x(), p.y(), p.z(), q.x(), q.y(), q.z());
+  };
+  tbb::parallel_sort(returns, [&](const KeyedReturn& a, const KeyedReturn& b) {
+    return a.key != b.key ? a.key < b.key : values(a.index) < values(b.index);
+  });
+
+  std::vector<std::uint32_t> group_begin;
+  for (std::size_t n = 0; n < returns.size(); ++n) {
+    if (n > 0 && returns[n].key == returns[n - 1].key) continue;
+    group_begin.push_back(static_cast<std::uint32_t>(n));
+    const Eigen::Vector3f& p = p_L[returns[n].index];
+    const Index3 voxel = voxelOf(p);
+    std::uint32_t id = index_.find(voxel);
+    if (id == kNone) {
+      id = size();
+      index_.insert(voxel, id);
+      first_L_.push_back(p);
+      ++touched.new_points;
+    }
+    touched.all.push_back(id);
+  }
+  group_begin.push_back(static_cast<std::uint32_t>(returns.size()));
+  const std::size_t n = first_L_.size();
+  pca_L_.resize(n, Eigen::Vector3f::Zero());
+  offset_sum_.resize(n, {0, 0, 0});
+  sensor_sum_.resize(n, {0, 0, 0});
+  returns_.resize(n, 0);
+  if (params_.approach.viewpoints) {
+    viewpoints_.resize(n);
+  } else {
+    seen_.resize(n * static_cast<std::size_t>(words_), 0);
+  }
+  // With viewpoints, poses are stored once: one a scan, or one a ray for ray clouds.
+  const auto first_pose = static_cast<std::uint32_t>(poses_.size());
+  if (params_.approach.viewpoints) poses_.insert(poses_.end(), q_L.begin(), q_L.end());
+
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, touched.all.size(), 256), [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) {
+      for (std::uint32_t m = group_begin[g]; m < group_begin[g + 1]; ++m) {
+        const std::uint32_t i = returns[m].index;
+        addToPoint(touched.all[g], p_L[i], sensor(i), first_pose + (q_L.size() == 1 ? 0 : i));
+      }
+      refreshMean(touched.all[g]);
+    }
+  });
+  return touched;
+}
+
+void PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L,
+                            std::uint32_t pose) {
+  const Index3 voxel = voxelOf(p_L);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double centre = voxel[axis] * params_.tsdf.voxel_size_m;
+    const auto a = static_cast<Eigen::Index>(axis);
+    offset_sum_[id][axis] += std::llround((static_cast<double>(p_L[a]) - centre) / params_.tsdf.voxel_size_m * kOffsetSteps);
+    sensor_sum_[id][axis] += std::llround(static_cast<double>(q_L[a]) * kSensorSteps);
+  }
+  ++returns_[id];
+  if (!params_.approach.viewpoints) {
+    const DirectionMask mask = directionsTowards(p_L, q_L);
+    for (int w = 0; w < words_; ++w) seen_[static_cast<std::size_t>(id) * static_cast<std::size_t>(words_) + static_cast<std::size_t>(w)] |= mask.word[w];
+    return;
+  }
+  Viewpoints& views = viewpoints_[id];
+  if (views.count == Viewpoints::kMost) return;
+  for (std::uint32_t n = 0; n < views.count; ++n) {
+    if ((poses_[views.pose[n]] - q_L).norm() < kViewpointSpacing_m) return;
+  }
+  views.pose[views.count++] = pose;
+}
+
+void PointStore::refreshMean(std::uint32_t id) {
+  if (!params_.scoring.mean_positions) {
+    pca_L_[id] = first_L_[id];
+    return;
+  }
+  const Index3 voxel = voxelOf(first_L_[id]);
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double offset = static_cast<double>(offset_sum_[id][axis]) / static_cast<double>(returns_[id]) / kOffsetSteps;
+    pca_L_[id][static_cast<Eigen::Index>(axis)] =
+        static_cast<float>((static_cast<double>(voxel[axis]) + offset) * params_.tsdf.voxel_size_m);
+  }
+}
+
+Eigen::Vector3d PointStore::meanSensor_L(std::uint32_t id) const {
+  Eigen::Vector3d mean;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    mean[static_cast<Eigen::Index>(axis)] =
+        static_cast<double>(sensor_sum_[id][axis]) / static_cast<double>(returns_[id]) / kSensorSteps;
+  }
+  return mean;
+}
+
+DirectionMask PointStore::directionsTowards(const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L) const {
+  DirectionMask mask = {};
+  const float dx = to_L.x() - from_L.x(), dy = to_L.y() - from_L.y(), dz = to_L.z() - from_L.z();
+  const float length = std::sqrt(dx * dx + dy * dy + dz * dz);
+  if (!(length > 0)) return mask;
+  const float ux = dx / length, uy = dy / length;
+  const auto least = static_cast<float>(params_.approach.observation_cos_min);
+  for (int d = 0; d < params_.approach.num_directions; ++d) {
+    const auto n = static_cast<std::size_t>(2 * d);
+    if (ux * direction_xy_[n] + uy * direction_xy_[n + 1] > least) mask.set(d);
+  }
+  return mask;
+}
+
+DirectionMask PointStore::seen(std::uint32_t id) const {
+  DirectionMask mask = {};
+  if (!params_.approach.viewpoints) {
+    for (int w = 0; w < words_; ++w) mask.word[w] = seen_[static_cast<std::size_t>(id) * static_cast<std::size_t>(words_) + static_cast<std::size_t>(w)];
+    return mask;
+  }
+  const Viewpoints& views = viewpoints_[id];
+  for (std::uint32_t n = 0; n < views.count; ++n) mask = mask | directionsTowards(first_L_[id], poses_[views.pose[n]]);
+  return mask;
+}
+
+std::uint64_t PointStore::bytes() const {
+  return index_.bytes() + first_L_.capacity() * sizeof(Eigen::Vector3f) + pca_L_.capacity() * sizeof(Eigen::Vector3f) +
+         offset_sum_.capacity() * sizeof(offset_sum_[0]) + sensor_sum_.capacity() * sizeof(sensor_sum_[0]) +
+         returns_.capacity() * sizeof(std::uint32_t) + seen_.capacity() * sizeof(std::uint64_t) +
+         viewpoints_.capacity() * sizeof(Viewpoints) + poses_.capacity() * sizeof(Eigen::Vector3f);
+}
+
+}  // namespace accessvdb::internal

@@ -15,7 +15,7 @@ struct Ring {
   double x_m, radius_m;
 };
 
-/// A closed body of revolution around +x. The first and last ring close to their centres.
+/// A closed body of revolution around +x: ends close to their centres, a ring without radius is an apex.
 void addTurned(BuiltinMesh& mesh, std::initializer_list<Ring> rings, int sides) {
   const auto base = std::uint32_t(mesh.vertices_T.size());
   const auto n = std::uint32_t(sides);
@@ -30,8 +30,8 @@ void addTurned(BuiltinMesh& mesh, std::initializer_list<Ring> rings, int sides) 
   for (std::uint32_t r = 0; r + 1 < num_rings; ++r) {
     for (std::uint32_t s = 0; s < n; ++s) {
       const std::uint32_t a = base + r * n + s, b = base + r * n + (s + 1) % n, c = a + n, d = b + n;
-      mesh.triangles.push_back({a, c, b});
-      mesh.triangles.push_back({b, c, d});
+      if (rings.begin()[r].radius_m > 0) mesh.triangles.push_back({a, c, b});
+      if (rings.begin()[r + 1].radius_m > 0) mesh.triangles.push_back({b, c, d});
     }
   }
   const auto front = std::uint32_t(mesh.vertices_T.size());
@@ -39,8 +39,8 @@ void addTurned(BuiltinMesh& mesh, std::initializer_list<Ring> rings, int sides) 
   mesh.vertices_T.emplace_back(float((rings.end() - 1)->x_m), 0.f, 0.f);
   for (std::uint32_t s = 0; s < n; ++s) {
     const std::uint32_t last = base + (num_rings - 1) * n;
-    mesh.triangles.push_back({front, base + s, base + (s + 1) % n});
-    mesh.triangles.push_back({front + 1, last + (s + 1) % n, last + s});
+    if (rings.begin()->radius_m > 0) mesh.triangles.push_back({front, base + s, base + (s + 1) % n});
+    if ((rings.end() - 1)->radius_m > 0) mesh.triangles.push_back({front + 1, last + (s + 1) % n, last + s});
   }
 }
 
@@ -63,8 +63,7 @@ void addBox(BuiltinMesh& mesh, const Eigen::Vector3d& low_m, const Eigen::Vector
 BuiltinMesh builtinMesh(const std::string& name) {
   BuiltinMesh mesh;
   if (name == "builtin:pencil") {
-    // 0.15 m long, 8 mm thick; the tip is a cone 20 mm long. A ring of zero radius is the apex: its triangles without
-    // area fall away with the vertices that they share.
+    // 0.15 m long, 8 mm thick; the tip is a cone 20 mm long.
     addTurned(mesh, {{0, 0}, {0.02, 0.004}, {0.15, 0.004}}, 24);
   } else if (name == "builtin:pruner") {
     // Cutter head: 80 mm long, 12 mm wide at the mouth, 50 mm at the back.

@@ -99,14 +99,14 @@ void checkPly(MeshFile& file, const std::string& subject) {
   const std::string_view all = file.bytes;
   if (all.substr(0, 3) != "ply") malformed(subject, "the file does not begin like a PLY");
   bool ascii = false, ended = false;
-  std::uint64_t element_count = 0, record_bytes = 0, least_bytes = 0;
+  std::uint64_t element_count = 0, record_bytes = 0, least = 0;
+  // Bytes of binary records, or lines of text. Nothing larger than a file can be makes sense.
   const auto closeElement = [&] {
-    const std::uint64_t each = ascii ? std::max<std::uint64_t>(record_bytes > 0 ? 2 : 0, 1) : record_bytes;
-    if (each > 0 && element_count > (kMaxMeshFileBytes << 4) / each)
-      least_bytes = kMaxMeshFileBytes << 4;
-    else
-      least_bytes += element_count * each;
-    record_bytes = 0;
+    const std::uint64_t each = ascii ? 1 : record_bytes;
+    least =
+        each > 0 && element_count > 2 * kMaxMeshFileBytes / each ? 2 * kMaxMeshFileBytes : least + element_count * each;
+    least = std::min(least, 2 * kMaxMeshFileBytes);
+    element_count = record_bytes = 0;
   };
   std::size_t at = 0;
   for (int line_number = 0; at < all.size() && line_number < 1000 && !ended; ++line_number) {
@@ -140,19 +140,40 @@ void checkPly(MeshFile& file, const std::string& subject) {
   }
   closeElement();
   if (!ended) malformed(subject, "the PLY header does not end");
-  const std::uint64_t left = at < all.size() ? all.size() - at : 0;
-  if (least_bytes > left + 1) {  // the last line of a text file may lack its line break
-    malformed(subject, "the PLY header announces at least " + std::to_string(least_bytes) + " bytes but " +
-                           std::to_string(left) + " follow");
+  const std::string_view body = at < all.size() ? all.substr(at) : std::string_view();
+  if (!ascii && least > body.size()) {
+    malformed(subject, "the PLY header announces at least " + std::to_string(least) + " bytes but " +
+                           std::to_string(body.size()) + " follow");
+  }
+  if (ascii) {
+    // One record a line. Assimp reads the last line again and again where lines are missing.
+    std::uint64_t records = 0;
+    for (std::size_t begin = 0; begin < body.size();) {
+      const std::size_t end = std::min(body.find('\n', begin), body.size());
+      if (body.substr(begin, end - begin).find_first_not_of(" \t\r") < end - begin) ++records;
+      begin = end + 1;
+    }
+    if (least > records) {
+      malformed(subject, "the PLY header announces " + std::to_string(least) + " records but " +
+                             std::to_string(records) + " lines follow");
+    }
   }
 }
 
 /// The file's own unit; COLLADA says metre where there is none.
 double colladaUnit(std::string_view all, const std::string& subject) {
-  const std::size_t unit = all.find("<unit");
+  std::size_t unit = all.find("<unit");
+  for (; unit != all.npos; unit = all.find("<unit", unit + 1)) {
+    const std::size_t comment = all.rfind("<!--", unit);
+    if (comment == all.npos || all.find("-->", comment) < unit) break;
+  }
   if (unit == all.npos) return 1.0;
   const std::string_view tag = all.substr(unit, std::min<std::size_t>(all.find('>', unit), all.size()) - unit);
-  const std::size_t meter = tag.find("meter");
+  // The name of the unit may hold the word too: name="millimeter".
+  std::size_t meter = tag.find("meter");
+  while (meter != tag.npos && std::string_view(" \t\r\n").find(tag[meter - 1]) == tag.npos) {
+    meter = tag.find("meter", meter + 1);
+  }
   if (meter == tag.npos) return 1.0;
   const std::size_t open = tag.find_first_of("\"'", meter);
   const std::size_t close = open == tag.npos ? open : tag.find_first_of("\"'", open + 1);

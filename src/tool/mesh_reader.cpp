@@ -152,6 +152,13 @@ std::string collect(const aiScene& scene, ChildMesh& out) {
   return {};
 }
 
+constexpr const char* kOutOfMemory = "reading the mesh needs more than 2 GiB of memory";
+
+std::string failureOf(const Assimp::Importer& importer) {
+  const std::string text = importer.GetErrorString();
+  return text.find("bad_alloc") != text.npos ? kOutOfMemory : "the mesh is malformed: " + text;
+}
+
 /// Runs in the child. @return an error in words, or nothing
 std::string import(const MeshFile& file, const std::filesystem::path& folder, ChildMesh& out) {
   const std::string name = kMainFile + ("." + file.extension);
@@ -161,11 +168,15 @@ std::string import(const MeshFile& file, const std::filesystem::path& folder, Ch
   // The pose that the user gives is in the file's own axes, so they stay as they are.
   importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);
   const aiScene* scene = importer.ReadFile(name, 0);
-  if (!scene) return std::string("the mesh is malformed: ") + importer.GetErrorString();
-  for (unsigned n = 0; n < scene->mNumMeshes; ++n) out.file_faces += scene->mMeshes[n]->mNumFaces;
+  if (!scene) return failureOf(importer);
+  for (unsigned n = 0; n < scene->mNumMeshes; ++n) {
+    const aiMesh& mesh = *scene->mMeshes[n];
+    // A face that a header announces and the file lacks comes out without indices.
+    for (unsigned f = 0; f < mesh.mNumFaces; ++f) out.file_faces += mesh.mFaces[f].mNumIndices > 0;
+  }
   if (out.file_faces == 0) return {};
   scene = importer.ApplyPostProcessing(aiProcess_Triangulate);
-  if (!scene) return std::string("the mesh is malformed: ") + importer.GetErrorString();
+  if (!scene) return failureOf(importer);
   return collect(*scene, out);
 }
 
@@ -212,7 +223,7 @@ void limitChild() {
   try {
     problem = import(file, folder, mesh);
   } catch (const std::bad_alloc&) {
-    problem = "reading the mesh needs more than 2 GiB of memory";
+    problem = kOutOfMemory;
   } catch (const std::exception& error) {
     problem = std::string("the mesh is malformed: ") + error.what();
   } catch (...) {

@@ -22,7 +22,7 @@ std::int32_t firstCell(double low) { return std::int32_t(std::ceil(low - 0.5 - k
 std::int32_t lastCell(double high) { return std::int32_t(std::floor(high + 0.5 + kTouch)); }
 
 /// A convex polygon: a triangle cut by at most four planes.
-struct Polygon {  // not copied: most corners are unset
+struct Polygon {                            // not copied: most corners are unset
   std::array<Eigen::Vector3d, 16> corners;  // four cuts make at most 13 of 3, even where rounding bent the outline
   int size = 0;
 
@@ -163,6 +163,7 @@ std::vector<VoxelRun> voxelize(const std::vector<Eigen::Vector3d>& vertices, con
 }
 
 std::uint64_t removeBall(std::vector<VoxelRun>& runs, double radius) {
+  if (!(radius >= 0)) return 0;
   const std::uint64_t before = countVoxels(runs);
   std::vector<VoxelRun> left;
   left.reserve(runs.size() + 8);

@@ -179,6 +179,21 @@ TEST(BruteForceField, ToolCollisionsAgainstTheLimit) {
   EXPECT_EQ(result.direction, 1);
 }
 
+TEST(BruteForceField, PrefersTheDirectionNearestToTheNormalInsideTheCone) {
+  BruteForceInput input = wall();
+  // 40 degrees of yaw: 45 degrees (d = 1) is nearest, 0 (d = 0) and 90 (d = 2) are inside, 315 (d = 7) is 85 away.
+  const float yaw = 40.0f * std::numbers::pi_v<float> / 180.0f;
+  input.points[kCentre].given_normal = Vector3f(std::cos(yaw), std::sin(yaw), 0.0f);
+  EXPECT_EQ(centre(input).direction, 1);
+  for (BruteForcePoint& point : input.points) {
+    point.seen.assign(kDirections, false);
+    point.seen[7] = true;
+  }
+  EXPECT_EQ(centre(input).reason, PointReason::Unseen);
+  input.points[kCentre].seen[0] = true;
+  EXPECT_EQ(centre(input).direction, 0);
+}
+
 TEST(BruteForceField, DistanceAtTheThresholdIsFree) {
   const float r_c = wall().collision_distance_m;
   const auto score = [](float distance) {

@@ -1,0 +1,14 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What point state reads from the map: observations and distances at points.
+#pragma once
+
+#include "points/point_scorer.h"
+#include "tsdf/packed_map.h"
+
+namespace accessvdb::internal {
+
+/// @param map, points  alive as long as the reads
+MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neighbourhood_weight);
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,103 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/scan_gate.h"
+
+#include <cmath>
+
+#include "accessvdb/error.h"
+
+namespace accessvdb::internal {
+namespace {
+
+/// Local positions are rounded to this, so that shifting the world by whole voxels does not change their last bits.
+constexpr double kPositionStep_m = 0x1.0p-20;
+/// Voxel indices fit into 21 bits with room for tau, the tool and the corridor around them.
+constexpr double kMostVoxels = 1000000;
+/// Largest deviation of R^T R from the identity.
+constexpr double kRigidTolerance = 1e-6;
+
+Eigen::Vector3d roundToStep(const Eigen::Vector3d& x) {
+  return {std::round(x.x() / kPositionStep_m) * kPositionStep_m, std::round(x.y() / kPositionStep_m) * kPositionStep_m,
+          std::round(x.z() / kPositionStep_m) * kPositionStep_m};
+}
+
+void drop(FrameStats& stats, DropReason reason) { ++stats.dropped[static_cast<std::size_t>(reason)]; }
+
+}  // namespace
+
+void ScanGate::setOrigin(const Eigen::Vector3d& sensor_W) {
+  if (have_origin_) return;
+  const double v = params_.voxel_size_m;
+  origin_W_ = {std::round(sensor_W.x() / v) * v, std::round(sensor_W.y() / v) * v, std::round(sensor_W.z() / v) * v};
+  have_origin_ = true;
+}
+
+void ScanGate::admit(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L, bool own_origin, GatedScan& scan,
+                     FrameStats& stats) const {
+  const double range = (p_L - q_L).norm();
+  if (!std::isfinite(range)) return drop(stats, DropReason::NonFinite);
+  if (!(range > 0)) return drop(stats, DropReason::NoReturn);
+  if (range < params_.min_range_m) return drop(stats, DropReason::BelowMinRange);
+  if (range > params_.max_range_m) return drop(stats, DropReason::BeyondMaxRange);
+  const double bound = kMostVoxels * params_.voxel_size_m;
+  if (!(p_L.lpNorm<Eigen::Infinity>() <= bound) || !(q_L.lpNorm<Eigen::Infinity>() <= bound)) {
+    return drop(stats, DropReason::OutOfBounds);
+  }
+  const Eigen::Vector3f p = p_L.cast<float>(), q = q_L.cast<float>();
+  if (p == q) return drop(stats, DropReason::NoReturn);  // after rounding there is no ray left
+  scan.p_L.push_back(p);
+  if (own_origin) scan.q_L.push_back(q);
+  ++stats.points_used;
+}
+
+GatedScan ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats) {
+  const Eigen::Matrix3d R = T_W_S.linear();
+  const Eigen::Vector3d t = T_W_S.translation();
+  const double skew = (R.transpose() * R - Eigen::Matrix3d::Identity()).lpNorm<Eigen::Infinity>();
+  if (!t.allFinite() || !(skew <= kRigidTolerance) || !(R.determinant() > 0)) {
+    throw UnusableInput("pose.not_rigid", "", "a sensor pose is not finite and rigid",
+                        "Give rotations as unit quaternions or orthonormal matrices");
+  }
+  setOrigin(t);
+  GatedScan scan;
+  scan.p_L.reserve(points_S.size());
+  stats.points_in += points_S.size();
+  const Eigen::Vector3d q_L = roundToStep(t - origin_W_);
+  for (const Eigen::Vector3f& p_S : points_S) {
+    if (p_S.x() == 0 && p_S.y() == 0 && p_S.z() == 0) {
+      drop(stats, DropReason::NoReturn);
+      continue;
+    }
+    admit(R * p_S.cast<double>() + q_L, q_L, false, scan, stats);
+  }
+  scan.q_L.push_back(q_L.cast<float>());
+  return scan;
+}
+
+GatedScan ScanGate::gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
+                         FrameStats& stats) {
+  if (origins_W.size() != 1 && origins_W.size() != points_W.size()) {
+    throw InvalidArgument("rays.sizes", "origins_W", "there must be one origin, or one for each point",
+                          "Pass arrays of equal length");
+  }
+  GatedScan scan;
+  stats.points_in += points_W.size();
+  if (points_W.empty()) return scan;
+  const bool own = origins_W.size() > 1;
+  if (!own && !origins_W.front().allFinite()) {
+    throw UnusableInput("pose.not_finite", "", "the sensor position is not finite", "Check --sensor-at");
+  }
+  for (const Eigen::Vector3d& q : origins_W) {
+    if (!q.allFinite()) continue;
+    setOrigin(q);
+    break;
+  }
+  scan.p_L.reserve(points_W.size());
+  for (std::size_t n = 0; n < points_W.size(); ++n) {
+    admit(roundToStep(points_W[n] - origin_W_), roundToStep(origins_W[own ? n : 0] - origin_W_), own, scan, stats);
+  }
+  if (!own) scan.q_L.push_back(roundToStep(origins_W.front() - origin_W_).cast<float>());
+  return scan;
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,43 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The door: returns come in, in any frame and any state; only good ones in the local frame go on. What is dropped is
+/// counted by reason. Behind this door no coordinate is NaN, infinite or out of bounds.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <span>
+#include <vector>
+
+#include "accessvdb/params.h"
+#include "accessvdb/types.h"
+
+namespace accessvdb::internal {
+
+/// Good returns of one scan in the local frame.
+struct GatedScan {
+  std::vector<Eigen::Vector3f> p_L;
+  std::vector<Eigen::Vector3f> q_L;  ///< [n], or [1] for all
+};
+
+class ScanGate {
+ public:
+  explicit ScanGate(const TsdfParams& resolved) : params_(resolved) {}
+
+  /// @throws UnusableInput for a pose that is not finite and rigid
+  GatedScan gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats);
+  GatedScan gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W, FrameStats& stats);
+
+  /// World position of the local origin: the first sensor position rounded to whole voxels.
+  [[nodiscard]] const Eigen::Vector3d& origin_W() const { return origin_W_; }
+
+ private:
+  void setOrigin(const Eigen::Vector3d& sensor_W);
+  void admit(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L, bool own_origin, GatedScan& scan, FrameStats& stats) const;
+
+  TsdfParams params_;
+  bool have_origin_ = false;
+  Eigen::Vector3d origin_W_ = {0, 0, 0};
+};
+
+}  // namespace accessvdb::internal

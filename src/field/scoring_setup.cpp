@@ -1,0 +1,89 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/scoring_setup.h"
+
+#include <cmath>
+
+namespace accessvdb::internal {
+namespace {
+
+constexpr double kPi = 3.141592653589793;
+
+template <typename T>
+kernels::DeviceArray<T> uploaded(kernels::Backend& backend, const std::vector<T>& host) {
+  kernels::DeviceArray<T> array(backend, host.size());
+  array.upload(host.data(), host.size());
+  return array;
+}
+
+}  // namespace
+
+std::vector<double> armDistances(const FieldParams& p) {
+  const double tau = p.tsdf.truncation_distance_m;
+  std::vector<double> distances;
+  for (const double f : p.approach.arm_tau) distances.push_back(f * tau);
+  const double length = p.approach.corridor_length_m;
+  double last = distances.back();
+  while (last + tau < length) distances.push_back(last += tau);
+  if (length > last) distances.push_back(length);
+  return distances;
+}
+
+ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, kernels::Backend& backend)
+    : params_(resolved),
+      tool_(ToolKernel::make(tool, resolved)),
+      directions_(DirectionTable::make(resolved.approach.num_directions)) {
+  const std::vector<double> distances = armDistances(resolved);
+  num_arm_ = static_cast<int>(distances.size());
+  const int count = resolved.approach.num_directions;
+  for (int d = 0; d < count; ++d) {
+    const double yaw = 2 * kPi * d / count;
+    for (const double distance : distances) {
+      arm_offsets_.push_back(static_cast<float>(distance * std::cos(yaw)));
+      arm_offsets_.push_back(static_cast<float>(distance * std::sin(yaw)));
+      arm_offsets_.push_back(0.0f);
+    }
+  }
+  d_columns_ = uploaded(backend, tool_.columns);
+  d_column_begin_ = uploaded(backend, tool_.column_begin);
+  d_samples_ = uploaded(backend, tool_.samples);
+  d_sample_begin_ = uploaded(backend, tool_.sample_begin);
+  d_directions_ = uploaded(backend, directions_.xy);
+  d_arm_offsets_ = uploaded(backend, arm_offsets_);
+}
+
+kernels::ApproachView ScoringSetup::hostApproach() const {
+  kernels::ApproachView view;
+  view.direction_xy = directions_.xy.data();
+  view.arm_offsets = arm_offsets_.data();
+  view.num_directions = params_.approach.num_directions;
+  view.num_arm = num_arm_;
+  view.normal_cos_min = static_cast<float>(std::cos(params_.approach.normal_cone_rad));
+  return view;
+}
+
+ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
+  ScoringTables tables;
+  tables.map.grid = grid;
+  tables.map.inverse_voxel_size = static_cast<float>(1.0 / params_.tsdf.voxel_size_m);
+  tables.tool = tool_.view();
+  tables.tool.columns = d_columns_.data();
+  tables.tool.column_begin = d_column_begin_.data();
+  tables.tool.samples = d_samples_.data();
+  tables.tool.sample_begin = d_sample_begin_.data();
+  tables.approach = hostApproach();
+  tables.approach.direction_xy = d_directions_.data();
+  tables.approach.arm_offsets = d_arm_offsets_.data();
+  tables.rule.keep_best = params_.update.policy == UpdatePolicy::Paper;
+  tables.rule.half_weight = static_cast<float>(params_.scoring.confidence_half_weight);
+  tables.rule.stability_min = static_cast<float>(params_.update.stability_min);
+  tables.rule.collision_limit = tool_.collision_limit;
+  return tables;
+}
+
+std::uint64_t ScoringSetup::deviceBytes() const {
+  return d_columns_.bytes() + d_column_begin_.bytes() + d_samples_.bytes() + d_sample_begin_.bytes() +
+         d_directions_.bytes() + d_arm_offsets_.bytes();
+}
+
+}  // namespace accessvdb::internal

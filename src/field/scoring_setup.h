@@ -1,0 +1,44 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The tables that never change: tool, directions, corridor; on the host and in the backend's memory.
+#pragma once
+
+#include <vector>
+
+#include "accessvdb/params.h"
+#include "launch/backend.h"
+#include "points/point_scorer.h"
+#include "tool/tool_kernel.h"
+
+namespace accessvdb::internal {
+
+class ScoringSetup {
+ public:
+  ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, kernels::Backend& backend);
+  ScoringSetup(const ScoringSetup&) = delete;
+  ScoringSetup& operator=(const ScoringSetup&) = delete;
+
+  [[nodiscard]] const ToolKernel& tool() const { return tool_; }
+  [[nodiscard]] const std::vector<float>& directions_xy() const { return directions_.xy; }
+  [[nodiscard]] kernels::ToolKernelView hostTool() const { return tool_.view(); }
+  [[nodiscard]] kernels::ApproachView hostApproach() const;
+  /// @param grid  the mirror, in the backend's memory
+  [[nodiscard]] ScoringTables tables(const kernels::OccupancyGrid* grid) const;
+  [[nodiscard]] std::uint64_t deviceBytes() const;
+
+ private:
+  FieldParams params_;
+  ToolKernel tool_;
+  DirectionTable directions_;
+  std::vector<float> arm_offsets_;  ///< [D x num_arm x 3]
+  int num_arm_ = 0;
+  kernels::DeviceArray<kernels::VoxelColumn> d_columns_;
+  kernels::DeviceArray<std::uint32_t> d_column_begin_, d_sample_begin_;
+  kernels::DeviceArray<float> d_samples_, d_directions_, d_arm_offsets_;
+};
+
+/// Distances of the corridor's samples from the surface, metres: the three of the paper, then every tau up to the
+/// corridor's length, and its end.
+std::vector<double> armDistances(const FieldParams& resolved);
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,17 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// From state arrays to points as users see them.
+#pragma once
+
+#include "accessvdb/types.h"
+#include "points/point_scorer.h"
+
+namespace accessvdb::internal {
+
+/// @param backend  that holds the scorer's arrays
+FieldSnapshot makeSnapshot(const PointScorer& scorer, kernels::Backend& backend, const Eigen::Vector3d& origin_W);
+
+/// One point of it.
+SurfacePoint makePoint(const PointScorer& scorer, kernels::Backend& backend, const Eigen::Vector3d& origin_W, std::uint32_t id);
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,181 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "points/leaf_footprint.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "hostdev/occupancy_query.h"
+
+namespace accessvdb::internal {
+namespace {
+
+bool any(const LeafBits& bits) {
+  std::uint64_t all = 0;
+  for (const std::uint64_t word : bits) all |= word;
+  return all != 0;
+}
+
+bool testVoxel(const LeafBits& bits, const Index3& voxel) {
+  const std::size_t n = bitInParent(voxel);
+  return (bits[n >> 6] >> (n & 63) & 1u) != 0;
+}
+
+/// Collects, for one direction after the other, the leaf offsets that voxel offsets can fall into.
+class FootprintBuilder {
+ public:
+  struct Range {
+    std::int32_t z_low, z_high;
+    DirectionMask directions = {};
+  };
+
+  /// @param low, high  box of voxel offsets from the point's voxel
+  void add(int d, const Index3& low, const Index3& high) {
+    // The point lies anywhere in its leaf: local coordinates 0 .. 7.
+    const std::int32_t z_low = low[2] >> 3, z_high = (high[2] + 7) >> 3;
+    for (std::int32_t x = low[0] >> 3; x <= (high[0] + 7) >> 3; ++x) {
+      for (std::int32_t y = low[1] >> 3; y <= (high[1] + 7) >> 3; ++y) {
+        Range& range = ranges_.try_emplace({x, y}, Range{z_low, z_high, {}}).first->second;
+        range.z_low = std::min(range.z_low, z_low);
+        range.z_high = std::max(range.z_high, z_high);
+        range.directions.set(d);
+      }
+    }
+  }
+  [[nodiscard]] const auto& ranges() const { return ranges_; }
+
+ private:
+  std::map<std::pair<std::int32_t, std::int32_t>, Range> ranges_;
+};
+
+/// Voxel offsets that an offset in metres can lead to: both ends are rounded on their own.
+std::pair<Index3, Index3> offsetBox(const float* offset_m, double voxel_size_m) {
+  Index3 low, high;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double voxels = static_cast<double>(offset_m[axis]) / voxel_size_m;
+    low[axis] = static_cast<std::int32_t>(std::floor(voxels - 1e-3));
+    high[axis] = static_cast<std::int32_t>(std::ceil(voxels + 1e-3));
+  }
+  return {low, high};
+}
+
+}  // namespace
+
+LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach,
+                             double voxel_size_m)
+    : tool_(tool), approach_(approach), inverse_voxel_size_(static_cast<float>(1.0 / voxel_size_m)) {
+  FootprintBuilder tool_builder, arm_builder;
+  for (int d = 0; d < approach.num_directions; ++d) {
+    if (tool.use_samples) {
+      for (std::uint32_t n = tool.sample_begin[d]; n < tool.sample_begin[d + 1]; ++n) {
+        const auto [low, high] = offsetBox(tool.samples + 3 * static_cast<std::size_t>(n), voxel_size_m);
+        tool_builder.add(d, low, high);
+      }
+    } else {
+      for (std::uint32_t n = tool.column_begin[d]; n < tool.column_begin[d + 1]; ++n) {
+        const kernels::VoxelColumn& c = tool.columns[n];
+        const std::int32_t top = c.dz + 63 - std::countl_zero(c.bits);
+        tool_builder.add(d, {c.dx, c.dy, c.dz}, {c.dx, c.dy, top});
+      }
+    }
+    for (int n = 0; n < approach.num_arm; ++n) {
+      const float* offset = approach.arm_offsets + 3 * (static_cast<std::ptrdiff_t>(d) * approach.num_arm + n);
+      const auto [low, high] = offsetBox(offset, voxel_size_m);
+      arm_builder.add(d, low, high);
+    }
+  }
+  const auto collect = [](const FootprintBuilder& builder, Columns& columns) {
+    for (const auto& [xy, range] : builder.ranges()) {
+      columns.push_back({xy.first, xy.second, range.z_low, range.z_high, range.directions});
+    }
+  };
+  collect(tool_builder, tool_columns_);
+  collect(arm_builder, arm_columns_);
+}
+
+AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const FlipSet& flips) const {
+  AffectedDirections affected;
+  const auto scan = [&](const Columns& columns, auto better, auto worse) {
+    for (const Column& column : columns) {
+      for (std::int32_t z = column.z_low; z <= column.z_high; ++z) {
+        const LeafChange* change =
+            flips.find({block_leaf[0] + column.dx, block_leaf[1] + column.dy, block_leaf[2] + z});
+        if (change == nullptr) continue;
+        if (any(change->*better)) affected.better = affected.better | column.directions;
+        if (any(change->*worse)) affected.worse = affected.worse | column.directions;
+      }
+    }
+  };
+  scan(tool_columns_, &LeafChange::collides_off, &LeafChange::collides_on);
+  scan(arm_columns_, &LeafChange::arm_free_on, &LeafChange::arm_free_off);
+  return affected;
+}
+
+template <typename Pick>
+bool LeafFootprint::armReads(const Eigen::Vector3f& p, int d, const FlipSet& flips, const Pick& pick) const {
+  const float* offset = approach_.arm_offsets + 3 * static_cast<std::ptrdiff_t>(d) * approach_.num_arm;
+  for (int n = 0; n < approach_.num_arm; ++n, offset += 3) {
+    const auto ijk = kernels::voxelOf(p.x() + offset[0], p.y() + offset[1], p.z() + offset[2], inverse_voxel_size_);
+    const Index3 voxel = {ijk[0], ijk[1], ijk[2]};
+    const LeafChange* change = flips.find(parentOf(voxel));
+    if (change != nullptr && testVoxel(pick(*change), voxel)) return true;
+  }
+  return false;
+}
+
+template <typename Pick>
+bool LeafFootprint::toolReads(const Eigen::Vector3f& p, int d, const FlipSet& flips, const Pick& pick) const {
+  if (tool_.use_samples) {
+    for (std::uint32_t n = tool_.sample_begin[d]; n < tool_.sample_begin[d + 1]; ++n) {
+      const float* t = tool_.samples + 3 * static_cast<std::size_t>(n);
+      const auto ijk = kernels::voxelOf(p.x() + t[0], p.y() + t[1], p.z() + t[2], inverse_voxel_size_);
+      const Index3 voxel = {ijk[0], ijk[1], ijk[2]};
+      const LeafChange* change = flips.find(parentOf(voxel));
+      if (change != nullptr && testVoxel(pick(*change), voxel)) return true;
+    }
+    return false;
+  }
+  const auto s = kernels::voxelOf(p.x(), p.y(), p.z(), inverse_voxel_size_);
+  Index3 last_leaf = {};
+  const LeafChange* last = nullptr;
+  bool cached = false;
+  for (std::uint32_t n = tool_.column_begin[d]; n < tool_.column_begin[d + 1]; ++n) {
+    const kernels::VoxelColumn& c = tool_.columns[n];
+    const std::int32_t z0 = s[2] + c.dz;
+    for (std::uint64_t bits = c.bits; bits != 0;) {
+      // One leaf row at a time.
+      const int first = std::countr_zero(bits);
+      const Index3 voxel = {s[0] + c.dx, s[1] + c.dy, z0 + first};
+      const Index3 leaf = parentOf(voxel);
+      if (!cached || leaf != last_leaf) {
+        last = flips.find(leaf);
+        last_leaf = leaf;
+        cached = true;
+      }
+      const int row_start = leaf[2] * 8 - z0;  // bit of the column at the leaf's lowest voxel; may be negative
+      const std::uint64_t row = row_start >= 0 ? bits >> row_start : bits << -row_start;
+      if (last != nullptr) {
+        const std::uint64_t flipped = pick(*last)[static_cast<std::size_t>(voxel[0] & 7)] >> ((voxel[1] & 7) * 8);
+        if ((flipped & row & 0xffu) != 0) return true;
+      }
+      const int next = row_start + 8;
+      bits = next >= 64 ? 0 : bits & ~((std::uint64_t{1} << next) - 1);
+    }
+  }
+  return false;
+}
+
+bool LeafFootprint::readsBetter(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
+  return armReads(p, d, flips, [](const LeafChange& c) -> const LeafBits& { return c.arm_free_on; }) ||
+         toolReads(p, d, flips, [](const LeafChange& c) -> const LeafBits& { return c.collides_off; });
+}
+
+bool LeafFootprint::readsWorse(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
+  return armReads(p, d, flips, [](const LeafChange& c) -> const LeafBits& { return c.arm_free_off; }) ||
+         toolReads(p, d, flips, [](const LeafChange& c) -> const LeafBits& { return c.collides_on; });
+}
+
+}  // namespace accessvdb::internal

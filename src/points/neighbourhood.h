@@ -1,0 +1,43 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What a point inherits from the points around it: its normal and the directions it counts as seen from.
+///
+/// A function of the current points, not of the moment at which it is asked for (docs/DESIGN.md, "Exact updates").
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "points/point_store.h"
+
+namespace accessvdb::internal {
+
+struct Neighbourhood {
+  Eigen::Vector3f normal_L = {0, 0, 0};  ///< zero where fewer than three points lie near
+  DirectionMask seen = {};               ///< own directions joined with those of the nearest ten
+  float reach_m = 0;                     ///< points farther away cannot change any of this
+};
+
+class NeighbourhoodSearch {
+ public:
+  NeighbourhoodSearch(const PointStore& points, const FieldParams& resolved);
+
+  /// For each id, in parallel. @param ids  in any order; neighbours in space are fastest. @param out  [ids]
+  void compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out) const;
+
+  [[nodiscard]] double radius_m() const { return radius_m_; }
+
+ private:
+  struct Scratch;
+  void computeBlock(const Index3& leaf, std::span<const std::uint32_t> ids, std::span<const std::uint32_t> slots,
+                    std::span<Neighbourhood> out, Scratch& scratch) const;
+
+  const PointStore& points_;
+  int k_;
+  bool join_views_;
+  double voxel_size_m_, radius_m_;
+};
+
+}  // namespace accessvdb::internal

@@ -1,2 +1,0 @@
-// Copyright Contributors to the AccessVDB project
-// SPDX-License-Identifier: Apache-2.0

@@ -1,0 +1,170 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "points/point_scorer.h"
+
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+
+#include "hostdev/direction_filter.h"
+
+namespace accessvdb::internal {
+namespace {
+/// State arrays grow by a quarter, at least by this many points.
+constexpr std::uint32_t kLeastGrowth = 1 << 16;
+}  // namespace
+
+DirectionMask allDirections(int num_directions) {
+  DirectionMask mask = {};
+  for (int d = 0; d < num_directions; ++d) mask.set(d);
+  return mask;
+}
+
+DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words) : backend_(backend), words_(direction_words) {}
+
+void DevicePoints::grow(std::uint32_t size) {
+  if (size <= size_) return;
+  if (size > capacity_) {
+    const std::uint32_t capacity = size + std::max(size / 4, kLeastGrowth);
+    position_L_.grow(backend_, std::size_t{3} * capacity, std::size_t{3} * size_);
+    normal_L_.grow(backend_, std::size_t{3} * capacity, std::size_t{3} * size_);
+    seen_.grow(backend_, static_cast<std::size_t>(words_) * capacity, static_cast<std::size_t>(words_) * size_);
+    stability_.grow(backend_, capacity, size_);
+    score_.grow(backend_, capacity, size_);
+    direction_.grow(backend_, capacity, size_);
+    weight_.grow(backend_, capacity, size_);
+    label_.grow(backend_, capacity, size_);
+    reason_.grow(backend_, capacity, size_);
+    flags_.grow(backend_, capacity, size_);
+    capacity_ = capacity;
+  }
+  const std::uint32_t added = size - size_;
+  stability_.upload(std::vector<float>(added, 1.0f).data(), added, size_);
+  score_.upload(std::vector<std::uint16_t>(added, kNoScore).data(), added, size_);
+  direction_.upload(std::vector<std::uint16_t>(added, kNoDirection).data(), added, size_);
+  weight_.upload(std::vector<std::uint16_t>(added, 0).data(), added, size_);
+  label_.upload(std::vector<PointLabel>(added, PointLabel::Unscored).data(), added, size_);
+  reason_.upload(std::vector<PointReason>(added, PointReason::Confidence).data(), added, size_);
+  flags_.upload(std::vector<std::uint8_t>(added, 0).data(), added, size_);
+  size_ = size;
+}
+
+kernels::PointStateView DevicePoints::view() const {
+  kernels::PointStateView view;
+  view.position_L = position_L_.data();
+  view.normal_L = normal_L_.data();
+  view.seen = seen_.data();
+  view.score = score_.data();
+  view.direction = direction_.data();
+  view.stability = stability_.data();
+  view.weight = weight_.data();
+  view.label = label_.data();
+  view.reason = reason_.data();
+  view.flags = flags_.data();
+  view.direction_words = words_;
+  return view;
+}
+
+std::uint64_t DevicePoints::bytesPerPoint(int direction_words) {
+  return 6 * sizeof(float) + static_cast<std::uint64_t>(direction_words) * sizeof(std::uint64_t) +
+         3 * sizeof(std::uint16_t) + sizeof(float) + sizeof(PointLabel) + sizeof(PointReason) + sizeof(std::uint8_t);
+}
+
+std::uint64_t DevicePoints::bytes() const {
+  return position_L_.bytes() + normal_L_.bytes() + seen_.bytes() + stability_.bytes() + score_.bytes() +
+         direction_.bytes() + weight_.bytes() + label_.bytes() + reason_.bytes() + flags_.bytes();
+}
+
+PointScorer::PointScorer(const PointStore& points, const FieldParams& resolved, kernels::Backend& backend,
+                         MapReads reads)
+    : points_(points),
+      params_(resolved),
+      backend_(backend),
+      reads_(std::move(reads)),
+      search_(points, resolved),
+      device_(backend, (resolved.approach.num_directions + 63) / 64) {}
+
+void PointScorer::grow() {
+  device_.grow(points_.size());
+  records_.resize(points_.size());
+}
+
+bool PointScorer::confidentEnough(std::uint32_t id) const {
+  return kernels::confidenceOf(records_[id].weight, static_cast<float>(params_.scoring.confidence_half_weight)) >=
+         static_cast<float>(params_.scoring.confidence_min);
+}
+
+bool PointScorer::admissible(std::uint32_t id, std::uint16_t d, const kernels::ApproachView& approach) const {
+  if (d == kNoDirection || !records_[id].seen.test(d)) return false;
+  return kernels::cosToNormal(approach, d, records_[id].normal_L.data()) >= approach.normal_cos_min;
+}
+
+std::vector<std::uint32_t> PointScorer::refreshWeights(std::span<const std::uint32_t> ids) {
+  std::vector<std::uint16_t> weights(ids.size());
+  reads_.weights(ids, weights);
+  std::vector<std::uint32_t> crossed;
+  for (std::size_t n = 0; n < ids.size(); ++n) {
+    const bool before = confidentEnough(ids[n]);
+    records_[ids[n]].weight = weights[n];
+    if (confidentEnough(ids[n]) != before) crossed.push_back(ids[n]);
+  }
+  return crossed;
+}
+
+std::vector<std::uint32_t> PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids) {
+  std::vector<Neighbourhood> found(ids.size());
+  search_.compute(ids, found);
+  std::vector<std::uint32_t> changed;
+  for (std::size_t n = 0; n < ids.size(); ++n) {
+    PointRecord& record = records_[ids[n]];
+    if (!record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen)) {
+      changed.push_back(ids[n]);
+    }
+    record.normal_L = found[n].normal_L;
+    record.seen = found[n].seen;
+    record.reach_m = found[n].reach_m;
+    record.has_neighbourhood = true;
+  }
+  return changed;
+}
+
+void PointScorer::upload(std::span<const std::uint32_t> ids) {
+  std::vector<kernels::PointInput> inputs(ids.size());
+  tbb::parallel_for(std::size_t{0}, ids.size(), [&](std::size_t n) {
+    const std::uint32_t id = ids[n];
+    const PointRecord& record = records_[id];
+    kernels::PointInput& input = inputs[n];
+    input.id = id;
+    input.weight = record.weight;
+    for (int axis = 0; axis < 3; ++axis) {
+      input.position_L[axis] = points_.first_L(id)[axis];
+      input.normal_L[axis] = record.normal_L[axis];
+    }
+    input.seen = record.seen;
+  });
+  backend_.writePoints(device_.view(), inputs.data(), inputs.size());
+}
+
+std::vector<kernels::ScoreResult> PointScorer::score(std::span<const kernels::ScoreItem> items,
+                                                     const ScoringTables& tables) {
+  std::vector<kernels::ScoreResult> results(items.size());
+  kernels::ScoreRequest request;
+  request.map = tables.map;
+  request.tool = tables.tool;
+  request.approach = tables.approach;
+  request.points = device_.view();
+  request.rule = tables.rule;
+  request.items = items.data();
+  request.results = results.data();
+  request.count = items.size();
+  backend_.scorePoints(request);
+  for (std::size_t n = 0; n < items.size(); ++n) {
+    PointRecord& record = records_[items[n].id];
+    record.label = results[n].label;
+    record.score = results[n].stored_score;
+    record.direction = results[n].stored_direction;
+  }
+  return results;
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,108 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Point state on the device and its scoring: what both update policies share.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <span>
+#include <vector>
+
+#include "accessvdb/params.h"
+#include "launch/backend.h"
+#include "points/neighbourhood.h"
+#include "points/point_store.h"
+
+namespace accessvdb::internal {
+
+/// Reads of the map that point state needs; filled by the field.
+struct MapReads {
+  /// Observations behind the confidence of each id: largest weight of 3x3x3 voxels, or the own voxel's (paper).
+  std::function<void(std::span<const std::uint32_t> ids, std::span<std::uint16_t> weights)> weights;
+  /// TSDF at the voxel of each id, metres (paper trigger i).
+  std::function<void(std::span<const std::uint32_t> ids, std::span<float> distances_m)> distances;
+};
+
+/// Tables and grid that a score reads; views in the backend's memory.
+struct ScoringTables {
+  kernels::OccupancyView map;
+  kernels::ToolKernelView tool;
+  kernels::ApproachView approach;
+  kernels::UpdateRule rule;
+};
+
+/// The state arrays of all points in a backend's memory.
+class DevicePoints {
+ public:
+  explicit DevicePoints(kernels::Backend& backend, int direction_words);
+  /// Grows to `size` points by chunks; new ones are unscored.
+  void grow(std::uint32_t size);
+  [[nodiscard]] kernels::PointStateView view() const;
+  [[nodiscard]] std::uint32_t size() const { return size_; }
+  [[nodiscard]] std::uint64_t bytes() const;
+  /// Bytes a point; at most 64 at D <= 192 (asserted in a test).
+  static std::uint64_t bytesPerPoint(int direction_words);
+
+ private:
+  kernels::Backend& backend_;
+  int words_;
+  std::uint32_t size_ = 0, capacity_ = 0;
+  kernels::DeviceArray<float> position_L_, normal_L_, stability_;
+  kernels::DeviceArray<std::uint64_t> seen_;
+  kernels::DeviceArray<std::uint16_t> score_, direction_, weight_;
+  kernels::DeviceArray<PointLabel> label_;
+  kernels::DeviceArray<PointReason> reason_;
+  kernels::DeviceArray<std::uint8_t> flags_;
+};
+
+/// What the host keeps of each point's state.
+struct PointRecord {
+  Eigen::Vector3f normal_L = {0, 0, 0};
+  float reach_m = 0;                        ///< Neighbourhood::reach_m
+  DirectionMask seen = {};                  ///< joined
+  std::uint16_t weight = 0;
+  std::uint16_t score = kNoScore, direction = kNoDirection;
+  PointLabel label = PointLabel::Unscored;
+  bool has_neighbourhood = false;
+};
+
+class PointScorer {
+ public:
+  PointScorer(const PointStore& points, const FieldParams& resolved, kernels::Backend& backend, MapReads reads);
+
+  /// Makes room for all points of the store.
+  void grow();
+
+  /// Reads the weights anew. @return ids that crossed the confidence bound
+  std::vector<std::uint32_t> refreshWeights(std::span<const std::uint32_t> ids);
+  /// Computes the neighbourhoods anew. @return ids whose normal or seen directions changed
+  std::vector<std::uint32_t> refreshNeighbourhoods(std::span<const std::uint32_t> ids);
+  /// Sends what refresh... found for these ids to the device.
+  void upload(std::span<const std::uint32_t> ids);
+
+  /// Scores the items on the device and records what came out. Adds to tests().
+  std::vector<kernels::ScoreResult> score(std::span<const kernels::ScoreItem> items, const ScoringTables& tables);
+
+  [[nodiscard]] const PointRecord& record(std::uint32_t id) const { return records_[id]; }
+  [[nodiscard]] bool confidentEnough(std::uint32_t id) const;
+  [[nodiscard]] bool admissible(std::uint32_t id, std::uint16_t d, const kernels::ApproachView& approach) const;
+  [[nodiscard]] const DevicePoints& device() const { return device_; }
+  [[nodiscard]] const PointStore& points() const { return points_; }
+  [[nodiscard]] const MapReads& reads() const { return reads_; }
+  [[nodiscard]] const FieldParams& params() const { return params_; }
+  [[nodiscard]] std::uint64_t hostBytes() const { return records_.capacity() * sizeof(PointRecord); }
+
+ private:
+  const PointStore& points_;
+  FieldParams params_;
+  kernels::Backend& backend_;
+  MapReads reads_;
+  NeighbourhoodSearch search_;
+  DevicePoints device_;
+  std::vector<PointRecord> records_;
+};
+
+/// Every direction below D.
+DirectionMask allDirections(int num_directions);
+
+}  // namespace accessvdb::internal

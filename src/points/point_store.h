@@ -1,0 +1,98 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The authoring side of the surface points: one stable id per voxel that ever held a return (SPEC a.5).
+///
+/// Everything here is a function of the set of returns of each scan, not of their order: sums are integers, and the first
+/// return of a voxel is the lexicographically least (x, y, z) of the first scan that reached it.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "accessvdb/params.h"
+#include "hostdev/views.h"
+#include "points/surface_index.h"
+
+namespace accessvdb::internal {
+
+using kernels::DirectionMask;
+
+inline DirectionMask operator|(const DirectionMask& a, const DirectionMask& b) {
+  DirectionMask out;
+  for (int n = 0; n < kernels::kMaxDirectionWords; ++n) out.word[n] = a.word[n] | b.word[n];
+  return out;
+}
+inline DirectionMask operator&(const DirectionMask& a, const DirectionMask& b) {
+  DirectionMask out;
+  for (int n = 0; n < kernels::kMaxDirectionWords; ++n) out.word[n] = a.word[n] & b.word[n];
+  return out;
+}
+inline DirectionMask without(const DirectionMask& a, const DirectionMask& b) {
+  DirectionMask out;
+  for (int n = 0; n < kernels::kMaxDirectionWords; ++n) out.word[n] = a.word[n] & ~b.word[n];
+  return out;
+}
+inline bool any(const DirectionMask& a) { return (a.word[0] | a.word[1] | a.word[2] | a.word[3]) != 0; }
+inline bool operator==(const DirectionMask& a, const DirectionMask& b) {
+  return a.word[0] == b.word[0] && a.word[1] == b.word[1] && a.word[2] == b.word[2] && a.word[3] == b.word[3];
+}
+
+/// Up to eight sensor positions that saw a point (paper profile).
+struct Viewpoints {
+  static constexpr int kMost = 8;
+  std::array<std::uint32_t, kMost> pose = {};  ///< indices into PointStore::poses()
+  std::uint32_t count = 0;
+};
+
+/// Points that a scan changed, by ascending voxel.
+struct TouchedPoints {
+  std::vector<std::uint32_t> all;      ///< new ones included
+  std::size_t new_points = 0;
+};
+
+class PointStore {
+ public:
+  /// @param direction_xy  [2 D] yaw directions, as in DirectionTable
+  PointStore(const FieldParams& resolved, std::vector<float> direction_xy);
+
+  /// Adds the returns of one scan. @param q_L  [n] or [1] sensor positions
+  TouchedPoints addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+
+  [[nodiscard]] std::uint32_t size() const { return static_cast<std::uint32_t>(first_L_.size()); }
+  [[nodiscard]] const SurfaceIndex& index() const { return index_; }
+  [[nodiscard]] Index3 voxelOf(const Eigen::Vector3f& p_L) const;
+
+  [[nodiscard]] const Eigen::Vector3f& first_L(std::uint32_t id) const { return first_L_[id]; }
+  /// Position that neighbourhoods are made of: mean return (product) or first return (paper).
+  [[nodiscard]] const Eigen::Vector3f& pca_L(std::uint32_t id) const { return pca_L_[id]; }
+  [[nodiscard]] Eigen::Vector3d meanSensor_L(std::uint32_t id) const;
+  /// Directions that the point itself was seen from: the mask, or from its viewpoints.
+  [[nodiscard]] DirectionMask seen(std::uint32_t id) const;
+  [[nodiscard]] const Viewpoints& viewpoints(std::uint32_t id) const { return viewpoints_[id]; }
+  [[nodiscard]] const std::vector<Eigen::Vector3f>& poses() const { return poses_; }
+
+  [[nodiscard]] std::uint64_t bytes() const;
+
+ private:
+  void addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
+  [[nodiscard]] DirectionMask directionsTowards(const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L) const;
+  void refreshMean(std::uint32_t id);
+
+  FieldParams params_;
+  std::vector<float> direction_xy_;
+  float inverse_voxel_size_;
+  int words_;
+  SurfaceIndex index_;
+  std::vector<Eigen::Vector3f> first_L_, pca_L_;
+  std::vector<std::array<std::int64_t, 3>> offset_sum_;  ///< return minus voxel centre, in 2^-20 voxels
+  std::vector<std::array<std::int64_t, 3>> sensor_sum_;  ///< in 2^-16 m
+  std::vector<std::uint32_t> returns_;                   ///< number of returns
+  std::vector<std::uint64_t> seen_;                      ///< [words n]; empty with viewpoints
+  std::vector<Viewpoints> viewpoints_;                   ///< empty without
+  std::vector<Eigen::Vector3f> poses_;                   ///< distinct sensor positions, with viewpoints only
+};
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,90 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which surface point lies in which voxel, and which points lie near a place.
+///
+/// Points are grouped in blocks of 8x8x8 voxels (the leaves of the map), blocks in cells of 8x8x8 blocks. Only cells are
+/// hashed, so walking a neighbourhood costs a few look-ups, however large the map is.
+#pragma once
+
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <memory>
+#include <unordered_map>
+#include <vector>
+
+#include "accessvdb/leaf_change.h"
+
+namespace accessvdb::internal {
+
+using Index3 = std::array<std::int32_t, 3>;
+inline constexpr std::uint32_t kNone = ~std::uint32_t{0};
+
+/// The points of one leaf, sorted by voxel.
+struct PointBlock {
+  Index3 leaf = {};               ///< voxel index >> 3
+  LeafBits occupied = {};         ///< voxels with a point
+  std::vector<std::uint32_t> ids; ///< in the order of the set bits
+};
+
+class SurfaceIndex {
+ public:
+  /// Id of the point in a voxel, or kNone.
+  [[nodiscard]] std::uint32_t find(const Index3& voxel) const;
+  /// The voxel must be free.
+  void insert(const Index3& voxel, std::uint32_t id);
+
+  [[nodiscard]] const std::vector<PointBlock>& blocks() const { return blocks_; }
+  /// Index into blocks(), or kNone.
+  [[nodiscard]] std::uint32_t blockAt(const Index3& leaf) const;
+  [[nodiscard]] std::uint64_t bytes() const;
+
+  /// Calls visit(block index) for every block with leaf coordinates in [low, high], in a fixed order.
+  template <typename Visit>
+  void forEachBlock(const Index3& low, const Index3& high, const Visit& visit) const {
+    for (std::int32_t cx = low[0] >> 3; cx <= high[0] >> 3; ++cx) {
+      for (std::int32_t cy = low[1] >> 3; cy <= high[1] >> 3; ++cy) {
+        for (std::int32_t cz = low[2] >> 3; cz <= high[2] >> 3; ++cz) {
+          const auto found = cell_of_.find(cellKey({cx, cy, cz}));
+          if (found == cell_of_.end()) continue;
+          visitCell(*cells_[found->second], {cx, cy, cz}, low, high, visit);
+        }
+      }
+    }
+  }
+
+ private:
+  struct Cell {
+    LeafBits present = {};
+    std::array<std::uint32_t, 512> block;
+  };
+  static std::uint64_t cellKey(const Index3& cell);
+
+  template <typename Visit>
+  static void visitCell(const Cell& cell, const Index3& c, const Index3& low, const Index3& high, const Visit& visit) {
+    const auto from = [&](int axis) { return std::max(0, low[axis] - c[axis] * 8); };
+    const auto to = [&](int axis) { return std::min(7, high[axis] - c[axis] * 8); };
+    const int z0 = from(2), z1 = to(2);
+    const auto row_mask = static_cast<std::uint32_t>((0xffu << z0) & (0xffu >> (7 - z1)));
+    for (int x = from(0); x <= to(0); ++x) {
+      for (int y = from(1); y <= to(1); ++y) {
+        auto row = static_cast<std::uint32_t>(cell.present[static_cast<std::size_t>(x)] >> (y * 8)) & row_mask;
+        for (; row != 0; row &= row - 1) {
+          visit(cell.block[static_cast<std::size_t>(x * 64 + y * 8 + std::countr_zero(row))]);
+        }
+      }
+    }
+  }
+
+  std::unordered_map<std::uint64_t, std::uint32_t> cell_of_;
+  std::vector<std::unique_ptr<Cell>> cells_;
+  std::vector<PointBlock> blocks_;
+};
+
+/// Bit of a voxel or block inside its parent, 0 .. 511.
+inline std::size_t bitInParent(const Index3& i) {
+  return static_cast<std::size_t>((i[0] & 7) << 6 | (i[1] & 7) << 3 | (i[2] & 7));
+}
+inline Index3 parentOf(const Index3& i) { return {i[0] >> 3, i[1] >> 3, i[2] >> 3}; }
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,39 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which points are scored when: the two policies behind one interface.
+#pragma once
+
+#include <Eigen/Core>
+#include <memory>
+#include <span>
+
+#include "accessvdb/leaf_change.h"
+#include "accessvdb/types.h"
+#include "points/point_scorer.h"
+
+namespace accessvdb::internal {
+
+class UpdateScheduler {
+ public:
+  virtual ~UpdateScheduler() = default;
+
+  /// One scan has been integrated.
+  virtual void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
+                        std::span<const Eigen::Vector3f> q_L, std::span<const std::span<const LeafChange>> changes) = 0;
+
+  /// Scores what is due.
+  virtual UpdateStats update(const ScoringTables& tables) = 0;
+
+  [[nodiscard]] virtual std::uint64_t bytes() const = 0;
+};
+
+/// docs/DESIGN.md, "Exact updates": labels equal those of a full evaluation of the current map.
+/// @param tool, approach  tables in host memory, alive as long as the scheduler
+std::unique_ptr<UpdateScheduler> makeExactScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
+                                                    const kernels::ApproachView& approach);
+
+/// The paper's triggers (i) to (iii), sample, budget and backlog (SPEC a.8).
+std::unique_ptr<UpdateScheduler> makePaperScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
+                                                    const kernels::ApproachView& approach);
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,97 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Help, configuration files and the forms of output that every verb shares.
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+
+#include "program_run.h"
+
+namespace accessvdb::cli_test {
+namespace {
+
+using CommandLine = ProgramTest;
+
+TEST_F(CommandLine, EveryVerbHelpsWithAnExample) {
+  for (const std::string verb : {"map", "info", "query", "render"}) {
+    const ProgramResult result = runProgram({verb, "--help"});
+    EXPECT_EQ(result.exit_code, 0) << verb;
+    EXPECT_NE(result.out.find("Example:\n  accessvdb " + verb), std::string::npos) << result.out;
+    for (const char* flag : {"--device", "--threads", "--config", "--quiet", "--error-format"}) {
+      EXPECT_NE(result.out.find(flag), std::string::npos) << verb << " " << flag;
+    }
+    EXPECT_EQ(result.err, "");
+  }
+  const ProgramResult overview = runProgram({"--help"});
+  EXPECT_EQ(overview.exit_code, 0);
+  for (const char* verb : {"map", "info", "query", "render"}) EXPECT_NE(overview.out.find(verb), std::string::npos);
+}
+
+TEST_F(CommandLine, MapHasEveryDocumentedFlag) {
+  const std::string help = runProgram({"map", "--help"}).out;
+  for (const char* flag :
+       {"--scans",      "--poses",      "--tool",         "--tool-unit",   "--tool-tip",        "--tool-axis",
+        "--tool-up",    "--voxel",      "--out",          "--pose-format", "--calib",           "--sensor-at",
+        "--max-range",  "--min-range",  "--every",        "--profile",     "--policy",          "--directions",
+        "--tau",        "--knn",        "--range-noise",  "--corridor",    "--allow-truncated", "--sort-poses",
+        "--max-memory", "--no-clobber", "--update-every", "--view",        "--print-config"}) {
+    EXPECT_NE(help.find(flag), std::string::npos) << flag;
+  }
+}
+
+TEST_F(CommandLine, PrintedConfigReadsBackAsItself) {
+  const ProgramResult first = runProgram({"map", "--voxel", "0.02", "--tau", "4v", "--tool", "a \"quoted\" tool.obj",
+                                          "--tool-tip", "-0.1,0,2e-3", "--no-clobber", "--max-range", "30",
+                                          "--directions", "36", "--max-memory", "2G", "--print-config"});
+  ASSERT_EQ(first.exit_code, 0) << first.err;
+  EXPECT_NE(first.out.find("tau = "), std::string::npos);
+  writeText("config.toml", first.out);
+  const ProgramResult second = runProgram({"map", "--config", path("config.toml"), "--print-config"});
+  ASSERT_EQ(second.exit_code, 0) << second.err;
+  EXPECT_EQ(first.out, second.out);
+  const ProgramResult other = runProgram({"map", "--config", path("config.toml"), "--voxel", "0.04", "--print-config"});
+  ASSERT_EQ(other.exit_code, 0) << other.err;
+  EXPECT_NE(other.out.find("voxel = 0.04"), std::string::npos) << "a flag wins over the file";
+  EXPECT_NE(other.out.find("directions = 36"), std::string::npos);
+}
+
+TEST_F(CommandLine, ConfigTakesTopLevelKeysAndVectors) {
+  writeText("config.toml",
+            "voxel = 0.03\ntool-tip = [-1.5, 0, 2]\n[map]\nvoxel = 0.05\nquiet = true\n[query]\nat = \"1,2,3\"\n");
+  const ProgramResult result = runProgram({"map", "--config", path("config.toml"), "--print-config"});
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.out.find("voxel = 0.05"), std::string::npos) << "[map] wins over the top level";
+  EXPECT_NE(result.out.find("tool-tip = '-1.5,0,2'"), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("quiet = true"), std::string::npos);
+}
+
+TEST_F(CommandLine, ErrorsCanBeJson) {
+  const ProgramResult result = runProgram({"map", "--error-format", "json"});
+  EXPECT_EQ(result.exit_code, 2);
+  const auto error = nlohmann::json::parse(result.err);
+  EXPECT_EQ(error.at("level"), "error");
+  EXPECT_EQ(error.at("id"), "usage.missing");
+  EXPECT_EQ(error.at("exit_code"), 2);
+  EXPECT_EQ(error.at("subject"), "--scans");
+  EXPECT_NE(error.at("problem"), "");
+  EXPECT_NE(error.at("advice"), "");
+}
+
+TEST_F(CommandLine, FullStandardOutputIsAnOutputFailure) {
+  ProgramSetup setup;
+  setup.arguments = {"--help"};
+  setup.stdout_path = "/dev/full";
+  const ProgramResult result = runProgram(setup);
+  EXPECT_EQ(result.exit_code, 7);
+  EXPECT_NE(result.err.find("accessvdb: error[output.stdout]"), std::string::npos) << result.err;
+}
+
+TEST_F(CommandLine, ControlBytesOfArgumentsAreEscaped) {
+  const ProgramResult result = runProgram({"\x1b[31mred"});
+  EXPECT_EQ(result.exit_code, 2);
+  EXPECT_EQ(result.err.find('\x1b'), std::string::npos);
+  EXPECT_NE(result.err.find("\\x1b[31mred"), std::string::npos) << result.err;
+}
+
+}  // namespace
+}  // namespace accessvdb::cli_test

@@ -1,0 +1,208 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What a run leaves: files, report, what the other verbs say about it, and what remains after a signal.
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "program_run.h"
+
+namespace accessvdb::cli_test {
+namespace {
+
+using nlohmann::json;
+
+const std::vector<std::string> kOutputs = {"field.vdb", "field_points.vdb", "points.ply", "preview.png", "report.json"};
+
+class MapOutputs : public ProgramTest {
+ protected:
+  void SetUp() override {
+    ProgramTest::SetUp();
+    writeWallScans();
+    writePoses();
+  }
+  json report() const { return json::parse(readText("out/report.json")); }
+
+  /// Enough scans of one large file that a signal arrives in the middle.
+  void writeLongRun() {
+    writeWallScans(1, 160);
+    const std::filesystem::path first = folder_ / "scans" / "000100.000000.pcd";
+    for (int scan = 1; scan < 600; ++scan) {
+      char name[64];
+      std::snprintf(name, sizeof name, "%06d.000000.pcd", 100 + scan);
+      const std::filesystem::path copy = folder_ / "scans" / name;
+      std::filesystem::remove(copy);
+      std::filesystem::create_hard_link(first, copy);
+    }
+    writePoses(600);
+  }
+  /// The first signal comes in the middle of fusing, the others right behind it.
+  ProgramResult runWithSignals(std::vector<int> signals) {
+    ProgramSetup setup;
+    setup.arguments = mapArguments();
+    setup.signal_after = "predicted peak memory";
+    setup.act = [signals](pid_t process) {
+      usleep(300'000);
+      for (const int number : signals) {
+        kill(process, number);
+        usleep(2'000);  // two pending signals would be delivered in an order that nobody promises
+      }
+    };
+    return runProgram(setup);
+  }
+};
+
+TEST_F(MapOutputs, ReportHasTheDocumentedSchema) {
+  const ProgramResult result = runProgram(mapArguments());
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(result.out, "") << "stdout carries data only";
+  EXPECT_EQ(listing("out"), kOutputs);
+
+  const json all = report();
+  EXPECT_EQ(all.at("schema"), 1);
+  EXPECT_TRUE(all.at("version").is_string());
+  EXPECT_EQ(all.at("exit_code"), 0);
+  EXPECT_EQ(all.at("device"), "cpu");
+  EXPECT_EQ(all.at("parameters").at("tool"), "builtin:pencil");
+  EXPECT_EQ(all.at("inputs").size(), 5u) << "four scans and the poses";
+  for (const json& input : all.at("inputs")) EXPECT_EQ(input.at("sha256").get<std::string>().size(), 64u);
+
+  const json& counts = all.at("counts");
+  EXPECT_EQ(counts.at("scans"), 4);
+  EXPECT_EQ(counts.at("points_in"), 4 * 1600);
+  EXPECT_EQ(counts.at("points_used"), 4 * 1600);
+  for (const char* reason : {"no_return", "non_finite", "below_min_range", "beyond_max_range", "out_of_bounds"}) {
+    EXPECT_EQ(counts.at("dropped").at(reason), 0);
+  }
+  const std::uint64_t points = counts.at("surface_points");
+  // The wall is one voxel layer of 1.0 m x 1.3 m in 5 cm cells, give or take a row at the rims.
+  EXPECT_NEAR(static_cast<double>(points), 20 * 26, 2 * (20 + 26) + 4);
+  EXPECT_EQ(counts.at("accessible").get<std::uint64_t>() + counts.at("blocked").get<std::uint64_t>() +
+                counts.at("unscored").get<std::uint64_t>(),
+            points);
+  std::uint64_t reasons = 0;
+  for (const char* reason : {"tool", "arm", "unknown", "normal", "unseen", "confidence"}) {
+    reasons += counts.at("reasons").at(reason).get<std::uint64_t>();
+  }
+  EXPECT_EQ(reasons + counts.at("accessible").get<std::uint64_t>(), points) << "every other point has a reason";
+  for (const char* stage : {"frame", "integrate", "mirror", "update", "score"}) {
+    const json& times = all.at("timing_ms").at(stage);
+    EXPECT_LE(times.at("p50"), times.at("p95"));
+    EXPECT_LE(times.at("p95"), times.at("p99"));
+    EXPECT_LE(times.at("p99"), times.at("max"));
+    EXPECT_LE(times.at("mean"), times.at("max"));
+  }
+  EXPECT_GT(all.at("timing_ms").at("frame").at("max"), 0);
+  EXPECT_GT(all.at("memory").at("host_peak_bytes"), 1 << 20);
+  EXPECT_EQ(all.at("memory").at("device_peak_bytes"), 0);
+  EXPECT_GT(all.at("memory").at("predicted_bytes"), 1 << 20);
+  EXPECT_GT(all.at("map").at("leaves"), 0);
+  EXPECT_GT(all.at("map").at("active_voxels"), 0);
+  EXPECT_GT(all.at("map").at("bytes"), 0);
+}
+
+TEST_F(MapOutputs, SummaryIsSaidUnlessQuiet) {
+  const std::string loud = runProgram(mapArguments()).err;
+  for (const char* part : {"4 scans, 6400 returns, 100.0 % used", "surface points: accessible", "tool builtin:pencil",
+                           "axis", "done in"}) {
+    EXPECT_NE(loud.find(part), std::string::npos) << part << "\n" << loud;
+  }
+  EXPECT_EQ(runProgram(mapArguments({"--quiet"})).err.find("surface points: "), std::string::npos);
+}
+
+TEST_F(MapOutputs, UpdatingEachScanChangesNoLabel) {
+  ASSERT_EQ(runProgram(mapArguments()).exit_code, 0);
+  const json once = report();
+  ASSERT_EQ(runProgram(mapArguments({"--update-every", "1"})).exit_code, 0);
+  EXPECT_EQ(report().at("counts"), once.at("counts"));
+}
+
+TEST_F(MapOutputs, RangesAndEveryAreHonoured) {
+  // The wall stands 2 m ahead; its corners are 2.12 m away.
+  ASSERT_EQ(runProgram(mapArguments({"--max-range", "2.05", "--every", "2"})).exit_code, 0);
+  const json counts = report().at("counts");
+  EXPECT_EQ(counts.at("scans"), 2);
+  EXPECT_GT(counts.at("dropped").at("beyond_max_range"), 0);
+  EXPECT_EQ(counts.at("points_used").get<int>() + counts.at("dropped").at("beyond_max_range").get<int>(), 2 * 1600);
+}
+
+TEST_F(MapOutputs, ToolReadInTheWrongUnitIsWarnedAbout) {
+  writeBoxTool(5, 0.5);  // a tool of 5 mm ... read as metres
+  const ProgramResult result = runProgram(mapArguments({"--tool", path("tool.obj"), "--tool-unit", "m"}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.err.find("accessvdb: warning[tool.unit]"), std::string::npos) << result.err;
+  EXPECT_NE(result.err.find("accessvdb: warning[tool.larger_than_scene]"), std::string::npos) << result.err;
+  EXPECT_GE(report().at("warnings").size(), 2u);
+}
+
+TEST_F(MapOutputs, NegativeVectorsParse) {
+  writeBoxTool(150, 10);
+  const ProgramResult result = runProgram(
+      mapArguments({"--tool", path("tool.obj"), "--tool-unit", "mm", "--tool-tip", "-10,0,0", "--view", "-1,0,0.5"}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_NE(result.err.find("tip -10,0,0"), std::string::npos) << result.err;
+}
+
+TEST_F(MapOutputs, OtherVerbsReadIt) {
+  ASSERT_EQ(runProgram(mapArguments()).exit_code, 0);
+  const ProgramResult info = runProgram({"info", path("out"), "--json"});
+  ASSERT_EQ(info.exit_code, 0) << info.err;
+  const json inside = json::parse(info.out);
+  EXPECT_EQ(inside.at("report"), report());
+  ASSERT_EQ(inside.at("files").size(), 2u);
+  EXPECT_EQ(inside.at("files")[0].at("grids").size(), 9u);
+  const ProgramResult words = runProgram({"info", path("out/field.vdb")});
+  EXPECT_EQ(words.exit_code, 0) << words.err;
+  EXPECT_NE(words.out.find("grid distance: float"), std::string::npos) << words.out;
+
+  const ProgramResult query =
+      runProgram({"query", "--map", path("out"), "--at", "2,0.1,0", "--at", "-9,0,0", "--json"});
+  ASSERT_EQ(query.exit_code, 0) << query.err;
+  const json answers = json::parse(query.out);
+  ASSERT_EQ(answers.size(), 2u);
+  ASSERT_TRUE(answers[0].at("point").is_object());
+  EXPECT_NEAR(answers[0].at("point").at("position")[0].get<double>(), 2.0, 1e-5);
+  EXPECT_EQ(answers[0].at("voxel"), "observed");
+  EXPECT_EQ(answers[1].at("voxel"), "unknown");
+  EXPECT_TRUE(answers[1].at("point").is_null());
+  if (!answers[0].at("point").at("direction").is_null()) {
+    const json& d = answers[0].at("point").at("direction");
+    const double yaw = answers[0].at("point").at("yaw_deg");
+    EXPECT_NEAR(std::cos(yaw * M_PI / 180), d[0].get<double>(), 1e-4);
+    EXPECT_NEAR(std::sin(yaw * M_PI / 180), d[1].get<double>(), 1e-4);
+  }
+  writeText("points.txt", "2 0.1 0\n-9,0,0\n");
+  EXPECT_EQ(runProgram({"query", "--map", path("out"), "--points", path("points.txt"), "--json"}).out, query.out);
+
+  EXPECT_EQ(runProgram({"render", "--map", path("out"), "--out", path("top.png"), "--view", "top"}).exit_code, 0);
+  EXPECT_EQ(readText("top.png").substr(1, 3), "PNG");
+  EXPECT_EQ(runProgram({"render", "--tool", "builtin:pruner", "--out", path("tool.png")}).exit_code, 0);
+  EXPECT_EQ(readText("tool.png").substr(1, 3), "PNG");
+}
+
+TEST_F(MapOutputs, FirstSignalSavesWhatWasFinished) {
+  writeLongRun();
+  for (const int number : {SIGINT, SIGTERM}) {
+    const ProgramResult result = runWithSignals({number});
+    EXPECT_EQ(result.exit_code, 128 + number) << result.err;
+    EXPECT_EQ(listing("out"), kOutputs);
+    EXPECT_EQ(report().at("exit_code"), 128 + number);
+    EXPECT_GT(report().at("counts").at("scans"), 0);
+    EXPECT_LT(report().at("counts").at("scans"), 600);
+    EXPECT_GT(report().at("counts").at("surface_points"), 0);
+    EXPECT_EQ(runProgram({"info", path("out")}).exit_code, 0);
+    std::filesystem::remove_all(folder_ / "out");
+  }
+}
+
+TEST_F(MapOutputs, SecondSignalEndsAtOnce) {
+  writeLongRun();
+  const ProgramResult result = runWithSignals({SIGINT, SIGTERM});
+  EXPECT_EQ(result.signal, SIGTERM) << result.exit_code << result.err;
+}
+
+}  // namespace
+}  // namespace accessvdb::cli_test

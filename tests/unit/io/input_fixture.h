@@ -1,0 +1,88 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What the tests of the readers share: a folder that goes away, expected errors, real data where there are any.
+#pragma once
+
+#include <gtest/gtest.h>
+#include <stdlib.h>
+
+#include <Eigen/Core>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "accessvdb/error.h"
+
+namespace accessvdb::io::test {
+
+class TempFolder {
+ public:
+  TempFolder() {
+    std::string name = (std::filesystem::temp_directory_path() / "accessvdb_io_XXXXXX").string();
+    path_ = ::mkdtemp(name.data());
+  }
+  ~TempFolder() {
+    std::error_code error;
+    std::filesystem::remove_all(path_, error);
+  }
+  TempFolder(const TempFolder&) = delete;
+  TempFolder& operator=(const TempFolder&) = delete;
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+
+  std::filesystem::path write(const std::filesystem::path& name, const std::string& bytes) const {
+    const std::filesystem::path path = path_ / name;
+    std::filesystem::create_directories(path.parent_path());
+    std::ofstream(path, std::ios::binary) << bytes;
+    return path;
+  }
+
+ private:
+  std::filesystem::path path_;
+};
+
+/// Appends the bytes of a number as this (little-endian) machine holds them.
+template <typename T>
+void put(std::string& bytes, T value) {
+  char raw[sizeof(T)];
+  std::memcpy(raw, &value, sizeof(T));
+  bytes.append(raw, sizeof(T));
+}
+
+/// Runs it and expects an Error with this code and id that says these words.
+inline void expectError(const std::function<void()>& body, ErrorCode code, const std::string& id,
+                        const std::vector<std::string>& words = {}) {
+  try {
+    body();
+    ADD_FAILURE() << "no error, expected " << id;
+  } catch (const Error& error) {
+    EXPECT_EQ(error.code(), code) << error.what();
+    EXPECT_EQ(error.id(), id) << error.what();
+    EXPECT_FALSE(error.advice().empty()) << error.what();
+    for (const std::string& word : words)
+      EXPECT_NE(std::string(error.what()).find(word), std::string::npos)
+          << "'" << word << "' is not in: " << error.what();
+  }
+}
+
+inline bool anyContains(const std::vector<std::string>& lines, const std::string& words) {
+  for (const std::string& line : lines)
+    if (line.find(words) != std::string::npos) return true;
+  return false;
+}
+
+inline std::filesystem::path dataFolder() {
+  const char* const folder = std::getenv("ACCESSVDB_TEST_DATA");
+  return folder != nullptr ? std::filesystem::path(folder)
+                           : std::filesystem::path(ACCESSVDB_SOURCE_DIR) / ".." / "shared" / "data";
+}
+
+/// Skips the test where the file is absent.
+#define ACCESSVDB_NEED_DATA(variable, name)                                          \
+  const std::filesystem::path variable = accessvdb::io::test::dataFolder() / (name); \
+  if (!std::filesystem::exists(variable)) GTEST_SKIP() << "missing test data: " << variable.string()
+
+}  // namespace accessvdb::io::test

@@ -1,0 +1,58 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include <Eigen/Geometry>
+
+#include "io/point_cloud.h"
+#include "unit/io/input_fixture.h"
+
+namespace accessvdb::io {
+namespace {
+
+std::string scan(int points) {
+  std::string bytes;
+  for (int i = 0; i < 4 * points; ++i) test::put(bytes, 0.25F * static_cast<float>(i));
+  return bytes;
+}
+
+TEST(KittiBinReader, ReadsFourFloatsAPoint) {
+  const test::TempFolder folder;
+  const PointCloud cloud = readKittiBin(folder.write("a.bin", scan(3)), {});
+  ASSERT_EQ(cloud.points.size(), 3U);
+  EXPECT_EQ(cloud.points[2], Eigen::Vector3d(2, 2.25, 2.5));
+}
+
+TEST(KittiBinReader, SurvivesACutAtEveryByte) {
+  const test::TempFolder folder;
+  const std::string file = scan(3);
+  test::expectError(
+      [&] {
+        (void)readKittiBin(folder.write("a.bin", ""), {true, false});
+      },
+      ErrorCode::Input, "input.empty");
+  for (std::size_t size = 1; size <= file.size(); ++size) {
+    const auto path = folder.write("a.bin", file.substr(0, size));
+    if (size % 16 == 0) {
+      EXPECT_EQ(readKittiBin(path, {}).points.size(), size / 16);
+      continue;
+    }
+    test::expectError([&] { (void)readKittiBin(path, {}); }, ErrorCode::Input, "input.truncated",
+                      {std::to_string(size) + " bytes is not a multiple of 16 (record " + std::to_string(size / 16)});
+    const PointCloud cloud = readKittiBin(path, {true, false});
+    EXPECT_EQ(cloud.points.size(), size / 16);
+    EXPECT_EQ(cloud.truncated_points, 1U);
+  }
+}
+
+TEST(KittiBinReader, AgreesWithTheReadmeOfRealScans) {
+  ACCESSVDB_NEED_DATA(path, "kitti_00/velodyne/000000.bin");
+  const PointCloud cloud = readKittiBin(path, {});
+  ASSERT_EQ(cloud.points.size(), 124668U);
+  Eigen::AlignedBox3d box;
+  for (const auto& p : cloud.points) box.extend(p);
+  // The README gives 4 digits.
+  EXPECT_LT((box.min() - Eigen::Vector3d(-78.09, -55.72, -11.56)).cwiseAbs().maxCoeff(), 5.1e-3);
+  EXPECT_LT((box.max() - Eigen::Vector3d(77.97, 44.88, 2.825)).cwiseAbs().maxCoeff(), 5.1e-3);
+}
+
+}  // namespace
+}  // namespace accessvdb::io

@@ -1,0 +1,287 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include <pcl/io/pcd_io.h>
+#include <pcl/point_types.h>
+#include <sys/stat.h>
+
+#include <cmath>
+#include <limits>
+
+#include "io/point_cloud.h"
+#include "unit/io/input_fixture.h"
+
+namespace accessvdb::io {
+namespace {
+
+using test::expectError;
+using test::TempFolder;
+
+constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
+
+std::string header(const std::string& points, const std::string& data, const std::string& fields = "x y z",
+                   const std::string& size = "4 4 4", const std::string& type = "F F F") {
+  return "# .PCD v0.7\nVERSION 0.7\nFIELDS " + fields + "\nSIZE " + size + "\nTYPE " + type + "\nWIDTH " + points +
+         "\nHEIGHT 1\nPOINTS " + points + "\nDATA " + data + "\n";
+}
+
+std::string floats(const std::vector<float>& values) {
+  std::string bytes;
+  for (const float value : values) test::put(bytes, value);
+  return bytes;
+}
+
+pcl::PointCloud<pcl::PointXYZI> pclCloud(int n) {
+  pcl::PointCloud<pcl::PointXYZI> cloud;
+  for (int i = 0; i < n; ++i) {
+    pcl::PointXYZI p;
+    p.x = 0.1F * static_cast<float>(i), p.y = -3.7F / static_cast<float>(i + 1), p.z = 1e4F + static_cast<float>(i),
+    p.intensity = 7;
+    cloud.push_back(p);
+  }
+  return cloud;
+}
+
+TEST(PcdReader, ReadsWhatPclWritesInAllThreeEncodings) {
+  const TempFolder folder;
+  const auto truth = pclCloud(500);
+  pcl::PCDWriter writer;
+  const std::string ascii = folder.path() / "a.pcd", binary = folder.path() / "b.pcd", packed = folder.path() / "c.pcd";
+  ASSERT_EQ(writer.writeASCII(ascii, truth, 9), 0);  // 9 digits bring every float back
+  ASSERT_EQ(writer.writeBinary(binary, truth), 0);
+  ASSERT_EQ(writer.writeBinaryCompressed(packed, truth), 0);
+  for (const std::string& path : {ascii, binary, packed}) {
+    const PointCloud cloud = readPcd(path, {});
+    ASSERT_EQ(cloud.points.size(), truth.size()) << path;
+    EXPECT_EQ(cloud.truncated_points, 0U);
+    for (std::size_t i = 0; i < truth.size(); ++i)
+      ASSERT_EQ(cloud.points[i].cast<float>(), truth[i].getVector3fMap()) << path << " " << i;
+  }
+}
+
+TEST(PcdReader, TakesFieldsInAnyOrderOfAnyTypeAndSize) {
+  const TempFolder folder;
+  std::string body;
+  for (int i = 0; i < 3; ++i) {
+    test::put(body, std::uint8_t{9});
+    test::put(body, 5600000.125 + i);  // z, as double
+    for (int k = 0; k < 3; ++k) test::put(body, std::int16_t{4});
+    test::put(body, 1.5F + static_cast<float>(i));  // x
+    test::put(body, std::int32_t{-7 - i});          // y
+  }
+  const std::string fields = "FIELDS ring z hist x y\nSIZE 1 8 2 4 4\nTYPE U F I F I\nCOUNT 1 1 3 1 1\n";
+  const auto path = folder.write("a.pcd", fields + "WIDTH 3\nHEIGHT 1\nPOINTS 3\nDATA binary\n" + body);
+  const PointCloud cloud = readPcd(path, {});
+  ASSERT_EQ(cloud.points.size(), 3U);
+  for (int i = 0; i < 3; ++i) EXPECT_EQ(cloud.points[i], Eigen::Vector3d(1.5 + i, -7 - i, 5600000.125 + i));
+  const auto text =
+      folder.write("t.pcd", fields + "WIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n9 5600000.125 4 4 4 1.5 -7\n");
+  EXPECT_EQ(readPcd(text, {}).points.at(0), Eigen::Vector3d(1.5, -7, 5600000.125));
+}
+
+TEST(PcdReader, BelievesPointsWhereWidthAndHeightAreZero) {
+  const TempFolder folder;
+  const std::string text =
+      "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 0\nHEIGHT 0\nPOINTS 2\nDATA binary\n";
+  EXPECT_EQ(readPcd(folder.write("a.pcd", text + floats({1, 2, 3, 4, 5, 6})), {}).points.at(1),
+            Eigen::Vector3d(4, 5, 6));
+  expectError(
+      [&] {
+        (void)readPcd(folder.write("b.pcd", text + floats({1, 2, 3, 4, 5})), {});
+      },
+      ErrorCode::Input, "input.truncated",
+      {"b.pcd", "2 points (24 bytes)", "20 bytes", "1 complete", "--allow-truncated"});
+}
+
+TEST(PcdReader, PassesBadValuesOnAndAcceptsAnEmptyCloud) {
+  const TempFolder folder;
+  const auto path = folder.write("a.pcd", header("4", "ascii") + "nan 1 2\n0 0 0\n1e30 -inf 1e999\n-1e-999 +2 1e-3\n");
+  const PointCloud cloud = readPcd(path, {});
+  ASSERT_EQ(cloud.points.size(), 4U);
+  EXPECT_TRUE(std::isnan(cloud.points[0][0]));
+  EXPECT_EQ(cloud.points[1], Eigen::Vector3d::Zero());
+  EXPECT_EQ(cloud.points[2][0], 1e30);
+  EXPECT_TRUE(std::isinf(cloud.points[2][1]) && cloud.points[2][1] < 0);
+  EXPECT_TRUE(std::isinf(cloud.points[2][2]) && cloud.points[2][2] > 0);
+  EXPECT_EQ(cloud.points[3], Eigen::Vector3d(0, 2, 1e-3));
+  const auto binary = folder.write("b.pcd", header("1", "binary") + floats({kNan, 0, 1e30F}));
+  EXPECT_TRUE(std::isnan(readPcd(binary, {}).points.at(0)[0]));
+  EXPECT_TRUE(readPcd(folder.write("c.pcd", header("0", "ascii")), {}).points.empty());
+  EXPECT_TRUE(readPcd(folder.write("d.pcd", header("0", "binary_compressed")), {}).points.empty());
+}
+
+TEST(PcdReader, ReadsWindowsLineEndsAndAByteOrderMark) {
+  const TempFolder folder;
+  std::string text = header("2", "ascii") + "1 2 3\n4 5 6\n";
+  std::string windows = "\xef\xbb\xbf";
+  for (const char c : text) windows += c == '\n' ? std::string("\r\n") : std::string(1, c);
+  EXPECT_EQ(readPcd(folder.write("a.pcd", windows), {}).points.at(1), Eigen::Vector3d(4, 5, 6));
+}
+
+TEST(PcdReader, RefusesWhatIsNoPcd) {
+  const TempFolder folder;
+  const auto refuse = [&](const std::string& bytes, const std::string& id, const std::vector<std::string>& words = {}) {
+    expectError([&] { (void)readPcd(folder.write("a.pcd", bytes), {}); }, ErrorCode::Input, id, words);
+  };
+  refuse("", "input.empty", {"a.pcd", "0 bytes"});
+  refuse("version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 5\n", "input.lfs_pointer", {"git lfs pull"});
+  refuse("hello world\nthis is text\n", "input.malformed", {"line 1", "hello"});
+  refuse("FIELDS x y z\n", "input.malformed", {"no DATA line"});
+  refuse(std::string("FIELDS x y z\0\n", 14), "input.malformed");
+  refuse(std::string(200000, 'a'), "input.malformed", {"65536"});
+  refuse(header("1", "zipped") + "1 2 3\n", "input.malformed", {"zipped"});
+  refuse(header("-1", "ascii") + "1 2 3\n", "input.malformed", {"-1"});
+  refuse(header("1", "ascii", "a y z") + "1 2 3\n", "input.malformed", {"without a field x"});
+  refuse(header("1", "ascii", "x y z", "4 4") + "1 2 3\n", "input.malformed");
+  refuse(header("1", "ascii", "x y z", "4 4 3") + "1 2 3\n", "input.malformed", {"SIZE 3"});
+  refuse(header("1", "ascii", "x y z", "4 4 0") + "1 2 3\n", "input.malformed");
+  refuse(header("1", "ascii", "x y z", "4 4 4", "F F Q") + "1 2 3\n", "input.malformed", {"Q"});
+  refuse(header("2", "ascii") + "1 2\n3 4 5\n", "input.malformed", {"2 values"});
+  refuse(header("1", "ascii") + "1 2 0x3\n", "input.malformed", {"no number"});
+  refuse(header("1", "ascii") + "1,5 2 3\n", "input.malformed");
+  refuse("FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 3\nHEIGHT 2\nPOINTS 5\nDATA ascii\n1 2 3\n", "input.malformed",
+         {"WIDTH"});
+  refuse("FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 9999999\nWIDTH 1\nHEIGHT 1\nDATA ascii\n1 2 3\n",
+         "input.malformed");
+}
+
+TEST(PcdReader, RefusesFoldersPipesAndMissingFiles) {
+  const TempFolder folder;
+  expectError([&] { (void)readPcd(folder.path(), {}); }, ErrorCode::Input, "input.not_a_file", {"folder"});
+  expectError([&] { (void)readPcd(folder.path() / "none.pcd", {}); }, ErrorCode::Input, "input.missing", {"none.pcd"});
+  const auto pipe = folder.path() / "pipe.pcd";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  expectError([&] { (void)readPcd(pipe, {}); }, ErrorCode::Input, "input.not_a_file");
+}
+
+TEST(PcdReader, RefusesLyingHeadersBeforeItAllocates) {
+  const TempFolder folder;
+  for (const char* points :
+       {"2147483647", "2147483648", "4294967295", "4294967297", "9223372036854775808", "18446744073709551615"})
+    for (const char* data : {"ascii", "binary"}) {
+      const auto path = folder.write("a.pcd", header(points, data) + std::string(40, '1') + "\n");
+      expectError([&] { (void)readPcd(path, {}); }, ErrorCode::Input,
+                  std::string(data) == "ascii" ? "input.malformed" : "input.truncated");
+    }
+  // A bomb: 16 bytes that claim to become 4 GB, with a header that agrees.
+  std::string body;
+  test::put(body, std::uint32_t{16});
+  test::put(body, std::uint32_t{4294967292U});
+  const auto bomb = folder.write("b.pcd", header("357913941", "binary_compressed") + body + std::string(16, '\0'));
+  expectError([&] { (void)readPcd(bomb, {}); }, ErrorCode::Input, "input.malformed", {"4294967292"});
+  // Two points as one literal run of LZF, field after field: right with 2, refused with any other count.
+  body.clear();
+  test::put(body, std::uint32_t{25});
+  test::put(body, std::uint32_t{24});
+  body += static_cast<char>(24 - 1) + floats({1, 4, 2, 5, 3, 6});
+  EXPECT_EQ(readPcd(folder.write("d.pcd", header("2", "binary_compressed") + body), {}).points.at(1),
+            Eigen::Vector3d(4, 5, 6));
+  for (const char* points : {"1", "3", "200", "1537228672809129302"}) {  // the last times 12 is 2^64 + 8
+    const auto wrong = folder.write("e.pcd", header(points, "binary_compressed") + body);
+    expectError([&] { (void)readPcd(wrong, {}); }, ErrorCode::Input, "input.malformed", {"24 bytes from 25"});
+  }
+  // Sizes that agree, around bytes that are no LZF.
+  body.clear();
+  test::put(body, std::uint32_t{3});
+  test::put(body, std::uint32_t{24});
+  const auto junk = folder.write("c.pcd", header("2", "binary_compressed") + body + "\xff\xff\xff");
+  expectError([&] { (void)readPcd(junk, {}); }, ErrorCode::Input, "input.malformed", {"damaged"});
+}
+
+TEST(PcdReader, SaysWhatFollowsTheLastPoint) {
+  const TempFolder folder;
+  const PointCloud cloud = readPcd(folder.write("a.pcd", header("1", "binary") + floats({1, 2, 3, 4})), {});
+  EXPECT_EQ(cloud.points.size(), 1U);
+  EXPECT_TRUE(test::anyContains(cloud.notices, "4 bytes after the last point"));
+}
+
+/// Every prefix: an InputError, or with allow_truncated exactly the complete records.
+void cutEverywhere(const std::string& file, std::size_t header_bytes,
+                   const std::function<std::size_t(std::size_t)>& complete, std::size_t points) {
+  const TempFolder folder;
+  for (std::size_t size = 0; size < file.size(); ++size) {
+    const auto path = folder.write("a.pcd", file.substr(0, size));
+    EXPECT_THROW((void)readPcd(path, {}), InputError) << size;
+    if (size < header_bytes) {
+      EXPECT_THROW((void)readPcd(path, {true, false}), InputError) << size;
+      continue;
+    }
+    const PointCloud cloud = readPcd(path, {true, false});
+    EXPECT_EQ(cloud.points.size(), complete(size - header_bytes)) << size;
+    EXPECT_EQ(cloud.points.size() + cloud.truncated_points, points) << size;
+  }
+  EXPECT_EQ(readPcd(folder.write("a.pcd", file), {}).points.size(), points);
+}
+
+TEST(PcdReader, SurvivesACutAtEveryByte) {
+  const std::string binary = header("3", "binary");
+  cutEverywhere(
+      binary + floats({1, 2, 3, 4, 5, 6, 7, 8, 9}), binary.size(), [](std::size_t body) { return body / 12; }, 3);
+  const std::string ascii = header("3", "ascii");
+  // Lines of 6 bytes. The last line feed may be missing, so the file without it is not cut: leave it out.
+  cutEverywhere(
+      ascii + "1 2 3\n1 2 3\n1 2 3", ascii.size(), [](std::size_t body) { return body / 6; }, 3);
+}
+
+TEST(PcdReader, RefusesCompressedDataCutAtEveryByte) {
+  const TempFolder folder;
+  const std::string path = folder.path() / "c.pcd";
+  ASSERT_EQ(pcl::PCDWriter().writeBinaryCompressed(path, pclCloud(20)), 0);
+  std::ifstream in(path, std::ios::binary);
+  const std::string file((std::istreambuf_iterator<char>(in)), {});
+  // PCL pads nothing after the compressed bytes, so each cut takes some of them.
+  for (std::size_t size = 0; size < file.size(); ++size)
+    for (const bool allow : {false, true})
+      EXPECT_THROW((void)readPcd(folder.write("d.pcd", file.substr(0, size)), {allow, false}), InputError) << size;
+}
+
+TEST(PcdReader, FindsTheViewpoint) {
+  const TempFolder folder;
+  const std::string text =
+      "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 1\nHEIGHT 1\nVIEWPOINT 1 2 3 0.5 -0.5 0.5 0.5\nDATA ascii\n1 2 3\n";
+  const auto viewpoint = readPcdViewpoint(folder.write("a.pcd", text));
+  ASSERT_TRUE(viewpoint.has_value());
+  EXPECT_EQ(*viewpoint, (std::array<double, 7>{1, 2, 3, 0.5, -0.5, 0.5, 0.5}));
+  EXPECT_FALSE(readPcdViewpoint(folder.write("b.pcd", header("1", "ascii") + "1 2 3\n")).has_value());
+}
+
+struct RealFile {
+  const char* name;
+  std::size_t points;
+};
+std::ostream& operator<<(std::ostream& out, const RealFile& file) { return out << file.name; }
+class PcdReaderReal : public ::testing::TestWithParam<RealFile> {};
+
+TEST_P(PcdReaderReal, AgreesWithPclAndWithTheCountOfItsReadme) {
+  ACCESSVDB_NEED_DATA(path, GetParam().name);
+  const PointCloud cloud = readPcd(path, {});
+  EXPECT_EQ(cloud.points.size(), GetParam().points);
+  pcl::PointCloud<pcl::PointXYZ> truth;
+  ASSERT_EQ(pcl::io::loadPCDFile(path.string(), truth), 0);
+  ASSERT_EQ(truth.size(), cloud.points.size());
+  for (std::size_t i = 0; i < truth.size(); ++i)
+    ASSERT_EQ(cloud.points[i].cast<float>(), truth[i].getVector3fMap()) << i;
+}
+INSTANTIATE_TEST_SUITE_P(Files, PcdReaderReal,
+                         ::testing::Values(RealFile{"pcd_misc/bunny.pcd", 397}, RealFile{"pcd_misc/car6.pcd", 10031},
+                                           RealFile{"pcd_misc/colored_cloud.pcd", 1000},
+                                           RealFile{"pcd_misc/fraslab_scans_compressed_viewpoint.pcd", 5779},
+                                           RealFile{"pcd_misc/lamppost.pcd", 1771},
+                                           RealFile{"pcd_misc/milk_color.pcd", 13704},
+                                           RealFile{"pcd_misc/rops_cloud.pcd", 32087},
+                                           RealFile{"livox_mid360/frame_20240509061326.pcd", 19965},
+                                           RealFile{"livox_mid360/fastlio_scans.pcd", 57075},
+                                           RealFile{"scans_poses_balm/full107.pcd", 68513}));
+
+TEST(PcdReader, ReadsTheRealFileThatPclRefuses) {
+  ACCESSVDB_NEED_DATA(path, "livox_mlcc/lidar2_12.pcd");
+  const PointCloud cloud = readPcd(path, {});
+  ASSERT_EQ(cloud.points.size(), 246427U);
+  Eigen::AlignedBox3d box;
+  for (const auto& p : cloud.points) box.extend(p);
+  // The README gives three decimals or four digits.
+  EXPECT_LT((box.min() - Eigen::Vector3d(0.955, -52.74, -0.579)).cwiseAbs().maxCoeff(), 5.1e-3);
+  EXPECT_LT((box.max() - Eigen::Vector3d(60.4, -0.567, 16.24)).cwiseAbs().maxCoeff(), 5.1e-2);
+}
+
+}  // namespace
+}  // namespace accessvdb::io

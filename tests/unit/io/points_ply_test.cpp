@@ -1,0 +1,211 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// points.ply: columns by an independent parser, the way there and back, and damage.
+#include <gtest/gtest.h>
+
+#include <clocale>
+#include <cstring>
+#include <fstream>
+#include <iterator>
+#include <sstream>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "unit/io/sample_field.h"
+
+namespace accessvdb {
+namespace {
+
+using test::sampleField;
+using test::ScratchFolder;
+
+const io::FieldMetadata kMetadata = {{"tool.name", "builtin:pruner\nelement vertex 9"},
+                                     {"approach.num_directions", "180"},
+                                     {"scoring.confidence_half_weight", "5"},
+                                     {"update.stability_min", "0.7"}};
+
+std::string contentOf(const std::filesystem::path& path) {
+  std::ifstream stream(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(stream), {}};
+}
+
+/// A PLY parser that knows nothing of our layout: columns by name, as doubles.
+struct ParsedPly {
+  std::vector<std::string> names, comments;
+  std::vector<std::vector<double>> rows;
+  explicit ParsedPly(const std::string& bytes) {
+    const std::string mark = "end_header\n";
+    const std::size_t body = bytes.find(mark) + mark.size();
+    std::istringstream header(bytes.substr(0, body));
+    std::vector<std::string> types;
+    std::size_t count = 0;
+    for (std::string line; std::getline(header, line);) {
+      std::istringstream words(line);
+      std::string key, a, b;
+      words >> key >> a >> b;
+      if (key == "comment") comments.push_back(line);
+      if (key == "element") count = std::stoul(b);
+      if (key == "property") types.push_back(a), names.push_back(b);
+    }
+    const char* at = bytes.data() + body;
+    for (std::size_t row = 0; row < count; ++row) {
+      rows.emplace_back();
+      for (const std::string& type : types) {
+        const auto take = [&](auto value) {
+          std::memcpy(&value, at, sizeof(value));
+          at += sizeof(value);
+          rows.back().push_back(static_cast<double>(value));
+        };
+        if (type == "double") take(double{});
+        if (type == "float") take(float{});
+        if (type == "uchar") take(std::uint8_t{});
+        if (type == "ushort") take(std::uint16_t{});
+      }
+    }
+    EXPECT_EQ(at, bytes.data() + bytes.size());
+  }
+};
+
+TEST(PointsPly, ColumnsAreThoseOfTheInterface) {
+  const ScratchFolder folder;
+  const FieldSnapshot field = sampleField();
+  io::writePointsPly(folder / "points.ply", field, kMetadata);
+  const ParsedPly ply(contentOf(folder / "points.ply"));
+  const std::vector<std::string> expected = {"x",          "y",         "z",    "nx",    "ny",     "nz",
+                                             "red",        "green",     "blue", "label", "reason", "score",
+                                             "confidence", "stability", "dx",   "dy",    "dz",     "yaw"};
+  EXPECT_EQ(ply.names, expected);
+  ASSERT_EQ(ply.rows.size(), field.points.size());
+  for (std::size_t i = 0; i < ply.rows.size(); ++i) {
+    const auto& row = ply.rows[i];
+    const SurfacePoint& point = field.points[i];
+    for (int axis = 0; axis < 3; ++axis) {
+      const auto a = static_cast<std::size_t>(axis);
+      EXPECT_EQ(row[a], point.position_W[axis]);
+      EXPECT_EQ(row[3 + a], point.normal_W[axis]);
+      EXPECT_EQ(row[14 + a], point.direction_W[axis]);
+    }
+    EXPECT_EQ(row[9], static_cast<double>(point.label));
+    EXPECT_EQ(row[10], static_cast<double>(point.reason));
+    EXPECT_EQ(row[11], point.score);
+    EXPECT_EQ(row[12], point.confidence);
+    EXPECT_EQ(row[13], point.stability);
+    // 1e-4 degrees: a float of up to 360 has steps of 3e-5.
+    EXPECT_NEAR(row[17], point.direction == kNoDirection ? 0.0 : 2.0 * point.direction, 1e-4);
+    if (point.label == PointLabel::Accessible) {
+      EXPECT_GT(row[7], 1.5 * row[6]);
+    }
+    if (point.label == PointLabel::Blocked) {
+      EXPECT_GT(row[6], 1.5 * row[7]);
+    }
+  }
+}
+
+TEST(PointsPly, ReadsBackWhatWasWritten) {
+  const ScratchFolder folder;
+  const FieldSnapshot field = sampleField();
+  io::writePointsPly(folder / "points.ply", field, kMetadata);
+  const FieldSnapshot back = io::readPointsPly(folder / "points.ply");
+  EXPECT_EQ(back.origin_W, field.origin_W);
+  EXPECT_EQ(back.voxel_size_m, field.voxel_size_m);
+  ASSERT_EQ(back.points.size(), field.points.size());
+  for (std::size_t i = 0; i < field.points.size(); ++i) {
+    const SurfacePoint &a = field.points[i], &b = back.points[i];
+    EXPECT_EQ(b.id, a.id);
+    EXPECT_EQ(b.position_W, a.position_W);
+    EXPECT_EQ(b.normal_W, a.normal_W);
+    EXPECT_EQ(b.direction_W, a.direction_W);
+    EXPECT_EQ(b.direction, a.direction);
+    EXPECT_FLOAT_EQ(b.yaw_rad, a.yaw_rad);  // through degrees and back: the last bits
+    EXPECT_EQ(b.score, a.score);
+    EXPECT_EQ(b.weight, a.weight);
+    EXPECT_EQ(b.confidence, a.confidence);
+    EXPECT_EQ(b.stability, a.stability);
+    EXPECT_EQ(b.label, a.label);
+    EXPECT_EQ(b.reason, a.reason);
+    EXPECT_EQ(b.confident, a.confident);
+  }
+  EXPECT_EQ(back.count(PointLabel::Blocked), 200u);
+  EXPECT_EQ(back.accessible().size(), 200u);
+  EXPECT_EQ(back.reasons(), field.reasons());
+  EXPECT_EQ(back.reasons()[0], 200u);  // none: the accessible ones
+}
+
+TEST(PointsPly, SameBytesInEveryLocale) {
+  const ScratchFolder folder;
+  io::writePointsPly(folder / "c.ply", sampleField(), kMetadata);
+  if (!std::setlocale(LC_ALL, "de_DE.UTF-8")) GTEST_SKIP() << "locale de_DE.UTF-8 is not installed";
+  io::writePointsPly(folder / "de.ply", sampleField(), kMetadata);
+  const FieldSnapshot back = io::readPointsPly(folder / "c.ply");
+  std::setlocale(LC_ALL, "C");
+  EXPECT_EQ(contentOf(folder / "c.ply"), contentOf(folder / "de.ply"));
+  EXPECT_EQ(back.voxel_size_m, test::kVoxel_m);
+}
+
+TEST(PointsPly, EmptyFieldAndMoreThanOneBlock) {
+  const ScratchFolder folder;
+  FieldSnapshot field = sampleField();
+  const std::vector<SurfacePoint> some = field.points;
+  field.points.clear();
+  io::writePointsPly(folder / "empty.ply", field, {});
+  EXPECT_TRUE(io::readPointsPly(folder / "empty.ply").points.empty());
+  while (field.points.size() < 40000) field.points.insert(field.points.end(), some.begin(), some.end());
+  io::writePointsPly(folder / "many.ply", field, {});
+  const FieldSnapshot back = io::readPointsPly(folder / "many.ply");
+  ASSERT_EQ(back.points.size(), field.points.size());
+  EXPECT_EQ(back.points.back().position_W, field.points.back().position_W);
+}
+
+TEST(PointsPly, EveryTruncationIsAnInputError) {
+  const ScratchFolder folder;
+  FieldSnapshot field = sampleField();
+  field.points.resize(5);
+  io::writePointsPly(folder / "a.ply", field, kMetadata);
+  const std::string whole = contentOf(folder / "a.ply");
+  for (std::size_t size = 0; size < whole.size(); ++size) {
+    std::ofstream(folder / "cut.ply", std::ios::binary) << whole.substr(0, size);
+    EXPECT_THROW(io::readPointsPly(folder / "cut.ply"), InputError) << size;
+  }
+}
+
+TEST(PointsPly, DamageIsAnInputError) {
+  const ScratchFolder folder;
+  FieldSnapshot field = sampleField();
+  field.points.resize(5);
+  io::writePointsPly(folder / "a.ply", field, {});
+  const std::string whole = contentOf(folder / "a.ply");
+  const std::size_t body = whole.find("end_header\n") + 11;
+  const auto refused = [&](std::string bytes) {
+    std::ofstream(folder / "bad.ply", std::ios::binary | std::ios::trunc) << bytes;
+    EXPECT_THROW(io::readPointsPly(folder / "bad.ply"), InputError);
+  };
+  const auto replaced = [&](const std::string& from, const std::string& to) {
+    std::string bytes = whole;
+    const std::size_t at = bytes.find(from);
+    EXPECT_NE(at, std::string::npos) << from;
+    return bytes.replace(at, from.size(), to);
+  };
+  refused(replaced("vertex 5", "vertex 4294967295"));
+  refused(replaced("vertex 5", "vertex 18446744073709551615"));
+  refused(replaced("vertex 5", "vertex -5"));
+  refused(replaced("property float nx", "property float nn"));
+  refused(replaced("comment voxel_size_m 0.02", "comment voxel_size_m nan"));
+  refused(replaced("comment voxel_size_m 0.02", "comment voxel_size_m -1"));
+  refused(replaced("comment origin_W", "comment origin_X"));
+  std::string bytes = whole;
+  bytes[body + 3 * 8 + 3 * 4 + 3] = 3;  // label
+  refused(bytes);
+  bytes = whole;
+  bytes[body + 3 * 8 + 3 * 4 + 4] = 7;  // reason
+  refused(bytes);
+  bytes = whole;
+  const double nan = std::nan("");
+  std::memcpy(bytes.data() + body + 8, &nan, 8);  // y
+  refused(bytes);
+  refused("");
+  EXPECT_THROW(io::readPointsPly(folder / "missing.ply"), InputError);
+  EXPECT_THROW(io::readPointsPly(folder.path()), InputError);
+}
+
+}  // namespace
+}  // namespace accessvdb

@@ -1,0 +1,174 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Repairs, watertightness, digest and notes of meshes that are given as triangles.
+#include "accessvdb/tool_geometry.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <limits>
+#include <string>
+
+#include "accessvdb/error.h"
+#include "test_meshes.h"
+#include "tool/mesh_repair.h"
+
+namespace accessvdb {
+namespace {
+
+ToolGeometry toolOf(const test::Mesh& mesh) { return ToolGeometry::fromTriangles(mesh.vertices, mesh.triangles, "t"); }
+
+bool hasNote(const ToolGeometry& tool, const std::string& part) {
+  return std::any_of(tool.notes().begin(), tool.notes().end(),
+                     [&](const std::string& note) { return note.find(part) != note.npos; });
+}
+
+double volumeOf(const ToolGeometry& tool) {
+  double volume = 0;
+  for (const auto& t : tool.triangles()) {
+    const Eigen::Vector3d a = tool.vertices_T()[t[0]].cast<double>(), b = tool.vertices_T()[t[1]].cast<double>(),
+                          c = tool.vertices_T()[t[2]].cast<double>();
+    volume += (a.x() * (b.y() * c.z() - b.z() * c.y()) - a.y() * (b.x() * c.z() - b.z() * c.x()) +
+               a.z() * (b.x() * c.y() - b.y() * c.x())) /
+              6;
+  }
+  return volume;
+}
+
+const test::Mesh kBox = test::box({0, -0.1f, -0.2f}, {0.5f, 0.1f, 0.2f});  // 0.04 m3
+
+/// As an STL has it: three vertices of its own a triangle.
+test::Mesh soupOf(const test::Mesh& mesh) {
+  test::Mesh soup;
+  for (const auto& t : mesh.triangles) {
+    const auto base = std::uint32_t(soup.vertices.size());
+    for (std::uint32_t v : t) soup.vertices.push_back(mesh.vertices[v]);
+    soup.triangles.push_back({base, base + 1, base + 2});
+  }
+  return soup;
+}
+
+TEST(ToolGeometry, TriangleSoupIsWeldedAndClosed) {
+  const ToolGeometry tool = toolOf(soupOf(kBox));
+  EXPECT_TRUE(tool.watertight());
+  EXPECT_EQ(tool.vertices_T().size(), 8u);
+  EXPECT_EQ(tool.triangles().size(), 12u);
+  EXPECT_NEAR(volumeOf(tool), 0.04, 1e-8);
+  EXPECT_FLOAT_EQ(tool.reach_m(), std::sqrt(0.25f + 0.01f + 0.04f));
+  EXPECT_EQ(tool.name(), "t");
+  EXPECT_TRUE(tool.notes().empty());
+}
+
+TEST(ToolGeometry, NearVerticesAreJoinedWhereThatClosesTheMesh) {
+  test::Mesh soup = soupOf(kBox);
+  for (std::size_t n = 0; n < soup.vertices.size(); ++n) soup.vertices[n].x() += 1e-7f * float(n % 3);
+  const ToolGeometry tool = toolOf(soup);
+  EXPECT_TRUE(tool.watertight());
+  EXPECT_TRUE(hasNote(tool, "joined"));
+  for (std::size_t n = 0; n < soup.vertices.size(); ++n) soup.vertices[n].x() += 1e-4f * float(n % 3);
+  EXPECT_FALSE(toolOf(soup).watertight()) << "a gap of a tenth of a millimetre is a gap";
+}
+
+TEST(ToolGeometry, OpenMeshIsCountedAndSaidToBeOpen) {
+  test::Mesh open = kBox;
+  open.triangles.pop_back();
+  const ToolGeometry tool = toolOf(open);
+  EXPECT_FALSE(tool.watertight());
+  EXPECT_TRUE(hasNote(tool, "3 open edges"));
+}
+
+TEST(ToolGeometry, FlippedTrianglesAreTurnedAndCounted) {
+  for (std::size_t flips : {1u, 3u, 5u}) {
+    test::Mesh mesh = kBox;
+    for (std::size_t n = 0; n < flips; ++n) std::swap(mesh.triangles[2 * n][0], mesh.triangles[2 * n][1]);
+    const ToolGeometry tool = toolOf(mesh);
+    EXPECT_TRUE(tool.watertight());
+    EXPECT_TRUE(hasNote(tool, std::to_string(flips) + " triangles turned")) << flips;
+    EXPECT_NEAR(volumeOf(tool), 0.04, 1e-8);
+  }
+}
+
+TEST(ToolGeometry, InsideOutShellFacesOutwardsAgain) {
+  test::Mesh mesh = kBox;
+  for (auto& t : mesh.triangles) std::swap(t[0], t[1]);
+  mesh.add(test::box({0.4f, -0.05f, -0.05f}, {0.9f, 0.05f, 0.05f}));
+  EXPECT_NEAR(volumeOf(toolOf(mesh)), 0.04 + 0.005, 1e-8);
+}
+
+TEST(ToolGeometry, DuplicatesAndTrianglesWithoutAreaAreLeftOut) {
+  test::Mesh mesh = kBox;
+  mesh.triangles.push_back({mesh.triangles[3][1], mesh.triangles[3][2], mesh.triangles[3][0]});
+  mesh.triangles.push_back({2, 2, 5});
+  mesh.triangles.push_back({0, 1, 1});
+  const ToolGeometry tool = toolOf(mesh);
+  EXPECT_TRUE(tool.watertight());
+  EXPECT_EQ(tool.triangles().size(), 12u);
+  EXPECT_TRUE(hasNote(tool, "2 triangles without area left out"));
+  EXPECT_TRUE(hasNote(tool, "1 duplicate"));
+}
+
+TEST(ToolGeometry, NeedleThatClosesTheSurfaceIsKept) {
+  // A vertex halfway along the edge 0-1 is used on one side only; a triangle without area joins the two sides.
+  test::Mesh mesh = kBox;
+  mesh.vertices.push_back(0.5f * (mesh.vertices[0] + mesh.vertices[1]));
+  mesh.triangles[0] = {0, 2, 8};  // was 0 2 1
+  mesh.triangles.push_back({8, 2, 1});
+  EXPECT_FALSE(toolOf(mesh).watertight());
+  mesh.triangles.push_back({0, 8, 1});
+  const ToolGeometry tool = toolOf(mesh);
+  EXPECT_TRUE(tool.watertight());
+  EXPECT_TRUE(hasNote(tool, "1 triangles without area kept"));
+  EXPECT_NEAR(volumeOf(tool), 0.04, 1e-8);
+}
+
+TEST(ToolGeometry, ShellsThatTouchAlongAnEdgeAreClosed) {
+  test::Mesh mesh = test::box({0, 0, 0}, {0.1f, 0.1f, 0.1f});
+  mesh.add(test::box({0.1f, 0.1f, 0}, {0.2f, 0.2f, 0.1f}));
+  EXPECT_TRUE(toolOf(mesh).watertight());
+}
+
+TEST(ToolGeometry, OneSidedSurfaceHasNoInside) {
+  // The six-vertex projective plane: every edge has two triangles, yet it cannot be oriented.
+  test::Mesh mesh;
+  mesh.vertices = {{0, 0, 0}, {0.1f, 0, 0}, {0, 0.1f, 0}, {0, 0, 0.1f}, {0.1f, 0.1f, 0.02f}, {0.03f, 0.1f, 0.1f}};
+  mesh.triangles = {{0, 1, 2}, {0, 2, 3}, {0, 3, 4}, {0, 4, 5}, {0, 5, 1},
+                    {1, 2, 4}, {2, 3, 5}, {3, 4, 1}, {4, 5, 2}, {5, 1, 3}};
+  EXPECT_FALSE(toolOf(mesh).watertight());
+}
+
+TEST(ToolGeometry, DigestDependsOnShapeAlone) {
+  const std::string digest = toolOf(kBox).sha256();
+  EXPECT_EQ(digest.size(), 64u);
+  EXPECT_EQ(digest.find_first_not_of("0123456789abcdef"), digest.npos);
+  EXPECT_EQ(ToolGeometry::fromTriangles(kBox.vertices, kBox.triangles, "other name").sha256(), digest);
+  test::Mesh moved = kBox;
+  moved.vertices[3].z() = std::nextafter(moved.vertices[3].z(), 1.f);
+  EXPECT_NE(toolOf(moved).sha256(), digest);
+  test::Mesh fewer = kBox;
+  fewer.triangles.pop_back();
+  EXPECT_NE(toolOf(fewer).sha256(), digest);
+}
+
+TEST(ToolGeometry, NotesWhatLooksLikeAWrongTipOrAxis) {
+  EXPECT_TRUE(hasNote(toolOf(test::box({0.1f, -0.1f, -0.1f}, {0.5f, 0.1f, 0.1f})), "tip is 0.1 m away"));
+  EXPECT_FALSE(hasNote(toolOf(test::box({0.03f, -0.1f, -0.1f}, {0.5f, 0.1f, 0.1f})), "tip"));
+  EXPECT_TRUE(hasNote(toolOf(test::box({-0.5f, -0.1f, -0.1f}, {0.02f, 0.1f, 0.1f})), "--tool-axis"));
+}
+
+TEST(ToolGeometry, RefusesWhatIsNoSurface) {
+  test::Mesh mesh = kBox;
+  mesh.vertices[2].y() = std::numeric_limits<float>::quiet_NaN();
+  EXPECT_THROW((void)toolOf(mesh), UnusableInput);
+  mesh.vertices[2].y() = std::numeric_limits<float>::infinity();
+  EXPECT_THROW((void)toolOf(mesh), UnusableInput);
+  mesh = kBox;
+  mesh.triangles[4][1] = 8;
+  EXPECT_THROW((void)toolOf(mesh), InvalidArgument);
+  mesh.triangles = {{0, 0, 1}, {2, 3, 3}};
+  EXPECT_THROW((void)toolOf(mesh), UnusableInput);
+  mesh.triangles.clear();
+  EXPECT_THROW((void)toolOf(mesh), UnusableInput);
+}
+
+}  // namespace
+}  // namespace accessvdb
