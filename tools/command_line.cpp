@@ -83,7 +83,8 @@ void applyTable(CLI::App& app, const std::string& file, const toml::table& table
 
 void applyConfig(CLI::App& app, const std::string& file) {
   std::ifstream in(file);
-  if (!in) {
+  if (in.is_open() && in.peek() == std::ifstream::traits_type::eof() && in.bad()) errno = EISDIR;
+  if (!in.is_open() || in.bad()) {
     throw InputError("config.unreadable", file, std::string("cannot be read: ") + std::strerror(errno),
                      "Check the path");
   }

@@ -61,7 +61,9 @@ std::string text(const Json& value) { return printable(value.is_string() ? value
 std::string wordsOfVdb(const Json& vdb) {
   std::string words = text(vdb["path"]) + "\n";
   if (!vdb["creator"].get<std::string>().empty()) words += "  creator: " + text(vdb["creator"]) + "\n";
-  for (const auto& [key, value] : vdb["metadata"].items()) words += "  " + printable(key) + ": " + text(value) + "\n";
+  for (const auto& [key, value] : vdb["metadata"].items()) {
+    if (key != "creator") words += "  " + printable(key) + ": " + text(value) + "\n";
+  }
   if (vdb["grids"].empty()) words += "  no grids\n";
   for (const Json& grid : vdb["grids"]) {
     words += "  grid " + text(grid["name"]) + ": " + text(grid["type"]) + ", class " + text(grid["class"]) + ", " +
@@ -73,7 +75,8 @@ std::string wordsOfVdb(const Json& vdb) {
     words += "\n";
     for (const auto& [key, value] : grid["metadata"].items()) {
       // Where every grid carries the file's metadata, saying it once is enough.
-      if (!vdb["metadata"].contains(key)) words += "    " + printable(key) + ": " + text(value) + "\n";
+      if (key != "name" && key != "class" && !vdb["metadata"].contains(key))
+        words += "    " + printable(key) + ": " + text(value) + "\n";
     }
   }
   return words;

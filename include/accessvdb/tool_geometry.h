@@ -26,10 +26,10 @@ struct ToolPose {
 
 class ToolGeometry {
  public:
-  /// Reads any mesh that assimp reads, in a child process with limits on time and memory.
-  /// @param unit  needed for formats that carry none (STL, OBJ, PLY)
-  /// @throws InputError (unreadable, malformed, no faces, non-finite), UnusableInput (size outside 1 mm .. 20 m),
-  ///         InvalidArgument (zero or parallel axis and up)
+  /// Reads STL, OBJ, PLY, OFF, DAE, glTF or GLB through assimp, in a child process with limits on time and memory.
+  /// @param unit  needed for formats that carry none (STL, OBJ, PLY, OFF); overrides the others'
+  /// @throws InputError (unreadable, malformed), UnusableInput (no faces, non-finite, size outside 1 mm .. 20 m),
+  ///         InvalidArgument (no unit given where one is needed; zero or parallel axis and up)
   static ToolGeometry fromMesh(const std::filesystem::path& path, std::optional<LengthUnit> unit,
                                const ToolPose& pose = {});
   /// From vertices in metres in the tool frame and triangles of vertex indices.

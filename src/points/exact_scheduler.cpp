@@ -15,6 +15,7 @@
 #include <cmath>
 #include <vector>
 
+#include "hostdev/direction_filter.h"
 #include "points/flip_set.h"
 #include "points/leaf_footprint.h"
 #include "points/update_scheduler.h"
@@ -184,16 +185,27 @@ class ExactScheduler final : public UpdateScheduler {
     }
     // With collisions left at the best direction, any other may have become better, tested or not.
     const bool count_matters = accessible && record.score > 0;
-    const DirectionMask suspects = affected.better & (count_matters ? record.seen : blocked_[id]);
+    const DirectionMask suspects = affected.better & (accessible ? record.seen : blocked_[id]);
     for (int word = 0; word < kernels::kMaxDirectionWords; ++word) {
       for (std::uint64_t bits = suspects.word[word]; bits != 0; bits &= bits - 1) {
         const int d = word * 64 + std::countr_zero(bits);
+        if (accessible && !count_matters && !ranksBefore(d, record)) {
+          blocked_[id].reset(d);  // not looked at now, so not known any more
+          continue;
+        }
         if (!footprint_.readsBetter(position_L, d, flips_)) continue;
         blocked_[id].reset(d);
         wanted |= kScore | (count_matters ? kForgetBest : 0);
       }
     }
     return wanted;
+  }
+
+  /// Is d tried before the best direction of the point?
+  [[nodiscard]] bool ranksBefore(int d, const PointRecord& record) const {
+    const float cosine = kernels::cosToNormal(approach_, d, record.normal_L.data());
+    const float best = kernels::cosToNormal(approach_, record.direction, record.normal_L.data());
+    return cosine > best || (cosine == best && d < record.direction);
   }
 
   std::vector<std::uint32_t> takeWork() {

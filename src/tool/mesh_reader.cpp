@@ -203,6 +203,11 @@ void limitChild() {
   const rlimit core = {0, 0}, cpu = {kCpuSeconds, kCpuSeconds};
   ::setrlimit(RLIMIT_CORE, &core);
   ::setrlimit(RLIMIT_CPU, &cpu);
+  // Where memory runs out all the same, this process goes and not its parent.
+  if (const int oom = ::open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC); oom >= 0) {
+    [[maybe_unused]] const bool told = writeAll(oom, "1000", 4);
+    ::close(oom);
+  }
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
   // On top of what this process maps already, which may be far more than it uses (a GPU driver reserves terabytes).
   unsigned long long mapped_pages = 0;

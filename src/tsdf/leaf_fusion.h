@@ -7,10 +7,12 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <span>
 
 #include "accessvdb/leaf_change.h"
+#include "tsdf/leaf_kernels.h"
 #include "tsdf/packed_map.h"
 #include "tsdf/return_region.h"
 
@@ -24,47 +26,51 @@ struct LeafEntry {
   [[nodiscard]] bool band() const { return (code & kBand) != 0; }
 };
 
-/// Sums of one scan over the 512 voxels of a leaf. Lives in the first-level cache.
-struct LeafSums {
-  alignas(64) std::array<std::uint32_t, 512> distance;  ///< sum of samples in steps of kSampleSteps
-  alignas(64) std::array<std::uint32_t, 512> counts;    ///< samples in the low half, passes of the band in the high half
-};
-
 /// Totals where more returns reach a leaf than LeafSums can hold.
 struct WideSums {
   std::array<std::uint64_t, 512> distance = {};
-  std::array<std::uint32_t, 512> samples = {}, passes = {};
+  std::array<std::uint32_t, 512> samples = {};
 };
 
-/// Counts of one or many folds.
-struct FoldCounts {
-  std::uint64_t distance_updates = 0;
-  std::uint64_t cleared_updates = 0;
-  std::uint64_t newly_observed = 0;
-};
+/// Asks for memory ahead of its use; where the compiler knows no way, it comes when it comes.
+inline void prefetch([[maybe_unused]] const void* begin, [[maybe_unused]] std::size_t bytes) {
+#if defined(__GNUC__)
+  for (std::size_t n = 0; n < bytes; n += 64) __builtin_prefetch(static_cast<const std::byte*>(begin) + n, 1);
+#endif
+}
 
 class LeafFusion {
  public:
-  LeafFusion(const PackedMap& map, const RegionShape& shape);
+  LeafFusion(const PackedMap& map, const RegionShape& shape, const LeafKernels& kernels = leafKernels());
 
   /// Sums all entries of one leaf. @return false where no voxel of the leaf is reached
   bool accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::span<const LeafEntry> entries,
                   const ReturnRay* rays);
 
   /// True when accumulate() found distance samples (else only band passes).
-  [[nodiscard]] bool hasSamples() const { return has_samples_; }
+  [[nodiscard]] bool hasSamples() const { return touched_ != 0; }
+
+  /// Starts to fetch the values that fold() will read.
+  void prefetchTouched(const PackedLeaf& leaf) const;
 
   /// Folds the sums into the leaf. The leaf must have a buffer if hasSamples().
   /// @return true when a voxel's collides or arm_free flipped; then `change` says which
-  bool fold(PackedLeaf& leaf, LeafChange& change, FoldCounts& counts) const;
+  bool fold(PackedLeaf& leaf, LeafChange& change, FoldCounts& counts);
 
  private:
   void flushSums();
+  void clearSums();
+  void markThinBand(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ray);
+  bool foldWide(const LeafTarget& leaf, const KernelConstants& constants, LeafChange& change, FoldCounts& counts);
 
   const PackedMap& map_;
   const RegionShape& shape_;
-  float sample_scale_, sample_offset_, clamp_low_, clamp_high_;
-  bool has_samples_ = false, wide_ = false;
+  const LeafKernels& kernels_;
+  KernelConstants constants_;
+  bool wide_ = false;
+  std::uint32_t touched_ = 0;  ///< pairs of rows with samples
+  std::uint64_t passes_ = 0;
+  LeafBits passed_ = {};
   LeafSums sums_;
   WideSums wide_sums_;
 };

@@ -6,7 +6,7 @@ namespace accessvdb::internal {
 
 PackedMap::PackedMap(const TsdfParams& resolved)
     : params_(resolved),
-      tree_(0),
+      tree_(PackedVoxel(0)),
       clamp_min_m_(static_cast<float>(resolved.clamp_min_m)),
       step_m_(static_cast<float>((resolved.truncation_distance_m - resolved.clamp_min_m) / kMeanSteps)) {}
 
@@ -38,8 +38,8 @@ VoxelState PackedMap::at(const openvdb::Coord& ijk) const {
 }
 
 std::uint64_t PackedMap::memoryBytes() const {
-  std::uint64_t bytes = allocated_leaf_count * kObservedLeafBytes +
-                        (leaf_count - allocated_leaf_count) * kClearedLeafBytes;
+  std::uint64_t bytes =
+      allocated_leaf_count * kObservedLeafBytes + (leaf_count - allocated_leaf_count) * kClearedLeafBytes;
   const auto nodes = tree_.nodeCount();  // leaf, lower, upper, root
   if (nodes.size() >= 3) {
     bytes += nodes[1] * sizeof(PackedTree::RootNodeType::ChildNodeType::ChildNodeType);

@@ -15,22 +15,16 @@
 
 #include "accessvdb/params.h"
 #include "accessvdb/tsdf_volume.h"
+#include "tsdf/packed_voxel.h"
 
 namespace accessvdb::internal {
 
-using PackedTree = openvdb::Int32Tree;
+using PackedTree = openvdb::tree::Tree4<PackedVoxel, 5, 4, 3>::Type;
 using PackedLeaf = PackedTree::LeafNodeType;
+/// Caches inner nodes only. OpenVDB's default accessors cache the leaf's buffer too, and by asking for it allocate one,
+/// uninitialised, for leaves that have none: never use them on this tree.
+using PackedAccessor = openvdb::tree::ValueAccessor2<PackedTree, /*IsSafe=*/false, 1, 2>;
 static_assert(PackedLeaf::LOG2DIM == 3, "masks and rows assume 8x8x8 leaves");
-
-/// Steps of a distance sample: [clamp_min, tau] in 16 bits. Steps of the stored mean: 16 times finer, 20 bits.
-inline constexpr std::uint32_t kSampleSteps = 65535;
-inline constexpr std::uint32_t kMeanSteps = kSampleSteps * 16;
-inline constexpr std::uint32_t kWeightBits = 12;
-inline constexpr std::uint32_t kWeightMask = (1u << kWeightBits) - 1;
-
-constexpr std::uint32_t packVoxel(std::uint32_t mean, std::uint32_t weight) { return mean << kWeightBits | weight; }
-constexpr std::uint32_t meanOf(std::uint32_t packed) { return packed >> kWeightBits; }
-constexpr std::uint32_t weightOf(std::uint32_t packed) { return packed & kWeightMask; }
 
 class PackedMap {
  public:
@@ -48,8 +42,8 @@ class PackedMap {
 
   [[nodiscard]] VoxelState at(const openvdb::Coord& ijk) const;
 
-  std::uint64_t leaf_count = 0;           ///< all leaves
-  std::uint64_t allocated_leaf_count = 0; ///< those with a buffer
+  std::uint64_t leaf_count = 0;            ///< all leaves
+  std::uint64_t allocated_leaf_count = 0;  ///< those with a buffer
   std::uint64_t observed_voxels = 0;
 
   [[nodiscard]] std::uint64_t memoryBytes() const;
@@ -61,16 +55,16 @@ class PackedMap {
   std::uint32_t collision_mean_ = 0;
 };
 
-/// Bytes that a leaf costs, malloc's 16 bytes each included; asserted in a test.
-inline constexpr std::uint64_t kClearedLeafBytes = sizeof(PackedLeaf) + 16;
-inline constexpr std::uint64_t kObservedLeafBytes = kClearedLeafBytes + 512 * sizeof(std::int32_t) + 16;
+/// Bytes that a leaf costs, malloc's word for the node included (buffers come from the pool); asserted in a test.
+inline constexpr std::uint64_t kClearedLeafBytes = (sizeof(PackedLeaf) + sizeof(void*) + 15) / 16 * 16;
+inline constexpr std::uint64_t kObservedLeafBytes = kClearedLeafBytes + PackedLeaf::SIZE * sizeof(PackedVoxel);
 
 /// The packed values of a leaf, or nullptr where it is cleared only. (buffer().data() would allocate.)
 inline const std::uint32_t* packedValues(const PackedLeaf& leaf) {
-  return leaf.buffer().empty() ? nullptr : reinterpret_cast<const std::uint32_t*>(leaf.buffer().data());
+  return leaf.buffer().empty() ? nullptr : &leaf.buffer().data()->bits;
 }
 inline std::uint32_t* packedValues(PackedLeaf& leaf) {
-  return leaf.buffer().empty() ? nullptr : reinterpret_cast<std::uint32_t*>(leaf.buffer().data());
+  return leaf.buffer().empty() ? nullptr : &leaf.buffer().data()->bits;
 }
 
 }  // namespace accessvdb::internal

@@ -75,11 +75,13 @@ std::array<std::int32_t, 3> originOf(LeafKey key) {
 template <typename Visit>
 void forEachReachedLeaf(const RegionShape& shape, const ReturnRay& ray, std::uint32_t index, const Visit& visit) {
   const RegionSlices slices(shape, ray);
-  visitLayers(ray, slices, slices.coneAlong(), [&](Interval slice, int n) { return slices.coneAcross(slice, n); },
-              [&](LeafKey key) { visit(key, LeafEntry{index << 1}); });
+  visitLayers(
+      ray, slices, slices.coneAlong(), [&](Interval slice, int n) { return slices.coneAcross(slice, n); },
+      [&](LeafKey key) { visit(key, LeafEntry{index << 1}); });
   if (!shape.thinBand()) {
-    visitLayers(ray, slices, slices.bandAlong(), [&](Interval slice, int n) { return slices.bandAcross(slice, n); },
-                [&](LeafKey key) { visit(key, LeafEntry{index << 1 | LeafEntry::kBand}); });
+    visitLayers(
+        ray, slices, slices.bandAlong(), [&](Interval slice, int n) { return slices.bandAcross(slice, n); },
+        [&](LeafKey key) { visit(key, LeafEntry{index << 1 | LeafEntry::kBand}); });
     return;
   }
   LeafKey last = ~LeafKey{0};
@@ -89,7 +91,8 @@ void forEachReachedLeaf(const RegionShape& shape, const ReturnRay& ray, std::uin
     std::int32_t leaf[3];
     for (int axis = 0; axis < 3; ++axis) {
       leaf[axis] = (ray.base_ijk[axis] +
-                    static_cast<std::int32_t>(std::floor(ray.offset[axis] + s * ray.to_sensor[axis] + 0.5f))) >> 3;
+                    static_cast<std::int32_t>(std::floor(ray.offset[axis] + s * ray.to_sensor[axis] + 0.5f))) >>
+                   3;
     }
     const LeafKey key = leafKeyOf(leaf[0], leaf[1], leaf[2]);
     if (key != last) visit(key, LeafEntry{index << 1 | LeafEntry::kBand});  // a straight line never comes back
@@ -105,8 +108,9 @@ void ReturnBins::bin(const RegionShape& shape, std::span<const ReturnRay> rays) 
     for (auto& bucket : chunk) bucket.clear();
     const std::size_t end = std::min(rays.size(), (n + 1) * kReturnsPerChunk);
     for (std::size_t i = n * kReturnsPerChunk; i < end; ++i) {
-      forEachReachedLeaf(shape, rays[i], static_cast<std::uint32_t>(i),
-                         [&](LeafKey key, LeafEntry entry) { chunk[bucketOf(key)].push_back({key, entry}); });
+      forEachReachedLeaf(shape, rays[i], static_cast<std::uint32_t>(i), [&](LeafKey key, LeafEntry entry) {
+        chunk[bucketOf(key)].push_back({key, entry});
+      });
     }
   });
 }

@@ -4,8 +4,9 @@
 ///
 /// With e = x - p (from the return to a voxel centre), u = (q - p) / R (towards the sensor) and s = e . u:
 ///   double cone   s^2 > cos^2 |e|^2  or  |e| <= 1, inside the cube |e|_inf <= tau     (product)
-///   full cube     R - s > cos |x - q|, inside the cube                                 (paper: cone seen from the sensor)
-///   cleared band  begin < s <= min(end, R),  |e|^2 - s^2 <= radius^2                   (radius 0: samples every v/2)
+///   full cube     R - s > cos |x - q|, inside the cube                                 (paper: cone seen from the
+///   sensor) cleared band  begin < s <= min(end, R),  |e|^2 - s^2 <= radius^2                   (radius 0: samples
+///   every v/2)
 #pragma once
 
 #include <array>

@@ -36,12 +36,19 @@ struct BucketResult {
   std::uint64_t touched = 0, allocated = 0;
 };
 
+/// A leaf whose sums wait to be folded.
+struct Reached {
+  PackedLeaf* leaf = nullptr;  ///< nullptr: it is new
+  LeafFusion* fusion = nullptr;
+  std::array<std::int32_t, 3> origin = {};
+};
+
 }  // namespace
 
 struct ScanIntegrator::Workers {
   struct Worker {
-    Worker(const PackedMap& map, const RegionShape& shape) : fusion(map, shape) {}
-    LeafFusion fusion;
+    Worker(const PackedMap& map, const RegionShape& shape) : fusions{{{map, shape}, {map, shape}}} {}
+    std::array<LeafFusion, 2> fusions;
     LeafGroups groups;
   };
   Workers(const PackedMap& map, const RegionShape& shape) : local([&map, &shape] { return Worker(map, shape); }) {}
@@ -52,7 +59,8 @@ ScanIntegrator::ScanIntegrator(PackedMap& map)
     : map_(map), shape_(map.params()), workers_(std::make_unique<Workers>(map_, shape_)) {}
 ScanIntegrator::~ScanIntegrator() = default;
 
-IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
+IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L,
+                                            std::span<const Eigen::Vector3f> q_L) {
   IntegrationResult result;
   if (p_L.empty()) return result;
   rays_.resize(p_L.size());
@@ -74,30 +82,49 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
     bins_.group(b, worker.groups);
     const LeafGroups& groups = worker.groups;
     // Unregistered: a registered accessor would take a lock in the tree for every thread.
-    openvdb::tree::ValueAccessor<PackedTree, false> accessor(tree);
-    for (std::size_t g = 0; g < groups.keys.size(); ++g) {
+    PackedAccessor accessor(tree);
+    const auto find = [&](std::size_t g) -> PackedLeaf* {
       const auto origin = originOf(groups.keys[g]);
-      const std::span<const LeafEntry> entries(groups.entries.data() + groups.begin[g],
-                                               groups.begin[g + 1] - groups.begin[g]);
-      if (!worker.fusion.accumulate(origin, entries, rays_.data())) continue;
-      ++bucket.touched;
-      const openvdb::Coord origin_ijk(origin[0], origin[1], origin[2]);
-      PackedLeaf* leaf = accessor.probeLeaf(origin_ijk);
+      PackedLeaf* leaf = accessor.probeLeaf(openvdb::Coord(origin[0], origin[1], origin[2]));
+      if (leaf != nullptr) prefetch(leaf, sizeof(PackedLeaf));
+      return leaf;
+    };
+    const auto fold = [&](const Reached& reached) {
+      PackedLeaf* leaf = reached.leaf;
+      LeafFusion& fusion = *reached.fusion;
       if (leaf == nullptr) {
-        bucket.new_leaves.push_back(std::make_unique<PackedLeaf>(openvdb::PartialCreate(), origin_ijk));
+        bucket.new_leaves.push_back(std::make_unique<PackedLeaf>(
+            openvdb::PartialCreate(), openvdb::Coord(reached.origin[0], reached.origin[1], reached.origin[2])));
         leaf = bucket.new_leaves.back().get();
       }
-      if (worker.fusion.hasSamples() && leaf->buffer().empty()) {
+      if (fusion.hasSamples() && leaf->buffer().empty()) {
         leaf->buffer().allocate();
-        std::memset(leaf->buffer().data(), 0, PackedLeaf::SIZE * sizeof(std::int32_t));
+        std::memset(packedValues(*leaf), 0, PackedLeaf::SIZE * sizeof(PackedVoxel));
         ++bucket.allocated;
       }
       changes.emplace_back();
-      if (!worker.fusion.fold(*leaf, changes.back(), bucket.counts)) changes.pop_back();
+      if (!fusion.fold(*leaf, changes.back(), bucket.counts)) changes.pop_back();
+    };
+    // A leaf is found one step before it is summed and folded one step after, so that its memory arrives in between.
+    Reached waiting;
+    PackedLeaf* next = groups.keys.empty() ? nullptr : find(0);
+    for (std::size_t g = 0; g < groups.keys.size(); ++g) {
+      PackedLeaf* leaf = next;
+      if (g + 1 < groups.keys.size()) next = find(g + 1);
+      const std::span<const LeafEntry> entries(groups.entries.data() + groups.begin[g],
+                                               groups.begin[g + 1] - groups.begin[g]);
+      LeafFusion& fusion = waiting.fusion == &worker.fusions[0] ? worker.fusions[1] : worker.fusions[0];
+      const auto origin = originOf(groups.keys[g]);
+      if (!fusion.accumulate(origin, entries, rays_.data())) continue;
+      ++bucket.touched;
+      if (leaf != nullptr) fusion.prefetchTouched(*leaf);
+      if (waiting.fusion != nullptr) fold(waiting);
+      waiting = {leaf, &fusion, origin};
     }
+    if (waiting.fusion != nullptr) fold(waiting);
   });
 
-  openvdb::tree::ValueAccessor<PackedTree, false> accessor(tree);
+  PackedAccessor accessor(tree);
   for (BucketResult& bucket : buckets) {
     for (auto& leaf : bucket.new_leaves) accessor.addLeaf(leaf.release());
     result.new_leaves += bucket.new_leaves.size();

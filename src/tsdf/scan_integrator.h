@@ -42,8 +42,8 @@ class ScanIntegrator {
   ReturnBins bins_;
   std::vector<ReturnRay> rays_;
   struct Workers;
-  std::unique_ptr<Workers> workers_;                                        ///< a LeafFusion a thread
-  std::array<std::vector<LeafChange>, ReturnBins::kBuckets> changes_;       ///< kept, so that memory is reused
+  std::unique_ptr<Workers> workers_;                                   ///< a LeafFusion a thread
+  std::array<std::vector<LeafChange>, ReturnBins::kBuckets> changes_;  ///< kept, so that memory is reused
 };
 
 }  // namespace accessvdb::internal

@@ -156,7 +156,7 @@ TEST_F(MapOutputs, OtherVerbsReadIt) {
   EXPECT_EQ(inside.at("files")[0].at("grids").size(), 9u);
   const ProgramResult words = runProgram({"info", path("out/field.vdb")});
   EXPECT_EQ(words.exit_code, 0) << words.err;
-  EXPECT_NE(words.out.find("grid distance: float"), std::string::npos) << words.out;
+  EXPECT_NE(words.out.find("grid distance: Tree_float"), std::string::npos) << words.out;
 
   const ProgramResult query =
       runProgram({"query", "--map", path("out"), "--at", "2,0.1,0", "--at", "-9,0,0", "--json"});

@@ -384,6 +384,10 @@ TEST(MeshData, EveryFileGetsAnAnswer) {
     const fs::path path = test::testData() / folder;
     if (!fs::is_directory(path)) GTEST_SKIP() << "missing: " << path;
     for (const auto& entry : fs::directory_iterator(path)) {
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+      // Without the limit on memory, which sanitizers do not bear, it fills the machine until its time is up.
+      if (entry.path().filename() == "OutOfMemory.off") continue;
+#endif
       ++files;
       try {
         const ToolGeometry tool = ToolGeometry::fromMesh(entry.path(), LengthUnit::Metre);
@@ -396,7 +400,10 @@ TEST(MeshData, EveryFileGetsAnAnswer) {
   }
   EXPECT_GT(files, 15);
   const auto bad = [](const char* name) { return test::testData() / "bad_inputs" / name; };
-  for (const char* name : {"OutOfMemory.off", "malformed.obj"}) expectRefused<InputError>(bad(name), "tool.malformed");
+#if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+  expectRefused<InputError>(bad("OutOfMemory.off"), "tool.malformed", "memory");
+#endif
+  expectRefused<InputError>(bad("malformed.obj"), "tool.malformed");
   for (const char* name : {"empty.obj", "empty.ply"}) expectRefused<InputError>(bad(name), "input.empty");
   for (const char* name : {"point_cloud.obj", "points.ply", "issue623.ply"}) {
     expectRefused<UnusableInput>(bad(name), "tool.no_faces");

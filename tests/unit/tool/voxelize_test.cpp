@@ -151,7 +151,7 @@ TEST(Voxelize, AnyMeshEqualsTheTestOfEveryCell) {
   for (const test::Mesh* mesh : {&sphere, &ring, &overlapping, &sliver}) {
     const RepairedMesh repaired = repairMesh(mesh->vertices, mesh->triangles);
     ASSERT_TRUE(repaired.watertight);
-    for (double yaw_rad : {0.0, 0.31, 2.5}) {
+    for (double yaw_rad : {0.0, 2.5}) {
       const auto v = placed({repaired.vertices, repaired.triangles}, yaw_rad);
       for (bool solid : {false, true}) {
         EXPECT_EQ(cellsOf(voxelize(v, repaired.triangles, solid)), bruteForce(v, repaired.triangles, solid))

@@ -1,0 +1,79 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The inner loops of integration, written once and compiled for several instruction sets; one set is chosen at run
+/// time.
+///
+/// Results are the same bit for bit for every set: each step is an IEEE operation that rounds once (no contraction), in
+/// the same order for every lane width.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "accessvdb/leaf_change.h"
+
+namespace accessvdb::internal {
+
+/// Voxels of a leaf are handled 16 at a time: two rows along z, one cache line. Pair n holds x = n/4, y = 2(n%4), +1.
+inline constexpr int kPairs = 32;
+
+/// Sums of one scan over the 512 voxels of a leaf. Lives in the first-level cache; zero but in touched pairs.
+struct LeafSums {
+  alignas(64) std::array<std::uint32_t, 512> distance = {};  ///< sum of samples in steps of kSampleSteps
+  alignas(64) std::array<std::uint32_t, 512> samples = {};
+};
+
+/// One return as seen from one leaf, in voxels.
+struct ReturnInLeaf {
+  std::array<float, 3> leaf;       ///< least voxel of the leaf minus the return's voxel
+  std::array<float, 3> offset;     ///< return minus its voxel
+  std::array<float, 3> to_sensor;  ///< [u]
+  float range;                     ///< [R]
+};
+
+/// Constants of a map, in voxels.
+struct KernelConstants {
+  float tau;
+  float cone_cos, cone_cos_squared;
+  float clamp_low, clamp_high, sample_scale;  ///< steps of kSampleSteps a voxel
+  float band_begin, band_end, band_radius_squared;
+  std::int32_t max_weight;
+  std::int32_t collision_mean;
+};
+
+/// Counts of one or many folds.
+struct FoldCounts {
+  std::uint64_t distance_updates = 0;
+  std::uint64_t cleared_updates = 0;
+  std::uint64_t newly_observed = 0;
+};
+
+/// A leaf of the map while a scan is folded into it.
+struct LeafTarget {
+  std::uint32_t* packed;   ///< [512], or nullptr where there are neither samples nor older ones
+  std::uint64_t* cleared;  ///< [8]
+};
+
+struct LeafKernels {
+  const char* name;
+  /// Adds the samples of one return. @return pairs of rows that got any, a bit each
+  std::uint32_t (*add_double_cone)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafSums& sums);
+  std::uint32_t (*add_full_cube)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafSums& sums);
+  /// Marks the voxels of one return's cleared band. @return how many
+  std::uint32_t (*mark_band)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafBits& passed);
+  /// Folds sums and passes into a leaf and zeroes the sums again.
+  /// @param touched  pairs with samples  @return true when a fact flipped; then `change` is written
+  bool (*fold)(const LeafTarget& leaf, const KernelConstants& constants, std::uint32_t touched, LeafSums& sums,
+               const LeafBits& passed, LeafChange& change, FoldCounts& counts);
+};
+
+/// Best set for this machine.
+const LeafKernels& leafKernels();
+/// All sets that run on this machine, best first.
+struct LeafKernelList {
+  std::array<const LeafKernels*, 3> kernels;
+  int count;
+};
+LeafKernelList runnableLeafKernels();
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,134 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The promise of the exact policy: after every update without a backlog, labels equal those of a full evaluation of the
+/// current map, point for point; and so do the score and the direction of every accessible point.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "accessvdb/accessibility_field.h"
+#include "support/walk_generator.h"
+
+namespace accessvdb {
+namespace {
+
+void expectEqualToScratch(const AccessibilityField& field, const std::string& when) {
+  const FieldSnapshot now = field.snapshot();
+  const FieldSnapshot scratch = field.evaluateFromScratch();
+  ASSERT_EQ(now.points.size(), scratch.points.size());
+  std::size_t label_differs = 0, best_differs = 0;
+  for (std::size_t n = 0; n < now.points.size(); ++n) {
+    const SurfacePoint &a = now.points[n], &b = scratch.points[n];
+    label_differs += a.label != b.label ? 1 : 0;
+    if (a.label == PointLabel::Accessible && b.label == PointLabel::Accessible) {
+      best_differs += a.score != b.score || a.direction != b.direction ? 1 : 0;
+    }
+    if (label_differs + best_differs == 1 && (a.label != b.label || a.direction != b.direction)) {
+      ADD_FAILURE() << when << ": point " << n << " is " << name(a.label) << " " << a.score << " at " << a.direction
+                    << ", from scratch " << name(b.label) << " " << b.score << " at " << b.direction;
+      break;
+    }
+  }
+  EXPECT_EQ(label_differs, 0u) << when;
+  EXPECT_EQ(best_differs, 0u) << when;
+}
+
+struct Case {
+  std::uint64_t seed;
+  const char* tool;
+  double voxel_size_m;
+  int max_collisions;
+  int every;  ///< scans between updates
+};
+
+class ExactStream : public testing::TestWithParam<Case> {};
+
+TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
+  const Case& c = GetParam();
+  test::WalkOptions walk_options;
+  walk_options.frames = 16;
+  walk_options.rays_per_frame = 1500;
+  walk_options.seed = c.seed;
+  walk_options.range_noise_m = 0.02;
+  walk_options.max_range_m = 8;
+  walk_options.length_m = 4;
+  const test::WalkGenerator walk(walk_options);
+  FieldParams params;
+  params.tsdf.voxel_size_m = c.voxel_size_m;
+  params.scoring.max_collisions = c.max_collisions;
+  AccessibilityField field(ToolGeometry::builtin(c.tool), params);
+  std::uint64_t tests = 0, labels_seen = 0;
+  for (int frame = 0; frame < walk_options.frames; ++frame) {
+    const auto scan = walk.frame(frame);
+    field.integrateScan(scan.points_S, scan.T_W_S);
+    if (frame % c.every != 0) continue;
+    const UpdateStats stats = field.update();
+    EXPECT_EQ(stats.backlog, 0u);
+    tests += stats.direction_tests;
+    labels_seen += stats.label_changes;
+    expectEqualToScratch(field, "frame " + std::to_string(frame));
+    if (HasFailure()) return;
+  }
+  EXPECT_GT(tests, 0u);
+  EXPECT_GT(field.snapshot().count(PointLabel::Accessible), 50u);  // else the comparison would say nothing
+  EXPECT_GT(field.snapshot().count(PointLabel::Blocked), 50u);
+  EXPECT_GT(labels_seen, 500u);
+}
+
+INSTANTIATE_TEST_SUITE_P(Streams, ExactStream,
+                         testing::Values(Case{1, "builtin:pruner", 0.05, 0, 1}, Case{2, "builtin:pencil", 0.03, 0, 1},
+                                         Case{3, "builtin:pruner", 0.08, 40, 1}, Case{4, "builtin:pruner", 0.05, 12, 3}));
+
+/// Random clutter near the sensor: many flips both ways, few returns a voxel.
+TEST(ExactStream, EqualsFromScratchOnRandomClutter) {
+  for (std::uint64_t seed = 1; seed <= 4; ++seed) {
+    std::mt19937_64 random(seed);
+    const auto unit = [&] { return static_cast<double>(random() >> 11) * 0x1.0p-53; };
+    FieldParams params;
+    params.tsdf.voxel_size_m = 0.05;
+    params.scoring.max_collisions = seed % 2 == 0 ? 0 : 20;
+    AccessibilityField field(ToolGeometry::builtin("builtin:pruner"), params);
+    for (int frame = 0; frame < 8; ++frame) {
+      Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
+      T_W_S.translation() = Eigen::Vector3d(3 * unit(), 3 * unit(), unit());
+      std::vector<Eigen::Vector3f> points;
+      for (int n = 0; n < 300; ++n) {
+        const Eigen::Vector3d p_W(4 + std::floor(3 * unit()) * 0.4 + 0.05 * unit(), 3 * unit(), 1.5 * unit());
+        points.push_back((T_W_S.inverse() * p_W).cast<float>());
+      }
+      field.integrateScan(points, T_W_S);
+      field.update();
+      expectEqualToScratch(field, "seed " + std::to_string(seed) + " frame " + std::to_string(frame));
+      if (HasFailure()) return;
+    }
+  }
+}
+
+/// A budget only delays: once the backlog is empty, nothing differs.
+TEST(ExactStream, BudgetOnlyDelays) {
+  test::WalkOptions walk_options;
+  walk_options.frames = 12;
+  walk_options.rays_per_frame = 1500;
+  walk_options.range_noise_m = 0.02;
+  walk_options.max_range_m = 8;
+  const test::WalkGenerator walk(walk_options);
+  FieldParams params;
+  params.tsdf.voxel_size_m = 0.05;
+  params.update.budget_points = 150;
+  AccessibilityField field(ToolGeometry::builtin("builtin:pruner"), params);
+  std::uint64_t most_backlog = 0;
+  for (int frame = 0; frame < walk_options.frames; ++frame) {
+    const auto scan = walk.frame(frame);
+    field.integrateScan(scan.points_S, scan.T_W_S);
+    most_backlog = std::max(most_backlog, field.update().backlog);
+  }
+  EXPECT_GT(most_backlog, 500u);
+  for (int n = 0; n < 1000; ++n) {
+    if (field.update().backlog == 0) break;
+  }
+  expectEqualToScratch(field, "after the backlog");
+}
+
+}  // namespace
+}  // namespace accessvdb
