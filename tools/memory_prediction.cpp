@@ -19,7 +19,7 @@ constexpr double kBandLeafBytes = 300;    // authored leaf with cleared flags on
 constexpr double kMirrorLeafBytes = 400;  // NanoVDB leaf of the mirror, slack of its growth included
 constexpr double kPointBytes = 950;  // a surface point: store, neighbour search, snapshot and the copies of its writers
 constexpr double kExportLeafBytes = 2200;  // one float grid copied at a time while field.vdb is written
-constexpr double kFixedBytes = 180e6;      // program, libraries, tool tables, picture, one scan
+constexpr double kFixedBytes = 200e6;      // program, libraries, tool tables, picture, one scan
 
 constexpr double kLeafVoxels = 8;
 // A voxel's cell is half a voxel around its sample, so leaf k begins at voxel coordinate 8 k - 0.5.

@@ -77,7 +77,9 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
   const auto add_samples =
       shape_.region == UpdateRegion::DoubleCone ? kernels_.add_double_cone : kernels_.add_full_cube;
   std::size_t since_flush = 0;
-  for (const LeafEntry entry : entries) {
+  for (std::size_t n = 0; n < entries.size(); ++n) {
+    prefetch(rays + entries.data()[n + kLookAhead].index(), sizeof(ReturnRay));
+    const LeafEntry entry = entries[n];
     const ReturnRay& ray = rays[entry.index()];
     if (entry.band() && shape_.thinBand()) {
       markThinBand(origin_ijk, ray);
@@ -90,6 +92,7 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
     local.offset = ray.offset;
     local.to_sensor = ray.to_sensor;
     local.range = ray.range;
+    local.box_x = entry.band() ? ray.band_x : ray.cone_x;
     if (entry.band()) {
       passes_ += kernels_.mark_band(local, constants_, passed_);
       continue;

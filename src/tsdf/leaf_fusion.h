@@ -43,6 +43,9 @@ class LeafFusion {
  public:
   LeafFusion(const PackedMap& map, const RegionShape& shape, const LeafKernels& kernels = leafKernels());
 
+  /// accumulate() reads this many entries beyond the end of its span, to ask for their returns early.
+  static constexpr std::size_t kLookAhead = 6;
+
   /// Sums all entries of one leaf. @return false where no voxel of the leaf is reached
   bool accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::span<const LeafEntry> entries,
                   const ReturnRay* rays);

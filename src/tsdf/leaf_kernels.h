@@ -11,6 +11,7 @@
 #include <cstdint>
 
 #include "accessvdb/leaf_change.h"
+#include "tsdf/return_region.h"
 
 namespace accessvdb::internal {
 
@@ -29,6 +30,7 @@ struct ReturnInLeaf {
   std::array<float, 3> offset;     ///< return minus its voxel
   std::array<float, 3> to_sensor;  ///< [u]
   float range;                     ///< [R]
+  Interval box_x;                  ///< extent of the region
 };
 
 /// Constants of a map, in voxels.

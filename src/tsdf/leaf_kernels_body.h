@@ -12,6 +12,22 @@ struct Slab {
   std::uint32_t in_cube[4];
 };
 
+/// Slabs inside the region's box, first and last. Rows are not cut: a loop of fixed length costs less than it saves.
+struct Reach {
+  int x0, x1;
+};
+
+inline int floorOf(float value) {
+  const int n = static_cast<int>(value);
+  return n - (static_cast<float>(n) > value ? 1 : 0);
+}
+
+inline Reach reachOf(const ReturnInLeaf& ray) {
+  const float x = ray.leaf[0] - ray.offset[0];
+  const int x0 = -floorOf(x - ray.box_x.low), x1 = floorOf(ray.box_x.high - x);
+  return {x0 > 0 ? x0 : 0, x1 < 7 ? x1 : 7};
+}
+
 inline void setSlab(const ReturnInLeaf& ray, float tau, Slab& slab) {
   const Floats ez = sub(add(all(ray.leaf[2]), loadFloats(kLaneZ)), all(ray.offset[2]));
   const Floats sz = mul(ez, all(ray.to_sensor[2])), ez2 = mul(ez, ez);
@@ -42,12 +58,13 @@ inline void addSamples(std::uint32_t inside, Ints sample, int pair, LeafSums& su
 }
 
 inline std::uint32_t addDoubleCone(const ReturnInLeaf& ray, const KernelConstants& c, LeafSums& sums) {
+  const Reach reach = reachOf(ray);
   Slab slab;
   setSlab(ray, c.tau, slab);
   const Floats cos2 = all(c.cone_cos_squared), one = all(1.0f);
   std::uint32_t touched = 0;
   std::uint32_t inside[kPairs];
-  for (int x = 0; x < 8; ++x) {
+  for (int x = reach.x0; x <= reach.x1; ++x) {
     const float ex = offsetX(ray, x);
     if (!(std::fabs(ex) <= c.tau)) continue;
     const Floats sx = all(ex * ray.to_sensor[0]), ex2 = all(ex * ex);
@@ -72,11 +89,12 @@ inline std::uint32_t addDoubleCone(const ReturnInLeaf& ray, const KernelConstant
 }
 
 inline std::uint32_t addFullCube(const ReturnInLeaf& ray, const KernelConstants& c, LeafSums& sums) {
+  const Reach reach = reachOf(ray);
   Slab slab;
   setSlab(ray, c.tau, slab);
   const Floats range = all(ray.range), range_squared = mul(range, range), zero = all(0.0f);
   std::uint32_t touched = 0;
-  for (int x = 0; x < 8; ++x) {
+  for (int x = reach.x0; x <= reach.x1; ++x) {
     const float ex = offsetX(ray, x);
     if (!(std::fabs(ex) <= c.tau)) continue;
     const Floats sx = all(ex * ray.to_sensor[0]), ex2 = all(ex * ex);
@@ -96,12 +114,13 @@ inline std::uint32_t addFullCube(const ReturnInLeaf& ray, const KernelConstants&
 }
 
 inline std::uint32_t markBand(const ReturnInLeaf& ray, const KernelConstants& c, LeafBits& passed) {
+  const Reach reach = reachOf(ray);
   Slab slab;
   setSlab(ray, c.tau, slab);
   const Floats begin = all(c.band_begin), end = all(c.band_end < ray.range ? c.band_end : ray.range);
   const Floats radius2 = all(c.band_radius_squared);
   std::uint32_t count = 0;
-  for (int x = 0; x < 8; ++x) {
+  for (int x = reach.x0; x <= reach.x1; ++x) {
     const float ex = offsetX(ray, x);
     const Floats sx = all(ex * ray.to_sensor[0]), ex2 = all(ex * ex);
     std::uint64_t word = 0;

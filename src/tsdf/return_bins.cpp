@@ -27,13 +27,19 @@ std::size_t bucketOf(LeafKey key) {
 }
 static_assert(ReturnBins::kBuckets == 256, "bucketOf() takes eight bits");
 
+/// std::floor() is a call on x86-64 without SSE4.1.
+std::int32_t floorOf(float value) {
+  const auto n = static_cast<std::int32_t>(value);
+  return n - (static_cast<float>(n) > value ? 1 : 0);
+}
+
 /// First and last leaf along one axis for voxels with offsets in [low, high] from the return.
 struct LeafSpan {
   std::int32_t first, last;
 };
 LeafSpan leafSpan(const ReturnRay& ray, int axis, Interval offsets) {
-  const auto low = static_cast<std::int32_t>(std::ceil(offsets.low + ray.offset[axis]));
-  const auto high = static_cast<std::int32_t>(std::floor(offsets.high + ray.offset[axis]));
+  const auto low = -floorOf(-(offsets.low + ray.offset[axis]));
+  const auto high = floorOf(offsets.high + ray.offset[axis]);
   return {(ray.base_ijk[axis] + low) >> 3, (ray.base_ijk[axis] + high) >> 3};
 }
 
@@ -72,9 +78,10 @@ std::array<std::int32_t, 3> originOf(LeafKey key) {
   return {axis(42), axis(21), axis(0)};
 }
 
+/// Calls visit(LeafKey, LeafEntry) for every leaf that the return's region may reach. Conservative.
 template <typename Visit>
-void forEachReachedLeaf(const RegionShape& shape, const ReturnRay& ray, std::uint32_t index, const Visit& visit) {
-  const RegionSlices slices(shape, ray);
+void forEachReachedLeaf(const RegionShape& shape, const RegionSlices& slices, const ReturnRay& ray, std::uint32_t index,
+                        const Visit& visit) {
   visitLayers(
       ray, slices, slices.coneAlong(), [&](Interval slice, int n) { return slices.coneAcross(slice, n); },
       [&](LeafKey key) { visit(key, LeafEntry{index << 1}); });
@@ -100,7 +107,7 @@ void forEachReachedLeaf(const RegionShape& shape, const ReturnRay& ray, std::uin
   }
 }
 
-void ReturnBins::bin(const RegionShape& shape, std::span<const ReturnRay> rays) {
+void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays) {
   chunk_count_ = (rays.size() + kReturnsPerChunk - 1) / kReturnsPerChunk;
   if (chunks_.size() < chunk_count_) chunks_.resize(chunk_count_);
   tbb::parallel_for(std::size_t{0}, chunk_count_, [&](std::size_t n) {
@@ -108,7 +115,10 @@ void ReturnBins::bin(const RegionShape& shape, std::span<const ReturnRay> rays) 
     for (auto& bucket : chunk) bucket.clear();
     const std::size_t end = std::min(rays.size(), (n + 1) * kReturnsPerChunk);
     for (std::size_t i = n * kReturnsPerChunk; i < end; ++i) {
-      forEachReachedLeaf(shape, rays[i], static_cast<std::uint32_t>(i), [&](LeafKey key, LeafEntry entry) {
+      const RegionSlices slices(shape, rays[i]);
+      rays[i].cone_x = slices.coneX();
+      rays[i].band_x = slices.bandX();
+      forEachReachedLeaf(shape, slices, rays[i], static_cast<std::uint32_t>(i), [&](LeafKey key, LeafEntry entry) {
         chunk[bucketOf(key)].push_back({key, entry});
       });
     }
@@ -145,7 +155,7 @@ void ReturnBins::group(std::size_t bucket, LeafGroups& groups) const {
   }
   groups.begin.assign(groups.keys.size() + 1, 0);
   for (std::size_t g = 0; g < counts.size(); ++g) groups.begin[g + 1] = groups.begin[g] + counts[g];
-  groups.entries.resize(pairs);
+  groups.entries.assign(pairs + LeafFusion::kLookAhead, LeafEntry{});
   counts.assign(groups.begin.begin(), groups.begin.end() - 1);
   std::size_t pair_number = 0;
   for (std::size_t n = 0; n < chunk_count_; ++n) {

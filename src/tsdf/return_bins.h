@@ -22,23 +22,19 @@ using LeafKey = std::uint64_t;
 LeafKey leafKeyOf(std::int32_t leaf_x, std::int32_t leaf_y, std::int32_t leaf_z);
 std::array<std::int32_t, 3> originOf(LeafKey key);
 
-/// Calls visit(LeafKey, LeafEntry) for every leaf that the return's region may reach. Conservative.
-template <typename Visit>
-void forEachReachedLeaf(const RegionShape& shape, const ReturnRay& ray, std::uint32_t index, const Visit& visit);
-
 /// The leaves of one bucket with their entries.
 struct LeafGroups {
   std::vector<LeafKey> keys;
   std::vector<std::uint32_t> begin;  ///< [keys + 1] into entries
-  std::vector<LeafEntry> entries;
+  std::vector<LeafEntry> entries;    ///< with kLookAhead more, of no meaning, so that prefetching needs no end
 };
 
 class ReturnBins {
  public:
   static constexpr std::size_t kBuckets = 256;
 
-  /// Fills the pairs of all returns.
-  void bin(const RegionShape& shape, std::span<const ReturnRay> rays);
+  /// Fills the pairs of all returns, and the boxes of their regions.
+  void bin(const RegionShape& shape, std::span<ReturnRay> rays);
 
   /// Groups one bucket; safe to call for different buckets at the same time.
   void group(std::size_t bucket, LeafGroups& groups) const;

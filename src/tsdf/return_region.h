@@ -16,18 +16,19 @@
 
 namespace accessvdb::internal {
 
+/// Interval of leaf-relative offsets e along one axis.
+struct Interval {
+  float low, high;
+  [[nodiscard]] bool empty() const { return !(low <= high); }
+};
+
 /// One return with its ray, relative to a voxel near it, so that float32 keeps its precision anywhere in the map.
 struct ReturnRay {
   std::array<std::int32_t, 3> base_ijk;  ///< voxel of the return
   std::array<float, 3> offset;           ///< return minus base_ijk, in voxels, within +-0.5
   std::array<float, 3> to_sensor;        ///< [u] unit
   float range;                           ///< [R] in voxels
-};
-
-/// Interval of leaf-relative offsets e along one axis.
-struct Interval {
-  float low, high;
-  [[nodiscard]] bool empty() const { return !(low <= high); }
+  Interval cone_x, band_x;               ///< extents of its regions, set by ReturnBins
 };
 
 /// Constants of a map's update region, in voxels.
@@ -55,6 +56,9 @@ class RegionSlices {
   /// @param which  0: axisB, 1: axisC
   [[nodiscard]] Interval coneAcross(Interval along, int which) const;
   [[nodiscard]] Interval bandAcross(Interval along, int which) const;
+  /// Extents along x.
+  [[nodiscard]] Interval coneX() const { return a_ == 0 ? cone_along_ : coneAcross(cone_along_, b_ == 0 ? 0 : 1); }
+  [[nodiscard]] Interval bandX() const { return a_ == 0 ? band_along_ : bandAcross(band_along_, b_ == 0 ? 0 : 1); }
 
  private:
   int a_, b_, c_;

@@ -1,0 +1,163 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "parity/scoring_reference.h"
+
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <tuple>
+
+#include "accessvdb/tsdf_volume.h"
+
+namespace accessvdb::test {
+namespace {
+
+/// Local positions are multiples of 2^-20 m.
+Eigen::Vector3d toLocal(const Eigen::Vector3d& p_W, const Eigen::Vector3d& origin_W) {
+  Eigen::Vector3d p;
+  for (int a = 0; a < 3; ++a) p[a] = std::round((p_W[a] - origin_W[a]) * 1048576.0) / 1048576.0;
+  return p;
+}
+
+std::vector<bool> directionsTowards(const Eigen::Vector3f& from, const Eigen::Vector3f& to, const FieldParams& p) {
+  const float dx = to.x() - from.x(), dy = to.y() - from.y(), dz = to.z() - from.z();
+  const float length = std::sqrt(dx * dx + dy * dy + dz * dz);
+  std::vector<bool> seen;
+  for (int d = 0; d < p.approach.num_directions; ++d) {
+    const double yaw = 2 * std::numbers::pi * d / p.approach.num_directions;
+    const float x_part = dx / length * static_cast<float>(std::cos(yaw));
+    const float y_part = dy / length * static_cast<float>(std::sin(yaw));
+    seen.push_back(x_part + y_part > static_cast<float>(p.approach.observation_cos_min));
+  }
+  return seen;
+}
+
+struct Sums {
+  GatheredPoint point;
+  std::array<std::int64_t, 3> offset = {}, sensor = {};
+  std::int64_t count = 0;
+};
+
+std::vector<double> armDistances(const FieldParams& p) {
+  const double tau = p.tsdf.truncation_distance_m, length = p.approach.corridor_length_m;
+  std::vector<double> distances;
+  for (const double f : p.approach.arm_tau) distances.push_back(f * tau);
+  // Beyond the three of the paper, one every tau; the last one at the end of the corridor.
+  for (double s = distances.back() + tau; s < length; s += tau) distances.push_back(s);
+  if (length > distances.back()) distances.push_back(length);
+  return distances;
+}
+
+}  // namespace
+
+std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const FieldParams& resolved,
+                                        const Eigen::Vector3d& origin_W) {
+  const double v = resolved.tsdf.voxel_size_m;
+  std::vector<Sums> all;
+  std::map<VoxelCoord, std::size_t> id_of;
+  for (const RayScan& scan : scans) {
+    struct Return {
+      VoxelCoord voxel;
+      Eigen::Vector3f p, q;
+    };
+    std::vector<Return> returns;
+    for (std::size_t n = 0; n < scan.points_W.size(); ++n) {
+      Return r;
+      r.p = toLocal(scan.points_W[n], origin_W).cast<float>();
+      r.q = toLocal(scan.origins_W[n], origin_W).cast<float>();
+      for (int a = 0; a < 3; ++a) {
+        const float scaled = r.p[a] * static_cast<float>(1.0 / v);
+        r.voxel[static_cast<std::size_t>(a)] = static_cast<std::int32_t>(std::floor(scaled + 0.5f));
+      }
+      returns.push_back(r);
+    }
+    std::sort(returns.begin(), returns.end(), [](const Return& a, const Return& b) {
+      return std::tie(a.voxel, a.p.x(), a.p.y(), a.p.z()) < std::tie(b.voxel, b.p.x(), b.p.y(), b.p.z());
+    });
+    for (const Return& r : returns) {
+      const auto [entry, is_new] = id_of.try_emplace(r.voxel, all.size());
+      if (is_new) {
+        all.emplace_back();
+        all.back().point.voxel = r.voxel;
+        all.back().point.first_L = r.p;
+        all.back().point.seen.assign(static_cast<std::size_t>(resolved.approach.num_directions), false);
+      }
+      Sums& sums = all[entry->second];
+      ++sums.count;
+      for (std::size_t a = 0; a < 3; ++a) {
+        const double p = r.p[static_cast<int>(a)], q = r.q[static_cast<int>(a)];
+        sums.offset[a] += std::llround((p - r.voxel[a] * v) / v * 1048576.0);
+        sums.sensor[a] += std::llround(q * 65536.0);
+      }
+      const std::vector<bool> seen = directionsTowards(r.p, r.q, resolved);
+      for (std::size_t d = 0; d < seen.size(); ++d) sums.point.seen[d] = sums.point.seen[d] || seen[d];
+    }
+  }
+  std::vector<GatheredPoint> points;
+  for (Sums& sums : all) {
+    const auto n = static_cast<double>(sums.count);
+    for (std::size_t a = 0; a < 3; ++a) {
+      const double offset = static_cast<double>(sums.offset[a]) / n / 1048576.0;
+      sums.point.mean_L[static_cast<int>(a)] = static_cast<float>((sums.point.voxel[a] + offset) * v);
+      sums.point.sensor_L[static_cast<int>(a)] = static_cast<double>(sums.sensor[a]) / n / 65536.0;
+    }
+    if (!resolved.scoring.mean_positions) sums.point.mean_L = sums.point.first_L;
+    points.push_back(sums.point);
+  }
+  return points;
+}
+
+internal::ToolKernel toolKernel(const AccessibilityField& field) {
+  return internal::ToolKernel::make(field.tool(), field.params());
+}
+
+BruteForceInput oracleInput(const AccessibilityField& field, const std::vector<GatheredPoint>& points,
+                            const FieldSnapshot& snapshot) {
+  const FieldParams& p = field.params();
+  BruteForceInput input;
+  input.voxel_size_m = p.tsdf.voxel_size_m;
+  input.collision_distance_m = static_cast<float>(p.scoring.collision_distance_m);
+  input.num_directions = p.approach.num_directions;
+  input.normal_cone_rad = p.approach.normal_cone_rad;
+  input.arm_distances_m = armDistances(p);
+  input.neighbours = p.scoring.neighbours;
+  input.join_neighbour_views = p.scoring.join_neighbour_views;
+  input.neighbourhood_weight = p.scoring.neighbourhood_weight;
+  input.confidence_half_weight = p.scoring.confidence_half_weight;
+  input.confidence_min = p.scoring.confidence_min;
+  const internal::ToolKernel kernel = toolKernel(field);
+  input.collision_limit = kernel.collision_limit;
+  for (std::size_t d = 0; d < static_cast<std::size_t>(input.num_directions); ++d) {
+    std::vector<VoxelCoord>& voxels = input.tool_voxels.emplace_back();
+    for (std::uint32_t n = kernel.column_begin[d]; n < kernel.column_begin[d + 1]; ++n) {
+      const kernels::VoxelColumn& column = kernel.columns[n];
+      for (int bit = 0; bit < 64; ++bit) {
+        if ((column.bits >> bit & 1) != 0) voxels.push_back({column.dx, column.dy, column.dz + bit});
+      }
+    }
+  }
+  for (std::size_t id = 0; id < points.size(); ++id) {
+    BruteForcePoint& point = input.points.emplace_back();
+    point.id = static_cast<std::uint32_t>(id);
+    point.voxel = points[id].voxel;
+    point.first_position_L = points[id].first_L;
+    point.mean_position_L = points[id].mean_L;
+    point.mean_sensor_L = points[id].sensor_L;
+    point.seen = points[id].seen;
+    if (!snapshot.points[id].normal_W.isZero()) point.given_normal = snapshot.points[id].normal_W;
+  }
+  return input;
+}
+
+DenseMap copyOfMap(const TsdfVolume& volume) {
+  const openvdb::CoordBBox box = volume.leafBounds();
+  if (box.empty()) return DenseMap({0, 0, 0}, {0, 0, 0});
+  const MapLookup source = [&](const VoxelCoord& c) {
+    const VoxelState state = volume.at({c[0], c[1], c[2]});
+    return MapVoxel{state.weight > 0, state.distance_m, state.weight, state.cleared};
+  };
+  return DenseMap({box.min().x(), box.min().y(), box.min().z()}, {box.max().x(), box.max().y(), box.max().z()}, source);
+}
+
+}  // namespace accessvdb::test

@@ -1,0 +1,99 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The walk over directions equals sorting all of them by (angle to the normal, index).
+#include "hostdev/direction_filter.h"
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <cmath>
+
+#include "tool/yaw_direction.h"
+#include "unit/hostdev/occupancy_fixture.h"
+
+namespace accessvdb::test {
+namespace {
+
+std::vector<int> sorted(const kernels::ApproachView& approach, const float* normal) {
+  std::vector<std::pair<float, int>> inside;
+  for (int d = 0; d < approach.num_directions; ++d) {
+    const float x_part = approach.direction_xy[2 * d] * normal[0],
+                y_part = approach.direction_xy[2 * d + 1] * normal[1];
+    const float dot = x_part + y_part;
+    if (dot >= approach.normal_cos_min) inside.emplace_back(-dot, d);
+  }
+  std::sort(inside.begin(), inside.end());
+  std::vector<int> order;
+  for (const auto& [dot, d] : inside) order.push_back(d);
+  return order;
+}
+
+std::vector<int> walked(const kernels::ApproachView& approach, const float* normal) {
+  std::vector<int> order;
+  kernels::DirectionWalk walk(approach, normal);
+  for (int d = walk.next(); d >= 0; d = walk.next()) order.push_back(d);
+  return order;
+}
+
+class DirectionWalkOrder : public testing::TestWithParam<int> {};
+
+TEST_P(DirectionWalkOrder, EqualsAFullSort) {
+  const int num_directions = GetParam();
+  std::mt19937_64 random(static_cast<std::uint64_t>(num_directions));
+  ApproachFixture approach(num_directions, {});
+  // The library's table is exactly symmetric under quarter turns, which makes true ties; both tables are tried.
+  std::vector<float> symmetric;
+  for (int d = 0; d < num_directions; ++d) {
+    const auto yaw = internal::yawDirection(d, num_directions);
+    symmetric.push_back(static_cast<float>(yaw.cos));
+    symmetric.push_back(static_cast<float>(yaw.sin));
+  }
+  std::size_t directions = 0, ties = 0;
+  for (int n = 0; n < 10000; ++n) {
+    approach.view.direction_xy = n % 2 == 0 ? approach.xy.data() : symmetric.data();
+    // Every fourth normal lies exactly at a direction or exactly between two; some lean, up to out of every cone.
+    const double yaw =
+        n % 4 == 0 ? 3.141592653589793 * below(random, 2 * num_directions) / num_directions : uniform(random, 0, 6.3);
+    const double lean = n % 3 == 0 ? 0 : uniform(random, -1.5, 1.5);
+    Eigen::Vector3f normal(static_cast<float>(std::cos(yaw) * std::cos(lean)),
+                           static_cast<float>(std::sin(yaw) * std::cos(lean)), static_cast<float>(std::sin(lean)));
+    if (n % 8 == 4) normal = {n % 16 == 4 ? 1.0f : -1.0f, 0, 0};
+    if (n % 8 == 5) normal = {std::sqrt(0.5f), n % 16 == 5 ? std::sqrt(0.5f) : -std::sqrt(0.5f), 0};
+    const auto expected = sorted(approach.view, normal.data());
+    ASSERT_EQ(walked(approach.view, normal.data()), expected) << "normal " << normal.transpose();
+    directions += expected.size();
+    for (std::size_t i = 1; i < expected.size(); ++i) {
+      ties += kernels::cosToNormal(approach.view, expected[i], normal.data()) ==
+                      kernels::cosToNormal(approach.view, expected[i - 1], normal.data())
+                  ? 1
+                  : 0;
+    }
+  }
+  EXPECT_GT(directions, 1000u);
+  if (num_directions % 4 == 0) {
+    EXPECT_GT(ties, 100u);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Counts, DirectionWalkOrder, testing::Values(4, 5, 17, 36, 180, 256));
+
+TEST(DirectionWalk, ConesOfAllWidths) {
+  std::mt19937_64 random(3);
+  for (int n = 0; n < 500; ++n) {
+    const ApproachFixture approach(4 + below(random, 253), {}, uniform(random, 0.01, 1.5707963));
+    const double yaw = uniform(random, 0, 6.3);
+    const float normal[3] = {static_cast<float>(std::cos(yaw)), static_cast<float>(std::sin(yaw)), 0};
+    ASSERT_EQ(walked(approach.view, normal), sorted(approach.view, normal));
+  }
+}
+
+TEST(DirectionWalk, StraightUpHasNoDirection) {
+  const ApproachFixture approach(180, {});
+  const float up[3] = {0, 0, 1};
+  EXPECT_TRUE(walked(approach.view, up).empty());
+}
+
+}  // namespace
+}  // namespace accessvdb::test

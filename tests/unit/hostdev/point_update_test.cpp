@@ -1,0 +1,194 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The state of a point over several evaluations, with the numbers worked out by hand.
+#include "hostdev/point_update.h"
+
+#include <gtest/gtest.h>
+
+namespace accessvdb::test {
+namespace {
+
+/// One point and its rule.
+struct Point {
+  std::uint16_t score = kNoScore, direction = kNoDirection, weight = 100;
+  float stability = 1;
+  PointLabel label = PointLabel::Unscored;
+  PointReason reason = PointReason::Confidence;
+  std::uint8_t flags = 0;
+  kernels::UpdateRule rule;
+
+  explicit Point(bool keep_best, std::uint16_t limit = 5) {
+    rule.keep_best = keep_best;
+    rule.collision_limit = limit;
+  }
+  kernels::ScoreResult evaluate(std::uint16_t new_score, std::uint16_t new_direction, PointReason why,
+                                bool skipped = false) {
+    kernels::PointStateView view;
+    view.score = &score;
+    view.direction = &direction;
+    view.weight = &weight;
+    view.stability = &stability;
+    view.label = &label;
+    view.reason = &reason;
+    view.flags = &flags;
+    kernels::ScoreResult result;
+    result.scored = 1;
+    result.score = new_score;
+    result.direction = new_direction;
+    result.reason = why;
+    result.skipped = skipped ? 1 : 0;
+    kernels::updatePoint(view, 0, result, rule);
+    EXPECT_EQ(result.label, label);
+    EXPECT_EQ(result.stored_score, score);
+    EXPECT_EQ(result.stored_direction, direction);
+    return result;
+  }
+  void clear(std::uint16_t s = 0, std::uint16_t d = 7) { evaluate(s, d, PointReason::None); }
+  void conflict(std::uint16_t s = 30, std::uint16_t d = 9) { evaluate(s, d, PointReason::Tool); }
+};
+
+TEST(ConfidenceOf, IsAHalfAtTheHalfWeight) {
+  EXPECT_FLOAT_EQ(kernels::confidenceOf(0, 5), 0);
+  EXPECT_FLOAT_EQ(kernels::confidenceOf(5, 5), 0.5f);
+  EXPECT_FLOAT_EQ(kernels::confidenceOf(1.25f, 5), 0.2f);
+  EXPECT_FLOAT_EQ(kernels::confidenceOf(2000, 5), 2000.0f / 2005.0f);
+}
+
+TEST(UpdatePointPaper, OneClearEvaluationTwoConflicts) {
+  Point point(true);
+  point.conflict(30, 9);
+  EXPECT_EQ(point.label, PointLabel::Blocked);
+  EXPECT_EQ(point.reason, PointReason::Tool);
+  EXPECT_EQ(point.score, 30);
+  EXPECT_FLOAT_EQ(point.stability, 1);  // never accessible: nothing to lose
+  point.clear(3, 7);
+  EXPECT_EQ(point.label, PointLabel::Accessible);
+  EXPECT_EQ(point.reason, PointReason::None);
+  EXPECT_EQ(point.score, 3);
+  EXPECT_EQ(point.direction, 7);
+  EXPECT_FLOAT_EQ(point.stability, 1);
+  point.conflict(40, 11);
+  EXPECT_FLOAT_EQ(point.stability, 0.75f);
+  EXPECT_EQ(point.label, PointLabel::Accessible);  // 0.75 > 0.7
+  EXPECT_EQ(point.score, 3);                       // the best never rises
+  EXPECT_EQ(point.direction, 7);
+  point.conflict(40, 11);
+  EXPECT_FLOAT_EQ(point.stability, 0.5625f);
+  EXPECT_EQ(point.label, PointLabel::Blocked);
+  EXPECT_EQ(point.reason, PointReason::Tool);
+  EXPECT_EQ(point.score, 3);
+}
+
+TEST(UpdatePointPaper, RecoveryTakesThreeConfirmations) {
+  Point point(true);
+  point.clear();
+  point.conflict();
+  point.conflict();
+  ASSERT_FLOAT_EQ(point.stability, 0.5625f);
+  point.clear();
+  EXPECT_FLOAT_EQ(point.stability, 0.628125f);  // 0.5625 + 0.15 x 0.4375
+  EXPECT_EQ(point.label, PointLabel::Blocked);
+  point.clear();
+  EXPECT_FLOAT_EQ(point.stability, 0.68390625f);
+  EXPECT_EQ(point.label, PointLabel::Blocked);
+  point.clear();
+  EXPECT_FLOAT_EQ(point.stability, 0.7313203125f);
+  EXPECT_EQ(point.label, PointLabel::Accessible);
+  EXPECT_EQ(point.reason, PointReason::None);
+}
+
+TEST(UpdatePointPaper, TheBoundsAreStrict) {
+  Point point(true, 5);
+  point.clear(5, 1);  // a count at the limit is a collision, whatever the caller calls it
+  EXPECT_EQ(point.label, PointLabel::Blocked);
+  point.clear(4, 2);
+  EXPECT_EQ(point.label, PointLabel::Accessible);
+  Point edge(true);
+  edge.clear();
+  edge.stability = 0.7f / 0.75f;  // one conflict brings it to 0.7, which is not above 0.7
+  edge.conflict();
+  EXPECT_NEAR(edge.stability, 0.7, 1e-6);
+  edge.stability = 0.7f;
+  edge.score = 0;
+  edge.rule.stability_min = edge.stability + 0.15f * (1.0f - edge.stability);
+  edge.clear();
+  EXPECT_EQ(edge.label, PointLabel::Blocked);
+}
+
+TEST(UpdatePointProduct, LabelFollowsTheLatestEvaluation) {
+  Point point(false);
+  point.clear(2, 7);
+  EXPECT_EQ(point.label, PointLabel::Accessible);
+  point.conflict(40, 11);
+  EXPECT_EQ(point.label, PointLabel::Blocked);
+  EXPECT_EQ(point.score, 40);
+  EXPECT_EQ(point.direction, 11);
+  EXPECT_FLOAT_EQ(point.stability, 0.75f);
+  point.conflict(41, 12);
+  EXPECT_FLOAT_EQ(point.stability, 0.75f);  // only an accessible point has something to lose
+  point.clear(3, 8);
+  EXPECT_EQ(point.label, PointLabel::Accessible);
+  EXPECT_EQ(point.score, 3);
+  EXPECT_FLOAT_EQ(point.stability, 0.75f);  // it was not free before
+  point.clear(3, 8);
+  EXPECT_FLOAT_EQ(point.stability, 0.7875f);
+}
+
+TEST(UpdatePointProduct, PartialResultsKeepTheClosestDirection) {
+  Point point(false);
+  point.evaluate(12, 4, PointReason::Tool);
+  point.evaluate(kNoScore, 20, PointReason::Arm, true);  // others were skipped: what is stored is closer
+  EXPECT_EQ(point.score, 12);
+  EXPECT_EQ(point.direction, 4);
+  EXPECT_EQ(point.reason, PointReason::Tool);
+  point.evaluate(kNoScore, 20, PointReason::Arm, false);
+  EXPECT_EQ(point.score, kNoScore);
+  EXPECT_EQ(point.direction, 20);
+  EXPECT_EQ(point.reason, PointReason::Arm);
+  point.evaluate(1, 21, PointReason::None, true);  // free is free
+  EXPECT_EQ(point.label, PointLabel::Accessible);
+  EXPECT_EQ(point.direction, 21);
+}
+
+TEST(UpdatePoint, ConfidentNeedsConfidenceTimesStability) {
+  for (const bool keep_best : {false, true}) {
+    Point point(keep_best);
+    point.weight = 12;  // c = 12 / 17 = 0.706
+    point.clear();
+    EXPECT_EQ(point.flags & kernels::kConfident, 1);
+    point.weight = 11;  // c = 0.6875
+    point.clear();
+    EXPECT_EQ(point.flags & kernels::kConfident, 0);
+    EXPECT_EQ(point.label, PointLabel::Accessible);
+    point.weight = 2000;
+    point.conflict();
+    point.conflict();
+    EXPECT_EQ(point.flags & kernels::kConfident, 0);
+  }
+}
+
+TEST(UpdatePoint, WithoutANormalNothingIsKept) {
+  for (const bool keep_best : {false, true}) {
+    Point point(keep_best);
+    point.clear();
+    kernels::PointStateView view;
+    view.score = &point.score;
+    view.direction = &point.direction;
+    view.weight = &point.weight;
+    view.stability = &point.stability;
+    view.label = &point.label;
+    view.reason = &point.reason;
+    view.flags = &point.flags;
+    kernels::ScoreResult result;
+    kernels::updatePoint(view, 0, result, point.rule);
+    EXPECT_EQ(point.label, PointLabel::Unscored);
+    EXPECT_EQ(result.label, PointLabel::Unscored);
+    EXPECT_EQ(point.reason, PointReason::Normal);
+    EXPECT_EQ(point.score, kNoScore);
+    EXPECT_EQ(point.direction, kNoDirection);
+    EXPECT_EQ(point.flags, 0);
+  }
+}
+
+}  // namespace
+}  // namespace accessvdb::test

@@ -1,0 +1,180 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "points/point_store.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <map>
+#include <numeric>
+#include <tuple>
+
+#include "unit/points/random_points.h"
+
+namespace accessvdb::internal {
+namespace {
+
+using test::directionTable;
+using test::pointParams;
+using test::Random;
+
+struct Scan {
+  std::vector<Eigen::Vector3f> p, q;
+};
+
+/// Returns in a few voxels around the origin, so that each voxel gets several, from one sensor or from many.
+std::vector<Scan> randomScans(std::uint64_t seed, double v, bool rays) {
+  Random random(seed);
+  std::vector<Scan> scans(6);
+  for (Scan& scan : scans) {
+    for (int n = 0; n < 500; ++n) scan.p.push_back(random.point(4 * v));
+    for (int n = 0; n < (rays ? 500 : 1); ++n) scan.q.push_back(random.point(2));
+  }
+  return scans;
+}
+
+Index3 voxelOf(const Eigen::Vector3f& p, double v) {
+  Index3 voxel;
+  for (int a = 0; a < 3; ++a) {
+    const float scaled = p[a] * static_cast<float>(1 / v);
+    voxel[static_cast<std::size_t>(a)] = static_cast<std::int32_t>(std::floor(scaled + 0.5f));
+  }
+  return voxel;
+}
+
+class PointStoreSums : public testing::TestWithParam<bool> {};
+
+TEST_P(PointStoreSums, EqualPlainSums) {
+  const double v = 0.05;
+  const FieldParams params = pointParams(v, 180);
+  const std::vector<float> xy = directionTable(180);
+  PointStore store(params, xy);
+  struct Plain {
+    Eigen::Vector3f first;
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero(), sensor = Eigen::Vector3d::Zero();
+    std::size_t first_scan = 0, count = 0;
+    std::vector<bool> seen = std::vector<bool>(180, false);
+  };
+  std::map<Index3, Plain> plain;
+  const std::vector<Scan> scans = randomScans(1, v, GetParam());
+  for (std::size_t s = 0; s < scans.size(); ++s) {
+    const std::size_t before = plain.size();
+    std::map<Index3, int> of_scan;
+    for (std::size_t n = 0; n < scans[s].p.size(); ++n) {
+      const Eigen::Vector3f &p = scans[s].p[n], &q = scans[s].q[scans[s].q.size() == 1 ? 0 : n];
+      const auto [entry, is_new] = plain.try_emplace(voxelOf(p, v));
+      Plain& point = entry->second;
+      if (is_new) point.first = p, point.first_scan = s;
+      const bool least =
+          std::make_tuple(p.x(), p.y(), p.z()) < std::make_tuple(point.first.x(), point.first.y(), point.first.z());
+      if (point.first_scan == s && least) point.first = p;
+      point.sum += p.cast<double>();
+      point.sensor += q.cast<double>();
+      ++point.count;
+      const Eigen::Vector3f u = (q - p).normalized();
+      for (std::size_t d = 0; d < 180; ++d) {
+        if (u.x() * xy[2 * d] + u.y() * xy[2 * d + 1] > 0.25f) point.seen[d] = true;
+      }
+      ++of_scan[entry->first];
+    }
+    const TouchedPoints touched = store.addReturns(scans[s].p, scans[s].q);
+    ASSERT_EQ(touched.new_points, plain.size() - before);
+    ASSERT_EQ(touched.all.size(), of_scan.size());
+    std::size_t n = 0;
+    for (const auto& [voxel, count] : of_scan) ASSERT_EQ(touched.all[n++], store.index().find(voxel));
+  }
+  ASSERT_EQ(store.size(), plain.size());
+  for (const auto& [voxel, point] : plain) {
+    const std::uint32_t id = store.index().find(voxel);
+    ASSERT_NE(id, kNone);
+    ASSERT_EQ(store.first_L(id), point.first);
+    ASSERT_EQ(store.voxelOf(store.first_L(id)), voxel);
+    const auto n = static_cast<double>(point.count);
+    // Sums are kept in 2^-20 voxels and 2^-16 m, half a step each way; the mean is rounded to float32 once.
+    ASSERT_LT((store.pca_L(id).cast<double>() - point.sum / n).cwiseAbs().maxCoeff(), v * 0x1p-21 + 0x1p-24);
+    ASSERT_LT((store.meanSensor_L(id) - point.sensor / n).cwiseAbs().maxCoeff(), 0x1p-17 * 1.0001);
+    std::size_t differing = 0;
+    for (int d = 0; d < 180; ++d)
+      differing += store.seen(id).test(d) != point.seen[static_cast<std::size_t>(d)] ? 1 : 0;
+    ASSERT_EQ(differing, 0u);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(OneSensorOrMany, PointStoreSums, testing::Bool());
+
+TEST(PointStore, OrderInsideAScanDoesNotMatter) {
+  for (const bool viewpoints : {false, true}) {
+    for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+      FieldParams params = pointParams(0.05, 36);
+      params.approach.viewpoints = viewpoints;
+      std::vector<Scan> scans = randomScans(seed, 0.05, seed % 2 == 0);
+      PointStore a(params, directionTable(36)), b(params, directionTable(36));
+      for (Scan& scan : scans) {
+        const TouchedPoints touched = a.addReturns(scan.p, scan.q);
+        std::vector<std::size_t> order(scan.p.size());
+        std::iota(order.begin(), order.end(), std::size_t{0});
+        std::shuffle(order.begin(), order.end(), std::mt19937_64(seed));
+        Scan shuffled;
+        for (const std::size_t n : order) {
+          shuffled.p.push_back(scan.p[n]);
+          if (scan.q.size() > 1) shuffled.q.push_back(scan.q[n]);
+        }
+        if (scan.q.size() == 1) shuffled.q = scan.q;
+        ASSERT_EQ(b.addReturns(shuffled.p, shuffled.q).all, touched.all);
+      }
+      ASSERT_EQ(a.size(), b.size());
+      for (std::uint32_t id = 0; id < a.size(); ++id) {
+        ASSERT_EQ(a.first_L(id), b.first_L(id));
+        ASSERT_EQ(a.pca_L(id), b.pca_L(id));
+        ASSERT_EQ(a.meanSensor_L(id), b.meanSensor_L(id));
+        ASSERT_TRUE(a.seen(id) == b.seen(id));
+      }
+    }
+  }
+}
+
+TEST(PointStore, FirstReturnsWhereMeansAreOff) {
+  FieldParams params = pointParams(1);
+  params.scoring.mean_positions = false;
+  PointStore store(params, directionTable(36));
+  const std::vector<Eigen::Vector3f> q = {{5, 0, 0}};
+  store.addReturns(std::vector<Eigen::Vector3f>{{0.2f, 0.1f, 0}, {0.1f, 0.4f, 0.3f}, {0.1f, 0.4f, -0.3f}}, q);
+  store.addReturns(std::vector<Eigen::Vector3f>{{-0.4f, 0, 0}}, q);  // lesser, but of a later scan
+  ASSERT_EQ(store.size(), 1u);
+  EXPECT_EQ(store.first_L(0), Eigen::Vector3f(0.1f, 0.4f, -0.3f));
+  EXPECT_EQ(store.pca_L(0), store.first_L(0));
+}
+
+/// SPEC a.2: a viewpoint is stored where none lies nearer than 0.10 m, up to eight, and none is ever replaced.
+TEST(PointStore, ViewpointsKeepTheirDistanceAndAreNeverReplaced) {
+  FieldParams params = pointParams(1);
+  params.approach.viewpoints = true;
+  PointStore store(params, directionTable(36));
+  const std::vector<Eigen::Vector3f> p = {{0, 0, 0}};
+  const auto look = [&](float x, float y) {
+    const std::vector<Eigen::Vector3f> q = {{x, y, 0}};
+    store.addReturns(p, q);
+  };
+  look(5, 0);
+  look(5, 0);
+  look(5.09f, 0);
+  look(5, 0.0999f);
+  EXPECT_EQ(store.viewpoints(0).count, 1u);
+  look(5.101f, 0);
+  EXPECT_EQ(store.viewpoints(0).count, 2u);
+  look(5.2f, 0.02f);  // 0.101 m from the second
+  EXPECT_EQ(store.viewpoints(0).count, 3u);
+  const DirectionMask east = store.seen(0);
+  EXPECT_TRUE(east.test(0));
+  EXPECT_FALSE(east.test(18));
+  for (int n = 0; n < 5; ++n) look(6 + static_cast<float>(n), 0);
+  EXPECT_EQ(store.viewpoints(0).count, 8u);
+  look(-5, 0);
+  EXPECT_EQ(store.viewpoints(0).count, 8u);
+  EXPECT_FALSE(store.seen(0).test(18));  // no room for the view from the west any more
+  EXPECT_EQ(store.poses()[store.viewpoints(0).pose[0]], Eigen::Vector3f(5, 0, 0));
+  EXPECT_EQ(store.poses()[store.viewpoints(0).pose[7]], Eigen::Vector3f(10, 0, 0));
+}
+
+}  // namespace
+}  // namespace accessvdb::internal
