@@ -28,7 +28,9 @@ struct ScoreResult {
   std::uint8_t scored = 0;                   ///< 0: the point has no normal
   std::uint8_t skipped = 0;                  ///< admissible directions were skipped: reason and score cover the rest only
   std::uint16_t tests = 0;                   ///< directions tested
-  DirectionMask blocked = {};                ///< directions found blocked
+  DirectionMask arm_blocked = {};            ///< directions found blocked in the corridor
+  DirectionMask tool_blocked = {};           ///< directions found blocked by collisions of the tool
+  std::uint16_t least_blocked = kNoScore;    ///< each of tool_blocked has at least this many collisions
   // The point's stored state after the update (hostdev/point_update.h).
   PointLabel label = PointLabel::Unscored;
   std::uint16_t stored_score = kNoScore;
@@ -66,7 +68,7 @@ ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map
     ++result.tests;
     const ArmResult arm = testArm(map, approach, d, position_L, inverse_voxel_size);
     if (arm.reason != PointReason::None) {
-      result.blocked.set(d);
+      result.arm_blocked.set(d);
       if (best_count == kNoScore && arm.passed > best_passed) {
         best_passed = arm.passed;
         result.reason = arm.reason;
@@ -78,7 +80,10 @@ ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map
     const int bound = best_count < item.known_score ? best_count : item.known_score;
     const int count = tool.use_samples ? countSampleCollisions(map, tool, d, position_L, inverse_voxel_size, bound)
                                        : countVoxelCollisions(map, tool, d, point_ijk, bound);
-    if (count >= tool.collision_limit) result.blocked.set(d);
+    if (count >= tool.collision_limit) {
+      result.tool_blocked.set(d);
+      if (count < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(count);
+    }
     if (count < best_count) {
       best_count = count < kNoScore ? count : kNoScore - 1;
       result.direction = static_cast<std::uint16_t>(d);

@@ -3,20 +3,22 @@
 /// Exact incremental updates. After every update without a backlog, the label of each point, and the best direction and
 /// score of each accessible point, are those of a full evaluation of the current map.
 ///
-/// For each point the scheduler knows directions K that are blocked under the current map. They need no test until
-///   a flip for the better lies on a voxel that the direction reads (then the direction leaves K),
-/// while a flip for the worse matters only to the one best direction of an accessible point. A changed normal or seen set
-/// only changes which directions are admissible: those outside K are tested, the others are known.
+/// For each point the scheduler knows directions that are blocked under the current map, and at which stage. They need no
+/// test until a flip for the better lies on a voxel that this stage reads: a corridor sample that became free for those
+/// blocked in the corridor, a tool voxel that stopped colliding for those blocked by the tool. A flip for the worse matters only to the one best direction of an accessible point. A changed normal or seen set
+/// only changes which directions are admissible: those not known to be blocked are tested.
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <atomic>
+#include <bit>
 #include <chrono>
 #include <cmath>
 #include <vector>
 
 #include "hostdev/direction_filter.h"
 #include "points/flip_set.h"
+#include "points/known_blocked.h"
 #include "points/leaf_footprint.h"
 #include "points/update_scheduler.h"
 
@@ -30,10 +32,13 @@ double millisecondsSince(Clock::time_point start) {
 
 /// What is due at a point. Kept while it waits in the backlog.
 enum Due : std::uint8_t {
-  kScore = 1,           ///< directions outside K have to be tried
+  kScore = 1,           ///< directions not known to be blocked have to be tried
   kForgetBest = 2,      ///< the count of the best direction is not valid any more
-  kForgetBlocked = 4    ///< K is not valid any more
+  kForgetBlocked = 4    ///< nor is what is known to be blocked
 };
+
+/// Memory that the table of directions by offset may take; above it, directions are asked one by one.
+constexpr std::uint64_t kMostOffsetTableBytes = std::uint64_t{256} << 20;
 
 class ExactScheduler final : public UpdateScheduler {
  public:
@@ -41,6 +46,8 @@ class ExactScheduler final : public UpdateScheduler {
       : scorer_(scorer),
         approach_(approach),
         footprint_(tool, approach, scorer.params().tsdf.voxel_size_m),
+        offset_directions_(tool, approach.num_directions, kMostOffsetTableBytes),
+        collision_limit_(tool.collision_limit),
         all_(allDirections(approach.num_directions)) {}
 
   void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
@@ -54,7 +61,7 @@ class ExactScheduler final : public UpdateScheduler {
     UpdateStats stats;
     const auto start = Clock::now();
     scorer_.grow();
-    blocked_.resize(scorer_.points().size(), DirectionMask{});
+    blocked_.resize(scorer_.points().size());
     due_.resize(scorer_.points().size(), 0);
 
     const std::vector<std::uint32_t> crossed = findCrossed();
@@ -80,7 +87,7 @@ class ExactScheduler final : public UpdateScheduler {
   }
 
   std::uint64_t bytes() const override {
-    return blocked_.capacity() * sizeof(DirectionMask) + due_.capacity() + flips_.bytes() +
+    return offset_directions_.bytes() + blocked_.capacity() * sizeof(KnownBlocked) + due_.capacity() + flips_.bytes() +
            (touched_.capacity() + fresh_.capacity() + queue_.capacity()) * sizeof(std::uint32_t);
   }
 
@@ -158,16 +165,31 @@ class ExactScheduler final : public UpdateScheduler {
   void applyFlips() {
     const PointStore& points = scorer_.points();
     const auto& blocks = points.index().blocks();
+    const FreedVoxels freed(flips_);
     std::vector<std::uint8_t> wanted(points.size(), 0);
     tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
-      const bool any_scored = std::any_of(blocks[b].ids.begin(), blocks[b].ids.end(), [&](std::uint32_t id) {
+      const PointBlock& block = blocks[b];
+      const bool any_scored = std::any_of(block.ids.begin(), block.ids.end(), [&](std::uint32_t id) {
         return scorer_.record(id).label != PointLabel::Unscored;
       });
       if (!any_scored) return;
-      const AffectedDirections affected = footprint_.affected(blocks[b].leaf, flips_);
-      if (!any(affected.better) && !any(affected.worse)) return;
-      for (const std::uint32_t id : blocks[b].ids) {
-        if (scorer_.record(id).label != PointLabel::Unscored) wanted[id] = applyFlipsTo(id, affected);
+      const AffectedDirections affected = footprint_.affected(block.leaf, flips_);
+      if (!any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm)) return;
+      thread_local std::vector<Index3> freed_near;
+      freed_near.clear();
+      if (!offset_directions_.empty() && any(affected.better_tool)) {
+        Index3 low, high;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          low[axis] = block.leaf[axis] * 8 + offset_directions_.low()[axis];
+          high[axis] = block.leaf[axis] * 8 + 7 + offset_directions_.high()[axis];
+        }
+        freed.collect(low, high, freed_near);
+      }
+      for (const std::uint32_t id : block.ids) {
+        const PointLabel label = scorer_.record(id).label;
+        if (label == PointLabel::Unscored) continue;
+        const DirectionMask better = release(id, affected, freed_near);
+        wanted[id] = label == PointLabel::Accessible ? dueIfAccessible(id, affected, better) : any(better) ? kScore : 0;
       }
     });
     for (std::uint32_t id = 0; id < wanted.size(); ++id) {
@@ -175,30 +197,46 @@ class ExactScheduler final : public UpdateScheduler {
     }
   }
 
-  std::uint8_t applyFlipsTo(std::uint32_t id, const AffectedDirections& affected) {
+  /// Takes away what flips for the better make uncertain. @return directions that may be better than they were
+  DirectionMask release(std::uint32_t id, const AffectedDirections& affected, std::span<const Index3> freed_near) {
+    const Eigen::Vector3f& position_L = scorer_.points().first_L(id);
+    KnownBlocked& known = blocked_[id];
+    DirectionMask better = {};
+    if (!offset_directions_.empty()) {
+      if (!freed_near.empty()) better = known.release(scorer_.points().voxelOf(position_L), freed_near, offset_directions_);
+    } else {
+      forEachDirection(affected.better_tool, [&](int d) {
+        if (footprint_.toolBetter(position_L, d, flips_)) better.set(d);
+      });
+      known.tool = without(known.tool, better);
+    }
+    // Still blocked in the corridor: the tool does not matter yet.
+    better = without(better, known.arm);
+    forEachDirection(affected.better_arm & known.arm, [&](int d) {
+      if (!footprint_.armBetter(position_L, d, flips_)) return;
+      known.arm.reset(d);
+      if (!known.tool.test(d)) better.set(d);
+    });
+    return better;
+  }
+
+  /// @param better  directions that may be better than they were
+  [[nodiscard]] std::uint8_t dueIfAccessible(std::uint32_t id, const AffectedDirections& affected,
+                                             const DirectionMask& better) const {
     const PointRecord& record = scorer_.record(id);
     const Eigen::Vector3f& position_L = scorer_.points().first_L(id);
-    std::uint8_t wanted = 0;
-    const bool accessible = record.label == PointLabel::Accessible;
-    if (accessible && affected.worse.test(record.direction) && footprint_.readsWorse(position_L, record.direction, flips_)) {
-      wanted |= kScore | kForgetBest;
+    const int best = record.direction;
+    if ((affected.worse_arm.test(best) && footprint_.armWorse(position_L, best, flips_)) ||
+        (affected.worse_tool.test(best) && footprint_.toolWorse(position_L, best, flips_))) {
+      return kScore | kForgetBest;
     }
-    // With collisions left at the best direction, any other may have become better, tested or not.
-    const bool count_matters = accessible && record.score > 0;
-    const DirectionMask suspects = affected.better & (accessible ? record.seen : blocked_[id]);
-    for (int word = 0; word < kernels::kMaxDirectionWords; ++word) {
-      for (std::uint64_t bits = suspects.word[word]; bits != 0; bits &= bits - 1) {
-        const int d = word * 64 + std::countr_zero(bits);
-        if (accessible && !count_matters && !ranksBefore(d, record)) {
-          blocked_[id].reset(d);  // not looked at now, so not known any more
-          continue;
-        }
-        if (!footprint_.readsBetter(position_L, d, flips_)) continue;
-        blocked_[id].reset(d);
-        wanted |= kScore | (count_matters ? kForgetBest : 0);
-      }
-    }
-    return wanted;
+    // With collisions left at the best direction, any other may have become better; else only those tried before it.
+    std::uint8_t due = 0;
+    forEachDirection(better & record.seen, [&](int d) {
+      if (record.score > 0) due = kScore | kForgetBest;
+      if (ranksBefore(d, record)) due |= kScore;
+    });
+    return due;
   }
 
   /// Is d tried before the best direction of the point?
@@ -230,7 +268,7 @@ class ExactScheduler final : public UpdateScheduler {
       if ((due & kForgetBlocked) != 0 || record.label == PointLabel::Unscored || reason_gone) blocked_[id] = {};
       kernels::ScoreItem item;
       item.id = id;
-      item.skip = blocked_[id];
+      item.skip = blocked_[id].arm | blocked_[id].tool;
       item.candidates = all_;
       if (record.label == PointLabel::Accessible && (due & kForgetBest) == 0 && best_admissible) {
         item.known_direction = record.direction;
@@ -241,7 +279,7 @@ class ExactScheduler final : public UpdateScheduler {
     }
     const auto take = [&](const std::vector<kernels::ScoreItem>& asked, const std::vector<kernels::ScoreResult>& results) {
       for (std::size_t n = 0; n < asked.size(); ++n) {
-        blocked_[asked[n].id] = blocked_[asked[n].id] | results[n].blocked;
+        blocked_[asked[n].id].learn(results[n], collision_limit_);
         stats.direction_tests += results[n].tests;
         stats.scored_points += results[n].tests > 0 ? 1 : 0;
       }
@@ -267,12 +305,14 @@ class ExactScheduler final : public UpdateScheduler {
   PointScorer& scorer_;
   kernels::ApproachView approach_;
   LeafFootprint footprint_;
+  OffsetDirections offset_directions_;
+  std::uint16_t collision_limit_;
   DirectionMask all_;
   FlipSet flips_;
   std::vector<std::uint32_t> touched_;      ///< since the last update
   std::vector<std::uint32_t> fresh_;        ///< below the confidence bound
   std::vector<std::uint32_t> queue_;        ///< points with something due, first come first served
-  std::vector<DirectionMask> blocked_;      ///< [K] by id
+  std::vector<KnownBlocked> blocked_;       ///< by id
   std::vector<std::uint8_t> due_;           ///< by id
   std::uint32_t known_points_ = 0;
   bool anything_scored_ = false;

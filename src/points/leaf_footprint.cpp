@@ -13,12 +13,6 @@
 namespace accessvdb::internal {
 namespace {
 
-bool any(const LeafBits& bits) {
-  std::uint64_t all = 0;
-  for (const std::uint64_t word : bits) all |= word;
-  return all != 0;
-}
-
 bool testVoxel(const LeafBits& bits, const Index3& voxel) {
   const std::size_t n = bitInParent(voxel);
   return (bits[n >> 6] >> (n & 63) & 1u) != 0;
@@ -98,67 +92,64 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
 
 AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const FlipSet& flips) const {
   AffectedDirections affected;
-  const auto scan = [&](const Columns& columns, auto better, auto worse) {
+  const auto scan = [&](const Columns& columns, FlipKind better_kind, FlipKind worse_kind, DirectionMask& better,
+                        DirectionMask& worse) {
     for (const Column& column : columns) {
+      std::uint8_t kinds = 0;
       for (std::int32_t z = column.z_low; z <= column.z_high; ++z) {
-        const LeafChange* change =
-            flips.find({block_leaf[0] + column.dx, block_leaf[1] + column.dy, block_leaf[2] + z});
-        if (change == nullptr) continue;
-        if (any(change->*better)) affected.better = affected.better | column.directions;
-        if (any(change->*worse)) affected.worse = affected.worse | column.directions;
+        kinds |= flips.kindsIn({block_leaf[0] + column.dx, block_leaf[1] + column.dy, block_leaf[2] + z});
       }
+      if ((kinds >> static_cast<int>(better_kind) & 1) != 0) better = better | column.directions;
+      if ((kinds >> static_cast<int>(worse_kind) & 1) != 0) worse = worse | column.directions;
     }
   };
-  scan(tool_columns_, &LeafChange::collides_off, &LeafChange::collides_on);
-  scan(arm_columns_, &LeafChange::arm_free_on, &LeafChange::arm_free_off);
+  scan(tool_columns_, FlipKind::CollidesOff, FlipKind::CollidesOn, affected.better_tool, affected.worse_tool);
+  scan(arm_columns_, FlipKind::ArmFreeOn, FlipKind::ArmFreeOff, affected.better_arm, affected.worse_arm);
   return affected;
 }
 
-template <typename Pick>
-bool LeafFootprint::armReads(const Eigen::Vector3f& p, int d, const FlipSet& flips, const Pick& pick) const {
+bool LeafFootprint::armReads(const Eigen::Vector3f& p, int d, const FlipSet& flips, FlipKind kind) const {
   const float* offset = approach_.arm_offsets + 3 * static_cast<std::ptrdiff_t>(d) * approach_.num_arm;
   for (int n = 0; n < approach_.num_arm; ++n, offset += 3) {
     const auto ijk = kernels::voxelOf(p.x() + offset[0], p.y() + offset[1], p.z() + offset[2], inverse_voxel_size_);
     const Index3 voxel = {ijk[0], ijk[1], ijk[2]};
-    const LeafChange* change = flips.find(parentOf(voxel));
-    if (change != nullptr && testVoxel(pick(*change), voxel)) return true;
+    const LeafBits* bits = flips.find(parentOf(voxel), kind);
+    if (bits != nullptr && testVoxel(*bits, voxel)) return true;
   }
   return false;
 }
 
-template <typename Pick>
-bool LeafFootprint::toolReads(const Eigen::Vector3f& p, int d, const FlipSet& flips, const Pick& pick) const {
+bool LeafFootprint::toolReads(const Eigen::Vector3f& p, int d, const FlipSet& flips, FlipKind kind) const {
   if (tool_.use_samples) {
     for (std::uint32_t n = tool_.sample_begin[d]; n < tool_.sample_begin[d + 1]; ++n) {
       const float* t = tool_.samples + 3 * static_cast<std::size_t>(n);
       const auto ijk = kernels::voxelOf(p.x() + t[0], p.y() + t[1], p.z() + t[2], inverse_voxel_size_);
       const Index3 voxel = {ijk[0], ijk[1], ijk[2]};
-      const LeafChange* change = flips.find(parentOf(voxel));
-      if (change != nullptr && testVoxel(pick(*change), voxel)) return true;
+      const LeafBits* bits = flips.find(parentOf(voxel), kind);
+      if (bits != nullptr && testVoxel(*bits, voxel)) return true;
     }
     return false;
   }
   const auto s = kernels::voxelOf(p.x(), p.y(), p.z(), inverse_voxel_size_);
   Index3 last_leaf = {};
-  const LeafChange* last = nullptr;
+  const LeafBits* last = nullptr;
   bool cached = false;
   for (std::uint32_t n = tool_.column_begin[d]; n < tool_.column_begin[d + 1]; ++n) {
     const kernels::VoxelColumn& c = tool_.columns[n];
     const std::int32_t z0 = s[2] + c.dz;
     for (std::uint64_t bits = c.bits; bits != 0;) {
       // One leaf row at a time.
-      const int first = std::countr_zero(bits);
-      const Index3 voxel = {s[0] + c.dx, s[1] + c.dy, z0 + first};
+      const Index3 voxel = {s[0] + c.dx, s[1] + c.dy, z0 + std::countr_zero(bits)};
       const Index3 leaf = parentOf(voxel);
       if (!cached || leaf != last_leaf) {
-        last = flips.find(leaf);
+        last = flips.find(leaf, kind);
         last_leaf = leaf;
         cached = true;
       }
       const int row_start = leaf[2] * 8 - z0;  // bit of the column at the leaf's lowest voxel; may be negative
-      const std::uint64_t row = row_start >= 0 ? bits >> row_start : bits << -row_start;
       if (last != nullptr) {
-        const std::uint64_t flipped = pick(*last)[static_cast<std::size_t>(voxel[0] & 7)] >> ((voxel[1] & 7) * 8);
+        const std::uint64_t row = row_start >= 0 ? bits >> row_start : bits << -row_start;
+        const std::uint64_t flipped = (*last)[static_cast<std::size_t>(voxel[0] & 7)] >> ((voxel[1] & 7) * 8);
         if ((flipped & row & 0xffu) != 0) return true;
       }
       const int next = row_start + 8;
@@ -168,14 +159,17 @@ bool LeafFootprint::toolReads(const Eigen::Vector3f& p, int d, const FlipSet& fl
   return false;
 }
 
-bool LeafFootprint::readsBetter(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
-  return armReads(p, d, flips, [](const LeafChange& c) -> const LeafBits& { return c.arm_free_on; }) ||
-         toolReads(p, d, flips, [](const LeafChange& c) -> const LeafBits& { return c.collides_off; });
+bool LeafFootprint::toolBetter(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
+  return toolReads(p, d, flips, FlipKind::CollidesOff);
 }
-
-bool LeafFootprint::readsWorse(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
-  return armReads(p, d, flips, [](const LeafChange& c) -> const LeafBits& { return c.arm_free_off; }) ||
-         toolReads(p, d, flips, [](const LeafChange& c) -> const LeafBits& { return c.collides_on; });
+bool LeafFootprint::toolWorse(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
+  return toolReads(p, d, flips, FlipKind::CollidesOn);
+}
+bool LeafFootprint::armBetter(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
+  return armReads(p, d, flips, FlipKind::ArmFreeOn);
+}
+bool LeafFootprint::armWorse(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
+  return armReads(p, d, flips, FlipKind::ArmFreeOff);
 }
 
 }  // namespace accessvdb::internal

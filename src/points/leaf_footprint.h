@@ -3,6 +3,7 @@
 /// Which leaves around a point each direction reads: the exact filter in front of re-testing.
 #pragma once
 
+#include <bit>
 #include <span>
 #include <vector>
 
@@ -12,11 +13,22 @@
 
 namespace accessvdb::internal {
 
-/// Directions of a block of points that may be affected by flips, at leaf resolution.
+/// Directions of a block of points that may be affected by flips, at leaf resolution. "Better": a fact that can only
+/// help flipped in a leaf that the direction reads; "worse": one that can only hurt.
 struct AffectedDirections {
-  DirectionMask better = {};  ///< a flip that can only help lies in a leaf that the direction reads
-  DirectionMask worse = {};   ///< a flip that can only hurt
+  DirectionMask better_tool = {}, better_arm = {};
+  DirectionMask worse_tool = {}, worse_arm = {};
 };
+
+/// Calls visit(d) for each direction of a set.
+template <typename Visit>
+void forEachDirection(const DirectionMask& directions, const Visit& visit) {
+  for (int word = 0; word < kernels::kMaxDirectionWords; ++word) {
+    for (std::uint64_t bits = directions.word[word]; bits != 0; bits &= bits - 1) {
+      visit(word * 64 + std::countr_zero(bits));
+    }
+  }
+}
 
 class LeafFootprint {
  public:
@@ -26,9 +38,11 @@ class LeafFootprint {
   /// For all points of a block, wherever in it they lie. Conservative.
   [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const FlipSet& flips) const;
 
-  /// Voxel-exact: does direction d, tried from this point, read a voxel whose fact flipped for the better / worse?
-  [[nodiscard]] bool readsBetter(const Eigen::Vector3f& position_L, int d, const FlipSet& flips) const;
-  [[nodiscard]] bool readsWorse(const Eigen::Vector3f& position_L, int d, const FlipSet& flips) const;
+  /// Voxel-exact: does direction d, tried from this point, read a voxel with such a flip?
+  [[nodiscard]] bool toolBetter(const Eigen::Vector3f& position_L, int d, const FlipSet& flips) const;
+  [[nodiscard]] bool toolWorse(const Eigen::Vector3f& position_L, int d, const FlipSet& flips) const;
+  [[nodiscard]] bool armBetter(const Eigen::Vector3f& position_L, int d, const FlipSet& flips) const;
+  [[nodiscard]] bool armWorse(const Eigen::Vector3f& position_L, int d, const FlipSet& flips) const;
 
  private:
   /// Leaves at one horizontal offset from the point's leaf.
@@ -37,10 +51,8 @@ class LeafFootprint {
     DirectionMask directions;
   };
   using Columns = std::vector<Column>;
-  template <typename Pick>
-  [[nodiscard]] bool toolReads(const Eigen::Vector3f& position_L, int d, const FlipSet& flips, const Pick& pick) const;
-  template <typename Pick>
-  [[nodiscard]] bool armReads(const Eigen::Vector3f& position_L, int d, const FlipSet& flips, const Pick& pick) const;
+  [[nodiscard]] bool toolReads(const Eigen::Vector3f& position_L, int d, const FlipSet& flips, FlipKind kind) const;
+  [[nodiscard]] bool armReads(const Eigen::Vector3f& position_L, int d, const FlipSet& flips, FlipKind kind) const;
 
   kernels::ToolKernelView tool_;
   kernels::ApproachView approach_;

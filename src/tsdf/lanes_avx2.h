@@ -7,6 +7,7 @@ struct Floats {
 struct Ints {
   __m256i a, b;
 };
+using Mask = std::uint32_t;
 
 inline Floats all(float value) { return {_mm256_set1_ps(value), _mm256_set1_ps(value)}; }
 inline Ints allInts(std::int32_t value) { return {_mm256_set1_epi32(value), _mm256_set1_epi32(value)}; }
@@ -33,12 +34,14 @@ inline Floats absolute(Floats x) {
 inline std::uint32_t bitsOf(__m256 a, __m256 b) {
   return static_cast<std::uint32_t>(_mm256_movemask_ps(a)) | static_cast<std::uint32_t>(_mm256_movemask_ps(b)) << 8;
 }
-inline std::uint32_t greater(Floats x, Floats y) {
+inline Mask greater(Floats x, Floats y) {
   return bitsOf(_mm256_cmp_ps(x.a, y.a, _CMP_GT_OQ), _mm256_cmp_ps(x.b, y.b, _CMP_GT_OQ));
 }
-inline std::uint32_t atMost(Floats x, Floats y) {
+inline Mask atMost(Floats x, Floats y) {
   return bitsOf(_mm256_cmp_ps(x.a, y.a, _CMP_LE_OQ), _mm256_cmp_ps(x.b, y.b, _CMP_LE_OQ));
 }
+inline Mask either(Mask a, Mask b) { return a | b; }
+inline Mask both(Mask a, Mask b) { return a & b; }
 inline Ints truncate(Floats x) { return {_mm256_cvttps_epi32(x.a), _mm256_cvttps_epi32(x.b)}; }
 inline Ints addInts(Ints x, Ints y) { return {_mm256_add_epi32(x.a, y.a), _mm256_add_epi32(x.b, y.b)}; }
 inline Ints leastInts(Ints x, Ints y) { return {_mm256_min_epi32(x.a, y.a), _mm256_min_epi32(x.b, y.b)}; }
@@ -51,7 +54,7 @@ inline Ints shiftLeft(Ints x, unsigned n) {
 inline Ints shiftRight(Ints x, unsigned n) {
   return {_mm256_srli_epi32(x.a, static_cast<int>(n)), _mm256_srli_epi32(x.b, static_cast<int>(n))};
 }
-inline std::uint32_t lessInts(Ints x, Ints y) {
+inline Mask lessInts(Ints x, Ints y) {
   return bitsOf(_mm256_castsi256_ps(_mm256_cmpgt_epi32(y.a, x.a)), _mm256_castsi256_ps(_mm256_cmpgt_epi32(y.b, x.b)));
 }
 inline __m256i lanesOf(std::uint32_t bits) {

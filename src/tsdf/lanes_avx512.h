@@ -3,6 +3,7 @@
 // Sixteen lanes in one register. Included inside a namespace by leaf_kernels.cpp, hence no include guard.
 using Floats = __m512;
 using Ints = __m512i;
+using Mask = __mmask16;
 
 inline Floats all(float value) { return _mm512_set1_ps(value); }
 inline Ints allInts(std::int32_t value) { return _mm512_set1_epi32(value); }
@@ -17,8 +18,10 @@ inline Floats squareRoot(Floats a) { return _mm512_sqrt_ps(a); }
 inline Floats least(Floats a, Floats b) { return _mm512_min_ps(a, b); }
 inline Floats most(Floats a, Floats b) { return _mm512_max_ps(a, b); }
 inline Floats absolute(Floats a) { return _mm512_abs_ps(a); }
-inline std::uint32_t greater(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
-inline std::uint32_t atMost(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
+inline Mask greater(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
+inline Mask atMost(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
+inline Mask either(Mask a, Mask b) { return _kor_mask16(a, b); }
+inline Mask both(Mask a, Mask b) { return _kand_mask16(a, b); }
 inline Ints truncate(Floats a) { return _mm512_cvttps_epi32(a); }
 inline Ints addInts(Ints a, Ints b) { return _mm512_add_epi32(a, b); }
 inline Ints leastInts(Ints a, Ints b) { return _mm512_min_epi32(a, b); }
@@ -27,7 +30,7 @@ inline Ints bitAnd(Ints a, Ints b) { return _mm512_and_si512(a, b); }
 inline Ints bitOr(Ints a, Ints b) { return _mm512_or_si512(a, b); }
 inline Ints shiftLeft(Ints a, unsigned n) { return _mm512_slli_epi32(a, n); }
 inline Ints shiftRight(Ints a, unsigned n) { return _mm512_srli_epi32(a, n); }
-inline std::uint32_t lessInts(Ints a, Ints b) { return _mm512_cmplt_epi32_mask(a, b); }
+inline Mask lessInts(Ints a, Ints b) { return _mm512_cmplt_epi32_mask(a, b); }
 inline Ints choose(std::uint32_t mask, Ints yes, Ints no) {
   return _mm512_mask_blend_epi32(static_cast<__mmask16>(mask), no, yes);
 }

@@ -8,6 +8,7 @@ struct Floats {
 struct Ints {
   std::int32_t v[16];
 };
+using Mask = std::uint32_t;
 
 inline Floats all(float value) {
   Floats r;
@@ -64,21 +65,23 @@ inline Floats absolute(const Floats& a) {
   for (int n = 0; n < 16; ++n) r.v[n] = std::fabs(a.v[n]);
   return r;
 }
-inline std::uint32_t greater(const Floats& a, const Floats& b) {
+inline Mask greater(const Floats& a, const Floats& b) {
   std::uint32_t bits = 0;
   for (unsigned n = 0; n < 16; ++n) bits |= (a.v[n] > b.v[n] ? 1u : 0u) << n;
   return bits;
 }
-inline std::uint32_t atMost(const Floats& a, const Floats& b) {
+inline Mask atMost(const Floats& a, const Floats& b) {
   std::uint32_t bits = 0;
   for (unsigned n = 0; n < 16; ++n) bits |= (a.v[n] <= b.v[n] ? 1u : 0u) << n;
   return bits;
 }
-inline std::uint32_t lessInts(const Ints& a, const Ints& b) {
+inline Mask lessInts(const Ints& a, const Ints& b) {
   std::uint32_t bits = 0;
   for (unsigned n = 0; n < 16; ++n) bits |= (a.v[n] < b.v[n] ? 1u : 0u) << n;
   return bits;
 }
+inline Mask either(Mask a, Mask b) { return a | b; }
+inline Mask both(Mask a, Mask b) { return a & b; }
 inline Ints truncate(const Floats& a) {
   Ints r;
   for (int n = 0; n < 16; ++n) r.v[n] = static_cast<std::int32_t>(a.v[n]);

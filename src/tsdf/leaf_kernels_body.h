@@ -9,7 +9,7 @@ alignas(64) constexpr float kLaneY[16] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1,
 /// Parts of s and |e|^2 that depend on y and z only, for the four pairs of rows of a slab.
 struct Slab {
   Floats s[4], e2[4];
-  std::uint32_t in_cube[4];
+  Mask in_cube[4];
 };
 
 /// Slabs inside the region's box, first and last. Rows are not cut: a loop of fixed length costs less than it saves.
@@ -31,13 +31,13 @@ inline Reach reachOf(const ReturnInLeaf& ray) {
 inline void setSlab(const ReturnInLeaf& ray, float tau, Slab& slab) {
   const Floats ez = sub(add(all(ray.leaf[2]), loadFloats(kLaneZ)), all(ray.offset[2]));
   const Floats sz = mul(ez, all(ray.to_sensor[2])), ez2 = mul(ez, ez);
-  const std::uint32_t in_z = atMost(absolute(ez), all(tau));
+  const Mask in_z = atMost(absolute(ez), all(tau));
   for (int pair = 0; pair < 4; ++pair) {
     const Floats y = add(all(static_cast<float>(2 * pair)), loadFloats(kLaneY));
     const Floats ey = sub(add(all(ray.leaf[1]), y), all(ray.offset[1]));
     slab.s[pair] = add(mul(ey, all(ray.to_sensor[1])), sz);
     slab.e2[pair] = add(mul(ey, ey), ez2);
-    slab.in_cube[pair] = in_z & atMost(absolute(ey), all(tau));
+    slab.in_cube[pair] = both(in_z, atMost(absolute(ey), all(tau)));
   }
 }
 
@@ -70,9 +70,9 @@ inline std::uint32_t addDoubleCone(const ReturnInLeaf& ray, const KernelConstant
     const Floats sx = all(ex * ray.to_sensor[0]), ex2 = all(ex * ex);
     for (int y = 0; y < 4; ++y) {
       const Floats s = add(sx, slab.s[y]), e2 = add(ex2, slab.e2[y]);
-      const std::uint32_t in_cone = greater(mul(s, s), mul(cos2, e2)) | atMost(e2, one);
+      const Mask in_cone = either(greater(mul(s, s), mul(cos2, e2)), atMost(e2, one));
       const int pair = 4 * x + y;
-      inside[pair] = in_cone & slab.in_cube[y];
+      inside[pair] = both(in_cone, slab.in_cube[y]);
       touched |= (inside[pair] != 0 ? 1u : 0u) << pair;
     }
   }
@@ -126,7 +126,7 @@ inline std::uint32_t markBand(const ReturnInLeaf& ray, const KernelConstants& c,
     std::uint64_t word = 0;
     for (int y = 0; y < 4; ++y) {
       const Floats s = add(sx, slab.s[y]), e2 = add(ex2, slab.e2[y]);
-      const std::uint32_t inside = greater(s, begin) & atMost(s, end) & atMost(sub(e2, mul(s, s)), radius2);
+      const std::uint32_t inside = both(both(greater(s, begin), atMost(s, end)), atMost(sub(e2, mul(s, s)), radius2));
       word |= static_cast<std::uint64_t>(inside) << (16 * y);
     }
     passed[static_cast<std::size_t>(x)] |= word;

@@ -11,7 +11,7 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::size_t kReturnsPerChunk = 512;
+constexpr std::size_t kReturnsPerChunk = 1024;
 constexpr std::int64_t kKeyBias = 1 << 20;
 
 std::uint64_t mix(std::uint64_t key) {

@@ -124,15 +124,15 @@ TEST(CountSampleCollisions, EqualsALoopAndStops) {
   for (int n = 0; n < 4000; ++n) map.collide({below(random, 20) - 10, below(random, 20) - 10, below(random, 20) - 10});
   const auto reader = map.reader();
   std::vector<float> samples;
-  for (int n = 0; n < 300; ++n) samples.push_back(static_cast<float>(uniform(random, -0.5, 0.5)));
+  for (int n = 0; n < 300; ++n) samples.push_back(static_cast<float>(between(random, -0.5, 0.5)));
   const std::uint32_t begin[3] = {0, 30, 100};
   kernels::ToolKernelView tool;
   tool.samples = samples.data();
   tool.sample_begin = begin;
   tool.use_samples = true;
   for (int n = 0; n < 500; ++n) {
-    const float p[3] = {static_cast<float>(uniform(random, -0.5, 0.5)), static_cast<float>(uniform(random, -0.5, 0.5)),
-                        static_cast<float>(uniform(random, -0.5, 0.5))};
+    const float p[3] = {static_cast<float>(between(random, -0.5, 0.5)), static_cast<float>(between(random, -0.5, 0.5)),
+                        static_cast<float>(between(random, -0.5, 0.5))};
     int expected = 0;
     for (std::size_t s = 30; s < 100; ++s) {
       const auto ijk = kernels::voxelOf(p[0] + samples[3 * s], p[1] + samples[3 * s + 1], p[2] + samples[3 * s + 2],

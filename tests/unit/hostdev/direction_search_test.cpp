@@ -49,8 +49,8 @@ struct Scene {
     }
     seen[0] = below(random, 2) == 0 ? random() | random() : random() & random() & random();
     if (below(random, 10) == 0) seen[0] = 0;
-    for (float& x : position) x = static_cast<float>(uniform(random, -2, 2));
-    const double yaw = uniform(random, 0, 6.3), lean = uniform(random, -1.4, 1.4);
+    for (float& x : position) x = static_cast<float>(between(random, -2, 2));
+    const double yaw = between(random, 0, 6.3), lean = between(random, -1.4, 1.4);
     normal[0] = static_cast<float>(std::cos(yaw) * std::cos(lean));
     normal[1] = static_cast<float>(std::sin(yaw) * std::cos(lean));
     normal[2] = static_cast<float>(std::sin(lean));
@@ -116,7 +116,7 @@ std::vector<Tried> tryAll(const Scene& scene) {
 TEST(SearchDirections, EqualsTryingEverything) {
   std::mt19937_64 random(11);
   std::array<int, kNumPointReasons> reasons = {};
-  for (int n = 0; n < 900; ++n) {
+  for (int n = 0; n < 600; ++n) {
     Scene scene(random);
     const kernels::ScoreResult result = scene.search();
     const std::vector<Tried> tried = tryAll(scene);
@@ -135,10 +135,14 @@ TEST(SearchDirections, EqualsTryingEverything) {
     // What is called blocked is blocked; a point without access has tried all of them.
     std::size_t blocked = 0, admissible = 0;
     for (const Tried& t : tried) {
-      blocked += result.blocked.test(t.d) ? 1 : 0;
+      const bool of_arm = result.arm_blocked.test(t.d), of_tool = result.tool_blocked.test(t.d);
+      blocked += of_arm || of_tool ? 1 : 0;
       admissible += t.stage > 0 ? 1 : 0;
-      if (result.blocked.test(t.d)) {
-        ASSERT_NE(t.reason, PointReason::None) << t.d;
+      if (of_arm) {
+        ASSERT_EQ(t.stage, 1) << t.d;
+      }
+      if (of_tool) {
+        ASSERT_EQ(t.reason, PointReason::Tool) << t.d;
       }
     }
     if (result.reason != PointReason::None) {
@@ -157,7 +161,7 @@ TEST(SearchDirections, EqualsTryingEverything) {
 TEST(SearchDirections, KnownDirectionsNeedNoTest) {
   std::mt19937_64 random(13);
   int accessible = 0, blocked = 0, fewer_tests = 0;
-  for (int n = 0; n < 900; ++n) {
+  for (int n = 0; n < 600; ++n) {
     Scene scene(random);
     const kernels::ScoreResult full = scene.search();
     kernels::ScoreItem item;
@@ -186,8 +190,9 @@ TEST(SearchDirections, KnownDirectionsNeedNoTest) {
       bool any_skipped = false;
       for (int d = 0; d < kDirections; ++d) {
         if (!item.skip.test(d)) continue;
-        any_skipped = any_skipped || full.blocked.test(d);
-        ASSERT_FALSE(partial.blocked.test(d)) << "not tested, so nothing new was found";
+        any_skipped = any_skipped || full.arm_blocked.test(d) || full.tool_blocked.test(d);
+        ASSERT_FALSE(partial.arm_blocked.test(d) || partial.tool_blocked.test(d))
+            << "not tested, so nothing new was found";
       }
       ASSERT_EQ(partial.skipped != 0, any_skipped);
       ++blocked;

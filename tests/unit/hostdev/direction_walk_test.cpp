@@ -55,8 +55,8 @@ TEST_P(DirectionWalkOrder, EqualsAFullSort) {
     approach.view.direction_xy = n % 2 == 0 ? approach.xy.data() : symmetric.data();
     // Every fourth normal lies exactly at a direction or exactly between two; some lean, up to out of every cone.
     const double yaw =
-        n % 4 == 0 ? 3.141592653589793 * below(random, 2 * num_directions) / num_directions : uniform(random, 0, 6.3);
-    const double lean = n % 3 == 0 ? 0 : uniform(random, -1.5, 1.5);
+        n % 4 == 0 ? 3.141592653589793 * below(random, 2 * num_directions) / num_directions : between(random, 0, 6.3);
+    const double lean = n % 3 == 0 ? 0 : between(random, -1.5, 1.5);
     Eigen::Vector3f normal(static_cast<float>(std::cos(yaw) * std::cos(lean)),
                            static_cast<float>(std::sin(yaw) * std::cos(lean)), static_cast<float>(std::sin(lean)));
     if (n % 8 == 4) normal = {n % 16 == 4 ? 1.0f : -1.0f, 0, 0};
@@ -82,8 +82,8 @@ INSTANTIATE_TEST_SUITE_P(Counts, DirectionWalkOrder, testing::Values(4, 5, 17, 3
 TEST(DirectionWalk, ConesOfAllWidths) {
   std::mt19937_64 random(3);
   for (int n = 0; n < 500; ++n) {
-    const ApproachFixture approach(4 + below(random, 253), {}, uniform(random, 0.01, 1.5707963));
-    const double yaw = uniform(random, 0, 6.3);
+    const ApproachFixture approach(4 + below(random, 253), {}, between(random, 0.01, 1.5707963));
+    const double yaw = between(random, 0, 6.3);
     const float normal[3] = {static_cast<float>(std::cos(yaw)), static_cast<float>(std::sin(yaw)), 0};
     ASSERT_EQ(walked(approach.view, normal), sorted(approach.view, normal));
   }

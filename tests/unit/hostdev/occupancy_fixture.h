@@ -126,7 +126,7 @@ inline kernels::VoxelColumn column(int dx, int dy, int dz, std::uint64_t bits) {
   return {static_cast<std::int16_t>(dx), static_cast<std::int16_t>(dy), static_cast<std::int16_t>(dz), 0, bits};
 }
 
-inline double uniform(std::mt19937_64& random, double low, double high) {
+inline double between(std::mt19937_64& random, double low, double high) {
   return low + (high - low) * static_cast<double>(random() >> 11) * 0x1.0p-53;
 }
 inline int below(std::mt19937_64& random, int n) { return static_cast<int>(random() % static_cast<std::uint64_t>(n)); }

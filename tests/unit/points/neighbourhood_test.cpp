@@ -150,7 +150,7 @@ TEST(Neighbourhood, SmallVoxelsLargeRadius) {
   Random random(4);
   const FieldParams params = pointParams(0.001);
   std::vector<Eigen::Vector3f> p;
-  for (int n = 0; n < 900; ++n) p.push_back(random.point(0.22));
+  for (int n = 0; n < 350; ++n) p.push_back(random.point(0.26));
   const PointStore store = storeOf(params, p, random);
   const Counts counts = expectEqualToBruteForce(store, params, 1);
   EXPECT_GT(counts.full, 100u);

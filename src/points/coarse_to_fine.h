@@ -1,0 +1,30 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which directions the paper tries at a point: every 20 degrees, and a window around what worked next door (SPEC a.6).
+#pragma once
+
+#include "points/point_scorer.h"
+
+namespace accessvdb::internal {
+
+class CoarseToFine {
+ public:
+  /// @param collision_limit  [n_c] a point is resolved when its best score is below
+  CoarseToFine(const PointScorer& scorer, int num_directions, std::uint16_t collision_limit);
+
+  /// Directions to try at a point: all of them unless ApproachParams::coarse_to_fine. Reads the stored best directions,
+  /// so within one batch no point sees what the others of the batch are about to find.
+  [[nodiscard]] DirectionMask candidates(std::uint32_t id) const;
+
+ private:
+  /// Best direction of the nearest other resolved point within 0.3 m, ties by lower id; kNoDirection without one.
+  [[nodiscard]] std::uint16_t directionOfNearestResolved(std::uint32_t id) const;
+
+  const PointScorer& scorer_;
+  int num_directions_;
+  int window_;  ///< half width in directions
+  std::uint16_t collision_limit_;
+  DirectionMask coarse_ = {};
+};
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,167 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Integration speed: frames of 20 000 returns on a walk past trees, and the cone kernel by itself.
+///
+/// Frame/<voxel mm>/<threads>: whole frames (cone, band, binning, new leaves) with tau = 0.1 m. ConeKernel: the inner
+/// loop alone, on the (return, leaf) pairs of one frame.
+#include <benchmark/benchmark.h>
+#include <sys/resource.h>
+#include <tbb/global_control.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <vector>
+
+#include "sample_scans/walk_generator.h"
+#include "tsdf/scan_integrator.h"
+
+namespace {
+
+using accessvdb::internal::IntegrationResult;
+using accessvdb::internal::PackedMap;
+using accessvdb::internal::ScanIntegrator;
+
+constexpr std::size_t kReturnsPerFrame = 20000;
+constexpr int kFrames = 20;
+
+struct Frame {
+  std::vector<Eigen::Vector3f> p_L;
+  Eigen::Vector3f q_L;
+};
+
+/// The sensor walks 0.1 m a frame; a third of the rays meets nothing, so more are cast.
+const std::vector<Frame>& frames() {
+  static const std::vector<Frame> made = [] {
+    accessvdb::samples::WalkOptions options;
+    options.frames = kFrames;
+    options.rays_per_frame = 32000;
+    options.range_noise_m = 0.02;
+    const accessvdb::samples::WalkGenerator walk(options);
+    std::vector<Frame> list;
+    for (int n = 0; n < walk.frames(); ++n) {
+      const accessvdb::samples::WalkFrame scan = walk.frame(n);
+      Frame& frame = list.emplace_back();
+      frame.q_L = scan.T_W_S.translation().cast<float>();
+      for (const Eigen::Vector3f& p_S : scan.points_S) {
+        if (p_S.isZero(0) || frame.p_L.size() == kReturnsPerFrame) continue;
+        frame.p_L.push_back((scan.T_W_S * p_S.cast<double>()).cast<float>());
+      }
+    }
+    return list;
+  }();
+  return made;
+}
+
+double userSeconds() {
+  rusage usage = {};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<double>(usage.ru_utime.tv_sec) + 1e-6 * static_cast<double>(usage.ru_utime.tv_usec);
+}
+
+accessvdb::TsdfParams paramsOf(double voxel_size_m) {
+  accessvdb::TsdfParams params;
+  params.voxel_size_m = voxel_size_m;
+  params.truncation_distance_m = 0.1;
+  return params;
+}
+
+/// One iteration is one frame; after the last frame of the walk a fresh map begins, outside of the clock.
+void frame(benchmark::State& state) {
+  const double v = 1e-3 * static_cast<double>(state.range(0));
+  const tbb::global_control control(tbb::global_control::max_allowed_parallelism,
+                                    static_cast<std::size_t>(state.range(1)));
+  const std::vector<Frame>& walk = frames();
+  std::unique_ptr<PackedMap> map;
+  std::unique_ptr<ScanIntegrator> integrator;
+  std::size_t next = walk.size();
+  double updates = 0, passes = 0, leaves = 0, new_leaves = 0, count = 0, user_s = 0;
+  for (auto _ : state) {
+    if (next == walk.size()) {
+      state.PauseTiming();
+      integrator.reset();
+      map = std::make_unique<PackedMap>(paramsOf(v));
+      map->setCollisionDistance(static_cast<float>(0.5 * v));
+      integrator = std::make_unique<ScanIntegrator>(*map);
+      next = 0;
+      state.ResumeTiming();
+    }
+    const Frame& scan = walk[next++];
+    const double begin_s = userSeconds();
+    const IntegrationResult result = integrator->integrate(scan.p_L, {&scan.q_L, 1});
+    user_s += userSeconds() - begin_s;
+    updates += static_cast<double>(result.counts.distance_updates);
+    passes += static_cast<double>(result.counts.cleared_updates);
+    leaves += static_cast<double>(result.touched_leaves);
+    new_leaves += static_cast<double>(result.new_leaves);
+    count += 1;
+  }
+  state.counters["cone_updates_per_s"] = benchmark::Counter(updates, benchmark::Counter::kIsRate);
+  state.counters["cone_per_frame"] = updates / count;
+  state.counters["band_per_frame"] = passes / count;
+  state.counters["leaves"] = leaves / count;
+  state.counters["new_leaves"] = new_leaves / count;
+  state.counters["user_ms"] = 1e3 * user_s / count;
+}
+BENCHMARK(frame)
+    ->Name("Frame")
+    ->ArgNames({"mm", "threads"})
+    ->Args({10, 1})
+    ->Args({10, 2})
+    ->Args({20, 1})
+    ->Args({20, 2})
+    ->Iterations(2 * kFrames)
+    ->UseRealTime()
+    ->Unit(benchmark::kMillisecond);
+
+/// The inner loop on the leaves around each return of a frame; range(0) picks the instruction set, best first.
+void coneKernel(benchmark::State& state) {
+  const auto list = accessvdb::internal::runnableLeafKernels();
+  if (state.range(0) >= list.count) {
+    state.SkipWithError("not on this machine");
+    return;
+  }
+  const auto& kernels = *list.kernels[static_cast<std::size_t>(state.range(0))];
+  state.SetLabel(kernels.name);
+  accessvdb::internal::KernelConstants constants = {};
+  constants.tau = 10;
+  constants.cone_cos_squared = 0.95f * 0.95f;
+  constants.clamp_high = 10;
+  constants.sample_scale = 65535.0f / 10;
+  std::vector<accessvdb::internal::ReturnInLeaf> rays;
+  const Frame& scan = frames().front();
+  accessvdb::internal::LeafSums sums;
+  for (const Eigen::Vector3f& p_L : scan.p_L) {
+    const Eigen::Vector3f p = p_L / 0.01f, e = scan.q_L / 0.01f - p, u = e.normalized();
+    accessvdb::internal::ReturnInLeaf ray;
+    for (int a = 0; a < 3; ++a) {
+      const float base = std::floor(p[a] + 0.5f);
+      ray.offset[static_cast<std::size_t>(a)] = p[a] - base;
+      ray.to_sensor[static_cast<std::size_t>(a)] = u[a];
+    }
+    ray.range = e.norm();
+    ray.box_x = {-10, 10};
+    for (int n = 0; n < 64; ++n) {  // 4x4x4 leaves around the return
+      for (int a = 0; a < 3; ++a) {
+        const int base = static_cast<int>(std::floor(p[a] + 0.5f));
+        ray.leaf[static_cast<std::size_t>(a)] = static_cast<float>(((base >> 3) - 2 + (n >> (2 * a) & 3)) * 8 - base);
+      }
+      if (kernels.add_double_cone(ray, constants, sums) != 0) rays.push_back(ray);
+    }
+  }
+  sums.samples.fill(0);
+  for (const auto& ray : rays) kernels.add_double_cone(ray, constants, sums);
+  double updates_a_round = 0;
+  for (const std::uint32_t samples : sums.samples) updates_a_round += samples;
+  for (auto _ : state) {
+    for (const auto& ray : rays) benchmark::DoNotOptimize(kernels.add_double_cone(ray, constants, sums));
+  }
+  state.counters["pairs"] = static_cast<double>(rays.size());
+  state.counters["cone_updates_per_s"] =
+      benchmark::Counter(updates_a_round * static_cast<double>(state.iterations()), benchmark::Counter::kIsRate);
+}
+BENCHMARK(coneKernel)->Name("ConeKernel")->Arg(0)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
+
+}  // namespace
+
+BENCHMARK_MAIN();

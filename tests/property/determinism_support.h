@@ -1,0 +1,133 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// A short stream of scans and a tool for the properties, and what "the same, bit for bit" means.
+#pragma once
+
+#include <gtest/gtest.h>
+#include <openvdb/openvdb.h>
+
+#include <bit>
+#include <random>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/tsdf_volume.h"
+
+namespace accessvdb::test {
+
+struct Scan {
+  std::vector<Eigen::Vector3f> points_S;
+  Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
+};
+
+inline double uniform(std::mt19937_64& random, double low, double high) {
+  return low + (high - low) * static_cast<double>(random() >> 11) * 0x1.0p-53;
+}
+
+/// A rough wall with clutter before it, seen while walking by: points of every label. Positions are multiples of 2^-10
+/// m.
+inline std::vector<Scan> wallScans(std::uint64_t seed, int scans, int points) {
+  std::mt19937_64 random(seed);
+  std::vector<Scan> out;
+  const auto rounded = [](const Eigen::Vector3d& x) -> Eigen::Vector3d { return (x * 1024).array().round() / 1024; };
+  for (int s = 0; s < scans; ++s) {
+    Scan& scan = out.emplace_back();
+    scan.T_W_S.linear() = Eigen::AngleAxisd(uniform(random, -3, 3), Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    scan.T_W_S.translation() = rounded({uniform(random, -0.3, 0.3), 0.3 * s + 0.02, uniform(random, 0.8, 1.2)});
+    for (int n = 0; n < points; ++n) {
+      Eigen::Vector3d p_W(2 + uniform(random, -0.02, 0.02), uniform(random, -0.5, 1.5), uniform(random, 0.3, 1.7));
+      if (n % 4 == 0) p_W.x() = uniform(random, 1, 2);
+      if (n % 4 == 1)
+        p_W = {1.5 + uniform(random, -0.05, 0.05), 0.5 + uniform(random, -0.05, 0.05), uniform(random, 0.3, 1.7)};
+      scan.points_S.push_back((scan.T_W_S.inverse() * rounded(p_W)).cast<float>());
+    }
+  }
+  return out;
+}
+
+/// A closed box in the tool frame.
+inline void appendBox(std::vector<Eigen::Vector3f>& vertices, std::vector<std::array<std::uint32_t, 3>>& triangles,
+                      const Eigen::Vector3f& low, const Eigen::Vector3f& high) {
+  const auto first = static_cast<std::uint32_t>(vertices.size());
+  for (int n = 0; n < 8; ++n) {
+    vertices.emplace_back((n & 1) != 0 ? high.x() : low.x(), (n & 2) != 0 ? high.y() : low.y(),
+                          (n & 4) != 0 ? high.z() : low.z());
+  }
+  constexpr std::array<std::array<std::uint32_t, 3>, 12> kFaces = {{{0, 2, 1},
+                                                                    {1, 2, 3},
+                                                                    {4, 5, 6},
+                                                                    {5, 7, 6},
+                                                                    {0, 1, 4},
+                                                                    {1, 5, 4},
+                                                                    {2, 6, 3},
+                                                                    {3, 6, 7},
+                                                                    {0, 4, 2},
+                                                                    {2, 4, 6},
+                                                                    {1, 3, 5},
+                                                                    {3, 7, 5}}};
+  for (const auto& face : kFaces) triangles.push_back({first + face[0], first + face[1], first + face[2]});
+}
+inline ToolGeometry boxTool(const Eigen::Vector3f& low, const Eigen::Vector3f& high) {
+  std::vector<Eigen::Vector3f> vertices;
+  std::vector<std::array<std::uint32_t, 3>> triangles;
+  appendBox(vertices, triangles, low, high);
+  return ToolGeometry::fromTriangles(vertices, triangles, "box");
+}
+
+/// An arm with a body behind and above it.
+inline ToolGeometry armTool() { return boxTool({0.0f, -0.06f, -0.05f}, {0.9f, 0.07f, 0.31f}); }
+
+inline bool same(float a, float b) { return std::bit_cast<std::uint32_t>(a) == std::bit_cast<std::uint32_t>(b); }
+
+/// What does not depend on where the world's origin lies.
+inline bool sameVerdict(const SurfacePoint& a, const SurfacePoint& b) {
+  return a.label == b.label && a.reason == b.reason && a.score == b.score && a.direction == b.direction &&
+         same(a.stability, b.stability) && same(a.weight, b.weight) && same(a.confidence, b.confidence) &&
+         same(a.normal_W.x(), b.normal_W.x()) && same(a.normal_W.y(), b.normal_W.y()) &&
+         same(a.normal_W.z(), b.normal_W.z()) && a.confident == b.confident && same(a.yaw_rad, b.yaw_rad) &&
+         a.direction_W == b.direction_W;
+}
+
+inline std::string text(const SurfacePoint& p) {
+  std::ostringstream out;
+  out << name(p.reason) << " " << p.score << " at " << p.direction << ", weight " << p.weight << ", stability "
+      << p.stability << ", normal " << p.normal_W.transpose();
+  return out.str();
+}
+
+inline void expectSame(const FieldSnapshot& a, const FieldSnapshot& b) {
+  ASSERT_EQ(a.points.size(), b.points.size());
+  ASSERT_EQ(a.origin_W, b.origin_W);
+  for (std::size_t n = 0; n < a.points.size(); ++n) {
+    ASSERT_EQ(a.points[n].id, b.points[n].id);
+    ASSERT_EQ(a.points[n].position_W, b.points[n].position_W) << n;
+    ASSERT_TRUE(sameVerdict(a.points[n], b.points[n])) << n << ": " << text(a.points[n]) << "; " << text(b.points[n]);
+  }
+}
+
+/// Leaves, values and which of them are active.
+inline void expectSameMap(const TsdfVolume& a, const TsdfVolume& b) {
+  ASSERT_EQ(a.leafCount(), b.leafCount());
+  ASSERT_EQ(a.activeVoxelCount(), b.activeVoxelCount());
+  const auto compare = [](const auto& x, const auto& y) {
+    ASSERT_TRUE(x->tree().hasSameTopology(y->tree()));
+    for (auto leaf = x->tree().cbeginLeaf(); leaf; ++leaf) {
+      const auto* other = y->tree().probeConstLeaf(leaf->origin());
+      ASSERT_NE(other, nullptr);
+      ASSERT_TRUE(leaf->buffer() == other->buffer());
+    }
+  };
+  compare(a.distance(), b.distance());
+  compare(a.weight(), b.weight());
+  compare(a.cleared(), b.cleared());
+}
+
+/// Enough of every kind that "the same" says something.
+inline void expectVaried(const FieldSnapshot& field) {
+  EXPECT_GT(field.count(PointLabel::Accessible), 50u);
+  EXPECT_GT(field.count(PointLabel::Blocked), 50u);
+}
+
+}  // namespace accessvdb::test

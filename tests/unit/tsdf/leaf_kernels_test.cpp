@@ -1,0 +1,107 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Every instruction set gives the same bits.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+#include "tsdf/leaf_kernels.h"
+#include "tsdf/packed_voxel.h"
+
+namespace accessvdb::internal {
+namespace {
+
+struct Bits {
+  std::vector<std::uint32_t> touched, passes;
+  std::vector<std::uint32_t> distance, samples, packed;
+  LeafBits passed = {}, cleared = {};
+  LeafChange change;
+  bool flipped = false;
+  FoldCounts counts;
+};
+
+Bits run(const LeafKernels& kernels, bool cone, unsigned seed) {
+  std::mt19937 random(seed);
+  const auto uniform = [&random](float low, float high) {
+    return low + (high - low) * static_cast<float>(random() % 65536) / 65536.0f;
+  };
+  KernelConstants constants = {};
+  constants.tau = 10;
+  constants.cone_cos = 0.95f;
+  constants.cone_cos_squared = 0.9025f;
+  constants.clamp_high = 10;
+  constants.sample_scale = static_cast<float>(kSampleSteps) / 10;
+  constants.band_begin = 5;
+  constants.band_end = 22.5f;
+  constants.band_radius_squared = 6.25f;
+  constants.max_weight = 40;
+  constants.collision_mean = kMeanSteps / 20;
+  LeafSums sums;
+  Bits bits;
+  std::uint32_t touched = 0;
+  for (int n = 0; n < 300; ++n) {
+    ReturnInLeaf ray;
+    float norm = 0;
+    for (std::size_t a = 0; a < 3; ++a) {
+      ray.leaf[a] = std::floor(uniform(-14, 7));
+      ray.offset[a] = uniform(-0.5f, 0.5f);
+      ray.to_sensor[a] = uniform(-1, 1);
+      norm += ray.to_sensor[a] * ray.to_sensor[a];
+    }
+    for (float& u : ray.to_sensor) u /= std::sqrt(norm);
+    ray.range = uniform(3, 900);
+    ray.box_x = {-30, 30};
+    const std::uint32_t pairs = (cone ? kernels.add_double_cone : kernels.add_full_cube)(ray, constants, sums);
+    bits.touched.push_back(pairs);
+    touched |= pairs;
+    bits.passes.push_back(kernels.mark_band(ray, constants, bits.passed));
+  }
+  bits.distance.assign(sums.distance.begin(), sums.distance.end());
+  bits.samples.assign(sums.samples.begin(), sums.samples.end());
+  std::vector<std::uint32_t> packed(512);
+  for (auto& voxel : packed) voxel = random() % 3 == 0 ? 0 : packVoxel(random() % (kMeanSteps + 1), 1 + random() % 40);
+  for (auto& word : bits.cleared) word = random() & random();
+  bits.flipped = kernels.fold({packed.data(), bits.cleared.data()}, constants, touched, sums, bits.passed, bits.change,
+                              bits.counts);
+  bits.packed = packed;
+  for (std::size_t n = 0; n < 512; ++n) EXPECT_EQ(sums.distance[n] | sums.samples[n], 0u);
+  return bits;
+}
+
+TEST(LeafKernels, EveryInstructionSetGivesTheSameBits) {
+  const LeafKernelList list = runnableLeafKernels();
+  const LeafKernels& plain = *list.kernels[static_cast<std::size_t>(list.count - 1)];
+  EXPECT_STREQ(plain.name, "plain");
+  if (list.count == 1) GTEST_SKIP() << "this machine runs the plain kernels only";
+  std::uint64_t updates = 0, passes = 0;
+  for (int n = 0; n + 1 < list.count; ++n) {
+    SCOPED_TRACE(list.kernels[static_cast<std::size_t>(n)]->name);
+    for (unsigned seed = 1; seed <= 20; ++seed) {
+      const Bits expected = run(plain, seed % 2 == 0, seed);
+      const Bits bits = run(*list.kernels[static_cast<std::size_t>(n)], seed % 2 == 0, seed);
+      ASSERT_EQ(bits.touched, expected.touched);
+      ASSERT_EQ(bits.passes, expected.passes);
+      ASSERT_EQ(bits.distance, expected.distance);
+      ASSERT_EQ(bits.samples, expected.samples);
+      ASSERT_EQ(bits.packed, expected.packed);
+      ASSERT_EQ(bits.passed, expected.passed);
+      ASSERT_EQ(bits.cleared, expected.cleared);
+      ASSERT_EQ(bits.flipped, expected.flipped);
+      ASSERT_EQ(bits.change.collides_on, expected.change.collides_on);
+      ASSERT_EQ(bits.change.collides_off, expected.change.collides_off);
+      ASSERT_EQ(bits.change.arm_free_on, expected.change.arm_free_on);
+      ASSERT_EQ(bits.change.arm_free_off, expected.change.arm_free_off);
+      ASSERT_EQ(bits.counts.distance_updates, expected.counts.distance_updates);
+      ASSERT_EQ(bits.counts.newly_observed, expected.counts.newly_observed);
+      updates += bits.counts.distance_updates;
+      for (const std::uint32_t count : bits.passes) passes += count;
+    }
+  }
+  EXPECT_GT(updates, 10000u);
+  EXPECT_GT(passes, 10000u);
+}
+
+}  // namespace
+}  // namespace accessvdb::internal
