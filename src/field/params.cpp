@@ -136,7 +136,11 @@ std::string FieldParams::describe() const {
   put("confidence_min", text(scoring.confidence_min));
   put("policy", update.policy == UpdatePolicy::Exact ? "exact" : "paper");
   put("budget_points", std::to_string(update.budget_points));
+  put("changed_voxel_sample", std::to_string(update.changed_voxel_sample));
+  put("changed_voxel_radius_voxels", text(update.changed_voxel_radius_voxels));
+  put("requeue_motion_m", text(update.requeue_motion_m));
   put("stability_min", text(update.stability_min));
+  put("seed", std::to_string(update.seed));
   return out;
 }
 
