@@ -10,7 +10,8 @@
 namespace accessvdb::internal {
 namespace {
 
-using ConstAccessor = openvdb::tree::ValueAccessor<const PackedTree, false>;
+/// As PackedAccessor: inner nodes only.
+using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
 constexpr std::size_t kPointsPerTask = 1024;
 
 openvdb::Coord coordOf(const PointStore& points, std::uint32_t id) {

@@ -28,7 +28,9 @@ void drop(FrameStats& stats, DropReason reason) { ++stats.dropped[static_cast<st
 void ScanGate::setOrigin(const Eigen::Vector3d& sensor_W) {
   if (have_origin_) return;
   const double v = params_.voxel_size_m;
-  origin_W_ = {std::round(sensor_W.x() / v) * v, std::round(sensor_W.y() / v) * v, std::round(sensor_W.z() / v) * v};
+  // + 0.0 turns -0 into 0, which reads better.
+  origin_W_ = {std::round(sensor_W.x() / v) * v + 0.0, std::round(sensor_W.y() / v) * v + 0.0,
+               std::round(sensor_W.z() / v) * v + 0.0};
   have_origin_ = true;
 }
 

@@ -5,7 +5,7 @@
 /// value  = mean distance in 20 bits | weight in 12 bits; 0 = unobserved
 /// active = cleared
 ///
-/// A leaf that rays only passed through has no buffer at all (OpenVDB's PartialCreate): 128 bytes instead of 2.2 kB.
+/// A leaf that rays only passed through has no buffer at all (OpenVDB's PartialCreate): 112 bytes instead of 2.2 kB.
 /// Integration is bound by memory, so this, not arithmetic, decides its speed (docs/DESIGN.md, "The authored map").
 #pragma once
 
