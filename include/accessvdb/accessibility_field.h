@@ -56,12 +56,12 @@ class AccessibilityField {
 
   [[nodiscard]] const TsdfVolume& volume() const;
   [[nodiscard]] const ToolGeometry& tool() const;
-  [[nodiscard]] const FieldParams& params() const;           ///< resolved
-  [[nodiscard]] Eigen::Vector3d origin_W() const;            ///< of the local frame; set by the first scan
+  [[nodiscard]] const FieldParams& params() const;  ///< resolved
+  [[nodiscard]] Eigen::Vector3d origin_W() const;   ///< of the local frame; set by the first scan
   [[nodiscard]] MemoryUse memoryUse() const;
-  [[nodiscard]] std::string deviceName() const;              ///< "cpu" or "cuda:NAME"
-  [[nodiscard]] double toolShareHidden() const;              ///< share of the tool inside the self-exclusion radius
-  [[nodiscard]] int collisionLimit() const;                  ///< [n_c] fewest collisions that block a direction
+  [[nodiscard]] std::string deviceName() const;  ///< "cpu" or "cuda:NAME"
+  [[nodiscard]] double toolShareHidden() const;  ///< share of the tool inside the self-exclusion radius
+  [[nodiscard]] int collisionLimit() const;      ///< [n_c] fewest collisions that block a direction
 
   /// Writes field.vdb, field_points.vdb and points.ply into a folder, each whole or not at all.
   /// @throws OutputError

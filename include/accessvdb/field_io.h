@@ -19,12 +19,12 @@
 namespace accessvdb {
 class TsdfVolume;
 class ToolGeometry;
-}
+}  // namespace accessvdb
 
 namespace accessvdb::io {
 
-/// Calls `body` with a checked stream on a temporary file beside `path`; then flush, fsync, rename, fsync of the folder.
-/// Nothing is left behind when anything fails. @throws OutputError (disk full, permission, ...)
+/// Calls `body` with a checked stream on a temporary file beside `path`; then flush, fsync, rename, fsync of the
+/// folder. Nothing is left behind when anything fails. @throws OutputError (disk full, permission, ...)
 void writeFileDurably(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body);
 
 /// Makes the folder if needed and proves that a file can be created in it. @throws OutputError
@@ -47,7 +47,7 @@ void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& fiel
 struct GridSummary {
   std::string name, type, grid_class;
   std::uint64_t active_voxels = 0, leaves = 0, bytes = 0;
-  std::array<std::int32_t, 3> min_ijk = {}, max_ijk = {};   ///< of active voxels
+  std::array<std::int32_t, 3> min_ijk = {}, max_ijk = {};  ///< of active voxels
   Eigen::Vector3d voxel_size_m = {0, 0, 0};
   std::vector<std::pair<std::string, std::string>> metadata;
 };

@@ -11,63 +11,63 @@
 
 namespace accessvdb {
 
-enum class Profile { Product, Paper };           ///< the two columns of docs/DESIGN.md, "Two profiles"
-enum class UpdatePolicy { Exact, Paper };        ///< how points to re-score are chosen
-enum class BackendKind { Auto, Cpu, Cuda };      ///< where scoring runs
-enum class UpdateRegion { DoubleCone, FullCube };///< voxels that one return updates
-enum class ToolForm { Voxels, SurfaceSamples };  ///< how tool collisions are counted
+enum class Profile { Product, Paper };             ///< the two columns of docs/DESIGN.md, "Two profiles"
+enum class UpdatePolicy { Exact, Paper };          ///< how points to re-score are chosen
+enum class BackendKind { Auto, Cpu, Cuda };        ///< where scoring runs
+enum class UpdateRegion { DoubleCone, FullCube };  ///< voxels that one return updates
+enum class ToolForm { Voxels, SurfaceSamples };    ///< how tool collisions are counted
 
 /// How scans are fused into the truncated signed distance field (paper, "Scan-centric TSDF").
 struct TsdfParams {
-  double voxel_size_m = 0.01;            ///< [v] edge length of a voxel; 0.0005 .. 10
-  double truncation_distance_m = 0.0;    ///< [tau] 0 = rule: max(4 v, 5 range_noise_m) (paper: max(4 v, 0.02))
-  double range_noise_m = 0.02;           ///< sigma of the sensor's range noise; >= 0
-  double min_range_m = 0.0;              ///< returns nearer than this are dropped
+  double voxel_size_m = 0.01;          ///< [v] edge length of a voxel; 0.0005 .. 10
+  double truncation_distance_m = 0.0;  ///< [tau] 0 = rule: max(4 v, 5 range_noise_m) (paper: max(4 v, 0.02))
+  double range_noise_m = 0.02;         ///< sigma of the sensor's range noise; >= 0
+  double min_range_m = 0.0;            ///< returns nearer than this are dropped
   double max_range_m = std::numeric_limits<double>::infinity();  ///< returns beyond this are dropped
   UpdateRegion region = UpdateRegion::DoubleCone;
-  double cone_cos_min = 0.95;            ///< cosine of the cone's half angle; (0, 1)
-  double clamp_min_m = 0.0;              ///< lower clamp of a distance sample: 0, or -tau for the unclamped variant
-  std::uint32_t max_weight = 2000;       ///< [w] cap in observations; 1 .. 4095
-  double cleared_radius_voxels = 2.5;    ///< cleared band: distance from the ray; 0 = thin line (paper)
-  double cleared_begin_tau = 0.5;        ///< cleared band: begin, times tau, from the return towards the sensor (paper: 1)
-  double cleared_end_tau = 2.25;         ///< cleared band: end, times tau; longer where the corridor is
+  double cone_cos_min = 0.95;          ///< cosine of the cone's half angle; (0, 1)
+  double clamp_min_m = 0.0;            ///< lower clamp of a distance sample: 0, or -tau for the unclamped variant
+  std::uint32_t max_weight = 2000;     ///< [w] cap in observations; 1 .. 4095
+  double cleared_radius_voxels = 2.5;  ///< cleared band: distance from the ray; 0 = thin line (paper)
+  double cleared_begin_tau = 0.5;  ///< cleared band: begin, times tau, from the return towards the sensor (paper: 1)
+  double cleared_end_tau = 2.25;   ///< cleared band: end, times tau; longer where the corridor is
 };
 
 /// Which approach directions are admissible (paper, "Approach directions", "Arm path checking").
 struct ApproachParams {
-  int num_directions = 180;              ///< [D] yaw steps over 2 pi; 4 .. 256
+  int num_directions = 180;                     ///< [D] yaw steps over 2 pi; 4 .. 256
   double normal_cone_rad = 1.2217304763960306;  ///< 70 degrees
-  double observation_cos_min = 0.25;     ///< a direction counts as observed from where dot(u, a_d) exceeds this
+  double observation_cos_min = 0.25;            ///< a direction counts as observed from where dot(u, a_d) exceeds this
   std::array<double, 3> arm_tau = {0.6, 1.25, 2.25};  ///< arm samples, times tau
-  double corridor_length_m = 0.0;        ///< [L] straight corridor kept free; beyond 2.25 tau sampled every tau
-  bool coarse_to_fine = false;           ///< the paper's 20 degree pass and +-25 degree window instead of all D
-  bool viewpoints = false;               ///< up to 8 stored viewpoints (paper) instead of the seen-direction mask
+  double corridor_length_m = 0.0;  ///< [L] straight corridor kept free; beyond 2.25 tau sampled every tau
+  bool coarse_to_fine = false;     ///< the paper's 20 degree pass and +-25 degree window instead of all D
+  bool viewpoints = false;         ///< up to 8 stored viewpoints (paper) instead of the seen-direction mask
 };
 
 /// How a direction is scored and a point labelled (paper, "Tool kernel", "Self-exclusion", "Confidence").
 struct ScoringParams {
-  double collision_distance_m = 0.0;     ///< [r_c] 0 = rule: 0.5 v
-  double self_exclusion_voxels = 3.0;    ///< [r_s] in voxels
+  double collision_distance_m = 0.0;   ///< [r_c] 0 = rule: 0.5 v
+  double self_exclusion_voxels = 3.0;  ///< [r_s] in voxels
   ToolForm form = ToolForm::Voxels;
-  int surface_samples = 1000;            ///< [M], only for SurfaceSamples
-  int max_collisions = 0;                ///< [n_c - 1] most collisions of a free direction; 0 = rule (see ToolKernel)
-  int neighbours = 0;                    ///< [k] of the normal's PCA; 0 = rule: 10, 30 if sigma >= v/2, 60 if sigma >= v
-  bool mean_positions = true;            ///< PCA on mean return positions (paper: first returns)
-  bool join_neighbour_views = true;      ///< a point inherits what its 10 nearest neighbours were seen from
-  bool neighbourhood_weight = true;      ///< confidence from the largest weight of 3x3x3 voxels (paper: own voxel)
-  double confidence_half_weight = 5.0;   ///< [k_c] c = w / (w + k_c)
-  double confidence_min = 0.2;           ///< [c_min] below: not scored
+  int surface_samples = 1000;           ///< [M], only for SurfaceSamples
+  int max_collisions = 0;               ///< [n_c - 1] most collisions of a free direction; 0 = rule (see ToolKernel)
+  int neighbours = 0;                   ///< [k] of the normal's PCA; 0 = rule: 10, 30 if sigma >= v/2, 60 if sigma >= v
+  bool mean_positions = true;           ///< PCA on mean return positions (paper: first returns)
+  bool join_neighbour_views = true;     ///< a point inherits what its 10 nearest neighbours were seen from
+  bool neighbourhood_weight = true;     ///< confidence from the largest weight of 3x3x3 voxels (paper: own voxel)
+  double confidence_half_weight = 5.0;  ///< [k_c] c = w / (w + k_c)
+  double confidence_min = 0.2;          ///< [c_min] below: not scored
 };
 
 /// When points are scored again.
 struct UpdateParams {
   UpdatePolicy policy = UpdatePolicy::Exact;
-  int budget_points = 0;                 ///< most points scored an update(); 0 = no limit. The rest is the backlog
-  int changed_voxel_sample = 256;        ///< paper policy, trigger (ii)
+  int budget_points = 0;                     ///< most points scored an update(); 0 = no limit. The rest is the backlog
+  int changed_voxel_sample = 256;            ///< paper policy, trigger (ii)
   double changed_voxel_radius_voxels = 3.0;  ///< [r_u] paper policy, trigger (ii)
-  double requeue_motion_m = 0.1;         ///< paper policy, trigger (iii)
-  double stability_min = 0.7;            ///< bound on c*a for `confident` (and on a for the paper's label)
-  std::uint64_t seed = 1;                ///< of the paper policy's sample
+  double requeue_motion_m = 0.1;             ///< paper policy, trigger (iii)
+  double stability_min = 0.7;                ///< bound on c*a for `confident` (and on a for the paper's label)
+  std::uint64_t seed = 1;                    ///< of the paper policy's sample
 };
 
 /// Everything an AccessibilityField needs to know beside the tool.
@@ -77,7 +77,7 @@ struct FieldParams {
   ScoringParams scoring = {};
   UpdateParams update = {};
   BackendKind backend = BackendKind::Auto;
-  int threads = 0;                       ///< 0 = all
+  int threads = 0;  ///< 0 = all
 
   /// The paper's own constants, for its tables.
   static FieldParams paper(double voxel_size_m);

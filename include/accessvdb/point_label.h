@@ -16,13 +16,13 @@ inline constexpr int kNumPointLabels = 3;
 
 /// Why a point is not accessible: the stage at which the direction that came closest failed.
 enum class PointReason : std::uint8_t {
-  None = 0,       ///< accessible
-  Confidence = 1, ///< too few observations of the surface
-  Normal = 2,     ///< no direction lies inside the cone around the normal, or there is no normal
-  Unseen = 3,     ///< no direction inside the cone was ever observed from
-  Unknown = 4,    ///< the approach corridor runs through unobserved space
-  Arm = 5,        ///< the approach corridor is obstructed
-  Tool = 6        ///< the tool would collide
+  None = 0,        ///< accessible
+  Confidence = 1,  ///< too few observations of the surface
+  Normal = 2,      ///< no direction lies inside the cone around the normal, or there is no normal
+  Unseen = 3,      ///< no direction inside the cone was ever observed from
+  Unknown = 4,     ///< the approach corridor runs through unobserved space
+  Arm = 5,         ///< the approach corridor is obstructed
+  Tool = 6         ///< the tool would collide
 };
 inline constexpr int kNumPointReasons = 7;
 

@@ -18,8 +18,8 @@ namespace accessvdb::io {
 enum class PoseFormat { Auto, Tum, Kitti, Balm, Hba, Viewpoint };
 
 struct ScanInputOptions {
-  std::filesystem::path scans = {};                 ///< a folder of scans, or one file
-  std::filesystem::path poses = {};                 ///< may be empty (VIEWPOINT, ray cloud, sensor_at)
+  std::filesystem::path scans = {};  ///< a folder of scans, or one file
+  std::filesystem::path poses = {};  ///< may be empty (VIEWPOINT, ray cloud, sensor_at)
   PoseFormat pose_format = PoseFormat::Auto;
   std::filesystem::path calib = {};                 ///< KITTI calib.txt, where poses are of the camera
   std::optional<Eigen::Vector3d> sensor_at_W = {};  ///< one sensor position for one cloud in the world frame
@@ -35,9 +35,9 @@ struct ScanRecord {
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
   std::vector<Eigen::Vector3d> points_W;
   std::vector<Eigen::Vector3d> origins_W;
-  double stamp_s = 0;                          ///< 0 where unknown
+  double stamp_s = 0;  ///< 0 where unknown
   std::string path;
-  std::uint64_t truncated_points = 0;          ///< records that the header promised and the file lacks
+  std::uint64_t truncated_points = 0;  ///< records that the header promised and the file lacks
 };
 
 struct InputFile {
@@ -55,13 +55,13 @@ class ScanSequence {
   ScanSequence(ScanSequence&&) noexcept;
   ScanSequence& operator=(ScanSequence&&) noexcept;
 
-  [[nodiscard]] std::size_t size() const;           ///< number of steps
-  [[nodiscard]] ScanRecord read(std::size_t step);  ///< @throws InputError naming the file
+  [[nodiscard]] std::size_t size() const;                         ///< number of steps
+  [[nodiscard]] ScanRecord read(std::size_t step);                ///< @throws InputError naming the file
   [[nodiscard]] const std::vector<std::string>& notices() const;  ///< frame, quaternion order, matching rule, repairs
-  [[nodiscard]] std::string matchingRule() const;   ///< one line, also among the notices
-  [[nodiscard]] std::vector<std::string> paths() const;  ///< every file that is or will be read
+  [[nodiscard]] std::string matchingRule() const;                 ///< one line, also among the notices
+  [[nodiscard]] std::vector<std::string> paths() const;           ///< every file that is or will be read
   [[nodiscard]] std::optional<double> recordedRangeNoise_m() const;  ///< from range_noise.txt beside the scans, if any
-  [[nodiscard]] std::uint64_t inputBytes() const;   ///< total size of the scan files
+  [[nodiscard]] std::uint64_t inputBytes() const;                    ///< total size of the scan files
 
  private:
   struct Impl;

@@ -19,9 +19,9 @@ enum class LengthUnit { Metre, Centimetre, Millimetre, Inch };
 
 /// How the mesh's own frame maps to the tool frame; all in the mesh's own units and axes.
 struct ToolPose {
-  std::optional<Eigen::Vector3d> tip;   ///< interaction point; default: the origin of the mesh file
-  Eigen::Vector3d axis = {1, 0, 0};     ///< from the tip along the body
-  Eigen::Vector3d up = {0, 0, 1};       ///< becomes +z as far as it is perpendicular to the axis
+  std::optional<Eigen::Vector3d> tip;  ///< interaction point; default: the origin of the mesh file
+  Eigen::Vector3d axis = {1, 0, 0};    ///< from the tip along the body
+  Eigen::Vector3d up = {0, 0, 1};      ///< becomes +z as far as it is perpendicular to the axis
 };
 
 class ToolGeometry {
@@ -41,13 +41,13 @@ class ToolGeometry {
 
   [[nodiscard]] const std::vector<Eigen::Vector3f>& vertices_T() const { return vertices_T_; }
   [[nodiscard]] const std::vector<std::array<std::uint32_t, 3>>& triangles() const { return triangles_; }
-  [[nodiscard]] const std::string& name() const { return name_; }        ///< file name or builtin name
-  [[nodiscard]] const std::string& sha256() const { return sha256_; }    ///< of vertices and triangles
+  [[nodiscard]] const std::string& name() const { return name_; }                 ///< file name or builtin name
+  [[nodiscard]] const std::string& sha256() const { return sha256_; }             ///< of vertices and triangles
   [[nodiscard]] const std::vector<std::string>& notes() const { return notes_; }  ///< repairs, oddities, in words
   [[nodiscard]] bool watertight() const { return watertight_; }
   [[nodiscard]] Eigen::Vector3f min_T() const { return min_T_; }
   [[nodiscard]] Eigen::Vector3f max_T() const { return max_T_; }
-  [[nodiscard]] float reach_m() const { return reach_m_; }               ///< farthest vertex from the tip
+  [[nodiscard]] float reach_m() const { return reach_m_; }  ///< farthest vertex from the tip
 
  private:
   ToolGeometry() = default;

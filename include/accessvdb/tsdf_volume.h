@@ -48,7 +48,7 @@ class TsdfVolume {
   [[nodiscard]] openvdb::BoolGrid::Ptr cleared() const;    ///< "cleared", background false, active = cleared
 
   [[nodiscard]] std::uint64_t leafCount() const;
-  [[nodiscard]] std::uint64_t activeVoxelCount() const;    ///< observed voxels
+  [[nodiscard]] std::uint64_t activeVoxelCount() const;  ///< observed voxels
   [[nodiscard]] std::uint64_t memoryBytes() const;
   /// Box of all leaves in voxels (inclusive); empty box where the map is empty.
   [[nodiscard]] openvdb::CoordBBox leafBounds() const;

@@ -28,46 +28,47 @@ struct FrameStats {
   std::uint64_t points_in = 0;
   std::uint64_t points_used = 0;
   std::array<std::uint64_t, kNumDropReasons> dropped = {};
-  std::uint64_t touched_leaves = 0;      ///< leaves written
+  std::uint64_t touched_leaves = 0;  ///< leaves written
   std::uint64_t new_leaves = 0;
-  std::uint64_t distance_updates = 0;    ///< (return, voxel) pairs fused
-  std::uint64_t cleared_updates = 0;     ///< (return, voxel) pairs marked cleared
-  double integrate_ms = 0;               ///< map and points
-  double mirror_ms = 0;                  ///< patching the NanoVDB mirror
+  std::uint64_t distance_updates = 0;  ///< (return, voxel) pairs fused
+  std::uint64_t cleared_updates = 0;   ///< (return, voxel) pairs marked cleared
+  double integrate_ms = 0;             ///< map and points
+  double mirror_ms = 0;                ///< patching the NanoVDB mirror
 };
 
 /// What one update() did.
 struct UpdateStats {
-  std::uint64_t dirty_points = 0;        ///< points looked at
-  std::uint64_t scored_points = 0;       ///< points for which at least one direction was tested
-  std::uint64_t direction_tests = 0;     ///< (point, direction) tests, arm or tool
-  std::uint64_t backlog = 0;             ///< points left for a later update
+  std::uint64_t dirty_points = 0;     ///< points looked at
+  std::uint64_t scored_points = 0;    ///< points for which at least one direction was tested
+  std::uint64_t direction_tests = 0;  ///< (point, direction) tests, arm or tool
+  std::uint64_t backlog = 0;          ///< points left for a later update
   std::uint64_t label_changes = 0;
-  double update_ms = 0;                  ///< choosing points, normals
-  double score_ms = 0;                   ///< testing directions
+  double update_ms = 0;  ///< choosing points, normals
+  double score_ms = 0;   ///< testing directions
 };
 
 /// One surface point as users see it.
 struct SurfacePoint {
-  std::uint32_t id = 0;                       ///< stable over the life of the field
-  Eigen::Vector3d position_W = {0, 0, 0};     ///< first return in its voxel, metres
-  Eigen::Vector3f normal_W = {0, 0, 0};       ///< unit, towards the mean sensor position; zero where there is none
-  Eigen::Vector3f direction_W = {0, 0, 0};    ///< unit, outwards along the tool's body; the tool travels along -direction_W
-  float yaw_rad = 0;                          ///< of direction_W
-  std::uint16_t direction = kNoDirection;     ///< its index d, yaw = 2 pi d / D
-  std::uint16_t score = kNoScore;             ///< fewest collisions of any direction
-  float weight = 0;                           ///< [w] observations behind the confidence
-  float confidence = 0;                       ///< [c] in [0, 1)
-  float stability = 1;                        ///< [a] in [0, 1]
+  std::uint32_t id = 0;                    ///< stable over the life of the field
+  Eigen::Vector3d position_W = {0, 0, 0};  ///< first return in its voxel, metres
+  Eigen::Vector3f normal_W = {0, 0, 0};    ///< unit, towards the mean sensor position; zero where there is none
+  Eigen::Vector3f direction_W = {0, 0,
+                                 0};  ///< unit, outwards along the tool's body; the tool travels along -direction_W
+  float yaw_rad = 0;                  ///< of direction_W
+  std::uint16_t direction = kNoDirection;  ///< its index d, yaw = 2 pi d / D
+  std::uint16_t score = kNoScore;          ///< fewest collisions of any direction
+  float weight = 0;                        ///< [w] observations behind the confidence
+  float confidence = 0;                    ///< [c] in [0, 1)
+  float stability = 1;                     ///< [a] in [0, 1]
   PointLabel label = PointLabel::Unscored;
   PointReason reason = PointReason::Confidence;
-  bool confident = false;                     ///< accessible and c*a above UpdateParams::stability_min
+  bool confident = false;  ///< accessible and c*a above UpdateParams::stability_min
 };
 
 /// All surface points at one moment, in the order of their ids.
 struct FieldSnapshot {
   std::vector<SurfacePoint> points;
-  Eigen::Vector3d origin_W = {0, 0, 0};       ///< world position of the map's local origin
+  Eigen::Vector3d origin_W = {0, 0, 0};  ///< world position of the map's local origin
   double voxel_size_m = 0;
 
   [[nodiscard]] std::vector<SurfacePoint> with(PointLabel label) const;
@@ -83,7 +84,7 @@ struct MemoryUse {
   std::uint64_t point_host_bytes = 0;    ///< authoring side of the points
   std::uint64_t point_device_bytes = 0;  ///< point state arrays
   std::uint64_t leaves = 0;
-  std::uint64_t active_voxels = 0;       ///< observed voxels
+  std::uint64_t active_voxels = 0;  ///< observed voxels
 };
 
 }  // namespace accessvdb

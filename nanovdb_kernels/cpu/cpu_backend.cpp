@@ -24,14 +24,14 @@ class CpuBackend final : public Backend {
   std::unique_ptr<MirrorArena> makeArena() override { return std::make_unique<HostArena>(); }
 
   void* allocate(std::size_t bytes) override {
-    void* address = ::operator new(bytes == 0 ? 1 : bytes, std::align_val_t{64}, std::nothrow);
+    void* address = ::operator new (bytes == 0 ? 1 : bytes, std::align_val_t{64}, std::nothrow);
     if (address == nullptr) {
       throw ResourceLimit("memory.points", "", "no memory for " + std::to_string(bytes) + " bytes of point state",
                           "Use a larger voxel size");
     }
     return address;
   }
-  void release(void* address) noexcept override { ::operator delete(address, std::align_val_t{64}); }
+  void release(void* address) noexcept override { ::operator delete (address, std::align_val_t{64}); }
   void upload(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
   void download(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
   void copy(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }

@@ -14,8 +14,8 @@ ACCESSVDB_HOSTDEV inline float cosToNormal(const ApproachView& approach, int d, 
 
 /// Walks the directions by ascending angle to the normal, ties by lower d, as long as they lie in the normal cone.
 ///
-/// Directions are equidistant in yaw, so the angle grows on both sides of the nearest one: the walk is a merge of the two
-/// sides. Neighbouring cosines differ by more than 1e-5 inside the cone (D <= 256), far above float32's rounding.
+/// Directions are equidistant in yaw, so the angle grows on both sides of the nearest one: the walk is a merge of the
+/// two sides. Neighbouring cosines differ by more than 1e-5 inside the cone (D <= 256), far above float32's rounding.
 class DirectionWalk {
  public:
   ACCESSVDB_HOSTDEV DirectionWalk(const ApproachView& approach, const float* normal)

@@ -28,8 +28,8 @@ ACCESSVDB_HOSTDEV inline ArmResult testArm(const OccupancyReader& map, const App
                                            const float* position_L, float inverse_voxel_size) {
   const float* offset = approach.arm_offsets + 3 * static_cast<std::int64_t>(d) * approach.num_arm;
   for (int n = 0; n < approach.num_arm; ++n, offset += 3) {
-    const Coord ijk = voxelOf(position_L[0] + offset[0], position_L[1] + offset[1], position_L[2] + offset[2],
-                              inverse_voxel_size);
+    const Coord ijk =
+        voxelOf(position_L[0] + offset[0], position_L[1] + offset[1], position_L[2] + offset[2], inverse_voxel_size);
     if (!map.armFree(ijk)) return {n, map.collides(ijk) ? PointReason::Arm : PointReason::Unknown};
   }
   return {approach.num_arm, PointReason::None};
@@ -67,8 +67,7 @@ ACCESSVDB_HOSTDEV inline int countSampleCollisions(const OccupancyReader& map, c
   int count = 0;
   const float* end = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[d + 1]);
   for (const float* t = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[d]); t != end; t += 3) {
-    const Coord ijk =
-        voxelOf(position_L[0] + t[0], position_L[1] + t[1], position_L[2] + t[2], inverse_voxel_size);
+    const Coord ijk = voxelOf(position_L[0] + t[0], position_L[1] + t[1], position_L[2] + t[2], inverse_voxel_size);
     count += map.collides(ijk) ? 1 : 0;
     if (count > stop_above) return count;
   }

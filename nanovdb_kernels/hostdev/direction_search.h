@@ -2,8 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Scoring of one point: the best direction, its collision count, and the reason where there is none (SPEC a.6).
 ///
-/// Directions are ranked by the stage that they reached (normal < unseen < arm or unknown < tool), then by corridor samples
-/// passed, then by lower count, smaller angle to the normal, lower d. The first one gives reason, direction and score.
+/// Directions are ranked by the stage that they reached (normal < unseen < arm or unknown < tool), then by corridor
+/// samples passed, then by lower count, smaller angle to the normal, lower d. The first one gives reason, direction and
+/// score.
 #pragma once
 
 #include "direction_filter.h"
@@ -26,11 +27,11 @@ struct ScoreResult {
   std::uint16_t direction = kNoDirection;
   PointReason reason = PointReason::Normal;  ///< None: a direction is free
   std::uint8_t scored = 0;                   ///< 0: the point has no normal
-  std::uint8_t skipped = 0;                  ///< admissible directions were skipped: reason and score cover the rest only
-  std::uint16_t tests = 0;                   ///< directions tested
-  DirectionMask arm_blocked = {};            ///< directions found blocked in the corridor
-  DirectionMask tool_blocked = {};           ///< directions found blocked by collisions of the tool
-  std::uint16_t least_blocked = kNoScore;    ///< each of tool_blocked has at least this many collisions
+  std::uint8_t skipped = 0;                ///< admissible directions were skipped: reason and score cover the rest only
+  std::uint16_t tests = 0;                 ///< directions tested
+  DirectionMask arm_blocked = {};          ///< directions found blocked in the corridor
+  DirectionMask tool_blocked = {};         ///< directions found blocked by collisions of the tool
+  std::uint16_t least_blocked = kNoScore;  ///< each of tool_blocked has at least this many collisions
   // The point's stored state after the update (hostdev/point_update.h).
   PointLabel label = PointLabel::Unscored;
   std::uint16_t stored_score = kNoScore;
@@ -78,14 +79,15 @@ ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map
     }
     // Later directions must be strictly better, so counting may stop at the best so far: minimum and argmin stay exact.
     const int bound = best_count < item.known_score ? best_count : item.known_score;
-    const int count = tool.use_samples ? countSampleCollisions(map, tool, d, position_L, inverse_voxel_size, bound)
-                                       : countVoxelCollisions(map, tool, d, point_ijk, bound);
+    const int counted = tool.use_samples ? countSampleCollisions(map, tool, d, position_L, inverse_voxel_size, bound)
+                                         : countVoxelCollisions(map, tool, d, point_ijk, bound);
+    const int count = counted < kNoScore ? counted : kNoScore - 1;  // kNoScore means: no direction got this far
     if (count >= tool.collision_limit) {
       result.tool_blocked.set(d);
       if (count < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(count);
     }
     if (count < best_count) {
-      best_count = count < kNoScore ? count : kNoScore - 1;
+      best_count = count;
       result.direction = static_cast<std::uint16_t>(d);
       if (count == 0) break;
     }

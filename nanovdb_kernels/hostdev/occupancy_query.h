@@ -11,8 +11,8 @@ namespace accessvdb::kernels {
 
 using Coord = nanovdb::Coord;
 
-/// Index of the voxel that holds a coordinate: voxel i is centred at i * v (OpenVDB's convention). The one function that
-/// maps points to voxels; also used when points are stored.
+/// Index of the voxel that holds a coordinate: voxel i is centred at i * v (OpenVDB's convention). The one function
+/// that maps points to voxels; also used when points are stored.
 ACCESSVDB_HOSTDEV inline std::int32_t voxelIndex(float x_m, float inverse_voxel_size) {
   return static_cast<std::int32_t>(floorf(x_m * inverse_voxel_size + 0.5f));
 }

@@ -9,8 +9,8 @@ namespace accessvdb::kernels {
 
 /// Constants of the state update.
 struct UpdateRule {
-  bool keep_best = false;         ///< paper: the best score never rises, and the label needs stability
-  float half_weight = 5.0f;       ///< [k_c]
+  bool keep_best = false;    ///< paper: the best score never rises, and the label needs stability
+  float half_weight = 5.0f;  ///< [k_c]
   float stability_min = 0.7f;
   std::uint16_t collision_limit = 1;  ///< [n_c]
 };
@@ -31,8 +31,8 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, std::uin
     return;
   }
   const bool free_now = result.score < rule.collision_limit;
-  const bool was_free = rule.keep_best ? points.score[id] < rule.collision_limit
-                                       : points.label[id] == PointLabel::Accessible;
+  const bool was_free =
+      rule.keep_best ? points.score[id] < rule.collision_limit : points.label[id] == PointLabel::Accessible;
   float a = points.stability[id];
   if (was_free) a = free_now ? a + kRecovery * (1.0f - a) : a * kDecay;
   points.stability[id] = a;

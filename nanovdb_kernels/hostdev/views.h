@@ -44,12 +44,12 @@ static_assert(sizeof(VoxelColumn) == 16);
 
 /// The tool at every direction d, tip at the origin, self-exclusion already applied.
 struct ToolKernelView {
-  const VoxelColumn* columns = nullptr;        ///< voxel form: columns of d are [column_begin[d], column_begin[d+1])
-  const std::uint32_t* column_begin = nullptr; ///< [D + 1]
-  const float* samples = nullptr;              ///< sample form: 3 floats a sample, metres, rotated to d
-  const std::uint32_t* sample_begin = nullptr; ///< [D + 1]
+  const VoxelColumn* columns = nullptr;         ///< voxel form: columns of d are [column_begin[d], column_begin[d+1])
+  const std::uint32_t* column_begin = nullptr;  ///< [D + 1]
+  const float* samples = nullptr;               ///< sample form: 3 floats a sample, metres, rotated to d
+  const std::uint32_t* sample_begin = nullptr;  ///< [D + 1]
   bool use_samples = false;
-  std::uint16_t collision_limit = 1;           ///< [n_c] a direction is free when its count is below
+  std::uint16_t collision_limit = 1;  ///< [n_c] a direction is free when its count is below
 };
 
 /// Directions and the corridor: tables computed once on the host.
@@ -63,17 +63,17 @@ struct ApproachView {
 
 /// State of the points on the device, structure of arrays; index = stable id. 64 bytes a point at D <= 192.
 struct PointStateView {
-  float* position_L = nullptr;        ///< [3 n] first return, metres; x y z interleaved
-  float* normal_L = nullptr;          ///< [3 n] unit; zero = none
-  std::uint64_t* seen = nullptr;      ///< [words n] directions observed from, neighbours joined
-  std::uint16_t* score = nullptr;     ///< [n] fewest collisions; kNoScore
-  std::uint16_t* direction = nullptr; ///< [n] best direction; kNoDirection
-  float* stability = nullptr;         ///< [n] a
-  std::uint16_t* weight = nullptr;    ///< [n] observations behind the confidence
-  PointLabel* label = nullptr;        ///< [n]
-  PointReason* reason = nullptr;      ///< [n]
-  std::uint8_t* flags = nullptr;      ///< [n] see PointFlag
-  int direction_words = 0;            ///< words of `seen` a point
+  float* position_L = nullptr;         ///< [3 n] first return, metres; x y z interleaved
+  float* normal_L = nullptr;           ///< [3 n] unit; zero = none
+  std::uint64_t* seen = nullptr;       ///< [words n] directions observed from, neighbours joined
+  std::uint16_t* score = nullptr;      ///< [n] fewest collisions; kNoScore
+  std::uint16_t* direction = nullptr;  ///< [n] best direction; kNoDirection
+  float* stability = nullptr;          ///< [n] a
+  std::uint16_t* weight = nullptr;     ///< [n] observations behind the confidence
+  PointLabel* label = nullptr;         ///< [n]
+  PointReason* reason = nullptr;       ///< [n]
+  std::uint8_t* flags = nullptr;       ///< [n] see PointFlag
+  int direction_words = 0;             ///< words of `seen` a point
 };
 
 enum PointFlag : std::uint8_t { kConfident = 1 };

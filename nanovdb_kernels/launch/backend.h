@@ -28,9 +28,9 @@ struct PointInput {
 /// Scores `count` items: searches directions by the rules, updates the point's state, hands the result back.
 struct ScoreRequest {
   OccupancyView map;
-  ToolKernelView tool;        ///< in the backend's memory
-  ApproachView approach;      ///< in the backend's memory
-  PointStateView points;      ///< in the backend's memory
+  ToolKernelView tool;    ///< in the backend's memory
+  ApproachView approach;  ///< in the backend's memory
+  PointStateView points;  ///< in the backend's memory
   UpdateRule rule;
   const ScoreItem* items = nullptr;  ///< [count] host memory; ids differ
   ScoreResult* results = nullptr;    ///< [count] host memory

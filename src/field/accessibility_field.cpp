@@ -102,7 +102,8 @@ AccessibilityField::~AccessibilityField() = default;
 AccessibilityField::AccessibilityField(AccessibilityField&&) noexcept = default;
 AccessibilityField& AccessibilityField::operator=(AccessibilityField&&) noexcept = default;
 
-FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S) {
+FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S,
+                                             const Eigen::Isometry3d& T_W_S) {
   FrameStats stats;
   impl_->arena.execute([&] { impl_->integrate(impl_->gate.gate(points_S, T_W_S, stats), stats); });
   return stats;

@@ -15,6 +15,8 @@ constexpr double kPositionStep_m = 0x1.0p-20;
 constexpr double kMostVoxels = 1000000;
 /// Largest deviation of R^T R from the identity.
 constexpr double kRigidTolerance = 1e-6;
+/// No survey frame has larger coordinates (the Earth's circumference is 4e7 m); doubles still resolve 10 nm there.
+constexpr double kFarthest_m = 1e8;
 
 Eigen::Vector3d roundToStep(const Eigen::Vector3d& x) {
   return {std::round(x.x() / kPositionStep_m) * kPositionStep_m, std::round(x.y() / kPositionStep_m) * kPositionStep_m,
@@ -56,8 +58,9 @@ GatedScan ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const Eigen:
   const Eigen::Matrix3d R = T_W_S.linear();
   const Eigen::Vector3d t = T_W_S.translation();
   const double skew = (R.transpose() * R - Eigen::Matrix3d::Identity()).lpNorm<Eigen::Infinity>();
-  if (!t.allFinite() || !(skew <= kRigidTolerance) || !(R.determinant() > 0)) {
-    throw UnusableInput("pose.not_rigid", "", "a sensor pose is not finite and rigid",
+  if (!t.allFinite() || !R.allFinite() || !(t.lpNorm<Eigen::Infinity>() <= kFarthest_m) || !(skew <= kRigidTolerance) ||
+      !(R.determinant() > 0)) {
+    throw UnusableInput("pose.not_rigid", "", "a sensor pose is not finite and rigid, or beyond 1e8 m",
                         "Give rotations as unit quaternions or orthonormal matrices");
   }
   setOrigin(t);

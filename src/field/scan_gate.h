@@ -26,14 +26,16 @@ class ScanGate {
 
   /// @throws UnusableInput for a pose that is not finite and rigid
   GatedScan gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats);
-  GatedScan gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W, FrameStats& stats);
+  GatedScan gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
+                 FrameStats& stats);
 
   /// World position of the local origin: the first sensor position rounded to whole voxels.
   [[nodiscard]] const Eigen::Vector3d& origin_W() const { return origin_W_; }
 
  private:
   void setOrigin(const Eigen::Vector3d& sensor_W);
-  void admit(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L, bool own_origin, GatedScan& scan, FrameStats& stats) const;
+  void admit(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L, bool own_origin, GatedScan& scan,
+             FrameStats& stats) const;
 
   TsdfParams params_;
   bool have_origin_ = false;

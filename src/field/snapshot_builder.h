@@ -12,6 +12,7 @@ namespace accessvdb::internal {
 FieldSnapshot makeSnapshot(const PointScorer& scorer, kernels::Backend& backend, const Eigen::Vector3d& origin_W);
 
 /// One point of it.
-SurfacePoint makePoint(const PointScorer& scorer, kernels::Backend& backend, const Eigen::Vector3d& origin_W, std::uint32_t id);
+SurfacePoint makePoint(const PointScorer& scorer, kernels::Backend& backend, const Eigen::Vector3d& origin_W,
+                       std::uint32_t id);
 
 }  // namespace accessvdb::internal

@@ -3,10 +3,11 @@
 /// Exact incremental updates. After every update without a backlog, the label of each point, and the best direction and
 /// score of each accessible point, are those of a full evaluation of the current map.
 ///
-/// For each point the scheduler knows directions that are blocked under the current map, and at which stage. They need no
-/// test until a flip for the better lies on a voxel that this stage reads: a corridor sample that became free for those
-/// blocked in the corridor, a tool voxel that stopped colliding for those blocked by the tool. A flip for the worse matters only to the one best direction of an accessible point. A changed normal or seen set
-/// only changes which directions are admissible: those not known to be blocked are tested.
+/// For each point the scheduler knows directions that are blocked under the current map, and at which stage. They need
+/// no test until a flip for the better lies on a voxel that this stage reads: a corridor sample that became free for
+/// those blocked in the corridor, a tool voxel that stopped colliding for those blocked by the tool. A flip for the
+/// worse matters only to the one best direction of an accessible point. A changed normal or seen set only changes which
+/// directions are admissible: those not known to be blocked are tested.
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -32,9 +33,9 @@ double millisecondsSince(Clock::time_point start) {
 
 /// What is due at a point. Kept while it waits in the backlog.
 enum Due : std::uint8_t {
-  kScore = 1,           ///< directions not known to be blocked have to be tried
-  kForgetBest = 2,      ///< the count of the best direction is not valid any more
-  kForgetBlocked = 4    ///< nor is what is known to be blocked
+  kScore = 1,         ///< directions not known to be blocked have to be tried
+  kForgetBest = 2,    ///< the count of the best direction is not valid any more
+  kForgetBlocked = 4  ///< nor is what is known to be blocked
 };
 
 /// Memory that the table of directions by offset may take; above it, directions are asked one by one.
@@ -113,7 +114,8 @@ class ExactScheduler final : public UpdateScheduler {
     return crossed;
   }
 
-  /// Causes (b), (c), (d): scored points whose neighbourhood holds a touched point; and points scored for the first time.
+  /// Causes (b), (c), (d): scored points whose neighbourhood holds a touched point; and points scored for the first
+  /// time.
   std::vector<std::uint32_t> findMoved(const std::vector<std::uint32_t>& crossed) {
     const PointStore& points = scorer_.points();
     const auto& blocks = points.index().blocks();
@@ -123,7 +125,8 @@ class ExactScheduler final : public UpdateScheduler {
     std::vector<float> block_reach(blocks.size(), 0);
     tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
       for (const std::uint32_t id : blocks[b].ids) {
-        if (scorer_.record(id).has_neighbourhood) block_reach[b] = std::max(block_reach[b], scorer_.record(id).reach_m + slack);
+        if (scorer_.record(id).has_neighbourhood)
+          block_reach[b] = std::max(block_reach[b], scorer_.record(id).reach_m + slack);
       }
     });
     const float most_reach = block_reach.empty() ? 0 : *std::max_element(block_reach.begin(), block_reach.end());
@@ -136,21 +139,23 @@ class ExactScheduler final : public UpdateScheduler {
       tbb::parallel_for(std::size_t{0}, touched_.size(), [&](std::size_t n) {
         const Eigen::Vector3f& c = points.pca_L(touched_[n]);
         const Index3 leaf = parentOf(points.voxelOf(points.first_L(touched_[n])));
-        points.index().forEachBlock(
-            {leaf[0] - leaves, leaf[1] - leaves, leaf[2] - leaves}, {leaf[0] + leaves, leaf[1] + leaves, leaf[2] + leaves},
-            [&](std::uint32_t b) {
-              const auto box_gap = static_cast<float>(
-                  std::max({std::abs(blocks[b].leaf[0] - leaf[0]), std::abs(blocks[b].leaf[1] - leaf[1]),
-                            std::abs(blocks[b].leaf[2] - leaf[2]), 1}) - 1) * block_size_m;
-              if (box_gap > block_reach[b]) return;
-              for (const std::uint32_t id : blocks[b].ids) {
-                const PointRecord& record = scorer_.record(id);
-                if (!record.has_neighbourhood) continue;
-                if ((points.pca_L(id) - c).norm() <= record.reach_m + slack) {
-                  std::atomic_ref<std::uint8_t>(moved[id]).store(1, std::memory_order_relaxed);
-                }
-              }
-            });
+        points.index().forEachBlock({leaf[0] - leaves, leaf[1] - leaves, leaf[2] - leaves},
+                                    {leaf[0] + leaves, leaf[1] + leaves, leaf[2] + leaves}, [&](std::uint32_t b) {
+                                      const auto box_gap =
+                                          static_cast<float>(std::max({std::abs(blocks[b].leaf[0] - leaf[0]),
+                                                                       std::abs(blocks[b].leaf[1] - leaf[1]),
+                                                                       std::abs(blocks[b].leaf[2] - leaf[2]), 1}) -
+                                                             1) *
+                                          block_size_m;
+                                      if (box_gap > block_reach[b]) return;
+                                      for (const std::uint32_t id : blocks[b].ids) {
+                                        const PointRecord& record = scorer_.record(id);
+                                        if (!record.has_neighbourhood) continue;
+                                        if ((points.pca_L(id) - c).norm() <= record.reach_m + slack) {
+                                          std::atomic_ref<std::uint8_t>(moved[id]).store(1, std::memory_order_relaxed);
+                                        }
+                                      }
+                                    });
       });
     }
     for (const std::uint32_t id : crossed) moved[id] = 1;
@@ -203,7 +208,8 @@ class ExactScheduler final : public UpdateScheduler {
     KnownBlocked& known = blocked_[id];
     DirectionMask better = {};
     if (!offset_directions_.empty()) {
-      if (!freed_near.empty()) better = known.release(scorer_.points().voxelOf(position_L), freed_near, offset_directions_);
+      if (!freed_near.empty())
+        better = known.release(scorer_.points().voxelOf(position_L), freed_near, offset_directions_);
     } else {
       forEachDirection(affected.better_tool, [&](int d) {
         if (footprint_.toolBetter(position_L, d, flips_)) better.set(d);
@@ -277,7 +283,8 @@ class ExactScheduler final : public UpdateScheduler {
       items.push_back(item);
       labels_before.push_back(record.label);
     }
-    const auto take = [&](const std::vector<kernels::ScoreItem>& asked, const std::vector<kernels::ScoreResult>& results) {
+    const auto take = [&](const std::vector<kernels::ScoreItem>& asked,
+                          const std::vector<kernels::ScoreResult>& results) {
       for (std::size_t n = 0; n < asked.size(); ++n) {
         blocked_[asked[n].id].learn(results[n], collision_limit_);
         stats.direction_tests += results[n].tests;
@@ -291,7 +298,8 @@ class ExactScheduler final : public UpdateScheduler {
     std::vector<kernels::ScoreItem> again;
     for (std::size_t n = 0; n < items.size(); ++n) {
       stats.label_changes += labels_before[n] != results[n].label ? 1 : 0;
-      if (results[n].label == PointLabel::Blocked && labels_before[n] == PointLabel::Accessible && results[n].skipped != 0) {
+      if (results[n].label == PointLabel::Blocked && labels_before[n] == PointLabel::Accessible &&
+          results[n].skipped != 0) {
         blocked_[items[n].id] = {};
         again.push_back({});
         again.back().id = items[n].id;
@@ -309,11 +317,11 @@ class ExactScheduler final : public UpdateScheduler {
   std::uint16_t collision_limit_;
   DirectionMask all_;
   FlipSet flips_;
-  std::vector<std::uint32_t> touched_;      ///< since the last update
-  std::vector<std::uint32_t> fresh_;        ///< below the confidence bound
-  std::vector<std::uint32_t> queue_;        ///< points with something due, first come first served
-  std::vector<KnownBlocked> blocked_;       ///< by id
-  std::vector<std::uint8_t> due_;           ///< by id
+  std::vector<std::uint32_t> touched_;  ///< since the last update
+  std::vector<std::uint32_t> fresh_;    ///< below the confidence bound
+  std::vector<std::uint32_t> queue_;    ///< points with something due, first come first served
+  std::vector<KnownBlocked> blocked_;   ///< by id
+  std::vector<std::uint8_t> due_;       ///< by id
   std::uint32_t known_points_ = 0;
   bool anything_scored_ = false;
 };

@@ -22,8 +22,8 @@ struct KnownBlocked {
 
   void learn(const kernels::ScoreResult& result, std::uint16_t collision_limit);
 
-  /// Takes away the directions in `tool` that flips may have freed. Each flip frees a direction of at most one collision,
-  /// so up to `margin` flips in its voxels leave it blocked.
+  /// Takes away the directions in `tool` that flips may have freed. Each flip frees a direction of at most one
+  /// collision, so up to `margin` flips in its voxels leave it blocked.
   /// @param flips  voxels that stopped colliding; may lie anywhere
   /// @return directions that are not known to be blocked any more, and those never known that read one of the flips
   DirectionMask release(const Index3& point_voxel, std::span<const Index3> flips, const OffsetDirections& directions);

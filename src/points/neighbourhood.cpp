@@ -51,7 +51,8 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
   };
   std::vector<Job> jobs(ids.size());
   tbb::parallel_for(std::size_t{0}, ids.size(), [&](std::size_t n) {
-    jobs[n] = {points_.index().blockAt(parentOf(points_.voxelOf(points_.first_L(ids[n])))), static_cast<std::uint32_t>(n)};
+    jobs[n] = {points_.index().blockAt(parentOf(points_.voxelOf(points_.first_L(ids[n])))),
+               static_cast<std::uint32_t>(n)};
   });
   std::sort(jobs.begin(), jobs.end(),
             [](const Job& a, const Job& b) { return a.block != b.block ? a.block < b.block : a.slot < b.slot; });
@@ -76,16 +77,17 @@ void NeighbourhoodSearch::computeBlock(const Index3& leaf, std::span<const std::
   const double radius_voxels = radius_m_ / voxel_size_m_;
   const auto reach = static_cast<std::int32_t>((radius_voxels + 8.0) / 8.0) + 1;
   scratch.near.clear();
-  points_.index().forEachBlock({leaf[0] - reach, leaf[1] - reach, leaf[2] - reach},
-                               {leaf[0] + reach, leaf[1] + reach, leaf[2] + reach}, [&](std::uint32_t block) {
-                                 double squared = 0;
-                                 for (std::size_t axis = 0; axis < 3; ++axis) {
-                                   const double gap = std::max(0, std::abs(blocks[block].leaf[axis] - leaf[axis]) - 1) * 8.0;
-                                   squared += gap * gap;
-                                 }
-                                 squared *= voxel_size_m_ * voxel_size_m_ * (1 - 2e-6);  // positions are rounded to float32
-                                 if (squared <= radius_m_ * radius_m_) scratch.near.push_back({squared, block});
-                               });
+  points_.index().forEachBlock(
+      {leaf[0] - reach, leaf[1] - reach, leaf[2] - reach}, {leaf[0] + reach, leaf[1] + reach, leaf[2] + reach},
+      [&](std::uint32_t block) {
+        double squared = 0;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+          const double gap = std::max(0, std::abs(blocks[block].leaf[axis] - leaf[axis]) - 1) * 8.0;
+          squared += gap * gap;
+        }
+        squared *= voxel_size_m_ * voxel_size_m_ * (1 - 2e-6);  // positions are rounded to float32
+        if (squared <= radius_m_ * radius_m_) scratch.near.push_back({squared, block});
+      });
   std::sort(scratch.near.begin(), scratch.near.end(), [](const NearBlock& a, const NearBlock& b) {
     return a.squared_distance != b.squared_distance ? a.squared_distance < b.squared_distance : a.block < b.block;
   });

@@ -35,7 +35,8 @@ OffsetDirections::OffsetDirections(const kernels::ToolKernelView& tool, int num_
       const kernels::VoxelColumn& c = tool.columns[n];
       for (std::uint64_t bits = c.bits; bits != 0; bits &= bits - 1) {
         const std::uint64_t* entry = at({c.dx, c.dy, c.dz + std::countr_zero(bits)});
-        table_[static_cast<std::size_t>(entry - table_.data()) + static_cast<std::size_t>(d >> 6)] |= std::uint64_t{1} << (d & 63);
+        table_[static_cast<std::size_t>(entry - table_.data()) + static_cast<std::size_t>(d >> 6)] |= std::uint64_t{1}
+                                                                                                      << (d & 63);
       }
     }
   }

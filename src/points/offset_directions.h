@@ -15,12 +15,12 @@ namespace accessvdb::internal {
 
 class OffsetDirections {
  public:
-  /// Empty where the table would exceed `most_bytes`, or for tools tested by samples (their voxels depend on where in its
-  /// voxel the point lies).
+  /// Empty where the table would exceed `most_bytes`, or for tools tested by samples (their voxels depend on where in
+  /// its voxel the point lies).
   OffsetDirections(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes);
 
   [[nodiscard]] bool empty() const { return table_.empty(); }
-  [[nodiscard]] const Index3& low() const { return low_; }    ///< box of all offsets, inclusive
+  [[nodiscard]] const Index3& low() const { return low_; }  ///< box of all offsets, inclusive
   [[nodiscard]] const Index3& high() const { return high_; }
 
   /// @return the directions, or nullptr where no direction covers the offset

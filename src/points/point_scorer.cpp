@@ -20,7 +20,8 @@ DirectionMask allDirections(int num_directions) {
   return mask;
 }
 
-DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words) : backend_(backend), words_(direction_words) {}
+DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words)
+    : backend_(backend), words_(direction_words) {}
 
 void DevicePoints::grow(std::uint32_t size) {
   if (size <= size_) return;

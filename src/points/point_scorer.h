@@ -58,8 +58,8 @@ class DevicePoints {
 /// What the host keeps of each point's state.
 struct PointRecord {
   Eigen::Vector3f normal_L = {0, 0, 0};
-  float reach_m = 0;                        ///< Neighbourhood::reach_m
-  DirectionMask seen = {};                  ///< joined
+  float reach_m = 0;        ///< Neighbourhood::reach_m
+  DirectionMask seen = {};  ///< joined
   std::uint16_t weight = 0;
   std::uint16_t score = kNoScore, direction = kNoDirection;
   PointLabel label = PointLabel::Unscored;

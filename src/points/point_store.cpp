@@ -109,13 +109,16 @@ void PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const 
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double centre = voxel[axis] * params_.tsdf.voxel_size_m;
     const auto a = static_cast<Eigen::Index>(axis);
-    offset_sum_[id][axis] += std::llround((static_cast<double>(p_L[a]) - centre) / params_.tsdf.voxel_size_m * kOffsetSteps);
+    offset_sum_[id][axis] +=
+        std::llround((static_cast<double>(p_L[a]) - centre) / params_.tsdf.voxel_size_m * kOffsetSteps);
     sensor_sum_[id][axis] += std::llround(static_cast<double>(q_L[a]) * kSensorSteps);
   }
   ++returns_[id];
   if (!params_.approach.viewpoints) {
     const DirectionMask mask = directionsTowards(p_L, q_L);
-    for (int w = 0; w < words_; ++w) seen_[static_cast<std::size_t>(id) * static_cast<std::size_t>(words_) + static_cast<std::size_t>(w)] |= mask.word[w];
+    for (int w = 0; w < words_; ++w)
+      seen_[static_cast<std::size_t>(id) * static_cast<std::size_t>(words_) + static_cast<std::size_t>(w)] |=
+          mask.word[w];
     return;
   }
   Viewpoints& views = viewpoints_[id];
@@ -165,7 +168,9 @@ DirectionMask PointStore::directionsTowards(const Eigen::Vector3f& from_L, const
 DirectionMask PointStore::seen(std::uint32_t id) const {
   DirectionMask mask = {};
   if (!params_.approach.viewpoints) {
-    for (int w = 0; w < words_; ++w) mask.word[w] = seen_[static_cast<std::size_t>(id) * static_cast<std::size_t>(words_) + static_cast<std::size_t>(w)];
+    for (int w = 0; w < words_; ++w)
+      mask.word[w] =
+          seen_[static_cast<std::size_t>(id) * static_cast<std::size_t>(words_) + static_cast<std::size_t>(w)];
     return mask;
   }
   const Viewpoints& views = viewpoints_[id];

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The authoring side of the surface points: one stable id per voxel that ever held a return (SPEC a.5).
 ///
-/// Everything here is a function of the set of returns of each scan, not of their order: sums are integers, and the first
-/// return of a voxel is the lexicographically least (x, y, z) of the first scan that reached it.
+/// Everything here is a function of the set of returns of each scan, not of their order: sums are integers, and the
+/// first return of a voxel is the lexicographically least (x, y, z) of the first scan that reached it.
 #pragma once
 
 #include <Eigen/Core>
@@ -49,7 +49,7 @@ struct Viewpoints {
 
 /// Points that a scan changed, by ascending voxel.
 struct TouchedPoints {
-  std::vector<std::uint32_t> all;      ///< new ones included
+  std::vector<std::uint32_t> all;  ///< new ones included
   std::size_t new_points = 0;
 };
 

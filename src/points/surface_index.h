@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Which surface point lies in which voxel, and which points lie near a place.
 ///
-/// Points are grouped in blocks of 8x8x8 voxels (the leaves of the map), blocks in cells of 8x8x8 blocks. Only cells are
-/// hashed, so walking a neighbourhood costs a few look-ups, however large the map is.
+/// Points are grouped in blocks of 8x8x8 voxels (the leaves of the map), blocks in cells of 8x8x8 blocks. Only cells
+/// are hashed, so walking a neighbourhood costs a few look-ups, however large the map is.
 #pragma once
 
 #include <array>
@@ -22,9 +22,9 @@ inline constexpr std::uint32_t kNone = ~std::uint32_t{0};
 
 /// The points of one leaf, sorted by voxel.
 struct PointBlock {
-  Index3 leaf = {};               ///< voxel index >> 3
-  LeafBits occupied = {};         ///< voxels with a point
-  std::vector<std::uint32_t> ids; ///< in the order of the set bits
+  Index3 leaf = {};                ///< voxel index >> 3
+  LeafBits occupied = {};          ///< voxels with a point
+  std::vector<std::uint32_t> ids;  ///< in the order of the set bits
 };
 
 class SurfaceIndex {

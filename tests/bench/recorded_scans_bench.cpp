@@ -6,8 +6,8 @@
 #include <benchmark/benchmark.h>
 #include <tbb/global_control.h>
 
-#include <ctime>
 #include <cstdlib>
+#include <ctime>
 #include <filesystem>
 
 #include "accessvdb/scan_io.h"
@@ -22,7 +22,8 @@ struct LocalScan {
 
 std::vector<LocalScan> readScans() {
   const char* data = std::getenv("ACCESSVDB_TEST_DATA");
-  const std::filesystem::path root = data != nullptr ? std::filesystem::path(data) : std::filesystem::path(ACCESSVDB_SOURCE_DIR) / "../shared/data";
+  const std::filesystem::path root =
+      data != nullptr ? std::filesystem::path(data) : std::filesystem::path(ACCESSVDB_SOURCE_DIR) / "../shared/data";
   io::ScanInputOptions options;
   options.scans = root / "scans_poses_balm";
   options.poses = options.scans / "alidarPose.csv";
@@ -54,7 +55,8 @@ void recordedScans(benchmark::State& state) {
     state.SkipWithError("scans_poses_balm is not at hand");
     return;
   }
-  const tbb::global_control threads(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(state.range(1)));
+  const tbb::global_control threads(tbb::global_control::max_allowed_parallelism,
+                                    static_cast<std::size_t>(state.range(1)));
   TsdfParams params;
   params.voxel_size_m = 0.001 * static_cast<double>(state.range(0));
   params.truncation_distance_m = 4 * params.voxel_size_m;
@@ -78,7 +80,11 @@ void recordedScans(benchmark::State& state) {
   state.counters["Mreturns_per_s"] = benchmark::Counter(returns * 1e-6, benchmark::Counter::kIsRate);
   state.counters["Mreturns_per_cpu_s"] = returns * 1e-6 / (processCpuSeconds() - cpu_start);
 }
-BENCHMARK(recordedScans)->ArgsProduct({{50, 20, 10}, {1, 2}})->Unit(benchmark::kMillisecond)->UseRealTime()->MinTime(2.0);
+BENCHMARK(recordedScans)
+    ->ArgsProduct({{50, 20, 10}, {1, 2}})
+    ->Unit(benchmark::kMillisecond)
+    ->UseRealTime()
+    ->MinTime(2.0);
 
 }  // namespace
 }  // namespace accessvdb

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The exact policy on a long stream: a generated walk through a forest, one update a scan.
 ///
-/// Every 25 frames a full evaluation of the map is made and counted beside it. Counters (means over the frames after the
-/// first 50): tests a frame, tests of a full evaluation, their ratio in percent, milliseconds a stage.
+/// Every 25 frames a full evaluation of the map is made and counted beside it. Counters (means over the frames after
+/// the first 50): tests a frame, tests of a full evaluation, their ratio in percent, milliseconds a stage.
 ///   accessvdb_bench_stream --benchmark_counters_tabular=true
 #include <benchmark/benchmark.h>
 

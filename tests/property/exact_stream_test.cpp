@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The promise of the exact policy: after every update without a backlog, labels equal those of a full evaluation of the
-/// current map, point for point; and so do the score and the direction of every accessible point.
+/// The promise of the exact policy: after every update without a backlog, labels equal those of a full evaluation of
+/// the current map, point for point; and so do the score and the direction of every accessible point.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -78,7 +78,8 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
 
 INSTANTIATE_TEST_SUITE_P(Streams, ExactStream,
                          testing::Values(Case{1, "builtin:pruner", 0.05, 0, 1}, Case{2, "builtin:pencil", 0.03, 0, 1},
-                                         Case{3, "builtin:pruner", 0.08, 40, 1}, Case{4, "builtin:pruner", 0.05, 12, 3}));
+                                         Case{3, "builtin:pruner", 0.08, 40, 1},
+                                         Case{4, "builtin:pruner", 0.05, 12, 3}));
 
 /// Random clutter near the sensor: many flips both ways, few returns a voxel.
 TEST(ExactStream, EqualsFromScratchOnRandomClutter) {
