@@ -19,8 +19,14 @@ void remember(int signal) {
 }  // namespace
 
 void watchStopSignals() {
-  std::signal(SIGINT, remember);
-  std::signal(SIGTERM, remember);
+  // Each blocks the other while its handler runs, so that a second signal right behind the first finds the default.
+  struct sigaction action = {};
+  action.sa_handler = remember;
+  sigemptyset(&action.sa_mask);
+  sigaddset(&action.sa_mask, SIGINT);
+  sigaddset(&action.sa_mask, SIGTERM);
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
 }
 
 int stopSignal() { return stop_signal; }

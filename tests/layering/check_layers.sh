@@ -20,7 +20,7 @@ hostdev  constants label
 launch   std api hostdev
 cpu      std posix api hostdev launch tbb
 cuda     std api hostdev launch cuda
-tsdf     std api grids eigen openvdb tbb
+tsdf     std posix simd api grids eigen openvdb tbb
 mirror   std api grids openvdb launch hostdev
 points   std api eigen tbb launch hostdev
 tool     std posix api eigen tbb launch hostdev assimp openssl
@@ -80,7 +80,7 @@ check_includes() {
     BEGIN {
       n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl assimp:assimp Eigen:eigen unsupported:eigen " \
                 "cub:cuda thrust:cuda nv:cuda embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
-                "openssl:openssl CLI:cli toml++:toml toml.hpp:toml nlohmann:json", pairs, " ")
+                "openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json", pairs, " ")
       for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }
       n = split("unistd.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")
       for (i = 1; i <= n; ++i) posix[names[i]] = 1
