@@ -2,31 +2,29 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "stop_signal.h"
 
+#include <atomic>
 #include <csignal>
 
 namespace accessvdb::tools {
 namespace {
 
-volatile std::sig_atomic_t stop_signal = 0;
+std::atomic<int> stop_signal = 0;
+static_assert(std::atomic<int>::is_always_lock_free, "the handler must not wait");
 
+/// The first signal asks for a stop; a second one, whichever of the two, ends the program at once. Threads may handle
+/// signals at the same time, so which one is first is decided by the exchange.
 void remember(int signal) {
-  stop_signal = signal;
-  // Both at once: whoever sends SIGINT and then SIGTERM means it.
-  std::signal(SIGINT, SIG_DFL);
-  std::signal(SIGTERM, SIG_DFL);
+  int none = 0;
+  if (stop_signal.compare_exchange_strong(none, signal)) return;
+  std::signal(signal, SIG_DFL);
+  raise(signal);
 }
 
 }  // namespace
 
 void watchStopSignals() {
-  // Each blocks the other while its handler runs, so that a second signal right behind the first finds the default.
-  struct sigaction action = {};
-  action.sa_handler = remember;
-  sigemptyset(&action.sa_mask);
-  sigaddset(&action.sa_mask, SIGINT);
-  sigaddset(&action.sa_mask, SIGTERM);
-  sigaction(SIGINT, &action, nullptr);
-  sigaction(SIGTERM, &action, nullptr);
+  std::signal(SIGINT, remember);
+  std::signal(SIGTERM, remember);
 }
 
 int stopSignal() { return stop_signal; }
