@@ -14,7 +14,7 @@ namespace accessvdb {
 
 /// Kinds of failure; the values are the exit codes of the program.
 enum class ErrorCode : int {
-  Usage = 2,     ///< a parameter or option is wrong; nothing was read or written
+  Usage = 2,     ///< a parameter or option is wrong; no input was read
   Input = 3,     ///< an input cannot be read or is malformed
   Unusable = 4,  ///< an input is well formed but cannot be used (no overlap, bad poses, implausible tool)
   Resource = 5,  ///< memory or another limit would be exceeded

@@ -40,6 +40,7 @@ struct Case {
   double voxel_size_m;
   int max_collisions;
   int every;  ///< scans between updates
+  ToolForm form = ToolForm::Voxels;
 };
 
 class ExactStream : public testing::TestWithParam<Case> {};
@@ -57,6 +58,8 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
   FieldParams params;
   params.tsdf.voxel_size_m = c.voxel_size_m;
   params.scoring.max_collisions = c.max_collisions;
+  params.scoring.form = c.form;
+  params.scoring.surface_samples = 60;  // of that form; few, to be quick
   AccessibilityField field(ToolGeometry::builtin(c.tool), params);
   std::uint64_t tests = 0, labels_seen = 0;
   for (int frame = 0; frame < walk_options.frames; ++frame) {
@@ -78,8 +81,9 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
 
 INSTANTIATE_TEST_SUITE_P(Streams, ExactStream,
                          testing::Values(Case{1, "builtin:pruner", 0.05, 0, 1}, Case{2, "builtin:pencil", 0.03, 0, 1},
-                                         Case{3, "builtin:pruner", 0.08, 40, 1},
-                                         Case{4, "builtin:pruner", 0.05, 12, 3}));
+                                         Case{3, "builtin:pruner", 0.08, 40, 1}, Case{4, "builtin:pruner", 0.05, 12, 3},
+                                         // Samples are asked direction by direction: no table of directions by offset.
+                                         Case{5, "builtin:pruner", 0.08, 2, 2, ToolForm::SurfaceSamples}));
 
 /// Random clutter near the sensor: many flips both ways, few returns a voxel.
 TEST(ExactStream, EqualsFromScratchOnRandomClutter) {
