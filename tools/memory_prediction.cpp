@@ -12,14 +12,13 @@ namespace accessvdb::tools {
 namespace {
 
 // Bytes a thing at the peak of a run. Leaves follow from the layouts; points and the fixed part were calibrated by
-// host_peak_bytes of three runs on two cores: 12 scans of 75 k returns at 20 mm (0.70 M points, 0.20 M leaves, 1.5 GiB)
-// and at 50 mm, 6 scans of 124 k returns at 50 mm (0.47 M points, 0.07 M leaves, 0.82 GiB).
+// host_peak_bytes of six runs on two cores, from 0.17 M points and 0.44 GB to 7.3 M points and 6.2 GB.
 constexpr double kConeLeafBytes = 2300;   // authored leaf with distances and weights, tree included
 constexpr double kBandLeafBytes = 300;    // authored leaf with cleared flags only
 constexpr double kMirrorLeafBytes = 400;  // NanoVDB leaf of the mirror, slack of its growth included
-constexpr double kPointBytes = 950;  // a surface point: store, neighbour search, snapshot and the copies of its writers
+constexpr double kPointBytes = 740;  // a surface point: store, neighbour search, snapshot and the copies of its writers
 constexpr double kExportLeafBytes = 2200;  // one float grid copied at a time while field.vdb is written
-constexpr double kFixedBytes = 200e6;      // program, libraries, tool tables, picture, one scan
+constexpr double kFixedBytes = 240e6;      // program, libraries, tool tables, picture, one scan
 
 constexpr double kLeafVoxels = 8;
 // A voxel's cell is half a voxel around its sample, so leaf k begins at voxel coordinate 8 k - 0.5.

@@ -4,6 +4,9 @@
 ///
 /// Not thread-safe: one thread calls at a time. Inside, all threads of the machine work, and the result is the same
 /// bit for bit whatever their number.
+///
+/// When a step fails half-way (out of memory, a map beyond its limits) the field answers nothing any more: every later
+/// call throws ResourceLimit "field.broken". Bad scans and poses are refused before anything changes.
 #pragma once
 
 #include <Eigen/Core>

@@ -7,6 +7,7 @@
 
 #include <chrono>
 #include <numeric>
+#include <type_traits>
 
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
@@ -65,8 +66,33 @@ struct AccessibilityField::Impl {
     return volume.packed();
   }
 
+  /// Runs a step that changes several stages. When it fails half-way they no longer agree, and a mirror that lacks an
+  /// obstacle would call points accessible: from then on nothing is answered.
+  template <typename Step>
+  auto guarded(const Step& step) {
+    requireWhole();
+    whole = false;
+    if constexpr (std::is_void_v<decltype(step())>) {
+      step();
+      whole = true;
+    } else {
+      auto result = step();
+      whole = true;
+      return result;
+    }
+  }
+  void requireWhole() const {
+    if (whole) return;
+    throw ResourceLimit("field.broken", "", "an earlier step failed half-way, so this field cannot answer any more",
+                        "Start a new field, with a larger voxel size if memory was short");
+  }
+
   void integrate(const internal::GatedScan& scan, FrameStats& stats) {
     if (scan.p_L.empty()) return;
+    guarded([&] { integrateStages(scan, stats); });
+  }
+
+  void integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
     const auto start = Clock::now();
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, scan.q_L);
     stats.touched_leaves = result.touched_leaves;
@@ -94,6 +120,7 @@ struct AccessibilityField::Impl {
   internal::MapReads reads;
   internal::PointScorer scorer;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
+  bool whole = true;  ///< false after a step failed half-way
 };
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
@@ -105,6 +132,7 @@ AccessibilityField& AccessibilityField::operator=(AccessibilityField&&) noexcept
 FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S,
                                              const Eigen::Isometry3d& T_W_S) {
   FrameStats stats;
+  impl_->requireWhole();
   impl_->arena.execute([&] { impl_->integrate(impl_->gate.gate(points_S, T_W_S, stats), stats); });
   return stats;
 }
@@ -112,19 +140,24 @@ FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> po
 FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
                                              std::span<const Eigen::Vector3d> origins_W) {
   FrameStats stats;
+  impl_->requireWhole();
   impl_->arena.execute([&] { impl_->integrate(impl_->gate.gate(points_W, origins_W, stats), stats); });
   return stats;
 }
 
 UpdateStats AccessibilityField::update() {
-  return impl_->arena.execute([&] { return impl_->scheduler->update(impl_->setup.tables(impl_->mirror.grid())); });
+  return impl_->arena.execute([&] {
+    return impl_->guarded([&] { return impl_->scheduler->update(impl_->setup.tables(impl_->mirror.grid())); });
+  });
 }
 
 FieldSnapshot AccessibilityField::snapshot() const {
+  impl_->requireWhole();
   return impl_->arena.execute([&] { return makeSnapshot(impl_->scorer, *impl_->backend, impl_->gate.origin_W()); });
 }
 
 FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) const {
+  impl_->requireWhole();
   return impl_->arena.execute([&] {
     internal::PointScorer scorer(impl_->points, impl_->params, *impl_->backend, impl_->reads);
     scorer.grow();
@@ -151,6 +184,7 @@ FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) cons
 }
 
 std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p_W) const {
+  impl_->requireWhole();
   if (!p_W.allFinite()) return std::nullopt;
   const Eigen::Vector3d p_L = p_W - impl_->gate.origin_W();
   if (!(p_L.lpNorm<Eigen::Infinity>() <= 1e6 * impl_->params.tsdf.voxel_size_m)) return std::nullopt;

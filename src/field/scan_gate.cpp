@@ -89,13 +89,16 @@ GatedScan ScanGate::gate(std::span<const Eigen::Vector3d> points_W, std::span<co
   stats.points_in += points_W.size();
   if (points_W.empty()) return scan;
   const bool own = origins_W.size() > 1;
-  if (!own && !origins_W.front().allFinite()) {
-    throw UnusableInput("pose.not_finite", "", "the sensor position is not finite", "Check --sensor-at");
+  const auto plausible = [](const Eigen::Vector3d& x) {
+    return x.lpNorm<Eigen::Infinity>() <= kFarthest_m && x.allFinite();
+  };
+  if (!own && !plausible(origins_W.front())) {
+    throw UnusableInput("pose.not_finite", "", "the sensor position is not finite, or beyond 1e8 m",
+                        "Check --sensor-at");
   }
-  for (const Eigen::Vector3d& q : origins_W) {
-    if (!q.allFinite()) continue;
-    setOrigin(q);
-    break;
+  for (std::size_t n = 0; n < points_W.size() && !have_origin_; ++n) {
+    const Eigen::Vector3d& q = origins_W[own ? n : 0];
+    if (plausible(q) && plausible(points_W[n])) setOrigin(q);  // a garbage ray must not place the map
   }
   scan.p_L.reserve(points_W.size());
   for (std::size_t n = 0; n < points_W.size(); ++n) {

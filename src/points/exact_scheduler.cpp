@@ -64,15 +64,15 @@ class ExactScheduler final : public UpdateScheduler {
     scorer_.grow();
     blocked_.resize(scorer_.points().size());
     due_.resize(scorer_.points().size(), 0);
+    std::sort(touched_.begin(), touched_.end());
+    touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
 
     const std::vector<std::uint32_t> crossed = findCrossed();
     const std::vector<std::uint32_t> moved = findMoved(crossed);
     const std::vector<std::uint32_t> changed = scorer_.refreshNeighbourhoods(moved);
     for (const std::uint32_t id : changed) request(id, 0);
     for (const std::uint32_t id : crossed) request(id, kForgetBlocked | kForgetBest);
-    std::vector<std::uint32_t> sent = changed;
-    sent.insert(sent.end(), crossed.begin(), crossed.end());
-    scorer_.upload(sent);
+    scorer_.upload(changed);  // those that crossed are among them: they had no neighbourhood yet
     if (!flips_.empty()) applyFlips();
     flips_.clear();
     touched_.clear();
@@ -102,8 +102,12 @@ class ExactScheduler final : public UpdateScheduler {
   std::vector<std::uint32_t> findCrossed() {
     for (std::uint32_t id = known_points_; id < scorer_.points().size(); ++id) fresh_.push_back(id);
     known_points_ = scorer_.points().size();
-    std::vector<std::uint32_t> crossed = scorer_.refreshWeights(fresh_);
-    std::erase_if(fresh_, [&](std::uint32_t id) { return scorer_.confidentEnough(id); });
+    scorer_.refreshWeights(fresh_);
+    std::vector<std::uint32_t> crossed;
+    std::erase_if(fresh_, [&](std::uint32_t id) {
+      if (scorer_.confidentEnough(id)) crossed.push_back(id);
+      return scorer_.confidentEnough(id);
+    });
     // What `confident` needs; costs little beside the rest.
     std::vector<std::uint32_t> scored;
     for (const std::uint32_t id : touched_) {
@@ -121,7 +125,8 @@ class ExactScheduler final : public UpdateScheduler {
     const auto& blocks = points.index().blocks();
     std::vector<std::uint8_t> moved(points.size(), 0);
     // A touched point's mean may have moved anywhere inside its voxel.
-    const float slack = 1.7320508f * static_cast<float>(scorer_.params().tsdf.voxel_size_m) * 1.001f;
+    // Diagonal of a voxel, and a quarter of one against rounding far from the origin.
+    const float slack = 2.0f * static_cast<float>(scorer_.params().tsdf.voxel_size_m);
     std::vector<float> block_reach(blocks.size(), 0);
     tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
       for (const std::uint32_t id : blocks[b].ids) {
@@ -133,8 +138,6 @@ class ExactScheduler final : public UpdateScheduler {
     const auto block_size_m = static_cast<float>(8 * scorer_.params().tsdf.voxel_size_m);
     const auto leaves = static_cast<std::int32_t>(most_reach / block_size_m) + 1;
 
-    std::sort(touched_.begin(), touched_.end());
-    touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
     if (most_reach > 0) {
       tbb::parallel_for(std::size_t{0}, touched_.size(), [&](std::size_t n) {
         const Eigen::Vector3f& c = points.pca_L(touched_[n]);

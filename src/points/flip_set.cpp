@@ -75,8 +75,8 @@ void FlipSet::add(std::span<const LeafChange> changes) {
     if (kinds == 0) continue;
     Slot& slot = slots_[slotOf(leaf)];
     if (slot.kinds == 0) {
-      slot = {leaf, static_cast<std::uint32_t>(changes_.size()) & 0xfffffffu, kinds};
       changes_.push_back(change);
+      slot = {leaf, static_cast<std::uint32_t>(changes_.size() - 1) & 0xfffffffu, kinds};
       continue;
     }
     slot.kinds = (slot.kinds | kinds) & 0xfu;

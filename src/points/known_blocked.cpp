@@ -38,7 +38,10 @@ DirectionMask KnownBlocked::release(const Index3& point_voxel, std::span<const I
     DirectionMask reading = {};
     for (std::size_t word = 0; word < directions.words(); ++word) reading.word[word] = entry[word];
     touched = touched | reading;
-    forEachDirection(reading & tool, [&](int d) { ++flips_of[static_cast<std::size_t>(d)]; });
+    forEachDirection(reading & tool, [&](int d) {
+      std::uint16_t& count = flips_of[static_cast<std::size_t>(d)];
+      if (count < 0xffff) ++count;  // above every margin
+    });
   }
   DirectionMask released = without(touched, tool);
   std::uint16_t worn = 0;

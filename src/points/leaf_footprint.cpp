@@ -45,13 +45,16 @@ class FootprintBuilder {
   std::map<std::pair<std::int32_t, std::int32_t>, Range> ranges_;
 };
 
+/// Rounding of float32 positions far from the origin, in voxels; ScanGate admits coordinates up to where it is 0.16.
+constexpr double kRounding = 0.25;
+
 /// Voxel offsets that an offset in metres can lead to: both ends are rounded on their own.
 std::pair<Index3, Index3> offsetBox(const float* offset_m, double voxel_size_m) {
   Index3 low, high;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double voxels = static_cast<double>(offset_m[axis]) / voxel_size_m;
-    low[axis] = static_cast<std::int32_t>(std::floor(voxels - 1e-3));
-    high[axis] = static_cast<std::int32_t>(std::ceil(voxels + 1e-3));
+    low[axis] = static_cast<std::int32_t>(std::floor(voxels - kRounding));
+    high[axis] = static_cast<std::int32_t>(std::ceil(voxels + kRounding));
   }
   return {low, high};
 }

@@ -41,6 +41,7 @@ struct Case {
   int max_collisions;
   int every;  ///< scans between updates
   ToolForm form = ToolForm::Voxels;
+  double confidence_min = 0.2;
 };
 
 class ExactStream : public testing::TestWithParam<Case> {};
@@ -59,6 +60,7 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
   params.tsdf.voxel_size_m = c.voxel_size_m;
   params.scoring.max_collisions = c.max_collisions;
   params.scoring.form = c.form;
+  params.scoring.confidence_min = c.confidence_min;
   params.scoring.surface_samples = 60;  // of that form; few, to be quick
   AccessibilityField field(ToolGeometry::builtin(c.tool), params);
   std::uint64_t tests = 0, labels_seen = 0;
@@ -83,7 +85,8 @@ INSTANTIATE_TEST_SUITE_P(Streams, ExactStream,
                          testing::Values(Case{1, "builtin:pruner", 0.05, 0, 1}, Case{2, "builtin:pencil", 0.03, 0, 1},
                                          Case{3, "builtin:pruner", 0.08, 40, 1}, Case{4, "builtin:pruner", 0.05, 12, 3},
                                          // Samples are asked direction by direction: no table of directions by offset.
-                                         Case{5, "builtin:pruner", 0.08, 2, 2, ToolForm::SurfaceSamples}));
+                                         Case{5, "builtin:pruner", 0.08, 2, 2, ToolForm::SurfaceSamples},
+                                         Case{6, "builtin:pruner", 0.06, 0, 2, ToolForm::Voxels, 0.0}));
 
 /// Random clutter near the sensor: many flips both ways, few returns a voxel.
 TEST(ExactStream, EqualsFromScratchOnRandomClutter) {
