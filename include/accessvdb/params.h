@@ -40,7 +40,7 @@ struct ApproachParams {
   double observation_cos_min = 0.25;            ///< a direction counts as observed from where dot(u, a_d) exceeds this
   std::array<double, 3> arm_tau = {0.6, 1.25, 2.25};  ///< arm samples, times tau
   double corridor_length_m = 0.0;  ///< [L] straight corridor kept free; beyond 2.25 tau sampled every tau
-  bool coarse_to_fine = false;     ///< the paper's 20 degree pass and +-25 degree window instead of all D
+  bool coarse_to_fine = false;     ///< the paper's 20 degree pass and +-25 degree window; policy Paper only
   bool viewpoints = false;         ///< up to 8 stored viewpoints (paper) instead of the seen-direction mask
 };
 
