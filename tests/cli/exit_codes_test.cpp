@@ -144,15 +144,15 @@ TEST_F(ExitCodes, NoReturnAtAll) {
 }
 
 TEST_F(ExitCodes, MemoryLimitNamesAVoxelThatFits) {
-  // 191 MiB are fixed, the rest is for the map: too little at 5 mm, enough at some centimetres.
-  const std::vector<std::string> limit = {"--voxel", "0.005", "--max-memory", "196M"};
+  // 229 MiB are fixed, the rest is for the map: too little at 5 mm, enough at some centimetres.
+  const std::vector<std::string> limit = {"--voxel", "0.005", "--max-memory", "234M"};
   const ProgramResult result = runProgram(mapArguments(limit));
   EXPECT_EQ(result.exit_code, 5) << result.err;
   expectOneErrorLine(result, "limit.memory");
   std::smatch voxel;
   ASSERT_TRUE(std::regex_search(result.err, voxel, std::regex("--voxel ([0-9.]+) or larger"))) << result.err;
   EXPECT_GT(std::stod(voxel[1]), 0.005);
-  EXPECT_EQ(runProgram(mapArguments({"--max-memory", "196M", "--voxel", voxel[1]})).exit_code, 0);
+  EXPECT_EQ(runProgram(mapArguments({"--max-memory", "234M", "--voxel", voxel[1]})).exit_code, 0);
   std::filesystem::remove_all(folder_ / "out");
   expectFailure(limit, 5, "limit.memory");
 }
