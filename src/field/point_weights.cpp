@@ -26,6 +26,33 @@ std::uint32_t packedAt(ConstAccessor& map, const openvdb::Coord& ijk) {
   return values == nullptr ? 0 : values[PackedLeaf::coordToOffset(ijk)];
 }
 
+/// Largest weight of the (2 reach + 1)^3 voxels around one; each leaf that they lie in is looked up once.
+std::uint32_t largestWeight(ConstAccessor& map, const openvdb::Coord& centre, int reach) {
+  constexpr int kLast = PackedLeaf::DIM - 1;
+  const openvdb::Coord low = centre.offsetBy(-reach), high = centre.offsetBy(reach);
+  std::uint32_t most = 0;
+  openvdb::Coord from, to;  // the part inside one leaf
+  for (from.x() = low.x(); from.x() <= high.x(); from.x() = to.x() + 1) {
+    to.x() = std::min(from.x() | kLast, high.x());
+    for (from.y() = low.y(); from.y() <= high.y(); from.y() = to.y() + 1) {
+      to.y() = std::min(from.y() | kLast, high.y());
+      for (from.z() = low.z(); from.z() <= high.z(); from.z() = to.z() + 1) {
+        to.z() = std::min(from.z() | kLast, high.z());
+        const PackedLeaf* leaf = map.probeConstLeaf(from);
+        const std::uint32_t* values = leaf == nullptr ? nullptr : packedValues(*leaf);
+        if (values == nullptr) continue;
+        for (int x = from.x(); x <= to.x(); ++x) {
+          for (int y = from.y(); y <= to.y(); ++y) {
+            const std::uint32_t* row = values + PackedLeaf::coordToOffset({x, y, from.z()});
+            for (int z = 0; z <= to.z() - from.z(); ++z) most = std::max(most, weightOf(row[z]));
+          }
+        }
+      }
+    }
+  }
+  return most;
+}
+
 }  // namespace
 
 MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neighbourhood_weight) {
@@ -35,16 +62,7 @@ MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neigh
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
       ConstAccessor accessor(map.tree());
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        const openvdb::Coord centre = coordOf(points, ids[n]);
-        std::uint32_t most = 0;
-        for (int x = -reach; x <= reach; ++x) {
-          for (int y = -reach; y <= reach; ++y) {
-            for (int z = -reach; z <= reach; ++z) {
-              most = std::max(most, weightOf(packedAt(accessor, centre.offsetBy(x, y, z))));
-            }
-          }
-        }
-        weights[n] = static_cast<std::uint16_t>(most);
+        weights[n] = static_cast<std::uint16_t>(largestWeight(accessor, coordOf(points, ids[n]), reach));
       }
     });
   };

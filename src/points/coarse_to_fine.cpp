@@ -28,9 +28,23 @@ CoarseToFine::CoarseToFine(const PointScorer& scorer, int num_directions, std::u
   for (int d = 0; d < num_directions; d += step) coarse_.set(d);
 }
 
+bool CoarseToFine::resolved(std::uint32_t id) const {
+  const PointRecord& record = scorer_.record(id);
+  return record.score < collision_limit_ && record.direction != kNoDirection;
+}
+
+void CoarseToFine::beginBatch() {
+  any_resolved_ = false;
+  if (!scorer_.params().approach.coarse_to_fine) return;
+  // Points that came after the last update have no record yet.
+  const std::uint32_t known = std::min(scorer_.points().size(), scorer_.device().size());
+  for (std::uint32_t id = 0; id < known && !any_resolved_; ++id) any_resolved_ = resolved(id);
+}
+
 DirectionMask CoarseToFine::candidates(std::uint32_t id) const {
   if (!scorer_.params().approach.coarse_to_fine) return allDirections(num_directions_);
   DirectionMask candidates = coarse_;
+  if (!any_resolved_) return candidates;
   const std::uint16_t hint = directionOfNearestResolved(id);
   if (hint == kNoDirection) return candidates;
   for (int offset = -window_; offset <= window_; ++offset) {
@@ -54,8 +68,7 @@ std::uint16_t CoarseToFine::directionOfNearestResolved(std::uint32_t id) const {
     for (const std::uint32_t other : block.ids) {
       // Points that came after the last update have no record yet.
       if (other == id || other >= scorer_.device().size()) continue;
-      const PointRecord& record = scorer_.record(other);
-      if (record.score >= collision_limit_ || record.direction == kNoDirection) continue;
+      if (!resolved(other)) continue;
       const float distance_m = (points.first_L(other) - p_L).norm();
       if (distance_m < least_m || (distance_m == least_m && other < nearest)) {
         least_m = distance_m;

@@ -12,11 +12,15 @@ class CoarseToFine {
   /// @param collision_limit  [n_c] a point is resolved when its best score is below
   CoarseToFine(const PointScorer& scorer, int num_directions, std::uint16_t collision_limit);
 
+  /// To be called before a batch: whether any point is resolved, without which nobody need be searched for.
+  void beginBatch();
+
   /// Directions to try at a point: all of them unless ApproachParams::coarse_to_fine. Reads the stored best directions,
   /// so within one batch no point sees what the others of the batch are about to find.
   [[nodiscard]] DirectionMask candidates(std::uint32_t id) const;
 
  private:
+  [[nodiscard]] bool resolved(std::uint32_t id) const;
   /// Best direction of the nearest other resolved point within 0.3 m, ties by lower id; kNoDirection without one.
   [[nodiscard]] std::uint16_t directionOfNearestResolved(std::uint32_t id) const;
 
@@ -25,6 +29,7 @@ class CoarseToFine {
   int window_;  ///< half width in directions
   std::uint16_t collision_limit_;
   DirectionMask coarse_ = {};
+  bool any_resolved_ = false;
 };
 
 }  // namespace accessvdb::internal

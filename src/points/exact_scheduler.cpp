@@ -11,25 +11,19 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <atomic>
-#include <bit>
-#include <chrono>
-#include <cmath>
+#include <iterator>
 #include <vector>
 
 #include "hostdev/direction_filter.h"
 #include "points/flip_set.h"
 #include "points/known_blocked.h"
 #include "points/leaf_footprint.h"
+#include "points/moved_points.h"
+#include "points/stopwatch.h"
 #include "points/update_scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-double millisecondsSince(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
 
 /// What is due at a point. Kept while it waits in the backlog.
 enum Due : std::uint8_t {
@@ -49,47 +43,48 @@ class ExactScheduler final : public UpdateScheduler {
         footprint_(tool, approach, scorer.params().tsdf.voxel_size_m),
         offset_directions_(tool, approach.num_directions, kMostOffsetTableBytes),
         collision_limit_(tool.collision_limit),
-        all_(allDirections(approach.num_directions)) {}
+        all_(allDirections(approach.num_directions)),
+        moved_points_(scorer) {}
 
   void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
                 std::span<const std::span<const LeafChange>> changes) override {
-    touched_.insert(touched_.end(), touched.all.begin(), touched.all.end());
+    moved_points_.note(touched);
     if (!anything_scored_) return;  // nothing to invalidate yet
     for (const auto& part : changes) flips_.add(part);
   }
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    const auto start = Clock::now();
+    const Stopwatch updating;
     scorer_.grow();
     blocked_.resize(scorer_.points().size());
     due_.resize(scorer_.points().size(), 0);
-    std::sort(touched_.begin(), touched_.end());
-    touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
 
     const std::vector<std::uint32_t> crossed = findCrossed();
-    const std::vector<std::uint32_t> moved = findMoved(crossed);
+    std::vector<std::uint32_t> moved;
+    std::ranges::set_union(moved_points_.find(), crossed, std::back_inserter(moved));
     const std::vector<std::uint32_t> changed = scorer_.refreshNeighbourhoods(moved);
+    moved_points_.refreshed(moved);
     for (const std::uint32_t id : changed) request(id, 0);
     for (const std::uint32_t id : crossed) request(id, kForgetBlocked | kForgetBest);
     scorer_.upload(changed);  // those that crossed are among them: they had no neighbourhood yet
     if (!flips_.empty()) applyFlips();
     flips_.clear();
-    touched_.clear();
+    moved_points_.clear();
 
     std::vector<std::uint32_t> work = takeWork();
     stats.dirty_points = moved.size() + work.size();
     stats.backlog = queue_.size();
-    stats.update_ms = millisecondsSince(start);
-    const auto scoring = Clock::now();
+    stats.update_ms = updating.milliseconds();
+    const Stopwatch scoring;
     scoreAll(work, tables, stats);
-    stats.score_ms = millisecondsSince(scoring);
+    stats.score_ms = scoring.milliseconds();
     return stats;
   }
 
   std::uint64_t bytes() const override {
     return offset_directions_.bytes() + blocked_.capacity() * sizeof(KnownBlocked) + due_.capacity() + flips_.bytes() +
-           (touched_.capacity() + fresh_.capacity() + queue_.capacity()) * sizeof(std::uint32_t);
+           moved_points_.bytes() + (fresh_.capacity() + queue_.capacity()) * sizeof(std::uint32_t);
   }
 
  private:
@@ -110,63 +105,12 @@ class ExactScheduler final : public UpdateScheduler {
     });
     // What `confident` needs; costs little beside the rest.
     std::vector<std::uint32_t> scored;
-    for (const std::uint32_t id : touched_) {
+    for (const std::uint32_t id : moved_points_.touched()) {
       if (scorer_.record(id).has_neighbourhood) scored.push_back(id);
     }
     scorer_.refreshWeights(scored);
     scorer_.upload(scored);
     return crossed;
-  }
-
-  /// Causes (b), (c), (d): scored points whose neighbourhood holds a touched point; and points scored for the first
-  /// time.
-  std::vector<std::uint32_t> findMoved(const std::vector<std::uint32_t>& crossed) {
-    const PointStore& points = scorer_.points();
-    const auto& blocks = points.index().blocks();
-    std::vector<std::uint8_t> moved(points.size(), 0);
-    // A touched point's mean may have moved anywhere inside its voxel.
-    // Diagonal of a voxel, and a quarter of one against rounding far from the origin.
-    const float slack = 2.0f * static_cast<float>(scorer_.params().tsdf.voxel_size_m);
-    std::vector<float> block_reach(blocks.size(), 0);
-    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
-      for (const std::uint32_t id : blocks[b].ids) {
-        if (scorer_.record(id).has_neighbourhood)
-          block_reach[b] = std::max(block_reach[b], scorer_.record(id).reach_m + slack);
-      }
-    });
-    const float most_reach = block_reach.empty() ? 0 : *std::max_element(block_reach.begin(), block_reach.end());
-    const auto block_size_m = static_cast<float>(8 * scorer_.params().tsdf.voxel_size_m);
-    const auto leaves = static_cast<std::int32_t>(most_reach / block_size_m) + 1;
-
-    if (most_reach > 0) {
-      tbb::parallel_for(std::size_t{0}, touched_.size(), [&](std::size_t n) {
-        const Eigen::Vector3f& c = points.pca_L(touched_[n]);
-        const Index3 leaf = parentOf(points.voxelOf(points.first_L(touched_[n])));
-        points.index().forEachBlock({leaf[0] - leaves, leaf[1] - leaves, leaf[2] - leaves},
-                                    {leaf[0] + leaves, leaf[1] + leaves, leaf[2] + leaves}, [&](std::uint32_t b) {
-                                      const auto box_gap =
-                                          static_cast<float>(std::max({std::abs(blocks[b].leaf[0] - leaf[0]),
-                                                                       std::abs(blocks[b].leaf[1] - leaf[1]),
-                                                                       std::abs(blocks[b].leaf[2] - leaf[2]), 1}) -
-                                                             1) *
-                                          block_size_m;
-                                      if (box_gap > block_reach[b]) return;
-                                      for (const std::uint32_t id : blocks[b].ids) {
-                                        const PointRecord& record = scorer_.record(id);
-                                        if (!record.has_neighbourhood) continue;
-                                        if ((points.pca_L(id) - c).norm() <= record.reach_m + slack) {
-                                          std::atomic_ref<std::uint8_t>(moved[id]).store(1, std::memory_order_relaxed);
-                                        }
-                                      }
-                                    });
-      });
-    }
-    for (const std::uint32_t id : crossed) moved[id] = 1;
-    std::vector<std::uint32_t> ids;
-    for (std::uint32_t id = 0; id < moved.size(); ++id) {
-      if (moved[id] != 0) ids.push_back(id);
-    }
-    return ids;
   }
 
   /// Cause (a), with the sign of the flips.
@@ -177,11 +121,10 @@ class ExactScheduler final : public UpdateScheduler {
     std::vector<std::uint8_t> wanted(points.size(), 0);
     tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
       const PointBlock& block = blocks[b];
-      const bool any_scored = std::any_of(block.ids.begin(), block.ids.end(), [&](std::uint32_t id) {
-        return scorer_.record(id).label != PointLabel::Unscored;
-      });
-      if (!any_scored) return;
-      const AffectedDirections affected = footprint_.affected(block.leaf, flips_);
+      if (!moved_points_.anyIn(static_cast<std::uint32_t>(b))) return;
+      thread_local FlipWindow window;
+      if (!footprint_.fill(block.leaf, flips_, window)) return;
+      const AffectedDirections affected = footprint_.affected(block.leaf, window);
       if (!any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm)) return;
       thread_local std::vector<Index3> freed_near;
       freed_near.clear();
@@ -196,8 +139,10 @@ class ExactScheduler final : public UpdateScheduler {
       for (const std::uint32_t id : block.ids) {
         const PointLabel label = scorer_.record(id).label;
         if (label == PointLabel::Unscored) continue;
-        const DirectionMask better = release(id, affected, freed_near);
-        wanted[id] = label == PointLabel::Accessible ? dueIfAccessible(id, affected, better) : any(better) ? kScore : 0;
+        const DirectionMask better = release(id, affected, freed_near, window);
+        wanted[id] = label == PointLabel::Accessible ? dueIfAccessible(id, affected, better, window)
+                     : any(better)                   ? kScore
+                                                     : 0;
       }
     });
     for (std::uint32_t id = 0; id < wanted.size(); ++id) {
@@ -206,7 +151,8 @@ class ExactScheduler final : public UpdateScheduler {
   }
 
   /// Takes away what flips for the better make uncertain. @return directions that may be better than they were
-  DirectionMask release(std::uint32_t id, const AffectedDirections& affected, std::span<const Index3> freed_near) {
+  DirectionMask release(std::uint32_t id, const AffectedDirections& affected, std::span<const Index3> freed_near,
+                        const FlipWindow& flips) {
     const Eigen::Vector3f& position_L = scorer_.points().first_L(id);
     KnownBlocked& known = blocked_[id];
     DirectionMask better = {};
@@ -215,14 +161,14 @@ class ExactScheduler final : public UpdateScheduler {
         better = known.release(scorer_.points().voxelOf(position_L), freed_near, offset_directions_);
     } else {
       forEachDirection(affected.better_tool, [&](int d) {
-        if (footprint_.toolBetter(position_L, d, flips_)) better.set(d);
+        if (footprint_.toolBetter(position_L, d, flips)) better.set(d);
       });
       known.tool = without(known.tool, better);
     }
     // Still blocked in the corridor: the tool does not matter yet.
     better = without(better, known.arm);
     forEachDirection(affected.better_arm & known.arm, [&](int d) {
-      if (!footprint_.armBetter(position_L, d, flips_)) return;
+      if (!footprint_.armBetter(position_L, d, flips)) return;
       known.arm.reset(d);
       if (!known.tool.test(d)) better.set(d);
     });
@@ -231,12 +177,12 @@ class ExactScheduler final : public UpdateScheduler {
 
   /// @param better  directions that may be better than they were
   [[nodiscard]] std::uint8_t dueIfAccessible(std::uint32_t id, const AffectedDirections& affected,
-                                             const DirectionMask& better) const {
+                                             const DirectionMask& better, const FlipWindow& flips) const {
     const PointRecord& record = scorer_.record(id);
     const Eigen::Vector3f& position_L = scorer_.points().first_L(id);
     const int best = record.direction;
-    if ((affected.worse_arm.test(best) && footprint_.armWorse(position_L, best, flips_)) ||
-        (affected.worse_tool.test(best) && footprint_.toolWorse(position_L, best, flips_))) {
+    if ((affected.worse_arm.test(best) && footprint_.armWorse(position_L, best, flips)) ||
+        (affected.worse_tool.test(best) && footprint_.toolWorse(position_L, best, flips))) {
       return kScore | kForgetBest;
     }
     // With collisions left at the best direction, any other may have become better; else only those tried before it.
@@ -319,12 +265,12 @@ class ExactScheduler final : public UpdateScheduler {
   OffsetDirections offset_directions_;
   std::uint16_t collision_limit_;
   DirectionMask all_;
+  MovedPoints moved_points_;
   FlipSet flips_;
-  std::vector<std::uint32_t> touched_;  ///< since the last update
-  std::vector<std::uint32_t> fresh_;    ///< below the confidence bound
-  std::vector<std::uint32_t> queue_;    ///< points with something due, first come first served
-  std::vector<KnownBlocked> blocked_;   ///< by id
-  std::vector<std::uint8_t> due_;       ///< by id
+  std::vector<std::uint32_t> fresh_;   ///< below the confidence bound
+  std::vector<std::uint32_t> queue_;   ///< points with something due, first come first served
+  std::vector<KnownBlocked> blocked_;  ///< by id
+  std::vector<std::uint8_t> due_;      ///< by id
   std::uint32_t known_points_ = 0;
   bool anything_scored_ = false;
 };

@@ -3,6 +3,7 @@
 /// The facts that flipped since the last update, by leaf.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -16,6 +17,22 @@ namespace accessvdb::internal {
 enum class FlipKind : std::uint8_t { CollidesOn, CollidesOff, ArmFreeOn, ArmFreeOff };
 inline constexpr int kFlipKinds = 4;
 
+constexpr std::uint8_t bitOf(FlipKind kind) { return static_cast<std::uint8_t>(1u << static_cast<unsigned>(kind)); }
+
+inline const LeafBits& bitsOf(const LeafChange& change, FlipKind kind) {
+  switch (kind) {
+    case FlipKind::CollidesOn:
+      return change.collides_on;
+    case FlipKind::CollidesOff:
+      return change.collides_off;
+    case FlipKind::ArmFreeOn:
+      return change.arm_free_on;
+    case FlipKind::ArmFreeOff:
+      break;
+  }
+  return change.arm_free_off;
+}
+
 class FlipSet {
  public:
   /// Joins with what is there: a voxel that flips to and fro counts as flipped both ways, which costs work but is safe.
@@ -24,9 +41,18 @@ class FlipSet {
   [[nodiscard]] bool empty() const { return changes_.empty(); }
 
   /// @param leaf  voxel index >> 3. @return bit (1 << kind) for each kind of flip in the leaf; 0 where nothing flipped
-  [[nodiscard]] std::uint8_t kindsIn(const Index3& leaf) const;
+  [[nodiscard]] std::uint8_t kindsIn(const Index3& leaf) const { return at(leaf).kinds; }
   /// Voxels of the leaf with a flip of that kind, or nullptr where there is none.
-  [[nodiscard]] const LeafBits* find(const Index3& leaf, FlipKind kind) const;
+  [[nodiscard]] const LeafBits* find(const Index3& leaf, FlipKind kind) const {
+    const Flipped flipped = at(leaf);
+    return (flipped.kinds & bitOf(kind)) == 0 ? nullptr : &bitsOf(*flipped.change, kind);
+  }
+  /// Both of the above at once; valid until the next change of the set.
+  struct Flipped {
+    const LeafChange* change;  ///< nullptr where nothing flipped
+    std::uint8_t kinds;
+  };
+  [[nodiscard]] Flipped at(const Index3& leaf) const;
   [[nodiscard]] const std::vector<LeafChange>& changes() const { return changes_; }
   [[nodiscard]] std::uint64_t bytes() const {
     return changes_.capacity() * sizeof(LeafChange) + slots_.capacity() * sizeof(Slot);
@@ -35,15 +61,70 @@ class FlipSet {
  private:
   /// Open addressing. Key and kinds lie in the slot, so that most questions never touch the bits themselves.
   struct Slot {
-    Index3 leaf;
-    std::uint32_t change : 28;  ///< index into changes_
-    std::uint32_t kinds : 4;    ///< 0: the slot is empty
+    std::uint64_t key;
+    std::uint32_t change;  ///< index into changes_
+    std::uint32_t kinds;   ///< 0: the slot is empty
   };
-  [[nodiscard]] std::size_t slotOf(const Index3& leaf) const;
+  static std::uint64_t keyOf(const Index3& leaf);
+  [[nodiscard]] std::size_t slotOf(std::uint64_t key) const;
   void grow(std::size_t capacity);
 
   std::vector<LeafChange> changes_;
-  std::vector<Slot> slots_;
+  std::vector<Slot> slots_;  ///< a power of two
+};
+
+// Inline: some hundred a point and update.
+
+/// 21 bits an axis: more than the leaves of 2^20 voxels either way.
+inline std::uint64_t FlipSet::keyOf(const Index3& leaf) {
+  constexpr std::uint64_t kAxis = (std::uint64_t{1} << 21) - 1;
+  return (static_cast<std::uint64_t>(leaf[0]) & kAxis) << 42 | (static_cast<std::uint64_t>(leaf[1]) & kAxis) << 21 |
+         (static_cast<std::uint64_t>(leaf[2]) & kAxis);
+}
+
+inline std::size_t FlipSet::slotOf(std::uint64_t key) const {
+  std::uint64_t mixed = key * 0x9e3779b97f4a7c15ull;
+  mixed ^= mixed >> 32;
+  std::size_t slot = mixed & (slots_.size() - 1);
+  while (slots_[slot].kinds != 0 && slots_[slot].key != key) slot = (slot + 1) & (slots_.size() - 1);
+  return slot;
+}
+
+inline FlipSet::Flipped FlipSet::at(const Index3& leaf) const {
+  if (changes_.empty()) return {nullptr, 0};
+  const Slot& slot = slots_[slotOf(keyOf(leaf))];
+  if (slot.kinds == 0) return {nullptr, 0};
+  return {&changes_[slot.change], static_cast<std::uint8_t>(slot.kinds)};
+}
+
+/// The part of a FlipSet in a box of leaves, laid out by place: the points of a block ask for the same leaves again and
+/// again. Answers as the set does inside the box; outside it knows of no flip.
+class FlipWindow {
+ public:
+  /// @param low, high  leaves, inclusive. @return false where nothing flipped in the box
+  bool fill(const FlipSet& flips, const Index3& low, const Index3& high);
+  [[nodiscard]] std::uint8_t kindsIn(const Index3& leaf) const {
+    const std::size_t n = indexOf(leaf);
+    return n < kinds_.size() ? kinds_[n] : std::uint8_t{0};
+  }
+  [[nodiscard]] const LeafBits* find(const Index3& leaf, FlipKind kind) const {
+    const std::size_t n = indexOf(leaf);
+    return n >= kinds_.size() || (kinds_[n] & bitOf(kind)) == 0 ? nullptr : &bitsOf(*changes_[n], kind);
+  }
+
+ private:
+  /// Beyond the end where the leaf lies outside.
+  [[nodiscard]] std::size_t indexOf(const Index3& leaf) const {
+    const auto x = static_cast<std::uint32_t>(leaf[0] - low_[0]), y = static_cast<std::uint32_t>(leaf[1] - low_[1]);
+    const auto z = static_cast<std::uint32_t>(leaf[2] - low_[2]);
+    if (x >= extent_[0] || y >= extent_[1] || z >= extent_[2]) return kinds_.size();
+    return (static_cast<std::size_t>(x) * extent_[1] + y) * extent_[2] + z;
+  }
+
+  Index3 low_ = {};
+  std::array<std::uint32_t, 3> extent_ = {};
+  std::vector<const LeafChange*> changes_;
+  std::vector<std::uint8_t> kinds_;
 };
 
 }  // namespace accessvdb::internal

@@ -91,9 +91,25 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
   };
   collect(tool_builder, tool_columns_);
   collect(arm_builder, arm_columns_);
+  for (const Columns* columns : {&tool_columns_, &arm_columns_}) {
+    for (const Column& column : *columns) {
+      low_ = {std::min(low_[0], column.dx), std::min(low_[1], column.dy), std::min(low_[2], column.z_low)};
+      high_ = {std::max(high_[0], column.dx), std::max(high_[1], column.dy), std::max(high_[2], column.z_high)};
+    }
+  }
 }
 
-AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const FlipSet& flips) const {
+bool LeafFootprint::fill(const Index3& block_leaf, const FlipSet& flips, FlipWindow& window) const {
+  Index3 low, high;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    low[axis] = block_leaf[axis] + low_[axis];
+    high[axis] = block_leaf[axis] + high_[axis];
+  }
+  return window.fill(flips, low, high);
+}
+
+template <typename Flips>
+AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const Flips& flips) const {
   AffectedDirections affected;
   const auto scan = [&](const Columns& columns, FlipKind better_kind, FlipKind worse_kind, DirectionMask& better,
                         DirectionMask& worse) {
@@ -111,7 +127,8 @@ AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const FlipS
   return affected;
 }
 
-bool LeafFootprint::armReads(const Eigen::Vector3f& p, int d, const FlipSet& flips, FlipKind kind) const {
+template <typename Flips>
+bool LeafFootprint::armReads(const Eigen::Vector3f& p, int d, const Flips& flips, FlipKind kind) const {
   const float* offset = approach_.arm_offsets + 3 * static_cast<std::ptrdiff_t>(d) * approach_.num_arm;
   for (int n = 0; n < approach_.num_arm; ++n, offset += 3) {
     const auto ijk = kernels::voxelOf(p.x() + offset[0], p.y() + offset[1], p.z() + offset[2], inverse_voxel_size_);
@@ -122,7 +139,8 @@ bool LeafFootprint::armReads(const Eigen::Vector3f& p, int d, const FlipSet& fli
   return false;
 }
 
-bool LeafFootprint::toolReads(const Eigen::Vector3f& p, int d, const FlipSet& flips, FlipKind kind) const {
+template <typename Flips>
+bool LeafFootprint::toolReads(const Eigen::Vector3f& p, int d, const Flips& flips, FlipKind kind) const {
   if (tool_.use_samples) {
     for (std::uint32_t n = tool_.sample_begin[d]; n < tool_.sample_begin[d + 1]; ++n) {
       const float* t = tool_.samples + 3 * static_cast<std::size_t>(n);
@@ -162,17 +180,11 @@ bool LeafFootprint::toolReads(const Eigen::Vector3f& p, int d, const FlipSet& fl
   return false;
 }
 
-bool LeafFootprint::toolBetter(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
-  return toolReads(p, d, flips, FlipKind::CollidesOff);
-}
-bool LeafFootprint::toolWorse(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
-  return toolReads(p, d, flips, FlipKind::CollidesOn);
-}
-bool LeafFootprint::armBetter(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
-  return armReads(p, d, flips, FlipKind::ArmFreeOn);
-}
-bool LeafFootprint::armWorse(const Eigen::Vector3f& p, int d, const FlipSet& flips) const {
-  return armReads(p, d, flips, FlipKind::ArmFreeOff);
-}
+template AffectedDirections LeafFootprint::affected(const Index3&, const FlipSet&) const;
+template AffectedDirections LeafFootprint::affected(const Index3&, const FlipWindow&) const;
+template bool LeafFootprint::toolReads(const Eigen::Vector3f&, int, const FlipSet&, FlipKind) const;
+template bool LeafFootprint::toolReads(const Eigen::Vector3f&, int, const FlipWindow&, FlipKind) const;
+template bool LeafFootprint::armReads(const Eigen::Vector3f&, int, const FlipSet&, FlipKind) const;
+template bool LeafFootprint::armReads(const Eigen::Vector3f&, int, const FlipWindow&, FlipKind) const;
 
 }  // namespace accessvdb::internal

@@ -35,14 +35,32 @@ class LeafFootprint {
   /// @param tool, approach  host-side tables
   LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach, double voxel_size_m);
 
+  /// Gathers the flips that the points of a block may ask for. @return false where there are none
+  bool fill(const Index3& block_leaf, const FlipSet& flips, FlipWindow& window) const;
+
+  // Flips: a FlipSet, or a FlipWindow that was filled for the point's block.
+
   /// For all points of a block, wherever in it they lie. Conservative.
-  [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const FlipSet& flips) const;
+  template <typename Flips>
+  [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const Flips& flips) const;
 
   /// Voxel-exact: does direction d, tried from this point, read a voxel with such a flip?
-  [[nodiscard]] bool toolBetter(const Eigen::Vector3f& position_L, int d, const FlipSet& flips) const;
-  [[nodiscard]] bool toolWorse(const Eigen::Vector3f& position_L, int d, const FlipSet& flips) const;
-  [[nodiscard]] bool armBetter(const Eigen::Vector3f& position_L, int d, const FlipSet& flips) const;
-  [[nodiscard]] bool armWorse(const Eigen::Vector3f& position_L, int d, const FlipSet& flips) const;
+  template <typename Flips>
+  [[nodiscard]] bool toolBetter(const Eigen::Vector3f& position_L, int d, const Flips& flips) const {
+    return toolReads(position_L, d, flips, FlipKind::CollidesOff);
+  }
+  template <typename Flips>
+  [[nodiscard]] bool toolWorse(const Eigen::Vector3f& position_L, int d, const Flips& flips) const {
+    return toolReads(position_L, d, flips, FlipKind::CollidesOn);
+  }
+  template <typename Flips>
+  [[nodiscard]] bool armBetter(const Eigen::Vector3f& position_L, int d, const Flips& flips) const {
+    return armReads(position_L, d, flips, FlipKind::ArmFreeOn);
+  }
+  template <typename Flips>
+  [[nodiscard]] bool armWorse(const Eigen::Vector3f& position_L, int d, const Flips& flips) const {
+    return armReads(position_L, d, flips, FlipKind::ArmFreeOff);
+  }
 
  private:
   /// Leaves at one horizontal offset from the point's leaf.
@@ -51,13 +69,16 @@ class LeafFootprint {
     DirectionMask directions;
   };
   using Columns = std::vector<Column>;
-  [[nodiscard]] bool toolReads(const Eigen::Vector3f& position_L, int d, const FlipSet& flips, FlipKind kind) const;
-  [[nodiscard]] bool armReads(const Eigen::Vector3f& position_L, int d, const FlipSet& flips, FlipKind kind) const;
+  template <typename Flips>
+  [[nodiscard]] bool toolReads(const Eigen::Vector3f& position_L, int d, const Flips& flips, FlipKind kind) const;
+  template <typename Flips>
+  [[nodiscard]] bool armReads(const Eigen::Vector3f& position_L, int d, const Flips& flips, FlipKind kind) const;
 
   kernels::ToolKernelView tool_;
   kernels::ApproachView approach_;
   float inverse_voxel_size_;
   Columns tool_columns_, arm_columns_;
+  Index3 low_ = {}, high_ = {};  ///< box of all columns, relative to the point's leaf
 };
 
 }  // namespace accessvdb::internal

@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "points/nearest_points.h"
 #include "points/point_store.h"
 
 namespace accessvdb::internal {
@@ -30,9 +31,8 @@ class NeighbourhoodSearch {
   [[nodiscard]] double radius_m() const { return radius_m_; }
 
  private:
-  struct Scratch;
-  void computeBlock(const Index3& leaf, std::span<const std::uint32_t> ids, std::span<const std::uint32_t> slots,
-                    std::span<Neighbourhood> out, Scratch& scratch) const;
+  [[nodiscard]] Neighbourhood fromNearest(std::uint32_t id, std::span<const NearPoint> nearest,
+                                          const NearPositions& positions) const;
 
   const PointStore& points_;
   int k_;

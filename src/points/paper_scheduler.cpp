@@ -7,21 +7,16 @@
 /// the machine and its load. Here the budget is UpdateParams::budget_points, so that runs are repeatable. There is no
 /// sliding window either: the map keeps everything.
 #include <algorithm>
-#include <chrono>
 #include <deque>
 #include <vector>
 
 #include "points/coarse_to_fine.h"
 #include "points/paper_triggers.h"
+#include "points/stopwatch.h"
 #include "points/update_scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-double millisecondsSince(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
 
 class PaperScheduler final : public UpdateScheduler {
  public:
@@ -39,28 +34,29 @@ class PaperScheduler final : public UpdateScheduler {
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    const auto start = Clock::now();
+    const Stopwatch updating;
     scorer_.grow();
     const std::vector<std::uint32_t> work = takeWork(stats);
     scorer_.refreshNeighbourhoods(work);
     scorer_.upload(work);
     std::vector<kernels::ScoreItem> items(work.size());
     std::vector<PointLabel> labels_before(work.size());
+    directions_.beginBatch();
     for (std::size_t n = 0; n < work.size(); ++n) {
       items[n].id = work[n];
       items[n].candidates = directions_.candidates(work[n]);
       labels_before[n] = scorer_.record(work[n]).label;
     }
     stats.backlog = queue_.size();
-    stats.update_ms = millisecondsSince(start);
-    const auto scoring = Clock::now();
+    stats.update_ms = updating.milliseconds();
+    const Stopwatch scoring;
     const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables);
     for (std::size_t n = 0; n < results.size(); ++n) {
       stats.direction_tests += results[n].tests;
       stats.scored_points += results[n].tests > 0 ? 1 : 0;
       stats.label_changes += results[n].label != labels_before[n] ? 1 : 0;
     }
-    stats.score_ms = millisecondsSince(scoring);
+    stats.score_ms = scoring.milliseconds();
     return stats;
   }
 

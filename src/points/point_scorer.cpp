@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "points/point_scorer.h"
 
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -12,6 +13,7 @@ namespace accessvdb::internal {
 namespace {
 /// State arrays grow by a quarter, at least by this many points.
 constexpr std::uint32_t kLeastGrowth = 1 << 16;
+constexpr std::size_t kPointsPerTask = 1024;
 }  // namespace
 
 DirectionMask allDirections(int num_directions) {
@@ -115,33 +117,39 @@ std::vector<std::uint32_t> PointScorer::refreshWeights(std::span<const std::uint
 std::vector<std::uint32_t> PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids) {
   std::vector<Neighbourhood> found(ids.size());
   search_.compute(ids, found);
+  std::vector<std::uint8_t> differs(ids.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      PointRecord& record = records_[ids[n]];
+      differs[n] = !record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen);
+      record.normal_L = found[n].normal_L;
+      record.seen = found[n].seen;
+      record.reach_m = found[n].reach_m;
+      record.has_neighbourhood = true;
+    }
+  });
   std::vector<std::uint32_t> changed;
   for (std::size_t n = 0; n < ids.size(); ++n) {
-    PointRecord& record = records_[ids[n]];
-    if (!record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen)) {
-      changed.push_back(ids[n]);
-    }
-    record.normal_L = found[n].normal_L;
-    record.seen = found[n].seen;
-    record.reach_m = found[n].reach_m;
-    record.has_neighbourhood = true;
+    if (differs[n] != 0) changed.push_back(ids[n]);
   }
   return changed;
 }
 
 void PointScorer::upload(std::span<const std::uint32_t> ids) {
   std::vector<kernels::PointInput> inputs(ids.size());
-  tbb::parallel_for(std::size_t{0}, ids.size(), [&](std::size_t n) {
-    const std::uint32_t id = ids[n];
-    const PointRecord& record = records_[id];
-    kernels::PointInput& input = inputs[n];
-    input.id = id;
-    input.weight = record.weight;
-    for (int axis = 0; axis < 3; ++axis) {
-      input.position_L[axis] = points_.first_L(id)[axis];
-      input.normal_L[axis] = record.normal_L[axis];
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      const std::uint32_t id = ids[n];
+      const PointRecord& record = records_[id];
+      kernels::PointInput& input = inputs[n];
+      input.id = id;
+      input.weight = record.weight;
+      for (int axis = 0; axis < 3; ++axis) {
+        input.position_L[axis] = points_.first_L(id)[axis];
+        input.normal_L[axis] = record.normal_L[axis];
+      }
+      input.seen = record.seen;
     }
-    input.seen = record.seen;
   });
   backend_.writePoints(device_.view(), inputs.data(), inputs.size());
 }

@@ -7,6 +7,7 @@
 #include <tbb/parallel_sort.h>
 
 #include <cmath>
+#include <limits>
 #include <tuple>
 
 #include "hostdev/occupancy_query.h"
@@ -70,7 +71,7 @@ TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::
     std::uint32_t id = index_.find(voxel);
     if (id == kNone) {
       id = size();
-      index_.insert(voxel, id);
+      block_.push_back(index_.insert(voxel, id));
       first_L_.push_back(p);
       ++touched.new_points;
     }
@@ -78,7 +79,8 @@ TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::
   }
   group_begin.push_back(static_cast<std::uint32_t>(returns.size()));
   const std::size_t n = first_L_.size();
-  pca_L_.resize(n, Eigen::Vector3f::Zero());
+  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+  pca_L_.resize(n, Eigen::Vector3f::Constant(kNaN));
   offset_sum_.resize(n, {0, 0, 0});
   sensor_sum_.resize(n, {0, 0, 0});
   returns_.resize(n, 0);
@@ -91,11 +93,16 @@ TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::
   const auto first_pose = static_cast<std::uint32_t>(poses_.size());
   if (params_.approach.viewpoints) poses_.insert(poses_.end(), q_L.begin(), q_L.end());
 
+  touched.before_L.resize(touched.all.size());
+  touched.views_changed.resize(touched.all.size(), 0);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, touched.all.size(), 256), [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
+      touched.before_L[g] = pca_L_[touched.all[g]];
       for (std::uint32_t m = group_begin[g]; m < group_begin[g + 1]; ++m) {
         const std::uint32_t i = returns[m].index;
-        addToPoint(touched.all[g], p_L[i], sensor(i), first_pose + (q_L.size() == 1 ? 0 : i));
+        if (addToPoint(touched.all[g], p_L[i], sensor(i), first_pose + (q_L.size() == 1 ? 0 : i))) {
+          touched.views_changed[g] = 1;
+        }
       }
       refreshMean(touched.all[g]);
     }
@@ -103,7 +110,7 @@ TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::
   return touched;
 }
 
-void PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L,
+bool PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L,
                             std::uint32_t pose) {
   const Index3 voxel = voxelOf(p_L);
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -116,17 +123,22 @@ void PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const 
   ++returns_[id];
   if (!params_.approach.viewpoints) {
     const DirectionMask mask = directionsTowards(p_L, q_L);
-    for (int w = 0; w < words_; ++w)
-      seen_[static_cast<std::size_t>(id) * static_cast<std::size_t>(words_) + static_cast<std::size_t>(w)] |=
-          mask.word[w];
-    return;
+    std::uint64_t gained = 0;
+    for (int w = 0; w < words_; ++w) {
+      std::uint64_t& word =
+          seen_[static_cast<std::size_t>(id) * static_cast<std::size_t>(words_) + static_cast<std::size_t>(w)];
+      gained |= mask.word[w] & ~word;
+      word |= mask.word[w];
+    }
+    return gained != 0;
   }
   Viewpoints& views = viewpoints_[id];
-  if (views.count == Viewpoints::kMost) return;
+  if (views.count == Viewpoints::kMost) return false;
   for (std::uint32_t n = 0; n < views.count; ++n) {
-    if ((poses_[views.pose[n]] - q_L).norm() < kViewpointSpacing_m) return;
+    if ((poses_[views.pose[n]] - q_L).norm() < kViewpointSpacing_m) return false;
   }
   views.pose[views.count++] = pose;
+  return true;
 }
 
 void PointStore::refreshMean(std::uint32_t id) {
@@ -179,10 +191,11 @@ DirectionMask PointStore::seen(std::uint32_t id) const {
 }
 
 std::uint64_t PointStore::bytes() const {
-  return index_.bytes() + first_L_.capacity() * sizeof(Eigen::Vector3f) + pca_L_.capacity() * sizeof(Eigen::Vector3f) +
-         offset_sum_.capacity() * sizeof(offset_sum_[0]) + sensor_sum_.capacity() * sizeof(sensor_sum_[0]) +
-         returns_.capacity() * sizeof(std::uint32_t) + seen_.capacity() * sizeof(std::uint64_t) +
-         viewpoints_.capacity() * sizeof(Viewpoints) + poses_.capacity() * sizeof(Eigen::Vector3f);
+  return index_.bytes() + block_.capacity() * sizeof(std::uint32_t) + first_L_.capacity() * sizeof(Eigen::Vector3f) +
+         pca_L_.capacity() * sizeof(Eigen::Vector3f) + offset_sum_.capacity() * sizeof(offset_sum_[0]) +
+         sensor_sum_.capacity() * sizeof(sensor_sum_[0]) + returns_.capacity() * sizeof(std::uint32_t) +
+         seen_.capacity() * sizeof(std::uint64_t) + viewpoints_.capacity() * sizeof(Viewpoints) +
+         poses_.capacity() * sizeof(Eigen::Vector3f);
 }
 
 }  // namespace accessvdb::internal

@@ -47,9 +47,11 @@ struct Viewpoints {
   std::uint32_t count = 0;
 };
 
-/// Points that a scan changed, by ascending voxel.
+/// Points that a scan touched, by ascending voxel.
 struct TouchedPoints {
-  std::vector<std::uint32_t> all;  ///< new ones included
+  std::vector<std::uint32_t> all;           ///< new ones included
+  std::vector<Eigen::Vector3f> before_L;    ///< pca_L() of each before the scan; NaN where it is new
+  std::vector<std::uint8_t> views_changed;  ///< of each: its seen directions are not those before the scan
   std::size_t new_points = 0;
 };
 
@@ -65,6 +67,8 @@ class PointStore {
   [[nodiscard]] const SurfaceIndex& index() const { return index_; }
   [[nodiscard]] Index3 voxelOf(const Eigen::Vector3f& p_L) const;
 
+  /// Index into index().blocks().
+  [[nodiscard]] std::uint32_t blockOf(std::uint32_t id) const { return block_[id]; }
   [[nodiscard]] const Eigen::Vector3f& first_L(std::uint32_t id) const { return first_L_[id]; }
   /// Position that neighbourhoods are made of: mean return (product) or first return (paper).
   [[nodiscard]] const Eigen::Vector3f& pca_L(std::uint32_t id) const { return pca_L_[id]; }
@@ -77,7 +81,8 @@ class PointStore {
   [[nodiscard]] std::uint64_t bytes() const;
 
  private:
-  void addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
+  /// @return true when its seen directions changed
+  bool addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
   [[nodiscard]] DirectionMask directionsTowards(const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L) const;
   void refreshMean(std::uint32_t id);
 
@@ -86,6 +91,7 @@ class PointStore {
   float inverse_voxel_size_;
   int words_;
   SurfaceIndex index_;
+  std::vector<std::uint32_t> block_;
   std::vector<Eigen::Vector3f> first_L_, pca_L_;
   std::vector<std::array<std::int64_t, 3>> offset_sum_;  ///< return minus voxel centre, in 2^-20 voxels
   std::vector<std::array<std::int64_t, 3>> sensor_sum_;  ///< in 2^-16 m

@@ -36,7 +36,7 @@ std::uint32_t SurfaceIndex::find(const Index3& voxel) const {
   return testBit(blocks_[block].occupied, bit) ? blocks_[block].ids[rankOf(blocks_[block].occupied, bit)] : kNone;
 }
 
-void SurfaceIndex::insert(const Index3& voxel, std::uint32_t id) {
+std::uint32_t SurfaceIndex::insert(const Index3& voxel, std::uint32_t id) {
   const Index3 leaf = parentOf(voxel);
   const auto [entry, is_new] = cell_of_.try_emplace(cellKey(parentOf(leaf)), static_cast<std::uint32_t>(cells_.size()));
   if (is_new) {
@@ -54,6 +54,7 @@ void SurfaceIndex::insert(const Index3& voxel, std::uint32_t id) {
   const std::size_t bit = bitInParent(voxel);
   block.ids.insert(block.ids.begin() + static_cast<std::ptrdiff_t>(rankOf(block.occupied, bit)), id);
   block.occupied[bit >> 6] |= std::uint64_t{1} << (bit & 63);
+  return cell.block[block_bit];
 }
 
 std::uint64_t SurfaceIndex::bytes() const {

@@ -31,8 +31,8 @@ class SurfaceIndex {
  public:
   /// Id of the point in a voxel, or kNone.
   [[nodiscard]] std::uint32_t find(const Index3& voxel) const;
-  /// The voxel must be free.
-  void insert(const Index3& voxel, std::uint32_t id);
+  /// The voxel must be free. @return index of its block
+  std::uint32_t insert(const Index3& voxel, std::uint32_t id);
 
   [[nodiscard]] const std::vector<PointBlock>& blocks() const { return blocks_; }
   /// Index into blocks(), or kNone.

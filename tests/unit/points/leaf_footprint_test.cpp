@@ -154,6 +154,14 @@ void check(std::uint64_t seed, bool use_samples, double v, double far) {
     const Index3 at = voxelOf(p, nullptr, v);
     const Flips flips(random, at, n % 3 == 0 ? 1500 : 12, n % 3 == 0 ? 25 : 14);
     const AffectedDirections affected = footprint.affected(parentOf(at), flips.set);
+    FlipWindow window;
+    const bool any_near = footprint.fill(parentOf(at), flips.set, window);
+    const AffectedDirections in_window = footprint.affected(parentOf(at), window);
+    ASSERT_TRUE(in_window.better_tool == affected.better_tool && in_window.worse_tool == affected.worse_tool);
+    ASSERT_TRUE(in_window.better_arm == affected.better_arm && in_window.worse_arm == affected.worse_arm);
+    if (!any_near) {
+      ASSERT_FALSE(any(affected.better_tool | affected.worse_tool | affected.better_arm | affected.worse_arm));
+    }
     for (int d = 0; d < kDirections; ++d) {
       const std::vector<Index3> tool = toolVoxels(tables, p, static_cast<std::size_t>(d), v);
       std::vector<Index3> arm;
@@ -169,6 +177,10 @@ void check(std::uint64_t seed, bool use_samples, double v, double far) {
       expectFound(anyIn(tool, flips.collides_on), footprint.toolWorse(p, d, flips.set), affected.worse_tool);
       expectFound(anyIn(arm, flips.arm_on), footprint.armBetter(p, d, flips.set), affected.better_arm);
       expectFound(anyIn(arm, flips.arm_off), footprint.armWorse(p, d, flips.set), affected.worse_arm);
+      ASSERT_EQ(footprint.toolBetter(p, d, window), footprint.toolBetter(p, d, flips.set));
+      ASSERT_EQ(footprint.toolWorse(p, d, window), footprint.toolWorse(p, d, flips.set));
+      ASSERT_EQ(footprint.armBetter(p, d, window), footprint.armBetter(p, d, flips.set));
+      ASSERT_EQ(footprint.armWorse(p, d, window), footprint.armWorse(p, d, flips.set));
       if (testing::Test::HasFatalFailure()) return;
     }
   }
@@ -198,6 +210,10 @@ void checkSingleFlips(std::uint64_t seed, bool use_samples, double v, double far
     const auto direction = static_cast<int>(d);
     ASSERT_EQ(footprint.armBetter(p, direction, flips), of_arm);
     ASSERT_EQ(footprint.toolBetter(p, direction, flips), !of_arm);
+    FlipWindow window;
+    ASSERT_TRUE(footprint.fill(parentOf(voxelOf(p, nullptr, v)), flips, window));
+    ASSERT_EQ(footprint.armBetter(p, direction, window), of_arm);
+    ASSERT_EQ(footprint.toolBetter(p, direction, window), !of_arm);
     ASSERT_FALSE(footprint.armWorse(p, direction, flips) || footprint.toolWorse(p, direction, flips));
     const AffectedDirections affected = footprint.affected(parentOf(voxelOf(p, nullptr, v)), flips);
     ASSERT_FALSE(any(affected.worse_arm) || any(affected.worse_tool));

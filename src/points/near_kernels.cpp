@@ -1,0 +1,176 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "points/near_kernels.h"
+
+// Nothing of the standard library inside the regions: an inline function of it compiled there could end up being used
+// everywhere.
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
+#define ACCESSVDB_X86_KERNELS 1
+#include <immintrin.h>
+#else
+#define ACCESSVDB_X86_KERNELS 0
+#endif
+
+#if ACCESSVDB_X86_KERNELS
+#pragma GCC push_options
+#pragma GCC target("avx512f,avx512vl,avx512dq,avx512bw,avx2,bmi,bmi2,lzcnt,popcnt")
+namespace accessvdb::internal::near_avx512 {
+
+inline __mmask16 closer(const float* x, const float* y, const float* z, __m512 cx, __m512 cy, __m512 cz,
+                        __m512 squared) {
+  const __m512 dx = _mm512_sub_ps(_mm512_loadu_ps(x), cx), dy = _mm512_sub_ps(_mm512_loadu_ps(y), cy);
+  const __m512 dz = _mm512_sub_ps(_mm512_loadu_ps(z), cz);
+  const __m512 sum = _mm512_add_ps(_mm512_add_ps(_mm512_mul_ps(dx, dx), _mm512_mul_ps(dy, dy)), _mm512_mul_ps(dz, dz));
+  return _mm512_cmp_ps_mask(sum, squared, _CMP_LE_OQ);
+}
+
+std::size_t within(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared,
+                   std::uint32_t* found) {
+  const __m512 cx = _mm512_set1_ps(c[0]), cy = _mm512_set1_ps(c[1]), cz = _mm512_set1_ps(c[2]);
+  const __m512 bound = _mm512_set1_ps(squared);
+  __m512i index = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+  std::size_t count = 0;
+  for (std::size_t n = 0; n < lanes; n += 16) {
+    const __mmask16 mask = closer(x + n, y + n, z + n, cx, cy, cz, bound);
+    _mm512_storeu_si512(found + count, _mm512_maskz_compress_epi32(mask, index));
+    count += static_cast<std::size_t>(__builtin_popcount(mask));
+    index = _mm512_add_epi32(index, _mm512_set1_epi32(16));
+  }
+  return count;
+}
+
+bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared) {
+  const __m512 cx = _mm512_set1_ps(c[0]), cy = _mm512_set1_ps(c[1]), cz = _mm512_set1_ps(c[2]);
+  const __m512 bound = _mm512_set1_ps(squared);
+  for (std::size_t n = 0; n < lanes; n += 16) {
+    if (closer(x + n, y + n, z + n, cx, cy, cz, bound) != 0) return true;
+  }
+  return false;
+}
+
+void ranks(const std::int64_t* keys, std::size_t count, std::int32_t* out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const __m512i key = _mm512_set1_epi64(keys[i]);
+    int less = 0;
+    for (std::size_t j = 0; j < count; j += 8) {
+      const auto valid = static_cast<__mmask8>(count - j >= 8 ? 0xffu : (1u << (count - j)) - 1);
+      less += __builtin_popcount(_mm512_mask_cmplt_epi64_mask(valid, _mm512_maskz_loadu_epi64(valid, keys + j), key));
+    }
+    out[i] = less;
+  }
+}
+
+}  // namespace accessvdb::internal::near_avx512
+#pragma GCC pop_options
+
+#pragma GCC push_options
+#pragma GCC target("avx2,bmi,bmi2,lzcnt,popcnt")
+namespace accessvdb::internal::near_avx2 {
+
+inline unsigned closer(const float* x, const float* y, const float* z, __m256 cx, __m256 cy, __m256 cz,
+                       __m256 squared) {
+  const __m256 dx = _mm256_sub_ps(_mm256_loadu_ps(x), cx), dy = _mm256_sub_ps(_mm256_loadu_ps(y), cy);
+  const __m256 dz = _mm256_sub_ps(_mm256_loadu_ps(z), cz);
+  const __m256 sum = _mm256_add_ps(_mm256_add_ps(_mm256_mul_ps(dx, dx), _mm256_mul_ps(dy, dy)), _mm256_mul_ps(dz, dz));
+  return static_cast<unsigned>(_mm256_movemask_ps(_mm256_cmp_ps(sum, squared, _CMP_LE_OQ)));
+}
+
+std::size_t within(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared,
+                   std::uint32_t* found) {
+  const __m256 cx = _mm256_set1_ps(c[0]), cy = _mm256_set1_ps(c[1]), cz = _mm256_set1_ps(c[2]);
+  const __m256 bound = _mm256_set1_ps(squared);
+  std::size_t count = 0;
+  for (std::size_t n = 0; n < lanes; n += 8) {
+    for (unsigned mask = closer(x + n, y + n, z + n, cx, cy, cz, bound); mask != 0; mask &= mask - 1) {
+      found[count++] = static_cast<std::uint32_t>(n) + static_cast<std::uint32_t>(__builtin_ctz(mask));
+    }
+  }
+  return count;
+}
+
+bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared) {
+  const __m256 cx = _mm256_set1_ps(c[0]), cy = _mm256_set1_ps(c[1]), cz = _mm256_set1_ps(c[2]);
+  const __m256 bound = _mm256_set1_ps(squared);
+  for (std::size_t n = 0; n < lanes; n += 8) {
+    if (closer(x + n, y + n, z + n, cx, cy, cz, bound) != 0) return true;
+  }
+  return false;
+}
+
+void ranks(const std::int64_t* keys, std::size_t count, std::int32_t* out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    const __m256i key = _mm256_set1_epi64x(keys[i]);
+    int less = 0;
+    std::size_t j = 0;
+    for (; j + 4 <= count; j += 4) {
+      const __m256i other = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(keys + j));
+      const __m256i is_less = _mm256_cmpgt_epi64(key, other);
+      less += __builtin_popcount(static_cast<unsigned>(_mm256_movemask_pd(_mm256_castsi256_pd(is_less))));
+    }
+    for (; j < count; ++j) less += keys[j] < keys[i] ? 1 : 0;
+    out[i] = less;
+  }
+}
+
+}  // namespace accessvdb::internal::near_avx2
+#pragma GCC pop_options
+#endif
+
+namespace accessvdb::internal {
+namespace {
+
+float squaredDistance(const float* x, const float* y, const float* z, std::size_t n, const float* c) {
+  const float dx = x[n] - c[0], dy = y[n] - c[1], dz = z[n] - c[2];
+  return (dx * dx + dy * dy) + dz * dz;
+}
+
+std::size_t plainWithin(const float* x, const float* y, const float* z, std::size_t lanes, const float* c,
+                        float squared, std::uint32_t* found) {
+  std::size_t count = 0;
+  for (std::size_t n = 0; n < lanes; ++n) {
+    found[count] = static_cast<std::uint32_t>(n);
+    count += squaredDistance(x, y, z, n, c) <= squared ? 1u : 0u;
+  }
+  return count;
+}
+
+bool plainAnyWithin(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared) {
+  for (std::size_t n = 0; n < lanes; ++n) {
+    if (squaredDistance(x, y, z, n, c) <= squared) return true;
+  }
+  return false;
+}
+
+void plainRanks(const std::int64_t* keys, std::size_t count, std::int32_t* out) {
+  for (std::size_t i = 0; i < count; ++i) {
+    std::int32_t less = 0;
+    for (std::size_t j = 0; j < count; ++j) less += keys[j] < keys[i] ? 1 : 0;
+    out[i] = less;
+  }
+}
+
+constexpr NearKernels kPlain = {"plain", plainWithin, plainAnyWithin, plainRanks};
+#if ACCESSVDB_X86_KERNELS
+constexpr NearKernels kAvx512 = {"avx512", near_avx512::within, near_avx512::anyWithin, near_avx512::ranks};
+constexpr NearKernels kAvx2 = {"avx2", near_avx2::within, near_avx2::anyWithin, near_avx2::ranks};
+#endif
+
+}  // namespace
+
+NearKernelList runnableNearKernels() {
+#if ACCESSVDB_X86_KERNELS
+  const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+  const bool avx512 = avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+                      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
+  if (avx512) return {{&kAvx512, &kAvx2, &kPlain}, 3};
+  if (avx2) return {{&kAvx2, &kPlain, nullptr}, 2};
+#endif
+  return {{&kPlain, nullptr, nullptr}, 1};
+}
+
+const NearKernels& nearKernels() {
+  static const NearKernels& best = *runnableNearKernels().kernels[0];
+  return best;
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,71 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The inner loops of neighbour searches, compiled for several instruction sets; one set is chosen at run time.
+///
+/// Squared distances are those of float32 arithmetic on the positions as they are: differences, products and sums each
+/// round once, so they are off by less than kFloatSlack of their value. Callers decide with the exact distances.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <vector>
+
+namespace accessvdb::internal {
+
+/// Bound on the relative error of a squared distance in float32: three roundings a term and two sums, 5 x 2^-24.
+inline constexpr float kFloatSlack = 4e-7f;
+
+/// Positions side by side, in full lanes: the rest of the last lane is too far away to be found.
+class NearPositions {
+ public:
+  static constexpr std::size_t kLanes = 16;
+
+  void clear() { x_.clear(), y_.clear(), z_.clear(), size_ = 0; }
+  void add(float x, float y, float z);
+
+  [[nodiscard]] std::size_t size() const { return size_; }
+  [[nodiscard]] std::size_t lanes() const { return x_.size(); }
+  [[nodiscard]] const float* x() const { return x_.data(); }
+  [[nodiscard]] const float* y() const { return y_.data(); }
+  [[nodiscard]] const float* z() const { return z_.data(); }
+
+ private:
+  std::vector<float> x_, y_, z_;
+  std::size_t size_ = 0;
+};
+
+struct NearKernels {
+  const char* name;
+  /// Lists the positions with squared distance <= `squared` to c, ascending.
+  /// @param found  room for lanes + kLanes @return how many
+  std::size_t (*within)(const float* x, const float* y, const float* z, std::size_t lanes, const float* c,
+                        float squared, std::uint32_t* found);
+  /// Is there any such position?
+  bool (*any_within)(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared);
+  /// For each key, how many keys are less.
+  void (*ranks)(const std::int64_t* keys, std::size_t count, std::int32_t* ranks);
+};
+
+/// Best set for this machine.
+const NearKernels& nearKernels();
+/// All sets that run on this machine, best first.
+struct NearKernelList {
+  const NearKernels* kernels[3];
+  int count;
+};
+NearKernelList runnableNearKernels();
+
+// Inline: once a position.
+
+inline void NearPositions::add(float x, float y, float z) {
+  if (size_ == x_.size()) {
+    constexpr float kFar = 1e30f;  // its square is infinite
+    x_.resize(size_ + kLanes, kFar);
+    y_.resize(size_ + kLanes, kFar);
+    z_.resize(size_ + kLanes, kFar);
+  }
+  x_[size_] = x, y_[size_] = y, z_[size_] = z;
+  ++size_;
+}
+
+}  // namespace accessvdb::internal
