@@ -17,6 +17,7 @@
 #include <span>
 #include <string>
 
+#include "accessvdb/export.h"
 #include "accessvdb/params.h"
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/types.h"
@@ -25,7 +26,7 @@ namespace accessvdb {
 
 class TsdfVolume;
 
-class AccessibilityField {
+class ACCESSVDB_API AccessibilityField {
  public:
   /// @throws InvalidArgument (params), ResourceLimit (tool too large for the voxel size), DeviceError
   AccessibilityField(const ToolGeometry& tool, const FieldParams& params = {});
@@ -63,6 +64,7 @@ class AccessibilityField {
   [[nodiscard]] Eigen::Vector3d origin_W() const;   ///< of the local frame; set by the first scan
   [[nodiscard]] MemoryUse memoryUse() const;
   [[nodiscard]] std::string deviceName() const;  ///< "cpu" or "cuda:NAME"
+  [[nodiscard]] std::string deviceNote() const;  ///< why BackendKind::Auto is not on a GPU; else empty
   [[nodiscard]] double toolShareHidden() const;  ///< share of the tool inside the self-exclusion radius
   [[nodiscard]] int collisionLimit() const;      ///< [n_c] fewest collisions that block a direction
 

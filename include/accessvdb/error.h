@@ -10,6 +10,8 @@
 #include <string>
 #include <utility>
 
+#include "accessvdb/export.h"
+
 namespace accessvdb {
 
 /// Kinds of failure; the values are the exit codes of the program.
@@ -23,7 +25,7 @@ enum class ErrorCode : int {
   Internal = 70  ///< a bug of ours
 };
 
-class Error : public std::runtime_error {
+class ACCESSVDB_API Error : public std::runtime_error {
  public:
   /// @param id       stable dotted name, for example "input.truncated"
   /// @param subject  the file, option or device that it is about; may be empty
@@ -52,7 +54,7 @@ class Error : public std::runtime_error {
 
 /// One child a kind, so that callers can catch what they can handle.
 template <ErrorCode kCode>
-class ErrorOf : public Error {
+class ACCESSVDB_API ErrorOf : public Error {
  public:
   ErrorOf(std::string id, std::string subject, std::string problem, std::string advice = {})
       : Error(kCode, std::move(id), std::move(subject), std::move(problem), std::move(advice)) {}

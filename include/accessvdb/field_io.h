@@ -15,6 +15,7 @@
 #include <utility>
 #include <vector>
 
+#include "accessvdb/export.h"
 #include "accessvdb/types.h"
 
 namespace accessvdb {
@@ -26,23 +27,25 @@ namespace accessvdb::io {
 
 /// Calls `body` with a checked stream on a temporary file beside `path`; then flush, fsync, rename, fsync of the
 /// folder. Nothing is left behind when anything fails. @throws OutputError (disk full, permission, ...)
-void writeFileDurably(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body);
+ACCESSVDB_API void writeFileDurably(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body);
 
 /// Makes the folder if needed and proves that a file can be created in it. @throws OutputError
-void prepareOutputFolder(const std::filesystem::path& folder);
+ACCESSVDB_API void prepareOutputFolder(const std::filesystem::path& folder);
 
 /// Name and text pairs that go into the metadata of the .vdb files, in order ("voxel_size_m", "0.01", ...).
 using FieldMetadata = std::vector<std::pair<std::string, std::string>>;
 
 /// field.vdb: density, accessible, blocked, confidence, score, best_direction, distance, weight, cleared (INTERFACE).
-void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume, const FieldSnapshot& field,
-                   const FieldMetadata& metadata);
+ACCESSVDB_API void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume,
+                                 const FieldSnapshot& field, const FieldMetadata& metadata);
 /// field_points.vdb: one PointDataGrid for Houdini.
-void writePointsVdb(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata);
+ACCESSVDB_API void writePointsVdb(const std::filesystem::path& path, const FieldSnapshot& field,
+                                  const FieldMetadata& metadata);
 /// points.ply: binary little endian, positions in the world frame as doubles.
-void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata);
+ACCESSVDB_API void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& field,
+                                  const FieldMetadata& metadata);
 /// Reads points.ply back, with origin and voxel size from its header comments. @throws InputError
-[[nodiscard]] FieldSnapshot readPointsPly(const std::filesystem::path& path);
+[[nodiscard]] ACCESSVDB_API FieldSnapshot readPointsPly(const std::filesystem::path& path);
 
 /// What `info` tells about a grid.
 struct GridSummary {
@@ -58,10 +61,10 @@ struct VdbSummary {
   std::vector<std::pair<std::string, std::string>> metadata;
 };
 /// Reads any .vdb file. @throws InputError (not a .vdb, damaged)
-[[nodiscard]] VdbSummary summarizeVdb(const std::filesystem::path& path);
+[[nodiscard]] ACCESSVDB_API VdbSummary summarizeVdb(const std::filesystem::path& path);
 
 /// Answers about the map at world positions, from field.vdb of an output folder.
-class StoredField {
+class ACCESSVDB_API StoredField {
  public:
   struct Answer {
     Eigen::Vector3d position_W;

@@ -9,13 +9,31 @@
 #include <limits>
 #include <string>
 
+#include "accessvdb/export.h"
+
 namespace accessvdb {
 
-enum class Profile { Product, Paper };             ///< the two columns of docs/DESIGN.md, "Two profiles"
-enum class UpdatePolicy { Exact, Paper };          ///< how points to re-score are chosen
-enum class BackendKind { Auto, Cpu, Cuda };        ///< where scoring runs
-enum class UpdateRegion { DoubleCone, FullCube };  ///< voxels that one return updates
-enum class ToolForm { Voxels, SurfaceSamples };    ///< how tool collisions are counted
+enum class Profile { Product, Paper };       ///< the two columns of docs/DESIGN.md, "Two profiles"
+enum class UpdatePolicy { Exact, Paper };    ///< how points to re-score are chosen
+enum class BackendKind { Auto, Cpu, Cuda };  ///< where scoring runs
+/// Voxels that one return updates; Projective is a baseline for evaluation, see ProjectiveParams.
+enum class UpdateRegion { DoubleCone, FullCube, Projective };
+enum class ToolForm { Voxels, SurfaceSamples };  ///< how tool collisions are counted
+
+/// The projective baseline, for evaluation only: every voxel takes the range of the bin that it falls into in the
+/// scan's range image, d = range - |x - q|, instead of every return updating the voxels around it. Used with
+/// UpdateRegion::Projective, which takes scans with one sensor pose (integrateScan) and no ray clouds.
+struct ProjectiveParams {
+  double bin_rad = 0.004363323129985824;  ///< edge of a bin, 0.25 degrees; rounded to a whole number of bins a turn
+  bool in_front = false;       ///< voxels more than tau in front of a range count as tau; else only |d| <= tau counts
+  bool empty_is_free = false;  ///< voxels in empty bins count as tau; else they are skipped
+  bool guarded = false;        ///< nvblox's interpolation with its two guards; else the nearest range of the bin
+  bool cleared_band = false;   ///< also mark the cleared band of the scan-centric method
+  double elevation_min_rad = -0.12217304763960307;  ///< empty bins below count as outside of the view: -7 degrees
+  double elevation_max_rad = 0.9075712110370514;    ///< and those above: 52 degrees
+  std::array<double, 3> box_min_W_m = {}, box_max_W_m = {};  ///< what in_front and empty_is_free may update, in the
+                                                             ///< world frame; rounded outwards to leaves
+};
 
 /// How scans are fused into the truncated signed distance field (paper, "Scan-centric TSDF").
 struct TsdfParams {
@@ -25,6 +43,7 @@ struct TsdfParams {
   double min_range_m = 0.0;            ///< returns nearer than this are dropped
   double max_range_m = std::numeric_limits<double>::infinity();  ///< returns beyond this are dropped
   UpdateRegion region = UpdateRegion::DoubleCone;
+  ProjectiveParams projective = {};    ///< only for UpdateRegion::Projective
   double cone_cos_min = 0.95;          ///< cosine of the cone's half angle; (0, 1)
   double clamp_min_m = 0.0;            ///< lower clamp of a distance sample: 0, or -tau for the unclamped variant
   std::uint32_t max_weight = 2000;     ///< [w] cap in observations; 1 .. 4095
@@ -51,7 +70,7 @@ struct ScoringParams {
   ToolForm form = ToolForm::Voxels;
   int surface_samples = 1000;           ///< [M], only for SurfaceSamples
   int max_collisions = 0;               ///< [n_c - 1] most collisions of a free direction; 0 = rule (see ToolKernel)
-  int neighbours = 0;                   ///< [k] of the normal's PCA; 0 = rule: 10, 30 if sigma >= v/2, 60 if sigma >= v
+  int neighbours = 0;                   ///< [k] of the normal's PCA; 0 = rule: 10; 30, 60, 100 from sigma = v/2, v, 2v
   bool mean_positions = true;           ///< PCA on mean return positions (paper: first returns)
   bool join_neighbour_views = true;     ///< a point inherits what its 10 nearest neighbours were seen from
   bool neighbourhood_weight = true;     ///< confidence from the largest weight of 3x3x3 voxels (paper: own voxel)
@@ -71,7 +90,7 @@ struct UpdateParams {
 };
 
 /// Everything an AccessibilityField needs to know beside the tool.
-struct FieldParams {
+struct ACCESSVDB_API FieldParams {
   TsdfParams tsdf = {};
   ApproachParams approach = {};
   ScoringParams scoring = {};

@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <filesystem>
 
+#include "accessvdb/export.h"
 #include "accessvdb/types.h"
 
 namespace accessvdb {
@@ -22,8 +23,10 @@ struct RenderOptions {
 };
 
 /// @throws OutputError; InvalidArgument for a zero or non-finite view direction
-void renderField(const std::filesystem::path& png, const FieldSnapshot& field, const RenderOptions& options = {});
+ACCESSVDB_API void renderField(const std::filesystem::path& png, const FieldSnapshot& field,
+                               const RenderOptions& options = {});
 /// The tool in its frame: axes drawn, tip marked, size written beside it.
-void renderTool(const std::filesystem::path& png, const ToolGeometry& tool, const RenderOptions& options = {});
+ACCESSVDB_API void renderTool(const std::filesystem::path& png, const ToolGeometry& tool,
+                              const RenderOptions& options = {});
 
 }  // namespace accessvdb::io

@@ -12,6 +12,8 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/export.h"
+
 namespace accessvdb::io {
 
 /// Auto looks at the file's name and content. Viewpoint: the VIEWPOINT line of each PCD.
@@ -46,7 +48,7 @@ struct InputFile {
 };
 
 /// Scans with their poses, in order; files are read when asked for.
-class ScanSequence {
+class ACCESSVDB_API ScanSequence {
  public:
   /// Lists the scans, reads the poses, matches them and checks them.
   /// @throws InputError (code 3) unreadable or malformed; UnusableInput (code 4) no overlap, bad poses
@@ -70,9 +72,9 @@ class ScanSequence {
 };
 
 /// Lower-case hexadecimal SHA-256 of a file. @throws InputError
-[[nodiscard]] std::string sha256OfFile(const std::filesystem::path& path);
+[[nodiscard]] ACCESSVDB_API std::string sha256OfFile(const std::filesystem::path& path);
 
 /// Query positions from a text file, one "x y z" or "x,y,z" a line. @throws InputError naming the line
-[[nodiscard]] std::vector<Eigen::Vector3d> readPositions(const std::filesystem::path& path);
+[[nodiscard]] ACCESSVDB_API std::vector<Eigen::Vector3d> readPositions(const std::filesystem::path& path);
 
 }  // namespace accessvdb::io

@@ -12,10 +12,12 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/export.h"
+
 namespace accessvdb {
 
 enum class LengthUnit { Metre, Centimetre, Millimetre, Inch };
-[[nodiscard]] double metresPer(LengthUnit unit);
+[[nodiscard]] ACCESSVDB_API double metresPer(LengthUnit unit);
 
 /// How the mesh's own frame maps to the tool frame; all in the mesh's own units and axes.
 struct ToolPose {
@@ -24,7 +26,7 @@ struct ToolPose {
   Eigen::Vector3d up = {0, 0, 1};      ///< becomes +z as far as it is perpendicular to the axis
 };
 
-class ToolGeometry {
+class ACCESSVDB_API ToolGeometry {
  public:
   /// Reads STL, OBJ, PLY, OFF, DAE, glTF or GLB through assimp, in a child process with limits on time and memory.
   /// @param unit  needed for formats that carry none (STL, OBJ, PLY, OFF); overrides the others'

@@ -13,6 +13,7 @@
 #include <cstdint>
 #include <memory>
 
+#include "accessvdb/export.h"
 #include "accessvdb/params.h"
 
 namespace accessvdb {
@@ -28,7 +29,7 @@ struct VoxelState {
   bool cleared = false;      ///< some ray passed here on its way to a return
 };
 
-class TsdfVolume {
+class ACCESSVDB_API TsdfVolume {
  public:
   /// @param params  resolved parameters. @throws InvalidArgument
   explicit TsdfVolume(const TsdfParams& params);

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/export.h"
 #include "accessvdb/point_label.h"
 
 namespace accessvdb {
@@ -66,7 +67,7 @@ struct SurfacePoint {
 };
 
 /// All surface points at one moment, in the order of their ids.
-struct FieldSnapshot {
+struct ACCESSVDB_API FieldSnapshot {
   std::vector<SurfacePoint> points;
   Eigen::Vector3d origin_W = {0, 0, 0};  ///< world position of the map's local origin
   double voxel_size_m = 0;
@@ -83,6 +84,7 @@ struct MemoryUse {
   std::uint64_t mirror_bytes = 0;        ///< NanoVDB mirror
   std::uint64_t point_host_bytes = 0;    ///< authoring side of the points
   std::uint64_t point_device_bytes = 0;  ///< point state arrays
+  std::uint64_t device_peak_bytes = 0;   ///< most GPU memory held at a time, the driver's own left out; 0 on the CPU
   std::uint64_t leaves = 0;
   std::uint64_t active_voxels = 0;  ///< observed voxels
 };

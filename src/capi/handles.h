@@ -1,0 +1,49 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What stands behind the opaque handles of the C API.
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/c_api.h"
+
+namespace accessvdb::capi {
+
+/// First word of a handle, so that a handle of the other kind (or one that was freed, as long as nobody took its
+/// memory) is told apart instead of read as what it is not.
+inline constexpr std::uint32_t kToolMark = 0x4c4f4f54u, kFieldMark = 0x444c4546u, kFreedMark = 0;
+
+}  // namespace accessvdb::capi
+
+struct accessvdb_tool {
+  explicit accessvdb_tool(accessvdb::ToolGeometry given) : tool(std::move(given)) {}
+  std::uint32_t mark = accessvdb::capi::kToolMark;
+  accessvdb::ToolGeometry tool;
+};
+
+struct accessvdb_field {
+  accessvdb_field(const accessvdb::ToolGeometry& tool, const accessvdb::FieldParams& params)
+      : field(tool, params), device(field.deviceName()), parameters(field.params().describe()) {}
+  std::uint32_t mark = accessvdb::capi::kFieldMark;
+  std::atomic<bool> busy = false;  ///< some thread is inside a call
+  accessvdb_error error = {};      ///< of the last call that failed
+  accessvdb::AccessibilityField field;
+  std::string device, parameters;
+  std::optional<accessvdb::FieldSnapshot> snapshot;
+};
+
+namespace accessvdb::capi {
+
+[[nodiscard]] inline bool isTool(const accessvdb_tool* handle) {
+  return handle != nullptr && handle->mark == kToolMark;
+}
+[[nodiscard]] inline bool isField(const accessvdb_field* handle) {
+  return handle != nullptr && handle->mark == kFieldMark;
+}
+
+}  // namespace accessvdb::capi

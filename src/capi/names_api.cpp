@@ -1,0 +1,28 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Versions and words of the C API.
+#include "accessvdb/c_api.h"
+#include "accessvdb/config.h"
+#include "accessvdb/point_label.h"
+#include "accessvdb/types.h"
+
+// The numbers in C are the numbers in C++.
+static_assert(ACCESSVDB_NUM_LABELS == accessvdb::kNumPointLabels);
+static_assert(ACCESSVDB_NUM_REASONS == accessvdb::kNumPointReasons);
+static_assert(ACCESSVDB_NUM_DROP_REASONS == accessvdb::kNumDropReasons);
+static_assert(ACCESSVDB_BLOCKED == static_cast<int>(accessvdb::PointLabel::Blocked));
+static_assert(ACCESSVDB_REASON_TOOL == static_cast<int>(accessvdb::PointReason::Tool));
+
+const char* accessvdb_version(void) noexcept { return ACCESSVDB_VERSION; }
+
+std::uint32_t accessvdb_c_api_version(void) noexcept { return ACCESSVDB_C_API_VERSION; }
+
+const char* accessvdb_label_name(std::int32_t label) noexcept {
+  if (label < 0 || label >= accessvdb::kNumPointLabels) return "?";
+  return accessvdb::name(static_cast<accessvdb::PointLabel>(label));
+}
+
+const char* accessvdb_reason_name(std::int32_t reason) noexcept {
+  if (reason < 0 || reason >= accessvdb::kNumPointReasons) return "?";
+  return accessvdb::name(static_cast<accessvdb::PointReason>(reason));
+}

@@ -1,0 +1,117 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The C API used from C99: a wall is mapped, labels are read, and what must fail fails with its code.
+///   c_api_in_c OUT_FOLDER
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "accessvdb/c_api.h"
+
+static int failures = 0;
+
+#define CHECK(condition)                                                      \
+  do {                                                                        \
+    if (!(condition)) {                                                       \
+      fprintf(stderr, "%s:%d: not so: %s\n", __FILE__, __LINE__, #condition); \
+      ++failures;                                                             \
+    }                                                                         \
+  } while (0)
+
+enum { SIDE = 101, POINTS = SIDE * SIDE };
+
+/// A wall at x = 2 m in front of the sensor. @param xyz  [3 x POINTS]
+static void make_wall(float* xyz) {
+  int row, column;
+  for (row = 0; row < SIDE; ++row) {
+    for (column = 0; column < SIDE; ++column) {
+      float* p = xyz + 3 * (row * SIDE + column);
+      p[0] = 2.0f;
+      p[1] = -1.0f + 0.02f * (float)column;
+      p[2] = -1.0f + 0.02f * (float)row;
+    }
+  }
+}
+
+static void check_points(accessvdb_field* field) {
+  size_t count = 0, n;
+  accessvdb_counts counts = {.struct_size = sizeof counts};
+  CHECK(accessvdb_field_get_counts(field, &counts) == ACCESSVDB_ERROR_USAGE); /* no snapshot yet */
+  CHECK(strcmp(accessvdb_field_error_id(field), "snapshot.none") == 0);
+  CHECK(accessvdb_field_take_snapshot(field, &count) == ACCESSVDB_OK);
+  CHECK(count > 500);
+  CHECK(accessvdb_field_get_counts(field, &counts) == ACCESSVDB_OK);
+  CHECK(counts.points == count);
+  CHECK(counts.labels[ACCESSVDB_ACCESSIBLE] > 100);
+
+  accessvdb_point* points = malloc(count * sizeof *points);
+  CHECK(points != NULL);
+  if (points == NULL) return;
+  CHECK(accessvdb_field_copy_points(field, 0, count, points, sizeof *points) == ACCESSVDB_OK);
+  uint64_t accessible = 0;
+  for (n = 0; n < count; ++n) {
+    CHECK(points[n].id == n);
+    CHECK(fabs(points[n].position_W[0] - 2.0) < 1e-3);
+    if (points[n].label != ACCESSVDB_ACCESSIBLE) continue;
+    ++accessible;
+    /* The wall is seen from x < 2, so that is where the tool's body must be: 70 degrees around -x. */
+    CHECK(points[n].direction_W[0] < -0.3f);
+    CHECK(points[n].reason == ACCESSVDB_REASON_NONE);
+  }
+  CHECK(accessible == counts.labels[ACCESSVDB_ACCESSIBLE]);
+
+  accessvdb_point one;
+  int32_t found = 0;
+  CHECK(accessvdb_field_point_at(field, points[7].position_W, &one, sizeof one, &found) == ACCESSVDB_OK);
+  CHECK(found == 1 && one.id == 7);
+  const double nowhere[3] = {-5, 0, 0};
+  CHECK(accessvdb_field_point_at(field, nowhere, &one, sizeof one, &found) == ACCESSVDB_OK);
+  CHECK(found == 0);
+  CHECK(accessvdb_field_copy_points(field, 1, count, points, sizeof *points) == ACCESSVDB_ERROR_USAGE);
+  free(points);
+}
+
+int main(int argc, char** argv) {
+  accessvdb_error error = {.struct_size = sizeof error};
+  accessvdb_params params = {.struct_size = sizeof params};
+  accessvdb_tool* tool = NULL;
+  accessvdb_field* field = NULL;
+  static float wall_S[3 * POINTS];
+  int scan;
+
+  CHECK(accessvdb_c_api_version() == ACCESSVDB_C_API_VERSION);
+  CHECK(strchr(accessvdb_version(), '.') != NULL);
+  CHECK(strcmp(accessvdb_label_name(ACCESSVDB_BLOCKED), "blocked") == 0);
+  CHECK(strcmp(accessvdb_reason_name(ACCESSVDB_REASON_ARM), "arm") == 0);
+  CHECK(strcmp(accessvdb_reason_name(-1), "?") == 0);
+
+  CHECK(accessvdb_tool_builtin("builtin:spoon", &tool, &error) == ACCESSVDB_ERROR_USAGE);
+  CHECK(tool == NULL && error.code == ACCESSVDB_ERROR_USAGE && strstr(error.text, "spoon") != NULL);
+  CHECK(accessvdb_tool_builtin("builtin:pencil", &tool, &error) == ACCESSVDB_OK);
+  CHECK(accessvdb_params_defaults(&params) == ACCESSVDB_OK);
+  params.voxel_size_m = 0;
+  CHECK(accessvdb_field_create(tool, &params, &field, &error) == ACCESSVDB_ERROR_USAGE);
+  CHECK(field == NULL && strstr(error.text, "voxel_size_m") != NULL);
+  params.voxel_size_m = 0.05;
+  CHECK(accessvdb_field_create(tool, &params, &field, &error) == ACCESSVDB_OK);
+  accessvdb_tool_free(tool);
+  if (field == NULL) return 1;
+
+  make_wall(wall_S);
+  for (scan = 0; scan < 4; ++scan) {
+    const double T_W_S[16] = {1, 0, 0, 0, 0, 1, 0, 0.05 * scan, 0, 0, 1, 0, 0, 0, 0, 1};
+    accessvdb_frame_stats stats = {.struct_size = sizeof stats};
+    CHECK(accessvdb_field_integrate_scan(field, wall_S, POINTS, T_W_S, &stats) == ACCESSVDB_OK);
+    CHECK(stats.points_used == POINTS);
+  }
+  accessvdb_update_stats update = {.struct_size = sizeof update};
+  CHECK(accessvdb_field_update(field, &update) == ACCESSVDB_OK);
+  CHECK(update.scored_points > 0 && update.backlog == 0);
+  check_points(field);
+  if (argc > 1) CHECK(accessvdb_field_write(field, argv[1]) == ACCESSVDB_OK);
+  accessvdb_field_free(field);
+
+  if (failures == 0) puts("all well");
+  return failures == 0 ? 0 : 1;
+}

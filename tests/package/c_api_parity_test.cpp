@@ -1,0 +1,342 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// C and C++ give the same points, field by field, for the same scans, rays, tools and parameters.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <map>
+#include <set>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/c_api.h"
+#include "sample_scans/walk_generator.h"
+
+namespace {
+
+using accessvdb::AccessibilityField;
+using accessvdb::FieldParams;
+using accessvdb::FieldSnapshot;
+using accessvdb::SurfacePoint;
+using accessvdb::ToolGeometry;
+using accessvdb::samples::WalkFrame;
+using accessvdb::samples::WalkGenerator;
+
+struct CField {
+  CField(const char* tool_name, const accessvdb_params* params) {
+    accessvdb_error error = {};
+    error.struct_size = sizeof error;
+    accessvdb_tool* tool = nullptr;
+    EXPECT_EQ(accessvdb_tool_builtin(tool_name, &tool, &error), ACCESSVDB_OK) << error.text;
+    EXPECT_EQ(accessvdb_field_create(tool, params, &handle, &error), ACCESSVDB_OK) << error.text;
+    accessvdb_tool_free(tool);
+  }
+  ~CField() { accessvdb_field_free(handle); }
+  CField(const CField&) = delete;
+  CField& operator=(const CField&) = delete;
+
+  std::vector<accessvdb_point> points() const {
+    std::size_t count = 0;
+    EXPECT_EQ(accessvdb_field_take_snapshot(handle, &count), ACCESSVDB_OK);
+    std::vector<accessvdb_point> out(count);
+    // In two pieces, so that `first` matters.
+    const std::size_t half = count / 2;
+    EXPECT_EQ(accessvdb_field_copy_points(handle, 0, half, out.data(), sizeof out[0]), ACCESSVDB_OK);
+    EXPECT_EQ(accessvdb_field_copy_points(handle, half, count - half, out.data() + half, sizeof out[0]), ACCESSVDB_OK);
+    return out;
+  }
+  accessvdb_field* handle = nullptr;
+};
+
+accessvdb_params defaults() {
+  accessvdb_params params = {};
+  params.struct_size = sizeof params;
+  EXPECT_EQ(accessvdb_params_defaults(&params), ACCESSVDB_OK);
+  return params;
+}
+
+std::array<double, 16> rowMajor(const Eigen::Isometry3d& pose) {
+  std::array<double, 16> out;
+  for (int row = 0; row < 4; ++row) {
+    for (int column = 0; column < 4; ++column) out[std::size_t(4 * row + column)] = pose.matrix()(row, column);
+  }
+  return out;
+}
+
+void expectSame(const accessvdb_point& c, const SurfacePoint& p) {
+  ASSERT_EQ(c.id, p.id);
+  for (int axis = 0; axis < 3; ++axis) {
+    ASSERT_EQ(c.position_W[axis], p.position_W[axis]) << "point " << p.id;
+    ASSERT_EQ(c.normal_W[axis], p.normal_W[axis]) << "point " << p.id;
+    ASSERT_EQ(c.direction_W[axis], p.direction_W[axis]) << "point " << p.id;
+  }
+  ASSERT_EQ(c.yaw_rad, p.yaw_rad) << "point " << p.id;
+  ASSERT_EQ(c.weight, p.weight) << "point " << p.id;
+  ASSERT_EQ(c.confidence, p.confidence) << "point " << p.id;
+  ASSERT_EQ(c.stability, p.stability) << "point " << p.id;
+  ASSERT_EQ(c.direction, p.direction) << "point " << p.id;
+  ASSERT_EQ(c.score, p.score) << "point " << p.id;
+  ASSERT_EQ(c.label, static_cast<std::uint8_t>(p.label)) << "point " << p.id;
+  ASSERT_EQ(c.reason, static_cast<std::uint8_t>(p.reason)) << "point " << p.id;
+  ASSERT_EQ(c.confident, std::uint8_t{p.confident}) << "point " << p.id;
+}
+
+void expectSame(const std::vector<accessvdb_point>& c, const FieldSnapshot& cpp) {
+  ASSERT_EQ(c.size(), cpp.points.size());
+  ASSERT_GT(cpp.count(accessvdb::PointLabel::Accessible), 50u);  // else the comparison says little
+  ASSERT_GT(cpp.count(accessvdb::PointLabel::Blocked), 50u);
+  for (std::size_t n = 0; n < c.size(); ++n) ASSERT_NO_FATAL_FAILURE(expectSame(c[n], cpp.points[n]));
+}
+
+TEST(CApiParity, ScansGiveTheSamePoints) {
+  const WalkGenerator walk({.frames = 5, .rays_per_frame = 6000, .range_noise_m = 0.01, .seed = 11});
+  accessvdb_params params = defaults();
+  params.voxel_size_m = 0.1;
+  const CField c("builtin:pruner", &params);
+  AccessibilityField cpp(ToolGeometry::builtin("builtin:pruner"), {.tsdf = {.voxel_size_m = 0.1}});
+  for (int n = 0; n < walk.frames(); ++n) {
+    const WalkFrame frame = walk.frame(n);
+    const auto stats = cpp.integrateScan(frame.points_S, frame.T_W_S);
+    accessvdb_frame_stats c_stats = {};
+    c_stats.struct_size = sizeof c_stats;
+    ASSERT_EQ(accessvdb_field_integrate_scan(c.handle, frame.points_S[0].data(), frame.points_S.size(),
+                                             rowMajor(frame.T_W_S).data(), &c_stats),
+              ACCESSVDB_OK)
+        << accessvdb_field_error_text(c.handle);
+    EXPECT_EQ(c_stats.points_in, stats.points_in);
+    EXPECT_EQ(c_stats.points_used, stats.points_used);
+    EXPECT_EQ(c_stats.dropped[0], stats.dropped[0]);
+    EXPECT_GT(c_stats.dropped[0], 0u);
+    EXPECT_EQ(c_stats.touched_leaves, stats.touched_leaves);
+    EXPECT_EQ(c_stats.new_leaves, stats.new_leaves);
+    EXPECT_EQ(c_stats.distance_updates, stats.distance_updates);
+    EXPECT_EQ(c_stats.cleared_updates, stats.cleared_updates);
+    if (n == 2 || n == 4) {
+      const auto update = cpp.update();
+      accessvdb_update_stats c_update = {};
+      c_update.struct_size = sizeof c_update;
+      ASSERT_EQ(accessvdb_field_update(c.handle, &c_update), ACCESSVDB_OK);
+      EXPECT_EQ(c_update.dirty_points, update.dirty_points);
+      EXPECT_EQ(c_update.direction_tests, update.direction_tests);
+      EXPECT_EQ(c_update.label_changes, update.label_changes);
+    }
+  }
+  const FieldSnapshot snapshot = cpp.snapshot();
+  expectSame(c.points(), snapshot);
+
+  accessvdb_counts counts = {};
+  counts.struct_size = sizeof counts;
+  ASSERT_EQ(accessvdb_field_get_counts(c.handle, &counts), ACCESSVDB_OK);
+  for (int label = 0; label < accessvdb::kNumPointLabels; ++label) {
+    EXPECT_EQ(counts.labels[label], snapshot.count(static_cast<accessvdb::PointLabel>(label)));
+  }
+  const auto reasons = snapshot.reasons();
+  for (std::size_t reason = 0; reason < reasons.size(); ++reason) EXPECT_EQ(counts.reasons[reason], reasons[reason]);
+}
+
+TEST(CApiParity, RaysGiveTheSamePoints) {
+  const WalkGenerator walk({.frames = 4, .rays_per_frame = 5000, .seed = 5});
+  accessvdb_params params = defaults();
+  params.voxel_size_m = 0.1;
+  params.max_range_m = 12;
+  const CField c("builtin:pencil", &params);
+  AccessibilityField cpp(ToolGeometry::builtin("builtin:pencil"), {.tsdf = {.voxel_size_m = 0.1, .max_range_m = 12}});
+  for (int n = 0; n < walk.frames(); ++n) {
+    const WalkFrame frame = walk.frame(n);
+    std::vector<Eigen::Vector3d> points_W, origins_W;
+    for (const Eigen::Vector3f& p_S : frame.points_S) {
+      if (p_S == Eigen::Vector3f::Zero()) continue;
+      points_W.push_back(frame.T_W_S * p_S.cast<double>());
+      origins_W.push_back(frame.T_W_S.translation());
+    }
+    if (n % 2 == 1) origins_W.resize(1);
+    cpp.integrateRays(points_W, origins_W);
+    ASSERT_EQ(accessvdb_field_integrate_rays(c.handle, points_W[0].data(), points_W.size(), origins_W[0].data(),
+                                             origins_W.size(), nullptr),
+              ACCESSVDB_OK)
+        << accessvdb_field_error_text(c.handle);
+  }
+  cpp.update();
+  ASSERT_EQ(accessvdb_field_update(c.handle, nullptr), ACCESSVDB_OK);
+  expectSame(c.points(), cpp.snapshot());
+}
+
+/// One field of the struct, set to the same value on both sides.
+struct Setting {
+  std::function<void(accessvdb_params&)> c;
+  std::function<void(FieldParams&)> cpp;
+};
+
+std::map<std::string, std::string> lines(const std::string& description) {
+  std::map<std::string, std::string> out;
+  std::istringstream in(description);
+  for (std::string line; std::getline(in, line);) out[line.substr(0, line.find(' '))] = line.substr(line.find(' ') + 1);
+  return out;
+}
+
+TEST(CApiParity, EveryParameterArrives) {
+#define SET(c_field, cpp_field, value)                                                          \
+  Setting {                                                                                     \
+    [](accessvdb_params& p) { p.c_field = value; }, [](FieldParams& p) { p.cpp_field = value; } \
+  }
+#define CHOOSE(c_field, cpp_field, c_value, cpp_value)                                                \
+  Setting {                                                                                           \
+    [](accessvdb_params& p) { p.c_field = c_value; }, [](FieldParams& p) { p.cpp_field = cpp_value; } \
+  }
+  const std::vector<Setting> settings = {
+      SET(voxel_size_m, tsdf.voxel_size_m, 0.07),
+      SET(truncation_distance_m, tsdf.truncation_distance_m, 0.37),
+      SET(range_noise_m, tsdf.range_noise_m, 0.06),
+      SET(min_range_m, tsdf.min_range_m, 0.3),
+      SET(max_range_m, tsdf.max_range_m, 21),
+      SET(cone_cos_min, tsdf.cone_cos_min, 0.93),
+      SET(clamp_min_m, tsdf.clamp_min_m, -0.05),
+      SET(cleared_radius_voxels, tsdf.cleared_radius_voxels, 1.5),
+      SET(cleared_begin_tau, tsdf.cleared_begin_tau, 0.75),
+      SET(cleared_end_tau, tsdf.cleared_end_tau, 3.5),
+      SET(max_weight, tsdf.max_weight, 77),
+      SET(num_directions, approach.num_directions, 90),
+      SET(normal_cone_rad, approach.normal_cone_rad, 1.1),
+      SET(observation_cos_min, approach.observation_cos_min, 0.3),
+      SET(arm_tau[0], approach.arm_tau[0], 0.5),
+      SET(arm_tau[1], approach.arm_tau[1], 1.5),
+      SET(arm_tau[2], approach.arm_tau[2], 2.5),
+      SET(corridor_length_m, approach.corridor_length_m, 1.75),
+      SET(coarse_to_fine, approach.coarse_to_fine, true),
+      SET(viewpoints, approach.viewpoints, true),
+      SET(collision_distance_m, scoring.collision_distance_m, 0.012),
+      SET(self_exclusion_voxels, scoring.self_exclusion_voxels, 2.5),
+      SET(surface_samples, scoring.surface_samples, 500),
+      SET(max_collisions, scoring.max_collisions, 3),
+      SET(neighbours, scoring.neighbours, 12),
+      SET(mean_positions, scoring.mean_positions, false),
+      SET(join_neighbour_views, scoring.join_neighbour_views, false),
+      SET(neighbourhood_weight, scoring.neighbourhood_weight, false),
+      SET(confidence_half_weight, scoring.confidence_half_weight, 4),
+      SET(confidence_min, scoring.confidence_min, 0.3),
+      SET(budget_points, update.budget_points, 1000),
+      SET(changed_voxel_sample, update.changed_voxel_sample, 128),
+      SET(changed_voxel_radius_voxels, update.changed_voxel_radius_voxels, 2),
+      SET(requeue_motion_m, update.requeue_motion_m, 0.2),
+      SET(stability_min, update.stability_min, 0.6),
+      SET(seed, update.seed, 9),
+      CHOOSE(region, tsdf.region, ACCESSVDB_REGION_FULL_CUBE, accessvdb::UpdateRegion::FullCube),
+      CHOOSE(tool_form, scoring.form, ACCESSVDB_FORM_SURFACE_SAMPLES, accessvdb::ToolForm::SurfaceSamples),
+      CHOOSE(policy, update.policy, ACCESSVDB_POLICY_PAPER, accessvdb::UpdatePolicy::Paper),
+  };
+#undef SET
+#undef CHOOSE
+  const auto plain = lines(FieldParams{}.resolved().describe());
+  std::set<std::string> reached;
+  for (std::size_t n = 0; n < settings.size(); ++n) {
+    SCOPED_TRACE("setting " + std::to_string(n));
+    accessvdb_params c = defaults();
+    FieldParams cpp;
+    // A voxel and directions for which tool tables are small; settings may change them again.
+    c.voxel_size_m = cpp.tsdf.voxel_size_m = 0.1;
+    settings[n].c(c);
+    settings[n].cpp(cpp);
+    const CField field("builtin:pencil", &c);
+    ASSERT_NE(field.handle, nullptr);
+    EXPECT_EQ(accessvdb_field_parameters(field.handle), cpp.resolved().describe());
+    for (const auto& [name, value] : lines(cpp.resolved().describe())) {
+      if (!plain.contains(name) || plain.at(name) != value) reached.insert(name);
+    }
+  }
+  // So that a parameter that is added to C++ is not forgotten in C.
+  for (const auto& [name, value] : plain) EXPECT_TRUE(reached.contains(name)) << name << " cannot be set from C";
+}
+
+TEST(CApiParity, PaperParameters) {
+  accessvdb_params c = {};
+  c.struct_size = sizeof c;
+  ASSERT_EQ(accessvdb_params_paper(0.05, &c), ACCESSVDB_OK);
+  EXPECT_EQ(c.struct_size, sizeof c);
+  const CField field("builtin:pencil", &c);
+  EXPECT_EQ(accessvdb_field_parameters(field.handle), FieldParams::paper(0.05).resolved().describe());
+}
+
+TEST(CApiParity, NoParametersAreTheDefaults) {
+  const CField field("builtin:pencil", nullptr);
+  EXPECT_EQ(accessvdb_field_parameters(field.handle), FieldParams{}.resolved().describe());
+  EXPECT_EQ(accessvdb_field_device(field.handle),
+            AccessibilityField(ToolGeometry::builtin("builtin:pencil")).deviceName());
+}
+
+TEST(CApiParity, ToolOfTriangles) {
+  const ToolGeometry cpp = ToolGeometry::builtin("builtin:pruner");
+  accessvdb_tool *from_triangles = nullptr, *builtin = nullptr;
+  ASSERT_EQ(
+      accessvdb_tool_from_triangles(cpp.vertices_T()[0].data(), cpp.vertices_T().size(), cpp.triangles()[0].data(),
+                                    cpp.triangles().size(), "mine", &from_triangles, nullptr),
+      ACCESSVDB_OK);
+  ASSERT_EQ(accessvdb_tool_builtin("builtin:pruner", &builtin, nullptr), ACCESSVDB_OK);
+  EXPECT_STREQ(accessvdb_tool_name(from_triangles), "mine");
+  EXPECT_STREQ(accessvdb_tool_name(builtin), cpp.name().c_str());
+  EXPECT_EQ(std::string(accessvdb_tool_sha256(builtin)), cpp.sha256());
+  EXPECT_EQ(accessvdb_tool_sha256(from_triangles),
+            ToolGeometry::fromTriangles(cpp.vertices_T(), cpp.triangles(), "mine").sha256());
+  accessvdb_tool_info info = {};
+  info.struct_size = sizeof info;
+  ASSERT_EQ(accessvdb_tool_get_info(from_triangles, &info), ACCESSVDB_OK);
+  EXPECT_EQ(info.vertex_count, cpp.vertices_T().size());
+  EXPECT_EQ(info.triangle_count, cpp.triangles().size());
+  EXPECT_EQ(info.reach_m, cpp.reach_m());
+  EXPECT_EQ(info.watertight != 0, cpp.watertight());
+  for (int axis = 0; axis < 3; ++axis) {
+    EXPECT_EQ(info.min_T[axis], cpp.min_T()[axis]);
+    EXPECT_EQ(info.max_T[axis], cpp.max_T()[axis]);
+  }
+  accessvdb_tool_free(from_triangles);
+  accessvdb_tool_free(builtin);
+}
+
+/// A box of 40 x 20 x 10 units, so that units, tip and axes can be told apart.
+std::filesystem::path boxFile() {
+  const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "c_api_box.obj";
+  std::ofstream out(path);
+  for (int corner = 0; corner < 8; ++corner) {
+    out << "v " << 40 * (corner & 1) << ' ' << 20 * (corner >> 1 & 1) << ' ' << 10 * (corner >> 2 & 1) << '\n';
+  }
+  for (const char* face : {"1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"})
+    out << "f " << face << '\n';
+  return path;
+}
+
+TEST(CApiParity, ToolOfMesh) {
+  const std::filesystem::path path = boxFile();
+  accessvdb_tool_pose pose = {};
+  pose.struct_size = sizeof pose;
+  pose.has_tip = 1;
+  const double tip[3] = {40, 10, 5}, axis[3] = {-1, 0, 0}, up[3] = {0, 1, 0};
+  std::copy(tip, tip + 3, pose.tip);
+  std::copy(axis, axis + 3, pose.axis);
+  std::copy(up, up + 3, pose.up);
+  using accessvdb::LengthUnit;
+  const std::pair<std::int32_t, LengthUnit> units[] = {{ACCESSVDB_CENTIMETRE, LengthUnit::Centimetre},
+                                                       {ACCESSVDB_MILLIMETRE, LengthUnit::Millimetre},
+                                                       {ACCESSVDB_INCH, LengthUnit::Inch}};
+  for (const auto& [c_unit, unit] : units) {
+    for (const bool posed : {false, true}) {
+      accessvdb::ToolPose cpp_pose;
+      if (posed) cpp_pose = {Eigen::Vector3d(tip), Eigen::Vector3d(axis), Eigen::Vector3d(up)};
+      const ToolGeometry cpp = ToolGeometry::fromMesh(path, unit, cpp_pose);
+      accessvdb_error error = {};
+      error.struct_size = sizeof error;
+      accessvdb_tool* c = nullptr;
+      ASSERT_EQ(accessvdb_tool_from_mesh(path.c_str(), c_unit, posed ? &pose : nullptr, &c, &error), ACCESSVDB_OK)
+          << error.text;
+      EXPECT_EQ(accessvdb_tool_sha256(c), cpp.sha256());
+      accessvdb_tool_free(c);
+    }
+  }
+}
+
+}  // namespace

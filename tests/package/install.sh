@@ -1,0 +1,28 @@
+#!/usr/bin/env bash
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+# Installs into one folder, moves it to another, and looks at what lies there. The other tests use it where it is now.
+set -euo pipefail
+rm -rf "$WORK/first" "$WORK/moved"
+"$CMAKE" --install "$BUILD" --prefix "$WORK/first" >/dev/null
+mv "$WORK/first" "$WORK/moved"
+cd "$WORK/moved"
+
+bad=0
+for file in bin/accessvdb "$LIBDIR/libaccessvdb.a" "$LIBDIR/libaccessvdb.so" "$LIBDIR/libaccessvdb.so.$VERSION" \
+  include/accessvdb/{accessibility_field,c_api,config,export}.h "$LIBDIR/pkgconfig/accessvdb.pc" \
+  "$LIBDIR"/cmake/AccessVDB/AccessVDB{Config,ConfigVersion,StaticTargets,SharedTargets}.cmake share/doc/accessvdb/LICENSE; do
+  [[ -e $file ]] || { echo "missing: $file"; bad=1; }
+done
+
+# Every public header is there, and nothing that is not.
+diff <(cd "$SOURCE/include/accessvdb" && { ls -- *.h; echo config.h; } | LC_ALL=C sort) \
+  <(cd include/accessvdb && ls | LC_ALL=C sort) || { echo "headers differ from the public ones"; bad=1; }
+
+# Nothing in the text files may name where it was built or installed.
+if grep -rnF -e "$WORK/first" -e "$SOURCE" -e "$BUILD" include "$LIBDIR/cmake" "$LIBDIR/pkgconfig"; then
+  echo "paths of the build machine, see above"
+  bad=1
+fi
+[[ $(./bin/accessvdb --version) == *"$VERSION"* ]] || { echo "the program does not run after the move"; bad=1; }
+exit $bad
