@@ -21,6 +21,8 @@ struct Verb {
 
 constexpr Verb kVerbs[] = {
     {"map", "scans, poses and a tool in; the accessibility field out", runMap},
+    {"simulate", "scans of a known scene, to try things with", runSimulate},
+    {"evaluate", "the tables: simulated scans against exact ground truth", runEvaluate},
     {"info", "what is inside a .vdb file or an output folder", runInfo},
     {"query", "label, reason and best direction at given points", runQuery},
     {"render", "a picture of a field or of a tool, no display needed", runRender},
@@ -31,7 +33,7 @@ std::string overview() {
                      ": which surfaces can this tool reach, from which direction, and if not, why not\n\n"
                      "Usage: accessvdb VERB [options]\n\nVerbs:\n";
   for (const Verb& verb : kVerbs)
-    text += std::string("  ") + verb.name + std::string(8 - std::string(verb.name).size(), ' ') + verb.purpose + "\n";
+    text += std::string("  ") + verb.name + std::string(10 - std::string(verb.name).size(), ' ') + verb.purpose + "\n";
   return text +
          "\naccessvdb VERB --help lists a verb's options.\n\nExample:\n"
          "  accessvdb map --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.02 --out out/\n";

@@ -192,6 +192,7 @@ int MapRun::run() {
   report_.predicted_bytes = checkMemory(options_, scans, messages_);
   AccessibilityField field(tool, params);
   report_.device = field.deviceName();
+  if (!field.deviceNote().empty()) messages_.notice("device: cpu, as " + field.deviceNote());
   integrateAll(scans, field);
 
   const int signal = stopSignal();

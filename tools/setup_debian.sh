@@ -20,10 +20,11 @@ packages=(
   libassimp-dev                                         # tool meshes
   libpng-dev libssl-dev nlohmann-json3-dev              # pictures, hashes, reports
   libcli11-dev libtomlplusplus-dev                      # the command line
+  libembree-dev libqhull-dev                            # simulate and evaluate
 )
 for argument in "$@"; do
   case "$argument" in
-    --tests) packages+=(libgtest-dev libbenchmark-dev binutils ccache mold clang-format) ;;
+    --tests) packages+=(libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file) ;;
     *) fail "unknown option '$argument'. Use --tests or nothing." ;;
   esac
 done

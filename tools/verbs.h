@@ -14,6 +14,8 @@ using Arguments = std::vector<std::string>;
 
 /// @return the exit code: 0, or 130/143 where a signal stopped the run
 int runMap(const Arguments& arguments, Messages& messages);
+int runEvaluate(const Arguments& arguments, Messages& messages);
+int runSimulate(const Arguments& arguments, Messages& messages);
 int runInfo(const Arguments& arguments, Messages& messages);
 int runQuery(const Arguments& arguments, Messages& messages);
 int runRender(const Arguments& arguments, Messages& messages);

@@ -11,6 +11,8 @@
 #include <cstring>
 #include <memory>
 
+#include "tsdf/projective_integrator.h"
+
 namespace accessvdb::internal {
 namespace {
 
@@ -27,6 +29,14 @@ ReturnRay makeRay(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, double
   }
   ray.range = static_cast<float>(range);
   return ray;
+}
+
+/// The projective baseline takes distances from its range image: returns mark their cleared band and nothing else. A
+/// cube of negative size holds no voxel and reaches no leaf.
+RegionShape shapeOf(const TsdfParams& params) {
+  RegionShape shape(params);
+  if (params.region == UpdateRegion::Projective) shape.tau = -1;
+  return shape;
 }
 
 /// Result of one bucket, joined in bucket order.
@@ -56,13 +66,22 @@ struct ScanIntegrator::Workers {
 };
 
 ScanIntegrator::ScanIntegrator(PackedMap& map)
-    : map_(map), shape_(map.params()), workers_(std::make_unique<Workers>(map_, shape_)) {}
+    : map_(map), shape_(shapeOf(map.params())), workers_(std::make_unique<Workers>(map_, shape_)) {
+  if (map.params().region == UpdateRegion::Projective) projective_ = std::make_unique<ProjectiveIntegrator>(map);
+}
 ScanIntegrator::~ScanIntegrator() = default;
 
-IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L,
-                                            std::span<const Eigen::Vector3f> q_L) {
+IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                                            const ScanFrame& frame) {
   IntegrationResult result;
   if (p_L.empty()) return result;
+  if (projective_) {
+    ProjectiveIntegrator::requireOneSensor(q_L);
+    if (!map_.params().projective.cleared_band) {
+      projective_->integrate(p_L, q_L[0], frame, result);
+      return result;
+    }
+  }
   rays_.resize(p_L.size());
   const double v = map_.params().voxel_size_m;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), 1024), [&](const auto& range) {
@@ -139,6 +158,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   }
   map_.leaf_count += result.new_leaves;
   map_.observed_voxels += result.counts.newly_observed;
+  if (projective_) projective_->integrate(p_L, q_L[0], frame, result);
   return result;
 }
 

@@ -26,6 +26,14 @@ struct IntegrationResult {
   std::vector<std::span<const LeafChange>> changes;
 };
 
+/// How a scan's sensor stood; only the projective baseline asks.
+struct ScanFrame {
+  Eigen::Matrix3d R_W_S = Eigen::Matrix3d::Identity();  ///< rotation, sensor to world (and to the local frame)
+  Eigen::Vector3d origin_W = {0, 0, 0};                 ///< where the local frame lies, metres
+};
+
+class ProjectiveIntegrator;
+
 class ScanIntegrator {
  public:
   explicit ScanIntegrator(PackedMap& map);
@@ -33,8 +41,10 @@ class ScanIntegrator {
 
   /// @param p_L  [n] finite returns in the local frame, metres, none at its sensor
   /// @param q_L  [n] or [1] sensor positions in the local frame
-  /// @throws std::bad_alloc; then the map is unchanged or holds part of the scan
-  IntegrationResult integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+  /// @throws InvalidArgument where the region is Projective and there is not one sensor position; std::bad_alloc; then
+  ///         the map is unchanged or holds part of the scan
+  IntegrationResult integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                              const ScanFrame& frame = {});
 
  private:
   PackedMap& map_;
@@ -43,6 +53,7 @@ class ScanIntegrator {
   std::vector<ReturnRay> rays_;
   struct Workers;
   std::unique_ptr<Workers> workers_;                                   ///< a LeafFusion a thread
+  std::unique_ptr<ProjectiveIntegrator> projective_;                   ///< only for UpdateRegion::Projective
   std::array<std::vector<LeafChange>, ReturnBins::kBuckets> changes_;  ///< kept, so that memory is reused
 };
 

@@ -4,6 +4,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cstdlib>
 #include <nlohmann/json.hpp>
 #include <regex>
 
@@ -74,7 +75,7 @@ TEST_F(ExitCodes, UsageBeforeAnythingIsKnown) {
   const ProgramResult verb = runProgram({"frobnicate"});
   EXPECT_EQ(verb.exit_code, 2);
   expectOneErrorLine(verb, "usage.verb");
-  EXPECT_NE(verb.err.find("map, info, query and render"), std::string::npos) << verb.err;
+  EXPECT_NE(verb.err.find("map, simulate, evaluate, info, query and render"), std::string::npos) << verb.err;
   EXPECT_EQ(runProgram(std::vector<std::string>{}).exit_code, 2);
   for (const std::vector<std::string>& arguments : {std::vector<std::string>{"map", "--frobnicate"},
                                                     {"map", "--voxel", "abc"},
@@ -157,7 +158,11 @@ TEST_F(ExitCodes, MemoryLimitNamesAVoxelThatFits) {
   expectFailure(limit, 5, "limit.memory");
 }
 
-TEST_F(ExitCodes, DeviceThatIsNotThere) { expectFailure({"--device", "cuda"}, 6); }
+TEST_F(ExitCodes, DeviceThatIsNotThere) {
+  setenv("CUDA_VISIBLE_DEVICES", "-1", 1);  // nor on a machine that has one
+  expectFailure({"--device", "cuda"}, 6);
+  unsetenv("CUDA_VISIBLE_DEVICES");
+}
 
 TEST_F(ExitCodes, UnwritableFolder) {
   writeText("file", "a regular file");

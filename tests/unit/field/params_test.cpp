@@ -52,6 +52,8 @@ TEST(FieldParams, NeighboursGrowWithTheNoise) {
   EXPECT_EQ(withVoxel(0.05, 0.025).resolved().scoring.neighbours, 30);
   EXPECT_EQ(withVoxel(0.05, 0.0499).resolved().scoring.neighbours, 30);
   EXPECT_EQ(withVoxel(0.05, 0.05).resolved().scoring.neighbours, 60);
+  EXPECT_EQ(withVoxel(0.05, 0.0999).resolved().scoring.neighbours, 60);
+  EXPECT_EQ(withVoxel(0.05, 0.1).resolved().scoring.neighbours, 100);
   FieldParams given = withVoxel(0.05, 0.05);
   given.scoring.neighbours = 7;
   EXPECT_EQ(given.resolved().scoring.neighbours, 7);

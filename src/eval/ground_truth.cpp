@@ -1,0 +1,135 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "eval/ground_truth.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "eval/ball_tree.h"
+#include "eval/collision_field.h"
+#include "eval/tool_samples.h"
+
+namespace accessvdb::eval {
+namespace {
+
+std::vector<Eigen::Vector3d> samplesOutside(const ToolGeometry& tool, const TruthOptions& options) {
+  std::vector<Eigen::Vector3d> samples = sampleToolSurface(tool, options.surface_samples, options.seed);
+  std::erase_if(samples, [&](const Eigen::Vector3d& p_T) { return !(p_T.norm() > options.self_exclusion_m); });
+  return samples;
+}
+
+}  // namespace
+
+TruthOptions truthOptions(const FieldParams& resolved) {
+  TruthOptions options;
+  options.num_directions = resolved.approach.num_directions;
+  options.normal_cone_rad = resolved.approach.normal_cone_rad;
+  const double tau = resolved.tsdf.truncation_distance_m, length = resolved.approach.corridor_length_m;
+  for (const double fraction : resolved.approach.arm_tau) options.arm_m.push_back(fraction * tau);
+  // A longer corridor is sampled every tau up to its end (ApproachParams::corridor_length_m).
+  for (double next = options.arm_m.back() + tau; next < length; next += tau) options.arm_m.push_back(next);
+  if (length > options.arm_m.back()) options.arm_m.push_back(length);
+  options.collision_distance_m = resolved.scoring.collision_distance_m;
+  options.self_exclusion_m = resolved.scoring.self_exclusion_voxels * resolved.tsdf.voxel_size_m;
+  return options;
+}
+
+struct GroundTruth::Impl {
+  TruthOptions options;
+  BallTree tool;
+  std::vector<Eigen::Vector2d> directions;
+  // One of the two.
+  std::shared_ptr<const sim::SignedDistance> distance;
+  std::shared_ptr<const CollisionField> field;
+
+  Impl(const ToolGeometry& geometry, const TruthOptions& given)
+      : options(given), tool(samplesOutside(geometry, given)) {
+    if (options.num_directions < 1 || options.surface_samples < 1 || options.collision_limit < 1) {
+      throw InvalidArgument("truth.options", "", "directions, samples and collision limit must be positive");
+    }
+    for (int d = 0; d < options.num_directions; ++d) {
+      const double yaw_rad = 2 * std::numbers::pi * d / options.num_directions;
+      directions.emplace_back(std::cos(yaw_rad), std::sin(yaw_rad));
+    }
+  }
+
+  [[nodiscard]] bool outside(const Eigen::Vector3d& p_W) const {
+    if (field == nullptr) return distance->at(p_W) > 0;
+    // The smallest number above zero: "not below it" is "above zero".
+    return !field->below(p_W, std::numeric_limits<double>::denorm_min());
+  }
+
+  [[nodiscard]] bool free(const Eigen::Vector3d& position_W, const Eigen::Vector2d& a) const {
+    for (const double along_m : options.arm_m) {
+      if (!outside({position_W.x() + along_m * a.x(), position_W.y() + along_m * a.y(), position_W.z()})) return false;
+    }
+    const ToolPlacement placed{position_W, a.x(), a.y()};
+    const double r_c = options.collision_distance_m;
+    const int limit = options.collision_limit;
+    const int count =
+        field == nullptr ? tool.countBelow(*distance, placed, r_c, limit) : tool.countBelow(*field, placed, r_c, limit);
+    return count < limit;
+  }
+};
+
+GroundTruth::GroundTruth(std::shared_ptr<const sim::SignedDistance> distance, const ToolGeometry& tool,
+                         const TruthOptions& options)
+    : impl_(std::make_unique<Impl>(tool, options)) {
+  if (distance == nullptr) {
+    throw InvalidArgument("truth.distance", "", "the scene has no signed distance, so its truth cannot be known",
+                          "Use a scene whose mesh is closed");
+  }
+  impl_->distance = std::move(distance);
+}
+
+GroundTruth::GroundTruth(std::shared_ptr<const CollisionField> field, const ToolGeometry& tool,
+                         const TruthOptions& options)
+    : impl_(std::make_unique<Impl>(tool, options)) {
+  if (field == nullptr) throw InvalidArgument("truth.distance", "", "there is no distance to ask");
+  impl_->field = std::move(field);
+}
+
+GroundTruth::~GroundTruth() = default;
+GroundTruth::GroundTruth(GroundTruth&&) noexcept = default;
+
+bool GroundTruth::free(const Eigen::Vector3d& position_W, int direction) const {
+  return impl_->free(position_W, impl_->directions[static_cast<std::size_t>(direction)]);
+}
+
+bool GroundTruth::accessible(const Eigen::Vector3d& position_W, const Eigen::Vector3d& normal_W) const {
+  if (!position_W.allFinite() || !normal_W.allFinite() || normal_W.isZero(0)) return false;
+  const double cos_min = std::cos(impl_->options.normal_cone_rad);
+  // The order is for speed alone, the answer is "any": directions near the normal are the likeliest to be free.
+  std::vector<std::pair<double, int>> in_cone;
+  in_cone.reserve(impl_->directions.size());
+  for (std::size_t d = 0; d < impl_->directions.size(); ++d) {
+    const double cosine = impl_->directions[d].dot(normal_W.head<2>());
+    if (cosine >= cos_min) in_cone.emplace_back(-cosine, static_cast<int>(d));
+  }
+  std::sort(in_cone.begin(), in_cone.end());
+  return std::any_of(in_cone.begin(), in_cone.end(),
+                     [&](const auto& candidate) { return free(position_W, candidate.second); });
+}
+
+std::vector<std::uint8_t> GroundTruth::accessible(std::span<const Eigen::Vector3d> positions_W,
+                                                  std::span<const Eigen::Vector3d> normals_W) const {
+  if (positions_W.size() != normals_W.size()) {
+    throw InvalidArgument("truth.size", "", "positions and normals differ in number");
+  }
+  std::vector<std::uint8_t> result(positions_W.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, positions_W.size(), 64), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      result[n] = accessible(positions_W[n], normals_W[n]) ? 1 : 0;
+    }
+  });
+  return result;
+}
+
+}  // namespace accessvdb::eval

@@ -1,0 +1,29 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Hidden Point Removal, the visibility baseline of the paper (Katz, Tal, Basri: Direct Visibility of Point Sets, 2007;
+/// SPEC a.10): flip the points across a sphere around the viewer; those on the convex hull are visible.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+namespace accessvdb::eval {
+
+/// Radius of the flipping sphere, times the distance of the farthest point (SPEC a.10).
+inline constexpr double kFlipRadius = 100;
+
+/// Which points one viewer sees: 1 or 0. Duplicates share a fate. A point at the viewpoint is seen and hides nothing.
+/// Where all points lie in one plane or on one line with the viewer, the hull is that of the plane or line, so that of
+/// two points in one direction the nearer is seen. The same for every order of the points, up to ties in Qhull.
+/// @param points_W  [n] metres
+/// @throws InvalidArgument for a coordinate that is not finite; InternalError where Qhull fails
+[[nodiscard]] std::vector<std::uint8_t> visibleFrom(std::span<const Eigen::Vector3d> points_W,
+                                                    const Eigen::Vector3d& viewpoint_W);
+
+/// Which points at least one of the viewers sees; none without viewers. In parallel over viewers.
+[[nodiscard]] std::vector<std::uint8_t> visibleFromAny(std::span<const Eigen::Vector3d> points_W,
+                                                       std::span<const Eigen::Vector3d> viewpoints_W);
+
+}  // namespace accessvdb::eval

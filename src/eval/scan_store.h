@@ -1,0 +1,76 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Simulated scans, made once and used by many tables; in memory, and in a folder if one is named.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "sim/benchmark_scene.h"
+#include "sim/lidar_model.h"
+
+namespace accessvdb::eval {
+
+/// The returns of a frame without those that hit nothing.
+struct StoredFrame {
+  std::vector<Eigen::Vector3f> hits_S;
+  Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
+};
+
+struct StoredScans {
+  sim::BenchmarkScene benchmark;
+  std::vector<StoredFrame> frames;
+
+  [[nodiscard]] std::uint64_t returns() const;
+};
+
+/// Which scans: everything that they depend on, beside this program.
+struct ScanRequest {
+  std::string scene;           ///< of sim::benchmarkScene()
+  double voxel_size_m = 0.01;  ///< only the ring depends on it
+  int frames = 0;              ///< 0 = the benchmark's
+  double range_noise_m = 0;
+  std::uint64_t seed = 1;
+};
+
+class StopRequested {};  ///< thrown where the `stop` of an Observer says so
+
+/// Who watches long work. Both are called from the thread that started it.
+struct Observer {
+  std::function<void(const std::string& line)> say = [](const std::string&) {};
+  std::function<bool()> stop = [] { return false; };
+
+  void checkStop() const {
+    if (stop()) throw StopRequested();
+  }
+};
+
+class ScanStore {
+ public:
+  /// @param folder  where scans are kept between runs; empty = nowhere. A file is used only if its key (format version,
+  /// mesh, trajectory, sensor, noise, seed) and checksum fit and two of its frames, cast anew, are the same bytes; else
+  /// one line says why, and it is made again. @throws OutputError
+  explicit ScanStore(std::filesystem::path folder, Observer observer);
+
+  /// @throws StopRequested, what the simulator throws, OutputError
+  std::shared_ptr<const StoredScans> get(const ScanRequest& request);
+
+ private:
+  std::filesystem::path folder_;
+  Observer observer_;
+  std::map<std::string, std::shared_ptr<const StoredScans>> scans_;
+};
+
+/// The same for scans of any scene: for tests and the pine.
+[[nodiscard]] std::vector<StoredFrame> simulateFrames(const sim::Scene& scene, const sim::Trajectory& trajectory,
+                                                      const sim::LidarModel& model, std::uint64_t seed,
+                                                      const Observer& observer);
+
+}  // namespace accessvdb::eval

@@ -1,0 +1,71 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// One run of the method over one scene, beside the truth about it.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "accessvdb/params.h"
+#include "accessvdb/types.h"
+#include "eval/confusion.h"
+#include "eval/scan_store.h"
+
+namespace accessvdb::eval {
+
+struct RunRequest {
+  ScanRequest scans;
+  FieldParams params;
+  std::string tool = "builtin:pencil";
+  int update_every = 0;       ///< scans between updates; 0 = one at the end (SPEC b: scored after the last frame)
+  bool true_normals = false;  ///< also judge against the truth with the scene's own normals
+};
+
+/// The paper's constants at this voxel size, or the product's. The range noise that the product is told is the one in
+/// the scans, as `simulate` writes it beside them.
+[[nodiscard]] RunRequest paperRun(const std::string& scene, double voxel_size_m);
+[[nodiscard]] RunRequest productRun(const std::string& scene, double voxel_size_m, double range_noise_m = 0);
+
+/// Points that count (c not below the bound), with labels and truth; vectors of one length.
+struct EvaluatedRun {
+  std::vector<Eigen::Vector3d> positions_W;
+  std::vector<Eigen::Vector3f> normals_W;     ///< the method's own
+  std::vector<std::uint8_t> found;            ///< 1 = labelled accessible
+  std::vector<std::uint8_t> truth_shared;     ///< 1 = really accessible, judged with the method's own normal (paper)
+  std::vector<std::uint8_t> truth_exact;      ///< ... with the scene's normal; empty unless asked for
+  std::vector<Eigen::Vector3d> viewpoints_W;  ///< sensor positions, one a frame
+  std::uint64_t all_points = 0;               ///< with those below the bound
+  std::array<std::uint64_t, kNumPointReasons> reasons = {};  ///< over all points
+  std::uint64_t returns = 0;
+  std::uint64_t distance_updates = 0;  ///< (return, voxel) pairs fused
+  std::uint64_t direction_tests = 0;
+  std::uint64_t labels_unlike_scratch = 0;  ///< labels that differ from a from-scratch evaluation of the final map
+  double fuse_s = 0, update_s = 0, truth_s = 0;
+
+  [[nodiscard]] Confusion shared() const { return compare(truth_shared, found); }
+  [[nodiscard]] Confusion exact() const { return compare(truth_exact, found); }
+};
+
+/// Runs requests, and remembers them: tables share many.
+class SceneRunner {
+ public:
+  /// @param backend, threads  as in FieldParams
+  SceneRunner(ScanStore& scans, BackendKind backend, int threads, Observer observer);
+
+  /// @throws StopRequested, InvalidArgument (scene), what the library throws
+  std::shared_ptr<const EvaluatedRun> run(const RunRequest& request);
+
+ private:
+  ScanStore& scans_;
+  BackendKind backend_;
+  int threads_;
+  Observer observer_;
+  std::map<std::string, std::shared_ptr<const EvaluatedRun>> runs_;
+};
+
+}  // namespace accessvdb::eval

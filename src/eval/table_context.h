@@ -1,0 +1,66 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What the makers of tables share.
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "eval/scene_run.h"
+#include "eval/table_row.h"
+#include "eval/tables.h"
+
+namespace accessvdb::eval {
+
+struct TableContext {
+  const TableOptions& options;
+  ScanStore& scans;
+  SceneRunner& runner;
+  std::vector<TableRow>& rows;  ///< rows go here as they are made, so that a stop keeps them
+};
+
+/// A row of a run, judged with the method's own normals; the caller fills in the rest.
+inline TableRow rowOf(const char* table, const RunRequest& request, const EvaluatedRun& run, Column column,
+                      std::string variant = {}) {
+  TableRow row;
+  row.table = table;
+  row.scene = request.scans.scene;
+  row.method = column == Column::Paper ? "paper" : "product";
+  row.variant = std::move(variant);
+  row.column = column;
+  row.voxel_m = request.params.tsdf.voxel_size_m;
+  row.figures = run.shared();
+  return row;
+}
+
+/// About `count` of the viewpoints, evenly spread over the run (SPEC b: 50; box and wall 25).
+std::vector<Eigen::Vector3d> someViewpoints(const std::vector<Eigen::Vector3d>& viewpoints_W, std::size_t count);
+
+/// table_pictures.cpp: truth, product profile, HPR and errors of every scene that the product's rows name.
+void drawScenes(TableContext& context);
+
+// tables_of_profiles.cpp: both profiles as they are.
+void makeOracleTable(TableContext& context);
+void makeVoxelTable(TableContext& context);
+void makeUnseenTable(TableContext& context);
+void makeFramesTable(TableContext& context);
+void makeNoiseTable(TableContext& context);
+void makeUnfilteredTable(TableContext& context);
+void makeFastTable(TableContext& context);
+
+// tables_of_variants.cpp: a profile with something changed.
+void makeClampingTable(TableContext& context);
+void makeRingTable(TableContext& context);
+void makeDirectionsTable(TableContext& context);
+void makeFormTable(TableContext& context);
+void makeIncrementalTable(TableContext& context);
+
+// tables_of_baselines.cpp: other methods.
+void makeHprTable(TableContext& context);
+void makeProjectiveTable(TableContext& context);
+
+// table_of_pine.cpp: minutes to hours, so not among "all".
+void makePineTable(TableContext& context);
+
+}  // namespace accessvdb::eval

@@ -1,0 +1,59 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// One line of an evaluation table, with what the paper prints there and what has to be reached.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "eval/confusion.h"
+#include "eval/scene_run.h"
+
+namespace accessvdb::eval {
+
+/// Figures as the paper prints them; percent. Absent where it prints none.
+struct PaperFigures {
+  std::optional<std::uint64_t> n;
+  std::optional<double> gt_percent, precision, recall, f1;
+};
+
+/// A bound on one figure of a row, in percent; from issue 3, "What it must reach".
+struct Requirement {
+  enum class Figure { Precision, Recall, F1 };
+  Figure figure = Figure::F1;
+  double low = 0, high = 100;
+
+  [[nodiscard]] static Requirement atLeast(double f1) { return {Figure::F1, f1, 100}; }
+  /// Within `width` points of what the paper prints.
+  [[nodiscard]] static Requirement near(Figure figure, double printed, double width) {
+    return {figure, printed - width, printed + width};
+  }
+};
+
+enum class Column { Paper, Product };  ///< which profile's constants the method had
+
+struct TableRow {
+  std::string table, scene;
+  std::string method;   ///< "paper", "product", "hpr", "projective ..."
+  std::string variant;  ///< what is different from the profile, in words; empty = nothing
+  Column column = Column::Product;
+  double voxel_m = 0;
+  Confusion figures;
+  PaperFigures paper;
+  std::optional<Requirement> must;
+  std::vector<std::pair<std::string, double>> more;  ///< further numbers by name ("labels_differ")
+  std::optional<bool> must_hold;                     ///< a condition on `more`, where a row has one
+
+  [[nodiscard]] double value(Requirement::Figure figure) const;
+  /// Empty where nothing has to be reached.
+  [[nodiscard]] std::optional<bool> met() const;
+  /// ">= 99.5 F1", "86.8 .. 94.8 F1"
+  [[nodiscard]] std::string mustInWords() const;
+};
+
+[[nodiscard]] const char* name(Requirement::Figure figure);
+
+}  // namespace accessvdb::eval

@@ -1,0 +1,30 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The scenes of the paper's tables with the trajectories of SPEC.md (b), and six unseen ones.
+#pragma once
+
+#include <string>
+#include <vector>
+
+#include "sim/scene.h"
+#include "sim/trajectory.h"
+
+namespace accessvdb::sim {
+
+/// A scene and how it is looked at.
+struct BenchmarkScene {
+  Scene scene;
+  Helix path;             ///< what the trajectory follows
+  int frames = 0;         ///< number of poses
+  Trajectory trajectory;  ///< [frames]
+};
+
+/// "torus", "sphere_a", "sphere_b", "box", "wall", "ring" (thin: tube radius 1.5 v), or "unseen_1" .. "unseen_6",
+/// which are drawn from a fixed seed: no constant of the method was chosen by looking at them.
+/// @param voxel_size_m  only the ring depends on it
+/// @param frames        0 = as in SPEC.md (b); else the same path with that many frames
+/// @throws InvalidArgument naming the known ones; UnusableInput for fewer than no frames
+[[nodiscard]] BenchmarkScene benchmarkScene(const std::string& name, double voxel_size_m, int frames = 0);
+[[nodiscard]] std::vector<std::string> benchmarkSceneNames();
+
+}  // namespace accessvdb::sim

@@ -1,0 +1,80 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/lidar_model.h"
+
+#include <cmath>
+#include <numbers>
+
+#include "accessvdb/error.h"
+#include "sim/halton.h"
+
+namespace accessvdb::sim {
+namespace {
+
+constexpr double kDegree = std::numbers::pi / 180.0;
+constexpr double kMid360Lowest_rad = -7 * kDegree, kMid360Highest_rad = 52 * kDegree;
+/// 45 degrees of 64 rings about the horizon, as Ouster's OS1-64 has them.
+constexpr double kSpinningHighest_rad = 22.5 * kDegree;
+constexpr int kRings = 64, kColumns = 1024;
+
+Eigen::Vector3f unitVector(double azimuth_rad, double elevation_rad) {
+  const double level = std::cos(elevation_rad);
+  return Eigen::Vector3d(level * std::cos(azimuth_rad), level * std::sin(azimuth_rad), std::sin(elevation_rad))
+      .cast<float>();
+}
+
+}  // namespace
+
+LidarModel LidarModel::named(const std::string& name) {
+  LidarModel model;
+  if (name == "mid360") return model;
+  if (name == "spinning") {
+    model.pattern = Pattern::Spinning;
+    model.rays_per_frame = kRings * kColumns;
+    return model;
+  }
+  throw InvalidArgument("sim.sensor", name, "is not a sensor", "Use mid360 or spinning");
+}
+
+double LidarModel::middleElevation_rad() const {
+  return pattern == Pattern::Mid360 ? 0.5 * (kMid360Lowest_rad + kMid360Highest_rad) : 0.0;
+}
+
+void LidarModel::validate() const {
+  const auto refuse = [](const char* field, const char* problem, const char* advice) {
+    throw InvalidArgument("sim.sensor", field, problem, advice);
+  };
+  if (rays_per_frame < 1 || rays_per_frame > 10'000'000) {
+    refuse("rays per frame", "is outside 1 .. 10 000 000", "Choose a number of rays in between");
+  }
+  if (pattern == Pattern::Spinning && rays_per_frame != kRings * kColumns) {
+    refuse("rays per frame", "the spinning sensor has 64 x 1024 rays", "Leave them as they are");
+  }
+  if (!(frame_period_s > 0) || !std::isfinite(frame_period_s)) {
+    refuse("frame period", "is not a positive time", "Give seconds");
+  }
+  if (!(range_noise_m >= 0) || !(range_noise_m <= 10)) {
+    refuse("--range-noise", "is outside 0 .. 10 m", "Give the standard deviation in metres");
+  }
+  if (!(dropout >= 0) || !(dropout <= 1)) refuse("--dropout", "is outside 0 .. 1", "Give a share such as 0.1");
+  if (!(min_range_m >= 0) || !(max_range_m > min_range_m)) {
+    refuse("--max-range", "is not above the shortest range", "Give a range in metres");
+  }
+}
+
+Eigen::Vector3f rayDirection_S(const LidarModel& model, std::uint64_t frame, int ray) {
+  if (model.pattern == LidarModel::Pattern::Spinning) {
+    // Column by column as the head turns; ring 0 is the lowest. The encoder repeats the same grid in every turn.
+    const int column = ray / kRings, ring = ray % kRings;
+    const double elevation = -kSpinningHighest_rad + 2 * kSpinningHighest_rad * ring / (kRings - 1);
+    return unitVector(2 * std::numbers::pi * column / kColumns, elevation);
+  }
+  // From 1: element 0 of the sequence is a corner in every base.
+  const std::uint64_t index =
+      frame * static_cast<std::uint64_t>(model.rays_per_frame) + static_cast<std::uint64_t>(ray) + 1;
+  const double azimuth = 2 * std::numbers::pi * radicalInverse<2>(index);
+  const double elevation = kMid360Lowest_rad + (kMid360Highest_rad - kMid360Lowest_rad) * radicalInverse<3>(index);
+  return unitVector(azimuth, elevation);
+}
+
+}  // namespace accessvdb::sim

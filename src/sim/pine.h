@@ -1,0 +1,21 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// A procedural Pinus radiata.
+#pragma once
+
+#include <cstdint>
+
+#include "sim/scene.h"
+
+namespace accessvdb::sim {
+
+/// Every number with its source in docs/PAPER.md, "The pine".
+struct PineParams {
+  double height_m = 12.0;
+  std::uint64_t seed = 1;
+};
+
+/// A mature tree standing at the origin, z up: trunk with taper, whorls of branches, secondary branches, needle shoots.
+[[nodiscard]] Scene makePine(const PineParams& params);
+
+}  // namespace accessvdb::sim

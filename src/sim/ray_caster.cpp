@@ -1,0 +1,135 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/ray_caster.h"
+
+#include <embree3/rtcore.h>
+
+#include <Eigen/Geometry>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "accessvdb/error.h"
+
+namespace accessvdb::sim {
+namespace {
+
+constexpr float kNoHit = std::numeric_limits<float>::infinity();
+constexpr std::size_t kRaysPerCall = 256;  // their records stay in the cache
+/// Embree's own range is good to about a millionth; a plane that says otherwise is met edge on.
+constexpr double kPlaneAgreement = 1e-4;
+
+/// What Embree said last, as one of our errors. @param device  null: that it could not start
+void requireNoError(RTCDevice device, const char* doing) {
+  const RTCError error = rtcGetDeviceError(device);
+  if (error == RTC_ERROR_NONE) return;
+  if (error == RTC_ERROR_OUT_OF_MEMORY) {
+    throw ResourceLimit("sim.memory", "", std::string("Embree ran out of memory while ") + doing,
+                        "Use a coarser mesh or free some memory");
+  }
+  throw InternalError("sim.embree", "",
+                      std::string("Embree failed while ") + doing + " (code " + std::to_string(error) + ")");
+}
+
+}  // namespace
+
+struct RayCaster::Impl {
+  RTCDevice device = nullptr;
+  RTCScene scene = nullptr;
+  TriangleMesh mesh;
+
+  ~Impl() {
+    if (scene) rtcReleaseScene(scene);
+    if (device) rtcReleaseDevice(device);
+  }
+
+  /// The range along the exact line to the plane of the triangle that Embree found, in double precision: free of the
+  /// instruction set that Embree chose, and of the rounding of the origin to float.
+  [[nodiscard]] double planeRange_m(const Eigen::Vector3d& origin_W, const Eigen::Vector3f& direction_W,
+                                    const RTCRayHit& found) const {
+    const double coarse_m = static_cast<double>(found.ray.tfar);
+    const auto& triangle = mesh.triangles[found.hit.primID];
+    const Eigen::Vector3d a = mesh.vertices_W[triangle[0]].cast<double>();
+    const Eigen::Vector3d b = mesh.vertices_W[triangle[1]].cast<double>();
+    const Eigen::Vector3d c = mesh.vertices_W[triangle[2]].cast<double>();
+    const Eigen::Vector3d normal = (b - a).cross(c - a);
+    const double range_m = normal.dot(a - origin_W) / normal.dot(direction_W.cast<double>());
+    const bool agrees = range_m > 0 && std::abs(range_m - coarse_m) <= kPlaneAgreement * (1 + coarse_m);
+    return agrees ? range_m : coarse_m;
+  }
+};
+
+RayCaster::RayCaster(const TriangleMesh& mesh) : impl_(std::make_unique<Impl>()) {
+  if (mesh.triangles.empty()) {
+    throw InvalidArgument("sim.no_triangles", "scene", "the mesh has no triangles", "Give a scene with a surface");
+  }
+  for (const auto& triangle : mesh.triangles) {
+    if (*std::max_element(triangle.begin(), triangle.end()) >= mesh.vertices_W.size()) {
+      throw InvalidArgument("sim.index", "scene", "a triangle refers to a vertex that does not exist");
+    }
+  }
+  impl_->mesh = mesh;
+  impl_->device = rtcNewDevice(nullptr);
+  if (!impl_->device) {
+    requireNoError(nullptr, "starting");
+    throw InternalError("sim.embree", "", "Embree does not start");
+  }
+  RTCGeometry geometry = rtcNewGeometry(impl_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  // Copies on Embree's side: its buffers want padding that std::vector does not promise.
+  void* vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                           sizeof(Eigen::Vector3f), mesh.vertices_W.size());
+  void* triangles = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                            sizeof(mesh.triangles[0]), mesh.triangles.size());
+  if (!vertices || !triangles) {
+    rtcReleaseGeometry(geometry);
+    requireNoError(impl_->device, "taking the mesh");
+    throw InternalError("sim.embree", "", "Embree does not take the mesh");
+  }
+  static_assert(sizeof(Eigen::Vector3f) == 12 && sizeof(mesh.triangles[0]) == 12);
+  std::copy(mesh.vertices_W.begin(), mesh.vertices_W.end(), static_cast<Eigen::Vector3f*>(vertices));
+  std::copy(mesh.triangles.begin(), mesh.triangles.end(), static_cast<std::array<std::uint32_t, 3>*>(triangles));
+  rtcCommitGeometry(geometry);
+  impl_->scene = rtcNewScene(impl_->device);
+  // Robust: no ray slips through an edge, and the nearest hit does not depend on how the tree was built.
+  rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
+  rtcAttachGeometry(impl_->scene, geometry);
+  rtcReleaseGeometry(geometry);
+  rtcCommitScene(impl_->scene);
+  requireNoError(impl_->device, "building its tree");
+}
+
+RayCaster::~RayCaster() = default;
+RayCaster::RayCaster(RayCaster&&) noexcept = default;
+RayCaster& RayCaster::operator=(RayCaster&&) noexcept = default;
+
+void RayCaster::cast(const Eigen::Vector3d& origin_W, std::span<const Eigen::Vector3f> directions_W,
+                     std::span<float> ranges_m) const {
+  if (ranges_m.size() != directions_W.size()) {
+    throw InvalidArgument("sim.cast", "ranges_m", "its size is not the number of directions");
+  }
+  const Eigen::Vector3f origin = origin_W.cast<float>();
+  std::vector<RTCRayHit> rays(std::min(kRaysPerCall, directions_W.size()));
+  for (std::size_t begin = 0; begin < directions_W.size(); begin += kRaysPerCall) {
+    const std::size_t count = std::min(kRaysPerCall, directions_W.size() - begin);
+    for (std::size_t i = 0; i < count; ++i) {
+      const Eigen::Vector3f& direction = directions_W[begin + i];
+      RTCRayHit& ray = rays[i];
+      ray.ray = {origin.x(), origin.y(), origin.z(), 0, direction.x(), direction.y(), direction.z(), 0,
+                 kNoHit,     ~0u,        0,          0};
+      ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+      ray.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+    }
+    RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcIntersect1M(impl_->scene, &context, rays.data(), static_cast<unsigned>(count), sizeof(RTCRayHit));
+    for (std::size_t i = 0; i < count; ++i) {
+      const bool hit = rays[i].hit.geomID != RTC_INVALID_GEOMETRY_ID;
+      ranges_m[begin + i] =
+          hit ? static_cast<float>(impl_->planeRange_m(origin_W, directions_W[begin + i], rays[i])) : kNoHit;
+    }
+  }
+}
+
+}  // namespace accessvdb::sim

@@ -1,0 +1,45 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Scans of a scene along a trajectory. The same inputs give the same bytes, in any order of frames, from any thread.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "sim/lidar_model.h"
+#include "sim/scene.h"
+#include "sim/trajectory.h"
+
+namespace accessvdb::sim {
+
+struct SimulatedFrame {
+  std::vector<Eigen::Vector3f> points_S;  ///< [rays_per_frame] metres; exactly (0,0,0) = no return
+  Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
+  double stamp_s = 0;
+};
+
+class Simulator {
+ public:
+  /// @throws InvalidArgument (model), UnusableInput: no frames, or a sensor inside the object or on its surface
+  Simulator(const Scene& scene, const LidarModel& model, Trajectory trajectory, std::uint64_t seed);
+  ~Simulator();
+  Simulator(Simulator&&) noexcept;
+  Simulator& operator=(Simulator&&) noexcept;
+
+  /// Refuses a path that leads through a surface, even where no frame lies inside.
+  /// @param stations  places along the path, close enough together that the straight lines between them stand for it
+  /// @throws UnusableInput naming the place
+  void requireClearPath(const Trajectory& stations) const;
+  [[nodiscard]] int frames() const;
+  /// May be called from several threads at once; works in parallel by itself. @throws InvalidArgument (index)
+  [[nodiscard]] SimulatedFrame frame(int index) const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace accessvdb::sim

@@ -1,0 +1,258 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "evaluate_consistency.h"
+
+#include <algorithm>
+#include <cmath>
+#include <csignal>
+#include <filesystem>
+#include <locale>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <sstream>
+
+#include "accessvdb/config.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "eval/consistency.h"
+#include "map_options.h"
+#include "progress.h"
+#include "stop_signal.h"
+
+namespace accessvdb::tools {
+namespace {
+
+namespace fs = std::filesystem;
+using Json = nlohmann::ordered_json;
+using eval::ConsistencyPart;
+using eval::ConsistencyResult;
+using eval::LabelAgreement;
+
+/// The flags of `map` that say what is mapped and how; the others have no meaning here.
+void addConsistencyOptions(CLI::App& app, MapOptions& options, bool& consistency) {
+  addCommonOptions(
+      app, options.common, "evaluate --consistency",
+      "Labels from half of the scans against those of the other half and of all scans.",
+      "accessvdb evaluate --consistency --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.05 "
+      "--out out/");
+  app.add_flag("--consistency", consistency, "compare recorded scans with themselves");
+  app.add_option("--scans", options.scans, "folder of .pcd, .ply, .bin or .las scans, or one ray cloud");
+  app.add_option("--poses", options.poses, "pose file; may be left out for VIEWPOINT poses and ray clouds");
+  app.add_option("--pose-format", options.pose_format, "auto, tum, kitti, balm, hba or viewpoint")
+      ->capture_default_str();
+  app.add_option("--calib", options.calib, "KITTI calib.txt, where poses are of the camera");
+  addToolOptions(app, options.tool);
+  app.add_option("--voxel", options.voxel_m, "edge of a voxel in metres")->capture_default_str();
+  app.add_option("--out", options.out, "folder for consistency.json and consistency.md");
+  app.add_option("--min-range", options.min_range_m, "drop returns nearer than this, metres");
+  app.add_option("--max-range", options.max_range_m, "drop returns beyond this, metres");
+  app.add_option("--range-noise", options.range_noise_m,
+                 "sigma of the sensor's range noise, metres; default: recorded beside the scans, else 0.02");
+  app.add_option("--tau", options.tau, "truncation distance in metres, or in voxels (4v)");
+  app.add_option("--profile", options.profile, "product or paper")->capture_default_str();
+  app.add_option("--directions", options.directions, "approach directions over 360 degrees, 4 .. 256");
+  app.add_option("--knn", options.knn, "neighbours of a normal; default by rule");
+  app.add_option("--every", options.every, "use every n-th scan")->capture_default_str();
+  app.add_flag("--allow-truncated", options.allow_truncated, "keep the complete records of truncated files");
+  app.add_flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
+}
+
+double round2(double percent) { return std::round(percent * 100) / 100; }
+
+double accessibleShare(const ConsistencyPart& part) {
+  const auto accessible = static_cast<double>(part.labels[static_cast<std::size_t>(PointLabel::Accessible)]);
+  const double scored = accessible + static_cast<double>(part.labels[static_cast<std::size_t>(PointLabel::Blocked)]);
+  return scored > 0 ? 100 * accessible / scored : 0;
+}
+
+Json jsonOf(const ConsistencyPart& part) {
+  Json labels = Json::object(), reasons = Json::object();
+  for (int i = 0; i < kNumPointLabels; ++i)
+    labels[name(static_cast<PointLabel>(i))] = part.labels[static_cast<std::size_t>(i)];
+  for (int i = 1; i < kNumPointReasons; ++i)
+    reasons[name(static_cast<PointReason>(i))] = part.reasons[static_cast<std::size_t>(i)];
+  return {{"scans", part.scans},
+          {"points_in", part.points_in},
+          {"points_used", part.points_used},
+          {"labels", labels},
+          {"reasons", reasons},
+          {"accessible_percent_of_scored", round2(accessibleShare(part))},
+          {"seconds", round2(part.seconds)}};
+}
+
+Json jsonOf(const char* first, const char* second, const LabelAgreement& agreement) {
+  Json matrix = Json::object();
+  for (int i = 0; i < kNumPointLabels; ++i) {
+    for (int j = 0; j < kNumPointLabels; ++j) {
+      matrix[name(static_cast<PointLabel>(i))][name(static_cast<PointLabel>(j))] =
+          agreement.voxels[static_cast<std::size_t>(i)][static_cast<std::size_t>(j)];
+    }
+  }
+  const auto kappa = agreement.kappa();
+  return {{"first", first},
+          {"second", second},
+          {"voxels", matrix},
+          {"only_first", agreement.only_first},
+          {"only_second", agreement.only_second},
+          {"compared", agreement.compared()},
+          {"agreement_percent", round2(agreement.agreementPercent())},
+          {"kappa", kappa ? Json(std::round(*kappa * 10000) / 10000) : Json(nullptr)},
+          {"accessible_percent_of_first", round2(agreement.accessiblePercentOfFirst())},
+          {"accessible_percent_of_second", round2(agreement.accessiblePercentOfSecond())},
+          {"precision", round2(agreement.precisionPercent())},
+          {"recall", round2(agreement.recallPercent())}};
+}
+
+std::string fixed(double value, int digits) {
+  std::ostringstream text;
+  text.imbue(std::locale::classic());
+  text.setf(std::ios::fixed);
+  text.precision(digits);
+  text << value;
+  return text.str();
+}
+std::string kappaText(const LabelAgreement& agreement) {
+  const auto kappa = agreement.kappa();
+  return kappa ? fixed(*kappa, 3) : "-";
+}
+
+void putPair(std::ostream& out, const char* first, const char* second, const LabelAgreement& a) {
+  out << "\n## " << first << " against " << second << "\n\n| " << first << " \\ " << second
+      << " | accessible | blocked | unscored |\n|---|---|---|---|\n";
+  for (const PointLabel row : {PointLabel::Accessible, PointLabel::Blocked, PointLabel::Unscored}) {
+    out << "| " << name(row);
+    for (const PointLabel column : {PointLabel::Accessible, PointLabel::Blocked, PointLabel::Unscored}) {
+      out << " | " << a.voxels[static_cast<std::size_t>(row)][static_cast<std::size_t>(column)];
+    }
+    out << " |\n";
+  }
+  out << "\nIn " << first << " alone " << a.only_first << " voxels, in " << second << " alone " << a.only_second
+      << ".\n";
+}
+
+void writeMarkdown(const fs::path& path, const ConsistencyResult& result, const MapOptions& options,
+                   const FieldParams& params, const std::string& command) {
+  io::writeFileDurably(path, [&](std::ostream& out) {
+    out << "# Consistency of labels from recorded scans\n\n`" << command
+        << "`, AccessVDB " ACCESSVDB_VERSION ", profile " << options.profile << ", voxel "
+        << numberText(params.tsdf.voxel_size_m) << " m, tau " << numberText(params.tsdf.truncation_distance_m)
+        << " m.\n\n"
+        << "There is no ground truth for these scans. Voxels that hold a scored surface point in both maps are "
+           "compared; "
+           "precision and recall judge the first by the second.\n\n"
+        << "| map | scans | returns used | surface points | accessible | blocked | unscored | accessible of scored, % "
+           "|\n"
+           "|---|---|---|---|---|---|---|---|\n";
+    for (const auto& [title, part] : {std::pair{"even scans", &result.even}, std::pair{"odd scans", &result.odd},
+                                      std::pair{"all scans", &result.all}}) {
+      const auto& l = part->labels;
+      out << "| " << title << " | " << part->scans << " | " << part->points_used << " | " << l[0] + l[1] + l[2] << " | "
+          << l[static_cast<std::size_t>(PointLabel::Accessible)] << " | "
+          << l[static_cast<std::size_t>(PointLabel::Blocked)] << " | "
+          << l[static_cast<std::size_t>(PointLabel::Unscored)] << " | " << fixed(accessibleShare(*part), 1) << " |\n";
+    }
+    out << "\n| first | second | compared | agreement, % | kappa | accessible in first, % | in second, % | precision, "
+           "% | "
+           "recall, % |\n|---|---|---|---|---|---|---|---|---|\n";
+    const std::array<std::tuple<const char*, const char*, const LabelAgreement*>, 3> pairs = {
+        {{"even scans", "odd scans", &result.even_odd},
+         {"even scans", "all scans", &result.even_all},
+         {"odd scans", "all scans", &result.odd_all}}};
+    for (const auto& [first, second, a] : pairs) {
+      out << "| " << first << " | " << second << " | " << a->compared() << " | " << fixed(a->agreementPercent(), 1)
+          << " | " << kappaText(*a) << " | " << fixed(a->accessiblePercentOfFirst(), 1) << " | "
+          << fixed(a->accessiblePercentOfSecond(), 1) << " | " << fixed(a->precisionPercent(), 1) << " | "
+          << fixed(a->recallPercent(), 1) << " |\n";
+    }
+    for (const auto& [first, second, a] : pairs) putPair(out, first, second, *a);
+  });
+}
+
+void writeJson(const fs::path& path, const ConsistencyResult& result, const FieldParams& params,
+               const std::string& command) {
+  Json parameters = Json::object();
+  std::istringstream lines(params.describe());
+  for (std::string line; std::getline(lines, line);) {
+    const auto blank = line.find(' ');
+    parameters[line.substr(0, blank)] = line.substr(blank + 1);
+  }
+  const Json json = {
+      {"schema", 1},
+      {"version", ACCESSVDB_VERSION},
+      {"command", command},
+      {"parameters", parameters},
+      {"maps", {{"even", jsonOf(result.even)}, {"odd", jsonOf(result.odd)}, {"all", jsonOf(result.all)}}},
+      {"comparisons", Json::array({jsonOf("even", "odd", result.even_odd), jsonOf("even", "all", result.even_all),
+                                   jsonOf("odd", "all", result.odd_all)})}};
+  // Paths are bytes, and need not be UTF-8.
+  const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  io::writeFileDurably(path, [&](std::ostream& out) { out << text; });
+}
+
+void checkOptions(const MapOptions& options) {
+  checkCommonOptions(options.common);
+  for (const auto& [flag, value, what] :
+       {std::tuple{"--scans", options.scans, "a folder of scans"},
+        std::tuple{"--tool", options.tool.tool, "a mesh, builtin:pencil or builtin:pruner"},
+        std::tuple{"--out", options.out, "the folder for the results"}}) {
+    if (value.empty()) throw InvalidArgument("usage.missing", flag, "is missing", std::string("Name ") + what);
+  }
+  if (options.every < 1) throw InvalidArgument("usage.every", "--every", "must be 1 or more");
+  (void)scanInputOptions(options);
+  (void)fieldParams(options);
+}
+
+}  // namespace
+
+bool wantsConsistency(const Arguments& arguments) {
+  return std::find(arguments.begin(), arguments.end(), "--consistency") != arguments.end();
+}
+
+int runConsistency(const Arguments& arguments, Messages& messages) {
+  MapOptions options;
+  bool consistency = false;
+  CLI::App app;
+  addConsistencyOptions(app, options, consistency);
+  if (!parseCommandLine(app, arguments, options.common, messages)) return 0;
+  checkOptions(options);
+  io::prepareOutputFolder(options.out);
+  watchStopSignals();
+
+  const ToolGeometry tool = loadTool(options.tool);
+  for (const std::string& note : tool.notes()) messages.notice("tool: " + note);
+  messages.notice(toolInWords(tool, options.tool));
+  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  for (const std::string& note : scans.notices()) messages.notice(note);
+  const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
+
+  std::optional<Progress> progress;
+  eval::ConsistencyHooks hooks;
+  hooks.stop = [] { return stopSignal() != 0; };
+  hooks.progress = [&](const std::string& part, std::size_t done, std::size_t total) {
+    if (done == 1) progress.emplace(messages, part, total);
+    progress->show(done);
+    if (done == total) progress->finish();
+  };
+  const auto result = eval::measureConsistency(scans, tool, params, hooks);
+  progress.reset();
+  if (!result) {
+    messages.notice("stopped by " + std::string(stopSignal() == SIGINT ? "SIGINT" : "SIGTERM") + "; nothing to save");
+    return 128 + stopSignal();
+  }
+  std::string command = "accessvdb evaluate";
+  for (const std::string& argument : arguments) command += " " + argument;
+  writeJson(fs::path(options.out) / "consistency.json", *result, params, printable(command));
+  writeMarkdown(fs::path(options.out) / "consistency.md", *result, options, params, printable(command));
+  for (const auto& [title, agreement] :
+       {std::pair{"even against odd scans", &result->even_odd}, std::pair{"even against all scans", &result->even_all},
+        std::pair{"odd against all scans", &result->odd_all}}) {
+    messages.notice(std::string(title) + ": " + std::to_string(agreement->compared()) + " voxels compared, " +
+                    fixed(agreement->agreementPercent(), 1) + " % agree, kappa " + kappaText(*agreement) +
+                    ", accessible " + fixed(agreement->accessiblePercentOfFirst(), 1) + " and " +
+                    fixed(agreement->accessiblePercentOfSecond(), 1) + " %");
+  }
+  messages.notice("wrote consistency.json and consistency.md into " + options.out);
+  return 0;
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,116 @@
+#!/usr/bin/env bash
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+# Everything that can only be checked on a machine with an NVIDIA GPU, in one go, and a record of it:
+#   gpu_suite.sh PROGRAMS OUT [--commit ID] [--only tests,sanitizers,scoring,stream] [--points N] [--frames N]
+# PROGRAMS: the folder of an unpacked portable archive (accessvdb-portable), or a build's bin folder. Writes
+# OUT/record.json, the source of the figures in docs/benchmarks/, and a log a step. Fails where a step fails, or where
+# something that it needs is missing: nothing is skipped silently.
+set -uo pipefail
+programs=${1:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
+out=${2:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
+shift 2
+commit=unknown only=tests,sanitizers,scoring,stream points=1000000 frames=300
+while (($# > 1)); do
+  case $1 in
+    --commit) commit=$2 ;;
+    --only) only=$2 ;;
+    --points) points=$2 ;;
+    --frames) frames=$2 ;;
+    *) echo "gpu_suite: error: unknown option $1" >&2; exit 2 ;;
+  esac
+  shift 2
+done
+mkdir -p "$out"
+bin=$programs
+if [[ -d $programs/programs ]]; then
+  bin=$programs/programs
+  export LD_LIBRARY_PATH=$programs/libraries${LD_LIBRARY_PATH:+:$LD_LIBRARY_PATH}
+fi
+export ACCESSVDB_REQUIRE_GPU=1
+failures=0
+steps=()
+
+wanted() { [[ ,$only, == *,$1,* ]]; }
+record_step() {  # record_step NAME OUTCOME JSON_MEMBERS
+  steps+=("{\"step\": \"$1\", \"outcome\": \"$2\"${3:+, $3}}")
+  echo "gpu_suite: $1: $2${3:+ ($3)}"
+  [[ $2 == passed ]] || failures=$((failures + 1))
+}
+# Counts of a GoogleTest log, as JSON members.
+gtest_counts() {
+  local passed failed skipped
+  passed=$(grep -c '^\[       OK \]' "$1" || true)
+  failed=$(grep -c '^\[  FAILED  \] [^ ]* (' "$1" || true)
+  skipped=$(grep -c '^\[  SKIPPED \] [^ ]* (' "$1" || true)
+  echo "\"passed\": $passed, \"failed\": $failed, \"skipped\": $skipped"
+}
+seconds_since() { awk -v a="$1" -v b="$(date +%s.%N)" 'BEGIN { printf "%.1f", b - a }'; }
+
+if ! command -v nvidia-smi >/dev/null; then
+  echo "gpu_suite: error: nvidia-smi is missing; is there an NVIDIA driver?" >&2
+  exit 6
+fi
+IFS=, read -r gpu driver memory < <(nvidia-smi --query-gpu=name,driver_version,memory.total --format=csv,noheader | head -1 | sed 's/, /,/g')
+cores=$(nproc)
+
+if wanted tests; then
+  start=$(date +%s.%N)
+  if "$bin/gpu_parity_test" >"$out/tests.log" 2>&1; then outcome=passed; else outcome=failed; fi
+  record_step parity "$outcome" "$(gtest_counts "$out/tests.log"), \"seconds\": $(seconds_since "$start")"
+  [[ $outcome == passed ]] || grep -E 'FAILED|Failure|error' "$out/tests.log" | head -20
+  injection=$(grep -c '^\[       OK \] CudaMemory' "$out/tests.log" || true)
+  if ((injection >= 5)); then outcome=passed; else outcome=failed; fi
+  record_step out_of_memory_injection "$outcome" "\"passed\": $injection"
+fi
+
+if wanted sanitizers; then
+  sanitizer=$(command -v compute-sanitizer || find /usr/local/cuda/bin /opt/nvidia -name compute-sanitizer 2>/dev/null | head -1)
+  if [[ -z $sanitizer ]]; then
+    record_step sanitizers failed "\"problem\": \"compute-sanitizer is missing\""
+  else
+    for tool in memcheck racecheck initcheck synccheck; do
+      start=$(date +%s.%N)
+      "$sanitizer" --tool "$tool" --error-exitcode 9 "$bin/gpu_parity_test" \
+        --gtest_filter='CudaScoring.ShortRunOfEveryPath:CudaScoring.NothingToScoreIsNothing:CudaMirror.ArenaTakesAnyBytes:CudaMemory.NothingIsAllocatedOnceWarm' \
+        >"$out/$tool.log" 2>&1
+      code=$?
+      errors=$(sed -n 's/.*ERROR SUMMARY: \([0-9]*\).*/\1/p; s/.*RACECHECK SUMMARY: \([0-9]*\) hazards.*/\1/p' "$out/$tool.log" | tail -1)
+      if ((code == 0)) && [[ $errors == 0 ]]; then outcome=passed; else outcome=failed; fi
+      record_step "$tool" "$outcome" "\"errors\": ${errors:-null}, $(gtest_counts "$out/$tool.log"), \"seconds\": $(seconds_since "$start")"
+      [[ $outcome == passed ]] || grep -v '^\[' "$out/$tool.log" | head -30
+    done
+  fi
+fi
+
+scoring=null
+if wanted scoring; then
+  start=$(date +%s.%N)
+  if "$bin/accessvdb_bench_gpu" --points "$points" --out "$out/scoring.json" 2>&1 | tee "$out/scoring.log"; then outcome=passed; else outcome=failed; fi
+  record_step scoring_benchmark "$outcome" "\"seconds\": $(seconds_since "$start")"
+  [[ -s $out/scoring.json ]] && scoring=$(cat "$out/scoring.json")
+fi
+
+stream=null
+if wanted stream; then
+  start=$(date +%s.%N)
+  ACCESSVDB_BENCH_FRAMES=$frames "$bin/accessvdb_bench_stream" --benchmark_filter='/20/' --benchmark_out="$out/stream.json" \
+    --benchmark_out_format=json >"$out/stream.log" 2>&1
+  if [[ $? == 0 && -s $out/stream.json ]]; then outcome=passed; else outcome=failed; fi
+  record_step stream_benchmark "$outcome" "\"frames\": $frames, \"seconds\": $(seconds_since "$start")"
+  # The counters alone: the rest names the machine.
+  [[ -s $out/stream.json ]] && stream=$(awk '/"benchmarks"/ { on = 1 } on' "$out/stream.json" |
+    grep -E '"(name|points|tests|full_tests|percent|dirty|integrate_ms|mirror_ms|update_ms|score_ms)":' |
+    awk 'BEGIN { printf "{" } { sub(/,$/, ""); printf "%s%s", (NR > 1 ? ", " : ""), $0 } END { print "}" }')
+fi
+
+{
+  echo "{\"schema\": 1, \"date\": \"$(date -u +%Y-%m-%d)\", \"commit\": \"$commit\", \"device\": \"$gpu\", \"driver\": \"$driver\","
+  echo " \"device_memory\": \"$memory\", \"cpu_cores\": $cores, \"failures\": $failures, \"steps\": ["
+  for n in "${!steps[@]}"; do echo "  ${steps[n]}$( ((n + 1 < ${#steps[@]})) && echo ,)"; done
+  echo " ],"
+  echo " \"scoring\": $scoring,"
+  echo " \"stream\": $stream}"
+} >"$out/record.json"
+echo "gpu_suite: $failures failed; record in record.json"
+((failures == 0))

@@ -1,0 +1,107 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb simulate: scans of a scene, as a recorder would leave them.
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <filesystem>
+#include <nlohmann/json.hpp>
+#include <ostream>
+
+#include "accessvdb/config.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "options.h"
+#include "progress.h"
+#include "sim/mesh_ply.h"
+#include "sim/recording.h"
+#include "sim/simulator.h"
+#include "simulate_options.h"
+#include "stop_signal.h"
+#include "verbs.h"
+
+namespace accessvdb::tools {
+namespace {
+
+using nlohmann::ordered_json;
+
+/// Every parameter, so that the recording can be made again; no dates, so that it comes out the same.
+ordered_json describe(const SimulateOptions& options, const SceneView& view, const sim::LidarModel& model,
+                      const SimulatedPath& path, int frames) {
+  const sim::Scene& scene = view.scene;
+  ordered_json out = {
+      {"schema", 1},
+      {"version", ACCESSVDB_VERSION},
+      {"scene",
+       {{"name", scene.name},
+        {"description", scene.description},
+        {"centre_m", {scene.centre_W.x(), scene.centre_W.y(), scene.centre_W.z()}},
+        {"triangles", scene.mesh.triangles.size()},
+        {"tessellation_error_m", scene.tessellation_error_m},
+        {"distance_known", scene.distance != nullptr},
+        {"distance_note", scene.distance_note}}},
+      {"sensor",
+       {{"name", options.sensor},
+        {"rays_per_frame", model.rays_per_frame},
+        {"frame_period_s", model.frame_period_s},
+        {"range_noise_m", model.range_noise_m},
+        {"dropout", model.dropout},
+        {"min_range_m", model.min_range_m},
+        {"max_range_m", std::isfinite(model.max_range_m) ? ordered_json(model.max_range_m) : ordered_json(nullptr)}}},
+      {"trajectory", path.description},
+      {"frames", path.poses.size()},
+      {"frames_written", frames},
+      {"seed", options.seed}};
+  if (scene.distance) out["scene"]["distance_error_m"] = scene.distance->errorBound_m();
+  if (scene.name == "ring") out["scene"]["voxel_m"] = options.voxel_m;
+  return out;
+}
+
+}  // namespace
+
+int runSimulate(const Arguments& arguments, Messages& messages) {
+  SimulateOptions options;
+  CLI::App app;
+  addSimulateOptions(app, options);
+  if (!parseCommandLine(app, arguments, options.common, messages)) return 0;
+  checkSimulateOptions(options);
+  watchStopSignals();
+
+  const sim::LidarModel model = lidarModel(options);
+  const SceneView view = sceneView(options);
+  messages.notice("scene: " + printable(view.scene.description));
+  if (!view.scene.distance) messages.warning("sim.no_truth", printable(view.scene.distance_note));
+  const SimulatedPath path = simulatedPath(options, view, model);
+  const sim::Simulator simulator(view.scene, model, path.poses, options.seed);
+  simulator.requireClearPath(path.stations);
+
+  const std::filesystem::path out = options.out;
+  io::prepareOutputFolder(out);
+  const auto start = std::chrono::steady_clock::now();
+  Progress progress(messages, "simulating scans", path.poses.size());
+  sim::RecordingOptions recording{model.range_noise_m, options.common.threads, {}};
+  recording.proceed = [&](int done) {
+    if (done > 0) progress.show(static_cast<std::size_t>(done));
+    return stopSignal() == 0;
+  };
+  const int frames = sim::writeRecording(out, simulator, recording);
+  progress.finish();
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  sim::writeMeshPly(out / "scene.ply", view.scene.mesh);
+  io::writeFileDurably(out / "scene.json", [&](std::ostream& stream) {
+    stream << describe(options, view, model, path, frames).dump(2, ' ', false, ordered_json::error_handler_t::replace)
+           << "\n";
+  });
+
+  const double rays = static_cast<double>(frames) * model.rays_per_frame;
+  messages.notice("wrote " + std::to_string(frames) + " scans, " + numberText(rays / 1e6) + " M rays in " +
+                  numberText(std::round(seconds * 100) / 100) + " s (" + numberText(rays / 1e6 / seconds) +
+                  " M rays/s), poses.txt, range_noise.txt, scene.ply and scene.json into " + out.string());
+  const int signal = stopSignal();
+  if (signal == 0) return 0;
+  messages.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") + " after " +
+                  std::to_string(frames) + " of " + std::to_string(path.poses.size()) + " scans");
+  return 128 + signal;
+}
+
+}  // namespace accessvdb::tools

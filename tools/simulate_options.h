@@ -1,0 +1,56 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The flags of `simulate`, and the scene, sensor and path that they mean.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+
+#include "command_line.h"
+#include "sim/lidar_model.h"
+#include "sim/scene.h"
+#include "sim/trajectory.h"
+
+namespace accessvdb::tools {
+
+struct SimulateOptions {
+  CommonOptions common;
+  std::string scene, mesh_unit, trajectory, begin, end, out;
+  std::string sensor = "mid360";
+  std::optional<int> frames;
+  std::optional<double> radius_m, height_m, turns;
+  double pitch_deg = 0, tree_height_m = 12, voxel_m = 0.002;
+  double range_noise_m = 0, dropout = 0, min_range_m = 0.05;
+  std::optional<double> max_range_m;
+  std::uint64_t seed = 1;
+};
+
+void addSimulateOptions(CLI::App& app, SimulateOptions& options);
+
+/// What can be told to be wrong from the flags alone. @throws InvalidArgument, UnusableInput (no frames), DeviceError
+void checkSimulateOptions(const SimulateOptions& options);
+
+/// @throws InvalidArgument
+[[nodiscard]] sim::LidarModel lidarModel(const SimulateOptions& options);
+
+/// A scene with the path that it is looked at from where the flags say nothing else.
+struct SceneView {
+  sim::Scene scene;
+  sim::Helix path;
+  int frames = 0;
+};
+/// @throws InvalidArgument for an unknown scene; what makeMeshScene throws
+[[nodiscard]] SceneView sceneView(const SimulateOptions& options);
+
+struct SimulatedPath {
+  sim::Trajectory poses;     ///< [frames]
+  sim::Trajectory stations;  ///< close together along the same path
+  nlohmann::ordered_json description;
+};
+/// @throws InvalidArgument, UnusableInput; InputError for a trajectory file
+[[nodiscard]] SimulatedPath simulatedPath(const SimulateOptions& options, const SceneView& view,
+                                          const sim::LidarModel& model);
+
+}  // namespace accessvdb::tools
