@@ -2,9 +2,16 @@
 function(accessvdb_target name)
   target_compile_features(${name} PUBLIC cxx_std_20)
   set_target_properties(${name} PROPERTIES CXX_EXTENSIONS OFF POSITION_INDEPENDENT_CODE ON)
-  target_compile_options(${name} PRIVATE -Wall -Wextra -Wpedantic -Wshadow $<$<BOOL:${ACCESSVDB_WARNINGS_AS_ERRORS}>:-Werror>)
+  set(_cxx $<NOT:$<COMPILE_LANGUAGE:CUDA>>)
+  set(_cuda $<COMPILE_LANGUAGE:CUDA>)
+  set(_strict $<BOOL:${ACCESSVDB_WARNINGS_AS_ERRORS}>)
+  target_compile_options(${name} PRIVATE
+    "$<${_cxx}:-Wall;-Wextra;-Wpedantic;-Wshadow>" "$<$<AND:${_cxx},${_strict}>:-Werror>"
+    "$<${_cuda}:-Xcompiler=-Wall,-Wextra,-Wshadow>" "$<$<AND:${_cuda},${_strict}>:-Werror=all-warnings>")
   # No contraction of a*b+c anywhere: host and device must round alike, and SIMD and scalar code too.
-  target_compile_options(${name} PRIVATE -ffp-contract=off)
+  target_compile_options(${name} PRIVATE
+    $<${_cxx}:-ffp-contract=off>
+    "$<${_cuda}:--fmad=false;-prec-div=true;-prec-sqrt=true;-ftz=false;-Xcompiler=-ffp-contract=off>")
   if(ACCESSVDB_SANITIZE)
     target_compile_options(${name} PRIVATE -fsanitize=${ACCESSVDB_SANITIZE} -fno-omit-frame-pointer -g1)
     target_link_options(${name} PUBLIC -fsanitize=${ACCESSVDB_SANITIZE})

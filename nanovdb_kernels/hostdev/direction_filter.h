@@ -19,21 +19,30 @@ ACCESSVDB_HOSTDEV inline float cosToNormal(const ApproachView& approach, int d, 
 class DirectionWalk {
  public:
   ACCESSVDB_HOSTDEV DirectionWalk(const ApproachView& approach, const float* normal)
+      : DirectionWalk(approach, normal, nearestDirection(approach, normal)) {}
+
+  /// For callers that know nearestDirection already.
+  ACCESSVDB_HOSTDEV DirectionWalk(const ApproachView& approach, const float* normal, int nearest)
       : approach_(approach), normal_{normal[0], normal[1], normal[2]} {
+    up_ = nearest;
+    up_cos_ = cosToNormal(approach_, nearest, normal_);
+    down_ = nearest;
+    stepDown();
+    left_ = approach_.num_directions;
+  }
+
+  /// The direction with the largest cosine to the normal; the lowest of several.
+  ACCESSVDB_HOSTDEV static int nearestDirection(const ApproachView& approach, const float* normal) {
     int nearest = 0;
-    float best = cosToNormal(approach_, 0, normal_);
-    for (int d = 1; d < approach_.num_directions; ++d) {
-      const float c = cosToNormal(approach_, d, normal_);
+    float best = cosToNormal(approach, 0, normal);
+    for (int d = 1; d < approach.num_directions; ++d) {
+      const float c = cosToNormal(approach, d, normal);
       if (c > best) {
         best = c;
         nearest = d;
       }
     }
-    up_ = nearest;
-    up_cos_ = best;
-    down_ = nearest;
-    stepDown();
-    left_ = approach_.num_directions;
+    return nearest;
   }
 
   /// Next direction, or -1 when the cone is exhausted.

@@ -42,6 +42,11 @@ struct VoxelColumn {
 };
 static_assert(sizeof(VoxelColumn) == 16);
 
+/// Box of voxels relative to the voxel of the surface point, inclusive. low > high: not known.
+struct VoxelBox {
+  std::int32_t low[3] = {1, 1, 1}, high[3] = {0, 0, 0};
+};
+
 /// The tool at every direction d, tip at the origin, self-exclusion already applied.
 struct ToolKernelView {
   const VoxelColumn* columns = nullptr;         ///< voxel form: columns of d are [column_begin[d], column_begin[d+1])
@@ -50,6 +55,7 @@ struct ToolKernelView {
   const std::uint32_t* sample_begin = nullptr;  ///< [D + 1]
   bool use_samples = false;
   std::uint16_t collision_limit = 1;  ///< [n_c] a direction is free when its count is below
+  VoxelBox reach = {};                ///< holds every voxel of every direction
 };
 
 /// Directions and the corridor: tables computed once on the host.

@@ -41,6 +41,8 @@ struct ScoreRequest {
 class Backend : public DeviceMemory {
  public:
   [[nodiscard]] virtual std::string name() const = 0;  ///< "cpu" or "cuda:NAME"
+  /// Most bytes of device memory held at a time, by our own count; 0 on the CPU.
+  [[nodiscard]] virtual std::uint64_t peakBytes() const { return 0; }
   [[nodiscard]] virtual std::unique_ptr<MirrorArena> makeArena() = 0;
   /// Writes what the host knows into the state arrays: position, normal, seen, weight.
   virtual void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) = 0;
@@ -49,5 +51,8 @@ class Backend : public DeviceMemory {
 
 /// The rules under TBB on host memory.
 [[nodiscard]] std::unique_ptr<Backend> makeCpuBackend();
+/// The rules on an NVIDIA GPU; only in builds with ACCESSVDB_HAS_CUDA.
+/// @throw DeviceError  no driver, no device, old driver, wrong architecture, or no memory to start with
+[[nodiscard]] std::unique_ptr<Backend> makeCudaBackend();
 
 }  // namespace accessvdb::kernels

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 
 namespace accessvdb::kernels {
 
@@ -31,6 +32,15 @@ class MirrorArena {
   /// flushes, so a backend may scatter them in parallel.
   /// @throw InternalError  outside the committed range
   virtual void write(std::uint64_t offset, const void* source, std::uint64_t bytes) = 0;
+
+  /// As a `write` of `bytes` bytes to each offset, but the caller fills what is to be written, from any thread, before
+  /// it calls anything else of the arena. @param places  [offsets.size()] out: where the bytes of write n go
+  /// @return false: not offered, nothing happened; use `write`
+  /// @throw InternalError  outside the committed range
+  virtual bool stage(std::span<const std::uint64_t> offsets, std::uint64_t bytes, std::span<void*> places) {
+    (void)offsets, (void)bytes, (void)places;
+    return false;
+  }
 
   /// Ends a batch: readers that are ordered after the flush (same stream, or an event) see all writes.
   virtual void flush() = 0;

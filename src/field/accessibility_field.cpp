@@ -5,7 +5,6 @@
 
 #include <tbb/task_arena.h>
 
-#include <chrono>
 #include <numeric>
 #include <type_traits>
 
@@ -13,29 +12,19 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/tsdf_volume.h"
+#include "field/backend_choice.h"
 #include "field/point_weights.h"
 #include "field/scan_gate.h"
 #include "field/scoring_setup.h"
 #include "field/snapshot_builder.h"
 #include "launch/backend.h"
 #include "mirror/nanovdb_mirror.h"
+#include "points/stopwatch.h"
 #include "points/update_scheduler.h"
 #include "tsdf/scan_integrator.h"
 
 namespace accessvdb {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-double millisecondsSince(Clock::time_point start) {
-  return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
-}
-
-std::unique_ptr<kernels::Backend> chooseBackend(BackendKind kind) {
-  if (kind == BackendKind::Cuda) {
-    throw DeviceError("device.missing", "cuda", "this build has no CUDA backend", "Use --device cpu");
-  }
-  return kernels::makeCpuBackend();
-}
 
 tbb::task_arena makeArena(int threads) {
   return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
@@ -43,12 +32,13 @@ tbb::task_arena makeArena(int threads) {
 
 }  // namespace
 
-struct AccessibilityField::Impl {
+struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   Impl(const ToolGeometry& tool_geometry, const FieldParams& given)
       : params(given.resolved()),
         tool(tool_geometry),
         arena(makeArena(params.threads)),
-        backend(chooseBackend(params.backend)),
+        chosen(internal::chooseBackend(params.backend)),
+        backend(chosen.backend.get()),
         setup(tool, params, *backend),
         volume(params.tsdf),
         gate(params.tsdf),
@@ -93,24 +83,25 @@ struct AccessibilityField::Impl {
   }
 
   void integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
-    const auto start = Clock::now();
-    const internal::IntegrationResult result = integrator.integrate(scan.p_L, scan.q_L);
+    const internal::Stopwatch integrating;
+    const internal::IntegrationResult result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()});
     stats.touched_leaves = result.touched_leaves;
     stats.new_leaves = result.new_leaves;
     stats.distance_updates = result.counts.distance_updates;
     stats.cleared_updates = result.counts.cleared_updates;
     const internal::TouchedPoints touched = points.addReturns(scan.p_L, scan.q_L);
-    stats.integrate_ms = millisecondsSince(start);
-    const auto mirroring = Clock::now();
-    for (const auto& changes : result.changes) mirror.apply(changes);
-    stats.mirror_ms = millisecondsSince(mirroring);
+    stats.integrate_ms = integrating.milliseconds();
+    const internal::Stopwatch mirroring;
+    mirror.applyParts(result.changes);
+    stats.mirror_ms = mirroring.milliseconds();
     scheduler->noteScan(touched, scan.p_L, scan.q_L, result.changes);
   }
 
   FieldParams params;
   ToolGeometry tool;
   tbb::task_arena arena;
-  std::unique_ptr<kernels::Backend> backend;
+  internal::ChosenBackend chosen;
+  kernels::Backend* backend;
   internal::ScoringSetup setup;
   TsdfVolume volume;
   internal::ScanGate gate;
@@ -141,6 +132,10 @@ FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> po
                                              std::span<const Eigen::Vector3d> origins_W) {
   FrameStats stats;
   impl_->requireWhole();
+  if (impl_->params.tsdf.region == UpdateRegion::Projective) {
+    throw InvalidArgument("projective.rays", "", "the projective baseline needs scans with one sensor pose",
+                          "Use integrateScan()");
+  }
   impl_->arena.execute([&] { impl_->integrate(impl_->gate.gate(points_W, origins_W, stats), stats); });
   return stats;
 }
@@ -198,6 +193,7 @@ const ToolGeometry& AccessibilityField::tool() const { return impl_->tool; }
 const FieldParams& AccessibilityField::params() const { return impl_->params; }
 Eigen::Vector3d AccessibilityField::origin_W() const { return impl_->gate.origin_W(); }
 std::string AccessibilityField::deviceName() const { return impl_->backend->name(); }
+std::string AccessibilityField::deviceNote() const { return impl_->chosen.note; }
 double AccessibilityField::toolShareHidden() const { return impl_->setup.tool().hidden_share; }
 int AccessibilityField::collisionLimit() const { return impl_->setup.tool().collision_limit; }
 
@@ -207,6 +203,7 @@ MemoryUse AccessibilityField::memoryUse() const {
   use.mirror_bytes = impl_->mirror.usedBytes() + impl_->mirror.hostBytes();
   use.point_host_bytes = impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes();
   use.point_device_bytes = impl_->scorer.device().bytes() + impl_->setup.deviceBytes();
+  use.device_peak_bytes = impl_->backend->peakBytes();
   use.leaves = impl_->volume.leafCount();
   use.active_voxels = impl_->volume.activeVoxelCount();
   return use;

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <utility>
 
 #include "accessvdb/error.h"
 
@@ -28,8 +29,37 @@ void require(const char* field, double value, double low, double high, const cha
 
 /// PCA neighbours: noise comparable to the voxel needs more of them (SPEC e).
 int neighboursFor(double range_noise_m, double voxel_size_m) {
+  if (range_noise_m >= 2 * voxel_size_m) return 100;
   if (range_noise_m >= voxel_size_m) return 60;
   return range_noise_m >= 0.5 * voxel_size_m ? 30 : 10;
+}
+
+const char* nameOf(UpdateRegion region) {
+  switch (region) {
+    case UpdateRegion::DoubleCone:
+      return "double_cone";
+    case UpdateRegion::FullCube:
+      return "full_cube";
+    case UpdateRegion::Projective:
+      break;
+  }
+  return "projective";
+}
+
+void requireProjective(const ProjectiveParams& p, double voxel_size_m) {
+  require("projective.bin_rad", p.bin_rad, 0.0005, 0.2);
+  require("projective.elevation_min_rad", p.elevation_min_rad, -kPi / 2, kPi / 2);
+  require("projective.elevation_max_rad", p.elevation_max_rad, p.elevation_min_rad, kPi / 2);
+  if (!p.in_front && !p.empty_is_free) return;
+  constexpr double kMostLeaves = 1 << 22;  // 8 GiB of voxels
+  double leaves = 1;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    require("projective.box_min_W_m", p.box_min_W_m[axis], -1e8, 1e8);
+    require("projective.box_max_W_m", p.box_max_W_m[axis], p.box_min_W_m[axis] + voxel_size_m, 1e8,
+            "Give the box around the scene that in_front and empty_is_free may update");
+    leaves *= (p.box_max_W_m[axis] - p.box_min_W_m[axis]) / (8 * voxel_size_m) + 2;
+  }
+  require("projective box, in leaves", leaves, 0, kMostLeaves, "Choose a smaller box or a larger voxel");
 }
 
 }  // namespace
@@ -70,6 +100,7 @@ FieldParams FieldParams::resolved() const {
   require("cleared_radius_voxels", t.cleared_radius_voxels, 0, 16);
   require("cleared_begin_tau", t.cleared_begin_tau, 0, 10);
   require("cleared_end_tau", t.cleared_end_tau, t.cleared_begin_tau, 100);
+  if (t.region == UpdateRegion::Projective) requireProjective(t.projective, t.voxel_size_m);
 
   ApproachParams& a = p.approach;
   require("num_directions", a.num_directions, 4, 256, "Up to 256 directions are supported");
@@ -109,7 +140,20 @@ std::string FieldParams::describe() const {
   put("range_noise_m", text(tsdf.range_noise_m));
   put("min_range_m", text(tsdf.min_range_m));
   put("max_range_m", text(tsdf.max_range_m));
-  put("region", tsdf.region == UpdateRegion::DoubleCone ? "double_cone" : "full_cube");
+  put("region", nameOf(tsdf.region));
+  if (tsdf.region == UpdateRegion::Projective) {
+    const ProjectiveParams& p = tsdf.projective;
+    put("projective_bin_rad", text(p.bin_rad));
+    put("projective_in_front", p.in_front ? "true" : "false");
+    put("projective_empty_is_free", p.empty_is_free ? "true" : "false");
+    put("projective_guarded", p.guarded ? "true" : "false");
+    put("projective_cleared_band", p.cleared_band ? "true" : "false");
+    put("projective_elevation_rad", text(p.elevation_min_rad) + " " + text(p.elevation_max_rad));
+    for (const auto& [name, corner] :
+         {std::pair{"projective_box_min_W_m", p.box_min_W_m}, std::pair{"projective_box_max_W_m", p.box_max_W_m}}) {
+      put(name, text(corner[0]) + " " + text(corner[1]) + " " + text(corner[2]));
+    }
+  }
   put("cone_cos_min", text(tsdf.cone_cos_min));
   put("clamp_min_m", text(tsdf.clamp_min_m));
   put("max_weight", std::to_string(tsdf.max_weight));

@@ -65,6 +65,7 @@ GatedScan ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const Eigen:
   }
   setOrigin(t);
   GatedScan scan;
+  scan.R_W_S = R;
   scan.p_L.reserve(points_S.size());
   stats.points_in += points_S.size();
   const Eigen::Vector3d q_L = roundToStep(t - origin_W_);

@@ -17,7 +17,8 @@ namespace accessvdb::internal {
 /// Good returns of one scan in the local frame.
 struct GatedScan {
   std::vector<Eigen::Vector3f> p_L;
-  std::vector<Eigen::Vector3f> q_L;  ///< [n], or [1] for all
+  std::vector<Eigen::Vector3f> q_L;                     ///< [n], or [1] for all
+  Eigen::Matrix3d R_W_S = Eigen::Matrix3d::Identity();  ///< of the sensor, where the scan has one pose
 };
 
 class ScanGate {

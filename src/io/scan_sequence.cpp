@@ -71,7 +71,7 @@ void checkOptions(const ScanInputOptions& options) {
 
 }  // namespace
 
-struct ScanSequence::Impl {
+struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   ScanInputOptions options;
   ScanKind kind = ScanKind::Pcd;
   std::vector<std::filesystem::path> scan_files;  ///< of each step, or the one cloud

@@ -79,7 +79,7 @@ MapGrids readGridsGuarded(const std::filesystem::path& path) {
 
 }  // namespace
 
-struct StoredField::Impl {
+struct ACCESSVDB_PRIVATE StoredField::Impl {
   FieldSnapshot field;
   MapGrids map;
   openvdb::Int32Grid::Ptr point_of_voxel;  ///< index + 1 of the point, 0 = none

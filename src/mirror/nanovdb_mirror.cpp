@@ -2,7 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "mirror/nanovdb_mirror.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -42,12 +46,19 @@ constexpr std::uint64_t kTilesOffset = kRootOffset + sizeof(RootData);
 constexpr std::uint64_t kLeafBitsOffset = offsetof(LeafData, mValueMask);
 static_assert(kTilesOffset % NANOVDB_DATA_ALIGNMENT == 0);
 
+/// Fewer leaves than this are not worth several threads, which wait for memory together instead of one by one.
+constexpr std::size_t kLeastParallel = 2048;
+/// Shares of the leaves that threads take: more than there are threads costs a glance at each change.
+constexpr std::uint32_t kShares = 32;
+/// Leaves handed to the arena at a time.
+constexpr std::size_t kStagedAtOnce = 1u << 16;
+
 }  // namespace
 
 class NanoVdbMirror::Impl {
  public:
   Impl(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m, std::uint32_t root_capacity);
-  void apply(std::span<const LeafChange> changes);
+  void applyParts(std::span<const std::span<const LeafChange>> parts);
   void clear();
 
   [[nodiscard]] std::uint64_t hostBytes() const noexcept;
@@ -84,8 +95,13 @@ class NanoVdbMirror::Impl {
   std::uint32_t addLower(const Coord& ijk);
   std::uint32_t addLeaf(const Coord& ijk, std::uint32_t lower);
   [[nodiscard]] std::uint32_t findLower(const Coord& ijk) const noexcept;
-  void locateAll(std::span<const LeafChange> changes);
-  void setBits(std::span<const LeafChange> changes, std::uint64_t first_added) noexcept;
+  void locateAll();
+  void setBits(std::uint64_t first_added);
+  std::uint8_t setBitsOf(std::size_t i, std::uint64_t first_added) noexcept;
+  void publishLeaves();
+  /// Writes `bytes` bytes each; `fill(n, to)` may run on any thread.
+  template <class OffsetOf, class Fill>
+  void writeEach(std::size_t count, std::uint64_t bytes, const OffsetOf& offset_of, const Fill& fill);
   void publish();
   void write(std::uint64_t offset, const void* source, std::uint64_t bytes);
   template <class Data, class Shadow>
@@ -96,10 +112,15 @@ class NanoVdbMirror::Impl {
   void publishHeader(std::uint64_t offset, const Coord& origin);
 
   // Of one call.
+  std::vector<const LeafChange*> changes_;
   std::vector<std::uint32_t> slots_;    ///< leaf of each change
   std::vector<std::uint32_t> patched_;  ///< slots of old leaves to rewrite
   std::vector<Added> added_uppers_, added_lowers_, added_leaves_;
   bool committed_more_ = false;
+  static constexpr std::uint8_t kToList = 1, kToPatch = 2;
+  std::vector<std::uint8_t> news_;      ///< of each change's leaf
+  std::vector<std::uint64_t> offsets_;  ///< of writeEach
+  std::vector<void*> places_;
 };
 
 NanoVdbMirror::Impl::Impl(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m, std::uint32_t root_capacity)
@@ -130,18 +151,23 @@ NanoVdbMirror::Impl::Impl(std::unique_ptr<kernels::MirrorArena> arena, double vo
   arena_->flush();
 }
 
-void NanoVdbMirror::Impl::apply(std::span<const LeafChange> changes) {
+void NanoVdbMirror::Impl::applyParts(std::span<const std::span<const LeafChange>> parts) {
   traffic_ = {};
   const std::uint64_t first_added = leaf_count_;
+  changes_.clear();
+  for (const auto& part : parts) {
+    for (const LeafChange& change : part) changes_.push_back(&change);
+  }
   try {
-    locateAll(changes);
-    patched_.reserve(changes.size());
+    locateAll();
+    news_.resize(changes_.size());
+    patched_.reserve(changes_.size());
     if (listed_.capacity() < leaf_count_) listed_.reserve(std::max<std::size_t>(leaf_count_, 2 * listed_.capacity()));
   } catch (...) {
     publish();  // leaves without bits read like no leaves
     throw;
   }
-  setBits(changes, first_added);
+  setBits(first_added);
   traffic_.leaves_patched = patched_.size();
   traffic_.leaves_added = added_leaves_.size();
   publish();
@@ -163,54 +189,114 @@ void NanoVdbMirror::Impl::clear() {
 }
 
 // Finds or adds the leaf of every change. Everything that can fail is in here, and nothing in here changes a bit.
-void NanoVdbMirror::Impl::locateAll(std::span<const LeafChange> changes) {
-  slots_.resize(changes.size());
-  Coord lower_origin(1);  // of no node
-  std::uint32_t lower = kNoNode;
-  for (std::size_t i = 0; i < changes.size(); ++i) {
-    const auto& [x, y, z] = changes[i].origin_ijk;
-    if (((x | y | z) & 7) != 0) {
-      throw InternalError("mirror.leaf_origin", "", "A changed leaf does not begin at a multiple of 8 voxels",
-                          "Please report this");
+void NanoVdbMirror::Impl::locateAll() {
+  slots_.resize(changes_.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, changes_.size(), kLeastParallel), [&](const auto& range) {
+    Coord lower_origin(1);  // of no node
+    std::uint32_t lower = kNoNode;
+    for (std::size_t i = range.begin(); i != range.end(); ++i) {
+      const auto& [x, y, z] = changes_[i]->origin_ijk;
+      if (((x | y | z) & 7) != 0) {
+        throw InternalError("mirror.leaf_origin", "", "A changed leaf does not begin at a multiple of 8 voxels",
+                            "Please report this");
+      }
+      const Coord ijk(x, y, z);
+      if (const Coord origin = ijk & ~std::int32_t(OccupancyLower::MASK); !(origin == lower_origin)) {
+        lower_origin = origin;
+        lower = findLower(ijk);
+      }
+      slots_[i] = lower == kNoNode ? kNoNode : lowers_[lower]->child(OccupancyLower::CoordToOffset(ijk));
     }
+  });
+  for (std::size_t i = 0; i < changes_.size(); ++i) {
+    if (slots_[i] != kNoNode) continue;
+    const auto& [x, y, z] = changes_[i]->origin_ijk;
     const Coord ijk(x, y, z);
-    if (const Coord origin = ijk & ~std::int32_t(OccupancyLower::MASK); !(origin == lower_origin)) {
-      lower_origin = origin;
-      lower = findLower(ijk);
-    }
-    std::uint32_t slot = lower == kNoNode ? kNoNode : lowers_[lower]->child(OccupancyLower::CoordToOffset(ijk));
-    if (slot == kNoNode && bringsBits(changes[i])) {
-      if (lower == kNoNode) lower = addLower(ijk);
-      slot = addLeaf(ijk, lower);
-    }
-    slots_[i] = slot;
+    std::uint32_t lower = findLower(ijk);
+    // An earlier change may have added the leaf; then this one counts even if it brings no bits.
+    if (lower != kNoNode) slots_[i] = lowers_[lower]->child(OccupancyLower::CoordToOffset(ijk));
+    if (slots_[i] != kNoNode || !bringsBits(*changes_[i])) continue;
+    if (lower == kNoNode) lower = addLower(ijk);
+    slots_[i] = addLeaf(ijk, lower);
   }
 }
 
-void NanoVdbMirror::Impl::setBits(std::span<const LeafChange> changes, std::uint64_t first_added) noexcept {
-  constexpr std::size_t kAhead = 8;  // leaves come in no order of ours: hide the wait for memory
-  for (std::size_t i = 0; i < changes.size(); ++i) {
-    if (i + kAhead < changes.size() && slots_[i + kAhead] != kNoNode) {
-      const auto* ahead = reinterpret_cast<const std::byte*>(&leaf(slots_[i + kAhead]));
-      __builtin_prefetch(ahead, 1);
-      __builtin_prefetch(ahead + 64, 1);
+// A leaf may come more than once, so threads share the leaves among them, by chunk, and not the changes.
+void NanoVdbMirror::Impl::setBits(std::uint64_t first_added) {
+  const std::uint32_t shares = changes_.size() < kLeastParallel ? 1 : kShares;
+  tbb::parallel_for(std::uint32_t{0}, shares, [&](std::uint32_t share) {
+    for (std::size_t i = 0; i < changes_.size(); ++i) {
+      if (slots_[i] != kNoNode && slots_[i] / LeafChunk::kSize % shares == share) news_[i] = setBitsOf(i, first_added);
     }
-    const std::uint32_t slot = slots_[i];
-    if (slot == kNoNode) continue;
-    LeafShadow& bits = leaf(slot);
-    const bool collides_changed = switchBits(bits.collides, changes[i].collides_on, changes[i].collides_off);
-    const bool arm_free_changed = switchBits(bits.arm_free, changes[i].arm_free_on, changes[i].arm_free_off);
-    if (!collides_changed && !arm_free_changed) continue;
-    LeafChunk& chunk = *chunks_[slot / LeafChunk::kSize];
-    const std::uint32_t word = slot % LeafChunk::kSize / 64;
-    const std::uint64_t bit = std::uint64_t(1) << (slot & 63);
-    if ((chunk.listed[word] & bit) == 0) {
-      chunk.listed[word] |= bit;
-      listed_.push_back(slot);
+  });
+  for (std::size_t i = 0; i < changes_.size(); ++i) {
+    if (slots_[i] == kNoNode) continue;
+    if ((news_[i] & kToList) != 0) listed_.push_back(slots_[i]);
+    if ((news_[i] & kToPatch) != 0) patched_.push_back(slots_[i]);
+  }
+}
+
+// @return kToList, kToPatch: lists that the leaf belongs in and does not stand in yet
+std::uint8_t NanoVdbMirror::Impl::setBitsOf(std::size_t i, std::uint64_t first_added) noexcept {
+  const std::uint32_t slot = slots_[i];
+  LeafShadow& bits = leaf(slot);
+  const bool collides_changed = switchBits(bits.collides, changes_[i]->collides_on, changes_[i]->collides_off);
+  const bool arm_free_changed = switchBits(bits.arm_free, changes_[i]->arm_free_on, changes_[i]->arm_free_off);
+  if (!collides_changed && !arm_free_changed) return 0;
+  LeafChunk& chunk = *chunks_[slot / LeafChunk::kSize];
+  const std::uint32_t word = slot % LeafChunk::kSize / 64;
+  const std::uint64_t bit = std::uint64_t(1) << (slot & 63);
+  std::uint8_t news = 0;
+  if ((chunk.listed[word] & bit) == 0) {
+    chunk.listed[word] |= bit;
+    news |= kToList;
+  }
+  if (slot < first_added && (chunk.patched[word] & bit) == 0) {
+    chunk.patched[word] |= bit;
+    news |= kToPatch;
+  }
+  return news;
+}
+
+// Leaves that were there before: their bits; new ones: the whole leaf.
+void NanoVdbMirror::Impl::publishLeaves() {
+  for (const std::uint32_t slot : patched_) {
+    chunks_[slot / LeafChunk::kSize]->patched[slot % LeafChunk::kSize / 64] &= ~(std::uint64_t(1) << (slot & 63));
+  }
+  const auto patch = [&](std::size_t n, void* to) { std::memcpy(to, &leaf(patched_[n]), sizeof(LeafShadow)); };
+  writeEach(
+      patched_.size(), sizeof(LeafShadow), [&](std::size_t n) { return leafOffset(patched_[n]) + kLeafBitsOffset; },
+      patch);
+  const auto record = [&](std::size_t n, void* to) {
+    alignas(NANOVDB_DATA_ALIGNMENT) std::byte bytes[sizeof(LeafData)] = {};
+    reinterpret_cast<LeafData*>(bytes)->mBBoxMin = added_leaves_[n].origin;
+    std::memcpy(bytes + kLeafBitsOffset, &leaf(added_leaves_[n].index), sizeof(LeafShadow));
+    std::memcpy(to, bytes, sizeof(bytes));
+  };
+  writeEach(
+      added_leaves_.size(), sizeof(LeafData), [&](std::size_t n) { return leafOffset(added_leaves_[n].index); },
+      record);
+}
+
+template <class OffsetOf, class Fill>
+void NanoVdbMirror::Impl::writeEach(std::size_t count, std::uint64_t bytes, const OffsetOf& offset_of,
+                                    const Fill& fill) {
+  for (std::size_t begin = 0; begin < count; begin += kStagedAtOnce) {
+    const std::size_t part = std::min(count - begin, kStagedAtOnce);
+    offsets_.resize(part);
+    places_.resize(part);
+    for (std::size_t n = 0; n < part; ++n) offsets_[n] = offset_of(begin + n);
+    if (part >= kLeastParallel && arena_->stage(offsets_, bytes, places_)) {
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, part, 512), [&](const auto& range) {
+        for (std::size_t n = range.begin(); n != range.end(); ++n) fill(begin + n, places_[n]);
+      });
+      traffic_.bytes_written += part * bytes;
+      continue;
     }
-    if (slot < first_added && (chunk.patched[word] & bit) == 0) {
-      chunk.patched[word] |= bit;
-      patched_.push_back(slot);
+    std::array<std::byte, sizeof(LeafData)> buffer;
+    for (std::size_t n = 0; n < part; ++n) {
+      fill(begin + n, buffer.data());
+      write(offsets_[n], buffer.data(), bytes);
     }
   }
 }
@@ -222,16 +308,7 @@ void NanoVdbMirror::Impl::publish() {
     write(offsetof(GridData, mGridSize), &size, sizeof(size));
     committed_more_ = false;
   }
-  for (const std::uint32_t slot : patched_) {
-    chunks_[slot / LeafChunk::kSize]->patched[slot % LeafChunk::kSize / 64] &= ~(std::uint64_t(1) << (slot & 63));
-    write(leafOffset(slot) + kLeafBitsOffset, &leaf(slot), sizeof(LeafShadow));
-  }
-  for (const Added& added : added_leaves_) {
-    alignas(NANOVDB_DATA_ALIGNMENT) std::byte record[sizeof(LeafData)] = {};
-    reinterpret_cast<LeafData*>(record)->mBBoxMin = added.origin;
-    std::memcpy(record + kLeafBitsOffset, &leaf(added.index), sizeof(LeafShadow));
-    write(leafOffset(added.index), record, sizeof(record));
-  }
+  publishLeaves();
   for (const Added& added : added_lowers_) publishHeader<LowerData>(lowers_[added.index]->arena_offset, added.origin);
   for (const Added& added : added_uppers_) publishHeader<UpperData>(uppers_[added.index]->arena_offset, added.origin);
 
@@ -362,6 +439,8 @@ void NanoVdbMirror::Impl::publishHeader(std::uint64_t offset, const Coord& origi
 std::uint64_t NanoVdbMirror::Impl::hostBytes() const noexcept {
   return chunks_.size() * sizeof(LeafChunk) + lowers_.size() * sizeof(Lower) + uppers_.size() * sizeof(Upper) +
          root_table_.bytes() + (listed_.capacity() + slots_.capacity() + patched_.capacity()) * sizeof(std::uint32_t) +
+         changes_.capacity() * sizeof(changes_[0]) + news_.capacity() + offsets_.capacity() * sizeof(offsets_[0]) +
+         places_.capacity() * sizeof(places_[0]) +
          (added_leaves_.capacity() + added_lowers_.capacity() + added_uppers_.capacity()) * sizeof(Added);
 }
 
@@ -379,7 +458,8 @@ NanoVdbMirror::NanoVdbMirror(std::unique_ptr<kernels::MirrorArena> arena, double
 
 NanoVdbMirror::~NanoVdbMirror() = default;
 
-void NanoVdbMirror::apply(std::span<const LeafChange> changes) { impl_->apply(changes); }
+void NanoVdbMirror::apply(std::span<const LeafChange> changes) { impl_->applyParts({&changes, 1}); }
+void NanoVdbMirror::applyParts(std::span<const std::span<const LeafChange>> parts) { impl_->applyParts(parts); }
 void NanoVdbMirror::clear() { impl_->clear(); }
 
 const OccupancyGrid* NanoVdbMirror::grid() const noexcept {

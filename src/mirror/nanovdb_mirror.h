@@ -46,6 +46,8 @@ class NanoVdbMirror {
   /// @throw ResourceLimit  `map.root_tiles`, or the arena cannot grow
   /// @throw InternalError  an origin that is no multiple of 8
   void apply(std::span<const LeafChange> changes);
+  /// All parts as one call: one flush of the arena, however many parts.
+  void applyParts(std::span<const std::span<const LeafChange>> parts);
 
   /// Every bit off; the leaves stay. Costs as much as there are leaves with bits, however large the tree is.
   void clear();

@@ -85,7 +85,13 @@ DirectionTable DirectionTable::make(int num_directions) {
 }
 
 kernels::ToolKernelView ToolKernel::view() const {
-  return {columns.data(), column_begin.data(), samples.data(), sample_begin.data(), use_samples, collision_limit};
+  return {columns.data(),
+          column_begin.data(),
+          samples.data(),
+          sample_begin.data(),
+          use_samples,
+          collision_limit,
+          {{min_ijk[0], min_ijk[1], min_ijk[2]}, {max_ijk[0], max_ijk[1], max_ijk[2]}}};
 }
 
 ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolved) {

@@ -2,7 +2,8 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
 # Labels are equal on every backend only if no compiler contracts or reorders arithmetic: every translation unit of ours
-# must be compiled with -ffp-contract=off and without any fast-math flag.
+# must be compiled with -ffp-contract=off and without any fast-math flag; CUDA code with --fmad=false, IEEE division and
+# square root, and denormals kept.
 #   check_flags.sh compile_commands.json      exit code 77 (skipped) where the build did not export it
 set -euo pipefail
 commands=${1:?usage: check_flags.sh compile_commands.json}
@@ -16,9 +17,13 @@ awk '
   /"file":/ {
     file = $0; sub(/^[^:]*: *"/, "", file); sub(/".*/, "", file); ++files
     if (file !~ /\.cu$/ && command !~ / -ffp-contract=off /) { print file ": compiled without -ffp-contract=off"; bad = 1 }
-    if (file ~ /\.cu$/ && command !~ / --?fmad=false /) { print file ": compiled without --fmad=false"; bad = 1 }
+    if (file ~ /\.cu$/) {
+      count = split("fmad=false prec-div=true prec-sqrt=true ftz=false", flags, " ")
+      for (n = 1; n <= count; ++n)
+        if (command !~ (" --?" flags[n] " ")) { print file ": compiled without -" flags[n]; bad = 1 }
+    }
     # A later flag wins over an earlier one.
-    if (command ~ / (-Ofast|-ffast-math|-funsafe-math-optimizations|-fassociative-math|-freciprocal-math|-ffp-contract=(fast|on)|--?use_fast_math) /) {
+    if (command ~ / (-Ofast|-ffast-math|-funsafe-math-optimizations|-fassociative-math|-freciprocal-math|-ffp-contract=(fast|on)|--?use_fast_math|--?fmad=true|--?prec-div=false|--?prec-sqrt=false|--?ftz=true) /) {
       print file ": compiled with a fast-math flag"; bad = 1
     }
     command = ""

@@ -36,9 +36,14 @@ expect 1 /s/b.cpp "-O3 -Wall"
 for flag in -Ofast -ffast-math -funsafe-math-optimizations -ffp-contract=fast; do
   expect 1 /s/b.cpp "-ffp-contract=off $flag"
 done
-expect 0 /s/b.cu "-O3 --fmad=false"
-expect 1 /s/b.cu "-O3"
-expect 1 /s/b.cu "--fmad=false --use_fast_math"
+cuda="--fmad=false -prec-div=true -prec-sqrt=true -ftz=false"
+expect 0 /s/b.cu "-O3 $cuda"
+for flag in $cuda; do
+  expect 1 /s/b.cu "-O3 ${cuda/$flag/}"
+done
+for flag in --use_fast_math -use_fast_math --fmad=true -prec-div=false -prec-sqrt=false -ftz=true; do
+  expect 1 /s/b.cu "$cuda $flag"
+done
 
 code=0
 "$checker" "$folder/none.json" >/dev/null || code=$?

@@ -21,15 +21,16 @@ launch   std api hostdev
 cpu      std posix api hostdev launch tbb
 cuda     std api hostdev launch cuda
 tsdf     std posix simd api grids eigen openvdb tbb
-mirror   std api grids openvdb launch hostdev
-points   std api eigen tbb launch hostdev
+mirror   std api grids openvdb tbb launch hostdev
+points   std api eigen tbb launch hostdev simd
 tool     std posix api eigen tbb launch hostdev assimp openssl
 io       std posix api grids eigen openvdb tbb pcl png openssl json
 field    std posix api grids eigen openvdb tbb launch hostdev tsdf mirror points tool io
-sim      std api grids eigen tbb field embree
-eval     std api grids eigen tbb field embree qhull png json
+capi     std api eigen
+sim      std api grids eigen tbb field io embree
+eval     std api grids eigen tbb field sim io embree qhull png json
 tools    std posix api grids eigen cli toml json sim eval
-examples std api grids eigen cli
+examples std posix api grids eigen cli
 TABLE
 }
 
@@ -38,7 +39,7 @@ sources() {  # every source file of the product; tests may include anything
   for folder in include nanovdb_kernels src tools examples; do
     [[ -d $folder ]] && folders+=("$folder")
   done
-  find "${folders[@]}" -type f \( -name '*.h' -o -name '*.cuh' -o -name '*.cpp' -o -name '*.cu' \) | LC_ALL=C sort
+  find "${folders[@]}" -type f \( -name '*.h' -o -name '*.cuh' -o -name '*.c' -o -name '*.cpp' -o -name '*.cu' \) | LC_ALL=C sort
 }
 
 check_includes() {
@@ -69,7 +70,7 @@ check_includes() {
       if (name ~ /^(cuda|device_|driver_types|vector_types|cooperative_groups|nvrtc|curand)/ && !(first in layers)) return "cuda"
       if (name ~ /^sys\// || name in posix) return "posix"
       if (name in constants && layerOf(path) == "hostdev") return "constants"
-      if (quote == "<" && name !~ /[\/.]/) return "std"
+      if (quote == "<" && (name !~ /[\/.]/ || name ~ /^(stddef|stdint|stdio|stdlib|string|math)\.h$/)) return "std"
       if (name ~ /\// && first in layers) return first
       here = folder(path) "/" name
       if (here in exists) return layerOf(path)

@@ -1,0 +1,18 @@
+# Target portable: the program, the GPU suite and the benchmarks with their shared libraries in one archive that runs on
+# another Linux machine. What is not built in this configuration is left out.
+set(_programs "")
+foreach(_target IN ITEMS accessvdb_cli gpu_parity_test accessvdb_bench_gpu accessvdb_bench_stream)
+  if(TARGET ${_target})
+    list(APPEND _programs ${_target})
+  endif()
+endforeach()
+if(_programs)
+  set(_files "")
+  foreach(_target IN LISTS _programs)
+    list(APPEND _files $<TARGET_FILE:${_target}>)
+  endforeach()
+  add_custom_target(portable
+    COMMAND ${PROJECT_SOURCE_DIR}/tools/make_portable.sh
+            ${PROJECT_BINARY_DIR}/accessvdb-${PROJECT_VERSION}-${CMAKE_SYSTEM_PROCESSOR}.tar.xz ${PROJECT_SOURCE_DIR}/tools ${_files}
+    DEPENDS ${_programs} VERBATIM)
+endif()

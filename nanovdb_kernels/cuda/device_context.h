@@ -1,0 +1,70 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The one device that a backend works on: its streams, its memory and how much of it was ever in use.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <mutex>
+#include <string>
+#include <unordered_map>
+
+namespace accessvdb::kernels {
+
+/// Makes a device the calling thread's current one, and gives the caller's back.
+class CurrentDevice {
+ public:
+  explicit CurrentDevice(int device);
+  ~CurrentDevice();
+  CurrentDevice(const CurrentDevice&) = delete;
+  CurrentDevice& operator=(const CurrentDevice&) = delete;
+
+ private:
+  int before_ = -1;
+};
+
+/// Shared by a backend and its arenas. Counting is thread safe.
+class DeviceContext {
+ public:
+  /// @param memory_limit_bytes  most bytes to hold at a time; for tests of what happens without memory
+  /// @throw DeviceError  no driver, no device, a driver too old for the runtime, or no code for its architecture
+  explicit DeviceContext(std::uint64_t memory_limit_bytes);
+  ~DeviceContext();
+  DeviceContext(const DeviceContext&) = delete;
+  DeviceContext& operator=(const DeviceContext&) = delete;
+
+  [[nodiscard]] int device() const { return device_; }
+  [[nodiscard]] const std::string& name() const { return name_; }
+  [[nodiscard]] int sharedBytesPerBlock() const { return shared_bytes_per_block_; }
+  [[nodiscard]] cudaStream_t stream() const { return stream_; }               ///< of everything but the mirror
+  [[nodiscard]] cudaStream_t mirrorStream() const { return mirror_stream_; }  ///< of the mirror's writes
+  [[nodiscard]] cudaEvent_t mirrorReady() const { return mirror_ready_; }     ///< recorded after the last flush
+
+  /// @throw ResourceLimit
+  void* allocate(std::size_t bytes);
+  void release(void* address) noexcept;
+  /// Bytes that came or went by other ways than allocate and release. @throw ResourceLimit over the limit
+  void count(std::int64_t bytes);
+
+  [[nodiscard]] std::uint64_t bytes() const;
+  [[nodiscard]] std::uint64_t peakBytes() const;
+  [[nodiscard]] std::uint64_t allocations() const;  ///< that went to the driver
+
+ private:
+  void describeDevice();
+  void closeStreams() noexcept;
+
+  int device_ = 0;
+  int shared_bytes_per_block_ = 0;
+  std::string name_;
+  std::uint64_t limit_bytes_;
+  cudaStream_t stream_ = nullptr, mirror_stream_ = nullptr;
+  cudaEvent_t mirror_ready_ = nullptr;
+  mutable std::mutex mutex_;
+  std::unordered_map<void*, std::size_t> sizes_;
+  std::uint64_t bytes_ = 0, peak_bytes_ = 0, allocations_ = 0;
+};
+
+}  // namespace accessvdb::kernels

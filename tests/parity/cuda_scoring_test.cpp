@@ -1,0 +1,186 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// CUDA against the CPU on random maps and points: every field of every result, and the stored state, bit for bit.
+#include <gtest/gtest.h>
+
+#include <array>
+
+#include "hostdev/direction_score.h"
+#include "parity/gpu_test.h"
+#include "parity/scoring_rig.h"
+
+namespace accessvdb::test {
+namespace {
+
+using kernels::CudaOptions;
+using kernels::SearchPath;
+
+class CudaScoring : public GpuTest {};
+
+struct Tally {
+  std::array<std::uint64_t, kNumPointReasons> reasons = {};
+  std::uint64_t cut_short = 0, ended_early = 0, skipped = 0, collided = 0;
+
+  void add(const std::vector<kernels::ScoreResult>& results, int directions) {
+    for (const auto& result : results) {
+      ++reasons[static_cast<std::size_t>(result.reason)];
+      cut_short += result.least_blocked != kNoScore ? 1 : 0;
+      ended_early += result.score == 0 && result.tests < directions / 4 ? 1 : 0;
+      skipped += result.skipped;
+      collided += result.score > 0 && result.score != kNoScore ? 1 : 0;
+    }
+  }
+};
+
+/// Scores the items three times with an older state each time, once by the paper's rule.
+void compare(const ScoringCase& what, const std::vector<CudaOptions>& ways, Tally& tally) {
+  ScoringRig cpu(kernels::makeCpuBackend(), what);
+  std::vector<std::vector<kernels::ScoreResult>> expected;
+  std::vector<StoredState> states;
+  for (const bool keep_best : {false, true, false}) {
+    expected.push_back(cpu.score(what.items, keep_best));
+    states.push_back(cpu.state());
+  }
+  tally.add(expected[0], what.params.approach.num_directions);
+  for (const CudaOptions& way : ways) {
+    SCOPED_TRACE("path " + std::to_string(static_cast<int>(way.path)) + ", chunks of " +
+                 std::to_string(way.chunk_items));
+    ScoringRig cuda(kernels::makeCudaBackend(way), what);
+    int round = 0;
+    for (const bool keep_best : {false, true, false}) {
+      SCOPED_TRACE("round " + std::to_string(round));
+      expectSameResults(cuda.score(what.items, keep_best), expected[static_cast<std::size_t>(round)]);
+      if (testing::Test::HasFatalFailure()) return;
+      expectSameState(cuda.state(), states[static_cast<std::size_t>(round)]);
+      if (testing::Test::HasFatalFailure()) return;
+      ++round;
+    }
+  }
+}
+
+CudaOptions way(SearchPath path, std::uint32_t chunk_items = 1u << 16) {
+  CudaOptions options;
+  options.path = path;
+  options.chunk_items = chunk_items;
+  return options;
+}
+
+const std::vector<CudaOptions>& everyWay() {
+  static const std::vector<CudaOptions> ways = {way(SearchPath::Plain), way(SearchPath::Tree), way(SearchPath::Lowers),
+                                                way(SearchPath::Fast), way(SearchPath::Fast, 256)};
+  return ways;
+}
+
+void runSeeds(std::uint64_t first, std::uint64_t last, bool samples, Tally& tally) {
+  for (std::uint64_t seed = first; seed <= last && !testing::Test::HasFailure(); ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    Random random(seed);
+    FieldParams params = randomParams(random);
+    if (random.below(3) == 0) params.approach.corridor_length_m = 2;  // beyond the tool's window
+    if (samples) {
+      params.scoring.form = ToolForm::SurfaceSamples;
+      params.scoring.surface_samples = 50 + random.below(300);
+    }
+    const ToolGeometry tool = randomTool(random, params.tsdf.voxel_size_m);
+    compare(randomCase(random, tool, params, 700), everyWay(), tally);
+  }
+}
+
+TEST_F(CudaScoring, EqualsTheCpuOnRandomMaps) {
+  Tally tally;
+  runSeeds(1, 30, false, tally);
+  // The comparison means something only where every outcome comes up.
+  for (const PointReason reason : {PointReason::None, PointReason::Tool, PointReason::Arm, PointReason::Unknown,
+                                   PointReason::Normal, PointReason::Unseen}) {
+    EXPECT_GT(tally.reasons[static_cast<std::size_t>(reason)], 40u) << name(reason);
+  }
+  EXPECT_GT(tally.cut_short, 500u);
+  EXPECT_GT(tally.ended_early, 100u);
+  EXPECT_GT(tally.skipped, 500u);
+  EXPECT_GT(tally.collided, 500u);
+}
+
+TEST_F(CudaScoring, SurfaceSamplesEqualTheCpuOnRandomMaps) {
+  Tally tally;
+  runSeeds(1001, 1012, true, tally);
+  EXPECT_GT(tally.reasons[static_cast<std::size_t>(PointReason::None)], 40u);
+  EXPECT_GT(tally.reasons[static_cast<std::size_t>(PointReason::Tool)], 40u);
+}
+
+/// Small enough for the sanitizers, and every kernel in it.
+TEST_F(CudaScoring, ShortRunOfEveryPath) {
+  for (const bool samples : {false, true}) {
+    Random random(31);
+    FieldParams params;
+    params.tsdf.voxel_size_m = 0.05;
+    params.approach.num_directions = 36;
+    params.scoring.form = samples ? ToolForm::SurfaceSamples : ToolForm::Voxels;
+    params.scoring.surface_samples = 100;
+    Tally tally;
+    compare(randomCase(random, ToolGeometry::builtin("builtin:pruner"), params, 150), everyWay(), tally);
+    EXPECT_GT(tally.cut_short, 5u);
+  }
+}
+
+TEST_F(CudaScoring, AToolBeyondSharedMemoryEqualsTheCpu) {
+  Random random(5);
+  FieldParams params;
+  params.tsdf.voxel_size_m = 0.004;
+  params.tsdf.range_noise_m = 0;  // a short corridor, so that many directions reach the tool
+  params.scoring.max_collisions = 2;
+  params.approach.num_directions = 8;
+  const ScoringCase what = randomCase(random, ToolGeometry::builtin("builtin:pruner"), params, 300);
+  Tally tally;
+  compare(what, {way(SearchPath::Fast)}, tally);
+  EXPECT_GT(tally.cut_short, 20u);
+}
+
+/// Count for count: the fast counting against the plain rule on the host, with no stop.
+TEST_F(CudaScoring, CountsOfEveryDirectionEqualThePlainRule) {
+  for (const bool samples : {false, true}) {
+    for (const SearchPath path : {SearchPath::Fast, SearchPath::Lowers, SearchPath::Tree}) {
+      Random random(77);
+      FieldParams params;
+      params.tsdf.voxel_size_m = 0.05;
+      params.approach.num_directions = 36;
+      params.scoring.form = samples ? ToolForm::SurfaceSamples : ToolForm::Voxels;
+      const ScoringCase what = randomCase(random, ToolGeometry::builtin("builtin:pruner"), params, 200);
+      ScoringRig cpu(kernels::makeCpuBackend(), what);
+      ScoringRig cuda(kernels::makeCudaBackend(way(path)), what);
+      auto& backend = dynamic_cast<kernels::CudaBackend&>(cuda.backend());
+      kernels::ScoreRequest request = cuda.request(false);
+      request.items = what.items.data();
+      request.count = what.items.size();
+      std::vector<std::uint16_t> counts(what.items.size() * 36);
+      backend.countCollisions(request, counts.data());
+      const kernels::ScoreRequest host = cpu.request(false);
+      const kernels::OccupancyReader map(host.map);
+      std::uint64_t total = 0;
+      for (std::size_t n = 0; n < what.items.size(); ++n) {
+        const float* p = host.points.position_L + 3 * std::size_t{what.items[n].id};
+        const kernels::Coord ijk = kernels::voxelOf(p[0], p[1], p[2], host.map.inverse_voxel_size);
+        for (int d = 0; d < 36; ++d) {
+          const int expected =
+              samples ? kernels::countSampleCollisions(map, host.tool, d, p, host.map.inverse_voxel_size, 1 << 30)
+                      : kernels::countVoxelCollisions(map, host.tool, d, ijk, 1 << 30);
+          ASSERT_EQ(counts[36 * n + static_cast<std::size_t>(d)], expected) << n << " " << d;
+          total += static_cast<std::uint64_t>(expected);
+        }
+      }
+      EXPECT_GT(total, 10000u);
+    }
+  }
+}
+
+TEST_F(CudaScoring, NothingToScoreIsNothing) {
+  Random random(9);
+  FieldParams params;
+  params.tsdf.voxel_size_m = 0.05;
+  ScoringCase what = randomCase(random, ToolGeometry::builtin("builtin:pruner"), params, 50);
+  ScoringRig cuda(kernels::makeCudaBackend(), what);
+  EXPECT_TRUE(cuda.score({}, false).empty());
+  cuda.backend().writePoints(cuda.request(false).points, nullptr, 0);
+}
+
+}  // namespace
+}  // namespace accessvdb::test

@@ -1,0 +1,79 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// A field on the GPU against a field on the CPU, on streams: after every update all points are the same, bit for bit.
+#include <gtest/gtest.h>
+
+#include "parity/gpu_test.h"
+#include "property/determinism_support.h"
+#include "support/walk_generator.h"
+
+namespace accessvdb::test {
+namespace {
+
+struct StreamCase {
+  std::uint64_t seed;
+  const char* tool;
+  double voxel_size_m;
+  UpdatePolicy policy = UpdatePolicy::Exact;
+  ToolForm form = ToolForm::Voxels;
+  int max_collisions = 0;
+  int budget_points = 0;
+};
+void PrintTo(const StreamCase& c, std::ostream* out) {
+  *out << c.tool << " at " << c.voxel_size_m << " m, " << (c.policy == UpdatePolicy::Exact ? "exact" : "paper") << ", "
+       << (c.form == ToolForm::Voxels ? "voxels" : "samples") << (c.budget_points > 0 ? ", with a budget" : "");
+}
+
+class CudaStream : public GpuTest, public testing::WithParamInterface<StreamCase> {};
+
+TEST_P(CudaStream, EqualsTheCpuAfterEveryUpdate) {
+  const StreamCase& c = GetParam();
+  WalkOptions walk_options;
+  walk_options.frames = 14;
+  walk_options.rays_per_frame = 4000;
+  walk_options.seed = c.seed;
+  walk_options.range_noise_m = 0.02;
+  walk_options.max_range_m = 8;
+  walk_options.length_m = 4;
+  walk_options.offset_W = {-3, 2, 0};  // both signs of every coordinate
+  const WalkGenerator walk(walk_options);
+  FieldParams params;
+  params.tsdf.voxel_size_m = c.voxel_size_m;
+  params.scoring.form = c.form;
+  params.scoring.surface_samples = 200;
+  params.scoring.max_collisions = c.max_collisions;
+  params.update.policy = c.policy;
+  params.update.budget_points = c.budget_points;
+  FieldParams on_gpu = params;
+  params.backend = BackendKind::Cpu;
+  on_gpu.backend = BackendKind::Cuda;
+  const ToolGeometry tool = ToolGeometry::builtin(c.tool);
+  AccessibilityField cpu(tool, params), cuda(tool, on_gpu);
+  EXPECT_EQ(cuda.deviceName().rfind("cuda:", 0), 0u) << cuda.deviceName();
+  for (int frame = 0; frame < walk_options.frames; ++frame) {
+    SCOPED_TRACE("frame " + std::to_string(frame));
+    const WalkFrame scan = walk.frame(frame);
+    cpu.integrateScan(scan.points_S, scan.T_W_S);
+    cuda.integrateScan(scan.points_S, scan.T_W_S);
+    const UpdateStats a = cpu.update(), b = cuda.update();
+    ASSERT_EQ(a.direction_tests, b.direction_tests);
+    ASSERT_EQ(a.label_changes, b.label_changes);
+    ASSERT_EQ(a.backlog, b.backlog);
+    expectSame(cpu.snapshot(), cuda.snapshot());
+    if (HasFatalFailure()) return;
+  }
+  expectSame(cpu.evaluateFromScratch(), cuda.evaluateFromScratch());
+  expectVaried(cuda.snapshot());
+  EXPECT_GT(cuda.memoryUse().device_peak_bytes, cuda.memoryUse().point_device_bytes);
+  EXPECT_EQ(cpu.memoryUse().device_peak_bytes, 0u);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Streams, CudaStream,
+    testing::Values(StreamCase{1, "builtin:pruner", 0.05}, StreamCase{2, "builtin:pencil", 0.02},
+                    StreamCase{3, "builtin:pruner", 0.02}, StreamCase{4, "builtin:pruner", 0.05, UpdatePolicy::Paper},
+                    StreamCase{5, "builtin:pruner", 0.05, UpdatePolicy::Exact, ToolForm::SurfaceSamples, 3},
+                    StreamCase{6, "builtin:pruner", 0.04, UpdatePolicy::Exact, ToolForm::Voxels, 30, 700}));
+
+}  // namespace
+}  // namespace accessvdb::test

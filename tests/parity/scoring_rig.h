@@ -1,0 +1,63 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Scoring without a field: a backend with a map, a tool and points of the test's making.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "accessvdb/leaf_change.h"
+#include "field/scoring_setup.h"
+#include "launch/backend.h"
+#include "mirror/nanovdb_mirror.h"
+#include "parity/random_world.h"
+#include "points/point_scorer.h"
+
+namespace accessvdb::test {
+
+/// Everything that a backend is given; the same for every backend under test.
+struct ScoringCase {
+  FieldParams params;  ///< resolved
+  ToolGeometry tool;
+  std::vector<std::vector<LeafChange>> changes;  ///< batches
+  std::vector<kernels::PointInput> inputs;       ///< id = place
+  std::vector<kernels::ScoreItem> items;         ///< ids differ
+};
+
+/// A random map around the tool's reach, points with random normals and views in it, and items of every kind.
+[[nodiscard]] ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldParams& params, int points);
+
+/// The stored state of all points.
+struct StoredState {
+  std::vector<std::uint16_t> score, direction;
+  std::vector<float> stability;
+  std::vector<PointLabel> label;
+  std::vector<PointReason> reason;
+  std::vector<std::uint8_t> flags;
+};
+
+class ScoringRig {
+ public:
+  ScoringRig(std::unique_ptr<kernels::Backend> backend, const ScoringCase& what);
+
+  [[nodiscard]] kernels::ScoreRequest request(bool keep_best) const;
+  [[nodiscard]] std::vector<kernels::ScoreResult> score(std::span<const kernels::ScoreItem> items, bool keep_best);
+  [[nodiscard]] StoredState state() const;
+
+  [[nodiscard]] kernels::Backend& backend() { return *backend_; }
+  [[nodiscard]] internal::NanoVdbMirror& mirror() { return mirror_; }
+  [[nodiscard]] const internal::ScoringSetup& setup() const { return setup_; }
+
+ private:
+  std::unique_ptr<kernels::Backend> backend_;
+  internal::ScoringSetup setup_;
+  internal::NanoVdbMirror mirror_;
+  internal::DevicePoints points_;
+};
+
+/// Field for field. The first difference fails the test and is named.
+void expectSameResults(std::span<const kernels::ScoreResult> a, std::span<const kernels::ScoreResult> b);
+void expectSameState(const StoredState& a, const StoredState& b);
+
+}  // namespace accessvdb::test
