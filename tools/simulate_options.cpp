@@ -106,12 +106,16 @@ SimulatedPath pathAroundObject(const SimulateOptions& options, const SceneView& 
   } else if (level) {
     shape.height_begin_m = shape.height_end_m = 0;
   }
-  if (options.turns) shape.azimuth_end_rad = shape.azimuth_begin_rad + *options.turns * kTurn;
+  if (options.turns) {
+    shape.azimuth_end_rad = shape.azimuth_begin_rad + *options.turns * kTurn;
+    shape.sweeps = 1;
+  }
   const int frames = options.frames.value_or(view.frames);
   SimulatedPath path;
   path.poses = level ? sim::orbit(shape, frames) : sim::helix(shape, frames);
   if (level) shape.azimuth_end_rad = shape.azimuth_begin_rad + kTurn;
-  const double turns = std::abs(shape.azimuth_end_rad - shape.azimuth_begin_rad) / kTurn;
+  if (level) shape.sweeps = 1;
+  const double turns = shape.sweeps * std::abs(shape.azimuth_end_rad - shape.azimuth_begin_rad) / kTurn;
   path.stations = sim::helix(shape, 2 + static_cast<int>(std::ceil(turns * kStationsPerTurn)));
   path.description = {{"kind", level ? "orbit" : "helix"},
                       {"centre_m", numbers(shape.centre_W)},
@@ -120,6 +124,7 @@ SimulatedPath pathAroundObject(const SimulateOptions& options, const SceneView& 
                       {"height_end_m", shape.height_end_m},
                       {"azimuth_begin_deg", shape.azimuth_begin_rad / kDegree},
                       {"azimuth_end_deg", shape.azimuth_end_rad / kDegree},
+                      {"sweeps", shape.sweeps},
                       {"object_elevation_deg", shape.object_elevation_rad / kDegree}};
   return path;
 }

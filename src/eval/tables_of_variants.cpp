@@ -96,6 +96,8 @@ void makeIncrementalTable(TableContext& context) {
   for (const char* scene : {"torus", "sphere_a"}) {
     for (const Column column : {Column::Paper, Column::Product}) {
       for (const int every : {10, 1}) {
+        // The paper's policy scores thousands of points an update; one after each frame costs minutes and says no more.
+        if (column == Column::Paper && every == 1) continue;
         RunRequest request = profileRun(column, scene, 0.002);
         request.update_every = every;
         // Against a batch over all directions, so that only the policies differ.

@@ -27,6 +27,13 @@ Helix around(double radius_m, double height_m, double azimuth_begin_rad, double 
   return shape;
 }
 
+/// One side of the object only: to and fro as often as the torus is circled (docs/PAPER.md, "Scenes").
+Helix beside(double radius_m, double height_m, double azimuth_rad) {
+  Helix shape = around(radius_m, height_m, -azimuth_rad, azimuth_rad);
+  shape.sweeps = 7;
+  return shape;
+}
+
 /// The torus' view, so that the thinness of the tube is the only difference; so is the major radius.
 BenchmarkScene ring(double voxel_size_m) {
   if (!(voxel_size_m > 0) || !(1.5 * voxel_size_m < 0.06)) {
@@ -40,10 +47,9 @@ BenchmarkScene ring(double voxel_size_m) {
 BenchmarkScene make(const std::string& name, double voxel_size_m) {
   if (name == "torus") return {makeTorus(0.06, 0.02), around(0.5, 0.4, 0, 7 * kTurn), 1000, {}};
   if (name == "sphere_a") return {makeSphere(0.08), around(0.6, 0.3, 0, 7 * kTurn), 750, {}};
-  if (name == "sphere_b") return {makeSphere(0.10), around(0.8, 0.35, -42 * kDegree, 42 * kDegree), 1000, {}};
+  if (name == "sphere_b") return {makeSphere(0.10), beside(0.8, 0.35, 42 * kDegree), 1000, {}};
   if (name == "box") return {makeBox({0.4, 0.4, 0.4}), around(0.5, 0.05, 0, kTurn), 75, {}};
-  if (name == "wall")
-    return {makeBox({0.02, 0.28, 0.28}, "wall"), around(0.6, 0.14, -35 * kDegree, 35 * kDegree), 110, {}};
+  if (name == "wall") return {makeBox({0.02, 0.28, 0.28}, "wall"), beside(0.6, 0.14, 35 * kDegree), 110, {}};
   if (name == "ring") return ring(voxel_size_m);
   if (const auto number = unseenNumber(name)) return unseenScene(*number);
   std::string known;

@@ -33,6 +33,12 @@ Eigen::Matrix3d orientation(const Eigen::Vector3d& ahead_W, double pitch_rad) {
   return R;
 }
 
+/// Share of the way from begin to end after that many sweeps: there in the first, back in the second, and so on.
+double toAndFro(double sweeps) {
+  const double phase = std::fmod(sweeps, 2.0);
+  return phase <= 1 ? phase : 2 - phase;
+}
+
 }  // namespace
 
 Trajectory helix(const Helix& shape, int frames) {
@@ -44,10 +50,11 @@ Trajectory helix(const Helix& shape, int frames) {
   if (!(shape.radius_m > 0) || !std::isfinite(shape.radius_m)) {
     throw InvalidArgument("sim.trajectory", "--radius", "is not a positive length", "Give metres");
   }
+  if (shape.sweeps < 1) throw InvalidArgument("sim.trajectory", "helix", "has no sweep", "Give at least one");
   Trajectory path(static_cast<std::size_t>(frames));
   for (int i = 0; i < frames; ++i) {
     const double share = frames == 1 ? 0.5 : static_cast<double>(i) / (frames - 1);
-    const double azimuth = std::lerp(shape.azimuth_begin_rad, shape.azimuth_end_rad, share);
+    const double azimuth = std::lerp(shape.azimuth_begin_rad, shape.azimuth_end_rad, toAndFro(share * shape.sweeps));
     const double height_m = std::lerp(shape.height_begin_m, shape.height_end_m, share);
     const Eigen::Vector3d from_centre(shape.radius_m * std::cos(azimuth), shape.radius_m * std::sin(azimuth), height_m);
     Eigen::Isometry3d& T_W_S = path[static_cast<std::size_t>(i)];
@@ -62,6 +69,7 @@ Trajectory orbit(const Helix& shape, int frames) {
   requireFrames(frames);
   Helix turn = shape;
   turn.height_end_m = shape.height_begin_m;
+  turn.sweeps = 1;
   turn.azimuth_end_rad = shape.azimuth_begin_rad + 2 * std::numbers::pi * (1.0 - 1.0 / frames);
   if (frames == 1) turn.azimuth_end_rad = turn.azimuth_begin_rad;
   return helix(turn, frames);

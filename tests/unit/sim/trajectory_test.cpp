@@ -143,6 +143,25 @@ TEST(BenchmarkScene, HasTheDimensionsOfTheSpecification) {
   EXPECT_EQ(benchmarkScene("torus", 0.002, 20).trajectory.size(), 20u);
 }
 
+TEST(BenchmarkScene, ArcsAreSweptToAndFroSevenTimes) {
+  for (const auto& [name, most_rad] : {std::pair("sphere_b", 42 * kDegree), std::pair("wall", 35 * kDegree)}) {
+    SCOPED_TRACE(name);
+    const BenchmarkScene made = benchmarkScene(name, 0.002);
+    int turning_points = 0;
+    double before_rad = -most_rad, step_before_rad = 1;
+    for (const Eigen::Isometry3d& T_W_S : made.trajectory) {
+      const double azimuth_rad = std::atan2(T_W_S.translation().y(), T_W_S.translation().x());
+      EXPECT_LE(std::abs(azimuth_rad), most_rad + 1e-9);
+      const double step_rad = azimuth_rad - before_rad;
+      if (step_rad * step_before_rad < 0) ++turning_points;
+      before_rad = azimuth_rad;
+      if (step_rad != 0) step_before_rad = step_rad;
+    }
+    EXPECT_EQ(turning_points, 6);
+    EXPECT_NEAR(before_rad, most_rad, 1e-9);  // an odd number of sweeps ends on the other side
+  }
+}
+
 /// Whoever changes these has drawn again, and then they are unseen no longer.
 TEST(BenchmarkScene, UnseenScenesStayAsTheyWereDrawn) {
   const char* drawn[] = {"major radius 0.067 m, minor radius 0.023 m",
