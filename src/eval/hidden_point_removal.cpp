@@ -162,13 +162,14 @@ DistinctPoints distinctOf(std::span<const Vector3d> points_W) {
 
 /// Calls see(n) for every visible point of a set without duplicates.
 template <typename See>
-void findVisible(const std::vector<Vector3d>& points_W, const Vector3d& viewpoint_W, const See& see) {
+void findVisible(const std::vector<Vector3d>& points_W, const Vector3d& viewpoint_W, double flip_radius,
+                 const See& see) {
   if (!viewpoint_W.allFinite()) {
     throw InvalidArgument("hpr.not_finite", "viewpoints_W", "holds a coordinate that is not finite");
   }
   double farthest = 0;
   for (const Vector3d& p : points_W) farthest = std::max(farthest, (p - viewpoint_W).norm());
-  const double radius = kFlipRadius * farthest;
+  const double radius = flip_radius * farthest;
   std::vector<Vector3d> flipped;
   std::vector<std::uint32_t> ids;
   flipped.reserve(points_W.size() + 1);
@@ -192,15 +193,18 @@ void findVisible(const std::vector<Vector3d>& points_W, const Vector3d& viewpoin
 
 }  // namespace
 
-std::vector<std::uint8_t> visibleFrom(std::span<const Vector3d> points_W, const Vector3d& viewpoint_W) {
-  return visibleFromAny(points_W, {&viewpoint_W, 1});
+std::vector<std::uint8_t> visibleFrom(std::span<const Vector3d> points_W, const Vector3d& viewpoint_W,
+                                      double flip_radius) {
+  return visibleFromAny(points_W, {&viewpoint_W, 1}, flip_radius);
 }
 
-std::vector<std::uint8_t> visibleFromAny(std::span<const Vector3d> points_W, std::span<const Vector3d> viewpoints_W) {
+std::vector<std::uint8_t> visibleFromAny(std::span<const Vector3d> points_W, std::span<const Vector3d> viewpoints_W,
+                                         double flip_radius) {
+  if (!(flip_radius >= 1)) throw InvalidArgument("hpr.radius", "flip_radius", "is below the farthest point's distance");
   const DistinctPoints distinct = distinctOf(points_W);
   std::vector<std::uint8_t> seen(distinct.points_W.size(), 0);
   tbb::parallel_for(std::size_t{0}, viewpoints_W.size(), [&](std::size_t v) {
-    findVisible(distinct.points_W, viewpoints_W[v],
+    findVisible(distinct.points_W, viewpoints_W[v], flip_radius,
                 [&](std::uint32_t n) { std::atomic_ref<std::uint8_t>(seen[n]).store(1, std::memory_order_relaxed); });
   });
   std::vector<std::uint8_t> visible(points_W.size());

@@ -11,7 +11,8 @@
 
 namespace accessvdb::eval {
 
-/// Radius of the flipping sphere, times the distance of the farthest point (SPEC a.10).
+/// Radius of the flipping sphere, times the distance of the farthest point (SPEC a.10). The denser the cloud, the
+/// larger it has to be: a point is found when the flipped cloud is less curved there than the sphere.
 inline constexpr double kFlipRadius = 100;
 
 /// Which points one viewer sees: 1 or 0. Duplicates share a fate. A point at the viewpoint is seen and hides nothing.
@@ -20,10 +21,12 @@ inline constexpr double kFlipRadius = 100;
 /// @param points_W  [n] metres
 /// @throws InvalidArgument for a coordinate that is not finite; InternalError where Qhull fails
 [[nodiscard]] std::vector<std::uint8_t> visibleFrom(std::span<const Eigen::Vector3d> points_W,
-                                                    const Eigen::Vector3d& viewpoint_W);
+                                                    const Eigen::Vector3d& viewpoint_W,
+                                                    double flip_radius = kFlipRadius);
 
 /// Which points at least one of the viewers sees; none without viewers. In parallel over viewers.
 [[nodiscard]] std::vector<std::uint8_t> visibleFromAny(std::span<const Eigen::Vector3d> points_W,
-                                                       std::span<const Eigen::Vector3d> viewpoints_W);
+                                                       std::span<const Eigen::Vector3d> viewpoints_W,
+                                                       double flip_radius = kFlipRadius);
 
 }  // namespace accessvdb::eval

@@ -62,5 +62,6 @@ void makeProjectiveTable(TableContext& context);
 
 // table_of_pine.cpp: minutes to hours, so not among "all".
 void makePineTable(TableContext& context);
+void makePineFormTable(TableContext& context);
 
 }  // namespace accessvdb::eval

@@ -36,6 +36,7 @@ constexpr Table kTables[] = {
     {"hpr", true, makeHprTable},
     {"projective", true, makeProjectiveTable},
     {"pine", false, makePineTable},
+    {"pine_forms", false, makePineFormTable},
 };
 
 std::set<std::string> wantedTables(const std::vector<std::string>& asked) {
