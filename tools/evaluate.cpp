@@ -70,7 +70,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   app.add_option("--table", tables,
                  "which tables: " + tableList() +
                      "; several with commas. all: every table but the "
-                     "pine; fast: a few rows in minutes")
+                     "pine; fast: a few rows, in less than a minute on a quiet machine")
       ->delimiter(',');
   app.add_option("--out", out, "folder for tables.json, tables.md and the pictures");
   app.add_option("--scan-cache", cache,
@@ -112,6 +112,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
     eval::writeTablesMarkdown(fs::path(out) / "tables.md", results, origin);
     say(results, out, messages);
   }
+  if (results.failure) std::rethrow_exception(results.failure);
   if (!results.stopped) return 0;
   const int signal = stopSignal();
   messages.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") +

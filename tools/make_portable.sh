@@ -36,7 +36,7 @@ cat >"$root/run" <<'END'
 # run PROGRAM [arguments]: a program of this folder with the libraries of this folder. Without a name: accessvdb.
 here=$(cd "$(dirname "$0")" && pwd) || exit 70
 program=accessvdb
-if [ -x "$here/programs/$1" ]; then
+if [ -n "${1:-}" ] && [ -f "$here/programs/$1" ]; then
   program=$1
   shift
 fi

@@ -29,7 +29,6 @@ std::vector<Eigen::Vector3d> samplesOutside(const ToolGeometry& tool, const Trut
 
 TruthOptions truthOptions(const FieldParams& resolved) {
   TruthOptions options;
-  options.num_directions = resolved.approach.num_directions;
   options.normal_cone_rad = resolved.approach.normal_cone_rad;
   const double tau = resolved.tsdf.truncation_distance_m, length = resolved.approach.corridor_length_m;
   for (const double fraction : resolved.approach.arm_tau) options.arm_m.push_back(fraction * tau);

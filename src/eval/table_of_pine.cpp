@@ -190,7 +190,7 @@ void addCase(TableContext& context, const PineCase& which) {
   context.rows.push_back(
       pineRow("pine", which, ", true normals", compare(truthWith(options, judged.true_normals_W), judged.found)));
 
-  // How far the truth agrees with itself where only the draw of the tool's samples differs: no method can do better.
+  // How far the truth agrees with itself where only the draw of the tool's samples differs: the scale of its own noise.
   options.seed += 1;
   row = pineRow("pine", which, ", truth by other samples of the tool",
                 compare(truth, truthWith(options, judged.normals_W)));

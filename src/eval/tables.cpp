@@ -91,6 +91,9 @@ TableResults makeTables(const TableOptions& options) {
     if (!options.picture_folder.empty()) drawScenes(context);
   } catch (const StopRequested&) {
     results.stopped = true;
+  } catch (...) {
+    results.stopped = true;
+    results.failure = std::current_exception();
   }
   results.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return results;

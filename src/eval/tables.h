@@ -3,6 +3,7 @@
 /// The tables of `accessvdb evaluate`: the paper's and our own.
 #pragma once
 
+#include <exception>
 #include <filesystem>
 #include <string>
 #include <vector>
@@ -26,6 +27,7 @@ struct TableResults {
   std::vector<TableRow> rows;
   std::vector<std::string> finished;  ///< tables, in order; the rows of an unfinished one are kept too
   bool stopped = false;
+  std::exception_ptr failure;  ///< what ended the run early, if anything but a stop did; the rows made before it stand
   double seconds = 0;
 };
 
@@ -35,7 +37,7 @@ struct TableResults {
 /// @throws InvalidArgument for a name that is not among them, or for none at all
 void checkTableNames(const std::vector<std::string>& names);
 
-/// @throws InvalidArgument for an unknown table, before anything is made; what the runs throw
+/// What a run throws comes back as `failure`. @throws InvalidArgument for an unknown table, before anything is made
 [[nodiscard]] TableResults makeTables(const TableOptions& options);
 
 }  // namespace accessvdb::eval

@@ -97,6 +97,8 @@ void expectEqualToPlain(const sim::Scene& scene, double extent_m, const std::str
   params.approach.num_directions = 36;
   params.approach.corridor_length_m = corridor_m;
   TruthOptions options = truthOptions(params.resolved());
+  EXPECT_EQ(options.num_directions, 180);  // the truth knows every direction, however few the method tries
+  options.num_directions = 36;
   options.surface_samples = 300;
   options.collision_limit = 3;
   const ToolGeometry tool = ToolGeometry::builtin(tool_name);
