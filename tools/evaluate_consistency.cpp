@@ -38,23 +38,8 @@ void addConsistencyOptions(CLI::App& app, MapOptions& options, bool& consistency
   app.add_flag("--consistency", consistency, "compare recorded scans with themselves");
   app.add_option("--scans", options.scans, "folder of .pcd, .ply, .bin or .las scans, or one ray cloud");
   app.add_option("--poses", options.poses, "pose file; may be left out for VIEWPOINT poses and ray clouds");
-  app.add_option("--pose-format", options.pose_format, "auto, tum, kitti, balm, hba or viewpoint")
-      ->capture_default_str();
-  app.add_option("--calib", options.calib, "KITTI calib.txt, where poses are of the camera");
-  addToolOptions(app, options.tool);
-  app.add_option("--voxel", options.voxel_m, "edge of a voxel in metres")->capture_default_str();
+  addMappingOptions(app, options);
   app.add_option("--out", options.out, "folder for consistency.json and consistency.md");
-  app.add_option("--min-range", options.min_range_m, "drop returns nearer than this, metres");
-  app.add_option("--max-range", options.max_range_m, "drop returns beyond this, metres");
-  app.add_option("--range-noise", options.range_noise_m,
-                 "sigma of the sensor's range noise, metres; default: recorded beside the scans, else 0.02");
-  app.add_option("--tau", options.tau, "truncation distance in metres, or in voxels (4v)");
-  app.add_option("--profile", options.profile, "product or paper")->capture_default_str();
-  app.add_option("--directions", options.directions, "approach directions over 360 degrees, 4 .. 256");
-  app.add_option("--knn", options.knn, "neighbours of a normal; default by rule");
-  app.add_option("--every", options.every, "use every n-th scan")->capture_default_str();
-  app.add_flag("--allow-truncated", options.allow_truncated, "keep the complete records of truncated files");
-  app.add_flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
 }
 
 double round2(double percent) { return std::round(percent * 100) / 100; }

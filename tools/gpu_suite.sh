@@ -76,7 +76,9 @@ if wanted sanitizers; then
         >"$out/$tool.log" 2>&1
       code=$?
       errors=$(sed -n 's/.*ERROR SUMMARY: \([0-9]*\).*/\1/p; s/.*RACECHECK SUMMARY: \([0-9]*\) hazards.*/\1/p' "$out/$tool.log" | tail -1)
-      if ((code == 0)) && [[ $errors == 0 ]]; then outcome=passed; else outcome=failed; fi
+      # A filter that matches nothing would pass too: the four tests of the filter must have run.
+      ran=$(grep -c '^\[       OK \]' "$out/$tool.log" || true)
+      if ((code == 0 && ran == 4)) && [[ $errors == 0 ]]; then outcome=passed; else outcome=failed; fi
       record_step "$tool" "$outcome" "\"errors\": ${errors:-null}, $(gtest_counts "$out/$tool.log"), \"seconds\": $(seconds_since "$start")"
       [[ $outcome == passed ]] || grep -v '^\[' "$out/$tool.log" | head -30
     done

@@ -28,6 +28,9 @@ struct MapOptions {
 
 void addMapOptions(CLI::App& app, MapOptions& options);
 
+/// Those of them that say how scans are read and mapped, for every verb that maps scans.
+void addMappingOptions(CLI::App& app, MapOptions& options);
+
 /// What can be told to be wrong from the flags alone. @throws InvalidArgument, DeviceError
 void checkMapOptions(const MapOptions& options);
 

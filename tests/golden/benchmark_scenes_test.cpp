@@ -5,6 +5,8 @@
 /// broken rule would leave them: SPEC (b) and (c) say how far each rule moves a figure.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include <cmath>
 
 #include "eval/hidden_point_removal.h"
@@ -99,6 +101,11 @@ TEST_F(BenchmarkScenes, Sphere) {
   EXPECT_GE(product->shared().f1(), 99.5);
   EXPECT_BETWEEN(product->shared().truthPercent(), 93, 97);  // the caps look up and down
   EXPECT_GE(run(paperRun("sphere_a", 0.005))->shared().f1(), 99);
+  // Nobody sees the far side.
+  const auto from_one = visibleFrom(product->positions_W, product->viewpoints_W.front());
+  EXPECT_BETWEEN(100.0 * static_cast<double>(std::count(from_one.begin(), from_one.end(), 1)) /
+                     static_cast<double>(from_one.size()),
+                 20, 60);
   // All of it is seen by somebody, so visibility calls everything accessible (paper, HPR).
   const auto visible = visibleFromAny(
       product->positions_W, std::vector<Eigen::Vector3d>(product->viewpoints_W.begin(), product->viewpoints_W.end()));

@@ -135,6 +135,16 @@ TEST(Tables, AStopKeepsWhatWasMade) {
   const TableResults results = makeTables(options);
   EXPECT_TRUE(results.stopped);
   EXPECT_TRUE(results.finished.empty());
+
+  // Once the first run is done: its row is there, and the table is not called finished.
+  bool ran = false;
+  options.tables = {"fast"};
+  options.observer.say = [&](const std::string& line) { ran = ran || line.find(" F1 ") != std::string::npos; };
+  options.observer.stop = [&] { return ran; };
+  const TableResults later = makeTables(options);
+  EXPECT_TRUE(later.stopped);
+  EXPECT_TRUE(later.finished.empty());
+  EXPECT_EQ(later.rows.size(), 1u);
 }
 
 TEST(SceneRunner, RemembersRunsAndTellsDifferentOnesApart) {
