@@ -9,6 +9,9 @@ install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/accessvdb DESTINATION ${CMAKE_IN
 install(FILES ${PROJECT_BINARY_DIR}/include/accessvdb/config.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/accessvdb
         COMPONENT development)
 
+get_property(_device_headers GLOBAL PROPERTY ACCESSVDB_DEVICE_HEADERS)
+install(FILES ${_device_headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/accessvdb/device COMPONENT development)
+
 set(_package ${CMAKE_INSTALL_LIBDIR}/cmake/AccessVDB)
 set(ACCESSVDB_DEFAULT_KIND static)
 if(ACCESSVDB_SHARED)

@@ -19,7 +19,7 @@
 namespace accessvdb::tools {
 namespace {
 
-constexpr const char* kVerbs[] = {"map", "evaluate", "simulate", "info", "query", "render"};
+constexpr const char* kVerbs[] = {"map", "evaluate", "simulate", "bench", "info", "query", "render"};
 
 std::string verbOf(const CLI::App& app) { return app.get_name().substr(app.get_name().find(' ') + 1); }
 

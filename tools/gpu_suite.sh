@@ -2,21 +2,27 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
 # Everything that can only be checked on a machine with an NVIDIA GPU, in one go, and a record of it:
-#   gpu_suite.sh PROGRAMS OUT [--commit ID] [--only tests,sanitizers,scoring,stream] [--points N] [--frames N]
+#   gpu_suite.sh PROGRAMS OUT [--commit ID] [--only tests,sanitizers,scoring,stream,bench] [--points N] [--frames N]
+#                [--row-seconds N] [--bench-points N] [--bench-options "..."]
 # PROGRAMS: the folder of an unpacked portable archive (accessvdb-portable), or a build's bin folder. Writes
 # OUT/record.json, the source of the figures in docs/benchmarks/, and a log a step. Fails where a step fails, or where
-# something that it needs is missing: nothing is skipped silently.
+# something that it needs is missing: nothing is skipped silently. Each row of `bench` may take --row-seconds; one that
+# is stopped then keeps the figures of the frames that it did, and counts as failed.
 set -uo pipefail
 programs=${1:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
 out=${2:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
 shift 2
-commit=unknown only=tests,sanitizers,scoring,stream points=1000000 frames=300
+commit=unknown only=tests,sanitizers,scoring,stream,bench points=1000000 frames=300
+row_seconds=65 bench_points=3200000 bench_options=
 while (($# > 1)); do
   case $1 in
     --commit) commit=$2 ;;
     --only) only=$2 ;;
     --points) points=$2 ;;
     --frames) frames=$2 ;;
+    --row-seconds) row_seconds=$2 ;;
+    --bench-points) bench_points=$2 ;;
+    --bench-options) bench_options=$2 ;;
     *) echo "gpu_suite: error: unknown option $1" >&2; exit 2 ;;
   esac
   shift 2
@@ -106,13 +112,40 @@ if wanted stream; then
     awk 'BEGIN { printf "{" } { sub(/,$/, ""); printf "%s%s", (NR > 1 ? ", " : ""), $0 } END { print "}" }')
 fi
 
+# A flight through pines, timed over 200 frames past bench_points surface points. Rows: NAME VOXEL TAU.
+bench=null
+if wanted bench; then
+  rows=()
+  while read -r name voxel tau; do
+    start=$(date +%s.%N)
+    rm -f "$out/bench_$name.json"
+    # shellcheck disable=SC2086  # options, a word each
+    timeout -s INT -k 10 "$row_seconds" "$bin/accessvdb" bench --scene pine --device cuda --voxel "$voxel" --tau "$tau" \
+      --frames 1200 --timed-frames 200 --shortest --min-surface-points "$bench_points" $bench_options \
+      --out "$out/bench_$name.json" --per-frame "$out/bench_$name.csv" >"$out/bench_$name.log" 2>&1 </dev/null
+    code=$?
+    if ((code == 0)); then outcome=passed; else outcome=failed; fi
+    record_step "bench_$name" "$outcome" "\"exit_code\": $code, \"seconds\": $(seconds_since "$start")"
+    grep -E 'the last|surface points|error' "$out/bench_$name.log"
+    [[ -s $out/bench_$name.json ]] && rows+=("$(cat "$out/bench_$name.json")")
+  done <<'ROWS'
+20mm_tau0.1m 0.02 0.1
+10mm_tau0.1m 0.01 0.1
+5mm_tau0.1m 0.005 0.1
+10mm_tau4v 0.01 4v
+5mm_tau4v 0.005 4v
+ROWS
+  bench=$(printf '[\n%s]' "$(for n in "${!rows[@]}"; do echo "${rows[n]}$( ((n + 1 < ${#rows[@]})) && echo ,)"; done)")
+fi
+
 {
   echo "{\"schema\": 1, \"date\": \"$(date -u +%Y-%m-%d)\", \"commit\": \"$commit\", \"device\": \"$gpu\", \"driver\": \"$driver\","
   echo " \"device_memory\": \"$memory\", \"cpu_cores\": $cores, \"failures\": $failures, \"steps\": ["
   for n in "${!steps[@]}"; do echo "  ${steps[n]}$( ((n + 1 < ${#steps[@]})) && echo ,)"; done
   echo " ],"
   echo " \"scoring\": $scoring,"
-  echo " \"stream\": $stream}"
+  echo " \"stream\": $stream,"
+  echo " \"bench\": $bench}"
 } >"$out/record.json"
 echo "gpu_suite: $failures failed; record in record.json"
 ((failures == 0))

@@ -24,6 +24,14 @@ Json jsonPairs(const std::vector<std::pair<std::string, std::string>>& pairs) {
   return json;
 }
 
+/// Every .vdb of ours names its version at file level.
+bool isOurs(const io::VdbSummary& summary) {
+  for (const auto& [key, value] : summary.metadata) {
+    if (key == "accessvdb_version") return true;
+  }
+  return false;
+}
+
 Json describeVdb(const fs::path& path) {
   const io::VdbSummary summary = io::summarizeVdb(path);
   Json grids = Json::array();
@@ -42,6 +50,7 @@ Json describeVdb(const fs::path& path) {
   }
   return {{"path", path.string()},
           {"creator", summary.creator},
+          {"accessvdb", isOurs(summary)},
           {"metadata", jsonPairs(summary.metadata)},
           {"grids", grids}};
 }
@@ -64,6 +73,7 @@ std::string wordsOfVdb(const Json& vdb) {
   for (const auto& [key, value] : vdb["metadata"].items()) {
     if (key != "creator") words += "  " + printable(key) + ": " + text(value) + "\n";
   }
+  if (!vdb["accessvdb"].get<bool>()) words += "  not written by AccessVDB\n";
   if (vdb["grids"].empty()) words += "  no grids\n";
   for (const Json& grid : vdb["grids"]) {
     words += "  grid " + text(grid["name"]) + ": " + text(grid["type"]) + ", class " + text(grid["class"]) + ", " +
@@ -94,6 +104,16 @@ std::string wordsOfReport(const Json& report) {
   return words;
 }
 
+/// An accessibility field without a single point is a valid file and hardly what anybody wants.
+void warnIfEmpty(const Json& vdb, Messages& messages) {
+  if (!vdb["accessvdb"].get<bool>()) return;
+  for (const Json& grid : vdb["grids"]) {
+    if ((grid["name"] == "density" || grid["name"] == "points") && grid["active_voxels"] == 0) {
+      messages.warning("field.empty", vdb["path"].get<std::string>() + " holds no surface points");
+    }
+  }
+}
+
 }  // namespace
 
 int runInfo(const Arguments& arguments, Messages& messages) {
@@ -114,6 +134,7 @@ int runInfo(const Arguments& arguments, Messages& messages) {
   std::error_code status;
   if (!fs::is_directory(path, status)) {
     result = describeVdb(path);
+    warnIfEmpty(result, messages);
     printData(json ? result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n" : wordsOfVdb(result));
     return 0;
   }
@@ -127,6 +148,7 @@ int runInfo(const Arguments& arguments, Messages& messages) {
   for (const char* file : {"field.vdb", "field_points.vdb"}) {
     if (!fs::exists(folder / file, status)) continue;
     result["files"].push_back(describeVdb(folder / file));
+    warnIfEmpty(result["files"].back(), messages);
     words += wordsOfVdb(result["files"].back());
   }
   if (words.empty()) {

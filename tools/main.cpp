@@ -23,6 +23,7 @@ constexpr Verb kVerbs[] = {
     {"map", "scans, poses and a tool in; the accessibility field out", runMap},
     {"simulate", "scans of a known scene, to try things with", runSimulate},
     {"evaluate", "the tables: simulated scans against exact ground truth", runEvaluate},
+    {"bench", "a simulated flight through pines, every stage timed", runBench},
     {"info", "what is inside a .vdb file or an output folder", runInfo},
     {"query", "label, reason and best direction at given points", runQuery},
     {"render", "a picture of a field or of a tool, no display needed", runRender},

@@ -10,7 +10,7 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
-#include "accessvdb/field_io.h"
+#include "accessvdb/field_export.h"
 #include "accessvdb/render.h"
 #include "map_options.h"
 #include "memory_check.h"
@@ -50,6 +50,7 @@ class MapRun {
   void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
   void integrate(const io::ScanRecord& record, AccessibilityField& field);
   void update(AccessibilityField& field);
+  void writeFrame(const AccessibilityField& field);
   void finish(io::ScanSequence& scans, const AccessibilityField& field);
 
   const MapOptions& options_;
@@ -58,14 +59,17 @@ class MapRun {
   SceneStatistics scene_;
   std::set<std::string> hashed_;
   std::uint64_t truncated_points_ = 0;
-  bool refused_ = false;  // the outputs that are there must stay
+  std::uint64_t frames_ = 0;  // of the sequence, written
+  bool refused_ = false;      // the outputs that are there must stay
   Clock::time_point start_ = Clock::now();
 };
 
 void MapRun::claimOutputFolder() {
   const fs::path out = options_.out;
   if (options_.no_clobber) {
-    for (const char* file : kOutputs) {
+    std::vector<std::string> outputs(std::begin(kOutputs), std::end(kOutputs));
+    if (options_.exported.sequence > 0) outputs.push_back(frameName(std::max<std::uint64_t>(lastFrameIn(out), 1)));
+    for (const std::string& file : outputs) {
       std::error_code status;
       if (!fs::exists(fs::symlink_status(out / file, status))) continue;
       refused_ = true;
@@ -93,7 +97,12 @@ void MapRun::setParameters(const FieldParams& params) {
                         {"tool_up", options_.tool.up},
                         {"profile", options_.profile},
                         {"every", std::to_string(options_.every)},
-                        {"update_every", std::to_string(options_.update_every)}};
+                        {"update_every", std::to_string(options_.update_every)},
+                        {"half", options_.exported.half ? "true" : "false"},
+                        {"compression", options_.exported.compression},
+                        {"up_axis", options_.exported.up_axis},
+                        {"surface", options_.exported.surface ? "true" : "false"},
+                        {"sequence", std::to_string(options_.exported.sequence)}};
   std::istringstream lines(params.describe());
   for (std::string line; std::getline(lines, line);) {
     const auto space = line.find(' ');
@@ -118,19 +127,33 @@ void MapRun::update(AccessibilityField& field) {
   report_.score.add(stats.score_ms);
 }
 
+void MapRun::writeFrame(const AccessibilityField& field) {
+  writeFieldFrame(field, fs::path(options_.out) / frameName(frames_ + 1), writeOptions(options_.exported));
+  ++frames_;
+}
+
 void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
   Progress progress(messages_, "fusing scans", scans.size());
-  bool fresh = false;  // integrated since the last update
+  const auto due = [this](int scans_each) {
+    return scans_each > 0 && report_.scans % static_cast<std::uint64_t>(scans_each) == 0;
+  };
+  bool fresh = false;    // integrated since the last update
+  bool unshown = false;  // integrated since the last frame of the sequence
   for (std::size_t step = 0; step < scans.size() && stopSignal() == 0; ++step) {
     const io::ScanRecord record = scans.read(step);
     const auto begin = Clock::now();
     integrate(record, field);
-    fresh = true;
-    if (options_.update_every > 0 && report_.scans % static_cast<std::uint64_t>(options_.update_every) == 0) {
+    fresh = unshown = true;
+    const bool frame_due = due(options_.exported.sequence);
+    if (due(options_.update_every) || frame_due) {
       update(field);
       fresh = false;
     }
     report_.frame.add(millisecondsSince(begin));
+    if (frame_due) {
+      writeFrame(field);
+      unshown = false;
+    }
     hashInput(record.path);
     progress.show(step + 1, fs::path(record.path).filename().string());
   }
@@ -139,6 +162,8 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
     if (!messages_.quiet() && options_.update_every == 0) messages_.notice("scoring the surface points");
     update(field);
   }
+  // The sequence ends with what field.vdb holds.
+  if (options_.exported.sequence > 0 && unshown && report_.points_used > 0) writeFrame(field);
 }
 
 void MapRun::finish(io::ScanSequence& scans, const AccessibilityField& field) {
@@ -158,7 +183,7 @@ void MapRun::finish(io::ScanSequence& scans, const AccessibilityField& field) {
                       std::to_string(truncated_points_) + " points that the files promise are missing");
   }
 
-  field.write(out);
+  writeField(field, out, writeOptions(options_.exported));
   io::renderField(out / "preview.png", snapshot, renderOptions(options_.picture));
 
   RunFacts facts{report_, scene_, {}, field.origin_W(), snapshot.voxel_size_m};
@@ -169,6 +194,14 @@ void MapRun::finish(io::ScanSequence& scans, const AccessibilityField& field) {
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
   messages_.notice(toolInWords(field.tool(), options_.tool));
   for (const Warning& warning : findImplausible(facts)) messages_.warning(warning.id, warning.text);
+  if (frames_ > 0) {
+    messages_.notice("wrote a sequence of " + std::to_string(frames_) + " frames, " + frameName(1) + " to " +
+                     frameName(frames_));
+    if (lastFrameIn(out) > frames_) {
+      messages_.warning("output.old_frames", (out / frameName(lastFrameIn(out))).string() + " and others after " +
+                                                 frameName(frames_) + " are of an earlier run");
+    }
+  }
   messages_.notice("done in " + numberText(std::round(millisecondsSince(start_) / 100) / 10) +
                    " s; wrote field.vdb, field_points.vdb, " + "points.ply, preview.png and report.json into " +
                    out.string());

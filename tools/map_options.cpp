@@ -74,6 +74,7 @@ void addMapOptions(CLI::App& app, MapOptions& options) {
       ->capture_default_str();
   app.add_option("--max-memory", options.max_memory, "most memory to use, for example 2G or 500M");
   app.add_flag("--no-clobber", options.no_clobber, "refuse to write over existing outputs");
+  addExportOptions(app, options.exported);
   addPictureOptions(app, options.picture);
   app.add_flag("--print-config", options.print_config, "print the effective configuration as TOML and end");
 }
@@ -91,6 +92,7 @@ void checkMapOptions(const MapOptions& options) {
   if (!options.max_memory.empty()) (void)parseBytes("--max-memory", options.max_memory);
   (void)scanInputOptions(options);
   (void)renderOptions(options.picture);
+  (void)writeOptions(options.exported);
   (void)fieldParams(options);
 }
 

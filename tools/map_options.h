@@ -9,6 +9,7 @@
 #include "accessvdb/params.h"
 #include "accessvdb/scan_io.h"
 #include "command_line.h"
+#include "export_options.h"
 #include "options.h"
 
 namespace accessvdb::tools {
@@ -17,6 +18,7 @@ struct MapOptions {
   CommonOptions common;
   ToolOptions tool;
   PictureOptions picture;
+  ExportOptions exported;
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string pose_format = "auto", profile = "product", policy;
   double voxel_m = 0.01;

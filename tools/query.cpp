@@ -102,6 +102,7 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   if (!points_file.empty()) positions_W = io::readPositions(points_file);
 
   const io::StoredField field = io::StoredField::open(map);
+  if (field.points().points.empty()) messages.warning("field.empty", map + " holds no surface points");
   Json answers = Json::array();
   std::string text;
   for (const Eigen::Vector3d& p_W : positions_W) {

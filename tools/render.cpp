@@ -36,7 +36,9 @@ int runRender(const Arguments& arguments, Messages& messages) {
   if (out.empty()) throw InvalidArgument("usage.missing", "--out", "is missing", "Name the PNG file to write");
   const io::RenderOptions render = renderOptions(picture);
   if (!map.empty()) {
-    io::renderField(out, io::readPointsPly(std::filesystem::path(map) / "points.ply"), render);
+    const FieldSnapshot field = io::readPointsPly(std::filesystem::path(map) / "points.ply");
+    if (field.points.empty()) messages.warning("field.empty", map + " holds no surface points");
+    io::renderField(out, field, render);
   } else {
     const ToolGeometry tool = loadTool(tool_options);
     for (const std::string& note : tool.notes()) messages.notice(note);

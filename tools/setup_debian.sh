@@ -5,6 +5,7 @@
 # neither network nor root, when everything is there.
 #   setup_debian.sh           what the library and the program need
 #   setup_debian.sh --tests   also what the test suite needs
+#   setup_debian.sh --python  also what the Python module needs
 set -euo pipefail
 
 fail() {
@@ -24,8 +25,10 @@ packages=(
 )
 for argument in "$@"; do
   case "$argument" in
-    --tests) packages+=(libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file) ;;
-    *) fail "unknown option '$argument'. Use --tests or nothing." ;;
+    --tests) packages+=(blender libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file libopenvdb-tools python3-openvdb python3-numpy
+      python3-dev python3-pip python3-venv pybind11-dev mypy) ;;
+    --python) packages+=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev) ;;
+    *) fail "unknown option '$argument'. Use --tests, --python or nothing." ;;
   esac
 done
 

@@ -16,6 +16,7 @@ using Arguments = std::vector<std::string>;
 int runMap(const Arguments& arguments, Messages& messages);
 int runEvaluate(const Arguments& arguments, Messages& messages);
 int runSimulate(const Arguments& arguments, Messages& messages);
+int runBench(const Arguments& arguments, Messages& messages);
 int runInfo(const Arguments& arguments, Messages& messages);
 int runQuery(const Arguments& arguments, Messages& messages);
 int runRender(const Arguments& arguments, Messages& messages);

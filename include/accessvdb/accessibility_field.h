@@ -24,7 +24,9 @@
 
 namespace accessvdb {
 
+class BatchQuery;
 class TsdfVolume;
+struct DeviceView;
 
 class ACCESSVDB_API AccessibilityField {
  public:
@@ -57,6 +59,18 @@ class ACCESSVDB_API AccessibilityField {
 
   /// The point of the voxel that holds p_W, if there is one.
   [[nodiscard]] std::optional<SurfacePoint> pointAt(const Eigen::Vector3d& p_W) const;
+
+  /// Many questions at a time, at points or along a robot arm: see batch_query.h. Good until the field next changes.
+  [[nodiscard]] BatchQuery batchQuery() const;
+
+  /// The map's mirror and the points where they lie on the GPU, for your own kernels: see device_view.h. All of it is
+  /// complete when this returns; good until the field next changes. @throws DeviceError "device.none" on the CPU
+  [[nodiscard]] DeviceView deviceView() const;
+  /// The same of a field on the CPU, in host memory. @throws DeviceError "device.not_host" on a GPU
+  [[nodiscard]] DeviceView hostView() const;
+
+  /// Grows with every call that changes the field: a view with another number is out of date.
+  [[nodiscard]] std::uint64_t revision() const;
 
   [[nodiscard]] const TsdfVolume& volume() const;
   [[nodiscard]] const ToolGeometry& tool() const;

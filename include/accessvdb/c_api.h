@@ -27,7 +27,7 @@
 #include "accessvdb/export.h"
 
 /* Grows with every addition. A program built against version N runs with a library of version N or later. */
-#define ACCESSVDB_C_API_VERSION 1
+#define ACCESSVDB_C_API_VERSION 2
 
 #ifdef __cplusplus
 #define ACCESSVDB_C_NOEXCEPT noexcept
@@ -263,6 +263,50 @@ ACCESSVDB_API int accessvdb_field_drop_snapshot(accessvdb_field* field) ACCESSVD
 /// The point of the voxel that holds p_W [3]; *found is 0 where there is none.
 ACCESSVDB_API int accessvdb_field_point_at(accessvdb_field* field, const double* p_W, accessvdb_point* point,
                                            size_t point_size, int32_t* found) ACCESSVDB_C_NOEXCEPT;
+
+/* ---- many questions at a time (since version 2); accessvdb/batch_query.h has the rules ------------------------------
+ */
+
+/// What the map and the points say at a position. Arrays of it take sizeof(accessvdb_point_answer) once.
+typedef struct accessvdb_point_answer {
+  float distance_m;        ///< of the voxel, 0 .. tau; NaN where unobserved
+  float point_distance_m;  ///< to the surface point that answers; NaN without one
+  float direction_W[3];    ///< its best direction, unit, outwards along the tool's body; zero where there is none
+  uint32_t point_id;       ///< of the voxel, else the nearest within 3 voxels; 0xFFFFFFFF = none
+  uint16_t weight;         ///< observations of the voxel; 0 = unobserved
+  uint16_t direction;      ///< 65535 = none
+  uint16_t score;          ///< 65535 = none reached the tool test
+  uint8_t label;           ///< ACCESSVDB_UNSCORED without a point
+  uint8_t reason;          ///< ACCESSVDB_REASON_*
+  uint8_t unknown;         ///< 1: neither observed nor cleared, or a bad position (NaN)
+  uint8_t cleared;         ///< 1: a ray passed the voxel
+  uint8_t reserved[6];
+} accessvdb_point_answer;
+
+/// A link of a robot arm, or its way. Arrays of it take sizeof(accessvdb_capsule) once.
+typedef struct accessvdb_capsule {
+  double a_W[3], b_W[3];  ///< ends of the axis; may be the same
+  double radius_m;        ///< >= 0
+} accessvdb_capsule;
+
+/// What a capsule meets. Free is: valid, no collision, not unknown.
+typedef struct accessvdb_capsule_answer {
+  float min_distance_m;  ///< of the axis to the nearest surface, where the map knows it; NaN = nothing observed
+  float first_hit_t;     ///< 0 at a .. 1 at b; NaN = no collision
+  uint8_t collision;
+  uint8_t unknown;  ///< 1: some voxel was neither observed nor cleared, or the capsule was not looked at
+  uint8_t valid;    ///< 0: a bad end or radius, or too large: split it
+  uint8_t reserved[5];
+} accessvdb_capsule_answer;
+
+/// @param points_W  [3 x count] x y z    @param answers  [count] out
+ACCESSVDB_API int accessvdb_field_query_points(accessvdb_field* field, const double* points_W, size_t count,
+                                               accessvdb_point_answer* answers,
+                                               size_t answer_size) ACCESSVDB_C_NOEXCEPT;
+/// @param capsules  [count]    @param answers  [count] out
+ACCESSVDB_API int accessvdb_field_query_capsules(accessvdb_field* field, const accessvdb_capsule* capsules,
+                                                 size_t capsule_size, size_t count, accessvdb_capsule_answer* answers,
+                                                 size_t answer_size) ACCESSVDB_C_NOEXCEPT;
 
 /// "cpu" or "cuda:NAME".
 ACCESSVDB_API const char* accessvdb_field_device(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;

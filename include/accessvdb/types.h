@@ -35,6 +35,9 @@ struct FrameStats {
   std::uint64_t cleared_updates = 0;   ///< (return, voxel) pairs marked cleared
   double integrate_ms = 0;             ///< map and points
   double mirror_ms = 0;                ///< patching the NanoVDB mirror
+  std::uint64_t changed_leaves = 0;    ///< leaves in which a fact that scoring reads flipped; they travel to the mirror
+  std::uint64_t mirror_bytes = 0;      ///< written to the mirror
+  std::uint64_t surface_points = 0;    ///< in the field afterwards
 };
 
 /// What one update() did.

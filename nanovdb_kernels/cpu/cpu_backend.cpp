@@ -64,7 +64,7 @@ class CpuBackend final : public Backend {
         request.results[n] = searchDirections(
             map, request.map.inverse_voxel_size, request.tool, request.approach, points.position_L + 3 * id,
             points.normal_L + 3 * id, points.seen + id * static_cast<std::size_t>(points.direction_words), item);
-        updatePoint(points, item.id, request.results[n], request.rule);
+        updatePoint(points, item, request.results[n], request.rule);
       }
     });
   }

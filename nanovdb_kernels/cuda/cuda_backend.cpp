@@ -7,6 +7,7 @@
 #include <cstring>
 
 #include "cuda/cuda_check.h"
+#include "cuda/cuda_updater.h"
 #include "cuda/device_arena.h"
 #include "cuda/device_context.h"
 #include "cuda/pinned_buffer.h"
@@ -102,7 +103,7 @@ class Implementation final : public CudaBackend {
  public:
   explicit Implementation(const CudaOptions& options)
       : options_(options), context_(std::make_shared<DeviceContext>(options.memory_limit_bytes)) {
-    requireScoreKernels();
+    requireScoreKernels(context_->sharedBytesPerBlock());
     chunk_ = std::max(options_.chunk_items, kLeastChunk);
     for (auto& slot : slots_) slot = std::make_unique<Slot>(*context_);
   }
@@ -120,6 +121,10 @@ class Implementation final : public CudaBackend {
   }
 
   std::unique_ptr<MirrorArena> makeArena() override { return std::make_unique<DeviceArena>(context_); }
+  void waitForMirror() override {
+    const CurrentDevice current(context_->device());
+    ACCESSVDB_CUDA(cudaEventSynchronize(context_->mirrorReady()));
+  }
 
   void* allocate(std::size_t bytes) override { return context_->allocate(bytes); }
   void release(void* address) noexcept override { context_->release(address); }
@@ -159,6 +164,10 @@ class Implementation final : public CudaBackend {
              mark(slot, 2);
              launchUpdate(chunk, slot.stream);
            });
+  }
+
+  std::unique_ptr<PointUpdater> makeUpdater(const UpdaterTables& tables) override {
+    return makeCudaUpdater(context_, *this, tables);
   }
 
   void countCollisions(const ScoreRequest& request, std::uint16_t* counts) override {

@@ -37,7 +37,7 @@ __global__ void updatePoints(ScoreChunk chunk) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= chunk.count) return;
   ScoreResult result = chunk.results[n];
-  updatePoint(chunk.points, chunk.items[n].id, result, chunk.rule);
+  updatePoint(chunk.points, chunk.items[n], result, chunk.rule);
   chunk.results[n].label = result.label;
   chunk.results[n].stored_score = result.stored_score;
   chunk.results[n].stored_direction = result.stored_direction;
@@ -154,9 +154,6 @@ void launchWarps(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t s
   const unsigned blocks = blocksFor(chunk.count, kWarps);
   const auto bytes = static_cast<std::uint32_t>(kWarps * plan.entries * sizeof(std::uint32_t));
   const auto launch = [&](auto* kernel) {
-    // A block may have more than 48 KB of shared memory only where that was asked for.
-    ACCESSVDB_CUDA(cudaFuncSetAttribute(reinterpret_cast<const void*>(kernel),
-                                        cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(bytes)));
     kernel<<<blocks, kWarps * kWarp, bytes, stream>>>(chunk, plan.entries, arguments...);
   };
   switch (plan.kind) {
@@ -174,10 +171,31 @@ void launchWarps(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t s
 
 }  // namespace
 
-void requireScoreKernels() {
+namespace {
+
+/// A block may have more than 48 KB of shared memory only where that was asked for. Once, and for the most there is:
+/// several fields of a process launch the same kernels.
+void allowShared(const void* kernel, int shared_bytes_per_block) {
+  cudaFuncAttributes attributes = {};
+  ACCESSVDB_CUDA(cudaFuncGetAttributes(&attributes, kernel));
+  const int rest = shared_bytes_per_block - static_cast<int>(attributes.sharedSizeBytes);
+  ACCESSVDB_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, rest));
+}
+
+}  // namespace
+
+void requireScoreKernels(int shared_bytes_per_block) {
   cudaFuncAttributes attributes = {};
   const cudaError_t status = cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(&plainSearch));
-  if (status == cudaSuccess) return;
+  if (status == cudaSuccess) {
+    for (const void* kernel : {reinterpret_cast<const void*>(&warpSearch<MapWindow<LeafWindow>>),
+                               reinterpret_cast<const void*>(&warpSearch<MapWindow<LowerWindow>>),
+                               reinterpret_cast<const void*>(&countAll<MapWindow<LeafWindow>>),
+                               reinterpret_cast<const void*>(&countAll<MapWindow<LowerWindow>>)}) {
+      allowShared(kernel, shared_bytes_per_block);
+    }
+    return;
+  }
   (void)cudaGetLastError();
   if (status == cudaErrorNoKernelImageForDevice || status == cudaErrorInvalidDeviceFunction ||
       status == cudaErrorUnsupportedPtxVersion) {

@@ -25,7 +25,7 @@ struct ScoreChunk {
 };
 
 /// @throw DeviceError  this program has no code for the device
-void requireScoreKernels();
+void requireScoreKernels(int shared_bytes_per_block);
 /// What a warp keeps of the map around its point.
 struct WindowPlan {
   enum class Kind { None, Leaves, Lowers };

@@ -17,8 +17,12 @@ struct ScoreItem {
   std::uint32_t id = 0;
   std::uint16_t known_score = kNoScore;          ///< count of known_direction, valid under the current map
   std::uint16_t known_direction = kNoDirection;  ///< kNoDirection: nothing is known
-  DirectionMask skip = {};                       ///< directions known to be blocked under the current map
+  DirectionMask skip = {};                       ///< directions known not to change the outcome
   DirectionMask candidates = {};                 ///< directions that may be tried at all
+  /// A blocked point that stays blocked keeps what is stored: its closest direction may be among the skipped ones.
+  std::uint8_t keep_reason = 0;
+  /// 0: asked for only because the map changed, so an outcome that is the stored one is no new evidence.
+  std::uint8_t evidence = 1;
 };
 
 /// What came out.

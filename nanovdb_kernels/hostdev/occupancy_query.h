@@ -5,7 +5,7 @@
 
 #include <cmath>
 
-#include "hostdev/views.h"
+#include "views.h"
 
 namespace accessvdb::kernels {
 
@@ -31,9 +31,12 @@ class OccupancyReader {
   /// Observed and free, or cleared. Unknown is occupied (paper, "Arm path checking").
   ACCESSVDB_HOSTDEV bool armFree(const Coord& ijk) const { return accessor_.isActive(ijk); }
 
+  /// The leaf of a voxel, or nullptr: all unknown.
+  ACCESSVDB_HOSTDEV const OccupancyLeaf* leafAt(const Coord& ijk) const { return accessor_.probeLeaf(ijk); }
+
   /// Colliding voxels among (x, y, z8 .. z8 + 7), bit i = z8 + i; z8 is a multiple of 8.
   ACCESSVDB_HOSTDEV std::uint32_t collidesRow(const Coord& ijk) const {
-    const OccupancyLeaf* leaf = accessor_.probeLeaf(ijk);
+    const OccupancyLeaf* leaf = leafAt(ijk);
     if (leaf == nullptr) return 0;
     const auto* words = reinterpret_cast<const std::uint64_t*>(&leaf->data()->mValues);
     return static_cast<std::uint32_t>(words[ijk[0] & 7] >> ((ijk[1] & 7) * 8)) & 0xffu;

@@ -19,9 +19,13 @@ struct UpdateRule {
 ACCESSVDB_HOSTDEV inline float confidenceOf(float weight, float half_weight) { return weight / (weight + half_weight); }
 
 /// Updates the stored state of a point and tells the result what is stored now.
-ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, std::uint32_t id, ScoreResult& result,
+///
+/// What is stored afterwards does not depend on evaluations that confirm it: how often a point is looked at because of
+/// changes in the map is a scheduler's business (ScoreItem::evidence, keep_reason).
+ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, const ScoreItem& item, ScoreResult& result,
                                           const UpdateRule& rule) {
   constexpr float kDecay = 0.75f, kRecovery = 0.15f;
+  const std::uint32_t id = item.id;
   if (result.scored == 0) {
     points.score[id] = kNoScore;
     points.direction[id] = kNoDirection;
@@ -30,17 +34,15 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, std::uin
     points.flags[id] = 0;
     return;
   }
+  const std::uint16_t score_before = points.score[id], direction_before = points.direction[id];
+  const PointLabel label_before = points.label[id];
   const bool free_now = result.score < rule.collision_limit;
-  const bool was_free =
-      rule.keep_best ? points.score[id] < rule.collision_limit : points.label[id] == PointLabel::Accessible;
+  const bool was_free = rule.keep_best ? score_before < rule.collision_limit : label_before == PointLabel::Accessible;
   float a = points.stability[id];
   if (was_free) a = free_now ? a + kRecovery * (1.0f - a) : a * kDecay;
-  points.stability[id] = a;
 
-  // A blocked point that stays blocked, with some directions skipped because they are known to be blocked: what is
-  // stored is the closest of all directions, the result only that of the rest.
-  const bool partial = !rule.keep_best && result.skipped != 0 && !free_now && points.label[id] == PointLabel::Blocked;
-  if (!partial && (!rule.keep_best || result.score < points.score[id] || points.score[id] == kNoScore)) {
+  const bool keeps = !rule.keep_best && item.keep_reason != 0 && !free_now && label_before == PointLabel::Blocked;
+  if (!keeps && (!rule.keep_best || result.score < score_before || score_before == kNoScore)) {
     points.score[id] = result.score;
     points.direction[id] = result.direction;
     points.reason[id] = result.reason;
@@ -52,8 +54,12 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, std::uin
   } else if (points.reason[id] == PointReason::None) {
     points.reason[id] = result.reason == PointReason::None ? PointReason::Tool : result.reason;
   }
+  if (item.evidence != 0 || points.label[id] != label_before || points.score[id] != score_before ||
+      points.direction[id] != direction_before) {
+    points.stability[id] = a;
+  }
   const float c = confidenceOf(static_cast<float>(points.weight[id]), rule.half_weight);
-  points.flags[id] = accessible && c * a > rule.stability_min ? kConfident : 0;
+  points.flags[id] = accessible && c * points.stability[id] > rule.stability_min ? kConfident : 0;
   result.label = points.label[id];
   result.stored_score = points.score[id];
   result.stored_direction = points.direction[id];

@@ -9,7 +9,7 @@
 #include <type_traits>
 
 #include "accessvdb/point_label.h"
-#include "hostdev/nanovdb_compat.h"
+#include "nanovdb_compat.h"
 
 namespace accessvdb::kernels {
 

@@ -13,6 +13,7 @@
 #include "hostdev/views.h"
 #include "launch/device_array.h"
 #include "launch/mirror_arena.h"
+#include "launch/point_updater.h"
 
 namespace accessvdb::kernels {
 
@@ -44,9 +45,16 @@ class Backend : public DeviceMemory {
   /// Most bytes of device memory held at a time, by our own count; 0 on the CPU.
   [[nodiscard]] virtual std::uint64_t peakBytes() const { return 0; }
   [[nodiscard]] virtual std::unique_ptr<MirrorArena> makeArena() = 0;
+  /// Returns when what the mirror's arena flushed can be read by anyone.
+  virtual void waitForMirror() {}
   /// Writes what the host knows into the state arrays: position, normal, seen, weight.
   virtual void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) = 0;
   virtual void scorePoints(const ScoreRequest& request) = 0;
+  /// Null where the host decides what is due (src/points/exact_scheduler.cpp). Must not outlive the backend.
+  [[nodiscard]] virtual std::unique_ptr<PointUpdater> makeUpdater(const UpdaterTables& tables) {
+    (void)tables;
+    return nullptr;
+  }
 };
 
 /// The rules under TBB on host memory.

@@ -19,6 +19,7 @@ namespace capi = accessvdb::capi;
 using accessvdb::InvalidArgument;
 using accessvdb::SurfacePoint;
 using accessvdb::UnusableInput;
+using accessvdb::capi::onField;
 
 namespace {
 
@@ -32,15 +33,6 @@ static_assert(sizeof(accessvdb_point) >= kPointBytes1 && sizeof(accessvdb_frame_
 // Arrays of three numbers are read as Eigen's vectors in place.
 static_assert(sizeof(Eigen::Vector3f) == 3 * sizeof(float) && alignof(Eigen::Vector3f) == alignof(float));
 static_assert(sizeof(Eigen::Vector3d) == 3 * sizeof(double) && alignof(Eigen::Vector3d) == alignof(double));
-
-/// Runs `body` on a good handle that no other thread is using, and keeps its error text.
-template <typename Body>
-int onField(accessvdb_field* field, const Body& body) noexcept {
-  if (!capi::isField(field) || field->busy.exchange(true, std::memory_order_acquire)) return ACCESSVDB_ERROR_USAGE;
-  const int code = capi::guarded(field->error, body);
-  field->busy.store(false, std::memory_order_release);
-  return code;
-}
 
 template <typename Scalar>
 auto vectors(const char* name, const Scalar* xyz, std::size_t count) {

@@ -11,6 +11,7 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/c_api.h"
+#include "capi/boundary.h"
 
 namespace accessvdb::capi {
 
@@ -44,6 +45,15 @@ namespace accessvdb::capi {
 }
 [[nodiscard]] inline bool isField(const accessvdb_field* handle) {
   return handle != nullptr && handle->mark == kFieldMark;
+}
+
+/// Runs `body` on a good handle that no other thread is using, and keeps its error text.
+template <typename Body>
+int onField(accessvdb_field* field, const Body& body) noexcept {
+  if (!isField(field) || field->busy.exchange(true, std::memory_order_acquire)) return ACCESSVDB_ERROR_USAGE;
+  const int code = guarded(field->error, body);
+  field->busy.store(false, std::memory_order_release);
+  return code;
 }
 
 }  // namespace accessvdb::capi

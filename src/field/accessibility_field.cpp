@@ -8,11 +8,11 @@
 #include <numeric>
 #include <type_traits>
 
-#include "accessvdb/config.h"
 #include "accessvdb/error.h"
-#include "accessvdb/field_io.h"
+#include "accessvdb/field_export.h"
 #include "accessvdb/tsdf_volume.h"
 #include "field/backend_choice.h"
+#include "field/field_views.h"
 #include "field/point_weights.h"
 #include "field/scan_gate.h"
 #include "field/scoring_setup.h"
@@ -47,9 +47,18 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         points(params, setup.directions_xy()),
         reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight)),
         scorer(points, params, *backend, reads),
-        scheduler(params.update.policy == UpdatePolicy::Exact
-                      ? internal::makeExactScheduler(scorer, setup.hostTool(), setup.hostApproach())
-                      : internal::makePaperScheduler(scorer, setup.hostTool(), setup.hostApproach())) {}
+        scheduler(makeScheduler()) {}
+
+  std::unique_ptr<internal::UpdateScheduler> makeScheduler() {
+    if (params.update.policy == UpdatePolicy::Paper) {
+      return internal::makePaperScheduler(scorer, setup.hostTool(), setup.hostApproach());
+    }
+    if (params.update.budget_points == 0) {  // the device keeps no backlog
+      auto on_device = internal::makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+      if (on_device != nullptr) return on_device;
+    }
+    return internal::makeExactScheduler(scorer, setup.hostTool(), setup.hostApproach());
+  }
 
   static internal::PackedMap& prepared(TsdfVolume& volume, const FieldParams& params) {
     volume.packed().setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
@@ -61,6 +70,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   template <typename Step>
   auto guarded(const Step& step) {
     requireWhole();
+    views.expire();
     whole = false;
     if constexpr (std::is_void_v<decltype(step())>) {
       step();
@@ -77,9 +87,15 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
                         "Start a new field, with a larger voxel size if memory was short");
   }
 
+  [[nodiscard]] internal::ViewedParts viewed() const {
+    requireWhole();
+    const internal::ScoringTables tables = setup.tables(mirror.grid());
+    return {volume.packed(), scorer, *backend, tables.map, tables.approach.direction_xy, gate.origin_W()};
+  }
+
   void integrate(const internal::GatedScan& scan, FrameStats& stats) {
-    if (scan.p_L.empty()) return;
-    guarded([&] { integrateStages(scan, stats); });
+    if (!scan.p_L.empty()) guarded([&] { integrateStages(scan, stats); });
+    stats.surface_points = points.size();
   }
 
   void integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
@@ -93,6 +109,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     stats.integrate_ms = integrating.milliseconds();
     const internal::Stopwatch mirroring;
     mirror.applyParts(result.changes);
+    for (const auto& part : result.changes) stats.changed_leaves += part.size();
+    stats.mirror_bytes = mirror.lastTraffic().bytes_written;
     stats.mirror_ms = mirroring.milliseconds();
     scheduler->noteScan(touched, scan.p_L, scan.q_L, result.changes);
   }
@@ -111,6 +129,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   internal::MapReads reads;
   internal::PointScorer scorer;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
+  internal::FieldViews views;
   bool whole = true;  ///< false after a step failed half-way
 };
 
@@ -188,6 +207,11 @@ std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p
   return makePoint(impl_->scorer, *impl_->backend, impl_->gate.origin_W(), id);
 }
 
+BatchQuery AccessibilityField::batchQuery() const { return impl_->views.query(impl_->viewed(), impl_->arena); }
+DeviceView AccessibilityField::deviceView() const { return impl_->views.view(impl_->viewed(), true); }
+DeviceView AccessibilityField::hostView() const { return impl_->views.view(impl_->viewed(), false); }
+std::uint64_t AccessibilityField::revision() const { return impl_->views.revision(); }
+
 const TsdfVolume& AccessibilityField::volume() const { return impl_->volume; }
 const ToolGeometry& AccessibilityField::tool() const { return impl_->tool; }
 const FieldParams& AccessibilityField::params() const { return impl_->params; }
@@ -201,34 +225,16 @@ MemoryUse AccessibilityField::memoryUse() const {
   MemoryUse use;
   use.map_bytes = impl_->volume.memoryBytes();
   use.mirror_bytes = impl_->mirror.usedBytes() + impl_->mirror.hostBytes();
-  use.point_host_bytes = impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes();
-  use.point_device_bytes = impl_->scorer.device().bytes() + impl_->setup.deviceBytes();
+  use.point_host_bytes =
+      impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes() + impl_->views.bytes();
+  use.point_device_bytes =
+      impl_->scorer.device().bytes() + impl_->setup.deviceBytes() + impl_->scheduler->deviceBytes();
   use.device_peak_bytes = impl_->backend->peakBytes();
   use.leaves = impl_->volume.leafCount();
   use.active_voxels = impl_->volume.activeVoxelCount();
   return use;
 }
 
-void AccessibilityField::write(const std::filesystem::path& folder) const {
-  io::FieldMetadata metadata = {{"accessvdb_version", ACCESSVDB_VERSION},
-                                {"tool", impl_->tool.name()},
-                                {"tool_sha256", impl_->tool.sha256()},
-                                {"tool_reach_m", std::to_string(impl_->tool.reach_m())},
-                                {"collision_limit", std::to_string(collisionLimit())},
-                                {"device", deviceName()}};
-  const std::string description = impl_->params.describe();
-  for (std::size_t begin = 0; begin < description.size();) {
-    const std::size_t end = description.find('\n', begin), blank = description.find(' ', begin);
-    metadata.emplace_back(description.substr(begin, blank - begin), description.substr(blank + 1, end - blank - 1));
-    begin = end + 1;
-  }
-  const FieldSnapshot field = snapshot();
-  impl_->arena.execute([&] {
-    io::prepareOutputFolder(folder);
-    io::writeFieldVdb(folder / "field.vdb", impl_->volume, field, metadata);
-    io::writePointsVdb(folder / "field_points.vdb", field, metadata);
-    io::writePointsPly(folder / "points.ply", field, metadata);
-  });
-}
+void AccessibilityField::write(const std::filesystem::path& folder) const { writeField(*this, folder, {}); }
 
 }  // namespace accessvdb

@@ -16,7 +16,7 @@ namespace {
 struct HostState {
   std::uint32_t first = 0, size = 0;
   std::vector<std::uint16_t> score, direction;
-  std::vector<float> stability;
+  std::vector<float> stability, normal_L;
   std::vector<PointLabel> label;
   std::vector<PointReason> reason;
 
@@ -30,6 +30,9 @@ struct HostState {
     fetch(score, view.score);
     fetch(direction, view.direction);
     fetch(stability, view.stability);
+    normal_L.resize(std::size_t{3} * size);
+    if (size > 0)
+      backend.download(normal_L.data(), view.normal_L + std::size_t{3} * begin, normal_L.size() * sizeof(float));
     fetch(label, view.label);
     fetch(reason, view.reason);
   }
@@ -44,8 +47,7 @@ SurfacePoint build(const PointScorer& scorer, const HostState& state, const Eige
   point.confidence = kernels::confidenceOf(weight, static_cast<float>(scorer.params().scoring.confidence_half_weight));
   if (id - state.first >= state.size) return point;  // came after the last update
   const std::uint32_t n = id - state.first;
-  const PointRecord& record = scorer.record(id);
-  point.normal_W = record.normal_L;
+  point.normal_W = Eigen::Vector3f(state.normal_L.data() + std::size_t{3} * n);
   point.score = state.score[n];
   point.direction = state.direction[n];
   point.stability = state.stability[n];

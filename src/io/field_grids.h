@@ -11,7 +11,7 @@
 #include <string>
 #include <vector>
 
-#include "accessvdb/field_io.h"
+#include "accessvdb/field_export.h"
 
 namespace accessvdb::internal {
 
@@ -19,8 +19,14 @@ namespace accessvdb::internal {
 /// @param p_L  local frame, metres. @throws InvalidArgument for a position that has no voxel (non-finite, too far)
 [[nodiscard]] openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m);
 
-/// Linear transform of all our grids: voxel size v, voxel (0,0,0) at the local origin.
-[[nodiscard]] openvdb::math::Transform::Ptr fieldTransform(double voxel_size_m);
+/// Linear transform of all our grids: voxel size v, voxel (0,0,0) at the local origin; turned where y is to point up.
+[[nodiscard]] openvdb::math::Transform::Ptr fieldTransform(double voxel_size_m, io::UpAxis up = io::UpAxis::Z);
+
+/// A vector of the local (z up) frame in the frame of the file: itself, or (x, z, -y).
+[[nodiscard]] openvdb::Vec3f toFileFrame(const Eigen::Vector3f& v_L, io::UpAxis up);
+
+/// "z" or "y", as in the metadata.
+[[nodiscard]] const char* name(io::UpAxis up);
 
 /// The surface points of a snapshot sorted by leaf, so that grids can be built a leaf at a time on all threads.
 /// Where two points share a voxel, the one with the lower index stands.
@@ -38,6 +44,8 @@ class SurfaceVoxels {
                                          const Keep& keep, const Value& value) const;
 
   [[nodiscard]] const std::vector<Entry>& entries() const { return entries_; }
+  /// Where in entries() each leaf begins, in the order of leaf origins, and the end.
+  [[nodiscard]] const std::vector<std::size_t>& leafBegins() const { return leaf_begins_; }
 
  private:
   const FieldSnapshot& field_;
@@ -52,10 +60,17 @@ struct LazyGrid {
 };
 
 /// Writes grids one after the other: only one is in memory at a time. With offsets where the stream can seek.
-void writeGrids(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata);
+void writeGrids(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata,
+                io::Compression compression = io::Compression::Auto);
 
-/// Origin, voxel size, version and the given pairs; names that these have already are left out of the pairs.
-[[nodiscard]] openvdb::MetaMap fieldMetadata(const FieldSnapshot& field, const io::FieldMetadata& metadata);
+/// The flags of OpenVDB for a compression, given which codecs there are. @throws InvalidArgument for one that is not
+[[nodiscard]] std::uint32_t compressionFlags(io::Compression compression, bool has_blosc, bool has_zip);
+/// The same for the OpenVDB of this process.
+[[nodiscard]] std::uint32_t compressionFlags(io::Compression compression);
+
+/// Origin, voxel size, version, up axis and the given pairs; names that these have already are left out of the pairs.
+[[nodiscard]] openvdb::MetaMap fieldMetadata(const FieldSnapshot& field, const io::FieldMetadata& metadata,
+                                             const io::WriteOptions& options = {});
 
 /// field.vdb from the points and from the three grids of the volume, each made when its turn comes.
 struct VolumeGrids {
@@ -64,7 +79,7 @@ struct VolumeGrids {
   std::function<openvdb::BoolGrid::Ptr()> cleared;
 };
 void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volume, const FieldSnapshot& field,
-                     const io::FieldMetadata& metadata);
+                     const io::FieldMetadata& metadata, const io::WriteOptions& options = {});
 
 }  // namespace accessvdb::internal
 

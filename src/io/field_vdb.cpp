@@ -1,12 +1,14 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// field.vdb: the surface as fogs and attributes, and the map itself. Float, bool and vec3s grids only.
+/// field.vdb: the surface as fogs, attributes and, if asked for, a level set, and the map itself. Float, bool and vec3s
+/// grids only.
 #include <ostream>
 #include <utility>
 
 #include "accessvdb/config.h"
 #include "accessvdb/tsdf_volume.h"
 #include "io/field_grids.h"
+#include "io/surface_level_set.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -15,83 +17,129 @@ constexpr float kScoreOfNone = -1.0f;
 
 bool keepAll(const SurfacePoint&) { return true; }
 
-/// Name, class, frame and meaning on the grid itself: Houdini shows these and drops what stands at file level.
-template <typename GridPtr>
-openvdb::GridBase::Ptr described(const GridPtr& grid, const FieldSnapshot& field, openvdb::GridClass grid_class,
-                                 const std::string& description) {
-  grid->setGridClass(grid_class);
-  grid->insertMeta("description", openvdb::StringMetadata(description));
-  grid->insertMeta("origin_W_x", openvdb::DoubleMetadata(field.origin_W.x()));
-  grid->insertMeta("origin_W_y", openvdb::DoubleMetadata(field.origin_W.y()));
-  grid->insertMeta("origin_W_z", openvdb::DoubleMetadata(field.origin_W.z()));
-  grid->insertMeta("accessvdb_version", openvdb::StringMetadata(ACCESSVDB_VERSION));
-  return grid;
+/// What a grid says about itself.
+struct GridNotes {
+  openvdb::GridClass grid_class;
+  const char* unit;  ///< of its values
+  const char* description;
+  bool may_be_half;  ///< counts are not: a half has 11 bits and ends at 65504
+};
+
+/// The grids of field.vdb over one field, one set of options.
+class FieldGrids {
+ public:
+  FieldGrids(const VolumeGrids& volume, const FieldSnapshot& field, const io::WriteOptions& options)
+      : volume_(volume), field_(field), options_(options), surface_(field) {}
+  [[nodiscard]] std::vector<LazyGrid> list() const;
+
+ private:
+  /// Name, class, frame and meaning on the grid itself: Houdini shows these and drops what stands at file level.
+  template <typename GridPtr>
+  [[nodiscard]] openvdb::GridBase::Ptr described(const GridPtr& grid, const GridNotes& notes) const {
+    grid->setGridClass(notes.grid_class);
+    grid->setTransform(fieldTransform(field_.voxel_size_m, options_.up_axis));
+    grid->setSaveFloatAsHalf(options_.half_float && notes.may_be_half);
+    grid->insertMeta("description", openvdb::StringMetadata(notes.description));
+    grid->insertMeta("value_unit", openvdb::StringMetadata(notes.unit));
+    grid->insertMeta("length_unit", openvdb::StringMetadata("m"));
+    grid->insertMeta("up_axis", openvdb::StringMetadata(name(options_.up_axis)));
+    grid->insertMeta("origin_W_x", openvdb::DoubleMetadata(field_.origin_W.x()));
+    grid->insertMeta("origin_W_y", openvdb::DoubleMetadata(field_.origin_W.y()));
+    grid->insertMeta("origin_W_z", openvdb::DoubleMetadata(field_.origin_W.z()));
+    grid->insertMeta("accessvdb_version", openvdb::StringMetadata(ACCESSVDB_VERSION));
+    return grid;
+  }
+
+  template <typename Keep>
+  [[nodiscard]] LazyGrid fog(const char* name, const Keep& keep, const char* description) const {
+    return {name, [this, name, keep, description] {
+              const auto one = [](const SurfacePoint&, std::uint32_t) { return 1.0f; };
+              return described(surface_.grid<openvdb::FloatGrid>(name, 0.0f, keep, one),
+                               {openvdb::GRID_FOG_VOLUME, "1", description, true});
+            }};
+  }
+
+  [[nodiscard]] openvdb::GridBase::Ptr confidence() const;
+  [[nodiscard]] openvdb::GridBase::Ptr score() const;
+  [[nodiscard]] openvdb::GridBase::Ptr bestDirection() const;
+
+  const VolumeGrids& volume_;
+  const FieldSnapshot& field_;
+  const io::WriteOptions options_;
+  const SurfaceVoxels surface_;
+};
+
+openvdb::GridBase::Ptr FieldGrids::confidence() const {
+  const auto value = [](const SurfacePoint& point, std::uint32_t) { return point.confidence; };
+  return described(surface_.grid<openvdb::FloatGrid>("confidence", 0.0f, keepAll, value),
+                   {openvdb::GRID_UNKNOWN, "1", "confidence of each surface voxel, 0 up to below 1", true});
 }
 
-std::vector<LazyGrid> fieldGrids(const VolumeGrids& volume, const FieldSnapshot& field, const SurfaceVoxels& surface) {
-  using openvdb::FloatGrid;
-  using openvdb::Vec3SGrid;
-  const auto fog = [&](const std::string& name, const auto& keep, const std::string& description) {
-    return LazyGrid{name, [&field, &surface, name, keep, description] {
-                      const auto one = [](const SurfacePoint&, std::uint32_t) { return 1.0f; };
-                      return described(surface.grid<FloatGrid>(name, 0.0f, keep, one), field, openvdb::GRID_FOG_VOLUME,
-                                       description);
-                    }};
+openvdb::GridBase::Ptr FieldGrids::score() const {
+  const auto value = [](const SurfacePoint& point, std::uint32_t) {
+    return point.score == kNoScore ? kScoreOfNone : static_cast<float>(point.score);
   };
+  return described(surface_.grid<openvdb::FloatGrid>("score", kScoreOfNone, keepAll, value),
+                   {openvdb::GRID_UNKNOWN, "collisions",
+                    "fewest collisions of the tool in any direction; -1 where none was scored", false});
+}
+
+openvdb::GridBase::Ptr FieldGrids::bestDirection() const {
+  const auto keep = [](const SurfacePoint& point) { return !point.direction_W.isZero(); };
+  const auto value = [up = options_.up_axis](const SurfacePoint& point, std::uint32_t) {
+    return toFileFrame(point.direction_W, up);
+  };
+  auto grid = surface_.grid<openvdb::Vec3SGrid>("best_direction", openvdb::Vec3s(0.0f), keep, value);
+  grid->setVectorType(openvdb::VEC_CONTRAVARIANT_RELATIVE);
+  return described(grid, {openvdb::GRID_UNKNOWN, "1",
+                          "unit vector outwards along the tool's body; the tool travels against it", true});
+}
+
+std::vector<LazyGrid> FieldGrids::list() const {
   const auto labelled = [](PointLabel label) {
     return [label](const SurfacePoint& point) { return point.label == label; };
   };
-
   std::vector<LazyGrid> grids;
   grids.push_back(fog("density", keepAll, "1 in every voxel that holds a surface point"));
   grids.push_back(fog("accessible", labelled(PointLabel::Accessible), "1 in surface voxels that the tool can reach"));
   grids.push_back(fog("blocked", labelled(PointLabel::Blocked), "1 in surface voxels that the tool cannot reach"));
-  grids.push_back({"confidence", [&] {
-                     const auto value = [](const SurfacePoint& point, std::uint32_t) { return point.confidence; };
-                     return described(surface.grid<FloatGrid>("confidence", 0.0f, keepAll, value), field,
-                                      openvdb::GRID_UNKNOWN, "confidence of each surface voxel, 0 up to below 1");
+  grids.push_back({"confidence", [this] { return confidence(); }});
+  grids.push_back({"score", [this] { return score(); }});
+  grids.push_back({"best_direction", [this] { return bestDirection(); }});
+  grids.push_back({"distance", [this] {
+                     return described(
+                         volume_.distance(),
+                         {openvdb::GRID_UNKNOWN, "m",
+                          "mean of the clamped signed distances, metres; no level set: no zero crossing", true});
                    }});
-  grids.push_back({"score", [&] {
-                     const auto value = [](const SurfacePoint& point, std::uint32_t) {
-                       return point.score == kNoScore ? kScoreOfNone : static_cast<float>(point.score);
-                     };
-                     return described(surface.grid<FloatGrid>("score", kScoreOfNone, keepAll, value), field,
-                                      openvdb::GRID_UNKNOWN,
-                                      "fewest collisions of the tool in any direction; -1 where none was scored");
+  grids.push_back({"weight", [this] {
+                     return described(volume_.weight(),
+                                      {openvdb::GRID_UNKNOWN, "observations", "observations of each voxel", false});
                    }});
-  grids.push_back({"best_direction", [&] {
-                     const auto keep = [](const SurfacePoint& point) { return !point.direction_W.isZero(); };
-                     const auto value = [](const SurfacePoint& point, std::uint32_t) {
-                       return openvdb::Vec3s(point.direction_W.x(), point.direction_W.y(), point.direction_W.z());
-                     };
-                     auto grid = surface.grid<Vec3SGrid>("best_direction", openvdb::Vec3s(0.0f), keep, value);
-                     grid->setVectorType(openvdb::VEC_CONTRAVARIANT_RELATIVE);
-                     return described(grid, field, openvdb::GRID_UNKNOWN,
-                                      "unit vector outwards along the tool's body; the tool travels against it");
+  grids.push_back({"cleared", [this] {
+                     return described(volume_.cleared(), {openvdb::GRID_UNKNOWN, "1",
+                                                          "true where a ray passed on its way to a return", false});
                    }});
-  grids.push_back({"distance", [&] {
-                     return described(volume.distance(), field, openvdb::GRID_UNKNOWN,
-                                      "mean of the clamped signed distances, metres; no level set: no zero crossing");
-                   }});
-  grids.push_back({"weight", [&] {
-                     return described(volume.weight(), field, openvdb::GRID_UNKNOWN, "observations of each voxel");
-                   }});
-  grids.push_back({"cleared", [&] {
-                     return described(volume.cleared(), field, openvdb::GRID_UNKNOWN,
-                                      "true where a ray passed on its way to a return");
-                   }});
+  if (options_.surface) {
+    grids.push_back({"surface", [this] {
+                       return described(
+                           surfaceLevelSet(field_, surface_),
+                           {openvdb::GRID_LEVEL_SET, "m",
+                            "signed distance to the surface points, positive on the side they were seen from", true});
+                     }});
+  }
   return grids;
 }
 
 }  // namespace
 
 void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volume, const FieldSnapshot& field,
-                     const io::FieldMetadata& metadata) {
+                     const io::FieldMetadata& metadata, const io::WriteOptions& options) {
   openvdb::initialize();
-  const SurfaceVoxels surface(field);
-  const auto grids = fieldGrids(volume, field, surface);
-  const auto file_metadata = fieldMetadata(field, metadata);
-  io::writeFileDurably(path, [&](std::ostream& stream) { writeGrids(stream, grids, file_metadata); });
+  const FieldGrids grids(volume, field, options);
+  const auto file_metadata = fieldMetadata(field, metadata, options);
+  io::writeFileDurably(
+      path, [&](std::ostream& stream) { writeGrids(stream, grids.list(), file_metadata, options.compression); });
 }
 
 }  // namespace accessvdb::internal
@@ -99,10 +147,15 @@ void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volum
 namespace accessvdb::io {
 
 void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume, const FieldSnapshot& field,
-                   const FieldMetadata& metadata) {
+                   const FieldMetadata& metadata, const WriteOptions& options) {
   const internal::VolumeGrids grids = {[&] { return volume.distance(); }, [&] { return volume.weight(); },
                                        [&] { return volume.cleared(); }};
-  internal::writeFieldGrids(path, grids, field, metadata);
+  internal::writeFieldGrids(path, grids, field, metadata, options);
+}
+
+void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume, const FieldSnapshot& field,
+                   const FieldMetadata& metadata) {
+  writeFieldVdb(path, volume, field, metadata, {});
 }
 
 }  // namespace accessvdb::io

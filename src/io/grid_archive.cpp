@@ -12,6 +12,7 @@
 #include <set>
 
 #include "accessvdb/config.h"
+#include "accessvdb/error.h"
 #include "io/field_grids.h"
 
 namespace accessvdb::internal {
@@ -19,9 +20,8 @@ namespace {
 
 class GridArchive : public openvdb::io::Archive {
  public:
-  GridArchive() {
-    // What OpenVDB itself writes by default, and what Blender, Houdini and the Python module open.
-    setCompression(DEFAULT_COMPRESSION_FLAGS);
+  explicit GridArchive(std::uint32_t compression_flags) {
+    setCompression(compression_flags);
     setGridStatsMetadataEnabled(true);
   }
   [[nodiscard]] openvdb::io::Archive::Ptr copy() const override { return std::make_shared<GridArchive>(*this); }
@@ -31,6 +31,8 @@ class GridArchive : public openvdb::io::Archive {
     const bool seekable = stream.tellp() != std::ostream::pos_type(-1);
     auto stream_metadata = std::make_shared<openvdb::io::StreamMetadata>();
     openvdb::io::setStreamMetadataPtr(stream, stream_metadata, false);
+    // writeGrid() asks the stream, not the archive: box, voxel count and compression of each grid, for quick readers.
+    openvdb::io::setWriteGridStatsMetadata(stream, isGridStatsMetadataEnabled());
     writeHeader(stream, seekable);
     metadata.writeMeta(stream);
     const auto count = static_cast<openvdb::Int32>(grids.size());
@@ -39,7 +41,7 @@ class GridArchive : public openvdb::io::Archive {
       const openvdb::GridBase::Ptr grid = lazy.make();
       grid->setName(lazy.name);
       grid->setCreator("AccessVDB " ACCESSVDB_VERSION);
-      openvdb::io::GridDescriptor descriptor(lazy.name, grid->type(), false);
+      openvdb::io::GridDescriptor descriptor(lazy.name, grid->type(), grid->saveFloatAsHalf());
       writeGrid(descriptor, grid, stream, seekable);
     }
     openvdb::io::clearStreamMetadataPtr(stream);
@@ -48,12 +50,43 @@ class GridArchive : public openvdb::io::Archive {
 
 }  // namespace
 
-void writeGrids(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata) {
-  openvdb::initialize();
-  GridArchive().writeAll(stream, grids, metadata);
+std::uint32_t compressionFlags(io::Compression compression, bool has_blosc, bool has_zip) {
+  using openvdb::io::COMPRESS_ACTIVE_MASK, openvdb::io::COMPRESS_BLOSC, openvdb::io::COMPRESS_NONE,
+      openvdb::io::COMPRESS_ZIP;
+  // The mask leaves out inactive values; it costs nothing, and every reader since 2013 knows it.
+  const auto codec = [](bool has, const std::string& word, std::uint32_t flag) {
+    if (!has) {
+      throw InvalidArgument("write.compression", word, "the OpenVDB that this program uses was built without it",
+                            "Use another compression, or none");
+    }
+    return flag | COMPRESS_ACTIVE_MASK;
+  };
+  switch (compression) {
+    case io::Compression::Auto:
+      break;
+    case io::Compression::Blosc:
+      return codec(has_blosc, "blosc", COMPRESS_BLOSC);
+    case io::Compression::Zip:
+      return codec(has_zip, "zip", COMPRESS_ZIP);
+    case io::Compression::None:
+      return COMPRESS_ACTIVE_MASK;
+  }
+  return COMPRESS_ACTIVE_MASK | (has_blosc ? COMPRESS_BLOSC : has_zip ? COMPRESS_ZIP : COMPRESS_NONE);
 }
 
-openvdb::MetaMap fieldMetadata(const FieldSnapshot& field, const io::FieldMetadata& metadata) {
+std::uint32_t compressionFlags(io::Compression compression) {
+  return compressionFlags(compression, openvdb::io::Archive::hasBloscCompression(),
+                          openvdb::io::Archive::hasZLibCompression());
+}
+
+void writeGrids(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata,
+                io::Compression compression) {
+  openvdb::initialize();
+  GridArchive(compressionFlags(compression)).writeAll(stream, grids, metadata);
+}
+
+openvdb::MetaMap fieldMetadata(const FieldSnapshot& field, const io::FieldMetadata& metadata,
+                               const io::WriteOptions& options) {
   openvdb::MetaMap map;
   for (const auto& [name, text] : metadata) {
     if (!name.empty()) map.insertMeta(name, openvdb::StringMetadata(text));
@@ -68,7 +101,17 @@ openvdb::MetaMap fieldMetadata(const FieldSnapshot& field, const io::FieldMetada
   replace("origin_W_y", openvdb::DoubleMetadata(field.origin_W.y()));
   replace("origin_W_z", openvdb::DoubleMetadata(field.origin_W.z()));
   replace("voxel_size_m", openvdb::DoubleMetadata(field.voxel_size_m));
+  replace("length_unit", openvdb::StringMetadata("m"));
+  replace("up_axis", openvdb::StringMetadata(name(options.up_axis)));
   return map;
 }
 
 }  // namespace accessvdb::internal
+
+namespace accessvdb::io {
+
+void checkWriteOptions(const WriteOptions& options) {
+  static_cast<void>(internal::compressionFlags(options.compression));
+}
+
+}  // namespace accessvdb::io

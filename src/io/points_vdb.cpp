@@ -19,16 +19,17 @@ namespace {
 using openvdb::points::NullCodec;
 using openvdb::points::PointAttributeVector;
 using openvdb::points::PointDataGrid;
+using openvdb::points::TruncateCodec;
 using openvdb::points::TypedAttributeArray;
 
 /// One column: all values first, then spread over the leaves by the point index grid.
-template <typename ValueT, typename Value>
+template <typename ValueT, typename Codec = NullCodec, typename Value>
 void addAttribute(PointDataGrid& grid, const openvdb::tools::PointIndexGrid& index, const FieldSnapshot& field,
                   const std::string& name, const Value& value) {
   std::vector<ValueT> values;
   values.reserve(field.points.size());
   for (const SurfacePoint& point : field.points) values.push_back(value(point));
-  openvdb::points::appendAttribute<ValueT, NullCodec>(grid.tree(), name);
+  openvdb::points::appendAttribute<ValueT, Codec>(grid.tree(), name);
   openvdb::points::populateAttribute<PointDataGrid::TreeType, openvdb::tools::PointIndexTree,
                                      PointAttributeVector<ValueT>>(grid.tree(), index.tree(), name,
                                                                    PointAttributeVector<ValueT>(values));
@@ -43,9 +44,23 @@ void addGroup(PointDataGrid& grid, const openvdb::tools::PointIndexGrid& index, 
   openvdb::points::setGroup(grid.tree(), index.tree(), member, name(label));
 }
 
-openvdb::Vec3f toVec3f(const Eigen::Vector3f& v) { return {v.x(), v.y(), v.z()}; }
+/// The columns that are no counts and no positions; with TruncateCodec as halves.
+template <typename Codec>
+void addFloatColumns(PointDataGrid& grid, const openvdb::tools::PointIndexGrid& index, const FieldSnapshot& field,
+                     io::UpAxis up) {
+  const auto add = [&](const std::string& name, const auto& value) {
+    addAttribute<openvdb::Vec3f, Codec>(grid, index, field, name, value);
+  };
+  add("N", [up](const SurfacePoint& p) { return toFileFrame(p.normal_W, up); });
+  add("Cd", [](const SurfacePoint& p) {
+    const Rgb colour = colourOf(p.label);
+    return openvdb::Vec3f(colour[0], colour[1], colour[2]) / 255.0f;
+  });
+  add("direction", [up](const SurfacePoint& p) { return toFileFrame(p.direction_W, up); });
+  addAttribute<float, Codec>(grid, index, field, "confidence", [](const SurfacePoint& p) { return p.confidence; });
+}
 
-PointDataGrid::Ptr pointGrid(const FieldSnapshot& field) {
+PointDataGrid::Ptr pointGrid(const FieldSnapshot& field, const io::WriteOptions& options) {
   const auto transform = fieldTransform(field.voxel_size_m);
   // Doubles in, so that a position far from the local origin keeps its place inside its voxel.
   std::vector<openvdb::Vec3d> positions_L;
@@ -58,16 +73,14 @@ PointDataGrid::Ptr pointGrid(const FieldSnapshot& field) {
   const PointAttributeVector<openvdb::Vec3d> wrapped(positions_L);
   const auto index = openvdb::tools::createPointIndexGrid<openvdb::tools::PointIndexGrid>(wrapped, *transform);
   const auto grid = openvdb::points::createPointDataGrid<NullCodec, PointDataGrid>(*index, wrapped, *transform);
+  grid->setTransform(fieldTransform(field.voxel_size_m, options.up_axis));  // positions are offsets in their voxels
   if (field.points.empty()) return grid;
 
-  addAttribute<openvdb::Vec3f>(*grid, *index, field, "N", [](const SurfacePoint& p) { return toVec3f(p.normal_W); });
-  addAttribute<openvdb::Vec3f>(*grid, *index, field, "Cd", [](const SurfacePoint& p) {
-    const Rgb colour = colourOf(p.label);
-    return openvdb::Vec3f(colour[0], colour[1], colour[2]) / 255.0f;
-  });
-  addAttribute<openvdb::Vec3f>(*grid, *index, field, "direction",
-                               [](const SurfacePoint& p) { return toVec3f(p.direction_W); });
-  addAttribute<float>(*grid, *index, field, "confidence", [](const SurfacePoint& p) { return p.confidence; });
+  if (options.half_float) {
+    addFloatColumns<TruncateCodec>(*grid, *index, field, options.up_axis);
+  } else {
+    addFloatColumns<NullCodec>(*grid, *index, field, options.up_axis);
+  }
   addAttribute<int>(*grid, *index, field, "id", [](const SurfacePoint& p) { return static_cast<int>(p.id); });
   addAttribute<int>(*grid, *index, field, "label", [](const SurfacePoint& p) { return static_cast<int>(p.label); });
   addAttribute<int>(*grid, *index, field, "reason", [](const SurfacePoint& p) { return static_cast<int>(p.reason); });
@@ -86,16 +99,24 @@ PointDataGrid::Ptr pointGrid(const FieldSnapshot& field) {
 
 namespace accessvdb::io {
 
-void writePointsVdb(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata) {
+void writePointsVdb(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata,
+                    const WriteOptions& options) {
   openvdb::initialize();
-  const auto file_metadata = internal::fieldMetadata(field, metadata);
+  const auto file_metadata = internal::fieldMetadata(field, metadata, options);
   const auto make = [&]() -> openvdb::GridBase::Ptr {
-    const auto grid = internal::pointGrid(field);
-    for (const char* name : {"origin_W_x", "origin_W_y", "origin_W_z"}) grid->insertMeta(name, *file_metadata[name]);
+    const auto grid = internal::pointGrid(field, options);
+    for (const char* name : {"origin_W_x", "origin_W_y", "origin_W_z", "length_unit", "up_axis", "accessvdb_version"}) {
+      grid->insertMeta(name, *file_metadata[name]);
+    }
     return grid;
   };
   const std::vector<internal::LazyGrid> grids = {{"points", make}};
-  writeFileDurably(path, [&](std::ostream& stream) { internal::writeGrids(stream, grids, file_metadata); });
+  writeFileDurably(
+      path, [&](std::ostream& stream) { internal::writeGrids(stream, grids, file_metadata, options.compression); });
+}
+
+void writePointsVdb(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata) {
+  writePointsVdb(path, field, metadata, {});
 }
 
 }  // namespace accessvdb::io

@@ -29,14 +29,22 @@ double numberOf(const openvdb::MetaMap& metadata, const std::string& name) {
 }
 
 template <typename GridT>
-typename GridT::Ptr gridOf(openvdb::io::File& file, const std::string& name, double voxel_size_m) {
+typename GridT::Ptr gridOf(openvdb::io::File& file, const std::string& name, double voxel_size_m, UpAxis up) {
   if (!file.hasGrid(name)) throw std::runtime_error("no grid '" + name + "'");
   auto grid = openvdb::gridPtrCast<GridT>(file.readGrid(name));
   if (!grid) throw std::runtime_error("grid '" + name + "' has another type");
-  if (grid->transform() != *internal::fieldTransform(voxel_size_m)) {
-    throw std::runtime_error("grid '" + name + "' has another transform than its voxel size says");
+  if (grid->transform() != *internal::fieldTransform(voxel_size_m, up)) {
+    throw std::runtime_error("grid '" + name + "' has another transform than its voxel size and up axis say");
   }
   return grid;
+}
+
+/// The files of a map with y up differ in their transforms alone; voxel indices, which is what is asked here, do not.
+UpAxis upAxisOf(const openvdb::MetaMap& metadata) {
+  const auto word = metadata.getMetadata<openvdb::StringMetadata>("up_axis");
+  if (!word || word->value() == internal::name(UpAxis::Z)) return UpAxis::Z;  // absent before there was a choice
+  if (word->value() == internal::name(UpAxis::Y)) return UpAxis::Y;
+  throw std::runtime_error("its up axis '" + word->value() + "' is neither z nor y");
 }
 
 MapGrids readGrids(const std::filesystem::path& path) {
@@ -50,14 +58,26 @@ MapGrids readGrids(const std::filesystem::path& path) {
   grids.origin_W = {numberOf(*metadata, "origin_W_x"), numberOf(*metadata, "origin_W_y"),
                     numberOf(*metadata, "origin_W_z")};
   if (!(grids.voxel_size_m > 0)) throw std::runtime_error("its voxel size is not positive");
-  grids.distance = gridOf<openvdb::FloatGrid>(file, "distance", grids.voxel_size_m);
-  grids.weight = gridOf<openvdb::FloatGrid>(file, "weight", grids.voxel_size_m);
-  grids.cleared = gridOf<openvdb::BoolGrid>(file, "cleared", grids.voxel_size_m);
+  const UpAxis up = upAxisOf(*metadata);
+  grids.distance = gridOf<openvdb::FloatGrid>(file, "distance", grids.voxel_size_m, up);
+  grids.weight = gridOf<openvdb::FloatGrid>(file, "weight", grids.voxel_size_m, up);
+  grids.cleared = gridOf<openvdb::BoolGrid>(file, "cleared", grids.voxel_size_m, up);
   return grids;
 }
 
 [[noreturn]] void throwNotAField(const std::filesystem::path& path, const std::string& why) {
   throw InputError("input.not_a_field", path.string(), "holds no field (" + internal::clampedText(why) + ")", kAdvice);
+}
+
+/// Somebody gave a file where a folder belongs: say what file it is.
+[[noreturn]] void throwFileNotFolder(const std::filesystem::path& file) {
+  try {
+    static_cast<void>(internal::checkVdbFile(file));
+  } catch (const InputError& error) {
+    throw InputError("input.not_a_folder", file.string(), "is no folder, and " + error.problem(), kAdvice);
+  }
+  throw InputError("input.not_a_folder", file.string(),
+                   "is a .vdb file (" + internal::vdbInWords(file) + "), and answers need the whole folder", kAdvice);
 }
 
 /// Twice: first where a crash does no harm, then here.
@@ -67,7 +87,7 @@ MapGrids readGridsGuarded(const std::filesystem::path& path) {
     static_cast<void>(readGrids(path));
     return std::string();
   });
-  if (!trial.ok) throwNotAField(path, trial.text);
+  if (!trial.ok) throwNotAField(path, trial.text + "; it holds " + internal::vdbInWords(path));
   try {
     return readGrids(path);
   } catch (const std::bad_alloc&) {
@@ -91,6 +111,7 @@ StoredField::StoredField(StoredField&&) noexcept = default;
 
 StoredField StoredField::open(const std::filesystem::path& folder) {
   std::error_code error;
+  if (std::filesystem::is_regular_file(folder, error)) throwFileNotFolder(folder);
   if (!std::filesystem::is_directory(folder, error)) {
     throw InputError("input.missing", folder.string(), "no such folder", kAdvice);
   }

@@ -39,13 +39,25 @@ openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m) {
   return ijk;
 }
 
-openvdb::math::Transform::Ptr fieldTransform(double voxel_size_m) {
+openvdb::math::Transform::Ptr fieldTransform(double voxel_size_m, io::UpAxis up) {
   if (!(voxel_size_m > 0) || !std::isfinite(voxel_size_m)) {
     throw InvalidArgument("field.voxel_size", "", "the field's voxel size is not a positive number",
                           "Set FieldSnapshot::voxel_size_m");
   }
-  return openvdb::math::Transform::createLinearTransform(voxel_size_m);
+  if (up == io::UpAxis::Z) return openvdb::math::Transform::createLinearTransform(voxel_size_m);
+  // Rows are the images of the index axes: x stays, y becomes -z, z becomes y.
+  const double v = voxel_size_m;
+  return openvdb::math::Transform::createLinearTransform(
+      openvdb::Mat4R(v, 0.0, 0.0, 0.0, 0.0, 0.0, -v, 0.0, 0.0, v, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0));
 }
+
+openvdb::Vec3f toFileFrame(const Eigen::Vector3f& v_L, io::UpAxis up) {
+  // 0.0f - y, so that a zero does not become -0.
+  return up == io::UpAxis::Z ? openvdb::Vec3f(v_L.x(), v_L.y(), v_L.z())
+                             : openvdb::Vec3f(v_L.x(), v_L.z(), 0.0f - v_L.y());
+}
+
+const char* name(io::UpAxis up) { return up == io::UpAxis::Y ? "y" : "z"; }
 
 SurfaceVoxels::SurfaceVoxels(const FieldSnapshot& field) : field_(field), entries_(field.points.size()) {
   static_cast<void>(fieldTransform(field.voxel_size_m));  // checks the voxel size before anything divides by it

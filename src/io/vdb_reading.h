@@ -20,4 +20,8 @@ std::uint64_t checkVdbFile(const std::filesystem::path& path);
 /// Text of a foreign exception: one line, printable, at most 200 characters (a file can make it any length).
 [[nodiscard]] std::string clampedText(const std::string& text);
 
+/// What a .vdb file holds, in half a line: `level set "torus" (float) and 1 more, by Houdini`. Reads it as
+/// io::summarizeVdb() does. Never throws for a damaged file; says so instead.
+[[nodiscard]] std::string vdbInWords(const std::filesystem::path& path);
+
 }  // namespace accessvdb::internal

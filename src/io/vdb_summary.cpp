@@ -146,3 +146,32 @@ VdbSummary summarizeVdb(const std::filesystem::path& path) {
 }
 
 }  // namespace accessvdb::io
+
+namespace accessvdb::internal {
+namespace {
+
+/// "Tree_float_5_4_3" as "float"; what has no such name stays as it is.
+std::string valueTypeOf(const std::string& grid_type) {
+  const std::string prefix = "Tree_";
+  if (grid_type.rfind(prefix, 0) != 0) return grid_type;
+  const auto end = grid_type.find('_', prefix.size());
+  return end == std::string::npos ? grid_type : grid_type.substr(prefix.size(), end - prefix.size());
+}
+
+}  // namespace
+
+std::string vdbInWords(const std::filesystem::path& path) try {
+  const io::VdbSummary summary = io::summarizeVdb(path);
+  if (summary.grids.empty()) return "no grids";
+  const io::GridSummary& first = summary.grids.front();
+  const std::string type = valueTypeOf(first.type);
+  const std::string kind = type == "ptdataidx32" ? "points" : first.grid_class == "unknown" ? "grid" : first.grid_class;
+  std::string words = kind + " \"" + first.name + "\" (" + type + ")";
+  if (summary.grids.size() > 1) words += " and " + std::to_string(summary.grids.size() - 1) + " more";
+  if (!summary.creator.empty()) words += ", by " + summary.creator;
+  return clampedText(words);
+} catch (const InputError& error) {
+  return "an OpenVDB file that cannot be read: " + error.problem();
+}
+
+}  // namespace accessvdb::internal

@@ -27,9 +27,10 @@ namespace {
 
 /// What is due at a point. Kept while it waits in the backlog.
 enum Due : std::uint8_t {
-  kScore = 1,         ///< directions not known to be blocked have to be tried
-  kForgetBest = 2,    ///< the count of the best direction is not valid any more
-  kForgetBlocked = 4  ///< nor is what is known to be blocked
+  kScore = 1,          ///< directions not known to be blocked have to be tried
+  kForgetBest = 2,     ///< the count of the best direction is not valid any more
+  kForgetBlocked = 4,  ///< nor is what is known to be blocked
+  kEvidence = 8        ///< the point itself changed, not only the map around it
 };
 
 /// Memory that the table of directions by offset may take; above it, directions are asked one by one.
@@ -65,8 +66,8 @@ class ExactScheduler final : public UpdateScheduler {
     std::ranges::set_union(moved_points_.find(), crossed, std::back_inserter(moved));
     const std::vector<std::uint32_t> changed = scorer_.refreshNeighbourhoods(moved);
     moved_points_.refreshed(moved);
-    for (const std::uint32_t id : changed) request(id, 0);
-    for (const std::uint32_t id : crossed) request(id, kForgetBlocked | kForgetBest);
+    for (const std::uint32_t id : changed) request(id, kEvidence);
+    for (const std::uint32_t id : crossed) request(id, kEvidence | kForgetBlocked | kForgetBest);
     scorer_.upload(changed);  // those that crossed are among them: they had no neighbourhood yet
     if (!flips_.empty()) applyFlips();
     flips_.clear();
@@ -225,6 +226,8 @@ class ExactScheduler final : public UpdateScheduler {
       item.id = id;
       item.skip = blocked_[id].arm | blocked_[id].tool;
       item.candidates = all_;
+      item.keep_reason = record.label == PointLabel::Blocked && best_admissible ? 1 : 0;
+      item.evidence = (due & kEvidence) != 0 ? 1 : 0;
       if (record.label == PointLabel::Accessible && (due & kForgetBest) == 0 && best_admissible) {
         item.known_direction = record.direction;
         item.known_score = record.score;

@@ -92,7 +92,7 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
   collect(tool_builder, tool_columns_);
   collect(arm_builder, arm_columns_);
   for (const Columns* columns : {&tool_columns_, &arm_columns_}) {
-    for (const Column& column : *columns) {
+    for (const kernels::FootprintColumn& column : *columns) {
       low_ = {std::min(low_[0], column.dx), std::min(low_[1], column.dy), std::min(low_[2], column.z_low)};
       high_ = {std::max(high_[0], column.dx), std::max(high_[1], column.dy), std::max(high_[2], column.z_high)};
     }
@@ -113,7 +113,7 @@ AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const Flips
   AffectedDirections affected;
   const auto scan = [&](const Columns& columns, FlipKind better_kind, FlipKind worse_kind, DirectionMask& better,
                         DirectionMask& worse) {
-    for (const Column& column : columns) {
+    for (const kernels::FootprintColumn& column : columns) {
       std::uint8_t kinds = 0;
       for (std::int32_t z = column.z_low; z <= column.z_high; ++z) {
         kinds |= flips.kindsIn({block_leaf[0] + column.dx, block_leaf[1] + column.dy, block_leaf[2] + z});

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "hostdev/views.h"
+#include "launch/point_updater.h"
 #include "points/flip_set.h"
 #include "points/point_store.h"
 
@@ -34,6 +35,9 @@ class LeafFootprint {
  public:
   /// @param tool, approach  host-side tables
   LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach, double voxel_size_m);
+
+  [[nodiscard]] std::span<const kernels::FootprintColumn> toolColumns() const { return tool_columns_; }
+  [[nodiscard]] std::span<const kernels::FootprintColumn> armColumns() const { return arm_columns_; }
 
   /// Gathers the flips that the points of a block may ask for. @return false where there are none
   bool fill(const Index3& block_leaf, const FlipSet& flips, FlipWindow& window) const;
@@ -63,12 +67,7 @@ class LeafFootprint {
   }
 
  private:
-  /// Leaves at one horizontal offset from the point's leaf.
-  struct Column {
-    std::int32_t dx, dy, z_low, z_high;
-    DirectionMask directions;
-  };
-  using Columns = std::vector<Column>;
+  using Columns = std::vector<kernels::FootprintColumn>;
   template <typename Flips>
   [[nodiscard]] bool toolReads(const Eigen::Vector3f& position_L, int d, const Flips& flips, FlipKind kind) const;
   template <typename Flips>

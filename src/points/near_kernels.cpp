@@ -48,18 +48,6 @@ bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes
   return false;
 }
 
-void ranks(const std::int64_t* keys, std::size_t count, std::int32_t* out) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const __m512i key = _mm512_set1_epi64(keys[i]);
-    int less = 0;
-    for (std::size_t j = 0; j < count; j += 8) {
-      const auto valid = static_cast<__mmask8>(count - j >= 8 ? 0xffu : (1u << (count - j)) - 1);
-      less += __builtin_popcount(_mm512_mask_cmplt_epi64_mask(valid, _mm512_maskz_loadu_epi64(valid, keys + j), key));
-    }
-    out[i] = less;
-  }
-}
-
 }  // namespace accessvdb::internal::near_avx512
 #pragma GCC pop_options
 
@@ -97,21 +85,6 @@ bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes
   return false;
 }
 
-void ranks(const std::int64_t* keys, std::size_t count, std::int32_t* out) {
-  for (std::size_t i = 0; i < count; ++i) {
-    const __m256i key = _mm256_set1_epi64x(keys[i]);
-    int less = 0;
-    std::size_t j = 0;
-    for (; j + 4 <= count; j += 4) {
-      const __m256i other = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(keys + j));
-      const __m256i is_less = _mm256_cmpgt_epi64(key, other);
-      less += __builtin_popcount(static_cast<unsigned>(_mm256_movemask_pd(_mm256_castsi256_pd(is_less))));
-    }
-    for (; j < count; ++j) less += keys[j] < keys[i] ? 1 : 0;
-    out[i] = less;
-  }
-}
-
 }  // namespace accessvdb::internal::near_avx2
 #pragma GCC pop_options
 #endif
@@ -141,18 +114,10 @@ bool plainAnyWithin(const float* x, const float* y, const float* z, std::size_t 
   return false;
 }
 
-void plainRanks(const std::int64_t* keys, std::size_t count, std::int32_t* out) {
-  for (std::size_t i = 0; i < count; ++i) {
-    std::int32_t less = 0;
-    for (std::size_t j = 0; j < count; ++j) less += keys[j] < keys[i] ? 1 : 0;
-    out[i] = less;
-  }
-}
-
-constexpr NearKernels kPlain = {"plain", plainWithin, plainAnyWithin, plainRanks};
+constexpr NearKernels kPlain = {"plain", plainWithin, plainAnyWithin};
 #if ACCESSVDB_X86_KERNELS
-constexpr NearKernels kAvx512 = {"avx512", near_avx512::within, near_avx512::anyWithin, near_avx512::ranks};
-constexpr NearKernels kAvx2 = {"avx2", near_avx2::within, near_avx2::anyWithin, near_avx2::ranks};
+constexpr NearKernels kAvx512 = {"avx512", near_avx512::within, near_avx512::anyWithin};
+constexpr NearKernels kAvx2 = {"avx2", near_avx2::within, near_avx2::anyWithin};
 #endif
 
 }  // namespace

@@ -42,8 +42,6 @@ struct NearKernels {
                         float squared, std::uint32_t* found);
   /// Is there any such position?
   bool (*any_within)(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared);
-  /// For each key, how many keys are less.
-  void (*ranks)(const std::int64_t* keys, std::size_t count, std::int32_t* ranks);
 };
 
 /// Best set for this machine.

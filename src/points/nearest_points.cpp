@@ -3,7 +3,6 @@
 #include "points/nearest_points.h"
 
 #include <algorithm>
-#include <bit>
 #include <cmath>
 
 namespace accessvdb::internal {
@@ -12,20 +11,24 @@ namespace {
 /// Positions are float32 and means are rounded to it, so far from the origin they may lie this far outside of their
 /// voxel: at 2^20 voxels, the most that a map allows, float32 has 8 steps a voxel.
 constexpr double kRoundingVoxels = 0.25;
-/// Above it, sorting costs less than comparing all with all.
-constexpr std::size_t kMostRanked = 256;
+/// An offset in steps is off by half a step an axis; a ball in metres holds all points of a ball this much smaller.
+constexpr double kRoundingSteps = 1;
 
 }  // namespace
 
-NearestPoints::NearestPoints(const PointStore& points, std::size_t k, double voxel_size_m, double radius_m,
-                             const NearKernels& kernels)
+NearestPoints::NearestPoints(const PointStore& points, std::size_t k, std::size_t in_front, double voxel_size_m,
+                             double radius_m, const NearKernels& kernels)
     : points_(points),
       kernels_(kernels),
       k_(k),
+      in_front_(in_front),
       voxel_size_m_(voxel_size_m),
       radius_m_(radius_m),
+      steps_per_m_(kernels::neighbourStepsPerMetre(radius_m)),
+      radius_squared_(kernels::neighbourRadiusSquared(radius_m)),
       most_rings_(static_cast<std::int32_t>(std::ceil((radius_m / voxel_size_m + 2 * kRoundingVoxels) / 8))),
-      guess_(0.5 * static_cast<double>(k) * voxel_size_m * voxel_size_m) {}
+      guess_(static_cast<std::int64_t>(0.5 * static_cast<double>(k) * voxel_size_m * voxel_size_m * steps_per_m_ *
+                                       steps_per_m_)) {}
 
 void NearestPoints::gather(const Index3& leaf, std::int32_t rings) {
   const auto& blocks = points_.index().blocks();
@@ -57,20 +60,17 @@ void NearestPoints::gather(const Index3& leaf, std::int32_t rings) {
 }
 
 /// All gathered points up to a squared distance.
-void NearestPoints::list(const Eigen::Vector3f& centre, double squared) {
-  const auto bound = static_cast<float>(squared * (1 + 2.5 * static_cast<double>(kFloatSlack)));
+void NearestPoints::list(const Eigen::Vector3f& centre, std::int64_t squared) {
+  const double most_m = (std::sqrt(static_cast<double>(squared)) + kRoundingSteps) / steps_per_m_;
+  const auto bound = static_cast<float>(most_m * most_m * (1 + 2.5 * static_cast<double>(kFloatSlack)));
   const std::size_t count = kernels_.within(positions_.x(), positions_.y(), positions_.z(), positions_.lanes(),
                                             centre.data(), bound, found_.data());
-  const auto cx = static_cast<double>(centre.x()), cy = static_cast<double>(centre.y());
-  const auto cz = static_cast<double>(centre.z());
-  unsorted_.clear();
+  nearest_.clear();
   for (std::size_t n = 0; n < count; ++n) {
     const std::uint32_t at = found_[n];
-    const double dx = static_cast<double>(positions_.x()[at]) - cx;
-    const double dy = static_cast<double>(positions_.y()[at]) - cy;
-    const double dz = static_cast<double>(positions_.z()[at]) - cz;
-    const double exact = dx * dx + dy * dy + dz * dz;
-    if (exact <= squared) unsorted_.push_back({exact, ids_[at], at});
+    const float position[3] = {positions_.x()[at], positions_.y()[at], positions_.z()[at]};
+    const kernels::NeighbourOffset offset = kernels::neighbourOffset(centre.data(), position, steps_per_m_);
+    if (offset.squared() <= squared) nearest_.push_back({offset.squared(), ids_[at], offset});
   }
 }
 
@@ -80,53 +80,38 @@ bool NearestPoints::find(std::uint32_t id) {
   const Eigen::Vector3d c = centre.cast<double>();
   const double covered_m = std::min((c - box_low_).minCoeff(), (box_high_ - c).minCoeff());
   const bool all_gathered = complete_ || covered_m >= radius_m_;
-  if (!all_gathered && covered_m < 0) return false;
-  const double limit = all_gathered ? radius_m_ * radius_m_ : covered_m * covered_m;
-  double squared = std::min(guess_, limit);
+  const double covered_steps = std::floor(covered_m * steps_per_m_) - kRoundingSteps;
+  if (!all_gathered && covered_steps < 0) return false;
+  const std::int64_t limit = all_gathered
+                                 ? radius_squared_
+                                 : static_cast<std::int64_t>(covered_steps) * static_cast<std::int64_t>(covered_steps);
+  std::int64_t squared = std::min(guess_, limit);
   for (;;) {
     list(centre, squared);
-    if (unsorted_.size() >= k_) break;
+    if (nearest_.size() >= k_) break;
     if (squared >= limit) {
       if (!all_gathered) return false;
       break;
     }
     // On a surface the number of points grows with the squared distance.
-    const double missing = 1.3 * static_cast<double>(k_) / static_cast<double>(unsorted_.size() + 1);
-    squared = std::min(squared * std::clamp(missing, 1.3, 4.0), limit);
+    const double missing = 1.3 * static_cast<double>(k_) / static_cast<double>(nearest_.size() + 1);
+    const double larger = static_cast<double>(squared + 1) * std::clamp(missing, 1.3, 4.0);
+    squared = std::min(static_cast<std::int64_t>(larger), limit);
   }
-  sortNearest();
+  const auto place = [this](std::size_t n) { return nearest_.begin() + static_cast<std::ptrdiff_t>(n); };
+  if (nearest_.size() > k_) {
+    std::nth_element(nearest_.begin(), place(k_), nearest_.end());
+    nearest_.resize(k_);
+  }
+  if (nearest_.size() > in_front_) std::nth_element(nearest_.begin(), place(in_front_), nearest_.end());
   if (nearest_.size() == k_) {
-    guess_ = 1.3 * nearest_.back().squared_distance;
-    // A guess of nothing would never grow.
-    guess_ = std::max(guess_, 1e-3 * voxel_size_m_ * voxel_size_m_);
+    const std::int64_t farthest =
+        std::max_element(nearest_.begin(), nearest_.end(), [](const NearPoint& a, const NearPoint& b) {
+          return a.squared_distance < b.squared_distance;
+        })->squared_distance;
+    guess_ = farthest + farthest / 3;
   }
   return true;
-}
-
-void NearestPoints::sortNearest() {
-  const std::size_t count = unsorted_.size();
-  if (count > kMostRanked) {
-    nearest_ = unsorted_;
-    std::sort(nearest_.begin(), nearest_.end(), [](const NearPoint& a, const NearPoint& b) {
-      return a.squared_distance != b.squared_distance ? a.squared_distance < b.squared_distance : a.id < b.id;
-    });
-  } else {
-    keys_.resize(count);
-    ranks_.resize(count);
-    // Doubles that are not negative are in the order of their bits.
-    for (std::size_t n = 0; n < count; ++n) keys_[n] = std::bit_cast<std::int64_t>(unsorted_[n].squared_distance);
-    kernels_.ranks(keys_.data(), count, ranks_.data());
-    nearest_.assign(count, NearPoint{0, kNone, 0});
-    for (std::size_t n = 0; n < count; ++n) {
-      NearPoint point = unsorted_[n];
-      auto at = static_cast<std::size_t>(ranks_[n]);
-      for (; nearest_[at].id != kNone; ++at) {  // equal distances: by id
-        if (point.id < nearest_[at].id) std::swap(point, nearest_[at]);
-      }
-      nearest_[at] = point;
-    }
-  }
-  if (nearest_.size() > k_) nearest_.resize(k_);
 }
 
 }  // namespace accessvdb::internal

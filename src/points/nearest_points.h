@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The k nearest surface points of the points of one block, exactly, by (squared distance, id).
+/// The k nearest surface points of the points of one block, exactly, by (squared distance in steps, id).
 ///
 /// Blocks are gathered ring by ring around the own one: a point is done when the gathered box reaches farther than its
 /// k-th neighbour. Which positions come into question is decided in float32 lanes with a bound on their error; the
-/// order by distances in double.
+/// order by distances in whole steps (hostdev/neighbour_rule.h).
 #pragma once
 
 #include <algorithm>
@@ -12,26 +12,32 @@
 #include <span>
 #include <vector>
 
+#include "hostdev/neighbour_rule.h"
 #include "points/near_kernels.h"
 #include "points/point_store.h"
 
 namespace accessvdb::internal {
 
 struct NearPoint {
-  double squared_distance;  ///< m^2
+  std::int64_t squared_distance;  ///< steps^2
   std::uint32_t id;
-  std::uint32_t position;  ///< index into NearestPoints::positions()
+  kernels::NeighbourOffset offset;  ///< from the point, steps
+
+  [[nodiscard]] bool operator<(const NearPoint& other) const {
+    return squared_distance != other.squared_distance ? squared_distance < other.squared_distance : id < other.id;
+  }
 };
 
 /// Scratch memory of one thread.
 class NearestPoints {
  public:
   /// @param radius_m  no neighbour is farther away
-  NearestPoints(const PointStore& points, std::size_t k, double voxel_size_m, double radius_m,
+  /// @param in_front  the nearest this many come first
+  NearestPoints(const PointStore& points, std::size_t k, std::size_t in_front, double voxel_size_m, double radius_m,
                 const NearKernels& kernels = nearKernels());
 
-  /// Calls visit(index into ids, nearest points in ascending order) for each of some points of one block, in any order.
-  /// The point itself is among them.
+  /// Calls visit(index into ids, nearest points) for each of some points of one block, in any order. The point itself
+  /// is among them.
   template <typename Visit>
   void forEach(const Index3& leaf, std::span<const std::uint32_t> ids, const Visit& visit) {
     pending_.resize(ids.size());
@@ -50,29 +56,28 @@ class NearestPoints {
     }
   }
 
-  /// Positions that NearPoint::position refers to, while visit() runs.
-  [[nodiscard]] const NearPositions& positions() const { return positions_; }
+  [[nodiscard]] double stepsPerMetre() const { return steps_per_m_; }
+  /// Largest squared distance of a neighbour, steps^2.
+  [[nodiscard]] std::int64_t radiusSquared() const { return radius_squared_; }
 
  private:
   void gather(const Index3& leaf, std::int32_t rings);
   bool find(std::uint32_t id);
-  void list(const Eigen::Vector3f& centre, double squared);
-  void sortNearest();
+  void list(const Eigen::Vector3f& centre, std::int64_t squared);
 
   const PointStore& points_;
   const NearKernels& kernels_;
-  std::size_t k_;
-  double voxel_size_m_, radius_m_;
+  std::size_t k_, in_front_;
+  double voxel_size_m_, radius_m_, steps_per_m_;
+  std::int64_t radius_squared_;
   std::int32_t most_rings_;
   bool complete_ = false;               ///< everything within the radius of the block is gathered
-  double guess_;                        ///< squared distance of the last k-th neighbour and some more
+  std::int64_t guess_;                  ///< squared distance of the last k-th neighbour and some more
   Eigen::Vector3d box_low_, box_high_;  ///< everything inside is gathered
   NearPositions positions_;
   std::vector<std::uint32_t> ids_;  ///< of positions_
   std::vector<std::uint32_t> pending_, found_;
-  std::vector<NearPoint> nearest_, unsorted_;
-  std::vector<std::int64_t> keys_;
-  std::vector<std::int32_t> ranks_;
+  std::vector<NearPoint> nearest_;
 };
 
 }  // namespace accessvdb::internal

@@ -8,25 +8,19 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
-#include <cmath>
 
-#include "hostdev/surface_normal.h"
+#include "hostdev/neighbour_rule.h"
 
 namespace accessvdb::internal {
-namespace {
 
-/// Points that share their seen directions (SPEC: the 10 nearest, the point itself among them).
-constexpr std::size_t kViewNeighbours = 10;
-constexpr std::size_t kFewestForNormal = 3;
-
-}  // namespace
+double neighbourRadius_m(double voxel_size_m) { return std::max(10.0 * voxel_size_m, 0.1); }
 
 NeighbourhoodSearch::NeighbourhoodSearch(const PointStore& points, const FieldParams& resolved)
     : points_(points),
       k_(resolved.scoring.neighbours),
       join_views_(resolved.scoring.join_neighbour_views),
       voxel_size_m_(resolved.tsdf.voxel_size_m),
-      radius_m_(std::max(10.0 * resolved.tsdf.voxel_size_m, 0.1)) {}
+      radius_m_(neighbourRadius_m(resolved.tsdf.voxel_size_m)) {}
 
 void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out) const {
   // Group by block: points of one block share what is gathered around it.
@@ -48,7 +42,7 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
     std::vector<std::uint32_t> ids;
   };
   tbb::enumerable_thread_specific<Scratch> scratches([this] {
-    return Scratch{NearestPoints(points_, static_cast<std::size_t>(k_), voxel_size_m_, radius_m_), {}};
+    return Scratch{NearestPoints(points_, static_cast<std::size_t>(k_), kViewNeighbours, voxel_size_m_, radius_m_), {}};
   });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, begin.size() - 1), [&](const auto& range) {
     Scratch& scratch = scratches.local();
@@ -57,47 +51,29 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
       for (std::size_t n = begin[g]; n < begin[g + 1]; ++n) scratch.ids.push_back(ids[jobs[n].slot]);
       const Index3& leaf = points_.index().blocks()[jobs[begin[g]].block].leaf;
       scratch.nearest.forEach(leaf, scratch.ids, [&](std::uint32_t n, std::span<const NearPoint> nearest) {
-        out[jobs[begin[g] + n].slot] = fromNearest(scratch.ids[n], nearest, scratch.nearest.positions());
+        out[jobs[begin[g] + n].slot] = fromNearest(scratch.ids[n], nearest, scratch.nearest);
       });
     }
   });
 }
 
 Neighbourhood NeighbourhoodSearch::fromNearest(std::uint32_t id, std::span<const NearPoint> nearest,
-                                               const NearPositions& positions) const {
+                                               const NearestPoints& search) const {
   Neighbourhood result;
-  result.reach_m = nearest.size() < static_cast<std::size_t>(k_)
-                       ? static_cast<float>(radius_m_)
-                       : static_cast<float>(std::sqrt(nearest.back().squared_distance));
+  kernels::NeighbourSums sums;
+  std::int64_t farthest = nearest.size() < static_cast<std::size_t>(k_) ? search.radiusSquared() : 0;
+  for (const NearPoint& near : nearest) {
+    sums.add(near.offset);
+    farthest = std::max(farthest, near.squared_distance);
+  }
+  result.reach_m = kernels::neighbourReach_m(farthest, search.stepsPerMetre());
   result.seen = points_.seen(id);
   if (join_views_) {
     for (std::size_t n = 0; n < std::min(nearest.size(), kViewNeighbours); ++n) {
       result.seen = result.seen | points_.seen(nearest[n].id);
     }
   }
-  if (nearest.size() < kFewestForNormal) return result;
-
-  const Eigen::Vector3d centre = points_.pca_L(id).cast<double>();
-  const auto offset = [&](const NearPoint& near) -> Eigen::Vector3d {
-    const std::size_t at = near.position;
-    return Eigen::Vector3f(positions.x()[at], positions.y()[at], positions.z()[at]).cast<double>() - centre;
-  };
-  Eigen::Vector3d mean = Eigen::Vector3d::Zero();  // relative to the point, so that nothing cancels
-  for (const NearPoint& near : nearest) mean += offset(near);
-  mean /= static_cast<double>(nearest.size());
-  kernels::Covariance covariance;
-  for (const NearPoint& near : nearest) {
-    const Eigen::Vector3d e = offset(near) - mean;
-    covariance.xx += e.x() * e.x();
-    covariance.xy += e.x() * e.y();
-    covariance.xz += e.x() * e.z();
-    covariance.yy += e.y() * e.y();
-    covariance.yz += e.y() * e.z();
-    covariance.zz += e.z() * e.z();
-  }
-  kernels::smallestEigenvector(covariance, result.normal_L.data());
-  const Eigen::Vector3d to_sensor = points_.meanSensor_L(id) - points_.first_L(id).cast<double>();
-  if (result.normal_L.cast<double>().dot(to_sensor) < 0) result.normal_L = -result.normal_L;
+  kernels::neighbourNormal(sums, points_.toSensor_L(id).data(), result.normal_L.data());
   return result;
 }
 

@@ -21,6 +21,11 @@ struct Neighbourhood {
   float reach_m = 0;                     ///< points farther away cannot change any of this
 };
 
+/// Points that share their seen directions (SPEC a.5: the 10 nearest, the point itself among them).
+inline constexpr std::size_t kViewNeighbours = 10;
+/// No neighbour is farther away.
+double neighbourRadius_m(double voxel_size_m);
+
 class NeighbourhoodSearch {
  public:
   NeighbourhoodSearch(const PointStore& points, const FieldParams& resolved);
@@ -32,7 +37,7 @@ class NeighbourhoodSearch {
 
  private:
   [[nodiscard]] Neighbourhood fromNearest(std::uint32_t id, std::span<const NearPoint> nearest,
-                                          const NearPositions& positions) const;
+                                          const NearestPoints& search) const;
 
   const PointStore& points_;
   int k_;

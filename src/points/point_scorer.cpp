@@ -25,8 +25,7 @@ DirectionMask allDirections(int num_directions) {
 DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words)
     : backend_(backend), words_(direction_words) {}
 
-void DevicePoints::grow(std::uint32_t size) {
-  if (size <= size_) return;
+void DevicePoints::growRaw(std::uint32_t size) {
   if (size > capacity_) {
     const std::uint32_t capacity = size + std::max(size / 4, kLeastGrowth);
     position_L_.grow(backend_, std::size_t{3} * capacity, std::size_t{3} * size_);
@@ -41,15 +40,22 @@ void DevicePoints::grow(std::uint32_t size) {
     flags_.grow(backend_, capacity, size_);
     capacity_ = capacity;
   }
-  const std::uint32_t added = size - size_;
-  stability_.upload(std::vector<float>(added, 1.0f).data(), added, size_);
-  score_.upload(std::vector<std::uint16_t>(added, kNoScore).data(), added, size_);
-  direction_.upload(std::vector<std::uint16_t>(added, kNoDirection).data(), added, size_);
-  weight_.upload(std::vector<std::uint16_t>(added, 0).data(), added, size_);
-  label_.upload(std::vector<PointLabel>(added, PointLabel::Unscored).data(), added, size_);
-  reason_.upload(std::vector<PointReason>(added, PointReason::Confidence).data(), added, size_);
-  flags_.upload(std::vector<std::uint8_t>(added, 0).data(), added, size_);
-  size_ = size;
+  size_ = std::max(size_, size);
+}
+
+void DevicePoints::grow(std::uint32_t size) {
+  if (size <= size_) return;
+  const std::uint32_t before = size_, added = size - size_;
+  growRaw(size);
+  normal_L_.upload(std::vector<float>(std::size_t{3} * added, 0.0f).data(), std::size_t{3} * added,
+                   std::size_t{3} * before);
+  stability_.upload(std::vector<float>(added, 1.0f).data(), added, before);
+  score_.upload(std::vector<std::uint16_t>(added, kNoScore).data(), added, before);
+  direction_.upload(std::vector<std::uint16_t>(added, kNoDirection).data(), added, before);
+  weight_.upload(std::vector<std::uint16_t>(added, 0).data(), added, before);
+  label_.upload(std::vector<PointLabel>(added, PointLabel::Unscored).data(), added, before);
+  reason_.upload(std::vector<PointReason>(added, PointReason::Confidence).data(), added, before);
+  flags_.upload(std::vector<std::uint8_t>(added, 0).data(), added, before);
 }
 
 kernels::PointStateView DevicePoints::view() const {
@@ -92,8 +98,8 @@ void PointScorer::grow() {
   records_.resize(points_.size());
 }
 
-bool PointScorer::confidentEnough(std::uint32_t id) const {
-  return kernels::confidenceOf(records_[id].weight, static_cast<float>(params_.scoring.confidence_half_weight)) >=
+bool PointScorer::isConfident(std::uint16_t weight) const {
+  return kernels::confidenceOf(weight, static_cast<float>(params_.scoring.confidence_half_weight)) >=
          static_cast<float>(params_.scoring.confidence_min);
 }
 

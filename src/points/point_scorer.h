@@ -37,6 +37,8 @@ class DevicePoints {
   explicit DevicePoints(kernels::Backend& backend, int direction_words);
   /// Grows to `size` points by chunks; new ones are unscored.
   void grow(std::uint32_t size);
+  /// As grow, but new ones are not initialised.
+  void growRaw(std::uint32_t size);
   [[nodiscard]] kernels::PointStateView view() const;
   [[nodiscard]] std::uint32_t size() const { return size_; }
   [[nodiscard]] std::uint64_t bytes() const;
@@ -72,6 +74,8 @@ class PointScorer {
 
   /// Makes room for all points of the store.
   void grow();
+  /// As grow, on the device only and not initialised: for an updater, which keeps state without the host.
+  void growDevice() { device_.growRaw(points_.size()); }
 
   /// Reads the weights anew. @return ids that crossed the confidence bound
   std::vector<std::uint32_t> refreshWeights(std::span<const std::uint32_t> ids);
@@ -84,9 +88,12 @@ class PointScorer {
   std::vector<kernels::ScoreResult> score(std::span<const kernels::ScoreItem> items, const ScoringTables& tables);
 
   [[nodiscard]] const PointRecord& record(std::uint32_t id) const { return records_[id]; }
-  [[nodiscard]] bool confidentEnough(std::uint32_t id) const;
+  [[nodiscard]] bool confidentEnough(std::uint32_t id) const { return isConfident(records_[id].weight); }
+  /// Are so many observations enough for a point to be scored?
+  [[nodiscard]] bool isConfident(std::uint16_t weight) const;
   [[nodiscard]] bool admissible(std::uint32_t id, std::uint16_t d, const kernels::ApproachView& approach) const;
   [[nodiscard]] const DevicePoints& device() const { return device_; }
+  [[nodiscard]] kernels::Backend& backend() const { return backend_; }
   [[nodiscard]] const PointStore& points() const { return points_; }
   [[nodiscard]] const MapReads& reads() const { return reads_; }
   [[nodiscard]] const FieldParams& params() const { return params_; }

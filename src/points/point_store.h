@@ -73,6 +73,10 @@ class PointStore {
   /// Position that neighbourhoods are made of: mean return (product) or first return (paper).
   [[nodiscard]] const Eigen::Vector3f& pca_L(std::uint32_t id) const { return pca_L_[id]; }
   [[nodiscard]] Eigen::Vector3d meanSensor_L(std::uint32_t id) const;
+  /// From the first return to the mean sensor position, metres: the side on which normals lie.
+  [[nodiscard]] Eigen::Vector3f toSensor_L(std::uint32_t id) const {
+    return (meanSensor_L(id) - first_L_[id].cast<double>()).cast<float>();
+  }
   /// Directions that the point itself was seen from: the mask, or from its viewpoints.
   [[nodiscard]] DirectionMask seen(std::uint32_t id) const;
   [[nodiscard]] const Viewpoints& viewpoints(std::uint32_t id) const { return viewpoints_[id]; }

@@ -25,12 +25,18 @@ class UpdateScheduler {
   virtual UpdateStats update(const ScoringTables& tables) = 0;
 
   [[nodiscard]] virtual std::uint64_t bytes() const = 0;
+  /// In the backend's memory, the state of the points not included.
+  [[nodiscard]] virtual std::uint64_t deviceBytes() const { return 0; }
 };
 
 /// docs/DESIGN.md, "Exact updates": labels equal those of a full evaluation of the current map.
 /// @param tool, approach  tables in host memory, alive as long as the scheduler
 std::unique_ptr<UpdateScheduler> makeExactScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
                                                     const kernels::ApproachView& approach);
+
+/// The same on a backend that decides by itself what is due, and keeps all state; null where this one does not.
+std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
+                                                     const kernels::ApproachView& approach);
 
 /// The paper's triggers (i) to (iii), sample, budget and backlog (SPEC a.8).
 std::unique_ptr<UpdateScheduler> makePaperScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/pine.h"
 
+#include <algorithm>
 #include <cstdio>
 
 #include "accessvdb/error.h"
@@ -15,15 +16,33 @@ namespace {
 /// A tenth of the voxel that the paper uses for its tree: nothing that a map at 10 mm could see.
 constexpr double kChordError_m = 0.001;
 
+TriangleMesh tessellate(const PineSkeleton& tree, double shoot_chord_error_m = kChordError_m) {
+  TriangleMesh mesh;
+  for (const auto* order : {&tree.trunk, &tree.branches, &tree.twigs})
+    for (const RoundCone& cone : *order) appendRoundCone(cone, kChordError_m, mesh);
+  for (const RoundCone& cone : tree.shoots) appendRoundCone(cone, shoot_chord_error_m, mesh);
+  for (const RoundCone& needle : tree.needles) appendNeedle(needle, mesh);
+  return mesh;
+}
+
 }  // namespace
+
+TriangleMesh makePineMesh(const PineParams& params, double solid_foliage_m) {
+  PineSkeleton tree = growPine(params);
+  if (!(solid_foliage_m > 0)) return tessellate(tree);
+  tree.needles.clear();
+  for (RoundCone& shoot : tree.shoots) {
+    shoot.radius_a_m = std::max(shoot.radius_a_m, 0.5 * solid_foliage_m);
+    shoot.radius_b_m = std::max(shoot.radius_b_m, solid_foliage_m);
+  }
+  // Nobody knows where the surface of such a body is: a fifth of its radius is fine enough.
+  return tessellate(tree, std::max(kChordError_m, 0.2 * solid_foliage_m));
+}
 
 Scene makePine(const PineParams& params) {
   const PineSkeleton tree = growPine(params);
   Scene scene;
-  for (const auto* order : {&tree.trunk, &tree.branches, &tree.twigs, &tree.shoots})
-    for (const RoundCone& cone : *order) appendRoundCone(cone, kChordError_m, scene.mesh);
-  for (const RoundCone& needle : tree.needles) appendNeedle(needle, scene.mesh);
-
+  scene.mesh = tessellate(tree);
   scene.name = "pine";
   char text[320];
   std::snprintf(

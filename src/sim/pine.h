@@ -15,6 +15,11 @@ struct PineParams {
   std::uint64_t seed = 1;
 };
 
+/// The mesh of makePine() alone, without the exact distance, which takes longer.
+/// @param solid_foliage_m  0 = needles as they are; else every shoot is a solid body of this radius in their place, as
+///                         a beam wider than the gaps between needles meets it
+[[nodiscard]] TriangleMesh makePineMesh(const PineParams& params, double solid_foliage_m = 0);
+
 /// A mature tree standing at the origin, z up: trunk with taper, whorls of branches, secondary branches, needle shoots.
 [[nodiscard]] Scene makePine(const PineParams& params);
 

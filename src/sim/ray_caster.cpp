@@ -9,6 +9,7 @@
 #include <cmath>
 #include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/error.h"
@@ -36,12 +37,22 @@ void requireNoError(RTCDevice device, const char* doing) {
 }  // namespace
 
 struct RayCaster::Impl {
+  /// Rz(yaw) and where it leads, in double precision.
+  struct Place {
+    std::uint32_t mesh;
+    Eigen::Matrix3d R_W_M;
+    Eigen::Vector3d offset_W;
+  };
+
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
-  TriangleMesh mesh;
+  std::vector<TriangleMesh> meshes;
+  std::vector<RTCScene> mesh_scenes;  ///< of each mesh where it is placed
+  std::vector<Place> places;          ///< by Embree's instance id; empty where the only mesh stands as it is
 
   ~Impl() {
     if (scene) rtcReleaseScene(scene);
+    for (RTCScene each : mesh_scenes) rtcReleaseScene(each);
     if (device) rtcReleaseDevice(device);
   }
 
@@ -50,18 +61,77 @@ struct RayCaster::Impl {
   [[nodiscard]] double planeRange_m(const Eigen::Vector3d& origin_W, const Eigen::Vector3f& direction_W,
                                     const RTCRayHit& found) const {
     const double coarse_m = static_cast<double>(found.ray.tfar);
-    const auto& triangle = mesh.triangles[found.hit.primID];
-    const Eigen::Vector3d a = mesh.vertices_W[triangle[0]].cast<double>();
-    const Eigen::Vector3d b = mesh.vertices_W[triangle[1]].cast<double>();
-    const Eigen::Vector3d c = mesh.vertices_W[triangle[2]].cast<double>();
+    Eigen::Vector3d origin = origin_W, direction = direction_W.cast<double>();
+    const TriangleMesh* mesh = &meshes.front();
+    if (!places.empty()) {
+      const Place& place = places[found.hit.instID[0]];
+      mesh = &meshes[place.mesh];
+      origin = place.R_W_M.transpose() * (origin_W - place.offset_W);
+      direction = place.R_W_M.transpose() * direction;
+    }
+    const auto& triangle = mesh->triangles[found.hit.primID];
+    const Eigen::Vector3d a = mesh->vertices_W[triangle[0]].cast<double>();
+    const Eigen::Vector3d b = mesh->vertices_W[triangle[1]].cast<double>();
+    const Eigen::Vector3d c = mesh->vertices_W[triangle[2]].cast<double>();
     const Eigen::Vector3d normal = (b - a).cross(c - a);
-    const double range_m = normal.dot(a - origin_W) / normal.dot(direction_W.cast<double>());
+    const double range_m = normal.dot(a - origin) / normal.dot(direction);
     const bool agrees = range_m > 0 && std::abs(range_m - coarse_m) <= kPlaneAgreement * (1 + coarse_m);
     return agrees ? range_m : coarse_m;
   }
+
+  void start() {
+    device = rtcNewDevice(nullptr);
+    if (device) return;
+    requireNoError(nullptr, "starting");
+    throw InternalError("sim.embree", "", "Embree does not start");
+  }
+
+  [[nodiscard]] RTCScene newScene() const {
+    RTCScene made = rtcNewScene(device);
+    // Robust: no ray slips through an edge, and the nearest hit does not depend on how the tree was built.
+    rtcSetSceneFlags(made, RTC_SCENE_FLAG_ROBUST);
+    return made;
+  }
+
+  void attach(RTCScene to, const TriangleMesh& mesh) const {
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    // Copies on Embree's side: its buffers want padding that std::vector does not promise.
+    void* vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                             sizeof(Eigen::Vector3f), mesh.vertices_W.size());
+    void* triangles = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                              sizeof(mesh.triangles[0]), mesh.triangles.size());
+    if (!vertices || !triangles) {
+      rtcReleaseGeometry(geometry);
+      requireNoError(device, "taking the mesh");
+      throw InternalError("sim.embree", "", "Embree does not take the mesh");
+    }
+    static_assert(sizeof(Eigen::Vector3f) == 12 && sizeof(mesh.triangles[0]) == 12);
+    std::copy(mesh.vertices_W.begin(), mesh.vertices_W.end(), static_cast<Eigen::Vector3f*>(vertices));
+    std::copy(mesh.triangles.begin(), mesh.triangles.end(), static_cast<std::array<std::uint32_t, 3>*>(triangles));
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometry(to, geometry);
+    rtcReleaseGeometry(geometry);
+    rtcCommitScene(to);
+    requireNoError(device, "building its tree");
+  }
+
+  void place(const PlacedMesh& placed) {
+    RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_INSTANCE);
+    rtcSetGeometryInstancedScene(geometry, mesh_scenes[placed.mesh]);
+    const Eigen::Matrix3d R = Eigen::AngleAxisd(placed.yaw_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    Eigen::Matrix<float, 3, 4> to_W;  // column by column, as Embree wants it
+    to_W << R.cast<float>(), placed.offset_W.cast<float>();
+    rtcSetGeometryTransform(geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, to_W.data());
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometryByID(scene, geometry, static_cast<unsigned>(places.size()));
+    rtcReleaseGeometry(geometry);
+    places.push_back({placed.mesh, R, placed.offset_W});
+  }
 };
 
-RayCaster::RayCaster(const TriangleMesh& mesh) : impl_(std::make_unique<Impl>()) {
+namespace {
+
+void requireTriangles(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) {
     throw InvalidArgument("sim.no_triangles", "scene", "the mesh has no triangles", "Give a scene with a surface");
   }
@@ -70,34 +140,38 @@ RayCaster::RayCaster(const TriangleMesh& mesh) : impl_(std::make_unique<Impl>())
       throw InvalidArgument("sim.index", "scene", "a triangle refers to a vertex that does not exist");
     }
   }
-  impl_->mesh = mesh;
-  impl_->device = rtcNewDevice(nullptr);
-  if (!impl_->device) {
-    requireNoError(nullptr, "starting");
-    throw InternalError("sim.embree", "", "Embree does not start");
+}
+
+}  // namespace
+
+RayCaster::RayCaster(const TriangleMesh& mesh) : impl_(std::make_unique<Impl>()) {
+  requireTriangles(mesh);
+  impl_->meshes = {mesh};
+  impl_->start();
+  impl_->scene = impl_->newScene();
+  impl_->attach(impl_->scene, mesh);
+}
+
+RayCaster::RayCaster(std::vector<TriangleMesh> meshes, std::span<const PlacedMesh> placed)
+    : impl_(std::make_unique<Impl>()) {
+  for (const TriangleMesh& mesh : meshes) requireTriangles(mesh);
+  if (placed.empty()) {
+    throw InvalidArgument("sim.nothing_placed", "scene", "no mesh stands anywhere", "Place at least one");
   }
-  RTCGeometry geometry = rtcNewGeometry(impl_->device, RTC_GEOMETRY_TYPE_TRIANGLE);
-  // Copies on Embree's side: its buffers want padding that std::vector does not promise.
-  void* vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                           sizeof(Eigen::Vector3f), mesh.vertices_W.size());
-  void* triangles = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
-                                            sizeof(mesh.triangles[0]), mesh.triangles.size());
-  if (!vertices || !triangles) {
-    rtcReleaseGeometry(geometry);
-    requireNoError(impl_->device, "taking the mesh");
-    throw InternalError("sim.embree", "", "Embree does not take the mesh");
+  for (const PlacedMesh& each : placed) {
+    if (each.mesh < meshes.size() && each.offset_W.allFinite() && std::isfinite(each.yaw_rad)) continue;
+    throw InvalidArgument("sim.placed", "scene", "a placed mesh does not exist, or its place is not finite");
   }
-  static_assert(sizeof(Eigen::Vector3f) == 12 && sizeof(mesh.triangles[0]) == 12);
-  std::copy(mesh.vertices_W.begin(), mesh.vertices_W.end(), static_cast<Eigen::Vector3f*>(vertices));
-  std::copy(mesh.triangles.begin(), mesh.triangles.end(), static_cast<std::array<std::uint32_t, 3>*>(triangles));
-  rtcCommitGeometry(geometry);
-  impl_->scene = rtcNewScene(impl_->device);
-  // Robust: no ray slips through an edge, and the nearest hit does not depend on how the tree was built.
-  rtcSetSceneFlags(impl_->scene, RTC_SCENE_FLAG_ROBUST);
-  rtcAttachGeometry(impl_->scene, geometry);
-  rtcReleaseGeometry(geometry);
+  impl_->meshes = std::move(meshes);
+  impl_->start();
+  for (const TriangleMesh& mesh : impl_->meshes) {
+    impl_->mesh_scenes.push_back(impl_->newScene());
+    impl_->attach(impl_->mesh_scenes.back(), mesh);
+  }
+  impl_->scene = impl_->newScene();
+  for (const PlacedMesh& each : placed) impl_->place(each);
   rtcCommitScene(impl_->scene);
-  requireNoError(impl_->device, "building its tree");
+  requireNoError(impl_->device, "building its tree of places");
 }
 
 RayCaster::~RayCaster() = default;

@@ -1,12 +1,14 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Rays against a mesh, by Embree.
+/// Rays against a mesh, or against meshes that stand in many places, by Embree.
 #pragma once
 
 #include <Eigen/Core>
 #include <memory>
 #include <span>
+#include <vector>
 
+#include "sim/placed_mesh.h"
 #include "sim/triangle_mesh.h"
 
 namespace accessvdb::sim {
@@ -15,6 +17,9 @@ namespace accessvdb::sim {
 class RayCaster {
  public:
   explicit RayCaster(const TriangleMesh& mesh);
+  /// Meshes in frames of their own and where each of them stands: a copy costs a few hundred bytes.
+  /// @throws InvalidArgument for nothing to hit, or an index without its mesh or vertex
+  RayCaster(std::vector<TriangleMesh> meshes, std::span<const PlacedMesh> placed);
   ~RayCaster();
   RayCaster(RayCaster&&) noexcept;
   RayCaster& operator=(RayCaster&&) noexcept;

@@ -5,7 +5,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
-#include <array>
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <string>
@@ -13,7 +13,6 @@
 
 #include "accessvdb/error.h"
 #include "sim/counter_random.h"
-#include "sim/ray_caster.h"
 
 namespace accessvdb::sim {
 namespace {
@@ -28,13 +27,21 @@ std::string place(const Eigen::Vector3d& p) {
   return text;
 }
 
+void requirePoses(const LidarModel& model, const Trajectory& trajectory) {
+  model.validate();
+  if (trajectory.empty()) {
+    throw UnusableInput("sim.frames", "trajectory", "there are no frames to simulate", "Give at least one pose");
+  }
+  for (std::size_t i = 0; i < trajectory.size(); ++i) {
+    if (trajectory[i].matrix().allFinite()) continue;
+    throw UnusableInput("sim.pose", "frame " + std::to_string(i), "its pose is not finite", "Check the trajectory");
+  }
+}
+
 /// @throws UnusableInput naming the first frame whose sensor is not outside
 void requireOutside(const Scene& scene, const Trajectory& trajectory) {
+  if (!scene.distance) return;
   for (std::size_t i = 0; i < trajectory.size(); ++i) {
-    if (!trajectory[i].matrix().allFinite()) {
-      throw UnusableInput("sim.pose", "frame " + std::to_string(i), "its pose is not finite", "Check the trajectory");
-    }
-    if (!scene.distance) continue;
     const Eigen::Vector3d sensor_W = trajectory[i].translation();
     const double distance_m = scene.distance->at(sensor_W);
     if (distance_m > kSurface_m) continue;
@@ -69,15 +76,53 @@ struct Simulator::Impl {
     return measured >= model.min_range_m && measured <= model.max_range_m && measured > 0 ? static_cast<float>(measured)
                                                                                           : 0;
   }
+
+  [[nodiscard]] SimulatedFrame emptyFrame(int index) const {
+    if (index < 0 || index >= static_cast<int>(trajectory.size())) {
+      throw InvalidArgument("sim.frame", "frame " + std::to_string(index),
+                            "there are only " + std::to_string(trajectory.size()) + " frames");
+    }
+    return {{}, trajectory[static_cast<std::size_t>(index)], index * model.frame_period_s};
+  }
+
+  /// Rays begin .. end of a frame. @return [end - begin] returns in the sensor frame; zero = no return
+  [[nodiscard]] std::vector<Eigen::Vector3f> measure(int index, const Eigen::Isometry3d& T_W_S, int begin,
+                                                     int end) const {
+    const auto frame_number = static_cast<std::uint64_t>(index);
+    std::vector<Eigen::Vector3f> points_S(static_cast<std::size_t>(end - begin));
+    const Eigen::Matrix3d R_W_S = T_W_S.linear();
+    const Eigen::Vector3d origin_W = T_W_S.translation();
+    tbb::parallel_for(tbb::blocked_range<int>(begin, end, kRaysPerTask), [&](const tbb::blocked_range<int>& rays) {
+      std::vector<Eigen::Vector3f> directions_S(rays.size()), directions_W(rays.size());
+      std::vector<float> ranges_m(rays.size());
+      for (int ray = rays.begin(); ray < rays.end(); ++ray) {
+        const auto i = static_cast<std::size_t>(ray - rays.begin());
+        directions_S[i] = rayDirection_S(model, frame_number, ray);
+        directions_W[i] = (R_W_S * directions_S[i].cast<double>()).cast<float>();
+      }
+      caster.cast(origin_W, directions_W, ranges_m);
+      for (int ray = rays.begin(); ray < rays.end(); ++ray) {
+        const auto i = static_cast<std::size_t>(ray - rays.begin());
+        const float range_m = measured_m(ranges_m[i], frame_number, ray);
+        Eigen::Vector3f& point_S = points_S[static_cast<std::size_t>(ray - begin)];
+        point_S.setZero();  // not 0 * direction, which may be -0
+        if (range_m > 0) point_S = range_m * directions_S[i];
+      }
+    });
+    return points_S;
+  }
 };
 
 Simulator::Simulator(const Scene& scene, const LidarModel& model, Trajectory trajectory, std::uint64_t seed) {
-  model.validate();
-  if (trajectory.empty()) {
-    throw UnusableInput("sim.frames", "trajectory", "there are no frames to simulate", "Give at least one pose");
-  }
+  requirePoses(model, trajectory);
   requireOutside(scene, trajectory);
   impl_ = std::make_unique<Impl>(Impl{scene.name, model, std::move(trajectory), seed, RayCaster(scene.mesh)});
+}
+
+Simulator::Simulator(RayCaster scene, const std::string& scene_name, const LidarModel& model, Trajectory trajectory,
+                     std::uint64_t seed) {
+  requirePoses(model, trajectory);
+  impl_ = std::make_unique<Impl>(Impl{scene_name, model, std::move(trajectory), seed, std::move(scene)});
 }
 
 Simulator::~Simulator() = default;
@@ -102,37 +147,36 @@ void Simulator::requireClearPath(const Trajectory& stations) const {
 int Simulator::frames() const { return static_cast<int>(impl_->trajectory.size()); }
 
 SimulatedFrame Simulator::frame(int index) const {
-  if (index < 0 || index >= frames()) {
-    throw InvalidArgument("sim.frame", "frame " + std::to_string(index),
-                          "there are only " + std::to_string(frames()) + " frames");
-  }
-  const auto frame_number = static_cast<std::uint64_t>(index);
-  SimulatedFrame out;
-  out.T_W_S = impl_->trajectory[static_cast<std::size_t>(index)];
-  out.stamp_s = index * impl_->model.frame_period_s;
-  out.points_S.resize(static_cast<std::size_t>(impl_->model.rays_per_frame));
-  const Eigen::Matrix3d R_W_S = out.T_W_S.linear();
-  const Eigen::Vector3d origin_W = out.T_W_S.translation();
-
-  tbb::parallel_for(tbb::blocked_range<int>(0, impl_->model.rays_per_frame, kRaysPerTask),
-                    [&](const tbb::blocked_range<int>& rays) {
-                      std::vector<Eigen::Vector3f> directions_S(rays.size()), directions_W(rays.size());
-                      std::vector<float> ranges_m(rays.size());
-                      for (int ray = rays.begin(); ray < rays.end(); ++ray) {
-                        const auto i = static_cast<std::size_t>(ray - rays.begin());
-                        directions_S[i] = rayDirection_S(impl_->model, frame_number, ray);
-                        directions_W[i] = (R_W_S * directions_S[i].cast<double>()).cast<float>();
-                      }
-                      impl_->caster.cast(origin_W, directions_W, ranges_m);
-                      for (int ray = rays.begin(); ray < rays.end(); ++ray) {
-                        const auto i = static_cast<std::size_t>(ray - rays.begin());
-                        const float range_m = impl_->measured_m(ranges_m[i], frame_number, ray);
-                        Eigen::Vector3f& point_S = out.points_S[static_cast<std::size_t>(ray)];
-                        point_S.setZero();  // not 0 * direction, which may be -0
-                        if (range_m > 0) point_S = range_m * directions_S[i];
-                      }
-                    });
+  SimulatedFrame out = impl_->emptyFrame(index);
+  out.points_S = impl_->measure(index, out.T_W_S, 0, impl_->model.rays_per_frame);
   return out;
+}
+
+SimulatedFrame Simulator::frameOfReturns(int index, int returns) const {
+  SimulatedFrame out = impl_->emptyFrame(index);
+  if (returns < 1) throw InvalidArgument("sim.returns", "returns", "a frame has at least one");
+  const auto wanted = static_cast<std::size_t>(returns);
+  for (int begin = 0; out.points_S.size() < wanted; begin += returns) {
+    if (begin >= impl_->model.rays_per_frame) {
+      throw UnusableInput("sim.returns", "frame " + std::to_string(index),
+                          "of " + std::to_string(impl_->model.rays_per_frame) + " rays only " +
+                              std::to_string(out.points_S.size()) + " come back, not " + std::to_string(returns),
+                          "Ask for fewer points a frame, or a longer range");
+    }
+    // Batches of a fixed size: which rays a frame holds does not depend on who casts them.
+    const int end = std::min(impl_->model.rays_per_frame, begin + returns);
+    for (const Eigen::Vector3f& point_S : impl_->measure(index, out.T_W_S, begin, end)) {
+      if (out.points_S.size() < wanted && !point_S.isZero(0)) out.points_S.push_back(point_S);
+    }
+  }
+  return out;
+}
+
+std::vector<SimulatedFrame> Simulator::framesOfReturns(int begin, int end, int returns) const {
+  std::vector<SimulatedFrame> frames(static_cast<std::size_t>(std::max(0, end - begin)));
+  tbb::parallel_for(std::size_t{0}, frames.size(),
+                    [&](std::size_t n) { frames[n] = frameOfReturns(begin + static_cast<int>(n), returns); });
+  return frames;
 }
 
 }  // namespace accessvdb::sim

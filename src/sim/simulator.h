@@ -7,9 +7,11 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "sim/lidar_model.h"
+#include "sim/ray_caster.h"
 #include "sim/scene.h"
 #include "sim/trajectory.h"
 
@@ -25,6 +27,9 @@ class Simulator {
  public:
   /// @throws InvalidArgument (model), UnusableInput: no frames, or a sensor inside the object or on its surface
   Simulator(const Scene& scene, const LidarModel& model, Trajectory trajectory, std::uint64_t seed);
+  /// A scene whose distance nobody knows: only requireClearPath() can tell whether the path is free.
+  Simulator(RayCaster scene, const std::string& scene_name, const LidarModel& model, Trajectory trajectory,
+            std::uint64_t seed);
   ~Simulator();
   Simulator(Simulator&&) noexcept;
   Simulator& operator=(Simulator&&) noexcept;
@@ -36,6 +41,11 @@ class Simulator {
   [[nodiscard]] int frames() const;
   /// May be called from several threads at once; works in parallel by itself. @throws InvalidArgument (index)
   [[nodiscard]] SimulatedFrame frame(int index) const;
+  /// The first `returns` rays of a frame that come back: a frame of a fixed size, however much sky there is.
+  /// LidarModel::rays_per_frame is the most rays to try. @throws UnusableInput where fewer come back
+  [[nodiscard]] SimulatedFrame frameOfReturns(int index, int returns) const;
+  /// The same for frames begin .. end, all at once. @throws as each of them
+  [[nodiscard]] std::vector<SimulatedFrame> framesOfReturns(int begin, int end, int returns) const;
 
  private:
   struct Impl;

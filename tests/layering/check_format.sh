@@ -11,7 +11,7 @@ if [[ $version != 14 ]]; then
 fi
 
 folders=()
-for folder in include nanovdb_kernels src tools examples tests; do
+for folder in include nanovdb_kernels src tools examples python tests; do
   [[ -d $folder ]] && folders+=("$folder")
 done
 mapfile -d '' -t files < <(find "${folders[@]}" -type f \( -name '*.h' -o -name '*.cuh' -o -name '*.cpp' -o -name '*.cu' \) -print0)

@@ -30,13 +30,14 @@ capi     std api eigen
 sim      std api grids eigen tbb field io embree
 eval     std api grids eigen tbb field sim io embree qhull png json
 tools    std posix api grids eigen cli toml json sim eval
-examples std posix api grids eigen cli
+examples std posix api grids eigen cli cuda
+python   std api eigen pybind
 TABLE
 }
 
 sources() {  # every source file of the product; tests may include anything
   local folders=()
-  for folder in include nanovdb_kernels src tools examples; do
+  for folder in include nanovdb_kernels src tools examples python; do
     [[ -d $folder ]] && folders+=("$folder")
   done
   find "${folders[@]}" -type f \( -name '*.h' -o -name '*.cuh' -o -name '*.c' -o -name '*.cpp' -o -name '*.cu' \) | LC_ALL=C sort
@@ -81,7 +82,7 @@ check_includes() {
     BEGIN {
       n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl assimp:assimp Eigen:eigen unsupported:eigen " \
                 "cub:cuda thrust:cuda nv:cuda embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
-                "openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json", pairs, " ")
+                "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json", pairs, " ")
       for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }
       n = split("unistd.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")
       for (i = 1; i <= n; ++i) posix[names[i]] = 1
@@ -111,7 +112,7 @@ check_includes() {
 
 check_names() {
   local folders=()
-  for folder in include nanovdb_kernels src tools examples tests cmake; do
+  for folder in include nanovdb_kernels src tools examples python tests cmake; do
     [[ -d $folder ]] && folders+=("$folder")
   done
   find "${folders[@]}" | LC_ALL=C sort |

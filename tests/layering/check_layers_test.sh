@@ -55,6 +55,8 @@ for header in cuda_runtime.h nanovdb/NanoVDB.h tbb/task_arena.h pcl/point_types.
   [[ $header == nanovdb/* ]] && rule=nanovdb-once
   expect "$rule" include/accessvdb/bad.h "#include <$header>"
 done
+expect layer python/bindings/bad.cpp '#include <openvdb/openvdb.h>'
+expect layer tools/bad.cpp '#include <pybind11/pybind11.h>'
 for header in vector array Eigen/Core openvdb/openvdb.h tbb/task_arena.h cuda_runtime.h accessvdb/types.h launch/backend.h; do
   expect layer nanovdb_kernels/hostdev/bad.h "#include <$header>"
 done

@@ -69,6 +69,17 @@ static void check_points(accessvdb_field* field) {
   CHECK(accessvdb_field_point_at(field, nowhere, &one, sizeof one, &found) == ACCESSVDB_OK);
   CHECK(found == 0);
   CHECK(accessvdb_field_copy_points(field, 1, count, points, sizeof *points) == ACCESSVDB_ERROR_USAGE);
+
+  accessvdb_point_answer answer;
+  CHECK(accessvdb_field_query_points(field, points[7].position_W, 1, &answer, sizeof answer) == ACCESSVDB_OK);
+  CHECK(answer.point_id == 7 && answer.label == points[7].label && answer.weight > 0 && !answer.unknown);
+  const accessvdb_capsule through = {{1.8, 0, 0}, {2.2, 0, 0}, 0.02};
+  const accessvdb_capsule in_front = {{1.85, 0, 0}, {1.85, 0.1, 0}, 0.02};
+  accessvdb_capsule_answer way;
+  CHECK(accessvdb_field_query_capsules(field, &through, sizeof through, 1, &way, sizeof way) == ACCESSVDB_OK);
+  CHECK(way.valid && way.collision && way.first_hit_t > 0.2f && way.first_hit_t < 0.6f);
+  CHECK(accessvdb_field_query_capsules(field, &in_front, sizeof in_front, 1, &way, sizeof way) == ACCESSVDB_OK);
+  CHECK(way.valid && !way.collision && !way.unknown);
   free(points);
 }
 

@@ -13,20 +13,34 @@ bool collides(const BruteForceInput& input, const MapVoxel& voxel) {
   return voxel.observed && !(voxel.distance_m >= input.collision_distance_m);
 }
 
-/// Neighbours within R_k by (squared distance, id), the first k.
+double neighbourRadius(const BruteForceInput& input) { return std::max(10.0 * input.voxel_size_m, 0.1); }
+
+/// The largest power of two that makes at most 2^20 steps of a radius.
+double stepsPerMetre(double radius) {
+  double steps = 1;
+  while (steps * radius <= 0x1p20) steps *= 2;
+  return steps / 2;
+}
+
+/// Offset rounded to whole steps.
+Eigen::Vector3d offsetInSteps(const BruteForceInput& input, const Eigen::Vector3f& from, const Eigen::Vector3f& to) {
+  const Eigen::Vector3d metres = to.cast<double>() - from.cast<double>();
+  return (metres * stepsPerMetre(neighbourRadius(input)) + Eigen::Vector3d::Constant(0.5)).array().floor();
+}
+
+/// Neighbours within R_k by (squared distance in steps, id), the first k.
 std::vector<std::uint32_t> nearest(const BruteForceInput& input, std::size_t self) {
-  const double radius = std::max(10.0 * input.voxel_size_m, 0.1);
-  const Eigen::Vector3d centre = input.points[self].mean_position_L.cast<double>();
+  const double most = std::floor(neighbourRadius(input) * stepsPerMetre(neighbourRadius(input)));
   struct Candidate {
     double squared_distance;
     std::uint32_t id, index;
   };
   std::vector<Candidate> candidates;
   for (std::size_t i = 0; i < input.points.size(); ++i) {
-    const Eigen::Vector3d p = input.points[i].mean_position_L.cast<double>();
-    const double dx = p.x() - centre.x(), dy = p.y() - centre.y(), dz = p.z() - centre.z();
-    const double squared_distance = dx * dx + dy * dy + dz * dz;
-    if (squared_distance <= radius * radius) {
+    const double squared_distance =
+        offsetInSteps(input, input.points[self].mean_position_L, input.points[i].mean_position_L)
+            .squaredNorm();  // below 2^53: exact
+    if (squared_distance <= most * most) {
       candidates.push_back({squared_distance, input.points[i].id, static_cast<std::uint32_t>(i)});
     }
   }
@@ -45,7 +59,7 @@ void findNormal(const BruteForceInput& input, const BruteForcePoint& point, Brut
   Eigen::MatrixXd positions(result.neighbours.size(), 3);
   for (std::size_t i = 0; i < result.neighbours.size(); ++i) {
     positions.row(static_cast<Eigen::Index>(i)) =
-        input.points[result.neighbours[i]].mean_position_L.cast<double>().transpose();
+        offsetInSteps(input, point.mean_position_L, input.points[result.neighbours[i]].mean_position_L).transpose();
   }
   const Eigen::RowVector3d mean = positions.colwise().mean();
   const Eigen::MatrixXd centred = positions.rowwise() - mean;

@@ -22,7 +22,7 @@ struct Point {
     rule.collision_limit = limit;
   }
   kernels::ScoreResult evaluate(std::uint16_t new_score, std::uint16_t new_direction, PointReason why,
-                                bool skipped = false) {
+                                bool keep_reason = false, bool evidence = true) {
     kernels::PointStateView view;
     view.score = &score;
     view.direction = &direction;
@@ -36,8 +36,10 @@ struct Point {
     result.score = new_score;
     result.direction = new_direction;
     result.reason = why;
-    result.skipped = skipped ? 1 : 0;
-    kernels::updatePoint(view, 0, result, rule);
+    kernels::ScoreItem item;
+    item.keep_reason = keep_reason ? 1 : 0;
+    item.evidence = evidence ? 1 : 0;
+    kernels::updatePoint(view, item, result, rule);
     EXPECT_EQ(result.label, label);
     EXPECT_EQ(result.stored_score, score);
     EXPECT_EQ(result.stored_direction, direction);
@@ -150,6 +152,26 @@ TEST(UpdatePointProduct, PartialResultsKeepTheClosestDirection) {
   EXPECT_EQ(point.direction, 21);
 }
 
+/// How often a scheduler looks at a point because of changes around it must not show.
+TEST(UpdatePointProduct, ConfirmationsWithoutEvidenceChangeNothing) {
+  Point point(false);
+  point.clear(2, 7);
+  point.conflict(40, 11);
+  point.clear(3, 8);
+  ASSERT_FLOAT_EQ(point.stability, 0.75f);
+  point.evaluate(3, 8, PointReason::None, false, false);
+  EXPECT_FLOAT_EQ(point.stability, 0.75f);
+  point.evaluate(2, 8, PointReason::None, false, false);  // another count is another outcome
+  EXPECT_FLOAT_EQ(point.stability, 0.7875f);
+  point.evaluate(2, 9, PointReason::None, false, false);  // and so is another direction
+  EXPECT_FLOAT_EQ(point.stability, 0.819375f);
+  point.evaluate(40, 11, PointReason::Tool, false, false);
+  EXPECT_FLOAT_EQ(point.stability, 0.61453125f);
+  point.evaluate(41, 12, PointReason::Tool, true, false);
+  EXPECT_EQ(point.direction, 11);
+  EXPECT_FLOAT_EQ(point.stability, 0.61453125f);
+}
+
 TEST(UpdatePoint, ConfidentNeedsConfidenceTimesStability) {
   for (const bool keep_best : {false, true}) {
     Point point(keep_best);
@@ -180,7 +202,7 @@ TEST(UpdatePoint, WithoutANormalNothingIsKept) {
     view.reason = &point.reason;
     view.flags = &point.flags;
     kernels::ScoreResult result;
-    kernels::updatePoint(view, 0, result, point.rule);
+    kernels::updatePoint(view, kernels::ScoreItem{}, result, point.rule);
     EXPECT_EQ(point.label, PointLabel::Unscored);
     EXPECT_EQ(result.label, PointLabel::Unscored);
     EXPECT_EQ(point.reason, PointReason::Normal);

@@ -6,7 +6,6 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <bit>
 
 #include "unit/points/random_points.h"
 
@@ -95,22 +94,6 @@ TEST_P(EveryNearKernel, EqualsThePlainOne) {
       return found;
     };
     ASSERT_EQ(list_of(*kernels), list_of(plain));
-  }
-}
-
-TEST_P(EveryNearKernel, RanksCountTheLesserKeys) {
-  Random random(3);
-  for (int count = 0; count < 70; ++count) {
-    std::vector<std::int64_t> keys;
-    // Few values, so that many are equal; and the bits of doubles.
-    for (int n = 0; n < count; ++n) {
-      keys.push_back(n % 2 == 0 ? random.below(9) : std::bit_cast<std::int64_t>(random.uniform(0, 1)));
-    }
-    std::vector<std::int32_t> ranks(keys.size());
-    kernels->ranks(keys.data(), keys.size(), ranks.data());
-    for (std::size_t n = 0; n < keys.size(); ++n) {
-      ASSERT_EQ(ranks[n], std::count_if(keys.begin(), keys.end(), [&](std::int64_t key) { return key < keys[n]; }));
-    }
   }
 }
 

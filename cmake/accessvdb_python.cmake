@@ -1,0 +1,37 @@
+# Whether this build has the Python module: option ACCESSVDB_PYTHON, result ACCESSVDB_HAS_PYTHON.
+
+set(ACCESSVDB_PYTHON AUTO CACHE STRING "Build the Python module: AUTO (where Python and pybind11 are found), ON or OFF")
+set_property(CACHE ACCESSVDB_PYTHON PROPERTY STRINGS AUTO ON OFF)
+
+set(ACCESSVDB_HAS_PYTHON OFF)
+if(ACCESSVDB_PYTHON STREQUAL "AUTO" AND NOT PROJECT_IS_TOP_LEVEL)
+  return()
+elseif(ACCESSVDB_PYTHON STREQUAL "AUTO" AND ACCESSVDB_SANITIZE)
+  message(STATUS "AccessVDB: no Python module with sanitizers: an interpreter without them cannot load it")
+elseif(ACCESSVDB_PYTHON)
+  # The distribution's Python comes first, as its libraries do: pyenv and conda put others in front of it, often
+  # without headers or NumPy. An active virtual environment is a choice; Python3_EXECUTABLE too.
+  if(NOT DEFINED Python3_EXECUTABLE AND NOT DEFINED ENV{VIRTUAL_ENV} AND EXISTS /usr/bin/python3)
+    set(Python3_EXECUTABLE /usr/bin/python3)
+  endif()
+  set(Python3_FIND_VIRTUALENV FIRST)
+  find_package(Python3 3.9 QUIET COMPONENTS Interpreter Development.Module)  # NumPy is needed to run, not to build
+  set(_missing "")
+  if(NOT Python3_FOUND)
+    set(_missing "Python 3.9 or later with its headers. On Debian and Ubuntu: apt install python3-dev python3-numpy")
+  else()
+    set(PYTHON_EXECUTABLE ${Python3_EXECUTABLE})
+    find_package(pybind11 2.9 CONFIG QUIET)
+    if(NOT pybind11_FOUND)
+      set(_missing "pybind11. On Debian and Ubuntu: apt install pybind11-dev")
+    endif()
+  endif()
+  if(NOT _missing)
+    set(ACCESSVDB_HAS_PYTHON ON)
+    message(STATUS "AccessVDB: Python module for Python ${Python3_VERSION} (${Python3_EXECUTABLE})")
+  elseif(ACCESSVDB_PYTHON STREQUAL "AUTO")
+    message(STATUS "AccessVDB: no Python module: it needs ${_missing}")
+  else()
+    message(FATAL_ERROR "ACCESSVDB_PYTHON is ON, but it needs ${_missing}")
+  endif()
+endif()

@@ -1,0 +1,101 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The field as your own CUDA kernel sees it: a small struct that travels by value. Compiles with nvcc and with any
+/// C++20 compiler; needs NanoVDB's header and nothing else of AccessVDB's dependencies.
+///
+///   accessvdb::DeviceView view = field.deviceView();       // host
+///   myKernel<<<blocks, threads, 0, stream>>>(view, ...);   // inside: view.occupancyAt(p_W)
+///   cudaStreamSynchronize(stream);                         // before the field changes again
+///   field.integrateScan(...);
+///
+/// Order    All that the view shows is complete when deviceView() returns, so any stream may read it at once. The field
+///          does not know your streams: before the next integrateScan(), integrateRays() or update(), and before the
+///          field is destroyed, wait for your kernels. A kernel that still runs then reads a map that is half changed.
+/// Validity The view belongs to one revision of the field. Those three calls end it: addresses of points may have
+/// moved,
+///          so take a new view; it costs microseconds. `view.revision == field.revision()` tells.
+/// Place    `on_gpu` says whose memory it is. AccessibilityField::deviceView() gives device memory only, hostView()
+/// host
+///          memory only; the functions below are the same lines on both.
+/// Reading  Nothing may be written through it, and the grid must not go to NanoVDB's NodeManager, HDDA or statistics:
+///          it is live, and patched in place.
+/// Rounding The library compiles with --fmad=false; without it, positions within a rounding error of a voxel's face may
+///          fall to the other side in your kernel.
+#pragma once
+
+#include <cstdint>
+#include <type_traits>
+
+#include "accessvdb/device/occupancy_path.h"
+#include "accessvdb/point_label.h"
+
+namespace accessvdb {
+
+using kernels::Occupancy;
+using kernels::PathOccupancy;
+
+/// The surface points as of the last update(); index = SurfacePoint::id. Points that came later are not here yet.
+struct DevicePoints {
+  /// [3 n] x y z, metres, local frame: world minus DeviceView::origin_W. Not set where the reason is Confidence.
+  const float* position_L = nullptr;
+  const float* normal_L = nullptr;           ///< [3 n] unit; zero where there is none
+  const float* stability = nullptr;          ///< [n] in [0, 1]
+  const std::uint16_t* score = nullptr;      ///< [n] fewest collisions of any direction; kNoScore
+  const std::uint16_t* direction = nullptr;  ///< [n] best direction; kNoDirection
+  const std::uint16_t* weight = nullptr;     ///< [n] observations behind the confidence
+  const PointLabel* label = nullptr;         ///< [n]
+  const PointReason* reason = nullptr;       ///< [n]
+  std::uint32_t count = 0;                   ///< [n]
+};
+
+struct DeviceView {
+  kernels::OccupancyView map;           ///< the NanoVDB mirror: value bit = collides, active bit = free for the arm
+  DevicePoints points;                  ///< label, reason, direction, ... of every surface point
+  const float* direction_xy = nullptr;  ///< [2 D] cosine and sine of yaw 2 pi d / D
+  int num_directions = 0;               ///< [D]
+  float voxel_size_m = 0;
+  double origin_W[3] = {0, 0, 0};  ///< world position of the local origin
+  std::uint64_t revision = 0;      ///< of the field when this was made
+  bool on_gpu = false;
+  /// Distances have no mirror: where this is false there is no grid of them. On the host, ask BatchQuery.
+  bool distance_available = false;
+
+  /// The voxel of a world position. NaN and what lies too far out are unknown.
+  ACCESSVDB_HOSTDEV Occupancy occupancyAt(const double* p_W) const {
+    const double p_L[3] = {p_W[0] - origin_W[0], p_W[1] - origin_W[1], p_W[2] - origin_W[2]};
+    return kernels::occupancyAt(map, p_L);
+  }
+  /// The tool hits something there: observed, and nearer than r_c to a surface. Unknown does not collide, so this alone
+  /// frees nothing: see armFree().
+  ACCESSVDB_HOSTDEV bool collides(const double* p_W) const { return occupancyAt(p_W) == Occupancy::Collides; }
+  /// Seen to be free: observed and r_c or more from a surface, or cleared by a ray. Unknown is not free.
+  ACCESSVDB_HOSTDEV bool armFree(const double* p_W) const { return occupancyAt(p_W) == Occupancy::Free; }
+
+  /// A link of a robot arm, or its way: the segment a_W b_W with a radius. Every voxel is looked at whose centre is
+  /// within radius_m + half a voxel's diagonal of the axis, so no voxel is missed that the capsule enters.
+  ACCESSVDB_HOSTDEV PathOccupancy along(const double* a_W, const double* b_W, double radius_m) const {
+    const double a_L[3] = {a_W[0] - origin_W[0], a_W[1] - origin_W[1], a_W[2] - origin_W[2]};
+    const double b_L[3] = {b_W[0] - origin_W[0], b_W[1] - origin_W[1], b_W[2] - origin_W[2]};
+    return kernels::occupancyAlong(map, a_L, b_L, radius_m);
+  }
+
+  /// @param id  below points.count    @param p_W  out: metres, world
+  /// @return false: it was never scored, and its position has not been sent here
+  ACCESSVDB_HOSTDEV bool positionOf(std::uint32_t id, double* p_W) const {
+    if (points.reason[id] == PointReason::Confidence) return false;
+    for (int axis = 0; axis < 3; ++axis) p_W[axis] = origin_W[axis] + points.position_L[3 * std::size_t(id) + axis];
+    return true;
+  }
+  /// Unit, outwards along the tool's body, horizontal. @return false: the point has no best direction
+  ACCESSVDB_HOSTDEV bool directionOf(std::uint32_t id, float* direction_W) const {
+    const int d = points.direction[id];
+    const bool has = d < num_directions;
+    direction_W[0] = has ? direction_xy[2 * d] : 0.0f;
+    direction_W[1] = has ? direction_xy[2 * d + 1] : 0.0f;
+    direction_W[2] = 0.0f;
+    return has;
+  }
+};
+static_assert(std::is_trivially_copyable_v<DeviceView>);
+
+}  // namespace accessvdb

@@ -1,0 +1,336 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/cuda_updater.h"
+
+#include <algorithm>
+#include <bit>
+#include <chrono>
+#include <cstring>
+
+#include "accessvdb/error.h"
+#include "cuda/cuda_check.h"
+#include "cuda/pinned_buffer.h"
+#include "cuda/staging.h"
+#include "cuda/update_kernels.h"
+
+namespace accessvdb::kernels {
+namespace {
+
+/// Points whose neighbours are found at a time, points looked at for flips at a time, and most items that wait.
+constexpr std::uint32_t kMovedPart = 1u << 17, kFlipsPart = 1u << 18, kMostItems = 1u << 20;
+/// Shared memory that a block gets without asking.
+constexpr std::uint32_t kPlainSharedBytes = 44 * 1024, kWarpsOfBlock = 4;
+
+double millisecondsSince(std::chrono::steady_clock::time_point start) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+}
+
+/// A quarter more than asked for, so that arrays grow seldom.
+std::size_t roomFor(std::size_t size) { return size + size / 4 + 4096; }
+
+class CudaUpdater final : public PointUpdater {
+ public:
+  CudaUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const UpdaterTables& tables)
+      : context_(std::move(context)), memory_(memory) {
+    const auto load = [&](DeviceArray<FootprintColumn>& to, std::span<const FootprintColumn> from) {
+      to.grow(memory_, from.size(), 0);
+      to.upload(from.data(), from.size());
+    };
+    load(tool_columns_, tables.tool_columns);
+    load(arm_columns_, tables.arm_columns);
+    view_.footprint = {tool_columns_.data(), arm_columns_.data(),
+                       static_cast<std::uint32_t>(tables.tool_columns.size()),
+                       static_cast<std::uint32_t>(tables.arm_columns.size())};
+    view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
+    view_.rule.inverse_voxel_size = 1.0 / tables.voxel_size_m;
+    view_.rule.steps_per_m = neighbourStepsPerMetre(tables.radius_m);
+    view_.rule.radius_squared = neighbourRadiusSquared(tables.radius_m);
+    view_.rule.neighbours = tables.neighbours;
+    view_.rule.view_neighbours = tables.view_neighbours;
+    words_ = static_cast<std::size_t>((tables.num_directions + 63) / 64);
+    counters_.grow(memory_, 1, 0);
+    host_counters_.reserve(sizeof(UpdateCounters));
+    clearCounters();
+    ACCESSVDB_CUDA(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, context_->device()));
+  }
+
+  void admit(const AdmitInput& input) override {
+    const CurrentDevice current(context_->device());
+    growPoints(input.num_points);
+    growBlocks(input.num_blocks, input.num_slots);
+    const auto news_count = static_cast<std::uint32_t>(input.news.size());
+    const std::uint32_t first_place = any_known_ ? places_used_ : kNoIndex;
+    if (any_known_) {
+      places_used_ += news_count;
+      if (places_.size() < places_used_) places_.grow(memory_, roomFor(places_used_), places_used_ - news_count);
+    }
+    refreshView(input.points, input.num_points);
+    const BlockNews* blocks = blocks_news_.send(input.blocks, memory_, stream());
+    const std::uint32_t* ids = ids_news_.send(input.block_ids, memory_, stream());
+    launchAdmitBlocks(view_, blocks, ids, static_cast<std::uint32_t>(input.blocks.size()), stream());
+    const PointNews* news = news_.send(input.news, memory_, stream());
+    launchAdmitPoints(view_, news, news_count, first_place, stream());
+  }
+
+  UpdateOutcome update(const UpdateInput& input) override {
+    const CurrentDevice current(context_->device());
+    const auto start = std::chrono::steady_clock::now();
+    refreshView(input.points, view_.num_points);
+    view_.approach = input.approach;
+    view_.update_rule = input.rule;
+    const std::uint32_t* crossed = crossed_.send(input.crossed, memory_, stream());
+    launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
+    launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
+    addFlips(input.flips);
+    const std::uint32_t moved = counters().moved;
+
+    DueSearch search;
+    search.map = input.map;
+    search.tool = input.tool;
+    search.multiprocessors = multiprocessors_;
+    search.confirm_window = plainWindow(input.tool, false);
+    search.full_window = plainWindow(input.tool, true);
+    ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
+    growItems(moved);
+    UpdateOutcome outcome;
+    const auto evaluate = [&] {
+      ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
+      const auto begin = std::chrono::steady_clock::now();
+      launchDueSearch(view_, search, stream());
+      ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
+      outcome.score_ms += millisecondsSince(begin);
+    };
+    std::uint32_t waiting = 0;  // at least as many as there are items
+    const auto makeRoom = [&](std::uint32_t more) {
+      if (waiting + more <= due_.size()) return;
+      const UpdateCounters now = counters();
+      waiting = now.due + now.full;
+      if (waiting + more <= due_.size()) return;
+      evaluate();
+      waiting = 0;
+    };
+    for (std::uint32_t first = 0; first < moved; first += kMovedPart) {
+      const std::uint32_t part = std::min(moved - first, kMovedPart);
+      makeRoom(part);
+      launchNearest(view_, first, part, stream());
+      launchTakeNeighbours(view_, first, part, stream());
+      waiting += part;
+    }
+    if (view_.affected != nullptr) {
+      for (std::uint32_t first = 0; first < view_.num_points; first += kFlipsPart) {
+        const std::uint32_t part = std::min(view_.num_points - first, kFlipsPart);
+        makeRoom(part);
+        launchDueByFlips(view_, first, part, stream());
+        waiting += part;
+      }
+    }
+    evaluate();
+    const UpdateCounters done = counters();
+    any_known_ = any_known_ || moved > 0;
+    reset();
+    outcome.select_ms = millisecondsSince(start) - outcome.score_ms;
+    if (done.failed != 0) {
+      throw InternalError("update.neighbours", "cuda", "more points at one distance than a map can hold",
+                          "Please report this, and use --device cpu");
+    }
+    outcome.moved = done.moved;
+    outcome.evaluated = done.evaluated;
+    outcome.scored = done.scored;
+    outcome.tests = done.tests;
+    outcome.label_changes = done.label_changes;
+    return outcome;
+  }
+
+  std::uint64_t bytes() const override {
+    return tool_columns_.bytes() + arm_columns_.bytes() + counters_.bytes() + block_.bytes() + mean_.bytes() +
+           to_sensor_.bytes() + own_seen_.bytes() + reach_.bytes() + moved_bits_.bytes() + changed_bits_.bytes() +
+           moved_.bytes() + hash_keys_.bytes() + hash_blocks_.bytes() + leaf_.bytes() + first_.bytes() +
+           count_.bytes() + ids_.bytes() + block_reach_.bytes() + head_.bytes() + touched_blocks_.bytes() +
+           reached_bits_.bytes() + reached_blocks_.bytes() + masks_.bytes() + affected_.bytes() + places_.bytes() +
+           flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + due_.bytes() + full_.bytes() + news_.bytes() +
+           blocks_news_.bytes() + ids_news_.bytes() + crossed_.bytes() + flips_.bytes();
+  }
+
+ private:
+  [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }
+
+  void fill(void* to, int byte, std::size_t bytes) const {
+    if (bytes > 0) ACCESSVDB_CUDA(cudaMemsetAsync(to, byte, bytes, stream()));
+  }
+  /// Grows an array, keeps all of it, and fills what is new.
+  template <typename T>
+  void growFilled(DeviceArray<T>& array, std::size_t size, int byte) {
+    if (size <= array.size()) return;
+    const std::size_t before = array.size();
+    array.grow(memory_, roomFor(size), before);
+    fill(array.data() + before, byte, (array.size() - before) * sizeof(T));
+  }
+
+  void growPoints(std::uint32_t points) {
+    const std::size_t kept = view_.num_points;
+    const auto grow = [&](auto& array, std::size_t each) {
+      if (array.size() < points * each) array.grow(memory_, roomFor(points) * each, kept * each);
+    };
+    grow(block_, 1);
+    grow(mean_, 3);
+    grow(to_sensor_, 3);
+    grow(own_seen_, words_);
+    grow(reach_, 1);
+    growFilled(moved_, points, 0);
+    growFilled(moved_bits_, points / 32 + 1, 0);
+    growFilled(changed_bits_, points / 32 + 1, 0);
+  }
+
+  void growBlocks(std::uint32_t blocks, std::uint32_t slots) {
+    const std::size_t kept = view_.index.blocks;
+    const auto grow = [&](auto& array, std::size_t each) {
+      if (array.size() < blocks * each) array.grow(memory_, roomFor(blocks) * each, kept * each);
+    };
+    grow(leaf_, 3);
+    grow(first_, 1);
+    grow(count_, 1);
+    grow(block_reach_, 1);
+    growFilled(touched_blocks_, blocks, 0);
+    growFilled(reached_blocks_, blocks, 0);
+    growFilled(head_, blocks, 0xff);
+    growFilled(reached_bits_, blocks / 32 + 1, 0);
+    growFilled(ids_, slots, 0);
+    if (hash_keys_.size() < 2 * std::size_t{blocks}) {
+      const std::size_t capacity = std::bit_ceil(std::size_t{4} * blocks + 1024);
+      hash_keys_ = DeviceArray<std::uint64_t>();
+      hash_blocks_ = DeviceArray<std::uint32_t>();
+      hash_keys_.grow(memory_, capacity, 0);
+      hash_blocks_.grow(memory_, capacity, 0);
+      fill(hash_keys_.data(), 0xff, hash_keys_.bytes());
+      refreshIndex(static_cast<std::uint32_t>(kept));
+      launchRehash(view_.index, stream());
+    }
+    refreshIndex(blocks);
+  }
+
+  void refreshIndex(std::uint32_t blocks) {
+    view_.index.hash = {hash_keys_.data(), static_cast<std::uint32_t>(hash_keys_.size() - 1)};
+    view_.index.block_at = hash_blocks_.data();
+    view_.index.leaf = leaf_.data();
+    view_.index.first = first_.data();
+    view_.index.count = count_.data();
+    view_.index.ids = ids_.data();
+    view_.index.reach_m = block_reach_.data();
+    view_.index.blocks = blocks;
+  }
+
+  void refreshView(const PointStateView& points, std::uint32_t num_points) {
+    view_.points = points;
+    view_.num_points = num_points;
+    view_.state = {block_.data(), mean_.data(),       to_sensor_.data(),   own_seen_.data(),
+                   reach_.data(), moved_bits_.data(), changed_bits_.data()};
+    view_.places = {places_.data(), head_.data(), touched_blocks_.data(), reached_bits_.data(), reached_blocks_.data()};
+    view_.moved = moved_.data();
+    view_.counters = counters_.data();
+  }
+
+  void addFlips(std::span<const LeafFlips> flips) {
+    view_.affected = nullptr;
+    if (flips.empty() || view_.index.blocks == 0) return;
+    const std::size_t capacity = std::bit_ceil(2 * flips.size() + 64);
+    if (flip_keys_.size() < capacity) {
+      flip_keys_.grow(memory_, capacity, 0);
+      flip_kinds_.grow(memory_, capacity, 0);
+    }
+    fill(flip_keys_.data(), 0xff, capacity * sizeof(std::uint64_t));
+    fill(flip_kinds_.data(), 0, capacity * sizeof(std::uint64_t));
+    if (masks_.size() < view_.index.blocks) {
+      masks_.grow(memory_, roomFor(view_.index.blocks), 0);
+      affected_.grow(memory_, roomFor(view_.index.blocks), 0);
+    }
+    view_.flips = {{flip_keys_.data(), static_cast<std::uint32_t>(capacity - 1)}, flip_kinds_.data()};
+    view_.masks = masks_.data();
+    view_.affected = affected_.data();
+    const LeafFlips* list = flips_.send(flips, memory_, stream());
+    launchAddFlips(view_, list, static_cast<std::uint32_t>(flips.size()), stream());
+    launchBlockMasks(view_, stream());
+  }
+
+  void growItems(std::uint32_t moved) {
+    const std::size_t part = std::min(moved, kMovedPart);
+    if (found_.size() < part) found_.grow(memory_, std::min<std::size_t>(roomFor(part), kMovedPart), 0);
+    view_.found = found_.data();
+    // Room for all points, for small maps; else for parts of them, of which few are due.
+    const std::size_t items = std::clamp<std::size_t>(roomFor(view_.num_points), kFlipsPart, kMostItems);
+    if (due_.size() < items) {
+      due_.grow(memory_, items, 0);
+      full_.grow(memory_, items, 0);
+    }
+    view_.due = due_.data();
+    view_.full = full_.data();
+  }
+
+  /// Windows that need no more shared memory than a block gets without asking.
+  [[nodiscard]] static WindowPlan plainWindow(const ToolKernelView& tool, bool leaves) {
+    return planWindow(tool, static_cast<int>(kPlainSharedBytes), leaves);
+  }
+
+  void clearCounters() { fill(counters_.data(), 0, sizeof(UpdateCounters)); }
+
+  /// Waits for the device.
+  [[nodiscard]] UpdateCounters counters() {
+    ACCESSVDB_CUDA(cudaMemcpyAsync(host_counters_.data(), counters_.data(), sizeof(UpdateCounters),
+                                   cudaMemcpyDeviceToHost, stream()));
+    ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
+    UpdateCounters counters;
+    std::memcpy(&counters, host_counters_.data(), sizeof(counters));
+    return counters;
+  }
+
+  void reset() {
+    clearCounters();
+    fill(moved_bits_.data(), 0, moved_bits_.bytes());
+    fill(changed_bits_.data(), 0, changed_bits_.bytes());
+    fill(reached_bits_.data(), 0, reached_bits_.bytes());
+    fill(head_.data(), 0xff, head_.bytes());
+    places_used_ = 0;
+  }
+
+  std::shared_ptr<DeviceContext> context_;
+  DeviceMemory& memory_;
+  UpdateView view_;
+  std::size_t words_ = 1;
+  int multiprocessors_ = 1;
+  bool any_known_ = false;  ///< does any point have a neighbourhood?
+  std::uint32_t places_used_ = 0;
+
+  DeviceArray<FootprintColumn> tool_columns_, arm_columns_;
+  DeviceArray<UpdateCounters> counters_;
+  PinnedBuffer host_counters_;
+  // By id.
+  DeviceArray<std::uint32_t> block_, moved_bits_, changed_bits_, moved_;
+  DeviceArray<float> mean_, to_sensor_, reach_;
+  DeviceArray<std::uint64_t> own_seen_;
+  // By block.
+  DeviceArray<std::uint64_t> hash_keys_;
+  DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, head_, touched_blocks_, reached_bits_, reached_blocks_;
+  DeviceArray<std::int32_t> leaf_;
+  DeviceArray<float> block_reach_;
+  DeviceArray<BlockMasks> masks_;
+  DeviceArray<std::uint8_t> affected_;
+  // Of one update.
+  DeviceArray<Place> places_;
+  DeviceArray<std::uint64_t> flip_keys_, flip_kinds_;
+  DeviceArray<FoundNeighbours> found_;
+  DeviceArray<DueItem> due_;
+  DeviceArray<FullItem> full_;
+  Staging<PointNews> news_;
+  Staging<BlockNews> blocks_news_;
+  Staging<std::uint32_t> ids_news_, crossed_;
+  Staging<LeafFlips> flips_;
+};
+
+}  // namespace
+
+std::unique_ptr<PointUpdater> makeCudaUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory,
+                                              const UpdaterTables& tables) {
+  const CurrentDevice current(context->device());
+  return std::make_unique<CudaUpdater>(std::move(context), memory, tables);
+}
+
+}  // namespace accessvdb::kernels

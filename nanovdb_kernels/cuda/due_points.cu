@@ -1,0 +1,254 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which points have to be evaluated, and which of their directions.
+///
+/// After an update all is known of a point: an accessible one has its best direction and count, a blocked one no free
+/// direction. So only directions that are newly admissible, or that a flip for the better may have changed, can change
+/// that; and for the best direction a flip for the worse. Flips are taken leaf by leaf: too many directions cost time
+/// and change nothing.
+#include "cuda/cuda_check.h"
+#include "cuda/update_kernels.h"
+#include "hostdev/direction_filter.h"
+
+namespace accessvdb::kernels {
+namespace {
+
+constexpr unsigned kThreads = 256, kLanes = 32;
+constexpr unsigned kAll = 0xffffffffu;
+
+unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
+
+__device__ bool anyOf(const DirectionMask& mask) {
+  return (mask.word[0] | mask.word[1] | mask.word[2] | mask.word[3]) != 0;
+}
+
+__global__ void addFlips(UpdateView view, const LeafFlips* flips, std::uint32_t count) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= count) return;
+  const LeafFlips& flip = flips[n];
+  const std::uint32_t slot = view.flips.hash.insert(placeKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4));
+  std::uint64_t bits = 0;
+  for (int kind = 0; kind < 4; ++kind) {
+    if ((flip.kinds >> kind & 1u) != 0) bits |= std::uint64_t{1} << (16 * kind + (flip.leaf[2] & 15));
+  }
+  atomicOr(reinterpret_cast<unsigned long long*>(view.flips.kinds + slot), static_cast<unsigned long long>(bits));
+}
+
+/// Kinds of flips in a column of leaves, bit as in LeafFlips.
+__device__ std::uint32_t kindsIn(const FlipsView& flips, std::int32_t x, std::int32_t y, std::int32_t z_low,
+                                 std::int32_t z_high) {
+  std::uint32_t kinds = 0;
+  for (std::int32_t part = z_low >> 4; part <= z_high >> 4; ++part) {
+    const std::uint32_t slot = flips.hash.find(placeKey(x, y, part));
+    if (slot == kNoIndex) continue;
+    const std::int32_t from = z_low - part * 16, to = z_high - part * 16;
+    const std::uint32_t wanted = (0xffffu << (from > 0 ? from : 0)) & (0xffffu >> (to < 15 ? 15 - to : 0));
+    const std::uint64_t bits = flips.kinds[slot];
+    for (int kind = 0; kind < 4; ++kind) {
+      if ((static_cast<std::uint32_t>(bits >> (16 * kind)) & wanted) != 0) kinds |= 1u << kind;
+    }
+  }
+  return kinds;
+}
+
+__device__ void orInto(DirectionMask& into, const DirectionMask& from) {
+  for (int w = 0; w < kMaxDirectionWords; ++w) into.word[w] |= from.word[w];
+}
+
+__device__ void orOfWarp(DirectionMask& mask) {
+  for (int w = 0; w < kMaxDirectionWords; ++w) {
+    const auto low = __reduce_or_sync(kAll, static_cast<unsigned>(mask.word[w]));
+    const auto high = __reduce_or_sync(kAll, static_cast<unsigned>(mask.word[w] >> 32));
+    mask.word[w] = static_cast<std::uint64_t>(high) << 32 | low;
+  }
+}
+
+/// A warp a block, a column of its footprint a lane.
+__global__ void blockMasks(UpdateView view) {
+  const std::uint32_t block = (blockIdx.x * kThreads + threadIdx.x) / kLanes, lane = threadIdx.x % kLanes;
+  if (block >= view.index.blocks) return;
+  DirectionMask better = {}, worse = {};
+  if (view.index.reach_m[block] >= 0) {
+    const std::int32_t* leaf = view.index.leaf + 3 * static_cast<std::size_t>(block);
+    const auto scan = [&](const FootprintColumn* columns, std::uint32_t count, std::uint32_t better_kind,
+                          std::uint32_t worse_kind) {
+      for (std::uint32_t n = lane; n < count; n += kLanes) {
+        const FootprintColumn& c = columns[n];
+        const std::uint32_t kinds =
+            kindsIn(view.flips, leaf[0] + c.dx, leaf[1] + c.dy, leaf[2] + c.z_low, leaf[2] + c.z_high);
+        if ((kinds & better_kind) != 0) orInto(better, c.directions);
+        if ((kinds & worse_kind) != 0) orInto(worse, c.directions);
+      }
+    };
+    scan(view.footprint.tool, view.footprint.tool_count, 2, 1);
+    scan(view.footprint.arm, view.footprint.arm_count, 4, 8);
+  }
+  __syncwarp();
+  orOfWarp(better);
+  orOfWarp(worse);
+  if (lane != 0) return;
+  view.masks[block] = {better, worse};
+  view.affected[block] = anyOf(better) || anyOf(worse) ? 1 : 0;
+}
+
+/// A point's directions under a normal and a set of seen ones.
+struct Admissible {
+  float normal[3];
+  DirectionMask seen;
+
+  __device__ bool holds(const ApproachView& approach, int d, float cosine) const {
+    return seen.test(d) && cosine >= approach.normal_cos_min;
+  }
+};
+
+/// Is d tried before e?
+__device__ bool ranksBefore(float cos_d, int d, float cos_e, int e) {
+  return cos_d > cos_e || (cos_d == cos_e && d < e);
+}
+
+__device__ DirectionMask loadSeen(const UpdateView& view, std::size_t id) {
+  DirectionMask seen = {};
+  const auto words = static_cast<std::size_t>(view.points.direction_words);
+  for (std::size_t w = 0; w < words; ++w) seen.word[w] = view.points.seen[id * words + w];
+  return seen;
+}
+
+__device__ void appendFull(const UpdateView& view, std::uint32_t id, bool evidence) {
+  view.full[atomicAdd(&view.counters->full, 1u)] = {id, evidence ? 1u : 0u};
+}
+
+/// An accessible point whose best direction is still the best one: nothing to test.
+__device__ void confirm(const UpdateView& view, std::uint32_t id) {
+  ScoreItem item;
+  item.id = id;
+  ScoreResult result;
+  result.scored = 1;
+  result.score = view.points.score[id];
+  result.direction = view.points.direction[id];
+  result.reason = PointReason::None;
+  updatePoint(view.points, item, result, view.update_rule);
+}
+
+/// What is due of a point. @param before  as it was at the last update; equal to `now` where nothing of it changed
+/// @param changed  before != now: evaluated in any case
+__device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admissible& before, const Admissible& now,
+                          bool changed) {
+  const ApproachView& approach = view.approach;
+  const PointLabel label = view.points.label[id];
+  const int best = view.points.direction[id];
+  if (label == PointLabel::Unscored) {
+    if (changed) appendFull(view, id, true);
+    return;
+  }
+  const bool has_normal = now.normal[0] != 0 || now.normal[1] != 0 || now.normal[2] != 0;
+  const bool has_best = has_normal && best != kNoDirection;
+  const float cos_best = has_best ? cosToNormal(approach, best, now.normal) : 0;
+  if (!has_best || !now.holds(approach, best, cos_best)) {
+    // An accessible point lost its direction; the reason of a blocked one belongs to a direction that is gone.
+    if (changed) appendFull(view, id, true);
+    return;  // not changed: a blocked point without any admissible direction
+  }
+  BlockMasks masks = {};
+  if (view.affected != nullptr) {
+    const std::uint32_t block = view.state.block[id];
+    if (view.affected[block] != 0) masks = view.masks[block];
+  }
+  const bool accessible = label == PointLabel::Accessible;
+  const std::uint16_t score = view.points.score[id];
+  const float cos_best_before = cosToNormal(approach, best, before.normal);
+  DueItem item = {};
+  item.id = id;
+  item.evidence = changed ? 1 : 0;
+  item.test_best = accessible && (masks.worse.test(best) || (score > 0 && masks.better.test(best))) ? 1 : 0;
+  bool some = false;
+  for (int d = 0; d < approach.num_directions; ++d) {
+    const bool better = masks.better.test(d);
+    if (!changed && !better) continue;
+    if ((accessible && d == best) || !now.seen.test(d)) continue;
+    const float cosine = cosToNormal(approach, d, now.normal);
+    if (!now.holds(approach, d, cosine)) continue;
+    bool wanted = better;
+    bool is_before = true;  // can it be better than the best one?
+    if (accessible) is_before = ranksBefore(cosine, d, cos_best, best);
+    if (changed && !wanted) {
+      const float cos_before = cosToNormal(approach, d, before.normal);
+      wanted = !before.holds(approach, d, cos_before) ||
+               (accessible && is_before && !ranksBefore(cos_before, d, cos_best_before, best));
+    }
+    if (wanted && (!accessible || is_before || score > 0)) {
+      item.candidates.set(d);
+      some = true;
+    }
+  }
+  if (some || item.test_best != 0) {
+    view.due[atomicAdd(&view.counters->due, 1u)] = item;
+  } else if (changed && accessible) {
+    confirm(view, id);
+  }
+}
+
+__global__ void takeNeighbours(UpdateView view, std::uint32_t first, std::uint32_t count) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= count) return;
+  const std::uint32_t id = view.moved[first + n];
+  const FoundNeighbours& found = view.found[n];
+  Admissible before, now;
+  for (std::size_t axis = 0; axis < 3; ++axis) before.normal[axis] = view.points.normal_L[3 * std::size_t{id} + axis];
+  before.seen = loadSeen(view, id);
+  neighbourNormal(found.sums, view.state.to_sensor_L + 3 * std::size_t{id}, now.normal);
+  now.seen = found.seen;
+  const bool is_first = view.state.reach_m[id] < 0;
+  const float reach_m = neighbourReach_m(found.farthest, view.rule.steps_per_m);
+  view.state.reach_m[id] = reach_m;
+  // Floats that are not negative are in the order of their bits, and -1 is below them.
+  atomicMax(reinterpret_cast<int*>(view.index.reach_m + view.state.block[id]), __float_as_int(reach_m));
+  bool changed = is_first;
+  for (int axis = 0; axis < 3; ++axis) changed = changed || before.normal[axis] != now.normal[axis];
+  for (int w = 0; w < kMaxDirectionWords; ++w) changed = changed || before.seen.word[w] != now.seen.word[w];
+  if (!changed) return;
+  atomicOr(view.state.changed_bits + (id >> 5), 1u << (id & 31));
+  for (std::size_t axis = 0; axis < 3; ++axis) view.points.normal_L[3 * std::size_t{id} + axis] = now.normal[axis];
+  const auto words = static_cast<std::size_t>(view.points.direction_words);
+  for (std::size_t w = 0; w < words; ++w) view.points.seen[id * words + w] = now.seen.word[w];
+  appendDue(view, id, before, now, true);
+}
+
+__global__ void dueByFlips(UpdateView view, std::uint32_t first, std::uint32_t count) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= count) return;
+  const std::uint32_t id = first + n;
+  if (view.affected[view.state.block[id]] == 0 || view.points.label[id] == PointLabel::Unscored) return;
+  if ((view.state.changed_bits[id >> 5] >> (id & 31) & 1u) != 0) return;  // evaluated already
+  Admissible now;
+  for (std::size_t axis = 0; axis < 3; ++axis) now.normal[axis] = view.points.normal_L[3 * std::size_t{id} + axis];
+  now.seen = loadSeen(view, id);
+  appendDue(view, id, now, now, false);
+}
+
+}  // namespace
+
+void launchAddFlips(const UpdateView& view, const LeafFlips* flips, std::uint32_t count, cudaStream_t stream) {
+  if (count == 0) return;
+  addFlips<<<blocksFor(count), kThreads, 0, stream>>>(view, flips, count);
+  checkLaunch("addFlips");
+}
+
+void launchBlockMasks(const UpdateView& view, cudaStream_t stream) {
+  if (view.index.blocks == 0) return;
+  blockMasks<<<blocksFor(std::uint64_t{view.index.blocks} * kLanes), kThreads, 0, stream>>>(view);
+  checkLaunch("blockMasks");
+}
+
+void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream) {
+  if (count == 0) return;
+  takeNeighbours<<<blocksFor(count), kThreads, 0, stream>>>(view, first, count);
+  checkLaunch("takeNeighbours");
+}
+
+void launchDueByFlips(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream) {
+  if (count == 0) return;
+  dueByFlips<<<blocksFor(count), kThreads, 0, stream>>>(view, first, count);
+  checkLaunch("dueByFlips");
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,60 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Launches of the kernels of an update, in the order in which they run. All pointers are device memory; all calls only
+/// queue work.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+
+#include "cuda/score_kernels.h"
+#include "cuda/update_views.cuh"
+
+namespace accessvdb::kernels {
+
+// point_index.cu: takes points in.
+
+/// Lists of ids of blocks, and new blocks into the hash.
+void launchAdmitBlocks(const UpdateView& view, const BlockNews* blocks, const std::uint32_t* block_ids,
+                       std::uint32_t count, cudaStream_t stream);
+/// All blocks into an empty hash.
+void launchRehash(const BlockIndexView& index, cudaStream_t stream);
+/// State of new and touched points. @param first_place  of view.places, or kNoIndex: nothing has a neighbourhood yet
+void launchAdmitPoints(const UpdateView& view, const PointNews* news, std::uint32_t count, std::uint32_t first_place,
+                       cudaStream_t stream);
+
+// moved_points.cu: whose neighbourhoods may have changed.
+
+/// Points near places -> view.moved. @param most_touched  upper bound of counters.touched_blocks
+void launchFindMoved(const UpdateView& view, std::uint32_t most_touched, cudaStream_t stream);
+void launchAddCrossed(const UpdateView& view, const std::uint32_t* ids, std::uint32_t count, cudaStream_t stream);
+
+// nearest_points.cu
+
+/// @param first, count  part of view.moved, found -> view.found[0 .. count)
+void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
+
+// due_points.cu: what has to be evaluated.
+
+void launchAddFlips(const UpdateView& view, const LeafFlips* flips, std::uint32_t count, cudaStream_t stream);
+/// Masks of all blocks.
+void launchBlockMasks(const UpdateView& view, cudaStream_t stream);
+/// Normals, seen directions and what is due of view.moved[first .. first + count).
+void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
+/// What is due of points [first, first + count) because of flips alone.
+void launchDueByFlips(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
+
+// due_search.cu: evaluates.
+
+/// What the search needs beside the view.
+struct DueSearch {
+  OccupancyView map;
+  ToolKernelView tool;
+  WindowPlan confirm_window, full_window;
+  int multiprocessors = 1;
+};
+/// view.due[0 .. counters.due), then view.full[0 .. counters.full); both counters are zero afterwards.
+void launchDueSearch(const UpdateView& view, const DueSearch& search, cudaStream_t stream);
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,169 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What the kernels of an update read and write: the index of points by place, what neighbourhoods are made of, the
+/// flips of a frame, and the lists that go from one kernel to the next.
+#pragma once
+
+#include <cstdint>
+
+#include "hostdev/neighbour_rule.h"
+#include "hostdev/point_update.h"
+#include "hostdev/views.h"
+#include "launch/point_updater.h"
+
+namespace accessvdb::kernels {
+
+inline constexpr std::uint32_t kNoIndex = 0xffffffffu;
+inline constexpr std::uint64_t kNoKey = ~std::uint64_t{0};
+
+/// 21 bits an axis: more than the leaves of 2^20 voxels either way.
+ACCESSVDB_HOSTDEV inline std::uint64_t placeKey(std::int32_t x, std::int32_t y, std::int32_t z) {
+  constexpr std::uint64_t kAxis = (std::uint64_t{1} << 21) - 1;
+  return (static_cast<std::uint64_t>(x) & kAxis) << 42 | (static_cast<std::uint64_t>(y) & kAxis) << 21 |
+         (static_cast<std::uint64_t>(z) & kAxis);
+}
+
+/// Open addressing, a power of two of slots, never full.
+struct HashView {
+  std::uint64_t* keys = nullptr;  ///< kNoKey: empty
+  std::uint32_t mask = 0;
+
+#if defined(__CUDACC__)
+  static __device__ std::uint32_t mix(std::uint64_t key) {
+    key *= 0x9e3779b97f4a7c15ull;
+    return static_cast<std::uint32_t>(key >> 32);
+  }
+  /// @return the slot, or kNoIndex
+  [[nodiscard]] __device__ std::uint32_t find(std::uint64_t key) const {
+    for (std::uint32_t slot = mix(key) & mask;; slot = (slot + 1) & mask) {
+      const std::uint64_t there = keys[slot];
+      if (there == key) return slot;
+      if (there == kNoKey) return kNoIndex;
+    }
+  }
+  [[nodiscard]] __device__ std::uint32_t insert(std::uint64_t key) const {
+    for (std::uint32_t slot = mix(key) & mask;; slot = (slot + 1) & mask) {
+      const auto before = atomicCAS(reinterpret_cast<unsigned long long*>(keys + slot),
+                                    static_cast<unsigned long long>(kNoKey), static_cast<unsigned long long>(key));
+      if (before == kNoKey || before == key) return slot;
+    }
+  }
+#endif
+};
+
+/// Points by leaf of the map.
+struct BlockIndexView {
+  HashView hash;
+  std::uint32_t* block_at = nullptr;  ///< [slots of the hash]
+  std::int32_t* leaf = nullptr;       ///< [3 blocks] voxel index >> 3
+  std::uint32_t* first = nullptr;     ///< [blocks] ids of a block: ids[first .. first + count)
+  std::uint32_t* count = nullptr;     ///< [blocks]
+  std::uint32_t* ids = nullptr;
+  float* reach_m = nullptr;  ///< [blocks] largest reach of its points; negative where none has a neighbourhood
+  std::uint32_t blocks = 0;
+
+#if defined(__CUDACC__)
+  [[nodiscard]] __device__ std::uint32_t find(std::int32_t x, std::int32_t y, std::int32_t z) const {
+    const std::uint32_t slot = hash.find(placeKey(x, y, z));
+    return slot == kNoIndex ? kNoIndex : block_at[slot];
+  }
+#endif
+};
+
+/// What neighbourhoods are made of, by id.
+struct NeighbourStateView {
+  std::uint32_t* block = nullptr;         ///< [n]
+  float* mean_L = nullptr;                ///< [3 n]
+  float* to_sensor_L = nullptr;           ///< [3 n]
+  std::uint64_t* own_seen = nullptr;      ///< [words n]
+  float* reach_m = nullptr;               ///< [n] negative: no neighbourhood yet
+  std::uint32_t* moved_bits = nullptr;    ///< [n / 32] already on the list of moved points
+  std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
+};
+
+/// Constants of neighbourhoods.
+struct NeighbourRuleView {
+  float voxel_size_m = 0;
+  double inverse_voxel_size = 0, steps_per_m = 0;
+  std::int64_t radius_squared = 0;
+  int neighbours = 0, view_neighbours = 0;
+};
+
+/// Where a touched point was and is.
+struct Place {
+  float now_L[3], before_L[3];  ///< before: NaN where the point is new
+  std::uint32_t next;           ///< of the same block, or kNoIndex
+};
+struct PlacesView {
+  Place* places = nullptr;
+  std::uint32_t* head = nullptr;            ///< [blocks] kNoIndex where nothing was touched
+  std::uint32_t* touched_blocks = nullptr;  ///< those with a head
+  std::uint32_t* reached_bits = nullptr;    ///< [blocks / 32]
+  std::uint32_t* reached_blocks = nullptr;
+};
+
+/// Flipped leaves: 16 of them above each other share an entry, a bit each, 16 bits a kind.
+struct FlipsView {
+  HashView hash;
+  std::uint64_t* kinds = nullptr;  ///< [slots of the hash]
+};
+
+/// Directions that flips may have changed for the points of a block.
+struct BlockMasks {
+  DirectionMask better, worse;
+};
+
+struct FootprintView {
+  const FootprintColumn* tool = nullptr;
+  const FootprintColumn* arm = nullptr;
+  std::uint32_t tool_count = 0, arm_count = 0;
+};
+
+/// What the nearest points of a moved one give.
+struct FoundNeighbours {
+  NeighbourSums sums;
+  std::int64_t farthest;
+  DirectionMask seen;
+};
+
+/// A point to evaluate.
+struct DueItem {
+  std::uint32_t id;
+  std::uint8_t test_best;  ///< the count of its best direction may have changed
+  std::uint8_t evidence;   ///< ScoreItem::evidence
+  DirectionMask candidates;
+};
+/// A point of which all directions have to be tried.
+struct FullItem {
+  std::uint32_t id;
+  std::uint32_t evidence;
+};
+
+/// Numbers that kernels add to.
+struct UpdateCounters {
+  unsigned long long tests, scored, label_changes, evaluated;
+  std::uint32_t moved, touched_blocks, reached_blocks, due, full, next, failed;
+};
+
+/// Everything of an update in one argument.
+struct UpdateView {
+  PointStateView points;
+  NeighbourStateView state;
+  BlockIndexView index;
+  NeighbourRuleView rule;
+  PlacesView places;
+  FlipsView flips;
+  FootprintView footprint;
+  BlockMasks* masks = nullptr;       ///< [blocks]
+  std::uint8_t* affected = nullptr;  ///< [blocks] its masks are not empty; null: no flips at all
+  ApproachView approach;
+  UpdateRule update_rule;
+  std::uint32_t* moved = nullptr;    ///< list of ids
+  FoundNeighbours* found = nullptr;  ///< of a part of the list
+  DueItem* due = nullptr;
+  FullItem* full = nullptr;
+  UpdateCounters* counters = nullptr;
+  std::uint32_t num_points = 0;
+};
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,87 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Who is a neighbour of a surface point, and the normal that the neighbours give (SPEC a.5).
+///
+/// Offsets from the point are rounded to a fixed step first. From there on everything up to the covariance is integers,
+/// so that the result is the same in any order of the neighbours, on any number of threads, on either backend.
+#pragma once
+
+#include <cmath>
+#include <cstdint>
+
+#include "hostdev/surface_normal.h"
+
+namespace accessvdb::kernels {
+
+/// Steps of the largest offset: 2^19 to 2^20 steps a radius. With at most 500 neighbours no sum of products overflows.
+inline constexpr int kRadiusBits = 20;
+
+/// Steps a metre: a power of two, so that positions on a dyadic grid keep their ties.
+inline double neighbourStepsPerMetre(double radius_m) {
+  return std::exp2(std::floor(kRadiusBits - std::log2(radius_m)));
+}
+/// Largest squared distance of a neighbour, in steps.
+inline std::int64_t neighbourRadiusSquared(double radius_m) {
+  const double steps = std::floor(radius_m * neighbourStepsPerMetre(radius_m));
+  return static_cast<std::int64_t>(steps) * static_cast<std::int64_t>(steps);
+}
+
+/// An offset in steps.
+struct NeighbourOffset {
+  std::int64_t x, y, z;
+  [[nodiscard]] ACCESSVDB_HOSTDEV std::int64_t squared() const { return x * x + y * y + z * z; }
+};
+
+/// For positions that are less than 2^10 radii apart.
+ACCESSVDB_HOSTDEV inline NeighbourOffset neighbourOffset(const float* from, const float* to, double steps_per_m) {
+  const auto steps = [steps_per_m](float a, float b) {
+    return static_cast<std::int64_t>(floor((static_cast<double>(b) - static_cast<double>(a)) * steps_per_m + 0.5));
+  };
+  return {steps(from[0], to[0]), steps(from[1], to[1]), steps(from[2], to[2])};
+}
+
+/// No point farther away than this can change what these neighbours give: rounding is less than a step an axis.
+/// @param squared  distance of the farthest neighbour in steps, or the largest one where there are fewer than k
+ACCESSVDB_HOSTDEV inline float neighbourReach_m(std::int64_t squared, double steps_per_m) {
+  return static_cast<float>((sqrt(static_cast<double>(squared)) + 2.0) / steps_per_m);
+}
+
+/// Sums over the neighbours, the point itself among them.
+struct NeighbourSums {
+  std::int64_t count = 0;
+  std::int64_t x = 0, y = 0, z = 0;
+  std::int64_t xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
+
+  ACCESSVDB_HOSTDEV void add(const NeighbourOffset& o) {
+    ++count;
+    x += o.x, y += o.y, z += o.z;
+    xx += o.x * o.x, xy += o.x * o.y, xz += o.x * o.z;
+    yy += o.y * o.y, yz += o.y * o.z, zz += o.z * o.z;
+  }
+};
+
+inline constexpr std::int64_t kFewestForNormal = 3;
+
+/// Unit normal towards the sensor; zero where there are too few neighbours.
+/// @param to_sensor  from the point towards the mean sensor position, metres
+ACCESSVDB_HOSTDEV inline void neighbourNormal(const NeighbourSums& s, const float* to_sensor, float* normal) {
+  for (int axis = 0; axis < 3; ++axis) normal[axis] = 0;
+  if (s.count < kFewestForNormal) return;
+  // count^2 times the covariance: its eigenvectors are those of the covariance.
+  Covariance covariance;
+  covariance.xx = static_cast<double>(s.count * s.xx - s.x * s.x);
+  covariance.xy = static_cast<double>(s.count * s.xy - s.x * s.y);
+  covariance.xz = static_cast<double>(s.count * s.xz - s.x * s.z);
+  covariance.yy = static_cast<double>(s.count * s.yy - s.y * s.y);
+  covariance.yz = static_cast<double>(s.count * s.yz - s.y * s.z);
+  covariance.zz = static_cast<double>(s.count * s.zz - s.z * s.z);
+  smallestEigenvector(covariance, normal);
+  const double side = static_cast<double>(normal[0]) * static_cast<double>(to_sensor[0]) +
+                      static_cast<double>(normal[1]) * static_cast<double>(to_sensor[1]) +
+                      static_cast<double>(normal[2]) * static_cast<double>(to_sensor[2]);
+  if (side < 0) {
+    for (int axis = 0; axis < 3; ++axis) normal[axis] = -normal[axis];
+  }
+}
+
+}  // namespace accessvdb::kernels

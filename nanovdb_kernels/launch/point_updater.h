@@ -1,0 +1,98 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The exact policy as a backend runs it by itself: which points are due, their neighbourhoods, their scores, all on
+/// arrays that stay on the device (docs/DESIGN.md, "Exact updates").
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "hostdev/point_update.h"
+#include "hostdev/views.h"
+
+namespace accessvdb::kernels {
+
+/// Leaves at one horizontal offset from a point's leaf, and the directions that read them wherever in its leaf the
+/// point lies.
+struct FootprintColumn {
+  std::int32_t dx, dy, z_low, z_high;  ///< [leaves], z inclusive
+  DirectionMask directions;
+};
+
+/// What never changes. Host memory, needed only while the updater is made.
+struct UpdaterTables {
+  std::span<const FootprintColumn> tool_columns, arm_columns;
+  double voxel_size_m = 0;
+  double radius_m = 0;      ///< no neighbour is farther away
+  int neighbours = 0;       ///< [k]
+  int view_neighbours = 0;  ///< the nearest this many share their seen directions; 0: none does
+  int num_directions = 0;   ///< [D]
+};
+
+/// A point that is new, or that a scan touched since the last update.
+struct PointNews {
+  std::uint32_t id = 0, block = 0;
+  float position_L[3] = {0, 0, 0};  ///< first return
+  float mean_L[3] = {0, 0, 0};      ///< what neighbourhoods are made of
+  float before_L[3] = {0, 0, 0};    ///< the mean at the last update; NaN where the point is new
+  float to_sensor_L[3] = {0, 0, 0};
+  std::uint16_t weight = 0;
+  DirectionMask seen = {};  ///< the point's own directions
+};
+
+/// A leaf of the map with surface points, new or with more points than before.
+struct BlockNews {
+  std::uint32_t block = 0;
+  std::int32_t leaf[3] = {0, 0, 0};    ///< voxel index >> 3
+  std::uint32_t first = 0, count = 0;  ///< its ids lie in slots [first, first + count)
+  std::uint32_t source = 0;            ///< and in UpdateInput::block_ids from here on
+  std::uint32_t is_new = 0;
+};
+
+/// A leaf in which facts flipped: bit 0 collides on, 1 collides off, 2 arm free on, 3 arm free off.
+struct LeafFlips {
+  std::int32_t leaf[3] = {0, 0, 0};
+  std::uint32_t kinds = 0;
+};
+
+/// Points that are new or changed; host memory, free again on return.
+struct AdmitInput {
+  PointStateView points;  ///< in the backend's memory, room for num_points
+  std::uint32_t num_points = 0, num_blocks = 0, num_slots = 0;
+  std::span<const PointNews> news;
+  std::span<const BlockNews> blocks;
+  std::span<const std::uint32_t> block_ids;
+};
+
+/// What is needed beside the points; host memory, free again on return.
+struct UpdateInput {
+  OccupancyView map;
+  ToolKernelView tool;    ///< in the backend's memory
+  ApproachView approach;  ///< in the backend's memory
+  PointStateView points;  ///< in the backend's memory
+  UpdateRule rule;
+  std::span<const std::uint32_t> crossed;  ///< points that became confident enough to be scored; ids differ
+  std::span<const LeafFlips> flips;        ///< since the last update; a leaf may come several times
+};
+
+struct UpdateOutcome {
+  std::uint64_t moved = 0;      ///< neighbourhoods computed
+  std::uint64_t evaluated = 0;  ///< points looked at
+  std::uint64_t scored = 0;     ///< of them, points with at least one direction tested
+  std::uint64_t tests = 0;      ///< (point, direction) tests
+  std::uint64_t label_changes = 0;
+  double select_ms = 0, score_ms = 0;  ///< finding what is due; evaluating it
+};
+
+class PointUpdater {
+ public:
+  virtual ~PointUpdater() = default;
+  /// Takes points in, any number of times before an update; no id twice between two updates.
+  virtual void admit(const AdmitInput& input) = 0;
+  /// Brings neighbourhoods, labels, directions and scores up to date with the map and with what was admitted.
+  virtual UpdateOutcome update(const UpdateInput& input) = 0;
+  /// Bytes of device memory that it holds, the point state not included.
+  [[nodiscard]] virtual std::uint64_t bytes() const = 0;
+};
+
+}  // namespace accessvdb::kernels

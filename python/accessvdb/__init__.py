@@ -1,0 +1,62 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""Which surfaces of a scanned scene can a tool reach, from which direction, and if not, why not.
+
+    tool = accessvdb.ToolGeometry.builtin("builtin:pruner")
+    field = accessvdb.AccessibilityField(tool, {"tsdf": {"voxel_size_m": 0.05}})
+    for points_S, T_W_S in scans:  # (N, 3) in the sensor frame, (4, 4) sensor to world
+        field.integrate_scan(points_S, T_W_S)
+    field.update()
+    snapshot = field.snapshot()
+    reachable = snapshot.position_W[snapshot.label == accessvdb.PointLabel.ACCESSIBLE]
+
+Lengths are metres, angles radians. Suffixes: _W world frame, _S sensor frame, _T tool frame.
+"""
+
+from ._errors import (
+    DeviceError,
+    Error,
+    InputError,
+    InternalError,
+    InvalidArgument,
+    OutputError,
+    ResourceLimit,
+    UnusableInput,
+)
+from ._accessvdb import (
+    NO_DIRECTION,
+    NO_POINT,
+    NO_SCORE,
+    AccessibilityField,
+    ApproachParams,
+    CapsuleAnswers,
+    FieldParams,
+    FieldSnapshot,
+    FrameStats,
+    MemoryUse,
+    PointAnswers,
+    PointLabel,
+    PointReason,
+    ProjectiveParams,
+    ScanRecord,
+    ScanSequence,
+    ScoringParams,
+    StoredAnswer,
+    StoredField,
+    SurfacePoint,
+    ToolGeometry,
+    TsdfParams,
+    UpdateParams,
+    UpdateStats,
+    __version__,
+    read_points_ply,
+    render_field,
+    render_tool,
+)
+
+__all__ = [_name for _name in dir() if not _name.startswith("_")] + ["__version__"]
+
+for _name in __all__:
+    # Users import from here, so errors and reprs name this place too.
+    if isinstance(globals()[_name], type):
+        globals()[_name].__module__ = "accessvdb"

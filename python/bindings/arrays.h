@@ -1,0 +1,93 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What comes from Python, checked: arrays of points and poses, and calls that run without the interpreter's lock.
+#pragma once
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <cstddef>
+#include <exception>
+#include <new>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/error.h"
+#include "accessvdb/export.h"
+
+namespace accessvdb::python {
+
+/// "list", "numpy.ndarray": what to call a value of the user's in a message.
+std::string typeName(pybind11::handle value);
+
+/// A C-contiguous array of an array-like of real numbers, of [n x 3] or [rows x columns]; a copy only where type,
+/// byte order or layout differ.
+/// @param name  of the argument, for messages
+/// @throws InvalidArgument "python.array" for what is no array of real numbers, or is masked;
+///         "python.shape" for another shape
+template <typename Scalar>
+pybind11::array_t<Scalar, pybind11::array::c_style> realArray(const char* name, const pybind11::object& value,
+                                                              pybind11::ssize_t rows, pybind11::ssize_t columns);
+inline constexpr pybind11::ssize_t kAnyNumber = -1;  ///< of rows
+
+/// Points in the frame of a scan: [n x 3], float32 in place, other numbers rounded to it.
+class ACCESSVDB_PRIVATE ScanPoints {
+ public:
+  ScanPoints(const char* name, const pybind11::object& value);
+  [[nodiscard]] std::span<const Eigen::Vector3f> view() const { return view_; }
+
+ private:
+  pybind11::object keep_;  // the array that view_ looks into
+  std::vector<Eigen::Vector3f> rounded_;
+  std::span<const Eigen::Vector3f> view_;
+};
+
+/// Positions in the world frame: [n x 3] as float64.
+class ACCESSVDB_PRIVATE Positions {
+ public:
+  Positions(const char* name, const pybind11::object& value);
+  [[nodiscard]] std::span<const Eigen::Vector3d> view() const { return view_; }
+
+ private:
+  pybind11::object keep_;
+  std::span<const Eigen::Vector3d> view_;
+};
+
+/// Three numbers. @throws InvalidArgument
+Eigen::Vector3d vector3(const char* name, const pybind11::object& value);
+
+/// [count] numbers. @throws InvalidArgument
+std::vector<double> numbers1(const char* name, const pybind11::object& value, std::size_t count);
+
+/// A pose as a 4x4 matrix. @throws InvalidArgument (shape, type), UnusableInput (last row); the field checks the rest
+Eigen::Isometry3d poseOf(const char* name, const pybind11::object& value);
+
+/// A new array of three numbers.
+pybind11::array_t<double> arrayOf(const Eigen::Vector3d& v);
+pybind11::array_t<float> arrayOf(const Eigen::Vector3f& v);
+
+/// An array [n] or [n x 3] that looks into memory of `owner`, read-only; it keeps the owner alive.
+/// @param stride  bytes from one element to the next
+pybind11::array viewInto(const pybind11::object& owner, const pybind11::dtype& type, const void* first,
+                         std::size_t count, std::size_t stride, int components = 1);
+
+/// Runs a call into the library without the interpreter's lock. What it throws belongs to our family afterwards.
+template <typename Body>
+auto withoutLock(const Body& body) {
+  const pybind11::gil_scoped_release released;
+  try {
+    return body();
+  } catch (const Error&) {
+    throw;
+  } catch (const std::bad_alloc&) {
+    throw;  // the module's translator knows it
+  } catch (const std::exception& e) {
+    throw InternalError("internal", "", e.what(), "This is a bug; please report it");
+  }
+}
+
+}  // namespace accessvdb::python

@@ -1,0 +1,188 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// AccessibilityField, and what its calls report.
+#include "accessvdb/accessibility_field.h"
+
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <filesystem>
+#include <memory>
+#include <optional>
+
+#include "accessvdb/field_export.h"
+#include "accessvdb/scan_io.h"
+#include "bindings/arrays.h"
+#include "bindings/locked_field.h"
+#include "bindings/parts.h"
+#include "bindings/query.h"
+#include "bindings/settings.h"
+#include "bindings/snapshot.h"
+
+namespace py = pybind11;
+
+namespace accessvdb::python {
+
+template <>
+inline constexpr std::array kWords<io::Compression> = {"auto", "blosc", "zip", "none"};
+template <>
+inline constexpr std::array kWords<io::UpAxis> = {"z", "y"};
+
+namespace {
+
+void bindReports(py::module_& module) {
+  using F = FrameStats;
+  py::class_<F>(module, "FrameStats", "What one scan did.")
+      .def_readonly("points_in", &F::points_in)
+      .def_readonly("points_used", &F::points_used)
+      .def_property_readonly(
+          "dropped",
+          [](const F& stats) {
+            py::dict dropped;
+            for (int n = 0; n < kNumDropReasons; ++n) {
+              dropped[name(static_cast<DropReason>(n))] = stats.dropped[static_cast<std::size_t>(n)];
+            }
+            return dropped;
+          },
+          "How many returns were not used, by reason: {\"no_return\": 12, ...}.")
+      .def_readonly("touched_leaves", &F::touched_leaves)
+      .def_readonly("new_leaves", &F::new_leaves)
+      .def_readonly("distance_updates", &F::distance_updates)
+      .def_readonly("cleared_updates", &F::cleared_updates)
+      .def_readonly("integrate_ms", &F::integrate_ms)
+      .def_readonly("mirror_ms", &F::mirror_ms)
+      .def_readonly("changed_leaves", &F::changed_leaves)
+      .def_readonly("mirror_bytes", &F::mirror_bytes)
+      .def_readonly("surface_points", &F::surface_points)
+      .def("__repr__", [](const F& stats) {
+        return "<accessvdb.FrameStats: " + std::to_string(stats.points_used) + " of " +
+               std::to_string(stats.points_in) + " points used>";
+      });
+
+  using U = UpdateStats;
+  py::class_<U>(module, "UpdateStats", "What one update did.")
+      .def_readonly("dirty_points", &U::dirty_points)
+      .def_readonly("scored_points", &U::scored_points)
+      .def_readonly("direction_tests", &U::direction_tests)
+      .def_readonly("backlog", &U::backlog)
+      .def_readonly("label_changes", &U::label_changes)
+      .def_readonly("update_ms", &U::update_ms)
+      .def_readonly("score_ms", &U::score_ms)
+      .def("__repr__", [](const U& stats) {
+        return "<accessvdb.UpdateStats: " + std::to_string(stats.scored_points) + " points scored, " +
+               std::to_string(stats.label_changes) + " labels changed>";
+      });
+
+  using M = MemoryUse;
+  py::class_<M>(module, "MemoryUse", "Bytes by owner.")
+      .def_readonly("map_bytes", &M::map_bytes)
+      .def_readonly("mirror_bytes", &M::mirror_bytes)
+      .def_readonly("point_host_bytes", &M::point_host_bytes)
+      .def_readonly("point_device_bytes", &M::point_device_bytes)
+      .def_readonly("device_peak_bytes", &M::device_peak_bytes)
+      .def_readonly("leaves", &M::leaves)
+      .def_readonly("active_voxels", &M::active_voxels);
+}
+
+std::unique_ptr<LockedField> makeField(const ToolGeometry& tool, const py::object& params) {
+  const FieldParams given = fieldParamsFrom(params);
+  return withoutLock([&] { return std::make_unique<LockedField>(tool, given); });
+}
+
+FrameStats integrateScan(LockedField& field, const py::object& points_S, const py::object& T_W_S) {
+  const ScanPoints points("points_S", points_S);
+  const Eigen::Isometry3d pose = poseOf("T_W_S", T_W_S);
+  return field.run([&](AccessibilityField& f) { return f.integrateScan(points.view(), pose); });
+}
+
+FrameStats integrateRays(LockedField& field, const py::object& points_W, const py::object& origins_W) {
+  const Positions points("points_W", points_W), origins("origins_W", origins_W);
+  return field.run([&](AccessibilityField& f) { return f.integrateRays(points.view(), origins.view()); });
+}
+
+FrameStats integrateRecord(LockedField& field, const io::ScanRecord& record) {
+  return field.run([&](AccessibilityField& f) {
+    return record.points_W.empty() ? f.integrateScan(record.points_S, record.T_W_S)
+                                   : f.integrateRays(record.points_W, record.origins_W);
+  });
+}
+
+template <auto kWrite>
+void writeTo(LockedField& field, const std::filesystem::path& path, const py::object& half_float,
+             const py::object& compression, const py::object& up_axis, const py::object& surface) {
+  const io::WriteOptions options = {.half_float = boolFrom("half_float", half_float),
+                                    .compression = settingFrom<io::Compression>("compression", compression),
+                                    .up_axis = settingFrom<io::UpAxis>("up_axis", up_axis),
+                                    .surface = boolFrom("surface", surface)};
+  field.run([&](AccessibilityField& f) { kWrite(f, path, options); });
+}
+
+}  // namespace
+
+void bindField(py::module_& module) {
+  bindReports(module);
+  using F = LockedField;
+  py::class_<F> class_(
+      module, "AccessibilityField",
+      "Scans go in, labelled surface points come out. Calls from several threads take turns; long ones let "
+      "other Python threads run.");
+  bindQueries(class_);
+  class_
+      .def(py::init(&makeField), py::arg("tool"), py::arg("params") = py::none(),
+           "params: FieldParams, or a dict of its fields: {\"tsdf\": {\"voxel_size_m\": 0.02}}.")
+      .def("integrate_scan", &integrateScan, py::arg("points_S"), py::arg("T_W_S"),
+           "Fuses one scan. points_S: (N, 3) in the sensor frame, metres; exactly (0, 0, 0) means no return. T_W_S: "
+           "(4, 4) pose, sensor to world. Bad returns are counted, never used.")
+      .def("integrate_rays", &integrateRays, py::arg("points_W"), py::arg("origins_W"),
+           "Fuses rays: (N, 3) returns and (N, 3) or (1, 3) sensor positions, all in the world frame.")
+      .def("integrate", &integrateRecord, py::arg("record"), "Fuses what a ScanSequence gave.")
+      .def(
+          "update", [](F& f) { return f.run([](AccessibilityField& field) { return field.update(); }); },
+          "Scores what changed since the last update().")
+      .def(
+          "snapshot", [](F& f) { return f.run([](AccessibilityField& field) { return keep(field.snapshot()); }); },
+          "All points with their labels, as of the last update().")
+      .def(
+          "evaluate_from_scratch",
+          [](F& f) { return f.run([](AccessibilityField& field) { return keep(field.evaluateFromScratch()); }); },
+          "The same points scored anew against the current map; changes nothing.")
+      .def(
+          "point_at",
+          [](F& f, const py::object& p_W) {
+            const Eigen::Vector3d position = vector3("p_W", p_W);
+            return f.run([&](AccessibilityField& field) { return field.pointAt(position); });
+          },
+          py::arg("p_W"), "The SurfacePoint of the voxel that holds p_W, or None.")
+      .def("write", &writeTo<&writeField>, py::arg("folder"), py::kw_only(), py::arg("half_float") = false,
+           py::arg("compression") = "auto", py::arg("up_axis") = "z", py::arg("surface") = false,
+           "Writes field.vdb, field_points.vdb and points.ply, each whole or not at all.")
+      .def("write_frame", &writeTo<&writeFieldFrame>, py::arg("file"), py::kw_only(), py::arg("half_float") = false,
+           py::arg("compression") = "auto", py::arg("up_axis") = "z", py::arg("surface") = false,
+           "Writes field.vdb under a name of yours: one frame of a sequence while a map grows.")
+      .def(
+          "memory_use", [](F& f) { return f.run([](AccessibilityField& field) { return field.memoryUse(); }); },
+          "Bytes by owner.")
+      .def_property_readonly(
+          "tool", [](const F& f) { return f.constants().tool(); }, "The tool.")
+      .def_property_readonly(
+          "params", [](const F& f) { return f.constants().params(); }, "A copy of the parameters, every rule applied.")
+      .def_property_readonly(
+          "origin_W", [](F& f) { return arrayOf(f.run([](AccessibilityField& field) { return field.origin_W(); })); },
+          "World position of the map's local origin; set by the first scan.")
+      .def_property_readonly(
+          "device_name", [](F& f) { return f.run([](AccessibilityField& field) { return field.deviceName(); }); },
+          "\"cpu\" or \"cuda:NAME\".")
+      .def_property_readonly(
+          "device_note", [](F& f) { return f.run([](AccessibilityField& field) { return field.deviceNote(); }); },
+          "Why backend \"auto\" is not on a GPU; else empty.")
+      .def_property_readonly(
+          "tool_share_hidden",
+          [](F& f) { return f.run([](AccessibilityField& field) { return field.toolShareHidden(); }); },
+          "Share of the tool inside the self-exclusion radius.")
+      .def_property_readonly(
+          "collision_limit",
+          [](F& f) { return f.run([](AccessibilityField& field) { return field.collisionLimit(); }); },
+          "[n_c] Fewest collisions that block a direction.");
+}
+
+}  // namespace accessvdb::python

@@ -1,0 +1,35 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// A field as Python has it: calls give up the interpreter's lock while they work, so several threads may come at once;
+/// they take turns.
+#pragma once
+
+#include <mutex>
+
+#include "accessvdb/accessibility_field.h"
+#include "bindings/arrays.h"
+
+namespace accessvdb::python {
+
+class LockedField {
+ public:
+  LockedField(const ToolGeometry& tool, const FieldParams& params) : field_(tool, params) {}
+
+  /// Runs body(field) alone, without the interpreter's lock: it must not touch Python.
+  template <typename Body>
+  auto run(const Body& body) {
+    return withoutLock([&] {
+      const std::scoped_lock turn(turn_);  // taken without the interpreter's lock, or two threads would wait for ever
+      return body(field_);
+    });
+  }
+
+  /// What never changes: tool and parameters.
+  [[nodiscard]] const AccessibilityField& constants() const { return field_; }
+
+ private:
+  std::mutex turn_;
+  AccessibilityField field_;
+};
+
+}  // namespace accessvdb::python

@@ -1,0 +1,120 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// ScanSequence: scans and poses from files.
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <optional>
+
+#include "accessvdb/scan_io.h"
+#include "bindings/arrays.h"
+#include "bindings/parts.h"
+#include "bindings/settings.h"
+
+namespace py = pybind11;
+
+namespace accessvdb::python {
+
+template <>
+inline constexpr std::array kWords<io::PoseFormat> = {"auto", "tum", "kitti", "balm", "hba", "viewpoint"};
+
+namespace {
+
+/// A sequence whose reads take turns, each without the interpreter's lock.
+struct LockedScans {
+  std::mutex turn;
+  io::ScanSequence scans;
+  explicit LockedScans(io::ScanSequence&& opened) : scans(std::move(opened)) {}
+};
+
+std::unique_ptr<LockedScans> openScans(const std::filesystem::path& scans,
+                                       const std::optional<std::filesystem::path>& poses, const py::object& pose_format,
+                                       const std::optional<std::filesystem::path>& calib, const py::object& sensor_at_W,
+                                       const py::object& every, const py::object& allow_truncated,
+                                       const py::object& sort_poses, const py::object& rays_per_step) {
+  io::ScanInputOptions options;
+  options.scans = scans;
+  if (poses) options.poses = *poses;
+  options.pose_format = settingFrom<io::PoseFormat>("pose_format", pose_format);
+  if (calib) options.calib = *calib;
+  if (!sensor_at_W.is_none()) options.sensor_at_W = vector3("sensor_at_W", sensor_at_W);
+  constexpr std::int64_t kMost = std::numeric_limits<int>::max();
+  options.every = static_cast<int>(wholeNumberFrom("every", every, 1, kMost));
+  options.allow_truncated = boolFrom("allow_truncated", allow_truncated);
+  options.sort_poses = boolFrom("sort_poses", sort_poses);
+  options.rays_per_step = static_cast<std::size_t>(wholeNumberFrom("rays_per_step", rays_per_step, 1, kMost));
+  return withoutLock([&] { return std::make_unique<LockedScans>(io::ScanSequence::open(options)); });
+}
+
+/// Python's rule: -1 is the last one.
+std::shared_ptr<io::ScanRecord> readScan(LockedScans& s, std::int64_t step) {
+  const auto size = static_cast<std::int64_t>(s.scans.size());
+  const std::int64_t index = step < 0 ? step + size : step;
+  if (index < 0 || index >= size) {
+    throw py::index_error("scan " + std::to_string(step) + " of " + std::to_string(size));
+  }
+  return withoutLock([&] {
+    const std::scoped_lock turn(s.turn);
+    return std::make_shared<io::ScanRecord>(s.scans.read(static_cast<std::size_t>(index)));
+  });
+}
+
+template <typename Scalar>
+auto vectorsOf(std::vector<Eigen::Matrix<Scalar, 3, 1>> io::ScanRecord::*member) {
+  return [member](const py::object& self) {
+    const auto& vectors = self.cast<const io::ScanRecord&>().*member;
+    return viewInto(self, py::dtype::of<Scalar>(), vectors.data(), vectors.size(), 3 * sizeof(Scalar), 3);
+  };
+}
+
+void bindRecord(py::module_& module) {
+  using R = io::ScanRecord;
+  py::class_<R, std::shared_ptr<R>>(module, "ScanRecord",
+                                    "One step: points_S with T_W_S, or, of a ray cloud, points_W with origins_W.")
+      .def_property_readonly("points_S", vectorsOf<float>(&R::points_S), "(N, 3) float32, sensor frame, read-only.")
+      .def_property_readonly(
+          "T_W_S",
+          [](const R& record) {
+            const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> rows = record.T_W_S.matrix();
+            return py::array_t<double>({4, 4}, rows.data());
+          },
+          "(4, 4) float64, sensor to world.")
+      .def_property_readonly("points_W", vectorsOf<double>(&R::points_W), "(N, 3) float64, world frame, read-only.")
+      .def_property_readonly("origins_W", vectorsOf<double>(&R::origins_W), "(N, 3) or (1, 3) float64, read-only.")
+      .def_readonly("stamp_s", &R::stamp_s)
+      .def_readonly("path", &R::path)
+      .def_readonly("truncated_points", &R::truncated_points);
+}
+
+}  // namespace
+
+void bindScans(py::module_& module) {
+  bindRecord(module);
+  py::class_<LockedScans>(module, "ScanSequence", "Scans with their poses, in order; files are read when asked for.")
+      .def(py::init(&openScans), py::arg("scans"), py::arg("poses") = py::none(), py::kw_only(),
+           py::arg("pose_format") = "auto", py::arg("calib") = py::none(), py::arg("sensor_at_W") = py::none(),
+           py::arg("every") = 1, py::arg("allow_truncated") = false, py::arg("sort_poses") = false,
+           py::arg("rays_per_step") = 20000,
+           "scans: a folder of .pcd, .ply, .bin or .las files, or one file. poses: TUM, KITTI, BALM or HBA.")
+      .def("__len__", [](const LockedScans& s) { return s.scans.size(); })
+      .def("__getitem__", &readScan, py::arg("step"))
+      .def("__iter__",
+           [](const py::object& self) {
+             const auto builtins = py::module_::import("builtins");
+             return builtins.attr("map")(self.attr("__getitem__"), builtins.attr("range")(py::len(self)));
+           })
+      .def_property_readonly(
+          "notices", [](const LockedScans& s) { return s.scans.notices(); },
+          "Frame, quaternion order, matching rule, repairs.")
+      .def_property_readonly("matching_rule", [](const LockedScans& s) { return s.scans.matchingRule(); })
+      .def_property_readonly(
+          "paths", [](const LockedScans& s) { return s.scans.paths(); }, "Every file that is or will be read.")
+      .def_property_readonly(
+          "recorded_range_noise_m", [](const LockedScans& s) { return s.scans.recordedRangeNoise_m(); },
+          "From range_noise.txt beside the scans, or None.");
+}
+
+}  // namespace accessvdb::python

@@ -1,0 +1,107 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "bindings/snapshot.h"
+
+#include <vector>
+
+#include "bindings/arrays.h"
+#include "bindings/columns.h"
+#include "bindings/parts.h"
+
+namespace py = pybind11;
+
+namespace accessvdb::python {
+namespace {
+
+std::vector<Column> pointColumns() {
+  using P = SurfacePoint;
+  return {
+      column("id", &P::id, "(N,) uint32, stable over the life of the field."),
+      column("position_W", &P::position_W, "(N, 3) float64, first return in its voxel, metres."),
+      column("normal_W", &P::normal_W, "(N, 3) float32, unit; zero where there is none."),
+      column("direction_W", &P::direction_W,
+             "(N, 3) float32, unit, outwards along the tool's body; the tool travels along -direction_W."),
+      column("yaw_rad", &P::yaw_rad, "(N,) float32, of direction_W."),
+      column("direction", &P::direction, "(N,) uint16, index of the best direction, or NO_DIRECTION."),
+      column("score", &P::score, "(N,) uint16, fewest collisions of any direction, or NO_SCORE."),
+      column("weight", &P::weight, "(N,) float32, [w] observations behind the confidence."),
+      column("confidence", &P::confidence, "(N,) float32, [c] in [0, 1)."),
+      column("stability", &P::stability, "(N,) float32, [a] in [0, 1]."),
+      column("label", &P::label, "(N,) uint8, PointLabel."),
+      column("reason", &P::reason, "(N,) uint8, PointReason."),
+      column("confident", &P::confident, "(N,) bool, accessible and confidence times stability above stability_min."),
+  };
+}
+
+py::dict labelCounts(const FieldSnapshot& snapshot) {
+  py::dict counts;
+  for (int n = 0; n < kNumPointLabels; ++n) {
+    counts[name(static_cast<PointLabel>(n))] = snapshot.count(static_cast<PointLabel>(n));
+  }
+  return counts;
+}
+
+py::dict reasonCounts(const FieldSnapshot& snapshot) {
+  py::dict counts;
+  const auto reasons = snapshot.reasons();
+  for (int n = 0; n < kNumPointReasons; ++n) {
+    counts[name(static_cast<PointReason>(n))] = reasons[static_cast<std::size_t>(n)];
+  }
+  return counts;
+}
+
+template <typename Enum>
+py::object enumMember(const char* class_name, Enum value) {
+  return py::module_::import("accessvdb").attr(class_name)(static_cast<int>(value));
+}
+
+void bindSurfacePoint(py::module_& module) {
+  using P = SurfacePoint;
+  py::class_<P>(module, "SurfacePoint", "One surface point.")
+      .def_readonly("id", &P::id)
+      .def_property_readonly("position_W", [](const P& p) { return arrayOf(p.position_W); })
+      .def_property_readonly("normal_W", [](const P& p) { return arrayOf(p.normal_W); })
+      .def_property_readonly("direction_W", [](const P& p) { return arrayOf(p.direction_W); })
+      .def_readonly("yaw_rad", &P::yaw_rad)
+      .def_readonly("direction", &P::direction)
+      .def_readonly("score", &P::score)
+      .def_readonly("weight", &P::weight)
+      .def_readonly("confidence", &P::confidence)
+      .def_readonly("stability", &P::stability)
+      .def_property_readonly("label", [](const P& p) { return enumMember("PointLabel", p.label); })
+      .def_property_readonly("reason", [](const P& p) { return enumMember("PointReason", p.reason); })
+      .def_readonly("confident", &P::confident)
+      .def("__repr__", [](const P& p) {
+        return "<accessvdb.SurfacePoint " + std::to_string(p.id) + ": " + name(p.label) + ", reason " + name(p.reason) +
+               ">";
+      });
+}
+
+}  // namespace
+
+std::shared_ptr<FieldSnapshot> keep(FieldSnapshot&& snapshot) {
+  return std::make_shared<FieldSnapshot>(std::move(snapshot));
+}
+
+void bindSnapshot(py::module_& module) {
+  bindSurfacePoint(module);
+  py::class_<FieldSnapshot, std::shared_ptr<FieldSnapshot>> snapshot(
+      module, "FieldSnapshot",
+      "All surface points at one moment, in the order of their ids. Columns are read-only views without a copy; they "
+      "keep the snapshot alive, which is independent of its field.");
+  addColumns(snapshot, &FieldSnapshot::points, pointColumns());
+  snapshot
+      .def_property_readonly(
+          "origin_W", [](const FieldSnapshot& s) { return arrayOf(s.origin_W); },
+          "World position of the map's local origin.")
+      .def_readonly("voxel_size_m", &FieldSnapshot::voxel_size_m)
+      .def_property_readonly("counts", &labelCounts, "How many points have which label: {\"accessible\": 12, ...}.")
+      .def_property_readonly("reasons", &reasonCounts, "How many points have which reason: {\"tool\": 12, ...}.")
+      .def("__repr__", [](const FieldSnapshot& s) {
+        return "<accessvdb.FieldSnapshot: " + std::to_string(s.points.size()) + " points, " +
+               std::to_string(s.count(PointLabel::Accessible)) + " accessible, " +
+               std::to_string(s.count(PointLabel::Blocked)) + " blocked>";
+      });
+}
+
+}  // namespace accessvdb::python

@@ -1,0 +1,17 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Snapshots: the points stay where C++ has them, NumPy looks at them.
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include <memory>
+
+#include "accessvdb/types.h"
+
+namespace accessvdb::python {
+
+/// A snapshot on the heap, for Python to keep.
+std::shared_ptr<FieldSnapshot> keep(FieldSnapshot&& snapshot);
+
+}  // namespace accessvdb::python

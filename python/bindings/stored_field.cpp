@@ -1,0 +1,54 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// StoredField: the files that write() or `accessvdb map` left.
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <filesystem>
+#include <memory>
+#include <utility>
+
+#include "accessvdb/field_io.h"
+#include "bindings/arrays.h"
+#include "bindings/parts.h"
+#include "bindings/snapshot.h"
+
+namespace py = pybind11;
+
+namespace accessvdb::python {
+
+void bindStoredField(py::module_& module) {
+  using Answer = io::StoredField::Answer;
+  py::class_<Answer>(module, "StoredAnswer", "What a stored field knows at one position.")
+      .def_property_readonly("position_W", [](const Answer& a) { return arrayOf(a.position_W); })
+      .def_readonly("point", &Answer::point, "The surface point of that voxel, else the nearest within 3, else None.")
+      .def_readonly("point_distance_m", &Answer::point_distance_m)
+      .def_readonly("observed", &Answer::observed)
+      .def_readonly("cleared", &Answer::cleared)
+      .def_readonly("distance_m", &Answer::distance_m)
+      .def_readonly("weight", &Answer::weight);
+
+  using S = io::StoredField;
+  py::class_<S, std::shared_ptr<S>>(module, "StoredField", "A field read back from an output folder.")
+      .def(py::init([](const std::filesystem::path& folder) {
+             return withoutLock([&] { return std::make_shared<S>(S::open(folder)); });
+           }),
+           py::arg("folder"))
+      .def(
+          "at", [](const S& s, const py::object& p_W) { return s.at(vector3("p_W", p_W)); }, py::arg("p_W"),
+          "A StoredAnswer for one position in the world frame.")
+      .def_property_readonly(
+          "points",
+          [](const std::shared_ptr<S>& s) {
+            // Shares its life with the stored field: no copy. Nothing that Python can call changes a snapshot.
+            return std::shared_ptr<FieldSnapshot>(s, const_cast<FieldSnapshot*>(&s->points()));
+          },
+          "The FieldSnapshot that was written.");
+
+  module.def(
+      "read_points_ply",
+      [](const std::filesystem::path& path) { return withoutLock([&] { return keep(io::readPointsPly(path)); }); },
+      py::arg("path"), "Reads points.ply back as a FieldSnapshot.");
+}
+
+}  // namespace accessvdb::python

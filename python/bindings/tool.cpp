@@ -1,0 +1,104 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// ToolGeometry.
+#include "accessvdb/tool_geometry.h"
+
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <filesystem>
+#include <optional>
+
+#include "bindings/arrays.h"
+#include "bindings/parts.h"
+#include "bindings/settings.h"
+
+namespace py = pybind11;
+
+namespace accessvdb::python {
+namespace {
+
+ToolGeometry fromMesh(const std::filesystem::path& path, const py::object& unit, const py::object& tip,
+                      const py::object& axis, const py::object& up) {
+  const std::optional<LengthUnit> length_unit = unitFrom(unit);
+  ToolPose pose;
+  if (!tip.is_none()) pose.tip = vector3("tip", tip);
+  pose.axis = vector3("axis", axis);
+  pose.up = vector3("up", up);
+  return withoutLock([&] { return ToolGeometry::fromMesh(path, length_unit, pose); });
+}
+
+/// Triangles are indices: whole numbers that fit, and not 2.0.
+std::vector<std::array<std::uint32_t, 3>> trianglesFrom(const py::object& value) {
+  const py::array any = py::array::ensure(value);
+  if (any && any.ndim() == 2 && any.dtype().kind() == 'f' && any.shape(0) > 0) {
+    throw InvalidArgument("python.array", "triangles",
+                          "has elements of type " + py::str(any.dtype()).cast<std::string>(),
+                          "Pass whole numbers, the indices of vertices");
+  }
+  const auto indices = realArray<double>("triangles", value, kAnyNumber, 3);  // exact beyond what 32 bits hold
+  std::vector<std::array<std::uint32_t, 3>> triangles(static_cast<std::size_t>(indices.shape(0)));
+  const double* next = indices.data();
+  for (auto& triangle : triangles) {
+    for (std::uint32_t& corner : triangle) {
+      const double index = *next++;
+      if (!(index >= 0 && index <= std::numeric_limits<std::uint32_t>::max())) {
+        throw InvalidArgument("python.value", "triangles", "an index is negative or beyond 32 bits");
+      }
+      corner = static_cast<std::uint32_t>(index);
+    }
+  }
+  return triangles;
+}
+
+ToolGeometry fromTriangles(const py::object& vertices_T, const py::object& triangles, const std::string& name) {
+  const ScanPoints vertices("vertices_T", vertices_T);
+  auto corners = trianglesFrom(triangles);
+  return withoutLock([&] {
+    return ToolGeometry::fromTriangles({vertices.view().begin(), vertices.view().end()}, std::move(corners), name);
+  });
+}
+
+}  // namespace
+
+void bindTool(py::module_& module) {
+  py::class_<ToolGeometry>(
+      module, "ToolGeometry",
+      "A tool as a triangle mesh: metres, tip at the origin, +x from the tip along the body, +z up.")
+      .def_static("from_mesh", &fromMesh, py::arg("path"), py::arg("unit") = py::none(), py::kw_only(),
+                  py::arg("tip") = py::none(), py::arg("axis") = py::make_tuple(1, 0, 0),
+                  py::arg("up") = py::make_tuple(0, 0, 1),
+                  "Reads STL, OBJ, PLY, OFF, DAE, glTF or GLB. tip, axis and up are in the mesh's own units and axes.")
+      .def_static("from_triangles", &fromTriangles, py::arg("vertices_T"), py::arg("triangles"),
+                  py::arg("name") = "triangles", "From vertices (N, 3) in metres and vertex indices (M, 3).")
+      .def_static("builtin", &ToolGeometry::builtin, py::arg("name"), "\"builtin:pencil\" or \"builtin:pruner\".")
+      .def_property_readonly(
+          "vertices_T",
+          [](const py::object& self) {
+            const auto& v = self.cast<const ToolGeometry&>().vertices_T();
+            return viewInto(self, py::dtype::of<float>(), v.data(), v.size(), sizeof v[0], 3);
+          },
+          "(N, 3) float32, metres, tool frame, read-only.")
+      .def_property_readonly(
+          "triangles",
+          [](const py::object& self) {
+            const auto& t = self.cast<const ToolGeometry&>().triangles();
+            return viewInto(self, py::dtype::of<std::uint32_t>(), t.data(), t.size(), sizeof t[0], 3);
+          },
+          "(M, 3) uint32, vertex indices, read-only.")
+      .def_property_readonly("name", &ToolGeometry::name, "File name or builtin name.")
+      .def_property_readonly("sha256", &ToolGeometry::sha256, "Of vertices and triangles.")
+      .def_property_readonly("notes", &ToolGeometry::notes, "Repairs and oddities, in words.")
+      .def_property_readonly("watertight", &ToolGeometry::watertight)
+      .def_property_readonly(
+          "min_T", [](const ToolGeometry& t) { return arrayOf(t.min_T()); }, "Least corner, metres.")
+      .def_property_readonly(
+          "max_T", [](const ToolGeometry& t) { return arrayOf(t.max_T()); }, "Greatest corner, metres.")
+      .def_property_readonly("reach_m", &ToolGeometry::reach_m, "Farthest vertex from the tip.")
+      .def("__repr__", [](const ToolGeometry& t) {
+        return "<accessvdb.ToolGeometry " + t.name() + ": " + std::to_string(t.vertices_T().size()) + " vertices, " +
+               std::to_string(t.triangles().size()) + " triangles, reach " + std::to_string(t.reach_m()) + " m>";
+      });
+}
+
+}  // namespace accessvdb::python

@@ -1,0 +1,58 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// A field to its files, with everything in their metadata that says how it came about.
+#include "accessvdb/field_export.h"
+
+#include <tbb/task_arena.h>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/config.h"
+
+namespace accessvdb {
+namespace {
+
+/// Version, tool, device and every effective parameter, in a fixed order.
+io::FieldMetadata metadataOf(const AccessibilityField& field) {
+  io::FieldMetadata metadata = {{"accessvdb_version", ACCESSVDB_VERSION},
+                                {"tool", field.tool().name()},
+                                {"tool_sha256", field.tool().sha256()},
+                                {"tool_reach_m", std::to_string(field.tool().reach_m())},
+                                {"collision_limit", std::to_string(field.collisionLimit())},
+                                {"device", field.deviceName()}};
+  const std::string description = field.params().describe();
+  for (std::size_t begin = 0; begin < description.size();) {
+    const std::size_t end = description.find('\n', begin), blank = description.find(' ', begin);
+    metadata.emplace_back(description.substr(begin, blank - begin), description.substr(blank + 1, end - blank - 1));
+    begin = end + 1;
+  }
+  return metadata;
+}
+
+/// Writing uses as many threads as the field itself.
+tbb::task_arena arenaOf(const AccessibilityField& field) {
+  const int threads = field.params().threads;
+  return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
+}
+
+}  // namespace
+
+void writeField(const AccessibilityField& field, const std::filesystem::path& folder, const io::WriteOptions& options) {
+  io::checkWriteOptions(options);
+  const io::FieldMetadata metadata = metadataOf(field);
+  const FieldSnapshot snapshot = field.snapshot();
+  arenaOf(field).execute([&] {
+    io::prepareOutputFolder(folder);
+    io::writeFieldVdb(folder / "field.vdb", field.volume(), snapshot, metadata, options);
+    io::writePointsVdb(folder / "field_points.vdb", snapshot, metadata, options);
+    io::writePointsPly(folder / "points.ply", snapshot, metadata);
+  });
+}
+
+void writeFieldFrame(const AccessibilityField& field, const std::filesystem::path& file,
+                     const io::WriteOptions& options) {
+  io::checkWriteOptions(options);
+  const FieldSnapshot snapshot = field.snapshot();
+  arenaOf(field).execute([&] { io::writeFieldVdb(file, field.volume(), snapshot, metadataOf(field), options); });
+}
+
+}  // namespace accessvdb

@@ -1,0 +1,65 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/field_views.h"
+
+#include "accessvdb/error.h"
+#include "field/batch_query_impl.h"
+
+namespace accessvdb::internal {
+namespace {
+
+bool onHost(const kernels::Backend& backend) { return backend.name() == "cpu"; }
+
+}  // namespace
+
+FieldViews::FieldViews() : revision_(std::make_shared<std::atomic<std::uint64_t>>(0)) {}
+FieldViews::~FieldViews() { revision_->store(BatchQuery::Impl::kGone, std::memory_order_release); }
+
+BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
+  if (query_ && query_->current()) return BatchQuery(query_);
+  query_.reset();  // not two copies of the state at once
+  const PointStore& points = parts.scorer.points();
+  const double voxel_size_m = parts.map.params().voxel_size_m;
+  arena.execute([&] { index_.extend(points); });
+  auto impl = std::make_shared<BatchQuery::Impl>();
+  impl->source.map = &parts.map;
+  impl->source.index = &index_;
+  impl->source.state = std::make_shared<const HostPointState>(parts.backend, parts.scorer.device().view(),
+                                                              parts.scorer.device().size(), onHost(parts.backend));
+  impl->source.directions = directionVectors(parts.scorer.params().approach.num_directions);
+  impl->source.origin_W = parts.origin_W;
+  impl->source.voxel_size_m = static_cast<float>(voxel_size_m);
+  impl->source.inverse_voxel_size = static_cast<float>(1.0 / voxel_size_m);
+  impl->arena = &arena;
+  impl->field_revision = revision_;
+  impl->revision = revision();
+  query_ = std::move(impl);
+  return BatchQuery(query_);
+}
+
+DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) const {
+  if (on_gpu && onHost(parts.backend)) {
+    throw DeviceError("device.none", "cpu", "this field is not on a GPU, so it has no device memory to show",
+                      "Ask for BackendKind::Cuda, or use hostView()");
+  }
+  if (!on_gpu && !onHost(parts.backend)) {
+    throw DeviceError("device.not_host", parts.backend.name(), "the mirror and the points of this field are on the GPU",
+                      "Use deviceView() in a kernel, or batchQuery() on the host");
+  }
+  parts.backend.waitForMirror();
+  const kernels::PointStateView state = parts.scorer.device().view();
+  DeviceView view;
+  view.map = parts.mirror;
+  view.points = {state.position_L, state.normal_L,  state.stability,
+                 state.score,      state.direction, state.weight,
+                 state.label,      state.reason,    parts.scorer.device().size()};
+  view.direction_xy = parts.direction_xy;
+  view.num_directions = parts.scorer.params().approach.num_directions;
+  view.voxel_size_m = static_cast<float>(parts.map.params().voxel_size_m);
+  for (int axis = 0; axis < 3; ++axis) view.origin_W[axis] = parts.origin_W[axis];
+  view.revision = revision();
+  view.on_gpu = on_gpu;
+  return view;
+}
+
+}  // namespace accessvdb::internal

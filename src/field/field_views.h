@@ -1,0 +1,53 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What a field hands out for others to look at it: batch queries on the host, views for kernels. Knows when they end.
+#pragma once
+
+#include <tbb/task_arena.h>
+
+#include <atomic>
+#include <memory>
+
+#include "accessvdb/batch_query.h"
+#include "accessvdb/device_view.h"
+#include "field/query_index.h"
+#include "field/query_source.h"
+#include "points/point_scorer.h"
+
+namespace accessvdb::internal {
+
+/// The parts of a field that views show.
+struct ViewedParts {
+  const PackedMap& map;
+  const PointScorer& scorer;
+  kernels::Backend& backend;
+  kernels::OccupancyView mirror;
+  const float* direction_xy;  ///< [2 D] in the backend's memory
+  Eigen::Vector3d origin_W;
+};
+
+/// One a field; one thread at a time.
+class FieldViews {
+ public:
+  FieldViews();
+  ~FieldViews();
+  FieldViews(const FieldViews&) = delete;
+  FieldViews& operator=(const FieldViews&) = delete;
+
+  /// Before the field changes: every view so far is out of date.
+  void expire() { revision_->fetch_add(1, std::memory_order_acq_rel); }
+  [[nodiscard]] std::uint64_t revision() const { return revision_->load(std::memory_order_acquire); }
+
+  [[nodiscard]] BatchQuery query(const ViewedParts& parts, tbb::task_arena& arena);
+  /// @throws DeviceError where the field's backend is not of this kind
+  [[nodiscard]] DeviceView view(const ViewedParts& parts, bool on_gpu) const;
+
+  [[nodiscard]] std::uint64_t bytes() const { return index_.bytes(); }
+
+ private:
+  std::shared_ptr<std::atomic<std::uint64_t>> revision_;
+  QueryIndex index_;
+  std::shared_ptr<const BatchQuery::Impl> query_;  ///< the last one
+};
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,82 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which points lie around a voxel, laid out for millions of look-ups a second: the same grouping as SurfaceIndex
+/// (blocks of 8^3 voxels, cells of 8^3 blocks), but with cells in a flat hash table and with the positions inside the
+/// blocks, because reading them anywhere else costs a cache miss each.
+#pragma once
+
+#include <array>
+#include <bit>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "points/point_store.h"
+
+namespace accessvdb::internal {
+
+class QueryIndex {
+ public:
+  struct Entry {
+    float position_L[3];  ///< first return
+    std::uint32_t id;
+  };
+  /// The points of one leaf; entries in the order of the set bits.
+  struct alignas(64) Block {
+    LeafBits occupied = {};
+    std::array<std::uint16_t, 8> below = {};  ///< points in the words of `occupied` before each
+    std::vector<Entry> entries;
+    Index3 leaf = {};
+
+    [[nodiscard]] bool has(std::size_t bit) const { return (occupied[bit >> 6] >> (bit & 63) & 1u) != 0; }
+    [[nodiscard]] const Entry& at(std::size_t bit) const {
+      const std::uint64_t lower = (std::uint64_t{1} << (bit & 63)) - 1;
+      return entries[below[bit >> 6] + std::size_t(std::popcount(occupied[bit >> 6] & lower))];
+    }
+  };
+  /// Which blocks of the cell hold points, and their indices into blocks().
+  struct alignas(64) Cell {
+    LeafBits present = {};
+    std::uint32_t block[512] = {};
+
+    [[nodiscard]] bool has(std::size_t bit) const { return (present[bit >> 6] >> (bit & 63) & 1u) != 0; }
+  };
+
+  /// Takes in what came since the last call. @param points  the same store each time; it only grows
+  void extend(const PointStore& points);
+
+  [[nodiscard]] const std::vector<Block>& blocks() const { return blocks_; }
+
+  /// The cell (8^3 blocks) with these coordinates, or nullptr.
+  [[nodiscard]] const Cell* cellAt(const Index3& cell) const {
+    if (slots_.empty()) return nullptr;
+    const std::uint64_t key = keyOf(cell);
+    for (std::size_t n = slotOf(key);; n = (n + 1) & (slots_.size() - 1)) {
+      if (slots_[n].cell == nullptr || slots_[n].key == key) return slots_[n].cell;
+    }
+  }
+  [[nodiscard]] std::uint64_t bytes() const;
+
+ private:
+  struct Slot {
+    std::uint64_t key = 0;
+    Cell* cell = nullptr;
+  };
+  static std::uint64_t keyOf(const Index3& cell) {
+    constexpr std::int64_t kBias = 1 << 20;  // voxels lie within 10^6 of the origin, cells within 2^14
+    return static_cast<std::uint64_t>(cell[0] + kBias) << 42 | static_cast<std::uint64_t>(cell[1] + kBias) << 21 |
+           static_cast<std::uint64_t>(cell[2] + kBias);
+  }
+  [[nodiscard]] std::size_t slotOf(std::uint64_t key) const {
+    key *= 0x9E3779B97F4A7C15u;
+    return (key ^ key >> 32) & (slots_.size() - 1);
+  }
+  Cell& cellFor(const Index3& cell);
+  void place(const Slot& slot);
+
+  std::vector<std::unique_ptr<Cell>> cells_;
+  std::vector<Slot> slots_;  ///< linear probing, at most half full
+  std::vector<Block> blocks_;
+};
+
+}  // namespace accessvdb::internal

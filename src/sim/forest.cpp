@@ -1,0 +1,123 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "sim/forest.h"
+
+#include <tbb/parallel_for.h>
+
+#include <cmath>
+#include <cstdio>
+#include <functional>
+#include <numbers>
+
+#include "accessvdb/error.h"
+#include "sim/counter_random.h"
+#include "sim/pine.h"
+#include "sim/understory.h"
+
+namespace accessvdb::sim {
+namespace {
+
+constexpr double kTurn = 2 * std::numbers::pi, kDegree = std::numbers::pi / 180;
+constexpr double kRow_m = 6.0, kInRow_m = 3.2, kJitter_m = 0.4;  // trees in rows at y = +-3, +-9, ...
+constexpr double kPatch_m = 2.6;                                 // undergrowth on a grid
+constexpr double kBareShare = 0.3;                               // of that grid
+/// Crowns must leave the lane free: a tree's longest branch is 0.23 of its height (sim/pine_skeleton.cpp).
+constexpr double kTreeHeights_m[] = {9.0, 10.0, 11.0, 8.5};
+constexpr int kUndergrowthKinds = 4;
+constexpr double kFlightHeight_m = 2.2;  // above the mean ground; undergrowth reaches 1.4 at most
+constexpr double kNoseDown_rad = 10 * kDegree;
+
+enum Stream : std::uint64_t { kTreeStream = 1, kPatchStream = 2 };
+
+}  // namespace
+
+Forest makeForest(const ForestParams& params) {
+  if (!(params.path_length_m > 0 && params.path_length_m <= 10'000)) {
+    throw InvalidArgument("sim.forest", "path length", "must lie above 0 and up to 10 km", "Ask for fewer frames");
+  }
+  if (!(params.view_m >= 1 && params.view_m <= 200)) {
+    throw InvalidArgument("sim.forest", "--max-range", "must lie in 1 .. 200 m in a forest", "Use for example 30");
+  }
+  Forest forest;
+  constexpr std::size_t kPines = std::size(kTreeHeights_m), kMeshes = kPines + kUndergrowthKinds + 1;
+  forest.meshes.resize(kMeshes);
+  tbb::parallel_for(std::size_t{0}, kMeshes, [&](std::size_t n) {
+    forest.meshes[n] = n < kPines ? makePineMesh({kTreeHeights_m[n], mixBits(params.seed) + n}, params.solid_foliage_m)
+                       : n + 1 < kMeshes ? makeUndergrowth(mixBits(params.seed) + n)
+                                         : makeGroundTile();
+  });
+
+  const double begin_m = -params.view_m, end_m = params.path_length_m + params.view_m;
+  const auto rows = static_cast<int>(std::ceil(params.view_m / kRow_m));
+  const auto count = [&](double step_m) { return static_cast<int>(std::ceil((end_m - begin_m) / step_m)); };
+  for (int row = -rows; row < rows; ++row) {
+    for (int n = 0; n < count(kInRow_m); ++n) {
+      CounterRandom random(
+          {params.seed, kTreeStream, static_cast<std::uint64_t>(row + rows), static_cast<std::uint64_t>(n)});
+      PlacedMesh tree;
+      tree.mesh = static_cast<std::uint32_t>(random.uniform() * kPines);
+      tree.yaw_rad = random.uniform(0, kTurn);
+      const double x_m = begin_m + kInRow_m * n + random.uniform(-kJitter_m, kJitter_m);
+      const double y_m = kRow_m * (row + 0.5) + random.uniform(-kJitter_m, kJitter_m);
+      tree.offset_W = {x_m, y_m, groundHeight_m(x_m, y_m) - 0.05};  // rooted, not floating over a slope
+      forest.placed.push_back(tree);
+    }
+  }
+  forest.trees = forest.placed.size();
+
+  const auto patches = static_cast<int>(std::ceil(params.view_m / kPatch_m));
+  for (int row = -patches; row <= patches; ++row) {
+    for (int n = 0; n < count(kPatch_m); ++n) {
+      CounterRandom random(
+          {params.seed, kPatchStream, static_cast<std::uint64_t>(row + patches), static_cast<std::uint64_t>(n)});
+      if (random.uniform() < kBareShare) continue;
+      PlacedMesh patch;
+      patch.mesh = static_cast<std::uint32_t>(kPines + std::size_t(random.uniform() * kUndergrowthKinds));
+      patch.yaw_rad = random.uniform(0, kTurn);
+      const double x_m = begin_m + kPatch_m * n, y_m = kPatch_m * row;
+      patch.offset_W = {x_m, y_m, groundHeight_m(x_m, y_m)};
+      forest.placed.push_back(patch);
+    }
+  }
+
+  const auto tile = [](double at_m) { return static_cast<int>(std::floor(at_m / kGroundPeriod_m)); };
+  for (int i = tile(begin_m); i <= tile(end_m); ++i) {
+    for (int j = tile(-params.view_m); j <= tile(params.view_m); ++j) {
+      forest.placed.push_back({kMeshes - 1, 0, {kGroundPeriod_m * i, kGroundPeriod_m * j, 0}});
+    }
+  }
+
+  std::size_t triangles = 0;
+  for (const PlacedMesh& each : forest.placed) triangles += forest.meshes[each.mesh].triangles.size();
+  char text[240];
+  std::snprintf(text, sizeof text,
+                "planted forest: %zu pines of %zu kinds, 8.5 to 11 m high, in rows 6 m apart and 3.2 m in the row, "
+                "undergrowth, uneven ground; %.3g million triangles placed, seed %llu",
+                forest.trees, kPines, static_cast<double>(triangles) * 1e-6,
+                static_cast<unsigned long long>(params.seed));
+  forest.description = text;
+  return forest;
+}
+
+Trajectory forestFlight(double speed_m_s, double frame_period_s, int frames) {
+  const double step_m = speed_m_s * frame_period_s;
+  if (!(step_m > 0) || !(frame_period_s > 0) || !std::isfinite(step_m)) {
+    throw InvalidArgument("sim.forest", "flight", "its speed or frame period is not positive", "Use for example 1 m/s");
+  }
+  // A straight walk checks the number of frames; where a frame is depends on its number alone, so that a longer flight
+  // begins with the shorter one.
+  Trajectory path = walk({0, 0, 0}, {1, 0, 0}, kNoseDown_rad, frames);
+  for (std::size_t n = 0; n < path.size(); ++n) {
+    const double t_s = static_cast<double>(n) * frame_period_s;
+    path[n].translation() = Eigen::Vector3d(step_m * static_cast<double>(n), 0, kFlightHeight_m);
+    path[n].translation() += Eigen::Vector3d(0, 0.25 * std::sin(0.31 * t_s), 0.12 * std::sin(0.47 * t_s + 1));
+    path[n].linear() = (Eigen::AngleAxisd(12 * kDegree * std::sin(0.23 * t_s), Eigen::Vector3d::UnitZ()) *
+                        Eigen::AngleAxisd(3 * kDegree * std::sin(1.7 * t_s), Eigen::Vector3d::UnitY()) *
+                        Eigen::AngleAxisd(3 * kDegree * std::sin(1.3 * t_s + 2), Eigen::Vector3d::UnitX()))
+                           .toRotationMatrix() *
+                       path[n].linear();
+  }
+  return path;
+}
+
+}  // namespace accessvdb::sim

@@ -1,0 +1,139 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""The add-on, installed from a zip as a user does it, imports the field: objects, counts, attributes, places."""
+
+import os
+import unittest
+import zipfile
+
+import bpy
+import numpy as np
+
+from accessvdb_import.points_ply import NO_SCORE, read_points
+from field_under_test import FIELD, GRIDS, POINTS, SOURCE, VOLUME, WORK, run_tests
+
+MODULE = "accessvdb_import"
+
+
+def zip_of_add_on():
+    path = os.path.join(WORK, f"{MODULE}.zip")
+    folder = os.path.join(SOURCE, "tools", "blender")
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in sorted(os.listdir(os.path.join(folder, MODULE))):
+            if name.endswith(".py"):
+                archive.write(os.path.join(folder, MODULE, name), f"{MODULE}/{name}")
+    return path
+
+
+class AddOnImport(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        bpy.ops.preferences.addon_install(filepath=zip_of_add_on(), overwrite=True)
+        bpy.ops.preferences.addon_enable(module=MODULE)
+        cls.points = read_points(POINTS)
+
+    def setUp(self):
+        for data in (bpy.data.collections, bpy.data.objects, bpy.data.meshes, bpy.data.volumes, bpy.data.materials,
+                     bpy.data.node_groups):
+            for thing in list(data):
+                data.remove(thing)
+
+    def imported(self, path=FIELD, **options):
+        self.assertEqual(bpy.ops.import_scene.accessvdb(filepath=path, **options), {"FINISHED"})
+        bpy.context.view_layer.update()
+        return {thing.type: thing for thing in bpy.data.objects}
+
+    def test_it_is_installed_and_in_the_menu(self):
+        self.assertIn(MODULE, bpy.context.preferences.addons)
+        self.assertTrue(bpy.ops.import_scene.accessvdb.get_rna_type())
+        drawn = bpy.types.TOPBAR_MT_file_import.draw._draw_funcs
+        self.assertTrue([function for function in drawn if function.__module__.startswith(MODULE)])
+
+    def test_a_field_becomes_a_volume_points_and_an_empty_that_holds_both(self):
+        things = self.imported()
+        self.assertEqual(set(things), {"VOLUME", "MESH", "EMPTY"})
+        self.assertEqual(len(bpy.data.objects), 3)
+        for kind in ("VOLUME", "MESH"):
+            self.assertEqual(things[kind].parent, things["EMPTY"])
+        self.assertEqual([collection.name for collection in bpy.context.scene.collection.children], ["field"])
+        self.assertEqual(set(bpy.data.collections["field"].objects), set(things.values()))
+        self.assertEqual(list(things["EMPTY"]["accessvdb_origin_W"]), self.points.origin_W.tolist())
+
+    def test_folder_volume_and_points_file_all_open_the_field(self):
+        for path in (FIELD, FIELD + os.sep, VOLUME, POINTS):
+            self.setUp()
+            self.assertEqual(set(self.imported(path)), {"VOLUME", "MESH", "EMPTY"}, path)
+
+    def test_parts_can_be_left_out(self):
+        self.assertEqual(set(self.imported(with_points=False)), {"VOLUME", "EMPTY"})
+        self.setUp()
+        self.assertEqual(set(self.imported(with_volume=False)), {"MESH", "EMPTY"})
+
+    def test_the_volume_has_every_grid_and_a_material_of_the_two_fogs(self):
+        volume = self.imported()["VOLUME"].data
+        volume.grids.load()
+        self.assertEqual({grid.name for grid in volume.grids}, set(GRIDS))
+        nodes = volume.materials[0].node_tree.nodes
+        self.assertEqual({node.attribute_name for node in nodes if node.type == "ATTRIBUTE"}, {"accessible", "blocked"})
+
+    def test_the_points_are_those_of_the_file(self):
+        thing = self.imported()["MESH"]
+        records, mesh = self.points.records, thing.data
+        self.assertEqual(len(mesh.vertices), len(records))
+        self.assertGreater(len(records), 1000)
+        world = np.array(thing.matrix_world)
+        # Blender has floats: the positions are within a micrometre, the attributes the same bits.
+        for row in range(0, len(records), 7):
+            found_W = world[:3, :3] @ np.array(mesh.vertices[row].co) + world[:3, 3]
+            np.testing.assert_allclose(found_W, self.points.positions_W()[row], atol=1e-6)
+            for name in ("label", "reason", "confidence", "stability"):
+                self.assertEqual(mesh.attributes[name].data[row].value, records[name][row], name)
+            score = int(records["score"][row])
+            self.assertEqual(mesh.attributes["score"].data[row].value, -1 if score == NO_SCORE else score)
+            self.assertEqual(tuple(mesh.attributes["direction"].data[row].vector),
+                             tuple(records[row][["dx", "dy", "dz"]]))
+            self.assertEqual(tuple(mesh.attributes["surface_normal"].data[row].vector),
+                             tuple(records[row][["nx", "ny", "nz"]]))
+
+    def test_the_colours_are_those_of_the_file_to_a_byte(self):
+        mesh = self.imported()["MESH"].data
+        colours = np.empty(4 * len(mesh.vertices), np.float32)
+        mesh.attributes["colour"].data.foreach_get("color", colours)
+        linear = colours.reshape(-1, 4)[:, :3].astype(float)
+        srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 1e-9) ** (1 / 2.4) - 0.055)
+        np.testing.assert_array_equal(np.rint(255 * srgb), self.points.columns("red", "green", "blue"))
+
+    def test_the_points_are_drawn_one_ball_each_of_half_a_voxel(self):
+        thing = self.imported()["MESH"]
+        evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
+        self.assertFalse(evaluated.data is not None and len(evaluated.data.vertices))
+        clouds = [item.object.data for item in bpy.context.evaluated_depsgraph_get().object_instances
+                  if item.object.type == "POINTCLOUD"]
+        self.assertEqual([len(cloud.points) for cloud in clouds], [len(self.points)])
+        radius = clouds[0].attributes["radius"].data
+        self.assertAlmostEqual(radius[0].value, 0.5 * self.points.voxel_size_m, delta=1e-7)
+        self.assertIn("colour", clouds[0].attributes)
+
+    def test_it_lies_at_its_world_position_or_at_the_origin(self):
+        origin_W = self.points.origin_W
+        self.assertGreater(np.abs(origin_W).max(), 0.1)
+        for at_world_position, expected in ((True, origin_W), (False, np.zeros(3))):
+            self.setUp()
+            things = self.imported(at_world_position=at_world_position)
+            np.testing.assert_allclose(things["EMPTY"].matrix_world.translation, expected, atol=1e-6)
+            half_voxel = 0.5 * self.points.voxel_size_m if bpy.app.version < (4, 5, 0) else 0.0
+            np.testing.assert_allclose(things["VOLUME"].matrix_world.translation, expected - half_voxel, atol=1e-6)
+
+    def test_two_fields_can_be_open(self):
+        self.imported()
+        self.imported()
+        self.assertEqual(len(bpy.data.objects), 6)
+
+    def test_it_can_be_disabled_and_enabled_again(self):
+        bpy.ops.preferences.addon_disable(module=MODULE)
+        self.assertFalse(hasattr(bpy.types, "IMPORT_SCENE_OT_accessvdb"))
+        bpy.ops.preferences.addon_enable(module=MODULE)
+        self.imported()
+
+
+run_tests()

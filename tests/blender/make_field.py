@@ -1,0 +1,42 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""Simulates scans of a torus, maps them with the built program, and notes what OpenVDB says about the boxes."""
+
+import json
+import os
+import shutil
+import subprocess
+
+import pyopenvdb
+
+import hook
+from field_under_test import FIELD, FIELD_Y_UP, TOOL, VOLUME, WORK
+
+PROGRAM = os.environ["PROGRAM"]
+
+
+def text(vector):
+    return ",".join(str(value) for value in vector)
+
+
+def main():
+    scans = os.path.join(WORK, "scans")
+    for folder in (scans, FIELD, FIELD_Y_UP):
+        shutil.rmtree(folder, ignore_errors=True)
+    hook.write_stl(TOOL)
+    subprocess.run([PROGRAM, "simulate", "--scene", "torus", "--frames", "16", "--seed", "1", "--out", scans],
+                   check=True)
+    for folder, options in ((FIELD, []), (FIELD_Y_UP, ["--up-axis", "y", "--half", "--surface"])):
+        subprocess.run([PROGRAM, "map", "--scans", os.path.join(scans, "scans"), "--poses",
+                        os.path.join(scans, "poses.txt"), "--tool", TOOL, "--tool-unit", hook.UNIT, "--tool-tip",
+                        text(hook.TIP), "--tool-axis", text(hook.AXIS), "--tool-up", text(hook.UP), "--voxel", "0.004",
+                        "--device", "cpu", "--out", folder] + options, check=True)
+    boxes = {}
+    for grid in pyopenvdb.readAllGridMetadata(VOLUME):
+        grid = pyopenvdb.read(VOLUME, grid.name)
+        boxes[grid.name] = {"active": grid.evalActiveVoxelBoundingBox(), "leaves": grid.evalLeafBoundingBox()}
+    with open(os.path.join(WORK, "boxes.json"), "w", encoding="utf-8") as stream:
+        json.dump(boxes, stream)
+
+
+main()

@@ -1,0 +1,215 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb bench as a user meets it: figures that agree with each other, wrong use in one line.
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <filesystem>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "program_run.h"
+
+namespace accessvdb::cli_test {
+namespace {
+
+using nlohmann::json;
+
+constexpr int kFrames = 7, kTimed = 4, kPoints = 1500;
+
+class Bench : public ProgramTest {
+ protected:
+  using Flags = std::map<std::string, std::string>;
+
+  /// A few thin scans at 10 cm: a second. Flags of the test win; an empty value is a flag without one.
+  [[nodiscard]] static std::vector<std::string> arguments(Flags flags) {
+    flags.merge(Flags{{"--device", "cpu"},
+                      {"--voxel", "0.1"},
+                      {"--points-per-frame", std::to_string(kPoints)},
+                      {"--frames", std::to_string(kFrames)},
+                      {"--timed-frames", std::to_string(kTimed)},
+                      {"--max-range", "8"},
+                      {"--knn", "10"},
+                      {"--tool", "builtin:pencil"}});
+    std::vector<std::string> all = {"bench"};
+    for (const auto& [flag, value] : flags) {
+      all.push_back(flag);
+      if (!value.empty()) all.push_back(value);
+    }
+    return all;
+  }
+  void expectRefused(Flags flags, int exit_code, const std::string& said) const {
+    SCOPED_TRACE(said);
+    flags["--out"] = path("refused.json");
+    const ProgramResult result = runProgram(arguments(flags));
+    EXPECT_EQ(result.exit_code, exit_code) << result.err;
+    EXPECT_NE(result.err.find(said), std::string::npos) << result.err;
+    EXPECT_EQ(result.err.rfind("accessvdb: error[", 0), 0u) << result.err;
+    EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << "not one line: " << result.err;
+    EXPECT_FALSE(std::filesystem::exists(path("refused.json")));
+  }
+};
+
+/// The columns of a CSV by their names.
+std::vector<std::vector<double>> numbersOf(const std::string& csv, std::string& header) {
+  std::istringstream lines(csv);
+  std::getline(lines, header);
+  std::vector<std::vector<double>> rows;
+  for (std::string line; std::getline(lines, line);) {
+    std::istringstream cells(line);
+    rows.emplace_back();
+    for (std::string cell; std::getline(cells, cell, ',');) rows.back().push_back(std::stod(cell));
+  }
+  return rows;
+}
+
+TEST_F(Bench, FiguresAgreeWithEachOther) {
+  const ProgramResult result =
+      runProgram(arguments({{"--out", path("bench.json")}, {"--per-frame", path("frames.csv")}}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const json bench = json::parse(readText("bench.json"));
+  EXPECT_EQ(bench["frames"], kFrames);
+  EXPECT_EQ(bench["timed_frames"], kTimed);
+  EXPECT_EQ(bench["points_per_frame"], kPoints);
+  EXPECT_EQ(bench["device"], "cpu");
+  EXPECT_EQ(bench["backend"], "cpu");
+  EXPECT_EQ(bench["complete"], true);
+  EXPECT_EQ(bench["voxel_m"], 0.1);
+  EXPECT_EQ(bench["tau_m"], 0.4);
+  EXPECT_EQ(bench["policy"], "exact");
+  EXPECT_GT(bench["memory"]["host_peak_bytes"], bench["memory"]["host_before_bytes"]);
+  EXPECT_EQ(bench["memory"]["device_peak_bytes"], 0);
+  EXPECT_EQ(bench["memory_at_timed_begin"]["surface_points"], bench["surface_points"]["timed_begin"]);
+  EXPECT_LE(bench["memory_at_timed_begin"]["host_bytes"], bench["memory"]["host_peak_bytes"]);
+  EXPECT_LT(bench["memory_at_timed_begin"]["map_bytes"], bench["memory"]["map_bytes"]);
+  EXPECT_EQ(bench["backlog"]["largest_points"], 0);
+  for (const char* block : {"timing_ms", "timing_all_frames_ms"}) {
+    double stages_ms = 0;
+    for (const char* stage : {"frame", "integrate", "mirror", "update", "score"}) {
+      const json& times = bench[block][stage];
+      EXPECT_GT(times["mean"], 0.0) << stage;
+      EXPECT_LE(times["p50"], times["p95"]) << stage;
+      EXPECT_LE(times["p95"], times["p99"]) << stage;
+      EXPECT_LE(times["p99"], times["max"]) << stage;
+      EXPECT_LE(times["mean"], times["max"]) << stage;
+      if (std::string(stage) != "frame") stages_ms += times["mean"].get<double>();
+    }
+    EXPECT_LE(stages_ms, bench[block]["frame"]["mean"].get<double>()) << block;
+  }
+
+  // Every return of every frame was used, and the map grew with them.
+  std::string header;
+  const auto rows = numbersOf(readText("frames.csv"), header);
+  ASSERT_EQ(rows.size(), static_cast<std::size_t>(kFrames));
+  EXPECT_EQ(header.rfind("n,frame_ms,integrate_ms,mirror_ms,update_ms,score_ms,points_used,touched_leaves", 0), 0u);
+  const std::size_t points = rows.front().size() - 1;
+  for (std::size_t n = 0; n < rows.size(); ++n) {
+    EXPECT_EQ(rows[n][0], static_cast<double>(n));
+    EXPECT_EQ(rows[n][6], kPoints);
+    EXPECT_LE(rows[n][2] + rows[n][3] + rows[n][4] + rows[n][5], rows[n][1] * (1 + 1e-5)) << "six digits are written";
+    EXPECT_GT(rows[n][points], n == 0 ? 0 : rows[n - 1][points]);
+  }
+  EXPECT_EQ(bench["surface_points"]["timed_begin"], rows[kFrames - kTimed - 1][points]);
+  EXPECT_EQ(bench["surface_points"]["timed_end"], rows[kFrames - 1][points]);
+  std::uint64_t labels = 0;
+  for (const auto& [label, count] : bench["labels_at_end"].items()) labels += count.get<std::uint64_t>();
+  EXPECT_EQ(labels, bench["surface_points"]["timed_end"].get<std::uint64_t>());
+  EXPECT_GT(bench["labels_at_end"]["accessible"], 0);
+  EXPECT_EQ(bench["per_frame"]["points_used"]["mean"], kPoints);
+  // Figures are of the timed frames alone. Columns 1 .. 5 are times, rounded to six digits; then counters, exact.
+  const auto expectMeanAndMax = [&](const json& block, std::size_t column, std::size_t first, double rounding) {
+    double sum = 0, largest = 0;
+    for (std::size_t n = first; n < rows.size(); ++n) {
+      sum += rows[n][column];
+      largest = std::max(largest, rows[n][column]);
+    }
+    EXPECT_NEAR(block["mean"].get<double>(), sum / static_cast<double>(rows.size() - first), rounding * largest);
+    EXPECT_NEAR(block["max"].get<double>(), largest, rounding * largest);
+  };
+  expectMeanAndMax(bench["timing_ms"]["frame"], 1, kFrames - kTimed, 1e-5);
+  expectMeanAndMax(bench["timing_ms"]["score"], 5, kFrames - kTimed, 1e-5);
+  expectMeanAndMax(bench["timing_all_frames_ms"]["frame"], 1, 0, 1e-5);
+  expectMeanAndMax(bench["per_frame"]["touched_leaves"], 7, kFrames - kTimed, 1e-12);
+  expectMeanAndMax(bench["per_frame"]["new_leaves"], 8, kFrames - kTimed, 1e-12);
+}
+
+TEST_F(Bench, TheSameStreamOnAnyNumberOfThreads) {
+  std::vector<std::vector<double>> first;
+  for (const char* threads : {"1", "2"}) {
+    const ProgramResult result = runProgram(arguments({{"--threads", threads}, {"--per-frame", path("frames.csv")}}));
+    ASSERT_EQ(result.exit_code, 0) << result.err;
+    EXPECT_EQ(json::parse(result.out)["threads"], std::stoi(threads)) << "without --out the figures go to stdout";
+    std::string header;
+    auto rows = numbersOf(readText("frames.csv"), header);
+    for (auto& row : rows) row.erase(row.begin(), row.begin() + 6);  // times differ, counters do not
+    if (first.empty()) first = rows;
+    EXPECT_EQ(rows, first);
+  }
+}
+
+TEST_F(Bench, EndsAfterTheTimedPartWithShortest) {
+  const ProgramResult result = runProgram(arguments({{"--frames", "60"},
+                                                     {"--timed-frames", "2"},
+                                                     {"--min-surface-points", "2000"},
+                                                     {"--shortest", ""},
+                                                     {"--out", path("bench.json")}}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const json bench = json::parse(readText("bench.json"));
+  EXPECT_GE(bench["surface_points"]["timed_begin"], 2000);
+  EXPECT_LT(bench["surface_points"]["timed_begin"], 2000 + kPoints);
+  EXPECT_EQ(bench["timed_frames"], 2);
+  EXPECT_EQ(bench["memory_at_timed_begin"]["surface_points"], bench["surface_points"]["timed_begin"]);
+  EXPECT_LT(bench["frames"], 10);
+}
+
+TEST_F(Bench, TooFewPointsIsCode4AndKeepsTheFigures) {
+  const ProgramResult result =
+      runProgram(arguments({{"--min-surface-points", "1000000"}, {"--out", path("bench.json")}}));
+  EXPECT_EQ(result.exit_code, 4) << result.err;
+  EXPECT_NE(result.err.find("error[bench.too_few_points]"), std::string::npos) << result.err;
+  EXPECT_EQ(json::parse(readText("bench.json"))["surface_points"]["required"], 1000000);
+}
+
+TEST_F(Bench, RefusesInOneLine) {
+  expectRefused({{"--scene", "torus"}}, 2, "--scene");
+  expectRefused({{"--frames", "0"}}, 2, "--frames");
+  expectRefused({{"--frames", "five"}}, 2, "--frames");
+  expectRefused({{"--timed-frames", "8"}}, 2, "--timed-frames");
+  expectRefused({{"--points-per-frame", "0"}}, 2, "--points-per-frame");
+  expectRefused({{"--voxel", "0"}}, 2, "--voxel");
+  expectRefused({{"--voxel", "nan"}}, 2, "--voxel");
+  expectRefused({{"--tau", "0"}}, 2, "--tau");
+  expectRefused({{"--policy", "both"}}, 2, "--policy");
+  expectRefused({{"--speed", "0"}}, 2, "--speed");
+  expectRefused({{"--speed", "nan"}}, 2, "--speed");
+  expectRefused({{"--sensor-rate", "-10"}}, 2, "--sensor-rate");
+  expectRefused({{"--max-range", "1e9"}}, 2, "--max-range");
+  expectRefused({{"--range-noise", "-1"}}, 2, "--range-noise");
+  expectRefused({{"--solid-foliage", "-1"}}, 2, "--solid-foliage");
+  expectRefused({{"--tool", "builtin:spoon"}}, 2, "builtin:spoon");
+  expectRefused({{"--threads", "-1"}}, 2, "--threads");
+  expectRefused({{"--shortest", ""}}, 2, "--shortest");
+  if (access("/dev/nvidiactl", F_OK) != 0) expectRefused({{"--device", "cuda"}}, 6, "cuda");
+}
+
+TEST_F(Bench, AStoppedRunKeepsTheFiguresOfWhatItDid) {
+  ProgramSetup setup;
+  setup.arguments = arguments({{"--frames", "20000"}, {"--out", path("bench.json")}});
+  setup.signal_after = "scene: planted forest";
+  setup.act = [](pid_t process) {
+    usleep(1'500'000);
+    kill(process, SIGINT);
+  };
+  const ProgramResult stopped = runProgram(setup);
+  ASSERT_EQ(stopped.exit_code, 130) << stopped.err;
+  const json bench = json::parse(readText("bench.json"));
+  EXPECT_EQ(bench["complete"], false);
+  EXPECT_GT(bench["frames"], 0);
+  EXPECT_LT(bench["frames"], 20000);
+}
+
+}  // namespace
+}  // namespace accessvdb::cli_test

@@ -1,0 +1,158 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Batch queries in C: the same answers as in C++, for every version of the structs, and what is refused.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstring>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/batch_query.h"
+#include "accessvdb/c_api.h"
+#include "sample_scans/walk_generator.h"
+
+namespace {
+
+using accessvdb::AccessibilityField;
+
+class CApiQuery : public testing::Test {
+ protected:
+  void SetUp() override {
+    accessvdb_tool* tool = nullptr;
+    ASSERT_EQ(accessvdb_tool_builtin("builtin:pencil", &tool, nullptr), ACCESSVDB_OK);
+    accessvdb_params params = {};
+    params.struct_size = sizeof params;
+    ASSERT_EQ(accessvdb_params_defaults(&params), ACCESSVDB_OK);
+    params.voxel_size_m = 0.1;
+    ASSERT_EQ(accessvdb_field_create(tool, &params, &c_, nullptr), ACCESSVDB_OK);
+    accessvdb_tool_free(tool);
+    const accessvdb::samples::WalkGenerator walk({.frames = 3, .rays_per_frame = 5000, .max_range_m = 8});
+    for (int n = 0; n < walk.frames(); ++n) {
+      const auto frame = walk.frame(n);
+      const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> pose = frame.T_W_S.matrix();
+      cpp_.integrateScan(frame.points_S, frame.T_W_S);
+      ASSERT_EQ(
+          accessvdb_field_integrate_scan(c_, frame.points_S[0].data(), frame.points_S.size(), pose.data(), nullptr),
+          ACCESSVDB_OK);
+    }
+    cpp_.update();
+    ASSERT_EQ(accessvdb_field_update(c_, nullptr), ACCESSVDB_OK);
+    int n = 0;
+    for (const auto& point : cpp_.snapshot().points) {  // at, beside and above the surface
+      points_W_.emplace_back(point.position_W + Eigen::Vector3d(0.04 * (n % 5), 0.05 * (n % 3), 0.1 * (n % 4)));
+      capsules_.push_back({{points_W_.back().x(), points_W_.back().y(), points_W_.back().z()},
+                           {points_W_.back().x(), points_W_.back().y() + 0.3, points_W_.back().z() + 0.1 * (n % 7)},
+                           0.03 * (n % 4)});
+      ++n;
+    }
+    points_W_[3].x() = std::nan("");
+    capsules_[5].radius_m = -1;
+    ASSERT_GT(points_W_.size(), 500u);
+  }
+  void TearDown() override { accessvdb_field_free(c_); }
+
+  void expectUsage(int code, const char* id) const {
+    EXPECT_EQ(code, ACCESSVDB_ERROR_USAGE);
+    EXPECT_STREQ(accessvdb_field_error_id(c_), id);
+  }
+  static bool same(float a, float b) { return a == b || (std::isnan(a) && std::isnan(b)); }
+
+  accessvdb_field* c_ = nullptr;
+  AccessibilityField cpp_{accessvdb::ToolGeometry::builtin("builtin:pencil"), {.tsdf = {.voxel_size_m = 0.1}}};
+  std::vector<Eigen::Vector3d> points_W_;
+  std::vector<accessvdb_capsule> capsules_;
+};
+
+TEST_F(CApiQuery, PointsAsInCpp) {
+  struct Later {
+    accessvdb_point_answer known;
+    std::uint64_t of_tomorrow;
+  };
+  std::vector<accessvdb_point_answer> c(points_W_.size());
+  std::vector<Later> later(points_W_.size(), Later{{}, 9});
+  std::vector<accessvdb::PointAnswer> cpp(points_W_.size());
+  cpp_.batchQuery().at(points_W_, cpp);
+  ASSERT_EQ(accessvdb_field_query_points(c_, points_W_[0].data(), c.size(), c.data(), sizeof c[0]), ACCESSVDB_OK);
+  ASSERT_EQ(accessvdb_field_query_points(c_, points_W_[0].data(), c.size(), &later[0].known, sizeof later[0]),
+            ACCESSVDB_OK);
+  std::size_t accessible = 0, unknown = 0;
+  for (std::size_t n = 0; n < c.size(); ++n) {
+    ASSERT_TRUE(same(c[n].distance_m, cpp[n].distance_m));
+    ASSERT_TRUE(same(c[n].point_distance_m, cpp[n].point_distance_m));
+    for (int axis = 0; axis < 3; ++axis) ASSERT_EQ(c[n].direction_W[axis], cpp[n].direction_W[axis]);
+    ASSERT_EQ(c[n].point_id, cpp[n].point_id);
+    ASSERT_EQ(c[n].weight, cpp[n].weight);
+    ASSERT_EQ(c[n].direction, cpp[n].direction);
+    ASSERT_EQ(c[n].score, cpp[n].score);
+    ASSERT_EQ(c[n].label, static_cast<std::uint8_t>(cpp[n].label));
+    ASSERT_EQ(c[n].reason, static_cast<std::uint8_t>(cpp[n].reason));
+    ASSERT_EQ(c[n].unknown, std::uint8_t{cpp[n].unknown});
+    ASSERT_EQ(c[n].cleared, std::uint8_t{cpp[n].cleared});
+    ASSERT_EQ(std::memcmp(&c[n], &later[n].known, sizeof c[n]), 0);
+    ASSERT_EQ(later[n].of_tomorrow, 0u);
+    accessible += c[n].label == ACCESSVDB_ACCESSIBLE;
+    unknown += c[n].unknown;
+  }
+  EXPECT_GT(accessible, 50u);
+  EXPECT_GT(unknown, 10u);
+  EXPECT_EQ(c[3].unknown, 1);
+}
+
+TEST_F(CApiQuery, CapsulesAsInCpp) {
+  struct Later {
+    accessvdb_capsule known;
+    std::uint64_t of_tomorrow;
+  };
+  std::vector<accessvdb::CapsuleQuery> questions;
+  std::vector<Later> later;
+  for (const accessvdb_capsule& c : capsules_) {
+    questions.push_back({Eigen::Vector3d(c.a_W), Eigen::Vector3d(c.b_W), c.radius_m});
+    later.push_back({c, 0});
+  }
+  const auto cpp = cpp_.batchQuery().along(questions);
+  std::vector<accessvdb_capsule_answer> c(capsules_.size()), of_later(capsules_.size());
+  ASSERT_EQ(accessvdb_field_query_capsules(c_, capsules_.data(), sizeof capsules_[0], c.size(), c.data(), sizeof c[0]),
+            ACCESSVDB_OK);
+  ASSERT_EQ(
+      accessvdb_field_query_capsules(c_, &later[0].known, sizeof later[0], c.size(), of_later.data(), sizeof c[0]),
+      ACCESSVDB_OK);
+  std::size_t collisions = 0;
+  for (std::size_t n = 0; n < c.size(); ++n) {
+    ASSERT_TRUE(same(c[n].min_distance_m, cpp[n].min_distance_m));
+    ASSERT_TRUE(same(c[n].first_hit_t, cpp[n].first_hit_t));
+    ASSERT_EQ(c[n].collision, std::uint8_t{cpp[n].collision});
+    ASSERT_EQ(c[n].unknown, std::uint8_t{cpp[n].unknown});
+    ASSERT_EQ(c[n].valid, std::uint8_t{cpp[n].valid});
+    ASSERT_EQ(std::memcmp(&c[n], &of_later[n], sizeof c[n]), 0);
+    collisions += c[n].collision;
+  }
+  EXPECT_GT(collisions, 50u);
+  EXPECT_EQ(c[5].valid, 0);
+  later[2].of_tomorrow = 1;  // asks for something that this library cannot give
+  expectUsage(
+      accessvdb_field_query_capsules(c_, &later[0].known, sizeof later[0], c.size(), of_later.data(), sizeof c[0]),
+      "c_api.unknown_fields");
+}
+
+TEST_F(CApiQuery, Refusals) {
+  accessvdb_point_answer answer = {};
+  accessvdb_capsule_answer capsule_answer = {};
+  const double p_W[3] = {0, 0, 0};
+  expectUsage(accessvdb_field_query_points(c_, nullptr, 1, &answer, sizeof answer), "c_api.null");
+  expectUsage(accessvdb_field_query_points(c_, p_W, 1, nullptr, sizeof answer), "c_api.null");
+  expectUsage(accessvdb_field_query_points(c_, p_W, 1, &answer, 8), "c_api.struct_size");
+  expectUsage(accessvdb_field_query_points(c_, p_W, static_cast<std::size_t>(-1), &answer, sizeof answer),
+              "c_api.count");
+  expectUsage(
+      accessvdb_field_query_capsules(c_, nullptr, sizeof(accessvdb_capsule), 1, &capsule_answer, sizeof capsule_answer),
+      "c_api.null");
+  expectUsage(accessvdb_field_query_capsules(c_, capsules_.data(), 4, 1, &capsule_answer, sizeof capsule_answer),
+              "c_api.struct_size");
+  expectUsage(accessvdb_field_query_capsules(c_, capsules_.data(), sizeof(accessvdb_capsule), 1, &capsule_answer, 0),
+              "c_api.struct_size");
+  EXPECT_EQ(accessvdb_field_query_points(nullptr, p_W, 1, &answer, sizeof answer), ACCESSVDB_ERROR_USAGE);
+  EXPECT_EQ(accessvdb_field_query_points(c_, nullptr, 0, nullptr, sizeof answer), ACCESSVDB_OK);  // nothing to ask
+}
+
+}  // namespace

@@ -1,0 +1,25 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Questions to a DeviceView in a kernel, on a stream of the caller's own.
+#pragma once
+
+#include <vector>
+
+#include "accessvdb/device_view.h"
+#include "launch/device_array.h"
+
+namespace accessvdb::test {
+
+/// A position, and a capsule from it.
+struct ViewQuestion {
+  double a_W[3], b_W[3], radius_m;
+};
+struct ViewAnswer {
+  Occupancy at_a = Occupancy::Unknown;
+  PathOccupancy along;
+};
+
+[[nodiscard]] std::vector<ViewAnswer> askOnDevice(kernels::DeviceMemory& memory, const DeviceView& view,
+                                                  const std::vector<ViewQuestion>& questions);
+
+}  // namespace accessvdb::test

@@ -1,0 +1,191 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""Files: what write() leaves can be read back, scans and meshes are read, pictures are drawn."""
+
+import os
+import struct
+import subprocess
+import tempfile
+import unittest
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+import accessvdb
+import walls
+
+
+def read_png(path):
+    """(height, width, 3) uint8 of an 8-bit RGB PNG, decoded here."""
+    data = path.read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    at, packed = 8, b""
+    while at < len(data):
+        size, kind = struct.unpack(">I4s", data[at : at + 8])
+        body = data[at + 8 : at + 8 + size]
+        if kind == b"IHDR":
+            width, height, depth, colour = struct.unpack(">IIBB", body[:10])
+            assert (depth, colour) == (8, 2)
+        packed += body if kind == b"IDAT" else b""
+        at += size + 12
+    lines = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, 1 + 3 * width)
+    picture = np.zeros((height + 1, width + 1, 3), int)  # a border of zeros, as the filters want it
+    for y in range(height):
+        kind, line = lines[y, 0], lines[y, 1:].reshape(width, 3).astype(int)
+        up, left_up = picture[y, 1:], picture[y, :-1]
+        if kind == 0:
+            picture[y + 1, 1:] = line
+        elif kind == 1:
+            picture[y + 1, 1:] = np.cumsum(line, axis=0) % 256
+        elif kind == 2:
+            picture[y + 1, 1:] = (line + up) % 256
+        else:
+            for x in range(width):
+                a, b, c = picture[y + 1, x], up[x], left_up[x]
+                if kind == 3:
+                    guess = (a + b) // 2
+                else:
+                    p = a + b - c
+                    da, db, dc = abs(p - a), abs(p - b), abs(p - c)
+                    guess = np.where((da <= db) & (da <= dc), a, np.where(db <= dc, b, c))
+                picture[y + 1, x + 1] = (line[x] + guess) % 256
+    return picture[1:, 1:].astype(np.uint8)
+
+
+class Files(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.temporary = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(cls.temporary.cleanup)
+        cls.folder = Path(cls.temporary.name)
+        cls.field = walls.field()
+        cls.snapshot = cls.field.snapshot()
+        cls.field.write(cls.folder / "field")
+
+    def test_written_and_read_back(self):
+        self.assertEqual(
+            {path.name for path in (self.folder / "field").iterdir()}, {"field.vdb", "field_points.vdb", "points.ply"}
+        )
+        for again in (
+            accessvdb.read_points_ply(self.folder / "field" / "points.ply"),
+            accessvdb.StoredField(str(self.folder / "field")).points,
+        ):
+            for name in ("label", "reason", "position_W", "normal_W", "direction_W", "score", "confidence", "stability"):
+                np.testing.assert_array_equal(getattr(again, name), getattr(self.snapshot, name), name)
+            self.assertEqual(again.voxel_size_m, self.snapshot.voxel_size_m)
+            np.testing.assert_array_equal(again.origin_W, self.snapshot.origin_W)
+
+    def test_stored_field(self):
+        stored = accessvdb.StoredField(self.folder / "field")
+        index = int(np.flatnonzero(self.snapshot.label == accessvdb.PointLabel.BLOCKED)[0])
+        answer = stored.at(self.snapshot.position_W[index])
+        self.assertTrue(answer.observed)
+        self.assertIs(answer.point.label, accessvdb.PointLabel.BLOCKED)
+        self.assertAlmostEqual(answer.point_distance_m, 0)
+        live = self.field.query(self.snapshot.position_W[index : index + 1])
+        self.assertAlmostEqual(answer.distance_m, float(live.distance_m[0]), places=6)
+        self.assertEqual(answer.weight, live.weight[0])
+        self.assertIsNone(stored.at((90, 90, 90)).point)
+        points = stored.points
+        label, expected = points.label, points.label.copy()
+        del stored, points
+        np.testing.assert_array_equal(label, expected)
+
+    def test_a_map_beside_pyopenvdb(self):
+        # Both modules bring OpenVDB into one process.
+        import pyopenvdb
+
+        grids = {grid.name: grid for grid in pyopenvdb.readAllGridMetadata(str(self.folder / "field" / "field.vdb"))}
+        self.assertTrue({"density", "accessible", "distance", "weight"} <= set(grids))
+        weight = pyopenvdb.read(str(self.folder / "field" / "field.vdb"), "weight")
+        self.assertEqual(weight.activeVoxelCount(), self.field.memory_use().active_voxels)
+        self.assertGreater(len(walls.field(frames=1).snapshot()), 100)
+
+    def test_what_write_can_be_told(self):
+        import pyopenvdb
+
+        def distance(folder):
+            return pyopenvdb.read(str(folder / "field.vdb"), "distance")
+
+        plain = distance(self.folder / "field")
+        self.field.write(self.folder / "small", half_float=True, compression="zip", up_axis="y", surface=True)
+        small = distance(self.folder / "small")
+        self.assertTrue(small.saveFloatAsHalf)
+        self.assertFalse(plain.saveFloatAsHalf)
+        self.assertEqual(small.activeVoxelCount(), plain.activeVoxelCount())
+        x, y, z = plain.transform.indexToWorld((10, 20, 30))
+        np.testing.assert_allclose(small.transform.indexToWorld((10, 20, 30)), (x, z, -y), atol=1e-9)
+        names = {grid.name for grid in pyopenvdb.readAllGridMetadata(str(self.folder / "small" / "field.vdb"))}
+        self.assertIn("surface", names)
+        self.field.write_frame(self.folder / "frame_0001.vdb")
+        self.assertEqual(
+            pyopenvdb.read(str(self.folder / "frame_0001.vdb"), "weight").activeVoxelCount(), plain.activeVoxelCount()
+        )
+        for bad in ({"half_float": 1}, {"compression": "gzip"}, {"compression": None}, {"up_axis": "x"}, {"surface": "no"}):
+            with self.subTest(bad), self.assertRaises(accessvdb.InvalidArgument):
+                self.field.write(self.folder / "never", **bad)
+        self.assertFalse((self.folder / "never").exists())
+
+    def test_scans(self):
+        scans_folder = self.folder / "scans"
+        subprocess.run(
+            [os.environ["MAKE_SAMPLE_SCANS"], "--out", scans_folder, "--frames", "3", "--rays", "500"],
+            check=True,
+            stdout=subprocess.PIPE,
+        )
+        scans = accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt")
+        self.assertEqual(len(scans), 3)
+        self.assertEqual(scans.recorded_range_noise_m, 0)
+        self.assertTrue(scans.matching_rule and scans.notices)
+        self.assertEqual(len([path for path in scans.paths if path.endswith(".pcd")]), 3)
+        records = list(scans)
+        self.assertEqual(len(records), 3)
+        self.assertEqual(records[0].points_S.shape, (500, 3))
+        self.assertEqual(records[0].points_W.shape, (0, 3))
+        self.assertFalse(records[0].points_S.flags.writeable)
+        np.testing.assert_allclose(records[2].T_W_S[:3, :3] @ records[2].T_W_S[:3, :3].T, np.eye(3), atol=1e-9)
+        np.testing.assert_array_equal(records[2].points_S, scans[-1].points_S)
+        for step in (3, -4, 10**15):
+            with self.assertRaises(IndexError):
+                scans[step]
+        self.assertEqual(len(accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", every=2)), 2)
+        cloud = accessvdb.ScanSequence(scans_folder / "000000.pcd", sensor_at_W=(1, 2, 3))
+        np.testing.assert_array_equal(cloud[0].origins_W, [[1, 2, 3]])
+        self.assertGreater(len(cloud[0].points_W), 100)
+        self.assertEqual(walls.field(frames=0).integrate(cloud[0]).points_in, len(cloud[0].points_W))
+        for bad in ({"pose_format": "xyz"}, {"every": 0}, {"every": "2"}, {"sensor_at_W": (1, 2)}, {"sort_poses": 1}):
+            with self.subTest(bad), self.assertRaises(accessvdb.InvalidArgument):
+                accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", **bad)
+
+    def test_a_mesh(self):
+        path = self.folder / "box.obj"
+        corners = [(40 * (n & 1), 20 * (n >> 1 & 1), 10 * (n >> 2 & 1)) for n in range(8)]
+        faces = ["1 3 4 2", "5 6 8 7", "1 2 6 5", "3 7 8 4", "1 5 7 3", "2 4 8 6"]
+        path.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners) + "".join(f"f {f}\n" for f in faces))
+        tool = accessvdb.ToolGeometry.from_mesh(path, "mm", tip=(40, 10, 5), axis=(-1, 0, 0), up=(0, 1, 0))
+        np.testing.assert_allclose(tool.min_T, [0, -0.005, -0.01], atol=1e-7)
+        np.testing.assert_allclose(tool.max_T, [0.04, 0.005, 0.01], atol=1e-7)
+        self.assertTrue(tool.watertight)
+        with self.assertRaisesRegex(accessvdb.InvalidArgument, "unit"):
+            accessvdb.ToolGeometry.from_mesh(path)
+        for bad in ({"unit": "km"}, {"unit": 3}, {"unit": "m", "axis": (0, 0, 0)}, {"unit": "m", "tip": (1, 2)}):
+            with self.subTest(bad), self.assertRaises(accessvdb.InvalidArgument):
+                accessvdb.ToolGeometry.from_mesh(path, **bad)
+
+    def test_pictures(self):
+        path = self.folder / "field.png"
+        accessvdb.render_field(path, self.snapshot, width_px=160, height_px=120, view_W=(-1, 0, 0.3))
+        picture = read_png(path).astype(int)
+        self.assertEqual(picture.shape, (120, 160, 3))
+        red, green, _ = np.moveaxis(picture, 2, 0)
+        self.assertGreater((green > red + 40).sum(), 100)  # the reachable wall
+        accessvdb.render_tool(self.folder / "tool.png", self.field.tool, width_px=200, height_px=150)
+        self.assertEqual(read_png(self.folder / "tool.png").shape, (150, 200, 3))
+        for bad in ({"width_px": 0}, {"height_px": 10**9}, {"view_W": (0, 0, 0)}, {"view_W": (np.nan, 0, 0)}, {"width_px": 1.5}):
+            with self.subTest(bad), self.assertRaises(accessvdb.InvalidArgument):
+                accessvdb.render_field(path, self.snapshot, **bad)
+
+
+if __name__ == "__main__":
+    unittest.main()

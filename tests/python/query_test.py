@@ -1,0 +1,86 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""Batch queries: the answers of the snapshot, of point_at and of the scene itself."""
+
+import unittest
+
+import numpy as np
+
+import accessvdb
+import walls
+
+
+class Query(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        cls.field = walls.field()
+        cls.snapshot = cls.field.snapshot()
+
+    def test_at_the_surface_points(self):
+        s = self.snapshot
+        answers = self.field.query(s.position_W)
+        self.assertEqual(len(answers), len(s))
+        np.testing.assert_array_equal(answers.point_id, s.id)
+        for name in ("label", "reason", "score", "direction", "direction_W"):
+            np.testing.assert_array_equal(getattr(answers, name), getattr(s, name), name)
+        self.assertFalse(answers.unknown.any())
+        self.assertTrue((answers.weight > 0).all())
+        np.testing.assert_allclose(answers.point_distance_m, 0, atol=1e-5)
+
+    def test_far_away_bad_and_in_between(self):
+        positions = np.array([[50, 50, 50], [np.nan, 0, 0], [np.inf, 0, 0], [1e300, 0, 0], [2.85, -0.5, 0.1]])
+        answers = self.field.query(positions)
+        np.testing.assert_array_equal(answers.unknown, [True, True, True, True, False])
+        self.assertTrue((answers.point_id[:4] == accessvdb.NO_POINT).all())
+        self.assertTrue((answers.label[:4] == accessvdb.PointLabel.UNSCORED).all())
+        self.assertTrue(np.isnan(answers.distance_m[:4]).all())
+        self.assertTrue(answers.cleared[4] or answers.weight[4] > 0)
+        self.assertEqual(len(self.field.query(np.empty((0, 3)))), 0)
+
+    def test_columns_are_views_that_nobody_writes_to(self):
+        answers = self.field.query(self.snapshot.position_W[:5])
+        for name in answers.records.dtype.names:
+            column = getattr(answers, name)
+            self.assertIs(column.base, answers)
+            self.assertFalse(column.flags.writeable)
+            np.testing.assert_array_equal(column, answers.records[name])
+        label = answers.label
+        expected = label.copy()
+        del answers
+        np.testing.assert_array_equal(label, expected)
+
+    def test_after_a_change(self):
+        field = walls.field(frames=1)
+        before = field.query([[3, 0.9, 0]])
+        for n in range(1, 4):
+            T_W_S = walls.pose(y=0.2 * n)
+            field.integrate_scan(walls.scan(T_W_S, seed=n), T_W_S)
+        field.update()
+        after = field.query([[3, 0.9, 0]])
+        self.assertGreater(after.weight[0], before.weight[0])
+
+    def test_capsules(self):
+        # Away from the wall, into the wall, into space that nobody saw, bad numbers.
+        a_W = np.array([[2.95, -0.5, 0.0], [2.8, -0.5, 0.0], [4.0, 0, 0], [np.nan, 0, 0], [2.8, -0.5, 0]])
+        b_W = np.array([[2.85, -0.5, 0.0], [3.2, -0.5, 0.0], [5.0, 0, 0], [1, 0, 0], [2.9, -0.5, 0]])
+        answers = self.field.query_along(a_W, b_W, [0.001, 0.02, 0.1, 0.1, -1])
+        np.testing.assert_array_equal(answers.valid, [True, True, True, False, False])
+        np.testing.assert_array_equal(answers.collision[:3], [False, True, False])
+        self.assertTrue(answers.unknown[2:].all())
+        self.assertFalse(answers.free[1:].any())
+        np.testing.assert_array_equal(answers.free, answers.valid & ~answers.collision & ~answers.unknown)
+        # The wall stands at 3, halfway; a voxel of 0.05 m and the radius make it earlier.
+        self.assertTrue(0.3 < answers.first_hit_t[1] <= 0.55, answers.first_hit_t[1])
+        one_for_all = self.field.query_along(a_W[:2], b_W[:2], 0.02)
+        self.assertTrue(one_for_all.collision[1])
+        self.assertEqual(len(self.field.query_along(np.empty((0, 3)), np.empty((0, 3)), 0.1)), 0)
+
+    def test_misuse_of_capsules(self):
+        a = np.zeros((4, 3))
+        for b, radius in ((a[:3], 0.1), (a, [0.1, 0.2]), (a, None), (a, "0.1"), (a, [[0.1]] * 4), (None, 0.1), (a, True)):
+            with self.subTest(radius=radius), self.assertRaises(accessvdb.InvalidArgument):
+                self.field.query_along(a, b, radius)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,101 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""Threads: fields are independent, calls on one field take turns, and Python runs on while the library works."""
+
+import tempfile
+import threading
+import time
+import unittest
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+import accessvdb
+import walls
+
+
+def build(tool, frames=6):
+    field = walls.field(frames=0, tool=tool)
+    for n in range(frames):
+        T_W_S = walls.pose(y=0.2 * n)
+        field.integrate_scan(walls.scan(T_W_S, seed=n), T_W_S)
+        field.update()
+    return field.snapshot().records.tobytes()
+
+
+class Threads(unittest.TestCase):
+    def test_two_fields_in_two_threads(self):
+        tools = ["builtin:pencil", "builtin:pruner"]
+        expected = [build(tool) for tool in tools]
+        self.assertNotEqual(*expected)
+        for _ in range(3):
+            with ThreadPoolExecutor(2) as threads:
+                self.assertEqual(list(threads.map(build, tools)), expected)
+
+    def test_one_field_in_many_threads(self):
+        # Readers beside a writer: every answer is that of some moment between two calls.
+        field = walls.field(frames=0)
+        sizes, wrong, done = [0], [], threading.Event()
+
+        def read():
+            try:
+                while not done.is_set():
+                    snapshot = field.snapshot()
+                    if len(snapshot) not in sizes[-2:] and len(snapshot) < sizes[-1]:
+                        wrong.append(len(snapshot))
+                    field.query(snapshot.position_W[:10])
+                    field.point_at((3, 0, 0))
+                    field.memory_use()
+            except Exception as error:
+                wrong.append(error)
+
+        readers = [threading.Thread(target=read) for _ in range(3)]
+        for reader in readers:
+            reader.start()
+        for n in range(6):
+            T_W_S = walls.pose(y=0.2 * n)
+            stats = field.integrate_scan(walls.scan(T_W_S, seed=n), T_W_S)
+            sizes.append(stats.surface_points)
+            field.update()
+        done.set()
+        for reader in readers:
+            reader.join()
+        self.assertEqual(wrong, [])
+        self.assertEqual(field.snapshot().records.tobytes(), build("builtin:pruner"))
+
+    def test_python_runs_on_during_long_calls(self):
+        # While a call keeps the interpreter's lock, no other thread gets a turn: it sees a gap as long as the call.
+        field = walls.field(frames=0, tsdf={"voxel_size_m": 0.03})
+        T_W_S = walls.pose()
+        points = np.asarray(walls.scan(T_W_S, rays=100_000), np.float32)
+        turns, stop = [], threading.Event()
+
+        def take_turns():
+            while not stop.wait(0.001):
+                turns.append(time.monotonic())
+
+        other = threading.Thread(target=take_turns)
+        other.start()
+        self.addCleanup(other.join)
+        self.addCleanup(stop.set)  # runs before the join
+        long_calls = 0
+        with tempfile.TemporaryDirectory() as folder:
+            for call in (
+                lambda: field.integrate_scan(points, T_W_S),
+                field.update,
+                field.evaluate_from_scratch,
+                lambda: field.write(folder),
+            ):
+                begin = time.monotonic()
+                call()
+                end = time.monotonic()
+                if end - begin < 0.1:
+                    continue  # too short to tell from the system's own delays
+                long_calls += 1
+                inside = [begin, *(turn for turn in turns if begin < turn < end), end]
+                self.assertLess(np.diff(inside).max(), 0.8 * (end - begin))
+        self.assertGreaterEqual(long_calls, 2)
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,266 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb bench: a simulated flight through pines, every stage of every frame timed.
+#include <unistd.h>
+
+#include <chrono>
+#include <cmath>
+#include <csignal>
+#include <fstream>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <ostream>
+#include <sstream>
+#include <thread>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/config.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "bench_options.h"
+#include "bench_record.h"
+#include "progress.h"
+#include "report.h"
+#include "sim/simulator.h"
+#include "stop_signal.h"
+#include "verbs.h"
+
+namespace accessvdb::tools {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+using Json = nlohmann::ordered_json;
+
+/// Scans that are made at a time, before the clock runs: few enough that they are no part of the memory figures.
+constexpr int kScansAhead = 32;
+
+/// Memory of the process at this moment.
+std::uint64_t residentBytes() {
+  std::ifstream statm("/proc/self/statm");
+  std::uint64_t total_pages = 0, resident_pages = 0;
+  statm >> total_pages >> resident_pages;
+  return resident_pages * static_cast<std::uint64_t>(sysconf(_SC_PAGESIZE));
+}
+
+Json jsonOf(const MemoryUse& memory) {
+  return {{"device_peak_bytes", memory.device_peak_bytes},
+          {"map_bytes", memory.map_bytes},
+          {"mirror_bytes", memory.mirror_bytes},
+          {"point_host_bytes", memory.point_host_bytes},
+          {"point_device_bytes", memory.point_device_bytes}};
+}
+
+double secondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
+
+sim::Simulator makeSimulator(const BenchOptions& options, std::string& description) {
+  sim::Forest forest = sim::makeForest(benchForest(options));
+  description = forest.description;
+  const sim::LidarModel sensor = benchSensor(options);
+  const sim::Trajectory flight = sim::forestFlight(options.speed_m_s, sensor.frame_period_s, options.frames);
+  sim::RayCaster caster(std::move(forest.meshes), forest.placed);
+  return {std::move(caster), "forest", sensor, flight, options.seed};
+}
+
+class BenchRun {
+ public:
+  BenchRun(const BenchOptions& options, Messages& messages) : options_(options), messages_(messages) {}
+  int run();
+
+ private:
+  void replay(const sim::Simulator& simulator, AccessibilityField& field);
+  [[nodiscard]] bool finished() const;
+  void noteTimedBegin(const AccessibilityField& field);
+  /// As far as the stream came: where it was stopped early, those since the timed part began.
+  [[nodiscard]] std::size_t timedFrames() const {
+    const auto most = static_cast<std::size_t>(options_.timed_frames);
+    return std::min(most, timed_from_ ? record_.frames() - *timed_from_ : record_.frames());
+  }
+  [[nodiscard]] std::uint64_t pointsAtTimedBegin() const {
+    return record_.surfacePointsBefore(record_.frames() - timedFrames());
+  }
+  [[nodiscard]] Json describe(const AccessibilityField& field) const;
+  void write(const Json& json) const;
+
+  const BenchOptions& options_;
+  Messages& messages_;
+  BenchRecord record_;
+  std::string scene_;
+  double simulation_s_ = 0;
+  std::uint64_t host_before_bytes_ = 0;    ///< when the stream begins: the simulator's
+  std::optional<std::size_t> timed_from_;  ///< first frame of the timed part, once it is known
+  Json memory_at_timed_begin_ = nullptr;
+};
+
+/// @return the stream is as long as it has to be
+bool BenchRun::finished() const {
+  return options_.shortest && timed_from_ &&
+         record_.frames() >= *timed_from_ + static_cast<std::size_t>(options_.timed_frames);
+}
+
+/// Memory where the timed part begins: with --min-surface-points the size of map that is asked about.
+void BenchRun::noteTimedBegin(const AccessibilityField& field) {
+  if (timed_from_) return;
+  const auto timed = static_cast<std::size_t>(options_.timed_frames);
+  const bool begins = options_.shortest ? record_.surfacePointsBefore(record_.frames()) >= options_.min_surface_points
+                                        : record_.frames() + timed == static_cast<std::size_t>(options_.frames);
+  if (!begins) return;
+  timed_from_ = record_.frames();
+  const MemoryUse memory = field.memoryUse();
+  memory_at_timed_begin_ = jsonOf(memory);
+  memory_at_timed_begin_["surface_points"] = record_.surfacePointsBefore(record_.frames());
+  memory_at_timed_begin_["host_bytes"] = residentBytes();
+}
+
+void BenchRun::replay(const sim::Simulator& simulator, AccessibilityField& field) {
+  Progress progress(messages_, "replaying", static_cast<std::size_t>(options_.frames));
+  for (int begin = 0; begin < options_.frames; begin += kScansAhead) {
+    const auto simulating = Clock::now();
+    const std::vector<sim::SimulatedFrame> scans =
+        simulator.framesOfReturns(begin, std::min(options_.frames, begin + kScansAhead), options_.points_per_frame);
+    simulation_s_ += secondsSince(simulating);
+    for (const sim::SimulatedFrame& scan : scans) {
+      if (stopSignal() != 0 || finished()) return;
+      noteTimedBegin(field);
+      BenchFrame frame;
+      const auto start = Clock::now();
+      frame.integration = field.integrateScan(scan.points_S, scan.T_W_S);
+      frame.update = field.update();
+      frame.frame_ms = 1e3 * secondsSince(start);
+      record_.add(frame);
+      progress.show(record_.frames(), numberText(static_cast<double>(frame.integration.surface_points) * 1e-6) +
+                                          " M points, " + numberText(std::round(10 * frame.frame_ms) / 10) + " ms");
+    }
+  }
+}
+
+Json BenchRun::describe(const AccessibilityField& field) const {
+  const MemoryUse memory = field.memoryUse();
+  const FieldParams& params = field.params();
+  // Before the snapshot below, which only this program needs.
+  const std::uint64_t host_peak_bytes = hostPeakBytes();
+  Json parameters = Json::object();
+  std::istringstream lines(params.describe());
+  for (std::string line; std::getline(lines, line);) {
+    const auto space = line.find(' ');
+    if (space != std::string::npos) parameters[line.substr(0, space)] = line.substr(space + 1);
+  }
+  const std::size_t timed = timedFrames();
+  Json json = {{"schema", 1},
+               {"version", ACCESSVDB_VERSION},
+               {"complete", stopSignal() == 0},
+               {"device", field.deviceName()},
+               {"backend", field.deviceName().rfind("cuda", 0) == 0 ? "cuda" : "cpu"},
+               {"threads", options_.map.common.threads > 0 ? options_.map.common.threads
+                                                           : static_cast<int>(std::thread::hardware_concurrency())},
+               {"voxel_m", params.tsdf.voxel_size_m},
+               {"tau_m", params.tsdf.truncation_distance_m},
+               {"tool", field.tool().name()},
+               {"tool_reach_m", field.tool().reach_m()},
+               {"policy", params.update.policy == UpdatePolicy::Exact ? "exact" : "paper"},
+               {"frames", record_.frames()},
+               {"timed_frames", timed},
+               {"points_per_frame", options_.points_per_frame},
+               {"surface_points",
+                {{"timed_begin", pointsAtTimedBegin()},
+                 {"timed_end", record_.surfacePointsBefore(record_.frames())},
+                 {"required", options_.min_surface_points}}},
+               {"timing_ms", record_.timing_ms(timed)},
+               {"timing_all_frames_ms", record_.timing_ms(record_.frames())},
+               {"per_frame", record_.counters(timed)},
+               {"backlog", record_.backlog(timed)},
+               {"memory", {{"host_peak_bytes", host_peak_bytes}, {"host_before_bytes", host_before_bytes_}}},
+               {"memory_at_timed_begin", memory_at_timed_begin_},
+               {"map", {{"leaves", memory.leaves}, {"active_voxels", memory.active_voxels}}},
+               {"stream",
+                {{"scene", scene_},
+                 {"sensor", "mid360"},
+                 {"sensor_rate_hz", options_.sensor_rate_hz},
+                 {"speed_m_s", options_.speed_m_s},
+                 {"path_m", options_.speed_m_s / options_.sensor_rate_hz * static_cast<double>(record_.frames())},
+                 {"range_noise_m", options_.range_noise_m},
+                 {"min_range_m", options_.min_range_m},
+                 {"max_range_m", options_.max_range_m},
+                 {"solid_foliage_m", options_.solid_foliage_m},
+                 {"seed", options_.seed},
+                 {"simulation_s", simulation_s_}}},
+               {"parameters", parameters}};
+  json["memory"].update(jsonOf(memory));
+  const FieldSnapshot snapshot = field.snapshot();
+  json["labels_at_end"] = {{"accessible", snapshot.count(PointLabel::Accessible)},
+                           {"blocked", snapshot.count(PointLabel::Blocked)},
+                           {"unscored", snapshot.count(PointLabel::Unscored)}};
+  return json;
+}
+
+void BenchRun::write(const Json& json) const {
+  const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  if (!options_.per_frame.empty()) {
+    io::writeFileDurably(options_.per_frame, [&](std::ostream& out) { out << record_.csv(); });
+  }
+  if (options_.out.empty()) {
+    printData(text);
+  } else {
+    io::writeFileDurably(options_.out, [&](std::ostream& out) { out << text; });
+  }
+}
+
+int BenchRun::run() {
+  checkBenchOptions(options_);
+  watchStopSignals();
+  const ToolGeometry tool = loadTool(options_.map.tool);
+  const FieldParams params = benchFieldParams(options_);
+
+  // The field before the forest: a device that is not there must not cost the user the time to grow it.
+  AccessibilityField field(tool, params);
+  if (!field.deviceNote().empty()) messages_.notice("device: cpu, as " + field.deviceNote());
+  const auto simulating = Clock::now();
+  const sim::Simulator simulator = makeSimulator(options_, scene_);
+  simulation_s_ = secondsSince(simulating);
+  host_before_bytes_ = residentBytes();
+  messages_.notice("scene: " + scene_);
+  replay(simulator, field);
+
+  const int signal = stopSignal();
+  if (record_.frames() == 0) return 128 + signal;
+  const Json json = describe(field);
+  write(json);
+  const Json& ms = json["timing_ms"];
+  const auto text = [](const Json& value) { return numberText(std::round(100 * value.get<double>()) / 100); };
+  std::string line = "the last " + std::to_string(timedFrames()) + " of " + std::to_string(record_.frames()) +
+                     " frames on " + field.deviceName() + ": mean " + text(ms["frame"]["mean"]) + " ms (p95 " +
+                     text(ms["frame"]["p95"]) + ")";
+  for (const char* stage : {"integrate", "mirror", "update", "score"}) {
+    line += std::string(", ") + stage + " " + text(ms[stage]["mean"]) + " (" + text(ms[stage]["p95"]) + ")";
+  }
+  const std::uint64_t begin = pointsAtTimedBegin();
+  messages_.notice(line);
+  messages_.notice("surface points " + std::to_string(begin) + " to " +
+                   std::to_string(record_.surfacePointsBefore(record_.frames())) + "; host memory at most " +
+                   bytesInWords(json["memory"]["host_peak_bytes"].get<double>()) + " (" +
+                   bytesInWords(static_cast<double>(host_before_bytes_)) + " of it the simulator's), on the device " +
+                   bytesInWords(json["memory"]["device_peak_bytes"].get<double>()));
+  if (signal != 0) {
+    messages_.notice("stopped after " + std::to_string(record_.frames()) + " of " + std::to_string(options_.frames) +
+                     " frames; the figures are of these");
+    return 128 + signal;
+  }
+  if (begin < options_.min_surface_points) {
+    throw UnusableInput("bench.too_few_points", "--min-surface-points",
+                        "the timed part began with " + std::to_string(begin) + " surface points, not " +
+                            std::to_string(options_.min_surface_points),
+                        "Ask for more --frames");
+  }
+  return 0;
+}
+
+}  // namespace
+
+int runBench(const Arguments& arguments, Messages& messages) {
+  BenchOptions options;
+  CLI::App app;
+  addBenchOptions(app, options);
+  if (!parseCommandLine(app, arguments, options.map.common, messages)) return 0;
+  return BenchRun(options, messages).run();
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,123 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "bench_options.h"
+
+#include <cmath>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "options.h"
+
+namespace accessvdb::tools {
+namespace {
+
+/// Rays that are tried for a frame, times its returns: in the forest about two thirds come back.
+constexpr int kRaysPerReturn = 8;
+constexpr int kMostFrames = 100'000, kMostPoints = 1'000'000;
+
+}  // namespace
+
+void addBenchOptions(CLI::App& app, BenchOptions& options) {
+  addCommonOptions(app, options.map.common, "bench",
+                   "Replays a simulated flight through pines and times every stage of every frame.",
+                   "accessvdb bench --scene pine --frames 600 --voxel 0.01 --out bench.json");
+  app.add_option("--scene", options.scene, "what is flown through: pine")->capture_default_str();
+  app.add_option("--frames", options.frames, "scans, one update each")->capture_default_str();
+  app.add_option("--timed-frames", options.timed_frames, "the last scans, over which the figures are taken")
+      ->capture_default_str();
+  app.add_option("--min-surface-points", options.min_surface_points,
+                 "fail where the map has fewer points when the timed part begins")
+      ->capture_default_str();
+  app.add_flag("--shortest", options.shortest,
+               "let the timed part begin as soon as --min-surface-points are there; --frames is the most");
+  app.add_option("--points-per-frame", options.points_per_frame, "returns of every scan, exactly")
+      ->capture_default_str();
+  app.add_option("--sensor-rate", options.sensor_rate_hz, "scans a second")->capture_default_str();
+  app.add_option("--speed", options.speed_m_s, "of the flight, metres a second")->capture_default_str();
+  app.add_option("--range-noise", options.range_noise_m, "sigma of the ranges, simulated and assumed, metres")
+      ->capture_default_str();
+  app.add_option("--min-range", options.min_range_m, "nearer returns are lost, metres")->capture_default_str();
+  app.add_option("--max-range", options.max_range_m, "farther returns are lost, metres; the forest goes as far")
+      ->capture_default_str();
+  app.add_option("--solid-foliage", options.solid_foliage_m,
+                 "shoots are solid bodies of this radius, metres, as a wide beam meets them; 0 = every needle")
+      ->capture_default_str();
+  app.add_option("--seed", options.seed, "of the forest and the noise")->capture_default_str();
+  options.map.tool.tool = "builtin:pruner";
+  addToolOptions(app, options.map.tool);
+  app.add_option("--voxel", options.map.voxel_m, "edge of a voxel in metres")->capture_default_str();
+  app.add_option("--tau", options.map.tau, "truncation distance in metres, or in voxels (4v); default by rule");
+  app.add_option("--profile", options.map.profile, "product or paper")->capture_default_str();
+  app.add_option("--policy", options.map.policy, "how points to re-score are chosen: exact or paper");
+  app.add_option("--directions", options.map.directions, "approach directions over 360 degrees, 4 .. 256");
+  app.add_option("--knn", options.map.knn, "neighbours of a normal; default by rule");
+  app.add_option("--corridor", options.map.corridor_m, "length of the straight corridor that must be free, metres");
+  app.add_option("--per-frame", options.per_frame, "CSV file for the figures of every frame");
+  app.add_option("--out", options.out, "JSON file for the figures; default: standard output");
+}
+
+void checkBenchOptions(const BenchOptions& options) {
+  checkCommonOptions(options.map.common);
+  if (options.scene != "pine") {
+    throw InvalidArgument("usage.scene", "--scene", "\"" + options.scene + "\" is not a scene of bench", "Use pine");
+  }
+  const auto requireWhole = [](const char* flag, int value, int most) {
+    if (value >= 1 && value <= most) return;
+    throw InvalidArgument("usage.number", flag, std::to_string(value) + " is outside 1 .. " + std::to_string(most),
+                          "See accessvdb bench --help");
+  };
+  requireWhole("--frames", options.frames, kMostFrames);
+  requireWhole("--timed-frames", options.timed_frames, kMostFrames);
+  requireWhole("--points-per-frame", options.points_per_frame, kMostPoints);
+  if (options.timed_frames > options.frames) {
+    throw InvalidArgument("usage.timed_frames", "--timed-frames",
+                          "there are only " + std::to_string(options.frames) + " frames",
+                          "Time fewer frames, or ask for more with --frames");
+  }
+  if (options.shortest && options.min_surface_points == 0) {
+    throw InvalidArgument("usage.shortest", "--shortest", "has no meaning without --min-surface-points",
+                          "Say how many points the map must have");
+  }
+  const auto requirePositive = [](const char* flag, double value, double most) {
+    if (value > 0 && value <= most) return;
+    throw InvalidArgument("usage.number", flag, numberText(value) + " is outside 0 .. " + numberText(most),
+                          "See accessvdb bench --help");
+  };
+  requirePositive("--sensor-rate", options.sensor_rate_hz, 1000);
+  requirePositive("--speed", options.speed_m_s, 100);
+  requirePositive("--max-range", options.max_range_m, 200);
+  if (!(options.solid_foliage_m >= 0 && options.solid_foliage_m <= 0.5)) {
+    throw InvalidArgument("usage.number", "--solid-foliage",
+                          numberText(options.solid_foliage_m) + " is outside 0 .. 0.5", "Use for example 0.05");
+  }
+  (void)benchSensor(options);
+  (void)benchFieldParams(options);
+}
+
+FieldParams benchFieldParams(const BenchOptions& options) {
+  MapOptions map = options.map;
+  map.range_noise_m = options.range_noise_m;
+  return fieldParams(map);
+}
+
+sim::LidarModel benchSensor(const BenchOptions& options) {
+  sim::LidarModel model = sim::LidarModel::named("mid360");
+  model.rays_per_frame = kRaysPerReturn * options.points_per_frame;
+  model.frame_period_s = 1 / options.sensor_rate_hz;
+  model.range_noise_m = options.range_noise_m;
+  model.min_range_m = options.min_range_m;
+  model.max_range_m = options.max_range_m;
+  model.validate();
+  return model;
+}
+
+sim::ForestParams benchForest(const BenchOptions& options) {
+  sim::ForestParams forest;
+  forest.path_length_m = options.speed_m_s / options.sensor_rate_hz * options.frames;
+  forest.view_m = options.max_range_m;
+  forest.solid_foliage_m = options.solid_foliage_m;
+  forest.seed = options.seed;
+  return forest;
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,42 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What `bench` measured, frame by frame, and the figures that follow from it.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+#include "accessvdb/types.h"
+
+namespace accessvdb::tools {
+
+struct BenchFrame {
+  FrameStats integration;
+  UpdateStats update;
+  double frame_ms = 0;  ///< from the scan in host memory to its labels
+};
+
+class BenchRecord {
+ public:
+  void add(const BenchFrame& frame) { frames_.push_back(frame); }
+  [[nodiscard]] std::size_t frames() const { return frames_.size(); }
+  /// Points in the map before frame n; n = frames() for those at the end.
+  [[nodiscard]] std::uint64_t surfacePointsBefore(std::size_t n) const;
+
+  /// "frame", "integrate", "mirror", "update", "score": {mean, p50, p95, p99, max} over the last `last` frames.
+  [[nodiscard]] nlohmann::ordered_json timing_ms(std::size_t last) const;
+  /// The same statistics of every counter.
+  [[nodiscard]] nlohmann::ordered_json counters(std::size_t last) const;
+  /// Of the last `last` frames: most points left over, their share of the map in percent, and the most updates in a
+  /// row that left some, which no point can have waited longer than.
+  [[nodiscard]] nlohmann::ordered_json backlog(std::size_t last) const;
+  /// One line a frame, times in milliseconds, first line the names.
+  [[nodiscard]] std::string csv() const;
+
+ private:
+  std::vector<BenchFrame> frames_;
+};
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,34 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""Blender add-on: opens the output folder of `accessvdb map`, and places the tool at a point of it.
+
+File > Import > Accessibility field (AccessVDB), and Object > Place tool at point (AccessVDB). See README.md beside this
+folder. Written for Blender 3.4 and later; what differs between versions is asked for where it is used.
+"""
+
+bl_info = {
+    "name": "Accessibility field (AccessVDB)",
+    "author": "Contributors to the AccessVDB project",
+    "version": (0, 1, 0),
+    "blender": (3, 4, 0),
+    "location": "File > Import > Accessibility field (AccessVDB); Object > Place tool at point (AccessVDB)",
+    "description": "Opens accessibility fields: volume, points with attributes, and the tool at a point",
+    "category": "Import-Export",
+}
+
+# The files that need no Blender stay importable without it.
+try:
+    import bpy
+except ImportError:
+    bpy = None
+
+if bpy is not None:
+    from . import import_operator, place_operator
+
+    def register():
+        import_operator.register()
+        place_operator.register()
+
+    def unregister():
+        place_operator.unregister()
+        import_operator.unregister()

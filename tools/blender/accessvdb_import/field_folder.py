@@ -1,0 +1,82 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""What lies in the output folder of `accessvdb map`, and which tool the run used. Needs no Blender."""
+
+import json
+import os
+from dataclasses import dataclass
+
+from .points_ply import FieldError
+from .tool_frame import ToolPose
+
+_ADVICE = "Choose the --out folder of an accessvdb map run, or the field.vdb in it"
+
+
+@dataclass
+class FieldFolder:
+    """Paths of the files of one run; report is None where there is none."""
+
+    folder: str
+    volume: str
+    points: str
+    report: str
+
+
+def find_field(path):
+    """FieldFolder of a chosen folder, or of any file in it. Raises FieldError where no field is there."""
+    path = os.path.abspath(path)
+    if os.path.isdir(path):
+        folder, volume = path, os.path.join(path, "field.vdb")
+    elif os.path.isfile(path):
+        folder = os.path.dirname(path)
+        volume = path if path.endswith(".vdb") else os.path.join(folder, "field.vdb")
+    else:
+        raise FieldError(f"{path}: there is no such file or folder. {_ADVICE}")
+    points = os.path.join(folder, "points.ply")
+    if os.path.basename(volume) == "field_points.vdb":
+        raise FieldError(f"{volume}: holds the points for Houdini. Choose field.vdb beside it")
+    for file in (volume, points):
+        if not os.path.isfile(file):
+            raise FieldError(f"{folder}: holds no {os.path.basename(file)}. {_ADVICE}")
+    report = os.path.join(folder, "report.json")
+    return FieldFolder(folder, volume, points, report if os.path.isfile(report) else None)
+
+
+def tool_of_run(field):
+    """The tool that the run was computed for, as (mesh path or builtin name, ToolPose). Raises FieldError."""
+    advice = "Choose a tool mesh, with its unit, tip, axis and up"
+    if field.report is None:
+        raise FieldError(f"{field.folder}: holds no report.json, so the run's tool is not known. {advice}")
+    try:
+        with open(field.report, encoding="utf-8") as stream:
+            parameters = json.load(stream)["parameters"]
+        names = ("tool", "tool_unit", "tool_tip", "tool_axis", "tool_up")
+        text = {name: str(parameters.get(name, "")) for name in names}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise FieldError(f"{field.report}: cannot be read as the report of a run. {advice}") from None
+    if not text["tool"]:
+        raise FieldError(f"{field.report}: names no tool. {advice}")
+    if text["tool"].startswith("builtin:"):
+        return text["tool"], ToolPose()
+    pose = ToolPose(unit=text["tool_unit"] or None,
+                    tip=_vector(text["tool_tip"], (0.0, 0.0, 0.0), field.report),
+                    axis=_vector(text["tool_axis"], (1.0, 0.0, 0.0), field.report),
+                    up=_vector(text["tool_up"], (0.0, 0.0, 1.0), field.report))
+    # The path is as it was typed: it may be relative to a folder that nobody wrote down.
+    for base in ("", field.folder, os.path.dirname(field.folder)):
+        candidate = os.path.join(base, text["tool"])
+        if os.path.isfile(candidate):
+            return os.path.abspath(candidate), pose
+    raise FieldError(f"{text['tool']}: the run's tool mesh is not there (any more). {advice}")
+
+
+def _vector(text, default, path):
+    if not text:
+        return default
+    try:
+        values = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) != 3:
+        raise FieldError(f"{path}: '{text}' is not three numbers X,Y,Z")
+    return values

@@ -1,0 +1,95 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""File > Import > Accessibility field (AccessVDB)."""
+
+import os
+
+import bpy
+from bpy.props import BoolProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
+
+from .field_folder import find_field
+from .points_object import add_points
+from .points_ply import FieldError, read_points
+from .volume_object import add_volume
+
+# Blender's coordinates are floats: beyond this they are coarser than a millimetre.
+_FAR_AWAY_M = 10000.0
+
+
+class IMPORT_SCENE_OT_accessvdb(bpy.types.Operator, ImportHelper):
+    """Open the output folder of accessvdb map: volume and points"""
+
+    bl_idname = "import_scene.accessvdb"
+    bl_label = "Import accessibility field"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filename_ext = ".vdb"
+    filter_glob: StringProperty(default="*.vdb;*.ply", options={"HIDDEN"})
+    with_volume: BoolProperty(name="Volume", default=True, description="field.vdb, as green and red fog")
+    with_points: BoolProperty(name="Points", default=True, description="points.ply, as coloured balls with attributes")
+    at_world_position: BoolProperty(
+        name="At its world position", default=True,
+        description="Place the field at its world coordinates; else its local origin is Blender's origin")
+
+    def execute(self, context):
+        try:
+            field = find_field(bpy.path.abspath(self.filepath))
+            points = read_points(field.points)
+            collection = bpy.data.collections.new(os.path.basename(field.folder) or "Accessibility field")
+            try:
+                self._fill(collection, field, points)
+            except FieldError:
+                bpy.data.collections.remove(collection)
+                raise
+        except FieldError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        context.scene.collection.children.link(collection)
+        labels = points.records["label"]
+        self.report({"INFO"}, f"{len(points)} surface points: {(labels == 1).sum()} accessible, "
+                              f"{(labels == 2).sum()} blocked, {(labels == 0).sum()} not scored")
+        if len(points) == 0:
+            self.report({"WARNING"}, f"{field.folder}: the field is empty")
+        return {"FINISHED"}
+
+    def _fill(self, collection, field, points):
+        # First what can be refused, so that nothing is left behind.
+        things = [add_volume(collection, field.volume, points.voxel_size_m)] if self.with_volume else []
+        if self.with_points:
+            things.append(add_points(collection, points))
+        root = bpy.data.objects.new(collection.name, None)
+        root.empty_display_size = 10 * points.voxel_size_m
+        root["accessvdb_folder"] = field.folder
+        root["accessvdb_origin_W"] = [float(value) for value in points.origin_W]
+        root["accessvdb_voxel_size_m"] = points.voxel_size_m
+        collection.objects.link(root)
+        for thing in things:
+            thing.parent = root
+        if self.at_world_position:
+            if abs(points.origin_W).max() <= _FAR_AWAY_M:
+                root.location = points.origin_W
+            else:
+                self.report({"WARNING"}, "The field lies too far from the world's origin for Blender's coordinates; "
+                                         "it is placed at Blender's origin, see the custom properties of the empty")
+
+
+def field_root(thing):
+    """The empty that a field's object belongs to, or None."""
+    while thing is not None and "accessvdb_folder" not in thing:
+        thing = thing.parent
+    return thing
+
+
+def _menu(self, _context):
+    self.layout.operator(IMPORT_SCENE_OT_accessvdb.bl_idname, text="Accessibility field (AccessVDB)")
+
+
+def register():
+    bpy.utils.register_class(IMPORT_SCENE_OT_accessvdb)
+    bpy.types.TOPBAR_MT_file_import.append(_menu)
+
+
+def unregister():
+    bpy.types.TOPBAR_MT_file_import.remove(_menu)
+    bpy.utils.unregister_class(IMPORT_SCENE_OT_accessvdb)
