@@ -41,6 +41,7 @@ class CudaUpdater final : public PointUpdater {
     view_.footprint = {tool_columns_.data(), arm_columns_.data(),
                        static_cast<std::uint32_t>(tables.tool_columns.size()),
                        static_cast<std::uint32_t>(tables.arm_columns.size())};
+    loadOffsets(tables);
     view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
     view_.rule.inverse_voxel_size = 1.0 / tables.voxel_size_m;
     view_.rule.steps_per_m = neighbourStepsPerMetre(tables.radius_m);
@@ -78,10 +79,13 @@ class CudaUpdater final : public PointUpdater {
     refreshView(input.points, view_.num_points);
     view_.approach = input.approach;
     view_.update_rule = input.rule;
-    const std::uint32_t* crossed = crossed_.send(input.crossed, memory_, stream());
+    const CrossedPoint* crossed = crossed_.send(input.crossed, memory_, stream());
     launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
     launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
+    view_.inverse_voxel_size = input.map.inverse_voxel_size;
     addFlips(input.flips);
+    if (input.forget) fill(worse_.data(), 0, worse_.bytes());
+    release(input.freed);
     const std::uint32_t moved = counters().moved;
 
     DueSearch search;
@@ -148,11 +152,27 @@ class CudaUpdater final : public PointUpdater {
            count_.bytes() + ids_.bytes() + block_reach_.bytes() + head_.bytes() + touched_blocks_.bytes() +
            reached_bits_.bytes() + reached_blocks_.bytes() + masks_.bytes() + affected_.bytes() + places_.bytes() +
            flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + due_.bytes() + full_.bytes() + news_.bytes() +
-           blocks_news_.bytes() + ids_news_.bytes() + crossed_.bytes() + flips_.bytes();
+           blocks_news_.bytes() + ids_news_.bytes() + crossed_.bytes() + flips_.bytes() + worse_.bytes() +
+           margin_.bytes() + offset_directions_.bytes() + freed_.bytes() + freed_keys_.bytes() + freed_head_.bytes() +
+           freed_next_.bytes();
   }
 
  private:
   [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }
+
+  /// Without memory for the table nothing is remembered, which costs time only.
+  void loadOffsets(const UpdaterTables& tables) {
+    if (tables.offset_directions.empty()) return;
+    try {
+      offset_directions_.grow(memory_, tables.offset_directions.size(), 0);
+    } catch (const ResourceLimit&) {
+      return;
+    }
+    offset_directions_.upload(tables.offset_directions.data(), tables.offset_directions.size());
+    view_.offsets.table = offset_directions_.data();
+    std::copy_n(tables.offset_low, 3, view_.offsets.low);
+    std::copy_n(tables.offset_size, 3, view_.offsets.size);
+  }
 
   void fill(void* to, int byte, std::size_t bytes) const {
     if (bytes > 0) ACCESSVDB_CUDA(cudaMemsetAsync(to, byte, bytes, stream()));
@@ -176,6 +196,8 @@ class CudaUpdater final : public PointUpdater {
     grow(to_sensor_, 3);
     grow(own_seen_, words_);
     grow(reach_, 1);
+    grow(worse_, words_);
+    grow(margin_, 1);
     growFilled(moved_, points, 0);
     growFilled(moved_bits_, points / 32 + 1, 0);
     growFilled(changed_bits_, points / 32 + 1, 0);
@@ -222,8 +244,8 @@ class CudaUpdater final : public PointUpdater {
   void refreshView(const PointStateView& points, std::uint32_t num_points) {
     view_.points = points;
     view_.num_points = num_points;
-    view_.state = {block_.data(), mean_.data(),       to_sensor_.data(),   own_seen_.data(),
-                   reach_.data(), moved_bits_.data(), changed_bits_.data()};
+    view_.state = {block_.data(), mean_.data(),   to_sensor_.data(),  own_seen_.data(),    reach_.data(),
+                   worse_.data(), margin_.data(), moved_bits_.data(), changed_bits_.data()};
     view_.places = {places_.data(), head_.data(), touched_blocks_.data(), reached_bits_.data(), reached_blocks_.data()};
     view_.moved = moved_.data();
     view_.counters = counters_.data();
@@ -249,6 +271,26 @@ class CudaUpdater final : public PointUpdater {
     const LeafFlips* list = flips_.send(flips, memory_, stream());
     launchAddFlips(view_, list, static_cast<std::uint32_t>(flips.size()), stream());
     launchBlockMasks(view_, stream());
+  }
+
+  /// After addFlips.
+  void release(std::span<const VoxelIndex> freed) {
+    if (view_.affected == nullptr || view_.offsets.table == nullptr || freed.empty()) return;
+    const std::size_t capacity = std::bit_ceil(2 * freed.size() + 64);
+    if (freed_keys_.size() < capacity) {
+      freed_keys_.grow(memory_, capacity, 0);
+      freed_head_.grow(memory_, capacity, 0);
+    }
+    if (freed_next_.size() < freed.size()) freed_next_.grow(memory_, roomFor(freed.size()), 0);
+    fill(freed_keys_.data(), 0xff, capacity * sizeof(std::uint64_t));
+    fill(freed_head_.data(), 0xff, capacity * sizeof(std::uint32_t));
+    view_.freed.hash = {freed_keys_.data(), static_cast<std::uint32_t>(capacity - 1)};
+    view_.freed.head = freed_head_.data();
+    view_.freed.next = freed_next_.data();
+    view_.freed.voxels = freed_.send(freed, memory_, stream());
+    view_.freed.count = static_cast<std::uint32_t>(freed.size());
+    launchAddFreed(view_, stream());
+    launchRelease(view_, stream());
   }
 
   void growItems(std::uint32_t moved) {
@@ -300,12 +342,14 @@ class CudaUpdater final : public PointUpdater {
   std::uint32_t places_used_ = 0;
 
   DeviceArray<FootprintColumn> tool_columns_, arm_columns_;
+  DeviceArray<std::uint64_t> offset_directions_;
   DeviceArray<UpdateCounters> counters_;
   PinnedBuffer host_counters_;
   // By id.
   DeviceArray<std::uint32_t> block_, moved_bits_, changed_bits_, moved_;
   DeviceArray<float> mean_, to_sensor_, reach_;
-  DeviceArray<std::uint64_t> own_seen_;
+  DeviceArray<std::uint64_t> own_seen_, worse_;
+  DeviceArray<std::uint8_t> margin_;
   // By block.
   DeviceArray<std::uint64_t> hash_keys_;
   DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, head_, touched_blocks_, reached_bits_, reached_blocks_;
@@ -315,14 +359,17 @@ class CudaUpdater final : public PointUpdater {
   DeviceArray<std::uint8_t> affected_;
   // Of one update.
   DeviceArray<Place> places_;
-  DeviceArray<std::uint64_t> flip_keys_, flip_kinds_;
+  DeviceArray<std::uint64_t> flip_keys_, flip_kinds_, freed_keys_;
+  DeviceArray<std::uint32_t> freed_head_, freed_next_;
   DeviceArray<FoundNeighbours> found_;
   DeviceArray<DueItem> due_;
   DeviceArray<FullItem> full_;
   Staging<PointNews> news_;
   Staging<BlockNews> blocks_news_;
-  Staging<std::uint32_t> ids_news_, crossed_;
+  Staging<std::uint32_t> ids_news_;
+  Staging<CrossedPoint> crossed_;
   Staging<LeafFlips> flips_;
+  Staging<VoxelIndex> freed_;
 };
 
 }  // namespace

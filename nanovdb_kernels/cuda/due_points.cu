@@ -63,32 +63,42 @@ __device__ void orOfWarp(DirectionMask& mask) {
   }
 }
 
-/// A warp a block, a column of its footprint a lane.
+__device__ void orOfWarp(BlockMasks& masks) {
+  for (DirectionMask* mask : {&masks.better_tool, &masks.better_arm, &masks.worse_tool, &masks.worse_arm}) {
+    orOfWarp(*mask);
+  }
+}
+
+/// Directions of a footprint with flips in their leaves, a column a lane.
+__device__ void scanFootprint(const UpdateView& view, const std::int32_t* leaf, const FootprintColumn* columns,
+                              std::uint32_t count, std::uint32_t better_kind, std::uint32_t worse_kind,
+                              DirectionMask& better, DirectionMask& worse) {
+  for (std::uint32_t n = threadIdx.x % kLanes; n < count; n += kLanes) {
+    const FootprintColumn& c = columns[n];
+    const std::uint32_t kinds =
+        kindsIn(view.flips, leaf[0] + c.dx, leaf[1] + c.dy, leaf[2] + c.z_low, leaf[2] + c.z_high);
+    if ((kinds & better_kind) != 0) orInto(better, c.directions);
+    if ((kinds & worse_kind) != 0) orInto(worse, c.directions);
+  }
+}
+
+/// A warp a block.
 __global__ void blockMasks(UpdateView view) {
-  const std::uint32_t block = (blockIdx.x * kThreads + threadIdx.x) / kLanes, lane = threadIdx.x % kLanes;
+  const std::uint32_t block = (blockIdx.x * kThreads + threadIdx.x) / kLanes;
   if (block >= view.index.blocks) return;
-  DirectionMask better = {}, worse = {};
+  BlockMasks masks = {};
   if (view.index.reach_m[block] >= 0) {
     const std::int32_t* leaf = view.index.leaf + 3 * static_cast<std::size_t>(block);
-    const auto scan = [&](const FootprintColumn* columns, std::uint32_t count, std::uint32_t better_kind,
-                          std::uint32_t worse_kind) {
-      for (std::uint32_t n = lane; n < count; n += kLanes) {
-        const FootprintColumn& c = columns[n];
-        const std::uint32_t kinds =
-            kindsIn(view.flips, leaf[0] + c.dx, leaf[1] + c.dy, leaf[2] + c.z_low, leaf[2] + c.z_high);
-        if ((kinds & better_kind) != 0) orInto(better, c.directions);
-        if ((kinds & worse_kind) != 0) orInto(worse, c.directions);
-      }
-    };
-    scan(view.footprint.tool, view.footprint.tool_count, 2, 1);
-    scan(view.footprint.arm, view.footprint.arm_count, 4, 8);
+    scanFootprint(view, leaf, view.footprint.tool, view.footprint.tool_count, 2, 1, masks.better_tool,
+                  masks.worse_tool);
+    scanFootprint(view, leaf, view.footprint.arm, view.footprint.arm_count, 4, 8, masks.better_arm, masks.worse_arm);
   }
   __syncwarp();
-  orOfWarp(better);
-  orOfWarp(worse);
-  if (lane != 0) return;
-  view.masks[block] = {better, worse};
-  view.affected[block] = anyOf(better) || anyOf(worse) ? 1 : 0;
+  orOfWarp(masks);
+  if (threadIdx.x % kLanes != 0) return;
+  view.masks[block] = masks;
+  view.affected[block] =
+      anyOf(masks.better_tool) || anyOf(masks.better_arm) || anyOf(masks.worse_tool) || anyOf(masks.worse_arm) ? 1 : 0;
 }
 
 /// A point's directions under a normal and a set of seen ones.
@@ -106,11 +116,17 @@ __device__ bool ranksBefore(float cos_d, int d, float cos_e, int e) {
   return cos_d > cos_e || (cos_d == cos_e && d < e);
 }
 
-__device__ DirectionMask loadSeen(const UpdateView& view, std::size_t id) {
-  DirectionMask seen = {};
+__device__ DirectionMask loadMask(const UpdateView& view, const std::uint64_t* masks, std::size_t id) {
+  DirectionMask mask = {};
   const auto words = static_cast<std::size_t>(view.points.direction_words);
-  for (std::size_t w = 0; w < words; ++w) seen.word[w] = view.points.seen[id * words + w];
-  return seen;
+  for (std::size_t w = 0; w < words; ++w) mask.word[w] = masks[id * words + w];
+  return mask;
+}
+
+__device__ BlockMasks masksOf(const UpdateView& view, std::uint32_t id) {
+  if (view.affected == nullptr) return {};
+  const std::uint32_t block = view.state.block[id];
+  return view.affected[block] != 0 ? view.masks[block] : BlockMasks{};
 }
 
 __device__ void appendFull(const UpdateView& view, std::uint32_t id, bool evidence) {
@@ -148,23 +164,23 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
     if (changed) appendFull(view, id, true);
     return;  // not changed: a blocked point without any admissible direction
   }
-  BlockMasks masks = {};
-  if (view.affected != nullptr) {
-    const std::uint32_t block = view.state.block[id];
-    if (view.affected[block] != 0) masks = view.masks[block];
-  }
+  const BlockMasks masks = masksOf(view, id);
+  const DirectionMask blocked = loadMask(view, view.state.worse, id);
   const bool accessible = label == PointLabel::Accessible;
   const std::uint16_t score = view.points.score[id];
   const float cos_best_before = cosToNormal(approach, best, before.normal);
   DueItem item = {};
   item.id = id;
   item.evidence = changed ? 1 : 0;
-  item.test_best = accessible && (masks.worse.test(best) || (score > 0 && masks.better.test(best))) ? 1 : 0;
+  if (accessible) {
+    if (masks.worse_arm.test(best)) item.test_best |= kTestArm;
+    if (masks.worse_tool.test(best) || (score > 0 && masks.better_tool.test(best))) item.test_best |= kTestTool;
+  }
   bool some = false;
   for (int d = 0; d < approach.num_directions; ++d) {
-    const bool better = masks.better.test(d);
+    const bool better = masks.better_tool.test(d) || masks.better_arm.test(d);
     if (!changed && !better) continue;
-    if ((accessible && d == best) || !now.seen.test(d)) continue;
+    if ((accessible && d == best) || !now.seen.test(d) || blocked.test(d)) continue;
     const float cosine = cosToNormal(approach, d, now.normal);
     if (!now.holds(approach, d, cosine)) continue;
     bool wanted = better;
@@ -194,7 +210,7 @@ __global__ void takeNeighbours(UpdateView view, std::uint32_t first, std::uint32
   const FoundNeighbours& found = view.found[n];
   Admissible before, now;
   for (std::size_t axis = 0; axis < 3; ++axis) before.normal[axis] = view.points.normal_L[3 * std::size_t{id} + axis];
-  before.seen = loadSeen(view, id);
+  before.seen = loadMask(view, view.points.seen, id);
   neighbourNormal(found.sums, view.state.to_sensor_L + 3 * std::size_t{id}, now.normal);
   now.seen = found.seen;
   const bool is_first = view.state.reach_m[id] < 0;
@@ -221,7 +237,7 @@ __global__ void dueByFlips(UpdateView view, std::uint32_t first, std::uint32_t c
   if ((view.state.changed_bits[id >> 5] >> (id & 31) & 1u) != 0) return;  // evaluated already
   Admissible now;
   for (std::size_t axis = 0; axis < 3; ++axis) now.normal[axis] = view.points.normal_L[3 * std::size_t{id} + axis];
-  now.seen = loadSeen(view, id);
+  now.seen = loadMask(view, view.points.seen, id);
   appendDue(view, id, now, now, false);
 }
 

@@ -50,6 +50,31 @@ __device__ std::uint32_t nextItem(const UpdateView& view, int lane) {
   return __shfl_sync(kAllLanes, n, 0);
 }
 
+/// The tool as searches see it: what has `needed` collisions and the margin is told apart by its limit.
+__device__ ToolKernelView withMargin(const ToolKernelView& tool, int needed) {
+  ToolKernelView wider = tool;
+  const int limit = needed + kMarginCollisions;
+  wider.collision_limit = static_cast<std::uint16_t>(limit < kNoScore ? limit : kNoScore);  // no count is kNoScore
+  return wider;
+}
+
+/// After a search with withMargin: remembers the directions told apart, and gives the reason that the limit itself
+/// gives. All lanes. @param anew  what was known is not valid any more
+__device__ void learn(const UpdateView& view, const DueSearch& search, std::size_t id, const WarpMasks& masks,
+                      ScoreResult& result, bool anew, int lane) {
+  if (result.score != kNoScore) {
+    result.reason = result.score < search.tool.collision_limit ? PointReason::None : PointReason::Tool;
+  }
+  if (view.offsets.table == nullptr) return;
+  const auto words32 = static_cast<std::size_t>(2 * view.points.direction_words);
+  const bool has_word = static_cast<std::size_t>(lane) < words32;
+  auto* stored = reinterpret_cast<std::uint32_t*>(view.state.worse) + id * words32;
+  const std::uint32_t before = has_word && !anew ? stored[lane] : 0;
+  const std::uint32_t found = has_word && result.scored != 0 ? masks.tool_blocked[lane] : 0;
+  if (has_word && (anew || (found & ~before) != 0)) stored[lane] = before | found;
+  if (__all_sync(kAllLanes, before == 0) && lane == 0) view.state.margin[id] = kMarginCollisions;
+}
+
 /// One lane.
 __device__ void conclude(const UpdateView& view, const ScoreItem& item, ScoreResult& result) {
   const PointLabel before = view.points.label[item.id];
@@ -101,8 +126,9 @@ __global__ void __launch_bounds__(kWarps* kWarp, kBlocksEach)
       known_score = view.points.score[point.id];
       if (due.test_best != 0) {
         own_tests = 1;
-        bool worse = !armIsFree(window, map, view.approach, known_direction, point.position_L, inverse, lane);
-        if (!worse) {
+        bool worse = (due.test_best & kTestArm) != 0 &&
+                     !armIsFree(window, map, view.approach, known_direction, point.position_L, inverse, lane);
+        if (!worse && (due.test_best & kTestTool) != 0) {
           const int hits = search.tool.use_samples ? countSamplesByWarp(window, map, search.tool, known_direction,
                                                                         point.position_L, inverse, known_score, lane)
                                                    : countVoxelsByWarp<2>(window, search.tool, known_direction,
@@ -145,8 +171,10 @@ __global__ void __launch_bounds__(kWarps* kWarp, kBlocksEach)
     }
     __syncwarp();
     if (any != 0) {
-      result = searchByWarp(window, map, inverse, search.tool, view.approach, point.position_L, point.normal_L,
-                            point.seen, view.points.direction_words, item, masks, lane);
+      result = searchByWarp(window, map, inverse, withMargin(search.tool, known_score + 1), view.approach,
+                            point.position_L, point.normal_L, point.seen, view.points.direction_words, item, masks,
+                            lane, view.offsets.table != nullptr ? kMarginCollisions : 0);
+      learn(view, search, point.id, masks, result, false, lane);
     }
     result.tests = static_cast<std::uint16_t>(result.tests + own_tests);
     if (lane == 0) conclude(view, item, result);
@@ -175,9 +203,10 @@ __global__ void __launch_bounds__(kWarps* kWarp, kBlocksEach)
       for (std::uint64_t& word : item.candidates.word) word = ~std::uint64_t{0};
     }
     __syncwarp();
-    ScoreResult result =
-        searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
-                     point.normal_L, point.seen, view.points.direction_words, item, masks, lane);
+    ScoreResult result = searchByWarp(
+        window, map, search.map.inverse_voxel_size, withMargin(search.tool, search.tool.collision_limit), view.approach,
+        point.position_L, point.normal_L, point.seen, view.points.direction_words, item, masks, lane);
+    learn(view, search, point.id, masks, result, true, lane);
     if (lane == 0) conclude(view, item, result);
     __syncwarp();
   }

@@ -187,7 +187,8 @@ __global__ void __launch_bounds__(kWarps* kLanes)
       }
     }
     if (too_large >= 0 && too_large - too_small <= 1) {
-      // More than the list holds at one single distance: no two points of a map share a voxel, so this cannot be.
+      // More than the list holds at one single distance. Positions on a grid of voxels have some hundred neighbours at
+      // a distance, less than there is room for.
       if (lane == 0) atomicExch(&view.counters->failed, 1u);
       return;
     }
@@ -242,8 +243,12 @@ void launch(const UpdateView& view, std::uint32_t first, std::uint32_t count, un
 
 void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream) {
   if (count == 0) return;
-  // Twice k and some more, within the 48 KB that every device has.
-  if (view.rule.neighbours <= 120) {
+  // Twice k and some more, within the 48 KB that every device has; and for positions on a grid of voxels, of which many
+  // may lie at one distance, the more the larger the radius.
+  constexpr std::int64_t kFewAtOneDistance = 50;  // voxels
+  const double radius_voxels =
+      sqrt(static_cast<double>(view.rule.radius_squared)) / view.rule.steps_per_m * view.rule.inverse_voxel_size;
+  if (view.rule.neighbours <= 120 && radius_voxels <= static_cast<double>(kFewAtOneDistance)) {
     launch<384>(view, first, count, kWarps, stream);
   } else {
     launch<1536>(view, first, count, 2, stream);

@@ -47,8 +47,12 @@ __device__ void makePoint(const UpdateView& view, const PointNews& news) {
     view.points.position_L[3 * id + axis] = news.position_L[axis];
     view.points.normal_L[3 * id + axis] = 0;
   }
-  for (int w = 0; w < view.points.direction_words; ++w)
-    view.points.seen[id * static_cast<std::size_t>(view.points.direction_words) + static_cast<std::size_t>(w)] = 0;
+  const auto words = static_cast<std::size_t>(view.points.direction_words);
+  for (std::size_t w = 0; w < words; ++w) {
+    view.points.seen[id * words + w] = 0;
+    view.state.worse[id * words + w] = 0;
+  }
+  view.state.margin[id] = 0;
   view.points.stability[id] = 1;
   view.points.score[id] = kNoScore;
   view.points.direction[id] = kNoDirection;
@@ -94,9 +98,11 @@ __global__ void admitPoints(UpdateView view, const PointNews* all_news, std::uin
   if (place.next == kNoIndex) view.places.touched_blocks[atomicAdd(&view.counters->touched_blocks, 1u)] = news.block;
 }
 
-__global__ void addCrossed(UpdateView view, const std::uint32_t* ids, std::uint32_t count) {
+__global__ void addCrossed(UpdateView view, const CrossedPoint* points, std::uint32_t count) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
-  if (n < count) addMoved(view, ids[n]);
+  if (n >= count) return;
+  view.points.weight[points[n].id] = points[n].weight;  // the returns may be those of its neighbours
+  addMoved(view, points[n].id);
 }
 
 }  // namespace
@@ -121,9 +127,9 @@ void launchAdmitPoints(const UpdateView& view, const PointNews* news, std::uint3
   checkLaunch("admitPoints");
 }
 
-void launchAddCrossed(const UpdateView& view, const std::uint32_t* ids, std::uint32_t count, cudaStream_t stream) {
+void launchAddCrossed(const UpdateView& view, const CrossedPoint* points, std::uint32_t count, cudaStream_t stream) {
   if (count == 0) return;
-  addCrossed<<<blocksFor(count), kThreads, 0, stream>>>(view, ids, count);
+  addCrossed<<<blocksFor(count), kThreads, 0, stream>>>(view, points, count);
   checkLaunch("addCrossed");
 }
 

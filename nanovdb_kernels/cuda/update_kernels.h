@@ -28,12 +28,18 @@ void launchAdmitPoints(const UpdateView& view, const PointNews* news, std::uint3
 
 /// Points near places -> view.moved. @param most_touched  upper bound of counters.touched_blocks
 void launchFindMoved(const UpdateView& view, std::uint32_t most_touched, cudaStream_t stream);
-void launchAddCrossed(const UpdateView& view, const std::uint32_t* ids, std::uint32_t count, cudaStream_t stream);
+void launchAddCrossed(const UpdateView& view, const CrossedPoint* points, std::uint32_t count, cudaStream_t stream);
 
 // nearest_points.cu
 
 /// @param first, count  part of view.moved, found -> view.found[0 .. count)
 void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
+
+// known_blocked.cu: what stays known.
+
+void launchAddFreed(const UpdateView& view, cudaStream_t stream);
+/// Takes away what the freed voxels make uncertain. After launchBlockMasks.
+void launchRelease(const UpdateView& view, cudaStream_t stream);
 
 // due_points.cu: what has to be evaluated.
 

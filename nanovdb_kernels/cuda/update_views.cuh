@@ -72,11 +72,15 @@ struct BlockIndexView {
 
 /// What neighbourhoods are made of, by id.
 struct NeighbourStateView {
-  std::uint32_t* block = nullptr;         ///< [n]
-  float* mean_L = nullptr;                ///< [3 n]
-  float* to_sensor_L = nullptr;           ///< [3 n]
-  std::uint64_t* own_seen = nullptr;      ///< [words n]
-  float* reach_m = nullptr;               ///< [n] negative: no neighbourhood yet
+  std::uint32_t* block = nullptr;     ///< [n]
+  float* mean_L = nullptr;            ///< [3 n]
+  float* to_sensor_L = nullptr;       ///< [3 n]
+  std::uint64_t* own_seen = nullptr;  ///< [words n]
+  float* reach_m = nullptr;           ///< [n] negative: no neighbourhood yet
+  /// [words n] directions in which the tool has so many collisions that they cannot matter, with `margin` to spare: a
+  /// blocked point's reach the limit, an accessible one's are more than its best direction has
+  std::uint64_t* worse = nullptr;
+  std::uint8_t* margin = nullptr;         ///< [n] at most kMarginCollisions
   std::uint32_t* moved_bits = nullptr;    ///< [n / 32] already on the list of moved points
   std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
 };
@@ -110,8 +114,27 @@ struct FlipsView {
 
 /// Directions that flips may have changed for the points of a block.
 struct BlockMasks {
-  DirectionMask better, worse;
+  DirectionMask better_tool, better_arm, worse_tool, worse_arm;
 };
+
+/// Voxels that ceased to collide, by cells of 16^3 voxels.
+struct FreedView {
+  static constexpr int kCellLog2 = 4;
+  HashView hash;
+  std::uint32_t* head = nullptr;  ///< [slots of the hash] kNoIndex: none
+  std::uint32_t* next = nullptr;  ///< [count]
+  const VoxelIndex* voxels = nullptr;
+  std::uint32_t count = 0;
+};
+
+/// The tool read backwards (UpdaterTables::offset_directions).
+struct OffsetTableView {
+  const std::uint64_t* table = nullptr;  ///< null: not known
+  std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
+};
+
+/// A direction is remembered as worse once it has this many collisions more than it needs for that.
+inline constexpr int kMarginCollisions = 16;
 
 struct FootprintView {
   const FootprintColumn* tool = nullptr;
@@ -126,10 +149,12 @@ struct FoundNeighbours {
   DirectionMask seen;
 };
 
+enum TestBest : std::uint8_t { kTestArm = 1, kTestTool = 2 };
+
 /// A point to evaluate.
 struct DueItem {
   std::uint32_t id;
-  std::uint8_t test_best;  ///< the count of its best direction may have changed
+  std::uint8_t test_best;  ///< its best direction may have changed: TestBest
   std::uint8_t evidence;   ///< ScoreItem::evidence
   DirectionMask candidates;
 };
@@ -153,6 +178,8 @@ struct UpdateView {
   NeighbourRuleView rule;
   PlacesView places;
   FlipsView flips;
+  FreedView freed;
+  OffsetTableView offsets;
   FootprintView footprint;
   BlockMasks* masks = nullptr;       ///< [blocks]
   std::uint8_t* affected = nullptr;  ///< [blocks] its masks are not empty; null: no flips at all
@@ -164,6 +191,7 @@ struct UpdateView {
   FullItem* full = nullptr;
   UpdateCounters* counters = nullptr;
   std::uint32_t num_points = 0;
+  float inverse_voxel_size = 0;  ///< as OccupancyView has it
 };
 
 }  // namespace accessvdb::kernels

@@ -133,11 +133,12 @@ __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader&
 }
 
 /// searchDirections. All lanes of the warp call it with the same arguments and get the same result.
+/// @param count_further  collisions to count beyond those that decide; changes nothing but masks.tool_blocked
 template <class Window>
 __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader& map, float inverse_voxel_size,
                                     const ToolKernelView& tool, const ApproachView& approach, const float* position_L,
                                     const float* normal_L, const std::uint64_t* seen, int seen_words,
-                                    const ScoreItem& item, WarpMasks& masks, int lane) {
+                                    const ScoreItem& item, WarpMasks& masks, int lane, int count_further = 0) {
   ScoreResult result;
   if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return result;
   result.scored = 1;
@@ -207,7 +208,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
           result.direction = static_cast<std::uint16_t>(d);
         }
       } else {
-        const int bound = best_count < known_score ? best_count : known_score;
+        const int bound = (best_count < known_score ? best_count : known_score) + count_further;
         const int counted = tool.use_samples
                                 ? countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, bound, lane)
                                 : countVoxelsByWarp<2>(window, tool, d, point_ijk, bound, lane);

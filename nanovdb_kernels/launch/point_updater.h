@@ -27,6 +27,10 @@ struct UpdaterTables {
   int neighbours = 0;       ///< [k]
   int view_neighbours = 0;  ///< the nearest this many share their seen directions; 0: none does
   int num_directions = 0;   ///< [D]
+  /// The tool read backwards: [x][y][z][words of D] which directions cover a voxel at an offset from the point's voxel;
+  /// the first entry is that of offset_low. Empty: not known, then collisions are not remembered.
+  std::span<const std::uint64_t> offset_directions;
+  std::int32_t offset_low[3] = {0, 0, 0}, offset_size[3] = {0, 0, 0};
 };
 
 /// A point that is new, or that a scan touched since the last update.
@@ -55,6 +59,17 @@ struct LeafFlips {
   std::uint32_t kinds = 0;
 };
 
+/// A point that became confident enough to be scored.
+struct CrossedPoint {
+  std::uint32_t id = 0;
+  std::uint16_t weight = 0;
+};
+
+/// Index of a voxel.
+struct VoxelIndex {
+  std::int32_t ijk[3] = {0, 0, 0};
+};
+
 /// Points that are new or changed; host memory, free again on return.
 struct AdmitInput {
   PointStateView points;  ///< in the backend's memory, room for num_points
@@ -71,8 +86,10 @@ struct UpdateInput {
   ApproachView approach;  ///< in the backend's memory
   PointStateView points;  ///< in the backend's memory
   UpdateRule rule;
-  std::span<const std::uint32_t> crossed;  ///< points that became confident enough to be scored; ids differ
-  std::span<const LeafFlips> flips;        ///< since the last update; a leaf may come several times
+  std::span<const CrossedPoint> crossed;  ///< ids differ
+  std::span<const LeafFlips> flips;       ///< since the last update; a leaf may come several times
+  std::span<const VoxelIndex> freed;      ///< voxels that ceased to collide since the last update
+  bool forget = false;                    ///< more ceased to collide than `freed` says
 };
 
 struct UpdateOutcome {

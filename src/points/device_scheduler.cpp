@@ -8,13 +8,16 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <bit>
 #include <limits>
+#include <numeric>
 #include <vector>
 
 #include "points/device_blocks.h"
 #include "points/flip_set.h"
 #include "points/leaf_footprint.h"
 #include "points/neighbourhood.h"
+#include "points/offset_directions.h"
 #include "points/stopwatch.h"
 #include "points/update_scheduler.h"
 
@@ -25,6 +28,8 @@ namespace {
 constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
 /// Flipped leaves are joined once this many wait, so that a long stretch without updates takes bounded memory.
 constexpr std::size_t kMostFlips = std::size_t{1} << 22;
+/// Memory that the table of directions by offset may take; above it, collisions are not remembered.
+constexpr std::uint64_t kMostOffsetTableBytes = std::uint64_t{512} << 20;
 
 void copy3(const Eigen::Vector3f& from, float* to) {
   for (Eigen::Index axis = 0; axis < 3; ++axis) to[axis] = from[axis];
@@ -38,6 +43,12 @@ std::uint32_t kindsOf(const LeafChange& change) {
     if (any != 0) kinds |= bitOf(kind);
   }
   return kinds;
+}
+
+std::size_t countBits(const LeafBits& bits) {
+  std::size_t count = 0;
+  for (const std::uint64_t word : bits) count += static_cast<std::size_t>(std::popcount(word));
+  return count;
 }
 
 class DeviceScheduler final : public UpdateScheduler {
@@ -63,7 +74,7 @@ class DeviceScheduler final : public UpdateScheduler {
     scorer_.growDevice();
     admitBlocks();
     admitPoints();
-    const std::vector<std::uint32_t> crossed = findCrossed();
+    const std::vector<kernels::CrossedPoint> crossed = findCrossed();
     const double host_ms = updating.milliseconds();
 
     kernels::UpdateInput input;
@@ -74,10 +85,14 @@ class DeviceScheduler final : public UpdateScheduler {
     input.rule = tables.rule;
     input.crossed = crossed;
     input.flips = flips_;
+    input.freed = freed_;
+    input.forget = forget_;
     const kernels::UpdateOutcome outcome = updater_->update(input);
     for (const Touched& touched : touched_) is_touched_[touched.id] = 0;
     touched_.clear();
     flips_.clear();
+    freed_.clear();
+    forget_ = false;
     joined_flips_ = 0;
     known_points_ = points.size();
     is_touched_.resize(known_points_, 0);
@@ -95,7 +110,7 @@ class DeviceScheduler final : public UpdateScheduler {
   std::uint64_t bytes() const override {
     return (fresh_.capacity() + ids_.capacity()) * sizeof(std::uint32_t) + touched_.capacity() * sizeof(Touched) +
            is_touched_.capacity() + news_.capacity() * sizeof(kernels::PointNews) + blocks_.bytes() +
-           flips_.capacity() * sizeof(kernels::LeafFlips);
+           flips_.capacity() * sizeof(kernels::LeafFlips) + freed_.capacity() * sizeof(kernels::VoxelIndex);
   }
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
 
@@ -106,15 +121,35 @@ class DeviceScheduler final : public UpdateScheduler {
   };
 
   void noteFlips(std::span<const std::span<const LeafChange>> changes) {
-    std::vector<std::size_t> begin(changes.size() + 1, flips_.size());
-    for (std::size_t n = 0; n < changes.size(); ++n) begin[n + 1] = begin[n] + changes[n].size();
-    flips_.resize(begin.back());
+    std::vector<std::size_t> begin(changes.size() + 1, 0), freed_begin(changes.size() + 1, 0);
     tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t n) {
-      for (std::size_t i = 0; i < changes[n].size(); ++i) {
-        const Index3 leaf = parentOf(changes[n][i].origin_ijk);
-        flips_[begin[n] + i] = {{leaf[0], leaf[1], leaf[2]}, kindsOf(changes[n][i])};
+      begin[n + 1] = changes[n].size();
+      for (const LeafChange& change : changes[n]) freed_begin[n + 1] += countBits(change.collides_off);
+    });
+    begin[0] = flips_.size();
+    freed_begin[0] = freed_.size();
+    std::partial_sum(begin.begin(), begin.end(), begin.begin());
+    std::partial_sum(freed_begin.begin(), freed_begin.end(), freed_begin.begin());
+    flips_.resize(begin.back());
+    freed_.resize(freed_begin.back());
+    tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t n) {
+      std::size_t at = begin[n], freed_at = freed_begin[n];
+      for (const LeafChange& change : changes[n]) {
+        const Index3 leaf = parentOf(change.origin_ijk);
+        flips_[at++] = {{leaf[0], leaf[1], leaf[2]}, kindsOf(change)};
+        for (std::size_t x = 0; x < 8; ++x) {
+          for (std::uint64_t bits = change.collides_off[x]; bits != 0; bits &= bits - 1) {
+            const int bit = std::countr_zero(bits);
+            freed_[freed_at++] = {{change.origin_ijk[0] + static_cast<std::int32_t>(x),
+                                   change.origin_ijk[1] + (bit >> 3), change.origin_ijk[2] + (bit & 7)}};
+          }
+        }
       }
     });
+    if (freed_.size() > kMostFlips) {
+      freed_.clear();
+      forget_ = true;
+    }
     if (flips_.size() > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
@@ -150,7 +185,6 @@ class DeviceScheduler final : public UpdateScheduler {
     for (std::uint32_t id = known_points_; id < points.size(); ++id) changed.push_back(points.blockOf(id));
     tbb::parallel_sort(changed);
     changed.erase(std::unique(changed.begin(), changed.end()), changed.end());
-    // Room for all of them at first: the slots of a later part must be there when an earlier one is sent.
     std::vector<kernels::BlockNews> news;
     std::vector<std::uint32_t> ids;
     for (std::size_t n = 0; n < changed.size(); ++n) {
@@ -203,15 +237,15 @@ class DeviceScheduler final : public UpdateScheduler {
   }
 
   /// Points whose confidence crossed the bound. Weights only grow, so only points below it are looked at.
-  std::vector<std::uint32_t> findCrossed() {
+  std::vector<kernels::CrossedPoint> findCrossed() {
     for (std::uint32_t id = known_points_; id < scorer_.points().size(); ++id) fresh_.push_back(id);
     std::vector<std::uint16_t> weights(fresh_.size());
     scorer_.reads().weights(fresh_, weights);
-    std::vector<std::uint32_t> crossed;
+    std::vector<kernels::CrossedPoint> crossed;
     std::size_t left = 0;
     for (std::size_t n = 0; n < fresh_.size(); ++n) {
       if (scorer_.isConfident(weights[n])) {
-        crossed.push_back(fresh_[n]);
+        crossed.push_back({fresh_[n], weights[n]});
       } else {
         fresh_[left++] = fresh_[n];
       }
@@ -229,7 +263,9 @@ class DeviceScheduler final : public UpdateScheduler {
   std::vector<std::uint8_t> is_touched_;   ///< [known_points_]
   std::vector<std::uint32_t> fresh_;       ///< below the confidence bound
   std::vector<kernels::LeafFlips> flips_;  ///< since the last update
-  std::size_t joined_flips_ = 0;           ///< of them, the first: each leaf once
+  std::vector<kernels::VoxelIndex> freed_;
+  bool forget_ = false;           ///< freed_ would have become too long
+  std::size_t joined_flips_ = 0;  ///< of them, the first: each leaf once
   std::vector<std::uint32_t> ids_;
   std::vector<kernels::PointNews> news_;
 };
@@ -249,6 +285,10 @@ std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const 
   tables.neighbours = params.scoring.neighbours;
   tables.view_neighbours = params.scoring.join_neighbour_views ? static_cast<int>(kViewNeighbours) : 0;
   tables.num_directions = approach.num_directions;
+  const OffsetDirections offsets(tool, approach.num_directions, kMostOffsetTableBytes);
+  tables.offset_directions = offsets.table();
+  std::ranges::copy(offsets.low(), tables.offset_low);
+  std::ranges::copy(offsets.size(), tables.offset_size);
   auto updater = scorer.backend().makeUpdater(tables);
   if (updater == nullptr) return nullptr;
   return std::make_unique<DeviceScheduler>(scorer, std::move(updater));

@@ -34,6 +34,8 @@ class OffsetDirections {
     return table_.data() + n * words_;
   }
   [[nodiscard]] std::size_t words() const { return words_; }
+  [[nodiscard]] const Index3& size() const { return size_; }
+  [[nodiscard]] const std::vector<std::uint64_t>& table() const { return table_; }
   [[nodiscard]] std::uint64_t bytes() const { return table_.capacity() * sizeof(std::uint64_t); }
 
  private:

@@ -18,10 +18,14 @@ struct StreamCase {
   ToolForm form = ToolForm::Voxels;
   int max_collisions = 0;
   int budget_points = 0;
+  int scans_an_update = 1;
+  int neighbours = 0;
+  int directions = 180;
 };
 void PrintTo(const StreamCase& c, std::ostream* out) {
   *out << c.tool << " at " << c.voxel_size_m << " m, " << (c.policy == UpdatePolicy::Exact ? "exact" : "paper") << ", "
-       << (c.form == ToolForm::Voxels ? "voxels" : "samples") << (c.budget_points > 0 ? ", with a budget" : "");
+       << (c.form == ToolForm::Voxels ? "voxels" : "samples") << (c.budget_points > 0 ? ", with a budget" : "")
+       << (c.scans_an_update > 1 ? ", several scans an update" : "") << (c.neighbours > 0 ? ", many neighbours" : "");
 }
 
 class CudaStream : public GpuTest, public testing::WithParamInterface<StreamCase> {};
@@ -44,6 +48,8 @@ TEST_P(CudaStream, EqualsTheCpuAfterEveryUpdate) {
   params.scoring.max_collisions = c.max_collisions;
   params.update.policy = c.policy;
   params.update.budget_points = c.budget_points;
+  params.scoring.neighbours = c.neighbours;
+  params.approach.num_directions = c.directions;
   FieldParams on_gpu = params;
   params.backend = BackendKind::Cpu;
   on_gpu.backend = BackendKind::Cuda;
@@ -55,6 +61,7 @@ TEST_P(CudaStream, EqualsTheCpuAfterEveryUpdate) {
     const WalkFrame scan = walk.frame(frame);
     cpu.integrateScan(scan.points_S, scan.T_W_S);
     cuda.integrateScan(scan.points_S, scan.T_W_S);
+    if ((frame + 1) % c.scans_an_update != 0) continue;
     const UpdateStats a = cpu.update(), b = cuda.update();
     // The device finds out by itself what is due, from coarser facts: more is tested, nothing else comes out.
     const bool same_schedule = c.policy == UpdatePolicy::Paper || c.budget_points > 0;
@@ -77,7 +84,9 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(StreamCase{1, "builtin:pruner", 0.05}, StreamCase{2, "builtin:pencil", 0.02},
                     StreamCase{3, "builtin:pruner", 0.02}, StreamCase{4, "builtin:pruner", 0.05, UpdatePolicy::Paper},
                     StreamCase{5, "builtin:pruner", 0.05, UpdatePolicy::Exact, ToolForm::SurfaceSamples, 3},
-                    StreamCase{6, "builtin:pruner", 0.04, UpdatePolicy::Exact, ToolForm::Voxels, 30, 700}));
+                    StreamCase{6, "builtin:pruner", 0.04, UpdatePolicy::Exact, ToolForm::Voxels, 30, 700},
+                    StreamCase{7, "builtin:pruner", 0.05, UpdatePolicy::Exact, ToolForm::Voxels, 0, 0, 3},
+                    StreamCase{8, "builtin:pruner", 0.04, UpdatePolicy::Exact, ToolForm::Voxels, 12, 0, 2, 200, 256}));
 
 }  // namespace
 }  // namespace accessvdb::test
