@@ -70,13 +70,18 @@ Struct readSized(const char* name, const Struct* given, std::size_t least, Struc
   return defaults;
 }
 
-/// Writes as much of `value` as the caller has room for, zeros beyond what this version knows; keeps struct_size.
+/// Writes as much of `value` as the caller has room for, zeros beyond what this version knows.
+template <typename Row>
+void writeRow(void* out, std::size_t size, const Row& value) {
+  std::memcpy(out, &value, size < sizeof(Row) ? size : sizeof(Row));
+  if (size > sizeof(Row)) std::memset(static_cast<unsigned char*>(out) + sizeof(Row), 0, size - sizeof(Row));
+}
+
+/// The same for a struct that says its size; keeps that.
 template <typename Struct>
 void writeSized(Struct* out, std::size_t size, Struct value) {
   value.struct_size = static_cast<std::uint32_t>(size);
-  std::memcpy(out, &value, size < sizeof(Struct) ? size : sizeof(Struct));
-  if (size > sizeof(Struct))
-    std::memset(reinterpret_cast<unsigned char*>(out) + sizeof(Struct), 0, size - sizeof(Struct));
+  writeRow(out, size, value);
 }
 
 template <typename Body>

@@ -72,11 +72,7 @@ accessvdb_point pointToC(const SurfacePoint& p) {
 }
 
 /// Writes a point of the caller's version.
-void writePoint(void* out, std::size_t size, const SurfacePoint& point) {
-  const accessvdb_point c = pointToC(point);
-  std::memcpy(out, &c, std::min(size, sizeof c));
-  if (size > sizeof c) std::memset(static_cast<unsigned char*>(out) + sizeof c, 0, size - sizeof c);
-}
+void writePoint(void* out, std::size_t size, const SurfacePoint& point) { capi::writeRow(out, size, pointToC(point)); }
 
 /// Size that the caller gave, 0 for no struct at all.
 template <typename Struct>

@@ -57,9 +57,7 @@ accessvdb_capsule_answer toC(const accessvdb::CapsuleAnswer& answer) {
 template <typename Answer>
 void writeAnswers(std::span<const Answer> answers, unsigned char* out, std::size_t size) {
   for (std::size_t n = 0; n < answers.size(); ++n, out += size) {
-    const auto c = toC(answers[n]);
-    std::memcpy(out, &c, std::min(size, sizeof c));
-    if (size > sizeof c) std::memset(out + sizeof c, 0, size - sizeof c);
+    capi::writeRow(out, size, toC(answers[n]));
   }
 }
 
