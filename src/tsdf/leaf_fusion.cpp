@@ -107,12 +107,18 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
   return touched_ != 0 || passes_ != 0;
 }
 
-void LeafFusion::prefetchTouched(const PackedLeaf& leaf) const {
+void LeafFusion::prefetchValues(const PackedLeaf& leaf) const {
   const std::uint32_t* packed = packedValues(leaf);
   if (packed == nullptr) return;
-  for (std::uint32_t left = touched_; left != 0; left &= left - 1) {
-    prefetch(packed + 16 * std::countr_zero(left), 16 * sizeof(PackedVoxel));
+  std::uint32_t pairs = touched_;
+  if (passes_ != 0) {  // fold() looks at voxels that are cleared for the first time, too
+    for (std::size_t x = 0; x < 8; ++x) {
+      const std::uint64_t cleared = leaf.getValueMask().getWord<std::uint64_t>(static_cast<openvdb::Index>(x));
+      const std::uint64_t gained = passed_[x] & ~cleared;
+      for (unsigned y = 0; y < 4; ++y) pairs |= ((gained >> (16 * y) & 0xffff) != 0 ? 1u : 0u) << (4 * x + y);
+    }
   }
+  for (; pairs != 0; pairs &= pairs - 1) __builtin_prefetch(packed + 16 * std::countr_zero(pairs), 1);
 }
 
 bool LeafFusion::fold(PackedLeaf& leaf, LeafChange& change, FoldCounts& counts) {

@@ -35,7 +35,9 @@ struct WideSums {
 /// Asks for memory ahead of its use; where the compiler knows no way, it comes when it comes.
 inline void prefetch([[maybe_unused]] const void* begin, [[maybe_unused]] std::size_t bytes) {
 #if defined(__GNUC__)
-  for (std::size_t n = 0; n < bytes; n += 64) __builtin_prefetch(static_cast<const std::byte*>(begin) + n, 1);
+  const auto* first = static_cast<const std::byte*>(begin);
+  for (std::size_t n = 0; n < bytes; n += 64) __builtin_prefetch(first + n, 1);
+  __builtin_prefetch(first + bytes - 1, 1);  // where it does not begin with a line
 #endif
 }
 
@@ -53,8 +55,8 @@ class LeafFusion {
   /// True when accumulate() found distance samples (else only band passes).
   [[nodiscard]] bool hasSamples() const { return touched_ != 0; }
 
-  /// Starts to fetch the values that fold() will read.
-  void prefetchTouched(const PackedLeaf& leaf) const;
+  /// Starts to fetch the values that fold() will read. The leaf itself must be at hand.
+  void prefetchValues(const PackedLeaf& leaf) const;
 
   /// Folds the sums into the leaf. The leaf must have a buffer if hasSamples().
   /// @return true when a voxel's collides or arm_free flipped; then `change` says which

@@ -5,9 +5,14 @@
 /// A scan touches fresh memory for ten thousands of leaves; with malloc, page faults cost more than the fusion itself.
 /// Leaves are only ever added, and freed with their map. So a thread cuts buffers off its own chunk without any lock,
 /// and a chunk counts the buffers still in use; the last one gives it back to the system.
+#include <algorithm>
 #include <atomic>
+#include <cstddef>
+#include <mutex>
 #include <new>
+#include <vector>
 
+#include "tsdf/leaf_reserve.h"
 #include "tsdf/packed_voxel.h"
 
 #if defined(__linux__) && !defined(__SANITIZE_ADDRESS__)
@@ -51,6 +56,41 @@ ChunkHeader* newChunk() {
   return header;
 }
 
+/// Chunks that are ready for whoever needs one; see leaf_reserve.h.
+struct ChunkStore {
+  std::mutex mutex;
+  std::vector<ChunkHeader*> chunks;
+  std::size_t reserves = 0;  ///< LeafReserves alive
+  std::uint64_t taken = 0;   ///< chunks that threads took so far, ready or not
+};
+/// Never destroyed: threads may end after everything else.
+ChunkStore& chunkStore() {
+  static auto* ready = new ChunkStore;
+  return *ready;
+}
+
+/// @throws std::bad_alloc
+ChunkHeader* takeChunk() {
+  ChunkStore& ready = chunkStore();
+  {
+    const std::lock_guard lock(ready.mutex);
+    ++ready.taken;
+    if (!ready.chunks.empty()) {
+      ChunkHeader* chunk = ready.chunks.back();
+      ready.chunks.pop_back();
+      return chunk;
+    }
+  }
+  return newChunk();
+}
+
+/// Has the system clear all pages of a chunk, by writing the zero that is there.
+void touchPages(ChunkHeader* chunk) {
+  constexpr std::size_t kPage = 4096;
+  auto* bytes = reinterpret_cast<volatile char*>(chunk);
+  for (std::size_t n = kPage; n < kChunkBytes; n += kPage) bytes[n] = 0;
+}
+
 void release(ChunkHeader* chunk, std::uint32_t buffers) noexcept {
   if (buffers == 0) return;
   if (chunk->in_use.fetch_sub(buffers, std::memory_order_acq_rel) == buffers) munmap(chunk, kChunkBytes);
@@ -73,7 +113,7 @@ void* PackedVoxel::operator new[](std::size_t bytes) {
   if (bytes != kBufferBytes) throw std::bad_alloc();  // nobody but OpenVDB's leaves asks
   ThreadChunk& mine = t_chunk;
   if (mine.next == kBuffersPerChunk) {
-    mine.chunk = newChunk();
+    mine.chunk = takeChunk();
     mine.next = 0;
   }
   ++mine.next;
@@ -85,7 +125,76 @@ void PackedVoxel::operator delete[](void* buffer) noexcept {
   const auto address = reinterpret_cast<std::uintptr_t>(buffer);
   release(reinterpret_cast<ChunkHeader*>(address & ~(kChunkBytes - 1)), 1);
 }
+
+bool newPackedVoxelsAreZero() { return true; }  // no place is handed out twice
+
+LeafReserve::LeafReserve() : arena_(1, 0) {
+  ChunkStore& ready = chunkStore();
+  const std::lock_guard lock(ready.mutex);
+  ++ready.reserves;
+  seen_chunks_ = ready.taken;
+}
+
+LeafReserve::~LeafReserve() noexcept {
+  wait();
+  ChunkStore& ready = chunkStore();
+  std::vector<ChunkHeader*> unused;
+  {
+    const std::lock_guard lock(ready.mutex);
+    if (--ready.reserves == 0) unused.swap(ready.chunks);
+  }
+  for (ChunkHeader* chunk : unused) release(chunk, kBuffersPerChunk);
+}
+
+void LeafReserve::refill() {
+  constexpr std::uint64_t kMostChunks = 64;
+  ChunkStore& ready = chunkStore();
+  std::uint64_t wanted = 0;
+  {
+    const std::lock_guard lock(ready.mutex);
+    const std::uint64_t taken = ready.taken - seen_chunks_;
+    // Threads begin with a chunk each, and a map that does not grow needs no second one.
+    wanted = std::min({taken, last_taken_, kMostChunks});
+    seen_chunks_ = ready.taken;
+    last_taken_ = taken;
+    if (ready.chunks.size() >= wanted) return;
+  }
+  arena_.enqueue(group_.defer([wanted, &ready] {
+    for (;;) {
+      {
+        const std::lock_guard lock(ready.mutex);
+        if (ready.chunks.size() >= wanted) return;
+      }
+      ChunkHeader* chunk = nullptr;
+      try {
+        chunk = newChunk();
+        touchPages(chunk);
+        const std::lock_guard lock(ready.mutex);
+        ready.chunks.push_back(chunk);
+      } catch (const std::bad_alloc&) {  // whoever needs the memory will find out
+        if (chunk != nullptr) release(chunk, kBuffersPerChunk);
+        return;
+      }
+    }
+  }));
+}
+
+void LeafReserve::wait() {
+  arena_.execute([this] { group_.wait(); });
+}
+
+std::size_t LeafReserve::readyChunks() {
+  ChunkStore& ready = chunkStore();
+  const std::lock_guard lock(ready.mutex);
+  return ready.chunks.size();
+}
 #else
+bool newPackedVoxelsAreZero() { return false; }
+LeafReserve::LeafReserve() : seen_chunks_(0), arena_(1, 0) {}
+LeafReserve::~LeafReserve() noexcept = default;
+void LeafReserve::refill() {}
+void LeafReserve::wait() {}
+std::size_t LeafReserve::readyChunks() { return 0; }
 void* PackedVoxel::operator new[](std::size_t bytes) { return ::operator new[](bytes); }
 void PackedVoxel::operator delete[](void* buffer) noexcept { ::operator delete[](buffer); }
 #endif

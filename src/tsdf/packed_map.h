@@ -12,6 +12,7 @@
 #include <openvdb/openvdb.h>
 
 #include <cstdint>
+#include <cstring>
 
 #include "accessvdb/params.h"
 #include "accessvdb/tsdf_volume.h"
@@ -21,6 +22,7 @@ namespace accessvdb::internal {
 
 using PackedTree = openvdb::tree::Tree4<PackedVoxel, 5, 4, 3>::Type;
 using PackedLeaf = PackedTree::LeafNodeType;
+using PackedLowerNode = PackedTree::RootNodeType::ChildNodeType::ChildNodeType;  ///< of 16^3 leaves
 /// Caches inner nodes only. OpenVDB's default accessors cache the leaf's buffer too, and by asking for it allocate one,
 /// uninitialised, for leaves that have none: never use them on this tree.
 using PackedAccessor = openvdb::tree::ValueAccessor2<PackedTree, /*IsSafe=*/false, 1, 2>;
@@ -65,6 +67,12 @@ inline const std::uint32_t* packedValues(const PackedLeaf& leaf) {
 }
 inline std::uint32_t* packedValues(PackedLeaf& leaf) {
   return leaf.buffer().empty() ? nullptr : &leaf.buffer().data()->bits;
+}
+
+/// Gives a leaf without values its buffer, of unobserved voxels. @throws std::bad_alloc
+inline void allocateZeroed(PackedLeaf& leaf) {
+  leaf.buffer().allocate();
+  if (!newPackedVoxelsAreZero()) std::memset(packedValues(leaf), 0, PackedLeaf::SIZE * sizeof(PackedVoxel));
 }
 
 }  // namespace accessvdb::internal

@@ -18,7 +18,7 @@ constexpr std::uint32_t packVoxel(std::uint32_t mean, std::uint32_t weight) { re
 constexpr std::uint32_t meanOf(std::uint32_t packed) { return packed >> kWeightBits; }
 constexpr std::uint32_t weightOf(std::uint32_t packed) { return packed & kWeightMask; }
 
-/// Value type of the map's tree. A type of its own, so that the buffers of leaves come from our pool (leaf_pool.h):
+/// Value type of the map's tree. A type of its own, so that the buffers of leaves come from our pool (leaf_pool.cpp):
 /// OpenVDB allocates them with new ValueType[512]. The operators are those that OpenVDB's trees ask of a value.
 struct PackedVoxel {
   std::uint32_t bits;
@@ -37,6 +37,10 @@ struct PackedVoxel {
   static void operator delete[](void* buffer) noexcept;
 };
 static_assert(sizeof(PackedVoxel) == sizeof(std::uint32_t));
+
+/// Whether new PackedVoxel[512] is zero already: fresh pages are, and every buffer is cut from pages of its own.
+/// Writing all of it again would fetch 2 KB where a scan needs a few lines.
+[[nodiscard]] bool newPackedVoxelsAreZero();
 
 /// Found by OpenVDB's isApproxEqual(), hence the name.
 constexpr PackedVoxel Abs(PackedVoxel voxel) { return voxel; }

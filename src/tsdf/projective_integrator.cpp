@@ -241,8 +241,7 @@ void ProjectiveIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, const
         leaf = task.new_leaves.back().get();
       }
       if (leaf->buffer().empty()) {
-        leaf->buffer().allocate();
-        std::memset(packedValues(*leaf), 0, PackedLeaf::SIZE * sizeof(PackedVoxel));
+        allocateZeroed(*leaf);
         ++task.allocated;
       }
       const LeafTarget target = {packedValues(*leaf), &leaf->getValueMask().template getWord<std::uint64_t>(0)};

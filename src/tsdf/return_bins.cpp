@@ -11,7 +11,8 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::size_t kReturnsPerChunk = 1024;
+/// Small enough that many threads get equal shares of one scan.
+constexpr std::size_t kReturnsPerChunk = 256;
 constexpr std::int64_t kKeyBias = 1 << 20;
 
 std::uint64_t mix(std::uint64_t key) {
@@ -20,11 +21,19 @@ std::uint64_t mix(std::uint64_t key) {
   return key ^ key >> 29;
 }
 
-/// Buckets hold blocks of 4x4x4 leaves.
-std::size_t bucketOf(LeafKey key) {
-  constexpr std::uint64_t kBlock = ~std::uint64_t{3 | 3ull << 21 | 3ull << 42};
-  return mix(key & kBlock) >> 56;
+constexpr std::uint64_t kInNode = std::uint64_t{kNodeEdge - 1} * (1 | 1ull << 21 | 1ull << 42);
+static_assert(kKeyBias % kNodeEdge == 0, "the key of a node's least leaf has zeros for its place");
+
+LeafKey nodeOf(LeafKey key) { return key & ~kInNode; }
+
+/// As OpenVDB counts: x slowest.
+std::uint32_t placeInNode(LeafKey key) {
+  const auto axis = [&](int shift) { return static_cast<std::uint32_t>(key >> shift) & (kNodeEdge - 1); };
+  return (axis(42) * kNodeEdge + axis(21)) * kNodeEdge + axis(0);
 }
+
+/// Buckets hold whole nodes.
+std::size_t bucketOf(LeafKey key) { return mix(nodeOf(key)) >> 56; }
 static_assert(ReturnBins::kBuckets == 256, "bucketOf() takes eight bits");
 
 /// std::floor() is a call on x86-64 without SSE4.1.
@@ -123,44 +132,115 @@ void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays) {
       });
     }
   });
+  pair_counts_.fill(0);
+  for (std::size_t n = 0; n < chunk_count_; ++n) {
+    for (std::size_t b = 0; b < kBuckets; ++b) pair_counts_[b] += chunks_[n][b].size();
+  }
 }
 
+/// In the order of the returns.
+template <typename Visit>
+void ReturnBins::forEachPair(std::size_t bucket, const Visit& visit) const {
+  // Each chunk has a few pairs for a bucket, in a place of its own: asked for ahead, or each would be waited for.
+  constexpr std::size_t kDataAhead = 4, kVectorAhead = 8;
+  for (std::size_t n = 0; n < chunk_count_; ++n) {
+    if (n + kVectorAhead < chunk_count_) prefetch(&chunks_[n + kVectorAhead][bucket], sizeof(std::vector<Pair>));
+    if (n + kDataAhead < chunk_count_) {
+      const std::vector<Pair>& ahead = chunks_[n + kDataAhead][bucket];
+      if (!ahead.empty()) prefetch(ahead.data(), std::min<std::size_t>(ahead.size() * sizeof(Pair), 1024));
+    }
+    for (const Pair& pair : chunks_[n][bucket]) visit(pair);
+  }
+}
+
+namespace {
+
+/// Which leaves of a node are reached, and how many of the bucket's leaves come before each word of them.
+struct NodeLeaves {
+  std::array<std::uint64_t, kLeavesPerNode / 64> reached = {};
+  std::array<std::uint32_t, kLeavesPerNode / 64> before = {};
+  [[nodiscard]] std::uint32_t rankOf(std::uint32_t place) const {
+    const std::uint64_t below = reached[place / 64] & ((std::uint64_t{1} << place % 64) - 1);
+    return before[place / 64] + static_cast<std::uint32_t>(std::popcount(below));
+  }
+};
+
+/// Numbers the nodes of a bucket as they appear.
+class NodeNumbers {
+ public:
+  /// @param most  no more nodes than this will come
+  void start(std::size_t most) {
+    table_.assign(std::bit_ceil(2 * most), kEmpty);
+    last_ = ~LeafKey{0};
+  }
+  std::uint32_t of(LeafKey node, std::vector<LeafKey>& nodes, std::vector<NodeLeaves>& leaves) {
+    if (node == last_) return last_number_;  // a return's leaves follow each other
+    std::size_t slot = mix(node) & (table_.size() - 1);
+    while (table_[slot] != kEmpty && nodes[table_[slot]] != node) slot = (slot + 1) & (table_.size() - 1);
+    if (table_[slot] == kEmpty) {
+      table_[slot] = static_cast<std::uint32_t>(nodes.size());
+      nodes.push_back(node);
+      leaves.emplace_back();
+    }
+    last_ = node;
+    last_number_ = table_[slot];
+    return last_number_;
+  }
+
+ private:
+  static constexpr std::uint32_t kEmpty = ~std::uint32_t{0};
+  std::vector<std::uint32_t> table_;
+  LeafKey last_ = ~LeafKey{0};
+  std::uint32_t last_number_ = 0;
+};
+
+}  // namespace
+
 void ReturnBins::group(std::size_t bucket, LeafGroups& groups) const {
-  groups.keys.clear();
+  groups.nodes.clear();
+  groups.places.clear();
   groups.begin.clear();
   groups.entries.clear();
-  std::size_t pairs = 0;
-  for (std::size_t n = 0; n < chunk_count_; ++n) pairs += chunks_[n][bucket].size();
+  const std::size_t pairs = pairCount(bucket);
   if (pairs == 0) return;
 
-  constexpr std::uint32_t kEmpty = ~std::uint32_t{0};
-  const std::size_t capacity = std::bit_ceil(pairs * 2);
-  thread_local std::vector<std::uint32_t> table, counts, group_of_pair;
-  table.assign(capacity, kEmpty);
-  counts.clear();
-  group_of_pair.clear();
-  group_of_pair.reserve(pairs);
-  for (std::size_t n = 0; n < chunk_count_; ++n) {
-    for (const Pair& pair : chunks_[n][bucket]) {
-      std::size_t slot = mix(pair.key) & (capacity - 1);
-      while (table[slot] != kEmpty && groups.keys[table[slot]] != pair.key) slot = (slot + 1) & (capacity - 1);
-      if (table[slot] == kEmpty) {
-        table[slot] = static_cast<std::uint32_t>(groups.keys.size());
-        groups.keys.push_back(pair.key);
-        counts.push_back(0);
+  thread_local NodeNumbers numbers;
+  thread_local std::vector<NodeLeaves> leaves;
+  thread_local std::vector<LeafPlace> place_of_pair;
+  thread_local std::vector<std::uint32_t> next;
+  numbers.start(pairs);
+  leaves.clear();
+  place_of_pair.clear();
+  place_of_pair.reserve(pairs);
+  forEachPair(bucket, [&](const Pair& pair) {
+    const std::uint32_t node = numbers.of(nodeOf(pair.key), groups.nodes, leaves), place = placeInNode(pair.key);
+    leaves[node].reached[place / 64] |= std::uint64_t{1} << place % 64;
+    place_of_pair.push_back({node * kLeavesPerNode + place});
+  });
+  for (std::uint32_t node = 0; node < leaves.size(); ++node) {
+    for (std::uint32_t word = 0; word < kLeavesPerNode / 64; ++word) {
+      leaves[node].before[word] = static_cast<std::uint32_t>(groups.places.size());
+      for (std::uint64_t left = leaves[node].reached[word]; left != 0; left &= left - 1) {
+        const auto place = word * 64 + static_cast<std::uint32_t>(std::countr_zero(left));
+        groups.places.push_back({node * kLeavesPerNode + place});
       }
-      ++counts[table[slot]];
-      group_of_pair.push_back(table[slot]);
     }
   }
-  groups.begin.assign(groups.keys.size() + 1, 0);
-  for (std::size_t g = 0; g < counts.size(); ++g) groups.begin[g + 1] = groups.begin[g] + counts[g];
-  groups.entries.assign(pairs + LeafFusion::kLookAhead, LeafEntry{});
-  counts.assign(groups.begin.begin(), groups.begin.end() - 1);
-  std::size_t pair_number = 0;
-  for (std::size_t n = 0; n < chunk_count_; ++n) {
-    for (const Pair& pair : chunks_[n][bucket]) groups.entries[counts[group_of_pair[pair_number++]]++] = pair.entry;
+  groups.begin.assign(groups.places.size() + 1, 0);
+  next.clear();
+  next.reserve(pairs);
+  for (const LeafPlace place : place_of_pair) {
+    next.push_back(leaves[place.node()].rankOf(place.inNode()));
+    ++groups.begin[next.back() + 1];
   }
+  for (std::size_t g = 1; g < groups.begin.size(); ++g) groups.begin[g] += groups.begin[g - 1];
+  groups.entries.resize(pairs + LeafFusion::kLookAhead);
+  std::fill(groups.entries.end() - LeafFusion::kLookAhead, groups.entries.end(), LeafEntry{});
+  // begin[g] moves to its own end, which is the next one's begin: one step aside, and it is as it was.
+  std::size_t pair_number = 0;
+  forEachPair(bucket, [&](const Pair& pair) { groups.entries[groups.begin[next[pair_number++]]++] = pair.entry; });
+  std::copy_backward(groups.begin.begin(), groups.begin.end() - 1, groups.begin.end());
+  groups.begin[0] = 0;
 }
 
 }  // namespace accessvdb::internal

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Which leaves each return of a scan reaches, grouped by leaf.
 ///
-/// Two passes, both parallel and free of locks: chunks of returns write (leaf, entry) pairs into buckets by the leaf's
-/// neighbourhood; then each bucket is grouped by leaf through a small hash table. Leaves of a bucket lie close together
-/// in the tree, which keeps look-ups and linking cheap.
+/// Two passes, both parallel and free of locks: chunks of returns write (leaf, entry) pairs into buckets by the tree's
+/// node above the leaf; then each bucket is grouped by node and leaf. So all leaves of a node are in one bucket, and
+/// whoever works on a bucket may link new leaves into the tree without asking anyone.
 #pragma once
 
 #include <array>
@@ -22,11 +22,33 @@ using LeafKey = std::uint64_t;
 LeafKey leafKeyOf(std::int32_t leaf_x, std::int32_t leaf_y, std::int32_t leaf_z);
 std::array<std::int32_t, 3> originOf(LeafKey key);
 
-/// The leaves of one bucket with their entries.
+/// Leaves along each edge of the tree's node above them, and in all of it.
+inline constexpr std::uint32_t kNodeEdge = 16;
+inline constexpr std::uint32_t kLeavesPerNode = kNodeEdge * kNodeEdge * kNodeEdge;
+
+/// A leaf of a bucket: which of its nodes, and where in the node's table.
+struct LeafPlace {
+  std::uint32_t code;  ///< node * kLeavesPerNode + place
+  [[nodiscard]] std::uint32_t node() const { return code / kLeavesPerNode; }
+  [[nodiscard]] std::uint32_t inNode() const { return code % kLeavesPerNode; }
+};
+
+/// The leaves of one bucket with their entries, node by node, in each node by place: neighbours in the table of a node
+/// are neighbours here.
 struct LeafGroups {
-  std::vector<LeafKey> keys;
-  std::vector<std::uint32_t> begin;  ///< [keys + 1] into entries
+  std::vector<LeafKey> nodes;        ///< [nodes] key of each node's least leaf
+  std::vector<LeafPlace> places;     ///< [leaves]
+  std::vector<std::uint32_t> begin;  ///< [leaves + 1] into entries
   std::vector<LeafEntry> entries;    ///< with kLookAhead more, of no meaning, so that prefetching needs no end
+  /// Least voxel of a leaf.
+  [[nodiscard]] std::array<std::int32_t, 3> originOf(std::size_t leaf) const {
+    std::array<std::int32_t, 3> origin = internal::originOf(nodes[places[leaf].node()]);
+    const std::uint32_t place = places[leaf].inNode();
+    origin[0] += static_cast<std::int32_t>(place / (kNodeEdge * kNodeEdge)) * 8;
+    origin[1] += static_cast<std::int32_t>(place / kNodeEdge % kNodeEdge) * 8;
+    origin[2] += static_cast<std::int32_t>(place % kNodeEdge) * 8;
+    return origin;
+  }
 };
 
 class ReturnBins {
@@ -35,6 +57,9 @@ class ReturnBins {
 
   /// Fills the pairs of all returns, and the boxes of their regions.
   void bin(const RegionShape& shape, std::span<ReturnRay> rays);
+
+  /// Pairs of a bucket, a measure of the work that it holds.
+  [[nodiscard]] std::size_t pairCount(std::size_t bucket) const { return pair_counts_[bucket]; }
 
   /// Groups one bucket; safe to call for different buckets at the same time.
   void group(std::size_t bucket, LeafGroups& groups) const;
@@ -47,6 +72,9 @@ class ReturnBins {
   using Chunk = std::array<std::vector<Pair>, kBuckets>;
   std::vector<Chunk> chunks_;  ///< kept between scans, so that their memory is reused
   std::size_t chunk_count_ = 0;
+  std::array<std::size_t, kBuckets> pair_counts_ = {};
+  template <typename Visit>
+  void forEachPair(std::size_t bucket, const Visit& visit) const;
 };
 
 }  // namespace accessvdb::internal

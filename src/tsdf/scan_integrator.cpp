@@ -5,12 +5,16 @@
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
-#include <cstring>
+#include <functional>
 #include <memory>
+#include <utility>
 
+#include "tsdf/bucket_fusion.h"
 #include "tsdf/projective_integrator.h"
 
 namespace accessvdb::internal {
@@ -39,30 +43,11 @@ RegionShape shapeOf(const TsdfParams& params) {
   return shape;
 }
 
-/// Result of one bucket, joined in bucket order.
-struct BucketResult {
-  std::vector<std::unique_ptr<PackedLeaf>> new_leaves;
-  FoldCounts counts;
-  std::uint64_t touched = 0, allocated = 0;
-};
-
-/// A leaf whose sums wait to be folded.
-struct Reached {
-  PackedLeaf* leaf = nullptr;  ///< nullptr: it is new
-  LeafFusion* fusion = nullptr;
-  std::array<std::int32_t, 3> origin = {};
-};
-
 }  // namespace
 
 struct ScanIntegrator::Workers {
-  struct Worker {
-    Worker(const PackedMap& map, const RegionShape& shape) : fusions{{{map, shape}, {map, shape}}} {}
-    std::array<LeafFusion, 2> fusions;
-    LeafGroups groups;
-  };
-  Workers(const PackedMap& map, const RegionShape& shape) : local([&map, &shape] { return Worker(map, shape); }) {}
-  tbb::enumerable_thread_specific<Worker> local;
+  Workers(PackedMap& map, const RegionShape& shape) : local([&map, &shape] { return BucketFusion(map, shape); }) {}
+  tbb::enumerable_thread_specific<BucketFusion> local;
 };
 
 ScanIntegrator::ScanIntegrator(PackedMap& map)
@@ -84,69 +69,32 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   }
   rays_.resize(p_L.size());
   const double v = map_.params().voxel_size_m;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), 1024), [&](const auto& range) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), 256), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       rays_[n] = makeRay(p_L[n], q_L[q_L.size() == 1 ? 0 : n], v);
     }
   });
   bins_.bin(shape_, rays_);
 
+  // The largest buckets first, so that no thread begins with one when the others are done.
+  std::array<std::pair<std::size_t, std::size_t>, ReturnBins::kBuckets> order;  // pairs, bucket
+  for (std::size_t b = 0; b < ReturnBins::kBuckets; ++b) order[b] = {bins_.pairCount(b), b};
+  std::sort(order.begin(), order.end(), std::greater<>());
   std::array<BucketResult, ReturnBins::kBuckets> buckets;
-  PackedTree& tree = map_.tree();
-  tbb::parallel_for(std::size_t{0}, ReturnBins::kBuckets, [&](std::size_t b) {
-    Workers::Worker& worker = workers_->local.local();
-    std::vector<LeafChange>& changes = changes_[b];
-    changes.clear();
-    BucketResult& bucket = buckets[b];
-    bins_.group(b, worker.groups);
-    const LeafGroups& groups = worker.groups;
-    // Unregistered: a registered accessor would take a lock in the tree for every thread.
-    PackedAccessor accessor(tree);
-    const auto find = [&](std::size_t g) -> PackedLeaf* {
-      const auto origin = originOf(groups.keys[g]);
-      PackedLeaf* leaf = accessor.probeLeaf(openvdb::Coord(origin[0], origin[1], origin[2]));
-      if (leaf != nullptr) prefetch(leaf, sizeof(PackedLeaf));
-      return leaf;
-    };
-    const auto fold = [&](const Reached& reached) {
-      PackedLeaf* leaf = reached.leaf;
-      LeafFusion& fusion = *reached.fusion;
-      if (leaf == nullptr) {
-        bucket.new_leaves.push_back(std::make_unique<PackedLeaf>(
-            openvdb::PartialCreate(), openvdb::Coord(reached.origin[0], reached.origin[1], reached.origin[2])));
-        leaf = bucket.new_leaves.back().get();
-      }
-      if (fusion.hasSamples() && leaf->buffer().empty()) {
-        leaf->buffer().allocate();
-        std::memset(packedValues(*leaf), 0, PackedLeaf::SIZE * sizeof(PackedVoxel));
-        ++bucket.allocated;
-      }
-      changes.emplace_back();
-      if (!fusion.fold(*leaf, changes.back(), bucket.counts)) changes.pop_back();
-    };
-    // A leaf is found one step before it is summed and folded one step after, so that its memory arrives in between.
-    Reached waiting;
-    PackedLeaf* next = groups.keys.empty() ? nullptr : find(0);
-    for (std::size_t g = 0; g < groups.keys.size(); ++g) {
-      PackedLeaf* leaf = next;
-      if (g + 1 < groups.keys.size()) next = find(g + 1);
-      const std::span<const LeafEntry> entries(groups.entries.data() + groups.begin[g],
-                                               groups.begin[g + 1] - groups.begin[g]);
-      LeafFusion& fusion = waiting.fusion == &worker.fusions[0] ? worker.fusions[1] : worker.fusions[0];
-      const auto origin = originOf(groups.keys[g]);
-      if (!fusion.accumulate(origin, entries, rays_.data())) continue;
-      ++bucket.touched;
-      if (leaf != nullptr) fusion.prefetchTouched(*leaf);
-      if (waiting.fusion != nullptr) fold(waiting);
-      waiting = {leaf, &fusion, origin};
-    }
-    if (waiting.fusion != nullptr) fold(waiting);
-  });
+  std::atomic<std::size_t> next = 0;
+  tbb::parallel_for(
+      0, tbb::this_task_arena::max_concurrency(),
+      [&](int) {
+        for (std::size_t n = next++; n < order.size(); n = next++) {
+          const std::size_t b = order[n].second;
+          workers_->local.local().fuse(bins_, b, rays_.data(), changes_[b], buckets[b]);
+        }
+      },
+      tbb::simple_partitioner());
 
-  PackedAccessor accessor(tree);
   for (BucketResult& bucket : buckets) {
-    for (auto& leaf : bucket.new_leaves) accessor.addLeaf(leaf.release());
-    result.new_leaves += bucket.new_leaves.size();
+    linkNodes(map_.tree(), bucket.new_nodes);
+    result.new_leaves += bucket.new_leaves;
     result.touched_leaves += bucket.touched;
     result.counts.distance_updates += bucket.counts.distance_updates;
     result.counts.cleared_updates += bucket.counts.cleared_updates;
@@ -159,6 +107,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   map_.leaf_count += result.new_leaves;
   map_.observed_voxels += result.counts.newly_observed;
   if (projective_) projective_->integrate(p_L, q_L[0], frame, result);
+  reserve_.refill();
   return result;
 }
 

@@ -12,6 +12,7 @@
 
 #include "accessvdb/leaf_change.h"
 #include "tsdf/leaf_fusion.h"
+#include "tsdf/leaf_reserve.h"
 #include "tsdf/packed_map.h"
 #include "tsdf/return_bins.h"
 
@@ -51,8 +52,9 @@ class ScanIntegrator {
   RegionShape shape_;
   ReturnBins bins_;
   std::vector<ReturnRay> rays_;
+  LeafReserve reserve_;
   struct Workers;
-  std::unique_ptr<Workers> workers_;                                   ///< a LeafFusion a thread
+  std::unique_ptr<Workers> workers_;                                   ///< a BucketFusion a thread
   std::unique_ptr<ProjectiveIntegrator> projective_;                   ///< only for UpdateRegion::Projective
   std::array<std::vector<LeafChange>, ReturnBins::kBuckets> changes_;  ///< kept, so that memory is reused
 };

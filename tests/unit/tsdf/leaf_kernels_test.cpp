@@ -3,6 +3,7 @@
 /// Every instruction set gives the same bits.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 #include <vector>
@@ -101,6 +102,47 @@ TEST(LeafKernels, EveryInstructionSetGivesTheSameBits) {
   }
   EXPECT_GT(updates, 10000u);
   EXPECT_GT(passes, 10000u);
+}
+
+/// The mean after a fold is (mean * weight + 16 * sum) / total to the nearest step, halves up; in whole numbers.
+TEST(LeafKernels, FoldedMeansAreRoundedExactly) {
+  const LeafKernelList list = runnableLeafKernels();
+  for (int n = 0; n < list.count; ++n) {
+    const LeafKernels& kernels = *list.kernels[static_cast<std::size_t>(n)];
+    SCOPED_TRACE(kernels.name);
+    KernelConstants constants = {};
+    constants.max_weight = kWeightMask;
+    std::mt19937 random(7);
+    std::uint64_t halves = 0, wrong = 0;
+    for (int round = 0; round < 2000; ++round) {
+      // Small totals have the most halves; the largest ones lie nearest to a half without being one.
+      const std::uint32_t most_samples = round % 4 == 0 ? 32767u : round % 4 == 1 ? 300u : 8u;
+      const std::uint32_t most_weight = round % 3 == 0 ? kWeightMask : 9u;
+      std::vector<std::uint32_t> packed(512), expected(512);
+      LeafSums sums;
+      for (std::size_t i = 0; i < 512; ++i) {
+        const std::uint32_t mean = random() % 8 == 0 ? kMeanSteps - random() % 2 : random() % (kMeanSteps + 1);
+        const std::uint32_t weight = random() % (most_weight + 1), samples = 1 + random() % most_samples;
+        const std::uint64_t total = std::uint64_t{weight} + samples;
+        std::uint64_t sum = random() % (std::uint64_t{samples} * kSampleSteps + 1);
+        if (random() % 8 == 0) sum = std::uint64_t{samples} * kSampleSteps;
+        packed[i] = weight == 0 ? 0 : packVoxel(mean, weight);
+        sums.distance[i] = static_cast<std::uint32_t>(sum);
+        sums.samples[i] = samples;
+        const std::uint64_t numerator = std::uint64_t{meanOf(packed[i])} * weight + 16 * sum;
+        halves += 2 * (numerator % total) == total ? 1 : 0;
+        expected[i] = packVoxel(static_cast<std::uint32_t>((2 * numerator + total) / (2 * total)),
+                                static_cast<std::uint32_t>(std::min<std::uint64_t>(total, kWeightMask)));
+      }
+      LeafBits cleared = {};
+      LeafChange change;
+      FoldCounts counts;
+      kernels.fold({packed.data(), cleared.data()}, constants, 0xffffffffu, sums, LeafBits{}, change, counts);
+      for (std::size_t i = 0; i < 512; ++i) wrong += packed[i] != expected[i] ? 1 : 0;
+    }
+    EXPECT_EQ(wrong, 0u);
+    EXPECT_GT(halves, 1000u);
+  }
 }
 
 }  // namespace

@@ -1,0 +1,114 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "tsdf/bucket_fusion.h"
+
+#include <span>
+
+namespace accessvdb::internal {
+namespace {
+
+static_assert(PackedLowerNode::NUM_VALUES == kLeavesPerNode, "bins hold the leaves of whole nodes");
+
+openvdb::Coord coordOf(const std::array<std::int32_t, 3>& ijk) { return {ijk[0], ijk[1], ijk[2]}; }
+
+}  // namespace
+
+void linkNodes(PackedTree& tree, std::vector<std::unique_ptr<PackedLowerNode>>& nodes) {
+  using Upper = PackedTree::RootNodeType::ChildNodeType;
+  for (auto& node : nodes) {
+    auto* upper = tree.root().probeNode<Upper>(node->origin());
+    if (upper == nullptr) {
+      auto made = std::make_unique<Upper>(node->origin(), tree.background());  // rounds the origin down to its own
+      upper = made.get();
+      tree.root().addChild(made.release());
+    }
+    upper->addChild(node.release());
+  }
+}
+
+BucketFusion::BucketFusion(PackedMap& map, const RegionShape& shape) : map_(map) {
+  fusions_.reserve(kWaiting);
+  for (std::size_t n = 0; n < kWaiting; ++n) fusions_.emplace_back(map, shape);
+}
+
+void BucketFusion::locateNodes() {
+  nodes_.clear();
+  for (const LeafKey key : groups_.nodes) {
+    nodes_.push_back(map_.tree().root().probeNode<PackedLowerNode>(coordOf(originOf(key))));
+  }
+}
+
+void BucketFusion::askForEntry(std::size_t group) const {
+  const LeafPlace place = groups_.places[group];
+  const PackedLowerNode* node = nodes_[place.node()];
+  if (node == nullptr) return;
+  prefetch(node->getTable() + place.inNode(), sizeof(Entry));
+  prefetch(reinterpret_cast<const std::byte*>(&node->getChildMask()) + place.inNode() / 8, 1);
+}
+
+PackedLeaf* BucketFusion::leafOf(std::size_t group) const {
+  const LeafPlace place = groups_.places[group];
+  const PackedLowerNode* node = nodes_[place.node()];
+  if (node == nullptr || !node->isChildMaskOn(place.inNode())) return nullptr;
+  PackedLeaf* leaf = node->getTable()[place.inNode()].getChild();
+  prefetch(leaf, sizeof(PackedLeaf));
+  return leaf;
+}
+
+PackedLeaf* BucketFusion::addLeaf(std::size_t group, BucketResult& result) {
+  const std::uint32_t number = groups_.places[group].node();
+  if (nodes_[number] == nullptr) {
+    result.new_nodes.push_back(
+        std::make_unique<PackedLowerNode>(coordOf(originOf(groups_.nodes[number])), map_.tree().background()));
+    nodes_[number] = result.new_nodes.back().get();
+  }
+  auto leaf = std::make_unique<PackedLeaf>(openvdb::PartialCreate(), coordOf(groups_.originOf(group)));
+  PackedLeaf* added = leaf.get();
+  nodes_[number]->addChild(leaf.release());
+  ++result.new_leaves;
+  return added;
+}
+
+void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, std::vector<LeafChange>& changes,
+                        BucketResult& result) {
+  PackedLeaf* leaf = waiting.leaf != nullptr ? waiting.leaf : addLeaf(waiting.group, result);
+  if (fusion.hasSamples() && leaf->buffer().empty()) {
+    allocateZeroed(*leaf);
+    ++result.allocated;
+  }
+  LeafChange change;
+  if (fusion.fold(*leaf, change, result.counts)) changes.push_back(change);
+}
+
+void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays,
+                        std::vector<LeafChange>& changes, BucketResult& result) {
+  changes.clear();
+  bins.group(bucket, groups_);
+  locateNodes();
+  const std::size_t count = groups_.places.size();
+  for (std::size_t g = 0; g < std::min(count, kEntryAhead); ++g) askForEntry(g);
+  for (std::size_t g = 0; g < std::min(count, kLeafAhead); ++g) leaves_[g] = leafOf(g);
+  std::size_t summed = 0, folded = 0;  // leaves that were reached indeed
+  for (std::size_t g = 0; g < count; ++g) {
+    if (g + kEntryAhead < count) askForEntry(g + kEntryAhead);
+    PackedLeaf* leaf = leaves_[g % kLeafAhead];
+    if (g + kLeafAhead < count) leaves_[g % kLeafAhead] = leafOf(g + kLeafAhead);
+    if (summed - folded == kWaiting) {
+      fold(fusions_[folded % kWaiting], waiting_[folded % kWaiting], changes, result);
+      ++folded;
+    }
+    const std::span<const LeafEntry> entries(groups_.entries.data() + groups_.begin[g],
+                                             groups_.begin[g + 1] - groups_.begin[g]);
+    LeafFusion& fusion = fusions_[summed % kWaiting];
+    if (!fusion.accumulate(groups_.originOf(g), entries, rays)) continue;
+    if (leaf != nullptr) fusion.prefetchValues(*leaf);
+    waiting_[summed % kWaiting] = {leaf, static_cast<std::uint32_t>(g)};
+    ++summed;
+  }
+  for (; folded < summed; ++folded) {
+    fold(fusions_[folded % kWaiting], waiting_[folded % kWaiting], changes, result);
+  }
+  result.touched += summed;
+}
+
+}  // namespace accessvdb::internal
