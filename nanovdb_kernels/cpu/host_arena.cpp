@@ -75,24 +75,9 @@ void HostArena::commit(std::uint64_t bytes) {
   committed_ = needed;
 }
 
-void HostArena::requireCommitted(std::uint64_t offset, std::uint64_t bytes) const {
-  if (!(offset <= committed_ && bytes <= committed_ - offset)) {
-    throw InternalError("arena.write_range", "", "A write of the mirror is outside the committed memory",
-                        "Please report this");
-  }
-}
-
 void HostArena::write(std::uint64_t offset, const void* source, std::uint64_t bytes) {
-  requireCommitted(offset, bytes);
+  if (!(offset <= committed_ && bytes <= committed_ - offset)) throwOutside();
   std::memcpy(base_ + offset, source, bytes);
-}
-
-bool HostArena::stage(std::span<const std::uint64_t> offsets, std::uint64_t bytes, std::span<void*> places) {
-  for (std::size_t n = 0; n < offsets.size(); ++n) {
-    requireCommitted(offsets[n], bytes);
-    places[n] = base_ + offsets[n];
-  }
-  return true;
 }
 
 }  // namespace accessvdb::kernels

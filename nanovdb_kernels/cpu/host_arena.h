@@ -22,16 +22,14 @@ class HostArena final : public MirrorArena {
   ~HostArena() override;
 
   [[nodiscard]] void* base() const noexcept override { return base_; }
+  [[nodiscard]] std::byte* inPlace() const noexcept override { return reinterpret_cast<std::byte*>(base_); }
   void commit(std::uint64_t bytes) override;
   void write(std::uint64_t offset, const void* source, std::uint64_t bytes) override;
-  bool stage(std::span<const std::uint64_t> offsets, std::uint64_t bytes, std::span<void*> places) override;
   void flush() override {}
   [[nodiscard]] std::uint64_t reservedBytes() const noexcept override { return reserved_; }
   [[nodiscard]] std::uint64_t committedBytes() const noexcept override { return committed_; }
 
  private:
-  void requireCommitted(std::uint64_t offset, std::uint64_t bytes) const;
-
   unsigned char* base_ = nullptr;  ///< aligned to a huge page, inside the mapping
   void* mapping_ = nullptr;
   std::uint64_t mapping_bytes_ = 0;

@@ -14,8 +14,8 @@ namespace {
 
 constexpr std::uint64_t kLeastReserve = std::uint64_t(1) << 30;
 // A step costs about a millisecond and keeps up to its size unused.
-constexpr std::uint64_t kLeastStep = std::uint64_t(32) << 20;
-constexpr std::uint64_t kMostStep = std::uint64_t(256) << 20;
+constexpr std::uint64_t kLeastStep = std::uint64_t(16) << 20;
+constexpr std::uint64_t kMostStep = std::uint64_t(64) << 20;
 
 std::uint64_t roundUp(std::uint64_t bytes, std::uint64_t unit) { return (bytes + unit - 1) / unit * unit; }
 

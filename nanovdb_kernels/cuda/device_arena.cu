@@ -1,21 +1,17 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include <cstring>
-
 #include "cuda/cuda_check.h"
 #include "cuda/device_arena.h"
 
 namespace accessvdb::kernels {
 namespace {
 
-/// A batch is sent when it holds this much, so that staging stays small however large a frame is.
-constexpr std::size_t kMostBatchBytes = std::size_t(32) << 20;
-constexpr std::size_t kLeastBatchBytes = std::size_t(1) << 20;
-/// Data keep their place in a 16-byte line on the way, so that the kernel may copy words.
-constexpr std::uint64_t kLine = 16;
-/// Threads that share a write: most are 128 bytes or 8.
-constexpr unsigned kThreadsPerWrite = 8;
+/// Host and device hold two such: a frame of 100 000 changed leaves goes through in four.
+constexpr std::uint32_t kBatchBytes = 8u << 20;
+/// Threads that share a write: most are 8 or 16 bytes.
+constexpr unsigned kThreadsPerWrite = 4;
 constexpr unsigned kThreadsPerBlock = 256;
+constexpr unsigned kWholeWarp = 0xffffffffu;
 
 __global__ void scatterWrites(unsigned char* to, const unsigned char* batch, const StagedWrite* writes,
                               std::uint32_t count) {
@@ -23,7 +19,7 @@ __global__ void scatterWrites(unsigned char* to, const unsigned char* batch, con
   if (n >= count) return;
   const StagedWrite write = writes[n];
   const std::uint32_t first = threadIdx.x % kThreadsPerWrite;
-  if (((write.offset | write.bytes) & 3) == 0) {
+  if (((write.offset | write.bytes | write.source) & 3) == 0) {
     const auto* source = reinterpret_cast<const std::uint32_t*>(batch + write.source);
     auto* place = reinterpret_cast<std::uint32_t*>(to + write.offset);
     for (std::uint32_t i = first; i < write.bytes / 4; i += kThreadsPerWrite) place[i] = source[i];
@@ -33,87 +29,111 @@ __global__ void scatterWrites(unsigned char* to, const unsigned char* batch, con
   }
 }
 
+/// As switchBits() of launch/leaf_patch.h, a lane a word of the leaf.
+__global__ void patchLeaves(unsigned char* to, const LeafPatch* patches, const std::uint64_t* words,
+                            std::uint32_t count) {
+  const std::uint32_t n = (blockIdx.x * kThreadsPerBlock + threadIdx.x) / kLeafWords;
+  const std::uint32_t lane = threadIdx.x % kLeafWords;
+  const LeafPatch patch = n < count ? patches[n] : LeafPatch{};
+  auto* bits = reinterpret_cast<std::uint64_t*>(to + std::uint64_t{patch.leaf} * LeafPatch::kUnit + kLeafBitsBytes);
+  const auto wordOf = [&](std::uint32_t bit) -> std::uint64_t {
+    if ((patch.mask >> bit & 1) == 0) return 0;
+    return words[patch.first_word + __popc(patch.mask & ((1u << bit) - 1))];
+  };
+  const std::uint64_t before = patch.mask != 0 ? bits[lane] : 0;
+  const std::uint64_t after = switched(before, wordOf(lane), wordOf(kLeafWords + lane));
+  if (after != before) bits[lane] = after;
+
+  const bool counts = (patch.mask & 0xff00ff00u) != 0;  // a word of collides changes
+  if (!__any_sync(kWholeWarp, counts)) return;
+  unsigned long long collides[8];
+  for (int x = 0; x < 8; ++x)
+    collides[x] = __shfl_sync(kWholeWarp, static_cast<unsigned long long>(after), 8 + x, kLeafWords);
+  if (!counts || lane != 0) return;
+  std::uint64_t rows[8];
+  for (int x = 0; x < 8; ++x) rows[x] = collides[x];
+  bits[kLeafWords] = countCells(rows);
+}
+
+unsigned blocksFor(std::uint32_t count, unsigned threads_each) {
+  return (count * threads_each + kThreadsPerBlock - 1) / kThreadsPerBlock;
+}
+
 }  // namespace
+
+DeviceArena::Slot::Slot(DeviceContext& device_context)
+    : context(device_context),
+      device(nullptr),
+      sent(cudaEventDisableTiming),
+      batch((host.reserveExactly(kBatchBytes), host.data()), kBatchBytes) {
+  device = context.allocate(kBatchBytes);
+}
+
+DeviceArena::Slot::~Slot() { context.release(device); }
 
 DeviceArena::DeviceArena(std::shared_ptr<DeviceContext> context, std::uint64_t reserve_bytes)
     : context_(std::move(context)), range_(context_, reserve_bytes) {
   const CurrentDevice current(context_->device());
-  for (Batch& batch : batches_) {
-    ACCESSVDB_CUDA(cudaEventCreateWithFlags(&batch.done, cudaEventDisableTiming));
-  }
+  for (auto& slot : slots_) slot = std::make_unique<Slot>(*context_);
 }
 
 DeviceArena::~DeviceArena() {
   (void)cudaStreamSynchronize(context_->mirrorStream());
-  for (Batch& batch : batches_) {
-    if (batch.done != nullptr) (void)cudaEventDestroy(batch.done);
-    context_->release(batch.device);
-  }
   (void)cudaGetLastError();
 }
 
 void DeviceArena::commit(std::uint64_t bytes) {
-  const std::uint64_t before = range_.backedBytes();
-  if (bytes <= before) return;
   range_.back(bytes);
+  const std::uint64_t backed = range_.backedBytes();
+  if (zeroed_bytes_ == backed) return;
   const CurrentDevice current(context_->device());
-  ACCESSVDB_CUDA(cudaMemsetAsync(static_cast<unsigned char*>(range_.base()) + before, 0, range_.backedBytes() - before,
+  ACCESSVDB_CUDA(cudaMemsetAsync(static_cast<unsigned char*>(range_.base()) + zeroed_bytes_, 0, backed - zeroed_bytes_,
                                  context_->mirrorStream()));
+  zeroed_bytes_ = backed;
 }
 
-void DeviceArena::requireCommitted(std::uint64_t offset, std::uint64_t bytes) const {
-  if (!(offset <= committedBytes() && bytes <= committedBytes() - offset)) {
-    throw InternalError("arena.write_range", "", "A write of the mirror is outside the committed memory",
-                        "Please report this");
+WriteBatch& DeviceArena::filling() {
+  Slot& slot = *slots_[filling_];
+  if (!waited_) {
+    const CurrentDevice current(context_->device());
+    ACCESSVDB_CUDA(cudaEventSynchronize(slot.sent.get()));
+    slot.batch.clear();
+    waited_ = true;
   }
-}
-
-/// Of the batch that is being filled. Pinned memory loses what it holds when it grows.
-void DeviceArena::reserveHost(std::size_t bytes) {
-  Batch& batch = batches_[filling_];
-  if (batch.host.size() >= bytes) return;
-  const std::vector<std::byte> kept(batch.host.data(), batch.host.data() + filled_bytes_);
-  batch.host.reserve(bytes < kLeastBatchBytes ? kLeastBatchBytes : bytes);
-  if (!kept.empty()) std::memcpy(batch.host.data(), kept.data(), kept.size());
+  return slot.batch;
 }
 
 void DeviceArena::write(std::uint64_t offset, const void* source, std::uint64_t bytes) {
-  requireCommitted(offset, bytes);
+  if (!(offset <= committedBytes() && bytes <= committedBytes() - offset)) throwOutside();
   const auto* from = static_cast<const unsigned char*>(source);
   while (bytes > 0) {
-    const std::uint64_t part = bytes < kMostBatchBytes / 2 ? bytes : kMostBatchBytes / 2;
-    std::size_t place = (filled_bytes_ + kLine - 1) / kLine * kLine + offset % kLine;
-    if (place + part + (writes_.size() + 2) * sizeof(StagedWrite) > kMostBatchBytes) {
-      send();
-      place = offset % kLine;
-    }
-    reserveHost(place + part);
-    std::memcpy(batches_[filling_].host.data() + place, from, part);
-    writes_.push_back({offset, static_cast<std::uint32_t>(place), static_cast<std::uint32_t>(part)});
-    filled_bytes_ = place + part;
+    const std::uint32_t part = filling().write(offset, from, bytes);
+    if (part == 0) send();
     offset += part;
     from += part;
     bytes -= part;
   }
 }
 
-bool DeviceArena::stage(std::span<const std::uint64_t> offsets, std::uint64_t bytes, std::span<void*> places) {
-  const std::uint64_t each = (bytes + kLine - 1) / kLine * kLine + kLine;  // room for any alignment
-  if (offsets.size() * (each + sizeof(StagedWrite)) > kMostBatchBytes) return false;
-  const std::size_t begin = (filled_bytes_ + kLine - 1) / kLine * kLine;
-  if (begin + offsets.size() * each + (writes_.size() + offsets.size()) * sizeof(StagedWrite) > kMostBatchBytes) send();
-  for (const std::uint64_t offset : offsets) requireCommitted(offset, bytes);
-  std::size_t top = (filled_bytes_ + kLine - 1) / kLine * kLine;
-  reserveHost(top + offsets.size() * each);
-  for (std::size_t n = 0; n < offsets.size(); ++n) {
-    const std::size_t place = top + offsets[n] % kLine;
-    writes_.push_back({offsets[n], static_cast<std::uint32_t>(place), static_cast<std::uint32_t>(bytes)});
-    places[n] = batches_[filling_].host.data() + place;
-    top = (place + bytes + kLine - 1) / kLine * kLine;
-    filled_bytes_ = place + bytes;
+StagedWrites DeviceArena::stageWrites(std::size_t count, std::uint32_t bytes) {
+  StagedWrites room = filling().writes(count, bytes);
+  if (room.count == 0 && count > 0) {
+    send();
+    room = filling().writes(count, bytes);
   }
-  return true;
+  return room;
 }
+
+StagedPatches DeviceArena::stagePatches(std::size_t count) {
+  StagedPatches room = filling().patches(count);
+  if (room.count == 0 && count > 0) {
+    send();
+    room = filling().patches(count);
+  }
+  return room;
+}
+
+void DeviceArena::endPatches(std::size_t count, std::size_t words) { filling().endPatches(count, words); }
 
 void DeviceArena::flush() {
   const CurrentDevice current(context_->device());
@@ -121,38 +141,31 @@ void DeviceArena::flush() {
   ACCESSVDB_CUDA(cudaEventRecord(context_->mirrorReady(), context_->mirrorStream()));
 }
 
-void DeviceArena::reserveDevice(Batch& batch, std::size_t bytes) {
-  if (bytes <= batch.device_bytes) return;
-  context_->release(batch.device);
-  batch.device = nullptr;
-  batch.device_bytes = 0;
-  const std::size_t wanted = bytes + bytes / 2;
-  batch.device = context_->allocate(wanted);
-  batch.device_bytes = wanted;
-}
-
 void DeviceArena::send() {
-  if (writes_.empty()) return;
+  const WriteBatch& batch = filling();
+  if (batch.empty()) return;
   const CurrentDevice current(context_->device());
-  Batch& batch = batches_[filling_];
-  const std::size_t list = (filled_bytes_ + kLine - 1) / kLine * kLine;
-  const std::size_t list_bytes = writes_.size() * sizeof(StagedWrite), total = list + list_bytes;
-  reserveHost(total);
-  std::memcpy(batch.host.data() + list, writes_.data(), list_bytes);
-  reserveDevice(batch, total);
-  const cudaStream_t stream = context_->mirrorStream();
-  ACCESSVDB_CUDA(cudaMemcpyAsync(batch.device, batch.host.data(), total, cudaMemcpyHostToDevice, stream));
-  const auto count = static_cast<std::uint32_t>(writes_.size());
-  const unsigned blocks = (count * kThreadsPerWrite + kThreadsPerBlock - 1) / kThreadsPerBlock;
-  const auto* device = static_cast<const unsigned char*>(batch.device);
-  scatterWrites<<<blocks, kThreadsPerBlock, 0, stream>>>(static_cast<unsigned char*>(range_.base()), device,
-                                                         reinterpret_cast<const StagedWrite*>(device + list), count);
-  checkLaunch("scatterWrites");
-  ACCESSVDB_CUDA(cudaEventRecord(batch.done, stream));
-  writes_.clear();
-  filled_bytes_ = 0;
+  Slot& slot = *slots_[filling_];
   filling_ = 1 - filling_;
-  ACCESSVDB_CUDA(cudaEventSynchronize(batches_[filling_].done));  // the device has read what is filled next
+  waited_ = false;
+  const cudaStream_t stream = context_->mirrorStream();
+  ACCESSVDB_CUDA(cudaMemcpyAsync(slot.device, batch.data(), batch.usedBytes(), cudaMemcpyHostToDevice, stream));
+  auto* to = static_cast<unsigned char*>(range_.base());
+  const auto* device = static_cast<const unsigned char*>(slot.device);
+  for (const WriteBatch::Section& section : batch.sections()) {
+    if (section.count == 0) continue;
+    if (section.kind == WriteBatch::Kind::Patches) {
+      patchLeaves<<<blocksFor(section.count, kLeafWords), kThreadsPerBlock, 0, stream>>>(
+          to, reinterpret_cast<const LeafPatch*>(device + section.list),
+          reinterpret_cast<const std::uint64_t*>(device + section.data), section.count);
+      checkLaunch("patchLeaves");
+    } else {
+      scatterWrites<<<blocksFor(section.count, kThreadsPerWrite), kThreadsPerBlock, 0, stream>>>(
+          to, device, reinterpret_cast<const StagedWrite*>(device + section.list), section.count);
+      checkLaunch("scatterWrites");
+    }
+  }
+  ACCESSVDB_CUDA(cudaEventRecord(slot.sent.get(), stream));
 }
 
 }  // namespace accessvdb::kernels

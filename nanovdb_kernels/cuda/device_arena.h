@@ -11,51 +11,56 @@
 
 #include "cuda/address_range.h"
 #include "cuda/device_context.h"
+#include "cuda/owned_event.h"
 #include "cuda/pinned_buffer.h"
+#include "launch/device_array.h"
 #include "launch/mirror_arena.h"
+#include "launch/write_batch.h"
 
 namespace accessvdb::kernels {
-
-/// One write: `bytes` bytes at byte `source` of the batch go to byte `offset` of the arena.
-struct StagedWrite {
-  std::uint64_t offset;
-  std::uint32_t source, bytes;
-};
 
 class DeviceArena final : public MirrorArena {
  public:
   static constexpr std::uint64_t kDefaultReserveBytes = std::uint64_t(64) << 30;
 
+  /// Takes all memory that it will ever need beside what it commits. @throw DeviceError, ResourceLimit
   explicit DeviceArena(std::shared_ptr<DeviceContext> context, std::uint64_t reserve_bytes = kDefaultReserveBytes);
   ~DeviceArena() override;
 
   [[nodiscard]] void* base() const noexcept override { return range_.base(); }
   void commit(std::uint64_t bytes) override;
   void write(std::uint64_t offset, const void* source, std::uint64_t bytes) override;
-  bool stage(std::span<const std::uint64_t> offsets, std::uint64_t bytes, std::span<void*> places) override;
+  StagedWrites stageWrites(std::size_t count, std::uint32_t bytes) override;
+  StagedPatches stagePatches(std::size_t count) override;
+  void endPatches(std::size_t count, std::size_t words) override;
   void flush() override;
   [[nodiscard]] std::uint64_t reservedBytes() const noexcept override { return range_.reservedBytes(); }
   [[nodiscard]] std::uint64_t committedBytes() const noexcept override { return range_.backedBytes(); }
 
  private:
   /// One of two: while the device reads one, the host fills the other.
-  struct Batch {
+  struct Slot {
+    explicit Slot(DeviceContext& context);
+    ~Slot();
+    Slot(const Slot&) = delete;
+    Slot& operator=(const Slot&) = delete;
+
+    DeviceContext& context;
     PinnedBuffer host;
-    void* device = nullptr;
-    std::size_t device_bytes = 0;
-    cudaEvent_t done = nullptr;
+    void* device;
+    OwnedEvent sent;  ///< recorded when the device has read it
+    WriteBatch batch;
   };
-  void requireCommitted(std::uint64_t offset, std::uint64_t bytes) const;
-  void reserveHost(std::size_t bytes);
-  void reserveDevice(Batch& batch, std::size_t bytes);
+  /// The batch that is being filled; waits until the device has read what it held before.
+  WriteBatch& filling();
   void send();
 
   std::shared_ptr<DeviceContext> context_;
   AddressRange range_;
-  std::array<Batch, 2> batches_;
+  std::uint64_t zeroed_bytes_ = 0;
+  std::array<std::unique_ptr<Slot>, 2> slots_;
   std::size_t filling_ = 0;
-  std::size_t filled_bytes_ = 0;
-  std::vector<StagedWrite> writes_;  ///< of the batch that is being filled
+  bool waited_ = true;  ///< for the slot that is being filled
 };
 
 }  // namespace accessvdb::kernels

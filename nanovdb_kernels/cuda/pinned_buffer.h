@@ -21,23 +21,36 @@ class PinnedBuffer {
   [[nodiscard]] std::byte* data() const { return data_; }
   [[nodiscard]] std::size_t size() const { return size_; }
 
+  /// Takes half as much again, so that it grows seldom, or just `bytes` where there is no memory for that.
   /// @throw ResourceLimit  no memory that can be pinned
   void reserve(std::size_t bytes) {
     if (bytes <= size_) return;
     reset();
-    void* address = nullptr;
-    const std::size_t wanted = bytes + bytes / 2;
-    if (const cudaError_t status = cudaHostAlloc(&address, wanted, cudaHostAllocDefault); status != cudaSuccess) {
-      (void)cudaGetLastError();
-      if (status != cudaErrorMemoryAllocation) checkCuda(status, "cudaHostAlloc");
+    if (!allocate(bytes + bytes / 2)) reserveExactly(bytes);
+  }
+  /// @throw ResourceLimit  no memory that can be pinned
+  void reserveExactly(std::size_t bytes) {
+    if (bytes <= size_) return;
+    reset();
+    if (!allocate(bytes)) {
       throw ResourceLimit("memory.pinned", "cuda", "no host memory left for transfers to the GPU",
                           "Free memory, or use --device cpu");
     }
-    data_ = static_cast<std::byte*>(address);
-    size_ = wanted;
   }
 
  private:
+  /// @return false where there is no memory
+  bool allocate(std::size_t bytes) {
+    void* address = nullptr;
+    if (const cudaError_t status = cudaHostAlloc(&address, bytes, cudaHostAllocDefault); status != cudaSuccess) {
+      (void)cudaGetLastError();
+      if (status != cudaErrorMemoryAllocation) checkCuda(status, "cudaHostAlloc");
+      return false;
+    }
+    data_ = static_cast<std::byte*>(address);
+    size_ = bytes;
+    return true;
+  }
   void reset() noexcept {
     if (data_ != nullptr && cudaFreeHost(data_) != cudaSuccess) (void)cudaGetLastError();
     data_ = nullptr;

@@ -3,10 +3,11 @@
 /// The host's own copy of what the mirrored tree looks like, so that nothing is ever read back from the arena.
 ///
 /// The same three levels as the mirrored tree, with 32-bit indices for links: a lookup is two array reads once the root
-/// tile is known, and a new node knows its parent. The bits of a leaf lie in chunks, so that they never move either.
+/// tile is known, and a new node knows its parent. Of the leaves themselves there is no copy.
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
 #include <vector>
 
@@ -24,67 +25,53 @@ struct InternalShadow {
   static constexpr std::uint32_t kWords = kSize / 64;
 
   std::uint64_t arena_offset = 0;                                 ///< [B] of the mirrored node
+  std::array<std::int32_t, 3> origin_ijk = {};                    ///< least voxel
   std::array<std::uint32_t, kSize> child_plus_one = {};           ///< index of the child + 1; 0 = none
-  std::array<std::uint64_t, kWords> child_mask = {};              ///< bit n = entry n is a child
+  std::array<std::uint64_t, kWords> child_mask = {};              ///< bit n = the mirrored entry n is a child
   std::array<std::uint64_t, (kWords + 63) / 64> dirty_mask = {};  ///< bit w = word w of child_mask is unpublished
 
   [[nodiscard]] std::uint32_t child(std::uint32_t n) const noexcept { return child_plus_one[n] - 1; }
-  void link(std::uint32_t n, std::uint32_t child_index) noexcept {
-    child_plus_one[n] = child_index + 1;
-    child_mask[n >> 6] |= std::uint64_t(1) << (n & 63);
-    dirty_mask[n >> 12] |= std::uint64_t(1) << ((n >> 6) & 63);
+
+  // Several threads may call those below, with different n.
+
+  /// @return false: there is a child already
+  [[nodiscard]] bool link(std::uint32_t n, std::uint32_t child_index) noexcept {
+    std::uint32_t none = 0;
+    return std::atomic_ref(child_plus_one[n]).compare_exchange_strong(none, child_index + 1, std::memory_order_relaxed);
   }
-  /// Whether word `word` of the mask is unpublished; forgets it.
-  [[nodiscard]] bool takeDirty(std::uint32_t word) noexcept {
-    const std::uint64_t bit = std::uint64_t(1) << (word & 63);
-    const bool dirty = (dirty_mask[word >> 6] & bit) != 0;
-    dirty_mask[word >> 6] &= ~bit;
-    return dirty;
+  void unlink(std::uint32_t n) noexcept { child_plus_one[n] = 0; }
+  /// Enters a child into the mask. @return whether the caller is the one to publish the word
+  [[nodiscard]] bool mark(std::uint32_t n) noexcept {
+    std::atomic_ref(child_mask[n >> 6]).fetch_or(std::uint64_t(1) << (n & 63), std::memory_order_relaxed);
+    const std::uint64_t bit = std::uint64_t(1) << ((n >> 6) & 63);
+    return (std::atomic_ref(dirty_mask[n >> 12]).fetch_or(bit, std::memory_order_relaxed) & bit) == 0;
+  }
+  void forgetDirty(std::uint32_t n) noexcept {
+    const std::uint64_t bit = std::uint64_t(1) << ((n >> 6) & 63);
+    std::atomic_ref(dirty_mask[n >> 12]).fetch_and(~bit, std::memory_order_relaxed);
   }
 };
-
-/// Bits of a leaf in the order of the mirrored leaf, so that both go out in one write.
-struct LeafShadow {
-  LeafBits arm_free = {};  ///< active
-  LeafBits collides = {};  ///< value
-
-  [[nodiscard]] bool isEmpty() const noexcept {
-    std::uint64_t any = 0;
-    for (int w = 0; w < 8; ++w) any |= arm_free[w] | collides[w];
-    return any == 0;
-  }
-};
-static_assert(sizeof(LeafShadow) == 128);
 
 /// Whether an empty leaf would have bits after `change`.
 [[nodiscard]] inline bool bringsBits(const LeafChange& change) noexcept {
   std::uint64_t any = 0;
-  for (int w = 0; w < 8; ++w) {
+  for (std::size_t w = 0; w < 8; ++w) {
     any |= (change.collides_on[w] & ~change.collides_off[w]) | (change.arm_free_on[w] & ~change.arm_free_off[w]);
   }
   return any != 0;
 }
 
-/// bits = (bits | on) & ~off. @return whether any bit changed
-inline bool switchBits(LeafBits& bits, const LeafBits& on, const LeafBits& off) noexcept {
-  std::uint64_t changed = 0;
-  for (int w = 0; w < 8; ++w) {
-    const std::uint64_t after = (bits[w] | on[w]) & ~off[w];
-    changed |= after ^ bits[w];
-    bits[w] = after;
-  }
-  return changed != 0;
-}
-
-/// Leaves that lie behind each other on both sides. Slot = chunk * kSize + place in the chunk.
-struct alignas(64) LeafChunk {
+/// Leaves that lie behind each other in the arena. Slot = chunk * kSize + place in the chunk.
+struct LeafChunk {
   static constexpr std::uint32_t kSize = 512;
-  using Flags = std::array<std::uint64_t, kSize / 64>;
 
-  std::array<LeafShadow, kSize> leaves = {};
-  std::uint64_t arena_offset = 0;  ///< [B] of the first leaf
-  Flags listed = {};               ///< stands in the list of leaves that may have bits
-  Flags patched = {};              ///< stands in the list of leaves to rewrite in this call
+  /// Number of the last call that changed each leaf.
+  std::array<std::uint32_t, kSize> call = {};
+
+  /// @return false where a leaf comes a second time in a call; threads may ask at once
+  [[nodiscard]] bool comesFirst(std::uint32_t slot, std::uint32_t number) noexcept {
+    return std::atomic_ref(call[slot % kSize]).exchange(number, std::memory_order_relaxed) != number;
+  }
 };
 
 /// Root keys to upper nodes: linear probing in a table that is never more than half full.

@@ -2,24 +2,22 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "mirror/nanovdb_mirror.h"
 
-#include <tbb/blocked_range.h>
-#include <tbb/parallel_for.h>
-
-#include <algorithm>
 #include <array>
+#include <atomic>
+#include <bit>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
-#include <string>
 #include <type_traits>
 #include <vector>
 
 #include "accessvdb/error.h"
-#include "mirror/host_topology.h"
+#include "mirror/mirror_topology.h"
 
 namespace accessvdb::internal {
 namespace {
 
+using kernels::LeafPatch;
 using kernels::OccupancyGrid;
 using kernels::OccupancyLeaf;
 using kernels::OccupancyLower;
@@ -32,102 +30,63 @@ using RootData = OccupancyRoot::DataType;
 using UpperData = OccupancyUpper::DataType;
 using LowerData = OccupancyLower::DataType;
 using LeafData = OccupancyLeaf::DataType;
-using nanovdb::Coord;
 
 // The layout that the patches stand on. Another NanoVDB that changes it must not compile.
 static_assert(sizeof(UpperData) == 270400 && sizeof(LowerData) == 33856 && sizeof(LeafData) == 160);
 static_assert(sizeof(UpperData::Tile) == 8 && sizeof(RootData::Tile) == 32);
-static_assert(offsetof(LeafData, mValues) == offsetof(LeafData, mValueMask) + sizeof(LeafBits));
+static_assert(sizeof(UpperData) % LeafPatch::kUnit == 0 && sizeof(LowerData) % LeafPatch::kUnit == 0 &&
+              sizeof(LeafData) % LeafPatch::kUnit == 0 && sizeof(RootData::Tile) % LeafPatch::kUnit == 0);
+static_assert(offsetof(LeafData, mBBoxMin) == 0 && kernels::kLeafBitsBytes == 16);
 static_assert(std::is_same_v<RootData::KeyT, std::uint64_t>);
 
 constexpr std::uint64_t kTreeOffset = sizeof(GridData);
 constexpr std::uint64_t kRootOffset = kTreeOffset + sizeof(TreeData);
 constexpr std::uint64_t kTilesOffset = kRootOffset + sizeof(RootData);
-constexpr std::uint64_t kLeafBitsOffset = offsetof(LeafData, mValueMask);
 static_assert(kTilesOffset % NANOVDB_DATA_ALIGNMENT == 0);
 
-/// Fewer leaves than this are not worth several threads, which wait for memory together instead of one by one.
-constexpr std::size_t kLeastParallel = 2048;
-/// Shares of the leaves that threads take: more than there are threads costs a glance at each change.
-constexpr std::uint32_t kShares = 32;
-/// Leaves handed to the arena at a time.
-constexpr std::size_t kStagedAtOnce = 1u << 16;
+/// Fewer small writes, or blocks of changes, are not worth several threads.
+constexpr std::size_t kLeastWrites = 1024, kLeastBlocks = 8;
+/// Leaves whose bits are asked for ahead, as they lie anywhere in memory.
+constexpr std::uint32_t kLookAhead = 8;
 
 }  // namespace
 
 class NanoVdbMirror::Impl {
  public:
   Impl(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m, std::uint32_t root_capacity);
-  void applyParts(std::span<const std::span<const LeafChange>> parts);
-  void clear();
-
-  [[nodiscard]] std::uint64_t hostBytes() const noexcept;
+  void applyParts(ChangeParts parts);
 
   std::unique_ptr<kernels::MirrorArena> arena_;
-  std::uint32_t root_capacity_;
-  std::uint64_t top_ = 0;  ///< [B] of the arena in use
-  std::uint64_t leaf_count_ = 0;
+  MirrorTopology topology_;
   MirrorTraffic traffic_;
 
-  RootTable root_table_;
-  std::vector<std::unique_ptr<InternalShadow<5>>> uppers_;
-  std::vector<std::unique_ptr<InternalShadow<4>>> lowers_;
-  std::vector<std::unique_ptr<LeafChunk>> chunks_;
-  std::vector<std::uint32_t> listed_;  ///< slots of leaves that may have bits
-
  private:
-  /// A node that was added and is not published yet.
-  struct Added {
-    Coord origin;
-    std::uint32_t parent, entry, index;
-  };
-  using Lower = InternalShadow<4>;
-  using Upper = InternalShadow<5>;
-
-  [[nodiscard]] LeafShadow& leaf(std::uint32_t slot) noexcept {
-    return chunks_[slot / LeafChunk::kSize]->leaves[slot % LeafChunk::kSize];
+  [[nodiscard]] static std::uint64_t headBytes(std::uint32_t root_capacity) {
+    return kTilesOffset + root_capacity * sizeof(RootData::Tile);
   }
-  [[nodiscard]] std::uint64_t leafOffset(std::uint32_t slot) const noexcept {
-    return chunks_[slot / LeafChunk::kSize]->arena_offset + slot % LeafChunk::kSize * sizeof(LeafData);
-  }
-  std::uint64_t allocate(std::uint64_t bytes);
-  std::uint32_t addUpper(const Coord& ijk, std::uint64_t key);
-  std::uint32_t addLower(const Coord& ijk);
-  std::uint32_t addLeaf(const Coord& ijk, std::uint32_t lower);
-  [[nodiscard]] std::uint32_t findLower(const Coord& ijk) const noexcept;
-  void locateAll();
-  void setBits(std::uint64_t first_added);
-  std::uint8_t setBitsOf(std::size_t i, std::uint64_t first_added) noexcept;
-  void publishLeaves();
-  /// Writes `bytes` bytes each; `fill(n, to)` may run on any thread.
-  template <class OffsetOf, class Fill>
-  void writeEach(std::size_t count, std::uint64_t bytes, const OffsetOf& offset_of, const Fill& fill);
   void publish();
+  void publishBits();
+  void switchInPlace(std::byte* memory);
+  void stagePatches();
+  void publishLeaves();
+  void publishNodes();
+  /// Links and mask words of children that were added.
+  template <class ParentData, class ParentOf, class OffsetOf>
+  void publishChildren(const std::vector<AddedNode>& added, const ParentOf& parent_of, const OffsetOf& child_offset);
+  /// `count` writes of `bytes` bytes to offset_of(n); fill(n, to) may run on any thread and fills all bytes.
+  template <class OffsetOf, class Fill>
+  void writeEach(std::size_t count, std::uint32_t bytes, const OffsetOf& offset_of, const Fill& fill);
   void write(std::uint64_t offset, const void* source, std::uint64_t bytes);
-  template <class Data, class Shadow>
-  void publishChild(Shadow& parent, std::uint32_t entry, std::uint64_t child_offset);
-  template <class Data, class Shadow>
-  void publishMaskWord(Shadow& parent, std::uint32_t entry);
-  template <class Data>
-  void publishHeader(std::uint64_t offset, const Coord& origin);
 
-  // Of one call.
-  std::vector<const LeafChange*> changes_;
-  std::vector<std::uint32_t> slots_;    ///< leaf of each change
-  std::vector<std::uint32_t> patched_;  ///< slots of old leaves to rewrite
-  std::vector<Added> added_uppers_, added_lowers_, added_leaves_;
-  bool committed_more_ = false;
-  static constexpr std::uint8_t kToList = 1, kToPatch = 2;
-  std::vector<std::uint8_t> news_;      ///< of each change's leaf
-  std::vector<std::uint64_t> offsets_;  ///< of writeEach
-  std::vector<void*> places_;
+  std::uint64_t published_bytes_ = 0;  ///< size of the grid as it says itself
+  bool writing_ = false;               ///< also after a call that failed while it wrote
+  std::vector<std::uint8_t> owns_word_;
+  std::vector<std::uint32_t> owners_;  ///< of publishChildren()
 };
 
 NanoVdbMirror::Impl::Impl(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m, std::uint32_t root_capacity)
-    : arena_(std::move(arena)), root_capacity_(root_capacity), root_table_(root_capacity) {
-  const std::uint64_t head_bytes = kTilesOffset + root_capacity_ * sizeof(RootData::Tile);
-  arena_->commit(head_bytes);
-  top_ = head_bytes;
+    : arena_(std::move(arena)), topology_(*arena_, root_capacity, headBytes(root_capacity)) {
+  arena_->commit(headBytes(root_capacity));
 
   // NanoVDB's node data have no constructors: they are bytes that are seen as such.
   alignas(NANOVDB_DATA_ALIGNMENT) std::byte head[kTilesOffset] = {};
@@ -138,7 +97,7 @@ NanoVdbMirror::Impl::Impl(std::unique_ptr<kernels::MirrorArena> arena, double vo
   grid->mFlags = 0;  // not breadth first, no boxes, no extrema: nothing here is kept up to date but the bits
   grid->mGridIndex = 0;
   grid->mGridCount = 1;
-  grid->mGridSize = arena_->committedBytes();
+  grid->mGridSize = published_bytes_ = arena_->committedBytes();
   std::memcpy(grid->mGridName, "occupancy", sizeof("occupancy"));
   grid->mMap.set(voxel_size_m, nanovdb::Vec3d(0.0), 1.0);
   grid->mWorldBBox = nanovdb::BBox<nanovdb::Vec3R>();
@@ -151,297 +110,234 @@ NanoVdbMirror::Impl::Impl(std::unique_ptr<kernels::MirrorArena> arena, double vo
   arena_->flush();
 }
 
-void NanoVdbMirror::Impl::applyParts(std::span<const std::span<const LeafChange>> parts) {
+void NanoVdbMirror::Impl::applyParts(ChangeParts parts) {
   traffic_ = {};
-  const std::uint64_t first_added = leaf_count_;
-  changes_.clear();
-  for (const auto& part : parts) {
-    for (const LeafChange& change : part) changes_.push_back(&change);
+  if (writing_) {
+    throw InternalError("mirror.half_written", "", "An earlier call failed while it wrote to the mirror",
+                        "Make a new mirror");
   }
-  try {
-    locateAll();
-    news_.resize(changes_.size());
-    patched_.reserve(changes_.size());
-    if (listed_.capacity() < leaf_count_) listed_.reserve(std::max<std::size_t>(leaf_count_, 2 * listed_.capacity()));
-  } catch (...) {
-    publish();  // leaves without bits read like no leaves
-    throw;
-  }
-  setBits(first_added);
-  traffic_.leaves_patched = patched_.size();
-  traffic_.leaves_added = added_leaves_.size();
+  topology_.locate(parts);
+  owns_word_.reserve(std::max(topology_.addedLeaves().size(), topology_.addedLowers().size()));
+  owners_.reserve(owns_word_.capacity());
+  writing_ = true;
   publish();
-}
-
-void NanoVdbMirror::Impl::clear() {
-  traffic_ = {};
-  for (const std::uint32_t slot : listed_) {
-    LeafChunk& chunk = *chunks_[slot / LeafChunk::kSize];
-    chunk.listed[slot % LeafChunk::kSize / 64] = 0;  // listed neighbours in this word come in this loop too
-    LeafShadow& bits = leaf(slot);
-    if (bits.isEmpty()) continue;
-    bits = {};
-    write(leafOffset(slot) + kLeafBitsOffset, &bits, sizeof(bits));
-    ++traffic_.leaves_patched;
-  }
-  listed_.clear();
-  arena_->flush();
-}
-
-// Finds or adds the leaf of every change. Everything that can fail is in here, and nothing in here changes a bit.
-void NanoVdbMirror::Impl::locateAll() {
-  slots_.resize(changes_.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, changes_.size(), kLeastParallel), [&](const auto& range) {
-    Coord lower_origin(1);  // of no node
-    std::uint32_t lower = kNoNode;
-    for (std::size_t i = range.begin(); i != range.end(); ++i) {
-      const auto& [x, y, z] = changes_[i]->origin_ijk;
-      if (((x | y | z) & 7) != 0) {
-        throw InternalError("mirror.leaf_origin", "", "A changed leaf does not begin at a multiple of 8 voxels",
-                            "Please report this");
-      }
-      const Coord ijk(x, y, z);
-      if (const Coord origin = ijk & ~std::int32_t(OccupancyLower::MASK); !(origin == lower_origin)) {
-        lower_origin = origin;
-        lower = findLower(ijk);
-      }
-      slots_[i] = lower == kNoNode ? kNoNode : lowers_[lower]->child(OccupancyLower::CoordToOffset(ijk));
-    }
-  });
-  for (std::size_t i = 0; i < changes_.size(); ++i) {
-    if (slots_[i] != kNoNode) continue;
-    const auto& [x, y, z] = changes_[i]->origin_ijk;
-    const Coord ijk(x, y, z);
-    std::uint32_t lower = findLower(ijk);
-    // An earlier change may have added the leaf; then this one counts even if it brings no bits.
-    if (lower != kNoNode) slots_[i] = lowers_[lower]->child(OccupancyLower::CoordToOffset(ijk));
-    if (slots_[i] != kNoNode || !bringsBits(*changes_[i])) continue;
-    if (lower == kNoNode) lower = addLower(ijk);
-    slots_[i] = addLeaf(ijk, lower);
-  }
-}
-
-// A leaf may come more than once, so threads share the leaves among them, by chunk, and not the changes.
-void NanoVdbMirror::Impl::setBits(std::uint64_t first_added) {
-  const std::uint32_t shares = changes_.size() < kLeastParallel ? 1 : kShares;
-  tbb::parallel_for(std::uint32_t{0}, shares, [&](std::uint32_t share) {
-    for (std::size_t i = 0; i < changes_.size(); ++i) {
-      if (slots_[i] != kNoNode && slots_[i] / LeafChunk::kSize % shares == share) news_[i] = setBitsOf(i, first_added);
-    }
-  });
-  for (std::size_t i = 0; i < changes_.size(); ++i) {
-    if (slots_[i] == kNoNode) continue;
-    if ((news_[i] & kToList) != 0) listed_.push_back(slots_[i]);
-    if ((news_[i] & kToPatch) != 0) patched_.push_back(slots_[i]);
-  }
-}
-
-// @return kToList, kToPatch: lists that the leaf belongs in and does not stand in yet
-std::uint8_t NanoVdbMirror::Impl::setBitsOf(std::size_t i, std::uint64_t first_added) noexcept {
-  const std::uint32_t slot = slots_[i];
-  LeafShadow& bits = leaf(slot);
-  const bool collides_changed = switchBits(bits.collides, changes_[i]->collides_on, changes_[i]->collides_off);
-  const bool arm_free_changed = switchBits(bits.arm_free, changes_[i]->arm_free_on, changes_[i]->arm_free_off);
-  if (!collides_changed && !arm_free_changed) return 0;
-  LeafChunk& chunk = *chunks_[slot / LeafChunk::kSize];
-  const std::uint32_t word = slot % LeafChunk::kSize / 64;
-  const std::uint64_t bit = std::uint64_t(1) << (slot & 63);
-  std::uint8_t news = 0;
-  if ((chunk.listed[word] & bit) == 0) {
-    chunk.listed[word] |= bit;
-    news |= kToList;
-  }
-  if (slot < first_added && (chunk.patched[word] & bit) == 0) {
-    chunk.patched[word] |= bit;
-    news |= kToPatch;
-  }
-  return news;
-}
-
-// Leaves that were there before: their bits; new ones: the whole leaf.
-void NanoVdbMirror::Impl::publishLeaves() {
-  for (const std::uint32_t slot : patched_) {
-    chunks_[slot / LeafChunk::kSize]->patched[slot % LeafChunk::kSize / 64] &= ~(std::uint64_t(1) << (slot & 63));
-  }
-  const auto patch = [&](std::size_t n, void* to) { std::memcpy(to, &leaf(patched_[n]), sizeof(LeafShadow)); };
-  writeEach(
-      patched_.size(), sizeof(LeafShadow), [&](std::size_t n) { return leafOffset(patched_[n]) + kLeafBitsOffset; },
-      patch);
-  const auto record = [&](std::size_t n, void* to) {
-    alignas(NANOVDB_DATA_ALIGNMENT) std::byte bytes[sizeof(LeafData)] = {};
-    reinterpret_cast<LeafData*>(bytes)->mBBoxMin = added_leaves_[n].origin;
-    std::memcpy(bytes + kLeafBitsOffset, &leaf(added_leaves_[n].index), sizeof(LeafShadow));
-    std::memcpy(to, bytes, sizeof(bytes));
-  };
-  writeEach(
-      added_leaves_.size(), sizeof(LeafData), [&](std::size_t n) { return leafOffset(added_leaves_[n].index); },
-      record);
-}
-
-template <class OffsetOf, class Fill>
-void NanoVdbMirror::Impl::writeEach(std::size_t count, std::uint64_t bytes, const OffsetOf& offset_of,
-                                    const Fill& fill) {
-  for (std::size_t begin = 0; begin < count; begin += kStagedAtOnce) {
-    const std::size_t part = std::min(count - begin, kStagedAtOnce);
-    offsets_.resize(part);
-    places_.resize(part);
-    for (std::size_t n = 0; n < part; ++n) offsets_[n] = offset_of(begin + n);
-    if (part >= kLeastParallel && arena_->stage(offsets_, bytes, places_)) {
-      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, part, 512), [&](const auto& range) {
-        for (std::size_t n = range.begin(); n != range.end(); ++n) fill(begin + n, places_[n]);
-      });
-      traffic_.bytes_written += part * bytes;
-      continue;
-    }
-    std::array<std::byte, sizeof(LeafData)> buffer;
-    for (std::size_t n = 0; n < part; ++n) {
-      fill(begin + n, buffer.data());
-      write(offsets_[n], buffer.data(), bytes);
-    }
-  }
+  writing_ = false;
 }
 
 // Bottom up, so that nothing can be reached before it is complete, and no byte twice.
 void NanoVdbMirror::Impl::publish() {
-  if (committed_more_) {
-    const std::uint64_t size = arena_->committedBytes();
-    write(offsetof(GridData, mGridSize), &size, sizeof(size));
-    committed_more_ = false;
+  if (published_bytes_ != arena_->committedBytes()) {
+    published_bytes_ = arena_->committedBytes();
+    write(offsetof(GridData, mGridSize), &published_bytes_, sizeof(published_bytes_));
   }
+  publishBits();
   publishLeaves();
-  for (const Added& added : added_lowers_) publishHeader<LowerData>(lowers_[added.index]->arena_offset, added.origin);
-  for (const Added& added : added_uppers_) publishHeader<UpperData>(uppers_[added.index]->arena_offset, added.origin);
+  publishNodes();
+  arena_->flush();
+  topology_.forgetAdded();
+}
 
-  for (const Added& added : added_leaves_) {
-    publishChild<LowerData>(*lowers_[added.parent], added.entry, leafOffset(added.index));
+// Fresh memory is zero, so the bits of new leaves are switched like those of others.
+void NanoVdbMirror::Impl::publishBits() {
+  std::byte* const memory = arena_->inPlace();
+  if (memory != nullptr) {
+    switchInPlace(memory);
+  } else {
+    stagePatches();
   }
-  for (const Added& added : added_leaves_) publishMaskWord<LowerData>(*lowers_[added.parent], added.entry);
-  for (const Added& added : added_lowers_) {
-    publishChild<UpperData>(*uppers_[added.parent], added.entry, lowers_[added.index]->arena_offset);
-  }
-  for (const Added& added : added_lowers_) publishMaskWord<UpperData>(*uppers_[added.parent], added.entry);
+  traffic_.leaves_added = topology_.addedLeaves().size();
+  traffic_.leaves_patched -= traffic_.leaves_added;
+}
 
-  for (const Added& added : added_uppers_) {
-    RootData::Tile tile = {};
-    tile.key = RootData::CoordToKey(added.origin);
-    tile.child = static_cast<std::int64_t>(uppers_[added.index]->arena_offset - kRootOffset);
-    write(kTilesOffset + added.entry * sizeof(tile), &tile, sizeof(tile));
+void NanoVdbMirror::Impl::switchInPlace(std::byte* memory) {
+  std::atomic<std::uint64_t> patched = 0, words = 0;
+  const std::vector<ChangeBlock>& blocks = topology_.blocks();
+  forEachIndex(0, blocks.size(), kLeastBlocks, [&](std::size_t b) {
+    const ChangeBlock& block = blocks[b];
+    const auto bitsOf = [&](std::uint32_t n) -> std::uint64_t* {
+      const std::uint32_t slot = topology_.slot(block.begin + n);
+      if (slot == kNoNode) return nullptr;
+      return reinterpret_cast<std::uint64_t*>(memory + topology_.leafOffset(slot) + kernels::kLeafBitsBytes);
+    };
+    std::uint64_t patched_here = 0, words_here = 0;
+    for (std::uint32_t n = 0; n < block.count; ++n) {
+#if defined(__GNUC__)
+      if (n + kLookAhead < block.count) {
+        const std::uint64_t* ahead = bitsOf(n + kLookAhead);
+        for (std::size_t line = 0; ahead != nullptr && line < 3; ++line) __builtin_prefetch(ahead + 8 * line, 1);
+      }
+#endif
+      std::uint64_t* const bits = bitsOf(n);
+      if (bits == nullptr) continue;
+      words_here += kernels::switchBits(bits, block.changes[n]);
+      ++patched_here;
+    }
+    patched += patched_here;
+    words += words_here;
+  });
+  traffic_.leaves_patched = patched;
+  traffic_.bytes_written += words * sizeof(std::uint64_t);
+}
+
+void NanoVdbMirror::Impl::stagePatches() {
+  const std::vector<ChangeBlock>& blocks = topology_.blocks();
+  for (std::size_t begin = 0; begin < blocks.size();) {
+    const std::uint32_t first = blocks[begin].begin;
+    const kernels::StagedPatches room = arena_->stagePatches(topology_.changeCount() - first);
+    std::size_t end = begin;
+    std::uint32_t count = 0;
+    while (end < blocks.size() && count + blocks[end].count <= room.count) count += blocks[end++].count;
+    std::atomic<std::uint32_t> words = 0;
+    std::atomic<std::uint64_t> patched = 0;
+    forEachIndex(begin, end, kLeastBlocks, [&](std::size_t b) {
+      const ChangeBlock& block = blocks[b];
+      LeafPatch* const list = room.list + (block.begin - first);
+      std::uint32_t words_here = 0, patched_here = 0;
+      for (std::uint32_t n = 0; n < block.count; ++n) {
+        const std::uint32_t slot = topology_.slot(block.begin + n);
+        LeafPatch patch;
+        if (slot != kNoNode) {
+          patch.leaf = static_cast<std::uint32_t>(topology_.leafOffset(slot) / LeafPatch::kUnit);
+          patch.mask = kernels::maskOf(block.changes[n]);
+          patch.first_word = words_here;
+          words_here += static_cast<std::uint32_t>(std::popcount(patch.mask));
+          ++patched_here;
+        }
+        list[n] = patch;
+      }
+      // Where the words of a block lie depends on the threads; what the leaves become does not.
+      const std::uint32_t place = words.fetch_add(words_here, std::memory_order_relaxed);
+      std::uint64_t* to = room.words + place;
+      for (std::uint32_t n = 0; n < block.count; ++n) {
+        list[n].first_word += place;
+        to = kernels::copyWords(block.changes[n], list[n].mask, to);
+      }
+      patched.fetch_add(patched_here, std::memory_order_relaxed);
+    });
+    arena_->endPatches(count, words);
+    traffic_.leaves_patched += patched;
+    traffic_.bytes_written += count * sizeof(LeafPatch) + words * sizeof(std::uint64_t);
+    begin = end;
   }
-  if (!added_leaves_.empty() || !added_lowers_.empty() || !added_uppers_.empty()) {
-    const std::uint32_t counts[3] = {static_cast<std::uint32_t>(leaf_count_),
-                                     static_cast<std::uint32_t>(lowers_.size()),
-                                     static_cast<std::uint32_t>(uppers_.size())};
+}
+
+void NanoVdbMirror::Impl::publishLeaves() {
+  const std::vector<AddedNode>& leaves = topology_.addedLeaves();
+  const auto offsetOf = [&](std::size_t n) {
+    return topology_.leafOffset(topology_.firstAddedLeaf() + static_cast<std::uint32_t>(n));
+  };
+  writeEach(leaves.size(), kernels::kLeafBitsBytes, offsetOf, [&](std::size_t n, std::byte* to) {
+    const std::array<std::int32_t, 3>& lower = topology_.lower(leaves[n].parent).origin_ijk;
+    const nanovdb::Coord local = OccupancyLower::OffsetToLocalCoord(leaves[n].entry);  // in leaves
+    const std::int32_t head[4] = {lower[0] + 8 * local[0], lower[1] + 8 * local[1], lower[2] + 8 * local[2], 0};
+    std::memcpy(to, head, sizeof(head));  // no box, no flag
+  });
+  publishChildren<LowerData>(
+      leaves, [&](std::uint32_t n) -> auto& { return topology_.lower(n); }, offsetOf);
+}
+
+void NanoVdbMirror::Impl::publishNodes() {
+  const std::vector<AddedNode>&lowers = topology_.addedLowers(), &uppers = topology_.addedUppers();
+  const std::size_t first_lower = topology_.lowerCount() - lowers.size();
+  const std::size_t first_upper = topology_.upperCount() - uppers.size();
+  const auto lowerAt = [&](std::size_t n) -> auto& {
+    return topology_.lower(static_cast<std::uint32_t>(first_lower + n));
+  };
+  const auto upperAt = [&](std::size_t n) -> auto& {
+    return topology_.upper(static_cast<std::uint32_t>(first_upper + n));
+  };
+  // Only the origin: NanoVDB finds it in the lower corner of the box. The rest of fresh memory is zero already.
+  const auto writeBoxes = [&](std::size_t count, std::size_t place, const auto& node_at) {
+    writeEach(
+        count, sizeof(nanovdb::CoordBBox), [&](std::size_t n) { return node_at(n).arena_offset + place; },
+        [&](std::size_t n, std::byte* to) {
+          const auto& [x, y, z] = node_at(n).origin_ijk;
+          const nanovdb::Coord origin(x, y, z);
+          const nanovdb::CoordBBox box(origin, origin);
+          std::memcpy(to, &box, sizeof(box));
+        });
+  };
+  writeBoxes(lowers.size(), offsetof(LowerData, mBBox), lowerAt);
+  writeBoxes(uppers.size(), offsetof(UpperData, mBBox), upperAt);
+  publishChildren<UpperData>(
+      lowers, [&](std::uint32_t n) -> auto& { return topology_.upper(n); },
+      [&](std::size_t n) { return lowerAt(n).arena_offset; });
+  writeEach(
+      uppers.size(), sizeof(RootData::Tile),
+      [&](std::size_t n) { return kTilesOffset + uppers[n].entry * sizeof(RootData::Tile); },
+      [&](std::size_t n, std::byte* to) {
+        RootData::Tile tile = {};
+        const auto& [x, y, z] = upperAt(n).origin_ijk;
+        tile.key = RootData::CoordToKey(nanovdb::Coord(x, y, z));
+        tile.child = static_cast<std::int64_t>(upperAt(n).arena_offset - kRootOffset);
+        std::memcpy(to, &tile, sizeof(tile));
+      });
+  if (!topology_.addedLeaves().empty() || !lowers.empty() || !uppers.empty()) {
+    const std::uint32_t counts[3] = {topology_.leafCount(), topology_.lowerCount(), topology_.upperCount()};
     write(kTreeOffset + offsetof(TreeData, mNodeCount), counts, sizeof(counts));
   }
-  if (!added_uppers_.empty()) {
-    const auto table_size = static_cast<std::uint32_t>(uppers_.size());
+  if (!uppers.empty()) {
+    const std::uint32_t table_size = topology_.upperCount();
     write(kRootOffset + offsetof(RootData, mTableSize), &table_size, sizeof(table_size));
   }
-  arena_->flush();
-  patched_.clear();
-  added_leaves_.clear();
-  added_lowers_.clear();
-  added_uppers_.clear();
 }
 
-std::uint64_t NanoVdbMirror::Impl::allocate(std::uint64_t bytes) {
-  if (top_ + bytes > arena_->committedBytes()) {
-    arena_->commit(top_ + bytes);
-    committed_more_ = true;
+template <class ParentData, class ParentOf, class OffsetOf>
+void NanoVdbMirror::Impl::publishChildren(const std::vector<AddedNode>& added, const ParentOf& parent_of,
+                                          const OffsetOf& child_offset) {
+  constexpr std::uint32_t kWord = sizeof(std::uint64_t);
+  owns_word_.resize(added.size());
+  writeEach(
+      added.size(), kWord,
+      [&](std::size_t n) {
+        return parent_of(added[n].parent).arena_offset + offsetof(ParentData, mTable) + added[n].entry * kWord;
+      },
+      [&](std::size_t n, std::byte* to) {
+        auto& parent = parent_of(added[n].parent);
+        const auto link = static_cast<std::int64_t>(child_offset(n) - parent.arena_offset);  // signed, modulo 2^64
+        std::memcpy(to, &link, sizeof(link));
+        owns_word_[n] = parent.mark(added[n].entry) ? 1 : 0;
+      });
+  owners_.clear();
+  for (std::size_t n = 0; n < added.size(); ++n) {
+    if (owns_word_[n] != 0) owners_.push_back(static_cast<std::uint32_t>(n));
   }
-  const std::uint64_t offset = top_;
-  top_ += bytes;
-  return offset;
+  writeEach(
+      owners_.size(), kWord,
+      [&](std::size_t n) {
+        const AddedNode& child = added[owners_[n]];
+        return parent_of(child.parent).arena_offset + offsetof(ParentData, mChildMask) + child.entry / 64 * kWord;
+      },
+      [&](std::size_t n, std::byte* to) {
+        const AddedNode& child = added[owners_[n]];
+        auto& parent = parent_of(child.parent);
+        std::memcpy(to, &parent.child_mask[child.entry / 64], kWord);
+        parent.forgetDirty(child.entry);
+      });
 }
 
-// In the three below: first what can fail, then what changes the tree.
-std::uint32_t NanoVdbMirror::Impl::addUpper(const Coord& ijk, std::uint64_t key) {
-  const auto index = static_cast<std::uint32_t>(uppers_.size());
-  if (index >= root_capacity_) {
-    throw ResourceLimit(
-        "map.root_tiles", "",
-        "The map spreads over more than " + std::to_string(root_capacity_) + " regions of 4096 x 4096 x 4096 voxels",
-        "Remove scans that lie far from the rest, check the poses, or use larger voxels");
+template <class OffsetOf, class Fill>
+void NanoVdbMirror::Impl::writeEach(std::size_t count, std::uint32_t bytes, const OffsetOf& offset_of,
+                                    const Fill& fill) {
+  traffic_.bytes_written += count * bytes;
+  if (std::byte* const memory = arena_->inPlace(); memory != nullptr) {
+    forEachIndex(0, count, kLeastWrites, [&](std::size_t n) { fill(n, memory + offset_of(n)); });
+    return;
   }
-  auto upper = std::make_unique<Upper>();
-  added_uppers_.reserve(root_capacity_);
-  uppers_.reserve(root_capacity_);
-  upper->arena_offset = allocate(sizeof(UpperData));
-  uppers_.push_back(std::move(upper));
-  added_uppers_.push_back({ijk & ~std::int32_t(OccupancyUpper::MASK), kNoNode, index, index});
-  root_table_.insert(key, index);
-  return index;
-}
-
-std::uint32_t NanoVdbMirror::Impl::addLower(const Coord& ijk) {
-  const std::uint64_t key = RootData::CoordToKey(ijk);
-  std::uint32_t parent = root_table_.find(key);
-  if (parent == kNoNode) parent = addUpper(ijk, key);
-  const auto index = static_cast<std::uint32_t>(lowers_.size());
-  const std::uint32_t entry = OccupancyUpper::CoordToOffset(ijk);
-  auto lower = std::make_unique<Lower>();
-  lower->arena_offset = allocate(sizeof(LowerData));
-  added_lowers_.push_back({ijk & ~std::int32_t(OccupancyLower::MASK), parent, entry, index});
-  try {
-    lowers_.push_back(std::move(lower));
-  } catch (...) {
-    added_lowers_.pop_back();
-    throw;
+  for (std::size_t begin = 0; begin < count;) {
+    const kernels::StagedWrites room = arena_->stageWrites(count - begin, bytes);
+    forEachIndex(0, room.count, kLeastWrites, [&](std::size_t n) {
+      const std::size_t place = n * room.stride;
+      room.list[n] = {offset_of(begin + n), room.source + static_cast<std::uint32_t>(place), bytes};
+      fill(begin + n, room.data + place);
+    });
+    begin += room.count;
   }
-  uppers_[parent]->link(entry, index);
-  return index;
-}
-
-std::uint32_t NanoVdbMirror::Impl::addLeaf(const Coord& ijk, std::uint32_t lower) {
-  if (leaf_count_ == chunks_.size() * LeafChunk::kSize) {
-    auto chunk = std::make_unique<LeafChunk>();
-    chunk->arena_offset = allocate(LeafChunk::kSize * sizeof(LeafData));
-    chunks_.push_back(std::move(chunk));
-  }
-  const auto slot = static_cast<std::uint32_t>(leaf_count_);
-  const std::uint32_t entry = OccupancyLower::CoordToOffset(ijk);
-  added_leaves_.push_back({ijk, lower, entry, slot});
-  lowers_[lower]->link(entry, slot);
-  ++leaf_count_;
-  return slot;
-}
-
-std::uint32_t NanoVdbMirror::Impl::findLower(const Coord& ijk) const noexcept {
-  const std::uint32_t upper = root_table_.find(RootData::CoordToKey(ijk));
-  return upper == kNoNode ? kNoNode : uppers_[upper]->child(OccupancyUpper::CoordToOffset(ijk));
 }
 
 void NanoVdbMirror::Impl::write(std::uint64_t offset, const void* source, std::uint64_t bytes) {
   arena_->write(offset, source, bytes);
   traffic_.bytes_written += bytes;
-}
-
-template <class Data, class Shadow>
-void NanoVdbMirror::Impl::publishChild(Shadow& parent, std::uint32_t entry, std::uint64_t child_offset) {
-  const auto link = static_cast<std::int64_t>(child_offset - parent.arena_offset);  // signed, modulo 2^64
-  write(parent.arena_offset + offsetof(Data, mTable) + entry * sizeof(link), &link, sizeof(link));
-}
-
-template <class Data, class Shadow>
-void NanoVdbMirror::Impl::publishMaskWord(Shadow& parent, std::uint32_t entry) {
-  const std::uint32_t word = entry >> 6;
-  if (!parent.takeDirty(word)) return;
-  write(parent.arena_offset + offsetof(Data, mChildMask) + word * 8, &parent.child_mask[word], 8);
-}
-
-template <class Data>
-void NanoVdbMirror::Impl::publishHeader(std::uint64_t offset, const Coord& origin) {
-  // Only the origin: NanoVDB finds it in the lower corner of the box. The rest of fresh memory is zero already.
-  const nanovdb::CoordBBox box(origin, origin);
-  write(offset + offsetof(Data, mBBox), &box, sizeof(box));
-}
-
-std::uint64_t NanoVdbMirror::Impl::hostBytes() const noexcept {
-  return chunks_.size() * sizeof(LeafChunk) + lowers_.size() * sizeof(Lower) + uppers_.size() * sizeof(Upper) +
-         root_table_.bytes() + (listed_.capacity() + slots_.capacity() + patched_.capacity()) * sizeof(std::uint32_t) +
-         changes_.capacity() * sizeof(changes_[0]) + news_.capacity() + offsets_.capacity() * sizeof(offsets_[0]) +
-         places_.capacity() * sizeof(places_[0]) +
-         (added_leaves_.capacity() + added_lowers_.capacity() + added_uppers_.capacity()) * sizeof(Added);
 }
 
 NanoVdbMirror::NanoVdbMirror(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m,
@@ -460,18 +356,15 @@ NanoVdbMirror::~NanoVdbMirror() = default;
 
 void NanoVdbMirror::apply(std::span<const LeafChange> changes) { impl_->applyParts({&changes, 1}); }
 void NanoVdbMirror::applyParts(std::span<const std::span<const LeafChange>> parts) { impl_->applyParts(parts); }
-void NanoVdbMirror::clear() { impl_->clear(); }
 
 const OccupancyGrid* NanoVdbMirror::grid() const noexcept {
   return static_cast<const OccupancyGrid*>(impl_->arena_->base());
 }
-std::uint64_t NanoVdbMirror::leafCount() const noexcept { return impl_->leaf_count_; }
-std::uint32_t NanoVdbMirror::rootTileCount() const noexcept {
-  return static_cast<std::uint32_t>(impl_->uppers_.size());
-}
-std::uint64_t NanoVdbMirror::usedBytes() const noexcept { return impl_->top_; }
+std::uint64_t NanoVdbMirror::leafCount() const noexcept { return impl_->topology_.leafCount(); }
+std::uint32_t NanoVdbMirror::rootTileCount() const noexcept { return impl_->topology_.upperCount(); }
+std::uint64_t NanoVdbMirror::usedBytes() const noexcept { return impl_->topology_.usedBytes(); }
 std::uint64_t NanoVdbMirror::committedBytes() const noexcept { return impl_->arena_->committedBytes(); }
-std::uint64_t NanoVdbMirror::hostBytes() const noexcept { return impl_->hostBytes(); }
+std::uint64_t NanoVdbMirror::hostBytes() const noexcept { return impl_->topology_.hostBytes(); }
 const MirrorTraffic& NanoVdbMirror::lastTraffic() const noexcept { return impl_->traffic_; }
 
 }  // namespace accessvdb::internal

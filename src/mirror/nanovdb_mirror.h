@@ -16,9 +16,9 @@
 
 namespace accessvdb::internal {
 
-/// What the last `apply` or `clear` did.
+/// What the last `apply` did.
 struct MirrorTraffic {
-  std::uint64_t leaves_patched = 0;  ///< leaves that were there and changed
+  std::uint64_t leaves_patched = 0;  ///< leaves that were there and came in a change
   std::uint64_t leaves_added = 0;
   std::uint64_t bytes_written = 0;  ///< to the arena
 };
@@ -41,16 +41,15 @@ class NanoVdbMirror {
   NanoVdbMirror& operator=(const NanoVdbMirror&) = delete;
 
   /// For each change: collides' = (collides | collides_on) & ~collides_off, arm_free' = (arm_free | arm_free_on) &
-  /// ~arm_free_off. A leaf is added when bits come on in it; a leaf may come more than once and is written once.
-  /// All or nothing: after a ResourceLimit no bit has changed and the grid is as readable as before.
+  /// ~arm_free_off. A leaf is added when bits come on in it. A leaf may come more than once, at the cost of a sort.
+  /// All or nothing: after a ResourceLimit no bit has changed and the grid is as readable as before. After an error of
+  /// the device it is not known what was written, and every later call fails.
   /// @throw ResourceLimit  `map.root_tiles`, or the arena cannot grow
-  /// @throw InternalError  an origin that is no multiple of 8
+  /// @throw InternalError  an origin that is no multiple of 8; an earlier call failed while it wrote
+  /// @throw DeviceError
   void apply(std::span<const LeafChange> changes);
   /// All parts as one call: one flush of the arena, however many parts.
   void applyParts(std::span<const std::span<const LeafChange>> parts);
-
-  /// Every bit off; the leaves stay. Costs as much as there are leaves with bits, however large the tree is.
-  void clear();
 
   /// In the address space of the arena; constant for life.
   [[nodiscard]] const kernels::OccupancyGrid* grid() const noexcept;
@@ -59,7 +58,7 @@ class NanoVdbMirror {
   [[nodiscard]] std::uint32_t rootTileCount() const noexcept;
   [[nodiscard]] std::uint64_t usedBytes() const noexcept;       ///< of the arena, handed out to nodes
   [[nodiscard]] std::uint64_t committedBytes() const noexcept;  ///< of the arena
-  [[nodiscard]] std::uint64_t hostBytes() const noexcept;       ///< of the host's own copy of the topology and bits
+  [[nodiscard]] std::uint64_t hostBytes() const noexcept;       ///< of the host's own copy of the topology
   [[nodiscard]] const MirrorTraffic& lastTraffic() const noexcept;
 
  private:

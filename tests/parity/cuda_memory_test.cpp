@@ -113,7 +113,6 @@ TEST_F(CudaMemory, NothingIsAllocatedOnceWarm) {
   ScoringRig cuda(std::move(owned), what);
   const auto frame = [&](std::size_t items) {
     cuda.mirror().apply(what.changes.front());
-    cuda.mirror().clear();
     (void)cuda.score(std::span(what.items).first(items), false);
   };
   ASSERT_GT(what.items.size(), 2000u);

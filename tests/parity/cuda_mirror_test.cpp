@@ -7,6 +7,7 @@
 
 #include <cstring>
 
+#include "cpu/host_arena.h"
 #include "cuda/cuda_backend.h"
 #include "mirror/nanovdb_mirror.h"
 #include "parity/device_reads.h"
@@ -105,6 +106,35 @@ TEST_F(CudaMirror, TakesAFrameOfManyLeaves) {
   applyToOracle(changes);
   EXPECT_GT(mirror.lastTraffic().bytes_written, std::uint64_t(32) << 20);
   expectEqual(mirror, maker);
+}
+
+/// Every byte of the grid, cell counts and links included, after frames of new and known leaves and joined scans.
+TEST_F(CudaMirror, HoldsTheSameBytesAsTheHosts) {
+  NanoVdbMirror cuda(backend_->makeArena(), 0.01), host(std::make_unique<kernels::HostArena>(), 0.01);
+  ChangeMaker maker(23);
+  for (int round = 0; round < 4; ++round) {
+    std::vector<LeafChange> changes;
+    for (int x = -24; x < 24; ++x) {
+      for (int y = -24; y < 24; ++y) {
+        for (int z = -12; z < 12; ++z) {
+          if (maker.below(2) == 0) changes.push_back(maker.change({8 * x + 2048 * (round % 2), 8 * y, 8 * z}));
+        }
+      }
+    }
+    if (round == 3) {
+      const auto again = maker.batch(500);
+      changes.insert(changes.end(), again.begin(), again.end());
+    }
+    cuda.apply(changes);
+    host.apply(changes);
+    ASSERT_EQ(cuda.usedBytes(), host.usedBytes());
+    backend_->finish();
+    std::vector<std::byte> found(cuda.usedBytes());
+    backend_->download(found.data(), cuda.grid(), found.size());
+    // The one thing that the arenas decide.
+    reinterpret_cast<kernels::OccupancyGrid::DataType*>(found.data())->mGridSize = host.grid()->gridSize();
+    ASSERT_EQ(std::memcmp(found.data(), host.grid(), found.size()), 0) << round;
+  }
 }
 
 /// Writes of any length and alignment, in order of the calls.

@@ -3,7 +3,9 @@
 /// What every mirrored grid must satisfy, whatever it holds, and random leaf changes to make it work for that.
 #pragma once
 
+#include <array>
 #include <cstdint>
+#include <cstring>
 #include <random>
 #include <string>
 #include <vector>
@@ -48,9 +50,15 @@ inline TreeCensus walkTree(const kernels::OccupancyGrid& grid) {
       for (auto j = i->beginChild(); j; ++j) {
         if (!placed(*j, i->offsetToGlobalCoord(j.pos()))) return census;
         ++census.leaves;
+        std::array<std::uint8_t, 8> cells = {};
         for (std::uint32_t n = 0; n < 512; ++n) {
           census.true_voxels += j->getValue(n);
           census.active_voxels += j->isActive(n);
+          if (j->getValue(n)) ++cells[(n >> 8 & 1) << 2 | (n >> 5 & 1) << 1 | (n >> 2 & 1)];
+        }
+        if (std::memcmp(j->data()->mPadding, cells.data(), cells.size()) != 0) {
+          census.problem = "a leaf's cells are miscounted";
+          return census;
         }
       }
     }

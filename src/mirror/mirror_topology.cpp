@@ -1,0 +1,276 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "mirror/mirror_topology.h"
+
+#include <string>
+
+#include "accessvdb/error.h"
+
+namespace accessvdb::internal {
+namespace {
+
+using kernels::OccupancyLower;
+using kernels::OccupancyRoot;
+using kernels::OccupancyUpper;
+using nanovdb::Coord;
+using LeafData = kernels::OccupancyLeaf::DataType;
+using LowerData = OccupancyLower::DataType;
+using UpperData = OccupancyUpper::DataType;
+using RootData = OccupancyRoot::DataType;
+
+/// A change whose leaf is to be added.
+constexpr std::uint32_t kMissing = kNoNode - 1;
+/// Where no lower node is.
+constexpr std::uint64_t kNoPlace = ~std::uint64_t{0};
+constexpr int kEntryBits = 12;
+static_assert(MirrorTopology::Lower::kSize == 1u << kEntryBits);
+constexpr std::size_t kLeastBlocks = 8;
+
+Coord originOf(const LeafChange& change) { return {change.origin_ijk[0], change.origin_ijk[1], change.origin_ijk[2]}; }
+
+/// Least voxel of the node that holds a voxel.
+std::array<std::int32_t, 3> originOf(const Coord& ijk, std::uint32_t mask) {
+  const Coord origin = ijk & ~static_cast<std::int32_t>(mask);
+  return {origin[0], origin[1], origin[2]};
+}
+
+void prefetch([[maybe_unused]] const void* address) {
+#if defined(__GNUC__)
+  __builtin_prefetch(address, 1);
+#endif
+}
+
+/// Changes come in spatial order as a rule: asks for a lower node only where the last one does not hold the leaf.
+template <class Find>
+class LastLower {
+ public:
+  explicit LastLower(const Find& find) : find_(find) {}
+  std::uint32_t of(const Coord& ijk) {
+    if (const Coord origin = ijk & ~std::int32_t(OccupancyLower::MASK); !(origin == origin_)) {
+      origin_ = origin;
+      lower_ = find_(ijk);
+    }
+    return lower_;
+  }
+
+ private:
+  const Find& find_;
+  Coord origin_{1};  ///< of no node
+  std::uint32_t lower_ = kNoNode;
+};
+
+}  // namespace
+
+MirrorTopology::MirrorTopology(kernels::MirrorArena& arena, std::uint32_t root_capacity, std::uint64_t used_bytes)
+    : arena_(arena), root_capacity_(root_capacity), top_(used_bytes), root_table_(root_capacity) {}
+
+template <class Act>
+void MirrorTopology::forEachBlock(const Act& act) {
+  forEachIndex(0, blocks_.size(), kLeastBlocks, [&](std::size_t b) { act(blocks_[b]); });
+}
+
+void MirrorTopology::locate(ChangeParts parts) {
+  change_count_ = divide(parts, blocks_);
+  if (locateOnce()) return;
+  merged_ = mergedByLeaf(parts);
+  const std::span<const LeafChange> joined = merged_;
+  change_count_ = divide({&joined, 1}, blocks_);
+  if (!locateOnce()) {
+    throw InternalError("mirror.leaf_twice", "", "A leaf came twice where none can", "Please report this");
+  }
+}
+
+/// @return false where a leaf comes more than once: then nothing was added
+bool MirrorTopology::locateOnce() {
+  ++call_;
+  added_leaves_.clear();
+  slots_.resize(change_count_);
+  places_.resize(change_count_);
+  forEachBlock([&](ChangeBlock& block) { locateBlock(block); });
+  const auto all = [this](bool ChangeBlock::*flag) {
+    return std::all_of(blocks_.begin(), blocks_.end(), [&](const ChangeBlock& block) { return block.*flag; });
+  };
+  if (!all(&ChangeBlock::aligned)) {
+    throw InternalError("mirror.leaf_origin", "", "A changed leaf does not begin at a multiple of 8 voxels",
+                        "Please report this");
+  }
+  if (!all(&ChangeBlock::once)) return false;
+  std::uint32_t added = 0;
+  for (ChangeBlock& block : blocks_) {
+    block.first_added = added;
+    added += block.added;
+  }
+  if (added == 0) return true;
+  for (const ChangeBlock& block : blocks_) {
+    if (block.lacks_lower) addLowersOf(block);
+  }
+  reserveLeaves(added);
+  added_leaves_.resize(added);
+  forEachBlock([&](ChangeBlock& block) { claimLeaves(block); });
+  // A change that brings no bits counts where another of the same leaf adds it.
+  if (all(&ChangeBlock::once)) forEachBlock([&](ChangeBlock& block) { block.once = missesNothing(block); });
+  if (!all(&ChangeBlock::once)) {
+    for (const AddedNode& leaf : added_leaves_) {
+      if (leaf.parent != kNoNode) lowers_[leaf.parent].unlink(leaf.entry);
+    }
+    added_leaves_.clear();
+    return false;
+  }
+  leaf_count_ += added;
+  return true;
+}
+
+void MirrorTopology::locateBlock(ChangeBlock& block) noexcept {
+  const auto find = [this](const Coord& ijk) { return findLower(ijk); };
+  LastLower last(find);
+  std::int32_t any = 0;
+  std::uint32_t* const slots = slots_.data() + block.begin;
+  std::uint64_t* const places = places_.data() + block.begin;
+  const auto linkAt = [this](std::uint64_t place) -> const std::uint32_t& {
+    return lowers_[static_cast<std::uint32_t>(place >> kEntryBits)].child_plus_one[place % Lower::kSize];
+  };
+  const auto chunkOf = [this](std::uint32_t slot) -> LeafChunk& { return chunks_[slot / LeafChunk::kSize]; };
+  // Step by step for all, so that what lies anywhere in memory comes together.
+  for (std::uint32_t n = 0; n < block.count; ++n) {
+    const Coord ijk = originOf(block.changes[n]);
+    any |= ijk[0] | ijk[1] | ijk[2];
+    const std::uint32_t lower = last.of(ijk);
+    places[n] = lower == kNoNode ? kNoPlace : std::uint64_t{lower} << kEntryBits | OccupancyLower::CoordToOffset(ijk);
+    if (lower != kNoNode) prefetch(&linkAt(places[n]));
+  }
+  block.aligned = (any & 7) == 0;
+  block.once = true;
+  block.added = 0;
+  block.lacks_lower = block.skips = false;
+  for (std::uint32_t n = 0; n < block.count; ++n) {
+    slots[n] = places[n] == kNoPlace ? kNoNode : linkAt(places[n]) - 1;
+    if (slots[n] != kNoNode) {
+      prefetch(&chunkOf(slots[n]).call[slots[n] % LeafChunk::kSize]);
+    } else if (bringsBits(block.changes[n])) {
+      slots[n] = kMissing;
+      ++block.added;
+      block.lacks_lower = block.lacks_lower || places[n] == kNoPlace;
+    } else {
+      block.skips = true;
+    }
+  }
+  for (std::uint32_t n = 0; n < block.count; ++n) {
+    if (slots[n] < kMissing) block.once = chunkOf(slots[n]).comesFirst(slots[n], call_) && block.once;
+  }
+}
+
+/// Gives the block's new leaves their slots, in the order of the changes.
+void MirrorTopology::claimLeaves(ChangeBlock& block) noexcept {
+  std::uint32_t added = block.first_added;
+  for (std::uint32_t n = 0; block.added > 0 && n < block.count; ++n) {
+    std::uint32_t& slot = slots_[block.begin + n];
+    if (slot != kMissing) continue;
+    const std::uint64_t place = places_[block.begin + n];
+    const auto lower = static_cast<std::uint32_t>(place >> kEntryBits);
+    const auto entry = static_cast<std::uint32_t>(place % Lower::kSize);
+    slot = leaf_count_ + added;
+    if (lowers_[lower].link(entry, slot)) {
+      added_leaves_[added] = {lower, entry};
+    } else {
+      block.once = false;
+    }
+    ++added;
+  }
+}
+
+/// Whether the changes of the block that found no leaf still find none.
+bool MirrorTopology::missesNothing(const ChangeBlock& block) const noexcept {
+  for (std::uint32_t n = 0; block.skips && n < block.count; ++n) {
+    if (slots_[block.begin + n] != kNoNode) continue;
+    const Coord ijk = originOf(block.changes[n]);
+    const std::uint32_t lower = findLower(ijk);
+    if (lower != kNoNode && lowers_[lower].child(OccupancyLower::CoordToOffset(ijk)) != kNoNode) return false;
+  }
+  return true;
+}
+
+void MirrorTopology::addLowersOf(const ChangeBlock& block) {
+  for (std::uint32_t n = 0; n < block.count; ++n) {
+    std::uint64_t& place = places_[block.begin + n];
+    if (slots_[block.begin + n] != kMissing || place != kNoPlace) continue;
+    const Coord ijk = originOf(block.changes[n]);
+    std::uint32_t lower = findLower(ijk);
+    if (lower == kNoNode) lower = addLower(ijk);
+    place = std::uint64_t{lower} << kEntryBits | OccupancyLower::CoordToOffset(ijk);
+  }
+}
+
+void MirrorTopology::reserveLeaves(std::uint32_t count) {
+  // Two numbers of slots mean something else.
+  if (count > kMissing - 1 - leaf_count_) {
+    throw ResourceLimit("map.leaves", "", "The map has more leaves than the mirror can number", "Use larger voxels");
+  }
+  while (std::uint64_t{chunks_.size()} * LeafChunk::kSize < std::uint64_t{leaf_count_} + count) {
+    chunks_.reserveOne();
+    chunk_offsets_.resize(chunks_.size() + 1);
+    chunk_offsets_.back() = allocate(LeafChunk::kSize * sizeof(LeafData));
+    chunks_.add();
+  }
+}
+
+std::uint64_t MirrorTopology::allocate(std::uint64_t bytes) {
+  if (top_ + bytes > arena_.committedBytes()) arena_.commit(top_ + bytes);
+  const std::uint64_t offset = top_;
+  top_ += bytes;
+  return offset;
+}
+
+// In the two below: first what can fail, then what changes the tree.
+std::uint32_t MirrorTopology::addUpper(const Coord& ijk, std::uint64_t key) {
+  const std::uint32_t index = upperCount();
+  if (index >= root_capacity_) {
+    throw ResourceLimit(
+        "map.root_tiles", "",
+        "The map spreads over more than " + std::to_string(root_capacity_) + " regions of 4096 x 4096 x 4096 voxels",
+        "Remove scans that lie far from the rest, check the poses, or use larger voxels");
+  }
+  auto upper = std::make_unique<Upper>();
+  added_uppers_.reserve(root_capacity_);
+  uppers_.reserve(root_capacity_);
+  upper->arena_offset = allocate(sizeof(UpperData));
+  upper->origin_ijk = originOf(ijk, OccupancyUpper::MASK);
+  uppers_.push_back(std::move(upper));
+  added_uppers_.push_back({kNoNode, index});
+  root_table_.insert(key, index);
+  return index;
+}
+
+std::uint32_t MirrorTopology::addLower(const Coord& ijk) {
+  const std::uint64_t key = RootData::CoordToKey(ijk);
+  std::uint32_t parent = root_table_.find(key);
+  if (parent == kNoNode) parent = addUpper(ijk, key);
+  const std::uint32_t index = lowerCount(), entry = OccupancyUpper::CoordToOffset(ijk);
+  lowers_.reserveOne();
+  const std::uint64_t offset = allocate(sizeof(LowerData));
+  added_lowers_.push_back({parent, entry});
+  Lower& lower = lowers_.add();
+  lower.arena_offset = offset;
+  lower.origin_ijk = originOf(ijk, OccupancyLower::MASK);
+  (void)uppers_[parent]->link(entry, index);  // it was not there
+  return index;
+}
+
+std::uint32_t MirrorTopology::findLower(const Coord& ijk) const noexcept {
+  const std::uint32_t upper = root_table_.find(RootData::CoordToKey(ijk));
+  return upper == kNoNode ? kNoNode : uppers_[upper]->child(OccupancyUpper::CoordToOffset(ijk));
+}
+
+void MirrorTopology::forgetAdded() noexcept {
+  added_leaves_.clear();
+  added_lowers_.clear();
+  added_uppers_.clear();
+}
+
+std::uint64_t MirrorTopology::hostBytes() const noexcept {
+  return chunks_.bytes() + lowers_.bytes() + (chunk_offsets_.capacity() + places_.capacity()) * sizeof(std::uint64_t) +
+         uppers_.size() * sizeof(Upper) + root_table_.bytes() + slots_.capacity() * sizeof(std::uint32_t) +
+         blocks_.capacity() * sizeof(ChangeBlock) + merged_.capacity() * sizeof(LeafChange) +
+         (added_leaves_.capacity() + added_lowers_.capacity() + added_uppers_.capacity()) * sizeof(AddedNode);
+}
+
+}  // namespace accessvdb::internal

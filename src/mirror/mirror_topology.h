@@ -1,0 +1,102 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Where every leaf of the mirror lies, and where the leaves go that a call of changes adds.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "hostdev/nanovdb_compat.h"
+#include "launch/mirror_arena.h"
+#include "mirror/change_blocks.h"
+#include "mirror/host_topology.h"
+#include "mirror/node_pool.h"
+
+namespace accessvdb::internal {
+
+/// A node that was added and is not published yet: entry `entry` of its parent; an upper node's entry is its root tile.
+struct AddedNode {
+  std::uint32_t parent = kNoNode, entry = 0;
+};
+
+/// The nodes of the mirrored tree by index, and the changes of one call by leaf.
+class MirrorTopology {
+ public:
+  using Lower = InternalShadow<4>;
+  using Upper = InternalShadow<5>;
+
+  /// @param root_capacity  most root tiles
+  /// @param used_bytes     of the arena, before the first node
+  MirrorTopology(kernels::MirrorArena& arena, std::uint32_t root_capacity, std::uint64_t used_bytes);
+
+  /// Finds or adds the leaf of every change; publishes nothing. When it throws, no leaf was added; nodes above that
+  /// were stay in the lists of added ones.
+  /// @throw ResourceLimit  `map.root_tiles`, or the arena cannot grow
+  /// @throw InternalError  an origin that is no multiple of 8
+  void locate(ChangeParts parts);
+
+  /// The changes of the last locate(): as they were given, or where leaves came more than once, joined.
+  [[nodiscard]] const std::vector<ChangeBlock>& blocks() const noexcept { return blocks_; }
+  [[nodiscard]] std::uint32_t changeCount() const noexcept { return change_count_; }
+  /// Leaf of the n-th change, or kNoNode where it has none and needs none.
+  [[nodiscard]] std::uint32_t slot(std::uint32_t n) const noexcept { return slots_[n]; }
+  /// [B] in the arena.
+  [[nodiscard]] std::uint64_t leafOffset(std::uint32_t slot) const noexcept {
+    return chunk_offsets_[slot / LeafChunk::kSize] +
+           std::uint64_t{slot % LeafChunk::kSize} * sizeof(kernels::OccupancyLeaf::DataType);
+  }
+
+  /// Not published yet. Leaf n of them has slot firstAddedLeaf() + n, the other nodes have the last indices.
+  [[nodiscard]] const std::vector<AddedNode>& addedLeaves() const noexcept { return added_leaves_; }
+  [[nodiscard]] const std::vector<AddedNode>& addedLowers() const noexcept { return added_lowers_; }
+  [[nodiscard]] const std::vector<AddedNode>& addedUppers() const noexcept { return added_uppers_; }
+  [[nodiscard]] std::uint32_t firstAddedLeaf() const noexcept {
+    return leaf_count_ - static_cast<std::uint32_t>(added_leaves_.size());
+  }
+  void forgetAdded() noexcept;
+
+  [[nodiscard]] Lower& lower(std::uint32_t index) noexcept { return lowers_[index]; }
+  [[nodiscard]] Upper& upper(std::uint32_t index) noexcept { return *uppers_[index]; }
+  [[nodiscard]] std::uint32_t leafCount() const noexcept { return leaf_count_; }
+  [[nodiscard]] std::uint32_t lowerCount() const noexcept { return lowers_.size(); }
+  [[nodiscard]] std::uint32_t upperCount() const noexcept { return static_cast<std::uint32_t>(uppers_.size()); }
+  [[nodiscard]] std::uint64_t usedBytes() const noexcept { return top_; }  ///< of the arena
+  [[nodiscard]] std::uint64_t hostBytes() const noexcept;
+
+ private:
+  [[nodiscard]] bool locateOnce();
+  void locateBlock(ChangeBlock& block) noexcept;
+  void claimLeaves(ChangeBlock& block) noexcept;
+  [[nodiscard]] bool missesNothing(const ChangeBlock& block) const noexcept;
+  void addLowersOf(const ChangeBlock& block);
+  void reserveLeaves(std::uint32_t count);
+  std::uint64_t allocate(std::uint64_t bytes);
+  std::uint32_t addUpper(const nanovdb::Coord& ijk, std::uint64_t key);
+  std::uint32_t addLower(const nanovdb::Coord& ijk);
+  [[nodiscard]] std::uint32_t findLower(const nanovdb::Coord& ijk) const noexcept;
+  template <class Act>
+  void forEachBlock(const Act& act);
+
+  kernels::MirrorArena& arena_;
+  std::uint32_t root_capacity_;
+  std::uint64_t top_;  ///< [B] of the arena in use
+  std::uint32_t leaf_count_ = 0;
+  std::uint32_t call_ = 0;  ///< number of the running locateOnce()
+
+  RootTable root_table_;
+  std::vector<std::unique_ptr<Upper>> uppers_;
+  NodePool<Lower> lowers_;
+  NodePool<LeafChunk> chunks_;
+  std::vector<std::uint64_t> chunk_offsets_;  ///< [B] of the first leaf of each chunk
+
+  // Of the last call.
+  std::vector<ChangeBlock> blocks_;
+  std::uint32_t change_count_ = 0;
+  std::vector<std::uint32_t> slots_;
+  std::vector<std::uint64_t> places_;  ///< of the change's leaf: lower node << 12 | entry
+  std::vector<LeafChange> merged_;
+  std::vector<AddedNode> added_uppers_, added_lowers_, added_leaves_;
+};
+
+}  // namespace accessvdb::internal

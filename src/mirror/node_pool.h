@@ -1,0 +1,64 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Nodes by index that never move, in slabs of 2 MiB: in huge pages where the system grants them, as lookups go
+/// anywhere in them and would miss the TLB each time.
+#pragma once
+
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <new>
+#include <type_traits>
+#include <vector>
+
+namespace accessvdb::internal {
+
+template <class T>
+class NodePool {
+ public:
+  [[nodiscard]] T& operator[](std::uint32_t n) noexcept { return nodesOf(n)[n % kPerSlab]; }
+  [[nodiscard]] const T& operator[](std::uint32_t n) const noexcept { return nodesOf(n)[n % kPerSlab]; }
+  [[nodiscard]] std::uint32_t size() const noexcept { return size_; }
+  [[nodiscard]] std::uint64_t bytes() const noexcept { return slabs_.size() * kSlabBytes; }
+
+  /// Afterwards one add() cannot fail. @throw std::bad_alloc
+  void reserveOne() {
+    if (size_ < slabs_.size() * kPerSlab) return;
+    Slab slab(static_cast<std::byte*>(::operator new(kSlabBytes, kAlignment)));
+#if defined(__linux__) && defined(MADV_HUGEPAGE)
+    (void)madvise(slab.get(), kSlabBytes, MADV_HUGEPAGE);  // advice only: small pages work as well
+#endif
+    slabs_.push_back(std::move(slab));
+  }
+  /// @return the new node, with index size() - 1
+  T& add() {
+    reserveOne();
+    T* const place = reinterpret_cast<T*>(slabs_[size_ / kPerSlab].get()) + size_ % kPerSlab;
+    ++size_;
+    return *new (place) T();
+  }
+
+ private:
+  static constexpr std::size_t kSlabBytes = std::size_t{2} << 20;
+  static constexpr std::uint32_t kPerSlab = kSlabBytes / sizeof(T);
+  static constexpr std::align_val_t kAlignment{kSlabBytes};
+  static_assert(kPerSlab > 0 && std::is_trivially_destructible_v<T> && std::is_nothrow_default_constructible_v<T>);
+
+  struct Free {
+    void operator()(std::byte* slab) const noexcept { ::operator delete(slab, kAlignment); }
+  };
+  using Slab = std::unique_ptr<std::byte, Free>;
+
+  [[nodiscard]] T* nodesOf(std::uint32_t n) const noexcept {
+    return std::launder(reinterpret_cast<T*>(slabs_[n / kPerSlab].get()));
+  }
+
+  std::vector<Slab> slabs_;
+  std::uint32_t size_ = 0;
+};
+
+}  // namespace accessvdb::internal
