@@ -4,8 +4,13 @@
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <array>
+#include <vector>
+
+#include "field/reached_leaves.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -14,10 +19,13 @@ namespace {
 using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
 constexpr std::size_t kPointsPerTask = 1024;
 
-openvdb::Coord coordOf(const PointStore& points, std::uint32_t id) {
-  const Index3 voxel = points.voxelOf(points.first_L(id));
-  return {voxel[0], voxel[1], voxel[2]};
+void prefetchRead([[maybe_unused]] const void* address) {
+#if defined(__GNUC__)
+  __builtin_prefetch(address, 0);
+#endif
 }
+
+openvdb::Coord coordOf(const Index3& voxel) { return {voxel[0], voxel[1], voxel[2]}; }
 
 std::uint32_t packedAt(ConstAccessor& map, const openvdb::Coord& ijk) {
   const PackedLeaf* leaf = map.probeConstLeaf(ijk);
@@ -26,31 +34,123 @@ std::uint32_t packedAt(ConstAccessor& map, const openvdb::Coord& ijk) {
   return values == nullptr ? 0 : values[PackedLeaf::coordToOffset(ijk)];
 }
 
-/// Largest weight of the (2 reach + 1)^3 voxels around one; each leaf that they lie in is looked up once.
-std::uint32_t largestWeight(ConstAccessor& map, const openvdb::Coord& centre, int reach) {
-  constexpr int kLast = PackedLeaf::DIM - 1;
-  const openvdb::Coord low = centre.offsetBy(-reach), high = centre.offsetBy(reach);
-  std::uint32_t most = 0;
-  openvdb::Coord from, to;  // the part inside one leaf
-  for (from.x() = low.x(); from.x() <= high.x(); from.x() = to.x() + 1) {
-    to.x() = std::min(from.x() | kLast, high.x());
-    for (from.y() = low.y(); from.y() <= high.y(); from.y() = to.y() + 1) {
-      to.y() = std::min(from.y() | kLast, high.y());
-      for (from.z() = low.z(); from.z() <= high.z(); from.z() = to.z() + 1) {
-        to.z() = std::min(from.z() | kLast, high.z());
-        const PackedLeaf* leaf = map.probeConstLeaf(from);
-        const std::uint32_t* values = leaf == nullptr ? nullptr : packedValues(*leaf);
-        if (values == nullptr) continue;
-        for (int x = from.x(); x <= to.x(); ++x) {
-          for (int y = from.y(); y <= to.y(); ++y) {
-            const std::uint32_t* row = values + PackedLeaf::coordToOffset({x, y, from.z()});
-            for (int z = 0; z <= to.z() - from.z(); ++z) most = std::max(most, weightOf(row[z]));
-          }
+/// The (2 reach + 1)^3 voxels around one, in the leaves that hold them: at most two along each axis. Read in three
+/// steps, with the steps of other voxels in between, so that what the next step needs has arrived by then: places all
+/// over the map wait for memory, not for arithmetic.
+class WeightWindow {
+ public:
+  /// Step 1: which leaves, through the tree.
+  void find(ConstAccessor& map, const Index3& centre, int reach) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::int32_t low = centre[axis] - reach, high = centre[axis] + reach;
+      const std::int32_t last = std::min(low | kLast, high);
+      spans_[axis] = {Span{low, last}, Span{last + 1, high}};
+    }
+    parts_ = 0;
+    for (const Span& x : spans_[0]) {
+      for (const Span& y : spans_[1]) {
+        for (const Span& z : spans_[2]) {
+          if (x.empty() || y.empty() || z.empty()) continue;
+          const openvdb::Coord first(x.first, y.first, z.first);
+          const PackedLeaf* leaf = map.probeConstLeaf(first);
+          if (leaf == nullptr) continue;
+          prefetchRead(leaf);
+          const auto offset = static_cast<std::uint16_t>(PackedLeaf::coordToOffset(first));
+          part_[parts_++] = {leaf, nullptr, offset, length(x), length(y), length(z)};
         }
       }
     }
   }
-  return most;
+
+  /// Step 2: their values.
+  void fetch() {
+    for (int n = 0; n < parts_; ++n) {
+      Part& part = part_[static_cast<std::size_t>(n)];
+      part.values = packedValues(*part.leaf);
+      if (part.values == nullptr) continue;
+      part.values += part.offset;
+      for (int x = 0; x < part.x; ++x) {  // a line of memory holds two rows
+        for (int y = 0; y < part.y; y += 2) prefetchRead(part.values + 64 * x + 8 * y);
+        prefetchRead(part.values + 64 * x + 8 * (part.y - 1));
+      }
+    }
+  }
+
+  /// Step 3. @return the largest weight
+  [[nodiscard]] std::uint16_t largest() const {
+    std::uint32_t most = 0;
+    for (int n = 0; n < parts_; ++n) {
+      const Part& part = part_[static_cast<std::size_t>(n)];
+      if (part.values == nullptr) continue;
+      for (int x = 0; x < part.x; ++x) {
+        for (int y = 0; y < part.y; ++y) {
+          const std::uint32_t* row = part.values + 64 * x + 8 * y;
+          for (int z = 0; z < part.z; ++z) most = std::max(most, weightOf(row[z]));
+        }
+      }
+    }
+    return static_cast<std::uint16_t>(most);
+  }
+
+ private:
+  static constexpr std::int32_t kLast = PackedLeaf::DIM - 1;
+  struct Span {
+    std::int32_t first = 0, last = -1;
+    [[nodiscard]] bool empty() const { return first > last; }
+  };
+  static std::int8_t length(const Span& span) { return static_cast<std::int8_t>(span.last - span.first + 1); }
+  struct Part {
+    const PackedLeaf* leaf;
+    const std::uint32_t* values;  ///< of its first voxel
+    std::uint16_t offset;
+    std::int8_t x, y, z;  ///< voxels
+  };
+  std::array<std::array<Span, 2>, 3> spans_;
+  std::array<Part, 8> part_;
+  int parts_ = 0;
+};
+
+/// @param voxelOf  (n) -> Index3, for n in [begin, end)  @param take  (n, weight)
+template <typename VoxelOf, typename Take>
+void readWeights(const PackedMap& map, int reach, std::size_t begin, std::size_t end, const VoxelOf& voxelOf,
+                 const Take& take) {
+  constexpr std::size_t kFindAhead = 16, kFetchAhead = 8;  // a power of two; half of it
+  std::array<WeightWindow, kFindAhead> windows;
+  ConstAccessor accessor(map.tree());
+  for (std::size_t n = begin; n < end + kFindAhead; ++n) {  // step 3 is that of n - kFindAhead
+    if (n >= begin + kFindAhead) take(n - kFindAhead, windows[n % kFindAhead].largest());
+    if (n < end) windows[n % kFindAhead].find(accessor, voxelOf(n), reach);
+    if (n >= begin + kFetchAhead && n - kFetchAhead < end) windows[(n - kFetchAhead) % kFindAhead].fetch();
+  }
+}
+
+/// Where a point lies, and which of those asked for it is.
+struct Site {
+  Index3 voxel;
+  std::uint32_t index;
+};
+
+/// Leaves of a node of the tree follow each other: 128 voxels an axis, then 8. Coordinates are within +-2^20.
+std::uint64_t leafOrder(const Index3& voxel) {
+  std::uint64_t node = 0, leaf = 0;
+  for (const std::int32_t x : voxel) {
+    node = node << 14 | static_cast<std::uint64_t>((x >> 7) + (1 << 13));
+    leaf = leaf << 4 | static_cast<std::uint64_t>(x >> 3 & 15);
+  }
+  return node << 12 | leaf;
+}
+
+/// Ids follow the voxels of each scan, plane by plane, so neighbours in memory are far apart among them.
+std::vector<Site> sitesByLeaf(const PointStore& points, std::span<const std::uint32_t> ids) {
+  std::vector<Site> sites(ids.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      sites[n] = {points.voxelOf(points.first_L(ids[n])), static_cast<std::uint32_t>(n)};
+    }
+  });
+  tbb::parallel_sort(sites.begin(), sites.end(),
+                     [](const Site& a, const Site& b) { return leafOrder(a.voxel) < leafOrder(b.voxel); });
+  return sites;
 }
 
 }  // namespace
@@ -58,23 +158,34 @@ std::uint32_t largestWeight(ConstAccessor& map, const openvdb::Coord& centre, in
 MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neighbourhood_weight) {
   MapReads reads;
   const int reach = neighbourhood_weight ? 1 : 0;
-  reads.weights = [&map, &points, reach](std::span<const std::uint32_t> ids, std::span<std::uint16_t> weights) {
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
-      ConstAccessor accessor(map.tree());
-      for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        weights[n] = static_cast<std::uint16_t>(largestWeight(accessor, coordOf(points, ids[n]), reach));
-      }
+  const auto read = [&map, reach](std::span<std::uint16_t> weights, const auto& voxelOf) {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, weights.size(), kPointsPerTask), [&](const auto& range) {
+      readWeights(map, reach, range.begin(), range.end(), voxelOf,
+                  [&](std::size_t n, std::uint16_t weight) { weights[n] = weight; });
     });
+  };
+  reads.weights = [read, &points](std::span<const std::uint32_t> ids, std::span<std::uint16_t> weights) {
+    const std::vector<Site> sites = sitesByLeaf(points, ids);
+    std::vector<std::uint16_t> sorted(sites.size());
+    read(sorted, [&](std::size_t n) { return sites[n].voxel; });
+    for (std::size_t n = 0; n < sites.size(); ++n) weights[sites[n].index] = sorted[n];
+  };
+  reads.weights_at = [read](std::span<const Index3> voxels, std::span<std::uint16_t> weights) {
+    read(weights, [&](std::size_t n) { return voxels[n]; });
   };
   reads.distances = [&map, &points](std::span<const std::uint32_t> ids, std::span<float> distances_m) {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
       ConstAccessor accessor(map.tree());
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        const std::uint32_t packed = packedAt(accessor, coordOf(points, ids[n]));
+        const std::uint32_t packed = packedAt(accessor, coordOf(points.voxelOf(points.first_L(ids[n]))));
         distances_m[n] = weightOf(packed) > 0 ? map.distanceOf(meanOf(packed))
                                               : static_cast<float>(map.params().truncation_distance_m);
       }
     });
+  };
+  reads.reached = [&map, reach](std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                                const TakeLeaves& take) {
+    return forEachReachedLeaf(map.params(), p_L, q_L, reach, take);
   };
   return reads;
 }

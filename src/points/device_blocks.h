@@ -4,8 +4,13 @@
 /// full. The host decides; the runs that are given up are used again.
 #pragma once
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
 #include <bit>
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "launch/point_updater.h"
@@ -15,24 +20,40 @@ namespace accessvdb::internal {
 
 class DeviceBlocks {
  public:
-  /// The block has other points than before. @param ids  its ids are appended here
-  kernels::BlockNews news(std::uint32_t block, const PointBlock& points, std::vector<std::uint32_t>& ids) {
-    kernels::BlockNews news;
-    news.block = block;
-    news.is_new = block >= runs_.size() ? 1 : 0;
-    if (news.is_new != 0) runs_.resize(block + 1);
-    Run& run = runs_[block];
-    const auto count = static_cast<std::uint32_t>(points.ids.size());
-    if (count > run.capacity) {
-      if (run.capacity > 0) free_[classOf(run.capacity)].push_back(run.first);
-      run = take(std::bit_ceil(count < kLeastSlots ? kLeastSlots : count));
+  /// These blocks have other points than before. @param changed  ascending, each once
+  /// @param blocks  all of them  @param news, ids  out, in that order
+  void news(std::span<const std::uint32_t> changed, const std::vector<PointBlock>& blocks,
+            std::vector<kernels::BlockNews>& news, std::vector<std::uint32_t>& ids) {
+    news.resize(changed.size());
+    const tbb::blocked_range<std::size_t> all(0, changed.size(), kBlocksPerTask);
+    tbb::parallel_for(all, [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        const PointBlock& block = blocks[changed[n]];
+        news[n] = {};
+        news[n].block = changed[n];
+        news[n].count = static_cast<std::uint32_t>(block.ids.size());
+        for (std::size_t axis = 0; axis < 3; ++axis) news[n].leaf[axis] = block.leaf[axis];
+      }
+    });
+    std::uint32_t source = 0;
+    for (kernels::BlockNews& block : news) {
+      block.source = source;
+      source += block.count;
+      block.is_new = block.block >= runs_.size() ? 1 : 0;
+      if (block.is_new != 0) runs_.resize(block.block + 1);
+      Run& run = runs_[block.block];
+      if (block.count > run.capacity) {
+        if (run.capacity > 0) free_[classOf(run.capacity)].push_back(run.first);
+        run = take(std::bit_ceil(std::max(block.count, kLeastSlots)));
+      }
+      block.first = run.first;
     }
-    for (std::size_t axis = 0; axis < 3; ++axis) news.leaf[axis] = points.leaf[axis];
-    news.first = run.first;
-    news.count = count;
-    news.source = static_cast<std::uint32_t>(ids.size());
-    ids.insert(ids.end(), points.ids.begin(), points.ids.end());
-    return news;
+    ids.resize(source);
+    tbb::parallel_for(all, [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        std::ranges::copy(blocks[changed[n]].ids, ids.begin() + static_cast<std::ptrdiff_t>(news[n].source));
+      }
+    });
   }
   /// Slots in use or free, from 0.
   [[nodiscard]] std::uint32_t slots() const { return slots_; }
@@ -42,6 +63,7 @@ class DeviceBlocks {
   struct Run {
     std::uint32_t first = 0, capacity = 0;
   };
+  static constexpr std::size_t kBlocksPerTask = 256;
   static constexpr std::uint32_t kLeastSlots = 8;  ///< a block holds at most 512 points
   static std::size_t classOf(std::uint32_t capacity) { return static_cast<std::size_t>(std::countr_zero(capacity)); }
 

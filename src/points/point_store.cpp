@@ -45,6 +45,34 @@ Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
   return {ijk[0], ijk[1], ijk[2]};
 }
 
+/// Gives ids to the groups that have none yet. @param firstOf  first return of a group
+template <typename FirstOf>
+void PointStore::addNew(TouchedPoints& touched, const FirstOf& firstOf) {
+  std::vector<NewVoxel> added;
+  std::vector<std::size_t> group_of;
+  for (std::size_t g = 0; g < touched.all.size(); ++g) {
+    if (touched.all[g] != kNone) continue;
+    touched.all[g] = size() + static_cast<std::uint32_t>(added.size());
+    group_of.push_back(g);
+    added.push_back({{}, touched.all[g], kNone});
+  }
+  touched.new_points = added.size();
+  const std::uint32_t before = size();
+  first_L_.resize(before + added.size());
+  block_.resize(before + added.size());
+  const tbb::blocked_range<std::size_t> all(0, added.size(), 256);
+  tbb::parallel_for(all, [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      first_L_[before + n] = firstOf(group_of[n]);
+      added[n].voxel = voxelOf(first_L_[before + n]);
+    }
+  });
+  index_.insertAll(added);
+  tbb::parallel_for(all, [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) block_[before + n] = added[n].block;
+  });
+}
+
 TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
   TouchedPoints touched;
   const auto sensor = [&](std::uint32_t n) -> const Eigen::Vector3f& { return q_L[q_L.size() == 1 ? 0 : n]; };
@@ -64,20 +92,17 @@ TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::
 
   std::vector<std::uint32_t> group_begin;
   for (std::size_t n = 0; n < returns.size(); ++n) {
-    if (n > 0 && returns[n].key == returns[n - 1].key) continue;
-    group_begin.push_back(static_cast<std::uint32_t>(n));
-    const Eigen::Vector3f& p = p_L[returns[n].index];
-    const Index3 voxel = voxelOf(p);
-    std::uint32_t id = index_.find(voxel);
-    if (id == kNone) {
-      id = size();
-      block_.push_back(index_.insert(voxel, id));
-      first_L_.push_back(p);
-      ++touched.new_points;
-    }
-    touched.all.push_back(id);
+    if (n == 0 || returns[n].key != returns[n - 1].key) group_begin.push_back(static_cast<std::uint32_t>(n));
   }
+  touched.all.resize(group_begin.size());
   group_begin.push_back(static_cast<std::uint32_t>(returns.size()));
+  const auto firstOf = [&](std::size_t group) -> const Eigen::Vector3f& {
+    return p_L[returns[group_begin[group]].index];
+  };
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, touched.all.size(), 256), [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) touched.all[g] = index_.find(voxelOf(firstOf(g)));
+  });
+  addNew(touched, firstOf);
   const std::size_t n = first_L_.size();
   constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
   pca_L_.resize(n, Eigen::Vector3f::Constant(kNaN));

@@ -85,6 +85,8 @@ class PointStore {
   [[nodiscard]] std::uint64_t bytes() const;
 
  private:
+  template <typename FirstOf>
+  void addNew(TouchedPoints& touched, const FirstOf& firstOf);
   /// @return true when its seen directions changed
   bool addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
   [[nodiscard]] DirectionMask directionsTowards(const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L) const;

@@ -10,10 +10,11 @@
 #include <bit>
 #include <cstdint>
 #include <memory>
-#include <unordered_map>
+#include <span>
 #include <vector>
 
 #include "accessvdb/leaf_change.h"
+#include "points/cell_map.h"
 
 namespace accessvdb::internal {
 
@@ -23,20 +24,37 @@ inline constexpr std::uint32_t kNone = ~std::uint32_t{0};
 /// The points of one leaf, sorted by voxel.
 struct PointBlock {
   Index3 leaf = {};                ///< voxel index >> 3
+  std::uint32_t cell = kNone;      ///< number of its cell
   LeafBits occupied = {};          ///< voxels with a point
   std::vector<std::uint32_t> ids;  ///< in the order of the set bits
+};
+
+/// A point on its way into the index.
+struct NewVoxel {
+  Index3 voxel = {};
+  std::uint32_t id = kNone;
+  std::uint32_t block = kNone;  ///< out
 };
 
 class SurfaceIndex {
  public:
   /// Id of the point in a voxel, or kNone.
   [[nodiscard]] std::uint32_t find(const Index3& voxel) const;
+  /// The same where the block is known.
+  [[nodiscard]] std::uint32_t findIn(std::uint32_t block, const Index3& voxel) const;
   /// The voxel must be free. @return index of its block
   std::uint32_t insert(const Index3& voxel, std::uint32_t id);
+  /// As insert() of each in turn, in parallel. The voxels are free and differ.
+  void insertAll(std::span<NewVoxel> points);
 
   [[nodiscard]] const std::vector<PointBlock>& blocks() const { return blocks_; }
   /// Index into blocks(), or kNone.
   [[nodiscard]] std::uint32_t blockAt(const Index3& leaf) const;
+  /// Cells are numbered as they come. @param cell  leaf >> 3. @return its number or kNone
+  [[nodiscard]] std::uint32_t cellAt(const Index3& cell) const { return cell_of_.find(cell); }
+  [[nodiscard]] std::uint32_t cells() const { return static_cast<std::uint32_t>(cells_.size()); }
+  /// @param bit  of the leaf inside the cell. @return index into blocks(), or kNone
+  [[nodiscard]] std::uint32_t blockIn(std::uint32_t cell, std::size_t bit) const { return cells_[cell]->block[bit]; }
   [[nodiscard]] std::uint64_t bytes() const;
 
   /// Calls visit(block index) for every block with leaf coordinates in [low, high], in a fixed order.
@@ -45,9 +63,9 @@ class SurfaceIndex {
     for (std::int32_t cx = low[0] >> 3; cx <= high[0] >> 3; ++cx) {
       for (std::int32_t cy = low[1] >> 3; cy <= high[1] >> 3; ++cy) {
         for (std::int32_t cz = low[2] >> 3; cz <= high[2] >> 3; ++cz) {
-          const auto found = cell_of_.find(cellKey({cx, cy, cz}));
-          if (found == cell_of_.end()) continue;
-          visitCell(*cells_[found->second], {cx, cy, cz}, low, high, visit);
+          const std::uint32_t found = cell_of_.find({cx, cy, cz});
+          if (found == kNone) continue;
+          visitCell(*cells_[found], {cx, cy, cz}, low, high, visit);
         }
       }
     }
@@ -58,7 +76,9 @@ class SurfaceIndex {
     LeafBits present = {};
     std::array<std::uint32_t, 512> block;
   };
-  static std::uint64_t cellKey(const Index3& cell);
+  std::uint32_t makeBlock(const Index3& leaf);
+  /// Points of one block, by ascending voxel.
+  void addTo(std::uint32_t block, std::span<const NewVoxel* const> points);
 
   template <typename Visit>
   static void visitCell(const Cell& cell, const Index3& c, const Index3& low, const Index3& high, const Visit& visit) {
@@ -76,7 +96,7 @@ class SurfaceIndex {
     }
   }
 
-  std::unordered_map<std::uint64_t, std::uint32_t> cell_of_;
+  CellMap cell_of_;
   std::vector<std::unique_ptr<Cell>> cells_;
   std::vector<PointBlock> blocks_;
 };

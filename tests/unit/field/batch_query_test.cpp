@@ -16,7 +16,6 @@
 namespace accessvdb::test {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 class BatchQueryAt : public testing::Test {

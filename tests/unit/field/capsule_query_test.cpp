@@ -16,7 +16,6 @@
 namespace accessvdb::test {
 namespace {
 
-constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kVoxel_m = QueryWorld::kVoxel_m;
 /// The library works in float32 here: of an axis of a few metres, in voxels.
 constexpr double kTolerance = 1e-3;

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cmath>
+#include <limits>
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
@@ -11,6 +12,8 @@
 #include "sample_scans/walk_generator.h"
 
 namespace accessvdb::test {
+
+inline constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
 struct QueryWorld {
   static constexpr double kVoxel_m = 0.05;

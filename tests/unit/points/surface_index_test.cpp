@@ -53,6 +53,41 @@ TEST(SurfaceIndex, EqualsAMap) {
   }
 }
 
+/// Batches of all sizes, into blocks that are there and blocks that are not.
+TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
+  for (const std::int32_t extent : {3, 20, 300, 1000000}) {
+    Random random(static_cast<std::uint64_t>(extent) + 7);
+    SurfaceIndex one_by_one, at_once;
+    std::set<Index3> taken;
+    std::uint32_t next_id = 0;
+    for (const std::size_t batch : {std::size_t{0}, std::size_t{1}, std::size_t{2}, std::size_t{300}, std::size_t{5000},
+                                    std::size_t{40}, std::size_t{2000}}) {
+      std::vector<NewVoxel> points;
+      for (std::size_t n = 0; n < batch; ++n) {
+        const Index3 v = {random.between(-extent, extent), random.between(-extent, extent),
+                          random.between(-extent, extent)};
+        if (taken.insert(v).second) points.push_back({v, next_id++, kNone});
+      }
+      at_once.insertAll(points);
+      for (const NewVoxel& point : points) ASSERT_EQ(one_by_one.insert(point.voxel, point.id), point.block);
+      ASSERT_EQ(at_once.cells(), one_by_one.cells());
+      ASSERT_EQ(at_once.blocks().size(), one_by_one.blocks().size());
+      for (std::size_t b = 0; b < at_once.blocks().size(); ++b) {
+        const PointBlock &a = at_once.blocks()[b], &o = one_by_one.blocks()[b];
+        ASSERT_EQ(a.leaf, o.leaf);
+        ASSERT_EQ(a.occupied, o.occupied);
+        ASSERT_EQ(a.ids, o.ids);
+        ASSERT_EQ(a.cell, at_once.cellAt(parentOf(a.leaf)));
+        ASSERT_EQ(at_once.blockIn(a.cell, bitInParent(a.leaf)), b);
+      }
+    }
+    ASSERT_EQ(at_once.cellAt({1 << 19, 0, 0}), kNone);
+    if (extent == 20) {
+      ASSERT_GT(next_id, 4 * at_once.blocks().size());  // blocks of many points
+    }
+  }
+}
+
 TEST(SurfaceIndex, VisitsTheBlocksOfABoxOnceEach) {
   Random random(4);
   SurfaceIndex index;

@@ -1,0 +1,22 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Where a scan may have raised weights: what the points need to know without asking the map at each of them.
+#pragma once
+
+#include <Eigen/Core>
+#include <span>
+
+#include "accessvdb/params.h"
+#include "points/point_scorer.h"
+
+namespace accessvdb::internal {
+
+/// Calls take(leaves) for all leaves, voxel index >> 3, with a voxel that lies at most `reach` voxels (along each axis)
+/// from one to which the scan added a distance sample (SPEC a.3). A superset; a leaf may come several times; from
+/// several threads at once.
+/// @param p_L  [n] returns, local frame, metres  @param q_L  [n] or [1] sensor positions
+/// @return false, and nothing is taken, where the region does not follow the returns (the projective baseline)
+bool forEachReachedLeaf(const TsdfParams& resolved, std::span<const Eigen::Vector3f> p_L,
+                        std::span<const Eigen::Vector3f> q_L, int reach, const TakeLeaves& take);
+
+}  // namespace accessvdb::internal

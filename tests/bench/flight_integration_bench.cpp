@@ -1,0 +1,213 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Fusion alone, on the flight of `accessvdb bench --scene pine`: what `integrate` of that verb is made of.
+///
+/// Replays the same scans into fresh maps, round after round, and prints milliseconds a frame over the last frames:
+///   fuse    ScanIntegrator::integrate, everything
+///   points  PointStore::addReturns, the other part of the verb's `integrate`
+/// and a hash of the map, which no change of speed may change. Options by environment: ACCESSVDB_BENCH_FRAMES (120),
+/// ACCESSVDB_BENCH_TIMED (100, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10), ACCESSVDB_BENCH_THREADS (0 = all),
+/// ACCESSVDB_BENCH_ROUNDS (1), ACCESSVDB_BENCH_SCANS (a file that keeps the scans, as simulating them takes longer).
+#include <openvdb/openvdb.h>
+#include <sys/resource.h>
+#include <tbb/global_control.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <string>
+#include <vector>
+
+#include "points/point_store.h"
+#include "sim/forest.h"
+#include "sim/simulator.h"
+#include "tsdf/scan_integrator.h"
+
+namespace accessvdb {
+namespace {
+
+constexpr int kReturns = 20000;
+
+int environment(const char* name, int fallback) {
+  const char* value = std::getenv(name);
+  return value == nullptr ? fallback : std::atoi(value);
+}
+
+/// A scan in the local frame, metres.
+struct Scan {
+  Eigen::Vector3f q_L;
+  std::vector<Eigen::Vector3f> p_L;  ///< [kReturns]
+};
+
+/// The flight of `accessvdb bench` with its defaults, in the frame of its first pose.
+std::vector<Scan> simulatedScans(int frames) {
+  constexpr double kSpeed_m_s = 1, kPeriod_s = 0.1, kView_m = 30;
+  sim::ForestParams params;
+  params.path_length_m = kSpeed_m_s * kPeriod_s * frames;
+  params.view_m = kView_m;
+  params.solid_foliage_m = 0.05;
+  params.seed = 1;
+  sim::Forest forest = sim::makeForest(params);
+  sim::LidarModel sensor = sim::LidarModel::named("mid360");
+  sensor.rays_per_frame = 8 * kReturns;
+  sensor.frame_period_s = kPeriod_s;
+  sensor.range_noise_m = 0.02;
+  sensor.min_range_m = 0.2;
+  sensor.max_range_m = kView_m;
+  const sim::Simulator simulator(sim::RayCaster(std::move(forest.meshes), forest.placed), "forest", sensor,
+                                 sim::forestFlight(kSpeed_m_s, kPeriod_s, frames), 1);
+  std::vector<Scan> scans;
+  Eigen::Vector3d origin_W = Eigen::Vector3d::Zero();
+  for (int begin = 0; begin < frames; begin += 16) {
+    for (const sim::SimulatedFrame& frame : simulator.framesOfReturns(begin, std::min(frames, begin + 16), kReturns)) {
+      if (scans.empty()) origin_W = frame.T_W_S.translation().array().round();
+      Scan& scan = scans.emplace_back();
+      const auto local = [&](const Eigen::Vector3d& p_W) -> Eigen::Vector3f { return (p_W - origin_W).cast<float>(); };
+      scan.q_L = local(frame.T_W_S.translation());
+      for (const Eigen::Vector3f& p_S : frame.points_S) {
+        if (!p_S.isZero(0)) scan.p_L.push_back(local(frame.T_W_S * p_S.cast<double>()));
+      }
+    }
+  }
+  return scans;
+}
+
+std::vector<Scan> keptScans(const std::string& file, int frames) {
+  std::vector<Scan> scans;
+  std::ifstream in(file, std::ios::binary);
+  Scan scan;
+  scan.p_L.resize(kReturns);
+  const auto bytes = static_cast<std::streamsize>(kReturns * sizeof(Eigen::Vector3f));
+  while (static_cast<int>(scans.size()) < frames && in.read(reinterpret_cast<char*>(&scan.q_L), sizeof(scan.q_L)) &&
+         in.read(reinterpret_cast<char*>(scan.p_L.data()), bytes)) {
+    scans.push_back(scan);
+  }
+  if (static_cast<int>(scans.size()) == frames) return scans;
+  scans = simulatedScans(frames);
+  std::ofstream out(file, std::ios::binary);
+  for (const Scan& made : scans) {
+    out.write(reinterpret_cast<const char*>(&made.q_L), sizeof(made.q_L));
+    out.write(reinterpret_cast<const char*>(made.p_L.data()), bytes);
+  }
+  return scans;
+}
+
+/// User and system time of the process.
+struct CpuTime {
+  double user_s, system_s;
+  static CpuTime now() {
+    rusage usage = {};
+    getrusage(RUSAGE_SELF, &usage);
+    const auto seconds = [](const timeval& t) {
+      return static_cast<double>(t.tv_sec) + 1e-6 * static_cast<double>(t.tv_usec);
+    };
+    return {seconds(usage.ru_utime), seconds(usage.ru_stime)};
+  }
+};
+
+double millisecondsSince(std::chrono::steady_clock::time_point begin) {
+  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
+}
+
+void printTimes(const char* name, std::vector<double> ms) {
+  double mean = 0;
+  for (const double value : ms) mean += value / static_cast<double>(ms.size());
+  std::sort(ms.begin(), ms.end());
+  std::printf("%-7s %8.2f mean %8.2f median %8.2f p95 ms\n", name, mean, ms[ms.size() / 2], ms[ms.size() * 95 / 100]);
+}
+
+/// FNV-1a over leaves in the order of the tree.
+std::uint64_t hashOf(const internal::PackedMap& map) {
+  std::uint64_t hash = 0xcbf29ce484222325ull;
+  const auto add = [&hash](std::uint64_t value) { hash = (hash ^ value) * 0x100000001b3ull; };
+  for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
+    for (int axis = 0; axis < 3; ++axis) add(static_cast<std::uint32_t>(leaf->origin()[axis]));
+    for (openvdb::Index w = 0; w < 8; ++w) add(leaf->getValueMask().getWord<openvdb::Index64>(w));
+    const std::uint32_t* packed = internal::packedValues(*leaf);
+    for (openvdb::Index n = 0; packed != nullptr && n < internal::PackedLeaf::SIZE; ++n) add(packed[n]);
+  }
+  return hash;
+}
+
+void replay(const std::vector<Scan>& scans, int timed, double voxel_size_m) {
+  FieldParams given;
+  given.tsdf.voxel_size_m = voxel_size_m;
+  given.tsdf.truncation_distance_m = 0.1;
+  given.tsdf.range_noise_m = 0.02;
+  const FieldParams params = given.resolved();
+  internal::PackedMap map(params.tsdf);
+  map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
+  internal::ScanIntegrator integrator(map);
+  internal::PointStore points(params, std::vector<float>(2 * static_cast<std::size_t>(params.approach.num_directions)));
+  std::vector<double> fuse_ms, points_ms;
+  double user_ms = 0, system_ms = 0, touched = 0, fresh = 0, updates = 0, passes = 0, changed = 0;
+  std::uint64_t changes_hash = 0;
+  const std::size_t first = scans.size() - static_cast<std::size_t>(timed);
+  for (std::size_t n = 0; n < scans.size(); ++n) {
+    const Scan& scan = scans[n];
+    const CpuTime before = CpuTime::now();
+    const auto fusing = std::chrono::steady_clock::now();
+    const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
+    const double ms = millisecondsSince(fusing);
+    const CpuTime after = CpuTime::now();
+    const auto adding = std::chrono::steady_clock::now();
+    points.addReturns(scan.p_L, {&scan.q_L, 1});
+    const double adding_ms = millisecondsSince(adding);
+    for (const auto& part : result.changes) {
+      for (const LeafChange& change : part) {  // their order is free
+        std::uint64_t hash = 0xcbf29ce484222325ull;
+        const auto add = [&hash](std::uint64_t value) { hash = (hash ^ value) * 0x100000001b3ull; };
+        for (const std::int32_t origin : change.origin_ijk) add(static_cast<std::uint32_t>(origin));
+        for (const LeafBits* bits :
+             {&change.collides_on, &change.collides_off, &change.arm_free_on, &change.arm_free_off}) {
+          for (const std::uint64_t word : *bits) add(word);
+        }
+        changes_hash += hash;
+      }
+    }
+    if (n < first) continue;
+    points_ms.push_back(adding_ms);
+    fuse_ms.push_back(ms);
+    user_ms += 1e3 * (after.user_s - before.user_s) / timed;
+    system_ms += 1e3 * (after.system_s - before.system_s) / timed;
+    touched += static_cast<double>(result.touched_leaves) / timed;
+    fresh += static_cast<double>(result.new_leaves) / timed;
+    updates += static_cast<double>(result.counts.distance_updates) / timed;
+    passes += static_cast<double>(result.counts.cleared_updates) / timed;
+    for (const auto& part : result.changes) changed += static_cast<double>(part.size()) / timed;
+  }
+  printTimes("fuse", fuse_ms);
+  printTimes("points", points_ms);
+  std::printf("cpu     %8.2f user %8.2f system ms a frame in fuse\n", user_ms, system_ms);
+  std::printf("a frame: %.0f leaves touched, %.0f new, %.0f changed, %.2f M distance, %.2f M cleared updates\n",
+              touched, fresh, changed, 1e-6 * updates, 1e-6 * passes);
+  std::printf("map     %016llx changes %016llx, %llu leaves, %llu with values\n",
+              static_cast<unsigned long long>(hashOf(map)), static_cast<unsigned long long>(changes_hash),
+              static_cast<unsigned long long>(map.leaf_count),
+              static_cast<unsigned long long>(map.allocated_leaf_count));
+  std::fflush(stdout);
+}
+
+int run() {
+  openvdb::initialize();
+  const int frames = std::max(1, environment("ACCESSVDB_BENCH_FRAMES", 120));
+  const int timed = std::clamp(environment("ACCESSVDB_BENCH_TIMED", 100), 1, frames);
+  const int threads = environment("ACCESSVDB_BENCH_THREADS", 0);
+  const int rounds = std::max(1, environment("ACCESSVDB_BENCH_ROUNDS", 1));
+  const double voxel_size_m = 0.001 * environment("ACCESSVDB_BENCH_VOXEL_MM", 10);
+  const char* file = std::getenv("ACCESSVDB_BENCH_SCANS");
+  const std::vector<Scan> scans = file == nullptr ? simulatedScans(frames) : keptScans(file, frames);
+  tbb::task_arena arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
+  for (int round = 0; round < rounds; ++round) {
+    arena.execute([&] { replay(scans, timed, voxel_size_m); });
+  }
+  return 0;
+}
+
+}  // namespace
+}  // namespace accessvdb
+
+int main() { return accessvdb::run(); }

@@ -1,0 +1,161 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What the host does to keep the mirror, without a device: the changes of the flight of `accessvdb bench --scene pine`
+/// go into a mirror that is changed in place and into one whose arena takes batches as a device does and forgets them.
+///
+/// Prints milliseconds a frame, by the clock and of processor time over all threads, over the last frames:
+///   place    in place, everything
+///   stage    in batches, everything; of it
+///   locate   finding and adding leaves
+///   bits     filling patches
+///   nodes    links, masks and headers of what was added
+/// and where the memory went. Options by environment: ACCESSVDB_BENCH_FRAMES (120), ACCESSVDB_BENCH_TIMED (40, the last
+/// ones), ACCESSVDB_BENCH_VOXEL_MM (10), ACCESSVDB_BENCH_THREADS (0 = all), ACCESSVDB_BENCH_SCANS (a file that keeps
+/// the scans).
+#include <openvdb/openvdb.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <ctime>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "bench/pine_flight.h"
+#include "mirror/nanovdb_mirror.h"
+#include "parity/staged_arena.h"
+#include "tsdf/scan_integrator.h"
+
+namespace accessvdb {
+namespace {
+
+int environment(const char* name, int fallback) {
+  const char* value = std::getenv(name);
+  return value == nullptr ? fallback : std::atoi(value);
+}
+
+struct Moment {
+  double clock_ms = 0, processor_ms = 0;
+  static Moment now() {
+    timespec used = {};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
+    const auto since = std::chrono::steady_clock::now().time_since_epoch();
+    return {std::chrono::duration<double, std::milli>(since).count(),
+            1e3 * static_cast<double>(used.tv_sec) + 1e-6 * static_cast<double>(used.tv_nsec)};
+  }
+};
+
+struct Row {
+  std::vector<double> clock_ms, processor_ms;
+  void add(const Moment& from, const Moment& to) {
+    clock_ms.push_back(to.clock_ms - from.clock_ms);
+    processor_ms.push_back(to.processor_ms - from.processor_ms);
+  }
+  static double quantile(std::vector<double> values, double q) {
+    std::sort(values.begin(), values.end());
+    return values[static_cast<std::size_t>(q * static_cast<double>(values.size() - 1))];
+  }
+  void print(const char* name) const {
+    std::printf("%-8s median %7.2f p95 %7.2f, processor median %7.2f p95 %7.2f ms\n", name, quantile(clock_ms, 0.5),
+                quantile(clock_ms, 0.95), quantile(processor_ms, 0.5), quantile(processor_ms, 0.95));
+  }
+};
+
+/// Notes when the mirror goes from one phase to the next.
+class TimedArena final : public kernels::MirrorArena {
+ public:
+  TimedArena() : staged_(kernels::HostArena::kDefaultReserveBytes, 8u << 20) { staged_.carries_out = false; }
+  [[nodiscard]] void* base() const noexcept override { return staged_.base(); }
+  void commit(std::uint64_t bytes) override { staged_.commit(bytes); }
+  void write(std::uint64_t offset, const void* source, std::uint64_t bytes) override {
+    note(located);
+    staged_.write(offset, source, bytes);
+  }
+  kernels::StagedWrites stageWrites(std::size_t count, std::uint32_t bytes) override {
+    note(located);
+    return staged_.stageWrites(count, bytes);
+  }
+  kernels::StagedPatches stagePatches(std::size_t count) override {
+    note(located);
+    return staged_.stagePatches(count);
+  }
+  void endPatches(std::size_t count, std::size_t words) override {
+    staged_.endPatches(count, words);
+    patched = Moment::now();
+  }
+  void flush() override { staged_.flush(); }
+  [[nodiscard]] std::uint64_t reservedBytes() const noexcept override { return staged_.reservedBytes(); }
+  [[nodiscard]] std::uint64_t committedBytes() const noexcept override { return staged_.committedBytes(); }
+
+  Moment located, patched;
+
+ private:
+  static void note(Moment& moment) {
+    if (moment.clock_ms == 0) moment = Moment::now();
+  }
+  testing::StagedArena staged_;
+};
+
+void run() {
+  const int frames = environment("ACCESSVDB_BENCH_FRAMES", 120);
+  const int timed = std::min(frames, environment("ACCESSVDB_BENCH_TIMED", 40));
+  const double voxel_size_m = 1e-3 * environment("ACCESSVDB_BENCH_VOXEL_MM", 10);
+  const char* file = std::getenv("ACCESSVDB_BENCH_SCANS");
+  const auto scans = file == nullptr ? bench::simulateFlight(frames) : bench::keptFlight(file, frames);
+
+  TsdfParams params;
+  params.voxel_size_m = voxel_size_m;
+  params.truncation_distance_m = bench::kFlightTau_m;
+  internal::PackedMap map(params);
+  map.setCollisionDistance(static_cast<float>(0.5 * voxel_size_m));
+  internal::ScanIntegrator integrator(map);
+  internal::NanoVdbMirror in_place(std::make_unique<kernels::HostArena>(), voxel_size_m);
+  auto owned = std::make_unique<TimedArena>();
+  TimedArena& arena = *owned;
+  internal::NanoVdbMirror staged(std::move(owned), voxel_size_m);
+
+  Row place, stage, locate, bits, nodes;
+  double changes = 0, added = 0, bytes = 0;
+  for (int n = 0; n < frames; ++n) {
+    const bench::FlightScan& scan = scans[static_cast<std::size_t>(n)];
+    const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
+    const Moment start = Moment::now();
+    in_place.applyParts(result.changes);
+    const Moment between = Moment::now();
+    arena.located = arena.patched = {};
+    staged.applyParts(result.changes);
+    const Moment end = Moment::now();
+    if (n < frames - timed) continue;
+    place.add(start, between);
+    stage.add(between, end);
+    locate.add(between, arena.located);
+    bits.add(arena.located, arena.patched);
+    nodes.add(arena.patched, end);
+    for (const auto& part : result.changes) changes += static_cast<double>(part.size()) / timed;
+    added += static_cast<double>(staged.lastTraffic().leaves_added) / timed;
+    bytes += static_cast<double>(staged.lastTraffic().bytes_written) / timed;
+  }
+  std::printf("a frame: %.0f changed leaves, %.0f of them new, %.0f bytes sent\n", changes, added, bytes);
+  place.print("place");
+  stage.print("stage");
+  locate.print("locate");
+  bits.print("bits");
+  nodes.print("nodes");
+  std::printf("%llu leaves; %.1f MB of nodes, %.1f MB on the host\n",
+              static_cast<unsigned long long>(staged.leafCount()), 1e-6 * static_cast<double>(staged.usedBytes()),
+              1e-6 * static_cast<double>(staged.hostBytes()));
+}
+
+}  // namespace
+}  // namespace accessvdb
+
+int main() {
+  openvdb::initialize();
+  const int threads = accessvdb::environment("ACCESSVDB_BENCH_THREADS", 0);
+  tbb::task_arena arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
+  arena.execute([] { accessvdb::run(); });
+  return 0;
+}

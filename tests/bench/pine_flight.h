@@ -1,0 +1,83 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The scans of `accessvdb bench --scene pine` with its defaults, for benchmarks of single stages.
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <fstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "sim/forest.h"
+#include "sim/simulator.h"
+
+namespace accessvdb::bench {
+
+inline constexpr int kFlightReturns = 20000;    ///< a scan
+inline constexpr double kFlightNoise_m = 0.02;  ///< sigma of the ranges
+inline constexpr double kFlightTau_m = 0.1;     ///< truncation distance of the published figures
+
+/// A scan in the local frame, metres.
+struct FlightScan {
+  Eigen::Vector3f q_L;
+  std::vector<Eigen::Vector3f> p_L;  ///< [kFlightReturns]
+};
+
+/// The frame is that of the first pose, as ScanGate has it.
+inline std::vector<FlightScan> simulateFlight(int frames) {
+  constexpr double kSpeed_m_s = 1, kPeriod_s = 0.1, kView_m = 30;
+  constexpr int kFramesAhead = 16;
+  sim::ForestParams params;
+  params.path_length_m = kSpeed_m_s * kPeriod_s * frames;
+  params.view_m = kView_m;
+  params.solid_foliage_m = 0.05;
+  sim::Forest forest = sim::makeForest(params);
+  sim::LidarModel sensor = sim::LidarModel::named("mid360");
+  sensor.rays_per_frame = 8 * kFlightReturns;
+  sensor.frame_period_s = kPeriod_s;
+  sensor.range_noise_m = kFlightNoise_m;
+  sensor.min_range_m = 0.2;
+  sensor.max_range_m = kView_m;
+  const sim::Simulator simulator(sim::RayCaster(std::move(forest.meshes), forest.placed), "forest", sensor,
+                                 sim::forestFlight(kSpeed_m_s, kPeriod_s, frames), 1);
+  std::vector<FlightScan> scans;
+  Eigen::Vector3d origin_W = Eigen::Vector3d::Zero();
+  for (int begin = 0; begin < frames; begin += kFramesAhead) {
+    const int end = std::min(frames, begin + kFramesAhead);
+    for (const sim::SimulatedFrame& frame : simulator.framesOfReturns(begin, end, kFlightReturns)) {
+      if (scans.empty()) origin_W = frame.T_W_S.translation().array().round();
+      FlightScan& scan = scans.emplace_back();
+      const auto local = [&](const Eigen::Vector3d& p_W) -> Eigen::Vector3f { return (p_W - origin_W).cast<float>(); };
+      scan.q_L = local(frame.T_W_S.translation());
+      for (const Eigen::Vector3f& p_S : frame.points_S) {
+        if (!p_S.isZero(0)) scan.p_L.push_back(local(frame.T_W_S * p_S.cast<double>()));
+      }
+    }
+  }
+  return scans;
+}
+
+/// The same from a file, which is written where it holds fewer frames: simulating takes longer than most stages.
+inline std::vector<FlightScan> keptFlight(const std::string& file, int frames) {
+  std::vector<FlightScan> scans;
+  std::ifstream in(file, std::ios::binary);
+  FlightScan scan;
+  scan.p_L.resize(kFlightReturns);
+  const auto bytes = static_cast<std::streamsize>(kFlightReturns * sizeof(Eigen::Vector3f));
+  while (static_cast<int>(scans.size()) < frames && in.read(reinterpret_cast<char*>(&scan.q_L), sizeof(scan.q_L)) &&
+         in.read(reinterpret_cast<char*>(scan.p_L.data()), bytes)) {
+    scans.push_back(scan);
+  }
+  if (static_cast<int>(scans.size()) == frames) return scans;
+  scans = simulateFlight(frames);
+  std::ofstream out(file, std::ios::binary);
+  for (const FlightScan& made : scans) {
+    out.write(reinterpret_cast<const char*>(&made.q_L), sizeof(made.q_L));
+    out.write(reinterpret_cast<const char*>(made.p_L.data()), bytes);
+  }
+  return scans;
+}
+
+}  // namespace accessvdb::bench

@@ -1,0 +1,225 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What the host does for points when a device chooses and scores (points/device_scheduler.cpp), without a device: an
+/// updater takes everything and does nothing. The flight is that of `accessvdb bench --scene pine`.
+///
+/// Prints milliseconds a frame, by the clock and of processor time over all threads, over the last frames:
+///   returns   PointStore::addReturns, part of the verb's `integrate`
+///   note      UpdateScheduler::noteScan
+///   blocks    of update(): blocks with new points
+///   points    of update(): new and touched points
+///   crossed   of update(): points that became confident
+///   rest      of update(): after the updater
+/// and hashes of what the updater was told, in no order, which no change of speed may change. Options by environment:
+/// ACCESSVDB_BENCH_FRAMES (200), ACCESSVDB_BENCH_TIMED (40, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10),
+/// ACCESSVDB_BENCH_THREADS (0 = all), ACCESSVDB_BENCH_SCANS (a file that keeps the scans).
+#include <openvdb/openvdb.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstdio>
+#include <cstdlib>
+#include <ctime>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "bench/pine_flight.h"
+#include "field/point_weights.h"
+#include "field/scoring_setup.h"
+#include "points/update_scheduler.h"
+#include "tsdf/scan_integrator.h"
+
+namespace accessvdb {
+namespace {
+
+int environment(const char* name, int fallback) {
+  const char* value = std::getenv(name);
+  return value == nullptr ? fallback : std::atoi(value);
+}
+
+struct Moment {
+  double clock_ms, processor_ms;
+  static Moment now() {
+    timespec used = {};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
+    const auto since = std::chrono::steady_clock::now().time_since_epoch();
+    return {std::chrono::duration<double, std::milli>(since).count(),
+            1e3 * static_cast<double>(used.tv_sec) + 1e-6 * static_cast<double>(used.tv_nsec)};
+  }
+};
+
+enum Phase { kReturns, kNote, kBlocks, kPoints, kCrossed, kRest, kPhases };
+constexpr const char* kPhaseNames[kPhases] = {"returns", "note", "blocks", "points", "crossed", "rest"};
+
+struct Phases {
+  std::vector<double> clock_ms[kPhases], processor_ms[kPhases];
+  Moment last = {};
+  void begin() { last = Moment::now(); }
+  void end(Phase phase) {
+    const Moment now = Moment::now();
+    clock_ms[phase].back() += now.clock_ms - last.clock_ms;
+    processor_ms[phase].back() += now.processor_ms - last.processor_ms;
+    last = Moment::now();
+  }
+  void nextFrame() {
+    for (int n = 0; n < kPhases; ++n) clock_ms[n].push_back(0), processor_ms[n].push_back(0);
+  }
+};
+
+struct Told {
+  std::uint64_t news = 0, blocks = 0, block_ids = 0, crossed = 0, flips = 0;  ///< counts
+  std::uint64_t news_hash = 0, crossed_hash = 0, flips_hash = 0;
+};
+
+std::uint64_t mixed(std::uint64_t hash, std::uint64_t value) {
+  hash = (hash ^ value) * 0x9e3779b97f4a7c15ull;
+  return hash ^ hash >> 29;
+}
+std::uint64_t bitsOf(float value) { return __builtin_bit_cast(std::uint32_t, value == 0 ? 0.0f : value); }
+
+class Listener final : public kernels::PointUpdater {
+ public:
+  Listener(Phases& phases, Told& told) : phases_(phases), told_(told) {}
+  void admit(const kernels::AdmitInput& input) override {
+    phases_.end(input.news.empty() ? kBlocks : kPoints);
+    for (const kernels::PointNews& news : input.news) {
+      std::uint64_t hash = mixed(news.id, news.block);
+      for (int axis = 0; axis < 3; ++axis) {
+        hash = mixed(hash, bitsOf(news.position_L[axis]));
+        hash = mixed(hash, bitsOf(news.mean_L[axis]));
+        hash = mixed(hash, news.before_L[0] != news.before_L[0] ? 1 : bitsOf(news.before_L[axis]));
+        hash = mixed(hash, bitsOf(news.to_sensor_L[axis]));
+      }
+      hash = mixed(hash, news.weight);
+      for (const std::uint64_t word : news.seen.word) hash = mixed(hash, word);
+      told_.news_hash += hash;
+    }
+    told_.news += input.news.size();
+    told_.blocks += input.blocks.size();
+    told_.block_ids += input.block_ids.size();
+    phases_.begin();
+  }
+  kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
+    phases_.end(kCrossed);
+    for (const kernels::CrossedPoint& point : input.crossed)
+      told_.crossed_hash += mixed(mixed(7, point.id), point.weight);
+    for (const kernels::LeafFlips& flips : input.flips) {
+      std::uint64_t hash = mixed(flips.kinds, flips.freed);
+      for (const std::int32_t axis : flips.leaf) hash = mixed(hash, static_cast<std::uint32_t>(axis));
+      told_.flips_hash += hash;
+    }
+    told_.crossed += input.crossed.size();
+    told_.flips += input.flips.size();
+    kernels::UpdateOutcome outcome;
+    outcome.evaluated = 1;  // as a device: flips count from now on
+    phases_.begin();
+    return outcome;
+  }
+  std::uint64_t bytes() const override { return 0; }
+
+ private:
+  Phases& phases_;
+  Told& told_;
+};
+
+/// The CPU's, but for the updater.
+class ListeningBackend final : public kernels::Backend {
+ public:
+  ListeningBackend(Phases& phases, Told& told) : cpu_(kernels::makeCpuBackend()), phases_(phases), told_(told) {}
+  std::string name() const override { return "listening"; }
+  std::unique_ptr<kernels::MirrorArena> makeArena() override { return cpu_->makeArena(); }
+  void writePoints(const kernels::PointStateView&, const kernels::PointInput*, std::size_t) override {}
+  void scorePoints(const kernels::ScoreRequest&) override {}
+  std::unique_ptr<kernels::PointUpdater> makeUpdater(const kernels::UpdaterTables&) override {
+    return std::make_unique<Listener>(phases_, told_);
+  }
+  void* allocate(std::size_t bytes) override { return cpu_->allocate(bytes); }
+  void release(void* address) noexcept override { cpu_->release(address); }
+  void upload(void* to, const void* from, std::size_t bytes) override { cpu_->upload(to, from, bytes); }
+  void download(void* to, const void* from, std::size_t bytes) override { cpu_->download(to, from, bytes); }
+  void copy(void* to, const void* from, std::size_t bytes) override { cpu_->copy(to, from, bytes); }
+
+ private:
+  std::unique_ptr<kernels::Backend> cpu_;
+  Phases& phases_;
+  Told& told_;
+};
+
+void print(const char* name, std::vector<double> clock_ms, const std::vector<double>& processor_ms) {
+  double mean = 0, processor = 0;
+  for (const double ms : clock_ms) mean += ms / static_cast<double>(clock_ms.size());
+  for (const double ms : processor_ms) processor += ms / static_cast<double>(processor_ms.size());
+  std::sort(clock_ms.begin(), clock_ms.end());
+  std::printf("%-8s %8.2f mean %8.2f median %8.2f p95 ms   %8.2f ms of processors\n", name, mean,
+              clock_ms[clock_ms.size() / 2], clock_ms[clock_ms.size() * 95 / 100], processor);
+}
+
+void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel_size_m) {
+  FieldParams given;
+  given.tsdf.voxel_size_m = voxel_size_m;
+  given.tsdf.truncation_distance_m = bench::kFlightTau_m;
+  given.tsdf.range_noise_m = bench::kFlightNoise_m;
+  const FieldParams params = given.resolved();
+  internal::PackedMap map(params.tsdf);
+  map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
+  internal::ScanIntegrator integrator(map);
+  Phases phases;
+  Told told;
+  ListeningBackend backend(phases, told);
+  const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");  // the smallest: nobody scores
+  const internal::ScoringSetup setup(tool, params, backend);
+  internal::PointStore points(params, setup.directions_xy());
+  internal::PointScorer scorer(points, params, backend,
+                               internal::makeMapReads(map, points, params.scoring.neighbourhood_weight));
+  const auto scheduler = internal::makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+  Told first_told;
+  for (std::size_t n = 0; n < scans.size(); ++n) {
+    if (n + static_cast<std::size_t>(timed) == scans.size()) {
+      phases = {};
+      first_told = told;
+    }
+    const bench::FlightScan& scan = scans[n];
+    const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
+    phases.nextFrame();
+    phases.begin();
+    const internal::TouchedPoints touched = points.addReturns(scan.p_L, {&scan.q_L, 1});
+    phases.end(kReturns);
+    scheduler->noteScan(touched, scan.p_L, {&scan.q_L, 1}, result.changes);
+    phases.end(kNote);
+    scheduler->update({});
+    phases.end(kRest);
+  }
+  for (int phase = 0; phase < kPhases; ++phase) {
+    print(kPhaseNames[phase], phases.clock_ms[phase], phases.processor_ms[phase]);
+  }
+  const auto each = [&](std::uint64_t now, std::uint64_t before) { return static_cast<double>(now - before) / timed; };
+  std::printf("a frame: %.0f news, %.0f blocks with %.0f ids, %.0f crossed, %.0f flipped leaves\n",
+              each(told.news, first_told.news), each(told.blocks, first_told.blocks),
+              each(told.block_ids, first_told.block_ids), each(told.crossed, first_told.crossed),
+              each(told.flips, first_told.flips));
+  std::printf("points %u in %zu blocks, host bytes a point %.1f (store), %.1f (scheduler)\n", points.size(),
+              points.index().blocks().size(), static_cast<double>(points.bytes()) / points.size(),
+              static_cast<double>(scheduler->bytes()) / points.size());
+  std::printf("hashes: news %016llx crossed %016llx flips %016llx\n", static_cast<unsigned long long>(told.news_hash),
+              static_cast<unsigned long long>(told.crossed_hash), static_cast<unsigned long long>(told.flips_hash));
+}
+
+int run() {
+  openvdb::initialize();
+  const int frames = std::max(1, environment("ACCESSVDB_BENCH_FRAMES", 200));
+  const int timed = std::clamp(environment("ACCESSVDB_BENCH_TIMED", 40), 1, frames);
+  const int threads = environment("ACCESSVDB_BENCH_THREADS", 0);
+  const char* file = std::getenv("ACCESSVDB_BENCH_SCANS");
+  const std::vector<bench::FlightScan> scans =
+      file == nullptr ? bench::simulateFlight(frames) : bench::keptFlight(file, frames);
+  tbb::task_arena arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
+  arena.execute([&] { replay(scans, timed, 0.001 * environment("ACCESSVDB_BENCH_VOXEL_MM", 10)); });
+  return 0;
+}
+
+}  // namespace
+}  // namespace accessvdb
+
+int main() { return accessvdb::run(); }

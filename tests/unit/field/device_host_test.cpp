@@ -1,0 +1,268 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What the host tells an updater on a device (points/device_scheduler.cpp), against plain rules on the map and the
+/// points: no GPU is needed, the updater only listens.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <map>
+#include <set>
+
+#include "field/point_weights.h"
+#include "field/scoring_setup.h"
+#include "points/update_scheduler.h"
+#include "tsdf/scan_integrator.h"
+#include "unit/points/random_points.h"
+
+namespace accessvdb::internal {
+namespace {
+
+using test::Random;
+
+/// Flips of a leaf since the last update.
+struct LeafFacts {
+  std::uint32_t kinds = 0;
+  std::array<std::uint32_t, 8> freed = {};  ///< voxels that ceased to collide, by cells of 4 x 4 x 4, x slowest
+  bool operator==(const LeafFacts&) const = default;
+};
+
+/// What was told since the last update, and the index of blocks as a device holds it.
+struct Told {
+  std::vector<kernels::PointNews> news;
+  std::vector<kernels::CrossedPoint> crossed;
+  std::map<Index3, LeafFacts> flips;
+  std::vector<std::uint32_t> slots;  ///< ids
+  struct Block {
+    Index3 leaf;
+    std::uint32_t first, count;
+  };
+  std::map<std::uint32_t, Block> blocks;
+};
+
+class Listener final : public kernels::PointUpdater {
+ public:
+  explicit Listener(Told& told) : told_(told) {}
+  void admit(const kernels::AdmitInput& input) override {
+    told_.news.insert(told_.news.end(), input.news.begin(), input.news.end());
+    told_.slots.resize(std::max<std::size_t>(told_.slots.size(), input.num_slots), kNone);
+    for (const kernels::BlockNews& block : input.blocks) {
+      EXPECT_EQ(told_.blocks.contains(block.block) ? 0u : 1u, block.is_new);
+      EXPECT_LT(block.block, input.num_blocks);
+      ASSERT_LE(block.first + block.count, input.num_slots);
+      ASSERT_LE(block.source + block.count, input.block_ids.size());
+      std::copy_n(input.block_ids.begin() + block.source, block.count, told_.slots.begin() + block.first);
+      told_.blocks[block.block] = {{block.leaf[0], block.leaf[1], block.leaf[2]}, block.first, block.count};
+    }
+  }
+  kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
+    told_.crossed.assign(input.crossed.begin(), input.crossed.end());
+    told_.flips.clear();
+    for (const kernels::LeafFlips& flips : input.flips) {
+      LeafFacts& facts = told_.flips[{flips.leaf[0], flips.leaf[1], flips.leaf[2]}];
+      facts.kinds |= flips.kinds;
+      for (std::size_t cell = 0; cell < 8; ++cell) facts.freed[cell] += flips.freed >> (8 * cell) & 0xff;
+    }
+    kernels::UpdateOutcome outcome;
+    outcome.evaluated = 1;
+    return outcome;
+  }
+  std::uint64_t bytes() const override { return 0; }
+
+ private:
+  Told& told_;
+};
+
+/// The CPU's memory, and that updater.
+class ListeningBackend final : public kernels::Backend {
+ public:
+  explicit ListeningBackend(Told& told) : cpu_(kernels::makeCpuBackend()), told_(told) {}
+  std::string name() const override { return "listening"; }
+  std::unique_ptr<kernels::MirrorArena> makeArena() override { return cpu_->makeArena(); }
+  void writePoints(const kernels::PointStateView&, const kernels::PointInput*, std::size_t) override {}
+  void scorePoints(const kernels::ScoreRequest&) override {}
+  std::unique_ptr<kernels::PointUpdater> makeUpdater(const kernels::UpdaterTables&) override {
+    return std::make_unique<Listener>(told_);
+  }
+  void* allocate(std::size_t bytes) override { return cpu_->allocate(bytes); }
+  void release(void* address) noexcept override { cpu_->release(address); }
+  void upload(void* to, const void* from, std::size_t bytes) override { cpu_->upload(to, from, bytes); }
+  void download(void* to, const void* from, std::size_t bytes) override { cpu_->download(to, from, bytes); }
+  void copy(void* to, const void* from, std::size_t bytes) override { cpu_->copy(to, from, bytes); }
+
+ private:
+  std::unique_ptr<kernels::Backend> cpu_;
+  Told& told_;
+};
+
+struct HostCase {
+  const char* name;
+  UpdateRegion region = UpdateRegion::DoubleCone;
+  bool neighbourhood_weight = true;
+  double confidence_min = 0.2;
+  int scans_an_update = 1;
+  bool rays = false;
+};
+void PrintTo(const HostCase& c, std::ostream* out) { *out << c.name; }
+
+class DeviceHost : public testing::TestWithParam<HostCase> {};
+
+FieldParams fieldParams(const HostCase& c) {
+  FieldParams params;
+  params.tsdf.voxel_size_m = 0.05;
+  params.tsdf.range_noise_m = 0;
+  params.tsdf.region = c.region;
+  params.approach.num_directions = 36;
+  params.scoring.neighbourhood_weight = c.neighbourhood_weight;
+  params.scoring.confidence_min = c.confidence_min;
+  return params.resolved();
+}
+
+/// Oracle: by its definition, voxel by voxel.
+std::uint32_t weightAt(const PackedMap& map, const Index3& c, int reach) {
+  std::uint32_t most = 0;
+  for (int x = -reach; x <= reach; ++x) {
+    for (int y = -reach; y <= reach; ++y) {
+      for (int z = -reach; z <= reach; ++z) {
+        most = std::max(most, map.at(openvdb::Coord(c[0] + x, c[1] + y, c[2] + z)).weight);
+      }
+    }
+  }
+  return most;
+}
+
+void expectDeviceIndex(const SurfaceIndex& index, const Told& told) {
+  ASSERT_EQ(told.blocks.size(), index.blocks().size());
+  std::set<std::uint32_t> slots;
+  for (const auto& [number, block] : told.blocks) {
+    const PointBlock& expected = index.blocks()[number];
+    ASSERT_EQ(block.leaf, expected.leaf);
+    ASSERT_EQ(
+        std::vector<std::uint32_t>(told.slots.begin() + block.first, told.slots.begin() + block.first + block.count),
+        expected.ids);
+    for (std::uint32_t slot = block.first; slot < block.first + block.count; ++slot) {
+      ASSERT_TRUE(slots.insert(slot).second) << "two blocks share a slot";
+    }
+  }
+}
+
+TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
+  const HostCase& c = GetParam();
+  const FieldParams params = fieldParams(c);
+  PackedMap map(params.tsdf);
+  map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
+  ScanIntegrator integrator(map);
+  Told told;
+  ListeningBackend backend(told);
+  const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
+  const ScoringSetup setup(tool, params, backend);
+  PointStore points(params, setup.directions_xy());
+  PointScorer scorer(points, params, backend, makeMapReads(map, points, c.neighbourhood_weight));
+  const auto scheduler = makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+  ASSERT_NE(scheduler, nullptr);
+
+  Random random(5);
+  std::set<std::uint32_t> confident;               // as told
+  std::map<std::uint32_t, Eigen::Vector3f> means;  // at the last update
+  std::size_t late = 0, waiting = 0, touched_known = 0;
+  for (int update = 0; update < 14; ++update) {
+    told.news.clear();
+    std::set<std::uint32_t> touched_ids;
+    std::map<Index3, LeafFacts> flips;
+    for (int scan = 0; scan < c.scans_an_update; ++scan) {
+      std::vector<Eigen::Vector3f> p, q;
+      const Eigen::Vector3f patch = random.point(1.5);
+      for (int n = 0; n < 220; ++n) {
+        Eigen::Vector3f x = patch + random.point(1);
+        x.z() = 0.3f * std::sin(2 * x.x()) + 0.03f * x.z();
+        p.push_back(x);
+        if (c.rays || n == 0) q.push_back(random.point(2) + Eigen::Vector3f(0, 0, 4));
+      }
+      const IntegrationResult result = integrator.integrate(p, q);
+      const TouchedPoints touched = points.addReturns(p, q);
+      touched_ids.insert(touched.all.begin(), touched.all.end());
+      scheduler->noteScan(touched, p, q, result.changes);
+      for (const auto& part : result.changes) {
+        for (const LeafChange& change : part) {
+          LeafFacts& facts = flips[parentOf(change.origin_ijk)];
+          const LeafBits* all[] = {&change.collides_on, &change.collides_off, &change.arm_free_on,
+                                   &change.arm_free_off};
+          for (std::uint32_t bit = 0; bit < 512; ++bit) {
+            for (std::uint32_t kind = 0; kind < 4; ++kind) {
+              if (((*all[kind])[bit >> 6] >> (bit & 63) & 1) == 0) continue;
+              facts.kinds |= 1u << kind;
+              const std::uint32_t x = bit >> 6, y = bit >> 3 & 7, z = bit & 7;
+              if (kind == 1) ++facts.freed[(x / 4) * 4 + (y / 4) * 2 + z / 4];
+            }
+          }
+        }
+      }
+    }
+    const UpdateStats stats = scheduler->update({});
+    EXPECT_GT(stats.update_ms, 0);
+
+    // Confident: exactly those whose weight is enough by now and was not before.
+    std::set<std::uint32_t> crossed;
+    for (const kernels::CrossedPoint& point : told.crossed) {
+      ASSERT_TRUE(crossed.insert(point.id).second) << "told twice";
+      ASSERT_FALSE(confident.contains(point.id)) << "told before";
+      late += means.contains(point.id) ? 1 : 0;
+    }
+    for (std::uint32_t id = 0; id < points.size(); ++id) {
+      const std::uint32_t weight = weightAt(map, points.voxelOf(points.first_L(id)), c.neighbourhood_weight ? 1 : 0);
+      const bool enough = weight / (weight + params.scoring.confidence_half_weight) >= c.confidence_min - 1e-6;
+      ASSERT_EQ(crossed.contains(id) || confident.contains(id), enough) << "update " << update << " point " << id;
+      waiting += enough ? 0 : 1;
+    }
+    for (const kernels::CrossedPoint& point : told.crossed) {
+      ASSERT_EQ(point.weight, weightAt(map, points.voxelOf(points.first_L(point.id)), c.neighbourhood_weight ? 1 : 0));
+    }
+    confident.insert(crossed.begin(), crossed.end());
+
+    // News: the touched points, each once, as they are and where they were.
+    std::set<std::uint32_t> told_ids;
+    for (const kernels::PointNews& news : told.news) {
+      ASSERT_TRUE(told_ids.insert(news.id).second);
+      ASSERT_EQ(news.block, points.blockOf(news.id));
+      const auto vector = [](const float* x) { return Eigen::Vector3f(x[0], x[1], x[2]); };
+      ASSERT_EQ(vector(news.position_L), points.first_L(news.id));
+      ASSERT_EQ(vector(news.mean_L), points.pca_L(news.id));
+      ASSERT_EQ(vector(news.to_sensor_L), points.toSensor_L(news.id));
+      ASSERT_TRUE(news.seen == points.seen(news.id));
+      ASSERT_EQ(news.weight, weightAt(map, points.voxelOf(points.first_L(news.id)), c.neighbourhood_weight ? 1 : 0));
+      const auto old = means.find(news.id);
+      if (old == means.end()) {
+        ASSERT_TRUE(std::isnan(news.before_L[0]));
+      } else {
+        ASSERT_EQ(vector(news.before_L), old->second);
+        ++touched_known;
+      }
+    }
+    ASSERT_EQ(told_ids, touched_ids);
+    for (std::uint32_t id = 0; id < points.size(); ++id) means[id] = points.pca_L(id);
+    expectDeviceIndex(points.index(), told);
+    if (HasFatalFailure()) return;
+
+    // Flips: known from the first evaluation on.
+    if (update == 0) {
+      ASSERT_TRUE(told.flips.empty());
+    } else {
+      ASSERT_TRUE(told.flips == flips);
+    }
+  }
+  EXPECT_GT(points.size(), 800u);
+  EXPECT_GT(late, 50u);
+  EXPECT_GT(waiting, 500u);
+  EXPECT_GT(touched_known, 50u);
+}
+
+INSTANTIATE_TEST_SUITE_P(Streams, DeviceHost,
+                         testing::Values(HostCase{"product"},
+                                         HostCase{"several scans an update", UpdateRegion::DoubleCone, true, 0.2, 3},
+                                         HostCase{"a higher bound", UpdateRegion::DoubleCone, true, 0.5, 2, true},
+                                         HostCase{"own voxel only", UpdateRegion::FullCube, false, 0.6},
+                                         HostCase{"projective", UpdateRegion::Projective, true}));
+
+}  // namespace
+}  // namespace accessvdb::internal
