@@ -10,6 +10,7 @@
 #include "cuda/cuda_updater.h"
 #include "cuda/device_arena.h"
 #include "cuda/device_context.h"
+#include "cuda/owned_event.h"
 #include "cuda/pinned_buffer.h"
 #include "cuda/score_kernels.h"
 
@@ -21,18 +22,11 @@ constexpr std::uint32_t kLeastChunk = 256;
 constexpr std::uint32_t kLeastToOrder = 64;
 
 struct Events {
-  std::array<cudaEvent_t, 4> event = {};
-  Events() {
-    for (cudaEvent_t& e : event) ACCESSVDB_CUDA(cudaEventCreate(&e));
-  }
-  ~Events() {
-    for (cudaEvent_t e : event) (void)cudaEventDestroy(e);
-  }
-  Events(const Events&) = delete;
-  Events& operator=(const Events&) = delete;
-  [[nodiscard]] float between(int from, int to) const {
+  std::array<OwnedEvent, 4> event = {OwnedEvent(cudaEventDefault), OwnedEvent(cudaEventDefault),
+                                     OwnedEvent(cudaEventDefault), OwnedEvent(cudaEventDefault)};
+  [[nodiscard]] float between(std::size_t from, std::size_t to) const {
     float ms = 0;
-    ACCESSVDB_CUDA(cudaEventElapsedTime(&ms, event[from], event[to]));
+    ACCESSVDB_CUDA(cudaEventElapsedTime(&ms, event[from].get(), event[to].get()));
     return ms;
   }
 };
@@ -229,7 +223,7 @@ class Implementation final : public CudaBackend {
   }
 
   void mark(const Slot& slot, int n) const {
-    if (timing_) ACCESSVDB_CUDA(cudaEventRecord(slot.events.event[static_cast<std::size_t>(n)], slot.stream));
+    if (timing_) ACCESSVDB_CUDA(cudaEventRecord(slot.events.event[static_cast<std::size_t>(n)].get(), slot.stream));
   }
 
   /// Sends items, calls `launch`, brings results of `result_bytes` an item back.

@@ -18,8 +18,11 @@ namespace {
 
 /// Points whose neighbours are found at a time, points looked at for flips at a time, and most items that wait.
 constexpr std::uint32_t kMovedPart = 1u << 17, kFlipsPart = 1u << 18, kMostItems = 1u << 20;
+
 /// Shared memory that a block gets without asking.
-constexpr std::uint32_t kPlainSharedBytes = 44 * 1024, kWarpsOfBlock = 4;
+constexpr int kPlainSharedBytes = 44 * 1024;
+/// What is known is forgotten once less than this share of the margin is left.
+constexpr std::uint32_t kLeastMarginShare = 4;
 
 double millisecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -41,7 +44,7 @@ class CudaUpdater final : public PointUpdater {
     view_.footprint = {tool_columns_.data(), arm_columns_.data(),
                        static_cast<std::uint32_t>(tables.tool_columns.size()),
                        static_cast<std::uint32_t>(tables.arm_columns.size())};
-    loadOffsets(tables);
+    loadCellDirections(tables);
     view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
     view_.rule.inverse_voxel_size = 1.0 / tables.voxel_size_m;
     view_.rule.steps_per_m = neighbourStepsPerMetre(tables.radius_m);
@@ -82,25 +85,24 @@ class CudaUpdater final : public PointUpdater {
     const CrossedPoint* crossed = crossed_.send(input.crossed, memory_, stream());
     launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
     launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
-    view_.inverse_voxel_size = input.map.inverse_voxel_size;
+    view_.least_margin = static_cast<std::uint32_t>(marginCollisions(input.tool.collision_limit)) / kLeastMarginShare;
     addFlips(input.flips);
-    if (input.forget) fill(worse_.data(), 0, worse_.bytes());
-    release(input.freed);
     const std::uint32_t moved = counters().moved;
 
     DueSearch search;
     search.map = input.map;
     search.tool = input.tool;
     search.multiprocessors = multiprocessors_;
-    search.confirm_window = plainWindow(input.tool, false);
-    search.full_window = plainWindow(input.tool, true);
+    search.cells = input.cells;
+    // More than what a block gets without asking would be taken from the cache.
+    search.window = planWindow(input.tool, kPlainSharedBytes, false);
     ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
     growItems(moved);
     UpdateOutcome outcome;
     const auto evaluate = [&] {
       ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
       const auto begin = std::chrono::steady_clock::now();
-      launchDueSearch(view_, search, stream());
+      launchDueSearch(view_, search, view_.index.blocks, stream());
       ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
       outcome.score_ms += millisecondsSince(begin);
     };
@@ -108,7 +110,7 @@ class CudaUpdater final : public PointUpdater {
     const auto makeRoom = [&](std::uint32_t more) {
       if (waiting + more <= due_.size()) return;
       const UpdateCounters now = counters();
-      waiting = now.due + now.full;
+      waiting = now.due;
       if (waiting + more <= due_.size()) return;
       evaluate();
       waiting = 0;
@@ -151,27 +153,27 @@ class CudaUpdater final : public PointUpdater {
            moved_.bytes() + hash_keys_.bytes() + hash_blocks_.bytes() + leaf_.bytes() + first_.bytes() +
            count_.bytes() + ids_.bytes() + block_reach_.bytes() + head_.bytes() + touched_blocks_.bytes() +
            reached_bits_.bytes() + reached_blocks_.bytes() + masks_.bytes() + affected_.bytes() + places_.bytes() +
-           flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + due_.bytes() + full_.bytes() + news_.bytes() +
-           blocks_news_.bytes() + ids_news_.bytes() + crossed_.bytes() + flips_.bytes() + worse_.bytes() +
-           margin_.bytes() + offset_directions_.bytes() + freed_.bytes() + freed_keys_.bytes() + freed_head_.bytes() +
-           freed_next_.bytes();
+           flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + due_.bytes() + due_heads_.bytes() +
+           due_order_.bytes() + busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() +
+           crossed_.bytes() + flips_.bytes() + worse_.bytes() + margin_.bytes() + cell_directions_.bytes() +
+           flip_heads_.bytes() + flip_next_.bytes();
   }
 
  private:
   [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }
 
   /// Without memory for the table nothing is remembered, which costs time only.
-  void loadOffsets(const UpdaterTables& tables) {
-    if (tables.offset_directions.empty()) return;
+  void loadCellDirections(const UpdaterTables& tables) {
+    if (tables.cell_directions.empty()) return;
     try {
-      offset_directions_.grow(memory_, tables.offset_directions.size(), 0);
+      cell_directions_.grow(memory_, tables.cell_directions.size(), 0);
     } catch (const ResourceLimit&) {
       return;
     }
-    offset_directions_.upload(tables.offset_directions.data(), tables.offset_directions.size());
-    view_.offsets.table = offset_directions_.data();
-    std::copy_n(tables.offset_low, 3, view_.offsets.low);
-    std::copy_n(tables.offset_size, 3, view_.offsets.size);
+    cell_directions_.upload(tables.cell_directions.data(), tables.cell_directions.size());
+    view_.covering.table = cell_directions_.data();
+    std::copy_n(tables.cell_low, 3, view_.covering.low);
+    std::copy_n(tables.cell_size, 3, view_.covering.size);
   }
 
   void fill(void* to, int byte, std::size_t bytes) const {
@@ -215,6 +217,8 @@ class CudaUpdater final : public PointUpdater {
     growFilled(touched_blocks_, blocks, 0);
     growFilled(reached_blocks_, blocks, 0);
     growFilled(head_, blocks, 0xff);
+    growFilled(due_heads_, blocks, 0xff);
+    growFilled(busy_blocks_, blocks, 0);
     growFilled(reached_bits_, blocks / 32 + 1, 0);
     growFilled(ids_, slots, 0);
     if (hash_keys_.size() < 2 * std::size_t{blocks}) {
@@ -258,39 +262,25 @@ class CudaUpdater final : public PointUpdater {
     if (flip_keys_.size() < capacity) {
       flip_keys_.grow(memory_, capacity, 0);
       flip_kinds_.grow(memory_, capacity, 0);
+      flip_heads_.grow(memory_, capacity, 0);
     }
+    if (flip_next_.size() < flips.size()) flip_next_.grow(memory_, roomFor(flips.size()), 0);
     fill(flip_keys_.data(), 0xff, capacity * sizeof(std::uint64_t));
     fill(flip_kinds_.data(), 0, capacity * sizeof(std::uint64_t));
+    fill(flip_heads_.data(), 0xff, capacity * sizeof(std::uint32_t));
     if (masks_.size() < view_.index.blocks) {
       masks_.grow(memory_, roomFor(view_.index.blocks), 0);
       affected_.grow(memory_, roomFor(view_.index.blocks), 0);
     }
-    view_.flips = {{flip_keys_.data(), static_cast<std::uint32_t>(capacity - 1)}, flip_kinds_.data()};
+    view_.flips = {{flip_keys_.data(), static_cast<std::uint32_t>(capacity - 1)},
+                   flip_kinds_.data(),
+                   flip_heads_.data(),
+                   flip_next_.data(),
+                   flips_.send(flips, memory_, stream())};
     view_.masks = masks_.data();
     view_.affected = affected_.data();
-    const LeafFlips* list = flips_.send(flips, memory_, stream());
-    launchAddFlips(view_, list, static_cast<std::uint32_t>(flips.size()), stream());
+    launchAddFlips(view_, static_cast<std::uint32_t>(flips.size()), stream());
     launchBlockMasks(view_, stream());
-  }
-
-  /// After addFlips.
-  void release(std::span<const VoxelIndex> freed) {
-    if (view_.affected == nullptr || view_.offsets.table == nullptr || freed.empty()) return;
-    const std::size_t capacity = std::bit_ceil(2 * freed.size() + 64);
-    if (freed_keys_.size() < capacity) {
-      freed_keys_.grow(memory_, capacity, 0);
-      freed_head_.grow(memory_, capacity, 0);
-    }
-    if (freed_next_.size() < freed.size()) freed_next_.grow(memory_, roomFor(freed.size()), 0);
-    fill(freed_keys_.data(), 0xff, capacity * sizeof(std::uint64_t));
-    fill(freed_head_.data(), 0xff, capacity * sizeof(std::uint32_t));
-    view_.freed.hash = {freed_keys_.data(), static_cast<std::uint32_t>(capacity - 1)};
-    view_.freed.head = freed_head_.data();
-    view_.freed.next = freed_next_.data();
-    view_.freed.voxels = freed_.send(freed, memory_, stream());
-    view_.freed.count = static_cast<std::uint32_t>(freed.size());
-    launchAddFreed(view_, stream());
-    launchRelease(view_, stream());
   }
 
   void growItems(std::uint32_t moved) {
@@ -301,15 +291,9 @@ class CudaUpdater final : public PointUpdater {
     const std::size_t items = std::clamp<std::size_t>(roomFor(view_.num_points), kFlipsPart, kMostItems);
     if (due_.size() < items) {
       due_.grow(memory_, items, 0);
-      full_.grow(memory_, items, 0);
+      due_order_.grow(memory_, items, 0);
     }
-    view_.due = due_.data();
-    view_.full = full_.data();
-  }
-
-  /// Windows that need no more shared memory than a block gets without asking.
-  [[nodiscard]] static WindowPlan plainWindow(const ToolKernelView& tool, bool leaves) {
-    return planWindow(tool, static_cast<int>(kPlainSharedBytes), leaves);
+    view_.due = {due_.data(), due_heads_.data(), busy_blocks_.data(), due_order_.data()};
   }
 
   void clearCounters() { fill(counters_.data(), 0, sizeof(UpdateCounters)); }
@@ -342,34 +326,33 @@ class CudaUpdater final : public PointUpdater {
   std::uint32_t places_used_ = 0;
 
   DeviceArray<FootprintColumn> tool_columns_, arm_columns_;
-  DeviceArray<std::uint64_t> offset_directions_;
+  DeviceArray<DirectionArc> cell_directions_;
   DeviceArray<UpdateCounters> counters_;
   PinnedBuffer host_counters_;
   // By id.
   DeviceArray<std::uint32_t> block_, moved_bits_, changed_bits_, moved_;
   DeviceArray<float> mean_, to_sensor_, reach_;
   DeviceArray<std::uint64_t> own_seen_, worse_;
-  DeviceArray<std::uint8_t> margin_;
+  DeviceArray<std::uint16_t> margin_;
   // By block.
   DeviceArray<std::uint64_t> hash_keys_;
-  DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, head_, touched_blocks_, reached_bits_, reached_blocks_;
+  DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, head_, touched_blocks_, reached_bits_, reached_blocks_,
+      due_heads_, busy_blocks_, due_order_;
   DeviceArray<std::int32_t> leaf_;
   DeviceArray<float> block_reach_;
   DeviceArray<BlockMasks> masks_;
   DeviceArray<std::uint8_t> affected_;
   // Of one update.
   DeviceArray<Place> places_;
-  DeviceArray<std::uint64_t> flip_keys_, flip_kinds_, freed_keys_;
-  DeviceArray<std::uint32_t> freed_head_, freed_next_;
+  DeviceArray<std::uint64_t> flip_keys_, flip_kinds_;
+  DeviceArray<std::uint32_t> flip_heads_, flip_next_;
   DeviceArray<FoundNeighbours> found_;
   DeviceArray<DueItem> due_;
-  DeviceArray<FullItem> full_;
   Staging<PointNews> news_;
   Staging<BlockNews> blocks_news_;
   Staging<std::uint32_t> ids_news_;
   Staging<CrossedPoint> crossed_;
   Staging<LeafFlips> flips_;
-  Staging<VoxelIndex> freed_;
 };
 
 }  // namespace

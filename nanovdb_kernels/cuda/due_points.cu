@@ -7,6 +7,7 @@
 /// that; and for the best direction a flip for the worse. Flips are taken leaf by leaf: too many directions cost time
 /// and change nothing.
 #include "cuda/cuda_check.h"
+#include "cuda/known_blocked.cuh"
 #include "cuda/update_kernels.h"
 #include "hostdev/direction_filter.h"
 
@@ -22,16 +23,17 @@ __device__ bool anyOf(const DirectionMask& mask) {
   return (mask.word[0] | mask.word[1] | mask.word[2] | mask.word[3]) != 0;
 }
 
-__global__ void addFlips(UpdateView view, const LeafFlips* flips, std::uint32_t count) {
+__global__ void addFlips(UpdateView view, std::uint32_t count) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= count) return;
-  const LeafFlips& flip = flips[n];
+  const LeafFlips& flip = view.flips.list[n];
   const std::uint32_t slot = view.flips.hash.insert(placeKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4));
   std::uint64_t bits = 0;
   for (int kind = 0; kind < 4; ++kind) {
     if ((flip.kinds >> kind & 1u) != 0) bits |= std::uint64_t{1} << (16 * kind + (flip.leaf[2] & 15));
   }
   atomicOr(reinterpret_cast<unsigned long long*>(view.flips.kinds + slot), static_cast<unsigned long long>(bits));
+  if (flip.freed != 0) view.flips.next[n] = atomicExch(view.flips.head + slot, n);
 }
 
 /// Kinds of flips in a column of leaves, bit as in LeafFlips.
@@ -49,6 +51,15 @@ __device__ std::uint32_t kindsIn(const FlipsView& flips, std::int32_t x, std::in
     }
   }
   return kinds;
+}
+
+__device__ void freedIn(const UpdateView& view, const std::int32_t* leaf, const FootprintColumn& c,
+                        std::uint32_t* steps) {
+  const std::int32_t z_low = leaf[2] + c.z_low, z_high = leaf[2] + c.z_high;
+  for (std::int32_t part = z_low >> 4; part <= z_high >> 4; ++part) {
+    const std::uint32_t slot = view.flips.hash.find(placeKey(leaf[0] + c.dx, leaf[1] + c.dy, part));
+    if (slot != kNoIndex) countFreed(view, leaf, slot, z_low, z_high, steps);
+  }
 }
 
 __device__ void orInto(DirectionMask& into, const DirectionMask& from) {
@@ -69,33 +80,46 @@ __device__ void orOfWarp(BlockMasks& masks) {
   }
 }
 
-/// Directions of a footprint with flips in their leaves, a column a lane.
+/// Directions of a footprint with flips in their leaves, a column a lane. @param steps  see countFreed; null: not
+/// wanted
 __device__ void scanFootprint(const UpdateView& view, const std::int32_t* leaf, const FootprintColumn* columns,
                               std::uint32_t count, std::uint32_t better_kind, std::uint32_t worse_kind,
-                              DirectionMask& better, DirectionMask& worse) {
+                              DirectionMask& better, DirectionMask& worse, std::uint32_t* steps) {
   for (std::uint32_t n = threadIdx.x % kLanes; n < count; n += kLanes) {
     const FootprintColumn& c = columns[n];
     const std::uint32_t kinds =
         kindsIn(view.flips, leaf[0] + c.dx, leaf[1] + c.dy, leaf[2] + c.z_low, leaf[2] + c.z_high);
-    if ((kinds & better_kind) != 0) orInto(better, c.directions);
+    if ((kinds & better_kind) != 0) {
+      orInto(better, c.directions);
+      if (steps != nullptr) freedIn(view, leaf, c, steps);
+    }
     if ((kinds & worse_kind) != 0) orInto(worse, c.directions);
   }
 }
 
 /// A warp a block.
 __global__ void blockMasks(UpdateView view) {
+  __shared__ std::uint32_t all_steps[kThreads / kLanes][32 * kDirectionWords32];
   const std::uint32_t block = (blockIdx.x * kThreads + threadIdx.x) / kLanes;
   if (block >= view.index.blocks) return;
+  const int lane = static_cast<int>(threadIdx.x % kLanes);
+  std::uint32_t* steps = view.covering.table != nullptr ? all_steps[threadIdx.x / kLanes] : nullptr;
+  if (steps != nullptr) {
+    for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kLanes)) steps[n] = 0;
+    __syncwarp();
+  }
   BlockMasks masks = {};
   if (view.index.reach_m[block] >= 0) {
     const std::int32_t* leaf = view.index.leaf + 3 * static_cast<std::size_t>(block);
-    scanFootprint(view, leaf, view.footprint.tool, view.footprint.tool_count, 2, 1, masks.better_tool,
-                  masks.worse_tool);
-    scanFootprint(view, leaf, view.footprint.arm, view.footprint.arm_count, 4, 8, masks.better_arm, masks.worse_arm);
+    scanFootprint(view, leaf, view.footprint.tool, view.footprint.tool_count, 2, 1, masks.better_tool, masks.worse_tool,
+                  steps);
+    scanFootprint(view, leaf, view.footprint.arm, view.footprint.arm_count, 4, 8, masks.better_arm, masks.worse_arm,
+                  nullptr);
   }
   __syncwarp();
   orOfWarp(masks);
-  if (threadIdx.x % kLanes != 0) return;
+  if (steps != nullptr && anyOf(masks.better_tool)) wearPoints(view, block, steps, lane);
+  if (lane != 0) return;
   view.masks[block] = masks;
   view.affected[block] =
       anyOf(masks.better_tool) || anyOf(masks.better_arm) || anyOf(masks.worse_tool) || anyOf(masks.worse_arm) ? 1 : 0;
@@ -111,11 +135,6 @@ struct Admissible {
   }
 };
 
-/// Is d tried before e?
-__device__ bool ranksBefore(float cos_d, int d, float cos_e, int e) {
-  return cos_d > cos_e || (cos_d == cos_e && d < e);
-}
-
 __device__ DirectionMask loadMask(const UpdateView& view, const std::uint64_t* masks, std::size_t id) {
   DirectionMask mask = {};
   const auto words = static_cast<std::size_t>(view.points.direction_words);
@@ -129,8 +148,21 @@ __device__ BlockMasks masksOf(const UpdateView& view, std::uint32_t id) {
   return view.affected[block] != 0 ? view.masks[block] : BlockMasks{};
 }
 
-__device__ void appendFull(const UpdateView& view, std::uint32_t id, bool evidence) {
-  view.full[atomicAdd(&view.counters->full, 1u)] = {id, evidence ? 1u : 0u};
+__device__ void append(const UpdateView& view, const DueItem& item) {
+  const std::uint32_t block = view.state.block[item.id];
+  const std::uint32_t n = atomicAdd(&view.counters->due, 1u);
+  view.due.items[n] = item;
+  const std::uint32_t next = atomicExch(view.due.head + block, n);
+  view.due.items[n].next = next;
+  if (next == kNoIndex) view.due.busy[atomicAdd(&view.counters->busy, 1u)] = block;
+}
+
+__device__ void appendFull(const UpdateView& view, std::uint32_t id) {
+  DueItem item = {};
+  item.id = id;
+  item.all = 1;
+  item.evidence = 1;
+  append(view, item);
 }
 
 /// An accessible point whose best direction is still the best one: nothing to test.
@@ -153,7 +185,7 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
   const PointLabel label = view.points.label[id];
   const int best = view.points.direction[id];
   if (label == PointLabel::Unscored) {
-    if (changed) appendFull(view, id, true);
+    if (changed) appendFull(view, id);
     return;
   }
   const bool has_normal = now.normal[0] != 0 || now.normal[1] != 0 || now.normal[2] != 0;
@@ -161,7 +193,7 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
   const float cos_best = has_best ? cosToNormal(approach, best, now.normal) : 0;
   if (!has_best || !now.holds(approach, best, cos_best)) {
     // An accessible point lost its direction; the reason of a blocked one belongs to a direction that is gone.
-    if (changed) appendFull(view, id, true);
+    if (changed) appendFull(view, id);
     return;  // not changed: a blocked point without any admissible direction
   }
   const BlockMasks masks = masksOf(view, id);
@@ -197,7 +229,7 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
     }
   }
   if (some || item.test_best != 0) {
-    view.due[atomicAdd(&view.counters->due, 1u)] = item;
+    append(view, item);
   } else if (changed && accessible) {
     confirm(view, id);
   }
@@ -243,9 +275,9 @@ __global__ void dueByFlips(UpdateView view, std::uint32_t first, std::uint32_t c
 
 }  // namespace
 
-void launchAddFlips(const UpdateView& view, const LeafFlips* flips, std::uint32_t count, cudaStream_t stream) {
+void launchAddFlips(const UpdateView& view, std::uint32_t count, cudaStream_t stream) {
   if (count == 0) return;
-  addFlips<<<blocksFor(count), kThreads, 0, stream>>>(view, flips, count);
+  addFlips<<<blocksFor(count), kThreads, 0, stream>>>(view, count);
   checkLaunch("addFlips");
 }
 

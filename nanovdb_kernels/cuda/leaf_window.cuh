@@ -1,13 +1,14 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a warp keeps in shared memory of the map around its point, so that a voxel is two or three reads away instead
-/// of a walk from the root: the leaves within the tool's reach, or where those are too many, the nodes above them.
+/// What threads keep in shared memory of the map around their point, or around the points of a leaf, so that a voxel is
+/// two or three reads away instead of a walk from the root: the leaves within the tool's reach, or where those are too
+/// many, the nodes above them.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 
-#include "hostdev/occupancy_query.h"
+#include "hostdev/cell_counts.h"
 
 namespace accessvdb::kernels {
 
@@ -75,6 +76,10 @@ class WindowBase {
                                       kNodeBytes);
   }
 
+  [[nodiscard]] static __device__ std::uint32_t cellCountsOf(const std::uint8_t* leaf, int x, int y) {
+    return *reinterpret_cast<const std::uint16_t*>(leaf + kCellCountsBytes + cellInLeaf(x, y, 0));
+  }
+
   std::uint32_t* nodes_;
   WindowShape shape_;
   const std::uint8_t* grid_;
@@ -87,13 +92,13 @@ class LeafWindow : public WindowBase {
  public:
   static constexpr int kLog2 = kLeafLog2;
 
-  /// All lanes of the warp.
+  /// All members of the group that shares it, a warp or a block; they wait for each other before they read.
   __device__ LeafWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
-                        const Coord& point_ijk, int lane)
+                        const Coord& point_ijk, int member, int members)
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {
     const nanovdb::DefaultReadAccessor<bool> accessor(map.grid->tree().root());
     const int count = static_cast<int>(shape.nodes());
-    for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
+    for (int n = member; n < count; n += members) {
       const OccupancyLeaf* leaf = accessor.probeLeaf(originOf(n));
       std::uint32_t entry = 0;
       if (leaf != nullptr) {
@@ -105,7 +110,6 @@ class LeafWindow : public WindowBase {
       }
       nodes[n] = entry;
     }
-    __syncwarp();
   }
 
   /// Colliding voxels of `wanted` in the row of eight z that begins at z & ~7.
@@ -115,6 +119,11 @@ class LeafWindow : public WindowBase {
     const std::uint32_t some = 0u - (entry & 1u);
     return __popc(node((entry >> 1) & some)[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted &
                   some);
+  }
+  /// Counts of two cells above each other; z is a multiple of 8.
+  [[nodiscard]] __device__ std::uint32_t cellPair(int x, int y, int z) const {
+    const std::uint32_t entry = nodes_[index(x, y, z)];
+    return (entry & 1u) != 0 ? cellCountsOf(node(entry >> 1), x, y) : 0;
   }
   [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
     const int x = ijk[0] - origin_[0], y = ijk[1] - origin_[1], z = ijk[2] - origin_[2];
@@ -129,13 +138,13 @@ class LowerWindow : public WindowBase {
  public:
   static constexpr int kLog2 = kLowerLog2;
 
-  /// All lanes of the warp.
+  /// As LeafWindow's.
   __device__ LowerWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
-                         const Coord& point_ijk, int lane)
+                         const Coord& point_ijk, int member, int members)
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {
     const auto& root = map.grid->tree().root();
     const int count = static_cast<int>(shape.nodes());
-    for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
+    for (int n = member; n < count; n += members) {
       const Coord ijk = originOf(n);
       const auto key = OccupancyRoot::DataType::CoordToKey(ijk);
       std::uint32_t entry = 0;
@@ -149,13 +158,16 @@ class LowerWindow : public WindowBase {
       }
       nodes[n] = entry;
     }
-    __syncwarp();
   }
 
   [[nodiscard]] __device__ int countRow(int x, int y, int z, std::uint32_t wanted) const {
     const std::uint8_t* leaf = wanted != 0 ? leafOf(x, y, z) : nullptr;
     if (leaf == nullptr) return 0;
     return __popc(leaf[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted);
+  }
+  [[nodiscard]] __device__ std::uint32_t cellPair(int x, int y, int z) const {
+    const std::uint8_t* leaf = leafOf(x, y, z);
+    return leaf != nullptr ? cellCountsOf(leaf, x, y) : 0;
   }
   [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
     const int x = ijk[0] - origin_[0], y = ijk[1] - origin_[1], z = ijk[2] - origin_[2];
@@ -183,6 +195,14 @@ class MapWindow : public Nodes {
   using Nodes::Nodes;
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
+
+  /// Colliding voxels of a run of cells inside the tool placed at a voxel.
+  [[nodiscard]] __device__ int countCells(const CellRun& run, const Coord& point_ijk) const {
+    // The window's corner is a multiple of 8 voxels away from that of the map's first leaf, so cells stay cells.
+    const Coord from_corner(point_ijk[0] - this->origin_[0], point_ijk[1] - this->origin_[1],
+                            point_ijk[2] - this->origin_[2]);
+    return countRun(run, from_corner, [this](int x, int y, int z) { return this->cellPair(x, y, z); });
+  }
 
   /// Colliding voxels of a column of the tool placed at a voxel, as countVoxelCollisions counts them. Two rows a turn:
   /// their reads do not wait for each other.
@@ -213,6 +233,11 @@ class TreeWindow {
   [[nodiscard]] __device__ bool holds(const Coord&) const { return true; }
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return reader_.collides(ijk); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return reader_.armFree(ijk); }
+  [[nodiscard]] __device__ int countCells(const CellRun& run, const Coord& point_ijk) const {
+    return countRun(run, point_ijk, [this](std::int32_t x, std::int32_t y, std::int32_t z) {
+      return reader_.cellCounts(Coord(x, y, z), cellInLeaf(x, y, z));
+    });
+  }
   [[nodiscard]] __device__ int countColumn(const VoxelColumn& column, const Coord& point_ijk) const {
     const std::int32_t x = point_ijk[0] + column.dx, y = point_ijk[1] + column.dy, z = point_ijk[2] + column.dz;
     const int shift = z & 7;

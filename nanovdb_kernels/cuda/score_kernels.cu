@@ -87,8 +87,10 @@ __device__ Window makeWindow(const ScoreChunk& chunk, const WarpPoint& point, st
   if constexpr (std::is_same_v<Window, TreeWindow>) {
     return TreeWindow(chunk.map);
   } else {
-    return Window(window_nodes + threadIdx.x / kWarp * entries, WindowShape::of(chunk.tool.reach, Window::kLog2),
-                  chunk.map, point.ijk, lane);
+    const Window window(window_nodes + threadIdx.x / kWarp * entries, WindowShape::of(chunk.tool.reach, Window::kLog2),
+                        chunk.map, point.ijk, lane, static_cast<int>(kWarp));
+    __syncwarp();
+    return window;
   }
 }
 

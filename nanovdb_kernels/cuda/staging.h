@@ -28,7 +28,7 @@ class Staging {
     ACCESSVDB_CUDA(cudaEventSynchronize(sent_));  // the last one has left the pinned memory
     host_.reserve(list.size_bytes());
     // What still reads the old list is done when its memory is given back: the driver waits for it.
-    if (device_.size() < list.size()) device_.grow(memory, list.size() + list.size() / 2, 0);
+    device_.growWithRoom(memory, list.size(), list.size() + list.size() / 2, 0);
     std::memcpy(host_.data(), list.data(), list.size_bytes());
     ACCESSVDB_CUDA(cudaMemcpyAsync(device_.data(), host_.data(), list.size_bytes(), cudaMemcpyHostToDevice, stream));
     ACCESSVDB_CUDA(cudaEventRecord(sent_, stream));

@@ -35,16 +35,11 @@ void launchAddCrossed(const UpdateView& view, const CrossedPoint* points, std::u
 /// @param first, count  part of view.moved, found -> view.found[0 .. count)
 void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
 
-// known_blocked.cu: what stays known.
-
-void launchAddFreed(const UpdateView& view, cudaStream_t stream);
-/// Takes away what the freed voxels make uncertain. After launchBlockMasks.
-void launchRelease(const UpdateView& view, cudaStream_t stream);
-
 // due_points.cu: what has to be evaluated.
 
-void launchAddFlips(const UpdateView& view, const LeafFlips* flips, std::uint32_t count, cudaStream_t stream);
-/// Masks of all blocks.
+/// The flips of view.flips.list.
+void launchAddFlips(const UpdateView& view, std::uint32_t count, cudaStream_t stream);
+/// Masks of all blocks; takes away what is not known any more of the worse directions of their points.
 void launchBlockMasks(const UpdateView& view, cudaStream_t stream);
 /// Normals, seen directions and what is due of view.moved[first .. first + count).
 void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
@@ -57,10 +52,12 @@ void launchDueByFlips(const UpdateView& view, std::uint32_t first, std::uint32_t
 struct DueSearch {
   OccupancyView map;
   ToolKernelView tool;
-  WindowPlan confirm_window, full_window;
+  ToolCellsView cells;
+  WindowPlan window;  ///< of a warp
   int multiprocessors = 1;
 };
-/// view.due[0 .. counters.due), then view.full[0 .. counters.full); both counters are zero afterwards.
-void launchDueSearch(const UpdateView& view, const DueSearch& search, cudaStream_t stream);
+/// view.due; it is empty afterwards.
+/// @param most_busy  upper bound of counters.busy
+void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint32_t most_busy, cudaStream_t stream);
 
 }  // namespace accessvdb::kernels

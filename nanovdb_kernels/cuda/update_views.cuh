@@ -80,7 +80,7 @@ struct NeighbourStateView {
   /// [words n] directions in which the tool has so many collisions that they cannot matter, with `margin` to spare: a
   /// blocked point's reach the limit, an accessible one's are more than its best direction has
   std::uint64_t* worse = nullptr;
-  std::uint8_t* margin = nullptr;         ///< [n] at most kMarginCollisions
+  std::uint16_t* margin = nullptr;        ///< [n] at most marginCollisions()
   std::uint32_t* moved_bits = nullptr;    ///< [n / 32] already on the list of moved points
   std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
 };
@@ -110,6 +110,9 @@ struct PlacesView {
 struct FlipsView {
   HashView hash;
   std::uint64_t* kinds = nullptr;  ///< [slots of the hash]
+  std::uint32_t* head = nullptr;   ///< [slots of the hash] first of the list in which voxels ceased to collide
+  std::uint32_t* next = nullptr;   ///< [list]
+  const LeafFlips* list = nullptr;
 };
 
 /// Directions that flips may have changed for the points of a block.
@@ -117,24 +120,18 @@ struct BlockMasks {
   DirectionMask better_tool, better_arm, worse_tool, worse_arm;
 };
 
-/// Voxels that ceased to collide, by cells of 16^3 voxels.
-struct FreedView {
-  static constexpr int kCellLog2 = 4;
-  HashView hash;
-  std::uint32_t* head = nullptr;  ///< [slots of the hash] kNoIndex: none
-  std::uint32_t* next = nullptr;  ///< [count]
-  const VoxelIndex* voxels = nullptr;
-  std::uint32_t count = 0;
-};
-
-/// The tool read backwards (UpdaterTables::offset_directions).
-struct OffsetTableView {
-  const std::uint64_t* table = nullptr;  ///< null: not known
+/// The tool read backwards (UpdaterTables::cell_directions).
+struct CellTableView {
+  const DirectionArc* table = nullptr;  ///< null: not known
   std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
 };
 
-/// A direction is remembered as worse once it has this many collisions more than it needs for that.
-inline constexpr int kMarginCollisions = 16;
+/// A direction is remembered as worse once it has this many collisions more than it needs for that: so many that a few
+/// frames of voxels that cease to collide do not wear them off, and not so many that they are hard to find.
+ACCESSVDB_HOSTDEV inline int marginCollisions(int collision_limit) {
+  constexpr int kLeast = 16, kMost = 4096;
+  return collision_limit < kLeast ? kLeast : collision_limit < kMost ? collision_limit : kMost;
+}
 
 struct FootprintView {
   const FootprintColumn* tool = nullptr;
@@ -154,20 +151,25 @@ enum TestBest : std::uint8_t { kTestArm = 1, kTestTool = 2 };
 /// A point to evaluate.
 struct DueItem {
   std::uint32_t id;
+  std::uint32_t next;      ///< of the same block, or kNoIndex
+  std::uint8_t all;        ///< all directions have to be tried; then the others say nothing
   std::uint8_t test_best;  ///< its best direction may have changed: TestBest
   std::uint8_t evidence;   ///< ScoreItem::evidence
   DirectionMask candidates;
 };
-/// A point of which all directions have to be tried.
-struct FullItem {
-  std::uint32_t id;
-  std::uint32_t evidence;
+
+/// Points to evaluate, by blocks.
+struct DueView {
+  DueItem* items = nullptr;
+  std::uint32_t* head = nullptr;   ///< [blocks] kNoIndex where none of its points is due
+  std::uint32_t* busy = nullptr;   ///< blocks with a head
+  std::uint32_t* order = nullptr;  ///< items block by block
 };
 
 /// Numbers that kernels add to.
 struct UpdateCounters {
   unsigned long long tests, scored, label_changes, evaluated;
-  std::uint32_t moved, touched_blocks, reached_blocks, due, full, next, failed;
+  std::uint32_t moved, touched_blocks, reached_blocks, due, busy, ordered, next, failed;
 };
 
 /// Everything of an update in one argument.
@@ -178,8 +180,7 @@ struct UpdateView {
   NeighbourRuleView rule;
   PlacesView places;
   FlipsView flips;
-  FreedView freed;
-  OffsetTableView offsets;
+  CellTableView covering;
   FootprintView footprint;
   BlockMasks* masks = nullptr;       ///< [blocks]
   std::uint8_t* affected = nullptr;  ///< [blocks] its masks are not empty; null: no flips at all
@@ -187,11 +188,10 @@ struct UpdateView {
   UpdateRule update_rule;
   std::uint32_t* moved = nullptr;    ///< list of ids
   FoundNeighbours* found = nullptr;  ///< of a part of the list
-  DueItem* due = nullptr;
-  FullItem* full = nullptr;
+  DueView due;
   UpdateCounters* counters = nullptr;
   std::uint32_t num_points = 0;
-  float inverse_voxel_size = 0;  ///< as OccupancyView has it
+  std::uint32_t least_margin = 0;  ///< with less to spare, nothing is remembered
 };
 
 }  // namespace accessvdb::kernels

@@ -4,8 +4,7 @@
 ///
 /// Directions come in rank order, as in the plain rule. Lanes test the corridors of up to 32 of them at once; what lies
 /// behind the direction that ends the search is thrown away. The tool is then counted one direction at a time, a column
-/// or sample a lane; where a count passes its bound, the column at which the plain rule would have stopped is found
-/// by a prefix sum, so that even counts that were cut short agree.
+/// or sample a lane, as far as the cells inside it do not decide already.
 #pragma once
 
 #include <cstdint>
@@ -24,6 +23,8 @@ struct WarpMasks {
   std::uint32_t skip[kMaskWords32];          ///< known to be blocked
   std::uint32_t arm_blocked[kMaskWords32];   ///< found blocked in the corridor
   std::uint32_t tool_blocked[kMaskWords32];  ///< found blocked by the tool
+  std::uint32_t put_off[kMaskWords32];       ///< blocked for certain, but not counted yet
+  std::uint16_t least[32 * kMaskWords32];    ///< collisions of those at least
 };
 
 __device__ inline bool testBit(const std::uint32_t* mask, int d) { return (mask[d >> 5] >> (d & 31) & 1u) != 0; }
@@ -68,18 +69,18 @@ __device__ inline bool addCounts(int& count, int mine, int stop_above, int lane)
   return true;
 }
 
-/// countVoxelCollisions. @tparam kTurns  columns a lane has on their way at a time
+/// Colliding voxels of some columns of the tool, with what the plain rule would stop with.
+/// @tparam kTurns  columns a lane has on their way at a time
 template <int kTurns, class Window>
-__device__ int countVoxelsByWarp(const Window& window, const ToolKernelView& tool, int d, const Coord& point_ijk,
-                                 int stop_above, int lane) {
+__device__ int countColumnsByWarp(const Window& window, const VoxelColumn* columns, std::uint32_t begin,
+                                  std::uint32_t end, const Coord& point_ijk, int stop_above, int lane) {
   int count = 0;
-  const std::uint32_t end = tool.column_begin[d + 1];
-  for (std::uint32_t first = tool.column_begin[d]; first < end; first += kTurns * kWarp) {
+  for (std::uint32_t first = begin; first < end; first += kTurns * kWarp) {
     int mine[kTurns], sum = 0;
 #pragma unroll
     for (int turn = 0; turn < kTurns; ++turn) {
       const std::uint32_t n = first + static_cast<std::uint32_t>(turn) * kWarp + static_cast<std::uint32_t>(lane);
-      mine[turn] = n < end ? window.countColumn(tool.columns[n], point_ijk) : 0;
+      mine[turn] = n < end ? window.countColumn(columns[n], point_ijk) : 0;
       sum += mine[turn];
     }
     const int total = __reduce_add_sync(kAllLanes, sum);
@@ -92,6 +93,28 @@ __device__ int countVoxelsByWarp(const Window& window, const ToolKernelView& too
     for (int turn = 0; turn < kTurns; ++turn) {
       if (addCounts(count, mine[turn], stop_above, lane)) return count;
     }
+  }
+  return count;
+}
+
+/// countVoxelCollisions.
+template <int kTurns, class Window>
+__device__ int countVoxelsByWarp(const Window& window, const ToolKernelView& tool, int d, const Coord& point_ijk,
+                                 int stop_above, int lane) {
+  return countColumnsByWarp<kTurns>(window, tool.columns, tool.column_begin[d], tool.column_begin[d + 1], point_ijk,
+                                    stop_above, lane);
+}
+
+/// Colliding voxels in the cells of the tool at direction d. Stops once they exceed `stop_above`.
+template <class Window>
+__device__ int countCellsByWarp(const Window& window, const CellRunsView& cells, int d, const Coord& point_ijk,
+                                int stop_above, int lane) {
+  const std::uint32_t* begin = cells.begin + (d * kCellPhases + cellPhase(point_ijk));
+  const std::uint32_t end = begin[1];
+  int count = 0;
+  for (std::uint32_t first = begin[0]; first < end && count <= stop_above; first += kWarp) {
+    const std::uint32_t n = first + static_cast<std::uint32_t>(lane);
+    count += __reduce_add_sync(kAllLanes, n < end ? window.countCells(cells.runs[n], point_ijk) : 0);
   }
   return count;
 }
@@ -132,13 +155,80 @@ __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader&
   return {approach.num_arm, PointReason::None};
 }
 
+/// Is it better to look at what lies outside the cells first? Few collisions are found near the tip, where the tool
+/// touches the surface; many are found in its body.
+__device__ inline bool startsOutside(const ToolKernelView& tool, int stop_above) {
+  return 2 * stop_above < tool.collision_limit;
+}
+
+/// countVoxelCollisions with the help of the cells: what they bound is not counted.
+/// @param further  >= stop_above: up to here they may be counted where that is cheap
+template <class Window>
+__device__ int countWithCells(const Window& window, const ToolKernelView& tool, const ToolCellsView& cells, int d,
+                              const Coord& point_ijk, int stop_above, int further, int lane) {
+  const std::uint32_t begin = tool.column_begin[d], inner = cells.inner[d];
+  int outside = 0, inside = 0;  // the first is exact, or together they are above stop_above
+  if (startsOutside(tool, stop_above)) {
+    outside = countColumnsByWarp<2>(window, tool.columns, begin, inner, point_ijk, stop_above, lane);
+    if (outside <= stop_above) inside = countCellsByWarp(window, cells.inside, d, point_ijk, further - outside, lane);
+  } else {
+    inside = countCellsByWarp(window, cells.inside, d, point_ijk, further, lane);
+    if (inside <= stop_above) {
+      outside = countColumnsByWarp<2>(window, tool.columns, begin, inner, point_ijk, stop_above - inside, lane);
+    }
+  }
+  if (outside + inside > stop_above) return outside + inside;
+  // Where the cells beside are free too, nothing more collides.
+  if (countCellsByWarp(window, cells.beside, d, point_ijk, 0, lane) == 0) return outside + inside;
+  return outside + countColumnsByWarp<2>(window, tool.columns, inner, tool.column_begin[d + 1], point_ijk,
+                                         stop_above - outside, lane);
+}
+
+/// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. Without
+/// cells it is the number at which the plain rule stops.
+template <class Window>
+__device__ int countByWarp(const Window& window, const OccupancyReader& map, const ToolKernelView& tool,
+                           const ToolCellsView& cells, int d, const float* position_L, const Coord& point_ijk,
+                           float inverse_voxel_size, int stop_above, int further, int lane) {
+  int count = 0;
+  if (tool.use_samples) {
+    count = countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, further, lane);
+  } else if (cells.inner == nullptr) {
+    count = countVoxelsByWarp<2>(window, tool, d, point_ijk, further, lane);
+  } else {
+    count = countWithCells(window, tool, cells, d, point_ijk, stop_above, further, lane);
+  }
+  return count < kNoScore ? count : kNoScore - 1;  // kNoScore means: no direction got this far
+}
+
+/// The direction that was put off with the least collisions, and takes it off the list. All lanes.
+/// @return -1 where there is none with at most `most`
+__device__ inline int takePutOff(WarpMasks& masks, int most, int lane) {
+  std::uint32_t least = 0xffffffffu;
+  for (int w = 0; w < kMaskWords32; ++w) {
+    const int d = 32 * w + lane;
+    if (!testBit(masks.put_off, d)) continue;
+    const std::uint32_t mine = static_cast<std::uint32_t>(masks.least[d]) << 8 | static_cast<std::uint32_t>(d);
+    if (mine < least) least = mine;
+  }
+  least = __reduce_min_sync(kAllLanes, least);
+  if (least == 0xffffffffu || static_cast<int>(least >> 8) > most) return -1;
+  const int d = static_cast<int>(least & 0xffu);
+  if (lane == 0) masks.put_off[d >> 5] &= ~(1u << (d & 31));
+  __syncwarp();
+  return d;
+}
+
 /// searchDirections. All lanes of the warp call it with the same arguments and get the same result.
-/// @param count_further  collisions to count beyond those that decide; changes nothing but masks.tool_blocked
+/// @param cells  with them, counts that were cut short are not those of the plain rule
+/// @param remember_at  collisions from which on a direction is put into masks.tool_blocked, and up to which they are
+///   counted for that; 0: those that are blocked, as far as that is known anyway. Changes nothing else
 template <class Window>
 __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader& map, float inverse_voxel_size,
                                     const ToolKernelView& tool, const ApproachView& approach, const float* position_L,
                                     const float* normal_L, const std::uint64_t* seen, int seen_words,
-                                    const ScoreItem& item, WarpMasks& masks, int lane, int count_further = 0) {
+                                    const ScoreItem& item, WarpMasks& masks, int lane, const ToolCellsView& cells = {},
+                                    int remember_at = 0) {
   ScoreResult result;
   if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return result;
   result.scored = 1;
@@ -149,13 +239,21 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
     masks.skip[lane] = static_cast<std::uint32_t>(item.skip.word[word] >> half);
     masks.arm_blocked[lane] = 0;
     masks.tool_blocked[lane] = 0;
+    masks.put_off[lane] = 0;
   }
   __syncwarp();
   const Coord point_ijk = voxelOf(position_L[0], position_L[1], position_L[2], inverse_voxel_size);
   const int known_score = item.known_score, known_direction = item.known_direction;
 
+  const bool has_cells = cells.inner != nullptr;
+  const int blocked_at = remember_at > 0 ? remember_at : tool.collision_limit;
   int best_count = kNoScore, best_passed = -1;
-  bool in_cone = false, admissible = false, done = false;
+  bool in_cone = false, admissible = false, done = false, tool_reached = false, some_put_off = false;
+  const auto note = [&](int d, int hits) {
+    if (hits < blocked_at) return;
+    if (lane == 0) masks.tool_blocked[d >> 5] |= 1u << (d & 31);
+    if (hits < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(hits);
+  };
   DirectionWalk walk(approach, normal_L, nearestByWarp(approach, normal_L, lane));
   while (!done) {
     // The next admissible directions in rank order, one a lane.
@@ -187,7 +285,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
     // Corridors count as the closest outcome only as long as no direction has reached the tool.
     const unsigned scored = free | (known_score < kNoScore ? known : 0u);
     const unsigned before_scored = scored == 0 ? kAllLanes : (scored & (0u - scored)) - 1;
-    if (best_count == kNoScore && (blocked & before_scored) != 0) {
+    if (!tool_reached && (blocked & before_scored) != 0) {
       const bool counts = is_blocked && (before_scored >> lane & 1u) != 0;
       const int most = __reduce_max_sync(kAllLanes, counts ? arm.passed : -1);
       if (most > best_passed) {
@@ -197,6 +295,8 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
         result.direction = static_cast<std::uint16_t>(__shfl_sync(kAllLanes, mine, first));
       }
     }
+
+    tool_reached = tool_reached || scored != 0;
 
     unsigned upto = kAllLanes;  // lanes whose directions the plain rule reaches
     for (unsigned events = known | free; events != 0; events &= events - 1) {
@@ -208,15 +308,27 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
           result.direction = static_cast<std::uint16_t>(d);
         }
       } else {
-        const int bound = (best_count < known_score ? best_count : known_score) + count_further;
-        const int counted = tool.use_samples
-                                ? countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, bound, lane)
-                                : countVoxelsByWarp<2>(window, tool, d, point_ijk, bound, lane);
-        const int hits = counted < kNoScore ? counted : kNoScore - 1;
-        if (hits >= tool.collision_limit) {
-          if (lane == 0) masks.tool_blocked[d >> 5] |= 1u << (d & 31);
-          if (hits < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(hits);
+        const int bound = best_count < known_score ? best_count : known_score;
+        const int further = remember_at > bound ? remember_at - 1 : bound;
+        if (has_cells && bound == kNoScore) {
+          // Where it is blocked for certain, a free direction would make its count needless, and without one the least
+          // of them comes first.
+          int least = countCellsByWarp(window, cells.inside, d, point_ijk, kNoScore, lane);
+          if (least >= kNoScore) least = kNoScore - 1;
+          if (least >= tool.collision_limit) {
+            note(d, least);
+            some_put_off = true;
+            if (lane == 0) {
+              masks.put_off[d >> 5] |= 1u << (d & 31);
+              masks.least[d] = static_cast<std::uint16_t>(least);
+            }
+            __syncwarp();
+            continue;
+          }
         }
+        const int hits =
+            countByWarp(window, map, tool, cells, d, position_L, point_ijk, inverse_voxel_size, bound, further, lane);
+        note(d, hits);
         if (hits < best_count) {
           best_count = hits;
           result.direction = static_cast<std::uint16_t>(d);
@@ -231,6 +343,19 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
     if ((skipped & upto) != 0) result.skipped = 1;
     result.tests = static_cast<std::uint16_t>(result.tests + __popc((blocked | free) & upto));
     if (is_blocked && (upto >> lane & 1u) != 0) atomicOr(&masks.arm_blocked[mine >> 5], 1u << (mine & 31));
+  }
+
+  if (some_put_off && best_count >= tool.collision_limit) {
+    for (int d = takePutOff(masks, best_count, lane); d >= 0; d = takePutOff(masks, best_count, lane)) {
+      const int hits = countByWarp(window, map, tool, cells, d, position_L, point_ijk, inverse_voxel_size, best_count,
+                                   best_count, lane);
+      note(d, hits);
+      const bool is_better =
+          hits < best_count || (hits == best_count && ranksBefore(approach, normal_L, d, result.direction));
+      if (!is_better) continue;
+      best_count = hits;
+      result.direction = static_cast<std::uint16_t>(d);
+    }
   }
 
   if (!in_cone) {

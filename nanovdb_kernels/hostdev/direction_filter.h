@@ -12,6 +12,14 @@ ACCESSVDB_HOSTDEV inline float cosToNormal(const ApproachView& approach, int d, 
   return approach.direction_xy[2 * d] * normal[0] + approach.direction_xy[2 * d + 1] * normal[1];
 }
 
+/// Is direction d tried before e?
+ACCESSVDB_HOSTDEV inline bool ranksBefore(float cos_d, int d, float cos_e, int e) {
+  return cos_d > cos_e || (cos_d == cos_e && d < e);
+}
+ACCESSVDB_HOSTDEV inline bool ranksBefore(const ApproachView& approach, const float* normal, int d, int e) {
+  return ranksBefore(cosToNormal(approach, d, normal), d, cosToNormal(approach, e, normal), e);
+}
+
 /// Walks the directions by ascending angle to the normal, ties by lower d, as long as they lie in the normal cone.
 ///
 /// Directions are equidistant in yaw, so the angle grows on both sides of the nearest one: the walk is a merge of the

@@ -35,12 +35,22 @@ struct OccupancyView {
 };
 
 /// A vertical run of up to 64 tool voxels relative to the voxel of the surface point: bit i = (dx, dy, dz + i).
-/// Columns of one direction are sorted by (dx, dy, dz), so that neighbours in the list are neighbours in the map.
+/// Neighbours in the list of a direction are neighbours in the map, most of them.
 struct VoxelColumn {
   std::int16_t dx, dy, dz, unused;
   std::uint64_t bits;
 };
 static_assert(sizeof(VoxelColumn) == 16);
+
+/// Some of 16 cells of 4 x 4 x 4 voxels above each other, in cells from the cell of the point's voxel: bit i =
+/// (dx, dy, dz + i).
+struct CellRun {
+  std::int16_t dx, dy, dz;
+  std::uint16_t bits;
+};
+static_assert(sizeof(CellRun) == 8);
+/// Places of a voxel in its cell: (x & 3) * 16 + (y & 3) * 4 + (z & 3).
+inline constexpr int kCellPhases = 64;
 
 /// Box of voxels relative to the voxel of the surface point, inclusive. low > high: not known.
 struct VoxelBox {
@@ -56,6 +66,19 @@ struct ToolKernelView {
   bool use_samples = false;
   std::uint16_t collision_limit = 1;  ///< [n_c] a direction is free when its count is below
   VoxelBox reach = {};                ///< holds every voxel of every direction
+};
+
+/// Cells of the tool's voxel form, for every direction d and every place of the point's voxel in its cell: runs of
+/// (d, phase) are [begin[d * kCellPhases + phase], the next). All null: not known.
+struct CellRunsView {
+  const CellRun* runs = nullptr;
+  const std::uint32_t* begin = nullptr;  ///< [D * kCellPhases + 1]
+};
+/// What bounds the tool's collisions without counting them, on a map that holds cell counts (hostdev/cell_counts.h).
+struct ToolCellsView {
+  CellRunsView inside;                   ///< cells that the tool covers whole
+  CellRunsView beside;                   ///< the other cells that its inner columns touch
+  const std::uint32_t* inner = nullptr;  ///< [D] where the inner columns of d begin; no other has a voxel in `inside`
 };
 
 /// Directions and the corridor: tables computed once on the host.
@@ -87,6 +110,7 @@ enum PointFlag : std::uint8_t { kConfident = 1 };
 static_assert(std::is_trivially_copyable_v<DirectionMask>);
 static_assert(std::is_trivially_copyable_v<OccupancyView>);
 static_assert(std::is_trivially_copyable_v<ToolKernelView>);
+static_assert(std::is_trivially_copyable_v<ToolCellsView>);
 static_assert(std::is_trivially_copyable_v<ApproachView>);
 static_assert(std::is_trivially_copyable_v<PointStateView>);
 

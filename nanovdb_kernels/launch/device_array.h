@@ -3,9 +3,12 @@
 /// An owning, move-only, uninitialised array in the memory of a backend. Views of it travel to kernels.
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <type_traits>
 #include <utility>
+
+#include "accessvdb/error.h"
 
 namespace accessvdb::kernels {
 
@@ -49,6 +52,17 @@ class DeviceArray {
     DeviceArray larger(memory, size);
     if (kept > 0) memory.copy(larger.data_, data_, kept * sizeof(T));
     swap(larger);
+  }
+  /// As grow, to `wanted` elements, so that arrays grow seldom; where there is no memory for that, to the `least` that
+  /// will do.
+  void growWithRoom(DeviceMemory& memory, std::size_t least, std::size_t wanted, std::size_t kept) {
+    if (least <= size_) return;
+    try {
+      grow(memory, std::max(least, wanted), kept);
+    } catch (const ResourceLimit&) {
+      if (wanted <= least) throw;
+      grow(memory, least, kept);
+    }
   }
 
  private:

@@ -19,6 +19,12 @@ struct FootprintColumn {
   DirectionMask directions;
 };
 
+/// Directions first, first + 1 .. first + count - 1, modulo D; count 0: none.
+struct DirectionArc {
+  std::uint8_t first = 0;
+  std::uint16_t count = 0;  ///< at most D
+};
+
 /// What never changes. Host memory, needed only while the updater is made.
 struct UpdaterTables {
   std::span<const FootprintColumn> tool_columns, arm_columns;
@@ -27,10 +33,11 @@ struct UpdaterTables {
   int neighbours = 0;       ///< [k]
   int view_neighbours = 0;  ///< the nearest this many share their seen directions; 0: none does
   int num_directions = 0;   ///< [D]
-  /// The tool read backwards: [x][y][z][words of D] which directions cover a voxel at an offset from the point's voxel;
-  /// the first entry is that of offset_low. Empty: not known, then collisions are not remembered.
-  std::span<const std::uint64_t> offset_directions;
-  std::int32_t offset_low[3] = {0, 0, 0}, offset_size[3] = {0, 0, 0};
+  /// The tool read backwards: [x][y][z] which directions may cover a cell of 4 x 4 x 4 voxels from a point somewhere in
+  /// a leaf; the first entry is that of the cell cell_low, in cells from the leaf's first one. Empty: not known, then
+  /// collisions are not remembered.
+  std::span<const DirectionArc> cell_directions;
+  std::int32_t cell_low[3] = {0, 0, 0}, cell_size[3] = {0, 0, 0};
 };
 
 /// A point that is new, or that a scan touched since the last update.
@@ -55,19 +62,16 @@ struct BlockNews {
 
 /// A leaf in which facts flipped: bit 0 collides on, 1 collides off, 2 arm free on, 3 arm free off.
 struct LeafFlips {
+  static constexpr std::uint32_t kManyFreed = 255;
   std::int32_t leaf[3] = {0, 0, 0};
   std::uint32_t kinds = 0;
+  std::uint64_t freed = 0;  ///< voxels that ceased to collide, a byte a cell as countCells() has them; 255: or more
 };
 
 /// A point that became confident enough to be scored.
 struct CrossedPoint {
   std::uint32_t id = 0;
   std::uint16_t weight = 0;
-};
-
-/// Index of a voxel.
-struct VoxelIndex {
-  std::int32_t ijk[3] = {0, 0, 0};
 };
 
 /// Points that are new or changed; host memory, free again on return.
@@ -83,13 +87,12 @@ struct AdmitInput {
 struct UpdateInput {
   OccupancyView map;
   ToolKernelView tool;    ///< in the backend's memory
+  ToolCellsView cells;    ///< in the backend's memory
   ApproachView approach;  ///< in the backend's memory
   PointStateView points;  ///< in the backend's memory
   UpdateRule rule;
   std::span<const CrossedPoint> crossed;  ///< ids differ
   std::span<const LeafFlips> flips;       ///< since the last update; a leaf may come several times
-  std::span<const VoxelIndex> freed;      ///< voxels that ceased to collide since the last update
-  bool forget = false;                    ///< more ceased to collide than `freed` says
 };
 
 struct UpdateOutcome {

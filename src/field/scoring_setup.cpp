@@ -8,6 +8,8 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr double kPi = 3.141592653589793;
+/// Memory that the cells inside the tool may take; above it, searches do without them.
+constexpr std::uint64_t kMostCellBytes = std::uint64_t{256} << 20;
 
 template <typename T>
 kernels::DeviceArray<T> uploaded(kernels::Backend& backend, const std::vector<T>& host) {
@@ -48,6 +50,13 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_column_begin_ = uploaded(backend, tool_.column_begin);
   d_samples_ = uploaded(backend, tool_.samples);
   d_sample_begin_ = uploaded(backend, tool_.sample_begin);
+  const ToolCells cells = ToolCells::make(tool_.view(), count, kMostCellBytes);
+  if (!cells.empty()) {
+    d_columns_.upload(cells.columns.data(), cells.columns.size());
+    d_inner_ = uploaded(backend, cells.inner);
+    d_inside_ = {uploaded(backend, cells.inside.runs), uploaded(backend, cells.inside.begin)};
+    d_beside_ = {uploaded(backend, cells.beside.runs), uploaded(backend, cells.beside.begin)};
+  }
   d_directions_ = uploaded(backend, directions_.xy);
   d_arm_offsets_ = uploaded(backend, arm_offsets_);
 }
@@ -71,6 +80,7 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.tool.column_begin = d_column_begin_.data();
   tables.tool.samples = d_samples_.data();
   tables.tool.sample_begin = d_sample_begin_.data();
+  tables.cells = {d_inside_.view(), d_beside_.view(), d_inner_.size() > 0 ? d_inner_.data() : nullptr};
   tables.approach = hostApproach();
   tables.approach.direction_xy = d_directions_.data();
   tables.approach.arm_offsets = d_arm_offsets_.data();
@@ -83,7 +93,7 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
 
 std::uint64_t ScoringSetup::deviceBytes() const {
   return d_columns_.bytes() + d_column_begin_.bytes() + d_samples_.bytes() + d_sample_begin_.bytes() +
-         d_directions_.bytes() + d_arm_offsets_.bytes();
+         d_inner_.bytes() + d_inside_.bytes() + d_beside_.bytes() + d_directions_.bytes() + d_arm_offsets_.bytes();
 }
 
 }  // namespace accessvdb::internal

@@ -10,14 +10,16 @@
 #include <algorithm>
 #include <bit>
 #include <limits>
-#include <numeric>
+#include <utility>
 #include <vector>
 
+#include "hostdev/cell_counts.h"
+#include "points/cell_directions.h"
 #include "points/device_blocks.h"
 #include "points/flip_set.h"
+#include "points/fresh_points.h"
 #include "points/leaf_footprint.h"
 #include "points/neighbourhood.h"
-#include "points/offset_directions.h"
 #include "points/stopwatch.h"
 #include "points/update_scheduler.h"
 
@@ -28,8 +30,8 @@ namespace {
 constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
 /// Flipped leaves are joined once this many wait, so that a long stretch without updates takes bounded memory.
 constexpr std::size_t kMostFlips = std::size_t{1} << 22;
-/// Memory that the table of directions by offset may take; above it, collisions are not remembered.
-constexpr std::uint64_t kMostOffsetTableBytes = std::uint64_t{512} << 20;
+/// Memory that the table of directions by cell may take; above it, collisions are not remembered.
+constexpr std::uint64_t kMostCellTableBytes = std::uint64_t{256} << 20;
 
 void copy3(const Eigen::Vector3f& from, float* to) {
   for (Eigen::Index axis = 0; axis < 3; ++axis) to[axis] = from[axis];
@@ -45,26 +47,38 @@ std::uint32_t kindsOf(const LeafChange& change) {
   return kinds;
 }
 
-std::size_t countBits(const LeafBits& bits) {
-  std::size_t count = 0;
-  for (const std::uint64_t word : bits) count += static_cast<std::size_t>(std::popcount(word));
-  return count;
+/// Sums of two counts of freed voxels, cell by cell.
+std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
+  std::uint64_t sum = 0;
+  for (int shift = 0; shift < 64; shift += 8) {
+    const std::uint64_t cell = (a >> shift & 0xff) + (b >> shift & 0xff);
+    sum |= std::min<std::uint64_t>(cell, kernels::LeafFlips::kManyFreed) << shift;
+  }
+  return sum;
 }
 
 class DeviceScheduler final : public UpdateScheduler {
  public:
   DeviceScheduler(PointScorer& scorer, std::unique_ptr<kernels::PointUpdater> updater)
-      : scorer_(scorer), updater_(std::move(updater)) {}
+      : scorer_(scorer), updater_(std::move(updater)), fresh_(scorer.points()) {
+    while (least_weight_ < std::numeric_limits<std::uint16_t>::max() && !scorer_.isConfident(least_weight_)) {
+      ++least_weight_;
+    }
+  }
 
-  void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
-                std::span<const std::span<const LeafChange>> changes) override {
+  void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
+                std::span<const Eigen::Vector3f> q_L, std::span<const std::span<const LeafChange>> changes) override {
+    const Stopwatch noting;
     for (std::size_t n = 0; n < touched.all.size(); ++n) {
       const std::uint32_t id = touched.all[n];
       if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or the older position counts
       is_touched_[id] = 1;
       touched_.push_back({id, touched.before_L[n]});
     }
+    const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
+    if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
     if (anything_scored_) noteFlips(changes);
+    noted_ms_ += noting.milliseconds();
   }
 
   UpdateStats update(const ScoringTables& tables) override {
@@ -73,26 +87,24 @@ class DeviceScheduler final : public UpdateScheduler {
     const PointStore& points = scorer_.points();
     scorer_.growDevice();
     admitBlocks();
-    admitPoints();
-    const std::vector<kernels::CrossedPoint> crossed = findCrossed();
-    const double host_ms = updating.milliseconds();
+    std::vector<kernels::CrossedPoint> crossed = admitPoints();
+    findCrossed(crossed);
+    double host_ms = updating.milliseconds() + std::exchange(noted_ms_, 0.0);
 
     kernels::UpdateInput input;
     input.map = tables.map;
     input.tool = tables.tool;
+    input.cells = tables.cells;
     input.approach = tables.approach;
     input.points = scorer_.device().view();
     input.rule = tables.rule;
     input.crossed = crossed;
     input.flips = flips_;
-    input.freed = freed_;
-    input.forget = forget_;
     const kernels::UpdateOutcome outcome = updater_->update(input);
+    const Stopwatch ending;
     for (const Touched& touched : touched_) is_touched_[touched.id] = 0;
     touched_.clear();
     flips_.clear();
-    freed_.clear();
-    forget_ = false;
     joined_flips_ = 0;
     known_points_ = points.size();
     is_touched_.resize(known_points_, 0);
@@ -102,15 +114,16 @@ class DeviceScheduler final : public UpdateScheduler {
     stats.scored_points = outcome.scored;
     stats.direction_tests = outcome.tests;
     stats.label_changes = outcome.label_changes;
+    host_ms += ending.milliseconds();
     stats.update_ms = host_ms + outcome.select_ms;
     stats.score_ms = outcome.score_ms;
     return stats;
   }
 
   std::uint64_t bytes() const override {
-    return (fresh_.capacity() + ids_.capacity()) * sizeof(std::uint32_t) + touched_.capacity() * sizeof(Touched) +
+    return fresh_.bytes() + ids_.capacity() * sizeof(std::uint32_t) + touched_.capacity() * sizeof(Touched) +
            is_touched_.capacity() + news_.capacity() * sizeof(kernels::PointNews) + blocks_.bytes() +
-           flips_.capacity() * sizeof(kernels::LeafFlips) + freed_.capacity() * sizeof(kernels::VoxelIndex);
+           flips_.capacity() * sizeof(kernels::LeafFlips);
   }
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
 
@@ -120,36 +133,24 @@ class DeviceScheduler final : public UpdateScheduler {
     Eigen::Vector3f before_L;  ///< at the last update
   };
 
-  void noteFlips(std::span<const std::span<const LeafChange>> changes) {
-    std::vector<std::size_t> begin(changes.size() + 1, 0), freed_begin(changes.size() + 1, 0);
-    tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t n) {
-      begin[n + 1] = changes[n].size();
-      for (const LeafChange& change : changes[n]) freed_begin[n + 1] += countBits(change.collides_off);
-    });
-    begin[0] = flips_.size();
-    freed_begin[0] = freed_.size();
-    std::partial_sum(begin.begin(), begin.end(), begin.begin());
-    std::partial_sum(freed_begin.begin(), freed_begin.end(), freed_begin.begin());
-    flips_.resize(begin.back());
-    freed_.resize(freed_begin.back());
-    tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t n) {
-      std::size_t at = begin[n], freed_at = freed_begin[n];
-      for (const LeafChange& change : changes[n]) {
-        const Index3 leaf = parentOf(change.origin_ijk);
-        flips_[at++] = {{leaf[0], leaf[1], leaf[2]}, kindsOf(change)};
-        for (std::size_t x = 0; x < 8; ++x) {
-          for (std::uint64_t bits = change.collides_off[x]; bits != 0; bits &= bits - 1) {
-            const int bit = std::countr_zero(bits);
-            freed_[freed_at++] = {{change.origin_ijk[0] + static_cast<std::int32_t>(x),
-                                   change.origin_ijk[1] + (bit >> 3), change.origin_ijk[2] + (bit & 7)}};
-          }
-        }
-      }
-    });
-    if (freed_.size() > kMostFlips) {
-      freed_.clear();
-      forget_ = true;
+  static void readFlips(std::span<const LeafChange> changes, std::vector<kernels::LeafFlips>& part) {
+    part.clear();
+    for (const LeafChange& change : changes) {
+      const Index3 leaf = parentOf(change.origin_ijk);
+      part.push_back({{leaf[0], leaf[1], leaf[2]}, kindsOf(change), kernels::countCells(change.collides_off.data())});
     }
+  }
+
+  void noteFlips(std::span<const std::span<const LeafChange>> changes) {
+    // Each change is read once: they are more than the caches hold.
+    if (flip_parts_.size() < changes.size()) flip_parts_.resize(changes.size());
+    tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t n) { readFlips(changes[n], flip_parts_[n]); });
+    std::vector<std::size_t> begin(changes.size() + 1, flips_.size());
+    for (std::size_t n = 0; n < changes.size(); ++n) begin[n + 1] = begin[n] + flip_parts_[n].size();
+    flips_.resize(begin.back());
+    tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t n) {
+      std::ranges::copy(flip_parts_[n], flips_.begin() + static_cast<std::ptrdiff_t>(begin[n]));
+    });
     if (flips_.size() > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
@@ -161,6 +162,7 @@ class DeviceScheduler final : public UpdateScheduler {
     for (const kernels::LeafFlips& flip : flips_) {
       if (out > 0 && place(flips_[out - 1]) == place(flip)) {
         flips_[out - 1].kinds |= flip.kinds;
+        flips_[out - 1].freed = joinedFreed(flips_[out - 1].freed, flip.freed);
       } else {
         flips_[out++] = flip;
       }
@@ -181,28 +183,28 @@ class DeviceScheduler final : public UpdateScheduler {
   /// Blocks with new points.
   void admitBlocks() {
     const PointStore& points = scorer_.points();
-    std::vector<std::uint32_t> changed;
-    for (std::uint32_t id = known_points_; id < points.size(); ++id) changed.push_back(points.blockOf(id));
+    std::vector<std::uint32_t> changed(points.size() - known_points_);
+    for (std::size_t n = 0; n < changed.size(); ++n) {
+      changed[n] = points.blockOf(known_points_ + static_cast<std::uint32_t>(n));
+    }
     tbb::parallel_sort(changed);
     changed.erase(std::unique(changed.begin(), changed.end()), changed.end());
-    std::vector<kernels::BlockNews> news;
-    std::vector<std::uint32_t> ids;
-    for (std::size_t n = 0; n < changed.size(); ++n) {
-      news.push_back(blocks_.news(changed[n], points.index().blocks()[changed[n]], ids));
-      if (news.size() < kMostBlocks && n + 1 < changed.size()) continue;
+    for (std::size_t first = 0; first < changed.size(); first += kMostBlocks) {
+      const std::size_t count = std::min(changed.size() - first, kMostBlocks);
+      blocks_.news(std::span(changed).subspan(first, count), points.index().blocks(), block_news_, block_ids_);
       kernels::AdmitInput input = admission();
-      input.blocks = news;
-      input.block_ids = ids;
+      input.blocks = block_news_;
+      input.block_ids = block_ids_;
       updater_->admit(input);
-      news.clear();
-      ids.clear();
     }
   }
 
-  /// New points and touched ones.
-  void admitPoints() {
+  /// New points and touched ones. @return the new ones that are confident at once
+  std::vector<kernels::CrossedPoint> admitPoints() {
     const PointStore& points = scorer_.points();
     const std::size_t new_points = points.size() - known_points_, all = touched_.size() + new_points;
+    std::vector<kernels::CrossedPoint> confident;
+    std::vector<std::uint32_t> fresh;
     std::vector<std::uint16_t> weights;
     for (std::size_t first = 0; first < all; first += kMostNews) {
       const std::size_t count = std::min(all - first, kMostNews);
@@ -233,25 +235,39 @@ class DeviceScheduler final : public UpdateScheduler {
       kernels::AdmitInput input = admission();
       input.news = news_;
       updater_->admit(input);
-    }
-  }
-
-  /// Points whose confidence crossed the bound. Weights only grow, so only points below it are looked at.
-  std::vector<kernels::CrossedPoint> findCrossed() {
-    for (std::uint32_t id = known_points_; id < scorer_.points().size(); ++id) fresh_.push_back(id);
-    std::vector<std::uint16_t> weights(fresh_.size());
-    scorer_.reads().weights(fresh_, weights);
-    std::vector<kernels::CrossedPoint> crossed;
-    std::size_t left = 0;
-    for (std::size_t n = 0; n < fresh_.size(); ++n) {
-      if (scorer_.isConfident(weights[n])) {
-        crossed.push_back({fresh_[n], weights[n]});
-      } else {
-        fresh_[left++] = fresh_[n];
+      for (std::size_t n = touched_.size() - std::min(touched_.size(), first); n < count; ++n) {
+        if (weights[n] >= least_weight_) {
+          confident.push_back({ids_[n], weights[n]});
+        } else {
+          fresh.push_back(ids_[n]);
+        }
       }
     }
-    fresh_.resize(left);
-    return crossed;
+    fresh_.add(fresh);
+    return confident;
+  }
+
+  /// Adds older points that became confident. Weights only grow, so only fresh ones are looked at, and of them those
+  /// that scans reached since the last update.
+  void findCrossed(std::vector<kernels::CrossedPoint>& crossed) {
+    fresh_.takeReached(reached_);
+    std::vector<std::uint16_t> weights(reached_.voxels.size());
+    scorer_.reads().weights_at(reached_.voxels, weights);
+    std::vector<std::uint32_t> entries;
+    for (std::size_t n = 0; n < weights.size(); ++n) {
+      if (weights[n] >= least_weight_) entries.push_back(static_cast<std::uint32_t>(n));
+    }
+    const std::size_t before = crossed.size();
+    crossed.resize(before + entries.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, entries.size(), 512), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        const std::uint32_t entry = entries[n];
+        crossed[before + n] = {scorer_.points().index().findIn(reached_.blocks[entry], reached_.voxels[entry]),
+                               weights[entry]};
+      }
+    });
+    fresh_.remove(reached_, entries);
+    tbb::parallel_sort(crossed.begin(), crossed.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
   }
 
   PointScorer& scorer_;
@@ -261,13 +277,17 @@ class DeviceScheduler final : public UpdateScheduler {
   bool anything_scored_ = false;
   std::vector<Touched> touched_;           ///< known points that scans touched since the last update
   std::vector<std::uint8_t> is_touched_;   ///< [known_points_]
-  std::vector<std::uint32_t> fresh_;       ///< below the confidence bound
+  FreshPoints fresh_;                      ///< below the confidence bound
+  FreshPlaces reached_;                    ///< of one update
+  std::uint16_t least_weight_ = 0;         ///< that is confident
   std::vector<kernels::LeafFlips> flips_;  ///< since the last update
-  std::vector<kernels::VoxelIndex> freed_;
-  bool forget_ = false;           ///< freed_ would have become too long
-  std::size_t joined_flips_ = 0;  ///< of them, the first: each leaf once
+  std::size_t joined_flips_ = 0;           ///< of them, the first: each leaf once
+  double noted_ms_ = 0;                    ///< in noteScan() since the last update
   std::vector<std::uint32_t> ids_;
   std::vector<kernels::PointNews> news_;
+  std::vector<kernels::BlockNews> block_news_;
+  std::vector<std::uint32_t> block_ids_;
+  std::vector<std::vector<kernels::LeafFlips>> flip_parts_;
 };
 
 }  // namespace
@@ -285,10 +305,10 @@ std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const 
   tables.neighbours = params.scoring.neighbours;
   tables.view_neighbours = params.scoring.join_neighbour_views ? static_cast<int>(kViewNeighbours) : 0;
   tables.num_directions = approach.num_directions;
-  const OffsetDirections offsets(tool, approach.num_directions, kMostOffsetTableBytes);
-  tables.offset_directions = offsets.table();
-  std::ranges::copy(offsets.low(), tables.offset_low);
-  std::ranges::copy(offsets.size(), tables.offset_size);
+  const CellDirections cells(tool, approach.num_directions, kMostCellTableBytes);
+  tables.cell_directions = cells.table();
+  std::ranges::copy(cells.low(), tables.cell_low);
+  std::ranges::copy(cells.size(), tables.cell_size);
   auto updater = scorer.backend().makeUpdater(tables);
   if (updater == nullptr) return nullptr;
   return std::make_unique<DeviceScheduler>(scorer, std::move(updater));

@@ -27,17 +27,22 @@ DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words)
 
 void DevicePoints::growRaw(std::uint32_t size) {
   if (size > capacity_) {
-    const std::uint32_t capacity = size + std::max(size / 4, kLeastGrowth);
-    position_L_.grow(backend_, std::size_t{3} * capacity, std::size_t{3} * size_);
-    normal_L_.grow(backend_, std::size_t{3} * capacity, std::size_t{3} * size_);
-    seen_.grow(backend_, static_cast<std::size_t>(words_) * capacity, static_cast<std::size_t>(words_) * size_);
-    stability_.grow(backend_, capacity, size_);
-    score_.grow(backend_, capacity, size_);
-    direction_.grow(backend_, capacity, size_);
-    weight_.grow(backend_, capacity, size_);
-    label_.grow(backend_, capacity, size_);
-    reason_.grow(backend_, capacity, size_);
-    flags_.grow(backend_, capacity, size_);
+    const std::uint32_t wanted = size + std::max(size / 4, kLeastGrowth);
+    std::uint32_t capacity = wanted;  // of the smallest array, where there is no memory for what is wanted
+    const auto grow = [&](auto& array, std::size_t each) {
+      array.growWithRoom(backend_, each * size, each * wanted, each * size_);
+      capacity = std::min(capacity, static_cast<std::uint32_t>(array.size() / each));
+    };
+    grow(position_L_, 3);
+    grow(normal_L_, 3);
+    grow(seen_, static_cast<std::size_t>(words_));
+    grow(stability_, 1);
+    grow(score_, 1);
+    grow(direction_, 1);
+    grow(weight_, 1);
+    grow(label_, 1);
+    grow(reason_, 1);
+    grow(flags_, 1);
     capacity_ = capacity;
   }
   size_ = std::max(size_, size);

@@ -15,10 +15,20 @@
 
 namespace accessvdb::internal {
 
+using TakeLeaves = std::function<void(std::span<const Index3> leaves)>;
+
 /// Reads of the map that point state needs; filled by the field.
 struct MapReads {
   /// Observations behind the confidence of each id: largest weight of 3x3x3 voxels, or the own voxel's (paper).
   std::function<void(std::span<const std::uint32_t> ids, std::span<std::uint16_t> weights)> weights;
+  /// The same of voxels that are at hand.
+  std::function<void(std::span<const Index3> voxels, std::span<std::uint16_t> weights)> weights_at;
+  /// Calls take(leaves) for all leaves, voxel index >> 3, in which a point's weight may have grown by a scan: a
+  /// superset, and a leaf may come several times. From several threads at once.
+  /// @return false: no leaf was named, it may be any
+  std::function<bool(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                     const TakeLeaves& take)>
+      reached;
   /// TSDF at the voxel of each id, metres (paper trigger i).
   std::function<void(std::span<const std::uint32_t> ids, std::span<float> distances_m)> distances;
 };
@@ -27,6 +37,7 @@ struct MapReads {
 struct ScoringTables {
   kernels::OccupancyView map;
   kernels::ToolKernelView tool;
+  kernels::ToolCellsView cells;
   kernels::ApproachView approach;
   kernels::UpdateRule rule;
 };

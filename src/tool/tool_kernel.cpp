@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <limits>
 #include <string>
 
@@ -19,7 +20,9 @@ namespace {
 
 /// Offsets are int16; some room is left for adding them to a voxel within its leaf.
 constexpr double kMaxSpanVoxels = 30000;
-constexpr double kMaxColumns = 2147483648.0;
+/// 2^28 columns of 16 bytes: 4 GiB on the host, twice that while they are put together, and 4 GiB on the device.
+/// `builtin:pruner` with 180 directions takes 2.8 GiB of it at 1 mm.
+constexpr double kMaxColumns = 268435456.0;
 /// [n_c] of 1000 surface samples (paper).
 constexpr int kSampleCollisionLimit = 5;
 /// Share of the tool's voxels that may collide: noise of single voxels must not block a direction.
@@ -47,11 +50,22 @@ double fewestColumns(const ToolGeometry& tool, double voxel_size_m, int num_dire
   return ground_m2 / (voxel_size_m * voxel_size_m) * num_directions;
 }
 
-[[noreturn]] void refuseColumns(const ToolGeometry& tool, double voxel_size_m) {
+/// @param columns  of all directions, or an estimate
+[[noreturn]] void refuseColumns(const ToolGeometry& tool, double voxel_size_m, double columns) {
+  constexpr double kGiB = 1073741824.0;
+  const auto text = [](double value, const char* format) {
+    char number[32];
+    std::snprintf(number, sizeof number, format, value);
+    return std::string(number);
+  };
+  // They grow with the square of 1 / v at least. Rounded up to whole tenths of a millimetre.
+  const double fits_m = std::ceil(voxel_size_m * std::sqrt(columns / kMaxColumns) * 1e4) * 1e-4;
   throw ResourceLimit("tool.columns", tool.name(),
-                      "at a voxel size of " + std::to_string(voxel_size_m) +
-                          " m the tool needs more than 2^31 voxel columns over all directions",
-                      "Use a larger --voxel, fewer directions or a smaller tool");
+                      "at a voxel size of " + text(voxel_size_m, "%.6g") +
+                          " m the tool's tables for all directions take " +
+                          text(columns * sizeof(kernels::VoxelColumn) / kGiB, "%.1f") + " GiB; at most " +
+                          text(kMaxColumns * sizeof(kernels::VoxelColumn) / kGiB, "%.0f") + " GiB can be handled",
+                      "Use --voxel " + text(fits_m, "%.6g") + " or larger, fewer directions or a smaller tool");
 }
 
 std::uint16_t limited(double limit) { return std::uint16_t(std::clamp(limit, 1.0, 65534.0)); }
@@ -106,7 +120,9 @@ ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolve
                             " voxels; at most 30000 can be handled",
                         "Use a larger --voxel, or check --tool-unit and --tool-tip");
   }
-  if (fewestColumns(tool, v, num_directions) > kMaxColumns) refuseColumns(tool, v);
+  if (const double fewest = fewestColumns(tool, v, num_directions); fewest > kMaxColumns) {
+    refuseColumns(tool, v, fewest);
+  }
 
   ToolKernel kernel;
   kernel.voxel_count.resize(D);
@@ -126,14 +142,16 @@ ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolve
     of_direction[d] = packColumns(runs);
   };
   makeDirection(0);  // first, so that what does not fit is noticed before all of memory is full of it
-  if (double(of_direction[0].size()) * num_directions > kMaxColumns) refuseColumns(tool, v);
+  if (const double all = double(of_direction[0].size()) * num_directions; all > kMaxColumns) {
+    refuseColumns(tool, v, all);
+  }
   tbb::parallel_for(1, num_directions, makeDirection);
 
   std::size_t num_columns = 0;
   kernel.column_begin.push_back(0);
   for (const auto& columns : of_direction) {
     num_columns += columns.size();
-    if (double(num_columns) > kMaxColumns) refuseColumns(tool, v);
+    if (double(num_columns) > kMaxColumns) refuseColumns(tool, v, double(num_columns));
     kernel.column_begin.push_back(std::uint32_t(num_columns));
   }
   kernel.columns.reserve(num_columns);

@@ -40,7 +40,7 @@ struct ToolKernel {
   /// Sample form: surface_samples points uniform on the surface from a fixed seed, rotated; those within
   /// self_exclusion_voxels * v are removed; collision_limit = max_collisions + 1, by rule 5.
   /// Both forms are made where useful (voxel form always, for sizes and footprints). Parallel over directions.
-  /// @throws ResourceLimit when the tool spans more than 30 000 voxels or needs more than 2^31 columns
+  /// @throws ResourceLimit when the tool spans more than 30 000 voxels or needs more than 2^28 columns (4 GiB)
   static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved);
 };
 

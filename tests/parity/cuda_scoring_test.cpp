@@ -42,6 +42,7 @@ void compare(const ScoringCase& what, const std::vector<CudaOptions>& ways, Tall
     states.push_back(cpu.state());
   }
   tally.add(expected[0], what.params.approach.num_directions);
+  expectBlockedIsTrue(cpu, what.items, expected[0]);
   for (const CudaOptions& way : ways) {
     SCOPED_TRACE("path " + std::to_string(static_cast<int>(way.path)) + ", chunks of " +
                  std::to_string(way.chunk_items));
@@ -49,7 +50,10 @@ void compare(const ScoringCase& what, const std::vector<CudaOptions>& ways, Tall
     int round = 0;
     for (const bool keep_best : {false, true, false}) {
       SCOPED_TRACE("round " + std::to_string(round));
-      expectSameResults(cuda.score(what.items, keep_best), expected[static_cast<std::size_t>(round)]);
+      const std::vector<kernels::ScoreResult> results = cuda.score(what.items, keep_best);
+      expectSameResults(results, expected[static_cast<std::size_t>(round)]);
+      if (testing::Test::HasFatalFailure()) return;
+      expectBlockedIsTrue(cpu, what.items, results);
       if (testing::Test::HasFatalFailure()) return;
       expectSameState(cuda.state(), states[static_cast<std::size_t>(round)]);
       if (testing::Test::HasFatalFailure()) return;

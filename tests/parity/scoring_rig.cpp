@@ -40,6 +40,14 @@ kernels::DirectionMask randomMask(Random& random, int directions, double share) 
   return mask;
 }
 
+bool isAdmissible(const FieldParams& params, const kernels::PointInput& input, int d) {
+  if (!input.seen.test(d)) return false;
+  const double yaw = 2 * 3.141592653589793 * d / params.approach.num_directions;
+  const double cosine =
+      std::cos(yaw) * static_cast<double>(input.normal_L[0]) + std::sin(yaw) * static_cast<double>(input.normal_L[1]);
+  return cosine > std::cos(params.approach.normal_cone_rad) + 1e-5;  // well inside, against float32's rounding
+}
+
 }  // namespace
 
 ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldParams& params, int points) {
@@ -95,8 +103,10 @@ ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldPara
     item.id = input.id;
     item.candidates = randomMask(random, directions, random.below(3) == 0 ? random.uniform(0, 1) : 2.0);
     if (random.below(2) == 0) item.skip = randomMask(random, directions, random.uniform(0, 0.7));
-    if (random.below(2) == 0) {
-      item.known_direction = static_cast<std::uint16_t>(random.below(directions));
+    const int known = random.below(directions);
+    // What is known is known of a direction that counts: else results above it would be lower bounds only.
+    if (random.below(2) == 0 && isAdmissible(out.params, input, known) && item.candidates.test(known)) {
+      item.known_direction = static_cast<std::uint16_t>(known);
       item.known_score = static_cast<std::uint16_t>(random.below(3) == 0 ? 0 : random.below(40));
     }
     out.items.push_back(item);
@@ -166,13 +176,36 @@ void expectSameResults(std::span<const kernels::ScoreResult> a, std::span<const 
     ASSERT_EQ(a[n].scored, b[n].scored);
     ASSERT_EQ(a[n].skipped, b[n].skipped);
     ASSERT_EQ(a[n].tests, b[n].tests);
-    ASSERT_EQ(a[n].least_blocked, b[n].least_blocked);
     ASSERT_EQ(a[n].label, b[n].label);
     ASSERT_EQ(a[n].stored_score, b[n].stored_score);
     ASSERT_EQ(a[n].stored_direction, b[n].stored_direction);
     for (int w = 0; w < kernels::kMaxDirectionWords; ++w) {
       ASSERT_EQ(a[n].arm_blocked.word[w], b[n].arm_blocked.word[w]) << w;
-      ASSERT_EQ(a[n].tool_blocked.word[w], b[n].tool_blocked.word[w]) << w;
+    }
+  }
+}
+
+void expectBlockedIsTrue(const ScoringRig& cpu, std::span<const kernels::ScoreItem> items,
+                         std::span<const kernels::ScoreResult> results) {
+  const kernels::ScoreRequest request = cpu.request(false);
+  const kernels::OccupancyReader map(request.map);
+  const kernels::ToolKernelView& tool = request.tool;
+  constexpr int kNoStop = 1 << 30;
+  for (std::size_t n = 0; n < results.size(); ++n) {
+    const float* p = request.points.position_L + 3 * static_cast<std::size_t>(items[n].id);
+    const float inverse = request.map.inverse_voxel_size;
+    const auto ijk = kernels::voxelOf(p[0], p[1], p[2], inverse);
+    bool any = false;
+    for (int d = 0; d < request.approach.num_directions; ++d) {
+      if (!results[n].tool_blocked.test(d)) continue;
+      any = true;
+      const int count = tool.use_samples ? kernels::countSampleCollisions(map, tool, d, p, inverse, kNoStop)
+                                         : kernels::countVoxelCollisions(map, tool, d, ijk, kNoStop);
+      ASSERT_GE(count, static_cast<int>(results[n].least_blocked)) << "item " << n << ", direction " << d;
+    }
+    ASSERT_EQ(any, results[n].least_blocked != kNoScore) << n;
+    if (any) {
+      ASSERT_GE(results[n].least_blocked, tool.collision_limit) << n;
     }
   }
 }

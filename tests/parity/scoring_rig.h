@@ -56,8 +56,13 @@ class ScoringRig {
   internal::DevicePoints points_;
 };
 
-/// Field for field. The first difference fails the test and is named.
+/// Field for field, but for which blocked directions were counted far enough to be known as such: that is a backend's
+/// own affair (expectBlockedIsTrue). The first difference fails the test and is named.
 void expectSameResults(std::span<const kernels::ScoreResult> a, std::span<const kernels::ScoreResult> b);
+/// Directions said to be blocked by the tool have at least the collisions said, and those are enough, by plain counts.
+/// @param cpu  a rig of the same case on the CPU
+void expectBlockedIsTrue(const ScoringRig& cpu, std::span<const kernels::ScoreItem> items,
+                         std::span<const kernels::ScoreResult> results);
 void expectSameState(const StoredState& a, const StoredState& b);
 
 }  // namespace accessvdb::test
