@@ -19,6 +19,7 @@
 #include "accessvdb/field_io.h"
 #include "bench_options.h"
 #include "bench_record.h"
+#include "gpu_fallback.h"
 #include "progress.h"
 #include "report.h"
 #include "sim/simulator.h"
@@ -212,7 +213,7 @@ int BenchRun::run() {
 
   // The field before the forest: a device that is not there must not cost the user the time to grow it.
   AccessibilityField field(tool, params);
-  if (!field.deviceNote().empty()) messages_.notice("device: cpu, as " + field.deviceNote());
+  sayWhyNotOnGpu(field, messages_);
   const auto simulating = Clock::now();
   const sim::Simulator simulator = makeSimulator(options_, scene_);
   simulation_s_ = secondsSince(simulating);

@@ -2,18 +2,21 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
 # Everything that can only be checked on a machine with an NVIDIA GPU, in one go, and a record of it:
-#   gpu_suite.sh PROGRAMS OUT [--commit ID] [--only tests,sanitizers,scoring,stream,bench] [--points N] [--frames N]
-#                [--rows 20mm_tau0.1m,10mm_tau4v,...] [--row-seconds N] [--bench-points N] [--bench-options "..."]
+#   gpu_suite.sh PROGRAMS OUT [--commit ID] [--only tests,faults,realdata,sanitizers,scoring,stream,bench] [--points N]
+#                [--frames N] [--rows 20mm_tau0.1m,10mm_tau4v,...] [--row-seconds N] [--bench-points N]
+#                [--bench-options "..."] [--data FOLDER]
 # PROGRAMS: the folder of an unpacked portable archive (accessvdb-portable), or a build's bin folder. Writes
 # OUT/record.json, the source of the figures in docs/benchmarks/, and a log a step. Fails where a step fails, or where
-# something that it needs is missing: nothing is skipped silently. Each row of `bench` may take --row-seconds; one that
+# something that it needs is missing: nothing is skipped silently. `realdata` maps recorded scans on both devices; what is
+# not in the folder of test data (--data, else ACCESSVDB_TEST_DATA, else shared/data here or beside here) is skipped by
+# name. Each row of `bench` may take --row-seconds; one that
 # is stopped then keeps the figures of the frames that it did, and counts as failed.
 set -uo pipefail
 programs=${1:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
 out=${2:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
 shift 2
-commit=unknown only=tests,sanitizers,scoring,stream,bench points=1000000 frames=300
-wanted_rows= row_seconds=65 bench_points=3200000 bench_options=
+commit=unknown only=tests,faults,realdata,sanitizers,scoring,stream,bench points=1000000 frames=300
+wanted_rows= row_seconds=65 bench_points=3200000 bench_options= data=${ACCESSVDB_TEST_DATA:-}
 while (($# > 1)); do
   case $1 in
     --commit) commit=$2 ;;
@@ -24,6 +27,7 @@ while (($# > 1)); do
     --row-seconds) row_seconds=$2 ;;
     --bench-points) bench_points=$2 ;;
     --bench-options) bench_options=$2 ;;
+    --data) data=$2 ;;
     *) echo "gpu_suite: error: unknown option $1" >&2; exit 2 ;;
   esac
   shift 2
@@ -42,7 +46,7 @@ wanted() { [[ ,$only, == *,$1,* ]]; }
 record_step() {  # record_step NAME OUTCOME JSON_MEMBERS
   steps+=("{\"step\": \"$1\", \"outcome\": \"$2\"${3:+, $3}}")
   echo "gpu_suite: $1: $2${3:+ ($3)}"
-  [[ $2 == passed ]] || failures=$((failures + 1))
+  [[ $2 == passed || $2 == skipped ]] || failures=$((failures + 1))
 }
 # Counts of a GoogleTest log, as JSON members.
 gtest_counts() {
@@ -69,6 +73,60 @@ if wanted tests; then
   injection=$(grep -c '^\[       OK \] CudaMemory' "$out/tests.log" || true)
   if ((injection >= 5)); then outcome=passed; else outcome=failed; fi
   record_step out_of_memory_injection "$outcome" "\"passed\": $injection"
+fi
+
+# Every CUDA call of a field fails once: at the start, in the middle of a run, for lack of memory.
+if wanted faults; then
+  start=$(date +%s.%N)
+  if "$bin/gpu_faults_test" >"$out/faults.log" 2>&1; then outcome=passed; else outcome=failed; fi
+  # The device must have been a real one: every test has run, none was skipped.
+  (($(grep -c '^\[       OK \] DeviceFaults' "$out/faults.log" || true) >= 6)) || outcome=failed
+  record_step device_faults "$outcome" "$(gtest_counts "$out/faults.log"), \"seconds\": $(seconds_since "$start")"
+  [[ $outcome == passed ]] || grep -E 'FAILED|Failure|error' "$out/faults.log" | head -20
+fi
+
+# The counts of a report.json, or the points of a points.ply, without what names the run.
+report_counts() { awk '/^  "counts"/ { on = 1 } on { print } on && /^  }/ { exit }' "$1/report.json"; }
+ply_points() { LC_ALL=C sed '1,/^end_header$/d' "$1/points.ply"; }
+# Recorded scans on both devices: NAME, the folder that they need, and the flags of `map`.
+if wanted realdata; then
+  for folder in shared/data ../shared/data; do
+    [[ -z $data && -d $folder ]] && data=$folder
+  done
+  while read -r name needs options; do
+    if [[ -z $data || ! -e $data/$needs ]]; then
+      record_step "realdata_$name" skipped "\"problem\": \"no test data $needs\""
+      continue
+    fi
+    start=$(date +%s.%N)
+    outcome=passed
+    for device in cpu cuda; do
+      # shellcheck disable=SC2086  # options, a word each
+      "$bin/accessvdb" map --device "$device" --out "$out/real_${name}_$device" ${options//DATA/$data} \
+        >"$out/real_${name}_$device.log" 2>&1 </dev/null || outcome=failed
+    done
+    cpu=$out/real_${name}_cpu cuda=$out/real_${name}_cuda
+    members="\"seconds\": $(seconds_since "$start")"
+    if [[ $outcome == passed ]]; then
+      grep -q '^  "device": "cuda:' "$cuda/report.json" && grep -q '^  "device": "cpu"' "$cpu/report.json" || outcome=failed
+      equal=false same=false
+      [[ $(report_counts "$cpu") == "$(report_counts "$cuda")" ]] && equal=true
+      cmp -s <(ply_points "$cpu") <(ply_points "$cuda") && same=true
+      # Runs that scored nothing would agree too.
+      scored=$(report_counts "$cuda" | awk -F'[:,]' '/"(accessible|blocked)"/ { sum += $2 } END { print sum + 0 }')
+      [[ $equal == true && $same == true ]] && ((scored > 0)) || outcome=failed
+      counts=$(report_counts "$cuda" | grep -E '"(scans|points_used|surface_points|accessible|blocked|unscored)"' |
+        tr -d ' \n' | sed 's/,$//; s/:/: /g; s/,/, /g')
+      members="\"counts_equal\": $equal, \"points_equal\": $same, $counts, $members"
+    fi
+    record_step "realdata_$name" "$outcome" "$members"
+    rm -f "$cpu"/*.vdb "$cuda"/*.vdb "$cpu"/*.ply "$cuda"/*.ply
+  done <<'CASES'
+balm_pruner scans_poses_balm/alidarPose.csv --scans DATA/scans_poses_balm --poses DATA/scans_poses_balm/alidarPose.csv --tool builtin:pruner --voxel 0.05
+balm_updates scans_poses_balm/alidarPose.csv --scans DATA/scans_poses_balm --poses DATA/scans_poses_balm/alidarPose.csv --tool builtin:pruner --voxel 0.05 --update-every 2 --directions 60
+kitti kitti_00/poses.txt --scans DATA/kitti_00/velodyne --poses DATA/kitti_00/poses.txt --calib DATA/kitti_00/calib.txt --tool builtin:pruner --voxel 0.1
+mid360_frame livox_mid360/frame_20240509061326.pcd --scans DATA/livox_mid360/frame_20240509061326.pcd --sensor-at 0,0,0 --tool builtin:pencil --voxel 0.05
+CASES
 fi
 
 if wanted sanitizers; then

@@ -12,6 +12,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
 #include "accessvdb/render.h"
+#include "gpu_fallback.h"
 #include "map_options.h"
 #include "memory_check.h"
 #include "plausibility.h"
@@ -47,11 +48,14 @@ class MapRun {
   void claimOutputFolder();
   void hashInput(const fs::path& path);
   void setParameters(const FieldParams& params);
+  int work(io::ScanSequence& scans, AccessibilityField& field);
   void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
   void integrate(const io::ScanRecord& record, AccessibilityField& field);
   void update(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
-  void finish(io::ScanSequence& scans, const AccessibilityField& field);
+  void countPoints(const AccessibilityField& field, const FieldSnapshot& snapshot);
+  void finish(const io::ScanSequence& scans, const AccessibilityField& field);
+  void saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field);
 
   const MapOptions& options_;
   Messages& messages_;
@@ -61,6 +65,7 @@ class MapRun {
   std::uint64_t truncated_points_ = 0;
   std::uint64_t frames_ = 0;  // of the sequence, written
   bool refused_ = false;      // the outputs that are there must stay
+  bool written_ = false;      // the field, labels and all
   Clock::time_point start_ = Clock::now();
 };
 
@@ -166,24 +171,29 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
   if (options_.exported.sequence > 0 && unshown && report_.points_used > 0) writeFrame(field);
 }
 
-void MapRun::finish(io::ScanSequence& scans, const AccessibilityField& field) {
-  const fs::path out = options_.out;
-  if (stopSignal() == 0) {
-    for (const std::string& path : scans.paths()) hashInput(path);
-  }
+void MapRun::countPoints(const AccessibilityField& field, const FieldSnapshot& snapshot) {
   report_.memory = field.memoryUse();
-  const FieldSnapshot snapshot = field.snapshot();
   report_.surface_points = snapshot.points.size();
   for (const PointLabel label : {PointLabel::Unscored, PointLabel::Accessible, PointLabel::Blocked}) {
     report_.labels[static_cast<int>(label)] = snapshot.count(label);
   }
   report_.reasons = snapshot.reasons();
+}
+
+void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& field) {
+  const fs::path out = options_.out;
+  if (stopSignal() == 0) {
+    for (const std::string& path : scans.paths()) hashInput(path);
+  }
+  const FieldSnapshot snapshot = field.snapshot();
+  countPoints(field, snapshot);
   if (truncated_points_ > 0) {
     messages_.warning("input.truncated",
                       std::to_string(truncated_points_) + " points that the files promise are missing");
   }
 
   writeField(field, out, writeOptions(options_.exported));
+  written_ = true;
   io::renderField(out / "preview.png", snapshot, renderOptions(options_.picture));
 
   RunFacts facts{report_, scene_, {}, field.origin_W(), snapshot.voxel_size_m};
@@ -207,6 +217,23 @@ void MapRun::finish(io::ScanSequence& scans, const AccessibilityField& field) {
                    out.string());
 }
 
+/// After the device failed: the map and the points are on the host, the labels went with the device.
+void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field) {
+  if (written_ || report_.points_used == 0) return;
+  const fs::path out = options_.out;
+  try {
+    const FieldSnapshot snapshot = field.unscoredSnapshot();
+    countPoints(field, snapshot);
+    writeFieldUnscored(field, out, writeOptions(options_.exported));
+    io::renderField(out / "preview.png", snapshot, renderOptions(options_.picture));
+    messages_.warning("device.unscored", "saved what was fused of " + std::to_string(report_.scans) + " of " +
+                                             std::to_string(scans.size()) + " scans into " + out.string() +
+                                             ", every point unscored: the labels were on the GPU");
+  } catch (const std::exception& error) {
+    messages_.warning("device.not_saved", std::string("what was fused could not be saved: ") + error.what());
+  }
+}
+
 int MapRun::run() {
   checkMapOptions(options_);
   setParameters(fieldParams(options_));
@@ -225,9 +252,20 @@ int MapRun::run() {
   report_.predicted_bytes = checkMemory(options_, scans, messages_);
   AccessibilityField field(tool, params);
   report_.device = field.deviceName();
-  if (!field.deviceNote().empty()) messages_.notice("device: cpu, as " + field.deviceNote());
-  integrateAll(scans, field);
+  report_.device_note_id = field.deviceNoteId();
+  report_.device_note = field.deviceNote();
+  sayWhyNotOnGpu(field, messages_);
+  try {
+    return work(scans, field);
+  } catch (const Error& error) {
+    // Out of its memory or lost altogether; the error itself is reported by the caller.
+    if (error.subject() == "cuda") saveUnscored(scans, field);
+    throw;
+  }
+}
 
+int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
+  integrateAll(scans, field);
   const int signal = stopSignal();
   if (signal != 0) {
     messages_.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") + " after " +

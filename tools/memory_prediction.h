@@ -2,10 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// How much memory a run will take, told before the work starts.
 ///
-/// Memory follows three counts: leaves that some return's double cone touches (they hold distances), leaves that only
-/// a cleared band touches, and surface voxels (one point each). All three are numbers of distinct things over all
-/// returns, so they are estimated by HyperLogLog counters: 48 KiB for any number of returns, and threads can merge
-/// theirs.
+/// Memory follows four counts: leaves that some return's double cone touches (they hold distances), leaves that only
+/// a cleared band touches, nodes above the leaves (of 128^3 voxels each, as large as 15 leaves and often nearly empty),
+/// and surface voxels (one point each). All are numbers of distinct things over all returns, so they are estimated by
+/// HyperLogLog counters: 64 KiB for any number of returns, and threads can merge theirs.
 #pragma once
 
 #include <Eigen/Core>
@@ -39,8 +39,10 @@ struct MemoryPrediction {
   std::uint64_t returns = 0;  ///< returns that it is drawn from
   double cone_leaves = 0;     ///< leaves that hold distances
   double band_leaves = 0;     ///< leaves that are only passed on the way to a return
+  double nodes = 0;           ///< that the leaves hang on
   double surface_points = 0;
-  [[nodiscard]] double bytes() const;
+  /// @param with_surface  a level set is written too (WriteOptions::surface)
+  [[nodiscard]] double bytes(bool with_surface = false) const;
 };
 
 class MemoryPredictor {
@@ -55,13 +57,14 @@ class MemoryPredictor {
   [[nodiscard]] MemoryPrediction prediction() const;
 
  private:
+  void touchNode(const Eigen::Vector3d& centre);
   void touchBox(const Eigen::Vector3d& centre, const Eigen::Vector3d& half, DistinctCounter& counter);
   /// Leaves with a voxel in the cylinder around axis u, `radius` wide and one slab thick.
   void touchSlab(const Eigen::Vector3d& centre, const Eigen::Vector3d& u, double radius, DistinctCounter& counter);
 
   TsdfParams params_;
   double per_leaf_;  // 1 / edge of a leaf
-  DistinctCounter cone_leaves_, band_leaves_, surface_;
+  DistinctCounter cone_leaves_, band_leaves_, nodes_, surface_;
   std::uint64_t returns_ = 0;
 };
 

@@ -108,6 +108,9 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
        {{"leaves", report.memory.leaves},
         {"active_voxels", report.memory.active_voxels},
         {"bytes", report.memory.map_bytes}}}};
+  if (!report.device_note_id.empty()) {
+    json["device_note"] = {{"id", report.device_note_id}, {"text", report.device_note}};
+  }
   if (report.predicted_bytes) json["memory"]["predicted_bytes"] = *report.predicted_bytes;
   Json warnings = Json::array();
   for (const auto& [id, text] : messages.warnings()) warnings.push_back({{"id", id}, {"text", text}});

@@ -33,6 +33,7 @@ class StageTimes {
 struct RunReport {
   int exit_code = 0;
   std::string device = "cpu";
+  std::string device_note_id, device_note;                      ///< why --device auto is not on a GPU; else empty
   std::vector<std::pair<std::string, std::string>> parameters;  ///< flags as given, then every effective parameter
   std::vector<io::InputFile> inputs;
 

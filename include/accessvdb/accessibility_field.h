@@ -5,8 +5,9 @@
 /// Not thread-safe: one thread calls at a time. Inside, all threads of the machine work, and the result is the same
 /// bit for bit whatever their number.
 ///
-/// When a step fails half-way (out of memory, a map beyond its limits) the field answers nothing any more: every later
-/// call throws ResourceLimit "field.broken". Bad scans and poses are refused before anything changes.
+/// When a step fails half-way (out of memory, a map beyond its limits, a GPU that is lost) the field answers nothing
+/// any more: every later call throws ResourceLimit "field.broken", but for volume() and unscoredSnapshot(), which live
+/// on the host. Bad scans and poses are refused before anything changes.
 #pragma once
 
 #include <Eigen/Core>
@@ -52,6 +53,10 @@ class ACCESSVDB_API AccessibilityField {
 
   /// All points with their labels, as of the last update(). Points that came later are unscored.
   [[nodiscard]] FieldSnapshot snapshot() const;
+  /// The same points as the host alone knows them: position and weight, each one unscored. It needs no device, so it is
+  /// what can be saved when one was lost or ran out of memory. @throws ResourceLimit "field.broken" after other
+  /// failures
+  [[nodiscard]] FieldSnapshot unscoredSnapshot() const;
 
   /// The same points scored anew against the current map, every direction, no history: what `exact` must equal.
   /// Costs a full evaluation and changes nothing. @param tests  where to put the number of (point, direction) tests
@@ -79,6 +84,8 @@ class ACCESSVDB_API AccessibilityField {
   [[nodiscard]] MemoryUse memoryUse() const;
   [[nodiscard]] std::string deviceName() const;  ///< "cpu" or "cuda:NAME"
   [[nodiscard]] std::string deviceNote() const;  ///< why BackendKind::Auto is not on a GPU; else empty
+  /// The id behind that note, as of an Error: "device.no_driver", "device.not_built", "device.architecture", ...
+  [[nodiscard]] std::string deviceNoteId() const;
   [[nodiscard]] double toolShareHidden() const;  ///< share of the tool inside the self-exclusion radius
   [[nodiscard]] int collisionLimit() const;      ///< [n_c] fewest collisions that block a direction
 

@@ -52,6 +52,11 @@ ACCESSVDB_API void writePointsVdb(const std::filesystem::path& path, const Field
 ACCESSVDB_API void writeField(const AccessibilityField& field, const std::filesystem::path& folder,
                               const io::WriteOptions& options);
 
+/// As writeField, of a field whose device was lost or ran out of memory half-way: what was fused, every point unscored
+/// (AccessibilityField::unscoredSnapshot()), no level set. @throws also ResourceLimit "field.broken"
+ACCESSVDB_API void writeFieldUnscored(const AccessibilityField& field, const std::filesystem::path& folder,
+                                      const io::WriteOptions& options);
+
 /// The content of field.vdb under a name of the caller's: one frame of a sequence (field_0001.vdb, ...) while a map
 /// grows. The folder must exist. @throws InvalidArgument (options), OutputError
 ACCESSVDB_API void writeFieldFrame(const AccessibilityField& field, const std::filesystem::path& file,

@@ -33,11 +33,11 @@ tbb::task_arena makeArena(int threads) {
 }  // namespace
 
 struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
-  Impl(const ToolGeometry& tool_geometry, const FieldParams& given)
-      : params(given.resolved()),
+  Impl(const ToolGeometry& tool_geometry, const FieldParams& resolved, internal::ChosenBackend chosen_backend)
+      : params(resolved),
         tool(tool_geometry),
         arena(makeArena(params.threads)),
-        chosen(internal::chooseBackend(params.backend)),
+        chosen(std::move(chosen_backend)),
         backend(chosen.backend.get()),
         setup(tool, params, *backend),
         volume(params.tsdf),
@@ -71,18 +71,25 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   auto guarded(const Step& step) {
     requireWhole();
     views.expire();
-    whole = false;
-    if constexpr (std::is_void_v<decltype(step())>) {
-      step();
-      whole = true;
-    } else {
-      auto result = step();
-      whole = true;
-      return result;
+    whole = host_whole = false;
+    try {
+      if constexpr (std::is_void_v<decltype(step())>) {
+        step();
+        whole = host_whole = true;
+      } else {
+        auto result = step();
+        whole = host_whole = true;
+        return result;
+      }
+    } catch (const Error& error) {
+      // The map and the points are done with a scan before anything of it goes to the device.
+      host_whole = internal::isOfDevice(error);
+      throw;
     }
   }
-  void requireWhole() const {
-    if (whole) return;
+  void requireWhole() const { require(whole); }
+  static void require(bool answers) {
+    if (answers) return;
     throw ResourceLimit("field.broken", "", "an earlier step failed half-way, so this field cannot answer any more",
                         "Start a new field, with a larger voxel size if memory was short");
   }
@@ -130,11 +137,17 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   internal::PointScorer scorer;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;
-  bool whole = true;  ///< false after a step failed half-way
+  bool whole = true;       ///< false after a step failed half-way
+  bool host_whole = true;  ///< false after one failed on the host
 };
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
-    : impl_(makeArena(params.threads).execute([&] { return std::make_unique<Impl>(tool, params); })) {}
+    : impl_(makeArena(params.threads).execute([&] {
+        const FieldParams resolved = params.resolved();
+        return internal::onBackend(resolved.backend, [&](internal::ChosenBackend chosen) {
+          return std::make_unique<Impl>(tool, resolved, std::move(chosen));
+        });
+      })) {}
 AccessibilityField::~AccessibilityField() = default;
 AccessibilityField::AccessibilityField(AccessibilityField&&) noexcept = default;
 AccessibilityField& AccessibilityField::operator=(AccessibilityField&&) noexcept = default;
@@ -168,6 +181,11 @@ UpdateStats AccessibilityField::update() {
 FieldSnapshot AccessibilityField::snapshot() const {
   impl_->requireWhole();
   return impl_->arena.execute([&] { return makeSnapshot(impl_->scorer, *impl_->backend, impl_->gate.origin_W()); });
+}
+
+FieldSnapshot AccessibilityField::unscoredSnapshot() const {
+  Impl::require(impl_->host_whole);
+  return impl_->arena.execute([&] { return makeUnscoredSnapshot(impl_->scorer, impl_->gate.origin_W()); });
 }
 
 FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) const {
@@ -218,6 +236,7 @@ const FieldParams& AccessibilityField::params() const { return impl_->params; }
 Eigen::Vector3d AccessibilityField::origin_W() const { return impl_->gate.origin_W(); }
 std::string AccessibilityField::deviceName() const { return impl_->backend->name(); }
 std::string AccessibilityField::deviceNote() const { return impl_->chosen.note; }
+std::string AccessibilityField::deviceNoteId() const { return impl_->chosen.note_id; }
 double AccessibilityField::toolShareHidden() const { return impl_->setup.tool().hidden_share; }
 int AccessibilityField::collisionLimit() const { return impl_->setup.tool().collision_limit; }
 

@@ -5,7 +5,9 @@
 
 #include <memory>
 #include <string>
+#include <utility>
 
+#include "accessvdb/error.h"
 #include "accessvdb/params.h"
 #include "launch/backend.h"
 
@@ -13,11 +15,35 @@ namespace accessvdb::internal {
 
 struct ChosenBackend {
   std::unique_ptr<kernels::Backend> backend;
-  std::string note;  ///< why Auto is not on a GPU; else empty
+  std::string note_id, note;  ///< why Auto is not on a GPU, as of an Error; else empty
 };
 
-/// Cpu and Cuda are taken at their word; Auto takes a GPU where one can be used.
-/// @throw DeviceError  Cuda, and there is no GPU to use or this build has no CUDA backend
-[[nodiscard]] ChosenBackend chooseBackend(BackendKind kind);
+/// Did the GPU fail, by whatever way: missing, lost, out of memory? What lies on the host is as good as before.
+/// Errors of a backend have the subject "cuda".
+[[nodiscard]] bool isOfDevice(const Error& error);
+
+/// @throw DeviceError    Cuda, and there is no GPU to use or this build has no CUDA backend
+/// @throw ResourceLimit  Cuda, and its memory does not suffice for a beginning
+[[nodiscard]] ChosenBackend cudaBackend();
+[[nodiscard]] ChosenBackend cpuBackend();
+
+/// Makes what stands on a backend. Cpu and Cuda are taken at their word. Auto takes a GPU, and where there is none to
+/// use, or where what is made fails on it, the CPU: a card without room for the first tables is of no use either.
+/// @param make  called with a ChosenBackend, at most twice
+template <typename Make>
+auto onBackend(BackendKind kind, const Make& make) -> decltype(make(ChosenBackend{})) {
+  if (kind == BackendKind::Cuda) return make(cudaBackend());
+  ChosenBackend cpu = cpuBackend();
+  if (kind == BackendKind::Auto) {
+    try {
+      return make(cudaBackend());
+    } catch (const Error& error) {
+      if (!isOfDevice(error)) throw;
+      cpu.note_id = error.id();
+      cpu.note = error.problem();
+    }
+  }
+  return make(std::move(cpu));
+}
 
 }  // namespace accessvdb::internal

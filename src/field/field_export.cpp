@@ -34,18 +34,30 @@ tbb::task_arena arenaOf(const AccessibilityField& field) {
   return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
 }
 
-}  // namespace
-
-void writeField(const AccessibilityField& field, const std::filesystem::path& folder, const io::WriteOptions& options) {
-  io::checkWriteOptions(options);
+void writeAll(const AccessibilityField& field, const FieldSnapshot& snapshot, const std::filesystem::path& folder,
+              const io::WriteOptions& options) {
   const io::FieldMetadata metadata = metadataOf(field);
-  const FieldSnapshot snapshot = field.snapshot();
   arenaOf(field).execute([&] {
     io::prepareOutputFolder(folder);
     io::writeFieldVdb(folder / "field.vdb", field.volume(), snapshot, metadata, options);
     io::writePointsVdb(folder / "field_points.vdb", snapshot, metadata, options);
     io::writePointsPly(folder / "points.ply", snapshot, metadata);
   });
+}
+
+}  // namespace
+
+void writeField(const AccessibilityField& field, const std::filesystem::path& folder, const io::WriteOptions& options) {
+  io::checkWriteOptions(options);
+  writeAll(field, field.snapshot(), folder, options);
+}
+
+void writeFieldUnscored(const AccessibilityField& field, const std::filesystem::path& folder,
+                        const io::WriteOptions& options) {
+  io::WriteOptions without_surface = options;  // it needs normals, which were on the device
+  without_surface.surface = false;
+  io::checkWriteOptions(without_surface);
+  writeAll(field, field.unscoredSnapshot(), folder, without_surface);
 }
 
 void writeFieldFrame(const AccessibilityField& field, const std::filesystem::path& file,

@@ -20,6 +20,7 @@ struct HostState {
   std::vector<PointLabel> label;
   std::vector<PointReason> reason;
 
+  HostState() = default;  // of no points
   HostState(const PointScorer& scorer, kernels::Backend& backend, std::uint32_t begin, std::uint32_t end)
       : first(begin), size(std::min(end, scorer.device().size()) - std::min(begin, scorer.device().size())) {
     const kernels::PointStateView view = scorer.device().view();
@@ -63,14 +64,11 @@ SurfacePoint build(const PointScorer& scorer, const HostState& state, const Eige
   return point;
 }
 
-}  // namespace
-
-FieldSnapshot makeSnapshot(const PointScorer& scorer, kernels::Backend& backend, const Eigen::Vector3d& origin_W) {
+FieldSnapshot buildAll(const PointScorer& scorer, const HostState& state, const Eigen::Vector3d& origin_W) {
   FieldSnapshot snapshot;
   snapshot.origin_W = origin_W;
   snapshot.voxel_size_m = scorer.params().tsdf.voxel_size_m;
   const std::uint32_t count = scorer.points().size();
-  const HostState state(scorer, backend, 0, count);
   std::vector<std::uint32_t> ids(count);
   std::iota(ids.begin(), ids.end(), 0u);
   std::vector<std::uint16_t> weights(count);
@@ -82,6 +80,16 @@ FieldSnapshot makeSnapshot(const PointScorer& scorer, kernels::Backend& backend,
     }
   });
   return snapshot;
+}
+
+}  // namespace
+
+FieldSnapshot makeSnapshot(const PointScorer& scorer, kernels::Backend& backend, const Eigen::Vector3d& origin_W) {
+  return buildAll(scorer, HostState(scorer, backend, 0, scorer.points().size()), origin_W);
+}
+
+FieldSnapshot makeUnscoredSnapshot(const PointScorer& scorer, const Eigen::Vector3d& origin_W) {
+  return buildAll(scorer, HostState(), origin_W);
 }
 
 SurfacePoint makePoint(const PointScorer& scorer, kernels::Backend& backend, const Eigen::Vector3d& origin_W,

@@ -11,6 +11,9 @@ namespace accessvdb::internal {
 /// @param backend  that holds the scorer's arrays
 FieldSnapshot makeSnapshot(const PointScorer& scorer, kernels::Backend& backend, const Eigen::Vector3d& origin_W);
 
+/// The same points without a look at those arrays: each is unscored.
+FieldSnapshot makeUnscoredSnapshot(const PointScorer& scorer, const Eigen::Vector3d& origin_W);
+
 /// One point of it.
 SurfacePoint makePoint(const PointScorer& scorer, kernels::Backend& backend, const Eigen::Vector3d& origin_W,
                        std::uint32_t id);

@@ -1,0 +1,64 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// Arrays that grow in a memory which is nearly full.
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+#include <cstring>
+#include <unordered_map>
+
+#include "accessvdb/error.h"
+#include "launch/device_array.h"
+
+namespace accessvdb::test {
+namespace {
+
+/// Host memory of so many bytes.
+class SmallMemory final : public kernels::DeviceMemory {
+ public:
+  explicit SmallMemory(std::size_t bytes) : free_(bytes) {}
+  void* allocate(std::size_t bytes) override {
+    if (bytes > free_) throw ResourceLimit("memory.device", "cuda", "full", "");
+    void* const address = std::malloc(bytes);
+    sizes_[address] = bytes;
+    free_ -= bytes;
+    return address;
+  }
+  void release(void* address) noexcept override {
+    free_ += sizes_[address];
+    sizes_.erase(address);
+    std::free(address);
+  }
+  void upload(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
+  void download(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
+  void copy(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
+  [[nodiscard]] std::size_t free() const { return free_; }
+
+ private:
+  std::size_t free_;
+  std::unordered_map<void*, std::size_t> sizes_;
+};
+
+TEST(DeviceArray, TakesTheRoomItWantsOrWhatWillDoOrNothing) {
+  SmallMemory memory(1000);
+  {
+    kernels::DeviceArray<char> array;
+    array.growWithRoom(memory, 100, 200, 0);
+    EXPECT_EQ(array.size(), 200u);
+    std::memset(array.data(), 7, 200);
+    array.growWithRoom(memory, 150, 900, 200);
+    EXPECT_EQ(array.size(), 200u) << "it is there";
+    array.growWithRoom(memory, 700, 900, 200);  // 800 are free
+    EXPECT_EQ(array.size(), 700u);
+    EXPECT_EQ(array.data()[199], 7);
+    EXPECT_THROW(array.growWithRoom(memory, 800, 900, 200), ResourceLimit);
+    EXPECT_THROW(array.growWithRoom(memory, 800, 0, 200), ResourceLimit);
+    EXPECT_EQ(array.size(), 700u) << "and stays as it was";
+    EXPECT_EQ(array.data()[199], 7);
+    EXPECT_EQ(memory.free(), 300u);
+  }
+  EXPECT_EQ(memory.free(), 1000u);
+}
+
+}  // namespace
+}  // namespace accessvdb::test

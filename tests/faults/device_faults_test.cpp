@@ -1,0 +1,282 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// Every call of the CUDA runtime that a field makes fails once: while it is set up and in the middle of a run, by lack
+// of memory or because the device is lost. Runs on a fake device everywhere, and on a real one in the GPU suite, where
+// what goes on after a failure that could be borne must also equal the CPU.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <optional>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/error.h"
+#include "faults/cuda_faults.h"
+#include "parity/gpu_test.h"
+#include "support/walk_generator.h"
+
+namespace accessvdb::test {
+namespace {
+
+constexpr int kFrames = 3;
+/// Cases of a sweep: on any device a sweep of hundreds of calls takes seconds.
+constexpr std::uint64_t kMostCases = 250;
+
+FieldParams paramsOn(BackendKind backend) {
+  FieldParams params;
+  params.tsdf.voxel_size_m = 0.05;
+  params.backend = backend;
+  return params;
+}
+
+const ToolGeometry& tool() {
+  static const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
+  return tool;
+}
+
+const std::vector<WalkFrame>& frames() {
+  static const std::vector<WalkFrame> frames = [] {
+    WalkOptions options;
+    options.frames = kFrames;
+    options.rays_per_frame = 2000;
+    options.max_range_m = 8;
+    const WalkGenerator walk(options);
+    std::vector<WalkFrame> all;
+    for (int n = 0; n < kFrames; ++n) all.push_back(walk.frame(n));
+    return all;
+  }();
+  return frames;
+}
+
+/// What a field must come to after so many frames, from one that never saw a GPU.
+struct Reference {
+  std::vector<FieldSnapshot> after;  ///< [kFrames]
+  Reference() {
+    AccessibilityField field(tool(), paramsOn(BackendKind::Cpu));
+    for (const WalkFrame& frame : frames()) {
+      field.integrateScan(frame.points_S, frame.T_W_S);
+      field.update();
+      after.push_back(field.snapshot());
+    }
+  }
+  static const Reference& get() {
+    static const Reference reference;
+    return reference;
+  }
+};
+
+void expectSamePlaces(const FieldSnapshot& field, const FieldSnapshot& expected) {
+  ASSERT_EQ(field.points.size(), expected.points.size());
+  for (std::size_t n = 0; n < expected.points.size(); ++n) {
+    ASSERT_EQ(field.points[n].position_W, expected.points[n].position_W) << n;
+    ASSERT_EQ(field.points[n].weight, expected.points[n].weight) << n;
+  }
+}
+
+void expectSameLabels(const FieldSnapshot& field, const FieldSnapshot& expected) {
+  expectSamePlaces(field, expected);
+  for (std::size_t n = 0; n < expected.points.size(); ++n) {
+    ASSERT_EQ(field.points[n].label, expected.points[n].label) << n;
+    ASSERT_EQ(field.points[n].reason, expected.points[n].reason) << n;
+  }
+}
+
+class DeviceFaults : public GpuTest {
+ protected:
+  void SetUp() override {
+    setFault({});
+    GpuTest::SetUp();
+    if (IsSkipped() || HasFatalFailure()) return;
+    held_ = cudaObjects();
+    Reference::get();
+    is_fake_ = AccessibilityField(tool(), paramsOn(BackendKind::Cuda)).deviceName() == "cuda:a fake";
+  }
+  void TearDown() override { setFault({}); }
+
+  void expectNothingLeaked() const {
+    EXPECT_EQ(cudaObjects(), held_) << "before: " << inWords(held_) << "; now: " << inWords(cudaObjects());
+  }
+
+  /// Of an error of the device: its code, one line, and a way on.
+  static void expectUseful(const Error& error) {
+    EXPECT_EQ(error.subject(), "cuda");
+    EXPECT_TRUE(error.code() == ErrorCode::Device || error.code() == ErrorCode::Resource) << error.what();
+    EXPECT_NE(error.advice().find("--device cpu"), std::string::npos) << error.what();
+    EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos);
+  }
+
+  struct Calls {
+    std::uint64_t set_up = 0, run = 0;
+  };
+  /// Of a run in which nothing fails.
+  static Calls healthyCalls() {
+    Calls calls;
+    setFault({});
+    AccessibilityField field(tool(), paramsOn(BackendKind::Cuda));
+    calls.set_up = callsMade();
+    setFault({});
+    for (const WalkFrame& frame : frames()) {
+      field.integrateScan(frame.points_S, frame.T_W_S);
+      field.update();
+    }
+    static_cast<void>(field.snapshot());
+    calls.run = callsMade();
+    return calls;
+  }
+
+  /// How a run on the GPU ended that had a fault in it.
+  struct Ending {
+    bool refused = false;
+    int frame = -1;  ///< in which it was refused; kFrames = afterwards
+    ErrorCode code = ErrorCode::Internal;
+  };
+
+  /// Runs all frames, with a fault in them; whatever happens, no label may be wrong and nothing may be left behind.
+  Ending runWith(const CudaFault& fault) const {
+    Ending ending;
+    SCOPED_TRACE("call " + std::to_string(fault.nth) + (fault.lost ? ", lost" : ""));
+    setFault({});
+    {
+      AccessibilityField field(tool(), paramsOn(BackendKind::Cuda));
+      setFault(fault);
+      std::optional<FieldSnapshot> labels;
+      try {
+        for (ending.frame = 0; ending.frame < kFrames; ++ending.frame) {
+          const WalkFrame& frame = frames()[static_cast<std::size_t>(ending.frame)];
+          field.integrateScan(frame.points_S, frame.T_W_S);
+          field.update();
+        }
+        labels = field.snapshot();
+      } catch (const Error& error) {
+        ending.refused = true;
+        ending.code = error.code();
+        expectUseful(error);
+      }
+      SCOPED_TRACE("in " + faultyCall());
+      if (ending.refused) {
+        if (ending.frame < kFrames) {
+          EXPECT_THROW(field.update(), Error);
+          EXPECT_THROW(static_cast<void>(field.snapshot()), Error);
+          EXPECT_THROW(field.integrateScan(frames()[0].points_S, frames()[0].T_W_S), Error);
+        }
+        const FieldSnapshot saved = field.unscoredSnapshot();
+        EXPECT_EQ(saved.count(PointLabel::Unscored), saved.points.size());
+        expectSamePlaces(saved, Reference::get().after[static_cast<std::size_t>(std::min(ending.frame, kFrames - 1))]);
+      } else if (!is_fake_) {
+        expectSameLabels(*labels, Reference::get().after.back());
+      }
+    }
+    expectNothingLeaked();
+    return ending;
+  }
+
+  bool is_fake_ = false;
+  CudaObjects held_;
+};
+
+TEST_F(DeviceFaults, AHealthyRunGivesEverythingBack) {
+  const Calls calls = healthyCalls();
+  EXPECT_GT(calls.set_up, 30u);
+  EXPECT_GT(calls.run, 30u);
+  expectNothingLeaked();
+}
+
+TEST_F(DeviceFaults, AutoIsOnTheCpuWhateverFailsAtTheStart) {
+  const std::uint64_t calls = healthyCalls().set_up;
+  for (const bool lost : {true, false}) {
+    int on_cpu = 0;
+    for (std::uint64_t nth = 1; nth <= calls; ++nth) {
+      setFault({lost ? cudaErrorUnknown : cudaErrorMemoryAllocation, nth, "", lost});
+      {
+        AccessibilityField field(tool(), paramsOn(BackendKind::Auto));
+        SCOPED_TRACE(std::to_string(nth) + " " + faultyCall());
+        EXPECT_TRUE(faultMet());
+        const bool cpu = field.deviceName() == "cpu";
+        on_cpu += cpu;
+        if (lost) {
+          EXPECT_TRUE(cpu);  // without memory it may also do with less
+        }
+        EXPECT_EQ(cpu, !field.deviceNote().empty());
+        EXPECT_EQ(cpu, !field.deviceNoteId().empty());
+        if (nth % 16 == 0 && cpu) {
+          field.integrateScan(frames()[0].points_S, frames()[0].T_W_S);
+          field.update();
+          expectSameLabels(field.snapshot(), Reference::get().after[0]);
+        }
+      }
+      expectNothingLeaked();
+      if (HasFailure()) return;
+    }
+    EXPECT_GT(on_cpu, 20) << "of " << calls;
+  }
+}
+
+TEST_F(DeviceFaults, CudaIsRefusedInOneLineWhateverFailsAtTheStart) {
+  const std::uint64_t calls = healthyCalls().set_up;
+  int refused = 0;
+  for (const cudaError_t error : {cudaErrorUnknown, cudaErrorMemoryAllocation, cudaErrorNoKernelImageForDevice}) {
+    for (std::uint64_t nth = 1; nth <= calls; ++nth) {
+      SCOPED_TRACE(std::to_string(error) + " " + std::to_string(nth));
+      setFault({error, nth, "", false});
+      try {
+        const AccessibilityField field(tool(), paramsOn(BackendKind::Cuda));
+      } catch (const Error& thrown) {
+        ++refused;
+        expectUseful(thrown);
+      }
+      expectNothingLeaked();
+      if (HasFailure()) return;
+    }
+  }
+  EXPECT_GT(refused, 60);
+}
+
+TEST_F(DeviceFaults, SayWhatIsWrong) {
+  const auto idOf = [](const CudaFault& fault) {
+    setFault(fault);
+    return AccessibilityField(tool(), paramsOn(BackendKind::Auto)).deviceNoteId();
+  };
+  EXPECT_EQ(idOf({}), "");
+  EXPECT_EQ(idOf({cudaErrorInsufficientDriver, 1, "cudaGetDeviceCount", false}), "device.old_driver");
+  EXPECT_EQ(idOf({cudaErrorNoDevice, 1, "cudaGetDeviceCount", false}), "device.missing");
+  EXPECT_EQ(idOf({cudaErrorUnknown, 1, "cudaGetDeviceCount", true}), "device.failed");
+  EXPECT_EQ(idOf({cudaErrorNoKernelImageForDevice, 1, "cudaFuncGetAttributes", false}), "device.architecture");
+  EXPECT_EQ(idOf({cudaErrorUnsupportedPtxVersion, 1, "cudaFuncGetAttributes", false}), "device.architecture");
+  EXPECT_EQ(idOf({cudaErrorMemoryAllocation, 1, "cudaMalloc", false}), "memory.device");
+  EXPECT_EQ(idOf({cudaErrorMemoryAllocation, 1, "cuMemCreate", true}), "memory.device");
+  EXPECT_EQ(idOf({cudaErrorMemoryAllocation, 1, "cudaStreamCreateWithFlags", false}), "device.memory");
+}
+
+TEST_F(DeviceFaults, ADeviceThatIsLostInTheMiddleEndsTheRunAndNotThePoints) {
+  const std::uint64_t calls = healthyCalls().run, step = calls / kMostCases + 1;
+  int refused = 0, in_frames = 0;
+  for (std::uint64_t nth = 1; nth <= calls; nth += step) {
+    const Ending ending = runWith({cudaErrorLaunchFailure, nth, "", true});
+    refused += ending.refused;
+    in_frames += ending.refused && ending.frame < kFrames;
+    EXPECT_TRUE(ending.refused) << nth << " " << faultyCall();
+    EXPECT_EQ(ending.code, ErrorCode::Device) << nth;
+    if (HasFailure()) return;
+  }
+  EXPECT_GT(refused, 50);
+  EXPECT_GT(in_frames, 50);
+}
+
+TEST_F(DeviceFaults, NoMemoryInTheMiddleIsBorneOrRefused) {
+  int refused = 0, borne = 0;
+  for (const char* call : {"cudaMalloc", "cudaHostAlloc", "cuMemCreate"}) {
+    for (std::uint64_t nth = 1; nth <= kMostCases; ++nth) {
+      const Ending ending = runWith({cudaErrorMemoryAllocation, nth, call, false});
+      if (!faultMet()) break;
+      (ending.refused ? refused : borne) += 1;
+      if (ending.refused) {
+        EXPECT_EQ(ending.code, ErrorCode::Resource) << call << " " << nth;
+      }
+      if (HasFailure()) return;
+    }
+  }
+  EXPECT_GT(borne, 10);
+  std::printf("no memory for one allocation: %d borne, %d refused\n", borne, refused);
+}
+
+}  // namespace
+}  // namespace accessvdb::test

@@ -1,0 +1,52 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// A libcuda.so.1 for tests: a driver without a GPU that answers as it is told, so that the built program, with the real
+// CUDA runtime in it, meets old, broken and empty drivers on any machine. Told by the environment:
+//   STUB_DRIVER_VERSION  as of cuDriverGetVersion, for example 11040; 0 = the runtime finds no driver
+//   STUB_DRIVER_INIT     what cuInit answers: 100 no device, 999 unknown, 802 not ready, 2 no memory, ...
+#include <dlfcn.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+enum { kNotFound = 500 };
+
+static int told(const char* name, int otherwise) {
+  const char* value = getenv(name);
+  return value != NULL ? atoi(value) : otherwise;
+}
+
+int cuDriverGetVersion(int* version) {
+  *version = told("STUB_DRIVER_VERSION", 99000);
+  return 0;
+}
+
+int cuInit(unsigned flags) {
+  (void)flags;
+  return told("STUB_DRIVER_INIT", 100);
+}
+
+int cuGetExportTable(const void** table, const void* id) {
+  (void)id;
+  *table = NULL;
+  return kNotFound;
+}
+
+int cuGetProcAddress_v2(const char* symbol, void** address, int version, unsigned long long flags, int* found) {
+  (void)version;
+  (void)flags;
+  // This library alone, wherever it lies.
+  Dl_info self;
+  void* library = NULL;
+  if (dladdr((void*)&cuGetProcAddress_v2, &self) != 0) library = dlopen(self.dli_fname, RTLD_LAZY | RTLD_NOLOAD);
+  *address = NULL;
+  if (library != NULL) {
+    *address = dlsym(library, symbol);
+    if (*address == NULL) {
+      char second[128];
+      snprintf(second, sizeof second, "%s_v2", symbol);
+      *address = dlsym(library, second);
+    }
+  }
+  if (found != NULL) *found = *address != NULL ? 0 : 1;
+  return *address != NULL ? 0 : kNotFound;
+}
