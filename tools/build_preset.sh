@@ -25,6 +25,6 @@ if command -v mold >/dev/null && echo 'int main() {}' | c++ -fuse-ld=mold -x c++
 fi
 export CCACHE_BASEDIR=$PWD
 
-cmake --preset "$preset" "-DCMAKE_CXX_COMPILER_LAUNCHER=$launcher" "-DCMAKE_EXE_LINKER_FLAGS=$linker" \
-  "-DCMAKE_SHARED_LINKER_FLAGS=$linker"
+cmake --preset "$preset" "-DCMAKE_CXX_COMPILER_LAUNCHER=$launcher" "-DCMAKE_CUDA_COMPILER_LAUNCHER=$launcher" \
+  "-DCMAKE_EXE_LINKER_FLAGS=$linker" "-DCMAKE_SHARED_LINKER_FLAGS=$linker"
 cmake --build --preset "$preset" -j "$jobs"

@@ -20,10 +20,10 @@ namespace {
 using openvdb::Coord;
 using openvdb::Vec3d;
 
-constexpr double kVoxel_m = 0.01;
+constexpr double kShapeVoxel_m = 0.01;
 constexpr double kBand = 3.0;     // voxels
 constexpr double kSupport = 2.0;  // voxels: points blended into a distance, along the surface
-const Eigen::Vector3d kOrigin_W = {12.0, -7.0, 3.0};
+const Eigen::Vector3d kShapeOrigin_W = {12.0, -7.0, 3.0};
 // Off the voxel centres on every axis.
 const Eigen::Vector3d kCentre = {3.31, -5.72, 1.14};
 
@@ -68,8 +68,8 @@ Shape torus(double ring, double tube) {
 FieldSnapshot sampled(const Shape& shape, double density = 4,
                       const std::function<bool(const Eigen::Vector3d&)>& keep = {}, double normal_sign = 1) {
   FieldSnapshot field;
-  field.origin_W = kOrigin_W;
-  field.voxel_size_m = kVoxel_m;
+  field.origin_W = kShapeOrigin_W;
+  field.voxel_size_m = kShapeVoxel_m;
   std::map<std::array<int, 3>, bool> taken;
   const int count = static_cast<int>(density * shape.area);
   for (int n = 0; n < count; ++n) {
@@ -83,7 +83,7 @@ FieldSnapshot sampled(const Shape& shape, double density = 4,
     if (!taken.emplace(voxel, true).second) continue;
     SurfacePoint point;
     point.id = static_cast<std::uint32_t>(field.points.size());
-    point.position_W = kOrigin_W + kVoxel_m * p;
+    point.position_W = kShapeOrigin_W + kShapeVoxel_m * p;
     point.normal_W = (normal_sign * normal).cast<float>();
     field.points.push_back(point);
   }
@@ -105,7 +105,7 @@ void expectSolid(const Shape& shape, const openvdb::FloatGrid& grid) {
   const double bound = boundOf(shape);
   const float background = grid.background();
   EXPECT_EQ(grid.getGridClass(), openvdb::GRID_LEVEL_SET);
-  EXPECT_FLOAT_EQ(background, static_cast<float>(kBand * kVoxel_m));
+  EXPECT_FLOAT_EQ(background, static_cast<float>(kBand * kShapeVoxel_m));
   double worst = 0;
   std::uint64_t wrong_sign = 0, missing = 0, beyond = 0, wrong_side = 0;
   openvdb::CoordBBox box = grid.evalActiveVoxelBoundingBox();
@@ -113,7 +113,7 @@ void expectSolid(const Shape& shape, const openvdb::FloatGrid& grid) {
   const auto read = grid.getConstAccessor();
   for (auto at = box.begin(); at; ++at) {
     const double exact = shape.distance(positionOf(*at));
-    const double value = read.getValue(*at) / kVoxel_m;
+    const double value = read.getValue(*at) / kShapeVoxel_m;
     if (read.isValueOn(*at)) {
       worst = std::max(worst, std::abs(value - exact));
       wrong_sign += std::abs(exact) > bound && (value < 0) != (exact < 0);
@@ -232,12 +232,12 @@ TEST(SurfaceLevelSet, ASheetAtAnyPlaceInItsLeavesLeaksIntoNoTile) {
   for (int offset = 0; offset < 8; ++offset) {
     for (const float up : {-1.0f, 1.0f}) {
       FieldSnapshot field;
-      field.origin_W = kOrigin_W;
-      field.voxel_size_m = kVoxel_m;
+      field.origin_W = kShapeOrigin_W;
+      field.voxel_size_m = kShapeVoxel_m;
       for (int i = offset; i < 40; ++i) {
         for (int j = offset; j < 40; ++j) {
           SurfacePoint point;
-          point.position_W = kOrigin_W + kVoxel_m * Eigen::Vector3d(i, j, offset);
+          point.position_W = kShapeOrigin_W + kShapeVoxel_m * Eigen::Vector3d(i, j, offset);
           point.normal_W = Eigen::Vector3f(0, 0, up);
           field.points.push_back(point);
         }
@@ -267,13 +267,13 @@ TEST(SurfaceLevelSet, HolesUpToThreeVoxelsWideAreBridged) {
 TEST(SurfaceLevelSet, BothFacesOfAThinBoardKeepTheirSides) {
   // Two squares 1.2 voxels apart, seen from above and from below.
   FieldSnapshot field;
-  field.origin_W = kOrigin_W;
-  field.voxel_size_m = kVoxel_m;
+  field.origin_W = kShapeOrigin_W;
+  field.voxel_size_m = kShapeVoxel_m;
   for (int i = 0; i < 40; ++i) {
     for (int j = 0; j < 40; ++j) {
       for (const double side : {-1.0, 1.0}) {
         SurfacePoint point;
-        point.position_W = kOrigin_W + kVoxel_m * Eigen::Vector3d(i, j, 0.6 * side);
+        point.position_W = kShapeOrigin_W + kShapeVoxel_m * Eigen::Vector3d(i, j, 0.6 * side);
         point.normal_W = Eigen::Vector3f(0, 0, static_cast<float>(side));
         field.points.push_back(point);
       }
@@ -282,7 +282,7 @@ TEST(SurfaceLevelSet, BothFacesOfAThinBoardKeepTheirSides) {
   const auto grid = levelSetOf(field);
   const auto read = grid->getConstAccessor();
   for (int k = -3; k <= 3; ++k) {
-    EXPECT_NEAR(read.getValue(Coord(20, 20, k)) / kVoxel_m, std::abs(k) - 0.6, 1e-4) << k;
+    EXPECT_NEAR(read.getValue(Coord(20, 20, k)) / kShapeVoxel_m, std::abs(k) - 0.6, 1e-4) << k;
   }
 }
 

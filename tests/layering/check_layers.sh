@@ -21,7 +21,7 @@ launch   std api hostdev
 cpu      std posix api hostdev launch tbb
 cuda     std api hostdev launch cuda
 tsdf     std posix simd api grids eigen openvdb tbb
-mirror   std api grids openvdb tbb launch hostdev
+mirror   std posix api grids openvdb tbb launch hostdev
 points   std api eigen tbb launch hostdev simd
 tool     std posix api eigen tbb launch hostdev assimp openssl
 io       std posix api grids eigen openvdb tbb pcl png openssl json

@@ -23,7 +23,7 @@ using test::sampleField;
 using test::ScratchFolder;
 
 /// Distance and weight at (40,2,3) and around; cleared at (41,2,3).
-internal::VolumeGrids sampleVolume() {
+internal::VolumeGrids storedVolume() {
   const auto grid = [](auto background, const openvdb::Coord& ijk, auto value) {
     auto made = openvdb::Grid<typename openvdb::tree::Tree4<decltype(value), 5, 4, 3>::Type>::create(background);
     made->setTransform(openvdb::math::Transform::createLinearTransform(kVoxel_m));
@@ -41,8 +41,8 @@ internal::VolumeGrids sampleVolume() {
           }};
 }
 
-void writeSample(const ScratchFolder& folder, const FieldSnapshot& field) {
-  internal::writeFieldGrids(folder / "field.vdb", sampleVolume(), field, {});
+void writeStored(const ScratchFolder& folder, const FieldSnapshot& field) {
+  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), field, {});
   io::writePointsPly(folder / "points.ply", field, {});
 }
 
@@ -54,7 +54,7 @@ std::string bytesOf(const std::filesystem::path& path) {
 TEST(StoredField, AnswersWithThePointOfTheVoxelOrTheNearest) {
   const ScratchFolder folder;
   const FieldSnapshot field = sampleField();
-  writeSample(folder, field);
+  writeStored(folder, field);
   const io::StoredField stored = io::StoredField::open(folder.path());
   EXPECT_EQ(stored.points().points.size(), field.points.size());
   int beyond = 0, near = 0;
@@ -90,7 +90,7 @@ TEST(StoredField, AnswersWithThePointOfTheVoxelOrTheNearest) {
 
 TEST(StoredField, AnswersWithTheVolume) {
   const ScratchFolder folder;
-  writeSample(folder, sampleField());
+  writeStored(folder, sampleField());
   const io::StoredField stored = io::StoredField::open(folder.path());
   const auto at = [&](double i, double j, double k) {
     return stored.at(kOrigin_W + kVoxel_m * Eigen::Vector3d(i, j, k));
@@ -110,7 +110,7 @@ TEST(StoredField, RefusesWhatIsNoField) {
   const auto refused = [&] { EXPECT_THROW(io::StoredField::open(folder.path()), InputError); };
   EXPECT_THROW(io::StoredField::open(folder / "missing"), InputError);
   refused();  // empty
-  writeSample(folder, sampleField());
+  writeStored(folder, sampleField());
   const std::string vdb = bytesOf(folder / "field.vdb");
   io::StoredField::open(folder.path());
   std::ofstream(folder / "field.vdb", std::ios::binary) << "text";
@@ -121,14 +121,14 @@ TEST(StoredField, RefusesWhatIsNoField) {
   refused();
   FieldSnapshot other = sampleField();
   other.origin_W.x() += kVoxel_m;
-  internal::writeFieldGrids(folder / "field.vdb", sampleVolume(), other, {});
+  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), other, {});
   refused();
 }
 
 TEST(VdbSummary, CountsOurGrids) {
   const ScratchFolder folder;
   const FieldSnapshot field = sampleField();
-  internal::writeFieldGrids(folder / "field.vdb", sampleVolume(), field, {{"tool", "pruner"}});
+  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), field, {{"tool", "pruner"}});
   const io::VdbSummary summary = io::summarizeVdb(folder / "field.vdb");
   ASSERT_EQ(summary.grids.size(), 9u);
   EXPECT_EQ(summary.creator.rfind("AccessVDB", 0), 0u);
@@ -166,7 +166,7 @@ TEST(VdbSummary, ReadsAFileOfHoudini) {
 
 TEST(VdbSummary, DamagedFilesAreInputErrorsAndNoCrash) {
   const ScratchFolder folder;
-  internal::writeFieldGrids(folder / "field.vdb", sampleVolume(), sampleField(), {});
+  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), sampleField(), {});
   const std::string whole = bytesOf(folder / "field.vdb");
   const auto path = folder / "bad.vdb";
   for (int k = 0; k < 40; ++k) {

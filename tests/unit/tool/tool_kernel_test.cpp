@@ -204,6 +204,23 @@ TEST(ToolKernel, RefusesWhatDoesNotFit) {
   EXPECT_THROW((void)ToolKernel::make(tool, paramsFor(std::nan(""))), ResourceLimit);
 }
 
+/// Before the tables of the other 179 directions are made, and with a voxel size that does fit.
+TEST(ToolKernel, RefusesTablesOfMoreThanFourGibibytes) {
+  const ToolGeometry pruner = ToolGeometry::builtin("builtin:pruner");
+  try {
+    (void)ToolKernel::make(pruner, paramsFor(0.0008));
+    FAIL() << "1.6 million columns x 180 x 16 bytes";
+  } catch (const ResourceLimit& error) {
+    EXPECT_EQ(error.id(), "tool.columns");
+    EXPECT_NE(error.problem().find("at a voxel size of 0.0008 m"), std::string::npos) << error.what();
+    EXPECT_NE(error.problem().find("take 4.3 GiB; at most 4 GiB"), std::string::npos) << error.what();
+    EXPECT_NE(error.advice().find("Use --voxel 0.0009 or larger"), std::string::npos) << error.what();
+  }
+  // What is advised fits: its first direction says how much there will be.
+  const ToolKernel few = ToolKernel::make(pruner, paramsFor(0.0009, 3, 4));
+  EXPECT_LT(static_cast<double>(few.columns.size()) / 4 * 180 * sizeof(kernels::VoxelColumn), 4.0 * (1 << 30));
+}
+
 TEST(Builtin, ToolsHaveTheirDocumentedSizes) {
   const ToolGeometry pencil = ToolGeometry::builtin("builtin:pencil");
   EXPECT_TRUE(pencil.watertight());
