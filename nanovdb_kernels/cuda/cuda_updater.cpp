@@ -66,7 +66,7 @@ class CudaUpdater final : public PointUpdater {
     const std::uint32_t first_place = any_known_ ? places_used_ : kNoIndex;
     if (any_known_) {
       places_used_ += news_count;
-      if (places_.size() < places_used_) places_.grow(memory_, roomFor(places_used_), places_used_ - news_count);
+      places_.growWithRoom(memory_, places_used_, roomFor(places_used_), places_used_ - news_count);
     }
     refreshView(input.points, input.num_points);
     const BlockNews* blocks = blocks_news_.send(input.blocks, memory_, stream());
@@ -184,14 +184,14 @@ class CudaUpdater final : public PointUpdater {
   void growFilled(DeviceArray<T>& array, std::size_t size, int byte) {
     if (size <= array.size()) return;
     const std::size_t before = array.size();
-    array.grow(memory_, roomFor(size), before);
+    array.growWithRoom(memory_, size, roomFor(size), before);
     fill(array.data() + before, byte, (array.size() - before) * sizeof(T));
   }
 
   void growPoints(std::uint32_t points) {
     const std::size_t kept = view_.num_points;
     const auto grow = [&](auto& array, std::size_t each) {
-      if (array.size() < points * each) array.grow(memory_, roomFor(points) * each, kept * each);
+      array.growWithRoom(memory_, points * each, roomFor(points) * each, kept * each);
     };
     grow(block_, 1);
     grow(mean_, 3);
@@ -208,7 +208,7 @@ class CudaUpdater final : public PointUpdater {
   void growBlocks(std::uint32_t blocks, std::uint32_t slots) {
     const std::size_t kept = view_.index.blocks;
     const auto grow = [&](auto& array, std::size_t each) {
-      if (array.size() < blocks * each) array.grow(memory_, roomFor(blocks) * each, kept * each);
+      array.growWithRoom(memory_, blocks * each, roomFor(blocks) * each, kept * each);
     };
     grow(leaf_, 3);
     grow(first_, 1);
@@ -264,13 +264,13 @@ class CudaUpdater final : public PointUpdater {
       flip_kinds_.grow(memory_, capacity, 0);
       flip_heads_.grow(memory_, capacity, 0);
     }
-    if (flip_next_.size() < flips.size()) flip_next_.grow(memory_, roomFor(flips.size()), 0);
+    flip_next_.growWithRoom(memory_, flips.size(), roomFor(flips.size()), 0);
     fill(flip_keys_.data(), 0xff, capacity * sizeof(std::uint64_t));
     fill(flip_kinds_.data(), 0, capacity * sizeof(std::uint64_t));
     fill(flip_heads_.data(), 0xff, capacity * sizeof(std::uint32_t));
     if (masks_.size() < view_.index.blocks) {
-      masks_.grow(memory_, roomFor(view_.index.blocks), 0);
-      affected_.grow(memory_, roomFor(view_.index.blocks), 0);
+      masks_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), 0);
+      affected_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), 0);
     }
     view_.flips = {{flip_keys_.data(), static_cast<std::uint32_t>(capacity - 1)},
                    flip_kinds_.data(),

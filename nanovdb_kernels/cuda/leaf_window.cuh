@@ -14,6 +14,39 @@ namespace accessvdb::kernels {
 
 inline constexpr unsigned kWarp = 32;
 
+/// Colliding voxels of a tile of inner rows. `slab(x, y, z)`: the bits of the map from there, 8 y by 8 z; both are
+/// multiples of 8.
+template <class Slab>
+__device__ int countRows(const InnerRowsView& inner, const InnerBox& box, const RowTile& tile, const Coord& point_ijk,
+                         const Slab& slab) {
+  const int x = point_ijk[0] + tile.dx, y = point_ijk[1] + tile.dy;
+  int z = point_ijk[2] + box.dz;
+  const int shift = z & 7, first_y = tile.dy - box.dy;
+  z -= shift;
+  const std::uint64_t* rows = inner.rows + box.first + (tile.dx - box.dx) * box.size_y + first_y;
+  std::uint64_t row[8], any = 0;
+#pragma unroll
+  for (int k = 0; k < 8; ++k) {
+    const bool inside = first_y + k >= 0 && first_y + k < box.size_y;
+    row[k] = inside ? rows[k] : 0;
+    any |= row[k];
+  }
+  int count = 0;
+  // Bits `low` and up of the rows lie in the leaves from z on; low is negative in the first.
+  for (int low = -shift; low < 64 && (low <= 0 || any >> low != 0); low += 8, z += 8) {
+    const std::uint64_t bits = slab(x, y, z);
+    if (bits == 0) continue;
+    std::uint64_t wanted = 0;
+#pragma unroll
+    for (int k = 0; k < 8; ++k) {
+      const std::uint64_t part = low < 0 ? row[k] << -low : row[k] >> low;
+      wanted |= (part & 0xffu) << (8 * k);
+    }
+    count += __popcll(bits & wanted);
+  }
+  return count;
+}
+
 /// Nodes of 2^log2 voxels that a window holds: how many, and where it begins relative to the node of the point. The
 /// same for all points.
 struct WindowShape {
@@ -76,6 +109,9 @@ class WindowBase {
                                       kNodeBytes);
   }
 
+  [[nodiscard]] static __device__ std::uint64_t slabOf(const std::uint8_t* leaf, int x) {
+    return reinterpret_cast<const std::uint64_t*>(leaf + kValueBytes)[x & 7];
+  }
   [[nodiscard]] static __device__ std::uint32_t cellCountsOf(const std::uint8_t* leaf, int x, int y) {
     return *reinterpret_cast<const std::uint16_t*>(leaf + kCellCountsBytes + cellInLeaf(x, y, 0));
   }
@@ -119,6 +155,11 @@ class LeafWindow : public WindowBase {
     const std::uint32_t some = 0u - (entry & 1u);
     return __popc(node((entry >> 1) & some)[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted &
                   some);
+  }
+  /// Colliding voxels of (x, y & ~7 .. | 7, z & ~7 .. | 7), a byte a y.
+  [[nodiscard]] __device__ std::uint64_t slab(int x, int y, int z) const {
+    const std::uint32_t entry = nodes_[index(x, y, z)];
+    return (entry & 1u) != 0 ? slabOf(node(entry >> 1), x) : 0;
   }
   /// Counts of two cells above each other; z is a multiple of 8.
   [[nodiscard]] __device__ std::uint32_t cellPair(int x, int y, int z) const {
@@ -165,6 +206,10 @@ class LowerWindow : public WindowBase {
     if (leaf == nullptr) return 0;
     return __popc(leaf[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted);
   }
+  [[nodiscard]] __device__ std::uint64_t slab(int x, int y, int z) const {
+    const std::uint8_t* leaf = leafOf(x, y, z);
+    return leaf != nullptr ? slabOf(leaf, x) : 0;
+  }
   [[nodiscard]] __device__ std::uint32_t cellPair(int x, int y, int z) const {
     const std::uint8_t* leaf = leafOf(x, y, z);
     return leaf != nullptr ? cellCountsOf(leaf, x, y) : 0;
@@ -195,6 +240,15 @@ class MapWindow : public Nodes {
   using Nodes::Nodes;
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
+
+  /// Colliding voxels of a tile of inner rows placed at a voxel.
+  [[nodiscard]] __device__ int countTile(const InnerRowsView& inner, const InnerBox& box, const RowTile& tile,
+                                         const Coord& point_ijk) const {
+    return countRows(
+        inner, box, tile,
+        Coord(point_ijk[0] - this->origin_[0], point_ijk[1] - this->origin_[1], point_ijk[2] - this->origin_[2]),
+        [this](int x, int y, int z) { return this->slab(x, y, z); });
+  }
 
   /// Colliding voxels of a run of cells inside the tool placed at a voxel.
   [[nodiscard]] __device__ int countCells(const CellRun& run, const Coord& point_ijk) const {
@@ -233,6 +287,13 @@ class TreeWindow {
   [[nodiscard]] __device__ bool holds(const Coord&) const { return true; }
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return reader_.collides(ijk); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return reader_.armFree(ijk); }
+  [[nodiscard]] __device__ int countTile(const InnerRowsView& inner, const InnerBox& box, const RowTile& tile,
+                                         const Coord& point_ijk) const {
+    return countRows(inner, box, tile, point_ijk, [this](std::int32_t x, std::int32_t y, std::int32_t z) {
+      const OccupancyLeaf* leaf = reader_.leafAt(Coord(x, y, z));
+      return leaf != nullptr ? reinterpret_cast<const std::uint64_t*>(&leaf->data()->mValues)[x & 7] : 0;
+    });
+  }
   [[nodiscard]] __device__ int countCells(const CellRun& run, const Coord& point_ijk) const {
     return countRun(run, point_ijk, [this](std::int32_t x, std::int32_t y, std::int32_t z) {
       return reader_.cellCounts(Coord(x, y, z), cellInLeaf(x, y, z));

@@ -155,6 +155,21 @@ __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader&
   return {approach.num_arm, PointReason::None};
 }
 
+/// Colliding voxels of the inner rows of the tool at direction d. Stops once they exceed `stop_above`.
+template <class Window>
+__device__ int countTilesByWarp(const Window& window, const InnerRowsView& inner, int d, const Coord& point_ijk,
+                                int stop_above, int lane) {
+  const InnerBox box = inner.box[d];
+  const std::uint32_t* begin = inner.tile_begin + (d * 8 + (point_ijk[1] & 7));
+  const std::uint32_t end = begin[1];
+  int count = 0;
+  for (std::uint32_t first = begin[0]; first < end && count <= stop_above; first += kWarp) {
+    const std::uint32_t n = first + static_cast<std::uint32_t>(lane);
+    count += __reduce_add_sync(kAllLanes, n < end ? window.countTile(inner, box, inner.tiles[n], point_ijk) : 0);
+  }
+  return count;
+}
+
 /// Is it better to look at what lies outside the cells first? Few collisions are found near the tip, where the tool
 /// touches the surface; many are found in its body.
 __device__ inline bool startsOutside(const ToolKernelView& tool, int stop_above) {
@@ -180,6 +195,9 @@ __device__ int countWithCells(const Window& window, const ToolKernelView& tool, 
   if (outside + inside > stop_above) return outside + inside;
   // Where the cells beside are free too, nothing more collides.
   if (countCellsByWarp(window, cells.beside, d, point_ijk, 0, lane) == 0) return outside + inside;
+  if (cells.rows.rows != nullptr) {
+    return outside + countTilesByWarp(window, cells.rows, d, point_ijk, stop_above - outside, lane);
+  }
   return outside + countColumnsByWarp<2>(window, tool.columns, inner, tool.column_begin[d + 1], point_ijk,
                                          stop_above - outside, lane);
 }

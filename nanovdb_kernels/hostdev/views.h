@@ -74,11 +74,29 @@ struct CellRunsView {
   const CellRun* runs = nullptr;
   const std::uint32_t* begin = nullptr;  ///< [D * kCellPhases + 1]
 };
+/// Up to 8 rows of the tool's inner columns, (dx, dy .. dy + 7), that lie in one row of leaves of the map.
+struct RowTile {
+  std::int16_t dx, dy;
+};
+/// The inner columns of the tool at each direction as dense rows, z upwards from `dz`: row (dx, dy) of direction d is
+/// rows[box[d].first + (dx - box[d].dx) * box[d].size_y + dy - box[d].dy], bit i = dz + i.
+struct InnerBox {
+  std::uint32_t first;
+  std::int16_t dx, dy, dz, size_x, size_y;
+};
+struct InnerRowsView {
+  const std::uint64_t* rows = nullptr;
+  const InnerBox* box = nullptr;  ///< [D]
+  const RowTile* tiles = nullptr;
+  /// [D * 8 + 1] tiles of direction d for points with y & 7 = n: [tile_begin[d * 8 + n], the next)
+  const std::uint32_t* tile_begin = nullptr;
+};
 /// What bounds the tool's collisions without counting them, on a map that holds cell counts (hostdev/cell_counts.h).
 struct ToolCellsView {
   CellRunsView inside;                   ///< cells that the tool covers whole
   CellRunsView beside;                   ///< the other cells that its inner columns touch
   const std::uint32_t* inner = nullptr;  ///< [D] where the inner columns of d begin; no other has a voxel in `inside`
+  InnerRowsView rows;                    ///< the inner columns once more; null where they are higher than 64 voxels
 };
 
 /// Directions and the corridor: tables computed once on the host.

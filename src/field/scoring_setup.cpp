@@ -52,10 +52,16 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_sample_begin_ = uploaded(backend, tool_.sample_begin);
   const ToolCells cells = ToolCells::make(tool_.view(), count, kMostCellBytes);
   if (!cells.empty()) {
-    d_columns_.upload(cells.columns.data(), cells.columns.size());
+    d_columns_.upload(cells.columns.data(), cells.columns.size());  // the same order on every backend
+  }
+  if (!cells.empty() && backend.usesToolCells()) {
     d_inner_ = uploaded(backend, cells.inner);
     d_inside_ = {uploaded(backend, cells.inside.runs), uploaded(backend, cells.inside.begin)};
     d_beside_ = {uploaded(backend, cells.beside.runs), uploaded(backend, cells.beside.begin)};
+    d_rows_ = uploaded(backend, cells.rows.rows);
+    d_boxes_ = uploaded(backend, cells.rows.boxes);
+    d_tiles_ = uploaded(backend, cells.rows.tiles);
+    d_tile_begin_ = uploaded(backend, cells.rows.tile_begin);
   }
   d_directions_ = uploaded(backend, directions_.xy);
   d_arm_offsets_ = uploaded(backend, arm_offsets_);
@@ -80,7 +86,10 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.tool.column_begin = d_column_begin_.data();
   tables.tool.samples = d_samples_.data();
   tables.tool.sample_begin = d_sample_begin_.data();
-  tables.cells = {d_inside_.view(), d_beside_.view(), d_inner_.size() > 0 ? d_inner_.data() : nullptr};
+  tables.cells = {d_inside_.view(), d_beside_.view(), d_inner_.size() > 0 ? d_inner_.data() : nullptr, {}};
+  if (d_boxes_.size() > 0) {
+    tables.cells.rows = {d_rows_.data(), d_boxes_.data(), d_tiles_.data(), d_tile_begin_.data()};
+  }
   tables.approach = hostApproach();
   tables.approach.direction_xy = d_directions_.data();
   tables.approach.arm_offsets = d_arm_offsets_.data();
@@ -93,7 +102,8 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
 
 std::uint64_t ScoringSetup::deviceBytes() const {
   return d_columns_.bytes() + d_column_begin_.bytes() + d_samples_.bytes() + d_sample_begin_.bytes() +
-         d_inner_.bytes() + d_inside_.bytes() + d_beside_.bytes() + d_directions_.bytes() + d_arm_offsets_.bytes();
+         d_inner_.bytes() + d_inside_.bytes() + d_beside_.bytes() + d_rows_.bytes() + d_boxes_.bytes() +
+         d_tiles_.bytes() + d_tile_begin_.bytes() + d_directions_.bytes() + d_arm_offsets_.bytes();
 }
 
 }  // namespace accessvdb::internal

@@ -43,6 +43,10 @@ class ScoringSetup {
     [[nodiscard]] std::uint64_t bytes() const { return runs.bytes() + begin.bytes(); }
   };
   DeviceRuns d_inside_, d_beside_;
+  kernels::DeviceArray<std::uint64_t> d_rows_;
+  kernels::DeviceArray<kernels::InnerBox> d_boxes_;
+  kernels::DeviceArray<kernels::RowTile> d_tiles_;
+  kernels::DeviceArray<std::uint32_t> d_tile_begin_;
   kernels::DeviceArray<std::uint32_t> d_column_begin_, d_sample_begin_, d_inner_;
   kernels::DeviceArray<float> d_samples_, d_directions_, d_arm_offsets_;
 };

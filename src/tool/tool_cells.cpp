@@ -231,6 +231,12 @@ ToolCells ToolCells::make(const kernels::ToolKernelView& tool, int num_direction
   if (count_inside == 0 || count > most) return {};
   cells.inside = joined(inside);
   cells.beside = joined(beside);
+  std::vector<std::span<const kernels::VoxelColumn>> inner;
+  for (std::size_t d = 0; d < directions; ++d) {
+    inner.push_back(std::span<const kernels::VoxelColumn>(cells.columns)
+                        .subspan(cells.inner[d], tool.column_begin[d + 1] - cells.inner[d]));
+  }
+  cells.rows = InnerRows::make(inner);
   return cells;
 }
 

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <vector>
 
 #include "hostdev/views.h"
@@ -17,11 +18,23 @@ struct CellRuns {
   std::vector<std::uint32_t> begin;  ///< [D x kCellPhases + 1]
 };
 
+/// See InnerRowsView.
+struct InnerRows {
+  std::vector<std::uint64_t> rows;
+  std::vector<kernels::InnerBox> boxes;
+  std::vector<kernels::RowTile> tiles;
+  std::vector<std::uint32_t> tile_begin;
+
+  /// @param inner  [D] the inner columns of each direction  @return empty where some are higher than 64 voxels
+  static InnerRows make(std::span<const std::span<const kernels::VoxelColumn>> inner);
+};
+
 /// See ToolCellsView. Empty where it would take too much memory, and for thin tools and sample tools: that costs time
 /// only.
 struct ToolCells {
   CellRuns inside, beside;
   std::vector<std::uint32_t> inner;  ///< [D]
+  InnerRows rows;
   /// The tool's columns in the order in which they are best counted: those outside all cells first, near ones first.
   std::vector<kernels::VoxelColumn> columns;
 
