@@ -140,6 +140,7 @@ __device__ void confirm(const UpdateView& view, const DueSearch& search, const W
         due.all = 1;
         atomicAdd(&view.counters->tests, 1ull);
       }
+      __syncwarp();  // what it read of its window, others overwrite next
       return;
     }
   }

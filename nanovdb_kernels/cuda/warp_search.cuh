@@ -232,6 +232,7 @@ __device__ inline int takePutOff(WarpMasks& masks, int most, int lane) {
   least = __reduce_min_sync(kAllLanes, least);
   if (least == 0xffffffffu || static_cast<int>(least >> 8) > most) return -1;
   const int d = static_cast<int>(least & 0xffu);
+  __syncwarp();  // all have read
   if (lane == 0) masks.put_off[d >> 5] &= ~(1u << (d & 31));
   __syncwarp();
   return d;
