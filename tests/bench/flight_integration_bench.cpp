@@ -16,84 +16,16 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <cstdlib>
-#include <fstream>
-#include <string>
 #include <vector>
 
+#include "bench/pine_flight.h"
 #include "points/point_store.h"
-#include "sim/forest.h"
-#include "sim/simulator.h"
 #include "tsdf/scan_integrator.h"
 
 namespace accessvdb {
 namespace {
 
-constexpr int kReturns = 20000;
-
-int environment(const char* name, int fallback) {
-  const char* value = std::getenv(name);
-  return value == nullptr ? fallback : std::atoi(value);
-}
-
-/// A scan in the local frame, metres.
-struct Scan {
-  Eigen::Vector3f q_L;
-  std::vector<Eigen::Vector3f> p_L;  ///< [kReturns]
-};
-
-/// The flight of `accessvdb bench` with its defaults, in the frame of its first pose.
-std::vector<Scan> simulatedScans(int frames) {
-  constexpr double kSpeed_m_s = 1, kPeriod_s = 0.1, kView_m = 30;
-  sim::ForestParams params;
-  params.path_length_m = kSpeed_m_s * kPeriod_s * frames;
-  params.view_m = kView_m;
-  params.solid_foliage_m = 0.05;
-  params.seed = 1;
-  sim::Forest forest = sim::makeForest(params);
-  sim::LidarModel sensor = sim::LidarModel::named("mid360");
-  sensor.rays_per_frame = 8 * kReturns;
-  sensor.frame_period_s = kPeriod_s;
-  sensor.range_noise_m = 0.02;
-  sensor.min_range_m = 0.2;
-  sensor.max_range_m = kView_m;
-  const sim::Simulator simulator(sim::RayCaster(std::move(forest.meshes), forest.placed), "forest", sensor,
-                                 sim::forestFlight(kSpeed_m_s, kPeriod_s, frames), 1);
-  std::vector<Scan> scans;
-  Eigen::Vector3d origin_W = Eigen::Vector3d::Zero();
-  for (int begin = 0; begin < frames; begin += 16) {
-    for (const sim::SimulatedFrame& frame : simulator.framesOfReturns(begin, std::min(frames, begin + 16), kReturns)) {
-      if (scans.empty()) origin_W = frame.T_W_S.translation().array().round();
-      Scan& scan = scans.emplace_back();
-      const auto local = [&](const Eigen::Vector3d& p_W) -> Eigen::Vector3f { return (p_W - origin_W).cast<float>(); };
-      scan.q_L = local(frame.T_W_S.translation());
-      for (const Eigen::Vector3f& p_S : frame.points_S) {
-        if (!p_S.isZero(0)) scan.p_L.push_back(local(frame.T_W_S * p_S.cast<double>()));
-      }
-    }
-  }
-  return scans;
-}
-
-std::vector<Scan> keptScans(const std::string& file, int frames) {
-  std::vector<Scan> scans;
-  std::ifstream in(file, std::ios::binary);
-  Scan scan;
-  scan.p_L.resize(kReturns);
-  const auto bytes = static_cast<std::streamsize>(kReturns * sizeof(Eigen::Vector3f));
-  while (static_cast<int>(scans.size()) < frames && in.read(reinterpret_cast<char*>(&scan.q_L), sizeof(scan.q_L)) &&
-         in.read(reinterpret_cast<char*>(scan.p_L.data()), bytes)) {
-    scans.push_back(scan);
-  }
-  if (static_cast<int>(scans.size()) == frames) return scans;
-  scans = simulatedScans(frames);
-  std::ofstream out(file, std::ios::binary);
-  for (const Scan& made : scans) {
-    out.write(reinterpret_cast<const char*>(&made.q_L), sizeof(made.q_L));
-    out.write(reinterpret_cast<const char*>(made.p_L.data()), bytes);
-  }
-  return scans;
-}
+using bench::environment;
 
 /// User and system time of the process.
 struct CpuTime {
@@ -132,11 +64,11 @@ std::uint64_t hashOf(const internal::PackedMap& map) {
   return hash;
 }
 
-void replay(const std::vector<Scan>& scans, int timed, double voxel_size_m) {
+void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel_size_m) {
   FieldParams given;
   given.tsdf.voxel_size_m = voxel_size_m;
-  given.tsdf.truncation_distance_m = 0.1;
-  given.tsdf.range_noise_m = 0.02;
+  given.tsdf.truncation_distance_m = bench::kFlightTau_m;
+  given.tsdf.range_noise_m = bench::kFlightNoise_m;
   const FieldParams params = given.resolved();
   internal::PackedMap map(params.tsdf);
   map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
@@ -147,7 +79,7 @@ void replay(const std::vector<Scan>& scans, int timed, double voxel_size_m) {
   std::uint64_t changes_hash = 0;
   const std::size_t first = scans.size() - static_cast<std::size_t>(timed);
   for (std::size_t n = 0; n < scans.size(); ++n) {
-    const Scan& scan = scans[n];
+    const bench::FlightScan& scan = scans[n];
     const CpuTime before = CpuTime::now();
     const auto fusing = std::chrono::steady_clock::now();
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
@@ -198,8 +130,7 @@ int run() {
   const int threads = environment("ACCESSVDB_BENCH_THREADS", 0);
   const int rounds = std::max(1, environment("ACCESSVDB_BENCH_ROUNDS", 1));
   const double voxel_size_m = 0.001 * environment("ACCESSVDB_BENCH_VOXEL_MM", 10);
-  const char* file = std::getenv("ACCESSVDB_BENCH_SCANS");
-  const std::vector<Scan> scans = file == nullptr ? simulatedScans(frames) : keptScans(file, frames);
+  const std::vector<bench::FlightScan> scans = bench::flightFromEnvironment(frames);
   tbb::task_arena arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
   for (int round = 0; round < rounds; ++round) {
     arena.execute([&] { replay(scans, timed, voxel_size_m); });

@@ -18,8 +18,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <cstdlib>
-#include <ctime>
 #include <memory>
 #include <string>
 #include <vector>
@@ -32,21 +30,8 @@
 namespace accessvdb {
 namespace {
 
-int environment(const char* name, int fallback) {
-  const char* value = std::getenv(name);
-  return value == nullptr ? fallback : std::atoi(value);
-}
-
-struct Moment {
-  double clock_ms = 0, processor_ms = 0;
-  static Moment now() {
-    timespec used = {};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
-    const auto since = std::chrono::steady_clock::now().time_since_epoch();
-    return {std::chrono::duration<double, std::milli>(since).count(),
-            1e3 * static_cast<double>(used.tv_sec) + 1e-6 * static_cast<double>(used.tv_nsec)};
-  }
-};
+using bench::environment;
+using bench::Moment;
 
 struct Row {
   std::vector<double> clock_ms, processor_ms;
@@ -103,8 +88,7 @@ void run() {
   const int frames = environment("ACCESSVDB_BENCH_FRAMES", 120);
   const int timed = std::min(frames, environment("ACCESSVDB_BENCH_TIMED", 40));
   const double voxel_size_m = 1e-3 * environment("ACCESSVDB_BENCH_VOXEL_MM", 10);
-  const char* file = std::getenv("ACCESSVDB_BENCH_SCANS");
-  const auto scans = file == nullptr ? bench::simulateFlight(frames) : bench::keptFlight(file, frames);
+  const auto scans = bench::flightFromEnvironment(frames);
 
   TsdfParams params;
   params.voxel_size_m = voxel_size_m;

@@ -1,10 +1,14 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The scans of `accessvdb bench --scene pine` with its defaults, for benchmarks of single stages.
+/// For benchmarks of single stages: the scans of `accessvdb bench --scene pine` with its defaults, options from the
+/// environment, and clocks.
 #pragma once
 
 #include <Eigen/Core>
 #include <algorithm>
+#include <chrono>
+#include <cstdlib>
+#include <ctime>
 #include <fstream>
 #include <string>
 #include <utility>
@@ -79,5 +83,28 @@ inline std::vector<FlightScan> keptFlight(const std::string& file, int frames) {
   }
   return scans;
 }
+
+inline int environment(const char* name, int fallback) {
+  const char* value = std::getenv(name);
+  return value == nullptr ? fallback : std::atoi(value);
+}
+
+/// ACCESSVDB_BENCH_SCANS: a file that keeps the scans.
+inline std::vector<FlightScan> flightFromEnvironment(int frames) {
+  const char* file = std::getenv("ACCESSVDB_BENCH_SCANS");
+  return file == nullptr ? simulateFlight(frames) : keptFlight(file, frames);
+}
+
+/// Of the clock, and of processor time over all threads.
+struct Moment {
+  double clock_ms = 0, processor_ms = 0;
+  static Moment now() {
+    timespec used = {};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
+    const auto since = std::chrono::steady_clock::now().time_since_epoch();
+    return {std::chrono::duration<double, std::milli>(since).count(),
+            1e3 * static_cast<double>(used.tv_sec) + 1e-6 * static_cast<double>(used.tv_nsec)};
+  }
+};
 
 }  // namespace accessvdb::bench

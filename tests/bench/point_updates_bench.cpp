@@ -19,8 +19,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cstdio>
-#include <cstdlib>
-#include <ctime>
 #include <memory>
 #include <string>
 #include <vector>
@@ -34,21 +32,8 @@
 namespace accessvdb {
 namespace {
 
-int environment(const char* name, int fallback) {
-  const char* value = std::getenv(name);
-  return value == nullptr ? fallback : std::atoi(value);
-}
-
-struct Moment {
-  double clock_ms, processor_ms;
-  static Moment now() {
-    timespec used = {};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
-    const auto since = std::chrono::steady_clock::now().time_since_epoch();
-    return {std::chrono::duration<double, std::milli>(since).count(),
-            1e3 * static_cast<double>(used.tv_sec) + 1e-6 * static_cast<double>(used.tv_nsec)};
-  }
-};
+using bench::environment;
+using bench::Moment;
 
 enum Phase { kReturns, kNote, kBlocks, kPoints, kCrossed, kRest, kPhases };
 constexpr const char* kPhaseNames[kPhases] = {"returns", "note", "blocks", "points", "crossed", "rest"};
@@ -211,9 +196,7 @@ int run() {
   const int frames = std::max(1, environment("ACCESSVDB_BENCH_FRAMES", 200));
   const int timed = std::clamp(environment("ACCESSVDB_BENCH_TIMED", 40), 1, frames);
   const int threads = environment("ACCESSVDB_BENCH_THREADS", 0);
-  const char* file = std::getenv("ACCESSVDB_BENCH_SCANS");
-  const std::vector<bench::FlightScan> scans =
-      file == nullptr ? bench::simulateFlight(frames) : bench::keptFlight(file, frames);
+  const std::vector<bench::FlightScan> scans = bench::flightFromEnvironment(frames);
   tbb::task_arena arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
   arena.execute([&] { replay(scans, timed, 0.001 * environment("ACCESSVDB_BENCH_VOXEL_MM", 10)); });
   return 0;
