@@ -15,27 +15,10 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr std::size_t kReturnsPerTask = 256;
-/// Beside what `reach` asks for, in voxels: the ray below is rounded on its own way, not on the integrator's.
+/// Beside what `reach` asks for, in voxels, against rounding.
 constexpr float kOwnSlack = 0.01f;
 /// Of the widest cone that RegionSlices bounds.
 constexpr float kMostSinSquared = 0.32f;
-
-/// Rounded only where its parts are stored; base_ijk need not be the integrator's, the offset makes up for it.
-ReturnRay rayOf(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, double voxel_size_m) {
-  const Eigen::Vector3d p = p_L.cast<double>() / voxel_size_m;
-  const Eigen::Vector3d to_sensor = q_L.cast<double>() / voxel_size_m - p;
-  const double range = to_sensor.norm();
-  ReturnRay ray = {};
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const auto a = static_cast<Eigen::Index>(axis);
-    const double base = std::floor(p[a] + 0.5);
-    ray.base_ijk[axis] = static_cast<std::int32_t>(base);
-    ray.offset[axis] = static_cast<float>(p[a] - base);
-    ray.to_sensor[axis] = static_cast<float>(to_sensor[a] / range);
-  }
-  ray.range = static_cast<float>(range);
-  return ray;
-}
 
 struct LeafSpan {
   std::int32_t first, last;
@@ -84,7 +67,7 @@ bool forEachReachedLeaf(const TsdfParams& resolved, std::span<const Eigen::Vecto
     std::vector<Index3> leaves;
     leaves.reserve(kReturnsPerTask * 12);
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      const ReturnRay ray = rayOf(p_L[n], q_L[q_L.size() == 1 ? 0 : n], resolved.voxel_size_m);
+      const ReturnRay ray = makeRay(p_L[n].data(), q_L[q_L.size() == 1 ? 0 : n].data(), resolved.voxel_size_m);
       addLeaves(RegionSlices(shape, ray), ray, margin, leaves);
     }
     take(leaves);

@@ -33,6 +33,10 @@ struct ReturnRay {
   Interval cone_x, band_x;               ///< extents of its regions, set by ReturnBins
 };
 
+/// The ray of a return. Rounded only where its parts are stored.
+/// @param p_L, q_L  [3] return and sensor, local frame, metres
+ReturnRay makeRay(const float* p_L, const float* q_L, double voxel_size_m);
+
 /// Constants of a map's update region, in voxels.
 struct RegionShape {
   explicit RegionShape(const TsdfParams& resolved);

@@ -9,7 +9,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cmath>
 #include <functional>
 #include <memory>
 #include <utility>
@@ -19,21 +18,6 @@
 
 namespace accessvdb::internal {
 namespace {
-
-ReturnRay makeRay(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, double voxel_size_m) {
-  ReturnRay ray;
-  const Eigen::Vector3d p = p_L.cast<double>() / voxel_size_m;
-  const Eigen::Vector3d to_sensor = q_L.cast<double>() / voxel_size_m - p;
-  const double range = to_sensor.norm();
-  for (int axis = 0; axis < 3; ++axis) {
-    const double base = std::floor(p[axis] + 0.5);
-    ray.base_ijk[axis] = static_cast<std::int32_t>(base);
-    ray.offset[axis] = static_cast<float>(p[axis] - base);
-    ray.to_sensor[axis] = static_cast<float>(to_sensor[axis] / range);
-  }
-  ray.range = static_cast<float>(range);
-  return ray;
-}
 
 /// The projective baseline takes distances from its range image: returns mark their cleared band and nothing else. A
 /// cube of negative size holds no voxel and reaches no leaf.
@@ -71,7 +55,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   const double v = map_.params().voxel_size_m;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), 256), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      rays_[n] = makeRay(p_L[n], q_L[q_L.size() == 1 ? 0 : n], v);
+      rays_[n] = makeRay(p_L[n].data(), q_L[q_L.size() == 1 ? 0 : n].data(), v);
     }
   });
   bins_.bin(shape_, rays_);
