@@ -21,8 +21,6 @@ constexpr std::uint32_t kMovedPart = 1u << 17, kFlipsPart = 1u << 18, kMostItems
 
 /// Shared memory that a block gets without asking.
 constexpr int kPlainSharedBytes = 44 * 1024;
-/// What is known is forgotten once less than this share of the margin is left.
-constexpr std::uint32_t kLeastMarginShare = 4;
 
 double millisecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
@@ -85,7 +83,8 @@ class CudaUpdater final : public PointUpdater {
     const CrossedPoint* crossed = crossed_.send(input.crossed, memory_, stream());
     launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
     launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
-    view_.least_margin = static_cast<std::uint32_t>(marginCollisions(input.tool.collision_limit)) / kLeastMarginShare;
+    view_.known.of = KnownLevels::of(input.tool.collision_limit);
+    view_.known.most_freed = 2 * marginCollisions(input.tool.collision_limit);
     addFlips(input.flips);
     const std::uint32_t moved = counters().moved;
 
@@ -155,7 +154,7 @@ class CudaUpdater final : public PointUpdater {
            reached_bits_.bytes() + reached_blocks_.bytes() + masks_.bytes() + affected_.bytes() + places_.bytes() +
            flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + due_.bytes() + due_heads_.bytes() +
            due_order_.bytes() + busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() +
-           crossed_.bytes() + flips_.bytes() + worse_.bytes() + margin_.bytes() + cell_directions_.bytes() +
+           crossed_.bytes() + flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() + cell_directions_.bytes() +
            flip_heads_.bytes() + flip_next_.bytes();
   }
 
@@ -174,6 +173,7 @@ class CudaUpdater final : public PointUpdater {
     view_.covering.table = cell_directions_.data();
     std::copy_n(tables.cell_low, 3, view_.covering.low);
     std::copy_n(tables.cell_size, 3, view_.covering.size);
+    view_.known.words = (tables.num_directions + kKnownPerWord - 1) / kKnownPerWord;
   }
 
   void fill(void* to, int byte, std::size_t bytes) const {
@@ -198,8 +198,7 @@ class CudaUpdater final : public PointUpdater {
     grow(to_sensor_, 3);
     grow(own_seen_, words_);
     grow(reach_, 1);
-    grow(worse_, words_);
-    grow(margin_, 1);
+    grow(known_levels_, static_cast<std::size_t>(view_.known.words));
     growFilled(moved_, points, 0);
     growFilled(moved_bits_, points / 32 + 1, 0);
     growFilled(changed_bits_, points / 32 + 1, 0);
@@ -216,6 +215,7 @@ class CudaUpdater final : public PointUpdater {
     grow(block_reach_, 1);
     growFilled(touched_blocks_, blocks, 0);
     growFilled(reached_blocks_, blocks, 0);
+    growFilled(known_freed_, std::size_t{blocks} * static_cast<std::size_t>(view_.known.words), 0);
     growFilled(head_, blocks, 0xff);
     growFilled(due_heads_, blocks, 0xff);
     growFilled(busy_blocks_, blocks, 0);
@@ -248,8 +248,10 @@ class CudaUpdater final : public PointUpdater {
   void refreshView(const PointStateView& points, std::uint32_t num_points) {
     view_.points = points;
     view_.num_points = num_points;
-    view_.state = {block_.data(), mean_.data(),   to_sensor_.data(),  own_seen_.data(),    reach_.data(),
-                   worse_.data(), margin_.data(), moved_bits_.data(), changed_bits_.data()};
+    view_.state = {block_.data(), mean_.data(),       to_sensor_.data(),   own_seen_.data(),
+                   reach_.data(), moved_bits_.data(), changed_bits_.data()};
+    view_.known.levels = view_.known.words > 0 ? known_levels_.data() : nullptr;
+    view_.known.freed = known_freed_.data();
     view_.places = {places_.data(), head_.data(), touched_blocks_.data(), reached_bits_.data(), reached_blocks_.data()};
     view_.moved = moved_.data();
     view_.counters = counters_.data();
@@ -332,8 +334,8 @@ class CudaUpdater final : public PointUpdater {
   // By id.
   DeviceArray<std::uint32_t> block_, moved_bits_, changed_bits_, moved_;
   DeviceArray<float> mean_, to_sensor_, reach_;
-  DeviceArray<std::uint64_t> own_seen_, worse_;
-  DeviceArray<std::uint16_t> margin_;
+  DeviceArray<std::uint64_t> own_seen_;
+  DeviceArray<std::uint32_t> known_levels_;
   // By block.
   DeviceArray<std::uint64_t> hash_keys_;
   DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, head_, touched_blocks_, reached_bits_, reached_blocks_,
@@ -342,6 +344,7 @@ class CudaUpdater final : public PointUpdater {
   DeviceArray<float> block_reach_;
   DeviceArray<BlockMasks> masks_;
   DeviceArray<std::uint8_t> affected_;
+  DeviceArray<std::uint16_t> known_freed_;
   // Of one update.
   DeviceArray<Place> places_;
   DeviceArray<std::uint64_t> flip_keys_, flip_kinds_;

@@ -7,7 +7,7 @@
 /// that; and for the best direction a flip for the worse. Flips are taken leaf by leaf: too many directions cost time
 /// and change nothing.
 #include "cuda/cuda_check.h"
-#include "cuda/known_blocked.cuh"
+#include "cuda/known_collisions.cuh"
 #include "cuda/update_kernels.h"
 #include "hostdev/direction_filter.h"
 
@@ -103,7 +103,7 @@ __global__ void blockMasks(UpdateView view) {
   const std::uint32_t block = (blockIdx.x * kThreads + threadIdx.x) / kLanes;
   if (block >= view.index.blocks) return;
   const int lane = static_cast<int>(threadIdx.x % kLanes);
-  std::uint32_t* steps = view.covering.table != nullptr ? all_steps[threadIdx.x / kLanes] : nullptr;
+  std::uint32_t* steps = view.known.levels != nullptr ? all_steps[threadIdx.x / kLanes] : nullptr;
   if (steps != nullptr) {
     for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kLanes)) steps[n] = 0;
     __syncwarp();
@@ -118,7 +118,9 @@ __global__ void blockMasks(UpdateView view) {
   }
   __syncwarp();
   orOfWarp(masks);
-  if (steps != nullptr && anyOf(masks.better_tool)) wearPoints(view, block, steps, lane);
+  if (steps != nullptr && (anyOf(masks.better_tool) || anyOf(masks.better_arm))) {
+    agePoints(view, block, steps, masks.better_arm, lane);
+  }
   if (lane != 0) return;
   view.masks[block] = masks;
   view.affected[block] =
@@ -197,9 +199,10 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
     return;  // not changed: a blocked point without any admissible direction
   }
   const BlockMasks masks = masksOf(view, id);
-  const DirectionMask blocked = loadMask(view, view.state.worse, id);
   const bool accessible = label == PointLabel::Accessible;
   const std::uint16_t score = view.points.score[id];
+  const DirectionMask worse = knownWorse(view, id, view.state.block[id],
+                                         accessible ? score + 1 : static_cast<int>(view.update_rule.collision_limit));
   const float cos_best_before = cosToNormal(approach, best, before.normal);
   DueItem item = {};
   item.id = id;
@@ -212,7 +215,7 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
   for (int d = 0; d < approach.num_directions; ++d) {
     const bool better = masks.better_tool.test(d) || masks.better_arm.test(d);
     if (!changed && !better) continue;
-    if ((accessible && d == best) || !now.seen.test(d) || blocked.test(d)) continue;
+    if ((accessible && d == best) || !now.seen.test(d) || worse.test(d)) continue;
     const float cosine = cosToNormal(approach, d, now.normal);
     if (!now.holds(approach, d, cosine)) continue;
     bool wanted = better;

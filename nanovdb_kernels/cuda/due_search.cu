@@ -6,6 +6,7 @@
 #include <type_traits>
 
 #include "cuda/cuda_check.h"
+#include "cuda/known_collisions.cuh"
 #include "cuda/update_kernels.h"
 #include "cuda/warp_search.cuh"
 
@@ -54,28 +55,48 @@ __device__ std::uint32_t takeNext(std::uint32_t* next, int lane) {
   return __shfl_sync(kAllLanes, n, 0);
 }
 
-/// Collisions from which on a direction is remembered as worse, where `needed` make it so; 0: nothing is remembered.
-__device__ int rememberAt(const UpdateView& view, const DueSearch& search, int needed) {
-  if (view.covering.table == nullptr) return 0;
-  const int at = needed + marginCollisions(search.tool.collision_limit);
+/// Up to how many collisions are counted, to remember them; 0: nothing is remembered.
+__device__ int rememberAt(const UpdateView& view, const DueSearch& search) {
+  if (view.known.levels == nullptr) return 0;
+  const int at = search.tool.collision_limit + marginCollisions(search.tool.collision_limit);
   return at < kNoScore ? at : kNoScore;  // no count is kNoScore
 }
 
-/// After a search: remembers the directions that it told apart. All lanes.
-/// @param anew  what was known is not valid any more
-__device__ void learn(const UpdateView& view, const DueSearch& search, std::size_t id, const WarpMasks& masks,
-                      const ScoreResult& result, bool anew, int lane) {
-  if (view.covering.table == nullptr) return;
-  const auto words32 = static_cast<std::size_t>(2 * view.points.direction_words);
-  const bool has_word = static_cast<std::size_t>(lane) < words32;
-  auto* stored = reinterpret_cast<std::uint32_t*>(view.state.worse) + id * words32;
-  const std::uint32_t before = has_word && !anew ? stored[lane] : 0;
-  const std::uint32_t found = has_word && result.scored != 0 ? masks.tool_blocked[lane] : 0;
-  if (has_word && (anew || (found & ~before) != 0)) stored[lane] = before | found;
-  if (__all_sync(kAllLanes, before == 0) && lane == 0) {
-    view.state.margin[id] = static_cast<std::uint16_t>(marginCollisions(search.tool.collision_limit));
+/// After a search: remembers what it found out, a word of directions a lane.
+__device__ void learn(const UpdateView& view, std::size_t id, const WarpMasks& masks, const ScoreResult& result,
+                      int lane) {
+  if (view.known.levels == nullptr || result.scored == 0 || lane >= view.known.words) return;
+  const int shift = 8 * (lane & 3);
+  const std::uint32_t counted = masks.counted[lane >> 2] >> shift & 0xffu,
+                      arm_blocked = masks.arm_blocked[lane >> 2] >> shift & 0xffu;
+  if ((counted | arm_blocked) == 0) return;
+  const KnownLevels& of = view.known.of;
+  const KnownWord known(view, id, view.state.block[id], lane);
+  std::uint32_t levels = known.levels;
+  for (std::uint32_t bits = counted | arm_blocked; bits != 0; bits &= bits - 1) {
+    const int n = __ffs(static_cast<int>(bits)) - 1;
+    const std::uint32_t before = levelIn(levels, n);
+    std::uint32_t now = KnownLevels::kArmBlocked;
+    if ((counted >> n & 1u) != 0) {
+      now = of.levelOf(masks.least[lane * kKnownPerWord + n] + known.freed);
+      if (before != KnownLevels::kArmBlocked && before > now) now = before;
+    } else if (before >= of.lowestWith(view.update_rule.collision_limit + known.freed)) {
+      now = before;  // what is known of the tool holds for longer
+    }
+    levels = withLevel(levels, n, now);
+  }
+  if (levels != known.levels) {
+    view.known.levels[id * static_cast<std::size_t>(view.known.words) + static_cast<std::size_t>(lane)] = levels;
   }
 }
+
+/// What is known of a point's directions, for a search.
+struct KnownOfPoint {
+  const UpdateView& view;
+  std::size_t id;
+  std::uint32_t block;
+  __device__ int operator()(int d) const { return knownCollisions(view, id, block, d); }
+};
 
 /// One lane.
 __device__ void conclude(const UpdateView& view, const ScoreItem& item, ScoreResult& result) {
@@ -115,8 +136,8 @@ __device__ bool lostDirection(const UpdateView& view, const DueSearch& search, c
     return true;
   }
   if ((test_best & kTestTool) == 0) return false;
-  const int hits = countByWarp(window, map, search.tool, search.cells, direction, point.position_L, point.ijk, inverse,
-                               score, score, lane);
+  const int hits =
+      countByWarp(window, map, search.tool, search.cells, direction, point.position_L, point.ijk, inverse, score, lane);
   if (hits > score) return true;
   score = hits;
   return false;
@@ -172,8 +193,8 @@ __device__ void confirm(const UpdateView& view, const DueSearch& search, const W
     const OccupancyReader map(search.map);
     result = searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
                           point.normal_L, point.seen, view.points.direction_words, item, masks, lane, search.cells,
-                          rememberAt(view, search, known_score + 1));
-    learn(view, search, point.id, masks, result, false, lane);
+                          NothingKnown{}, rememberAt(view, search));
+    learn(view, point.id, masks, result, lane);
   }
   result.tests = static_cast<std::uint16_t>(result.tests + own_tests);
   if (lane == 0) conclude(view, item, result);
@@ -192,10 +213,11 @@ __device__ void searchAll(const UpdateView& view, const DueSearch& search, const
     for (std::uint64_t& word : item.candidates.word) word = ~std::uint64_t{0};
   }
   __syncwarp();
-  ScoreResult result = searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach,
-                                    point.position_L, point.normal_L, point.seen, view.points.direction_words, item,
-                                    masks, lane, search.cells, rememberAt(view, search, search.tool.collision_limit));
-  learn(view, search, point.id, masks, result, true, lane);
+  ScoreResult result =
+      searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
+                   point.normal_L, point.seen, view.points.direction_words, item, masks, lane, search.cells,
+                   KnownOfPoint{view, point.id, view.state.block[point.id]}, rememberAt(view, search));
+  learn(view, point.id, masks, result, lane);
   if (lane == 0) conclude(view, item, result);
   __syncwarp();
 }

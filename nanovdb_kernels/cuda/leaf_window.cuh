@@ -12,8 +12,6 @@
 
 namespace accessvdb::kernels {
 
-inline constexpr unsigned kWarp = 32;
-
 /// Colliding voxels of a tile of inner rows. `slab(x, y, z)`: the bits of the map from there, 8 y by 8 z; both are
 /// multiples of 8.
 template <class Slab>

@@ -48,11 +48,11 @@ __device__ void makePoint(const UpdateView& view, const PointNews& news) {
     view.points.normal_L[3 * id + axis] = 0;
   }
   const auto words = static_cast<std::size_t>(view.points.direction_words);
-  for (std::size_t w = 0; w < words; ++w) {
-    view.points.seen[id * words + w] = 0;
-    view.state.worse[id * words + w] = 0;
+  for (std::size_t w = 0; w < words; ++w) view.points.seen[id * words + w] = 0;
+  if (view.known.levels != nullptr) {
+    const auto known_words = static_cast<std::size_t>(view.known.words);
+    for (std::size_t w = 0; w < known_words; ++w) view.known.levels[id * known_words + w] = 0;
   }
-  view.state.margin[id] = 0;
   view.points.stability[id] = 1;
   view.points.score[id] = kNoScore;
   view.points.direction[id] = kNoDirection;

@@ -6,6 +6,7 @@
 
 #include <cstdint>
 
+#include "hostdev/known_levels.h"
 #include "hostdev/neighbour_rule.h"
 #include "hostdev/point_update.h"
 #include "hostdev/views.h"
@@ -72,15 +73,11 @@ struct BlockIndexView {
 
 /// What neighbourhoods are made of, by id.
 struct NeighbourStateView {
-  std::uint32_t* block = nullptr;     ///< [n]
-  float* mean_L = nullptr;            ///< [3 n]
-  float* to_sensor_L = nullptr;       ///< [3 n]
-  std::uint64_t* own_seen = nullptr;  ///< [words n]
-  float* reach_m = nullptr;           ///< [n] negative: no neighbourhood yet
-  /// [words n] directions in which the tool has so many collisions that they cannot matter, with `margin` to spare: a
-  /// blocked point's reach the limit, an accessible one's are more than its best direction has
-  std::uint64_t* worse = nullptr;
-  std::uint16_t* margin = nullptr;        ///< [n] at most marginCollisions()
+  std::uint32_t* block = nullptr;         ///< [n]
+  float* mean_L = nullptr;                ///< [3 n]
+  float* to_sensor_L = nullptr;           ///< [3 n]
+  std::uint64_t* own_seen = nullptr;      ///< [words n]
+  float* reach_m = nullptr;               ///< [n] negative: no neighbourhood yet
   std::uint32_t* moved_bits = nullptr;    ///< [n / 32] already on the list of moved points
   std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
 };
@@ -126,12 +123,16 @@ struct CellTableView {
   std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
 };
 
-/// A direction is remembered as worse once it has this many collisions more than it needs for that: so many that a few
-/// frames of voxels that cease to collide do not wear them off, and not so many that they are hard to find.
-ACCESSVDB_HOSTDEV inline int marginCollisions(int collision_limit) {
-  constexpr int kLeast = 16, kMost = 4096;
-  return collision_limit < kLeast ? kLeast : collision_limit < kMost ? collision_limit : kMost;
-}
+/// What is known of directions that are not the best one.
+struct KnownView {
+  std::uint32_t* levels = nullptr;  ///< [words n] by id; null: nothing is remembered
+  /// [words blocks] voxels that ceased to collide in the tool of any of the eight directions since their levels, at
+  /// most
+  std::uint16_t* freed = nullptr;
+  int words = 0;       ///< of eight directions, a point
+  int most_freed = 0;  ///< with more of them, levels are brought up to date
+  KnownLevels of;
+};
 
 struct FootprintView {
   const FootprintColumn* tool = nullptr;
@@ -191,7 +192,7 @@ struct UpdateView {
   DueView due;
   UpdateCounters* counters = nullptr;
   std::uint32_t num_points = 0;
-  std::uint32_t least_margin = 0;  ///< with less to spare, nothing is remembered
+  KnownView known;
 };
 
 }  // namespace accessvdb::kernels

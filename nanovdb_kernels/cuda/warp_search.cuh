@@ -9,47 +9,28 @@
 
 #include <cstdint>
 
+#include "cuda/direction_order.cuh"
 #include "cuda/leaf_window.cuh"
 #include "hostdev/direction_search.h"
 
 namespace accessvdb::kernels {
 
-inline constexpr unsigned kAllLanes = 0xffffffffu;
-inline constexpr int kMaskWords32 = 2 * kMaxDirectionWords;
-
-/// A warp's masks of directions in shared memory, bit d of word d/32.
+/// What a warp keeps in shared memory while it searches; masks have bit d of word d/32.
 struct WarpMasks {
   std::uint32_t allowed[kMaskWords32];       ///< seen and candidate
   std::uint32_t skip[kMaskWords32];          ///< known to be blocked
   std::uint32_t arm_blocked[kMaskWords32];   ///< found blocked in the corridor
   std::uint32_t tool_blocked[kMaskWords32];  ///< found blocked by the tool
   std::uint32_t put_off[kMaskWords32];       ///< blocked for certain, but not counted yet
-  std::uint16_t least[32 * kMaskWords32];    ///< collisions of those at least
+  std::uint32_t counted[kMaskWords32];       ///< in which the tool was looked at
+  std::uint16_t least[kMostDirections];      ///< collisions of those two at least
+  std::uint8_t order[kMostDirections];       ///< the allowed ones in rank order
 };
 
-__device__ inline bool testBit(const std::uint32_t* mask, int d) { return (mask[d >> 5] >> (d & 31) & 1u) != 0; }
-
-/// DirectionWalk::nearestDirection, a few directions a lane.
-__device__ inline int nearestByWarp(const ApproachView& approach, const float* normal, int lane) {
-  int nearest = lane < approach.num_directions ? lane : 0;
-  float best = cosToNormal(approach, nearest, normal);
-  for (int d = lane + static_cast<int>(kWarp); d < approach.num_directions; d += static_cast<int>(kWarp)) {
-    const float c = cosToNormal(approach, d, normal);
-    if (c > best) {
-      best = c;
-      nearest = d;
-    }
-  }
-  for (int step = kWarp / 2; step > 0; step /= 2) {
-    const float c = __shfl_xor_sync(kAllLanes, best, step);
-    const int d = __shfl_xor_sync(kAllLanes, nearest, step);
-    if (c > best || (c == best && d < nearest)) {
-      best = c;
-      nearest = d;
-    }
-  }
-  return nearest;
-}
+/// Where nothing is known of collisions.
+struct NothingKnown {
+  __device__ int operator()(int) const { return 0; }
+};
 
 /// The count of the plain rule once 32 more items are counted, an item a lane.
 /// @return whether the plain rule stops among them; `count` is then what it stops with
@@ -170,36 +151,23 @@ __device__ int countTilesByWarp(const Window& window, const InnerRowsView& inner
   return count;
 }
 
-/// Is it better to look at what lies outside the cells first? Few collisions are found near the tip, where the tool
-/// touches the surface; many are found in its body.
-__device__ inline bool startsOutside(const ToolKernelView& tool, int stop_above) {
-  return 2 * stop_above < tool.collision_limit;
-}
-
-/// countVoxelCollisions with the help of the cells: what they bound is not counted.
+/// countVoxelCollisions with the help of the cells: what they bound is not counted. Exact up to `stop_above`, else some
+/// number above it that the collisions reach.
+/// @param inside  collisions in the cells inside, at most `stop_above`
 /// @param further  >= stop_above: up to here they may be counted where that is cheap
 template <class Window>
 __device__ int countWithCells(const Window& window, const ToolKernelView& tool, const ToolCellsView& cells, int d,
-                              const Coord& point_ijk, int stop_above, int further, int lane) {
+                              const Coord& point_ijk, int inside, int stop_above, int further, int lane) {
   const std::uint32_t begin = tool.column_begin[d], inner = cells.inner[d];
-  int outside = 0, inside = 0;  // the first is exact, or together they are above stop_above
-  if (startsOutside(tool, stop_above)) {
-    outside = countColumnsByWarp<2>(window, tool.columns, begin, inner, point_ijk, stop_above, lane);
-    if (outside <= stop_above) inside = countCellsByWarp(window, cells.inside, d, point_ijk, further - outside, lane);
-  } else {
-    inside = countCellsByWarp(window, cells.inside, d, point_ijk, further, lane);
-    if (inside <= stop_above) {
-      outside = countColumnsByWarp<2>(window, tool.columns, begin, inner, point_ijk, stop_above - inside, lane);
-    }
-  }
+  const int outside = countColumnsByWarp<2>(window, tool.columns, begin, inner, point_ijk, further - inside, lane);
   if (outside + inside > stop_above) return outside + inside;
   // Where the cells beside are free too, nothing more collides.
   if (countCellsByWarp(window, cells.beside, d, point_ijk, 0, lane) == 0) return outside + inside;
   if (cells.rows.rows != nullptr) {
-    return outside + countTilesByWarp(window, cells.rows, d, point_ijk, stop_above - outside, lane);
+    return outside + countTilesByWarp(window, cells.rows, d, point_ijk, further - outside, lane);
   }
   return outside + countColumnsByWarp<2>(window, tool.columns, inner, tool.column_begin[d + 1], point_ijk,
-                                         stop_above - outside, lane);
+                                         further - outside, lane);
 }
 
 /// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. Without
@@ -207,14 +175,17 @@ __device__ int countWithCells(const Window& window, const ToolKernelView& tool, 
 template <class Window>
 __device__ int countByWarp(const Window& window, const OccupancyReader& map, const ToolKernelView& tool,
                            const ToolCellsView& cells, int d, const float* position_L, const Coord& point_ijk,
-                           float inverse_voxel_size, int stop_above, int further, int lane) {
+                           float inverse_voxel_size, int stop_above, int lane) {
   int count = 0;
   if (tool.use_samples) {
-    count = countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, further, lane);
+    count = countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, stop_above, lane);
   } else if (cells.inner == nullptr) {
-    count = countVoxelsByWarp<2>(window, tool, d, point_ijk, further, lane);
+    count = countVoxelsByWarp<2>(window, tool, d, point_ijk, stop_above, lane);
   } else {
-    count = countWithCells(window, tool, cells, d, point_ijk, stop_above, further, lane);
+    count = countCellsByWarp(window, cells.inside, d, point_ijk, stop_above, lane);
+    if (count <= stop_above) {
+      count = countWithCells(window, tool, cells, d, point_ijk, count, stop_above, stop_above, lane);
+    }
   }
   return count < kNoScore ? count : kNoScore - 1;  // kNoScore means: no direction got this far
 }
@@ -240,14 +211,14 @@ __device__ inline int takePutOff(WarpMasks& masks, int most, int lane) {
 
 /// searchDirections. All lanes of the warp call it with the same arguments and get the same result.
 /// @param cells  with them, counts that were cut short are not those of the plain rule
-/// @param remember_at  collisions from which on a direction is put into masks.tool_blocked, and up to which they are
-///   counted for that; 0: those that are blocked, as far as that is known anyway. Changes nothing else
-template <class Window>
+/// @param known  of a direction: a number of collisions that it reaches; asked only where there are cells
+/// @param remember_at  up to which collisions are counted where that is cheap, for masks.least
+template <class Window, class Known = NothingKnown>
 __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader& map, float inverse_voxel_size,
                                     const ToolKernelView& tool, const ApproachView& approach, const float* position_L,
                                     const float* normal_L, const std::uint64_t* seen, int seen_words,
                                     const ScoreItem& item, WarpMasks& masks, int lane, const ToolCellsView& cells = {},
-                                    int remember_at = 0) {
+                                    const Known& known_collisions = {}, int remember_at = 0) {
   ScoreResult result;
   if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return result;
   result.scored = 1;
@@ -259,44 +230,35 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
     masks.arm_blocked[lane] = 0;
     masks.tool_blocked[lane] = 0;
     masks.put_off[lane] = 0;
+    masks.counted[lane] = 0;
   }
   __syncwarp();
   const Coord point_ijk = voxelOf(position_L[0], position_L[1], position_L[2], inverse_voxel_size);
   const int known_score = item.known_score, known_direction = item.known_direction;
 
   const bool has_cells = cells.inner != nullptr;
-  const int blocked_at = remember_at > 0 ? remember_at : tool.collision_limit;
+  const int limit = tool.collision_limit;
   int best_count = kNoScore, best_passed = -1;
-  bool in_cone = false, admissible = false, done = false, tool_reached = false, some_put_off = false;
+  bool in_cone = false, tool_reached = false, some_put_off = false;
   const auto note = [&](int d, int hits) {
-    if (hits < blocked_at) return;
-    if (lane == 0) masks.tool_blocked[d >> 5] |= 1u << (d & 31);
-    if (hits < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(hits);
+    if (hits >= limit && hits < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(hits);
+    if (lane != 0) return;
+    if (hits >= limit) masks.tool_blocked[d >> 5] |= 1u << (d & 31);
+    masks.counted[d >> 5] |= 1u << (d & 31);
+    masks.least[d] = static_cast<std::uint16_t>(hits);
   };
-  DirectionWalk walk(approach, normal_L, nearestByWarp(approach, normal_L, lane));
-  while (!done) {
-    // The next admissible directions in rank order, one a lane.
-    int mine = -1, count = 0;
-    while (count < static_cast<int>(kWarp)) {
-      const int d = walk.next();
-      if (d < 0) {
-        done = true;
-        break;
-      }
-      in_cone = true;
-      if (!testBit(masks.allowed, d)) continue;
-      if (count == lane) mine = d;
-      ++count;
-    }
-    if (count == 0) break;
-    admissible = true;
-
+  const int count = orderByWarp(approach, normal_L, masks.allowed, masks.order, in_cone, lane);
+  bool done = false;
+  // The next directions in rank order, one a lane.
+  for (int first = 0; first < count && !done; first += static_cast<int>(kWarp)) {
+    const int mine = first + lane < count ? masks.order[first + lane] : -1;
     const bool is_known = mine >= 0 && mine == known_direction;
     const bool is_skipped = mine >= 0 && !is_known && testBit(masks.skip, mine);
     ArmResult arm = {0, PointReason::None};
     const bool is_tested = mine >= 0 && !is_known && !is_skipped;
     if (is_tested) arm = testArmThrough(window, map, approach, mine, position_L, inverse_voxel_size);
     const bool is_blocked = is_tested && arm.reason != PointReason::None;
+    const int my_least = has_cells && is_tested && !is_blocked ? known_collisions(mine) : 0;
     const unsigned known = __ballot_sync(kAllLanes, is_known), skipped = __ballot_sync(kAllLanes, is_skipped),
                    blocked = __ballot_sync(kAllLanes, is_blocked),
                    free = __ballot_sync(kAllLanes, is_tested && !is_blocked);
@@ -308,13 +270,12 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
       const bool counts = is_blocked && (before_scored >> lane & 1u) != 0;
       const int most = __reduce_max_sync(kAllLanes, counts ? arm.passed : -1);
       if (most > best_passed) {
-        const int first = __ffs(static_cast<int>(__ballot_sync(kAllLanes, counts && arm.passed == most))) - 1;
+        const int closest = __ffs(static_cast<int>(__ballot_sync(kAllLanes, counts && arm.passed == most))) - 1;
         best_passed = most;
-        result.reason = static_cast<PointReason>(__shfl_sync(kAllLanes, static_cast<int>(arm.reason), first));
-        result.direction = static_cast<std::uint16_t>(__shfl_sync(kAllLanes, mine, first));
+        result.reason = static_cast<PointReason>(__shfl_sync(kAllLanes, static_cast<int>(arm.reason), closest));
+        result.direction = static_cast<std::uint16_t>(__shfl_sync(kAllLanes, mine, closest));
       }
     }
-
     tool_reached = tool_reached || scored != 0;
 
     unsigned upto = kAllLanes;  // lanes whose directions the plain rule reaches
@@ -328,26 +289,34 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
         }
       } else {
         const int bound = best_count < known_score ? best_count : known_score;
-        const int further = remember_at > bound ? remember_at - 1 : bound;
-        if (has_cells && bound == kNoScore) {
-          // Where it is blocked for certain, a free direction would make its count needless, and without one the least
-          // of them comes first.
-          int least = countCellsByWarp(window, cells.inside, d, point_ijk, kNoScore, lane);
-          if (least >= kNoScore) least = kNoScore - 1;
-          if (least >= tool.collision_limit) {
-            note(d, least);
+        int hits = 0;
+        if (has_cells) {
+          // As long as there is no count: where it is blocked for certain, a free direction would make its count
+          // needless, and without one the least of them comes first.
+          const int enough = bound == kNoScore ? limit - 1 : bound;
+          hits = __shfl_sync(kAllLanes, my_least, at);
+          if (hits <= enough) {
+            hits = countCellsByWarp(window, cells.inside, d, point_ijk, kNoScore, lane);
+            if (hits <= enough) {
+              const int further = remember_at > enough ? remember_at - 1 : enough;
+              hits = countWithCells(window, tool, cells, d, point_ijk, hits, enough, further, lane);
+            }
+            hits = hits < kNoScore ? hits : kNoScore - 1;
+            note(d, hits);
+          }
+          if (hits > enough && bound == kNoScore) {
             some_put_off = true;
             if (lane == 0) {
               masks.put_off[d >> 5] |= 1u << (d & 31);
-              masks.least[d] = static_cast<std::uint16_t>(least);
+              masks.least[d] = static_cast<std::uint16_t>(hits);
             }
             __syncwarp();
             continue;
           }
+        } else {
+          hits = countByWarp(window, map, tool, cells, d, position_L, point_ijk, inverse_voxel_size, bound, lane);
+          note(d, hits);
         }
-        const int hits =
-            countByWarp(window, map, tool, cells, d, position_L, point_ijk, inverse_voxel_size, bound, further, lane);
-        note(d, hits);
         if (hits < best_count) {
           best_count = hits;
           result.direction = static_cast<std::uint16_t>(d);
@@ -364,11 +333,13 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
     if (is_blocked && (upto >> lane & 1u) != 0) atomicOr(&masks.arm_blocked[mine >> 5], 1u << (mine & 31));
   }
 
-  if (some_put_off && best_count >= tool.collision_limit) {
+  if (some_put_off && best_count >= limit) {
     for (int d = takePutOff(masks, best_count, lane); d >= 0; d = takePutOff(masks, best_count, lane)) {
-      const int hits = countByWarp(window, map, tool, cells, d, position_L, point_ijk, inverse_voxel_size, best_count,
-                                   best_count, lane);
-      note(d, hits);
+      const int hits =
+          countByWarp(window, map, tool, cells, d, position_L, point_ijk, inverse_voxel_size, best_count, lane);
+      const int before = masks.least[d];
+      __syncwarp();  // all have read
+      if (hits > before) note(d, hits);
       const bool is_better =
           hits < best_count || (hits == best_count && ranksBefore(approach, normal_L, d, result.direction));
       if (!is_better) continue;
@@ -379,11 +350,11 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
 
   if (!in_cone) {
     result.reason = PointReason::Normal;
-  } else if (!admissible) {
+  } else if (count == 0) {
     result.reason = PointReason::Unseen;
   } else if (best_count != kNoScore) {
     result.score = static_cast<std::uint16_t>(best_count);
-    result.reason = best_count < tool.collision_limit ? PointReason::None : PointReason::Tool;
+    result.reason = best_count < limit ? PointReason::None : PointReason::Tool;
   }
   __syncwarp();
   return result;  // the masks are in shared memory

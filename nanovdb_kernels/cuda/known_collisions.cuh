@@ -1,0 +1,176 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What is known of collisions in the directions of points (hostdev/known_levels.h), and how it ages. A voxel that
+/// ceases to collide takes at most one collision from a direction. So for each block of points and each eight
+/// directions it is counted how many did since the block's levels were written, at most; what a level says is less by
+/// that. Freed voxels are counted for a whole block at once, by cells, and rather too many: that costs time and changes
+/// nothing.
+#pragma once
+
+#include <cstdint>
+
+#include "cuda/update_views.cuh"
+#include "hostdev/cell_counts.h"
+#include "hostdev/known_levels.h"
+
+namespace accessvdb::kernels {
+
+inline constexpr int kDirectionWords32 = 2 * kMaxDirectionWords;
+
+/// Adds the voxels of flipped leaves in a column of leaves. One lane; `steps` is shared by the warp.
+/// @param leaf  of the points  @param slot  of the column's 16 leaves in view.flips
+/// @param steps  [32 kDirectionWords32] by how much more voxels, modulo 2^32, ceased to collide in the tool of each
+///   direction than in that of the one before, at most
+__device__ inline void countFreed(const UpdateView& view, const std::int32_t* leaf, std::uint32_t slot,
+                                  std::int32_t z_low, std::int32_t z_high, std::uint32_t* steps) {
+  const CellTableView& cells = view.covering;
+  const auto directions = static_cast<std::uint32_t>(view.approach.num_directions);
+  for (std::uint32_t n = view.flips.head[slot]; n != kNoIndex; n = view.flips.next[n]) {
+    const LeafFlips& flip = view.flips.list[n];
+    if (flip.freed == 0 || flip.leaf[2] < z_low || flip.leaf[2] > z_high) continue;
+    for (int cell = 0; cell < 8; ++cell) {
+      const auto counted = static_cast<std::uint32_t>(flip.freed >> (8 * cell)) & 0xffu;
+      if (counted == 0) continue;
+      std::int64_t entry = 0;
+      bool inside = true;
+      for (int axis = 0; axis < 3; ++axis) {
+        const int i = (flip.leaf[axis] - leaf[axis]) * 2 + (cell >> (2 - axis) & 1) - cells.low[axis];
+        inside = inside && i >= 0 && i < cells.size[axis];
+        entry = entry * cells.size[axis] + i;
+      }
+      if (!inside) continue;
+      const DirectionArc arc = cells.table[entry];
+      if (arc.count == 0) continue;
+      const std::uint32_t count = counted < LeafFlips::kManyFreed ? counted : 1u << 16;  // above all margins
+      const std::uint32_t end = arc.first + std::uint32_t{arc.count};
+      atomicAdd(steps + arc.first, count);
+      if (end < directions) {
+        atomicAdd(steps + end, 0u - count);
+      } else if (end > directions) {  // round the corner
+        atomicAdd(steps, count);
+        atomicAdd(steps + end - directions, 0u - count);
+      }
+    }
+  }
+}
+
+/// Sums of the steps up to each direction. A warp. @param sums  of the directions 32 w + lane
+__device__ inline void sumSteps(const std::uint32_t* steps, int lane, std::uint32_t (&sums)[kDirectionWords32]) {
+  constexpr unsigned kAll = 0xffffffffu;
+  std::uint32_t before = 0;
+#pragma unroll
+  for (int w = 0; w < kDirectionWords32; ++w) {
+    std::uint32_t sum = steps[32 * w + lane];
+    for (int step = 1; step < 32; step *= 2) {
+      const std::uint32_t below = __shfl_up_sync(kAll, sum, step);
+      if (lane >= step) sum += below;
+    }
+    sums[w] = sum + before;
+    before = __shfl_sync(kAll, sums[w], 31);
+  }
+}
+
+/// What is known of a point's eight directions.
+struct KnownWord {
+  std::uint32_t levels = 0;
+  int freed = 0;  ///< collisions that they may have lost
+
+  __device__ KnownWord(const UpdateView& view, std::size_t id, std::uint32_t block, int word) {
+    const auto words = static_cast<std::size_t>(view.known.words);
+    levels = view.known.levels[id * words + static_cast<std::size_t>(word)];
+    freed = view.known.freed[block * words + static_cast<std::size_t>(word)];
+  }
+};
+
+/// Directions that are known to have at least `collisions`, or whose corridor is known to be blocked.
+__device__ inline DirectionMask knownWorse(const UpdateView& view, std::size_t id, std::uint32_t block,
+                                           int collisions) {
+  DirectionMask worse = {};
+  if (view.known.levels == nullptr) return worse;
+#pragma unroll
+  for (int half = 0; half < kDirectionWords32; ++half) {
+    std::uint32_t bits = 0;
+    for (int byte = 0; byte < 4; ++byte) {
+      const int word = 4 * half + byte;
+      if (word >= view.known.words) break;
+      const KnownWord known(view, id, block, word);
+      if (known.levels == 0) continue;
+      bits |= atLeastLevel(known.levels, view.known.of.lowestWith(collisions + known.freed)) << (8 * byte);
+    }
+    worse.word[half / 2] |= static_cast<std::uint64_t>(bits) << (32 * (half & 1));
+  }
+  return worse;
+}
+
+/// At least so many collisions has a point in a direction; 0: nothing is known, or only of the corridor.
+__device__ inline int knownCollisions(const UpdateView& view, std::size_t id, std::uint32_t block, int d) {
+  if (view.known.levels == nullptr) return 0;
+  const KnownWord known(view, id, block, d / kKnownPerWord);
+  const std::uint32_t level = levelIn(known.levels, d % kKnownPerWord);
+  if (level == KnownLevels::kArmBlocked) return 0;
+  const int collisions = view.known.of.least[level] - known.freed;
+  return collisions > 0 ? collisions : 0;
+}
+
+/// Levels once more, after collisions were lost.
+__device__ inline std::uint32_t worn(const KnownLevels& of, std::uint32_t levels, int freed) {
+  for (int n = 0; n < kKnownPerWord; ++n) {
+    const std::uint32_t level = levelIn(levels, n);
+    if (level == 0 || level == KnownLevels::kArmBlocked) continue;
+    const int collisions = of.least[level] - freed;
+    levels = withLevel(levels, n, collisions > 0 ? of.levelOf(collisions) : 0);
+  }
+  return levels;
+}
+
+/// Forgets blocked corridors of the directions `bits`.
+__device__ inline std::uint32_t withoutArms(std::uint32_t levels, std::uint32_t bits) {
+  for (bits &= atLeastLevel(levels, KnownLevels::kArmBlocked); bits != 0; bits &= bits - 1) {
+    levels = withLevel(levels, __ffs(static_cast<int>(bits)) - 1, 0);
+  }
+  return levels;
+}
+
+/// Ages what is known of the points of a block. A warp. @param steps  see countFreed
+/// @param better_arm  directions whose corridor may have become free
+__device__ inline void agePoints(const UpdateView& view, std::uint32_t block, const std::uint32_t* steps,
+                                 const DirectionMask& better_arm, int lane) {
+  constexpr unsigned kAll = 0xffffffffu;
+  constexpr int kMostFreed = 0xffff;
+  const int words = view.known.words;
+  std::uint32_t sums[kDirectionWords32];
+  sumSteps(steps, lane, sums);
+  // Lane n takes word n; it begins as the largest sum of its eight directions.
+  std::uint32_t mine = 0;
+#pragma unroll
+  for (int w = 0; w < kDirectionWords32; ++w) {
+    std::uint32_t most = 32 * w + lane < view.approach.num_directions ? sums[w] : 0;
+    for (int step = 1; step < kKnownPerWord; step *= 2) {
+      const std::uint32_t other = __shfl_xor_sync(kAll, most, step);
+      if (other > most) most = other;
+    }
+    const std::uint32_t of_word = __shfl_sync(kAll, most, (lane & 3) * kKnownPerWord);
+    if (lane >> 2 == w) mine = of_word;
+  }
+  std::uint16_t* counter = view.known.freed + block * static_cast<std::size_t>(words) + lane;
+  int freed = 0;
+  if (lane < words) {
+    const std::uint32_t sum = *counter + mine;
+    freed = sum < kMostFreed ? static_cast<int>(sum) : kMostFreed;
+  }
+  const bool renew = __any_sync(kAll, freed > view.known.most_freed);
+  const auto arms = static_cast<std::uint32_t>(better_arm.word[lane >> 3 & 3] >> (8 * (lane & 7)) & 0xffu);
+  if (renew || __any_sync(kAll, arms != 0)) {
+    const std::uint32_t first = view.index.first[block], count = view.index.count[block];
+    for (std::uint32_t i = 0; lane < words && i < count; ++i) {
+      std::uint32_t* levels = view.known.levels + view.index.ids[first + i] * static_cast<std::size_t>(words) + lane;
+      const std::uint32_t before = *levels;
+      std::uint32_t after = withoutArms(before, arms);
+      if (renew) after = worn(view.known.of, after, freed);
+      if (after != before) *levels = after;
+    }
+  }
+  if (lane < words && (mine != 0 || renew)) *counter = static_cast<std::uint16_t>(renew ? 0 : freed);
+}
+
+}  // namespace accessvdb::kernels
