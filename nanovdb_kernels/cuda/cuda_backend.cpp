@@ -160,7 +160,7 @@ class Implementation final : public CudaBackend {
            });
   }
 
-  bool usesToolCells() const override { return true; }
+  bool usesToolSlabs() const override { return true; }
   std::unique_ptr<PointUpdater> makeUpdater(const UpdaterTables& tables) override {
     return makeCudaUpdater(context_, *this, tables);
   }

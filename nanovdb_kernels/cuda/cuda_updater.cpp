@@ -84,6 +84,7 @@ class CudaUpdater final : public PointUpdater {
     launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
     launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
     view_.known.of = KnownLevels::of(input.tool.collision_limit);
+    view_.known.count_to = std::min(static_cast<int>(input.tool.collision_limit * (getenv("DBGR") ? atof(getenv("DBGR")) : 2.0)), int{kNoScore});
     view_.known.most_freed = 2 * marginCollisions(input.tool.collision_limit);
     addFlips(input.flips);
     const std::uint32_t moved = counters().moved;
@@ -92,9 +93,12 @@ class CudaUpdater final : public PointUpdater {
     search.map = input.map;
     search.tool = input.tool;
     search.multiprocessors = multiprocessors_;
-    search.cells = input.cells;
+    search.slabs = input.slabs;
+    // Slabs are whole: they reach beyond the tool's lowest and highest voxel.
+    search.tool.reach.low[2] -= 16;
+    search.tool.reach.high[2] += 16;
     // More than what a block gets without asking would be taken from the cache.
-    search.window = planWindow(input.tool, kPlainSharedBytes, false);
+    search.window = planWindow(search.tool, kPlainSharedBytes, false);
     ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
     growItems(moved);
     UpdateOutcome outcome;

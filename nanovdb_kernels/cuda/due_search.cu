@@ -55,13 +55,6 @@ __device__ std::uint32_t takeNext(std::uint32_t* next, int lane) {
   return __shfl_sync(kAllLanes, n, 0);
 }
 
-/// Up to how many collisions are counted, to remember them; 0: nothing is remembered.
-__device__ int rememberAt(const UpdateView& view, const DueSearch& search) {
-  if (view.known.levels == nullptr) return 0;
-  const int at = search.tool.collision_limit + marginCollisions(search.tool.collision_limit);
-  return at < kNoScore ? at : kNoScore;  // no count is kNoScore
-}
-
 /// After a search: remembers what it found out, a word of directions a lane.
 __device__ void learn(const UpdateView& view, std::size_t id, const WarpMasks& masks, const ScoreResult& result,
                       int lane) {
@@ -137,7 +130,7 @@ __device__ bool lostDirection(const UpdateView& view, const DueSearch& search, c
   }
   if ((test_best & kTestTool) == 0) return false;
   const int hits =
-      countByWarp(window, map, search.tool, search.cells, direction, point.position_L, point.ijk, inverse, score, lane);
+      countByWarp(window, map, search.tool, search.slabs, direction, point.position_L, point.ijk, inverse, score, lane);
   if (hits > score) return true;
   score = hits;
   return false;
@@ -192,8 +185,8 @@ __device__ void confirm(const UpdateView& view, const DueSearch& search, const W
   if (any != 0) {
     const OccupancyReader map(search.map);
     result = searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
-                          point.normal_L, point.seen, view.points.direction_words, item, masks, lane, search.cells,
-                          NothingKnown{}, rememberAt(view, search));
+                          point.normal_L, point.seen, view.points.direction_words, item, masks, lane, search.slabs,
+                          NothingKnown{}, view.known.count_to);
     learn(view, point.id, masks, result, lane);
   }
   result.tests = static_cast<std::uint16_t>(result.tests + own_tests);
@@ -215,8 +208,8 @@ __device__ void searchAll(const UpdateView& view, const DueSearch& search, const
   __syncwarp();
   ScoreResult result =
       searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
-                   point.normal_L, point.seen, view.points.direction_words, item, masks, lane, search.cells,
-                   KnownOfPoint{view, point.id, view.state.block[point.id]}, rememberAt(view, search));
+                   point.normal_L, point.seen, view.points.direction_words, item, masks, lane, search.slabs,
+                   KnownOfPoint{view, point.id, view.state.block[point.id]}, view.known.count_to);
   learn(view, point.id, masks, result, lane);
   if (lane == 0) conclude(view, item, result);
   __syncwarp();

@@ -12,39 +12,6 @@
 
 namespace accessvdb::kernels {
 
-/// Colliding voxels of a tile of inner rows. `slab(x, y, z)`: the bits of the map from there, 8 y by 8 z; both are
-/// multiples of 8.
-template <class Slab>
-__device__ int countRows(const InnerRowsView& inner, const InnerBox& box, const RowTile& tile, const Coord& point_ijk,
-                         const Slab& slab) {
-  const int x = point_ijk[0] + tile.dx, y = point_ijk[1] + tile.dy;
-  int z = point_ijk[2] + box.dz;
-  const int shift = z & 7, first_y = tile.dy - box.dy;
-  z -= shift;
-  const std::uint64_t* rows = inner.rows + box.first + (tile.dx - box.dx) * box.size_y + first_y;
-  std::uint64_t row[8], any = 0;
-#pragma unroll
-  for (int k = 0; k < 8; ++k) {
-    const bool inside = first_y + k >= 0 && first_y + k < box.size_y;
-    row[k] = inside ? rows[k] : 0;
-    any |= row[k];
-  }
-  int count = 0;
-  // Bits `low` and up of the rows lie in the leaves from z on; low is negative in the first.
-  for (int low = -shift; low < 64 && (low <= 0 || any >> low != 0); low += 8, z += 8) {
-    const std::uint64_t bits = slab(x, y, z);
-    if (bits == 0) continue;
-    std::uint64_t wanted = 0;
-#pragma unroll
-    for (int k = 0; k < 8; ++k) {
-      const std::uint64_t part = low < 0 ? row[k] << -low : row[k] >> low;
-      wanted |= (part & 0xffu) << (8 * k);
-    }
-    count += __popcll(bits & wanted);
-  }
-  return count;
-}
-
 /// Nodes of 2^log2 voxels that a window holds: how many, and where it begins relative to the node of the point. The
 /// same for all points.
 struct WindowShape {
@@ -110,10 +77,6 @@ class WindowBase {
   [[nodiscard]] static __device__ std::uint64_t slabOf(const std::uint8_t* leaf, int x) {
     return reinterpret_cast<const std::uint64_t*>(leaf + kValueBytes)[x & 7];
   }
-  [[nodiscard]] static __device__ std::uint32_t cellCountsOf(const std::uint8_t* leaf, int x, int y) {
-    return *reinterpret_cast<const std::uint16_t*>(leaf + kCellCountsBytes + cellInLeaf(x, y, 0));
-  }
-
   std::uint32_t* nodes_;
   WindowShape shape_;
   const std::uint8_t* grid_;
@@ -159,11 +122,6 @@ class LeafWindow : public WindowBase {
     const std::uint32_t entry = nodes_[index(x, y, z)];
     return (entry & 1u) != 0 ? slabOf(node(entry >> 1), x) : 0;
   }
-  /// Counts of two cells above each other; z is a multiple of 8.
-  [[nodiscard]] __device__ std::uint32_t cellPair(int x, int y, int z) const {
-    const std::uint32_t entry = nodes_[index(x, y, z)];
-    return (entry & 1u) != 0 ? cellCountsOf(node(entry >> 1), x, y) : 0;
-  }
   [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
     const int x = ijk[0] - origin_[0], y = ijk[1] - origin_[1], z = ijk[2] - origin_[2];
     const std::uint32_t entry = nodes_[index(x, y, z)];
@@ -208,10 +166,6 @@ class LowerWindow : public WindowBase {
     const std::uint8_t* leaf = leafOf(x, y, z);
     return leaf != nullptr ? slabOf(leaf, x) : 0;
   }
-  [[nodiscard]] __device__ std::uint32_t cellPair(int x, int y, int z) const {
-    const std::uint8_t* leaf = leafOf(x, y, z);
-    return leaf != nullptr ? cellCountsOf(leaf, x, y) : 0;
-  }
   [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
     const int x = ijk[0] - origin_[0], y = ijk[1] - origin_[1], z = ijk[2] - origin_[2];
     const std::uint8_t* leaf = leafOf(x, y, z);
@@ -239,21 +193,9 @@ class MapWindow : public Nodes {
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
 
-  /// Colliding voxels of a tile of inner rows placed at a voxel.
-  [[nodiscard]] __device__ int countTile(const InnerRowsView& inner, const InnerBox& box, const RowTile& tile,
-                                         const Coord& point_ijk) const {
-    return countRows(
-        inner, box, tile,
-        Coord(point_ijk[0] - this->origin_[0], point_ijk[1] - this->origin_[1], point_ijk[2] - this->origin_[2]),
-        [this](int x, int y, int z) { return this->slab(x, y, z); });
-  }
-
-  /// Colliding voxels of a run of cells inside the tool placed at a voxel.
-  [[nodiscard]] __device__ int countCells(const CellRun& run, const Coord& point_ijk) const {
-    // The window's corner is a multiple of 8 voxels away from that of the map's first leaf, so cells stay cells.
-    const Coord from_corner(point_ijk[0] - this->origin_[0], point_ijk[1] - this->origin_[1],
-                            point_ijk[2] - this->origin_[2]);
-    return countRun(run, from_corner, [this](int x, int y, int z) { return this->cellPair(x, y, z); });
+  /// Colliding voxels of (x, y & ~7 .. | 7, z & ~7 .. | 7), a byte a y, as OccupancyReader would find them.
+  [[nodiscard]] __device__ std::uint64_t slabAt(int x, int y, int z) const {
+    return this->slab(x - this->origin_[0], y - this->origin_[1], z - this->origin_[2]);
   }
 
   /// Colliding voxels of a column of the tool placed at a voxel, as countVoxelCollisions counts them. Two rows a turn:
@@ -285,17 +227,9 @@ class TreeWindow {
   [[nodiscard]] __device__ bool holds(const Coord&) const { return true; }
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return reader_.collides(ijk); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return reader_.armFree(ijk); }
-  [[nodiscard]] __device__ int countTile(const InnerRowsView& inner, const InnerBox& box, const RowTile& tile,
-                                         const Coord& point_ijk) const {
-    return countRows(inner, box, tile, point_ijk, [this](std::int32_t x, std::int32_t y, std::int32_t z) {
-      const OccupancyLeaf* leaf = reader_.leafAt(Coord(x, y, z));
-      return leaf != nullptr ? reinterpret_cast<const std::uint64_t*>(&leaf->data()->mValues)[x & 7] : 0;
-    });
-  }
-  [[nodiscard]] __device__ int countCells(const CellRun& run, const Coord& point_ijk) const {
-    return countRun(run, point_ijk, [this](std::int32_t x, std::int32_t y, std::int32_t z) {
-      return reader_.cellCounts(Coord(x, y, z), cellInLeaf(x, y, z));
-    });
+  [[nodiscard]] __device__ std::uint64_t slabAt(std::int32_t x, std::int32_t y, std::int32_t z) const {
+    const OccupancyLeaf* leaf = reader_.leafAt(Coord(x, y, z));
+    return leaf != nullptr ? reinterpret_cast<const std::uint64_t*>(&leaf->data()->mValues)[x & 7] : 0;
   }
   [[nodiscard]] __device__ int countColumn(const VoxelColumn& column, const Coord& point_ijk) const {
     const std::int32_t x = point_ijk[0] + column.dx, y = point_ijk[1] + column.dy, z = point_ijk[2] + column.dz;

@@ -52,7 +52,7 @@ void launchDueByFlips(const UpdateView& view, std::uint32_t first, std::uint32_t
 struct DueSearch {
   OccupancyView map;
   ToolKernelView tool;
-  ToolCellsView cells;
+  ToolSlabsView slabs;
   WindowPlan window;  ///< of a warp
   int multiprocessors = 1;
 };

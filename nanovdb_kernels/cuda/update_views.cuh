@@ -131,6 +131,7 @@ struct KnownView {
   std::uint16_t* freed = nullptr;
   int words = 0;       ///< of eight directions, a point
   int most_freed = 0;  ///< with more of them, levels are brought up to date
+  int count_to = 0;    ///< up to here collisions are counted, to remember them
   KnownLevels of;
 };
 

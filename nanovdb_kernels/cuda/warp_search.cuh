@@ -86,16 +86,51 @@ __device__ int countVoxelsByWarp(const Window& window, const ToolKernelView& too
                                     stop_above, lane);
 }
 
-/// Colliding voxels in the cells of the tool at direction d. Stops once they exceed `stop_above`.
+/// A byte rotated by `shift` in every byte of a word, upwards.
+__device__ inline std::uint32_t rotatedBytes(std::uint32_t word, int shift, std::uint32_t high) {
+  return (word << shift & high) | (word >> (8 - shift) & ~high);
+}
+
+/// Colliding voxels of the tool at direction d, slab by slab. Stops once they exceed `stop_above`; exact up to there.
 template <class Window>
-__device__ int countCellsByWarp(const Window& window, const CellRunsView& cells, int d, const Coord& point_ijk,
+__device__ int countSlabsByWarp(const Window& window, const ToolSlabsView& slabs, int d, const Coord& point_ijk,
                                 int stop_above, int lane) {
-  const std::uint32_t* begin = cells.begin + (d * kCellPhases + cellPhase(point_ijk));
+  constexpr int kTurn = 4;  // slabs on their way at a time
+  const std::uint32_t* begin = slabs.group_begin + (8 * d + (point_ijk[1] & 7));
   const std::uint32_t end = begin[1];
+  // Slabs of the tool begin at the voxel of the point, those of the map at multiples of eight: the lower part of a slab
+  // of the tool meets the upper part of one of the map, its upper part the lower part of the next.
+  const int shift = point_ijk[2] & 7;
+  const std::uint32_t high = (0xffu << shift & 0xffu) * 0x01010101u;  // of the first: bits shift .. 7
   int count = 0;
-  for (std::uint32_t first = begin[0]; first < end && count <= stop_above; first += kWarp) {
-    const std::uint32_t n = first + static_cast<std::uint32_t>(lane);
-    count += __reduce_add_sync(kAllLanes, n < end ? window.countCells(cells.runs[n], point_ijk) : 0);
+  for (std::uint32_t group = begin[0]; group < end; ++group) {
+    const SlabColumn column = slabs.columns[group * kSlabGroup + static_cast<std::uint32_t>(lane)];
+    const std::uint64_t* words = slabs.words + slabs.first_word[group] + lane;
+    const int x = point_ijk[0] + column.dx, y = (point_ijk[1] & ~7) + 8 * column.leaf_dy;
+    int z = (point_ijk[2] & ~7) + 8 * column.slab_dz;
+    int mine = 0;
+    std::uint64_t lower = column.count > 0 ? window.slabAt(x, y, z) : 0;
+    for (int k = 0; k < column.count; k += kTurn, z += 8 * kTurn, words += kTurn * kSlabGroup) {
+      std::uint64_t map[kTurn], tool[kTurn];
+#pragma unroll
+      for (int n = 0; n < kTurn; ++n) {
+        const bool there = k + n < column.count;
+        map[n] = there ? window.slabAt(x, y, z + 8 * (n + 1)) : 0;
+        tool[n] = there ? words[n * kSlabGroup] : 0;
+      }
+#pragma unroll
+      for (int n = 0; n < kTurn; ++n) {
+        const std::uint32_t low_half = (static_cast<std::uint32_t>(lower) & high) |
+                                       (static_cast<std::uint32_t>(map[n]) & ~high),
+                            high_half = (static_cast<std::uint32_t>(lower >> 32) & high) |
+                                        (static_cast<std::uint32_t>(map[n] >> 32) & ~high);
+        mine += __popc(low_half & rotatedBytes(static_cast<std::uint32_t>(tool[n]), shift, high)) +
+                __popc(high_half & rotatedBytes(static_cast<std::uint32_t>(tool[n] >> 32), shift, high));
+        lower = map[n];
+      }
+    }
+    count += __reduce_add_sync(kAllLanes, mine);
+    if (count > stop_above) break;
   }
   return count;
 }
@@ -136,56 +171,19 @@ __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader&
   return {approach.num_arm, PointReason::None};
 }
 
-/// Colliding voxels of the inner rows of the tool at direction d. Stops once they exceed `stop_above`.
-template <class Window>
-__device__ int countTilesByWarp(const Window& window, const InnerRowsView& inner, int d, const Coord& point_ijk,
-                                int stop_above, int lane) {
-  const InnerBox box = inner.box[d];
-  const std::uint32_t* begin = inner.tile_begin + (d * 8 + (point_ijk[1] & 7));
-  const std::uint32_t end = begin[1];
-  int count = 0;
-  for (std::uint32_t first = begin[0]; first < end && count <= stop_above; first += kWarp) {
-    const std::uint32_t n = first + static_cast<std::uint32_t>(lane);
-    count += __reduce_add_sync(kAllLanes, n < end ? window.countTile(inner, box, inner.tiles[n], point_ijk) : 0);
-  }
-  return count;
-}
-
-/// countVoxelCollisions with the help of the cells: what they bound is not counted. Exact up to `stop_above`, else some
-/// number above it that the collisions reach.
-/// @param inside  collisions in the cells inside, at most `stop_above`
-/// @param further  >= stop_above: up to here they may be counted where that is cheap
-template <class Window>
-__device__ int countWithCells(const Window& window, const ToolKernelView& tool, const ToolCellsView& cells, int d,
-                              const Coord& point_ijk, int inside, int stop_above, int further, int lane) {
-  const std::uint32_t begin = tool.column_begin[d], inner = cells.inner[d];
-  const int outside = countColumnsByWarp<2>(window, tool.columns, begin, inner, point_ijk, further - inside, lane);
-  if (outside + inside > stop_above) return outside + inside;
-  // Where the cells beside are free too, nothing more collides.
-  if (countCellsByWarp(window, cells.beside, d, point_ijk, 0, lane) == 0) return outside + inside;
-  if (cells.rows.rows != nullptr) {
-    return outside + countTilesByWarp(window, cells.rows, d, point_ijk, further - outside, lane);
-  }
-  return outside + countColumnsByWarp<2>(window, tool.columns, inner, tool.column_begin[d + 1], point_ijk,
-                                         further - outside, lane);
-}
-
 /// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. Without
-/// cells it is the number at which the plain rule stops.
+/// slabs it is the number at which the plain rule stops.
 template <class Window>
 __device__ int countByWarp(const Window& window, const OccupancyReader& map, const ToolKernelView& tool,
-                           const ToolCellsView& cells, int d, const float* position_L, const Coord& point_ijk,
+                           const ToolSlabsView& slabs, int d, const float* position_L, const Coord& point_ijk,
                            float inverse_voxel_size, int stop_above, int lane) {
   int count = 0;
   if (tool.use_samples) {
     count = countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, stop_above, lane);
-  } else if (cells.inner == nullptr) {
+  } else if (slabs.group_begin == nullptr) {
     count = countVoxelsByWarp<2>(window, tool, d, point_ijk, stop_above, lane);
   } else {
-    count = countCellsByWarp(window, cells.inside, d, point_ijk, stop_above, lane);
-    if (count <= stop_above) {
-      count = countWithCells(window, tool, cells, d, point_ijk, count, stop_above, stop_above, lane);
-    }
+    count = countSlabsByWarp(window, slabs, d, point_ijk, stop_above, lane);
   }
   return count < kNoScore ? count : kNoScore - 1;  // kNoScore means: no direction got this far
 }
@@ -210,14 +208,14 @@ __device__ inline int takePutOff(WarpMasks& masks, int most, int lane) {
 }
 
 /// searchDirections. All lanes of the warp call it with the same arguments and get the same result.
-/// @param cells  with them, counts that were cut short are not those of the plain rule
-/// @param known  of a direction: a number of collisions that it reaches; asked only where there are cells
+/// @param slabs  with them, counts that were cut short are not those of the plain rule
+/// @param known  of a direction: a number of collisions that it reaches; asked only where there are slabs
 /// @param remember_at  up to which collisions are counted where that is cheap, for masks.least
 template <class Window, class Known = NothingKnown>
 __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader& map, float inverse_voxel_size,
                                     const ToolKernelView& tool, const ApproachView& approach, const float* position_L,
                                     const float* normal_L, const std::uint64_t* seen, int seen_words,
-                                    const ScoreItem& item, WarpMasks& masks, int lane, const ToolCellsView& cells = {},
+                                    const ScoreItem& item, WarpMasks& masks, int lane, const ToolSlabsView& slabs = {},
                                     const Known& known_collisions = {}, int remember_at = 0) {
   ScoreResult result;
   if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return result;
@@ -236,7 +234,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
   const Coord point_ijk = voxelOf(position_L[0], position_L[1], position_L[2], inverse_voxel_size);
   const int known_score = item.known_score, known_direction = item.known_direction;
 
-  const bool has_cells = cells.inner != nullptr;
+  const bool has_slabs = slabs.group_begin != nullptr;
   const int limit = tool.collision_limit;
   int best_count = kNoScore, best_passed = -1;
   bool in_cone = false, tool_reached = false, some_put_off = false;
@@ -258,7 +256,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
     const bool is_tested = mine >= 0 && !is_known && !is_skipped;
     if (is_tested) arm = testArmThrough(window, map, approach, mine, position_L, inverse_voxel_size);
     const bool is_blocked = is_tested && arm.reason != PointReason::None;
-    const int my_least = has_cells && is_tested && !is_blocked ? known_collisions(mine) : 0;
+    const int my_least = has_slabs && is_tested && !is_blocked ? known_collisions(mine) : 0;
     const unsigned known = __ballot_sync(kAllLanes, is_known), skipped = __ballot_sync(kAllLanes, is_skipped),
                    blocked = __ballot_sync(kAllLanes, is_blocked),
                    free = __ballot_sync(kAllLanes, is_tested && !is_blocked);
@@ -290,18 +288,15 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
       } else {
         const int bound = best_count < known_score ? best_count : known_score;
         int hits = 0;
-        if (has_cells) {
+        if (has_slabs) {
           // As long as there is no count: where it is blocked for certain, a free direction would make its count
           // needless, and without one the least of them comes first.
           const int enough = bound == kNoScore ? limit - 1 : bound;
           hits = __shfl_sync(kAllLanes, my_least, at);
           if (hits <= enough) {
-            hits = countCellsByWarp(window, cells.inside, d, point_ijk, kNoScore, lane);
-            if (hits <= enough) {
-              const int further = remember_at > enough ? remember_at - 1 : enough;
-              hits = countWithCells(window, tool, cells, d, point_ijk, hits, enough, further, lane);
-            }
-            hits = hits < kNoScore ? hits : kNoScore - 1;
+            const int stop_above = remember_at > enough ? remember_at - 1 : enough;
+            hits =
+                countByWarp(window, map, tool, slabs, d, position_L, point_ijk, inverse_voxel_size, stop_above, lane);
             note(d, hits);
           }
           if (hits > enough && bound == kNoScore) {
@@ -314,7 +309,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
             continue;
           }
         } else {
-          hits = countByWarp(window, map, tool, cells, d, position_L, point_ijk, inverse_voxel_size, bound, lane);
+          hits = countByWarp(window, map, tool, slabs, d, position_L, point_ijk, inverse_voxel_size, bound, lane);
           note(d, hits);
         }
         if (hits < best_count) {
@@ -336,7 +331,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
   if (some_put_off && best_count >= limit) {
     for (int d = takePutOff(masks, best_count, lane); d >= 0; d = takePutOff(masks, best_count, lane)) {
       const int hits =
-          countByWarp(window, map, tool, cells, d, position_L, point_ijk, inverse_voxel_size, best_count, lane);
+          countByWarp(window, map, tool, slabs, d, position_L, point_ijk, inverse_voxel_size, best_count, lane);
       const int before = masks.least[d];
       __syncwarp();  // all have read
       if (hits > before) note(d, hits);

@@ -20,11 +20,6 @@ ACCESSVDB_HOSTDEV inline int cellInLeaf(std::int32_t x, std::int32_t y, std::int
   return (x >> kCellLog2 & 1) << 2 | (y >> kCellLog2 & 1) << 1 | (z >> kCellLog2 & 1);
 }
 
-/// Where in its cell a voxel lies.
-ACCESSVDB_HOSTDEV inline int cellPhase(const Coord& ijk) {
-  return (ijk[0] & 3) << 4 | (ijk[1] & 3) << 2 | (ijk[2] & 3);
-}
-
 /// @param words  [8] a word an x, a byte a row of eight z
 ACCESSVDB_HOSTDEV inline std::uint64_t countCells(const std::uint64_t* words) {
   constexpr std::uint64_t kPairs = 0x5555555555555555u, kQuads = 0x3333333333333333u, kLow = 0x0f0f0f0f0f0f0f0fu;
@@ -46,25 +41,6 @@ ACCESSVDB_HOSTDEV inline std::uint64_t countCells(const std::uint64_t* words) {
     }
   }
   return counts;
-}
-
-/// Calls `pair(x, y, z8)` for every two cells above each other of a run, in voxels of the map, z8 a multiple of 8; it
-/// returns their counts, a byte each. @return colliding voxels in the run's cells
-template <class Pair>
-ACCESSVDB_HOSTDEV inline int countRun(const CellRun& run, const Coord& point_ijk, const Pair& pair) {
-  const std::int32_t x = ((point_ijk[0] >> kCellLog2) + run.dx) * 4, y = ((point_ijk[1] >> kCellLog2) + run.dy) * 4;
-  std::int32_t z = ((point_ijk[2] >> kCellLog2) + run.dz) * 4;
-  std::uint32_t bits = run.bits;
-  if ((z & 4) != 0) {
-    bits <<= 1;
-    z -= 4;
-  }
-  int count = 0;
-  for (; bits != 0; bits >>= 2, z += 8) {
-    const std::uint32_t two = pair(x, y, z);
-    count += static_cast<int>(((bits & 1u) != 0 ? two & 0xffu : 0u) + ((bits & 2u) != 0 ? two >> 8 : 0u));
-  }
-  return count;
 }
 
 }  // namespace accessvdb::kernels

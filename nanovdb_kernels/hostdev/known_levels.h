@@ -32,8 +32,8 @@ struct KnownLevels {
     const auto clamped = [](int n) { return static_cast<std::uint16_t>(n < kMostCollisions ? n : kMostCollisions); };
     KnownLevels levels;
     int n = 1;
-    for (const int share : {8, 4, 2}) levels.least[n++] = clamped(collision_limit / share);
-    for (const int sixteenths : {1, 2, 4, 6, 8, 12, 16, 24, 32, 48, 80}) {
+    for (const int share : {16, 8, 4, 2}) levels.least[n++] = clamped(collision_limit / share);
+    for (const int sixteenths : {2, 4, 8, 12, 16, 24, 32, 48, 80, 128}) {
       levels.least[n++] = clamped(collision_limit + margin * sixteenths / 16);
     }
     levels.least[kArmBlocked] = kMostCollisions;

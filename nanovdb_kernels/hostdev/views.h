@@ -5,6 +5,7 @@
 /// Frame L: the local frame, world minus the recorded origin, metres, float32. Voxel of p_L: round(p_L / v).
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <type_traits>
 
@@ -42,15 +43,14 @@ struct VoxelColumn {
 };
 static_assert(sizeof(VoxelColumn) == 16);
 
-/// Some of 16 cells of 4 x 4 x 4 voxels above each other, in cells from the cell of the point's voxel: bit i =
-/// (dx, dy, dz + i).
-struct CellRun {
-  std::int16_t dx, dy, dz;
-  std::uint16_t bits;
+/// Columns of slabs that a warp counts at a time.
+inline constexpr std::size_t kSlabGroup = 32;
+/// Slabs above each other, relative to a surface point: one x, eight y, eight z each. x in voxels from that of the
+/// point; y in leaves of the map from that of the point; z in eights of voxels from the voxel of the point, upwards.
+struct SlabColumn {
+  std::int16_t dx, leaf_dy, slab_dz, count;
 };
-static_assert(sizeof(CellRun) == 8);
-/// Places of a voxel in its cell: (x & 3) * 16 + (y & 3) * 4 + (z & 3).
-inline constexpr int kCellPhases = 64;
+static_assert(sizeof(SlabColumn) == 8);
 
 /// Box of voxels relative to the voxel of the surface point, inclusive. low > high: not known.
 struct VoxelBox {
@@ -68,35 +68,14 @@ struct ToolKernelView {
   VoxelBox reach = {};                ///< holds every voxel of every direction
 };
 
-/// Cells of the tool's voxel form, for every direction d and every place of the point's voxel in its cell: runs of
-/// (d, phase) are [begin[d * kCellPhases + phase], the next). All null: not known.
-struct CellRunsView {
-  const CellRun* runs = nullptr;
-  const std::uint32_t* begin = nullptr;  ///< [D * kCellPhases + 1]
-};
-/// Up to 8 rows of the tool's inner columns, (dx, dy .. dy + 7), that lie in one row of leaves of the map.
-struct RowTile {
-  std::int16_t dx, dy;
-};
-/// The inner columns of the tool at each direction as dense rows, z upwards from `dz`: row (dx, dy) of direction d is
-/// rows[box[d].first + (dx - box[d].dx) * box[d].size_y + dy - box[d].dy], bit i = dz + i.
-struct InnerBox {
-  std::uint32_t first;
-  std::int16_t dx, dy, dz, size_x, size_y;
-};
-struct InnerRowsView {
-  const std::uint64_t* rows = nullptr;
-  const InnerBox* box = nullptr;  ///< [D]
-  const RowTile* tiles = nullptr;
-  /// [D * 8 + 1] tiles of direction d for points with y & 7 = n: [tile_begin[d * 8 + n], the next)
-  const std::uint32_t* tile_begin = nullptr;
-};
-/// What bounds the tool's collisions without counting them, on a map that holds cell counts (hostdev/cell_counts.h).
-struct ToolCellsView {
-  CellRunsView inside;                   ///< cells that the tool covers whole
-  CellRunsView beside;                   ///< the other cells that its inner columns touch
-  const std::uint32_t* inner = nullptr;  ///< [D] where the inner columns of d begin; no other has a voxel in `inside`
-  InnerRowsView rows;                    ///< the inner columns once more; null where they are higher than 64 voxels
+/// The tool's voxel form once more, for every direction d and every y & 7 of the point's voxel: groups
+/// [group_begin[8 d + (y & 7)], the next) of kSlabGroup columns. Slab k of column n of group g is words[first_word[g] +
+/// k * kSlabGroup + n], bit 8 j + i = the j-th y of the leaf, the i-th z of the slab. All null: there is none.
+struct ToolSlabsView {
+  const SlabColumn* columns = nullptr;
+  const std::uint64_t* words = nullptr;
+  const std::uint32_t* first_word = nullptr;
+  const std::uint32_t* group_begin = nullptr;  ///< [D * 8 + 1]
 };
 
 /// Directions and the corridor: tables computed once on the host.
@@ -128,7 +107,7 @@ enum PointFlag : std::uint8_t { kConfident = 1 };
 static_assert(std::is_trivially_copyable_v<DirectionMask>);
 static_assert(std::is_trivially_copyable_v<OccupancyView>);
 static_assert(std::is_trivially_copyable_v<ToolKernelView>);
-static_assert(std::is_trivially_copyable_v<ToolCellsView>);
+static_assert(std::is_trivially_copyable_v<ToolSlabsView>);
 static_assert(std::is_trivially_copyable_v<ApproachView>);
 static_assert(std::is_trivially_copyable_v<PointStateView>);
 

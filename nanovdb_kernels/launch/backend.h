@@ -50,8 +50,8 @@ class Backend : public DeviceMemory {
   /// Writes what the host knows into the state arrays: position, normal, seen, weight.
   virtual void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) = 0;
   virtual void scorePoints(const ScoreRequest& request) = 0;
-  /// Whether its updater wants the cells of the tool (UpdateInput::cells).
-  [[nodiscard]] virtual bool usesToolCells() const { return false; }
+  /// Whether its updater wants the slabs of the tool (UpdateInput::slabs).
+  [[nodiscard]] virtual bool usesToolSlabs() const { return false; }
   /// Null where the host decides what is due (src/points/exact_scheduler.cpp). Must not outlive the backend.
   [[nodiscard]] virtual std::unique_ptr<PointUpdater> makeUpdater(const UpdaterTables& tables) {
     (void)tables;

@@ -87,7 +87,7 @@ struct AdmitInput {
 struct UpdateInput {
   OccupancyView map;
   ToolKernelView tool;    ///< in the backend's memory
-  ToolCellsView cells;    ///< in the backend's memory
+  ToolSlabsView slabs;    ///< in the backend's memory
   ApproachView approach;  ///< in the backend's memory
   PointStateView points;  ///< in the backend's memory
   UpdateRule rule;

@@ -8,8 +8,8 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr double kPi = 3.141592653589793;
-/// Memory that the cells inside the tool may take; above it, searches do without them.
-constexpr std::uint64_t kMostCellBytes = std::uint64_t{256} << 20;
+/// Memory that the slabs of the tool may take; above it, searches do without them.
+constexpr std::uint64_t kMostSlabBytes = std::uint64_t{256} << 20;
 
 template <typename T>
 kernels::DeviceArray<T> uploaded(kernels::Backend& backend, const std::vector<T>& host) {
@@ -50,18 +50,12 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_column_begin_ = uploaded(backend, tool_.column_begin);
   d_samples_ = uploaded(backend, tool_.samples);
   d_sample_begin_ = uploaded(backend, tool_.sample_begin);
-  const ToolCells cells = ToolCells::make(tool_.view(), count, kMostCellBytes);
-  if (!cells.empty()) {
-    d_columns_.upload(cells.columns.data(), cells.columns.size());  // the same order on every backend
-  }
-  if (!cells.empty() && backend.usesToolCells()) {
-    d_inner_ = uploaded(backend, cells.inner);
-    d_inside_ = {uploaded(backend, cells.inside.runs), uploaded(backend, cells.inside.begin)};
-    d_beside_ = {uploaded(backend, cells.beside.runs), uploaded(backend, cells.beside.begin)};
-    d_rows_ = uploaded(backend, cells.rows.rows);
-    d_boxes_ = uploaded(backend, cells.rows.boxes);
-    d_tiles_ = uploaded(backend, cells.rows.tiles);
-    d_tile_begin_ = uploaded(backend, cells.rows.tile_begin);
+  if (backend.usesToolSlabs()) {
+    const ToolSlabs slabs = ToolSlabs::make(tool_.view(), count, kMostSlabBytes);
+    d_slab_columns_ = uploaded(backend, slabs.columns);
+    d_slab_words_ = uploaded(backend, slabs.words);
+    d_first_word_ = uploaded(backend, slabs.first_word);
+    d_group_begin_ = uploaded(backend, slabs.group_begin);
   }
   d_directions_ = uploaded(backend, directions_.xy);
   d_arm_offsets_ = uploaded(backend, arm_offsets_);
@@ -86,9 +80,8 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.tool.column_begin = d_column_begin_.data();
   tables.tool.samples = d_samples_.data();
   tables.tool.sample_begin = d_sample_begin_.data();
-  tables.cells = {d_inside_.view(), d_beside_.view(), d_inner_.size() > 0 ? d_inner_.data() : nullptr, {}};
-  if (d_boxes_.size() > 0) {
-    tables.cells.rows = {d_rows_.data(), d_boxes_.data(), d_tiles_.data(), d_tile_begin_.data()};
+  if (d_group_begin_.size() > 0) {
+    tables.slabs = {d_slab_columns_.data(), d_slab_words_.data(), d_first_word_.data(), d_group_begin_.data()};
   }
   tables.approach = hostApproach();
   tables.approach.direction_xy = d_directions_.data();
@@ -102,8 +95,8 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
 
 std::uint64_t ScoringSetup::deviceBytes() const {
   return d_columns_.bytes() + d_column_begin_.bytes() + d_samples_.bytes() + d_sample_begin_.bytes() +
-         d_inner_.bytes() + d_inside_.bytes() + d_beside_.bytes() + d_rows_.bytes() + d_boxes_.bytes() +
-         d_tiles_.bytes() + d_tile_begin_.bytes() + d_directions_.bytes() + d_arm_offsets_.bytes();
+         d_slab_columns_.bytes() + d_slab_words_.bytes() + d_first_word_.bytes() + d_group_begin_.bytes() +
+         d_directions_.bytes() + d_arm_offsets_.bytes();
 }
 
 }  // namespace accessvdb::internal

@@ -8,8 +8,8 @@
 #include "accessvdb/params.h"
 #include "launch/backend.h"
 #include "points/point_scorer.h"
-#include "tool/tool_cells.h"
 #include "tool/tool_kernel.h"
+#include "tool/tool_slabs.h"
 
 namespace accessvdb::internal {
 
@@ -34,20 +34,9 @@ class ScoringSetup {
   std::vector<float> arm_offsets_;  ///< [D x num_arm x 3]
   int num_arm_ = 0;
   kernels::DeviceArray<kernels::VoxelColumn> d_columns_;
-  struct DeviceRuns {
-    kernels::DeviceArray<kernels::CellRun> runs;
-    kernels::DeviceArray<std::uint32_t> begin;
-    [[nodiscard]] kernels::CellRunsView view() const {
-      return begin.size() > 0 ? kernels::CellRunsView{runs.data(), begin.data()} : kernels::CellRunsView{};
-    }
-    [[nodiscard]] std::uint64_t bytes() const { return runs.bytes() + begin.bytes(); }
-  };
-  DeviceRuns d_inside_, d_beside_;
-  kernels::DeviceArray<std::uint64_t> d_rows_;
-  kernels::DeviceArray<kernels::InnerBox> d_boxes_;
-  kernels::DeviceArray<kernels::RowTile> d_tiles_;
-  kernels::DeviceArray<std::uint32_t> d_tile_begin_;
-  kernels::DeviceArray<std::uint32_t> d_column_begin_, d_sample_begin_, d_inner_;
+  kernels::DeviceArray<kernels::SlabColumn> d_slab_columns_;
+  kernels::DeviceArray<std::uint64_t> d_slab_words_;
+  kernels::DeviceArray<std::uint32_t> d_column_begin_, d_sample_begin_, d_first_word_, d_group_begin_;
   kernels::DeviceArray<float> d_samples_, d_directions_, d_arm_offsets_;
 };
 

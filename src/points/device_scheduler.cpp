@@ -94,7 +94,7 @@ class DeviceScheduler final : public UpdateScheduler {
     kernels::UpdateInput input;
     input.map = tables.map;
     input.tool = tables.tool;
-    input.cells = tables.cells;
+    input.slabs = tables.slabs;
     input.approach = tables.approach;
     input.points = scorer_.device().view();
     input.rule = tables.rule;

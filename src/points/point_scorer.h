@@ -37,7 +37,7 @@ struct MapReads {
 struct ScoringTables {
   kernels::OccupancyView map;
   kernels::ToolKernelView tool;
-  kernels::ToolCellsView cells;
+  kernels::ToolSlabsView slabs;
   kernels::ApproachView approach;
   kernels::UpdateRule rule;
 };

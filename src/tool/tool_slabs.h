@@ -1,0 +1,28 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The tool's voxels in slabs of one x, eight y and eight z, so that 64 of them meet 64 voxels of a leaf of the map at
+/// a time.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "hostdev/views.h"
+
+namespace accessvdb::internal {
+
+/// Host-side tables behind a ToolSlabsView. Empty for tools of samples, and where they would take too much memory: that
+/// costs time only.
+struct ToolSlabs {
+  std::vector<kernels::SlabColumn> columns;
+  std::vector<std::uint64_t> words;
+  std::vector<std::uint32_t> first_word;   ///< of each group of columns
+  std::vector<std::uint32_t> group_begin;  ///< [D * 8 + 1]
+
+  [[nodiscard]] bool empty() const { return group_begin.empty(); }
+
+  /// Parallel over directions. @param tool  host memory
+  static ToolSlabs make(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes);
+};
+
+}  // namespace accessvdb::internal
