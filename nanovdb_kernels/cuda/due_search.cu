@@ -121,7 +121,8 @@ __device__ bool armIsFree(const Window& window, const OccupancyReader& map, cons
 /// Has the best direction of an accessible point become worse? All lanes. @param score  in: as it was; out: as it is
 template <class Window>
 __device__ bool lostDirection(const UpdateView& view, const DueSearch& search, const Window& window,
-                              const DuePoint& point, std::uint8_t test_best, int direction, int& score, int lane) {
+                              const DuePoint& point, std::uint8_t test_best, int direction, int& score,
+                              BusyLeaves& busy, int lane) {
   const OccupancyReader map(search.map);
   const float inverse = search.map.inverse_voxel_size;
   if ((test_best & kTestArm) != 0 &&
@@ -129,8 +130,8 @@ __device__ bool lostDirection(const UpdateView& view, const DueSearch& search, c
     return true;
   }
   if ((test_best & kTestTool) == 0) return false;
-  const int hits =
-      countByWarp(window, map, search.tool, search.slabs, direction, point.position_L, point.ijk, inverse, score, lane);
+  const int hits = countByWarp(window, map, search.tool, {search.slabs, &busy}, direction, point.position_L, point.ijk,
+                               inverse, score, lane);
   if (hits > score) return true;
   score = hits;
   return false;
@@ -139,7 +140,7 @@ __device__ bool lostDirection(const UpdateView& view, const DueSearch& search, c
 /// A point of which some directions are in question. All lanes.
 template <class Window>
 __device__ void confirm(const UpdateView& view, const DueSearch& search, const Window& window, const DuePoint& point,
-                        DueItem& due, WarpMasks& masks, ScoreItem& item, int lane) {
+                        DueItem& due, WarpMasks& masks, BusyLeaves& busy, ScoreItem& item, int lane) {
   const bool accessible = view.points.label[point.id] == PointLabel::Accessible;
   int known_score = static_cast<int>(search.tool.collision_limit) - 1;  // a blocked point: only what is free counts
   int known_direction = kNoDirection, own_tests = 0;
@@ -148,7 +149,7 @@ __device__ void confirm(const UpdateView& view, const DueSearch& search, const W
     known_score = view.points.score[point.id];
     own_tests = due.test_best != 0 ? 1 : 0;
     if (own_tests != 0 &&
-        lostDirection(view, search, window, point, due.test_best, known_direction, known_score, lane)) {
+        lostDirection(view, search, window, point, due.test_best, known_direction, known_score, busy, lane)) {
       // The others are known to be no better than this one was.
       if (lane == 0) {
         due.all = 1;
@@ -185,8 +186,8 @@ __device__ void confirm(const UpdateView& view, const DueSearch& search, const W
   if (any != 0) {
     const OccupancyReader map(search.map);
     result = searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
-                          point.normal_L, point.seen, view.points.direction_words, item, masks, lane, search.slabs,
-                          NothingKnown{}, view.known.count_to);
+                          point.normal_L, point.seen, view.points.direction_words, item, masks, lane,
+                          {search.slabs, &busy}, NothingKnown{}, view.known.count_to);
     learn(view, point.id, masks, result, lane);
   }
   result.tests = static_cast<std::uint16_t>(result.tests + own_tests);
@@ -197,7 +198,7 @@ __device__ void confirm(const UpdateView& view, const DueSearch& search, const W
 /// A point of which all directions have to be tried. All lanes.
 template <class Window>
 __device__ void searchAll(const UpdateView& view, const DueSearch& search, const Window& window, const DuePoint& point,
-                          const DueItem& due, WarpMasks& masks, ScoreItem& item, int lane) {
+                          const DueItem& due, WarpMasks& masks, BusyLeaves& busy, ScoreItem& item, int lane) {
   const OccupancyReader map(search.map);
   if (lane == 0) {
     item = {};
@@ -208,7 +209,7 @@ __device__ void searchAll(const UpdateView& view, const DueSearch& search, const
   __syncwarp();
   ScoreResult result =
       searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
-                   point.normal_L, point.seen, view.points.direction_words, item, masks, lane, search.slabs,
+                   point.normal_L, point.seen, view.points.direction_words, item, masks, lane, {search.slabs, &busy},
                    KnownOfPoint{view, point.id, view.state.block[point.id]}, view.known.count_to);
   learn(view, point.id, masks, result, lane);
   if (lane == 0) conclude(view, item, result);
@@ -232,6 +233,7 @@ template <class Window, bool kAll>
 __global__ void __launch_bounds__(kThreads, kBlocksEach) evaluateDue(UpdateView view, DueSearch search) {
   __shared__ WarpMasks all_masks[kWarps];
   __shared__ ScoreItem all_items[kWarps];
+  __shared__ BusyLeaves all_busy[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   const unsigned warp = threadIdx.x / kWarp;
   const std::uint32_t count = view.counters->ordered;
@@ -241,9 +243,9 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach) evaluateDue(UpdateView 
     const DuePoint point(view.points, due.id, search.map.inverse_voxel_size);
     const Window window = makeDueWindow<Window>(search, point.ijk, lane);
     if constexpr (kAll) {
-      searchAll(view, search, window, point, due, all_masks[warp], all_items[warp], lane);
+      searchAll(view, search, window, point, due, all_masks[warp], all_busy[warp], all_items[warp], lane);
     } else {
-      confirm(view, search, window, point, due, all_masks[warp], all_items[warp], lane);
+      confirm(view, search, window, point, due, all_masks[warp], all_busy[warp], all_items[warp], lane);
     }
   }
 }

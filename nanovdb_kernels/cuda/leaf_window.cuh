@@ -38,6 +38,11 @@ inline constexpr std::uint32_t kActiveBytes = offsetof(OccupancyLeaf::DataType, 
 inline constexpr std::uint32_t kLowerTableBytes = offsetof(OccupancyLower::DataType, mTable);
 inline constexpr int kLeafLog2 = 3, kLowerLog2 = 7;
 
+/// Does anything in a leaf collide? Its cells say.
+__device__ inline bool collidesSomewhere(const std::uint8_t* leaf) {
+  return *reinterpret_cast<const std::uint64_t*>(leaf + kCellCountsBytes) != 0;
+}
+
 /// Address arithmetic that both windows share. Coordinates are voxels from the window's corner, never negative.
 class WindowBase {
  public:
@@ -57,6 +62,11 @@ class WindowBase {
     return inside;
   }
 
+  /// Colliding voxels at place x of a leaf: bit 8 y + z.
+  [[nodiscard]] static __device__ std::uint64_t slabIn(const std::uint8_t* leaf, int x) {
+    return reinterpret_cast<const std::uint64_t*>(leaf + kValueBytes)[x & 7];
+  }
+
  protected:
   [[nodiscard]] __device__ std::uint32_t index(int x, int y, int z) const {
     return static_cast<std::uint32_t>(((x >> log2_) * shape_.size[1] + (y >> log2_)) * shape_.size[2] + (z >> log2_));
@@ -74,9 +84,6 @@ class WindowBase {
                                       kNodeBytes);
   }
 
-  [[nodiscard]] static __device__ std::uint64_t slabOf(const std::uint8_t* leaf, int x) {
-    return reinterpret_cast<const std::uint64_t*>(leaf + kValueBytes)[x & 7];
-  }
   std::uint32_t* nodes_;
   WindowShape shape_;
   const std::uint8_t* grid_;
@@ -117,10 +124,13 @@ class LeafWindow : public WindowBase {
     return __popc(node((entry >> 1) & some)[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted &
                   some);
   }
-  /// Colliding voxels of (x, y & ~7 .. | 7, z & ~7 .. | 7), a byte a y.
-  [[nodiscard]] __device__ std::uint64_t slab(int x, int y, int z) const {
-    const std::uint32_t entry = nodes_[index(x, y, z)];
-    return (entry & 1u) != 0 ? slabOf(node(entry >> 1), x) : 0;
+  template <int kCount>
+  __device__ void busyFrom(int x, int y, int z, int count, std::uint32_t (&entries)[kCount]) const {
+#pragma unroll
+    for (int n = 0; n < kCount; ++n) {
+      const std::uint32_t entry = n < count ? nodes_[index(x, y, z + 8 * n)] : 0;
+      entries[n] = (entry & 1u) != 0 ? entry >> 1 : 0;
+    }
   }
   [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
     const int x = ijk[0] - origin_[0], y = ijk[1] - origin_[1], z = ijk[2] - origin_[2];
@@ -162,9 +172,21 @@ class LowerWindow : public WindowBase {
     if (leaf == nullptr) return 0;
     return __popc(leaf[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted);
   }
-  [[nodiscard]] __device__ std::uint64_t slab(int x, int y, int z) const {
-    const std::uint8_t* leaf = leafOf(x, y, z);
-    return leaf != nullptr ? slabOf(leaf, x) : 0;
+  template <int kCount>
+  __device__ void busyFrom(int x, int y, int z, int count, std::uint32_t (&entries)[kCount]) const {
+    const std::uint32_t first = index(x, y, z);
+    const int place = (x >> kLeafLog2 & 15) << 8 | (y >> kLeafLog2 & 15) << 4, above = z >> kLeafLog2 & 15;
+    const std::uint8_t* leaves[kCount];
+#pragma unroll
+    for (int n = 0; n < kCount; ++n) {
+      leaves[n] = nullptr;
+      const std::uint32_t entry = n < count ? nodes_[first + static_cast<std::uint32_t>((above + n) >> 4)] : 0;
+      if (entry != 0) leaves[n] = childOf(node(entry), place | ((above + n) & 15));
+    }
+#pragma unroll
+    for (int n = 0; n < kCount; ++n) {
+      entries[n] = leaves[n] != nullptr && collidesSomewhere(leaves[n]) ? offsetOf(leaves[n]) : 0;
+    }
   }
   [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
     const int x = ijk[0] - origin_[0], y = ijk[1] - origin_[1], z = ijk[2] - origin_[2];
@@ -178,8 +200,9 @@ class LowerWindow : public WindowBase {
   [[nodiscard]] __device__ const std::uint8_t* leafOf(int x, int y, int z) const {
     const std::uint32_t entry = nodes_[index(x, y, z)];
     if (entry == 0) return nullptr;
-    const std::uint8_t* lower = node(entry);
-    const int place = (x >> kLeafLog2 & 15) << 8 | (y >> kLeafLog2 & 15) << 4 | (z >> kLeafLog2 & 15);
+    return childOf(node(entry), (x >> kLeafLog2 & 15) << 8 | (y >> kLeafLog2 & 15) << 4 | (z >> kLeafLog2 & 15));
+  }
+  [[nodiscard]] static __device__ const std::uint8_t* childOf(const std::uint8_t* lower, int place) {
     const std::int64_t child = reinterpret_cast<const std::int64_t*>(lower + kLowerTableBytes)[place];
     return child == 0 ? nullptr : lower + child;
   }
@@ -193,9 +216,15 @@ class MapWindow : public Nodes {
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
 
-  /// Colliding voxels of (x, y & ~7 .. | 7, z & ~7 .. | 7), a byte a y, as OccupancyReader would find them.
-  [[nodiscard]] __device__ std::uint64_t slabAt(int x, int y, int z) const {
-    return this->slab(x - this->origin_[0], y - this->origin_[1], z - this->origin_[2]);
+  /// Leaves above each other, from that of voxel (x, y, z), that hold something that collides; 0: another one.
+  /// @param count  how many are asked for; the others are 0
+  template <int kCount>
+  __device__ void busyLeaves(int x, int y, int z, int count, std::uint32_t (&entries)[kCount]) const {
+    this->busyFrom(x - this->origin_[0], y - this->origin_[1], z - this->origin_[2], count, entries);
+  }
+  /// Colliding voxels at place x of such a leaf: bit 8 y + z.
+  [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
+    return WindowBase::slabIn(this->node(entry), x);
   }
 
   /// Colliding voxels of a column of the tool placed at a voxel, as countVoxelCollisions counts them. Two rows a turn:
@@ -223,13 +252,24 @@ class MapWindow : public Nodes {
 /// The same questions through the tree.
 class TreeWindow {
  public:
-  __device__ explicit TreeWindow(const OccupancyView& view) : reader_(view) {}
+  __device__ explicit TreeWindow(const OccupancyView& view)
+      : reader_(view), grid_(reinterpret_cast<const std::uint8_t*>(view.grid)) {}
   [[nodiscard]] __device__ bool holds(const Coord&) const { return true; }
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return reader_.collides(ijk); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return reader_.armFree(ijk); }
-  [[nodiscard]] __device__ std::uint64_t slabAt(std::int32_t x, std::int32_t y, std::int32_t z) const {
-    const OccupancyLeaf* leaf = reader_.leafAt(Coord(x, y, z));
-    return leaf != nullptr ? reinterpret_cast<const std::uint64_t*>(&leaf->data()->mValues)[x & 7] : 0;
+  template <int kCount>
+  __device__ void busyLeaves(int x, int y, int z, int count, std::uint32_t (&entries)[kCount]) const {
+#pragma unroll
+    for (int n = 0; n < kCount; ++n) {
+      entries[n] = 0;
+      const OccupancyLeaf* leaf = n < count ? reader_.leafAt(Coord(x, y, z + 8 * n)) : nullptr;
+      if (leaf == nullptr) continue;
+      const auto* bytes = reinterpret_cast<const std::uint8_t*>(leaf);
+      if (collidesSomewhere(bytes)) entries[n] = static_cast<std::uint32_t>((bytes - grid_) / kNodeBytes);
+    }
+  }
+  [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
+    return WindowBase::slabIn(grid_ + static_cast<std::uint64_t>(entry) * kNodeBytes, x);
   }
   [[nodiscard]] __device__ int countColumn(const VoxelColumn& column, const Coord& point_ijk) const {
     const std::int32_t x = point_ijk[0] + column.dx, y = point_ijk[1] + column.dy, z = point_ijk[2] + column.dz;
@@ -250,6 +290,7 @@ class TreeWindow {
 
  private:
   OccupancyReader reader_;
+  const std::uint8_t* grid_;
 };
 
 }  // namespace accessvdb::kernels

@@ -11,6 +11,7 @@
 
 #include "cuda/direction_order.cuh"
 #include "cuda/leaf_window.cuh"
+#include "cuda/slab_count.cuh"
 #include "hostdev/direction_search.h"
 
 namespace accessvdb::kernels {
@@ -86,55 +87,6 @@ __device__ int countVoxelsByWarp(const Window& window, const ToolKernelView& too
                                     stop_above, lane);
 }
 
-/// A byte rotated by `shift` in every byte of a word, upwards.
-__device__ inline std::uint32_t rotatedBytes(std::uint32_t word, int shift, std::uint32_t high) {
-  return (word << shift & high) | (word >> (8 - shift) & ~high);
-}
-
-/// Colliding voxels of the tool at direction d, slab by slab. Stops once they exceed `stop_above`; exact up to there.
-template <class Window>
-__device__ int countSlabsByWarp(const Window& window, const ToolSlabsView& slabs, int d, const Coord& point_ijk,
-                                int stop_above, int lane) {
-  constexpr int kTurn = 4;  // slabs on their way at a time
-  const std::uint32_t* begin = slabs.group_begin + (8 * d + (point_ijk[1] & 7));
-  const std::uint32_t end = begin[1];
-  // Slabs of the tool begin at the voxel of the point, those of the map at multiples of eight: the lower part of a slab
-  // of the tool meets the upper part of one of the map, its upper part the lower part of the next.
-  const int shift = point_ijk[2] & 7;
-  const std::uint32_t high = (0xffu << shift & 0xffu) * 0x01010101u;  // of the first: bits shift .. 7
-  int count = 0;
-  for (std::uint32_t group = begin[0]; group < end; ++group) {
-    const SlabColumn column = slabs.columns[group * kSlabGroup + static_cast<std::uint32_t>(lane)];
-    const std::uint64_t* words = slabs.words + slabs.first_word[group] + lane;
-    const int x = point_ijk[0] + column.dx, y = (point_ijk[1] & ~7) + 8 * column.leaf_dy;
-    int z = (point_ijk[2] & ~7) + 8 * column.slab_dz;
-    int mine = 0;
-    std::uint64_t lower = column.count > 0 ? window.slabAt(x, y, z) : 0;
-    for (int k = 0; k < column.count; k += kTurn, z += 8 * kTurn, words += kTurn * kSlabGroup) {
-      std::uint64_t map[kTurn], tool[kTurn];
-#pragma unroll
-      for (int n = 0; n < kTurn; ++n) {
-        const bool there = k + n < column.count;
-        map[n] = there ? window.slabAt(x, y, z + 8 * (n + 1)) : 0;
-        tool[n] = there ? words[n * kSlabGroup] : 0;
-      }
-#pragma unroll
-      for (int n = 0; n < kTurn; ++n) {
-        const std::uint32_t low_half = (static_cast<std::uint32_t>(lower) & high) |
-                                       (static_cast<std::uint32_t>(map[n]) & ~high),
-                            high_half = (static_cast<std::uint32_t>(lower >> 32) & high) |
-                                        (static_cast<std::uint32_t>(map[n] >> 32) & ~high);
-        mine += __popc(low_half & rotatedBytes(static_cast<std::uint32_t>(tool[n]), shift, high)) +
-                __popc(high_half & rotatedBytes(static_cast<std::uint32_t>(tool[n] >> 32), shift, high));
-        lower = map[n];
-      }
-    }
-    count += __reduce_add_sync(kAllLanes, mine);
-    if (count > stop_above) break;
-  }
-  return count;
-}
-
 /// countSampleCollisions.
 template <class Window>
 __device__ int countSamplesByWarp(const Window& window, const OccupancyReader& map, const ToolKernelView& tool, int d,
@@ -171,19 +123,26 @@ __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader&
   return {approach.num_arm, PointReason::None};
 }
 
+/// The slabs of a tool, and the list that counting them takes. Null: there are none.
+struct SlabsOfWarp {
+  ToolSlabsView tool;
+  BusyLeaves* busy = nullptr;
+  __device__ bool any() const { return tool.begin != nullptr; }
+};
+
 /// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. Without
 /// slabs it is the number at which the plain rule stops.
 template <class Window>
 __device__ int countByWarp(const Window& window, const OccupancyReader& map, const ToolKernelView& tool,
-                           const ToolSlabsView& slabs, int d, const float* position_L, const Coord& point_ijk,
+                           const SlabsOfWarp& slabs, int d, const float* position_L, const Coord& point_ijk,
                            float inverse_voxel_size, int stop_above, int lane) {
   int count = 0;
   if (tool.use_samples) {
     count = countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, stop_above, lane);
-  } else if (slabs.group_begin == nullptr) {
+  } else if (!slabs.any()) {
     count = countVoxelsByWarp<2>(window, tool, d, point_ijk, stop_above, lane);
   } else {
-    count = countSlabsByWarp(window, slabs, d, point_ijk, stop_above, lane);
+    count = SlabCount<Window>(window, slabs.tool, d, point_ijk, *slabs.busy, lane).upTo(stop_above);
   }
   return count < kNoScore ? count : kNoScore - 1;  // kNoScore means: no direction got this far
 }
@@ -215,7 +174,7 @@ template <class Window, class Known = NothingKnown>
 __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader& map, float inverse_voxel_size,
                                     const ToolKernelView& tool, const ApproachView& approach, const float* position_L,
                                     const float* normal_L, const std::uint64_t* seen, int seen_words,
-                                    const ScoreItem& item, WarpMasks& masks, int lane, const ToolSlabsView& slabs = {},
+                                    const ScoreItem& item, WarpMasks& masks, int lane, const SlabsOfWarp& slabs = {},
                                     const Known& known_collisions = {}, int remember_at = 0) {
   ScoreResult result;
   if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return result;
@@ -234,7 +193,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
   const Coord point_ijk = voxelOf(position_L[0], position_L[1], position_L[2], inverse_voxel_size);
   const int known_score = item.known_score, known_direction = item.known_direction;
 
-  const bool has_slabs = slabs.group_begin != nullptr;
+  const bool has_slabs = slabs.any();
   const int limit = tool.collision_limit;
   int best_count = kNoScore, best_passed = -1;
   bool in_cone = false, tool_reached = false, some_put_off = false;

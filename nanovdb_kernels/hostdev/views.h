@@ -43,14 +43,20 @@ struct VoxelColumn {
 };
 static_assert(sizeof(VoxelColumn) == 16);
 
-/// Columns of slabs that a warp counts at a time.
-inline constexpr std::size_t kSlabGroup = 32;
-/// Slabs above each other, relative to a surface point: one x, eight y, eight z each. x in voxels from that of the
-/// point; y in leaves of the map from that of the point; z in eights of voxels from the voxel of the point, upwards.
-struct SlabColumn {
-  std::int16_t dx, leaf_dy, slab_dz, count;
+/// Leaves of the map above each other that the tool touches. x and y in leaves from that of the surface point; z in
+/// slabs: eights of voxels from the point's voxel upwards, so that one more leaf than slabs may be touched.
+struct LeafColumn {
+  std::int16_t leaf_dx, leaf_dy, slab_dz, count;
 };
-static_assert(sizeof(SlabColumn) == 8);
+static_assert(sizeof(LeafColumn) == 8);
+/// A box of slabs of the tool: one x, the eight y of a leaf, eight z, bit 8 y + z. The slab at (x, y, z) is words[first
+/// +
+/// ((y - leaf_dy) * size_x + x - dx) * size_z + z - slab_dz]; x in voxels, y in leaves, z in slabs from the point.
+struct SlabBox {
+  std::uint32_t first = 0;
+  std::int16_t dx = 0, leaf_dy = 0, slab_dz = 0, size_x = 0, size_y = 0, size_z = 0;
+};
+static_assert(sizeof(SlabBox) == 16);
 
 /// Box of voxels relative to the voxel of the surface point, inclusive. low > high: not known.
 struct VoxelBox {
@@ -68,14 +74,13 @@ struct ToolKernelView {
   VoxelBox reach = {};                ///< holds every voxel of every direction
 };
 
-/// The tool's voxel form once more, for every direction d and every y & 7 of the point's voxel: groups
-/// [group_begin[8 d + (y & 7)], the next) of kSlabGroup columns. Slab k of column n of group g is words[first_word[g] +
-/// k * kSlabGroup + n], bit 8 j + i = the j-th y of the leaf, the i-th z of the slab. All null: there is none.
+/// The tool's voxel form once more, so that 64 of its voxels meet 64 of a leaf of the map at a time. x, y: the place of
+/// the point's voxel in its leaf. All null: there is none.
 struct ToolSlabsView {
-  const SlabColumn* columns = nullptr;
   const std::uint64_t* words = nullptr;
-  const std::uint32_t* first_word = nullptr;
-  const std::uint32_t* group_begin = nullptr;  ///< [D * 8 + 1]
+  const SlabBox* boxes = nullptr;        ///< [D x 8]: direction d, y
+  const LeafColumn* columns = nullptr;   ///< near ones first
+  const std::uint32_t* begin = nullptr;  ///< [D x 8 x 8 + 1]: columns of direction d, x, y
 };
 
 /// Directions and the corridor: tables computed once on the host.

@@ -52,10 +52,10 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_sample_begin_ = uploaded(backend, tool_.sample_begin);
   if (backend.usesToolSlabs()) {
     const ToolSlabs slabs = ToolSlabs::make(tool_.view(), count, kMostSlabBytes);
-    d_slab_columns_ = uploaded(backend, slabs.columns);
     d_slab_words_ = uploaded(backend, slabs.words);
-    d_first_word_ = uploaded(backend, slabs.first_word);
-    d_group_begin_ = uploaded(backend, slabs.group_begin);
+    d_slab_boxes_ = uploaded(backend, slabs.boxes);
+    d_leaf_columns_ = uploaded(backend, slabs.columns);
+    d_leaf_column_begin_ = uploaded(backend, slabs.begin);
   }
   d_directions_ = uploaded(backend, directions_.xy);
   d_arm_offsets_ = uploaded(backend, arm_offsets_);
@@ -80,8 +80,8 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.tool.column_begin = d_column_begin_.data();
   tables.tool.samples = d_samples_.data();
   tables.tool.sample_begin = d_sample_begin_.data();
-  if (d_group_begin_.size() > 0) {
-    tables.slabs = {d_slab_columns_.data(), d_slab_words_.data(), d_first_word_.data(), d_group_begin_.data()};
+  if (d_leaf_column_begin_.size() > 0) {
+    tables.slabs = {d_slab_words_.data(), d_slab_boxes_.data(), d_leaf_columns_.data(), d_leaf_column_begin_.data()};
   }
   tables.approach = hostApproach();
   tables.approach.direction_xy = d_directions_.data();
@@ -95,7 +95,7 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
 
 std::uint64_t ScoringSetup::deviceBytes() const {
   return d_columns_.bytes() + d_column_begin_.bytes() + d_samples_.bytes() + d_sample_begin_.bytes() +
-         d_slab_columns_.bytes() + d_slab_words_.bytes() + d_first_word_.bytes() + d_group_begin_.bytes() +
+         d_slab_words_.bytes() + d_slab_boxes_.bytes() + d_leaf_columns_.bytes() + d_leaf_column_begin_.bytes() +
          d_directions_.bytes() + d_arm_offsets_.bytes();
 }
 

@@ -14,12 +14,12 @@ namespace accessvdb::internal {
 /// Host-side tables behind a ToolSlabsView. Empty for tools of samples, and where they would take too much memory: that
 /// costs time only.
 struct ToolSlabs {
-  std::vector<kernels::SlabColumn> columns;
   std::vector<std::uint64_t> words;
-  std::vector<std::uint32_t> first_word;   ///< of each group of columns
-  std::vector<std::uint32_t> group_begin;  ///< [D * 8 + 1]
+  std::vector<kernels::SlabBox> boxes;  ///< [D x 8]
+  std::vector<kernels::LeafColumn> columns;
+  std::vector<std::uint32_t> begin;  ///< [D x 8 x 8 + 1]
 
-  [[nodiscard]] bool empty() const { return group_begin.empty(); }
+  [[nodiscard]] bool empty() const { return begin.empty(); }
 
   /// Parallel over directions. @param tool  host memory
   static ToolSlabs make(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes);

@@ -59,80 +59,102 @@ SplitTool mixedTool(std::uint64_t seed) {
 
 std::int32_t floorOf8(std::int32_t v) { return v >= 0 ? v / 8 : -((7 - v) / 8); }
 
-/// A column of slabs with its slabs, as a kernel finds them.
-struct Listed {
-  kernels::SlabColumn column;
-  std::vector<std::uint64_t> slabs;
-};
-std::vector<Listed> listed(const ToolSlabs& slabs, std::size_t list) {
-  std::vector<Listed> all;
-  for (std::uint32_t group = slabs.group_begin[list]; group < slabs.group_begin[list + 1]; ++group) {
-    for (std::size_t n = 0; n < kernels::kSlabGroup; ++n) {
-      Listed one = {slabs.columns.at(group * kernels::kSlabGroup + n), {}};
-      for (int k = 0; k < one.column.count; ++k) {
-        const std::size_t row = static_cast<std::size_t>(k) * kernels::kSlabGroup;
-        one.slabs.push_back(slabs.words.at(slabs.first_word.at(group) + row + n));
+using Leaf = std::array<std::int32_t, 3>;
+
+/// Voxels of direction d relative to the point, read as a kernel reads them. @param point_y  of its voxel
+VoxelSet voxelsIn(const ToolSlabs& slabs, std::size_t d, std::int32_t point_y) {
+  const std::int32_t leaf_y = floorOf8(point_y);
+  const kernels::SlabBox& box = slabs.boxes.at(8 * d + static_cast<std::size_t>(point_y - 8 * leaf_y));
+  VoxelSet voxels;
+  for (int y = 0; y < box.size_y; ++y) {
+    for (int x = 0; x < box.size_x; ++x) {
+      for (int z = 0; z < box.size_z; ++z) {
+        const std::uint64_t slab =
+            slabs.words.at(box.first + static_cast<std::uint32_t>((y * box.size_x + x) * box.size_z + z));
+        for (int bit = 0; bit < 64; ++bit) {
+          if ((slab >> bit & 1) == 0) continue;
+          voxels.insert(
+              {x + box.dx, 8 * (leaf_y + y + box.leaf_dy) + bit / 8 - point_y, 8 * (z + box.slab_dz) + bit % 8});
+        }
       }
-      all.push_back(one);
     }
   }
-  return all;
+  return voxels;
 }
 
-TEST(ToolSlabs, HoldEveryVoxelOnce) {
+/// The leaves of the map that a kernel asks for a point, in order.
+std::vector<Leaf> leavesFor(const ToolSlabs& slabs, std::size_t d, const Leaf& point) {
+  Leaf own, place;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    own[axis] = floorOf8(point[axis]);
+    place[axis] = point[axis] - 8 * own[axis];
+  }
+  const auto list = 64 * d + 8 * static_cast<std::size_t>(place[0]) + static_cast<std::size_t>(place[1]);
+  std::vector<Leaf> leaves;
+  for (std::uint32_t n = slabs.begin.at(list); n < slabs.begin.at(list + 1); ++n) {
+    const kernels::LeafColumn& c = slabs.columns.at(n);
+    for (int k = 0; k < c.count + (place[2] != 0 ? 1 : 0); ++k) {
+      leaves.push_back({own[0] + c.leaf_dx, own[1] + c.leaf_dy, own[2] + c.slab_dz + k});
+    }
+  }
+  return leaves;
+}
+
+TEST(ToolSlabs, HoldTheVoxels) {
   std::mt19937_64 random(1);
   for (const std::uint64_t seed : {1u, 2u, 3u}) {
     const SplitTool tool = mixedTool(seed);
     const auto directions = static_cast<std::size_t>(tool.numDirections());
     const ToolSlabs slabs = ToolSlabs::make(tool.view(), tool.numDirections(), kNoLimit);
-    ASSERT_EQ(slabs.group_begin.size(), 8 * directions + 1);
-    ASSERT_EQ(slabs.group_begin.back(), slabs.first_word.size());
-    ASSERT_EQ(slabs.columns.size(), slabs.first_word.size() * kernels::kSlabGroup);
+    ASSERT_EQ(slabs.boxes.size(), 8 * directions);
     for (std::size_t d = 0; d < directions; ++d) {
-      for (int phase = 0; phase < 8; ++phase) {
-        // A point on either side of zero, its y at the place `phase` of its leaf.
-        const std::int32_t point_y = 8 * within(random, -20, 20) + phase;
-        VoxelSet found;
-        for (const Listed& one : listed(slabs, 8 * d + static_cast<std::size_t>(phase))) {
-          for (std::size_t k = 0; k < one.slabs.size(); ++k) {
-            for (int bit = 0; bit < 64; ++bit) {
-              if ((one.slabs[k] >> bit & 1) == 0) continue;
-              const std::int32_t y = 8 * (floorOf8(point_y) + one.column.leaf_dy) + bit / 8;
-              const std::int32_t z = 8 * (one.column.slab_dz + static_cast<std::int32_t>(k)) + bit % 8;
-              ASSERT_TRUE(found.insert({one.column.dx, y - point_y, z}).second) << "twice";
-            }
-          }
-        }
-        ASSERT_EQ(found, tool.voxels[d]) << "direction " << d << " phase " << phase;
+      for (int y = 0; y < 8; ++y) {
+        // A point on either side of zero, its y at the place `y` of its leaf.
+        ASSERT_EQ(voxelsIn(slabs, d, 8 * within(random, -20, 20) + y), tool.voxels[d]) << "direction " << d;
       }
     }
   }
 }
 
-TEST(ToolSlabs, AreNotEmptyAtEitherEndAndComeNearOnesFirst) {
-  const SplitTool tool = mixedTool(4);
-  const ToolSlabs slabs = ToolSlabs::make(tool.view(), tool.numDirections(), kNoLimit);
-  for (std::size_t list = 0; list + 1 < slabs.group_begin.size(); ++list) {
-    int ring_before = 0;
-    bool ended = false;
-    for (const Listed& one : listed(slabs, list)) {
-      ended = ended || one.column.count == 0;
-      ASSERT_EQ(one.column.count == 0, ended) << "a column behind the ones that fill up the last group";
-      if (ended) continue;
-      ASSERT_NE(one.slabs.front(), 0u);
-      ASSERT_NE(one.slabs.back(), 0u);
-      const int ring = std::max(std::abs(floorOf8(std::abs(one.column.dx))), std::abs(int{one.column.leaf_dy}));
-      ASSERT_GE(ring, ring_before);
-      ring_before = ring;
+TEST(ToolSlabs, NameEveryLeafThatTheToolTouchesOnceNearOnesFirst) {
+  std::mt19937_64 random(2);
+  std::size_t num_asked = 0;
+  for (const std::uint64_t seed : {1u, 2u}) {
+    const SplitTool tool = mixedTool(seed);
+    const auto directions = static_cast<std::size_t>(tool.numDirections());
+    const ToolSlabs slabs = ToolSlabs::make(tool.view(), tool.numDirections(), kNoLimit);
+    ASSERT_EQ(slabs.begin.size(), 64 * directions + 1);
+    ASSERT_EQ(slabs.begin.back(), slabs.columns.size());
+    for (std::size_t d = 0; d < directions; ++d) {
+      for (int phase = 0; phase < 512; ++phase) {
+        const auto at = [&](int place) { return 8 * within(random, -20, 20) + place; };
+        const Leaf point = {at(phase / 64), at(phase / 8 % 8), at(phase % 8)};
+        std::set<Leaf> touched;
+        for (const auto& v : tool.voxels[d]) {
+          touched.insert({floorOf8(point[0] + v[0]), floorOf8(point[1] + v[1]), floorOf8(point[2] + v[2])});
+        }
+        const std::vector<Leaf> asked = leavesFor(slabs, d, point);
+        ASSERT_EQ(std::set<Leaf>(asked.begin(), asked.end()).size(), asked.size()) << "a leaf twice";
+        int ring_before = 0;
+        for (const Leaf& leaf : asked) {
+          const int ring = std::max(std::abs(leaf[0] - floorOf8(point[0])), std::abs(leaf[1] - floorOf8(point[1])));
+          ASSERT_GE(ring, ring_before);
+          ring_before = ring;
+          touched.erase(leaf);
+        }
+        ASSERT_TRUE(touched.empty()) << "direction " << d << " phase " << phase;
+        num_asked += asked.size();
+      }
     }
   }
+  EXPECT_GT(num_asked, 10000u);
 }
 
 TEST(ToolSlabs, StayEmptyWhereTheyWouldTakeTooMuchMemory) {
   const SplitTool tool = mixedTool(5);
   const ToolSlabs all = ToolSlabs::make(tool.view(), tool.numDirections(), kNoLimit);
-  const std::uint64_t bytes = all.columns.size() * sizeof(kernels::SlabColumn) +
-                              all.words.size() * sizeof(std::uint64_t) + all.first_word.size() * sizeof(std::uint32_t);
+  const std::uint64_t bytes =
+      all.columns.size() * sizeof(kernels::LeafColumn) + all.words.size() * sizeof(std::uint64_t);
   EXPECT_FALSE(ToolSlabs::make(tool.view(), tool.numDirections(), bytes).empty());
   for (const std::uint64_t most : {bytes - 1, bytes / 8, std::uint64_t{0}}) {
     const ToolSlabs none = ToolSlabs::make(tool.view(), tool.numDirections(), most);
