@@ -84,7 +84,8 @@ class CudaUpdater final : public PointUpdater {
     launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
     launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
     view_.known.of = KnownLevels::of(input.tool.collision_limit);
-    view_.known.count_to = std::min(static_cast<int>(input.tool.collision_limit * (getenv("DBGR") ? atof(getenv("DBGR")) : 2.0)), int{kNoScore});
+    view_.known.count_to = std::min(
+        static_cast<int>(input.tool.collision_limit * (getenv("DBGR") ? atof(getenv("DBGR")) : 2.0)), int{kNoScore});
     view_.known.most_freed = 2 * marginCollisions(input.tool.collision_limit);
     addFlips(input.flips);
     const std::uint32_t moved = counters().moved;
@@ -157,9 +158,9 @@ class CudaUpdater final : public PointUpdater {
            count_.bytes() + ids_.bytes() + block_reach_.bytes() + head_.bytes() + touched_blocks_.bytes() +
            reached_bits_.bytes() + reached_blocks_.bytes() + masks_.bytes() + affected_.bytes() + places_.bytes() +
            flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + due_.bytes() + due_heads_.bytes() +
-           due_order_.bytes() + busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() +
-           crossed_.bytes() + flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() + cell_directions_.bytes() +
-           flip_heads_.bytes() + flip_next_.bytes();
+           due_order_.bytes() + due_whole_.bytes() + busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() +
+           ids_news_.bytes() + crossed_.bytes() + flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() +
+           cell_directions_.bytes() + flip_heads_.bytes() + flip_next_.bytes();
   }
 
  private:
@@ -298,8 +299,9 @@ class CudaUpdater final : public PointUpdater {
     if (due_.size() < items) {
       due_.grow(memory_, items, 0);
       due_order_.grow(memory_, items, 0);
+      due_whole_.grow(memory_, items, 0);
     }
-    view_.due = {due_.data(), due_heads_.data(), busy_blocks_.data(), due_order_.data()};
+    view_.due = {due_.data(), due_heads_.data(), busy_blocks_.data(), due_order_.data(), due_whole_.data()};
   }
 
   void clearCounters() { fill(counters_.data(), 0, sizeof(UpdateCounters)); }
@@ -343,7 +345,7 @@ class CudaUpdater final : public PointUpdater {
   // By block.
   DeviceArray<std::uint64_t> hash_keys_;
   DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, head_, touched_blocks_, reached_bits_, reached_blocks_,
-      due_heads_, busy_blocks_, due_order_;
+      due_heads_, busy_blocks_, due_order_, due_whole_;
   DeviceArray<std::int32_t> leaf_;
   DeviceArray<float> block_reach_;
   DeviceArray<BlockMasks> masks_;

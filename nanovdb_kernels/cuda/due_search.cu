@@ -14,7 +14,7 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
-constexpr unsigned kBlocksEach = 6;  ///< blocks that a multiprocessor is to hold
+constexpr unsigned kBlocksEach = 8;  ///< blocks that a multiprocessor is to hold
 
 extern __shared__ std::uint32_t nodes_of_windows[];
 
@@ -137,10 +137,11 @@ __device__ bool lostDirection(const UpdateView& view, const DueSearch& search, c
   return false;
 }
 
-/// A point of which some directions are in question. All lanes.
+/// A point of which some directions are in question. All lanes. @param which  item it is
 template <class Window>
 __device__ void confirm(const UpdateView& view, const DueSearch& search, const Window& window, const DuePoint& point,
-                        DueItem& due, WarpMasks& masks, BusyLeaves& busy, ScoreItem& item, int lane) {
+                        const DueItem& due, std::uint32_t which, WarpMasks& masks, BusyLeaves& busy, ScoreItem& item,
+                        int lane) {
   const bool accessible = view.points.label[point.id] == PointLabel::Accessible;
   int known_score = static_cast<int>(search.tool.collision_limit) - 1;  // a blocked point: only what is free counts
   int known_direction = kNoDirection, own_tests = 0;
@@ -152,7 +153,7 @@ __device__ void confirm(const UpdateView& view, const DueSearch& search, const W
         lostDirection(view, search, window, point, due.test_best, known_direction, known_score, busy, lane)) {
       // The others are known to be no better than this one was.
       if (lane == 0) {
-        due.all = 1;
+        view.due.whole[atomicAdd(&view.counters->whole, 1u)] = which;
         atomicAdd(&view.counters->tests, 1ull);
       }
       __syncwarp();  // what it read of its window, others overwrite next
@@ -221,10 +222,19 @@ __global__ void orderDue(UpdateView view) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= view.counters->busy) return;
   std::uint32_t* head = view.due.head + view.due.busy[n];
-  std::uint32_t count = 0;
-  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) ++count;
+  std::uint32_t count = 0, whole = 0;
+  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) {
+    view.due.items[item].all != 0 ? ++whole : ++count;
+  }
   std::uint32_t place = atomicAdd(&view.counters->ordered, count);
-  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) view.due.order[place++] = item;
+  std::uint32_t place_whole = whole > 0 ? atomicAdd(&view.counters->whole, whole) : 0;
+  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) {
+    if (view.due.items[item].all != 0) {
+      view.due.whole[place_whole++] = item;
+    } else {
+      view.due.order[place++] = item;
+    }
+  }
   *head = kNoIndex;
 }
 
@@ -236,16 +246,17 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach) evaluateDue(UpdateView 
   __shared__ BusyLeaves all_busy[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   const unsigned warp = threadIdx.x / kWarp;
-  const std::uint32_t count = view.counters->ordered;
+  const std::uint32_t count = kAll ? view.counters->whole : view.counters->ordered;
+  const std::uint32_t* list = kAll ? view.due.whole : view.due.order;
   for (std::uint32_t n = takeNext(&view.counters->next, lane); n < count; n = takeNext(&view.counters->next, lane)) {
-    DueItem& due = view.due.items[view.due.order[n]];
-    if ((due.all != 0) != kAll) continue;
+    const std::uint32_t which = list[n];
+    const DueItem& due = view.due.items[which];
     const DuePoint point(view.points, due.id, search.map.inverse_voxel_size);
     const Window window = makeDueWindow<Window>(search, point.ijk, lane);
     if constexpr (kAll) {
       searchAll(view, search, window, point, due, all_masks[warp], all_busy[warp], all_items[warp], lane);
     } else {
-      confirm(view, search, window, point, due, all_masks[warp], all_busy[warp], all_items[warp], lane);
+      confirm(view, search, window, point, due, which, all_masks[warp], all_busy[warp], all_items[warp], lane);
     }
   }
 }
@@ -279,8 +290,8 @@ void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint3
       launchBoth<TreeWindow>(view, search, stream);
       break;
   }
-  for (std::uint32_t* counter :
-       {&view.counters->due, &view.counters->busy, &view.counters->ordered, &view.counters->next}) {
+  for (std::uint32_t* counter : {&view.counters->due, &view.counters->busy, &view.counters->ordered,
+                                 &view.counters->whole, &view.counters->next}) {
     ACCESSVDB_CUDA(cudaMemsetAsync(counter, 0, sizeof(std::uint32_t), stream));
   }
 }

@@ -125,11 +125,11 @@ class LeafWindow : public WindowBase {
                   some);
   }
   template <int kCount>
-  __device__ void busyFrom(int x, int y, int z, int count, std::uint32_t (&entries)[kCount]) const {
+  __device__ void busyFrom(int x, int y, int z, int count, const std::uint8_t* (&leaves)[kCount]) const {
 #pragma unroll
     for (int n = 0; n < kCount; ++n) {
       const std::uint32_t entry = n < count ? nodes_[index(x, y, z + 8 * n)] : 0;
-      entries[n] = (entry & 1u) != 0 ? entry >> 1 : 0;
+      leaves[n] = (entry & 1u) != 0 ? node(entry >> 1) : nullptr;
     }
   }
   [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
@@ -173,19 +173,32 @@ class LowerWindow : public WindowBase {
     return __popc(leaf[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted);
   }
   template <int kCount>
-  __device__ void busyFrom(int x, int y, int z, int count, std::uint32_t (&entries)[kCount]) const {
+  __device__ void busyFrom(int x, int y, int z, int count, const std::uint8_t* (&leaves)[kCount]) const {
     const std::uint32_t first = index(x, y, z);
     const int place = (x >> kLeafLog2 & 15) << 8 | (y >> kLeafLog2 & 15) << 4, above = z >> kLeafLog2 & 15;
-    const std::uint8_t* leaves[kCount];
+    const std::uint8_t* lower[kCount];
+    std::int64_t child[kCount];
+    if (above + count <= 16) {  // of one node, nearly always
+      const std::uint32_t entry = count > 0 ? nodes_[first] : 0;
+      const auto* table = reinterpret_cast<const std::int64_t*>(node(entry) + kLowerTableBytes) + (place | above);
 #pragma unroll
-    for (int n = 0; n < kCount; ++n) {
-      leaves[n] = nullptr;
-      const std::uint32_t entry = n < count ? nodes_[first + static_cast<std::uint32_t>((above + n) >> 4)] : 0;
-      if (entry != 0) leaves[n] = childOf(node(entry), place | ((above + n) & 15));
+      for (int n = 0; n < kCount; ++n) {
+        lower[n] = node(entry);
+        child[n] = entry != 0 && n < count ? table[n] : 0;
+      }
+    } else {
+#pragma unroll
+      for (int n = 0; n < kCount; ++n) {
+        const std::uint32_t entry = n < count ? nodes_[first + static_cast<std::uint32_t>((above + n) >> 4)] : 0;
+        lower[n] = node(entry);
+        child[n] = entry != 0
+                       ? reinterpret_cast<const std::int64_t*>(lower[n] + kLowerTableBytes)[place | ((above + n) & 15)]
+                       : 0;
+      }
     }
 #pragma unroll
     for (int n = 0; n < kCount; ++n) {
-      entries[n] = leaves[n] != nullptr && collidesSomewhere(leaves[n]) ? offsetOf(leaves[n]) : 0;
+      leaves[n] = child[n] != 0 && collidesSomewhere(lower[n] + child[n]) ? lower[n] + child[n] : nullptr;
     }
   }
   [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
@@ -200,9 +213,8 @@ class LowerWindow : public WindowBase {
   [[nodiscard]] __device__ const std::uint8_t* leafOf(int x, int y, int z) const {
     const std::uint32_t entry = nodes_[index(x, y, z)];
     if (entry == 0) return nullptr;
-    return childOf(node(entry), (x >> kLeafLog2 & 15) << 8 | (y >> kLeafLog2 & 15) << 4 | (z >> kLeafLog2 & 15));
-  }
-  [[nodiscard]] static __device__ const std::uint8_t* childOf(const std::uint8_t* lower, int place) {
+    const std::uint8_t* lower = node(entry);
+    const int place = (x >> kLeafLog2 & 15) << 8 | (y >> kLeafLog2 & 15) << 4 | (z >> kLeafLog2 & 15);
     const std::int64_t child = reinterpret_cast<const std::int64_t*>(lower + kLowerTableBytes)[place];
     return child == 0 ? nullptr : lower + child;
   }
@@ -216,13 +228,14 @@ class MapWindow : public Nodes {
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
 
-  /// Leaves above each other, from that of voxel (x, y, z), that hold something that collides; 0: another one.
-  /// @param count  how many are asked for; the others are 0
+  /// Leaves above each other, from that of voxel (x, y, z), that hold something that collides; null: another one.
+  /// @param count  how many are asked for; the others are null
   template <int kCount>
-  __device__ void busyLeaves(int x, int y, int z, int count, std::uint32_t (&entries)[kCount]) const {
-    this->busyFrom(x - this->origin_[0], y - this->origin_[1], z - this->origin_[2], count, entries);
+  __device__ void busyLeaves(int x, int y, int z, int count, const std::uint8_t* (&leaves)[kCount]) const {
+    this->busyFrom(x - this->origin_[0], y - this->origin_[1], z - this->origin_[2], count, leaves);
   }
-  /// Colliding voxels at place x of such a leaf: bit 8 y + z.
+  /// A leaf in four bytes, and what collides at place x of it: bit 8 y + z.
+  [[nodiscard]] __device__ std::uint32_t entryOf(const std::uint8_t* leaf) const { return this->offsetOf(leaf); }
   [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
     return WindowBase::slabIn(this->node(entry), x);
   }
@@ -258,15 +271,16 @@ class TreeWindow {
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return reader_.collides(ijk); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return reader_.armFree(ijk); }
   template <int kCount>
-  __device__ void busyLeaves(int x, int y, int z, int count, std::uint32_t (&entries)[kCount]) const {
+  __device__ void busyLeaves(int x, int y, int z, int count, const std::uint8_t* (&leaves)[kCount]) const {
 #pragma unroll
     for (int n = 0; n < kCount; ++n) {
-      entries[n] = 0;
       const OccupancyLeaf* leaf = n < count ? reader_.leafAt(Coord(x, y, z + 8 * n)) : nullptr;
-      if (leaf == nullptr) continue;
       const auto* bytes = reinterpret_cast<const std::uint8_t*>(leaf);
-      if (collidesSomewhere(bytes)) entries[n] = static_cast<std::uint32_t>((bytes - grid_) / kNodeBytes);
+      leaves[n] = leaf != nullptr && collidesSomewhere(bytes) ? bytes : nullptr;
     }
+  }
+  [[nodiscard]] __device__ std::uint32_t entryOf(const std::uint8_t* leaf) const {
+    return static_cast<std::uint32_t>(static_cast<std::uint64_t>(leaf - grid_) / kNodeBytes);
   }
   [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
     return WindowBase::slabIn(grid_ + static_cast<std::uint64_t>(entry) * kNodeBytes, x);

@@ -13,7 +13,7 @@ namespace accessvdb::kernels {
 
 /// Leaves in which something collides, in shared memory, a list a warp.
 struct BusyLeaves {
-  static constexpr int kTurn = 4;  ///< leaves of a column asked at a time
+  static constexpr int kTurn = 5;  ///< leaves of a column asked at a time
   static constexpr int kMost = 2 * kTurn * static_cast<int>(kWarp);
   struct Leaf {
     std::uint32_t entry;   ///< of the window
@@ -55,14 +55,14 @@ class SlabCount {
                 z = (point_ijk_[2] & ~7) + 8 * column.slab_dz;
       int listed = 0;
       for (int low = 0; low < most; low += BusyLeaves::kTurn) {
-        std::uint32_t entries[BusyLeaves::kTurn];
-        window_.busyLeaves(x, y, z + 8 * low, leaves - low, entries);
+        const std::uint8_t* found[BusyLeaves::kTurn];
+        window_.busyLeaves(x, y, z + 8 * low, leaves - low, found);
 #pragma unroll
         for (int k = 0; k < BusyLeaves::kTurn; ++k) {
-          const unsigned all = __ballot_sync(kAllLanes, entries[k] != 0);
-          if (entries[k] != 0) {
-            busy_.list[listed + __popc(all & ((1u << lane_) - 1u))] = {entries[k],
-                                                                       static_cast<std::uint32_t>(n << 16 | (low + k))};
+          const unsigned all = __ballot_sync(kAllLanes, found[k] != nullptr);
+          if (found[k] != nullptr) {
+            const int place = listed + __popc(all & ((1u << lane_) - 1u));
+            busy_.list[place] = {window_.entryOf(found[k]), static_cast<std::uint32_t>(n << 16 | (low + k))};
           }
           listed += __popc(all);
         }
