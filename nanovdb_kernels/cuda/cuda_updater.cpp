@@ -19,6 +19,8 @@ namespace {
 /// Points whose neighbours are found at a time, points looked at for flips at a time, and most items that wait.
 constexpr std::uint32_t kMovedPart = 1u << 17, kFlipsPart = 1u << 18, kMostItems = 1u << 20;
 
+/// Collisions are counted up to this many times the limit, to remember them. Counting farther did not pay.
+constexpr int kCountTo = 3;
 /// Shared memory that a block gets without asking.
 constexpr int kPlainSharedBytes = 44 * 1024;
 
@@ -56,6 +58,18 @@ class CudaUpdater final : public PointUpdater {
     ACCESSVDB_CUDA(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, context_->device()));
   }
 
+  void begin(const UpdateInput& input) override {
+    const CurrentDevice current(context_->device());
+    refreshView(input.points, view_.num_points);
+    view_.approach = input.approach;
+    view_.update_rule = input.rule;
+    const int limit = input.tool.collision_limit;
+    view_.known.of = KnownLevels::of(limit);
+    view_.known.most_freed = 2 * marginCollisions(limit);
+    view_.known.count_to = std::min(kCountTo * limit, int{kNoScore});
+    addFlips(input.flips);
+  }
+
   void admit(const AdmitInput& input) override {
     const CurrentDevice current(context_->device());
     growPoints(input.num_points);
@@ -78,16 +92,10 @@ class CudaUpdater final : public PointUpdater {
     const CurrentDevice current(context_->device());
     const auto start = std::chrono::steady_clock::now();
     refreshView(input.points, view_.num_points);
-    view_.approach = input.approach;
-    view_.update_rule = input.rule;
+    growMasks();
     const CrossedPoint* crossed = crossed_.send(input.crossed, memory_, stream());
     launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
     launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
-    view_.known.of = KnownLevels::of(input.tool.collision_limit);
-    view_.known.count_to = std::min(
-        static_cast<int>(input.tool.collision_limit * (getenv("DBGR") ? atof(getenv("DBGR")) : 2.0)), int{kNoScore});
-    view_.known.most_freed = 2 * marginCollisions(input.tool.collision_limit);
-    addFlips(input.flips);
     const std::uint32_t moved = counters().moved;
 
     DueSearch search;
@@ -95,9 +103,11 @@ class CudaUpdater final : public PointUpdater {
     search.tool = input.tool;
     search.multiprocessors = multiprocessors_;
     search.slabs = input.slabs;
-    // Slabs are whole: they reach beyond the tool's lowest and highest voxel.
-    search.tool.reach.low[2] -= 16;
-    search.tool.reach.high[2] += 16;
+    VoxelBox& reach = search.tool.reach;
+    if (reach.low[2] <= reach.high[2]) {  // slabs are whole: they go beyond the tool's lowest and highest voxel
+      reach.low[2] -= 16;
+      reach.high[2] += 16;
+    }
     // More than what a block gets without asking would be taken from the cache.
     search.window = planWindow(search.tool, kPlainSharedBytes, false);
     ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
@@ -275,10 +285,9 @@ class CudaUpdater final : public PointUpdater {
     fill(flip_keys_.data(), 0xff, capacity * sizeof(std::uint64_t));
     fill(flip_kinds_.data(), 0, capacity * sizeof(std::uint64_t));
     fill(flip_heads_.data(), 0xff, capacity * sizeof(std::uint32_t));
-    if (masks_.size() < view_.index.blocks) {
-      masks_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), 0);
-      affected_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), 0);
-    }
+    masks_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), 0);
+    affected_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), 0);
+    masked_blocks_ = view_.index.blocks;
     view_.flips = {{flip_keys_.data(), static_cast<std::uint32_t>(capacity - 1)},
                    flip_kinds_.data(),
                    flip_heads_.data(),
@@ -288,6 +297,17 @@ class CudaUpdater final : public PointUpdater {
     view_.affected = affected_.data();
     launchAddFlips(view_, static_cast<std::uint32_t>(flips.size()), stream());
     launchBlockMasks(view_, stream());
+  }
+
+  /// Blocks that came since begin(): nothing is known of their points that flips could change.
+  void growMasks() {
+    if (view_.affected == nullptr || view_.index.blocks == masked_blocks_) return;
+    masks_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), masked_blocks_);
+    affected_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), masked_blocks_);
+    fill(affected_.data() + masked_blocks_, 0, view_.index.blocks - masked_blocks_);
+    view_.masks = masks_.data();
+    view_.affected = affected_.data();
+    masked_blocks_ = view_.index.blocks;
   }
 
   void growItems(std::uint32_t moved) {
@@ -332,6 +352,7 @@ class CudaUpdater final : public PointUpdater {
   int multiprocessors_ = 1;
   bool any_known_ = false;  ///< does any point have a neighbourhood?
   std::uint32_t places_used_ = 0;
+  std::uint32_t masked_blocks_ = 0;  ///< whose masks tell of the flips
 
   DeviceArray<FootprintColumn> tool_columns_, arm_columns_;
   DeviceArray<DirectionArc> cell_directions_;

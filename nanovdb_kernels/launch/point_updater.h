@@ -104,12 +104,16 @@ struct UpdateOutcome {
   double select_ms = 0, score_ms = 0;  ///< finding what is due; evaluating it
 };
 
+/// An update is begin(), any number of admit(), update().
 class PointUpdater {
  public:
   virtual ~PointUpdater() = default;
-  /// Takes points in, any number of times before an update; no id twice between two updates.
+  /// Takes the flips in and returns while the backend is still at work on them. `input.crossed` is not looked at.
+  virtual void begin(const UpdateInput& input) = 0;
+  /// Takes points in; no id twice between two updates.
   virtual void admit(const AdmitInput& input) = 0;
   /// Brings neighbourhoods, labels, directions and scores up to date with the map and with what was admitted.
+  /// @param input  as at begin(); its flips are not looked at again
   virtual UpdateOutcome update(const UpdateInput& input) = 0;
   /// Bytes of device memory that it holds, the point state not included.
   [[nodiscard]] virtual std::uint64_t bytes() const = 0;

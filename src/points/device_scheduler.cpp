@@ -86,11 +86,6 @@ class DeviceScheduler final : public UpdateScheduler {
     const Stopwatch updating;
     const PointStore& points = scorer_.points();
     scorer_.growDevice();
-    admitBlocks();
-    std::vector<kernels::CrossedPoint> crossed = admitPoints();
-    findCrossed(crossed);
-    double host_ms = updating.milliseconds() + std::exchange(noted_ms_, 0.0);
-
     kernels::UpdateInput input;
     input.map = tables.map;
     input.tool = tables.tool;
@@ -98,8 +93,13 @@ class DeviceScheduler final : public UpdateScheduler {
     input.approach = tables.approach;
     input.points = scorer_.device().view();
     input.rule = tables.rule;
-    input.crossed = crossed;
     input.flips = flips_;
+    updater_->begin(input);
+    admitBlocks();
+    std::vector<kernels::CrossedPoint> crossed = admitPoints();
+    findCrossed(crossed);
+    input.crossed = crossed;
+    double host_ms = updating.milliseconds() + std::exchange(noted_ms_, 0.0);
     const kernels::UpdateOutcome outcome = updater_->update(input);
     const Stopwatch ending;
     for (const Touched& touched : touched_) is_touched_[touched.id] = 0;

@@ -67,6 +67,7 @@ std::uint64_t bitsOf(float value) { return __builtin_bit_cast(std::uint32_t, val
 class Listener final : public kernels::PointUpdater {
  public:
   Listener(Phases& phases, Told& told) : phases_(phases), told_(told) {}
+  void begin(const kernels::UpdateInput&) override {}
   void admit(const kernels::AdmitInput& input) override {
     phases_.end(input.news.empty() ? kBlocks : kPoints);
     for (const kernels::PointNews& news : input.news) {

@@ -44,6 +44,7 @@ struct Told {
 class Listener final : public kernels::PointUpdater {
  public:
   explicit Listener(Told& told) : told_(told) {}
+  void begin(const kernels::UpdateInput&) override {}
   void admit(const kernels::AdmitInput& input) override {
     told_.news.insert(told_.news.end(), input.news.begin(), input.news.end());
     told_.slots.resize(std::max<std::size_t>(told_.slots.size(), input.num_slots), kNone);
