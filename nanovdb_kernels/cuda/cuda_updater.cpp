@@ -96,7 +96,10 @@ class CudaUpdater final : public PointUpdater {
     const CrossedPoint* crossed = crossed_.send(input.crossed, memory_, stream());
     launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
     launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
-    const std::uint32_t moved = counters().moved;
+    ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
+    launchCountLowers(input.map.grid, counters_.data(), stream());
+    const UpdateCounters found = counters();
+    const std::uint32_t moved = found.moved;
 
     DueSearch search;
     search.map = input.map;
@@ -108,9 +111,9 @@ class CudaUpdater final : public PointUpdater {
       reach.low[2] -= 16;
       reach.high[2] += 16;
     }
-    // More than what a block gets without asking would be taken from the cache.
-    search.window = planWindow(search.tool, kPlainSharedBytes, false);
-    ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
+    // More than what a block gets without asking would be taken from the cache; each node takes two entries.
+    search.window = planWindow(search.tool, kPlainSharedBytes / BusyMapView::kEntries, false);
+    search.busy = makeBusyMap(input.map.grid, found.lowers);
     growItems(moved);
     UpdateOutcome outcome;
     const auto evaluate = [&] {
@@ -170,7 +173,8 @@ class CudaUpdater final : public PointUpdater {
            flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + due_.bytes() + due_heads_.bytes() +
            due_order_.bytes() + due_whole_.bytes() + busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() +
            ids_news_.bytes() + crossed_.bytes() + flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() +
-           cell_directions_.bytes() + flip_heads_.bytes() + flip_next_.bytes();
+           cell_directions_.bytes() + flip_heads_.bytes() + flip_next_.bytes() + lower_keys_.bytes() +
+           lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes();
   }
 
  private:
@@ -310,6 +314,23 @@ class CudaUpdater final : public PointUpdater {
     masked_blocks_ = view_.index.blocks;
   }
 
+  /// @param lowers  lower nodes of the mirror
+  BusyMapView makeBusyMap(const OccupancyGrid* grid, std::uint32_t lowers) {
+    const std::size_t slots = std::bit_ceil(2 * std::size_t{lowers} + 64);
+    lower_keys_.grow(memory_, slots, 0);
+    lower_numbers_.grow(memory_, slots, 0);
+    lower_nodes_.growWithRoom(memory_, lowers, roomFor(lowers), 0);
+    busy_bits_.growWithRoom(memory_, BusyMapView::kColumns * std::size_t{lowers},
+                            BusyMapView::kColumns * roomFor(lowers), 0);
+    fill(lower_keys_.data(), 0xff, slots * sizeof(std::uint64_t));
+    const BusyMapView busy = {{lower_keys_.data(), static_cast<std::uint32_t>(slots - 1)},
+                              lower_numbers_.data(),
+                              lower_nodes_.data(),
+                              busy_bits_.data()};
+    launchBusyMap(grid, busy, lowers, counters_.data(), stream());
+    return busy;
+  }
+
   void growItems(std::uint32_t moved) {
     const std::size_t part = std::min(moved, kMovedPart);
     if (found_.size() < part) found_.grow(memory_, std::min<std::size_t>(roomFor(part), kMovedPart), 0);
@@ -376,6 +397,9 @@ class CudaUpdater final : public PointUpdater {
   DeviceArray<Place> places_;
   DeviceArray<std::uint64_t> flip_keys_, flip_kinds_;
   DeviceArray<std::uint32_t> flip_heads_, flip_next_;
+  DeviceArray<std::uint64_t> lower_keys_;
+  DeviceArray<std::uint32_t> lower_numbers_, lower_nodes_;
+  DeviceArray<std::uint16_t> busy_bits_;
   DeviceArray<FoundNeighbours> found_;
   DeviceArray<DueItem> due_;
   Staging<PointNews> news_;

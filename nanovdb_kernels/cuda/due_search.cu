@@ -5,6 +5,7 @@
 /// other, so that they find what they read of the map in the cache.
 #include <type_traits>
 
+#include "cuda/busy_map.cuh"
 #include "cuda/cuda_check.h"
 #include "cuda/known_collisions.cuh"
 #include "cuda/update_kernels.h"
@@ -40,9 +41,8 @@ __device__ Window makeDueWindow(const DueSearch& search, const Coord& point_ijk,
   if constexpr (std::is_same_v<Window, TreeWindow>) {
     return TreeWindow(search.map);
   } else {
-    const Window window(nodes_of_windows + threadIdx.x / kWarp * search.window.entries,
-                        WindowShape::of(search.tool.reach, Window::kLog2), search.map, point_ijk, lane,
-                        static_cast<int>(kWarp));
+    const Window window(nodes_of_windows + threadIdx.x / kWarp * search.window.entries * Window::kEntries,
+                        WindowShape::of(search.tool.reach, Window::kLog2), search.map, search.busy, point_ijk, lane);
     __syncwarp();
     return window;
   }
@@ -265,7 +265,7 @@ template <class Window>
 void launchBoth(const UpdateView& view, const DueSearch& search, cudaStream_t stream) {
   // Persistent blocks: as many as the device holds at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
-  const std::size_t bytes = std::size_t{kWarps} * search.window.entries * sizeof(std::uint32_t);
+  const std::size_t bytes = std::size_t{kWarps} * search.window.entries * BusyWindow::kEntries * sizeof(std::uint32_t);
   evaluateDue<Window, false><<<blocks, kThreads, bytes, stream>>>(view, search);
   checkLaunch("evaluateDue");
   ACCESSVDB_CUDA(cudaMemsetAsync(&view.counters->next, 0, sizeof(std::uint32_t), stream));
@@ -279,16 +279,10 @@ void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint3
   if (most_busy == 0) return;
   orderDue<<<(most_busy + kThreads - 1) / kThreads, kThreads, 0, stream>>>(view);
   checkLaunch("orderDue");
-  switch (search.window.kind) {
-    case WindowPlan::Kind::Leaves:
-      launchBoth<MapWindow<LeafWindow>>(view, search, stream);
-      break;
-    case WindowPlan::Kind::Lowers:
-      launchBoth<MapWindow<LowerWindow>>(view, search, stream);
-      break;
-    case WindowPlan::Kind::None:
-      launchBoth<TreeWindow>(view, search, stream);
-      break;
+  if (search.window.kind == WindowPlan::Kind::Lowers) {
+    launchBoth<BusyWindow>(view, search, stream);
+  } else {
+    launchBoth<TreeWindow>(view, search, stream);
   }
   for (std::uint32_t* counter : {&view.counters->due, &view.counters->busy, &view.counters->ordered,
                                  &view.counters->whole, &view.counters->next}) {

@@ -124,13 +124,9 @@ class LeafWindow : public WindowBase {
     return __popc(node((entry >> 1) & some)[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted &
                   some);
   }
-  template <int kCount>
-  __device__ void busyFrom(int x, int y, int z, int count, const std::uint8_t* (&leaves)[kCount]) const {
-#pragma unroll
-    for (int n = 0; n < kCount; ++n) {
-      const std::uint32_t entry = n < count ? nodes_[index(x, y, z + 8 * n)] : 0;
-      leaves[n] = (entry & 1u) != 0 ? node(entry >> 1) : nullptr;
-    }
+  [[nodiscard]] __device__ const std::uint8_t* leafOf(int x, int y, int z) const {
+    const std::uint32_t entry = nodes_[index(x, y, z)];
+    return entry != 0 ? node(entry >> 1) : nullptr;
   }
   [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
     const int x = ijk[0] - origin_[0], y = ijk[1] - origin_[1], z = ijk[2] - origin_[2];
@@ -145,6 +141,10 @@ class LowerWindow : public WindowBase {
  public:
   static constexpr int kLog2 = kLowerLog2;
 
+  /// The caller fills `nodes`.
+  __device__ LowerWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
+                         const Coord& point_ijk)
+      : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {}
   /// As LeafWindow's.
   __device__ LowerWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
                          const Coord& point_ijk, int member, int members)
@@ -172,35 +172,6 @@ class LowerWindow : public WindowBase {
     if (leaf == nullptr) return 0;
     return __popc(leaf[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted);
   }
-  template <int kCount>
-  __device__ void busyFrom(int x, int y, int z, int count, const std::uint8_t* (&leaves)[kCount]) const {
-    const std::uint32_t first = index(x, y, z);
-    const int place = (x >> kLeafLog2 & 15) << 8 | (y >> kLeafLog2 & 15) << 4, above = z >> kLeafLog2 & 15;
-    const std::uint8_t* lower[kCount];
-    std::int64_t child[kCount];
-    if (above + count <= 16) {  // of one node, nearly always
-      const std::uint32_t entry = count > 0 ? nodes_[first] : 0;
-      const auto* table = reinterpret_cast<const std::int64_t*>(node(entry) + kLowerTableBytes) + (place | above);
-#pragma unroll
-      for (int n = 0; n < kCount; ++n) {
-        lower[n] = node(entry);
-        child[n] = entry != 0 && n < count ? table[n] : 0;
-      }
-    } else {
-#pragma unroll
-      for (int n = 0; n < kCount; ++n) {
-        const std::uint32_t entry = n < count ? nodes_[first + static_cast<std::uint32_t>((above + n) >> 4)] : 0;
-        lower[n] = node(entry);
-        child[n] = entry != 0
-                       ? reinterpret_cast<const std::int64_t*>(lower[n] + kLowerTableBytes)[place | ((above + n) & 15)]
-                       : 0;
-      }
-    }
-#pragma unroll
-    for (int n = 0; n < kCount; ++n) {
-      leaves[n] = child[n] != 0 && collidesSomewhere(lower[n] + child[n]) ? lower[n] + child[n] : nullptr;
-    }
-  }
   [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
     const int x = ijk[0] - origin_[0], y = ijk[1] - origin_[1], z = ijk[2] - origin_[2];
     const std::uint8_t* leaf = leafOf(x, y, z);
@@ -208,7 +179,6 @@ class LowerWindow : public WindowBase {
     return (leaf[mask_bytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] >> (z & 7) & 1u) != 0;
   }
 
- private:
   /// The mirror writes an entry of the table only for a child, and memory that it never wrote is zero: 0 = no leaf.
   [[nodiscard]] __device__ const std::uint8_t* leafOf(int x, int y, int z) const {
     const std::uint32_t entry = nodes_[index(x, y, z)];
@@ -228,14 +198,18 @@ class MapWindow : public Nodes {
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
 
-  /// Leaves above each other, from that of voxel (x, y, z), that hold something that collides; null: another one.
-  /// @param count  how many are asked for; the others are null
-  template <int kCount>
-  __device__ void busyLeaves(int x, int y, int z, int count, const std::uint8_t* (&leaves)[kCount]) const {
-    this->busyFrom(x - this->origin_[0], y - this->origin_[1], z - this->origin_[2], count, leaves);
+  /// Which of `count` leaves above each other, from that of voxel (x, y, z), hold something that collides. @param count
+  /// at most 16
+  [[nodiscard]] __device__ std::uint32_t busyLeaves(int x, int y, int z, int count) const {
+    std::uint32_t busy = 0;
+    for (int n = 0; n < count; ++n) {
+      const std::uint8_t* leaf = leafAt(x, y, z + 8 * n);
+      if (leaf != nullptr && collidesSomewhere(leaf)) busy |= 1u << n;
+    }
+    return busy;
   }
-  /// A leaf in four bytes, and what collides at place x of it: bit 8 y + z.
-  [[nodiscard]] __device__ std::uint32_t entryOf(const std::uint8_t* leaf) const { return this->offsetOf(leaf); }
+  /// A leaf that there is, in four bytes, and what collides at place x of it: bit 8 y + z.
+  [[nodiscard]] __device__ std::uint32_t entryOf(int x, int y, int z) const { return this->offsetOf(leafAt(x, y, z)); }
   [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
     return WindowBase::slabIn(this->node(entry), x);
   }
@@ -260,6 +234,11 @@ class MapWindow : public Nodes {
       z += 16;
     }
   }
+
+ private:
+  [[nodiscard]] __device__ const std::uint8_t* leafAt(int x, int y, int z) const {
+    return this->leafOf(x - this->origin_[0], y - this->origin_[1], z - this->origin_[2]);
+  }
 };
 
 /// The same questions through the tree.
@@ -270,16 +249,16 @@ class TreeWindow {
   [[nodiscard]] __device__ bool holds(const Coord&) const { return true; }
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return reader_.collides(ijk); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return reader_.armFree(ijk); }
-  template <int kCount>
-  __device__ void busyLeaves(int x, int y, int z, int count, const std::uint8_t* (&leaves)[kCount]) const {
-#pragma unroll
-    for (int n = 0; n < kCount; ++n) {
-      const OccupancyLeaf* leaf = n < count ? reader_.leafAt(Coord(x, y, z + 8 * n)) : nullptr;
-      const auto* bytes = reinterpret_cast<const std::uint8_t*>(leaf);
-      leaves[n] = leaf != nullptr && collidesSomewhere(bytes) ? bytes : nullptr;
+  [[nodiscard]] __device__ std::uint32_t busyLeaves(int x, int y, int z, int count) const {
+    std::uint32_t busy = 0;
+    for (int n = 0; n < count; ++n) {
+      const OccupancyLeaf* leaf = reader_.leafAt(Coord(x, y, z + 8 * n));
+      if (leaf != nullptr && collidesSomewhere(reinterpret_cast<const std::uint8_t*>(leaf))) busy |= 1u << n;
     }
+    return busy;
   }
-  [[nodiscard]] __device__ std::uint32_t entryOf(const std::uint8_t* leaf) const {
+  [[nodiscard]] __device__ std::uint32_t entryOf(int x, int y, int z) const {
+    const auto* leaf = reinterpret_cast<const std::uint8_t*>(reader_.leafAt(Coord(x, y, z)));
     return static_cast<std::uint32_t>(static_cast<std::uint64_t>(leaf - grid_) / kNodeBytes);
   }
   [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {

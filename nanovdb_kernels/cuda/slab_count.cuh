@@ -13,8 +13,8 @@ namespace accessvdb::kernels {
 
 /// Leaves in which something collides, in shared memory, a list a warp.
 struct BusyLeaves {
-  static constexpr int kTurn = 5;  ///< leaves of a column asked at a time
-  static constexpr int kMost = 2 * kTurn * static_cast<int>(kWarp);
+  static constexpr int kTurn = 16;  ///< leaves of a column asked at a time
+  static constexpr int kMost = 5 * static_cast<int>(kWarp);
   struct Leaf {
     std::uint32_t entry;   ///< of the window
     std::uint32_t column;  ///< which column << 16 | which of its leaves
@@ -55,20 +55,21 @@ class SlabCount {
                 z = (point_ijk_[2] & ~7) + 8 * column.slab_dz;
       int listed = 0;
       for (int low = 0; low < most; low += BusyLeaves::kTurn) {
-        const std::uint8_t* found[BusyLeaves::kTurn];
-        window_.busyLeaves(x, y, z + 8 * low, leaves - low, found);
-#pragma unroll
-        for (int k = 0; k < BusyLeaves::kTurn; ++k) {
-          const unsigned all = __ballot_sync(kAllLanes, found[k] != nullptr);
-          if (found[k] != nullptr) {
-            const int place = listed + __popc(all & ((1u << lane_) - 1u));
-            busy_.list[place] = {window_.entryOf(found[k]), static_cast<std::uint32_t>(n << 16 | (low + k))};
+        const int asked = min(max(leaves - low, 0), BusyLeaves::kTurn);
+        const std::uint32_t found = asked > 0 ? window_.busyLeaves(x, y, z + 8 * low, asked) : 0;
+        for (std::uint32_t any = __reduce_or_sync(kAllLanes, found); any != 0; any &= any - 1) {
+          const int k = __ffs(static_cast<int>(any)) - 1;
+          const bool mine = (found >> k & 1u) != 0;
+          const unsigned all = __ballot_sync(kAllLanes, mine);
+          if (mine) {
+            busy_.list[listed + __popc(all & ((1u << lane_) - 1u))] = {window_.entryOf(x, y, z + 8 * (low + k)),
+                                                                       static_cast<std::uint32_t>(n << 16 | (low + k))};
           }
           listed += __popc(all);
-        }
-        if (listed > BusyLeaves::kMost / 2) {
-          count += collisionsIn(listed);
-          listed = 0;
+          if (listed > BusyLeaves::kMost - static_cast<int>(kWarp)) {
+            count += collisionsIn(listed);
+            listed = 0;
+          }
         }
       }
       if (listed > 0) count += collisionsIn(listed);

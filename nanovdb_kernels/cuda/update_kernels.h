@@ -46,6 +46,14 @@ void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint
 /// What is due of points [first, first + count) because of flips alone.
 void launchDueByFlips(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
 
+// busy_map.cu: where in the mirror anything collides.
+
+/// -> counters->lowers
+void launchCountLowers(const OccupancyGrid* grid, UpdateCounters* counters, cudaStream_t stream);
+/// @param busy  its hash empty and with room for `lowers`, its arrays for as many
+void launchBusyMap(const OccupancyGrid* grid, const BusyMapView& busy, std::uint32_t lowers, UpdateCounters* counters,
+                   cudaStream_t stream);
+
 // due_search.cu: evaluates.
 
 /// What the search needs beside the view.
@@ -53,6 +61,7 @@ struct DueSearch {
   OccupancyView map;
   ToolKernelView tool;
   ToolSlabsView slabs;
+  BusyMapView busy;
   WindowPlan window;  ///< of a warp
   int multiprocessors = 1;
 };

@@ -112,6 +112,16 @@ struct FlipsView {
   const LeafFlips* list = nullptr;
 };
 
+/// Lower nodes of the mirror by place, and which of their leaves hold something that collides (busy_map.cuh).
+struct BusyMapView {
+  static constexpr std::uint32_t kColumns = 256;  ///< of leaves, in a lower node
+  static constexpr int kEntries = 2;              ///< words that a window keeps of a node
+  HashView hash;
+  std::uint32_t* number_at = nullptr;  ///< [slots of the hash]
+  std::uint32_t* nodes = nullptr;      ///< [lower nodes] byte offset from the grid / 32
+  std::uint16_t* bits = nullptr;       ///< [lower nodes x 16 x 16] x, y of a column of leaves; bit z
+};
+
 /// Directions that flips may have changed for the points of a block.
 struct BlockMasks {
   DirectionMask better_tool, better_arm, worse_tool, worse_arm;
@@ -172,7 +182,7 @@ struct DueView {
 /// Numbers that kernels add to.
 struct UpdateCounters {
   unsigned long long tests, scored, label_changes, evaluated;
-  std::uint32_t moved, touched_blocks, reached_blocks, due, busy, ordered, whole, next, failed;
+  std::uint32_t moved, touched_blocks, reached_blocks, due, busy, ordered, whole, next, lowers, listed_lowers, failed;
 };
 
 /// Everything of an update in one argument.
