@@ -63,9 +63,13 @@ class TimedArena final : public kernels::MirrorArena {
     note(located);
     return staged_.stageWrites(count, bytes);
   }
-  kernels::StagedPatches stagePatches(std::size_t count) override {
+  kernels::StagedPatches stagePatches(std::size_t count, kernels::PatchKind kind) override {
     note(located);
-    return staged_.stagePatches(count);
+    return staged_.stagePatches(count, kind);
+  }
+  void stageFills(std::span<const kernels::ArenaFill> fills) override {
+    note(located);
+    staged_.stageFills(fills);
   }
   void endPatches(std::size_t count, std::size_t words) override {
     staged_.endPatches(count, words);
