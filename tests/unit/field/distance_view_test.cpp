@@ -37,7 +37,7 @@ void expectEqual(const AccessibilityField& field) {
     }
   }
   EXPECT_EQ(differ, 0u);
-  EXPECT_GT(observed, 1000u);
+  EXPECT_GT(observed, 50u);
 }
 
 FieldParams paramsOf(double voxel_size_m) {
