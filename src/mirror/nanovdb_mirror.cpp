@@ -222,6 +222,7 @@ void NanoMirror<Leaves>::Impl::stagePatches() {
       const std::uint32_t place = words.fetch_add(words_here, std::memory_order_relaxed);
       std::byte* to = room.words + std::size_t{place} * kernels::wordBytes(Leaves::kPatch);
       for (std::uint32_t n = 0; n < block.count; ++n) {
+        if (n + kLookAhead < block.count) leaves_.prefetchWords(block.changes[n + kLookAhead]);
         list[n].first_word += place;
         to = leaves_.copyWords(block.changes[n], list[n].mask, to);
       }

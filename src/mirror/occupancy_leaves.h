@@ -43,6 +43,7 @@ struct OccupancyLeaves {
 
   // What travels.
   [[nodiscard]] static std::uint32_t maskOf(const LeafChange& change) noexcept { return kernels::maskOf(change); }
+  static void prefetchWords(const LeafChange& /*change*/) noexcept {}  // they are the change itself
   static std::byte* copyWords(const LeafChange& change, std::uint32_t mask, std::byte* to) noexcept {
     return reinterpret_cast<std::byte*>(kernels::copyWords(change, mask, reinterpret_cast<std::uint64_t*>(to)));
   }
