@@ -44,11 +44,13 @@ std::uint64_t residentBytes() {
 }
 
 Json jsonOf(const MemoryUse& memory) {
-  return {{"device_peak_bytes", memory.device_peak_bytes},
-          {"map_bytes", memory.map_bytes},
-          {"mirror_bytes", memory.mirror_bytes},
-          {"point_host_bytes", memory.point_host_bytes},
-          {"point_device_bytes", memory.point_device_bytes}};
+  Json json = {{"device_peak_bytes", memory.device_peak_bytes},
+               {"map_bytes", memory.map_bytes},
+               {"mirror_bytes", memory.mirror_bytes},
+               {"point_host_bytes", memory.point_host_bytes},
+               {"point_device_bytes", memory.point_device_bytes}};
+  if (memory.distance_mirror_bytes > 0) json["distance_mirror_bytes"] = memory.distance_mirror_bytes;
+  return json;
 }
 
 double secondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
@@ -64,7 +66,8 @@ sim::Simulator makeSimulator(const BenchOptions& options, std::string& descripti
 
 class BenchRun {
  public:
-  BenchRun(const BenchOptions& options, Messages& messages) : options_(options), messages_(messages) {}
+  BenchRun(const BenchOptions& options, Messages& messages)
+      : options_(options), messages_(messages), record_(options.map.mirror_distance) {}
   int run();
 
  private:
@@ -145,6 +148,7 @@ Json BenchRun::describe(const AccessibilityField& field) const {
     const auto space = line.find(' ');
     if (space != std::string::npos) parameters[line.substr(0, space)] = line.substr(space + 1);
   }
+  parameters["mirror_distance"] = params.mirror_distance;
   const std::size_t timed = timedFrames();
   Json json = {{"schema", 1},
                {"version", ACCESSVDB_VERSION},
@@ -232,6 +236,10 @@ int BenchRun::run() {
                      text(ms["frame"]["p95"]) + ")";
   for (const char* stage : {"integrate", "mirror", "update", "score"}) {
     line += std::string(", ") + stage + " " + text(ms[stage]["mean"]) + " (" + text(ms[stage]["p95"]) + ")";
+  }
+  if (options_.map.mirror_distance) {
+    line += ", mirror of distances " + text(ms["distance_mirror"]["mean"]) + " (" + text(ms["distance_mirror"]["p95"]) +
+            ")";
   }
   const std::uint64_t begin = pointsAtTimedBegin();
   messages_.notice(line);

@@ -52,6 +52,7 @@ void addBenchOptions(CLI::App& app, BenchOptions& options) {
   app.add_option("--directions", options.map.directions, "approach directions over 360 degrees, 4 .. 256");
   app.add_option("--knn", options.map.knn, "neighbours of a normal; default by rule");
   app.add_option("--corridor", options.map.corridor_m, "length of the straight corridor that must be free, metres");
+  addMirrorOption(app, options.map);
   app.add_option("--per-frame", options.per_frame, "CSV file for the figures of every frame");
   app.add_option("--out", options.out, "JSON file for the figures; default: standard output");
 }

@@ -47,6 +47,13 @@ constexpr std::array<Column, 11> kCounters = {{
     {"label_changes", read<&BenchFrame::update, &UpdateStats::label_changes>},
 }};
 
+// Only where that mirror is kept; behind all others.
+constexpr Column kDistanceTime = {"distance_mirror", read<&BenchFrame::integration, &FrameStats::distance_mirror_ms>};
+constexpr std::array<Column, 2> kDistanceCounters = {{
+    {"distance_leaves", read<&BenchFrame::integration, &FrameStats::distance_leaves>},
+    {"distance_mirror_bytes", read<&BenchFrame::integration, &FrameStats::distance_mirror_bytes>},
+}};
+
 Json statistics(const std::vector<BenchFrame>& frames, std::size_t last, double (*of)(const BenchFrame&)) {
   StageTimes samples;
   for (std::size_t n = frames.size() - std::min(last, frames.size()); n < frames.size(); ++n)
@@ -67,12 +74,16 @@ std::uint64_t BenchRecord::surfacePointsBefore(std::size_t n) const {
 Json BenchRecord::timing_ms(std::size_t last) const {
   Json out = Json::object();
   for (const Column& column : kTimes) out[column.name] = statistics(frames_, last, column.of);
+  if (distances_) out[kDistanceTime.name] = statistics(frames_, last, kDistanceTime.of);
   return out;
 }
 
 Json BenchRecord::counters(std::size_t last) const {
   Json out = Json::object();
   for (const Column& column : kCounters) out[column.name] = statistics(frames_, last, column.of);
+  for (const Column& column : kDistanceCounters) {
+    if (distances_) out[column.name] = statistics(frames_, last, column.of);
+  }
   return out;
 }
 
@@ -99,12 +110,22 @@ std::string BenchRecord::csv() const {
   out << "n";
   for (const Column& column : kTimes) out << ',' << column.name << "_ms";
   for (const Column& column : kCounters) out << ',' << column.name;
-  out << ",backlog,surface_points\n";
+  out << ",backlog,surface_points";
+  if (distances_) out << ',' << kDistanceTime.name << "_ms";
+  for (const Column& column : kDistanceCounters) {
+    if (distances_) out << ',' << column.name;
+  }
+  out << '\n';
   for (std::size_t n = 0; n < frames_.size(); ++n) {
     out << n;
     for (const Column& column : kTimes) out << ',' << numberText(column.of(frames_[n]));
     for (const Column& column : kCounters) out << ',' << static_cast<std::uint64_t>(column.of(frames_[n]));
-    out << ',' << frames_[n].update.backlog << ',' << frames_[n].integration.surface_points << '\n';
+    out << ',' << frames_[n].update.backlog << ',' << frames_[n].integration.surface_points;
+    if (distances_) out << ',' << numberText(kDistanceTime.of(frames_[n]));
+    for (const Column& column : kDistanceCounters) {
+      if (distances_) out << ',' << static_cast<std::uint64_t>(column.of(frames_[n]));
+    }
+    out << '\n';
   }
   return out.str();
 }

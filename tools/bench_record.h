@@ -20,12 +20,15 @@ struct BenchFrame {
 
 class BenchRecord {
  public:
+  /// @param distances  the mirror of distances has figures too
+  explicit BenchRecord(bool distances) : distances_(distances) {}
   void add(const BenchFrame& frame) { frames_.push_back(frame); }
   [[nodiscard]] std::size_t frames() const { return frames_.size(); }
   /// Points in the map before frame n; n = frames() for those at the end.
   [[nodiscard]] std::uint64_t surfacePointsBefore(std::size_t n) const;
 
-  /// "frame", "integrate", "mirror", "update", "score": {mean, p50, p95, p99, max} over the last `last` frames.
+  /// "frame", "integrate", "mirror", "update", "score" (and "distance_mirror"): {mean, p50, p95, p99, max} over the
+  /// last `last` frames.
   [[nodiscard]] nlohmann::ordered_json timing_ms(std::size_t last) const;
   /// The same statistics of every counter.
   [[nodiscard]] nlohmann::ordered_json counters(std::size_t last) const;
@@ -36,6 +39,7 @@ class BenchRecord {
   [[nodiscard]] std::string csv() const;
 
  private:
+  bool distances_;
   std::vector<BenchFrame> frames_;
 };
 

@@ -137,13 +137,13 @@ if wanted sanitizers; then
     for tool in memcheck racecheck initcheck synccheck; do
       start=$(date +%s.%N)
       "$sanitizer" --tool "$tool" --error-exitcode 9 "$bin/gpu_parity_test" \
-        --gtest_filter='CudaScoring.ShortRunOfEveryPath:CudaScoring.NothingToScoreIsNothing:CudaMirror.ArenaTakesAnyBytes:CudaMemory.NothingIsAllocatedOnceWarm:Streams/CudaStream.EqualsTheCpuAfterEveryUpdate/1' \
+        --gtest_filter='CudaScoring.ShortRunOfEveryPath:CudaScoring.NothingToScoreIsNothing:CudaMirror.ArenaTakesAnyBytes:CudaDistance.NothingIsAllocatedOnceWarm:CudaMemory.NothingIsAllocatedOnceWarm:Streams/CudaStream.EqualsTheCpuAfterEveryUpdate/1' \
         >"$out/$tool.log" 2>&1
       code=$?
       errors=$(sed -n 's/.*ERROR SUMMARY: \([0-9]*\).*/\1/p; s/.*RACECHECK SUMMARY: \([0-9]*\) hazards.*/\1/p' "$out/$tool.log" | tail -1)
-      # A filter that matches nothing would pass too: the five tests of the filter must have run.
+      # A filter that matches nothing would pass too: the six tests of the filter must have run.
       ran=$(grep -c '^\[       OK \]' "$out/$tool.log" || true)
-      if ((code == 0 && ran == 5)) && [[ $errors == 0 ]]; then outcome=passed; else outcome=failed; fi
+      if ((code == 0 && ran == 6)) && [[ $errors == 0 ]]; then outcome=passed; else outcome=failed; fi
       record_step "$tool" "$outcome" "\"errors\": ${errors:-null}, $(gtest_counts "$out/$tool.log"), \"seconds\": $(seconds_since "$start")"
       [[ $outcome == passed ]] || grep -v '^\[' "$out/$tool.log" | head -30
     done

@@ -103,6 +103,7 @@ void MapRun::setParameters(const FieldParams& params) {
                         {"profile", options_.profile},
                         {"every", std::to_string(options_.every)},
                         {"update_every", std::to_string(options_.update_every)},
+                        {"mirror_distance", options_.mirror_distance ? "true" : "false"},
                         {"half", options_.exported.half ? "true" : "false"},
                         {"compression", options_.exported.compression},
                         {"up_axis", options_.exported.up_axis},
@@ -122,6 +123,13 @@ void MapRun::integrate(const io::ScanRecord& record, AccessibilityField& field) 
   report_.add(stats);
   report_.integrate.add(stats.integrate_ms);
   report_.mirror.add(stats.mirror_ms);
+  report_.changed_leaves.add(static_cast<double>(stats.changed_leaves));
+  report_.mirror_bytes.add(static_cast<double>(stats.mirror_bytes));
+  if (options_.mirror_distance) {
+    report_.distance_mirror.add(stats.distance_mirror_ms);
+    report_.distance_leaves.add(static_cast<double>(stats.distance_leaves));
+    report_.distance_mirror_bytes.add(static_cast<double>(stats.distance_mirror_bytes));
+  }
   truncated_points_ += record.truncated_points;
   ++report_.scans;
 }

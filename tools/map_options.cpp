@@ -57,6 +57,11 @@ void addMappingOptions(CLI::App& app, MapOptions& options) {
   app.add_flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
 }
 
+void addMirrorOption(CLI::App& app, MapOptions& options) {
+  app.add_flag("--mirror-distance", options.mirror_distance,
+               "keep a live mirror of the distances too, as your own kernels would need it; no result depends on it");
+}
+
 void addMapOptions(CLI::App& app, MapOptions& options) {
   addCommonOptions(
       app, options.common, "map", "Scans + poses + tool -> accessibility field.",
@@ -74,6 +79,7 @@ void addMapOptions(CLI::App& app, MapOptions& options) {
       ->capture_default_str();
   app.add_option("--max-memory", options.max_memory, "most memory to use, for example 2G or 500M");
   app.add_flag("--no-clobber", options.no_clobber, "refuse to write over existing outputs");
+  addMirrorOption(app, options);
   addExportOptions(app, options.exported);
   addPictureOptions(app, options.picture);
   app.add_flag("--print-config", options.print_config, "print the effective configuration as TOML and end");
@@ -134,6 +140,7 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   if (!options.policy.empty()) params.update.policy = chooseWord("--policy", options.policy, kPolicies);
   params.backend = chooseWord("--device", options.common.device, kDevices);
   params.threads = options.common.threads;
+  params.mirror_distance = options.mirror_distance;
   return params.resolved();
 }
 

@@ -25,13 +25,16 @@ struct MapOptions {
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
   std::optional<int> directions, knn;
   int every = 1, update_every = 0;
-  bool allow_truncated = false, sort_poses = false, no_clobber = false, print_config = false;
+  bool allow_truncated = false, sort_poses = false, no_clobber = false, print_config = false, mirror_distance = false;
 };
 
 void addMapOptions(CLI::App& app, MapOptions& options);
 
 /// Those of them that say how scans are read and mapped, for every verb that maps scans.
 void addMappingOptions(CLI::App& app, MapOptions& options);
+
+/// The flag of the mirror of distances, for every verb that keeps a field.
+void addMirrorOption(CLI::App& app, MapOptions& options);
 
 /// What can be told to be wrong from the flags alone. @throws InvalidArgument, DeviceError
 void checkMapOptions(const MapOptions& options);

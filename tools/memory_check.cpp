@@ -35,10 +35,10 @@ class RaySample {
     rays_.resize(rays_.size() / 2);
     stride_ *= 2;
   }
-  [[nodiscard]] double predictedBytes(const TsdfParams& params, bool with_surface) const {
-    MemoryPredictor predictor(params);
+  [[nodiscard]] double predictedBytes(const MapOptions& options, std::optional<double> noise_m) const {
+    MemoryPredictor predictor(fieldParams(options, noise_m).tsdf);
     for (const auto& [o_L, p_L] : rays_) predictor.add(o_L.cast<double>(), p_L.cast<double>());
-    return predictor.prediction().bytes(with_surface);
+    return predictor.prediction().bytes(options.exported.surface, options.mirror_distance);
   }
 
  private:
@@ -107,10 +107,10 @@ double smallestFittingVoxel_m(MapOptions options, std::optional<double> noise_m,
                               double predicted, double limit) {
   const double start_m = options.voxel_m;
   // The sample meets fewer leaves than all rays do; the ratio at the asked voxel size corrects for that.
-  const double ratio = predicted / sample.predictedBytes(fieldParams(options, noise_m).tsdf, options.exported.surface);
+  const double ratio = predicted / sample.predictedBytes(options, noise_m);
   const auto fits = [&](double voxel_m) {
     options.voxel_m = voxel_m;
-    return ratio * sample.predictedBytes(fieldParams(options, noise_m).tsdf, options.exported.surface) <= limit;
+    return ratio * sample.predictedBytes(options, noise_m) <= limit;
   };
   double low_m = start_m, high_m = start_m * kVoxelStep;
   while (high_m < kVoxelMax_m && !fits(high_m)) low_m = std::exchange(high_m, high_m * kVoxelStep);
@@ -147,7 +147,7 @@ std::optional<std::uint64_t> checkMemory(const MapOptions& options, io::ScanSequ
   }
   progress.finish();
 
-  const double predicted = predictor.prediction().bytes(options.exported.surface);
+  const double predicted = predictor.prediction().bytes(options.exported.surface, options.mirror_distance);
   const std::optional<std::uint64_t> available = availableMemoryBytes();
   messages.notice("predicted peak memory: " + std::string(stride > 1 ? "at least " : "") + bytesInWords(predicted) +
                   (available ? ", available " + bytesInWords(static_cast<double>(*available)) : std::string()));

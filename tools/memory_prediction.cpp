@@ -18,6 +18,8 @@ namespace {
 constexpr double kConeLeafBytes = 2300;   // authored leaf with distances and weights, tree included
 constexpr double kBandLeafBytes = 300;    // authored leaf with cleared flags only
 constexpr double kMirrorLeafBytes = 400;  // NanoVDB leaf of the mirror, slack of its growth included
+// Of the mirror of distances, from its layout alone: leaf and the host's stamp of it, node and the host's copy of it.
+constexpr double kDistanceLeafBytes = 2144 + 4, kDistanceNodeBytes = 33.9e3 + 16.9e3;
 constexpr double kPointBytes = 740;  // a surface point: store, neighbour search, snapshot and the copies of its writers
 constexpr double kExportLeafBytes = 2200;  // one float grid copied at a time while field.vdb is written
 // Node above leaves: authored, in the mirror, the host's copy of it, and in the float grid that is being written.
@@ -75,10 +77,11 @@ double DistinctCounter::estimate() const {
   return raw;
 }
 
-double MemoryPrediction::bytes(bool with_surface) const {
+double MemoryPrediction::bytes(bool with_surface, bool with_distances) const {
   return kFixedBytes + cone_leaves * (kConeLeafBytes + kMirrorLeafBytes + kExportLeafBytes) +
          band_leaves * (kBandLeafBytes + kMirrorLeafBytes) + nodes * kNodeBytes +
-         surface_points * (kPointBytes + (with_surface ? kSurfacePointBytes : 0));
+         surface_points * (kPointBytes + (with_surface ? kSurfacePointBytes : 0)) +
+         (with_distances ? cone_leaves * kDistanceLeafBytes + nodes * kDistanceNodeBytes : 0);
 }
 
 MemoryPredictor::MemoryPredictor(const TsdfParams& params)

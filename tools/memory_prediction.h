@@ -42,7 +42,8 @@ struct MemoryPrediction {
   double nodes = 0;           ///< that the leaves hang on
   double surface_points = 0;
   /// @param with_surface  a level set is written too (WriteOptions::surface)
-  [[nodiscard]] double bytes(bool with_surface = false) const;
+  /// @param with_distances  the mirror of distances is kept (FieldParams::mirror_distance)
+  [[nodiscard]] double bytes(bool with_surface = false, bool with_distances = false) const;
 };
 
 class MemoryPredictor {

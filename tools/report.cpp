@@ -103,11 +103,22 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
         {"mirror", jsonTimes(report.mirror)},
         {"update", jsonTimes(report.update)},
         {"score", jsonTimes(report.score)}}},
-      {"memory", {{"host_peak_bytes", hostPeakBytes()}, {"device_peak_bytes", report.memory.device_peak_bytes}}},
+      {"per_scan",
+       {{"changed_leaves", jsonTimes(report.changed_leaves)}, {"mirror_bytes", jsonTimes(report.mirror_bytes)}}},
+      {"memory",
+       {{"host_peak_bytes", hostPeakBytes()},
+        {"device_peak_bytes", report.memory.device_peak_bytes},
+        {"mirror_bytes", report.memory.mirror_bytes}}},
       {"map",
        {{"leaves", report.memory.leaves},
         {"active_voxels", report.memory.active_voxels},
         {"bytes", report.memory.map_bytes}}}};
+  if (!report.distance_mirror.empty()) {
+    json["timing_ms"]["distance_mirror"] = jsonTimes(report.distance_mirror);
+    json["per_scan"]["distance_leaves"] = jsonTimes(report.distance_leaves);
+    json["per_scan"]["distance_mirror_bytes"] = jsonTimes(report.distance_mirror_bytes);
+    json["memory"]["distance_mirror_bytes"] = report.memory.distance_mirror_bytes;
+  }
   if (!report.device_note_id.empty()) {
     json["device_note"] = {{"id", report.device_note_id}, {"text", report.device_note}};
   }

@@ -17,7 +17,7 @@
 
 namespace accessvdb::tools {
 
-/// Milliseconds of one stage, one sample a call.
+/// Milliseconds of one stage, or a count, one sample a call.
 class StageTimes {
  public:
   void add(double ms) { samples_ms_.push_back(ms); }
@@ -44,6 +44,9 @@ struct RunReport {
   std::array<std::uint64_t, kNumPointReasons> reasons = {};
 
   StageTimes frame, integrate, mirror, update, score;
+  StageTimes changed_leaves, mirror_bytes;  ///< a scan; leaves and bytes that were patched
+  /// The same of the mirror of distances; empty where there is none.
+  StageTimes distance_mirror, distance_leaves, distance_mirror_bytes;
   std::optional<std::uint64_t> predicted_bytes;
   MemoryUse memory;
   std::optional<Failure> failure;

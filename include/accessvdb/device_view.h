@@ -26,6 +26,7 @@
 #include <cstdint>
 #include <type_traits>
 
+#include "accessvdb/device/distance_query.h"
 #include "accessvdb/device/occupancy_path.h"
 #include "accessvdb/point_label.h"
 
@@ -57,8 +58,12 @@ struct DeviceView {
   double origin_W[3] = {0, 0, 0};  ///< world position of the local origin
   std::uint64_t revision = 0;      ///< of the field when this was made
   bool on_gpu = false;
-  /// Distances have no mirror: where this is false there is no grid of them. On the host, ask BatchQuery.
+  /// Whether the field keeps a mirror of its distances (FieldParams::mirror_distance). Without one, every distance
+  /// below is NaN; on the host, ask BatchQuery.
   bool distance_available = false;
+  /// That mirror, a NanoGrid<float> in index space of the local frame: metres, active = observed, background tau. For
+  /// your own reads: a voxel that is not active was never observed, whatever its value says.
+  kernels::DistanceView distance;
 
   /// The voxel of a world position. NaN and what lies too far out are unknown.
   ACCESSVDB_HOSTDEV Occupancy occupancyAt(const double* p_W) const {
@@ -70,6 +75,21 @@ struct DeviceView {
   ACCESSVDB_HOSTDEV bool collides(const double* p_W) const { return occupancyAt(p_W) == Occupancy::Collides; }
   /// Seen to be free: observed and r_c or more from a surface, or cleared by a ray. Unknown is not free.
   ACCESSVDB_HOSTDEV bool armFree(const double* p_W) const { return occupancyAt(p_W) == Occupancy::Free; }
+
+  /// Distance to the nearest surface as the map holds it, metres: of the voxel of a world position. It is a mean of
+  /// distances along rays, clamped to [clamp_min_m, tau], so beyond tau it says no more than "tau or farther".
+  /// NaN where the voxel was never observed, where there is no mirror of distances, and for NaN and what lies too far
+  /// out. Every comparison with NaN is false: write `distanceAt(p) >= r` for free, never `!(distanceAt(p) < r)`.
+  ACCESSVDB_HOSTDEV float distanceAt(const double* p_W) const {
+    const double p_L[3] = {p_W[0] - origin_W[0], p_W[1] - origin_W[1], p_W[2] - origin_W[2]};
+    return kernels::distanceAt(distance, p_L);
+  }
+  /// Trilinear between the centres of the eight voxels around it. NaN as above, and where any of the eight was never
+  /// observed: the edge of what is known is no distance.
+  ACCESSVDB_HOSTDEV float distanceInterpolatedAt(const double* p_W) const {
+    const double p_L[3] = {p_W[0] - origin_W[0], p_W[1] - origin_W[1], p_W[2] - origin_W[2]};
+    return kernels::distanceInterpolatedAt(distance, p_L);
+  }
 
   /// A link of a robot arm, or its way: the segment a_W b_W with a radius. Every voxel is looked at whose centre is
   /// within radius_m + half a voxel's diagonal of the axis, so no voxel is missed that the capsule enters.

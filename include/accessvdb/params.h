@@ -97,6 +97,9 @@ struct ACCESSVDB_API FieldParams {
   UpdateParams update = {};
   BackendKind backend = BackendKind::Auto;
   int threads = 0;  ///< 0 = all
+  /// Keeps a second live mirror, of the map's distances, for DeviceView::distanceAt(). Scoring does not need it, and no
+  /// result depends on it: it costs time and memory (docs/DESIGN.md, "The mirror of distances").
+  bool mirror_distance = false;
 
   /// The paper's own constants, for its tables.
   static FieldParams paper(double voxel_size_m);

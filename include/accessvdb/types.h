@@ -37,7 +37,11 @@ struct FrameStats {
   double mirror_ms = 0;                ///< patching the NanoVDB mirror
   std::uint64_t changed_leaves = 0;    ///< leaves in which a fact that scoring reads flipped; they travel to the mirror
   std::uint64_t mirror_bytes = 0;      ///< written to the mirror
-  std::uint64_t surface_points = 0;    ///< in the field afterwards
+  // Of the mirror of distances, where there is one (FieldParams::mirror_distance):
+  double distance_mirror_ms = 0;            ///< patching it
+  std::uint64_t distance_leaves = 0;        ///< leaves in which distances changed; their changed rows travel
+  std::uint64_t distance_mirror_bytes = 0;  ///< written to it
+  std::uint64_t surface_points = 0;         ///< in the field afterwards
 };
 
 /// What one update() did.
@@ -83,11 +87,12 @@ struct ACCESSVDB_API FieldSnapshot {
 
 /// Bytes by owner.
 struct MemoryUse {
-  std::uint64_t map_bytes = 0;           ///< authored leaves and tree
-  std::uint64_t mirror_bytes = 0;        ///< NanoVDB mirror
-  std::uint64_t point_host_bytes = 0;    ///< authoring side of the points
-  std::uint64_t point_device_bytes = 0;  ///< point state arrays
-  std::uint64_t device_peak_bytes = 0;   ///< most GPU memory held at a time, the driver's own left out; 0 on the CPU
+  std::uint64_t map_bytes = 0;              ///< authored leaves and tree
+  std::uint64_t mirror_bytes = 0;           ///< NanoVDB mirror
+  std::uint64_t distance_mirror_bytes = 0;  ///< the one of distances; 0 where there is none
+  std::uint64_t point_host_bytes = 0;       ///< authoring side of the points
+  std::uint64_t point_device_bytes = 0;     ///< point state arrays
+  std::uint64_t device_peak_bytes = 0;      ///< most GPU memory held at a time, the driver's own left out; 0 on the CPU
   std::uint64_t leaves = 0;
   std::uint64_t active_voxels = 0;  ///< observed voxels
 };

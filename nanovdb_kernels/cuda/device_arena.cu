@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cuda/cuda_check.h"
 #include "cuda/device_arena.h"
+#include "launch/distance_patch.h"
 
 namespace accessvdb::kernels {
 namespace {
@@ -11,6 +12,7 @@ constexpr std::uint32_t kBatchBytes = 8u << 20;
 /// Threads that share a write: most are 8 or 16 bytes.
 constexpr unsigned kThreadsPerWrite = 4;
 constexpr unsigned kThreadsPerBlock = 256;
+constexpr unsigned kBlocksPerFill = 8;
 constexpr unsigned kWholeWarp = 0xffffffffu;
 
 __global__ void scatterWrites(unsigned char* to, const unsigned char* batch, const StagedWrite* writes,
@@ -53,6 +55,37 @@ __global__ void patchLeaves(unsigned char* to, const LeafPatch* patches, const s
   std::uint64_t rows[8];
   for (int x = 0; x < 8; ++x) rows[x] = collides[x];
   bits[kLeafWords] = countCells(rows);
+}
+
+/// As setRowPair() of launch/distance_patch.h, sixteen lanes a leaf, a voxel of its row pairs each.
+__global__ void writeRows(unsigned char* to, const LeafPatch* patches, const float* words, std::uint32_t count) {
+  const std::uint32_t n = (blockIdx.x * kThreadsPerBlock + threadIdx.x) / kRowPairVoxels;
+  if (n >= count) return;
+  const std::uint32_t lane = threadIdx.x % kRowPairVoxels;
+  const LeafPatch patch = patches[n];
+  unsigned char* const leaf = to + std::uint64_t{patch.leaf} * LeafPatch::kUnit;
+  auto* values = reinterpret_cast<float*>(leaf + kDistanceValuesBytes);
+  auto* masks = reinterpret_cast<std::uint16_t*>(leaf + kDistanceMaskBytes);
+  // The two leaves of a warp have other rows each, so each asks its own half.
+  const std::uint32_t shift = threadIdx.x & 16u, half = 0xffffu << shift;
+  const float* row = words + std::uint64_t{patch.first_word} * kRowPairVoxels;
+  for (std::uint32_t left = patch.mask; left != 0; left &= left - 1, row += kRowPairVoxels) {
+    const std::uint32_t pair = static_cast<std::uint32_t>(__ffs(static_cast<int>(left))) - 1;
+    const float distance_m = row[lane];
+    const bool observed = !isnan(distance_m);
+    if (observed) values[pair * kRowPairVoxels + lane] = distance_m;
+    const std::uint32_t all = __ballot_sync(half, observed) >> shift;
+    if (lane == 0) masks[pair] = static_cast<std::uint16_t>(masks[pair] | (all & 0xffffu));
+  }
+}
+
+__global__ void fillPieces(unsigned char* to, const ArenaFill* fills) {
+  const ArenaFill fill = fills[blockIdx.x];
+  const std::uint32_t words_each = fill.bytes / 4, words = words_each * fill.count;
+  for (std::uint32_t i = blockIdx.y * kThreadsPerBlock + threadIdx.x; i < words; i += gridDim.y * kThreadsPerBlock) {
+    const std::uint64_t piece = fill.offset + std::uint64_t{i / words_each} * fill.stride;
+    *reinterpret_cast<std::uint32_t*>(to + piece + std::uint64_t{i % words_each} * 4) = fill.word;
+  }
 }
 
 unsigned blocksFor(std::uint32_t count, unsigned threads_each) {
@@ -124,16 +157,24 @@ StagedWrites DeviceArena::stageWrites(std::size_t count, std::uint32_t bytes) {
   return room;
 }
 
-StagedPatches DeviceArena::stagePatches(std::size_t count) {
-  StagedPatches room = filling().patches(count);
+StagedPatches DeviceArena::stagePatches(std::size_t count, PatchKind kind) {
+  StagedPatches room = filling().patches(count, kind);
   if (room.count == 0 && count > 0) {
     send();
-    room = filling().patches(count);
+    room = filling().patches(count, kind);
   }
   return room;
 }
 
 void DeviceArena::endPatches(std::size_t count, std::size_t words) { filling().endPatches(count, words); }
+
+void DeviceArena::stageFills(std::span<const ArenaFill> fills) {
+  while (!fills.empty()) {
+    const std::size_t part = filling().fills(fills);
+    if (part == 0) send();
+    fills = fills.subspan(part);
+  }
+}
 
 void DeviceArena::flush() {
   const CurrentDevice current(context_->device());
@@ -154,11 +195,20 @@ void DeviceArena::send() {
   const auto* device = static_cast<const unsigned char*>(slot.device);
   for (const WriteBatch::Section& section : batch.sections()) {
     if (section.count == 0) continue;
-    if (section.kind == WriteBatch::Kind::Patches) {
+    if (section.kind == WriteBatch::Kind::Patches && section.patch == PatchKind::Bits) {
       patchLeaves<<<blocksFor(section.count, kLeafWords), kThreadsPerBlock, 0, stream>>>(
           to, reinterpret_cast<const LeafPatch*>(device + section.list),
           reinterpret_cast<const std::uint64_t*>(device + section.data), section.count);
       checkLaunch("patchLeaves");
+    } else if (section.kind == WriteBatch::Kind::Patches) {
+      writeRows<<<blocksFor(section.count, kRowPairVoxels), kThreadsPerBlock, 0, stream>>>(
+          to, reinterpret_cast<const LeafPatch*>(device + section.list),
+          reinterpret_cast<const float*>(device + section.data), section.count);
+      checkLaunch("writeRows");
+    } else if (section.kind == WriteBatch::Kind::Fills) {
+      fillPieces<<<dim3(section.count, kBlocksPerFill), kThreadsPerBlock, 0, stream>>>(
+          to, reinterpret_cast<const ArenaFill*>(device + section.list));
+      checkLaunch("fillPieces");
     } else {
       scatterWrites<<<blocksFor(section.count, kThreadsPerWrite), kThreadsPerBlock, 0, stream>>>(
           to, device, reinterpret_cast<const StagedWrite*>(device + section.list), section.count);

@@ -31,8 +31,9 @@ class DeviceArena final : public MirrorArena {
   void commit(std::uint64_t bytes) override;
   void write(std::uint64_t offset, const void* source, std::uint64_t bytes) override;
   StagedWrites stageWrites(std::size_t count, std::uint32_t bytes) override;
-  StagedPatches stagePatches(std::size_t count) override;
+  StagedPatches stagePatches(std::size_t count, PatchKind kind) override;
   void endPatches(std::size_t count, std::size_t words) override;
+  void stageFills(std::span<const ArenaFill> fills) override;
   void flush() override;
   [[nodiscard]] std::uint64_t reservedBytes() const noexcept override { return range_.reservedBytes(); }
   [[nodiscard]] std::uint64_t committedBytes() const noexcept override { return range_.backedBytes(); }

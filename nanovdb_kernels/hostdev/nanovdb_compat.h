@@ -20,4 +20,7 @@ using OccupancyUpper = nanovdb::NanoUpper<bool>;
 using OccupancyLower = nanovdb::NanoLower<bool>;
 using OccupancyLeaf = nanovdb::NanoLeaf<bool>;
 
+using DistanceGrid = nanovdb::NanoGrid<float>;
+using DistanceLeaf = nanovdb::NanoLeaf<float>;
+
 }  // namespace accessvdb::kernels

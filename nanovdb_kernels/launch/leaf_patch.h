@@ -20,6 +20,10 @@ inline constexpr std::uint32_t kLeafWords = 16;
 static_assert(offsetof(OccupancyLeaf::DataType, mValues) == kLeafBitsBytes + 64);
 static_assert(kCellCountsBytes == kLeafBitsBytes + kLeafWords * 8);
 
+/// What the words of a patch are: 8 B of bits, or 64 B of distances (distance_patch.h).
+enum class PatchKind : std::uint32_t { Bits, Distances };
+constexpr std::uint32_t wordBytes(PatchKind kind) { return kind == PatchKind::Bits ? 8 : 64; }
+
 /// One leaf's switched bits. Bit n of `mask`: word n has bits that come on; bit 16 + n: bits that go off. The words
 /// themselves stand in the order of the mask's bits from `first_word` on, in a list that patches share.
 struct LeafPatch {

@@ -9,6 +9,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <span>
 
 #include "accessvdb/error.h"
 #include "launch/leaf_patch.h"
@@ -33,12 +34,21 @@ struct StagedWrites {
 /// Room in a batch for patches and for the most words that as many can have.
 struct StagedPatches {
   LeafPatch* list = nullptr;
-  std::uint64_t* words = nullptr;
+  std::byte* words = nullptr;  ///< wordBytes() each
   std::size_t count = 0;
 };
 
+/// `count` pieces of `bytes` bytes, the first at `offset` of the arena, each `stride` bytes behind the one before, are
+/// filled with a word. All are multiples of 4.
+struct ArenaFill {
+  std::uint64_t offset = 0;
+  std::uint32_t bytes = 0, stride = 0, count = 0;
+  std::uint32_t word = 0;
+};
+
 /// Not thread safe; nothing may read the memory between the first write and the end of the next `flush`.
-/// No byte may be written twice between two flushes, so a backend may scatter what it has got in any order.
+/// No byte may be written twice between two flushes, so a backend may scatter what it has got in any order; only what
+/// is filled may be written over by what comes later.
 class MirrorArena {
  public:
   virtual ~MirrorArena() = default;
@@ -67,14 +77,20 @@ class MirrorArena {
     (void)count, (void)bytes;
     throwNotStaged();
   }
-  /// The same for patches, at least 256 where as many are asked for.
-  virtual StagedPatches stagePatches(std::size_t count) {
-    (void)count;
+  /// The same for patches, at least 64 KiB of words where as many are asked for.
+  virtual StagedPatches stagePatches(std::size_t count, PatchKind kind) {
+    (void)count, (void)kind;
     throwNotStaged();
   }
   /// Says how many of them and of their words were filled, from the first on.
   virtual void endPatches(std::size_t count, std::size_t words) {
     (void)count, (void)words;
+    throwNotStaged();
+  }
+
+  /// Queues fills, before everything that comes after them.
+  virtual void stageFills(std::span<const ArenaFill> fills) {
+    (void)fills;
     throwNotStaged();
   }
 

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <cstring>
+#include <span>
 #include <vector>
 
 #include "launch/mirror_arena.h"
@@ -17,11 +18,13 @@ namespace accessvdb::kernels {
 
 class WriteBatch {
  public:
-  enum class Kind { Patches, Writes };
-  /// `count` LeafPatch with words at byte `data`, or `count` StagedWrite; the list begins at byte `list` of the batch.
+  enum class Kind { Patches, Writes, Fills };
+  /// `count` LeafPatch with words at byte `data`, or `count` StagedWrite or ArenaFill; the list begins at byte `list`
+  /// of the batch.
   struct Section {
     Kind kind;
     std::uint32_t list, count, data;
+    PatchKind patch = PatchKind::Bits;  ///< of Patches
   };
   static constexpr std::uint32_t kLeastBytes = 1u << 17;
 
@@ -39,20 +42,31 @@ class WriteBatch {
   }
 
   /// @return with count 0 where the batch is too full to be worth it; an empty batch never is
-  [[nodiscard]] StagedPatches patches(std::size_t wanted) {
-    constexpr std::uint32_t kEach = sizeof(LeafPatch) + LeafPatch::kMostWords * sizeof(std::uint64_t);
-    const std::uint32_t count = fitting(wanted, kEach);
+  [[nodiscard]] StagedPatches patches(std::size_t wanted, PatchKind kind) {
+    const std::uint32_t count =
+        fitting(wanted, std::uint32_t{sizeof(LeafPatch)} + LeafPatch::kMostWords * wordBytes(kind));
     if (count == 0) return {};
     open_ = {};
     const std::uint32_t list = take(count * std::uint32_t{sizeof(LeafPatch)});
     const std::uint32_t words = used_;
-    sections_.push_back({Kind::Patches, list, count, words});
-    return {reinterpret_cast<LeafPatch*>(memory_ + list), reinterpret_cast<std::uint64_t*>(memory_ + words), count};
+    sections_.push_back({Kind::Patches, list, count, words, kind});
+    return {reinterpret_cast<LeafPatch*>(memory_ + list), memory_ + words, count};
   }
   /// Of those handed out last.
   void endPatches(std::size_t count, std::size_t words) {
     sections_.back().count = static_cast<std::uint32_t>(count);
-    take(static_cast<std::uint32_t>(words * sizeof(std::uint64_t)));
+    take(static_cast<std::uint32_t>(words * wordBytes(sections_.back().patch)));
+  }
+
+  /// @return how many of the fills went in
+  [[nodiscard]] std::size_t fills(std::span<const ArenaFill> wanted) {
+    const std::uint32_t count = fitting(wanted.size(), sizeof(ArenaFill));
+    if (count == 0) return 0;
+    open_ = {};  // single writes that come later must not get before them
+    const std::uint32_t list = take(count * std::uint32_t{sizeof(ArenaFill)});
+    std::memcpy(memory_ + list, wanted.data(), count * sizeof(ArenaFill));
+    sections_.push_back({Kind::Fills, list, count, list});
+    return count;
   }
 
   [[nodiscard]] StagedWrites writes(std::size_t wanted, std::uint32_t bytes) {

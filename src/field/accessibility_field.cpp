@@ -44,6 +44,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         gate(params.tsdf),
         integrator(prepared(volume, params)),
         mirror(backend->makeArena(), params.tsdf.voxel_size_m),
+        distance_mirror(makeDistanceMirror()),
         points(params, setup.directions_xy()),
         reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight)),
         scorer(points, params, *backend, reads),
@@ -58,6 +59,15 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
       if (on_device != nullptr) return on_device;
     }
     return internal::makeExactScheduler(scorer, setup.hostTool(), setup.hostApproach());
+  }
+
+  std::unique_ptr<internal::DistanceMirror> makeDistanceMirror() {
+    if (!params.mirror_distance) return nullptr;
+    integrator.noteDistances(true);
+    const internal::DistanceLeaves leaves = {volume.packed().distanceCode(),
+                                             static_cast<float>(params.tsdf.truncation_distance_m)};
+    return std::make_unique<internal::DistanceMirror>(backend->makeArena(), params.tsdf.voxel_size_m,
+                                                      internal::DistanceMirror::kDefaultRootCapacity, leaves);
   }
 
   static internal::PackedMap& prepared(TsdfVolume& volume, const FieldParams& params) {
@@ -97,7 +107,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   [[nodiscard]] internal::ViewedParts viewed() const {
     requireWhole();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
-    return {volume.packed(), scorer, *backend, tables.map, tables.approach.direction_xy, gate.origin_W()};
+    const kernels::DistanceView distances = {distance_mirror ? distance_mirror->grid() : nullptr,
+                                             tables.map.inverse_voxel_size};
+    return {volume.packed(), scorer, *backend, tables.map, distances, tables.approach.direction_xy, gate.origin_W()};
   }
 
   void integrate(const internal::GatedScan& scan, FrameStats& stats) {
@@ -119,7 +131,16 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     for (const auto& part : result.changes) stats.changed_leaves += part.size();
     stats.mirror_bytes = mirror.lastTraffic().bytes_written;
     stats.mirror_ms = mirroring.milliseconds();
+    if (distance_mirror) mirrorDistances(result, stats);
     scheduler->noteScan(touched, scan.p_L, scan.q_L, result.changes);
+  }
+
+  void mirrorDistances(const internal::IntegrationResult& result, FrameStats& stats) {
+    const internal::Stopwatch mirroring;
+    distance_mirror->applyParts(result.distances);
+    for (const auto& part : result.distances) stats.distance_leaves += part.size();
+    stats.distance_mirror_bytes = distance_mirror->lastTraffic().bytes_written;
+    stats.distance_mirror_ms = mirroring.milliseconds();
   }
 
   FieldParams params;
@@ -132,6 +153,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   internal::ScanGate gate;
   internal::ScanIntegrator integrator;
   internal::NanoVdbMirror mirror;
+  std::unique_ptr<internal::DistanceMirror> distance_mirror;  ///< only for FieldParams::mirror_distance
   internal::PointStore points;
   internal::MapReads reads;
   internal::PointScorer scorer;
@@ -244,6 +266,9 @@ MemoryUse AccessibilityField::memoryUse() const {
   MemoryUse use;
   use.map_bytes = impl_->volume.memoryBytes();
   use.mirror_bytes = impl_->mirror.usedBytes() + impl_->mirror.hostBytes();
+  if (impl_->distance_mirror) {
+    use.distance_mirror_bytes = impl_->distance_mirror->usedBytes() + impl_->distance_mirror->hostBytes();
+  }
   use.point_host_bytes =
       impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes() + impl_->views.bytes();
   use.point_device_bytes =

@@ -50,6 +50,8 @@ DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) const {
   const kernels::PointStateView state = parts.scorer.device().view();
   DeviceView view;
   view.map = parts.mirror;
+  view.distance = parts.distances;
+  view.distance_available = parts.distances.grid != nullptr;
   view.points = {state.position_L, state.normal_L,  state.stability,
                  state.score,      state.direction, state.weight,
                  state.label,      state.reason,    parts.scorer.device().size()};

@@ -22,7 +22,8 @@ struct ViewedParts {
   const PointScorer& scorer;
   kernels::Backend& backend;
   kernels::OccupancyView mirror;
-  const float* direction_xy;  ///< [2 D] in the backend's memory
+  kernels::DistanceView distances;  ///< no grid where there is no mirror of them
+  const float* direction_xy;        ///< [2 D] in the backend's memory
   Eigen::Vector3d origin_W;
 };
 

@@ -10,15 +10,17 @@
 #include <span>
 #include <vector>
 
-#include "accessvdb/leaf_change.h"
-
 namespace accessvdb::internal {
 
-using ChangeParts = std::span<const std::span<const LeafChange>>;
+/// Changes of leaves of one kind (occupancy_leaves.h, distance_leaves.h).
+template <class Leaves>
+using ChangeParts = std::span<const std::span<const typename Leaves::Change>>;
 
+template <class Leaves>
 struct ChangeBlock {
-  static constexpr std::uint32_t kMost = 256;
-  const LeafChange* changes = nullptr;
+  using Change = typename Leaves::Change;
+  static constexpr std::uint32_t kMost = Leaves::kBlock;
+  const Change* changes = nullptr;
   std::uint32_t count = 0;
   std::uint32_t begin = 0;  ///< changes of the call that come before
   // Filled while the leaves are located.
@@ -30,7 +32,9 @@ struct ChangeBlock {
 };
 
 /// @return number of changes
-inline std::uint32_t divide(ChangeParts parts, std::vector<ChangeBlock>& blocks) {
+template <class Leaves>
+std::uint32_t divide(ChangeParts<Leaves> parts, std::vector<ChangeBlock<Leaves>>& blocks) {
+  using ChangeBlock = ChangeBlock<Leaves>;
   blocks.clear();
   std::uint32_t total = 0;
   for (const auto& part : parts) {
@@ -54,28 +58,21 @@ void forEachIndex(std::size_t begin, std::size_t end, std::size_t least, const A
   }
 }
 
-/// All changes of a leaf as one, in the order in which they come: (b | on) & ~off after (b | on') & ~off' is such a
-/// change again. For calls where leaves come more than once, which a single scan never makes: not fast.
-inline std::vector<LeafChange> mergedByLeaf(ChangeParts parts) {
-  std::vector<LeafChange> merged;
+/// All changes of a leaf as one, in the order in which they come. For calls where leaves come more than once, which a
+/// single scan never makes: not fast.
+template <class Leaves>
+std::vector<typename Leaves::Change> mergedByLeaf(ChangeParts<Leaves> parts) {
+  using Change = typename Leaves::Change;
+  std::vector<Change> merged;
   for (const auto& part : parts) merged.insert(merged.end(), part.begin(), part.end());
   std::stable_sort(merged.begin(), merged.end(),
-                   [](const LeafChange& a, const LeafChange& b) { return a.origin_ijk < b.origin_ijk; });
-  const auto append = [](LeafBits& on, LeafBits& off, const LeafBits& next_on, const LeafBits& next_off) {
-    for (std::size_t n = 0; n < on.size(); ++n) {
-      on[n] |= next_on[n];
-      off[n] = next_off[n] | (off[n] & ~next_on[n]);
-    }
-  };
+                   [](const Change& a, const Change& b) { return a.origin_ijk < b.origin_ijk; });
   std::size_t kept = 0;
   for (std::size_t n = 1; n < merged.size(); ++n) {
-    LeafChange& last = merged[kept];
-    const LeafChange& next = merged[n];
-    if (next.origin_ijk == last.origin_ijk) {
-      append(last.collides_on, last.collides_off, next.collides_on, next.collides_off);
-      append(last.arm_free_on, last.arm_free_off, next.arm_free_on, next.arm_free_off);
+    if (merged[n].origin_ijk == merged[kept].origin_ijk) {
+      Leaves::append(merged[kept], merged[n]);
     } else {
-      merged[++kept] = next;
+      merged[++kept] = merged[n];
     }
   }
   merged.resize(merged.empty() ? 0 : kept + 1);

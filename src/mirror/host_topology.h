@@ -11,8 +11,6 @@
 #include <cstdint>
 #include <vector>
 
-#include "accessvdb/leaf_change.h"
-
 namespace accessvdb::internal {
 
 /// No node.
@@ -51,15 +49,6 @@ struct InternalShadow {
     std::atomic_ref(dirty_mask[n >> 12]).fetch_and(~bit, std::memory_order_relaxed);
   }
 };
-
-/// Whether an empty leaf would have bits after `change`.
-[[nodiscard]] inline bool bringsBits(const LeafChange& change) noexcept {
-  std::uint64_t any = 0;
-  for (std::size_t w = 0; w < 8; ++w) {
-    any |= (change.collides_on[w] & ~change.collides_off[w]) | (change.arm_free_on[w] & ~change.arm_free_off[w]);
-  }
-  return any != 0;
-}
 
 /// Leaves that lie behind each other in the arena. Slot = chunk * kSize + place in the chunk.
 struct LeafChunk {

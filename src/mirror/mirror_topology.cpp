@@ -5,28 +5,30 @@
 #include <string>
 
 #include "accessvdb/error.h"
+#include "mirror/distance_leaves.h"
+#include "mirror/occupancy_leaves.h"
 
 namespace accessvdb::internal {
 namespace {
 
-using kernels::OccupancyLower;
-using kernels::OccupancyRoot;
-using kernels::OccupancyUpper;
 using nanovdb::Coord;
-using LeafData = kernels::OccupancyLeaf::DataType;
-using LowerData = OccupancyLower::DataType;
-using UpperData = OccupancyUpper::DataType;
-using RootData = OccupancyRoot::DataType;
+// Where a voxel is found does not depend on what it holds.
+using LowerOfAny = nanovdb::NanoLower<bool>;
+using UpperOfAny = nanovdb::NanoUpper<bool>;
+using RootDataOfAny = nanovdb::NanoRoot<bool>::DataType;
 
 /// A change whose leaf is to be added.
 constexpr std::uint32_t kMissing = kNoNode - 1;
 /// Where no lower node is.
 constexpr std::uint64_t kNoPlace = ~std::uint64_t{0};
 constexpr int kEntryBits = 12;
-static_assert(MirrorTopology::Lower::kSize == 1u << kEntryBits);
+static_assert(InternalShadow<4>::kSize == 1u << kEntryBits);
 constexpr std::size_t kLeastBlocks = 8;
 
-Coord originOf(const LeafChange& change) { return {change.origin_ijk[0], change.origin_ijk[1], change.origin_ijk[2]}; }
+template <class Change>
+Coord originOf(const Change& change) {
+  return {change.origin_ijk[0], change.origin_ijk[1], change.origin_ijk[2]};
+}
 
 /// Least voxel of the node that holds a voxel.
 std::array<std::int32_t, 3> originOf(const Coord& ijk, std::uint32_t mask) {
@@ -46,7 +48,7 @@ class LastLower {
  public:
   explicit LastLower(const Find& find) : find_(find) {}
   std::uint32_t of(const Coord& ijk) {
-    if (const Coord origin = ijk & ~std::int32_t(OccupancyLower::MASK); !(origin == origin_)) {
+    if (const Coord origin = ijk & ~std::int32_t(LowerOfAny::MASK); !(origin == origin_)) {
       origin_ = origin;
       lower_ = find_(ijk);
     }
@@ -61,27 +63,32 @@ class LastLower {
 
 }  // namespace
 
-MirrorTopology::MirrorTopology(kernels::MirrorArena& arena, std::uint32_t root_capacity, std::uint64_t used_bytes)
+template <class Leaves>
+MirrorTopology<Leaves>::MirrorTopology(kernels::MirrorArena& arena, std::uint32_t root_capacity,
+                                       std::uint64_t used_bytes)
     : arena_(arena), root_capacity_(root_capacity), top_(used_bytes), root_table_(root_capacity) {}
 
+template <class Leaves>
 template <class Act>
-void MirrorTopology::forEachBlock(const Act& act) {
+void MirrorTopology<Leaves>::forEachBlock(const Act& act) {
   forEachIndex(0, blocks_.size(), kLeastBlocks, [&](std::size_t b) { act(blocks_[b]); });
 }
 
-void MirrorTopology::locate(ChangeParts parts) {
-  change_count_ = divide(parts, blocks_);
+template <class Leaves>
+void MirrorTopology<Leaves>::locate(ChangeParts parts) {
+  change_count_ = divide<Leaves>(parts, blocks_);
   if (locateOnce()) return;
-  merged_ = mergedByLeaf(parts);
-  const std::span<const LeafChange> joined = merged_;
-  change_count_ = divide({&joined, 1}, blocks_);
+  merged_ = mergedByLeaf<Leaves>(parts);
+  const std::span<const Change> joined = merged_;
+  change_count_ = divide<Leaves>({&joined, 1}, blocks_);
   if (!locateOnce()) {
     throw InternalError("mirror.leaf_twice", "", "A leaf came twice where none can", "Please report this");
   }
 }
 
 /// @return false where a leaf comes more than once: then nothing was added
-bool MirrorTopology::locateOnce() {
+template <class Leaves>
+bool MirrorTopology<Leaves>::locateOnce() {
   ++call_;
   added_leaves_.clear();
   slots_.resize(change_count_);
@@ -120,7 +127,8 @@ bool MirrorTopology::locateOnce() {
   return true;
 }
 
-void MirrorTopology::locateBlock(ChangeBlock& block) noexcept {
+template <class Leaves>
+void MirrorTopology<Leaves>::locateBlock(ChangeBlock& block) noexcept {
   const auto find = [this](const Coord& ijk) { return findLower(ijk); };
   LastLower last(find);
   std::int32_t any = 0;
@@ -135,7 +143,7 @@ void MirrorTopology::locateBlock(ChangeBlock& block) noexcept {
     const Coord ijk = originOf(block.changes[n]);
     any |= ijk[0] | ijk[1] | ijk[2];
     const std::uint32_t lower = last.of(ijk);
-    places[n] = lower == kNoNode ? kNoPlace : std::uint64_t{lower} << kEntryBits | OccupancyLower::CoordToOffset(ijk);
+    places[n] = lower == kNoNode ? kNoPlace : std::uint64_t{lower} << kEntryBits | LowerOfAny::CoordToOffset(ijk);
     if (lower != kNoNode) prefetch(&linkAt(places[n]));
   }
   block.aligned = (any & 7) == 0;
@@ -146,7 +154,7 @@ void MirrorTopology::locateBlock(ChangeBlock& block) noexcept {
     slots[n] = places[n] == kNoPlace ? kNoNode : linkAt(places[n]) - 1;
     if (slots[n] != kNoNode) {
       prefetch(&chunkOf(slots[n]).call[slots[n] % LeafChunk::kSize]);
-    } else if (bringsBits(block.changes[n])) {
+    } else if (Leaves::adds(block.changes[n])) {
       slots[n] = kMissing;
       ++block.added;
       block.lacks_lower = block.lacks_lower || places[n] == kNoPlace;
@@ -160,7 +168,8 @@ void MirrorTopology::locateBlock(ChangeBlock& block) noexcept {
 }
 
 /// Gives the block's new leaves their slots, in the order of the changes.
-void MirrorTopology::claimLeaves(ChangeBlock& block) noexcept {
+template <class Leaves>
+void MirrorTopology<Leaves>::claimLeaves(ChangeBlock& block) noexcept {
   std::uint32_t added = block.first_added;
   for (std::uint32_t n = 0; block.added > 0 && n < block.count; ++n) {
     std::uint32_t& slot = slots_[block.begin + n];
@@ -179,28 +188,31 @@ void MirrorTopology::claimLeaves(ChangeBlock& block) noexcept {
 }
 
 /// Whether the changes of the block that found no leaf still find none.
-bool MirrorTopology::missesNothing(const ChangeBlock& block) const noexcept {
+template <class Leaves>
+bool MirrorTopology<Leaves>::missesNothing(const ChangeBlock& block) const noexcept {
   for (std::uint32_t n = 0; block.skips && n < block.count; ++n) {
     if (slots_[block.begin + n] != kNoNode) continue;
     const Coord ijk = originOf(block.changes[n]);
     const std::uint32_t lower = findLower(ijk);
-    if (lower != kNoNode && lowers_[lower].child(OccupancyLower::CoordToOffset(ijk)) != kNoNode) return false;
+    if (lower != kNoNode && lowers_[lower].child(LowerOfAny::CoordToOffset(ijk)) != kNoNode) return false;
   }
   return true;
 }
 
-void MirrorTopology::addLowersOf(const ChangeBlock& block) {
+template <class Leaves>
+void MirrorTopology<Leaves>::addLowersOf(const ChangeBlock& block) {
   for (std::uint32_t n = 0; n < block.count; ++n) {
     std::uint64_t& place = places_[block.begin + n];
     if (slots_[block.begin + n] != kMissing || place != kNoPlace) continue;
     const Coord ijk = originOf(block.changes[n]);
     std::uint32_t lower = findLower(ijk);
     if (lower == kNoNode) lower = addLower(ijk);
-    place = std::uint64_t{lower} << kEntryBits | OccupancyLower::CoordToOffset(ijk);
+    place = std::uint64_t{lower} << kEntryBits | LowerOfAny::CoordToOffset(ijk);
   }
 }
 
-void MirrorTopology::reserveLeaves(std::uint32_t count) {
+template <class Leaves>
+void MirrorTopology<Leaves>::reserveLeaves(std::uint32_t count) {
   // Two numbers of slots mean something else.
   if (count > kMissing - 1 - leaf_count_) {
     throw ResourceLimit("map.leaves", "", "The map has more leaves than the mirror can number", "Use larger voxels");
@@ -208,12 +220,13 @@ void MirrorTopology::reserveLeaves(std::uint32_t count) {
   while (std::uint64_t{chunks_.size()} * LeafChunk::kSize < std::uint64_t{leaf_count_} + count) {
     chunks_.reserveOne();
     chunk_offsets_.resize(chunks_.size() + 1);
-    chunk_offsets_.back() = allocate(LeafChunk::kSize * sizeof(LeafData));
+    chunk_offsets_.back() = allocate(LeafChunk::kSize * kLeafBytes);
     chunks_.add();
   }
 }
 
-std::uint64_t MirrorTopology::allocate(std::uint64_t bytes) {
+template <class Leaves>
+std::uint64_t MirrorTopology<Leaves>::allocate(std::uint64_t bytes) {
   if (top_ + bytes > arena_.committedBytes()) arena_.commit(top_ + bytes);
   const std::uint64_t offset = top_;
   top_ += bytes;
@@ -221,7 +234,8 @@ std::uint64_t MirrorTopology::allocate(std::uint64_t bytes) {
 }
 
 // In the two below: first what can fail, then what changes the tree.
-std::uint32_t MirrorTopology::addUpper(const Coord& ijk, std::uint64_t key) {
+template <class Leaves>
+std::uint32_t MirrorTopology<Leaves>::addUpper(const Coord& ijk, std::uint64_t key) {
   const std::uint32_t index = upperCount();
   if (index >= root_capacity_) {
     throw ResourceLimit(
@@ -232,45 +246,53 @@ std::uint32_t MirrorTopology::addUpper(const Coord& ijk, std::uint64_t key) {
   auto upper = std::make_unique<Upper>();
   added_uppers_.reserve(root_capacity_);
   uppers_.reserve(root_capacity_);
-  upper->arena_offset = allocate(sizeof(UpperData));
-  upper->origin_ijk = originOf(ijk, OccupancyUpper::MASK);
+  upper->arena_offset = allocate(sizeof(typename nanovdb::NanoUpper<typename Leaves::Build>::DataType));
+  upper->origin_ijk = originOf(ijk, UpperOfAny::MASK);
   uppers_.push_back(std::move(upper));
   added_uppers_.push_back({kNoNode, index});
   root_table_.insert(key, index);
   return index;
 }
 
-std::uint32_t MirrorTopology::addLower(const Coord& ijk) {
-  const std::uint64_t key = RootData::CoordToKey(ijk);
+template <class Leaves>
+std::uint32_t MirrorTopology<Leaves>::addLower(const Coord& ijk) {
+  const std::uint64_t key = RootDataOfAny::CoordToKey(ijk);
   std::uint32_t parent = root_table_.find(key);
   if (parent == kNoNode) parent = addUpper(ijk, key);
-  const std::uint32_t index = lowerCount(), entry = OccupancyUpper::CoordToOffset(ijk);
+  const std::uint32_t index = lowerCount(), entry = UpperOfAny::CoordToOffset(ijk);
   lowers_.reserveOne();
-  const std::uint64_t offset = allocate(sizeof(LowerData));
+  const std::uint64_t offset = allocate(sizeof(typename nanovdb::NanoLower<typename Leaves::Build>::DataType));
   added_lowers_.push_back({parent, entry});
   Lower& lower = lowers_.add();
   lower.arena_offset = offset;
-  lower.origin_ijk = originOf(ijk, OccupancyLower::MASK);
+  lower.origin_ijk = originOf(ijk, LowerOfAny::MASK);
   (void)uppers_[parent]->link(entry, index);  // it was not there
   return index;
 }
 
-std::uint32_t MirrorTopology::findLower(const Coord& ijk) const noexcept {
-  const std::uint32_t upper = root_table_.find(RootData::CoordToKey(ijk));
-  return upper == kNoNode ? kNoNode : uppers_[upper]->child(OccupancyUpper::CoordToOffset(ijk));
+template <class Leaves>
+std::uint32_t MirrorTopology<Leaves>::findLower(const Coord& ijk) const noexcept {
+  const std::uint32_t upper = root_table_.find(RootDataOfAny::CoordToKey(ijk));
+  return upper == kNoNode ? kNoNode : uppers_[upper]->child(UpperOfAny::CoordToOffset(ijk));
 }
 
-void MirrorTopology::forgetAdded() noexcept {
+template <class Leaves>
+void MirrorTopology<Leaves>::forgetAdded() noexcept {
   added_leaves_.clear();
   added_lowers_.clear();
   added_uppers_.clear();
+  published_chunks_ = chunks_.size();
 }
 
-std::uint64_t MirrorTopology::hostBytes() const noexcept {
+template <class Leaves>
+std::uint64_t MirrorTopology<Leaves>::hostBytes() const noexcept {
   return chunks_.bytes() + lowers_.bytes() + (chunk_offsets_.capacity() + places_.capacity()) * sizeof(std::uint64_t) +
          uppers_.size() * sizeof(Upper) + root_table_.bytes() + slots_.capacity() * sizeof(std::uint32_t) +
-         blocks_.capacity() * sizeof(ChangeBlock) + merged_.capacity() * sizeof(LeafChange) +
+         blocks_.capacity() * sizeof(ChangeBlock) + merged_.capacity() * sizeof(Change) +
          (added_leaves_.capacity() + added_lowers_.capacity() + added_uppers_.capacity()) * sizeof(AddedNode);
 }
+
+template class MirrorTopology<OccupancyLeaves>;
+template class MirrorTopology<DistanceLeaves>;
 
 }  // namespace accessvdb::internal

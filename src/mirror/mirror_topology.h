@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "hostdev/nanovdb_compat.h"
@@ -20,11 +21,17 @@ struct AddedNode {
   std::uint32_t parent = kNoNode, entry = 0;
 };
 
-/// The nodes of the mirrored tree by index, and the changes of one call by leaf.
+/// The nodes of the mirrored tree by index, and the changes of one call by leaf. Compiled for the kinds of leaves of
+/// occupancy_leaves.h and distance_leaves.h.
+template <class Leaves>
 class MirrorTopology {
  public:
+  using Change = typename Leaves::Change;
+  using ChangeBlock = internal::ChangeBlock<Leaves>;
+  using ChangeParts = internal::ChangeParts<Leaves>;
   using Lower = InternalShadow<4>;
   using Upper = InternalShadow<5>;
+  static constexpr std::uint64_t kLeafBytes = sizeof(typename nanovdb::NanoLeaf<typename Leaves::Build>::DataType);
 
   /// @param root_capacity  most root tiles
   /// @param used_bytes     of the arena, before the first node
@@ -43,8 +50,7 @@ class MirrorTopology {
   [[nodiscard]] std::uint32_t slot(std::uint32_t n) const noexcept { return slots_[n]; }
   /// [B] in the arena.
   [[nodiscard]] std::uint64_t leafOffset(std::uint32_t slot) const noexcept {
-    return chunk_offsets_[slot / LeafChunk::kSize] +
-           std::uint64_t{slot % LeafChunk::kSize} * sizeof(kernels::OccupancyLeaf::DataType);
+    return chunk_offsets_[slot / LeafChunk::kSize] + std::uint64_t{slot % LeafChunk::kSize} * kLeafBytes;
   }
 
   /// Not published yet. Leaf n of them has slot firstAddedLeaf() + n, the other nodes have the last indices.
@@ -53,6 +59,10 @@ class MirrorTopology {
   [[nodiscard]] const std::vector<AddedNode>& addedUppers() const noexcept { return added_uppers_; }
   [[nodiscard]] std::uint32_t firstAddedLeaf() const noexcept {
     return leaf_count_ - static_cast<std::uint32_t>(added_leaves_.size());
+  }
+  /// Where leaves will lie for which room was made: [B] of the first of LeafChunk::kSize each.
+  [[nodiscard]] std::span<const std::uint64_t> addedChunks() const noexcept {
+    return {chunk_offsets_.data() + published_chunks_, chunks_.size() - published_chunks_};
   }
   void forgetAdded() noexcept;
 
@@ -89,13 +99,14 @@ class MirrorTopology {
   NodePool<Lower> lowers_;
   NodePool<LeafChunk> chunks_;
   std::vector<std::uint64_t> chunk_offsets_;  ///< [B] of the first leaf of each chunk
+  std::size_t published_chunks_ = 0;
 
   // Of the last call.
   std::vector<ChangeBlock> blocks_;
   std::uint32_t change_count_ = 0;
   std::vector<std::uint32_t> slots_;
   std::vector<std::uint64_t> places_;  ///< of the change's leaf: lower node << 12 | entry
-  std::vector<LeafChange> merged_;
+  std::vector<Change> merged_;
   std::vector<AddedNode> added_uppers_, added_lowers_, added_leaves_;
 };
 

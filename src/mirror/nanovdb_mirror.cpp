@@ -12,61 +12,45 @@
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "mirror/grid_layout.h"
 #include "mirror/mirror_topology.h"
 
 namespace accessvdb::internal {
 namespace {
 
+using kernels::ArenaFill;
 using kernels::LeafPatch;
-using kernels::OccupancyGrid;
-using kernels::OccupancyLeaf;
-using kernels::OccupancyLower;
-using kernels::OccupancyRoot;
-using kernels::OccupancyTree;
-using kernels::OccupancyUpper;
-using GridData = OccupancyGrid::DataType;
-using TreeData = OccupancyTree::DataType;
-using RootData = OccupancyRoot::DataType;
-using UpperData = OccupancyUpper::DataType;
-using LowerData = OccupancyLower::DataType;
-using LeafData = OccupancyLeaf::DataType;
-
-// The layout that the patches stand on. Another NanoVDB that changes it must not compile.
-static_assert(sizeof(UpperData) == 270400 && sizeof(LowerData) == 33856 && sizeof(LeafData) == 160);
-static_assert(sizeof(UpperData::Tile) == 8 && sizeof(RootData::Tile) == 32);
-static_assert(sizeof(UpperData) % LeafPatch::kUnit == 0 && sizeof(LowerData) % LeafPatch::kUnit == 0 &&
-              sizeof(LeafData) % LeafPatch::kUnit == 0 && sizeof(RootData::Tile) % LeafPatch::kUnit == 0);
-static_assert(offsetof(LeafData, mBBoxMin) == 0 && kernels::kLeafBitsBytes == 16);
-static_assert(std::is_same_v<RootData::KeyT, std::uint64_t>);
-
-constexpr std::uint64_t kTreeOffset = sizeof(GridData);
-constexpr std::uint64_t kRootOffset = kTreeOffset + sizeof(TreeData);
-constexpr std::uint64_t kTilesOffset = kRootOffset + sizeof(RootData);
-static_assert(kTilesOffset % NANOVDB_DATA_ALIGNMENT == 0);
 
 /// Fewer small writes, or blocks of changes, are not worth several threads.
 constexpr std::size_t kLeastWrites = 1024, kLeastBlocks = 8;
-/// Leaves whose bits are asked for ahead, as they lie anywhere in memory.
+/// Leaves whose voxels are asked for ahead, as they lie anywhere in memory.
 constexpr std::uint32_t kLookAhead = 8;
+
+std::uint32_t countOf(const std::vector<AddedNode>& nodes) { return static_cast<std::uint32_t>(nodes.size()); }
 
 }  // namespace
 
-class NanoVdbMirror::Impl {
+template <class Leaves>
+class NanoMirror<Leaves>::Impl {
  public:
-  Impl(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m, std::uint32_t root_capacity);
-  void applyParts(ChangeParts parts);
+  using Bytes = GridLayout<typename Leaves::Build>;
+  using ChangeBlock = internal::ChangeBlock<Leaves>;
+
+  Impl(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m, std::uint32_t root_capacity, Leaves leaves);
+  void applyParts(ChangeParts<Leaves> parts);
 
   std::unique_ptr<kernels::MirrorArena> arena_;
-  MirrorTopology topology_;
+  MirrorTopology<Leaves> topology_;
   MirrorTraffic traffic_;
 
  private:
   [[nodiscard]] static std::uint64_t headBytes(std::uint32_t root_capacity) {
-    return kTilesOffset + root_capacity * sizeof(RootData::Tile);
+    return Bytes::kTiles + root_capacity * sizeof(typename Bytes::RootData::Tile);
   }
   void publish();
-  void publishBits();
-  void switchInPlace(std::byte* memory);
+  void publishBackground();
+  void publishChanges();
+  void changeInPlace(std::byte* memory);
   void stagePatches();
   void publishLeaves();
   void publishNodes();
@@ -78,39 +62,29 @@ class NanoVdbMirror::Impl {
   void writeEach(std::size_t count, std::uint32_t bytes, const OffsetOf& offset_of, const Fill& fill);
   void write(std::uint64_t offset, const void* source, std::uint64_t bytes);
 
+  Leaves leaves_;
   std::uint64_t published_bytes_ = 0;  ///< size of the grid as it says itself
   bool writing_ = false;               ///< also after a call that failed while it wrote
   std::vector<std::uint8_t> owns_word_;
   std::vector<std::uint32_t> owners_;  ///< of publishChildren()
+  std::vector<ArenaFill> fills_;       ///< of publishBackground()
 };
 
-NanoVdbMirror::Impl::Impl(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m, std::uint32_t root_capacity)
-    : arena_(std::move(arena)), topology_(*arena_, root_capacity, headBytes(root_capacity)) {
+template <class Leaves>
+NanoMirror<Leaves>::Impl::Impl(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m,
+                               std::uint32_t root_capacity, Leaves leaves)
+    : arena_(std::move(arena)), topology_(*arena_, root_capacity, headBytes(root_capacity)), leaves_(leaves) {
   arena_->commit(headBytes(root_capacity));
 
-  // NanoVDB's node data have no constructors: they are bytes that are seen as such.
-  alignas(NANOVDB_DATA_ALIGNMENT) std::byte head[kTilesOffset] = {};
-  auto* grid = reinterpret_cast<GridData*>(head);
-  grid->mMagic = NANOVDB_MAGIC_NUMBER;
-  std::memset(&grid->mChecksum, 0xFF, sizeof(grid->mChecksum));  // disabled: it would change with every patch
-  grid->mVersion = nanovdb::Version();
-  grid->mFlags = 0;  // not breadth first, no boxes, no extrema: nothing here is kept up to date but the bits
-  grid->mGridIndex = 0;
-  grid->mGridCount = 1;
-  grid->mGridSize = published_bytes_ = arena_->committedBytes();
-  std::memcpy(grid->mGridName, "occupancy", sizeof("occupancy"));
-  grid->mMap.set(voxel_size_m, nanovdb::Vec3d(0.0), 1.0);
-  grid->mWorldBBox = nanovdb::BBox<nanovdb::Vec3R>();
-  grid->mVoxelSize = nanovdb::Vec3R(voxel_size_m);
-  grid->mGridClass = nanovdb::GridClass::Unknown;
-  grid->mGridType = nanovdb::GridType::Boolean;
-  reinterpret_cast<TreeData*>(head + kTreeOffset)->mNodeOffset[3] = sizeof(TreeData);
-  reinterpret_cast<RootData*>(head + kRootOffset)->mBBox = nanovdb::CoordBBox();
-  write(0, head, sizeof(head));
+  published_bytes_ = arena_->committedBytes();
+  const auto head =
+      Bytes::head(Leaves::kGridName, Leaves::kGridType, voxel_size_m, leaves_.background(), published_bytes_);
+  write(0, head.bytes, sizeof(head.bytes));
   arena_->flush();
 }
 
-void NanoVdbMirror::Impl::applyParts(ChangeParts parts) {
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::applyParts(ChangeParts<Leaves> parts) {
   traffic_ = {};
   if (writing_) {
     throw InternalError("mirror.half_written", "", "An earlier call failed while it wrote to the mirror",
@@ -125,23 +99,63 @@ void NanoVdbMirror::Impl::applyParts(ChangeParts parts) {
 }
 
 // Bottom up, so that nothing can be reached before it is complete, and no byte twice.
-void NanoVdbMirror::Impl::publish() {
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::publish() {
   if (published_bytes_ != arena_->committedBytes()) {
     published_bytes_ = arena_->committedBytes();
-    write(offsetof(GridData, mGridSize), &published_bytes_, sizeof(published_bytes_));
+    write(offsetof(typename Bytes::GridData, mGridSize), &published_bytes_, sizeof(published_bytes_));
   }
-  publishBits();
+  if (leaves_.background() != typename Leaves::Build{}) publishBackground();
+  publishChanges();
   publishLeaves();
   publishNodes();
   arena_->flush();
   topology_.forgetAdded();
 }
 
-// Fresh memory is zero, so the bits of new leaves are switched like those of others.
-void NanoVdbMirror::Impl::publishBits() {
+// Fresh memory is zero. Where the background is not, it goes into all entries of new nodes and all voxels of new
+// leaves, before those that are something else.
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::publishBackground() {
+  using Build = typename Leaves::Build;
+  if constexpr (sizeof(Build) == sizeof(std::uint32_t)) {
+    const auto word = std::bit_cast<std::uint32_t>(leaves_.background());
+    std::vector<ArenaFill>& fills = fills_;
+    fills.clear();
+    for (const std::uint64_t chunk : topology_.addedChunks()) {
+      fills.push_back({chunk + offsetof(typename Bytes::LeafData, mValues), sizeof(Bytes::LeafData::mValues),
+                       sizeof(typename Bytes::LeafData), LeafChunk::kSize, word});
+    }
+    for (std::uint32_t n = topology_.lowerCount() - countOf(topology_.addedLowers()); n < topology_.lowerCount(); ++n) {
+      const std::uint64_t table = topology_.lower(n).arena_offset + offsetof(typename Bytes::LowerData, mTable);
+      fills.push_back({table, sizeof(Bytes::LowerData::mTable), 0, 1, word});
+    }
+    for (std::uint32_t n = topology_.upperCount() - countOf(topology_.addedUppers()); n < topology_.upperCount(); ++n) {
+      const std::uint64_t table = topology_.upper(n).arena_offset + offsetof(typename Bytes::UpperData, mTable);
+      fills.push_back({table, sizeof(Bytes::UpperData::mTable), 0, 1, word});
+    }
+    if (std::byte* const memory = arena_->inPlace(); memory != nullptr) {
+      forEachIndex(0, fills.size(), 2, [&](std::size_t n) {
+        const ArenaFill& fill = fills[n];
+        for (std::uint32_t piece = 0; piece < fill.count; ++piece) {
+          auto* to = reinterpret_cast<std::uint32_t*>(memory + fill.offset + std::uint64_t{piece} * fill.stride);
+          std::fill_n(to, fill.bytes / sizeof(word), word);
+        }
+      });
+      for (const ArenaFill& fill : fills) traffic_.bytes_written += std::uint64_t{fill.bytes} * fill.count;
+    } else {
+      arena_->stageFills(fills);
+      traffic_.bytes_written += fills.size() * sizeof(ArenaFill);
+    }
+  }
+}
+
+// Fresh memory is zero or background, so new leaves are changed like others.
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::publishChanges() {
   std::byte* const memory = arena_->inPlace();
   if (memory != nullptr) {
-    switchInPlace(memory);
+    changeInPlace(memory);
   } else {
     stagePatches();
   }
@@ -149,41 +163,40 @@ void NanoVdbMirror::Impl::publishBits() {
   traffic_.leaves_patched -= traffic_.leaves_added;
 }
 
-void NanoVdbMirror::Impl::switchInPlace(std::byte* memory) {
-  std::atomic<std::uint64_t> patched = 0, words = 0;
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::changeInPlace(std::byte* memory) {
+  std::atomic<std::uint64_t> patched = 0, bytes = 0;
   const std::vector<ChangeBlock>& blocks = topology_.blocks();
   forEachIndex(0, blocks.size(), kLeastBlocks, [&](std::size_t b) {
     const ChangeBlock& block = blocks[b];
-    const auto bitsOf = [&](std::uint32_t n) -> std::uint64_t* {
+    const auto leafOf = [&](std::uint32_t n) -> std::byte* {
       const std::uint32_t slot = topology_.slot(block.begin + n);
-      if (slot == kNoNode) return nullptr;
-      return reinterpret_cast<std::uint64_t*>(memory + topology_.leafOffset(slot) + kernels::kLeafBitsBytes);
+      return slot == kNoNode ? nullptr : memory + topology_.leafOffset(slot);
     };
-    std::uint64_t patched_here = 0, words_here = 0;
+    std::uint64_t patched_here = 0, bytes_here = 0;
     for (std::uint32_t n = 0; n < block.count; ++n) {
-#if defined(__GNUC__)
       if (n + kLookAhead < block.count) {
-        const std::uint64_t* ahead = bitsOf(n + kLookAhead);
-        for (std::size_t line = 0; ahead != nullptr && line < 3; ++line) __builtin_prefetch(ahead + 8 * line, 1);
+        const std::byte* ahead = leafOf(n + kLookAhead);
+        if (ahead != nullptr) leaves_.prefetch(ahead, block.changes[n + kLookAhead]);
       }
-#endif
-      std::uint64_t* const bits = bitsOf(n);
-      if (bits == nullptr) continue;
-      words_here += kernels::switchBits(bits, block.changes[n]);
+      std::byte* const leaf = leafOf(n);
+      if (leaf == nullptr) continue;
+      bytes_here += leaves_.changeInPlace(leaf, block.changes[n]);
       ++patched_here;
     }
     patched += patched_here;
-    words += words_here;
+    bytes += bytes_here;
   });
   traffic_.leaves_patched = patched;
-  traffic_.bytes_written += words * sizeof(std::uint64_t);
+  traffic_.bytes_written += bytes;
 }
 
-void NanoVdbMirror::Impl::stagePatches() {
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::stagePatches() {
   const std::vector<ChangeBlock>& blocks = topology_.blocks();
   for (std::size_t begin = 0; begin < blocks.size();) {
     const std::uint32_t first = blocks[begin].begin;
-    const kernels::StagedPatches room = arena_->stagePatches(topology_.changeCount() - first);
+    const kernels::StagedPatches room = arena_->stagePatches(topology_.changeCount() - first, Leaves::kPatch);
     std::size_t end = begin;
     std::uint32_t count = 0;
     while (end < blocks.size() && count + blocks[end].count <= room.count) count += blocks[end++].count;
@@ -198,7 +211,7 @@ void NanoVdbMirror::Impl::stagePatches() {
         LeafPatch patch;
         if (slot != kNoNode) {
           patch.leaf = static_cast<std::uint32_t>(topology_.leafOffset(slot) / LeafPatch::kUnit);
-          patch.mask = kernels::maskOf(block.changes[n]);
+          patch.mask = leaves_.maskOf(block.changes[n]);
           patch.first_word = words_here;
           words_here += static_cast<std::uint32_t>(std::popcount(patch.mask));
           ++patched_here;
@@ -207,36 +220,40 @@ void NanoVdbMirror::Impl::stagePatches() {
       }
       // Where the words of a block lie depends on the threads; what the leaves become does not.
       const std::uint32_t place = words.fetch_add(words_here, std::memory_order_relaxed);
-      std::uint64_t* to = room.words + place;
+      std::byte* to = room.words + std::size_t{place} * kernels::wordBytes(Leaves::kPatch);
       for (std::uint32_t n = 0; n < block.count; ++n) {
+        if (n + kLookAhead < block.count) leaves_.prefetchWords(block.changes[n + kLookAhead]);
         list[n].first_word += place;
-        to = kernels::copyWords(block.changes[n], list[n].mask, to);
+        to = leaves_.copyWords(block.changes[n], list[n].mask, to);
       }
       patched.fetch_add(patched_here, std::memory_order_relaxed);
     });
     arena_->endPatches(count, words);
     traffic_.leaves_patched += patched;
-    traffic_.bytes_written += count * sizeof(LeafPatch) + words * sizeof(std::uint64_t);
+    traffic_.bytes_written += count * sizeof(LeafPatch) + std::uint64_t{words} * kernels::wordBytes(Leaves::kPatch);
     begin = end;
   }
 }
 
-void NanoVdbMirror::Impl::publishLeaves() {
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::publishLeaves() {
   const std::vector<AddedNode>& leaves = topology_.addedLeaves();
   const auto offsetOf = [&](std::size_t n) {
     return topology_.leafOffset(topology_.firstAddedLeaf() + static_cast<std::uint32_t>(n));
   };
-  writeEach(leaves.size(), kernels::kLeafBitsBytes, offsetOf, [&](std::size_t n, std::byte* to) {
+  writeEach(leaves.size(), kHeadBytes, offsetOf, [&](std::size_t n, std::byte* to) {
     const std::array<std::int32_t, 3>& lower = topology_.lower(leaves[n].parent).origin_ijk;
-    const nanovdb::Coord local = OccupancyLower::OffsetToLocalCoord(leaves[n].entry);  // in leaves
+    const nanovdb::Coord local = nanovdb::NanoLower<bool>::OffsetToLocalCoord(leaves[n].entry);  // in leaves
     const std::int32_t head[4] = {lower[0] + 8 * local[0], lower[1] + 8 * local[1], lower[2] + 8 * local[2], 0};
     std::memcpy(to, head, sizeof(head));  // no box, no flag
   });
-  publishChildren<LowerData>(
+  publishChildren<typename Bytes::LowerData>(
       leaves, [&](std::uint32_t n) -> auto& { return topology_.lower(n); }, offsetOf);
 }
 
-void NanoVdbMirror::Impl::publishNodes() {
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::publishNodes() {
+  using Tile = typename Bytes::RootData::Tile;
   const std::vector<AddedNode>&lowers = topology_.addedLowers(), &uppers = topology_.addedUppers();
   const std::size_t first_lower = topology_.lowerCount() - lowers.size();
   const std::size_t first_upper = topology_.upperCount() - uppers.size();
@@ -257,34 +274,34 @@ void NanoVdbMirror::Impl::publishNodes() {
           std::memcpy(to, &box, sizeof(box));
         });
   };
-  writeBoxes(lowers.size(), offsetof(LowerData, mBBox), lowerAt);
-  writeBoxes(uppers.size(), offsetof(UpperData, mBBox), upperAt);
-  publishChildren<UpperData>(
+  writeBoxes(lowers.size(), offsetof(typename Bytes::LowerData, mBBox), lowerAt);
+  writeBoxes(uppers.size(), offsetof(typename Bytes::UpperData, mBBox), upperAt);
+  publishChildren<typename Bytes::UpperData>(
       lowers, [&](std::uint32_t n) -> auto& { return topology_.upper(n); },
       [&](std::size_t n) { return lowerAt(n).arena_offset; });
   writeEach(
-      uppers.size(), sizeof(RootData::Tile),
-      [&](std::size_t n) { return kTilesOffset + uppers[n].entry * sizeof(RootData::Tile); },
+      uppers.size(), sizeof(Tile), [&](std::size_t n) { return Bytes::kTiles + uppers[n].entry * sizeof(Tile); },
       [&](std::size_t n, std::byte* to) {
-        RootData::Tile tile = {};
+        Tile tile = {};
         const auto& [x, y, z] = upperAt(n).origin_ijk;
-        tile.key = RootData::CoordToKey(nanovdb::Coord(x, y, z));
-        tile.child = static_cast<std::int64_t>(upperAt(n).arena_offset - kRootOffset);
+        tile.key = Bytes::RootData::CoordToKey(nanovdb::Coord(x, y, z));
+        tile.child = static_cast<std::int64_t>(upperAt(n).arena_offset - Bytes::kRoot);
         std::memcpy(to, &tile, sizeof(tile));
       });
   if (!topology_.addedLeaves().empty() || !lowers.empty() || !uppers.empty()) {
     const std::uint32_t counts[3] = {topology_.leafCount(), topology_.lowerCount(), topology_.upperCount()};
-    write(kTreeOffset + offsetof(TreeData, mNodeCount), counts, sizeof(counts));
+    write(Bytes::kTree + offsetof(typename Bytes::TreeData, mNodeCount), counts, sizeof(counts));
   }
   if (!uppers.empty()) {
     const std::uint32_t table_size = topology_.upperCount();
-    write(kRootOffset + offsetof(RootData, mTableSize), &table_size, sizeof(table_size));
+    write(Bytes::kRoot + offsetof(typename Bytes::RootData, mTableSize), &table_size, sizeof(table_size));
   }
 }
 
+template <class Leaves>
 template <class ParentData, class ParentOf, class OffsetOf>
-void NanoVdbMirror::Impl::publishChildren(const std::vector<AddedNode>& added, const ParentOf& parent_of,
-                                          const OffsetOf& child_offset) {
+void NanoMirror<Leaves>::Impl::publishChildren(const std::vector<AddedNode>& added, const ParentOf& parent_of,
+                                               const OffsetOf& child_offset) {
   constexpr std::uint32_t kWord = sizeof(std::uint64_t);
   owns_word_.resize(added.size());
   writeEach(
@@ -316,9 +333,10 @@ void NanoVdbMirror::Impl::publishChildren(const std::vector<AddedNode>& added, c
       });
 }
 
+template <class Leaves>
 template <class OffsetOf, class Fill>
-void NanoVdbMirror::Impl::writeEach(std::size_t count, std::uint32_t bytes, const OffsetOf& offset_of,
-                                    const Fill& fill) {
+void NanoMirror<Leaves>::Impl::writeEach(std::size_t count, std::uint32_t bytes, const OffsetOf& offset_of,
+                                         const Fill& fill) {
   traffic_.bytes_written += count * bytes;
   if (std::byte* const memory = arena_->inPlace(); memory != nullptr) {
     forEachIndex(0, count, kLeastWrites, [&](std::size_t n) { fill(n, memory + offset_of(n)); });
@@ -335,13 +353,15 @@ void NanoVdbMirror::Impl::writeEach(std::size_t count, std::uint32_t bytes, cons
   }
 }
 
-void NanoVdbMirror::Impl::write(std::uint64_t offset, const void* source, std::uint64_t bytes) {
+template <class Leaves>
+void NanoMirror<Leaves>::Impl::write(std::uint64_t offset, const void* source, std::uint64_t bytes) {
   arena_->write(offset, source, bytes);
   traffic_.bytes_written += bytes;
 }
 
-NanoVdbMirror::NanoVdbMirror(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m,
-                             std::uint32_t root_capacity) {
+template <class Leaves>
+NanoMirror<Leaves>::NanoMirror(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m,
+                               std::uint32_t root_capacity, Leaves leaves) {
   if (!(voxel_size_m > 0 && std::isfinite(voxel_size_m))) {
     throw InvalidArgument("mirror.voxel_size_m", "", "The voxel size must be a positive number", "Give metres");
   }
@@ -349,22 +369,51 @@ NanoVdbMirror::NanoVdbMirror(std::unique_ptr<kernels::MirrorArena> arena, double
     throw InvalidArgument("mirror.root_capacity", "", "The mirror needs room for 1 to 65536 root tiles",
                           "Leave it at its default");
   }
-  impl_ = std::make_unique<Impl>(std::move(arena), voxel_size_m, root_capacity);
+  impl_ = std::make_unique<Impl>(std::move(arena), voxel_size_m, root_capacity, leaves);
 }
 
-NanoVdbMirror::~NanoVdbMirror() = default;
+template <class Leaves>
+NanoMirror<Leaves>::~NanoMirror() = default;
 
-void NanoVdbMirror::apply(std::span<const LeafChange> changes) { impl_->applyParts({&changes, 1}); }
-void NanoVdbMirror::applyParts(std::span<const std::span<const LeafChange>> parts) { impl_->applyParts(parts); }
-
-const OccupancyGrid* NanoVdbMirror::grid() const noexcept {
-  return static_cast<const OccupancyGrid*>(impl_->arena_->base());
+template <class Leaves>
+void NanoMirror<Leaves>::apply(std::span<const Change> changes) {
+  impl_->applyParts({&changes, 1});
 }
-std::uint64_t NanoVdbMirror::leafCount() const noexcept { return impl_->topology_.leafCount(); }
-std::uint32_t NanoVdbMirror::rootTileCount() const noexcept { return impl_->topology_.upperCount(); }
-std::uint64_t NanoVdbMirror::usedBytes() const noexcept { return impl_->topology_.usedBytes(); }
-std::uint64_t NanoVdbMirror::committedBytes() const noexcept { return impl_->arena_->committedBytes(); }
-std::uint64_t NanoVdbMirror::hostBytes() const noexcept { return impl_->topology_.hostBytes(); }
-const MirrorTraffic& NanoVdbMirror::lastTraffic() const noexcept { return impl_->traffic_; }
+template <class Leaves>
+void NanoMirror<Leaves>::applyParts(std::span<const std::span<const Change>> parts) {
+  impl_->applyParts(parts);
+}
+
+template <class Leaves>
+auto NanoMirror<Leaves>::grid() const noexcept -> const Grid* {
+  return static_cast<const Grid*>(impl_->arena_->base());
+}
+template <class Leaves>
+std::uint64_t NanoMirror<Leaves>::leafCount() const noexcept {
+  return impl_->topology_.leafCount();
+}
+template <class Leaves>
+std::uint32_t NanoMirror<Leaves>::rootTileCount() const noexcept {
+  return impl_->topology_.upperCount();
+}
+template <class Leaves>
+std::uint64_t NanoMirror<Leaves>::usedBytes() const noexcept {
+  return impl_->topology_.usedBytes();
+}
+template <class Leaves>
+std::uint64_t NanoMirror<Leaves>::committedBytes() const noexcept {
+  return impl_->arena_->committedBytes();
+}
+template <class Leaves>
+std::uint64_t NanoMirror<Leaves>::hostBytes() const noexcept {
+  return impl_->topology_.hostBytes();
+}
+template <class Leaves>
+const MirrorTraffic& NanoMirror<Leaves>::lastTraffic() const noexcept {
+  return impl_->traffic_;
+}
+
+template class NanoMirror<OccupancyLeaves>;
+template class NanoMirror<DistanceLeaves>;
 
 }  // namespace accessvdb::internal

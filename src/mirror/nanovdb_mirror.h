@@ -1,18 +1,20 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The live NanoVDB mirror of the two facts that scoring needs: value bit = collides, active bit = arm_free.
+/// Live NanoVDB mirrors of the map: one of the two facts that scoring needs (value bit = collides, active bit =
+/// arm_free), and one of its distances for whoever asks for it.
 ///
 /// Built once, then patched leaf by leaf; never converted as a whole. Neither the grid nor any node ever moves. A voxel
-/// without a leaf reads false, inactive: tool free, arm blocked.
+/// without a leaf reads as the background, inactive: for scoring that is false, tool free and arm blocked.
 #pragma once
 
 #include <cstdint>
 #include <memory>
 #include <span>
 
-#include "accessvdb/leaf_change.h"
 #include "hostdev/nanovdb_compat.h"
 #include "launch/mirror_arena.h"
+#include "mirror/distance_leaves.h"
+#include "mirror/occupancy_leaves.h"
 
 namespace accessvdb::internal {
 
@@ -24,8 +26,12 @@ struct MirrorTraffic {
 };
 
 /// One writer, one thread. Readers must be ordered after the call that wrote (see MirrorArena).
-class NanoVdbMirror {
+/// @tparam Leaves  what the leaves hold and how a change gets there: OccupancyLeaves, DistanceLeaves
+template <class Leaves>
+class NanoMirror {
  public:
+  using Change = typename Leaves::Change;
+  using Grid = nanovdb::NanoGrid<typename Leaves::Build>;
   static constexpr std::uint32_t kDefaultRootCapacity = 4096;
   static constexpr std::uint32_t kMaxRootCapacity = 65536;
 
@@ -34,25 +40,26 @@ class NanoVdbMirror {
   /// @param voxel_size_m   finite, > 0
   /// @param root_capacity  most root tiles of 4096^3 voxels, 1 to kMaxRootCapacity; 32 B each are reserved
   /// @throw InvalidArgument, ResourceLimit
-  explicit NanoVdbMirror(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m,
-                         std::uint32_t root_capacity = kDefaultRootCapacity);
-  ~NanoVdbMirror();
-  NanoVdbMirror(const NanoVdbMirror&) = delete;
-  NanoVdbMirror& operator=(const NanoVdbMirror&) = delete;
+  explicit NanoMirror(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m,
+                      std::uint32_t root_capacity = kDefaultRootCapacity, Leaves leaves = {});
+  ~NanoMirror();
+  NanoMirror(const NanoMirror&) = delete;
+  NanoMirror& operator=(const NanoMirror&) = delete;
 
-  /// For each change: collides' = (collides | collides_on) & ~collides_off, arm_free' = (arm_free | arm_free_on) &
-  /// ~arm_free_off. A leaf is added when bits come on in it. A leaf may come more than once, at the cost of a sort.
-  /// All or nothing: after a ResourceLimit no bit has changed and the grid is as readable as before. After an error of
-  /// the device it is not known what was written, and every later call fails.
+  /// For each LeafChange: collides' = (collides | collides_on) & ~collides_off, arm_free' = (arm_free | arm_free_on) &
+  /// ~arm_free_off; a leaf is added when bits come on in it. For each DistanceChange: observed voxels of its rows
+  /// become active with their distance; a leaf is added when it has rows. A leaf may come more than once, at the cost
+  /// of a sort. All or nothing: after a ResourceLimit no bit has changed and the grid is as readable as before. After
+  /// an error of the device it is not known what was written, and every later call fails.
   /// @throw ResourceLimit  `map.root_tiles`, or the arena cannot grow
   /// @throw InternalError  an origin that is no multiple of 8; an earlier call failed while it wrote
   /// @throw DeviceError
-  void apply(std::span<const LeafChange> changes);
+  void apply(std::span<const Change> changes);
   /// All parts as one call: one flush of the arena, however many parts.
-  void applyParts(std::span<const std::span<const LeafChange>> parts);
+  void applyParts(std::span<const std::span<const Change>> parts);
 
   /// In the address space of the arena; constant for life.
-  [[nodiscard]] const kernels::OccupancyGrid* grid() const noexcept;
+  [[nodiscard]] const Grid* grid() const noexcept;
 
   [[nodiscard]] std::uint64_t leafCount() const noexcept;
   [[nodiscard]] std::uint32_t rootTileCount() const noexcept;
@@ -65,5 +72,8 @@ class NanoVdbMirror {
   class Impl;
   std::unique_ptr<Impl> impl_;
 };
+
+using NanoVdbMirror = NanoMirror<OccupancyLeaves>;
+using DistanceMirror = NanoMirror<DistanceLeaves>;
 
 }  // namespace accessvdb::internal

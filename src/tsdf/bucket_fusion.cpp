@@ -3,6 +3,7 @@
 #include "tsdf/bucket_fusion.h"
 
 #include <span>
+#include <utility>
 
 namespace accessvdb::internal {
 namespace {
@@ -69,20 +70,25 @@ PackedLeaf* BucketFusion::addLeaf(std::size_t group, BucketResult& result) {
   return added;
 }
 
-void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, std::vector<LeafChange>& changes,
-                        BucketResult& result) {
+void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, BucketChanges& changes, BucketResult& result) {
   PackedLeaf* leaf = waiting.leaf != nullptr ? waiting.leaf : addLeaf(waiting.group, result);
   if (fusion.hasSamples() && leaf->buffer().empty()) {
     allocateZeroed(*leaf);
     ++result.allocated;
   }
+  if (changes.wants_distances && fusion.hasSamples()) {
+    const openvdb::Coord& origin = leaf->origin();
+    changes.distances.push_back(
+        {{origin.x(), origin.y(), origin.z()}, fusion.touchedPairs(), packedValues(std::as_const(*leaf))});
+  }
   LeafChange change;
-  if (fusion.fold(*leaf, change, result.counts)) changes.push_back(change);
+  if (fusion.fold(*leaf, change, result.counts)) changes.facts.push_back(change);
 }
 
-void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays,
-                        std::vector<LeafChange>& changes, BucketResult& result) {
-  changes.clear();
+void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays, BucketChanges& changes,
+                        BucketResult& result) {
+  changes.facts.clear();
+  changes.distances.clear();
   bins.group(bucket, groups_);
   locateNodes();
   const std::size_t count = groups_.places.size();

@@ -16,6 +16,7 @@
 #include <memory>
 #include <vector>
 
+#include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
 #include "tsdf/leaf_fusion.h"
 #include "tsdf/packed_map.h"
@@ -31,6 +32,13 @@ struct BucketResult {
   std::vector<std::unique_ptr<PackedLowerNode>> new_nodes;
 };
 
+/// Of the leaves of one bucket: those with flipped facts, and where anybody asks, those with changed distances.
+struct BucketChanges {
+  std::vector<LeafChange> facts;
+  std::vector<DistanceChange> distances;
+  bool wants_distances = false;
+};
+
 /// Adds nodes to the tree; not while a bucket is being fused. @throws std::bad_alloc
 void linkNodes(PackedTree& tree, std::vector<std::unique_ptr<PackedLowerNode>>& nodes);
 
@@ -40,9 +48,9 @@ class BucketFusion {
   BucketFusion(PackedMap& map, const RegionShape& shape);
 
   /// Different buckets may be fused at the same time: a node's leaves are all in one.
-  /// @param changes  of leaves with flipped facts, each once; cleared first
+  /// @param changes  each leaf once; cleared first
   /// @throws std::bad_alloc; then the bucket's leaves are as they were or hold the scan
-  void fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays, std::vector<LeafChange>& changes,
+  void fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays, BucketChanges& changes,
             BucketResult& result);
 
  private:
@@ -60,7 +68,7 @@ class BucketFusion {
   void askForEntry(std::size_t group) const;
   [[nodiscard]] PackedLeaf* leafOf(std::size_t group) const;
   PackedLeaf* addLeaf(std::size_t group, BucketResult& result);
-  void fold(LeafFusion& fusion, const Waiting& waiting, std::vector<LeafChange>& changes, BucketResult& result);
+  void fold(LeafFusion& fusion, const Waiting& waiting, BucketChanges& changes, BucketResult& result);
 
   PackedMap& map_;
   LeafGroups groups_;

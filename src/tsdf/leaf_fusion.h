@@ -54,6 +54,8 @@ class LeafFusion {
 
   /// True when accumulate() found distance samples (else only band passes).
   [[nodiscard]] bool hasSamples() const { return touched_ != 0; }
+  /// Pairs of rows in which it did, a bit each, until fold().
+  [[nodiscard]] std::uint32_t touchedPairs() const { return touched_; }
 
   /// Starts to fetch the values that fold() will read. The leaf itself must be at hand.
   void prefetchValues(const PackedLeaf& leaf) const;

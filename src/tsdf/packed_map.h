@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <cstring>
 
+#include "accessvdb/distance_change.h"
 #include "accessvdb/params.h"
 #include "accessvdb/tsdf_volume.h"
 #include "tsdf/packed_voxel.h"
@@ -38,6 +39,8 @@ class PackedMap {
 
   /// Metres of a stored mean; the one place where steps become metres.
   [[nodiscard]] float distanceOf(std::uint32_t mean) const { return clamp_min_m_ + static_cast<float>(mean) * step_m_; }
+  /// The same for whoever reads stored voxels without this class.
+  [[nodiscard]] DistanceCode distanceCode() const { return {clamp_min_m_, step_m_, kWeightBits}; }
   /// A voxel with weight collides when its mean lies below this: least mean whose distance is >= r_c.
   [[nodiscard]] std::uint32_t collisionMean() const { return collision_mean_; }
   void setCollisionDistance(float r_c_m);

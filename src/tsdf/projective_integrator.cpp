@@ -30,6 +30,7 @@ constexpr float kSkip = 0, kFree = -1;  // instead of a range
 struct TaskResult {
   std::vector<std::unique_ptr<PackedLeaf>> new_leaves;
   std::vector<LeafChange> changes;
+  std::vector<DistanceChange> distances;
   FoldCounts counts;
   std::uint64_t touched = 0, allocated = 0;
 };
@@ -245,6 +246,7 @@ void ProjectiveIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, const
         ++task.allocated;
       }
       const LeafTarget target = {packedValues(*leaf), &leaf->getValueMask().template getWord<std::uint64_t>(0)};
+      if (wants_distances_) task.distances.push_back({origin, touched, target.packed});
       LeafChange change;
       change.origin_ijk = origin;
       if (kernels.fold(target, constants, touched, worker.sums, LeafBits{}, change, task.counts)) {
@@ -254,10 +256,12 @@ void ProjectiveIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, const
   });
 
   changes_.clear();
+  distances_.clear();
   PackedAccessor accessor(tree);
   for (TaskResult& task : done) {
     for (auto& leaf : task.new_leaves) accessor.addLeaf(leaf.release());
     changes_.insert(changes_.end(), task.changes.begin(), task.changes.end());
+    distances_.insert(distances_.end(), task.distances.begin(), task.distances.end());
     result.new_leaves += task.new_leaves.size();
     result.touched_leaves += task.touched;
     result.counts.distance_updates += task.counts.distance_updates;
@@ -267,6 +271,8 @@ void ProjectiveIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, const
     map_.observed_voxels += task.counts.newly_observed;
   }
   mergeChanges(result);
+  // Returns mark their cleared band and nothing else: no other distances changed.
+  if (!distances_.empty()) result.distances.emplace_back(distances_);
 }
 
 void ProjectiveIntegrator::mergeChanges(IntegrationResult& result) {

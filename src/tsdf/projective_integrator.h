@@ -35,6 +35,9 @@ class ProjectiveIntegrator {
   /// @throws InvalidArgument unless there is exactly one sensor position
   static void requireOneSensor(std::span<const Eigen::Vector3f> q_L);
 
+  /// As ScanIntegrator::noteDistances().
+  void noteDistances(bool wanted) { wants_distances_ = wanted; }
+
   /// Fuses a scan and adds what happened to `result`, which may already hold the changes of its cleared band: of both
   /// together each leaf is listed once, and a voxel that went to and fro not at all. Leaves written by both count twice
   /// in touched_leaves.
@@ -58,6 +61,8 @@ class ProjectiveIntegrator {
   RangeImage image_;
   std::vector<LeafKey> leaves_;  ///< to be looked at, sorted
   std::vector<LeafChange> changes_;
+  std::vector<DistanceChange> distances_;
+  bool wants_distances_ = false;
   struct Workers;
   std::unique_ptr<Workers> workers_;
 };

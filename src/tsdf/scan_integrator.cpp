@@ -40,6 +40,11 @@ ScanIntegrator::ScanIntegrator(PackedMap& map)
 }
 ScanIntegrator::~ScanIntegrator() = default;
 
+void ScanIntegrator::noteDistances(bool wanted) {
+  for (BucketChanges& changes : changes_) changes.wants_distances = wanted;
+  if (projective_) projective_->noteDistances(wanted);
+}
+
 IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                             const ScanFrame& frame) {
   IntegrationResult result;
@@ -86,7 +91,8 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
     map_.allocated_leaf_count += bucket.allocated;
   }
   for (const auto& changes : changes_) {
-    if (!changes.empty()) result.changes.emplace_back(changes);
+    if (!changes.facts.empty()) result.changes.emplace_back(changes.facts);
+    if (!changes.distances.empty()) result.distances.emplace_back(changes.distances);
   }
   map_.leaf_count += result.new_leaves;
   map_.observed_voxels += result.counts.newly_observed;

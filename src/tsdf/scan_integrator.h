@@ -10,7 +10,9 @@
 #include <span>
 #include <vector>
 
+#include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
+#include "tsdf/bucket_fusion.h"
 #include "tsdf/leaf_fusion.h"
 #include "tsdf/leaf_reserve.h"
 #include "tsdf/packed_map.h"
@@ -25,6 +27,8 @@ struct IntegrationResult {
   FoldCounts counts;
   /// Leaves with flipped facts, each at most once; in the integrator's memory, valid until the next integrate().
   std::vector<std::span<const LeafChange>> changes;
+  /// Leaves with changed distances, likewise; empty unless asked for (ScanIntegrator::noteDistances).
+  std::vector<std::span<const DistanceChange>> distances;
 };
 
 /// How a scan's sensor stood; only the projective baseline asks.
@@ -40,6 +44,9 @@ class ScanIntegrator {
   explicit ScanIntegrator(PackedMap& map);
   ~ScanIntegrator();
 
+  /// Whether results list the leaves with changed distances.
+  void noteDistances(bool wanted);
+
   /// @param p_L  [n] finite returns in the local frame, metres, none at its sensor
   /// @param q_L  [n] or [1] sensor positions in the local frame
   /// @throws InvalidArgument where the region is Projective and there is not one sensor position; std::bad_alloc; then
@@ -54,9 +61,9 @@ class ScanIntegrator {
   std::vector<ReturnRay> rays_;
   LeafReserve reserve_;
   struct Workers;
-  std::unique_ptr<Workers> workers_;                                   ///< a BucketFusion a thread
-  std::unique_ptr<ProjectiveIntegrator> projective_;                   ///< only for UpdateRegion::Projective
-  std::array<std::vector<LeafChange>, ReturnBins::kBuckets> changes_;  ///< kept, so that memory is reused
+  std::unique_ptr<Workers> workers_;                         ///< a BucketFusion a thread
+  std::unique_ptr<ProjectiveIntegrator> projective_;         ///< only for UpdateRegion::Projective
+  std::array<BucketChanges, ReturnBins::kBuckets> changes_;  ///< kept, so that memory is reused
 };
 
 }  // namespace accessvdb::internal

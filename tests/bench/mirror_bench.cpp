@@ -9,13 +9,17 @@
 ///   locate   finding and adding leaves
 ///   bits     filling patches
 ///   nodes    links, masks and headers of what was added
-/// and where the memory went. Options by environment: ACCESSVDB_BENCH_FRAMES (120), ACCESSVDB_BENCH_TIMED (40, the last
+/// and where the memory went; with ACCESSVDB_BENCH_DISTANCES=1 also, of the mirror of distances,
+///   d-place  in place
+///   d-stage  in batches
+/// Options by environment: ACCESSVDB_BENCH_FRAMES (120), ACCESSVDB_BENCH_TIMED (40, the last
 /// ones), ACCESSVDB_BENCH_VOXEL_MM (10), ACCESSVDB_BENCH_THREADS (0 = all), ACCESSVDB_BENCH_SCANS (a file that keeps
 /// the scans).
 #include <openvdb/openvdb.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <bit>
 #include <chrono>
 #include <cstdio>
 #include <memory>
@@ -63,9 +67,13 @@ class TimedArena final : public kernels::MirrorArena {
     note(located);
     return staged_.stageWrites(count, bytes);
   }
-  kernels::StagedPatches stagePatches(std::size_t count) override {
+  kernels::StagedPatches stagePatches(std::size_t count, kernels::PatchKind kind) override {
     note(located);
-    return staged_.stagePatches(count);
+    return staged_.stagePatches(count, kind);
+  }
+  void stageFills(std::span<const kernels::ArenaFill> fills) override {
+    note(located);
+    staged_.stageFills(fills);
   }
   void endPatches(std::size_t count, std::size_t words) override {
     staged_.endPatches(count, words);
@@ -101,8 +109,18 @@ void run() {
   TimedArena& arena = *owned;
   internal::NanoVdbMirror staged(std::move(owned), voxel_size_m);
 
-  Row place, stage, locate, bits, nodes;
+  const bool with_distances = environment("ACCESSVDB_BENCH_DISTANCES", 0) != 0;
+  integrator.noteDistances(with_distances);
+  const internal::DistanceLeaves leaves = {map.distanceCode(), static_cast<float>(params.truncation_distance_m)};
+  constexpr auto kTiles = internal::DistanceMirror::kDefaultRootCapacity;
+  internal::DistanceMirror distances_in_place(std::make_unique<kernels::HostArena>(), voxel_size_m, kTiles, leaves);
+  auto forgets = std::make_unique<testing::StagedArena>(kernels::HostArena::kDefaultReserveBytes, 8u << 20);
+  forgets->carries_out = false;
+  internal::DistanceMirror distances_staged(std::move(forgets), voxel_size_m, kTiles, leaves);
+
+  Row place, stage, locate, bits, nodes, distances_place, distances_stage;
   double changes = 0, added = 0, bytes = 0;
+  double distance_leaves = 0, distances_added = 0, distance_bytes = 0, row_pairs = 0;
   for (int n = 0; n < frames; ++n) {
     const bench::FlightScan& scan = scans[static_cast<std::size_t>(n)];
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
@@ -112,7 +130,19 @@ void run() {
     arena.located = arena.patched = {};
     staged.applyParts(result.changes);
     const Moment end = Moment::now();
+    distances_in_place.applyParts(result.distances);
+    const Moment distances_placed = Moment::now();
+    distances_staged.applyParts(result.distances);
+    const Moment distances_end = Moment::now();
     if (n < frames - timed) continue;
+    distances_place.add(end, distances_placed);
+    distances_stage.add(distances_placed, distances_end);
+    for (const auto& part : result.distances) {
+      distance_leaves += static_cast<double>(part.size()) / timed;
+      for (const DistanceChange& change : part) row_pairs += double(std::popcount(change.row_pairs)) / timed;
+    }
+    distances_added += static_cast<double>(distances_staged.lastTraffic().leaves_added) / timed;
+    distance_bytes += static_cast<double>(distances_staged.lastTraffic().bytes_written) / timed;
     place.add(start, between);
     stage.add(between, end);
     locate.add(between, arena.located);
@@ -131,6 +161,15 @@ void run() {
   std::printf("%llu leaves; %.1f MB of nodes, %.1f MB on the host\n",
               static_cast<unsigned long long>(staged.leafCount()), 1e-6 * static_cast<double>(staged.usedBytes()),
               1e-6 * static_cast<double>(staged.hostBytes()));
+  if (!with_distances) return;
+  std::printf("distances, a frame: %.0f leaves, %.0f of them new, %.1f of 32 pairs of rows each, %.0f bytes sent\n",
+              distance_leaves, distances_added, row_pairs / distance_leaves, distance_bytes);
+  distances_place.print("d-place");
+  distances_stage.print("d-stage");
+  std::printf("%llu leaves; %.1f MB of nodes, %.1f MB on the host\n",
+              static_cast<unsigned long long>(distances_staged.leafCount()),
+              1e-6 * static_cast<double>(distances_staged.usedBytes()),
+              1e-6 * static_cast<double>(distances_staged.hostBytes()));
 }
 
 }  // namespace

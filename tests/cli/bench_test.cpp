@@ -136,6 +136,36 @@ TEST_F(Bench, FiguresAgreeWithEachOther) {
   expectMeanAndMax(bench["per_frame"]["new_leaves"], 8, kFrames - kTimed, 1e-12);
 }
 
+/// With the flag its figures come beside all others, without it nothing of it shows.
+TEST_F(Bench, TheMirrorOfDistancesHasFiguresOfItsOwn) {
+  ASSERT_EQ(runProgram(arguments({{"--out", path("without.json")}, {"--per-frame", path("without.csv")}})).exit_code,
+            0);
+  const ProgramResult result = runProgram(
+      arguments({{"--out", path("with.json")}, {"--per-frame", path("with.csv")}, {"--mirror-distance", ""}}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const json without = json::parse(readText("without.json")), with = json::parse(readText("with.json"));
+  EXPECT_EQ(without["parameters"]["mirror_distance"], false);
+  EXPECT_EQ(with["parameters"]["mirror_distance"], true);
+  EXPECT_FALSE(without["timing_ms"].contains("distance_mirror"));
+  EXPECT_FALSE(without["per_frame"].contains("distance_leaves"));
+  EXPECT_FALSE(without["memory"].contains("distance_mirror_bytes"));
+  EXPECT_GT(with["timing_ms"]["distance_mirror"]["mean"], 0.0);
+  EXPECT_LE(with["per_frame"]["distance_leaves"]["mean"], with["per_frame"]["touched_leaves"]["mean"]);
+  EXPECT_GT(with["per_frame"]["distance_mirror_bytes"]["mean"].get<double>(),
+            66 * with["per_frame"]["distance_leaves"]["mean"].get<double>());
+  EXPECT_GT(with["memory"]["distance_mirror_bytes"], with["memory"]["mirror_bytes"]);
+  EXPECT_EQ(with["labels_at_end"], without["labels_at_end"]);
+  EXPECT_EQ(with["per_frame"]["mirror_bytes"], without["per_frame"]["mirror_bytes"]);
+  std::string header, header_with;
+  const auto rows = numbersOf(readText("without.csv"), header),
+             rows_with = numbersOf(readText("with.csv"), header_with);
+  EXPECT_EQ(header_with, header + ",distance_mirror_ms,distance_leaves,distance_mirror_bytes");
+  for (std::size_t n = 0; n < rows.size(); ++n) {
+    ASSERT_EQ(rows_with[n].size(), rows[n].size() + 3);
+    EXPECT_GT(rows_with[n].back(), 0);
+  }
+}
+
 TEST_F(Bench, TheSameStreamOnAnyNumberOfThreads) {
   std::vector<std::vector<double>> first;
   for (const char* threads : {"1", "2"}) {

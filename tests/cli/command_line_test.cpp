@@ -34,7 +34,7 @@ TEST_F(CommandLine, MapHasEveryDocumentedFlag) {
         "--tool-up",    "--voxel",      "--out",          "--pose-format", "--calib",           "--sensor-at",
         "--max-range",  "--min-range",  "--every",        "--profile",     "--policy",          "--directions",
         "--tau",        "--knn",        "--range-noise",  "--corridor",    "--allow-truncated", "--sort-poses",
-        "--max-memory", "--no-clobber", "--update-every", "--view",        "--print-config"}) {
+        "--max-memory", "--no-clobber", "--update-every", "--view",        "--print-config",    "--mirror-distance"}) {
     EXPECT_NE(help.find(flag), std::string::npos) << flag;
   }
 }

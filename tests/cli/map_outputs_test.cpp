@@ -105,6 +105,32 @@ TEST_F(MapOutputs, ReportHasTheDocumentedSchema) {
   EXPECT_GT(all.at("map").at("bytes"), 0);
 }
 
+TEST_F(MapOutputs, TheMirrorOfDistancesShowsInTheReportAndNowhereElse) {
+  ASSERT_EQ(runProgram(mapArguments()).exit_code, 0);
+  const json without = report();
+  const std::string points = readText("out/points.ply");
+  std::vector<std::string> arguments = mapArguments();
+  arguments.push_back("--mirror-distance");
+  const ProgramResult result = runProgram(arguments);
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const json with = report();
+  EXPECT_EQ(readText("out/points.ply"), points);
+  EXPECT_EQ(without.at("parameters").at("mirror_distance"), false);
+  EXPECT_EQ(with.at("parameters").at("mirror_distance"), true);
+  for (const json& all : {without, with}) {
+    EXPECT_GT(all.at("per_scan").at("changed_leaves").at("mean"), 0);
+    EXPECT_GT(all.at("per_scan").at("mirror_bytes").at("mean"), all.at("per_scan").at("changed_leaves").at("mean"));
+    EXPECT_GT(all.at("memory").at("mirror_bytes"), 0);
+  }
+  EXPECT_FALSE(without.at("per_scan").contains("distance_leaves"));
+  EXPECT_GT(with.at("per_scan").at("distance_leaves").at("mean"), 0);
+  EXPECT_GT(with.at("per_scan").at("distance_mirror_bytes").at("mean"),
+            with.at("per_scan").at("mirror_bytes").at("mean"));
+  EXPECT_GT(with.at("timing_ms").at("distance_mirror").at("max"), 0);
+  EXPECT_GT(with.at("memory").at("distance_mirror_bytes"), with.at("memory").at("mirror_bytes"));
+  EXPECT_GT(with.at("memory").at("predicted_bytes"), without.at("memory").at("predicted_bytes"));
+}
+
 TEST_F(MapOutputs, SummaryIsSaidUnlessQuiet) {
   const std::string loud = runProgram(mapArguments()).err;
   for (const char* part : {"4 scans, 6400 returns, 100.0 % used", "surface points: accessible", "tool builtin:pencil",

@@ -33,8 +33,11 @@ std::vector<ViewQuestion> questionsNear(const FieldSnapshot& snapshot, int count
   return questions;
 }
 
+/// The same bits, or both NaN.
+bool same(float a, float b) { return std::isnan(a) ? std::isnan(b) : a == b; }
+
 TEST_F(CudaView, EqualsTheHostAfterEveryScan) {
-  QueryWorld cpu(0, BackendKind::Cpu), cuda(0, BackendKind::Cuda);
+  QueryWorld cpu(0, BackendKind::Cpu, 0, true), cuda(0, BackendKind::Cuda, 0, true);
   const auto backend = kernels::makeCudaBackend();  // only for memory
   for (int n = 0; n < 3; ++n) {
     SCOPED_TRACE(n);
@@ -51,7 +54,8 @@ TEST_F(CudaView, EqualsTheHostAfterEveryScan) {
     ASSERT_EQ(device.points.count, host.points.count);
     const auto questions = questionsNear(cpu.field.snapshot(), 20000, 40 + std::uint64_t(n));
     const auto answers = askOnDevice(*backend, device, questions);
-    int collisions = 0, unknown = 0, free = 0;
+    ASSERT_TRUE(device.distance_available);
+    int collisions = 0, unknown = 0, free = 0, distances = 0, interpolated = 0;
     for (std::size_t q = 0; q < questions.size(); ++q) {
       const PathOccupancy expected = host.along(questions[q].a_W, questions[q].b_W, questions[q].radius_m);
       ASSERT_EQ(answers[q].at_a, host.occupancyAt(questions[q].a_W)) << q;
@@ -59,6 +63,12 @@ TEST_F(CudaView, EqualsTheHostAfterEveryScan) {
       ASSERT_EQ(answers[q].along.collision, expected.collision) << q;
       ASSERT_EQ(answers[q].along.unknown, expected.unknown) << q;
       ASSERT_EQ(answers[q].along.first_hit_t, expected.first_hit_t) << q;
+      const float distance_m = host.distanceAt(questions[q].a_W);
+      const float between_m = host.distanceInterpolatedAt(questions[q].a_W);
+      ASSERT_TRUE(same(answers[q].distance_m, distance_m)) << q << " " << answers[q].distance_m << " " << distance_m;
+      ASSERT_TRUE(same(answers[q].interpolated_m, between_m)) << q;
+      distances += std::isnan(distance_m) ? 0 : 1;
+      interpolated += std::isnan(between_m) ? 0 : 1;
       collisions += expected.collision;
       unknown += expected.unknown;
       free += expected.free();
@@ -66,6 +76,9 @@ TEST_F(CudaView, EqualsTheHostAfterEveryScan) {
     EXPECT_GT(collisions, 500);
     EXPECT_GT(unknown, 500);
     EXPECT_GT(free, 100);
+    EXPECT_GT(distances, 500);
+    EXPECT_GT(interpolated, 500);
+    EXPECT_GT(distances, interpolated);
 
     std::vector<PointLabel> labels(device.points.count);
     std::vector<float> positions(3 * labels.size()), table(2 * std::size_t(device.num_directions));
@@ -80,6 +93,17 @@ TEST_F(CudaView, EqualsTheHostAfterEveryScan) {
       }
     }
     for (std::size_t d = 0; d < table.size(); ++d) ASSERT_EQ(table[d], host.direction_xy[d]);
+  }
+}
+
+TEST_F(CudaView, WithoutTheMirrorOfDistancesThereAreNone) {
+  const QueryWorld cuda(0, BackendKind::Cuda);
+  const auto backend = kernels::makeCudaBackend();  // only for memory
+  const DeviceView device = cuda.field.deviceView();
+  EXPECT_FALSE(device.distance_available);
+  for (const ViewAnswer& answer : askOnDevice(*backend, device, questionsNear(cuda.field.snapshot(), 100, 3))) {
+    ASSERT_TRUE(std::isnan(answer.distance_m));
+    ASSERT_TRUE(std::isnan(answer.interpolated_m));
   }
 }
 

@@ -15,4 +15,13 @@ namespace accessvdb::test {
 [[nodiscard]] std::vector<std::uint8_t> readOnDevice(kernels::DeviceMemory& memory, const kernels::OccupancyGrid* grid,
                                                      const std::vector<nanovdb::Coord>& voxels);
 
+/// Value and active state of each voxel.
+struct DistanceRead {
+  float value = 0;
+  bool active = false;
+};
+[[nodiscard]] std::vector<DistanceRead> readDistancesOnDevice(kernels::DeviceMemory& memory,
+                                                              const kernels::DistanceGrid* grid,
+                                                              const std::vector<nanovdb::Coord>& voxels);
+
 }  // namespace accessvdb::test

@@ -41,15 +41,22 @@ class StagedArena final : public kernels::MirrorArena {
     }
     return room;
   }
-  kernels::StagedPatches stagePatches(std::size_t count) override {
-    kernels::StagedPatches room = batch_.patches(count);
+  kernels::StagedPatches stagePatches(std::size_t count, kernels::PatchKind kind) override {
+    kernels::StagedPatches room = batch_.patches(count, kind);
     if (room.count == 0 && count > 0) {
       send();
-      room = batch_.patches(count);
+      room = batch_.patches(count, kind);
     }
     return room;
   }
   void endPatches(std::size_t count, std::size_t words) override { batch_.endPatches(count, words); }
+  void stageFills(std::span<const kernels::ArenaFill> fills) override {
+    while (!fills.empty()) {
+      const std::size_t part = batch_.fills(fills);
+      if (part == 0) send();
+      fills = fills.subspan(part);
+    }
+  }
   void flush() override {
     send();
     if (after_flush) after_flush();
@@ -74,10 +81,14 @@ class StagedArena final : public kernels::MirrorArena {
     if (before_send) before_send();
     for (const auto& section : batch_.sections()) {
       for (std::uint32_t n = 0; carries_out && n < section.count; ++n) {
-        if (section.kind == kernels::WriteBatch::Kind::Patches) {
+        if (section.kind == kernels::WriteBatch::Kind::Fills) {
+          fill(section, n);
+        } else if (section.kind == kernels::WriteBatch::Kind::Writes) {
+          scatter(section, n);
+        } else if (section.patch == kernels::PatchKind::Bits) {
           patch(section, n);
         } else {
-          scatter(section, n);
+          writeRows(section, n);
         }
       }
     }
@@ -116,6 +127,36 @@ class StagedArena final : public kernels::MirrorArena {
     }
     std::memcpy(bits + 16, counts, 8);
     if (after_write) after_write(offset, 136);
+  }
+
+  /// Voxel by voxel. A leaf of floats: origin and flags 16 B, value mask 64 B, extrema 16 B, 512 values.
+  void writeRows(const kernels::WriteBatch::Section& section, std::uint32_t n) {
+    kernels::LeafPatch patch;
+    std::memcpy(&patch, batch_.data() + section.list + n * sizeof(patch), sizeof(patch));
+    const std::uint64_t offset = std::uint64_t{patch.leaf} * kernels::LeafPatch::kUnit;
+    if (patch.mask == 0) return;
+    if (offset + 2144 > committedBytes()) throwOutside();
+    auto* leaf = reinterpret_cast<std::uint8_t*>(memory_.inPlace() + offset);
+    const std::byte* next = batch_.data() + section.data + patch.first_word * 64;
+    for (std::uint32_t voxel = 0; voxel < 512; ++voxel) {
+      if ((patch.mask >> (voxel / 16) & 1) == 0) continue;
+      float value = 0;
+      std::memcpy(&value, next, sizeof(value));
+      next += sizeof(value);
+      if (value != value) continue;
+      std::memcpy(leaf + 96 + 4 * voxel, &value, sizeof(value));
+      leaf[16 + voxel / 8] = static_cast<std::uint8_t>(leaf[16 + voxel / 8] | 1u << (voxel % 8));
+      if (after_write) after_write(offset + 96 + 4 * voxel, 4);
+    }
+  }
+  void fill(const kernels::WriteBatch::Section& section, std::uint32_t n) {
+    kernels::ArenaFill fill;
+    std::memcpy(&fill, batch_.data() + section.list + n * sizeof(fill), sizeof(fill));
+    for (std::uint32_t piece = 0; piece < fill.count; ++piece) {
+      for (std::uint32_t byte = 0; byte < fill.bytes; byte += 4) {
+        memory_.write(fill.offset + std::uint64_t{piece} * fill.stride + byte, &fill.word, 4);
+      }
+    }
   }
 
   kernels::HostArena memory_;

@@ -11,6 +11,8 @@ __global__ void ask(DeviceView view, const ViewQuestion* questions, ViewAnswer* 
   const std::size_t n = blockIdx.x * std::size_t(blockDim.x) + threadIdx.x;
   if (n >= count) return;
   answers[n].at_a = view.occupancyAt(questions[n].a_W);
+  answers[n].distance_m = view.distanceAt(questions[n].a_W);
+  answers[n].interpolated_m = view.distanceInterpolatedAt(questions[n].a_W);
   answers[n].along = view.along(questions[n].a_W, questions[n].b_W, questions[n].radius_m);
 }
 

@@ -17,6 +17,7 @@ struct ViewQuestion {
 struct ViewAnswer {
   Occupancy at_a = Occupancy::Unknown;
   PathOccupancy along;
+  float distance_m = 0, interpolated_m = 0;  ///< at a
 };
 
 [[nodiscard]] std::vector<ViewAnswer> askOnDevice(kernels::DeviceMemory& memory, const DeviceView& view,

@@ -18,23 +18,27 @@ inline constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 struct QueryWorld {
   static constexpr double kVoxel_m = 0.05;
 
-  explicit QueryWorld(int threads = 0, BackendKind backend = BackendKind::Cpu, double collision_distance_m = 0)
+  explicit QueryWorld(int threads = 0, BackendKind backend = BackendKind::Cpu, double collision_distance_m = 0,
+                      bool mirror_distance = false)
       : walk({.frames = 6,
               .rays_per_frame = 6000,
               .range_noise_m = 0.01,
               .seed = 2,
               .max_range_m = 8,
               .offset_W = {512000.25, 5403000.5, 300.125}}),  // such as UTM
-        field(ToolGeometry::builtin("builtin:pencil"), paramsOf(threads, backend, collision_distance_m)) {
+        field(ToolGeometry::builtin("builtin:pencil"),
+              paramsOf(threads, backend, collision_distance_m, mirror_distance)) {
     for (int n = 0; n < 5; ++n) integrate(n);
     field.update();
   }
-  static FieldParams paramsOf(int threads, BackendKind backend, double collision_distance_m = 0) {
+  static FieldParams paramsOf(int threads, BackendKind backend, double collision_distance_m = 0,
+                              bool mirror_distance = false) {
     FieldParams params;
     params.tsdf.voxel_size_m = kVoxel_m;
     params.threads = threads;
     params.scoring.collision_distance_m = collision_distance_m;
     params.backend = backend;
+    params.mirror_distance = mirror_distance;
     return params;
   }
   void integrate(int n) {

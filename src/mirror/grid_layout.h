@@ -1,0 +1,75 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Where the parts of a NanoVDB grid lie that is patched in place, and its head.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <type_traits>
+
+#include "hostdev/nanovdb_compat.h"
+#include "launch/leaf_patch.h"
+
+namespace accessvdb::internal {
+
+/// Of a leaf, before its value mask.
+inline constexpr std::uint32_t kHeadBytes = 16;
+
+/// The layout of a grid, which patches stand on. Another NanoVDB that changes it must not compile.
+template <class Build>
+struct GridLayout {
+  using GridData = typename nanovdb::NanoGrid<Build>::DataType;
+  using TreeData = typename nanovdb::NanoTree<Build>::DataType;
+  using RootData = typename nanovdb::NanoRoot<Build>::DataType;
+  using UpperData = typename nanovdb::NanoUpper<Build>::DataType;
+  using LowerData = typename nanovdb::NanoLower<Build>::DataType;
+  using LeafData = typename nanovdb::NanoLeaf<Build>::DataType;
+
+  static constexpr std::uint64_t kTree = sizeof(GridData);
+  static constexpr std::uint64_t kRoot = kTree + sizeof(TreeData);
+  static constexpr std::uint64_t kTiles = kRoot + sizeof(RootData);
+
+  static_assert(kTiles % NANOVDB_DATA_ALIGNMENT == 0);
+  static_assert(sizeof(UpperData) == 270400 && sizeof(LowerData) == 33856);
+  static_assert(sizeof(typename UpperData::Tile) == 8 && sizeof(typename RootData::Tile) == 32);
+  static_assert(sizeof(UpperData) % kernels::LeafPatch::kUnit == 0 &&
+                sizeof(LowerData) % kernels::LeafPatch::kUnit == 0 &&
+                sizeof(LeafData) % kernels::LeafPatch::kUnit == 0 &&
+                sizeof(typename RootData::Tile) % kernels::LeafPatch::kUnit == 0);
+  static_assert(offsetof(LeafData, mBBoxMin) == 0 && offsetof(LeafData, mValueMask) == kHeadBytes);
+  static_assert(std::is_same_v<typename RootData::KeyT, std::uint64_t>);
+
+  struct Head {
+    alignas(NANOVDB_DATA_ALIGNMENT) std::byte bytes[kTiles] = {};
+  };
+  /// All that lies before the root tiles, of a grid without any.
+  /// @param voxel_size_m  index space to local frame is this scale
+  static Head head(const char* name, nanovdb::GridType type, double voxel_size_m, Build background,
+                   std::uint64_t grid_bytes) {
+    // NanoVDB's node data have no constructors: they are bytes that are seen as such.
+    Head head;
+    auto* grid = reinterpret_cast<GridData*>(head.bytes);
+    grid->mMagic = NANOVDB_MAGIC_NUMBER;
+    std::memset(&grid->mChecksum, 0xFF, sizeof(grid->mChecksum));  // disabled: it would change with every patch
+    grid->mVersion = nanovdb::Version();
+    grid->mFlags = 0;  // not breadth first, no boxes, no extrema: nothing here is kept up to date but the voxels
+    grid->mGridIndex = 0;
+    grid->mGridCount = 1;
+    grid->mGridSize = grid_bytes;
+    std::memcpy(grid->mGridName, name, std::strlen(name) + 1);
+    grid->mMap.set(voxel_size_m, nanovdb::Vec3d(0.0), 1.0);
+    grid->mWorldBBox = nanovdb::BBox<nanovdb::Vec3R>();
+    grid->mVoxelSize = nanovdb::Vec3R(voxel_size_m);
+    grid->mGridClass = nanovdb::GridClass::Unknown;
+    grid->mGridType = type;
+    reinterpret_cast<TreeData*>(head.bytes + kTree)->mNodeOffset[3] = sizeof(TreeData);
+    auto* root = reinterpret_cast<RootData*>(head.bytes + kRoot);
+    root->mBBox = nanovdb::CoordBBox();
+    root->mBackground = background;
+    return head;
+  }
+};
+static_assert(sizeof(GridLayout<bool>::LeafData) == 160 && sizeof(GridLayout<float>::LeafData) == 2144);
+
+}  // namespace accessvdb::internal
