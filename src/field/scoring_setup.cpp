@@ -8,8 +8,6 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr double kPi = 3.141592653589793;
-/// Memory that the cells inside the tool may take; above it, searches do without them.
-constexpr std::uint64_t kMostCellBytes = std::uint64_t{256} << 20;
 
 template <typename T>
 kernels::DeviceArray<T> uploaded(kernels::Backend& backend, const std::vector<T>& host) {
@@ -50,7 +48,7 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_column_begin_ = uploaded(backend, tool_.column_begin);
   d_samples_ = uploaded(backend, tool_.samples);
   d_sample_begin_ = uploaded(backend, tool_.sample_begin);
-  const ToolCells cells = ToolCells::make(tool_.view(), count, kMostCellBytes);
+  const ToolCells cells = ToolCells::make(tool_.view(), count, ToolCells::kMostBytes);
   if (!cells.empty()) {
     d_columns_.upload(cells.columns.data(), cells.columns.size());  // the same order on every backend
   }

@@ -32,6 +32,9 @@ struct InnerRows {
 /// See ToolCellsView. Empty where it would take too much memory, and for thin tools and sample tools: that costs time
 /// only.
 struct ToolCells {
+  /// What runs of cells may take; above it, searches do without them.
+  static constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
+
   CellRuns inside, beside;
   std::vector<std::uint32_t> inner;  ///< [D]
   InnerRows rows;
