@@ -118,7 +118,6 @@ void MapRun::setParameters(const FieldParams& params) {
 void MapRun::integrate(const io::ScanRecord& record, AccessibilityField& field) {
   const FrameStats stats = record.points_W.empty() ? field.integrateScan(record.points_S, record.T_W_S)
                                                    : field.integrateRays(record.points_W, record.origins_W);
-  scene_.add(record);
   report_.add(stats);
   report_.integrate.add(stats.integrate_ms);
   report_.mirror.add(stats.mirror_ms);
@@ -155,6 +154,7 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
       fresh = false;
     }
     report_.frame.add(millisecondsSince(begin));
+    scene_.add(record);
     if (frame_due) {
       writeFrame(field);
       unshown = false;

@@ -56,7 +56,6 @@ class ExactScheduler final : public UpdateScheduler {
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    const Stopwatch updating;
     scorer_.grow();
     blocked_.resize(scorer_.points().size());
     due_.resize(scorer_.points().size(), 0);
@@ -76,7 +75,6 @@ class ExactScheduler final : public UpdateScheduler {
     std::vector<std::uint32_t> work = takeWork();
     stats.dirty_points = moved.size() + work.size();
     stats.backlog = queue_.size();
-    stats.update_ms = updating.milliseconds();
     const Stopwatch scoring;
     scoreAll(work, tables, stats);
     stats.score_ms = scoring.milliseconds();
