@@ -249,7 +249,8 @@ int MapRun::run() {
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
   setParameters(params);
-  report_.predicted_bytes = checkMemory(options_, scans, messages_);
+  report_.predicted_bytes = checkMemory(
+      options_, tool, options_.exported.surface ? RunOutput::FieldWithSurface : RunOutput::Field, scans, messages_);
   AccessibilityField field(tool, params);
   report_.device = field.deviceName();
   report_.device_note_id = field.deviceNoteId();

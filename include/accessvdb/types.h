@@ -85,8 +85,8 @@ struct ACCESSVDB_API FieldSnapshot {
 struct MemoryUse {
   std::uint64_t map_bytes = 0;           ///< authored leaves and tree
   std::uint64_t mirror_bytes = 0;        ///< NanoVDB mirror
-  std::uint64_t point_host_bytes = 0;    ///< authoring side of the points
-  std::uint64_t point_device_bytes = 0;  ///< point state arrays
+  std::uint64_t point_host_bytes = 0;    ///< authoring side of the points, and of the tool's tables
+  std::uint64_t point_device_bytes = 0;  ///< point state arrays, and the tool's tables; host memory on the CPU
   std::uint64_t device_peak_bytes = 0;   ///< most GPU memory held at a time, the driver's own left out; 0 on the CPU
   std::uint64_t leaves = 0;
   std::uint64_t active_voxels = 0;  ///< observed voxels

@@ -258,8 +258,8 @@ MemoryUse AccessibilityField::memoryUse() const {
   MemoryUse use;
   use.map_bytes = impl_->volume.memoryBytes();
   use.mirror_bytes = impl_->mirror.usedBytes() + impl_->mirror.hostBytes();
-  use.point_host_bytes =
-      impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes() + impl_->views.bytes();
+  use.point_host_bytes = impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes() +
+                         impl_->views.bytes() + impl_->setup.hostBytes();
   use.point_device_bytes =
       impl_->scorer.device().bytes() + impl_->setup.deviceBytes() + impl_->scheduler->deviceBytes();
   use.device_peak_bytes = impl_->backend->peakBytes();

@@ -97,6 +97,12 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.rule.collision_limit = tool_.collision_limit;
   return tables;
 }
+std::uint64_t ScoringSetup::hostBytes() const {
+  const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
+  return bytesOf(tool_.columns) + bytesOf(tool_.column_begin) + bytesOf(tool_.samples) + bytesOf(tool_.sample_begin) +
+         bytesOf(directions_.xy) + bytesOf(arm_offsets_);
+}
+
 
 std::uint64_t ScoringSetup::deviceBytes() const {
   return d_columns_.bytes() + d_column_begin_.bytes() + d_samples_.bytes() + d_sample_begin_.bytes() +

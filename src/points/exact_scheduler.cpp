@@ -33,16 +33,13 @@ enum Due : std::uint8_t {
   kEvidence = 8        ///< the point itself changed, not only the map around it
 };
 
-/// Memory that the table of directions by offset may take; above it, directions are asked one by one.
-constexpr std::uint64_t kMostOffsetTableBytes = std::uint64_t{256} << 20;
-
 class ExactScheduler final : public UpdateScheduler {
  public:
   ExactScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach)
       : scorer_(scorer),
         approach_(approach),
         footprint_(tool, approach, scorer.params().tsdf.voxel_size_m),
-        offset_directions_(tool, approach.num_directions, kMostOffsetTableBytes),
+        offset_directions_(tool, approach.num_directions, OffsetDirections::kMostBytes),
         collision_limit_(tool.collision_limit),
         all_(allDirections(approach.num_directions)),
         moved_points_(scorer) {}

@@ -42,6 +42,19 @@ TEST_F(Evaluate, HelpNamesEveryTable) {
   }
 }
 
+TEST_F(Evaluate, ConsistencyPredictsItsMemoryBeforeTheWork) {
+  writeWallScans();
+  writePoses();
+  const ProgramResult result =
+      runProgram({"evaluate", "--consistency", "--scans", path("scans"), "--poses", path("poses.txt"), "--tool",
+                  "builtin:pencil", "--voxel", "0.05", "--device", "cpu", "--out", path("out")});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  const auto predicted = result.err.find("predicted peak memory: "), mapped = result.err.find("even scans");
+  ASSERT_NE(predicted, std::string::npos) << result.err;
+  EXPECT_LT(predicted, mapped);
+  EXPECT_NE(mapped, std::string::npos) << result.err;
+}
+
 TEST_F(Evaluate, AStopKeepsTheRowsThatAreDone) {
   ProgramSetup setup;
   setup.arguments = {"evaluate", "--table", "frames", "--no-pictures", "--device", "cpu", "--out", path("out")};
