@@ -57,7 +57,7 @@ TEST_F(Evaluate, ConsistencyPredictsItsMemoryBeforeTheWork) {
 
 TEST_F(Evaluate, AStopKeepsTheRowsThatAreDone) {
   ProgramSetup setup;
-  setup.arguments = {"evaluate", "--table", "frames", "--no-pictures", "--device", "cpu", "--out", path("out")};
+  setup.arguments = {"evaluate", "--table", "frames", "--no-pictures", "--device", "auto", "--out", path("out")};
   setup.signal_after = "points, F1";  // the first run is done
   setup.act = [](pid_t process) { kill(process, SIGINT); };
   const ProgramResult result = runProgram(setup);
@@ -65,6 +65,10 @@ TEST_F(Evaluate, AStopKeepsTheRowsThatAreDone) {
   EXPECT_NE(result.err.find("stopped by SIGINT"), std::string::npos) << result.err;
   const auto tables = nlohmann::json::parse(readText("out/tables.json"));
   EXPECT_EQ(tables["stopped"], true);
+  // The device that it was made on, not the one that was asked for.
+  const std::string device = tables["origin"]["device"];
+  EXPECT_TRUE(device == "cpu" || device.rfind("cuda:", 0) == 0) << device;
+  EXPECT_NE(readText("out/tables.md").find("- device: " + device + "\n"), std::string::npos);
   ASSERT_GE(tables["rows"].size(), 1u);
   EXPECT_LT(tables["rows"].size(), 8u);
   EXPECT_EQ(tables["rows"][0]["table"], "frames");
