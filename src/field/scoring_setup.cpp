@@ -92,17 +92,16 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.approach.direction_xy = d_directions_.data();
   tables.approach.arm_offsets = d_arm_offsets_.data();
   tables.rule.keep_best = params_.update.policy == UpdatePolicy::Paper;
-  tables.rule.half_weight = static_cast<float>(params_.scoring.confidence_half_weight);
   tables.rule.stability_min = static_cast<float>(params_.update.stability_min);
   tables.rule.collision_limit = tool_.collision_limit;
   return tables;
 }
+
 std::uint64_t ScoringSetup::hostBytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return bytesOf(tool_.columns) + bytesOf(tool_.column_begin) + bytesOf(tool_.samples) + bytesOf(tool_.sample_begin) +
          bytesOf(directions_.xy) + bytesOf(arm_offsets_);
 }
-
 
 std::uint64_t ScoringSetup::deviceBytes() const {
   return d_columns_.bytes() + d_column_begin_.bytes() + d_samples_.bytes() + d_sample_begin_.bytes() +

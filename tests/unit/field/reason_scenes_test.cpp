@@ -181,6 +181,27 @@ TEST(ReasonScenes, TooFewObservations) {
   expectOutcome(point, PointLabel::Unscored, PointReason::Confidence, kNoDirection);
   EXPECT_FLOAT_EQ(point.weight, 1);
   look(field, {{2, 0, 0}}, {0, 0, 0});
+/// Often enough seen (w / (w + 5) > 0.7 from w = 12 on) and accessible.
+TEST(ReasonScenes, ConfidentNeedsConfidenceTimesStability) {
+  AccessibilityField field(rod(), paramsOf(4));
+  Points sparse;
+  for (double y = -0.5; y < 0.55; y += 0.1) {
+    for (double z = -0.5; z < 0.55; z += 0.1) sparse.emplace_back(2, y, z);
+  }
+  int unsure = 0, sure = 0;
+  for (int looks = 0; looks < 15; ++looks) {
+    look(field, sparse, {0, 0, 0});
+    field.update();
+    for (const SurfacePoint& point : field.snapshot().points) {
+      const bool accessible = point.label == PointLabel::Accessible;
+      ASSERT_EQ(point.confident, accessible && point.weight >= 12) << "weight " << point.weight;
+      ++(point.confident ? sure : unsure);
+    }
+  }
+  EXPECT_GT(unsure, 100);
+  EXPECT_GT(sure, 100);
+}
+
   point = middle(field);
   expectOutcome(point, PointLabel::Unscored, PointReason::Normal, kNoDirection);
   EXPECT_FLOAT_EQ(point.weight, 2);
