@@ -5,31 +5,12 @@
 #include <gtest/gtest.h>
 
 #include "accessvdb/accessibility_field.h"
+#include "support/box_tool.h"
 
 namespace accessvdb {
 namespace {
 
-ToolGeometry boxTool(const Eigen::Vector3f& low, const Eigen::Vector3f& high) {
-  std::vector<Eigen::Vector3f> vertices;
-  for (int n = 0; n < 8; ++n) {
-    vertices.emplace_back((n & 1) != 0 ? high.x() : low.x(), (n & 2) != 0 ? high.y() : low.y(),
-                          (n & 4) != 0 ? high.z() : low.z());
-  }
-  return ToolGeometry::fromTriangles(vertices,
-                                     {{{0, 2, 1}},
-                                      {{1, 2, 3}},
-                                      {{4, 5, 6}},
-                                      {{5, 7, 6}},
-                                      {{0, 1, 4}},
-                                      {{1, 5, 4}},
-                                      {{2, 6, 3}},
-                                      {{3, 6, 7}},
-                                      {{0, 4, 2}},
-                                      {{2, 4, 6}},
-                                      {{1, 3, 5}},
-                                      {{3, 7, 5}}},
-                                     "box");
-}
+using test::boxTool;
 
 /// A rod of 0.8 m from the tip backwards.
 ToolGeometry rod() { return boxTool({0, -0.04f, -0.04f}, {0.8f, 0.04f, 0.04f}); }
@@ -181,6 +162,25 @@ TEST(ReasonScenes, TooFewObservations) {
   expectOutcome(point, PointLabel::Unscored, PointReason::Confidence, kNoDirection);
   EXPECT_FLOAT_EQ(point.weight, 1);
   look(field, {{2, 0, 0}}, {0, 0, 0});
+  point = middle(field);
+  expectOutcome(point, PointLabel::Unscored, PointReason::Normal, kNoDirection);
+  EXPECT_FLOAT_EQ(point.weight, 2);
+  look(field, plate(2, 0.5, 0.5), {0, 0, 0});  // and with a wall around it, it is accessible
+  expectOutcome(middle(field), PointLabel::Accessible, PointReason::None, 2);
+}
+
+/// What was accessible is blocked by a later obstacle.
+TEST(ReasonScenes, LabelsFollowTheMap) {
+  AccessibilityField field(rod(), paramsOf(4));
+  look(field, plate(2, 0.5, 0.5), {0, 0, 0});
+  expectOutcome(middle(field), PointLabel::Accessible, PointReason::None, 2);
+  look(field, plate(1.55, 0.3, 0.3), {0, 0, 0});
+  SurfacePoint point = middle(field);
+  expectOutcome(point, PointLabel::Blocked, PointReason::Arm, 2);
+  EXPECT_FLOAT_EQ(point.stability, 0.75f);
+  EXPECT_FALSE(point.confident);
+}
+
 /// Often enough seen (w / (w + 5) > 0.7 from w = 12 on) and accessible.
 TEST(ReasonScenes, ConfidentNeedsConfidenceTimesStability) {
   AccessibilityField field(rod(), paramsOf(4));
@@ -200,25 +200,6 @@ TEST(ReasonScenes, ConfidentNeedsConfidenceTimesStability) {
   }
   EXPECT_GT(unsure, 100);
   EXPECT_GT(sure, 100);
-}
-
-  point = middle(field);
-  expectOutcome(point, PointLabel::Unscored, PointReason::Normal, kNoDirection);
-  EXPECT_FLOAT_EQ(point.weight, 2);
-  look(field, plate(2, 0.5, 0.5), {0, 0, 0});  // and with a wall around it, it is accessible
-  expectOutcome(middle(field), PointLabel::Accessible, PointReason::None, 2);
-}
-
-/// What was accessible is blocked by a later obstacle.
-TEST(ReasonScenes, LabelsFollowTheMap) {
-  AccessibilityField field(rod(), paramsOf(4));
-  look(field, plate(2, 0.5, 0.5), {0, 0, 0});
-  expectOutcome(middle(field), PointLabel::Accessible, PointReason::None, 2);
-  look(field, plate(1.55, 0.3, 0.3), {0, 0, 0});
-  SurfacePoint point = middle(field);
-  expectOutcome(point, PointLabel::Blocked, PointReason::Arm, 2);
-  EXPECT_FLOAT_EQ(point.stability, 0.75f);
-  EXPECT_FALSE(point.confident);
 }
 
 TEST(ReasonScenes, NewPointsAreUnscoredUntilTheUpdate) {
