@@ -106,7 +106,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
                                     {"version", ACCESSVDB_VERSION},
                                     {"machine", eval::machineInWords()},
                                     {"threads", common.threads > 0 ? std::to_string(common.threads) : "all"},
-                                    {"device", common.device}};
+                                    {"device", results.device.empty() ? common.device : results.device}};
   if (!results.rows.empty()) {
     eval::writeTablesJson(fs::path(out) / "tables.json", results, origin);
     eval::writeTablesMarkdown(fs::path(out) / "tables.md", results, origin);

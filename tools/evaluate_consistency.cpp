@@ -16,6 +16,7 @@
 #include "accessvdb/field_io.h"
 #include "eval/consistency.h"
 #include "map_options.h"
+#include "memory_check.h"
 #include "progress.h"
 #include "stop_signal.h"
 
@@ -187,6 +188,11 @@ void checkOptions(const MapOptions& options) {
   (void)fieldParams(options);
 }
 
+int stoppedBeforeResults(Messages& messages) {
+  messages.notice("stopped by " + std::string(stopSignal() == SIGINT ? "SIGINT" : "SIGTERM") + "; nothing to save");
+  return 128 + stopSignal();
+}
+
 }  // namespace
 
 bool wantsConsistency(const Arguments& arguments) {
@@ -209,6 +215,8 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   for (const std::string& note : scans.notices()) messages.notice(note);
   const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
+  // Of the three maps, one at a time, the last holds all scans.
+  if (!checkMemory(options, tool, RunOutput::Labels, scans, messages)) return stoppedBeforeResults(messages);
 
   std::optional<Progress> progress;
   eval::ConsistencyHooks hooks;
@@ -220,10 +228,7 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   };
   const auto result = eval::measureConsistency(scans, tool, params, hooks);
   progress.reset();
-  if (!result) {
-    messages.notice("stopped by " + std::string(stopSignal() == SIGINT ? "SIGINT" : "SIGTERM") + "; nothing to save");
-    return 128 + stopSignal();
-  }
+  if (!result) return stoppedBeforeResults(messages);
   std::string command = "accessvdb evaluate";
   for (const std::string& argument : arguments) command += " " + argument;
   writeJson(fs::path(options.out) / "consistency.json", *result, params, printable(command));

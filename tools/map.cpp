@@ -119,7 +119,6 @@ void MapRun::setParameters(const FieldParams& params) {
 void MapRun::integrate(const io::ScanRecord& record, AccessibilityField& field) {
   const FrameStats stats = record.points_W.empty() ? field.integrateScan(record.points_S, record.T_W_S)
                                                    : field.integrateRays(record.points_W, record.origins_W);
-  scene_.add(record);
   report_.add(stats);
   report_.integrate.add(stats.integrate_ms);
   report_.mirror.add(stats.mirror_ms);
@@ -163,6 +162,7 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
       fresh = false;
     }
     report_.frame.add(millisecondsSince(begin));
+    scene_.add(record);
     if (frame_due) {
       writeFrame(field);
       unshown = false;
@@ -257,7 +257,8 @@ int MapRun::run() {
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
   setParameters(params);
-  report_.predicted_bytes = checkMemory(options_, scans, messages_);
+  report_.predicted_bytes = checkMemory(
+      options_, tool, options_.exported.surface ? RunOutput::FieldWithSurface : RunOutput::Field, scans, messages_);
   AccessibilityField field(tool, params);
   report_.device = field.deviceName();
   report_.device_note_id = field.deviceNoteId();

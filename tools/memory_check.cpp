@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "accessvdb/tool_tables.h"
 #include "memory_prediction.h"
 #include "progress.h"
 #include "stop_signal.h"
@@ -35,10 +36,10 @@ class RaySample {
     rays_.resize(rays_.size() / 2);
     stride_ *= 2;
   }
-  [[nodiscard]] double predictedBytes(const MapOptions& options, std::optional<double> noise_m) const {
-    MemoryPredictor predictor(fieldParams(options, noise_m).tsdf);
+  [[nodiscard]] double predictedBytes(const TsdfParams& params, RunOutput output, bool with_distances) const {
+    MemoryPredictor predictor(params);
     for (const auto& [o_L, p_L] : rays_) predictor.add(o_L.cast<double>(), p_L.cast<double>());
-    return predictor.prediction().bytes(options.exported.surface, options.mirror_distance);
+    return predictor.prediction().bytes(output, with_distances);
   }
 
  private:
@@ -103,14 +104,18 @@ double roundedUp(double value) {
   return std::ceil(value / unit - 1e-9) * unit;
 }
 
-double smallestFittingVoxel_m(MapOptions options, std::optional<double> noise_m, const RaySample& sample,
-                              double predicted, double limit) {
+/// @param without_tool  what is predicted for all rays, but for the tool's tables
+double smallestFittingVoxel_m(MapOptions options, const ToolGeometry& tool, std::optional<double> noise_m,
+                              const RaySample& sample, RunOutput output, double without_tool, double limit) {
   const double start_m = options.voxel_m;
   // The sample meets fewer leaves than all rays do; the ratio at the asked voxel size corrects for that.
-  const double ratio = predicted / sample.predictedBytes(options, noise_m);
+  const double ratio =
+      without_tool / sample.predictedBytes(fieldParams(options, noise_m).tsdf, output, options.mirror_distance);
   const auto fits = [&](double voxel_m) {
     options.voxel_m = voxel_m;
-    return ratio * sample.predictedBytes(options, noise_m) <= limit;
+    const FieldParams params = fieldParams(options, noise_m);
+    const double rays = ratio * sample.predictedBytes(params.tsdf, output, options.mirror_distance);
+    return rays <= limit && peakBytes(rays, toolTableBytes(tool, params)) <= limit;
   };
   double low_m = start_m, high_m = start_m * kVoxelStep;
   while (high_m < kVoxelMax_m && !fits(high_m)) low_m = std::exchange(high_m, high_m * kVoxelStep);
@@ -124,10 +129,13 @@ double smallestFittingVoxel_m(MapOptions options, std::optional<double> noise_m,
 
 }  // namespace
 
-std::optional<std::uint64_t> checkMemory(const MapOptions& options, io::ScanSequence& scans, Messages& messages) {
+std::optional<std::uint64_t> checkMemory(const MapOptions& options, const ToolGeometry& tool, RunOutput output,
+                                         io::ScanSequence& scans, Messages& messages) {
   const std::optional<double> noise_m = scans.recordedRangeNoise_m();
   const bool limited = !options.max_memory.empty();
-  ParallelPredictor predictor(fieldParams(options, noise_m).tsdf, options.common.threads);
+  const FieldParams params = fieldParams(options, noise_m);
+  const ToolTableBytes tables = toolTableBytes(tool, params);
+  ParallelPredictor predictor(params.tsdf, options.common.threads);
   RaySample sample;
   LocalRays rays;
   std::size_t stride = 1;
@@ -147,7 +155,8 @@ std::optional<std::uint64_t> checkMemory(const MapOptions& options, io::ScanSequ
   }
   progress.finish();
 
-  const double predicted = predictor.prediction().bytes(options.exported.surface, options.mirror_distance);
+  const double without_tool = predictor.prediction().bytes(output, options.mirror_distance);
+  const double predicted = peakBytes(without_tool, tables);
   const std::optional<std::uint64_t> available = availableMemoryBytes();
   messages.notice("predicted peak memory: " + std::string(stride > 1 ? "at least " : "") + bytesInWords(predicted) +
                   (available ? ", available " + bytesInWords(static_cast<double>(*available)) : std::string()));
@@ -155,7 +164,7 @@ std::optional<std::uint64_t> checkMemory(const MapOptions& options, io::ScanSequ
                        : available ? static_cast<double>(*available)
                                    : predicted;
   if (predicted > limit) {
-    const double voxel_m = smallestFittingVoxel_m(options, noise_m, sample, predicted, limit);
+    const double voxel_m = smallestFittingVoxel_m(options, tool, noise_m, sample, output, without_tool, limit);
     throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
                         "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
                         voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits"

@@ -7,14 +7,17 @@
 #include <optional>
 
 #include "accessvdb/scan_io.h"
+#include "accessvdb/tool_geometry.h"
 #include "map_options.h"
+#include "memory_prediction.h"
 
 namespace accessvdb::tools {
 
 /// Reads all scans, or without --max-memory at most a few million returns, and then predicts a lower bound.
 /// @return predicted peak in bytes; nothing where a signal stopped it
-/// @throws ResourceLimit "limit.memory" with the smallest voxel that fits; InputError from reading
-[[nodiscard]] std::optional<std::uint64_t> checkMemory(const MapOptions& options, io::ScanSequence& scans,
-                                                       Messages& messages);
+/// @throws ResourceLimit "limit.memory" with the smallest voxel that fits, "tool.span", "tool.columns"; InputError from
+///         reading
+[[nodiscard]] std::optional<std::uint64_t> checkMemory(const MapOptions& options, const ToolGeometry& tool,
+                                                       RunOutput output, io::ScanSequence& scans, Messages& messages);
 
 }  // namespace accessvdb::tools

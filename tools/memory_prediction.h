@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "accessvdb/params.h"
+#include "accessvdb/tool_tables.h"
 
 namespace accessvdb::tools {
 
@@ -35,16 +36,27 @@ class DistinctCounter {
   std::vector<std::uint8_t> registers_;
 };
 
+/// What a run makes of its map at the end.
+enum class RunOutput {
+  Field,             ///< the files of `map`
+  FieldWithSurface,  ///< and a level set (WriteOptions::surface)
+  Labels             ///< snapshots alone, three of them (evaluate --consistency)
+};
+
 struct MemoryPrediction {
   std::uint64_t returns = 0;  ///< returns that it is drawn from
   double cone_leaves = 0;     ///< leaves that hold distances
   double band_leaves = 0;     ///< leaves that are only passed on the way to a return
   double nodes = 0;           ///< that the leaves hang on
   double surface_points = 0;
-  /// @param with_surface  a level set is written too (WriteOptions::surface)
+  /// The peak of a run with a tool whose tables take no memory.
   /// @param with_distances  the mirror of distances is kept (FieldParams::mirror_distance)
-  [[nodiscard]] double bytes(bool with_surface = false, bool with_distances = false) const;
+  [[nodiscard]] double bytes(RunOutput output, bool with_distances = false) const;
 };
+
+/// The peak of a run: while the tool's tables are made there is no map yet.
+/// @param without_tool  MemoryPrediction::bytes()
+[[nodiscard]] double peakBytes(double without_tool, const ToolTableBytes& tool);
 
 class MemoryPredictor {
  public:

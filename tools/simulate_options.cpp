@@ -19,6 +19,7 @@ constexpr double kDegree = std::numbers::pi / 180.0, kTurn = 2.0 * std::numbers:
 constexpr int kStationsPerTurn = 720;
 constexpr int kLargeSceneFrames = 1000;
 constexpr double kLargeSceneTurns = 5;
+constexpr double kMostTurns = 1000;  // each has its stations
 
 bool isBenchmark(const std::string& scene) {
   const std::vector<std::string> names = sim::benchmarkSceneNames();
@@ -153,7 +154,7 @@ void addSimulateOptions(CLI::App& app, SimulateOptions& options) {
   app.add_option("--radius", options.radius_m, "distance of the path from the object's middle, metres");
   app.add_option("--height", options.height_m,
                  "above the object's middle, metres: of an orbit or walk, or a helix from -height to height");
-  app.add_option("--turns", options.turns, "of a helix");
+  app.add_option("--turns", options.turns, "of a helix, up to 1000; negative: the other way round");
   app.add_option("--begin", options.begin, "X,Y,Z where a walk begins");
   app.add_option("--end", options.end, "X,Y,Z where a walk ends");
   app.add_option("--pitch", options.pitch_deg, "walk: nose down by this angle, degrees")->capture_default_str();
@@ -185,7 +186,11 @@ void checkSimulateOptions(const SimulateOptions& options) {
   };
   if (options.radius_m) requireFinite("--radius", *options.radius_m, true);
   if (options.height_m) requireFinite("--height", *options.height_m, false);
-  if (options.turns) requireFinite("--turns", *options.turns, false);
+  if (options.turns && !(std::abs(*options.turns) <= kMostTurns)) {
+    throw InvalidArgument("usage.number", "--turns",
+                          numberText(*options.turns) + " is not a number of turns from -1000 to 1000",
+                          "See accessvdb simulate --help");
+  }
   requireFinite("--pitch", options.pitch_deg, false);
   requireFinite("--voxel", options.voxel_m, true);
   requireFinite("--tree-height", options.tree_height_m, true);

@@ -33,7 +33,7 @@ struct FrameStats {
   std::uint64_t new_leaves = 0;
   std::uint64_t distance_updates = 0;  ///< (return, voxel) pairs fused
   std::uint64_t cleared_updates = 0;   ///< (return, voxel) pairs marked cleared
-  double integrate_ms = 0;             ///< map and points
+  double integrate_ms = 0;             ///< sorting out returns, map and points: all but the mirror
   double mirror_ms = 0;                ///< patching the NanoVDB mirror
   std::uint64_t changed_leaves = 0;    ///< leaves in which a fact that scoring reads flipped; they travel to the mirror
   std::uint64_t mirror_bytes = 0;      ///< written to the mirror
@@ -51,7 +51,7 @@ struct UpdateStats {
   std::uint64_t direction_tests = 0;  ///< (point, direction) tests, arm or tool
   std::uint64_t backlog = 0;          ///< points left for a later update
   std::uint64_t label_changes = 0;
-  double update_ms = 0;  ///< choosing points, normals
+  double update_ms = 0;  ///< all but testing directions: noting scans since the last update(), choosing points, normals
   double score_ms = 0;   ///< testing directions
 };
 
@@ -90,8 +90,8 @@ struct MemoryUse {
   std::uint64_t map_bytes = 0;              ///< authored leaves and tree
   std::uint64_t mirror_bytes = 0;           ///< NanoVDB mirror
   std::uint64_t distance_mirror_bytes = 0;  ///< the one of distances; 0 where there is none
-  std::uint64_t point_host_bytes = 0;       ///< authoring side of the points
-  std::uint64_t point_device_bytes = 0;     ///< point state arrays
+  std::uint64_t point_host_bytes = 0;       ///< authoring side of the points, and of the tool's tables
+  std::uint64_t point_device_bytes = 0;     ///< point state arrays, and the tool's tables; host memory on the CPU
   std::uint64_t device_peak_bytes = 0;      ///< most GPU memory held at a time, the driver's own left out; 0 on the CPU
   std::uint64_t leaves = 0;
   std::uint64_t active_voxels = 0;  ///< observed voxels

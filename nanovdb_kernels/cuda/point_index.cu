@@ -58,7 +58,6 @@ __device__ void makePoint(const UpdateView& view, const PointNews& news) {
   view.points.direction[id] = kNoDirection;
   view.points.label[id] = PointLabel::Unscored;
   view.points.reason[id] = PointReason::Confidence;
-  view.points.flags[id] = 0;
 }
 
 __device__ void addMoved(const UpdateView& view, std::uint32_t id) {

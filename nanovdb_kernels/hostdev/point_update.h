@@ -9,8 +9,7 @@ namespace accessvdb::kernels {
 
 /// Constants of the state update.
 struct UpdateRule {
-  bool keep_best = false;    ///< paper: the best score never rises, and the label needs stability
-  float half_weight = 5.0f;  ///< [k_c]
+  bool keep_best = false;  ///< paper: the best score never rises, and the label needs stability
   float stability_min = 0.7f;
   std::uint16_t collision_limit = 1;  ///< [n_c]
 };
@@ -31,7 +30,6 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, const Sc
     points.direction[id] = kNoDirection;
     points.label[id] = PointLabel::Unscored;
     points.reason[id] = PointReason::Normal;
-    points.flags[id] = 0;
     return;
   }
   const std::uint16_t score_before = points.score[id], direction_before = points.direction[id];
@@ -58,8 +56,6 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, const Sc
       points.direction[id] != direction_before) {
     points.stability[id] = a;
   }
-  const float c = confidenceOf(static_cast<float>(points.weight[id]), rule.half_weight);
-  points.flags[id] = accessible && c * points.stability[id] > rule.stability_min ? kConfident : 0;
   result.label = points.label[id];
   result.stored_score = points.score[id];
   result.stored_direction = points.direction[id];

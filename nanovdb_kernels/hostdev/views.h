@@ -92,7 +92,7 @@ struct ApproachView {
   float normal_cos_min = 0;             ///< cos of the cone around the normal
 };
 
-/// State of the points on the device, structure of arrays; index = stable id. 64 bytes a point at D <= 192.
+/// State of the points on the device, structure of arrays; index = stable id. 60 bytes a point at D = 180.
 struct PointStateView {
   float* position_L = nullptr;         ///< [3 n] first return, metres; x y z interleaved
   float* normal_L = nullptr;           ///< [3 n] unit; zero = none
@@ -103,11 +103,8 @@ struct PointStateView {
   std::uint16_t* weight = nullptr;     ///< [n] observations behind the confidence
   PointLabel* label = nullptr;         ///< [n]
   PointReason* reason = nullptr;       ///< [n]
-  std::uint8_t* flags = nullptr;       ///< [n] see PointFlag
   int direction_words = 0;             ///< words of `seen` a point
 };
-
-enum PointFlag : std::uint8_t { kConfident = 1 };
 
 static_assert(std::is_trivially_copyable_v<DirectionMask>);
 static_assert(std::is_trivially_copyable_v<OccupancyView>);

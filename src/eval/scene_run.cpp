@@ -123,6 +123,7 @@ std::shared_ptr<const EvaluatedRun> SceneRunner::run(const RunRequest& request) 
   auto result = std::make_shared<EvaluatedRun>();
   result->returns = scans->returns();
   AccessibilityField field(ToolGeometry::builtin(request.tool), params);
+  device_ = field.deviceName();
   fuse(*scans, request, observer_, field, *result);
   observer_.checkStop();
   judge(*scans, request, field, *result);

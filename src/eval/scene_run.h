@@ -59,12 +59,15 @@ class SceneRunner {
 
   /// @throws StopRequested, InvalidArgument (scene), what the library throws
   std::shared_ptr<const EvaluatedRun> run(const RunRequest& request);
+  /// Of the last field, as of AccessibilityField::deviceName(); empty before the first.
+  [[nodiscard]] const std::string& device() const { return device_; }
 
  private:
   ScanStore& scans_;
   BackendKind backend_;
   int threads_;
   Observer observer_;
+  std::string device_;
   std::map<std::string, std::shared_ptr<const EvaluatedRun>> runs_;
 };
 

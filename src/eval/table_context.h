@@ -18,6 +18,7 @@ struct TableContext {
   ScanStore& scans;
   SceneRunner& runner;
   std::vector<TableRow>& rows;  ///< rows go here as they are made, so that a stop keeps them
+  std::string& device;          ///< as in TableResults; of fields that are not the runner's
 };
 
 /// A row of a run, judged with the method's own normals; the caller fills in the rest.

@@ -97,6 +97,7 @@ ScannedPine scan(TableContext& context, const PineCase& which, const ScoringPara
   request.params.threads = context.options.threads;
   request.params.scoring = scoring;
   result.field = std::make_unique<AccessibilityField>(ToolGeometry::builtin("builtin:pruner"), request.params);
+  context.device = result.field->deviceName();
   result.viewpoints_W = fuse(simulator, *result.field, observer);
   observer.say("scoring");
   (void)result.field->update();

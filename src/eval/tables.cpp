@@ -80,7 +80,7 @@ TableResults makeTables(const TableOptions& options) {
   ScanStore scans(options.scan_folder, options.observer);
   SceneRunner runner(scans, options.backend, options.threads, options.observer);
   TableResults results;
-  TableContext context{options, scans, runner, results.rows};
+  TableContext context{options, scans, runner, results.rows, results.device};
   try {
     for (const Table& table : kTables) {
       if (wanted.count(table.name) == 0) continue;
@@ -95,6 +95,7 @@ TableResults makeTables(const TableOptions& options) {
     results.stopped = true;
     results.failure = std::current_exception();
   }
+  if (results.device.empty()) results.device = runner.device();
   results.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   return results;
 }

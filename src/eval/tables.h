@@ -29,6 +29,7 @@ struct TableResults {
   bool stopped = false;
   std::exception_ptr failure;  ///< what ended the run early, if anything but a stop did; the rows made before it stand
   double seconds = 0;
+  std::string device;  ///< of the fields, "cpu" or "cuda:NAME"; empty where none was made
 };
 
 /// Every name that `tables` may hold, in the order in which they are made.

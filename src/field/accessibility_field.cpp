@@ -7,6 +7,7 @@
 
 #include <numeric>
 #include <type_traits>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
@@ -112,27 +113,48 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return {volume.packed(), scorer, *backend, tables.map, distances, tables.approach.direction_xy, gate.origin_W()};
   }
 
-  void integrate(const internal::GatedScan& scan, FrameStats& stats) {
-    if (!scan.p_L.empty()) guarded([&] { integrateStages(scan, stats); });
+  /// @param gated  returns the scan, sorted out
+  template <typename Gated>
+  FrameStats integrate(const Gated& gated) {
+    const internal::Stopwatch all;
+    FrameStats stats;
+    double noting_ms = 0;
+    requireWhole();
+    arena.execute([&] {
+      const internal::GatedScan scan = gated(stats);
+      if (!scan.p_L.empty()) guarded([&] { noting_ms = integrateStages(scan, stats); });
+    });
     stats.surface_points = points.size();
+    noted_ms += noting_ms;
+    stats.integrate_ms = all.milliseconds() - stats.mirror_ms - noting_ms;
+    return stats;
   }
 
-  void integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
-    const internal::Stopwatch integrating;
+  /// @return the time of what an update has to know of the scan, which counts as the update's
+  double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()});
     stats.touched_leaves = result.touched_leaves;
     stats.new_leaves = result.new_leaves;
     stats.distance_updates = result.counts.distance_updates;
     stats.cleared_updates = result.counts.cleared_updates;
     const internal::TouchedPoints touched = points.addReturns(scan.p_L, scan.q_L);
-    stats.integrate_ms = integrating.milliseconds();
     const internal::Stopwatch mirroring;
     mirror.applyParts(result.changes);
     for (const auto& part : result.changes) stats.changed_leaves += part.size();
     stats.mirror_bytes = mirror.lastTraffic().bytes_written;
     stats.mirror_ms = mirroring.milliseconds();
     if (distance_mirror) mirrorDistances(result, stats);
+    const internal::Stopwatch noting;
     scheduler->noteScan(touched, scan.p_L, scan.q_L, result.changes);
+    return noting.milliseconds();
+  }
+
+  UpdateStats update() {
+    const internal::Stopwatch all;
+    UpdateStats stats =
+        arena.execute([&] { return guarded([&] { return scheduler->update(setup.tables(mirror.grid())); }); });
+    stats.update_ms = all.milliseconds() - stats.score_ms + std::exchange(noted_ms, 0.0);
+    return stats;
   }
 
   void mirrorDistances(const internal::IntegrationResult& result, FrameStats& stats) {
@@ -159,6 +181,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   internal::PointScorer scorer;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;
+  double noted_ms = 0;     ///< what scans since the last update told the scheduler
   bool whole = true;       ///< false after a step failed half-way
   bool host_whole = true;  ///< false after one failed on the host
 };
@@ -176,29 +199,20 @@ AccessibilityField& AccessibilityField::operator=(AccessibilityField&&) noexcept
 
 FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S,
                                              const Eigen::Isometry3d& T_W_S) {
-  FrameStats stats;
-  impl_->requireWhole();
-  impl_->arena.execute([&] { impl_->integrate(impl_->gate.gate(points_S, T_W_S, stats), stats); });
-  return stats;
+  return impl_->integrate([&](FrameStats& stats) { return impl_->gate.gate(points_S, T_W_S, stats); });
 }
 
 FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
                                              std::span<const Eigen::Vector3d> origins_W) {
-  FrameStats stats;
   impl_->requireWhole();
   if (impl_->params.tsdf.region == UpdateRegion::Projective) {
     throw InvalidArgument("projective.rays", "", "the projective baseline needs scans with one sensor pose",
                           "Use integrateScan()");
   }
-  impl_->arena.execute([&] { impl_->integrate(impl_->gate.gate(points_W, origins_W, stats), stats); });
-  return stats;
+  return impl_->integrate([&](FrameStats& stats) { return impl_->gate.gate(points_W, origins_W, stats); });
 }
 
-UpdateStats AccessibilityField::update() {
-  return impl_->arena.execute([&] {
-    return impl_->guarded([&] { return impl_->scheduler->update(impl_->setup.tables(impl_->mirror.grid())); });
-  });
-}
+UpdateStats AccessibilityField::update() { return impl_->update(); }
 
 FieldSnapshot AccessibilityField::snapshot() const {
   impl_->requireWhole();
@@ -269,8 +283,8 @@ MemoryUse AccessibilityField::memoryUse() const {
   if (impl_->distance_mirror) {
     use.distance_mirror_bytes = impl_->distance_mirror->usedBytes() + impl_->distance_mirror->hostBytes();
   }
-  use.point_host_bytes =
-      impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes() + impl_->views.bytes();
+  use.point_host_bytes = impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes() +
+                         impl_->views.bytes() + impl_->setup.hostBytes();
   use.point_device_bytes =
       impl_->scorer.device().bytes() + impl_->setup.deviceBytes() + impl_->scheduler->deviceBytes();
   use.device_peak_bytes = impl_->backend->peakBytes();

@@ -8,8 +8,6 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr double kPi = 3.141592653589793;
-/// Memory that the slabs of the tool may take; above it, searches do without them.
-constexpr std::uint64_t kMostSlabBytes = std::uint64_t{256} << 20;
 
 template <typename T>
 kernels::DeviceArray<T> uploaded(kernels::Backend& backend, const std::vector<T>& host) {
@@ -51,7 +49,7 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_samples_ = uploaded(backend, tool_.samples);
   d_sample_begin_ = uploaded(backend, tool_.sample_begin);
   if (backend.usesToolSlabs()) {
-    const ToolSlabs slabs = ToolSlabs::make(tool_.view(), count, kMostSlabBytes);
+    const ToolSlabs slabs = ToolSlabs::make(tool_.view(), count, ToolSlabs::kMostBytes);
     d_slab_words_ = uploaded(backend, slabs.words);
     d_slab_boxes_ = uploaded(backend, slabs.boxes);
     d_leaf_columns_ = uploaded(backend, slabs.columns);
@@ -87,10 +85,15 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.approach.direction_xy = d_directions_.data();
   tables.approach.arm_offsets = d_arm_offsets_.data();
   tables.rule.keep_best = params_.update.policy == UpdatePolicy::Paper;
-  tables.rule.half_weight = static_cast<float>(params_.scoring.confidence_half_weight);
   tables.rule.stability_min = static_cast<float>(params_.update.stability_min);
   tables.rule.collision_limit = tool_.collision_limit;
   return tables;
+}
+
+std::uint64_t ScoringSetup::hostBytes() const {
+  const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
+  return bytesOf(tool_.columns) + bytesOf(tool_.column_begin) + bytesOf(tool_.samples) + bytesOf(tool_.sample_begin) +
+         bytesOf(directions_.xy) + bytesOf(arm_offsets_);
 }
 
 std::uint64_t ScoringSetup::deviceBytes() const {

@@ -25,7 +25,8 @@ class ScoringSetup {
   [[nodiscard]] kernels::ApproachView hostApproach() const;
   /// @param grid  the mirror, in the backend's memory
   [[nodiscard]] ScoringTables tables(const kernels::OccupancyGrid* grid) const;
-  [[nodiscard]] std::uint64_t deviceBytes() const;
+  [[nodiscard]] std::uint64_t hostBytes() const;
+  [[nodiscard]] std::uint64_t deviceBytes() const;  ///< in the backend's memory
 
  private:
   FieldParams params_;

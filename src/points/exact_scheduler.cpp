@@ -33,16 +33,13 @@ enum Due : std::uint8_t {
   kEvidence = 8        ///< the point itself changed, not only the map around it
 };
 
-/// Memory that the table of directions by offset may take; above it, directions are asked one by one.
-constexpr std::uint64_t kMostOffsetTableBytes = std::uint64_t{256} << 20;
-
 class ExactScheduler final : public UpdateScheduler {
  public:
   ExactScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach)
       : scorer_(scorer),
         approach_(approach),
         footprint_(tool, approach, scorer.params().tsdf.voxel_size_m),
-        offset_directions_(tool, approach.num_directions, kMostOffsetTableBytes),
+        offset_directions_(tool, approach.num_directions, OffsetDirections::kMostBytes),
         collision_limit_(tool.collision_limit),
         all_(allDirections(approach.num_directions)),
         moved_points_(scorer) {}
@@ -56,7 +53,6 @@ class ExactScheduler final : public UpdateScheduler {
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    const Stopwatch updating;
     scorer_.grow();
     blocked_.resize(scorer_.points().size());
     due_.resize(scorer_.points().size(), 0);
@@ -76,7 +72,6 @@ class ExactScheduler final : public UpdateScheduler {
     std::vector<std::uint32_t> work = takeWork();
     stats.dirty_points = moved.size() + work.size();
     stats.backlog = queue_.size();
-    stats.update_ms = updating.milliseconds();
     const Stopwatch scoring;
     scoreAll(work, tables, stats);
     stats.score_ms = scoring.milliseconds();

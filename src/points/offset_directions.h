@@ -15,6 +15,9 @@ namespace accessvdb::internal {
 
 class OffsetDirections {
  public:
+  /// Memory that the table may take; above it, directions are asked one by one.
+  static constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
+
   /// Empty where the table would exceed `most_bytes`, or for tools tested by samples (their voxels depend on where in
   /// its voxel the point lies).
   OffsetDirections(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes);

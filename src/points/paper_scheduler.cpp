@@ -34,7 +34,6 @@ class PaperScheduler final : public UpdateScheduler {
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    const Stopwatch updating;
     scorer_.grow();
     const std::vector<std::uint32_t> work = takeWork(stats);
     scorer_.refreshNeighbourhoods(work);
@@ -48,7 +47,6 @@ class PaperScheduler final : public UpdateScheduler {
       labels_before[n] = scorer_.record(work[n]).label;
     }
     stats.backlog = queue_.size();
-    stats.update_ms = updating.milliseconds();
     const Stopwatch scoring;
     const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables);
     for (std::size_t n = 0; n < results.size(); ++n) {

@@ -42,7 +42,6 @@ void DevicePoints::growRaw(std::uint32_t size) {
     grow(weight_, 1);
     grow(label_, 1);
     grow(reason_, 1);
-    grow(flags_, 1);
     capacity_ = capacity;
   }
   size_ = std::max(size_, size);
@@ -60,7 +59,6 @@ void DevicePoints::grow(std::uint32_t size) {
   weight_.upload(std::vector<std::uint16_t>(added, 0).data(), added, before);
   label_.upload(std::vector<PointLabel>(added, PointLabel::Unscored).data(), added, before);
   reason_.upload(std::vector<PointReason>(added, PointReason::Confidence).data(), added, before);
-  flags_.upload(std::vector<std::uint8_t>(added, 0).data(), added, before);
 }
 
 kernels::PointStateView DevicePoints::view() const {
@@ -74,19 +72,18 @@ kernels::PointStateView DevicePoints::view() const {
   view.weight = weight_.data();
   view.label = label_.data();
   view.reason = reason_.data();
-  view.flags = flags_.data();
   view.direction_words = words_;
   return view;
 }
 
 std::uint64_t DevicePoints::bytesPerPoint(int direction_words) {
   return 6 * sizeof(float) + static_cast<std::uint64_t>(direction_words) * sizeof(std::uint64_t) +
-         3 * sizeof(std::uint16_t) + sizeof(float) + sizeof(PointLabel) + sizeof(PointReason) + sizeof(std::uint8_t);
+         3 * sizeof(std::uint16_t) + sizeof(float) + sizeof(PointLabel) + sizeof(PointReason);
 }
 
 std::uint64_t DevicePoints::bytes() const {
   return position_L_.bytes() + normal_L_.bytes() + seen_.bytes() + stability_.bytes() + score_.bytes() +
-         direction_.bytes() + weight_.bytes() + label_.bytes() + reason_.bytes() + flags_.bytes();
+         direction_.bytes() + weight_.bytes() + label_.bytes() + reason_.bytes();
 }
 
 PointScorer::PointScorer(const PointStore& points, const FieldParams& resolved, kernels::Backend& backend,

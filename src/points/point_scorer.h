@@ -65,7 +65,6 @@ class DevicePoints {
   kernels::DeviceArray<std::uint16_t> score_, direction_, weight_;
   kernels::DeviceArray<PointLabel> label_;
   kernels::DeviceArray<PointReason> reason_;
-  kernels::DeviceArray<std::uint8_t> flags_;
 };
 
 /// What the host keeps of each point's state.

@@ -21,7 +21,7 @@ class UpdateScheduler {
   virtual void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                         std::span<const Eigen::Vector3f> q_L, std::span<const std::span<const LeafChange>> changes) = 0;
 
-  /// Scores what is due.
+  /// Scores what is due. Of the times it gives score_ms; the field gives the rest of the update to update_ms.
   virtual UpdateStats update(const ScoringTables& tables) = 0;
 
   [[nodiscard]] virtual std::uint64_t bytes() const = 0;

@@ -109,8 +109,12 @@ kernels::ToolKernelView ToolKernel::view() const {
 }
 
 ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolved) {
+  return sampled(tool, resolved, resolved.approach.num_directions);
+}
+
+ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& resolved, int num_directions) {
   const double v = resolved.tsdf.voxel_size_m, exclusion = resolved.scoring.self_exclusion_voxels;
-  const int num_directions = resolved.approach.num_directions;
+  const int all_directions = resolved.approach.num_directions;
   const auto D = std::size_t(num_directions);
   const double span_voxels =
       std::max(double(tool.reach_m()), (tool.max_T() - tool.min_T()).cast<double>().maxCoeff()) / v;
@@ -120,7 +124,7 @@ ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolve
                             " voxels; at most 30000 can be handled",
                         "Use a larger --voxel, or check --tool-unit and --tool-tip");
   }
-  if (const double fewest = fewestColumns(tool, v, num_directions); fewest > kMaxColumns) {
+  if (const double fewest = fewestColumns(tool, v, all_directions); fewest > kMaxColumns) {
     refuseColumns(tool, v, fewest);
   }
 
@@ -142,7 +146,7 @@ ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolve
     of_direction[d] = packColumns(runs);
   };
   makeDirection(0);  // first, so that what does not fit is noticed before all of memory is full of it
-  if (const double all = double(of_direction[0].size()) * num_directions; all > kMaxColumns) {
+  if (const double all = double(of_direction[0].size()) * all_directions; all > kMaxColumns) {
     refuseColumns(tool, v, all);
   }
   tbb::parallel_for(1, num_directions, makeDirection);
@@ -172,6 +176,7 @@ ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolve
     std::vector<Eigen::Vector3d> samples =
         sampleSurface(tool.vertices_T(), tool.triangles(), resolved.scoring.surface_samples);
     std::erase_if(samples, [&](const Eigen::Vector3d& p) { return p.norm() <= exclusion * v; });
+    kernel.samples.reserve(3 * samples.size() * D);
     for (int d = 0; d < num_directions; ++d) {
       const CosSin yaw = yawDirection(d, num_directions);
       for (const Eigen::Vector3d& p : samples) {

@@ -42,6 +42,9 @@ struct ToolKernel {
   /// Both forms are made where useful (voxel form always, for sizes and footprints). Parallel over directions.
   /// @throws ResourceLimit when the tool spans more than 30 000 voxels or needs more than 2^28 columns (4 GiB)
   static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved);
+  /// The same for `sampled` directions, evenly spread, in place of all: to see what all would take.
+  /// @throws ResourceLimit as make(), as far as these directions tell
+  static ToolKernel sampled(const ToolGeometry& tool, const FieldParams& resolved, int sampled);
 };
 
 }  // namespace accessvdb::internal

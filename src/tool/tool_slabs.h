@@ -14,6 +14,9 @@ namespace accessvdb::internal {
 /// Host-side tables behind a ToolSlabsView. Empty for tools of samples, and where they would take too much memory: that
 /// costs time only.
 struct ToolSlabs {
+  /// What they may take; above it, searches do without them.
+  static constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
+
   std::vector<std::uint64_t> words;
   std::vector<kernels::SlabBox> boxes;  ///< [D x 8]
   std::vector<kernels::LeafColumn> columns;

@@ -65,11 +65,7 @@ std::uint64_t hashOf(const internal::PackedMap& map) {
 }
 
 void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel_size_m) {
-  FieldParams given;
-  given.tsdf.voxel_size_m = voxel_size_m;
-  given.tsdf.truncation_distance_m = bench::kFlightTau_m;
-  given.tsdf.range_noise_m = bench::kFlightNoise_m;
-  const FieldParams params = given.resolved();
+  const FieldParams params = bench::flightParams(voxel_size_m);
   internal::PackedMap map(params.tsdf);
   map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
   internal::ScanIntegrator integrator(map);

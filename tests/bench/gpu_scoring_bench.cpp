@@ -20,6 +20,7 @@
 #include "mirror/nanovdb_mirror.h"
 #include "points/point_scorer.h"
 #include "sample_scans/walk_generator.h"
+#include "support/box_tool.h"
 #include "tsdf/scan_integrator.h"
 
 namespace accessvdb {
@@ -62,26 +63,7 @@ Json spread(std::vector<double> values) {
   return {{"median", at(0.5)}, {"min", values.front()}, {"p95", at(0.95)}, {"max", values.back()}};
 }
 
-ToolGeometry rod() {
-  std::vector<Eigen::Vector3f> vertices;
-  for (int n = 0; n < 8; ++n) {
-    vertices.emplace_back((n & 1) != 0 ? 0.5f : 0.0f, (n & 2) != 0 ? 0.025f : -0.025f, (n & 4) != 0 ? 0.025f : -0.025f);
-  }
-  return ToolGeometry::fromTriangles(vertices,
-                                     {{{0, 2, 1}},
-                                      {{1, 2, 3}},
-                                      {{4, 5, 6}},
-                                      {{5, 7, 6}},
-                                      {{0, 1, 4}},
-                                      {{1, 5, 4}},
-                                      {{2, 6, 3}},
-                                      {{3, 6, 7}},
-                                      {{0, 4, 2}},
-                                      {{2, 4, 6}},
-                                      {{1, 3, 5}},
-                                      {{3, 7, 5}}},
-                                     "rod");
-}
+ToolGeometry rod() { return test::boxTool({0, -0.025f, -0.025f}, {0.5f, 0.025f, 0.025f}, "rod"); }
 
 /// The map, mirrored for both backends, and the points with what scoring needs to know of them.
 class World {

@@ -98,11 +98,9 @@ void run() {
   const double voxel_size_m = 1e-3 * environment("ACCESSVDB_BENCH_VOXEL_MM", 10);
   const auto scans = bench::flightFromEnvironment(frames);
 
-  TsdfParams params;
-  params.voxel_size_m = voxel_size_m;
-  params.truncation_distance_m = bench::kFlightTau_m;
-  internal::PackedMap map(params);
-  map.setCollisionDistance(static_cast<float>(0.5 * voxel_size_m));
+  const FieldParams params = bench::flightParams(voxel_size_m);
+  internal::PackedMap map(params.tsdf);
+  map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
   internal::ScanIntegrator integrator(map);
   internal::NanoVdbMirror in_place(std::make_unique<kernels::HostArena>(), voxel_size_m);
   auto owned = std::make_unique<TimedArena>();

@@ -14,6 +14,7 @@
 #include <utility>
 #include <vector>
 
+#include "accessvdb/params.h"
 #include "sim/forest.h"
 #include "sim/simulator.h"
 
@@ -22,6 +23,15 @@ namespace accessvdb::bench {
 inline constexpr int kFlightReturns = 20000;    ///< a scan
 inline constexpr double kFlightNoise_m = 0.02;  ///< sigma of the ranges
 inline constexpr double kFlightTau_m = 0.1;     ///< truncation distance of the published figures
+
+/// Of a field that maps the flight, resolved.
+inline FieldParams flightParams(double voxel_size_m) {
+  FieldParams params;
+  params.tsdf.voxel_size_m = voxel_size_m;
+  params.tsdf.truncation_distance_m = kFlightTau_m;
+  params.tsdf.range_noise_m = kFlightNoise_m;
+  return params.resolved();
+}
 
 /// A scan in the local frame, metres.
 struct FlightScan {

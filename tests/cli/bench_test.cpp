@@ -97,7 +97,7 @@ TEST_F(Bench, FiguresAgreeWithEachOther) {
       EXPECT_LE(times["mean"], times["max"]) << stage;
       if (std::string(stage) != "frame") stages_ms += times["mean"].get<double>();
     }
-    EXPECT_LE(stages_ms, bench[block]["frame"]["mean"].get<double>()) << block;
+    EXPECT_LE(stages_ms, bench[block]["frame"]["mean"].get<double>() + 1e-6) << block;
   }
 
   // Every return of every frame was used, and the map grew with them.
@@ -114,6 +114,11 @@ TEST_F(Bench, FiguresAgreeWithEachOther) {
   }
   EXPECT_EQ(bench["surface_points"]["timed_begin"], rows[kFrames - kTimed - 1][points]);
   EXPECT_EQ(bench["surface_points"]["timed_end"], rows[kFrames - 1][points]);
+  // The stages are the frame: the median one, since something may come between two clocks.
+  std::vector<double> rest_ms;
+  for (const auto& row : rows) rest_ms.push_back(row[1] - (row[2] + row[3] + row[4] + row[5]));
+  std::sort(rest_ms.begin(), rest_ms.end());
+  EXPECT_LE(rest_ms[rest_ms.size() / 2], 0.05 + 1e-5 * rows[kFrames / 2][1]);
   std::uint64_t labels = 0;
   for (const auto& [label, count] : bench["labels_at_end"].items()) labels += count.get<std::uint64_t>();
   EXPECT_EQ(labels, bench["surface_points"]["timed_end"].get<std::uint64_t>());

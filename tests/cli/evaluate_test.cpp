@@ -42,9 +42,22 @@ TEST_F(Evaluate, HelpNamesEveryTable) {
   }
 }
 
+TEST_F(Evaluate, ConsistencyPredictsItsMemoryBeforeTheWork) {
+  writeWallScans();
+  writePoses();
+  const ProgramResult result =
+      runProgram({"evaluate", "--consistency", "--scans", path("scans"), "--poses", path("poses.txt"), "--tool",
+                  "builtin:pencil", "--voxel", "0.05", "--device", "cpu", "--out", path("out")});
+  EXPECT_EQ(result.exit_code, 0) << result.err;
+  const auto predicted = result.err.find("predicted peak memory: "), mapped = result.err.find("even scans");
+  ASSERT_NE(predicted, std::string::npos) << result.err;
+  EXPECT_LT(predicted, mapped);
+  EXPECT_NE(mapped, std::string::npos) << result.err;
+}
+
 TEST_F(Evaluate, AStopKeepsTheRowsThatAreDone) {
   ProgramSetup setup;
-  setup.arguments = {"evaluate", "--table", "frames", "--no-pictures", "--device", "cpu", "--out", path("out")};
+  setup.arguments = {"evaluate", "--table", "frames", "--no-pictures", "--device", "auto", "--out", path("out")};
   setup.signal_after = "points, F1";  // the first run is done
   setup.act = [](pid_t process) { kill(process, SIGINT); };
   const ProgramResult result = runProgram(setup);
@@ -52,6 +65,10 @@ TEST_F(Evaluate, AStopKeepsTheRowsThatAreDone) {
   EXPECT_NE(result.err.find("stopped by SIGINT"), std::string::npos) << result.err;
   const auto tables = nlohmann::json::parse(readText("out/tables.json"));
   EXPECT_EQ(tables["stopped"], true);
+  // The device that it was made on, not the one that was asked for.
+  const std::string device = tables["origin"]["device"];
+  EXPECT_TRUE(device == "cpu" || device.rfind("cuda:", 0) == 0) << device;
+  EXPECT_NE(readText("out/tables.md").find("- device: " + device + "\n"), std::string::npos);
   ASSERT_GE(tables["rows"].size(), 1u);
   EXPECT_LT(tables["rows"].size(), 8u);
   EXPECT_EQ(tables["rows"][0]["table"], "frames");

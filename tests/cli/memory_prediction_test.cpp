@@ -126,6 +126,13 @@ TEST(MemoryPrediction, CounterEstimatesFewAndMany) {
   }
 }
 
+/// While the tables are made there is no map: the larger of the two moments counts, not their sum.
+TEST(MemoryPrediction, ThePeakIsOfTheToolOrOfTheMap) {
+  EXPECT_EQ(peakBytes(5e9, {0, 0}), 5e9);
+  EXPECT_EQ(peakBytes(5e9, {1'000'000'000, 2'000'000'000}), 6e9);
+  EXPECT_EQ(peakBytes(1e9, {1'000'000'000, 3'000'000'000}), 3.19e9);
+}
+
 TEST(MemoryPrediction, MachineTellsWhatItHas) {
   const auto available = availableMemoryBytes();
   ASSERT_TRUE(available.has_value());

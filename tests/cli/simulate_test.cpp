@@ -143,6 +143,9 @@ TEST_F(Simulate, RefusesInOneLine) {
   expectRefused({"--scene", "torus", "--range-noise", "nan"}, 2, "--range-noise");
   expectRefused({"--scene", "torus", "--radius", "0"}, 2, "--radius");
   expectRefused({"--scene", "torus", "--trajectory", "walk", "--turns", "2"}, 2, "--turns");
+  for (const char* turns : {"1400", "-1400", "1000.5", "nan", "inf"}) {
+    expectRefused({"--scene", "torus", "--trajectory", "helix", "--turns", turns}, 2, "--turns");
+  }
   expectRefused({"--scene", "ring", "--voxel", "1"}, 2, "--voxel");
   expectRefused({"--scene", "torus", "--radius", "0.06", "--trajectory", "orbit"}, 4, "inside the torus");
   expectRefused({"--scene", "torus", "--trajectory", "walk", "--begin", "-1,0,0", "--end", "1,0,0", "--frames", "2"}, 4,

@@ -3,9 +3,13 @@
 // A field on the GPU against a field on the CPU, on streams: after every update all points are the same, bit for bit.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+
 #include "parity/gpu_test.h"
 #include "property/determinism_support.h"
 #include "support/walk_generator.h"
+#include "tool/tool_kernel.h"
+#include "tool/tool_slabs.h"
 
 namespace accessvdb::test {
 namespace {
@@ -21,6 +25,8 @@ struct StreamCase {
   int scans_an_update = 1;
   int neighbours = 0;
   int directions = 180;
+  int frames = 14;
+  int rays_per_frame = 4000;
 };
 void PrintTo(const StreamCase& c, std::ostream* out) {
   *out << c.tool << " at " << c.voxel_size_m << " m, " << (c.policy == UpdatePolicy::Exact ? "exact" : "paper") << ", "
@@ -28,19 +34,19 @@ void PrintTo(const StreamCase& c, std::ostream* out) {
        << (c.scans_an_update > 1 ? ", several scans an update" : "") << (c.neighbours > 0 ? ", many neighbours" : "");
 }
 
-class CudaStream : public GpuTest, public testing::WithParamInterface<StreamCase> {};
+WalkGenerator walkOf(const StreamCase& c) {
+  WalkOptions options;
+  options.frames = c.frames;
+  options.rays_per_frame = c.rays_per_frame;
+  options.seed = c.seed;
+  options.range_noise_m = 0.02;
+  options.max_range_m = 8;
+  options.length_m = 4;
+  options.offset_W = {-3, 2, 0};  // both signs of every coordinate
+  return WalkGenerator(options);
+}
 
-TEST_P(CudaStream, EqualsTheCpuAfterEveryUpdate) {
-  const StreamCase& c = GetParam();
-  WalkOptions walk_options;
-  walk_options.frames = 14;
-  walk_options.rays_per_frame = 4000;
-  walk_options.seed = c.seed;
-  walk_options.range_noise_m = 0.02;
-  walk_options.max_range_m = 8;
-  walk_options.length_m = 4;
-  walk_options.offset_W = {-3, 2, 0};  // both signs of every coordinate
-  const WalkGenerator walk(walk_options);
+FieldParams paramsOf(const StreamCase& c) {
   FieldParams params;
   params.tsdf.voxel_size_m = c.voxel_size_m;
   params.scoring.form = c.form;
@@ -50,13 +56,36 @@ TEST_P(CudaStream, EqualsTheCpuAfterEveryUpdate) {
   params.update.budget_points = c.budget_points;
   params.scoring.neighbours = c.neighbours;
   params.approach.num_directions = c.directions;
+  return params;
+}
+
+/// Short enough for the sanitizers, which racecheck makes about a hundred times slower; coarse, but with cells.
+const StreamCase kShortStream = [] {
+  StreamCase c = {9, "builtin:pruner", 0.06};
+  c.directions = 36;
+  c.frames = 4;
+  c.rays_per_frame = 1500;
+  return c;
+}();
+
+std::size_t blockedByTheTool(const FieldSnapshot& field) {
+  return static_cast<std::size_t>(
+      std::ranges::count(field.points, PointReason::Tool, [](const SurfacePoint& p) { return p.reason; }));
+}
+
+class CudaStream : public GpuTest, public testing::WithParamInterface<StreamCase> {};
+
+TEST_P(CudaStream, EqualsTheCpuAfterEveryUpdate) {
+  const StreamCase& c = GetParam();
+  const WalkGenerator walk = walkOf(c);
+  FieldParams params = paramsOf(c);
   FieldParams on_gpu = params;
   params.backend = BackendKind::Cpu;
   on_gpu.backend = BackendKind::Cuda;
   const ToolGeometry tool = ToolGeometry::builtin(c.tool);
   AccessibilityField cpu(tool, params), cuda(tool, on_gpu);
   EXPECT_EQ(cuda.deviceName().rfind("cuda:", 0), 0u) << cuda.deviceName();
-  for (int frame = 0; frame < walk_options.frames; ++frame) {
+  for (int frame = 0; frame < c.frames; ++frame) {
     SCOPED_TRACE("frame " + std::to_string(frame));
     const WalkFrame scan = walk.frame(frame);
     cpu.integrateScan(scan.points_S, scan.T_W_S);
@@ -87,6 +116,31 @@ INSTANTIATE_TEST_SUITE_P(
                     StreamCase{6, "builtin:pruner", 0.04, UpdatePolicy::Exact, ToolForm::Voxels, 30, 700},
                     StreamCase{7, "builtin:pruner", 0.05, UpdatePolicy::Exact, ToolForm::Voxels, 0, 0, 3},
                     StreamCase{8, "builtin:pruner", 0.04, UpdatePolicy::Exact, ToolForm::Voxels, 12, 0, 2, 200, 256}));
+
+// tools/gpu_suite.sh runs it under compute-sanitizer.
+INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream, testing::Values(kShortStream));
+
+/// What the sanitizers are to see must happen in it: searches that count a thick tool by its slabs. Needs no GPU.
+TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
+  const ToolGeometry tool = ToolGeometry::builtin(kShortStream.tool);
+  FieldParams params = paramsOf(kShortStream);
+  params.backend = BackendKind::Cpu;
+  const auto kernel = internal::ToolKernel::make(tool, params.resolved());
+  const auto slabs = internal::ToolSlabs::make(kernel.view(), kShortStream.directions, internal::ToolSlabs::kMostBytes);
+  ASSERT_FALSE(slabs.empty());
+  EXPECT_GT(slabs.columns.size(), 64u * static_cast<std::size_t>(kShortStream.directions));
+  AccessibilityField field(tool, params);
+  const WalkGenerator walk = walkOf(kShortStream);
+  for (int frame = 0; frame < kShortStream.frames; ++frame) {
+    const WalkFrame scan = walk.frame(frame);
+    field.integrateScan(scan.points_S, scan.T_W_S);
+    const UpdateStats stats = field.update();
+    EXPECT_GT(stats.direction_tests, 1000u) << "update " << frame;
+  }
+  const FieldSnapshot snapshot = field.snapshot();
+  expectVaried(snapshot);
+  EXPECT_GT(blockedByTheTool(snapshot), 50u);
+}
 
 }  // namespace
 }  // namespace accessvdb::test

@@ -5,6 +5,8 @@
 #include <array>
 #include <cmath>
 
+#include "support/box_tool.h"
+
 namespace accessvdb::test {
 
 ToolGeometry boxTool(Random& random, double voxel_size_m) {
@@ -12,25 +14,7 @@ ToolGeometry boxTool(Random& random, double voxel_size_m) {
   const auto size = [&](double low, double high) { return static_cast<float>(random.uniform(low, high)) * v; };
   const Eigen::Vector3f low(size(-1, 4), -size(0.5, 3), -size(0.5, 4)),
       high(low.x() + size(4, 14), size(0.5, 3), size(0.5, 9));
-  std::vector<Eigen::Vector3f> vertices;
-  for (int n = 0; n < 8; ++n) {
-    vertices.emplace_back((n & 1) != 0 ? high.x() : low.x(), (n & 2) != 0 ? high.y() : low.y(),
-                          (n & 4) != 0 ? high.z() : low.z());
-  }
-  return ToolGeometry::fromTriangles(vertices,
-                                     {{{0, 2, 1}},
-                                      {{1, 2, 3}},
-                                      {{4, 5, 6}},
-                                      {{5, 7, 6}},
-                                      {{0, 1, 4}},
-                                      {{1, 5, 4}},
-                                      {{2, 6, 3}},
-                                      {{3, 6, 7}},
-                                      {{0, 4, 2}},
-                                      {{2, 4, 6}},
-                                      {{1, 3, 5}},
-                                      {{3, 7, 5}}},
-                                     "box");
+  return boxTool(low, high);
 }
 
 std::vector<RayScan> randomScans(Random& random, double v) {

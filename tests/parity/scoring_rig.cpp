@@ -162,7 +162,6 @@ StoredState ScoringRig::state() const {
   fetch(state.stability, view.stability);
   fetch(state.label, view.label);
   fetch(state.reason, view.reason);
-  fetch(state.flags, view.flags);
   return state;
 }
 
@@ -215,7 +214,6 @@ void expectSameState(const StoredState& a, const StoredState& b) {
   ASSERT_EQ(a.direction, b.direction);
   ASSERT_EQ(a.label, b.label);
   ASSERT_EQ(a.reason, b.reason);
-  ASSERT_EQ(a.flags, b.flags);
   ASSERT_EQ(a.stability.size(), b.stability.size());
   for (std::size_t n = 0; n < a.stability.size(); ++n) {
     ASSERT_EQ(std::bit_cast<std::uint32_t>(a.stability[n]), std::bit_cast<std::uint32_t>(b.stability[n])) << n;

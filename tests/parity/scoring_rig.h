@@ -34,7 +34,6 @@ struct StoredState {
   std::vector<float> stability;
   std::vector<PointLabel> label;
   std::vector<PointReason> reason;
-  std::vector<std::uint8_t> flags;
 };
 
 class ScoringRig {

@@ -14,6 +14,7 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/tsdf_volume.h"
+#include "support/box_tool.h"
 
 namespace accessvdb::test {
 
@@ -45,35 +46,6 @@ inline std::vector<Scan> wallScans(std::uint64_t seed, int scans, int points) {
     }
   }
   return out;
-}
-
-/// A closed box in the tool frame.
-inline void appendBox(std::vector<Eigen::Vector3f>& vertices, std::vector<std::array<std::uint32_t, 3>>& triangles,
-                      const Eigen::Vector3f& low, const Eigen::Vector3f& high) {
-  const auto first = static_cast<std::uint32_t>(vertices.size());
-  for (int n = 0; n < 8; ++n) {
-    vertices.emplace_back((n & 1) != 0 ? high.x() : low.x(), (n & 2) != 0 ? high.y() : low.y(),
-                          (n & 4) != 0 ? high.z() : low.z());
-  }
-  constexpr std::array<std::array<std::uint32_t, 3>, 12> kFaces = {{{0, 2, 1},
-                                                                    {1, 2, 3},
-                                                                    {4, 5, 6},
-                                                                    {5, 7, 6},
-                                                                    {0, 1, 4},
-                                                                    {1, 5, 4},
-                                                                    {2, 6, 3},
-                                                                    {3, 6, 7},
-                                                                    {0, 4, 2},
-                                                                    {2, 4, 6},
-                                                                    {1, 3, 5},
-                                                                    {3, 7, 5}}};
-  for (const auto& face : kFaces) triangles.push_back({first + face[0], first + face[1], first + face[2]});
-}
-inline ToolGeometry boxTool(const Eigen::Vector3f& low, const Eigen::Vector3f& high) {
-  std::vector<Eigen::Vector3f> vertices;
-  std::vector<std::array<std::uint32_t, 3>> triangles;
-  appendBox(vertices, triangles, low, high);
-  return ToolGeometry::fromTriangles(vertices, triangles, "box");
 }
 
 /// An arm with a body behind and above it.

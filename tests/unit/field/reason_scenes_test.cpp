@@ -5,31 +5,12 @@
 #include <gtest/gtest.h>
 
 #include "accessvdb/accessibility_field.h"
+#include "support/box_tool.h"
 
 namespace accessvdb {
 namespace {
 
-ToolGeometry boxTool(const Eigen::Vector3f& low, const Eigen::Vector3f& high) {
-  std::vector<Eigen::Vector3f> vertices;
-  for (int n = 0; n < 8; ++n) {
-    vertices.emplace_back((n & 1) != 0 ? high.x() : low.x(), (n & 2) != 0 ? high.y() : low.y(),
-                          (n & 4) != 0 ? high.z() : low.z());
-  }
-  return ToolGeometry::fromTriangles(vertices,
-                                     {{{0, 2, 1}},
-                                      {{1, 2, 3}},
-                                      {{4, 5, 6}},
-                                      {{5, 7, 6}},
-                                      {{0, 1, 4}},
-                                      {{1, 5, 4}},
-                                      {{2, 6, 3}},
-                                      {{3, 6, 7}},
-                                      {{0, 4, 2}},
-                                      {{2, 4, 6}},
-                                      {{1, 3, 5}},
-                                      {{3, 7, 5}}},
-                                     "box");
-}
+using test::boxTool;
 
 /// A rod of 0.8 m from the tip backwards.
 ToolGeometry rod() { return boxTool({0, -0.04f, -0.04f}, {0.8f, 0.04f, 0.04f}); }
@@ -198,6 +179,27 @@ TEST(ReasonScenes, LabelsFollowTheMap) {
   expectOutcome(point, PointLabel::Blocked, PointReason::Arm, 2);
   EXPECT_FLOAT_EQ(point.stability, 0.75f);
   EXPECT_FALSE(point.confident);
+}
+
+/// Often enough seen (w / (w + 5) > 0.7 from w = 12 on) and accessible.
+TEST(ReasonScenes, ConfidentNeedsConfidenceTimesStability) {
+  AccessibilityField field(rod(), paramsOf(4));
+  Points sparse;
+  for (double y = -0.5; y < 0.55; y += 0.1) {
+    for (double z = -0.5; z < 0.55; z += 0.1) sparse.emplace_back(2, y, z);
+  }
+  int unsure = 0, sure = 0;
+  for (int looks = 0; looks < 15; ++looks) {
+    look(field, sparse, {0, 0, 0});
+    field.update();
+    for (const SurfacePoint& point : field.snapshot().points) {
+      const bool accessible = point.label == PointLabel::Accessible;
+      ASSERT_EQ(point.confident, accessible && point.weight >= 12) << "weight " << point.weight;
+      ++(point.confident ? sure : unsure);
+    }
+  }
+  EXPECT_GT(unsure, 100);
+  EXPECT_GT(sure, 100);
 }
 
 TEST(ReasonScenes, NewPointsAreUnscoredUntilTheUpdate) {

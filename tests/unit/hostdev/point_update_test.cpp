@@ -14,7 +14,6 @@ struct Point {
   float stability = 1;
   PointLabel label = PointLabel::Unscored;
   PointReason reason = PointReason::Confidence;
-  std::uint8_t flags = 0;
   kernels::UpdateRule rule;
 
   explicit Point(bool keep_best, std::uint16_t limit = 5) {
@@ -30,7 +29,6 @@ struct Point {
     view.stability = &stability;
     view.label = &label;
     view.reason = &reason;
-    view.flags = &flags;
     kernels::ScoreResult result;
     result.scored = 1;
     result.score = new_score;
@@ -172,23 +170,6 @@ TEST(UpdatePointProduct, ConfirmationsWithoutEvidenceChangeNothing) {
   EXPECT_FLOAT_EQ(point.stability, 0.61453125f);
 }
 
-TEST(UpdatePoint, ConfidentNeedsConfidenceTimesStability) {
-  for (const bool keep_best : {false, true}) {
-    Point point(keep_best);
-    point.weight = 12;  // c = 12 / 17 = 0.706
-    point.clear();
-    EXPECT_EQ(point.flags & kernels::kConfident, 1);
-    point.weight = 11;  // c = 0.6875
-    point.clear();
-    EXPECT_EQ(point.flags & kernels::kConfident, 0);
-    EXPECT_EQ(point.label, PointLabel::Accessible);
-    point.weight = 2000;
-    point.conflict();
-    point.conflict();
-    EXPECT_EQ(point.flags & kernels::kConfident, 0);
-  }
-}
-
 TEST(UpdatePoint, WithoutANormalNothingIsKept) {
   for (const bool keep_best : {false, true}) {
     Point point(keep_best);
@@ -200,7 +181,6 @@ TEST(UpdatePoint, WithoutANormalNothingIsKept) {
     view.stability = &point.stability;
     view.label = &point.label;
     view.reason = &point.reason;
-    view.flags = &point.flags;
     kernels::ScoreResult result;
     kernels::updatePoint(view, kernels::ScoreItem{}, result, point.rule);
     EXPECT_EQ(point.label, PointLabel::Unscored);
@@ -208,7 +188,6 @@ TEST(UpdatePoint, WithoutANormalNothingIsKept) {
     EXPECT_EQ(point.reason, PointReason::Normal);
     EXPECT_EQ(point.score, kNoScore);
     EXPECT_EQ(point.direction, kNoDirection);
-    EXPECT_EQ(point.flags, 0);
   }
 }
 

@@ -31,7 +31,6 @@ TEST(DevicePoints, GrowthKeepsValuesAndNewPointsAreUnscored) {
     ASSERT_EQ(view.stability[id], 1.0f);
     ASSERT_EQ(view.label[id], PointLabel::Unscored);
     ASSERT_EQ(view.reason[id], PointReason::Confidence);
-    ASSERT_EQ(view.flags[id], 0);
   };
   for (const std::uint32_t next : {10u, 11u, 70000u, 200000u, 200000u}) {
     points.grow(next);
@@ -47,7 +46,6 @@ TEST(DevicePoints, GrowthKeepsValuesAndNewPointsAreUnscored) {
       ASSERT_EQ(view.stability[id], 1 / (1 + static_cast<float>(id)));
       ASSERT_EQ(view.label[id], PointLabel::Blocked);
       ASSERT_EQ(view.reason[id], PointReason::Arm);
-      ASSERT_EQ(view.flags[id], 1);
     }
     for (std::uint32_t id = size; id < next; ++id) expectFresh(view, id);
     for (std::uint32_t id = size; id < next; ++id) {
@@ -60,7 +58,6 @@ TEST(DevicePoints, GrowthKeepsValuesAndNewPointsAreUnscored) {
       view.stability[id] = 1 / (1 + static_cast<float>(id));
       view.label[id] = PointLabel::Blocked;
       view.reason[id] = PointReason::Arm;
-      view.flags[id] = 1;
     }
     size = next;
   }

@@ -12,6 +12,8 @@
 #include <numbers>
 #include <vector>
 
+#include "support/box_tool.h"
+
 namespace accessvdb::test {
 
 struct Mesh {
@@ -27,11 +29,7 @@ struct Mesh {
 
 inline Mesh box(const Eigen::Vector3f& low, const Eigen::Vector3f& high) {
   Mesh m;
-  for (int c = 0; c < 8; ++c) {
-    m.vertices.emplace_back((c & 1 ? high : low).x(), (c & 2 ? high : low).y(), (c & 4 ? high : low).z());
-  }
-  m.triangles = {{0, 2, 1}, {1, 2, 3}, {4, 5, 6}, {5, 7, 6}, {0, 1, 4}, {1, 5, 4},
-                 {2, 6, 3}, {3, 6, 7}, {0, 4, 2}, {2, 4, 6}, {1, 3, 5}, {3, 7, 5}};
+  appendBox(m.vertices, m.triangles, low, high);
   return m;
 }
 

@@ -1,0 +1,58 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include <algorithm>
+#include <cmath>
+
+#include "accessvdb/tool_tables.h"
+#include "points/offset_directions.h"
+#include "tool/tool_kernel.h"
+#include "tool/tool_slabs.h"
+
+namespace accessvdb {
+namespace {
+
+/// A quarter and half turns, and those between: for most tools the fewest and the most columns.
+constexpr int kSampledDirections = 8;
+
+/// Voxels of the box of all offsets, of every direction.
+double offsetBoxVoxels(const ToolGeometry& tool, const internal::ToolKernel& sampled, int num_directions,
+                       double voxel_size_m) {
+  double x = sampled.max_ijk[0] - sampled.min_ijk[0] + 1, y = sampled.max_ijk[1] - sampled.min_ijk[1] + 1;
+  if (num_directions > kSampledDirections) {  // those between reach farther
+    float reach_m = 0;
+    for (const Eigen::Vector3f& vertex : tool.vertices_T()) reach_m = std::max(reach_m, vertex.head<2>().norm());
+    x = y = 2 * std::floor(static_cast<double>(reach_m) / voxel_size_m + 0.5) + 1;
+  }
+  return x * y * (sampled.max_ijk[2] - sampled.min_ijk[2] + 1);
+}
+
+}  // namespace
+
+ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& params) {
+  const FieldParams resolved = params.resolved();
+  const int directions = resolved.approach.num_directions, sampled = std::min(directions, kSampledDirections);
+  const double share = static_cast<double>(directions) / sampled;
+  const internal::ToolKernel kernel = internal::ToolKernel::sampled(tool, resolved, sampled);
+  const auto bytesOf = [](const auto& list) { return static_cast<double>(list.size() * sizeof(list[0])); };
+  const double columns = share * bytesOf(kernel.columns);
+  const double tables = columns + share * bytesOf(kernel.samples);
+
+  const bool on_host = resolved.backend != BackendKind::Cuda;
+  double held = on_host ? 2 * tables : tables;  // a backend has its own copy
+  double making = held;
+  if (resolved.backend != BackendKind::Cpu) {
+    // As ScoringSetup does it: slabs as they are found and once more in one list, which then goes to the GPU.
+    const auto slabs = internal::ToolSlabs::make(kernel.view(), sampled, ~std::uint64_t{0});
+    const double bytes = share * (bytesOf(slabs.words) + bytesOf(slabs.columns));
+    making += std::min(2 * bytes, 2.0 * static_cast<double>(internal::ToolSlabs::kMostBytes));
+  }
+  if (resolved.update.policy == UpdatePolicy::Exact && (on_host || resolved.update.budget_points > 0) &&
+      !kernel.use_samples) {
+    const double words = (directions + 63) / 64;
+    const double table = 8 * words * offsetBoxVoxels(tool, kernel, directions, resolved.tsdf.voxel_size_m);
+    if (table <= static_cast<double>(internal::OffsetDirections::kMostBytes)) held += table;
+  }
+  return {static_cast<std::uint64_t>(held), static_cast<std::uint64_t>(std::max(held, making))};
+}
+
+}  // namespace accessvdb
