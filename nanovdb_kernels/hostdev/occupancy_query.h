@@ -34,12 +34,6 @@ class OccupancyReader {
   /// The leaf of a voxel, or nullptr: all unknown.
   ACCESSVDB_HOSTDEV const OccupancyLeaf* leafAt(const Coord& ijk) const { return accessor_.probeLeaf(ijk); }
 
-  /// Two bytes of the cell counts that the mirror keeps behind a leaf's values (cell_counts.h), from byte `first`.
-  ACCESSVDB_HOSTDEV std::uint32_t cellCounts(const Coord& ijk, int first) const {
-    const OccupancyLeaf* leaf = leafAt(ijk);
-    return leaf == nullptr ? 0 : static_cast<std::uint32_t>(leaf->data()->mPadding[0] >> (8 * first)) & 0xffffu;
-  }
-
   /// Colliding voxels among (x, y, z8 .. z8 + 7), bit i = z8 + i; z8 is a multiple of 8.
   ACCESSVDB_HOSTDEV std::uint32_t collidesRow(const Coord& ijk) const {
     const OccupancyLeaf* leaf = leafAt(ijk);

@@ -109,7 +109,7 @@ void run() {
 
   const bool with_distances = environment("ACCESSVDB_BENCH_DISTANCES", 0) != 0;
   integrator.noteDistances(with_distances);
-  const internal::DistanceLeaves leaves = {map.distanceCode(), static_cast<float>(params.truncation_distance_m)};
+  const internal::DistanceLeaves leaves = {map.distanceCode(), static_cast<float>(params.tsdf.truncation_distance_m)};
   constexpr auto kTiles = internal::DistanceMirror::kDefaultRootCapacity;
   internal::DistanceMirror distances_in_place(std::make_unique<kernels::HostArena>(), voxel_size_m, kTiles, leaves);
   auto forgets = std::make_unique<testing::StagedArena>(kernels::HostArena::kDefaultReserveBytes, 8u << 20);

@@ -8,12 +8,9 @@
 #include <array>
 #include <random>
 
-#include "unit/hostdev/occupancy_fixture.h"
-
 namespace accessvdb {
 namespace {
 
-using test::below;
 using LeafWords = std::array<std::uint64_t, 8>;
 
 /// Byte 4 (x / 4) + 2 (y / 4) + z / 4 counts the cell of (x, y, z).
@@ -40,18 +37,6 @@ void expectCounted(const LeafWords& words) {
 
 std::int32_t floorDivided(std::int32_t value, std::int32_t by) {
   return value >= 0 ? value / by : -((-value + by - 1) / by);
-}
-
-/// A random map without end: a third of its cells full, a third empty, the others half full.
-bool mapCollides(std::int32_t x, std::int32_t y, std::int32_t z) {
-  const auto mixed = [](std::int32_t a, std::int32_t b, std::int32_t c) {
-    std::uint64_t h = static_cast<std::uint32_t>(a) * 0x9e3779b97f4a7c15u;
-    h = (h ^ h >> 29 ^ static_cast<std::uint32_t>(b)) * 0xbf58476d1ce4e5b9u;
-    h = (h ^ h >> 32 ^ static_cast<std::uint32_t>(c)) * 0x94d049bb133111ebu;
-    return h ^ h >> 31;
-  };
-  const std::uint64_t kind = mixed(floorDivided(x, 4), floorDivided(y, 4), floorDivided(z, 4)) % 3;
-  return kind == 0 || (kind == 1 && mixed(x, y, z) % 2 == 0);
 }
 
 TEST(CountCells, EqualsCountingOneByOne) {
