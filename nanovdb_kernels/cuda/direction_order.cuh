@@ -89,7 +89,8 @@ __device__ inline int orderByWarp(const ApproachView& approach, const float* nor
   for (int first = 0; first < cone; first += static_cast<int>(kWarp)) {
     const int d = first + lane < cone ? order[first + lane] : -1;
     const bool wanted = d >= 0 && testBit(allowed, d);
-    const unsigned all = __ballot_sync(kAllLanes, wanted);  // all have read what is written next
+    const unsigned all = __ballot_sync(kAllLanes, wanted);
+    __syncwarp();  // all have read what is written next
     if (wanted) order[count + __popc(all & ((1u << lane) - 1u))] = static_cast<std::uint8_t>(d);
     count += __popc(all);
   }
