@@ -6,7 +6,6 @@
 
 #include <cstdint>
 
-#include "cuda/direction_order.cuh"
 #include "cuda/leaf_window.cuh"
 #include "cuda/update_views.cuh"
 

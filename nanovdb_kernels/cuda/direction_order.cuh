@@ -5,11 +5,11 @@
 
 #include <cstdint>
 
+#include "cuda/warp.cuh"
 #include "hostdev/direction_filter.h"
 
 namespace accessvdb::kernels {
 
-inline constexpr unsigned kWarp = 32, kAllLanes = 0xffffffffu;
 inline constexpr int kMaskWords32 = 2 * kMaxDirectionWords, kMostDirections = 32 * kMaskWords32;
 
 __device__ inline bool testBit(const std::uint32_t* mask, int d) { return (mask[d >> 5] >> (d & 31) & 1u) != 0; }

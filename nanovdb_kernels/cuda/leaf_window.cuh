@@ -1,13 +1,13 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What threads keep in shared memory of the map around their point, or around the points of a leaf, so that a voxel is
-/// two or three reads away instead of a walk from the root: the leaves within the tool's reach, or where those are too
-/// many, the nodes above them.
+/// What a warp keeps in shared memory of the map around its point, so that a voxel is two or three reads away instead
+/// of a walk from the root: the leaves within the tool's reach, or where those are too many, the nodes above them.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 
+#include "cuda/warp.cuh"
 #include "hostdev/cell_counts.h"
 
 namespace accessvdb::kernels {
@@ -96,13 +96,13 @@ class LeafWindow : public WindowBase {
  public:
   static constexpr int kLog2 = kLeafLog2;
 
-  /// All members of the group that shares it, a warp or a block; they wait for each other before they read.
+  /// A warp; its lanes wait for each other before they read.
   __device__ LeafWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
-                        const Coord& point_ijk, int member, int members)
+                        const Coord& point_ijk, int lane)
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {
     const nanovdb::DefaultReadAccessor<bool> accessor(map.grid->tree().root());
     const int count = static_cast<int>(shape.nodes());
-    for (int n = member; n < count; n += members) {
+    for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
       const OccupancyLeaf* leaf = accessor.probeLeaf(originOf(n));
       std::uint32_t entry = 0;
       if (leaf != nullptr) {
@@ -147,11 +147,11 @@ class LowerWindow : public WindowBase {
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {}
   /// As LeafWindow's.
   __device__ LowerWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
-                         const Coord& point_ijk, int member, int members)
+                         const Coord& point_ijk, int lane)
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {
     const auto& root = map.grid->tree().root();
     const int count = static_cast<int>(shape.nodes());
-    for (int n = member; n < count; n += members) {
+    for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
       const Coord ijk = originOf(n);
       const auto key = OccupancyRoot::DataType::CoordToKey(ijk);
       std::uint32_t entry = 0;

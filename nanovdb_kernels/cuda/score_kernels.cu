@@ -88,7 +88,7 @@ __device__ Window makeWindow(const ScoreChunk& chunk, const WarpPoint& point, st
     return TreeWindow(chunk.map);
   } else {
     const Window window(window_nodes + threadIdx.x / kWarp * entries, WindowShape::of(chunk.tool.reach, Window::kLog2),
-                        chunk.map, point.ijk, lane, static_cast<int>(kWarp));
+                        chunk.map, point.ijk, lane);
     __syncwarp();
     return window;
   }

@@ -6,7 +6,7 @@
 
 #include <cstdint>
 
-#include "cuda/direction_order.cuh"
+#include "cuda/warp.cuh"
 #include "hostdev/views.h"
 
 namespace accessvdb::kernels {

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Colliding voxels of a leaf by cells of 4 x 4 x 4: a byte a cell, eight cells in the eight bytes behind the leaf's
-/// values, which NanoVDB leaves unused. The mirror keeps them; searches bound a tool's collisions by them.
+/// values, which NanoVDB leaves unused. The mirror keeps them, so that a leaf without any collision is known at once.
 #pragma once
 
 #include <cstddef>

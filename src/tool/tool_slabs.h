@@ -15,7 +15,7 @@ namespace accessvdb::internal {
 /// costs time only.
 struct ToolSlabs {
   /// What they may take; above it, searches do without them.
-  static constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
+  static constexpr std::uint64_t kMostBytes = std::uint64_t{512} << 20;
 
   std::vector<std::uint64_t> words;
   std::vector<kernels::SlabBox> boxes;  ///< [D x 8]
