@@ -44,6 +44,9 @@ class CudaUpdater final : public PointUpdater {
     view_.footprint = {tool_columns_.data(), arm_columns_.data(),
                        static_cast<std::uint32_t>(tables.tool_columns.size()),
                        static_cast<std::uint32_t>(tables.arm_columns.size())};
+    for (const std::span<const FootprintColumn> columns : {tables.tool_columns, tables.arm_columns}) {
+      for (const FootprintColumn& c : columns) includeColumn(c);
+    }
     loadCellDirections(tables);
     view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
     view_.rule.inverse_voxel_size = 1.0 / tables.voxel_size_m;
@@ -173,8 +176,8 @@ class CudaUpdater final : public PointUpdater {
            flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + due_.bytes() + due_heads_.bytes() +
            due_order_.bytes() + due_whole_.bytes() + busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() +
            ids_news_.bytes() + crossed_.bytes() + flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() +
-           cell_directions_.bytes() + flip_heads_.bytes() + flip_next_.bytes() + lower_keys_.bytes() +
-           lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes();
+           cell_directions_.bytes() + flip_heads_.bytes() + flip_next_.bytes() + flip_tiles_.bytes() +
+           lower_keys_.bytes() + lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes();
   }
 
  private:
@@ -195,6 +198,13 @@ class CudaUpdater final : public PointUpdater {
     view_.known.words = (tables.num_directions + kKnownPerWord - 1) / kKnownPerWord;
   }
 
+  void includeColumn(const FootprintColumn& c) {
+    const std::int32_t low[3] = {c.dx, c.dy, c.z_low}, high[3] = {c.dx, c.dy, c.z_high};
+    for (int axis = 0; axis < 3; ++axis) {
+      view_.footprint.low[axis] = std::min(view_.footprint.low[axis], low[axis]);
+      view_.footprint.high[axis] = std::max(view_.footprint.high[axis], high[axis]);
+    }
+  }
   void fill(void* to, int byte, std::size_t bytes) const {
     if (bytes > 0) ACCESSVDB_CUDA(cudaMemsetAsync(to, byte, bytes, stream()));
   }
@@ -280,26 +290,31 @@ class CudaUpdater final : public PointUpdater {
     view_.affected = nullptr;
     if (flips.empty() || view_.index.blocks == 0) return;
     const std::size_t capacity = std::bit_ceil(2 * flips.size() + 64);
-    if (flip_keys_.size() < capacity) {
-      flip_keys_.grow(memory_, capacity, 0);
-      flip_kinds_.grow(memory_, capacity, 0);
-      flip_heads_.grow(memory_, capacity, 0);
-    }
+    flip_keys_.grow(memory_, capacity, 0);
+    flip_tiles_.grow(memory_, capacity, 0);
     flip_next_.growWithRoom(memory_, flips.size(), roomFor(flips.size()), 0);
     fill(flip_keys_.data(), 0xff, capacity * sizeof(std::uint64_t));
-    fill(flip_kinds_.data(), 0, capacity * sizeof(std::uint64_t));
-    fill(flip_heads_.data(), 0xff, capacity * sizeof(std::uint32_t));
+    fill(&counters_.data()->flip_tiles, 0, sizeof(std::uint32_t));
     masks_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), 0);
     affected_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), 0);
     masked_blocks_ = view_.index.blocks;
-    view_.flips = {{flip_keys_.data(), static_cast<std::uint32_t>(capacity - 1)},
-                   flip_kinds_.data(),
-                   flip_heads_.data(),
-                   flip_next_.data(),
-                   flips_.send(flips, memory_, stream())};
+    view_.flips = {};
+    view_.flips.hash = {flip_keys_.data(), static_cast<std::uint32_t>(capacity - 1)};
+    view_.flips.tile_at = flip_tiles_.data();
+    view_.flips.next = flip_next_.data();
+    view_.flips.list = flips_.send(flips, memory_, stream());
+    const auto count = static_cast<std::uint32_t>(flips.size());
+    launchFindTiles(view_, count, stream());
+    const std::size_t columns = std::size_t{counters().flip_tiles} * FlipsView::kColumns;
+    flip_kinds_.growWithRoom(memory_, columns, roomFor(columns), 0);
+    flip_heads_.growWithRoom(memory_, columns, roomFor(columns), 0);
+    fill(flip_kinds_.data(), 0, columns * sizeof(std::uint64_t));
+    fill(flip_heads_.data(), 0xff, columns * sizeof(std::uint32_t));
+    view_.flips.kinds = flip_kinds_.data();
+    view_.flips.head = flip_heads_.data();
     view_.masks = masks_.data();
     view_.affected = affected_.data();
-    launchAddFlips(view_, static_cast<std::uint32_t>(flips.size()), stream());
+    launchAddFlips(view_, count, stream());
     launchBlockMasks(view_, stream());
   }
 
@@ -396,7 +411,7 @@ class CudaUpdater final : public PointUpdater {
   // Of one update.
   DeviceArray<Place> places_;
   DeviceArray<std::uint64_t> flip_keys_, flip_kinds_;
-  DeviceArray<std::uint32_t> flip_heads_, flip_next_;
+  DeviceArray<std::uint32_t> flip_heads_, flip_next_, flip_tiles_;
   DeviceArray<std::uint64_t> lower_keys_;
   DeviceArray<std::uint32_t> lower_numbers_, lower_nodes_;
   DeviceArray<std::uint16_t> busy_bits_;

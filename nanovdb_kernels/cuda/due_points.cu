@@ -14,118 +14,9 @@
 namespace accessvdb::kernels {
 namespace {
 
-constexpr unsigned kThreads = 256, kLanes = 32;
-constexpr unsigned kAll = 0xffffffffu;
+constexpr unsigned kThreads = 256;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
-
-__device__ bool anyOf(const DirectionMask& mask) {
-  return (mask.word[0] | mask.word[1] | mask.word[2] | mask.word[3]) != 0;
-}
-
-__global__ void addFlips(UpdateView view, std::uint32_t count) {
-  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
-  if (n >= count) return;
-  const LeafFlips& flip = view.flips.list[n];
-  const std::uint32_t slot = view.flips.hash.insert(placeKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4));
-  std::uint64_t bits = 0;
-  for (int kind = 0; kind < 4; ++kind) {
-    if ((flip.kinds >> kind & 1u) != 0) bits |= std::uint64_t{1} << (16 * kind + (flip.leaf[2] & 15));
-  }
-  atomicOr(reinterpret_cast<unsigned long long*>(view.flips.kinds + slot), static_cast<unsigned long long>(bits));
-  if (flip.freed != 0) view.flips.next[n] = atomicExch(view.flips.head + slot, n);
-}
-
-/// Kinds of flips in a column of leaves, bit as in LeafFlips.
-__device__ std::uint32_t kindsIn(const FlipsView& flips, std::int32_t x, std::int32_t y, std::int32_t z_low,
-                                 std::int32_t z_high) {
-  std::uint32_t kinds = 0;
-  for (std::int32_t part = z_low >> 4; part <= z_high >> 4; ++part) {
-    const std::uint32_t slot = flips.hash.find(placeKey(x, y, part));
-    if (slot == kNoIndex) continue;
-    const std::int32_t from = z_low - part * 16, to = z_high - part * 16;
-    const std::uint32_t wanted = (0xffffu << (from > 0 ? from : 0)) & (0xffffu >> (to < 15 ? 15 - to : 0));
-    const std::uint64_t bits = flips.kinds[slot];
-    for (int kind = 0; kind < 4; ++kind) {
-      if ((static_cast<std::uint32_t>(bits >> (16 * kind)) & wanted) != 0) kinds |= 1u << kind;
-    }
-  }
-  return kinds;
-}
-
-__device__ void freedIn(const UpdateView& view, const std::int32_t* leaf, const FootprintColumn& c,
-                        std::uint32_t* steps) {
-  const std::int32_t z_low = leaf[2] + c.z_low, z_high = leaf[2] + c.z_high;
-  for (std::int32_t part = z_low >> 4; part <= z_high >> 4; ++part) {
-    const std::uint32_t slot = view.flips.hash.find(placeKey(leaf[0] + c.dx, leaf[1] + c.dy, part));
-    if (slot != kNoIndex) countFreed(view, leaf, slot, z_low, z_high, steps);
-  }
-}
-
-__device__ void orInto(DirectionMask& into, const DirectionMask& from) {
-  for (int w = 0; w < kMaxDirectionWords; ++w) into.word[w] |= from.word[w];
-}
-
-__device__ void orOfWarp(DirectionMask& mask) {
-  for (int w = 0; w < kMaxDirectionWords; ++w) {
-    const auto low = __reduce_or_sync(kAll, static_cast<unsigned>(mask.word[w]));
-    const auto high = __reduce_or_sync(kAll, static_cast<unsigned>(mask.word[w] >> 32));
-    mask.word[w] = static_cast<std::uint64_t>(high) << 32 | low;
-  }
-}
-
-__device__ void orOfWarp(BlockMasks& masks) {
-  for (DirectionMask* mask : {&masks.better_tool, &masks.better_arm, &masks.worse_tool, &masks.worse_arm}) {
-    orOfWarp(*mask);
-  }
-}
-
-/// Directions of a footprint with flips in their leaves, a column a lane. @param steps  see countFreed; null: not
-/// wanted
-__device__ void scanFootprint(const UpdateView& view, const std::int32_t* leaf, const FootprintColumn* columns,
-                              std::uint32_t count, std::uint32_t better_kind, std::uint32_t worse_kind,
-                              DirectionMask& better, DirectionMask& worse, std::uint32_t* steps) {
-  for (std::uint32_t n = threadIdx.x % kLanes; n < count; n += kLanes) {
-    const FootprintColumn& c = columns[n];
-    const std::uint32_t kinds =
-        kindsIn(view.flips, leaf[0] + c.dx, leaf[1] + c.dy, leaf[2] + c.z_low, leaf[2] + c.z_high);
-    if ((kinds & better_kind) != 0) {
-      orInto(better, c.directions);
-      if (steps != nullptr) freedIn(view, leaf, c, steps);
-    }
-    if ((kinds & worse_kind) != 0) orInto(worse, c.directions);
-  }
-}
-
-/// A warp a block.
-__global__ void blockMasks(UpdateView view) {
-  __shared__ std::uint32_t all_steps[kThreads / kLanes][32 * kDirectionWords32];
-  const std::uint32_t block = (blockIdx.x * kThreads + threadIdx.x) / kLanes;
-  if (block >= view.index.blocks) return;
-  const int lane = static_cast<int>(threadIdx.x % kLanes);
-  std::uint32_t* steps = view.known.levels != nullptr ? all_steps[threadIdx.x / kLanes] : nullptr;
-  if (steps != nullptr) {
-    for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kLanes)) steps[n] = 0;
-    __syncwarp();
-  }
-  BlockMasks masks = {};
-  if (view.index.reach_m[block] >= 0) {
-    const std::int32_t* leaf = view.index.leaf + 3 * static_cast<std::size_t>(block);
-    scanFootprint(view, leaf, view.footprint.tool, view.footprint.tool_count, 2, 1, masks.better_tool, masks.worse_tool,
-                  steps);
-    scanFootprint(view, leaf, view.footprint.arm, view.footprint.arm_count, 4, 8, masks.better_arm, masks.worse_arm,
-                  nullptr);
-  }
-  __syncwarp();
-  orOfWarp(masks);
-  if (steps != nullptr && (anyOf(masks.better_tool) || anyOf(masks.better_arm))) {
-    agePoints(view, block, steps, masks.better_arm, lane);
-  }
-  if (lane != 0) return;
-  view.masks[block] = masks;
-  view.affected[block] =
-      anyOf(masks.better_tool) || anyOf(masks.better_arm) || anyOf(masks.worse_tool) || anyOf(masks.worse_arm) ? 1 : 0;
-}
 
 /// A point's directions under a normal and a set of seen ones.
 struct Admissible {
@@ -277,18 +168,6 @@ __global__ void dueByFlips(UpdateView view, std::uint32_t first, std::uint32_t c
 }
 
 }  // namespace
-
-void launchAddFlips(const UpdateView& view, std::uint32_t count, cudaStream_t stream) {
-  if (count == 0) return;
-  addFlips<<<blocksFor(count), kThreads, 0, stream>>>(view, count);
-  checkLaunch("addFlips");
-}
-
-void launchBlockMasks(const UpdateView& view, cudaStream_t stream) {
-  if (view.index.blocks == 0) return;
-  blockMasks<<<blocksFor(std::uint64_t{view.index.blocks} * kLanes), kThreads, 0, stream>>>(view);
-  checkLaunch("blockMasks");
-}
 
 void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream) {
   if (count == 0) return;

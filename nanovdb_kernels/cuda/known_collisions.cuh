@@ -17,40 +17,32 @@ namespace accessvdb::kernels {
 
 inline constexpr int kDirectionWords32 = 2 * kMaxDirectionWords;
 
-/// Adds the voxels of flipped leaves in a column of leaves. One lane; `steps` is shared by the warp.
-/// @param leaf  of the points  @param slot  of the column's 16 leaves in view.flips
+/// Adds the voxels that ceased to collide in one cell of a leaf. One lane; `steps` is shared by the warp.
+/// @param leaf  of the points
 /// @param steps  [32 kDirectionWords32] by how much more voxels, modulo 2^32, ceased to collide in the tool of each
 ///   direction than in that of the one before, at most
-__device__ inline void countFreed(const UpdateView& view, const std::int32_t* leaf, std::uint32_t slot,
-                                  std::int32_t z_low, std::int32_t z_high, std::uint32_t* steps) {
+__device__ inline void countFreed(const UpdateView& view, const std::int32_t* leaf, const LeafFlips& flip, int cell,
+                                  std::uint32_t* steps) {
+  const auto counted = static_cast<std::uint32_t>(flip.freed >> (8 * cell)) & 0xffu;
+  if (counted == 0) return;
   const CellTableView& cells = view.covering;
+  std::int64_t entry = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const int i = (flip.leaf[axis] - leaf[axis]) * 2 + (cell >> (2 - axis) & 1) - cells.low[axis];
+    if (i < 0 || i >= cells.size[axis]) return;
+    entry = entry * cells.size[axis] + i;
+  }
+  const DirectionArc arc = cells.table[entry];
+  if (arc.count == 0) return;
   const auto directions = static_cast<std::uint32_t>(view.approach.num_directions);
-  for (std::uint32_t n = view.flips.head[slot]; n != kNoIndex; n = view.flips.next[n]) {
-    const LeafFlips& flip = view.flips.list[n];
-    if (flip.freed == 0 || flip.leaf[2] < z_low || flip.leaf[2] > z_high) continue;
-    for (int cell = 0; cell < 8; ++cell) {
-      const auto counted = static_cast<std::uint32_t>(flip.freed >> (8 * cell)) & 0xffu;
-      if (counted == 0) continue;
-      std::int64_t entry = 0;
-      bool inside = true;
-      for (int axis = 0; axis < 3; ++axis) {
-        const int i = (flip.leaf[axis] - leaf[axis]) * 2 + (cell >> (2 - axis) & 1) - cells.low[axis];
-        inside = inside && i >= 0 && i < cells.size[axis];
-        entry = entry * cells.size[axis] + i;
-      }
-      if (!inside) continue;
-      const DirectionArc arc = cells.table[entry];
-      if (arc.count == 0) continue;
-      const std::uint32_t count = counted < LeafFlips::kManyFreed ? counted : 1u << 16;  // above all margins
-      const std::uint32_t end = arc.first + std::uint32_t{arc.count};
-      atomicAdd(steps + arc.first, count);
-      if (end < directions) {
-        atomicAdd(steps + end, 0u - count);
-      } else if (end > directions) {  // round the corner
-        atomicAdd(steps, count);
-        atomicAdd(steps + end - directions, 0u - count);
-      }
-    }
+  const std::uint32_t count = counted < LeafFlips::kManyFreed ? counted : 1u << 16;  // above all margins
+  const std::uint32_t end = arc.first + std::uint32_t{arc.count};
+  atomicAdd(steps + arc.first, count);
+  if (end < directions) {
+    atomicAdd(steps + end, 0u - count);
+  } else if (end > directions) {  // round the corner
+    atomicAdd(steps, count);
+    atomicAdd(steps + end - directions, 0u - count);
   }
 }
 

@@ -43,10 +43,16 @@ struct HashView {
     }
   }
   [[nodiscard]] __device__ std::uint32_t insert(std::uint64_t key) const {
+    bool is_new = false;
+    return insert(key, is_new);
+  }
+  /// @param is_new  out: the key was not there yet; true for one of those who insert it at a time
+  [[nodiscard]] __device__ std::uint32_t insert(std::uint64_t key, bool& is_new) const {
     for (std::uint32_t slot = mix(key) & mask;; slot = (slot + 1) & mask) {
       const auto before = atomicCAS(reinterpret_cast<unsigned long long*>(keys + slot),
                                     static_cast<unsigned long long>(kNoKey), static_cast<unsigned long long>(key));
-      if (before == kNoKey || before == key) return slot;
+      is_new = before == kNoKey;
+      if (is_new || before == key) return slot;
     }
   }
 #endif
@@ -103,12 +109,15 @@ struct PlacesView {
   std::uint32_t* reached_blocks = nullptr;
 };
 
-/// Flipped leaves: 16 of them above each other share an entry, a bit each, 16 bits a kind.
+/// Flipped leaves in tiles of 8 x 8 columns. 16 leaves above each other share a column: a bit each, 16 bits a kind.
 struct FlipsView {
-  HashView hash;
-  std::uint64_t* kinds = nullptr;  ///< [slots of the hash]
-  std::uint32_t* head = nullptr;   ///< [slots of the hash] first of the list in which voxels ceased to collide
-  std::uint32_t* next = nullptr;   ///< [list]
+  static constexpr int kTileLog2 = 3;
+  static constexpr std::uint32_t kColumns = 64;  ///< of a tile
+  HashView hash;                                 ///< of tiles: x >> 3, y >> 3, z >> 4
+  std::uint32_t* tile_at = nullptr;              ///< [slots of the hash]
+  std::uint64_t* kinds = nullptr;                ///< [64 tiles]
+  std::uint32_t* head = nullptr;                 ///< [64 tiles] first of the list in which voxels ceased to collide
+  std::uint32_t* next = nullptr;                 ///< [list]
   const LeafFlips* list = nullptr;
 };
 
@@ -149,6 +158,7 @@ struct FootprintView {
   const FootprintColumn* tool = nullptr;
   const FootprintColumn* arm = nullptr;
   std::uint32_t tool_count = 0, arm_count = 0;
+  std::int32_t low[3] = {0, 0, 0}, high[3] = {0, 0, 0};  ///< [leaves] of all columns, inclusive
 };
 
 /// What the nearest points of a moved one give.
@@ -182,7 +192,8 @@ struct DueView {
 /// Numbers that kernels add to.
 struct UpdateCounters {
   unsigned long long tests, scored, label_changes, evaluated;
-  std::uint32_t moved, touched_blocks, reached_blocks, due, busy, ordered, whole, next, lowers, listed_lowers, failed;
+  std::uint32_t moved, touched_blocks, reached_blocks, due, busy, ordered, whole, next, lowers, listed_lowers,
+      flip_tiles, failed;
 };
 
 /// Everything of an update in one argument.
