@@ -93,7 +93,6 @@ class CudaUpdater final : public PointUpdater {
 
   UpdateOutcome update(const UpdateInput& input) override {
     const CurrentDevice current(context_->device());
-    const auto start = std::chrono::steady_clock::now();
     refreshView(input.points, view_.num_points);
     growMasks();
     const CrossedPoint* crossed = crossed_.send(input.crossed, memory_, stream());
@@ -154,7 +153,6 @@ class CudaUpdater final : public PointUpdater {
     const UpdateCounters done = counters();
     any_known_ = any_known_ || moved > 0;
     reset();
-    outcome.select_ms = millisecondsSince(start) - outcome.score_ms;
     if (done.failed != 0) {
       throw InternalError("update.neighbours", "cuda", "more points at one distance than a map can hold",
                           "Please report this, and use --device cpu");

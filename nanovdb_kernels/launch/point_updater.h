@@ -101,7 +101,7 @@ struct UpdateOutcome {
   std::uint64_t scored = 0;     ///< of them, points with at least one direction tested
   std::uint64_t tests = 0;      ///< (point, direction) tests
   std::uint64_t label_changes = 0;
-  double select_ms = 0, score_ms = 0;  ///< finding what is due; evaluating it
+  double score_ms = 0;  ///< evaluating what is due
 };
 
 /// An update is begin(), any number of admit(), update().

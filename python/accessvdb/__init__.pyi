@@ -213,6 +213,7 @@ class FieldParams:
     update: UpdateParams
     backend: _Backend
     threads: int
+    mirror_distance: bool
     def __init__(
         self,
         *,
@@ -222,6 +223,7 @@ class FieldParams:
         update: Union[UpdateParams, Mapping[str, Any]] = ...,
         backend: _Backend = ...,
         threads: int = ...,
+        mirror_distance: bool = ...,
     ) -> None: ...
     @staticmethod
     def paper(voxel_size_m: float) -> FieldParams: ...

@@ -117,7 +117,10 @@ void bindParams(py::module_& m) {
       .nested("scoring", &P::scoring, scoring, "How a direction is scored.")
       .nested("update", &P::update, update, "When points are scored again.")
       .field("backend", &P::backend, "Where scoring runs: \"auto\", \"cpu\" or \"cuda\".")
-      .field("threads", &P::threads, "0 = all.");
+      .field("threads", &P::threads, "0 = all.")
+      .field("mirror_distance", &P::mirror_distance,
+             "Keeps a second live mirror, of the map's distances, for kernels in C++ (DeviceView); no result depends "
+             "on it.");
   c.finish()
       .def_static(
           "paper",

@@ -20,7 +20,6 @@
 #include "points/fresh_points.h"
 #include "points/leaf_footprint.h"
 #include "points/neighbourhood.h"
-#include "points/stopwatch.h"
 #include "points/update_scheduler.h"
 
 namespace accessvdb::internal {
@@ -68,7 +67,6 @@ class DeviceScheduler final : public UpdateScheduler {
 
   void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                 std::span<const Eigen::Vector3f> q_L, std::span<const std::span<const LeafChange>> changes) override {
-    const Stopwatch noting;
     for (std::size_t n = 0; n < touched.all.size(); ++n) {
       const std::uint32_t id = touched.all[n];
       if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or the older position counts
@@ -78,12 +76,10 @@ class DeviceScheduler final : public UpdateScheduler {
     const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
     if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
     if (anything_scored_) noteFlips(changes);
-    noted_ms_ += noting.milliseconds();
   }
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    const Stopwatch updating;
     const PointStore& points = scorer_.points();
     scorer_.growDevice();
     kernels::UpdateInput input;
@@ -99,9 +95,7 @@ class DeviceScheduler final : public UpdateScheduler {
     std::vector<kernels::CrossedPoint> crossed = admitPoints();
     findCrossed(crossed);
     input.crossed = crossed;
-    double host_ms = updating.milliseconds() + std::exchange(noted_ms_, 0.0);
     const kernels::UpdateOutcome outcome = updater_->update(input);
-    const Stopwatch ending;
     for (const Touched& touched : touched_) is_touched_[touched.id] = 0;
     touched_.clear();
     flips_.clear();
@@ -114,8 +108,6 @@ class DeviceScheduler final : public UpdateScheduler {
     stats.scored_points = outcome.scored;
     stats.direction_tests = outcome.tests;
     stats.label_changes = outcome.label_changes;
-    host_ms += ending.milliseconds();
-    stats.update_ms = host_ms + outcome.select_ms;
     stats.score_ms = outcome.score_ms;
     return stats;
   }
@@ -282,7 +274,6 @@ class DeviceScheduler final : public UpdateScheduler {
   std::uint16_t least_weight_ = 0;         ///< that is confident
   std::vector<kernels::LeafFlips> flips_;  ///< since the last update
   std::size_t joined_flips_ = 0;           ///< of them, the first: each leaf once
-  double noted_ms_ = 0;                    ///< in noteScan() since the last update
   std::vector<std::uint32_t> ids_;
   std::vector<kernels::PointNews> news_;
   std::vector<kernels::BlockNews> block_news_;
