@@ -35,7 +35,7 @@ __device__ inline void countFreed(const UpdateView& view, const std::int32_t* le
   const DirectionArc arc = cells.table[entry];
   if (arc.count == 0) return;
   const auto directions = static_cast<std::uint32_t>(view.approach.num_directions);
-  const std::uint32_t count = counted < LeafFlips::kManyFreed ? counted : 1u << 16;  // above all margins
+  const std::uint32_t count = counted < LeafFlips::kManyFreed ? counted : 1u << 16;  // above all levels
   const std::uint32_t end = arc.first + std::uint32_t{arc.count};
   atomicAdd(steps + arc.first, count);
   if (end < directions) {

@@ -3,8 +3,8 @@
 /// searchDirections (hostdev) by the 32 lanes of a warp, with the same result bit for bit.
 ///
 /// Directions come in rank order, as in the plain rule. Lanes test the corridors of up to 32 of them at once; what lies
-/// behind the direction that ends the search is thrown away. The tool is then counted one direction at a time, a column
-/// or sample a lane, as far as the cells inside it do not decide already.
+/// behind the direction that ends the search is thrown away. The tool is then counted one direction at a time, by all
+/// lanes: slab by slab (slab_count.cuh), or where there are none a column or sample a lane.
 #pragma once
 
 #include <cstdint>

@@ -15,11 +15,6 @@ inline constexpr int kCellLog2 = 2;
 /// Where the counts stand in a leaf.
 inline constexpr std::size_t kCellCountsBytes = offsetof(OccupancyLeaf::DataType, mPadding);
 
-/// Which byte counts the cell of a voxel; x, y, z of the voxel or of the voxel in its leaf.
-ACCESSVDB_HOSTDEV inline int cellInLeaf(std::int32_t x, std::int32_t y, std::int32_t z) {
-  return (x >> kCellLog2 & 1) << 2 | (y >> kCellLog2 & 1) << 1 | (z >> kCellLog2 & 1);
-}
-
 /// @param words  [8] a word an x, a byte a row of eight z
 ACCESSVDB_HOSTDEV inline std::uint64_t countCells(const std::uint64_t* words) {
   constexpr std::uint64_t kPairs = 0x5555555555555555u, kQuads = 0x3333333333333333u, kLow = 0x0f0f0f0f0f0f0f0fu;

@@ -13,8 +13,8 @@ namespace accessvdb::kernels {
 /// Directions of a word.
 inline constexpr int kKnownPerWord = 8;
 
-/// A direction is worth remembering once it has this many collisions more than it needs to be blocked: so many that a
-/// few frames of voxels that cease to collide do not use them up, and not so many that they are hard to find.
+/// In this many collisions levels above the limit are counted: so many that a few frames of voxels that cease to
+/// collide do not use them up, and not so many that they are hard to find.
 ACCESSVDB_HOSTDEV inline int marginCollisions(int collision_limit) {
   constexpr int kLeast = 16, kMost = 4096;
   return collision_limit < kLeast ? kLeast : collision_limit < kMost ? collision_limit : kMost;

@@ -49,9 +49,8 @@ struct LeafColumn {
   std::int16_t leaf_dx, leaf_dy, slab_dz, count;
 };
 static_assert(sizeof(LeafColumn) == 8);
-/// A box of slabs of the tool: one x, the eight y of a leaf, eight z, bit 8 y + z. The slab at (x, y, z) is words[first
-/// +
-/// ((y - leaf_dy) * size_x + x - dx) * size_z + z - slab_dz]; x in voxels, y in leaves, z in slabs from the point.
+/// A box of slabs of the tool: one x, the eight y of a leaf, eight z, bit 8 y + z. x in voxels, y in leaves, z in slabs
+/// from the point. The slab at (x, y, z) is words[first + n], n = ((y - leaf_dy) size_x + x - dx) size_z + z - slab_dz.
 struct SlabBox {
   std::uint32_t first = 0;
   std::int16_t dx = 0, leaf_dy = 0, slab_dz = 0, size_x = 0, size_y = 0, size_z = 0;

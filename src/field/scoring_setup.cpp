@@ -3,6 +3,9 @@
 #include "field/scoring_setup.h"
 
 #include <cmath>
+#include <utility>
+
+#include "accessvdb/error.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -48,15 +51,28 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_column_begin_ = uploaded(backend, tool_.column_begin);
   d_samples_ = uploaded(backend, tool_.samples);
   d_sample_begin_ = uploaded(backend, tool_.sample_begin);
-  if (backend.usesToolSlabs()) {
-    const ToolSlabs slabs = ToolSlabs::make(tool_.view(), count, ToolSlabs::kMostBytes);
-    d_slab_words_ = uploaded(backend, slabs.words);
-    d_slab_boxes_ = uploaded(backend, slabs.boxes);
-    d_leaf_columns_ = uploaded(backend, slabs.columns);
-    d_leaf_column_begin_ = uploaded(backend, slabs.begin);
-  }
+  const bool chosen_by_device = resolved.update.policy == UpdatePolicy::Exact && resolved.update.budget_points == 0;
+  if (chosen_by_device && backend.usesToolSlabs()) loadSlabs(backend);
   d_directions_ = uploaded(backend, directions_.xy);
   d_arm_offsets_ = uploaded(backend, arm_offsets_);
+}
+
+/// Without memory for them the search does without, which costs time only.
+void ScoringSetup::loadSlabs(kernels::Backend& backend) {
+  const ToolSlabs slabs = ToolSlabs::make(tool_.view(), params_.approach.num_directions, ToolSlabs::kMostBytes);
+  if (slabs.empty()) return;
+  try {
+    auto words = uploaded(backend, slabs.words);
+    auto boxes = uploaded(backend, slabs.boxes);
+    auto columns = uploaded(backend, slabs.columns);
+    auto begin = uploaded(backend, slabs.begin);
+    d_slab_words_ = std::move(words);
+    d_slab_boxes_ = std::move(boxes);
+    d_leaf_columns_ = std::move(columns);
+    d_leaf_column_begin_ = std::move(begin);
+  } catch (const ResourceLimit&) {
+    return;
+  }
 }
 
 kernels::ApproachView ScoringSetup::hostApproach() const {

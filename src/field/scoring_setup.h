@@ -29,6 +29,8 @@ class ScoringSetup {
   [[nodiscard]] std::uint64_t deviceBytes() const;  ///< in the backend's memory
 
  private:
+  void loadSlabs(kernels::Backend& backend);
+
   FieldParams params_;
   ToolKernel tool_;
   DirectionTable directions_;

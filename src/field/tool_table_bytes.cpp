@@ -40,11 +40,11 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
   const bool on_host = resolved.backend != BackendKind::Cuda;
   double held = on_host ? 2 * tables : tables;  // a backend has its own copy
   double making = held;
-  if (resolved.backend != BackendKind::Cpu) {
+  if (resolved.backend != BackendKind::Cpu && !kernel.use_samples) {
     // As ScoringSetup does it: slabs as they are found and once more in one list, which then goes to the GPU.
-    const auto slabs = internal::ToolSlabs::make(kernel.view(), sampled, ~std::uint64_t{0});
-    const double bytes = share * (bytesOf(slabs.words) + bytesOf(slabs.columns));
-    making += std::min(2 * bytes, 2.0 * static_cast<double>(internal::ToolSlabs::kMostBytes));
+    constexpr auto kMost = static_cast<double>(internal::ToolSlabs::kMostBytes);
+    const auto slabs = internal::ToolSlabs::make(kernel.view(), sampled, static_cast<std::uint64_t>(kMost / share));
+    making += 2 * (slabs.empty() ? kMost : share * (bytesOf(slabs.words) + bytesOf(slabs.columns)));
   }
   if (resolved.update.policy == UpdatePolicy::Exact && (on_host || resolved.update.budget_points > 0) &&
       !kernel.use_samples) {

@@ -10,7 +10,9 @@
 #include <bit>
 #include <cstdlib>
 #include <limits>
+#include <optional>
 #include <span>
+#include <utility>
 
 namespace accessvdb::internal {
 namespace {
@@ -26,37 +28,51 @@ constexpr std::size_t kMostColumns = 1 << 15;
 
 std::int16_t narrow(std::ptrdiff_t n) { return static_cast<std::int16_t>(n); }
 
+/// The box of a direction's slabs, for a point at place y of its leaf. Empty where there are none, and nothing where it
+/// is wider than a SlabBox can say.
+std::optional<SlabBox> boxOf(std::span<const VoxelColumn> columns, int y) {
+  std::array<int, 3> low, high;
+  low.fill(std::numeric_limits<int>::max());
+  high.fill(std::numeric_limits<int>::min());
+  const auto include = [&](std::size_t axis, int bottom, int top) {
+    low[axis] = std::min(low[axis], bottom);
+    high[axis] = std::max(high[axis], top);
+  };
+  for (const VoxelColumn& c : columns) {
+    if (c.bits == 0) continue;
+    include(0, c.dx, c.dx);
+    include(1, (c.dy + y) >> kLog2, (c.dy + y) >> kLog2);
+    include(2, (c.dz + std::countr_zero(c.bits)) >> kLog2, (c.dz + 63 - std::countl_zero(c.bits)) >> kLog2);
+  }
+  SlabBox box;
+  if (low[0] > high[0]) return box;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (high[axis] - low[axis] >= std::numeric_limits<std::int16_t>::max()) return std::nullopt;
+  }
+  box.dx = narrow(low[0]);
+  box.leaf_dy = narrow(low[1]);
+  box.slab_dz = narrow(low[2]);
+  box.size_x = narrow(high[0] - low[0] + 1);
+  box.size_y = narrow(high[1] - low[1] + 1);
+  box.size_z = narrow(high[2] - low[2] + 1);
+  return box;
+}
+
+std::uint64_t wordsOf(const SlabBox& box) {
+  return static_cast<std::uint64_t>(box.size_x) * static_cast<std::uint64_t>(box.size_y) *
+         static_cast<std::uint64_t>(box.size_z);
+}
+
 /// The slabs of a direction, for a point at place y of its leaf.
 class Slabs {
  public:
-  Slabs(std::span<const VoxelColumn> columns, int y) {
-    std::array<int, 3> low, high;
-    low.fill(std::numeric_limits<int>::max());
-    high.fill(std::numeric_limits<int>::min());
-    const auto include = [&](std::size_t axis, int bottom, int top) {
-      low[axis] = std::min(low[axis], bottom);
-      high[axis] = std::max(high[axis], top);
-    };
-    for (const VoxelColumn& c : columns) {
-      if (c.bits == 0) continue;
-      include(0, c.dx, c.dx);
-      include(1, (c.dy + y) >> kLog2, (c.dy + y) >> kLog2);
-      include(2, (c.dz + std::countr_zero(c.bits)) >> kLog2, (c.dz + 63 - std::countl_zero(c.bits)) >> kLog2);
-    }
-    if (low[0] > high[0]) return;
-    box_ = {0,
-            narrow(low[0]),
-            narrow(low[1]),
-            narrow(low[2]),
-            narrow(high[0] - low[0] + 1),
-            narrow(high[1] - low[1] + 1),
-            narrow(high[2] - low[2] + 1)};
-    words_.assign(index(0, box_.size_y), 0);
+  /// @param box  of the columns
+  Slabs(std::span<const VoxelColumn> columns, int y, const SlabBox& box) : box_(box), words_(wordsOf(box), 0) {
     for (const VoxelColumn& c : columns) add(c, y);
   }
 
   [[nodiscard]] const SlabBox& box() const { return box_; }
-  [[nodiscard]] const std::vector<std::uint64_t>& words() const { return words_; }
+  [[nodiscard]] std::vector<std::uint64_t> takeWords() { return std::move(words_); }
 
   /// The leaves that they touch for a point at place x of its leaf, from the lowest slab with a voxel to the highest.
   /// Near ones first: a search that stops at some number of collisions meets them early.
@@ -114,15 +130,48 @@ struct Part {
   std::array<std::vector<LeafColumn>, kSide> columns;  ///< by x
 
   Part() = default;
-  explicit Part(const Slabs& slabs) : box(slabs.box()), words(slabs.words()) {
+  explicit Part(Slabs slabs) : box(slabs.box()) {
     for (std::size_t x = 0; x < kSide; ++x) columns[x] = slabs.leafColumns(static_cast<int>(x));
+    words = slabs.takeWords();
   }
-  [[nodiscard]] std::uint64_t bytes() const {
-    std::uint64_t sum = words.size() * sizeof(std::uint64_t);
+  [[nodiscard]] std::uint64_t columnBytes() const {
+    std::uint64_t sum = 0;
     for (const auto& of_x : columns) sum += of_x.size() * sizeof(LeafColumn);
     return sum;
   }
+  [[nodiscard]] bool canBeNumbered() const {
+    return std::ranges::all_of(columns, [](const auto& of_x) { return of_x.size() <= kMostColumns; });
+  }
 };
+
+/// Parts behind each other; they are given up on the way.
+ToolSlabs joined(std::vector<Part>& parts) {
+  ToolSlabs all;
+  std::size_t num_words = 0, num_columns = 0;
+  for (const Part& part : parts) {
+    num_words += part.words.size();
+    num_columns += part.columnBytes() / sizeof(LeafColumn);
+  }
+  all.words.reserve(num_words);
+  all.columns.reserve(num_columns);
+  for (Part& part : parts) {
+    part.box.first = static_cast<std::uint32_t>(all.words.size());
+    all.words.insert(all.words.end(), part.words.begin(), part.words.end());
+    all.boxes.push_back(part.box);
+    part.words = {};
+  }
+  all.begin.push_back(0);
+  for (std::size_t first = 0; first < parts.size(); first += kSide) {
+    for (std::size_t x = 0; x < kSide; ++x) {
+      for (std::size_t y = 0; y < kSide; ++y) {
+        const std::vector<LeafColumn>& columns = parts[first + y].columns[x];
+        all.columns.insert(all.columns.end(), columns.begin(), columns.end());
+        all.begin.push_back(static_cast<std::uint32_t>(all.columns.size()));
+      }
+    }
+  }
+  return all;
+}
 
 }  // namespace
 
@@ -130,35 +179,25 @@ ToolSlabs ToolSlabs::make(const kernels::ToolKernelView& tool, int num_direction
   if (tool.use_samples) return {};
   std::vector<Part> parts(static_cast<std::size_t>(num_directions) * kSide);
   std::atomic<std::uint64_t> bytes{0};
+  std::atomic<bool> fits{true};
+  /// Before they are taken.
+  const auto reserve = [&](std::uint64_t more) {
+    if (bytes.fetch_add(more, std::memory_order_relaxed) + more > most_bytes) fits = false;
+    return fits.load();
+  };
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t n) {
-    if (bytes.load(std::memory_order_relaxed) > most_bytes) return;
+    if (!fits) return;
     const std::uint32_t begin = tool.column_begin[n / kSide], end = tool.column_begin[n / kSide + 1];
-    parts[n] = Part(Slabs({tool.columns + begin, end - begin}, static_cast<int>(n % kSide)));
-    bytes.fetch_add(parts[n].bytes(), std::memory_order_relaxed);
+    const std::span columns(tool.columns + begin, end - begin);
+    const auto y = static_cast<int>(n % kSide);
+    const std::optional<SlabBox> box = boxOf(columns, y);
+    if (!box) fits = false;
+    if (!box || !reserve(wordsOf(*box) * sizeof(std::uint64_t))) return;
+    parts[n] = Part(Slabs(columns, y, *box));
+    if (!parts[n].canBeNumbered() || !reserve(parts[n].columnBytes())) fits = false;
   });
-  if (bytes > most_bytes) return {};
-  for (const Part& part : parts) {
-    for (const auto& columns : part.columns) {
-      if (columns.size() > kMostColumns) return {};
-    }
-  }
-  ToolSlabs all;
-  all.begin.push_back(0);
-  for (Part& part : parts) {
-    part.box.first = static_cast<std::uint32_t>(all.words.size());
-    all.words.insert(all.words.end(), part.words.begin(), part.words.end());
-    all.boxes.push_back(part.box);
-  }
-  for (std::size_t d = 0; d < static_cast<std::size_t>(num_directions); ++d) {
-    for (std::size_t x = 0; x < kSide; ++x) {
-      for (std::size_t y = 0; y < kSide; ++y) {
-        const std::vector<LeafColumn>& columns = parts[d * kSide + y].columns[x];
-        all.columns.insert(all.columns.end(), columns.begin(), columns.end());
-        all.begin.push_back(static_cast<std::uint32_t>(all.columns.size()));
-      }
-    }
-  }
-  return all;
+  if (!fits) return {};
+  return joined(parts);
 }
 
 }  // namespace accessvdb::internal

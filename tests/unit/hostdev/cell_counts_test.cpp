@@ -35,10 +35,6 @@ void expectCounted(const LeafWords& words) {
   }
 }
 
-std::int32_t floorDivided(std::int32_t value, std::int32_t by) {
-  return value >= 0 ? value / by : -((-value + by - 1) / by);
-}
-
 TEST(CountCells, EqualsCountingOneByOne) {
   LeafWords words;
   for (const std::uint64_t all : {std::uint64_t{0}, ~std::uint64_t{0}}) {
@@ -58,17 +54,6 @@ TEST(CountCells, EqualsCountingOneByOne) {
       if (trial % 3 == 2) word |= random() | random();
     }
     expectCounted(words);
-  }
-}
-
-TEST(CellInLeaf, IsTheSameForAVoxelAndItsPlaceInTheLeaf) {
-  for (std::int32_t x = -17; x <= 17; ++x) {
-    for (std::int32_t y = -17; y <= 17; ++y) {
-      for (std::int32_t z = -17; z <= 17; ++z) {
-        const auto half = [](std::int32_t v) { return (v - 8 * floorDivided(v, 8)) / 4; };
-        ASSERT_EQ(kernels::cellInLeaf(x, y, z), 4 * half(x) + 2 * half(y) + half(z)) << x << " " << y << " " << z;
-      }
-    }
   }
 }
 

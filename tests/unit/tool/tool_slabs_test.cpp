@@ -162,6 +162,22 @@ TEST(ToolSlabs, StayEmptyWhereTheyWouldTakeTooMuchMemory) {
   }
 }
 
+/// A box that a direction cannot have in memory, or that its numbers cannot hold, is not even begun.
+TEST(ToolSlabs, StayEmptyForToolsThatAreVeryLong) {
+  const std::uint32_t begin[] = {0, 2};
+  for (const std::int16_t end : {std::int16_t{21000}, std::int16_t{14000}}) {
+    const kernels::VoxelColumn ends[] = {{static_cast<std::int16_t>(-end), static_cast<std::int16_t>(-end), 0, 0, 1},
+                                         {end, end, 0, 0, 1}};
+    kernels::ToolKernelView tool;
+    tool.columns = ends;
+    tool.column_begin = begin;
+    EXPECT_TRUE(ToolSlabs::make(tool, 1, 1 << 20).empty()) << end;
+    if (end > 20000) {
+      EXPECT_TRUE(ToolSlabs::make(tool, 1, kNoLimit).empty()) << end;
+    }
+  }
+}
+
 TEST(ToolSlabs, StayEmptyForSamples) {
   const SplitTool tool = mixedTool(6);
   kernels::ToolKernelView samples = tool.view();
