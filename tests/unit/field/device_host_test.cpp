@@ -201,7 +201,6 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       }
     }
     const UpdateStats stats = scheduler->update({});
-    EXPECT_GT(stats.update_ms, 0);
 
     // Confident: exactly those whose weight is enough by now and was not before.
     std::set<std::uint32_t> crossed;
