@@ -200,7 +200,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
         }
       }
     }
-    const UpdateStats stats = scheduler->update({});
+    scheduler->update({});
 
     // Confident: exactly those whose weight is enough by now and was not before.
     std::set<std::uint32_t> crossed;
