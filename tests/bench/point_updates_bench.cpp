@@ -27,6 +27,7 @@
 #include "field/point_weights.h"
 #include "field/scoring_setup.h"
 #include "points/update_scheduler.h"
+#include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 
 namespace accessvdb {
@@ -110,29 +111,6 @@ class Listener final : public kernels::PointUpdater {
   Told& told_;
 };
 
-/// The CPU's, but for the updater.
-class ListeningBackend final : public kernels::Backend {
- public:
-  ListeningBackend(Phases& phases, Told& told) : cpu_(kernels::makeCpuBackend()), phases_(phases), told_(told) {}
-  std::string name() const override { return "listening"; }
-  std::unique_ptr<kernels::MirrorArena> makeArena() override { return cpu_->makeArena(); }
-  void writePoints(const kernels::PointStateView&, const kernels::PointInput*, std::size_t) override {}
-  void scorePoints(const kernels::ScoreRequest&) override {}
-  std::unique_ptr<kernels::PointUpdater> makeUpdater(const kernels::UpdaterTables&) override {
-    return std::make_unique<Listener>(phases_, told_);
-  }
-  void* allocate(std::size_t bytes) override { return cpu_->allocate(bytes); }
-  void release(void* address) noexcept override { cpu_->release(address); }
-  void upload(void* to, const void* from, std::size_t bytes) override { cpu_->upload(to, from, bytes); }
-  void download(void* to, const void* from, std::size_t bytes) override { cpu_->download(to, from, bytes); }
-  void copy(void* to, const void* from, std::size_t bytes) override { cpu_->copy(to, from, bytes); }
-
- private:
-  std::unique_ptr<kernels::Backend> cpu_;
-  Phases& phases_;
-  Told& told_;
-};
-
 void print(const char* name, std::vector<double> clock_ms, const std::vector<double>& processor_ms) {
   double mean = 0, processor = 0;
   for (const double ms : clock_ms) mean += ms / static_cast<double>(clock_ms.size());
@@ -149,7 +127,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   internal::ScanIntegrator integrator(map);
   Phases phases;
   Told told;
-  ListeningBackend backend(phases, told);
+  test::ListeningBackend backend([&] { return std::make_unique<Listener>(phases, told); });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");  // the smallest: nobody scores
   const internal::ScoringSetup setup(tool, params, backend);
   internal::PointStore points(params, setup.directions_xy());

@@ -34,20 +34,10 @@ class StagedArena final : public kernels::MirrorArena {
     }
   }
   kernels::StagedWrites stageWrites(std::size_t count, std::uint32_t bytes) override {
-    kernels::StagedWrites room = batch_.writes(count, bytes);
-    if (room.count == 0 && count > 0) {
-      send();
-      room = batch_.writes(count, bytes);
-    }
-    return room;
+    return inBatch(count, [&] { return batch_.writes(count, bytes); });
   }
   kernels::StagedPatches stagePatches(std::size_t count, kernels::PatchKind kind) override {
-    kernels::StagedPatches room = batch_.patches(count, kind);
-    if (room.count == 0 && count > 0) {
-      send();
-      room = batch_.patches(count, kind);
-    }
-    return room;
+    return inBatch(count, [&] { return batch_.patches(count, kind); });
   }
   void endPatches(std::size_t count, std::size_t words) override { batch_.endPatches(count, words); }
   void stageFills(std::span<const kernels::ArenaFill> fills) override {
@@ -71,6 +61,16 @@ class StagedArena final : public kernels::MirrorArena {
   bool carries_out = true;  ///< false: what is sent is forgotten
 
  private:
+  /// Room in the batch, or in the next one.
+  template <class Stage>
+  auto inBatch(std::size_t count, const Stage& stage) -> decltype(stage()) {
+    auto room = stage();
+    if (room.count == 0 && count > 0) {
+      send();
+      room = stage();
+    }
+    return room;
+  }
   struct alignas(16) Line {
     std::byte bytes[16];
   };

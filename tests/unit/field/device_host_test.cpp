@@ -13,6 +13,7 @@
 #include "field/point_weights.h"
 #include "field/scoring_setup.h"
 #include "points/update_scheduler.h"
+#include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/points/random_points.h"
 
@@ -75,28 +76,6 @@ class Listener final : public kernels::PointUpdater {
   Told& told_;
 };
 
-/// The CPU's memory, and that updater.
-class ListeningBackend final : public kernels::Backend {
- public:
-  explicit ListeningBackend(Told& told) : cpu_(kernels::makeCpuBackend()), told_(told) {}
-  std::string name() const override { return "listening"; }
-  std::unique_ptr<kernels::MirrorArena> makeArena() override { return cpu_->makeArena(); }
-  void writePoints(const kernels::PointStateView&, const kernels::PointInput*, std::size_t) override {}
-  void scorePoints(const kernels::ScoreRequest&) override {}
-  std::unique_ptr<kernels::PointUpdater> makeUpdater(const kernels::UpdaterTables&) override {
-    return std::make_unique<Listener>(told_);
-  }
-  void* allocate(std::size_t bytes) override { return cpu_->allocate(bytes); }
-  void release(void* address) noexcept override { cpu_->release(address); }
-  void upload(void* to, const void* from, std::size_t bytes) override { cpu_->upload(to, from, bytes); }
-  void download(void* to, const void* from, std::size_t bytes) override { cpu_->download(to, from, bytes); }
-  void copy(void* to, const void* from, std::size_t bytes) override { cpu_->copy(to, from, bytes); }
-
- private:
-  std::unique_ptr<kernels::Backend> cpu_;
-  Told& told_;
-};
-
 struct HostCase {
   const char* name;
   UpdateRegion region = UpdateRegion::DoubleCone;
@@ -155,7 +134,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
   ScanIntegrator integrator(map);
   Told told;
-  ListeningBackend backend(told);
+  test::ListeningBackend backend([&] { return std::make_unique<Listener>(told); });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
   const ScoringSetup setup(tool, params, backend);
   PointStore points(params, setup.directions_xy());

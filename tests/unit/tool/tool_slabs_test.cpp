@@ -162,7 +162,7 @@ TEST(ToolSlabs, StayEmptyWhereTheyWouldTakeTooMuchMemory) {
   }
 }
 
-/// A box that a direction cannot have in memory, or that its numbers cannot hold, is not even begun.
+/// Boxes that are larger than the limit, or wider than their numbers can say.
 TEST(ToolSlabs, StayEmptyForToolsThatAreVeryLong) {
   const std::uint32_t begin[] = {0, 2};
   for (const std::int16_t end : {std::int16_t{21000}, std::int16_t{14000}}) {
