@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Evaluates what is due, a warp a point, in two steps: points of which a few directions are in question, and then
-/// those that need all of them, among them the ones that the first step sends there. Points of a leaf come behind each
-/// other, so that they find what they read of the map in the cache.
+/// Evaluates what is due, in two steps: points of which a few directions are in question, and then those that need all
+/// of them, among them the ones that the first step sends there. A warp takes a run of points of one leaf, so that what
+/// it looks up of the map around the leaf serves them all.
 #include <type_traits>
 
 #include "cuda/busy_map.cuh"
@@ -14,10 +14,28 @@
 namespace accessvdb::kernels {
 namespace {
 
-constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
+constexpr unsigned kWarps = kSearchWarps, kThreads = kWarps * kWarp;
 constexpr unsigned kBlocksEach = 8;  ///< blocks that a multiprocessor is to hold
 
-extern __shared__ std::uint32_t nodes_of_windows[];
+/// What a block's warps keep of the map: first the rows of all of them (slab_count.cuh), then their windows' nodes.
+extern __shared__ std::uint64_t map_of_warps[];
+
+/// Items of one block of points that follow each other in a list.
+struct Run {
+  static constexpr std::uint32_t kMost = 16;  ///< more would have others wait for the last run
+  std::uint32_t first, count;
+
+  __device__ static Run of(std::uint32_t packed) { return {packed / kMost, packed % kMost + 1}; }
+  [[nodiscard]] __device__ std::uint32_t packed() const { return first * kMost + count - 1; }
+};
+
+/// Everything of a warp in shared memory but what it keeps of the map.
+struct WarpScratch {
+  WarpMasks masks;
+  ScoreItem item;
+  BusyLeaves busy;
+  std::uint32_t lost[Run::kMost];  ///< items whose best direction became worse
+};
 
 /// A warp's point.
 struct DuePoint {
@@ -36,13 +54,20 @@ struct DuePoint {
   }
 };
 
+__device__ std::uint64_t* rowsOfWarp(const DueSearch& search) {
+  return map_of_warps + threadIdx.x / kWarp * static_cast<unsigned>(search.slabs.box.words());
+}
+
+/// For all points of a leaf.
 template <class Window>
 __device__ Window makeDueWindow(const DueSearch& search, const Coord& point_ijk, int lane) {
   if constexpr (std::is_same_v<Window, TreeWindow>) {
     return TreeWindow(search.map);
   } else {
-    const Window window(nodes_of_windows + threadIdx.x / kWarp * search.window.entries * Window::kEntries,
-                        WindowShape::of(search.tool.reach, Window::kLog2), search.map, search.busy, point_ijk, lane);
+    auto* nodes =
+        reinterpret_cast<std::uint32_t*>(map_of_warps + kWarps * static_cast<unsigned>(search.slabs.box.words()));
+    const Window window(nodes + threadIdx.x / kWarp * search.window.entries() * Window::kEntries, search.window.shape,
+                        search.map, search.busy, point_ijk, lane);
     __syncwarp();
     return window;
   }
@@ -122,7 +147,7 @@ __device__ bool armIsFree(const Window& window, const OccupancyReader& map, cons
 template <class Window>
 __device__ bool lostDirection(const UpdateView& view, const DueSearch& search, const Window& window,
                               const DuePoint& point, std::uint8_t test_best, int direction, int& score,
-                              BusyLeaves& busy, int lane) {
+                              const SlabsOfWarp& slabs, int lane) {
   const OccupancyReader map(search.map);
   const float inverse = search.map.inverse_voxel_size;
   if ((test_best & kTestArm) != 0 &&
@@ -130,18 +155,18 @@ __device__ bool lostDirection(const UpdateView& view, const DueSearch& search, c
     return true;
   }
   if ((test_best & kTestTool) == 0) return false;
-  const int hits = countByWarp(window, map, search.tool, {search.slabs, &busy}, direction, point.position_L, point.ijk,
-                               inverse, score, lane);
+  const int hits =
+      countByWarp(window, map, search.tool, slabs, direction, point.position_L, point.ijk, inverse, score, lane);
   if (hits > score) return true;
   score = hits;
   return false;
 }
 
-/// A point of which some directions are in question. All lanes. @param which  item it is
+/// A point of which some directions are in question. All lanes.
+/// @return false: its best direction became worse, so that all of them are in question
 template <class Window>
-__device__ void confirm(const UpdateView& view, const DueSearch& search, const Window& window, const DuePoint& point,
-                        const DueItem& due, std::uint32_t which, WarpMasks& masks, BusyLeaves& busy, ScoreItem& item,
-                        int lane) {
+__device__ bool confirm(const UpdateView& view, const DueSearch& search, const Window& window, const DuePoint& point,
+                        const DueItem& due, const SlabsOfWarp& slabs, WarpScratch& scratch, int lane) {
   const bool accessible = view.points.label[point.id] == PointLabel::Accessible;
   int known_score = static_cast<int>(search.tool.collision_limit) - 1;  // a blocked point: only what is free counts
   int known_direction = kNoDirection, own_tests = 0;
@@ -150,14 +175,9 @@ __device__ void confirm(const UpdateView& view, const DueSearch& search, const W
     known_score = view.points.score[point.id];
     own_tests = due.test_best != 0 ? 1 : 0;
     if (own_tests != 0 &&
-        lostDirection(view, search, window, point, due.test_best, known_direction, known_score, busy, lane)) {
-      // The others are known to be no better than this one was.
-      if (lane == 0) {
-        view.due.whole[atomicAdd(&view.counters->whole, 1u)] = which;
-        atomicAdd(&view.counters->tests, 1ull);
-      }
-      __syncwarp();  // what it read of its window, others overwrite next
-      return;
+        lostDirection(view, search, window, point, due.test_best, known_direction, known_score, slabs, lane)) {
+      if (lane == 0) atomicAdd(&view.counters->tests, 1ull);
+      return false;
     }
   }
   std::uint64_t any = 0;
@@ -171,6 +191,7 @@ __device__ void confirm(const UpdateView& view, const DueSearch& search, const W
       result.reason = PointReason::None;
     }
   }
+  ScoreItem& item = scratch.item;
   if (lane == 0) {
     item = {};
     item.id = due.id;
@@ -187,20 +208,22 @@ __device__ void confirm(const UpdateView& view, const DueSearch& search, const W
   if (any != 0) {
     const OccupancyReader map(search.map);
     result = searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
-                          point.normal_L, point.seen, view.points.direction_words, item, masks, lane,
-                          {search.slabs, &busy}, NothingKnown{}, view.known.count_to);
-    learn(view, point.id, masks, result, lane);
+                          point.normal_L, point.seen, view.points.direction_words, item, scratch.masks, lane, slabs,
+                          NothingKnown{}, view.known.count_to);
+    learn(view, point.id, scratch.masks, result, lane);
   }
   result.tests = static_cast<std::uint16_t>(result.tests + own_tests);
   if (lane == 0) conclude(view, item, result);
   __syncwarp();
+  return true;
 }
 
 /// A point of which all directions have to be tried. All lanes.
 template <class Window>
 __device__ void searchAll(const UpdateView& view, const DueSearch& search, const Window& window, const DuePoint& point,
-                          const DueItem& due, WarpMasks& masks, BusyLeaves& busy, ScoreItem& item, int lane) {
+                          const DueItem& due, const SlabsOfWarp& slabs, WarpScratch& scratch, int lane) {
   const OccupancyReader map(search.map);
+  ScoreItem& item = scratch.item;
   if (lane == 0) {
     item = {};
     item.id = due.id;
@@ -210,54 +233,93 @@ __device__ void searchAll(const UpdateView& view, const DueSearch& search, const
   __syncwarp();
   ScoreResult result =
       searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
-                   point.normal_L, point.seen, view.points.direction_words, item, masks, lane, {search.slabs, &busy},
+                   point.normal_L, point.seen, view.points.direction_words, item, scratch.masks, lane, slabs,
                    KnownOfPoint{view, point.id, view.state.block[point.id]}, view.known.count_to);
-  learn(view, point.id, masks, result, lane);
+  learn(view, point.id, scratch.masks, result, lane);
   if (lane == 0) conclude(view, item, result);
   __syncwarp();
+}
+
+/// Adds the items in places [first, first + count) of a list to its runs.
+__device__ void addRuns(std::uint32_t* runs, std::uint32_t* counter, std::uint32_t first, std::uint32_t count) {
+  std::uint32_t at = atomicAdd(counter, (count + Run::kMost - 1) / Run::kMost);
+  for (std::uint32_t n = 0; n < count; n += Run::kMost)
+    runs[at++] = Run{first + n, min(count - n, Run::kMost)}.packed();
 }
 
 /// Puts the items of a block behind each other, a thread a block.
 __global__ void orderDue(UpdateView view) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= view.counters->busy) return;
-  std::uint32_t* head = view.due.head + view.due.busy[n];
+  const DueView& due = view.due;
+  std::uint32_t* head = due.head + due.busy[n];
   std::uint32_t count = 0, whole = 0;
-  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) {
-    view.due.items[item].all != 0 ? ++whole : ++count;
+  for (std::uint32_t item = *head; item != kNoIndex; item = due.items[item].next) {
+    due.items[item].all != 0 ? ++whole : ++count;
   }
   std::uint32_t place = atomicAdd(&view.counters->ordered, count);
   std::uint32_t place_whole = whole > 0 ? atomicAdd(&view.counters->whole, whole) : 0;
-  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) {
-    if (view.due.items[item].all != 0) {
-      view.due.whole[place_whole++] = item;
+  if (count > 0) addRuns(due.runs, &view.counters->runs, place, count);
+  if (whole > 0) addRuns(due.whole_runs, &view.counters->whole_runs, place_whole, whole);
+  for (std::uint32_t item = *head; item != kNoIndex; item = due.items[item].next) {
+    if (due.items[item].all != 0) {
+      due.whole[place_whole++] = item;
     } else {
-      view.due.order[place++] = item;
+      due.order[place++] = item;
     }
   }
   *head = kNoIndex;
 }
 
+/// Items whose best direction became worse, for the second step. A warp.
+__device__ void handOn(const UpdateView& view, const std::uint32_t* lost, std::uint32_t count, int lane) {
+  __syncwarp();
+  std::uint32_t place = 0;
+  if (lane == 0) {
+    place = atomicAdd(&view.counters->whole, count);
+    addRuns(view.due.whole_runs, &view.counters->whole_runs, place, count);
+  }
+  place = __shfl_sync(kAllLanes, place, 0);
+  if (lane < static_cast<int>(count)) view.due.whole[place + static_cast<std::uint32_t>(lane)] = lost[lane];
+}
+
+/// The points of a run. A warp.
+template <class Window, bool kAll>
+__device__ void evaluateRun(const UpdateView& view, const DueSearch& search, const std::uint32_t* list, const Run& run,
+                            WarpScratch& scratch, int lane) {
+  const float inverse = search.map.inverse_voxel_size;
+  const DuePoint any(view.points, view.due.items[list[run.first]].id, inverse);
+  const Window window = makeDueWindow<Window>(search, any.ijk, lane);
+  const SlabsOfWarp slabs = {search.slabs, rowsOfWarp(search), &scratch.busy};
+  if (slabs.any()) fillBusyRows(window, search.slabs.box, any.ijk, rowsOfWarp(search), lane);
+  __syncwarp();
+  std::uint32_t lost = 0;
+  for (std::uint32_t n = run.first; n < run.first + run.count; ++n) {
+    const std::uint32_t which = list[n];
+    const DueItem& due = view.due.items[which];
+    const DuePoint point(view.points, due.id, inverse);
+    if constexpr (kAll) {
+      searchAll(view, search, window, point, due, slabs, scratch, lane);
+    } else if (!confirm(view, search, window, point, due, slabs, scratch, lane)) {
+      if (lane == 0) scratch.lost[lost] = which;
+      ++lost;
+    }
+  }
+  if (lost > 0) handOn(view, scratch.lost, lost, lane);
+  __syncwarp();  // what it read of the map, others overwrite next
+}
+
 /// @tparam kAll  the items that need all directions, else the others
 template <class Window, bool kAll>
 __global__ void __launch_bounds__(kThreads, kBlocksEach) evaluateDue(UpdateView view, DueSearch search) {
-  __shared__ WarpMasks all_masks[kWarps];
-  __shared__ ScoreItem all_items[kWarps];
-  __shared__ BusyLeaves all_busy[kWarps];
+  __shared__ WarpScratch all_scratch[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
-  const unsigned warp = threadIdx.x / kWarp;
-  const std::uint32_t count = kAll ? view.counters->whole : view.counters->ordered;
+  WarpScratch& scratch = all_scratch[threadIdx.x / kWarp];
+  const std::uint32_t count = kAll ? view.counters->whole_runs : view.counters->runs;
+  const std::uint32_t* runs = kAll ? view.due.whole_runs : view.due.runs;
   const std::uint32_t* list = kAll ? view.due.whole : view.due.order;
   for (std::uint32_t n = takeNext(&view.counters->next, lane); n < count; n = takeNext(&view.counters->next, lane)) {
-    const std::uint32_t which = list[n];
-    const DueItem& due = view.due.items[which];
-    const DuePoint point(view.points, due.id, search.map.inverse_voxel_size);
-    const Window window = makeDueWindow<Window>(search, point.ijk, lane);
-    if constexpr (kAll) {
-      searchAll(view, search, window, point, due, all_masks[warp], all_busy[warp], all_items[warp], lane);
-    } else {
-      confirm(view, search, window, point, due, which, all_masks[warp], all_busy[warp], all_items[warp], lane);
-    }
+    evaluateRun<Window, kAll>(view, search, list, Run::of(runs[n]), scratch, lane);
   }
 }
 
@@ -265,7 +327,8 @@ template <class Window>
 void launchBoth(const UpdateView& view, const DueSearch& search, cudaStream_t stream) {
   // Persistent blocks: as many as the device holds at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
-  const std::size_t bytes = std::size_t{kWarps} * search.window.entries * BusyWindow::kEntries * sizeof(std::uint32_t);
+  const std::size_t bytes = kWarps * (search.window.entries() * BusyWindow::kEntries * sizeof(std::uint32_t) +
+                                      static_cast<std::size_t>(search.slabs.box.words()) * sizeof(std::uint64_t));
   evaluateDue<Window, false><<<blocks, kThreads, bytes, stream>>>(view, search);
   checkLaunch("evaluateDue");
   ACCESSVDB_CUDA(cudaMemsetAsync(&view.counters->next, 0, sizeof(std::uint32_t), stream));
@@ -284,8 +347,9 @@ void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint3
   } else {
     launchBoth<TreeWindow>(view, search, stream);
   }
-  for (std::uint32_t* counter : {&view.counters->due, &view.counters->busy, &view.counters->ordered,
-                                 &view.counters->whole, &view.counters->next}) {
+  for (std::uint32_t* counter :
+       {&view.counters->due, &view.counters->busy, &view.counters->ordered, &view.counters->runs, &view.counters->whole,
+        &view.counters->whole_runs, &view.counters->next}) {
     ACCESSVDB_CUDA(cudaMemsetAsync(counter, 0, sizeof(std::uint32_t), stream));
   }
 }

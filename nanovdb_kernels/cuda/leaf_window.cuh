@@ -7,28 +7,11 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "cuda/score_kernels.h"
 #include "cuda/warp.cuh"
 #include "hostdev/cell_counts.h"
 
 namespace accessvdb::kernels {
-
-/// Nodes of 2^log2 voxels that a window holds: how many, and where it begins relative to the node of the point. The
-/// same for all points.
-struct WindowShape {
-  std::int32_t begin[3] = {0, 0, 0};  ///< [nodes] from the node of the point
-  std::int32_t size[3] = {0, 0, 0};   ///< [nodes]
-
-  /// @param reach  of the tool, from the voxel of a point, which may be any voxel of its node
-  __host__ __device__ static WindowShape of(const VoxelBox& reach, int log2) {
-    WindowShape shape;
-    for (int axis = 0; axis < 3; ++axis) {
-      shape.begin[axis] = reach.low[axis] >> log2;
-      shape.size[axis] = ((reach.high[axis] + (1 << log2) - 1) >> log2) - shape.begin[axis] + 1;
-    }
-    return shape;
-  }
-  __host__ __device__ std::int64_t nodes() const { return static_cast<std::int64_t>(size[0]) * size[1] * size[2]; }
-};
 
 /// Nodes are known by their byte offset from the grid / 32, to which they are aligned; the grid itself lies at 0.
 inline constexpr std::uint32_t kNodeBytes = NANOVDB_DATA_ALIGNMENT;
@@ -43,7 +26,8 @@ __device__ inline bool collidesSomewhere(const std::uint8_t* leaf) {
   return *reinterpret_cast<const std::uint64_t*>(leaf + kCellCountsBytes) != 0;
 }
 
-/// Address arithmetic that both windows share. Coordinates are voxels from the window's corner, never negative.
+/// Address arithmetic that both windows share. Coordinates are voxels from the window's corner, never negative. The
+/// shape is not copied: an argument of the kernel takes no registers.
 class WindowBase {
  public:
   __device__ WindowBase(std::uint32_t* nodes, const WindowShape& shape, const OccupancyGrid* grid,
@@ -85,7 +69,7 @@ class WindowBase {
   }
 
   std::uint32_t* nodes_;
-  WindowShape shape_;
+  const WindowShape& shape_;
   const std::uint8_t* grid_;
   std::int32_t origin_[3];  ///< [voxels] of the window's corner
   int log2_;

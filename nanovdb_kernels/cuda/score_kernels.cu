@@ -83,25 +83,24 @@ extern __shared__ std::uint32_t window_nodes[];
 
 /// The window of this warp around its point; all lanes.
 template <class Window>
-__device__ Window makeWindow(const ScoreChunk& chunk, const WarpPoint& point, std::uint32_t entries, int lane) {
+__device__ Window makeWindow(const ScoreChunk& chunk, const WarpPoint& point, const WindowPlan& plan, int lane) {
   if constexpr (std::is_same_v<Window, TreeWindow>) {
     return TreeWindow(chunk.map);
   } else {
-    const Window window(window_nodes + threadIdx.x / kWarp * entries, WindowShape::of(chunk.tool.reach, Window::kLog2),
-                        chunk.map, point.ijk, lane);
+    const Window window(window_nodes + threadIdx.x / kWarp * plan.entries(), plan.shape, chunk.map, point.ijk, lane);
     __syncwarp();
     return window;
   }
 }
 
 template <class Window>
-__global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(ScoreChunk chunk, std::uint32_t entries) {
+__global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(ScoreChunk chunk, WindowPlan plan) {
   __shared__ WarpMasks all_masks[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   WarpMasks& masks = all_masks[threadIdx.x / kWarp];
   const WarpPoint point(chunk);
   if (!point.there) return;
-  const Window window = makeWindow<Window>(chunk, point, entries, lane);
+  const Window window = makeWindow<Window>(chunk, point, plan, lane);
   const OccupancyReader map(chunk.map);
   const int words = chunk.points.direction_words;
   const float normal_L[3] = {chunk.points.normal_L[3 * point.id], chunk.points.normal_L[3 * point.id + 1],
@@ -130,12 +129,12 @@ __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(Score
 
 template <class Window>
 __global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
-    countAll(ScoreChunk chunk, std::uint32_t entries, std::uint16_t* counts) {
+    countAll(ScoreChunk chunk, WindowPlan plan, std::uint16_t* counts) {
   constexpr int kNoStop = 0x7fffffff;
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   const WarpPoint point(chunk);
   if (!point.there) return;
-  const Window window = makeWindow<Window>(chunk, point, entries, lane);
+  const Window window = makeWindow<Window>(chunk, point, plan, lane);
   const OccupancyReader map(chunk.map);
   for (int d = 0; d < chunk.approach.num_directions; ++d) {
     __syncthreads();  // the warps of a block stay together, so that one brings the tool into the cache for all
@@ -154,9 +153,9 @@ template <class OfLeaves, class OfLowers, class OfTree, class... Arguments>
 void launchWarps(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream, OfLeaves* of_leaves,
                  OfLowers* of_lowers, OfTree* of_tree, Arguments... arguments) {
   const unsigned blocks = blocksFor(chunk.count, kWarps);
-  const auto bytes = static_cast<std::uint32_t>(kWarps * plan.entries * sizeof(std::uint32_t));
+  const auto bytes = static_cast<std::uint32_t>(kWarps * plan.entries() * sizeof(std::uint32_t));
   const auto launch = [&](auto* kernel) {
-    kernel<<<blocks, kWarps * kWarp, bytes, stream>>>(chunk, plan.entries, arguments...);
+    kernel<<<blocks, kWarps * kWarp, bytes, stream>>>(chunk, plan, arguments...);
   };
   switch (plan.kind) {
     case WindowPlan::Kind::Leaves:
@@ -216,12 +215,10 @@ WindowPlan planWindow(const ToolKernelView& tool, int shared_bytes_per_block, bo
   const auto fits = [&](std::int64_t entries, std::int64_t most_bytes) {
     return entries * static_cast<std::int64_t>(sizeof(std::uint32_t)) <= std::min(room, most_bytes);
   };
-  const std::int64_t in_leaves = WindowShape::of(tool.reach, kLeafLog2).nodes(),
-                     in_lowers = WindowShape::of(tool.reach, kLowerLog2).nodes();
-  if (leaves && fits(in_leaves, kMostLeafWindowBytes)) {
-    return {WindowPlan::Kind::Leaves, static_cast<std::uint32_t>(in_leaves)};
-  }
-  if (fits(in_lowers, room)) return {WindowPlan::Kind::Lowers, static_cast<std::uint32_t>(in_lowers)};
+  const WindowShape in_leaves = WindowShape::of(tool.reach, kLeafLog2),
+                    in_lowers = WindowShape::of(tool.reach, kLowerLog2);
+  if (leaves && fits(in_leaves.nodes(), kMostLeafWindowBytes)) return {WindowPlan::Kind::Leaves, in_leaves};
+  if (fits(in_lowers.nodes(), room)) return {WindowPlan::Kind::Lowers, in_lowers};
   return {};
 }
 

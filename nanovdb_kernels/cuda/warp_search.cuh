@@ -123,11 +123,12 @@ __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader&
   return {approach.num_arm, PointReason::None};
 }
 
-/// The slabs of a tool, and the list that counting them takes. Null: there are none.
+/// The slabs of a tool, and what counting them takes. Null: there are none.
 struct SlabsOfWarp {
   ToolSlabsView tool;
+  const std::uint64_t* rows = nullptr;  ///< of fillBusyRows, for the leaf of the point
   BusyLeaves* busy = nullptr;
-  __device__ bool any() const { return tool.begin != nullptr; }
+  __device__ bool any() const { return tool.leaves != nullptr; }
 };
 
 /// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. Without
@@ -142,7 +143,7 @@ __device__ int countByWarp(const Window& window, const OccupancyReader& map, con
   } else if (!slabs.any()) {
     count = countVoxelsByWarp<2>(window, tool, d, point_ijk, stop_above, lane);
   } else {
-    count = SlabCount<Window>(window, slabs.tool, d, point_ijk, *slabs.busy, lane).upTo(stop_above);
+    count = SlabCount<Window>(window, slabs.tool, slabs.rows, d, point_ijk, *slabs.busy, lane).upTo(stop_above);
   }
   return count < kNoScore ? count : kNoScore - 1;  // kNoScore means: no direction got this far
 }
