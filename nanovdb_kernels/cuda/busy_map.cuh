@@ -31,6 +31,9 @@ class BusyWindow : public MapWindow<LowerWindow> {
     }
   }
 
+  /// Its shape covers whatever searches read: the tool and the corridor.
+  [[nodiscard]] __device__ static constexpr bool holds(const Coord&) { return true; }
+
   [[nodiscard]] __device__ std::uint32_t busyLeaves(int x, int y, int z, int count) const {
     x -= this->origin_[0];
     y -= this->origin_[1];

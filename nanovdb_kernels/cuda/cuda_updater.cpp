@@ -108,11 +108,7 @@ class CudaUpdater final : public PointUpdater {
     search.tool = input.tool;
     search.multiprocessors = multiprocessors_;
     search.slabs = input.slabs;
-    VoxelBox& reach = search.tool.reach;
-    if (reach.low[2] <= reach.high[2]) {  // slabs are whole: they go beyond the tool's lowest and highest voxel
-      reach.low[2] -= 16;
-      reach.high[2] += 16;
-    }
+    search.tool.reach = reachOfSearch();
     // More than what a block gets without asking would be taken from the cache; each node takes two entries.
     const int left = kPlainSharedBytes - kSearchWarps * search.slabs.box.words() * int{sizeof(std::uint64_t)};
     search.window = planWindow(search.tool, left / BusyMapView::kEntries, false);
@@ -327,6 +323,17 @@ class CudaUpdater final : public PointUpdater {
     view_.masks = masks_.data();
     view_.affected = affected_.data();
     masked_blocks_ = view_.index.blocks;
+  }
+
+  /// Whatever searches read, from the voxel of a point: the tool, whole slabs of it, and the corridor.
+  [[nodiscard]] VoxelBox reachOfSearch() const {
+    constexpr std::int32_t kSlabs = 16;  // they go beyond the lowest and the highest voxel
+    VoxelBox reach;
+    for (int axis = 0; axis < 3; ++axis) {
+      reach.low[axis] = 8 * view_.footprint.low[axis] - 7 - (axis == 2 ? kSlabs : 0);
+      reach.high[axis] = 8 * view_.footprint.high[axis] + 7 + (axis == 2 ? kSlabs : 0);
+    }
+    return reach;
   }
 
   /// @param lowers  lower nodes of the mirror

@@ -18,6 +18,7 @@ __device__ inline bool testBit(const std::uint32_t* mask, int d) { return (mask[
 __device__ inline int nearestByWarp(const ApproachView& approach, const float* normal, int lane) {
   int nearest = lane < approach.num_directions ? lane : 0;
   float best = cosToNormal(approach, nearest, normal);
+#pragma unroll 1
   for (int d = lane + static_cast<int>(kWarp); d < approach.num_directions; d += static_cast<int>(kWarp)) {
     const float c = cosToNormal(approach, d, normal);
     if (c > best) {
@@ -52,6 +53,7 @@ __device__ inline int rankOf(const ApproachView& approach, const float* normal, 
   const int least = is_up ? 1 : 0;  // of the other side
   int rank = is_up ? i : i - 1;     // of its own side come before it
   if (i - 1 > least) rank += i - 1 - least;
+#pragma unroll 1
   for (int j = i - 1; j <= i + 1; ++j) {
     if (j < least) continue;
     int other = is_up ? nearest - j : nearest + j;
@@ -62,6 +64,25 @@ __device__ inline int rankOf(const ApproachView& approach, const float* normal, 
   return rank;
 }
 
+/// Writes the directions in the normal cone in the order of DirectionWalk, one after the other. Kept out of line: few
+/// have so wide a cone, and kernels that are larger than the instruction cache wait for it.
+/// @return how many
+static __device__ __noinline__ int walkDirections(const float* direction_xy, int num_directions, float normal_cos_min,
+                                                  float x, float y, float z, int nearest, std::uint8_t* order,
+                                                  int lane) {
+  ApproachView approach;
+  approach.direction_xy = direction_xy;
+  approach.num_directions = num_directions;
+  approach.normal_cos_min = normal_cos_min;
+  const float normal[3] = {x, y, z};
+  DirectionWalk walk(approach, normal, nearest);
+  int count = 0;
+  for (int d = walk.next(); d >= 0; d = walk.next(), ++count) {
+    if (lane == 0) order[count] = static_cast<std::uint8_t>(d);
+  }
+  return count;
+}
+
 /// Writes the directions in the normal cone that are `allowed` in the order of DirectionWalk. All lanes.
 /// @param order  [kMostDirections] shared by the warp   @param in_cone  out: is there any in the cone at all?
 /// @return how many
@@ -70,6 +91,7 @@ __device__ inline int orderByWarp(const ApproachView& approach, const float* nor
   const int nearest = nearestByWarp(approach, normal, lane);
   int cone = 0;
   if (approach.normal_cos_min >= kClearCosine) {
+#pragma unroll 1
     for (int first = 0; first < approach.num_directions; first += static_cast<int>(kWarp)) {
       const int d = first + lane;
       const float cosine = d < approach.num_directions ? cosToNormal(approach, d, normal) : -2.0f;
@@ -78,14 +100,13 @@ __device__ inline int orderByWarp(const ApproachView& approach, const float* nor
       cone += __popc(__ballot_sync(kAllLanes, inside));
     }
   } else {
-    DirectionWalk walk(approach, normal, nearest);
-    for (int d = walk.next(); d >= 0; d = walk.next(), ++cone) {
-      if (lane == 0) order[cone] = static_cast<std::uint8_t>(d);
-    }
+    cone = walkDirections(approach.direction_xy, approach.num_directions, approach.normal_cos_min, normal[0], normal[1],
+                          normal[2], nearest, order, lane);
   }
   in_cone = cone > 0;
   __syncwarp();
   int count = 0;
+#pragma unroll 1
   for (int first = 0; first < cone; first += static_cast<int>(kWarp)) {
     const int d = first + lane < cone ? order[first + lane] : -1;
     const bool wanted = d >= 0 && testBit(allowed, d);

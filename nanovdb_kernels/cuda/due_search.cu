@@ -17,12 +17,15 @@ namespace {
 constexpr unsigned kWarps = kSearchWarps, kThreads = kWarps * kWarp;
 constexpr unsigned kBlocksEach = 8;  ///< blocks that a multiprocessor is to hold
 
+/// How the tool is counted. A kernel each: what the others need would only take room in the instruction cache.
+enum class ToolForm { Slabs, Columns, Samples };
+
 /// What a block's warps keep of the map: first the rows of all of them (slab_count.cuh), then their windows' nodes.
 extern __shared__ std::uint64_t map_of_warps[];
 
 /// Items of one block of points that follow each other in a list.
 struct Run {
-  static constexpr std::uint32_t kMost = 16;  ///< more would have others wait for the last run
+  static constexpr std::uint32_t kMost = 4;  ///< more would have others wait for the last run
   std::uint32_t first, count;
 
   __device__ static Run of(std::uint32_t packed) { return {packed / kMost, packed % kMost + 1}; }
@@ -33,7 +36,7 @@ struct Run {
 struct WarpScratch {
   WarpMasks masks;
   ScoreItem item;
-  BusyLeaves busy;
+  SlabWork slabs;
   std::uint32_t lost[Run::kMost];  ///< items whose best direction became worse
 };
 
@@ -57,6 +60,11 @@ struct DuePoint {
 __device__ std::uint64_t* rowsOfWarp(const DueSearch& search) {
   return map_of_warps + threadIdx.x / kWarp * static_cast<unsigned>(search.slabs.box.words());
 }
+__device__ std::uint32_t* nodesOfWarp(const DueSearch& search) {
+  auto* nodes =
+      reinterpret_cast<std::uint32_t*>(map_of_warps + kWarps * static_cast<unsigned>(search.slabs.box.words()));
+  return nodes + threadIdx.x / kWarp * search.window.entries() * BusyWindow::kEntries;
+}
 
 /// For all points of a leaf.
 template <class Window>
@@ -64,12 +72,37 @@ __device__ Window makeDueWindow(const DueSearch& search, const Coord& point_ijk,
   if constexpr (std::is_same_v<Window, TreeWindow>) {
     return TreeWindow(search.map);
   } else {
-    auto* nodes =
-        reinterpret_cast<std::uint32_t*>(map_of_warps + kWarps * static_cast<unsigned>(search.slabs.box.words()));
-    const Window window(nodes + threadIdx.x / kWarp * search.window.entries() * Window::kEntries, search.window.shape,
-                        search.map, search.busy, point_ijk, lane);
+    const Window window(nodesOfWarp(search), search.window.shape, search.map, search.busy, point_ijk, lane);
     __syncwarp();
     return window;
+  }
+}
+
+/// What counting slabs takes, for all points of a leaf.
+template <class Window>
+__device__ void prepareSlabs(const DueSearch& search, const Window& window, const Coord& point_ijk, SlabWork& work,
+                             int lane) {
+  fillBusyRows(window, search.slabs.box, point_ijk, rowsOfWarp(search), lane);
+  if (lane != 0) return;
+  work.tool = search.slabs;
+  work.map = search.map;
+  work.shape = search.window.shape;
+  work.nodes = nodesOfWarp(search);
+  work.rows = rowsOfWarp(search);
+}
+
+/// Counts the tool at a point; all lanes.
+template <ToolForm kForm, class Window>
+__device__ auto makeCounter(const DueSearch& search, const Window& window, const OccupancyReader& map,
+                            const DuePoint& point, WarpScratch& scratch, int lane) {
+  if constexpr (kForm == ToolForm::Slabs) {
+    if (lane < 3) scratch.slabs.point_ijk[lane] = point.ijk[lane];
+    __syncwarp();
+    return SlabCounter{scratch.slabs, lane};
+  } else if constexpr (kForm == ToolForm::Columns) {
+    return ColumnCounter<Window>{window, search.tool, point.ijk, lane};
+  } else {
+    return SampleCounter<Window>{window, map, search.tool, point.position_L, search.map.inverse_voxel_size, lane};
   }
 }
 
@@ -91,6 +124,7 @@ __device__ void learn(const UpdateView& view, std::size_t id, const WarpMasks& m
   const KnownLevels& of = view.known.of;
   const KnownWord known(view, id, view.state.block[id], lane);
   std::uint32_t levels = known.levels;
+#pragma unroll 1
   for (std::uint32_t bits = counted | arm_blocked; bits != 0; bits &= bits - 1) {
     const int n = __ffs(static_cast<int>(bits)) - 1;
     const std::uint32_t before = levelIn(levels, n);
@@ -134,6 +168,7 @@ template <class Window>
 __device__ bool armIsFree(const Window& window, const OccupancyReader& map, const ApproachView& approach, int d,
                           const float* position_L, float inverse_voxel_size, int lane) {
   bool free = true;
+#pragma unroll 1
   for (int n = lane; n < approach.num_arm; n += static_cast<int>(kWarp)) {
     const float* offset = approach.arm_offsets + 3 * (static_cast<std::int64_t>(d) * approach.num_arm + n);
     const Coord ijk =
@@ -144,19 +179,17 @@ __device__ bool armIsFree(const Window& window, const OccupancyReader& map, cons
 }
 
 /// Has the best direction of an accessible point become worse? All lanes. @param score  in: as it was; out: as it is
-template <class Window>
+template <class Window, class Counter>
 __device__ bool lostDirection(const UpdateView& view, const DueSearch& search, const Window& window,
-                              const DuePoint& point, std::uint8_t test_best, int direction, int& score,
-                              const SlabsOfWarp& slabs, int lane) {
-  const OccupancyReader map(search.map);
+                              const OccupancyReader& map, const DuePoint& point, std::uint8_t test_best, int direction,
+                              int& score, const Counter& counter, int lane) {
   const float inverse = search.map.inverse_voxel_size;
   if ((test_best & kTestArm) != 0 &&
       !armIsFree(window, map, view.approach, direction, point.position_L, inverse, lane)) {
     return true;
   }
   if ((test_best & kTestTool) == 0) return false;
-  const int hits =
-      countByWarp(window, map, search.tool, slabs, direction, point.position_L, point.ijk, inverse, score, lane);
+  const int hits = belowNoScore(counter(direction, score));
   if (hits > score) return true;
   score = hits;
   return false;
@@ -164,9 +197,10 @@ __device__ bool lostDirection(const UpdateView& view, const DueSearch& search, c
 
 /// A point of which some directions are in question. All lanes.
 /// @return false: its best direction became worse, so that all of them are in question
-template <class Window>
-__device__ bool confirm(const UpdateView& view, const DueSearch& search, const Window& window, const DuePoint& point,
-                        const DueItem& due, const SlabsOfWarp& slabs, WarpScratch& scratch, int lane) {
+template <class Window, class Counter>
+__device__ bool confirm(const UpdateView& view, const DueSearch& search, const Window& window,
+                        const OccupancyReader& map, const DuePoint& point, const DueItem& due, const Counter& counter,
+                        WarpScratch& scratch, int lane) {
   const bool accessible = view.points.label[point.id] == PointLabel::Accessible;
   int known_score = static_cast<int>(search.tool.collision_limit) - 1;  // a blocked point: only what is free counts
   int known_direction = kNoDirection, own_tests = 0;
@@ -175,7 +209,7 @@ __device__ bool confirm(const UpdateView& view, const DueSearch& search, const W
     known_score = view.points.score[point.id];
     own_tests = due.test_best != 0 ? 1 : 0;
     if (own_tests != 0 &&
-        lostDirection(view, search, window, point, due.test_best, known_direction, known_score, slabs, lane)) {
+        lostDirection(view, search, window, map, point, due.test_best, known_direction, known_score, counter, lane)) {
       if (lane == 0) atomicAdd(&view.counters->tests, 1ull);
       return false;
     }
@@ -206,10 +240,9 @@ __device__ bool confirm(const UpdateView& view, const DueSearch& search, const W
   }
   __syncwarp();
   if (any != 0) {
-    const OccupancyReader map(search.map);
-    result = searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
-                          point.normal_L, point.seen, view.points.direction_words, item, scratch.masks, lane, slabs,
-                          NothingKnown{}, view.known.count_to);
+    result = searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit,
+                          view.approach, point.position_L, point.normal_L, point.seen, view.points.direction_words,
+                          item, scratch.masks, lane, NothingKnown{}, view.known.count_to);
     learn(view, point.id, scratch.masks, result, lane);
   }
   result.tests = static_cast<std::uint16_t>(result.tests + own_tests);
@@ -219,10 +252,10 @@ __device__ bool confirm(const UpdateView& view, const DueSearch& search, const W
 }
 
 /// A point of which all directions have to be tried. All lanes.
-template <class Window>
-__device__ void searchAll(const UpdateView& view, const DueSearch& search, const Window& window, const DuePoint& point,
-                          const DueItem& due, const SlabsOfWarp& slabs, WarpScratch& scratch, int lane) {
-  const OccupancyReader map(search.map);
+template <class Window, class Counter>
+__device__ void searchAll(const UpdateView& view, const DueSearch& search, const Window& window,
+                          const OccupancyReader& map, const DuePoint& point, const DueItem& due, const Counter& counter,
+                          WarpScratch& scratch, int lane) {
   ScoreItem& item = scratch.item;
   if (lane == 0) {
     item = {};
@@ -232,8 +265,8 @@ __device__ void searchAll(const UpdateView& view, const DueSearch& search, const
   }
   __syncwarp();
   ScoreResult result =
-      searchByWarp(window, map, search.map.inverse_voxel_size, search.tool, view.approach, point.position_L,
-                   point.normal_L, point.seen, view.points.direction_words, item, scratch.masks, lane, slabs,
+      searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit, view.approach,
+                   point.position_L, point.normal_L, point.seen, view.points.direction_words, item, scratch.masks, lane,
                    KnownOfPoint{view, point.id, view.state.block[point.id]}, view.known.count_to);
   learn(view, point.id, scratch.masks, result, lane);
   if (lane == 0) conclude(view, item, result);
@@ -284,34 +317,38 @@ __device__ void handOn(const UpdateView& view, const std::uint32_t* lost, std::u
 }
 
 /// The points of a run. A warp.
-template <class Window, bool kAll>
+template <class Window, ToolForm kForm, bool kAll>
 __device__ void evaluateRun(const UpdateView& view, const DueSearch& search, const std::uint32_t* list, const Run& run,
                             WarpScratch& scratch, int lane) {
   const float inverse = search.map.inverse_voxel_size;
+  const OccupancyReader map(search.map);
   const DuePoint any(view.points, view.due.items[list[run.first]].id, inverse);
   const Window window = makeDueWindow<Window>(search, any.ijk, lane);
-  const SlabsOfWarp slabs = {search.slabs, rowsOfWarp(search), &scratch.busy};
-  if (slabs.any()) fillBusyRows(window, search.slabs.box, any.ijk, rowsOfWarp(search), lane);
+  if constexpr (kForm == ToolForm::Slabs) prepareSlabs(search, window, any.ijk, scratch.slabs, lane);
   __syncwarp();
   std::uint32_t lost = 0;
+#pragma unroll 1
   for (std::uint32_t n = run.first; n < run.first + run.count; ++n) {
     const std::uint32_t which = list[n];
     const DueItem& due = view.due.items[which];
     const DuePoint point(view.points, due.id, inverse);
+    const auto counter = makeCounter<kForm>(search, window, map, point, scratch, lane);
     if constexpr (kAll) {
-      searchAll(view, search, window, point, due, slabs, scratch, lane);
-    } else if (!confirm(view, search, window, point, due, slabs, scratch, lane)) {
+      searchAll(view, search, window, map, point, due, counter, scratch, lane);
+    } else if (!confirm(view, search, window, map, point, due, counter, scratch, lane)) {
       if (lane == 0) scratch.lost[lost] = which;
       ++lost;
+      __syncwarp();  // what it read of its scratch, others overwrite next
     }
   }
   if (lost > 0) handOn(view, scratch.lost, lost, lane);
-  __syncwarp();  // what it read of the map, others overwrite next
+  __syncwarp();  // as above
 }
 
 /// @tparam kAll  the items that need all directions, else the others
-template <class Window, bool kAll>
-__global__ void __launch_bounds__(kThreads, kBlocksEach) evaluateDue(UpdateView view, DueSearch search) {
+template <class Window, ToolForm kForm, bool kAll>
+__global__ void __launch_bounds__(kThreads, kBlocksEach)
+    evaluateDue(const __grid_constant__ UpdateView view, const __grid_constant__ DueSearch search) {
   __shared__ WarpScratch all_scratch[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   WarpScratch& scratch = all_scratch[threadIdx.x / kWarp];
@@ -319,20 +356,20 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach) evaluateDue(UpdateView 
   const std::uint32_t* runs = kAll ? view.due.whole_runs : view.due.runs;
   const std::uint32_t* list = kAll ? view.due.whole : view.due.order;
   for (std::uint32_t n = takeNext(&view.counters->next, lane); n < count; n = takeNext(&view.counters->next, lane)) {
-    evaluateRun<Window, kAll>(view, search, list, Run::of(runs[n]), scratch, lane);
+    evaluateRun<Window, kForm, kAll>(view, search, list, Run::of(runs[n]), scratch, lane);
   }
 }
 
-template <class Window>
+template <class Window, ToolForm kForm>
 void launchBoth(const UpdateView& view, const DueSearch& search, cudaStream_t stream) {
   // Persistent blocks: as many as the device holds at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
   const std::size_t bytes = kWarps * (search.window.entries() * BusyWindow::kEntries * sizeof(std::uint32_t) +
                                       static_cast<std::size_t>(search.slabs.box.words()) * sizeof(std::uint64_t));
-  evaluateDue<Window, false><<<blocks, kThreads, bytes, stream>>>(view, search);
+  evaluateDue<Window, kForm, false><<<blocks, kThreads, bytes, stream>>>(view, search);
   checkLaunch("evaluateDue");
   ACCESSVDB_CUDA(cudaMemsetAsync(&view.counters->next, 0, sizeof(std::uint32_t), stream));
-  evaluateDue<Window, true><<<blocks, kThreads, bytes, stream>>>(view, search);
+  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, stream>>>(view, search);
   checkLaunch("evaluateDue");
 }
 
@@ -342,10 +379,15 @@ void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint3
   if (most_busy == 0) return;
   orderDue<<<(most_busy + kThreads - 1) / kThreads, kThreads, 0, stream>>>(view);
   checkLaunch("orderDue");
-  if (search.window.kind == WindowPlan::Kind::Lowers) {
-    launchBoth<BusyWindow>(view, search, stream);
+  if (search.window.kind != WindowPlan::Kind::Lowers) {
+    search.tool.use_samples ? launchBoth<TreeWindow, ToolForm::Samples>(view, search, stream)
+                            : launchBoth<TreeWindow, ToolForm::Columns>(view, search, stream);
+  } else if (search.tool.use_samples) {
+    launchBoth<BusyWindow, ToolForm::Samples>(view, search, stream);
+  } else if (search.slabs.leaves == nullptr) {
+    launchBoth<BusyWindow, ToolForm::Columns>(view, search, stream);
   } else {
-    launchBoth<TreeWindow>(view, search, stream);
+    launchBoth<BusyWindow, ToolForm::Slabs>(view, search, stream);
   }
   for (std::uint32_t* counter :
        {&view.counters->due, &view.counters->busy, &view.counters->ordered, &view.counters->runs, &view.counters->whole,

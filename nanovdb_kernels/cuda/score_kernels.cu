@@ -93,7 +93,7 @@ __device__ Window makeWindow(const ScoreChunk& chunk, const WarpPoint& point, co
   }
 }
 
-template <class Window>
+template <class Window, bool kSamples>
 __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(ScoreChunk chunk, WindowPlan plan) {
   __shared__ WarpMasks all_masks[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
@@ -105,9 +105,18 @@ __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(Score
   const int words = chunk.points.direction_words;
   const float normal_L[3] = {chunk.points.normal_L[3 * point.id], chunk.points.normal_L[3 * point.id + 1],
                              chunk.points.normal_L[3 * point.id + 2]};
-  const ScoreResult result = searchByWarp(
-      window, map, chunk.map.inverse_voxel_size, chunk.tool, chunk.approach, point.position_L, normal_L,
-      chunk.points.seen + point.id * static_cast<std::size_t>(words), words, chunk.items[point.item], masks, lane);
+  const float inverse = chunk.map.inverse_voxel_size;
+  const auto search = [&](const auto& counter) {
+    return searchByWarp(window, map, inverse, counter, chunk.tool.collision_limit, chunk.approach, point.position_L,
+                        normal_L, chunk.points.seen + point.id * static_cast<std::size_t>(words), words,
+                        chunk.items[point.item], masks, lane);
+  };
+  ScoreResult result;
+  if constexpr (kSamples) {
+    result = search(SampleCounter<Window>{window, map, chunk.tool, point.position_L, inverse, lane});
+  } else {
+    result = search(ColumnCounter<Window>{window, chunk.tool, point.ijk, lane});
+  }
   ScoreResult& out = chunk.results[point.item];
   if (lane == 0) {
     out.score = result.score;
@@ -127,7 +136,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(Score
   }
 }
 
-template <class Window>
+template <class Window, bool kSamples>
 __global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
     countAll(ScoreChunk chunk, WindowPlan plan, std::uint16_t* counts) {
   constexpr int kNoStop = 0x7fffffff;
@@ -138,9 +147,13 @@ __global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
   const OccupancyReader map(chunk.map);
   for (int d = 0; d < chunk.approach.num_directions; ++d) {
     __syncthreads();  // the warps of a block stay together, so that one brings the tool into the cache for all
-    const int hits = chunk.tool.use_samples ? countSamplesByWarp(window, map, chunk.tool, d, point.position_L,
-                                                                 chunk.map.inverse_voxel_size, kNoStop, lane)
-                                            : countVoxelsByWarp<4>(window, chunk.tool, d, point.ijk, kNoStop, lane);
+    int hits = 0;
+    if constexpr (kSamples) {
+      hits =
+          countSamplesByWarp(window, map, chunk.tool, d, point.position_L, chunk.map.inverse_voxel_size, kNoStop, lane);
+    } else {
+      hits = countVoxelsByWarp<4>(window, chunk.tool, d, point.ijk, kNoStop, lane);
+    }
     if (lane == 0) {
       counts[static_cast<std::size_t>(point.item) * static_cast<std::size_t>(chunk.approach.num_directions) +
              static_cast<std::size_t>(d)] = static_cast<std::uint16_t>(hits < kNoScore ? hits : kNoScore - 1);
@@ -182,6 +195,15 @@ void allowShared(const void* kernel, int shared_bytes_per_block) {
   const int rest = shared_bytes_per_block - static_cast<int>(attributes.sharedSizeBytes);
   ACCESSVDB_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, rest));
 }
+template <class Window>
+void allowShared(int shared_bytes_per_block) {
+  for (const void* kernel : {reinterpret_cast<const void*>(&warpSearch<Window, false>),
+                             reinterpret_cast<const void*>(&warpSearch<Window, true>),
+                             reinterpret_cast<const void*>(&countAll<Window, false>),
+                             reinterpret_cast<const void*>(&countAll<Window, true>)}) {
+    allowShared(kernel, shared_bytes_per_block);
+  }
+}
 
 }  // namespace
 
@@ -189,12 +211,8 @@ void requireScoreKernels(int shared_bytes_per_block) {
   cudaFuncAttributes attributes = {};
   const cudaError_t status = cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(&plainSearch));
   if (status == cudaSuccess) {
-    for (const void* kernel : {reinterpret_cast<const void*>(&warpSearch<MapWindow<LeafWindow>>),
-                               reinterpret_cast<const void*>(&warpSearch<MapWindow<LowerWindow>>),
-                               reinterpret_cast<const void*>(&countAll<MapWindow<LeafWindow>>),
-                               reinterpret_cast<const void*>(&countAll<MapWindow<LowerWindow>>)}) {
-      allowShared(kernel, shared_bytes_per_block);
-    }
+    allowShared<MapWindow<LeafWindow>>(shared_bytes_per_block);
+    allowShared<MapWindow<LowerWindow>>(shared_bytes_per_block);
     return;
   }
   (void)cudaGetLastError();
@@ -230,8 +248,13 @@ void launchPlainSearch(const ScoreChunk& chunk, cudaStream_t stream) {
 
 void launchWarpSearch(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream) {
   if (chunk.count == 0) return;
-  launchWarps(chunk, plan, stream, warpSearch<MapWindow<LeafWindow>>, warpSearch<MapWindow<LowerWindow>>,
-              warpSearch<TreeWindow>);
+  if (chunk.tool.use_samples) {
+    launchWarps(chunk, plan, stream, warpSearch<MapWindow<LeafWindow>, true>, warpSearch<MapWindow<LowerWindow>, true>,
+                warpSearch<TreeWindow, true>);
+  } else {
+    launchWarps(chunk, plan, stream, warpSearch<MapWindow<LeafWindow>, false>,
+                warpSearch<MapWindow<LowerWindow>, false>, warpSearch<TreeWindow, false>);
+  }
   checkLaunch("warpSearch");
 }
 
@@ -243,8 +266,13 @@ void launchUpdate(const ScoreChunk& chunk, cudaStream_t stream) {
 
 void launchCount(const ScoreChunk& chunk, const WindowPlan& plan, std::uint16_t* counts, cudaStream_t stream) {
   if (chunk.count == 0) return;
-  launchWarps(chunk, plan, stream, countAll<MapWindow<LeafWindow>>, countAll<MapWindow<LowerWindow>>,
-              countAll<TreeWindow>, counts);
+  if (chunk.tool.use_samples) {
+    launchWarps(chunk, plan, stream, countAll<MapWindow<LeafWindow>, true>, countAll<MapWindow<LowerWindow>, true>,
+                countAll<TreeWindow, true>, counts);
+  } else {
+    launchWarps(chunk, plan, stream, countAll<MapWindow<LeafWindow>, false>, countAll<MapWindow<LowerWindow>, false>,
+                countAll<TreeWindow, false>, counts);
+  }
   checkLaunch("countAll");
 }
 

@@ -7,7 +7,7 @@
 
 #include <cstdint>
 
-#include "cuda/warp.cuh"
+#include "cuda/leaf_window.cuh"
 #include "hostdev/views.h"
 
 namespace accessvdb::kernels {
@@ -23,13 +23,15 @@ __device__ void fillBusyRows(const Window& window, const LeafBox& box, const Coo
             z0 = (point_ijk[2] & ~7) + 8 * box.low[2];
   for (int half = 0; half < of_row; ++half) {
     const int y = 32 * half + lane;
-#pragma unroll 4
+#pragma unroll 1
     for (int x = 0; x < box.size[0]; ++x) {
       std::uint32_t busy = 0;
+#pragma unroll 1
       for (int low = 0; y < box.size[1] && low < levels; low += 16) {
         busy |= window.busyLeaves(x0 + 8 * x, y0 + 8 * y, z0 + 8 * low, min(levels - low, 16)) << low;
       }
       std::uint32_t mine = 0;
+#pragma unroll 1
       for (int level = 0; level < levels; ++level) {
         const unsigned all = __ballot_sync(kAllLanes, (busy >> level & 1u) != 0);
         if (lane == level) mine = all;
@@ -50,26 +52,34 @@ struct BusyLeaves {
   Leaf list[kMost];
 };
 
-/// What a warp counts: the tool at one direction, placed at the voxel of a point.
-template <class Window>
+/// What a warp needs to count slabs, in shared memory.
+struct SlabWork {
+  ToolSlabsView tool;
+  OccupancyView map;
+  WindowShape shape;
+  std::uint32_t* nodes;       ///< of a LowerWindow of that shape
+  const std::uint64_t* rows;  ///< of fillBusyRows, for the leaf of the point
+  std::int32_t point_ijk[3];
+  BusyLeaves busy;
+};
+
+/// The tool at one direction, placed at the voxel of a point.
 class SlabCount {
  public:
-  /// @param rows  of fillBusyRows, for the leaf of the point
-  __device__ SlabCount(const Window& window, const ToolSlabsView& slabs, const std::uint64_t* rows, int d,
-                       const Coord& point_ijk, BusyLeaves& busy, int lane)
-      : window_(window),
-        point_ijk_(point_ijk),
-        busy_(busy),
+  __device__ SlabCount(SlabWork& work, int d, int lane)
+      : point_ijk_(work.point_ijk[0], work.point_ijk[1], work.point_ijk[2]),
+        window_(work.nodes, work.shape, work.map, point_ijk_),
+        busy_(work.busy),
         lane_(lane),
-        all_(slabs.box),
-        box_(slabs.boxes[8 * d + (point_ijk[1] & 7)]),
-        leaves_(slabs.leaves[64 * d + 8 * (point_ijk[0] & 7) + (point_ijk[1] & 7)]) {
-    words_ = slabs.words + box_.first;
-    of_tool_ = slabs.rows + leaves_.first;
-    of_map_ = rows + leaves_.at;
+        all_(work.tool.box),
+        box_(work.tool.boxes[8 * d + (point_ijk_[1] & 7)]),
+        leaves_(work.tool.leaves[64 * d + 8 * (point_ijk_[0] & 7) + (point_ijk_[1] & 7)]) {
+    words_ = work.tool.words + box_.first;
+    of_tool_ = work.tool.rows + leaves_.first;
+    of_map_ = work.rows + leaves_.at;
     // Slabs of the tool begin at the voxel of the point, those of the map at multiples of eight: a leaf of the map
     // meets the lower part of one slab in its bits shift .. 7, and the upper part of the one below in the others.
-    shift_ = point_ijk[2] & 7;
+    shift_ = point_ijk_[2] & 7;
     high_ = (0xffu << shift_ & 0xffu) * 0x01010101u;
   }
 
@@ -77,6 +87,7 @@ class SlabCount {
   __device__ int upTo(int stop_above) const {
     int count = 0, listed = 0;
     const int of_slabs = all_.size[2] * leaves_.count, end = of_slabs + (shift_ != 0 ? leaves_.count : 0);
+#pragma unroll 1
     for (int first = 0; first < end; first += static_cast<int>(kWarp)) {
       const int n = first + lane_;
       std::uint64_t left = n < of_slabs ? of_tool_[n] : 0;
@@ -85,6 +96,7 @@ class SlabCount {
           static_cast<int>(static_cast<std::uint32_t>(n) * leaves_.reciprocal >> LeafRows::kReciprocalLog2);
       const int at = n - level * leaves_.count;
       if (left != 0) left &= of_map_[level * all_.levelWords() + at];
+#pragma unroll 1
       for (unsigned any = __ballot_sync(kAllLanes, left != 0); any != 0; any = __ballot_sync(kAllLanes, left != 0)) {
         if (left != 0) {
           const int bit = __ffsll(static_cast<long long>(left)) - 1;
@@ -121,6 +133,7 @@ class SlabCount {
   __device__ int collisionsIn(int listed) const {
     __syncwarp();
     int mine = 0;
+#pragma unroll 1
     for (int first = 0; first < listed; first += 2 * kAtATime) {
       const int n = first + (lane_ >> 3);  // the reads of two leaves do not wait for each other
       mine += collisionsOf(n, listed) + collisionsOf(n + kAtATime, listed);
@@ -149,8 +162,8 @@ class SlabCount {
 
   static constexpr int kAtATime = static_cast<int>(kWarp) / 8;
 
-  const Window& window_;
-  const Coord& point_ijk_;
+  Coord point_ijk_;
+  MapWindow<LowerWindow> window_;
   BusyLeaves& busy_;
   int lane_;
   const LeafBox& all_;
@@ -160,5 +173,12 @@ class SlabCount {
   int shift_;
   std::uint32_t high_;
 };
+
+/// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. All
+/// lanes. Kept out of line, though it is most of the work: kernels that are larger than the instruction cache wait for
+/// it.
+static __device__ __noinline__ int countSlabs(SlabWork& work, int d, int stop_above, int lane) {
+  return SlabCount(work, d, lane).upTo(stop_above);
+}
 
 }  // namespace accessvdb::kernels

@@ -4,7 +4,7 @@
 ///
 /// Directions come in rank order, as in the plain rule. Lanes test the corridors of up to 32 of them at once; what lies
 /// behind the direction that ends the search is thrown away. The tool is then counted one direction at a time, by all
-/// lanes: slab by slab (slab_count.cuh), or where there are none a column or sample a lane.
+/// lanes: slab by slab (slab_count.cuh), or a column or sample a lane.
 #pragma once
 
 #include <cstdint>
@@ -111,6 +111,7 @@ template <class Window>
 __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader& map, const ApproachView& approach,
                                     int d, const float* position_L, float inverse_voxel_size) {
   const float* offset = approach.arm_offsets + 3 * static_cast<std::int64_t>(d) * approach.num_arm;
+#pragma unroll 1
   for (int n = 0; n < approach.num_arm; ++n, offset += 3) {
     const Coord ijk =
         voxelOf(position_L[0] + offset[0], position_L[1] + offset[1], position_L[2] + offset[2], inverse_voxel_size);
@@ -123,35 +124,54 @@ __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader&
   return {approach.num_arm, PointReason::None};
 }
 
-/// The slabs of a tool, and what counting them takes. Null: there are none.
-struct SlabsOfWarp {
-  ToolSlabsView tool;
-  const std::uint64_t* rows = nullptr;  ///< of fillBusyRows, for the leaf of the point
-  BusyLeaves* busy = nullptr;
-  __device__ bool any() const { return tool.leaves != nullptr; }
+// How a search counts. What it gets is exact up to `stop_above`; beyond, a counter that is `kPlain` gives the number at
+// which the plain rule stops, another one some number above it that the collisions reach.
+
+/// A column of voxels a lane.
+template <class Window>
+struct ColumnCounter {
+  static constexpr bool kPlain = true;
+  const Window& window;
+  const ToolKernelView& tool;
+  const Coord& point_ijk;
+  int lane;
+
+  __device__ int operator()(int d, int stop_above) const {
+    return countVoxelsByWarp<2>(window, tool, d, point_ijk, stop_above, lane);
+  }
+};
+/// A sample a lane.
+template <class Window>
+struct SampleCounter {
+  static constexpr bool kPlain = true;
+  const Window& window;
+  const OccupancyReader& map;
+  const ToolKernelView& tool;
+  const float* position_L;
+  float inverse_voxel_size;
+  int lane;
+
+  __device__ int operator()(int d, int stop_above) const {
+    return countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, stop_above, lane);
+  }
+};
+/// Slab by slab.
+struct SlabCounter {
+  static constexpr bool kPlain = false;
+  SlabWork& work;  ///< of the point
+  int lane;
+
+  __device__ int operator()(int d, int stop_above) const { return countSlabs(work, d, stop_above, lane); }
 };
 
-/// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. Without
-/// slabs it is the number at which the plain rule stops.
-template <class Window>
-__device__ int countByWarp(const Window& window, const OccupancyReader& map, const ToolKernelView& tool,
-                           const SlabsOfWarp& slabs, int d, const float* position_L, const Coord& point_ijk,
-                           float inverse_voxel_size, int stop_above, int lane) {
-  int count = 0;
-  if (tool.use_samples) {
-    count = countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, stop_above, lane);
-  } else if (!slabs.any()) {
-    count = countVoxelsByWarp<2>(window, tool, d, point_ijk, stop_above, lane);
-  } else {
-    count = SlabCount<Window>(window, slabs.tool, slabs.rows, d, point_ijk, *slabs.busy, lane).upTo(stop_above);
-  }
-  return count < kNoScore ? count : kNoScore - 1;  // kNoScore means: no direction got this far
-}
+/// kNoScore means: no direction got this far.
+__device__ inline int belowNoScore(int count) { return count < kNoScore ? count : kNoScore - 1; }
 
 /// The direction that was put off with the least collisions, and takes it off the list. All lanes.
 /// @return -1 where there is none with at most `most`
 __device__ inline int takePutOff(WarpMasks& masks, int most, int lane) {
   std::uint32_t least = 0xffffffffu;
+#pragma unroll 1
   for (int w = 0; w < kMaskWords32; ++w) {
     const int d = 32 * w + lane;
     if (!testBit(masks.put_off, d)) continue;
@@ -168,14 +188,14 @@ __device__ inline int takePutOff(WarpMasks& masks, int most, int lane) {
 }
 
 /// searchDirections. All lanes of the warp call it with the same arguments and get the same result.
-/// @param slabs  with them, counts that were cut short are not those of the plain rule
-/// @param known  of a direction: a number of collisions that it reaches; asked only where there are slabs
+/// @param known_collisions  of a direction: a number of collisions that it reaches; asked only where the counter is not
+/// plain
 /// @param remember_at  up to which collisions are counted where that is cheap, for masks.least
-template <class Window, class Known = NothingKnown>
+template <class Window, class Counter, class Known = NothingKnown>
 __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader& map, float inverse_voxel_size,
-                                    const ToolKernelView& tool, const ApproachView& approach, const float* position_L,
-                                    const float* normal_L, const std::uint64_t* seen, int seen_words,
-                                    const ScoreItem& item, WarpMasks& masks, int lane, const SlabsOfWarp& slabs = {},
+                                    const Counter& counter, int limit, const ApproachView& approach,
+                                    const float* position_L, const float* normal_L, const std::uint64_t* seen,
+                                    int seen_words, const ScoreItem& item, WarpMasks& masks, int lane,
                                     const Known& known_collisions = {}, int remember_at = 0) {
   ScoreResult result;
   if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return result;
@@ -191,11 +211,8 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
     masks.counted[lane] = 0;
   }
   __syncwarp();
-  const Coord point_ijk = voxelOf(position_L[0], position_L[1], position_L[2], inverse_voxel_size);
   const int known_score = item.known_score, known_direction = item.known_direction;
 
-  const bool has_slabs = slabs.any();
-  const int limit = tool.collision_limit;
   int best_count = kNoScore, best_passed = -1;
   bool in_cone = false, tool_reached = false, some_put_off = false;
   const auto note = [&](int d, int hits) {
@@ -208,6 +225,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
   const int count = orderByWarp(approach, normal_L, masks.allowed, masks.order, in_cone, lane);
   bool done = false;
   // The next directions in rank order, one a lane.
+#pragma unroll 1
   for (int first = 0; first < count && !done; first += static_cast<int>(kWarp)) {
     const int mine = first + lane < count ? masks.order[first + lane] : -1;
     const bool is_known = mine >= 0 && mine == known_direction;
@@ -216,7 +234,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
     const bool is_tested = mine >= 0 && !is_known && !is_skipped;
     if (is_tested) arm = testArmThrough(window, map, approach, mine, position_L, inverse_voxel_size);
     const bool is_blocked = is_tested && arm.reason != PointReason::None;
-    const int my_least = has_slabs && is_tested && !is_blocked ? known_collisions(mine) : 0;
+    const int my_least = !Counter::kPlain && is_tested && !is_blocked ? known_collisions(mine) : 0;
     const unsigned known = __ballot_sync(kAllLanes, is_known), skipped = __ballot_sync(kAllLanes, is_skipped),
                    blocked = __ballot_sync(kAllLanes, is_blocked),
                    free = __ballot_sync(kAllLanes, is_tested && !is_blocked);
@@ -237,6 +255,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
     tool_reached = tool_reached || scored != 0;
 
     unsigned upto = kAllLanes;  // lanes whose directions the plain rule reaches
+#pragma unroll 1
     for (unsigned events = known | free; events != 0; events &= events - 1) {
       const int at = __ffs(static_cast<int>(events)) - 1;
       const int d = __shfl_sync(kAllLanes, mine, at);
@@ -248,15 +267,14 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
       } else {
         const int bound = best_count < known_score ? best_count : known_score;
         int hits = 0;
-        if (has_slabs) {
+        if constexpr (!Counter::kPlain) {
           // As long as there is no count: where it is blocked for certain, a free direction would make its count
           // needless, and without one the least of them comes first.
           const int enough = bound == kNoScore ? limit - 1 : bound;
           hits = __shfl_sync(kAllLanes, my_least, at);
           if (hits <= enough) {
             const int stop_above = remember_at > enough ? remember_at - 1 : enough;
-            hits =
-                countByWarp(window, map, tool, slabs, d, position_L, point_ijk, inverse_voxel_size, stop_above, lane);
+            hits = belowNoScore(counter(d, stop_above));
             note(d, hits);
           }
           if (hits > enough && bound == kNoScore) {
@@ -269,7 +287,7 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
             continue;
           }
         } else {
-          hits = countByWarp(window, map, tool, slabs, d, position_L, point_ijk, inverse_voxel_size, bound, lane);
+          hits = belowNoScore(counter(d, bound));
           note(d, hits);
         }
         if (hits < best_count) {
@@ -288,10 +306,10 @@ __device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader&
     if (is_blocked && (upto >> lane & 1u) != 0) atomicOr(&masks.arm_blocked[mine >> 5], 1u << (mine & 31));
   }
 
-  if (some_put_off && best_count >= limit) {
+  if (!Counter::kPlain && some_put_off && best_count >= limit) {
+#pragma unroll 1
     for (int d = takePutOff(masks, best_count, lane); d >= 0; d = takePutOff(masks, best_count, lane)) {
-      const int hits =
-          countByWarp(window, map, tool, slabs, d, position_L, point_ijk, inverse_voxel_size, best_count, lane);
+      const int hits = belowNoScore(counter(d, best_count));
       const int before = masks.least[d];
       __syncwarp();  // all have read
       if (hits > before) note(d, hits);
