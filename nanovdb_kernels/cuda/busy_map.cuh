@@ -31,6 +31,11 @@ class BusyWindow : public MapWindow<LowerWindow> {
     }
   }
 
+  /// The same once more, its nodes filled before. @param bits  BusyMapView::bits
+  __device__ BusyWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
+                        const std::uint16_t* bits, const Coord& point_ijk)
+      : MapWindow<LowerWindow>(nodes, shape, map, point_ijk), numbers_(nodes + shape.nodes()), bits_(bits) {}
+
   /// Its shape covers whatever searches read: the tool and the corridor.
   [[nodiscard]] __device__ static constexpr bool holds(const Coord&) { return true; }
 

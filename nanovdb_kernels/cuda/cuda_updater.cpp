@@ -110,8 +110,7 @@ class CudaUpdater final : public PointUpdater {
     search.slabs = input.slabs;
     search.tool.reach = reachOfSearch();
     // More than what a block gets without asking would be taken from the cache; each node takes two entries.
-    const int left = kPlainSharedBytes - kSearchWarps * search.slabs.box.words() * int{sizeof(std::uint64_t)};
-    search.window = planWindow(search.tool, left / BusyMapView::kEntries, false);
+    search.window = planWindow(search.tool, kPlainSharedBytes / BusyMapView::kEntries, false);
     search.busy = makeBusyMap(input.map.grid, found.lowers);
     growItems(moved);
     UpdateOutcome outcome;
@@ -169,11 +168,10 @@ class CudaUpdater final : public PointUpdater {
            count_.bytes() + ids_.bytes() + block_reach_.bytes() + head_.bytes() + touched_blocks_.bytes() +
            reached_bits_.bytes() + reached_blocks_.bytes() + masks_.bytes() + affected_.bytes() + places_.bytes() +
            flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + due_.bytes() + due_heads_.bytes() +
-           due_order_.bytes() + due_whole_.bytes() + due_runs_.bytes() + due_whole_runs_.bytes() +
-           busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() + crossed_.bytes() +
-           flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() + cell_directions_.bytes() +
-           flip_heads_.bytes() + flip_next_.bytes() + flip_tiles_.bytes() + lower_keys_.bytes() +
-           lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes();
+           due_order_.bytes() + due_whole_.bytes() + busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() +
+           ids_news_.bytes() + crossed_.bytes() + flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() +
+           cell_directions_.bytes() + flip_heads_.bytes() + flip_next_.bytes() + flip_tiles_.bytes() +
+           lower_keys_.bytes() + lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes();
   }
 
  private:
@@ -363,11 +361,8 @@ class CudaUpdater final : public PointUpdater {
       due_.grow(memory_, items, 0);
       due_order_.grow(memory_, items, 0);
       due_whole_.grow(memory_, items, 0);
-      due_runs_.grow(memory_, items, 0);
-      due_whole_runs_.grow(memory_, items, 0);
     }
-    view_.due = {due_.data(),       due_heads_.data(), busy_blocks_.data(),   due_order_.data(),
-                 due_whole_.data(), due_runs_.data(),  due_whole_runs_.data()};
+    view_.due = {due_.data(), due_heads_.data(), busy_blocks_.data(), due_order_.data(), due_whole_.data()};
   }
 
   void clearCounters() { fill(counters_.data(), 0, sizeof(UpdateCounters)); }
@@ -412,7 +407,7 @@ class CudaUpdater final : public PointUpdater {
   // By block.
   DeviceArray<std::uint64_t> hash_keys_;
   DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, head_, touched_blocks_, reached_bits_, reached_blocks_,
-      due_heads_, busy_blocks_, due_order_, due_whole_, due_runs_, due_whole_runs_;
+      due_heads_, busy_blocks_, due_order_, due_whole_;
   DeviceArray<std::int32_t> leaf_;
   DeviceArray<float> block_reach_;
   DeviceArray<BlockMasks> masks_;

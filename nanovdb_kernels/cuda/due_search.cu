@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Evaluates what is due, in two steps: points of which a few directions are in question, and then those that need all
-/// of them, among them the ones that the first step sends there. A warp takes a run of points of one leaf, so that what
-/// it looks up of the map around the leaf serves them all.
+/// Evaluates what is due, a warp a point, in two steps: points of which a few directions are in question, and then
+/// those that need all of them, among them the ones that the first step sends there. Points of a leaf come behind each
+/// other, so that they find what they read of the map in the cache.
 #include <type_traits>
 
 #include "cuda/busy_map.cuh"
@@ -14,30 +14,19 @@
 namespace accessvdb::kernels {
 namespace {
 
-constexpr unsigned kWarps = kSearchWarps, kThreads = kWarps * kWarp;
+constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
 constexpr unsigned kBlocksEach = 8;  ///< blocks that a multiprocessor is to hold
 
 /// How the tool is counted. A kernel each: what the others need would only take room in the instruction cache.
 enum class ToolForm { Slabs, Columns, Samples };
 
-/// What a block's warps keep of the map: first the rows of all of them (slab_count.cuh), then their windows' nodes.
-extern __shared__ std::uint64_t map_of_warps[];
+extern __shared__ std::uint32_t nodes_of_windows[];
 
-/// Items of one block of points that follow each other in a list.
-struct Run {
-  static constexpr std::uint32_t kMost = 4;  ///< more would have others wait for the last run
-  std::uint32_t first, count;
-
-  __device__ static Run of(std::uint32_t packed) { return {packed / kMost, packed % kMost + 1}; }
-  [[nodiscard]] __device__ std::uint32_t packed() const { return first * kMost + count - 1; }
-};
-
-/// Everything of a warp in shared memory but what it keeps of the map.
+/// Everything of a warp in shared memory but the nodes of its window.
 struct WarpScratch {
   WarpMasks masks;
   ScoreItem item;
   SlabWork slabs;
-  std::uint32_t lost[Run::kMost];  ///< items whose best direction became worse
 };
 
 /// A warp's point.
@@ -57,16 +46,10 @@ struct DuePoint {
   }
 };
 
-__device__ std::uint64_t* rowsOfWarp(const DueSearch& search) {
-  return map_of_warps + threadIdx.x / kWarp * static_cast<unsigned>(search.slabs.box.words());
-}
 __device__ std::uint32_t* nodesOfWarp(const DueSearch& search) {
-  auto* nodes =
-      reinterpret_cast<std::uint32_t*>(map_of_warps + kWarps * static_cast<unsigned>(search.slabs.box.words()));
-  return nodes + threadIdx.x / kWarp * search.window.entries() * BusyWindow::kEntries;
+  return nodes_of_windows + threadIdx.x / kWarp * search.window.entries() * BusyWindow::kEntries;
 }
 
-/// For all points of a leaf.
 template <class Window>
 __device__ Window makeDueWindow(const DueSearch& search, const Coord& point_ijk, int lane) {
   if constexpr (std::is_same_v<Window, TreeWindow>) {
@@ -78,17 +61,13 @@ __device__ Window makeDueWindow(const DueSearch& search, const Coord& point_ijk,
   }
 }
 
-/// What counting slabs takes, for all points of a leaf.
-template <class Window>
-__device__ void prepareSlabs(const DueSearch& search, const Window& window, const Coord& point_ijk, SlabWork& work,
-                             int lane) {
-  fillBusyRows(window, search.slabs.box, point_ijk, rowsOfWarp(search), lane);
-  if (lane != 0) return;
+/// What counting slabs takes and is the same for all points. One lane.
+__device__ void prepareSlabs(const DueSearch& search, SlabWork& work) {
   work.tool = search.slabs;
   work.map = search.map;
   work.shape = search.window.shape;
   work.nodes = nodesOfWarp(search);
-  work.rows = rowsOfWarp(search);
+  work.busy_bits = search.busy.bits;
 }
 
 /// Counts the tool at a point; all lanes.
@@ -273,76 +252,25 @@ __device__ void searchAll(const UpdateView& view, const DueSearch& search, const
   __syncwarp();
 }
 
-/// Adds the items in places [first, first + count) of a list to its runs.
-__device__ void addRuns(std::uint32_t* runs, std::uint32_t* counter, std::uint32_t first, std::uint32_t count) {
-  std::uint32_t at = atomicAdd(counter, (count + Run::kMost - 1) / Run::kMost);
-  for (std::uint32_t n = 0; n < count; n += Run::kMost)
-    runs[at++] = Run{first + n, min(count - n, Run::kMost)}.packed();
-}
-
 /// Puts the items of a block behind each other, a thread a block.
 __global__ void orderDue(UpdateView view) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= view.counters->busy) return;
-  const DueView& due = view.due;
-  std::uint32_t* head = due.head + due.busy[n];
+  std::uint32_t* head = view.due.head + view.due.busy[n];
   std::uint32_t count = 0, whole = 0;
-  for (std::uint32_t item = *head; item != kNoIndex; item = due.items[item].next) {
-    due.items[item].all != 0 ? ++whole : ++count;
+  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) {
+    view.due.items[item].all != 0 ? ++whole : ++count;
   }
   std::uint32_t place = atomicAdd(&view.counters->ordered, count);
   std::uint32_t place_whole = whole > 0 ? atomicAdd(&view.counters->whole, whole) : 0;
-  if (count > 0) addRuns(due.runs, &view.counters->runs, place, count);
-  if (whole > 0) addRuns(due.whole_runs, &view.counters->whole_runs, place_whole, whole);
-  for (std::uint32_t item = *head; item != kNoIndex; item = due.items[item].next) {
-    if (due.items[item].all != 0) {
-      due.whole[place_whole++] = item;
+  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) {
+    if (view.due.items[item].all != 0) {
+      view.due.whole[place_whole++] = item;
     } else {
-      due.order[place++] = item;
+      view.due.order[place++] = item;
     }
   }
   *head = kNoIndex;
-}
-
-/// Items whose best direction became worse, for the second step. A warp.
-__device__ void handOn(const UpdateView& view, const std::uint32_t* lost, std::uint32_t count, int lane) {
-  __syncwarp();
-  std::uint32_t place = 0;
-  if (lane == 0) {
-    place = atomicAdd(&view.counters->whole, count);
-    addRuns(view.due.whole_runs, &view.counters->whole_runs, place, count);
-  }
-  place = __shfl_sync(kAllLanes, place, 0);
-  if (lane < static_cast<int>(count)) view.due.whole[place + static_cast<std::uint32_t>(lane)] = lost[lane];
-}
-
-/// The points of a run. A warp.
-template <class Window, ToolForm kForm, bool kAll>
-__device__ void evaluateRun(const UpdateView& view, const DueSearch& search, const std::uint32_t* list, const Run& run,
-                            WarpScratch& scratch, int lane) {
-  const float inverse = search.map.inverse_voxel_size;
-  const OccupancyReader map(search.map);
-  const DuePoint any(view.points, view.due.items[list[run.first]].id, inverse);
-  const Window window = makeDueWindow<Window>(search, any.ijk, lane);
-  if constexpr (kForm == ToolForm::Slabs) prepareSlabs(search, window, any.ijk, scratch.slabs, lane);
-  __syncwarp();
-  std::uint32_t lost = 0;
-#pragma unroll 1
-  for (std::uint32_t n = run.first; n < run.first + run.count; ++n) {
-    const std::uint32_t which = list[n];
-    const DueItem& due = view.due.items[which];
-    const DuePoint point(view.points, due.id, inverse);
-    const auto counter = makeCounter<kForm>(search, window, map, point, scratch, lane);
-    if constexpr (kAll) {
-      searchAll(view, search, window, map, point, due, counter, scratch, lane);
-    } else if (!confirm(view, search, window, map, point, due, counter, scratch, lane)) {
-      if (lane == 0) scratch.lost[lost] = which;
-      ++lost;
-      __syncwarp();  // what it read of its scratch, others overwrite next
-    }
-  }
-  if (lost > 0) handOn(view, scratch.lost, lost, lane);
-  __syncwarp();  // as above
 }
 
 /// @tparam kAll  the items that need all directions, else the others
@@ -352,11 +280,23 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
   __shared__ WarpScratch all_scratch[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   WarpScratch& scratch = all_scratch[threadIdx.x / kWarp];
-  const std::uint32_t count = kAll ? view.counters->whole_runs : view.counters->runs;
-  const std::uint32_t* runs = kAll ? view.due.whole_runs : view.due.runs;
+  if (kForm == ToolForm::Slabs && lane == 0) prepareSlabs(search, scratch.slabs);
+  const std::uint32_t count = kAll ? view.counters->whole : view.counters->ordered;
   const std::uint32_t* list = kAll ? view.due.whole : view.due.order;
+  const OccupancyReader map(search.map);
+#pragma unroll 1
   for (std::uint32_t n = takeNext(&view.counters->next, lane); n < count; n = takeNext(&view.counters->next, lane)) {
-    evaluateRun<Window, kForm, kAll>(view, search, list, Run::of(runs[n]), scratch, lane);
+    const std::uint32_t which = list[n];
+    const DueItem& due = view.due.items[which];
+    const DuePoint point(view.points, due.id, search.map.inverse_voxel_size);
+    const Window window = makeDueWindow<Window>(search, point.ijk, lane);
+    const auto counter = makeCounter<kForm>(search, window, map, point, scratch, lane);
+    if constexpr (kAll) {
+      searchAll(view, search, window, map, point, due, counter, scratch, lane);
+    } else if (!confirm(view, search, window, map, point, due, counter, scratch, lane)) {
+      if (lane == 0) view.due.whole[atomicAdd(&view.counters->whole, 1u)] = which;
+      __syncwarp();  // what it read of its window, others overwrite next
+    }
   }
 }
 
@@ -364,8 +304,7 @@ template <class Window, ToolForm kForm>
 void launchBoth(const UpdateView& view, const DueSearch& search, cudaStream_t stream) {
   // Persistent blocks: as many as the device holds at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
-  const std::size_t bytes = kWarps * (search.window.entries() * BusyWindow::kEntries * sizeof(std::uint32_t) +
-                                      static_cast<std::size_t>(search.slabs.box.words()) * sizeof(std::uint64_t));
+  const std::size_t bytes = kWarps * search.window.entries() * BusyWindow::kEntries * sizeof(std::uint32_t);
   evaluateDue<Window, kForm, false><<<blocks, kThreads, bytes, stream>>>(view, search);
   checkLaunch("evaluateDue");
   ACCESSVDB_CUDA(cudaMemsetAsync(&view.counters->next, 0, sizeof(std::uint32_t), stream));
@@ -384,14 +323,13 @@ void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint3
                             : launchBoth<TreeWindow, ToolForm::Columns>(view, search, stream);
   } else if (search.tool.use_samples) {
     launchBoth<BusyWindow, ToolForm::Samples>(view, search, stream);
-  } else if (search.slabs.leaves == nullptr) {
+  } else if (search.slabs.begin == nullptr) {
     launchBoth<BusyWindow, ToolForm::Columns>(view, search, stream);
   } else {
     launchBoth<BusyWindow, ToolForm::Slabs>(view, search, stream);
   }
-  for (std::uint32_t* counter :
-       {&view.counters->due, &view.counters->busy, &view.counters->ordered, &view.counters->runs, &view.counters->whole,
-        &view.counters->whole_runs, &view.counters->next}) {
+  for (std::uint32_t* counter : {&view.counters->due, &view.counters->busy, &view.counters->ordered,
+                                 &view.counters->whole, &view.counters->next}) {
     ACCESSVDB_CUDA(cudaMemsetAsync(counter, 0, sizeof(std::uint32_t), stream));
   }
 }

@@ -61,8 +61,6 @@ void launchBusyMap(const OccupancyGrid* grid, const BusyMapView& busy, std::uint
 
 // due_search.cu: evaluates.
 
-inline constexpr int kSearchWarps = 4;  ///< of a block
-
 /// What the search needs beside the view.
 struct DueSearch {
   OccupancyView map;

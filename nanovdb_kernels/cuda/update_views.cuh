@@ -183,19 +183,17 @@ struct DueItem {
 /// Points to evaluate, by blocks.
 struct DueView {
   DueItem* items = nullptr;
-  std::uint32_t* head = nullptr;        ///< [blocks] kNoIndex where none of its points is due
-  std::uint32_t* busy = nullptr;        ///< blocks with a head
-  std::uint32_t* order = nullptr;       ///< items of which some directions are in question, block by block
-  std::uint32_t* whole = nullptr;       ///< those that need all directions
-  std::uint32_t* runs = nullptr;        ///< pieces of `order`, each of one block; no more than items
-  std::uint32_t* whole_runs = nullptr;  ///< of `whole`
+  std::uint32_t* head = nullptr;   ///< [blocks] kNoIndex where none of its points is due
+  std::uint32_t* busy = nullptr;   ///< blocks with a head
+  std::uint32_t* order = nullptr;  ///< items of which some directions are in question, block by block
+  std::uint32_t* whole = nullptr;  ///< those that need all directions
 };
 
 /// Numbers that kernels add to.
 struct UpdateCounters {
   unsigned long long tests, scored, label_changes, evaluated;
-  std::uint32_t moved, touched_blocks, reached_blocks, due, busy, ordered, runs, whole, whole_runs, next, lowers,
-      listed_lowers, flip_tiles, failed;
+  std::uint32_t moved, touched_blocks, reached_blocks, due, busy, ordered, whole, next, lowers, listed_lowers,
+      flip_tiles, failed;
 };
 
 /// Everything of an update in one argument.

@@ -43,6 +43,12 @@ struct VoxelColumn {
 };
 static_assert(sizeof(VoxelColumn) == 16);
 
+/// Leaves of the map above each other that the tool touches. x and y in leaves from that of the surface point; z in
+/// slabs: eights of voxels from the point's voxel upwards, so that one more leaf than slabs may be touched.
+struct LeafColumn {
+  std::int16_t leaf_dx, leaf_dy, slab_dz, count;
+};
+static_assert(sizeof(LeafColumn) == 8);
 /// A box of slabs of the tool: one x, the eight y of a leaf, eight z, bit 8 y + z. x in voxels, y in leaves, z in slabs
 /// from the point. The slab at (x, y, z) is words[first + n], n = ((y - leaf_dy) size_x + x - dx) size_z + z - slab_dz.
 struct SlabBox {
@@ -50,28 +56,6 @@ struct SlabBox {
   std::int16_t dx = 0, leaf_dy = 0, slab_dz = 0, size_x = 0, size_y = 0, size_z = 0;
 };
 static_assert(sizeof(SlabBox) == 16);
-
-/// The leaves around that of a point that the tool may touch at any direction, in rows of 64 along y, a bit a leaf. x
-/// and y in leaves from that of the point; z in slabs, eights of voxels from the point's voxel upwards: one more leaf
-/// than slabs may be touched.
-struct LeafBox {
-  std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
-  std::int32_t words_log2 = 0;  ///< words of 64 bits that a row takes
-
-  ACCESSVDB_HOSTDEV std::int32_t levelWords() const { return size[0] << words_log2; }
-  ACCESSVDB_HOSTDEV std::int32_t levels() const { return size[2] + 1; }
-  /// Of all leaves of the box.
-  ACCESSVDB_HOSTDEV std::int32_t words() const { return levelWords() * levels(); }
-};
-/// The rows of a LeafBox that the tool touches at one direction: `count` words of each slab, slab by slab.
-struct LeafRows {
-  std::uint32_t first = 0;       ///< word of the list
-  std::uint16_t at = 0;          ///< word of the box's level that the first one of each slab is
-  std::uint16_t count = 0;       ///< words of a slab
-  std::uint32_t reciprocal = 0;  ///< n / count = n * reciprocal >> kReciprocalLog2, for all n in question
-  static constexpr int kReciprocalLog2 = 20;
-};
-static_assert(sizeof(LeafRows) == 12);
 
 /// Box of voxels relative to the voxel of the surface point, inclusive. low > high: not known.
 struct VoxelBox {
@@ -93,10 +77,9 @@ struct ToolKernelView {
 /// the point's voxel in its leaf. All null: there is none.
 struct ToolSlabsView {
   const std::uint64_t* words = nullptr;
-  const SlabBox* boxes = nullptr;       ///< [D x 8]: direction d, y
-  const std::uint64_t* rows = nullptr;  ///< of leaves with a voxel of the tool, for the LeafRows
-  const LeafRows* leaves = nullptr;     ///< [D x 8 x 8]: direction d, x, y
-  LeafBox box;                          ///< of all of them
+  const SlabBox* boxes = nullptr;        ///< [D x 8]: direction d, y
+  const LeafColumn* columns = nullptr;   ///< near ones first
+  const std::uint32_t* begin = nullptr;  ///< [D x 8 x 8 + 1]: columns of direction d, x, y
 };
 
 /// Directions and the corridor: tables computed once on the host.

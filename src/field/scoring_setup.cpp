@@ -64,13 +64,12 @@ void ScoringSetup::loadSlabs(kernels::Backend& backend) {
   try {
     auto words = uploaded(backend, slabs.words);
     auto boxes = uploaded(backend, slabs.boxes);
-    auto rows = uploaded(backend, slabs.rows);
-    auto leaves = uploaded(backend, slabs.leaves);
+    auto columns = uploaded(backend, slabs.columns);
+    auto begin = uploaded(backend, slabs.begin);
     d_slab_words_ = std::move(words);
     d_slab_boxes_ = std::move(boxes);
-    d_slab_rows_ = std::move(rows);
-    d_slab_leaves_ = std::move(leaves);
-    slab_leaf_box_ = slabs.box;
+    d_leaf_columns_ = std::move(columns);
+    d_leaf_column_begin_ = std::move(begin);
   } catch (const ResourceLimit&) {
     return;
   }
@@ -95,9 +94,8 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.tool.column_begin = d_column_begin_.data();
   tables.tool.samples = d_samples_.data();
   tables.tool.sample_begin = d_sample_begin_.data();
-  if (d_slab_leaves_.size() > 0) {
-    tables.slabs = {d_slab_words_.data(), d_slab_boxes_.data(), d_slab_rows_.data(), d_slab_leaves_.data(),
-                    slab_leaf_box_};
+  if (d_leaf_column_begin_.size() > 0) {
+    tables.slabs = {d_slab_words_.data(), d_slab_boxes_.data(), d_leaf_columns_.data(), d_leaf_column_begin_.data()};
   }
   tables.approach = hostApproach();
   tables.approach.direction_xy = d_directions_.data();
@@ -116,7 +114,7 @@ std::uint64_t ScoringSetup::hostBytes() const {
 
 std::uint64_t ScoringSetup::deviceBytes() const {
   return d_columns_.bytes() + d_column_begin_.bytes() + d_samples_.bytes() + d_sample_begin_.bytes() +
-         d_slab_words_.bytes() + d_slab_boxes_.bytes() + d_slab_rows_.bytes() + d_slab_leaves_.bytes() +
+         d_slab_words_.bytes() + d_slab_boxes_.bytes() + d_leaf_columns_.bytes() + d_leaf_column_begin_.bytes() +
          d_directions_.bytes() + d_arm_offsets_.bytes();
 }
 

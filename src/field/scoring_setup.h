@@ -37,11 +37,10 @@ class ScoringSetup {
   std::vector<float> arm_offsets_;  ///< [D x num_arm x 3]
   int num_arm_ = 0;
   kernels::DeviceArray<kernels::VoxelColumn> d_columns_;
+  kernels::DeviceArray<kernels::LeafColumn> d_leaf_columns_;
   kernels::DeviceArray<kernels::SlabBox> d_slab_boxes_;
-  kernels::DeviceArray<kernels::LeafRows> d_slab_leaves_;
-  kernels::DeviceArray<std::uint64_t> d_slab_words_, d_slab_rows_;
-  kernels::LeafBox slab_leaf_box_;
-  kernels::DeviceArray<std::uint32_t> d_column_begin_, d_sample_begin_;
+  kernels::DeviceArray<std::uint64_t> d_slab_words_;
+  kernels::DeviceArray<std::uint32_t> d_column_begin_, d_sample_begin_, d_leaf_column_begin_;
   kernels::DeviceArray<float> d_samples_, d_directions_, d_arm_offsets_;
 };
 

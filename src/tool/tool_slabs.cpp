@@ -8,6 +8,7 @@
 #include <array>
 #include <atomic>
 #include <bit>
+#include <cstdlib>
 #include <limits>
 #include <optional>
 #include <span>
@@ -16,15 +17,14 @@
 namespace accessvdb::internal {
 namespace {
 
-using kernels::LeafBox;
-using kernels::LeafRows;
+using kernels::LeafColumn;
 using kernels::SlabBox;
 using kernels::VoxelColumn;
 
 constexpr int kLog2 = 3, kSide = 1 << kLog2;  // of a leaf
 
-/// A row of leaves that a kernel can number: 2048.
-constexpr std::int32_t kMostWordsLog2 = 5;
+/// Leaves of a box, in y and z, that a kernel can number.
+constexpr int kMostLeaves = 255;
 
 std::int16_t narrow(std::ptrdiff_t n) { return static_cast<std::int16_t>(n); }
 
@@ -74,30 +74,25 @@ class Slabs {
   [[nodiscard]] const SlabBox& box() const { return box_; }
   [[nodiscard]] std::vector<std::uint64_t> takeWords() { return std::move(words_); }
 
-  /// The leaves that they touch for a point at place x of its leaf.
-  /// @param[out] words  the rows' words; LeafRows::first counts from their beginning
-  [[nodiscard]] LeafRows leafRows(int x, const LeafBox& all, std::vector<std::uint64_t>& words) const {
-    LeafRows rows;
-    rows.first = static_cast<std::uint32_t>(words.size());
-    if (box_.size_x == 0) return rows;
-    const int begin = (box_.dx + x) >> kLog2, end = ((box_.dx + box_.size_x - 1 + x) >> kLog2) + 1;
-    const int row_words = 1 << all.words_log2, count = (end - begin) * row_words;
-    rows.at = static_cast<std::uint16_t>((begin - all.low[0]) * row_words);
-    rows.count = static_cast<std::uint16_t>(count);
-    rows.reciprocal = (1u << LeafRows::kReciprocalLog2) / static_cast<std::uint32_t>(count) + 1;
-    words.resize(words.size() + static_cast<std::size_t>(count * all.size[2]), 0);
-    for (int leaf_x = begin; leaf_x < end; ++leaf_x) {
+  /// The leaves that they touch for a point at place x of its leaf, from the lowest slab with a voxel to the highest.
+  /// Near ones first: a search that stops at some number of collisions meets them early.
+  [[nodiscard]] std::vector<LeafColumn> leafColumns(int x) const {
+    std::vector<LeafColumn> list;
+    const int begin = (box_.dx + x) >> kLog2, end = (box_.dx + box_.size_x - 1 + x) >> kLog2;
+    for (int leaf_x = begin; box_.size_x > 0 && leaf_x <= end; ++leaf_x) {
       for (int y = 0; y < box_.size_y; ++y) {
-        const int bit = y + box_.leaf_dy - all.low[1];
-        for (int z = 0; z < box_.size_z; ++z) {
-          if (!touches(leaf_x * kSide - x - box_.dx, y, z)) continue;
-          const int level = z + box_.slab_dz - all.low[2];
-          words[rows.first + static_cast<std::size_t>(level * count + (leaf_x - begin) * row_words + bit / 64)] |=
-              std::uint64_t{1} << bit % 64;
-        }
+        int low = box_.size_z, high = -1;
+        for (int dx = leaf_x * kSide - x; dx < leaf_x * kSide - x + kSide; ++dx) widen(dx - box_.dx, y, low, high);
+        if (high < low) continue;
+        list.push_back({narrow(leaf_x), narrow(y + box_.leaf_dy), narrow(low + box_.slab_dz), narrow(high - low + 1)});
       }
     }
-    return rows;
+    const auto ring = [](const LeafColumn& c) {
+      return std::max(std::abs(static_cast<int>(c.leaf_dx)), std::abs(static_cast<int>(c.leaf_dy)));
+    };
+    std::stable_sort(list.begin(), list.end(),
+                     [&](const LeafColumn& a, const LeafColumn& b) { return ring(a) < ring(b); });
+    return list;
   }
 
  private:
@@ -105,12 +100,15 @@ class Slabs {
     return (static_cast<std::size_t>(y) * static_cast<std::size_t>(box_.size_x) + static_cast<std::size_t>(x)) *
            static_cast<std::size_t>(box_.size_z);
   }
-  /// Is any voxel in the slabs from x on that make a leaf?
-  [[nodiscard]] bool touches(int x, int y, int z) const {
-    for (int own = std::max(x, 0); own < std::min<int>(x + kSide, box_.size_x); ++own) {
-      if (words_[index(own, y) + static_cast<std::size_t>(z)] != 0) return true;
+  /// Takes the slabs that are not empty of a column of the box into low .. high.
+  void widen(int x, int y, int& low, int& high) const {
+    if (x < 0 || x >= box_.size_x) return;
+    const auto slabs = std::span(words_).subspan(index(x, y), static_cast<std::size_t>(box_.size_z));
+    for (int z = 0; z < box_.size_z; ++z) {
+      if (slabs[static_cast<std::size_t>(z)] == 0) continue;
+      low = std::min(low, z);
+      high = std::max(high, z);
     }
-    return false;
   }
   void add(const VoxelColumn& c, int place_y) {
     const int y = c.dy + place_y, row = y & (kSide - 1);
@@ -127,77 +125,49 @@ class Slabs {
 
 /// The tables of a direction and a place y.
 struct Part {
-  std::vector<std::uint64_t> words, rows;
-  std::array<LeafRows, kSide> leaves;  ///< by x
+  SlabBox box;
+  std::vector<std::uint64_t> words;
+  std::array<std::vector<LeafColumn>, kSide> columns;  ///< by x
 
   Part() = default;
-  Part(Slabs slabs, const LeafBox& box) {
-    for (std::size_t x = 0; x < kSide; ++x) leaves[x] = slabs.leafRows(static_cast<int>(x), box, rows);
+  explicit Part(Slabs slabs) : box(slabs.box()) {
+    for (std::size_t x = 0; x < kSide; ++x) columns[x] = slabs.leafColumns(static_cast<int>(x));
     words = slabs.takeWords();
   }
-  [[nodiscard]] std::uint64_t rowBytes() const {
-    return rows.size() * sizeof(std::uint64_t) + leaves.size() * sizeof(LeafRows);
+  [[nodiscard]] std::uint64_t columnBytes() const {
+    std::uint64_t sum = 0;
+    for (const auto& of_x : columns) sum += of_x.size() * sizeof(LeafColumn);
+    return sum;
   }
+  [[nodiscard]] bool canBeNumbered() const { return box.size_y <= kMostLeaves && box.size_z <= kMostLeaves; }
 };
 
-/// All leaves that boxes of slabs touch; nothing where they are too many.
-std::optional<LeafBox> leafBoxOf(std::span<const SlabBox> boxes) {
-  std::array<int, 3> low, high;
-  low.fill(std::numeric_limits<int>::max());
-  high.fill(std::numeric_limits<int>::min());
-  const auto include = [&](std::size_t axis, int bottom, int top) {
-    low[axis] = std::min(low[axis], bottom);
-    high[axis] = std::max(high[axis], top);
-  };
-  for (const SlabBox& box : boxes) {
-    if (box.size_x == 0) continue;
-    include(0, box.dx >> kLog2, (box.dx + box.size_x - 1 + kSide - 1) >> kLog2);
-    include(1, box.leaf_dy, box.leaf_dy + box.size_y - 1);
-    include(2, box.slab_dz, box.slab_dz + box.size_z - 1);
-  }
-  LeafBox all;
-  if (low[0] > high[0]) return all;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    all.low[axis] = low[axis];
-    all.size[axis] = high[axis] - low[axis] + 1;
-  }
-  while (all.size[1] > 64 << all.words_log2) ++all.words_log2;
-  constexpr std::int64_t kMostWords = ToolSlabs::kMostRowBytes / static_cast<std::int64_t>(sizeof(std::uint64_t));
-  // n / count by LeafRows::reciprocal: it is too large by less than count / 2^20, and n and count are below this.
-  static_assert(kMostWords * kMostWords < 1 << LeafRows::kReciprocalLog2);
-  if (all.words_log2 > kMostWordsLog2 || all.levels() > ToolSlabs::kMostLevels ||
-      (static_cast<std::int64_t>(all.size[0]) << all.words_log2) * all.levels() > kMostWords) {
-    return std::nullopt;
-  }
-  return all;
-}
-
 /// Parts behind each other; they are given up on the way.
-ToolSlabs joined(std::vector<Part>& parts, std::vector<SlabBox> boxes, const LeafBox& box) {
+ToolSlabs joined(std::vector<Part>& parts) {
   ToolSlabs all;
-  all.box = box;
-  std::size_t num_words = 0, num_rows = 0;
+  std::size_t num_words = 0, num_columns = 0;
   for (const Part& part : parts) {
     num_words += part.words.size();
-    num_rows += part.rows.size();
+    num_columns += part.columnBytes() / sizeof(LeafColumn);
   }
   all.words.reserve(num_words);
-  all.rows.reserve(num_rows);
-  all.leaves.resize(parts.size() * kSide);
-  for (std::size_t n = 0; n < parts.size(); ++n) {
-    Part& part = parts[n];
-    boxes[n].first = static_cast<std::uint32_t>(all.words.size());
-    const auto first = static_cast<std::uint32_t>(all.rows.size());
-    for (std::size_t x = 0; x < kSide; ++x) {
-      LeafRows& leaves = all.leaves[(n / kSide * kSide + x) * kSide + n % kSide];
-      leaves = part.leaves[x];
-      leaves.first += first;
-    }
+  all.columns.reserve(num_columns);
+  for (Part& part : parts) {
+    part.box.first = static_cast<std::uint32_t>(all.words.size());
     all.words.insert(all.words.end(), part.words.begin(), part.words.end());
-    all.rows.insert(all.rows.end(), part.rows.begin(), part.rows.end());
-    part = {};
+    all.boxes.push_back(part.box);
+    part.words = {};
   }
-  all.boxes = std::move(boxes);
+  all.begin.push_back(0);
+  for (std::size_t first = 0; first < parts.size(); first += kSide) {
+    for (std::size_t x = 0; x < kSide; ++x) {
+      for (std::size_t y = 0; y < kSide; ++y) {
+        const std::vector<LeafColumn>& columns = parts[first + y].columns[x];
+        all.columns.insert(all.columns.end(), columns.begin(), columns.end());
+        all.begin.push_back(static_cast<std::uint32_t>(all.columns.size()));
+      }
+    }
+  }
   return all;
 }
 
@@ -205,38 +175,27 @@ ToolSlabs joined(std::vector<Part>& parts, std::vector<SlabBox> boxes, const Lea
 
 ToolSlabs ToolSlabs::make(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes) {
   if (tool.use_samples) return {};
-  std::vector<SlabBox> boxes(static_cast<std::size_t>(num_directions) * kSide);
+  std::vector<Part> parts(static_cast<std::size_t>(num_directions) * kSide);
   std::atomic<std::uint64_t> bytes{0};
   std::atomic<bool> fits{true};
-  const auto columnsOf = [&](std::size_t part) {
-    const std::uint32_t begin = tool.column_begin[part / kSide], end = tool.column_begin[part / kSide + 1];
-    return std::span(tool.columns + begin, end - begin);
-  };
-  tbb::parallel_for(std::size_t{0}, boxes.size(), [&](std::size_t n) {
-    const std::optional<SlabBox> box = boxOf(columnsOf(n), static_cast<int>(n % kSide));
-    if (box) {
-      boxes[n] = *box;
-    } else {
-      fits = false;
-    }
-  });
-  if (!fits) return {};
-  const std::optional<LeafBox> leaves = leafBoxOf(boxes);
-  if (!leaves) return {};
-
-  std::vector<Part> parts(boxes.size());
   /// Before they are taken.
   const auto reserve = [&](std::uint64_t more) {
     if (bytes.fetch_add(more, std::memory_order_relaxed) + more > most_bytes) fits = false;
     return fits.load();
   };
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t n) {
-    if (!fits || !reserve(wordsOf(boxes[n]) * sizeof(std::uint64_t))) return;
-    parts[n] = Part(Slabs(columnsOf(n), static_cast<int>(n % kSide), boxes[n]), *leaves);
-    reserve(parts[n].rowBytes());
+    if (!fits) return;
+    const std::uint32_t begin = tool.column_begin[n / kSide], end = tool.column_begin[n / kSide + 1];
+    const std::span columns(tool.columns + begin, end - begin);
+    const auto y = static_cast<int>(n % kSide);
+    const std::optional<SlabBox> box = boxOf(columns, y);
+    if (!box) fits = false;
+    if (!box || !reserve(wordsOf(*box) * sizeof(std::uint64_t))) return;
+    parts[n] = Part(Slabs(columns, y, *box));
+    if (!parts[n].canBeNumbered() || !reserve(parts[n].columnBytes())) fits = false;
   });
   if (!fits) return {};
-  return joined(parts, std::move(boxes), *leaves);
+  return joined(parts);
 }
 
 }  // namespace accessvdb::internal

@@ -16,16 +16,13 @@ namespace accessvdb::internal {
 struct ToolSlabs {
   /// What they may take; above it, searches do without them.
   static constexpr std::uint64_t kMostBytes = std::uint64_t{512} << 20;
-  /// And the rows of a LeafBox, of which a search keeps one set at hand; and its levels.
-  static constexpr std::int32_t kMostRowBytes = 5 << 10, kMostLevels = 32;
 
   std::vector<std::uint64_t> words;
   std::vector<kernels::SlabBox> boxes;  ///< [D x 8]
-  std::vector<std::uint64_t> rows;
-  std::vector<kernels::LeafRows> leaves;  ///< [D x 8 x 8]
-  kernels::LeafBox box;
+  std::vector<kernels::LeafColumn> columns;
+  std::vector<std::uint32_t> begin;  ///< [D x 8 x 8 + 1]
 
-  [[nodiscard]] bool empty() const { return leaves.empty(); }
+  [[nodiscard]] bool empty() const { return begin.empty(); }
 
   /// Parallel over directions. @param tool  host memory
   static ToolSlabs make(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes);
