@@ -40,10 +40,14 @@ inline Mask greater(Floats x, Floats y) {
 inline Mask atMost(Floats x, Floats y) {
   return bitsOf(_mm256_cmp_ps(x.a, y.a, _CMP_LE_OQ), _mm256_cmp_ps(x.b, y.b, _CMP_LE_OQ));
 }
-inline Mask either(Mask a, Mask b) { return a | b; }
-inline Mask both(Mask a, Mask b) { return a & b; }
 inline Ints truncate(Floats x) { return {_mm256_cvttps_epi32(x.a), _mm256_cvttps_epi32(x.b)}; }
+/// The same where `among` is set, and zero elsewhere.
+inline Mask greater(Mask among, Floats x, Floats y) { return among & greater(x, y); }
+inline Mask atMost(Mask among, Floats x, Floats y) { return among & atMost(x, y); }
+inline Floats toFloats(Ints x) { return {_mm256_cvtepi32_ps(x.a), _mm256_cvtepi32_ps(x.b)}; }
 inline Ints addInts(Ints x, Ints y) { return {_mm256_add_epi32(x.a, y.a), _mm256_add_epi32(x.b, y.b)}; }
+inline Ints subInts(Ints x, Ints y) { return {_mm256_sub_epi32(x.a, y.a), _mm256_sub_epi32(x.b, y.b)}; }
+inline Ints mulInts(Ints x, Ints y) { return {_mm256_mullo_epi32(x.a, y.a), _mm256_mullo_epi32(x.b, y.b)}; }
 inline Ints leastInts(Ints x, Ints y) { return {_mm256_min_epi32(x.a, y.a), _mm256_min_epi32(x.b, y.b)}; }
 inline Ints mostInts(Ints x, Ints y) { return {_mm256_max_epi32(x.a, y.a), _mm256_max_epi32(x.b, y.b)}; }
 inline Ints bitAnd(Ints x, Ints y) { return {_mm256_and_si256(x.a, y.a), _mm256_and_si256(x.b, y.b)}; }
@@ -78,22 +82,4 @@ inline std::uint32_t sumOf(Ints x) {
   four = _mm_add_epi32(four, _mm_shuffle_epi32(four, 0x4e));
   four = _mm_add_epi32(four, _mm_shuffle_epi32(four, 0xb1));
   return static_cast<std::uint32_t>(_mm_cvtsi128_si32(four));
-}
-
-inline __m128i meanOfQuarter(__m128i mean, __m128i weight, __m128i sum, __m128i total) {
-  const __m256d product = _mm256_mul_pd(_mm256_cvtepi32_pd(mean), _mm256_cvtepi32_pd(weight));
-  const __m256d numerator = _mm256_add_pd(product, _mm256_mul_pd(_mm256_set1_pd(16.0), _mm256_cvtepi32_pd(sum)));
-  const __m256d quotient = _mm256_div_pd(numerator, _mm256_cvtepi32_pd(total));
-  return _mm256_cvttpd_epi32(_mm256_add_pd(quotient, _mm256_set1_pd(0.5)));
-}
-inline __m256i meanOfHalf(__m256i mean, __m256i weight, __m256i sum, __m256i total) {
-  const __m128i low = meanOfQuarter(_mm256_castsi256_si128(mean), _mm256_castsi256_si128(weight),
-                                    _mm256_castsi256_si128(sum), _mm256_castsi256_si128(total));
-  const __m128i high = meanOfQuarter(_mm256_extracti128_si256(mean, 1), _mm256_extracti128_si256(weight, 1),
-                                     _mm256_extracti128_si256(sum, 1), _mm256_extracti128_si256(total, 1));
-  return _mm256_inserti128_si256(_mm256_castsi128_si256(low), high, 1);
-}
-/// (mean * weight + 16 * sum) / total, rounded to nearest.
-inline Ints foldedMean(Ints mean, Ints weight, Ints sum, Ints total) {
-  return {meanOfHalf(mean.a, weight.a, sum.a, total.a), meanOfHalf(mean.b, weight.b, sum.b, total.b)};
 }

@@ -20,10 +20,14 @@ inline Floats most(Floats a, Floats b) { return _mm512_max_ps(a, b); }
 inline Floats absolute(Floats a) { return _mm512_abs_ps(a); }
 inline Mask greater(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
 inline Mask atMost(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
-inline Mask either(Mask a, Mask b) { return _kor_mask16(a, b); }
-inline Mask both(Mask a, Mask b) { return _kand_mask16(a, b); }
 inline Ints truncate(Floats a) { return _mm512_cvttps_epi32(a); }
+/// The same where `among` is set, and zero elsewhere.
+inline Mask greater(Mask among, Floats a, Floats b) { return _mm512_mask_cmp_ps_mask(among, a, b, _CMP_GT_OQ); }
+inline Mask atMost(Mask among, Floats a, Floats b) { return _mm512_mask_cmp_ps_mask(among, a, b, _CMP_LE_OQ); }
+inline Floats toFloats(Ints a) { return _mm512_cvtepi32_ps(a); }
 inline Ints addInts(Ints a, Ints b) { return _mm512_add_epi32(a, b); }
+inline Ints subInts(Ints a, Ints b) { return _mm512_sub_epi32(a, b); }
+inline Ints mulInts(Ints a, Ints b) { return _mm512_mullo_epi32(a, b); }
 inline Ints leastInts(Ints a, Ints b) { return _mm512_min_epi32(a, b); }
 inline Ints mostInts(Ints a, Ints b) { return _mm512_max_epi32(a, b); }
 inline Ints bitAnd(Ints a, Ints b) { return _mm512_and_si512(a, b); }
@@ -40,28 +44,3 @@ inline std::uint32_t pairsOf(const LeafBits& bits) {
   return _mm512_test_epi16_mask(all_bits, all_bits);
 }
 inline std::uint32_t sumOf(Ints a) { return static_cast<std::uint32_t>(_mm512_reduce_add_epi32(a)); }
-
-/// 1 / x to 50 bits and more; a division of eight doubles takes the divider 16 cycles.
-inline __m512d reciprocalOf(__m512d x) {
-  const __m512d one = _mm512_set1_pd(1.0);
-  __m512d r = _mm512_rcp14_pd(x);
-  r = _mm512_fmadd_pd(r, _mm512_fnmadd_pd(x, r, one), r);
-  return _mm512_fmadd_pd(r, _mm512_fnmadd_pd(x, r, one), r);
-}
-/// Exact, though the quotient is not: it lies below 2^20, so that it is wrong by less than 2^-28. A total has 16 bits,
-/// so a quotient that is no half and rounds down lies 2^-17 or more below the half. The 2^-24 brings halves over and no
-/// other.
-inline __m256i meanOfHalf(__m256i mean, __m256i weight, __m256i sum, __m256i total) {
-  const __m512d product = _mm512_mul_pd(_mm512_cvtepi32_pd(mean), _mm512_cvtepi32_pd(weight));
-  const __m512d numerator = _mm512_fmadd_pd(_mm512_set1_pd(16.0), _mm512_cvtepi32_pd(sum), product);
-  const __m512d quotient = _mm512_mul_pd(numerator, reciprocalOf(_mm512_cvtepi32_pd(total)));
-  return _mm512_cvttpd_epi32(_mm512_add_pd(quotient, _mm512_set1_pd(0.5 + 0x1p-24)));
-}
-/// (mean * weight + 16 * sum) / total, rounded to nearest.
-inline Ints foldedMean(Ints mean, Ints weight, Ints sum, Ints total) {
-  const __m256i low = meanOfHalf(_mm512_castsi512_si256(mean), _mm512_castsi512_si256(weight),
-                                 _mm512_castsi512_si256(sum), _mm512_castsi512_si256(total));
-  const __m256i high = meanOfHalf(_mm512_extracti64x4_epi64(mean, 1), _mm512_extracti64x4_epi64(weight, 1),
-                                  _mm512_extracti64x4_epi64(sum, 1), _mm512_extracti64x4_epi64(total, 1));
-  return _mm512_inserti64x4(_mm512_castsi256_si512(low), high, 1);
-}

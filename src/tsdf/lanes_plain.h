@@ -50,6 +50,8 @@ ACCESSVDB_LANES(Floats, div, x / y)
 ACCESSVDB_LANES(Floats, least, x < y ? x : y)
 ACCESSVDB_LANES(Floats, most, x > y ? x : y)
 ACCESSVDB_LANES(Ints, addInts, x + y)
+ACCESSVDB_LANES(Ints, subInts, x - y)
+ACCESSVDB_LANES(Ints, mulInts, x* y)
 ACCESSVDB_LANES(Ints, leastInts, x < y ? x : y)
 ACCESSVDB_LANES(Ints, mostInts, x > y ? x : y)
 ACCESSVDB_LANES(Ints, bitAnd, x& y)
@@ -75,16 +77,22 @@ inline Mask atMost(const Floats& a, const Floats& b) {
   for (unsigned n = 0; n < 16; ++n) bits |= (a.v[n] <= b.v[n] ? 1u : 0u) << n;
   return bits;
 }
+/// The same where `among` is set, and zero elsewhere.
+inline Mask greater(Mask among, const Floats& a, const Floats& b) { return among & greater(a, b); }
+inline Mask atMost(Mask among, const Floats& a, const Floats& b) { return among & atMost(a, b); }
 inline Mask lessInts(const Ints& a, const Ints& b) {
   std::uint32_t bits = 0;
   for (unsigned n = 0; n < 16; ++n) bits |= (a.v[n] < b.v[n] ? 1u : 0u) << n;
   return bits;
 }
-inline Mask either(Mask a, Mask b) { return a | b; }
-inline Mask both(Mask a, Mask b) { return a & b; }
 inline Ints truncate(const Floats& a) {
   Ints r;
   for (int n = 0; n < 16; ++n) r.v[n] = static_cast<std::int32_t>(a.v[n]);
+  return r;
+}
+inline Floats toFloats(const Ints& a) {
+  Floats r;
+  for (int n = 0; n < 16; ++n) r.v[n] = static_cast<float>(a.v[n]);
   return r;
 }
 inline Ints shiftLeft(const Ints& a, unsigned count) {
@@ -112,13 +120,4 @@ inline std::uint32_t sumOf(const Ints& a) {
   std::uint32_t sum = 0;
   for (const std::int32_t lane : a.v) sum += static_cast<std::uint32_t>(lane);
   return sum;
-}
-/// (mean * weight + 16 * sum) / total, rounded to nearest.
-inline Ints foldedMean(const Ints& mean, const Ints& weight, const Ints& sum, const Ints& total) {
-  Ints r;
-  for (int n = 0; n < 16; ++n) {
-    const double numerator = static_cast<double>(mean.v[n]) * weight.v[n] + 16.0 * sum.v[n];
-    r.v[n] = static_cast<std::int32_t>(numerator / total.v[n] + 0.5);
-  }
-  return r;
 }

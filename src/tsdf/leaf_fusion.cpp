@@ -7,13 +7,6 @@
 #include <cmath>
 
 namespace accessvdb::internal {
-namespace {
-
-/// Most samples a voxel between two flushes: 32 767 samples of 65 535 steps fit into 31 bits.
-constexpr std::size_t kEntriesPerFlush = 32767;
-
-}  // namespace
-
 LeafFusion::LeafFusion(const PackedMap& map, const RegionShape& shape, const LeafKernels& kernels)
     : map_(map), shape_(shape), kernels_(kernels) {
   const TsdfParams& p = map.params();
@@ -30,17 +23,14 @@ LeafFusion::LeafFusion(const PackedMap& map, const RegionShape& shape, const Lea
   constants_.collision_mean = 0;  // set for each fold: it may change between scans
 }
 
-void LeafFusion::clearSums() {
-  sums_.distance.fill(0);
-  sums_.samples.fill(0);
-}
+void LeafFusion::clearSums() { sums_.packed.fill(0); }
 
 void LeafFusion::flushSums() {
   if (!wide_) wide_sums_ = WideSums{};
   wide_ = true;
   for (std::size_t n = 0; n < 512; ++n) {
-    wide_sums_.distance[n] += sums_.distance[n];
-    wide_sums_.samples[n] += sums_.samples[n];
+    wide_sums_.distance[n] += LeafSums::distanceOf(sums_.packed[n]);
+    wide_sums_.samples[n] += LeafSums::samplesOf(sums_.packed[n]);
   }
   clearSums();
 }
@@ -97,7 +87,7 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
       passes_ += kernels_.mark_band(local, constants_, passed_);
       continue;
     }
-    if (++since_flush > kEntriesPerFlush) {
+    if (++since_flush > LeafSums::kMostSamples) {
       flushSums();
       since_flush = 1;
     }
@@ -112,11 +102,9 @@ void LeafFusion::prefetchValues(const PackedLeaf& leaf) const {
   if (packed == nullptr) return;
   std::uint32_t pairs = touched_;
   if (passes_ != 0) {  // fold() looks at voxels that are cleared for the first time, too
-    for (std::size_t x = 0; x < 8; ++x) {
-      const std::uint64_t cleared = leaf.getValueMask().getWord<std::uint64_t>(static_cast<openvdb::Index>(x));
-      const std::uint64_t gained = passed_[x] & ~cleared;
-      for (unsigned y = 0; y < 4; ++y) pairs |= ((gained >> (16 * y) & 0xffff) != 0 ? 1u : 0u) << (4 * x + y);
-    }
+    LeafBits cleared;
+    for (openvdb::Index x = 0; x < 8; ++x) cleared[x] = leaf.getValueMask().getWord<std::uint64_t>(x);
+    pairs |= kernels_.gained_pairs(passed_, cleared);
   }
   for (; pairs != 0; pairs &= pairs - 1) __builtin_prefetch(packed + 16 * std::countr_zero(pairs), 1);
 }

@@ -6,8 +6,6 @@
 #include <bit>
 #include <cmath>
 
-#include "tsdf/packed_voxel.h"
-
 // leaf_kernels_body.h is included once an instruction set, each time in its own namespace with its own lanes. No
 // templates in there: they would be instantiated outside of the pragma's reach.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
@@ -46,10 +44,13 @@ namespace accessvdb::internal::plain {
 namespace accessvdb::internal {
 namespace {
 
-constexpr LeafKernels kPlain = {"plain", plain::addDoubleCone, plain::addFullCube, plain::markBand, plain::fold};
+constexpr LeafKernels kPlain = {"plain",         plain::addDoubleCone, plain::addFullCube,
+                                plain::markBand, plain::gainedPairs,   plain::fold};
 #if ACCESSVDB_X86_KERNELS
-constexpr LeafKernels kAvx512 = {"avx512", avx512::addDoubleCone, avx512::addFullCube, avx512::markBand, avx512::fold};
-constexpr LeafKernels kAvx2 = {"avx2", avx2::addDoubleCone, avx2::addFullCube, avx2::markBand, avx2::fold};
+constexpr LeafKernels kAvx512 = {"avx512",         avx512::addDoubleCone, avx512::addFullCube,
+                                 avx512::markBand, avx512::gainedPairs,   avx512::fold};
+constexpr LeafKernels kAvx2 = {"avx2",         avx2::addDoubleCone, avx2::addFullCube,
+                               avx2::markBand, avx2::gainedPairs,   avx2::fold};
 #endif
 
 }  // namespace

@@ -11,6 +11,7 @@
 #include <cstdint>
 
 #include "accessvdb/leaf_change.h"
+#include "tsdf/packed_voxel.h"
 #include "tsdf/return_region.h"
 
 namespace accessvdb::internal {
@@ -19,10 +20,21 @@ namespace accessvdb::internal {
 inline constexpr int kPairs = 32;
 
 /// Sums of one scan over the 512 voxels of a leaf. Lives in the first-level cache; zero but in touched pairs.
+///
+/// A voxel's sum of samples, in steps of kSampleSteps, and their count share a word: most leaves get one return or two.
 struct LeafSums {
-  alignas(64) std::array<std::uint32_t, 512> distance = {};  ///< sum of samples in steps of kSampleSteps
-  alignas(64) std::array<std::uint32_t, 512> samples = {};
+  static constexpr unsigned kDistanceBits = 24;  ///< the lower ones
+  static constexpr std::uint32_t kMostSamples = (1u << (32 - kDistanceBits)) - 1;
+  alignas(64) std::array<std::uint32_t, 512> packed = {};
+
+  static constexpr std::uint32_t pack(std::uint32_t distance, std::uint32_t samples) {
+    return samples << kDistanceBits | distance;
+  }
+  static constexpr std::uint32_t distanceOf(std::uint32_t packed) { return packed & ((1u << kDistanceBits) - 1); }
+  static constexpr std::uint32_t samplesOf(std::uint32_t packed) { return packed >> kDistanceBits; }
 };
+static_assert(std::uint64_t{LeafSums::kMostSamples} * kSampleSteps >> LeafSums::kDistanceBits == 0,
+              "the largest sum leaves the bits of the count alone");
 
 /// One return as seen from one leaf, in voxels.
 struct ReturnInLeaf {
@@ -58,11 +70,14 @@ struct LeafTarget {
 
 struct LeafKernels {
   const char* name;
-  /// Adds the samples of one return. @return pairs of rows that got any, a bit each
+  /// Adds the samples of one return, to less than LeafSums::kMostSamples of others.
+  /// @return pairs of rows that got any, a bit each
   std::uint32_t (*add_double_cone)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafSums& sums);
   std::uint32_t (*add_full_cube)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafSums& sums);
   /// Marks the voxels of one return's cleared band. @return how many
   std::uint32_t (*mark_band)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafBits& passed);
+  /// Pairs of rows with voxels that were passed and not cleared yet, a bit each.
+  std::uint32_t (*gained_pairs)(const LeafBits& passed, const LeafBits& cleared);
   /// Folds sums and passes into a leaf and zeroes the sums again.
   /// @param touched  pairs with samples  @return true when a fact flipped; then `change` is written
   bool (*fold)(const LeafTarget& leaf, const KernelConstants& constants, std::uint32_t touched, LeafSums& sums,

@@ -6,8 +6,10 @@
 alignas(64) constexpr float kLaneZ[16] = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7};
 alignas(64) constexpr float kLaneY[16] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1};
 
-/// Parts of s and |e|^2 that depend on y and z only, for the four pairs of rows of a slab.
-struct Slab {
+/// e along x, and the parts of s and |e|^2 that depend on x only; and those that depend on y and z only, for the four
+/// pairs of rows of a parts. From memory, a float fills all lanes at no cost.
+struct Parts {
+  alignas(32) float ex[8], sx[8], ex2[8];
   Floats s[4], e2[4];
   Mask in_cube[4];
 };
@@ -28,20 +30,24 @@ inline Reach reachOf(const ReturnInLeaf& ray) {
   return {x0 > 0 ? x0 : 0, x1 < 7 ? x1 : 7};
 }
 
-inline void setSlab(const ReturnInLeaf& ray, float tau, Slab& slab) {
+inline void setParts(const ReturnInLeaf& ray, float tau, Parts& parts) {
+  for (int x = 0; x < 8; ++x) {
+    const float ex = (ray.leaf[0] + static_cast<float>(x)) - ray.offset[0];
+    parts.ex[x] = ex;
+    parts.sx[x] = ex * ray.to_sensor[0];
+    parts.ex2[x] = ex * ex;
+  }
   const Floats ez = sub(add(all(ray.leaf[2]), loadFloats(kLaneZ)), all(ray.offset[2]));
   const Floats sz = mul(ez, all(ray.to_sensor[2])), ez2 = mul(ez, ez);
   const Mask in_z = atMost(absolute(ez), all(tau));
   for (int pair = 0; pair < 4; ++pair) {
     const Floats y = add(all(static_cast<float>(2 * pair)), loadFloats(kLaneY));
     const Floats ey = sub(add(all(ray.leaf[1]), y), all(ray.offset[1]));
-    slab.s[pair] = add(mul(ey, all(ray.to_sensor[1])), sz);
-    slab.e2[pair] = add(mul(ey, ey), ez2);
-    slab.in_cube[pair] = both(in_z, atMost(absolute(ey), all(tau)));
+    parts.s[pair] = add(mul(ey, all(ray.to_sensor[1])), sz);
+    parts.e2[pair] = add(mul(ey, ey), ez2);
+    parts.in_cube[pair] = atMost(in_z, absolute(ey), all(tau));
   }
 }
-
-inline float offsetX(const ReturnInLeaf& ray, int x) { return (ray.leaf[0] + static_cast<float>(x)) - ray.offset[0]; }
 
 /// d = R - |x - q|, without the cancellation of two large numbers, clamped and in steps.
 inline Ints sampleOf(Floats two_rs, Floats e2, Floats to_sensor, Floats range, const KernelConstants& c) {
@@ -50,60 +56,92 @@ inline Ints sampleOf(Floats two_rs, Floats e2, Floats to_sensor, Floats range, c
   return truncate(add(mul(sub(clamped, all(c.clamp_low)), all(c.sample_scale)), all(0.5f)));
 }
 
+/// Which voxels of a leaf lie in a region: pair by pair, and which pairs have any.
+struct Inside {
+  LeafBits slabs;
+  std::uint32_t pairs = 0;
+  [[nodiscard]] std::uint32_t ofPair(int pair) const {
+    return static_cast<std::uint32_t>(slabs[static_cast<std::size_t>(pair >> 2)] >> (16 * (pair & 3))) & 0xffffu;
+  }
+};
+
+/// The pairs of a slab with any bit set.
+inline std::uint32_t pairsOfSlab(std::uint64_t bits) {
+  constexpr std::uint64_t kTop = 0x8000800080008000u;
+  const std::uint64_t tops = (((bits & ~kTop) + ~kTop) | bits) & kTop;  // of each pair: set where any bit of it is
+  return static_cast<std::uint32_t>((tops >> 15) * 0x0001000200040008u >> 48) & 0xfu;
+}
+
+/// Whether a voxel of the leaf may lie in the ball around the return that is always updated.
+inline bool reachesOwnBall(const ReturnInLeaf& ray) {
+  float e2 = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const float low = ray.leaf[axis] - ray.offset[axis], beyond = low > -7 - low ? low : -7 - low;
+    const float e = beyond > 0 ? beyond : 0;  // least distance along this axis
+    e2 += e * e;
+  }
+  return e2 <= kOwnVoxelRadius + kSlack;
+}
+
+inline Inside insideDoubleCone(const ReturnInLeaf& ray, const KernelConstants& c, const Parts& parts) {
+  const Reach reach = reachOf(ray);
+  const Floats cos2 = all(c.cone_cos_squared), one = all(1.0f);
+  const bool own_ball = reachesOwnBall(ray);
+  Inside inside;
+  for (int x = reach.x0; x <= reach.x1; ++x) {
+    if (!(std::fabs(parts.ex[x]) <= c.tau)) continue;
+    const Floats sx = all(parts.sx[x]), ex2 = all(parts.ex2[x]);
+    std::uint64_t bits = 0;
+    for (int y = 0; y < 4; ++y) {
+      const Floats s = add(sx, parts.s[y]), e2 = add(ex2, parts.e2[y]);
+      std::uint32_t in_pair = greater(parts.in_cube[y], mul(s, s), mul(cos2, e2));
+      if (own_ball) in_pair |= atMost(parts.in_cube[y], e2, one);
+      bits |= static_cast<std::uint64_t>(in_pair) << (16 * y);
+    }
+    inside.slabs[static_cast<std::size_t>(x)] = bits;
+    inside.pairs |= pairsOfSlab(bits) << (4 * x);
+  }
+  return inside;
+}
+
 inline void addSamples(std::uint32_t inside, Ints sample, int pair, LeafSums& sums) {
-  std::uint32_t* distance = sums.distance.data() + 16 * pair;
-  std::uint32_t* samples = sums.samples.data() + 16 * pair;
-  store(distance, addInts(loadInts(distance), choose(inside, sample, allInts(0))));
-  store(samples, addInts(loadInts(samples), choose(inside, allInts(1), allInts(0))));
+  std::uint32_t* to = sums.packed.data() + 16 * pair;
+  const Ints old = loadInts(to), one_sample = allInts(1 << LeafSums::kDistanceBits);
+  store(to, choose(inside, addInts(old, addInts(sample, one_sample)), old));
 }
 
 inline std::uint32_t addDoubleCone(const ReturnInLeaf& ray, const KernelConstants& c, LeafSums& sums) {
-  const Reach reach = reachOf(ray);
-  Slab slab;
-  setSlab(ray, c.tau, slab);
-  const Floats cos2 = all(c.cone_cos_squared), one = all(1.0f);
-  std::uint32_t touched = 0;
-  std::uint32_t inside[kPairs];
-  for (int x = reach.x0; x <= reach.x1; ++x) {
-    const float ex = offsetX(ray, x);
-    if (!(std::fabs(ex) <= c.tau)) continue;
-    const Floats sx = all(ex * ray.to_sensor[0]), ex2 = all(ex * ex);
-    for (int y = 0; y < 4; ++y) {
-      const Floats s = add(sx, slab.s[y]), e2 = add(ex2, slab.e2[y]);
-      const Mask in_cone = either(greater(mul(s, s), mul(cos2, e2)), atMost(e2, one));
-      const int pair = 4 * x + y;
-      inside[pair] = both(in_cone, slab.in_cube[y]);
-      touched |= (inside[pair] != 0 ? 1u : 0u) << pair;
-    }
-  }
-  const Floats range = all(ray.range), range_squared = mul(range, range), zero = all(0.0f);
-  for (std::uint32_t left = touched; left != 0; left &= left - 1) {
-    const int pair = std::countr_zero(left);
-    const float ex = offsetX(ray, pair >> 2);
-    const Floats s = add(all(ex * ray.to_sensor[0]), slab.s[pair & 3]), e2 = add(all(ex * ex), slab.e2[pair & 3]);
-    const Floats two_rs = mul(all(2.0f), mul(range, s));
+  Parts parts;
+  setParts(ray, c.tau, parts);
+  const Inside inside = insideDoubleCone(ray, c, parts);
+  const Floats range = all(ray.range), range_squared = mul(range, range), two_range = add(range, range);
+  const Floats zero = all(0.0f);
+  for (std::uint32_t left = inside.pairs; left != 0; left &= left - 1) {
+    const int pair = std::countr_zero(left), x = pair >> 2, y = pair & 3;
+    const Floats s = add(all(parts.sx[x]), parts.s[y]), e2 = add(all(parts.ex2[x]), parts.e2[y]);
+    const Floats two_rs = mul(two_range, s);  // twice a number: nothing is rounded
     const Floats to_sensor = squareRoot(most(add(sub(range_squared, two_rs), e2), zero));
-    addSamples(inside[pair], sampleOf(two_rs, e2, to_sensor, range, c), pair, sums);
+    addSamples(inside.ofPair(pair), sampleOf(two_rs, e2, to_sensor, range, c), pair, sums);
   }
-  return touched;
+  return inside.pairs;
 }
 
 inline std::uint32_t addFullCube(const ReturnInLeaf& ray, const KernelConstants& c, LeafSums& sums) {
   const Reach reach = reachOf(ray);
-  Slab slab;
-  setSlab(ray, c.tau, slab);
-  const Floats range = all(ray.range), range_squared = mul(range, range), zero = all(0.0f);
+  Parts parts;
+  setParts(ray, c.tau, parts);
+  const Floats range = all(ray.range), range_squared = mul(range, range), two_range = add(range, range);
+  const Floats zero = all(0.0f);
   std::uint32_t touched = 0;
   for (int x = reach.x0; x <= reach.x1; ++x) {
-    const float ex = offsetX(ray, x);
-    if (!(std::fabs(ex) <= c.tau)) continue;
-    const Floats sx = all(ex * ray.to_sensor[0]), ex2 = all(ex * ex);
+    if (!(std::fabs(parts.ex[x]) <= c.tau)) continue;
+    const Floats sx = all(parts.sx[x]), ex2 = all(parts.ex2[x]);
     for (int y = 0; y < 4; ++y) {
-      if (slab.in_cube[y] == 0) continue;
-      const Floats s = add(sx, slab.s[y]), e2 = add(ex2, slab.e2[y]);
-      const Floats two_rs = mul(all(2.0f), mul(range, s));
+      if (parts.in_cube[y] == 0) continue;
+      const Floats s = add(sx, parts.s[y]), e2 = add(ex2, parts.e2[y]);
+      const Floats two_rs = mul(two_range, s);  // twice a number: nothing is rounded
       const Floats to_sensor = squareRoot(most(add(sub(range_squared, two_rs), e2), zero));
-      const std::uint32_t inside = slab.in_cube[y] & greater(sub(range, s), mul(all(c.cone_cos), to_sensor));
+      const std::uint32_t inside = greater(parts.in_cube[y], sub(range, s), mul(all(c.cone_cos), to_sensor));
       if (inside == 0) continue;
       const int pair = 4 * x + y;
       addSamples(inside, sampleOf(two_rs, e2, to_sensor, range, c), pair, sums);
@@ -115,18 +153,17 @@ inline std::uint32_t addFullCube(const ReturnInLeaf& ray, const KernelConstants&
 
 inline std::uint32_t markBand(const ReturnInLeaf& ray, const KernelConstants& c, LeafBits& passed) {
   const Reach reach = reachOf(ray);
-  Slab slab;
-  setSlab(ray, c.tau, slab);
+  Parts parts;
+  setParts(ray, c.tau, parts);
   const Floats begin = all(c.band_begin), end = all(c.band_end < ray.range ? c.band_end : ray.range);
   const Floats radius2 = all(c.band_radius_squared);
   std::uint32_t count = 0;
   for (int x = reach.x0; x <= reach.x1; ++x) {
-    const float ex = offsetX(ray, x);
-    const Floats sx = all(ex * ray.to_sensor[0]), ex2 = all(ex * ex);
+    const Floats sx = all(parts.sx[x]), ex2 = all(parts.ex2[x]);
     std::uint64_t word = 0;
     for (int y = 0; y < 4; ++y) {
-      const Floats s = add(sx, slab.s[y]), e2 = add(ex2, slab.e2[y]);
-      const std::uint32_t inside = both(both(greater(s, begin), atMost(s, end)), atMost(sub(e2, mul(s, s)), radius2));
+      const Floats s = add(sx, parts.s[y]), e2 = add(ex2, parts.e2[y]);
+      const std::uint32_t inside = atMost(atMost(greater(s, begin), s, end), sub(e2, mul(s, s)), radius2);
       word |= static_cast<std::uint64_t>(inside) << (16 * y);
     }
     passed[static_cast<std::size_t>(x)] |= word;
@@ -144,30 +181,47 @@ inline void setPair(LeafBits& bits, int pair, std::uint32_t rows) {
   bits[static_cast<std::size_t>(pair >> 2)] |= static_cast<std::uint64_t>(rows) << (16 * (pair & 3));
 }
 
+/// (mean * (total - count) + 16 * sum) / total to the nearest, halves up: as the step from the old mean, which fits
+/// into 32 bits. No step is longer than 2^20, so the quotient of floats misses it by less than 1/8; what truncation and
+/// this leave over says whether it is one off.
+/// @param total  1 or more, also where there is no sample
+inline Ints foldedMean(Ints mean, Ints sum, Ints count, Ints total) {
+  const Ints step = subInts(shiftLeft(sum, 4), mulInts(mean, count));
+  const Ints about = truncate(div(toFloats(step), toFloats(total)));
+  const Ints left = subInts(step, mulInts(about, total)), twice_left = addInts(left, left);
+  const Ints folded = addInts(mean, about), one = allInts(1);
+  const std::uint32_t below = lessInts(twice_left, subInts(allInts(0), total));
+  const std::uint32_t above = ~lessInts(twice_left, total);
+  return addInts(addInts(folded, choose(above, one, allInts(0))), choose(below, allInts(-1), allInts(0)));
+}
+
 /// Folds one pair of rows with samples.
 inline void foldPair(const LeafTarget& leaf, LeafSums& sums, const KernelConstants& c, int pair, LeafFacts& facts,
                      Ints& sample_total) {
   std::uint32_t* packed = leaf.packed + 16 * pair;
-  std::uint32_t* distance = sums.distance.data() + 16 * pair;
-  std::uint32_t* samples = sums.samples.data() + 16 * pair;
-  const Ints zero = allInts(0), old = loadInts(packed), count = loadInts(samples);
+  std::uint32_t* summed = sums.packed.data() + 16 * pair;
+  const Ints zero = allInts(0), old = loadInts(packed), summed_up = loadInts(summed);
+  const Ints count = shiftRight(summed_up, LeafSums::kDistanceBits);
+  const Ints sum = bitAnd(summed_up, allInts((1 << LeafSums::kDistanceBits) - 1));
   const Ints mean = shiftRight(old, kWeightBits), weight = bitAnd(old, allInts(static_cast<std::int32_t>(kWeightMask)));
   const Ints total = addInts(weight, count);
-  const std::uint32_t sampled = lessInts(zero, count), was_observed = lessInts(zero, weight);
-  // Lanes without any observation would divide zero by zero.
-  const Ints folded = foldedMean(mean, weight, loadInts(distance), mostInts(total, allInts(1)));
-  const Ints now_mean = choose(sampled, folded, mean);
+  const std::uint32_t was_observed = lessInts(zero, weight), is_observed = lessInts(zero, total);
+  const Ints now_mean = foldedMean(mean, sum, count, mostInts(total, allInts(1)));
   const Ints now_weight = leastInts(total, allInts(c.max_weight));
   store(packed, bitOr(shiftLeft(now_mean, kWeightBits), now_weight));
-  store(distance, zero);
-  store(samples, zero);
+  store(summed, zero);
   sample_total = addInts(sample_total, count);
-  const std::uint32_t is_observed = was_observed | sampled;
   const Ints limit = allInts(c.collision_mean);
   setPair(facts.old_observed, pair, was_observed);
   setPair(facts.now_observed, pair, is_observed);
   setPair(facts.old_collides, pair, was_observed & lessInts(mean, limit));
   setPair(facts.now_collides, pair, is_observed & lessInts(now_mean, limit));
+}
+
+inline std::uint32_t gainedPairs(const LeafBits& passed, const LeafBits& cleared) {
+  LeafBits gained;
+  for (std::size_t x = 0; x < 8; ++x) gained[x] = passed[x] & ~cleared[x];
+  return pairsOf(gained);
 }
 
 inline bool fold(const LeafTarget& leaf, const KernelConstants& c, std::uint32_t touched, LeafSums& sums,

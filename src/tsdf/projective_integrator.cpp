@@ -196,8 +196,7 @@ std::uint32_t ProjectiveIntegrator::sample(const LeafProjection& seen, const Eig
       if (d < -tau_ || (d > tau_ && !params_.in_front)) continue;
     }
     const float clamped = std::min(std::max(d, clamp_low_), tau_);
-    sums.distance[n] = static_cast<std::uint32_t>((clamped - clamp_low_) * sample_scale_ + 0.5f);
-    sums.samples[n] = 1;
+    sums.packed[n] = LeafSums::pack(static_cast<std::uint32_t>((clamped - clamp_low_) * sample_scale_ + 0.5f), 1);
     touched |= 1u << (n >> 4);
   }
   return touched;

@@ -150,10 +150,12 @@ void coneKernel(benchmark::State& state) {
       if (kernels.add_double_cone(ray, constants, sums) != 0) rays.push_back(ray);
     }
   }
-  sums.samples.fill(0);
-  for (const auto& ray : rays) kernels.add_double_cone(ray, constants, sums);
   double updates_a_round = 0;
-  for (const std::uint32_t samples : sums.samples) updates_a_round += samples;
+  for (const auto& ray : rays) {
+    sums.packed.fill(0);
+    kernels.add_double_cone(ray, constants, sums);
+    for (const std::uint32_t packed : sums.packed) updates_a_round += accessvdb::internal::LeafSums::samplesOf(packed);
+  }
   for (auto _ : state) {
     for (const auto& ray : rays) benchmark::DoNotOptimize(kernels.add_double_cone(ray, constants, sums));
   }

@@ -104,6 +104,31 @@ TEST(LeafChanges, OfWideSumsToo) {
   EXPECT_GT(kinds[2], 0u);
 }
 
+/// Narrow sums hold 255 returns a leaf. Equal returns have the mean of one, and each counts once.
+TEST(LeafChanges, OfAsManyReturnsAsNarrowSumsHoldAndMore) {
+  const Eigen::Vector3f p(0.001f, 0.002f, 0.0f), q(0.1f, 0.2f, 3.0f);
+  PackedMap one(fourVoxels());
+  ScanIntegrator(one).integrate({&p, 1}, {&q, 1});
+  for (const std::uint32_t count : {254u, 255u, 256u, 510u, 511u}) {
+    SCOPED_TRACE(count);
+    PackedMap many(fourVoxels());
+    const std::vector<Eigen::Vector3f> scan(count, p);
+    const IntegrationResult result = ScanIntegrator(many).integrate(scan, {&q, 1});
+    EXPECT_EQ(result.counts.newly_observed, one.observed_voxels);
+    EXPECT_EQ(result.counts.distance_updates, count * one.observed_voxels);
+    ASSERT_EQ(many.leaf_count, one.leaf_count);
+    for (auto leaf = one.tree().cbeginLeaf(); leaf; ++leaf) {
+      for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
+        const openvdb::Coord ijk = leaf->offsetToGlobalCoord(n);
+        const VoxelState expected = one.at(ijk), state = many.at(ijk);
+        ASSERT_EQ(state.weight, expected.weight * count);
+        ASSERT_EQ(state.distance_m, expected.distance_m);
+        ASSERT_EQ(state.cleared, expected.cleared);
+      }
+    }
+  }
+}
+
 TEST(LeafChanges, ClearedIsNeverTakenBackAndTouchesNoDistance) {
   PackedMap map(fourVoxels());
   map.setCollisionDistance(kCollisionDistance_m);

@@ -16,7 +16,7 @@ namespace {
 
 struct Bits {
   std::vector<std::uint32_t> touched, passes;
-  std::vector<std::uint32_t> distance, samples, packed;
+  std::vector<std::uint32_t> sums, gained, packed;
   LeafBits passed = {}, cleared = {};
   LeafChange change;
   bool flipped = false;
@@ -42,7 +42,7 @@ Bits run(const LeafKernels& kernels, bool cone, unsigned seed) {
   LeafSums sums;
   Bits bits;
   std::uint32_t touched = 0;
-  for (int n = 0; n < 300; ++n) {
+  for (std::uint32_t n = 0; n < LeafSums::kMostSamples; ++n) {
     ReturnInLeaf ray;
     float norm = 0;
     for (std::size_t a = 0; a < 3; ++a) {
@@ -59,15 +59,17 @@ Bits run(const LeafKernels& kernels, bool cone, unsigned seed) {
     touched |= pairs;
     bits.passes.push_back(kernels.mark_band(ray, constants, bits.passed));
   }
-  bits.distance.assign(sums.distance.begin(), sums.distance.end());
-  bits.samples.assign(sums.samples.begin(), sums.samples.end());
+  bits.sums.assign(sums.packed.begin(), sums.packed.end());
   std::vector<std::uint32_t> packed(512);
   for (auto& voxel : packed) voxel = random() % 3 == 0 ? 0 : packVoxel(random() % (kMeanSteps + 1), 1 + random() % 40);
   for (auto& word : bits.cleared) word = random() & random();
+  LeafBits few = bits.passed;
+  for (auto& word : few) word &= random() % 3 == 0 ? 0 : std::uint64_t{0xffff} << (16 * (random() % 4));
+  bits.gained.push_back(kernels.gained_pairs(few, bits.cleared));
   bits.flipped = kernels.fold({packed.data(), bits.cleared.data()}, constants, touched, sums, bits.passed, bits.change,
                               bits.counts);
   bits.packed = packed;
-  for (std::size_t n = 0; n < 512; ++n) EXPECT_EQ(sums.distance[n] | sums.samples[n], 0u);
+  for (std::size_t n = 0; n < 512; ++n) EXPECT_EQ(sums.packed[n], 0u);
   return bits;
 }
 
@@ -84,8 +86,8 @@ TEST(LeafKernels, EveryInstructionSetGivesTheSameBits) {
       const Bits bits = run(*list.kernels[static_cast<std::size_t>(n)], seed % 2 == 0, seed);
       ASSERT_EQ(bits.touched, expected.touched);
       ASSERT_EQ(bits.passes, expected.passes);
-      ASSERT_EQ(bits.distance, expected.distance);
-      ASSERT_EQ(bits.samples, expected.samples);
+      ASSERT_EQ(bits.sums, expected.sums);
+      ASSERT_EQ(bits.gained, expected.gained);
       ASSERT_EQ(bits.packed, expected.packed);
       ASSERT_EQ(bits.passed, expected.passed);
       ASSERT_EQ(bits.cleared, expected.cleared);
@@ -116,7 +118,7 @@ TEST(LeafKernels, FoldedMeansAreRoundedExactly) {
     std::uint64_t halves = 0, wrong = 0;
     for (int round = 0; round < 2000; ++round) {
       // Small totals have the most halves; the largest ones lie nearest to a half without being one.
-      const std::uint32_t most_samples = round % 4 == 0 ? 32767u : round % 4 == 1 ? 300u : 8u;
+      const std::uint32_t most_samples = round % 4 == 0 ? LeafSums::kMostSamples : round % 4 == 1 ? 60u : 8u;
       const std::uint32_t most_weight = round % 3 == 0 ? kWeightMask : 9u;
       std::vector<std::uint32_t> packed(512), expected(512);
       LeafSums sums;
@@ -127,8 +129,7 @@ TEST(LeafKernels, FoldedMeansAreRoundedExactly) {
         std::uint64_t sum = random() % (std::uint64_t{samples} * kSampleSteps + 1);
         if (random() % 8 == 0) sum = std::uint64_t{samples} * kSampleSteps;
         packed[i] = weight == 0 ? 0 : packVoxel(mean, weight);
-        sums.distance[i] = static_cast<std::uint32_t>(sum);
-        sums.samples[i] = samples;
+        sums.packed[i] = LeafSums::pack(static_cast<std::uint32_t>(sum), samples);
         const std::uint64_t numerator = std::uint64_t{meanOf(packed[i])} * weight + 16 * sum;
         halves += 2 * (numerator % total) == total ? 1 : 0;
         expected[i] = packVoxel(static_cast<std::uint32_t>((2 * numerator + total) / (2 * total)),
