@@ -101,7 +101,7 @@ class DeviceScheduler final : public UpdateScheduler {
     flips_.clear();
     joined_flips_ = 0;
     known_points_ = points.size();
-    is_touched_.resize(known_points_, 0);
+    is_touched_.grow(known_points_);
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
 
     stats.dirty_points = outcome.moved + outcome.evaluated;
@@ -114,7 +114,7 @@ class DeviceScheduler final : public UpdateScheduler {
 
   std::uint64_t bytes() const override {
     return fresh_.bytes() + ids_.capacity() * sizeof(std::uint32_t) + touched_.capacity() * sizeof(Touched) +
-           is_touched_.capacity() + news_.capacity() * sizeof(kernels::PointNews) + blocks_.bytes() +
+           is_touched_.bytes() + news_.capacity() * sizeof(kernels::PointNews) + blocks_.bytes() +
            flips_.capacity() * sizeof(kernels::LeafFlips);
   }
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
@@ -268,7 +268,7 @@ class DeviceScheduler final : public UpdateScheduler {
   std::uint32_t known_points_ = 0;  ///< admitted; those behind are new
   bool anything_scored_ = false;
   std::vector<Touched> touched_;           ///< known points that scans touched since the last update
-  std::vector<std::uint8_t> is_touched_;   ///< [known_points_]
+  ChunkedArray<std::uint8_t> is_touched_;  ///< [known_points_]
   FreshPoints fresh_;                      ///< below the confidence bound
   FreshPlaces reached_;                    ///< of one update
   std::uint16_t least_weight_ = 0;         ///< that is confident

@@ -107,7 +107,7 @@ class PointScorer {
   [[nodiscard]] const PointStore& points() const { return points_; }
   [[nodiscard]] const MapReads& reads() const { return reads_; }
   [[nodiscard]] const FieldParams& params() const { return params_; }
-  [[nodiscard]] std::uint64_t hostBytes() const { return records_.capacity() * sizeof(PointRecord); }
+  [[nodiscard]] std::uint64_t hostBytes() const { return records_.bytes(); }
 
  private:
   const PointStore& points_;
@@ -116,7 +116,7 @@ class PointScorer {
   MapReads reads_;
   NeighbourhoodSearch search_;
   DevicePoints device_;
-  std::vector<PointRecord> records_;
+  ChunkedArray<PointRecord> records_;
 };
 
 /// Every direction below D.

@@ -118,9 +118,7 @@ void expectDeviceIndex(const SurfaceIndex& index, const Told& told) {
   for (const auto& [number, block] : told.blocks) {
     const PointBlock& expected = index.blocks()[number];
     ASSERT_EQ(block.leaf, expected.leaf);
-    ASSERT_EQ(
-        std::vector<std::uint32_t>(told.slots.begin() + block.first, told.slots.begin() + block.first + block.count),
-        expected.ids);
+    ASSERT_TRUE(std::ranges::equal(std::span(told.slots).subspan(block.first, block.count), expected.ids));
     for (std::uint32_t slot = block.first; slot < block.first + block.count; ++slot) {
       ASSERT_TRUE(slots.insert(slot).second) << "two blocks share a slot";
     }
