@@ -65,8 +65,8 @@ class DeviceScheduler final : public UpdateScheduler {
     }
   }
 
-  void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
-                std::span<const Eigen::Vector3f> q_L, std::span<const std::span<const LeafChange>> changes) override {
+  void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
+                   std::span<const Eigen::Vector3f> q_L) override {
     for (std::size_t n = 0; n < touched.all.size(); ++n) {
       const std::uint32_t id = touched.all[n];
       if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or the older position counts
@@ -75,6 +75,10 @@ class DeviceScheduler final : public UpdateScheduler {
     }
     const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
     if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
+  }
+
+  void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
+                   std::span<const std::span<const LeafChange>> changes) override {
     if (anything_scored_) noteFlips(changes);
   }
 

@@ -44,9 +44,13 @@ class ExactScheduler final : public UpdateScheduler {
         all_(allDirections(approach.num_directions)),
         moved_points_(scorer) {}
 
-  void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
-                std::span<const std::span<const LeafChange>> changes) override {
+  void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
+                   std::span<const Eigen::Vector3f>) override {
     moved_points_.note(touched);
+  }
+
+  void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
+                   std::span<const std::span<const LeafChange>> changes) override {
     if (!anything_scored_) return;  // nothing to invalidate yet
     for (const auto& part : changes) flips_.add(part);
   }

@@ -23,8 +23,10 @@ class PaperScheduler final : public UpdateScheduler {
   PaperScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach)
       : scorer_(scorer), triggers_(scorer), directions_(scorer, approach.num_directions, tool.collision_limit) {}
 
-  void noteScan(const TouchedPoints&, std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
-                std::span<const std::span<const LeafChange>>) override {
+  void noteReturns(const TouchedPoints&, std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>) override {}
+
+  void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                   std::span<const std::span<const LeafChange>>) override {
     queued_.grow(scorer_.points().size(), 0);
     for (const std::uint32_t id : fresh_) enqueue(id);
     fresh_.clear();

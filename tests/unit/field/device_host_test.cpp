@@ -160,7 +160,8 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       const IntegrationResult result = integrator.integrate(p, q);
       const TouchedPoints touched = points.addReturns(p, q);
       touched_ids.insert(touched.all.begin(), touched.all.end());
-      scheduler->noteScan(touched, p, q, result.changes);
+      scheduler->noteReturns(touched, p, q);
+      scheduler->noteChanges(p, q, result.changes);
       for (const auto& part : result.changes) {
         for (const LeafChange& change : part) {
           LeafFacts& facts = flips[parentOf(change.origin_ijk)];
