@@ -132,28 +132,25 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   /// The map and the points need nothing of each other before an update reads both, so a scan goes into both at the
-  /// same time. What an update has to know of the returns alone is noted there too, and counts as integration.
-  /// @return the time of what else an update has to know of the scan, which counts as the update's
+  /// same time. What an update has to know of the returns alone is noted there too, and counts as integration. What it
+  /// has to know of the map's changes is noted while the mirrors take them in.
+  /// @return how much longer than the mirrors that took; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
     internal::IntegrationResult result;
-    internal::runBeside(
-        [&] {
-          result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()});
-        },
-        [&] { scheduler->noteReturns(points.addReturns(scan.p_L, scan.q_L), scan.p_L, scan.q_L); });
+    const auto fuse = [&] { result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()}); };
+    const auto add_points = [&] { scheduler->noteReturns(points.addReturns(scan.p_L, scan.q_L), scan.p_L, scan.q_L); };
+    internal::runBeside(fuse, add_points);
     stats.touched_leaves = result.touched_leaves;
     stats.new_leaves = result.new_leaves;
     stats.distance_updates = result.counts.distance_updates;
     stats.cleared_updates = result.counts.cleared_updates;
-    const internal::Stopwatch mirroring;
-    mirror.applyParts(result.changes);
-    for (const auto& part : result.changes) stats.changed_leaves += part.size();
-    stats.mirror_bytes = mirror.lastTraffic().bytes_written;
-    stats.mirror_ms = mirroring.milliseconds();
-    if (distance_mirror) mirrorDistances(result, stats);
-    const internal::Stopwatch noting;
-    scheduler->noteChanges(scan.p_L, scan.q_L, result.changes);
-    return noting.milliseconds();
+    const internal::Stopwatch both;
+    const auto mirrors = [&] {
+      mirrorFacts(result, stats);
+      if (distance_mirror) mirrorDistances(result, stats);
+    };
+    internal::runBeside(mirrors, [&] { scheduler->noteChanges(scan.p_L, scan.q_L, result.changes); });
+    return both.milliseconds() - stats.mirror_ms - stats.distance_mirror_ms;
   }
 
   UpdateStats update() {
@@ -162,6 +159,14 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         arena.execute([&] { return guarded([&] { return scheduler->update(setup.tables(mirror.grid())); }); });
     stats.update_ms = all.milliseconds() - stats.score_ms + std::exchange(noted_ms, 0.0);
     return stats;
+  }
+
+  void mirrorFacts(const internal::IntegrationResult& result, FrameStats& stats) {
+    const internal::Stopwatch mirroring;
+    mirror.applyParts(result.changes);
+    for (const auto& part : result.changes) stats.changed_leaves += part.size();
+    stats.mirror_bytes = mirror.lastTraffic().bytes_written;
+    stats.mirror_ms = mirroring.milliseconds();
   }
 
   void mirrorDistances(const internal::IntegrationResult& result, FrameStats& stats) {
