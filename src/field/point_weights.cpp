@@ -126,6 +126,7 @@ void readWeights(const PackedMap& map, int reach, std::size_t begin, std::size_t
 
 /// Where a point lies, and which of those asked for it is.
 struct Site {
+  std::uint64_t order;  ///< leafOrder()
   Index3 voxel;
   std::uint32_t index;
 };
@@ -145,11 +146,11 @@ std::vector<Site> sitesByLeaf(const PointStore& points, std::span<const std::uin
   std::vector<Site> sites(ids.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      sites[n] = {points.voxelOf(points.first_L(ids[n])), static_cast<std::uint32_t>(n)};
+      const Index3 voxel = points.voxelOf(points.first_L(ids[n]));
+      sites[n] = {leafOrder(voxel), voxel, static_cast<std::uint32_t>(n)};
     }
   });
-  tbb::parallel_sort(sites.begin(), sites.end(),
-                     [](const Site& a, const Site& b) { return leafOrder(a.voxel) < leafOrder(b.voxel); });
+  tbb::parallel_sort(sites.begin(), sites.end(), [](const Site& a, const Site& b) { return a.order < b.order; });
   return sites;
 }
 
