@@ -15,7 +15,7 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::size_t kPointsPerTask = 512;
+constexpr std::size_t kPointsPerTask = 256;
 constexpr double kOffsetSteps = 1 << 20;  // of a voxel
 constexpr double kSensorSteps = 1 << 16;  // of a metre
 /// Viewpoints nearer than this to a stored one are not stored (SPEC a.2).
@@ -45,38 +45,12 @@ Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
   return {ijk[0], ijk[1], ijk[2]};
 }
 
-/// Gives ids to the groups that have none yet. @param firstOf  first return of a group
-template <typename FirstOf>
-void PointStore::addNew(TouchedPoints& touched, const FirstOf& firstOf) {
-  std::vector<NewVoxel> added;
-  std::vector<std::size_t> group_of;
-  for (std::size_t g = 0; g < touched.all.size(); ++g) {
-    if (touched.all[g] != kNone) continue;
-    touched.all[g] = size() + static_cast<std::uint32_t>(added.size());
-    group_of.push_back(g);
-    added.push_back({{}, touched.all[g], kNone});
-  }
-  touched.new_points = added.size();
-  const std::uint32_t before = size();
-  first_L_.growRaw(before + added.size());
-  block_.growRaw(before + added.size());
-  const tbb::blocked_range<std::size_t> all(0, added.size(), kPointsPerTask);
-  tbb::parallel_for(all, [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      first_L_[before + n] = firstOf(group_of[n]);
-      added[n].voxel = voxelOf(first_L_[before + n]);
-    }
-  });
-  index_.insertAll(added);
-  tbb::parallel_for(all, [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) block_[before + n] = added[n].block;
-  });
-}
-
 /// By voxel, and by value inside a voxel, so that their order in the scan does not matter.
-std::vector<PointStore::KeyedReturn> PointStore::sortedReturns(std::span<const Eigen::Vector3f> p_L,
-                                                               std::span<const Eigen::Vector3f> q_L) const {
-  std::vector<KeyedReturn> returns(p_L.size());
+PointStore::ReturnGroups PointStore::groupsOf(std::span<const Eigen::Vector3f> p_L,
+                                              std::span<const Eigen::Vector3f> q_L) const {
+  ReturnGroups groups;
+  std::vector<KeyedReturn>& returns = groups.returns;
+  returns.resize(p_L.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       returns[n] = {keyOf(voxelOf(p_L[n])), static_cast<std::uint32_t>(n)};
@@ -89,21 +63,61 @@ std::vector<PointStore::KeyedReturn> PointStore::sortedReturns(std::span<const E
   tbb::parallel_sort(returns, [&](const KeyedReturn& a, const KeyedReturn& b) {
     return a.key != b.key ? a.key < b.key : values(a.index) < values(b.index);
   });
-  return returns;
+  groups.begin.reserve(returns.size() + 1);
+  for (std::size_t n = 0; n < returns.size(); ++n) {
+    if (n == 0 || returns[n].key != returns[n - 1].key) groups.begin.push_back(static_cast<std::uint32_t>(n));
+  }
+  groups.begin.push_back(static_cast<std::uint32_t>(returns.size()));
+  return groups;
 }
 
+std::vector<Located> PointStore::locate(const ReturnGroups& groups) const {
+  std::vector<Index3> voxels(groups.size());
+  std::vector<Located> places(groups.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) voxels[g] = voxelOfKey(groups.first(g).key);
+    index_.locate(std::span(voxels).subspan(range.begin(), range.size()),
+                  std::span(places).subspan(range.begin(), range.size()));
+  });
+  return places;
+}
+
+/// Gives an id to each group, a new one where its voxel has none, in the order of the voxels.
+void PointStore::addNew(const ReturnGroups& groups, TouchedPoints& touched) {
+  const std::vector<Located> places = locate(groups);
+  const std::uint32_t before = size();
+  std::vector<NewVoxel> added;
+  touched.all.resize(places.size());
+  for (std::size_t g = 0; g < places.size(); ++g) {
+    touched.all[g] = places[g].id;
+    if (places[g].id != kNone) continue;
+    touched.all[g] = before + static_cast<std::uint32_t>(added.size());
+    added.push_back({voxelOfKey(groups.first(g).key), touched.all[g], places[g].block});
+  }
+  touched.new_points = added.size();
+  index_.insertAll(added);
+  block_.growRaw(before + added.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, added.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) block_[added[n].id] = added[n].block;
+  });
+}
+
+/// For all points that have a block.
 void PointStore::makeRoom() {
-  pca_L_.growRaw(size());
-  sums_.growRaw(size());
+  const std::size_t size = block_.size();
+  first_L_.growRaw(size);
+  pca_L_.growRaw(size);
+  sums_.growRaw(size);
   if (params_.approach.viewpoints) {
-    viewpoints_.growRaw(size());
+    viewpoints_.growRaw(size);
   } else {
-    seen_.growRaw(seenAt(size()));
+    seen_.growRaw(size * static_cast<std::size_t>(words_));
   }
 }
 
-/// A new point before its first return.
-void PointStore::clear(std::uint32_t id) {
+/// A new point, before its first return is added.
+void PointStore::start(std::uint32_t id, const Eigen::Vector3f& first_L) {
+  first_L_[id] = first_L;
   pca_L_[id] = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
   sums_[id] = {};
   if (params_.approach.viewpoints) {
@@ -115,21 +129,9 @@ void PointStore::clear(std::uint32_t id) {
 
 TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
   TouchedPoints touched;
-  const std::vector<KeyedReturn> returns = sortedReturns(p_L, q_L);
-  std::vector<std::uint32_t> group_begin;
-  for (std::size_t n = 0; n < returns.size(); ++n) {
-    if (n == 0 || returns[n].key != returns[n - 1].key) group_begin.push_back(static_cast<std::uint32_t>(n));
-  }
-  touched.all.resize(group_begin.size());
-  group_begin.push_back(static_cast<std::uint32_t>(returns.size()));
-  const tbb::blocked_range<std::size_t> all(0, touched.all.size(), kPointsPerTask);
-  tbb::parallel_for(all, [&](const auto& range) {
-    for (std::size_t g = range.begin(); g != range.end(); ++g) {
-      touched.all[g] = index_.find(voxelOfKey(returns[group_begin[g]].key));
-    }
-  });
+  const ReturnGroups groups = groupsOf(p_L, q_L);
   const std::uint32_t before = size();
-  addNew(touched, [&](std::size_t group) -> const Eigen::Vector3f& { return p_L[returns[group_begin[group]].index]; });
+  addNew(groups, touched);
   makeRoom();
   // With viewpoints, poses are stored once: one a scan, or one a ray for ray clouds.
   const auto first_pose = static_cast<std::uint32_t>(poses_.size());
@@ -137,15 +139,15 @@ TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::
     for (const Eigen::Vector3f& q : q_L) poses_.push_back(q);
   }
 
-  touched.before_L.resize(touched.all.size());
-  touched.views_changed.resize(touched.all.size(), 0);
-  tbb::parallel_for(all, [&](const auto& range) {
+  touched.before_L.resize(groups.size());
+  touched.views_changed.resize(groups.size(), 0);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
       const std::uint32_t id = touched.all[g];
-      if (id >= before) clear(id);
+      if (id >= before) start(id, p_L[groups.first(g).index]);
       touched.before_L[g] = pca_L_[id];
-      for (std::uint32_t m = group_begin[g]; m < group_begin[g + 1]; ++m) {
-        const std::uint32_t i = returns[m].index, sensor = q_L.size() == 1 ? 0 : i;
+      for (std::uint32_t m = groups.begin[g]; m < groups.begin[g + 1]; ++m) {
+        const std::uint32_t i = groups.returns[m].index, sensor = q_L.size() == 1 ? 0 : i;
         if (addToPoint(id, p_L[i], q_L[sensor], first_pose + sensor)) touched.views_changed[g] = 1;
       }
       refreshMean(id);

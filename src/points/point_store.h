@@ -85,24 +85,30 @@ class PointStore {
   [[nodiscard]] std::uint64_t bytes() const;
 
  private:
-  /// Sums over the returns of a point; integers, so that their order does not matter.
+  /// Sums over the returns of a point; integers, so that their order does not matter. Zeroed by start().
   struct Sums {
-    std::array<std::int64_t, 3> offset = {};  ///< return minus voxel centre, in 2^-20 voxels
-    std::array<std::int64_t, 3> sensor = {};  ///< in 2^-16 m
-    std::uint32_t returns = 0;                ///< how many
+    std::array<std::int64_t, 3> offset;  ///< return minus voxel centre, in 2^-20 voxels
+    std::array<std::int64_t, 3> sensor;  ///< in 2^-16 m
+    std::uint32_t returns;               ///< how many
   };
   /// A return with its voxel.
   struct KeyedReturn {
     std::uint64_t key;  ///< sorts by voxel
     std::uint32_t index;
   };
-  [[nodiscard]] std::vector<KeyedReturn> sortedReturns(std::span<const Eigen::Vector3f> p_L,
-                                                       std::span<const Eigen::Vector3f> q_L) const;
-  template <typename FirstOf>
-  void addNew(TouchedPoints& touched, const FirstOf& firstOf);
-  /// All arrays but the index, for points whose first return is known.
+  /// The returns of a scan, voxel by voxel.
+  struct ReturnGroups {
+    std::vector<KeyedReturn> returns;
+    std::vector<std::uint32_t> begin;  ///< [groups + 1] of each group in returns
+
+    [[nodiscard]] std::size_t size() const { return begin.size() - 1; }
+    [[nodiscard]] const KeyedReturn& first(std::size_t group) const { return returns[begin[group]]; }
+  };
+  [[nodiscard]] ReturnGroups groupsOf(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) const;
+  [[nodiscard]] std::vector<Located> locate(const ReturnGroups& groups) const;
+  void addNew(const ReturnGroups& groups, TouchedPoints& touched);
   void makeRoom();
-  void clear(std::uint32_t id);
+  void start(std::uint32_t id, const Eigen::Vector3f& first_L);
   /// @return true when its seen directions changed
   bool addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
   bool addSeen(std::uint32_t id, const DirectionMask& mask);

@@ -12,7 +12,14 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::size_t kPointsPerTask = 512, kGroupsPerTask = 64;
+constexpr std::size_t kPointsPerTask = 256, kGroupsPerTask = 64;
+constexpr std::size_t kLocatedTogether = 32;
+
+void prefetchRead([[maybe_unused]] const void* address) {
+#if defined(__GNUC__)
+  __builtin_prefetch(address, 0);
+#endif
+}
 
 bool testBit(const LeafBits& bits, std::size_t n) { return (bits[n >> 6] >> (n & 63) & 1u) != 0; }
 
@@ -48,6 +55,34 @@ std::uint32_t SurfaceIndex::findIn(std::uint32_t block, const Index3& voxel) con
   return testBit(points.occupied, bit) ? points.ids[rankOf(points.occupied, bit)] : kNone;
 }
 
+void SurfaceIndex::locate(std::span<const Index3> voxels, std::span<Located> found) const {
+  for (std::size_t n = 0; n < voxels.size(); n += kLocatedTogether) {
+    const std::size_t count = std::min(kLocatedTogether, voxels.size() - n);
+    locateFew(voxels.subspan(n, count), found.subspan(n, count));
+  }
+}
+
+/// Each loop asks for what the next one reads.
+void SurfaceIndex::locateFew(std::span<const Index3> voxels, std::span<Located> found) const {
+  std::array<const std::uint32_t*, kLocatedTogether> entries;
+  for (std::size_t n = 0; n < voxels.size(); ++n) {
+    const Index3 leaf = parentOf(voxels[n]);
+    const std::uint32_t cell = cell_of_.find(parentOf(leaf));
+    entries[n] = cell == kNone ? nullptr : &cells_[cell].block[bitInParent(leaf)];
+    if (entries[n] != nullptr) prefetchRead(entries[n]);
+  }
+  for (std::size_t n = 0; n < voxels.size(); ++n) {
+    found[n].block = entries[n] == nullptr ? kNone : *entries[n];
+    if (found[n].block == kNone) continue;
+    const PointBlock& block = blocks_[found[n].block];
+    prefetchRead(&block.ids);
+    prefetchRead(&block.occupied[bitInParent(voxels[n]) >> 6]);
+  }
+  for (std::size_t n = 0; n < voxels.size(); ++n) {
+    found[n].id = found[n].block == kNone ? kNone : findIn(found[n].block, voxels[n]);
+  }
+}
+
 std::vector<SurfaceIndex::Placed> SurfaceIndex::sortedByPlace(std::span<const NewVoxel> points) {
   std::vector<Placed> order(points.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), kPointsPerTask), [&](const auto& range) {
@@ -69,11 +104,14 @@ std::vector<SurfaceIndex::Group> SurfaceIndex::groupsByLeaf(std::span<const Plac
   return groups;
 }
 
-void SurfaceIndex::findBlock(Group& group, std::span<const Placed> order, const Index3& leaf) const {
+void SurfaceIndex::findBlock(Group& group, std::span<const Placed> order, std::span<const NewVoxel> points) const {
   for (std::uint32_t n = group.begin; n < group.end; ++n) group.first = std::min(group.first, order[n].index);
-  group.cell = cell_of_.find(parentOf(leaf));
-  if (group.cell == kNone) return;
-  group.block = cells_[group.cell].block[bitInParent(leaf)];
+  group.block = points[group.first].block;
+  if (group.block == kNone) {
+    const Index3 leaf = parentOf(points[group.first].voxel);
+    group.cell = cell_of_.find(parentOf(leaf));
+    if (group.cell != kNone) group.block = cells_[group.cell].block[bitInParent(leaf)];
+  }
   if (group.block != kNone) group.ids_before = static_cast<std::uint32_t>(blocks_[group.block].ids.size());
 }
 
@@ -161,7 +199,7 @@ void SurfaceIndex::insertAll(std::span<NewVoxel> points) {
   const tbb::blocked_range<std::size_t> all(0, groups.size(), kGroupsPerTask);
   tbb::parallel_for(all, [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
-      findBlock(groups[g], order, parentOf(points[order[groups[g].begin].index].voxel));
+      findBlock(groups[g], order, points);
     }
   });
   makeBlocks(groups, points);

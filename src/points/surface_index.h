@@ -26,15 +26,20 @@ inline constexpr std::uint32_t kNone = ~std::uint32_t{0};
 struct PointBlock {
   Index3 leaf = {};              ///< voxel index >> 3
   std::uint32_t cell = kNone;    ///< number of its cell
-  LeafBits occupied = {};        ///< voxels with a point
   std::span<std::uint32_t> ids;  ///< in the order of the set bits; a run of the index, which alone writes to it
+  LeafBits occupied = {};        ///< voxels with a point
 };
 
 /// A point on its way into the index.
 struct NewVoxel {
   Index3 voxel = {};
   std::uint32_t id = kNone;
-  std::uint32_t block = kNone;  ///< out
+  std::uint32_t block = kNone;  ///< kNone where it is not known before; out: its block
+};
+
+/// What is known of a voxel; kNone each where there is none.
+struct Located {
+  std::uint32_t block = kNone, id = kNone;
 };
 
 class SurfaceIndex {
@@ -43,6 +48,8 @@ class SurfaceIndex {
   [[nodiscard]] std::uint32_t find(const Index3& voxel) const;
   /// The same where the block is known.
   [[nodiscard]] std::uint32_t findIn(std::uint32_t block, const Index3& voxel) const;
+  /// As find() of each, and their blocks. Several at a time, as looking at one is mostly waiting for memory.
+  void locate(std::span<const Index3> voxels, std::span<Located> found) const;
   /// The voxel must be free. @return index of its block
   std::uint32_t insert(const Index3& voxel, std::uint32_t id);
   /// As insert() of each in turn, in parallel. The voxels are free and differ.
@@ -92,7 +99,8 @@ class SurfaceIndex {
   };
   static std::vector<Placed> sortedByPlace(std::span<const NewVoxel> points);
   static std::vector<Group> groupsByLeaf(std::span<const Placed> order);
-  void findBlock(Group& group, std::span<const Placed> order, const Index3& leaf) const;
+  void findBlock(Group& group, std::span<const Placed> order, std::span<const NewVoxel> points) const;
+  void locateFew(std::span<const Index3> voxels, std::span<Located> found) const;
   void makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points);
   std::uint32_t cellFor(const Index3& cell);
   void takeRuns(std::span<Group> groups);
