@@ -7,10 +7,10 @@
 ///   returns   PointStore::addReturns, part of the verb's `integrate`
 ///   reached   UpdateScheduler::noteReturns, part of the verb's `integrate`
 ///   flips     UpdateScheduler::noteChanges
-///   blocks    of update(): blocks with new points
-///   points    of update(): new and touched points
-///   crossed   of update(): points that became confident
-///   rest      of update(): after the updater
+///   blocks    of update(): blocks with new points; beside it weights are read
+///   points    of update(): what is left of reading weights, then new and touched points
+///   crossed   of update(): putting those that became confident in order
+///   rest      of update(): after the updater; what ran beside it was over sooner or is here
 /// and hashes of what the updater was told, in no order, which no change of speed may change. Options by environment:
 /// ACCESSVDB_BENCH_FRAMES (200), ACCESSVDB_BENCH_TIMED (40, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10),
 /// ACCESSVDB_BENCH_THREADS (0 = all), ACCESSVDB_BENCH_SCANS (a file that keeps the scans).
