@@ -20,6 +20,7 @@
 #include "field/snapshot_builder.h"
 #include "launch/backend.h"
 #include "mirror/nanovdb_mirror.h"
+#include "points/run_beside.h"
 #include "points/stopwatch.h"
 #include "points/update_scheduler.h"
 #include "tsdf/scan_integrator.h"
@@ -130,23 +131,26 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return stats;
   }
 
-  /// @return the time of what an update has to know of the scan, which counts as the update's
+  /// The map and the points need nothing of each other before an update reads both, so a scan goes into both at the
+  /// same time. What an update has to know of the returns alone is noted there too, and counts as integration. What it
+  /// has to know of the map's changes is noted while the mirrors take them in.
+  /// @return how much longer than the mirrors that took; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
-    const internal::IntegrationResult result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()});
+    internal::IntegrationResult result;
+    const auto fuse = [&] { result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()}); };
+    const auto add_points = [&] { scheduler->noteReturns(points.addReturns(scan.p_L, scan.q_L), scan.p_L, scan.q_L); };
+    internal::runBeside(fuse, add_points);
     stats.touched_leaves = result.touched_leaves;
     stats.new_leaves = result.new_leaves;
     stats.distance_updates = result.counts.distance_updates;
     stats.cleared_updates = result.counts.cleared_updates;
-    const internal::TouchedPoints touched = points.addReturns(scan.p_L, scan.q_L);
-    const internal::Stopwatch mirroring;
-    mirror.applyParts(result.changes);
-    for (const auto& part : result.changes) stats.changed_leaves += part.size();
-    stats.mirror_bytes = mirror.lastTraffic().bytes_written;
-    stats.mirror_ms = mirroring.milliseconds();
-    if (distance_mirror) mirrorDistances(result, stats);
-    const internal::Stopwatch noting;
-    scheduler->noteScan(touched, scan.p_L, scan.q_L, result.changes);
-    return noting.milliseconds();
+    const internal::Stopwatch both;
+    const auto mirrors = [&] {
+      mirrorFacts(result, stats);
+      if (distance_mirror) mirrorDistances(result, stats);
+    };
+    internal::runBeside(mirrors, [&] { scheduler->noteChanges(scan.p_L, scan.q_L, result.changes); });
+    return both.milliseconds() - stats.mirror_ms - stats.distance_mirror_ms;
   }
 
   UpdateStats update() {
@@ -155,6 +159,14 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         arena.execute([&] { return guarded([&] { return scheduler->update(setup.tables(mirror.grid())); }); });
     stats.update_ms = all.milliseconds() - stats.score_ms + std::exchange(noted_ms, 0.0);
     return stats;
+  }
+
+  void mirrorFacts(const internal::IntegrationResult& result, FrameStats& stats) {
+    const internal::Stopwatch mirroring;
+    mirror.applyParts(result.changes);
+    for (const auto& part : result.changes) stats.changed_leaves += part.size();
+    stats.mirror_bytes = mirror.lastTraffic().bytes_written;
+    stats.mirror_ms = mirroring.milliseconds();
   }
 
   void mirrorDistances(const internal::IntegrationResult& result, FrameStats& stats) {
@@ -181,7 +193,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   internal::PointScorer scorer;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;
-  double noted_ms = 0;     ///< what scans since the last update told the scheduler
+  double noted_ms = 0;     ///< noting what scans since the last update changed in the map
   bool whole = true;       ///< false after a step failed half-way
   bool host_whole = true;  ///< false after one failed on the host
 };

@@ -17,7 +17,7 @@ namespace {
 
 /// As PackedAccessor: inner nodes only.
 using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
-constexpr std::size_t kPointsPerTask = 1024;
+constexpr std::size_t kPointsPerTask = 256;
 
 void prefetchRead([[maybe_unused]] const void* address) {
 #if defined(__GNUC__)
@@ -34,35 +34,51 @@ std::uint32_t packedAt(ConstAccessor& map, const openvdb::Coord& ijk) {
   return values == nullptr ? 0 : values[PackedLeaf::coordToOffset(ijk)];
 }
 
-/// The (2 reach + 1)^3 voxels around one, in the leaves that hold them: at most two along each axis. Read in three
+/// The (2 reach + 1)^3 voxels around one, in the leaves that hold them: at most two along each axis. Read in four
 /// steps, with the steps of other voxels in between, so that what the next step needs has arrived by then: places all
 /// over the map wait for memory, not for arithmetic.
 class WeightWindow {
  public:
-  /// Step 1: which leaves, through the tree.
-  void find(ConstAccessor& map, const Index3& centre, int reach) {
+  /// Step 1: which leaves, and which nodes of the tree know them.
+  void ask(ConstAccessor& map, const Index3& centre, int reach) {
+    std::array<std::array<Span, 2>, 3> spans;
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const std::int32_t low = centre[axis] - reach, high = centre[axis] + reach;
       const std::int32_t last = std::min(low | kLast, high);
-      spans_[axis] = {Span{low, last}, Span{last + 1, high}};
+      spans[axis] = {Span{low, last}, Span{last + 1, high}};
     }
     parts_ = 0;
-    for (const Span& x : spans_[0]) {
-      for (const Span& y : spans_[1]) {
-        for (const Span& z : spans_[2]) {
+    for (const Span& x : spans[0]) {
+      for (const Span& y : spans[1]) {
+        for (const Span& z : spans[2]) {
           if (x.empty() || y.empty() || z.empty()) continue;
           const openvdb::Coord first(x.first, y.first, z.first);
-          const PackedLeaf* leaf = map.probeConstLeaf(first);
-          if (leaf == nullptr) continue;
-          prefetchRead(leaf);
+          const PackedLowerNode* node = map.probeConstNode<PackedLowerNode>(first);
+          if (node == nullptr) continue;
+          const openvdb::Index in_node = PackedLowerNode::coordToOffset(first);
+          prefetchRead(node->getTable() + in_node);
+          prefetchRead(reinterpret_cast<const std::byte*>(&node->getChildMask()) + in_node / 8);
           const auto offset = static_cast<std::uint16_t>(PackedLeaf::coordToOffset(first));
-          part_[parts_++] = {leaf, nullptr, offset, length(x), length(y), length(z)};
+          part_[parts_++] = {node, nullptr, nullptr, in_node, offset, length(x), length(y), length(z)};
         }
       }
     }
   }
 
-  /// Step 2: their values.
+  /// Step 2: the leaves.
+  void find() {
+    int found = 0;
+    for (int n = 0; n < parts_; ++n) {
+      Part& part = part_[static_cast<std::size_t>(n)];
+      if (!part.node->isChildMaskOn(part.in_node)) continue;
+      part.leaf = part.node->getTable()[part.in_node].getChild();
+      prefetchRead(part.leaf);
+      part_[static_cast<std::size_t>(found++)] = part;
+    }
+    parts_ = found;
+  }
+
+  /// Step 3: their values.
   void fetch() {
     for (int n = 0; n < parts_; ++n) {
       Part& part = part_[static_cast<std::size_t>(n)];
@@ -76,7 +92,7 @@ class WeightWindow {
     }
   }
 
-  /// Step 3. @return the largest weight
+  /// Step 4. @return the largest weight
   [[nodiscard]] std::uint16_t largest() const {
     std::uint32_t most = 0;
     for (int n = 0; n < parts_; ++n) {
@@ -100,12 +116,13 @@ class WeightWindow {
   };
   static std::int8_t length(const Span& span) { return static_cast<std::int8_t>(span.last - span.first + 1); }
   struct Part {
+    const PackedLowerNode* node;
     const PackedLeaf* leaf;
     const std::uint32_t* values;  ///< of its first voxel
-    std::uint16_t offset;
-    std::int8_t x, y, z;  ///< voxels
+    openvdb::Index in_node;       ///< of the leaf
+    std::uint16_t offset;         ///< of the first voxel, in the leaf
+    std::int8_t x, y, z;          ///< voxels
   };
-  std::array<std::array<Span, 2>, 3> spans_;
   std::array<Part, 8> part_;
   int parts_ = 0;
 };
@@ -114,18 +131,25 @@ class WeightWindow {
 template <typename VoxelOf, typename Take>
 void readWeights(const PackedMap& map, int reach, std::size_t begin, std::size_t end, const VoxelOf& voxelOf,
                  const Take& take) {
-  constexpr std::size_t kFindAhead = 16, kFetchAhead = 8;  // a power of two; half of it
-  std::array<WeightWindow, kFindAhead> windows;
+  constexpr std::size_t kApart = 8;              // other voxels between two steps of one
+  std::array<WeightWindow, 4 * kApart> windows;  // of n, n + 1 ...
+  const auto windowOf = [&](std::size_t n) -> WeightWindow& { return windows[n % windows.size()]; };
+  // Is the step of voxel n - steps * kApart due at n?
+  const auto due = [&](std::size_t n, std::size_t steps) {
+    return n >= begin + steps * kApart && n < end + steps * kApart;
+  };
   ConstAccessor accessor(map.tree());
-  for (std::size_t n = begin; n < end + kFindAhead; ++n) {  // step 3 is that of n - kFindAhead
-    if (n >= begin + kFindAhead) take(n - kFindAhead, windows[n % kFindAhead].largest());
-    if (n < end) windows[n % kFindAhead].find(accessor, voxelOf(n), reach);
-    if (n >= begin + kFetchAhead && n - kFetchAhead < end) windows[(n - kFetchAhead) % kFindAhead].fetch();
+  for (std::size_t n = begin; n < end + 3 * kApart; ++n) {
+    if (due(n, 0)) windowOf(n).ask(accessor, voxelOf(n), reach);
+    if (due(n, 1)) windowOf(n - kApart).find();
+    if (due(n, 2)) windowOf(n - 2 * kApart).fetch();
+    if (due(n, 3)) take(n - 3 * kApart, windowOf(n - 3 * kApart).largest());
   }
 }
 
 /// Where a point lies, and which of those asked for it is.
 struct Site {
+  std::uint64_t order;  ///< leafOrder()
   Index3 voxel;
   std::uint32_t index;
 };
@@ -145,11 +169,11 @@ std::vector<Site> sitesByLeaf(const PointStore& points, std::span<const std::uin
   std::vector<Site> sites(ids.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      sites[n] = {points.voxelOf(points.first_L(ids[n])), static_cast<std::uint32_t>(n)};
+      const Index3 voxel = points.voxelOf(points.first_L(ids[n]));
+      sites[n] = {leafOrder(voxel), voxel, static_cast<std::uint32_t>(n)};
     }
   });
-  tbb::parallel_sort(sites.begin(), sites.end(),
-                     [](const Site& a, const Site& b) { return leafOrder(a.voxel) < leafOrder(b.voxel); });
+  tbb::parallel_sort(sites.begin(), sites.end(), [](const Site& a, const Site& b) { return a.order < b.order; });
   return sites;
 }
 

@@ -30,7 +30,7 @@ QueryIndex::Cell& QueryIndex::cellFor(const Index3& cell) {
 }
 
 void QueryIndex::extend(const PointStore& points) {
-  const std::vector<PointBlock>& sources = points.index().blocks();
+  const ChunkedArray<PointBlock>& sources = points.index().blocks();
   for (std::size_t n = blocks_.size(); n < sources.size(); ++n) {
     const Index3& leaf = sources[n].leaf;
     const std::size_t bit = bitInParent(leaf);

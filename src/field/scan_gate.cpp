@@ -2,6 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "field/scan_gate.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
 #include <cmath>
 
 #include "accessvdb/error.h"
@@ -17,13 +21,14 @@ constexpr double kMostVoxels = 1000000;
 constexpr double kRigidTolerance = 1e-6;
 /// No survey frame has larger coordinates (the Earth's circumference is 4e7 m); doubles still resolve 10 nm there.
 constexpr double kFarthest_m = 1e8;
+constexpr std::size_t kReturnsPerTask = 1024;
+/// Returns that are checked before those among them that are kept go on: bounds what a long list of rays takes.
+constexpr std::size_t kMostChecked = 1 << 16;
 
 Eigen::Vector3d roundToStep(const Eigen::Vector3d& x) {
   return {std::round(x.x() / kPositionStep_m) * kPositionStep_m, std::round(x.y() / kPositionStep_m) * kPositionStep_m,
           std::round(x.z() / kPositionStep_m) * kPositionStep_m};
 }
-
-void drop(FrameStats& stats, DropReason reason) { ++stats.dropped[static_cast<std::size_t>(reason)]; }
 
 }  // namespace
 
@@ -36,22 +41,43 @@ void ScanGate::setOrigin(const Eigen::Vector3d& sensor_W) {
   have_origin_ = true;
 }
 
-void ScanGate::admit(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L, bool own_origin, GatedScan& scan,
-                     FrameStats& stats) const {
+ScanGate::Checked ScanGate::check(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L) const {
+  const auto dropped = [](DropReason reason) { return Checked{{}, {}, reason}; };
   const double range = (p_L - q_L).norm();
-  if (!std::isfinite(range)) return drop(stats, DropReason::NonFinite);
-  if (!(range > 0)) return drop(stats, DropReason::NoReturn);
-  if (range < params_.min_range_m) return drop(stats, DropReason::BelowMinRange);
-  if (range > params_.max_range_m) return drop(stats, DropReason::BeyondMaxRange);
+  if (!std::isfinite(range)) return dropped(DropReason::NonFinite);
+  if (!(range > 0)) return dropped(DropReason::NoReturn);
+  if (range < params_.min_range_m) return dropped(DropReason::BelowMinRange);
+  if (range > params_.max_range_m) return dropped(DropReason::BeyondMaxRange);
   const double bound = kMostVoxels * params_.voxel_size_m;
   if (!(p_L.lpNorm<Eigen::Infinity>() <= bound) || !(q_L.lpNorm<Eigen::Infinity>() <= bound)) {
-    return drop(stats, DropReason::OutOfBounds);
+    return dropped(DropReason::OutOfBounds);
   }
-  const Eigen::Vector3f p = p_L.cast<float>(), q = q_L.cast<float>();
-  if (p == q) return drop(stats, DropReason::NoReturn);  // after rounding there is no ray left
-  scan.p_L.push_back(p);
-  if (own_origin) scan.q_L.push_back(q);
-  ++stats.points_used;
+  const Checked kept = {p_L.cast<float>(), q_L.cast<float>(), {}};
+  if (kept.p_L == kept.q_L) return dropped(DropReason::NoReturn);  // after rounding there is no ray left
+  return kept;
+}
+
+/// Adds what is kept, in the order of the returns. @param checkOf  (n) -> Checked of return n, from any thread
+template <typename CheckOf>
+void ScanGate::admit(std::size_t count, bool own_origins, const CheckOf& checkOf, GatedScan& scan, FrameStats& stats) {
+  scan.p_L.reserve(count);
+  std::vector<Checked> checked(std::min(count, kMostChecked));
+  for (std::size_t first = 0; first < count; first += kMostChecked) {
+    const std::size_t end = std::min(count, first + kMostChecked);
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(first, end, kReturnsPerTask), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) checked[n - first] = checkOf(n);
+    });
+    for (std::size_t n = first; n < end; ++n) {
+      const Checked& one = checked[n - first];
+      if (one.dropped) {
+        ++stats.dropped[static_cast<std::size_t>(*one.dropped)];
+        continue;
+      }
+      scan.p_L.push_back(one.p_L);
+      if (own_origins) scan.q_L.push_back(one.q_L);
+      ++stats.points_used;
+    }
+  }
 }
 
 GatedScan ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats) {
@@ -66,16 +92,14 @@ GatedScan ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const Eigen:
   setOrigin(t);
   GatedScan scan;
   scan.R_W_S = R;
-  scan.p_L.reserve(points_S.size());
   stats.points_in += points_S.size();
   const Eigen::Vector3d q_L = roundToStep(t - origin_W_);
-  for (const Eigen::Vector3f& p_S : points_S) {
-    if (p_S.x() == 0 && p_S.y() == 0 && p_S.z() == 0) {
-      drop(stats, DropReason::NoReturn);
-      continue;
-    }
-    admit(R * p_S.cast<double>() + q_L, q_L, false, scan, stats);
-  }
+  const auto checkOf = [&](std::size_t n) {
+    const Eigen::Vector3f& p_S = points_S[n];
+    if (p_S.x() == 0 && p_S.y() == 0 && p_S.z() == 0) return Checked{{}, {}, DropReason::NoReturn};
+    return check(R * p_S.cast<double>() + q_L, q_L);
+  };
+  admit(points_S.size(), false, checkOf, scan, stats);
   scan.q_L.push_back(q_L.cast<float>());
   return scan;
 }
@@ -101,10 +125,10 @@ GatedScan ScanGate::gate(std::span<const Eigen::Vector3d> points_W, std::span<co
     const Eigen::Vector3d& q = origins_W[own ? n : 0];
     if (plausible(q) && plausible(points_W[n])) setOrigin(q);  // a garbage ray must not place the map
   }
-  scan.p_L.reserve(points_W.size());
-  for (std::size_t n = 0; n < points_W.size(); ++n) {
-    admit(roundToStep(points_W[n] - origin_W_), roundToStep(origins_W[own ? n : 0] - origin_W_), own, scan, stats);
-  }
+  const auto checkOf = [&](std::size_t n) {
+    return check(roundToStep(points_W[n] - origin_W_), roundToStep(origins_W[own ? n : 0] - origin_W_));
+  };
+  admit(points_W.size(), own, checkOf, scan, stats);
   if (!own) scan.q_L.push_back(roundToStep(origins_W.front() - origin_W_).cast<float>());
   return scan;
 }

@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <optional>
 #include <span>
 #include <vector>
 
@@ -34,9 +35,15 @@ class ScanGate {
   [[nodiscard]] const Eigen::Vector3d& origin_W() const { return origin_W_; }
 
  private:
+  /// A return in the local frame, as it is kept, or why it is not.
+  struct Checked {
+    Eigen::Vector3f p_L, q_L;
+    std::optional<DropReason> dropped;
+  };
   void setOrigin(const Eigen::Vector3d& sensor_W);
-  void admit(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L, bool own_origin, GatedScan& scan,
-             FrameStats& stats) const;
+  [[nodiscard]] Checked check(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L) const;
+  template <typename CheckOf>
+  static void admit(std::size_t count, bool own_origins, const CheckOf& checkOf, GatedScan& scan, FrameStats& stats);
 
   TsdfParams params_;
   bool have_origin_ = false;

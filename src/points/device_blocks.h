@@ -22,7 +22,7 @@ class DeviceBlocks {
  public:
   /// These blocks have other points than before. @param changed  ascending, each once
   /// @param blocks  all of them  @param news, ids  out, in that order
-  void news(std::span<const std::uint32_t> changed, const std::vector<PointBlock>& blocks,
+  void news(std::span<const std::uint32_t> changed, const ChunkedArray<PointBlock>& blocks,
             std::vector<kernels::BlockNews>& news, std::vector<std::uint32_t>& ids) {
     news.resize(changed.size());
     const tbb::blocked_range<std::size_t> all(0, changed.size(), kBlocksPerTask);
@@ -40,7 +40,7 @@ class DeviceBlocks {
       block.source = source;
       source += block.count;
       block.is_new = block.block >= runs_.size() ? 1 : 0;
-      if (block.is_new != 0) runs_.resize(block.block + 1);
+      if (block.is_new != 0) runs_.grow(block.block + 1);
       Run& run = runs_[block.block];
       if (block.count > run.capacity) {
         if (run.capacity > 0) free_[classOf(run.capacity)].push_back(run.first);
@@ -57,7 +57,7 @@ class DeviceBlocks {
   }
   /// Slots in use or free, from 0.
   [[nodiscard]] std::uint32_t slots() const { return slots_; }
-  [[nodiscard]] std::uint64_t bytes() const { return runs_.capacity() * sizeof(Run); }
+  [[nodiscard]] std::uint64_t bytes() const { return runs_.bytes(); }
 
  private:
   struct Run {
@@ -79,7 +79,7 @@ class DeviceBlocks {
     return run;
   }
 
-  std::vector<Run> runs_;
+  ChunkedArray<Run> runs_;
   std::vector<std::uint32_t> free_[10];
   std::uint32_t slots_ = 0;
 };

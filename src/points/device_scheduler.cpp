@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <bit>
 #include <limits>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -20,6 +21,7 @@
 #include "points/fresh_points.h"
 #include "points/leaf_footprint.h"
 #include "points/neighbourhood.h"
+#include "points/run_beside.h"
 #include "points/update_scheduler.h"
 
 namespace accessvdb::internal {
@@ -65,8 +67,8 @@ class DeviceScheduler final : public UpdateScheduler {
     }
   }
 
-  void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
-                std::span<const Eigen::Vector3f> q_L, std::span<const std::span<const LeafChange>> changes) override {
+  void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
+                   std::span<const Eigen::Vector3f> q_L) override {
     for (std::size_t n = 0; n < touched.all.size(); ++n) {
       const std::uint32_t id = touched.all[n];
       if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or the older position counts
@@ -75,12 +77,15 @@ class DeviceScheduler final : public UpdateScheduler {
     }
     const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
     if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
+  }
+
+  void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
+                   std::span<const std::span<const LeafChange>> changes) override {
     if (anything_scored_) noteFlips(changes);
   }
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    const PointStore& points = scorer_.points();
     scorer_.growDevice();
     kernels::UpdateInput input;
     input.map = tables.map;
@@ -90,18 +95,24 @@ class DeviceScheduler final : public UpdateScheduler {
     input.points = scorer_.device().view();
     input.rule = tables.rule;
     input.flips = flips_;
-    updater_->begin(input);
-    admitBlocks();
-    std::vector<kernels::CrossedPoint> crossed = admitPoints();
-    findCrossed(crossed);
+    std::vector<kernels::CrossedPoint> crossed;
+    // While the backend takes in flips and blocks, the host reads the map.
+    const auto to_backend = [&] {
+      updater_->begin(input);
+      admitBlocks();
+    };
+    const auto on_host = [&] {
+      findCrossed(crossed);
+      readNews();
+    };
+    runBeside(to_backend, on_host);
+    admitPoints(crossed);
+    tbb::parallel_sort(crossed.begin(), crossed.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
     input.crossed = crossed;
-    const kernels::UpdateOutcome outcome = updater_->update(input);
-    for (const Touched& touched : touched_) is_touched_[touched.id] = 0;
-    touched_.clear();
+    kernels::UpdateOutcome outcome;
+    runBeside([&] { outcome = updater_->update(input); }, [&] { knowNews(); });
     flips_.clear();
     joined_flips_ = 0;
-    known_points_ = points.size();
-    is_touched_.resize(known_points_, 0);
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
 
     stats.dirty_points = outcome.moved + outcome.evaluated;
@@ -113,9 +124,9 @@ class DeviceScheduler final : public UpdateScheduler {
   }
 
   std::uint64_t bytes() const override {
-    return fresh_.bytes() + ids_.capacity() * sizeof(std::uint32_t) + touched_.capacity() * sizeof(Touched) +
-           is_touched_.capacity() + news_.capacity() * sizeof(kernels::PointNews) + blocks_.bytes() +
-           flips_.capacity() * sizeof(kernels::LeafFlips);
+    return fresh_.bytes() + ids_.capacity() * sizeof(std::uint32_t) + weights_.capacity() * sizeof(std::uint16_t) +
+           touched_.capacity() * sizeof(Touched) + is_touched_.bytes() + news_.capacity() * sizeof(kernels::PointNews) +
+           blocks_.bytes() + flips_.capacity() * sizeof(kernels::LeafFlips);
   }
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
 
@@ -191,56 +202,64 @@ class DeviceScheduler final : public UpdateScheduler {
     }
   }
 
-  /// New points and touched ones. @return the new ones that are confident at once
-  std::vector<kernels::CrossedPoint> admitPoints() {
-    const PointStore& points = scorer_.points();
-    const std::size_t new_points = points.size() - known_points_, all = touched_.size() + new_points;
-    std::vector<kernels::CrossedPoint> confident;
-    std::vector<std::uint32_t> fresh;
-    std::vector<std::uint16_t> weights;
-    for (std::size_t first = 0; first < all; first += kMostNews) {
-      const std::size_t count = std::min(all - first, kMostNews);
-      ids_.resize(count);
-      for (std::size_t n = 0; n < count; ++n) {
-        ids_[n] = first + n < touched_.size() ? touched_[first + n].id
-                                              : known_points_ + static_cast<std::uint32_t>(first + n - touched_.size());
-      }
-      weights.resize(count);
-      scorer_.reads().weights(ids_, weights);
-      news_.resize(count);
-      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 1024), [&](const auto& range) {
-        for (std::size_t n = range.begin(); n != range.end(); ++n) {
-          const std::uint32_t id = ids_[n];
-          kernels::PointNews& news = news_[n];
-          news.id = id;
-          news.block = points.blockOf(id);
-          copy3(points.first_L(id), news.position_L);
-          copy3(points.pca_L(id), news.mean_L);
-          copy3(points.toSensor_L(id), news.to_sensor_L);
-          constexpr float kNew = std::numeric_limits<float>::quiet_NaN();
-          copy3(first + n < touched_.size() ? touched_[first + n].before_L : Eigen::Vector3f::Constant(kNew),
-                news.before_L);
-          news.weight = weights[n];
-          news.seen = points.seen(id);
-        }
+  /// Which points are touched and new, in this order, and their weights.
+  void readNews() {
+    const std::size_t new_points = scorer_.points().size() - known_points_;
+    ids_.resize(touched_.size() + new_points);
+    for (std::size_t n = 0; n < touched_.size(); ++n) ids_[n] = touched_[n].id;
+    std::iota(ids_.begin() + static_cast<std::ptrdiff_t>(touched_.size()), ids_.end(), known_points_);
+    weights_.resize(ids_.size());
+    scorer_.reads().weights(ids_, weights_);
+  }
+
+  /// Hands them over, and adds the new ones that are confident at once.
+  void admitPoints(std::vector<kernels::CrossedPoint>& confident) {
+    for (std::size_t first = 0; first < ids_.size(); first += kMostNews) {
+      news_.resize(std::min(ids_.size() - first, kMostNews));
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, news_.size(), 256), [&](const auto& range) {
+        for (std::size_t n = range.begin(); n != range.end(); ++n) news_[n] = newsOf(first + n);
       });
       kernels::AdmitInput input = admission();
       input.news = news_;
       updater_->admit(input);
-      for (std::size_t n = touched_.size() - std::min(touched_.size(), first); n < count; ++n) {
-        if (weights[n] >= least_weight_) {
-          confident.push_back({ids_[n], weights[n]});
-        } else {
-          fresh.push_back(ids_[n]);
-        }
-      }
     }
-    fresh_.add(fresh);
-    return confident;
+    for (std::size_t n = touched_.size(); n < ids_.size(); ++n) {
+      if (weights_[n] >= least_weight_) confident.push_back({ids_[n], weights_[n]});
+    }
   }
 
-  /// Adds older points that became confident. Weights only grow, so only fresh ones are looked at, and of them those
-  /// that scans reached since the last update.
+  /// @param n  index into ids_
+  [[nodiscard]] kernels::PointNews newsOf(std::size_t n) const {
+    const PointStore& points = scorer_.points();
+    const std::uint32_t id = ids_[n];
+    kernels::PointNews news;
+    news.id = id;
+    news.block = points.blockOf(id);
+    copy3(points.first_L(id), news.position_L);
+    copy3(points.pca_L(id), news.mean_L);
+    copy3(points.toSensor_L(id), news.to_sensor_L);
+    constexpr float kNew = std::numeric_limits<float>::quiet_NaN();
+    copy3(n < touched_.size() ? touched_[n].before_L : Eigen::Vector3f::Constant(kNew), news.before_L);
+    news.weight = weights_[n];
+    news.seen = points.seen(id);
+    return news;
+  }
+
+  /// The backend has them: the new ones below the bound wait from now on, and none is touched.
+  void knowNews() {
+    std::vector<std::uint32_t> fresh;
+    for (std::size_t n = touched_.size(); n < ids_.size(); ++n) {
+      if (weights_[n] < least_weight_) fresh.push_back(ids_[n]);
+    }
+    fresh_.add(fresh);
+    for (const Touched& touched : touched_) is_touched_[touched.id] = 0;
+    touched_.clear();
+    known_points_ = scorer_.points().size();
+    is_touched_.grow(known_points_);
+  }
+
+  /// Older points that became confident. Weights only grow, so only fresh ones are looked at, and of them those that
+  /// scans reached since the last update.
   void findCrossed(std::vector<kernels::CrossedPoint>& crossed) {
     fresh_.takeReached(reached_);
     std::vector<std::uint16_t> weights(reached_.voxels.size());
@@ -249,17 +268,14 @@ class DeviceScheduler final : public UpdateScheduler {
     for (std::size_t n = 0; n < weights.size(); ++n) {
       if (weights[n] >= least_weight_) entries.push_back(static_cast<std::uint32_t>(n));
     }
-    const std::size_t before = crossed.size();
-    crossed.resize(before + entries.size());
+    crossed.resize(entries.size());
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, entries.size(), 512), [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         const std::uint32_t entry = entries[n];
-        crossed[before + n] = {scorer_.points().index().findIn(reached_.blocks[entry], reached_.voxels[entry]),
-                               weights[entry]};
+        crossed[n] = {scorer_.points().index().findIn(reached_.blocks[entry], reached_.voxels[entry]), weights[entry]};
       }
     });
     fresh_.remove(reached_, entries);
-    tbb::parallel_sort(crossed.begin(), crossed.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
   }
 
   PointScorer& scorer_;
@@ -268,13 +284,14 @@ class DeviceScheduler final : public UpdateScheduler {
   std::uint32_t known_points_ = 0;  ///< admitted; those behind are new
   bool anything_scored_ = false;
   std::vector<Touched> touched_;           ///< known points that scans touched since the last update
-  std::vector<std::uint8_t> is_touched_;   ///< [known_points_]
+  ChunkedArray<std::uint8_t> is_touched_;  ///< [known_points_]
   FreshPoints fresh_;                      ///< below the confidence bound
   FreshPlaces reached_;                    ///< of one update
   std::uint16_t least_weight_ = 0;         ///< that is confident
   std::vector<kernels::LeafFlips> flips_;  ///< since the last update
   std::size_t joined_flips_ = 0;           ///< of them, the first: each leaf once
-  std::vector<std::uint32_t> ids_;
+  std::vector<std::uint32_t> ids_;         ///< of one update: touched_, then the new points
+  std::vector<std::uint16_t> weights_;     ///< of ids_
   std::vector<kernels::PointNews> news_;
   std::vector<kernels::BlockNews> block_news_;
   std::vector<std::uint32_t> block_ids_;

@@ -44,9 +44,13 @@ class ExactScheduler final : public UpdateScheduler {
         all_(allDirections(approach.num_directions)),
         moved_points_(scorer) {}
 
-  void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
-                std::span<const std::span<const LeafChange>> changes) override {
+  void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
+                   std::span<const Eigen::Vector3f>) override {
     moved_points_.note(touched);
+  }
+
+  void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
+                   std::span<const std::span<const LeafChange>> changes) override {
     if (!anything_scored_) return;  // nothing to invalidate yet
     for (const auto& part : changes) flips_.add(part);
   }
@@ -54,8 +58,8 @@ class ExactScheduler final : public UpdateScheduler {
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
     scorer_.grow();
-    blocked_.resize(scorer_.points().size());
-    due_.resize(scorer_.points().size(), 0);
+    blocked_.grow(scorer_.points().size());
+    due_.grow(scorer_.points().size());
 
     const std::vector<std::uint32_t> crossed = findCrossed();
     std::vector<std::uint32_t> moved;
@@ -79,8 +83,8 @@ class ExactScheduler final : public UpdateScheduler {
   }
 
   std::uint64_t bytes() const override {
-    return offset_directions_.bytes() + blocked_.capacity() * sizeof(KnownBlocked) + due_.capacity() + flips_.bytes() +
-           moved_points_.bytes() + (fresh_.capacity() + queue_.capacity()) * sizeof(std::uint32_t);
+    return offset_directions_.bytes() + blocked_.bytes() + due_.bytes() + flips_.bytes() + moved_points_.bytes() +
+           (fresh_.capacity() + queue_.capacity()) * sizeof(std::uint32_t);
   }
 
  private:
@@ -265,10 +269,10 @@ class ExactScheduler final : public UpdateScheduler {
   DirectionMask all_;
   MovedPoints moved_points_;
   FlipSet flips_;
-  std::vector<std::uint32_t> fresh_;   ///< below the confidence bound
-  std::vector<std::uint32_t> queue_;   ///< points with something due, first come first served
-  std::vector<KnownBlocked> blocked_;  ///< by id
-  std::vector<std::uint8_t> due_;      ///< by id
+  std::vector<std::uint32_t> fresh_;    ///< below the confidence bound
+  std::vector<std::uint32_t> queue_;    ///< points with something due, first come first served
+  ChunkedArray<KnownBlocked> blocked_;  ///< by id
+  ChunkedArray<std::uint8_t> due_;      ///< by id
   std::uint32_t known_points_ = 0;
   bool anything_scored_ = false;
 };

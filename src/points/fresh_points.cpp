@@ -36,8 +36,8 @@ bool noneOf(LeafBits& bits) {
 
 void FreshPoints::add(std::span<const std::uint32_t> ids) {
   const SurfaceIndex& index = points_.index();
-  cells_.resize(index.cells());
-  of_blocks_.resize(index.blocks().size());
+  cells_.grow(index.cells());
+  of_blocks_.grow(index.blocks().size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       const std::uint32_t block = points_.blockOf(ids[n]);
@@ -133,7 +133,7 @@ void FreshPoints::remove(const FreshPlaces& places, std::span<const std::uint32_
 }
 
 std::uint64_t FreshPoints::bytes() const {
-  std::uint64_t bytes = cells_.capacity() * sizeof(FreshCell) + of_blocks_.capacity() * sizeof(LeafBits);
+  std::uint64_t bytes = cells_.bytes() + of_blocks_.bytes();
   for (const std::vector<LeafCode>& of_thread : reached_) bytes += of_thread.capacity() * sizeof(LeafCode);
   return bytes;
 }

@@ -51,8 +51,8 @@ class FreshPoints {
   using LeafCode = std::uint64_t;
 
   const PointStore& points_;
-  std::vector<FreshCell> cells_;     ///< by the number of the cell
-  std::vector<LeafBits> of_blocks_;  ///< [blocks] voxels with a fresh point
+  ChunkedArray<FreshCell> cells_;     ///< by the number of the cell
+  ChunkedArray<LeafBits> of_blocks_;  ///< [blocks] voxels with a fresh point
   tbb::enumerable_thread_specific<std::vector<LeafCode>> reached_;
   bool all_reached_ = false;
 };

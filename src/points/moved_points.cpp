@@ -93,9 +93,10 @@ void MovedPoints::forEachNear(const Index3& leaf, float reach_m, const Visit& vi
 /// Blocks with a point that some touched point may matter to, ascending.
 std::vector<std::uint32_t> MovedPoints::reachedBlocks() {
   const auto& blocks = scorer_.points().index().blocks();
-  reached_.resize(blocks.size(), 0);
+  reached_.grow(blocks.size());
   const auto voxel_size_m = static_cast<float>(scorer_.params().tsdf.voxel_size_m);
-  const float most_m = *std::max_element(block_reach_m_.begin(), block_reach_m_.end());
+  float most_m = -1;
+  for (std::size_t b = 0; b < block_reach_m_.size(); ++b) most_m = std::max(most_m, block_reach_m_[b]);
   tbb::enumerable_thread_specific<std::vector<std::uint32_t>> found;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups_.size()), [&](const auto& range) {
     std::vector<std::uint32_t>& mine = found.local();
@@ -159,8 +160,8 @@ std::vector<std::uint32_t> MovedPoints::find() {
   joinTouched();
   if (touched_.empty() || !any_known_) return {};
   const std::size_t block_count = scorer_.points().index().blocks().size();
-  block_reach_m_.resize(block_count, -1.0f);
-  group_of_block_.resize(block_count, kNone);
+  block_reach_m_.grow(block_count, -1.0f);
+  group_of_block_.grow(block_count, kNone);
   groupByBlock();
   for (std::uint32_t g = 0; g < groups_.size(); ++g) group_of_block_[groups_[g].block] = g;
 
@@ -185,8 +186,8 @@ void MovedPoints::refreshed(std::span<const std::uint32_t> ids) {
   const PointStore& points = scorer_.points();
   const auto& blocks = points.index().blocks();
   any_known_ = any_known_ || !ids.empty();
-  block_reach_m_.resize(blocks.size(), -1.0f);
-  reached_.resize(blocks.size(), 0);
+  block_reach_m_.grow(blocks.size(), -1.0f);
+  reached_.grow(blocks.size());
   std::vector<std::uint32_t> changed;
   for (const std::uint32_t id : ids) {
     const std::uint32_t b = points.blockOf(id);
@@ -212,9 +213,9 @@ void MovedPoints::clear() {
 }
 
 std::uint64_t MovedPoints::bytes() const {
-  return touched_.capacity() * sizeof(Touched) + groups_.capacity() * sizeof(Group) + reached_.capacity() +
-         (ids_.capacity() + by_block_.capacity() + group_of_block_.capacity()) * sizeof(std::uint32_t) +
-         block_reach_m_.capacity() * sizeof(float);
+  return touched_.capacity() * sizeof(Touched) + groups_.capacity() * sizeof(Group) + reached_.bytes() +
+         (ids_.capacity() + by_block_.capacity()) * sizeof(std::uint32_t) + group_of_block_.bytes() +
+         block_reach_m_.bytes();
 }
 
 }  // namespace accessvdb::internal

@@ -67,9 +67,9 @@ class MovedPoints {
   std::vector<std::uint32_t> ids_;
   std::vector<std::uint32_t> by_block_;  ///< indices into touched_
   std::vector<Group> groups_;
-  std::vector<std::uint32_t> group_of_block_;  ///< [blocks], kNone where nothing was touched
-  std::vector<std::uint8_t> reached_;          ///< [blocks], all zero between two calls
-  std::vector<float> block_reach_m_;           ///< [blocks] largest reach of its points, negative where none has one
+  ChunkedArray<std::uint32_t> group_of_block_;  ///< [blocks], kNone where nothing was touched
+  ChunkedArray<std::uint8_t> reached_;          ///< [blocks], all zero between two calls
+  ChunkedArray<float> block_reach_m_;           ///< [blocks] largest reach of its points, negative where none has one
 };
 
 }  // namespace accessvdb::internal

@@ -23,9 +23,11 @@ class PaperScheduler final : public UpdateScheduler {
   PaperScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach)
       : scorer_(scorer), triggers_(scorer), directions_(scorer, approach.num_directions, tool.collision_limit) {}
 
-  void noteScan(const TouchedPoints&, std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
-                std::span<const std::span<const LeafChange>>) override {
-    queued_.resize(scorer_.points().size(), 0);
+  void noteReturns(const TouchedPoints&, std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>) override {}
+
+  void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                   std::span<const std::span<const LeafChange>>) override {
+    queued_.grow(scorer_.points().size(), 0);
     for (const std::uint32_t id : fresh_) enqueue(id);
     fresh_.clear();
     for (; known_points_ < scorer_.points().size(); ++known_points_) enqueue(known_points_);
@@ -59,7 +61,7 @@ class PaperScheduler final : public UpdateScheduler {
   }
 
   std::uint64_t bytes() const override {
-    return (queue_.size() + fresh_.capacity()) * sizeof(std::uint32_t) + queued_.capacity() + triggers_.bytes();
+    return (queue_.size() + fresh_.capacity()) * sizeof(std::uint32_t) + queued_.bytes() + triggers_.bytes();
   }
 
  private:
@@ -93,8 +95,8 @@ class PaperScheduler final : public UpdateScheduler {
   PaperTriggers triggers_;
   CoarseToFine directions_;
   std::deque<std::uint32_t> queue_;
-  std::vector<std::uint8_t> queued_;  ///< by id: in queue_
-  std::vector<std::uint32_t> fresh_;  ///< below the confidence bound, not in queue_
+  ChunkedArray<std::uint8_t> queued_;  ///< by id: in queue_
+  std::vector<std::uint32_t> fresh_;   ///< below the confidence bound, not in queue_
   std::uint32_t known_points_ = 0;
 };
 

@@ -21,7 +21,7 @@ void PaperTriggers::fire(std::span<const Eigen::Vector3f> p_L, std::span<const E
 /// (i) The TSDF at a point's voxel changed by more than 2 v since the last frame. Not only at points that were hit
 /// again: a surface that moves back takes its returns with it.
 void PaperTriggers::fireOnDistance(std::span<const Eigen::Vector3f> p_L, const Enqueue& enqueue) {
-  last_distance_m_.resize(scorer_.points().size(), std::numeric_limits<float>::quiet_NaN());
+  last_distance_m_.grow(scorer_.points().size(), std::numeric_limits<float>::quiet_NaN());
   const std::vector<std::uint32_t> ids = pointsInWrittenBlocks(p_L);
   std::vector<float> distances_m(ids.size());
   scorer_.reads().distances(ids, distances_m);
@@ -35,7 +35,7 @@ void PaperTriggers::fireOnDistance(std::span<const Eigen::Vector3f> p_L, const E
 
 std::vector<std::uint32_t> PaperTriggers::pointsInWrittenBlocks(std::span<const Eigen::Vector3f> p_L) {
   const PointStore& points = scorer_.points();
-  block_stamp_.resize(points.index().blocks().size(), 0);
+  block_stamp_.grow(points.index().blocks().size(), 0);
   ++scan_;
   const auto tau_m = static_cast<float>(scorer_.params().tsdf.truncation_distance_m);
   const Eigen::Vector3f reach_m(tau_m, tau_m, tau_m);
@@ -45,7 +45,7 @@ std::vector<std::uint32_t> PaperTriggers::pointsInWrittenBlocks(std::span<const 
                                 [&](std::uint32_t b) {
                                   if (block_stamp_[b] == scan_) return;
                                   block_stamp_[b] = scan_;
-                                  const std::vector<std::uint32_t>& of_block = points.index().blocks()[b].ids;
+                                  const std::span<const std::uint32_t> of_block = points.index().blocks()[b].ids;
                                   ids.insert(ids.end(), of_block.begin(), of_block.end());
                                 });
   }
@@ -126,8 +126,6 @@ std::size_t PaperTriggers::draw(std::size_t count) {
   return static_cast<std::size_t>(static_cast<double>(random_() >> 11) * 0x1.0p-53 * static_cast<double>(count));
 }
 
-std::uint64_t PaperTriggers::bytes() const {
-  return last_distance_m_.capacity() * sizeof(float) + block_stamp_.capacity() * sizeof(std::uint32_t);
-}
+std::uint64_t PaperTriggers::bytes() const { return last_distance_m_.bytes() + block_stamp_.bytes(); }
 
 }  // namespace accessvdb::internal

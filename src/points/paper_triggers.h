@@ -41,8 +41,8 @@ class PaperTriggers {
 
   const PointScorer& scorer_;
   std::mt19937_64 random_;
-  std::vector<float> last_distance_m_;      ///< by id; NaN before the first frame
-  std::vector<std::uint32_t> block_stamp_;  ///< by block: the last scan that reached it
+  ChunkedArray<float> last_distance_m_;      ///< by id; NaN before the first frame
+  ChunkedArray<std::uint32_t> block_stamp_;  ///< by block: the last scan that reached it
   std::uint32_t scan_ = 0;
   std::optional<Eigen::Vector3f> last_sensor_L_;  ///< where trigger (iii) fired last
 };

@@ -97,7 +97,7 @@ PointScorer::PointScorer(const PointStore& points, const FieldParams& resolved, 
 
 void PointScorer::grow() {
   device_.grow(points_.size());
-  records_.resize(points_.size());
+  records_.grow(points_.size());
 }
 
 bool PointScorer::isConfident(std::uint16_t weight) const {

@@ -23,8 +23,8 @@ struct MapReads {
   std::function<void(std::span<const std::uint32_t> ids, std::span<std::uint16_t> weights)> weights;
   /// The same of voxels that are at hand.
   std::function<void(std::span<const Index3> voxels, std::span<std::uint16_t> weights)> weights_at;
-  /// Calls take(leaves) for all leaves, voxel index >> 3, in which a point's weight may have grown by a scan: a
-  /// superset, and a leaf may come several times. From several threads at once.
+  /// Needs only the returns, not the map. Calls take(leaves) for all leaves, voxel index >> 3, in which a point's
+  /// weight may have grown by a scan: a superset, and a leaf may come several times. From several threads at once.
   /// @return false: no leaf was named, it may be any
   std::function<bool(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                      const TakeLeaves& take)>
@@ -107,7 +107,7 @@ class PointScorer {
   [[nodiscard]] const PointStore& points() const { return points_; }
   [[nodiscard]] const MapReads& reads() const { return reads_; }
   [[nodiscard]] const FieldParams& params() const { return params_; }
-  [[nodiscard]] std::uint64_t hostBytes() const { return records_.capacity() * sizeof(PointRecord); }
+  [[nodiscard]] std::uint64_t hostBytes() const { return records_.bytes(); }
 
  private:
   const PointStore& points_;
@@ -116,7 +116,7 @@ class PointScorer {
   MapReads reads_;
   NeighbourhoodSearch search_;
   DevicePoints device_;
-  std::vector<PointRecord> records_;
+  ChunkedArray<PointRecord> records_;
 };
 
 /// Every direction below D.

@@ -15,22 +15,22 @@
 namespace accessvdb::internal {
 namespace {
 
+constexpr std::size_t kPointsPerTask = 256;
 constexpr double kOffsetSteps = 1 << 20;  // of a voxel
 constexpr double kSensorSteps = 1 << 16;  // of a metre
 /// Viewpoints nearer than this to a stored one are not stored (SPEC a.2).
 constexpr float kViewpointSpacing_m = 0.10f;
 
-std::uint64_t voxelKey(const Index3& voxel) {
-  constexpr std::int64_t kBias = 1 << 20;
-  return static_cast<std::uint64_t>(voxel[0] + kBias) << 42 | static_cast<std::uint64_t>(voxel[1] + kBias) << 21 |
-         static_cast<std::uint64_t>(voxel[2] + kBias);
+constexpr std::int32_t kKeyBias = 1 << 20;
+std::uint64_t keyOf(const Index3& voxel) {
+  std::uint64_t key = 0;
+  for (const std::int32_t x : voxel) key = key << 21 | static_cast<std::uint64_t>(x + kKeyBias);
+  return key;
 }
-
-/// A return with its voxel; sorted, so that the order inside a scan does not matter.
-struct KeyedReturn {
-  std::uint64_t key;
-  std::uint32_t index;
-};
+Index3 voxelOfKey(std::uint64_t key) {
+  const auto axis = [&](int shift) { return static_cast<std::int32_t>(key >> shift & ((1u << 21) - 1)) - kKeyBias; };
+  return {axis(42), axis(21), axis(0)};
+}
 
 }  // namespace
 
@@ -45,91 +45,112 @@ Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
   return {ijk[0], ijk[1], ijk[2]};
 }
 
-/// Gives ids to the groups that have none yet. @param firstOf  first return of a group
-template <typename FirstOf>
-void PointStore::addNew(TouchedPoints& touched, const FirstOf& firstOf) {
-  std::vector<NewVoxel> added;
-  std::vector<std::size_t> group_of;
-  for (std::size_t g = 0; g < touched.all.size(); ++g) {
-    if (touched.all[g] != kNone) continue;
-    touched.all[g] = size() + static_cast<std::uint32_t>(added.size());
-    group_of.push_back(g);
-    added.push_back({{}, touched.all[g], kNone});
-  }
-  touched.new_points = added.size();
-  const std::uint32_t before = size();
-  first_L_.resize(before + added.size());
-  block_.resize(before + added.size());
-  const tbb::blocked_range<std::size_t> all(0, added.size(), 256);
-  tbb::parallel_for(all, [&](const auto& range) {
+/// By voxel, and by value inside a voxel, so that their order in the scan does not matter.
+PointStore::ReturnGroups PointStore::groupsOf(std::span<const Eigen::Vector3f> p_L,
+                                              std::span<const Eigen::Vector3f> q_L) const {
+  ReturnGroups groups;
+  std::vector<KeyedReturn>& returns = groups.returns;
+  returns.resize(p_L.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      first_L_[before + n] = firstOf(group_of[n]);
-      added[n].voxel = voxelOf(first_L_[before + n]);
-    }
-  });
-  index_.insertAll(added);
-  tbb::parallel_for(all, [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) block_[before + n] = added[n].block;
-  });
-}
-
-TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
-  TouchedPoints touched;
-  const auto sensor = [&](std::uint32_t n) -> const Eigen::Vector3f& { return q_L[q_L.size() == 1 ? 0 : n]; };
-  std::vector<KeyedReturn> returns(p_L.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), 4096), [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      returns[n] = {voxelKey(voxelOf(p_L[n])), static_cast<std::uint32_t>(n)};
+      returns[n] = {keyOf(voxelOf(p_L[n])), static_cast<std::uint32_t>(n)};
     }
   });
   const auto values = [&](std::uint32_t n) {
-    const Eigen::Vector3f &p = p_L[n], &q = sensor(n);
+    const Eigen::Vector3f &p = p_L[n], &q = q_L[q_L.size() == 1 ? 0 : n];
     return std::make_tuple(p.x(), p.y(), p.z(), q.x(), q.y(), q.z());
   };
   tbb::parallel_sort(returns, [&](const KeyedReturn& a, const KeyedReturn& b) {
     return a.key != b.key ? a.key < b.key : values(a.index) < values(b.index);
   });
-
-  std::vector<std::uint32_t> group_begin;
+  groups.begin.reserve(returns.size() + 1);
   for (std::size_t n = 0; n < returns.size(); ++n) {
-    if (n == 0 || returns[n].key != returns[n - 1].key) group_begin.push_back(static_cast<std::uint32_t>(n));
+    if (n == 0 || returns[n].key != returns[n - 1].key) groups.begin.push_back(static_cast<std::uint32_t>(n));
   }
-  touched.all.resize(group_begin.size());
-  group_begin.push_back(static_cast<std::uint32_t>(returns.size()));
-  const auto firstOf = [&](std::size_t group) -> const Eigen::Vector3f& {
-    return p_L[returns[group_begin[group]].index];
-  };
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, touched.all.size(), 256), [&](const auto& range) {
-    for (std::size_t g = range.begin(); g != range.end(); ++g) touched.all[g] = index_.find(voxelOf(firstOf(g)));
+  groups.begin.push_back(static_cast<std::uint32_t>(returns.size()));
+  return groups;
+}
+
+std::vector<Located> PointStore::locate(const ReturnGroups& groups) const {
+  std::vector<Index3> voxels(groups.size());
+  std::vector<Located> places(groups.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) voxels[g] = voxelOfKey(groups.first(g).key);
+    index_.locate(std::span(voxels).subspan(range.begin(), range.size()),
+                  std::span(places).subspan(range.begin(), range.size()));
   });
-  addNew(touched, firstOf);
-  const std::size_t n = first_L_.size();
-  constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
-  pca_L_.resize(n, Eigen::Vector3f::Constant(kNaN));
-  offset_sum_.resize(n, {0, 0, 0});
-  sensor_sum_.resize(n, {0, 0, 0});
-  returns_.resize(n, 0);
-  if (params_.approach.viewpoints) {
-    viewpoints_.resize(n);
-  } else {
-    seen_.resize(n * static_cast<std::size_t>(words_), 0);
+  return places;
+}
+
+/// Gives an id to each group, a new one where its voxel has none, in the order of the voxels.
+void PointStore::addNew(const ReturnGroups& groups, TouchedPoints& touched) {
+  const std::vector<Located> places = locate(groups);
+  const std::uint32_t before = size();
+  std::vector<NewVoxel> added;
+  touched.all.resize(places.size());
+  for (std::size_t g = 0; g < places.size(); ++g) {
+    touched.all[g] = places[g].id;
+    if (places[g].id != kNone) continue;
+    touched.all[g] = before + static_cast<std::uint32_t>(added.size());
+    added.push_back({voxelOfKey(groups.first(g).key), touched.all[g], places[g].block});
   }
+  touched.new_points = added.size();
+  index_.insertAll(added);
+  block_.growRaw(before + added.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, added.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) block_[added[n].id] = added[n].block;
+  });
+}
+
+/// For all points that have a block.
+void PointStore::makeRoom() {
+  const std::size_t size = block_.size();
+  first_L_.growRaw(size);
+  pca_L_.growRaw(size);
+  sums_.growRaw(size);
+  if (params_.approach.viewpoints) {
+    viewpoints_.growRaw(size);
+  } else {
+    seen_.growRaw(size * static_cast<std::size_t>(words_));
+  }
+}
+
+/// A new point, before its first return is added.
+void PointStore::start(std::uint32_t id, const Eigen::Vector3f& first_L) {
+  first_L_[id] = first_L;
+  pca_L_[id] = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
+  sums_[id] = {};
+  if (params_.approach.viewpoints) {
+    viewpoints_[id] = {};
+  } else {
+    for (int w = 0; w < words_; ++w) seen_[seenAt(id) + static_cast<std::size_t>(w)] = 0;
+  }
+}
+
+TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
+  TouchedPoints touched;
+  const ReturnGroups groups = groupsOf(p_L, q_L);
+  const std::uint32_t before = size();
+  addNew(groups, touched);
+  makeRoom();
   // With viewpoints, poses are stored once: one a scan, or one a ray for ray clouds.
   const auto first_pose = static_cast<std::uint32_t>(poses_.size());
-  if (params_.approach.viewpoints) poses_.insert(poses_.end(), q_L.begin(), q_L.end());
+  if (params_.approach.viewpoints) {
+    for (const Eigen::Vector3f& q : q_L) poses_.push_back(q);
+  }
 
-  touched.before_L.resize(touched.all.size());
-  touched.views_changed.resize(touched.all.size(), 0);
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, touched.all.size(), 256), [&](const auto& range) {
+  touched.before_L.resize(groups.size());
+  touched.views_changed.resize(groups.size(), 0);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
-      touched.before_L[g] = pca_L_[touched.all[g]];
-      for (std::uint32_t m = group_begin[g]; m < group_begin[g + 1]; ++m) {
-        const std::uint32_t i = returns[m].index;
-        if (addToPoint(touched.all[g], p_L[i], sensor(i), first_pose + (q_L.size() == 1 ? 0 : i))) {
-          touched.views_changed[g] = 1;
-        }
+      const std::uint32_t id = touched.all[g];
+      if (id >= before) start(id, p_L[groups.first(g).index]);
+      touched.before_L[g] = pca_L_[id];
+      for (std::uint32_t m = groups.begin[g]; m < groups.begin[g + 1]; ++m) {
+        const std::uint32_t i = groups.returns[m].index, sensor = q_L.size() == 1 ? 0 : i;
+        if (addToPoint(id, p_L[i], q_L[sensor], first_pose + sensor)) touched.views_changed[g] = 1;
       }
-      refreshMean(touched.all[g]);
+      refreshMean(id);
     }
   });
   return touched;
@@ -138,25 +159,16 @@ TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::
 bool PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L,
                             std::uint32_t pose) {
   const Index3 voxel = voxelOf(p_L);
+  Sums& sums = sums_[id];
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double centre = voxel[axis] * params_.tsdf.voxel_size_m;
     const auto a = static_cast<Eigen::Index>(axis);
-    offset_sum_[id][axis] +=
+    sums.offset[axis] +=
         std::llround((static_cast<double>(p_L[a]) - centre) / params_.tsdf.voxel_size_m * kOffsetSteps);
-    sensor_sum_[id][axis] += std::llround(static_cast<double>(q_L[a]) * kSensorSteps);
+    sums.sensor[axis] += std::llround(static_cast<double>(q_L[a]) * kSensorSteps);
   }
-  ++returns_[id];
-  if (!params_.approach.viewpoints) {
-    const DirectionMask mask = directionsTowards(p_L, q_L);
-    std::uint64_t gained = 0;
-    for (int w = 0; w < words_; ++w) {
-      std::uint64_t& word =
-          seen_[static_cast<std::size_t>(id) * static_cast<std::size_t>(words_) + static_cast<std::size_t>(w)];
-      gained |= mask.word[w] & ~word;
-      word |= mask.word[w];
-    }
-    return gained != 0;
-  }
+  ++sums.returns;
+  if (!params_.approach.viewpoints) return addSeen(id, directionsTowards(p_L, q_L));
   Viewpoints& views = viewpoints_[id];
   if (views.count == Viewpoints::kMost) return false;
   for (std::uint32_t n = 0; n < views.count; ++n) {
@@ -166,6 +178,16 @@ bool PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const 
   return true;
 }
 
+bool PointStore::addSeen(std::uint32_t id, const DirectionMask& mask) {
+  std::uint64_t gained = 0;
+  for (int w = 0; w < words_; ++w) {
+    std::uint64_t& word = seen_[seenAt(id) + static_cast<std::size_t>(w)];
+    gained |= mask.word[w] & ~word;
+    word |= mask.word[w];
+  }
+  return gained != 0;
+}
+
 void PointStore::refreshMean(std::uint32_t id) {
   if (!params_.scoring.mean_positions) {
     pca_L_[id] = first_L_[id];
@@ -173,7 +195,8 @@ void PointStore::refreshMean(std::uint32_t id) {
   }
   const Index3 voxel = voxelOf(first_L_[id]);
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    const double offset = static_cast<double>(offset_sum_[id][axis]) / static_cast<double>(returns_[id]) / kOffsetSteps;
+    const double offset =
+        static_cast<double>(sums_[id].offset[axis]) / static_cast<double>(sums_[id].returns) / kOffsetSteps;
     pca_L_[id][static_cast<Eigen::Index>(axis)] =
         static_cast<float>((static_cast<double>(voxel[axis]) + offset) * params_.tsdf.voxel_size_m);
   }
@@ -183,7 +206,7 @@ Eigen::Vector3d PointStore::meanSensor_L(std::uint32_t id) const {
   Eigen::Vector3d mean;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     mean[static_cast<Eigen::Index>(axis)] =
-        static_cast<double>(sensor_sum_[id][axis]) / static_cast<double>(returns_[id]) / kSensorSteps;
+        static_cast<double>(sums_[id].sensor[axis]) / static_cast<double>(sums_[id].returns) / kSensorSteps;
   }
   return mean;
 }
@@ -205,9 +228,7 @@ DirectionMask PointStore::directionsTowards(const Eigen::Vector3f& from_L, const
 DirectionMask PointStore::seen(std::uint32_t id) const {
   DirectionMask mask = {};
   if (!params_.approach.viewpoints) {
-    for (int w = 0; w < words_; ++w)
-      mask.word[w] =
-          seen_[static_cast<std::size_t>(id) * static_cast<std::size_t>(words_) + static_cast<std::size_t>(w)];
+    for (int w = 0; w < words_; ++w) mask.word[w] = seen_[seenAt(id) + static_cast<std::size_t>(w)];
     return mask;
   }
   const Viewpoints& views = viewpoints_[id];
@@ -216,11 +237,8 @@ DirectionMask PointStore::seen(std::uint32_t id) const {
 }
 
 std::uint64_t PointStore::bytes() const {
-  return index_.bytes() + block_.capacity() * sizeof(std::uint32_t) + first_L_.capacity() * sizeof(Eigen::Vector3f) +
-         pca_L_.capacity() * sizeof(Eigen::Vector3f) + offset_sum_.capacity() * sizeof(offset_sum_[0]) +
-         sensor_sum_.capacity() * sizeof(sensor_sum_[0]) + returns_.capacity() * sizeof(std::uint32_t) +
-         seen_.capacity() * sizeof(std::uint64_t) + viewpoints_.capacity() * sizeof(Viewpoints) +
-         poses_.capacity() * sizeof(Eigen::Vector3f);
+  return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_L_.bytes() + sums_.bytes() + seen_.bytes() +
+         viewpoints_.bytes() + poses_.bytes();
 }
 
 }  // namespace accessvdb::internal

@@ -80,15 +80,41 @@ class PointStore {
   /// Directions that the point itself was seen from: the mask, or from its viewpoints.
   [[nodiscard]] DirectionMask seen(std::uint32_t id) const;
   [[nodiscard]] const Viewpoints& viewpoints(std::uint32_t id) const { return viewpoints_[id]; }
-  [[nodiscard]] const std::vector<Eigen::Vector3f>& poses() const { return poses_; }
+  [[nodiscard]] const ChunkedArray<Eigen::Vector3f>& poses() const { return poses_; }
 
   [[nodiscard]] std::uint64_t bytes() const;
 
  private:
-  template <typename FirstOf>
-  void addNew(TouchedPoints& touched, const FirstOf& firstOf);
+  /// Sums over the returns of a point; integers, so that their order does not matter. Zeroed by start().
+  struct Sums {
+    std::array<std::int64_t, 3> offset;  ///< return minus voxel centre, in 2^-20 voxels
+    std::array<std::int64_t, 3> sensor;  ///< in 2^-16 m
+    std::uint32_t returns;               ///< how many
+  };
+  /// A return with its voxel.
+  struct KeyedReturn {
+    std::uint64_t key;  ///< sorts by voxel
+    std::uint32_t index;
+  };
+  /// The returns of a scan, voxel by voxel.
+  struct ReturnGroups {
+    std::vector<KeyedReturn> returns;
+    std::vector<std::uint32_t> begin;  ///< [groups + 1] of each group in returns
+
+    [[nodiscard]] std::size_t size() const { return begin.size() - 1; }
+    [[nodiscard]] const KeyedReturn& first(std::size_t group) const { return returns[begin[group]]; }
+  };
+  [[nodiscard]] ReturnGroups groupsOf(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) const;
+  [[nodiscard]] std::vector<Located> locate(const ReturnGroups& groups) const;
+  void addNew(const ReturnGroups& groups, TouchedPoints& touched);
+  void makeRoom();
+  void start(std::uint32_t id, const Eigen::Vector3f& first_L);
   /// @return true when its seen directions changed
   bool addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
+  bool addSeen(std::uint32_t id, const DirectionMask& mask);
+  [[nodiscard]] std::size_t seenAt(std::uint32_t id) const {
+    return std::size_t{id} * static_cast<std::size_t>(words_);
+  }
   [[nodiscard]] DirectionMask directionsTowards(const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L) const;
   void refreshMean(std::uint32_t id);
 
@@ -97,14 +123,12 @@ class PointStore {
   float inverse_voxel_size_;
   int words_;
   SurfaceIndex index_;
-  std::vector<std::uint32_t> block_;
-  std::vector<Eigen::Vector3f> first_L_, pca_L_;
-  std::vector<std::array<std::int64_t, 3>> offset_sum_;  ///< return minus voxel centre, in 2^-20 voxels
-  std::vector<std::array<std::int64_t, 3>> sensor_sum_;  ///< in 2^-16 m
-  std::vector<std::uint32_t> returns_;                   ///< number of returns
-  std::vector<std::uint64_t> seen_;                      ///< [words n]; empty with viewpoints
-  std::vector<Viewpoints> viewpoints_;                   ///< empty without
-  std::vector<Eigen::Vector3f> poses_;                   ///< distinct sensor positions, with viewpoints only
+  ChunkedArray<std::uint32_t> block_;
+  ChunkedArray<Eigen::Vector3f> first_L_, pca_L_;
+  ChunkedArray<Sums> sums_;
+  ChunkedArray<std::uint64_t> seen_;     ///< [words n]; empty with viewpoints
+  ChunkedArray<Viewpoints> viewpoints_;  ///< empty without
+  ChunkedArray<Eigen::Vector3f> poses_;  ///< distinct sensor positions, with viewpoints only
 };
 
 }  // namespace accessvdb::internal

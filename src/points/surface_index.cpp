@@ -7,11 +7,19 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <atomic>
 
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::size_t kPointsPerTask = 256;
+constexpr std::size_t kPointsPerTask = 256, kGroupsPerTask = 64;
+constexpr std::size_t kLocatedTogether = 32;
+
+void prefetchRead([[maybe_unused]] const void* address) {
+#if defined(__GNUC__)
+  __builtin_prefetch(address, 0);
+#endif
+}
 
 bool testBit(const LeafBits& bits, std::size_t n) { return (bits[n >> 6] >> (n & 63) & 1u) != 0; }
 
@@ -22,11 +30,18 @@ std::size_t rankOf(const LeafBits& bits, std::size_t n) {
   return rank + static_cast<std::size_t>(std::popcount(bits[n >> 6] & ((std::uint64_t{1} << (n & 63)) - 1)));
 }
 
+/// Voxels lie within +-2^20, leaves within +-2^17.
+std::uint64_t placeOf(const Index3& voxel) {
+  std::uint64_t place = 0;
+  for (const std::int32_t x : voxel) place = place << 18 | static_cast<std::uint64_t>((x >> 3) + (1 << 17));
+  return place << 9 | bitInParent(voxel);
+}
+
 }  // namespace
 
 std::uint32_t SurfaceIndex::blockAt(const Index3& leaf) const {
   const std::uint32_t cell = cell_of_.find(parentOf(leaf));
-  return cell == kNone ? kNone : cells_[cell]->block[bitInParent(leaf)];
+  return cell == kNone ? kNone : cells_[cell].block[bitInParent(leaf)];
 }
 
 std::uint32_t SurfaceIndex::find(const Index3& voxel) const {
@@ -40,79 +55,169 @@ std::uint32_t SurfaceIndex::findIn(std::uint32_t block, const Index3& voxel) con
   return testBit(points.occupied, bit) ? points.ids[rankOf(points.occupied, bit)] : kNone;
 }
 
-std::uint32_t SurfaceIndex::makeBlock(const Index3& leaf) {
-  const auto [number, is_new] = cell_of_.insert(parentOf(leaf), static_cast<std::uint32_t>(cells_.size()));
-  if (is_new) {
-    cells_.push_back(std::make_unique<Cell>());
-    cells_.back()->block.fill(kNone);
+void SurfaceIndex::locate(std::span<const Index3> voxels, std::span<Located> found) const {
+  for (std::size_t n = 0; n < voxels.size(); n += kLocatedTogether) {
+    const std::size_t count = std::min(kLocatedTogether, voxels.size() - n);
+    locateFew(voxels.subspan(n, count), found.subspan(n, count));
   }
-  Cell& cell = *cells_[number];
-  const std::size_t bit = bitInParent(leaf);
-  if (cell.block[bit] == kNone) {
-    cell.block[bit] = static_cast<std::uint32_t>(blocks_.size());
-    cell.present[bit >> 6] |= std::uint64_t{1} << (bit & 63);
-    blocks_.push_back({leaf, number, {}, {}});
-  }
-  return cell.block[bit];
 }
 
-void SurfaceIndex::addTo(std::uint32_t block, std::span<const NewVoxel* const> points) {
-  PointBlock& to = blocks_[block];
+/// Each loop asks for what the next one reads.
+void SurfaceIndex::locateFew(std::span<const Index3> voxels, std::span<Located> found) const {
+  std::array<const std::uint32_t*, kLocatedTogether> entries;
+  for (std::size_t n = 0; n < voxels.size(); ++n) {
+    const Index3 leaf = parentOf(voxels[n]);
+    const std::uint32_t cell = cell_of_.find(parentOf(leaf));
+    entries[n] = cell == kNone ? nullptr : &cells_[cell].block[bitInParent(leaf)];
+    if (entries[n] != nullptr) prefetchRead(entries[n]);
+  }
+  for (std::size_t n = 0; n < voxels.size(); ++n) {
+    found[n].block = entries[n] == nullptr ? kNone : *entries[n];
+    if (found[n].block == kNone) continue;
+    const PointBlock& block = blocks_[found[n].block];
+    prefetchRead(&block.ids);
+    prefetchRead(&block.occupied[bitInParent(voxels[n]) >> 6]);
+  }
+  for (std::size_t n = 0; n < voxels.size(); ++n) {
+    found[n].id = found[n].block == kNone ? kNone : findIn(found[n].block, voxels[n]);
+  }
+}
+
+std::vector<SurfaceIndex::Placed> SurfaceIndex::sortedByPlace(std::span<const NewVoxel> points) {
+  std::vector<Placed> order(points.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      order[n] = {placeOf(points[n].voxel), static_cast<std::uint32_t>(n)};
+    }
+  });
+  tbb::parallel_sort(order.begin(), order.end(),
+                     [](const Placed& a, const Placed& b) { return a.place < b.place; });  // all differ
+  return order;
+}
+
+std::vector<SurfaceIndex::Group> SurfaceIndex::groupsByLeaf(std::span<const Placed> order) {
+  std::vector<Group> groups;
+  for (std::uint32_t n = 0; n < order.size(); ++n) {
+    if (n == 0 || order[n].place >> 9 != order[n - 1].place >> 9) groups.push_back({n, n});
+    groups.back().end = n + 1;
+  }
+  return groups;
+}
+
+void SurfaceIndex::findBlock(Group& group, std::span<const Placed> order, std::span<const NewVoxel> points) const {
+  for (std::uint32_t n = group.begin; n < group.end; ++n) group.first = std::min(group.first, order[n].index);
+  group.block = points[group.first].block;
+  if (group.block == kNone) {
+    const Index3 leaf = parentOf(points[group.first].voxel);
+    group.cell = cell_of_.find(parentOf(leaf));
+    if (group.cell != kNone) group.block = cells_[group.cell].block[bitInParent(leaf)];
+  }
+  if (group.block != kNone) group.ids_before = static_cast<std::uint32_t>(blocks_[group.block].ids.size());
+}
+
+std::uint32_t SurfaceIndex::cellFor(const Index3& cell) {
+  const auto [number, is_new] = cell_of_.insert(cell, cells());
+  if (is_new) {
+    cells_.growRaw(cells_.size() + 1);
+    cells_[number].block.fill(kNone);
+  }
+  return number;
+}
+
+/// Gives blocks to the groups without one. Blocks and cells are numbered in the order of the points.
+void SurfaceIndex::makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points) {
+  std::vector<Group*> without;
+  for (Group& group : groups) {
+    if (group.block == kNone) without.push_back(&group);
+  }
+  tbb::parallel_sort(without.begin(), without.end(),
+                     [](const Group* a, const Group* b) { return a->first < b->first; });
+  const std::size_t before = blocks_.size();
+  blocks_.growRaw(before + without.size());
+  for (Group* group : without) {
+    if (group->cell == kNone) group->cell = cellFor(parentOf(parentOf(points[group->first].voxel)));
+  }
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, without.size(), kGroupsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      Group& group = *without[n];
+      group.block = static_cast<std::uint32_t>(before + n);
+      PointBlock& block = blocks_[group.block];
+      block.leaf = parentOf(points[group.first].voxel);
+      block.cell = group.cell;
+      Cell& cell = cells_[group.cell];
+      const std::size_t bit = bitInParent(block.leaf);
+      cell.block[bit] = group.block;
+      // Other blocks of the cell may be in the hands of other threads.
+      std::atomic_ref(cell.present[bit >> 6]).fetch_or(std::uint64_t{1} << (bit & 63), std::memory_order_relaxed);
+    }
+  });
+}
+
+/// For blocks that outgrow theirs.
+void SurfaceIndex::takeRuns(std::span<Group> groups) {
+  for (Group& group : groups) {
+    const std::size_t capacity = IdRuns::capacityFor(group.ids_before + (group.end - group.begin));
+    if (capacity > IdRuns::capacityFor(group.ids_before)) group.larger_run = runs_.take(capacity);
+  }
+}
+
+void SurfaceIndex::addTo(const Group& group, std::span<const Placed> order, std::span<NewVoxel> points) {
+  PointBlock& to = blocks_[group.block];
   LeafBits added = {};
-  for (const NewVoxel* point : points) {
-    const std::size_t bit = bitInParent(point->voxel);
+  for (std::uint32_t n = group.begin; n < group.end; ++n) {
+    const std::size_t bit = order[n].place & 511;
     added[bit >> 6] |= std::uint64_t{1} << (bit & 63);
+    points[order[n].index].block = group.block;
   }
   // From the back: each id moves up by the number of points that come before it.
-  std::size_t from = to.ids.size(), left = points.size();
-  to.ids.resize(from + left);
+  std::size_t from = to.ids.size(), left = group.end - group.begin;
+  const std::uint32_t* const ids = to.ids.data();
+  std::uint32_t* const run = group.larger_run != nullptr ? group.larger_run : to.ids.data();
+  to.ids = {run, from + left};
   for (std::size_t word = to.occupied.size(); word-- > 0 && left > 0;) {
     for (std::uint64_t bits = to.occupied[word] | added[word]; bits != 0 && left > 0;) {
       const std::uint64_t last = std::bit_floor(bits);
       bits &= ~last;
-      to.ids[from + left - 1] = (added[word] & last) != 0 ? points[left - 1]->id : to.ids[from - 1];
-      --((added[word] & last) != 0 ? left : from);
+      const bool is_new = (added[word] & last) != 0;
+      run[from + left - 1] = is_new ? points[order[group.begin + left - 1].index].id : ids[from - 1];
+      --(is_new ? left : from);
     }
   }
+  if (run != ids) std::copy_n(ids, from, run);  // those before all new ones
   for (std::size_t word = 0; word < added.size(); ++word) to.occupied[word] |= added[word];
 }
 
 std::uint32_t SurfaceIndex::insert(const Index3& voxel, std::uint32_t id) {
-  const NewVoxel point = {voxel, id, makeBlock(parentOf(voxel))};
-  const NewVoxel* const points[] = {&point};
-  addTo(point.block, points);
+  NewVoxel point = {voxel, id, kNone};
+  insertAll({&point, 1});
   return point.block;
 }
 
 void SurfaceIndex::insertAll(std::span<NewVoxel> points) {
-  const tbb::blocked_range<std::size_t> all(0, points.size(), kPointsPerTask);
+  const std::vector<Placed> order = sortedByPlace(points);
+  std::vector<Group> groups = groupsByLeaf(order);
+  const tbb::blocked_range<std::size_t> all(0, groups.size(), kGroupsPerTask);
   tbb::parallel_for(all, [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) points[n].block = blockAt(parentOf(points[n].voxel));
-  });
-  for (NewVoxel& point : points) {
-    if (point.block == kNone) point.block = makeBlock(parentOf(point.voxel));
-  }
-  // By block and voxel; a block belongs to whom its first point belongs.
-  std::vector<const NewVoxel*> order(points.size());
-  for (std::size_t n = 0; n < points.size(); ++n) order[n] = &points[n];
-  tbb::parallel_sort(order.begin(), order.end(), [](const NewVoxel* a, const NewVoxel* b) {
-    return a->block != b->block ? a->block < b->block : bitInParent(a->voxel) < bitInParent(b->voxel);
-  });
-  tbb::parallel_for(all, [&](const auto& range) {
-    for (std::size_t n = range.begin(); n < range.end(); ++n) {
-      if (n > 0 && order[n - 1]->block == order[n]->block) continue;
-      std::size_t end = n + 1;
-      while (end < order.size() && order[end]->block == order[n]->block) ++end;
-      addTo(order[n]->block, std::span(order).subspan(n, end - n));
+    for (std::size_t g = range.begin(); g != range.end(); ++g) {
+      findBlock(groups[g], order, points);
     }
   });
+  makeBlocks(groups, points);
+  takeRuns(groups);
+  std::vector<std::uint32_t*> outgrown(groups.size(), nullptr);
+  tbb::parallel_for(all, [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) {
+      if (groups[g].larger_run != nullptr) outgrown[g] = blocks_[groups[g].block].ids.data();
+      addTo(groups[g], order, points);
+    }
+  });
+  for (std::size_t g = 0; g < groups.size(); ++g) {
+    if (outgrown[g] != nullptr) runs_.giveBack(outgrown[g], IdRuns::capacityFor(groups[g].ids_before));
+  }
 }
 
 std::uint64_t SurfaceIndex::bytes() const {
-  std::uint64_t bytes =
-      cell_of_.bytes() + cells_.size() * (sizeof(Cell) + 16) + blocks_.capacity() * sizeof(PointBlock);
-  for (const PointBlock& block : blocks_) bytes += block.ids.capacity() * sizeof(std::uint32_t) + 16;
-  return bytes;
+  return cell_of_.bytes() + cells_.bytes() + blocks_.bytes() + runs_.bytes();
 }
 
 }  // namespace accessvdb::internal

@@ -9,12 +9,13 @@
 #include <array>
 #include <bit>
 #include <cstdint>
-#include <memory>
 #include <span>
 #include <vector>
 
 #include "accessvdb/leaf_change.h"
 #include "points/cell_map.h"
+#include "points/chunked_array.h"
+#include "points/id_runs.h"
 
 namespace accessvdb::internal {
 
@@ -23,17 +24,22 @@ inline constexpr std::uint32_t kNone = ~std::uint32_t{0};
 
 /// The points of one leaf, sorted by voxel.
 struct PointBlock {
-  Index3 leaf = {};                ///< voxel index >> 3
-  std::uint32_t cell = kNone;      ///< number of its cell
-  LeafBits occupied = {};          ///< voxels with a point
-  std::vector<std::uint32_t> ids;  ///< in the order of the set bits
+  Index3 leaf = {};              ///< voxel index >> 3
+  std::uint32_t cell = kNone;    ///< number of its cell
+  std::span<std::uint32_t> ids;  ///< in the order of the set bits; a run of the index, which alone writes to it
+  LeafBits occupied = {};        ///< voxels with a point
 };
 
 /// A point on its way into the index.
 struct NewVoxel {
   Index3 voxel = {};
   std::uint32_t id = kNone;
-  std::uint32_t block = kNone;  ///< out
+  std::uint32_t block = kNone;  ///< kNone where it is not known before; out: its block
+};
+
+/// What is known of a voxel; kNone each where there is none.
+struct Located {
+  std::uint32_t block = kNone, id = kNone;
 };
 
 class SurfaceIndex {
@@ -42,19 +48,21 @@ class SurfaceIndex {
   [[nodiscard]] std::uint32_t find(const Index3& voxel) const;
   /// The same where the block is known.
   [[nodiscard]] std::uint32_t findIn(std::uint32_t block, const Index3& voxel) const;
+  /// As find() of each, and their blocks. Several at a time, as looking at one is mostly waiting for memory.
+  void locate(std::span<const Index3> voxels, std::span<Located> found) const;
   /// The voxel must be free. @return index of its block
   std::uint32_t insert(const Index3& voxel, std::uint32_t id);
   /// As insert() of each in turn, in parallel. The voxels are free and differ.
   void insertAll(std::span<NewVoxel> points);
 
-  [[nodiscard]] const std::vector<PointBlock>& blocks() const { return blocks_; }
+  [[nodiscard]] const ChunkedArray<PointBlock>& blocks() const { return blocks_; }
   /// Index into blocks(), or kNone.
   [[nodiscard]] std::uint32_t blockAt(const Index3& leaf) const;
   /// Cells are numbered as they come. @param cell  leaf >> 3. @return its number or kNone
   [[nodiscard]] std::uint32_t cellAt(const Index3& cell) const { return cell_of_.find(cell); }
   [[nodiscard]] std::uint32_t cells() const { return static_cast<std::uint32_t>(cells_.size()); }
   /// @param bit  of the leaf inside the cell. @return index into blocks(), or kNone
-  [[nodiscard]] std::uint32_t blockIn(std::uint32_t cell, std::size_t bit) const { return cells_[cell]->block[bit]; }
+  [[nodiscard]] std::uint32_t blockIn(std::uint32_t cell, std::size_t bit) const { return cells_[cell].block[bit]; }
   [[nodiscard]] std::uint64_t bytes() const;
 
   /// Calls visit(block index) for every block with leaf coordinates in [low, high], in a fixed order.
@@ -65,7 +73,7 @@ class SurfaceIndex {
         for (std::int32_t cz = low[2] >> 3; cz <= high[2] >> 3; ++cz) {
           const std::uint32_t found = cell_of_.find({cx, cy, cz});
           if (found == kNone) continue;
-          visitCell(*cells_[found], {cx, cy, cz}, low, high, visit);
+          visitCell(cells_[found], {cx, cy, cz}, low, high, visit);
         }
       }
     }
@@ -76,9 +84,28 @@ class SurfaceIndex {
     LeafBits present = {};
     std::array<std::uint32_t, 512> block;
   };
-  std::uint32_t makeBlock(const Index3& leaf);
-  /// Points of one block, by ascending voxel.
-  void addTo(std::uint32_t block, std::span<const NewVoxel* const> points);
+  /// A point's place and its position among those that come with it.
+  struct Placed {
+    std::uint64_t place;  ///< sorts by leaf, then by bit in the leaf
+    std::uint32_t index;
+  };
+  /// New points of one block: [begin, end) of the sorted ones.
+  struct Group {
+    std::uint32_t begin, end;
+    std::uint32_t first = kNone;  ///< the least index among them
+    std::uint32_t cell = kNone, block = kNone;
+    std::uint32_t ids_before = 0;
+    std::uint32_t* larger_run = nullptr;  ///< where the block's own has no room for them
+  };
+  static std::vector<Placed> sortedByPlace(std::span<const NewVoxel> points);
+  static std::vector<Group> groupsByLeaf(std::span<const Placed> order);
+  void findBlock(Group& group, std::span<const Placed> order, std::span<const NewVoxel> points) const;
+  void locateFew(std::span<const Index3> voxels, std::span<Located> found) const;
+  void makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points);
+  std::uint32_t cellFor(const Index3& cell);
+  void takeRuns(std::span<Group> groups);
+  /// In parallel for different blocks.
+  void addTo(const Group& group, std::span<const Placed> order, std::span<NewVoxel> points);
 
   template <typename Visit>
   static void visitCell(const Cell& cell, const Index3& c, const Index3& low, const Index3& high, const Visit& visit) {
@@ -97,8 +124,9 @@ class SurfaceIndex {
   }
 
   CellMap cell_of_;
-  std::vector<std::unique_ptr<Cell>> cells_;
-  std::vector<PointBlock> blocks_;
+  ChunkedArray<Cell> cells_;
+  ChunkedArray<PointBlock> blocks_;
+  IdRuns runs_;
 };
 
 /// Bit of a voxel or block inside its parent, 0 .. 511.

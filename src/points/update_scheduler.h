@@ -17,9 +17,14 @@ class UpdateScheduler {
  public:
   virtual ~UpdateScheduler() = default;
 
-  /// One scan has been integrated.
-  virtual void noteScan(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
-                        std::span<const Eigen::Vector3f> q_L, std::span<const std::span<const LeafChange>> changes) = 0;
+  /// One scan's returns are in the store. The map may be on its way to have them: nobody reads it here.
+  /// @param p_L  [n] returns  @param q_L  [n] or [1] sensor positions
+  virtual void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
+                           std::span<const Eigen::Vector3f> q_L) = 0;
+  /// Now the map has them as well. After noteReturns(), once a scan.
+  /// @param changes  what flipped in the map
+  virtual void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                           std::span<const std::span<const LeafChange>> changes) = 0;
 
   /// Scores what is due. Of the times it gives score_ms; the field gives the rest of the update to update_ms.
   virtual UpdateStats update(const ScoringTables& tables) = 0;

@@ -5,11 +5,12 @@
 ///
 /// Prints milliseconds a frame, by the clock and of processor time over all threads, over the last frames:
 ///   returns   PointStore::addReturns, part of the verb's `integrate`
-///   note      UpdateScheduler::noteScan
-///   blocks    of update(): blocks with new points
-///   points    of update(): new and touched points
-///   crossed   of update(): points that became confident
-///   rest      of update(): after the updater
+///   reached   UpdateScheduler::noteReturns, part of the verb's `integrate`
+///   flips     UpdateScheduler::noteChanges
+///   blocks    of update(): blocks with new points; beside it weights are read
+///   points    of update(): what is left of reading weights, then new and touched points
+///   crossed   of update(): putting those that became confident in order
+///   rest      of update(): after the updater; what ran beside it was over sooner or is here
 /// and hashes of what the updater was told, in no order, which no change of speed may change. Options by environment:
 /// ACCESSVDB_BENCH_FRAMES (200), ACCESSVDB_BENCH_TIMED (40, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10),
 /// ACCESSVDB_BENCH_THREADS (0 = all), ACCESSVDB_BENCH_SCANS (a file that keeps the scans).
@@ -36,8 +37,8 @@ namespace {
 using bench::environment;
 using bench::Moment;
 
-enum Phase { kReturns, kNote, kBlocks, kPoints, kCrossed, kRest, kPhases };
-constexpr const char* kPhaseNames[kPhases] = {"returns", "note", "blocks", "points", "crossed", "rest"};
+enum Phase { kReturns, kReached, kFlips, kBlocks, kPoints, kCrossed, kRest, kPhases };
+constexpr const char* kPhaseNames[kPhases] = {"returns", "reached", "flips", "blocks", "points", "crossed", "rest"};
 
 struct Phases {
   std::vector<double> clock_ms[kPhases], processor_ms[kPhases];
@@ -116,8 +117,8 @@ void print(const char* name, std::vector<double> clock_ms, const std::vector<dou
   for (const double ms : clock_ms) mean += ms / static_cast<double>(clock_ms.size());
   for (const double ms : processor_ms) processor += ms / static_cast<double>(processor_ms.size());
   std::sort(clock_ms.begin(), clock_ms.end());
-  std::printf("%-8s %8.2f mean %8.2f median %8.2f p95 ms   %8.2f ms of processors\n", name, mean,
-              clock_ms[clock_ms.size() / 2], clock_ms[clock_ms.size() * 95 / 100], processor);
+  std::printf("%-8s %8.2f mean %8.2f median %8.2f p95 %8.2f most ms   %8.2f ms of processors\n", name, mean,
+              clock_ms[clock_ms.size() / 2], clock_ms[clock_ms.size() * 95 / 100], clock_ms.back(), processor);
 }
 
 void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel_size_m) {
@@ -146,8 +147,10 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     phases.begin();
     const internal::TouchedPoints touched = points.addReturns(scan.p_L, {&scan.q_L, 1});
     phases.end(kReturns);
-    scheduler->noteScan(touched, scan.p_L, {&scan.q_L, 1}, result.changes);
-    phases.end(kNote);
+    scheduler->noteReturns(touched, scan.p_L, {&scan.q_L, 1});
+    phases.end(kReached);
+    scheduler->noteChanges(scan.p_L, {&scan.q_L, 1}, result.changes);
+    phases.end(kFlips);
     scheduler->update({});
     phases.end(kRest);
   }

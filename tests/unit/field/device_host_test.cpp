@@ -118,9 +118,7 @@ void expectDeviceIndex(const SurfaceIndex& index, const Told& told) {
   for (const auto& [number, block] : told.blocks) {
     const PointBlock& expected = index.blocks()[number];
     ASSERT_EQ(block.leaf, expected.leaf);
-    ASSERT_EQ(
-        std::vector<std::uint32_t>(told.slots.begin() + block.first, told.slots.begin() + block.first + block.count),
-        expected.ids);
+    ASSERT_TRUE(std::ranges::equal(std::span(told.slots).subspan(block.first, block.count), expected.ids));
     for (std::uint32_t slot = block.first; slot < block.first + block.count; ++slot) {
       ASSERT_TRUE(slots.insert(slot).second) << "two blocks share a slot";
     }
@@ -162,7 +160,8 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       const IntegrationResult result = integrator.integrate(p, q);
       const TouchedPoints touched = points.addReturns(p, q);
       touched_ids.insert(touched.all.begin(), touched.all.end());
-      scheduler->noteScan(touched, p, q, result.changes);
+      scheduler->noteReturns(touched, p, q);
+      scheduler->noteChanges(p, q, result.changes);
       for (const auto& part : result.changes) {
         for (const LeafChange& change : part) {
           LeafFacts& facts = flips[parentOf(change.origin_ijk)];

@@ -28,6 +28,17 @@ TEST(SurfaceIndex, EqualsAMap) {
       if (expected.try_emplace(v, id).second) index.insert(v, id);
     }
     for (const auto& [v, id] : expected) ASSERT_EQ(index.find(v), id);
+    std::vector<Index3> voxels;
+    for (const auto& [v, id] : expected) {
+      voxels.push_back(v);
+      voxels.push_back(voxel());
+    }
+    std::vector<Located> located(voxels.size());
+    index.locate(voxels, located);
+    for (std::size_t n = 0; n < voxels.size(); ++n) {
+      ASSERT_EQ(located[n].id, index.find(voxels[n]));
+      ASSERT_EQ(located[n].block, index.blockAt(parentOf(voxels[n])));
+    }
     for (int n = 0; n < 8000; ++n) {
       const Index3 v = voxel();
       const auto found = expected.find(v);
@@ -68,6 +79,13 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
                           random.between(-extent, extent)};
         if (taken.insert(v).second) points.push_back({v, next_id++, kNone});
       }
+      // Blocks that are known beforehand, for every other batch.
+      for (NewVoxel& point : points) {
+        Located place;
+        at_once.locate({&point.voxel, 1}, {&place, 1});
+        ASSERT_EQ(place.id, kNone);
+        if (batch % 3 == 0) point.block = place.block;
+      }
       at_once.insertAll(points);
       for (const NewVoxel& point : points) ASSERT_EQ(one_by_one.insert(point.voxel, point.id), point.block);
       ASSERT_EQ(at_once.cells(), one_by_one.cells());
@@ -76,7 +94,7 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
         const PointBlock &a = at_once.blocks()[b], &o = one_by_one.blocks()[b];
         ASSERT_EQ(a.leaf, o.leaf);
         ASSERT_EQ(a.occupied, o.occupied);
-        ASSERT_EQ(a.ids, o.ids);
+        ASSERT_TRUE(std::ranges::equal(a.ids, o.ids));
         ASSERT_EQ(a.cell, at_once.cellAt(parentOf(a.leaf)));
         ASSERT_EQ(at_once.blockIn(a.cell, bitInParent(a.leaf)), b);
       }
