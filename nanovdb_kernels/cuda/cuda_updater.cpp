@@ -48,6 +48,7 @@ class CudaUpdater final : public PointUpdater {
       for (const FootprintColumn& c : columns) includeColumn(c);
     }
     loadCellDirections(tables);
+    view_.groups.log2 = tables.group_log2;
     view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
     view_.rule.inverse_voxel_size = 1.0 / tables.voxel_size_m;
     view_.rule.steps_per_m = neighbourStepsPerMetre(tables.radius_m);
@@ -77,6 +78,7 @@ class CudaUpdater final : public PointUpdater {
     const CurrentDevice current(context_->device());
     growPoints(input.num_points);
     growBlocks(input.num_blocks, input.num_slots);
+    growGroups(input.num_groups);
     const auto news_count = static_cast<std::uint32_t>(input.news.size());
     const std::uint32_t first_place = any_known_ ? places_used_ : kNoIndex;
     if (any_known_) {
@@ -171,7 +173,8 @@ class CudaUpdater final : public PointUpdater {
            due_order_.bytes() + due_whole_.bytes() + busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() +
            ids_news_.bytes() + crossed_.bytes() + flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() +
            cell_directions_.bytes() + flip_heads_.bytes() + flip_next_.bytes() + flip_tiles_.bytes() +
-           lower_keys_.bytes() + lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes();
+           lower_keys_.bytes() + lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes() +
+           group_of_.bytes() + group_leaf_.bytes() + with_points_.bytes();
   }
 
  private:
@@ -236,9 +239,9 @@ class CudaUpdater final : public PointUpdater {
     grow(first_, 1);
     grow(count_, 1);
     grow(block_reach_, 1);
+    grow(group_of_, 1);
     growFilled(touched_blocks_, blocks, 0);
     growFilled(reached_blocks_, blocks, 0);
-    growFilled(known_freed_, std::size_t{blocks} * static_cast<std::size_t>(view_.known.words), 0);
     growFilled(head_, blocks, 0xff);
     growFilled(due_heads_, blocks, 0xff);
     growFilled(busy_blocks_, blocks, 0);
@@ -266,6 +269,16 @@ class CudaUpdater final : public PointUpdater {
     view_.index.ids = ids_.data();
     view_.index.reach_m = block_reach_.data();
     view_.index.blocks = blocks;
+    view_.groups.of_block = group_of_.data();
+  }
+
+  void growGroups(std::uint32_t groups) {
+    growFilled(with_points_, groups, 0);
+    growFilled(group_leaf_, std::size_t{3} * groups, 0);
+    growFilled(known_freed_, std::size_t{groups} * static_cast<std::size_t>(view_.known.words), 0);
+    view_.groups.with_points = with_points_.data();
+    view_.groups.leaf = group_leaf_.data();
+    view_.groups.groups = groups;
   }
 
   void refreshView(const PointStateView& points, std::uint32_t num_points) {
@@ -282,16 +295,16 @@ class CudaUpdater final : public PointUpdater {
 
   void addFlips(std::span<const LeafFlips> flips) {
     view_.affected = nullptr;
-    if (flips.empty() || view_.index.blocks == 0) return;
+    if (flips.empty() || view_.groups.groups == 0) return;
     const std::size_t capacity = std::bit_ceil(2 * flips.size() + 64);
     flip_keys_.grow(memory_, capacity, 0);
     flip_tiles_.grow(memory_, capacity, 0);
     flip_next_.growWithRoom(memory_, flips.size(), roomFor(flips.size()), 0);
     fill(flip_keys_.data(), 0xff, capacity * sizeof(std::uint64_t));
     fill(&counters_.data()->flip_tiles, 0, sizeof(std::uint32_t));
-    masks_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), 0);
-    affected_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), 0);
-    masked_blocks_ = view_.index.blocks;
+    masks_.growWithRoom(memory_, view_.groups.groups, roomFor(view_.groups.groups), 0);
+    affected_.growWithRoom(memory_, view_.groups.groups, roomFor(view_.groups.groups), 0);
+    masked_groups_ = view_.groups.groups;
     view_.flips = {};
     view_.flips.hash = {flip_keys_.data(), static_cast<std::uint32_t>(capacity - 1)};
     view_.flips.tile_at = flip_tiles_.data();
@@ -309,26 +322,28 @@ class CudaUpdater final : public PointUpdater {
     view_.masks = masks_.data();
     view_.affected = affected_.data();
     launchAddFlips(view_, count, stream());
-    launchBlockMasks(view_, stream());
+    launchGroupMasks(view_, stream());
   }
 
-  /// Blocks that came since begin(): nothing is known of their points that flips could change.
+  /// Groups that came since begin(): nothing is known of their points that flips could change.
   void growMasks() {
-    if (view_.affected == nullptr || view_.index.blocks == masked_blocks_) return;
-    masks_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), masked_blocks_);
-    affected_.growWithRoom(memory_, view_.index.blocks, roomFor(view_.index.blocks), masked_blocks_);
-    fill(affected_.data() + masked_blocks_, 0, view_.index.blocks - masked_blocks_);
+    const std::uint32_t groups = view_.groups.groups;
+    if (view_.affected == nullptr || groups == masked_groups_) return;
+    masks_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
+    affected_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
+    fill(affected_.data() + masked_groups_, 0, groups - masked_groups_);
     view_.masks = masks_.data();
     view_.affected = affected_.data();
-    masked_blocks_ = view_.index.blocks;
+    masked_groups_ = groups;
   }
 
   /// Whatever searches read, from the voxel of a point: the tool, whole slabs of it, and the corridor.
   [[nodiscard]] VoxelBox reachOfSearch() const {
     constexpr std::int32_t kSlabs = 16;  // they go beyond the lowest and the highest voxel
+    const std::int32_t from_group = (8 << view_.groups.log2) - 1;
     VoxelBox reach;
     for (int axis = 0; axis < 3; ++axis) {
-      reach.low[axis] = 8 * view_.footprint.low[axis] - 7 - (axis == 2 ? kSlabs : 0);
+      reach.low[axis] = 8 * view_.footprint.low[axis] - from_group - (axis == 2 ? kSlabs : 0);
       reach.high[axis] = 8 * view_.footprint.high[axis] + 7 + (axis == 2 ? kSlabs : 0);
     }
     return reach;
@@ -393,7 +408,7 @@ class CudaUpdater final : public PointUpdater {
   int multiprocessors_ = 1;
   bool any_known_ = false;  ///< does any point have a neighbourhood?
   std::uint32_t places_used_ = 0;
-  std::uint32_t masked_blocks_ = 0;  ///< whose masks tell of the flips
+  std::uint32_t masked_groups_ = 0;  ///< whose masks tell of the flips
 
   DeviceArray<FootprintColumn> tool_columns_, arm_columns_;
   DeviceArray<DirectionArc> cell_directions_;
@@ -410,7 +425,11 @@ class CudaUpdater final : public PointUpdater {
       due_heads_, busy_blocks_, due_order_, due_whole_;
   DeviceArray<std::int32_t> leaf_;
   DeviceArray<float> block_reach_;
-  DeviceArray<BlockMasks> masks_;
+  DeviceArray<std::uint32_t> group_of_;
+  // By group.
+  DeviceArray<std::int32_t> group_leaf_;
+  DeviceArray<std::uint8_t> with_points_;
+  DeviceArray<GroupMasks> masks_;
   DeviceArray<std::uint8_t> affected_;
   DeviceArray<std::uint16_t> known_freed_;
   // Of one update.

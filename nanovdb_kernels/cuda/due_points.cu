@@ -4,8 +4,8 @@
 ///
 /// After an update all is known of a point: an accessible one has its best direction and count, a blocked one no free
 /// direction. So only directions that are newly admissible, or that a flip for the better may have changed, can change
-/// that; and for the best direction a flip for the worse. Flips are taken leaf by leaf: too many directions cost time
-/// and change nothing.
+/// that; and for the best direction a flip for the worse. Flips are taken leaf by leaf, for groups of blocks: too many
+/// directions cost time and change nothing.
 #include "cuda/cuda_check.h"
 #include "cuda/known_collisions.cuh"
 #include "cuda/update_kernels.h"
@@ -35,10 +35,14 @@ __device__ DirectionMask loadMask(const UpdateView& view, const std::uint64_t* m
   return mask;
 }
 
-__device__ BlockMasks masksOf(const UpdateView& view, std::uint32_t id) {
+__device__ std::uint32_t groupOf(const UpdateView& view, std::uint32_t id) {
+  return view.groups.of_block[view.state.block[id]];
+}
+
+__device__ GroupMasks masksOf(const UpdateView& view, std::uint32_t id) {
   if (view.affected == nullptr) return {};
-  const std::uint32_t block = view.state.block[id];
-  return view.affected[block] != 0 ? view.masks[block] : BlockMasks{};
+  const std::uint32_t group = groupOf(view, id);
+  return view.affected[group] != 0 ? view.masks[group] : GroupMasks{};
 }
 
 __device__ void append(const UpdateView& view, const DueItem& item) {
@@ -89,7 +93,7 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
     if (changed) appendFull(view, id);
     return;  // not changed: a blocked point without any admissible direction
   }
-  const BlockMasks masks = masksOf(view, id);
+  const GroupMasks masks = masksOf(view, id);
   const bool accessible = label == PointLabel::Accessible;
   const std::uint16_t score = view.points.score[id];
   const DirectionMask worse = knownWorse(view, id, view.state.block[id],
@@ -142,6 +146,7 @@ __global__ void takeNeighbours(UpdateView view, std::uint32_t first, std::uint32
   const bool is_first = view.state.reach_m[id] < 0;
   const float reach_m = neighbourReach_m(found.farthest, view.rule.steps_per_m);
   view.state.reach_m[id] = reach_m;
+  if (is_first) view.groups.with_points[groupOf(view, id)] = 1;
   // Floats that are not negative are in the order of their bits, and -1 is below them.
   atomicMax(reinterpret_cast<int*>(view.index.reach_m + view.state.block[id]), __float_as_int(reach_m));
   bool changed = is_first;
@@ -159,7 +164,7 @@ __global__ void dueByFlips(UpdateView view, std::uint32_t first, std::uint32_t c
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= count) return;
   const std::uint32_t id = first + n;
-  if (view.affected[view.state.block[id]] == 0 || view.points.label[id] == PointLabel::Unscored) return;
+  if (view.affected[groupOf(view, id)] == 0 || view.points.label[id] == PointLabel::Unscored) return;
   if ((view.state.changed_bits[id >> 5] >> (id & 31) & 1u) != 0) return;  // evaluated already
   Admissible now;
   for (std::size_t axis = 0; axis < 3; ++axis) now.normal[axis] = view.points.normal_L[3 * std::size_t{id} + axis];

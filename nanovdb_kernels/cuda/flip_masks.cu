@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the flips of a frame mean for the points of a block: which directions may have become better or worse, and how
-/// far what is known of their collisions has aged.
+/// What the flips of a frame mean for the points of a group of blocks: which directions may have become better or
+/// worse, and how far what is known of their collisions has aged.
 ///
-/// Flips lie in tiles of 8 x 8 x 16 leaves, found through a hash table; a block's warp looks the tiles around it up
+/// Flips lie in tiles of 8 x 8 x 16 leaves, found through a hash table; a group's warp looks the tiles around it up
 /// once.
 #include "cuda/cuda_check.h"
 #include "cuda/known_collisions.cuh"
@@ -50,14 +50,25 @@ __global__ void addFlips(UpdateView view, std::uint32_t count) {
   if (flip.freed != 0) view.flips.next[n] = atomicExch(view.flips.head + column, n);
 }
 
-/// The tiles around a block, in shared memory; where they are too many, they are looked up each time.
+/// The tiles around a group, in shared memory; where they are too many, the others are looked up each time.
 class TilesAround {
  public:
-  static constexpr int kMost = 384;
+  /// 32 KiB of a block's shared memory; with the lists of FreedLeaves still what it gets without asking.
+  static constexpr int kMost = 1024;
 
-  /// A warp; `any` tells whether there is one. @param tiles  [kMost]
-  __device__ TilesAround(const UpdateView& view, const std::int32_t* leaf, std::uint32_t* tiles, int lane)
-      : flips_(view.flips), tiles_(tiles) {
+  /// Room that they need around any group; at most kMost.
+  static int roomFor(const FootprintView& footprint) {
+    std::int64_t tiles = 1;
+    for (int axis = 0; axis < 3; ++axis) {
+      const int edge = axis == 2 ? 16 : 1 << FlipsView::kTileLog2;
+      tiles *= (std::int64_t{footprint.high[axis]} - footprint.low[axis] + edge - 1) / edge + 1;
+    }
+    return tiles < kMost ? static_cast<int>(tiles) : kMost;
+  }
+
+  /// A warp; `any` tells whether there is one. @param leaf  the first one of the group  @param tiles  [room]
+  __device__ TilesAround(const UpdateView& view, const std::int32_t* leaf, std::uint32_t* tiles, int room, int lane)
+      : flips_(view.flips), tiles_(tiles), room_(room) {
     int count = 1;
     for (int axis = 0; axis < 3; ++axis) {
       const int log2 = axis == 2 ? 4 : FlipsView::kTileLog2;
@@ -65,13 +76,12 @@ class TilesAround {
       size_[axis] = ((leaf[axis] + view.footprint.high[axis]) >> log2) - low_[axis] + 1;
       count *= size_[axis];
     }
-    cached_ = count <= kMost;
-    any = !cached_;
-    if (!cached_) return;
+    any = false;
     for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
       const int part = n % size_[2], xy = n / size_[2];
-      tiles[n] = lookUp(placeKey(low_[0] + xy / size_[1], low_[1] + xy % size_[1], low_[2] + part));
-      any = any || tiles[n] != kNoIndex;
+      const std::uint32_t tile = lookUp(placeKey(low_[0] + xy / size_[1], low_[1] + xy % size_[1], low_[2] + part));
+      if (n < room) tiles[n] = tile;
+      any = any || tile != kNoIndex;
     }
     any = __any_sync(kAllLanes, any);
     __syncwarp();
@@ -80,7 +90,8 @@ class TilesAround {
   /// 16 leaves above each other: their place in the flips' columns, or kNoIndex.
   [[nodiscard]] __device__ std::uint32_t column(std::int32_t x, std::int32_t y, std::int32_t part) const {
     const int i = (x >> FlipsView::kTileLog2) - low_[0], j = (y >> FlipsView::kTileLog2) - low_[1], k = part - low_[2];
-    const std::uint32_t tile = cached_ ? tiles_[(i * size_[1] + j) * size_[2] + k] : lookUp(tileKey(x, y, part));
+    const int n = (i * size_[1] + j) * size_[2] + k;
+    const std::uint32_t tile = n < room_ ? tiles_[n] : lookUp(tileKey(x, y, part));
     return tile == kNoIndex ? kNoIndex : tile * FlipsView::kColumns + placeInTile(x, y);
   }
 
@@ -94,8 +105,8 @@ class TilesAround {
 
   const FlipsView& flips_;
   std::uint32_t* tiles_;
+  int room_;
   std::int32_t low_[3], size_[3];
-  bool cached_;
 };
 
 /// Leaves in which voxels ceased to collide, gathered by a warp until they are enough for all lanes to count them.
@@ -125,42 +136,69 @@ class FreedLeaves {
   /// Counts what was gathered. All lanes.
   __device__ void count() {
     __syncwarp();
-    for (int i = lane_ >> 3; i < count_; i += static_cast<int>(kWarp) / 8) {
+    all_ += static_cast<std::uint32_t>(count_);
+    for (int i = lane_ >> 3; i < count_ && !tooMany(); i += static_cast<int>(kWarp) / 8) {
       countFreed(view_, leaf_, view_.flips.list[list_[i]], lane_ & 7, steps_);
     }
     __syncwarp();
     count_ = 0;
   }
+  /// Some were not counted.
+  [[nodiscard]] __device__ bool tooMany() const { return all_ > kMostCountedLeaves; }
 
  private:
   const UpdateView& view_;
   const std::int32_t* leaf_;
   std::uint32_t* list_;
   std::uint32_t* steps_;
+  std::uint32_t all_ = 0;
   int lane_, count_ = 0;
 };
 
-__device__ void orInto(DirectionMask& into, const DirectionMask& from) {
-  for (int w = 0; w < kMaxDirectionWords; ++w) into.word[w] |= from.word[w];
-}
+/// The masks of a group, spread over a warp to save registers: lane n has the n-th 32 bits of a GroupMasks.
+class MasksOfWarp {
+ public:
+  enum Mask : int { kBetterTool, kBetterArm, kWorseTool, kWorseArm };  ///< in the order of GroupMasks
 
-__device__ void orOfWarp(DirectionMask& mask) {
-  for (int w = 0; w < kMaxDirectionWords; ++w) {
-    const auto low = __reduce_or_sync(kAllLanes, static_cast<unsigned>(mask.word[w]));
-    const auto high = __reduce_or_sync(kAllLanes, static_cast<unsigned>(mask.word[w] >> 32));
-    mask.word[w] = static_cast<std::uint64_t>(high) << 32 | low;
+  explicit __device__ MasksOfWarp(int lane) : lane_(lane) {}
+
+  /// Each lane adds directions to one mask, to two, or to none. All lanes.
+  __device__ void add(Mask better, bool is_better, Mask worse, bool is_worse, const DirectionMask& directions) {
+    if (!__any_sync(kAllLanes, is_better || is_worse)) return;
+#pragma unroll
+    for (int n = 0; n < kDirectionWords32; ++n) {
+      std::uint32_t some = 0;
+      if (is_better || is_worse) some = static_cast<std::uint32_t>(directions.word[n / 2] >> (32 * (n & 1)));
+      const std::uint32_t all_better = __reduce_or_sync(kAllLanes, is_better ? some : 0u);
+      const std::uint32_t all_worse = __reduce_or_sync(kAllLanes, is_worse ? some : 0u);
+      if (lane_ == better * kDirectionWords32 + n) bits_ |= all_better;
+      if (lane_ == worse * kDirectionWords32 + n) bits_ |= all_worse;
+    }
   }
-}
+  /// @return word n of a mask. All lanes, each with its own n
+  [[nodiscard]] __device__ std::uint32_t word(Mask mask, int n) const {
+    return __shfl_sync(kAllLanes, bits_, mask * kDirectionWords32 + n);
+  }
+  /// Is there a direction in the first `masks` of them? All lanes.
+  [[nodiscard]] __device__ bool any(int masks) const {
+    return __any_sync(kAllLanes, bits_ != 0 && lane_ < masks * kDirectionWords32) != 0;
+  }
+  /// All lanes.
+  __device__ void store(GroupMasks& masks) const {
+    static_assert(sizeof(GroupMasks) == kWarp * sizeof(std::uint32_t));
+    reinterpret_cast<std::uint32_t*>(&masks)[lane_] = bits_;
+  }
 
-__device__ bool anyOf(const DirectionMask& mask) {
-  return (mask.word[0] | mask.word[1] | mask.word[2] | mask.word[3]) != 0;
-}
+ private:
+  int lane_;
+  std::uint32_t bits_ = 0;
+};
 
 /// Directions of a footprint with flips in their leaves, a column a lane. All lanes.
 __device__ void scanFootprint(const UpdateView& view, const TilesAround& tiles, const std::int32_t* leaf,
                               const FootprintColumn* columns, std::uint32_t count, std::uint32_t better_kind,
-                              std::uint32_t worse_kind, DirectionMask& better, DirectionMask& worse, FreedLeaves& freed,
-                              int lane) {
+                              std::uint32_t worse_kind, MasksOfWarp::Mask better, MasksOfWarp::Mask worse,
+                              MasksOfWarp& masks, FreedLeaves& freed, int lane) {
   for (std::uint32_t first = 0; first < count; first += kWarp) {
     const std::uint32_t n = first + static_cast<std::uint32_t>(lane);
     const FootprintColumn& c = columns[n < count ? n : 0];
@@ -183,47 +221,42 @@ __device__ void scanFootprint(const UpdateView& view, const TilesAround& tiles, 
       kinds |= of_part;
       freed.add((of_part & better_kind) != 0 ? column : kNoIndex, z_low, z_high);
     }
-    if ((kinds & better_kind) != 0) orInto(better, c.directions);
-    if ((kinds & worse_kind) != 0) orInto(worse, c.directions);
+    masks.add(better, (kinds & better_kind) != 0, worse, (kinds & worse_kind) != 0, c.directions);
   }
 }
 
-/// A warp a block.
-__global__ void blockMasks(UpdateView view) {
-  __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_tiles[kWarps][TilesAround::kMost],
-      all_freed[kWarps][FreedLeaves::kMost];
-  const std::uint32_t block = (blockIdx.x * kThreads + threadIdx.x) / kWarp;
-  if (block >= view.index.blocks) return;
+/// A warp a group. @param room  for the tiles around a group
+__global__ void groupMasks(UpdateView view, int room) {
+  extern __shared__ std::uint32_t all_tiles[];  // [kWarps][room]
+  __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_freed[kWarps][FreedLeaves::kMost];
+  const std::uint32_t group = (blockIdx.x * kThreads + threadIdx.x) / kWarp;
+  if (group >= view.groups.groups) return;
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   const unsigned warp = threadIdx.x / kWarp;
   std::uint32_t* steps = view.known.levels != nullptr ? all_steps[warp] : nullptr;
-  BlockMasks masks = {};
-  if (view.index.reach_m[block] >= 0) {
-    const std::int32_t* leaf = view.index.leaf + 3 * static_cast<std::size_t>(block);
-    const TilesAround tiles(view, leaf, all_tiles[warp], lane);
+  MasksOfWarp masks(lane);
+  if (view.groups.with_points[group] != 0) {
+    const std::int32_t* leaf = view.groups.leaf + 3 * static_cast<std::size_t>(group);
+    const TilesAround tiles(view, leaf, all_tiles + warp * static_cast<unsigned>(room), room, lane);
     if (tiles.any) {
       if (steps != nullptr) {
         for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kWarp)) steps[n] = 0;
         __syncwarp();
       }
       FreedLeaves freed(view, leaf, all_freed[warp], steps, lane), none(view, leaf, nullptr, nullptr, lane);
-      scanFootprint(view, tiles, leaf, view.footprint.tool, view.footprint.tool_count, 2, 1, masks.better_tool,
-                    masks.worse_tool, freed, lane);
+      scanFootprint(view, tiles, leaf, view.footprint.tool, view.footprint.tool_count, 2, 1, MasksOfWarp::kBetterTool,
+                    MasksOfWarp::kWorseTool, masks, freed, lane);
       freed.count();
-      scanFootprint(view, tiles, leaf, view.footprint.arm, view.footprint.arm_count, 4, 8, masks.better_arm,
-                    masks.worse_arm, none, lane);
-      for (DirectionMask* mask : {&masks.better_tool, &masks.better_arm, &masks.worse_tool, &masks.worse_arm}) {
-        orOfWarp(*mask);
-      }
-      if (steps != nullptr && (anyOf(masks.better_tool) || anyOf(masks.better_arm))) {
-        agePoints(view, block, steps, masks.better_arm, lane);
+      scanFootprint(view, tiles, leaf, view.footprint.arm, view.footprint.arm_count, 4, 8, MasksOfWarp::kBetterArm,
+                    MasksOfWarp::kWorseArm, masks, none, lane);
+      if (steps != nullptr && masks.any(2)) {  // the better ones come first
+        agePoints(view, group, steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), lane);
       }
     }
   }
-  if (lane != 0) return;
-  view.masks[block] = masks;
-  view.affected[block] =
-      anyOf(masks.better_tool) || anyOf(masks.better_arm) || anyOf(masks.worse_tool) || anyOf(masks.worse_arm) ? 1 : 0;
+  masks.store(view.masks[group]);
+  const bool affected = masks.any(4);
+  if (lane == 0) view.affected[group] = affected ? 1 : 0;
 }
 
 }  // namespace
@@ -240,10 +273,12 @@ void launchAddFlips(const UpdateView& view, std::uint32_t count, cudaStream_t st
   checkLaunch("addFlips");
 }
 
-void launchBlockMasks(const UpdateView& view, cudaStream_t stream) {
-  if (view.index.blocks == 0) return;
-  blockMasks<<<blocksFor(std::uint64_t{view.index.blocks} * kWarp), kThreads, 0, stream>>>(view);
-  checkLaunch("blockMasks");
+void launchGroupMasks(const UpdateView& view, cudaStream_t stream) {
+  if (view.groups.groups == 0) return;
+  const int room = TilesAround::roomFor(view.footprint);
+  const std::size_t bytes = kWarps * static_cast<std::size_t>(room) * sizeof(std::uint32_t);
+  groupMasks<<<blocksFor(std::uint64_t{view.groups.groups} * kWarp), kThreads, bytes, stream>>>(view, room);
+  checkLaunch("groupMasks");
 }
 
 }  // namespace accessvdb::kernels

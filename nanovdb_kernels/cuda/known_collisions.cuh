@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is known of collisions in the directions of points (hostdev/known_levels.h), and how it ages. A voxel that
-/// ceases to collide takes at most one collision from a direction. So for each block of points and each eight
-/// directions it is counted how many did since the block's levels were written, at most; what a level says is less by
-/// that. Freed voxels are counted for a whole block at once, by cells, and rather too many: that costs time and changes
+/// ceases to collide takes at most one collision from a direction. So for each group of blocks and each eight
+/// directions it is counted how many did since the group's levels were written, at most; what a level says is less by
+/// that. Freed voxels are counted for a whole group at once, by cells, and rather too many: that costs time and changes
 /// nothing.
 #pragma once
 
@@ -17,8 +17,13 @@ namespace accessvdb::kernels {
 
 inline constexpr int kDirectionWords32 = 2 * kMaxDirectionWords;
 
+/// More leaves are not counted for one group in one update: eight full cells each, they sum up to 2^31, so that no sum
+/// of 32 bits overflows, with what a counter held before. Where there are more, all that is known is forgotten
+/// (agePoints).
+inline constexpr std::uint32_t kMostCountedLeaves = (1u << 31) / (8u << (3 * kCellLog2));
+
 /// Adds the voxels that ceased to collide in one cell of a leaf. One lane; `steps` is shared by the warp.
-/// @param leaf  of the points
+/// @param leaf  the first one of the group of the points
 /// @param steps  [32 kDirectionWords32] by how much more voxels, modulo 2^32, ceased to collide in the tool of each
 ///   direction than in that of the one before, at most
 __device__ inline void countFreed(const UpdateView& view, const std::int32_t* leaf, const LeafFlips& flip, int cell,
@@ -35,7 +40,11 @@ __device__ inline void countFreed(const UpdateView& view, const std::int32_t* le
   const DirectionArc arc = cells.table[entry];
   if (arc.count == 0) return;
   const auto directions = static_cast<std::uint32_t>(view.approach.num_directions);
-  const std::uint32_t count = counted < LeafFlips::kManyFreed ? counted : 1u << 16;  // above all levels
+  // More than the cell has voxels are some that ceased to collide several times, and collided again in between. No
+  // direction has lost more collisions than the cell has voxels. So LeafFlips::kManyFreed is a number as any other.
+  constexpr std::uint32_t kVoxelsOfCell = 1u << (3 * kCellLog2);
+  static_assert(LeafFlips::kManyFreed >= kVoxelsOfCell);
+  const std::uint32_t count = counted < kVoxelsOfCell ? counted : kVoxelsOfCell;
   const std::uint32_t end = arc.first + std::uint32_t{arc.count};
   atomicAdd(steps + arc.first, count);
   if (end < directions) {
@@ -70,7 +79,7 @@ struct KnownWord {
   __device__ KnownWord(const UpdateView& view, std::size_t id, std::uint32_t block, int word) {
     const auto words = static_cast<std::size_t>(view.known.words);
     levels = view.known.levels[id * words + static_cast<std::size_t>(word)];
-    freed = view.known.freed[block * words + static_cast<std::size_t>(word)];
+    freed = view.known.freed[view.groups.of_block[block] * words + static_cast<std::size_t>(word)];
   }
 };
 
@@ -123,10 +132,44 @@ __device__ inline std::uint32_t withoutArms(std::uint32_t levels, std::uint32_t 
   return levels;
 }
 
-/// Ages what is known of the points of a block. A warp. @param steps  see countFreed
-/// @param better_arm  directions whose corridor may have become free
-__device__ inline void agePoints(const UpdateView& view, std::uint32_t block, const std::uint32_t* steps,
-                                 const DirectionMask& better_arm, int lane) {
+/// Calls visit(id) with the points of a group, a point a lane and the lowest lanes first; kNoIndex: none. All lanes.
+template <class Visit>
+__device__ void forEachPoint(const UpdateView& view, std::uint32_t group, int lane, const Visit& visit) {
+  constexpr unsigned kAll = 0xffffffffu;
+  const BlockIndexView& index = view.index;
+  const std::int32_t* leaf = view.groups.leaf + 3 * static_cast<std::size_t>(group);
+  const int log2 = view.groups.log2, last = (1 << log2) - 1, blocks = 1 << (3 * log2);
+  for (int base = 0; base < blocks; base += 32) {
+    const int n = base + lane;
+    std::uint32_t block = kNoIndex;
+    if (n < blocks) {
+      block = index.find(leaf[0] + (n >> (2 * log2)), leaf[1] + (n >> log2 & last), leaf[2] + (n & last));
+    }
+    const std::uint32_t first = block != kNoIndex ? index.first[block] : 0;
+    const std::uint32_t count = block != kNoIndex ? index.count[block] : 0;
+    std::uint32_t end = count;  // of the blocks of the lanes up to this one
+    for (int step = 1; step < 32; step *= 2) {
+      const std::uint32_t below = __shfl_up_sync(kAll, end, step);
+      if (lane >= step) end += below;
+    }
+    const std::uint32_t all = __shfl_sync(kAll, end, 31);
+    for (std::uint32_t from = 0; from < all; from += 32) {
+      const std::uint32_t at = from + static_cast<std::uint32_t>(lane);
+      int owner = 0;  // the first lane with at < end
+      for (int step = 16; step > 0; step /= 2) {
+        if (__shfl_sync(kAll, end, owner + step - 1) <= at) owner += step;
+      }
+      const std::uint32_t begin = __shfl_sync(kAll, end - count, owner), ids = __shfl_sync(kAll, first, owner);
+      visit(at < all ? index.ids[ids + (at - begin)] : kNoIndex);
+    }
+  }
+}
+
+/// Ages what is known of the points of a group. A warp. @param steps  see countFreed
+/// @param too_many  more leaves than kMostCountedLeaves: the steps are too few
+/// @param better_arm  of directions 32 (lane / 4) .. + 31, those whose corridor may have become free
+__device__ inline void agePoints(const UpdateView& view, std::uint32_t group, const std::uint32_t* steps, bool too_many,
+                                 std::uint32_t better_arm, int lane) {
   constexpr unsigned kAll = 0xffffffffu;
   constexpr int kMostFreed = 0xffff;
   const int words = view.known.words;
@@ -144,23 +187,39 @@ __device__ inline void agePoints(const UpdateView& view, std::uint32_t block, co
     const std::uint32_t of_word = __shfl_sync(kAll, most, (lane & 3) * kKnownPerWord);
     if (lane >> 2 == w) mine = of_word;
   }
-  std::uint16_t* counter = view.known.freed + block * static_cast<std::size_t>(words) + lane;
+  if (too_many) mine = kMostFreed;
+  std::uint16_t* counter = view.known.freed + group * static_cast<std::size_t>(words) + lane;
   int freed = 0;
   if (lane < words) {
     const std::uint32_t sum = *counter + mine;
     freed = sum < kMostFreed ? static_cast<int>(sum) : kMostFreed;
   }
   const bool renew = __any_sync(kAll, freed > view.known.most_freed);
-  const auto arms = static_cast<std::uint32_t>(better_arm.word[lane >> 3 & 3] >> (8 * (lane & 7)) & 0xffu);
-  if (renew || __any_sync(kAll, arms != 0)) {
-    const std::uint32_t first = view.index.first[block], count = view.index.count[block];
-    for (std::uint32_t i = 0; lane < words && i < count; ++i) {
-      std::uint32_t* levels = view.known.levels + view.index.ids[first + i] * static_cast<std::size_t>(words) + lane;
-      const std::uint32_t before = *levels;
-      std::uint32_t after = withoutArms(before, arms);
-      if (renew) after = worn(view.known.of, after, freed);
-      if (after != before) *levels = after;
-    }
+  const std::uint32_t arms = better_arm >> (8 * (lane & 3)) & 0xffu;
+  const bool wanted = lane < words && (renew || arms != 0);
+  if (__any_sync(kAll, wanted)) {
+    forEachPoint(view, group, lane, [&](std::uint32_t id) {
+      // One point after the other, a word a lane; so many at a time, as memory is far away.
+      constexpr int kTogether = 8;
+      const int points = __popc(__ballot_sync(kAll, id != kNoIndex));
+      for (int first = 0; first < points; first += kTogether) {
+        std::uint32_t* levels[kTogether];
+        std::uint32_t before[kTogether];
+#pragma unroll
+        for (int i = 0; i < kTogether; ++i) {
+          const std::uint32_t of = __shfl_sync(kAll, id, first + i);
+          levels[i] = view.known.levels + of * static_cast<std::size_t>(words) + lane;
+          before[i] = wanted && first + i < points ? *levels[i] : 0;
+        }
+#pragma unroll
+        for (int i = 0; i < kTogether; ++i) {
+          if (before[i] == 0) continue;  // nothing is known
+          std::uint32_t after = withoutArms(before[i], arms);
+          if (renew) after = worn(view.known.of, after, freed);
+          if (after != before[i]) *levels[i] = after;
+        }
+      }
+    });
   }
   if (lane < words && (mine != 0 || renew)) *counter = static_cast<std::uint16_t>(renew ? 0 : freed);
 }

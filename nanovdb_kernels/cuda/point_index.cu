@@ -31,6 +31,11 @@ __global__ void admitBlocks(UpdateView view, const BlockNews* blocks, const std:
   if (news.is_new == 0) return;
   for (int axis = 0; axis < 3; ++axis) index.leaf[3 * static_cast<std::size_t>(news.block) + axis] = news.leaf[axis];
   index.reach_m[news.block] = -1;
+  view.groups.of_block[news.block] = news.group;
+  for (int axis = 0; axis < 3; ++axis) {  // the same, whichever block of the group comes
+    view.groups.leaf[3 * static_cast<std::size_t>(news.group) + axis] = news.leaf[axis] >> view.groups.log2
+                                                                                               << view.groups.log2;
+  }
   enterBlock(index, news.block);
 }
 

@@ -35,14 +35,14 @@ void launchAddCrossed(const UpdateView& view, const CrossedPoint* points, std::u
 /// @param first, count  part of view.moved, found -> view.found[0 .. count)
 void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
 
-// flip_masks.cu: what flips mean for blocks of points.
+// flip_masks.cu: what flips mean for groups of blocks.
 
 /// The tiles of the flips of view.flips.list -> the hash, counters.flip_tiles.
 void launchFindTiles(const UpdateView& view, std::uint32_t count, cudaStream_t stream);
 /// The flips into their tiles.
 void launchAddFlips(const UpdateView& view, std::uint32_t count, cudaStream_t stream);
-/// Masks of all blocks; ages what is known of the directions of their points.
-void launchBlockMasks(const UpdateView& view, cudaStream_t stream);
+/// Masks of all groups; ages what is known of the directions of their points.
+void launchGroupMasks(const UpdateView& view, cudaStream_t stream);
 
 // due_points.cu: what has to be evaluated.
 

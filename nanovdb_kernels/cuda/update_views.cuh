@@ -131,8 +131,17 @@ struct BusyMapView {
   std::uint16_t* bits = nullptr;       ///< [lower nodes x 16 x 16] x, y of a column of leaves; bit z
 };
 
-/// Directions that flips may have changed for the points of a block.
-struct BlockMasks {
+/// Groups of blocks (UpdaterTables::group_log2).
+struct GroupsView {
+  int log2 = 0;
+  std::uint32_t* of_block = nullptr;    ///< [blocks]
+  std::int32_t* leaf = nullptr;         ///< [3 groups] the first one: lowest in x, y and z
+  std::uint8_t* with_points = nullptr;  ///< [groups] 1: one of its points has or had a neighbourhood
+  std::uint32_t groups = 0;
+};
+
+/// Directions that flips may have changed for the points of a group.
+struct GroupMasks {
   DirectionMask better_tool, better_arm, worse_tool, worse_arm;
 };
 
@@ -145,7 +154,7 @@ struct CellTableView {
 /// What is known of directions that are not the best one.
 struct KnownView {
   std::uint32_t* levels = nullptr;  ///< [words n] by id; null: nothing is remembered
-  /// [words blocks] voxels that ceased to collide in the tool of any of the eight directions since their levels, at
+  /// [words groups] voxels that ceased to collide in the tool of any of the eight directions since their levels, at
   /// most
   std::uint16_t* freed = nullptr;
   int words = 0;       ///< of eight directions, a point
@@ -201,13 +210,14 @@ struct UpdateView {
   PointStateView points;
   NeighbourStateView state;
   BlockIndexView index;
+  GroupsView groups;
   NeighbourRuleView rule;
   PlacesView places;
   FlipsView flips;
   CellTableView covering;
   FootprintView footprint;
-  BlockMasks* masks = nullptr;       ///< [blocks]
-  std::uint8_t* affected = nullptr;  ///< [blocks] its masks are not empty; null: no flips at all
+  GroupMasks* masks = nullptr;       ///< [groups]
+  std::uint8_t* affected = nullptr;  ///< [groups] its masks are not empty; null: no flips at all
   ApproachView approach;
   UpdateRule update_rule;
   std::uint32_t* moved = nullptr;    ///< list of ids

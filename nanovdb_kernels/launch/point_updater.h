@@ -12,8 +12,12 @@
 
 namespace accessvdb::kernels {
 
-/// Leaves at one horizontal offset from a point's leaf, and the directions that read them wherever in its leaf the
-/// point lies.
+/// Blocks are looked at in groups: cubes of 2^group_log2 leaves an edge, aligned to multiples of that. What is asked of
+/// flips holds for all points of a group.
+inline constexpr int kMostGroupLog2 = 3;
+
+/// Leaves at one horizontal offset from the first leaf of a point's group, and the directions that read them wherever
+/// in its group the point lies.
 struct FootprintColumn {
   std::int32_t dx, dy, z_low, z_high;  ///< [leaves], z inclusive
   DirectionMask directions;
@@ -33,8 +37,9 @@ struct UpdaterTables {
   int neighbours = 0;       ///< [k]
   int view_neighbours = 0;  ///< the nearest this many share their seen directions; 0: none does
   int num_directions = 0;   ///< [D]
+  int group_log2 = 0;       ///< [log2 of leaves] edge of a group of blocks, 0 .. kMostGroupLog2; the columns are for it
   /// The tool read backwards: [x][y][z] which directions may cover a cell of 4 x 4 x 4 voxels from a point somewhere in
-  /// a leaf; the first entry is that of the cell cell_low, in cells from the leaf's first one. Empty: not known, then
+  /// a group; the first entry is that of the cell cell_low, in cells from the group's first one. Empty: not known, then
   /// collisions are not remembered.
   std::span<const DirectionArc> cell_directions;
   std::int32_t cell_low[3] = {0, 0, 0}, cell_size[3] = {0, 0, 0};
@@ -58,6 +63,7 @@ struct BlockNews {
   std::uint32_t first = 0, count = 0;  ///< its ids lie in slots [first, first + count)
   std::uint32_t source = 0;            ///< and in UpdateInput::block_ids from here on
   std::uint32_t is_new = 0;
+  std::uint32_t group = 0;  ///< where it is new: number of its group, from then on
 };
 
 /// A leaf in which facts flipped: bit 0 collides on, 1 collides off, 2 arm free on, 3 arm free off.
@@ -77,7 +83,7 @@ struct CrossedPoint {
 /// Points that are new or changed; host memory, free again on return.
 struct AdmitInput {
   PointStateView points;  ///< in the backend's memory, room for num_points
-  std::uint32_t num_points = 0, num_blocks = 0, num_slots = 0;
+  std::uint32_t num_points = 0, num_blocks = 0, num_groups = 0, num_slots = 0;
   std::span<const PointNews> news;
   std::span<const BlockNews> blocks;
   std::span<const std::uint32_t> block_ids;

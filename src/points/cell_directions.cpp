@@ -19,9 +19,24 @@ Ends endsOf(const kernels::VoxelColumn& c) {
   return {{c.dx, c.dy, c.dz + std::countr_zero(c.bits)}, {c.dx, c.dy, c.dz + 63 - std::countl_zero(c.bits)}};
 }
 
-/// Cells that voxel offsets from `low` to `high` can fall into, the point lying anywhere in its leaf.
+/// Cells that voxel offsets from `low` to `high` can fall into, the point lying anywhere in the first leaf.
 std::int32_t firstCell(std::int32_t low) { return low >> kernels::kCellLog2; }
 std::int32_t lastCell(std::int32_t high) { return (high + 7) >> kernels::kCellLog2; }
+
+/// Each entry also takes what the `last` entries below it have, on one axis of a table [x][y][z]: doubling steps, from
+/// the top, so that what is read has not changed yet.
+void spread(std::vector<DirectionMask>& masks, const Index3& size, std::size_t axis, std::int32_t last) {
+  std::size_t stride = 1;
+  for (std::size_t inner = axis + 1; inner < 3; ++inner) stride *= static_cast<std::size_t>(size[inner]);
+  const auto along = static_cast<std::size_t>(size[axis]);
+  for (std::int32_t done = 1, step = 0; done <= last; done += step) {
+    step = std::min(done, last + 1 - done);
+    const std::size_t below = static_cast<std::size_t>(step) * stride;
+    for (std::size_t n = masks.size(); n-- > 0;) {
+      if (n / stride % along >= static_cast<std::size_t>(step)) masks[n] = masks[n] | masks[n - below];
+    }
+  }
+}
 
 /// The smallest arc that holds all directions of a set: what lies outside the longest gap.
 kernels::DirectionArc arcOf(const DirectionMask& mask, int num_directions) {
@@ -44,7 +59,8 @@ kernels::DirectionArc arcOf(const DirectionMask& mask, int num_directions) {
 
 }  // namespace
 
-CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes) {
+CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_directions, int group_log2,
+                               std::uint64_t most_bytes) {
   const std::uint32_t columns = tool.use_samples ? 0 : tool.column_begin[num_directions];
   if (columns == 0) return;
   Index3 last;
@@ -57,9 +73,11 @@ CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_dire
       last[axis] = std::max(last[axis], lastCell(ends.top[axis]));
     }
   }
+  // Cells that a point in the farthest leaf of its group is away from one in the first leaf.
+  const std::int32_t others = ((1 << group_log2) - 1) << (3 - kernels::kCellLog2);
   std::uint64_t entries = 1;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    size_[axis] = last[axis] - low_[axis] + 1;
+    size_[axis] = last[axis] + others - low_[axis] + 1;
     entries *= static_cast<std::uint64_t>(size_[axis]);
   }
   if (entries * sizeof(DirectionMask) > most_bytes) return;
@@ -79,6 +97,7 @@ CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_dire
       }
     }
   }
+  for (std::size_t axis = 0; axis < 3; ++axis) spread(masks, size_, axis, others);
   table_.reserve(entries);
   for (const DirectionMask& mask : masks) table_.push_back(arcOf(mask, num_directions));
 }

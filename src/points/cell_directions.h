@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The tool kernel read backwards, roughly: which directions may cover a cell of 4 x 4 x 4 voxels from some point of a
-/// leaf? For bounds that hold for all points of a leaf at once. The directions are given as the smallest arc that holds
-/// them: one of a few too many costs time and changes nothing.
+/// group of blocks? For bounds that hold for all points of a group at once. The directions are given as the smallest
+/// arc that holds them: one of a few too many costs time and changes nothing.
 #pragma once
 
 #include <cstdint>
@@ -16,11 +16,11 @@ namespace accessvdb::internal {
 class CellDirections {
  public:
   /// Empty where the table would exceed `most_bytes`, or for tools tested by samples (their voxels depend on where in
-  /// its voxel the point lies).
-  CellDirections(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes);
+  /// its voxel the point lies). @param group_log2  as LeafFootprint's
+  CellDirections(const kernels::ToolKernelView& tool, int num_directions, int group_log2, std::uint64_t most_bytes);
 
   [[nodiscard]] bool empty() const { return table_.empty(); }
-  /// Box of all offsets, in cells from the first cell of the leaf.
+  /// Box of all offsets, in cells from the first cell of the group.
   [[nodiscard]] const Index3& low() const { return low_; }
   [[nodiscard]] const Index3& size() const { return size_; }
   [[nodiscard]] const std::vector<kernels::DirectionArc>& table() const { return table_; }  ///< [x][y][z]

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Where the ids of each block lie in one array on the device: a run of slots a block, twice as long whenever it is
-/// full. The host decides; the runs that are given up are used again.
+/// full. The host decides; the runs that are given up are used again. It also tells which group a block belongs to.
 #pragma once
 
 #include <tbb/blocked_range.h>
@@ -14,12 +14,16 @@
 #include <vector>
 
 #include "launch/point_updater.h"
+#include "points/block_groups.h"
 #include "points/surface_index.h"
 
 namespace accessvdb::internal {
 
 class DeviceBlocks {
  public:
+  /// @param group_log2  [log2 of leaves] edge of a group of blocks
+  explicit DeviceBlocks(int group_log2) : groups_(group_log2) {}
+
   /// These blocks have other points than before. @param changed  ascending, each once
   /// @param blocks  all of them  @param news, ids  out, in that order
   void news(std::span<const std::uint32_t> changed, const ChunkedArray<PointBlock>& blocks,
@@ -40,7 +44,10 @@ class DeviceBlocks {
       block.source = source;
       source += block.count;
       block.is_new = block.block >= runs_.size() ? 1 : 0;
-      if (block.is_new != 0) runs_.grow(block.block + 1);
+      if (block.is_new != 0) {
+        runs_.grow(block.block + 1);
+        block.group = groups_.add(block.block, blocks[block.block].leaf);
+      }
       Run& run = runs_[block.block];
       if (block.count > run.capacity) {
         if (run.capacity > 0) free_[classOf(run.capacity)].push_back(run.first);
@@ -57,7 +64,9 @@ class DeviceBlocks {
   }
   /// Slots in use or free, from 0.
   [[nodiscard]] std::uint32_t slots() const { return slots_; }
-  [[nodiscard]] std::uint64_t bytes() const { return runs_.bytes(); }
+  /// Groups of all blocks so far.
+  [[nodiscard]] std::uint32_t groups() const { return groups_.size(); }
+  [[nodiscard]] std::uint64_t bytes() const { return runs_.bytes() + groups_.bytes(); }
 
  private:
   struct Run {
@@ -79,6 +88,7 @@ class DeviceBlocks {
     return run;
   }
 
+  BlockGroups groups_;
   ChunkedArray<Run> runs_;
   std::vector<std::uint32_t> free_[10];
   std::uint32_t slots_ = 0;

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "hostdev/cell_counts.h"
+#include "points/block_groups.h"
 #include "points/cell_directions.h"
 #include "points/device_blocks.h"
 #include "points/flip_set.h"
@@ -60,8 +61,9 @@ std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
 
 class DeviceScheduler final : public UpdateScheduler {
  public:
-  DeviceScheduler(PointScorer& scorer, std::unique_ptr<kernels::PointUpdater> updater)
-      : scorer_(scorer), updater_(std::move(updater)), fresh_(scorer.points()) {
+  /// @param group_log2  the updater's
+  DeviceScheduler(PointScorer& scorer, std::unique_ptr<kernels::PointUpdater> updater, int group_log2)
+      : scorer_(scorer), updater_(std::move(updater)), blocks_(group_log2), fresh_(scorer.points()) {
     while (least_weight_ < std::numeric_limits<std::uint16_t>::max() && !scorer_.isConfident(least_weight_)) {
       ++least_weight_;
     }
@@ -179,6 +181,7 @@ class DeviceScheduler final : public UpdateScheduler {
     input.points = scorer_.device().view();
     input.num_points = scorer_.points().size();
     input.num_blocks = static_cast<std::uint32_t>(scorer_.points().index().blocks().size());
+    input.num_groups = blocks_.groups();
     input.num_slots = blocks_.slots();
     return input;
   }
@@ -304,7 +307,8 @@ std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const 
                                                      const kernels::ApproachView& approach) {
   const FieldParams& params = scorer.params();
   const double voxel_size_m = params.tsdf.voxel_size_m;
-  const LeafFootprint footprint(tool, approach, voxel_size_m);
+  const int group_log2 = blockGroupLog2(voxel_size_m);
+  const LeafFootprint footprint(tool, approach, voxel_size_m, group_log2);
   kernels::UpdaterTables tables;
   tables.tool_columns = footprint.toolColumns();
   tables.arm_columns = footprint.armColumns();
@@ -313,13 +317,14 @@ std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const 
   tables.neighbours = params.scoring.neighbours;
   tables.view_neighbours = params.scoring.join_neighbour_views ? static_cast<int>(kViewNeighbours) : 0;
   tables.num_directions = approach.num_directions;
-  const CellDirections cells(tool, approach.num_directions, kMostCellTableBytes);
+  tables.group_log2 = group_log2;
+  const CellDirections cells(tool, approach.num_directions, group_log2, kMostCellTableBytes);
   tables.cell_directions = cells.table();
   std::ranges::copy(cells.low(), tables.cell_low);
   std::ranges::copy(cells.size(), tables.cell_size);
   auto updater = scorer.backend().makeUpdater(tables);
   if (updater == nullptr) return nullptr;
-  return std::make_unique<DeviceScheduler>(scorer, std::move(updater));
+  return std::make_unique<DeviceScheduler>(scorer, std::move(updater), group_log2);
 }
 
 }  // namespace accessvdb::internal

@@ -38,7 +38,7 @@ class ExactScheduler final : public UpdateScheduler {
   ExactScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach)
       : scorer_(scorer),
         approach_(approach),
-        footprint_(tool, approach, scorer.params().tsdf.voxel_size_m),
+        footprint_(tool, approach, scorer.params().tsdf.voxel_size_m, 0),
         offset_directions_(tool, approach.num_directions, OffsetDirections::kMostBytes),
         collision_limit_(tool.collision_limit),
         all_(allDirections(approach.num_directions)),

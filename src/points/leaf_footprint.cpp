@@ -41,6 +41,22 @@ class FootprintBuilder {
   }
   [[nodiscard]] const auto& ranges() const { return ranges_; }
 
+  /// The point may also lie 0 .. last leaves farther on, on each axis.
+  void spread(std::int32_t last) {
+    std::map<std::pair<std::int32_t, std::int32_t>, Range> spread;
+    for (const auto& [xy, range] : ranges_) {
+      for (std::int32_t x = xy.first; x <= xy.first + last; ++x) {
+        for (std::int32_t y = xy.second; y <= xy.second + last; ++y) {
+          Range& to = spread.try_emplace({x, y}, Range{range.z_low, range.z_high + last, {}}).first->second;
+          to.z_low = std::min(to.z_low, range.z_low);
+          to.z_high = std::max(to.z_high, range.z_high + last);
+          to.directions = to.directions | range.directions;
+        }
+      }
+    }
+    ranges_ = std::move(spread);
+  }
+
  private:
   std::map<std::pair<std::int32_t, std::int32_t>, Range> ranges_;
 };
@@ -62,7 +78,7 @@ std::pair<Index3, Index3> offsetBox(const float* offset_m, double voxel_size_m) 
 }  // namespace
 
 LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach,
-                             double voxel_size_m)
+                             double voxel_size_m, int group_log2)
     : tool_(tool), approach_(approach), inverse_voxel_size_(static_cast<float>(1.0 / voxel_size_m)) {
   FootprintBuilder tool_builder, arm_builder;
   for (int d = 0; d < approach.num_directions; ++d) {
@@ -84,6 +100,7 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
       arm_builder.add(d, low, high);
     }
   }
+  for (FootprintBuilder* builder : {&tool_builder, &arm_builder}) builder->spread((1 << group_log2) - 1);
   const auto collect = [](const FootprintBuilder& builder, Columns& columns) {
     for (const auto& [xy, range] : builder.ranges()) {
       columns.push_back({xy.first, xy.second, range.z_low, range.z_high, range.directions});

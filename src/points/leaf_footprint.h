@@ -34,17 +34,22 @@ void forEachDirection(const DirectionMask& directions, const Visit& visit) {
 class LeafFootprint {
  public:
   /// @param tool, approach  host-side tables
-  LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach, double voxel_size_m);
+  /// @param group_log2  points lie anywhere in a group of blocks, a cube of 2^group_log2 leaves an edge, and columns
+  /// are
+  ///   relative to its first leaf; 0: anywhere in a block
+  LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach, double voxel_size_m,
+                int group_log2);
 
   [[nodiscard]] std::span<const kernels::FootprintColumn> toolColumns() const { return tool_columns_; }
   [[nodiscard]] std::span<const kernels::FootprintColumn> armColumns() const { return arm_columns_; }
 
-  /// Gathers the flips that the points of a block may ask for. @return false where there are none
+  /// Gathers the flips that the points of a block may ask for. @param block_leaf  the first leaf of a group
+  /// @return false where there are none
   bool fill(const Index3& block_leaf, const FlipSet& flips, FlipWindow& window) const;
 
   // Flips: a FlipSet, or a FlipWindow that was filled for the point's block.
 
-  /// For all points of a block, wherever in it they lie. Conservative.
+  /// For all points of a block, wherever in it they lie. Conservative. @param block_leaf  the first leaf of a group
   template <typename Flips>
   [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const Flips& flips) const;
 
@@ -77,7 +82,7 @@ class LeafFootprint {
   kernels::ApproachView approach_;
   float inverse_voxel_size_;
   Columns tool_columns_, arm_columns_;
-  Index3 low_ = {}, high_ = {};  ///< box of all columns, relative to the point's leaf
+  Index3 low_ = {}, high_ = {};  ///< box of all columns, relative to the first leaf
 };
 
 }  // namespace accessvdb::internal

@@ -4,8 +4,13 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <set>
 
 #include "parity/gpu_test.h"
+#include "points/block_groups.h"
 #include "property/determinism_support.h"
 #include "support/walk_generator.h"
 #include "tool/tool_kernel.h"
@@ -27,6 +32,9 @@ struct StreamCase {
   int directions = 180;
   int frames = 14;
   int rays_per_frame = 4000;
+  double range_noise_m = 0.02;
+  double max_range_m = 8;
+  double length_m = 4;
 };
 void PrintTo(const StreamCase& c, std::ostream* out) {
   *out << c.tool << " at " << c.voxel_size_m << " m, " << (c.policy == UpdatePolicy::Exact ? "exact" : "paper") << ", "
@@ -39,9 +47,9 @@ WalkGenerator walkOf(const StreamCase& c) {
   options.frames = c.frames;
   options.rays_per_frame = c.rays_per_frame;
   options.seed = c.seed;
-  options.range_noise_m = 0.02;
-  options.max_range_m = 8;
-  options.length_m = 4;
+  options.range_noise_m = c.range_noise_m;
+  options.max_range_m = c.max_range_m;
+  options.length_m = c.length_m;
   options.offset_W = {-3, 2, 0};  // both signs of every coordinate
   return WalkGenerator(options);
 }
@@ -49,6 +57,7 @@ WalkGenerator walkOf(const StreamCase& c) {
 FieldParams paramsOf(const StreamCase& c) {
   FieldParams params;
   params.tsdf.voxel_size_m = c.voxel_size_m;
+  params.tsdf.range_noise_m = c.range_noise_m;
   params.scoring.form = c.form;
   params.scoring.surface_samples = 200;
   params.scoring.max_collisions = c.max_collisions;
@@ -72,6 +81,35 @@ std::size_t blockedByTheTool(const FieldSnapshot& field) {
   return static_cast<std::size_t>(
       std::ranges::count(field.points, PointReason::Tool, [](const SurfacePoint& p) { return p.reason; }));
 }
+
+/// Voxels so small that the device takes 2^3 and 4^3 blocks at a time. Returns from near by, and noise of several
+/// voxels: so voxels get more than one, and cease to collide.
+StreamCase groupedStream(std::uint64_t seed, const char* tool, double voxel_size_m) {
+  StreamCase c = {seed, tool, voxel_size_m};
+  c.frames = 10;
+  c.rays_per_frame = 8000;
+  c.range_noise_m = 0.01;
+  c.max_range_m = 2.5;
+  c.length_m = 0.3;
+  return c;
+}
+const StreamCase kGroupsOf8 = [] {
+  StreamCase c = groupedStream(10, "builtin:pruner", 0.005);
+  c.directions = 36;
+  c.max_collisions = 20;  // the rule would allow some thousand
+  return c;
+}();
+const StreamCase kGroupsOf64 = groupedStream(11, "builtin:pencil", 0.0025);
+/// For the sanitizers.
+const StreamCase kShortGroups = [] {
+  StreamCase c = groupedStream(2, "builtin:pencil", 0.005);
+  c.directions = 36;
+  c.frames = 5;
+  c.rays_per_frame = 6000;
+  c.max_range_m = 2;
+  c.length_m = 0.1;
+  return c;
+}();
 
 class CudaStream : public GpuTest, public testing::WithParamInterface<StreamCase> {};
 
@@ -117,8 +155,10 @@ INSTANTIATE_TEST_SUITE_P(
                     StreamCase{7, "builtin:pruner", 0.05, UpdatePolicy::Exact, ToolForm::Voxels, 0, 0, 3},
                     StreamCase{8, "builtin:pruner", 0.04, UpdatePolicy::Exact, ToolForm::Voxels, 12, 0, 2, 200, 256}));
 
+INSTANTIATE_TEST_SUITE_P(GroupedStreams, CudaStream, testing::Values(kGroupsOf8, kGroupsOf64));
+
 // tools/gpu_suite.sh runs it under compute-sanitizer.
-INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream, testing::Values(kShortStream));
+INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream, testing::Values(kShortStream, kShortGroups));
 
 /// What the sanitizers are to see must happen in it: searches that count a thick tool by its slabs. Needs no GPU.
 TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
@@ -140,6 +180,41 @@ TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
   const FieldSnapshot snapshot = field.snapshot();
   expectVaried(snapshot);
   EXPECT_GT(blockedByTheTool(snapshot), 50u);
+}
+
+/// What they are to show must happen in them: groups of several blocks, and points of all kinds. Needs no GPU.
+TEST(GroupedStreams, HaveGroupsOfBlocksAndBlockedPoints) {
+  for (const StreamCase& c : {kGroupsOf8, kGroupsOf64, kShortGroups}) {
+    SCOPED_TRACE(testing::PrintToString(c));
+    const int log2 = internal::blockGroupLog2(c.voxel_size_m);
+    EXPECT_EQ(log2, c.voxel_size_m > 0.004 ? 1 : 2);
+    FieldParams params = paramsOf(c);
+    params.backend = BackendKind::Cpu;
+    AccessibilityField field(ToolGeometry::builtin(c.tool), params);
+    const WalkGenerator walk = walkOf(c);
+    for (int frame = 0; frame < c.frames; ++frame) {
+      const WalkFrame scan = walk.frame(frame);
+      field.integrateScan(scan.points_S, scan.T_W_S);
+      const UpdateStats stats = field.update();
+      if (frame > 1) {
+        EXPECT_GT(stats.direction_tests, 500u) << "update " << frame;
+        EXPECT_GT(stats.label_changes, 20u) << "update " << frame;
+      }
+    }
+    const FieldSnapshot snapshot = field.snapshot();
+    expectVaried(snapshot);
+    EXPECT_GT(blockedByTheTool(snapshot), 20u);
+    std::set<std::array<std::int64_t, 3>> blocks, groups;
+    for (const SurfacePoint& point : snapshot.points) {
+      const auto at = [&](int axis, double edge_m) {
+        return static_cast<std::int64_t>(std::floor(point.position_W[axis] / edge_m + 0.5));
+      };
+      const double block_m = 8 * c.voxel_size_m, group_m = (8 << log2) * c.voxel_size_m;
+      blocks.insert({at(0, block_m), at(1, block_m), at(2, block_m)});
+      groups.insert({at(0, group_m), at(1, group_m), at(2, group_m)});
+    }
+    EXPECT_GT(blocks.size(), 3 * groups.size() / 2);
+  }
 }
 
 }  // namespace

@@ -52,6 +52,7 @@ class Listener final : public kernels::PointUpdater {
     for (const kernels::BlockNews& block : input.blocks) {
       EXPECT_EQ(told_.blocks.contains(block.block) ? 0u : 1u, block.is_new);
       EXPECT_LT(block.block, input.num_blocks);
+      EXPECT_LT(block.group, input.num_groups);
       ASSERT_LE(block.first + block.count, input.num_slots);
       ASSERT_LE(block.source + block.count, input.block_ids.size());
       std::copy_n(input.block_ids.begin() + block.source, block.count, told_.slots.begin() + block.first);

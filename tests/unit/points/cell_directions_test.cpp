@@ -1,15 +1,18 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Arcs of directions against walking over every voxel of the tool from every place of a leaf.
+/// Arcs of directions against walking over every voxel of the tool from every place of a group of leaves.
 #include "points/cell_directions.h"
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 #include <bitset>
 #include <cmath>
 #include <limits>
 #include <map>
+#include <set>
+#include <string>
 
 #include "unit/tool/split_tool.h"
 
@@ -60,16 +63,21 @@ SplitTool looseTool(int num_directions, std::uint64_t seed) {
   return tool;
 }
 
-/// By cell, in cells from the leaf's first one: directions with a voxel in it from some place of the leaf.
-std::map<Index3, std::bitset<kMostDirections>> coveringDirections(const SplitTool& tool) {
+/// By cell, in cells from the group's first one: directions with a voxel in it from some place of the group.
+std::map<Index3, std::bitset<kMostDirections>> coveringDirections(const SplitTool& tool, int group_log2) {
   std::map<Index3, std::bitset<kMostDirections>> covering;
   const auto floorOfQuarter = [](std::int32_t v) { return (v - ((v % 4) + 4) % 4) / 4; };
   for (std::size_t d = 0; d < tool.voxels.size(); ++d) {
     for (const auto& v : tool.voxels[d]) {
-      for (int place = 0; place < 512; ++place) {
-        covering[{floorOfQuarter(place / 64 + v[0]), floorOfQuarter(place / 8 % 8 + v[1]),
-                  floorOfQuarter(place % 8 + v[2])}]
-            .set(d);
+      // Every place, an axis at a time: places of a group are all triples of places on the axes.
+      std::array<std::set<std::int32_t>, 3> found;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        for (int place = 0; place < 8 << group_log2; ++place) found[axis].insert(floorOfQuarter(place + v[axis]));
+      }
+      for (const std::int32_t x : found[0]) {
+        for (const std::int32_t y : found[1]) {
+          for (const std::int32_t z : found[2]) covering[{x, y, z}].set(d);
+        }
       }
     }
   }
@@ -110,14 +118,15 @@ void forEachCell(const CellDirections& cells, const Visit& visit) {
 }
 
 /// @param exact  the tool has no gaps along z, so that there is no direction too many
-void checkArcs(const SplitTool& tool, bool exact) {
+void checkArcs(const SplitTool& tool, int group_log2, bool exact) {
+  SCOPED_TRACE("group of 2^" + std::to_string(group_log2) + " leaves");
   const int D = tool.numDirections();
-  const CellDirections cells(tool.view(), D, kAnySize);
+  const CellDirections cells(tool.view(), D, group_log2, kAnySize);
   ASSERT_FALSE(cells.empty());
   ASSERT_EQ(cells.table().size(), static_cast<std::size_t>(cells.size()[0]) *
                                       static_cast<std::size_t>(cells.size()[1]) *
                                       static_cast<std::size_t>(cells.size()[2]));
-  auto covering = coveringDirections(tool);
+  auto covering = coveringDirections(tool, group_log2);
   Index3 low = covering.begin()->first, high = low;
   for (const auto& [cell, set] : covering) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -152,18 +161,21 @@ void checkArcs(const SplitTool& tool, bool exact) {
 TEST(CellDirections, AreTheSmallestArcs) {
   for (const int D : {1, 2, 3, 20, 64, 65}) {
     SCOPED_TRACE(D);
-    checkArcs(barTool(D, static_cast<std::uint64_t>(D)), true);
+    for (const int group_log2 : {0, 1, 2, 3}) checkArcs(barTool(D, static_cast<std::uint64_t>(D)), group_log2, true);
   }
 }
 
 TEST(CellDirections, AreTheSmallestArcsOfTheMostDirections) {
   const SplitTool tool = barTool(256, 1);
   ASSERT_GT(tool.split, 0);
-  checkArcs(tool, true);
+  checkArcs(tool, 0, true);
+  checkArcs(tool, 1, true);
 }
 
 TEST(CellDirections, MissNoVoxelOfColumnsWithGaps) {
-  for (const std::uint64_t seed : {1u, 2u}) checkArcs(looseTool(24, seed), false);
+  for (const std::uint64_t seed : {1u, 2u}) {
+    for (const int group_log2 : {0, 1, 2}) checkArcs(looseTool(24, seed), group_log2, false);
+  }
 }
 
 /// Every set of few directions, each direction with or without its one voxel.
@@ -181,7 +193,7 @@ TEST(CellDirections, AreTheSmallestArcsOfAllSets) {
       }
       tool.addDirection(voxels, random);
     }
-    const CellDirections cells(tool.view(), kFew, kAnySize);
+    const CellDirections cells(tool.view(), kFew, 0, kAnySize);
     ASSERT_FALSE(cells.empty());
     for (const kernels::DirectionArc& arc : cells.table()) {
       ASSERT_EQ(int{arc.count}, smallestCount(set, kFew)) << bits;
@@ -194,18 +206,18 @@ TEST(CellDirections, AreTheSmallestArcsOfAllSets) {
 
 TEST(CellDirections, StayEmptyWhereTheyWouldBeTooLargeAndForSamples) {
   const SplitTool tool = barTool(20, 4);
-  const CellDirections all(tool.view(), 20, kAnySize);
+  const CellDirections all(tool.view(), 20, 0, kAnySize);
   const std::uint64_t bytes = all.table().size() * sizeof(kernels::DirectionArc);
   ASSERT_GT(bytes, 0u);
-  EXPECT_TRUE(CellDirections(tool.view(), 20, bytes - 1).empty());
-  EXPECT_TRUE(CellDirections(tool.view(), 20, 0).empty());
+  EXPECT_TRUE(CellDirections(tool.view(), 20, 0, bytes - 1).empty());
+  EXPECT_TRUE(CellDirections(tool.view(), 20, 0, 0).empty());
   kernels::ToolKernelView samples = tool.view();
   samples.use_samples = true;
-  EXPECT_TRUE(CellDirections(samples, 20, kAnySize).empty());
+  EXPECT_TRUE(CellDirections(samples, 20, 0, kAnySize).empty());
   std::mt19937_64 random(5);
   SplitTool nothing;
   for (int d = 0; d < 20; ++d) nothing.addDirection({}, random);
-  EXPECT_TRUE(CellDirections(nothing.view(), 20, kAnySize).empty());
+  EXPECT_TRUE(CellDirections(nothing.view(), 20, 0, kAnySize).empty());
 }
 
 }  // namespace

@@ -6,10 +6,14 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <iomanip>
 #include <map>
 #include <set>
+#include <string>
+#include <utility>
 
 #include "unit/points/random_points.h"
 
@@ -130,6 +134,13 @@ bool anyIn(const std::vector<Index3>& voxels, const std::set<Index3>& set) {
   return false;
 }
 
+/// The first leaf of a point's group.
+Index3 groupLeaf(const Index3& voxel, int group_log2) {
+  Index3 leaf = parentOf(voxel);
+  for (std::int32_t& axis : leaf) axis -= ((axis % (1 << group_log2)) + (1 << group_log2)) % (1 << group_log2);
+  return leaf;
+}
+
 /// A point near the leaf at `far` voxels from the origin; every second one at the very edge between two leaves, where
 /// rounding decides.
 Eigen::Vector3f pointNear(Random& random, double v, double far, bool at_edge) {
@@ -144,19 +155,21 @@ Eigen::Vector3f pointNear(Random& random, double v, double far, bool at_edge) {
 }
 
 /// @param far  distance of the scene from the origin, in voxels
-void check(std::uint64_t seed, bool use_samples, double v, double far) {
+void check(std::uint64_t seed, bool use_samples, double v, double far, int group_log2) {
+  SCOPED_TRACE("group of 2^" + std::to_string(group_log2) + " leaves");
   Random random(seed);
   const Tables tables(random, v, use_samples);
-  const LeafFootprint footprint(tables.tool, tables.approach, v);
+  const LeafFootprint footprint(tables.tool, tables.approach, v, group_log2);
   std::size_t hits = 0, misses = 0;
   for (int n = 0; n < 200; ++n) {
     const Eigen::Vector3f p = pointNear(random, v, far, n % 2 == 0);
     const Index3 at = voxelOf(p, nullptr, v);
     const Flips flips(random, at, n % 3 == 0 ? 1500 : 12, n % 3 == 0 ? 25 : 14);
-    const AffectedDirections affected = footprint.affected(parentOf(at), flips.set);
+    const Index3 leaf = groupLeaf(at, group_log2);
+    const AffectedDirections affected = footprint.affected(leaf, flips.set);
     FlipWindow window;
-    const bool any_near = footprint.fill(parentOf(at), flips.set, window);
-    const AffectedDirections in_window = footprint.affected(parentOf(at), window);
+    const bool any_near = footprint.fill(leaf, flips.set, window);
+    const AffectedDirections in_window = footprint.affected(leaf, window);
     ASSERT_TRUE(in_window.better_tool == affected.better_tool && in_window.worse_tool == affected.worse_tool);
     ASSERT_TRUE(in_window.better_arm == affected.better_arm && in_window.worse_arm == affected.worse_arm);
     if (!any_near) {
@@ -189,10 +202,11 @@ void check(std::uint64_t seed, bool use_samples, double v, double far) {
 }
 
 /// One flip at a time, on a voxel that a direction surely reads.
-void checkSingleFlips(std::uint64_t seed, bool use_samples, double v, double far) {
+void checkSingleFlips(std::uint64_t seed, bool use_samples, double v, double far, int group_log2) {
+  SCOPED_TRACE("group of 2^" + std::to_string(group_log2) + " leaves");
   Random random(seed);
   const Tables tables(random, v, use_samples);
-  const LeafFootprint footprint(tables.tool, tables.approach, v);
+  const LeafFootprint footprint(tables.tool, tables.approach, v, group_log2);
   for (int n = 0; n < 4000; ++n) {
     const Eigen::Vector3f p = pointNear(random, v, far, true);
     const auto d = static_cast<std::size_t>(random.below(kDirections));
@@ -211,11 +225,12 @@ void checkSingleFlips(std::uint64_t seed, bool use_samples, double v, double far
     ASSERT_EQ(footprint.armBetter(p, direction, flips), of_arm);
     ASSERT_EQ(footprint.toolBetter(p, direction, flips), !of_arm);
     FlipWindow window;
-    ASSERT_TRUE(footprint.fill(parentOf(voxelOf(p, nullptr, v)), flips, window));
+    const Index3 leaf = groupLeaf(voxelOf(p, nullptr, v), group_log2);
+    ASSERT_TRUE(footprint.fill(leaf, flips, window));
     ASSERT_EQ(footprint.armBetter(p, direction, window), of_arm);
     ASSERT_EQ(footprint.toolBetter(p, direction, window), !of_arm);
     ASSERT_FALSE(footprint.armWorse(p, direction, flips) || footprint.toolWorse(p, direction, flips));
-    const AffectedDirections affected = footprint.affected(parentOf(voxelOf(p, nullptr, v)), flips);
+    const AffectedDirections affected = footprint.affected(leaf, flips);
     ASSERT_FALSE(any(affected.worse_arm) || any(affected.worse_tool));
     ASSERT_FALSE(any(of_arm ? affected.better_tool : affected.better_arm));
     ASSERT_TRUE((of_arm ? affected.better_arm : affected.better_tool).test(direction))
@@ -225,16 +240,55 @@ void checkSingleFlips(std::uint64_t seed, bool use_samples, double v, double far
 
 TEST(LeafFootprint, NeverMissesAFlip) {
   for (std::uint64_t seed = 1; seed <= 6 && !HasFatalFailure(); ++seed) {
-    check(seed, seed % 2 == 0, seed <= 3 ? 0.05 : 0.0625, 0);
-    checkSingleFlips(seed, seed % 2 == 0, seed <= 3 ? 0.05 : 0.0625, 0);
+    for (const int group_log2 : {0, 1, 2, 3}) {
+      check(seed, seed % 2 == 0, seed <= 3 ? 0.05 : 0.0625, 0, group_log2);
+      checkSingleFlips(seed, seed % 2 == 0, seed <= 3 ? 0.05 : 0.0625, 0, group_log2);
+    }
   }
 }
 
 /// Float32 positions are coarse far out (9 km at 1 cm: a tenth of a voxel), and voxels are found by that same rounding.
 TEST(LeafFootprint, NeverMissesAFlipFarFromTheOrigin) {
   for (std::uint64_t seed = 21; seed <= 24 && !HasFatalFailure(); ++seed) {
-    check(seed, seed % 2 == 0, 0.01, 900000);
-    checkSingleFlips(seed, seed % 2 == 0, 0.01, 900000);
+    for (const int group_log2 : {0, 1, 2}) {
+      check(seed, seed % 2 == 0, 0.01, 900000, group_log2);
+      checkSingleFlips(seed, seed % 2 == 0, 0.01, 900000, group_log2);
+    }
+  }
+}
+
+/// A column of a group, from the tables alone: every voxel from every place of the group, and nothing else.
+TEST(LeafFootprint, ColumnsOfAGroupAreThoseOfItsPlaces) {
+  Random random(7);
+  const Tables tables(random, 0.05, false);
+  for (const int group_log2 : {0, 1, 2}) {
+    std::map<std::pair<std::int32_t, std::int32_t>, kernels::FootprintColumn> expected;
+    for (std::size_t d = 0; d < kDirections; ++d) {
+      for (std::size_t n = tables.column_begin[d]; n < tables.column_begin[d + 1]; ++n) {
+        const kernels::VoxelColumn& c = tables.columns[n];
+        const std::int32_t last = (8 << group_log2) - 1, top = c.dz + 63 - std::countl_zero(c.bits);
+        for (std::int32_t x = 0; x <= last; ++x) {
+          for (std::int32_t y = 0; y <= last; ++y) {
+            const Index3 low = parentOf({x + c.dx, y + c.dy, c.dz}), high = parentOf({0, 0, last + top});
+            auto& column =
+                expected.try_emplace({low[0], low[1]}, kernels::FootprintColumn{low[0], low[1], low[2], high[2], {}})
+                    .first->second;
+            column.z_low = std::min(column.z_low, low[2]);
+            column.z_high = std::max(column.z_high, high[2]);
+            column.directions.set(static_cast<int>(d));
+          }
+        }
+      }
+    }
+    const LeafFootprint footprint(tables.tool, tables.approach, 0.05, group_log2);
+    ASSERT_EQ(footprint.toolColumns().size(), expected.size());
+    for (const kernels::FootprintColumn& column : footprint.toolColumns()) {
+      const auto found = expected.find({column.dx, column.dy});
+      ASSERT_NE(found, expected.end());
+      ASSERT_EQ(column.z_low, found->second.z_low);
+      ASSERT_EQ(column.z_high, found->second.z_high);
+      ASSERT_TRUE(column.directions == found->second.directions);
+    }
   }
 }
 
