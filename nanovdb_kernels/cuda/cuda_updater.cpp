@@ -17,7 +17,7 @@ namespace accessvdb::kernels {
 namespace {
 
 /// Points whose neighbours are found at a time, points looked at for flips at a time, and most items that wait.
-constexpr std::uint32_t kMovedPart = 1u << 17, kFlipsPart = 1u << 18, kMostItems = 1u << 20;
+constexpr std::uint32_t kMovedPart = 1u << 17, kFlipsPart = 1u << 18, kMostItems = 3u << 19;
 
 /// Collisions are counted up to this many times the limit, to remember them. Counting farther did not pay.
 constexpr int kCountTo = 3;
