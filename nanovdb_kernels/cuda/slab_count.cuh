@@ -54,80 +54,44 @@ class SlabCount {
 
   /// Stops once the collisions exceed `stop_above`; exact up to there.
   __device__ int upTo(int stop_above) const {
-    int count = 0;
+    int count = 0, listed = 0;
 #pragma unroll 1
-    for (int first = 0; first < num_columns_ && count <= stop_above; first += kTurns * static_cast<int>(kWarp)) {
-      LeafColumn column[kTurns];
-      int most = 0;
-#pragma unroll
-      for (int turn = 0; turn < kTurns; ++turn) {
-        const int n = first + turn * static_cast<int>(kWarp) + lane_;
-        column[turn] = n < num_columns_ ? columns_[n] : LeafColumn{};
-        most = max(most, leavesOf(column[turn]));
+    for (int first = 0; first < num_columns_ && count <= stop_above; first += static_cast<int>(kWarp)) {
+      const int n = first + lane_;
+      const LeafColumn column = n < num_columns_ ? columns_[n] : LeafColumn{};
+      const int leaves = column.count > 0 && shift_ != 0 ? column.count + 1 : column.count;
+      const int most = __reduce_max_sync(kAllLanes, leaves);
+      const int x = (point_ijk_[0] & ~7) + 8 * column.leaf_dx, y = (point_ijk_[1] & ~7) + 8 * column.leaf_dy,
+                z = (point_ijk_[2] & ~7) + 8 * column.slab_dz;
+      const int from_x = 8 * column.leaf_dx - (point_ijk_[0] & 7) - box_.dx + 8, from_y = column.leaf_dy - box_.leaf_dy;
+      const auto place = static_cast<std::uint32_t>(from_x << 16 | from_y << 8 | (column.slab_dz - box_.slab_dz));
+#pragma unroll 1
+      for (int low = 0; low < most; low += BusyLeaves::kTurn) {
+        const int asked = min(max(leaves - low, 0), BusyLeaves::kTurn);
+        std::uint32_t found = asked > 0 ? window_.busyLeaves(x, y, z + 8 * low, asked) : 0;
+#pragma unroll 1
+        for (unsigned any = __ballot_sync(kAllLanes, found != 0); any != 0;
+             any = __ballot_sync(kAllLanes, found != 0)) {
+          if (found != 0) {
+            const int k = low + __ffs(static_cast<int>(found)) - 1;
+            found &= found - 1;
+            busy_.list[listed + __popc(any & ((1u << lane_) - 1u))] = {window_.entryOf(x, y, z + 8 * k),
+                                                                       place + static_cast<std::uint32_t>(k)};
+          }
+          listed += __popc(any);
+          if (listed > BusyLeaves::kMost - static_cast<int>(kWarp)) {
+            count += collisionsIn(listed);
+            listed = 0;
+          }
+        }
       }
-      most = __reduce_max_sync(kAllLanes, most);
-#pragma unroll 1
-      for (int low = 0; low < most; low += BusyLeaves::kTurn) count += collisionsIn(column, low, stop_above - count);
+      if (listed > 0) count += collisionsIn(listed);
+      listed = 0;
     }
     return count;
   }
 
  private:
-  static constexpr int kTurns = 3;  ///< columns a lane has on their way: their reads do not wait for each other
-
-  [[nodiscard]] __device__ int leavesOf(const LeafColumn& column) const {
-    return column.count > 0 && shift_ != 0 ? column.count + 1 : column.count;
-  }
-  [[nodiscard]] __device__ Coord lowestOf(const LeafColumn& column, int above) const {
-    return Coord((point_ijk_[0] & ~7) + 8 * column.leaf_dx, (point_ijk_[1] & ~7) + 8 * column.leaf_dy,
-                 (point_ijk_[2] & ~7) + 8 * (column.slab_dz + above));
-  }
-  /// Which of the leaves low .. low + kTurn - 1 of a column hold something that collides.
-  [[nodiscard]] __device__ std::uint32_t busyIn(const LeafColumn& column, int low) const {
-    const int asked = min(max(leavesOf(column) - low, 0), BusyLeaves::kTurn);
-    const Coord ijk = lowestOf(column, low);
-    return asked > 0 ? window_.busyLeaves(ijk[0], ijk[1], ijk[2], asked) : 0;
-  }
-
-  /// Collisions in kTurn leaves of each column, from the one numbered `low`; all lanes. @param enough  beyond it leaves
-  /// may be left out
-  __device__ int collisionsIn(const LeafColumn (&column)[kTurns], int low, int enough) const {
-    std::uint32_t found[kTurns];
-#pragma unroll
-    for (int turn = 0; turn < kTurns; ++turn) found[turn] = busyIn(column[turn], low);
-    int count = 0;
-    bool left = true;
-#pragma unroll 1
-    while (left && count <= enough) {
-      int listed = 0;
-      left = false;
-#pragma unroll
-      for (int turn = 0; turn < kTurns; ++turn) left = listLeaves(column[turn], low, found[turn], listed) || left;
-      count += collisionsIn(listed);
-    }
-    return count;
-  }
-  /// Puts leaves that were found on the list. @return whether some are left, for want of room
-  __device__ bool listLeaves(const LeafColumn& column, int low, std::uint32_t& found, int& listed) const {
-    const int from_x = 8 * column.leaf_dx - (point_ijk_[0] & 7) - box_.dx + 8, from_y = column.leaf_dy - box_.leaf_dy,
-              from_z = column.slab_dz - box_.slab_dz;
-    const auto place = static_cast<std::uint32_t>(from_x << 16 | from_y << 8 | from_z);
-    unsigned any = __ballot_sync(kAllLanes, found != 0);
-#pragma unroll 1
-    while (any != 0 && listed <= BusyLeaves::kMost - static_cast<int>(kWarp)) {
-      if (found != 0) {
-        const int k = low + __ffs(static_cast<int>(found)) - 1;
-        found &= found - 1;
-        const Coord ijk = lowestOf(column, k);
-        busy_.list[listed + __popc(any & ((1u << lane_) - 1u))] = {window_.entryOf(ijk[0], ijk[1], ijk[2]),
-                                                                   place + static_cast<std::uint32_t>(k)};
-      }
-      listed += __popc(any);
-      any = __ballot_sync(kAllLanes, found != 0);
-    }
-    return any != 0;
-  }
-
   /// Collisions in the leaves on the list; all lanes.
   __device__ int collisionsIn(int listed) const {
     __syncwarp();
