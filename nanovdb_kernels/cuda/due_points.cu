@@ -96,8 +96,7 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
   const GroupMasks masks = masksOf(view, id);
   const bool accessible = label == PointLabel::Accessible;
   const std::uint16_t score = view.points.score[id];
-  const DirectionMask worse = knownWorse(view, id, view.state.block[id],
-                                         accessible ? score + 1 : static_cast<int>(view.update_rule.collision_limit));
+  const DirectionMask worse = knownWorse(view, id, view.state.block[id]);
   const float cos_best_before = cosToNormal(approach, best, before.normal);
   DueItem item = {};
   item.id = id;

@@ -92,27 +92,29 @@ __device__ std::uint32_t takeNext(std::uint32_t* next, int lane) {
   return __shfl_sync(kAllLanes, n, 0);
 }
 
-/// After a search: remembers what it found out, a word of directions a lane.
-__device__ void learn(const UpdateView& view, std::size_t id, const WarpMasks& masks, const ScoreResult& result,
-                      int lane) {
-  if (view.known.levels == nullptr || result.scored == 0 || lane >= view.known.words) return;
+/// After a point was evaluated: remembers what was found out, a word of directions a lane.
+/// @param searched  the masks are of this point   @param before, after  baseCollisions
+__device__ void learn(const UpdateView& view, std::size_t id, const WarpMasks& masks, bool searched, int before,
+                      int after, int lane) {
+  if (view.known.levels == nullptr || lane >= view.known.words) return;
   const int shift = 8 * (lane & 3);
-  const std::uint32_t counted = masks.counted[lane >> 2] >> shift & 0xffu,
-                      arm_blocked = masks.arm_blocked[lane >> 2] >> shift & 0xffu;
-  if ((counted | arm_blocked) == 0) return;
+  const std::uint32_t counted = searched ? masks.counted[lane >> 2] >> shift & 0xffu : 0,
+                      arm_blocked = searched ? masks.arm_blocked[lane >> 2] >> shift & 0xffu : 0;
+  if ((counted | arm_blocked) == 0 && before == after) return;
   const KnownLevels& of = view.known.of;
   const KnownWord known(view, id, view.state.block[id], lane);
   std::uint32_t levels = known.levels;
+  if (before != after) levels = lowered(of, levels, after - before);
 #pragma unroll 1
   for (std::uint32_t bits = counted | arm_blocked; bits != 0; bits &= bits - 1) {
     const int n = __ffs(static_cast<int>(bits)) - 1;
-    const std::uint32_t before = levelIn(levels, n);
+    const std::uint32_t was = levelIn(levels, n);
     std::uint32_t now = KnownLevels::kArmBlocked;
     if ((counted >> n & 1u) != 0) {
-      now = of.levelOf(masks.least[lane * kKnownPerWord + n] + known.freed);
-      if (before != KnownLevels::kArmBlocked && before > now) now = before;
-    } else if (before >= of.lowestWith(view.update_rule.collision_limit + known.freed)) {
-      now = before;  // what is known of the tool holds for longer
+      now = of.levelOf(masks.least[lane * kKnownPerWord + n] - after + known.freed);
+      if (was != KnownLevels::kArmBlocked && was > now) now = was;
+    } else if (was >= of.lowestWith(1 + known.freed)) {
+      now = was;  // what is known of the tool holds for longer
     }
     levels = withLevel(levels, n, now);
   }
@@ -126,7 +128,8 @@ struct KnownOfPoint {
   const UpdateView& view;
   std::size_t id;
   std::uint32_t block;
-  __device__ int operator()(int d) const { return knownCollisions(view, id, block, d); }
+  int base;  ///< that the levels count from
+  __device__ int operator()(int d) const { return knownCollisions(view, id, block, base, d); }
 };
 
 /// One lane.
@@ -140,6 +143,24 @@ __device__ void conclude(const UpdateView& view, const ScoreItem& item, ScoreRes
     atomicAdd(&counters.scored, 1ull);
   }
   if (view.points.label[item.id] != before) atomicAdd(&counters.label_changes, 1ull);
+}
+
+/// What the point's levels count from.
+__device__ int baseOf(const UpdateView& view, std::size_t id) {
+  return baseCollisions(view.points.label[id] == PointLabel::Accessible, view.points.score[id],
+                        view.update_rule.collision_limit);
+}
+
+/// Takes over what was found out of a point. All lanes. @param searched  the masks are of this point
+__device__ void concludeAndLearn(const UpdateView& view, const ScoreItem& item, const WarpMasks& masks, bool searched,
+                                 int base_before, ScoreResult& result, int lane) {
+  int base = 0;
+  if (lane == 0) {
+    conclude(view, item, result);
+    base = baseOf(view, item.id);
+  }
+  learn(view, item.id, masks, searched, base_before, __shfl_sync(kAllLanes, base, 0), lane);
+  __syncwarp();  // what it read of its scratch, others overwrite next
 }
 
 /// A direction's corridor, a sample a lane.
@@ -181,6 +202,7 @@ __device__ bool confirm(const UpdateView& view, const DueSearch& search, const W
                         const OccupancyReader& map, const DuePoint& point, const DueItem& due, const Counter& counter,
                         WarpScratch& scratch, int lane) {
   const bool accessible = view.points.label[point.id] == PointLabel::Accessible;
+  const int base = baseOf(view, point.id);
   int known_score = static_cast<int>(search.tool.collision_limit) - 1;  // a blocked point: only what is free counts
   int known_direction = kNoDirection, own_tests = 0;
   if (accessible) {
@@ -222,11 +244,9 @@ __device__ bool confirm(const UpdateView& view, const DueSearch& search, const W
     result = searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit,
                           view.approach, point.position_L, point.normal_L, point.seen, view.points.direction_words,
                           item, scratch.masks, lane, NothingKnown{}, view.known.count_to);
-    learn(view, point.id, scratch.masks, result, lane);
   }
   result.tests = static_cast<std::uint16_t>(result.tests + own_tests);
-  if (lane == 0) conclude(view, item, result);
-  __syncwarp();
+  concludeAndLearn(view, item, scratch.masks, any != 0 && result.scored != 0, base, result, lane);
   return true;
 }
 
@@ -243,13 +263,12 @@ __device__ void searchAll(const UpdateView& view, const DueSearch& search, const
     for (std::uint64_t& word : item.candidates.word) word = ~std::uint64_t{0};
   }
   __syncwarp();
+  const int base = baseOf(view, point.id);
   ScoreResult result =
       searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit, view.approach,
                    point.position_L, point.normal_L, point.seen, view.points.direction_words, item, scratch.masks, lane,
-                   KnownOfPoint{view, point.id, view.state.block[point.id]}, view.known.count_to);
-  learn(view, point.id, scratch.masks, result, lane);
-  if (lane == 0) conclude(view, item, result);
-  __syncwarp();
+                   KnownOfPoint{view, point.id, view.state.block[point.id], base}, view.known.count_to);
+  concludeAndLearn(view, item, scratch.masks, result.scored != 0, base, result, lane);
 }
 
 /// Puts the items of a block behind each other, a thread a block.

@@ -83,9 +83,8 @@ struct KnownWord {
   }
 };
 
-/// Directions that are known to have at least `collisions`, or whose corridor is known to be blocked.
-__device__ inline DirectionMask knownWorse(const UpdateView& view, std::size_t id, std::uint32_t block,
-                                           int collisions) {
+/// Directions that are known to be no better than what the levels count from, or whose corridor is known to be blocked.
+__device__ inline DirectionMask knownWorse(const UpdateView& view, std::size_t id, std::uint32_t block) {
   DirectionMask worse = {};
   if (view.known.levels == nullptr) return worse;
 #pragma unroll
@@ -96,7 +95,7 @@ __device__ inline DirectionMask knownWorse(const UpdateView& view, std::size_t i
       if (word >= view.known.words) break;
       const KnownWord known(view, id, block, word);
       if (known.levels == 0) continue;
-      bits |= atLeastLevel(known.levels, view.known.of.lowestWith(collisions + known.freed)) << (8 * byte);
+      bits |= atLeastLevel(known.levels, view.known.of.lowestWith(1 + known.freed)) << (8 * byte);
     }
     worse.word[half / 2] |= static_cast<std::uint64_t>(bits) << (32 * (half & 1));
   }
@@ -104,22 +103,24 @@ __device__ inline DirectionMask knownWorse(const UpdateView& view, std::size_t i
 }
 
 /// At least so many collisions has a point in a direction; 0: nothing is known, or only of the corridor.
-__device__ inline int knownCollisions(const UpdateView& view, std::size_t id, std::uint32_t block, int d) {
+/// @param base  baseCollisions
+__device__ inline int knownCollisions(const UpdateView& view, std::size_t id, std::uint32_t block, int base, int d) {
   if (view.known.levels == nullptr) return 0;
   const KnownWord known(view, id, block, d / kKnownPerWord);
   const std::uint32_t level = levelIn(known.levels, d % kKnownPerWord);
-  if (level == KnownLevels::kArmBlocked) return 0;
-  const int collisions = view.known.of.least[level] - known.freed;
+  if (level == 0 || level == KnownLevels::kArmBlocked) return 0;
+  const int collisions = base + view.known.of.least[level] - known.freed;
   return collisions > 0 ? collisions : 0;
 }
 
-/// Levels once more, after collisions were lost.
-__device__ inline std::uint32_t worn(const KnownLevels& of, std::uint32_t levels, int freed) {
+/// Levels once more, after collisions were lost, or counted from another base. @param less  by how much they are less;
+/// may be negative
+__device__ inline std::uint32_t lowered(const KnownLevels& of, std::uint32_t levels, int less) {
+#pragma unroll 1
   for (int n = 0; n < kKnownPerWord; ++n) {
     const std::uint32_t level = levelIn(levels, n);
-    if (level == 0 || level == KnownLevels::kArmBlocked) continue;
-    const int collisions = of.least[level] - freed;
-    levels = withLevel(levels, n, collisions > 0 ? of.levelOf(collisions) : 0);
+    if (level != 0 && level != KnownLevels::kArmBlocked)
+      levels = withLevel(levels, n, of.levelOf(of.least[level] - less));
   }
   return levels;
 }
@@ -215,7 +216,7 @@ __device__ inline void agePoints(const UpdateView& view, std::uint32_t group, co
         for (int i = 0; i < kTogether; ++i) {
           if (before[i] == 0) continue;  // nothing is known
           std::uint32_t after = withoutArms(before[i], arms);
-          if (renew) after = worn(view.known.of, after, freed);
+          if (renew) after = lowered(view.known.of, after, freed);
           if (after != before[i]) *levels[i] = after;
         }
       }

@@ -1,9 +1,11 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a search found out about a direction of a point, in four bits: at least how often the tool collides there, or
-/// that the corridor is blocked. Eight directions share a word.
+/// What a search found out about a direction of a point, in four bits: at least how often the tool collides there more
+/// than would have to be known to leave it out, or that the corridor is blocked. Eight directions share a word.
 #pragma once
 
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
 
 #include "hostdev/views.h"
@@ -20,30 +22,36 @@ ACCESSVDB_HOSTDEV inline int marginCollisions(int collision_limit) {
   return collision_limit < kLeast ? kLeast : collision_limit < kMost ? collision_limit : kMost;
 }
 
-/// Level 0: nothing is known. Levels 1 .. 14: at least this many collisions. Level 15: the corridor is blocked.
+/// A direction needs no test as long as it collides more often than this: an accessible point's best one, or any that
+/// makes a blocked point accessible. Levels count from here.
+ACCESSVDB_HOSTDEV inline int baseCollisions(bool accessible, int score, int collision_limit) {
+  return accessible ? score : collision_limit - 1;
+}
+
+/// Level 0: nothing is known. Levels 1 .. 14: at least this many collisions more than the base. Level 15: the corridor
+/// is blocked.
 struct KnownLevels {
   static constexpr std::uint32_t kArmBlocked = 15;
-  static constexpr int kMostCollisions = 0xffff;
-  std::uint16_t least[16] = {};  ///< ascending
+  std::uint16_t least[16] = {};  ///< ascending; that of kArmBlocked is above all
 
-  /// Close to each other above the limit, where blocked points need them; a few below, for accessible ones.
+  /// From a single one, as many tools' best directions have few, to several times what decides; each by the same factor
+  /// more than the one below.
   static KnownLevels of(int collision_limit) {
-    const int margin = marginCollisions(collision_limit);
-    const auto clamped = [](int n) { return static_cast<std::uint16_t>(n < kMostCollisions ? n : kMostCollisions); };
+    const double factor = std::pow(8.0 * marginCollisions(collision_limit), 1.0 / (kArmBlocked - 2));
     KnownLevels levels;
-    int n = 1;
-    for (const int share : {16, 8, 4, 2}) levels.least[n++] = clamped(collision_limit / share);
-    for (const int sixteenths : {2, 4, 8, 12, 16, 24, 32, 48, 80, 128}) {
-      levels.least[n++] = clamped(collision_limit + margin * sixteenths / 16);
+    double next = 1;
+    for (std::uint32_t level = 1; level < kArmBlocked; ++level, next *= factor) {
+      const auto rounded = static_cast<std::uint16_t>(std::lround(next));
+      levels.least[level] = std::max<std::uint16_t>(rounded, levels.least[level - 1] + 1);
     }
-    levels.least[kArmBlocked] = kMostCollisions;
+    levels.least[kArmBlocked] = 0xffff;
     return levels;
   }
 
-  /// The highest level that `collisions` reach.
-  ACCESSVDB_HOSTDEV std::uint32_t levelOf(int collisions) const { return firstAbove(collisions) - 1; }
-  /// The lowest level that says: at least `collisions`, or the corridor is blocked.
-  ACCESSVDB_HOSTDEV std::uint32_t lowestWith(int collisions) const { return firstAbove(collisions - 1); }
+  /// The highest level that so many collisions more than the base reach; 0 where there are none.
+  ACCESSVDB_HOSTDEV std::uint32_t levelOf(int more) const { return more > 0 ? firstAbove(more) - 1 : 0; }
+  /// The lowest level that says: at least so many more, or the corridor is blocked. @param more  at least 1
+  ACCESSVDB_HOSTDEV std::uint32_t lowestWith(int more) const { return firstAbove(more - 1); }
 
  private:
   /// The first of the levels 0 .. 14 above `collisions`, else 15.

@@ -18,7 +18,7 @@ constexpr std::array<int, 9> kLimits = {1, 2, 5, 15, 16, 39, 280, 2128, 65535};
 TEST(KnownLevels, NeverSayMoreThanWasCounted) {
   for (const int limit : kLimits) {
     const KnownLevels levels = KnownLevels::of(limit);
-    for (std::size_t n = 1; n < 16; ++n) ASSERT_LE(levels.least[n - 1], levels.least[n]) << limit << " level " << n;
+    for (std::size_t n = 1; n < 16; ++n) ASSERT_LT(levels.least[n - 1], levels.least[n]) << limit << " level " << n;
     for (int collisions = 0; collisions < 70000; ++collisions) {
       const std::uint32_t level = levels.levelOf(collisions);
       ASSERT_LT(level, KnownLevels::kArmBlocked);
@@ -44,14 +44,22 @@ TEST(KnownLevels, TheLowestLevelThatIsEnoughIsEnough) {
   }
 }
 
-/// A count that is enough with a margin to spare is remembered as enough, or nothing would ever be gained.
-TEST(KnownLevels, RememberThatTheLimitWasReached) {
+/// A count with a margin to spare is remembered with half of it to spare, or nothing would ever be gained; and a single
+/// collision more than the base is, for as long as none is lost.
+TEST(KnownLevels, RememberWhatWasCounted) {
   for (const int limit : {1, 5, 39, 280, 2128}) {
     const KnownLevels levels = KnownLevels::of(limit);
-    const int counted = limit + kernels::marginCollisions(limit);
-    EXPECT_GE(levels.levelOf(counted), levels.lowestWith(limit)) << limit;
-    EXPECT_GE(levels.levelOf(counted), levels.lowestWith(limit + kernels::marginCollisions(limit) / 2)) << limit;
+    const int counted = kernels::marginCollisions(limit);
+    EXPECT_GE(levels.levelOf(counted), levels.lowestWith(counted / 2)) << limit;
+    EXPECT_EQ(levels.levelOf(1), levels.lowestWith(1)) << limit;
+    EXPECT_EQ(levels.levelOf(0), 0u);
+    EXPECT_EQ(levels.levelOf(-1000), 0u);
   }
+}
+
+TEST(KnownLevels, CountFromWhatDecides) {
+  EXPECT_EQ(kernels::baseCollisions(true, 7, 280), 7);
+  EXPECT_EQ(kernels::baseCollisions(false, kNoScore, 280), 279);
 }
 
 TEST(KnownWords, HoldEightLevels) {
