@@ -15,7 +15,9 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
-constexpr unsigned kBlocksEach = 8;  ///< blocks that a multiprocessor is to hold
+/// Blocks that a multiprocessor is to hold. With more of them warps, which read much of the map, push each other out of
+/// the cache.
+constexpr unsigned kBlocksEach = 6;
 
 /// How the tool is counted. A kernel each: what the others need would only take room in the instruction cache.
 enum class ToolForm { Slabs, Columns, Samples };

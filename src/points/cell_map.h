@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Numbers of cells by place: a flat hash table that only grows. Looking up is safe from many threads, inserting is
-/// not. It moves what it holds where it grows, unlike ChunkedArray: there is one cell for some hundred points, so even
-/// for ten million points that takes a millisecond.
+/// not. It moves what it holds where it grows, unlike ChunkedArray: there is one cell for some hundred points, so that
+/// is little.
 #pragma once
 
 #include <array>
