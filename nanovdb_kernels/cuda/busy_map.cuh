@@ -39,6 +39,8 @@ class BusyWindow : public MapWindow<LowerWindow> {
   /// Its shape covers whatever searches read: the tool and the corridor.
   [[nodiscard]] __device__ static constexpr bool holds(const Coord&) { return true; }
 
+  /// Which of `count` leaves above each other, from that of voxel (x, y, z), hold something that collides. @param count
+  /// at most 16
   [[nodiscard]] __device__ std::uint32_t busyLeaves(int x, int y, int z, int count) const {
     x -= this->origin_[0];
     y -= this->origin_[1];

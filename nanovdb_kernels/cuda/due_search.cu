@@ -30,6 +30,8 @@ struct WarpScratch {
   ScoreItem item;
   SlabWork slabs;
 };
+// With the nodes of windows (kPlainSharedBytes) that is what a block gets without asking.
+static_assert(kWarps * sizeof(WarpScratch) <= 10 * 1024);
 
 /// A warp's point.
 struct DuePoint {
@@ -323,7 +325,7 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
 
 template <class Window, ToolForm kForm>
 void launchBoth(const UpdateView& view, const DueSearch& search, cudaStream_t stream) {
-  // Persistent blocks: as many as the device holds at a time.
+  // Persistent blocks: as many as are to run at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
   const std::size_t bytes = kWarps * search.window.entries() * BusyWindow::kEntries * sizeof(std::uint32_t);
   evaluateDue<Window, kForm, false><<<blocks, kThreads, bytes, stream>>>(view, search);

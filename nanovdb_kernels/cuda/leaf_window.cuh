@@ -27,7 +27,7 @@ __device__ inline bool collidesSomewhere(const std::uint8_t* leaf) {
 }
 
 /// Address arithmetic that both windows share. Coordinates are voxels from the window's corner, never negative. The
-/// shape is not copied: an argument of the kernel takes no registers.
+/// shape is not copied, to spare registers: it is an argument of the kernel, or lies in shared memory.
 class WindowBase {
  public:
   __device__ WindowBase(std::uint32_t* nodes, const WindowShape& shape, const OccupancyGrid* grid,
@@ -182,16 +182,6 @@ class MapWindow : public Nodes {
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
 
-  /// Which of `count` leaves above each other, from that of voxel (x, y, z), hold something that collides. @param count
-  /// at most 16
-  [[nodiscard]] __device__ std::uint32_t busyLeaves(int x, int y, int z, int count) const {
-    std::uint32_t busy = 0;
-    for (int n = 0; n < count; ++n) {
-      const std::uint8_t* leaf = leafAt(x, y, z + 8 * n);
-      if (leaf != nullptr && collidesSomewhere(leaf)) busy |= 1u << n;
-    }
-    return busy;
-  }
   /// A leaf that there is, in four bytes, and what collides at place x of it: bit 8 y + z.
   [[nodiscard]] __device__ std::uint32_t entryOf(int x, int y, int z) const { return this->offsetOf(leafAt(x, y, z)); }
   [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
@@ -228,26 +218,10 @@ class MapWindow : public Nodes {
 /// The same questions through the tree.
 class TreeWindow {
  public:
-  __device__ explicit TreeWindow(const OccupancyView& view)
-      : reader_(view), grid_(reinterpret_cast<const std::uint8_t*>(view.grid)) {}
+  __device__ explicit TreeWindow(const OccupancyView& view) : reader_(view) {}
   [[nodiscard]] __device__ bool holds(const Coord&) const { return true; }
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return reader_.collides(ijk); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return reader_.armFree(ijk); }
-  [[nodiscard]] __device__ std::uint32_t busyLeaves(int x, int y, int z, int count) const {
-    std::uint32_t busy = 0;
-    for (int n = 0; n < count; ++n) {
-      const OccupancyLeaf* leaf = reader_.leafAt(Coord(x, y, z + 8 * n));
-      if (leaf != nullptr && collidesSomewhere(reinterpret_cast<const std::uint8_t*>(leaf))) busy |= 1u << n;
-    }
-    return busy;
-  }
-  [[nodiscard]] __device__ std::uint32_t entryOf(int x, int y, int z) const {
-    const auto* leaf = reinterpret_cast<const std::uint8_t*>(reader_.leafAt(Coord(x, y, z)));
-    return static_cast<std::uint32_t>(static_cast<std::uint64_t>(leaf - grid_) / kNodeBytes);
-  }
-  [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
-    return WindowBase::slabIn(grid_ + static_cast<std::uint64_t>(entry) * kNodeBytes, x);
-  }
   [[nodiscard]] __device__ int countColumn(const VoxelColumn& column, const Coord& point_ijk) const {
     const std::int32_t x = point_ijk[0] + column.dx, y = point_ijk[1] + column.dy, z = point_ijk[2] + column.dz;
     const int shift = z & 7;
@@ -267,7 +241,6 @@ class TreeWindow {
 
  private:
   OccupancyReader reader_;
-  const std::uint8_t* grid_;
 };
 
 }  // namespace accessvdb::kernels

@@ -4,7 +4,6 @@
 /// than would have to be known to leave it out, or that the corridor is blocked. Eight directions share a word.
 #pragma once
 
-#include <algorithm>
 #include <cmath>
 #include <cstdint>
 
@@ -42,7 +41,8 @@ struct KnownLevels {
     double next = 1;
     for (std::uint32_t level = 1; level < kArmBlocked; ++level, next *= factor) {
       const auto rounded = static_cast<std::uint16_t>(std::lround(next));
-      levels.least[level] = std::max<std::uint16_t>(rounded, levels.least[level - 1] + 1);
+      const auto above = static_cast<std::uint16_t>(levels.least[level - 1] + 1);
+      levels.least[level] = rounded > above ? rounded : above;
     }
     levels.least[kArmBlocked] = 0xffff;
     return levels;

@@ -61,7 +61,7 @@ struct BlockNews {
   std::uint32_t block = 0;
   std::int32_t leaf[3] = {0, 0, 0};    ///< voxel index >> 3
   std::uint32_t first = 0, count = 0;  ///< its ids lie in slots [first, first + count)
-  std::uint32_t source = 0;            ///< and in UpdateInput::block_ids from here on
+  std::uint32_t source = 0;            ///< and in AdmitInput::block_ids from here on
   std::uint32_t is_new = 0;
   std::uint32_t group = 0;  ///< where it is new: number of its group, from then on
 };

@@ -66,7 +66,11 @@ class DeviceBlocks {
   [[nodiscard]] std::uint32_t slots() const { return slots_; }
   /// Groups of all blocks so far.
   [[nodiscard]] std::uint32_t groups() const { return groups_.size(); }
-  [[nodiscard]] std::uint64_t bytes() const { return runs_.bytes() + groups_.bytes(); }
+  [[nodiscard]] std::uint64_t bytes() const {
+    std::uint64_t bytes = runs_.bytes() + groups_.bytes();
+    for (const std::vector<std::uint32_t>& free : free_) bytes += free.capacity() * sizeof(std::uint32_t);
+    return bytes;
+  }
 
  private:
   struct Run {

@@ -126,9 +126,12 @@ class DeviceScheduler final : public UpdateScheduler {
   }
 
   std::uint64_t bytes() const override {
-    return fresh_.bytes() + ids_.capacity() * sizeof(std::uint32_t) + weights_.capacity() * sizeof(std::uint16_t) +
-           touched_.capacity() * sizeof(Touched) + is_touched_.bytes() + news_.capacity() * sizeof(kernels::PointNews) +
-           blocks_.bytes() + flips_.capacity() * sizeof(kernels::LeafFlips);
+    const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
+    std::uint64_t bytes = fresh_.bytes() + bytesOf(ids_) + bytesOf(weights_) + bytesOf(touched_) + is_touched_.bytes() +
+                          bytesOf(news_) + blocks_.bytes() + bytesOf(block_news_) + bytesOf(block_ids_) +
+                          bytesOf(flips_) + bytesOf(reached_.voxels) + bytesOf(reached_.blocks);
+    for (const std::vector<kernels::LeafFlips>& part : flip_parts_) bytes += bytesOf(part);
+    return bytes;
   }
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
 

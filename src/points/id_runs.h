@@ -26,7 +26,7 @@ class IdRuns {
       free.pop_back();
       return run;
     }
-    if (left_ < capacity) {  // what is left, a hundredth of a chunk, is given up
+    if (left_ < capacity) {  // what is left, a few hundredths of a chunk at most, is given up
       chunks_.push_back(std::make_unique_for_overwrite<std::uint32_t[]>(kChunk));
       left_ = kChunk;
     }

@@ -11,7 +11,8 @@ namespace accessvdb::internal {
 
 /// Runs `here` on the calling thread and `beside` on whichever thread has time, on this one afterwards where none has.
 /// Both run to their ends, also where the other one fails: TBB would cancel the loops of the other half-way, which then
-/// goes on with what they left undone. Throws what `here` threw, else what `beside` threw.
+/// goes on with what they left undone. Throws what `beside` threw, else what `here` threw: where the backend's step is
+/// here, a failure of the host is the one that must not be hidden.
 template <typename Here, typename Beside>
 void runBeside(const Here& here, const Beside& beside) {
   std::exception_ptr failed_here, failed_beside;
@@ -26,8 +27,8 @@ void runBeside(const Here& here, const Beside& beside) {
   group.run([&] { kept(beside, failed_beside); });
   kept(here, failed_here);
   group.wait();
-  if (failed_here) std::rethrow_exception(failed_here);
   if (failed_beside) std::rethrow_exception(failed_beside);
+  if (failed_here) std::rethrow_exception(failed_here);
 }
 
 }  // namespace accessvdb::internal

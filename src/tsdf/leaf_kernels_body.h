@@ -7,7 +7,7 @@ alignas(64) constexpr float kLaneZ[16] = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4,
 alignas(64) constexpr float kLaneY[16] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1};
 
 /// e along x, and the parts of s and |e|^2 that depend on x only; and those that depend on y and z only, for the four
-/// pairs of rows of a parts. From memory, a float fills all lanes at no cost.
+/// pairs of rows of a slab. From memory, a float fills all lanes at no cost.
 struct Parts {
   alignas(32) float ex[8], sx[8], ex2[8];
   Floats s[4], e2[4];

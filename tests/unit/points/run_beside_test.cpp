@@ -48,7 +48,7 @@ TEST_P(RunBeside, RunsBothToTheirEndsWhateverFails) {
       }
       EXPECT_EQ(here, (fails & 1) != 0 ? 0 : kTurns);
       EXPECT_EQ(beside, (fails & 2) != 0 ? 0 : kTurns);
-      EXPECT_EQ(caught, (fails & 1) != 0 ? "here" : (fails & 2) != 0 ? "beside" : "");
+      EXPECT_EQ(caught, (fails & 2) != 0 ? "beside" : (fails & 1) != 0 ? "here" : "");
     }
   });
 }
