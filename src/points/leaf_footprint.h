@@ -34,7 +34,8 @@ void forEachDirection(const DirectionMask& directions, const Visit& visit) {
 class LeafFootprint {
  public:
   /// @param tool, approach  host-side tables
-  /// @param group_log2  points lie anywhere in a group of blocks, a cube with an edge of 2^group_log2 leaves, and columns
+  /// @param group_log2  points lie anywhere in a group of blocks, a cube with an edge of 2^group_log2 leaves, and
+  /// columns
   ///   are relative to its first leaf; 0: anywhere in a block
   LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach, double voxel_size_m,
                 int group_log2);
