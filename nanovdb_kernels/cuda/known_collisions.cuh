@@ -10,6 +10,7 @@
 #include <cstdint>
 
 #include "cuda/update_views.cuh"
+#include "cuda/warp.cuh"
 #include "hostdev/cell_counts.h"
 #include "hostdev/known_levels.h"
 
@@ -57,17 +58,11 @@ __device__ inline void countFreed(const UpdateView& view, const std::int32_t* le
 
 /// Sums of the steps up to each direction. A warp. @param sums  of the directions 32 w + lane
 __device__ inline void sumSteps(const std::uint32_t* steps, int lane, std::uint32_t (&sums)[kDirectionWords32]) {
-  constexpr unsigned kAll = 0xffffffffu;
   std::uint32_t before = 0;
 #pragma unroll
   for (int w = 0; w < kDirectionWords32; ++w) {
-    std::uint32_t sum = steps[32 * w + lane];
-    for (int step = 1; step < 32; step *= 2) {
-      const std::uint32_t below = __shfl_up_sync(kAll, sum, step);
-      if (lane >= step) sum += below;
-    }
-    sums[w] = sum + before;
-    before = __shfl_sync(kAll, sums[w], 31);
+    sums[w] = sumUpTo(steps[32 * w + lane], lane) + before;
+    before = __shfl_sync(kAllLanes, sums[w], 31);
   }
 }
 
@@ -119,8 +114,8 @@ __device__ inline std::uint32_t lowered(const KnownLevels& of, std::uint32_t lev
 #pragma unroll 1
   for (int n = 0; n < kKnownPerWord; ++n) {
     const std::uint32_t level = levelIn(levels, n);
-    if (level != 0 && level != KnownLevels::kArmBlocked)
-      levels = withLevel(levels, n, of.levelOf(of.least[level] - less));
+    if (level == 0 || level == KnownLevels::kArmBlocked) continue;
+    levels = withLevel(levels, n, of.levelOf(of.least[level] - less));
   }
   return levels;
 }
@@ -136,7 +131,6 @@ __device__ inline std::uint32_t withoutArms(std::uint32_t levels, std::uint32_t 
 /// Calls visit(id) with the points of a group, a point a lane and the lowest lanes first; kNoIndex: none. All lanes.
 template <class Visit>
 __device__ void forEachPoint(const UpdateView& view, std::uint32_t group, int lane, const Visit& visit) {
-  constexpr unsigned kAll = 0xffffffffu;
   const BlockIndexView& index = view.index;
   const std::int32_t* leaf = view.groups.leaf + 3 * static_cast<std::size_t>(group);
   const int log2 = view.groups.log2, last = (1 << log2) - 1, blocks = 1 << (3 * log2);
@@ -148,19 +142,16 @@ __device__ void forEachPoint(const UpdateView& view, std::uint32_t group, int la
     }
     const std::uint32_t first = block != kNoIndex ? index.first[block] : 0;
     const std::uint32_t count = block != kNoIndex ? index.count[block] : 0;
-    std::uint32_t end = count;  // of the blocks of the lanes up to this one
-    for (int step = 1; step < 32; step *= 2) {
-      const std::uint32_t below = __shfl_up_sync(kAll, end, step);
-      if (lane >= step) end += below;
-    }
-    const std::uint32_t all = __shfl_sync(kAll, end, 31);
+    const std::uint32_t end = sumUpTo(count, lane);  // of the blocks of the lanes up to this one
+    const std::uint32_t all = __shfl_sync(kAllLanes, end, 31);
     for (std::uint32_t from = 0; from < all; from += 32) {
       const std::uint32_t at = from + static_cast<std::uint32_t>(lane);
       int owner = 0;  // the first lane with at < end
       for (int step = 16; step > 0; step /= 2) {
-        if (__shfl_sync(kAll, end, owner + step - 1) <= at) owner += step;
+        if (__shfl_sync(kAllLanes, end, owner + step - 1) <= at) owner += step;
       }
-      const std::uint32_t begin = __shfl_sync(kAll, end - count, owner), ids = __shfl_sync(kAll, first, owner);
+      const std::uint32_t begin = __shfl_sync(kAllLanes, end - count, owner),
+                          ids = __shfl_sync(kAllLanes, first, owner);
       visit(at < all ? index.ids[ids + (at - begin)] : kNoIndex);
     }
   }
@@ -171,7 +162,6 @@ __device__ void forEachPoint(const UpdateView& view, std::uint32_t group, int la
 /// @param better_arm  of directions 32 (lane / 4) .. + 31, those whose corridor may have become free
 __device__ inline void agePoints(const UpdateView& view, std::uint32_t group, const std::uint32_t* steps, bool too_many,
                                  std::uint32_t better_arm, int lane) {
-  constexpr unsigned kAll = 0xffffffffu;
   constexpr int kMostFreed = 0xffff;
   const int words = view.known.words;
   std::uint32_t sums[kDirectionWords32];
@@ -182,10 +172,10 @@ __device__ inline void agePoints(const UpdateView& view, std::uint32_t group, co
   for (int w = 0; w < kDirectionWords32; ++w) {
     std::uint32_t most = 32 * w + lane < view.approach.num_directions ? sums[w] : 0;
     for (int step = 1; step < kKnownPerWord; step *= 2) {
-      const std::uint32_t other = __shfl_xor_sync(kAll, most, step);
+      const std::uint32_t other = __shfl_xor_sync(kAllLanes, most, step);
       if (other > most) most = other;
     }
-    const std::uint32_t of_word = __shfl_sync(kAll, most, (lane & 3) * kKnownPerWord);
+    const std::uint32_t of_word = __shfl_sync(kAllLanes, most, (lane & 3) * kKnownPerWord);
     if (lane >> 2 == w) mine = of_word;
   }
   if (too_many) mine = kMostFreed;
@@ -195,20 +185,20 @@ __device__ inline void agePoints(const UpdateView& view, std::uint32_t group, co
     const std::uint32_t sum = *counter + mine;
     freed = sum < kMostFreed ? static_cast<int>(sum) : kMostFreed;
   }
-  const bool renew = __any_sync(kAll, freed > view.known.most_freed);
+  const bool renew = __any_sync(kAllLanes, freed > view.known.most_freed);
   const std::uint32_t arms = better_arm >> (8 * (lane & 3)) & 0xffu;
   const bool wanted = lane < words && (renew || arms != 0);
-  if (__any_sync(kAll, wanted)) {
+  if (__any_sync(kAllLanes, wanted)) {
     forEachPoint(view, group, lane, [&](std::uint32_t id) {
       // One point after the other, a word a lane; so many at a time, as memory is far away.
       constexpr int kTogether = 8;
-      const int points = __popc(__ballot_sync(kAll, id != kNoIndex));
+      const int points = __popc(__ballot_sync(kAllLanes, id != kNoIndex));
       for (int first = 0; first < points; first += kTogether) {
         std::uint32_t* levels[kTogether];
         std::uint32_t before[kTogether];
 #pragma unroll
         for (int i = 0; i < kTogether; ++i) {
-          const std::uint32_t of = __shfl_sync(kAll, id, first + i);
+          const std::uint32_t of = __shfl_sync(kAllLanes, id, first + i);
           levels[i] = view.known.levels + of * static_cast<std::size_t>(words) + lane;
           before[i] = wanted && first + i < points ? *levels[i] : 0;
         }

@@ -7,12 +7,12 @@
 
 #include "cuda/cuda_check.h"
 #include "cuda/update_kernels.h"
+#include "cuda/warp.cuh"
 
 namespace accessvdb::kernels {
 namespace {
 
-constexpr unsigned kWarps = 4, kLanes = 32;
-constexpr unsigned kAll = 0xffffffffu;
+constexpr unsigned kWarps = 4;
 /// Places that a warp keeps; where more lie near a block, all of its points count as moved.
 constexpr unsigned kMostPlaces = 512;
 /// How far means may lie outside of their voxel, far from the origin, where float32 has 8 steps a voxel.
@@ -26,7 +26,7 @@ template <class Visit>
 __device__ void forEachNear(const BlockIndexView& index, const std::int32_t* leaf, float reach_voxels, unsigned lane,
                             const Visit& visit) {
   const int rings = static_cast<int>(reach_voxels / 8) + 1, side = 2 * rings + 1, all = side * side * side;
-  for (int base = 0; base < all; base += static_cast<int>(kLanes)) {
+  for (int base = 0; base < all; base += static_cast<int>(kWarp)) {
     const int n = base + static_cast<int>(lane);
     std::uint32_t block = kNoIndex;
     float squared = 0;
@@ -45,7 +45,7 @@ __device__ void forEachNear(const BlockIndexView& index, const std::int32_t* lea
 
 /// A warp a touched block: the blocks with a point that it may matter to.
 __global__ void reachBlocks(UpdateView view, float most_reach_voxels) {
-  const unsigned n = (blockIdx.x * blockDim.x + threadIdx.x) / kLanes, lane = threadIdx.x % kLanes;
+  const unsigned n = (blockIdx.x * blockDim.x + threadIdx.x) / kWarp, lane = threadIdx.x % kWarp;
   if (n >= view.counters->touched_blocks) return;
   const std::int32_t* leaf = view.index.leaf + 3 * static_cast<std::size_t>(view.places.touched_blocks[n]);
   forEachNear(view.index, leaf, most_reach_voxels, lane, [&](std::uint32_t block, float squared_gap) {
@@ -69,7 +69,7 @@ __device__ float squaredDistance(const float* a, const float* b) {
 __global__ void findMoved(UpdateView view) {
   __shared__ float all_places[kWarps][kMostPlaces][3];
   __shared__ std::uint32_t all_counts[kWarps];
-  const unsigned warp = threadIdx.x / kLanes, lane = threadIdx.x % kLanes;
+  const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
   float(*const places)[3] = all_places[warp];
   std::uint32_t& count = all_counts[warp];
   const std::uint32_t reached = view.counters->reached_blocks;
@@ -96,7 +96,7 @@ __global__ void findMoved(UpdateView view) {
     const std::uint32_t there = count;
     const std::uint32_t first = view.index.first[block], points = view.index.count[block];
     float most_m = -1;
-    for (std::uint32_t i = lane; i < points; i += kLanes) {
+    for (std::uint32_t i = lane; i < points; i += kWarp) {
       const std::uint32_t id = view.index.ids[first + i];
       const float reach_m = view.state.reach_m[id];
       most_m = fmaxf(most_m, reach_m);
@@ -110,7 +110,7 @@ __global__ void findMoved(UpdateView view) {
       if ((atomicOr(view.state.moved_bits + (id >> 5), bit) & bit) != 0) continue;
       view.moved[atomicAdd(&view.counters->moved, 1u)] = id;
     }
-    for (int step = kLanes / 2; step > 0; step /= 2) most_m = fmaxf(most_m, __shfl_xor_sync(kAll, most_m, step));
+    for (int step = kWarp / 2; step > 0; step /= 2) most_m = fmaxf(most_m, __shfl_xor_sync(kAllLanes, most_m, step));
     if (lane == 0) view.index.reach_m[block] = most_m;  // smaller than it was where points came closer to each other
     __syncwarp();
   }
@@ -124,7 +124,7 @@ void launchFindMoved(const UpdateView& view, std::uint32_t most_touched, cudaStr
   const auto most_reach_voxels =
       static_cast<float>(radius_m * view.rule.inverse_voxel_size * static_cast<double>(kReachSlack)) +
       2 * kRoundingVoxels;
-  constexpr unsigned kThreads = kWarps * kLanes;
+  constexpr unsigned kThreads = kWarps * kWarp;
   reachBlocks<<<(most_touched + kWarps - 1) / kWarps, kThreads, 0, stream>>>(view, most_reach_voxels);
   checkLaunch("reachBlocks");
   constexpr unsigned kEnoughBlocks = 4096;

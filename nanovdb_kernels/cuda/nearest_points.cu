@@ -7,12 +7,12 @@
 /// nothing has to be sorted.
 #include "cuda/cuda_check.h"
 #include "cuda/update_kernels.h"
+#include "cuda/warp.cuh"
 
 namespace accessvdb::kernels {
 namespace {
 
-constexpr unsigned kWarps = 4, kLanes = 32;
-constexpr unsigned kAll = 0xffffffffu;
+constexpr unsigned kWarps = 4;
 /// How far means may lie outside of their voxel, far from the origin, where float32 has 8 steps a voxel.
 constexpr double kRoundingVoxels = 0.25;
 
@@ -50,7 +50,7 @@ class NearSearch {
     }
     const int all = side[0] * side[1] * side[2];
     unsigned count = 0;
-    for (int base = 0; base < all; base += static_cast<int>(kLanes)) {
+    for (int base = 0; base < all; base += static_cast<int>(kWarp)) {
       const int n = base + static_cast<int>(lane_);
       std::uint32_t first = 0, points = 0;
       if (n < all) {
@@ -69,17 +69,17 @@ class NearSearch {
           }
         }
       }
-      for (unsigned found = __ballot_sync(kAll, points > 0); found != 0; found &= found - 1) {
+      for (unsigned found = __ballot_sync(kAllLanes, points > 0); found != 0; found &= found - 1) {
         const int from = __ffs(static_cast<int>(found)) - 1;
-        const std::uint32_t begin = __shfl_sync(kAll, first, from), size = __shfl_sync(kAll, points, from);
-        for (std::uint32_t i = 0; i < size; i += kLanes) {
+        const std::uint32_t begin = __shfl_sync(kAllLanes, first, from), size = __shfl_sync(kAllLanes, points, from);
+        for (std::uint32_t i = 0; i < size; i += kWarp) {
           std::uint32_t id = 0;
           std::int64_t squared = bound + 1;
           if (i + lane_ < size) {
             id = view_.index.ids[begin + i + lane_];
             squared = offsetOf(id).squared();
           }
-          const unsigned near = __ballot_sync(kAll, squared <= bound);
+          const unsigned near = __ballot_sync(kAllLanes, squared <= bound);
           const unsigned at = count + static_cast<unsigned>(__popc(near & ((1u << lane_) - 1)));
           if (squared <= bound && at < kRoom) {
             list_.squared[at] = squared;
@@ -99,8 +99,8 @@ class NearSearch {
     while (low < high) {
       const std::int64_t middle = (low + high) >> 1;
       unsigned mine = 0;
-      for (unsigned n = lane_; n < count; n += kLanes) mine += list_.squared[n] <= middle ? 1 : 0;
-      const unsigned total = __reduce_add_sync(kAll, mine);
+      for (unsigned n = lane_; n < count; n += kWarp) mine += list_.squared[n] <= middle ? 1 : 0;
+      const unsigned total = __reduce_add_sync(kAllLanes, mine);
       if (total == wanted) return {middle, kNoIndex};
       if (total > wanted) {
         high = middle;
@@ -110,14 +110,14 @@ class NearSearch {
     }
     // Several at exactly this distance: the lower ids.
     unsigned mine = 0;
-    for (unsigned n = lane_; n < count; n += kLanes) mine += list_.squared[n] < low ? 1 : 0;
-    const unsigned nearer = __reduce_add_sync(kAll, mine);
+    for (unsigned n = lane_; n < count; n += kWarp) mine += list_.squared[n] < low ? 1 : 0;
+    const unsigned nearer = __reduce_add_sync(kAllLanes, mine);
     std::uint32_t low_id = 0, high_id = kNoIndex;
     while (low_id < high_id) {
       const std::uint32_t middle = low_id + (high_id - low_id) / 2;
       mine = 0;
-      for (unsigned n = lane_; n < count; n += kLanes) mine += list_.squared[n] == low && list_.id[n] <= middle ? 1 : 0;
-      if (nearer + __reduce_add_sync(kAll, mine) >= wanted) {
+      for (unsigned n = lane_; n < count; n += kWarp) mine += list_.squared[n] == low && list_.id[n] <= middle ? 1 : 0;
+      if (nearer + __reduce_add_sync(kAllLanes, mine) >= wanted) {
         high_id = middle;
       } else {
         low_id = middle + 1;
@@ -138,7 +138,7 @@ class NearSearch {
 };
 
 __device__ std::int64_t sumOfWarp(std::int64_t value) {
-  for (int step = kLanes / 2; step > 0; step /= 2) value += __shfl_xor_sync(kAll, value, step);
+  for (int step = kWarp / 2; step > 0; step /= 2) value += __shfl_xor_sync(kAllLanes, value, step);
   return value;
 }
 
@@ -148,12 +148,12 @@ __device__ std::int64_t squareOf(double steps) {
 }
 
 template <unsigned kRoom>
-__global__ void __launch_bounds__(kWarps* kLanes)
+__global__ void __launch_bounds__(kWarps* kWarp)
     nearestPoints(UpdateView view, std::uint32_t first, std::uint32_t count, double guess) {
   extern __shared__ std::int64_t shared[];
-  const unsigned warp = threadIdx.x / kLanes, lane = threadIdx.x % kLanes;
+  const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
   auto& list = reinterpret_cast<NearList<kRoom>*>(shared)[warp];
-  const std::uint32_t at = blockIdx.x * (blockDim.x / kLanes) + warp;
+  const std::uint32_t at = blockIdx.x * (blockDim.x / kWarp) + warp;
   if (at >= count) return;
   const std::uint32_t id = view.moved[first + at];
   const NeighbourRuleView& rule = view.rule;
@@ -204,7 +204,7 @@ __global__ void __launch_bounds__(kWarps* kLanes)
   DirectionMask seen = {};
   std::int64_t most = 0;
   const auto words = static_cast<std::size_t>(view.points.direction_words);
-  for (unsigned n = lane; n < listed; n += kLanes) {
+  for (unsigned n = lane; n < listed; n += kWarp) {
     const std::int64_t squared = list.squared[n];
     const std::uint32_t other = list.id[n];
     if (!nearest.holds(squared, other)) continue;
@@ -216,14 +216,14 @@ __global__ void __launch_bounds__(kWarps* kLanes)
   std::int64_t* const parts[] = {&sums.count, &sums.x,  &sums.y,  &sums.z,  &sums.xx,
                                  &sums.xy,    &sums.xz, &sums.yy, &sums.yz, &sums.zz};
   for (std::int64_t* part : parts) *part = sumOfWarp(*part);
-  for (int step = kLanes / 2; step > 0; step /= 2) {
-    const std::int64_t other = __shfl_xor_sync(kAll, most, step);
+  for (int step = kWarp / 2; step > 0; step /= 2) {
+    const std::int64_t other = __shfl_xor_sync(kAllLanes, most, step);
     if (other > most) most = other;
   }
   if (listed >= wanted) farthest = most;
   for (std::size_t w = 0; w < words; ++w) {
-    const auto low = __reduce_or_sync(kAll, static_cast<unsigned>(seen.word[w]));
-    const auto high = __reduce_or_sync(kAll, static_cast<unsigned>(seen.word[w] >> 32));
+    const auto low = __reduce_or_sync(kAllLanes, static_cast<unsigned>(seen.word[w]));
+    const auto high = __reduce_or_sync(kAllLanes, static_cast<unsigned>(seen.word[w] >> 32));
     seen.word[w] = static_cast<std::uint64_t>(high) << 32 | low | view.state.own_seen[id * words + w];
   }
   if (lane == 0) view.found[at] = {sums, farthest, seen};
@@ -235,7 +235,7 @@ void launch(const UpdateView& view, std::uint32_t first, std::uint32_t count, un
   // As the CPU guesses: half of k voxels on a surface.
   const double guess =
       sqrt(0.5 * view.rule.neighbours) * static_cast<double>(view.rule.voxel_size_m) * view.rule.steps_per_m;
-  nearestPoints<kRoom><<<(count + warps - 1) / warps, warps * kLanes, bytes, stream>>>(view, first, count, guess);
+  nearestPoints<kRoom><<<(count + warps - 1) / warps, warps * kWarp, bytes, stream>>>(view, first, count, guess);
   checkLaunch("nearestPoints");
 }
 

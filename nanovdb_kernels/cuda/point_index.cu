@@ -3,12 +3,12 @@
 /// New and touched points: their state, and where they lie.
 #include "cuda/cuda_check.h"
 #include "cuda/update_kernels.h"
+#include "cuda/warp.cuh"
 
 namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kThreads = 256;
-constexpr unsigned kLanes = 32;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
 
@@ -20,11 +20,11 @@ __device__ void enterBlock(const BlockIndexView& index, std::uint32_t block) {
 /// A warp a block.
 __global__ void admitBlocks(UpdateView view, const BlockNews* blocks, const std::uint32_t* block_ids,
                             std::uint32_t count) {
-  const std::uint32_t n = (blockIdx.x * kThreads + threadIdx.x) / kLanes, lane = threadIdx.x % kLanes;
+  const std::uint32_t n = (blockIdx.x * kThreads + threadIdx.x) / kWarp, lane = threadIdx.x % kWarp;
   if (n >= count) return;
   const BlockNews& news = blocks[n];
   const BlockIndexView& index = view.index;
-  for (std::uint32_t i = lane; i < news.count; i += kLanes) index.ids[news.first + i] = block_ids[news.source + i];
+  for (std::uint32_t i = lane; i < news.count; i += kWarp) index.ids[news.first + i] = block_ids[news.source + i];
   if (lane != 0) return;
   index.first[news.block] = news.first;
   index.count[news.block] = news.count;
@@ -114,7 +114,7 @@ __global__ void addCrossed(UpdateView view, const CrossedPoint* points, std::uin
 void launchAdmitBlocks(const UpdateView& view, const BlockNews* blocks, const std::uint32_t* block_ids,
                        std::uint32_t count, cudaStream_t stream) {
   if (count == 0) return;
-  admitBlocks<<<blocksFor(std::uint64_t{count} * kLanes), kThreads, 0, stream>>>(view, blocks, block_ids, count);
+  admitBlocks<<<blocksFor(std::uint64_t{count} * kWarp), kThreads, 0, stream>>>(view, blocks, block_ids, count);
   checkLaunch("admitBlocks");
 }
 

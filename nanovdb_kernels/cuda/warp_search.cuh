@@ -41,11 +41,7 @@ __device__ inline bool addCounts(int& count, int mine, int stop_above, int lane)
     count += total;
     return false;
   }
-  int sum = mine;
-  for (int step = 1; step < static_cast<int>(kWarp); step *= 2) {
-    const int below = __shfl_up_sync(kAllLanes, sum, step);
-    if (lane >= step) sum += below;
-  }
+  const int sum = sumUpTo(mine, lane);
   const unsigned above = __ballot_sync(kAllLanes, count + sum > stop_above);
   count += __shfl_sync(kAllLanes, sum, __ffs(static_cast<int>(above)) - 1);
   return true;

@@ -11,6 +11,7 @@
 
 #include "field/query_source.h"
 #include "hostdev/capsule.h"
+#include "points/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -23,12 +24,6 @@ constexpr std::size_t kGroup = 32;
 constexpr int kReach = kPointRadiusVoxels;
 /// From a voxel's centre to its faces, and what float32 coordinates can be off at 10^6 voxels from the origin.
 constexpr float kCellHalf = 0.5f + 0.07f;
-
-void prefetch(const void* begin, std::size_t bytes = 1) {
-  const char* address = static_cast<const char*>(begin);
-  for (std::size_t n = 0; n < bytes; n += 64) __builtin_prefetch(address + n);
-  if (bytes > 1) __builtin_prefetch(address + bytes - 1);
-}
 
 /// Of what a position needs, as far as it is known.
 struct Visit {
@@ -99,13 +94,13 @@ class Answerer {
     }
     const Index3 leaf = parentOf(visit.voxel);
     if ((visit.cell = cells_.at(parentOf(leaf))) != nullptr) {
-      prefetch(&visit.cell->present);
-      prefetch(visit.cell->block + bitInParent(leaf));
+      prefetchRead(&visit.cell->present);
+      prefetchRead(visit.cell->block + bitInParent(leaf));
     }
     if ((visit.lower = map_.probeConstNode<LowerNode>(coordOf(visit))) != nullptr) {
       const openvdb::Index n = LowerNode::coordToOffset(coordOf(visit));
-      prefetch(visit.lower->getTable() + n);
-      prefetch(reinterpret_cast<const char*>(&visit.lower->getChildMask()) + n / 8);
+      prefetchRead(visit.lower->getTable() + n);
+      prefetchRead(reinterpret_cast<const char*>(&visit.lower->getChildMask()) + n / 8);
     }
   }
 
@@ -114,14 +109,14 @@ class Answerer {
       const openvdb::Index n = LowerNode::coordToOffset(coordOf(visit));
       if (visit.lower->isChildMaskOn(n)) {
         visit.leaf = visit.lower->getTable()[n].getChild();
-        prefetch(visit.leaf, sizeof(PackedLeaf));
+        prefetchRead(visit.leaf, sizeof(PackedLeaf));
       }
     }
     if (visit.cell != nullptr) {
       const std::size_t bit = bitInParent(parentOf(visit.voxel));
       if (visit.cell->has(bit)) {
         visit.own = &blocks_[visit.cell->block[bit]];
-        prefetch(visit.own, sizeof(Block));
+        prefetchRead(visit.own, sizeof(Block));
       }
     }
   }
@@ -130,14 +125,14 @@ class Answerer {
     if (visit.leaf != nullptr) {
       if (const std::uint32_t* values = packedValues(*visit.leaf)) {
         visit.packed = values + PackedLeaf::coordToOffset(coordOf(visit));
-        prefetch(visit.packed);
+        prefetchRead(visit.packed);
       }
     }
     if (visit.own != nullptr) {
       const std::size_t bit = bitInParent(visit.voxel);
       if (visit.own->has(bit)) {
         visit.point = &visit.own->at(bit);
-        prefetch(visit.point);
+        prefetchRead(visit.point);
         return;
       }
     }
@@ -169,7 +164,7 @@ class Answerer {
   void takeBlock(std::uint32_t index, Visit& visit) const {
     const Block* block = &blocks_[index];
     visit.blocks[static_cast<std::size_t>(visit.block_count++)] = block;
-    prefetch(block, sizeof(Block));
+    prefetchRead(block, sizeof(Block));
   }
 
   /// The same where one cell holds them all, as it mostly does: rows of its bits.
@@ -188,7 +183,7 @@ class Answerer {
 
   void findOwnPoint(Visit& visit) {
     if (visit.point != nullptr) prefetchState(visit.point->id);
-    for (int n = 0; n < visit.block_count; ++n) prefetch(visit.blocks[static_cast<std::size_t>(n)]->entries.data());
+    for (int n = 0; n < visit.block_count; ++n) prefetchRead(visit.blocks[static_cast<std::size_t>(n)]->entries.data());
   }
 
   void findPoint(Visit& visit) {
@@ -205,10 +200,10 @@ class Answerer {
 
   void prefetchState(std::uint32_t id) const {
     if (id >= source_.state->size) return;
-    prefetch(source_.state->label + id);
-    prefetch(source_.state->reason + id);
-    prefetch(source_.state->score + id);
-    prefetch(source_.state->direction + id);
+    prefetchRead(source_.state->label + id);
+    prefetchRead(source_.state->reason + id);
+    prefetchRead(source_.state->score + id);
+    prefetchRead(source_.state->direction + id);
   }
 
   static double squaredDistance(const QueryIndex::Entry& entry, const Visit& visit) {

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "field/reached_leaves.h"
+#include "points/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -18,12 +19,6 @@ namespace {
 /// As PackedAccessor: inner nodes only.
 using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
 constexpr std::size_t kPointsPerTask = 256;
-
-void prefetchRead([[maybe_unused]] const void* address) {
-#if defined(__GNUC__)
-  __builtin_prefetch(address, 0);
-#endif
-}
 
 openvdb::Coord coordOf(const Index3& voxel) { return {voxel[0], voxel[1], voxel[2]}; }
 

@@ -9,17 +9,13 @@
 #include <algorithm>
 #include <atomic>
 
+#include "points/prefetch.h"
+
 namespace accessvdb::internal {
 namespace {
 
 constexpr std::size_t kPointsPerTask = 256, kGroupsPerTask = 64;
 constexpr std::size_t kLocatedTogether = 32;
-
-void prefetchRead([[maybe_unused]] const void* address) {
-#if defined(__GNUC__)
-  __builtin_prefetch(address, 0);
-#endif
-}
 
 bool testBit(const LeafBits& bits, std::size_t n) { return (bits[n >> 6] >> (n & 63) & 1u) != 0; }
 
