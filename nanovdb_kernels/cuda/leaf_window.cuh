@@ -182,6 +182,12 @@ class MapWindow : public Nodes {
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
 
+  /// All that collides in the leaf of a voxel; there is one.
+  [[nodiscard]] __device__ std::uint32_t collisionsIn(int x, int y, int z) const {
+    const auto cells = *reinterpret_cast<const std::uint64_t*>(leafAt(x, y, z) + kCellCountsBytes);
+    return __dp4a(static_cast<std::uint32_t>(cells), 0x01010101u,
+                  __dp4a(static_cast<std::uint32_t>(cells >> 32), 0x01010101u, 0u));
+  }
   /// A leaf that there is, in four bytes, and what collides at place x of it: bit 8 y + z.
   [[nodiscard]] __device__ std::uint32_t entryOf(int x, int y, int z) const { return this->offsetOf(leafAt(x, y, z)); }
   [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {

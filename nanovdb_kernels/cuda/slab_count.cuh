@@ -45,6 +45,7 @@ class SlabCount {
     words_ = work.tool.words + box_.first;
     const std::uint32_t* begin = work.tool.begin + (64 * d + 8 * (point_ijk_[0] & 7) + (point_ijk_[1] & 7));
     columns_ = work.tool.columns + begin[0];
+    full_ = work.tool.full != nullptr ? work.tool.full + begin[0] : nullptr;
     num_columns_ = static_cast<int>(begin[1] - begin[0]);
     // Slabs of the tool begin at the voxel of the point, those of the map at multiples of eight: a leaf of the map
     // meets the lower part of one slab in its bits shift .. 7, and the upper part of the one below in the others.
@@ -69,6 +70,13 @@ class SlabCount {
       for (int low = 0; low < most; low += BusyLeaves::kTurn) {
         const int asked = min(max(leaves - low, 0), BusyLeaves::kTurn);
         std::uint32_t found = asked > 0 ? window_.busyLeaves(x, y, z + 8 * low, asked) : 0;
+        // Where much collides, leaves that the tool takes as a whole give many collisions for little.
+        if (full_ != nullptr && __reduce_add_sync(kAllLanes, __popc(found)) >= kManyBusy) {
+          const std::uint32_t full = found & fullOf(n, low);
+          count += collisionsInFull(full, x, y, z + 8 * low);
+          if (count > stop_above) return count;
+          found &= ~full;
+        }
 #pragma unroll 1
         for (unsigned any = __ballot_sync(kAllLanes, found != 0); any != 0;
              any = __ballot_sync(kAllLanes, found != 0)) {
@@ -104,6 +112,22 @@ class SlabCount {
     __syncwarp();  // all have read the list
     return __reduce_add_sync(kAllLanes, mine);
   }
+  /// Which of the leaves low .. low + 15 of the n-th column the tool takes as a whole: those between two full slabs.
+  [[nodiscard]] __device__ std::uint32_t fullOf(int n, int low) const {
+    const FullSlabs full = n < num_columns_ ? full_[n] : FullSlabs{};
+    const int begin = full.begin + (shift_ != 0 ? 1 : 0), end = full.begin + full.count;
+    return bitsUpTo(end - low) & ~bitsUpTo(begin - low);
+  }
+  [[nodiscard]] static __device__ std::uint32_t bitsUpTo(int n) { return (1u << min(max(n, 0), 31)) - 1u; }
+  /// All that collides in leaves of a column, a column a lane; all lanes. @param full  from that of voxel (x, y, z) on
+  [[nodiscard]] __device__ int collisionsInFull(std::uint32_t full, int x, int y, int z) const {
+    std::uint32_t mine = 0;
+#pragma unroll 1
+    for (; full != 0; full &= full - 1) {
+      mine += window_.collisionsIn(x, y, z + 8 * (__ffs(static_cast<int>(full)) - 1));
+    }
+    return static_cast<int>(__reduce_add_sync(kAllLanes, mine));
+  }
   /// In one of the eight slabs of the n-th leaf.
   __device__ int collisionsOf(int n, int listed) const {
     const BusyLeaves::Leaf leaf = n < listed ? busy_.list[n] : BusyLeaves::Leaf{0, 0};
@@ -124,6 +148,7 @@ class SlabCount {
   }
 
   static constexpr int kAtATime = static_cast<int>(kWarp) / 8;
+  static constexpr int kManyBusy = 16;  ///< leaves of a turn in which something collides
 
   Coord point_ijk_;
   BusyWindow window_;
@@ -132,6 +157,7 @@ class SlabCount {
   SlabBox box_;
   const std::uint64_t* words_;
   const LeafColumn* columns_;
+  const FullSlabs* full_;  ///< of each of them; null: there are few
   int num_columns_;
   int shift_;
   std::uint32_t high_;

@@ -49,6 +49,10 @@ struct LeafColumn {
   std::int16_t leaf_dx, leaf_dy, slab_dz, count;
 };
 static_assert(sizeof(LeafColumn) == 8);
+/// A run of its slabs that are full in all eight x of the leaf.
+struct FullSlabs {
+  std::uint8_t begin = 0, count = 0;
+};
 /// A box of slabs of the tool: one x, the eight y of a leaf, eight z, bit 8 y + z. x in voxels, y in leaves, z in slabs
 /// from the point. The slab at (x, y, z) is words[first + n], n = ((y - leaf_dy) size_x + x - dx) size_z + z - slab_dz.
 struct SlabBox {
@@ -78,7 +82,8 @@ struct ToolKernelView {
 struct ToolSlabsView {
   const std::uint64_t* words = nullptr;
   const SlabBox* boxes = nullptr;        ///< [D x 8]: direction d, y
-  const LeafColumn* columns = nullptr;   ///< near ones first
+  const LeafColumn* columns = nullptr;   ///< those with full slabs first, and of these and the others near ones
+  const FullSlabs* full = nullptr;       ///< of each column; null: there are few
   const std::uint32_t* begin = nullptr;  ///< [D x 8 x 8 + 1]: columns of direction d, x, y
 };
 

@@ -65,10 +65,12 @@ void ScoringSetup::loadSlabs(kernels::Backend& backend) {
     auto words = uploaded(backend, slabs.words);
     auto boxes = uploaded(backend, slabs.boxes);
     auto columns = uploaded(backend, slabs.columns);
+    auto full = uploaded(backend, slabs.full);
     auto begin = uploaded(backend, slabs.begin);
     d_slab_words_ = std::move(words);
     d_slab_boxes_ = std::move(boxes);
     d_leaf_columns_ = std::move(columns);
+    d_full_slabs_ = std::move(full);
     d_leaf_column_begin_ = std::move(begin);
   } catch (const ResourceLimit&) {
     return;
@@ -95,7 +97,8 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.tool.samples = d_samples_.data();
   tables.tool.sample_begin = d_sample_begin_.data();
   if (d_leaf_column_begin_.size() > 0) {
-    tables.slabs = {d_slab_words_.data(), d_slab_boxes_.data(), d_leaf_columns_.data(), d_leaf_column_begin_.data()};
+    tables.slabs = {d_slab_words_.data(), d_slab_boxes_.data(), d_leaf_columns_.data(), d_full_slabs_.data(),
+                    d_leaf_column_begin_.data()};
   }
   tables.approach = hostApproach();
   tables.approach.direction_xy = d_directions_.data();
@@ -114,8 +117,8 @@ std::uint64_t ScoringSetup::hostBytes() const {
 
 std::uint64_t ScoringSetup::deviceBytes() const {
   return d_columns_.bytes() + d_column_begin_.bytes() + d_samples_.bytes() + d_sample_begin_.bytes() +
-         d_slab_words_.bytes() + d_slab_boxes_.bytes() + d_leaf_columns_.bytes() + d_leaf_column_begin_.bytes() +
-         d_directions_.bytes() + d_arm_offsets_.bytes();
+         d_slab_words_.bytes() + d_slab_boxes_.bytes() + d_leaf_columns_.bytes() + d_full_slabs_.bytes() +
+         d_leaf_column_begin_.bytes() + d_directions_.bytes() + d_arm_offsets_.bytes();
 }
 
 }  // namespace accessvdb::internal

@@ -17,6 +17,7 @@
 namespace accessvdb::internal {
 namespace {
 
+using kernels::FullSlabs;
 using kernels::LeafColumn;
 using kernels::SlabBox;
 using kernels::VoxelColumn;
@@ -25,6 +26,9 @@ constexpr int kLog2 = 3, kSide = 1 << kLog2;  // of a leaf
 
 /// Leaves of a box, in y and z, that a kernel can number.
 constexpr int kMostLeaves = 255;
+
+/// With less than this share of full slabs, to look for them takes longer than they save.
+constexpr double kLeastFullShare = 0.2;
 
 std::int16_t narrow(std::ptrdiff_t n) { return static_cast<std::int16_t>(n); }
 
@@ -63,6 +67,12 @@ std::uint64_t wordsOf(const SlabBox& box) {
          static_cast<std::uint64_t>(box.size_z);
 }
 
+/// Leaves of the map above each other that the tool touches.
+struct TouchedColumn {
+  LeafColumn column = {};
+  FullSlabs full;
+};
+
 /// The slabs of a direction, for a point at place y of its leaf.
 class Slabs {
  public:
@@ -75,23 +85,21 @@ class Slabs {
   [[nodiscard]] std::vector<std::uint64_t> takeWords() { return std::move(words_); }
 
   /// The leaves that they touch for a point at place x of its leaf, from the lowest slab with a voxel to the highest.
-  /// Near ones first: a search that stops at some number of collisions meets them early.
-  [[nodiscard]] std::vector<LeafColumn> leafColumns(int x) const {
-    std::vector<LeafColumn> list;
+  /// Columns with full leaves first, and of these and the others the near ones: a search that stops at some number of
+  /// collisions meets them early.
+  [[nodiscard]] std::vector<TouchedColumn> leafColumns(int x) const {
+    std::vector<TouchedColumn> list;
     const int begin = (box_.dx + x) >> kLog2, end = (box_.dx + box_.size_x - 1 + x) >> kLog2;
     for (int leaf_x = begin; box_.size_x > 0 && leaf_x <= end; ++leaf_x) {
-      for (int y = 0; y < box_.size_y; ++y) {
-        int low = box_.size_z, high = -1;
-        for (int dx = leaf_x * kSide - x; dx < leaf_x * kSide - x + kSide; ++dx) widen(dx - box_.dx, y, low, high);
-        if (high < low) continue;
-        list.push_back({narrow(leaf_x), narrow(y + box_.leaf_dy), narrow(low + box_.slab_dz), narrow(high - low + 1)});
-      }
+      for (int y = 0; y < box_.size_y; ++y) addColumn(leaf_x, leaf_x * kSide - x - box_.dx, y, list);
     }
-    const auto ring = [](const LeafColumn& c) {
-      return std::max(std::abs(static_cast<int>(c.leaf_dx)), std::abs(static_cast<int>(c.leaf_dy)));
+    const auto place = [](const TouchedColumn& c) {
+      const int ring =
+          std::max(std::abs(static_cast<int>(c.column.leaf_dx)), std::abs(static_cast<int>(c.column.leaf_dy)));
+      return std::pair(c.full.count == 0, ring);
     };
     std::stable_sort(list.begin(), list.end(),
-                     [&](const LeafColumn& a, const LeafColumn& b) { return ring(a) < ring(b); });
+                     [&](const TouchedColumn& a, const TouchedColumn& b) { return place(a) < place(b); });
     return list;
   }
 
@@ -100,15 +108,36 @@ class Slabs {
     return (static_cast<std::size_t>(y) * static_cast<std::size_t>(box_.size_x) + static_cast<std::size_t>(x)) *
            static_cast<std::size_t>(box_.size_z);
   }
-  /// Takes the slabs that are not empty of a column of the box into low .. high.
-  void widen(int x, int y, int& low, int& high) const {
-    if (x < 0 || x >= box_.size_x) return;
-    const auto slabs = std::span(words_).subspan(index(x, y), static_cast<std::size_t>(box_.size_z));
+  /// Slab at any x of the box, or beside it.
+  [[nodiscard]] std::uint64_t slabAt(int x, int y, int z) const {
+    return x >= 0 && x < box_.size_x ? words_[index(x, y) + static_cast<std::size_t>(z)] : 0;
+  }
+  /// The column of a leaf whose eight x begin at `first` of the box, if the tool touches it.
+  void addColumn(int leaf_x, int first, int y, std::vector<TouchedColumn>& list) const {
+    int low = box_.size_z, high = -1, run = 0, full_end = 0, full_count = 0;
     for (int z = 0; z < box_.size_z; ++z) {
-      if (slabs[static_cast<std::size_t>(z)] == 0) continue;
-      low = std::min(low, z);
-      high = std::max(high, z);
+      std::uint64_t any = 0, all = ~std::uint64_t{0};
+      for (int x = first; x < first + kSide; ++x) {
+        any |= slabAt(x, y, z);
+        all &= slabAt(x, y, z);
+      }
+      if (any != 0) {
+        low = std::min(low, z);
+        high = z;
+      }
+      run = all == ~std::uint64_t{0} ? run + 1 : 0;
+      if (run > full_count) {
+        full_count = run;
+        full_end = z + 1;
+      }
     }
+    if (high < low) return;
+    TouchedColumn touched;
+    touched.column = {narrow(leaf_x), narrow(y + box_.leaf_dy), narrow(low + box_.slab_dz), narrow(high - low + 1)};
+    // Boxes that are too high for it are thrown away (canBeNumbered).
+    if (full_count > 0) touched.full.begin = static_cast<std::uint8_t>(full_end - full_count - low);
+    touched.full.count = static_cast<std::uint8_t>(full_count);
+    list.push_back(touched);
   }
   void add(const VoxelColumn& c, int place_y) {
     const int y = c.dy + place_y, row = y & (kSide - 1);
@@ -127,7 +156,7 @@ class Slabs {
 struct Part {
   SlabBox box;
   std::vector<std::uint64_t> words;
-  std::array<std::vector<LeafColumn>, kSide> columns;  ///< by x
+  std::array<std::vector<TouchedColumn>, kSide> columns;  ///< by x
 
   Part() = default;
   explicit Part(Slabs slabs) : box(slabs.box()) {
@@ -136,7 +165,7 @@ struct Part {
   }
   [[nodiscard]] std::uint64_t columnBytes() const {
     std::uint64_t sum = 0;
-    for (const auto& of_x : columns) sum += of_x.size() * sizeof(LeafColumn);
+    for (const auto& of_x : columns) sum += of_x.size() * (sizeof(LeafColumn) + sizeof(FullSlabs));
     return sum;
   }
   [[nodiscard]] bool canBeNumbered() const { return box.size_y <= kMostLeaves && box.size_z <= kMostLeaves; }
@@ -148,10 +177,11 @@ ToolSlabs joined(std::vector<Part>& parts) {
   std::size_t num_words = 0, num_columns = 0;
   for (const Part& part : parts) {
     num_words += part.words.size();
-    num_columns += part.columnBytes() / sizeof(LeafColumn);
+    for (const auto& of_x : part.columns) num_columns += of_x.size();
   }
   all.words.reserve(num_words);
   all.columns.reserve(num_columns);
+  all.full.reserve(num_columns);
   for (Part& part : parts) {
     part.box.first = static_cast<std::uint32_t>(all.words.size());
     all.words.insert(all.words.end(), part.words.begin(), part.words.end());
@@ -159,15 +189,21 @@ ToolSlabs joined(std::vector<Part>& parts) {
     part.words = {};
   }
   all.begin.push_back(0);
+  double num_slabs = 0, num_full = 0;
   for (std::size_t first = 0; first < parts.size(); first += kSide) {
     for (std::size_t x = 0; x < kSide; ++x) {
       for (std::size_t y = 0; y < kSide; ++y) {
-        const std::vector<LeafColumn>& columns = parts[first + y].columns[x];
-        all.columns.insert(all.columns.end(), columns.begin(), columns.end());
+        for (const TouchedColumn& touched : parts[first + y].columns[x]) {
+          all.columns.push_back(touched.column);
+          all.full.push_back(touched.full);
+          num_slabs += touched.column.count;
+          num_full += touched.full.count;
+        }
         all.begin.push_back(static_cast<std::uint32_t>(all.columns.size()));
       }
     }
   }
+  if (num_full < kLeastFullShare * num_slabs) all.full.clear();
   return all;
 }
 

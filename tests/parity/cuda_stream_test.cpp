@@ -77,6 +77,17 @@ const StreamCase kShortStream = [] {
   return c;
 }();
 
+/// A tool that takes many leaves as a whole, and a limit that some of them keep.
+const StreamCase kThickTool = [] {
+  StreamCase c = {12, "builtin:pruner", 0.01};
+  c.directions = 36;
+  c.frames = 6;
+  c.rays_per_frame = 6000;
+  c.max_range_m = 4;
+  c.length_m = 0.5;
+  return c;
+}();
+
 std::size_t blockedByTheTool(const FieldSnapshot& field) {
   return static_cast<std::size_t>(
       std::ranges::count(field.points, PointReason::Tool, [](const SurfacePoint& p) { return p.reason; }));
@@ -156,28 +167,47 @@ INSTANTIATE_TEST_SUITE_P(
                     StreamCase{8, "builtin:pruner", 0.04, UpdatePolicy::Exact, ToolForm::Voxels, 12, 0, 2, 200, 256}));
 
 INSTANTIATE_TEST_SUITE_P(GroupedStreams, CudaStream, testing::Values(kGroupsOf8, kGroupsOf64));
+INSTANTIATE_TEST_SUITE_P(ThickTool, CudaStream, testing::Values(kThickTool));
 
 // tools/gpu_suite.sh runs it under compute-sanitizer.
 INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream, testing::Values(kShortStream, kShortGroups));
 
-/// What the sanitizers are to see must happen in it: searches that count a thick tool by its slabs. Needs no GPU.
-TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
-  const ToolGeometry tool = ToolGeometry::builtin(kShortStream.tool);
-  FieldParams params = paramsOf(kShortStream);
+internal::ToolSlabs slabsOf(const StreamCase& c) {
+  const auto kernel = internal::ToolKernel::make(ToolGeometry::builtin(c.tool), paramsOf(c).resolved());
+  return internal::ToolSlabs::make(kernel.view(), c.directions, internal::ToolSlabs::kMostBytes);
+}
+
+/// The stream on the CPU, each update of which tests many directions.
+FieldSnapshot busyStream(const StreamCase& c) {
+  FieldParams params = paramsOf(c);
   params.backend = BackendKind::Cpu;
-  const auto kernel = internal::ToolKernel::make(tool, params.resolved());
-  const auto slabs = internal::ToolSlabs::make(kernel.view(), kShortStream.directions, internal::ToolSlabs::kMostBytes);
-  ASSERT_FALSE(slabs.empty());
-  EXPECT_GT(slabs.columns.size(), 64u * static_cast<std::size_t>(kShortStream.directions));
-  AccessibilityField field(tool, params);
-  const WalkGenerator walk = walkOf(kShortStream);
-  for (int frame = 0; frame < kShortStream.frames; ++frame) {
+  AccessibilityField field(ToolGeometry::builtin(c.tool), params);
+  const WalkGenerator walk = walkOf(c);
+  for (int frame = 0; frame < c.frames; ++frame) {
     const WalkFrame scan = walk.frame(frame);
     field.integrateScan(scan.points_S, scan.T_W_S);
     const UpdateStats stats = field.update();
     EXPECT_GT(stats.direction_tests, 1000u) << "update " << frame;
   }
-  const FieldSnapshot snapshot = field.snapshot();
+  return field.snapshot();
+}
+
+/// What the sanitizers are to see must happen in it: searches that count a thick tool by its slabs. Needs no GPU.
+TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
+  const internal::ToolSlabs slabs = slabsOf(kShortStream);
+  ASSERT_FALSE(slabs.empty());
+  EXPECT_GT(slabs.columns.size(), 64u * static_cast<std::size_t>(kShortStream.directions));
+  const FieldSnapshot snapshot = busyStream(kShortStream);
+  expectVaried(snapshot);
+  EXPECT_GT(blockedByTheTool(snapshot), 50u);
+}
+
+/// So must searches that meet leaves as a whole. Needs no GPU.
+TEST(ThickTool, TakesLeavesAsAWholeAndBlocks) {
+  const internal::ToolSlabs slabs = slabsOf(kThickTool);
+  EXPECT_EQ(slabs.full.size(), slabs.columns.size());
+  EXPECT_GT(slabs.columns.size(), 0u);
+  const FieldSnapshot snapshot = busyStream(kThickTool);
   expectVaried(snapshot);
   EXPECT_GT(blockedByTheTool(snapshot), 50u);
 }
