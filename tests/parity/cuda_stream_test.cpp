@@ -81,9 +81,9 @@ const StreamCase kShortStream = [] {
 const StreamCase kThickTool = [] {
   StreamCase c = {12, "builtin:pruner", 0.01};
   c.directions = 36;
-  c.frames = 6;
-  c.rays_per_frame = 6000;
-  c.max_range_m = 4;
+  c.frames = 8;
+  c.rays_per_frame = 20000;
+  c.max_range_m = 3;
   c.length_m = 0.5;
   return c;
 }();
