@@ -9,6 +9,7 @@
 
 #include "accessvdb/error.h"
 #include "cuda/cuda_check.h"
+#include "cuda/owned_event.h"
 #include "cuda/pinned_buffer.h"
 #include "cuda/staging.h"
 #include "cuda/update_kernels.h"
@@ -18,6 +19,8 @@ namespace {
 
 /// Points whose neighbours are found at a time, points looked at for flips at a time, and most items that wait.
 constexpr std::uint32_t kMovedPart = 1u << 17, kFlipsPart = 1u << 18, kMostItems = 3u << 19;
+/// Most neighbourhoods that are found before the host knows how many there will be.
+constexpr std::uint32_t kMostPrepared = 1u << 20;
 
 /// Collisions are counted up to this many times the limit, to remember them. Counting farther did not pay.
 constexpr int kCountTo = 3;
@@ -76,6 +79,7 @@ class CudaUpdater final : public PointUpdater {
 
   void admit(const AdmitInput& input) override {
     const CurrentDevice current(context_->device());
+    if (neighbours_begun_) reset();
     growPoints(input.num_points);
     growBlocks(input.num_blocks, input.num_slots);
     growGroups(input.num_groups);
@@ -93,12 +97,29 @@ class CudaUpdater final : public PointUpdater {
     launchAdmitPoints(view_, news, news_count, first_place, stream());
   }
 
+  void findNeighbours() override {
+    const CurrentDevice current(context_->device());
+    neighbours_begun_ = true;
+    launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
+    // How many moved the host does not wait to hear: about as many as last time.
+    const std::uint32_t expected = std::min(last_moved_ + last_moved_ / 8, kMostPrepared);
+    if (prepared_.size() < expected) prepared_.growWithRoom(memory_, expected, roomFor(expected), 0);
+    const auto most = static_cast<std::uint32_t>(std::min<std::size_t>(prepared_.size(), kMostPrepared));
+    growFound(most);
+    for (std::uint32_t first = 0; first < most; first += kMovedPart) {
+      makeNeighbourhoods(first, std::min(most - first, kMovedPart), prepared_.data() + first);
+    }
+    launchNotePrepared(view_, most, stream());
+  }
+
   UpdateOutcome update(const UpdateInput& input) override {
     const CurrentDevice current(context_->device());
     refreshView(input.points, view_.num_points);
     growMasks();
-    const CrossedPoint* crossed = crossed_.send(input.crossed, memory_, stream());
-    launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
+    const PointWeight* weights = weights_.send(input.weights, memory_, stream());
+    launchSetWeights(view_, weights, static_cast<std::uint32_t>(input.weights.size()), stream());
+    if (!neighbours_begun_) launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
+    const PointWeight* crossed = crossed_.send(input.crossed, memory_, stream());
     launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
     ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
     launchCountLowers(input.map.grid, counters_.data(), stream());
@@ -114,12 +135,15 @@ class CudaUpdater final : public PointUpdater {
     // More than what a block gets without asking would be taken from the cache; each node takes two entries.
     search.window = planWindow(search.tool, kPlainSharedBytes / BusyMapView::kEntries, false);
     search.busy = makeBusyMap(input.map.grid, found.lowers);
-    growItems(moved);
+    growItems();
+    growFound(moved - found.prepared);
+    if (part_.size() < found_.size()) part_.grow(memory_, found_.size(), 0);
     UpdateOutcome outcome;
     const auto evaluate = [&] {
       ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
       const auto begin = std::chrono::steady_clock::now();
-      launchDueSearch(view_, search, view_.index.blocks, stream());
+      launchDueSearch(view_, search, view_.index.blocks,
+                      {stream(), context_->mirrorStream(), fork_.get(), join_.get()});
       ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
       outcome.score_ms += millisecondsSince(begin);
     };
@@ -132,11 +156,12 @@ class CudaUpdater final : public PointUpdater {
       evaluate();
       waiting = 0;
     };
-    for (std::uint32_t first = 0; first < moved; first += kMovedPart) {
-      const std::uint32_t part = std::min(moved - first, kMovedPart);
+    for (std::uint32_t first = 0, part = 0; first < moved; first += part) {
+      const bool prepared = first < found.prepared;
+      part = std::min((prepared ? found.prepared : moved) - first, kMovedPart);
       makeRoom(part);
-      launchNearest(view_, first, part, stream());
-      launchTakeNeighbours(view_, first, part, stream());
+      if (!prepared) makeNeighbourhoods(first, part, part_.data());
+      launchTakeNeighbours(view_, first, part, prepared ? prepared_.data() + first : part_.data(), stream());
       waiting += part;
     }
     if (view_.affected != nullptr) {
@@ -150,6 +175,7 @@ class CudaUpdater final : public PointUpdater {
     evaluate();
     const UpdateCounters done = counters();
     any_known_ = any_known_ || moved > 0;
+    last_moved_ = moved;
     reset();
     if (done.failed != 0) {
       throw InternalError("update.neighbours", "cuda", "more points at one distance than a map can hold",
@@ -169,12 +195,13 @@ class CudaUpdater final : public PointUpdater {
            moved_.bytes() + hash_keys_.bytes() + hash_blocks_.bytes() + leaf_.bytes() + first_.bytes() +
            count_.bytes() + ids_.bytes() + block_reach_.bytes() + head_.bytes() + touched_blocks_.bytes() +
            reached_bits_.bytes() + reached_blocks_.bytes() + masks_.bytes() + affected_.bytes() + places_.bytes() +
-           flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + due_.bytes() + due_heads_.bytes() +
-           due_order_.bytes() + due_whole_.bytes() + busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() +
-           ids_news_.bytes() + crossed_.bytes() + flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() +
-           cell_directions_.bytes() + flip_heads_.bytes() + flip_next_.bytes() + flip_tiles_.bytes() +
-           lower_keys_.bytes() + lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes() +
-           group_of_.bytes() + group_leaf_.bytes() + with_points_.bytes();
+           flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + part_.bytes() + prepared_.bytes() +
+           due_.bytes() + due_heads_.bytes() + due_order_.bytes() + due_whole_.bytes() + busy_blocks_.bytes() +
+           news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() + weights_.bytes() + crossed_.bytes() +
+           flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() + cell_directions_.bytes() +
+           flip_heads_.bytes() + flip_next_.bytes() + flip_tiles_.bytes() + lower_keys_.bytes() +
+           lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes() + group_of_.bytes() +
+           group_leaf_.bytes() + with_points_.bytes();
   }
 
  private:
@@ -366,10 +393,17 @@ class CudaUpdater final : public PointUpdater {
     return busy;
   }
 
-  void growItems(std::uint32_t moved) {
+  /// For parts of so many moved points.
+  void growFound(std::uint32_t moved) {
     const std::size_t part = std::min(moved, kMovedPart);
     if (found_.size() < part) found_.grow(memory_, std::min<std::size_t>(roomFor(part), kMovedPart), 0);
-    view_.found = found_.data();
+  }
+  void makeNeighbourhoods(std::uint32_t first, std::uint32_t count, Neighbourhood* to) {
+    launchNearest(view_, first, count, found_.data(), stream());
+    launchMakeNeighbourhoods(view_, first, count, found_.data(), to, stream());
+  }
+
+  void growItems() {
     // Room for all points, for small maps; else for parts of them, of which few are due.
     const std::size_t items = std::clamp<std::size_t>(roomFor(view_.num_points), kFlipsPart, kMostItems);
     if (due_.size() < items) {
@@ -399,15 +433,18 @@ class CudaUpdater final : public PointUpdater {
     fill(reached_bits_.data(), 0, reached_bits_.bytes());
     fill(head_.data(), 0xff, head_.bytes());
     places_used_ = 0;
+    neighbours_begun_ = false;
   }
 
   std::shared_ptr<DeviceContext> context_;
   DeviceMemory& memory_;
+  OwnedEvent fork_{cudaEventDisableTiming}, join_{cudaEventDisableTiming};  ///< of the search
   UpdateView view_;
   std::size_t words_ = 1;
   int multiprocessors_ = 1;
-  bool any_known_ = false;  ///< does any point have a neighbourhood?
-  std::uint32_t places_used_ = 0;
+  bool any_known_ = false;         ///< does any point have a neighbourhood?
+  bool neighbours_begun_ = false;  ///< of what was admitted since the last update
+  std::uint32_t places_used_ = 0, last_moved_ = 0;
   std::uint32_t masked_groups_ = 0;  ///< whose masks tell of the flips
 
   DeviceArray<FootprintColumn> tool_columns_, arm_columns_;
@@ -439,12 +476,14 @@ class CudaUpdater final : public PointUpdater {
   DeviceArray<std::uint64_t> lower_keys_;
   DeviceArray<std::uint32_t> lower_numbers_, lower_nodes_;
   DeviceArray<std::uint16_t> busy_bits_;
-  DeviceArray<FoundNeighbours> found_;
+  DeviceArray<FoundNeighbours> found_;   ///< of a part of the moved points
+  DeviceArray<Neighbourhood> part_;      ///< of the same part
+  DeviceArray<Neighbourhood> prepared_;  ///< of the first ones of them, by findNeighbours()
   DeviceArray<DueItem> due_;
   Staging<PointNews> news_;
   Staging<BlockNews> blocks_news_;
   Staging<std::uint32_t> ids_news_;
-  Staging<CrossedPoint> crossed_;
+  Staging<PointWeight> weights_, crossed_;
   Staging<LeafFlips> flips_;
 };
 

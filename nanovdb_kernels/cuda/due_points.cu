@@ -132,18 +132,19 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
   }
 }
 
-__global__ void takeNeighbours(UpdateView view, std::uint32_t first, std::uint32_t count) {
+__global__ void takeNeighbours(UpdateView view, std::uint32_t first, std::uint32_t count,
+                               const Neighbourhood* neighbourhoods) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= count) return;
   const std::uint32_t id = view.moved[first + n];
-  const FoundNeighbours& found = view.found[n];
+  const Neighbourhood& found = neighbourhoods[n];
   Admissible before, now;
   for (std::size_t axis = 0; axis < 3; ++axis) before.normal[axis] = view.points.normal_L[3 * std::size_t{id} + axis];
   before.seen = loadMask(view, view.points.seen, id);
-  neighbourNormal(found.sums, view.state.to_sensor_L + 3 * std::size_t{id}, now.normal);
+  for (std::size_t axis = 0; axis < 3; ++axis) now.normal[axis] = found.normal[axis];
   now.seen = found.seen;
   const bool is_first = view.state.reach_m[id] < 0;
-  const float reach_m = neighbourReach_m(found.farthest, view.rule.steps_per_m);
+  const float reach_m = found.reach_m;
   view.state.reach_m[id] = reach_m;
   if (is_first) view.groups.with_points[groupOf(view, id)] = 1;
   // Floats that are not negative are in the order of their bits, and -1 is below them.
@@ -173,9 +174,10 @@ __global__ void dueByFlips(UpdateView view, std::uint32_t first, std::uint32_t c
 
 }  // namespace
 
-void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream) {
+void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint32_t count,
+                          const Neighbourhood* neighbourhoods, cudaStream_t stream) {
   if (count == 0) return;
-  takeNeighbours<<<blocksFor(count), kThreads, 0, stream>>>(view, first, count);
+  takeNeighbours<<<blocksFor(count), kThreads, 0, stream>>>(view, first, count, neighbourhoods);
   checkLaunch("takeNeighbours");
 }
 

@@ -296,20 +296,28 @@ __global__ void orderDue(UpdateView view) {
   *head = kNoIndex;
 }
 
-/// @tparam kAll  the items that need all directions, else the others
+/// Items of a list: from *begin, or the first one, up to *end.
+struct DueRange {
+  const std::uint32_t* list;
+  const std::uint32_t* begin;  ///< null: 0
+  const std::uint32_t* end;
+  std::uint32_t* next;  ///< 0; counts up
+};
+
+/// @tparam kAll  the items need all directions, else some
 template <class Window, ToolForm kForm, bool kAll>
 __global__ void __launch_bounds__(kThreads, kBlocksEach)
-    evaluateDue(const __grid_constant__ UpdateView view, const __grid_constant__ DueSearch search) {
+    evaluateDue(const __grid_constant__ UpdateView view, const __grid_constant__ DueSearch search,
+                const __grid_constant__ DueRange range) {
   __shared__ WarpScratch all_scratch[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   WarpScratch& scratch = all_scratch[threadIdx.x / kWarp];
   if (kForm == ToolForm::Slabs && lane == 0) prepareSlabs(search, scratch.slabs);
-  const std::uint32_t count = kAll ? view.counters->whole : view.counters->ordered;
-  const std::uint32_t* list = kAll ? view.due.whole : view.due.order;
+  const std::uint32_t begin = range.begin != nullptr ? *range.begin : 0, count = *range.end - begin;
   const OccupancyReader map(search.map);
 #pragma unroll 1
-  for (std::uint32_t n = takeNext(&view.counters->next, lane); n < count; n = takeNext(&view.counters->next, lane)) {
-    const std::uint32_t which = list[n];
+  for (std::uint32_t n = takeNext(range.next, lane); n < count; n = takeNext(range.next, lane)) {
+    const std::uint32_t which = range.list[begin + n];
     const DueItem& due = view.due.items[which];
     const DuePoint point(view.points, due.id, search.map.inverse_voxel_size);
     const Window window = makeDueWindow<Window>(search, point.ijk, lane);
@@ -324,37 +332,49 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
 }
 
 template <class Window, ToolForm kForm>
-void launchBoth(const UpdateView& view, const DueSearch& search, cudaStream_t stream) {
+void launchBoth(const UpdateView& view, const DueSearch& search, const DueStreams& streams) {
   // Persistent blocks: as many as are to run at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
   const std::size_t bytes = kWarps * search.window.entries() * BusyWindow::kEntries * sizeof(std::uint32_t);
-  evaluateDue<Window, kForm, false><<<blocks, kThreads, bytes, stream>>>(view, search);
+  UpdateCounters& counters = *view.counters;
+  // Those that need all directions from the outset take the longest, and few are left in the end: then the others
+  // begin. What these add comes last.
+  const DueRange whole = {view.due.whole, nullptr, &counters.whole_at_first, &counters.next_whole},
+                 some = {view.due.order, nullptr, &counters.ordered, &counters.next_some},
+                 added = {view.due.whole, &counters.whole_at_first, &counters.whole, &counters.next_added};
+  ACCESSVDB_CUDA(cudaMemcpyAsync(&counters.whole_at_first, &counters.whole, sizeof(std::uint32_t),
+                                 cudaMemcpyDeviceToDevice, streams.main));
+  ACCESSVDB_CUDA(cudaEventRecord(streams.fork, streams.main));
+  ACCESSVDB_CUDA(cudaStreamWaitEvent(streams.beside, streams.fork));
+  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, streams.beside>>>(view, search, whole);
   checkLaunch("evaluateDue");
-  ACCESSVDB_CUDA(cudaMemsetAsync(&view.counters->next, 0, sizeof(std::uint32_t), stream));
-  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, stream>>>(view, search);
+  ACCESSVDB_CUDA(cudaEventRecord(streams.join, streams.beside));
+  evaluateDue<Window, kForm, false><<<blocks, kThreads, bytes, streams.main>>>(view, search, some);
+  checkLaunch("evaluateDue");
+  ACCESSVDB_CUDA(cudaStreamWaitEvent(streams.main, streams.join));
+  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, streams.main>>>(view, search, added);
   checkLaunch("evaluateDue");
 }
 
 }  // namespace
 
-void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint32_t most_busy, cudaStream_t stream) {
+void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint32_t most_busy,
+                     const DueStreams& streams) {
   if (most_busy == 0) return;
-  orderDue<<<(most_busy + kThreads - 1) / kThreads, kThreads, 0, stream>>>(view);
+  orderDue<<<(most_busy + kThreads - 1) / kThreads, kThreads, 0, streams.main>>>(view);
   checkLaunch("orderDue");
   if (search.window.kind != WindowPlan::Kind::Lowers) {
-    search.tool.use_samples ? launchBoth<TreeWindow, ToolForm::Samples>(view, search, stream)
-                            : launchBoth<TreeWindow, ToolForm::Columns>(view, search, stream);
+    search.tool.use_samples ? launchBoth<TreeWindow, ToolForm::Samples>(view, search, streams)
+                            : launchBoth<TreeWindow, ToolForm::Columns>(view, search, streams);
   } else if (search.tool.use_samples) {
-    launchBoth<BusyWindow, ToolForm::Samples>(view, search, stream);
+    launchBoth<BusyWindow, ToolForm::Samples>(view, search, streams);
   } else if (search.slabs.begin == nullptr) {
-    launchBoth<BusyWindow, ToolForm::Columns>(view, search, stream);
+    launchBoth<BusyWindow, ToolForm::Columns>(view, search, streams);
   } else {
-    launchBoth<BusyWindow, ToolForm::Slabs>(view, search, stream);
+    launchBoth<BusyWindow, ToolForm::Slabs>(view, search, streams);
   }
-  for (std::uint32_t* counter : {&view.counters->due, &view.counters->busy, &view.counters->ordered,
-                                 &view.counters->whole, &view.counters->next}) {
-    ACCESSVDB_CUDA(cudaMemsetAsync(counter, 0, sizeof(std::uint32_t), stream));
-  }
+  static_assert(offsetof(UpdateCounters, next_added) - offsetof(UpdateCounters, due) == 7 * sizeof(std::uint32_t));
+  ACCESSVDB_CUDA(cudaMemsetAsync(&view.counters->due, 0, 8 * sizeof(std::uint32_t), streams.main));
 }
 
 }  // namespace accessvdb::kernels

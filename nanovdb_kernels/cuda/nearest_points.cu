@@ -149,12 +149,12 @@ __device__ std::int64_t squareOf(double steps) {
 
 template <unsigned kRoom>
 __global__ void __launch_bounds__(kWarps* kWarp)
-    nearestPoints(UpdateView view, std::uint32_t first, std::uint32_t count, double guess) {
+    nearestPoints(UpdateView view, std::uint32_t first, std::uint32_t count, double guess, FoundNeighbours* found) {
   extern __shared__ std::int64_t shared[];
   const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
   auto& list = reinterpret_cast<NearList<kRoom>*>(shared)[warp];
   const std::uint32_t at = blockIdx.x * (blockDim.x / kWarp) + warp;
-  if (at >= count) return;
+  if (at >= count || first + at >= view.counters->moved) return;
   const std::uint32_t id = view.moved[first + at];
   const NeighbourRuleView& rule = view.rule;
   const NearSearch<kRoom> search(view, id, list, lane);
@@ -226,22 +226,40 @@ __global__ void __launch_bounds__(kWarps* kWarp)
     const auto high = __reduce_or_sync(kAllLanes, static_cast<unsigned>(seen.word[w] >> 32));
     seen.word[w] = static_cast<std::uint64_t>(high) << 32 | low | view.state.own_seen[id * words + w];
   }
-  if (lane == 0) view.found[at] = {sums, farthest, seen};
+  if (lane == 0) found[at] = {sums, farthest, seen};
+}
+
+/// A thread a point: what takes many steps that a warp cannot share.
+__global__ void makeNeighbourhoods(UpdateView view, std::uint32_t first, std::uint32_t count,
+                                   const FoundNeighbours* found, Neighbourhood* neighbourhoods) {
+  const std::uint32_t n = blockIdx.x * blockDim.x + threadIdx.x;
+  if (n >= count || first + n >= view.counters->moved) return;
+  const float* to_sensor = view.state.to_sensor_L + 3 * static_cast<std::size_t>(view.moved[first + n]);
+  Neighbourhood& neighbourhood = neighbourhoods[n];
+  neighbourNormal(found[n].sums, to_sensor, neighbourhood.normal);
+  neighbourhood.reach_m = neighbourReach_m(found[n].farthest, view.rule.steps_per_m);
+  neighbourhood.seen = found[n].seen;
+}
+
+__global__ void notePrepared(UpdateCounters* counters, std::uint32_t most) {
+  counters->prepared = counters->moved < most ? counters->moved : most;
 }
 
 template <unsigned kRoom>
-void launch(const UpdateView& view, std::uint32_t first, std::uint32_t count, unsigned warps, cudaStream_t stream) {
+void launch(const UpdateView& view, std::uint32_t first, std::uint32_t count, FoundNeighbours* found, unsigned warps,
+            cudaStream_t stream) {
   const std::size_t bytes = warps * sizeof(NearList<kRoom>);
   // As the CPU guesses: half of k voxels on a surface.
   const double guess =
       sqrt(0.5 * view.rule.neighbours) * static_cast<double>(view.rule.voxel_size_m) * view.rule.steps_per_m;
-  nearestPoints<kRoom><<<(count + warps - 1) / warps, warps * kWarp, bytes, stream>>>(view, first, count, guess);
+  nearestPoints<kRoom><<<(count + warps - 1) / warps, warps * kWarp, bytes, stream>>>(view, first, count, guess, found);
   checkLaunch("nearestPoints");
 }
 
 }  // namespace
 
-void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream) {
+void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, FoundNeighbours* found,
+                   cudaStream_t stream) {
   if (count == 0) return;
   // Twice k and some more, within the 48 KB that every device has; and for positions on a grid of voxels, of which many
   // may lie at one distance, the more the larger the radius.
@@ -249,10 +267,24 @@ void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t co
   const double radius_voxels =
       sqrt(static_cast<double>(view.rule.radius_squared)) / view.rule.steps_per_m * view.rule.inverse_voxel_size;
   if (view.rule.neighbours <= 120 && radius_voxels <= static_cast<double>(kFewAtOneDistance)) {
-    launch<384>(view, first, count, kWarps, stream);
+    launch<384>(view, first, count, found, kWarps, stream);
   } else {
-    launch<1536>(view, first, count, 2, stream);
+    launch<1536>(view, first, count, found, 2, stream);
   }
+}
+
+void launchMakeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count,
+                              const FoundNeighbours* found, Neighbourhood* neighbourhoods, cudaStream_t stream) {
+  if (count == 0) return;
+  constexpr unsigned kThreads = 256;
+  makeNeighbourhoods<<<(count + kThreads - 1) / kThreads, kThreads, 0, stream>>>(view, first, count, found,
+                                                                                 neighbourhoods);
+  checkLaunch("makeNeighbourhoods");
+}
+
+void launchNotePrepared(const UpdateView& view, std::uint32_t most, cudaStream_t stream) {
+  notePrepared<<<1, 1, 0, stream>>>(view.counters, most);
+  checkLaunch("notePrepared");
 }
 
 }  // namespace accessvdb::kernels

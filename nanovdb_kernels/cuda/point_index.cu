@@ -59,6 +59,7 @@ __device__ void makePoint(const UpdateView& view, const PointNews& news) {
     for (std::size_t w = 0; w < known_words; ++w) view.known.levels[id * known_words + w] = 0;
   }
   view.points.stability[id] = 1;
+  view.points.weight[id] = 0;
   view.points.score[id] = kNoScore;
   view.points.direction[id] = kNoDirection;
   view.points.label[id] = PointLabel::Unscored;
@@ -90,7 +91,6 @@ __global__ void admitPoints(UpdateView view, const PointNews* all_news, std::uin
     view.state.own_seen[id * static_cast<std::size_t>(view.points.direction_words) + static_cast<std::size_t>(w)] =
         news.seen.word[w];
   }
-  view.points.weight[id] = news.weight;
   if (first_place == kNoIndex) return;
   const std::uint32_t at = first_place + n;
   Place& place = view.places.places[at];
@@ -102,7 +102,12 @@ __global__ void admitPoints(UpdateView view, const PointNews* all_news, std::uin
   if (place.next == kNoIndex) view.places.touched_blocks[atomicAdd(&view.counters->touched_blocks, 1u)] = news.block;
 }
 
-__global__ void addCrossed(UpdateView view, const CrossedPoint* points, std::uint32_t count) {
+__global__ void setWeights(UpdateView view, const PointWeight* weights, std::uint32_t count) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n < count) view.points.weight[weights[n].id] = weights[n].weight;
+}
+
+__global__ void addCrossed(UpdateView view, const PointWeight* points, std::uint32_t count) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= count) return;
   view.points.weight[points[n].id] = points[n].weight;  // the returns may be those of its neighbours
@@ -131,7 +136,13 @@ void launchAdmitPoints(const UpdateView& view, const PointNews* news, std::uint3
   checkLaunch("admitPoints");
 }
 
-void launchAddCrossed(const UpdateView& view, const CrossedPoint* points, std::uint32_t count, cudaStream_t stream) {
+void launchSetWeights(const UpdateView& view, const PointWeight* weights, std::uint32_t count, cudaStream_t stream) {
+  if (count == 0) return;
+  setWeights<<<blocksFor(count), kThreads, 0, stream>>>(view, weights, count);
+  checkLaunch("setWeights");
+}
+
+void launchAddCrossed(const UpdateView& view, const PointWeight* points, std::uint32_t count, cudaStream_t stream) {
   if (count == 0) return;
   addCrossed<<<blocksFor(count), kThreads, 0, stream>>>(view, points, count);
   checkLaunch("addCrossed");

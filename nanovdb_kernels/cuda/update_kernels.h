@@ -23,17 +23,24 @@ void launchRehash(const BlockIndexView& index, cudaStream_t stream);
 /// State of new and touched points. @param first_place  of view.places, or kNoIndex: nothing has a neighbourhood yet
 void launchAdmitPoints(const UpdateView& view, const PointNews* news, std::uint32_t count, std::uint32_t first_place,
                        cudaStream_t stream);
+void launchSetWeights(const UpdateView& view, const PointWeight* weights, std::uint32_t count, cudaStream_t stream);
 
 // moved_points.cu: whose neighbourhoods may have changed.
 
 /// Points near places -> view.moved. @param most_touched  upper bound of counters.touched_blocks
 void launchFindMoved(const UpdateView& view, std::uint32_t most_touched, cudaStream_t stream);
-void launchAddCrossed(const UpdateView& view, const CrossedPoint* points, std::uint32_t count, cudaStream_t stream);
+void launchAddCrossed(const UpdateView& view, const PointWeight* points, std::uint32_t count, cudaStream_t stream);
 
 // nearest_points.cu
 
-/// @param first, count  part of view.moved, found -> view.found[0 .. count)
-void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
+/// Of view.moved[first .. first + count), as far as there are so many. @param found  [count] out
+void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, FoundNeighbours* found,
+                   cudaStream_t stream);
+/// @param found  of the same part  @param neighbourhoods  [count] out
+void launchMakeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count,
+                              const FoundNeighbours* found, Neighbourhood* neighbourhoods, cudaStream_t stream);
+/// How many of the moved points have their neighbourhoods: `most`, or as many as there are -> counters.prepared.
+void launchNotePrepared(const UpdateView& view, std::uint32_t most, cudaStream_t stream);
 
 // flip_masks.cu: what flips mean for groups of blocks.
 
@@ -46,8 +53,9 @@ void launchGroupMasks(const UpdateView& view, cudaStream_t stream);
 
 // due_points.cu: what has to be evaluated.
 
-/// Normals, seen directions and what is due of view.moved[first .. first + count).
-void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
+/// Normals, seen directions and what is due of view.moved[first .. first + count). @param neighbourhoods  [count]
+void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint32_t count,
+                          const Neighbourhood* neighbourhoods, cudaStream_t stream);
 /// What is due of points [first, first + count) because of flips alone.
 void launchDueByFlips(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
 
@@ -70,8 +78,14 @@ struct DueSearch {
   WindowPlan window;  ///< of a warp
   int multiprocessors = 1;
 };
+/// Where it runs: on `main`, and in part on `beside`, on which nothing else waits to run. The events are its own.
+struct DueStreams {
+  cudaStream_t main, beside;
+  cudaEvent_t fork, join;
+};
 /// view.due; it is empty afterwards.
 /// @param most_busy  upper bound of counters.busy
-void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint32_t most_busy, cudaStream_t stream);
+void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint32_t most_busy,
+                     const DueStreams& streams);
 
 }  // namespace accessvdb::kernels

@@ -177,6 +177,13 @@ struct FoundNeighbours {
   DirectionMask seen;
 };
 
+/// What becomes of it.
+struct Neighbourhood {
+  float normal[3];
+  float reach_m;
+  DirectionMask seen;
+};
+
 enum TestBest : std::uint8_t { kTestArm = 1, kTestTool = 2 };
 
 /// A point to evaluate.
@@ -201,8 +208,9 @@ struct DueView {
 /// Numbers that kernels add to.
 struct UpdateCounters {
   unsigned long long tests, scored, label_changes, evaluated;
-  std::uint32_t moved, touched_blocks, reached_blocks, due, busy, ordered, whole, next, lowers, listed_lowers,
-      flip_tiles, failed;
+  std::uint32_t moved, touched_blocks, reached_blocks;
+  std::uint32_t due, busy, ordered, whole, whole_at_first, next_whole, next_some, next_added;  ///< of one search
+  std::uint32_t lowers, listed_lowers, flip_tiles, failed, prepared;
 };
 
 /// Everything of an update in one argument.
@@ -220,8 +228,7 @@ struct UpdateView {
   std::uint8_t* affected = nullptr;  ///< [groups] its masks are not empty; null: no flips at all
   ApproachView approach;
   UpdateRule update_rule;
-  std::uint32_t* moved = nullptr;    ///< list of ids
-  FoundNeighbours* found = nullptr;  ///< of a part of the list
+  std::uint32_t* moved = nullptr;  ///< list of ids
   DueView due;
   UpdateCounters* counters = nullptr;
   std::uint32_t num_points = 0;

@@ -52,7 +52,6 @@ struct PointNews {
   float mean_L[3] = {0, 0, 0};      ///< what neighbourhoods are made of
   float before_L[3] = {0, 0, 0};    ///< the mean at the last update; NaN where the point is new
   float to_sensor_L[3] = {0, 0, 0};
-  std::uint16_t weight = 0;
   DirectionMask seen = {};  ///< the point's own directions
 };
 
@@ -74,8 +73,8 @@ struct LeafFlips {
   std::uint64_t freed = 0;  ///< voxels that ceased to collide, a byte a cell as countCells() has them; 255: or more
 };
 
-/// A point that became confident enough to be scored.
-struct CrossedPoint {
+/// Observations behind the confidence of a point.
+struct PointWeight {
   std::uint32_t id = 0;
   std::uint16_t weight = 0;
 };
@@ -97,8 +96,9 @@ struct UpdateInput {
   ApproachView approach;  ///< in the backend's memory
   PointStateView points;  ///< in the backend's memory
   UpdateRule rule;
-  std::span<const CrossedPoint> crossed;  ///< ids differ
-  std::span<const LeafFlips> flips;       ///< since the last update; a leaf may come several times
+  std::span<const PointWeight> weights;  ///< of the points that were admitted
+  std::span<const PointWeight> crossed;  ///< points that became confident enough to be scored; ids differ
+  std::span<const LeafFlips> flips;      ///< since the last update; a leaf may come several times
 };
 
 struct UpdateOutcome {
@@ -110,16 +110,21 @@ struct UpdateOutcome {
   double score_ms = 0;  ///< evaluating what is due
 };
 
-/// An update is begin(), any number of admit(), update().
+/// An update is any number of admit(), and begin(), in any order, and then update(). findNeighbours() may come once all
+/// is admitted.
 class PointUpdater {
  public:
   virtual ~PointUpdater() = default;
-  /// Takes the flips in and returns while the backend is still at work on them. `input.crossed` is not looked at.
-  virtual void begin(const UpdateInput& input) = 0;
-  /// Takes points in; no id twice between two updates.
+  /// Takes points in; no id twice between two updates. After findNeighbours() it begins anew: what was admitted since
+  /// the last update has to come again.
   virtual void admit(const AdmitInput& input) = 0;
+  /// Begins with the neighbourhoods of what was admitted, and returns while the backend is still at work on them. They
+  /// need nothing of the map. Without it, update() finds them.
+  virtual void findNeighbours() = 0;
+  /// Takes the flips in and returns while the backend is still at work on them. Weights are not looked at.
+  virtual void begin(const UpdateInput& input) = 0;
   /// Brings neighbourhoods, labels, directions and scores up to date with the map and with what was admitted.
-  /// @param input  as at begin(); its flips are not looked at again
+  /// @param input  as at begin(), with weights; its flips are not looked at again
   virtual UpdateOutcome update(const UpdateInput& input) = 0;
   /// Bytes of device memory that it holds, the point state not included.
   [[nodiscard]] virtual std::uint64_t bytes() const = 0;

@@ -50,7 +50,12 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         points(params, setup.directions_xy()),
         reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight)),
         scorer(points, params, *backend, reads),
-        scheduler(makeScheduler()) {}
+        scheduler(makeScheduler()) {
+    static_assert(internal::ScanIntegrator::kParts <= internal::UpdateScheduler::kMostParts);
+    if (!scheduler->seesChanges()) return;
+    integrator.visitChanges(
+        [this](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
+  }
 
   std::unique_ptr<internal::UpdateScheduler> makeScheduler() {
     if (params.update.policy == UpdatePolicy::Paper) {
@@ -132,25 +137,23 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   /// The map and the points need nothing of each other before an update reads both, so a scan goes into both at the
-  /// same time. What an update has to know of the returns alone is noted there too, and counts as integration. What it
-  /// has to know of the map's changes is noted while the mirrors take them in.
-  /// @return how much longer than the mirrors that took; counts as the update's
+  /// same time. What the scheduler learns meanwhile counts as integration.
+  /// @return how long it took to note what the scan changed in the map; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
     internal::IntegrationResult result;
     const auto fuse = [&] { result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()}); };
     const auto add_points = [&] { scheduler->noteReturns(points.addReturns(scan.p_L, scan.q_L), scan.p_L, scan.q_L); };
-    internal::runBeside(fuse, add_points);
+    internal::runBeside(add_points, fuse);
     stats.touched_leaves = result.touched_leaves;
     stats.new_leaves = result.new_leaves;
     stats.distance_updates = result.counts.distance_updates;
     stats.cleared_updates = result.counts.cleared_updates;
-    const internal::Stopwatch both;
-    const auto mirrors = [&] {
-      mirrorFacts(result, stats);
-      if (distance_mirror) mirrorDistances(result, stats);
-    };
-    internal::runBeside(mirrors, [&] { scheduler->noteChanges(scan.p_L, scan.q_L, result.changes); });
-    return both.milliseconds() - stats.mirror_ms - stats.distance_mirror_ms;
+    const internal::Stopwatch noting;
+    scheduler->noteChanges(scan.p_L, scan.q_L, result.changes);
+    const double noting_ms = noting.milliseconds();
+    mirrorFacts(result, stats);
+    if (distance_mirror) mirrorDistances(result, stats);
+    return noting_ms;
   }
 
   UpdateStats update() {

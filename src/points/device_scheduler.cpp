@@ -8,6 +8,7 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <limits>
 #include <numeric>
@@ -29,7 +30,7 @@ namespace accessvdb::internal {
 namespace {
 
 /// Points and blocks handed over at a time.
-constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
+constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 16;
 /// Flipped leaves are joined once this many wait, so that a long stretch without updates takes bounded memory.
 constexpr std::size_t kMostFlips = std::size_t{1} << 22;
 /// Memory that the table of directions by cell may take; above it, collisions are not remembered.
@@ -77,18 +78,44 @@ class DeviceScheduler final : public UpdateScheduler {
       is_touched_[id] = 1;
       touched_.push_back({id, touched.before_L[n]});
     }
+    // While the map takes the scan in, the backend finds neighbours. Should another scan come before the update, that
+    // was for nothing, and all are admitted anew.
+    if (++scans_ == 1) {
+      listNews();
+      admit();
+      updater_->findNeighbours();
+    }
     const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
     if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
   }
 
+  bool seesChanges() const override { return true; }
+  void noteChange(std::size_t part, const LeafChange& change) override {
+    if (!anything_scored_) return;
+    const Index3 leaf = parentOf(change.origin_ijk);
+    flip_parts_[part].push_back(
+        {{leaf[0], leaf[1], leaf[2]}, kindsOf(change), kernels::countCells(change.collides_off.data())});
+  }
+
   void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
-                   std::span<const std::span<const LeafChange>> changes) override {
-    if (anything_scored_) noteFlips(changes);
+                   std::span<const std::span<const LeafChange>>) override {
+    std::array<std::size_t, kMostParts + 1> begin = {flips_.size()};
+    for (std::size_t n = 0; n < kMostParts; ++n) begin[n + 1] = begin[n] + flip_parts_[n].size();
+    flips_.resize(begin.back());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, kMostParts, 16), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        std::ranges::copy(flip_parts_[n], flips_.begin() + static_cast<std::ptrdiff_t>(begin[n]));
+        flip_parts_[n].clear();
+      }
+    });
+    if (flips_.size() > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    scorer_.growDevice();
+    const bool admitted = scans_ == 1;
+    scans_ = 0;
+    if (!admitted) listNews();
     kernels::UpdateInput input;
     input.map = tables.map;
     input.tool = tables.tool;
@@ -97,18 +124,18 @@ class DeviceScheduler final : public UpdateScheduler {
     input.points = scorer_.device().view();
     input.rule = tables.rule;
     input.flips = flips_;
-    std::vector<kernels::CrossedPoint> crossed;
+    std::vector<kernels::PointWeight> crossed;
     // While the backend takes in flips and blocks, the host reads the map.
     const auto to_backend = [&] {
       updater_->begin(input);
-      admitBlocks();
+      if (!admitted) admit();
     };
     const auto on_host = [&] {
       findCrossed(crossed);
-      readNews();
+      readWeights(crossed);
     };
     runBeside(to_backend, on_host);
-    admitPoints(crossed);
+    input.weights = weights_;
     tbb::parallel_sort(crossed.begin(), crossed.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
     input.crossed = crossed;
     kernels::UpdateOutcome outcome;
@@ -127,9 +154,10 @@ class DeviceScheduler final : public UpdateScheduler {
 
   std::uint64_t bytes() const override {
     const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
-    std::uint64_t bytes = fresh_.bytes() + bytesOf(ids_) + bytesOf(weights_) + bytesOf(touched_) + is_touched_.bytes() +
-                          bytesOf(news_) + blocks_.bytes() + bytesOf(block_news_) + bytesOf(block_ids_) +
-                          bytesOf(flips_) + bytesOf(reached_.voxels) + bytesOf(reached_.blocks);
+    std::uint64_t bytes = fresh_.bytes() + bytesOf(ids_) + bytesOf(weights_) + bytesOf(read_weights_) +
+                          bytesOf(touched_) + is_touched_.bytes() + bytesOf(news_) + blocks_.bytes() +
+                          bytesOf(block_news_) + bytesOf(block_ids_) + bytesOf(flips_) + bytesOf(reached_.voxels) +
+                          bytesOf(reached_.blocks);
     for (const std::vector<kernels::LeafFlips>& part : flip_parts_) bytes += bytesOf(part);
     return bytes;
   }
@@ -140,27 +168,6 @@ class DeviceScheduler final : public UpdateScheduler {
     std::uint32_t id;
     Eigen::Vector3f before_L;  ///< at the last update
   };
-
-  static void readFlips(std::span<const LeafChange> changes, std::vector<kernels::LeafFlips>& part) {
-    part.clear();
-    for (const LeafChange& change : changes) {
-      const Index3 leaf = parentOf(change.origin_ijk);
-      part.push_back({{leaf[0], leaf[1], leaf[2]}, kindsOf(change), kernels::countCells(change.collides_off.data())});
-    }
-  }
-
-  void noteFlips(std::span<const std::span<const LeafChange>> changes) {
-    // Each change is read once: they are more than the caches hold.
-    if (flip_parts_.size() < changes.size()) flip_parts_.resize(changes.size());
-    tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t n) { readFlips(changes[n], flip_parts_[n]); });
-    std::vector<std::size_t> begin(changes.size() + 1, flips_.size());
-    for (std::size_t n = 0; n < changes.size(); ++n) begin[n + 1] = begin[n] + flip_parts_[n].size();
-    flips_.resize(begin.back());
-    tbb::parallel_for(std::size_t{0}, changes.size(), [&](std::size_t n) {
-      std::ranges::copy(flip_parts_[n], flips_.begin() + static_cast<std::ptrdiff_t>(begin[n]));
-    });
-    if (flips_.size() > 2 * joined_flips_ + kMostFlips) joinFlips();
-  }
 
   void joinFlips() {
     const auto place = [](const kernels::LeafFlips& f) { return std::array{f.leaf[0], f.leaf[1], f.leaf[2]}; };
@@ -189,6 +196,20 @@ class DeviceScheduler final : public UpdateScheduler {
     return input;
   }
 
+  /// The points that came since the last update: the touched ones, then the new ones.
+  void listNews() {
+    scorer_.growDevice();
+    ids_.resize(touched_.size() + (scorer_.points().size() - known_points_));
+    for (std::size_t n = 0; n < touched_.size(); ++n) ids_[n] = touched_[n].id;
+    std::iota(ids_.begin() + static_cast<std::ptrdiff_t>(touched_.size()), ids_.end(), known_points_);
+  }
+
+  /// Hands them over.
+  void admit() {
+    admitBlocks();
+    admitPoints();
+  }
+
   /// Blocks with new points.
   void admitBlocks() {
     const PointStore& points = scorer_.points();
@@ -208,18 +229,7 @@ class DeviceScheduler final : public UpdateScheduler {
     }
   }
 
-  /// Which points are touched and new, in this order, and their weights.
-  void readNews() {
-    const std::size_t new_points = scorer_.points().size() - known_points_;
-    ids_.resize(touched_.size() + new_points);
-    for (std::size_t n = 0; n < touched_.size(); ++n) ids_[n] = touched_[n].id;
-    std::iota(ids_.begin() + static_cast<std::ptrdiff_t>(touched_.size()), ids_.end(), known_points_);
-    weights_.resize(ids_.size());
-    scorer_.reads().weights(ids_, weights_);
-  }
-
-  /// Hands them over, and adds the new ones that are confident at once.
-  void admitPoints(std::vector<kernels::CrossedPoint>& confident) {
+  void admitPoints() {
     for (std::size_t first = 0; first < ids_.size(); first += kMostNews) {
       news_.resize(std::min(ids_.size() - first, kMostNews));
       tbb::parallel_for(tbb::blocked_range<std::size_t>(0, news_.size(), 256), [&](const auto& range) {
@@ -229,8 +239,16 @@ class DeviceScheduler final : public UpdateScheduler {
       input.news = news_;
       updater_->admit(input);
     }
-    for (std::size_t n = touched_.size(); n < ids_.size(); ++n) {
-      if (weights_[n] >= least_weight_) confident.push_back({ids_[n], weights_[n]});
+  }
+
+  /// Of the same points; adds the new ones that are confident at once.
+  void readWeights(std::vector<kernels::PointWeight>& confident) {
+    read_weights_.resize(ids_.size());
+    scorer_.reads().weights(ids_, read_weights_);
+    weights_.resize(ids_.size());
+    for (std::size_t n = 0; n < ids_.size(); ++n) {
+      weights_[n] = {ids_[n], read_weights_[n]};
+      if (n >= touched_.size() && read_weights_[n] >= least_weight_) confident.push_back(weights_[n]);
     }
   }
 
@@ -246,7 +264,6 @@ class DeviceScheduler final : public UpdateScheduler {
     copy3(points.toSensor_L(id), news.to_sensor_L);
     constexpr float kNew = std::numeric_limits<float>::quiet_NaN();
     copy3(n < touched_.size() ? touched_[n].before_L : Eigen::Vector3f::Constant(kNew), news.before_L);
-    news.weight = weights_[n];
     news.seen = points.seen(id);
     return news;
   }
@@ -255,7 +272,7 @@ class DeviceScheduler final : public UpdateScheduler {
   void knowNews() {
     std::vector<std::uint32_t> fresh;
     for (std::size_t n = touched_.size(); n < ids_.size(); ++n) {
-      if (weights_[n] < least_weight_) fresh.push_back(ids_[n]);
+      if (weights_[n].weight < least_weight_) fresh.push_back(ids_[n]);
     }
     fresh_.add(fresh);
     for (const Touched& touched : touched_) is_touched_[touched.id] = 0;
@@ -266,7 +283,7 @@ class DeviceScheduler final : public UpdateScheduler {
 
   /// Older points that became confident. Weights only grow, so only fresh ones are looked at, and of them those that
   /// scans reached since the last update.
-  void findCrossed(std::vector<kernels::CrossedPoint>& crossed) {
+  void findCrossed(std::vector<kernels::PointWeight>& crossed) {
     fresh_.takeReached(reached_);
     std::vector<std::uint16_t> weights(reached_.voxels.size());
     scorer_.reads().weights_at(reached_.voxels, weights);
@@ -289,19 +306,21 @@ class DeviceScheduler final : public UpdateScheduler {
   DeviceBlocks blocks_;
   std::uint32_t known_points_ = 0;  ///< admitted; those behind are new
   bool anything_scored_ = false;
-  std::vector<Touched> touched_;           ///< known points that scans touched since the last update
-  ChunkedArray<std::uint8_t> is_touched_;  ///< [known_points_]
-  FreshPoints fresh_;                      ///< below the confidence bound
-  FreshPlaces reached_;                    ///< of one update
-  std::uint16_t least_weight_ = 0;         ///< that is confident
-  std::vector<kernels::LeafFlips> flips_;  ///< since the last update
-  std::size_t joined_flips_ = 0;           ///< of them, the first: each leaf once
-  std::vector<std::uint32_t> ids_;         ///< of one update: touched_, then the new points
-  std::vector<std::uint16_t> weights_;     ///< of ids_
+  std::vector<Touched> touched_;               ///< known points that scans touched since the last update
+  ChunkedArray<std::uint8_t> is_touched_;      ///< [known_points_]
+  FreshPoints fresh_;                          ///< below the confidence bound
+  FreshPlaces reached_;                        ///< of one update
+  std::uint16_t least_weight_ = 0;             ///< that is confident
+  std::vector<kernels::LeafFlips> flips_;      ///< since the last update
+  std::size_t joined_flips_ = 0;               ///< of them, the first: each leaf once
+  int scans_ = 0;                              ///< since the last update
+  std::vector<std::uint32_t> ids_;             ///< listNews()
+  std::vector<kernels::PointWeight> weights_;  ///< of ids_
+  std::vector<std::uint16_t> read_weights_;    ///< the same
   std::vector<kernels::PointNews> news_;
   std::vector<kernels::BlockNews> block_news_;
   std::vector<std::uint32_t> block_ids_;
-  std::vector<std::vector<kernels::LeafFlips>> flip_parts_;
+  std::array<std::vector<kernels::LeafFlips>, kMostParts> flip_parts_;  ///< of the scan
 };
 
 }  // namespace

@@ -17,10 +17,17 @@ class UpdateScheduler {
  public:
   virtual ~UpdateScheduler() = default;
 
-  /// One scan's returns are in the store. The map may be on its way to have them: nobody reads it here.
+  /// One scan's returns are in the store. The map may be on its way to have them: nobody reads it here. The points'
+  /// backend may begin to work on them.
   /// @param p_L  [n] returns  @param q_L  [n] or [1] sensor positions
   virtual void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                            std::span<const Eigen::Vector3f> q_L) = 0;
+  /// Whether it wants to see each change of the map with noteChange() before noteChanges().
+  [[nodiscard]] virtual bool seesChanges() const { return false; }
+  /// While the map takes the scan in: what flipped in one leaf. From several threads, also beside noteReturns(), but
+  /// those of a part from one at a time. @param part  below kMostParts
+  virtual void noteChange(std::size_t /*part*/, const LeafChange& /*change*/) {}
+  static constexpr std::size_t kMostParts = 256;
   /// Now the map has them as well. After noteReturns(), once a scan.
   /// @param changes  what flipped in the map
   virtual void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,

@@ -82,7 +82,9 @@ void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, BucketChange
         {{origin.x(), origin.y(), origin.z()}, fusion.touchedPairs(), packedValues(std::as_const(*leaf))});
   }
   LeafChange change;
-  if (fusion.fold(*leaf, change, result.counts)) changes.facts.push_back(change);
+  if (!fusion.fold(*leaf, change, result.counts)) return;
+  if (changes.visit) changes.visit(change);
+  changes.facts.push_back(change);
 }
 
 void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays, BucketChanges& changes,

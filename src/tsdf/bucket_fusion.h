@@ -13,6 +13,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -37,6 +38,7 @@ struct BucketChanges {
   std::vector<LeafChange> facts;
   std::vector<DistanceChange> distances;
   bool wants_distances = false;
+  std::function<void(const LeafChange&)> visit;  ///< null: nobody asks; sees each of `facts` while it is in the cache
 };
 
 /// Adds nodes to the tree; not while a bucket is being fused. @throws std::bad_alloc

@@ -45,6 +45,16 @@ void ScanIntegrator::noteDistances(bool wanted) {
   if (projective_) projective_->noteDistances(wanted);
 }
 
+void ScanIntegrator::visitChanges(const ChangeVisitor& visit) {
+  if (projective_) {
+    visit_ = visit;
+    return;
+  }
+  for (std::size_t part = 0; part < changes_.size(); ++part) {
+    changes_[part].visit = [visit, part](const LeafChange& change) { visit(part, change); };
+  }
+}
+
 IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                             const ScanFrame& frame) {
   IntegrationResult result;
@@ -52,7 +62,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   if (projective_) {
     ProjectiveIntegrator::requireOneSensor(q_L);
     if (!map_.params().projective.cleared_band) {
-      projective_->integrate(p_L, q_L[0], frame, result);
+      integrateProjected(p_L, q_L[0], frame, result);
       return result;
     }
   }
@@ -96,9 +106,18 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
   }
   map_.leaf_count += result.new_leaves;
   map_.observed_voxels += result.counts.newly_observed;
-  if (projective_) projective_->integrate(p_L, q_L[0], frame, result);
+  if (projective_) integrateProjected(p_L, q_L[0], frame, result);
   reserve_.refill();
   return result;
+}
+
+void ScanIntegrator::integrateProjected(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L,
+                                        const ScanFrame& frame, IntegrationResult& result) {
+  projective_->integrate(p_L, q_L, frame, result);
+  if (!visit_) return;
+  for (const auto& part : result.changes) {
+    for (const LeafChange& change : part) visit_(0, change);
+  }
 }
 
 }  // namespace accessvdb::internal

@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -47,6 +48,12 @@ class ScanIntegrator {
   /// Whether results list the leaves with changed distances.
   void noteDistances(bool wanted);
 
+  /// Sees the changes that integrate() will return, as soon as they are known. From several threads, but those of a
+  /// part from one at a time; part < kParts.
+  using ChangeVisitor = std::function<void(std::size_t part, const LeafChange& change)>;
+  static constexpr std::size_t kParts = ReturnBins::kBuckets;
+  void visitChanges(const ChangeVisitor& visit);
+
   /// @param p_L  [n] finite returns in the local frame, metres, none at its sensor
   /// @param q_L  [n] or [1] sensor positions in the local frame
   /// @throws InvalidArgument where the region is Projective and there is not one sensor position; std::bad_alloc; then
@@ -55,11 +62,15 @@ class ScanIntegrator {
                               const ScanFrame& frame = {});
 
  private:
+  void integrateProjected(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L, const ScanFrame& frame,
+                          IntegrationResult& result);
+
   PackedMap& map_;
   RegionShape shape_;
   ReturnBins bins_;
   std::vector<ReturnRay> rays_;
   LeafReserve reserve_;
+  ChangeVisitor visit_;  ///< only for UpdateRegion::Projective, whose changes are known last
   struct Workers;
   std::unique_ptr<Workers> workers_;                         ///< a BucketFusion a thread
   std::unique_ptr<ProjectiveIntegrator> projective_;         ///< only for UpdateRegion::Projective

@@ -70,6 +70,7 @@ class Listener final : public kernels::PointUpdater {
  public:
   Listener(Phases& phases, Told& told) : phases_(phases), told_(told) {}
   void begin(const kernels::UpdateInput&) override {}
+  void findNeighbours() override {}
   void admit(const kernels::AdmitInput& input) override {
     phases_.end(input.news.empty() ? kBlocks : kPoints);
     for (const kernels::PointNews& news : input.news) {
@@ -80,7 +81,6 @@ class Listener final : public kernels::PointUpdater {
         hash = mixed(hash, news.before_L[0] != news.before_L[0] ? 1 : bitsOf(news.before_L[axis]));
         hash = mixed(hash, bitsOf(news.to_sensor_L[axis]));
       }
-      hash = mixed(hash, news.weight);
       for (const std::uint64_t word : news.seen.word) hash = mixed(hash, word);
       told_.news_hash += hash;
     }
@@ -91,7 +91,7 @@ class Listener final : public kernels::PointUpdater {
   }
   kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
     phases_.end(kCrossed);
-    for (const kernels::CrossedPoint& point : input.crossed)
+    for (const kernels::PointWeight& point : input.crossed)
       told_.crossed_hash += mixed(mixed(7, point.id), point.weight);
     for (const kernels::LeafFlips& flips : input.flips) {
       std::uint64_t hash = mixed(flips.kinds, flips.freed);
@@ -135,6 +135,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   internal::PointScorer scorer(points, params, backend,
                                internal::makeMapReads(map, points, params.scoring.neighbourhood_weight));
   const auto scheduler = internal::makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+  integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
   Told first_told;
   for (std::size_t n = 0; n < scans.size(); ++n) {
     if (n + static_cast<std::size_t>(timed) == scans.size()) {

@@ -76,7 +76,7 @@ TEST_F(LostDevice, WhileScoringIsCodeSixAndSavesWhatWasFused) {
 /// The device fails at its nth kernel: the first ones are of the set-up, those after them of the scans.
 TEST_F(LostDevice, WhileFusingSavesTheScansBefore) {
   bool fusing = false;
-  for (int nth = 1; nth <= 12 && !fusing; ++nth) {
+  for (int nth = 1; nth <= 40 && !fusing; ++nth) {
     SCOPED_TRACE(nth);
     std::filesystem::remove_all(folder_ / "out");
     const ProgramResult result = runWith(std::to_string(nth) + " 719 launch lost", {"--device", "cuda"});
@@ -91,7 +91,8 @@ TEST_F(LostDevice, WhileFusingSavesTheScansBefore) {
 }
 
 TEST_F(LostDevice, FramesOfASequenceStay) {
-  const ProgramResult result = runWith("3 719 cudaStreamWaitEvent lost", {"--device", "cuda", "--sequence", "1"});
+  // Each update waits for an event three times: for the mirror, and twice in the search.
+  const ProgramResult result = runWith("7 719 cudaStreamWaitEvent lost", {"--device", "cuda", "--sequence", "1"});
   EXPECT_EQ(result.exit_code, 6) << result.err;
   const std::vector<std::string> files = listing("out");
   EXPECT_NE(std::find(files.begin(), files.end(), "field_0002.vdb"), files.end());

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <map>
 #include <set>
+#include <utility>
 
 #include "field/point_weights.h"
 #include "field/scoring_setup.h"
@@ -32,7 +33,9 @@ struct LeafFacts {
 /// What was told since the last update, and the index of blocks as a device holds it.
 struct Told {
   std::vector<kernels::PointNews> news;
-  std::vector<kernels::CrossedPoint> crossed;
+  std::vector<kernels::PointWeight> weights, crossed;
+  bool neighbours_begun = false;
+  bool begun_before_update = false;
   std::map<Index3, LeafFacts> flips;
   std::vector<std::uint32_t> slots;  ///< ids
   struct Block {
@@ -46,7 +49,12 @@ class Listener final : public kernels::PointUpdater {
  public:
   explicit Listener(Told& told) : told_(told) {}
   void begin(const kernels::UpdateInput&) override {}
+  void findNeighbours() override {
+    EXPECT_FALSE(told_.neighbours_begun);
+    told_.neighbours_begun = true;
+  }
   void admit(const kernels::AdmitInput& input) override {
+    if (std::exchange(told_.neighbours_begun, false)) told_.news.clear();
     told_.news.insert(told_.news.end(), input.news.begin(), input.news.end());
     told_.slots.resize(std::max<std::size_t>(told_.slots.size(), input.num_slots), kNone);
     for (const kernels::BlockNews& block : input.blocks) {
@@ -60,7 +68,9 @@ class Listener final : public kernels::PointUpdater {
     }
   }
   kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
+    told_.weights.assign(input.weights.begin(), input.weights.end());
     told_.crossed.assign(input.crossed.begin(), input.crossed.end());
+    told_.begun_before_update = std::exchange(told_.neighbours_begun, false);
     told_.flips.clear();
     for (const kernels::LeafFlips& flips : input.flips) {
       LeafFacts& facts = told_.flips[{flips.leaf[0], flips.leaf[1], flips.leaf[2]}];
@@ -140,6 +150,8 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   PointScorer scorer(points, params, backend, makeMapReads(map, points, c.neighbourhood_weight));
   const auto scheduler = makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
   ASSERT_NE(scheduler, nullptr);
+  ASSERT_TRUE(scheduler->seesChanges());
+  integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
 
   Random random(5);
   std::set<std::uint32_t> confident;               // as told
@@ -183,7 +195,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
 
     // Confident: exactly those whose weight is enough by now and was not before.
     std::set<std::uint32_t> crossed;
-    for (const kernels::CrossedPoint& point : told.crossed) {
+    for (const kernels::PointWeight& point : told.crossed) {
       ASSERT_TRUE(crossed.insert(point.id).second) << "told twice";
       ASSERT_FALSE(confident.contains(point.id)) << "told before";
       late += means.contains(point.id) ? 1 : 0;
@@ -194,7 +206,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       ASSERT_EQ(crossed.contains(id) || confident.contains(id), enough) << "update " << update << " point " << id;
       waiting += enough ? 0 : 1;
     }
-    for (const kernels::CrossedPoint& point : told.crossed) {
+    for (const kernels::PointWeight& point : told.crossed) {
       ASSERT_EQ(point.weight, weightAt(map, points.voxelOf(points.first_L(point.id)), c.neighbourhood_weight ? 1 : 0));
     }
     confident.insert(crossed.begin(), crossed.end());
@@ -209,7 +221,6 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       ASSERT_EQ(vector(news.mean_L), points.pca_L(news.id));
       ASSERT_EQ(vector(news.to_sensor_L), points.toSensor_L(news.id));
       ASSERT_TRUE(news.seen == points.seen(news.id));
-      ASSERT_EQ(news.weight, weightAt(map, points.voxelOf(points.first_L(news.id)), c.neighbourhood_weight ? 1 : 0));
       const auto old = means.find(news.id);
       if (old == means.end()) {
         ASSERT_TRUE(std::isnan(news.before_L[0]));
@@ -219,6 +230,14 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       }
     }
     ASSERT_EQ(told_ids, touched_ids);
+    // Only where all points came with one scan are neighbours worth finding before the update.
+    ASSERT_EQ(told.begun_before_update, c.scans_an_update == 1);
+    std::set<std::uint32_t> weighed;
+    for (const kernels::PointWeight& point : told.weights) {
+      ASSERT_TRUE(weighed.insert(point.id).second);
+      ASSERT_EQ(point.weight, weightAt(map, points.voxelOf(points.first_L(point.id)), c.neighbourhood_weight ? 1 : 0));
+    }
+    ASSERT_EQ(weighed, touched_ids);
     for (std::uint32_t id = 0; id < points.size(); ++id) means[id] = points.pca_L(id);
     expectDeviceIndex(points.index(), told);
     if (HasFatalFailure()) return;
