@@ -136,14 +136,15 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return stats;
   }
 
-  /// The map and the points need nothing of each other before an update reads both, so a scan goes into both at the
-  /// same time. What the scheduler learns meanwhile counts as integration.
+  /// Points come first, with all threads: what their backend then begins to do runs while the map takes the scan in,
+  /// and so does noting what an update has to know of the returns. What of it is not hidden counts as integration.
   /// @return how long it took to note what the scan changed in the map; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
+    const internal::TouchedPoints touched = points.addReturns(scan.p_L, scan.q_L);
     internal::IntegrationResult result;
+    const auto note_returns = [&] { scheduler->noteReturns(touched, scan.p_L, scan.q_L); };
     const auto fuse = [&] { result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()}); };
-    const auto add_points = [&] { scheduler->noteReturns(points.addReturns(scan.p_L, scan.q_L), scan.p_L, scan.q_L); };
-    internal::runBeside(add_points, fuse);
+    internal::runBeside(note_returns, fuse);
     stats.touched_leaves = result.touched_leaves;
     stats.new_leaves = result.new_leaves;
     stats.distance_updates = result.counts.distance_updates;

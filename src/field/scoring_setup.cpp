@@ -14,6 +14,7 @@ constexpr double kPi = 3.141592653589793;
 
 template <typename T>
 kernels::DeviceArray<T> uploaded(kernels::Backend& backend, const std::vector<T>& host) {
+  if (host.empty()) return {};  // null, which says that there is nothing
   kernels::DeviceArray<T> array(backend, host.size());
   array.upload(host.data(), host.size());
   return array;

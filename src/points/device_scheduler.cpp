@@ -116,6 +116,7 @@ class DeviceScheduler final : public UpdateScheduler {
     const bool admitted = scans_ == 1;
     scans_ = 0;
     if (!admitted) listNews();
+    scorer_.growDevice();
     kernels::UpdateInput input;
     input.map = tables.map;
     input.tool = tables.tool;
@@ -198,7 +199,7 @@ class DeviceScheduler final : public UpdateScheduler {
 
   /// The points that came since the last update: the touched ones, then the new ones.
   void listNews() {
-    scorer_.growDevice();
+    scorer_.reserveDevice();
     ids_.resize(touched_.size() + (scorer_.points().size() - known_points_));
     for (std::size_t n = 0; n < touched_.size(); ++n) ids_[n] = touched_[n].id;
     std::iota(ids_.begin() + static_cast<std::ptrdiff_t>(touched_.size()), ids_.end(), known_points_);

@@ -25,25 +25,28 @@ DirectionMask allDirections(int num_directions) {
 DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words)
     : backend_(backend), words_(direction_words) {}
 
+void DevicePoints::reserve(std::uint32_t size) {
+  if (size <= capacity_) return;
+  const std::uint32_t wanted = size + std::max(size / 4, kLeastGrowth);
+  std::uint32_t capacity = wanted;  // of the smallest array, where there is no memory for what is wanted
+  const auto grow = [&](auto& array, std::size_t each) {
+    array.growWithRoom(backend_, each * size, each * wanted, each * size_);
+    capacity = std::min(capacity, static_cast<std::uint32_t>(array.size() / each));
+  };
+  grow(position_L_, 3);
+  grow(normal_L_, 3);
+  grow(seen_, static_cast<std::size_t>(words_));
+  grow(stability_, 1);
+  grow(score_, 1);
+  grow(direction_, 1);
+  grow(weight_, 1);
+  grow(label_, 1);
+  grow(reason_, 1);
+  capacity_ = capacity;
+}
+
 void DevicePoints::growRaw(std::uint32_t size) {
-  if (size > capacity_) {
-    const std::uint32_t wanted = size + std::max(size / 4, kLeastGrowth);
-    std::uint32_t capacity = wanted;  // of the smallest array, where there is no memory for what is wanted
-    const auto grow = [&](auto& array, std::size_t each) {
-      array.growWithRoom(backend_, each * size, each * wanted, each * size_);
-      capacity = std::min(capacity, static_cast<std::uint32_t>(array.size() / each));
-    };
-    grow(position_L_, 3);
-    grow(normal_L_, 3);
-    grow(seen_, static_cast<std::size_t>(words_));
-    grow(stability_, 1);
-    grow(score_, 1);
-    grow(direction_, 1);
-    grow(weight_, 1);
-    grow(label_, 1);
-    grow(reason_, 1);
-    capacity_ = capacity;
-  }
+  reserve(size);
   size_ = std::max(size_, size);
 }
 

@@ -50,6 +50,9 @@ class DevicePoints {
   void grow(std::uint32_t size);
   /// As grow, but new ones are not initialised.
   void growRaw(std::uint32_t size);
+  /// Room for `size` points, of which size() says nothing yet; what lies behind size() is lost when there was too
+  /// little.
+  void reserve(std::uint32_t size);
   [[nodiscard]] kernels::PointStateView view() const;
   [[nodiscard]] std::uint32_t size() const { return size_; }
   [[nodiscard]] std::uint64_t bytes() const;
@@ -86,6 +89,9 @@ class PointScorer {
   void grow();
   /// As grow, on the device only and not initialised: for an updater, which keeps state without the host.
   void growDevice() { device_.growRaw(points_.size()); }
+  /// Only the room, so that the updater can begin: whoever reads the device does not see the new points before
+  /// growDevice().
+  void reserveDevice() { device_.reserve(points_.size()); }
 
   /// Reads the weights anew. @return ids that crossed the confidence bound
   std::vector<std::uint32_t> refreshWeights(std::span<const std::uint32_t> ids);

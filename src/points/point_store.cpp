@@ -46,10 +46,8 @@ Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
 }
 
 /// By voxel, and by value inside a voxel, so that their order in the scan does not matter.
-PointStore::ReturnGroups PointStore::groupsOf(std::span<const Eigen::Vector3f> p_L,
-                                              std::span<const Eigen::Vector3f> q_L) const {
-  ReturnGroups groups;
-  std::vector<KeyedReturn>& returns = groups.returns;
+void PointStore::group(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
+  std::vector<KeyedReturn>& returns = groups_.returns;
   returns.resize(p_L.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
@@ -63,42 +61,40 @@ PointStore::ReturnGroups PointStore::groupsOf(std::span<const Eigen::Vector3f> p
   tbb::parallel_sort(returns, [&](const KeyedReturn& a, const KeyedReturn& b) {
     return a.key != b.key ? a.key < b.key : values(a.index) < values(b.index);
   });
-  groups.begin.reserve(returns.size() + 1);
+  groups_.begin.clear();
   for (std::size_t n = 0; n < returns.size(); ++n) {
-    if (n == 0 || returns[n].key != returns[n - 1].key) groups.begin.push_back(static_cast<std::uint32_t>(n));
+    if (n == 0 || returns[n].key != returns[n - 1].key) groups_.begin.push_back(static_cast<std::uint32_t>(n));
   }
-  groups.begin.push_back(static_cast<std::uint32_t>(returns.size()));
-  return groups;
+  groups_.begin.push_back(static_cast<std::uint32_t>(returns.size()));
 }
 
-std::vector<Located> PointStore::locate(const ReturnGroups& groups) const {
-  std::vector<Index3> voxels(groups.size());
-  std::vector<Located> places(groups.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
-    for (std::size_t g = range.begin(); g != range.end(); ++g) voxels[g] = voxelOfKey(groups.first(g).key);
-    index_.locate(std::span(voxels).subspan(range.begin(), range.size()),
-                  std::span(places).subspan(range.begin(), range.size()));
+void PointStore::locateGroups() {
+  voxels_.resize(groups_.size());
+  places_.resize(groups_.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups_.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) voxels_[g] = voxelOfKey(groups_.first(g).key);
+    index_.locate(std::span(voxels_).subspan(range.begin(), range.size()),
+                  std::span(places_).subspan(range.begin(), range.size()));
   });
-  return places;
 }
 
 /// Gives an id to each group, a new one where its voxel has none, in the order of the voxels.
-void PointStore::addNew(const ReturnGroups& groups, TouchedPoints& touched) {
-  const std::vector<Located> places = locate(groups);
+void PointStore::addNew(TouchedPoints& touched) {
+  locateGroups();
   const std::uint32_t before = size();
-  std::vector<NewVoxel> added;
-  touched.all.resize(places.size());
-  for (std::size_t g = 0; g < places.size(); ++g) {
-    touched.all[g] = places[g].id;
-    if (places[g].id != kNone) continue;
-    touched.all[g] = before + static_cast<std::uint32_t>(added.size());
-    added.push_back({voxelOfKey(groups.first(g).key), touched.all[g], places[g].block});
+  added_.clear();
+  touched.all.resize(places_.size());
+  for (std::size_t g = 0; g < places_.size(); ++g) {
+    touched.all[g] = places_[g].id;
+    if (places_[g].id != kNone) continue;
+    touched.all[g] = before + static_cast<std::uint32_t>(added_.size());
+    added_.push_back({voxels_[g], touched.all[g], places_[g].block});
   }
-  touched.new_points = added.size();
-  index_.insertAll(added);
-  block_.growRaw(before + added.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, added.size(), kPointsPerTask), [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) block_[added[n].id] = added[n].block;
+  touched.new_points = added_.size();
+  index_.insertAll(added_);
+  block_.growRaw(before + added_.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, added_.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) block_[added_[n].id] = added_[n].block;
   });
 }
 
@@ -129,9 +125,10 @@ void PointStore::start(std::uint32_t id, const Eigen::Vector3f& first_L) {
 
 TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
   TouchedPoints touched;
-  const ReturnGroups groups = groupsOf(p_L, q_L);
+  group(p_L, q_L);
+  const ReturnGroups& groups = groups_;
   const std::uint32_t before = size();
-  addNew(groups, touched);
+  addNew(touched);
   makeRoom();
   // With viewpoints, poses are stored once: one a scan, or one a ray for ray clouds.
   const auto first_pose = static_cast<std::uint32_t>(poses_.size());
@@ -237,8 +234,10 @@ DirectionMask PointStore::seen(std::uint32_t id) const {
 }
 
 std::uint64_t PointStore::bytes() const {
+  const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_L_.bytes() + sums_.bytes() + seen_.bytes() +
-         viewpoints_.bytes() + poses_.bytes();
+         viewpoints_.bytes() + poses_.bytes() + bytesOf(groups_.returns) + bytesOf(groups_.begin) + bytesOf(voxels_) +
+         bytesOf(places_) + bytesOf(added_);
 }
 
 }  // namespace accessvdb::internal

@@ -104,9 +104,9 @@ class PointStore {
     [[nodiscard]] std::size_t size() const { return begin.size() - 1; }
     [[nodiscard]] const KeyedReturn& first(std::size_t group) const { return returns[begin[group]]; }
   };
-  [[nodiscard]] ReturnGroups groupsOf(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) const;
-  [[nodiscard]] std::vector<Located> locate(const ReturnGroups& groups) const;
-  void addNew(const ReturnGroups& groups, TouchedPoints& touched);
+  void group(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+  void locateGroups();
+  void addNew(TouchedPoints& touched);
   void makeRoom();
   void start(std::uint32_t id, const Eigen::Vector3f& first_L);
   /// @return true when its seen directions changed
@@ -129,6 +129,11 @@ class PointStore {
   ChunkedArray<std::uint64_t> seen_;     ///< [words n]; empty with viewpoints
   ChunkedArray<Viewpoints> viewpoints_;  ///< empty without
   ChunkedArray<Eigen::Vector3f> poses_;  ///< distinct sensor positions, with viewpoints only
+  // Of one scan; kept, as memory that is taken anew for each scan has to be cleared by the system first.
+  ReturnGroups groups_;
+  std::vector<Index3> voxels_;   ///< of the groups
+  std::vector<Located> places_;  ///< of the groups
+  std::vector<NewVoxel> added_;
 };
 
 }  // namespace accessvdb::internal

@@ -79,25 +79,23 @@ void SurfaceIndex::locateFew(std::span<const Index3> voxels, std::span<Located> 
   }
 }
 
-std::vector<SurfaceIndex::Placed> SurfaceIndex::sortedByPlace(std::span<const NewVoxel> points) {
-  std::vector<Placed> order(points.size());
+void SurfaceIndex::sortByPlace(std::span<const NewVoxel> points) {
+  order_.resize(points.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      order[n] = {placeOf(points[n].voxel), static_cast<std::uint32_t>(n)};
+      order_[n] = {placeOf(points[n].voxel), static_cast<std::uint32_t>(n)};
     }
   });
-  tbb::parallel_sort(order.begin(), order.end(),
+  tbb::parallel_sort(order_.begin(), order_.end(),
                      [](const Placed& a, const Placed& b) { return a.place < b.place; });  // all differ
-  return order;
 }
 
-std::vector<SurfaceIndex::Group> SurfaceIndex::groupsByLeaf(std::span<const Placed> order) {
-  std::vector<Group> groups;
-  for (std::uint32_t n = 0; n < order.size(); ++n) {
-    if (n == 0 || order[n].place >> 9 != order[n - 1].place >> 9) groups.push_back({n, n});
-    groups.back().end = n + 1;
+void SurfaceIndex::groupByLeaf() {
+  groups_.clear();
+  for (std::uint32_t n = 0; n < order_.size(); ++n) {
+    if (n == 0 || order_[n].place >> 9 != order_[n - 1].place >> 9) groups_.push_back({n, n});
+    groups_.back().end = n + 1;
   }
-  return groups;
 }
 
 void SurfaceIndex::findBlock(Group& group, std::span<const Placed> order, std::span<const NewVoxel> points) const {
@@ -190,8 +188,10 @@ std::uint32_t SurfaceIndex::insert(const Index3& voxel, std::uint32_t id) {
 }
 
 void SurfaceIndex::insertAll(std::span<NewVoxel> points) {
-  const std::vector<Placed> order = sortedByPlace(points);
-  std::vector<Group> groups = groupsByLeaf(order);
+  sortByPlace(points);
+  groupByLeaf();
+  const std::span<const Placed> order = order_;
+  const std::span<Group> groups = groups_;
   const tbb::blocked_range<std::size_t> all(0, groups.size(), kGroupsPerTask);
   tbb::parallel_for(all, [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
@@ -200,20 +200,21 @@ void SurfaceIndex::insertAll(std::span<NewVoxel> points) {
   });
   makeBlocks(groups, points);
   takeRuns(groups);
-  std::vector<std::uint32_t*> outgrown(groups.size(), nullptr);
+  outgrown_.assign(groups.size(), nullptr);
   tbb::parallel_for(all, [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
-      if (groups[g].larger_run != nullptr) outgrown[g] = blocks_[groups[g].block].ids.data();
+      if (groups[g].larger_run != nullptr) outgrown_[g] = blocks_[groups[g].block].ids.data();
       addTo(groups[g], order, points);
     }
   });
   for (std::size_t g = 0; g < groups.size(); ++g) {
-    if (outgrown[g] != nullptr) runs_.giveBack(outgrown[g], IdRuns::capacityFor(groups[g].ids_before));
+    if (outgrown_[g] != nullptr) runs_.giveBack(outgrown_[g], IdRuns::capacityFor(groups[g].ids_before));
   }
 }
 
 std::uint64_t SurfaceIndex::bytes() const {
-  return cell_of_.bytes() + cells_.bytes() + blocks_.bytes() + runs_.bytes();
+  return cell_of_.bytes() + cells_.bytes() + blocks_.bytes() + runs_.bytes() + order_.capacity() * sizeof(Placed) +
+         groups_.capacity() * sizeof(Group) + outgrown_.capacity() * sizeof(outgrown_[0]);
 }
 
 }  // namespace accessvdb::internal

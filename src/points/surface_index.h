@@ -97,8 +97,8 @@ class SurfaceIndex {
     std::uint32_t ids_before = 0;
     std::uint32_t* larger_run = nullptr;  ///< where the block's own has no room for them
   };
-  static std::vector<Placed> sortedByPlace(std::span<const NewVoxel> points);
-  static std::vector<Group> groupsByLeaf(std::span<const Placed> order);
+  void sortByPlace(std::span<const NewVoxel> points);
+  void groupByLeaf();
   void findBlock(Group& group, std::span<const Placed> order, std::span<const NewVoxel> points) const;
   void locateFew(std::span<const Index3> voxels, std::span<Located> found) const;
   void makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points);
@@ -127,6 +127,10 @@ class SurfaceIndex {
   ChunkedArray<Cell> cells_;
   ChunkedArray<PointBlock> blocks_;
   IdRuns runs_;
+  // Of one insertAll(); kept, as memory that is taken anew each time has to be cleared by the system first.
+  std::vector<Placed> order_;
+  std::vector<Group> groups_;
+  std::vector<std::uint32_t*> outgrown_;
 };
 
 /// Bit of a voxel or block inside its parent, 0 .. 511.
