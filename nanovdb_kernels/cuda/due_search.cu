@@ -20,7 +20,9 @@ constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
 constexpr unsigned kBlocksEach = 6;
 
 /// How the tool is counted. A kernel each: what the others need would only take room in the instruction cache.
-enum class ToolForm { Slabs, Columns, Samples };
+enum class ToolForm { Slabs, ThickSlabs, Columns, Samples };
+template <ToolForm kForm>
+constexpr bool kHasSlabs = kForm == ToolForm::Slabs || kForm == ToolForm::ThickSlabs;
 
 extern __shared__ std::uint32_t nodes_of_windows[];
 
@@ -78,10 +80,10 @@ __device__ void prepareSlabs(const DueSearch& search, SlabWork& work) {
 template <ToolForm kForm, class Window>
 __device__ auto makeCounter(const DueSearch& search, const Window& window, const OccupancyReader& map,
                             const DuePoint& point, WarpScratch& scratch, int lane) {
-  if constexpr (kForm == ToolForm::Slabs) {
+  if constexpr (kHasSlabs<kForm>) {
     if (lane < 3) scratch.slabs.point_ijk[lane] = point.ijk[lane];
     __syncwarp();
-    return SlabCounter{scratch.slabs, lane};
+    return SlabCounter<kForm == ToolForm::ThickSlabs>{scratch.slabs, lane};
   } else if constexpr (kForm == ToolForm::Columns) {
     return ColumnCounter<Window>{window, search.tool, point.ijk, lane};
   } else {
@@ -312,7 +314,7 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
   __shared__ WarpScratch all_scratch[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   WarpScratch& scratch = all_scratch[threadIdx.x / kWarp];
-  if (kForm == ToolForm::Slabs && lane == 0) prepareSlabs(search, scratch.slabs);
+  if (kHasSlabs<kForm> && lane == 0) prepareSlabs(search, scratch.slabs);
   const std::uint32_t begin = range.begin != nullptr ? *range.begin : 0, count = *range.end - begin;
   const OccupancyReader map(search.map);
 #pragma unroll 1
@@ -370,6 +372,8 @@ void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint3
     launchBoth<BusyWindow, ToolForm::Samples>(view, search, streams);
   } else if (search.slabs.begin == nullptr) {
     launchBoth<BusyWindow, ToolForm::Columns>(view, search, streams);
+  } else if (search.slabs.full != nullptr) {
+    launchBoth<BusyWindow, ToolForm::ThickSlabs>(view, search, streams);
   } else {
     launchBoth<BusyWindow, ToolForm::Slabs>(view, search, streams);
   }

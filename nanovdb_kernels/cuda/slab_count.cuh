@@ -34,6 +34,8 @@ struct SlabWork {
 };
 
 /// The tool at one direction, placed at the voxel of a point.
+/// @tparam kThick  there are ToolSlabsView::full
+template <bool kThick>
 class SlabCount {
  public:
   __device__ SlabCount(SlabWork& work, int d, int lane)
@@ -45,7 +47,7 @@ class SlabCount {
     words_ = work.tool.words + box_.first;
     const std::uint32_t* begin = work.tool.begin + (64 * d + 8 * (point_ijk_[0] & 7) + (point_ijk_[1] & 7));
     columns_ = work.tool.columns + begin[0];
-    full_ = work.tool.full != nullptr ? work.tool.full + begin[0] : nullptr;
+    if constexpr (kThick) full_ = work.tool.full + begin[0];
     num_columns_ = static_cast<int>(begin[1] - begin[0]);
     // Slabs of the tool begin at the voxel of the point, those of the map at multiples of eight: a leaf of the map
     // meets the lower part of one slab in its bits shift .. 7, and the upper part of the one below in the others.
@@ -71,11 +73,13 @@ class SlabCount {
         const int asked = min(max(leaves - low, 0), BusyLeaves::kTurn);
         std::uint32_t found = asked > 0 ? window_.busyLeaves(x, y, z + 8 * low, asked) : 0;
         // Where much collides, leaves that the tool takes as a whole give many collisions for little.
-        if (full_ != nullptr && __reduce_add_sync(kAllLanes, __popc(found)) >= kManyBusy) {
-          const std::uint32_t full = found & fullOf(n, low);
-          count += collisionsInFull(full, x, y, z + 8 * low);
-          if (count > stop_above) return count;
-          found &= ~full;
+        if constexpr (kThick) {
+          if (__reduce_add_sync(kAllLanes, __popc(found)) >= kManyBusy) {
+            const std::uint32_t full = found & fullOf(n, low);
+            count += collisionsInFull(full, x, y, z + 8 * low);
+            if (count > stop_above) return count;
+            found &= ~full;
+          }
         }
 #pragma unroll 1
         for (unsigned any = __ballot_sync(kAllLanes, found != 0); any != 0;
@@ -157,7 +161,7 @@ class SlabCount {
   SlabBox box_;
   const std::uint64_t* words_;
   const LeafColumn* columns_;
-  const FullSlabs* full_;  ///< of each of them; null: there are few
+  const FullSlabs* full_;  ///< of each of them; only where the tool is thick
   int num_columns_;
   int shift_;
   std::uint32_t high_;
@@ -166,8 +170,9 @@ class SlabCount {
 /// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. All
 /// lanes. Kept out of line, though it is most of the work: kernels that are larger than the instruction cache wait for
 /// it.
+template <bool kThick>
 static __device__ __noinline__ int countSlabs(SlabWork& work, int d, int stop_above, int lane) {
-  return SlabCount(work, d, lane).upTo(stop_above);
+  return SlabCount<kThick>(work, d, lane).upTo(stop_above);
 }
 
 }  // namespace accessvdb::kernels

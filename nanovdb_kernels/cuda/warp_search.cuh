@@ -151,13 +151,14 @@ struct SampleCounter {
     return countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, stop_above, lane);
   }
 };
-/// Slab by slab.
+/// Slab by slab. @tparam kThick  as SlabCount's
+template <bool kThick>
 struct SlabCounter {
   static constexpr bool kPlain = false;
   SlabWork& work;  ///< of the point
   int lane;
 
-  __device__ int operator()(int d, int stop_above) const { return countSlabs(work, d, stop_above, lane); }
+  __device__ int operator()(int d, int stop_above) const { return countSlabs<kThick>(work, d, stop_above, lane); }
 };
 
 /// kNoScore means: no direction got this far.

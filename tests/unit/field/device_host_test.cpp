@@ -48,7 +48,14 @@ struct Told {
 class Listener final : public kernels::PointUpdater {
  public:
   explicit Listener(Told& told) : told_(told) {}
-  void begin(const kernels::UpdateInput&) override {}
+  void begin(const kernels::UpdateInput& input) override {
+    told_.flips.clear();
+    for (const kernels::LeafFlips& flips : input.flips) {
+      LeafFacts& facts = told_.flips[{flips.leaf[0], flips.leaf[1], flips.leaf[2]}];
+      facts.kinds |= flips.kinds;
+      for (std::size_t cell = 0; cell < 8; ++cell) facts.freed[cell] += flips.freed >> (8 * cell) & 0xff;
+    }
+  }
   void findNeighbours() override {
     EXPECT_FALSE(told_.neighbours_begun);
     told_.neighbours_begun = true;
@@ -71,12 +78,6 @@ class Listener final : public kernels::PointUpdater {
     told_.weights.assign(input.weights.begin(), input.weights.end());
     told_.crossed.assign(input.crossed.begin(), input.crossed.end());
     told_.begun_before_update = std::exchange(told_.neighbours_begun, false);
-    told_.flips.clear();
-    for (const kernels::LeafFlips& flips : input.flips) {
-      LeafFacts& facts = told_.flips[{flips.leaf[0], flips.leaf[1], flips.leaf[2]}];
-      facts.kinds |= flips.kinds;
-      for (std::size_t cell = 0; cell < 8; ++cell) facts.freed[cell] += flips.freed >> (8 * cell) & 0xff;
-    }
     kernels::UpdateOutcome outcome;
     outcome.evaluated = 1;
     return outcome;
@@ -175,6 +176,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);
       scheduler->noteChanges(p, q, result.changes);
+      scheduler->prepare({});
       for (const auto& part : result.changes) {
         for (const LeafChange& change : part) {
           LeafFacts& facts = flips[parentOf(change.origin_ijk)];
