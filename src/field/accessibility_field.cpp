@@ -151,7 +151,6 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     stats.cleared_updates = result.counts.cleared_updates;
     const internal::Stopwatch noting;
     scheduler->noteChanges(scan.p_L, scan.q_L, result.changes);
-    scheduler->prepare(setup.tables(mirror.grid()));
     const double noting_ms = noting.milliseconds();
     mirrorFacts(result, stats);
     if (distance_mirror) mirrorDistances(result, stats);

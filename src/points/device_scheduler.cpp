@@ -111,23 +111,25 @@ class DeviceScheduler final : public UpdateScheduler {
     if (flips_.size() > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
-  void prepare(const ScoringTables& tables) override {
-    if (scans_ == 1) updater_->begin(inputOf(tables));
-  }
-
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    const bool prepared = scans_ == 1;
+    const bool admitted = scans_ == 1;
     scans_ = 0;
-    if (!prepared) listNews();
+    if (!admitted) listNews();
     scorer_.growDevice();
-    kernels::UpdateInput input = inputOf(tables);
+    kernels::UpdateInput input;
+    input.map = tables.map;
+    input.tool = tables.tool;
+    input.slabs = tables.slabs;
+    input.approach = tables.approach;
+    input.points = scorer_.device().view();
+    input.rule = tables.rule;
+    input.flips = flips_;
     std::vector<kernels::PointWeight> crossed;
     // While the backend takes in flips and points, the host reads the map.
     const auto to_backend = [&] {
-      if (prepared) return;
       updater_->begin(input);
-      admit();
+      if (!admitted) admit();
     };
     const auto on_host = [&] {
       findCrossed(crossed);
@@ -167,18 +169,6 @@ class DeviceScheduler final : public UpdateScheduler {
     std::uint32_t id;
     Eigen::Vector3f before_L;  ///< at the last update
   };
-
-  [[nodiscard]] kernels::UpdateInput inputOf(const ScoringTables& tables) const {
-    kernels::UpdateInput input;
-    input.map = tables.map;
-    input.tool = tables.tool;
-    input.slabs = tables.slabs;
-    input.approach = tables.approach;
-    input.points = scorer_.device().view();
-    input.rule = tables.rule;
-    input.flips = flips_;
-    return input;
-  }
 
   void joinFlips() {
     const auto place = [](const kernels::LeafFlips& f) { return std::array{f.leaf[0], f.leaf[1], f.leaf[2]}; };

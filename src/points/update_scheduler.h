@@ -33,10 +33,6 @@ class UpdateScheduler {
   virtual void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                            std::span<const std::span<const LeafChange>> changes) = 0;
 
-  /// The changes are noted, but the mirror may not have them yet: the backend may begin to work on them. After
-  /// noteChanges(), once a scan. @param tables  as update() will get them
-  virtual void prepare(const ScoringTables& /*tables*/) {}
-
   /// Scores what is due. Of the times it gives score_ms; the field gives the rest of the update to update_ms.
   virtual UpdateStats update(const ScoringTables& tables) = 0;
 
