@@ -101,11 +101,7 @@ class CudaUpdater final : public PointUpdater {
     const CurrentDevice current(context_->device());
     neighbours_begun_ = true;
     launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
-    // How many moved the host does not wait to hear: about as many as last time.
-    const std::uint32_t expected = std::min(last_moved_ + last_moved_ / 8, kMostPrepared);
-    if (prepared_.size() < expected) prepared_.growWithRoom(memory_, expected, roomFor(expected), 0);
-    const auto most = static_cast<std::uint32_t>(std::min<std::size_t>(prepared_.size(), kMostPrepared));
-    growFound(most);
+    const std::uint32_t most = growPrepared();
     for (std::uint32_t first = 0; first < most; first += kMovedPart) {
       makeNeighbourhoods(first, std::min(most - first, kMovedPart), prepared_.data() + first);
     }
@@ -137,7 +133,7 @@ class CudaUpdater final : public PointUpdater {
     search.busy = makeBusyMap(input.map.grid, found.lowers);
     growItems();
     growFound(moved - found.prepared);
-    if (part_.size() < found_.size()) part_.grow(memory_, found_.size(), 0);
+    growPart(moved - found.prepared);
     UpdateOutcome outcome;
     const auto evaluate = [&] {
       ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
@@ -398,9 +394,26 @@ class CudaUpdater final : public PointUpdater {
     const std::size_t part = std::min(moved, kMovedPart);
     if (found_.size() < part) found_.grow(memory_, std::min<std::size_t>(roomFor(part), kMovedPart), 0);
   }
+  void growPart(std::uint32_t moved) {
+    const std::size_t part = std::min(moved, kMovedPart);
+    if (part_.size() < part) part_.grow(memory_, std::min<std::size_t>(roomFor(part), kMovedPart), 0);
+  }
   void makeNeighbourhoods(std::uint32_t first, std::uint32_t count, Neighbourhood* to) {
     launchNearest(view_, first, count, found_.data(), stream());
     launchMakeNeighbourhoods(view_, first, count, found_.data(), to, stream());
+  }
+
+  /// Room for neighbourhoods before the host knows how many there will be: about as many as last time. Without memory
+  /// update() finds them, which costs time only. @return for how many there is room
+  std::uint32_t growPrepared() {
+    const std::uint32_t expected = std::min(last_moved_ + last_moved_ / 8, kMostPrepared);
+    try {
+      growFound(expected);
+      prepared_.growWithRoom(memory_, expected, std::min<std::size_t>(roomFor(expected), kMostPrepared), 0);
+    } catch (const ResourceLimit&) {
+      return 0;
+    }
+    return expected;
   }
 
   void growItems() {

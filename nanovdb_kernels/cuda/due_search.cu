@@ -1,8 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Evaluates what is due, a warp a point, in two steps: points of which a few directions are in question, and then
-/// those that need all of them, among them the ones that the first step sends there. Points of a leaf come behind each
-/// other, so that they find what they read of the map in the cache.
+/// Evaluates what is due, a warp a point: points that need all of their directions, beside them those of which a few
+/// directions are in question, and at last those that these turned into points that need all. Points of a leaf come
+/// behind each other, so that they find what they read of the map in the cache.
+#include <cstddef>
 #include <type_traits>
 
 #include "cuda/busy_map.cuh"
@@ -334,7 +335,7 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
 }
 
 template <class Window, ToolForm kForm>
-void launchBoth(const UpdateView& view, const DueSearch& search, const DueStreams& streams) {
+void launchSearches(const UpdateView& view, const DueSearch& search, const DueStreams& streams) {
   // Persistent blocks: as many as are to run at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
   const std::size_t bytes = kWarps * search.window.entries() * BusyWindow::kEntries * sizeof(std::uint32_t);
@@ -366,16 +367,16 @@ void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint3
   orderDue<<<(most_busy + kThreads - 1) / kThreads, kThreads, 0, streams.main>>>(view);
   checkLaunch("orderDue");
   if (search.window.kind != WindowPlan::Kind::Lowers) {
-    search.tool.use_samples ? launchBoth<TreeWindow, ToolForm::Samples>(view, search, streams)
-                            : launchBoth<TreeWindow, ToolForm::Columns>(view, search, streams);
+    search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::Samples>(view, search, streams)
+                            : launchSearches<TreeWindow, ToolForm::Columns>(view, search, streams);
   } else if (search.tool.use_samples) {
-    launchBoth<BusyWindow, ToolForm::Samples>(view, search, streams);
+    launchSearches<BusyWindow, ToolForm::Samples>(view, search, streams);
   } else if (search.slabs.begin == nullptr) {
-    launchBoth<BusyWindow, ToolForm::Columns>(view, search, streams);
+    launchSearches<BusyWindow, ToolForm::Columns>(view, search, streams);
   } else if (search.slabs.full != nullptr) {
-    launchBoth<BusyWindow, ToolForm::ThickSlabs>(view, search, streams);
+    launchSearches<BusyWindow, ToolForm::ThickSlabs>(view, search, streams);
   } else {
-    launchBoth<BusyWindow, ToolForm::Slabs>(view, search, streams);
+    launchSearches<BusyWindow, ToolForm::Slabs>(view, search, streams);
   }
   static_assert(offsetof(UpdateCounters, next_added) - offsetof(UpdateCounters, due) == 7 * sizeof(std::uint32_t));
   ACCESSVDB_CUDA(cudaMemsetAsync(&view.counters->due, 0, 8 * sizeof(std::uint32_t), streams.main));

@@ -77,7 +77,10 @@ class SlabCount {
           if (__reduce_add_sync(kAllLanes, __popc(found)) >= kManyBusy) {
             const std::uint32_t full = found & fullOf(n, low);
             count += collisionsInFull(full, x, y, z + 8 * low);
-            if (count > stop_above) return count;
+            if (count > stop_above) {
+              __syncwarp();  // before others overwrite the list
+              return count;
+            }
             found &= ~full;
           }
         }

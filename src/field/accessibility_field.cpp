@@ -99,7 +99,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         return result;
       }
     } catch (const Error& error) {
-      // The map and the points are done with a scan before anything of it goes to the device.
+      // What the device does with a scan waits for the points, and runs beside the map, which takes the scan in to the
+      // end in any case; a failure of the host is the one that is thrown (runBeside).
       host_whole = internal::isOfDevice(error);
       throw;
     }

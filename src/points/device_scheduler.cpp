@@ -6,6 +6,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <array>
@@ -30,7 +31,7 @@ namespace accessvdb::internal {
 namespace {
 
 /// Points and blocks handed over at a time.
-constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 16;
+constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
 /// Flipped leaves are joined once this many wait, so that a long stretch without updates takes bounded memory.
 constexpr std::size_t kMostFlips = std::size_t{1} << 22;
 /// Memory that the table of directions by cell may take; above it, collisions are not remembered.
@@ -82,7 +83,8 @@ class DeviceScheduler final : public UpdateScheduler {
     // was for nothing, and all are admitted anew.
     if (++scans_ == 1) {
       listNews();
-      admit();
+      // Isolated, or this thread might take up the map's work while it waits, and begin with the neighbours behind it.
+      tbb::this_task_arena::isolate([&] { admit(); });
       updater_->findNeighbours();
     }
     const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
@@ -129,7 +131,7 @@ class DeviceScheduler final : public UpdateScheduler {
     // While the backend takes in flips and points, the host reads the map.
     const auto to_backend = [&] {
       updater_->begin(input);
-      if (!admitted) admit();
+      if (!admitted) tbb::this_task_arena::isolate([&] { admit(); });
     };
     const auto on_host = [&] {
       findCrossed(crossed);

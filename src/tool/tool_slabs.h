@@ -21,7 +21,7 @@ struct ToolSlabs {
   std::vector<kernels::SlabBox> boxes;  ///< [D x 8]
   std::vector<kernels::LeafColumn> columns;
   std::vector<kernels::FullSlabs> full;  ///< of each of them; empty where there are few
-  std::vector<std::uint32_t> begin;  ///< [D x 8 x 8 + 1]
+  std::vector<std::uint32_t> begin;      ///< [D x 8 x 8 + 1]
 
   [[nodiscard]] bool empty() const { return begin.empty(); }
 

@@ -5,11 +5,11 @@
 ///
 /// Prints milliseconds a frame, by the clock and of processor time over all threads, over the last frames:
 ///   returns   PointStore::addReturns, part of the verb's `integrate`
-///   reached   UpdateScheduler::noteReturns, part of the verb's `integrate`
-///   flips     UpdateScheduler::noteChanges
-///   blocks    of update(): blocks with new points; beside it weights are read
-///   points    of update(): what is left of reading weights, then new and touched points
-///   crossed   of update(): putting those that became confident in order
+///   blocks    of UpdateScheduler::noteReturns: blocks with new points, part of the verb's `integrate`
+///   points    of noteReturns: new and touched points
+///   reached   of noteReturns: the rest, which leaves the scan reached
+///   flips     UpdateScheduler::noteChanges: joining what noteChange() noted while the map took the scan in, not timed
+///   crossed   of update(): which points became confident, and all weights, in order
 ///   rest      of update(): after the updater; what ran beside it was over sooner or is here
 /// and hashes of what the updater was told, in no order, which no change of speed may change. Options by environment:
 /// ACCESSVDB_BENCH_FRAMES (200), ACCESSVDB_BENCH_TIMED (40, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10),
@@ -57,7 +57,7 @@ struct Phases {
 
 struct Told {
   std::uint64_t news = 0, blocks = 0, block_ids = 0, crossed = 0, flips = 0;  ///< counts
-  std::uint64_t news_hash = 0, crossed_hash = 0, flips_hash = 0;
+  std::uint64_t news_hash = 0, weights_hash = 0, crossed_hash = 0, flips_hash = 0;
 };
 
 std::uint64_t mixed(std::uint64_t hash, std::uint64_t value) {
@@ -91,6 +91,9 @@ class Listener final : public kernels::PointUpdater {
   }
   kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
     phases_.end(kCrossed);
+    for (const kernels::PointWeight& point : input.weights) {
+      told_.weights_hash += mixed(mixed(8, point.id), point.weight);
+    }
     for (const kernels::PointWeight& point : input.crossed)
       told_.crossed_hash += mixed(mixed(7, point.id), point.weight);
     for (const kernels::LeafFlips& flips : input.flips) {
@@ -166,7 +169,8 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   std::printf("points %u in %zu blocks, host bytes a point %.1f (store), %.1f (scheduler)\n", points.size(),
               points.index().blocks().size(), static_cast<double>(points.bytes()) / points.size(),
               static_cast<double>(scheduler->bytes()) / points.size());
-  std::printf("hashes: news %016llx crossed %016llx flips %016llx\n", static_cast<unsigned long long>(told.news_hash),
+  std::printf("hashes: news %016llx weights %016llx crossed %016llx flips %016llx\n",
+              static_cast<unsigned long long>(told.news_hash), static_cast<unsigned long long>(told.weights_hash),
               static_cast<unsigned long long>(told.crossed_hash), static_cast<unsigned long long>(told.flips_hash));
 }
 
