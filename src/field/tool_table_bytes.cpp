@@ -44,7 +44,8 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
     // As ScoringSetup does it: slabs as they are found and once more in one list, which then goes to the GPU.
     constexpr auto kMost = static_cast<double>(internal::ToolSlabs::kMostBytes);
     const auto slabs = internal::ToolSlabs::make(kernel.view(), sampled, static_cast<std::uint64_t>(kMost / share));
-    making += 2 * (slabs.empty() ? kMost : share * (bytesOf(slabs.words) + bytesOf(slabs.columns)));
+    making +=
+        2 * (slabs.empty() ? kMost : share * (bytesOf(slabs.words) + bytesOf(slabs.columns) + bytesOf(slabs.full)));
   }
   if (resolved.update.policy == UpdatePolicy::Exact && (on_host || resolved.update.budget_points > 0) &&
       !kernel.use_samples) {
