@@ -132,8 +132,8 @@ class CudaUpdater final : public PointUpdater {
     search.window = planWindow(search.tool, kPlainSharedBytes / BusyMapView::kEntries, false);
     search.busy = makeBusyMap(input.map.grid, found.lowers);
     growItems();
-    growFound(moved - found.prepared);
-    growPart(moved - found.prepared);
+    growForParts(found_, moved - found.prepared);
+    growForParts(part_, moved - found.prepared);
     UpdateOutcome outcome;
     const auto evaluate = [&] {
       ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
@@ -390,13 +390,10 @@ class CudaUpdater final : public PointUpdater {
   }
 
   /// For parts of so many moved points.
-  void growFound(std::uint32_t moved) {
+  template <typename T>
+  void growForParts(DeviceArray<T>& array, std::uint32_t moved) {
     const std::size_t part = std::min(moved, kMovedPart);
-    if (found_.size() < part) found_.grow(memory_, std::min<std::size_t>(roomFor(part), kMovedPart), 0);
-  }
-  void growPart(std::uint32_t moved) {
-    const std::size_t part = std::min(moved, kMovedPart);
-    if (part_.size() < part) part_.grow(memory_, std::min<std::size_t>(roomFor(part), kMovedPart), 0);
+    if (array.size() < part) array.grow(memory_, std::min<std::size_t>(roomFor(part), kMovedPart), 0);
   }
   void makeNeighbourhoods(std::uint32_t first, std::uint32_t count, Neighbourhood* to) {
     launchNearest(view_, first, count, found_.data(), stream());
@@ -408,7 +405,7 @@ class CudaUpdater final : public PointUpdater {
   std::uint32_t growPrepared() {
     const std::uint32_t expected = std::min(last_moved_ + last_moved_ / 8, kMostPrepared);
     try {
-      growFound(expected);
+      growForParts(found_, expected);
       prepared_.growWithRoom(memory_, expected, std::min<std::size_t>(roomFor(expected), kMostPrepared), 0);
     } catch (const ResourceLimit&) {
       return 0;

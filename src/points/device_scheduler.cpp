@@ -83,8 +83,7 @@ class DeviceScheduler final : public UpdateScheduler {
     // was for nothing, and all are admitted anew.
     if (++scans_ == 1) {
       listNews();
-      // Isolated, or this thread might take up the map's work while it waits, and begin with the neighbours behind it.
-      tbb::this_task_arena::isolate([&] { admit(); });
+      admit();
       updater_->findNeighbours();
     }
     const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
@@ -131,7 +130,7 @@ class DeviceScheduler final : public UpdateScheduler {
     // While the backend takes in flips and points, the host reads the map.
     const auto to_backend = [&] {
       updater_->begin(input);
-      if (!admitted) tbb::this_task_arena::isolate([&] { admit(); });
+      if (!admitted) admit();
     };
     const auto on_host = [&] {
       findCrossed(crossed);
@@ -207,10 +206,13 @@ class DeviceScheduler final : public UpdateScheduler {
     std::iota(ids_.begin() + static_cast<std::ptrdiff_t>(touched_.size()), ids_.end(), known_points_);
   }
 
-  /// Hands them over.
+  /// Hands them over. Isolated, or this thread might take up work beside it while it waits, and what comes next would
+  /// wait for that.
   void admit() {
-    admitBlocks();
-    admitPoints();
+    tbb::this_task_arena::isolate([this] {
+      admitBlocks();
+      admitPoints();
+    });
   }
 
   /// Blocks with new points.
