@@ -23,7 +23,7 @@ constexpr std::uint32_t kMovedPart = 1u << 17, kFlipsPart = 1u << 18, kMostItems
 constexpr std::uint32_t kMostPrepared = 1u << 20;
 
 /// Collisions are counted up to this many times the limit, to remember them. Counting farther did not pay.
-constexpr int kCountTo = 3;
+constexpr int kCountTo = 2;
 /// Shared memory that a block gets without asking.
 constexpr int kPlainSharedBytes = 44 * 1024;
 
@@ -72,7 +72,6 @@ class CudaUpdater final : public PointUpdater {
     view_.update_rule = input.rule;
     const int limit = input.tool.collision_limit;
     view_.known.of = KnownLevels::of(limit);
-    view_.known.most_freed = 2 * marginCollisions(limit);
     view_.known.count_to = std::min(kCountTo * limit, int{kNoScore});
     addFlips(input.flips);
   }
@@ -465,7 +464,7 @@ class CudaUpdater final : public PointUpdater {
   DeviceArray<std::uint32_t> block_, moved_bits_, changed_bits_, moved_;
   DeviceArray<float> mean_, to_sensor_, reach_;
   DeviceArray<std::uint64_t> own_seen_;
-  DeviceArray<std::uint32_t> known_levels_;
+  DeviceArray<std::uint64_t> known_levels_;
   // By block.
   DeviceArray<std::uint64_t> hash_keys_;
   DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, head_, touched_blocks_, reached_bits_, reached_blocks_,
@@ -478,7 +477,7 @@ class CudaUpdater final : public PointUpdater {
   DeviceArray<std::uint8_t> with_points_;
   DeviceArray<GroupMasks> masks_;
   DeviceArray<std::uint8_t> affected_;
-  DeviceArray<std::uint16_t> known_freed_;
+  DeviceArray<FreedWord> known_freed_;
   // Of one update.
   DeviceArray<Place> places_;
   DeviceArray<std::uint64_t> flip_keys_, flip_kinds_;

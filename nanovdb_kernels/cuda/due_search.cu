@@ -110,20 +110,14 @@ __device__ void learn(const UpdateView& view, std::size_t id, const WarpMasks& m
   if ((counted | arm_blocked) == 0 && before == after) return;
   const KnownLevels& of = view.known.of;
   const KnownWord known(view, id, view.state.block[id], lane);
-  std::uint32_t levels = known.levels;
-  if (before != after) levels = lowered(of, levels, after - before);
+  // Where the tool was counted, the corridor is free.
+  std::uint64_t levels = (known.levels & ~known_word::spread(counted)) | known_word::spread(arm_blocked);
+  if (before != after) levels = known_word::rebased(levels, after - before, of.log2);
 #pragma unroll 1
-  for (std::uint32_t bits = counted | arm_blocked; bits != 0; bits &= bits - 1) {
+  for (std::uint32_t bits = counted; bits != 0; bits &= bits - 1) {
     const int n = __ffs(static_cast<int>(bits)) - 1;
-    const std::uint32_t was = levelIn(levels, n);
-    std::uint32_t now = KnownLevels::kArmBlocked;
-    if ((counted >> n & 1u) != 0) {
-      now = of.levelOf(masks.least[lane * kKnownPerWord + n] - after + known.freed);
-      if (was != KnownLevels::kArmBlocked && was > now) now = was;
-    } else if (was >= of.lowestWith(1 + known.freed)) {
-      now = was;  // what is known of the tool holds for longer
-    }
-    levels = withLevel(levels, n, now);
+    const std::uint32_t level = of.levelOf(masks.least[lane * kKnownPerWord + n] - after, known.freed.of(n));
+    if (level > known_word::levelIn(levels, n)) levels = known_word::withLevel(levels, n, level);
   }
   if (levels != known.levels) {
     view.known.levels[id * static_cast<std::size_t>(view.known.words) + static_cast<std::size_t>(lane)] = levels;

@@ -68,13 +68,14 @@ __device__ inline void sumSteps(const std::uint32_t* steps, int lane, std::uint3
 
 /// What is known of a point's eight directions.
 struct KnownWord {
-  std::uint32_t levels = 0;
-  int freed = 0;  ///< collisions that they may have lost
+  std::uint64_t levels;
+  FreedWord freed;
 
   __device__ KnownWord(const UpdateView& view, std::size_t id, std::uint32_t block, int word) {
     const auto words = static_cast<std::size_t>(view.known.words);
     levels = view.known.levels[id * words + static_cast<std::size_t>(word)];
-    freed = view.known.freed[view.groups.of_block[block] * words + static_cast<std::size_t>(word)];
+    const FreedWord* all = view.known.freed + view.groups.of_block[block] * words + static_cast<std::size_t>(word);
+    reinterpret_cast<uint4&>(freed) = *reinterpret_cast<const uint4*>(all);
   }
 };
 
@@ -89,43 +90,23 @@ __device__ inline DirectionMask knownWorse(const UpdateView& view, std::size_t i
       const int word = 4 * half + byte;
       if (word >= view.known.words) break;
       const KnownWord known(view, id, block, word);
-      if (known.levels == 0) continue;
-      bits |= atLeastLevel(known.levels, view.known.of.lowestWith(1 + known.freed)) << (8 * byte);
+      bits |= known_word::worse(known.levels, known.freed.lowestWithMore(view.known.of.log2)) << (8 * byte);
     }
     worse.word[half / 2] |= static_cast<std::uint64_t>(bits) << (32 * (half & 1));
   }
   return worse;
 }
 
-/// At least so many collisions has a point in a direction; 0: nothing is known, or only of the corridor.
+/// At least so many collisions has a point in a direction; 0: nothing is known.
 /// @param base  baseCollisions
 __device__ inline int knownCollisions(const UpdateView& view, std::size_t id, std::uint32_t block, int base, int d) {
   if (view.known.levels == nullptr) return 0;
   const KnownWord known(view, id, block, d / kKnownPerWord);
-  const std::uint32_t level = levelIn(known.levels, d % kKnownPerWord);
-  if (level == 0 || level == KnownLevels::kArmBlocked) return 0;
-  const int collisions = base + view.known.of.least[level] - known.freed;
+  const int n = d % kKnownPerWord;
+  const std::uint32_t level = known_word::levelIn(known.levels, n);
+  if (level == 0) return 0;
+  const int collisions = base + view.known.of.collisionsOf(level, known.freed.of(n));
   return collisions > 0 ? collisions : 0;
-}
-
-/// Levels once more, after collisions were lost, or counted from another base. @param less  by how much they are less;
-/// may be negative
-__device__ inline std::uint32_t lowered(const KnownLevels& of, std::uint32_t levels, int less) {
-#pragma unroll 1
-  for (int n = 0; n < kKnownPerWord; ++n) {
-    const std::uint32_t level = levelIn(levels, n);
-    if (level == 0 || level == KnownLevels::kArmBlocked) continue;
-    levels = withLevel(levels, n, of.levelOf(of.least[level] - less));
-  }
-  return levels;
-}
-
-/// Forgets blocked corridors of the directions `bits`.
-__device__ inline std::uint32_t withoutArms(std::uint32_t levels, std::uint32_t bits) {
-  for (bits &= atLeastLevel(levels, KnownLevels::kArmBlocked); bits != 0; bits &= bits - 1) {
-    levels = withLevel(levels, __ffs(static_cast<int>(bits)) - 1, 0);
-  }
-  return levels;
 }
 
 /// Calls visit(id) with the points of a group, a point a lane and the lowest lanes first; kNoIndex: none. All lanes.
@@ -157,62 +138,81 @@ __device__ void forEachPoint(const UpdateView& view, std::uint32_t group, int la
   }
 }
 
-/// Ages what is known of the points of a group. A warp. @param steps  see countFreed
+/// Adds what was freed in a word's directions to what was before. Once it is many steps in one of them (or
+/// `forget`), levels have to be lowered.
+/// @param more  [kKnownPerWord]   @param steps  out: by how much, a byte each
+/// @return whether they have to be
+__device__ inline bool addFreed(FreedWord& freed, const std::uint32_t* more, bool forget, int log2,
+                                std::uint64_t& steps) {
+  constexpr std::uint32_t kAll = KnownLevels::kMost;
+  bool lower = forget;
+  std::uint32_t sums[kKnownPerWord];
+#pragma unroll
+  for (int n = 0; n < kKnownPerWord; ++n) {
+    sums[n] = static_cast<std::uint32_t>(freed.of(n)) + more[n];
+    lower = lower || sums[n] >> log2 >= KnownLevels::kMostFreedSteps;
+  }
+  steps = 0;
+#pragma unroll
+  for (int n = 0; n < kKnownPerWord; ++n) {
+    if (!lower) continue;
+    const std::uint32_t whole = sums[n] >> log2, taken = forget || whole > kAll ? kAll : whole;
+    steps |= std::uint64_t{taken} << (8 * n);
+    sums[n] -= whole << log2;  // where more was freed than the highest level says, nothing is known any more
+  }
+#pragma unroll
+  for (int i = 0; i < kKnownPerWord / 2; ++i) freed.pairs[i] = sums[2 * i] | sums[2 * i + 1] << 16;
+  return lower;
+}
+
+/// Ages what is known of the points of a group. A warp.
+/// @param steps  see countFreed; out: something else
 /// @param too_many  more leaves than kMostCountedLeaves: the steps are too few
 /// @param better_arm  of directions 32 (lane / 4) .. + 31, those whose corridor may have become free
-__device__ inline void agePoints(const UpdateView& view, std::uint32_t group, const std::uint32_t* steps, bool too_many,
+__device__ inline void agePoints(const UpdateView& view, std::uint32_t group, std::uint32_t* steps, bool too_many,
                                  std::uint32_t better_arm, int lane) {
-  constexpr int kMostFreed = 0xffff;
   const int words = view.known.words;
   std::uint32_t sums[kDirectionWords32];
   sumSteps(steps, lane, sums);
-  // Lane n takes word n; it begins as the largest sum of its eight directions.
-  std::uint32_t mine = 0;
+  __syncwarp();  // all have read
 #pragma unroll
   for (int w = 0; w < kDirectionWords32; ++w) {
-    std::uint32_t most = 32 * w + lane < view.approach.num_directions ? sums[w] : 0;
-    for (int step = 1; step < kKnownPerWord; step *= 2) {
-      const std::uint32_t other = __shfl_xor_sync(kAllLanes, most, step);
-      if (other > most) most = other;
-    }
-    const std::uint32_t of_word = __shfl_sync(kAllLanes, most, (lane & 3) * kKnownPerWord);
-    if (lane >> 2 == w) mine = of_word;
+    steps[32 * w + lane] = 32 * w + lane < view.approach.num_directions ? sums[w] : 0;
   }
-  if (too_many) mine = kMostFreed;
-  std::uint16_t* counter = view.known.freed + group * static_cast<std::size_t>(words) + lane;
-  int freed = 0;
+  __syncwarp();
+  // Lane n takes word n.
+  const std::uint64_t arms = known_word::spread(better_arm >> (8 * (lane & 3)) & 0xffu);
+  std::uint64_t less = 0;
+  bool wanted = false;
   if (lane < words) {
-    const std::uint32_t sum = *counter + mine;
-    freed = sum < kMostFreed ? static_cast<int>(sum) : kMostFreed;
+    auto* counter = reinterpret_cast<uint4*>(view.known.freed + group * static_cast<std::size_t>(words) + lane);
+    FreedWord freed;
+    reinterpret_cast<uint4&>(freed) = *counter;
+    wanted = addFreed(freed, steps + kKnownPerWord * lane, too_many, view.known.of.log2, less) || arms != 0;
+    *counter = reinterpret_cast<const uint4&>(freed);
   }
-  const bool renew = __any_sync(kAllLanes, freed > view.known.most_freed);
-  const std::uint32_t arms = better_arm >> (8 * (lane & 3)) & 0xffu;
-  const bool wanted = lane < words && (renew || arms != 0);
-  if (__any_sync(kAllLanes, wanted)) {
-    forEachPoint(view, group, lane, [&](std::uint32_t id) {
-      // One point after the other, a word a lane; so many at a time, as memory is far away.
-      constexpr int kTogether = 8;
-      const int points = __popc(__ballot_sync(kAllLanes, id != kNoIndex));
-      for (int first = 0; first < points; first += kTogether) {
-        std::uint32_t* levels[kTogether];
-        std::uint32_t before[kTogether];
+  if (!__any_sync(kAllLanes, wanted)) return;
+  forEachPoint(view, group, lane, [&](std::uint32_t id) {
+    // One point after the other, a word a lane; so many at a time, as memory is far away.
+    constexpr int kTogether = 8;
+    const int points = __popc(__ballot_sync(kAllLanes, id != kNoIndex));
+    for (int first = 0; first < points; first += kTogether) {
+      std::uint64_t* levels[kTogether];
+      std::uint64_t before[kTogether];
 #pragma unroll
-        for (int i = 0; i < kTogether; ++i) {
-          const std::uint32_t of = __shfl_sync(kAllLanes, id, first + i);
-          levels[i] = view.known.levels + of * static_cast<std::size_t>(words) + lane;
-          before[i] = wanted && first + i < points ? *levels[i] : 0;
-        }
-#pragma unroll
-        for (int i = 0; i < kTogether; ++i) {
-          if (before[i] == 0) continue;  // nothing is known
-          std::uint32_t after = withoutArms(before[i], arms);
-          if (renew) after = lowered(view.known.of, after, freed);
-          if (after != before[i]) *levels[i] = after;
-        }
+      for (int i = 0; i < kTogether; ++i) {
+        const std::uint32_t of = __shfl_sync(kAllLanes, id, first + i);
+        levels[i] = view.known.levels + of * static_cast<std::size_t>(words) + lane;
+        before[i] = wanted && first + i < points ? *levels[i] : 0;
       }
-    });
-  }
-  if (lane < words && (mine != 0 || renew)) *counter = static_cast<std::uint16_t>(renew ? 0 : freed);
+#pragma unroll
+      for (int i = 0; i < kTogether; ++i) {
+        if (before[i] == 0) continue;  // nothing is known
+        const std::uint64_t after = known_word::lowered(before[i], less) & ~arms;
+        if (after != before[i]) *levels[i] = after;
+      }
+    }
+  });
 }
 
 }  // namespace accessvdb::kernels

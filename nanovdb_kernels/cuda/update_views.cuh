@@ -153,13 +153,10 @@ struct CellTableView {
 
 /// What is known of directions that are not the best one.
 struct KnownView {
-  std::uint32_t* levels = nullptr;  ///< [words n] by id; null: nothing is remembered
-  /// [words groups] voxels that ceased to collide in the tool of any of the eight directions since their levels, at
-  /// most
-  std::uint16_t* freed = nullptr;
-  int words = 0;       ///< of eight directions, a point
-  int most_freed = 0;  ///< with more of them, levels are brought up to date
-  int count_to = 0;    ///< up to here collisions are counted, to remember them
+  std::uint64_t* levels = nullptr;  ///< [words n] by id; null: nothing is remembered
+  FreedWord* freed = nullptr;       ///< [words groups]
+  int words = 0;                    ///< of eight directions, a point
+  int count_to = 0;                 ///< up to here collisions are counted, to remember them
   KnownLevels of;
 };
 
