@@ -59,7 +59,9 @@ DeviceContext::DeviceContext(std::uint64_t memory_limit_bytes) : limit_bytes_(me
   try {
     describeDevice();
     ACCESSVDB_CUDA(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
-    ACCESSVDB_CUDA(cudaStreamCreateWithFlags(&mirror_stream_, cudaStreamNonBlocking));
+    int least = 0, greatest = 0;
+    ACCESSVDB_CUDA(cudaDeviceGetStreamPriorityRange(&least, &greatest));
+    ACCESSVDB_CUDA(cudaStreamCreateWithPriority(&mirror_stream_, cudaStreamNonBlocking, greatest));
     ACCESSVDB_CUDA(cudaEventCreateWithFlags(&mirror_ready_, cudaEventDisableTiming));
   } catch (const ResourceLimit& error) {
     closeStreams();

@@ -122,7 +122,7 @@ class PointUpdater {
   /// need nothing of the map. Without it, update() finds them.
   virtual void findNeighbours() = 0;
   /// Takes the flips in and returns while the backend is still at work on them. Neither weights nor the map are looked
-  /// at.
+  /// at. May come again before update(), with all flips since the last one.
   virtual void begin(const UpdateInput& input) = 0;
   /// Brings neighbourhoods, labels, directions and scores up to date with the map and with what was admitted.
   /// @param input  as at begin(), with weights; its flips are not looked at again

@@ -153,8 +153,13 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     const internal::Stopwatch noting;
     scheduler->noteChanges(scan.p_L, scan.q_L, result.changes);
     const double noting_ms = noting.milliseconds();
-    mirrorFacts(result, stats);
-    if (distance_mirror) mirrorDistances(result, stats);
+    const internal::ScoringTables tables = setup.tables(mirror.grid());
+    const auto prepare = [&] { scheduler->prepare(tables); };
+    const auto mirror_all = [&] {
+      mirrorFacts(result, stats);
+      if (distance_mirror) mirrorDistances(result, stats);
+    };
+    internal::runBeside(prepare, mirror_all);
     return noting_ms;
   }
 

@@ -112,38 +112,27 @@ class DeviceScheduler final : public UpdateScheduler {
     if (flips_.size() > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
+  /// Should another scan come before the update, that was for nothing, and all is handed over anew.
+  void prepare(const ScoringTables& tables) override {
+    if (scans_ == 1) handOver(tables, true);
+  }
+
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    const bool admitted = scans_ == 1;
+    const bool prepared = scans_ == 1;
     scans_ = 0;
-    if (!admitted) listNews();
+    if (!prepared) listNews();
     scorer_.growDevice();
-    kernels::UpdateInput input;
-    input.map = tables.map;
-    input.tool = tables.tool;
-    input.slabs = tables.slabs;
-    input.approach = tables.approach;
-    input.points = scorer_.device().view();
-    input.rule = tables.rule;
-    input.flips = flips_;
-    std::vector<kernels::PointWeight> crossed;
-    // While the backend takes in flips and points, the host reads the map.
-    const auto to_backend = [&] {
-      updater_->begin(input);
-      if (!admitted) admit();
-    };
-    const auto on_host = [&] {
-      findCrossed(crossed);
-      readWeights(crossed);
-    };
-    runBeside(to_backend, on_host);
+    if (!prepared) handOver(tables, false);
+    kernels::UpdateInput input = inputOf(tables);
     input.weights = weights_;
-    tbb::parallel_sort(crossed.begin(), crossed.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
-    input.crossed = crossed;
+    takeConfident();
+    input.crossed = crossed_;
     kernels::UpdateOutcome outcome;
     runBeside([&] { outcome = updater_->update(input); }, [&] { knowNews(); });
     flips_.clear();
     joined_flips_ = 0;
+    crossed_.clear();
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
 
     stats.dirty_points = outcome.moved + outcome.evaluated;
@@ -156,10 +145,10 @@ class DeviceScheduler final : public UpdateScheduler {
 
   std::uint64_t bytes() const override {
     const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
-    std::uint64_t bytes = fresh_.bytes() + bytesOf(ids_) + bytesOf(weights_) + bytesOf(read_weights_) +
-                          bytesOf(touched_) + is_touched_.bytes() + bytesOf(news_) + blocks_.bytes() +
-                          bytesOf(block_news_) + bytesOf(block_ids_) + bytesOf(flips_) + bytesOf(reached_.voxels) +
-                          bytesOf(reached_.blocks);
+    std::uint64_t bytes = fresh_.bytes() + bytesOf(ids_) + bytesOf(weights_) + bytesOf(crossed_) + bytesOf(read_ids_) +
+                          bytesOf(read_weights_) + bytesOf(touched_) + is_touched_.bytes() + bytesOf(news_) +
+                          blocks_.bytes() + bytesOf(block_news_) + bytesOf(block_ids_) + bytesOf(flips_) +
+                          bytesOf(reached_.voxels) + bytesOf(reached_.blocks);
     for (const std::vector<kernels::LeafFlips>& part : flip_parts_) bytes += bytesOf(part);
     return bytes;
   }
@@ -170,6 +159,18 @@ class DeviceScheduler final : public UpdateScheduler {
     std::uint32_t id;
     Eigen::Vector3f before_L;  ///< at the last update
   };
+
+  [[nodiscard]] kernels::UpdateInput inputOf(const ScoringTables& tables) const {
+    kernels::UpdateInput input;
+    input.map = tables.map;
+    input.tool = tables.tool;
+    input.slabs = tables.slabs;
+    input.approach = tables.approach;
+    input.points = scorer_.device().view();
+    input.rule = tables.rule;
+    input.flips = flips_;
+    return input;
+  }
 
   void joinFlips() {
     const auto place = [](const kernels::LeafFlips& f) { return std::array{f.leaf[0], f.leaf[1], f.leaf[2]}; };
@@ -246,15 +247,37 @@ class DeviceScheduler final : public UpdateScheduler {
     }
   }
 
-  /// Of the same points; adds the new ones that are confident at once.
-  void readWeights(std::vector<kernels::PointWeight>& confident) {
-    read_weights_.resize(ids_.size());
-    scorer_.reads().weights(ids_, read_weights_);
-    weights_.resize(ids_.size());
-    for (std::size_t n = 0; n < ids_.size(); ++n) {
-      weights_[n] = {ids_[n], read_weights_[n]};
-      if (n >= touched_.size() && read_weights_[n] >= least_weight_) confident.push_back(weights_[n]);
+  /// Flips and, unless it is done, points; while the backend takes them in, the host reads the map.
+  void handOver(const ScoringTables& tables, bool admitted) {
+    const auto to_backend = [&] {
+      updater_->begin(inputOf(tables));
+      if (!admitted) admit();
+    };
+    const auto on_host = [&] {
+      readWeights(crossed_);  // an earlier scan brought them above the bound
+      findCrossed();
+      weights_.resize(ids_.size());
+      for (std::size_t n = 0; n < ids_.size(); ++n) weights_[n].id = ids_[n];
+      readWeights(weights_);
+    };
+    runBeside(to_backend, on_host);
+  }
+
+  void readWeights(std::span<kernels::PointWeight> points) {
+    std::vector<std::uint32_t>& ids = read_ids_;
+    ids.resize(points.size());
+    read_weights_.resize(points.size());
+    for (std::size_t n = 0; n < points.size(); ++n) ids[n] = points[n].id;
+    scorer_.reads().weights(ids, read_weights_);
+    for (std::size_t n = 0; n < points.size(); ++n) points[n].weight = read_weights_[n];
+  }
+
+  /// Adds the new points that are confident at once to those that became so.
+  void takeConfident() {
+    for (std::size_t n = touched_.size(); n < ids_.size(); ++n) {
+      if (weights_[n].weight >= least_weight_) crossed_.push_back(weights_[n]);
     }
+    tbb::parallel_sort(crossed_.begin(), crossed_.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
   }
 
   /// @param n  index into ids_
@@ -288,7 +311,7 @@ class DeviceScheduler final : public UpdateScheduler {
 
   /// Older points that became confident. Weights only grow, so only fresh ones are looked at, and of them those that
   /// scans reached since the last update.
-  void findCrossed(std::vector<kernels::PointWeight>& crossed) {
+  void findCrossed() {
     fresh_.takeReached(reached_);
     std::vector<std::uint16_t> weights(reached_.voxels.size());
     scorer_.reads().weights_at(reached_.voxels, weights);
@@ -296,11 +319,13 @@ class DeviceScheduler final : public UpdateScheduler {
     for (std::size_t n = 0; n < weights.size(); ++n) {
       if (weights[n] >= least_weight_) entries.push_back(static_cast<std::uint32_t>(n));
     }
-    crossed.resize(entries.size());
+    const std::size_t before = crossed_.size();
+    crossed_.resize(before + entries.size());
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, entries.size(), 512), [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         const std::uint32_t entry = entries[n];
-        crossed[n] = {scorer_.points().index().findIn(reached_.blocks[entry], reached_.voxels[entry]), weights[entry]};
+        crossed_[before + n] = {scorer_.points().index().findIn(reached_.blocks[entry], reached_.voxels[entry]),
+                                weights[entry]};
       }
     });
     fresh_.remove(reached_, entries);
@@ -321,6 +346,8 @@ class DeviceScheduler final : public UpdateScheduler {
   int scans_ = 0;                              ///< since the last update
   std::vector<std::uint32_t> ids_;             ///< listNews()
   std::vector<kernels::PointWeight> weights_;  ///< of ids_
+  std::vector<kernels::PointWeight> crossed_;  ///< points that became confident since the last update
+  std::vector<std::uint32_t> read_ids_;        ///< readWeights()
   std::vector<std::uint16_t> read_weights_;    ///< the same
   std::vector<kernels::PointNews> news_;
   std::vector<kernels::BlockNews> block_news_;

@@ -18,7 +18,6 @@ struct State {
   std::uint64_t calls = 0, named = 0;
   bool met = false;
   std::string met_at;
-  cudaError_t launch_error = cudaSuccess;  // of the last launch, until someone asks
   CudaObjects objects;
 
   State() {
@@ -37,6 +36,9 @@ State& state() {
   static State state;
   return state;
 }
+
+/// Of the thread's last launch, until it asks.
+thread_local cudaError_t launch_error = cudaSuccess;
 
 /// @return what the call is to fail with; cudaSuccess = it may go on
 cudaError_t meet(const char* call) {
@@ -66,7 +68,7 @@ void setFault(const CudaFault& fault) {
   s.calls = s.named = 0;
   s.met = false;
   s.met_at.clear();
-  s.launch_error = cudaSuccess;
+  launch_error = cudaSuccess;
 }
 bool faultMet() { return state().met; }
 std::string faultyCall() { return state().met_at; }
@@ -82,6 +84,7 @@ std::string inWords(const CudaObjects& o) {
 
 using accessvdb::test::countObject;
 using accessvdb::test::CudaObjects;
+using accessvdb::test::launch_error;
 using accessvdb::test::meet;
 using accessvdb::test::state;
 
@@ -133,6 +136,9 @@ PASS(cudaMemsetAsync, (void* to, int value, std::size_t bytes, cudaStream_t stre
 MAKE(memory, cudaMalloc, (void** address, std::size_t bytes), (address, bytes))
 MAKE(pinned, cudaHostAlloc, (void** address, std::size_t bytes, unsigned flags), (address, bytes, flags))
 MAKE(streams, cudaStreamCreateWithFlags, (cudaStream_t * stream, unsigned flags), (stream, flags))
+MAKE(streams, cudaStreamCreateWithPriority, (cudaStream_t * stream, unsigned flags, int priority),
+     (stream, flags, priority))
+PASS(cudaDeviceGetStreamPriorityRange, (int* least, int* greatest), (least, greatest))
 MAKE(events, cudaEventCreate, (cudaEvent_t * event), (event))
 MAKE(events, cudaEventCreateWithFlags, (cudaEvent_t * event, unsigned flags), (event, flags))
 GIVE_BACK(memory, cudaFree, void*)
@@ -146,18 +152,18 @@ extern "C" cudaError_t __wrap___cudaLaunchKernel(cudaKernel_t kernel, dim3 grid,
                                                  std::size_t shared, cudaStream_t stream) {
   const cudaError_t fault = meet("launch");
   if (fault == cudaSuccess) return __real___cudaLaunchKernel(kernel, grid, block, arguments, shared, stream);
-  state().launch_error = fault;
+  launch_error = fault;
   return fault;
 }
 extern "C" cudaError_t __real_cudaGetLastError();
 extern "C" cudaError_t __wrap_cudaGetLastError() {
-  const cudaError_t before = state().launch_error, status = __real_cudaGetLastError();
-  state().launch_error = cudaSuccess;
+  const cudaError_t before = launch_error, status = __real_cudaGetLastError();
+  launch_error = cudaSuccess;
   return before != cudaSuccess ? before : status;
 }
 extern "C" cudaError_t __real_cudaPeekAtLastError();
 extern "C" cudaError_t __wrap_cudaPeekAtLastError() {
-  const cudaError_t before = state().launch_error;
+  const cudaError_t before = launch_error;
   return before != cudaSuccess ? before : __real_cudaPeekAtLastError();
 }
 

@@ -176,6 +176,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);
       scheduler->noteChanges(p, q, result.changes);
+      scheduler->prepare({});
       for (const auto& part : result.changes) {
         for (const LeafChange& change : part) {
           LeafFacts& facts = flips[parentOf(change.origin_ijk)];
