@@ -179,47 +179,66 @@ __device__ bool armIsFree(const Window& window, const OccupancyReader& map, cons
   return __all_sync(kAllLanes, free);
 }
 
-/// Has the best direction of an accessible point become worse? All lanes. @param score  in: as it was; out: as it is
+/// What became of the best direction of an accessible point. All lanes.
+/// @return its collisions, exact below the limit; kNoScore where its corridor is blocked
 template <class Window, class Counter>
-__device__ bool lostDirection(const UpdateView& view, const DueSearch& search, const Window& window,
-                              const OccupancyReader& map, const DuePoint& point, std::uint8_t test_best, int direction,
-                              int& score, const Counter& counter, int lane) {
+__device__ int testBest(const UpdateView& view, const DueSearch& search, const Window& window,
+                        const OccupancyReader& map, const DuePoint& point, std::uint8_t test_best, int direction,
+                        int score, const Counter& counter, int lane) {
   const float inverse = search.map.inverse_voxel_size;
   if ((test_best & kTestArm) != 0 &&
       !armIsFree(window, map, view.approach, direction, point.position_L, inverse, lane)) {
-    return true;
+    return kNoScore;
   }
-  if ((test_best & kTestTool) == 0) return false;
-  const int hits = belowNoScore(counter(direction, score));
-  if (hits > score) return true;
-  score = hits;
-  return false;
+  if ((test_best & kTestTool) == 0) return score;
+  return belowNoScore(counter(direction, static_cast<int>(search.tool.collision_limit) - 1));
+}
+
+/// Directions of a point that need no test where its best one has so many collisions more than before. All lanes.
+__device__ void skipKnownWorse(const UpdateView& view, std::size_t id, int more, DirectionMask& skip, int lane) {
+  std::uint32_t worse = 0;
+  if (view.known.levels != nullptr && lane < view.known.words) {
+    const int log2 = view.known.of.log2;
+    const std::uint32_t steps = (static_cast<std::uint32_t>(more) + (1u << log2) - 1) >> log2;
+    constexpr std::uint32_t kMost = KnownLevels::kMost - KnownLevels::kMostFreedSteps + 1;
+    const KnownWord known(view, id, view.state.block[id], lane);
+    const std::uint64_t lowest = known.freed.lowestWithMore(log2) + known_word::kEach * (steps < kMost ? steps : kMost);
+    worse = known_word::worse(known.levels, lowest);
+  }
+  static_assert(sizeof(DirectionMask) == kWarp);
+  reinterpret_cast<std::uint8_t*>(skip.word)[lane] = static_cast<std::uint8_t>(worse);
 }
 
 /// A point of which some directions are in question. All lanes.
-/// @return false: its best direction became worse, so that all of them are in question
+/// @return false: all of them are
 template <class Window, class Counter>
 __device__ bool confirm(const UpdateView& view, const DueSearch& search, const Window& window,
                         const OccupancyReader& map, const DuePoint& point, const DueItem& due, const Counter& counter,
                         WarpScratch& scratch, int lane) {
   const bool accessible = view.points.label[point.id] == PointLabel::Accessible;
-  const int base = baseOf(view, point.id);
-  int known_score = static_cast<int>(search.tool.collision_limit) - 1;  // a blocked point: only what is free counts
+  const int base = baseOf(view, point.id), limit = static_cast<int>(search.tool.collision_limit);
+  int known_score = limit - 1;  // a blocked point: only what is free counts
   int known_direction = kNoDirection, own_tests = 0;
+  bool became_worse = false;  // the best direction, which may still be the best one
   if (accessible) {
     known_direction = view.points.direction[point.id];
     known_score = view.points.score[point.id];
-    own_tests = due.test_best != 0 ? 1 : 0;
-    if (own_tests != 0 &&
-        lostDirection(view, search, window, map, point, due.test_best, known_direction, known_score, counter, lane)) {
-      if (lane == 0) atomicAdd(&view.counters->tests, 1ull);
-      return false;
+    if (due.test_best != 0) {
+      own_tests = 1;
+      const int hits =
+          testBest(view, search, window, map, point, due.test_best, known_direction, known_score, counter, lane);
+      if (hits >= limit) {
+        if (lane == 0) atomicAdd(&view.counters->tests, 1ull);
+        return false;
+      }
+      became_worse = hits > known_score;
+      known_score = hits;
     }
   }
-  std::uint64_t any = 0;
-  for (const std::uint64_t word : due.candidates.word) any |= word;
+  bool any = became_worse;
+  for (const std::uint64_t word : due.candidates.word) any = any || word != 0;
   ScoreResult result;
-  if (any == 0) {
+  if (!any) {
     result.scored = 1;
     if (accessible) {
       result.score = static_cast<std::uint16_t>(known_score);
@@ -241,13 +260,17 @@ __device__ bool confirm(const UpdateView& view, const DueSearch& search, const W
     }
   }
   __syncwarp();
-  if (any != 0) {
+  if (became_worse) {
+    skipKnownWorse(view, point.id, known_score - base, item.skip, lane);
+    __syncwarp();
+  }
+  if (any) {
     result = searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit,
                           view.approach, point.position_L, point.normal_L, point.seen, view.points.direction_words,
                           item, scratch.masks, lane, NothingKnown{}, view.known.count_to);
   }
   result.tests = static_cast<std::uint16_t>(result.tests + own_tests);
-  concludeAndLearn(view, item, scratch.masks, any != 0 && result.scored != 0, base, result, lane);
+  concludeAndLearn(view, item, scratch.masks, any && result.scored != 0, base, result, lane);
   return true;
 }
 
