@@ -138,7 +138,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   /// Points come first, with all threads: what their backend then begins to do runs while the map takes the scan in,
-  /// and so does noting what an update has to know of the returns. What of it is not hidden counts as integration.
+  /// and so does noting what an update has to know of the returns. While the backend then begins with what changed in
+  /// the map, the mirror takes that in. What of it is not hidden counts as integration.
   /// @return how long it took to note what the scan changed in the map; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
     const internal::TouchedPoints touched = points.addReturns(scan.p_L, scan.q_L);
@@ -154,12 +155,13 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     scheduler->noteChanges(scan.p_L, scan.q_L, result.changes);
     const double noting_ms = noting.milliseconds();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
-    const auto prepare = [&] { scheduler->prepare(tables); };
-    const auto mirror_all = [&] {
+    const auto to_backend = [&] { scheduler->prepare(tables); };
+    const auto on_host = [&] {
       mirrorFacts(result, stats);
       if (distance_mirror) mirrorDistances(result, stats);
+      scheduler->readMap();
     };
-    internal::runBeside(prepare, mirror_all);
+    internal::runBeside(to_backend, on_host);
     return noting_ms;
   }
 

@@ -112,9 +112,12 @@ class DeviceScheduler final : public UpdateScheduler {
     if (flips_.size() > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
-  /// Should another scan come before the update, that was for nothing, and all is handed over anew.
+  // Should another scan come before the update, both were for nothing, and are done anew.
   void prepare(const ScoringTables& tables) override {
-    if (scans_ == 1) handOver(tables, true);
+    if (scans_ == 1) updater_->begin(inputOf(tables));
+  }
+  void readMap() override {
+    if (scans_ == 1) readWeights();
   }
 
   UpdateStats update(const ScoringTables& tables) override {
@@ -123,7 +126,13 @@ class DeviceScheduler final : public UpdateScheduler {
     scans_ = 0;
     if (!prepared) listNews();
     scorer_.growDevice();
-    if (!prepared) handOver(tables, false);
+    if (!prepared) {
+      const auto to_backend = [&] {
+        updater_->begin(inputOf(tables));
+        admit();
+      };
+      runBeside(to_backend, [&] { readWeights(); });
+    }
     kernels::UpdateInput input = inputOf(tables);
     input.weights = weights_;
     takeConfident();
@@ -247,28 +256,20 @@ class DeviceScheduler final : public UpdateScheduler {
     }
   }
 
-  /// Flips and, unless it is done, points; while the backend takes them in, the host reads the map.
-  void handOver(const ScoringTables& tables, bool admitted) {
-    const auto to_backend = [&] {
-      updater_->begin(inputOf(tables));
-      if (!admitted) admit();
-    };
-    const auto on_host = [&] {
-      readWeights(crossed_);  // an earlier scan brought them above the bound
-      findCrossed();
-      weights_.resize(ids_.size());
-      for (std::size_t n = 0; n < ids_.size(); ++n) weights_[n].id = ids_[n];
-      readWeights(weights_);
-    };
-    runBeside(to_backend, on_host);
+  /// Of the points that came since the last update, and of those that became confident.
+  void readWeights() {
+    readWeights(crossed_);  // those that an earlier scan brought above the bound
+    findCrossed();
+    weights_.resize(ids_.size());
+    for (std::size_t n = 0; n < ids_.size(); ++n) weights_[n].id = ids_[n];
+    readWeights(weights_);
   }
 
   void readWeights(std::span<kernels::PointWeight> points) {
-    std::vector<std::uint32_t>& ids = read_ids_;
-    ids.resize(points.size());
+    read_ids_.resize(points.size());
     read_weights_.resize(points.size());
-    for (std::size_t n = 0; n < points.size(); ++n) ids[n] = points[n].id;
-    scorer_.reads().weights(ids, read_weights_);
+    for (std::size_t n = 0; n < points.size(); ++n) read_ids_[n] = points[n].id;
+    scorer_.reads().weights(read_ids_, read_weights_);
     for (std::size_t n = 0; n < points.size(); ++n) points[n].weight = read_weights_[n];
   }
 

@@ -33,9 +33,12 @@ class UpdateScheduler {
   virtual void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                            std::span<const std::span<const LeafChange>> changes) = 0;
 
-  /// The map has the scan and the changes are noted, but the mirror may not have them yet: whoever works on them and on
-  /// the map may begin. After noteChanges(), once a scan, beside the mirror. @param tables  as update() will get them
+  /// The changes are noted, but the mirror may not have them yet: the backend may begin with them. After noteChanges(),
+  /// once a scan. @param tables  as update() will get them
   virtual void prepare(const ScoringTables& /*tables*/) {}
+  /// The map has the scan and rests until the next one: what an update has to know of it may be read. After
+  /// noteChanges(), once a scan, also beside prepare().
+  virtual void readMap() {}
 
   /// Scores what is due. Of the times it gives score_ms; the field gives the rest of the update to update_ms.
   virtual UpdateStats update(const ScoringTables& tables) = 0;

@@ -177,6 +177,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       scheduler->noteReturns(touched, p, q);
       scheduler->noteChanges(p, q, result.changes);
       scheduler->prepare({});
+      scheduler->readMap();
       for (const auto& part : result.changes) {
         for (const LeafChange& change : part) {
           LeafFacts& facts = flips[parentOf(change.origin_ijk)];
