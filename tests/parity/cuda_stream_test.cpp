@@ -88,6 +88,17 @@ const StreamCase kThickTool = [] {
   return c;
 }();
 
+/// For the sanitizers.
+const StreamCase kShortThickTool = [] {
+  StreamCase c = kThickTool;
+  c.directions = 12;
+  c.frames = 4;
+  c.rays_per_frame = 8000;
+  c.max_range_m = 2.5;
+  c.length_m = 0.1;
+  return c;
+}();
+
 std::size_t blockedByTheTool(const FieldSnapshot& field) {
   return static_cast<std::size_t>(
       std::ranges::count(field.points, PointReason::Tool, [](const SurfacePoint& p) { return p.reason; }));
@@ -170,15 +181,15 @@ INSTANTIATE_TEST_SUITE_P(GroupedStreams, CudaStream, testing::Values(kGroupsOf8,
 INSTANTIATE_TEST_SUITE_P(ThickTool, CudaStream, testing::Values(kThickTool));
 
 // tools/gpu_suite.sh runs it under compute-sanitizer.
-INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream, testing::Values(kShortStream, kShortGroups));
+INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream, testing::Values(kShortStream, kShortGroups, kShortThickTool));
 
 internal::ToolSlabs slabsOf(const StreamCase& c) {
   const auto kernel = internal::ToolKernel::make(ToolGeometry::builtin(c.tool), paramsOf(c).resolved());
   return internal::ToolSlabs::make(kernel.view(), c.directions, internal::ToolSlabs::kMostBytes);
 }
 
-/// The stream on the CPU, each update of which tests many directions.
-FieldSnapshot busyStream(const StreamCase& c) {
+/// The stream on the CPU, each update of which tests more directions than that.
+FieldSnapshot busyStream(const StreamCase& c, std::uint64_t tests) {
   FieldParams params = paramsOf(c);
   params.backend = BackendKind::Cpu;
   AccessibilityField field(ToolGeometry::builtin(c.tool), params);
@@ -187,7 +198,7 @@ FieldSnapshot busyStream(const StreamCase& c) {
     const WalkFrame scan = walk.frame(frame);
     field.integrateScan(scan.points_S, scan.T_W_S);
     const UpdateStats stats = field.update();
-    EXPECT_GT(stats.direction_tests, 1000u) << "update " << frame;
+    EXPECT_GT(stats.direction_tests, tests) << "update " << frame;
   }
   return field.snapshot();
 }
@@ -197,19 +208,21 @@ TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
   const internal::ToolSlabs slabs = slabsOf(kShortStream);
   ASSERT_FALSE(slabs.empty());
   EXPECT_GT(slabs.columns.size(), 64u * static_cast<std::size_t>(kShortStream.directions));
-  const FieldSnapshot snapshot = busyStream(kShortStream);
+  const FieldSnapshot snapshot = busyStream(kShortStream, 1000);
   expectVaried(snapshot);
   EXPECT_GT(blockedByTheTool(snapshot), 50u);
 }
 
 /// So must searches that meet leaves as a whole. Needs no GPU.
 TEST(ThickTool, TakesLeavesAsAWholeAndBlocks) {
-  const internal::ToolSlabs slabs = slabsOf(kThickTool);
-  EXPECT_EQ(slabs.full.size(), slabs.columns.size());
-  EXPECT_GT(slabs.columns.size(), 0u);
-  const FieldSnapshot snapshot = busyStream(kThickTool);
-  expectVaried(snapshot);
-  EXPECT_GT(blockedByTheTool(snapshot), 50u);
+  for (const StreamCase& c : {kThickTool, kShortThickTool}) {
+    const internal::ToolSlabs slabs = slabsOf(c);
+    EXPECT_EQ(slabs.full.size(), slabs.columns.size());
+    EXPECT_GT(slabs.columns.size(), 0u);
+    const FieldSnapshot snapshot = busyStream(c, 100);
+    expectVaried(snapshot);
+    EXPECT_GT(blockedByTheTool(snapshot), 50u);
+  }
 }
 
 /// What they are to show must happen in them: groups of several blocks, and points of all kinds. Needs no GPU.
