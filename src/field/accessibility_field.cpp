@@ -137,12 +137,14 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return stats;
   }
 
-  /// Points come first, with all threads: what their backend then begins to do runs while the map takes the scan in,
-  /// and so does noting what an update has to know of the returns. While the backend then begins with what changed in
-  /// the map, the mirror takes that in. What of it is not hidden counts as integration.
+  /// Points come first, beside sorting the returns for the map: what their backend then begins to do runs while the map
+  /// takes the scan in, and so does noting what an update has to know of the returns. While the backend then begins
+  /// with what changed in the map, the mirror takes that in. What of it is not hidden counts as integration.
   /// @return how long it took to note what the scan changed in the map; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
-    const internal::TouchedPoints touched = points.addReturns(scan.p_L, scan.q_L);
+    internal::TouchedPoints touched;
+    const auto add_returns = [&] { touched = points.addReturns(scan.p_L, scan.q_L); };
+    internal::runBeside(add_returns, [&] { integrator.bin(scan.p_L, scan.q_L); });
     internal::IntegrationResult result;
     const auto note_returns = [&] { scheduler->noteReturns(touched, scan.p_L, scan.q_L); };
     const auto fuse = [&] { result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()}); };

@@ -55,6 +55,19 @@ void ScanIntegrator::visitChanges(const ChangeVisitor& visit) {
   }
 }
 
+void ScanIntegrator::bin(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
+  if (p_L.empty() || (projective_ && !map_.params().projective.cleared_band)) return;
+  rays_.resize(p_L.size());
+  const double v = map_.params().voxel_size_m;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), 256), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      rays_[n] = makeRay(p_L[n].data(), q_L[q_L.size() == 1 ? 0 : n].data(), v);
+    }
+  });
+  bins_.bin(shape_, rays_);
+  binned_ = true;
+}
+
 IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                             const ScanFrame& frame) {
   IntegrationResult result;
@@ -66,14 +79,8 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
       return result;
     }
   }
-  rays_.resize(p_L.size());
-  const double v = map_.params().voxel_size_m;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), 256), [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      rays_[n] = makeRay(p_L[n].data(), q_L[q_L.size() == 1 ? 0 : n].data(), v);
-    }
-  });
-  bins_.bin(shape_, rays_);
+  if (!binned_) bin(p_L, q_L);
+  binned_ = false;
 
   // The largest buckets first, so that no thread begins with one when the others are done.
   std::array<std::pair<std::size_t, std::size_t>, ReturnBins::kBuckets> order;  // pairs, bucket

@@ -54,6 +54,8 @@ class ScanIntegrator {
   static constexpr std::size_t kParts = ReturnBins::kBuckets;
   void visitChanges(const ChangeVisitor& visit);
 
+  /// Sorts the returns that integrate() gets next, and leaves the map alone; else integrate() does it.
+  void bin(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
   /// @param p_L  [n] finite returns in the local frame, metres, none at its sensor
   /// @param q_L  [n] or [1] sensor positions in the local frame
   /// @throws InvalidArgument where the region is Projective and there is not one sensor position; std::bad_alloc; then
@@ -69,6 +71,7 @@ class ScanIntegrator {
   RegionShape shape_;
   ReturnBins bins_;
   std::vector<ReturnRay> rays_;
+  bool binned_ = false;  ///< bin() came
   LeafReserve reserve_;
   ChangeVisitor visit_;  ///< only for UpdateRegion::Projective, whose changes are known last
   struct Workers;
