@@ -106,24 +106,28 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
     if (masks.worse_tool.test(best) || (score > 0 && masks.better_tool.test(best))) item.test_best |= kTestTool;
   }
   bool some = false;
-  for (int d = 0; d < approach.num_directions; ++d) {
-    const bool better = masks.better_tool.test(d) || masks.better_arm.test(d);
-    if (!changed && !better) continue;
-    if ((accessible && d == best) || !now.seen.test(d) || worse.test(d)) continue;
-    const float cosine = cosToNormal(approach, d, now.normal);
-    if (!now.holds(approach, d, cosine)) continue;
-    bool wanted = better;
-    bool is_before = true;  // can it be better than the best one?
-    if (accessible) is_before = ranksBefore(cosine, d, cos_best, best);
-    if (changed && !wanted) {
-      const float cos_before = cosToNormal(approach, d, before.normal);
-      wanted = !before.holds(approach, d, cos_before) ||
-               (accessible && is_before && !ranksBefore(cos_before, d, cos_best_before, best));
+#pragma unroll
+  for (int w = 0; w < kMaxDirectionWords; ++w) {
+    const std::uint64_t better = masks.better_tool.word[w] | masks.better_arm.word[w];
+    std::uint64_t asked = now.seen.word[w] & ~worse.word[w] & (changed ? ~std::uint64_t{0} : better);
+    if (accessible && best >> 6 == w) asked &= ~(std::uint64_t{1} << (best & 63));
+    std::uint64_t candidates = 0;
+    for (; asked != 0; asked &= asked - 1) {
+      const int bit = __ffsll(static_cast<long long>(asked)) - 1, d = 64 * w + bit;
+      const float cosine = cosToNormal(approach, d, now.normal);
+      if (!now.holds(approach, d, cosine)) continue;
+      bool wanted = (better >> bit & 1u) != 0;
+      bool is_before = true;  // can it be better than the best one?
+      if (accessible) is_before = ranksBefore(cosine, d, cos_best, best);
+      if (changed && !wanted) {
+        const float cos_before = cosToNormal(approach, d, before.normal);
+        wanted = !before.holds(approach, d, cos_before) ||
+                 (accessible && is_before && !ranksBefore(cos_before, d, cos_best_before, best));
+      }
+      if (wanted && (!accessible || is_before || score > 0)) candidates |= std::uint64_t{1} << bit;
     }
-    if (wanted && (!accessible || is_before || score > 0)) {
-      item.candidates.set(d);
-      some = true;
-    }
+    item.candidates.word[w] = candidates;
+    some = some || candidates != 0;
   }
   if (some || item.test_best != 0) {
     append(view, item);
