@@ -5,12 +5,13 @@
 #include <algorithm>
 #include <bit>
 #include <chrono>
-#include <cstring>
 
 #include "accessvdb/error.h"
 #include "cuda/cuda_check.h"
+#include "cuda/device_counters.h"
+#include "cuda/flip_tables.h"
+#include "cuda/growing.h"
 #include "cuda/owned_event.h"
-#include "cuda/pinned_buffer.h"
 #include "cuda/staging.h"
 #include "cuda/update_kernels.h"
 
@@ -31,13 +32,10 @@ double millisecondsSince(std::chrono::steady_clock::time_point start) {
   return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
 }
 
-/// A quarter more than asked for, so that arrays grow seldom.
-std::size_t roomFor(std::size_t size) { return size + size / 4 + 4096; }
-
 class CudaUpdater final : public PointUpdater {
  public:
   CudaUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const UpdaterTables& tables)
-      : context_(std::move(context)), memory_(memory) {
+      : context_(std::move(context)), memory_(memory), counters_(memory, stream()), flips_(memory) {
     const auto load = [&](DeviceArray<FootprintColumn>& to, std::span<const FootprintColumn> from) {
       to.grow(memory_, from.size(), 0);
       to.upload(from.data(), from.size());
@@ -59,9 +57,6 @@ class CudaUpdater final : public PointUpdater {
     view_.rule.neighbours = tables.neighbours;
     view_.rule.view_neighbours = tables.view_neighbours;
     words_ = static_cast<std::size_t>((tables.num_directions + 63) / 64);
-    counters_.grow(memory_, 1, 0);
-    host_counters_.reserve(sizeof(UpdateCounters));
-    clearCounters();
     ACCESSVDB_CUDA(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, context_->device()));
   }
 
@@ -73,7 +68,7 @@ class CudaUpdater final : public PointUpdater {
     const int limit = input.tool.collision_limit;
     view_.known.of = KnownLevels::of(limit);
     view_.known.count_to = std::min(kCountTo * limit, int{kNoScore});
-    addFlips(input.flips);
+    flips_.take(input.flips, view_, counters_, stream());
   }
 
   void admit(const AdmitInput& input) override {
@@ -110,7 +105,7 @@ class CudaUpdater final : public PointUpdater {
   UpdateOutcome update(const UpdateInput& input) override {
     const CurrentDevice current(context_->device());
     refreshView(input.points, view_.num_points);
-    growMasks();
+    flips_.addGroups(view_, stream());
     const PointWeight* weights = weights_.send(input.weights, memory_, stream());
     launchSetWeights(view_, weights, static_cast<std::uint32_t>(input.weights.size()), stream());
     if (!neighbours_begun_) launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
@@ -118,7 +113,7 @@ class CudaUpdater final : public PointUpdater {
     launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
     ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
     launchCountLowers(input.map.grid, counters_.data(), stream());
-    const UpdateCounters found = counters();
+    const UpdateCounters found = counters_.read(stream());
     const std::uint32_t moved = found.moved;
 
     DueSearch search;
@@ -145,7 +140,7 @@ class CudaUpdater final : public PointUpdater {
     std::uint32_t waiting = 0;  // at least as many as there are items
     const auto makeRoom = [&](std::uint32_t more) {
       if (waiting + more <= due_.size()) return;
-      const UpdateCounters now = counters();
+      const UpdateCounters now = counters_.read(stream());
       waiting = now.due;
       if (waiting + more <= due_.size()) return;
       evaluate();
@@ -168,7 +163,7 @@ class CudaUpdater final : public PointUpdater {
       }
     }
     evaluate();
-    const UpdateCounters done = counters();
+    const UpdateCounters done = counters_.read(stream());
     any_known_ = any_known_ || moved > 0;
     last_moved_ = moved;
     reset();
@@ -189,14 +184,12 @@ class CudaUpdater final : public PointUpdater {
            to_sensor_.bytes() + own_seen_.bytes() + reach_.bytes() + moved_bits_.bytes() + changed_bits_.bytes() +
            moved_.bytes() + hash_keys_.bytes() + hash_blocks_.bytes() + leaf_.bytes() + first_.bytes() +
            count_.bytes() + ids_.bytes() + block_reach_.bytes() + head_.bytes() + touched_blocks_.bytes() +
-           reached_bits_.bytes() + reached_blocks_.bytes() + masks_.bytes() + affected_.bytes() + places_.bytes() +
-           flip_keys_.bytes() + flip_kinds_.bytes() + found_.bytes() + part_.bytes() + prepared_.bytes() +
-           due_.bytes() + due_heads_.bytes() + due_order_.bytes() + due_whole_.bytes() + busy_blocks_.bytes() +
-           news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() + weights_.bytes() + crossed_.bytes() +
-           flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() + cell_directions_.bytes() +
-           flip_heads_.bytes() + flip_next_.bytes() + flip_tiles_.bytes() + lower_keys_.bytes() +
-           lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes() + group_of_.bytes() +
-           group_leaf_.bytes() + with_points_.bytes();
+           reached_bits_.bytes() + reached_blocks_.bytes() + places_.bytes() + found_.bytes() + part_.bytes() +
+           prepared_.bytes() + due_.bytes() + due_heads_.bytes() + due_order_.bytes() + due_whole_.bytes() +
+           busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() + weights_.bytes() +
+           crossed_.bytes() + flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() + cell_directions_.bytes() +
+           lower_keys_.bytes() + lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes() +
+           group_of_.bytes() + group_leaf_.bytes() + with_points_.bytes();
   }
 
  private:
@@ -224,9 +217,7 @@ class CudaUpdater final : public PointUpdater {
       view_.footprint.high[axis] = std::max(view_.footprint.high[axis], high[axis]);
     }
   }
-  void fill(void* to, int byte, std::size_t bytes) const {
-    if (bytes > 0) ACCESSVDB_CUDA(cudaMemsetAsync(to, byte, bytes, stream()));
-  }
+  void fill(void* to, int byte, std::size_t bytes) const { fillBytes(to, byte, bytes, stream()); }
   /// Grows an array, keeps all of it, and fills what is new.
   template <typename T>
   void growFilled(DeviceArray<T>& array, std::size_t size, int byte) {
@@ -315,50 +306,6 @@ class CudaUpdater final : public PointUpdater {
     view_.counters = counters_.data();
   }
 
-  void addFlips(std::span<const LeafFlips> flips) {
-    view_.affected = nullptr;
-    if (flips.empty() || view_.groups.groups == 0) return;
-    const std::size_t capacity = std::bit_ceil(2 * flips.size() + 64);
-    flip_keys_.grow(memory_, capacity, 0);
-    flip_tiles_.grow(memory_, capacity, 0);
-    flip_next_.growWithRoom(memory_, flips.size(), roomFor(flips.size()), 0);
-    fill(flip_keys_.data(), 0xff, capacity * sizeof(std::uint64_t));
-    fill(&counters_.data()->flip_tiles, 0, sizeof(std::uint32_t));
-    masks_.growWithRoom(memory_, view_.groups.groups, roomFor(view_.groups.groups), 0);
-    affected_.growWithRoom(memory_, view_.groups.groups, roomFor(view_.groups.groups), 0);
-    masked_groups_ = view_.groups.groups;
-    view_.flips = {};
-    view_.flips.hash = {flip_keys_.data(), static_cast<std::uint32_t>(capacity - 1)};
-    view_.flips.tile_at = flip_tiles_.data();
-    view_.flips.next = flip_next_.data();
-    view_.flips.list = flips_.send(flips, memory_, stream());
-    const auto count = static_cast<std::uint32_t>(flips.size());
-    launchFindTiles(view_, count, stream());
-    const std::size_t columns = std::size_t{counters().flip_tiles} * FlipsView::kColumns;
-    flip_kinds_.growWithRoom(memory_, columns, roomFor(columns), 0);
-    flip_heads_.growWithRoom(memory_, columns, roomFor(columns), 0);
-    fill(flip_kinds_.data(), 0, columns * sizeof(std::uint64_t));
-    fill(flip_heads_.data(), 0xff, columns * sizeof(std::uint32_t));
-    view_.flips.kinds = flip_kinds_.data();
-    view_.flips.head = flip_heads_.data();
-    view_.masks = masks_.data();
-    view_.affected = affected_.data();
-    launchAddFlips(view_, count, stream());
-    launchGroupMasks(view_, stream());
-  }
-
-  /// Groups that came since begin(): nothing is known of their points that flips could change.
-  void growMasks() {
-    const std::uint32_t groups = view_.groups.groups;
-    if (view_.affected == nullptr || groups == masked_groups_) return;
-    masks_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
-    affected_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
-    fill(affected_.data() + masked_groups_, 0, groups - masked_groups_);
-    view_.masks = masks_.data();
-    view_.affected = affected_.data();
-    masked_groups_ = groups;
-  }
-
   /// Whatever searches read, from the voxel of a point: the tool, whole slabs of it, and the corridor.
   [[nodiscard]] VoxelBox reachOfSearch() const {
     constexpr std::int32_t kSlabs = 16;  // they go beyond the lowest and the highest voxel
@@ -423,20 +370,8 @@ class CudaUpdater final : public PointUpdater {
     view_.due = {due_.data(), due_heads_.data(), busy_blocks_.data(), due_order_.data(), due_whole_.data()};
   }
 
-  void clearCounters() { fill(counters_.data(), 0, sizeof(UpdateCounters)); }
-
-  /// Waits for the device.
-  [[nodiscard]] UpdateCounters counters() {
-    ACCESSVDB_CUDA(cudaMemcpyAsync(host_counters_.data(), counters_.data(), sizeof(UpdateCounters),
-                                   cudaMemcpyDeviceToHost, stream()));
-    ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
-    UpdateCounters counters;
-    std::memcpy(&counters, host_counters_.data(), sizeof(counters));
-    return counters;
-  }
-
   void reset() {
-    clearCounters();
+    counters_.clear(stream());
     fill(moved_bits_.data(), 0, moved_bits_.bytes());
     fill(changed_bits_.data(), 0, changed_bits_.bytes());
     fill(reached_bits_.data(), 0, reached_bits_.bytes());
@@ -454,12 +389,11 @@ class CudaUpdater final : public PointUpdater {
   bool any_known_ = false;         ///< does any point have a neighbourhood?
   bool neighbours_begun_ = false;  ///< of what was admitted since the last update
   std::uint32_t places_used_ = 0, last_moved_ = 0;
-  std::uint32_t masked_groups_ = 0;  ///< whose masks tell of the flips
 
   DeviceArray<FootprintColumn> tool_columns_, arm_columns_;
   DeviceArray<DirectionArc> cell_directions_;
-  DeviceArray<UpdateCounters> counters_;
-  PinnedBuffer host_counters_;
+  DeviceCounters counters_;
+  FlipTables flips_;
   // By id.
   DeviceArray<std::uint32_t> block_, moved_bits_, changed_bits_, moved_;
   DeviceArray<float> mean_, to_sensor_, reach_;
@@ -475,13 +409,9 @@ class CudaUpdater final : public PointUpdater {
   // By group.
   DeviceArray<std::int32_t> group_leaf_;
   DeviceArray<std::uint8_t> with_points_;
-  DeviceArray<GroupMasks> masks_;
-  DeviceArray<std::uint8_t> affected_;
   DeviceArray<FreedWord> known_freed_;
   // Of one update.
   DeviceArray<Place> places_;
-  DeviceArray<std::uint64_t> flip_keys_, flip_kinds_;
-  DeviceArray<std::uint32_t> flip_heads_, flip_next_, flip_tiles_;
   DeviceArray<std::uint64_t> lower_keys_;
   DeviceArray<std::uint32_t> lower_numbers_, lower_nodes_;
   DeviceArray<std::uint16_t> busy_bits_;
@@ -493,7 +423,6 @@ class CudaUpdater final : public PointUpdater {
   Staging<BlockNews> blocks_news_;
   Staging<std::uint32_t> ids_news_;
   Staging<PointWeight> weights_, crossed_;
-  Staging<LeafFlips> flips_;
 };
 
 }  // namespace

@@ -1,0 +1,43 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The numbers that kernels of an update add to.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstddef>
+#include <cstring>
+
+#include "cuda/cuda_check.h"
+#include "cuda/growing.h"
+#include "cuda/pinned_buffer.h"
+#include "cuda/update_views.cuh"
+#include "launch/device_array.h"
+
+namespace accessvdb::kernels {
+
+class DeviceCounters {
+ public:
+  DeviceCounters(DeviceMemory& memory, cudaStream_t stream) : on_device_(memory, 1) {
+    on_host_.reserve(sizeof(UpdateCounters));
+    clear(stream);
+  }
+
+  [[nodiscard]] UpdateCounters* data() const { return on_device_.data(); }
+  [[nodiscard]] std::size_t bytes() const { return on_device_.bytes(); }
+  void clear(cudaStream_t stream) { fillBytes(data(), 0, sizeof(UpdateCounters), stream); }
+  /// Waits for the device.
+  [[nodiscard]] UpdateCounters read(cudaStream_t stream) {
+    ACCESSVDB_CUDA(cudaMemcpyAsync(on_host_.data(), data(), sizeof(UpdateCounters), cudaMemcpyDeviceToHost, stream));
+    ACCESSVDB_CUDA(cudaStreamSynchronize(stream));
+    UpdateCounters counters;
+    std::memcpy(&counters, on_host_.data(), sizeof(counters));
+    return counters;
+  }
+
+ private:
+  DeviceArray<UpdateCounters> on_device_;
+  PinnedBuffer on_host_;
+};
+
+}  // namespace accessvdb::kernels
