@@ -34,7 +34,7 @@ struct FrameStats {
   std::uint64_t distance_updates = 0;  ///< (return, voxel) pairs fused
   std::uint64_t cleared_updates = 0;   ///< (return, voxel) pairs marked cleared
   double integrate_ms = 0;             ///< sorting out returns, map and points: all but the mirror. On a GPU the first
-                                       ///< scan after an update begins with its normals, most of it hidden here
+                                       ///< scan after an update begins with its choice, most of it hidden here
   double mirror_ms = 0;                ///< patching the NanoVDB mirror
   std::uint64_t changed_leaves = 0;    ///< leaves in which a fact that scoring reads flipped; they travel to the mirror
   std::uint64_t mirror_bytes = 0;      ///< written to the mirror
@@ -52,8 +52,9 @@ struct UpdateStats {
   std::uint64_t direction_tests = 0;  ///< (point, direction) tests, arm or tool
   std::uint64_t backlog = 0;          ///< points left for a later update
   std::uint64_t label_changes = 0;
-  double update_ms = 0;  ///< all but testing directions: noting scans since the last update(), choosing points, normals
-  double score_ms = 0;   ///< testing directions
+  double update_ms = 0;  ///< all but testing directions: noting scans since the last update(), choosing points,
+                         ///< normals, where that was not begun with the scan
+  double score_ms = 0;  ///< testing directions
 };
 
 /// One surface point as users see it.

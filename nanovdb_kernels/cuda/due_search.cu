@@ -155,6 +155,7 @@ __device__ int baseOf(const UpdateView& view, std::size_t id) {
 /// Takes over what was found out of a point. All lanes. @param searched  the masks are of this point
 __device__ void concludeAndLearn(const UpdateView& view, const ScoreItem& item, const WarpMasks& masks, bool searched,
                                  int base_before, ScoreResult& result, int lane) {
+  __syncwarp();  // all have read what is known of the point
   int base = 0;
   if (lane == 0) {
     conclude(view, item, result);
@@ -202,11 +203,40 @@ __device__ void skipKnownWorse(const UpdateView& view, std::size_t id, int more,
     const std::uint32_t steps = (static_cast<std::uint32_t>(more) + (1u << log2) - 1) >> log2;
     constexpr std::uint32_t kMost = KnownLevels::kMost - KnownLevels::kMostFreedSteps + 1;
     const KnownWord known(view, id, view.state.block[id], lane);
-    const std::uint64_t lowest = known.freed.lowestWithMore(log2) + known_word::kEach * (steps < kMost ? steps : kMost);
+    // No level is so high that it says more than kMost steps for certain; then only corridors count.
+    const std::uint64_t lowest = steps <= kMost ? known.freed.lowestWithMore(log2) + known_word::kEach * steps
+                                                : known_word::kEach * (KnownLevels::kMost + 1);
     worse = known_word::worse(known.levels, lowest);
   }
   static_assert(sizeof(DirectionMask) == kWarp);
   reinterpret_cast<std::uint8_t*>(skip.word)[lane] = static_cast<std::uint8_t>(worse);
+}
+
+/// What is known of the best direction of a point before others are looked at.
+struct BestNow {
+  int score, direction;
+  int tests = 0;              ///< of its own
+  bool became_worse = false;  ///< than it was; it may still be the best one
+  bool all_in_question = false;
+};
+
+/// All lanes.
+template <class Window, class Counter>
+__device__ BestNow bestNow(const UpdateView& view, const DueSearch& search, const Window& window,
+                           const OccupancyReader& map, const DuePoint& point, std::uint8_t test_best,
+                           const Counter& counter, int lane) {
+  const int limit = static_cast<int>(search.tool.collision_limit);
+  BestNow best{limit - 1, kNoDirection};  // a blocked point: only what is free counts
+  if (view.points.label[point.id] != PointLabel::Accessible) return best;
+  best.score = view.points.score[point.id];
+  best.direction = view.points.direction[point.id];
+  if (test_best == 0) return best;
+  best.tests = 1;
+  const int hits = testBest(view, search, window, map, point, test_best, best.direction, best.score, counter, lane);
+  best.became_worse = hits > best.score;
+  best.all_in_question = hits >= limit;
+  best.score = hits;
+  return best;
 }
 
 /// A point of which some directions are in question. All lanes.
@@ -215,43 +245,21 @@ template <class Window, class Counter>
 __device__ bool confirm(const UpdateView& view, const DueSearch& search, const Window& window,
                         const OccupancyReader& map, const DuePoint& point, const DueItem& due, const Counter& counter,
                         WarpScratch& scratch, int lane) {
-  const bool accessible = view.points.label[point.id] == PointLabel::Accessible;
-  const int base = baseOf(view, point.id), limit = static_cast<int>(search.tool.collision_limit);
-  int known_score = limit - 1;  // a blocked point: only what is free counts
-  int known_direction = kNoDirection, own_tests = 0;
-  bool became_worse = false;  // the best direction, which may still be the best one
-  if (accessible) {
-    known_direction = view.points.direction[point.id];
-    known_score = view.points.score[point.id];
-    if (due.test_best != 0) {
-      own_tests = 1;
-      const int hits =
-          testBest(view, search, window, map, point, due.test_best, known_direction, known_score, counter, lane);
-      if (hits >= limit) {
-        if (lane == 0) atomicAdd(&view.counters->tests, 1ull);
-        return false;
-      }
-      became_worse = hits > known_score;
-      known_score = hits;
-    }
+  const int base = baseOf(view, point.id);
+  const BestNow best = bestNow(view, search, window, map, point, due.test_best, counter, lane);
+  if (best.all_in_question) {
+    if (lane == 0) atomicAdd(&view.counters->tests, 1ull);
+    return false;
   }
-  bool any = became_worse;
+  const bool accessible = best.direction != kNoDirection;
+  bool any = best.became_worse;
   for (const std::uint64_t word : due.candidates.word) any = any || word != 0;
-  ScoreResult result;
-  if (!any) {
-    result.scored = 1;
-    if (accessible) {
-      result.score = static_cast<std::uint16_t>(known_score);
-      result.direction = static_cast<std::uint16_t>(known_direction);
-      result.reason = PointReason::None;
-    }
-  }
   ScoreItem& item = scratch.item;
   if (lane == 0) {
     item = {};
     item.id = due.id;
-    item.known_score = static_cast<std::uint16_t>(known_score);
-    item.known_direction = static_cast<std::uint16_t>(known_direction);
+    item.known_score = static_cast<std::uint16_t>(best.score);
+    item.known_direction = static_cast<std::uint16_t>(best.direction);
     item.keep_reason = accessible ? 0 : 1;
     item.evidence = due.evidence;
     for (int w = 0; w < kMaxDirectionWords; ++w) {
@@ -260,16 +268,24 @@ __device__ bool confirm(const UpdateView& view, const DueSearch& search, const W
     }
   }
   __syncwarp();
-  if (became_worse) {
-    skipKnownWorse(view, point.id, known_score - base, item.skip, lane);
+  if (best.became_worse) {
+    skipKnownWorse(view, point.id, best.score - base, item.skip, lane);
     __syncwarp();
   }
+  ScoreResult result;
   if (any) {
     result = searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit,
                           view.approach, point.position_L, point.normal_L, point.seen, view.points.direction_words,
                           item, scratch.masks, lane, NothingKnown{}, view.known.count_to);
+  } else {
+    result.scored = 1;
+    if (accessible) {
+      result.score = static_cast<std::uint16_t>(best.score);
+      result.direction = static_cast<std::uint16_t>(best.direction);
+      result.reason = PointReason::None;
+    }
   }
-  result.tests = static_cast<std::uint16_t>(result.tests + own_tests);
+  result.tests = static_cast<std::uint16_t>(result.tests + best.tests);
   concludeAndLearn(view, item, scratch.masks, any && result.scored != 0, base, result, lane);
   return true;
 }

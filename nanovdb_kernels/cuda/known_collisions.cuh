@@ -1,10 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is known of collisions in the directions of points (hostdev/known_levels.h), and how it ages. A voxel that
-/// ceases to collide takes at most one collision from a direction. So for each group of blocks and each eight
-/// directions it is counted how many did since the group's levels were written, at most; what a level says is less by
-/// that. Freed voxels are counted for a whole group at once, by cells, and rather too many: that costs time and changes
-/// nothing.
+/// ceases to collide takes at most one collision from a direction. So for each group of blocks and each direction it is
+/// counted how many did since the group's levels were last lowered, at most; what a level says is less by that. Freed
+/// voxels are counted for a whole group at once, by cells, and rather too many: that costs time and changes nothing.
 #pragma once
 
 #include <cstdint>
@@ -138,33 +137,6 @@ __device__ void forEachPoint(const UpdateView& view, std::uint32_t group, int la
   }
 }
 
-/// Adds what was freed in a word's directions to what was before. Once it is many steps in one of them (or
-/// `forget`), levels have to be lowered.
-/// @param more  [kKnownPerWord]   @param steps  out: by how much, a byte each
-/// @return whether they have to be
-__device__ inline bool addFreed(FreedWord& freed, const std::uint32_t* more, bool forget, int log2,
-                                std::uint64_t& steps) {
-  constexpr std::uint32_t kAll = KnownLevels::kMost;
-  bool lower = forget;
-  std::uint32_t sums[kKnownPerWord];
-#pragma unroll
-  for (int n = 0; n < kKnownPerWord; ++n) {
-    sums[n] = static_cast<std::uint32_t>(freed.of(n)) + more[n];
-    lower = lower || sums[n] >> log2 >= KnownLevels::kMostFreedSteps;
-  }
-  steps = 0;
-#pragma unroll
-  for (int n = 0; n < kKnownPerWord; ++n) {
-    if (!lower) continue;
-    const std::uint32_t whole = sums[n] >> log2, taken = forget || whole > kAll ? kAll : whole;
-    steps |= std::uint64_t{taken} << (8 * n);
-    sums[n] -= whole << log2;  // where more was freed than the highest level says, nothing is known any more
-  }
-#pragma unroll
-  for (int i = 0; i < kKnownPerWord / 2; ++i) freed.pairs[i] = sums[2 * i] | sums[2 * i + 1] << 16;
-  return lower;
-}
-
 /// Ages what is known of the points of a group. A warp.
 /// @param steps  see countFreed; out: something else
 /// @param too_many  more leaves than kMostCountedLeaves: the steps are too few
@@ -188,7 +160,7 @@ __device__ inline void agePoints(const UpdateView& view, std::uint32_t group, st
     auto* counter = reinterpret_cast<uint4*>(view.known.freed + group * static_cast<std::size_t>(words) + lane);
     FreedWord freed;
     reinterpret_cast<uint4&>(freed) = *counter;
-    wanted = addFreed(freed, steps + kKnownPerWord * lane, too_many, view.known.of.log2, less) || arms != 0;
+    wanted = freed.add(steps + kKnownPerWord * lane, too_many, view.known.of.log2, less) || arms != 0;
     *counter = reinterpret_cast<const uint4&>(freed);
   }
   if (!__any_sync(kAllLanes, wanted)) return;

@@ -20,8 +20,8 @@ ACCESSVDB_HOSTDEV inline int baseCollisions(bool accessible, int score, int coll
 }
 
 /// Levels are steps of as many collisions. What they are counted from is a number that grows as collisions are lost
-/// (Freed), so that all levels of many points age at once, and not one of them loses by rounding more than it did when
-/// it was written.
+/// (FreedWord), so that all levels of many points age at once and by whole steps: only writing one rounds, and another
+/// base.
 struct KnownLevels {
   static constexpr std::uint32_t kMost = 127;
   /// Voxels that ceased to collide are counted up to as many steps; then levels are lowered by them.
@@ -49,10 +49,6 @@ struct KnownLevels {
   /// At least so many collisions more than the base, or fewer than none. @param level  not 0
   ACCESSVDB_HOSTDEV int collisionsOf(std::uint32_t level, int freed) const {
     return static_cast<int>(level << log2) - freed;
-  }
-  /// The lowest level that says: more than the base. @param freed  below kMostFreedSteps steps
-  ACCESSVDB_HOSTDEV std::uint32_t lowestWithMore(int freed) const {
-    return (static_cast<std::uint32_t>(freed) >> log2) + 1;
   }
 };
 
@@ -119,7 +115,7 @@ struct alignas(16) FreedWord {
   [[nodiscard]] ACCESSVDB_HOSTDEV int of(int n) const {
     return static_cast<int>(pairs[n >> 1] >> (16 * (n & 1)) & 0xffffu);
   }
-  /// KnownLevels::lowestWithMore of all, a byte each.
+  /// The lowest levels that say: more than the base. A byte each.
   [[nodiscard]] ACCESSVDB_HOSTDEV std::uint64_t lowestWithMore(int log2) const {
     constexpr std::uint32_t kSteps = (2 * KnownLevels::kMostFreedSteps - 1) * 0x00010001u;
     const auto two = [&](std::uint32_t pair) {
@@ -128,6 +124,28 @@ struct alignas(16) FreedWord {
     };
     const std::uint32_t low = two(pairs[0]) | two(pairs[1]) << 16, high = two(pairs[2]) | two(pairs[3]) << 16;
     return (std::uint64_t{high} << 32 | low) + known_word::kEach;
+  }
+
+  /// Adds what was freed since. Once it is kMostFreedSteps in one direction (or `forget`), levels have to be lowered.
+  /// @param more  [kKnownPerWord]; each below 2^32 - 2^16   @param forget  so much that nothing is known any more
+  /// @param steps  out: by how much, a byte each
+  /// @return whether they have to be
+  ACCESSVDB_HOSTDEV bool add(const std::uint32_t* more, bool forget, int log2, std::uint64_t& steps) {
+    constexpr std::uint32_t kAll = KnownLevels::kMost;
+    bool lower = forget;
+    std::uint32_t sums[kKnownPerWord];
+    for (int n = 0; n < kKnownPerWord; ++n) {
+      sums[n] = static_cast<std::uint32_t>(of(n)) + more[n];
+      lower = lower || sums[n] >> log2 >= KnownLevels::kMostFreedSteps;
+    }
+    steps = 0;
+    for (int n = 0; n < kKnownPerWord && lower; ++n) {
+      const std::uint32_t whole = sums[n] >> log2, taken = forget || whole > kAll ? kAll : whole;
+      steps |= std::uint64_t{taken} << (8 * n);
+      sums[n] -= whole << log2;  // where that is more than the highest level, nothing is known any more
+    }
+    for (int i = 0; i < kKnownPerWord / 2; ++i) pairs[i] = sums[2 * i] | sums[2 * i + 1] << 16;
+    return lower;
   }
 };
 

@@ -81,6 +81,7 @@ class DeviceScheduler final : public UpdateScheduler {
     }
     // While the map takes the scan in, the backend finds neighbours. Should another scan come before the update, that
     // was for nothing, and all are admitted anew.
+    flips_begun_ = map_read_ = false;
     if (++scans_ == 1) {
       listNews();
       admit();
@@ -112,27 +113,32 @@ class DeviceScheduler final : public UpdateScheduler {
     if (flips_.size() > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
-  // Should another scan come before the update, both were for nothing, and are done anew.
+  // Should another scan come before the update, all flips are handed over again, and weights are read again.
   void prepare(const ScoringTables& tables) override {
-    if (scans_ == 1) updater_->begin(inputOf(tables));
+    if (scans_ != 1) return;
+    updater_->begin(inputOf(tables));
+    flips_begun_ = true;
   }
   void readMap() override {
-    if (scans_ == 1) readWeights();
+    if (scans_ != 1) return;
+    readWeights();
+    map_read_ = true;
   }
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    const bool prepared = scans_ == 1;
-    scans_ = 0;
-    if (!prepared) listNews();
+    const bool admitted = std::exchange(scans_, 0) == 1, begun = std::exchange(flips_begun_, false),
+               read = std::exchange(map_read_, false);
+    if (!admitted) listNews();
     scorer_.growDevice();
-    if (!prepared) {
-      const auto to_backend = [&] {
-        updater_->begin(inputOf(tables));
-        admit();
-      };
-      runBeside(to_backend, [&] { readWeights(); });
-    }
+    const auto to_backend = [&] {
+      if (!begun) updater_->begin(inputOf(tables));
+      if (!admitted) admit();
+    };
+    const auto on_host = [&] {
+      if (!read) readWeights();
+    };
+    runBeside(to_backend, on_host);
     kernels::UpdateInput input = inputOf(tables);
     input.weights = weights_;
     takeConfident();
@@ -345,6 +351,8 @@ class DeviceScheduler final : public UpdateScheduler {
   std::vector<kernels::LeafFlips> flips_;      ///< since the last update
   std::size_t joined_flips_ = 0;               ///< of them, the first: each leaf once
   int scans_ = 0;                              ///< since the last update
+  bool flips_begun_ = false;                   ///< prepare() came since the last scan
+  bool map_read_ = false;                      ///< readMap() came since
   std::vector<std::uint32_t> ids_;             ///< listNews()
   std::vector<kernels::PointWeight> weights_;  ///< of ids_
   std::vector<kernels::PointWeight> crossed_;  ///< points that became confident since the last update

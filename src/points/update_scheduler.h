@@ -34,10 +34,10 @@ class UpdateScheduler {
                            std::span<const std::span<const LeafChange>> changes) = 0;
 
   /// The changes are noted, but the mirror may not have them yet: the backend may begin with them. After noteChanges(),
-  /// once a scan. @param tables  as update() will get them
+  /// at most once a scan; without it, update() does. @param tables  as update() will get them
   virtual void prepare(const ScoringTables& /*tables*/) {}
   /// The map has the scan and rests until the next one: what an update has to know of it may be read. After
-  /// noteChanges(), once a scan, also beside prepare().
+  /// noteChanges(), at most once a scan, also beside prepare(); without it, update() reads.
   virtual void readMap() {}
 
   /// Scores what is due. Of the times it gives score_ms; the field gives the rest of the update to update_ms.

@@ -71,6 +71,7 @@ void ScanIntegrator::bin(std::span<const Eigen::Vector3f> p_L, std::span<const E
 IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                             const ScanFrame& frame) {
   IntegrationResult result;
+  const bool binned = std::exchange(binned_, false);
   if (p_L.empty()) return result;
   if (projective_) {
     ProjectiveIntegrator::requireOneSensor(q_L);
@@ -79,8 +80,10 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
       return result;
     }
   }
-  if (!binned_) bin(p_L, q_L);
-  binned_ = false;
+  if (!binned) {
+    bin(p_L, q_L);
+    binned_ = false;
+  }
 
   // The largest buckets first, so that no thread begins with one when the others are done.
   std::array<std::pair<std::size_t, std::size_t>, ReturnBins::kBuckets> order;  // pairs, bucket

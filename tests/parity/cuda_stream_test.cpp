@@ -188,19 +188,36 @@ internal::ToolSlabs slabsOf(const StreamCase& c) {
   return internal::ToolSlabs::make(kernel.view(), c.directions, internal::ToolSlabs::kMostBytes);
 }
 
+/// Points that stayed accessible while their score rose.
+struct Risen {
+  std::size_t same_direction = 0, other_direction = 0;
+
+  void add(const FieldSnapshot& before, const FieldSnapshot& after) {
+    for (std::size_t n = 0; n < before.points.size(); ++n) {
+      const SurfacePoint &a = before.points[n], &b = after.points[n];
+      if (a.label != PointLabel::Accessible || b.label != PointLabel::Accessible || b.score <= a.score) continue;
+      ++(a.direction == b.direction ? same_direction : other_direction);
+    }
+  }
+};
+
 /// The stream on the CPU, each update of which tests more directions than that.
-FieldSnapshot busyStream(const StreamCase& c, std::uint64_t tests) {
+FieldSnapshot busyStream(const StreamCase& c, std::uint64_t tests, Risen* risen = nullptr) {
   FieldParams params = paramsOf(c);
   params.backend = BackendKind::Cpu;
   AccessibilityField field(ToolGeometry::builtin(c.tool), params);
   const WalkGenerator walk = walkOf(c);
+  FieldSnapshot before;
   for (int frame = 0; frame < c.frames; ++frame) {
     const WalkFrame scan = walk.frame(frame);
     field.integrateScan(scan.points_S, scan.T_W_S);
     const UpdateStats stats = field.update();
     EXPECT_GT(stats.direction_tests, tests) << "update " << frame;
+    FieldSnapshot after = field.snapshot();
+    if (risen != nullptr && frame > 0) risen->add(before, after);
+    before = std::move(after);
   }
-  return field.snapshot();
+  return before;
 }
 
 /// What the sanitizers are to see must happen in it: searches that count a thick tool by its slabs. Needs no GPU.
@@ -219,9 +236,12 @@ TEST(ThickTool, TakesLeavesAsAWholeAndBlocks) {
     const internal::ToolSlabs slabs = slabsOf(c);
     EXPECT_EQ(slabs.full.size(), slabs.columns.size());
     EXPECT_GT(slabs.columns.size(), 0u);
-    const FieldSnapshot snapshot = busyStream(c, 100);
+    Risen risen;  // then directions are compared with what is not known to be worse
+    const FieldSnapshot snapshot = busyStream(c, 100, &risen);
     expectVaried(snapshot);
     EXPECT_GT(blockedByTheTool(snapshot), 50u);
+    EXPECT_GT(risen.same_direction, 5u);
+    EXPECT_GT(risen.other_direction, 5u);
   }
 }
 

@@ -40,19 +40,6 @@ TEST(KnownLevels, NeverSayMoreThanWasCounted) {
   }
 }
 
-TEST(KnownLevels, TheLowestLevelWithMoreIsTheLowest) {
-  for (const int limit : kLimits) {
-    const KnownLevels levels = KnownLevels::of(limit);
-    for (int freed = 0; freed <= mostFreed(levels); ++freed) {
-      const std::uint32_t lowest = levels.lowestWithMore(freed);
-      ASSERT_GT(levels.collisionsOf(lowest, freed), 0) << limit;
-      if (lowest > 1) {
-        ASSERT_LE(levels.collisionsOf(lowest - 1, freed), 0) << limit;
-      }
-    }
-  }
-}
-
 /// A count at the limit is remembered with most of it to spare, whatever was freed before, or nothing would ever be
 /// gained; where few collisions count, a single one more than the base is, for as long as none is lost.
 TEST(KnownLevels, RememberWhatWasCounted) {
@@ -65,7 +52,7 @@ TEST(KnownLevels, RememberWhatWasCounted) {
     }
     EXPECT_LT(mostFreed(levels), 1 << 16) << limit;
     if (limit < 8) {
-      EXPECT_EQ(levels.levelOf(1, 0), levels.lowestWithMore(0)) << limit;
+      EXPECT_EQ(levels.collisionsOf(levels.levelOf(1, 0), 0), 1) << limit;
     }
   }
 }
@@ -173,10 +160,78 @@ TEST(FreedWords, GiveTheLowestLevels) {
       const std::uint64_t lowest = freed.lowestWithMore(levels.log2);
       for (std::size_t n = 0; n < 8; ++n) {
         ASSERT_EQ(freed.of(static_cast<int>(n)), each.at(n));
-        ASSERT_EQ(lowest >> (8 * n) & 0xff, levels.lowestWithMore(each.at(n)));
+        const auto of_this = static_cast<std::uint32_t>(lowest >> (8 * n) & 0xff);
+        ASSERT_GT(levels.collisionsOf(of_this, each.at(n)), 0);
+        ASSERT_LE(levels.collisionsOf(of_this - 1, each.at(n)), 0);
       }
     }
   }
+}
+
+/// Eight directions of a point through many frames: what is known never exceeds what is so, and where nothing is lost
+/// it stays.
+TEST(FreedWords, AgeWithoutEverClaimingTooMuch) {
+  constexpr int kMostCollisions = 65534;
+  std::mt19937_64 random(7);
+  std::size_t known = 0, lowered = 0, forgotten = 0;
+  for (int log2 = 0; log2 <= 10; ++log2) {
+    const KnownLevels levels{log2};
+    const auto upTo = [&](int most) { return static_cast<int>(random() % static_cast<std::uint64_t>(most + 1)); };
+    FreedWord freed;
+    std::uint64_t word = 0;
+    int base = upTo(1000);
+    std::array<int, 8> collisions;
+    for (int& each : collisions) each = upTo(kMostCollisions);
+    for (int frame = 0; frame < 4000; ++frame) {
+      std::array<std::uint32_t, 8> more = {};
+      for (std::size_t n = 0; n < 8; ++n) {
+        const int kind = upTo(99), most = kind < 50 ? 0 : kind < 95 ? 5 << log2 : kind < 99 ? 60 << log2 : 300 << log2;
+        more.at(n) = static_cast<std::uint32_t>(upTo(most));
+        // Half of the time all that may be lost is, and nothing comes in its place.
+        const bool all = upTo(1) == 0;
+        const int lost = all ? static_cast<int>(more.at(n)) : upTo(static_cast<int>(more.at(n)));
+        const int gained = all ? 0 : upTo(20 << log2);
+        collisions.at(n) = std::clamp(collisions.at(n) - lost + gained, 0, kMostCollisions);
+      }
+      const bool forget = upTo(999) == 0;
+      std::uint64_t steps = 0;
+      if (freed.add(more.data(), forget, log2, steps)) {
+        ++lowered;
+        word = known_word::lowered(word, steps);
+      } else {
+        ASSERT_EQ(steps, 0u);
+      }
+      if (forget) {
+        ++forgotten;
+        ASSERT_EQ(word & known_word::kLevels, 0u);
+      }
+      if (upTo(9) == 0) {
+        const int after = std::max(base + upTo(200) - 100, 0);
+        word = known_word::rebased(word, after - base, log2);
+        base = after;
+      }
+      if (const int n = upTo(20); n < 8) {  // it is counted
+        const auto place = static_cast<std::size_t>(n);
+        word = known_word::withLevel(word, n, levels.levelOf(collisions.at(place) - base, freed.of(n)));
+      }
+      const std::uint64_t lowest = freed.lowestWithMore(log2);
+      const std::uint32_t worse = known_word::worse(word, lowest);
+      for (std::size_t n = 0; n < 8; ++n) {
+        const int place = static_cast<int>(n);
+        ASSERT_LT(freed.of(place) >> log2, static_cast<int>(KnownLevels::kMostFreedSteps));
+        const std::uint32_t level = known_word::levelIn(word, place);
+        if (level == 0) continue;
+        ++known;
+        ASSERT_LE(base + levels.collisionsOf(level, freed.of(place)), collisions.at(n)) << "log2 " << log2;
+        if ((worse >> n & 1u) != 0) {
+          ASSERT_GT(collisions.at(n), base);
+        }
+      }
+    }
+  }
+  EXPECT_GT(known, 10000u);
+  EXPECT_GT(lowered, 1000u);
+  EXPECT_GT(forgotten, 10u);
 }
 
 }  // namespace
