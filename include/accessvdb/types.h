@@ -54,7 +54,7 @@ struct UpdateStats {
   std::uint64_t label_changes = 0;
   double update_ms = 0;  ///< all but testing directions: noting scans since the last update(), choosing points,
                          ///< normals, where that was not begun with the scan
-  double score_ms = 0;  ///< testing directions
+  double score_ms = 0;   ///< testing directions
 };
 
 /// One surface point as users see it.
