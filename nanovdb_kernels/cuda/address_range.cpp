@@ -114,8 +114,8 @@ AddressRange::~AddressRange() {
 void AddressRange::back(std::uint64_t bytes) {
   if (bytes <= backed_) return;
   if (bytes > reserved_) {
-    throwDeviceMemory("the map that scoring reads needs more than the " + std::to_string(reserved_ >> 20) +
-                      " MiB of device addresses reserved for it");
+    throwDeviceMemory("more is needed than the " + std::to_string(reserved_ >> 20) +
+                      " MiB of device addresses that were reserved");
   }
   const CurrentDevice current(context_->device());
   pieces_.reserve(pieces_.size() + 1);

@@ -7,6 +7,7 @@
 #include <chrono>
 
 #include "accessvdb/error.h"
+#include "cuda/address_range.h"
 #include "cuda/cuda_check.h"
 #include "cuda/device_counters.h"
 #include "cuda/flip_tables.h"
@@ -23,6 +24,9 @@ constexpr std::uint32_t kMovedPart = 1u << 17, kFlipsPart = 1u << 18, kMostItems
 /// Most neighbourhoods that are found before the host knows how many there will be.
 constexpr std::uint32_t kMostPrepared = 1u << 20;
 
+/// Addresses for what is known of points: of 300 million at 180 directions. Memory comes as they grow, and nothing is
+/// copied then: of all that is kept by point this is the most.
+constexpr std::uint64_t kKnownAddresses = std::uint64_t{1} << 36;
 /// Collisions are counted up to this many times the limit, to remember them. Counting farther did not pay.
 constexpr int kCountTo = 2;
 /// Shared memory that a block gets without asking.
@@ -187,9 +191,9 @@ class CudaUpdater final : public PointUpdater {
            reached_bits_.bytes() + reached_blocks_.bytes() + places_.bytes() + found_.bytes() + part_.bytes() +
            prepared_.bytes() + due_.bytes() + due_heads_.bytes() + due_order_.bytes() + due_whole_.bytes() +
            busy_blocks_.bytes() + news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() + weights_.bytes() +
-           crossed_.bytes() + flips_.bytes() + known_levels_.bytes() + known_freed_.bytes() + cell_directions_.bytes() +
-           lower_keys_.bytes() + lower_numbers_.bytes() + lower_nodes_.bytes() + busy_bits_.bytes() +
-           group_of_.bytes() + group_leaf_.bytes() + with_points_.bytes();
+           crossed_.bytes() + flips_.bytes() + (known_levels_ != nullptr ? known_levels_->backedBytes() : 0) +
+           known_freed_.bytes() + cell_directions_.bytes() + lower_keys_.bytes() + lower_numbers_.bytes() +
+           lower_nodes_.bytes() + busy_bits_.bytes() + group_of_.bytes() + group_leaf_.bytes() + with_points_.bytes();
   }
 
  private:
@@ -208,6 +212,7 @@ class CudaUpdater final : public PointUpdater {
     std::copy_n(tables.cell_low, 3, view_.covering.low);
     std::copy_n(tables.cell_size, 3, view_.covering.size);
     view_.known.words = (tables.num_directions + kKnownPerWord - 1) / kKnownPerWord;
+    known_levels_ = std::make_unique<AddressRange>(context_, kKnownAddresses);
   }
 
   void includeColumn(const FootprintColumn& c) {
@@ -237,7 +242,10 @@ class CudaUpdater final : public PointUpdater {
     grow(to_sensor_, 3);
     grow(own_seen_, words_);
     grow(reach_, 1);
-    grow(known_levels_, static_cast<std::size_t>(view_.known.words));
+    if (known_levels_ != nullptr) {
+      known_levels_->back(std::uint64_t{points} * static_cast<std::uint64_t>(view_.known.words) *
+                          sizeof(std::uint64_t));
+    }
     growFilled(moved_, points, 0);
     growFilled(moved_bits_, points / 32 + 1, 0);
     growFilled(changed_bits_, points / 32 + 1, 0);
@@ -299,7 +307,7 @@ class CudaUpdater final : public PointUpdater {
     view_.num_points = num_points;
     view_.state = {block_.data(), mean_.data(),       to_sensor_.data(),   own_seen_.data(),
                    reach_.data(), moved_bits_.data(), changed_bits_.data()};
-    view_.known.levels = view_.known.words > 0 ? known_levels_.data() : nullptr;
+    view_.known.levels = known_levels_ != nullptr ? static_cast<std::uint64_t*>(known_levels_->base()) : nullptr;
     view_.known.freed = known_freed_.data();
     view_.places = {places_.data(), head_.data(), touched_blocks_.data(), reached_bits_.data(), reached_blocks_.data()};
     view_.moved = moved_.data();
@@ -398,7 +406,7 @@ class CudaUpdater final : public PointUpdater {
   DeviceArray<std::uint32_t> block_, moved_bits_, changed_bits_, moved_;
   DeviceArray<float> mean_, to_sensor_, reach_;
   DeviceArray<std::uint64_t> own_seen_;
-  DeviceArray<std::uint64_t> known_levels_;
+  std::unique_ptr<AddressRange> known_levels_;  ///< null: nothing is remembered
   // By block.
   DeviceArray<std::uint64_t> hash_keys_;
   DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, head_, touched_blocks_, reached_bits_, reached_blocks_,
