@@ -79,9 +79,9 @@ class DeviceScheduler final : public UpdateScheduler {
       is_touched_[id] = 1;
       touched_.push_back({id, touched.before_L[n]});
     }
+    flips_begun_ = map_read_ = false;
     // While the map takes the scan in, the backend finds neighbours. Should another scan come before the update, that
     // was for nothing, and all are admitted anew.
-    flips_begun_ = map_read_ = false;
     if (++scans_ == 1) {
       listNews();
       admit();
@@ -160,7 +160,7 @@ class DeviceScheduler final : public UpdateScheduler {
 
   std::uint64_t bytes() const override {
     const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
-    std::uint64_t bytes = fresh_.bytes() + bytesOf(ids_) + bytesOf(weights_) + bytesOf(crossed_) + bytesOf(read_ids_) +
+    std::uint64_t bytes = fresh_.bytes() + bytesOf(ids_) + bytesOf(weights_) + bytesOf(crossed_) +
                           bytesOf(read_weights_) + bytesOf(touched_) + is_touched_.bytes() + bytesOf(news_) +
                           blocks_.bytes() + bytesOf(block_news_) + bytesOf(block_ids_) + bytesOf(flips_) +
                           bytesOf(reached_.voxels) + bytesOf(reached_.blocks);
@@ -264,19 +264,18 @@ class DeviceScheduler final : public UpdateScheduler {
 
   /// Of the points that came since the last update, and of those that became confident.
   void readWeights() {
-    readWeights(crossed_);  // those that an earlier scan brought above the bound
+    std::vector<std::uint32_t> crossed(crossed_.size());  // an earlier scan brought them above the bound
+    std::ranges::transform(crossed_, crossed.begin(), &kernels::PointWeight::id);
+    readWeightsOf(crossed, crossed_);
     findCrossed();
-    weights_.resize(ids_.size());
-    for (std::size_t n = 0; n < ids_.size(); ++n) weights_[n].id = ids_[n];
-    readWeights(weights_);
+    readWeightsOf(ids_, weights_);
   }
 
-  void readWeights(std::span<kernels::PointWeight> points) {
-    read_ids_.resize(points.size());
-    read_weights_.resize(points.size());
-    for (std::size_t n = 0; n < points.size(); ++n) read_ids_[n] = points[n].id;
-    scorer_.reads().weights(read_ids_, read_weights_);
-    for (std::size_t n = 0; n < points.size(); ++n) points[n].weight = read_weights_[n];
+  void readWeightsOf(std::span<const std::uint32_t> ids, std::vector<kernels::PointWeight>& points) {
+    read_weights_.resize(ids.size());
+    scorer_.reads().weights(ids, read_weights_);
+    points.resize(ids.size());
+    for (std::size_t n = 0; n < ids.size(); ++n) points[n] = {ids[n], read_weights_[n]};
   }
 
   /// Adds the new points that are confident at once to those that became so.
@@ -356,8 +355,7 @@ class DeviceScheduler final : public UpdateScheduler {
   std::vector<std::uint32_t> ids_;             ///< listNews()
   std::vector<kernels::PointWeight> weights_;  ///< of ids_
   std::vector<kernels::PointWeight> crossed_;  ///< points that became confident since the last update
-  std::vector<std::uint32_t> read_ids_;        ///< readWeights()
-  std::vector<std::uint16_t> read_weights_;    ///< the same
+  std::vector<std::uint16_t> read_weights_;    ///< readWeightsOf()
   std::vector<kernels::PointNews> news_;
   std::vector<kernels::BlockNews> block_news_;
   std::vector<std::uint32_t> block_ids_;

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdint>
 #include <set>
+#include <utility>
 
 #include "parity/gpu_test.h"
 #include "points/block_groups.h"
@@ -232,12 +233,12 @@ TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
 
 /// So must searches that meet leaves as a whole. Needs no GPU.
 TEST(ThickTool, TakesLeavesAsAWholeAndBlocks) {
-  for (const StreamCase& c : {kThickTool, kShortThickTool}) {
+  for (const auto& [c, tests] : {std::pair{kThickTool, 1000u}, {kShortThickTool, 100u}}) {
     const internal::ToolSlabs slabs = slabsOf(c);
     EXPECT_EQ(slabs.full.size(), slabs.columns.size());
     EXPECT_GT(slabs.columns.size(), 0u);
     Risen risen;  // then directions are compared with what is not known to be worse
-    const FieldSnapshot snapshot = busyStream(c, 100, &risen);
+    const FieldSnapshot snapshot = busyStream(c, tests, &risen);
     expectVaried(snapshot);
     EXPECT_GT(blockedByTheTool(snapshot), 50u);
     EXPECT_GT(risen.same_direction, 5u);
