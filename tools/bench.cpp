@@ -162,6 +162,7 @@ Json BenchRun::describe(const AccessibilityField& field) const {
                {"tool", field.tool().name()},
                {"tool_reach_m", field.tool().reach_m()},
                {"policy", params.update.policy == UpdatePolicy::Exact ? "exact" : "paper"},
+               {"budget_points", params.update.budget_points},
                {"frames", record_.frames()},
                {"timed_frames", timed},
                {"points_per_frame", options_.points_per_frame},

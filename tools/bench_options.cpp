@@ -49,6 +49,8 @@ void addBenchOptions(CLI::App& app, BenchOptions& options) {
   app.add_option("--tau", options.map.tau, "truncation distance in metres, or in voxels (4v); default by rule");
   app.add_option("--profile", options.map.profile, "product or paper")->capture_default_str();
   app.add_option("--policy", options.map.policy, "how points to re-score are chosen: exact or paper");
+  app.add_option("--budget-points", options.budget_points, "most points scored an update; 0 = no limit")
+      ->capture_default_str();
   app.add_option("--directions", options.map.directions, "approach directions over 360 degrees, 4 .. 256");
   app.add_option("--knn", options.map.knn, "neighbours of a normal; default by rule");
   app.add_option("--corridor", options.map.corridor_m, "length of the straight corridor that must be free, metres");
@@ -79,6 +81,10 @@ void checkBenchOptions(const BenchOptions& options) {
     throw InvalidArgument("usage.shortest", "--shortest", "has no meaning without --min-surface-points",
                           "Say how many points the map must have");
   }
+  if (options.budget_points < 0) {
+    throw InvalidArgument("usage.number", "--budget-points", std::to_string(options.budget_points) + " is below 0",
+                          "Use 0 for no limit");
+  }
   const auto requirePositive = [](const char* flag, double value, double most) {
     if (value > 0 && value <= most) return;
     throw InvalidArgument("usage.number", flag, numberText(value) + " is outside 0 .. " + numberText(most),
@@ -98,7 +104,9 @@ void checkBenchOptions(const BenchOptions& options) {
 FieldParams benchFieldParams(const BenchOptions& options) {
   MapOptions map = options.map;
   map.range_noise_m = options.range_noise_m;
-  return fieldParams(map);
+  FieldParams params = fieldParams(map);
+  params.update.budget_points = options.budget_points;
+  return params;
 }
 
 sim::LidarModel benchSensor(const BenchOptions& options) {

@@ -15,7 +15,7 @@ namespace accessvdb::tools {
 struct BenchOptions {
   MapOptions map;  ///< the common flags, the tool, and what a field is made with; its other members stay unused
   std::string scene = "pine", out, per_frame;
-  int frames = 600, timed_frames = 200, points_per_frame = 20000;
+  int frames = 600, timed_frames = 200, points_per_frame = 20000, budget_points = 0;
   double sensor_rate_hz = 10, speed_m_s = 1, range_noise_m = 0.02, min_range_m = 0.2, max_range_m = 30;
   double solid_foliage_m = 0.05;
   std::uint64_t seed = 1, min_surface_points = 0;

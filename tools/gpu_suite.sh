@@ -135,13 +135,15 @@ if wanted sanitizers; then
     record_step sanitizers failed "\"problem\": \"compute-sanitizer is missing\""
   else
     # Streams: one of a thin tool, and three short ones: of a tool that is counted by its slabs, of voxels so small that
-    # blocks are taken in groups, and of a tool so thick that it takes leaves as a whole.
+    # blocks are taken in groups, and of a tool so thick that it takes leaves as a whole. Two more with a queue: of
+    # either policy.
     checked=CudaScoring.ShortRunOfEveryPath:CudaScoring.NothingToScoreIsNothing:CudaMirror.ArenaTakesAnyBytes
     checked+=:CudaMemory.NothingIsAllocatedOnceWarm:CudaDistance.NothingIsAllocatedOnceWarm
     checked+=:ShortStream.HasAToolWithSlabsThatBlocks
     checked+=:Streams/CudaStream.EqualsTheCpuAfterEveryUpdate/1:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/0
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/1
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/2
+    checked+=:ShortStream/CudaBudget.OnlyDelays/0:ShortStream/CudaPaper.EvaluatesTheSamePointsAsTheCpu/0
     expected=$(tr -cd : <<<":$checked" | wc -c)
     for tool in memcheck racecheck initcheck synccheck; do
       start=$(date +%s.%N)

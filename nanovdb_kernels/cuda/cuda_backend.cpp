@@ -7,12 +7,12 @@
 #include <cstring>
 
 #include "cuda/cuda_check.h"
-#include "cuda/cuda_updater.h"
 #include "cuda/device_arena.h"
 #include "cuda/device_context.h"
 #include "cuda/owned_event.h"
 #include "cuda/pinned_buffer.h"
 #include "cuda/score_kernels.h"
+#include "cuda/updaters.h"
 
 namespace accessvdb::kernels {
 namespace {
@@ -162,7 +162,7 @@ class Implementation final : public CudaBackend {
 
   bool usesToolSlabs() const override { return true; }
   std::unique_ptr<PointUpdater> makeUpdater(const UpdaterTables& tables) override {
-    return makeCudaUpdater(context_, *this, tables);
+    return tables.paper_policy ? makePaperUpdater(context_, *this, tables) : makeExactUpdater(context_, *this, tables);
   }
 
   void countCollisions(const ScoreRequest& request, std::uint16_t* counts) override {

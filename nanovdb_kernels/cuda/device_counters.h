@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstring>
 
+#include "accessvdb/error.h"
 #include "cuda/cuda_check.h"
 #include "cuda/growing.h"
 #include "cuda/pinned_buffer.h"
@@ -15,6 +16,13 @@
 #include "launch/device_array.h"
 
 namespace accessvdb::kernels {
+
+/// @throw InternalError  some neighbours were not found
+inline void requireNeighbours(const UpdateCounters& counters) {
+  if (counters.failed == 0) return;
+  throw InternalError("update.neighbours", "cuda", "more points at one distance than a map can hold",
+                      "Please report this, and use --device cpu");
+}
 
 class DeviceCounters {
  public:

@@ -35,6 +35,13 @@ __device__ DirectionMask loadMask(const UpdateView& view, const std::uint64_t* m
   return mask;
 }
 
+__device__ Admissible admissibleNow(const UpdateView& view, std::size_t id) {
+  Admissible now;
+  for (std::size_t axis = 0; axis < 3; ++axis) now.normal[axis] = view.points.normal_L[3 * id + axis];
+  now.seen = loadMask(view, view.points.seen, id);
+  return now;
+}
+
 __device__ std::uint32_t groupOf(const UpdateView& view, std::uint32_t id) {
   return view.groups.of_block[view.state.block[id]];
 }
@@ -45,6 +52,7 @@ __device__ GroupMasks masksOf(const UpdateView& view, std::uint32_t id) {
   return view.affected[group] != 0 ? view.masks[group] : GroupMasks{};
 }
 
+/// Of this update.
 __device__ void append(const UpdateView& view, const DueItem& item) {
   const std::uint32_t block = view.state.block[item.id];
   const std::uint32_t n = atomicAdd(&view.counters->due, 1u);
@@ -54,12 +62,22 @@ __device__ void append(const UpdateView& view, const DueItem& item) {
   if (next == kNoIndex) view.due.busy[atomicAdd(&view.counters->busy, 1u)] = block;
 }
 
-__device__ void appendFull(const UpdateView& view, std::uint32_t id) {
+/// Of this update, or of that in which it is the point's turn: then all is asked anew (appendWaiting).
+__device__ void appendOrAsk(const UpdateView& view, const DueItem& item) {
+  if (view.waiting == nullptr) {
+    append(view, item);
+  } else {
+    view.waiting[item.id] |= item.evidence != 0 ? kAsked | kAskedByItself : kAsked;
+  }
+}
+
+/// All directions are in question.
+__device__ DueItem fullItem(std::uint32_t id, bool evidence) {
   DueItem item = {};
   item.id = id;
   item.all = 1;
-  item.evidence = 1;
-  append(view, item);
+  item.evidence = evidence ? 1 : 0;
+  return item;
 }
 
 /// An accessible point whose best direction is still the best one: nothing to test.
@@ -78,11 +96,15 @@ __device__ void confirm(const UpdateView& view, std::uint32_t id) {
 /// @param changed  before != now: evaluated in any case
 __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admissible& before, const Admissible& now,
                           bool changed) {
+  if (view.waiting != nullptr && (view.waiting[id] & kWaiting) != 0) {
+    if (changed) view.waiting[id] |= kAskedByItself;
+    return;
+  }
   const ApproachView& approach = view.approach;
   const PointLabel label = view.points.label[id];
   const int best = view.points.direction[id];
   if (label == PointLabel::Unscored) {
-    if (changed) appendFull(view, id);
+    if (changed) appendOrAsk(view, fullItem(id, true));
     return;
   }
   const bool has_normal = now.normal[0] != 0 || now.normal[1] != 0 || now.normal[2] != 0;
@@ -90,7 +112,7 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
   const float cos_best = has_best ? cosToNormal(approach, best, now.normal) : 0;
   if (!has_best || !now.holds(approach, best, cos_best)) {
     // An accessible point lost its direction; the reason of a blocked one belongs to a direction that is gone.
-    if (changed) appendFull(view, id);
+    if (changed) appendOrAsk(view, fullItem(id, true));
     return;  // not changed: a blocked point without any admissible direction
   }
   const GroupMasks masks = masksOf(view, id);
@@ -130,10 +152,46 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
     some = some || candidates != 0;
   }
   if (some || item.test_best != 0) {
-    append(view, item);
+    appendOrAsk(view, item);
   } else if (changed && accessible) {
     confirm(view, id);
   }
+}
+
+/// What is due of a point that waited: whatever may have changed in the meantime. What is known of its directions has
+/// aged with every update, so those that are known to be worse still are.
+__device__ void appendWaiting(const UpdateView& view, std::uint32_t id, const Admissible& now, bool evidence) {
+  const ApproachView& approach = view.approach;
+  const PointLabel label = view.points.label[id];
+  const int best = view.points.direction[id];
+  const bool has_normal = now.normal[0] != 0 || now.normal[1] != 0 || now.normal[2] != 0;
+  const bool has_best = label != PointLabel::Unscored && has_normal && best != kNoDirection;
+  const float cos_best = has_best ? cosToNormal(approach, best, now.normal) : 0;
+  if (!has_best || !now.holds(approach, best, cos_best)) {
+    append(view, fullItem(id, evidence));
+    return;
+  }
+  const bool accessible = label == PointLabel::Accessible;
+  const std::uint16_t score = view.points.score[id];
+  const DirectionMask worse = knownWorse(view, id, view.state.block[id]);
+  DueItem item = {};
+  item.id = id;
+  item.evidence = evidence ? 1 : 0;
+  if (accessible) item.test_best = kTestArm | kTestTool;
+#pragma unroll
+  for (int w = 0; w < kMaxDirectionWords; ++w) {
+    std::uint64_t asked = now.seen.word[w] & ~worse.word[w], candidates = 0;
+    if (accessible && best >> 6 == w) asked &= ~(std::uint64_t{1} << (best & 63));
+    for (; asked != 0; asked &= asked - 1) {
+      const int bit = __ffsll(static_cast<long long>(asked)) - 1, d = 64 * w + bit;
+      const float cosine = cosToNormal(approach, d, now.normal);
+      if (!now.holds(approach, d, cosine)) continue;
+      if (accessible && score == 0 && !ranksBefore(cosine, d, cos_best, best)) continue;
+      candidates |= std::uint64_t{1} << bit;
+    }
+    item.candidates.word[w] = candidates;
+  }
+  append(view, item);
 }
 
 __global__ void takeNeighbours(UpdateView view, std::uint32_t first, std::uint32_t count,
@@ -142,9 +200,8 @@ __global__ void takeNeighbours(UpdateView view, std::uint32_t first, std::uint32
   if (n >= count) return;
   const std::uint32_t id = view.moved[first + n];
   const Neighbourhood& found = neighbourhoods[n];
-  Admissible before, now;
-  for (std::size_t axis = 0; axis < 3; ++axis) before.normal[axis] = view.points.normal_L[3 * std::size_t{id} + axis];
-  before.seen = loadMask(view, view.points.seen, id);
+  const Admissible before = admissibleNow(view, id);
+  Admissible now;
   for (std::size_t axis = 0; axis < 3; ++axis) now.normal[axis] = found.normal[axis];
   now.seen = found.seen;
   const bool is_first = view.state.reach_m[id] < 0;
@@ -170,10 +227,17 @@ __global__ void dueByFlips(UpdateView view, std::uint32_t first, std::uint32_t c
   const std::uint32_t id = first + n;
   if (view.affected[groupOf(view, id)] == 0 || view.points.label[id] == PointLabel::Unscored) return;
   if ((view.state.changed_bits[id >> 5] >> (id & 31) & 1u) != 0) return;  // evaluated already
-  Admissible now;
-  for (std::size_t axis = 0; axis < 3; ++axis) now.normal[axis] = view.points.normal_L[3 * std::size_t{id} + axis];
-  now.seen = loadMask(view, view.points.seen, id);
+  const Admissible now = admissibleNow(view, id);
   appendDue(view, id, now, now, false);
+}
+
+__global__ void dueOfWaiting(UpdateView view, const std::uint32_t* ids, std::uint32_t count) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= count) return;
+  const std::uint32_t id = ids[n];
+  const bool evidence = (view.waiting[id] & kAskedByItself) != 0;
+  view.waiting[id] = 0;
+  appendWaiting(view, id, admissibleNow(view, id), evidence);
 }
 
 }  // namespace
@@ -183,6 +247,12 @@ void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint
   if (count == 0) return;
   takeNeighbours<<<blocksFor(count), kThreads, 0, stream>>>(view, first, count, neighbourhoods);
   checkLaunch("takeNeighbours");
+}
+
+void launchDueOfWaiting(const UpdateView& view, const std::uint32_t* ids, std::uint32_t count, cudaStream_t stream) {
+  if (count == 0) return;
+  dueOfWaiting<<<blocksFor(count), kThreads, 0, stream>>>(view, ids, count);
+  checkLaunch("dueOfWaiting");
 }
 
 void launchDueByFlips(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream) {

@@ -67,6 +67,7 @@ __device__ void makePoint(const UpdateView& view, const PointNews& news) {
 }
 
 __device__ void addMoved(const UpdateView& view, std::uint32_t id) {
+  if (view.state.moved_bits == nullptr) return;
   const std::uint32_t bit = 1u << (id & 31);
   if ((atomicOr(view.state.moved_bits + (id >> 5), bit) & bit) != 0) return;
   view.moved[atomicAdd(&view.counters->moved, 1u)] = id;

@@ -59,6 +59,10 @@ void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint
 /// What is due of points [first, first + count) because of flips alone.
 void launchDueByFlips(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
 
+/// What is due of points whose turn it is: as much as may have changed since they were last evaluated. They do not wait
+/// any more.
+void launchDueOfWaiting(const UpdateView& view, const std::uint32_t* ids, std::uint32_t count, cudaStream_t stream);
+
 // busy_map.cu: where in the mirror anything collides.
 
 /// -> counters->lowers

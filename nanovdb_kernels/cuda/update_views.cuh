@@ -84,7 +84,7 @@ struct NeighbourStateView {
   float* to_sensor_L = nullptr;           ///< [3 n]
   std::uint64_t* own_seen = nullptr;      ///< [words n]
   float* reach_m = nullptr;               ///< [n] negative: no neighbourhood yet
-  std::uint32_t* moved_bits = nullptr;    ///< [n / 32] already on the list of moved points
+  std::uint32_t* moved_bits = nullptr;    ///< [n / 32] already on the list of moved points; null: nobody asks
   std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
 };
 
@@ -202,6 +202,14 @@ struct DueView {
   std::uint32_t* whole = nullptr;  ///< those that need all directions
 };
 
+/// Of a point, where points wait for their turn (WorkQueue).
+enum WaitingFlag : std::uint8_t {
+  kWaiting = 1,         ///< in the queue
+  kAsked = 2,           ///< to be put into it
+  kAskedByItself = 4,   ///< the point itself changed, not only the map around it (ScoreItem::evidence)
+  kConfidentPoint = 8,  ///< enough observations; others never wait
+};
+
 /// Numbers that kernels add to.
 struct UpdateCounters {
   unsigned long long tests, scored, label_changes, evaluated;
@@ -230,6 +238,7 @@ struct UpdateView {
   UpdateCounters* counters = nullptr;
   std::uint32_t num_points = 0;
   KnownView known;
+  std::uint8_t* waiting = nullptr;  ///< [n] WaitingFlag; null: what is due is evaluated at once
 };
 
 }  // namespace accessvdb::kernels

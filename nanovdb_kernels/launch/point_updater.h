@@ -1,12 +1,13 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The exact policy as a backend runs it by itself: which points are due, their neighbourhoods, their scores, all on
-/// arrays that stay on the device (docs/DESIGN.md, "Exact updates").
+/// An update policy as a backend runs it by itself: which points are due, their neighbourhoods, their scores, all on
+/// arrays that stay on the device (docs/DESIGN.md, "Exact updates", "The two backends").
 #pragma once
 
 #include <cstdint>
 #include <span>
 
+#include "hostdev/paper_rule.h"
 #include "hostdev/point_update.h"
 #include "hostdev/views.h"
 
@@ -31,18 +32,22 @@ struct DirectionArc {
 
 /// What never changes. Host memory, needed only while the updater is made.
 struct UpdaterTables {
-  std::span<const FootprintColumn> tool_columns, arm_columns;
   double voxel_size_m = 0;
   double radius_m = 0;      ///< no neighbour is farther away
   int neighbours = 0;       ///< [k]
   int view_neighbours = 0;  ///< the nearest this many share their seen directions; 0: none does
   int num_directions = 0;   ///< [D]
   int group_log2 = 0;       ///< [log2 of leaves] edge of a group of blocks, 0 .. kMostGroupLog2; the columns are for it
+  // Only for the exact policy.
+  std::span<const FootprintColumn> tool_columns, arm_columns;
   /// The tool read backwards: [x][y][z] which directions may cover a cell of 4 x 4 x 4 voxels from a point somewhere in
   /// a group; the first entry is that of the cell cell_low, in cells from the group's first one. Empty: not known, then
   /// collisions are not remembered.
   std::span<const DirectionArc> cell_directions;
   std::int32_t cell_low[3] = {0, 0, 0}, cell_size[3] = {0, 0, 0};
+  // Only for the paper's policy.
+  bool paper_policy = false;
+  CoarseToFine candidates;
 };
 
 /// A point that is new, or that a scan touched since the last update.
@@ -99,6 +104,11 @@ struct UpdateInput {
   std::span<const PointWeight> weights;  ///< of the points that were admitted
   std::span<const PointWeight> crossed;  ///< points that became confident enough to be scored; ids differ
   std::span<const LeafFlips> flips;      ///< since the last update; a leaf may come several times
+  std::uint32_t budget_points = 0;       ///< most points evaluated, always the same; 0: no limit
+  // Only for the paper's policy: what its triggers asked for, ids ascending. Points that are not confident may be among
+  // them.
+  std::span<const std::uint32_t> jumped, sampled;
+  bool all_blocked = false;  ///< every point that is not accessible
 };
 
 struct UpdateOutcome {
@@ -107,7 +117,8 @@ struct UpdateOutcome {
   std::uint64_t scored = 0;     ///< of them, points with at least one direction tested
   std::uint64_t tests = 0;      ///< (point, direction) tests
   std::uint64_t label_changes = 0;
-  double score_ms = 0;  ///< evaluating what is due
+  std::uint64_t waiting = 0;  ///< points that are due and were not evaluated
+  double score_ms = 0;        ///< evaluating what is due
 };
 
 /// An update is any number of admit(), and begin(), in any order, and then update(). findNeighbours() may come once all
@@ -121,8 +132,8 @@ class PointUpdater {
   /// Begins with the neighbourhoods of what was admitted, and returns while the backend is still at work on them. They
   /// need nothing of the map. Without it, update() finds them.
   virtual void findNeighbours() = 0;
-  /// Takes the flips in and returns while the backend is still at work on them. Neither weights nor the map are looked
-  /// at. May come again before update(), with all flips since the last one.
+  /// The exact policy takes the flips in and returns while the backend is still at work on them. Neither weights nor
+  /// the map are looked at. May come again before update(), with all flips since the last one.
   virtual void begin(const UpdateInput& input) = 0;
   /// Brings neighbourhoods, labels, directions and scores up to date with the map and with what was admitted.
   /// @param input  as at begin(), with weights; its flips are not looked at again

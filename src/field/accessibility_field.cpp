@@ -19,9 +19,9 @@
 #include "field/scoring_setup.h"
 #include "field/snapshot_builder.h"
 #include "launch/backend.h"
+#include "launch/stopwatch.h"
 #include "mirror/nanovdb_mirror.h"
 #include "points/run_beside.h"
-#include "points/stopwatch.h"
 #include "points/update_scheduler.h"
 #include "tsdf/scan_integrator.h"
 
@@ -52,6 +52,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         scorer(points, params, *backend, reads),
         scheduler(makeScheduler()) {
     static_assert(internal::ScanIntegrator::kParts <= internal::UpdateScheduler::kMostParts);
+    integrator.noteDistances(distance_mirror != nullptr || scheduler->seesDistances());
     if (!scheduler->seesChanges()) return;
     integrator.visitChanges(
         [this](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
@@ -59,18 +60,17 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
 
   std::unique_ptr<internal::UpdateScheduler> makeScheduler() {
     if (params.update.policy == UpdatePolicy::Paper) {
-      return internal::makePaperScheduler(scorer, setup.hostTool(), setup.hostApproach());
-    }
-    if (params.update.budget_points == 0) {  // the device keeps no backlog
-      auto on_device = internal::makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+      auto on_device = internal::makeDevicePaperScheduler(scorer);
       if (on_device != nullptr) return on_device;
+      return internal::makePaperScheduler(scorer, static_cast<std::uint16_t>(setup.tool().collision_limit));
     }
+    auto on_device = internal::makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+    if (on_device != nullptr) return on_device;
     return internal::makeExactScheduler(scorer, setup.hostTool(), setup.hostApproach());
   }
 
   std::unique_ptr<internal::DistanceMirror> makeDistanceMirror() {
     if (!params.mirror_distance) return nullptr;
-    integrator.noteDistances(true);
     const internal::DistanceLeaves leaves = {volume.packed().distanceCode(),
                                              static_cast<float>(params.tsdf.truncation_distance_m)};
     return std::make_unique<internal::DistanceMirror>(backend->makeArena(), params.tsdf.voxel_size_m,
@@ -123,7 +123,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   /// @param gated  returns the scan, sorted out
   template <typename Gated>
   FrameStats integrate(const Gated& gated) {
-    const internal::Stopwatch all;
+    const kernels::Stopwatch all;
     FrameStats stats;
     double noting_ms = 0;
     requireWhole();
@@ -153,8 +153,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     stats.new_leaves = result.new_leaves;
     stats.distance_updates = result.counts.distance_updates;
     stats.cleared_updates = result.counts.cleared_updates;
-    const internal::Stopwatch noting;
-    scheduler->noteChanges(scan.p_L, scan.q_L, result.changes);
+    const kernels::Stopwatch noting;
+    scheduler->noteChanges(scan.p_L, scan.q_L, {result.changes, result.distances});
     const double noting_ms = noting.milliseconds();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const auto to_backend = [&] { scheduler->prepare(tables); };
@@ -168,7 +168,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   UpdateStats update() {
-    const internal::Stopwatch all;
+    const kernels::Stopwatch all;
     UpdateStats stats =
         arena.execute([&] { return guarded([&] { return scheduler->update(setup.tables(mirror.grid())); }); });
     stats.update_ms = all.milliseconds() - stats.score_ms + std::exchange(noted_ms, 0.0);
@@ -176,7 +176,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   void mirrorFacts(const internal::IntegrationResult& result, FrameStats& stats) {
-    const internal::Stopwatch mirroring;
+    const kernels::Stopwatch mirroring;
     mirror.applyParts(result.changes);
     for (const auto& part : result.changes) stats.changed_leaves += part.size();
     stats.mirror_bytes = mirror.lastTraffic().bytes_written;
@@ -184,7 +184,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   void mirrorDistances(const internal::IntegrationResult& result, FrameStats& stats) {
-    const internal::Stopwatch mirroring;
+    const kernels::Stopwatch mirroring;
     distance_mirror->applyParts(result.distances);
     for (const auto& part : result.distances) stats.distance_leaves += part.size();
     stats.distance_mirror_bytes = distance_mirror->lastTraffic().bytes_written;

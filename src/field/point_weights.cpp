@@ -20,15 +20,6 @@ namespace {
 using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
 constexpr std::size_t kPointsPerTask = 256;
 
-openvdb::Coord coordOf(const Index3& voxel) { return {voxel[0], voxel[1], voxel[2]}; }
-
-std::uint32_t packedAt(ConstAccessor& map, const openvdb::Coord& ijk) {
-  const PackedLeaf* leaf = map.probeConstLeaf(ijk);
-  if (leaf == nullptr) return 0;
-  const std::uint32_t* values = packedValues(*leaf);
-  return values == nullptr ? 0 : values[PackedLeaf::coordToOffset(ijk)];
-}
-
 /// The (2 reach + 1)^3 voxels around one, in the leaves that hold them: at most two along each axis. Read in four
 /// steps, with the steps of other voxels in between, so that what the next step needs has arrived by then: places all
 /// over the map wait for memory, not for arithmetic.
@@ -192,16 +183,7 @@ MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neigh
   reads.weights_at = [read](std::span<const Index3> voxels, std::span<std::uint16_t> weights) {
     read(weights, [&](std::size_t n) { return voxels[n]; });
   };
-  reads.distances = [&map, &points](std::span<const std::uint32_t> ids, std::span<float> distances_m) {
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
-      ConstAccessor accessor(map.tree());
-      for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        const std::uint32_t packed = packedAt(accessor, coordOf(points.voxelOf(points.first_L(ids[n]))));
-        distances_m[n] = weightOf(packed) > 0 ? map.distanceOf(meanOf(packed))
-                                              : static_cast<float>(map.params().truncation_distance_m);
-      }
-    });
-  };
+  reads.distance_code = map.distanceCode();
   reads.reached = [&map, reach](std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                 const TakeLeaves& take) {
     return forEachReachedLeaf(map.params(), p_L, q_L, reach, take);

@@ -52,8 +52,7 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_column_begin_ = uploaded(backend, tool_.column_begin);
   d_samples_ = uploaded(backend, tool_.samples);
   d_sample_begin_ = uploaded(backend, tool_.sample_begin);
-  const bool chosen_by_device = resolved.update.policy == UpdatePolicy::Exact && resolved.update.budget_points == 0;
-  if (chosen_by_device && backend.usesToolSlabs()) loadSlabs(backend);
+  if (resolved.update.policy == UpdatePolicy::Exact && backend.usesToolSlabs()) loadSlabs(backend);
   d_directions_ = uploaded(backend, directions_.xy);
   d_arm_offsets_ = uploaded(backend, arm_offsets_);
 }

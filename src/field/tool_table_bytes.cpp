@@ -47,8 +47,7 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
     making +=
         2 * (slabs.empty() ? kMost : share * (bytesOf(slabs.words) + bytesOf(slabs.columns) + bytesOf(slabs.full)));
   }
-  if (resolved.update.policy == UpdatePolicy::Exact && (on_host || resolved.update.budget_points > 0) &&
-      !kernel.use_samples) {
+  if (resolved.update.policy == UpdatePolicy::Exact && on_host && !kernel.use_samples) {
     const double words = (directions + 63) / 64;
     const double table = 8 * words * offsetBoxVoxels(tool, kernel, directions, resolved.tsdf.voxel_size_m);
     if (table <= static_cast<double>(internal::OffsetDirections::kMostBytes)) held += table;

@@ -19,41 +19,39 @@ std::int32_t blocksApart(const Index3& a, const Index3& b) {
 
 }  // namespace
 
-CoarseToFine::CoarseToFine(const PointScorer& scorer, int num_directions, std::uint16_t collision_limit)
-    : scorer_(scorer),
-      num_directions_(num_directions),
-      window_(static_cast<int>(kFineWindow_deg * num_directions / 360)),
-      collision_limit_(collision_limit) {
-  const int step = std::max(1, static_cast<int>(std::lround(kCoarseStep_deg * num_directions / 360)));
-  for (int d = 0; d < num_directions; d += step) coarse_.set(d);
+kernels::CoarseToFine coarseToFineRule(const FieldParams& resolved) {
+  const int directions = resolved.approach.num_directions;
+  kernels::CoarseToFine rule;
+  rule.on = resolved.approach.coarse_to_fine;
+  rule.num_directions = directions;
+  rule.window = static_cast<int>(kFineWindow_deg * directions / 360);
+  rule.radius_m = kResolvedRadius_m;
+  const int step = std::max(1, static_cast<int>(std::lround(kCoarseStep_deg * directions / 360)));
+  for (int d = 0; d < directions; d += step) rule.coarse.set(d);
+  return rule;
 }
 
-bool CoarseToFine::resolved(std::uint32_t id) const {
+CandidateDirections::CandidateDirections(const PointScorer& scorer, std::uint16_t collision_limit)
+    : scorer_(scorer), rule_(coarseToFineRule(scorer.params())), collision_limit_(collision_limit) {}
+
+bool CandidateDirections::resolved(std::uint32_t id) const {
   const PointRecord& record = scorer_.record(id);
-  return record.score < collision_limit_ && record.direction != kNoDirection;
+  return kernels::isResolved(record.score, record.direction, collision_limit_);
 }
 
-void CoarseToFine::beginBatch() {
+void CandidateDirections::beginBatch() {
   any_resolved_ = false;
-  if (!scorer_.params().approach.coarse_to_fine) return;
+  if (!rule_.on) return;
   // Points that came after the last update have no record yet.
   const std::uint32_t known = std::min(scorer_.points().size(), scorer_.device().size());
   for (std::uint32_t id = 0; id < known && !any_resolved_; ++id) any_resolved_ = resolved(id);
 }
 
-DirectionMask CoarseToFine::candidates(std::uint32_t id) const {
-  if (!scorer_.params().approach.coarse_to_fine) return allDirections(num_directions_);
-  DirectionMask candidates = coarse_;
-  if (!any_resolved_) return candidates;
-  const std::uint16_t hint = directionOfNearestResolved(id);
-  if (hint == kNoDirection) return candidates;
-  for (int offset = -window_; offset <= window_; ++offset) {
-    candidates.set((hint + offset + num_directions_) % num_directions_);
-  }
-  return candidates;
+DirectionMask CandidateDirections::candidates(std::uint32_t id) const {
+  return rule_.candidates(rule_.on && any_resolved_ ? directionOfNearestResolved(id) : kNoDirection);
 }
 
-std::uint16_t CoarseToFine::directionOfNearestResolved(std::uint32_t id) const {
+std::uint16_t CandidateDirections::directionOfNearestResolved(std::uint32_t id) const {
   const PointStore& points = scorer_.points();
   const Eigen::Vector3f& p_L = points.first_L(id);
   const Index3 leaf = parentOf(points.voxelOf(p_L));
@@ -69,7 +67,7 @@ std::uint16_t CoarseToFine::directionOfNearestResolved(std::uint32_t id) const {
       // Points that came after the last update have no record yet.
       if (other == id || other >= scorer_.device().size()) continue;
       if (!resolved(other)) continue;
-      const float distance_m = (points.first_L(other) - p_L).norm();
+      const float distance_m = kernels::distanceBetween_m(points.first_L(other).data(), p_L.data());
       if (distance_m < least_m || (distance_m == least_m && other < nearest)) {
         least_m = distance_m;
         nearest = other;

@@ -1,16 +1,20 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which directions the paper tries at a point: every 20 degrees, and a window around what worked next door (SPEC a.6).
+/// Which directions the paper tries at a point (hostdev/paper_rule.h), with the points on the host.
 #pragma once
 
+#include "hostdev/paper_rule.h"
 #include "points/point_scorer.h"
 
 namespace accessvdb::internal {
 
-class CoarseToFine {
+/// The rule for a field.
+kernels::CoarseToFine coarseToFineRule(const FieldParams& resolved);
+
+class CandidateDirections {
  public:
   /// @param collision_limit  [n_c] a point is resolved when its best score is below
-  CoarseToFine(const PointScorer& scorer, int num_directions, std::uint16_t collision_limit);
+  CandidateDirections(const PointScorer& scorer, std::uint16_t collision_limit);
 
   /// To be called before a batch: whether any point is resolved, without which nobody need be searched for.
   void beginBatch();
@@ -25,10 +29,8 @@ class CoarseToFine {
   [[nodiscard]] std::uint16_t directionOfNearestResolved(std::uint32_t id) const;
 
   const PointScorer& scorer_;
-  int num_directions_;
-  int window_;  ///< half width in directions
+  kernels::CoarseToFine rule_;
   std::uint16_t collision_limit_;
-  DirectionMask coarse_ = {};
   bool any_resolved_ = false;
 };
 

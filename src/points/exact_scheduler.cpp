@@ -15,11 +15,11 @@
 #include <vector>
 
 #include "hostdev/direction_filter.h"
+#include "launch/stopwatch.h"
 #include "points/flip_set.h"
 #include "points/known_blocked.h"
 #include "points/leaf_footprint.h"
 #include "points/moved_points.h"
-#include "points/stopwatch.h"
 #include "points/update_scheduler.h"
 
 namespace accessvdb::internal {
@@ -50,9 +50,9 @@ class ExactScheduler final : public UpdateScheduler {
   }
 
   void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
-                   std::span<const std::span<const LeafChange>> changes) override {
+                   const MapChanges& changes) override {
     if (!anything_scored_) return;  // nothing to invalidate yet
-    for (const auto& part : changes) flips_.add(part);
+    for (const auto& part : changes.facts) flips_.add(part);
   }
 
   UpdateStats update(const ScoringTables& tables) override {
@@ -76,7 +76,7 @@ class ExactScheduler final : public UpdateScheduler {
     std::vector<std::uint32_t> work = takeWork();
     stats.dirty_points = moved.size() + work.size();
     stats.backlog = queue_.size();
-    const Stopwatch scoring;
+    const kernels::Stopwatch scoring;
     scoreAll(work, tables, stats);
     stats.score_ms = scoring.milliseconds();
     return stats;
@@ -97,12 +97,7 @@ class ExactScheduler final : public UpdateScheduler {
   std::vector<std::uint32_t> findCrossed() {
     for (std::uint32_t id = known_points_; id < scorer_.points().size(); ++id) fresh_.push_back(id);
     known_points_ = scorer_.points().size();
-    scorer_.refreshWeights(fresh_);
-    std::vector<std::uint32_t> crossed;
-    std::erase_if(fresh_, [&](std::uint32_t id) {
-      if (scorer_.confidentEnough(id)) crossed.push_back(id);
-      return scorer_.confidentEnough(id);
-    });
+    std::vector<std::uint32_t> crossed = scorer_.takeConfident(fresh_);
     // What `confident` needs; costs little beside the rest.
     std::vector<std::uint32_t> scored;
     for (const std::uint32_t id : moved_points_.touched()) {

@@ -3,6 +3,10 @@
 /// The paper's incremental updates: new points, three triggers, a budget, a backlog (paper, "Incremental Updates and
 /// Confidence"; SPEC a.8). Labels are not those of a full evaluation; they approach them.
 ///
+/// A point enters the queue once its confidence allows a score, and again when a trigger asks for it. The points that
+/// one update puts into the queue stand in the order of their reasons, ascending in each: newly confident, (i), (ii),
+/// (iii).
+///
 /// Left out on purpose: the paper adapts its budget to the time that the last frame took, which makes results depend on
 /// the machine and its load. Here the budget is UpdateParams::budget_points, so that runs are repeatable. There is no
 /// sliding window either: the map keeps everything.
@@ -10,9 +14,9 @@
 #include <deque>
 #include <vector>
 
+#include "launch/stopwatch.h"
 #include "points/coarse_to_fine.h"
 #include "points/paper_triggers.h"
-#include "points/stopwatch.h"
 #include "points/update_scheduler.h"
 
 namespace accessvdb::internal {
@@ -20,24 +24,24 @@ namespace {
 
 class PaperScheduler final : public UpdateScheduler {
  public:
-  PaperScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach)
-      : scorer_(scorer), triggers_(scorer), directions_(scorer, approach.num_directions, tool.collision_limit) {}
+  PaperScheduler(PointScorer& scorer, std::uint16_t collision_limit)
+      : scorer_(scorer), triggers_(scorer), directions_(scorer, collision_limit) {}
 
   void noteReturns(const TouchedPoints&, std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>) override {}
 
+  bool seesDistances() const override { return true; }
   void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
-                   std::span<const std::span<const LeafChange>>) override {
-    queued_.grow(scorer_.points().size(), 0);
-    for (const std::uint32_t id : fresh_) enqueue(id);
-    fresh_.clear();
-    for (; known_points_ < scorer_.points().size(); ++known_points_) enqueue(known_points_);
-    triggers_.fire(p_L, q_L, [this](std::uint32_t id) { enqueue(id); });
+                   const MapChanges& changes) override {
+    triggers_.note(p_L, q_L, changes.distances);
   }
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
     scorer_.grow();
-    const std::vector<std::uint32_t> work = takeWork(stats);
+    enqueueAll();
+    const std::vector<std::uint32_t> work = takeWork();
+    stats.dirty_points = work.size();
+    stats.backlog = queue_.size();
     scorer_.refreshNeighbourhoods(work);
     scorer_.upload(work);
     std::vector<kernels::ScoreItem> items(work.size());
@@ -48,8 +52,7 @@ class PaperScheduler final : public UpdateScheduler {
       items[n].candidates = directions_.candidates(work[n]);
       labels_before[n] = scorer_.record(work[n]).label;
     }
-    stats.backlog = queue_.size();
-    const Stopwatch scoring;
+    const kernels::Stopwatch scoring;
     const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables);
     for (std::size_t n = 0; n < results.size(); ++n) {
       stats.direction_tests += results[n].tests;
@@ -65,46 +68,48 @@ class PaperScheduler final : public UpdateScheduler {
   }
 
  private:
+  void enqueueAll() {
+    queued_.grow(scorer_.points().size(), 0);
+    for (; known_points_ < scorer_.points().size(); ++known_points_) fresh_.push_back(known_points_);
+    for (const std::uint32_t id : scorer_.takeConfident(fresh_)) enqueue(id);
+    const PaperRequests asked = triggers_.take();
+    for (const std::uint32_t id : asked.jumped) enqueue(id);
+    for (const std::uint32_t id : asked.sampled) enqueue(id);
+    if (!asked.blocked) return;
+    for (std::uint32_t id = 0; id < known_points_; ++id) {
+      if (scorer_.record(id).label != PointLabel::Accessible) enqueue(id);
+    }
+  }
+
   void enqueue(std::uint32_t id) {
-    if (queued_[id] != 0) return;
+    if (queued_[id] != 0 || !scorer_.confidentEnough(id)) return;
     queued_[id] = 1;
     queue_.push_back(id);
   }
 
-  /// Takes as many points as the budget allows to evaluate, first come first served. Points below the confidence bound
-  /// are skipped, keep their state, cost no budget, and wait for the next scan: nothing changes for them before.
-  std::vector<std::uint32_t> takeWork(UpdateStats& stats) {
-    const int budget = scorer_.params().update.budget_points;
-    const std::size_t most = budget > 0 ? static_cast<std::size_t>(budget) : queue_.size();
-    std::vector<std::uint32_t> work;
-    while (work.size() < most && !queue_.empty()) {
-      const std::size_t count = std::min(most - work.size(), queue_.size());
-      const std::vector<std::uint32_t> taken(queue_.begin(), queue_.begin() + static_cast<std::ptrdiff_t>(count));
-      queue_.erase(queue_.begin(), queue_.begin() + static_cast<std::ptrdiff_t>(count));
-      scorer_.refreshWeights(taken);
-      for (const std::uint32_t id : taken) {
-        queued_[id] = 0;
-        (scorer_.confidentEnough(id) ? work : fresh_).push_back(id);
-      }
-      stats.dirty_points += count;
-    }
+  /// As many points as the budget allows to evaluate, first come first served.
+  std::vector<std::uint32_t> takeWork() {
+    const auto budget = static_cast<std::size_t>(scorer_.params().update.budget_points);
+    const auto count = static_cast<std::ptrdiff_t>(budget > 0 ? std::min(queue_.size(), budget) : queue_.size());
+    std::vector<std::uint32_t> work(queue_.begin(), queue_.begin() + count);
+    queue_.erase(queue_.begin(), queue_.begin() + count);
+    for (const std::uint32_t id : work) queued_[id] = 0;
     return work;
   }
 
   PointScorer& scorer_;
   PaperTriggers triggers_;
-  CoarseToFine directions_;
+  CandidateDirections directions_;
   std::deque<std::uint32_t> queue_;
   ChunkedArray<std::uint8_t> queued_;  ///< by id: in queue_
-  std::vector<std::uint32_t> fresh_;   ///< below the confidence bound, not in queue_
+  std::vector<std::uint32_t> fresh_;   ///< below the confidence bound, ascending
   std::uint32_t known_points_ = 0;
 };
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makePaperScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
-                                                    const kernels::ApproachView& approach) {
-  return std::make_unique<PaperScheduler>(scorer, tool, approach);
+std::unique_ptr<UpdateScheduler> makePaperScheduler(PointScorer& scorer, std::uint16_t collision_limit) {
+  return std::make_unique<PaperScheduler>(scorer, collision_limit);
 }
 
 }  // namespace accessvdb::internal

@@ -2,77 +2,92 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "points/paper_triggers.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 namespace accessvdb::internal {
 
 PaperTriggers::PaperTriggers(const PointScorer& scorer) : scorer_(scorer), random_(scorer.params().update.seed) {}
 
-void PaperTriggers::fire(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
-                         const Enqueue& enqueue) {
+void PaperTriggers::note(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                         std::span<const std::span<const DistanceChange>> distances) {
   if (p_L.empty()) return;
-  fireOnDistance(p_L, enqueue);
-  fireOnSample(p_L, q_L, enqueue);
-  fireOnMotion(q_L.front(), enqueue);
+  last_distance_m_.grow(scorer_.points().size(), std::numeric_limits<float>::quiet_NaN());
+  for (const auto& leaves : distances) noteDistances(leaves);
+  noteSample(p_L, q_L);
+  noteMotion(q_L.front());
+}
+
+PaperRequests PaperTriggers::take() {
+  PaperRequests requests = std::exchange(requests_, {});
+  for (std::vector<std::uint32_t>* ids : {&requests.jumped, &requests.sampled}) {
+    tbb::parallel_sort(*ids);
+    ids->erase(std::unique(ids->begin(), ids->end()), ids->end());
+  }
+  return requests;
 }
 
 /// (i) The TSDF at a point's voxel changed by more than 2 v since the last frame. Not only at points that were hit
 /// again: a surface that moves back takes its returns with it.
-void PaperTriggers::fireOnDistance(std::span<const Eigen::Vector3f> p_L, const Enqueue& enqueue) {
-  last_distance_m_.grow(scorer_.points().size(), std::numeric_limits<float>::quiet_NaN());
-  const std::vector<std::uint32_t> ids = pointsInWrittenBlocks(p_L);
-  std::vector<float> distances_m(ids.size());
-  scorer_.reads().distances(ids, distances_m);
-  const auto bound_m = static_cast<float>(2 * scorer_.params().tsdf.voxel_size_m);
-  for (std::size_t n = 0; n < ids.size(); ++n) {
-    float& last_m = last_distance_m_[ids[n]];
-    if (std::fabs(distances_m[n] - last_m) > bound_m) enqueue(ids[n]);  // false at birth: NaN
-    last_m = distances_m[n];
-  }
-}
-
-std::vector<std::uint32_t> PaperTriggers::pointsInWrittenBlocks(std::span<const Eigen::Vector3f> p_L) {
+void PaperTriggers::noteDistances(std::span<const DistanceChange> leaves) {
   const PointStore& points = scorer_.points();
-  block_stamp_.grow(points.index().blocks().size(), 0);
-  ++scan_;
-  const auto tau_m = static_cast<float>(scorer_.params().tsdf.truncation_distance_m);
-  const Eigen::Vector3f reach_m(tau_m, tau_m, tau_m);
-  std::vector<std::uint32_t> ids;
-  for (const Eigen::Vector3f& p : p_L) {
-    points.index().forEachBlock(parentOf(points.voxelOf(p - reach_m)), parentOf(points.voxelOf(p + reach_m)),
-                                [&](std::uint32_t b) {
-                                  if (block_stamp_[b] == scan_) return;
-                                  block_stamp_[b] = scan_;
-                                  const std::span<const std::uint32_t> of_block = points.index().blocks()[b].ids;
-                                  ids.insert(ids.end(), of_block.begin(), of_block.end());
-                                });
-  }
-  std::sort(ids.begin(), ids.end());
-  return ids;
+  const DistanceCode& code = scorer_.reads().distance_code;
+  const auto unobserved_m = static_cast<float>(scorer_.params().tsdf.truncation_distance_m);
+  const auto bound_m = static_cast<float>(2 * scorer_.params().tsdf.voxel_size_m);
+  tbb::enumerable_thread_specific<std::vector<std::uint32_t>> jumped;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), 64), [&](const auto& range) {
+    std::vector<std::uint32_t>& found = jumped.local();
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      const DistanceChange& leaf = leaves[n];
+      const std::uint32_t block = points.index().blockAt(parentOf(leaf.origin_ijk));
+      if (block == kNone) continue;
+      for (const std::uint32_t id : points.index().blocks()[block].ids) {
+        const std::uint32_t packed = leaf.packed[bitInParent(points.voxelOf(points.first_L(id)))];
+        const float now_m = code.observed(packed) ? code.distance_m(packed) : unobserved_m;
+        float& last_m = last_distance_m_[id];
+        if (std::fabs(now_m - last_m) > bound_m) found.push_back(id);  // false at birth: NaN
+        last_m = now_m;
+      }
+    }
+  });
+  for (const auto& found : jumped) requests_.jumped.insert(requests_.jumped.end(), found.begin(), found.end());
 }
 
 /// (ii) Points within r_u of up to 256 voxels written by this scan. There is no list of written voxels: a voxel is
 /// drawn from the region of a random return, so voxels that many returns wrote to are drawn more often (as in SPEC c).
-void PaperTriggers::fireOnSample(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
-                                 const Enqueue& enqueue) {
+void PaperTriggers::noteSample(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
   const FieldParams& params = scorer_.params();
   const PointStore& points = scorer_.points();
+  std::vector<Eigen::Vector3d> voxels_L(static_cast<std::size_t>(params.update.changed_voxel_sample));
+  for (Eigen::Vector3d& x_L : voxels_L) {
+    const std::size_t i = draw(p_L.size());
+    x_L = drawWrittenVoxel(p_L[i], q_L[q_L.size() == 1 ? 0 : i]);
+  }
   const double radius_m = params.update.changed_voxel_radius_voxels * params.tsdf.voxel_size_m;
   const auto reach = static_cast<std::int32_t>(params.update.changed_voxel_radius_voxels / 8) + 1;  // blocks
-  for (int n = 0; n < params.update.changed_voxel_sample; ++n) {
-    const std::size_t i = draw(p_L.size());
-    const Eigen::Vector3d x_L = drawWrittenVoxel(p_L[i], q_L[q_L.size() == 1 ? 0 : i]);
-    const Index3 leaf = parentOf(points.voxelOf(x_L.cast<float>()));
-    const auto enqueueNear = [&](std::uint32_t b) {
-      for (const std::uint32_t id : points.index().blocks()[b].ids) {
-        if ((points.first_L(id).cast<double>() - x_L).norm() <= radius_m) enqueue(id);
-      }
-    };
-    points.index().forEachBlock({leaf[0] - reach, leaf[1] - reach, leaf[2] - reach},
-                                {leaf[0] + reach, leaf[1] + reach, leaf[2] + reach}, enqueueNear);
-  }
+  tbb::enumerable_thread_specific<std::vector<std::uint32_t>> sampled;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, voxels_L.size(), 8), [&](const auto& range) {
+    std::vector<std::uint32_t>& found = sampled.local();
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      const Eigen::Vector3d& x_L = voxels_L[n];
+      const Index3 leaf = parentOf(points.voxelOf(x_L.cast<float>()));
+      const auto takeNear = [&](std::uint32_t b) {
+        for (const std::uint32_t id : points.index().blocks()[b].ids) {
+          if ((points.first_L(id).cast<double>() - x_L).norm() <= radius_m) found.push_back(id);
+        }
+      };
+      points.index().forEachBlock({leaf[0] - reach, leaf[1] - reach, leaf[2] - reach},
+                                  {leaf[0] + reach, leaf[1] + reach, leaf[2] + reach}, takeNear);
+    }
+  });
+  for (const auto& found : sampled) requests_.sampled.insert(requests_.sampled.end(), found.begin(), found.end());
 }
 
 Eigen::Vector3d PaperTriggers::drawWrittenVoxel(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) {
@@ -108,24 +123,21 @@ bool PaperTriggers::writes(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_
 
 /// (iii) The sensor moved: every point that is not accessible may have gained an observation side. The map is not
 /// windowed, so these are all points of the map.
-void PaperTriggers::fireOnMotion(const Eigen::Vector3f& q_L, const Enqueue& enqueue) {
-  if (!last_sensor_L_) {
-    last_sensor_L_ = q_L;
-    return;
-  }
+void PaperTriggers::noteMotion(const Eigen::Vector3f& q_L) {
   // Since the last firing, not since the last scan: slow motion adds up.
-  if (!((q_L - *last_sensor_L_).norm() > static_cast<float>(scorer_.params().update.requeue_motion_m))) return;
+  const auto bound_m = static_cast<float>(scorer_.params().update.requeue_motion_m);
+  if (last_sensor_L_ && !((q_L - *last_sensor_L_).norm() > bound_m)) return;
+  requests_.blocked = requests_.blocked || last_sensor_L_.has_value();
   last_sensor_L_ = q_L;
-  // Points beyond are new: they are in the queue anyway.
-  for (std::uint32_t id = 0; id < scorer_.device().size(); ++id) {
-    if (scorer_.record(id).label != PointLabel::Accessible) enqueue(id);
-  }
 }
 
 std::size_t PaperTriggers::draw(std::size_t count) {
   return static_cast<std::size_t>(static_cast<double>(random_() >> 11) * 0x1.0p-53 * static_cast<double>(count));
 }
 
-std::uint64_t PaperTriggers::bytes() const { return last_distance_m_.bytes() + block_stamp_.bytes(); }
+std::uint64_t PaperTriggers::bytes() const {
+  return last_distance_m_.bytes() +
+         (requests_.jumped.capacity() + requests_.sampled.capacity()) * sizeof(std::uint32_t);
+}
 
 }  // namespace accessvdb::internal

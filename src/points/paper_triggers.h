@@ -4,35 +4,41 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <functional>
 #include <optional>
 #include <random>
 #include <span>
 #include <vector>
 
+#include "accessvdb/distance_change.h"
 #include "points/point_scorer.h"
 
 namespace accessvdb::internal {
 
+/// What scans asked for. Points that are not confident are among them.
+struct PaperRequests {
+  std::vector<std::uint32_t> jumped;   ///< (i) ascending, each once
+  std::vector<std::uint32_t> sampled;  ///< (ii) the same
+  bool blocked = false;                ///< (iii) every point that is not accessible
+};
+
 class PaperTriggers {
  public:
-  using Enqueue = std::function<void(std::uint32_t id)>;
-
   explicit PaperTriggers(const PointScorer& scorer);
 
-  /// One scan has been integrated and its points are in the store. Calls enqueue in a repeatable order; an id may come
-  /// more than once. @param q_L  [n] or [1] sensor positions
-  void fire(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L, const Enqueue& enqueue);
+  /// One scan has been integrated and its points are in the store.
+  /// @param q_L  [n] or [1] sensor positions  @param distances  leaves whose distances changed, each once
+  void note(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+            std::span<const std::span<const DistanceChange>> distances);
+  /// Of all scans since the last call.
+  PaperRequests take();
 
   [[nodiscard]] std::uint64_t bytes() const;
 
  private:
-  void fireOnDistance(std::span<const Eigen::Vector3f> p_L, const Enqueue& enqueue);
-  void fireOnSample(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L, const Enqueue& enqueue);
-  void fireOnMotion(const Eigen::Vector3f& q_L, const Enqueue& enqueue);
+  void noteDistances(std::span<const DistanceChange> leaves);
+  void noteSample(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+  void noteMotion(const Eigen::Vector3f& q_L);
 
-  /// Points in blocks that a return may have written to, ascending.
-  [[nodiscard]] std::vector<std::uint32_t> pointsInWrittenBlocks(std::span<const Eigen::Vector3f> p_L);
   /// Centre of a voxel that the return wrote to, each equally likely.
   Eigen::Vector3d drawWrittenVoxel(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L);
   [[nodiscard]] bool writes(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L, const Eigen::Vector3d& x_L) const;
@@ -41,9 +47,8 @@ class PaperTriggers {
 
   const PointScorer& scorer_;
   std::mt19937_64 random_;
-  ChunkedArray<float> last_distance_m_;      ///< by id; NaN before the first frame
-  ChunkedArray<std::uint32_t> block_stamp_;  ///< by block: the last scan that reached it
-  std::uint32_t scan_ = 0;
+  PaperRequests requests_;                        ///< its lists in any order, ids several times
+  ChunkedArray<float> last_distance_m_;           ///< by id; NaN before the first frame
   std::optional<Eigen::Vector3f> last_sensor_L_;  ///< where trigger (iii) fired last
 };
 

@@ -125,6 +125,16 @@ std::vector<std::uint32_t> PointScorer::refreshWeights(std::span<const std::uint
   return crossed;
 }
 
+std::vector<std::uint32_t> PointScorer::takeConfident(std::vector<std::uint32_t>& fresh) {
+  refreshWeights(fresh);
+  std::vector<std::uint32_t> confident;
+  std::erase_if(fresh, [&](std::uint32_t id) {
+    if (confidentEnough(id)) confident.push_back(id);
+    return confidentEnough(id);
+  });
+  return confident;
+}
+
 std::vector<std::uint32_t> PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids) {
   std::vector<Neighbourhood> found(ids.size());
   search_.compute(ids, found);

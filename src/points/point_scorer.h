@@ -8,6 +8,7 @@
 #include <span>
 #include <vector>
 
+#include "accessvdb/distance_change.h"
 #include "accessvdb/params.h"
 #include "launch/backend.h"
 #include "points/neighbourhood.h"
@@ -29,8 +30,7 @@ struct MapReads {
   std::function<bool(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                      const TakeLeaves& take)>
       reached;
-  /// TSDF at the voxel of each id, metres (paper trigger i).
-  std::function<void(std::span<const std::uint32_t> ids, std::span<float> distances_m)> distances;
+  DistanceCode distance_code;  ///< of DistanceChange (paper trigger i)
 };
 
 /// Tables and grid that a score reads; views in the backend's memory.
@@ -95,6 +95,9 @@ class PointScorer {
 
   /// Reads the weights anew. @return ids that crossed the confidence bound
   std::vector<std::uint32_t> refreshWeights(std::span<const std::uint32_t> ids);
+  /// Reads the weights of points that were not confident. @param fresh  in: those; out: those that still are not
+  /// @return those that are now
+  std::vector<std::uint32_t> takeConfident(std::vector<std::uint32_t>& fresh);
   /// Computes the neighbourhoods anew. @return ids whose normal or seen directions changed
   std::vector<std::uint32_t> refreshNeighbourhoods(std::span<const std::uint32_t> ids);
   /// Sends what refresh... found for these ids to the device.

@@ -7,11 +7,18 @@
 #include <memory>
 #include <span>
 
+#include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
 #include "accessvdb/types.h"
 #include "points/point_scorer.h"
 
 namespace accessvdb::internal {
+
+/// What a scan changed in the map; valid until the next one.
+struct MapChanges {
+  std::span<const std::span<const LeafChange>> facts;          ///< each leaf with flips at most once
+  std::span<const std::span<const DistanceChange>> distances;  ///< likewise; empty unless seesDistances()
+};
 
 class UpdateScheduler {
  public:
@@ -28,10 +35,11 @@ class UpdateScheduler {
   /// those of a part from one at a time. @param part  below kMostParts
   virtual void noteChange(std::size_t /*part*/, const LeafChange& /*change*/) {}
   static constexpr std::size_t kMostParts = 256;
+  /// Whether it wants to be told of changed distances.
+  [[nodiscard]] virtual bool seesDistances() const { return false; }
   /// Now the map has them as well. After noteReturns(), once a scan.
-  /// @param changes  what flipped in the map
   virtual void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
-                           std::span<const std::span<const LeafChange>> changes) = 0;
+                           const MapChanges& changes) = 0;
 
   /// The changes are noted, but the mirror may not have them yet: the backend may begin with them. After noteChanges(),
   /// at most once a scan; without it, update() does. @param tables  as update() will get them
@@ -58,7 +66,11 @@ std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const 
                                                      const kernels::ApproachView& approach);
 
 /// The paper's triggers (i) to (iii), sample, budget and backlog (SPEC a.8).
-std::unique_ptr<UpdateScheduler> makePaperScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
-                                                    const kernels::ApproachView& approach);
+/// @param collision_limit  [n_c]
+std::unique_ptr<UpdateScheduler> makePaperScheduler(PointScorer& scorer, std::uint16_t collision_limit);
+
+/// The same on a backend that keeps queue and state; null where this one does not. The same points are scored at the
+/// same updates.
+std::unique_ptr<UpdateScheduler> makeDevicePaperScheduler(PointScorer& scorer);
 
 }  // namespace accessvdb::internal

@@ -153,7 +153,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     phases.end(kReturns);
     scheduler->noteReturns(touched, scan.p_L, {&scan.q_L, 1});
     phases.end(kReached);
-    scheduler->noteChanges(scan.p_L, {&scan.q_L, 1}, result.changes);
+    scheduler->noteChanges(scan.p_L, {&scan.q_L, 1}, {result.changes, {}});
     phases.end(kFlips);
     scheduler->update({});
     phases.end(kRest);

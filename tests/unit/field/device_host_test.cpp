@@ -176,7 +176,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       const TouchedPoints touched = points.addReturns(p, q);
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);
-      scheduler->noteChanges(p, q, result.changes);
+      scheduler->noteChanges(p, q, {result.changes, {}});
       if (c.ahead) scheduler->prepare({});
       if (c.ahead) scheduler->readMap();
       for (const auto& part : result.changes) {

@@ -5,7 +5,7 @@
 
 #include <chrono>
 
-namespace accessvdb::internal {
+namespace accessvdb::kernels {
 
 /// Runs from its construction.
 class Stopwatch {
@@ -19,4 +19,4 @@ class Stopwatch {
   Clock::time_point start_ = Clock::now();
 };
 
-}  // namespace accessvdb::internal
+}  // namespace accessvdb::kernels

@@ -1,0 +1,164 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// The exact policy with a budget on the GPU. The device finds more points due than the CPU does, so others wait; but at
+// any moment only those that wait can be wrong, and once none does the field is that of a full evaluation.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+
+#include "parity/gpu_test.h"
+#include "property/determinism_support.h"
+#include "support/walk_generator.h"
+
+namespace accessvdb::test {
+namespace {
+
+struct BudgetCase {
+  std::uint64_t seed;
+  const char* tool;
+  double voxel_size_m;
+  int budget_points;
+  int frames = 12;
+  int rays_per_frame = 4000;
+  int directions = 180;
+  int max_collisions = 0;
+  int scans_an_update = 1;
+  ToolForm form = ToolForm::Voxels;
+};
+void PrintTo(const BudgetCase& c, std::ostream* out) {
+  *out << c.tool << " at " << c.voxel_size_m << " m, " << c.budget_points << " points an update";
+}
+
+WalkGenerator walkOf(const BudgetCase& c) {
+  WalkOptions options;
+  options.frames = c.frames;
+  options.rays_per_frame = c.rays_per_frame;
+  options.seed = c.seed;
+  options.range_noise_m = 0.02;
+  options.max_range_m = 8;
+  options.length_m = 4;
+  options.offset_W = {-3, 2, 0};
+  return WalkGenerator(options);
+}
+
+FieldParams paramsOf(const BudgetCase& c, BackendKind backend) {
+  FieldParams params;
+  params.tsdf.voxel_size_m = c.voxel_size_m;
+  params.scoring.max_collisions = c.max_collisions;
+  params.scoring.form = c.form;
+  params.scoring.surface_samples = 200;
+  params.approach.num_directions = c.directions;
+  params.update.budget_points = c.budget_points;
+  params.backend = backend;
+  return params;
+}
+
+bool sameAnswer(const SurfacePoint& a, const SurfacePoint& b) {
+  if (a.label != b.label) return false;
+  return a.label != PointLabel::Accessible || (a.score == b.score && a.direction == b.direction);
+}
+
+/// Points that a full evaluation of the current map calls otherwise.
+std::uint64_t outOfDate(const AccessibilityField& field) {
+  const FieldSnapshot now = field.snapshot(), scratch = field.evaluateFromScratch();
+  std::uint64_t count = 0;
+  for (std::size_t n = 0; n < now.points.size(); ++n) count += sameAnswer(now.points[n], scratch.points[n]) ? 0 : 1;
+  return count;
+}
+
+class CudaBudget : public GpuTest, public testing::WithParamInterface<BudgetCase> {};
+
+TEST_P(CudaBudget, OnlyDelays) {
+  const BudgetCase& c = GetParam();
+  const WalkGenerator walk = walkOf(c);
+  AccessibilityField field(ToolGeometry::builtin(c.tool), paramsOf(c, BackendKind::Cuda));
+  ASSERT_EQ(field.deviceName().rfind("cuda:", 0), 0u) << field.deviceName();
+  const auto budget = static_cast<std::uint64_t>(c.budget_points);
+  std::uint64_t most_waiting = 0, most_out_of_date = 0;
+  const auto update = [&] {
+    const UpdateStats stats = field.update();
+    EXPECT_LE(stats.scored_points, budget);
+    const std::uint64_t out_of_date = outOfDate(field);
+    EXPECT_LE(out_of_date, stats.backlog);
+    most_waiting = std::max(most_waiting, stats.backlog);
+    most_out_of_date = std::max(most_out_of_date, out_of_date);
+    return stats.backlog;
+  };
+  for (int frame = 0; frame < c.frames; ++frame) {
+    SCOPED_TRACE("frame " + std::to_string(frame));
+    const WalkFrame scan = walk.frame(frame);
+    field.integrateScan(scan.points_S, scan.T_W_S);
+    if ((frame + 1) % c.scans_an_update == 0) update();
+    if (HasFailure()) return;
+  }
+  EXPECT_GT(most_waiting, 2 * budget);
+  EXPECT_GT(most_out_of_date, budget / 2);  // else the bound above would say nothing
+  std::uint64_t waiting = 1;
+  for (int turn = 0; turn < 1000 && waiting > 0; ++turn) {
+    const std::uint64_t before = waiting;
+    waiting = update();
+    if (turn > 0) {
+      ASSERT_EQ(waiting, before - std::min(before, budget));  // nothing new is due
+    }
+  }
+  EXPECT_EQ(waiting, 0u);
+  EXPECT_EQ(outOfDate(field), 0u);
+  expectVaried(field.snapshot());
+}
+
+/// A budget that is never reached changes nothing, though every point then goes through the queue.
+TEST_P(CudaBudget, ThatIsNeverReachedChangesNothing) {
+  BudgetCase c = GetParam();
+  c.budget_points = 0;
+  AccessibilityField cpu(ToolGeometry::builtin(c.tool), paramsOf(c, BackendKind::Cpu));
+  c.budget_points = 1'000'000;
+  AccessibilityField cuda(ToolGeometry::builtin(c.tool), paramsOf(c, BackendKind::Cuda));
+  const WalkGenerator walk = walkOf(c);
+  for (int frame = 0; frame < c.frames; ++frame) {
+    SCOPED_TRACE("frame " + std::to_string(frame));
+    const WalkFrame scan = walk.frame(frame);
+    cpu.integrateScan(scan.points_S, scan.T_W_S);
+    cuda.integrateScan(scan.points_S, scan.T_W_S);
+    if ((frame + 1) % c.scans_an_update != 0) continue;
+    const UpdateStats a = cpu.update(), b = cuda.update();
+    ASSERT_EQ(b.backlog, 0u);
+    ASSERT_EQ(a.label_changes, b.label_changes);
+    expectSame(cpu.snapshot(), cuda.snapshot());
+    if (HasFatalFailure()) return;
+  }
+}
+
+/// Before anything was scored both backends find the same points due: then they serve them in the same order.
+TEST_P(CudaBudget, ServesTheFirstComersAsTheCpuDoes) {
+  BudgetCase c = GetParam();
+  c.budget_points = 50;  // so that they come in several turns
+  AccessibilityField cpu(ToolGeometry::builtin(c.tool), paramsOf(c, BackendKind::Cpu)),
+      cuda(ToolGeometry::builtin(c.tool), paramsOf(c, BackendKind::Cuda));
+  const WalkFrame scan = walkOf(c).frame(0);
+  cpu.integrateScan(scan.points_S, scan.T_W_S);
+  cuda.integrateScan(scan.points_S, scan.T_W_S);
+  std::uint64_t first = 0;
+  for (int turn = 0; turn < 4; ++turn) {
+    const UpdateStats a = cpu.update(), b = cuda.update();
+    ASSERT_EQ(a.backlog, b.backlog);
+    ASSERT_EQ(a.label_changes, b.label_changes);
+    expectSame(cpu.snapshot(), cuda.snapshot());
+    if (HasFatalFailure()) return;
+    if (turn == 0) first = a.backlog;
+  }
+  EXPECT_GT(first, 0u);
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Streams, CudaBudget,
+    testing::Values(BudgetCase{1, "builtin:pruner", 0.05, 300}, BudgetCase{2, "builtin:pencil", 0.02, 500},
+                    BudgetCase{3, "builtin:pruner", 0.04, 700, 12, 4000, 180, 30, 2},
+                    BudgetCase{4, "builtin:pruner", 0.05, 300, 8, 4000, 180, 3, 1, ToolForm::SurfaceSamples}));
+
+// tools/gpu_suite.sh runs it under compute-sanitizer.
+INSTANTIATE_TEST_SUITE_P(ShortStream, CudaBudget,
+                         testing::Values(BudgetCase{9, "builtin:pruner", 0.06, 100, 3, 1500, 36}));
+
+}  // namespace
+}  // namespace accessvdb::test

@@ -1,0 +1,107 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// The paper's policy on the GPU: queue, candidates and scores are the device's, and after every update the same points
+// were evaluated with the same outcome as on the CPU. A best score never rises, so one point out of turn would show.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cstdint>
+
+#include "parity/gpu_test.h"
+#include "property/determinism_support.h"
+#include "support/walk_generator.h"
+
+namespace accessvdb::test {
+namespace {
+
+struct PaperCase {
+  std::uint64_t seed;
+  bool paper_profile;  ///< with viewpoints, 20 degree steps and samples of the tool
+  double voxel_size_m;
+  int budget_points = 0;
+  int scans_an_update = 1;
+  int frames = 14;
+  int rays_per_frame = 4000;
+  int directions = 180;
+};
+void PrintTo(const PaperCase& c, std::ostream* out) {
+  *out << (c.paper_profile ? "paper" : "product") << " profile at " << c.voxel_size_m << " m, " << c.budget_points
+       << " points an update, " << c.scans_an_update << " scans an update";
+}
+
+WalkGenerator walkOf(const PaperCase& c) {
+  WalkOptions options;
+  options.frames = c.frames;
+  options.rays_per_frame = c.rays_per_frame;
+  options.seed = c.seed;
+  options.range_noise_m = 0.02;
+  options.max_range_m = 6;
+  options.length_m = 2;  // little: points are seen again and again
+  options.offset_W = {-3, 2, 0};
+  return WalkGenerator(options);
+}
+
+FieldParams paramsOf(const PaperCase& c, BackendKind backend) {
+  FieldParams params = c.paper_profile ? FieldParams::paper(c.voxel_size_m) : FieldParams{};
+  params.tsdf.voxel_size_m = c.voxel_size_m;
+  params.scoring.surface_samples = 200;
+  // With the paper's other reading of a collision next to nothing collides at such voxels.
+  params.scoring.collision_distance_m = 0;
+  params.approach.num_directions = c.directions;
+  params.update.policy = UpdatePolicy::Paper;
+  params.update.budget_points = c.budget_points;
+  params.backend = backend;
+  return params;
+}
+
+class CudaPaper : public GpuTest, public testing::WithParamInterface<PaperCase> {};
+
+TEST_P(CudaPaper, EvaluatesTheSamePointsAsTheCpu) {
+  const PaperCase& c = GetParam();
+  const WalkGenerator walk = walkOf(c);
+  const ToolGeometry tool = ToolGeometry::builtin("builtin:pruner");
+  AccessibilityField cpu(tool, paramsOf(c, BackendKind::Cpu)), cuda(tool, paramsOf(c, BackendKind::Cuda));
+  std::uint64_t backlog = 0, tests = 0, again = 0;
+  const auto update = [&] {
+    const UpdateStats a = cpu.update(), b = cuda.update();
+    ASSERT_EQ(a.dirty_points, b.dirty_points);
+    ASSERT_EQ(a.scored_points, b.scored_points);
+    ASSERT_EQ(a.direction_tests, b.direction_tests);
+    ASSERT_EQ(a.label_changes, b.label_changes);
+    ASSERT_EQ(a.backlog, b.backlog);
+    expectSame(cpu.snapshot(), cuda.snapshot());
+    backlog = std::max(backlog, a.backlog);
+    tests += a.direction_tests;
+    again += a.dirty_points;
+  };
+  for (int frame = 0; frame < c.frames; ++frame) {
+    SCOPED_TRACE("frame " + std::to_string(frame));
+    const WalkFrame scan = walk.frame(frame);
+    cpu.integrateScan(scan.points_S, scan.T_W_S);
+    cuda.integrateScan(scan.points_S, scan.T_W_S);
+    if ((frame + 1) % c.scans_an_update == 0) update();
+    if (HasFatalFailure()) return;
+  }
+  for (int turn = 0; turn < 3; ++turn) {
+    update();  // between scans
+    if (HasFatalFailure()) return;
+  }
+  EXPECT_EQ(backlog > 0, c.budget_points > 0);
+  EXPECT_GT(tests, 5000u);
+  const std::uint64_t scored = cpu.snapshot().points.size() - cpu.snapshot().count(PointLabel::Unscored);
+  if (c.budget_points == 0) {
+    EXPECT_GT(again, 3 * scored / 2);  // triggers asked for points once more
+  }
+  expectVaried(cuda.snapshot());
+}
+
+INSTANTIATE_TEST_SUITE_P(Streams, CudaPaper,
+                         testing::Values(PaperCase{1, true, 0.05}, PaperCase{2, true, 0.04, 600},
+                                         PaperCase{3, false, 0.05}, PaperCase{4, false, 0.05, 600},
+                                         PaperCase{5, true, 0.05, 600, 3}, PaperCase{6, true, 0.02, 0, 2, 8}));
+
+// tools/gpu_suite.sh runs it under compute-sanitizer.
+INSTANTIATE_TEST_SUITE_P(ShortStream, CudaPaper, testing::Values(PaperCase{9, true, 0.06, 300, 1, 4, 1500, 36}));
+
+}  // namespace
+}  // namespace accessvdb::test
