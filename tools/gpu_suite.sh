@@ -181,17 +181,17 @@ if wanted stream; then
     awk 'BEGIN { printf "{" } { sub(/,$/, ""); printf "%s%s", (NR > 1 ? ", " : ""), $0 } END { print "}" }')
 fi
 
-# A flight through pines, timed over 200 frames past bench_points surface points. Rows: NAME VOXEL TAU.
+# A flight through pines, timed over 200 frames past bench_points surface points. Rows: NAME VOXEL TAU and flags.
 bench=null
 if wanted bench; then
   rows=()
-  while read -r name voxel tau; do
+  while read -r name voxel tau flags; do
     [[ -z $wanted_rows || ,$wanted_rows, == *,$name,* ]] || continue
     start=$(date +%s.%N)
     rm -f "$out/bench_$name.json"
     # shellcheck disable=SC2086  # options, a word each
     timeout -s INT -k 10 "$row_seconds" "$bin/accessvdb" bench --scene pine --device cuda --voxel "$voxel" --tau "$tau" \
-      --frames 1200 --timed-frames 200 --shortest --min-surface-points "$bench_points" $bench_options \
+      --frames 1200 --timed-frames 200 --shortest --min-surface-points "$bench_points" $flags $bench_options \
       --out "$out/bench_$name.json" --per-frame "$out/bench_$name.csv" >"$out/bench_$name.log" 2>&1 </dev/null
     code=$?
     if ((code == 0)); then outcome=passed; else outcome=failed; fi
@@ -204,6 +204,8 @@ if wanted bench; then
 5mm_tau0.1m 0.005 0.1
 10mm_tau4v 0.01 4v
 5mm_tau4v 0.005 4v
+10mm_budget 0.01 0.1 --budget-points 200000
+20mm_paper 0.02 0.1 --policy paper --budget-points 20000
 ROWS
   bench=$(printf '[\n%s]' "$(for n in "${!rows[@]}"; do echo "${rows[n]}$( ((n + 1 < ${#rows[@]})) && echo ,)"; done)")
 fi

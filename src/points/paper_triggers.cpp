@@ -20,7 +20,7 @@ void PaperTriggers::note(std::span<const Eigen::Vector3f> p_L, std::span<const E
                          std::span<const std::span<const DistanceChange>> distances) {
   if (p_L.empty()) return;
   last_distance_m_.grow(scorer_.points().size(), std::numeric_limits<float>::quiet_NaN());
-  for (const auto& leaves : distances) noteDistances(leaves);
+  noteDistances(distances);
   noteSample(p_L, q_L);
   noteMotion(q_L.front());
 }
@@ -36,16 +36,15 @@ PaperRequests PaperTriggers::take() {
 
 /// (i) The TSDF at a point's voxel changed by more than 2 v since the last frame. Not only at points that were hit
 /// again: a surface that moves back takes its returns with it.
-void PaperTriggers::noteDistances(std::span<const DistanceChange> leaves) {
+void PaperTriggers::noteDistances(std::span<const std::span<const DistanceChange>> distances) {
   const PointStore& points = scorer_.points();
   const DistanceCode& code = scorer_.reads().distance_code;
   const auto unobserved_m = static_cast<float>(scorer_.params().tsdf.truncation_distance_m);
   const auto bound_m = static_cast<float>(2 * scorer_.params().tsdf.voxel_size_m);
   tbb::enumerable_thread_specific<std::vector<std::uint32_t>> jumped;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), 64), [&](const auto& range) {
+  tbb::parallel_for(std::size_t{0}, distances.size(), [&](std::size_t part) {
     std::vector<std::uint32_t>& found = jumped.local();
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      const DistanceChange& leaf = leaves[n];
+    for (const DistanceChange& leaf : distances[part]) {
       const std::uint32_t block = points.index().blockAt(parentOf(leaf.origin_ijk));
       if (block == kNone) continue;
       for (const std::uint32_t id : points.index().blocks()[block].ids) {

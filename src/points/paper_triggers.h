@@ -35,7 +35,7 @@ class PaperTriggers {
   [[nodiscard]] std::uint64_t bytes() const;
 
  private:
-  void noteDistances(std::span<const DistanceChange> leaves);
+  void noteDistances(std::span<const std::span<const DistanceChange>> distances);
   void noteSample(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
   void noteMotion(const Eigen::Vector3f& q_L);
 

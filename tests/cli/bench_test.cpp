@@ -66,6 +66,18 @@ std::vector<std::vector<double>> numbersOf(const std::string& csv, std::string& 
   return rows;
 }
 
+TEST_F(Bench, ABudgetLeavesABacklog) {
+  const ProgramResult result = runProgram(
+      arguments({{"--budget-points", "25"}, {"--out", path("bench.json")}, {"--per-frame", path("frames.csv")}}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const json bench = json::parse(readText("bench.json"));
+  EXPECT_EQ(bench["budget_points"], 25);
+  EXPECT_GT(bench["backlog"]["largest_points"], 100);
+  EXPECT_GT(bench["backlog"]["age_at_most_updates"], 1);
+  EXPECT_LE(bench["per_frame"]["scored_points"]["max"], 25);
+  expectRefused({{"--budget-points", "-1"}}, 2, "--budget-points");
+}
+
 TEST_F(Bench, FiguresAgreeWithEachOther) {
   const ProgramResult result =
       runProgram(arguments({{"--out", path("bench.json")}, {"--per-frame", path("frames.csv")}}));
