@@ -52,7 +52,7 @@ __device__ GroupMasks masksOf(const UpdateView& view, std::uint32_t id) {
   return view.affected[group] != 0 ? view.masks[group] : GroupMasks{};
 }
 
-/// Of this update.
+/// Has the point evaluated in this update.
 __device__ void append(const UpdateView& view, const DueItem& item) {
   const std::uint32_t block = view.state.block[item.id];
   const std::uint32_t n = atomicAdd(&view.counters->due, 1u);
@@ -62,7 +62,7 @@ __device__ void append(const UpdateView& view, const DueItem& item) {
   if (next == kNoIndex) view.due.busy[atomicAdd(&view.counters->busy, 1u)] = block;
 }
 
-/// Of this update, or of that in which it is the point's turn: then all is asked anew (appendWaiting).
+/// The same, or lets the point wait for its turn; then it is found out anew what is due (appendWaiting).
 __device__ void appendOrAsk(const UpdateView& view, const DueItem& item) {
   if (view.waiting == nullptr) {
     append(view, item);

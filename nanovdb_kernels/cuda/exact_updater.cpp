@@ -162,7 +162,7 @@ class ExactUpdater final : public PointUpdater {
       queue_.addFrom(view_.num_points, {kAsked, kAsked}, stream());
       const std::uint32_t turn = std::min(queue_.size(), budget);
       for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
-        part = std::min(turn - first, kFlipsPart);
+        part = std::min(turn - first, kMovedPart);
         makeRoom(part);
         launchDueOfWaiting(view_, queue_.ids() + first, part, stream());
         items += part;

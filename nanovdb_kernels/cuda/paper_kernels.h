@@ -33,7 +33,8 @@ void launchFindHints(const UpdateView& view, const CoarseToFine& rule, const std
                      std::uint16_t* hints, cudaStream_t stream);
 /// The points do not wait any more; their neighbourhoods -> their state; what is to be tried -> turn.items.
 void launchTakeTurn(const UpdateView& view, const CoarseToFine& rule, const PaperTurn& turn, cudaStream_t stream);
-/// What came of them -> tests, scored, label_changes.
-void launchTallyTurn(const PaperTurn& turn, UpdateCounters* counters, cudaStream_t stream);
+/// What came of them -> tests, scored, label_changes, resolved.
+void launchTallyTurn(const PaperTurn& turn, std::uint16_t collision_limit, UpdateCounters* counters,
+                     cudaStream_t stream);
 
 }  // namespace accessvdb::kernels

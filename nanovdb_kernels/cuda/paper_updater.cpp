@@ -62,6 +62,7 @@ class PaperUpdater final : public PointUpdater {
     const UpdateCounters done = counters_.read(stream());
     queue_.drop(turn, stream());
     requireNeighbours(done);
+    any_resolved_ = any_resolved_ || done.resolved > 0;  // best scores never rise, so it stays
     outcome.evaluated = turn;
     outcome.scored = done.scored;
     outcome.tests = done.tests;
@@ -77,9 +78,6 @@ class PaperUpdater final : public PointUpdater {
   }
 
  private:
-  /// Below that, without memory for more points at a time, it gives up.
-  static constexpr std::uint32_t kLeastPart = 1024;
-
   [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }
 
   /// In the order of paper_scheduler.cpp.
@@ -99,18 +97,18 @@ class PaperUpdater final : public PointUpdater {
 
   /// The first `turn` points of the queue.
   void evaluate(const UpdateInput& input, std::uint32_t turn, UpdateOutcome& outcome) {
-    const std::uint32_t most = growTurn(turn);
-    // All points see what was known before the first of them is evaluated.
-    if (candidates_.on) launchFindHints(view_, candidates_, queue_.ids(), turn, hints_.data(), stream());
+    growTurn(turn);
+    const bool with_hints = candidates_.on && any_resolved_;
+    if (with_hints) findHints(turn);
     view_.moved = queue_.ids();
     fillBytes(&counters_.data()->moved, 0xff, sizeof(std::uint32_t), stream());  // the list ends where `turn` says
     for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
-      part = std::min(turn - first, most);
+      part = std::min(turn - first, PointTables::kPart);
       PaperTurn of_part;
       of_part.count = part;
       of_part.ids = queue_.ids() + first;
       of_part.neighbourhoods = points_.makeNeighbourhoods(view_, first, part, stream());
-      of_part.hints = candidates_.on ? hints_.data() + first : nullptr;
+      of_part.hints = with_hints ? hints_.data() + first : nullptr;
       of_part.items = items_.data();
       of_part.results = results_.data();
       of_part.labels_before = labels_before_.data();
@@ -140,22 +138,13 @@ class PaperUpdater final : public PointUpdater {
     chunk.order = lists + 3 * turn.count;
     launchWarpSearch(chunk, planWindow(input.tool, context_->sharedBytesPerBlock(), true), stream());
     launchUpdate(chunk, stream());
-    launchTallyTurn(turn, counters_.data(), stream());
+    launchTallyTurn(turn, input.rule.collision_limit, counters_.data(), stream());
   }
 
-  /// Room to evaluate so many points. @return how many at a time
-  std::uint32_t growTurn(std::uint32_t turn) {
+  /// Room to evaluate so many points, part by part.
+  void growTurn(std::uint32_t turn) {
     if (candidates_.on) hints_.growWithRoom(memory_, turn, roomFor(turn), 0);
-    for (std::uint32_t part = std::min(turn, PointTables::kPart);; part /= 2) {
-      try {
-        growPart(part);
-        return part;
-      } catch (const ResourceLimit&) {
-        if (part <= kLeastPart) throw;
-      }
-    }
-  }
-  void growPart(std::uint32_t part) {
+    const std::uint32_t part = std::min(turn, PointTables::kPart);
     points_.growParts(part);
     const auto grow = [&](auto& array, std::size_t each) {
       array.growWithRoom(memory_, each * part, each * std::min<std::size_t>(roomFor(part), PointTables::kPart), 0);
@@ -171,6 +160,14 @@ class PaperUpdater final : public PointUpdater {
     order_scratch_.growWithRoom(memory_, bytes, roomFor(bytes), 0);
   }
 
+  /// Of the whole turn: all points see what was known before the first of them is evaluated.
+  void findHints(std::uint32_t turn) {
+    for (std::uint32_t first = 0; first < turn; first += PointTables::kPart) {
+      launchFindHints(view_, candidates_, queue_.ids() + first, std::min(turn - first, PointTables::kPart),
+                      hints_.data() + first, stream());
+    }
+  }
+
   std::shared_ptr<DeviceContext> context_;
   DeviceMemory& memory_;
   CoarseToFine candidates_;
@@ -178,6 +175,7 @@ class PaperUpdater final : public PointUpdater {
   DeviceCounters counters_;
   PointTables points_;
   WorkQueue queue_;
+  bool any_resolved_ = false;  ///< is there a point that lends its direction?
   Staging<PointWeight> crossed_;
   Staging<std::uint32_t> asked_;
   DeviceArray<std::uint32_t> confident_;  ///< those that became so

@@ -207,7 +207,7 @@ enum WaitingFlag : std::uint8_t {
   kWaiting = 1,         ///< in the queue
   kAsked = 2,           ///< to be put into it
   kAskedByItself = 4,   ///< the point itself changed, not only the map around it (ScoreItem::evidence)
-  kConfidentPoint = 8,  ///< enough observations; others never wait
+  kConfidentPoint = 8,  ///< enough observations; with the paper's policy others never wait
 };
 
 /// Numbers that kernels add to.
@@ -215,7 +215,7 @@ struct UpdateCounters {
   unsigned long long tests, scored, label_changes, evaluated;
   std::uint32_t moved, touched_blocks, reached_blocks;
   std::uint32_t due, busy, ordered, whole, whole_at_first, next_whole, next_some, next_added;  ///< of one search
-  std::uint32_t lowers, listed_lowers, flip_tiles, failed, prepared;
+  std::uint32_t lowers, listed_lowers, flip_tiles, failed, prepared, resolved;
 };
 
 /// Everything of an update in one argument.

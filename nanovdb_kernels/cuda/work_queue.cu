@@ -79,7 +79,7 @@ void WorkQueue::addFromList(const std::uint32_t* ids, std::uint32_t count, const
 void WorkQueue::drop(std::uint32_t count, cudaStream_t stream) {
   const std::uint32_t left = size_ - count;
   if (left > 0 && count > 0) {
-    rest_.growWithRoom(memory_, left, ids_.size(), 0);
+    rest_.grow(memory_, ids_.size(), 0);  // no smaller: it becomes the queue
     ACCESSVDB_CUDA(cudaMemcpyAsync(rest_.data(), ids_.data() + count, left * sizeof(std::uint32_t),
                                    cudaMemcpyDeviceToDevice, stream));
     std::swap(ids_, rest_);

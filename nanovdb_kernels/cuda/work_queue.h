@@ -47,7 +47,7 @@ class WorkQueue {
 
   DeviceMemory& memory_;
   DeviceArray<std::uint8_t> flags_;
-  DeviceArray<std::uint32_t> ids_, rest_;  ///< [points]; rest_ only while some are taken off
+  DeviceArray<std::uint32_t> ids_, rest_;  ///< [points]; the second one empty until points are left over
   std::uint32_t size_ = 0;
   DeviceArray<std::byte> scratch_;
   DeviceArray<std::uint32_t> selected_;  ///< [1]

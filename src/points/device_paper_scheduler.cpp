@@ -9,7 +9,6 @@
 #include "points/block_groups.h"
 #include "points/coarse_to_fine.h"
 #include "points/device_admission.h"
-#include "points/neighbourhood.h"
 #include "points/paper_triggers.h"
 #include "points/run_beside.h"
 #include "points/update_scheduler.h"

@@ -2,17 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The exact policy on a backend that decides by itself what is due (launch/point_updater.h): the host only says which
 /// points are new, touched or confident by now (device_admission.h), and in which leaves facts flipped. Without a
-/// backlog what comes out is what exact_scheduler.cpp brings out.
+/// budget what comes out is what exact_scheduler.cpp brings out.
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
-#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <array>
-#include <bit>
-#include <limits>
-#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -22,7 +18,6 @@
 #include "points/device_admission.h"
 #include "points/flip_set.h"
 #include "points/leaf_footprint.h"
-#include "points/neighbourhood.h"
 #include "points/run_beside.h"
 #include "points/update_scheduler.h"
 

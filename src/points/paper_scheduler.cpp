@@ -22,12 +22,19 @@
 namespace accessvdb::internal {
 namespace {
 
+/// Touched points are joined once so many wait, so that a long stretch without updates takes bounded memory.
+constexpr std::size_t kMostTouched = std::size_t{1} << 20;
+
 class PaperScheduler final : public UpdateScheduler {
  public:
   PaperScheduler(PointScorer& scorer, std::uint16_t collision_limit)
       : scorer_(scorer), triggers_(scorer), directions_(scorer, collision_limit) {}
 
-  void noteReturns(const TouchedPoints&, std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>) override {}
+  void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
+                   std::span<const Eigen::Vector3f>) override {
+    touched_.insert(touched_.end(), touched.all.begin(), touched.all.end());
+    if (touched_.size() > 2 * joined_touched_ + kMostTouched) joinTouched();
+  }
 
   bool seesDistances() const override { return true; }
   void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
@@ -39,6 +46,7 @@ class PaperScheduler final : public UpdateScheduler {
     UpdateStats stats;
     scorer_.grow();
     enqueueAll();
+    refreshTouched();
     const std::vector<std::uint32_t> work = takeWork();
     stats.dirty_points = work.size();
     stats.backlog = queue_.size();
@@ -64,7 +72,8 @@ class PaperScheduler final : public UpdateScheduler {
   }
 
   std::uint64_t bytes() const override {
-    return (queue_.size() + fresh_.capacity()) * sizeof(std::uint32_t) + queued_.bytes() + triggers_.bytes();
+    return (queue_.size() + fresh_.capacity() + touched_.capacity()) * sizeof(std::uint32_t) + queued_.bytes() +
+           triggers_.bytes();
   }
 
  private:
@@ -79,6 +88,21 @@ class PaperScheduler final : public UpdateScheduler {
     for (std::uint32_t id = 0; id < known_points_; ++id) {
       if (scorer_.record(id).label != PointLabel::Accessible) enqueue(id);
     }
+  }
+
+  /// What views of the points show of their weights.
+  void refreshTouched() {
+    joinTouched();
+    std::erase_if(touched_, [&](std::uint32_t id) { return !scorer_.record(id).has_neighbourhood; });
+    scorer_.refreshWeights(touched_);
+    scorer_.upload(touched_);
+    touched_.clear();
+    joined_touched_ = 0;
+  }
+  void joinTouched() {
+    std::ranges::sort(touched_);
+    touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
+    joined_touched_ = touched_.size();
   }
 
   void enqueue(std::uint32_t id) {
@@ -104,6 +128,8 @@ class PaperScheduler final : public UpdateScheduler {
   ChunkedArray<std::uint8_t> queued_;  ///< by id: in queue_
   std::vector<std::uint32_t> fresh_;   ///< below the confidence bound, ascending
   std::uint32_t known_points_ = 0;
+  std::vector<std::uint32_t> touched_;  ///< since the last update
+  std::size_t joined_touched_ = 0;      ///< of them, the first: ascending, each once
 };
 
 }  // namespace

@@ -25,13 +25,22 @@ void PaperTriggers::note(std::span<const Eigen::Vector3f> p_L, std::span<const E
   noteMotion(q_L.front());
 }
 
-PaperRequests PaperTriggers::take() {
-  PaperRequests requests = std::exchange(requests_, {});
-  for (std::vector<std::uint32_t>* ids : {&requests.jumped, &requests.sampled}) {
-    tbb::parallel_sort(*ids);
-    ids->erase(std::unique(ids->begin(), ids->end()), ids->end());
-  }
-  return requests;
+PaperRequests PaperTriggers::take() { return {jumped_.take(), sampled_.take(), std::exchange(blocked_, false)}; }
+
+void PaperTriggers::IdList::add(const tbb::enumerable_thread_specific<std::vector<std::uint32_t>>& found) {
+  constexpr std::size_t kMostIds = std::size_t{1} << 20;
+  for (const auto& of_thread : found) ids_.insert(ids_.end(), of_thread.begin(), of_thread.end());
+  if (ids_.size() > 2 * joined_ + kMostIds) join();
+}
+void PaperTriggers::IdList::join() {
+  tbb::parallel_sort(ids_);
+  ids_.erase(std::unique(ids_.begin(), ids_.end()), ids_.end());
+  joined_ = ids_.size();
+}
+std::vector<std::uint32_t> PaperTriggers::IdList::take() {
+  join();
+  joined_ = 0;
+  return std::exchange(ids_, {});
 }
 
 /// (i) The TSDF at a point's voxel changed by more than 2 v since the last frame. Not only at points that were hit
@@ -56,7 +65,12 @@ void PaperTriggers::noteDistances(std::span<const std::span<const DistanceChange
       }
     }
   });
-  for (const auto& found : jumped) requests_.jumped.insert(requests_.jumped.end(), found.begin(), found.end());
+  jumped_.add(jumped);
+  // A point whose voxel the scan left alone.
+  for (; known_points_ < points.size(); ++known_points_) {
+    float& last_m = last_distance_m_[known_points_];
+    if (std::isnan(last_m)) last_m = unobserved_m;
+  }
 }
 
 /// (ii) Points within r_u of up to 256 voxels written by this scan. There is no list of written voxels: a voxel is
@@ -86,7 +100,7 @@ void PaperTriggers::noteSample(std::span<const Eigen::Vector3f> p_L, std::span<c
                                   {leaf[0] + reach, leaf[1] + reach, leaf[2] + reach}, takeNear);
     }
   });
-  for (const auto& found : sampled) requests_.sampled.insert(requests_.sampled.end(), found.begin(), found.end());
+  sampled_.add(sampled);
 }
 
 Eigen::Vector3d PaperTriggers::drawWrittenVoxel(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) {
@@ -126,7 +140,7 @@ void PaperTriggers::noteMotion(const Eigen::Vector3f& q_L) {
   // Since the last firing, not since the last scan: slow motion adds up.
   const auto bound_m = static_cast<float>(scorer_.params().update.requeue_motion_m);
   if (last_sensor_L_ && !((q_L - *last_sensor_L_).norm() > bound_m)) return;
-  requests_.blocked = requests_.blocked || last_sensor_L_.has_value();
+  blocked_ = blocked_ || last_sensor_L_.has_value();
   last_sensor_L_ = q_L;
 }
 
@@ -134,9 +148,6 @@ std::size_t PaperTriggers::draw(std::size_t count) {
   return static_cast<std::size_t>(static_cast<double>(random_() >> 11) * 0x1.0p-53 * static_cast<double>(count));
 }
 
-std::uint64_t PaperTriggers::bytes() const {
-  return last_distance_m_.bytes() +
-         (requests_.jumped.capacity() + requests_.sampled.capacity()) * sizeof(std::uint32_t);
-}
+std::uint64_t PaperTriggers::bytes() const { return last_distance_m_.bytes() + jumped_.bytes() + sampled_.bytes(); }
 
 }  // namespace accessvdb::internal

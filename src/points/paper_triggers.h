@@ -3,6 +3,8 @@
 /// The paper's three reasons to score a point again ("Incremental Updates and Confidence"; SPEC a.8, step 4).
 #pragma once
 
+#include <tbb/enumerable_thread_specific.h>
+
 #include <Eigen/Core>
 #include <optional>
 #include <random>
@@ -45,10 +47,27 @@ class PaperTriggers {
   /// Uniform in 0 .. count - 1.
   std::size_t draw(std::size_t count);
 
+  /// Ids that were asked for, in any order and several times; joined now and then, so that a long stretch without
+  /// updates takes bounded memory.
+  class IdList {
+   public:
+    void add(const tbb::enumerable_thread_specific<std::vector<std::uint32_t>>& found);
+    /// Ascending, each once.
+    std::vector<std::uint32_t> take();
+    [[nodiscard]] std::uint64_t bytes() const { return ids_.capacity() * sizeof(std::uint32_t); }
+
+   private:
+    void join();
+    std::vector<std::uint32_t> ids_;
+    std::size_t joined_ = 0;  ///< the first of them: ascending, each once
+  };
+
   const PointScorer& scorer_;
   std::mt19937_64 random_;
-  PaperRequests requests_;                        ///< its lists in any order, ids several times
-  ChunkedArray<float> last_distance_m_;           ///< by id; NaN before the first frame
+  IdList jumped_, sampled_;
+  bool blocked_ = false;
+  ChunkedArray<float> last_distance_m_;           ///< by id; NaN until the end of its first scan
+  std::uint32_t known_points_ = 0;                ///< that have one
   std::optional<Eigen::Vector3f> last_sensor_L_;  ///< where trigger (iii) fired last
 };
 

@@ -131,7 +131,8 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   internal::ScanIntegrator integrator(map);
   Phases phases;
   Told told;
-  test::ListeningBackend backend([&] { return std::make_unique<Listener>(phases, told); });
+  test::ListeningBackend backend(
+      [&](const kernels::UpdaterTables&) { return std::make_unique<Listener>(phases, told); });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");  // the smallest: nobody scores
   const internal::ScoringSetup setup(tool, params, backend);
   internal::PointStore points(params, setup.directions_xy());

@@ -76,9 +76,12 @@ TEST_P(CudaBudget, OnlyDelays) {
   ASSERT_EQ(field.deviceName().rfind("cuda:", 0), 0u) << field.deviceName();
   const auto budget = static_cast<std::uint64_t>(c.budget_points);
   std::uint64_t most_waiting = 0, most_out_of_date = 0;
-  const auto update = [&] {
+  const auto update = [&](bool after_a_scan) {
     const UpdateStats stats = field.update();
     EXPECT_LE(stats.scored_points, budget);
+    if (!after_a_scan) {
+      EXPECT_LE(stats.dirty_points, budget);  // else it counts new neighbourhoods as well
+    }
     const std::uint64_t out_of_date = outOfDate(field);
     EXPECT_LE(out_of_date, stats.backlog);
     most_waiting = std::max(most_waiting, stats.backlog);
@@ -89,7 +92,7 @@ TEST_P(CudaBudget, OnlyDelays) {
     SCOPED_TRACE("frame " + std::to_string(frame));
     const WalkFrame scan = walk.frame(frame);
     field.integrateScan(scan.points_S, scan.T_W_S);
-    if ((frame + 1) % c.scans_an_update == 0) update();
+    if ((frame + 1) % c.scans_an_update == 0) update(true);
     if (HasFailure()) return;
   }
   EXPECT_GT(most_waiting, 2 * budget);
@@ -97,7 +100,7 @@ TEST_P(CudaBudget, OnlyDelays) {
   std::uint64_t waiting = 1;
   for (int turn = 0; turn < 1000 && waiting > 0; ++turn) {
     const std::uint64_t before = waiting;
-    waiting = update();
+    waiting = update(false);
     if (turn > 0) {
       ASSERT_EQ(waiting, before - std::min(before, budget));  // nothing new is due
     }
@@ -155,6 +158,53 @@ INSTANTIATE_TEST_SUITE_P(
     testing::Values(BudgetCase{1, "builtin:pruner", 0.05, 300}, BudgetCase{2, "builtin:pencil", 0.02, 500},
                     BudgetCase{3, "builtin:pruner", 0.04, 700, 12, 4000, 180, 30, 2},
                     BudgetCase{4, "builtin:pruner", 0.05, 300, 8, 4000, 180, 3, 1, ToolForm::SurfaceSamples}));
+
+/// More points than are taken at a time.
+class CudaManyPoints : public GpuTest {
+ protected:
+  static constexpr std::size_t kAtATime = 1 << 17;
+  static void expectSameAfterManyScans(FieldParams params) {
+    WalkOptions options;
+    options.frames = 12;
+    options.rays_per_frame = 40000;
+    options.max_range_m = 6;
+    options.length_m = 2;
+    const WalkGenerator walk(options);
+    params.tsdf.voxel_size_m = 0.01;
+    params.scoring.confidence_min = 0;
+    params.approach.num_directions = 12;
+    params.backend = BackendKind::Cpu;
+    const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
+    AccessibilityField cpu(tool, params);
+    params.backend = BackendKind::Cuda;
+    AccessibilityField cuda(tool, params);
+    for (const int first : {0, 10}) {
+      for (int frame = first; frame < (first == 0 ? 10 : 12); ++frame) {
+        const WalkFrame scan = walk.frame(frame);
+        cpu.integrateScan(scan.points_S, scan.T_W_S);
+        cuda.integrateScan(scan.points_S, scan.T_W_S);
+      }
+      const UpdateStats a = cpu.update(), b = cuda.update();
+      ASSERT_EQ(a.label_changes, b.label_changes);
+      EXPECT_GT(a.label_changes, first == 0 ? kAtATime : 0);  // nothing had a label before
+      expectSame(cpu.snapshot(), cuda.snapshot());
+    }
+    expectVaried(cuda.snapshot());
+  }
+};
+
+TEST_F(CudaManyPoints, ExactByAQueue) {
+  FieldParams params;
+  params.update.budget_points = 1'000'000;
+  expectSameAfterManyScans(params);
+}
+
+TEST_F(CudaManyPoints, Paper) {
+  FieldParams params;
+  params.update.policy = UpdatePolicy::Paper;
+  params.approach.coarse_to_fine = true;
+  expectSameAfterManyScans(params);
+}
 
 // tools/gpu_suite.sh runs it under compute-sanitizer.
 INSTANTIATE_TEST_SUITE_P(ShortStream, CudaBudget,

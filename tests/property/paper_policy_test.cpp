@@ -5,6 +5,7 @@
 
 #include <algorithm>
 
+#include "accessvdb/device_view.h"
 #include "property/paper_stream.h"
 
 namespace accessvdb::test {
@@ -202,6 +203,15 @@ TEST(PaperQueue, TriggersLeavePointsBelowTheConfidenceBoundAlone) {
   const UpdateStats stats = stream.scanAndUpdate({{0, 3, 0}}, kFront + Vector3d(0.5, 0, 0));
   EXPECT_EQ(stats.dirty_points, 0u);
   EXPECT_EQ(stats.backlog, 0u);
+}
+
+TEST(PaperQueue, ViewsShowTheWeightsOfPointsThatWereSeenAgain) {
+  Stream stream(quietParams());
+  for (int n = 0; n < 6; ++n) stream.scanAndUpdate(sparsePlate(), kFront);
+  const SurfacePoint p = stream.at(kMiddle);
+  EXPECT_EQ(p.weight, 6u);
+  const DeviceView view = stream.field().hostView();
+  EXPECT_EQ(view.points.weight[p.id], p.weight);
 }
 
 TEST(PaperQueue, PointsBelowTheConfidenceBoundCostNoBudget) {

@@ -14,7 +14,7 @@ namespace accessvdb::test {
 
 class ListeningBackend final : public kernels::Backend {
  public:
-  using MakeUpdater = std::function<std::unique_ptr<kernels::PointUpdater>()>;
+  using MakeUpdater = std::function<std::unique_ptr<kernels::PointUpdater>(const kernels::UpdaterTables&)>;
 
   explicit ListeningBackend(MakeUpdater make_updater)
       : cpu_(kernels::makeCpuBackend()), make_updater_(std::move(make_updater)) {}
@@ -22,7 +22,9 @@ class ListeningBackend final : public kernels::Backend {
   std::unique_ptr<kernels::MirrorArena> makeArena() override { return cpu_->makeArena(); }
   void writePoints(const kernels::PointStateView&, const kernels::PointInput*, std::size_t) override {}
   void scorePoints(const kernels::ScoreRequest&) override {}
-  std::unique_ptr<kernels::PointUpdater> makeUpdater(const kernels::UpdaterTables&) override { return make_updater_(); }
+  std::unique_ptr<kernels::PointUpdater> makeUpdater(const kernels::UpdaterTables& tables) override {
+    return make_updater_(tables);
+  }
   void* allocate(std::size_t bytes) override { return cpu_->allocate(bytes); }
   void release(void* address) noexcept override { cpu_->release(address); }
   void upload(void* to, const void* from, std::size_t bytes) override { cpu_->upload(to, from, bytes); }

@@ -145,7 +145,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
   ScanIntegrator integrator(map);
   Told told;
-  test::ListeningBackend backend([&] { return std::make_unique<Listener>(told); });
+  test::ListeningBackend backend([&](const kernels::UpdaterTables&) { return std::make_unique<Listener>(told); });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
   const ScoringSetup setup(tool, params, backend);
   PointStore points(params, setup.directions_xy());
