@@ -96,91 +96,55 @@ class ExactUpdater final : public PointUpdater {
     launchNotePrepared(view_, most, stream());
   }
 
-  UpdateOutcome update(const UpdateInput& input) override {
+  void choose(const UpdateInput& input) override {
     const CurrentDevice current(context_->device());
+    chosen_ = true;
     view_.points = input.points;
     flips_.addGroups(view_, stream());
-    points_.setWeights(input.weights, view_, stream());
-    const std::uint32_t budget = input.budget_points;
-    if (budget > 0) queue_.grow(view_.num_points, stream());
-    view_.waiting = budget > 0 ? queue_.flags() : nullptr;
+    if (input.budget_points > 0) queue_.grow(view_.num_points, stream());
+    view_.waiting = input.budget_points > 0 ? queue_.flags() : nullptr;
     if (!neighbours_begun_) launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
-    const PointWeight* crossed = crossed_.send(input.crossed, memory_, stream());
-    launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
     ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
     launchCountLowers(input.map.grid, counters_.data(), stream());
     const UpdateCounters found = counters_.read(stream());
-    const std::uint32_t moved = found.moved;
-
-    DueSearch search;
-    search.map = input.map;
-    search.tool = input.tool;
-    search.multiprocessors = multiprocessors_;
-    search.slabs = input.slabs;
-    search.tool.reach = reachOfSearch();
-    // More than what a block gets without asking would be taken from the cache; each node takes two entries.
-    search.window = planWindow(search.tool, kPlainSharedBytes / BusyMapView::kEntries, false);
-    search.busy = makeBusyMap(input.map.grid, found.lowers);
-    growItems();
-    points_.growParts(moved - found.prepared);
-    UpdateOutcome outcome;
-    const auto evaluate = [&] {
-      ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
-      const Stopwatch scoring;
-      launchDueSearch(view_, search, view_.index.blocks,
-                      {stream(), context_->mirrorStream(), fork_.get(), join_.get()});
-      ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
-      outcome.score_ms += scoring.milliseconds();
-    };
-    std::uint32_t items = 0;  // at least as many as there are
-    const auto makeRoom = [&](std::uint32_t more) {
-      if (items + more <= due_.size()) return;
-      const UpdateCounters now = counters_.read(stream());
-      items = now.due;
-      if (items + more <= due_.size()) return;
-      evaluate();
-      items = 0;
-    };
-    for (std::uint32_t first = 0, part = 0; first < moved; first += part) {
-      const bool prepared = first < found.prepared;
-      part = std::min((prepared ? found.prepared : moved) - first, kMovedPart);
+    prepareSearch(input, found.lowers);
+    takeMoved(0, found.prepared, true);
+    takeMoved(found.prepared, found.moved, false);
+    taken_ = found.moved;
+    if (view_.affected == nullptr) return;
+    for (std::uint32_t first = 0; first < view_.num_points; first += kFlipsPart) {
+      const std::uint32_t part = std::min(view_.num_points - first, kFlipsPart);
       makeRoom(part);
-      const Neighbourhood* of_part =
-          prepared ? prepared_.data() + first : points_.makeNeighbourhoods(view_, first, part, stream());
-      launchTakeNeighbours(view_, first, part, of_part, stream());
-      items += part;
+      launchDueByFlips(view_, first, part, stream());
     }
-    if (view_.affected != nullptr) {
-      for (std::uint32_t first = 0; first < view_.num_points; first += kFlipsPart) {
-        const std::uint32_t part = std::min(view_.num_points - first, kFlipsPart);
-        makeRoom(part);
-        launchDueByFlips(view_, first, part, stream());
-        items += part;
-      }
+  }
+
+  UpdateOutcome update(const UpdateInput& input) override {
+    const CurrentDevice current(context_->device());
+    if (!std::exchange(chosen_, false)) {
+      choose(input);
+      chosen_ = false;
     }
-    if (budget > 0) {
-      queue_.addFrom(view_.num_points, {kAsked, kAsked}, stream());
-      const std::uint32_t turn = std::min(queue_.size(), budget);
-      for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
-        part = std::min(turn - first, kMovedPart);
-        makeRoom(part);
-        launchDueOfWaiting(view_, queue_.ids() + first, part, stream());
-        items += part;
-      }
-      queue_.drop(turn, stream());
-    }
+    points_.setWeights(input.weights, view_, stream());
+    const PointWeight* crossed = crossed_.send(input.crossed, memory_, stream());
+    launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
+    const std::uint32_t moved = counters_.read(stream()).moved;
+    takeMoved(taken_, moved, false);
+    if (input.budget_points > 0) takeTurn(input.budget_points);
     evaluate();
     const UpdateCounters done = counters_.read(stream());
     any_known_ = any_known_ || moved > 0;
     last_moved_ = moved;
     reset();
     requireNeighbours(done);
+    UpdateOutcome outcome;
     outcome.moved = done.moved;
     outcome.evaluated = done.evaluated;
     outcome.scored = done.scored;
     outcome.tests = done.tests;
     outcome.label_changes = done.label_changes;
     outcome.waiting = queue_.size();
+    outcome.score_ms = std::exchange(score_ms_, 0.0);
     return outcome;
   }
 
@@ -269,6 +233,62 @@ class ExactUpdater final : public PointUpdater {
     return reach;
   }
 
+  /// Of this update. @param lowers  lower nodes of the mirror
+  void prepareSearch(const UpdateInput& input, std::uint32_t lowers) {
+    search_ = {};
+    search_.map = input.map;
+    search_.tool = input.tool;
+    search_.multiprocessors = multiprocessors_;
+    search_.slabs = input.slabs;
+    search_.tool.reach = reachOfSearch();
+    // More than what a block gets without asking would be taken from the cache; each node takes two entries.
+    search_.window = planWindow(search_.tool, kPlainSharedBytes / BusyMapView::kEntries, false);
+    search_.busy = makeBusyMap(input.map.grid, lowers);
+    growItems();
+    items_ = 0;
+  }
+
+  /// What is due of the moved points [begin, end). @param prepared  findNeighbours() made their neighbourhoods
+  void takeMoved(std::uint32_t begin, std::uint32_t end, bool prepared) {
+    if (!prepared && begin < end) points_.growParts(end - begin);
+    for (std::uint32_t first = begin, part = 0; first < end; first += part) {
+      part = std::min(end - first, kMovedPart);
+      makeRoom(part);
+      const Neighbourhood* of_part =
+          prepared ? prepared_.data() + first : points_.makeNeighbourhoods(view_, first, part, stream());
+      launchTakeNeighbours(view_, first, part, of_part, stream());
+    }
+  }
+
+  /// What is due of the first ones in the queue.
+  void takeTurn(std::uint32_t budget_points) {
+    queue_.addFrom(view_.num_points, {kAsked, kAsked}, stream());
+    const std::uint32_t turn = std::min(queue_.size(), budget_points);
+    for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
+      part = std::min(turn - first, kMovedPart);
+      makeRoom(part);
+      launchDueOfWaiting(view_, queue_.ids() + first, part, stream());
+    }
+    queue_.drop(turn, stream());
+  }
+
+  /// For so many more items, which are about to come.
+  void makeRoom(std::uint32_t more) {
+    if (items_ + more > due_.size()) items_ = counters_.read(stream()).due;
+    if (items_ + more > due_.size()) evaluate();
+    items_ += more;
+  }
+
+  /// What is due so far.
+  void evaluate() {
+    ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
+    const Stopwatch scoring;
+    launchDueSearch(view_, search_, view_.index.blocks, {stream(), context_->mirrorStream(), fork_.get(), join_.get()});
+    ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
+    score_ms_ += scoring.milliseconds();
+    items_ = 0;
+  }
+
   /// @param lowers  lower nodes of the mirror
   BusyMapView makeBusyMap(const OccupancyGrid* grid, std::uint32_t lowers) {
     const std::size_t slots = std::bit_ceil(2 * std::size_t{lowers} + 64);
@@ -331,6 +351,12 @@ class ExactUpdater final : public PointUpdater {
   bool any_known_ = false;         ///< does any point have a neighbourhood?
   bool neighbours_begun_ = false;  ///< of what was admitted since the last update
   std::uint32_t places_used_ = 0, last_moved_ = 0;
+  // Of the update at work.
+  bool chosen_ = false;      ///< choose() came
+  std::uint32_t taken_ = 0;  ///< of the moved points, the first: their neighbourhoods are theirs
+  DueSearch search_;
+  std::uint32_t items_ = 0;  ///< at least as many as there are
+  double score_ms_ = 0;
 
   DeviceArray<FootprintColumn> tool_columns_, arm_columns_;
   DeviceArray<DirectionArc> cell_directions_;

@@ -44,6 +44,7 @@ class PaperUpdater final : public PointUpdater {
   // Neighbours are those of the moment at which a point is evaluated.
   void findNeighbours() override {}
   void begin(const UpdateInput&) override {}
+  void choose(const UpdateInput&) override {}
 
   UpdateOutcome update(const UpdateInput& input) override {
     const CurrentDevice current(context_->device());

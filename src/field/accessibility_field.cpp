@@ -158,12 +158,11 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     const double noting_ms = noting.milliseconds();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const auto to_backend = [&] { scheduler->prepare(tables); };
-    const auto on_host = [&] {
+    const auto to_mirror = [&] {
       mirrorFacts(result, stats);
       if (distance_mirror) mirrorDistances(result, stats);
-      scheduler->readMap();
     };
-    internal::runBeside(to_backend, on_host);
+    internal::runBeside(to_backend, to_mirror);
     return noting_ms;
   }
 

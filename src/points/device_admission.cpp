@@ -13,7 +13,6 @@
 #include <utility>
 
 #include "points/neighbourhood.h"
-#include "points/run_beside.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -53,7 +52,6 @@ void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const 
     is_touched_[id] = 1;
     touched_.push_back({id, touched.before_L[n]});
   }
-  weights_read_ = false;
   if (++scans_ == 1) {
     listNews();
     admit();
@@ -63,25 +61,12 @@ void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const 
   if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
 }
 
-void DeviceAdmission::readWeights() {
-  if (!isAhead()) return;
-  readAllWeights();
-  weights_read_ = true;
-}
-
 void DeviceAdmission::complete(const std::function<void()>& begin) {
-  const bool admitted = std::exchange(scans_, 0) == 1, read = std::exchange(weights_read_, false);
+  const bool admitted = std::exchange(scans_, 0) == 1;
   if (!admitted) listNews();
   scorer_.growDevice();
-  const auto to_backend = [&] {
-    begin();
-    if (!admitted) admit();
-  };
-  const auto on_host = [&] {
-    if (!read) readAllWeights();
-  };
-  runBeside(to_backend, on_host);
-  takeConfident();
+  begin();
+  if (!admitted) admit();
 }
 
 /// The backend has them: the new ones below the bound wait from now on, and none is touched.
@@ -145,13 +130,10 @@ void DeviceAdmission::admitPoints() {
   }
 }
 
-/// Of the points that came since the last update, and of those that became confident.
-void DeviceAdmission::readAllWeights() {
-  std::vector<std::uint32_t> crossed(crossed_.size());  // an earlier scan brought them above the bound
-  std::ranges::transform(crossed_, crossed.begin(), &kernels::PointWeight::id);
-  readWeightsOf(crossed, crossed_);
+void DeviceAdmission::readWeights() {
   findCrossed();
   readWeightsOf(ids_, weights_);
+  takeConfident();
 }
 
 void DeviceAdmission::readWeightsOf(std::span<const std::uint32_t> ids, std::vector<kernels::PointWeight>& points) {

@@ -31,13 +31,11 @@ class DeviceAdmission {
                    std::span<const Eigen::Vector3f> q_L);
   /// Has the backend got the points as they are?
   [[nodiscard]] bool isAhead() const { return scans_ == 1; }
-  /// The map has the scan and rests: reads weights, where isAhead().
-  void readWeights();
-
-  /// Before an update: makes up for what was not done. @param begin  of the backend; called before points are handed
-  /// over, and beside what reads the map
+  /// Before an update: makes up for what was not handed over. @param begin  of the backend; comes before the points
   void complete(const std::function<void()>& begin);
-  /// Of the new and the touched points; and of those that became confident, ascending. Between complete() and clear().
+  /// Then reads what the map says of them. Beside what the backend does without it.
+  void readWeights();
+  /// After that, until clear(): of the new and the touched points; and of those that became confident, ascending.
   [[nodiscard]] std::span<const kernels::PointWeight> weights() const { return weights_; }
   [[nodiscard]] std::span<const kernels::PointWeight> crossed() const { return crossed_; }
   /// The backend has the new points: they are known from now on. Leaves crossed() alone, which it may still be reading.
@@ -59,7 +57,6 @@ class DeviceAdmission {
   void admitBlocks();
   void admitPoints();
   [[nodiscard]] kernels::PointNews newsOf(std::size_t n) const;
-  void readAllWeights();
   void readWeightsOf(std::span<const std::uint32_t> ids, std::vector<kernels::PointWeight>& points);
   void findCrossed();
   void takeConfident();
@@ -74,7 +71,6 @@ class DeviceAdmission {
   FreshPlaces reached_;                        ///< of one update
   std::uint16_t least_weight_ = 0;             ///< that is confident
   int scans_ = 0;                              ///< since the last update
-  bool weights_read_ = false;                  ///< readWeights() came since the last scan
   std::vector<std::uint32_t> ids_;             ///< listNews()
   std::vector<kernels::PointWeight> weights_;  ///< of ids_
   std::vector<kernels::PointWeight> crossed_;  ///< points that became confident since the last update

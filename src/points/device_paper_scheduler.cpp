@@ -32,10 +32,10 @@ class DevicePaperScheduler final : public UpdateScheduler {
                    const MapChanges& changes) override {
     triggers_.note(p_L, q_L, changes.distances);
   }
-  void readMap() override { admission_.readWeights(); }
 
   UpdateStats update(const ScoringTables& tables) override {
     admission_.complete([] {});
+    admission_.readWeights();
     const PaperRequests asked = triggers_.take();
     kernels::UpdateInput input;
     input.map = tables.map;

@@ -83,13 +83,12 @@ class DeviceScheduler final : public UpdateScheduler {
     if (flips_.size() > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
-  // Should another scan come before the update, all flips are handed over again, and weights are read again.
+  // Should another scan come before the update, all flips are handed over again.
   void prepare(const ScoringTables& tables) override {
     if (!admission_.isAhead()) return;
     updater_->begin(inputOf(tables));
     flips_begun_ = true;
   }
-  void readMap() override { admission_.readWeights(); }
 
   UpdateStats update(const ScoringTables& tables) override {
     const bool begun = std::exchange(flips_begun_, false);
@@ -97,6 +96,7 @@ class DeviceScheduler final : public UpdateScheduler {
       if (!begun) updater_->begin(inputOf(tables));
     });
     kernels::UpdateInput input = inputOf(tables);
+    runBeside([&] { updater_->choose(input); }, [&] { admission_.readWeights(); });
     input.weights = admission_.weights();
     input.crossed = admission_.crossed();
     kernels::UpdateOutcome outcome;

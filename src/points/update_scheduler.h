@@ -44,9 +44,6 @@ class UpdateScheduler {
   /// The changes are noted, but the mirror may not have them yet: the backend may begin with them. After noteChanges(),
   /// at most once a scan; without it, update() does. @param tables  as update() will get them
   virtual void prepare(const ScoringTables& /*tables*/) {}
-  /// The map has the scan and rests until the next one: what an update has to know of it may be read. After
-  /// noteChanges(), at most once a scan, also beside prepare(); without it, update() reads.
-  virtual void readMap() {}
 
   /// Scores what is due. Of the times it gives score_ms; the field gives the rest of the update to update_ms.
   virtual UpdateStats update(const ScoringTables& tables) = 0;

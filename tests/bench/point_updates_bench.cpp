@@ -71,6 +71,7 @@ class Listener final : public kernels::PointUpdater {
   Listener(Phases& phases, Told& told) : phases_(phases), told_(told) {}
   void begin(const kernels::UpdateInput&) override {}
   void findNeighbours() override {}
+  void choose(const kernels::UpdateInput&) override {}
   void admit(const kernels::AdmitInput& input) override {
     phases_.end(input.news.empty() ? kBlocks : kPoints);
     for (const kernels::PointNews& news : input.news) {

@@ -127,19 +127,21 @@ class DeviceFaults : public GpuTest {
   struct Calls {
     std::uint64_t set_up = 0, run = 0;
   };
-  /// Of a run in which nothing fails.
+  /// Of a run in which nothing fails. The second one counts: libraries ask some things once a process.
   static Calls healthyCalls(const Choice& choice = kExact) {
     Calls calls;
-    setFault({});
-    AccessibilityField field(tool(), paramsOn(BackendKind::Cuda, choice));
-    calls.set_up = callsMade();
-    setFault({});
-    for (const WalkFrame& frame : frames()) {
-      field.integrateScan(frame.points_S, frame.T_W_S);
-      field.update();
+    for (int run = 0; run < 2; ++run) {
+      setFault({});
+      AccessibilityField field(tool(), paramsOn(BackendKind::Cuda, choice));
+      calls.set_up = callsMade();
+      setFault({});
+      for (const WalkFrame& frame : frames()) {
+        field.integrateScan(frame.points_S, frame.T_W_S);
+        field.update();
+      }
+      static_cast<void>(field.snapshot());
+      calls.run = callsMade();
     }
-    static_cast<void>(field.snapshot());
-    calls.run = callsMade();
     return calls;
   }
 

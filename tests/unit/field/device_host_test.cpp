@@ -74,6 +74,9 @@ class Listener final : public kernels::PointUpdater {
       told_.blocks[block.block] = {{block.leaf[0], block.leaf[1], block.leaf[2]}, block.first, block.count};
     }
   }
+  void choose(const kernels::UpdateInput& input) override {
+    EXPECT_TRUE(input.weights.empty() && input.crossed.empty());  // they are being read
+  }
   kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
     told_.weights.assign(input.weights.begin(), input.weights.end());
     told_.crossed.assign(input.crossed.begin(), input.crossed.end());
@@ -95,7 +98,7 @@ struct HostCase {
   double confidence_min = 0.2;
   int scans_an_update = 1;
   bool rays = false;
-  bool ahead = true;  ///< prepare() and readMap() come before the update
+  bool ahead = true;  ///< prepare() comes before the update
 };
 void PrintTo(const HostCase& c, std::ostream* out) { *out << c.name; }
 
@@ -178,7 +181,6 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       scheduler->noteReturns(touched, p, q);
       scheduler->noteChanges(p, q, {result.changes, {}});
       if (c.ahead) scheduler->prepare({});
-      if (c.ahead) scheduler->readMap();
       for (const auto& part : result.changes) {
         for (const LeafChange& change : part) {
           LeafFacts& facts = flips[parentOf(change.origin_ijk)];

@@ -35,6 +35,7 @@ class PaperListener final : public kernels::PointUpdater {
   explicit PaperListener(ToldOfPaper& told) : told_(told) {}
   void begin(const kernels::UpdateInput&) override {}
   void findNeighbours() override {}
+  void choose(const kernels::UpdateInput&) override {}
   void admit(const kernels::AdmitInput&) override {}
   kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
     told_.crossed.assign(input.crossed.begin(), input.crossed.end());
@@ -123,7 +124,6 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
       const bool unchanged = GetParam().first_changes_nothing && points.size() == touched.new_points;
       const MapChanges changes = {result.changes, result.distances};
       scheduler->noteChanges(p, {&q, 1}, unchanged ? MapChanges{} : changes);
-      scheduler->readMap();
       returns.insert(returns.end(), p.begin(), p.end());
 
       // (i) by its definition: every point is looked at after every scan.
