@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <vector>
 
 #include "cuda/address_range.h"
 #include "cuda/cuda_check.h"
@@ -42,18 +43,7 @@ class ExactUpdater final : public PointUpdater {
         points_(memory, tables, view_),
         queue_(memory),
         flips_(memory) {
-    const auto load = [&](DeviceArray<FootprintColumn>& to, std::span<const FootprintColumn> from) {
-      to.grow(memory_, from.size(), 0);
-      to.upload(from.data(), from.size());
-    };
-    load(tool_columns_, tables.tool_columns);
-    load(arm_columns_, tables.arm_columns);
-    view_.footprint = {tool_columns_.data(), arm_columns_.data(),
-                       static_cast<std::uint32_t>(tables.tool_columns.size()),
-                       static_cast<std::uint32_t>(tables.arm_columns.size())};
-    for (const std::span<const FootprintColumn> columns : {tables.tool_columns, tables.arm_columns}) {
-      for (const FootprintColumn& c : columns) includeColumn(c);
-    }
+    loadFootprint(tables);
     loadCellDirections(tables);
     view_.counters = counters_.data();
     ACCESSVDB_CUDA(cudaDeviceGetAttribute(&multiprocessors_, cudaDevAttrMultiProcessorCount, context_->device()));
@@ -149,11 +139,12 @@ class ExactUpdater final : public PointUpdater {
   }
 
   std::uint64_t bytes() const override {
-    return points_.bytes() + queue_.bytes() + tool_columns_.bytes() + arm_columns_.bytes() + counters_.bytes() +
-           moved_bits_.bytes() + changed_bits_.bytes() + moved_.bytes() + head_.bytes() + touched_blocks_.bytes() +
-           reached_bits_.bytes() + reached_blocks_.bytes() + places_.bytes() + prepared_.bytes() + due_.bytes() +
-           due_heads_.bytes() + due_order_.bytes() + due_whole_.bytes() + busy_blocks_.bytes() + crossed_.bytes() +
-           flips_.bytes() + (known_levels_ != nullptr ? known_levels_->backedBytes() : 0) + known_freed_.bytes() +
+    return points_.bytes() + queue_.bytes() + tool_columns_.bytes() + arm_columns_.bytes() + footprint_places_.bytes() +
+           counters_.bytes() + moved_bits_.bytes() + changed_bits_.bytes() + moved_.bytes() + head_.bytes() +
+           touched_blocks_.bytes() + reached_bits_.bytes() + reached_blocks_.bytes() + places_.bytes() +
+           prepared_.bytes() + due_.bytes() + due_heads_.bytes() + due_order_.bytes() + due_whole_.bytes() +
+           busy_blocks_.bytes() + crossed_.bytes() + flips_.bytes() +
+           (known_levels_ != nullptr ? known_levels_->backedBytes() : 0) + known_freed_.bytes() +
            cell_directions_.bytes() + lower_keys_.bytes() + lower_numbers_.bytes() + lower_nodes_.bytes() +
            busy_bits_.bytes();
   }
@@ -177,13 +168,39 @@ class ExactUpdater final : public PointUpdater {
     known_levels_ = std::make_unique<AddressRange>(context_, kKnownAddresses);
   }
 
-  void includeColumn(const FootprintColumn& c) {
-    const std::int32_t low[3] = {c.dx, c.dy, c.z_low}, high[3] = {c.dx, c.dy, c.z_high};
-    for (int axis = 0; axis < 3; ++axis) {
-      view_.footprint.low[axis] = std::min(view_.footprint.low[axis], low[axis]);
-      view_.footprint.high[axis] = std::max(view_.footprint.high[axis], high[axis]);
+  void loadFootprint(const UpdaterTables& tables) {
+    FootprintView& footprint = view_.footprint;
+    for (const std::span<const FootprintColumn> columns : {tables.tool_columns, tables.arm_columns}) {
+      for (const FootprintColumn& c : columns) {
+        const std::int32_t low[3] = {c.dx, c.dy, c.z_low}, high[3] = {c.dx, c.dy, c.z_high};
+        for (int axis = 0; axis < 3; ++axis) {
+          footprint.low[axis] = std::min(footprint.low[axis], low[axis]);
+          footprint.high[axis] = std::max(footprint.high[axis], high[axis]);
+        }
+      }
     }
+    const auto side = static_cast<std::size_t>(footprint.high[1] - footprint.low[1] + 1);
+    std::vector<FootprintPlace> places(static_cast<std::size_t>(footprint.high[0] - footprint.low[0] + 1) * side);
+    const auto placeOf = [&](const FootprintColumn& c) -> FootprintPlace& {
+      return places[static_cast<std::size_t>(c.dx - footprint.low[0]) * side +
+                    static_cast<std::size_t>(c.dy - footprint.low[1])];
+    };
+    std::uint32_t number = 0;
+    for (const FootprintColumn& c : tables.tool_columns) placeOf(c).tool = ++number;
+    number = 0;
+    for (const FootprintColumn& c : tables.arm_columns) placeOf(c).arm = ++number;
+    const auto load = [&](auto& to, const auto& from) {
+      to.grow(memory_, from.size(), 0);
+      to.upload(from.data(), from.size());
+    };
+    load(tool_columns_, tables.tool_columns);
+    load(arm_columns_, tables.arm_columns);
+    load(footprint_places_, places);
+    footprint.tool = tool_columns_.data();
+    footprint.arm = arm_columns_.data();
+    footprint.places = footprint_places_.data();
   }
+
   void fill(void* to, int byte, std::size_t bytes) const { fillBytes(to, byte, bytes, stream()); }
   /// Places of touched points. @return the first of `more` new ones
   std::uint32_t growPlaces(std::uint32_t more) {
@@ -359,6 +376,7 @@ class ExactUpdater final : public PointUpdater {
   double score_ms_ = 0;
 
   DeviceArray<FootprintColumn> tool_columns_, arm_columns_;
+  DeviceArray<FootprintPlace> footprint_places_;
   DeviceArray<DirectionArc> cell_directions_;
   FlipTables flips_;
   // By id.

@@ -3,8 +3,8 @@
 /// What the flips of a frame mean for the points of a group of blocks: which directions may have become better or
 /// worse, and how far what is known of their collisions has aged.
 ///
-/// Flips lie in tiles of 8 x 8 x 16 leaves, found through a hash table; a group's warp looks the tiles around it up
-/// once.
+/// Flips lie in tiles of 8 x 8 x 16 leaves, found through a hash table. A group's warp looks up the tiles around it,
+/// lists their columns that hold flips, which are few, and asks the footprints what those mean.
 #include "cuda/cuda_check.h"
 #include "cuda/known_collisions.cuh"
 #include "cuda/update_kernels.h"
@@ -13,7 +13,10 @@
 namespace accessvdb::kernels {
 namespace {
 
-constexpr unsigned kThreads = 256, kWarps = kThreads / kWarp;
+constexpr unsigned kThreads = 256;
+/// Of a block that works on groups: few, as some take long and some no time at all, and a block stays until its last
+/// one is done.
+constexpr unsigned kWarps = 4;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
 
@@ -40,8 +43,9 @@ __global__ void addFlips(UpdateView view, std::uint32_t count) {
   if (n >= count) return;
   const LeafFlips& flip = view.flips.list[n];
   const std::uint32_t slot = view.flips.hash.find(tileKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4));
-  const std::size_t column =
-      std::size_t{view.flips.tile_at[slot]} * FlipsView::kColumns + placeInTile(flip.leaf[0], flip.leaf[1]);
+  const std::uint32_t tile = view.flips.tile_at[slot], place = placeInTile(flip.leaf[0], flip.leaf[1]);
+  const std::size_t column = std::size_t{tile} * FlipsView::kColumns + place;
+  atomicOr(reinterpret_cast<unsigned long long*>(view.flips.occupied + tile), 1ull << place);
   std::uint64_t bits = 0;
   for (int kind = 0; kind < 4; ++kind) {
     if ((flip.kinds >> kind & 1u) != 0) bits |= std::uint64_t{1} << (16 * kind + (flip.leaf[2] & 15));
@@ -49,65 +53,6 @@ __global__ void addFlips(UpdateView view, std::uint32_t count) {
   atomicOr(reinterpret_cast<unsigned long long*>(view.flips.kinds + column), static_cast<unsigned long long>(bits));
   if (flip.freed != 0) view.flips.next[n] = atomicExch(view.flips.head + column, n);
 }
-
-/// The tiles around a group, in shared memory; where they are too many, the others are looked up each time.
-class TilesAround {
- public:
-  /// 32 KiB of a block's shared memory; with the lists of FreedLeaves still what it gets without asking.
-  static constexpr int kMost = 1024;
-
-  /// Room that they need around any group; at most kMost.
-  static int roomFor(const FootprintView& footprint) {
-    std::int64_t tiles = 1;
-    for (int axis = 0; axis < 3; ++axis) {
-      const int edge = axis == 2 ? 16 : 1 << FlipsView::kTileLog2;
-      tiles *= (std::int64_t{footprint.high[axis]} - footprint.low[axis] + edge - 1) / edge + 1;
-    }
-    return tiles < kMost ? static_cast<int>(tiles) : kMost;
-  }
-
-  /// A warp; `any` tells whether there is one. @param leaf  the first one of the group  @param tiles  [room]
-  __device__ TilesAround(const UpdateView& view, const std::int32_t* leaf, std::uint32_t* tiles, int room, int lane)
-      : flips_(view.flips), tiles_(tiles), room_(room) {
-    int count = 1;
-    for (int axis = 0; axis < 3; ++axis) {
-      const int log2 = axis == 2 ? 4 : FlipsView::kTileLog2;
-      low_[axis] = (leaf[axis] + view.footprint.low[axis]) >> log2;
-      size_[axis] = ((leaf[axis] + view.footprint.high[axis]) >> log2) - low_[axis] + 1;
-      count *= size_[axis];
-    }
-    any = false;
-    for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
-      const int part = n % size_[2], xy = n / size_[2];
-      const std::uint32_t tile = lookUp(placeKey(low_[0] + xy / size_[1], low_[1] + xy % size_[1], low_[2] + part));
-      if (n < room) tiles[n] = tile;
-      any = any || tile != kNoIndex;
-    }
-    any = __any_sync(kAllLanes, any);
-    __syncwarp();
-  }
-
-  /// 16 leaves above each other: their place in the flips' columns, or kNoIndex.
-  [[nodiscard]] __device__ std::uint32_t column(std::int32_t x, std::int32_t y, std::int32_t part) const {
-    const int i = (x >> FlipsView::kTileLog2) - low_[0], j = (y >> FlipsView::kTileLog2) - low_[1], k = part - low_[2];
-    const int n = (i * size_[1] + j) * size_[2] + k;
-    const std::uint32_t tile = n < room_ ? tiles_[n] : lookUp(tileKey(x, y, part));
-    return tile == kNoIndex ? kNoIndex : tile * FlipsView::kColumns + placeInTile(x, y);
-  }
-
-  bool any;
-
- private:
-  [[nodiscard]] __device__ std::uint32_t lookUp(std::uint64_t key) const {
-    const std::uint32_t slot = flips_.hash.find(key);
-    return slot == kNoIndex ? kNoIndex : flips_.tile_at[slot];
-  }
-
-  const FlipsView& flips_;
-  std::uint32_t* tiles_;
-  int room_;
-  std::int32_t low_[3], size_[3];
-};
 
 /// Leaves in which voxels ceased to collide, gathered by a warp until they are enough for all lanes to count them.
 class FreedLeaves {
@@ -194,64 +139,155 @@ class MasksOfWarp {
   std::uint32_t bits_ = 0;
 };
 
-/// Directions of a footprint with flips in their leaves, a column a lane. All lanes.
-__device__ void scanFootprint(const UpdateView& view, const TilesAround& tiles, const std::int32_t* leaf,
-                              const FootprintColumn* columns, std::uint32_t count, std::uint32_t better_kind,
-                              std::uint32_t worse_kind, MasksOfWarp::Mask better, MasksOfWarp::Mask worse,
-                              MasksOfWarp& masks, FreedLeaves& freed, int lane) {
-  for (std::uint32_t first = 0; first < count; first += kWarp) {
-    const std::uint32_t n = first + static_cast<std::uint32_t>(lane);
-    const FootprintColumn& c = columns[n < count ? n : 0];
-    const std::int32_t x = leaf[0] + c.dx, y = leaf[1] + c.dy, z_low = leaf[2] + c.z_low, z_high = leaf[2] + c.z_high;
-    const int parts = n < count ? (z_high >> 4) - (z_low >> 4) + 1 : 0;
-    const int most = __reduce_max_sync(kAllLanes, parts);
-    std::uint32_t kinds = 0;
-    for (int k = 0; k < most; ++k) {
-      const std::int32_t part = (z_low >> 4) + k;
-      const std::uint32_t column = k < parts ? tiles.column(x, y, part) : kNoIndex;
-      std::uint32_t of_part = 0;
-      if (column != kNoIndex) {
-        const std::int32_t from = z_low - part * 16, to = z_high - part * 16;
-        const std::uint32_t wanted = (0xffffu << (from > 0 ? from : 0)) & (0xffffu >> (to < 15 ? 15 - to : 0));
-        const std::uint64_t bits = view.flips.kinds[column];
-        for (int kind = 0; kind < 4; ++kind) {
-          if ((static_cast<std::uint32_t>(bits >> (16 * kind)) & wanted) != 0) of_part |= 1u << kind;
-        }
-      }
-      kinds |= of_part;
-      freed.add((of_part & better_kind) != 0 ? column : kNoIndex, z_low, z_high);
-    }
-    masks.add(better, (kinds & better_kind) != 0, worse, (kinds & worse_kind) != 0, c.directions);
-  }
+/// A tile near a group, seen from the group's first leaf; a tile a lane.
+struct TileNear {
+  std::uint32_t tile = kNoIndex;
+  std::int32_t dx = 0, dy = 0, dz = 0;  ///< [leaves] to its least corner
+  std::uint64_t occupied = 0;           ///< FlipsView::occupied
+};
+
+__device__ TileNear tileNear(const FlipsView& flips, std::uint64_t key, std::int32_t dx, std::int32_t dy,
+                             std::int32_t dz) {
+  TileNear near = {kNoIndex, dx, dy, dz, 0};
+  const std::uint32_t slot = flips.hash.find(key);
+  if (slot == kNoIndex) return near;
+  near.tile = flips.tile_at[slot];
+  near.occupied = flips.occupied[near.tile];
+  return near;
 }
 
-/// A warp a group. @param room  for the tiles around a group
-__global__ void groupMasks(UpdateView view, int room) {
-  extern __shared__ std::uint32_t all_tiles[];  // [kWarps][room]
+/// Finds out by a warp what flips mean for a group.
+class GroupScan {
+ public:
+  static constexpr int kMostListed = 256;
+
+  /// @param leaf  the first one of the group  @param list  [kMostListed] shared by the warp
+  __device__ GroupScan(const UpdateView& view, const std::int32_t* leaf, std::uint16_t* list, MasksOfWarp& masks,
+                       FreedLeaves& freed, int lane)
+      : view_(view), leaf_(leaf), list_(list), masks_(masks), freed_(freed), lane_(lane) {}
+
+  /// All lanes.
+  __device__ void scanAll() {
+    constexpr int kLog2[3] = {FlipsView::kTileLog2, FlipsView::kTileLog2, 4};
+    std::int32_t low[3], size[3];  // [tiles]
+    for (int axis = 0; axis < 3; ++axis) {
+      low[axis] = (leaf_[axis] + view_.footprint.low[axis]) >> kLog2[axis];
+      size[axis] = ((leaf_[axis] + view_.footprint.high[axis]) >> kLog2[axis]) - low[axis] + 1;
+    }
+    const int count = size[0] * size[1] * size[2];
+    for (int base = 0; base < count; base += static_cast<int>(kWarp)) {
+      const int n = base + lane_;
+      TileNear near;
+      if (n < count) {
+        const std::int32_t x = low[0] + n / size[2] / size[1], y = low[1] + n / size[2] % size[1],
+                           z = low[2] + n % size[2];
+        near = tileNear(view_.flips, placeKey(x, y, z), (x << kLog2[0]) - leaf_[0], (y << kLog2[1]) - leaf_[1],
+                        (z << kLog2[2]) - leaf_[2]);
+      }
+      scanTiles(near);
+    }
+  }
+
+ private:
+  /// A tile a lane.
+  __device__ void scanTiles(const TileNear& mine) {
+    int listed = 0;
+    for (unsigned left = __ballot_sync(kAllLanes, mine.occupied != 0); left != 0; left &= left - 1) {
+      const int owner = __ffs(static_cast<int>(left)) - 1;
+      const std::uint64_t occupied = __shfl_sync(kAllLanes, mine.occupied, owner);
+#pragma unroll
+      for (int half = 0; half < 2; ++half) {
+        const auto some = static_cast<std::uint32_t>(occupied >> (32 * half));
+        if ((some >> lane_ & 1u) != 0) {
+          list_[listed + __popc(some & ((1u << lane_) - 1u))] =
+              static_cast<std::uint16_t>(owner << 6 | half << 5 | lane_);
+        }
+        listed += __popc(some);
+      }
+      if (listed > kMostListed - 64) {
+        scanListed(mine, listed);
+        listed = 0;
+      }
+    }
+    scanListed(mine, listed);
+  }
+
+  /// A column a lane.
+  __device__ void scanListed(const TileNear& mine, int count) {
+    __syncwarp();
+    for (int first = 0; first < count; first += static_cast<int>(kWarp)) {
+      const int n = first + lane_;
+      const bool there = n < count;
+      const std::uint32_t entry = list_[there ? n : 0], place = entry & 63u;
+      const int owner = static_cast<int>(entry >> 6);
+      const std::uint32_t column = __shfl_sync(kAllLanes, mine.tile, owner) * FlipsView::kColumns + place;
+      const std::int32_t dx = __shfl_sync(kAllLanes, mine.dx, owner) + static_cast<std::int32_t>(place >> 3),
+                         dy = __shfl_sync(kAllLanes, mine.dy, owner) + static_cast<std::int32_t>(place & 7u),
+                         dz = __shfl_sync(kAllLanes, mine.dz, owner);
+      const FootprintPlace at = there ? view_.footprint.at(dx, dy) : FootprintPlace{};
+      const std::uint64_t bits = there ? view_.flips.kinds[column] : 0;
+      const std::uint32_t tool = kindsIn(view_.footprint.tool, at.tool, dz, bits);
+      take(view_.footprint.tool, at.tool, tool, 2, 1, MasksOfWarp::kBetterTool, MasksOfWarp::kWorseTool);
+      const bool is_freed = (tool & 2u) != 0;
+      const std::int32_t z_low = is_freed ? view_.footprint.tool[at.tool - 1].z_low : 0,
+                         z_high = is_freed ? view_.footprint.tool[at.tool - 1].z_high : 0;
+      freed_.add(is_freed ? column : kNoIndex, leaf_[2] + z_low, leaf_[2] + z_high);
+      const std::uint32_t arm = kindsIn(view_.footprint.arm, at.arm, dz, bits);
+      take(view_.footprint.arm, at.arm, arm, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
+    }
+    __syncwarp();  // the list is written anew
+  }
+
+  /// Kinds of flips that a column of a footprint meets. @param number  index + 1, or 0
+  /// @param dz  of the lowest of the 16 leaves  @param bits  FlipsView::kinds
+  [[nodiscard]] __device__ static std::uint32_t kindsIn(const FootprintColumn* columns, std::uint32_t number,
+                                                        std::int32_t dz, std::uint64_t bits) {
+    if (number == 0) return 0;
+    const std::int32_t from = columns[number - 1].z_low - dz, to = columns[number - 1].z_high - dz;
+    if (from > 15 || to < 0) return 0;
+    const std::uint32_t wanted = (0xffffu << (from > 0 ? from : 0)) & (0xffffu >> (to < 15 ? 15 - to : 0));
+    std::uint32_t kinds = 0;
+    for (int kind = 0; kind < 4; ++kind) {
+      if ((static_cast<std::uint32_t>(bits >> (16 * kind)) & wanted) != 0) kinds |= 1u << kind;
+    }
+    return kinds;
+  }
+
+  /// All lanes.
+  __device__ void take(const FootprintColumn* columns, std::uint32_t number, std::uint32_t kinds,
+                       std::uint32_t better_kind, std::uint32_t worse_kind, MasksOfWarp::Mask better,
+                       MasksOfWarp::Mask worse) {
+    masks_.add(better, (kinds & better_kind) != 0, worse, (kinds & worse_kind) != 0,
+               columns[number > 0 ? number - 1 : 0].directions);
+  }
+
+  const UpdateView& view_;
+  const std::int32_t* leaf_;
+  std::uint16_t* list_;
+  MasksOfWarp& masks_;
+  FreedLeaves& freed_;
+  int lane_;
+};
+
+/// A warp a group.
+__global__ void groupMasks(UpdateView view) {
   __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_freed[kWarps][FreedLeaves::kMost];
-  const std::uint32_t group = (blockIdx.x * kThreads + threadIdx.x) / kWarp;
+  __shared__ std::uint16_t all_lists[kWarps][GroupScan::kMostListed];
+  const std::uint32_t group = blockIdx.x * kWarps + threadIdx.x / kWarp;
   if (group >= view.groups.groups) return;
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   const unsigned warp = threadIdx.x / kWarp;
-  std::uint32_t* steps = view.known.levels != nullptr ? all_steps[warp] : nullptr;
   MasksOfWarp masks(lane);
   if (view.groups.with_points[group] != 0) {
     const std::int32_t* leaf = view.groups.leaf + 3 * static_cast<std::size_t>(group);
-    const TilesAround tiles(view, leaf, all_tiles + warp * static_cast<unsigned>(room), room, lane);
-    if (tiles.any) {
-      if (steps != nullptr) {
-        for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kWarp)) steps[n] = 0;
-        __syncwarp();
-      }
-      FreedLeaves freed(view, leaf, all_freed[warp], steps, lane), none(view, leaf, nullptr, nullptr, lane);
-      scanFootprint(view, tiles, leaf, view.footprint.tool, view.footprint.tool_count, 2, 1, MasksOfWarp::kBetterTool,
-                    MasksOfWarp::kWorseTool, masks, freed, lane);
-      freed.count();
-      scanFootprint(view, tiles, leaf, view.footprint.arm, view.footprint.arm_count, 4, 8, MasksOfWarp::kBetterArm,
-                    MasksOfWarp::kWorseArm, masks, none, lane);
-      if (steps != nullptr && masks.any(2)) {  // the better ones come first
-        agePoints(view, group, steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), lane);
-      }
+    std::uint32_t* steps = view.known.levels != nullptr ? all_steps[warp] : nullptr;
+    for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kWarp)) all_steps[warp][n] = 0;
+    __syncwarp();
+    FreedLeaves freed(view, leaf, all_freed[warp], steps, lane);
+    GroupScan(view, leaf, all_lists[warp], masks, freed, lane).scanAll();
+    freed.count();
+    if (steps != nullptr && masks.any(2)) {  // the better ones come first
+      agePoints(view, group, steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), lane);
     }
   }
   masks.store(view.masks[group]);
@@ -275,9 +311,7 @@ void launchAddFlips(const UpdateView& view, std::uint32_t count, cudaStream_t st
 
 void launchGroupMasks(const UpdateView& view, cudaStream_t stream) {
   if (view.groups.groups == 0) return;
-  const int room = TilesAround::roomFor(view.footprint);
-  const std::size_t bytes = kWarps * static_cast<std::size_t>(room) * sizeof(std::uint32_t);
-  groupMasks<<<blocksFor(std::uint64_t{view.groups.groups} * kWarp), kThreads, bytes, stream>>>(view, room);
+  groupMasks<<<(view.groups.groups + kWarps - 1) / kWarps, kWarps * kWarp, 0, stream>>>(view);
   checkLaunch("groupMasks");
 }
 

@@ -30,11 +30,14 @@ void FlipTables::take(std::span<const LeafFlips> flips, UpdateView& view, Device
   view.flips.list = list_.send(flips, memory_, stream);
   const auto count = static_cast<std::uint32_t>(flips.size());
   launchFindTiles(view, count, stream);
-  const std::size_t columns = std::size_t{counters.read(stream).flip_tiles} * FlipsView::kColumns;
+  const std::size_t tiles = counters.read(stream).flip_tiles, columns = tiles * FlipsView::kColumns;
+  occupied_.growWithRoom(memory_, tiles, roomFor(tiles), 0);
   kinds_.growWithRoom(memory_, columns, roomFor(columns), 0);
   heads_.growWithRoom(memory_, columns, roomFor(columns), 0);
+  fillBytes(occupied_.data(), 0, tiles * sizeof(std::uint64_t), stream);
   fillBytes(kinds_.data(), 0, columns * sizeof(std::uint64_t), stream);
   fillBytes(heads_.data(), 0xff, columns * sizeof(std::uint32_t), stream);
+  view.flips.occupied = occupied_.data();
   view.flips.kinds = kinds_.data();
   view.flips.head = heads_.data();
   view.masks = masks_.data();
@@ -55,8 +58,8 @@ void FlipTables::addGroups(UpdateView& view, cudaStream_t stream) {
 }
 
 std::uint64_t FlipTables::bytes() const {
-  return list_.bytes() + keys_.bytes() + kinds_.bytes() + heads_.bytes() + next_.bytes() + tiles_.bytes() +
-         masks_.bytes() + affected_.bytes();
+  return list_.bytes() + keys_.bytes() + occupied_.bytes() + kinds_.bytes() + heads_.bytes() + next_.bytes() +
+         tiles_.bytes() + masks_.bytes() + affected_.bytes();
 }
 
 }  // namespace accessvdb::kernels

@@ -32,7 +32,7 @@ class FlipTables {
  private:
   DeviceMemory& memory_;
   Staging<LeafFlips> list_;
-  DeviceArray<std::uint64_t> keys_, kinds_;
+  DeviceArray<std::uint64_t> keys_, occupied_, kinds_;
   DeviceArray<std::uint32_t> heads_, next_, tiles_;
   DeviceArray<GroupMasks> masks_;
   DeviceArray<std::uint8_t> affected_;

@@ -73,8 +73,7 @@ struct KnownWord {
   __device__ KnownWord(const UpdateView& view, std::size_t id, std::uint32_t block, int word) {
     const auto words = static_cast<std::size_t>(view.known.words);
     levels = view.known.levels[id * words + static_cast<std::size_t>(word)];
-    const FreedWord* all = view.known.freed + view.groups.of_block[block] * words + static_cast<std::size_t>(word);
-    reinterpret_cast<uint4&>(freed) = *reinterpret_cast<const uint4*>(all);
+    freed = view.known.freed[view.groups.of_block[block] * words + static_cast<std::size_t>(word)];
   }
 };
 
@@ -157,11 +156,10 @@ __device__ inline void agePoints(const UpdateView& view, std::uint32_t group, st
   std::uint64_t less = 0;
   bool wanted = false;
   if (lane < words) {
-    auto* counter = reinterpret_cast<uint4*>(view.known.freed + group * static_cast<std::size_t>(words) + lane);
-    FreedWord freed;
-    reinterpret_cast<uint4&>(freed) = *counter;
+    FreedWord& counter = view.known.freed[group * static_cast<std::size_t>(words) + static_cast<std::size_t>(lane)];
+    FreedWord freed = counter;
     wanted = freed.add(steps + kKnownPerWord * lane, too_many, view.known.of.log2, less) || arms != 0;
-    *counter = reinterpret_cast<const uint4&>(freed);
+    counter = freed;
   }
   if (!__any_sync(kAllLanes, wanted)) return;
   forEachPoint(view, group, lane, [&](std::uint32_t id) {

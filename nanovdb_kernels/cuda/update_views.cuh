@@ -115,6 +115,7 @@ struct FlipsView {
   static constexpr std::uint32_t kColumns = 64;  ///< of a tile
   HashView hash;                                 ///< of tiles: x >> 3, y >> 3, z >> 4
   std::uint32_t* tile_at = nullptr;              ///< [slots of the hash]
+  std::uint64_t* occupied = nullptr;             ///< [tiles] columns with a flip, a bit each
   std::uint64_t* kinds = nullptr;                ///< [64 tiles]
   std::uint32_t* head = nullptr;                 ///< [64 tiles] first of the list in which voxels ceased to collide
   std::uint32_t* next = nullptr;                 ///< [list]
@@ -160,11 +161,22 @@ struct KnownView {
   KnownLevels of;
 };
 
+/// The columns of both footprints at one horizontal offset: index + 1; 0: there is none.
+struct FootprintPlace {
+  std::uint32_t tool = 0, arm = 0;
+};
 struct FootprintView {
   const FootprintColumn* tool = nullptr;
   const FootprintColumn* arm = nullptr;
-  std::uint32_t tool_count = 0, arm_count = 0;
-  std::int32_t low[3] = {0, 0, 0}, high[3] = {0, 0, 0};  ///< [leaves] of all columns, inclusive
+  const FootprintPlace* places = nullptr;                ///< [x][y] of the box
+  std::int32_t low[3] = {0, 0, 0}, high[3] = {0, 0, 0};  ///< [leaves] box of all columns, inclusive
+
+#if defined(__CUDACC__)
+  [[nodiscard]] __device__ FootprintPlace at(std::int32_t dx, std::int32_t dy) const {
+    if (dx < low[0] || dx > high[0] || dy < low[1] || dy > high[1]) return {};
+    return places[static_cast<std::int64_t>(dx - low[0]) * (high[1] - low[1] + 1) + (dy - low[1])];
+  }
+#endif
 };
 
 /// What the nearest points of a moved one give.

@@ -18,7 +18,7 @@ namespace accessvdb::kernels {
 inline constexpr int kMostGroupLog2 = 3;
 
 /// Leaves at one horizontal offset from the first leaf of a point's group, and the directions that read them wherever
-/// in its group the point lies.
+/// in its group the point lies. One an offset.
 struct FootprintColumn {
   std::int32_t dx, dy, z_low, z_high;  ///< [leaves], z inclusive
   DirectionMask directions;
@@ -121,8 +121,8 @@ struct UpdateOutcome {
   double score_ms = 0;        ///< evaluating what is due
 };
 
-/// An update is any number of admit(), and begin(), in any order, then choose(), and then update(). findNeighbours() may
-/// come once all is admitted.
+/// An update is any number of admit(), and begin(), in any order, then choose(), and then update(). findNeighbours()
+/// may come once all is admitted.
 class PointUpdater {
  public:
   virtual ~PointUpdater() = default;
@@ -132,8 +132,8 @@ class PointUpdater {
   /// Begins with the neighbourhoods of what was admitted, and returns while the backend is still at work on them. They
   /// need nothing of the map. Without it, update() finds them.
   virtual void findNeighbours() = 0;
-  /// The exact policy takes the flips in and returns while the backend is still at work on them. Neither weights nor the
-  /// map are looked at. May come again before update(), with all flips since the last one.
+  /// The exact policy takes the flips in and returns while the backend is still at work on them. Neither weights nor
+  /// the map are looked at. May come again before update(), with all flips since the last one.
   virtual void begin(const UpdateInput& input) = 0;
   /// Begins with what is due of the points that were confident at the last update, and returns while the backend is
   /// still at work on it: neither weights nor crossed are looked at. Without it, update() does that.
