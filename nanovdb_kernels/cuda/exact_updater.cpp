@@ -88,7 +88,6 @@ class ExactUpdater final : public PointUpdater {
 
   void choose(const UpdateInput& input) override {
     const CurrentDevice current(context_->device());
-    chosen_ = true;
     view_.points = input.points;
     flips_.addGroups(view_, stream());
     if (input.budget_points > 0) queue_.grow(view_.num_points, stream());
@@ -111,10 +110,6 @@ class ExactUpdater final : public PointUpdater {
 
   UpdateOutcome update(const UpdateInput& input) override {
     const CurrentDevice current(context_->device());
-    if (!std::exchange(chosen_, false)) {
-      choose(input);
-      chosen_ = false;
-    }
     points_.setWeights(input.weights, view_, stream());
     const PointWeight* crossed = crossed_.send(input.crossed, memory_, stream());
     launchAddCrossed(view_, crossed, static_cast<std::uint32_t>(input.crossed.size()), stream());
@@ -369,7 +364,6 @@ class ExactUpdater final : public PointUpdater {
   bool neighbours_begun_ = false;  ///< of what was admitted since the last update
   std::uint32_t places_used_ = 0, last_moved_ = 0;
   // Of the update at work.
-  bool chosen_ = false;      ///< choose() came
   std::uint32_t taken_ = 0;  ///< of the moved points, the first: their neighbourhoods are theirs
   DueSearch search_;
   std::uint32_t items_ = 0;  ///< at least as many as there are

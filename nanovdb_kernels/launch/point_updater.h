@@ -136,7 +136,7 @@ class PointUpdater {
   /// the map are looked at. May come again before update(), with all flips since the last one.
   virtual void begin(const UpdateInput& input) = 0;
   /// Begins with what is due of the points that were confident at the last update, and returns while the backend is
-  /// still at work on it: neither weights nor crossed are looked at. Without it, update() does that.
+  /// still at work on it: neither weights nor crossed are looked at.
   /// @param input  as update() will get it
   virtual void choose(const UpdateInput& input) = 0;
   /// Brings neighbourhoods, labels, directions and scores up to date with the map and with what was admitted.

@@ -13,6 +13,7 @@
 #include <utility>
 
 #include "points/neighbourhood.h"
+#include "points/run_beside.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -35,6 +36,29 @@ kernels::UpdaterTables updaterTables(const FieldParams& resolved, int group_log2
   tables.num_directions = resolved.approach.num_directions;
   tables.group_log2 = group_log2;
   return tables;
+}
+
+kernels::UpdateInput updateInput(const PointScorer& scorer, const ScoringTables& tables) {
+  kernels::UpdateInput input;
+  input.map = tables.map;
+  input.tool = tables.tool;
+  input.slabs = tables.slabs;
+  input.approach = tables.approach;
+  input.points = scorer.device().view();
+  input.rule = tables.rule;
+  input.budget_points = static_cast<std::uint32_t>(scorer.params().update.budget_points);
+  return input;
+}
+
+UpdateStats statsOf(const kernels::UpdateOutcome& outcome) {
+  UpdateStats stats;
+  stats.dirty_points = outcome.moved + outcome.evaluated;
+  stats.scored_points = outcome.scored;
+  stats.direction_tests = outcome.tests;
+  stats.label_changes = outcome.label_changes;
+  stats.backlog = outcome.waiting;
+  stats.score_ms = outcome.score_ms;
+  return stats;
 }
 
 DeviceAdmission::DeviceAdmission(PointScorer& scorer, kernels::PointUpdater& updater, int group_log2)
@@ -67,6 +91,15 @@ void DeviceAdmission::complete(const std::function<void()>& begin) {
   scorer_.growDevice();
   begin();
   if (!admitted) admit();
+}
+
+kernels::UpdateOutcome DeviceAdmission::update(kernels::UpdateInput input) {
+  input.weights = weights_;
+  input.crossed = crossed_;
+  kernels::UpdateOutcome outcome;
+  runBeside([&] { outcome = updater_.update(input); }, [&] { know(); });
+  crossed_.clear();
+  return outcome;
 }
 
 /// The backend has them: the new ones below the bound wait from now on, and none is touched.

@@ -10,6 +10,7 @@
 #include <span>
 #include <vector>
 
+#include "accessvdb/types.h"
 #include "launch/point_updater.h"
 #include "points/device_blocks.h"
 #include "points/fresh_points.h"
@@ -19,6 +20,9 @@ namespace accessvdb::internal {
 
 /// What an updater of any policy is made with. @param group_log2  of its blocks
 kernels::UpdaterTables updaterTables(const FieldParams& resolved, int group_log2);
+/// What an update of any policy begins with.
+kernels::UpdateInput updateInput(const PointScorer& scorer, const ScoringTables& tables);
+UpdateStats statsOf(const kernels::UpdateOutcome& outcome);
 
 class DeviceAdmission {
  public:
@@ -35,13 +39,8 @@ class DeviceAdmission {
   void complete(const std::function<void()>& begin);
   /// Then reads what the map says of them. Beside what the backend does without it.
   void readWeights();
-  /// After that, until clear(): of the new and the touched points; and of those that became confident, ascending.
-  [[nodiscard]] std::span<const kernels::PointWeight> weights() const { return weights_; }
-  [[nodiscard]] std::span<const kernels::PointWeight> crossed() const { return crossed_; }
-  /// The backend has the new points: they are known from now on. Leaves crossed() alone, which it may still be reading.
-  void know();
-  /// After the update.
-  void clear() { crossed_.clear(); }
+  /// After that: the update with what was read. The new points are known from then on.
+  kernels::UpdateOutcome update(kernels::UpdateInput input);
 
   [[nodiscard]] std::uint64_t bytes() const;
 
@@ -51,6 +50,7 @@ class DeviceAdmission {
     Eigen::Vector3f before_L;  ///< at the last update
   };
 
+  void know();
   void listNews();
   [[nodiscard]] kernels::AdmitInput input() const;
   void admit();

@@ -10,7 +10,6 @@
 #include "points/coarse_to_fine.h"
 #include "points/device_admission.h"
 #include "points/paper_triggers.h"
-#include "points/run_beside.h"
 #include "points/update_scheduler.h"
 
 namespace accessvdb::internal {
@@ -37,30 +36,11 @@ class DevicePaperScheduler final : public UpdateScheduler {
     admission_.complete([] {});
     admission_.readWeights();
     const PaperRequests asked = triggers_.take();
-    kernels::UpdateInput input;
-    input.map = tables.map;
-    input.tool = tables.tool;
-    input.approach = tables.approach;
-    input.points = scorer_.device().view();
-    input.rule = tables.rule;
-    input.budget_points = static_cast<std::uint32_t>(scorer_.params().update.budget_points);
-    input.weights = admission_.weights();
-    input.crossed = admission_.crossed();
+    kernels::UpdateInput input = updateInput(scorer_, tables);
     input.jumped = asked.jumped;
     input.sampled = asked.sampled;
     input.all_blocked = asked.blocked;
-    kernels::UpdateOutcome outcome;
-    runBeside([&] { outcome = updater_->update(input); }, [&] { admission_.know(); });
-    admission_.clear();
-
-    UpdateStats stats;
-    stats.dirty_points = outcome.evaluated;
-    stats.scored_points = outcome.scored;
-    stats.direction_tests = outcome.tests;
-    stats.label_changes = outcome.label_changes;
-    stats.backlog = outcome.waiting;
-    stats.score_ms = outcome.score_ms;
-    return stats;
+    return statsOf(admission_.update(input));
   }
 
   std::uint64_t bytes() const override { return admission_.bytes() + triggers_.bytes(); }

@@ -95,25 +95,13 @@ class DeviceScheduler final : public UpdateScheduler {
     admission_.complete([&] {
       if (!begun) updater_->begin(inputOf(tables));
     });
-    kernels::UpdateInput input = inputOf(tables);
+    const kernels::UpdateInput input = inputOf(tables);
     runBeside([&] { updater_->choose(input); }, [&] { admission_.readWeights(); });
-    input.weights = admission_.weights();
-    input.crossed = admission_.crossed();
-    kernels::UpdateOutcome outcome;
-    runBeside([&] { outcome = updater_->update(input); }, [&] { admission_.know(); });
+    const kernels::UpdateOutcome outcome = admission_.update(input);
     flips_.clear();
     joined_flips_ = 0;
-    admission_.clear();
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
-
-    UpdateStats stats;
-    stats.dirty_points = outcome.moved + outcome.evaluated;
-    stats.scored_points = outcome.scored;
-    stats.direction_tests = outcome.tests;
-    stats.label_changes = outcome.label_changes;
-    stats.backlog = outcome.waiting;
-    stats.score_ms = outcome.score_ms;
-    return stats;
+    return statsOf(outcome);
   }
 
   std::uint64_t bytes() const override {
@@ -126,15 +114,8 @@ class DeviceScheduler final : public UpdateScheduler {
 
  private:
   [[nodiscard]] kernels::UpdateInput inputOf(const ScoringTables& tables) const {
-    kernels::UpdateInput input;
-    input.map = tables.map;
-    input.tool = tables.tool;
-    input.slabs = tables.slabs;
-    input.approach = tables.approach;
-    input.points = scorer_.device().view();
-    input.rule = tables.rule;
+    kernels::UpdateInput input = updateInput(scorer_, tables);
     input.flips = flips_;
-    input.budget_points = static_cast<std::uint32_t>(scorer_.params().update.budget_points);
     return input;
   }
 

@@ -16,14 +16,12 @@
 
 #include "launch/stopwatch.h"
 #include "points/coarse_to_fine.h"
+#include "points/id_list.h"
 #include "points/paper_triggers.h"
 #include "points/update_scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
-
-/// Touched points are joined once so many wait, so that a long stretch without updates takes bounded memory.
-constexpr std::size_t kMostTouched = std::size_t{1} << 20;
 
 class PaperScheduler final : public UpdateScheduler {
  public:
@@ -32,8 +30,7 @@ class PaperScheduler final : public UpdateScheduler {
 
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
                    std::span<const Eigen::Vector3f>) override {
-    touched_.insert(touched_.end(), touched.all.begin(), touched.all.end());
-    if (touched_.size() > 2 * joined_touched_ + kMostTouched) joinTouched();
+    touched_.add(touched.all);
   }
 
   bool seesDistances() const override { return true; }
@@ -72,8 +69,8 @@ class PaperScheduler final : public UpdateScheduler {
   }
 
   std::uint64_t bytes() const override {
-    return (queue_.size() + fresh_.capacity() + touched_.capacity()) * sizeof(std::uint32_t) + queued_.bytes() +
-           triggers_.bytes();
+    return (queue_.size() + fresh_.capacity()) * sizeof(std::uint32_t) + queued_.bytes() + triggers_.bytes() +
+           touched_.bytes();
   }
 
  private:
@@ -92,17 +89,10 @@ class PaperScheduler final : public UpdateScheduler {
 
   /// What views of the points show of their weights.
   void refreshTouched() {
-    joinTouched();
-    std::erase_if(touched_, [&](std::uint32_t id) { return !scorer_.record(id).has_neighbourhood; });
-    scorer_.refreshWeights(touched_);
-    scorer_.upload(touched_);
-    touched_.clear();
-    joined_touched_ = 0;
-  }
-  void joinTouched() {
-    std::ranges::sort(touched_);
-    touched_.erase(std::unique(touched_.begin(), touched_.end()), touched_.end());
-    joined_touched_ = touched_.size();
+    std::vector<std::uint32_t> touched = touched_.take();
+    std::erase_if(touched, [&](std::uint32_t id) { return !scorer_.record(id).has_neighbourhood; });
+    scorer_.refreshWeights(touched);
+    scorer_.upload(touched);
   }
 
   void enqueue(std::uint32_t id) {
@@ -128,8 +118,7 @@ class PaperScheduler final : public UpdateScheduler {
   ChunkedArray<std::uint8_t> queued_;  ///< by id: in queue_
   std::vector<std::uint32_t> fresh_;   ///< below the confidence bound, ascending
   std::uint32_t known_points_ = 0;
-  std::vector<std::uint32_t> touched_;  ///< since the last update
-  std::size_t joined_touched_ = 0;      ///< of them, the first: ascending, each once
+  IdList touched_;  ///< since the last update
 };
 
 }  // namespace

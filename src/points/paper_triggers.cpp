@@ -5,7 +5,6 @@
 #include <tbb/blocked_range.h>
 #include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
-#include <tbb/parallel_sort.h>
 
 #include <algorithm>
 #include <cmath>
@@ -26,22 +25,6 @@ void PaperTriggers::note(std::span<const Eigen::Vector3f> p_L, std::span<const E
 }
 
 PaperRequests PaperTriggers::take() { return {jumped_.take(), sampled_.take(), std::exchange(blocked_, false)}; }
-
-void PaperTriggers::IdList::add(const tbb::enumerable_thread_specific<std::vector<std::uint32_t>>& found) {
-  constexpr std::size_t kMostIds = std::size_t{1} << 20;
-  for (const auto& of_thread : found) ids_.insert(ids_.end(), of_thread.begin(), of_thread.end());
-  if (ids_.size() > 2 * joined_ + kMostIds) join();
-}
-void PaperTriggers::IdList::join() {
-  tbb::parallel_sort(ids_);
-  ids_.erase(std::unique(ids_.begin(), ids_.end()), ids_.end());
-  joined_ = ids_.size();
-}
-std::vector<std::uint32_t> PaperTriggers::IdList::take() {
-  join();
-  joined_ = 0;
-  return std::exchange(ids_, {});
-}
 
 /// (i) The TSDF at a point's voxel changed by more than 2 v since the last frame. Not only at points that were hit
 /// again: a surface that moves back takes its returns with it.
@@ -65,7 +48,7 @@ void PaperTriggers::noteDistances(std::span<const std::span<const DistanceChange
       }
     }
   });
-  jumped_.add(jumped);
+  for (const auto& found : jumped) jumped_.add(found);
   // A point whose voxel the scan left alone.
   for (; known_points_ < points.size(); ++known_points_) {
     float& last_m = last_distance_m_[known_points_];
@@ -100,7 +83,7 @@ void PaperTriggers::noteSample(std::span<const Eigen::Vector3f> p_L, std::span<c
                                   {leaf[0] + reach, leaf[1] + reach, leaf[2] + reach}, takeNear);
     }
   });
-  sampled_.add(sampled);
+  for (const auto& found : sampled) sampled_.add(found);
 }
 
 Eigen::Vector3d PaperTriggers::drawWrittenVoxel(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) {

@@ -3,8 +3,6 @@
 /// The paper's three reasons to score a point again ("Incremental Updates and Confidence"; SPEC a.8, step 4).
 #pragma once
 
-#include <tbb/enumerable_thread_specific.h>
-
 #include <Eigen/Core>
 #include <optional>
 #include <random>
@@ -12,6 +10,7 @@
 #include <vector>
 
 #include "accessvdb/distance_change.h"
+#include "points/id_list.h"
 #include "points/point_scorer.h"
 
 namespace accessvdb::internal {
@@ -46,21 +45,6 @@ class PaperTriggers {
   [[nodiscard]] bool writes(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L, const Eigen::Vector3d& x_L) const;
   /// Uniform in 0 .. count - 1.
   std::size_t draw(std::size_t count);
-
-  /// Ids that were asked for, in any order and several times; joined now and then, so that a long stretch without
-  /// updates takes bounded memory.
-  class IdList {
-   public:
-    void add(const tbb::enumerable_thread_specific<std::vector<std::uint32_t>>& found);
-    /// Ascending, each once.
-    std::vector<std::uint32_t> take();
-    [[nodiscard]] std::uint64_t bytes() const { return ids_.capacity() * sizeof(std::uint32_t); }
-
-   private:
-    void join();
-    std::vector<std::uint32_t> ids_;
-    std::size_t joined_ = 0;  ///< the first of them: ascending, each once
-  };
 
   const PointScorer& scorer_;
   std::mt19937_64 random_;

@@ -8,6 +8,7 @@
 #include <cstdint>
 
 #include "parity/gpu_test.h"
+#include "parity/parity_walk.h"
 #include "property/determinism_support.h"
 #include "support/walk_generator.h"
 
@@ -30,17 +31,7 @@ void PrintTo(const BudgetCase& c, std::ostream* out) {
   *out << c.tool << " at " << c.voxel_size_m << " m, " << c.budget_points << " points an update";
 }
 
-WalkGenerator walkOf(const BudgetCase& c) {
-  WalkOptions options;
-  options.frames = c.frames;
-  options.rays_per_frame = c.rays_per_frame;
-  options.seed = c.seed;
-  options.range_noise_m = 0.02;
-  options.max_range_m = 8;
-  options.length_m = 4;
-  options.offset_W = {-3, 2, 0};
-  return WalkGenerator(options);
-}
+WalkGenerator walkOf(const BudgetCase& c) { return WalkGenerator(parityWalk(c.seed, c.frames, c.rays_per_frame)); }
 
 FieldParams paramsOf(const BudgetCase& c, BackendKind backend) {
   FieldParams params;

@@ -8,8 +8,8 @@
 #include <cstdint>
 
 #include "parity/gpu_test.h"
+#include "parity/parity_walk.h"
 #include "property/determinism_support.h"
-#include "support/walk_generator.h"
 
 namespace accessvdb::test {
 namespace {
@@ -30,14 +30,9 @@ void PrintTo(const PaperCase& c, std::ostream* out) {
 }
 
 WalkGenerator walkOf(const PaperCase& c) {
-  WalkOptions options;
-  options.frames = c.frames;
-  options.rays_per_frame = c.rays_per_frame;
-  options.seed = c.seed;
-  options.range_noise_m = 0.02;
+  WalkOptions options = parityWalk(c.seed, c.frames, c.rays_per_frame);
   options.max_range_m = 6;
   options.length_m = 2;  // little: points are seen again and again
-  options.offset_W = {-3, 2, 0};
   return WalkGenerator(options);
 }
 

@@ -11,9 +11,9 @@
 #include <utility>
 
 #include "parity/gpu_test.h"
+#include "parity/parity_walk.h"
 #include "points/block_groups.h"
 #include "property/determinism_support.h"
-#include "support/walk_generator.h"
 #include "tool/tool_kernel.h"
 #include "tool/tool_slabs.h"
 
@@ -44,14 +44,10 @@ void PrintTo(const StreamCase& c, std::ostream* out) {
 }
 
 WalkGenerator walkOf(const StreamCase& c) {
-  WalkOptions options;
-  options.frames = c.frames;
-  options.rays_per_frame = c.rays_per_frame;
-  options.seed = c.seed;
+  WalkOptions options = parityWalk(c.seed, c.frames, c.rays_per_frame);
   options.range_noise_m = c.range_noise_m;
   options.max_range_m = c.max_range_m;
   options.length_m = c.length_m;
-  options.offset_W = {-3, 2, 0};  // both signs of every coordinate
   return WalkGenerator(options);
 }
 
