@@ -118,7 +118,7 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
   const GroupMasks masks = masksOf(view, id);
   const bool accessible = label == PointLabel::Accessible;
   const std::uint16_t score = view.points.score[id];
-  const DirectionMask worse = knownWorse(view, id, view.state.block[id]);
+  const std::uint32_t block = view.state.block[id];
   const float cos_best_before = cosToNormal(approach, best, before.normal);
   DueItem item = {};
   item.id = id;
@@ -131,8 +131,9 @@ __device__ void appendDue(const UpdateView& view, std::uint32_t id, const Admiss
 #pragma unroll
   for (int w = 0; w < kMaxDirectionWords; ++w) {
     const std::uint64_t better = masks.better_tool.word[w] | masks.better_arm.word[w];
-    std::uint64_t asked = now.seen.word[w] & ~worse.word[w] & (changed ? ~std::uint64_t{0} : better);
+    std::uint64_t asked = now.seen.word[w] & (changed ? ~std::uint64_t{0} : better);
     if (accessible && best >> 6 == w) asked &= ~(std::uint64_t{1} << (best & 63));
+    asked = notKnownWorse(view, id, block, w, asked);
     std::uint64_t candidates = 0;
     for (; asked != 0; asked &= asked - 1) {
       const int bit = __ffsll(static_cast<long long>(asked)) - 1, d = 64 * w + bit;
@@ -173,15 +174,16 @@ __device__ void appendWaiting(const UpdateView& view, std::uint32_t id, const Ad
   }
   const bool accessible = label == PointLabel::Accessible;
   const std::uint16_t score = view.points.score[id];
-  const DirectionMask worse = knownWorse(view, id, view.state.block[id]);
+  const std::uint32_t block = view.state.block[id];
   DueItem item = {};
   item.id = id;
   item.evidence = evidence ? 1 : 0;
   if (accessible) item.test_best = kTestArm | kTestTool;
 #pragma unroll
   for (int w = 0; w < kMaxDirectionWords; ++w) {
-    std::uint64_t asked = now.seen.word[w] & ~worse.word[w], candidates = 0;
+    std::uint64_t asked = now.seen.word[w], candidates = 0;
     if (accessible && best >> 6 == w) asked &= ~(std::uint64_t{1} << (best & 63));
+    asked = notKnownWorse(view, id, block, w, asked);
     for (; asked != 0; asked &= asked - 1) {
       const int bit = __ffsll(static_cast<long long>(asked)) - 1, d = 64 * w + bit;
       const float cosine = cosToNormal(approach, d, now.normal);

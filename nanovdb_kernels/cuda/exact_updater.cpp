@@ -21,7 +21,8 @@
 namespace accessvdb::kernels {
 namespace {
 
-/// Points whose neighbours are found at a time, points looked at for flips at a time, and most items at a time.
+/// Points whose neighbours are found at a time, points looked at for flips at a time at least, and most items at a
+/// time.
 constexpr std::uint32_t kMovedPart = PointTables::kPart, kFlipsPart = 1u << 18, kMostItems = 3u << 19;
 /// Most neighbourhoods that are found before the host knows how many there will be.
 constexpr std::uint32_t kMostPrepared = 1u << 20;
@@ -84,6 +85,7 @@ class ExactUpdater final : public PointUpdater {
       points_.makeNeighbourhoods(view_, first, std::min(most - first, kMovedPart), prepared_.data() + first, stream());
     }
     launchNotePrepared(view_, most, stream());
+    ACCESSVDB_CUDA(cudaEventRecord(moved_found_.get(), stream()));
   }
 
   void choose(const UpdateInput& input) override {
@@ -92,18 +94,17 @@ class ExactUpdater final : public PointUpdater {
     flips_.addGroups(view_, stream());
     if (input.budget_points > 0) queue_.grow(view_.num_points, stream());
     view_.waiting = input.budget_points > 0 ? queue_.flags() : nullptr;
-    if (!neighbours_begun_) launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
-    ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
-    launchCountLowers(input.map.grid, counters_.data(), stream());
-    const UpdateCounters found = counters_.read(stream());
-    prepareSearch(input, found.lowers);
+    if (!neighbours_begun_) {
+      launchFindMoved(view_, std::min(places_used_, view_.index.blocks), stream());
+      ACCESSVDB_CUDA(cudaEventRecord(moved_found_.get(), stream()));
+    }
+    const UpdateCounters found = prepareSearch(input);
     takeMoved(0, found.prepared, true);
     takeMoved(found.prepared, found.moved, false);
     taken_ = found.moved;
     if (view_.affected == nullptr) return;
-    for (std::uint32_t first = 0; first < view_.num_points; first += kFlipsPart) {
-      const std::uint32_t part = std::min(view_.num_points - first, kFlipsPart);
-      makeRoom(part);
+    for (std::uint32_t first = 0, part = 0; first < view_.num_points; first += part) {
+      part = takeRoom(view_.num_points - first, kFlipsPart);
       launchDueByFlips(view_, first, part, stream());
     }
   }
@@ -245,8 +246,13 @@ class ExactUpdater final : public PointUpdater {
     return reach;
   }
 
-  /// Of this update. @param lowers  lower nodes of the mirror
-  void prepareSearch(const UpdateInput& input, std::uint32_t lowers) {
+  /// Of this update. What it needs is the mirror: it runs beside what begin() has the device do, which may take longer.
+  /// @return how many points moved
+  UpdateCounters prepareSearch(const UpdateInput& input) {
+    const cudaStream_t beside = context_->mirrorStream();
+    ACCESSVDB_CUDA(cudaStreamWaitEvent(beside, moved_found_.get()));
+    launchCountLowers(input.map.grid, counters_.data(), beside);
+    const UpdateCounters found = counters_.read(beside);
     search_ = {};
     search_.map = input.map;
     search_.tool = input.tool;
@@ -255,17 +261,19 @@ class ExactUpdater final : public PointUpdater {
     search_.tool.reach = reachOfSearch();
     // More than what a block gets without asking would be taken from the cache; each node takes two entries.
     search_.window = planWindow(search_.tool, kPlainSharedBytes / BusyMapView::kEntries, false);
-    search_.busy = makeBusyMap(input.map.grid, lowers);
+    search_.busy = makeBusyMap(input.map.grid, found.lowers, beside);
+    ACCESSVDB_CUDA(cudaEventRecord(fork_.get(), beside));
+    ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), fork_.get()));
     growItems();
     items_ = 0;
+    return found;
   }
 
   /// What is due of the moved points [begin, end). @param prepared  findNeighbours() made their neighbourhoods
   void takeMoved(std::uint32_t begin, std::uint32_t end, bool prepared) {
     if (!prepared && begin < end) points_.growParts(end - begin);
     for (std::uint32_t first = begin, part = 0; first < end; first += part) {
-      part = std::min(end - first, kMovedPart);
-      makeRoom(part);
+      part = takeRoom(std::min(end - first, kMovedPart), kMovedPart);
       const Neighbourhood* of_part =
           prepared ? prepared_.data() + first : points_.makeNeighbourhoods(view_, first, part, stream());
       launchTakeNeighbours(view_, first, part, of_part, stream());
@@ -277,18 +285,20 @@ class ExactUpdater final : public PointUpdater {
     queue_.addFrom(view_.num_points, {kAsked, kAsked}, stream());
     const std::uint32_t turn = std::min(queue_.size(), budget_points);
     for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
-      part = std::min(turn - first, kMovedPart);
-      makeRoom(part);
+      part = takeRoom(std::min(turn - first, kMovedPart), kMovedPart);
       launchDueOfWaiting(view_, queue_.ids() + first, part, stream());
     }
     queue_.drop(turn, stream());
   }
 
-  /// For so many more items, which are about to come.
-  void makeRoom(std::uint32_t more) {
-    if (items_ + more > due_.size()) items_ = counters_.read(stream()).due;
-    if (items_ + more > due_.size()) evaluate();
-    items_ += more;
+  /// For more items, which are about to come: as many as there is room for, but at least this many or all.
+  std::uint32_t takeRoom(std::uint32_t wanted, std::uint32_t at_least) {
+    const std::uint32_t least = std::min(wanted, at_least);
+    if (items_ + least > due_.size()) items_ = counters_.read(stream()).due;
+    if (items_ + least > due_.size()) evaluate();
+    const std::uint32_t taken = std::min(wanted, static_cast<std::uint32_t>(due_.size()) - items_);
+    items_ += taken;
+    return taken;
   }
 
   /// What is due so far.
@@ -302,19 +312,19 @@ class ExactUpdater final : public PointUpdater {
   }
 
   /// @param lowers  lower nodes of the mirror
-  BusyMapView makeBusyMap(const OccupancyGrid* grid, std::uint32_t lowers) {
+  BusyMapView makeBusyMap(const OccupancyGrid* grid, std::uint32_t lowers, cudaStream_t beside) {
     const std::size_t slots = std::bit_ceil(2 * std::size_t{lowers} + 64);
     lower_keys_.grow(memory_, slots, 0);
     lower_numbers_.grow(memory_, slots, 0);
     lower_nodes_.growWithRoom(memory_, lowers, roomFor(lowers), 0);
     busy_bits_.growWithRoom(memory_, BusyMapView::kColumns * std::size_t{lowers},
                             BusyMapView::kColumns * roomFor(lowers), 0);
-    fill(lower_keys_.data(), 0xff, slots * sizeof(std::uint64_t));
+    fillBytes(lower_keys_.data(), 0xff, slots * sizeof(std::uint64_t), beside);
     const BusyMapView busy = {{lower_keys_.data(), static_cast<std::uint32_t>(slots - 1)},
                               lower_numbers_.data(),
                               lower_nodes_.data(),
                               busy_bits_.data()};
-    launchBusyMap(grid, busy, lowers, counters_.data(), stream());
+    launchBusyMap(grid, busy, lowers, counters_.data(), beside);
     return busy;
   }
 
@@ -354,7 +364,8 @@ class ExactUpdater final : public PointUpdater {
 
   std::shared_ptr<DeviceContext> context_;
   DeviceMemory& memory_;
-  OwnedEvent fork_{cudaEventDisableTiming}, join_{cudaEventDisableTiming};  ///< of the search
+  OwnedEvent fork_{cudaEventDisableTiming}, join_{cudaEventDisableTiming};  ///< of what runs beside the stream
+  OwnedEvent moved_found_{cudaEventDisableTiming};
   UpdateView view_;
   DeviceCounters counters_;
   PointTables points_;

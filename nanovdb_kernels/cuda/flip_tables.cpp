@@ -9,15 +9,17 @@
 
 namespace accessvdb::kernels {
 
-void FlipTables::take(std::span<const LeafFlips> flips, UpdateView& view, DeviceCounters& counters,
+void FlipTables::take(std::span<const std::span<const LeafFlips>> flips, UpdateView& view, DeviceCounters& counters,
                       cudaStream_t stream) {
   const std::uint32_t groups = view.groups.groups;
+  std::size_t count = 0;
+  for (const std::span<const LeafFlips>& list : flips) count += list.size();
   view.affected = nullptr;
-  if (flips.empty() || groups == 0) return;
-  const std::size_t capacity = std::bit_ceil(2 * flips.size() + 64);
+  if (count == 0 || groups == 0) return;
+  const std::size_t capacity = std::bit_ceil(2 * count + 64);
   keys_.grow(memory_, capacity, 0);
   tiles_.grow(memory_, capacity, 0);
-  next_.growWithRoom(memory_, flips.size(), roomFor(flips.size()), 0);
+  next_.growWithRoom(memory_, count, roomFor(count), 0);
   fillBytes(keys_.data(), 0xff, capacity * sizeof(std::uint64_t), stream);
   fillBytes(&counters.data()->flip_tiles, 0, sizeof(std::uint32_t), stream);
   masks_.growWithRoom(memory_, groups, roomFor(groups), 0);
@@ -28,8 +30,8 @@ void FlipTables::take(std::span<const LeafFlips> flips, UpdateView& view, Device
   view.flips.tile_at = tiles_.data();
   view.flips.next = next_.data();
   view.flips.list = list_.send(flips, memory_, stream);
-  const auto count = static_cast<std::uint32_t>(flips.size());
-  launchFindTiles(view, count, stream);
+  const auto num_flips = static_cast<std::uint32_t>(count);
+  launchFindTiles(view, num_flips, stream);
   const std::size_t tiles = counters.read(stream).flip_tiles, columns = tiles * FlipsView::kColumns;
   occupied_.growWithRoom(memory_, tiles, roomFor(tiles), 0);
   kinds_.growWithRoom(memory_, columns, roomFor(columns), 0);
@@ -42,7 +44,7 @@ void FlipTables::take(std::span<const LeafFlips> flips, UpdateView& view, Device
   view.flips.head = heads_.data();
   view.masks = masks_.data();
   view.affected = affected_.data();
-  launchAddFlips(view, count, stream);
+  launchAddFlips(view, num_flips, stream);
   launchGroupMasks(view, stream);
 }
 

@@ -23,7 +23,8 @@ class FlipTables {
   /// for the device, and returns while it is still at work.
   /// @param view  in: groups, index, footprint, covering, known; out: flips, masks, and affected, which is null without
   /// flips
-  void take(std::span<const LeafFlips> flips, UpdateView& view, DeviceCounters& counters, cudaStream_t stream);
+  void take(std::span<const std::span<const LeafFlips>> flips, UpdateView& view, DeviceCounters& counters,
+            cudaStream_t stream);
   /// Groups that came since take(): nothing is known of their points that flips could change.
   void addGroups(UpdateView& view, cudaStream_t stream);
 

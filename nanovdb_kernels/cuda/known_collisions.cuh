@@ -77,22 +77,20 @@ struct KnownWord {
   }
 };
 
-/// Directions that are known to be no better than what the levels count from, or whose corridor is known to be blocked.
-__device__ inline DirectionMask knownWorse(const UpdateView& view, std::size_t id, std::uint32_t block) {
-  DirectionMask worse = {};
-  if (view.known.levels == nullptr) return worse;
-#pragma unroll
-  for (int half = 0; half < kDirectionWords32; ++half) {
-    std::uint32_t bits = 0;
-    for (int byte = 0; byte < 4; ++byte) {
-      const int word = 4 * half + byte;
-      if (word >= view.known.words) break;
-      const KnownWord known(view, id, block, word);
-      bits |= known_word::worse(known.levels, known.freed.lowestWithMore(view.known.of.log2)) << (8 * byte);
-    }
-    worse.word[half / 2] |= static_cast<std::uint64_t>(bits) << (32 * (half & 1));
+/// Of the directions that are asked for, those that may be better than what the levels count from, and whose corridor
+/// is not known to be blocked. What is known of eight directions is read only where one of them is asked for.
+/// @param w, asked  directions 64 w .. 64 w + 63
+__device__ inline std::uint64_t notKnownWorse(const UpdateView& view, std::size_t id, std::uint32_t block, int w,
+                                              std::uint64_t asked) {
+  if (view.known.levels == nullptr) return asked;
+#pragma unroll 1
+  for (int byte = 0; byte < 8 && asked >> (8 * byte) != 0; ++byte) {
+    if ((asked >> (8 * byte) & 0xffu) == 0) continue;
+    const KnownWord known(view, id, block, 8 * w + byte);
+    const std::uint64_t worse = known_word::worse(known.levels, known.freed.lowestWithMore(view.known.of.log2));
+    asked &= ~(worse << (8 * byte));
   }
-  return worse;
+  return asked;
 }
 
 /// At least so many collisions has a point in a direction; 0: nothing is known.

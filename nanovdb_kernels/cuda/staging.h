@@ -5,6 +5,7 @@
 
 #include <cuda_runtime_api.h>
 
+#include <cstddef>
 #include <cstring>
 #include <span>
 
@@ -24,13 +25,23 @@ class Staging {
 
   /// @return the list on the device, valid for what is queued on the stream before the next send
   T* send(std::span<const T> list, DeviceMemory& memory, cudaStream_t stream) {
-    if (list.empty()) return device_.data();
-    ACCESSVDB_CUDA(cudaEventSynchronize(sent_));  // the last one has left the pinned memory
-    host_.reserve(list.size_bytes());
-    // What still reads the old list is done when its memory is given back: the driver waits for it.
-    device_.growWithRoom(memory, list.size(), list.size() + list.size() / 2, 0);
-    std::memcpy(host_.data(), list.data(), list.size_bytes());
-    ACCESSVDB_CUDA(cudaMemcpyAsync(device_.data(), host_.data(), list.size_bytes(), cudaMemcpyHostToDevice, stream));
+    return send(std::span(&list, 1), memory, stream);
+  }
+  /// The same of several lists, one behind the other.
+  T* send(std::span<const std::span<const T>> lists, DeviceMemory& memory, cudaStream_t stream) {
+    std::size_t size = 0;
+    for (const std::span<const T>& list : lists) size += list.size();
+    if (size == 0) return device_.data();
+    ACCESSVDB_CUDA(cudaEventSynchronize(sent_));  // the last ones have left the pinned memory
+    host_.reserve(size * sizeof(T));
+    // What still reads the old ones is done when their memory is given back: the driver waits for it.
+    device_.growWithRoom(memory, size, size + size / 2, 0);
+    auto* to = static_cast<std::byte*>(host_.data());
+    for (const std::span<const T>& list : lists) {
+      if (!list.empty()) std::memcpy(to, list.data(), list.size_bytes());
+      to += list.size_bytes();
+    }
+    ACCESSVDB_CUDA(cudaMemcpyAsync(device_.data(), host_.data(), size * sizeof(T), cudaMemcpyHostToDevice, stream));
     ACCESSVDB_CUDA(cudaEventRecord(sent_, stream));
     return device_.data();
   }

@@ -101,10 +101,10 @@ struct UpdateInput {
   ApproachView approach;  ///< in the backend's memory
   PointStateView points;  ///< in the backend's memory
   UpdateRule rule;
-  std::span<const PointWeight> weights;  ///< of the points that were admitted
-  std::span<const PointWeight> crossed;  ///< points that became confident enough to be scored; ids differ
-  std::span<const LeafFlips> flips;      ///< since the last update; a leaf may come several times
-  std::uint32_t budget_points = 0;       ///< most points evaluated, always the same; 0: no limit
+  std::span<const PointWeight> weights;               ///< of the points that were admitted
+  std::span<const PointWeight> crossed;               ///< points that became confident enough to be scored; ids differ
+  std::span<const std::span<const LeafFlips>> flips;  ///< since the last update; a leaf may come several times
+  std::uint32_t budget_points = 0;                    ///< most points evaluated, always the same; 0: no limit
   // Only for the paper's policy: what its triggers asked for, ids ascending. Points that are not confident may be among
   // them.
   std::span<const std::uint32_t> jumped, sampled;

@@ -52,6 +52,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         scorer(points, params, *backend, reads),
         scheduler(makeScheduler()) {
     static_assert(internal::ScanIntegrator::kParts <= internal::UpdateScheduler::kMostParts);
+    points.describeTouched(scheduler->takesNews());
     integrator.noteDistances(distance_mirror != nullptr || scheduler->seesDistances());
     if (!scheduler->seesChanges()) return;
     integrator.visitChanges(
@@ -128,7 +129,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     double noting_ms = 0;
     requireWhole();
     arena.execute([&] {
-      const internal::GatedScan scan = gated(stats);
+      const internal::GatedScan& scan = gated(stats);
       if (!scan.p_L.empty()) guarded([&] { noting_ms = integrateStages(scan, stats); });
     });
     stats.surface_points = points.size();
@@ -142,11 +143,11 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   /// with what changed in the map, the mirror takes that in. What of it is not hidden counts as integration.
   /// @return how long it took to note what the scan changed in the map; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
-    internal::TouchedPoints touched;
-    const auto add_returns = [&] { touched = points.addReturns(scan.p_L, scan.q_L); };
+    const internal::TouchedPoints* touched = nullptr;
+    const auto add_returns = [&] { touched = &points.addReturns(scan.p_L, scan.q_L); };
     internal::runBeside(add_returns, [&] { integrator.bin(scan.p_L, scan.q_L); });
     internal::IntegrationResult result;
-    const auto note_returns = [&] { scheduler->noteReturns(touched, scan.p_L, scan.q_L); };
+    const auto note_returns = [&] { scheduler->noteReturns(*touched, scan.p_L, scan.q_L); };
     const auto fuse = [&] { result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()}); };
     internal::runBeside(note_returns, fuse);
     stats.touched_leaves = result.touched_leaves;
@@ -224,7 +225,8 @@ AccessibilityField& AccessibilityField::operator=(AccessibilityField&&) noexcept
 
 FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S,
                                              const Eigen::Isometry3d& T_W_S) {
-  return impl_->integrate([&](FrameStats& stats) { return impl_->gate.gate(points_S, T_W_S, stats); });
+  return impl_->integrate(
+      [&](FrameStats& stats) -> const internal::GatedScan& { return impl_->gate.gate(points_S, T_W_S, stats); });
 }
 
 FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
@@ -234,7 +236,8 @@ FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> po
     throw InvalidArgument("projective.rays", "", "the projective baseline needs scans with one sensor pose",
                           "Use integrateScan()");
   }
-  return impl_->integrate([&](FrameStats& stats) { return impl_->gate.gate(points_W, origins_W, stats); });
+  return impl_->integrate(
+      [&](FrameStats& stats) -> const internal::GatedScan& { return impl_->gate.gate(points_W, origins_W, stats); });
 }
 
 UpdateStats AccessibilityField::update() { return impl_->update(); }

@@ -57,18 +57,25 @@ ScanGate::Checked ScanGate::check(const Eigen::Vector3d& p_L, const Eigen::Vecto
   return kept;
 }
 
+void ScanGate::startScan(const Eigen::Matrix3d& R_W_S) {
+  scan_.p_L.clear();
+  scan_.q_L.clear();
+  scan_.R_W_S = R_W_S;
+}
+
 /// Adds what is kept, in the order of the returns. @param checkOf  (n) -> Checked of return n, from any thread
 template <typename CheckOf>
-void ScanGate::admit(std::size_t count, bool own_origins, const CheckOf& checkOf, GatedScan& scan, FrameStats& stats) {
+void ScanGate::admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats) {
+  GatedScan& scan = scan_;
   scan.p_L.reserve(count);
-  std::vector<Checked> checked(std::min(count, kMostChecked));
+  checked_.resize(std::max(checked_.size(), std::min(count, kMostChecked)));
   for (std::size_t first = 0; first < count; first += kMostChecked) {
     const std::size_t end = std::min(count, first + kMostChecked);
     tbb::parallel_for(tbb::blocked_range<std::size_t>(first, end, kReturnsPerTask), [&](const auto& range) {
-      for (std::size_t n = range.begin(); n != range.end(); ++n) checked[n - first] = checkOf(n);
+      for (std::size_t n = range.begin(); n != range.end(); ++n) checked_[n - first] = checkOf(n);
     });
     for (std::size_t n = first; n < end; ++n) {
-      const Checked& one = checked[n - first];
+      const Checked& one = checked_[n - first];
       if (one.dropped) {
         ++stats.dropped[static_cast<std::size_t>(*one.dropped)];
         continue;
@@ -80,7 +87,8 @@ void ScanGate::admit(std::size_t count, bool own_origins, const CheckOf& checkOf
   }
 }
 
-GatedScan ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats) {
+const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
+                                FrameStats& stats) {
   const Eigen::Matrix3d R = T_W_S.linear();
   const Eigen::Vector3d t = T_W_S.translation();
   const double skew = (R.transpose() * R - Eigen::Matrix3d::Identity()).lpNorm<Eigen::Infinity>();
@@ -90,8 +98,7 @@ GatedScan ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const Eigen:
                         "Give rotations as unit quaternions or orthonormal matrices");
   }
   setOrigin(t);
-  GatedScan scan;
-  scan.R_W_S = R;
+  startScan(R);
   stats.points_in += points_S.size();
   const Eigen::Vector3d q_L = roundToStep(t - origin_W_);
   const auto checkOf = [&](std::size_t n) {
@@ -99,20 +106,20 @@ GatedScan ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const Eigen:
     if (p_S.x() == 0 && p_S.y() == 0 && p_S.z() == 0) return Checked{{}, {}, DropReason::NoReturn};
     return check(R * p_S.cast<double>() + q_L, q_L);
   };
-  admit(points_S.size(), false, checkOf, scan, stats);
-  scan.q_L.push_back(q_L.cast<float>());
-  return scan;
+  admit(points_S.size(), false, checkOf, stats);
+  scan_.q_L.push_back(q_L.cast<float>());
+  return scan_;
 }
 
-GatedScan ScanGate::gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
-                         FrameStats& stats) {
+const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
+                                FrameStats& stats) {
   if (origins_W.size() != 1 && origins_W.size() != points_W.size()) {
     throw InvalidArgument("rays.sizes", "origins_W", "there must be one origin, or one for each point",
                           "Pass arrays of equal length");
   }
-  GatedScan scan;
+  startScan(Eigen::Matrix3d::Identity());
   stats.points_in += points_W.size();
-  if (points_W.empty()) return scan;
+  if (points_W.empty()) return scan_;
   const bool own = origins_W.size() > 1;
   const auto plausible = [](const Eigen::Vector3d& x) {
     return x.lpNorm<Eigen::Infinity>() <= kFarthest_m && x.allFinite();
@@ -128,9 +135,9 @@ GatedScan ScanGate::gate(std::span<const Eigen::Vector3d> points_W, std::span<co
   const auto checkOf = [&](std::size_t n) {
     return check(roundToStep(points_W[n] - origin_W_), roundToStep(origins_W[own ? n : 0] - origin_W_));
   };
-  admit(points_W.size(), own, checkOf, scan, stats);
-  if (!own) scan.q_L.push_back(roundToStep(origins_W.front() - origin_W_).cast<float>());
-  return scan;
+  admit(points_W.size(), own, checkOf, stats);
+  if (!own) scan_.q_L.push_back(roundToStep(origins_W.front() - origin_W_).cast<float>());
+  return scan_;
 }
 
 }  // namespace accessvdb::internal

@@ -26,10 +26,11 @@ class ScanGate {
  public:
   explicit ScanGate(const TsdfParams& resolved) : params_(resolved) {}
 
+  /// @return what goes on, valid until the next call
   /// @throws UnusableInput for a pose that is not finite and rigid
-  GatedScan gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats);
-  GatedScan gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
-                 FrameStats& stats);
+  const GatedScan& gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats);
+  const GatedScan& gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
+                        FrameStats& stats);
 
   /// World position of the local origin: the first sensor position rounded to whole voxels.
   [[nodiscard]] const Eigen::Vector3d& origin_W() const { return origin_W_; }
@@ -42,10 +43,14 @@ class ScanGate {
   };
   void setOrigin(const Eigen::Vector3d& sensor_W);
   [[nodiscard]] Checked check(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L) const;
+  void startScan(const Eigen::Matrix3d& R_W_S);
   template <typename CheckOf>
-  static void admit(std::size_t count, bool own_origins, const CheckOf& checkOf, GatedScan& scan, FrameStats& stats);
+  void admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats);
 
   TsdfParams params_;
+  // Of one scan; kept, as memory that is taken anew for each scan has to be cleared by the system first.
+  GatedScan scan_;
+  std::vector<Checked> checked_;
   bool have_origin_ = false;
   Eigen::Vector3d origin_W_ = {0, 0, 0};
 };

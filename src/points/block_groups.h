@@ -30,7 +30,7 @@ class BlockGroups {
  public:
   explicit BlockGroups(int group_log2) : log2_(group_log2) {}
 
-  /// @param block  a new one; they come in the order of their numbers. @return number of its group
+  /// @param block  a new one; blocks are numbered from 0. @return number of its group
   std::uint32_t add(std::uint32_t block, const Index3& leaf) {
     // With as many groups as blocks there is nothing to look up.
     const std::uint32_t group =

@@ -12,6 +12,7 @@
 #include <numeric>
 #include <utility>
 
+#include "accessvdb/error.h"
 #include "points/neighbourhood.h"
 #include "points/run_beside.h"
 
@@ -20,10 +21,6 @@ namespace {
 
 /// Points and blocks handed over at a time.
 constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
-
-void copy3(const Eigen::Vector3f& from, float* to) {
-  for (Eigen::Index axis = 0; axis < 3; ++axis) to[axis] = from[axis];
-}
 
 }  // namespace
 
@@ -70,16 +67,20 @@ DeviceAdmission::DeviceAdmission(PointScorer& scorer, kernels::PointUpdater& upd
 
 void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                                   std::span<const Eigen::Vector3f> q_L) {
+  if (touched.news.size() != touched.all.size()) {
+    throw InternalError("admission.not_described", "", "A scan came without a description of the points it touched",
+                        "Please report this");
+  }
+  if (++scans_ == 1) {
+    ids_ = touched.all;
+    admit(touched.changed_blocks, touched.news);
+    updater_.findNeighbours();
+  }
   for (std::size_t n = 0; n < touched.all.size(); ++n) {
     const std::uint32_t id = touched.all[n];
     if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or the older position counts
     is_touched_[id] = 1;
     touched_.push_back({id, touched.before_L[n]});
-  }
-  if (++scans_ == 1) {
-    listNews();
-    admit();
-    updater_.findNeighbours();
   }
   const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
   if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
@@ -87,10 +88,9 @@ void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const 
 
 void DeviceAdmission::complete(const std::function<void()>& begin) {
   const bool admitted = std::exchange(scans_, 0) == 1;
-  if (!admitted) listNews();
   scorer_.growDevice();
   begin();
-  if (!admitted) admit();
+  if (!admitted) admitAll();
 }
 
 kernels::UpdateOutcome DeviceAdmission::update(kernels::UpdateInput input) {
@@ -105,8 +105,8 @@ kernels::UpdateOutcome DeviceAdmission::update(kernels::UpdateInput input) {
 /// The backend has them: the new ones below the bound wait from now on, and none is touched.
 void DeviceAdmission::know() {
   std::vector<std::uint32_t> fresh;
-  for (std::size_t n = touched_.size(); n < ids_.size(); ++n) {
-    if (weights_[n].weight < least_weight_) fresh.push_back(ids_[n]);
+  for (std::size_t n = 0; n < ids_.size(); ++n) {
+    if (ids_[n] >= known_points_ && weights_[n].weight < least_weight_) fresh.push_back(ids_[n]);
   }
   fresh_.add(fresh);
   for (const Touched& touched : touched_) is_touched_[touched.id] = 0;
@@ -115,52 +115,46 @@ void DeviceAdmission::know() {
   is_touched_.grow(known_points_);
 }
 
-/// The points that came since the last update: the touched ones, then the new ones.
-void DeviceAdmission::listNews() {
+/// Hands blocks and points over. Isolated, or this thread might take up work beside it while it waits, and what comes
+/// next would wait for that.
+void DeviceAdmission::admit(std::span<const std::uint32_t> changed_blocks, std::span<const kernels::PointNews> news) {
   scorer_.reserveDevice();
-  ids_.resize(touched_.size() + (scorer_.points().size() - known_points_));
-  for (std::size_t n = 0; n < touched_.size(); ++n) ids_[n] = touched_[n].id;
-  std::iota(ids_.begin() + static_cast<std::ptrdiff_t>(touched_.size()), ids_.end(), known_points_);
-}
-
-/// Hands them over. Isolated, or this thread might take up work beside it while it waits, and what comes next would
-/// wait for that.
-void DeviceAdmission::admit() {
-  tbb::this_task_arena::isolate([this] {
-    admitBlocks();
-    admitPoints();
+  tbb::this_task_arena::isolate([&] {
+    for (std::size_t first = 0; first < changed_blocks.size(); first += kMostBlocks) {
+      const std::size_t count = std::min(changed_blocks.size() - first, kMostBlocks);
+      blocks_.news(changed_blocks.subspan(first, count), scorer_.points().index().blocks(), block_news_, block_ids_);
+      kernels::AdmitInput part = input();
+      part.blocks = block_news_;
+      part.block_ids = block_ids_;
+      updater_.admit(part);
+    }
+    for (std::size_t first = 0; first < news.size(); first += kMostNews) {
+      kernels::AdmitInput part = input();
+      part.news = news.subspan(first, std::min(news.size() - first, kMostNews));
+      updater_.admit(part);
+    }
   });
 }
 
-/// Blocks with new points.
-void DeviceAdmission::admitBlocks() {
+/// What came with several scans, or with none: the points as they are by now.
+void DeviceAdmission::admitAll() {
   const PointStore& points = scorer_.points();
-  std::vector<std::uint32_t> changed(points.size() - known_points_);
-  for (std::size_t n = 0; n < changed.size(); ++n) {
-    changed[n] = points.blockOf(known_points_ + static_cast<std::uint32_t>(n));
-  }
+  const std::size_t added = points.size() - known_points_;
+  ids_.resize(touched_.size() + added);
+  for (std::size_t n = 0; n < touched_.size(); ++n) ids_[n] = touched_[n].id;
+  std::iota(ids_.begin() + static_cast<std::ptrdiff_t>(touched_.size()), ids_.end(), known_points_);
+  std::vector<kernels::PointNews> news(ids_.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids_.size(), 256), [&](const auto& range) {
+    const Eigen::Vector3f none = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      news[n] = points.newsOf(ids_[n], n < touched_.size() ? touched_[n].before_L : none);
+    }
+  });
+  std::vector<std::uint32_t> changed(added);
+  for (std::size_t n = 0; n < added; ++n) changed[n] = news[touched_.size() + n].block;
   tbb::parallel_sort(changed);
   changed.erase(std::unique(changed.begin(), changed.end()), changed.end());
-  for (std::size_t first = 0; first < changed.size(); first += kMostBlocks) {
-    const std::size_t count = std::min(changed.size() - first, kMostBlocks);
-    blocks_.news(std::span(changed).subspan(first, count), points.index().blocks(), block_news_, block_ids_);
-    kernels::AdmitInput part = input();
-    part.blocks = block_news_;
-    part.block_ids = block_ids_;
-    updater_.admit(part);
-  }
-}
-
-void DeviceAdmission::admitPoints() {
-  for (std::size_t first = 0; first < ids_.size(); first += kMostNews) {
-    news_.resize(std::min(ids_.size() - first, kMostNews));
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, news_.size(), 256), [&](const auto& range) {
-      for (std::size_t n = range.begin(); n != range.end(); ++n) news_[n] = newsOf(first + n);
-    });
-    kernels::AdmitInput part = input();
-    part.news = news_;
-    updater_.admit(part);
-  }
+  admit(changed, news);
 }
 
 void DeviceAdmission::readWeights() {
@@ -186,26 +180,10 @@ kernels::AdmitInput DeviceAdmission::input() const {
   return all;
 }
 
-/// @param n  index into ids_
-kernels::PointNews DeviceAdmission::newsOf(std::size_t n) const {
-  const PointStore& points = scorer_.points();
-  const std::uint32_t id = ids_[n];
-  kernels::PointNews news;
-  news.id = id;
-  news.block = points.blockOf(id);
-  copy3(points.first_L(id), news.position_L);
-  copy3(points.pca_L(id), news.mean_L);
-  copy3(points.toSensor_L(id), news.to_sensor_L);
-  constexpr float kNew = std::numeric_limits<float>::quiet_NaN();
-  copy3(n < touched_.size() ? touched_[n].before_L : Eigen::Vector3f::Constant(kNew), news.before_L);
-  news.seen = points.seen(id);
-  return news;
-}
-
 /// Adds the new points that are confident at once to those that became so.
 void DeviceAdmission::takeConfident() {
-  for (std::size_t n = touched_.size(); n < ids_.size(); ++n) {
-    if (weights_[n].weight >= least_weight_) crossed_.push_back(weights_[n]);
+  for (std::size_t n = 0; n < ids_.size(); ++n) {
+    if (ids_[n] >= known_points_ && weights_[n].weight >= least_weight_) crossed_.push_back(weights_[n]);
   }
   tbb::parallel_sort(crossed_.begin(), crossed_.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
 }
@@ -236,7 +214,7 @@ std::uint64_t DeviceAdmission::bytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return blocks_.bytes() + fresh_.bytes() + is_touched_.bytes() + bytesOf(touched_) + bytesOf(reached_.voxels) +
          bytesOf(reached_.blocks) + bytesOf(ids_) + bytesOf(weights_) + bytesOf(crossed_) + bytesOf(read_weights_) +
-         bytesOf(news_) + bytesOf(block_news_) + bytesOf(block_ids_);
+         bytesOf(block_news_) + bytesOf(block_ids_);
 }
 
 }  // namespace accessvdb::internal

@@ -29,8 +29,9 @@ class DeviceAdmission {
   /// @param scorer, updater  alive as long as this  @param group_log2  the updater's
   DeviceAdmission(PointScorer& scorer, kernels::PointUpdater& updater, int group_log2);
 
-  /// One scan's returns are in the store. Those of the first scan since the last update are handed over, so that the
-  /// backend can begin. Should another scan come before the update, that was for nothing: all are handed over anew.
+  /// One scan's returns are in the store, described (PointStore::describeTouched). Those of the first scan since the
+  /// last update are handed over, so that the backend can begin. Should another scan come before the update, that was
+  /// for nothing: all are handed over anew.
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L);
   /// Has the backend got the points as they are?
@@ -51,12 +52,9 @@ class DeviceAdmission {
   };
 
   void know();
-  void listNews();
   [[nodiscard]] kernels::AdmitInput input() const;
-  void admit();
-  void admitBlocks();
-  void admitPoints();
-  [[nodiscard]] kernels::PointNews newsOf(std::size_t n) const;
+  void admit(std::span<const std::uint32_t> changed_blocks, std::span<const kernels::PointNews> news);
+  void admitAll();
   void readWeightsOf(std::span<const std::uint32_t> ids, std::vector<kernels::PointWeight>& points);
   void findCrossed();
   void takeConfident();
@@ -71,11 +69,10 @@ class DeviceAdmission {
   FreshPlaces reached_;                        ///< of one update
   std::uint16_t least_weight_ = 0;             ///< that is confident
   int scans_ = 0;                              ///< since the last update
-  std::vector<std::uint32_t> ids_;             ///< listNews()
+  std::vector<std::uint32_t> ids_;             ///< points that came since the last update
   std::vector<kernels::PointWeight> weights_;  ///< of ids_
   std::vector<kernels::PointWeight> crossed_;  ///< points that became confident since the last update
   std::vector<std::uint16_t> read_weights_;    ///< readWeightsOf()
-  std::vector<kernels::PointNews> news_;
   std::vector<kernels::BlockNews> block_news_;
   std::vector<std::uint32_t> block_ids_;
 };

@@ -24,7 +24,7 @@ class DeviceBlocks {
   /// @param group_log2  [log2 of leaves] edge of a group of blocks
   explicit DeviceBlocks(int group_log2) : groups_(group_log2) {}
 
-  /// These blocks have other points than before. @param changed  ascending, each once
+  /// These blocks have other points than before. @param changed  each once
   /// @param blocks  all of them  @param news, ids  out, in that order
   void news(std::span<const std::uint32_t> changed, const ChunkedArray<PointBlock>& blocks,
             std::vector<kernels::BlockNews>& news, std::vector<std::uint32_t>& ids) {
@@ -39,16 +39,14 @@ class DeviceBlocks {
         for (std::size_t axis = 0; axis < 3; ++axis) news[n].leaf[axis] = block.leaf[axis];
       }
     });
+    runs_.grow(blocks.size());
     std::uint32_t source = 0;
     for (kernels::BlockNews& block : news) {
       block.source = source;
       source += block.count;
-      block.is_new = block.block >= runs_.size() ? 1 : 0;
-      if (block.is_new != 0) {
-        runs_.grow(block.block + 1);
-        block.group = groups_.add(block.block, blocks[block.block].leaf);
-      }
       Run& run = runs_[block.block];
+      block.is_new = run.capacity == 0 ? 1 : 0;
+      if (block.is_new != 0) block.group = groups_.add(block.block, {block.leaf[0], block.leaf[1], block.leaf[2]});
       if (block.count > run.capacity) {
         if (run.capacity > 0) free_[classOf(run.capacity)].push_back(run.first);
         run = take(std::bit_ceil(std::max(block.count, kLeastSlots)));

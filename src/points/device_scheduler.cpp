@@ -62,25 +62,17 @@ class DeviceScheduler final : public UpdateScheduler {
     admission_.noteReturns(touched, p_L, q_L);
   }
 
+  bool takesNews() const override { return true; }
   bool seesChanges() const override { return true; }
   void noteChange(std::size_t part, const LeafChange& change) override {
     if (!anything_scored_) return;
     const Index3 leaf = parentOf(change.origin_ijk);
-    flip_parts_[part].push_back(
+    flips_[part].push_back(
         {{leaf[0], leaf[1], leaf[2]}, kindsOf(change), kernels::countCells(change.collides_off.data())});
   }
 
   void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>, const MapChanges&) override {
-    std::array<std::size_t, kMostParts + 1> begin = {flips_.size()};
-    for (std::size_t n = 0; n < kMostParts; ++n) begin[n + 1] = begin[n] + flip_parts_[n].size();
-    flips_.resize(begin.back());
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, kMostParts, 16), [&](const auto& range) {
-      for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        std::ranges::copy(flip_parts_[n], flips_.begin() + static_cast<std::ptrdiff_t>(begin[n]));
-        flip_parts_[n].clear();
-      }
-    });
-    if (flips_.size() > 2 * joined_flips_ + kMostFlips) joinFlips();
+    if (numFlips() > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
   // Should another scan come before the update, all flips are handed over again.
@@ -98,7 +90,7 @@ class DeviceScheduler final : public UpdateScheduler {
     const kernels::UpdateInput input = inputOf(tables);
     runBeside([&] { updater_->choose(input); }, [&] { admission_.readWeights(); });
     const kernels::UpdateOutcome outcome = admission_.update(input);
-    flips_.clear();
+    for (std::vector<kernels::LeafFlips>& part : flips_) part.clear();
     joined_flips_ = 0;
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
     return statsOf(outcome);
@@ -106,44 +98,55 @@ class DeviceScheduler final : public UpdateScheduler {
 
   std::uint64_t bytes() const override {
     const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
-    std::uint64_t bytes = admission_.bytes() + bytesOf(flips_);
-    for (const std::vector<kernels::LeafFlips>& part : flip_parts_) bytes += bytesOf(part);
+    std::uint64_t bytes = admission_.bytes();
+    for (const std::vector<kernels::LeafFlips>& part : flips_) bytes += bytesOf(part);
     return bytes;
   }
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
 
  private:
-  [[nodiscard]] kernels::UpdateInput inputOf(const ScoringTables& tables) const {
+  /// @return valid until flips are noted, or the next call
+  [[nodiscard]] kernels::UpdateInput inputOf(const ScoringTables& tables) {
     kernels::UpdateInput input = updateInput(scorer_, tables);
-    input.flips = flips_;
+    std::ranges::copy(flips_, flip_lists_.begin());
+    input.flips = flip_lists_;
     return input;
   }
 
+  [[nodiscard]] std::size_t numFlips() const {
+    std::size_t count = 0;
+    for (const std::vector<kernels::LeafFlips>& part : flips_) count += part.size();
+    return count;
+  }
+
   void joinFlips() {
+    tbb::parallel_for(std::size_t{0}, kMostParts, [&](std::size_t n) { join(flips_[n]); });
+    joined_flips_ = numFlips();
+  }
+  static void join(std::vector<kernels::LeafFlips>& flips) {
     const auto place = [](const kernels::LeafFlips& f) { return std::array{f.leaf[0], f.leaf[1], f.leaf[2]}; };
-    tbb::parallel_sort(flips_.begin(), flips_.end(),
+    tbb::parallel_sort(flips.begin(), flips.end(),
                        [&](const kernels::LeafFlips& a, const kernels::LeafFlips& b) { return place(a) < place(b); });
     std::size_t out = 0;
-    for (const kernels::LeafFlips& flip : flips_) {
-      if (out > 0 && place(flips_[out - 1]) == place(flip)) {
-        flips_[out - 1].kinds |= flip.kinds;
-        flips_[out - 1].freed = joinedFreed(flips_[out - 1].freed, flip.freed);
+    for (const kernels::LeafFlips& flip : flips) {
+      if (out > 0 && place(flips[out - 1]) == place(flip)) {
+        flips[out - 1].kinds |= flip.kinds;
+        flips[out - 1].freed = joinedFreed(flips[out - 1].freed, flip.freed);
       } else {
-        flips_[out++] = flip;
+        flips[out++] = flip;
       }
     }
-    flips_.resize(out);
-    joined_flips_ = out;
+    flips.resize(out);
   }
 
   PointScorer& scorer_;
   std::unique_ptr<kernels::PointUpdater> updater_;
   DeviceAdmission admission_;
   bool anything_scored_ = false;
-  std::vector<kernels::LeafFlips> flips_;                               ///< since the last update
-  std::size_t joined_flips_ = 0;                                        ///< of them, the first: each leaf once
-  bool flips_begun_ = false;                                            ///< prepare() came since the last scan
-  std::array<std::vector<kernels::LeafFlips>, kMostParts> flip_parts_;  ///< of the scan
+  bool flips_begun_ = false;                                       ///< prepare() came since the last scan
+  std::array<std::vector<kernels::LeafFlips>, kMostParts> flips_;  ///< since the last update, by part of the map
+  std::array<std::span<const kernels::LeafFlips>, kMostParts> flip_lists_;  ///< inputOf()
+  std::size_t joined_flips_ = 0;  ///< so many there were when they were joined
 };
 
 }  // namespace

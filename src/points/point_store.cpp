@@ -6,16 +6,21 @@
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <tuple>
 
 #include "hostdev/occupancy_query.h"
+#include "points/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {
 
 constexpr std::size_t kPointsPerTask = 256;
+/// Points lie anywhere in memory: each is asked for while so many before it are worked on.
+constexpr std::size_t kPointsAhead = 6;
 constexpr double kOffsetSteps = 1 << 20;  // of a voxel
 constexpr double kSensorSteps = 1 << 16;  // of a metre
 /// Viewpoints nearer than this to a stored one are not stored (SPEC a.2).
@@ -26,6 +31,12 @@ std::uint64_t keyOf(const Index3& voxel) {
   std::uint64_t key = 0;
   for (const std::int32_t x : voxel) key = key << 21 | static_cast<std::uint64_t>(x + kKeyBias);
   return key;
+}
+/// Bit n of the lowest eight is byte n, which is 0 or 1.
+std::uint64_t bitsOfBytes(const std::uint8_t* bytes) {
+  std::uint64_t all = 0;
+  for (int n = 0; n < 8; ++n) all |= std::uint64_t{bytes[n]} << (8 * n);
+  return all * 0x0102040810204080u >> 56;  // byte n meets 2^(56 - 7 n) of the factor, and no two meet at one bit
 }
 Index3 voxelOfKey(std::uint64_t key) {
   const auto axis = [&](int shift) { return static_cast<std::int32_t>(key >> shift & ((1u << 21) - 1)) - kKeyBias; };
@@ -79,7 +90,8 @@ void PointStore::locateGroups() {
 }
 
 /// Gives an id to each group, a new one where its voxel has none, in the order of the voxels.
-void PointStore::addNew(TouchedPoints& touched) {
+void PointStore::addNew() {
+  TouchedPoints& touched = touched_;
   locateGroups();
   const std::uint32_t before = size();
   added_.clear();
@@ -92,6 +104,7 @@ void PointStore::addNew(TouchedPoints& touched) {
   }
   touched.new_points = added_.size();
   index_.insertAll(added_);
+  if (describe_touched_) index_.blocksOfLastInsert(touched.changed_blocks);
   block_.growRaw(before + added_.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, added_.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) block_[added_[n].id] = added_[n].block;
@@ -123,12 +136,20 @@ void PointStore::start(std::uint32_t id, const Eigen::Vector3f& first_L) {
   }
 }
 
-TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
-  TouchedPoints touched;
+void PointStore::prefetchPoint(std::uint32_t id) const {
+  prefetchRead(&first_L_[id]);
+  prefetchRead(&pca_L_[id]);
+  prefetchRead(&sums_[id], sizeof(Sums));
+  if (!params_.approach.viewpoints) prefetchRead(&seen_[seenAt(id)]);
+}
+
+const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L,
+                                            std::span<const Eigen::Vector3f> q_L) {
+  TouchedPoints& touched = touched_;
   group(p_L, q_L);
   const ReturnGroups& groups = groups_;
   const std::uint32_t before = size();
-  addNew(touched);
+  addNew();
   makeRoom();
   // With viewpoints, poses are stored once: one a scan, or one a ray for ray clouds.
   const auto first_pose = static_cast<std::uint32_t>(poses_.size());
@@ -137,10 +158,12 @@ TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::
   }
 
   touched.before_L.resize(groups.size());
-  touched.views_changed.resize(groups.size(), 0);
+  touched.views_changed.assign(groups.size(), 0);
+  if (describe_touched_) touched.news.resize(groups.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
       const std::uint32_t id = touched.all[g];
+      if (g + kPointsAhead < range.end()) prefetchPoint(touched.all[g + kPointsAhead]);
       if (id >= before) start(id, p_L[groups.first(g).index]);
       touched.before_L[g] = pca_L_[id];
       for (std::uint32_t m = groups.begin[g]; m < groups.begin[g + 1]; ++m) {
@@ -148,6 +171,7 @@ TouchedPoints PointStore::addReturns(std::span<const Eigen::Vector3f> p_L, std::
         if (addToPoint(id, p_L[i], q_L[sensor], first_pose + sensor)) touched.views_changed[g] = 1;
       }
       refreshMean(id);
+      if (describe_touched_) touched.news[g] = newsOf(id, touched.before_L[g]);
     }
   });
   return touched;
@@ -215,9 +239,13 @@ DirectionMask PointStore::directionsTowards(const Eigen::Vector3f& from_L, const
   if (!(length > 0)) return mask;
   const float ux = dx / length, uy = dy / length;
   const auto least = static_cast<float>(params_.approach.observation_cos_min);
-  for (int d = 0; d < params_.approach.num_directions; ++d) {
-    const auto n = static_cast<std::size_t>(2 * d);
-    if (ux * direction_xy_[n] + uy * direction_xy_[n + 1] > least) mask.set(d);
+  // A byte a direction first, which is vector code, then eight bytes of 0 or 1 to eight bits at a time.
+  std::array<std::uint8_t, 64 * kernels::kMaxDirectionWords> within = {};
+  const auto count = static_cast<std::size_t>(params_.approach.num_directions);
+  const float* const xy = direction_xy_.data();
+  for (std::size_t d = 0; d < count; ++d) within[d] = ux * xy[2 * d] + uy * xy[2 * d + 1] > least ? 1 : 0;
+  for (std::size_t d = 0; d < count; d += 8) {
+    mask.word[d / 64] |= bitsOfBytes(within.data() + d) << d % 64;
   }
   return mask;
 }
@@ -233,11 +261,27 @@ DirectionMask PointStore::seen(std::uint32_t id) const {
   return mask;
 }
 
+kernels::PointNews PointStore::newsOf(std::uint32_t id, const Eigen::Vector3f& before_L) const {
+  const auto copy3 = [](const Eigen::Vector3f& from, float* to) {
+    for (Eigen::Index axis = 0; axis < 3; ++axis) to[axis] = from[axis];
+  };
+  kernels::PointNews news;
+  news.id = id;
+  news.block = block_[id];
+  copy3(first_L_[id], news.position_L);
+  copy3(pca_L_[id], news.mean_L);
+  copy3(toSensor_L(id), news.to_sensor_L);
+  copy3(before_L, news.before_L);
+  news.seen = seen(id);
+  return news;
+}
+
 std::uint64_t PointStore::bytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_L_.bytes() + sums_.bytes() + seen_.bytes() +
-         viewpoints_.bytes() + poses_.bytes() + bytesOf(groups_.returns) + bytesOf(groups_.begin) + bytesOf(voxels_) +
-         bytesOf(places_) + bytesOf(added_);
+         viewpoints_.bytes() + poses_.bytes() + bytesOf(touched_.all) + bytesOf(touched_.before_L) +
+         bytesOf(touched_.views_changed) + bytesOf(touched_.news) + bytesOf(touched_.changed_blocks) +
+         bytesOf(groups_.returns) + bytesOf(groups_.begin) + bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_);
 }
 
 }  // namespace accessvdb::internal

@@ -14,6 +14,7 @@
 
 #include "accessvdb/params.h"
 #include "hostdev/views.h"
+#include "launch/point_updater.h"
 #include "points/surface_index.h"
 
 namespace accessvdb::internal {
@@ -53,6 +54,9 @@ struct TouchedPoints {
   std::vector<Eigen::Vector3f> before_L;    ///< pca_L() of each before the scan; NaN where it is new
   std::vector<std::uint8_t> views_changed;  ///< of each: its seen directions are not those before the scan
   std::size_t new_points = 0;
+  // Only after describeTouched(true).
+  std::vector<kernels::PointNews> news;       ///< each as it is after the scan, before_L as above
+  std::vector<std::uint32_t> changed_blocks;  ///< those with new points, in no order
 };
 
 class PointStore {
@@ -60,8 +64,12 @@ class PointStore {
   /// @param direction_xy  [2 D] yaw directions, as in DirectionTable
   PointStore(const FieldParams& resolved, std::vector<float> direction_xy);
 
+  /// Whether addReturns() is to tell of touched points what a backend has to know that keeps them by itself. While it
+  /// has a point in its hands that costs next to nothing; looking at them all once more takes longer than that.
+  void describeTouched(bool wanted) { describe_touched_ = wanted; }
   /// Adds the returns of one scan. @param q_L  [n] or [1] sensor positions
-  TouchedPoints addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
+  /// @return valid until the next call
+  const TouchedPoints& addReturns(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
 
   [[nodiscard]] std::uint32_t size() const { return static_cast<std::uint32_t>(first_L_.size()); }
   [[nodiscard]] const SurfaceIndex& index() const { return index_; }
@@ -79,6 +87,8 @@ class PointStore {
   }
   /// Directions that the point itself was seen from: the mask, or from its viewpoints.
   [[nodiscard]] DirectionMask seen(std::uint32_t id) const;
+  /// A point as it is. @param before_L  see kernels::PointNews
+  [[nodiscard]] kernels::PointNews newsOf(std::uint32_t id, const Eigen::Vector3f& before_L) const;
   [[nodiscard]] const Viewpoints& viewpoints(std::uint32_t id) const { return viewpoints_[id]; }
   [[nodiscard]] const ChunkedArray<Eigen::Vector3f>& poses() const { return poses_; }
 
@@ -106,9 +116,10 @@ class PointStore {
   };
   void group(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
   void locateGroups();
-  void addNew(TouchedPoints& touched);
+  void addNew();
   void makeRoom();
   void start(std::uint32_t id, const Eigen::Vector3f& first_L);
+  void prefetchPoint(std::uint32_t id) const;
   /// @return true when its seen directions changed
   bool addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
   bool addSeen(std::uint32_t id, const DirectionMask& mask);
@@ -122,6 +133,7 @@ class PointStore {
   std::vector<float> direction_xy_;
   float inverse_voxel_size_;
   int words_;
+  bool describe_touched_ = false;
   SurfaceIndex index_;
   ChunkedArray<std::uint32_t> block_;
   ChunkedArray<Eigen::Vector3f> first_L_, pca_L_;
@@ -131,6 +143,7 @@ class PointStore {
   ChunkedArray<Eigen::Vector3f> poses_;  ///< distinct sensor positions, with viewpoints only
   // Of one scan; kept, as memory that is taken anew for each scan has to be cleared by the system first.
   ReturnGroups groups_;
+  TouchedPoints touched_;
   std::vector<Index3> voxels_;   ///< of the groups
   std::vector<Located> places_;  ///< of the groups
   std::vector<NewVoxel> added_;

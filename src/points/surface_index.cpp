@@ -212,6 +212,11 @@ void SurfaceIndex::insertAll(std::span<NewVoxel> points) {
   }
 }
 
+void SurfaceIndex::blocksOfLastInsert(std::vector<std::uint32_t>& blocks) const {
+  blocks.resize(groups_.size());
+  for (std::size_t g = 0; g < groups_.size(); ++g) blocks[g] = groups_[g].block;
+}
+
 std::uint64_t SurfaceIndex::bytes() const {
   return cell_of_.bytes() + cells_.bytes() + blocks_.bytes() + runs_.bytes() + order_.capacity() * sizeof(Placed) +
          groups_.capacity() * sizeof(Group) + outgrown_.capacity() * sizeof(outgrown_[0]);

@@ -54,6 +54,8 @@ class SurfaceIndex {
   std::uint32_t insert(const Index3& voxel, std::uint32_t id);
   /// As insert() of each in turn, in parallel. The voxels are free and differ.
   void insertAll(std::span<NewVoxel> points);
+  /// The blocks to which the last insertAll() added, each once, in no order.
+  void blocksOfLastInsert(std::vector<std::uint32_t>& blocks) const;
 
   [[nodiscard]] const ChunkedArray<PointBlock>& blocks() const { return blocks_; }
   /// Index into blocks(), or kNone.

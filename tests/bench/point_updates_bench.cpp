@@ -97,13 +97,15 @@ class Listener final : public kernels::PointUpdater {
     }
     for (const kernels::PointWeight& point : input.crossed)
       told_.crossed_hash += mixed(mixed(7, point.id), point.weight);
-    for (const kernels::LeafFlips& flips : input.flips) {
-      std::uint64_t hash = mixed(flips.kinds, flips.freed);
-      for (const std::int32_t axis : flips.leaf) hash = mixed(hash, static_cast<std::uint32_t>(axis));
-      told_.flips_hash += hash;
+    for (const std::span<const kernels::LeafFlips>& part : input.flips) {
+      for (const kernels::LeafFlips& flips : part) {
+        std::uint64_t hash = mixed(flips.kinds, flips.freed);
+        for (const std::int32_t axis : flips.leaf) hash = mixed(hash, static_cast<std::uint32_t>(axis));
+        told_.flips_hash += hash;
+      }
+      told_.flips += part.size();
     }
     told_.crossed += input.crossed.size();
-    told_.flips += input.flips.size();
     kernels::UpdateOutcome outcome;
     outcome.evaluated = 1;  // as a device: flips count from now on
     phases_.begin();
@@ -140,6 +142,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   internal::PointScorer scorer(points, params, backend,
                                internal::makeMapReads(map, points, params.scoring.neighbourhood_weight));
   const auto scheduler = internal::makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+  points.describeTouched(scheduler->takesNews());
   integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
   Told first_told;
   for (std::size_t n = 0; n < scans.size(); ++n) {
@@ -151,7 +154,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
     phases.nextFrame();
     phases.begin();
-    const internal::TouchedPoints touched = points.addReturns(scan.p_L, {&scan.q_L, 1});
+    const internal::TouchedPoints& touched = points.addReturns(scan.p_L, {&scan.q_L, 1});
     phases.end(kReturns);
     scheduler->noteReturns(touched, scan.p_L, {&scan.q_L, 1});
     phases.end(kReached);

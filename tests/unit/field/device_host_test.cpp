@@ -50,10 +50,12 @@ class Listener final : public kernels::PointUpdater {
   explicit Listener(Told& told) : told_(told) {}
   void begin(const kernels::UpdateInput& input) override {
     told_.flips.clear();
-    for (const kernels::LeafFlips& flips : input.flips) {
-      LeafFacts& facts = told_.flips[{flips.leaf[0], flips.leaf[1], flips.leaf[2]}];
-      facts.kinds |= flips.kinds;
-      for (std::size_t cell = 0; cell < 8; ++cell) facts.freed[cell] += flips.freed >> (8 * cell) & 0xff;
+    for (const std::span<const kernels::LeafFlips>& part : input.flips) {
+      for (const kernels::LeafFlips& flips : part) {
+        LeafFacts& facts = told_.flips[{flips.leaf[0], flips.leaf[1], flips.leaf[2]}];
+        facts.kinds |= flips.kinds;
+        for (std::size_t cell = 0; cell < 8; ++cell) facts.freed[cell] += flips.freed >> (8 * cell) & 0xff;
+      }
     }
   }
   void findNeighbours() override {
@@ -155,6 +157,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   PointScorer scorer(points, params, backend, makeMapReads(map, points, c.neighbourhood_weight));
   const auto scheduler = makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
   ASSERT_NE(scheduler, nullptr);
+  points.describeTouched(scheduler->takesNews());
   ASSERT_TRUE(scheduler->seesChanges());
   integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
 

@@ -99,6 +99,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
   const auto scheduler = makeDevicePaperScheduler(scorer);
   ASSERT_NE(scheduler, nullptr);
   ASSERT_TRUE(scheduler->seesDistances());
+  points.describeTouched(scheduler->takesNews());
 
   Random random(5);
   std::vector<double> distance_m;  // of every point, after the last scan
