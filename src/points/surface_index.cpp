@@ -99,44 +99,39 @@ void SurfaceIndex::groupByLeaf() {
 }
 
 void SurfaceIndex::findBlock(Group& group, std::span<const Placed> order, std::span<const NewVoxel> points) const {
-  for (std::uint32_t n = group.begin; n < group.end; ++n) group.first = std::min(group.first, order[n].index);
-  group.block = points[group.first].block;
+  const NewVoxel& first = points[order[group.begin].index];
+  group.block = first.block;
   if (group.block == kNone) {
-    const Index3 leaf = parentOf(points[group.first].voxel);
+    const Index3 leaf = parentOf(first.voxel);
     group.cell = cell_of_.find(parentOf(leaf));
     if (group.cell != kNone) group.block = cells_[group.cell].block[bitInParent(leaf)];
   }
   if (group.block != kNone) group.ids_before = static_cast<std::uint32_t>(blocks_[group.block].ids.size());
 }
 
-std::uint32_t SurfaceIndex::cellFor(const Index3& cell) {
-  const auto [number, is_new] = cell_of_.insert(cell, cells());
-  if (is_new) {
-    cells_.growRaw(cells_.size() + 1);
-    cells_[number].block.fill(kNone);
-  }
-  return number;
-}
-
-/// Gives blocks to the groups without one. Blocks and cells are numbered in the order of the points.
-void SurfaceIndex::makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points) {
-  std::vector<Group*> without;
+/// Gives blocks to the groups without one. Blocks and cells are numbered in the order of the groups.
+void SurfaceIndex::makeBlocks(std::span<Group> groups, std::span<const Placed> order,
+                              std::span<const NewVoxel> points) {
+  const std::size_t blocks_before = blocks_.size(), cells_before = cells_.size();
+  std::size_t num_blocks = blocks_before, num_cells = cells_before;
+  const auto leafOf = [&](const Group& group) { return parentOf(points[order[group.begin].index].voxel); };
   for (Group& group : groups) {
-    if (group.block == kNone) without.push_back(&group);
+    if (group.block != kNone) continue;
+    group.block = static_cast<std::uint32_t>(num_blocks++);
+    if (group.cell != kNone) continue;
+    const auto [number, is_new] = cell_of_.insert(parentOf(leafOf(group)), static_cast<std::uint32_t>(num_cells));
+    group.cell = number;
+    num_cells += is_new ? 1 : 0;
   }
-  tbb::parallel_sort(without.begin(), without.end(),
-                     [](const Group* a, const Group* b) { return a->first < b->first; });
-  const std::size_t before = blocks_.size();
-  blocks_.growRaw(before + without.size());
-  for (Group* group : without) {
-    if (group->cell == kNone) group->cell = cellFor(parentOf(parentOf(points[group->first].voxel)));
-  }
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, without.size(), kGroupsPerTask), [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      Group& group = *without[n];
-      group.block = static_cast<std::uint32_t>(before + n);
+  blocks_.growRaw(num_blocks);
+  cells_.growRaw(num_cells);
+  tbb::parallel_for(cells_before, num_cells, [&](std::size_t cell) { cells_[cell].block.fill(kNone); });
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kGroupsPerTask), [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) {
+      Group& group = groups[g];
+      if (group.block < blocks_before) continue;
       PointBlock& block = blocks_[group.block];
-      block.leaf = parentOf(points[group.first].voxel);
+      block.leaf = leafOf(group);
       block.cell = group.cell;
       Cell& cell = cells_[group.cell];
       const std::size_t bit = bitInParent(block.leaf);
@@ -198,7 +193,7 @@ void SurfaceIndex::insertAll(std::span<NewVoxel> points) {
       findBlock(groups[g], order, points);
     }
   });
-  makeBlocks(groups, points);
+  makeBlocks(groups, order, points);
   takeRuns(groups);
   outgrown_.assign(groups.size(), nullptr);
   tbb::parallel_for(all, [&](const auto& range) {

@@ -52,7 +52,8 @@ class SurfaceIndex {
   void locate(std::span<const Index3> voxels, std::span<Located> found) const;
   /// The voxel must be free. @return index of its block
   std::uint32_t insert(const Index3& voxel, std::uint32_t id);
-  /// As insert() of each in turn, in parallel. The voxels are free and differ.
+  /// As insert() of each, in parallel; only the numbers of new blocks and cells are others. The voxels are free and
+  /// differ.
   void insertAll(std::span<NewVoxel> points);
   /// The blocks to which the last insertAll() added, each once, in no order.
   void blocksOfLastInsert(std::vector<std::uint32_t>& blocks) const;
@@ -94,7 +95,6 @@ class SurfaceIndex {
   /// New points of one block: [begin, end) of the sorted ones.
   struct Group {
     std::uint32_t begin, end;
-    std::uint32_t first = kNone;  ///< the least index among them
     std::uint32_t cell = kNone, block = kNone;
     std::uint32_t ids_before = 0;
     std::uint32_t* larger_run = nullptr;  ///< where the block's own has no room for them
@@ -103,8 +103,7 @@ class SurfaceIndex {
   void groupByLeaf();
   void findBlock(Group& group, std::span<const Placed> order, std::span<const NewVoxel> points) const;
   void locateFew(std::span<const Index3> voxels, std::span<Located> found) const;
-  void makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points);
-  std::uint32_t cellFor(const Index3& cell);
+  void makeBlocks(std::span<Group> groups, std::span<const Placed> order, std::span<const NewVoxel> points);
   void takeRuns(std::span<Group> groups);
   /// In parallel for different blocks.
   void addTo(const Group& group, std::span<const Placed> order, std::span<NewVoxel> points);

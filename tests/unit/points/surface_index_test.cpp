@@ -87,12 +87,24 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
         if (batch % 3 == 0) point.block = place.block;
       }
       at_once.insertAll(points);
-      for (const NewVoxel& point : points) ASSERT_EQ(one_by_one.insert(point.voxel, point.id), point.block);
+      for (const NewVoxel& point : points) {
+        one_by_one.insert(point.voxel, point.id);
+        ASSERT_EQ(at_once.blockAt(parentOf(point.voxel)), point.block);
+      }
+      std::set<std::uint32_t> changed;
+      for (const NewVoxel& point : points) changed.insert(point.block);
+      std::vector<std::uint32_t> last;
+      at_once.blocksOfLastInsert(last);
+      ASSERT_EQ(std::set<std::uint32_t>(last.begin(), last.end()), changed);
+      ASSERT_EQ(last.size(), changed.size());
       ASSERT_EQ(at_once.cells(), one_by_one.cells());
       ASSERT_EQ(at_once.blocks().size(), one_by_one.blocks().size());
       for (std::size_t b = 0; b < at_once.blocks().size(); ++b) {
-        const PointBlock &a = at_once.blocks()[b], &o = one_by_one.blocks()[b];
-        ASSERT_EQ(a.leaf, o.leaf);
+        const PointBlock& a = at_once.blocks()[b];
+        ASSERT_EQ(at_once.blockAt(a.leaf), b);
+        const std::uint32_t other = one_by_one.blockAt(a.leaf);
+        ASSERT_NE(other, kNone);
+        const PointBlock& o = one_by_one.blocks()[other];
         ASSERT_EQ(a.occupied, o.occupied);
         ASSERT_TRUE(std::ranges::equal(a.ids, o.ids));
         ASSERT_EQ(a.cell, at_once.cellAt(parentOf(a.leaf)));
