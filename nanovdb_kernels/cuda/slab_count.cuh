@@ -57,66 +57,87 @@ class SlabCount {
 
   /// Stops once the collisions exceed `stop_above`; exact up to there.
   __device__ int upTo(int stop_above) const {
-    int count = 0, listed = 0;
+    int count = 0;
 #pragma unroll 1
     for (int first = 0; first < num_columns_ && count <= stop_above; first += static_cast<int>(kWarp)) {
       const int n = first + lane_;
       const LeafColumn column = n < num_columns_ ? columns_[n] : LeafColumn{};
       const int leaves = column.count > 0 && shift_ != 0 ? column.count + 1 : column.count;
       const int most = __reduce_max_sync(kAllLanes, leaves);
-      const int x = (point_ijk_[0] & ~7) + 8 * column.leaf_dx, y = (point_ijk_[1] & ~7) + 8 * column.leaf_dy,
-                z = (point_ijk_[2] & ~7) + 8 * column.slab_dz;
       const int from_x = 8 * column.leaf_dx - (point_ijk_[0] & 7) - box_.dx + 8, from_y = column.leaf_dy - box_.leaf_dy;
       const auto place = static_cast<std::uint32_t>(from_x << 16 | from_y << 8 | (column.slab_dz - box_.slab_dz));
+      const Coord ijk = voxelAt(place);
 #pragma unroll 1
       for (int low = 0; low < most; low += BusyLeaves::kTurn) {
         const int asked = min(max(leaves - low, 0), BusyLeaves::kTurn);
-        std::uint32_t found = asked > 0 ? window_.busyLeaves(x, y, z + 8 * low, asked) : 0;
+        std::uint32_t found = asked > 0 ? window_.busyLeaves(ijk[0], ijk[1], ijk[2] + 8 * low, asked) : 0;
+        const std::uint32_t from = place + static_cast<std::uint32_t>(low);
         // Where much collides, leaves that the tool takes as a whole give many collisions for little.
         if constexpr (kThick) {
           if (__reduce_add_sync(kAllLanes, __popc(found)) >= kManyBusy) {
             const std::uint32_t full = found & fullOf(n, low);
-            count += collisionsInFull(full, x, y, z + 8 * low);
-            if (count > stop_above) {
-              __syncwarp();  // before others overwrite the list
-              return count;
-            }
+            count += collisionsIn<true>(full, from);
+            if (count > stop_above) return count;
             found &= ~full;
           }
         }
-#pragma unroll 1
-        for (unsigned any = __ballot_sync(kAllLanes, found != 0); any != 0;
-             any = __ballot_sync(kAllLanes, found != 0)) {
-          if (found != 0) {
-            const int k = low + __ffs(static_cast<int>(found)) - 1;
-            found &= found - 1;
-            busy_.list[listed + __popc(any & ((1u << lane_) - 1u))] = {window_.entryOf(x, y, z + 8 * k),
-                                                                       place + static_cast<std::uint32_t>(k)};
-          }
-          listed += __popc(any);
-          if (listed > BusyLeaves::kMost - static_cast<int>(kWarp)) {
-            count += collisionsIn(listed);
-            listed = 0;
-          }
-        }
+        count += collisionsIn<false>(found, from);
       }
-      if (listed > 0) count += collisionsIn(listed);
-      listed = 0;
     }
     return count;
   }
 
  private:
-  /// Collisions in the leaves on the list; all lanes.
-  __device__ int collisionsIn(int listed) const {
+  /// Voxel of a leaf of BusyLeaves::Leaf::place, where its slab at x = 0 begins.
+  [[nodiscard]] __device__ Coord voxelAt(std::uint32_t place) const {
+    return Coord(point_ijk_[0] + box_.dx + static_cast<int>(place >> 16) - 8,
+                 (point_ijk_[1] & ~7) + 8 * (box_.leaf_dy + static_cast<int>(place >> 8 & 0xff)),
+                 (point_ijk_[2] & ~7) + 8 * (box_.slab_dz + static_cast<int>(place & 0xff)));
+  }
+  /// Collisions in leaves of a column, a column a lane; all lanes. They are listed first and then shared out: memory is
+  /// far away, and a lane with many of them would wait for each.
+  /// @tparam kWhole  the tool takes all of them  @param found  bit k: the k-th leaf above that at `place`
+  template <bool kWhole>
+  __device__ int collisionsIn(std::uint32_t found, std::uint32_t place) const {
+    int count = 0, listed = 0;
+#pragma unroll 1
+    for (unsigned any = __ballot_sync(kAllLanes, found != 0); any != 0; any = __ballot_sync(kAllLanes, found != 0)) {
+      if (found != 0) {
+        busy_.list[listed + __popc(any & ((1u << lane_) - 1u))].place =
+            place + static_cast<std::uint32_t>(__ffs(static_cast<int>(found)) - 1);
+        found &= found - 1;
+      }
+      listed += __popc(any);
+      if (listed > BusyLeaves::kMost - static_cast<int>(kWarp)) {
+        count += collisionsInListed<kWhole>(listed);
+        listed = 0;
+      }
+    }
+    return listed > 0 ? count + collisionsInListed<kWhole>(listed) : count;
+  }
+  template <bool kWhole>
+  __device__ int collisionsInListed(int listed) const {
     __syncwarp();
     int mine = 0;
 #pragma unroll 1
-    for (int first = 0; first < listed; first += 2 * kAtATime) {
-      const int n = first + (lane_ >> 3);  // the reads of two leaves do not wait for each other
-      mine += collisionsOf(n, listed) + collisionsOf(n + kAtATime, listed);
+    for (int n = lane_; n < listed; n += static_cast<int>(kWarp)) {
+      BusyLeaves::Leaf& leaf = busy_.list[n];
+      const Coord ijk = voxelAt(leaf.place);
+      if constexpr (kWhole) {
+        mine += static_cast<int>(window_.collisionsIn(ijk[0], ijk[1], ijk[2]));
+      } else {
+        leaf.entry = window_.entryOf(ijk[0], ijk[1], ijk[2]);
+      }
     }
-    __syncwarp();  // all have read the list
+    __syncwarp();
+    if constexpr (!kWhole) {
+#pragma unroll 1
+      for (int first = 0; first < listed; first += 2 * kAtATime) {
+        const int n = first + (lane_ >> 3);  // the reads of two leaves do not wait for each other
+        mine += collisionsOf(n, listed) + collisionsOf(n + kAtATime, listed);
+      }
+      __syncwarp();  // all have read the list
+    }
     return __reduce_add_sync(kAllLanes, mine);
   }
   /// Which of the leaves low .. low + 15 of the n-th column the tool takes as a whole: those between two full slabs.
@@ -126,15 +147,6 @@ class SlabCount {
     return bitsUpTo(end - low) & ~bitsUpTo(begin - low);
   }
   [[nodiscard]] static __device__ std::uint32_t bitsUpTo(int n) { return (1u << min(max(n, 0), 31)) - 1u; }
-  /// All that collides in leaves of a column, a column a lane; all lanes. @param full  from that of voxel (x, y, z) on
-  [[nodiscard]] __device__ int collisionsInFull(std::uint32_t full, int x, int y, int z) const {
-    std::uint32_t mine = 0;
-#pragma unroll 1
-    for (; full != 0; full &= full - 1) {
-      mine += window_.collisionsIn(x, y, z + 8 * (__ffs(static_cast<int>(full)) - 1));
-    }
-    return static_cast<int>(__reduce_add_sync(kAllLanes, mine));
-  }
   /// In one of the eight slabs of the n-th leaf.
   __device__ int collisionsOf(int n, int listed) const {
     const BusyLeaves::Leaf leaf = n < listed ? busy_.list[n] : BusyLeaves::Leaf{0, 0};
