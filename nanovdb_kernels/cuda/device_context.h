@@ -39,7 +39,8 @@ class DeviceContext {
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] int sharedBytesPerBlock() const { return shared_bytes_per_block_; }
   [[nodiscard]] cudaStream_t stream() const { return stream_; }  ///< of everything else
-  /// Of the mirror's writes, and of searches that take long. The device takes it before the other one.
+  /// Of the mirror's writes, of what is made from the mirror alone, and of searches that take long. The device takes it
+  /// before the other one.
   [[nodiscard]] cudaStream_t mirrorStream() const { return mirror_stream_; }
   [[nodiscard]] cudaEvent_t mirrorReady() const { return mirror_ready_; }  ///< recorded after the last flush
 

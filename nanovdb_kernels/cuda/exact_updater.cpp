@@ -246,8 +246,9 @@ class ExactUpdater final : public PointUpdater {
     return reach;
   }
 
-  /// Of this update. What it needs is the mirror: it runs beside what begin() has the device do, which may take longer.
-  /// @return how many points moved
+  /// Of this update. It needs the mirror, and that the moved points are found; after findNeighbours() it runs beside
+  /// what begin() has the device do, which may take longer.
+  /// @return with those points counted
   UpdateCounters prepareSearch(const UpdateInput& input) {
     const cudaStream_t beside = context_->mirrorStream();
     ACCESSVDB_CUDA(cudaStreamWaitEvent(beside, moved_found_.get()));
@@ -262,8 +263,8 @@ class ExactUpdater final : public PointUpdater {
     // More than what a block gets without asking would be taken from the cache; each node takes two entries.
     search_.window = planWindow(search_.tool, kPlainSharedBytes / BusyMapView::kEntries, false);
     search_.busy = makeBusyMap(input.map.grid, found.lowers, beside);
-    ACCESSVDB_CUDA(cudaEventRecord(fork_.get(), beside));
-    ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), fork_.get()));
+    ACCESSVDB_CUDA(cudaEventRecord(busy_made_.get(), beside));
+    ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), busy_made_.get()));
     growItems();
     items_ = 0;
     return found;
@@ -364,8 +365,8 @@ class ExactUpdater final : public PointUpdater {
 
   std::shared_ptr<DeviceContext> context_;
   DeviceMemory& memory_;
-  OwnedEvent fork_{cudaEventDisableTiming}, join_{cudaEventDisableTiming};  ///< of what runs beside the stream
-  OwnedEvent moved_found_{cudaEventDisableTiming};
+  OwnedEvent fork_{cudaEventDisableTiming}, join_{cudaEventDisableTiming};  ///< of the search
+  OwnedEvent moved_found_{cudaEventDisableTiming}, busy_made_{cudaEventDisableTiming};
   UpdateView view_;
   DeviceCounters counters_;
   PointTables points_;

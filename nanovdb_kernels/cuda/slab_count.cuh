@@ -1,7 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Counts the tool's collisions leaf by leaf: first the leaves that it touches are asked whether anything in them
-/// collides at all, a leaf a lane; the few that are left meet the slabs of the tool, eight lanes a leaf.
+/// collides at all, a column of them a lane; the few that are left go on a list, and meet the slabs of the tool, eight
+/// lanes a leaf.
 #pragma once
 
 #include <cstdint>

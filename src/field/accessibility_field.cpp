@@ -52,7 +52,6 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         scorer(points, params, *backend, reads),
         scheduler(makeScheduler()) {
     static_assert(internal::ScanIntegrator::kParts <= internal::UpdateScheduler::kMostParts);
-    points.describeTouched(scheduler->takesNews());
     integrator.noteDistances(distance_mirror != nullptr || scheduler->seesDistances());
     if (!scheduler->seesChanges()) return;
     integrator.visitChanges(
@@ -143,6 +142,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   /// with what changed in the map, the mirror takes that in. What of it is not hidden counts as integration.
   /// @return how long it took to note what the scan changed in the map; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
+    points.describeTouched(scheduler->takesNews());
     const internal::TouchedPoints* touched = nullptr;
     const auto add_returns = [&] { touched = &points.addReturns(scan.p_L, scan.q_L); };
     internal::runBeside(add_returns, [&] { integrator.bin(scan.p_L, scan.q_L); });
@@ -312,7 +312,7 @@ MemoryUse AccessibilityField::memoryUse() const {
     use.distance_mirror_bytes = impl_->distance_mirror->usedBytes() + impl_->distance_mirror->hostBytes();
   }
   use.point_host_bytes = impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes() +
-                         impl_->views.bytes() + impl_->setup.hostBytes();
+                         impl_->views.bytes() + impl_->setup.hostBytes() + impl_->gate.bytes();
   use.point_device_bytes =
       impl_->scorer.device().bytes() + impl_->setup.deviceBytes() + impl_->scheduler->deviceBytes();
   use.device_peak_bytes = impl_->backend->peakBytes();

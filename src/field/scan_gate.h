@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <cstdint>
 #include <optional>
 #include <span>
 #include <vector>
@@ -34,6 +35,9 @@ class ScanGate {
 
   /// World position of the local origin: the first sensor position rounded to whole voxels.
   [[nodiscard]] const Eigen::Vector3d& origin_W() const { return origin_W_; }
+  [[nodiscard]] std::uint64_t bytes() const {
+    return checked_.capacity() * sizeof(Checked) + (scan_.p_L.capacity() + scan_.q_L.capacity()) * sizeof(scan_.p_L[0]);
+  }
 
  private:
   /// A return in the local frame, as it is kept, or why it is not.

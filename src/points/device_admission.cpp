@@ -67,13 +67,16 @@ DeviceAdmission::DeviceAdmission(PointScorer& scorer, kernels::PointUpdater& upd
 
 void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                                   std::span<const Eigen::Vector3f> q_L) {
-  if (touched.news.size() != touched.all.size()) {
-    throw InternalError("admission.not_described", "", "A scan came without a description of the points it touched",
-                        "Please report this");
-  }
   if (++scans_ == 1) {
+    if (touched.news.size() != touched.all.size()) {
+      throw InternalError("admission.not_described", "", "A scan came without a description of the points it touched",
+                          "Please report this");
+    }
     ids_ = touched.all;
-    admit(touched.changed_blocks, touched.news);
+    admit([&] {
+      admitBlocks(touched.changed_blocks);
+      admitPoints(touched.news);
+    });
     updater_.findNeighbours();
   }
   for (std::size_t n = 0; n < touched.all.size(); ++n) {
@@ -115,25 +118,31 @@ void DeviceAdmission::know() {
   is_touched_.grow(known_points_);
 }
 
-/// Hands blocks and points over. Isolated, or this thread might take up work beside it while it waits, and what comes
-/// next would wait for that.
-void DeviceAdmission::admit(std::span<const std::uint32_t> changed_blocks, std::span<const kernels::PointNews> news) {
+/// Runs what hands over. Isolated, or this thread might take up work beside it while it waits, and what comes next
+/// would wait for that.
+template <typename HandOver>
+void DeviceAdmission::admit(const HandOver& hand_over) {
   scorer_.reserveDevice();
-  tbb::this_task_arena::isolate([&] {
-    for (std::size_t first = 0; first < changed_blocks.size(); first += kMostBlocks) {
-      const std::size_t count = std::min(changed_blocks.size() - first, kMostBlocks);
-      blocks_.news(changed_blocks.subspan(first, count), scorer_.points().index().blocks(), block_news_, block_ids_);
-      kernels::AdmitInput part = input();
-      part.blocks = block_news_;
-      part.block_ids = block_ids_;
-      updater_.admit(part);
-    }
-    for (std::size_t first = 0; first < news.size(); first += kMostNews) {
-      kernels::AdmitInput part = input();
-      part.news = news.subspan(first, std::min(news.size() - first, kMostNews));
-      updater_.admit(part);
-    }
-  });
+  tbb::this_task_arena::isolate(hand_over);
+}
+
+void DeviceAdmission::admitBlocks(std::span<const std::uint32_t> changed) {
+  for (std::size_t first = 0; first < changed.size(); first += kMostBlocks) {
+    const std::size_t count = std::min(changed.size() - first, kMostBlocks);
+    blocks_.news(changed.subspan(first, count), scorer_.points().index().blocks(), block_news_, block_ids_);
+    kernels::AdmitInput part = input();
+    part.blocks = block_news_;
+    part.block_ids = block_ids_;
+    updater_.admit(part);
+  }
+}
+
+void DeviceAdmission::admitPoints(std::span<const kernels::PointNews> news) {
+  for (std::size_t first = 0; first < news.size(); first += kMostNews) {
+    kernels::AdmitInput part = input();
+    part.news = news.subspan(first, std::min(news.size() - first, kMostNews));
+    updater_.admit(part);
+  }
 }
 
 /// What came with several scans, or with none: the points as they are by now.
@@ -143,18 +152,24 @@ void DeviceAdmission::admitAll() {
   ids_.resize(touched_.size() + added);
   for (std::size_t n = 0; n < touched_.size(); ++n) ids_[n] = touched_[n].id;
   std::iota(ids_.begin() + static_cast<std::ptrdiff_t>(touched_.size()), ids_.end(), known_points_);
-  std::vector<kernels::PointNews> news(ids_.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids_.size(), 256), [&](const auto& range) {
-    const Eigen::Vector3f none = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      news[n] = points.newsOf(ids_[n], n < touched_.size() ? touched_[n].before_L : none);
+  admit([&] {
+    std::vector<std::uint32_t> changed(added);
+    for (std::size_t n = 0; n < added; ++n) changed[n] = points.blockOf(ids_[touched_.size() + n]);
+    tbb::parallel_sort(changed);
+    changed.erase(std::unique(changed.begin(), changed.end()), changed.end());
+    admitBlocks(changed);
+    for (std::size_t first = 0; first < ids_.size(); first += kMostNews) {
+      news_.resize(std::min(ids_.size() - first, kMostNews));
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, news_.size(), 256), [&](const auto& range) {
+        const Eigen::Vector3f none = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
+        for (std::size_t n = range.begin(); n != range.end(); ++n) {
+          const std::size_t at = first + n;
+          news_[n] = points.newsOf(ids_[at], at < touched_.size() ? touched_[at].before_L : none);
+        }
+      });
+      admitPoints(news_);
     }
   });
-  std::vector<std::uint32_t> changed(added);
-  for (std::size_t n = 0; n < added; ++n) changed[n] = news[touched_.size() + n].block;
-  tbb::parallel_sort(changed);
-  changed.erase(std::unique(changed.begin(), changed.end()), changed.end());
-  admit(changed, news);
 }
 
 void DeviceAdmission::readWeights() {
@@ -214,7 +229,7 @@ std::uint64_t DeviceAdmission::bytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return blocks_.bytes() + fresh_.bytes() + is_touched_.bytes() + bytesOf(touched_) + bytesOf(reached_.voxels) +
          bytesOf(reached_.blocks) + bytesOf(ids_) + bytesOf(weights_) + bytesOf(crossed_) + bytesOf(read_weights_) +
-         bytesOf(block_news_) + bytesOf(block_ids_);
+         bytesOf(news_) + bytesOf(block_news_) + bytesOf(block_ids_);
 }
 
 }  // namespace accessvdb::internal

@@ -29,9 +29,10 @@ class DeviceAdmission {
   /// @param scorer, updater  alive as long as this  @param group_log2  the updater's
   DeviceAdmission(PointScorer& scorer, kernels::PointUpdater& updater, int group_log2);
 
-  /// One scan's returns are in the store, described (PointStore::describeTouched). Those of the first scan since the
-  /// last update are handed over, so that the backend can begin. Should another scan come before the update, that was
-  /// for nothing: all are handed over anew.
+  /// Whether noteReturns() needs the next scan described (PointStore::describeTouched).
+  [[nodiscard]] bool takesNews() const { return scans_ == 0; }
+  /// One scan's returns are in the store. Those of the first scan since the last update are handed over, so that the
+  /// backend can begin. Should another scan come before the update, that was for nothing: all are handed over anew.
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L);
   /// Has the backend got the points as they are?
@@ -53,7 +54,10 @@ class DeviceAdmission {
 
   void know();
   [[nodiscard]] kernels::AdmitInput input() const;
-  void admit(std::span<const std::uint32_t> changed_blocks, std::span<const kernels::PointNews> news);
+  template <typename HandOver>
+  void admit(const HandOver& hand_over);
+  void admitBlocks(std::span<const std::uint32_t> changed);
+  void admitPoints(std::span<const kernels::PointNews> news);
   void admitAll();
   void readWeightsOf(std::span<const std::uint32_t> ids, std::vector<kernels::PointWeight>& points);
   void findCrossed();
@@ -73,6 +77,7 @@ class DeviceAdmission {
   std::vector<kernels::PointWeight> weights_;  ///< of ids_
   std::vector<kernels::PointWeight> crossed_;  ///< points that became confident since the last update
   std::vector<std::uint16_t> read_weights_;    ///< readWeightsOf()
+  std::vector<kernels::PointNews> news_;
   std::vector<kernels::BlockNews> block_news_;
   std::vector<std::uint32_t> block_ids_;
 };

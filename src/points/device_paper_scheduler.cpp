@@ -26,7 +26,7 @@ class DevicePaperScheduler final : public UpdateScheduler {
     admission_.noteReturns(touched, p_L, q_L);
   }
 
-  bool takesNews() const override { return true; }
+  bool takesNews() const override { return admission_.takesNews(); }
   bool seesDistances() const override { return true; }
   void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                    const MapChanges& changes) override {

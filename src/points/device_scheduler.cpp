@@ -3,7 +3,6 @@
 /// The exact policy on a backend that decides by itself what is due (launch/point_updater.h): the host only says which
 /// points are new, touched or confident by now (device_admission.h), and in which leaves facts flipped. Without a
 /// budget what comes out is what exact_scheduler.cpp brings out.
-#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
@@ -62,7 +61,7 @@ class DeviceScheduler final : public UpdateScheduler {
     admission_.noteReturns(touched, p_L, q_L);
   }
 
-  bool takesNews() const override { return true; }
+  bool takesNews() const override { return admission_.takesNews(); }
   bool seesChanges() const override { return true; }
   void noteChange(std::size_t part, const LeafChange& change) override {
     if (!anything_scored_) return;

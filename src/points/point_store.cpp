@@ -6,7 +6,6 @@
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
-#include <algorithm>
 #include <array>
 #include <cmath>
 #include <limits>
@@ -104,6 +103,7 @@ void PointStore::addNew() {
   }
   touched.new_points = added_.size();
   index_.insertAll(added_);
+  touched.changed_blocks.clear();
   if (describe_touched_) index_.blocksOfLastInsert(touched.changed_blocks);
   block_.growRaw(before + added_.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, added_.size(), kPointsPerTask), [&](const auto& range) {
@@ -159,7 +159,7 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
 
   touched.before_L.resize(groups.size());
   touched.views_changed.assign(groups.size(), 0);
-  if (describe_touched_) touched.news.resize(groups.size());
+  touched.news.resize(describe_touched_ ? groups.size() : 0);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
       const std::uint32_t id = touched.all[g];

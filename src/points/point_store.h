@@ -64,8 +64,8 @@ class PointStore {
   /// @param direction_xy  [2 D] yaw directions, as in DirectionTable
   PointStore(const FieldParams& resolved, std::vector<float> direction_xy);
 
-  /// Whether addReturns() is to tell of touched points what a backend has to know that keeps them by itself. While it
-  /// has a point in its hands that costs next to nothing; looking at them all once more takes longer than that.
+  /// Whether addReturns() is to tell of touched points what a backend has to know that keeps them by itself. It takes
+  /// less time while all threads have the points in their hands than later.
   void describeTouched(bool wanted) { describe_touched_ = wanted; }
   /// Adds the returns of one scan. @param q_L  [n] or [1] sensor positions
   /// @return valid until the next call

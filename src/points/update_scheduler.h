@@ -29,7 +29,7 @@ class UpdateScheduler {
   /// @param p_L  [n] returns  @param q_L  [n] or [1] sensor positions
   virtual void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                            std::span<const Eigen::Vector3f> q_L) = 0;
-  /// Whether noteReturns() wants PointStore::describeTouched().
+  /// Whether noteReturns() wants PointStore::describeTouched() of the next scan.
   [[nodiscard]] virtual bool takesNews() const { return false; }
   /// Whether it wants to see each change of the map with noteChange() before noteChanges().
   [[nodiscard]] virtual bool seesChanges() const { return false; }

@@ -4,11 +4,11 @@
 /// updater takes everything and does nothing. The flight is that of `accessvdb bench --scene pine`.
 ///
 /// Prints milliseconds a frame, by the clock and of processor time over all threads, over the last frames:
-///   returns   PointStore::addReturns, part of the verb's `integrate`
+///   returns   PointStore::addReturns, which describes new and touched points, part of the verb's `integrate`
 ///   blocks    of UpdateScheduler::noteReturns: blocks with new points, part of the verb's `integrate`
-///   points    of noteReturns: new and touched points
+///   points    of noteReturns: handing those descriptions over
 ///   reached   of noteReturns: the rest, which leaves the scan reached
-///   flips     UpdateScheduler::noteChanges: joining what noteChange() noted while the map took the scan in, not timed
+///   flips     UpdateScheduler::noteChanges; what noteChange() noted while the map took the scan in is not timed
 ///   crossed   of update(): which points became confident, and all weights, in order
 ///   rest      of update(): after the updater; what ran beside it was over sooner or is here
 /// and hashes of what the updater was told, in no order, which no change of speed may change. Options by environment:
@@ -75,7 +75,7 @@ class Listener final : public kernels::PointUpdater {
   void admit(const kernels::AdmitInput& input) override {
     phases_.end(input.news.empty() ? kBlocks : kPoints);
     for (const kernels::PointNews& news : input.news) {
-      std::uint64_t hash = mixed(news.id, news.block);
+      std::uint64_t hash = mixed(1, news.id);
       for (int axis = 0; axis < 3; ++axis) {
         hash = mixed(hash, bitsOf(news.position_L[axis]));
         hash = mixed(hash, bitsOf(news.mean_L[axis]));
@@ -142,7 +142,6 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   internal::PointScorer scorer(points, params, backend,
                                internal::makeMapReads(map, points, params.scoring.neighbourhood_weight));
   const auto scheduler = internal::makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
-  points.describeTouched(scheduler->takesNews());
   integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
   Told first_told;
   for (std::size_t n = 0; n < scans.size(); ++n) {
@@ -154,6 +153,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
     phases.nextFrame();
     phases.begin();
+    points.describeTouched(scheduler->takesNews());
     const internal::TouchedPoints& touched = points.addReturns(scan.p_L, {&scan.q_L, 1});
     phases.end(kReturns);
     scheduler->noteReturns(touched, scan.p_L, {&scan.q_L, 1});

@@ -157,7 +157,6 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   PointScorer scorer(points, params, backend, makeMapReads(map, points, c.neighbourhood_weight));
   const auto scheduler = makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
   ASSERT_NE(scheduler, nullptr);
-  points.describeTouched(scheduler->takesNews());
   ASSERT_TRUE(scheduler->seesChanges());
   integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
 
@@ -179,6 +178,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
         if (c.rays || n == 0) q.push_back(random.point(2) + Eigen::Vector3f(0, 0, 4));
       }
       const IntegrationResult result = integrator.integrate(p, q);
+      points.describeTouched(scheduler->takesNews());
       const TouchedPoints touched = points.addReturns(p, q);
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);

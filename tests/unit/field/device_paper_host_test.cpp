@@ -99,7 +99,6 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
   const auto scheduler = makeDevicePaperScheduler(scorer);
   ASSERT_NE(scheduler, nullptr);
   ASSERT_TRUE(scheduler->seesDistances());
-  points.describeTouched(scheduler->takesNews());
 
   Random random(5);
   std::vector<double> distance_m;  // of every point, after the last scan
@@ -120,6 +119,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
       ++scans;
       const Eigen::Vector3f q = random.point(1) + Eigen::Vector3f(0, 0, 4);
       const IntegrationResult result = integrator.integrate(p, {&q, 1});
+      points.describeTouched(scheduler->takesNews());
       const TouchedPoints touched = points.addReturns(p, {&q, 1});
       scheduler->noteReturns(touched, p, {&q, 1});
       const bool unchanged = GetParam().first_changes_nothing && points.size() == touched.new_points;

@@ -5,6 +5,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
 #include <set>
 
@@ -39,9 +40,10 @@ TEST(DeviceBlocks, NumberGroupsByPlace) {
         const Index3 voxel = {random.between(-60, 60), random.between(-60, 60), random.between(-20, 20)};
         if (index.find(voxel) == kNone) changed.insert(index.insert(voxel, next_id++));
       }
-      const std::vector<std::uint32_t> ascending(changed.begin(), changed.end());
-      blocks.news(ascending, index.blocks(), news, ids);
-      ASSERT_EQ(news.size(), ascending.size());
+      std::vector<std::uint32_t> in_any_order(changed.begin(), changed.end());
+      if (batch % 2 == 1) std::ranges::reverse(in_any_order);
+      blocks.news(in_any_order, index.blocks(), news, ids);
+      ASSERT_EQ(news.size(), in_any_order.size());
       for (const kernels::BlockNews& block : news) {
         ASSERT_EQ(block.is_new != 0, told.insert(block.block).second);
         if (block.is_new == 0) continue;

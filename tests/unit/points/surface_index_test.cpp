@@ -68,11 +68,11 @@ TEST(SurfaceIndex, EqualsAMap) {
 TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
   for (const std::int32_t extent : {3, 20, 300, 1000000}) {
     Random random(static_cast<std::uint64_t>(extent) + 7);
-    SurfaceIndex one_by_one, at_once;
+    SurfaceIndex one_by_one, at_once, backwards;
     std::set<Index3> taken;
     std::uint32_t next_id = 0;
     for (const std::size_t batch : {std::size_t{0}, std::size_t{1}, std::size_t{2}, std::size_t{300}, std::size_t{5000},
-                                    std::size_t{40}, std::size_t{2000}}) {
+                                    std::size_t{40}, std::size_t{2000}, std::size_t{0}}) {
       std::vector<NewVoxel> points;
       for (std::size_t n = 0; n < batch; ++n) {
         const Index3 v = {random.between(-extent, extent), random.between(-extent, extent),
@@ -86,9 +86,17 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
         ASSERT_EQ(place.id, kNone);
         if (batch % 3 == 0) point.block = place.block;
       }
+      std::vector<NewVoxel> reversed(points.rbegin(), points.rend());
+      backwards.insertAll(reversed);
       at_once.insertAll(points);
+      // Numbers do not depend on the order of the points.
       for (const NewVoxel& point : points) {
-        one_by_one.insert(point.voxel, point.id);
+        ASSERT_EQ(backwards.blockAt(parentOf(point.voxel)), point.block);
+        ASSERT_EQ(backwards.cellAt(parentOf(parentOf(point.voxel))), at_once.cellAt(parentOf(parentOf(point.voxel))));
+      }
+      for (const NewVoxel& point : points) {
+        const std::uint32_t block = one_by_one.insert(point.voxel, point.id);
+        ASSERT_EQ(one_by_one.blockAt(parentOf(point.voxel)), block);
         ASSERT_EQ(at_once.blockAt(parentOf(point.voxel)), point.block);
       }
       std::set<std::uint32_t> changed;
