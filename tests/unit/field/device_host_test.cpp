@@ -36,6 +36,7 @@ struct Told {
   std::vector<kernels::PointWeight> weights, crossed;
   bool neighbours_begun = false;
   bool begun_before_update = false;
+  int news_parts = 0, block_parts = 0;  ///< hand-overs so far
   std::map<Index3, LeafFacts> flips;
   std::vector<std::uint32_t> slots;  ///< ids
   struct Block {
@@ -65,6 +66,8 @@ class Listener final : public kernels::PointUpdater {
   void admit(const kernels::AdmitInput& input) override {
     if (std::exchange(told_.neighbours_begun, false)) told_.news.clear();
     told_.news.insert(told_.news.end(), input.news.begin(), input.news.end());
+    told_.news_parts += input.news.empty() ? 0 : 1;
+    told_.block_parts += input.blocks.empty() ? 0 : 1;
     told_.slots.resize(std::max<std::size_t>(told_.slots.size(), input.num_slots), kNone);
     for (const kernels::BlockNews& block : input.blocks) {
       EXPECT_EQ(told_.blocks.contains(block.block) ? 0u : 1u, block.is_new);
@@ -101,6 +104,8 @@ struct HostCase {
   int scans_an_update = 1;
   bool rays = false;
   bool ahead = true;  ///< prepare() comes before the update
+  int updates = 14, returns = 220;
+  float spread_m = 1;  ///< of a scan's returns
 };
 void PrintTo(const HostCase& c, std::ostream* out) { *out << c.name; }
 
@@ -164,15 +169,15 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   std::set<std::uint32_t> confident;               // as told
   std::map<std::uint32_t, Eigen::Vector3f> means;  // at the last update
   std::size_t late = 0, waiting = 0, touched_known = 0;
-  for (int update = 0; update < 14; ++update) {
+  for (int update = 0; update < c.updates; ++update) {
     told.news.clear();
     std::set<std::uint32_t> touched_ids;
     std::map<Index3, LeafFacts> flips;
     for (int scan = 0; scan < c.scans_an_update; ++scan) {
       std::vector<Eigen::Vector3f> p, q;
       const Eigen::Vector3f patch = random.point(1.5);
-      for (int n = 0; n < 220; ++n) {
-        Eigen::Vector3f x = patch + random.point(1);
+      for (int n = 0; n < c.returns; ++n) {
+        Eigen::Vector3f x = patch + random.point(c.spread_m);
         x.z() = 0.3f * std::sin(2 * x.x()) + 0.03f * x.z();
         p.push_back(x);
         if (c.rays || n == 0) q.push_back(random.point(2) + Eigen::Vector3f(0, 0, 4));
@@ -262,6 +267,10 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   EXPECT_GT(late, 50u);
   EXPECT_GT(waiting, 500u);
   EXPECT_GT(touched_known, 50u);
+  if (c.spread_m > 1) {
+    EXPECT_GE(told.news_parts, 2 * c.updates);
+    EXPECT_GT(told.block_parts, c.updates);
+  }
 }
 
 INSTANTIATE_TEST_SUITE_P(
@@ -270,7 +279,10 @@ INSTANTIATE_TEST_SUITE_P(
                     HostCase{"a higher bound", UpdateRegion::DoubleCone, true, 0.5, 2, true},
                     HostCase{"own voxel only", UpdateRegion::FullCube, false, 0.6},
                     HostCase{"projective", UpdateRegion::Projective, true},
-                    HostCase{"nothing ahead", UpdateRegion::DoubleCone, true, 0.2, 1, false, false}));
+                    HostCase{"nothing ahead", UpdateRegion::DoubleCone, true, 0.2, 1, false, false},
+                    // More points, and more blocks, than are handed over at a time.
+                    HostCase{"a large scan", UpdateRegion::DoubleCone, true, 0.2, 1, false, true, 2, 75000, 26},
+                    HostCase{"large scans", UpdateRegion::DoubleCone, true, 0.2, 2, false, true, 2, 40000, 26}));
 
 }  // namespace
 }  // namespace accessvdb::internal
