@@ -25,21 +25,11 @@ constexpr double kSensorSteps = 1 << 16;  // of a metre
 /// Viewpoints nearer than this to a stored one are not stored (SPEC a.2).
 constexpr float kViewpointSpacing_m = 0.10f;
 
-constexpr std::int32_t kKeyBias = 1 << 20;
-std::uint64_t keyOf(const Index3& voxel) {
-  std::uint64_t key = 0;
-  for (const std::int32_t x : voxel) key = key << 21 | static_cast<std::uint64_t>(x + kKeyBias);
-  return key;
-}
 /// Bit n of the lowest eight is byte n, which is 0 or 1.
 std::uint64_t bitsOfBytes(const std::uint8_t* bytes) {
   std::uint64_t all = 0;
   for (int n = 0; n < 8; ++n) all |= std::uint64_t{bytes[n]} << (8 * n);
   return all * 0x0102040810204080u >> 56;  // byte n meets 2^(56 - 7 n) of the factor, and no two meet at one bit
-}
-Index3 voxelOfKey(std::uint64_t key) {
-  const auto axis = [&](int shift) { return static_cast<std::int32_t>(key >> shift & ((1u << 21) - 1)) - kKeyBias; };
-  return {axis(42), axis(21), axis(0)};
 }
 
 }  // namespace
@@ -55,13 +45,13 @@ Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
   return {ijk[0], ijk[1], ijk[2]};
 }
 
-/// By voxel, and by value inside a voxel, so that their order in the scan does not matter.
+/// By the place of their voxel, and by value inside a voxel, so that their order in the scan does not matter.
 void PointStore::group(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
   std::vector<KeyedReturn>& returns = groups_.returns;
   returns.resize(p_L.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      returns[n] = {keyOf(voxelOf(p_L[n])), static_cast<std::uint32_t>(n)};
+      returns[n] = {placeOf(voxelOf(p_L[n])), static_cast<std::uint32_t>(n)};
     }
   });
   const auto values = [&](std::uint32_t n) {
@@ -69,11 +59,11 @@ void PointStore::group(std::span<const Eigen::Vector3f> p_L, std::span<const Eig
     return std::make_tuple(p.x(), p.y(), p.z(), q.x(), q.y(), q.z());
   };
   tbb::parallel_sort(returns, [&](const KeyedReturn& a, const KeyedReturn& b) {
-    return a.key != b.key ? a.key < b.key : values(a.index) < values(b.index);
+    return a.place != b.place ? a.place < b.place : values(a.index) < values(b.index);
   });
   groups_.begin.clear();
   for (std::size_t n = 0; n < returns.size(); ++n) {
-    if (n == 0 || returns[n].key != returns[n - 1].key) groups_.begin.push_back(static_cast<std::uint32_t>(n));
+    if (n == 0 || returns[n].place != returns[n - 1].place) groups_.begin.push_back(static_cast<std::uint32_t>(n));
   }
   groups_.begin.push_back(static_cast<std::uint32_t>(returns.size()));
 }
@@ -82,13 +72,14 @@ void PointStore::locateGroups() {
   voxels_.resize(groups_.size());
   places_.resize(groups_.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups_.size(), kPointsPerTask), [&](const auto& range) {
-    for (std::size_t g = range.begin(); g != range.end(); ++g) voxels_[g] = voxelOfKey(groups_.first(g).key);
+    for (std::size_t g = range.begin(); g != range.end(); ++g) voxels_[g] = voxelAt(groups_.first(g).place);
     index_.locate(std::span(voxels_).subspan(range.begin(), range.size()),
                   std::span(places_).subspan(range.begin(), range.size()));
   });
 }
 
-/// Gives an id to each group, a new one where its voxel has none, in the order of the voxels.
+/// Gives an id to each group, a new one where its voxel has none, in the order of their places:
+/// so points that come together and lie in one leaf have ids that follow each other, and so do most of their readers.
 void PointStore::addNew() {
   TouchedPoints& touched = touched_;
   locateGroups();

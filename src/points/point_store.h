@@ -48,7 +48,7 @@ struct Viewpoints {
   std::uint32_t count = 0;
 };
 
-/// Points that a scan touched, by ascending voxel.
+/// Points that a scan touched, by the place of their voxel (placeOf).
 struct TouchedPoints {
   std::vector<std::uint32_t> all;           ///< new ones included
   std::vector<Eigen::Vector3f> before_L;    ///< pca_L() of each before the scan; NaN where it is new
@@ -103,7 +103,7 @@ class PointStore {
   };
   /// A return with its voxel.
   struct KeyedReturn {
-    std::uint64_t key;  ///< sorts by voxel
+    std::uint64_t place;  ///< of its voxel
     std::uint32_t index;
   };
   /// The returns of a scan, voxel by voxel.

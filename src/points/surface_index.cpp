@@ -4,7 +4,6 @@
 
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
-#include <tbb/parallel_sort.h>
 
 #include <algorithm>
 #include <atomic>
@@ -14,7 +13,7 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::size_t kPointsPerTask = 256, kGroupsPerTask = 64;
+constexpr std::size_t kGroupsPerTask = 64;
 constexpr std::size_t kLocatedTogether = 32;
 
 bool testBit(const LeafBits& bits, std::size_t n) { return (bits[n >> 6] >> (n & 63) & 1u) != 0; }
@@ -24,13 +23,6 @@ std::size_t rankOf(const LeafBits& bits, std::size_t n) {
   std::size_t rank = 0;
   for (std::size_t word = 0; word < n >> 6; ++word) rank += static_cast<std::size_t>(std::popcount(bits[word]));
   return rank + static_cast<std::size_t>(std::popcount(bits[n >> 6] & ((std::uint64_t{1} << (n & 63)) - 1)));
-}
-
-/// Voxels lie within +-2^20, leaves within +-2^17.
-std::uint64_t placeOf(const Index3& voxel) {
-  std::uint64_t place = 0;
-  for (const std::int32_t x : voxel) place = place << 18 | static_cast<std::uint64_t>((x >> 3) + (1 << 17));
-  return place << 9 | bitInParent(voxel);
 }
 
 }  // namespace
@@ -79,27 +71,16 @@ void SurfaceIndex::locateFew(std::span<const Index3> voxels, std::span<Located> 
   }
 }
 
-void SurfaceIndex::sortByPlace(std::span<const NewVoxel> points) {
-  order_.resize(points.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), kPointsPerTask), [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      order_[n] = {placeOf(points[n].voxel), static_cast<std::uint32_t>(n)};
-    }
-  });
-  tbb::parallel_sort(order_.begin(), order_.end(),
-                     [](const Placed& a, const Placed& b) { return a.place < b.place; });  // all differ
-}
-
-void SurfaceIndex::groupByLeaf() {
+void SurfaceIndex::groupByLeaf(std::span<const NewVoxel> points) {
   groups_.clear();
-  for (std::uint32_t n = 0; n < order_.size(); ++n) {
-    if (n == 0 || order_[n].place >> 9 != order_[n - 1].place >> 9) groups_.push_back({n, n});
+  for (std::uint32_t n = 0; n < points.size(); ++n) {
+    if (n == 0 || parentOf(points[n].voxel) != parentOf(points[n - 1].voxel)) groups_.push_back({n, n});
     groups_.back().end = n + 1;
   }
 }
 
-void SurfaceIndex::findBlock(Group& group, std::span<const Placed> order, std::span<const NewVoxel> points) const {
-  const NewVoxel& first = points[order[group.begin].index];
+void SurfaceIndex::findBlock(Group& group, std::span<const NewVoxel> points) const {
+  const NewVoxel& first = points[group.begin];
   group.block = first.block;
   if (group.block == kNone) {
     const Index3 leaf = parentOf(first.voxel);
@@ -110,11 +91,10 @@ void SurfaceIndex::findBlock(Group& group, std::span<const Placed> order, std::s
 }
 
 /// Gives blocks to the groups without one. Blocks and cells are numbered in the order of the groups.
-void SurfaceIndex::makeBlocks(std::span<Group> groups, std::span<const Placed> order,
-                              std::span<const NewVoxel> points) {
+void SurfaceIndex::makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points) {
   const std::size_t blocks_before = blocks_.size(), cells_before = cells_.size();
   std::size_t num_blocks = blocks_before, num_cells = cells_before;
-  const auto leafOf = [&](const Group& group) { return parentOf(points[order[group.begin].index].voxel); };
+  const auto leafOf = [&](const Group& group) { return parentOf(points[group.begin].voxel); };
   for (Group& group : groups) {
     if (group.block != kNone) continue;
     group.block = static_cast<std::uint32_t>(num_blocks++);
@@ -150,13 +130,13 @@ void SurfaceIndex::takeRuns(std::span<Group> groups) {
   }
 }
 
-void SurfaceIndex::addTo(const Group& group, std::span<const Placed> order, std::span<NewVoxel> points) {
+void SurfaceIndex::addTo(const Group& group, std::span<NewVoxel> points) {
   PointBlock& to = blocks_[group.block];
   LeafBits added = {};
   for (std::uint32_t n = group.begin; n < group.end; ++n) {
-    const std::size_t bit = order[n].place & 511;
+    const std::size_t bit = bitInParent(points[n].voxel);
     added[bit >> 6] |= std::uint64_t{1} << (bit & 63);
-    points[order[n].index].block = group.block;
+    points[n].block = group.block;
   }
   // From the back: each id moves up by the number of points that come before it.
   std::size_t from = to.ids.size(), left = group.end - group.begin;
@@ -168,7 +148,7 @@ void SurfaceIndex::addTo(const Group& group, std::span<const Placed> order, std:
       const std::uint64_t last = std::bit_floor(bits);
       bits &= ~last;
       const bool is_new = (added[word] & last) != 0;
-      run[from + left - 1] = is_new ? points[order[group.begin + left - 1].index].id : ids[from - 1];
+      run[from + left - 1] = is_new ? points[group.begin + left - 1].id : ids[from - 1];
       --(is_new ? left : from);
     }
   }
@@ -183,23 +163,21 @@ std::uint32_t SurfaceIndex::insert(const Index3& voxel, std::uint32_t id) {
 }
 
 void SurfaceIndex::insertAll(std::span<NewVoxel> points) {
-  sortByPlace(points);
-  groupByLeaf();
-  const std::span<const Placed> order = order_;
+  groupByLeaf(points);
   const std::span<Group> groups = groups_;
   const tbb::blocked_range<std::size_t> all(0, groups.size(), kGroupsPerTask);
   tbb::parallel_for(all, [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
-      findBlock(groups[g], order, points);
+      findBlock(groups[g], points);
     }
   });
-  makeBlocks(groups, order, points);
+  makeBlocks(groups, points);
   takeRuns(groups);
   outgrown_.assign(groups.size(), nullptr);
   tbb::parallel_for(all, [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
       if (groups[g].larger_run != nullptr) outgrown_[g] = blocks_[groups[g].block].ids.data();
-      addTo(groups[g], order, points);
+      addTo(groups[g], points);
     }
   });
   for (std::size_t g = 0; g < groups.size(); ++g) {
@@ -213,8 +191,8 @@ void SurfaceIndex::blocksOfLastInsert(std::vector<std::uint32_t>& blocks) const 
 }
 
 std::uint64_t SurfaceIndex::bytes() const {
-  return cell_of_.bytes() + cells_.bytes() + blocks_.bytes() + runs_.bytes() + order_.capacity() * sizeof(Placed) +
-         groups_.capacity() * sizeof(Group) + outgrown_.capacity() * sizeof(outgrown_[0]);
+  return cell_of_.bytes() + cells_.bytes() + blocks_.bytes() + runs_.bytes() + groups_.capacity() * sizeof(Group) +
+         outgrown_.capacity() * sizeof(outgrown_[0]);
 }
 
 }  // namespace accessvdb::internal

@@ -52,8 +52,7 @@ class SurfaceIndex {
   void locate(std::span<const Index3> voxels, std::span<Located> found) const;
   /// The voxel must be free. @return index of its block
   std::uint32_t insert(const Index3& voxel, std::uint32_t id);
-  /// As insert() of each, in parallel; only the numbers of new blocks and cells are others. The voxels are free and
-  /// differ.
+  /// As insert() of each, in parallel. The voxels are free, and come in the order of their places (placeOf).
   void insertAll(std::span<NewVoxel> points);
   /// The blocks to which the last insertAll() added, each once, in no order.
   void blocksOfLastInsert(std::vector<std::uint32_t>& blocks) const;
@@ -87,26 +86,20 @@ class SurfaceIndex {
     LeafBits present = {};
     std::array<std::uint32_t, 512> block;
   };
-  /// A point's place and its position among those that come with it.
-  struct Placed {
-    std::uint64_t place;  ///< sorts by leaf, then by bit in the leaf
-    std::uint32_t index;
-  };
-  /// New points of one block: [begin, end) of the sorted ones.
+  /// New points of one block: [begin, end) of those that come together.
   struct Group {
     std::uint32_t begin, end;
     std::uint32_t cell = kNone, block = kNone;
     std::uint32_t ids_before = 0;
     std::uint32_t* larger_run = nullptr;  ///< where the block's own has no room for them
   };
-  void sortByPlace(std::span<const NewVoxel> points);
-  void groupByLeaf();
-  void findBlock(Group& group, std::span<const Placed> order, std::span<const NewVoxel> points) const;
+  void groupByLeaf(std::span<const NewVoxel> points);
+  void findBlock(Group& group, std::span<const NewVoxel> points) const;
   void locateFew(std::span<const Index3> voxels, std::span<Located> found) const;
-  void makeBlocks(std::span<Group> groups, std::span<const Placed> order, std::span<const NewVoxel> points);
+  void makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points);
   void takeRuns(std::span<Group> groups);
   /// In parallel for different blocks.
-  void addTo(const Group& group, std::span<const Placed> order, std::span<NewVoxel> points);
+  void addTo(const Group& group, std::span<NewVoxel> points);
 
   template <typename Visit>
   static void visitCell(const Cell& cell, const Index3& c, const Index3& low, const Index3& high, const Visit& visit) {
@@ -129,7 +122,6 @@ class SurfaceIndex {
   ChunkedArray<PointBlock> blocks_;
   IdRuns runs_;
   // Of one insertAll(); kept, as memory that is taken anew each time has to be cleared by the system first.
-  std::vector<Placed> order_;
   std::vector<Group> groups_;
   std::vector<std::uint32_t*> outgrown_;
 };
@@ -139,5 +131,19 @@ inline std::size_t bitInParent(const Index3& i) {
   return static_cast<std::size_t>((i[0] & 7) << 6 | (i[1] & 7) << 3 | (i[2] & 7));
 }
 inline Index3 parentOf(const Index3& i) { return {i[0] >> 3, i[1] >> 3, i[2] >> 3}; }
+
+/// Sorts voxels by leaf, and those of a leaf by bit. Voxels lie within +-2^20, leaves within +-2^17.
+inline std::uint64_t placeOf(const Index3& voxel) {
+  std::uint64_t place = 0;
+  for (const std::int32_t x : voxel) place = place << 18 | static_cast<std::uint64_t>((x >> 3) + (1 << 17));
+  return place << 9 | bitInParent(voxel);
+}
+inline Index3 voxelAt(std::uint64_t place) {
+  const auto axis = [&](int leaf_shift, int bit_shift) {
+    const auto leaf = static_cast<std::int32_t>(place >> leaf_shift & ((1u << 18) - 1)) - (1 << 17);
+    return leaf * 8 + static_cast<std::int32_t>(place >> bit_shift & 7);
+  };
+  return {axis(45, 6), axis(27, 3), axis(9, 0)};
+}
 
 }  // namespace accessvdb::internal

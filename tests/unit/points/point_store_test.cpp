@@ -8,6 +8,7 @@
 #include <map>
 #include <numeric>
 #include <tuple>
+#include <utility>
 
 #include "unit/points/random_points.h"
 
@@ -32,6 +33,13 @@ std::vector<Scan> randomScans(std::uint64_t seed, double v, bool rays) {
   }
   return scans;
 }
+
+/// The order in which a scan's points come.
+struct LeafByLeaf {
+  bool operator()(const Index3& a, const Index3& b) const {
+    return std::make_pair(parentOf(a), a) < std::make_pair(parentOf(b), b);
+  }
+};
 
 Index3 voxelOf(const Eigen::Vector3f& p, double v) {
   Index3 voxel;
@@ -59,7 +67,7 @@ TEST_P(PointStoreSums, EqualPlainSums) {
   const std::vector<Scan> scans = randomScans(1, v, GetParam());
   for (std::size_t s = 0; s < scans.size(); ++s) {
     const std::size_t before = plain.size();
-    std::map<Index3, int> of_scan;
+    std::map<Index3, int, LeafByLeaf> of_scan;
     for (std::size_t n = 0; n < scans[s].p.size(); ++n) {
       const Eigen::Vector3f &p = scans[s].p[n], &q = scans[s].q[scans[s].q.size() == 1 ? 0 : n];
       const auto [entry, is_new] = plain.try_emplace(voxelOf(p, v));

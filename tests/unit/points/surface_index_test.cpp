@@ -4,8 +4,10 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <map>
 #include <set>
+#include <utility>
 
 #include "unit/points/random_points.h"
 
@@ -68,7 +70,7 @@ TEST(SurfaceIndex, EqualsAMap) {
 TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
   for (const std::int32_t extent : {3, 20, 300, 1000000}) {
     Random random(static_cast<std::uint64_t>(extent) + 7);
-    SurfaceIndex one_by_one, at_once, backwards;
+    SurfaceIndex one_by_one, at_once;
     std::set<Index3> taken;
     std::uint32_t next_id = 0;
     for (const std::size_t batch : {std::size_t{0}, std::size_t{1}, std::size_t{2}, std::size_t{300}, std::size_t{5000},
@@ -79,6 +81,7 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
                           random.between(-extent, extent)};
         if (taken.insert(v).second) points.push_back({v, next_id++, kNone});
       }
+      std::ranges::sort(points, {}, [](const NewVoxel& point) { return placeOf(point.voxel); });
       // Blocks that are known beforehand, for every other batch.
       for (NewVoxel& point : points) {
         Located place;
@@ -86,18 +89,14 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
         ASSERT_EQ(place.id, kNone);
         if (batch % 3 == 0) point.block = place.block;
       }
-      std::vector<NewVoxel> reversed(points.rbegin(), points.rend());
-      backwards.insertAll(reversed);
       at_once.insertAll(points);
-      // Numbers do not depend on the order of the points.
-      for (const NewVoxel& point : points) {
-        ASSERT_EQ(backwards.blockAt(parentOf(point.voxel)), point.block);
-        ASSERT_EQ(backwards.cellAt(parentOf(parentOf(point.voxel))), at_once.cellAt(parentOf(parentOf(point.voxel))));
-      }
       for (const NewVoxel& point : points) {
         const std::uint32_t block = one_by_one.insert(point.voxel, point.id);
         ASSERT_EQ(one_by_one.blockAt(parentOf(point.voxel)), block);
-        ASSERT_EQ(at_once.blockAt(parentOf(point.voxel)), point.block);
+        ASSERT_EQ(at_once.blockAt(parentOf(point.voxel)), block);
+        ASSERT_EQ(point.block, block);
+        const Index3 cell = parentOf(parentOf(point.voxel));
+        ASSERT_EQ(at_once.cellAt(cell), one_by_one.cellAt(cell));
       }
       std::set<std::uint32_t> changed;
       for (const NewVoxel& point : points) changed.insert(point.block);
@@ -122,6 +121,25 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
     ASSERT_EQ(at_once.cellAt({1 << 19, 0, 0}), kNone);
     if (extent == 20) {
       ASSERT_GT(next_id, 4 * at_once.blocks().size());  // blocks of many points
+    }
+  }
+}
+
+TEST(SurfaceIndex, PlacesSortByLeafAndThenByBit) {
+  constexpr std::int32_t kEdge = 1 << 20;
+  std::vector<Index3> voxels = {{-kEdge, -kEdge, -kEdge}, {kEdge - 1, kEdge - 1, kEdge - 1}, {0, 0, 0}, {-1, 0, 7}};
+  Random random(11);
+  for (const std::int32_t extent : {9, 40, kEdge - 1}) {
+    for (int n = 0; n < 200; ++n) {
+      voxels.push_back(
+          {random.between(-extent, extent), random.between(-extent, extent), random.between(-extent, extent)});
+    }
+  }
+  for (const Index3& a : voxels) {
+    ASSERT_EQ(voxelAt(placeOf(a)), a);
+    for (const Index3& b : voxels) {
+      ASSERT_EQ(placeOf(a) < placeOf(b),
+                std::make_pair(parentOf(a), bitInParent(a)) < std::make_pair(parentOf(b), bitInParent(b)));
     }
   }
 }
