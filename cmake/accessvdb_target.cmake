@@ -27,3 +27,15 @@ function(accessvdb_layer name)
   target_link_libraries(accessvdb_${name} PUBLIC ${LAYER_LINKS})
   set_property(GLOBAL APPEND PROPERTY ACCESSVDB_LAYERS accessvdb_${name})
 endfunction()
+
+# accessvdb_together(TARGET GROUP FILE...): sources of a target that share costly headers and no name. With ACCESSVDB_UNITY
+# (preset ci) each group is compiled as one translation unit, which saves time where no cache knows the files; options
+# stay. A clash of two names is mended by another name or group, or by leaving the file out. Each group must pass with 2 GB.
+function(accessvdb_together target group)
+  if(ACCESSVDB_UNITY)
+    set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_MODE GROUP)
+    set_source_files_properties(${ARGN} PROPERTIES UNITY_GROUP ${group})
+    # GCC warns of unnamed namespaces in what is not the main file.
+    target_compile_options(${target} PRIVATE "$<$<COMPILE_LANG_AND_ID:CXX,GNU>:-Wno-subobject-linkage>")
+  endif()
+endfunction()

@@ -15,7 +15,7 @@ build=$out/sources/build/consumer
 export CCACHE_BASEDIR=$out/sources
 "$CMAKE" -G "$GENERATOR" -S "$out/sources/tests/package/subproject" -B "$build" "-DACCESSVDB_SOURCE=$out/sources" \
   "-DCMAKE_BUILD_TYPE=$BUILD_TYPE" "-DCMAKE_CXX_COMPILER=$CXX" "-DCMAKE_CXX_COMPILER_LAUNCHER=$LAUNCHER" \
-  "-DACCESSVDB_WARNINGS_AS_ERRORS=${WARNINGS_AS_ERRORS:-OFF}" -DACCESSVDB_CUDA=OFF
+  "-DACCESSVDB_WARNINGS_AS_ERRORS=${WARNINGS_AS_ERRORS:-OFF}" "-DACCESSVDB_UNITY=${UNITY:-OFF}" -DACCESSVDB_CUDA=OFF
 "$CMAKE" --build "$build" -j 2 --target consumer
 "$build/consumer" "$build/field"
 

@@ -16,7 +16,8 @@ tar -C "$SOURCE" --exclude=__pycache__ -cf - CMakeLists.txt CHANGELOG.md LICENSE
 "$PYTHON" -m venv --system-site-packages "$out/environment"
 pip=("$out/environment/bin/python" -m pip --disable-pip-version-check)
 export PIP_NO_INDEX=1 PIP_CONFIG_FILE=/dev/null
-settings=(--config-settings "cmake-args=-DACCESSVDB_CUDA=OFF -DACCESSVDB_WARNINGS_AS_ERRORS=${WARNINGS_AS_ERRORS:-OFF}")
+arguments="-DACCESSVDB_CUDA=OFF -DACCESSVDB_WARNINGS_AS_ERRORS=${WARNINGS_AS_ERRORS:-OFF} -DACCESSVDB_UNITY=${UNITY:-OFF}"
+settings=(--config-settings "cmake-args=$arguments")
 (cd "$out/sources" && "${pip[@]}" install "${settings[@]}" -v . >"$out/pip.log" 2>&1) || { tail -40 "$out/pip.log"; exit 1; }
 left=$(cd "$out/sources" && LC_ALL=C ls)
 wanted=$(printf '%s\n' CHANGELOG.md CMakeLists.txt LICENSE README.md build cmake include nanovdb_kernels pyproject.toml python src tools)
