@@ -6,14 +6,14 @@
 
 #include "cuda/growing.h"
 #include "cuda/update_kernels.h"
+#include "launch/lists.h"
 
 namespace accessvdb::kernels {
 
 void FlipTables::take(std::span<const std::span<const LeafFlips>> flips, UpdateView& view, DeviceCounters& counters,
                       cudaStream_t stream) {
   const std::uint32_t groups = view.groups.groups;
-  std::size_t count = 0;
-  for (const std::span<const LeafFlips>& list : flips) count += list.size();
+  const std::size_t count = totalSize(flips);
   view.affected = nullptr;
   if (count == 0 || groups == 0) return;
   const std::size_t capacity = std::bit_ceil(2 * count + 64);

@@ -12,6 +12,7 @@
 #include "cuda/cuda_check.h"
 #include "cuda/pinned_buffer.h"
 #include "launch/device_array.h"
+#include "launch/lists.h"
 
 namespace accessvdb::kernels {
 
@@ -29,8 +30,7 @@ class Staging {
   }
   /// The same of several lists, one behind the other.
   T* send(std::span<const std::span<const T>> lists, DeviceMemory& memory, cudaStream_t stream) {
-    std::size_t size = 0;
-    for (const std::span<const T>& list : lists) size += list.size();
+    const std::size_t size = totalSize(lists);
     if (size == 0) return device_.data();
     ACCESSVDB_CUDA(cudaEventSynchronize(sent_));  // the last ones have left the pinned memory
     host_.reserve(size * sizeof(T));

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "hostdev/cell_counts.h"
+#include "launch/lists.h"
 #include "points/block_groups.h"
 #include "points/cell_directions.h"
 #include "points/device_admission.h"
@@ -71,7 +72,7 @@ class DeviceScheduler final : public UpdateScheduler {
   }
 
   void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>, const MapChanges&) override {
-    if (numFlips() > 2 * joined_flips_ + kMostFlips) joinFlips();
+    if (kernels::totalSize(flips_) > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
   // Should another scan come before the update, all flips are handed over again.
@@ -112,15 +113,9 @@ class DeviceScheduler final : public UpdateScheduler {
     return input;
   }
 
-  [[nodiscard]] std::size_t numFlips() const {
-    std::size_t count = 0;
-    for (const std::vector<kernels::LeafFlips>& part : flips_) count += part.size();
-    return count;
-  }
-
   void joinFlips() {
     tbb::parallel_for(std::size_t{0}, kMostParts, [&](std::size_t n) { join(flips_[n]); });
-    joined_flips_ = numFlips();
+    joined_flips_ = kernels::totalSize(flips_);
   }
   static void join(std::vector<kernels::LeafFlips>& flips) {
     const auto place = [](const kernels::LeafFlips& f) { return std::array{f.leaf[0], f.leaf[1], f.leaf[2]}; };
