@@ -2,7 +2,7 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
 # Everything that can only be checked on a machine with an NVIDIA GPU, in one go, and a record of it:
-#   gpu_suite.sh PROGRAMS OUT [--commit ID] [--only tests,faults,realdata,sanitizers,scoring,stream,bench] [--points N]
+#   gpu_suite.sh PROGRAMS OUT [--commit ID] [--only tests,faults,realdata,sanitizers,ceilings,scoring,stream,bench] [--points N]
 #                [--frames N] [--rows 20mm_tau0.1m,10mm_tau4v,...] [--row-seconds N] [--bench-points N]
 #                [--bench-options "..."] [--data FOLDER]
 # PROGRAMS: the folder of an unpacked portable archive (accessvdb-portable), or a build's bin folder. Writes
@@ -15,7 +15,7 @@ set -uo pipefail
 programs=${1:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
 out=${2:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
 shift 2
-commit=unknown only=tests,faults,realdata,sanitizers,scoring,stream,bench points=1000000 frames=300
+commit=unknown only=tests,faults,realdata,sanitizers,ceilings,scoring,stream,bench points=1000000 frames=300
 wanted_rows= row_seconds=65 bench_points=3200000 bench_options= data=${ACCESSVDB_TEST_DATA:-}
 while (($# > 1)); do
   case $1 in
@@ -160,6 +160,15 @@ if wanted sanitizers; then
   fi
 fi
 
+# What the machine can do at most.
+ceilings=null
+if wanted ceilings; then
+  start=$(date +%s.%N)
+  if "$bin/accessvdb_bench_ceilings" "$out/ceilings.json" 2>&1 | tee "$out/ceilings.log"; then outcome=passed; else outcome=failed; fi
+  record_step ceilings "$outcome" "\"seconds\": $(seconds_since "$start")"
+  [[ -s $out/ceilings.json ]] && ceilings=$(cat "$out/ceilings.json")
+fi
+
 scoring=null
 if wanted scoring; then
   start=$(date +%s.%N)
@@ -215,6 +224,7 @@ fi
   echo " \"device_memory\": \"$memory\", \"cpu_cores\": $cores, \"failures\": $failures, \"steps\": ["
   for n in "${!steps[@]}"; do echo "  ${steps[n]}$( ((n + 1 < ${#steps[@]})) && echo ,)"; done
   echo " ],"
+  echo " \"ceilings\": $ceilings,"
   echo " \"scoring\": $scoring,"
   echo " \"stream\": $stream,"
   echo " \"bench\": $bench}"

@@ -72,9 +72,13 @@ std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const
       }
       returns.push_back(r);
     }
-    std::sort(returns.begin(), returns.end(), [](const Return& a, const Return& b) {
-      return std::tie(a.voxel, a.p.x(), a.p.y(), a.p.z()) < std::tie(b.voxel, b.p.x(), b.p.y(), b.p.z());
-    });
+    // New points are numbered leaf by leaf, cubes of eight voxels an edge.
+    const auto place = [](const Return& r) {
+      VoxelCoord leaf = r.voxel;
+      for (auto& axis : leaf) axis = static_cast<std::int32_t>(std::floor(axis / 8.0));
+      return std::make_tuple(leaf, r.voxel, r.p.x(), r.p.y(), r.p.z());
+    };
+    std::sort(returns.begin(), returns.end(), [&](const Return& a, const Return& b) { return place(a) < place(b); });
     for (const Return& r : returns) {
       const auto [entry, is_new] = id_of.try_emplace(r.voxel, all.size());
       if (is_new) {
