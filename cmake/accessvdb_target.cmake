@@ -31,11 +31,22 @@ endfunction()
 # accessvdb_together(TARGET GROUP FILE...): sources of a target that share costly headers and no name. With ACCESSVDB_UNITY
 # (preset ci) each group is compiled as one translation unit, which saves time where no cache knows the files; options
 # stay. A clash of two names is mended by another name or group, or by leaving the file out. Each group must pass with 2 GB.
+#
+# CMake's own UNITY_BUILD names files by their absolute paths, so ccache would not know them again in another folder.
 function(accessvdb_together target group)
-  if(ACCESSVDB_UNITY)
-    set_target_properties(${target} PROPERTIES UNITY_BUILD ON UNITY_BUILD_MODE GROUP)
-    set_source_files_properties(${ARGN} PROPERTIES UNITY_GROUP ${group})
-    # GCC warns of unnamed namespaces in what is not the main file.
-    target_compile_options(${target} PRIVATE "$<$<COMPILE_LANG_AND_ID:CXX,GNU>:-Wno-subobject-linkage>")
+  if(NOT ACCESSVDB_UNITY)
+    return()
   endif()
+  set(_text "")
+  foreach(_file IN LISTS ARGN)
+    file(RELATIVE_PATH _path ${PROJECT_SOURCE_DIR} ${CMAKE_CURRENT_SOURCE_DIR}/${_file})
+    string(APPEND _text "#include \"${_path}\"\n")
+  endforeach()
+  set(_together ${CMAKE_BINARY_DIR}/together/${target}_${group}.cpp)
+  file(CONFIGURE OUTPUT ${_together} CONTENT "${_text}" @ONLY)
+  set_source_files_properties(${ARGN} PROPERTIES HEADER_FILE_ONLY ON)
+  target_sources(${target} PRIVATE ${_together})
+  target_include_directories(${target} AFTER PRIVATE ${PROJECT_SOURCE_DIR})
+  # GCC warns of unnamed namespaces in what is not the main file.
+  target_compile_options(${target} PRIVATE "$<$<COMPILE_LANG_AND_ID:CXX,GNU>:-Wno-subobject-linkage>")
 endfunction()

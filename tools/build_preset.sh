@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Configures and builds one preset of CMakePresets.json, with ccache and mold where they work, on as many jobs as the
-# memory carries: build_preset.sh ci
+# Configures one preset of CMakePresets.json and builds all of it or some targets, with ccache and mold where they work,
+# on as many jobs as the memory carries: build_preset.sh ci, build_preset.sh release accessvdb_cli
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-preset=${1:?usage: build_preset.sh PRESET}
+preset=${1:?usage: build_preset.sh PRESET [TARGET...]}
+shift
 
 # Translation units with OpenVDB and PCL take up to 2 GB each.
 memory_kb=$(awk '/^MemAvailable:/ {print $2}' /proc/meminfo)
@@ -27,4 +28,4 @@ export CCACHE_BASEDIR=$PWD
 
 cmake --preset "$preset" "-DCMAKE_CXX_COMPILER_LAUNCHER=$launcher" "-DCMAKE_CUDA_COMPILER_LAUNCHER=$launcher" \
   "-DCMAKE_EXE_LINKER_FLAGS=$linker" "-DCMAKE_SHARED_LINKER_FLAGS=$linker"
-cmake --build --preset "$preset" -j "$jobs"
+cmake --build --preset "$preset" -j "$jobs" ${@+--target "$@"}

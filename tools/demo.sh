@@ -9,7 +9,7 @@ out=out/demo
 bin=build/release/bin
 
 ./tools/setup_debian.sh
-./tools/build_preset.sh release >&2
+./tools/build_preset.sh release accessvdb_cli make_sample_scans stream_scans >&2
 
 # Scans of the last run are good if the settings and the program that made them are the same.
 settings="--frames 40 --rays 20000 --seed 1 --range-noise 0.01"

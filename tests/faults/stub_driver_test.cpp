@@ -5,6 +5,7 @@
 
 #include <cstdlib>
 #include <nlohmann/json.hpp>
+#include <ostream>
 
 #include "cli/program_run.h"
 
@@ -19,6 +20,8 @@ struct Driver {
   const char* words;  ///< in the line
   bool warned;        ///< or only noted, where nobody would expect a GPU
 };
+
+void PrintTo(const Driver& driver, std::ostream* out) { *out << driver.what; }
 
 constexpr Driver kDrivers[] = {
     {"none", "0", "0", "device.no_driver", "no NVIDIA driver is installed", false},

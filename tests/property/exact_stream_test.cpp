@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <cmath>
+#include <ostream>
 #include <random>
 
 #include "accessvdb/accessibility_field.h"
@@ -43,6 +44,11 @@ struct Case {
   ToolForm form = ToolForm::Voxels;
   double confidence_min = 0.2;
 };
+
+void PrintTo(const Case& c, std::ostream* out) {
+  *out << c.tool << " at " << c.voxel_size_m << " m, " << (c.form == ToolForm::Voxels ? "voxels" : "samples")
+       << ", limit " << c.max_collisions << ", " << c.every << " scans an update, confidence " << c.confidence_min;
+}
 
 class ExactStream : public testing::TestWithParam<Case> {};
 
