@@ -28,7 +28,7 @@ struct PlyHeader {
 };
 
 template <typename Number>
-std::optional<Number> parseNumber(const std::string& text) {
+std::optional<Number> numberIn(const std::string& text) {
   Number value = {};
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc() || end != text.data() + text.size()) return std::nullopt;
@@ -112,7 +112,7 @@ class PlyReader {
       if (words.size() >= 3 && words[0] == "comment") {
         readComment(words, header);
       } else if (words.size() == 3 && words[0] == "element" && words[1] == "vertex" && !vertices) {
-        const auto count = parseNumber<std::uint64_t>(words[2]);
+        const auto count = numberIn<std::uint64_t>(words[2]);
         if (!count || *count >= INT32_MAX) fail("malformed", "has no usable number of vertices");
         header.count = *count;
         vertices = true;
@@ -134,9 +134,9 @@ class PlyReader {
   static void readComment(const std::vector<std::string>& words, PlyHeader& header) {
     // Parameters carry the name of their stage in front: "scoring.confidence_half_weight".
     const std::string name = words[1].substr(words[1].rfind('.') + 1);
-    const auto value = parseNumber<double>(words[2]);
+    const auto value = numberIn<double>(words[2]);
     if (words[1] == "origin_W" && words.size() == 5) {
-      const auto y = parseNumber<double>(words[3]), z = parseNumber<double>(words[4]);
+      const auto y = numberIn<double>(words[3]), z = numberIn<double>(words[4]);
       if (value && y && z) header.origin_W = Eigen::Vector3d(*value, *y, *z);
     } else if (words.size() != 3) {
       return;
