@@ -160,11 +160,13 @@ if wanted sanitizers; then
   fi
 fi
 
-# What the machine can do at most.
+# What the machine can do at most. It comes before all that is timed, and writes to most of what is free: a virtual
+# machine may get its memory only then, and frames would wait for it.
 ceilings=null
 if wanted ceilings; then
   start=$(date +%s.%N)
-  if "$bin/accessvdb_bench_ceilings" "$out/ceilings.json" 2>&1 | tee "$out/ceilings.log"; then outcome=passed; else outcome=failed; fi
+  gigabytes=$(awk '/^MemAvailable:/ { free = 0.7e-6 * 1.024 * $2; print int(free < 90 ? free : 90) }' /proc/meminfo)
+  if "$bin/accessvdb_bench_ceilings" "$out/ceilings.json" "$gigabytes" 2>&1 | tee "$out/ceilings.log"; then outcome=passed; else outcome=failed; fi
   record_step ceilings "$outcome" "\"seconds\": $(seconds_since "$start")"
   [[ -s $out/ceilings.json ]] && ceilings=$(cat "$out/ceilings.json")
 fi

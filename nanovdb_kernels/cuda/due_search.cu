@@ -195,8 +195,8 @@ __device__ int testBest(const UpdateView& view, const DueSearch& search, const W
   return belowNoScore(counter(direction, static_cast<int>(search.tool.collision_limit) - 1));
 }
 
-/// Directions of a point that need no test where its best one has so many collisions more than before. All lanes.
-__device__ void skipKnownWorse(const UpdateView& view, std::size_t id, int more, DirectionMask& skip, int lane) {
+/// Directions of a point that are in question where its best one has so many collisions more than before. All lanes.
+__device__ void askUnlessKnownWorse(const UpdateView& view, std::size_t id, int more, DirectionMask& asked, int lane) {
   std::uint32_t worse = 0;
   if (view.known.levels != nullptr && lane < view.known.words) {
     const int log2 = view.known.of.log2;
@@ -209,7 +209,7 @@ __device__ void skipKnownWorse(const UpdateView& view, std::size_t id, int more,
     worse = known_word::worse(known.levels, lowest);
   }
   static_assert(sizeof(DirectionMask) == kWarp);
-  reinterpret_cast<std::uint8_t*>(skip.word)[lane] = static_cast<std::uint8_t>(worse);
+  reinterpret_cast<std::uint8_t*>(asked.word)[lane] = static_cast<std::uint8_t>(~worse);
 }
 
 /// What is known of the best direction of a point before others are looked at.
@@ -262,16 +262,15 @@ __device__ bool confirm(const UpdateView& view, const DueSearch& search, const W
     item.known_direction = static_cast<std::uint16_t>(best.direction);
     item.keep_reason = accessible ? 0 : 1;
     item.evidence = due.evidence;
-    for (int w = 0; w < kMaxDirectionWords; ++w) {
-      item.skip.word[w] = ~due.candidates.word[w];
-      item.candidates.word[w] = ~std::uint64_t{0};
-    }
+    item.candidates = due.candidates;
   }
   __syncwarp();
   if (best.became_worse) {
-    skipKnownWorse(view, point.id, best.score - base, item.skip, lane);
+    askUnlessKnownWorse(view, point.id, best.score - base, item.candidates, lane);
     __syncwarp();
   }
+  if (accessible && lane == 0) item.candidates.word[best.direction >> 6] |= std::uint64_t{1} << (best.direction & 63);
+  __syncwarp();
   ScoreResult result;
   if (any) {
     result = searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit,

@@ -3,7 +3,9 @@
 /// What this machine can do at most of what the stages of a frame are made of: the measure of how near they come
 /// (docs/benchmarks/README.md, "What bounds a frame").
 ///
-///   accessvdb_bench_ceilings [FILE.json]
+///   accessvdb_bench_ceilings [FILE.json] [GB]
+/// GB: how much memory is written to for the rate of pages, 4 where nothing is said.
+#include <sys/mman.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 #include <tbb/task_arena.h>
@@ -15,8 +17,10 @@
 #include <fstream>
 #include <iostream>
 #include <memory>
+#include <new>
 #include <nlohmann/json.hpp>
 #include <span>
+#include <string>
 
 #include "accessvdb/error.h"
 #include "bench/device_ceilings.h"
@@ -41,6 +45,34 @@ Rate measure(const char* name, const char* unit, double amount, const Work& work
     rate.seconds.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
   }
   return rate;
+}
+
+constexpr std::size_t kHugePage = std::size_t{2} << 20;
+
+/// Seconds until every page of fresh memory is written to, on all threads; huge pages where the system grants them.
+double secondsOfFreshPages(std::size_t bytes) {
+  constexpr std::size_t kPage = 4096;
+  void* const fresh = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+  if (fresh == MAP_FAILED) throw std::bad_alloc();
+  madvise(fresh, bytes, MADV_HUGEPAGE);
+  const auto begin = std::chrono::steady_clock::now();
+  tbb::parallel_for(std::size_t{0}, bytes / kHugePage, [&](std::size_t part) {
+    volatile auto* const at = static_cast<unsigned char*>(fresh) + part * kHugePage;
+    for (std::size_t offset = 0; offset < kHugePage; offset += kPage) at[offset] = 1;
+  });
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  munmap(fresh, bytes);
+  return seconds;
+}
+
+/// What the system gives to a map that grows. A virtual machine may get its memory from its own host only when it is
+/// first written to, once for all that run after this.
+std::vector<Rate> pageCeilings(double gigabytes) {
+  const auto bytes = static_cast<std::size_t>(1e9 * gigabytes) / kHugePage * kHugePage;
+  Rate first = {"pages of the host, the first time", "GB/s", gigabytes, {secondsOfFreshPages(bytes)}};
+  Rate again = {"pages of the host", "GB/s", gigabytes, {}};
+  for (int n = 0; n < 3; ++n) again.seconds.push_back(secondsOfFreshPages(bytes));
+  return {first, again};
 }
 
 /// On all threads.
@@ -78,18 +110,16 @@ Json toJson(const Rate& rate) {
   std::vector<double> rates;
   for (const double seconds : rate.seconds) rates.push_back(rate.amount / seconds);
   std::ranges::sort(rates);
-  return {{"what", rate.name},
-          {"unit", rate.unit},
-          {"median", rates[rates.size() / 2]},
-          {"min", rates.front()},
-          {"max", rates.back()}};
+  return {{"what", rate.name},    {"unit", rate.unit},   {"median", rates[rates.size() / 2]},
+          {"min", rates.front()}, {"max", rates.back()}, {"runs", rates.size()}};
 }
 
 int run(int argc, char** argv) {
   Json rows = Json::array();
+  for (const Rate& rate : pageCeilings(argc > 2 ? std::stod(argv[2]) : 4)) rows.push_back(toJson(rate));
   for (const Rate& rate : hostCeilings()) rows.push_back(toJson(rate));
   for (const Rate& rate : deviceCeilings(kRepeats)) rows.push_back(toJson(rate));
-  const Json ceilings = {{"threads", tbb::this_task_arena::max_concurrency()}, {"repeats", kRepeats}, {"rows", rows}};
+  const Json ceilings = {{"threads", tbb::this_task_arena::max_concurrency()}, {"rows", rows}};
   for (const Json& row : rows) {
     std::cout << row["what"].get<std::string>() << ": " << row["median"].get<double>() << " "
               << row["unit"].get<std::string>() << "\n";
