@@ -142,7 +142,7 @@ class ExactUpdater final : public PointUpdater {
            busy_blocks_.bytes() + crossed_.bytes() + flips_.bytes() +
            (known_levels_ != nullptr ? known_levels_->backedBytes() : 0) + known_freed_.bytes() +
            cell_directions_.bytes() + lower_keys_.bytes() + lower_numbers_.bytes() + lower_nodes_.bytes() +
-           busy_bits_.bytes();
+           busy_bits_.bytes() + busy_keys_.bytes() + busy_sorted_.bytes() + busy_order_.bytes() + busy_scratch_.bytes();
   }
 
  private:
@@ -304,12 +304,31 @@ class ExactUpdater final : public PointUpdater {
 
   /// What is due so far.
   void evaluate() {
-    ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
+    const std::uint32_t busy = counters_.read(stream()).busy;
     const Stopwatch scoring;
-    launchDueSearch(view_, search_, view_.index.blocks, {stream(), context_->mirrorStream(), fork_.get(), join_.get()});
+    UpdateView view = view_;
+    view.due.busy = orderBusy(busy);
+    launchDueSearch(view, search_, busy, {stream(), context_->mirrorStream(), fork_.get(), join_.get()});
     ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
     score_ms_ += scoring.milliseconds();
     items_ = 0;
+  }
+
+  /// Points that are near are searched at the same time, as they read the same of the map.
+  /// @return the blocks with anything due, in the order of the search
+  std::uint32_t* orderBusy(std::uint32_t blocks) {
+    if (blocks == 0) return view_.due.busy;
+    for (auto* list : {&busy_keys_, &busy_sorted_, &busy_order_})
+      list->growWithRoom(memory_, blocks, roomFor(blocks), 0);
+    const auto order = [&](void* scratch, std::size_t& bytes) {
+      launchBlockOrder(view_, blocks, busy_keys_.data(), busy_sorted_.data(), busy_order_.data(), scratch, bytes,
+                       stream());
+    };
+    std::size_t bytes = 0;
+    order(nullptr, bytes);
+    busy_scratch_.growWithRoom(memory_, bytes, roomFor(bytes), 0);
+    order(busy_scratch_.data(), bytes);
+    return busy_order_.data();
   }
 
   /// @param lowers  lower nodes of the mirror
@@ -399,7 +418,8 @@ class ExactUpdater final : public PointUpdater {
   DeviceArray<std::uint16_t> busy_bits_;
   DeviceArray<Neighbourhood> prepared_;  ///< of the first ones of the moved points, by findNeighbours()
   DeviceArray<DueItem> due_;
-  DeviceArray<std::uint32_t> due_order_, due_whole_;
+  DeviceArray<std::uint32_t> due_order_, due_whole_, busy_keys_, busy_sorted_, busy_order_;
+  DeviceArray<std::byte> busy_scratch_;
   Staging<PointWeight> crossed_;
 };
 

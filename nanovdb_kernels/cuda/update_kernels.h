@@ -71,6 +71,13 @@ void launchCountLowers(const OccupancyGrid* grid, UpdateCounters* counters, cuda
 void launchBusyMap(const OccupancyGrid* grid, const BusyMapView& busy, std::uint32_t lowers, UpdateCounters* counters,
                    cudaStream_t stream);
 
+// leaf_order.cu
+
+/// The first `count` of view.due.busy in an order in which near blocks come near -> order.
+/// @param keys, sorted  [count] scratch   @param scratch  null: only tells how many `bytes` it takes
+void launchBlockOrder(const UpdateView& view, std::uint32_t count, std::uint32_t* keys, std::uint32_t* sorted,
+                      std::uint32_t* order, void* scratch, std::size_t& bytes, cudaStream_t stream);
+
 // due_search.cu: evaluates.
 
 /// What the search needs beside the view.
