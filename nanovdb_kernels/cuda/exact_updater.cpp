@@ -318,8 +318,9 @@ class ExactUpdater final : public PointUpdater {
   /// @return the blocks with anything due, in the order of the search
   std::uint32_t* orderBusy(std::uint32_t blocks) {
     if (blocks == 0) return view_.due.busy;
-    for (auto* list : {&busy_keys_, &busy_sorted_, &busy_order_})
+    for (auto* list : {&busy_keys_, &busy_sorted_, &busy_order_}) {
       list->growWithRoom(memory_, blocks, roomFor(blocks), 0);
+    }
     const auto order = [&](void* scratch, std::size_t& bytes) {
       launchBlockOrder(view_, blocks, busy_keys_.data(), busy_sorted_.data(), busy_order_.data(), scratch, bytes,
                        stream());
