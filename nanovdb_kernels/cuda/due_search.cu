@@ -16,8 +16,8 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
-/// Blocks that a multiprocessor is to hold. With more of them warps, which read much of the map, push each other out of
-/// the cache.
+/// Blocks that a multiprocessor is to hold. More of them gain nothing: warps read much of the map, and push each other
+/// out of the cache.
 constexpr unsigned kBlocksEach = 6;
 
 /// How the tool is counted. A kernel each: what the others need would only take room in the instruction cache.
