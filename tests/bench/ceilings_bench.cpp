@@ -11,7 +11,6 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstdint>
 #include <cstring>
 #include <fstream>
@@ -22,8 +21,8 @@
 #include <span>
 #include <string>
 
-#include "accessvdb/error.h"
 #include "bench/device_ceilings.h"
+#include "launch/stopwatch.h"
 
 namespace accessvdb {
 namespace {
@@ -36,14 +35,17 @@ constexpr int kRepeats = 9;
 constexpr std::size_t kWordsOfLeaf = 256, kLeaves = std::size_t{5} << 19, kTouched = std::size_t{1} << 18;
 
 template <typename Work>
+double secondsOf(const Work& work) {
+  const kernels::Stopwatch watch;
+  work();
+  return 1e-3 * watch.milliseconds();
+}
+
+template <typename Work>
 Rate measure(const char* name, const char* unit, double amount, const Work& work) {
   Rate rate = {name, unit, amount, {}};
   work();  // warms up
-  for (int n = 0; n < kRepeats; ++n) {
-    const auto begin = std::chrono::steady_clock::now();
-    work();
-    rate.seconds.push_back(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
-  }
+  for (int n = 0; n < kRepeats; ++n) rate.seconds.push_back(secondsOf(work));
   return rate;
 }
 
@@ -55,12 +57,12 @@ double secondsOfFreshPages(std::size_t bytes) {
   void* const fresh = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
   if (fresh == MAP_FAILED) throw std::bad_alloc();
   madvise(fresh, bytes, MADV_HUGEPAGE);
-  const auto begin = std::chrono::steady_clock::now();
-  tbb::parallel_for(std::size_t{0}, bytes / kHugePage, [&](std::size_t part) {
-    volatile auto* const at = static_cast<unsigned char*>(fresh) + part * kHugePage;
-    for (std::size_t offset = 0; offset < kHugePage; offset += kPage) at[offset] = 1;
+  const double seconds = secondsOf([&] {
+    tbb::parallel_for(std::size_t{0}, bytes / kHugePage, [&](std::size_t part) {
+      volatile auto* const at = static_cast<unsigned char*>(fresh) + part * kHugePage;
+      for (std::size_t offset = 0; offset < kHugePage; offset += kPage) at[offset] = 1;
+    });
   });
-  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   munmap(fresh, bytes);
   return seconds;
 }

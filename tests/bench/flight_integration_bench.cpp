@@ -14,11 +14,11 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cstdio>
 #include <vector>
 
 #include "bench/pine_flight.h"
+#include "launch/stopwatch.h"
 #include "points/point_store.h"
 #include "tsdf/scan_integrator.h"
 
@@ -39,10 +39,6 @@ struct CpuTime {
     return {seconds(usage.ru_utime), seconds(usage.ru_stime)};
   }
 };
-
-double millisecondsSince(std::chrono::steady_clock::time_point begin) {
-  return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
-}
 
 void printTimes(const char* name, std::vector<double> ms) {
   double mean = 0;
@@ -77,13 +73,13 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   for (std::size_t n = 0; n < scans.size(); ++n) {
     const bench::FlightScan& scan = scans[n];
     const CpuTime before = CpuTime::now();
-    const auto fusing = std::chrono::steady_clock::now();
+    const kernels::Stopwatch fusing;
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
-    const double ms = millisecondsSince(fusing);
+    const double ms = fusing.milliseconds();
     const CpuTime after = CpuTime::now();
-    const auto adding = std::chrono::steady_clock::now();
+    const kernels::Stopwatch adding;
     points.addReturns(scan.p_L, {&scan.q_L, 1});
-    const double adding_ms = millisecondsSince(adding);
+    const double adding_ms = adding.milliseconds();
     for (const auto& part : result.changes) {
       for (const LeafChange& change : part) {  // their order is free
         std::uint64_t hash = 0xcbf29ce484222325ull;
