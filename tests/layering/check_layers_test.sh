@@ -20,7 +20,7 @@ plant_clean_tree() {
   write src/tsdf/map.cpp '#include <tbb/parallel_for.h>' '#include <openvdb/openvdb.h>' '#include "tsdf/map.h"' '// exit(1)'
   write src/tool/mesh_reader.cpp '#include <assimp/scene.h>' '#include <unistd.h>' 'void f() { _exit(1); g("abort()"); }'
   write src/field/field.cpp '#include "tsdf/map.h"' '#include "launch/backend.h"'
-  write tools/map.cpp '#include <CLI/CLI.hpp>' '#include "accessvdb/types.h"' 'int main() { std::cout << 1; }'
+  write tools/cli/map.cpp '#include <CLI/CLI.hpp>' '#include "accessvdb/types.h"' 'int main() { std::cout << 1; }'
   write tests/parity/mirror_test.cpp '#include <nanovdb/util/OpenToNanoVDB.h>' 'auto h = nanovdb::openToNanoVDB(g);'
 }
 
