@@ -9,9 +9,9 @@
 #include "accessvdb/error.h"
 #include "accessvdb/render.h"
 #include "eval/confusion.h"
-#include "io/camera.h"
-#include "io/canvas.h"
-#include "io/picture_text.h"
+#include "picture/camera.h"
+#include "picture/canvas.h"
+#include "picture/picture_text.h"
 
 namespace accessvdb::eval {
 namespace {
@@ -25,7 +25,7 @@ constexpr int kPanelWidth_px = 800, kPanelHeight_px = 560, kGap_px = 12, kTitle_
 constexpr int kSupersampling = 2;
 constexpr int kTextScale = 2;
 constexpr double kMargin = 0.06;
-/// As in io/render.cpp: discs of neighbouring voxels overlap whatever their direction.
+/// As in picture/render.cpp: discs of neighbouring voxels overlap whatever their direction.
 constexpr double kSplatRadiusVoxels = 0.85;
 constexpr double kMinSplatRadius_px = 1.0;
 constexpr double kMaxSplatShare = 0.1;  ///< of the panel's height: a scene of one point is no wall of colour

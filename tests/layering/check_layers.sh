@@ -24,11 +24,12 @@ tsdf     std posix simd api grids eigen openvdb tbb
 mirror   std posix api grids openvdb tbb launch hostdev
 points   std api eigen tbb launch hostdev simd
 tool     std posix api eigen tbb launch hostdev assimp openssl
-io       std posix api grids eigen openvdb tbb pcl png openssl json
+io       std posix api grids eigen openvdb tbb pcl openssl json
+picture  std api eigen tbb io png
 field    std posix api grids eigen openvdb tbb launch hostdev tsdf mirror points tool io
 capi     std api eigen
 sim      std api grids eigen tbb field io embree
-eval     std api grids eigen tbb field sim io embree qhull png json
+eval     std api grids eigen tbb field sim io embree qhull png json picture
 tools    std posix api grids eigen cli toml json sim eval
 examples std posix api grids eigen cli cuda
 python   std api eigen pybind

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "io/png_writer.h"
+#include "picture/png_writer.h"
 
 #include <png.h>
 

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "io/picture_text.h"
+#include "picture/picture_text.h"
 
 #include <algorithm>
 #include <array>

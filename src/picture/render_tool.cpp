@@ -9,9 +9,9 @@
 
 #include "accessvdb/render.h"
 #include "accessvdb/tool_geometry.h"
-#include "io/camera.h"
-#include "io/canvas.h"
-#include "io/picture_text.h"
+#include "picture/camera.h"
+#include "picture/canvas.h"
+#include "picture/picture_text.h"
 
 namespace accessvdb::io {
 namespace {

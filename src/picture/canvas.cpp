@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "io/canvas.h"
+#include "picture/canvas.h"
 
 #include <tbb/parallel_for.h>
 

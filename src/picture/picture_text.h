@@ -5,7 +5,7 @@
 
 #include <string>
 
-#include "io/png_writer.h"
+#include "picture/png_writer.h"
 
 namespace accessvdb::internal {
 

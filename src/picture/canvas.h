@@ -7,8 +7,8 @@
 #include <array>
 #include <vector>
 
-#include "io/camera.h"
-#include "io/png_writer.h"
+#include "picture/camera.h"
+#include "picture/png_writer.h"
 
 namespace accessvdb::internal {
 

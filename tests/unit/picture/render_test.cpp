@@ -9,7 +9,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/render.h"
 #include "accessvdb/tool_geometry.h"
-#include "io/picture_text.h"
+#include "picture/picture_text.h"
 #include "unit/io/sample_field.h"
 
 namespace accessvdb {

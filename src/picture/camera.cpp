@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "io/camera.h"
+#include "picture/camera.h"
 
 #include <Eigen/Geometry>
 #include <algorithm>
