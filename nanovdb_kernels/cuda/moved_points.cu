@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Which neighbourhoods the touched points may have changed: a touched point matters to another one only where its old
-/// or its new mean lies no farther away than the k-th neighbour did (as src/points/moved_points.h). To ask for too many
+/// or its new mean lies no farther away than the k-th neighbour did (as src/update/moved_points.h). To ask for too many
 /// costs time and changes nothing.
 #include <cfloat>
 

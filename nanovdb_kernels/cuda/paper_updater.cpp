@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The paper's policy on the GPU: a queue of points, the neighbourhoods of those whose turn it is, and their scores.
-/// The same points are evaluated at the same updates as on the CPU (src/points/paper_scheduler.cpp), by the same
+/// The same points are evaluated at the same updates as on the CPU (src/update/paper_on_host.cpp), by the same
 /// kernels that score what the host asks for.
 #include <algorithm>
 #include <utility>

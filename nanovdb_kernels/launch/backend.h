@@ -52,7 +52,7 @@ class Backend : public DeviceMemory {
   virtual void scorePoints(const ScoreRequest& request) = 0;
   /// Whether its updater wants the slabs of the tool (UpdateInput::slabs).
   [[nodiscard]] virtual bool usesToolSlabs() const { return false; }
-  /// Null where the host decides what is due (src/points/exact_scheduler.cpp, paper_scheduler.cpp). Must not outlive
+  /// Null where the host decides what is due (src/update/exact_on_host.cpp, paper_scheduler.cpp). Must not outlive
   /// the backend.
   [[nodiscard]] virtual std::unique_ptr<PointUpdater> makeUpdater(const UpdaterTables& tables) {
     (void)tables;

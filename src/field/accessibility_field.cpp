@@ -21,9 +21,9 @@
 #include "launch/backend.h"
 #include "launch/stopwatch.h"
 #include "mirror/nanovdb_mirror.h"
-#include "points/run_beside.h"
-#include "points/update_scheduler.h"
 #include "tsdf/scan_integrator.h"
+#include "update/run_beside.h"
+#include "update/scheduler.h"
 
 namespace accessvdb {
 namespace {

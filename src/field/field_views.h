@@ -12,7 +12,7 @@
 #include "accessvdb/device_view.h"
 #include "field/query_index.h"
 #include "field/query_source.h"
-#include "points/point_scorer.h"
+#include "update/point_scorer.h"
 
 namespace accessvdb::internal {
 

@@ -3,8 +3,8 @@
 /// What point state reads from the map: observations and distances at points.
 #pragma once
 
-#include "points/point_scorer.h"
 #include "tsdf/packed_map.h"
+#include "update/point_scorer.h"
 
 namespace accessvdb::internal {
 

@@ -7,7 +7,7 @@
 #include <span>
 
 #include "accessvdb/params.h"
-#include "points/point_scorer.h"
+#include "update/point_scorer.h"
 
 namespace accessvdb::internal {
 

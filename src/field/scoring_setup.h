@@ -7,9 +7,9 @@
 
 #include "accessvdb/params.h"
 #include "launch/backend.h"
-#include "points/point_scorer.h"
 #include "tool/tool_kernel.h"
 #include "tool/tool_slabs.h"
+#include "update/point_scorer.h"
 
 namespace accessvdb::internal {
 

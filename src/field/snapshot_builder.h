@@ -4,7 +4,7 @@
 #pragma once
 
 #include "accessvdb/types.h"
-#include "points/point_scorer.h"
+#include "update/point_scorer.h"
 
 namespace accessvdb::internal {
 

@@ -4,9 +4,9 @@
 #include <cmath>
 
 #include "accessvdb/tool_tables.h"
-#include "points/offset_directions.h"
 #include "tool/tool_kernel.h"
 #include "tool/tool_slabs.h"
+#include "update/offset_directions.h"
 
 namespace accessvdb {
 namespace {

@@ -18,10 +18,10 @@
 #include "field/point_weights.h"
 #include "field/scoring_setup.h"
 #include "mirror/nanovdb_mirror.h"
-#include "points/point_scorer.h"
 #include "sample_scans/walk_generator.h"
 #include "support/box_tool.h"
 #include "tsdf/scan_integrator.h"
+#include "update/point_scorer.h"
 
 namespace accessvdb {
 namespace {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the host does for points when a device chooses and scores (points/device_scheduler.cpp), without a device: an
+/// What the host does for points when a device chooses and scores (update/exact_on_device.cpp), without a device: an
 /// updater takes everything and does nothing. The flight is that of `accessvdb bench --scene pine`.
 ///
 /// Prints milliseconds a frame, by the clock and of processor time over all threads, over the last frames:
@@ -27,9 +27,9 @@
 #include "bench/pine_flight.h"
 #include "field/point_weights.h"
 #include "field/scoring_setup.h"
-#include "points/update_scheduler.h"
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
+#include "update/scheduler.h"
 
 namespace accessvdb {
 namespace {

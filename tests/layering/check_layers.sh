@@ -23,10 +23,11 @@ cuda     std api hostdev launch cuda
 tsdf     std posix simd api grids eigen openvdb tbb
 mirror   std posix api grids openvdb tbb launch hostdev
 points   std api eigen tbb launch hostdev simd
+update   std api eigen tbb launch hostdev points
 tool     std posix api eigen tbb launch hostdev assimp openssl
 io       std posix api grids eigen openvdb tbb pcl openssl json
 picture  std api eigen tbb io png
-field    std posix api grids eigen openvdb tbb launch hostdev tsdf mirror points tool io
+field    std posix api grids eigen openvdb tbb launch hostdev tsdf mirror points update tool io
 capi     std api eigen
 sim      std api grids eigen tbb field io embree
 eval     std api grids eigen tbb field sim io embree qhull png json picture

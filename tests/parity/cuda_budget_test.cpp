@@ -9,7 +9,7 @@
 
 #include "parity/gpu_test.h"
 #include "parity/parity_walk.h"
-#include "property/determinism_support.h"
+#include "support/determinism_support.h"
 #include "support/walk_generator.h"
 
 namespace accessvdb::test {

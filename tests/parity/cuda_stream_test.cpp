@@ -12,10 +12,10 @@
 
 #include "parity/gpu_test.h"
 #include "parity/parity_walk.h"
-#include "points/block_groups.h"
-#include "property/determinism_support.h"
+#include "support/determinism_support.h"
 #include "tool/tool_kernel.h"
 #include "tool/tool_slabs.h"
+#include "update/block_groups.h"
 
 namespace accessvdb::test {
 namespace {

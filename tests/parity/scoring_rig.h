@@ -12,7 +12,7 @@
 #include "launch/backend.h"
 #include "mirror/nanovdb_mirror.h"
 #include "parity/random_world.h"
-#include "points/point_scorer.h"
+#include "update/point_scorer.h"
 
 namespace accessvdb::test {
 

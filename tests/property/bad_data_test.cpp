@@ -8,7 +8,7 @@
 #include <limits>
 
 #include "accessvdb/error.h"
-#include "property/determinism_support.h"
+#include "support/determinism_support.h"
 
 namespace accessvdb::test {
 namespace {

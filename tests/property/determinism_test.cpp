@@ -9,7 +9,7 @@
 #include <map>
 #include <set>
 
-#include "property/determinism_support.h"
+#include "support/determinism_support.h"
 
 namespace accessvdb::test {
 namespace {

@@ -3,7 +3,7 @@
 /// More obstacles, less known space or more tool can only take access away.
 #include <gtest/gtest.h>
 
-#include "property/determinism_support.h"
+#include "support/determinism_support.h"
 #include "unit/hostdev/occupancy_fixture.h"
 
 namespace accessvdb::test {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the host tells an updater on a device (points/device_scheduler.cpp), against plain rules on the map and the
+/// What the host tells an updater on a device (update/exact_on_device.cpp), against plain rules on the map and the
 /// points: no GPU is needed, the updater only listens.
 #include <gtest/gtest.h>
 
@@ -13,10 +13,10 @@
 
 #include "field/point_weights.h"
 #include "field/scoring_setup.h"
-#include "points/update_scheduler.h"
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/points/random_points.h"
+#include "update/scheduler.h"
 
 namespace accessvdb::internal {
 namespace {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the host tells an updater of the paper's policy on a device (points/device_paper_scheduler.cpp): which points
+/// What the host tells an updater of the paper's policy on a device (update/paper_on_device.cpp): which points
 /// the triggers ask for, against their definitions on the whole map. No GPU is needed, the updater only listens.
 #include <gtest/gtest.h>
 
@@ -12,10 +12,10 @@
 
 #include "field/point_weights.h"
 #include "field/scoring_setup.h"
-#include "points/update_scheduler.h"
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/points/random_points.h"
+#include "update/scheduler.h"
 
 namespace accessvdb::internal {
 namespace {

@@ -1,0 +1,105 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "update/cell_directions.h"
+
+#include <algorithm>
+#include <bit>
+#include <limits>
+
+#include "hostdev/cell_counts.h"
+
+namespace accessvdb::internal {
+namespace {
+
+/// Voxels of a column, bottom and top.
+struct Ends {
+  Index3 bottom, top;
+};
+Ends endsOf(const kernels::VoxelColumn& c) {
+  return {{c.dx, c.dy, c.dz + std::countr_zero(c.bits)}, {c.dx, c.dy, c.dz + 63 - std::countl_zero(c.bits)}};
+}
+
+/// Cells that voxel offsets from `low` to `high` can fall into, the point lying anywhere in the first leaf.
+std::int32_t firstCell(std::int32_t low) { return low >> kernels::kCellLog2; }
+std::int32_t lastCell(std::int32_t high) { return (high + 7) >> kernels::kCellLog2; }
+
+/// Each entry also takes what the `last` entries below it have, on one axis of a table [x][y][z]: doubling steps, from
+/// the top, so that what is read has not changed yet.
+void spread(std::vector<DirectionMask>& masks, const Index3& size, std::size_t axis, std::int32_t last) {
+  std::size_t stride = 1;
+  for (std::size_t inner = axis + 1; inner < 3; ++inner) stride *= static_cast<std::size_t>(size[inner]);
+  const auto along = static_cast<std::size_t>(size[axis]);
+  for (std::int32_t done = 1, step = 0; done <= last; done += step) {
+    step = std::min(done, last + 1 - done);
+    const std::size_t below = static_cast<std::size_t>(step) * stride;
+    for (std::size_t n = masks.size(); n-- > 0;) {
+      if (n / stride % along >= static_cast<std::size_t>(step)) masks[n] = masks[n] | masks[n - below];
+    }
+  }
+}
+
+/// The smallest arc that holds all directions of a set: what lies outside the longest gap.
+kernels::DirectionArc arcOf(const DirectionMask& mask, int num_directions) {
+  int last = -1;  // the last direction before the first one, one turn back
+  for (int d = 0; d < num_directions; ++d) {
+    if (mask.test(d)) last = d - num_directions;
+  }
+  if (last == -1 && !mask.test(num_directions - 1)) return {};
+  int first = 0, longest = 0;
+  for (int d = 0; d < num_directions; ++d) {
+    if (!mask.test(d)) continue;
+    if (d - last > longest) {
+      longest = d - last;
+      first = d;
+    }
+    last = d;
+  }
+  return {static_cast<std::uint8_t>(first), static_cast<std::uint16_t>(num_directions - longest + 1)};
+}
+
+}  // namespace
+
+CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_directions, int group_log2,
+                               std::uint64_t most_bytes) {
+  const std::uint32_t columns = tool.use_samples ? 0 : tool.column_begin[num_directions];
+  if (columns == 0) return;
+  Index3 last;
+  low_.fill(std::numeric_limits<std::int32_t>::max());
+  last.fill(std::numeric_limits<std::int32_t>::min());
+  for (std::uint32_t n = 0; n < columns; ++n) {
+    const Ends ends = endsOf(tool.columns[n]);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      low_[axis] = std::min(low_[axis], firstCell(ends.bottom[axis]));
+      last[axis] = std::max(last[axis], lastCell(ends.top[axis]));
+    }
+  }
+  // Cells that a point in the farthest leaf of its group is away from one in the first leaf.
+  const std::int32_t others = ((1 << group_log2) - 1) << (3 - kernels::kCellLog2);
+  std::uint64_t entries = 1;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    size_[axis] = last[axis] + others - low_[axis] + 1;
+    entries *= static_cast<std::uint64_t>(size_[axis]);
+  }
+  if (entries * sizeof(DirectionMask) > most_bytes) return;
+  std::vector<DirectionMask> masks(entries);
+  for (int d = 0; d < num_directions; ++d) {
+    for (std::uint32_t n = tool.column_begin[d]; n < tool.column_begin[d + 1]; ++n) {
+      const Ends ends = endsOf(tool.columns[n]);
+      for (std::int32_t x = firstCell(ends.bottom[0]); x <= lastCell(ends.top[0]); ++x) {
+        for (std::int32_t y = firstCell(ends.bottom[1]); y <= lastCell(ends.top[1]); ++y) {
+          std::size_t at =
+              static_cast<std::size_t>((x - low_[0]) * size_[1] + (y - low_[1])) * static_cast<std::size_t>(size_[2]) +
+              static_cast<std::size_t>(firstCell(ends.bottom[2]) - low_[2]);
+          for (std::int32_t z = firstCell(ends.bottom[2]); z <= lastCell(ends.top[2]); ++z, ++at) {
+            masks[at].set(d);
+          }
+        }
+      }
+    }
+  }
+  for (std::size_t axis = 0; axis < 3; ++axis) spread(masks, size_, axis, others);
+  table_.reserve(entries);
+  for (const DirectionMask& mask : masks) table_.push_back(arcOf(mask, num_directions));
+}
+
+}  // namespace accessvdb::internal

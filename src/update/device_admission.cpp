@@ -1,0 +1,235 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "update/device_admission.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+#include <tbb/task_arena.h>
+
+#include <algorithm>
+#include <limits>
+#include <numeric>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "points/neighbourhood.h"
+#include "update/run_beside.h"
+
+namespace accessvdb::internal {
+namespace {
+
+/// Points and blocks handed over at a time.
+constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
+
+}  // namespace
+
+kernels::UpdaterTables updaterTables(const FieldParams& resolved, int group_log2) {
+  kernels::UpdaterTables tables;
+  tables.voxel_size_m = resolved.tsdf.voxel_size_m;
+  tables.radius_m = neighbourRadius_m(tables.voxel_size_m);
+  tables.neighbours = resolved.scoring.neighbours;
+  tables.view_neighbours = resolved.scoring.join_neighbour_views ? static_cast<int>(kViewNeighbours) : 0;
+  tables.num_directions = resolved.approach.num_directions;
+  tables.group_log2 = group_log2;
+  return tables;
+}
+
+kernels::UpdateInput updateInput(const PointScorer& scorer, const ScoringTables& tables) {
+  kernels::UpdateInput input;
+  input.map = tables.map;
+  input.tool = tables.tool;
+  input.slabs = tables.slabs;
+  input.approach = tables.approach;
+  input.points = scorer.device().view();
+  input.rule = tables.rule;
+  input.budget_points = static_cast<std::uint32_t>(scorer.params().update.budget_points);
+  return input;
+}
+
+UpdateStats statsOf(const kernels::UpdateOutcome& outcome) {
+  UpdateStats stats;
+  stats.dirty_points = outcome.moved + outcome.evaluated;
+  stats.scored_points = outcome.scored;
+  stats.direction_tests = outcome.tests;
+  stats.label_changes = outcome.label_changes;
+  stats.backlog = outcome.waiting;
+  stats.score_ms = outcome.score_ms;
+  return stats;
+}
+
+DeviceAdmission::DeviceAdmission(PointScorer& scorer, kernels::PointUpdater& updater, int group_log2)
+    : scorer_(scorer), updater_(updater), blocks_(group_log2), fresh_(scorer.points()) {
+  while (least_weight_ < std::numeric_limits<std::uint16_t>::max() && !scorer_.isConfident(least_weight_)) {
+    ++least_weight_;
+  }
+}
+
+void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
+                                  std::span<const Eigen::Vector3f> q_L) {
+  if (++scans_ == 1) {
+    if (touched.news.size() != touched.all.size()) {
+      throw InternalError("admission.not_described", "", "A scan came without a description of the points it touched",
+                          "Please report this");
+    }
+    ids_ = touched.all;
+    admit([&] {
+      admitBlocks(touched.changed_blocks);
+      admitPoints(touched.news);
+    });
+    updater_.findNeighbours();
+  }
+  for (std::size_t n = 0; n < touched.all.size(); ++n) {
+    const std::uint32_t id = touched.all[n];
+    if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or the older position counts
+    is_touched_[id] = 1;
+    touched_.push_back({id, touched.before_L[n]});
+  }
+  const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
+  if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
+}
+
+void DeviceAdmission::complete(const std::function<void()>& begin) {
+  const bool admitted = std::exchange(scans_, 0) == 1;
+  scorer_.growDevice();
+  begin();
+  if (!admitted) admitAll();
+}
+
+kernels::UpdateOutcome DeviceAdmission::update(kernels::UpdateInput input) {
+  input.weights = weights_;
+  input.crossed = crossed_;
+  kernels::UpdateOutcome outcome;
+  runBeside([&] { outcome = updater_.update(input); }, [&] { know(); });
+  crossed_.clear();
+  return outcome;
+}
+
+/// The backend has them: the new ones below the bound wait from now on, and none is touched.
+void DeviceAdmission::know() {
+  std::vector<std::uint32_t> fresh;
+  for (std::size_t n = 0; n < ids_.size(); ++n) {
+    if (ids_[n] >= known_points_ && weights_[n].weight < least_weight_) fresh.push_back(ids_[n]);
+  }
+  fresh_.add(fresh);
+  for (const Touched& touched : touched_) is_touched_[touched.id] = 0;
+  touched_.clear();
+  known_points_ = scorer_.points().size();
+  is_touched_.grow(known_points_);
+}
+
+/// Runs what hands over. Isolated, or this thread might take up work beside it while it waits, and what comes next
+/// would wait for that.
+template <typename HandOver>
+void DeviceAdmission::admit(const HandOver& hand_over) {
+  scorer_.reserveDevice();
+  tbb::this_task_arena::isolate(hand_over);
+}
+
+void DeviceAdmission::admitBlocks(std::span<const std::uint32_t> changed) {
+  for (std::size_t first = 0; first < changed.size(); first += kMostBlocks) {
+    const std::size_t count = std::min(changed.size() - first, kMostBlocks);
+    blocks_.news(changed.subspan(first, count), scorer_.points().index().blocks(), block_news_, block_ids_);
+    kernels::AdmitInput part = input();
+    part.blocks = block_news_;
+    part.block_ids = block_ids_;
+    updater_.admit(part);
+  }
+}
+
+void DeviceAdmission::admitPoints(std::span<const kernels::PointNews> news) {
+  for (std::size_t first = 0; first < news.size(); first += kMostNews) {
+    kernels::AdmitInput part = input();
+    part.news = news.subspan(first, std::min(news.size() - first, kMostNews));
+    updater_.admit(part);
+  }
+}
+
+/// What came with several scans, or with none: the points as they are by now.
+void DeviceAdmission::admitAll() {
+  const PointStore& points = scorer_.points();
+  const std::size_t added = points.size() - known_points_;
+  ids_.resize(touched_.size() + added);
+  for (std::size_t n = 0; n < touched_.size(); ++n) ids_[n] = touched_[n].id;
+  std::iota(ids_.begin() + static_cast<std::ptrdiff_t>(touched_.size()), ids_.end(), known_points_);
+  admit([&] {
+    std::vector<std::uint32_t> changed(added);
+    for (std::size_t n = 0; n < added; ++n) changed[n] = points.blockOf(ids_[touched_.size() + n]);
+    tbb::parallel_sort(changed);
+    changed.erase(std::unique(changed.begin(), changed.end()), changed.end());
+    admitBlocks(changed);
+    for (std::size_t first = 0; first < ids_.size(); first += kMostNews) {
+      news_.resize(std::min(ids_.size() - first, kMostNews));
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, news_.size(), 256), [&](const auto& range) {
+        const Eigen::Vector3f none = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
+        for (std::size_t n = range.begin(); n != range.end(); ++n) {
+          const std::size_t at = first + n;
+          news_[n] = points.newsOf(ids_[at], at < touched_.size() ? touched_[at].before_L : none);
+        }
+      });
+      admitPoints(news_);
+    }
+  });
+}
+
+void DeviceAdmission::readWeights() {
+  findCrossed();
+  readWeightsOf(ids_, weights_);
+  takeConfident();
+}
+
+void DeviceAdmission::readWeightsOf(std::span<const std::uint32_t> ids, std::vector<kernels::PointWeight>& points) {
+  read_weights_.resize(ids.size());
+  scorer_.reads().weights(ids, read_weights_);
+  points.resize(ids.size());
+  for (std::size_t n = 0; n < ids.size(); ++n) points[n] = {ids[n], read_weights_[n]};
+}
+
+kernels::AdmitInput DeviceAdmission::input() const {
+  kernels::AdmitInput all;
+  all.points = scorer_.device().view();
+  all.num_points = scorer_.points().size();
+  all.num_blocks = static_cast<std::uint32_t>(scorer_.points().index().blocks().size());
+  all.num_groups = blocks_.groups();
+  all.num_slots = blocks_.slots();
+  return all;
+}
+
+/// Adds the new points that are confident at once to those that became so.
+void DeviceAdmission::takeConfident() {
+  for (std::size_t n = 0; n < ids_.size(); ++n) {
+    if (ids_[n] >= known_points_ && weights_[n].weight >= least_weight_) crossed_.push_back(weights_[n]);
+  }
+  tbb::parallel_sort(crossed_.begin(), crossed_.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
+}
+
+/// Older points that became confident. Weights only grow, so only fresh ones are looked at, and of them those that
+/// scans reached since the last update.
+void DeviceAdmission::findCrossed() {
+  fresh_.takeReached(reached_);
+  std::vector<std::uint16_t> weights(reached_.voxels.size());
+  scorer_.reads().weights_at(reached_.voxels, weights);
+  std::vector<std::uint32_t> entries;
+  for (std::size_t n = 0; n < weights.size(); ++n) {
+    if (weights[n] >= least_weight_) entries.push_back(static_cast<std::uint32_t>(n));
+  }
+  const std::size_t before = crossed_.size();
+  crossed_.resize(before + entries.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, entries.size(), 512), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      const std::uint32_t entry = entries[n];
+      crossed_[before + n] = {scorer_.points().index().findIn(reached_.blocks[entry], reached_.voxels[entry]),
+                              weights[entry]};
+    }
+  });
+  fresh_.remove(reached_, entries);
+}
+
+std::uint64_t DeviceAdmission::bytes() const {
+  const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
+  return blocks_.bytes() + fresh_.bytes() + is_touched_.bytes() + bytesOf(touched_) + bytesOf(reached_.voxels) +
+         bytesOf(reached_.blocks) + bytesOf(ids_) + bytesOf(weights_) + bytesOf(crossed_) + bytesOf(read_weights_) +
+         bytesOf(news_) + bytesOf(block_news_) + bytesOf(block_ids_);
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,166 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The exact policy on a backend that decides by itself what is due (launch/point_updater.h): the host only says which
+/// points are new, touched or confident by now (device_admission.h), and in which leaves facts flipped. Without a
+/// budget what comes out is what exact_scheduler.cpp brings out.
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+
+#include <algorithm>
+#include <array>
+#include <utility>
+#include <vector>
+
+#include "hostdev/cell_counts.h"
+#include "launch/lists.h"
+#include "update/block_groups.h"
+#include "update/cell_directions.h"
+#include "update/device_admission.h"
+#include "update/flip_set.h"
+#include "update/leaf_footprint.h"
+#include "update/run_beside.h"
+#include "update/scheduler.h"
+
+namespace accessvdb::internal {
+namespace {
+
+/// Flipped leaves are joined once this many wait, so that a long stretch without updates takes bounded memory.
+constexpr std::size_t kMostFlips = std::size_t{1} << 22;
+/// Memory that the table of directions by cell may take; above it, collisions are not remembered.
+constexpr std::uint64_t kMostCellTableBytes = std::uint64_t{256} << 20;
+
+std::uint32_t kindsOf(const LeafChange& change) {
+  std::uint32_t kinds = 0;
+  for (const FlipKind kind : {FlipKind::CollidesOn, FlipKind::CollidesOff, FlipKind::ArmFreeOn, FlipKind::ArmFreeOff}) {
+    std::uint64_t any = 0;
+    for (const std::uint64_t word : bitsOf(change, kind)) any |= word;
+    if (any != 0) kinds |= bitOf(kind);
+  }
+  return kinds;
+}
+
+/// Sums of two counts of freed voxels, cell by cell.
+std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
+  std::uint64_t sum = 0;
+  for (int shift = 0; shift < 64; shift += 8) {
+    const std::uint64_t cell = (a >> shift & 0xff) + (b >> shift & 0xff);
+    sum |= std::min<std::uint64_t>(cell, kernels::LeafFlips::kManyFreed) << shift;
+  }
+  return sum;
+}
+
+class DeviceScheduler final : public UpdateScheduler {
+ public:
+  /// @param group_log2  the updater's
+  DeviceScheduler(PointScorer& scorer, std::unique_ptr<kernels::PointUpdater> updater, int group_log2)
+      : scorer_(scorer), updater_(std::move(updater)), admission_(scorer, *updater_, group_log2) {}
+
+  // While the map takes the scan in, the backend finds neighbours.
+  void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
+                   std::span<const Eigen::Vector3f> q_L) override {
+    flips_begun_ = false;
+    admission_.noteReturns(touched, p_L, q_L);
+  }
+
+  bool takesNews() const override { return admission_.takesNews(); }
+  bool seesChanges() const override { return true; }
+  void noteChange(std::size_t part, const LeafChange& change) override {
+    if (!anything_scored_) return;
+    const Index3 leaf = parentOf(change.origin_ijk);
+    flips_[part].push_back(
+        {{leaf[0], leaf[1], leaf[2]}, kindsOf(change), kernels::countCells(change.collides_off.data())});
+  }
+
+  void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>, const MapChanges&) override {
+    if (kernels::totalSize(flips_) > 2 * joined_flips_ + kMostFlips) joinFlips();
+  }
+
+  // Should another scan come before the update, all flips are handed over again.
+  void prepare(const ScoringTables& tables) override {
+    if (!admission_.isAhead()) return;
+    updater_->begin(inputOf(tables));
+    flips_begun_ = true;
+  }
+
+  UpdateStats update(const ScoringTables& tables) override {
+    const bool begun = std::exchange(flips_begun_, false);
+    admission_.complete([&] {
+      if (!begun) updater_->begin(inputOf(tables));
+    });
+    const kernels::UpdateInput input = inputOf(tables);
+    runBeside([&] { updater_->choose(input); }, [&] { admission_.readWeights(); });
+    const kernels::UpdateOutcome outcome = admission_.update(input);
+    for (std::vector<kernels::LeafFlips>& part : flips_) part.clear();
+    joined_flips_ = 0;
+    anything_scored_ = anything_scored_ || outcome.evaluated > 0;
+    return statsOf(outcome);
+  }
+
+  std::uint64_t bytes() const override {
+    const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
+    std::uint64_t bytes = admission_.bytes();
+    for (const std::vector<kernels::LeafFlips>& part : flips_) bytes += bytesOf(part);
+    return bytes;
+  }
+  std::uint64_t deviceBytes() const override { return updater_->bytes(); }
+
+ private:
+  /// @return valid until flips are noted, or the next call
+  [[nodiscard]] kernels::UpdateInput inputOf(const ScoringTables& tables) {
+    kernels::UpdateInput input = updateInput(scorer_, tables);
+    std::ranges::copy(flips_, flip_lists_.begin());
+    input.flips = flip_lists_;
+    return input;
+  }
+
+  void joinFlips() {
+    tbb::parallel_for(std::size_t{0}, kMostParts, [&](std::size_t n) { join(flips_[n]); });
+    joined_flips_ = kernels::totalSize(flips_);
+  }
+  static void join(std::vector<kernels::LeafFlips>& flips) {
+    const auto place = [](const kernels::LeafFlips& f) { return std::array{f.leaf[0], f.leaf[1], f.leaf[2]}; };
+    tbb::parallel_sort(flips.begin(), flips.end(),
+                       [&](const kernels::LeafFlips& a, const kernels::LeafFlips& b) { return place(a) < place(b); });
+    std::size_t out = 0;
+    for (const kernels::LeafFlips& flip : flips) {
+      if (out > 0 && place(flips[out - 1]) == place(flip)) {
+        flips[out - 1].kinds |= flip.kinds;
+        flips[out - 1].freed = joinedFreed(flips[out - 1].freed, flip.freed);
+      } else {
+        flips[out++] = flip;
+      }
+    }
+    flips.resize(out);
+  }
+
+  PointScorer& scorer_;
+  std::unique_ptr<kernels::PointUpdater> updater_;
+  DeviceAdmission admission_;
+  bool anything_scored_ = false;
+  bool flips_begun_ = false;                                       ///< prepare() came since the last scan
+  std::array<std::vector<kernels::LeafFlips>, kMostParts> flips_;  ///< since the last update, by part of the map
+  std::array<std::span<const kernels::LeafFlips>, kMostParts> flip_lists_;  ///< inputOf()
+  std::size_t joined_flips_ = 0;  ///< so many there were when they were joined
+};
+
+}  // namespace
+
+std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
+                                                     const kernels::ApproachView& approach) {
+  const FieldParams& params = scorer.params();
+  const double voxel_size_m = params.tsdf.voxel_size_m;
+  const int group_log2 = blockGroupLog2(voxel_size_m);
+  const LeafFootprint footprint(tool, approach, voxel_size_m, group_log2);
+  kernels::UpdaterTables tables = updaterTables(params, group_log2);
+  tables.tool_columns = footprint.toolColumns();
+  tables.arm_columns = footprint.armColumns();
+  const CellDirections cells(tool, approach.num_directions, group_log2, kMostCellTableBytes);
+  tables.cell_directions = cells.table();
+  std::ranges::copy(cells.low(), tables.cell_low);
+  std::ranges::copy(cells.size(), tables.cell_size);
+  auto updater = scorer.backend().makeUpdater(tables);
+  if (updater == nullptr) return nullptr;
+  return std::make_unique<DeviceScheduler>(scorer, std::move(updater), group_log2);
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,207 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "update/leaf_footprint.h"
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+#include <map>
+#include <utility>
+
+#include "hostdev/occupancy_query.h"
+
+namespace accessvdb::internal {
+namespace {
+
+bool testVoxel(const LeafBits& bits, const Index3& voxel) {
+  const std::size_t n = bitInParent(voxel);
+  return (bits[n >> 6] >> (n & 63) & 1u) != 0;
+}
+
+/// Collects, for one direction after the other, the leaf offsets that voxel offsets can fall into.
+class FootprintBuilder {
+ public:
+  struct Range {
+    std::int32_t z_low, z_high;
+    DirectionMask directions = {};
+  };
+
+  /// @param low, high  box of voxel offsets from the point's voxel
+  void add(int d, const Index3& low, const Index3& high) {
+    // The point lies anywhere in its leaf: local coordinates 0 .. 7.
+    const std::int32_t z_low = low[2] >> 3, z_high = (high[2] + 7) >> 3;
+    for (std::int32_t x = low[0] >> 3; x <= (high[0] + 7) >> 3; ++x) {
+      for (std::int32_t y = low[1] >> 3; y <= (high[1] + 7) >> 3; ++y) {
+        Range& range = ranges_.try_emplace({x, y}, Range{z_low, z_high, {}}).first->second;
+        range.z_low = std::min(range.z_low, z_low);
+        range.z_high = std::max(range.z_high, z_high);
+        range.directions.set(d);
+      }
+    }
+  }
+  [[nodiscard]] const auto& ranges() const { return ranges_; }
+
+  /// The point may also lie 0 .. last leaves farther on, on each axis.
+  void spread(std::int32_t last) {
+    std::map<std::pair<std::int32_t, std::int32_t>, Range> spread;
+    for (const auto& [xy, range] : ranges_) {
+      for (std::int32_t x = xy.first; x <= xy.first + last; ++x) {
+        for (std::int32_t y = xy.second; y <= xy.second + last; ++y) {
+          Range& to = spread.try_emplace({x, y}, Range{range.z_low, range.z_high + last, {}}).first->second;
+          to.z_low = std::min(to.z_low, range.z_low);
+          to.z_high = std::max(to.z_high, range.z_high + last);
+          to.directions = to.directions | range.directions;
+        }
+      }
+    }
+    ranges_ = std::move(spread);
+  }
+
+ private:
+  std::map<std::pair<std::int32_t, std::int32_t>, Range> ranges_;
+};
+
+/// Rounding of float32 positions far from the origin, in voxels; ScanGate admits coordinates up to where it is 0.16.
+constexpr double kRounding = 0.25;
+
+/// Voxel offsets that an offset in metres can lead to: both ends are rounded on their own.
+std::pair<Index3, Index3> offsetBox(const float* offset_m, double voxel_size_m) {
+  Index3 low, high;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const double voxels = static_cast<double>(offset_m[axis]) / voxel_size_m;
+    low[axis] = static_cast<std::int32_t>(std::floor(voxels - kRounding));
+    high[axis] = static_cast<std::int32_t>(std::ceil(voxels + kRounding));
+  }
+  return {low, high};
+}
+
+}  // namespace
+
+LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach,
+                             double voxel_size_m, int group_log2)
+    : tool_(tool), approach_(approach), inverse_voxel_size_(static_cast<float>(1.0 / voxel_size_m)) {
+  FootprintBuilder tool_builder, arm_builder;
+  for (int d = 0; d < approach.num_directions; ++d) {
+    if (tool.use_samples) {
+      for (std::uint32_t n = tool.sample_begin[d]; n < tool.sample_begin[d + 1]; ++n) {
+        const auto [low, high] = offsetBox(tool.samples + 3 * static_cast<std::size_t>(n), voxel_size_m);
+        tool_builder.add(d, low, high);
+      }
+    } else {
+      for (std::uint32_t n = tool.column_begin[d]; n < tool.column_begin[d + 1]; ++n) {
+        const kernels::VoxelColumn& c = tool.columns[n];
+        const std::int32_t top = c.dz + 63 - std::countl_zero(c.bits);
+        tool_builder.add(d, {c.dx, c.dy, c.dz}, {c.dx, c.dy, top});
+      }
+    }
+    for (int n = 0; n < approach.num_arm; ++n) {
+      const float* offset = approach.arm_offsets + 3 * (static_cast<std::ptrdiff_t>(d) * approach.num_arm + n);
+      const auto [low, high] = offsetBox(offset, voxel_size_m);
+      arm_builder.add(d, low, high);
+    }
+  }
+  for (FootprintBuilder* builder : {&tool_builder, &arm_builder}) builder->spread((1 << group_log2) - 1);
+  const auto collect = [](const FootprintBuilder& builder, Columns& columns) {
+    for (const auto& [xy, range] : builder.ranges()) {
+      columns.push_back({xy.first, xy.second, range.z_low, range.z_high, range.directions});
+    }
+  };
+  collect(tool_builder, tool_columns_);
+  collect(arm_builder, arm_columns_);
+  for (const Columns* columns : {&tool_columns_, &arm_columns_}) {
+    for (const kernels::FootprintColumn& column : *columns) {
+      low_ = {std::min(low_[0], column.dx), std::min(low_[1], column.dy), std::min(low_[2], column.z_low)};
+      high_ = {std::max(high_[0], column.dx), std::max(high_[1], column.dy), std::max(high_[2], column.z_high)};
+    }
+  }
+}
+
+bool LeafFootprint::fill(const Index3& block_leaf, const FlipSet& flips, FlipWindow& window) const {
+  Index3 low, high;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    low[axis] = block_leaf[axis] + low_[axis];
+    high[axis] = block_leaf[axis] + high_[axis];
+  }
+  return window.fill(flips, low, high);
+}
+
+template <typename Flips>
+AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const Flips& flips) const {
+  AffectedDirections affected;
+  const auto scan = [&](const Columns& columns, FlipKind better_kind, FlipKind worse_kind, DirectionMask& better,
+                        DirectionMask& worse) {
+    for (const kernels::FootprintColumn& column : columns) {
+      std::uint8_t kinds = 0;
+      for (std::int32_t z = column.z_low; z <= column.z_high; ++z) {
+        kinds |= flips.kindsIn({block_leaf[0] + column.dx, block_leaf[1] + column.dy, block_leaf[2] + z});
+      }
+      if ((kinds >> static_cast<int>(better_kind) & 1) != 0) better = better | column.directions;
+      if ((kinds >> static_cast<int>(worse_kind) & 1) != 0) worse = worse | column.directions;
+    }
+  };
+  scan(tool_columns_, FlipKind::CollidesOff, FlipKind::CollidesOn, affected.better_tool, affected.worse_tool);
+  scan(arm_columns_, FlipKind::ArmFreeOn, FlipKind::ArmFreeOff, affected.better_arm, affected.worse_arm);
+  return affected;
+}
+
+template <typename Flips>
+bool LeafFootprint::armReads(const Eigen::Vector3f& p, int d, const Flips& flips, FlipKind kind) const {
+  const float* offset = approach_.arm_offsets + 3 * static_cast<std::ptrdiff_t>(d) * approach_.num_arm;
+  for (int n = 0; n < approach_.num_arm; ++n, offset += 3) {
+    const auto ijk = kernels::voxelOf(p.x() + offset[0], p.y() + offset[1], p.z() + offset[2], inverse_voxel_size_);
+    const Index3 voxel = {ijk[0], ijk[1], ijk[2]};
+    const LeafBits* bits = flips.find(parentOf(voxel), kind);
+    if (bits != nullptr && testVoxel(*bits, voxel)) return true;
+  }
+  return false;
+}
+
+template <typename Flips>
+bool LeafFootprint::toolReads(const Eigen::Vector3f& p, int d, const Flips& flips, FlipKind kind) const {
+  if (tool_.use_samples) {
+    for (std::uint32_t n = tool_.sample_begin[d]; n < tool_.sample_begin[d + 1]; ++n) {
+      const float* t = tool_.samples + 3 * static_cast<std::size_t>(n);
+      const auto ijk = kernels::voxelOf(p.x() + t[0], p.y() + t[1], p.z() + t[2], inverse_voxel_size_);
+      const Index3 voxel = {ijk[0], ijk[1], ijk[2]};
+      const LeafBits* bits = flips.find(parentOf(voxel), kind);
+      if (bits != nullptr && testVoxel(*bits, voxel)) return true;
+    }
+    return false;
+  }
+  const auto s = kernels::voxelOf(p.x(), p.y(), p.z(), inverse_voxel_size_);
+  Index3 last_leaf = {};
+  const LeafBits* last = nullptr;
+  bool cached = false;
+  for (std::uint32_t n = tool_.column_begin[d]; n < tool_.column_begin[d + 1]; ++n) {
+    const kernels::VoxelColumn& c = tool_.columns[n];
+    const std::int32_t z0 = s[2] + c.dz;
+    for (std::uint64_t bits = c.bits; bits != 0;) {
+      // One leaf row at a time.
+      const Index3 voxel = {s[0] + c.dx, s[1] + c.dy, z0 + std::countr_zero(bits)};
+      const Index3 leaf = parentOf(voxel);
+      if (!cached || leaf != last_leaf) {
+        last = flips.find(leaf, kind);
+        last_leaf = leaf;
+        cached = true;
+      }
+      const int row_start = leaf[2] * 8 - z0;  // bit of the column at the leaf's lowest voxel; may be negative
+      if (last != nullptr) {
+        const std::uint64_t row = row_start >= 0 ? bits >> row_start : bits << -row_start;
+        const std::uint64_t flipped = (*last)[static_cast<std::size_t>(voxel[0] & 7)] >> ((voxel[1] & 7) * 8);
+        if ((flipped & row & 0xffu) != 0) return true;
+      }
+      const int next = row_start + 8;
+      bits = next >= 64 ? 0 : bits & ~((std::uint64_t{1} << next) - 1);
+    }
+  }
+  return false;
+}
+
+template AffectedDirections LeafFootprint::affected(const Index3&, const FlipSet&) const;
+template AffectedDirections LeafFootprint::affected(const Index3&, const FlipWindow&) const;
+template bool LeafFootprint::toolReads(const Eigen::Vector3f&, int, const FlipSet&, FlipKind) const;
+template bool LeafFootprint::toolReads(const Eigen::Vector3f&, int, const FlipWindow&, FlipKind) const;
+template bool LeafFootprint::armReads(const Eigen::Vector3f&, int, const FlipSet&, FlipKind) const;
+template bool LeafFootprint::armReads(const Eigen::Vector3f&, int, const FlipWindow&, FlipKind) const;
+
+}  // namespace accessvdb::internal

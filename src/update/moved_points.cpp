@@ -1,0 +1,221 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "update/moved_points.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+
+#include <algorithm>
+#include <atomic>
+#include <cmath>
+#include <utility>
+
+namespace accessvdb::internal {
+namespace {
+
+/// Touched points are joined once this many wait, so that a long stretch without updates takes bounded memory.
+constexpr std::size_t kMostWaiting = std::size_t{1} << 20;
+/// How far means may lie outside of their voxel, far from the origin, where float32 has 8 steps a voxel.
+constexpr float kRoundingVoxels = 0.25f;
+/// A reach is rounded to float32 before it is squared.
+constexpr float kReachSlack = 1 + 4 * kFloatSlack;
+
+}  // namespace
+
+void MovedPoints::note(const TouchedPoints& touched) {
+  if (!any_known_) return;
+  for (std::size_t n = 0; n < touched.all.size(); ++n) {
+    touched_.push_back({touched.all[n], touched.views_changed[n], touched.before_L[n]});
+  }
+  if (touched_.size() > 2 * joined_ + kMostWaiting) joinTouched();
+}
+
+/// Sorts by id and joins what several scans did to a point.
+void MovedPoints::joinTouched() {
+  if (joined_ == touched_.size()) return;
+  // The order of the scans decides which position is the older one.
+  std::stable_sort(touched_.begin(), touched_.end(), [](const Touched& a, const Touched& b) { return a.id < b.id; });
+  std::size_t out = 0;
+  for (const Touched& touched : touched_) {
+    if (out > 0 && touched_[out - 1].id == touched.id) {
+      touched_[out - 1].views_changed |= touched.views_changed;
+    } else {
+      touched_[out++] = touched;
+    }
+  }
+  touched_.resize(out);
+  joined_ = out;
+}
+
+const std::vector<std::uint32_t>& MovedPoints::touched() {
+  joinTouched();
+  ids_.resize(touched_.size());
+  std::transform(touched_.begin(), touched_.end(), ids_.begin(), [](const Touched& touched) { return touched.id; });
+  return ids_;
+}
+
+void MovedPoints::groupByBlock() {
+  const PointStore& points = scorer_.points();
+  by_block_.resize(touched_.size());
+  for (std::size_t n = 0; n < by_block_.size(); ++n) by_block_[n] = static_cast<std::uint32_t>(n);
+  const auto blockOf = [&](std::uint32_t n) { return points.blockOf(touched_[n].id); };
+  tbb::parallel_sort(by_block_.begin(), by_block_.end(), [&](std::uint32_t a, std::uint32_t b) {
+    return blockOf(a) != blockOf(b) ? blockOf(a) < blockOf(b) : a < b;
+  });
+  groups_.clear();
+  for (std::uint32_t n = 0; n < by_block_.size(); ++n) {
+    const std::uint32_t block = blockOf(by_block_[n]);
+    if (groups_.empty() || groups_.back().block != block) groups_.push_back({block, n, n});
+    groups_.back().end = n + 1;
+  }
+}
+
+/// Blocks whose boxes lie within reach_m of the leaf's; for means of points in both.
+template <typename Visit>
+void MovedPoints::forEachNear(const Index3& leaf, float reach_m, const Visit& visit) const {
+  const SurfaceIndex& index = scorer_.points().index();
+  const float reach_voxels = reach_m / static_cast<float>(scorer_.params().tsdf.voxel_size_m) + 2 * kRoundingVoxels;
+  const auto rings = static_cast<std::int32_t>(reach_voxels / 8) + 1;
+  index.forEachBlock({leaf[0] - rings, leaf[1] - rings, leaf[2] - rings},
+                     {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings}, [&](std::uint32_t b) {
+                       float squared = 0;
+                       for (std::size_t axis = 0; axis < 3; ++axis) {
+                         const int blocks_between = std::abs(index.blocks()[b].leaf[axis] - leaf[axis]) - 1;
+                         const float gap = static_cast<float>(std::max(0, blocks_between)) * 8;
+                         squared += gap * gap;
+                       }
+                       visit(b, squared);
+                     });
+}
+
+/// Blocks with a point that some touched point may matter to, ascending.
+std::vector<std::uint32_t> MovedPoints::reachedBlocks() {
+  const auto& blocks = scorer_.points().index().blocks();
+  reached_.grow(blocks.size());
+  const auto voxel_size_m = static_cast<float>(scorer_.params().tsdf.voxel_size_m);
+  float most_m = -1;
+  for (std::size_t b = 0; b < block_reach_m_.size(); ++b) most_m = std::max(most_m, block_reach_m_[b]);
+  tbb::enumerable_thread_specific<std::vector<std::uint32_t>> found;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups_.size()), [&](const auto& range) {
+    std::vector<std::uint32_t>& mine = found.local();
+    for (std::size_t g = range.begin(); g != range.end(); ++g) {
+      forEachNear(blocks[groups_[g].block].leaf, most_m, [&](std::uint32_t b, float squared_gap) {
+        if (!anyIn(b)) return;
+        const float reach_voxels = block_reach_m_[b] / voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+        if (squared_gap > reach_voxels * reach_voxels) return;
+        std::atomic_ref<std::uint8_t> flag(reached_[b]);
+        if (flag.load(std::memory_order_relaxed) != 0) return;
+        if (flag.exchange(1, std::memory_order_relaxed) == 0) mine.push_back(b);
+      });
+    }
+  });
+  std::vector<std::uint32_t> reached;
+  for (const auto& part : found) reached.insert(reached.end(), part.begin(), part.end());
+  for (const std::uint32_t b : reached) reached_[b] = 0;
+  tbb::parallel_sort(reached);
+  return reached;
+}
+
+void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::vector<std::uint32_t>& moved) const {
+  const PointStore& points = scorer_.points();
+  const PointBlock& own = points.index().blocks()[block];
+  const auto voxel_size_m = static_cast<float>(scorer_.params().tsdf.voxel_size_m);
+  const float reach_voxels = block_reach_m_[block] / voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+  places.clear();
+  forEachNear(own.leaf, block_reach_m_[block], [&](std::uint32_t b, float squared_gap) {
+    if (group_of_block_[b] == kNone || squared_gap > reach_voxels * reach_voxels) return;
+    const Group& group = groups_[group_of_block_[b]];
+    for (std::uint32_t n = group.begin; n < group.end; ++n) {
+      const Touched& touched = touched_[by_block_[n]];
+      const Eigen::Vector3f& now_L = points.pca_L(touched.id);
+      const bool is_new = std::isnan(touched.before_L.x());
+      const bool mean_moved = is_new || touched.before_L != now_L;
+      if (!mean_moved && touched.views_changed == 0) continue;
+      places.add(now_L.x(), now_L.y(), now_L.z());
+      if (mean_moved && !is_new) places.add(touched.before_L.x(), touched.before_L.y(), touched.before_L.z());
+    }
+  });
+  const Group none = {block, 0, 0};
+  const Group& group = group_of_block_[block] == kNone ? none : groups_[group_of_block_[block]];
+  const NearKernels& kernels = nearKernels();
+  for (const std::uint32_t id : own.ids) {
+    const PointRecord& record = scorer_.record(id);
+    if (!record.has_neighbourhood) continue;
+    // A touched point itself: its mean, its seen directions or the mean sensor position are others now.
+    const auto first = by_block_.begin() + group.begin, last = by_block_.begin() + group.end;
+    const auto at = std::lower_bound(first, last, id, [&](std::uint32_t n, std::uint32_t value) {
+      return touched_[n].id < value;  // touched_ is sorted by id, and so is each group
+    });
+    const bool is_touched = at != last && touched_[*at].id == id;
+    if (is_touched || kernels.any_within(places.x(), places.y(), places.z(), places.lanes(), points.pca_L(id).data(),
+                                         record.reach_m * record.reach_m * kReachSlack)) {
+      moved.push_back(id);
+    }
+  }
+}
+
+std::vector<std::uint32_t> MovedPoints::find() {
+  joinTouched();
+  if (touched_.empty() || !any_known_) return {};
+  const std::size_t block_count = scorer_.points().index().blocks().size();
+  block_reach_m_.grow(block_count, -1.0f);
+  group_of_block_.grow(block_count, kNone);
+  groupByBlock();
+  for (std::uint32_t g = 0; g < groups_.size(); ++g) group_of_block_[groups_[g].block] = g;
+
+  const std::vector<std::uint32_t> reached = reachedBlocks();
+  struct Found {
+    NearPositions places;
+    std::vector<std::uint32_t> moved;
+  };
+  tbb::enumerable_thread_specific<Found> found;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, reached.size()), [&](const auto& range) {
+    Found& mine = found.local();
+    for (std::size_t n = range.begin(); n != range.end(); ++n) findInBlock(reached[n], mine.places, mine.moved);
+  });
+  for (const Group& group : groups_) group_of_block_[group.block] = kNone;
+  std::vector<std::uint32_t> moved;
+  for (const Found& part : found) moved.insert(moved.end(), part.moved.begin(), part.moved.end());
+  tbb::parallel_sort(moved);
+  return moved;
+}
+
+void MovedPoints::refreshed(std::span<const std::uint32_t> ids) {
+  const PointStore& points = scorer_.points();
+  const auto& blocks = points.index().blocks();
+  any_known_ = any_known_ || !ids.empty();
+  block_reach_m_.grow(blocks.size(), -1.0f);
+  reached_.grow(blocks.size());
+  std::vector<std::uint32_t> changed;
+  for (const std::uint32_t id : ids) {
+    const std::uint32_t b = points.blockOf(id);
+    if (std::exchange(reached_[b], std::uint8_t{1}) == 0) changed.push_back(b);
+  }
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, changed.size()), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      const std::uint32_t b = changed[n];
+      reached_[b] = 0;
+      float most_m = -1;
+      for (const std::uint32_t id : blocks[b].ids) {
+        const PointRecord& record = scorer_.record(id);
+        if (record.has_neighbourhood) most_m = std::max(most_m, record.reach_m);
+      }
+      block_reach_m_[b] = most_m;
+    }
+  });
+}
+
+void MovedPoints::clear() {
+  touched_.clear();
+  joined_ = 0;
+}
+
+std::uint64_t MovedPoints::bytes() const {
+  return touched_.capacity() * sizeof(Touched) + groups_.capacity() * sizeof(Group) + reached_.bytes() +
+         (ids_.capacity() + by_block_.capacity()) * sizeof(std::uint32_t) + group_of_block_.bytes() +
+         block_reach_m_.bytes();
+}
+
+}  // namespace accessvdb::internal

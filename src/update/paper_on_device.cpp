@@ -1,0 +1,69 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The paper's policy on a backend that keeps queue and state by itself (launch/point_updater.h). What needs the map or
+/// its own numbers is found here: which points became confident, and what triggers (i) and (ii) ask for. What comes out
+/// is what paper_scheduler.cpp brings out.
+#include <memory>
+#include <utility>
+
+#include "update/block_groups.h"
+#include "update/coarse_to_fine.h"
+#include "update/device_admission.h"
+#include "update/paper_triggers.h"
+#include "update/scheduler.h"
+
+namespace accessvdb::internal {
+namespace {
+
+class DevicePaperScheduler final : public UpdateScheduler {
+ public:
+  /// @param group_log2  the updater's
+  DevicePaperScheduler(PointScorer& scorer, std::unique_ptr<kernels::PointUpdater> updater, int group_log2)
+      : scorer_(scorer), updater_(std::move(updater)), admission_(scorer, *updater_, group_log2), triggers_(scorer) {}
+
+  void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
+                   std::span<const Eigen::Vector3f> q_L) override {
+    admission_.noteReturns(touched, p_L, q_L);
+  }
+
+  bool takesNews() const override { return admission_.takesNews(); }
+  bool seesDistances() const override { return true; }
+  void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                   const MapChanges& changes) override {
+    triggers_.note(p_L, q_L, changes.distances);
+  }
+
+  UpdateStats update(const ScoringTables& tables) override {
+    admission_.complete([] {});
+    admission_.readWeights();
+    const PaperRequests asked = triggers_.take();
+    kernels::UpdateInput input = updateInput(scorer_, tables);
+    input.jumped = asked.jumped;
+    input.sampled = asked.sampled;
+    input.all_blocked = asked.blocked;
+    return statsOf(admission_.update(input));
+  }
+
+  std::uint64_t bytes() const override { return admission_.bytes() + triggers_.bytes(); }
+  std::uint64_t deviceBytes() const override { return updater_->bytes(); }
+
+ private:
+  PointScorer& scorer_;
+  std::unique_ptr<kernels::PointUpdater> updater_;
+  DeviceAdmission admission_;
+  PaperTriggers triggers_;
+};
+
+}  // namespace
+
+std::unique_ptr<UpdateScheduler> makeDevicePaperScheduler(PointScorer& scorer) {
+  const int group_log2 = blockGroupLog2(scorer.params().tsdf.voxel_size_m);
+  kernels::UpdaterTables tables = updaterTables(scorer.params(), group_log2);
+  tables.paper_policy = true;
+  tables.candidates = coarseToFineRule(scorer.params());
+  auto updater = scorer.backend().makeUpdater(tables);
+  if (updater == nullptr) return nullptr;
+  return std::make_unique<DevicePaperScheduler>(scorer, std::move(updater), group_log2);
+}
+
+}  // namespace accessvdb::internal

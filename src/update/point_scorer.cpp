@@ -1,0 +1,200 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "update/point_scorer.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+
+#include "hostdev/direction_filter.h"
+
+namespace accessvdb::internal {
+namespace {
+/// State arrays grow by a quarter, at least by this many points.
+constexpr std::uint32_t kLeastGrowth = 1 << 16;
+constexpr std::size_t kPointsPerTask = 1024;
+}  // namespace
+
+DirectionMask allDirections(int num_directions) {
+  DirectionMask mask = {};
+  for (int d = 0; d < num_directions; ++d) mask.set(d);
+  return mask;
+}
+
+DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words)
+    : backend_(backend), words_(direction_words) {}
+
+void DevicePoints::reserve(std::uint32_t size) {
+  if (size <= capacity_) return;
+  const std::uint32_t wanted = size + std::max(size / 4, kLeastGrowth);
+  std::uint32_t capacity = wanted;  // of the smallest array, where there is no memory for what is wanted
+  const auto grow = [&](auto& array, std::size_t each) {
+    array.growWithRoom(backend_, each * size, each * wanted, each * size_);
+    capacity = std::min(capacity, static_cast<std::uint32_t>(array.size() / each));
+  };
+  grow(position_L_, 3);
+  grow(normal_L_, 3);
+  grow(seen_, static_cast<std::size_t>(words_));
+  grow(stability_, 1);
+  grow(score_, 1);
+  grow(direction_, 1);
+  grow(weight_, 1);
+  grow(label_, 1);
+  grow(reason_, 1);
+  capacity_ = capacity;
+}
+
+void DevicePoints::growRaw(std::uint32_t size) {
+  reserve(size);
+  size_ = std::max(size_, size);
+}
+
+void DevicePoints::grow(std::uint32_t size) {
+  if (size <= size_) return;
+  const std::uint32_t before = size_, added = size - size_;
+  growRaw(size);
+  normal_L_.upload(std::vector<float>(std::size_t{3} * added, 0.0f).data(), std::size_t{3} * added,
+                   std::size_t{3} * before);
+  stability_.upload(std::vector<float>(added, 1.0f).data(), added, before);
+  score_.upload(std::vector<std::uint16_t>(added, kNoScore).data(), added, before);
+  direction_.upload(std::vector<std::uint16_t>(added, kNoDirection).data(), added, before);
+  weight_.upload(std::vector<std::uint16_t>(added, 0).data(), added, before);
+  label_.upload(std::vector<PointLabel>(added, PointLabel::Unscored).data(), added, before);
+  reason_.upload(std::vector<PointReason>(added, PointReason::Confidence).data(), added, before);
+}
+
+kernels::PointStateView DevicePoints::view() const {
+  kernels::PointStateView view;
+  view.position_L = position_L_.data();
+  view.normal_L = normal_L_.data();
+  view.seen = seen_.data();
+  view.score = score_.data();
+  view.direction = direction_.data();
+  view.stability = stability_.data();
+  view.weight = weight_.data();
+  view.label = label_.data();
+  view.reason = reason_.data();
+  view.direction_words = words_;
+  return view;
+}
+
+std::uint64_t DevicePoints::bytesPerPoint(int direction_words) {
+  return 6 * sizeof(float) + static_cast<std::uint64_t>(direction_words) * sizeof(std::uint64_t) +
+         3 * sizeof(std::uint16_t) + sizeof(float) + sizeof(PointLabel) + sizeof(PointReason);
+}
+
+std::uint64_t DevicePoints::bytes() const {
+  return position_L_.bytes() + normal_L_.bytes() + seen_.bytes() + stability_.bytes() + score_.bytes() +
+         direction_.bytes() + weight_.bytes() + label_.bytes() + reason_.bytes();
+}
+
+PointScorer::PointScorer(const PointStore& points, const FieldParams& resolved, kernels::Backend& backend,
+                         MapReads reads)
+    : points_(points),
+      params_(resolved),
+      backend_(backend),
+      reads_(std::move(reads)),
+      search_(points, resolved),
+      device_(backend, (resolved.approach.num_directions + 63) / 64) {}
+
+void PointScorer::grow() {
+  device_.grow(points_.size());
+  records_.grow(points_.size());
+}
+
+bool PointScorer::isConfident(std::uint16_t weight) const {
+  return kernels::confidenceOf(weight, static_cast<float>(params_.scoring.confidence_half_weight)) >=
+         static_cast<float>(params_.scoring.confidence_min);
+}
+
+bool PointScorer::admissible(std::uint32_t id, std::uint16_t d, const kernels::ApproachView& approach) const {
+  if (d == kNoDirection || !records_[id].seen.test(d)) return false;
+  return kernels::cosToNormal(approach, d, records_[id].normal_L.data()) >= approach.normal_cos_min;
+}
+
+std::vector<std::uint32_t> PointScorer::refreshWeights(std::span<const std::uint32_t> ids) {
+  std::vector<std::uint16_t> weights(ids.size());
+  reads_.weights(ids, weights);
+  std::vector<std::uint32_t> crossed;
+  for (std::size_t n = 0; n < ids.size(); ++n) {
+    const bool before = confidentEnough(ids[n]);
+    records_[ids[n]].weight = weights[n];
+    if (confidentEnough(ids[n]) != before) crossed.push_back(ids[n]);
+  }
+  return crossed;
+}
+
+std::vector<std::uint32_t> PointScorer::takeConfident(std::vector<std::uint32_t>& fresh) {
+  refreshWeights(fresh);
+  std::vector<std::uint32_t> confident;
+  std::erase_if(fresh, [&](std::uint32_t id) {
+    if (confidentEnough(id)) confident.push_back(id);
+    return confidentEnough(id);
+  });
+  return confident;
+}
+
+std::vector<std::uint32_t> PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids) {
+  std::vector<Neighbourhood> found(ids.size());
+  search_.compute(ids, found);
+  std::vector<std::uint8_t> differs(ids.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      PointRecord& record = records_[ids[n]];
+      differs[n] = !record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen);
+      record.normal_L = found[n].normal_L;
+      record.seen = found[n].seen;
+      record.reach_m = found[n].reach_m;
+      record.has_neighbourhood = true;
+    }
+  });
+  std::vector<std::uint32_t> changed;
+  for (std::size_t n = 0; n < ids.size(); ++n) {
+    if (differs[n] != 0) changed.push_back(ids[n]);
+  }
+  return changed;
+}
+
+void PointScorer::upload(std::span<const std::uint32_t> ids) {
+  std::vector<kernels::PointInput> inputs(ids.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      const std::uint32_t id = ids[n];
+      const PointRecord& record = records_[id];
+      kernels::PointInput& input = inputs[n];
+      input.id = id;
+      input.weight = record.weight;
+      for (int axis = 0; axis < 3; ++axis) {
+        input.position_L[axis] = points_.first_L(id)[axis];
+        input.normal_L[axis] = record.normal_L[axis];
+      }
+      input.seen = record.seen;
+    }
+  });
+  backend_.writePoints(device_.view(), inputs.data(), inputs.size());
+}
+
+std::vector<kernels::ScoreResult> PointScorer::score(std::span<const kernels::ScoreItem> items,
+                                                     const ScoringTables& tables) {
+  std::vector<kernels::ScoreResult> results(items.size());
+  kernels::ScoreRequest request;
+  request.map = tables.map;
+  request.tool = tables.tool;
+  request.approach = tables.approach;
+  request.points = device_.view();
+  request.rule = tables.rule;
+  request.items = items.data();
+  request.results = results.data();
+  request.count = items.size();
+  backend_.scorePoints(request);
+  for (std::size_t n = 0; n < items.size(); ++n) {
+    PointRecord& record = records_[items[n].id];
+    record.label = results[n].label;
+    record.score = results[n].stored_score;
+    record.direction = results[n].stored_direction;
+  }
+  return results;
+}
+
+}  // namespace accessvdb::internal

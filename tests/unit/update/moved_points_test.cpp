@@ -1,0 +1,146 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// No neighbourhood that changed is missed: against computing all of them anew after every scan.
+#include "update/moved_points.h"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+#include "unit/points/random_points.h"
+
+namespace accessvdb::internal {
+namespace {
+
+using test::directionTable;
+using test::pointParams;
+using test::Random;
+
+MapReads noMap() {
+  MapReads reads;
+  reads.weights = [](std::span<const std::uint32_t>, std::span<std::uint16_t> weights) {
+    std::fill(weights.begin(), weights.end(), std::uint16_t{5});
+  };
+  return reads;
+}
+
+struct Stream {
+  FieldParams params;
+  double half_m = 0;   ///< extent of the scene
+  double patch_m = 0;  ///< each scan sees a patch of this size
+  Eigen::Vector3f centre = {0, 0, 0};
+  std::size_t returns = 0;  ///< a scan
+  std::size_t scans_an_update = 1;
+};
+
+struct Outcome {
+  std::size_t changed = 0, moved = 0, all = 0;
+};
+
+/// Scans of a rough sheet from changing places. After each update every neighbourhood is computed anew, and those that
+/// are not what the scorer holds must be among the moved ones.
+Outcome run(const Stream& stream, std::uint64_t seed) {
+  Random random(seed);
+  PointStore points(stream.params, directionTable(stream.params.approach.num_directions));
+  const auto backend = kernels::makeCpuBackend();
+  PointScorer scorer(points, stream.params, *backend, noMap());
+  const NeighbourhoodSearch search(points, stream.params);
+  MovedPoints moved_points(scorer);
+  Outcome outcome;
+  for (int update = 0; update < 12; ++update) {
+    for (std::size_t scan = 0; scan < stream.scans_an_update; ++scan) {
+      std::vector<Eigen::Vector3f> p;
+      const Eigen::Vector3f patch = random.point(stream.half_m);
+      for (std::size_t n = 0; n < stream.returns; ++n) {
+        Eigen::Vector3f x = patch + random.point(stream.patch_m);
+        x.z() = 0.2f * std::sin(2 * x.x()) + 0.02f * x.z();
+        p.push_back(stream.centre + x);
+      }
+      const Eigen::Vector3f q = stream.centre + random.point(3);
+      moved_points.note(points.addReturns(p, {&q, 1}));
+    }
+    const std::uint32_t known = scorer.device().size();  // those before have a neighbourhood
+    scorer.grow();
+    const std::vector<std::uint32_t> moved = moved_points.find();
+    EXPECT_TRUE(std::is_sorted(moved.begin(), moved.end()));
+    EXPECT_EQ(std::adjacent_find(moved.begin(), moved.end()), moved.end());
+    std::vector<std::uint32_t> ids(points.size());
+    std::iota(ids.begin(), ids.end(), 0u);
+    std::vector<Neighbourhood> now(ids.size());
+    search.compute(ids, now);
+    for (std::uint32_t id = 0; id < known; ++id) {
+      const PointRecord& record = scorer.record(id);
+      const bool is_same =
+          record.normal_L == now[id].normal_L && record.seen == now[id].seen && record.reach_m == now[id].reach_m;
+      outcome.changed += is_same ? 0 : 1;
+      if (!is_same) {
+        EXPECT_TRUE(std::binary_search(moved.begin(), moved.end(), id)) << "update " << update << " point " << id;
+      }
+    }
+    outcome.moved += moved.size();
+    outcome.all += known;
+    if (testing::Test::HasFailure()) break;
+    // As the scheduler: the moved ones, and those that are new.
+    std::vector<std::uint32_t> refresh = moved;
+    for (std::uint32_t id = known; id < points.size(); ++id) refresh.push_back(id);
+    scorer.refreshNeighbourhoods(refresh);
+    moved_points.refreshed(refresh);
+    moved_points.clear();
+  }
+  return outcome;
+}
+
+void expectSelective(const Outcome& outcome) {
+  EXPECT_GT(outcome.changed, 500u);
+  EXPECT_LT(outcome.moved, outcome.all / 2);
+  EXPECT_LT(outcome.moved, 2 * outcome.changed);  // not much more than what changed
+}
+
+TEST(MovedPoints, MissNoChangedNeighbourhood) {
+  Stream stream;
+  stream.params = pointParams(0.05);
+  stream.half_m = 3;
+  stream.patch_m = 0.8;
+  stream.returns = 700;
+  for (std::uint64_t seed = 1; seed <= 3; ++seed) expectSelective(run(stream, seed));
+}
+
+TEST(MovedPoints, SeveralScansAnUpdate) {
+  Stream stream;
+  stream.params = pointParams(0.05, 36, 30);
+  stream.half_m = 4;
+  stream.patch_m = 0.5;
+  stream.returns = 250;
+  stream.scans_an_update = 3;
+  expectSelective(run(stream, 4));
+}
+
+/// Where float32 has sixteen steps a voxel, means lie outside of their voxels.
+TEST(MovedPoints, FarFromTheOrigin) {
+  Stream stream;
+  stream.params = pointParams(0.01);
+  stream.half_m = 0.6;
+  stream.patch_m = 0.15;
+  stream.returns = 700;
+  stream.centre = Eigen::Vector3f(-5000, 5100, 4900);
+  const Outcome outcome = run(stream, 5);
+  EXPECT_GT(outcome.changed, 500u);
+}
+
+/// First returns never move: then only new points and new views matter.
+TEST(MovedPoints, WithoutMeansOnlyNewPointsAndViewsMatter) {
+  Stream stream;
+  stream.params = pointParams(0.05);
+  stream.params.scoring.mean_positions = false;
+  stream.half_m = 3;
+  stream.patch_m = 0.8;
+  stream.returns = 700;
+  const Outcome outcome = run(stream, 6);
+  EXPECT_GT(outcome.changed, 500u);
+  EXPECT_LT(outcome.moved, outcome.all / 2);
+}
+
+}  // namespace
+}  // namespace accessvdb::internal
