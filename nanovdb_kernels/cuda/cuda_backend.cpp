@@ -6,13 +6,13 @@
 #include <array>
 #include <cstring>
 
-#include "cuda/cuda_check.h"
-#include "cuda/device_arena.h"
-#include "cuda/device_context.h"
-#include "cuda/owned_event.h"
-#include "cuda/pinned_buffer.h"
-#include "cuda/score_kernels.h"
-#include "cuda/updaters.h"
+#include "cuda/memory/cuda_check.h"
+#include "cuda/memory/device_arena.h"
+#include "cuda/memory/device_context.h"
+#include "cuda/memory/owned_event.h"
+#include "cuda/memory/pinned_buffer.h"
+#include "cuda/search/score_kernels.h"
+#include "cuda/update/updaters.h"
 
 namespace accessvdb::kernels {
 namespace {

@@ -25,7 +25,7 @@ QueryIndex::Cell& QueryIndex::cellFor(const Index3& cell) {
     }
   }
   cells_.push_back(std::make_unique<Cell>());
-  place({keyOf(cell), cells_.back().get()});
+  place({kernels::placeKey(cell[0], cell[1], cell[2]), cells_.back().get()});
   return *cells_.back();
 }
 

@@ -11,6 +11,7 @@
 #include <memory>
 #include <vector>
 
+#include "hostdev/place_key.h"
 #include "points/point_store.h"
 
 namespace accessvdb::internal {
@@ -50,7 +51,7 @@ class QueryIndex {
   /// The cell (8^3 blocks) with these coordinates, or nullptr.
   [[nodiscard]] const Cell* cellAt(const Index3& cell) const {
     if (slots_.empty()) return nullptr;
-    const std::uint64_t key = keyOf(cell);
+    const std::uint64_t key = kernels::placeKey(cell[0], cell[1], cell[2]);
     for (std::size_t n = slotOf(key);; n = (n + 1) & (slots_.size() - 1)) {
       if (slots_[n].cell == nullptr || slots_[n].key == key) return slots_[n].cell;
     }
@@ -62,11 +63,6 @@ class QueryIndex {
     std::uint64_t key = 0;
     Cell* cell = nullptr;
   };
-  static std::uint64_t keyOf(const Index3& cell) {
-    constexpr std::int64_t kBias = 1 << 20;  // voxels lie within 10^6 of the origin, cells within 2^14
-    return static_cast<std::uint64_t>(cell[0] + kBias) << 42 | static_cast<std::uint64_t>(cell[1] + kBias) << 21 |
-           static_cast<std::uint64_t>(cell[2] + kBias);
-  }
   [[nodiscard]] std::size_t slotOf(std::uint64_t key) const {
     key *= 0x9E3779B97F4A7C15u;
     return (key ^ key >> 32) & (slots_.size() - 1);

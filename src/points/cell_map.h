@@ -10,6 +10,8 @@
 #include <utility>
 #include <vector>
 
+#include "hostdev/place_key.h"
+
 namespace accessvdb::internal {
 
 class CellMap {
@@ -19,15 +21,15 @@ class CellMap {
   /// @param cell  coordinates within +-2^20. @return its number or kNoCell
   [[nodiscard]] std::uint32_t find(const std::array<std::int32_t, 3>& cell) const {
     if (slots_.empty()) return kNoCell;
-    return slots_[slotOf(keyOf(cell))].number;
+    return slots_[slotOf(kernels::placeKey(cell[0], cell[1], cell[2]))].number;
   }
 
   /// @param number  what a new cell gets. @return the cell's number, and whether it is new
   std::pair<std::uint32_t, bool> insert(const std::array<std::int32_t, 3>& cell, std::uint32_t number) {
     if (2 * (count_ + 1) > slots_.size()) grow();
-    Slot& slot = slots_[slotOf(keyOf(cell))];
+    Slot& slot = slots_[slotOf(kernels::placeKey(cell[0], cell[1], cell[2]))];
     if (slot.number != kNoCell) return {slot.number, false};
-    slot = {keyOf(cell), number};
+    slot = {kernels::placeKey(cell[0], cell[1], cell[2]), number};
     ++count_;
     return {number, true};
   }
@@ -39,11 +41,6 @@ class CellMap {
     std::uint64_t key = 0;
     std::uint32_t number = kNoCell;
   };
-  static std::uint64_t keyOf(const std::array<std::int32_t, 3>& cell) {
-    constexpr std::int64_t kBias = 1 << 20;
-    return static_cast<std::uint64_t>(cell[0] + kBias) << 42 | static_cast<std::uint64_t>(cell[1] + kBias) << 21 |
-           static_cast<std::uint64_t>(cell[2] + kBias);
-  }
   /// That of the key, or the free one where it belongs.
   [[nodiscard]] std::size_t slotOf(std::uint64_t key) const {
     const std::size_t mask = slots_.size() - 1;

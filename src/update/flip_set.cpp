@@ -40,7 +40,8 @@ void FlipSet::add(std::span<const LeafChange> changes) {
   const std::size_t needed = std::bit_ceil(2 * (changes_.size() + changes.size()) + 16);
   if (slots_.size() < needed) grow(needed);
   for (const LeafChange& change : changes) {
-    const std::uint64_t key = keyOf(parentOf(change.origin_ijk));
+    const Index3 leaf = parentOf(change.origin_ijk);
+    const std::uint64_t key = kernels::placeKey(leaf[0], leaf[1], leaf[2]);
     const std::uint8_t kinds = kindsOf(change);
     if (kinds == 0) continue;
     Slot& slot = slots_[slotOf(key)];

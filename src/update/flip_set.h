@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "accessvdb/leaf_change.h"
+#include "hostdev/place_key.h"
 #include "points/surface_index.h"
 
 namespace accessvdb::internal {
@@ -65,7 +66,6 @@ class FlipSet {
     std::uint32_t change;  ///< index into changes_
     std::uint32_t kinds;   ///< 0: the slot is empty
   };
-  static std::uint64_t keyOf(const Index3& leaf);
   [[nodiscard]] std::size_t slotOf(std::uint64_t key) const;
   void grow(std::size_t capacity);
 
@@ -73,14 +73,7 @@ class FlipSet {
   std::vector<Slot> slots_;  ///< a power of two
 };
 
-// Inline: some hundred a point and update.
-
-/// 21 bits an axis: more than the leaves of 2^20 voxels either way.
-inline std::uint64_t FlipSet::keyOf(const Index3& leaf) {
-  constexpr std::uint64_t kAxis = (std::uint64_t{1} << 21) - 1;
-  return (static_cast<std::uint64_t>(leaf[0]) & kAxis) << 42 | (static_cast<std::uint64_t>(leaf[1]) & kAxis) << 21 |
-         (static_cast<std::uint64_t>(leaf[2]) & kAxis);
-}
+// Inline: some hundred calls per point and update.
 
 inline std::size_t FlipSet::slotOf(std::uint64_t key) const {
   std::uint64_t mixed = key * 0x9e3779b97f4a7c15ull;
@@ -92,7 +85,7 @@ inline std::size_t FlipSet::slotOf(std::uint64_t key) const {
 
 inline FlipSet::Flipped FlipSet::at(const Index3& leaf) const {
   if (changes_.empty()) return {nullptr, 0};
-  const Slot& slot = slots_[slotOf(keyOf(leaf))];
+  const Slot& slot = slots_[slotOf(kernels::placeKey(leaf[0], leaf[1], leaf[2]))];
   if (slot.kinds == 0) return {nullptr, 0};
   return {&changes_[slot.change], static_cast<std::uint8_t>(slot.kinds)};
 }

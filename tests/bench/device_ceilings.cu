@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <functional>
 
-#include "cuda/cuda_check.h"
+#include "cuda/memory/cuda_check.h"
 
 namespace accessvdb {
 namespace {

@@ -19,7 +19,10 @@ grids    std eigen api openvdb
 hostdev  constants label
 launch   std api hostdev
 cpu      std posix api hostdev launch tbb
-cuda     std api hostdev launch cuda
+cuda-memory std api hostdev launch cudart
+cuda-search std api hostdev launch cudart cuda-memory
+cuda-update std api hostdev launch cudart cuda-memory cuda-search
+cuda     std api hostdev launch cudart cuda-memory cuda-update cuda-search
 tsdf     std posix simd api grids eigen openvdb tbb
 mirror   std posix api grids openvdb tbb launch hostdev
 points   std api eigen tbb launch hostdev simd
@@ -32,7 +35,7 @@ capi     std api eigen
 sim      std api grids eigen tbb field io embree
 eval     std api grids eigen tbb field sim io embree qhull png json picture
 tools    std posix api grids eigen cli toml json sim eval
-examples std posix api grids eigen cli cuda
+examples std posix api grids eigen cli cudart
 python   std api eigen pybind
 TABLE
 }
@@ -59,6 +62,7 @@ check_includes() {
       split(path, part, "/")
       if (path ~ /^include\/accessvdb\/tsdf_volume\.h$/) return "grids"
       if (path ~ /^include\/accessvdb\//) return "api"
+      if (path ~ /^nanovdb_kernels\/cuda\/[a-z]+\//) return "cuda-" part[3]
       if (part[1] == "nanovdb_kernels" || part[1] == "src") return part[2]
       return part[1]
     }
@@ -70,10 +74,11 @@ check_includes() {
       if (first == "accessvdb") return "api"
       if (first in third) return third[first]
       if (name in third) return third[name]
-      if (name ~ /^(cuda|device_|driver_types|vector_types|cooperative_groups|nvrtc|curand)/ && !(first in layers)) return "cuda"
+      if (name ~ /^(cuda|device_|driver_types|vector_types|cooperative_groups|nvrtc|curand)/ && !(first in layers)) return "cudart"
       if (name ~ /^sys\// || name in posix) return "posix"
       if (name in constants && layerOf(path) == "hostdev") return "constants"
       if (quote == "<" && (name !~ /[\/.]/ || name ~ /^(stddef|stdint|stdio|stdlib|string|math)\.h$/)) return "std"
+      if (name ~ /^cuda\/[a-z]+\//) { split(name, room, "/"); return "cuda-" room[2] }
       if (name ~ /\// && first in layers) return first
       here = folder(path) "/" name
       if (here in exists) return layerOf(path)
@@ -83,7 +88,7 @@ check_includes() {
     }
     BEGIN {
       n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl assimp:assimp Eigen:eigen unsupported:eigen " \
-                "cub:cuda thrust:cuda nv:cuda embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
+                "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
                 "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json", pairs, " ")
       for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }
       n = split("unistd.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")

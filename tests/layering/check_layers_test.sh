@@ -64,7 +64,7 @@ for header in openvdb/openvdb.h accessvdb/tsdf_volume.h Eigen/Core cuda_runtime.
   expect layer nanovdb_kernels/cpu/bad.cpp "#include \"$header\""
 done
 for header in openvdb/openvdb.h Eigen/Core tbb/task_arena.h; do
-  expect layer nanovdb_kernels/cuda/bad.cu "#include <$header>"
+  expect layer nanovdb_kernels/cuda/update/bad.cu "#include <$header>"
 done
 for header in hostdev/views.h launch/backend.h pcl/point_types.h points/store.h; do
   expect layer src/tsdf/bad.cpp "#include \"$header\""
@@ -76,6 +76,18 @@ for header in openvdb/tree/Tree.h accessvdb/tsdf_volume.h cuda_runtime.h tsdf/ma
   expect layer src/points/bad.cpp "#include \"$header\""
   expect layer src/tool/bad.cpp "#include \"$header\""
 done
+for header in update/scheduler.h field/field.h tool/tool_kernel.h; do
+  expect layer src/points/bad.cpp "#include \"$header\""
+done
+for header in field/field.h tsdf/map.h cuda/update/updaters.h; do
+  expect layer src/update/bad.cpp "#include \"$header\""
+done
+for header in field/field.h openvdb/openvdb.h points/store.h; do
+  expect layer src/picture/bad.cpp "#include \"$header\""
+done
+expect layer nanovdb_kernels/cuda/memory/bad.h '#include "cuda/search/warp.cuh"'
+expect layer nanovdb_kernels/cuda/search/bad.cuh '#include "cuda/update/update_views.cuh"'
+expect layer nanovdb_kernels/cuda/update/bad.cu '#include "cuda/cuda_backend.h"'
 for header in hostdev/views.h launch/backend.h cuda_runtime.h field/field.h; do
   expect layer src/io/bad.cpp "#include \"$header\""
 done

@@ -1,0 +1,149 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/memory/device_context.h"
+
+#include "cuda/memory/cuda_check.h"
+
+namespace accessvdb::kernels {
+namespace {
+
+std::string versionText(int version) {
+  return std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
+}
+
+[[noreturn]] void refuse(const std::string& id, const std::string& problem, const std::string& advice) {
+  (void)cudaGetLastError();
+  throw DeviceError(id, "cuda", problem, advice);
+}
+
+/// One line for each way in which there can be no device.
+void requireDriverAndDevice() {
+  int driver = 0, runtime = 0, devices = 0;
+  if (cudaDriverGetVersion(&driver) != cudaSuccess || driver == 0) {
+    refuse("device.no_driver", "no NVIDIA driver is installed", "Install one, or use --device cpu");
+  }
+  ACCESSVDB_CUDA(cudaRuntimeGetVersion(&runtime));
+  const cudaError_t status = cudaGetDeviceCount(&devices);
+  if (status == cudaErrorInsufficientDriver) {
+    refuse("device.old_driver",
+           "the NVIDIA driver knows CUDA " + versionText(driver) + ", this program needs " + versionText(runtime),
+           "Install a newer driver, or use --device cpu");
+  }
+  if (status == cudaErrorNoDevice || (status == cudaSuccess && devices == 0)) {
+    refuse("device.missing", "no NVIDIA GPU can be used here",
+           "Check nvidia-smi and CUDA_VISIBLE_DEVICES, or use --device cpu");
+  }
+  if (status != cudaSuccess) {
+    refuse("device.failed", std::string("the NVIDIA driver does not start: ") + cudaGetErrorString(status),
+           "Check nvidia-smi, or use --device cpu");
+  }
+}
+
+}  // namespace
+
+CurrentDevice::CurrentDevice(int device) {
+  ACCESSVDB_CUDA(cudaGetDevice(&before_));
+  if (before_ != device) {
+    ACCESSVDB_CUDA(cudaSetDevice(device));
+  } else {
+    before_ = -1;
+  }
+}
+CurrentDevice::~CurrentDevice() {
+  if (before_ >= 0) (void)cudaSetDevice(before_);
+}
+
+DeviceContext::DeviceContext(std::uint64_t memory_limit_bytes) : limit_bytes_(memory_limit_bytes) {
+  requireDriverAndDevice();
+  ACCESSVDB_CUDA(cudaGetDevice(&device_));  // the caller's, else the first
+  try {
+    describeDevice();
+    ACCESSVDB_CUDA(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
+    int least = 0, greatest = 0;
+    ACCESSVDB_CUDA(cudaDeviceGetStreamPriorityRange(&least, &greatest));
+    ACCESSVDB_CUDA(cudaStreamCreateWithPriority(&mirror_stream_, cudaStreamNonBlocking, greatest));
+    ACCESSVDB_CUDA(cudaEventCreateWithFlags(&mirror_ready_, cudaEventDisableTiming));
+  } catch (const ResourceLimit& error) {
+    closeStreams();
+    refuse("device.memory", error.problem(), "Free the GPU of other work, or use --device cpu");
+  } catch (...) {
+    closeStreams();
+    throw;
+  }
+}
+
+DeviceContext::~DeviceContext() { closeStreams(); }
+
+void DeviceContext::closeStreams() noexcept {
+  if (mirror_ready_ != nullptr) (void)cudaEventDestroy(mirror_ready_);
+  if (mirror_stream_ != nullptr) (void)cudaStreamDestroy(mirror_stream_);
+  if (stream_ != nullptr) (void)cudaStreamDestroy(stream_);
+}
+
+void DeviceContext::describeDevice() {
+  cudaDeviceProp properties = {};
+  ACCESSVDB_CUDA(cudaGetDeviceProperties(&properties, device_));
+  name_ = properties.name;
+  shared_bytes_per_block_ = static_cast<int>(properties.sharedMemPerBlockOptin);
+}
+
+void* DeviceContext::allocate(std::size_t bytes) {
+  const std::size_t size = bytes == 0 ? 1 : bytes;
+  count(static_cast<std::int64_t>(size));
+  const CurrentDevice current(device_);
+  void* address = nullptr;
+  const cudaError_t status = cudaMalloc(&address, size);
+  if (status != cudaSuccess) {
+    count(-static_cast<std::int64_t>(size));
+    if (status == cudaErrorMemoryAllocation) {
+      (void)cudaGetLastError();
+      throwDeviceMemory("no device memory for " + std::to_string(size) + " bytes more; this field holds " +
+                        std::to_string(this->bytes() >> 20) + " MiB");
+    }
+    checkCuda(status, "cudaMalloc");
+  }
+  const std::lock_guard lock(mutex_);
+  sizes_[address] = size;
+  ++allocations_;
+  return address;
+}
+
+void DeviceContext::release(void* address) noexcept {
+  std::size_t size = 0;
+  {
+    const std::lock_guard lock(mutex_);
+    const auto found = sizes_.find(address);
+    if (found == sizes_.end()) return;
+    size = found->second;
+    sizes_.erase(found);
+    bytes_ -= size;
+  }
+  // A lost device or a process that ends takes its memory with it.
+  if (cudaFree(address) != cudaSuccess) (void)cudaGetLastError();
+}
+
+void DeviceContext::count(std::int64_t bytes) {
+  const std::lock_guard lock(mutex_);
+  const std::uint64_t after = bytes_ + static_cast<std::uint64_t>(bytes);
+  if (bytes > 0 && limit_bytes_ > 0 && after > limit_bytes_) {
+    throwDeviceMemory("no device memory for " + std::to_string(bytes) + " bytes more below the limit of " +
+                      std::to_string(limit_bytes_ >> 20) + " MiB");
+  }
+  bytes_ = after;
+  if (bytes_ > peak_bytes_) peak_bytes_ = bytes_;
+}
+
+std::uint64_t DeviceContext::bytes() const {
+  const std::lock_guard lock(mutex_);
+  return bytes_;
+}
+std::uint64_t DeviceContext::peakBytes() const {
+  const std::lock_guard lock(mutex_);
+  return peak_bytes_;
+}
+std::uint64_t DeviceContext::allocations() const {
+  const std::lock_guard lock(mutex_);
+  return allocations_;
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,56 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// A list on its way to the device, through pinned memory; the host does not wait.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstddef>
+#include <cstring>
+#include <span>
+
+#include "cuda/memory/cuda_check.h"
+#include "cuda/memory/pinned_buffer.h"
+#include "launch/device_array.h"
+#include "launch/lists.h"
+
+namespace accessvdb::kernels {
+
+template <typename T>
+class Staging {
+ public:
+  Staging() { ACCESSVDB_CUDA(cudaEventCreateWithFlags(&sent_, cudaEventDisableTiming)); }
+  ~Staging() { (void)cudaEventDestroy(sent_); }
+  Staging(const Staging&) = delete;
+  Staging& operator=(const Staging&) = delete;
+
+  /// @return the list on the device, valid for what is queued on the stream before the next send
+  T* send(std::span<const T> list, DeviceMemory& memory, cudaStream_t stream) {
+    return send(std::span(&list, 1), memory, stream);
+  }
+  /// The same of several lists, one behind the other.
+  T* send(std::span<const std::span<const T>> lists, DeviceMemory& memory, cudaStream_t stream) {
+    const std::size_t size = totalSize(lists);
+    if (size == 0) return device_.data();
+    ACCESSVDB_CUDA(cudaEventSynchronize(sent_));  // the last ones have left the pinned memory
+    host_.reserve(size * sizeof(T));
+    // What still reads the old ones is done when their memory is given back: the driver waits for it.
+    device_.growWithRoom(memory, size, size + size / 2, 0);
+    auto* to = static_cast<std::byte*>(host_.data());
+    for (const std::span<const T>& list : lists) {
+      if (!list.empty()) std::memcpy(to, list.data(), list.size_bytes());
+      to += list.size_bytes();
+    }
+    ACCESSVDB_CUDA(cudaMemcpyAsync(device_.data(), host_.data(), size * sizeof(T), cudaMemcpyHostToDevice, stream));
+    ACCESSVDB_CUDA(cudaEventRecord(sent_, stream));
+    return device_.data();
+  }
+  [[nodiscard]] std::size_t bytes() const { return device_.bytes(); }
+
+ private:
+  cudaEvent_t sent_ = nullptr;
+  PinnedBuffer host_;
+  DeviceArray<T> device_;
+};
+
+}  // namespace accessvdb::kernels

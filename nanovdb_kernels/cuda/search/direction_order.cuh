@@ -1,0 +1,122 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The order of DirectionWalk (hostdev/direction_filter.h), found by a warp at once.
+#pragma once
+
+#include <cstdint>
+
+#include "cuda/search/warp.cuh"
+#include "hostdev/direction_filter.h"
+
+namespace accessvdb::kernels {
+
+inline constexpr int kMaskWords32 = 2 * kMaxDirectionWords, kMostDirections = 32 * kMaskWords32;
+
+__device__ inline bool testBit(const std::uint32_t* mask, int d) { return (mask[d >> 5] >> (d & 31) & 1u) != 0; }
+
+/// DirectionWalk::nearestDirection, a few directions a lane.
+__device__ inline int nearestByWarp(const ApproachView& approach, const float* normal, int lane) {
+  int nearest = lane < approach.num_directions ? lane : 0;
+  float best = cosToNormal(approach, nearest, normal);
+#pragma unroll 1
+  for (int d = lane + static_cast<int>(kWarp); d < approach.num_directions; d += static_cast<int>(kWarp)) {
+    const float c = cosToNormal(approach, d, normal);
+    if (c > best) {
+      best = c;
+      nearest = d;
+    }
+  }
+  for (int step = kWarp / 2; step > 0; step /= 2) {
+    const float c = __shfl_xor_sync(kAllLanes, best, step);
+    const int d = __shfl_xor_sync(kAllLanes, nearest, step);
+    if (c > best || (c == best && d < nearest)) {
+      best = c;
+      nearest = d;
+    }
+  }
+  return nearest;
+}
+
+/// Cosine from which on the cosines of neighbouring directions differ by more than rounding (see DirectionWalk).
+inline constexpr float kClearCosine = 0.1f;
+
+/// Place of a direction in the order. The two sides of the nearest direction are each in order, and the walk merges
+/// them: the i-th of one side comes between the (i - 1)-th and the (i + 1)-th of the other, so only these are compared.
+/// Their number is what the walk's is up to there, as long as no direction is closer than kClearCosine allows.
+__device__ inline int rankOf(const ApproachView& approach, const float* normal, int nearest, int d, float cosine) {
+  const int count = approach.num_directions;
+  int up = d - nearest;
+  if (up < 0) up += count;
+  const int down = count - up;
+  const bool is_up = up < down;
+  const int i = is_up ? up : down;  // of its side; the nearest one is number 0 of the upper side, the lower has none
+  const int least = is_up ? 1 : 0;  // of the other side
+  int rank = is_up ? i : i - 1;     // of its own side come before it
+  if (i - 1 > least) rank += i - 1 - least;
+#pragma unroll 1
+  for (int j = i - 1; j <= i + 1; ++j) {
+    if (j < least) continue;
+    int other = is_up ? nearest - j : nearest + j;
+    if (other < 0) other += count;
+    if (other >= count) other -= count;
+    if (ranksBefore(cosToNormal(approach, other, normal), other, cosine, d)) ++rank;
+  }
+  return rank;
+}
+
+/// Writes the directions in the normal cone in the order of DirectionWalk, one after the other. Kept out of line: few
+/// have so wide a cone, and kernels that are larger than the instruction cache wait for it.
+/// @return how many
+static __device__ __noinline__ int walkDirections(const float* direction_xy, int num_directions, float normal_cos_min,
+                                                  float x, float y, float z, int nearest, std::uint8_t* order,
+                                                  int lane) {
+  ApproachView approach;
+  approach.direction_xy = direction_xy;
+  approach.num_directions = num_directions;
+  approach.normal_cos_min = normal_cos_min;
+  const float normal[3] = {x, y, z};
+  DirectionWalk walk(approach, normal, nearest);
+  int count = 0;
+  for (int d = walk.next(); d >= 0; d = walk.next(), ++count) {
+    if (lane == 0) order[count] = static_cast<std::uint8_t>(d);
+  }
+  return count;
+}
+
+/// Writes the directions in the normal cone that are `allowed` in the order of DirectionWalk. All lanes.
+/// @param order  [kMostDirections] shared by the warp   @param in_cone  out: is there any in the cone at all?
+/// @return how many
+__device__ inline int orderByWarp(const ApproachView& approach, const float* normal, const std::uint32_t* allowed,
+                                  std::uint8_t* order, bool& in_cone, int lane) {
+  const int nearest = nearestByWarp(approach, normal, lane);
+  int cone = 0;
+  if (approach.normal_cos_min >= kClearCosine) {
+#pragma unroll 1
+    for (int first = 0; first < approach.num_directions; first += static_cast<int>(kWarp)) {
+      const int d = first + lane;
+      const float cosine = d < approach.num_directions ? cosToNormal(approach, d, normal) : -2.0f;
+      const bool inside = cosine >= approach.normal_cos_min;
+      if (inside) order[rankOf(approach, normal, nearest, d, cosine)] = static_cast<std::uint8_t>(d);
+      cone += __popc(__ballot_sync(kAllLanes, inside));
+    }
+  } else {
+    cone = walkDirections(approach.direction_xy, approach.num_directions, approach.normal_cos_min, normal[0], normal[1],
+                          normal[2], nearest, order, lane);
+  }
+  in_cone = cone > 0;
+  __syncwarp();
+  int count = 0;
+#pragma unroll 1
+  for (int first = 0; first < cone; first += static_cast<int>(kWarp)) {
+    const int d = first + lane < cone ? order[first + lane] : -1;
+    const bool wanted = d >= 0 && testBit(allowed, d);
+    const unsigned all = __ballot_sync(kAllLanes, wanted);
+    __syncwarp();  // all have read what is written next
+    if (wanted) order[count + __popc(all & ((1u << lane) - 1u))] = static_cast<std::uint8_t>(d);
+    count += __popc(all);
+  }
+  __syncwarp();
+  return count;
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,252 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What a warp keeps in shared memory of the map around its point, so that a voxel is two or three reads away instead
+/// of a walk from the root: the leaves within the tool's reach, or where those are too many, the nodes above them.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "cuda/search/warp.cuh"
+#include "cuda/search/window_plan.h"
+#include "hostdev/cell_counts.h"
+
+namespace accessvdb::kernels {
+
+/// Nodes are known by their byte offset from the grid / 32, to which they are aligned; the grid itself lies at 0.
+inline constexpr std::uint32_t kNodeBytes = NANOVDB_DATA_ALIGNMENT;
+/// Bits of a leaf: 8 bytes an x, one byte a row of eight z.
+inline constexpr std::uint32_t kValueBytes = offsetof(OccupancyLeaf::DataType, mValues);
+inline constexpr std::uint32_t kActiveBytes = offsetof(OccupancyLeaf::DataType, mValueMask);
+inline constexpr std::uint32_t kLowerTableBytes = offsetof(OccupancyLower::DataType, mTable);
+inline constexpr int kLeafLog2 = 3, kLowerLog2 = 7;
+
+/// Does anything in a leaf collide? Its cells say.
+__device__ inline bool collidesSomewhere(const std::uint8_t* leaf) {
+  return *reinterpret_cast<const std::uint64_t*>(leaf + kCellCountsBytes) != 0;
+}
+
+/// Address arithmetic that both windows share. Coordinates are voxels from the window's corner, never negative. The
+/// shape is not copied, to spare registers: it is an argument of the kernel, or lies in shared memory.
+class WindowBase {
+ public:
+  __device__ WindowBase(std::uint32_t* nodes, const WindowShape& shape, const OccupancyGrid* grid,
+                        const Coord& point_ijk, int log2)
+      : nodes_(nodes), shape_(shape), grid_(reinterpret_cast<const std::uint8_t*>(grid)) {
+    for (int axis = 0; axis < 3; ++axis) origin_[axis] = ((point_ijk[axis] >> log2) + shape.begin[axis]) * (1 << log2);
+    log2_ = log2;
+  }
+  /// Whether the window holds this voxel.
+  __device__ bool holds(const Coord& ijk) const {
+    bool inside = true;
+    for (int axis = 0; axis < 3; ++axis) {
+      inside = inside && static_cast<std::uint32_t>(ijk[axis] - origin_[axis]) >> log2_ <
+                             static_cast<std::uint32_t>(shape_.size[axis]);
+    }
+    return inside;
+  }
+
+  /// Colliding voxels at place x of a leaf: bit 8 y + z.
+  [[nodiscard]] static __device__ std::uint64_t slabIn(const std::uint8_t* leaf, int x) {
+    return reinterpret_cast<const std::uint64_t*>(leaf + kValueBytes)[x & 7];
+  }
+
+ protected:
+  [[nodiscard]] __device__ std::uint32_t index(int x, int y, int z) const {
+    return static_cast<std::uint32_t>(((x >> log2_) * shape_.size[1] + (y >> log2_)) * shape_.size[2] + (z >> log2_));
+  }
+  [[nodiscard]] __device__ Coord originOf(int n) const {
+    const int z = n % shape_.size[2], xy = n / shape_.size[2];
+    return Coord(origin_[0] + (xy / shape_.size[1] << log2_), origin_[1] + (xy % shape_.size[1] << log2_),
+                 origin_[2] + (z << log2_));
+  }
+  [[nodiscard]] __device__ const std::uint8_t* node(std::uint32_t at) const {
+    return grid_ + static_cast<std::uint64_t>(at) * kNodeBytes;
+  }
+  [[nodiscard]] __device__ std::uint32_t offsetOf(const void* node) const {
+    return static_cast<std::uint32_t>(static_cast<std::uint64_t>(static_cast<const std::uint8_t*>(node) - grid_) /
+                                      kNodeBytes);
+  }
+
+  std::uint32_t* nodes_;
+  const WindowShape& shape_;
+  const std::uint8_t* grid_;
+  std::int32_t origin_[3];  ///< [voxels] of the window's corner
+  int log2_;
+};
+
+/// Every leaf. An entry: offset of the leaf shifted left by one, bit 0 = something in it collides; 0 = no leaf.
+class LeafWindow : public WindowBase {
+ public:
+  static constexpr int kLog2 = kLeafLog2;
+
+  /// A warp; its lanes wait for each other before they read.
+  __device__ LeafWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
+                        const Coord& point_ijk, int lane)
+      : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {
+    const nanovdb::DefaultReadAccessor<bool> accessor(map.grid->tree().root());
+    const int count = static_cast<int>(shape.nodes());
+    for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
+      const OccupancyLeaf* leaf = accessor.probeLeaf(originOf(n));
+      std::uint32_t entry = 0;
+      if (leaf != nullptr) {
+        const auto* words =
+            reinterpret_cast<const std::uint64_t*>(reinterpret_cast<const std::uint8_t*>(leaf) + kValueBytes);
+        std::uint64_t any = 0;
+        for (int w = 0; w < 8; ++w) any |= words[w];
+        entry = offsetOf(leaf) << 1 | (any != 0 ? 1u : 0u);
+      }
+      nodes[n] = entry;
+    }
+  }
+
+  /// Colliding voxels of `wanted` in the row of eight z that begins at z & ~7.
+  [[nodiscard]] __device__ int countRow(int x, int y, int z, std::uint32_t wanted) const {
+    // No branches: where nothing can collide a byte of the grid's head is read, and no bit of it is wanted.
+    const std::uint32_t entry = nodes_[wanted != 0 ? index(x, y, z) : 0];
+    const std::uint32_t some = 0u - (entry & 1u);
+    return __popc(node((entry >> 1) & some)[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted &
+                  some);
+  }
+  [[nodiscard]] __device__ const std::uint8_t* leafOf(int x, int y, int z) const {
+    const std::uint32_t entry = nodes_[index(x, y, z)];
+    return entry != 0 ? node(entry >> 1) : nullptr;
+  }
+  [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
+    const int x = ijk[0] - origin_[0], y = ijk[1] - origin_[1], z = ijk[2] - origin_[2];
+    const std::uint32_t entry = nodes_[index(x, y, z)];
+    if (entry == 0) return false;
+    return (node(entry >> 1)[mask_bytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] >> (z & 7) & 1u) != 0;
+  }
+};
+
+/// The lower nodes: a leaf is one more read away. Any tool fits. An entry: offset of the node; 0 = none.
+class LowerWindow : public WindowBase {
+ public:
+  static constexpr int kLog2 = kLowerLog2;
+
+  /// The caller fills `nodes`.
+  __device__ LowerWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
+                         const Coord& point_ijk)
+      : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {}
+  /// As LeafWindow's.
+  __device__ LowerWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
+                         const Coord& point_ijk, int lane)
+      : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {
+    const auto& root = map.grid->tree().root();
+    const int count = static_cast<int>(shape.nodes());
+    for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
+      const Coord ijk = originOf(n);
+      const auto key = OccupancyRoot::DataType::CoordToKey(ijk);
+      std::uint32_t entry = 0;
+      for (std::uint32_t t = 0; t < root.tileCount(); ++t) {
+        const auto* tile = root.data()->tile(t);
+        if (tile->key != key || !tile->isChild()) continue;
+        const OccupancyUpper* upper = root.data()->getChild(tile);
+        const std::uint32_t place = OccupancyUpper::CoordToOffset(ijk);
+        if (upper->data()->mChildMask.isOn(place)) entry = offsetOf(upper->data()->getChild(place));
+        break;
+      }
+      nodes[n] = entry;
+    }
+  }
+
+  [[nodiscard]] __device__ int countRow(int x, int y, int z, std::uint32_t wanted) const {
+    const std::uint8_t* leaf = wanted != 0 ? leafOf(x, y, z) : nullptr;
+    if (leaf == nullptr) return 0;
+    return __popc(leaf[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted);
+  }
+  [[nodiscard]] __device__ bool bit(const Coord& ijk, std::uint32_t mask_bytes) const {
+    const int x = ijk[0] - origin_[0], y = ijk[1] - origin_[1], z = ijk[2] - origin_[2];
+    const std::uint8_t* leaf = leafOf(x, y, z);
+    if (leaf == nullptr) return false;
+    return (leaf[mask_bytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] >> (z & 7) & 1u) != 0;
+  }
+
+  /// The mirror writes an entry of the table only for a child, and memory that it never wrote is zero: 0 = no leaf.
+  [[nodiscard]] __device__ const std::uint8_t* leafOf(int x, int y, int z) const {
+    const std::uint32_t entry = nodes_[index(x, y, z)];
+    if (entry == 0) return nullptr;
+    const std::uint8_t* lower = node(entry);
+    const int place = (x >> kLeafLog2 & 15) << 8 | (y >> kLeafLog2 & 15) << 4 | (z >> kLeafLog2 & 15);
+    const std::int64_t child = reinterpret_cast<const std::int64_t*>(lower + kLowerTableBytes)[place];
+    return child == 0 ? nullptr : lower + child;
+  }
+};
+
+/// Answers like OccupancyReader, for voxels inside the window.
+template <class Nodes>
+class MapWindow : public Nodes {
+ public:
+  using Nodes::Nodes;
+  [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
+  [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
+
+  /// All that collides in the leaf of a voxel; there is one.
+  [[nodiscard]] __device__ std::uint32_t collisionsIn(int x, int y, int z) const {
+    const auto cells = *reinterpret_cast<const std::uint64_t*>(leafAt(x, y, z) + kCellCountsBytes);
+    return __dp4a(static_cast<std::uint32_t>(cells), 0x01010101u,
+                  __dp4a(static_cast<std::uint32_t>(cells >> 32), 0x01010101u, 0u));
+  }
+  /// A leaf that there is, in four bytes, and what collides at place x of it: bit 8 y + z.
+  [[nodiscard]] __device__ std::uint32_t entryOf(int x, int y, int z) const { return this->offsetOf(leafAt(x, y, z)); }
+  [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
+    return WindowBase::slabIn(this->node(entry), x);
+  }
+
+  /// Colliding voxels of a column of the tool placed at a voxel, as countVoxelCollisions counts them. Two rows a turn:
+  /// their reads do not wait for each other.
+  [[nodiscard]] __device__ int countColumn(const VoxelColumn& column, const Coord& point_ijk) const {
+    const int x = point_ijk[0] - this->origin_[0] + column.dx, y = point_ijk[1] - this->origin_[1] + column.dy;
+    int z = point_ijk[2] - this->origin_[2] + column.dz;
+    const int shift = z & 7;
+    std::uint64_t bits = column.bits;
+    std::uint32_t low = static_cast<std::uint32_t>(bits << shift) & 0xffu;
+    bits >>= 8 - shift;
+    int count = 0;
+    while (true) {
+      const std::uint32_t high = static_cast<std::uint32_t>(bits) & 0xffu;
+      count += this->countRow(x, y, z, low) + this->countRow(x, y, z + 8, high);
+      bits >>= 8;
+      if (bits == 0) return count;
+      low = static_cast<std::uint32_t>(bits) & 0xffu;
+      bits >>= 8;
+      z += 16;
+    }
+  }
+
+ private:
+  [[nodiscard]] __device__ const std::uint8_t* leafAt(int x, int y, int z) const {
+    return this->leafOf(x - this->origin_[0], y - this->origin_[1], z - this->origin_[2]);
+  }
+};
+
+/// The same questions through the tree.
+class TreeWindow {
+ public:
+  __device__ explicit TreeWindow(const OccupancyView& view) : reader_(view) {}
+  [[nodiscard]] __device__ bool holds(const Coord&) const { return true; }
+  [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return reader_.collides(ijk); }
+  [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return reader_.armFree(ijk); }
+  [[nodiscard]] __device__ int countColumn(const VoxelColumn& column, const Coord& point_ijk) const {
+    const std::int32_t x = point_ijk[0] + column.dx, y = point_ijk[1] + column.dy, z = point_ijk[2] + column.dz;
+    const int shift = z & 7;
+    std::int32_t row = z - shift;
+    std::uint64_t bits = column.bits;
+    std::uint32_t wanted = static_cast<std::uint32_t>(bits << shift) & 0xffu;
+    bits >>= 8 - shift;
+    int count = 0;
+    while (true) {
+      if (wanted != 0) count += __popc(reader_.collidesRow(Coord(x, y, row)) & wanted);
+      if (bits == 0) return count;
+      wanted = static_cast<std::uint32_t>(bits) & 0xffu;
+      bits >>= 8;
+      row += 8;
+    }
+  }
+
+ private:
+  OccupancyReader reader_;
+};
+
+}  // namespace accessvdb::kernels

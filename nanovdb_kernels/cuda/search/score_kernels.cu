@@ -1,0 +1,285 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/search/score_kernels.h"
+
+#include <algorithm>
+#include <type_traits>
+
+#include "cuda/memory/cuda_check.h"
+#include "cuda/search/warp_search.cuh"
+#include "hostdev/point_update.h"
+
+namespace accessvdb::kernels {
+namespace {
+
+constexpr unsigned kThreads = 128;  ///< of a block, where each works alone
+constexpr unsigned kWarps = 4;      ///< of a block, where a warp works on a point
+/// Blocks that a multiprocessor is to hold: the registers are limited for that, and the compiler spills next to none.
+constexpr unsigned kSearchBlocks = 6, kCountBlocks = 8;
+/// Of a warp: 24 of them leave half of a multiprocessor's memory to the cache that leaves are read through.
+constexpr std::int64_t kMostLeafWindowBytes = 4 * 1024;
+
+unsigned blocksFor(std::uint32_t count, unsigned each) { return (count + each - 1) / each; }
+
+__global__ void plainSearch(ScoreChunk chunk) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= chunk.count) return;
+  const OccupancyReader map(chunk.map);
+  const ScoreItem item = chunk.items[n];
+  const std::size_t id = item.id;
+  chunk.results[n] =
+      searchDirections(map, chunk.map.inverse_voxel_size, chunk.tool, chunk.approach, chunk.points.position_L + 3 * id,
+                       chunk.points.normal_L + 3 * id,
+                       chunk.points.seen + id * static_cast<std::size_t>(chunk.points.direction_words), item);
+}
+
+__global__ void updatePoints(ScoreChunk chunk) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= chunk.count) return;
+  ScoreResult result = chunk.results[n];
+  updatePoint(chunk.points, chunk.items[n], result, chunk.rule);
+  chunk.results[n].label = result.label;
+  chunk.results[n].stored_score = result.stored_score;
+  chunk.results[n].stored_direction = result.stored_direction;
+}
+
+__global__ void writeInputs(PointStateView points, const PointInput* inputs, std::uint32_t count) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= count) return;
+  const PointInput& input = inputs[n];
+  const std::size_t id = input.id;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    points.position_L[3 * id + axis] = input.position_L[axis];
+    points.normal_L[3 * id + axis] = input.normal_L[axis];
+  }
+  for (int word = 0; word < points.direction_words; ++word) {
+    points.seen[id * static_cast<std::size_t>(points.direction_words) + static_cast<std::size_t>(word)] =
+        input.seen.word[word];
+  }
+  points.weight[id] = input.weight;
+}
+
+/// The point of this warp; a warp beyond the last point has none.
+struct WarpPoint {
+  bool there = false;
+  std::uint32_t item = 0;
+  std::size_t id = 0;
+  float position_L[3] = {0, 0, 0};
+  Coord ijk;
+
+  __device__ explicit WarpPoint(const ScoreChunk& chunk) {
+    const std::uint32_t n = blockIdx.x * kWarps + threadIdx.x / kWarp;
+    there = n < chunk.count;
+    if (!there) return;
+    item = chunk.order != nullptr ? chunk.order[n] : n;
+    id = chunk.items[item].id;
+    for (int axis = 0; axis < 3; ++axis) position_L[axis] = chunk.points.position_L[3 * id + axis];
+    ijk = voxelOf(position_L[0], position_L[1], position_L[2], chunk.map.inverse_voxel_size);
+  }
+};
+
+/// Dynamic shared memory: a window a warp.
+extern __shared__ std::uint32_t window_nodes[];
+
+/// The window of this warp around its point; all lanes.
+template <class Window>
+__device__ Window makeWindow(const ScoreChunk& chunk, const WarpPoint& point, const WindowPlan& plan, int lane) {
+  if constexpr (std::is_same_v<Window, TreeWindow>) {
+    return TreeWindow(chunk.map);
+  } else {
+    const Window window(window_nodes + threadIdx.x / kWarp * plan.entries(), plan.shape, chunk.map, point.ijk, lane);
+    __syncwarp();
+    return window;
+  }
+}
+
+template <class Window, bool kSamples>
+__global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(ScoreChunk chunk, WindowPlan plan) {
+  __shared__ WarpMasks all_masks[kWarps];
+  const int lane = static_cast<int>(threadIdx.x % kWarp);
+  WarpMasks& masks = all_masks[threadIdx.x / kWarp];
+  const WarpPoint point(chunk);
+  if (!point.there) return;
+  const Window window = makeWindow<Window>(chunk, point, plan, lane);
+  const OccupancyReader map(chunk.map);
+  const int words = chunk.points.direction_words;
+  const float normal_L[3] = {chunk.points.normal_L[3 * point.id], chunk.points.normal_L[3 * point.id + 1],
+                             chunk.points.normal_L[3 * point.id + 2]};
+  const float inverse = chunk.map.inverse_voxel_size;
+  const auto search = [&](const auto& counter) {
+    return searchByWarp(window, map, inverse, counter, chunk.tool.collision_limit, chunk.approach, point.position_L,
+                        normal_L, chunk.points.seen + point.id * static_cast<std::size_t>(words), words,
+                        chunk.items[point.item], masks, lane);
+  };
+  ScoreResult result;
+  if constexpr (kSamples) {
+    result = search(SampleCounter<Window>{window, map, chunk.tool, point.position_L, inverse, lane});
+  } else {
+    result = search(ColumnCounter<Window>{window, chunk.tool, point.ijk, lane});
+  }
+  ScoreResult& out = chunk.results[point.item];
+  if (lane == 0) {
+    out.score = result.score;
+    out.direction = result.direction;
+    out.reason = result.reason;
+    out.scored = result.scored;
+    out.skipped = result.skipped;
+    out.tests = result.tests;
+    out.least_blocked = result.least_blocked;
+    out.label = result.label;
+    out.stored_score = result.stored_score;
+    out.stored_direction = result.stored_direction;
+  }
+  if (lane < kMaskWords32) {
+    reinterpret_cast<std::uint32_t*>(out.arm_blocked.word)[lane] = result.scored != 0 ? masks.arm_blocked[lane] : 0;
+    reinterpret_cast<std::uint32_t*>(out.tool_blocked.word)[lane] = result.scored != 0 ? masks.tool_blocked[lane] : 0;
+  }
+}
+
+template <class Window, bool kSamples>
+__global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
+    countAll(ScoreChunk chunk, WindowPlan plan, std::uint16_t* counts) {
+  constexpr int kNoStop = 0x7fffffff;
+  const int lane = static_cast<int>(threadIdx.x % kWarp);
+  const WarpPoint point(chunk);
+  if (!point.there) return;
+  const Window window = makeWindow<Window>(chunk, point, plan, lane);
+  const OccupancyReader map(chunk.map);
+  for (int d = 0; d < chunk.approach.num_directions; ++d) {
+    __syncthreads();  // the warps of a block stay together, so that one brings the tool into the cache for all
+    int hits = 0;
+    if constexpr (kSamples) {
+      hits =
+          countSamplesByWarp(window, map, chunk.tool, d, point.position_L, chunk.map.inverse_voxel_size, kNoStop, lane);
+    } else {
+      hits = countVoxelsByWarp<4>(window, chunk.tool, d, point.ijk, kNoStop, lane);
+    }
+    if (lane == 0) {
+      counts[static_cast<std::size_t>(point.item) * static_cast<std::size_t>(chunk.approach.num_directions) +
+             static_cast<std::size_t>(d)] = static_cast<std::uint16_t>(hits < kNoScore ? hits : kNoScore - 1);
+    }
+  }
+}
+
+/// Launches a kernel of warps with the window that the plan says.
+template <class OfLeaves, class OfLowers, class OfTree, class... Arguments>
+void launchWarps(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream, OfLeaves* of_leaves,
+                 OfLowers* of_lowers, OfTree* of_tree, Arguments... arguments) {
+  const unsigned blocks = blocksFor(chunk.count, kWarps);
+  const auto bytes = static_cast<std::uint32_t>(kWarps * plan.entries() * sizeof(std::uint32_t));
+  const auto launch = [&](auto* kernel) {
+    kernel<<<blocks, kWarps * kWarp, bytes, stream>>>(chunk, plan, arguments...);
+  };
+  switch (plan.kind) {
+    case WindowPlan::Kind::Leaves:
+      launch(of_leaves);
+      break;
+    case WindowPlan::Kind::Lowers:
+      launch(of_lowers);
+      break;
+    case WindowPlan::Kind::None:
+      launch(of_tree);
+      break;
+  }
+}
+
+}  // namespace
+
+namespace {
+
+/// A block may have more than 48 KB of shared memory only where that was asked for. Once, and for the most there is:
+/// several fields of a process launch the same kernels.
+void allowShared(const void* kernel, int shared_bytes_per_block) {
+  cudaFuncAttributes attributes = {};
+  ACCESSVDB_CUDA(cudaFuncGetAttributes(&attributes, kernel));
+  const int rest = shared_bytes_per_block - static_cast<int>(attributes.sharedSizeBytes);
+  ACCESSVDB_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, rest));
+}
+template <class Window>
+void allowShared(int shared_bytes_per_block) {
+  for (const void* kernel : {reinterpret_cast<const void*>(&warpSearch<Window, false>),
+                             reinterpret_cast<const void*>(&warpSearch<Window, true>),
+                             reinterpret_cast<const void*>(&countAll<Window, false>),
+                             reinterpret_cast<const void*>(&countAll<Window, true>)}) {
+    allowShared(kernel, shared_bytes_per_block);
+  }
+}
+
+}  // namespace
+
+void requireScoreKernels(int shared_bytes_per_block) {
+  cudaFuncAttributes attributes = {};
+  const cudaError_t status = cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(&plainSearch));
+  if (status == cudaSuccess) {
+    allowShared<MapWindow<LeafWindow>>(shared_bytes_per_block);
+    allowShared<MapWindow<LowerWindow>>(shared_bytes_per_block);
+    return;
+  }
+  (void)cudaGetLastError();
+  if (status == cudaErrorNoKernelImageForDevice || status == cudaErrorInvalidDeviceFunction ||
+      status == cudaErrorUnsupportedPtxVersion) {
+    throw DeviceError("device.architecture", "cuda", "this program was not built for the architecture of this GPU",
+                      "Build with its number in ACCESSVDB_CUDA_ARCHITECTURES, or use --device cpu");
+  }
+  checkCuda(status, "cudaFuncGetAttributes");
+}
+
+WindowPlan planWindow(const ToolKernelView& tool, int shared_bytes_per_block, bool leaves) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (tool.reach.low[axis] > tool.reach.high[axis]) return {};
+  }
+  const std::int64_t room =
+      (shared_bytes_per_block - 1024 - static_cast<std::int64_t>(kWarps * sizeof(WarpMasks))) / kWarps;
+  const auto fits = [&](std::int64_t entries, std::int64_t most_bytes) {
+    return entries * static_cast<std::int64_t>(sizeof(std::uint32_t)) <= std::min(room, most_bytes);
+  };
+  const WindowShape in_leaves = WindowShape::of(tool.reach, kLeafLog2),
+                    in_lowers = WindowShape::of(tool.reach, kLowerLog2);
+  if (leaves && fits(in_leaves.nodes(), kMostLeafWindowBytes)) return {WindowPlan::Kind::Leaves, in_leaves};
+  if (fits(in_lowers.nodes(), room)) return {WindowPlan::Kind::Lowers, in_lowers};
+  return {};
+}
+
+void launchPlainSearch(const ScoreChunk& chunk, cudaStream_t stream) {
+  if (chunk.count == 0) return;
+  plainSearch<<<blocksFor(chunk.count, kThreads), kThreads, 0, stream>>>(chunk);
+  checkLaunch("plainSearch");
+}
+
+void launchWarpSearch(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream) {
+  if (chunk.count == 0) return;
+  if (chunk.tool.use_samples) {
+    launchWarps(chunk, plan, stream, warpSearch<MapWindow<LeafWindow>, true>, warpSearch<MapWindow<LowerWindow>, true>,
+                warpSearch<TreeWindow, true>);
+  } else {
+    launchWarps(chunk, plan, stream, warpSearch<MapWindow<LeafWindow>, false>,
+                warpSearch<MapWindow<LowerWindow>, false>, warpSearch<TreeWindow, false>);
+  }
+  checkLaunch("warpSearch");
+}
+
+void launchUpdate(const ScoreChunk& chunk, cudaStream_t stream) {
+  if (chunk.count == 0) return;
+  updatePoints<<<blocksFor(chunk.count, kThreads), kThreads, 0, stream>>>(chunk);
+  checkLaunch("updatePoints");
+}
+
+void launchCount(const ScoreChunk& chunk, const WindowPlan& plan, std::uint16_t* counts, cudaStream_t stream) {
+  if (chunk.count == 0) return;
+  if (chunk.tool.use_samples) {
+    launchWarps(chunk, plan, stream, countAll<MapWindow<LeafWindow>, true>, countAll<MapWindow<LowerWindow>, true>,
+                countAll<TreeWindow, true>, counts);
+  } else {
+    launchWarps(chunk, plan, stream, countAll<MapWindow<LeafWindow>, false>, countAll<MapWindow<LowerWindow>, false>,
+                countAll<TreeWindow, false>, counts);
+  }
+  checkLaunch("countAll");
+}
+
+void launchWrite(const PointStateView& points, const PointInput* inputs, std::uint32_t count, cudaStream_t stream) {
+  if (count == 0) return;
+  writeInputs<<<blocksFor(count, kThreads), kThreads, 0, stream>>>(points, inputs, count);
+  checkLaunch("writeInputs");
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,417 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Evaluates what is due, a warp a point: points that need all of their directions, beside them those of which a few
+/// directions are in question, and at last those that these turned into points that need all. Points of a leaf come
+/// behind each other, so that they find what they read of the map in the cache.
+#include <cstddef>
+#include <type_traits>
+
+#include "cuda/memory/cuda_check.h"
+#include "cuda/search/busy_window.cuh"
+#include "cuda/search/warp_search.cuh"
+#include "cuda/update/known_collisions.cuh"
+#include "cuda/update/update_kernels.h"
+
+namespace accessvdb::kernels {
+namespace {
+
+constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
+/// Blocks that a multiprocessor is to hold. More of them gain nothing: warps read much of the map, and push each other
+/// out of the cache.
+constexpr unsigned kBlocksEach = 6;
+
+/// How the tool is counted. A kernel each: what the others need would only take room in the instruction cache.
+enum class ToolForm { Slabs, ThickSlabs, Columns, Samples };
+template <ToolForm kForm>
+constexpr bool kHasSlabs = kForm == ToolForm::Slabs || kForm == ToolForm::ThickSlabs;
+
+extern __shared__ std::uint32_t nodes_of_windows[];
+
+/// Everything of a warp in shared memory but the nodes of its window.
+struct WarpScratch {
+  WarpMasks masks;
+  ScoreItem item;
+  SlabWork slabs;
+};
+// With the nodes of windows (kPlainSharedBytes) that is what a block gets without asking.
+static_assert(kWarps * sizeof(WarpScratch) <= 10 * 1024);
+
+/// A warp's point.
+struct DuePoint {
+  std::size_t id;
+  float position_L[3], normal_L[3];
+  const std::uint64_t* seen;
+  Coord ijk;
+
+  __device__ DuePoint(const PointStateView& points, std::uint32_t which, float inverse_voxel_size) : id(which) {
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      position_L[axis] = points.position_L[3 * id + axis];
+      normal_L[axis] = points.normal_L[3 * id + axis];
+    }
+    seen = points.seen + id * static_cast<std::size_t>(points.direction_words);
+    ijk = voxelOf(position_L[0], position_L[1], position_L[2], inverse_voxel_size);
+  }
+};
+
+__device__ std::uint32_t* nodesOfWarp(const DueSearch& search) {
+  return nodes_of_windows + threadIdx.x / kWarp * search.window.entries() * BusyWindow::kEntries;
+}
+
+template <class Window>
+__device__ Window makeDueWindow(const DueSearch& search, const Coord& point_ijk, int lane) {
+  if constexpr (std::is_same_v<Window, TreeWindow>) {
+    return TreeWindow(search.map);
+  } else {
+    const Window window(nodesOfWarp(search), search.window.shape, search.map, search.busy, point_ijk, lane);
+    __syncwarp();
+    return window;
+  }
+}
+
+/// What counting slabs takes and is the same for all points. One lane.
+__device__ void prepareSlabs(const DueSearch& search, SlabWork& work) {
+  work.tool = search.slabs;
+  work.map = search.map;
+  work.shape = search.window.shape;
+  work.nodes = nodesOfWarp(search);
+  work.busy_bits = search.busy.bits;
+}
+
+/// Counts the tool at a point; all lanes.
+template <ToolForm kForm, class Window>
+__device__ auto makeCounter(const DueSearch& search, const Window& window, const OccupancyReader& map,
+                            const DuePoint& point, WarpScratch& scratch, int lane) {
+  if constexpr (kHasSlabs<kForm>) {
+    if (lane < 3) scratch.slabs.point_ijk[lane] = point.ijk[lane];
+    __syncwarp();
+    return SlabCounter<kForm == ToolForm::ThickSlabs>{scratch.slabs, lane};
+  } else if constexpr (kForm == ToolForm::Columns) {
+    return ColumnCounter<Window>{window, search.tool, point.ijk, lane};
+  } else {
+    return SampleCounter<Window>{window, map, search.tool, point.position_L, search.map.inverse_voxel_size, lane};
+  }
+}
+
+/// A number that counts up, the same for all lanes.
+__device__ std::uint32_t takeNext(std::uint32_t* next, int lane) {
+  std::uint32_t n = 0;
+  if (lane == 0) n = atomicAdd(next, 1u);
+  return __shfl_sync(kAllLanes, n, 0);
+}
+
+/// After a point was evaluated: remembers what was found out, a word of directions a lane.
+/// @param searched  the masks are of this point   @param before, after  baseCollisions
+__device__ void learn(const UpdateView& view, std::size_t id, const WarpMasks& masks, bool searched, int before,
+                      int after, int lane) {
+  if (view.known.levels == nullptr || lane >= view.known.words) return;
+  const int shift = 8 * (lane & 3);
+  const std::uint32_t counted = searched ? masks.counted[lane >> 2] >> shift & 0xffu : 0,
+                      arm_blocked = searched ? masks.arm_blocked[lane >> 2] >> shift & 0xffu : 0;
+  if ((counted | arm_blocked) == 0 && before == after) return;
+  const KnownLevels& of = view.known.of;
+  const KnownWord known(view, id, view.state.block[id], lane);
+  // Where the tool was counted, the corridor is free.
+  std::uint64_t levels = (known.levels & ~known_word::spread(counted)) | known_word::spread(arm_blocked);
+  if (before != after) levels = known_word::rebased(levels, after - before, of.log2);
+#pragma unroll 1
+  for (std::uint32_t bits = counted; bits != 0; bits &= bits - 1) {
+    const int n = __ffs(static_cast<int>(bits)) - 1;
+    const std::uint32_t level = of.levelOf(masks.least[lane * kKnownPerWord + n] - after, known.freed.of(n));
+    if (level > known_word::levelIn(levels, n)) levels = known_word::withLevel(levels, n, level);
+  }
+  if (levels != known.levels) {
+    view.known.levels[id * static_cast<std::size_t>(view.known.words) + static_cast<std::size_t>(lane)] = levels;
+  }
+}
+
+/// What is known of a point's directions, for a search.
+struct KnownOfPoint {
+  const UpdateView& view;
+  std::size_t id;
+  std::uint32_t block;
+  int base;  ///< that the levels count from
+  __device__ int operator()(int d) const { return knownCollisions(view, id, block, base, d); }
+};
+
+/// One lane.
+__device__ void conclude(const UpdateView& view, const ScoreItem& item, ScoreResult& result) {
+  const PointLabel before = view.points.label[item.id];
+  updatePoint(view.points, item, result, view.update_rule);
+  UpdateCounters& counters = *view.counters;
+  atomicAdd(&counters.evaluated, 1ull);
+  if (result.tests > 0) {
+    atomicAdd(&counters.tests, static_cast<unsigned long long>(result.tests));
+    atomicAdd(&counters.scored, 1ull);
+  }
+  if (view.points.label[item.id] != before) atomicAdd(&counters.label_changes, 1ull);
+}
+
+/// What the point's levels count from.
+__device__ int baseOf(const UpdateView& view, std::size_t id) {
+  return baseCollisions(view.points.label[id] == PointLabel::Accessible, view.points.score[id],
+                        view.update_rule.collision_limit);
+}
+
+/// Takes over what was found out of a point. All lanes. @param searched  the masks are of this point
+__device__ void concludeAndLearn(const UpdateView& view, const ScoreItem& item, const WarpMasks& masks, bool searched,
+                                 int base_before, ScoreResult& result, int lane) {
+  __syncwarp();  // all have read what is known of the point
+  int base = 0;
+  if (lane == 0) {
+    conclude(view, item, result);
+    base = baseOf(view, item.id);
+  }
+  learn(view, item.id, masks, searched, base_before, __shfl_sync(kAllLanes, base, 0), lane);
+  __syncwarp();  // what it read of its scratch, others overwrite next
+}
+
+/// A direction's corridor, a sample a lane.
+template <class Window>
+__device__ bool armIsFree(const Window& window, const OccupancyReader& map, const ApproachView& approach, int d,
+                          const float* position_L, float inverse_voxel_size, int lane) {
+  bool free = true;
+#pragma unroll 1
+  for (int n = lane; n < approach.num_arm; n += static_cast<int>(kWarp)) {
+    const float* offset = approach.arm_offsets + 3 * (static_cast<std::int64_t>(d) * approach.num_arm + n);
+    const Coord ijk =
+        voxelOf(position_L[0] + offset[0], position_L[1] + offset[1], position_L[2] + offset[2], inverse_voxel_size);
+    free = free && (window.holds(ijk) ? window.armFree(ijk) : map.armFree(ijk));
+  }
+  return __all_sync(kAllLanes, free);
+}
+
+/// What became of the best direction of an accessible point. All lanes.
+/// @return its collisions, exact below the limit; kNoScore where its corridor is blocked
+template <class Window, class Counter>
+__device__ int testBest(const UpdateView& view, const DueSearch& search, const Window& window,
+                        const OccupancyReader& map, const DuePoint& point, std::uint8_t test_best, int direction,
+                        int score, const Counter& counter, int lane) {
+  const float inverse = search.map.inverse_voxel_size;
+  if ((test_best & kTestArm) != 0 &&
+      !armIsFree(window, map, view.approach, direction, point.position_L, inverse, lane)) {
+    return kNoScore;
+  }
+  if ((test_best & kTestTool) == 0) return score;
+  return belowNoScore(counter(direction, static_cast<int>(search.tool.collision_limit) - 1));
+}
+
+/// Directions of a point that are in question where its best one has so many collisions more than before. All lanes.
+__device__ void askUnlessKnownWorse(const UpdateView& view, std::size_t id, int more, DirectionMask& asked, int lane) {
+  std::uint32_t worse = 0;
+  if (view.known.levels != nullptr && lane < view.known.words) {
+    const int log2 = view.known.of.log2;
+    const std::uint32_t steps = (static_cast<std::uint32_t>(more) + (1u << log2) - 1) >> log2;
+    constexpr std::uint32_t kMost = KnownLevels::kMost - KnownLevels::kMostFreedSteps + 1;
+    const KnownWord known(view, id, view.state.block[id], lane);
+    // No level is so high that it says more than kMost steps for certain; then only corridors count.
+    const std::uint64_t lowest = steps <= kMost ? known.freed.lowestWithMore(log2) + known_word::kEach * steps
+                                                : known_word::kEach * (KnownLevels::kMost + 1);
+    worse = known_word::worse(known.levels, lowest);
+  }
+  static_assert(sizeof(DirectionMask) == kWarp);
+  reinterpret_cast<std::uint8_t*>(asked.word)[lane] = static_cast<std::uint8_t>(~worse);
+}
+
+/// What is known of the best direction of a point before others are looked at.
+struct BestNow {
+  int score, direction;
+  int tests = 0;              ///< of its own
+  bool became_worse = false;  ///< than it was; it may still be the best one
+  bool all_in_question = false;
+};
+
+/// All lanes.
+template <class Window, class Counter>
+__device__ BestNow bestNow(const UpdateView& view, const DueSearch& search, const Window& window,
+                           const OccupancyReader& map, const DuePoint& point, std::uint8_t test_best,
+                           const Counter& counter, int lane) {
+  const int limit = static_cast<int>(search.tool.collision_limit);
+  BestNow best{limit - 1, kNoDirection};  // a blocked point: only what is free counts
+  if (view.points.label[point.id] != PointLabel::Accessible) return best;
+  best.score = view.points.score[point.id];
+  best.direction = view.points.direction[point.id];
+  if (test_best == 0) return best;
+  best.tests = 1;
+  const int hits = testBest(view, search, window, map, point, test_best, best.direction, best.score, counter, lane);
+  best.became_worse = hits > best.score;
+  best.all_in_question = hits >= limit;
+  best.score = hits;
+  return best;
+}
+
+/// A point of which some directions are in question. All lanes.
+/// @return false: all of them are
+template <class Window, class Counter>
+__device__ bool confirm(const UpdateView& view, const DueSearch& search, const Window& window,
+                        const OccupancyReader& map, const DuePoint& point, const DueItem& due, const Counter& counter,
+                        WarpScratch& scratch, int lane) {
+  const int base = baseOf(view, point.id);
+  const BestNow best = bestNow(view, search, window, map, point, due.test_best, counter, lane);
+  if (best.all_in_question) {
+    if (lane == 0) atomicAdd(&view.counters->tests, 1ull);
+    return false;
+  }
+  const bool accessible = best.direction != kNoDirection;
+  bool any = best.became_worse;
+  for (const std::uint64_t word : due.candidates.word) any = any || word != 0;
+  ScoreItem& item = scratch.item;
+  if (lane == 0) {
+    item = {};
+    item.id = due.id;
+    item.known_score = static_cast<std::uint16_t>(best.score);
+    item.known_direction = static_cast<std::uint16_t>(best.direction);
+    item.keep_reason = accessible ? 0 : 1;
+    item.evidence = due.evidence;
+    item.candidates = due.candidates;
+  }
+  __syncwarp();
+  if (best.became_worse) {
+    askUnlessKnownWorse(view, point.id, best.score - base, item.candidates, lane);
+    __syncwarp();
+  }
+  if (accessible && lane == 0) item.candidates.word[best.direction >> 6] |= std::uint64_t{1} << (best.direction & 63);
+  __syncwarp();
+  ScoreResult result;
+  if (any) {
+    result = searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit,
+                          view.approach, point.position_L, point.normal_L, point.seen, view.points.direction_words,
+                          item, scratch.masks, lane, NothingKnown{}, view.known.count_to);
+  } else {
+    result.scored = 1;
+    if (accessible) {
+      result.score = static_cast<std::uint16_t>(best.score);
+      result.direction = static_cast<std::uint16_t>(best.direction);
+      result.reason = PointReason::None;
+    }
+  }
+  result.tests = static_cast<std::uint16_t>(result.tests + best.tests);
+  concludeAndLearn(view, item, scratch.masks, any && result.scored != 0, base, result, lane);
+  return true;
+}
+
+/// A point of which all directions have to be tried. All lanes.
+template <class Window, class Counter>
+__device__ void searchAll(const UpdateView& view, const DueSearch& search, const Window& window,
+                          const OccupancyReader& map, const DuePoint& point, const DueItem& due, const Counter& counter,
+                          WarpScratch& scratch, int lane) {
+  ScoreItem& item = scratch.item;
+  if (lane == 0) {
+    item = {};
+    item.id = due.id;
+    item.evidence = due.evidence;
+    for (std::uint64_t& word : item.candidates.word) word = ~std::uint64_t{0};
+  }
+  __syncwarp();
+  const int base = baseOf(view, point.id);
+  ScoreResult result =
+      searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit, view.approach,
+                   point.position_L, point.normal_L, point.seen, view.points.direction_words, item, scratch.masks, lane,
+                   KnownOfPoint{view, point.id, view.state.block[point.id], base}, view.known.count_to);
+  concludeAndLearn(view, item, scratch.masks, result.scored != 0, base, result, lane);
+}
+
+/// Puts the items of a block behind each other, a thread a block.
+__global__ void orderDue(UpdateView view) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= view.counters->busy) return;
+  std::uint32_t* head = view.due.head + view.due.busy[n];
+  std::uint32_t count = 0, whole = 0;
+  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) {
+    view.due.items[item].all != 0 ? ++whole : ++count;
+  }
+  std::uint32_t place = atomicAdd(&view.counters->ordered, count);
+  std::uint32_t place_whole = whole > 0 ? atomicAdd(&view.counters->whole, whole) : 0;
+  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) {
+    if (view.due.items[item].all != 0) {
+      view.due.whole[place_whole++] = item;
+    } else {
+      view.due.order[place++] = item;
+    }
+  }
+  *head = kNoIndex;
+}
+
+/// Items of a list: from *begin, or the first one, up to *end.
+struct DueRange {
+  const std::uint32_t* list;
+  const std::uint32_t* begin;  ///< null: 0
+  const std::uint32_t* end;
+  std::uint32_t* next;  ///< 0; counts up
+};
+
+/// @tparam kAll  the items need all directions, else some
+template <class Window, ToolForm kForm, bool kAll>
+__global__ void __launch_bounds__(kThreads, kBlocksEach)
+    evaluateDue(const __grid_constant__ UpdateView view, const __grid_constant__ DueSearch search,
+                const __grid_constant__ DueRange range) {
+  __shared__ WarpScratch all_scratch[kWarps];
+  const int lane = static_cast<int>(threadIdx.x % kWarp);
+  WarpScratch& scratch = all_scratch[threadIdx.x / kWarp];
+  if (kHasSlabs<kForm> && lane == 0) prepareSlabs(search, scratch.slabs);
+  const std::uint32_t begin = range.begin != nullptr ? *range.begin : 0, count = *range.end - begin;
+  const OccupancyReader map(search.map);
+#pragma unroll 1
+  for (std::uint32_t n = takeNext(range.next, lane); n < count; n = takeNext(range.next, lane)) {
+    const std::uint32_t which = range.list[begin + n];
+    const DueItem& due = view.due.items[which];
+    const DuePoint point(view.points, due.id, search.map.inverse_voxel_size);
+    const Window window = makeDueWindow<Window>(search, point.ijk, lane);
+    const auto counter = makeCounter<kForm>(search, window, map, point, scratch, lane);
+    if constexpr (kAll) {
+      searchAll(view, search, window, map, point, due, counter, scratch, lane);
+    } else if (!confirm(view, search, window, map, point, due, counter, scratch, lane)) {
+      if (lane == 0) view.due.whole[atomicAdd(&view.counters->whole, 1u)] = which;
+      __syncwarp();  // what it read of its window, others overwrite next
+    }
+  }
+}
+
+template <class Window, ToolForm kForm>
+void launchSearches(const UpdateView& view, const DueSearch& search, const DueStreams& streams) {
+  // Persistent blocks: as many as are to run at a time.
+  const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
+  const std::size_t bytes = kWarps * search.window.entries() * BusyWindow::kEntries * sizeof(std::uint32_t);
+  UpdateCounters& counters = *view.counters;
+  // Those that need all directions from the outset take the longest, and few are left in the end: then the others
+  // begin. What these add comes last.
+  const DueRange whole = {view.due.whole, nullptr, &counters.whole_at_first, &counters.next_whole},
+                 some = {view.due.order, nullptr, &counters.ordered, &counters.next_some},
+                 added = {view.due.whole, &counters.whole_at_first, &counters.whole, &counters.next_added};
+  ACCESSVDB_CUDA(cudaMemcpyAsync(&counters.whole_at_first, &counters.whole, sizeof(std::uint32_t),
+                                 cudaMemcpyDeviceToDevice, streams.main));
+  ACCESSVDB_CUDA(cudaEventRecord(streams.fork, streams.main));
+  ACCESSVDB_CUDA(cudaStreamWaitEvent(streams.beside, streams.fork));
+  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, streams.beside>>>(view, search, whole);
+  checkLaunch("evaluateDue");
+  ACCESSVDB_CUDA(cudaEventRecord(streams.join, streams.beside));
+  evaluateDue<Window, kForm, false><<<blocks, kThreads, bytes, streams.main>>>(view, search, some);
+  checkLaunch("evaluateDue");
+  ACCESSVDB_CUDA(cudaStreamWaitEvent(streams.main, streams.join));
+  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, streams.main>>>(view, search, added);
+  checkLaunch("evaluateDue");
+}
+
+}  // namespace
+
+void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint32_t most_busy,
+                     const DueStreams& streams) {
+  if (most_busy == 0) return;
+  orderDue<<<(most_busy + kThreads - 1) / kThreads, kThreads, 0, streams.main>>>(view);
+  checkLaunch("orderDue");
+  if (search.window.kind != WindowPlan::Kind::Lowers) {
+    search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::Samples>(view, search, streams)
+                            : launchSearches<TreeWindow, ToolForm::Columns>(view, search, streams);
+  } else if (search.tool.use_samples) {
+    launchSearches<BusyWindow, ToolForm::Samples>(view, search, streams);
+  } else if (search.slabs.begin == nullptr) {
+    launchSearches<BusyWindow, ToolForm::Columns>(view, search, streams);
+  } else if (search.slabs.full != nullptr) {
+    launchSearches<BusyWindow, ToolForm::ThickSlabs>(view, search, streams);
+  } else {
+    launchSearches<BusyWindow, ToolForm::Slabs>(view, search, streams);
+  }
+  static_assert(offsetof(UpdateCounters, next_added) - offsetof(UpdateCounters, due) == 7 * sizeof(std::uint32_t));
+  ACCESSVDB_CUDA(cudaMemsetAsync(&view.counters->due, 0, 8 * sizeof(std::uint32_t), streams.main));
+}
+
+}  // namespace accessvdb::kernels

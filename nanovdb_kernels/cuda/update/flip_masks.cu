@@ -1,0 +1,318 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What the flips of a frame mean for the points of a group of blocks: which directions may have become better or
+/// worse, and how far what is known of their collisions has aged.
+///
+/// Flips lie in tiles of 8 x 8 x 16 leaves, found through a hash table. A group's warp looks up the tiles around it,
+/// lists their columns that hold flips, which are few, and asks the footprints what those mean.
+#include "cuda/memory/cuda_check.h"
+#include "cuda/search/warp.cuh"
+#include "cuda/update/known_collisions.cuh"
+#include "cuda/update/update_kernels.h"
+
+namespace accessvdb::kernels {
+namespace {
+
+constexpr unsigned kThreads = 256;
+/// Of a block that works on groups: few, as some take long and some no time at all, and a block stays until its last
+/// one is done.
+constexpr unsigned kWarps = 4;
+
+unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
+
+__device__ std::uint64_t tileKey(std::int32_t x, std::int32_t y, std::int32_t part) {
+  return placeKey(x >> FlipsView::kTileLog2, y >> FlipsView::kTileLog2, part);
+}
+/// Place of a column of leaves in its tile.
+__device__ std::uint32_t placeInTile(std::int32_t x, std::int32_t y) {
+  constexpr std::int32_t kSide = (1 << FlipsView::kTileLog2) - 1;
+  return static_cast<std::uint32_t>((x & kSide) << FlipsView::kTileLog2 | (y & kSide));
+}
+
+__global__ void findTiles(UpdateView view, std::uint32_t count) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= count) return;
+  const LeafFlips& flip = view.flips.list[n];
+  bool is_new = false;
+  const std::uint32_t slot = view.flips.hash.insert(tileKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4), is_new);
+  if (is_new) view.flips.tile_at[slot] = atomicAdd(&view.counters->flip_tiles, 1u);
+}
+
+__global__ void addFlips(UpdateView view, std::uint32_t count) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= count) return;
+  const LeafFlips& flip = view.flips.list[n];
+  const std::uint32_t slot = view.flips.hash.find(tileKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4));
+  const std::uint32_t tile = view.flips.tile_at[slot], place = placeInTile(flip.leaf[0], flip.leaf[1]);
+  const std::size_t column = std::size_t{tile} * FlipsView::kColumns + place;
+  atomicOr(reinterpret_cast<unsigned long long*>(view.flips.occupied + tile), 1ull << place);
+  std::uint64_t bits = 0;
+  for (int kind = 0; kind < 4; ++kind) {
+    if ((flip.kinds >> kind & 1u) != 0) bits |= std::uint64_t{1} << (16 * kind + (flip.leaf[2] & 15));
+  }
+  atomicOr(reinterpret_cast<unsigned long long*>(view.flips.kinds + column), static_cast<unsigned long long>(bits));
+  if (flip.freed != 0) view.flips.next[n] = atomicExch(view.flips.head + column, n);
+}
+
+/// Leaves in which voxels ceased to collide, gathered by a warp until they are enough for all lanes to count them.
+class FreedLeaves {
+ public:
+  static constexpr int kMost = 128;
+
+  /// @param list  [kMost] shared by the warp  @param steps  see countFreed; null: nothing is counted
+  __device__ FreedLeaves(const UpdateView& view, const std::int32_t* leaf, std::uint32_t* list, std::uint32_t* steps,
+                         int lane)
+      : view_(view), leaf_(leaf), list_(list), steps_(steps), lane_(lane) {}
+
+  /// The leaves of a column of flips, one a lane; kNoIndex: none. All lanes.
+  __device__ void add(std::uint32_t column, std::int32_t z_low, std::int32_t z_high) {
+    if (steps_ == nullptr) return;
+    std::uint32_t n = column != kNoIndex ? view_.flips.head[column] : kNoIndex;
+    while (__any_sync(kAllLanes, n != kNoIndex)) {
+      const std::int32_t z = n != kNoIndex ? view_.flips.list[n].leaf[2] : 0;
+      const bool wanted = n != kNoIndex && z >= z_low && z <= z_high;
+      const unsigned all = __ballot_sync(kAllLanes, wanted);
+      if (wanted) list_[count_ + __popc(all & ((1u << lane_) - 1u))] = n;
+      count_ += __popc(all);
+      if (count_ > kMost - static_cast<int>(kWarp)) count();
+      if (n != kNoIndex) n = view_.flips.next[n];
+    }
+  }
+  /// Counts what was gathered. All lanes.
+  __device__ void count() {
+    __syncwarp();
+    all_ += static_cast<std::uint32_t>(count_);
+    for (int i = lane_ >> 3; i < count_ && !tooMany(); i += static_cast<int>(kWarp) / 8) {
+      countFreed(view_, leaf_, view_.flips.list[list_[i]], lane_ & 7, steps_);
+    }
+    __syncwarp();
+    count_ = 0;
+  }
+  /// Some were not counted.
+  [[nodiscard]] __device__ bool tooMany() const { return all_ > kMostCountedLeaves; }
+
+ private:
+  const UpdateView& view_;
+  const std::int32_t* leaf_;
+  std::uint32_t* list_;
+  std::uint32_t* steps_;
+  std::uint32_t all_ = 0;
+  int lane_, count_ = 0;
+};
+
+/// The masks of a group, spread over a warp to save registers: lane n has the n-th 32 bits of a GroupMasks.
+class MasksOfWarp {
+ public:
+  enum Mask : int { kBetterTool, kBetterArm, kWorseTool, kWorseArm };  ///< in the order of GroupMasks
+
+  explicit __device__ MasksOfWarp(int lane) : lane_(lane) {}
+
+  /// Each lane adds directions to one mask, to two, or to none. All lanes.
+  __device__ void add(Mask better, bool is_better, Mask worse, bool is_worse, const DirectionMask& directions) {
+    if (!__any_sync(kAllLanes, is_better || is_worse)) return;
+#pragma unroll
+    for (int n = 0; n < kDirectionWords32; ++n) {
+      std::uint32_t some = 0;
+      if (is_better || is_worse) some = static_cast<std::uint32_t>(directions.word[n / 2] >> (32 * (n & 1)));
+      const std::uint32_t all_better = __reduce_or_sync(kAllLanes, is_better ? some : 0u);
+      const std::uint32_t all_worse = __reduce_or_sync(kAllLanes, is_worse ? some : 0u);
+      if (lane_ == better * kDirectionWords32 + n) bits_ |= all_better;
+      if (lane_ == worse * kDirectionWords32 + n) bits_ |= all_worse;
+    }
+  }
+  /// @return word n of a mask. All lanes, each with its own n
+  [[nodiscard]] __device__ std::uint32_t word(Mask mask, int n) const {
+    return __shfl_sync(kAllLanes, bits_, mask * kDirectionWords32 + n);
+  }
+  /// Is there a direction in the first `masks` of them? All lanes.
+  [[nodiscard]] __device__ bool any(int masks) const {
+    return __any_sync(kAllLanes, bits_ != 0 && lane_ < masks * kDirectionWords32) != 0;
+  }
+  /// All lanes.
+  __device__ void store(GroupMasks& masks) const {
+    static_assert(sizeof(GroupMasks) == kWarp * sizeof(std::uint32_t));
+    reinterpret_cast<std::uint32_t*>(&masks)[lane_] = bits_;
+  }
+
+ private:
+  int lane_;
+  std::uint32_t bits_ = 0;
+};
+
+/// A tile near a group, seen from the group's first leaf; a tile a lane.
+struct TileNear {
+  std::uint32_t tile = kNoIndex;
+  std::int32_t dx = 0, dy = 0, dz = 0;  ///< [leaves] to its least corner
+  std::uint64_t occupied = 0;           ///< FlipsView::occupied
+};
+
+__device__ TileNear tileNear(const FlipsView& flips, std::uint64_t key, std::int32_t dx, std::int32_t dy,
+                             std::int32_t dz) {
+  TileNear near = {kNoIndex, dx, dy, dz, 0};
+  const std::uint32_t slot = flips.hash.find(key);
+  if (slot == kNoIndex) return near;
+  near.tile = flips.tile_at[slot];
+  near.occupied = flips.occupied[near.tile];
+  return near;
+}
+
+/// Finds out by a warp what flips mean for a group.
+class GroupScan {
+ public:
+  static constexpr int kMostListed = 256;
+
+  /// @param leaf  the first one of the group  @param list  [kMostListed] shared by the warp
+  __device__ GroupScan(const UpdateView& view, const std::int32_t* leaf, std::uint16_t* list, MasksOfWarp& masks,
+                       FreedLeaves& freed, int lane)
+      : view_(view), leaf_(leaf), list_(list), masks_(masks), freed_(freed), lane_(lane) {}
+
+  /// All lanes.
+  __device__ void scanAll() {
+    constexpr int kLog2[3] = {FlipsView::kTileLog2, FlipsView::kTileLog2, 4};
+    std::int32_t low[3], size[3];  // [tiles]
+    for (int axis = 0; axis < 3; ++axis) {
+      low[axis] = (leaf_[axis] + view_.footprint.low[axis]) >> kLog2[axis];
+      size[axis] = ((leaf_[axis] + view_.footprint.high[axis]) >> kLog2[axis]) - low[axis] + 1;
+    }
+    const int count = size[0] * size[1] * size[2];
+    for (int base = 0; base < count; base += static_cast<int>(kWarp)) {
+      const int n = base + lane_;
+      TileNear near;
+      if (n < count) {
+        const std::int32_t x = low[0] + n / size[2] / size[1], y = low[1] + n / size[2] % size[1],
+                           z = low[2] + n % size[2];
+        near = tileNear(view_.flips, placeKey(x, y, z), (x << kLog2[0]) - leaf_[0], (y << kLog2[1]) - leaf_[1],
+                        (z << kLog2[2]) - leaf_[2]);
+      }
+      scanTiles(near);
+    }
+  }
+
+ private:
+  /// A tile a lane.
+  __device__ void scanTiles(const TileNear& mine) {
+    int listed = 0;
+    for (unsigned left = __ballot_sync(kAllLanes, mine.occupied != 0); left != 0; left &= left - 1) {
+      const int owner = __ffs(static_cast<int>(left)) - 1;
+      const std::uint64_t occupied = __shfl_sync(kAllLanes, mine.occupied, owner);
+#pragma unroll
+      for (int half = 0; half < 2; ++half) {
+        const auto some = static_cast<std::uint32_t>(occupied >> (32 * half));
+        if ((some >> lane_ & 1u) != 0) {
+          list_[listed + __popc(some & ((1u << lane_) - 1u))] =
+              static_cast<std::uint16_t>(owner << 6 | half << 5 | lane_);
+        }
+        listed += __popc(some);
+      }
+      if (listed > kMostListed - 64) {
+        scanListed(mine, listed);
+        listed = 0;
+      }
+    }
+    scanListed(mine, listed);
+  }
+
+  /// A column a lane.
+  __device__ void scanListed(const TileNear& mine, int count) {
+    __syncwarp();
+    for (int first = 0; first < count; first += static_cast<int>(kWarp)) {
+      const int n = first + lane_;
+      const bool there = n < count;
+      const std::uint32_t entry = list_[there ? n : 0], place = entry & 63u;
+      const int owner = static_cast<int>(entry >> 6);
+      const std::uint32_t column = __shfl_sync(kAllLanes, mine.tile, owner) * FlipsView::kColumns + place;
+      const std::int32_t dx = __shfl_sync(kAllLanes, mine.dx, owner) + static_cast<std::int32_t>(place >> 3),
+                         dy = __shfl_sync(kAllLanes, mine.dy, owner) + static_cast<std::int32_t>(place & 7u),
+                         dz = __shfl_sync(kAllLanes, mine.dz, owner);
+      const FootprintPlace at = there ? view_.footprint.at(dx, dy) : FootprintPlace{};
+      const std::uint64_t bits = there ? view_.flips.kinds[column] : 0;
+      const std::uint32_t tool = kindsIn(view_.footprint.tool, at.tool, dz, bits);
+      take(view_.footprint.tool, at.tool, tool, 2, 1, MasksOfWarp::kBetterTool, MasksOfWarp::kWorseTool);
+      const bool is_freed = (tool & 2u) != 0;
+      const std::int32_t z_low = is_freed ? view_.footprint.tool[at.tool - 1].z_low : 0,
+                         z_high = is_freed ? view_.footprint.tool[at.tool - 1].z_high : 0;
+      freed_.add(is_freed ? column : kNoIndex, leaf_[2] + z_low, leaf_[2] + z_high);
+      const std::uint32_t arm = kindsIn(view_.footprint.arm, at.arm, dz, bits);
+      take(view_.footprint.arm, at.arm, arm, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
+    }
+    __syncwarp();  // the list is written anew
+  }
+
+  /// Kinds of flips that a column of a footprint meets. @param number  index + 1, or 0
+  /// @param dz  of the lowest of the 16 leaves  @param bits  FlipsView::kinds
+  [[nodiscard]] __device__ static std::uint32_t kindsIn(const FootprintColumn* columns, std::uint32_t number,
+                                                        std::int32_t dz, std::uint64_t bits) {
+    if (number == 0) return 0;
+    const std::int32_t from = columns[number - 1].z_low - dz, to = columns[number - 1].z_high - dz;
+    if (from > 15 || to < 0) return 0;
+    const std::uint32_t wanted = (0xffffu << (from > 0 ? from : 0)) & (0xffffu >> (to < 15 ? 15 - to : 0));
+    std::uint32_t kinds = 0;
+    for (int kind = 0; kind < 4; ++kind) {
+      if ((static_cast<std::uint32_t>(bits >> (16 * kind)) & wanted) != 0) kinds |= 1u << kind;
+    }
+    return kinds;
+  }
+
+  /// All lanes.
+  __device__ void take(const FootprintColumn* columns, std::uint32_t number, std::uint32_t kinds,
+                       std::uint32_t better_kind, std::uint32_t worse_kind, MasksOfWarp::Mask better,
+                       MasksOfWarp::Mask worse) {
+    masks_.add(better, (kinds & better_kind) != 0, worse, (kinds & worse_kind) != 0,
+               columns[number > 0 ? number - 1 : 0].directions);
+  }
+
+  const UpdateView& view_;
+  const std::int32_t* leaf_;
+  std::uint16_t* list_;
+  MasksOfWarp& masks_;
+  FreedLeaves& freed_;
+  int lane_;
+};
+
+/// A warp a group.
+__global__ void groupMasks(UpdateView view) {
+  __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_freed[kWarps][FreedLeaves::kMost];
+  __shared__ std::uint16_t all_lists[kWarps][GroupScan::kMostListed];
+  const std::uint32_t group = blockIdx.x * kWarps + threadIdx.x / kWarp;
+  if (group >= view.groups.groups) return;
+  const int lane = static_cast<int>(threadIdx.x % kWarp);
+  const unsigned warp = threadIdx.x / kWarp;
+  MasksOfWarp masks(lane);
+  if (view.groups.with_points[group] != 0) {
+    const std::int32_t* leaf = view.groups.leaf + 3 * static_cast<std::size_t>(group);
+    std::uint32_t* steps = view.known.levels != nullptr ? all_steps[warp] : nullptr;
+    for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kWarp)) all_steps[warp][n] = 0;
+    __syncwarp();
+    FreedLeaves freed(view, leaf, all_freed[warp], steps, lane);
+    GroupScan(view, leaf, all_lists[warp], masks, freed, lane).scanAll();
+    freed.count();
+    if (steps != nullptr && masks.any(2)) {  // the better ones come first
+      agePoints(view, group, steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), lane);
+    }
+  }
+  masks.store(view.masks[group]);
+  const bool affected = masks.any(4);
+  if (lane == 0) view.affected[group] = affected ? 1 : 0;
+}
+
+}  // namespace
+
+void launchFindTiles(const UpdateView& view, std::uint32_t count, cudaStream_t stream) {
+  if (count == 0) return;
+  findTiles<<<blocksFor(count), kThreads, 0, stream>>>(view, count);
+  checkLaunch("findTiles");
+}
+
+void launchAddFlips(const UpdateView& view, std::uint32_t count, cudaStream_t stream) {
+  if (count == 0) return;
+  addFlips<<<blocksFor(count), kThreads, 0, stream>>>(view, count);
+  checkLaunch("addFlips");
+}
+
+void launchGroupMasks(const UpdateView& view, cudaStream_t stream) {
+  if (view.groups.groups == 0) return;
+  groupMasks<<<(view.groups.groups + kWarps - 1) / kWarps, kWarps * kWarp, 0, stream>>>(view);
+  checkLaunch("groupMasks");
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,67 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/update/flip_tables.h"
+
+#include <bit>
+
+#include "cuda/memory/growing.h"
+#include "cuda/update/update_kernels.h"
+#include "launch/lists.h"
+
+namespace accessvdb::kernels {
+
+void FlipTables::take(std::span<const std::span<const LeafFlips>> flips, UpdateView& view, DeviceCounters& counters,
+                      cudaStream_t stream) {
+  const std::uint32_t groups = view.groups.groups;
+  const std::size_t count = totalSize(flips);
+  view.affected = nullptr;
+  if (count == 0 || groups == 0) return;
+  const std::size_t capacity = std::bit_ceil(2 * count + 64);
+  keys_.grow(memory_, capacity, 0);
+  tiles_.grow(memory_, capacity, 0);
+  next_.growWithRoom(memory_, count, roomFor(count), 0);
+  fillBytes(keys_.data(), 0xff, capacity * sizeof(std::uint64_t), stream);
+  fillBytes(&counters.data()->flip_tiles, 0, sizeof(std::uint32_t), stream);
+  masks_.growWithRoom(memory_, groups, roomFor(groups), 0);
+  affected_.growWithRoom(memory_, groups, roomFor(groups), 0);
+  masked_groups_ = groups;
+  view.flips = {};
+  view.flips.hash = {keys_.data(), static_cast<std::uint32_t>(capacity - 1)};
+  view.flips.tile_at = tiles_.data();
+  view.flips.next = next_.data();
+  view.flips.list = list_.send(flips, memory_, stream);
+  const auto num_flips = static_cast<std::uint32_t>(count);
+  launchFindTiles(view, num_flips, stream);
+  const std::size_t tiles = counters.read(stream).flip_tiles, columns = tiles * FlipsView::kColumns;
+  occupied_.growWithRoom(memory_, tiles, roomFor(tiles), 0);
+  kinds_.growWithRoom(memory_, columns, roomFor(columns), 0);
+  heads_.growWithRoom(memory_, columns, roomFor(columns), 0);
+  fillBytes(occupied_.data(), 0, tiles * sizeof(std::uint64_t), stream);
+  fillBytes(kinds_.data(), 0, columns * sizeof(std::uint64_t), stream);
+  fillBytes(heads_.data(), 0xff, columns * sizeof(std::uint32_t), stream);
+  view.flips.occupied = occupied_.data();
+  view.flips.kinds = kinds_.data();
+  view.flips.head = heads_.data();
+  view.masks = masks_.data();
+  view.affected = affected_.data();
+  launchAddFlips(view, num_flips, stream);
+  launchGroupMasks(view, stream);
+}
+
+void FlipTables::addGroups(UpdateView& view, cudaStream_t stream) {
+  const std::uint32_t groups = view.groups.groups;
+  if (view.affected == nullptr || groups == masked_groups_) return;
+  masks_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
+  affected_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
+  fillBytes(affected_.data() + masked_groups_, 0, groups - masked_groups_, stream);
+  view.masks = masks_.data();
+  view.affected = affected_.data();
+  masked_groups_ = groups;
+}
+
+std::uint64_t FlipTables::bytes() const {
+  return list_.bytes() + keys_.bytes() + occupied_.bytes() + kinds_.bytes() + heads_.bytes() + next_.bytes() +
+         tiles_.bytes() + masks_.bytes() + affected_.bytes();
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,186 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What is known of collisions in the directions of points (hostdev/known_levels.h), and how it ages. A voxel that
+/// ceases to collide takes at most one collision from a direction. So for each group of blocks and each direction it is
+/// counted how many did since the group's levels were last lowered, at most; what a level says is less by that. Freed
+/// voxels are counted for a whole group at once, by cells, and rather too many: that costs time and changes nothing.
+#pragma once
+
+#include <cstdint>
+
+#include "cuda/search/warp.cuh"
+#include "cuda/update/update_views.cuh"
+#include "hostdev/cell_counts.h"
+#include "hostdev/known_levels.h"
+
+namespace accessvdb::kernels {
+
+inline constexpr int kDirectionWords32 = 2 * kMaxDirectionWords;
+
+/// More leaves are not counted for one group in one update: eight full cells each, they sum up to 2^31, so that no sum
+/// of 32 bits overflows, with what a counter held before. Where there are more, all that is known is forgotten
+/// (agePoints).
+inline constexpr std::uint32_t kMostCountedLeaves = (1u << 31) / (8u << (3 * kCellLog2));
+
+/// Adds the voxels that ceased to collide in one cell of a leaf. One lane; `steps` is shared by the warp.
+/// @param leaf  the first one of the group of the points
+/// @param steps  [32 kDirectionWords32] by how much more voxels, modulo 2^32, ceased to collide in the tool of each
+///   direction than in that of the one before, at most
+__device__ inline void countFreed(const UpdateView& view, const std::int32_t* leaf, const LeafFlips& flip, int cell,
+                                  std::uint32_t* steps) {
+  const auto counted = static_cast<std::uint32_t>(flip.freed >> (8 * cell)) & 0xffu;
+  if (counted == 0) return;
+  const CellTableView& cells = view.covering;
+  std::int64_t entry = 0;
+  for (int axis = 0; axis < 3; ++axis) {
+    const int i = (flip.leaf[axis] - leaf[axis]) * 2 + (cell >> (2 - axis) & 1) - cells.low[axis];
+    if (i < 0 || i >= cells.size[axis]) return;
+    entry = entry * cells.size[axis] + i;
+  }
+  const DirectionArc arc = cells.table[entry];
+  if (arc.count == 0) return;
+  const auto directions = static_cast<std::uint32_t>(view.approach.num_directions);
+  // More than the cell has voxels are some that ceased to collide several times, and collided again in between. No
+  // direction has lost more collisions than the cell has voxels. So LeafFlips::kManyFreed is a number as any other.
+  constexpr std::uint32_t kVoxelsOfCell = 1u << (3 * kCellLog2);
+  static_assert(LeafFlips::kManyFreed >= kVoxelsOfCell);
+  const std::uint32_t count = counted < kVoxelsOfCell ? counted : kVoxelsOfCell;
+  const std::uint32_t end = arc.first + std::uint32_t{arc.count};
+  atomicAdd(steps + arc.first, count);
+  if (end < directions) {
+    atomicAdd(steps + end, 0u - count);
+  } else if (end > directions) {  // round the corner
+    atomicAdd(steps, count);
+    atomicAdd(steps + end - directions, 0u - count);
+  }
+}
+
+/// Sums of the steps up to each direction. A warp. @param sums  of the directions 32 w + lane
+__device__ inline void sumSteps(const std::uint32_t* steps, int lane, std::uint32_t (&sums)[kDirectionWords32]) {
+  std::uint32_t before = 0;
+#pragma unroll
+  for (int w = 0; w < kDirectionWords32; ++w) {
+    sums[w] = sumUpTo(steps[32 * w + lane], lane) + before;
+    before = __shfl_sync(kAllLanes, sums[w], 31);
+  }
+}
+
+/// What is known of a point's eight directions.
+struct KnownWord {
+  std::uint64_t levels;
+  FreedWord freed;
+
+  __device__ KnownWord(const UpdateView& view, std::size_t id, std::uint32_t block, int word) {
+    const auto words = static_cast<std::size_t>(view.known.words);
+    levels = view.known.levels[id * words + static_cast<std::size_t>(word)];
+    freed = view.known.freed[view.groups.of_block[block] * words + static_cast<std::size_t>(word)];
+  }
+};
+
+/// Of the directions that are asked for, those that may be better than what the levels count from, and whose corridor
+/// is not known to be blocked. What is known of eight directions is read only where one of them is asked for.
+/// @param w, asked  directions 64 w .. 64 w + 63
+__device__ inline std::uint64_t notKnownWorse(const UpdateView& view, std::size_t id, std::uint32_t block, int w,
+                                              std::uint64_t asked) {
+  if (view.known.levels == nullptr) return asked;
+#pragma unroll 1
+  for (int byte = 0; byte < 8 && asked >> (8 * byte) != 0; ++byte) {
+    if ((asked >> (8 * byte) & 0xffu) == 0) continue;
+    const KnownWord known(view, id, block, 8 * w + byte);
+    const std::uint64_t worse = known_word::worse(known.levels, known.freed.lowestWithMore(view.known.of.log2));
+    asked &= ~(worse << (8 * byte));
+  }
+  return asked;
+}
+
+/// At least so many collisions has a point in a direction; 0: nothing is known.
+/// @param base  baseCollisions
+__device__ inline int knownCollisions(const UpdateView& view, std::size_t id, std::uint32_t block, int base, int d) {
+  if (view.known.levels == nullptr) return 0;
+  const KnownWord known(view, id, block, d / kKnownPerWord);
+  const int n = d % kKnownPerWord;
+  const std::uint32_t level = known_word::levelIn(known.levels, n);
+  if (level == 0) return 0;
+  const int collisions = base + view.known.of.collisionsOf(level, known.freed.of(n));
+  return collisions > 0 ? collisions : 0;
+}
+
+/// Calls visit(id) with the points of a group, a point a lane and the lowest lanes first; kNoIndex: none. All lanes.
+template <class Visit>
+__device__ void forEachPoint(const UpdateView& view, std::uint32_t group, int lane, const Visit& visit) {
+  const BlockIndexView& index = view.index;
+  const std::int32_t* leaf = view.groups.leaf + 3 * static_cast<std::size_t>(group);
+  const int log2 = view.groups.log2, last = (1 << log2) - 1, blocks = 1 << (3 * log2);
+  for (int base = 0; base < blocks; base += 32) {
+    const int n = base + lane;
+    std::uint32_t block = kNoIndex;
+    if (n < blocks) {
+      block = index.find(leaf[0] + (n >> (2 * log2)), leaf[1] + (n >> log2 & last), leaf[2] + (n & last));
+    }
+    const std::uint32_t first = block != kNoIndex ? index.first[block] : 0;
+    const std::uint32_t count = block != kNoIndex ? index.count[block] : 0;
+    const std::uint32_t end = sumUpTo(count, lane);  // of the blocks of the lanes up to this one
+    const std::uint32_t all = __shfl_sync(kAllLanes, end, 31);
+    for (std::uint32_t from = 0; from < all; from += 32) {
+      const std::uint32_t at = from + static_cast<std::uint32_t>(lane);
+      int owner = 0;  // the first lane with at < end
+      for (int step = 16; step > 0; step /= 2) {
+        if (__shfl_sync(kAllLanes, end, owner + step - 1) <= at) owner += step;
+      }
+      const std::uint32_t begin = __shfl_sync(kAllLanes, end - count, owner),
+                          ids = __shfl_sync(kAllLanes, first, owner);
+      visit(at < all ? index.ids[ids + (at - begin)] : kNoIndex);
+    }
+  }
+}
+
+/// Ages what is known of the points of a group. A warp.
+/// @param steps  see countFreed; out: something else
+/// @param too_many  more leaves than kMostCountedLeaves: the steps are too few
+/// @param better_arm  of directions 32 (lane / 4) .. + 31, those whose corridor may have become free
+__device__ inline void agePoints(const UpdateView& view, std::uint32_t group, std::uint32_t* steps, bool too_many,
+                                 std::uint32_t better_arm, int lane) {
+  const int words = view.known.words;
+  std::uint32_t sums[kDirectionWords32];
+  sumSteps(steps, lane, sums);
+  __syncwarp();  // all have read
+#pragma unroll
+  for (int w = 0; w < kDirectionWords32; ++w) {
+    steps[32 * w + lane] = 32 * w + lane < view.approach.num_directions ? sums[w] : 0;
+  }
+  __syncwarp();
+  // Lane n takes word n.
+  const std::uint64_t arms = known_word::spread(better_arm >> (8 * (lane & 3)) & 0xffu);
+  std::uint64_t less = 0;
+  bool wanted = false;
+  if (lane < words) {
+    FreedWord& counter = view.known.freed[group * static_cast<std::size_t>(words) + static_cast<std::size_t>(lane)];
+    FreedWord freed = counter;
+    wanted = freed.add(steps + kKnownPerWord * lane, too_many, view.known.of.log2, less) || arms != 0;
+    counter = freed;
+  }
+  if (!__any_sync(kAllLanes, wanted)) return;
+  forEachPoint(view, group, lane, [&](std::uint32_t id) {
+    // One point after the other, a word a lane; so many at a time, as memory is far away.
+    constexpr int kTogether = 8;
+    const int points = __popc(__ballot_sync(kAllLanes, id != kNoIndex));
+    for (int first = 0; first < points; first += kTogether) {
+      std::uint64_t* levels[kTogether];
+      std::uint64_t before[kTogether];
+#pragma unroll
+      for (int i = 0; i < kTogether; ++i) {
+        const std::uint32_t of = __shfl_sync(kAllLanes, id, first + i);
+        levels[i] = view.known.levels + of * static_cast<std::size_t>(words) + lane;
+        before[i] = wanted && first + i < points ? *levels[i] : 0;
+      }
+#pragma unroll
+      for (int i = 0; i < kTogether; ++i) {
+        if (before[i] == 0) continue;  // nothing is known
+        const std::uint64_t after = known_word::lowered(before[i], less) & ~arms;
+        if (after != before[i]) *levels[i] = after;
+      }
+    }
+  });
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,135 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which neighbourhoods the touched points may have changed: a touched point matters to another one only where its old
+/// or its new mean lies no farther away than the k-th neighbour did (as src/update/moved_points.h). To ask for too many
+/// costs time and changes nothing.
+#include <cfloat>
+
+#include "cuda/memory/cuda_check.h"
+#include "cuda/search/warp.cuh"
+#include "cuda/update/update_kernels.h"
+
+namespace accessvdb::kernels {
+namespace {
+
+constexpr unsigned kWarps = 4;
+/// Places that a warp keeps; where more lie near a block, all of its points count as moved.
+constexpr unsigned kMostPlaces = 512;
+/// How far means may lie outside of their voxel, far from the origin, where float32 has 8 steps a voxel.
+constexpr float kRoundingVoxels = 0.25f;
+/// A squared distance in float32 is off by less than 5 x 2^-24 of its value, a squared reach by less than 2^-22.
+constexpr float kReachSlack = 1.000001f;
+
+/// Calls visit(block, squared gap in voxels) with every block near a leaf, a block a lane; all lanes call it equally
+/// often, with kNoIndex where a lane has none.
+template <class Visit>
+__device__ void forEachNear(const BlockIndexView& index, const std::int32_t* leaf, float reach_voxels, unsigned lane,
+                            const Visit& visit) {
+  const int rings = static_cast<int>(reach_voxels / 8) + 1, side = 2 * rings + 1, all = side * side * side;
+  for (int base = 0; base < all; base += static_cast<int>(kWarp)) {
+    const int n = base + static_cast<int>(lane);
+    std::uint32_t block = kNoIndex;
+    float squared = 0;
+    if (n < all) {
+      const int d[3] = {n / (side * side) - rings, n / side % side - rings, n % side - rings};
+      for (int axis = 0; axis < 3; ++axis) {
+        const int between = (d[axis] < 0 ? -d[axis] : d[axis]) - 1;
+        const float gap = between > 0 ? static_cast<float>(between) * 8 : 0;
+        squared += gap * gap;
+      }
+      if (squared <= reach_voxels * reach_voxels) block = index.find(leaf[0] + d[0], leaf[1] + d[1], leaf[2] + d[2]);
+    }
+    visit(block, squared);
+  }
+}
+
+/// A warp a touched block: the blocks with a point that it may matter to.
+__global__ void reachBlocks(UpdateView view, float most_reach_voxels) {
+  const unsigned n = (blockIdx.x * blockDim.x + threadIdx.x) / kWarp, lane = threadIdx.x % kWarp;
+  if (n >= view.counters->touched_blocks) return;
+  const std::int32_t* leaf = view.index.leaf + 3 * static_cast<std::size_t>(view.places.touched_blocks[n]);
+  forEachNear(view.index, leaf, most_reach_voxels, lane, [&](std::uint32_t block, float squared_gap) {
+    if (block == kNoIndex) return;
+    const float reach_m = view.index.reach_m[block];
+    if (reach_m < 0) return;
+    const float reach_voxels = reach_m / view.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+    if (squared_gap > reach_voxels * reach_voxels) return;
+    const std::uint32_t bit = 1u << (block & 31);
+    if ((atomicOr(view.places.reached_bits + (block >> 5), bit) & bit) != 0) return;
+    view.places.reached_blocks[atomicAdd(&view.counters->reached_blocks, 1u)] = block;
+  });
+}
+
+__device__ float squaredDistance(const float* a, const float* b) {
+  const float dx = a[0] - b[0], dy = a[1] - b[1], dz = a[2] - b[2];
+  return dx * dx + dy * dy + dz * dz;
+}
+
+/// A warp a reached block.
+__global__ void findMoved(UpdateView view) {
+  __shared__ float all_places[kWarps][kMostPlaces][3];
+  __shared__ std::uint32_t all_counts[kWarps];
+  const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
+  float(*const places)[3] = all_places[warp];
+  std::uint32_t& count = all_counts[warp];
+  const std::uint32_t reached = view.counters->reached_blocks;
+  for (std::uint32_t n = blockIdx.x * kWarps + warp; n < reached; n += gridDim.x * kWarps) {
+    const std::uint32_t block = view.places.reached_blocks[n];
+    const std::int32_t* leaf = view.index.leaf + 3 * static_cast<std::size_t>(block);
+    const float reach_voxels = view.index.reach_m[block] / view.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+    if (lane == 0) count = 0;
+    __syncwarp();
+    const auto add = [&](const float* p) {
+      const std::uint32_t at = atomicAdd(&count, 1u);
+      if (at >= kMostPlaces) return;
+      for (int axis = 0; axis < 3; ++axis) places[at][axis] = p[axis];
+    };
+    forEachNear(view.index, leaf, reach_voxels, lane, [&](std::uint32_t near, float) {
+      if (near == kNoIndex) return;
+      for (std::uint32_t at = view.places.head[near]; at != kNoIndex; at = view.places.places[at].next) {
+        const Place& place = view.places.places[at];
+        add(place.now_L);
+        if (!isnan(place.before_L[0])) add(place.before_L);
+      }
+    });
+    __syncwarp();
+    const std::uint32_t there = count;
+    const std::uint32_t first = view.index.first[block], points = view.index.count[block];
+    float most_m = -1;
+    for (std::uint32_t i = lane; i < points; i += kWarp) {
+      const std::uint32_t id = view.index.ids[first + i];
+      const float reach_m = view.state.reach_m[id];
+      most_m = fmaxf(most_m, reach_m);
+      if (reach_m < 0) continue;
+      const float* mean = view.state.mean_L + 3 * static_cast<std::size_t>(id);
+      const float bound = reach_m * reach_m * kReachSlack;
+      bool moved = there > kMostPlaces;
+      for (std::uint32_t p = 0; p < there && !moved; ++p) moved = squaredDistance(mean, places[p]) <= bound;
+      if (!moved) continue;
+      const std::uint32_t bit = 1u << (id & 31);
+      if ((atomicOr(view.state.moved_bits + (id >> 5), bit) & bit) != 0) continue;
+      view.moved[atomicAdd(&view.counters->moved, 1u)] = id;
+    }
+    for (int step = kWarp / 2; step > 0; step /= 2) most_m = fmaxf(most_m, __shfl_xor_sync(kAllLanes, most_m, step));
+    if (lane == 0) view.index.reach_m[block] = most_m;  // smaller than it was where points came closer to each other
+    __syncwarp();
+  }
+}
+
+}  // namespace
+
+void launchFindMoved(const UpdateView& view, std::uint32_t most_touched, cudaStream_t stream) {
+  if (most_touched == 0) return;
+  const double radius_m = static_cast<double>(neighbourReach_m(view.rule.radius_squared, view.rule.steps_per_m));
+  const auto most_reach_voxels =
+      static_cast<float>(radius_m * view.rule.inverse_voxel_size * static_cast<double>(kReachSlack)) +
+      2 * kRoundingVoxels;
+  constexpr unsigned kThreads = kWarps * kWarp;
+  reachBlocks<<<(most_touched + kWarps - 1) / kWarps, kThreads, 0, stream>>>(view, most_reach_voxels);
+  checkLaunch("reachBlocks");
+  constexpr unsigned kEnoughBlocks = 4096;
+  findMoved<<<kEnoughBlocks, kThreads, 0, stream>>>(view);
+  checkLaunch("findMoved");
+}
+
+}  // namespace accessvdb::kernels

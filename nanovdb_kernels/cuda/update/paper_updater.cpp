@@ -1,0 +1,201 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The paper's policy on the GPU: a queue of points, the neighbourhoods of those whose turn it is, and their scores.
+/// The same points are evaluated at the same updates as on the CPU (src/update/paper_on_host.cpp), by the same
+/// kernels that score what the host asks for.
+#include <algorithm>
+#include <utility>
+
+#include "cuda/memory/cuda_check.h"
+#include "cuda/memory/growing.h"
+#include "cuda/memory/staging.h"
+#include "cuda/search/score_kernels.h"
+#include "cuda/update/device_counters.h"
+#include "cuda/update/paper_kernels.h"
+#include "cuda/update/point_tables.h"
+#include "cuda/update/update_kernels.h"
+#include "cuda/update/updaters.h"
+#include "cuda/update/work_queue.h"
+#include "launch/stopwatch.h"
+
+namespace accessvdb::kernels {
+namespace {
+
+class PaperUpdater final : public PointUpdater {
+ public:
+  PaperUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const UpdaterTables& tables)
+      : context_(std::move(context)),
+        memory_(memory),
+        candidates_(tables.candidates),
+        counters_(memory, stream()),
+        points_(memory, tables, view_),
+        queue_(memory) {
+    view_.counters = counters_.data();
+  }
+
+  void admit(const AdmitInput& input) override {
+    const CurrentDevice current(context_->device());
+    points_.grow(input, view_, stream());
+    queue_.grow(input.num_points, stream());
+    view_.waiting = queue_.flags();
+    points_.admit(input, kNoIndex, view_, stream());
+  }
+
+  // Neighbours are those of the moment at which a point is evaluated.
+  void findNeighbours() override {}
+  void begin(const UpdateInput&) override {}
+  void choose(const UpdateInput&) override {}
+
+  UpdateOutcome update(const UpdateInput& input) override {
+    const CurrentDevice current(context_->device());
+    view_.points = input.points;
+    view_.approach = input.approach;
+    view_.update_rule = input.rule;
+    points_.setWeights(input.weights, view_, stream());
+    points_.setWeights(input.crossed, view_, stream());  // the returns may be those of its neighbours
+    counters_.clear(stream());
+    enqueue(input);
+    const std::uint32_t budget = input.budget_points,
+                        turn = budget > 0 ? std::min(queue_.size(), budget) : queue_.size();
+    ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
+    UpdateOutcome outcome;
+    if (turn > 0) evaluate(input, turn, outcome);
+    const UpdateCounters done = counters_.read(stream());
+    queue_.drop(turn, stream());
+    requireNeighbours(done);
+    any_resolved_ = any_resolved_ || done.resolved > 0;  // best scores never rise, so it stays
+    outcome.evaluated = turn;
+    outcome.scored = done.scored;
+    outcome.tests = done.tests;
+    outcome.label_changes = done.label_changes;
+    outcome.waiting = queue_.size();
+    return outcome;
+  }
+
+  std::uint64_t bytes() const override {
+    return counters_.bytes() + points_.bytes() + queue_.bytes() + crossed_.bytes() + asked_.bytes() +
+           confident_.bytes() + hints_.bytes() + items_.bytes() + results_.bytes() + labels_before_.bytes() +
+           order_.bytes() + order_scratch_.bytes();
+  }
+
+ private:
+  [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }
+
+  /// In the order of paper_scheduler.cpp.
+  void enqueue(const UpdateInput& input) {
+    const auto crossed = static_cast<std::uint32_t>(input.crossed.size());
+    confident_.growWithRoom(memory_, crossed, roomFor(crossed), 0);
+    launchSetConfident(queue_.flags(), crossed_.send(input.crossed, memory_, stream()), crossed, confident_.data(),
+                       stream());
+    constexpr std::uint8_t kMask = kConfidentPoint | kWaiting, kValue = kConfidentPoint;
+    queue_.addFromList(confident_.data(), crossed, {kMask, kValue}, stream());
+    for (const std::span<const std::uint32_t> ids : {input.jumped, input.sampled}) {
+      queue_.addFromList(asked_.send(ids, memory_, stream()), static_cast<std::uint32_t>(ids.size()), {kMask, kValue},
+                         stream());
+    }
+    if (input.all_blocked) queue_.addFrom(view_.num_points, {kMask, kValue, view_.points.label}, stream());
+  }
+
+  /// The first `turn` points of the queue.
+  void evaluate(const UpdateInput& input, std::uint32_t turn, UpdateOutcome& outcome) {
+    growTurn(turn);
+    const bool with_hints = candidates_.on && any_resolved_;
+    if (with_hints) findHints(turn);
+    view_.moved = queue_.ids();
+    fillBytes(&counters_.data()->moved, 0xff, sizeof(std::uint32_t), stream());  // the list ends where `turn` says
+    for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
+      part = std::min(turn - first, PointTables::kPart);
+      PaperTurn of_part;
+      of_part.count = part;
+      of_part.ids = queue_.ids() + first;
+      of_part.neighbourhoods = points_.makeNeighbourhoods(view_, first, part, stream());
+      of_part.hints = with_hints ? hints_.data() + first : nullptr;
+      of_part.items = items_.data();
+      of_part.results = results_.data();
+      of_part.labels_before = labels_before_.data();
+      launchTakeTurn(view_, candidates_, of_part, stream());
+      ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
+      const Stopwatch scoring;
+      score(input, of_part);
+      ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
+      outcome.score_ms += scoring.milliseconds();
+    }
+  }
+
+  void score(const UpdateInput& input, const PaperTurn& turn) {
+    ScoreChunk chunk;
+    chunk.map = input.map;
+    chunk.tool = input.tool;
+    chunk.approach = input.approach;
+    chunk.points = input.points;
+    chunk.rule = input.rule;
+    chunk.items = turn.items;
+    chunk.results = turn.results;
+    chunk.count = turn.count;
+    std::size_t scratch_bytes = order_scratch_.size();
+    std::uint32_t* const lists = order_.data();
+    launchLeafOrder(chunk, lists, lists + turn.count, lists + 2 * turn.count, lists + 3 * turn.count,
+                    order_scratch_.data(), scratch_bytes, stream());
+    chunk.order = lists + 3 * turn.count;
+    launchWarpSearch(chunk, planWindow(input.tool, context_->sharedBytesPerBlock(), true), stream());
+    launchUpdate(chunk, stream());
+    launchTallyTurn(turn, input.rule.collision_limit, counters_.data(), stream());
+  }
+
+  /// Room to evaluate so many points, part by part.
+  void growTurn(std::uint32_t turn) {
+    if (candidates_.on) hints_.growWithRoom(memory_, turn, roomFor(turn), 0);
+    const std::uint32_t part = std::min(turn, PointTables::kPart);
+    points_.growParts(part);
+    const auto grow = [&](auto& array, std::size_t each) {
+      array.growWithRoom(memory_, each * part, each * std::min<std::size_t>(roomFor(part), PointTables::kPart), 0);
+    };
+    grow(items_, 1);
+    grow(results_, 1);
+    grow(labels_before_, 1);
+    grow(order_, 4);
+    ScoreChunk chunk;
+    chunk.count = part;
+    std::size_t bytes = 0;
+    launchLeafOrder(chunk, nullptr, nullptr, nullptr, nullptr, nullptr, bytes, nullptr);
+    order_scratch_.growWithRoom(memory_, bytes, roomFor(bytes), 0);
+  }
+
+  /// Of the whole turn: all points see what was known before the first of them is evaluated.
+  void findHints(std::uint32_t turn) {
+    for (std::uint32_t first = 0; first < turn; first += PointTables::kPart) {
+      launchFindHints(view_, candidates_, queue_.ids() + first, std::min(turn - first, PointTables::kPart),
+                      hints_.data() + first, stream());
+    }
+  }
+
+  std::shared_ptr<DeviceContext> context_;
+  DeviceMemory& memory_;
+  CoarseToFine candidates_;
+  UpdateView view_;
+  DeviceCounters counters_;
+  PointTables points_;
+  WorkQueue queue_;
+  bool any_resolved_ = false;  ///< is there a point that lends its direction?
+  Staging<PointWeight> crossed_;
+  Staging<std::uint32_t> asked_;
+  DeviceArray<std::uint32_t> confident_;  ///< those that became so
+  // Of the points whose turn it is.
+  DeviceArray<std::uint16_t> hints_;
+  // Of a part of them.
+  DeviceArray<ScoreItem> items_;
+  DeviceArray<ScoreResult> results_;
+  DeviceArray<PointLabel> labels_before_;
+  DeviceArray<std::uint32_t> order_;  ///< four lists, for launchLeafOrder
+  DeviceArray<std::byte> order_scratch_;
+};
+
+}  // namespace
+
+std::unique_ptr<PointUpdater> makePaperUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory,
+                                               const UpdaterTables& tables) {
+  const CurrentDevice current(context->device());
+  return std::make_unique<PaperUpdater>(std::move(context), memory, tables);
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,138 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/update/point_tables.h"
+
+#include <algorithm>
+#include <bit>
+
+#include "cuda/memory/growing.h"
+#include "cuda/update/update_kernels.h"
+
+namespace accessvdb::kernels {
+
+PointTables::PointTables(DeviceMemory& memory, const UpdaterTables& tables, UpdateView& view)
+    : memory_(memory), words_(static_cast<std::size_t>((tables.num_directions + 63) / 64)) {
+  view.groups.log2 = tables.group_log2;
+  view.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
+  view.rule.inverse_voxel_size = 1.0 / tables.voxel_size_m;
+  view.rule.steps_per_m = neighbourStepsPerMetre(tables.radius_m);
+  view.rule.radius_squared = neighbourRadiusSquared(tables.radius_m);
+  view.rule.neighbours = tables.neighbours;
+  view.rule.view_neighbours = tables.view_neighbours;
+}
+
+void PointTables::grow(const AdmitInput& input, UpdateView& view, cudaStream_t stream) {
+  growPoints(input.num_points, view.num_points);
+  growBlocks(input, view, stream);
+  growFilled(with_points_, memory_, input.num_groups, 0, stream);
+  growFilled(group_leaf_, memory_, std::size_t{3} * input.num_groups, 0, stream);
+  view.groups.of_block = group_of_.data();
+  view.groups.with_points = with_points_.data();
+  view.groups.leaf = group_leaf_.data();
+  view.groups.groups = input.num_groups;
+  view.points = input.points;
+  view.num_points = input.num_points;
+  view.state.block = block_.data();
+  view.state.mean_L = mean_.data();
+  view.state.to_sensor_L = to_sensor_.data();
+  view.state.own_seen = own_seen_.data();
+  view.state.reach_m = reach_.data();
+}
+
+void PointTables::growPoints(std::uint32_t points, std::size_t kept) {
+  const auto grow = [&](auto& array, std::size_t each) {
+    array.growWithRoom(memory_, points * each, roomFor(points) * each, kept * each);
+  };
+  grow(block_, 1);
+  grow(mean_, 3);
+  grow(to_sensor_, 3);
+  grow(own_seen_, words_);
+  grow(reach_, 1);
+}
+
+void PointTables::growBlocks(const AdmitInput& input, UpdateView& view, cudaStream_t stream) {
+  const std::uint32_t blocks = input.num_blocks;
+  const std::size_t kept = view.index.blocks;
+  const auto grow = [&](auto& array, std::size_t each) {
+    array.growWithRoom(memory_, blocks * each, roomFor(blocks) * each, kept * each);
+  };
+  grow(leaf_, 3);
+  grow(first_, 1);
+  grow(count_, 1);
+  grow(block_reach_, 1);
+  grow(group_of_, 1);
+  growFilled(ids_, memory_, input.num_slots, 0, stream);
+  if (hash_keys_.size() < 2 * std::size_t{blocks}) {
+    const std::size_t capacity = std::bit_ceil(std::size_t{4} * blocks + 1024);
+    hash_keys_ = DeviceArray<std::uint64_t>();
+    hash_blocks_ = DeviceArray<std::uint32_t>();
+    hash_keys_.grow(memory_, capacity, 0);
+    hash_blocks_.grow(memory_, capacity, 0);
+    fillBytes(hash_keys_.data(), 0xff, hash_keys_.bytes(), stream);
+    refreshIndex(view.index, static_cast<std::uint32_t>(kept));
+    launchRehash(view.index, stream);
+  }
+  refreshIndex(view.index, blocks);
+}
+
+void PointTables::refreshIndex(BlockIndexView& index, std::uint32_t blocks) const {
+  index.hash = {hash_keys_.data(), static_cast<std::uint32_t>(hash_keys_.size() - 1)};
+  index.block_at = hash_blocks_.data();
+  index.leaf = leaf_.data();
+  index.first = first_.data();
+  index.count = count_.data();
+  index.ids = ids_.data();
+  index.reach_m = block_reach_.data();
+  index.blocks = blocks;
+}
+
+void PointTables::admit(const AdmitInput& input, std::uint32_t first_place, const UpdateView& view,
+                        cudaStream_t stream) {
+  const BlockNews* blocks = blocks_news_.send(input.blocks, memory_, stream);
+  const std::uint32_t* ids = ids_news_.send(input.block_ids, memory_, stream);
+  launchAdmitBlocks(view, blocks, ids, static_cast<std::uint32_t>(input.blocks.size()), stream);
+  const PointNews* news = news_.send(input.news, memory_, stream);
+  launchAdmitPoints(view, news, static_cast<std::uint32_t>(input.news.size()), first_place, stream);
+}
+
+void PointTables::setWeights(std::span<const PointWeight> weights, const UpdateView& view, cudaStream_t stream) {
+  const PointWeight* list = weights_.send(weights, memory_, stream);
+  launchSetWeights(view, list, static_cast<std::uint32_t>(weights.size()), stream);
+}
+
+namespace {
+
+template <typename T>
+void growForParts(DeviceArray<T>& array, DeviceMemory& memory, std::uint32_t points) {
+  const std::size_t part = std::min(points, PointTables::kPart);
+  if (array.size() < part) array.grow(memory, std::min<std::size_t>(roomFor(part), PointTables::kPart), 0);
+}
+
+}  // namespace
+
+void PointTables::growFound(std::uint32_t points) { growForParts(found_, memory_, points); }
+void PointTables::growParts(std::uint32_t points) {
+  growForParts(found_, memory_, points);
+  growForParts(part_, memory_, points);
+}
+
+Neighbourhood* PointTables::makeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count,
+                                               cudaStream_t stream) {
+  makeNeighbourhoods(view, first, count, part_.data(), stream);
+  return part_.data();
+}
+
+void PointTables::makeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count,
+                                     Neighbourhood* to, cudaStream_t stream) {
+  launchNearest(view, first, count, found_.data(), stream);
+  launchMakeNeighbourhoods(view, first, count, found_.data(), to, stream);
+}
+
+std::uint64_t PointTables::bytes() const {
+  return block_.bytes() + mean_.bytes() + to_sensor_.bytes() + reach_.bytes() + own_seen_.bytes() + hash_keys_.bytes() +
+         hash_blocks_.bytes() + first_.bytes() + count_.bytes() + ids_.bytes() + group_of_.bytes() + leaf_.bytes() +
+         block_reach_.bytes() + group_leaf_.bytes() + with_points_.bytes() + found_.bytes() + part_.bytes() +
+         news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() + weights_.bytes();
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,204 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What the kernels of an update read and write: the index of points by place, what neighbourhoods are made of, the
+/// flips of a frame, and the lists that go from one kernel to the next.
+#pragma once
+
+#include <cstdint>
+
+#include "cuda/search/busy_map.h"
+#include "cuda/search/hash_view.cuh"
+#include "hostdev/known_levels.h"
+#include "hostdev/neighbour_rule.h"
+#include "hostdev/point_update.h"
+#include "hostdev/views.h"
+#include "launch/point_updater.h"
+
+namespace accessvdb::kernels {
+
+/// Points by leaf of the map.
+struct BlockIndexView {
+  HashView hash;
+  std::uint32_t* block_at = nullptr;  ///< [slots of the hash]
+  std::int32_t* leaf = nullptr;       ///< [3 blocks] voxel index >> 3
+  std::uint32_t* first = nullptr;     ///< [blocks] ids of a block: ids[first .. first + count)
+  std::uint32_t* count = nullptr;     ///< [blocks]
+  std::uint32_t* ids = nullptr;
+  float* reach_m = nullptr;  ///< [blocks] largest reach of its points; negative where none has a neighbourhood
+  std::uint32_t blocks = 0;
+
+#if defined(__CUDACC__)
+  [[nodiscard]] __device__ std::uint32_t find(std::int32_t x, std::int32_t y, std::int32_t z) const {
+    const std::uint32_t slot = hash.find(placeKey(x, y, z));
+    return slot == kNoIndex ? kNoIndex : block_at[slot];
+  }
+#endif
+};
+
+/// What neighbourhoods are made of, by id.
+struct NeighbourStateView {
+  std::uint32_t* block = nullptr;         ///< [n]
+  float* mean_L = nullptr;                ///< [3 n]
+  float* to_sensor_L = nullptr;           ///< [3 n]
+  std::uint64_t* own_seen = nullptr;      ///< [words n]
+  float* reach_m = nullptr;               ///< [n] negative: no neighbourhood yet
+  std::uint32_t* moved_bits = nullptr;    ///< [n / 32] already on the list of moved points; null: nobody asks
+  std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
+};
+
+/// Constants of neighbourhoods.
+struct NeighbourRuleView {
+  float voxel_size_m = 0;
+  double inverse_voxel_size = 0, steps_per_m = 0;
+  std::int64_t radius_squared = 0;
+  int neighbours = 0, view_neighbours = 0;
+};
+
+/// Where a touched point was and is.
+struct Place {
+  float now_L[3], before_L[3];  ///< before: NaN where the point is new
+  std::uint32_t next;           ///< of the same block, or kNoIndex
+};
+struct PlacesView {
+  Place* places = nullptr;
+  std::uint32_t* head = nullptr;            ///< [blocks] kNoIndex where nothing was touched
+  std::uint32_t* touched_blocks = nullptr;  ///< those with a head
+  std::uint32_t* reached_bits = nullptr;    ///< [blocks / 32]
+  std::uint32_t* reached_blocks = nullptr;
+};
+
+/// Flipped leaves in tiles of 8 x 8 columns. 16 leaves above each other share a column: a bit each, 16 bits a kind.
+struct FlipsView {
+  static constexpr int kTileLog2 = 3;
+  static constexpr std::uint32_t kColumns = 64;  ///< of a tile
+  HashView hash;                                 ///< of tiles: x >> 3, y >> 3, z >> 4
+  std::uint32_t* tile_at = nullptr;              ///< [slots of the hash]
+  std::uint64_t* occupied = nullptr;             ///< [tiles] columns with a flip, a bit each
+  std::uint64_t* kinds = nullptr;                ///< [64 tiles]
+  std::uint32_t* head = nullptr;                 ///< [64 tiles] first of the list in which voxels ceased to collide
+  std::uint32_t* next = nullptr;                 ///< [list]
+  const LeafFlips* list = nullptr;
+};
+
+/// Groups of blocks (UpdaterTables::group_log2).
+struct GroupsView {
+  int log2 = 0;
+  std::uint32_t* of_block = nullptr;    ///< [blocks]
+  std::int32_t* leaf = nullptr;         ///< [3 groups] the first one: lowest in x, y and z
+  std::uint8_t* with_points = nullptr;  ///< [groups] 1: one of its points has or had a neighbourhood
+  std::uint32_t groups = 0;
+};
+
+/// Directions that flips may have changed for the points of a group.
+struct GroupMasks {
+  DirectionMask better_tool, better_arm, worse_tool, worse_arm;
+};
+
+/// The tool read backwards (UpdaterTables::cell_directions).
+struct CellTableView {
+  const DirectionArc* table = nullptr;  ///< null: not known
+  std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
+};
+
+/// What is known of directions that are not the best one.
+struct KnownView {
+  std::uint64_t* levels = nullptr;  ///< [words n] by id; null: nothing is remembered
+  FreedWord* freed = nullptr;       ///< [words groups]
+  int words = 0;                    ///< of eight directions, a point
+  int count_to = 0;                 ///< up to here collisions are counted, to remember them
+  KnownLevels of;
+};
+
+/// The columns of both footprints at one horizontal offset: index + 1; 0: there is none.
+struct FootprintPlace {
+  std::uint32_t tool = 0, arm = 0;
+};
+struct FootprintView {
+  const FootprintColumn* tool = nullptr;
+  const FootprintColumn* arm = nullptr;
+  const FootprintPlace* places = nullptr;                ///< [x][y] of the box
+  std::int32_t low[3] = {0, 0, 0}, high[3] = {0, 0, 0};  ///< [leaves] box of all columns, inclusive
+
+#if defined(__CUDACC__)
+  [[nodiscard]] __device__ FootprintPlace at(std::int32_t dx, std::int32_t dy) const {
+    if (dx < low[0] || dx > high[0] || dy < low[1] || dy > high[1]) return {};
+    return places[static_cast<std::int64_t>(dx - low[0]) * (high[1] - low[1] + 1) + (dy - low[1])];
+  }
+#endif
+};
+
+/// What the nearest points of a moved one give.
+struct FoundNeighbours {
+  NeighbourSums sums;
+  std::int64_t farthest;
+  DirectionMask seen;
+};
+
+/// What becomes of it.
+struct Neighbourhood {
+  float normal[3];
+  float reach_m;
+  DirectionMask seen;
+};
+
+enum TestBest : std::uint8_t { kTestArm = 1, kTestTool = 2 };
+
+/// A point to evaluate.
+struct DueItem {
+  std::uint32_t id;
+  std::uint32_t next;      ///< of the same block, or kNoIndex
+  std::uint8_t all;        ///< all directions have to be tried; then the others say nothing
+  std::uint8_t test_best;  ///< its best direction may have changed: TestBest
+  std::uint8_t evidence;   ///< ScoreItem::evidence
+  DirectionMask candidates;
+};
+
+/// Points to evaluate, by blocks.
+struct DueView {
+  DueItem* items = nullptr;
+  std::uint32_t* head = nullptr;   ///< [blocks] kNoIndex where none of its points is due
+  std::uint32_t* busy = nullptr;   ///< blocks with a head
+  std::uint32_t* order = nullptr;  ///< items of which some directions are in question, block by block
+  std::uint32_t* whole = nullptr;  ///< those that need all directions
+};
+
+/// Of a point, where points wait for their turn (WorkQueue).
+enum WaitingFlag : std::uint8_t {
+  kWaiting = 1,         ///< in the queue
+  kAsked = 2,           ///< to be put into it
+  kAskedByItself = 4,   ///< the point itself changed, not only the map around it (ScoreItem::evidence)
+  kConfidentPoint = 8,  ///< enough observations; with the paper's policy others never wait
+};
+
+/// Numbers that kernels add to.
+struct UpdateCounters {
+  unsigned long long tests, scored, label_changes, evaluated;
+  std::uint32_t moved, touched_blocks, reached_blocks;
+  std::uint32_t due, busy, ordered, whole, whole_at_first, next_whole, next_some, next_added;  ///< of one search
+  std::uint32_t lowers, listed_lowers, flip_tiles, failed, prepared, resolved;
+};
+
+/// Everything of an update in one argument.
+struct UpdateView {
+  PointStateView points;
+  NeighbourStateView state;
+  BlockIndexView index;
+  GroupsView groups;
+  NeighbourRuleView rule;
+  PlacesView places;
+  FlipsView flips;
+  CellTableView covering;
+  FootprintView footprint;
+  GroupMasks* masks = nullptr;       ///< [groups]
+  std::uint8_t* affected = nullptr;  ///< [groups] its masks are not empty; null: no flips at all
+  ApproachView approach;
+  UpdateRule update_rule;
+  std::uint32_t* moved = nullptr;  ///< list of ids
+  DueView due;
+  UpdateCounters* counters = nullptr;
+  std::uint32_t num_points = 0;
+  KnownView known;
+  std::uint8_t* waiting = nullptr;  ///< [n] WaitingFlag; null: what is due is evaluated at once
+};
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,57 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Points that wait to be evaluated: each at most once, first come first served.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstddef>
+#include <cstdint>
+
+#include "cuda/memory/pinned_buffer.h"
+#include "cuda/update/update_views.cuh"
+#include "launch/device_array.h"
+
+namespace accessvdb::kernels {
+
+class WorkQueue {
+ public:
+  explicit WorkQueue(DeviceMemory& memory);
+
+  /// Room for ids below `points`; new ones have no flags.
+  void grow(std::uint32_t points, cudaStream_t stream);
+  /// [points] of WaitingFlag
+  [[nodiscard]] std::uint8_t* flags() const { return flags_.data(); }
+
+  /// Which points are put into the queue.
+  struct Rule {
+    std::uint8_t mask = 0, value = 0;   ///< those with (flags & mask) == value
+    const PointLabel* label = nullptr;  ///< [points] and not accessible; null: whatever their label
+  };
+  /// Puts points at the end, ascending, and changes their flags from kAsked to kWaiting. Waits for the device.
+  void addFrom(std::uint32_t points, const Rule& rule, cudaStream_t stream);
+  /// The same of a list, in its order. @param ids  [count] on the device; they differ
+  void addFromList(const std::uint32_t* ids, std::uint32_t count, const Rule& rule, cudaStream_t stream);
+
+  [[nodiscard]] std::uint32_t size() const { return size_; }
+  /// The first ones first; valid until the next call. They keep their flags.
+  [[nodiscard]] std::uint32_t* ids() const { return ids_.data(); }
+  /// Takes the first `count` off.
+  void drop(std::uint32_t count, cudaStream_t stream);
+
+  [[nodiscard]] std::uint64_t bytes() const;
+
+ private:
+  template <typename Input>
+  void select(Input input, std::uint32_t count, const Rule& rule, cudaStream_t stream);
+
+  DeviceMemory& memory_;
+  DeviceArray<std::uint8_t> flags_;
+  DeviceArray<std::uint32_t> ids_, rest_;  ///< [points]; the second one empty until points are left over
+  std::uint32_t size_ = 0;
+  DeviceArray<std::byte> scratch_;
+  DeviceArray<std::uint32_t> selected_;  ///< [1]
+  PinnedBuffer selected_on_host_;
+};
+
+}  // namespace accessvdb::kernels
