@@ -6,10 +6,25 @@ if(NOT TBB_FOUND)
   message(FATAL_ERROR "AccessVDB needs oneTBB. On Debian and Ubuntu: apt install libtbb-dev")
 endif()
 
-set(CMAKE_DISABLE_FIND_PACKAGE_VTK ON)  # PCL's readers that we use do not need it, and it would join the link
-find_package(PCL 1.12 QUIET COMPONENTS common io)
-if(NOT PCL_FOUND)
-  message(FATAL_ERROR "AccessVDB needs PCL (common, io). On Debian and Ubuntu: apt install libpcl-dev")
+# PCL serves tests and an example only; the library reads PCD files itself. Nothing that is installed depends on it but
+# accessvdb/pcl.h, which is for whoever has PCL.
+set(ACCESSVDB_PCL AUTO CACHE STRING "Tests and the example that use PCL: AUTO (where PCL is found), ON or OFF")
+set_property(CACHE ACCESSVDB_PCL PROPERTY STRINGS AUTO ON OFF)
+if(NOT ACCESSVDB_PCL MATCHES "^(AUTO|ON|OFF)$")
+  message(FATAL_ERROR "ACCESSVDB_PCL is '${ACCESSVDB_PCL}'. Use AUTO (where PCL is found), ON or OFF.")
+endif()
+set(ACCESSVDB_HAS_PCL OFF)
+if(NOT ACCESSVDB_PCL STREQUAL "OFF" AND PROJECT_IS_TOP_LEVEL AND (ACCESSVDB_BUILD_TESTS OR ACCESSVDB_BUILD_EXAMPLES))
+  set(CMAKE_DISABLE_FIND_PACKAGE_VTK ON)  # what we use of PCL does not need it, and it would join the link
+  find_package(PCL 1.12 QUIET COMPONENTS common io filters)
+  set(ACCESSVDB_HAS_PCL ${PCL_FOUND})
+endif()
+if(ACCESSVDB_PCL STREQUAL "ON" AND NOT ACCESSVDB_HAS_PCL)
+  message(FATAL_ERROR "ACCESSVDB_PCL is ON, but PCL (common, io, filters) was not found. On Debian and Ubuntu: "
+                      "apt install libpcl-dev, or use ACCESSVDB_PCL=AUTO")
+endif()
+if(NOT ACCESSVDB_HAS_PCL AND PROJECT_IS_TOP_LEVEL)
+  message(STATUS "AccessVDB: without PCL: its tests and its example are left out")
 endif()
 
 # Debian installs OpenVDB's Find module beside the libraries, outside CMake's own path.
@@ -30,3 +45,25 @@ foreach(_package IN ITEMS "Eigen3|libeigen3-dev" "assimp|libassimp-dev" "nlohman
     message(FATAL_ERROR "AccessVDB needs ${_name}. On Debian and Ubuntu: apt install ${_debian}")
   endif()
 endforeach()
+
+# The LZF of compressed PCD files.
+find_path(ACCESSVDB_LZF_INCLUDE_DIR lzf.h PATH_SUFFIXES liblzf)
+find_library(ACCESSVDB_LZF_LIBRARY NAMES lzf)
+mark_as_advanced(ACCESSVDB_LZF_INCLUDE_DIR ACCESSVDB_LZF_LIBRARY)
+if(NOT ACCESSVDB_LZF_INCLUDE_DIR OR NOT ACCESSVDB_LZF_LIBRARY)
+  message(FATAL_ERROR "AccessVDB needs liblzf. On Debian and Ubuntu: apt install liblzf-dev")
+endif()
+
+# OpenVDB's usual trees lie compiled in libopenvdb.so: registering them for files instantiates them there. Files that say
+# so with `extern template` (src/vdb) take less than half of the time to compile. Known of OpenVDB 10.0, which Debian 12
+# and Ubuntu 24.04 have; where the symbols are not found, everything is compiled as usual.
+if(OpenVDB_VERSION VERSION_GREATER_EQUAL 10.0 AND OpenVDB_VERSION VERSION_LESS 10.1)
+  include(CheckCSourceCompiles)
+  set(CMAKE_REQUIRED_LIBRARIES ${OpenVDB_openvdb_LIBRARY})
+  check_c_source_compiles([[
+extern const char float_tree __asm__("_ZTVN7openvdb5v10_04tree4TreeINS1_8RootNodeINS1_12InternalNodeINS4_INS1_8LeafNodeIfLj3EEELj4EEELj5EEEEEEE");
+extern const char point_grid __asm__("_ZTVN7openvdb5v10_04GridINS0_4tree4TreeINS2_8RootNodeINS2_12InternalNodeINS5_INS0_6points17PointDataLeafNodeINS0_10PointIndexIjLj1EEELj3EEELj4EEELj5EEEEEEEEE");
+int main(void) { return float_tree == 1 && point_grid == 1; }
+]] ACCESSVDB_GRIDS_IN_LIBOPENVDB)
+  unset(CMAKE_REQUIRED_LIBRARIES)
+endif()

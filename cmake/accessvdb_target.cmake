@@ -12,6 +12,9 @@ function(accessvdb_target name)
   target_compile_options(${name} PRIVATE
     $<${_cxx}:-ffp-contract=off>
     "$<${_cuda}:--fmad=false;-prec-div=true;-prec-sqrt=true;-ftz=false;-Xcompiler=-ffp-contract=off>")
+  if(ACCESSVDB_GRIDS_IN_LIBOPENVDB)
+    target_compile_definitions(${name} PRIVATE ACCESSVDB_GRIDS_IN_LIBOPENVDB)  # for src/vdb
+  endif()
   if(ACCESSVDB_SANITIZE)
     target_compile_options(${name} PRIVATE -fsanitize=${ACCESSVDB_SANITIZE} -fno-omit-frame-pointer -g1)
     target_link_options(${name} PUBLIC -fsanitize=${ACCESSVDB_SANITIZE})
@@ -28,11 +31,14 @@ function(accessvdb_layer name)
   set_property(GLOBAL APPEND PROPERTY ACCESSVDB_LAYERS accessvdb_${name})
 endfunction()
 
-# accessvdb_together(TARGET GROUP FILE...): sources of a target that share costly headers and no name. With ACCESSVDB_UNITY
-# (preset ci) each group is compiled as one translation unit, which saves time where no cache knows the files; options
-# stay. A clash of two names is mended by another name or group, or by leaving the file out. Each group must pass with 2 GB.
+# accessvdb_together(TARGET GROUP FILE...): sources of a target that share costly headers and no name. With
+# ACCESSVDB_UNITY (the default where this is the top-level project) each group is compiled as one translation unit, which
+# saves most of the time of a cold build; options stay. Where two names clash, rename one, choose another group, or leave
+# the file out. Each group must compile in 2 GB. To see a missing #include, build with ACCESSVDB_UNITY=OFF (preset dev).
 #
-# CMake's own UNITY_BUILD names files by their absolute paths, so ccache would not know them again in another folder.
+# CMake's own UNITY_BUILD names files by their absolute paths, so ccache would not know them again in another folder, and
+# it leaves editors without an entry per file in compile_commands.json: the target NAME_GROUP_files, which no one builds,
+# is there for them.
 function(accessvdb_together target group)
   if(NOT ACCESSVDB_UNITY)
     return()
@@ -44,9 +50,19 @@ function(accessvdb_together target group)
   endforeach()
   set(_together ${CMAKE_BINARY_DIR}/together/${target}_${group}.cpp)
   file(CONFIGURE OUTPUT ${_together} CONTENT "${_text}" @ONLY)
-  set_source_files_properties(${ARGN} PROPERTIES HEADER_FILE_ONLY ON)
-  target_sources(${target} PRIVATE ${_together})
+
+  get_target_property(_sources ${target} SOURCES)
+  list(REMOVE_ITEM _sources ${ARGN})
+  set_target_properties(${target} PROPERTIES SOURCES "${_sources};${_together}")
   target_include_directories(${target} AFTER PRIVATE ${PROJECT_SOURCE_DIR})
   # GCC warns of unnamed namespaces in what is not the main file.
   target_compile_options(${target} PRIVATE "$<$<COMPILE_LANG_AND_ID:CXX,GNU>:-Wno-subobject-linkage>")
+
+  if(CMAKE_EXPORT_COMPILE_COMMANDS)
+    add_library(${target}_${group}_files OBJECT EXCLUDE_FROM_ALL ${ARGN})
+    foreach(_property IN ITEMS INCLUDE_DIRECTORIES COMPILE_DEFINITIONS COMPILE_OPTIONS COMPILE_FEATURES)
+      set_target_properties(${target}_${group}_files PROPERTIES ${_property} $<TARGET_PROPERTY:${target},${_property}>)
+    endforeach()
+    set_target_properties(${target}_${group}_files PROPERTIES CXX_EXTENSIONS OFF POSITION_INDEPENDENT_CODE ON)
+  endif()
 endfunction()

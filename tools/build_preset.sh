@@ -2,13 +2,18 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
 # Configures one preset of CMakePresets.json and builds all of it or some targets, with ccache and mold where they work,
-# on as many jobs as the memory carries: build_preset.sh ci, build_preset.sh release accessvdb_cli
+# on as many jobs as the memory carries. Arguments that begin with -D go to CMake, the others are targets:
+#   build_preset.sh ci        build_preset.sh release -DACCESSVDB_CUDA=OFF accessvdb_cli
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-preset=${1:?usage: build_preset.sh PRESET [TARGET...]}
+preset=${1:?usage: build_preset.sh PRESET [-DNAME=VALUE...] [TARGET...]}
 shift
+settings=() targets=()
+for argument in "$@"; do
+  if [[ $argument == -D* ]]; then settings+=("$argument"); else targets+=("$argument"); fi
+done
 
-# Translation units with OpenVDB and PCL take up to 2 GB each.
+# Translation units with OpenVDB take up to 2 GB each.
 memory_kb=$(awk '/^MemAvailable:/ {print $2}' /proc/meminfo)
 if [[ -r /sys/fs/cgroup/memory.max ]]; then
   limit=$(cat /sys/fs/cgroup/memory.max)
@@ -27,5 +32,6 @@ fi
 export CCACHE_BASEDIR=$PWD
 
 cmake --preset "$preset" "-DCMAKE_CXX_COMPILER_LAUNCHER=$launcher" "-DCMAKE_CUDA_COMPILER_LAUNCHER=$launcher" \
-  "-DCMAKE_EXE_LINKER_FLAGS=$linker" "-DCMAKE_SHARED_LINKER_FLAGS=$linker"
-cmake --build --preset "$preset" -j "$jobs" ${@+--target "$@"}
+  "-DCMAKE_EXE_LINKER_FLAGS=$linker" "-DCMAKE_SHARED_LINKER_FLAGS=$linker" \
+  ${settings[@]+"${settings[@]}"}
+cmake --build --preset "$preset" -j "$jobs" ${targets[@]+--target "${targets[@]}"}

@@ -3,9 +3,11 @@
 # SPDX-License-Identifier: Apache-2.0
 # Installs what is missing from the distribution's packages (Debian 12, Ubuntu 24.04 or newer). Does nothing, and needs
 # neither network nor root, when everything is there.
-#   setup_debian.sh           what the library and the program need
-#   setup_debian.sh --tests   also what the test suite needs
+#   setup_debian.sh           the small set: what the library and the program need
+#   setup_debian.sh --pcl     also PCL: its tests, its example, and accessvdb/pcl.h
 #   setup_debian.sh --python  also what the Python module needs
+#   setup_debian.sh --tests   also what the test suite needs, PCL and Python included
+#   setup_debian.sh --all     everything
 set -euo pipefail
 
 fail() {
@@ -17,18 +19,21 @@ packages=(
   g++ cmake ninja-build pkg-config
   libopenvdb-dev libnanovdb-dev libboost-iostreams-dev  # the map; OpenVDB's CMake module asks for iostreams
   libtbb-dev libeigen3-dev
-  libpcl-dev                                            # scans
+  liblzf-dev                                            # compressed PCD scans
   libassimp-dev                                         # tool meshes
   libpng-dev libssl-dev nlohmann-json3-dev              # pictures, hashes, reports
   libcli11-dev libtomlplusplus-dev                      # the command line
   libembree-dev libqhull-dev                            # simulate and evaluate
 )
+python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
+tests=(blender libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file libopenvdb-tools
+  python3-openvdb mypy)
 for argument in "$@"; do
   case "$argument" in
-    --tests) packages+=(blender libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file libopenvdb-tools python3-openvdb python3-numpy
-      python3-dev python3-pip python3-venv pybind11-dev mypy) ;;
-    --python) packages+=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev) ;;
-    *) fail "unknown option '$argument'. Use --tests, --python or nothing." ;;
+    --pcl) packages+=(libpcl-dev) ;;
+    --python) packages+=("${python[@]}") ;;
+    --tests | --all) packages+=(libpcl-dev "${python[@]}" "${tests[@]}") ;;
+    *) fail "unknown option '$argument'. Use --pcl, --python, --tests, --all or nothing." ;;
   esac
 done
 
@@ -56,7 +61,7 @@ if ((EUID != 0)); then
 fi
 echo "setup: installing ${missing[*]}" >&2
 "${as_root[@]}" apt-get update -qq >&2 ||
-  fail "apt-get update failed. Is the network up? Still missing: ${missing[*]}"
+  fail "apt-get update failed. Check the network and /etc/apt/sources.list, then run this again. Still missing: ${missing[*]}"
 for package in "${missing[@]}"; do
   apt-cache show "$package" >/dev/null 2>&1 ||
     fail "this distribution has no package '$package'. Debian 12 and Ubuntu 24.04 have it."

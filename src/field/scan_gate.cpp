@@ -21,7 +21,7 @@ constexpr double kMostVoxels = 1000000;
 constexpr double kRigidTolerance = 1e-6;
 /// No survey frame has larger coordinates (the Earth's circumference is 4e7 m); doubles still resolve 10 nm there.
 constexpr double kFarthest_m = 1e8;
-constexpr std::size_t kReturnsPerTask = 1024;
+constexpr std::size_t kGatedPerTask = 1024;
 /// Returns that are checked before those among them that are kept go on: bounds what a long list of rays takes.
 constexpr std::size_t kMostChecked = 1 << 16;
 
@@ -71,7 +71,7 @@ void ScanGate::admit(std::size_t count, bool own_origins, const CheckOf& checkOf
   checked_.resize(std::max(checked_.size(), std::min(count, kMostChecked)));
   for (std::size_t first = 0; first < count; first += kMostChecked) {
     const std::size_t end = std::min(count, first + kMostChecked);
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(first, end, kReturnsPerTask), [&](const auto& range) {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(first, end, kGatedPerTask), [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) checked_[n - first] = checkOf(n);
     });
     for (std::size_t n = first; n < end; ++n) {

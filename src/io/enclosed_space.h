@@ -3,9 +3,9 @@
 /// Which side of a narrow band the space beyond it lies on.
 #pragma once
 
-#include <openvdb/openvdb.h>
-
 #include <vector>
+
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
 

@@ -3,8 +3,6 @@
 /// Surface points as voxels of a grid, and grids to a .vdb file one after the other.
 #pragma once
 
-#include <openvdb/openvdb.h>
-
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -12,6 +10,7 @@
 #include <vector>
 
 #include "accessvdb/field_export.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
 

@@ -14,6 +14,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "io/field_grids.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
 namespace {

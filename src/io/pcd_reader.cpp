@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// PCD point clouds in all three encodings. The body is read here, within checked bounds and in double precision;
-/// PCL supplies the LZF decompression only (its reader maps the file and keeps float coordinates).
-#include <pcl/io/lzf.h>
+/// liblzf decompresses. (PCL's own reader keeps float coordinates and crashes on some damaged files.)
+#include <lzf.h>
 
 #include <array>
 
@@ -101,8 +101,8 @@ void readCompressed(const PcdHeader& header, std::string_view body, const std::s
                          std::to_string(unpacked) + " bytes from " + std::to_string(packed),
                      "Copy the file again");
   std::string columns_of_all(unpacked, '\0');
-  if (pcl::lzfDecompress(body.data() + kSizesBytes, static_cast<unsigned>(packed), columns_of_all.data(),
-                         static_cast<unsigned>(unpacked)) != unpacked)
+  if (lzf_decompress(body.data() + kSizesBytes, static_cast<unsigned>(packed), columns_of_all.data(),
+                     static_cast<unsigned>(unpacked)) != unpacked)
     throw InputError("input.malformed", subject, "the compressed data are damaged", "Copy the file again");
   std::array<Column, 3> columns;
   for (std::size_t axis = 0; axis < 3; ++axis) {

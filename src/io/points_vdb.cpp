@@ -4,7 +4,6 @@
 #include <openvdb/points/PointConversion.h>
 #include <openvdb/points/PointCount.h>
 #include <openvdb/points/PointGroup.h>
-#include <openvdb/tools/PointIndexGrid.h>
 
 #include <cmath>
 #include <ostream>
@@ -12,6 +11,7 @@
 #include "accessvdb/error.h"
 #include "io/field_grids.h"
 #include "io/label_colours.h"
+#include "vdb/point_grids.h"
 
 namespace accessvdb::internal {
 namespace {

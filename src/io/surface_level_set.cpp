@@ -12,6 +12,7 @@
 #include <memory>
 
 #include "io/enclosed_space.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
 namespace {

@@ -1,7 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is inside any .vdb file. Trees are read in a child process: a crash there is a message here.
-#include <openvdb/openvdb.h>
 #include <tbb/global_control.h>
 
 #include <array>
@@ -14,6 +13,7 @@
 #include "accessvdb/field_io.h"
 #include "io/guarded_child.h"
 #include "io/vdb_reading.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
 

@@ -23,7 +23,7 @@ constexpr std::uint32_t kMissing = kNoNode - 1;
 constexpr std::uint64_t kNoPlace = ~std::uint64_t{0};
 constexpr int kEntryBits = 12;
 static_assert(InternalShadow<4>::kSize == 1u << kEntryBits);
-constexpr std::size_t kLeastBlocks = 8;
+constexpr std::size_t kMinBlocksPerTask = 8;
 
 template <class Change>
 Coord originOf(const Change& change) {
@@ -71,7 +71,7 @@ MirrorTopology<Leaves>::MirrorTopology(kernels::MirrorArena& arena, std::uint32_
 template <class Leaves>
 template <class Act>
 void MirrorTopology<Leaves>::forEachBlock(const Act& act) {
-  forEachIndex(0, blocks_.size(), kLeastBlocks, [&](std::size_t b) { act(blocks_[b]); });
+  forEachIndex(0, blocks_.size(), kMinBlocksPerTask, [&](std::size_t b) { act(blocks_[b]); });
 }
 
 template <class Leaves>

@@ -11,6 +11,7 @@
 
 #include "picture/camera.h"
 #include "picture/canvas.h"
+#include "picture/picture_style.h"
 #include "picture/picture_text.h"
 
 namespace accessvdb::io {
@@ -18,20 +19,20 @@ namespace {
 
 using internal::Camera;
 using internal::Canvas;
+using internal::kBackground;
+using internal::kInk;
+using internal::kLight_V;
+using internal::kSupersampling;
 using internal::Rgb;
 using internal::RgbImage;
 
-constexpr int kSupersampling = 2;
-constexpr double kMargin = 0.05;
+constexpr double kFieldMargin = 0.05;
 /// Discs of neighbouring voxels must overlap whatever their direction: half the diagonal of a voxel's face and more.
 constexpr double kSplatRadiusVoxels = 0.85;
 constexpr double kMinSplatRadius_px = 1.0;
 constexpr double kMaxSplatShare = 0.1;  ///< of the picture's height: a field of one point is no wall of colour
 constexpr float kAmbient = 0.45f, kDiffuse = 0.62f;
 constexpr float kNoNormalLight = 0.85f;
-const Eigen::Vector3f kLight_V = Eigen::Vector3f(-0.35f, 0.55f, 0.75f).normalized();
-const Eigen::Vector3f kBackground = {0.975f, 0.975f, 0.97f};
-constexpr Rgb kInk = {40, 44, 52};
 
 Eigen::Vector3f toFloat(const Rgb& colour) { return Eigen::Vector3f(colour[0], colour[1], colour[2]) / 255.0f; }
 
@@ -117,7 +118,7 @@ void renderField(const std::filesystem::path& png, const FieldSnapshot& field, c
   for (const SurfacePoint& point : field.points) {
     points_V.push_back(camera.toView(point.position_W - field.origin_W).cast<float>());
   }
-  internal::frameScene(camera, points_V, kMargin);
+  internal::frameScene(camera, points_V, kFieldMargin);
 
   Canvas canvas(camera.width_px, camera.height_px);
   const double radius_px = std::clamp(kSplatRadiusVoxels * field.voxel_size_m * camera.px_per_m,

@@ -11,6 +11,7 @@
 #include "accessvdb/tool_geometry.h"
 #include "picture/camera.h"
 #include "picture/canvas.h"
+#include "picture/picture_style.h"
 #include "picture/picture_text.h"
 
 namespace accessvdb::io {
@@ -18,16 +19,16 @@ namespace {
 
 using internal::Camera;
 using internal::Canvas;
+using internal::kBackground;
+using internal::kInk;
+using internal::kLight_V;
+using internal::kSupersampling;
 using internal::Rgb;
 using internal::RgbImage;
 
-constexpr int kSupersampling = 2;
-constexpr double kMargin = 0.12;
+constexpr double kToolMargin = 0.12;
 constexpr double kAxisShare = 0.4;  ///< length of the drawn axes, of the tool's largest extent
 const Eigen::Vector3f kToolColour = {0.55f, 0.62f, 0.70f};
-const Eigen::Vector3f kBackground = {0.975f, 0.975f, 0.97f};
-const Eigen::Vector3f kLight_V = Eigen::Vector3f(-0.35f, 0.55f, 0.75f).normalized();
-constexpr Rgb kInk = {40, 44, 52};
 
 struct Axis {
   const char* name;
@@ -78,7 +79,7 @@ void renderTool(const std::filesystem::path& png, const ToolGeometry& tool, cons
   for (int axis = 0; axis < 3; ++axis) {
     framed.push_back(camera.toView(Eigen::Vector3d::Unit(axis) * axis_m).cast<float>());
   }
-  internal::frameScene(camera, framed, kMargin);
+  internal::frameScene(camera, framed, kToolMargin);
 
   Canvas canvas(camera.width_px, camera.height_px);
   drawMesh(canvas, camera, tool, points_V);

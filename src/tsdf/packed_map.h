@@ -9,8 +9,6 @@
 /// Integration is bound by memory, so this, not arithmetic, decides its speed (docs/DESIGN.md, "The authored map").
 #pragma once
 
-#include <openvdb/openvdb.h>
-
 #include <cstdint>
 #include <cstring>
 
@@ -18,6 +16,7 @@
 #include "accessvdb/params.h"
 #include "accessvdb/tsdf_volume.h"
 #include "tsdf/packed_voxel.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
 

@@ -29,7 +29,7 @@ constexpr std::size_t kMostFlips = std::size_t{1} << 22;
 /// Memory that the table of directions by cell may take; above it, collisions are not remembered.
 constexpr std::uint64_t kMostCellTableBytes = std::uint64_t{256} << 20;
 
-std::uint32_t kindsOf(const LeafChange& change) {
+std::uint32_t deviceKinds(const LeafChange& change) {
   std::uint32_t kinds = 0;
   for (const FlipKind kind : {FlipKind::CollidesOn, FlipKind::CollidesOff, FlipKind::ArmFreeOn, FlipKind::ArmFreeOff}) {
     std::uint64_t any = 0;
@@ -68,7 +68,7 @@ class DeviceScheduler final : public UpdateScheduler {
     if (!anything_scored_) return;
     const Index3 leaf = parentOf(change.origin_ijk);
     flips_[part].push_back(
-        {{leaf[0], leaf[1], leaf[2]}, kindsOf(change), kernels::countCells(change.collides_off.data())});
+        {{leaf[0], leaf[1], leaf[2]}, deviceKinds(change), kernels::countCells(change.collides_off.data())});
   }
 
   void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>, const MapChanges&) override {

@@ -13,7 +13,7 @@ namespace accessvdb::internal {
 namespace {
 /// State arrays grow by a quarter, at least by this many points.
 constexpr std::uint32_t kLeastGrowth = 1 << 16;
-constexpr std::size_t kPointsPerTask = 1024;
+constexpr std::size_t kScoredPerTask = 1024;
 }  // namespace
 
 DirectionMask allDirections(int num_directions) {
@@ -139,7 +139,7 @@ std::vector<std::uint32_t> PointScorer::refreshNeighbourhoods(std::span<const st
   std::vector<Neighbourhood> found(ids.size());
   search_.compute(ids, found);
   std::vector<std::uint8_t> differs(ids.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kScoredPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       PointRecord& record = records_[ids[n]];
       differs[n] = !record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen);
@@ -158,7 +158,7 @@ std::vector<std::uint32_t> PointScorer::refreshNeighbourhoods(std::span<const st
 
 void PointScorer::upload(std::span<const std::uint32_t> ids) {
   std::vector<kernels::PointInput> inputs(ids.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kScoredPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       const std::uint32_t id = ids[n];
       const PointRecord& record = records_[id];

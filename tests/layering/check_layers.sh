@@ -11,11 +11,13 @@ root=${1:-$(dirname "${BASH_SOURCE[0]}")/../..}
 cd "$root"
 
 # layer: what its files may include (its own files always). `grids` is the public header that hands out OpenVDB grids,
+# `pcl-header` is accessvdb/pcl.h, the one exception: a public header that includes another package, for whoever has it.
 # `constants` the headers that hold no code that a device could lack.
 allowed_includes() {
   cat <<'TABLE'
 api      std eigen
 grids    std eigen api openvdb
+pcl-header std eigen api pcl
 hostdev  constants label
 launch   std api hostdev
 cpu      std posix api hostdev launch tbb
@@ -23,19 +25,20 @@ cuda-memory std api hostdev launch cudart
 cuda-search std api hostdev launch cudart cuda-memory
 cuda-update std api hostdev launch cudart cuda-memory cuda-search
 cuda     std api hostdev launch cudart cuda-memory cuda-update cuda-search
-tsdf     std posix simd api grids eigen openvdb tbb
+vdb      openvdb
+tsdf     std posix simd api grids eigen openvdb vdb tbb
 mirror   std posix api grids openvdb tbb launch hostdev
 points   std api eigen tbb launch hostdev simd
 update   std api eigen tbb launch hostdev points
 tool     std posix api eigen tbb launch hostdev assimp openssl
-io       std posix api grids eigen openvdb tbb pcl openssl json
+io       std posix api grids eigen openvdb vdb tbb lzf openssl json
 picture  std api eigen tbb io png
-field    std posix api grids eigen openvdb tbb launch hostdev tsdf mirror points update tool io
+field    std posix api grids eigen openvdb vdb tbb launch hostdev tsdf mirror points update tool io
 capi     std api eigen
 sim      std api grids eigen tbb field io embree
 eval     std api grids eigen tbb field sim io embree qhull png json picture
 tools    std posix api grids eigen cli toml json sim eval
-examples std posix api grids eigen cli cudart
+examples std posix api grids eigen cli cudart pcl pcl-header
 python   std api eigen pybind
 TABLE
 }
@@ -61,6 +64,7 @@ check_includes() {
     function layerOf(path,   part) {
       split(path, part, "/")
       if (path ~ /^include\/accessvdb\/tsdf_volume\.h$/) return "grids"
+      if (path ~ /^include\/accessvdb\/pcl\.h$/) return "pcl-header"
       if (path ~ /^include\/accessvdb\//) return "api"
       if (path ~ /^nanovdb_kernels\/cuda\/[a-z]+\//) return "cuda-" part[3]
       if (part[1] == "nanovdb_kernels" || part[1] == "src") return part[2]
@@ -70,6 +74,7 @@ check_includes() {
       first = name; sub(/\/.*/, "", first)
       if (name ~ /(^|\/)\.\.\//) return "parent-folder"
       if (name == "accessvdb/tsdf_volume.h") return "grids"
+      if (name == "accessvdb/pcl.h") return "pcl-header"
       if (name == "accessvdb/point_label.h" && layerOf(path) == "hostdev") return "label"
       if (first == "accessvdb") return "api"
       if (first in third) return third[first]
@@ -87,7 +92,7 @@ check_includes() {
       return "unlisted"
     }
     BEGIN {
-      n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl assimp:assimp Eigen:eigen unsupported:eigen " \
+      n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl lzf.h:lzf assimp:assimp Eigen:eigen unsupported:eigen " \
                 "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
                 "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json", pairs, " ")
       for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }

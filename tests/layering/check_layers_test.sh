@@ -55,6 +55,9 @@ for header in cuda_runtime.h nanovdb/NanoVDB.h tbb/task_arena.h pcl/point_types.
   [[ $header == nanovdb/* ]] && rule=nanovdb-once
   expect "$rule" include/accessvdb/bad.h "#include <$header>"
 done
+expect layer include/accessvdb/bad.h '#include "accessvdb/pcl.h"'
+expect layer src/io/bad.cpp '#include "accessvdb/pcl.h"'
+expect layer tools/cli/bad.cpp '#include "accessvdb/pcl.h"'
 expect layer python/bindings/bad.cpp '#include <openvdb/openvdb.h>'
 expect layer tools/bad.cpp '#include <pybind11/pybind11.h>'
 for header in vector array Eigen/Core openvdb/openvdb.h tbb/task_arena.h cuda_runtime.h accessvdb/types.h launch/backend.h; do

@@ -9,7 +9,7 @@ build=$WORK/find_package_$kind$([[ -z ${2:-} ]] || echo _of_archive)
 rm -rf "$build"
 options=()
 if [[ $kind == shared ]]; then  # what is private to the library must not be asked for
-  for package in PCL assimp PNG OpenSSL; do options+=("-DCMAKE_DISABLE_FIND_PACKAGE_$package=ON"); done
+  for package in assimp PNG OpenSSL; do options+=("-DCMAKE_DISABLE_FIND_PACKAGE_$package=ON"); done
 fi
 "$CMAKE" -G "$GENERATOR" -S "$SOURCE/tests/package/consumer" -B "$build" "-DCMAKE_PREFIX_PATH=$prefix" \
   "-DCMAKE_BUILD_TYPE=$BUILD_TYPE" "-DCMAKE_CXX_COMPILER=$CXX" "-DCMAKE_CXX_COMPILER_LAUNCHER=$LAUNCHER" \

@@ -1,7 +1,5 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include <pcl/io/pcd_io.h>
-#include <pcl/point_types.h>
 #include <sys/stat.h>
 
 #include <cmath>
@@ -28,34 +26,6 @@ std::string floats(const std::vector<float>& values) {
   std::string bytes;
   for (const float value : values) test::put(bytes, value);
   return bytes;
-}
-
-pcl::PointCloud<pcl::PointXYZI> pclCloud(int n) {
-  pcl::PointCloud<pcl::PointXYZI> cloud;
-  for (int i = 0; i < n; ++i) {
-    pcl::PointXYZI p;
-    p.x = 0.1F * static_cast<float>(i), p.y = -3.7F / static_cast<float>(i + 1), p.z = 1e4F + static_cast<float>(i),
-    p.intensity = 7;
-    cloud.push_back(p);
-  }
-  return cloud;
-}
-
-TEST(PcdReader, ReadsWhatPclWritesInAllThreeEncodings) {
-  const TempFolder folder;
-  const auto truth = pclCloud(500);
-  pcl::PCDWriter writer;
-  const std::string ascii = folder.path() / "a.pcd", binary = folder.path() / "b.pcd", packed = folder.path() / "c.pcd";
-  ASSERT_EQ(writer.writeASCII(ascii, truth, 9), 0);  // 9 digits bring every float back
-  ASSERT_EQ(writer.writeBinary(binary, truth), 0);
-  ASSERT_EQ(writer.writeBinaryCompressed(packed, truth), 0);
-  for (const std::string& path : {ascii, binary, packed}) {
-    const PointCloud cloud = readPcd(path, {});
-    ASSERT_EQ(cloud.points.size(), truth.size()) << path;
-    EXPECT_EQ(cloud.truncated_points, 0U);
-    for (std::size_t i = 0; i < truth.size(); ++i)
-      ASSERT_EQ(cloud.points[i].cast<float>(), truth[i].getVector3fMap()) << path << " " << i;
-  }
 }
 
 TEST(PcdReader, TakesFieldsInAnyOrderOfAnyTypeAndSize) {
@@ -222,18 +192,6 @@ TEST(PcdReader, SurvivesACutAtEveryByte) {
       ascii + "1 2 3\n1 2 3\n1 2 3", ascii.size(), [](std::size_t body) { return body / 6; }, 3);
 }
 
-TEST(PcdReader, RefusesCompressedDataCutAtEveryByte) {
-  const TempFolder folder;
-  const std::string path = folder.path() / "c.pcd";
-  ASSERT_EQ(pcl::PCDWriter().writeBinaryCompressed(path, pclCloud(20)), 0);
-  std::ifstream in(path, std::ios::binary);
-  const std::string file((std::istreambuf_iterator<char>(in)), {});
-  // PCL pads nothing after the compressed bytes, so each cut takes some of them.
-  for (std::size_t size = 0; size < file.size(); ++size)
-    for (const bool allow : {false, true})
-      EXPECT_THROW((void)readPcd(folder.write("d.pcd", file.substr(0, size)), {allow, false}), InputError) << size;
-}
-
 TEST(PcdReader, FindsTheViewpoint) {
   const TempFolder folder;
   const std::string text =
@@ -251,15 +209,10 @@ struct RealFile {
 std::ostream& operator<<(std::ostream& out, const RealFile& file) { return out << file.name; }
 class PcdReaderReal : public ::testing::TestWithParam<RealFile> {};
 
-TEST_P(PcdReaderReal, AgreesWithPclAndWithTheCountOfItsReadme) {
+TEST_P(PcdReaderReal, HasTheCountOfItsReadme) {
   ACCESSVDB_NEED_DATA(path, GetParam().name);
   const PointCloud cloud = readPcd(path, {});
   EXPECT_EQ(cloud.points.size(), GetParam().points);
-  pcl::PointCloud<pcl::PointXYZ> truth;
-  ASSERT_EQ(pcl::io::loadPCDFile(path.string(), truth), 0);
-  ASSERT_EQ(truth.size(), cloud.points.size());
-  for (std::size_t i = 0; i < truth.size(); ++i)
-    ASSERT_EQ(cloud.points[i].cast<float>(), truth[i].getVector3fMap()) << i;
 }
 INSTANTIATE_TEST_SUITE_P(Files, PcdReaderReal,
                          ::testing::Values(RealFile{"pcd_misc/bunny.pcd", 397}, RealFile{"pcd_misc/car6.pcd", 10031},
