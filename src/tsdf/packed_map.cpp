@@ -49,3 +49,5 @@ std::uint64_t PackedMap::memoryBytes() const {
 }
 
 }  // namespace accessvdb::internal
+
+template class openvdb::tree::Tree<accessvdb::internal::PackedTree::RootNodeType>;

@@ -78,3 +78,6 @@ inline void allocateZeroed(PackedLeaf& leaf) {
 }
 
 }  // namespace accessvdb::internal
+
+// Compiled once, in packed_map.cpp: a tree has some 600 functions.
+extern template class openvdb::tree::Tree<accessvdb::internal::PackedTree::RootNodeType>;

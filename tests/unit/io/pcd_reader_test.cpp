@@ -16,8 +16,8 @@ using test::TempFolder;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();
 
-std::string header(const std::string& points, const std::string& data, const std::string& fields = "x y z",
-                   const std::string& size = "4 4 4", const std::string& type = "F F F") {
+std::string pcdHeader(const std::string& points, const std::string& data, const std::string& fields = "x y z",
+                      const std::string& size = "4 4 4", const std::string& type = "F F F") {
   return "# .PCD v0.7\nVERSION 0.7\nFIELDS " + fields + "\nSIZE " + size + "\nTYPE " + type + "\nWIDTH " + points +
          "\nHEIGHT 1\nPOINTS " + points + "\nDATA " + data + "\n";
 }
@@ -64,7 +64,8 @@ TEST(PcdReader, BelievesPointsWhereWidthAndHeightAreZero) {
 
 TEST(PcdReader, PassesBadValuesOnAndAcceptsAnEmptyCloud) {
   const TempFolder folder;
-  const auto path = folder.write("a.pcd", header("4", "ascii") + "nan 1 2\n0 0 0\n1e30 -inf 1e999\n-1e-999 +2 1e-3\n");
+  const auto path =
+      folder.write("a.pcd", pcdHeader("4", "ascii") + "nan 1 2\n0 0 0\n1e30 -inf 1e999\n-1e-999 +2 1e-3\n");
   const PointCloud cloud = readPcd(path, {});
   ASSERT_EQ(cloud.points.size(), 4U);
   EXPECT_TRUE(std::isnan(cloud.points[0][0]));
@@ -73,15 +74,15 @@ TEST(PcdReader, PassesBadValuesOnAndAcceptsAnEmptyCloud) {
   EXPECT_TRUE(std::isinf(cloud.points[2][1]) && cloud.points[2][1] < 0);
   EXPECT_TRUE(std::isinf(cloud.points[2][2]) && cloud.points[2][2] > 0);
   EXPECT_EQ(cloud.points[3], Eigen::Vector3d(0, 2, 1e-3));
-  const auto binary = folder.write("b.pcd", header("1", "binary") + floats({kNan, 0, 1e30F}));
+  const auto binary = folder.write("b.pcd", pcdHeader("1", "binary") + floats({kNan, 0, 1e30F}));
   EXPECT_TRUE(std::isnan(readPcd(binary, {}).points.at(0)[0]));
-  EXPECT_TRUE(readPcd(folder.write("c.pcd", header("0", "ascii")), {}).points.empty());
-  EXPECT_TRUE(readPcd(folder.write("d.pcd", header("0", "binary_compressed")), {}).points.empty());
+  EXPECT_TRUE(readPcd(folder.write("c.pcd", pcdHeader("0", "ascii")), {}).points.empty());
+  EXPECT_TRUE(readPcd(folder.write("d.pcd", pcdHeader("0", "binary_compressed")), {}).points.empty());
 }
 
 TEST(PcdReader, ReadsWindowsLineEndsAndAByteOrderMark) {
   const TempFolder folder;
-  std::string text = header("2", "ascii") + "1 2 3\n4 5 6\n";
+  std::string text = pcdHeader("2", "ascii") + "1 2 3\n4 5 6\n";
   std::string windows = "\xef\xbb\xbf";
   for (const char c : text) windows += c == '\n' ? std::string("\r\n") : std::string(1, c);
   EXPECT_EQ(readPcd(folder.write("a.pcd", windows), {}).points.at(1), Eigen::Vector3d(4, 5, 6));
@@ -98,16 +99,16 @@ TEST(PcdReader, RefusesWhatIsNoPcd) {
   refuse("FIELDS x y z\n", "input.malformed", {"no DATA line"});
   refuse(std::string("FIELDS x y z\0\n", 14), "input.malformed");
   refuse(std::string(200000, 'a'), "input.malformed", {"65536"});
-  refuse(header("1", "zipped") + "1 2 3\n", "input.malformed", {"zipped"});
-  refuse(header("-1", "ascii") + "1 2 3\n", "input.malformed", {"-1"});
-  refuse(header("1", "ascii", "a y z") + "1 2 3\n", "input.malformed", {"without a field x"});
-  refuse(header("1", "ascii", "x y z", "4 4") + "1 2 3\n", "input.malformed");
-  refuse(header("1", "ascii", "x y z", "4 4 3") + "1 2 3\n", "input.malformed", {"SIZE 3"});
-  refuse(header("1", "ascii", "x y z", "4 4 0") + "1 2 3\n", "input.malformed");
-  refuse(header("1", "ascii", "x y z", "4 4 4", "F F Q") + "1 2 3\n", "input.malformed", {"Q"});
-  refuse(header("2", "ascii") + "1 2\n3 4 5\n", "input.malformed", {"2 values"});
-  refuse(header("1", "ascii") + "1 2 0x3\n", "input.malformed", {"no number"});
-  refuse(header("1", "ascii") + "1,5 2 3\n", "input.malformed");
+  refuse(pcdHeader("1", "zipped") + "1 2 3\n", "input.malformed", {"zipped"});
+  refuse(pcdHeader("-1", "ascii") + "1 2 3\n", "input.malformed", {"-1"});
+  refuse(pcdHeader("1", "ascii", "a y z") + "1 2 3\n", "input.malformed", {"without a field x"});
+  refuse(pcdHeader("1", "ascii", "x y z", "4 4") + "1 2 3\n", "input.malformed");
+  refuse(pcdHeader("1", "ascii", "x y z", "4 4 3") + "1 2 3\n", "input.malformed", {"SIZE 3"});
+  refuse(pcdHeader("1", "ascii", "x y z", "4 4 0") + "1 2 3\n", "input.malformed");
+  refuse(pcdHeader("1", "ascii", "x y z", "4 4 4", "F F Q") + "1 2 3\n", "input.malformed", {"Q"});
+  refuse(pcdHeader("2", "ascii") + "1 2\n3 4 5\n", "input.malformed", {"2 values"});
+  refuse(pcdHeader("1", "ascii") + "1 2 0x3\n", "input.malformed", {"no number"});
+  refuse(pcdHeader("1", "ascii") + "1,5 2 3\n", "input.malformed");
   refuse("FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 3\nHEIGHT 2\nPOINTS 5\nDATA ascii\n1 2 3\n", "input.malformed",
          {"WIDTH"});
   refuse("FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 9999999\nWIDTH 1\nHEIGHT 1\nDATA ascii\n1 2 3\n",
@@ -128,7 +129,7 @@ TEST(PcdReader, RefusesLyingHeadersBeforeItAllocates) {
   for (const char* points :
        {"2147483647", "2147483648", "4294967295", "4294967297", "9223372036854775808", "18446744073709551615"})
     for (const char* data : {"ascii", "binary"}) {
-      const auto path = folder.write("a.pcd", header(points, data) + std::string(40, '1') + "\n");
+      const auto path = folder.write("a.pcd", pcdHeader(points, data) + std::string(40, '1') + "\n");
       expectError([&] { (void)readPcd(path, {}); }, ErrorCode::Input,
                   std::string(data) == "ascii" ? "input.malformed" : "input.truncated");
     }
@@ -136,30 +137,30 @@ TEST(PcdReader, RefusesLyingHeadersBeforeItAllocates) {
   std::string body;
   test::put(body, std::uint32_t{16});
   test::put(body, std::uint32_t{4294967292U});
-  const auto bomb = folder.write("b.pcd", header("357913941", "binary_compressed") + body + std::string(16, '\0'));
+  const auto bomb = folder.write("b.pcd", pcdHeader("357913941", "binary_compressed") + body + std::string(16, '\0'));
   expectError([&] { (void)readPcd(bomb, {}); }, ErrorCode::Input, "input.malformed", {"4294967292"});
   // Two points as one literal run of LZF, field after field: right with 2, refused with any other count.
   body.clear();
   test::put(body, std::uint32_t{25});
   test::put(body, std::uint32_t{24});
   body += static_cast<char>(24 - 1) + floats({1, 4, 2, 5, 3, 6});
-  EXPECT_EQ(readPcd(folder.write("d.pcd", header("2", "binary_compressed") + body), {}).points.at(1),
+  EXPECT_EQ(readPcd(folder.write("d.pcd", pcdHeader("2", "binary_compressed") + body), {}).points.at(1),
             Eigen::Vector3d(4, 5, 6));
   for (const char* points : {"1", "3", "200", "1537228672809129302"}) {  // the last times 12 is 2^64 + 8
-    const auto wrong = folder.write("e.pcd", header(points, "binary_compressed") + body);
+    const auto wrong = folder.write("e.pcd", pcdHeader(points, "binary_compressed") + body);
     expectError([&] { (void)readPcd(wrong, {}); }, ErrorCode::Input, "input.malformed", {"24 bytes from 25"});
   }
   // Sizes that agree, around bytes that are no LZF.
   body.clear();
   test::put(body, std::uint32_t{3});
   test::put(body, std::uint32_t{24});
-  const auto junk = folder.write("c.pcd", header("2", "binary_compressed") + body + "\xff\xff\xff");
+  const auto junk = folder.write("c.pcd", pcdHeader("2", "binary_compressed") + body + "\xff\xff\xff");
   expectError([&] { (void)readPcd(junk, {}); }, ErrorCode::Input, "input.malformed", {"damaged"});
 }
 
 TEST(PcdReader, SaysWhatFollowsTheLastPoint) {
   const TempFolder folder;
-  const PointCloud cloud = readPcd(folder.write("a.pcd", header("1", "binary") + floats({1, 2, 3, 4})), {});
+  const PointCloud cloud = readPcd(folder.write("a.pcd", pcdHeader("1", "binary") + floats({1, 2, 3, 4})), {});
   EXPECT_EQ(cloud.points.size(), 1U);
   EXPECT_TRUE(test::anyContains(cloud.notices, "4 bytes after the last point"));
 }
@@ -183,10 +184,10 @@ void cutEverywhere(const std::string& file, std::size_t header_bytes,
 }
 
 TEST(PcdReader, SurvivesACutAtEveryByte) {
-  const std::string binary = header("3", "binary");
+  const std::string binary = pcdHeader("3", "binary");
   cutEverywhere(
       binary + floats({1, 2, 3, 4, 5, 6, 7, 8, 9}), binary.size(), [](std::size_t body) { return body / 12; }, 3);
-  const std::string ascii = header("3", "ascii");
+  const std::string ascii = pcdHeader("3", "ascii");
   // Lines of 6 bytes. The last line feed may be missing, so the file without it is not cut: leave it out.
   cutEverywhere(
       ascii + "1 2 3\n1 2 3\n1 2 3", ascii.size(), [](std::size_t body) { return body / 6; }, 3);
@@ -199,15 +200,15 @@ TEST(PcdReader, FindsTheViewpoint) {
   const auto viewpoint = readPcdViewpoint(folder.write("a.pcd", text));
   ASSERT_TRUE(viewpoint.has_value());
   EXPECT_EQ(*viewpoint, (std::array<double, 7>{1, 2, 3, 0.5, -0.5, 0.5, 0.5}));
-  EXPECT_FALSE(readPcdViewpoint(folder.write("b.pcd", header("1", "ascii") + "1 2 3\n")).has_value());
+  EXPECT_FALSE(readPcdViewpoint(folder.write("b.pcd", pcdHeader("1", "ascii") + "1 2 3\n")).has_value());
 }
 
-struct RealFile {
+struct PcdFile {
   const char* name;
   std::size_t points;
 };
-std::ostream& operator<<(std::ostream& out, const RealFile& file) { return out << file.name; }
-class PcdReaderReal : public ::testing::TestWithParam<RealFile> {};
+std::ostream& operator<<(std::ostream& out, const PcdFile& file) { return out << file.name; }
+class PcdReaderReal : public ::testing::TestWithParam<PcdFile> {};
 
 TEST_P(PcdReaderReal, HasTheCountOfItsReadme) {
   ACCESSVDB_NEED_DATA(path, GetParam().name);
@@ -215,15 +216,15 @@ TEST_P(PcdReaderReal, HasTheCountOfItsReadme) {
   EXPECT_EQ(cloud.points.size(), GetParam().points);
 }
 INSTANTIATE_TEST_SUITE_P(Files, PcdReaderReal,
-                         ::testing::Values(RealFile{"pcd_misc/bunny.pcd", 397}, RealFile{"pcd_misc/car6.pcd", 10031},
-                                           RealFile{"pcd_misc/colored_cloud.pcd", 1000},
-                                           RealFile{"pcd_misc/fraslab_scans_compressed_viewpoint.pcd", 5779},
-                                           RealFile{"pcd_misc/lamppost.pcd", 1771},
-                                           RealFile{"pcd_misc/milk_color.pcd", 13704},
-                                           RealFile{"pcd_misc/rops_cloud.pcd", 32087},
-                                           RealFile{"livox_mid360/frame_20240509061326.pcd", 19965},
-                                           RealFile{"livox_mid360/fastlio_scans.pcd", 57075},
-                                           RealFile{"scans_poses_balm/full107.pcd", 68513}));
+                         ::testing::Values(PcdFile{"pcd_misc/bunny.pcd", 397}, PcdFile{"pcd_misc/car6.pcd", 10031},
+                                           PcdFile{"pcd_misc/colored_cloud.pcd", 1000},
+                                           PcdFile{"pcd_misc/fraslab_scans_compressed_viewpoint.pcd", 5779},
+                                           PcdFile{"pcd_misc/lamppost.pcd", 1771},
+                                           PcdFile{"pcd_misc/milk_color.pcd", 13704},
+                                           PcdFile{"pcd_misc/rops_cloud.pcd", 32087},
+                                           PcdFile{"livox_mid360/frame_20240509061326.pcd", 19965},
+                                           PcdFile{"livox_mid360/fastlio_scans.pcd", 57075},
+                                           PcdFile{"scans_poses_balm/full107.pcd", 68513}));
 
 TEST(PcdReader, ReadsTheRealFileThatPclRefuses) {
   ACCESSVDB_NEED_DATA(path, "livox_mlcc/lidar2_12.pcd");
