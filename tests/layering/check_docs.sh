@@ -1,14 +1,16 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Every file and folder that the documents name is there: link targets, and paths in backticks that begin with a folder
-# of the repository. check_docs.sh [ROOT]
+# Everything that documents, sources and scripts cite is in the repository. check_docs.sh [ROOT]
+# - documents: link targets, and paths in backticks that begin with a folder of the repository;
+# - all texts: no SPEC, INTERFACE or issue number; X.md in capitals or below docs/ is a document, and `docs/X.md,
+#   "Heading"` has that heading. Names in lower case without a folder, such as tables.md, are files that a program writes.
 set -euo pipefail
 cd "${1:-$(dirname "${BASH_SOURCE[0]}")/../..}"
 
 missing=0
 shopt -s nullglob
-for document in ./*.md docs/*.md; do
+for document in ./*.md docs/*.md docs/*/*.md; do
   while read -r from target; do
     [[ -e $from/$target ]] || { echo "$document: '$target' does not exist"; missing=1; }
   done < <(
@@ -17,4 +19,36 @@ for document in ./*.md docs/*.md; do
       sed 's/^`/. /' || true
   )
 done
+
+texts=(./*.md ./CMakeLists.tx[t] ./*.cff)  # globs: a tree may lack any of them
+for folder in .ci cmake docs examples include nanovdb_kernels python src tests tools; do
+  [[ -d $folder ]] && texts+=("$folder")
+done
+# This check and its test have to name what they look for.
+everywhere() { grep -rnIE --exclude='check_docs*.sh' --exclude-dir=__pycache__ "$@" "${texts[@]}" || true; }
+
+report() {  # report PROBLEM, with grep's lines on standard input
+  local line
+  while IFS= read -r line; do
+    echo "${line%%:*}: $1: ${line#*:}"
+    missing=1
+  done
+}
+report 'cites what the repository does not have' < <(
+  everywhere '\bSPEC\b|\b[Ii]ssue #?[0-9]'
+  everywhere '\bINTERFACE\b' --exclude=CMakeLists.txt --exclude='*.cmake' --exclude='*.cmake.in'
+)
+
+declare -A named
+for document in ./*.md docs/*.md docs/*/*.md tools/*/*.md; do named[${document##*/}]=1; done
+while IFS=: read -r file line name; do
+  [[ $name == docs/* && -e $name || $name != docs/* && -n ${named[${name##*/}]:-} ]] ||
+    { echo "$file: line $line cites the document '$name', which does not exist"; missing=1; }
+done < <(everywhere -o '\bdocs/[A-Za-z0-9_/-]+\.md\b|\b[A-Z][A-Z_]+\.md\b')
+
+while IFS=: read -r file line citation; do
+  document=${citation%%.md*}.md heading=${citation#*\"}
+  [[ ! -e $document ]] || grep -qxE "#+ ${heading%\"}" "$document" ||
+    { echo "$file: line $line cites $citation, which is no heading there"; missing=1; }
+done < <(everywhere -o '\bdocs/[A-Za-z0-9_/-]+\.md`?, "[^":]+"')
 exit $missing

@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Shows that check_docs.sh fires on a dead link and on a dead path, and on nothing else.
+# Shows that check_docs.sh fires on a dead link, a dead path, and a citation of what is not there, and on nothing else.
 set -euo pipefail
 checker=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/check_docs.sh
 tree=$(mktemp -d)
 trap 'rm -rf "$tree"' EXIT
 mkdir -p "$tree/docs" "$tree/src/io"
 touch "$tree/src/io/ply.cpp" "$tree/docs/b.md"
+printf '%s\n' '# The map' '## Scoring a point' >"$tree/docs/MAP.md"
 
 expect() {  # expect EXIT_CODE DOCUMENT TEXT
   local code=0
@@ -28,5 +29,16 @@ expect() {  # expect EXIT_CODE DOCUMENT TEXT
   expect 1 README.md 'See `src/io/las.cpp`.'
   expect 0 docs/a.md 'See [b](b.md), [up](../src/io/ply.cpp) and `src/io/ply.cpp`.'
   expect 1 docs/a.md 'See [b](docs/b.md).'
+  expect 0 src/io/a.h '/// The rule of docs/MAP.md, "Scoring a point"; writes tables.md. MAP.md says why. We issue a warning.'
+  expect 0 src/CMakeLists.txt 'add_library(a INTERFACE)'
+  expect 1 src/CMakeLists.txt '# As in SPEC b.'
+  expect 1 src/io/a.h '/// The rule of SPEC a.3.'
+  expect 1 src/io/a.h '/// The rule of SPEC.md (b).'
+  expect 1 src/io/a.h '/// Bounds: issue 3.'
+  expect 1 src/io/a.h '/// A row as in INTERFACE.'
+  expect 1 src/io/a.h '/// See ARCHITECTURE.md.'
+  expect 1 src/io/a.h '/// See docs/architecture.md.'
+  expect 1 src/io/a.h '/// The rule of docs/MAP.md, "Scoring".'
+  expect 1 README.md 'See issue #12.'
 }
 echo "every rule fires"
