@@ -35,7 +35,8 @@ ACCESSVDB_API void prepareOutputFolder(const std::filesystem::path& folder);
 /// Name and text pairs that go into the metadata of the .vdb files, in order ("voxel_size_m", "0.01", ...).
 using FieldMetadata = std::vector<std::pair<std::string, std::string>>;
 
-/// field.vdb: density, accessible, blocked, confidence, score, best_direction, distance, weight, cleared (INTERFACE).
+/// field.vdb: density, accessible, blocked, confidence, score, best_direction, distance, weight, cleared
+/// (docs/file_formats.md).
 ACCESSVDB_API void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume,
                                  const FieldSnapshot& field, const FieldMetadata& metadata);
 /// field_points.vdb: one PointDataGrid for Houdini.

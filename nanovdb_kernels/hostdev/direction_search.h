@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Scoring of one point: the best direction, its collision count, and the reason where there is none (SPEC a.6).
+/// Scoring of one point: the best direction, its collision count, and the reason where there is none
+/// (docs/PAPER_MAP.md, "Scoring").
 ///
 /// Directions are ranked by the stage that they reached (normal < unseen < arm or unknown < tool), then by corridor
 /// samples passed, then by lower count, smaller angle to the normal, lower d. The first one gives reason, direction and

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Who is a neighbour of a surface point, and the normal that the neighbours give (SPEC a.5).
+/// Who is a neighbour of a surface point, and the normal that the neighbours give (docs/PAPER_MAP.md, "Normals").
 ///
 /// Offsets from the point are rounded to a fixed step first. From there on everything up to the covariance is integers,
 /// so that the result is the same in any order of the neighbours, on any number of threads, on either backend.

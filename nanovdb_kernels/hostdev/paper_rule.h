@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Which directions the paper tries at a point: every 20 degrees, and a window around what worked next door (paper,
-/// "Tool kernel"; SPEC a.6).
+/// "Tool kernel"; docs/PAPER_MAP.md, "Scoring").
 #pragma once
 
 #include <cmath>

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// How an evaluation changes a point's stored state (paper, "Incremental Updates and Confidence"; SPEC a.9).
+/// How an evaluation changes a point's stored state (paper, "Incremental Updates and Confidence"; docs/PAPER_MAP.md,
+/// "Label and stability").
 #pragma once
 
 #include "direction_search.h"

@@ -1,7 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What is really accessible: the tool against the exact distance of a scene (SPEC a.7). Shares no function with the
-/// method: own samples of the tool, own self-exclusion, own directions, doubles throughout, no map, no observations.
+/// What is really accessible: the tool against the exact distance of a scene (docs/PAPER.md, "Ground truth"). Shares no
+/// function with the method: own samples of the tool, own self-exclusion, own directions, doubles throughout, no map,
+/// no observations.
 #pragma once
 
 #include <Eigen/Core>

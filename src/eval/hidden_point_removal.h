@@ -1,7 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Hidden Point Removal, the visibility baseline of the paper (Katz, Tal, Basri: Direct Visibility of Point Sets, 2007;
-/// SPEC a.10): flip the points across a sphere around the viewer; those on the convex hull are visible.
+/// docs/PAPER_MAP.md, "Baselines"): flip the points across a sphere around the viewer; those on the convex hull are
+/// visible.
 #pragma once
 
 #include <Eigen/Core>
@@ -11,8 +12,8 @@
 
 namespace accessvdb::eval {
 
-/// Radius of the flipping sphere, times the distance of the farthest point (SPEC a.10). The denser the cloud, the
-/// larger it has to be: a point is found when the flipped cloud is less curved there than the sphere.
+/// Radius of the flipping sphere, times the distance of the farthest point (docs/PAPER_MAP.md, "Baselines"). The denser
+/// the cloud, the larger it has to be: a point is found when the flipped cloud is less curved there than the sphere.
 inline constexpr double kFlipRadius = 100;
 
 /// Which points one viewer sees: 1 or 0. Duplicates share a fate. A point at the viewpoint is seen and hides nothing.

@@ -22,7 +22,7 @@ struct RunRequest {
   ScanRequest scans;
   FieldParams params;
   std::string tool = "builtin:pencil";
-  int update_every = 0;       ///< scans between updates; 0 = one at the end (SPEC b: scored after the last frame)
+  int update_every = 0;       ///< scans between updates; 0 = one at the end
   bool true_normals = false;  ///< also judge against the truth with the scene's own normals
 };
 

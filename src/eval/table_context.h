@@ -35,7 +35,7 @@ inline TableRow rowOf(const char* table, const RunRequest& request, const Evalua
   return row;
 }
 
-/// About `count` of the viewpoints, evenly spread over the run (SPEC b: 50; box and wall 25).
+/// About `count` of the viewpoints, evenly spread over the run (50; box and wall 25).
 std::vector<Eigen::Vector3d> someViewpoints(const std::vector<Eigen::Vector3d>& viewpoints_W, std::size_t count);
 
 /// table_pictures.cpp: truth, product profile, HPR and errors of every scene that the product's rows name.

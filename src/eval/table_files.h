@@ -18,7 +18,7 @@ using TableOrigin = std::vector<std::pair<std::string, std::string>>;
 /// Processor and number of threads of this machine, in words.
 [[nodiscard]] std::string machineInWords();
 
-/// tables.json: {"schema":1,"origin":{..},"finished":[..],"rows":[..]}; a row as in INTERFACE.md, with what it adds.
+/// tables.json: {"schema":1,"origin":{..},"finished":[..],"rows":[..]}; a row as docs/evaluation.md has it.
 void writeTablesJson(const std::filesystem::path& path, const TableResults& results, const TableOrigin& origin);
 /// tables.md: paper, paper profile and product profile side by side. @throws OutputError (both)
 void writeTablesMarkdown(const std::filesystem::path& path, const TableResults& results, const TableOrigin& origin);

@@ -20,7 +20,7 @@ struct PaperFigures {
   std::optional<double> gt_percent, precision, recall, f1;
 };
 
-/// A bound on one figure of a row, in percent; from issue 3, "What it must reach".
+/// A bound on one figure of a row, in percent: what this project requires of it.
 struct Requirement {
   enum class Figure { Precision, Recall, F1 };
   Figure figure = Figure::F1;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Tables of what others would do: visibility alone (HPR), and projective fusion (SPEC a.10).
+/// Tables of what others would do: visibility alone (HPR), and projective fusion (docs/PAPER_MAP.md, "Baselines").
 #include <Eigen/Geometry>
 
 #include "eval/hidden_point_removal.h"

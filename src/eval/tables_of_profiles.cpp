@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Tables that set the paper's profile beside the product's. Printed figures: the paper's tables, as SPEC b has them;
-/// requirements: issue 3.
+/// Tables that set the paper's profile beside the product's. Printed figures: the paper's tables;
+/// requirements: this project's own.
 #include <cmath>
 #include <cstdio>
 
@@ -34,7 +34,8 @@ void addProfiles(TableContext& context, const char* table, const Expectation& ex
   context.rows.push_back(row);
 }
 
-/// The paper's profile where every voxel within one voxel of the ray is cleared, not only those on it (SPEC d.4).
+/// The paper's profile where every voxel within one voxel of the ray is cleared, not only those on it
+/// (docs/PAPER_MAP.md, "Where we differ, and why").
 void addThickCarve(TableContext& context, const char* table, const Expectation& expect) {
   RunRequest request = paperRun(expect.scene, expect.voxel_m);
   request.params.tsdf.cleared_radius_voxels = 1;
@@ -45,7 +46,7 @@ void addThickCarve(TableContext& context, const char* table, const Expectation& 
   context.rows.push_back(row);
 }
 
-/// The paper's profile where every direction is tried: the reading behind every row but the box's in SPEC (b).
+/// The paper's profile where every direction is tried: the reading behind every row but the box's.
 void addAllDirections(TableContext& context, const char* table, const Expectation& expect) {
   RunRequest request = paperRun(expect.scene, expect.voxel_m);
   request.params.approach.coarse_to_fine = false;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The rules behind parameters left at 0, and their checks (SPEC, "Two profiles").
+/// The rules behind parameters left at 0, and their checks (docs/PAPER_MAP.md).
 #include "accessvdb/params.h"
 
 #include <algorithm>
@@ -27,7 +27,7 @@ void require(const char* field, double value, double low, double high, const cha
   throw InvalidArgument("config.range", field, text(value) + " is outside " + text(low) + " .. " + text(high), advice);
 }
 
-/// PCA neighbours: noise comparable to the voxel needs more of them (SPEC e).
+/// PCA neighbours: noise comparable to the voxel needs more of them.
 int neighboursFor(double range_noise_m, double voxel_size_m) {
   if (range_noise_m >= 2 * voxel_size_m) return 100;
   if (range_noise_m >= voxel_size_m) return 60;

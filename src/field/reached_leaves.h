@@ -12,8 +12,8 @@
 namespace accessvdb::internal {
 
 /// Calls take(leaves) for all leaves, voxel index >> 3, with a voxel that lies at most `reach` voxels (along each axis)
-/// from one to which the scan added a distance sample (SPEC a.3). A superset; a leaf may come several times; from
-/// several threads at once.
+/// from one to which the scan added a distance sample (docs/PAPER_MAP.md, "Integration"). A superset; a leaf may come
+/// several times; from several threads at once.
 /// @param p_L  [n] returns, local frame, metres  @param q_L  [n] or [1] sensor positions
 /// @return false, and nothing is taken, where the region does not follow the returns (the projective baseline)
 bool forEachReachedLeaf(const TsdfParams& resolved, std::span<const Eigen::Vector3f> p_L,

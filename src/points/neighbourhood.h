@@ -21,7 +21,7 @@ struct Neighbourhood {
   float reach_m = 0;                     ///< points farther away cannot change any of this
 };
 
-/// Points that share their seen directions (SPEC a.5: the 10 nearest, the point itself among them).
+/// Points that share their seen directions (docs/PAPER_MAP.md, "Normals": the 10 nearest, the point itself among them).
 inline constexpr std::size_t kViewNeighbours = 10;
 /// No neighbour is farther away.
 double neighbourRadius_m(double voxel_size_m);

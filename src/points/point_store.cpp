@@ -22,7 +22,7 @@ constexpr std::size_t kPointsPerTask = 256;
 constexpr std::size_t kPointsAhead = 6;
 constexpr double kOffsetSteps = 1 << 20;  // of a voxel
 constexpr double kSensorSteps = 1 << 16;  // of a metre
-/// Viewpoints nearer than this to a stored one are not stored (SPEC a.2).
+/// Viewpoints nearer than this to a stored one are not stored (docs/PAPER_MAP.md, "Surface points").
 constexpr float kViewpointSpacing_m = 0.10f;
 
 /// Bit n of the lowest eight is byte n, which is 0 or 1.

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The authoring side of the surface points: one stable id per voxel that ever held a return (SPEC a.5).
+/// The authoring side of the surface points: one stable id per voxel that ever held a return (docs/PAPER_MAP.md,
+/// "Surface points").
 ///
 /// Everything here is a function of the set of returns of each scan, not of their order: sums are integers, and the
 /// first return of a voxel is the lexicographically least (x, y, z) of the first scan that reached it.

@@ -12,7 +12,7 @@ namespace accessvdb::sim {
 
 struct LidarModel {
   enum class Pattern {
-    Mid360,   ///< 360 x [-7, 52] degrees, Halton(2,3) that goes on from frame to frame (SPEC.md b)
+    Mid360,   ///< 360 x [-7, 52] degrees, Halton(2,3) that goes on from frame to frame
     Spinning  ///< 64 rings of 1024, +-22.5 degrees, the same rays in every frame
   };
   Pattern pattern = Pattern::Mid360;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Scenes of SPEC.md (b) and others: a mesh to cast rays at, and the exact signed distance where it is known.
+/// The scenes of docs/PAPER.md and others: a mesh to cast rays at, and the exact signed distance where it is known.
 #pragma once
 
 #include <cstdint>

@@ -18,7 +18,7 @@ struct Helix {
   double height_begin_m = 0, height_end_m = 0;  ///< of the sensor above the centre
   double azimuth_begin_rad = 0, azimuth_end_rad = 0;
   int sweeps = 1;  ///< times the azimuth runs from begin to end, or back, while the height runs once; >= 1
-  double object_elevation_rad = 22.5 * std::numbers::pi / 180;  ///< the middle of the Mid-360's view (SPEC.md b)
+  double object_elevation_rad = 22.5 * std::numbers::pi / 180;  ///< the middle of the Mid-360's view
 };
 
 using Trajectory = std::vector<Eigen::Isometry3d>;

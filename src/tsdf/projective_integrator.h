@@ -4,7 +4,7 @@
 ///
 /// For a voxel centre x seen from the sensor q in a bin with range r, d = r - |x - q|:
 ///   d < -tau        skipped (behind the surface)
-///   |d| <= tau      S += clamp(d), w += 1                                                       (SPEC a.10)
+///   |d| <= tau      S += clamp(d), w += 1   (docs/PAPER_MAP.md, "Baselines")
 ///   d > tau         skipped, or with `in_front` S += tau, w += 1
 ///   empty bin       skipped, or with `empty_is_free`, inside the elevation range, S += tau, w += 1
 ///

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The nearest range of a scan in each bin of azimuth and elevation of the sensor frame (SPEC a.10).
+/// The nearest range of a scan in each bin of azimuth and elevation of the sensor frame (docs/PAPER_MAP.md,
+/// "Baselines").
 ///
 /// Azimuth and elevation come from polynomials of this file and never from libm, so that a bin is the same everywhere.
 #pragma once

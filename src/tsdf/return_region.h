@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The voxels that one return updates, in units of voxels around the return (SPEC a.3, a.4).
+/// The voxels that one return updates, in units of voxels around the return (docs/PAPER_MAP.md, "Integration").
 ///
 /// With e = x - p (from the return to a voxel centre), u = (q - p) / R (towards the sensor) and s = e . u:
 ///   double cone   s^2 > cos^2 |e|^2  or  |e| <= 1, inside the cube |e|_inf <= tau     (product)
@@ -50,7 +50,7 @@ struct RegionShape {
 
 /// Slack of the conservative bounds against rounding, in voxels.
 inline constexpr float kSlack = 1e-3f;
-/// Radius of the ball around the return that is always updated (SPEC: |x-p| <= v), in voxels.
+/// Radius of the ball around the return that is always updated (|x-p| <= v), in voxels.
 inline constexpr float kOwnVoxelRadius = 1.0f;
 
 /// The part of a region in one slice e_a in [low, high] across the ray's dominant axis a: bounds on the other two axes.

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Fuses the returns of a scan into the map (paper, "Scan-centric TSDF"; SPEC a.3, a.4).
+/// Fuses the returns of a scan into the map (paper, "Scan-centric TSDF"; docs/PAPER_MAP.md, "Integration", "Ray-cleared
+/// band").
 #pragma once
 
 #include <Eigen/Core>

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The paper's incremental updates: new points, three triggers, a budget, a backlog (paper, "Incremental Updates and
-/// Confidence"; SPEC a.8). Labels are not those of a full evaluation; they approach them.
+/// Confidence"; docs/PAPER_MAP.md, "Update policy"). Labels are not those of a full evaluation; they approach them.
 ///
 /// A point enters the queue once its confidence allows a score, and again when a trigger asks for it. The points that
 /// one update puts into the queue stand in the order of their reasons, ascending in each: newly confident, (i), (ii),

@@ -57,7 +57,7 @@ void PaperTriggers::noteDistances(std::span<const std::span<const DistanceChange
 }
 
 /// (ii) Points within r_u of up to 256 voxels written by this scan. There is no list of written voxels: a voxel is
-/// drawn from the region of a random return, so voxels that many returns wrote to are drawn more often (as in SPEC c).
+/// drawn from the region of a random return, so voxels that many returns wrote to are drawn more often.
 void PaperTriggers::noteSample(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
   const FieldParams& params = scorer_.params();
   const PointStore& points = scorer_.points();
@@ -104,7 +104,7 @@ Eigen::Vector3d PaperTriggers::drawWrittenVoxel(const Eigen::Vector3f& p_L, cons
   return Eigen::Vector3d(centre[0], centre[1], centre[2]) * v;
 }
 
-/// SPEC a.3, up to rounding.
+/// docs/PAPER_MAP.md, "Integration", up to rounding.
 bool PaperTriggers::writes(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L, const Eigen::Vector3d& x_L) const {
   const TsdfParams& tsdf = scorer_.params().tsdf;
   const Eigen::Vector3d from_return = x_L - p_L, ray = p_L - q_L;

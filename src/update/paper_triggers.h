@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The paper's three reasons to score a point again ("Incremental Updates and Confidence"; SPEC a.8, step 4).
+/// The paper's three reasons to score a point again ("Incremental Updates and Confidence"; docs/PAPER_MAP.md, "Update
+/// policy").
 #pragma once
 
 #include <Eigen/Core>

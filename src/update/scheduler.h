@@ -64,7 +64,7 @@ std::unique_ptr<UpdateScheduler> makeExactScheduler(PointScorer& scorer, const k
 std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
                                                      const kernels::ApproachView& approach);
 
-/// The paper's triggers (i) to (iii), sample, budget and backlog (SPEC a.8).
+/// The paper's triggers (i) to (iii), sample, budget and backlog (docs/PAPER_MAP.md, "Update policy").
 /// @param collision_limit  [n_c]
 std::unique_ptr<UpdateScheduler> makePaperScheduler(PointScorer& scorer, std::uint16_t collision_limit);
 

@@ -12,7 +12,7 @@ import numpy as np
 from accessvdb_import.points_ply import COLUMNS, FieldError, read_points
 from field_under_test import FIELD, POINTS, WORK, run_tests
 
-# Layout of a record as docs and INTERFACE have it, spelt out once more on purpose.
+# Layout of a record as docs/file_formats.md has it, written out again on purpose.
 _RECORD = struct.Struct("<3d3f3B2BH2f3ff")
 
 

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The method against exact ground truth on the paper's scenes, 5 and 2 mm. Bands for the product profile are those of
-/// issue 3. Bands for the paper profile are the paper's printed figures +-4 points, narrowed on the side on which a
-/// broken rule would leave them: SPEC (b) and (c) say how far each rule moves a figure.
+/// The method against exact ground truth on the paper's scenes, 5 and 2 mm. Bands for the product profile are what this
+/// project requires. Bands for the paper profile are the paper's printed figures +-4 points, narrowed on the side on
+/// which a broken rule would leave them (docs/PAPER_MAP.md, "Where we differ, and why").
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -66,7 +66,7 @@ TEST_F(BenchmarkScenes, Torus) {
     const auto product = run(productRun("torus", voxel_m));
     EXPECT_GE(product->shared().f1(), 99.5);
     EXPECT_GE(product->shared().precision(), 99.9);
-    // SPEC (b): 2,586 points at 5 mm, 14,748 at 2 mm; 53.6 and 50.9 percent accessible.
+    // An independent prototype found 2,586 points at 5 mm, 14,748 at 2 mm; 53.6 and 50.9 percent accessible.
     EXPECT_BETWEEN(product->found.size(), voxel_m > 0.004 ? 2400u : 14000u, voxel_m > 0.004 ? 2700u : 15500u);
     EXPECT_BETWEEN(product->shared().truthPercent(), 49, 56);
     // Both halves of the cone, and nothing else. A return off the sensor's axis varies little.
@@ -80,7 +80,7 @@ TEST_F(BenchmarkScenes, Torus) {
     EXPECT_GE(paper.recall(), 99);
   }
   const Confusion open = run(unclamped(paperRun("torus", 0.002)))->shared();
-  // 83 with many tool samples (SPEC b), up to 94 with an unlucky thousand; 99.7 with the clamp.
+  // 83 with many tool samples, up to 94 with an unlucky thousand; 99.7 with the clamp.
   EXPECT_BETWEEN(open.recall(), 78, 95);
   EXPECT_GE(open.precision(), 99);
 }

@@ -135,9 +135,8 @@ check_names() {
 
 # Lines of code without // comments and without string contents, as "file:line:code".
 code_lines() {
-  sources | while read -r file; do
-    sed -E 's/"([^"\\]|\\.)*"/""/g; s@//.*@@' "$file" | awk -v file="$file" 'NF { print file ":" NR ":" $0 }'
-  done
+  # shellcheck disable=SC2046  # one word per file, as above
+  awk '{ gsub(/"([^"\\]|\\.)*"/, "\"\""); sub(/\/\/.*/, "") } NF { print FILENAME ":" FNR ":" $0 }' $(sources)
 }
 
 check_code() {
@@ -153,9 +152,10 @@ check_code() {
 }
 
 check_licence() {
-  sources | while read -r file; do
-    sed -n 2p "$file" | grep -q 'SPDX-License-Identifier: Apache-2.0' || echo "$file:2: licence: no SPDX line"
-  done
+  # shellcheck disable=SC2046
+  awk 'FNR == 2 && !/SPDX-License-Identifier: Apache-2.0/ { print FILENAME ":2: licence: no SPDX line" }
+       { lines[FILENAME] = FNR }
+       END { for (file in lines) if (lines[file] < 2) print file ":2: licence: no SPDX line" }' $(sources)
 }
 
 violations=$(check_includes; check_names; check_code; check_licence)

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Ground truth (SPEC a.7) against a plain double loop, and where the answer is known without computing it.
+/// Ground truth (docs/PAPER.md, "Ground truth") against a plain double loop, and where the answer is known without
+/// computing it.
 #include "eval/ground_truth.h"
 
 #include <gtest/gtest.h>
@@ -48,7 +49,7 @@ TruthOptions optionsAt(double voxel_m) {
   return truthOptions(params.resolved());
 }
 
-/// SPEC a.7 word by word; nothing is skipped. Uses the samples of the tool alone.
+/// docs/PAPER.md, "Ground truth", word by word; nothing is skipped. Uses the samples of the tool alone.
 bool plainTruth(const sim::SignedDistance& distance, const ToolGeometry& tool, const TruthOptions& o, const Vector3d& s,
                 const Vector3d& normal) {
   const std::vector<Vector3d> samples = sampleToolSurface(tool, o.surface_samples, o.seed);

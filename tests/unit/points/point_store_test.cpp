@@ -153,7 +153,8 @@ TEST(PointStore, FirstReturnsWhereMeansAreOff) {
   EXPECT_EQ(store.pca_L(0), store.first_L(0));
 }
 
-/// SPEC a.2: a viewpoint is stored where none lies nearer than 0.10 m, up to eight, and none is ever replaced.
+/// docs/PAPER_MAP.md, "Surface points": a viewpoint is stored where none lies nearer than 0.10 m, up to eight, and none
+/// is ever replaced.
 TEST(PointStore, ViewpointsKeepTheirDistanceAndAreNeverReplaced) {
   FieldParams params = pointParams(1);
   params.approach.viewpoints = true;

@@ -73,7 +73,7 @@ TEST(Simulator, AboutOneHundredReturnsAFrameOnTheTorus) {
   for (int f = 0; f < 50; ++f) {
     for (const Vector3f& point_S : simulator.frame(f).points_S) returns += !point_S.isZero();
   }
-  EXPECT_NEAR(returns / 50.0, 100, 20);  // SPEC.md (b) says "about 100"
+  EXPECT_NEAR(returns / 50.0, 100, 20);  // docs/PAPER.md, "Sensor"
 }
 
 TEST(Simulator, NoiseIsGaussianAlongTheRay) {

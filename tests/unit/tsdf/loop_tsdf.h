@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Independent oracle: SPEC a.3 and a.4 as plain loops in double over every voxel of the cube, both profiles. Lengths
-/// in voxels inside. Knows how close each decision was.
+/// Independent oracle: docs/PAPER_MAP.md, "Integration" and "Ray-cleared band", as plain loops in double over every
+/// voxel of the cube, both profiles. Lengths in voxels inside. Knows how close each decision was.
 #pragma once
 
 #include <Eigen/Core>

@@ -36,7 +36,8 @@ struct Scan {
   Eigen::Matrix3d R_W_S;
 };
 
-/// SPEC a.10 with its variants, one voxel at a time; lengths in voxels. Nothing shared with the integrator.
+/// docs/PAPER_MAP.md, "Baselines", with its variants, one voxel at a time; lengths in voxels. Nothing shared with the
+/// integrator.
 class LoopProjective {
  public:
   explicit LoopProjective(const TsdfParams& params) : params_(params), tau_(tauOf(params)) {}
