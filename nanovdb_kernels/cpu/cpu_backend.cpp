@@ -31,7 +31,7 @@ class CpuBackend final : public Backend {
     }
     return address;
   }
-  void release(void* address) noexcept override { ::operator delete (address, std::align_val_t{64}); }
+  void release(void* address, std::size_t) noexcept override { ::operator delete (address, std::align_val_t{64}); }
   void upload(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
   void download(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
   void copy(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }

@@ -26,7 +26,7 @@ class ListeningBackend final : public kernels::Backend {
     return make_updater_(tables);
   }
   void* allocate(std::size_t bytes) override { return cpu_->allocate(bytes); }
-  void release(void* address) noexcept override { cpu_->release(address); }
+  void release(void* address, std::size_t bytes) noexcept override { cpu_->release(address, bytes); }
   void upload(void* to, const void* from, std::size_t bytes) override { cpu_->upload(to, from, bytes); }
   void download(void* to, const void* from, std::size_t bytes) override { cpu_->download(to, from, bytes); }
   void copy(void* to, const void* from, std::size_t bytes) override { cpu_->copy(to, from, bytes); }

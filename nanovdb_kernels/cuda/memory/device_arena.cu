@@ -102,7 +102,7 @@ DeviceArena::Slot::Slot(DeviceContext& device_context)
   device = context.allocate(kBatchBytes);
 }
 
-DeviceArena::Slot::~Slot() { context.release(device); }
+DeviceArena::Slot::~Slot() { context.release(device, kBatchBytes); }
 
 DeviceArena::DeviceArena(std::shared_ptr<DeviceContext> context, std::uint64_t reserve_bytes)
     : context_(std::move(context)), range_(context_, reserve_bytes) {

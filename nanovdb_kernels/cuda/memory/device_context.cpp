@@ -88,35 +88,29 @@ void DeviceContext::describeDevice() {
 }
 
 void* DeviceContext::allocate(std::size_t bytes) {
-  const std::size_t size = bytes == 0 ? 1 : bytes;
-  count(static_cast<std::int64_t>(size));
+  count(static_cast<std::int64_t>(bytes));
   const CurrentDevice current(device_);
   void* address = nullptr;
-  const cudaError_t status = cudaMalloc(&address, size);
+  const cudaError_t status = cudaMalloc(&address, bytes == 0 ? 1 : bytes);
   if (status != cudaSuccess) {
-    count(-static_cast<std::int64_t>(size));
+    count(-static_cast<std::int64_t>(bytes));
     if (status == cudaErrorMemoryAllocation) {
       (void)cudaGetLastError();
-      throwDeviceMemory("no device memory for " + std::to_string(size) + " bytes more; this field holds " +
+      throwDeviceMemory("no device memory for " + std::to_string(bytes) + " bytes more; this field holds " +
                         std::to_string(this->bytes() >> 20) + " MiB");
     }
     checkCuda(status, "cudaMalloc");
   }
   const std::lock_guard lock(mutex_);
-  sizes_[address] = size;
   ++allocations_;
   return address;
 }
 
-void DeviceContext::release(void* address) noexcept {
-  std::size_t size = 0;
+void DeviceContext::release(void* address, std::size_t bytes) noexcept {
+  if (address == nullptr) return;
   {
     const std::lock_guard lock(mutex_);
-    const auto found = sizes_.find(address);
-    if (found == sizes_.end()) return;
-    size = found->second;
-    sizes_.erase(found);
-    bytes_ -= size;
+    bytes_ -= bytes;
   }
   // A lost device or a process that ends takes its memory with it.
   if (cudaFree(address) != cudaSuccess) (void)cudaGetLastError();

@@ -9,7 +9,6 @@
 #include <cstdint>
 #include <mutex>
 #include <string>
-#include <unordered_map>
 
 namespace accessvdb::kernels {
 
@@ -46,7 +45,8 @@ class DeviceContext {
 
   /// @throw ResourceLimit
   void* allocate(std::size_t bytes);
-  void release(void* address) noexcept;
+  /// @param bytes  as at allocate(). A null address is ignored.
+  void release(void* address, std::size_t bytes) noexcept;
   /// Bytes that came or went by other ways than allocate and release. @throw ResourceLimit over the limit
   void count(std::int64_t bytes);
 
@@ -65,7 +65,6 @@ class DeviceContext {
   cudaStream_t stream_ = nullptr, mirror_stream_ = nullptr;
   cudaEvent_t mirror_ready_ = nullptr;
   mutable std::mutex mutex_;
-  std::unordered_map<void*, std::size_t> sizes_;
   std::uint64_t bytes_ = 0, peak_bytes_ = 0, allocations_ = 0;
 };
 

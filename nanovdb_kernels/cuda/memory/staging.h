@@ -45,7 +45,6 @@ class Staging {
     ACCESSVDB_CUDA(cudaEventRecord(sent_, stream));
     return device_.data();
   }
-  [[nodiscard]] std::size_t bytes() const { return device_.bytes(); }
 
  private:
   cudaEvent_t sent_ = nullptr;

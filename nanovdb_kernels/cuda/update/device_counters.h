@@ -32,7 +32,6 @@ class DeviceCounters {
   }
 
   [[nodiscard]] UpdateCounters* data() const { return on_device_.data(); }
-  [[nodiscard]] std::size_t bytes() const { return on_device_.bytes(); }
   void clear(cudaStream_t stream) { fillBytes(data(), 0, sizeof(UpdateCounters), stream); }
   /// Waits for the device.
   [[nodiscard]] UpdateCounters read(cudaStream_t stream) {

@@ -16,6 +16,7 @@
 #include "cuda/update/point_tables.h"
 #include "cuda/update/update_kernels.h"
 #include "cuda/update/work_queue.h"
+#include "launch/counted_memory.h"
 #include "launch/stopwatch.h"
 
 namespace accessvdb::kernels {
@@ -40,10 +41,10 @@ class ExactUpdater final : public PointUpdater {
   ExactUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const UpdaterTables& tables)
       : context_(std::move(context)),
         memory_(memory),
-        counters_(memory, stream()),
-        points_(memory, tables, view_),
-        queue_(memory),
-        flips_(memory) {
+        counters_(memory_, stream()),
+        points_(memory_, tables, view_),
+        queue_(memory_),
+        flips_(memory_) {
     loadFootprint(tables);
     loadCellDirections(tables);
     view_.counters = counters_.data();
@@ -135,14 +136,7 @@ class ExactUpdater final : public PointUpdater {
   }
 
   std::uint64_t bytes() const override {
-    return points_.bytes() + queue_.bytes() + tool_columns_.bytes() + arm_columns_.bytes() + footprint_places_.bytes() +
-           counters_.bytes() + moved_bits_.bytes() + changed_bits_.bytes() + moved_.bytes() + head_.bytes() +
-           touched_blocks_.bytes() + reached_bits_.bytes() + reached_blocks_.bytes() + places_.bytes() +
-           prepared_.bytes() + due_.bytes() + due_heads_.bytes() + due_order_.bytes() + due_whole_.bytes() +
-           busy_blocks_.bytes() + crossed_.bytes() + flips_.bytes() +
-           (known_levels_ != nullptr ? known_levels_->backedBytes() : 0) + known_freed_.bytes() +
-           cell_directions_.bytes() + lower_keys_.bytes() + lower_numbers_.bytes() + lower_nodes_.bytes() +
-           busy_bits_.bytes() + busy_keys_.bytes() + busy_sorted_.bytes() + busy_order_.bytes() + busy_scratch_.bytes();
+    return memory_.bytes() + (known_levels_ != nullptr ? known_levels_->backedBytes() : 0);
   }
 
  private:
@@ -384,7 +378,7 @@ class ExactUpdater final : public PointUpdater {
   }
 
   std::shared_ptr<DeviceContext> context_;
-  DeviceMemory& memory_;
+  CountedMemory memory_;
   OwnedEvent fork_{cudaEventDisableTiming}, join_{cudaEventDisableTiming};  ///< of the search
   OwnedEvent moved_found_{cudaEventDisableTiming}, busy_made_{cudaEventDisableTiming};
   UpdateView view_;

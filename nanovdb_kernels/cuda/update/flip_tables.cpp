@@ -59,9 +59,4 @@ void FlipTables::addGroups(UpdateView& view, cudaStream_t stream) {
   masked_groups_ = groups;
 }
 
-std::uint64_t FlipTables::bytes() const {
-  return list_.bytes() + keys_.bytes() + occupied_.bytes() + kinds_.bytes() + heads_.bytes() + next_.bytes() +
-         tiles_.bytes() + masks_.bytes() + affected_.bytes();
-}
-
 }  // namespace accessvdb::kernels

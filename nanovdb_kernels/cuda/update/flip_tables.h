@@ -28,8 +28,6 @@ class FlipTables {
   /// Groups that came since take(): nothing is known of their points that flips could change.
   void addGroups(UpdateView& view, cudaStream_t stream);
 
-  [[nodiscard]] std::uint64_t bytes() const;
-
  private:
   DeviceMemory& memory_;
   Staging<LeafFlips> list_;

@@ -16,6 +16,7 @@
 #include "cuda/update/update_kernels.h"
 #include "cuda/update/updaters.h"
 #include "cuda/update/work_queue.h"
+#include "launch/counted_memory.h"
 #include "launch/stopwatch.h"
 
 namespace accessvdb::kernels {
@@ -27,9 +28,9 @@ class PaperUpdater final : public PointUpdater {
       : context_(std::move(context)),
         memory_(memory),
         candidates_(tables.candidates),
-        counters_(memory, stream()),
-        points_(memory, tables, view_),
-        queue_(memory) {
+        counters_(memory_, stream()),
+        points_(memory_, tables, view_),
+        queue_(memory_) {
     view_.counters = counters_.data();
   }
 
@@ -72,11 +73,7 @@ class PaperUpdater final : public PointUpdater {
     return outcome;
   }
 
-  std::uint64_t bytes() const override {
-    return counters_.bytes() + points_.bytes() + queue_.bytes() + crossed_.bytes() + asked_.bytes() +
-           confident_.bytes() + hints_.bytes() + items_.bytes() + results_.bytes() + labels_before_.bytes() +
-           order_.bytes() + order_scratch_.bytes();
-  }
+  std::uint64_t bytes() const override { return memory_.bytes(); }
 
  private:
   [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }
@@ -170,7 +167,7 @@ class PaperUpdater final : public PointUpdater {
   }
 
   std::shared_ptr<DeviceContext> context_;
-  DeviceMemory& memory_;
+  CountedMemory memory_;
   CoarseToFine candidates_;
   UpdateView view_;
   DeviceCounters counters_;

@@ -128,11 +128,4 @@ void PointTables::makeNeighbourhoods(const UpdateView& view, std::uint32_t first
   launchMakeNeighbourhoods(view, first, count, found_.data(), to, stream);
 }
 
-std::uint64_t PointTables::bytes() const {
-  return block_.bytes() + mean_.bytes() + to_sensor_.bytes() + reach_.bytes() + own_seen_.bytes() + hash_keys_.bytes() +
-         hash_blocks_.bytes() + first_.bytes() + count_.bytes() + ids_.bytes() + group_of_.bytes() + leaf_.bytes() +
-         block_reach_.bytes() + group_leaf_.bytes() + with_points_.bytes() + found_.bytes() + part_.bytes() +
-         news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() + weights_.bytes();
-}
-
 }  // namespace accessvdb::kernels

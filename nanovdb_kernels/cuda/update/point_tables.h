@@ -42,8 +42,6 @@ class PointTables {
   void makeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count, Neighbourhood* to,
                           cudaStream_t stream);
 
-  [[nodiscard]] std::uint64_t bytes() const;
-
  private:
   void growPoints(std::uint32_t points, std::size_t kept);
   void growBlocks(const AdmitInput& input, UpdateView& view, cudaStream_t stream);

@@ -87,8 +87,4 @@ void WorkQueue::drop(std::uint32_t count, cudaStream_t stream) {
   size_ = left;
 }
 
-std::uint64_t WorkQueue::bytes() const {
-  return flags_.bytes() + ids_.bytes() + rest_.bytes() + scratch_.bytes() + selected_.bytes();
-}
-
 }  // namespace accessvdb::kernels

@@ -39,8 +39,6 @@ class WorkQueue {
   /// Takes the first `count` off.
   void drop(std::uint32_t count, cudaStream_t stream);
 
-  [[nodiscard]] std::uint64_t bytes() const;
-
  private:
   template <typename Input>
   void select(Input input, std::uint32_t count, const Rule& rule, cudaStream_t stream);
