@@ -161,8 +161,11 @@ class Implementation final : public CudaBackend {
   }
 
   bool usesToolSlabs() const override { return true; }
-  std::unique_ptr<PointUpdater> makeUpdater(const UpdaterTables& tables) override {
-    return tables.paper_policy ? makePaperUpdater(context_, *this, tables) : makeExactUpdater(context_, *this, tables);
+  std::unique_ptr<ExactUpdater> makeExactUpdater(const ExactTables& tables) override {
+    return kernels::makeExactUpdater(context_, *this, tables);
+  }
+  std::unique_ptr<PaperUpdater> makePaperUpdater(const PaperTables& tables) override {
+    return kernels::makePaperUpdater(context_, *this, tables);
   }
 
   void countCollisions(const ScoreRequest& request, std::uint16_t* counts) override {

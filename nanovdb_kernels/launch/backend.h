@@ -12,8 +12,9 @@
 #include "hostdev/point_update.h"
 #include "hostdev/views.h"
 #include "launch/device_array.h"
+#include "launch/exact_updater.h"
 #include "launch/mirror_arena.h"
-#include "launch/point_updater.h"
+#include "launch/paper_updater.h"
 
 namespace accessvdb::kernels {
 
@@ -50,11 +51,15 @@ class Backend : public DeviceMemory {
   /// Writes what the host knows into the state arrays: position, normal, seen, weight.
   virtual void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) = 0;
   virtual void scorePoints(const ScoreRequest& request) = 0;
-  /// Whether its updater wants the slabs of the tool (UpdateInput::slabs).
+  /// Whether its updater wants the slabs of the tool (ScoringInput::slabs).
   [[nodiscard]] virtual bool usesToolSlabs() const { return false; }
-  /// Null where the host decides what is due (src/update/exact_on_host.cpp, paper_scheduler.cpp). Must not outlive
-  /// the backend.
-  [[nodiscard]] virtual std::unique_ptr<PointUpdater> makeUpdater(const UpdaterTables& tables) {
+  /// Null where the host decides what is due (src/update/exact_on_host.cpp). Must not outlive the backend.
+  [[nodiscard]] virtual std::unique_ptr<ExactUpdater> makeExactUpdater(const ExactTables& tables) {
+    (void)tables;
+    return nullptr;
+  }
+  /// The same for the paper's policy (src/update/paper_on_host.cpp).
+  [[nodiscard]] virtual std::unique_ptr<PaperUpdater> makePaperUpdater(const PaperTables& tables) {
     (void)tables;
     return nullptr;
   }

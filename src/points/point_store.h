@@ -15,7 +15,7 @@
 
 #include "accessvdb/params.h"
 #include "hostdev/views.h"
-#include "launch/point_updater.h"
+#include "launch/point_news.h"
 #include "points/surface_index.h"
 
 namespace accessvdb::internal {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "hostdev/views.h"
-#include "launch/point_updater.h"
+#include "launch/exact_updater.h"
 #include "points/point_store.h"
 #include "update/flip_set.h"
 

@@ -61,7 +61,7 @@ DeviceContext::DeviceContext(std::uint64_t memory_limit_bytes) : limit_bytes_(me
     ACCESSVDB_CUDA(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
     int least = 0, greatest = 0;
     ACCESSVDB_CUDA(cudaDeviceGetStreamPriorityRange(&least, &greatest));
-    ACCESSVDB_CUDA(cudaStreamCreateWithPriority(&mirror_stream_, cudaStreamNonBlocking, greatest));
+    ACCESSVDB_CUDA(cudaStreamCreateWithPriority(&priority_stream_, cudaStreamNonBlocking, greatest));
     ACCESSVDB_CUDA(cudaEventCreateWithFlags(&mirror_ready_, cudaEventDisableTiming));
   } catch (const ResourceLimit& error) {
     closeStreams();
@@ -76,7 +76,7 @@ DeviceContext::~DeviceContext() { closeStreams(); }
 
 void DeviceContext::closeStreams() noexcept {
   if (mirror_ready_ != nullptr) (void)cudaEventDestroy(mirror_ready_);
-  if (mirror_stream_ != nullptr) (void)cudaStreamDestroy(mirror_stream_);
+  if (priority_stream_ != nullptr) (void)cudaStreamDestroy(priority_stream_);
   if (stream_ != nullptr) (void)cudaStreamDestroy(stream_);
 }
 

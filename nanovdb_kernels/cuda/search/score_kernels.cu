@@ -106,10 +106,12 @@ __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(Score
   const float normal_L[3] = {chunk.points.normal_L[3 * point.id], chunk.points.normal_L[3 * point.id + 1],
                              chunk.points.normal_L[3 * point.id + 2]};
   const float inverse = chunk.map.inverse_voxel_size;
+  const SearchPoint searched = {point.position_L, normal_L,
+                                chunk.points.seen + point.id * static_cast<std::size_t>(words), words};
   const auto search = [&](const auto& counter) {
-    return searchByWarp(window, map, inverse, counter, chunk.tool.collision_limit, chunk.approach, point.position_L,
-                        normal_L, chunk.points.seen + point.id * static_cast<std::size_t>(words), words,
-                        chunk.items[point.item], masks, lane);
+    const SearchContext<Window, std::decay_t<decltype(counter)>> context = {
+        {window, map, inverse}, chunk.approach, searched, counter, chunk.tool.collision_limit, masks, lane};
+    return searchByWarp(context, chunk.items[point.item]);
   };
   ScoreResult result;
   if constexpr (kSamples) {

@@ -46,12 +46,12 @@ struct Told {
   std::map<std::uint32_t, Block> blocks;
 };
 
-class Listener final : public kernels::PointUpdater {
+class Listener final : public kernels::ExactUpdater {
  public:
   explicit Listener(Told& told) : told_(told) {}
-  void begin(const kernels::UpdateInput& input) override {
+  void begin(const kernels::ScoringInput&, kernels::FlipLists flips_of_parts) override {
     told_.flips.clear();
-    for (const std::span<const kernels::LeafFlips>& part : input.flips) {
+    for (const std::span<const kernels::LeafFlips>& part : flips_of_parts) {
       for (const kernels::LeafFlips& flips : part) {
         LeafFacts& facts = told_.flips[{flips.leaf[0], flips.leaf[1], flips.leaf[2]}];
         facts.kinds |= flips.kinds;
@@ -79,12 +79,10 @@ class Listener final : public kernels::PointUpdater {
       told_.blocks[block.block] = {{block.leaf[0], block.leaf[1], block.leaf[2]}, block.first, block.count};
     }
   }
-  void choose(const kernels::UpdateInput& input) override {
-    EXPECT_TRUE(input.weights.empty() && input.crossed.empty());  // they are being read
-  }
-  kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
-    told_.weights.assign(input.weights.begin(), input.weights.end());
-    told_.crossed.assign(input.crossed.begin(), input.crossed.end());
+  void choose(const kernels::ScoringInput&) override {}
+  kernels::UpdateOutcome update(const kernels::ScoringInput&, const kernels::ConfidenceNews& news) override {
+    told_.weights.assign(news.weights.begin(), news.weights.end());
+    told_.crossed.assign(news.crossed.begin(), news.crossed.end());
     told_.begun_before_update = std::exchange(told_.neighbours_begun, false);
     kernels::UpdateOutcome outcome;
     outcome.evaluated = 1;
@@ -155,7 +153,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
   ScanIntegrator integrator(map);
   Told told;
-  test::ListeningBackend backend([&](const kernels::UpdaterTables&) { return std::make_unique<Listener>(told); });
+  test::ListeningBackend backend([&](const kernels::ExactTables&) { return std::make_unique<Listener>(told); });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
   const ScoringSetup setup(tool, params, backend);
   PointStore points(params, setup.directions_xy());
