@@ -15,15 +15,6 @@
 
 namespace accessvdb::kernels {
 
-/// Position of the lowest set bit. @param bits  not 0
-ACCESSVDB_HOSTDEV inline int lowestBit(std::uint64_t bits) {
-#if defined(__CUDA_ARCH__)
-  return __ffsll(static_cast<long long>(bits)) - 1;
-#else
-  return __builtin_ctzll(bits);
-#endif
-}
-
 /// Directions that flips of the map may have changed for the points of a group.
 struct GroupMasks {
   DirectionMask better_tool, better_arm, worse_tool, worse_arm;

@@ -9,6 +9,7 @@
 #include <string>
 
 #include "hostdev/direction_search.h"
+#include "hostdev/point_input.h"
 #include "hostdev/point_update.h"
 #include "hostdev/views.h"
 #include "launch/device_array.h"
@@ -17,15 +18,6 @@
 #include "launch/paper_updater.h"
 
 namespace accessvdb::kernels {
-
-/// What the host knows anew about a point.
-struct PointInput {
-  std::uint32_t id = 0;
-  std::uint16_t weight = 0;
-  float position_L[3] = {0, 0, 0};
-  float normal_L[3] = {0, 0, 0};
-  DirectionMask seen = {};
-};
 
 /// Scores `count` items: searches directions by the rules, updates the point's state, hands the result back.
 struct ScoreRequest {

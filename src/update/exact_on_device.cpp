@@ -18,8 +18,8 @@
 #include "update/device_admission.h"
 #include "update/flip_set.h"
 #include "update/leaf_footprint.h"
+#include "update/make_scheduler.h"
 #include "update/run_beside.h"
-#include "update/scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -49,10 +49,10 @@ std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
   return sum;
 }
 
-class DeviceScheduler final : public UpdateScheduler {
+class ExactOnDevice final : public UpdateScheduler {
  public:
   /// @param group_log2  the updater's
-  DeviceScheduler(PointScorer& scorer, std::unique_ptr<kernels::ExactUpdater> updater, int group_log2)
+  ExactOnDevice(PointScorer& scorer, std::unique_ptr<kernels::ExactUpdater> updater, int group_log2)
       : scorer_(scorer), updater_(std::move(updater)), admission_(scorer, *updater_, group_log2) {}
 
   // While the map takes the scan in, the backend finds neighbours.
@@ -63,8 +63,7 @@ class DeviceScheduler final : public UpdateScheduler {
     admission_.noteReturns(touched, p_L, q_L);
   }
 
-  bool takesNews() const override { return admission_.takesNews(); }
-  bool seesChanges() const override { return true; }
+  Needs needs() const override { return {.news = admission_.takesNews(), .changes = true}; }
   void noteChange(std::size_t part, const LeafChange& change) override {
     if (!anything_scored_) return;
     const Index3 leaf = parentOf(change.origin_ijk);
@@ -144,8 +143,8 @@ class DeviceScheduler final : public UpdateScheduler {
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
-                                                     const kernels::ApproachView& approach) {
+std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const HostTables& host) {
+  const auto& [tool, approach] = host;
   const FieldParams& params = scorer.params();
   const double voxel_size_m = params.tsdf.voxel_size_m;
   const int group_log2 = blockGroupLog2(voxel_size_m);
@@ -160,7 +159,7 @@ std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const 
   std::ranges::copy(cells.size(), tables.cell_size);
   auto updater = scorer.backend().makeExactUpdater(tables);
   if (updater == nullptr) return nullptr;
-  return std::make_unique<DeviceScheduler>(scorer, std::move(updater), group_log2);
+  return std::make_unique<ExactOnDevice>(scorer, std::move(updater), group_log2);
 }
 
 }  // namespace accessvdb::internal

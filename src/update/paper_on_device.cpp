@@ -9,16 +9,16 @@
 #include "update/block_groups.h"
 #include "update/coarse_to_fine.h"
 #include "update/device_admission.h"
+#include "update/make_scheduler.h"
 #include "update/paper_triggers.h"
-#include "update/scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
 
-class DevicePaperScheduler final : public UpdateScheduler {
+class PaperOnDevice final : public UpdateScheduler {
  public:
   /// @param group_log2  the updater's
-  DevicePaperScheduler(PointScorer& scorer, std::unique_ptr<kernels::PaperUpdater> updater, int group_log2)
+  PaperOnDevice(PointScorer& scorer, std::unique_ptr<kernels::PaperUpdater> updater, int group_log2)
       : scorer_(scorer), updater_(std::move(updater)), admission_(scorer, *updater_, group_log2), triggers_(scorer) {}
 
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
@@ -27,8 +27,7 @@ class DevicePaperScheduler final : public UpdateScheduler {
     admission_.noteReturns(touched, p_L, q_L);
   }
 
-  bool takesNews() const override { return admission_.takesNews(); }
-  bool seesDistances() const override { return true; }
+  Needs needs() const override { return {.news = admission_.takesNews(), .distances = true}; }
   void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                    const MapChanges& changes) override {
     triggers_.note(p_L, q_L, changes.distances);
@@ -57,14 +56,14 @@ class DevicePaperScheduler final : public UpdateScheduler {
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makeDevicePaperScheduler(PointScorer& scorer) {
+std::unique_ptr<UpdateScheduler> makePaperOnDevice(PointScorer& scorer) {
   const int group_log2 = blockGroupLog2(scorer.params().tsdf.voxel_size_m);
   kernels::PaperTables tables;
   tables.neighbours = neighbourTables(scorer.params(), group_log2);
   tables.candidates = coarseToFineRule(scorer.params());
   auto updater = scorer.backend().makePaperUpdater(tables);
   if (updater == nullptr) return nullptr;
-  return std::make_unique<DevicePaperScheduler>(scorer, std::move(updater), group_log2);
+  return std::make_unique<PaperOnDevice>(scorer, std::move(updater), group_log2);
 }
 
 }  // namespace accessvdb::internal

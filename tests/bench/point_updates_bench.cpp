@@ -29,7 +29,7 @@
 #include "field/scoring_setup.h"
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
-#include "update/scheduler.h"
+#include "update/make_scheduler.h"
 
 namespace accessvdb {
 namespace {
@@ -143,7 +143,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   internal::PointStore points(params, setup.directions_xy());
   internal::PointScorer scorer(points, params, backend,
                                internal::makeMapReads(map, points, params.scoring.neighbourhood_weight));
-  const auto scheduler = internal::makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+  const auto scheduler = internal::makeExactOnDevice(scorer, {setup.hostTool(), setup.hostApproach()});
   integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
   Told first_told;
   for (std::size_t n = 0; n < scans.size(); ++n) {
@@ -155,7 +155,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
     phases.nextFrame();
     phases.begin();
-    points.describeTouched(scheduler->takesNews());
+    points.describeTouched(scheduler->needs().news);
     const internal::TouchedPoints& touched = points.addReturns(scan.p_L, {&scan.q_L, 1});
     phases.end(kReturns);
     scheduler->noteReturns(touched, scan.p_L, {&scan.q_L, 1});

@@ -45,18 +45,7 @@ __global__ void updatePoints(ScoreChunk chunk) {
 
 __global__ void writeInputs(PointStateView points, const PointInput* inputs, std::uint32_t count) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
-  if (n >= count) return;
-  const PointInput& input = inputs[n];
-  const std::size_t id = input.id;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    points.position_L[3 * id + axis] = input.position_L[axis];
-    points.normal_L[3 * id + axis] = input.normal_L[axis];
-  }
-  for (int word = 0; word < points.direction_words; ++word) {
-    points.seen[id * static_cast<std::size_t>(points.direction_words) + static_cast<std::size_t>(word)] =
-        input.seen.word[word];
-  }
-  points.weight[id] = input.weight;
+  if (n < count) writePoint(points, inputs[n]);
 }
 
 /// The point of this warp; a warp beyond the last point has none.

@@ -16,7 +16,7 @@
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/points/random_points.h"
-#include "update/scheduler.h"
+#include "update/make_scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -158,9 +158,9 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   const ScoringSetup setup(tool, params, backend);
   PointStore points(params, setup.directions_xy());
   PointScorer scorer(points, params, backend, makeMapReads(map, points, c.neighbourhood_weight));
-  const auto scheduler = makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+  const auto scheduler = makeExactOnDevice(scorer, {setup.hostTool(), setup.hostApproach()});
   ASSERT_NE(scheduler, nullptr);
-  ASSERT_TRUE(scheduler->seesChanges());
+  ASSERT_TRUE(scheduler->needs().changes);
   integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
 
   Random random(5);
@@ -181,7 +181,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
         if (c.rays || n == 0) q.push_back(random.point(2) + Eigen::Vector3f(0, 0, 4));
       }
       const IntegrationResult result = integrator.integrate(p, q);
-      points.describeTouched(scheduler->takesNews());
+      points.describeTouched(scheduler->needs().news);
       const TouchedPoints touched = points.addReturns(p, q);
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);

@@ -15,7 +15,7 @@
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/points/random_points.h"
-#include "update/scheduler.h"
+#include "update/make_scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -93,9 +93,9 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
   const ScoringSetup setup(tool, params, backend);
   PointStore points(params, setup.directions_xy());
   PointScorer scorer(points, params, backend, makeMapReads(map, points, params.scoring.neighbourhood_weight));
-  const auto scheduler = makeDevicePaperScheduler(scorer);
+  const auto scheduler = makePaperOnDevice(scorer);
   ASSERT_NE(scheduler, nullptr);
-  ASSERT_TRUE(scheduler->seesDistances());
+  ASSERT_TRUE(scheduler->needs().distances);
 
   Random random(5);
   std::vector<double> distance_m;  // of every point, after the last scan
@@ -116,7 +116,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
       ++scans;
       const Eigen::Vector3f q = random.point(1) + Eigen::Vector3f(0, 0, 4);
       const IntegrationResult result = integrator.integrate(p, {&q, 1});
-      points.describeTouched(scheduler->takesNews());
+      points.describeTouched(scheduler->needs().news);
       const TouchedPoints touched = points.addReturns(p, {&q, 1});
       scheduler->noteReturns(touched, p, {&q, 1});
       const bool unchanged = GetParam().first_changes_nothing && points.size() == touched.new_points;
