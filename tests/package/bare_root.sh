@@ -18,13 +18,13 @@ archive=$WORK/bare_root_$suite.tar
 
 if [[ $1 == make ]]; then
   mkdir -p "$WORK"
-  if [[ -z $(find "$archive" -mtime -7 2>/dev/null) ]]; then
+  if [[ -z $(find "$archive" -type f -mtime -7 2>/dev/null) ]]; then
     # The archive that this machine installs from itself.
     mirror=$(apt-get indextargets --format '$(RELEASE) $(REPO_URI)' 'Created-By: Packages' 2>/dev/null |
       awk -v suite="$suite" '$1 == suite && $2 ~ /\/(debian|ubuntu)\/?$/ { print $2; exit }')
     components=main
     [[ $mirror != */ubuntu* ]] || components=main,universe
-    mmdebstrap --variant=minbase "--components=$components" "$suite" "$archive.tmp" ${mirror:+"$mirror"} >"$archive.log" 2>&1 ||
+    mmdebstrap --format=tar --variant=minbase "--components=$components" "$suite" "$archive.tmp" ${mirror:+"$mirror"} >"$archive.log" 2>&1 ||
       { tail -n 5 "$archive.log"; rm -f "$archive.tmp"; skip "no root could be made, see above"; }
     mv "$archive.tmp" "$archive"
   fi

@@ -8,6 +8,7 @@ for need in dpkg-deb dpkg-query dpkg-shlibdeps strip xz ninja; do
   command -v "$need" >/dev/null || { echo "skipped: $need is missing"; exit 77; }
 done
 out=$WORK/packages
+mkdir -p "$WORK"
 rm -rf "$out" "$WORK/refused"
 settings=("-DACCESSVDB_WARNINGS_AS_ERRORS=${WARNINGS_AS_ERRORS:-OFF}" "-DCMAKE_CXX_COMPILER=$CXX")
 make=$SOURCE/tools/make_packages.sh
