@@ -31,6 +31,15 @@ for need in "cpack cmake" "cmake cmake" "ninja ninja-build" "dpkg-deb dpkg" "dpk
     fail "'${need% *}' is missing. Packages are made on Debian or Ubuntu: apt install ${need#* }"
 done
 
+# Scans, meshes and fields are large, and may belong to others.
+refuse_data() {  # refuse_data FILE...
+  local file data
+  data=$(for file in "$@"; do
+    case $file in *.deb) dpkg-deb --fsys-tarfile "$file" | tar -t ;; *) tar -tJf "$file" ;; esac
+  done | grep -iE '\.(pcd|ply|las|laz|bin|bag|vdb|nvdb|obj|stl|csv|png|json)$|(^|/)(tests?|shared|out)/' || true)
+  [[ -z $data ]] || fail "data must not go into the packages. Take it out of the install rules: ${data//$'\n'/ }"
+}
+
 build=$source/build/packages
 "$source/tools/build_preset.sh" packages ${settings[@]+"${settings[@]}"} accessvdb accessvdb_cli accessvdb_shared make_sample_scans >&2 ||
   fail "the build failed, see above"
@@ -42,17 +51,14 @@ mkdir "$stage/work" "$stage/done"
 cpack --config "$build/CPackConfig.cmake" -G DEB -B "$stage/work" >"$stage/log" 2>&1 ||
   { cat "$stage/log" >&2; fail "cpack failed, see above"; }
 mv "$stage"/work/*.deb "$stage/done/"
+refuse_data "$stage"/done/*
 
 version=$(sed -n 's/^set(CPACK_PACKAGE_VERSION "\(.*\)")/\1/p' "$build/CPackConfig.cmake")
 name=accessvdb-$version-linux-$(uname -m)
 "$source/tools/make_portable.sh" --name "$name" --limit "$limit" --headers-of "$build" "$stage/done/$name.tar.xz" - \
   "$build/bin/accessvdb" "$build/bin/make_sample_scans" >"$stage/log" || fail "no tarball, see above"
 
-# Scans, meshes and fields are large, and may belong to others.
-data=$(for file in "$stage"/done/*; do
-  case $file in *.deb) dpkg-deb --fsys-tarfile "$file" | tar -t ;; *) tar -tJf "$file" ;; esac
-done | grep -iE '\.(pcd|ply|las|laz|bin|bag|vdb|nvdb|obj|stl|csv|png|json)$|(^|/)(tests?|shared|out)/' || true)
-[[ -z $data ]] || fail "data must not go into the packages. Take it out of the install rules: ${data//$'\n'/ }"
+refuse_data "$stage/done/$name.tar.xz"
 
 mkdir -p "$out"
 for file in "$stage"/done/*; do

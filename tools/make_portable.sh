@@ -133,7 +133,7 @@ tar -C "$stage" --sort=name --owner=0 --group=0 --numeric-owner --mtime='2000-01
 bytes=$(stat -c %s "$archive.tmp")
 ((bytes <= limit * 1000000)) ||
   fail "the archive has $bytes bytes, more than $limit MB. Its largest files: $(cd "$root" && find . -type f -printf '%s %P\n' |
-    sort -rn | awk 'NR <= 3 { printf "%s%s (%.0f MB)", NR > 1 ? ", " : "", $2, $1 / 1e6 }'). Leave out a library, or raise --limit."
+    sort -rn | awk 'NR <= 3 { printf "%s%s (%.0f MB)", (NR > 1 ? ", " : ""), $2, $1 / 1e6 }'). Leave out a library, or raise --limit."
 mv "$archive.tmp" "$archive"
 awk -v file="$archive" -v bytes="$bytes" -v libraries="$(find "$root/libraries" -type f | wc -l)" \
   'BEGIN { printf "%s: %.1f MB, %d libraries\n", file, bytes / 1e6, libraries }'

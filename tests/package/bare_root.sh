@@ -24,7 +24,7 @@ if [[ $1 == make ]]; then
       awk -v suite="$suite" '$1 == suite && $2 ~ /\/(debian|ubuntu)\/?$/ { print $2; exit }')
     components=main
     [[ $mirror != */ubuntu* ]] || components=main,universe
-    mmdebstrap --format=tar --variant=minbase "--components=$components" "$suite" "$archive.tmp" ${mirror:+"$mirror"} >"$archive.log" 2>&1 ||
+    mmdebstrap --format=tar --variant=minbase --include=apt "--components=$components" "$suite" "$archive.tmp" ${mirror:+"$mirror"} >"$archive.log" 2>&1 ||
       { tail -n 5 "$archive.log"; rm -f "$archive.tmp"; skip "no root could be made, see above"; }
     mv "$archive.tmp" "$archive"
   fi
