@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Embree 3 (Debian 12) or 4 (Ubuntu 24.04), and the calls that differ between them. Rays come one by one or as an array.
+/// Embree 3 (Debian 12) or 4 (Ubuntu 24.04), and the calls that differ between them.
 #pragma once
 
 #if ACCESSVDB_EMBREE_VERSION >= 4

@@ -15,12 +15,13 @@ tar -C "$tree" -xJf "$tarball" --strip-components=1
 table=${1:-$SOURCE/docs/licences.md}
 
 row() { grep '^|' "$table" | grep -F "\`$1\`" || true; }
+known=$(/sbin/ldconfig -p)
 bad=0 libraries=0
 # Nothing is asked of the names in the tarball but where the linker of this machine finds them.
 for library in "$tree"/libraries/*; do
   libraries=$((libraries + 1))
   name=$(basename "$library")
-  path=$(readlink -f "$(/sbin/ldconfig -p | awk -v name="$name" '$1 == name { print $NF; exit }')")
+  path=$(readlink -f "$(awk -v name="$name" '$1 == name { print $NF; exit }' <<<"$known")")
   package=$({ dpkg -S "$path" || dpkg -S "${path#/usr}"; } 2>/dev/null | sed 's/:.*//')
   [[ -n $package ]] || { echo "no package owns $name"; bad=1; continue; }
   row "$package" | grep -qE 'linked|needed by' || { echo "the table lacks '$package' ($name)"; bad=1; }
