@@ -17,7 +17,7 @@ fail() {
 }
 
 packages=(
-  g++ cmake ninja-build
+  g++ cmake ninja-build pkg-config
   libopenvdb-dev libnanovdb-dev libboost-iostreams-dev  # the map; OpenVDB's CMake module asks for iostreams
   libtbb-dev libeigen3-dev
   liblzf-dev                                            # compressed PCD scans
@@ -28,7 +28,7 @@ packages=(
 )
 python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
 tests=(blender libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file libopenvdb-tools
-  mmdebstrap mypy pkg-config python3-openvdb)
+  mmdebstrap mypy python3-openvdb)
 list=false
 for argument in "$@"; do
   case "$argument" in
