@@ -37,7 +37,7 @@ trap 'rm -rf "$root"' EXIT  # nothing is mounted there
 tar -C "$root" -xf "$archive"
 cp -L /etc/resolv.conf "$root/etc/resolv.conf"
 inside() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin LC_ALL=C DEBIAN_FRONTEND=noninteractive "$@"; }
-update() { inside apt-get update -qq >"$root/log" 2>&1 || { tail -n 5 "$root/log"; skip "the list of packages cannot be fetched"; }; }
+update() { inside apt-get update -qq --error-on=any >"$root/log" 2>&1 || { tail -n 5 "$root/log"; skip "the list of packages cannot be fetched"; }; }
 
 # The demo's job, as tools/demo.sh has it, in this root and by the program just built outside of it.
 demo_job() {  # demo_job MAKE_SAMPLE_SCANS ACCESSVDB: both by their paths in the root
