@@ -62,6 +62,13 @@ package_of() {  # package_of FILE: where /lib is a link to /usr/lib, either name
   [[ $1 != /usr/* ]] || other=${1#/usr}
   { dpkg-query -S "$1" || dpkg-query -S "$other"; } 2>/dev/null | sed -n '/^diversion/d; s/[:,].*//p' | head -n 1
 }
+text_of() {  # text_of PACKAGE: its own, or that of another package from the same source (Ubuntu's libssl-dev links to nothing)
+  local other from
+  from=$(dpkg-query -W -f '${source:Package}\n' "$1" | head -n 1)
+  for other in "$1" $(dpkg-query -W -f '${source:Package} ${Package}\n' | awk -v from="$from" '$1 == from { print $2 }'); do
+    [[ ! -s /usr/share/doc/$other/copyright ]] || { echo "/usr/share/doc/$other/copyright"; return; }
+  done
+}
 cp "$source/LICENSE" "$root/licences/accessvdb"
 cp "$source/docs/licences.md" "$root/licences/licences.md"
 if command -v dpkg-query >/dev/null; then
@@ -80,8 +87,8 @@ if command -v dpkg-query >/dev/null; then
     fi
   } >"$stage/packages"
   while read -r package; do
-    text=/usr/share/doc/$package/copyright
-    [[ -s $text ]] || fail "package '$package' has no licence text in $text. Install it again: apt-get install --reinstall $package"
+    text=$(text_of "$package")
+    [[ -n $text ]] || fail "package '$package' has no licence text in /usr/share/doc/$package/copyright. Install it again: apt-get install --reinstall $package"
     cp -L "$text" "$root/licences/$package"
   done < <(LC_ALL=C sort -u "$stage/packages")
   for common in $(grep -ohE '/usr/share/common-licenses/[A-Za-z0-9.-]*[A-Za-z0-9]' "$root"/licences/* | LC_ALL=C sort -u); do
