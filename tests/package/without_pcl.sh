@@ -67,4 +67,10 @@ for file in fraslab_scans_compressed_viewpoint car6; do
   [[ ! -e $path ]] || same "$file" --scans "$path" --sensor-at 0,0,0
 done
 echo "$compared inputs compared"
+
+# A smaller set of the program's own tests.
+ACCESSVDB_PROGRAM_UNDER_TEST=$other "$CLI_TEST" --gtest_filter='MapOutputs*:CommandLine*' --gtest_brief=1 >"$out/log" 2>&1 ||
+  { cat "$out/log"; bad=1; }
+tail -n 1 "$out/log"
+[[ $(tail -n 1 "$out/log") =~ 'PASSED  ] '[1-9] ]] || { echo "no test of the program ran"; bad=1; }
 exit $bad
