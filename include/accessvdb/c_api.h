@@ -128,8 +128,7 @@ ACCESSVDB_API const char* accessvdb_tool_sha256(const accessvdb_tool* tool) ACCE
 /// Fields keep their own copy, so a tool may be freed before them. NULL is allowed.
 ACCESSVDB_API void accessvdb_tool_free(accessvdb_tool* tool) ACCESSVDB_C_NOEXCEPT;
 
-/* ---- parameters: accessvdb/params.h has their meaning, ranges and symbols ------------------------------------------
- */
+/* ---- parameters: accessvdb/params.h has their meaning, ranges and symbols ---------------------------------------- */
 
 /// Filled by accessvdb_params_defaults(); then set what differs. Where marked "rule", 0 means derived from the others.
 typedef struct accessvdb_params {
@@ -259,8 +258,7 @@ ACCESSVDB_API int accessvdb_field_drop_snapshot(accessvdb_field* field) ACCESSVD
 ACCESSVDB_API int accessvdb_field_point_at(accessvdb_field* field, const double* p_W, accessvdb_point* point,
                                            size_t point_size, int32_t* found) ACCESSVDB_C_NOEXCEPT;
 
-/* ---- batched queries (since version 2); accessvdb/batch_query.h has the rules ------------------------------
- */
+/* ---- batched queries (since version 2); accessvdb/batch_query.h has the rules ------------------------------------ */
 
 /// What the map and the points say at a position. Arrays take sizeof(accessvdb_point_answer) once.
 typedef struct accessvdb_point_answer {
