@@ -14,7 +14,7 @@ constexpr double kPi = 3.141592653589793;
 
 template <typename T>
 kernels::DeviceArray<T> uploaded(kernels::Backend& backend, const std::vector<T>& host) {
-  if (host.empty()) return {};  // null, which says that there is nothing
+  if (host.empty()) return {};  // null: there is nothing
   kernels::DeviceArray<T> array(backend, host.size());
   array.upload(host.data(), host.size());
   return array;
@@ -57,7 +57,7 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_arm_offsets_ = uploaded(backend, arm_offsets_);
 }
 
-/// Without memory for them the search does without, which costs time only.
+/// Without memory for them the search works without slabs, which only costs time.
 void ScoringSetup::loadSlabs(kernels::Backend& backend) {
   const ToolSlabs slabs = ToolSlabs::make(tool_.view(), params_.approach.num_directions, ToolSlabs::kMostBytes);
   if (slabs.empty()) return;
