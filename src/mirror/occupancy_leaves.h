@@ -27,7 +27,7 @@ struct OccupancyLeaves {
     }
     return any != 0;
   }
-  /// First `change`, then `next`, as one: (b | on) & ~off after (b | on') & ~off' is such a change again.
+  /// Combines `change` followed by `next`: (b | on) & ~off after (b | on') & ~off' is again such a change.
   static void append(LeafChange& change, const LeafChange& next) noexcept {
     const auto join = [](LeafBits& on, LeafBits& off, const LeafBits& next_on, const LeafBits& next_off) {
       for (std::size_t n = 0; n < on.size(); ++n) {
