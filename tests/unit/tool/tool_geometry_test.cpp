@@ -103,7 +103,7 @@ TEST(ToolGeometry, DuplicatesAndTrianglesWithoutAreaAreLeftOut) {
   const ToolGeometry tool = toolOf(mesh);
   EXPECT_TRUE(tool.watertight());
   EXPECT_EQ(tool.triangles().size(), 12u);
-  EXPECT_TRUE(hasNote(tool, "2 triangles without area left out"));
+  EXPECT_TRUE(hasNote(tool, "2 triangles without area removed"));
   EXPECT_TRUE(hasNote(tool, "1 duplicate"));
 }
 
