@@ -14,7 +14,7 @@
 namespace accessvdb::samples {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "binary PCD is written as it lies in memory");
+static_assert(std::endian::native == std::endian::little, "binary PCD is written directly from memory");
 static_assert(sizeof(Eigen::Vector3f) == 12, "a row of a PCD is three packed floats");
 
 template <typename... Values>
@@ -62,7 +62,7 @@ void writeScanFolder(const std::filesystem::path& folder, const WalkGenerator& w
   for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
     const std::string file = entry.path().filename().string();
     if (entry.path().extension() == ".pcd" && !own.contains(file)) {
-      throw OutputError("sample.mixed", folder.string(), "already holds other scans, for example " + file,
+      throw OutputError("sample.mixed", folder.string(), "already contains other scans, for example " + file,
                         "Choose an empty folder");
     }
   }
