@@ -54,9 +54,9 @@ void writeScanFolder(const std::filesystem::path& folder, const WalkGenerator& w
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error)
-    throw OutputError("sample.folder", folder.string(), "cannot be made: " + error.message(), "Choose another");
+    throw OutputError("sample.folder", folder.string(), "cannot be created: " + error.message(), "Choose another");
 
-  // A scan left from another run would be matched to a pose of this one.
+  // A scan left over from another run would be matched to a pose of this one.
   std::set<std::string> own;
   for (int i = 0; i < walk.frames(); ++i) own.insert(scanName(walk, names, i));
   for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
