@@ -1,4 +1,4 @@
-# Every package that the library stands on, with the name of the Debian package where it is missing.
+# Every package that the library depends on, with the Debian package name in case it is missing.
 # TBB and PCL must be found before OpenVDB: its Find module otherwise defines a TBB target of its own.
 
 find_package(TBB CONFIG QUIET)
@@ -6,16 +6,16 @@ if(NOT TBB_FOUND)
   message(FATAL_ERROR "AccessVDB needs oneTBB. On Debian and Ubuntu: apt install libtbb-dev")
 endif()
 
-# PCL serves tests and an example only; the library reads PCD files itself. Nothing that is installed depends on it but
-# accessvdb/pcl.h, which is for whoever has PCL.
-set(ACCESSVDB_PCL AUTO CACHE STRING "Tests and the example that use PCL: AUTO (where PCL is found), ON or OFF")
+# PCL is only used by tests and an example; the library reads PCD files itself. Nothing installed depends on it except
+# accessvdb/pcl.h, which is for users of PCL.
+set(ACCESSVDB_PCL AUTO CACHE STRING "Tests and the example that use PCL: AUTO (if PCL is found), ON or OFF")
 set_property(CACHE ACCESSVDB_PCL PROPERTY STRINGS AUTO ON OFF)
 if(NOT ACCESSVDB_PCL MATCHES "^(AUTO|ON|OFF)$")
-  message(FATAL_ERROR "ACCESSVDB_PCL is '${ACCESSVDB_PCL}'. Use AUTO (where PCL is found), ON or OFF.")
+  message(FATAL_ERROR "ACCESSVDB_PCL is '${ACCESSVDB_PCL}'. Use AUTO (if PCL is found), ON or OFF.")
 endif()
 set(ACCESSVDB_HAS_PCL OFF)
 if(NOT ACCESSVDB_PCL STREQUAL "OFF" AND PROJECT_IS_TOP_LEVEL AND (ACCESSVDB_BUILD_TESTS OR ACCESSVDB_BUILD_EXAMPLES))
-  set(CMAKE_DISABLE_FIND_PACKAGE_VTK ON)  # what we use of PCL does not need it, and it would join the link
+  set(CMAKE_DISABLE_FIND_PACKAGE_VTK ON)  # the parts of PCL used here do not need it, and it would be linked
   find_package(PCL 1.12 QUIET COMPONENTS common io filters)
   set(ACCESSVDB_HAS_PCL ${PCL_FOUND})
 endif()
@@ -24,10 +24,10 @@ if(ACCESSVDB_PCL STREQUAL "ON" AND NOT ACCESSVDB_HAS_PCL)
                       "apt install libpcl-dev, or use ACCESSVDB_PCL=AUTO")
 endif()
 if(NOT ACCESSVDB_HAS_PCL AND PROJECT_IS_TOP_LEVEL)
-  message(STATUS "AccessVDB: without PCL: its tests and its example are left out")
+  message(STATUS "AccessVDB: no PCL; its tests and its example are not built")
 endif()
 
-# Debian installs OpenVDB's Find module beside the libraries, outside CMake's own path.
+# Debian installs OpenVDB's Find module next to the libraries, outside CMake's own path.
 file(GLOB _openvdb_modules /usr/lib/*/cmake/OpenVDB /usr/lib/cmake/OpenVDB /usr/local/lib*/cmake/OpenVDB)
 list(APPEND CMAKE_MODULE_PATH ${_openvdb_modules})
 find_package(OpenVDB QUIET COMPONENTS openvdb nanovdb)
@@ -46,7 +46,7 @@ foreach(_package IN ITEMS "Eigen3|libeigen3-dev" "assimp|libassimp-dev" "nlohman
   endif()
 endforeach()
 
-# The LZF of compressed PCD files.
+# LZF, for compressed PCD files.
 find_path(ACCESSVDB_LZF_INCLUDE_DIR lzf.h PATH_SUFFIXES liblzf)
 find_library(ACCESSVDB_LZF_LIBRARY NAMES lzf)
 mark_as_advanced(ACCESSVDB_LZF_INCLUDE_DIR ACCESSVDB_LZF_LIBRARY)
@@ -54,9 +54,9 @@ if(NOT ACCESSVDB_LZF_INCLUDE_DIR OR NOT ACCESSVDB_LZF_LIBRARY)
   message(FATAL_ERROR "AccessVDB needs liblzf. On Debian and Ubuntu: apt install liblzf-dev")
 endif()
 
-# OpenVDB's usual trees lie compiled in libopenvdb.so: registering them for files instantiates them there. Files that say
-# so with `extern template` (src/vdb) take less than half of the time to compile. Known of OpenVDB 10.0, which Debian 12
-# and Ubuntu 24.04 have; where the symbols are not found, everything is compiled as usual.
+# OpenVDB's usual trees are compiled in libopenvdb.so: registering them for files instantiates them there. Files that
+# declare them with `extern template` (src/vdb) compile in less than half the time. Verified for OpenVDB 10.0, which
+# Debian 12 and Ubuntu 24.04 have; if the symbols are not found, everything is compiled as usual.
 if(OpenVDB_VERSION VERSION_GREATER_EQUAL 10.0 AND OpenVDB_VERSION VERSION_LESS 10.1)
   include(CheckCSourceCompiles)
   set(CMAKE_REQUIRED_LIBRARIES ${OpenVDB_openvdb_LIBRARY})

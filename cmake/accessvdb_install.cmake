@@ -1,9 +1,9 @@
-# The install tree: headers, both kinds of library, the program, the CMake package and the pkg-config file. Nothing in it
-# names where it stands, so it can be moved.
+# The install tree: headers, both kinds of library, the program, the CMake package and the pkg-config file. It contains
+# no absolute paths, so it can be moved.
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
-# Component development is what only builders of other programs need; cmake/accessvdb_packaging.cmake splits by it.
+# Component development is only needed to build other programs; cmake/accessvdb_packaging.cmake splits by it.
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/accessvdb DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}
         COMPONENT development FILES_MATCHING PATTERN "*.h")
 install(FILES ${PROJECT_BINARY_DIR}/include/accessvdb/config.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/accessvdb
@@ -22,7 +22,7 @@ if(ACCESSVDB_BOTH_KINDS)
   set(ACCESSVDB_KINDS static shared)
 endif()
 
-# One export a kind, each with the header-only target that it stands on; a consumer loads one of them.
+# One export per kind, each with the header-only target that it depends on; a consumer loads one of them.
 foreach(_kind IN LISTS ACCESSVDB_KINDS)
   set(_library accessvdb)
   set(_export AccessVDBStaticTargets)
@@ -62,7 +62,7 @@ write_basic_package_version_file(${PROJECT_BINARY_DIR}/package/AccessVDBConfigVe
 install(FILES ${PROJECT_BINARY_DIR}/package/AccessVDBConfig.cmake ${PROJECT_BINARY_DIR}/package/AccessVDBConfigVersion.cmake
         DESTINATION ${_package} COMPONENT development)
 
-# pkg-config: OpenVDB has no file of its own there, and its definitions change its classes, so they go along.
+# pkg-config: OpenVDB has no file there, and its definitions change its classes, so they are included.
 get_target_property(_definitions OpenVDB::openvdb INTERFACE_COMPILE_DEFINITIONS)
 set(ACCESSVDB_PC_DEFINITIONS "")
 if(_definitions)
@@ -76,7 +76,7 @@ set(ACCESSVDB_PC_LIBS_PRIVATE "-llzf -lassimp")
 if(ACCESSVDB_HAS_CUDA)
   string(APPEND ACCESSVDB_PC_LIBS_PRIVATE " -L${CUDAToolkit_LIBRARY_DIR} -lcudart_static -ldl -lrt -lpthread")
 endif()
-if(NOT shared IN_LIST ACCESSVDB_KINDS)  # a static library alone: what is private is needed by every link
+if(NOT shared IN_LIST ACCESSVDB_KINDS)  # only a static library: every link needs the private dependencies
   string(APPEND ACCESSVDB_PC_REQUIRES ", ${ACCESSVDB_PC_REQUIRES_PRIVATE}")
   string(APPEND ACCESSVDB_PC_LIBS " ${ACCESSVDB_PC_LIBS_PRIVATE}")
 endif()

@@ -1,5 +1,5 @@
 # Target portable: the program, the GPU suite and the benchmarks with their shared libraries in one archive that runs on
-# another Linux machine. What is not built in this configuration is left out.
+# another Linux machine. What this configuration does not build is omitted.
 set(_programs "")
 foreach(_target IN ITEMS accessvdb_cli gpu_parity_test gpu_faults_test accessvdb_bench_ceilings accessvdb_bench_gpu accessvdb_bench_stream own_kernel)
   if(TARGET ${_target})

@@ -1,6 +1,6 @@
 # Whether this build has the Python module: option ACCESSVDB_PYTHON, result ACCESSVDB_HAS_PYTHON.
 
-set(ACCESSVDB_PYTHON AUTO CACHE STRING "Build the Python module: AUTO (where Python and pybind11 are found), ON or OFF")
+set(ACCESSVDB_PYTHON AUTO CACHE STRING "Build the Python module: AUTO (if Python and pybind11 are found), ON or OFF")
 set_property(CACHE ACCESSVDB_PYTHON PROPERTY STRINGS AUTO ON OFF)
 
 set(ACCESSVDB_HAS_PYTHON OFF)
@@ -9,8 +9,8 @@ if(ACCESSVDB_PYTHON STREQUAL "AUTO" AND NOT PROJECT_IS_TOP_LEVEL)
 elseif(ACCESSVDB_PYTHON STREQUAL "AUTO" AND ACCESSVDB_SANITIZE)
   message(STATUS "AccessVDB: no Python module with sanitizers: an interpreter without them cannot load it")
 elseif(ACCESSVDB_PYTHON)
-  # The distribution's Python comes first, as its libraries do: pyenv and conda put others in front of it, often
-  # without headers or NumPy. An active virtual environment is a choice; Python3_EXECUTABLE too.
+  # The distribution's Python is preferred, like its libraries: pyenv and conda put others first, often without headers
+  # or NumPy. An active virtual environment or Python3_EXECUTABLE is taken as a deliberate choice.
   if(NOT DEFINED Python3_EXECUTABLE AND NOT DEFINED ENV{VIRTUAL_ENV} AND EXISTS /usr/bin/python3)
     set(Python3_EXECUTABLE /usr/bin/python3)
   endif()

@@ -1,4 +1,4 @@
-# Flags of every target of ours, applied to our targets only.
+# Compile flags for all our targets, and only for ours.
 function(accessvdb_target name)
   target_compile_features(${name} PUBLIC cxx_std_20)
   set_target_properties(${name} PROPERTIES CXX_EXTENSIONS OFF POSITION_INDEPENDENT_CODE ON)
@@ -8,7 +8,7 @@ function(accessvdb_target name)
   target_compile_options(${name} PRIVATE
     "$<${_cxx}:-Wall;-Wextra;-Wpedantic;-Wshadow>" "$<$<AND:${_cxx},${_strict}>:-Werror>"
     "$<${_cuda}:-Xcompiler=-Wall,-Wextra,-Wshadow>" "$<$<AND:${_cuda},${_strict}>:-Werror=all-warnings>")
-  # No contraction of a*b+c anywhere: host and device must round alike, and SIMD and scalar code too.
+  # No contraction of a*b+c anywhere: host and device must round alike, as must SIMD and scalar code.
   target_compile_options(${name} PRIVATE
     $<${_cxx}:-ffp-contract=off>
     "$<${_cuda}:--fmad=false;-prec-div=true;-prec-sqrt=true;-ftz=false;-Xcompiler=-ffp-contract=off>")
@@ -31,14 +31,14 @@ function(accessvdb_layer name)
   set_property(GLOBAL APPEND PROPERTY ACCESSVDB_LAYERS accessvdb_${name})
 endfunction()
 
-# accessvdb_together(TARGET GROUP FILE...): sources of a target that share costly headers and no name. With
-# ACCESSVDB_UNITY (the default where this is the top-level project) each group is compiled as one translation unit, which
-# saves most of the time of a cold build; options stay. Where two names clash, rename one, choose another group, or leave
-# the file out. Each group must compile in 2 GB. To see a missing #include, build with ACCESSVDB_UNITY=OFF (preset dev).
+# accessvdb_together(TARGET GROUP FILE...): sources of a target that share costly headers and no names. With
+# ACCESSVDB_UNITY (the default for the top-level project), each group is compiled as one translation unit, which saves
+# most of a cold build's time; compile options stay the same. If two names clash, rename one, choose another group, or
+# leave the file out. Each group must compile in 2 GB. To find a missing #include, use ACCESSVDB_UNITY=OFF (preset dev).
 #
-# CMake's own UNITY_BUILD names files by their absolute paths, so ccache would not know them again in another folder, and
-# it leaves editors without an entry per file in compile_commands.json: the target NAME_GROUP_files, which no one builds,
-# is there for them.
+# CMake's own UNITY_BUILD names files by their absolute paths, so ccache would miss them in another folder, and it
+# leaves editors without an entry per file in compile_commands.json: the target NAME_GROUP_files, which is never built,
+# provides these.
 function(accessvdb_together target group)
   if(NOT ACCESSVDB_UNITY)
     return()
@@ -55,7 +55,7 @@ function(accessvdb_together target group)
   list(REMOVE_ITEM _sources ${ARGN})
   set_target_properties(${target} PROPERTIES SOURCES "${_sources};${_together}")
   target_include_directories(${target} AFTER PRIVATE ${PROJECT_SOURCE_DIR})
-  # GCC warns of unnamed namespaces in what is not the main file.
+  # GCC warns about unnamed namespaces outside the main file.
   target_compile_options(${target} PRIVATE "$<$<COMPILE_LANG_AND_ID:CXX,GNU>:-Wno-subobject-linkage>")
 
   if(CMAKE_EXPORT_COMPILE_COMMANDS)

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Configures one preset of CMakePresets.json and builds all of it or some targets, with ccache and mold where they work,
-# on as many jobs as the memory carries. Arguments that begin with -D go to CMake, the others are targets:
+# Configures one preset of CMakePresets.json and builds all of it or some targets, with ccache and mold if they work, on
+# as many jobs as memory allows. Arguments that begin with -D go to CMake, the others are targets:
 #   build_preset.sh ci        build_preset.sh release -DACCESSVDB_CUDA=OFF accessvdb_cli
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -23,7 +23,7 @@ jobs=$((memory_kb / (2 * 1024 * 1024)))
 ((jobs >= 1)) || jobs=1
 ((jobs <= $(nproc))) || jobs=$(nproc)
 
-# Empty values too, so that a launcher that has gone away does not live on in the cache.
+# Also passes empty values, so that a launcher that no longer exists does not stay in the cache.
 launcher=$(command -v ccache || true)
 linker=""
 if command -v mold >/dev/null && echo 'int main() {}' | c++ -fuse-ld=mold -x c++ - -o /dev/null 2>/dev/null; then

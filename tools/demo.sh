@@ -2,20 +2,20 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
 # Installs what is missing, builds, makes sample scans of a walk past trees and computes which of their surfaces a pruner
-# can reach. Everything lands below out/demo; run it again as often as you like.
+# can reach. Everything is written below out/demo; run it as often as you like.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 out=out/demo
 bin=build/release/bin
 
 ./tools/setup_debian.sh
-# CUDA code takes minutes to compile and runs nowhere without a driver. Whoever builds the preset otherwise gets it
-# wherever nvcc is found.
+# CUDA code takes minutes to compile and does not run without a driver. A direct build of the preset includes it if nvcc
+# is found.
 cuda=-DACCESSVDB_CUDA=OFF
 if [[ -e /proc/driver/nvidia/version ]] || command -v nvidia-smi >/dev/null; then cuda=-DACCESSVDB_CUDA=AUTO; fi
 ./tools/build_preset.sh release "$cuda" -DACCESSVDB_PYTHON=OFF -DACCESSVDB_PCL=OFF accessvdb_cli make_sample_scans >&2
 
-# Scans of the last run are good if the settings and the program that made them are the same.
+# Scans of the last run are reused if the settings and the program that made them are the same.
 settings="--frames 40 --rays 20000 --seed 1 --range-noise 0.01"
 stamp=$out/sample_scans.stamp
 wanted="$settings $(cksum <"$bin/make_sample_scans")"

@@ -1,16 +1,16 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Everything that can only be checked on a machine with an NVIDIA GPU, in one go, and a record of it:
+# Everything that can only be checked on a machine with an NVIDIA GPU, in one go, with a record of it:
 #   gpu_suite.sh PROGRAMS OUT [--commit ID] [--only tests,faults,realdata,sanitizers,ceilings,scoring,stream,bench] [--points N]
 #                [--frames N] [--rows 20mm_tau0.1m,10mm_tau4v,...] [--row-seconds N] [--bench-points N]
 #                [--bench-options "..."] [--data FOLDER]
 # PROGRAMS: the folder of an unpacked portable archive (accessvdb-portable), or a build's bin folder. Writes
-# OUT/record.json, the source of the figures in docs/benchmarks/, and a log a step. Fails where a step fails, or where
-# something that it needs is missing: nothing is skipped silently. `realdata` maps recorded scans on both devices; what is
-# not in the folder of test data (--data, else ACCESSVDB_TEST_DATA, else shared/data here or beside here) is skipped by
-# name. Each row of `bench` may take --row-seconds; one that
-# is stopped then keeps the figures of the frames that it did, and counts as failed.
+# OUT/record.json, the source of the figures in docs/benchmarks/, and a log per step. Fails if a step fails or something
+# that it needs is missing: nothing is skipped silently. `realdata` maps recorded scans on both devices; scans missing
+# from the test data folder (--data, else ACCESSVDB_TEST_DATA, else shared/data here or beside here) are skipped by name.
+# Each row of `bench` may take --row-seconds; a row that is stopped keeps the figures of its finished frames and counts
+# as failed.
 set -uo pipefail
 programs=${1:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
 out=${2:?usage: gpu_suite.sh PROGRAMS OUT [--commit ID] [--only STEPS]}
@@ -75,17 +75,17 @@ if wanted tests; then
   record_step out_of_memory_injection "$outcome" "\"passed\": $injection"
 fi
 
-# Every CUDA call of a field fails once: at the start, in the middle of a run, for lack of memory.
+# Makes every CUDA call of a field fail once: at the start, in the middle of a run, for lack of memory.
 if wanted faults; then
   start=$(date +%s.%N)
   if "$bin/gpu_faults_test" >"$out/faults.log" 2>&1; then outcome=passed; else outcome=failed; fi
-  # The device must have been a real one: every test has run, none was skipped.
+  # The device must have been real: every test has run, none was skipped.
   (($(grep -c '^\[       OK \] DeviceFaults' "$out/faults.log" || true) >= 6)) || outcome=failed
   record_step device_faults "$outcome" "$(gtest_counts "$out/faults.log"), \"seconds\": $(seconds_since "$start")"
   [[ $outcome == passed ]] || grep -E 'FAILED|Failure|error' "$out/faults.log" | head -20
 fi
 
-# The counts of a report.json, or the points of a points.ply, without what names the run.
+# The counts of a report.json, or the points of a points.ply, without what identifies the run.
 report_counts() { awk '/^  "counts"/ { on = 1 } on { print } on && /^  }/ { exit }' "$1/report.json"; }
 ply_points() { LC_ALL=C sed '1,/^end_header$/d' "$1/points.ply"; }
 # Recorded scans on both devices: NAME, the folder that they need, and the flags of `map`.
@@ -101,7 +101,7 @@ if wanted realdata; then
     start=$(date +%s.%N)
     outcome=passed
     for device in cpu cuda; do
-      # shellcheck disable=SC2086  # options, a word each
+      # shellcheck disable=SC2086  # options, one word each
       "$bin/accessvdb" map --device "$device" --out "$out/real_${name}_$device" ${options//DATA/$data} \
         >"$out/real_${name}_$device.log" 2>&1 </dev/null || outcome=failed
     done
@@ -134,9 +134,8 @@ if wanted sanitizers; then
   if [[ -z $sanitizer ]]; then
     record_step sanitizers failed "\"problem\": \"compute-sanitizer is missing\""
   else
-    # Streams: one of a thin tool, and three short ones: of a tool that is counted by its slabs, of voxels so small that
-    # blocks are taken in groups, and of a tool so thick that it takes leaves as a whole. Two more with a queue: of
-    # either policy.
+    # Streams: one with a thin tool, and three short ones: a tool counted by its slabs, voxels so small that blocks are
+    # taken in groups, and a tool so thick that it takes leaves as a whole. Two more with a queue: one per policy.
     checked=CudaScoring.ShortRunOfEveryPath:CudaScoring.NothingToScoreIsNothing:CudaMirror.ArenaTakesAnyBytes
     checked+=:CudaMemory.NothingIsAllocatedOnceWarm:CudaDistance.NothingIsAllocatedOnceWarm
     checked+=:ShortStream.HasAToolWithSlabsThatBlocks
@@ -160,8 +159,8 @@ if wanted sanitizers; then
   fi
 fi
 
-# What the machine can do at most. It comes before all that is timed, and writes to most of what is free: a virtual
-# machine may get its memory only then, and frames would wait for it.
+# The machine's limits. Runs before everything that is timed, and writes to most of the free memory: a virtual machine
+# may get its memory only then, and frames would wait for it.
 ceilings=null
 if wanted ceilings; then
   start=$(date +%s.%N)
@@ -186,7 +185,7 @@ if wanted stream; then
     --benchmark_out_format=json >"$out/stream.log" 2>&1
   if [[ $? == 0 && -s $out/stream.json ]]; then outcome=passed; else outcome=failed; fi
   record_step stream_benchmark "$outcome" "\"frames\": $frames, \"seconds\": $(seconds_since "$start")"
-  # The counters alone: the rest names the machine.
+  # Only the counters: the rest identifies the machine.
   [[ -s $out/stream.json ]] && stream=$(awk '/"benchmarks"/ { on = 1 } on' "$out/stream.json" |
     grep -E '"(name|points|tests|full_tests|percent|dirty|integrate_ms|mirror_ms|update_ms|score_ms)":' |
     awk 'BEGIN { printf "{" } { sub(/,$/, ""); printf "%s%s", (NR > 1 ? ", " : ""), $0 } END { print "}" }')
@@ -200,7 +199,7 @@ if wanted bench; then
     [[ -z $wanted_rows || ,$wanted_rows, == *,$name,* ]] || continue
     start=$(date +%s.%N)
     rm -f "$out/bench_$name.json"
-    # shellcheck disable=SC2086  # options, a word each
+    # shellcheck disable=SC2086  # options, one word each
     timeout -s INT -k 10 "$row_seconds" "$bin/accessvdb" bench --scene pine --device cuda --voxel "$voxel" --tau "$tau" \
       --frames 1200 --timed-frames 200 --shortest --min-surface-points "$bench_points" $flags $bench_options \
       --out "$out/bench_$name.json" --per-frame "$out/bench_$name.csv" >"$out/bench_$name.log" 2>&1 </dev/null

@@ -23,7 +23,7 @@ ctest_code=0
 ctest --test-dir "$build" -j "$(nproc)" --output-on-failure --no-tests=error --output-junit "$results" "$@" || ctest_code=$?
 [[ -s $results ]] || stop_before_tests "ctest wrote no results (its exit code was $ctest_code)."
 
-# One line a test: passed, skipped or failed, then its name. A test that could not be started is a failure, not a skip.
+# One line per test: passed, skipped or failed, then its name. A test that could not be started is a failure, not a skip.
 outcomes=$(awk '
   function finish() { if (name != "") print outcome, name; name = "" }
   function attribute(key,   text) {

@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// What a plug-in does: loads the library at run time, checks its version, maps scans, reads labels.
 ///   map_scans_in_c libaccessvdb.so SCAN_FOLDER [VOXEL_M [OUT_FOLDER]]
-/// The folder holds 000000.pcd, 000001.pcd, ... and poses.txt, as make_sample_scans writes them.
+/// The folder contains 000000.pcd, 000001.pcd, ... and poses.txt, as make_sample_scans writes them.
 #include <dlfcn.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 #include "accessvdb/c_api.h"
 #include "c_plugin/scan_files.h"
 
-/// Every function that this plug-in uses, with the type that the header gives it.
+/// Every function that this plug-in uses, with its type in the header.
 #define FUNCTIONS(X)                                                                                               \
   X(version)                                                                                                       \
   X(c_api_version)                                                                                                 \
@@ -30,7 +30,7 @@ static int load_library(const char* path) {
     fprintf(stderr, "map_scans_in_c: %s\n", dlerror());
     return 0;
   }
-  // POSIX lets a function pointer travel through void*; C does not, hence the copy.
+  // POSIX allows a function pointer in a void*; C does not, hence the copy.
 #define LOAD(name)                                                              \
   do {                                                                          \
     void* symbol = dlsym(library, "accessvdb_" #name);                          \
@@ -61,7 +61,7 @@ static int integrate_folder(accessvdb_field* field, const char* folder) {
     snprintf(path, sizeof path, "%s/%06zu.pcd", folder, n);
     float* points_S = read_pcd(path, &count);
     if (points_S == NULL) {
-      fprintf(stderr, "map_scans_in_c: %s: no binary PCD with the fields x y z\n", path);
+      fprintf(stderr, "map_scans_in_c: %s: not a binary PCD with the fields x y z\n", path);
       used = -1;
       break;
     }
@@ -79,7 +79,7 @@ static int integrate_folder(accessvdb_field* field, const char* folder) {
   return used;
 }
 
-/// Counts labels and reasons, and looks at the points one by one as a plug-in would.
+/// Counts labels and reasons, and visits the points one by one, as a plug-in would.
 static int print_labels(accessvdb_field* field) {
   size_t count = 0;
   accessvdb_counts counts = {.struct_size = sizeof counts};

@@ -30,7 +30,7 @@ double number(const std::string& text) {
   char* end = nullptr;
   const double value = std::strtod(text.c_str(), &end);
   if (end != text.c_str() && *end == '\0' && std::isfinite(value)) return value;
-  throw accessvdb::InvalidArgument("example.number", text, "is not a finite number", "Give X Y Z QX QY QZ QW");
+  throw accessvdb::InvalidArgument("example.number", text, "is not a finite number", "Use X Y Z QX QY QZ QW");
 }
 
 /// @param pose  x y z qx qy qz qw, sensor to world
@@ -38,10 +38,10 @@ Scan scanFromFile(const std::string& path, const std::vector<std::string>& pose)
   std::vector<double> p;
   for (const std::string& text : pose) p.push_back(number(text));
   Eigen::Quaterniond q(p[6], p[3], p[4], p[5]);
-  if (!(q.norm() > 0.5)) throw accessvdb::UnusableInput("example.pose", "", "the quaternion is about zero");
+  if (!(q.norm() > 0.5)) throw accessvdb::UnusableInput("example.pose", "", "the quaternion is almost zero");
   Scan scan;
   scan.T_W_S = Eigen::Translation3d(p[0], p[1], p[2]) * q.normalized();
-  // A cloud "seen from the origin" is read as it is, in the frame of its file: here the sensor's.
+  // A cloud "seen from the origin" is read unchanged, in its file's frame: here the sensor's.
   auto file = accessvdb::io::ScanSequence::open({.scans = path, .sensor_at_W = Eigen::Vector3d(0, 0, 0)});
   for (std::size_t step = 0; step < file.size(); ++step) {
     for (const Eigen::Vector3d& point : file.read(step).points_W) scan.points_S.push_back(point.cast<float>());
@@ -51,7 +51,7 @@ Scan scanFromFile(const std::string& path, const std::vector<std::string>& pose)
 
 void run(const std::vector<std::string>& arguments) {
   if (!arguments.empty() && arguments.size() != 8) {
-    throw accessvdb::InvalidArgument("example.arguments", "", "give nothing, or SCAN X Y Z QX QY QZ QW");
+    throw accessvdb::InvalidArgument("example.arguments", "", "pass nothing, or SCAN X Y Z QX QY QZ QW");
   }
   const Scan scan =
       arguments.empty() ? generatedScan() : scanFromFile(arguments[0], {arguments.begin() + 1, arguments.end()});

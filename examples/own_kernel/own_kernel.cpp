@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// own_kernel: the live field inside a kernel of your own, without a copy. For every accessible point the kernel asks
-/// whether a wrist of 8 cm behind the tool still has room, which the tool's mesh does not say. Needs a GPU.
+/// own_kernel: the live field inside a kernel of your own, without a copy. For every accessible point, the kernel
+/// checks whether an 8 cm wrist behind the tool, which the tool's mesh does not include, still has room. Needs a GPU.
 #include <cstdio>
 #include <stdexcept>
 #include <vector>
@@ -18,7 +18,7 @@ void run() {
   params.tsdf.voxel_size_m = 0.05;
   params.backend = accessvdb::BackendKind::Cuda;
   accessvdb::AccessibilityField field(accessvdb::ToolGeometry::builtin("builtin:pencil"), params);
-  params.backend = accessvdb::BackendKind::Cpu;  // the same on the host, to see that it is the same
+  params.backend = accessvdb::BackendKind::Cpu;  // the same on the host, for comparison
   accessvdb::AccessibilityField on_host(accessvdb::ToolGeometry::builtin("builtin:pencil"), params);
 
   const accessvdb::samples::WalkGenerator walk({.frames = 5, .rays_per_frame = 8000, .max_range_m = 8});
@@ -28,7 +28,7 @@ void run() {
       f->integrateScan(frame.points_S, frame.T_W_S);
       f->update();
     }
-    const accessvdb::DeviceView view = field.deviceView();  // anew after each change
+    const accessvdb::DeviceView view = field.deviceView();  // again after each change
     const accessvdb::DeviceView host = on_host.hostView();
     const std::vector<unsigned char> verdicts = judgeOnGpu(view);
     unsigned long long counts[kNumVerdicts] = {}, different = 0;

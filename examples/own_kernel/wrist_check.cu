@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The kernel. Only this file needs nvcc, and of AccessVDB it needs device_view.h alone.
+/// The kernel. Only this file needs nvcc, and it needs only device_view.h from AccessVDB.
 #include "own_kernel/wrist_check.h"
 
 #include <cuda_runtime.h>

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The question that the kernel answers, the same lines on host and device.
+/// The check that the kernel makes: the same code on host and device.
 #pragma once
 
 #include <cstdint>
@@ -8,10 +8,10 @@
 
 #include "accessvdb/device_view.h"
 
-/// Why a point does not count, or that it does.
+/// The result for a point.
 enum Verdict : unsigned char { kNotAccessible, kCollides, kNotSeen, kFree, kNumVerdicts };
 
-/// The wrist's way: from 0.16 m to 0.30 m out of the surface, along the point's best direction.
+/// The wrist's path: from 0.16 m to 0.30 m out of the surface, along the point's best direction.
 ACCESSVDB_HOSTDEV inline Verdict judge(const accessvdb::DeviceView& view, std::uint32_t id) {
   if (view.points.label[id] != accessvdb::PointLabel::Accessible) return kNotAccessible;
   double p_W[3], begin_W[3], end_W[3];
@@ -26,5 +26,5 @@ ACCESSVDB_HOSTDEV inline Verdict judge(const accessvdb::DeviceView& view, std::u
   return way.free() ? kFree : kNotSeen;
 }
 
-/// A verdict for every point of a view of the GPU; returns when the kernel is done.
+/// A verdict for every point of a GPU view; returns when the kernel has finished.
 std::vector<unsigned char> judgeOnGpu(const accessvdb::DeviceView& view);

@@ -49,7 +49,7 @@ LengthUnit unitOf(const std::string& text) {
   if (text == "cm") return LengthUnit::Centimetre;
   if (text == "mm") return LengthUnit::Millimetre;
   if (text == "in") return LengthUnit::Inch;
-  throw InvalidArgument("example.unit", text, "is no unit", "Give m, cm, mm or in");
+  throw InvalidArgument("example.unit", text, "is not a unit", "Use m, cm, mm or in");
 }
 
 Eigen::Vector3d vectorOf(char** texts) {
@@ -67,7 +67,7 @@ Eigen::Vector3d vectorOf(char** texts) {
 ToolGeometry toolOf(int argc, char** argv) {
   if (argc == 1) return gripper();
   if (argc != 9) {
-    throw InvalidArgument("example.arguments", "", "give nothing, or MESH UNIT TIPX TIPY TIPZ AX AY AZ");
+    throw InvalidArgument("example.arguments", "", "pass nothing, or MESH UNIT TIPX TIPY TIPZ AX AY AZ");
   }
   accessvdb::ToolPose pose;
   pose.tip = vectorOf(argv + 3);

@@ -21,7 +21,7 @@ namespace {
 
 using Cloud = pcl::PointCloud<pcl::PointXYZ>;
 
-/// Returns that lie far from their neighbours, measured in standard deviations of all such distances.
+/// Removes returns far from their neighbours, measured in standard deviations of all such distances.
 Cloud withoutStrays(const Cloud::ConstPtr& cloud) {
   pcl::StatisticalOutlierRemoval<pcl::PointXYZ> filter;
   filter.setInputCloud(cloud);

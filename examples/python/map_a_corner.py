@@ -25,7 +25,7 @@ parser.add_argument("--poses", help="poses of the scans, for example in TUM form
 parser.add_argument("--tool", default="builtin:pencil", help="builtin:pencil or builtin:pruner")
 parser.add_argument("--voxel", type=float, default=0.04, help="edge of a voxel in metres")
 parser.add_argument("--out", type=Path, default=Path("corner"), help="folder for the field and the picture")
-options, _ = parser.parse_known_args()  # a notebook has arguments of its own
+options, _ = parser.parse_known_args()  # a notebook has its own arguments
 
 # %% [markdown]
 # ## Scans
@@ -40,7 +40,7 @@ POSTS = np.array([[2.2, -1.2, 0.12], [2.4, 0.3, 0.10], [2.86, 1.3, 0.10]])  # x,
 
 
 def ranges(q: Array, rays: Array) -> Array:
-    """How far each ray from q gets: to the wall x = 3, the ground z = -1 or a post."""
+    """How far each ray from q reaches: to the wall x = 3, the ground z = -1 or a post."""
     with np.errstate(divide="ignore", invalid="ignore"):
         to_wall = np.where(rays[:, 0] > 0, (WALL_X - q[0]) / rays[:, 0], np.inf)
         to_ground = np.where(rays[:, 2] < 0, (-1.0 - q[2]) / rays[:, 2], np.inf)
@@ -50,7 +50,7 @@ def ranges(q: Array, rays: Array) -> Array:
             a = rays[:, 0] ** 2 + rays[:, 1] ** 2
             b = rays[:, 0] * dx + rays[:, 1] * dy
             t = (-b - np.sqrt(b * b - a * (dx * dx + dy * dy - radius * radius))) / a
-            nearest = np.where(t > 0, np.fmin(nearest, t), nearest)  # a miss is NaN, which fmin passes over
+            nearest = np.where(t > 0, np.fmin(nearest, t), nearest)  # a miss is NaN, which fmin ignores
     return np.asarray(nearest, np.float64)
 
 
@@ -63,7 +63,7 @@ def simulated_scans(frames: int = 16, rays_per_frame: int = 8000) -> Iterator[Tu
         pitch = random.uniform(-0.7, 0.4, rays_per_frame)
         rays = np.stack([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)], axis=1)
         points_S = rays * ranges(T_W_S[:3, 3], rays)[:, None]
-        points_S[np.linalg.norm(points_S, axis=1) > 8] = 0  # (0, 0, 0) means: no return
+        points_S[np.linalg.norm(points_S, axis=1) > 8] = 0  # (0, 0, 0) means no return
         yield points_S, T_W_S
 
 
@@ -83,7 +83,7 @@ for points_S, T_W_S in scans_of_files(options.scans, options.poses) if options.s
     stats = field.integrate_scan(points_S, T_W_S)
     if stats.points_used == 0:
         print("a scan without a usable return:", stats.dropped)
-field.update()  # scores what changed; between scans if you like
+field.update()  # scores what changed; can also be called between scans
 
 # %% [markdown]
 # ## Labels, as arrays
@@ -103,7 +103,7 @@ if len(heights):
 # %% [markdown]
 # ## Questions about free space
 #
-# Could an arm of 3 cm radius stand along these lines? `free` means that every voxel of it was seen to be free. The map knows
+# Could an arm of 3 cm radius be placed along these lines? `free` means that every voxel of it was seen to be free. The map knows
 # the space near surfaces, not all that the rays crossed: the third line, in mid-air, is not known.
 
 # %%

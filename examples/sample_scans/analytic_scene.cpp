@@ -14,7 +14,7 @@ using Eigen::Vector3d;
 
 constexpr double kMiss = std::numeric_limits<double>::infinity();
 constexpr std::uint32_t kShapesPerLeaf = 4;
-// Boxes of the hierarchy are grown by this, so that rounding in the slab test cannot lose a grazing hit.
+// Padding of the hierarchy's boxes, so that rounding in the slab test cannot miss a grazing hit.
 constexpr double kBoxPadding_m = 1e-9;
 
 double ahead(double t) { return t > 0.0 ? t : kMiss; }
@@ -32,7 +32,7 @@ double enter(const Capsule& capsule, const Ray& ray) {
   const Vector3d span = capsule.end - capsule.begin;
   const double length = span.norm();
   if (!(length > 0.0)) return t_ends;
-  // The curved side: drop the parts along the axis from both ray and offset, then it is a circle.
+  // The curved side: dropping the components along the axis from ray and offset leaves a circle.
   const Vector3d axis = span / length;
   const Vector3d offset = ray.origin - capsule.begin;
   const Vector3d across = ray.direction - axis * axis.dot(ray.direction);
@@ -58,7 +58,7 @@ double enter(const TaperedCylinder& cylinder, const Ray& ray) {
       if ((o + t * d).head<2>().norm() <= radius) nearest = std::min(nearest, ahead(t));
     }
   }
-  // Side: |xy(t)|^2 = r(z(t))^2 with r linear in z; both roots, as a cone opens either way.
+  // Side: |xy(t)|^2 = r(z(t))^2 with r linear in z; both roots, because a cone opens both ways.
   const double m = cylinder.base_radius + slope * o.z();
   const double n = slope * d.z();
   const double a = d.head<2>().squaredNorm() - n * n;
@@ -80,7 +80,7 @@ double enter(const TaperedCylinder& cylinder, const Ray& ray) {
   return nearest;
 }
 
-/// Slab test; {entry, exit}, entry > exit where the ray misses.
+/// Slab test; {entry, exit}, entry > exit if the ray misses.
 std::array<double, 2> crossSlabs(const Vector3d& min, const Vector3d& max, const Vector3d& o, const Vector3d& d) {
   double t_in = -kMiss, t_out = kMiss;
   for (int axis = 0; axis < 3; ++axis) {

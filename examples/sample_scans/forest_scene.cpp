@@ -15,9 +15,9 @@ using Eigen::Vector2d;
 using Eigen::Vector3d;
 
 constexpr double kPathAmplitude_m = 1.5;
-constexpr double kPathScale_m = 8.0;  // metres of x a radian
+constexpr double kPathScale_m = 8.0;  // metres of x per radian
 constexpr double kStripHalfWidth_m = 10.0;
-constexpr double kMargin_m = 8.0;         // the scene goes on beyond both ends of the path
+constexpr double kMargin_m = 8.0;         // the scene extends beyond both ends of the path
 constexpr double kPathClearance_m = 1.7;  // longest branch and thickest trunk stay off the sensor
 constexpr double kTreeSpacing_m = 1.2;
 constexpr double kLeafyShare = 0.7;
@@ -29,7 +29,7 @@ struct Placement {
   double length_m;
   std::vector<Vector2d> taken = {};
 
-  /// A free spot beside the path; the last try is taken where the strip is full.
+  /// A free spot beside the path; if the strip is full, the last try is used.
   Vector2d spot() {
     Vector2d p(0, 0);
     for (int attempt = 0; attempt < 200; ++attempt) {
@@ -62,7 +62,7 @@ void addTree(const Vector2d& foot, RandomStream& random, std::vector<Shape>& sha
       const Vector3d from(foot.x(), foot.y(), z);
       const Vector3d along(std::cos(climb) * std::cos(yaw), std::cos(climb) * std::sin(yaw), std::sin(climb));
       shapes.push_back(Capsule{from, from + length * along, random.uniform(0.010, 0.025)});
-      // Foliage at the outer end of most branches; what is left bare is what a pruner works on.
+      // Foliage at the outer end of most branches; a pruner works on the bare ones.
       if (random.uniform() < kLeafyShare) {
         shapes.push_back(Capsule{from + 0.7 * length * along, from + length * along, random.uniform(0.10, 0.28)});
       }
@@ -82,7 +82,7 @@ AnalyticScene makeForest(const ForestOptions& options) {
   const int trees = options.trees >= 0 ? options.trees : static_cast<int>(area / kAreaPerTree_m2);
   std::vector<Shape> shapes;
 
-  // Streams apart, so that another number of trees leaves the rest where it is.
+  // Separate streams, so that a different number of trees does not move the rest.
   Placement tree_spots{RandomStream(options.seed, 1), length};
   for (int i = 0; i < trees; ++i) {
     RandomStream random(options.seed, 1000 + static_cast<std::uint64_t>(i));

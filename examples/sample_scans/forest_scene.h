@@ -12,12 +12,12 @@ namespace accessvdb::samples {
 
 struct ForestOptions {
   double path_length_m = 4.0;
-  int trees = -1;  ///< -1 = rule: one to 7 square metres
+  int trees = -1;  ///< -1 = rule: one per 7 square metres
   bool flat_ground = false;
   std::uint64_t seed = 1;
 };
 
-/// Ground track of the walk at x = s: a gentle S. The forest keeps clear of it.
+/// Ground track of the walk at x = s: a gentle S. The forest leaves it clear.
 [[nodiscard]] Eigen::Vector2d pathPoint(double s_m);
 /// Yaw of the track at x = s.
 [[nodiscard]] double pathYaw(double s_m);

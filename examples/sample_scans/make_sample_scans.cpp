@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// make_sample_scans: simulated scans and poses for a first try, without any data at hand.
+/// make_sample_scans: simulated scans and poses for a first try, without any data of your own.
 #include <charconv>
 #include <cstdio>
 #include <functional>
@@ -16,8 +16,8 @@ constexpr const char* kUsage =
     "usage: make_sample_scans --out DIR [--frames 40] [--rays 20000] [--seed 1] [--range-noise 0] [--trees N]\n"
     "                         [--length METRES] [--max-range 30] [--flat] [--stamps]\n"
     "A walk past trees with a Mid-360-like scanner. Writes 000000.pcd ..., poses.txt (TUM), range_noise.txt.\n"
-    "  --range-noise S  sigma of the range noise, metres      --trees N   default: one to 7 square metres\n"
-    "  --length L       default: 0.1 m a frame                --flat      ground without bumps\n"
+    "  --range-noise S  sigma of the range noise, metres      --trees N   default: one per 7 square metres\n"
+    "  --length L       default: 0.1 m per frame               --flat      ground without bumps\n"
     "  --stamps         name the scans by time stamp\n";
 
 template <typename Number>
@@ -25,7 +25,7 @@ void parse(const std::string& option, const std::string& text, Number& value) {
   const char* end = text.data() + text.size();
   const auto [stop, error] = std::from_chars(text.data(), end, value);
   if (error != std::errc() || stop != end) {
-    throw accessvdb::InvalidArgument("sample.number", option, "is not a number here: \"" + text + "\"",
+    throw accessvdb::InvalidArgument("sample.number", option, "is not a valid number: \"" + text + "\"",
                                      "See make_sample_scans --help");
   }
 }
@@ -56,7 +56,7 @@ int run(int argc, char** argv) {
     } else if (name == "--stamps") {
       names = accessvdb::samples::ScanNames::TimeStamp;
     } else if (const auto setter = with_value.find(name); setter == with_value.end()) {
-      throw accessvdb::InvalidArgument("sample.option", name, "is no option", "See make_sample_scans --help");
+      throw accessvdb::InvalidArgument("sample.option", name, "is not an option", "See make_sample_scans --help");
     } else if (++i == argc) {
       throw accessvdb::InvalidArgument("sample.value", name, "needs a value", "See make_sample_scans --help");
     } else {
@@ -64,7 +64,7 @@ int run(int argc, char** argv) {
     }
   }
   if (out.empty()) {
-    throw accessvdb::InvalidArgument("sample.out", "--out", "is missing", "Name the folder to write into");
+    throw accessvdb::InvalidArgument("sample.out", "--out", "is missing", "Name the output folder");
   }
   const accessvdb::samples::WalkGenerator walk(options);
   accessvdb::samples::writeScanFolder(out, walk, names);

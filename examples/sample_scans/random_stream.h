@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Seeded random numbers that are the same on every machine, which the standard distributions do not promise.
+/// Seeded random numbers that are the same on every machine, which the standard distributions do not guarantee.
 #pragma once
 
 #include <cmath>
@@ -17,7 +17,8 @@ inline std::uint64_t splitMix(std::uint64_t x) {
   return x ^ (x >> 31);
 }
 
-/// The stream of one (seed, index) pair; streams of different indices are independent, so frames need no order.
+/// The stream of one (seed, index) pair; streams of different indices are independent, so frames can be made in any
+/// order.
 class RandomStream {
  public:
   explicit RandomStream(std::uint64_t seed, std::uint64_t index = 0) : state_(splitMix(splitMix(seed) ^ index)) {}

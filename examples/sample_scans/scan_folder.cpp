@@ -14,7 +14,7 @@
 namespace accessvdb::samples {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "binary PCD is written as it lies in memory");
+static_assert(std::endian::native == std::endian::little, "binary PCD is written directly from memory");
 static_assert(sizeof(Eigen::Vector3f) == 12, "a row of a PCD is three packed floats");
 
 template <typename... Values>
@@ -54,15 +54,15 @@ void writeScanFolder(const std::filesystem::path& folder, const WalkGenerator& w
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error)
-    throw OutputError("sample.folder", folder.string(), "cannot be made: " + error.message(), "Choose another");
+    throw OutputError("sample.folder", folder.string(), "cannot be created: " + error.message(), "Choose another");
 
-  // A scan left from another run would be matched to a pose of this one.
+  // A scan left over from another run would be matched to a pose of this one.
   std::set<std::string> own;
   for (int i = 0; i < walk.frames(); ++i) own.insert(scanName(walk, names, i));
   for (const auto& entry : std::filesystem::directory_iterator(folder, error)) {
     const std::string file = entry.path().filename().string();
     if (entry.path().extension() == ".pcd" && !own.contains(file)) {
-      throw OutputError("sample.mixed", folder.string(), "already holds other scans, for example " + file,
+      throw OutputError("sample.mixed", folder.string(), "already contains other scans, for example " + file,
                         "Choose an empty folder");
     }
   }

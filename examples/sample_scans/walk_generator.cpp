@@ -16,7 +16,7 @@ namespace {
 constexpr double kStepPerFrame_m = 0.1;
 constexpr double kElevationMin_rad = -7.0 * std::numbers::pi / 180.0;
 constexpr double kElevationMax_rad = 52.0 * std::numbers::pi / 180.0;
-constexpr std::uint64_t kNoiseStream = 0x4E4F495345000000ull;  // apart from the streams of the scene
+constexpr std::uint64_t kNoiseStream = 0x4E4F495345000000ull;  // separate from the streams of the scene
 
 void check(bool valid, const char* option, const char* range) {
   if (!valid)
@@ -56,7 +56,7 @@ WalkGenerator::WalkGenerator(const WalkOptions& options)
 Eigen::Isometry3d WalkGenerator::pose(int index) const {
   const double s = options_.frames > 1 ? options_.length_m * index / (options_.frames - 1) : 0.0;
   const Eigen::Vector2d track = pathPoint(s);
-  // A step is about 0.7 m: bob with each, sway with every other, look around slowly.
+  // A step is about 0.7 m: bobs with each, sways with every other one, looks around slowly.
   const double step = 2.0 * std::numbers::pi * s / 0.7;
   const double yaw = pathYaw(s) + 0.08 * std::sin(0.9 * s);
   const double pitch = options_.mount_pitch_rad + 0.03 * std::sin(step);
@@ -89,7 +89,7 @@ WalkFrame WalkGenerator::frame(int index) const {
   const Eigen::Vector3d origin = result.T_W_S.translation() - options_.offset_W;
   for (int ray = 0; ray < options_.rays_per_frame; ++ray) {
     const Eigen::Vector3d direction_S = rayDirection_S(index, ray);
-    // Drawn for misses too, so that the noise of one ray does not hang on the others.
+    // Drawn for misses too, so that one ray's noise does not depend on the others.
     const double error = options_.range_noise_m > 0.0 ? options_.range_noise_m * noise.gaussian() : 0.0;
     const double range = scene_.castRay({origin, result.T_W_S.linear() * direction_S}) + error;
     const bool hit = range > 0.0 && range <= options_.max_range_m;

@@ -19,15 +19,15 @@ struct WalkOptions {
   int frames = 40;
   int rays_per_frame = 20000;
   double range_noise_m = 0.0;  ///< sigma of the Gaussian along the ray
-  std::uint64_t seed = 1;      ///< of the scene and of the noise
-  double length_m = 0.0;       ///< of the walk along x; 0 = rule: 0.1 m a frame
+  std::uint64_t seed = 1;      ///< for the scene and the noise
+  double length_m = 0.0;       ///< of the walk along x; 0 = rule: 0.1 m per frame
   double max_range_m = 30.0;   ///< returns beyond become (0,0,0)
   double frame_period_s = 0.1;
   double mount_pitch_rad = 0.3;  ///< nose down
   double height_m = 1.3;         ///< of the sensor
-  int trees = -1;                ///< -1 = rule: one to 7 square metres
+  int trees = -1;                ///< -1 = rule: one per 7 square metres
   bool flat_ground = false;
-  Eigen::Vector3d offset_W = {0, 0, 0};  ///< added to every pose: the scene somewhere else in the world
+  Eigen::Vector3d offset_W = {0, 0, 0};  ///< added to every pose: moves the scene elsewhere in the world
 };
 
 struct WalkFrame {
@@ -36,7 +36,7 @@ struct WalkFrame {
   double stamp_s = 0;
 };
 
-/// Frames can be asked for in any order and from several threads.
+/// Frames can be generated in any order and from several threads.
 class WalkGenerator {
  public:
   /// @throws InvalidArgument naming the option
@@ -45,7 +45,7 @@ class WalkGenerator {
   [[nodiscard]] int frames() const { return options_.frames; }
   [[nodiscard]] WalkFrame frame(int index) const;
   [[nodiscard]] Eigen::Isometry3d pose(int index) const;  ///< T_W_S
-  /// Unit direction of a ray in the sensor frame; the pattern goes on from frame to frame and does not repeat.
+  /// Unit direction of a ray in the sensor frame; the pattern continues from frame to frame without repeating.
   [[nodiscard]] Eigen::Vector3d rayDirection_S(int frame_index, int ray) const;
   [[nodiscard]] const WalkOptions& options() const { return options_; }
   [[nodiscard]] const AnalyticScene& scene() const { return scene_; }  ///< before offset_W

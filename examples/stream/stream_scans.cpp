@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// stream_scans [FRAMES]: the loop of a robot. Each frame: integrate the scan, update the labels, list what became
-/// reachable, ask whether the arm's way to the nearest of it is free.
+/// stream_scans [FRAMES]: the loop of a robot. In each frame, it integrates the scan, updates the labels, lists what
+/// became reachable, and checks whether the arm's path to the nearest new point is free.
 #include <charconv>
 #include <cstdio>
 #include <cstring>
@@ -28,7 +28,7 @@ void run(int frames) {
   const auto tool = accessvdb::ToolGeometry::builtin("builtin:pencil");
   accessvdb::AccessibilityField field(tool, {.tsdf = {.voxel_size_m = 0.05}});
 
-  std::vector<PointLabel> labels;  // of the frame before, by id: ids are stable
+  std::vector<PointLabel> labels;  // of the previous frame, by id: ids are stable
   for (int n = 0; n < frames; ++n) {
     const accessvdb::samples::WalkFrame frame = walk.frame(n);  // from the driver and the odometry, on a robot
     const accessvdb::FrameStats in = field.integrateScan(frame.points_S, frame.T_W_S);
@@ -69,7 +69,7 @@ int main(int argc, char** argv) {
     if (argc > 1) {
       const auto [end, error] = std::from_chars(argv[1], argv[1] + std::strlen(argv[1]), frames);
       if (error != std::errc() || *end != '\0' || frames < 1) {
-        throw accessvdb::InvalidArgument("example.frames", argv[1], "is no number of frames", "Give 1 or more");
+        throw accessvdb::InvalidArgument("example.frames", argv[1], "is not a number of frames", "Use 1 or more");
       }
     }
     run(frames);

@@ -2,12 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The accessibility field: scans go in, labelled surface points come out.
 ///
-/// Not thread-safe: one thread calls at a time. Inside, all threads of the machine work, and the result is the same
-/// bit for bit whatever their number.
+/// Not thread-safe: call it from one thread at a time. Internally it uses all threads of the machine, and the result is
+/// bit for bit the same for any number of them.
 ///
-/// When a step fails half-way (out of memory, a map beyond its limits, a GPU that is lost) the field answers nothing
-/// any more: every later call throws ResourceLimit "field.broken", but for volume() and unscoredSnapshot(), which live
-/// on the host. Bad scans and poses are refused before anything changes.
+/// When a step fails half-way (out of memory, a map beyond its limits, a lost GPU), the field stops answering: every
+/// later call throws ResourceLimit "field.broken", except volume() and unscoredSnapshot(), which live on the host. Bad
+/// scans and poses are refused before anything changes.
 #pragma once
 
 #include <Eigen/Core>
@@ -40,7 +40,7 @@ class ACCESSVDB_API AccessibilityField {
   /// Fuses one scan. Bad returns are counted, never used.
   /// @param points_S  returns in the sensor frame, metres; exactly (0,0,0) means "no return"
   /// @param T_W_S     pose, sensor to world, rigid
-  /// @throws UnusableInput for a pose that is not finite or not rigid; then nothing has changed
+  /// @throws UnusableInput for a pose that is not finite or not rigid; nothing has changed then
   FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S);
 
   /// Fuses rays that each have their own origin (ray clouds), or one origin for all.
@@ -53,28 +53,27 @@ class ACCESSVDB_API AccessibilityField {
 
   /// All points with their labels, as of the last update(). Points that came later are unscored.
   [[nodiscard]] FieldSnapshot snapshot() const;
-  /// The same points as the host alone knows them: position and weight, each one unscored. It needs no device, so it is
-  /// what can be saved when one was lost or ran out of memory. @throws ResourceLimit "field.broken" after other
-  /// failures
+  /// The same points as the host alone knows them: position and weight, all unscored. Needs no device, so it can still
+  /// be saved after one was lost or ran out of memory. @throws ResourceLimit "field.broken" after other failures
   [[nodiscard]] FieldSnapshot unscoredSnapshot() const;
 
-  /// The same points scored anew against the current map, every direction, no history: what `exact` must equal.
-  /// Costs a full evaluation and changes nothing. @param tests  where to put the number of (point, direction) tests
+  /// The same points scored again from scratch against the current map: every direction, no history. `exact` must equal
+  /// it. Costs a full evaluation and changes nothing. @param tests  receives the number of (point, direction) tests
   [[nodiscard]] FieldSnapshot evaluateFromScratch(std::uint64_t* tests = nullptr) const;
 
-  /// The point of the voxel that holds p_W, if there is one.
+  /// The point in the voxel that contains p_W, if any.
   [[nodiscard]] std::optional<SurfacePoint> pointAt(const Eigen::Vector3d& p_W) const;
 
-  /// Many questions at a time, at points or along a robot arm: see batch_query.h. Good until the field next changes.
+  /// Batched queries, at points or along a robot arm: see batch_query.h. Valid until the field next changes.
   [[nodiscard]] BatchQuery batchQuery() const;
 
-  /// The map's mirror and the points where they lie on the GPU, for your own kernels: see device_view.h. All of it is
-  /// complete when this returns; good until the field next changes. @throws DeviceError "device.none" on the CPU
+  /// The map's mirror and the points in GPU memory, for your own kernels: see device_view.h. Everything in it is
+  /// complete when this returns; valid until the field next changes. @throws DeviceError "device.none" on the CPU
   [[nodiscard]] DeviceView deviceView() const;
-  /// The same of a field on the CPU, in host memory. @throws DeviceError "device.not_host" on a GPU
+  /// The same for a field on the CPU, in host memory. @throws DeviceError "device.not_host" on a GPU
   [[nodiscard]] DeviceView hostView() const;
 
-  /// Grows with every call that changes the field: a view with another number is out of date.
+  /// Grows with every call that changes the field: a view with a different number is out of date.
   [[nodiscard]] std::uint64_t revision() const;
 
   [[nodiscard]] const TsdfVolume& volume() const;

@@ -1,18 +1,19 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Many questions to a live field at a time, on the host: at points, or along the links of a robot arm.
+/// Batched queries to a live field, on the host: at points, or along the links of a robot arm.
 ///
 ///   const accessvdb::BatchQuery query = field.batchQuery();
-///   query.at(points_W, answers);            // millions a second, see docs/developers.md
+///   query.at(points_W, answers);            // millions per second, see docs/developers.md
 ///   query.along(capsules, path_answers);
 ///
-/// Positions are world coordinates in double; they are brought into the map's local frame inside, so large coordinates
-/// (UTM) lose nothing. Bad data are never free: a position that is NaN, infinite or has no voxel is unknown.
+/// Positions are world coordinates in double precision, converted to the map's local frame internally, so large
+/// coordinates (UTM) lose nothing. Bad data are never free: a position that is NaN, infinite or has no voxel is
+/// unknown.
 ///
-/// Threads  Any number of threads may use one BatchQuery, or copies of it, at a time. Inside a call the field's threads
-///          work; answers do not depend on their number.
-/// Validity Until the next integrateScan(), integrateRays() or update() of its field, or the field's end: from then on
-///          every call throws InvalidArgument "query.stale". No such call may run beside a query.
+/// Threads  Any number of threads may use one BatchQuery, or copies of it, at the same time. Each call uses the field's
+///          threads; answers do not depend on their number.
+/// Validity Until the field's next integrateScan(), integrateRays() or update(), or until it is destroyed: after that,
+///          every call throws InvalidArgument "query.stale". None of these calls may run concurrently with a query.
 #pragma once
 
 #include <Eigen/Core>
@@ -31,21 +32,21 @@ namespace internal {
 class FieldViews;
 }
 
-/// SurfacePoint::id of no point.
+/// The id that means "no point".
 inline constexpr std::uint32_t kNoPoint = ~std::uint32_t{0};
-/// Distance within which a surface point answers for a position whose own voxel has none, in voxels.
+/// Distance within which a surface point answers for a position whose own voxel has no point, in voxels.
 inline constexpr int kPointRadiusVoxels = 3;
 
 /// What the map and the points say at a position.
 struct PointAnswer {
-  /// Of the position's voxel: mean of the clamped distances, 0 .. tau metres. NaN where unobserved.
+  /// The voxel's mean of the clamped distances, 0 .. tau metres. NaN where unobserved.
   float distance_m = std::numeric_limits<float>::quiet_NaN();
-  /// From the position to the surface point that answers. NaN without one.
+  /// Distance from the position to the surface point that answers. NaN without one.
   float point_distance_m = std::numeric_limits<float>::quiet_NaN();
-  /// Its best direction: unit, outwards along the tool's body; zero where there is none.
+  /// That point's best direction: unit, outwards along the tool's body; zero if none.
   Eigen::Vector3f direction_W = {0, 0, 0};
-  /// The surface point of the position's voxel; where it has none, the nearest within kPointRadiusVoxels voxels (of
-  /// equally near ones the one of the highest voxel); else kNoPoint. The rule of `accessvdb query`.
+  /// The surface point of the position's voxel; if it has none, the nearest within kPointRadiusVoxels voxels (among
+  /// equally near ones, that of the highest voxel); else kNoPoint. `accessvdb query` follows the same rule.
   std::uint32_t point_id = kNoPoint;
   std::uint16_t weight = 0;  ///< observations of the voxel; 0 = unobserved
   std::uint16_t direction = kNoDirection;
@@ -56,26 +57,26 @@ struct PointAnswer {
   bool cleared = false;  ///< a ray passed the voxel on its way to a return
 };
 
-/// A link of a robot arm, or its way: all positions within a radius of a segment.
+/// A link of a robot arm, or the path it sweeps: all positions within a radius of a segment.
 struct CapsuleQuery {
   Eigen::Vector3d a_W = {0, 0, 0}, b_W = {0, 0, 0};  ///< ends of the axis; may be the same
   double radius_m = 0;                               ///< >= 0
 };
 
-/// What a capsule meets. Looked at is every voxel whose centre is within radius + half a voxel's diagonal of the axis:
-/// no voxel is missed that the capsule enters.
+/// What a capsule meets. Every voxel is examined whose centre is within radius + half a voxel's diagonal of the axis,
+/// so no voxel that the capsule enters is missed.
 struct CapsuleAnswer {
-  /// Least, over these voxels as far as they were observed, of their centre's distance to the axis plus their distance
-  /// to a surface. That is the axis' distance to the nearest surface, to about a voxel, where it is below radius + tau.
-  /// Larger distances are not in the map. NaN where no voxel was observed.
+  /// The least sum of a voxel centre's distance to the axis and that voxel's distance to a surface, over the observed
+  /// ones of these voxels. Where it is below radius + tau, it is the distance from the axis to the nearest surface, to
+  /// within about a voxel. Larger distances are not in the map. NaN where no voxel was observed.
   float min_distance_m = std::numeric_limits<float>::quiet_NaN();
   /// Where along the axis, 0 at a, 1 at b, the capsule first collides. NaN where it does not.
   float first_hit_t = std::numeric_limits<float>::quiet_NaN();
-  /// min_distance_m is below the radius, or a voxel collides (it was observed nearer than r_c to a surface).
+  /// min_distance_m is below the radius, or a voxel collides (it was observed closer than r_c to a surface).
   bool collision = false;
-  bool unknown = true;  ///< some voxel was neither observed nor cleared, or the capsule was not looked at
+  bool unknown = true;  ///< some voxel was neither observed nor cleared, or the capsule was not examined
   /// False: an end is NaN, infinite or has no voxel, the radius is negative or not finite, or the capsule is longer
-  /// than 32768 voxels or its leaves (8^3 voxels) are more than 2^20. It was not looked at: split it.
+  /// than 32768 voxels or has more than 2^20 leaves (8^3 voxels). It was not examined: split it.
   bool valid = false;
 
   /// Every voxel was seen to be free.
@@ -85,9 +86,9 @@ struct CapsuleAnswer {
 class ACCESSVDB_API BatchQuery {
  public:
   /// @param points_W  [n]    @param answers  [n] out
-  /// @throws InvalidArgument "query.sizes" where the lengths differ, "query.stale"
+  /// @throws InvalidArgument "query.sizes" if the lengths differ, "query.stale"
   void at(std::span<const Eigen::Vector3d> points_W, std::span<PointAnswer> answers) const;
-  /// @param points_W  [3 x n], a position a column
+  /// @param points_W  [3 x n], one position per column
   [[nodiscard]] std::vector<PointAnswer> at(const Eigen::Ref<const Eigen::Matrix3Xd>& points_W) const;
 
   /// @param capsules  [n]    @param answers  [n] out

@@ -3,21 +3,18 @@
 /// AccessVDB in plain C (C99 and later, and C++): for plug-ins that load libaccessvdb.so at run time, and for other
 /// languages. Lengths are metres, angles radians; suffix _W: world frame (z up), _S: sensor frame, _T: tool frame.
 ///
-/// Codes    Every function that can fail returns 0 (ACCESSVDB_OK) or one of accessvdb_code. Nothing is thrown. What
-/// went
-///          wrong stands, in words, in the field's handle (accessvdb_field_error_text) or, where there is no handle
-///          yet, in the accessvdb_error that the caller passes. A call that fails with ACCESSVDB_ERROR_USAGE has
-///          changed nothing.
-/// Structs  The caller puts sizeof(the struct) into struct_size before every call, so that both sides know which
-/// version
-///          they talk about: `accessvdb_params params = {.struct_size = sizeof params};`. Fields are only ever added at
-///          the end. A smaller struct is an older version of it; a larger one is accepted where all that is unknown to
-///          the library is zero.
-/// Threads  Handles are independent: different threads may use different handles. One handle serves one thread at a
-/// time; a
-///          call that finds a field busy in another thread returns ACCESSVDB_ERROR_USAGE at once. Inside a call all
-///          threads of the machine work; labels do not depend on their number. Free a handle when no call uses it.
-/// Strings  UTF-8, ended by zero. Returned ones belong to the library and stay until the next call on their handle.
+/// Codes    Every function that can fail returns 0 (ACCESSVDB_OK) or an accessvdb_code. Nothing is thrown. The message
+///          is in the field's handle (accessvdb_field_error_text) or, where there is no handle yet, in the
+///          accessvdb_error that the caller passes. A call that fails with ACCESSVDB_ERROR_USAGE has changed nothing.
+/// Structs  The caller sets struct_size to sizeof(the struct) before every call, so that both sides know which version
+///          is meant: `accessvdb_params params = {.struct_size = sizeof params};`. Fields are only ever added at the
+///          end. A smaller struct is an older version; a larger one is accepted if everything unknown to the library is
+///          zero.
+/// Threads  Handles are independent: different threads may use different handles. A handle serves one thread at a
+///          time; a call that finds a field busy in another thread returns ACCESSVDB_ERROR_USAGE at once. Each call
+///          uses all threads of the machine; labels do not depend on their number. Free a handle when no call uses it.
+/// Strings  UTF-8, zero-terminated. Returned strings belong to the library and stay valid until the next call on their
+///          handle.
 #ifndef ACCESSVDB_C_API_H
 #define ACCESSVDB_C_API_H
 
@@ -39,18 +36,17 @@ extern "C" {
 /// The program's exit codes.
 typedef enum accessvdb_code {
   ACCESSVDB_OK = 0,
-  ACCESSVDB_ERROR_USAGE = 2,  ///< an argument or parameter is wrong: NULL, a size, a range, the order of calls
-  ACCESSVDB_ERROR_INPUT = 3,  ///< an input cannot be read or is malformed
-  ACCESSVDB_ERROR_UNUSABLE =
-      4,  ///< an input is well formed but cannot be used (a pose that is not rigid, a tool of 100 m)
-  ACCESSVDB_ERROR_RESOURCE = 5,  ///< memory or another limit; the field answers nothing any more
+  ACCESSVDB_ERROR_USAGE = 2,     ///< an argument or parameter is wrong: NULL, a size, a range, the order of calls
+  ACCESSVDB_ERROR_INPUT = 3,     ///< an input cannot be read or is malformed
+  ACCESSVDB_ERROR_UNUSABLE = 4,  ///< an input is well formed but cannot be used (a non-rigid pose, a tool of 100 m)
+  ACCESSVDB_ERROR_RESOURCE = 5,  ///< memory or another limit; the field no longer answers
   ACCESSVDB_ERROR_DEVICE = 6,    ///< the requested device is missing or lost
   ACCESSVDB_ERROR_OUTPUT = 7,    ///< an output cannot be written durably
-  ACCESSVDB_ERROR_INTERNAL = 70  ///< a bug of ours
+  ACCESSVDB_ERROR_INTERNAL = 70  ///< a bug in the library
 } accessvdb_code;
 
 enum { ACCESSVDB_UNSCORED = 0, ACCESSVDB_ACCESSIBLE = 1, ACCESSVDB_BLOCKED = 2, ACCESSVDB_NUM_LABELS = 3 };
-enum {  ///< why a point is not accessible; accessvdb/point_label.h has the words
+enum {  ///< why a point is not accessible; accessvdb/point_label.h explains them
   ACCESSVDB_REASON_NONE = 0,
   ACCESSVDB_REASON_CONFIDENCE = 1,
   ACCESSVDB_REASON_NORMAL = 2,
@@ -73,20 +69,20 @@ enum { ACCESSVDB_FORM_VOXELS = 0, ACCESSVDB_FORM_SURFACE_SAMPLES = 1 };
 enum { ACCESSVDB_POLICY_EXACT = 0, ACCESSVDB_POLICY_PAPER = 1 };
 enum { ACCESSVDB_BACKEND_AUTO = 0, ACCESSVDB_BACKEND_CPU = 1, ACCESSVDB_BACKEND_CUDA = 2 };
 
-/// What went wrong in a call that has no handle to ask.
+/// What went wrong in a call that has no handle yet.
 typedef struct accessvdb_error {
   uint32_t struct_size;
   int32_t code;
   char id[64];      ///< stable dotted name, for example "tool.unit"
-  char text[1024];  ///< one line: what is wrong, and what to do; cut off where longer
+  char text[1024];  ///< one line: what is wrong, and what to do; truncated if longer
 } accessvdb_error;
 
 typedef struct accessvdb_tool accessvdb_tool;
 typedef struct accessvdb_field accessvdb_field;
 
-/// "0.1.0", of the library that runs.
+/// Version of the loaded library, such as "0.1.0".
 ACCESSVDB_API const char* accessvdb_version(void) ACCESSVDB_C_NOEXCEPT;
-/// ACCESSVDB_C_API_VERSION of the library that runs: refuse one that is less than what you were built with.
+/// ACCESSVDB_C_API_VERSION of the loaded library: refuse one below the version you were built with.
 ACCESSVDB_API uint32_t accessvdb_c_api_version(void) ACCESSVDB_C_NOEXCEPT;
 /// "unscored", "accessible", "blocked"; "?" for other numbers.
 ACCESSVDB_API const char* accessvdb_label_name(int32_t label) ACCESSVDB_C_NOEXCEPT;
@@ -95,8 +91,7 @@ ACCESSVDB_API const char* accessvdb_reason_name(int32_t reason) ACCESSVDB_C_NOEX
 
 /* ---- the tool: metres, tip at the origin, +x from the tip along the body, +z up ---------------------------------- */
 
-/// How a mesh's own frame maps to the tool frame; all in the mesh's own units and axes. Zero axis and up mean +x and
-/// +z.
+/// How a mesh's own frame maps to the tool frame, in the mesh's own units and axes. A zero axis and up mean +x and +z.
 typedef struct accessvdb_tool_pose {
   uint32_t struct_size;
   int32_t has_tip;  ///< 0: the tip is the origin of the mesh file; 1: it is at `tip`
@@ -114,13 +109,13 @@ typedef struct accessvdb_tool_info {
   float reserved;
 } accessvdb_tool_info;
 
-/// Reads STL, OBJ, PLY, OFF, DAE, glTF or GLB. @param pose  NULL: the mesh is in the tool frame already
-/// @param error  may be NULL, here and below. *tool is NULL where the call fails.
+/// Reads STL, OBJ, PLY, OFF, DAE, glTF or GLB. @param pose  NULL: the mesh is already in the tool frame
+/// @param error  may be NULL, here and below. *tool is NULL if the call fails.
 ACCESSVDB_API int accessvdb_tool_from_mesh(const char* path, int32_t unit, const accessvdb_tool_pose* pose,
                                            accessvdb_tool** tool, accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
-/// @param vertices_T  [3 x vertex_count] x y z, metres, tool frame    @param triangles  [3 x triangle_count] vertex
-/// indices
-/// @param name  for metadata; may be NULL
+/// @param vertices_T  [3 x vertex_count] x y z, metres, tool frame
+/// @param triangles   [3 x triangle_count] vertex indices
+/// @param name        for metadata; may be NULL
 ACCESSVDB_API int accessvdb_tool_from_triangles(const float* vertices_T, size_t vertex_count, const uint32_t* triangles,
                                                 size_t triangle_count, const char* name, accessvdb_tool** tool,
                                                 accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
@@ -130,13 +125,12 @@ ACCESSVDB_API int accessvdb_tool_builtin(const char* name, accessvdb_tool** tool
 ACCESSVDB_API int accessvdb_tool_get_info(const accessvdb_tool* tool, accessvdb_tool_info* info) ACCESSVDB_C_NOEXCEPT;
 ACCESSVDB_API const char* accessvdb_tool_name(const accessvdb_tool* tool) ACCESSVDB_C_NOEXCEPT;
 ACCESSVDB_API const char* accessvdb_tool_sha256(const accessvdb_tool* tool) ACCESSVDB_C_NOEXCEPT;
-/// Fields keep their own copy, so a tool may be freed before them. NULL is fine.
+/// Fields keep their own copy, so a tool may be freed before them. NULL is allowed.
 ACCESSVDB_API void accessvdb_tool_free(accessvdb_tool* tool) ACCESSVDB_C_NOEXCEPT;
 
-/* ---- parameters: accessvdb/params.h has their meaning, ranges and symbols ------------------------------------------
- */
+/* ---- parameters: accessvdb/params.h has their meaning, ranges and symbols ---------------------------------------- */
 
-/// Filled by accessvdb_params_defaults(); then set what differs. 0 marked "rule" is derived from the others.
+/// Filled by accessvdb_params_defaults(); then set what differs. Where marked "rule", 0 means derived from the others.
 typedef struct accessvdb_params {
   uint32_t struct_size;
   int32_t threads;  ///< 0 = all
@@ -173,7 +167,7 @@ typedef struct accessvdb_params {
   uint64_t seed;
 } accessvdb_params;
 
-/// The product's defaults. Only struct_size is read.
+/// The product's defaults. Reads only struct_size.
 ACCESSVDB_API int accessvdb_params_defaults(accessvdb_params* params) ACCESSVDB_C_NOEXCEPT;
 /// The paper's own constants, for its tables.
 ACCESSVDB_API int accessvdb_params_paper(double voxel_size_m, accessvdb_params* params) ACCESSVDB_C_NOEXCEPT;
@@ -198,7 +192,7 @@ typedef struct accessvdb_update_stats {
   double update_ms, score_ms;
 } accessvdb_update_stats;
 
-/// One surface point. Arrays of it have no struct_size each: the calls take sizeof(accessvdb_point) once.
+/// One surface point. Elements of an array have no struct_size: the calls take sizeof(accessvdb_point) once.
 typedef struct accessvdb_point {
   double position_W[3];
   float normal_W[3];     ///< unit, towards the mean sensor position; zero where there is none
@@ -209,7 +203,7 @@ typedef struct accessvdb_point {
   float stability;     ///< [0, 1]
   uint32_t id;         ///< stable over the life of the field
   uint16_t direction;  ///< index d, yaw = 2 pi d / num_directions; 65535 = none
-  uint16_t score;      ///< fewest collisions of any direction; 65535 = none reached the tool test
+  uint16_t score;      ///< fewest collisions of any direction; 65535 = no direction reached the tool test
   uint8_t label;       ///< ACCESSVDB_UNSCORED, ACCESSVDB_ACCESSIBLE, ACCESSVDB_BLOCKED
   uint8_t reason;      ///< ACCESSVDB_REASON_*
   uint8_t confident;   ///< 1: accessible, and confidence x stability is high
@@ -227,10 +221,10 @@ typedef struct accessvdb_counts {
 /// @param params  NULL: the defaults
 ACCESSVDB_API int accessvdb_field_create(const accessvdb_tool* tool, const accessvdb_params* params,
                                          accessvdb_field** field, accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
-/// NULL is fine.
+/// NULL is allowed.
 ACCESSVDB_API void accessvdb_field_free(accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
 
-/// Of the last call on this field that failed; "" while none has. One line, and its stable dotted name.
+/// The last failed call on this field, as one line and as a stable dotted name; "" if none has failed.
 ACCESSVDB_API const char* accessvdb_field_error_text(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
 ACCESSVDB_API const char* accessvdb_field_error_id(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
 
@@ -255,46 +249,45 @@ ACCESSVDB_API int accessvdb_field_take_snapshot(accessvdb_field* field, size_t* 
 /// Copies points [first, first + count) of the snapshot, in the order of their ids. @param points  [count]
 ACCESSVDB_API int accessvdb_field_copy_points(accessvdb_field* field, size_t first, size_t count,
                                               accessvdb_point* points, size_t point_size) ACCESSVDB_C_NOEXCEPT;
-/// How many points of the snapshot have which label and reason.
+/// Number of points in the snapshot per label and per reason.
 ACCESSVDB_API int accessvdb_field_get_counts(accessvdb_field* field, accessvdb_counts* counts) ACCESSVDB_C_NOEXCEPT;
-/// Gives the snapshot's memory back.
+/// Frees the snapshot's memory.
 ACCESSVDB_API int accessvdb_field_drop_snapshot(accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
 
-/// The point of the voxel that holds p_W [3]; *found is 0 where there is none.
+/// The point in the voxel that contains p_W [3]; *found is 0 if there is none.
 ACCESSVDB_API int accessvdb_field_point_at(accessvdb_field* field, const double* p_W, accessvdb_point* point,
                                            size_t point_size, int32_t* found) ACCESSVDB_C_NOEXCEPT;
 
-/* ---- many questions at a time (since version 2); accessvdb/batch_query.h has the rules ------------------------------
- */
+/* ---- batched queries (since version 2); accessvdb/batch_query.h has the rules ------------------------------------ */
 
-/// What the map and the points say at a position. Arrays of it take sizeof(accessvdb_point_answer) once.
+/// What the map and the points say at a position. Arrays take sizeof(accessvdb_point_answer) once.
 typedef struct accessvdb_point_answer {
   float distance_m;        ///< of the voxel, 0 .. tau; NaN where unobserved
   float point_distance_m;  ///< to the surface point that answers; NaN without one
   float direction_W[3];    ///< its best direction, unit, outwards along the tool's body; zero where there is none
-  uint32_t point_id;       ///< of the voxel, else the nearest within 3 voxels; 0xFFFFFFFF = none
+  uint32_t point_id;       ///< the voxel's, else the nearest within 3 voxels; 0xFFFFFFFF = none
   uint16_t weight;         ///< observations of the voxel; 0 = unobserved
   uint16_t direction;      ///< 65535 = none
-  uint16_t score;          ///< 65535 = none reached the tool test
-  uint8_t label;           ///< ACCESSVDB_UNSCORED without a point
+  uint16_t score;          ///< 65535 = no direction reached the tool test
+  uint8_t label;           ///< ACCESSVDB_UNSCORED if there is no point
   uint8_t reason;          ///< ACCESSVDB_REASON_*
   uint8_t unknown;         ///< 1: neither observed nor cleared, or a bad position (NaN)
   uint8_t cleared;         ///< 1: a ray passed the voxel
   uint8_t reserved[6];
 } accessvdb_point_answer;
 
-/// A link of a robot arm, or its way. Arrays of it take sizeof(accessvdb_capsule) once.
+/// A link of a robot arm, or the path it sweeps. Arrays take sizeof(accessvdb_capsule) once.
 typedef struct accessvdb_capsule {
   double a_W[3], b_W[3];  ///< ends of the axis; may be the same
   double radius_m;        ///< >= 0
 } accessvdb_capsule;
 
-/// What a capsule meets. Free is: valid, no collision, not unknown.
+/// What a capsule meets. Free means valid, no collision and not unknown.
 typedef struct accessvdb_capsule_answer {
-  float min_distance_m;  ///< of the axis to the nearest surface, where the map knows it; NaN = nothing observed
+  float min_distance_m;  ///< from the axis to the nearest surface, as far as the map knows; NaN = nothing observed
   float first_hit_t;     ///< 0 at a .. 1 at b; NaN = no collision
   uint8_t collision;
-  uint8_t unknown;  ///< 1: some voxel was neither observed nor cleared, or the capsule was not looked at
+  uint8_t unknown;  ///< 1: some voxel was neither observed nor cleared, or the capsule was not examined
   uint8_t valid;    ///< 0: a bad end or radius, or too large: split it
   uint8_t reserved[5];
 } accessvdb_capsule_answer;
@@ -310,7 +303,7 @@ ACCESSVDB_API int accessvdb_field_query_capsules(accessvdb_field* field, const a
 
 /// "cpu" or "cuda:NAME".
 ACCESSVDB_API const char* accessvdb_field_device(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
-/// Every effective parameter as "name value", one a line.
+/// Every effective parameter as "name value", one per line.
 ACCESSVDB_API const char* accessvdb_field_parameters(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
 
 /// Writes field.vdb, field_points.vdb and points.ply into a folder, each whole or not at all.

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The field as your own CUDA kernel sees it: a small struct that travels by value. Compiles with nvcc and with any
+/// The field as your own CUDA kernel sees it: a small struct passed by value. Compiles with nvcc and with any
 /// C++20 compiler; needs NanoVDB's header and nothing else of AccessVDB's dependencies.
 ///
 ///   accessvdb::DeviceView view = field.deviceView();       // host
@@ -8,19 +8,18 @@
 ///   cudaStreamSynchronize(stream);                         // before the field changes again
 ///   field.integrateScan(...);
 ///
-/// Order    All that the view shows is complete when deviceView() returns, so any stream may read it at once. The field
-///          does not know your streams: before the next integrateScan(), integrateRays() or update(), and before the
-///          field is destroyed, wait for your kernels. A kernel that still runs then reads a map that is half changed.
+/// Order    Everything that the view shows is complete when deviceView() returns, so any stream may read it at once.
+///          The field does not know your streams: wait for your kernels before the next integrateScan(),
+///          integrateRays() or update(), and before the field is destroyed. A kernel still running then reads a
+///          half-changed map.
 /// Validity The view belongs to one revision of the field. Those three calls end it: addresses of points may have
-/// moved,
-///          so take a new view; it costs microseconds. `view.revision == field.revision()` tells.
+///          moved, so take a new view; it costs microseconds. Check `view.revision == field.revision()`.
 /// Place    `on_gpu` says whose memory it is. AccessibilityField::deviceView() gives device memory only, hostView()
-/// host
-///          memory only; the functions below are the same lines on both.
+///          host memory only; the functions below run the same code on both.
 /// Reading  Nothing may be written through it, and the grid must not go to NanoVDB's NodeManager, HDDA or statistics:
 ///          it is live, and patched in place.
 /// Rounding The library compiles with --fmad=false; without it, positions within a rounding error of a voxel's face may
-///          fall to the other side in your kernel.
+///          fall on the other side in your kernel.
 #pragma once
 
 #include <cstdint>
@@ -35,9 +34,9 @@ namespace accessvdb {
 using kernels::Occupancy;
 using kernels::PathOccupancy;
 
-/// The surface points as of the last update(); index = SurfacePoint::id. Points that came later are not here yet.
+/// The surface points as of the last update(); index = SurfacePoint::id. Points added since are not here yet.
 struct DevicePoints {
-  /// [3 n] x y z, metres, local frame: world minus DeviceView::origin_W. Not set where the reason is Confidence.
+  /// [3 n] x y z, metres, local frame: world minus DeviceView::origin_W. Not set if the reason is Confidence.
   const float* position_L = nullptr;
   const float* normal_L = nullptr;           ///< [3 n] unit; zero where there is none
   const float* stability = nullptr;          ///< [n] in [0, 1]
@@ -56,43 +55,43 @@ struct DeviceView {
   int num_directions = 0;               ///< [D]
   float voxel_size_m = 0;
   double origin_W[3] = {0, 0, 0};  ///< world position of the local origin
-  std::uint64_t revision = 0;      ///< of the field when this was made
+  std::uint64_t revision = 0;      ///< the field's, when this view was made
   bool on_gpu = false;
   /// Whether the field keeps a mirror of its distances (FieldParams::mirror_distance). Without one, every distance
   /// below is NaN; on the host, ask BatchQuery.
   bool distance_available = false;
-  /// That mirror, a NanoGrid<float> in index space of the local frame: metres, active = observed, background tau. For
-  /// your own reads: a voxel that is not active was never observed, whatever its value says.
+  /// That mirror, a NanoGrid<float> in index space of the local frame: metres, active = observed, background tau. If
+  /// you read it yourself: a voxel that is not active was never observed, whatever its value says.
   kernels::DistanceView distance;
 
-  /// The voxel of a world position. NaN and what lies too far out are unknown.
+  /// The voxel at a world position. NaN and positions too far out are unknown.
   ACCESSVDB_HOSTDEV Occupancy occupancyAt(const double* p_W) const {
     const double p_L[3] = {p_W[0] - origin_W[0], p_W[1] - origin_W[1], p_W[2] - origin_W[2]};
     return kernels::occupancyAt(map, p_L);
   }
-  /// The tool hits something there: observed, and nearer than r_c to a surface. Unknown does not collide, so this alone
-  /// frees nothing: see armFree().
+  /// The tool hits something there: observed, and closer than r_c to a surface. Unknown does not collide, so a false
+  /// here does not mean free: see armFree().
   ACCESSVDB_HOSTDEV bool collides(const double* p_W) const { return occupancyAt(p_W) == Occupancy::Collides; }
   /// Seen to be free: observed and r_c or more from a surface, or cleared by a ray. Unknown is not free.
   ACCESSVDB_HOSTDEV bool armFree(const double* p_W) const { return occupancyAt(p_W) == Occupancy::Free; }
 
-  /// Distance to the nearest surface as the map holds it, metres: of the voxel of a world position. It is a mean of
-  /// distances along rays, clamped to [clamp_min_m, tau], so beyond tau it says no more than "tau or farther".
-  /// NaN where the voxel was never observed, where there is no mirror of distances, and for NaN and what lies too far
-  /// out. Every comparison with NaN is false: write `distanceAt(p) >= r` for free, never `!(distanceAt(p) < r)`.
+  /// Distance to the nearest surface as the map stores it, metres, of the voxel at a world position. It is a mean of
+  /// distances along rays, clamped to [clamp_min_m, tau], so beyond tau it only says "tau or farther".
+  /// NaN where the voxel was never observed, without a mirror of distances, and for NaN and positions too far out.
+  /// Every comparison with NaN is false: write `distanceAt(p) >= r` for free, never `!(distanceAt(p) < r)`.
   ACCESSVDB_HOSTDEV float distanceAt(const double* p_W) const {
     const double p_L[3] = {p_W[0] - origin_W[0], p_W[1] - origin_W[1], p_W[2] - origin_W[2]};
     return kernels::distanceAt(distance, p_L);
   }
-  /// Trilinear between the centres of the eight voxels around it. NaN as above, and where any of the eight was never
-  /// observed: the edge of what is known is no distance.
+  /// Trilinear between the centres of the eight surrounding voxels. NaN as above, and where any of the eight was never
+  /// observed: the edge of the known space is not a distance.
   ACCESSVDB_HOSTDEV float distanceInterpolatedAt(const double* p_W) const {
     const double p_L[3] = {p_W[0] - origin_W[0], p_W[1] - origin_W[1], p_W[2] - origin_W[2]};
     return kernels::distanceInterpolatedAt(distance, p_L);
   }
 
-  /// A link of a robot arm, or its way: the segment a_W b_W with a radius. Every voxel is looked at whose centre is
-  /// within radius_m + half a voxel's diagonal of the axis, so no voxel is missed that the capsule enters.
+  /// A link of a robot arm, or the path it sweeps: the segment a_W b_W with a radius. Every voxel is examined whose
+  /// centre is within radius_m + half a voxel's diagonal of the axis, so no voxel that the capsule enters is missed.
   ACCESSVDB_HOSTDEV PathOccupancy along(const double* a_W, const double* b_W, double radius_m) const {
     const double a_L[3] = {a_W[0] - origin_W[0], a_W[1] - origin_W[1], a_W[2] - origin_W[2]};
     const double b_L[3] = {b_W[0] - origin_W[0], b_W[1] - origin_W[1], b_W[2] - origin_W[2]};
@@ -100,7 +99,7 @@ struct DeviceView {
   }
 
   /// @param id  below points.count    @param p_W  out: metres, world
-  /// @return false: it was never scored, and its position has not been sent here
+  /// @return false: it was never scored, so its position is not here
   ACCESSVDB_HOSTDEV bool positionOf(std::uint32_t id, double* p_W) const {
     if (points.reason[id] == PointReason::Confidence) return false;
     for (int axis = 0; axis < 3; ++axis) p_W[axis] = origin_W[axis] + points.position_L[3 * std::size_t(id) + axis];

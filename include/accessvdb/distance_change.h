@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// In which rows of one leaf of the map a scan changed distances, and where they stand.
+/// The rows of one leaf of the map in which a scan changed distances, and where to read them.
 #pragma once
 
 #include <array>
@@ -8,7 +8,7 @@
 
 namespace accessvdb {
 
-/// How the map packs a voxel into 32 bits: mean distance in steps, behind it the weight in the low bits.
+/// How the map packs a voxel into 32 bits: mean distance in steps in the high bits, weight in the low bits.
 struct DistanceCode {
   float low_m = 0;   ///< distance of mean 0
   float step_m = 0;  ///< one step
@@ -22,13 +22,13 @@ struct DistanceCode {
   }
 };
 
-/// Two rows along z that lie behind each other, as the map stores and changes them: 16 voxels.
+/// Two rows along z stored one after the other, the unit in which the map stores and changes them: 16 voxels.
 inline constexpr std::uint32_t kVoxelsPerRowPair = 16;
 
 struct DistanceChange {
-  std::array<std::int32_t, 3> origin_ijk = {};  ///< least voxel of the leaf, multiples of 8
+  std::array<std::int32_t, 3> origin_ijk = {};  ///< lowest voxel of the leaf, multiples of 8
   std::uint32_t row_pairs = 0;                  ///< bit n: some of voxels 16 n .. 16 n + 15, in the order of LeafBits
-  const std::uint32_t* packed = nullptr;        ///< [512] the whole leaf, as it is now; until the map next changes
+  const std::uint32_t* packed = nullptr;        ///< [512] the whole leaf as it is now; valid until the map next changes
 };
 
 }  // namespace accessvdb

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The one exception family that crosses the library boundary.
 ///
-/// Every error carries what the program needs to say in one line: a stable dotted id, what it is about (a file, a
-/// field, a device), what is wrong, and what to do next. `exitCode()` is the program's exit code for it.
+/// Every error carries what the program needs for one line: a stable dotted id, what it is about (a file, a field, a
+/// device), what is wrong, and what to do next. `exitCode()` is the program's exit code for it.
 #pragma once
 
 #include <stdexcept>
@@ -22,7 +22,7 @@ enum class ErrorCode : int {
   Resource = 5,  ///< memory or another limit would be exceeded
   Device = 6,    ///< the requested device is missing or lost
   Output = 7,    ///< an output cannot be written durably
-  Internal = 70  ///< a bug of ours
+  Internal = 70  ///< a bug in the library
 };
 
 class ACCESSVDB_API Error : public std::runtime_error {
@@ -52,7 +52,7 @@ class ACCESSVDB_API Error : public std::runtime_error {
   std::string id_, subject_, problem_, advice_;
 };
 
-/// One child a kind, so that callers can catch what they can handle.
+/// One subclass per kind, so that callers can catch what they can handle.
 template <ErrorCode kCode>
 class ACCESSVDB_API ErrorOf : public Error {
  public:

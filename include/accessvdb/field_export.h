@@ -15,30 +15,30 @@ class AccessibilityField;
 
 namespace io {
 
-/// How the values of a .vdb file are compressed. Readers of OpenVDB's C++ library open all of them, provided that
-/// theirs was built with the codec.
+/// How the values of a .vdb file are compressed. OpenVDB's C++ library reads all of them if it was built with the
+/// codec.
 enum class Compression {
-  Auto,   ///< Blosc where this build of OpenVDB has it, else Zip
+  Auto,   ///< Blosc if this build of OpenVDB has it, else Zip
   Blosc,  ///< fast
   Zip,    ///< smaller and many times slower
-  None    ///< inactive values are left out all the same
+  None    ///< inactive values are still left out
 };
 
-/// Which axis of the .vdb files points up. The world frame is z up; with Y the grids' transforms and vectors are turned
-/// by -90 degrees about x, (x, y, z) to (x, z, -y). Voxel indices and values that are no vectors stay the same bits.
+/// Which axis of the .vdb files points up. The world frame is z up; with Y the grids' transforms and vectors are
+/// rotated by -90 degrees about x, (x, y, z) to (x, z, -y). Voxel indices and non-vector values keep the same bits.
 enum class UpAxis { Z, Y };
 
 struct WriteOptions {
-  bool half_float = false;  ///< 16-bit floats: all float grids but `score` and `weight`, which are counts
+  bool half_float = false;  ///< 16-bit floats: all float grids except `score` and `weight`, which are counts
   Compression compression = Compression::Auto;
   UpAxis up_axis = UpAxis::Z;  ///< of field.vdb and field_points.vdb; points.ply is always in the world frame
   bool surface = false;        ///< also write `surface`, a narrow-band level set made from the points and their normals
 };
 
-/// What can be told to be wrong before anything is written. @throws InvalidArgument (a codec that OpenVDB here lacks)
+/// Checks the options before anything is written. @throws InvalidArgument (a codec that this OpenVDB lacks)
 ACCESSVDB_API void checkWriteOptions(const WriteOptions& options);
 
-/// As the functions of field_io.h. @throws InvalidArgument, OutputError
+/// Like the functions in field_io.h. @throws InvalidArgument, OutputError
 ACCESSVDB_API void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume,
                                  const FieldSnapshot& field, const FieldMetadata& metadata,
                                  const WriteOptions& options);
@@ -47,17 +47,17 @@ ACCESSVDB_API void writePointsVdb(const std::filesystem::path& path, const Field
 
 }  // namespace io
 
-/// As AccessibilityField::write(): field.vdb, field_points.vdb and points.ply, each whole or not at all.
+/// Like AccessibilityField::write(): field.vdb, field_points.vdb and points.ply, each whole or not at all.
 /// @throws InvalidArgument (options), OutputError
 ACCESSVDB_API void writeField(const AccessibilityField& field, const std::filesystem::path& folder,
                               const io::WriteOptions& options);
 
-/// As writeField, of a field whose device was lost or ran out of memory half-way: what was fused, every point unscored
-/// (AccessibilityField::unscoredSnapshot()), no level set. @throws also ResourceLimit "field.broken"
+/// Like writeField, for a field whose device was lost or ran out of memory half-way: what was fused, all points
+/// unscored (AccessibilityField::unscoredSnapshot()), no level set. @throws also ResourceLimit "field.broken"
 ACCESSVDB_API void writeFieldUnscored(const AccessibilityField& field, const std::filesystem::path& folder,
                                       const io::WriteOptions& options);
 
-/// The content of field.vdb under a name of the caller's: one frame of a sequence (field_0001.vdb, ...) while a map
+/// The content of field.vdb under a name of your choice: one frame of a sequence (field_0001.vdb, ...) while a map
 /// grows. The folder must exist. @throws InvalidArgument (options), OutputError
 ACCESSVDB_API void writeFieldFrame(const AccessibilityField& field, const std::filesystem::path& file,
                                    const io::WriteOptions& options);

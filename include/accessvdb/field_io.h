@@ -25,7 +25,7 @@ class ToolGeometry;
 
 namespace accessvdb::io {
 
-/// Calls `body` with a checked stream on a temporary file beside `path`; then flush, fsync, rename, fsync of the
+/// Calls `body` with a checked stream on a temporary file next to `path`; then flush, fsync, rename, fsync of the
 /// folder. Nothing is left behind when anything fails. @throws OutputError (disk full, permission, ...)
 ACCESSVDB_API void writeFileDurably(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body);
 
@@ -48,7 +48,7 @@ ACCESSVDB_API void writePointsPly(const std::filesystem::path& path, const Field
 /// Reads points.ply back, with origin and voxel size from its header comments. @throws InputError
 [[nodiscard]] ACCESSVDB_API FieldSnapshot readPointsPly(const std::filesystem::path& path);
 
-/// What `info` tells about a grid.
+/// What `info` prints about a grid.
 struct GridSummary {
   std::string name, type, grid_class;
   std::uint64_t active_voxels = 0, leaves = 0, bytes = 0;
@@ -74,7 +74,7 @@ class ACCESSVDB_API StoredField {
     bool observed = false, cleared = false;
     float distance_m = 0, weight = 0;
   };
-  /// @throws InputError where the folder holds no field of ours
+  /// @throws InputError if the folder holds no field written by this library
   static StoredField open(const std::filesystem::path& folder);
   ~StoredField();
   StoredField(StoredField&&) noexcept;

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Parameters, one struct a stage. A value of 0 marked "rule" means: derived by resolved() from the others.
-/// Symbols of the paper stand in brackets. Lengths are metres, angles radians.
+/// Parameters, one struct per stage. Where marked "rule", a value of 0 means: derived by resolved() from the others.
+/// The paper's symbols are in brackets. Lengths are metres, angles radians.
 #pragma once
 
 #include <array>
@@ -14,23 +14,23 @@
 namespace accessvdb {
 
 enum class Profile { Product, Paper };       ///< the two columns of docs/DESIGN.md, "Two profiles"
-enum class UpdatePolicy { Exact, Paper };    ///< how points to re-score are chosen
+enum class UpdatePolicy { Exact, Paper };    ///< how points to be scored again are chosen
 enum class BackendKind { Auto, Cpu, Cuda };  ///< where scoring runs
-/// Voxels that one return updates; Projective is a baseline for evaluation, see ProjectiveParams.
+/// Which voxels a return updates; Projective is a baseline for evaluation, see ProjectiveParams.
 enum class UpdateRegion { DoubleCone, FullCube, Projective };
 enum class ToolForm { Voxels, SurfaceSamples };  ///< how tool collisions are counted
 
-/// The projective baseline, for evaluation only: every voxel takes the range of the bin that it falls into in the
-/// scan's range image, d = range - |x - q|, instead of every return updating the voxels around it. Used with
-/// UpdateRegion::Projective, which takes scans with one sensor pose (integrateScan) and no ray clouds.
+/// The projective baseline, for evaluation only: every voxel takes the range of the bin of the scan's range image into
+/// which it falls, d = range - |x - q|, instead of every return updating the voxels around it. Used with
+/// UpdateRegion::Projective, which takes scans with one sensor pose (integrateScan), not ray clouds.
 struct ProjectiveParams {
-  double bin_rad = 0.004363323129985824;  ///< edge of a bin, 0.25 degrees; rounded to a whole number of bins a turn
+  double bin_rad = 0.004363323129985824;  ///< edge of a bin, 0.25 degrees; rounded to a whole number of bins per turn
   bool in_front = false;       ///< voxels more than tau in front of a range count as tau; else only |d| <= tau counts
   bool empty_is_free = false;  ///< voxels in empty bins count as tau; else they are skipped
   bool guarded = false;        ///< nvblox's interpolation with its two guards; else the nearest range of the bin
   bool cleared_band = false;   ///< also mark the cleared band of the scan-centric method
-  double elevation_min_rad = -0.12217304763960307;  ///< empty bins below count as outside of the view: -7 degrees
-  double elevation_max_rad = 0.9075712110370514;    ///< and those above: 52 degrees
+  double elevation_min_rad = -0.12217304763960307;           ///< empty bins below are outside the view: -7 degrees
+  double elevation_max_rad = 0.9075712110370514;             ///< and those above it: 52 degrees
   std::array<double, 3> box_min_W_m = {}, box_max_W_m = {};  ///< what in_front and empty_is_free may update, in the
                                                              ///< world frame; rounded outwards to leaves
 };
@@ -54,10 +54,10 @@ struct TsdfParams {
 
 /// Which approach directions are admissible (paper, "Approach directions", "Arm path checking").
 struct ApproachParams {
-  int num_directions = 180;                     ///< [D] yaw steps over 2 pi; 4 .. 256
-  double normal_cone_rad = 1.2217304763960306;  ///< 70 degrees
-  double observation_cos_min = 0.25;            ///< a direction counts as observed from where dot(u, a_d) exceeds this
-  std::array<double, 3> arm_tau = {0.6, 1.25, 2.25};  ///< arm samples, times tau
+  int num_directions = 180;                           ///< [D] yaw steps over 2 pi; 4 .. 256
+  double normal_cone_rad = 1.2217304763960306;        ///< 70 degrees
+  double observation_cos_min = 0.25;                  ///< a direction was observed if dot(u, a_d) exceeds this
+  std::array<double, 3> arm_tau = {0.6, 1.25, 2.25};  ///< distances of the arm samples, times tau
   double corridor_length_m = 0.0;  ///< [L] straight corridor kept free; beyond 2.25 tau sampled every tau
   bool coarse_to_fine = false;     ///< the paper's 20 degree pass and +-25 degree window; policy Paper only
   bool viewpoints = false;         ///< up to 8 stored viewpoints (paper) instead of the seen-direction mask
@@ -68,12 +68,12 @@ struct ScoringParams {
   double collision_distance_m = 0.0;   ///< [r_c] 0 = rule: 0.5 v
   double self_exclusion_voxels = 3.0;  ///< [r_s] in voxels
   ToolForm form = ToolForm::Voxels;
-  int surface_samples = 1000;           ///< [M], only for SurfaceSamples
-  int max_collisions = 0;               ///< [n_c - 1] most collisions of a free direction; 0 = rule (see ToolKernel)
-  int neighbours = 0;                   ///< [k] of the normal's PCA; 0 = rule: 10; 30, 60, 100 from sigma = v/2, v, 2v
-  bool mean_positions = true;           ///< PCA on mean return positions (paper: first returns)
-  bool join_neighbour_views = true;     ///< a point inherits what its 10 nearest neighbours were seen from
-  bool neighbourhood_weight = true;     ///< confidence from the largest weight of 3x3x3 voxels (paper: own voxel)
+  int surface_samples = 1000;        ///< [M], only for SurfaceSamples
+  int max_collisions = 0;            ///< [n_c - 1] most collisions of a free direction; 0 = rule (see ToolKernel)
+  int neighbours = 0;                ///< [k] of the normal's PCA; 0 = rule: 10; 30, 60, 100 from sigma = v/2, v, 2v
+  bool mean_positions = true;        ///< PCA on mean return positions (paper: first returns)
+  bool join_neighbour_views = true;  ///< a point inherits the directions that its 10 nearest neighbours were seen from
+  bool neighbourhood_weight = true;  ///< confidence from the largest weight of 3x3x3 voxels (paper: own voxel)
   double confidence_half_weight = 5.0;  ///< [k_c] c = w / (w + k_c)
   double confidence_min = 0.2;          ///< [c_min] below: not scored
 };
@@ -81,15 +81,15 @@ struct ScoringParams {
 /// When points are scored again.
 struct UpdateParams {
   UpdatePolicy policy = UpdatePolicy::Exact;
-  int budget_points = 0;                     ///< most points scored an update(); 0 = no limit. The rest is the backlog
+  int budget_points = 0;                     ///< most points scored per update(); 0 = no limit. The rest is the backlog
   int changed_voxel_sample = 256;            ///< paper policy, trigger (ii)
   double changed_voxel_radius_voxels = 3.0;  ///< [r_u] paper policy, trigger (ii)
   double requeue_motion_m = 0.1;             ///< paper policy, trigger (iii)
   double stability_min = 0.7;                ///< bound on c*a for `confident` (and on a for the paper's label)
-  std::uint64_t seed = 1;                    ///< of the paper policy's sample
+  std::uint64_t seed = 1;                    ///< for the paper policy's sample
 };
 
-/// Everything an AccessibilityField needs to know beside the tool.
+/// Everything that an AccessibilityField needs besides the tool.
 struct ACCESSVDB_API FieldParams {
   TsdfParams tsdf = {};
   ApproachParams approach = {};
@@ -97,8 +97,8 @@ struct ACCESSVDB_API FieldParams {
   UpdateParams update = {};
   BackendKind backend = BackendKind::Auto;
   int threads = 0;  ///< 0 = all
-  /// Keeps a second live mirror, of the map's distances, for DeviceView::distanceAt(). Scoring does not need it, and no
-  /// result depends on it: it costs time and memory (docs/DESIGN.md, "The mirror of distances").
+  /// Keeps a second live mirror, of the map's distances, for DeviceView::distanceAt(). Scoring does not need it and no
+  /// result depends on it; it costs time and memory (docs/DESIGN.md, "The mirror of distances").
   bool mirror_distance = false;
 
   /// The paper's own constants, for its tables.
@@ -107,7 +107,7 @@ struct ACCESSVDB_API FieldParams {
   /// Copy with every rule applied. @throws InvalidArgument naming the first bad field.
   [[nodiscard]] FieldParams resolved() const;
 
-  /// Every effective value as "name value" pairs, one a line, in a fixed order: for metadata and reports.
+  /// Every effective value as "name value" pairs, one per line, in a fixed order: for metadata and reports.
   [[nodiscard]] std::string describe() const;
 };
 

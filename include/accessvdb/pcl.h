@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Clouds and poses of the Point Cloud Library in, labelled clouds out. Header only, for programs that have PCL: the
-/// library neither needs PCL nor links it, and no other header of ours includes this one. Link pcl_common yourself.
+/// Input of clouds and poses of the Point Cloud Library, output of labelled clouds. Header only, for programs that have
+/// PCL: the library neither needs nor links it, and no other header includes this one. Link pcl_common yourself.
 #pragma once
 
 #include <pcl/point_cloud.h>
@@ -21,12 +21,11 @@
 namespace accessvdb {
 
 /// The returns of a PCL cloud as AccessibilityField::integrateScan() takes them: [n] float32, sensor frame, metres.
-/// Point types whose x, y, z are all that they hold (12 bytes) are read where they lie; PCL's own types are padded to
-/// 16 bytes or more, so their coordinates are copied once. Points that PCL marks as invalid (NaN) stay in: the field
-/// counts and drops them.
+/// Point types that hold only x, y, z (12 bytes) are read in place; PCL's own types are padded to 16 bytes or more, so
+/// their coordinates are copied once. Points that PCL marks as invalid (NaN) stay in: the field counts and drops them.
 class PclScan {
  public:
-  /// @param cloud  must outlive this where its points are read in place (see copied())
+  /// @param cloud  must outlive this if its points are read in place (see copied())
   template <typename PointT>
   explicit PclScan(const pcl::PointCloud<PointT>& cloud) {
     if constexpr (sizeof(PointT) == sizeof(Eigen::Vector3f) && std::is_trivially_copyable_v<PointT>) {
@@ -59,23 +58,23 @@ template <typename PointT>
   return T_W_S;
 }
 
-/// A pose as PCL's registration hands it out (Matrix4f, Affine3f::matrix(), or their double forms), sensor to world.
-/// Float32 rotations are a little off; the nearest rotation is taken. integrateScan() refuses what is not rigid.
+/// A pose as PCL's registration returns it (Matrix4f, Affine3f::matrix(), or their double forms), sensor to world.
+/// Float32 rotations are slightly off; the nearest rotation is taken. integrateScan() refuses a pose that is not rigid.
 template <typename Scalar>
 [[nodiscard]] Eigen::Isometry3d poseFromPcl(const Eigen::Matrix<Scalar, 4, 4>& T_W_S_pcl) {
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
   const Eigen::Matrix3d turn = T_W_S_pcl.template topLeftCorner<3, 3>().template cast<double>();
   const Eigen::Quaterniond nearest(turn);
-  // Only what rounding explains is mended; anything else goes through as it is, and is refused.
+  // Corrects only what rounding explains; anything else is passed on unchanged, and refused.
   const Eigen::Matrix3d rotation = nearest.normalized().toRotationMatrix();
   T_W_S.linear() = (rotation - turn).cwiseAbs().maxCoeff() < 1e-5 ? rotation : turn;
   T_W_S.translation() = T_W_S_pcl.template topRightCorner<3, 1>().template cast<double>();
   return T_W_S;
 }
 
-/// Surface points with their labels: x, y, z are p_W - origin_W (PCL's float32 does not hold survey coordinates), label
-/// is PointLabel (0 unscored, 1 accessible, 2 blocked), colours are those of points.ply. Order: that of the snapshot.
-/// @param origin_W  world position of the cloud's zero; the field's own origin by default
+/// Surface points with their labels: x, y, z are p_W - origin_W (PCL's float32 cannot hold survey coordinates), label
+/// is PointLabel (0 unscored, 1 accessible, 2 blocked), colours are those of points.ply. Same order as the snapshot.
+/// @param origin_W  world position of the cloud's origin; the field's own origin by default
 [[nodiscard]] inline pcl::PointCloud<pcl::PointXYZRGBL> labelledCloud(const FieldSnapshot& field,
                                                                       const Eigen::Vector3d& origin_W) {
   constexpr std::array<std::array<std::uint8_t, 3>, 3> kColours = {{{150, 152, 156}, {46, 160, 67}, {215, 58, 60}}};

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Labels and reasons of a surface point: the one set of names that host, device, files and users share.
+/// Labels and reasons of a surface point: one set of names shared by host, device, files and users.
 #pragma once
 
 #include <cstdint>
@@ -19,26 +19,26 @@ enum class PointReason : std::uint8_t {
   None = 0,        ///< accessible
   Confidence = 1,  ///< too few observations of the surface
   Normal = 2,      ///< no direction lies inside the cone around the normal, or there is no normal
-  Unseen = 3,      ///< no direction inside the cone was ever observed from
+  Unseen = 3,      ///< the point was never observed from a direction inside the cone
   Unknown = 4,     ///< the approach corridor runs through unobserved space
   Arm = 5,         ///< the approach corridor is obstructed
   Tool = 6         ///< the tool would collide
 };
 inline constexpr int kNumPointReasons = 7;
 
-/// Lower-case names as they stand in files: "unscored", "accessible", "blocked".
+/// Lower-case names as written to files: "unscored", "accessible", "blocked".
 constexpr const char* name(PointLabel label) {
   constexpr const char* kNames[kNumPointLabels] = {"unscored", "accessible", "blocked"};
   return kNames[static_cast<int>(label)];
 }
 
-/// Lower-case names as they stand in files: "none", "confidence", "normal", "unseen", "unknown", "arm", "tool".
+/// Lower-case names as written to files: "none", "confidence", "normal", "unseen", "unknown", "arm", "tool".
 constexpr const char* name(PointReason reason) {
   constexpr const char* kNames[kNumPointReasons] = {"none", "confidence", "normal", "unseen", "unknown", "arm", "tool"};
   return kNames[static_cast<int>(reason)];
 }
 
-/// Score of a point no direction of which reached the tool stage.
+/// Score of a point of which no direction reached the tool stage.
 inline constexpr std::uint16_t kNoScore = 65535;
 /// Direction index of a point without a best direction.
 inline constexpr std::uint16_t kNoDirection = 65535;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Reading scans and poses from files, and matching one to the other.
+/// Reading scans and poses from files, and matching them to each other.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,15 +23,15 @@ struct ScanInputOptions {
   std::filesystem::path scans = {};  ///< a folder of scans, or one file
   std::filesystem::path poses = {};  ///< may be empty (VIEWPOINT, ray cloud, sensor_at)
   PoseFormat pose_format = PoseFormat::Auto;
-  std::filesystem::path calib = {};                 ///< KITTI calib.txt, where poses are of the camera
+  std::filesystem::path calib = {};                 ///< KITTI calib.txt, if the poses are the camera's
   std::optional<Eigen::Vector3d> sensor_at_W = {};  ///< one sensor position for one cloud in the world frame
   int every = 1;                                    ///< use every n-th scan
   bool allow_truncated = false;                     ///< keep the complete records of a truncated file
   bool sort_poses = false;                          ///< accept pose files whose stamps run backwards, by sorting them
-  std::size_t rays_per_step = 20000;                ///< a ray cloud or single cloud is handed out in steps of this many
+  std::size_t rays_per_step = 20000;                ///< a ray cloud or single cloud is read in steps of this many
 };
 
-/// One integration step. Either points_S with T_W_S, or points_W with origins_W (size n, or 1 for all).
+/// One integration step: either points_S with T_W_S, or points_W with origins_W (size n, or 1 for all).
 struct ScanRecord {
   std::vector<Eigen::Vector3f> points_S;
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
@@ -39,7 +39,7 @@ struct ScanRecord {
   std::vector<Eigen::Vector3d> origins_W;
   double stamp_s = 0;  ///< 0 where unknown
   std::string path;
-  std::uint64_t truncated_points = 0;  ///< records that the header promised and the file lacks
+  std::uint64_t truncated_points = 0;  ///< records announced by the header but missing in the file
 };
 
 struct InputFile {
@@ -47,7 +47,7 @@ struct InputFile {
   std::string sha256;
 };
 
-/// Scans with their poses, in order; files are read when asked for.
+/// Scans with their poses, in order; files are read on demand.
 class ACCESSVDB_API ScanSequence {
  public:
   /// Lists the scans, reads the poses, matches them and checks them.
@@ -60,9 +60,9 @@ class ACCESSVDB_API ScanSequence {
   [[nodiscard]] std::size_t size() const;                         ///< number of steps
   [[nodiscard]] ScanRecord read(std::size_t step);                ///< @throws InputError naming the file
   [[nodiscard]] const std::vector<std::string>& notices() const;  ///< frame, quaternion order, matching rule, repairs
-  [[nodiscard]] std::string matchingRule() const;                 ///< one line, also among the notices
+  [[nodiscard]] std::string matchingRule() const;                 ///< one line, also part of the notices
   [[nodiscard]] std::vector<std::string> paths() const;           ///< every file that is or will be read
-  [[nodiscard]] std::optional<double> recordedRangeNoise_m() const;  ///< from range_noise.txt beside the scans, if any
+  [[nodiscard]] std::optional<double> recordedRangeNoise_m() const;  ///< from range_noise.txt next to the scans, if any
   [[nodiscard]] std::uint64_t inputBytes() const;                    ///< total size of the scan files
 
  private:
@@ -74,7 +74,7 @@ class ACCESSVDB_API ScanSequence {
 /// Lower-case hexadecimal SHA-256 of a file. @throws InputError
 [[nodiscard]] ACCESSVDB_API std::string sha256OfFile(const std::filesystem::path& path);
 
-/// Query positions from a text file, one "x y z" or "x,y,z" a line. @throws InputError naming the line
+/// Query positions from a text file, one "x y z" or "x,y,z" per line. @throws InputError naming the line
 [[nodiscard]] ACCESSVDB_API std::vector<Eigen::Vector3d> readPositions(const std::filesystem::path& path);
 
 }  // namespace accessvdb::io

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A tool as a triangle mesh in the tool frame: metres, tip at the origin, +x from the tip along the body (the way
-/// the tool withdraws), +z up. Right-handed.
+/// A tool as a triangle mesh in the tool frame: metres, tip at the origin, +x from the tip along the body (the
+/// direction in which the tool withdraws), +z up. Right-handed.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,16 +29,16 @@ struct ToolPose {
 class ACCESSVDB_API ToolGeometry {
  public:
   /// Reads STL, OBJ, PLY, OFF, DAE, glTF or GLB through assimp, in a child process with limits on time and memory.
-  /// @param unit  needed for formats that carry none (STL, OBJ, PLY, OFF); overrides the others'
+  /// @param unit  required for formats without one (STL, OBJ, PLY, OFF); overrides the others'
   /// @throws InputError (unreadable, malformed), UnusableInput (no faces, non-finite, size outside 1 mm .. 20 m),
-  ///         InvalidArgument (no unit given where one is needed; zero or parallel axis and up)
+  ///         InvalidArgument (no unit given but one is needed; zero or parallel axis and up)
   static ToolGeometry fromMesh(const std::filesystem::path& path, std::optional<LengthUnit> unit,
                                const ToolPose& pose = {});
   /// From vertices in metres in the tool frame and triangles of vertex indices.
   static ToolGeometry fromTriangles(std::vector<Eigen::Vector3f> vertices_T,
                                     std::vector<std::array<std::uint32_t, 3>> triangles, std::string name);
-  /// "builtin:pencil" (0.15 m long, 8 mm thick, 20 mm conical tip) or "builtin:pruner" (an arm of about 0.6 m reach
-  /// with a body behind it). @throws InvalidArgument for another name.
+  /// "builtin:pencil" (0.15 m long, 8 mm thick, 20 mm conical tip) or "builtin:pruner" (an arm with a reach of about
+  /// 0.6 m and a body behind it). @throws InvalidArgument for any other name.
   static ToolGeometry builtin(const std::string& name);
 
   [[nodiscard]] const std::vector<Eigen::Vector3f>& vertices_T() const { return vertices_T_; }

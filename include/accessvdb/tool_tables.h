@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the tables of a tool will take in memory, told before a field makes them.
+/// How much memory the tables of a tool will take, predicted before a field builds them.
 #pragma once
 
 #include <cstdint>
@@ -11,14 +11,14 @@
 
 namespace accessvdb {
 
-/// Host memory of the tables that follow from the tool, the voxel size and the directions alone.
+/// Host memory of the tables that depend only on the tool, the voxel size and the directions.
 struct ToolTableBytes {
   std::uint64_t held = 0;    ///< as long as the field lives
-  std::uint64_t making = 0;  ///< at most, while the field is made
+  std::uint64_t making = 0;  ///< at most, while the field is built
 };
 
-/// An estimate from eight of the directions, within a tenth of what a field then holds. It takes the share 8 / D of the
-/// time and memory that making the tables takes. With BackendKind::Auto they are counted as for the CPU, the larger.
+/// An estimate from eight of the directions, within a tenth of what the field will hold. It takes 8 / D of the time and
+/// memory of building the tables. BackendKind::Auto counts as the CPU, which needs more.
 /// @throws InvalidArgument (params), ResourceLimit "tool.span", "tool.columns" as the field would
 [[nodiscard]] ACCESSVDB_API ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& params);
 

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The map: an unbounded, sparse OpenVDB volume of truncated signed distances, weights and cleared flags.
 ///
-/// While it is authored, one OpenVDB tree holds all three (docs/DESIGN.md, "The authored map"); distance(), weight()
-/// and cleared() hand out ordinary OpenVDB grids. The value of voxel ijk sits at indexToWorld(ijk), its cell is +-v/2
-/// around it (OpenVDB's convention). Grids are in the local frame: metres, z up, origin_W away from the world's origin.
+/// While being authored, all three are one OpenVDB tree (docs/DESIGN.md, "The authored map"); distance(), weight() and
+/// cleared() return ordinary OpenVDB grids. The value of voxel ijk is at indexToWorld(ijk), its cell is +-v/2 around it
+/// (OpenVDB's convention). Grids are in the local frame: metres, z up, offset by origin_W from the world's origin.
 #pragma once
 
 #include <openvdb/openvdb.h>
@@ -22,11 +22,11 @@ namespace internal {
 class PackedMap;
 }
 
-/// Everything the map knows about one voxel.
+/// Everything that the map knows about one voxel.
 struct VoxelState {
   float distance_m = 0;      ///< mean of the clamped distances; tau where unobserved
   std::uint32_t weight = 0;  ///< observations; 0 = unobserved
-  bool cleared = false;      ///< some ray passed here on its way to a return
+  bool cleared = false;      ///< a ray passed here on its way to a return
 };
 
 class ACCESSVDB_API TsdfVolume {
@@ -51,10 +51,10 @@ class ACCESSVDB_API TsdfVolume {
   [[nodiscard]] std::uint64_t leafCount() const;
   [[nodiscard]] std::uint64_t activeVoxelCount() const;  ///< observed voxels
   [[nodiscard]] std::uint64_t memoryBytes() const;
-  /// Box of all leaves in voxels (inclusive); empty box where the map is empty.
+  /// Bounding box of all leaves in voxels (inclusive); empty if the map is empty.
   [[nodiscard]] openvdb::CoordBBox leafBounds() const;
 
-  /// For the stages of this library only.
+  /// For internal use by the library's stages.
   [[nodiscard]] internal::PackedMap& packed() { return *packed_; }
   [[nodiscard]] const internal::PackedMap& packed() const { return *packed_; }
 

@@ -33,16 +33,16 @@ struct FrameStats {
   std::uint64_t new_leaves = 0;
   std::uint64_t distance_updates = 0;  ///< (return, voxel) pairs fused
   std::uint64_t cleared_updates = 0;   ///< (return, voxel) pairs marked cleared
-  double integrate_ms = 0;             ///< sorting out returns, map and points: all but the mirror. On a GPU the first
-                                       ///< scan after an update begins with its choice, most of it hidden here
+  double integrate_ms = 0;             ///< sorting out returns, map and points: everything but the mirror. On a GPU the
+                                       ///< first scan after an update begins with its choice, most of it hidden here
   double mirror_ms = 0;                ///< patching the NanoVDB mirror
-  std::uint64_t changed_leaves = 0;    ///< leaves in which a fact that scoring reads flipped; they travel to the mirror
+  std::uint64_t changed_leaves = 0;    ///< leaves in which a fact that scoring reads flipped; sent to the mirror
   std::uint64_t mirror_bytes = 0;      ///< written to the mirror
-  // Of the mirror of distances, where there is one (FieldParams::mirror_distance):
+  // The mirror of distances, if there is one (FieldParams::mirror_distance):
   double distance_mirror_ms = 0;            ///< patching it
-  std::uint64_t distance_leaves = 0;        ///< leaves in which distances changed; their changed rows travel
+  std::uint64_t distance_leaves = 0;        ///< leaves in which distances changed; their changed rows are sent
   std::uint64_t distance_mirror_bytes = 0;  ///< written to it
-  std::uint64_t surface_points = 0;         ///< in the field afterwards
+  std::uint64_t surface_points = 0;         ///< in the field after this scan
 };
 
 /// What one update() did.
@@ -53,7 +53,7 @@ struct UpdateStats {
   std::uint64_t backlog = 0;          ///< points left for a later update
   std::uint64_t label_changes = 0;
   double update_ms = 0;  ///< all but testing directions: noting scans since the last update(), choosing points,
-                         ///< normals, where that was not begun with the scan
+                         ///< normals, unless begun with the scan
   double score_ms = 0;   ///< testing directions
 };
 
@@ -62,9 +62,9 @@ struct SurfacePoint {
   std::uint32_t id = 0;                    ///< stable over the life of the field
   Eigen::Vector3d position_W = {0, 0, 0};  ///< first return in its voxel, metres
   Eigen::Vector3f normal_W = {0, 0, 0};    ///< unit, towards the mean sensor position; zero where there is none
-  Eigen::Vector3f direction_W = {0, 0,
-                                 0};  ///< unit, outwards along the tool's body; the tool travels along -direction_W
-  float yaw_rad = 0;                  ///< of direction_W
+  /// Unit, outwards along the tool's body; the tool travels along -direction_W.
+  Eigen::Vector3f direction_W = {0, 0, 0};
+  float yaw_rad = 0;                       ///< of direction_W
   std::uint16_t direction = kNoDirection;  ///< its index d, yaw = 2 pi d / D
   std::uint16_t score = kNoScore;          ///< fewest collisions of any direction
   float weight = 0;                        ///< [w] observations behind the confidence
@@ -91,10 +91,10 @@ struct ACCESSVDB_API FieldSnapshot {
 struct MemoryUse {
   std::uint64_t map_bytes = 0;              ///< authored leaves and tree
   std::uint64_t mirror_bytes = 0;           ///< NanoVDB mirror
-  std::uint64_t distance_mirror_bytes = 0;  ///< the one of distances; 0 where there is none
-  std::uint64_t point_host_bytes = 0;       ///< authoring side of the points, and of the tool's tables
+  std::uint64_t distance_mirror_bytes = 0;  ///< mirror of distances; 0 if there is none
+  std::uint64_t point_host_bytes = 0;       ///< authoring side of the points and of the tool's tables
   std::uint64_t point_device_bytes = 0;     ///< point state arrays, and the tool's tables; host memory on the CPU
-  std::uint64_t device_peak_bytes = 0;      ///< most GPU memory held at a time, the driver's own left out; 0 on the CPU
+  std::uint64_t device_peak_bytes = 0;      ///< peak GPU memory held, without the driver's own; 0 on the CPU
   std::uint64_t leaves = 0;
   std::uint64_t active_voxels = 0;  ///< observed voxels
 };

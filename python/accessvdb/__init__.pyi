@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Types of the module. tests/python/stub_test.py holds every name and argument against the module itself.
+# Types of the module. tests/python/stub_test.py checks every name and argument against the module itself.
 import enum
 import os
 from typing import Any, Dict, Iterator, List, Literal, Mapping, Optional, Sequence, Tuple, Union, final
@@ -205,7 +205,7 @@ class UpdateParams:
     def __deepcopy__(self, memo: Dict[int, Any]) -> UpdateParams: ...
 
 class FieldParams:
-    """Everything an AccessibilityField needs to know beside the tool. A struct in it can be given as a dict."""
+    """Everything that an AccessibilityField needs besides the tool. Nested structs can be given as dicts."""
 
     tsdf: TsdfParams
     approach: ApproachParams
@@ -336,7 +336,7 @@ class FieldSnapshot:
 
 @final
 class PointAnswers:
-    """What a field knows at positions, in their order. Columns are read-only views."""
+    """What a field knows at the given positions, in their order. Columns are read-only views."""
 
     @property
     def distance_m(self) -> _F32: ...
@@ -366,7 +366,7 @@ class PointAnswers:
 
 @final
 class CapsuleAnswers:
-    """What capsules meet, in their order. Columns are read-only views."""
+    """What the given capsules meet, in their order. Columns are read-only views."""
 
     @property
     def min_distance_m(self) -> _F32: ...
@@ -447,7 +447,7 @@ class MemoryUse:
 
 @final
 class ScanRecord:
-    """One step: points_S with T_W_S, or, of a ray cloud, points_W with origins_W."""
+    """One step: points_S with T_W_S, or, for a ray cloud, points_W with origins_W."""
 
     @property
     def points_S(self) -> _F32: ...
@@ -466,7 +466,7 @@ class ScanRecord:
 
 @final
 class ScanSequence:
-    """Scans with their poses, in order; files are read when asked for."""
+    """Scans with their poses, in order; files are read on demand."""
 
     def __init__(
         self,

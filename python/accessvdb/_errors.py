@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""The exceptions of accessvdb: one family, one child a kind of failure."""
+"""The exceptions of accessvdb: one base class, one subclass per kind of failure."""
 
 
 class Error(Exception):
@@ -57,7 +57,7 @@ class OutputError(Error):
 
 
 class InternalError(Error):
-    """A bug of accessvdb."""
+    """A bug in accessvdb."""
 
     code = 70
 

@@ -26,16 +26,18 @@ std::string expectedShape(py::ssize_t rows, py::ssize_t columns) {
   return "(" + (rows == kAnyNumber ? "N" : std::to_string(rows)) + ", " + std::to_string(columns) + ")";
 }
 
-/// Any array-like as an array of real numbers, its shape as it is.
+/// Any array-like as an array of real numbers, of unchanged shape.
 py::array numbers(const char* name, const py::object& value) {
   if (value.is_none()) throw InvalidArgument("python.array", name, "is None", "Pass a NumPy array");
-  // Text would become an array of characters, and a dict one of objects: say what came, not what NumPy made of it.
+  // Text would become an array of characters, and a dict one of objects: name what was passed, not what NumPy made of
+  // it.
   if (py::isinstance<py::str>(value) || py::isinstance<py::bytes>(value) || py::isinstance<py::dict>(value)) {
     throw InvalidArgument("python.array", name, "is of type " + typeName(value), "Pass a NumPy array of numbers");
   }
   py::array array = py::array::ensure(value);
   if (!array) {
-    throw InvalidArgument("python.array", name, "is of type " + typeName(value) + ", of which NumPy makes no array",
+    throw InvalidArgument("python.array", name,
+                          "is of type " + typeName(value) + ", which NumPy cannot convert to an array",
                           "Pass a NumPy array of numbers");
   }
   const char kind = array.dtype().kind();
@@ -45,10 +47,10 @@ py::array numbers(const char* name, const py::object& value) {
                               (kind == 'O' ? " (rows of different lengths, perhaps)" : ""),
                           "Pass an array of float32 or float64");
   }
-  // A mask says that the numbers below it are no data; read on without it they would be.
+  // A mask marks numbers that are not data; reading on without it would treat them as data.
   if (py::hasattr(value, "mask") && py::isinstance(value, py::module_::import("numpy.ma").attr("MaskedArray"))) {
     throw InvalidArgument("python.array", name, "is a masked array",
-                          "Pass its good rows: a.compressed(), a[~mask].data");
+                          "Pass its valid rows: a.compressed(), a[~mask].data");
   }
   return array;
 }
@@ -97,7 +99,8 @@ ScanPoints::ScanPoints(const char* name, const py::object& value) {
     keep_ = array;
     return;
   }
-  // Rounded here, not by NumPy, which warns of numbers beyond float32; they become infinite and are dropped, counted.
+  // Rounded here, not by NumPy, which warns about numbers beyond float32; they become infinite, and are dropped and
+  // counted.
   const auto array = realArray<double>(name, value, kAnyNumber, 3);
   const auto given = rows(array);
   const py::gil_scoped_release released;
@@ -134,7 +137,7 @@ Eigen::Isometry3d poseOf(const char* name, const py::object& value) {
   pose.matrix() = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(array.data());
   if (pose.matrix().row(3) != Eigen::RowVector4d(0, 0, 0, 1)) {
     throw UnusableInput("pose.last_row", name, "the last row of a pose is not 0 0 0 1",
-                        "A transposed matrix has the position there");
+                        "The position is there in a transposed matrix");
   }
   return pose;
 }
@@ -151,7 +154,7 @@ py::array viewInto(const py::object& owner, const py::dtype& type, const void* f
     strides.push_back(type.itemsize());
   }
   py::array array(type, std::move(shape), std::move(strides), first, owner);
-  array.attr("setflags")(py::arg("write") = false);  // for good: NumPy gives it back only where the owner allows it
+  array.attr("setflags")(py::arg("write") = false);  // for good: NumPy restores it only if the owner allows it
   return array;
 }
 

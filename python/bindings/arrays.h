@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What comes from Python, checked: arrays of points and poses, and calls that run without the interpreter's lock.
+/// Checked input from Python: arrays of points and poses, and calls that run without the interpreter's lock.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -21,20 +21,20 @@
 
 namespace accessvdb::python {
 
-/// "list", "numpy.ndarray": what to call a value of the user's in a message.
+/// "list", "numpy.ndarray": the name for a user's value in a message.
 std::string typeName(pybind11::handle value);
 
-/// A C-contiguous array of an array-like of real numbers, of [n x 3] or [rows x columns]; a copy only where type,
-/// byte order or layout differ.
-/// @param name  of the argument, for messages
-/// @throws InvalidArgument "python.array" for what is no array of real numbers, or is masked;
+/// A C-contiguous array from an array-like of real numbers, [n x 3] or [rows x columns]; copied only if type,
+/// byte order or layout differs.
+/// @param name  the argument's, for messages
+/// @throws InvalidArgument "python.array" if it is not an array of real numbers, or is masked;
 ///         "python.shape" for another shape
 template <typename Scalar>
 pybind11::array_t<Scalar, pybind11::array::c_style> realArray(const char* name, const pybind11::object& value,
                                                               pybind11::ssize_t rows, pybind11::ssize_t columns);
-inline constexpr pybind11::ssize_t kAnyNumber = -1;  ///< of rows
+inline constexpr pybind11::ssize_t kAnyNumber = -1;  ///< any number of rows
 
-/// Points in the frame of a scan: [n x 3], float32 in place, other numbers rounded to it.
+/// Points in the frame of a scan: [n x 3], float32 read in place, other types rounded to it.
 class ACCESSVDB_PRIVATE ScanPoints {
  public:
   ScanPoints(const char* name, const pybind11::object& value);
@@ -70,12 +70,12 @@ Eigen::Isometry3d poseOf(const char* name, const pybind11::object& value);
 pybind11::array_t<double> arrayOf(const Eigen::Vector3d& v);
 pybind11::array_t<float> arrayOf(const Eigen::Vector3f& v);
 
-/// An array [n] or [n x 3] that looks into memory of `owner`, read-only; it keeps the owner alive.
+/// An array [n] or [n x 3] that views memory of `owner`, read-only; it keeps the owner alive.
 /// @param stride  bytes from one element to the next
 pybind11::array viewInto(const pybind11::object& owner, const pybind11::dtype& type, const void* first,
                          std::size_t count, std::size_t stride, int components = 1);
 
-/// Runs a call into the library without the interpreter's lock. What it throws belongs to our family afterwards.
+/// Runs a call into the library without the interpreter's lock. Other exceptions become InternalError.
 template <typename Body>
 auto withoutLock(const Body& body) {
   const pybind11::gil_scoped_release released;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Arrays of structs as columns: each field a NumPy array that looks into the structs, nothing copied.
+/// Arrays of structs as columns: each field a NumPy array that views the structs, nothing copied.
 #pragma once
 
 #include <pybind11/numpy.h>
@@ -14,7 +14,7 @@
 
 namespace accessvdb::python {
 
-/// One field of a struct: its name, of what type, where it begins, of how many numbers it is made.
+/// One field of a struct: its name, type, offset and number of elements.
 struct ACCESSVDB_PRIVATE Column {
   const char* name;
   pybind11::dtype type;
@@ -23,7 +23,7 @@ struct ACCESSVDB_PRIVATE Column {
   const char* doc;
 };
 
-/// The numbers that a field is made of.
+/// The type of a field's elements and their number.
 template <typename Member>
 struct ComponentsOf {
   using Scalar = Member;
@@ -51,7 +51,7 @@ Column column(const char* name, Member Struct::*member, const char* doc) {
           Components::kCount, doc};
 }
 
-/// The dtype of all columns together, with their places in the struct.
+/// The dtype of all columns together, with their offsets in the struct.
 pybind11::dtype recordType(const std::vector<Column>& columns, std::size_t struct_bytes);
 
 /// Adds a property for every column, `records` with all of them as one structured array, and the length.

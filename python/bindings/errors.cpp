@@ -31,7 +31,7 @@ const char* className(ErrorCode code) {
   return "InternalError";
 }
 
-/// Text from outside (a path, say) need not be UTF-8.
+/// External text (a path, for example) need not be UTF-8.
 py::str lossyText(const std::string& text) {
   return py::reinterpret_steal<py::str>(
       PyUnicode_DecodeUTF8(text.data(), static_cast<py::ssize_t>(text.size()), "backslashreplace"));
@@ -47,7 +47,7 @@ void raise(const Error& error) {
 }  // namespace
 
 void bindErrors(py::module_&) {
-  // For this module only: what other modules throw is none of ours.
+  // For this module only: exceptions of other modules are left alone.
   py::register_local_exception_translator([](std::exception_ptr thrown) {
     try {
       if (thrown) std::rethrow_exception(thrown);
@@ -55,7 +55,7 @@ void bindErrors(py::module_&) {
       raise(error);
     } catch (const std::bad_alloc&) {
       raise(ResourceLimit("memory.exhausted", "", "not enough memory",
-                          "Choose a larger voxel size, or free what is not needed"));
+                          "Choose a larger voxel size, or free some memory"));
     }
   });
 }

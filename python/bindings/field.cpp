@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// AccessibilityField, and what its calls report.
+/// AccessibilityField and what its calls return.
 #include "accessvdb/accessibility_field.h"
 
 #include <pybind11/stl.h>
@@ -44,7 +44,7 @@ void bindReports(py::module_& module) {
             }
             return dropped;
           },
-          "How many returns were not used, by reason: {\"no_return\": 12, ...}.")
+          "Number of unused returns by reason: {\"no_return\": 12, ...}.")
       .def_readonly("touched_leaves", &F::touched_leaves)
       .def_readonly("new_leaves", &F::new_leaves)
       .def_readonly("distance_updates", &F::distance_updates)
@@ -124,8 +124,8 @@ void bindField(py::module_& module) {
   using F = LockedField;
   py::class_<F> class_(
       module, "AccessibilityField",
-      "Scans go in, labelled surface points come out. Calls from several threads take turns; long ones let "
-      "other Python threads run.");
+      "Scans go in, labelled surface points come out. Calls from several threads take turns; other Python "
+      "threads can run during long calls.");
   bindQueries(class_);
   class_
       .def(py::init(&makeField), py::arg("tool"), py::arg("params") = py::none(),
@@ -135,7 +135,7 @@ void bindField(py::module_& module) {
            "(4, 4) pose, sensor to world. Bad returns are counted, never used.")
       .def("integrate_rays", &integrateRays, py::arg("points_W"), py::arg("origins_W"),
            "Fuses rays: (N, 3) returns and (N, 3) or (1, 3) sensor positions, all in the world frame.")
-      .def("integrate", &integrateRecord, py::arg("record"), "Fuses what a ScanSequence gave.")
+      .def("integrate", &integrateRecord, py::arg("record"), "Fuses a record of a ScanSequence.")
       .def(
           "update", [](F& f) { return f.run([](AccessibilityField& field) { return field.update(); }); },
           "Scores what changed since the last update().")
@@ -145,20 +145,20 @@ void bindField(py::module_& module) {
       .def(
           "evaluate_from_scratch",
           [](F& f) { return f.run([](AccessibilityField& field) { return keep(field.evaluateFromScratch()); }); },
-          "The same points scored anew against the current map; changes nothing.")
+          "The same points scored again from scratch against the current map; changes nothing.")
       .def(
           "point_at",
           [](F& f, const py::object& p_W) {
             const Eigen::Vector3d position = vector3("p_W", p_W);
             return f.run([&](AccessibilityField& field) { return field.pointAt(position); });
           },
-          py::arg("p_W"), "The SurfacePoint of the voxel that holds p_W, or None.")
+          py::arg("p_W"), "The SurfacePoint in the voxel that contains p_W, or None.")
       .def("write", &writeTo<&writeField>, py::arg("folder"), py::kw_only(), py::arg("half_float") = false,
            py::arg("compression") = "auto", py::arg("up_axis") = "z", py::arg("surface") = false,
            "Writes field.vdb, field_points.vdb and points.ply, each whole or not at all.")
       .def("write_frame", &writeTo<&writeFieldFrame>, py::arg("file"), py::kw_only(), py::arg("half_float") = false,
            py::arg("compression") = "auto", py::arg("up_axis") = "z", py::arg("surface") = false,
-           "Writes field.vdb under a name of yours: one frame of a sequence while a map grows.")
+           "Writes field.vdb under a name of your choice: one frame of a sequence while a map grows.")
       .def(
           "memory_use", [](F& f) { return f.run([](AccessibilityField& field) { return field.memoryUse(); }); },
           "Bytes by owner.")

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A field as Python has it: calls give up the interpreter's lock while they work, so several threads may come at once;
-/// they take turns.
+/// A field as Python sees it: calls release the interpreter's lock while they work, so several threads may call at
+/// once; they take turns.
 #pragma once
 
 #include <mutex>
@@ -19,7 +19,7 @@ class LockedField {
   template <typename Body>
   auto run(const Body& body) {
     return withoutLock([&] {
-      const std::scoped_lock turn(turn_);  // taken without the interpreter's lock, or two threads would wait for ever
+      const std::scoped_lock turn(turn_);  // taken without the interpreter's lock, or two threads would wait forever
       return body(field_);
     });
   }

@@ -19,15 +19,15 @@ std::function<FieldParams(py::handle)>& fieldParamsConverter() {
 auto projectiveClass(py::module_& m) {
   SettingsClass<ProjectiveParams> c(m, "ProjectiveParams", "The projective baseline, for evaluation only.");
   using P = ProjectiveParams;
-  c.field("bin_rad", &P::bin_rad, "Edge of a bin; rounded to a whole number of bins a turn.")
+  c.field("bin_rad", &P::bin_rad, "Edge of a bin; rounded to a whole number of bins per turn.")
       .field("in_front", &P::in_front, "Voxels more than tau in front of a range count as tau.")
       .field("empty_is_free", &P::empty_is_free, "Voxels in empty bins count as tau; else they are skipped.")
       .field("guarded", &P::guarded, "nvblox's interpolation with its two guards; else the nearest range of the bin.")
       .field("cleared_band", &P::cleared_band, "Also mark the cleared band of the scan-centric method.")
-      .field("elevation_min_rad", &P::elevation_min_rad, "Empty bins below count as outside of the view.")
-      .field("elevation_max_rad", &P::elevation_max_rad, "And those above.")
-      .field("box_min_W_m", &P::box_min_W_m, "What in_front and empty_is_free may update, world frame: least corner.")
-      .field("box_max_W_m", &P::box_max_W_m, "And greatest corner.")
+      .field("elevation_min_rad", &P::elevation_min_rad, "Empty bins below this elevation are outside the view.")
+      .field("elevation_max_rad", &P::elevation_max_rad, "Empty bins above this elevation are outside the view.")
+      .field("box_min_W_m", &P::box_min_W_m, "What in_front and empty_is_free may update, world frame: lowest corner.")
+      .field("box_max_W_m", &P::box_max_W_m, "And its highest corner.")
       .finish();
   return c;
 }
@@ -41,13 +41,13 @@ auto tsdfClass(py::module_& m) {
       .field("range_noise_m", &P::range_noise_m, "Sigma of the sensor's range noise.")
       .field("min_range_m", &P::min_range_m, "Returns nearer than this are dropped.")
       .field("max_range_m", &P::max_range_m, "Returns beyond this are dropped.")
-      .field("region", &P::region, "Voxels that one return updates: \"double_cone\", \"full_cube\" or \"projective\".")
+      .field("region", &P::region, "Which voxels a return updates: \"double_cone\", \"full_cube\" or \"projective\".")
       .nested("projective", &P::projective, projective, "Only for region \"projective\".")
       .field("cone_cos_min", &P::cone_cos_min, "Cosine of the cone's half angle; (0, 1).")
       .field("clamp_min_m", &P::clamp_min_m, "Lower clamp of a distance sample: 0, or -tau for the unclamped variant.")
       .field("max_weight", &P::max_weight, "[w] Cap in observations; 1 .. 4095.")
       .field("cleared_radius_voxels", &P::cleared_radius_voxels, "Cleared band: distance from the ray.")
-      .field("cleared_begin_tau", &P::cleared_begin_tau, "Cleared band: begin, times tau, from the return.")
+      .field("cleared_begin_tau", &P::cleared_begin_tau, "Cleared band: beginning, times tau, from the return.")
       .field("cleared_end_tau", &P::cleared_end_tau, "Cleared band: end, times tau.")
       .finish();
   return c;
@@ -59,8 +59,8 @@ auto approachClass(py::module_& m) {
   c.field("num_directions", &P::num_directions, "[D] Yaw steps over 2 pi; 4 .. 256.")
       .field("normal_cone_rad", &P::normal_cone_rad, "Largest angle between a direction and the normal.")
       .field("observation_cos_min", &P::observation_cos_min,
-             "A direction counts as observed from where its dot product with the ray exceeds this.")
-      .field("arm_tau", &P::arm_tau, "Arm samples, times tau.")
+             "A direction was observed if its dot product with the ray exceeds this.")
+      .field("arm_tau", &P::arm_tau, "Distances of the arm samples, times tau.")
       .field("corridor_length_m", &P::corridor_length_m, "[L] Straight corridor kept free.")
       .field("coarse_to_fine", &P::coarse_to_fine, "The paper's 20 degree pass; policy \"paper\" only.")
       .field("viewpoints", &P::viewpoints, "Up to 8 stored viewpoints (paper) instead of the seen-direction mask.")
@@ -76,10 +76,10 @@ auto scoringClass(py::module_& m) {
       .field("form", &P::form, "How tool collisions are counted: \"voxels\" or \"surface_samples\".")
       .field("surface_samples", &P::surface_samples, "[M] Only for form \"surface_samples\".")
       .field("max_collisions", &P::max_collisions, "[n_c - 1] Most collisions of a free direction; 0 = rule.")
-      .field("neighbours", &P::neighbours, "[k] Of the normal's PCA; 0 = rule.")
+      .field("neighbours", &P::neighbours, "[k] Neighbours for the normal's PCA; 0 = rule.")
       .field("mean_positions", &P::mean_positions, "PCA on mean return positions; else on first returns.")
       .field("join_neighbour_views", &P::join_neighbour_views,
-             "A point inherits what its 10 nearest neighbours were seen from.")
+             "A point inherits the directions that its 10 nearest neighbours were seen from.")
       .field("neighbourhood_weight", &P::neighbourhood_weight, "Confidence from the largest weight of 3x3x3 voxels.")
       .field("confidence_half_weight", &P::confidence_half_weight, "[k_c] c = w / (w + k_c).")
       .field("confidence_min", &P::confidence_min, "[c_min] Points below are not scored.")
@@ -91,12 +91,12 @@ auto updateClass(py::module_& m) {
   SettingsClass<UpdateParams> c(m, "UpdateParams", "When points are scored again.");
   using P = UpdateParams;
   c.field("policy", &P::policy, "\"exact\" or \"paper\".")
-      .field("budget_points", &P::budget_points, "Most points scored an update(); 0 = no limit.")
+      .field("budget_points", &P::budget_points, "Most points scored per update(); 0 = no limit.")
       .field("changed_voxel_sample", &P::changed_voxel_sample, "Policy \"paper\", trigger (ii).")
       .field("changed_voxel_radius_voxels", &P::changed_voxel_radius_voxels, "[r_u] Policy \"paper\", trigger (ii).")
       .field("requeue_motion_m", &P::requeue_motion_m, "Policy \"paper\", trigger (iii).")
       .field("stability_min", &P::stability_min, "Bound on confidence times stability for `confident`.")
-      .field("seed", &P::seed, "Of the sample of policy \"paper\".")
+      .field("seed", &P::seed, "Seed of the sample of policy \"paper\".")
       .finish();
   return c;
 }
@@ -110,7 +110,7 @@ void bindParams(py::module_& m) {
   const auto approach = approachClass(m);
   const auto scoring = scoringClass(m);
   const auto update = updateClass(m);
-  SettingsClass<FieldParams> c(m, "FieldParams", "Everything an AccessibilityField needs to know beside the tool.");
+  SettingsClass<FieldParams> c(m, "FieldParams", "Everything that an AccessibilityField needs besides the tool.");
   using P = FieldParams;
   c.nested("tsdf", &P::tsdf, tsdf, "How scans are fused.")
       .nested("approach", &P::approach, approach, "Which directions are admissible.")
@@ -127,7 +127,7 @@ void bindParams(py::module_& m) {
           [](const py::object& voxel_size_m) { return FieldParams::paper(numberFrom("voxel_size_m", voxel_size_m)); },
           py::arg("voxel_size_m"), "The paper's own constants, for its tables.")
       .def("resolved", &FieldParams::resolved, "Copy with every rule applied. Raises InvalidArgument for a bad value.")
-      .def("describe", &FieldParams::describe, "Every effective value as \"name value\", one a line.");
+      .def("describe", &FieldParams::describe, "Every effective value as \"name value\", one per line.");
   fieldParamsConverter() = c.converter();
 }
 

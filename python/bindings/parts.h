@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The parts of the module, one a file. Each adds its classes and functions; module.cpp calls them in this order.
+/// The parts of the module, one per file. Each adds its classes and functions; module.cpp calls them in this order.
 #pragma once
 
 #include <pybind11/pybind11.h>

@@ -26,8 +26,10 @@ struct CapsuleAnswers {
 std::vector<Column> pointColumns() {
   using A = PointAnswer;
   return {
-      column("distance_m", &A::distance_m, "(N,) float32, mean clamped distance of the voxel; NaN where unobserved."),
-      column("point_distance_m", &A::point_distance_m, "(N,) float32, to the surface point that answers, or NaN."),
+      column("distance_m", &A::distance_m,
+             "(N,) float32, the voxel's mean of the clamped distances; NaN where unobserved."),
+      column("point_distance_m", &A::point_distance_m,
+             "(N,) float32, distance to the surface point that answers, or NaN."),
       column("direction_W", &A::direction_W, "(N, 3) float32, its best direction; zero where there is none."),
       column("point_id", &A::point_id, "(N,) uint32, the id of the surface point that answers, or NO_POINT."),
       column("weight", &A::weight, "(N,) uint16, observations of the voxel; 0 = unobserved."),
@@ -43,11 +45,11 @@ std::vector<Column> pointColumns() {
 std::vector<Column> capsuleColumns() {
   using A = CapsuleAnswer;
   return {
-      column("min_distance_m", &A::min_distance_m, "(N,) float32, of the axis to the nearest surface, or NaN."),
+      column("min_distance_m", &A::min_distance_m, "(N,) float32, from the axis to the nearest surface, or NaN."),
       column("first_hit_t", &A::first_hit_t, "(N,) float32, where along the axis, 0 .. 1, it first collides, or NaN."),
       column("collision", &A::collision, "(N,) bool, a surface is nearer than the radius."),
-      column("unknown", &A::unknown, "(N,) bool, some voxel was never observed, or the capsule was not looked at."),
-      column("valid", &A::valid, "(N,) bool, False: bad numbers or too large, not looked at."),
+      column("unknown", &A::unknown, "(N,) bool, some voxel was never observed, or the capsule was not examined."),
+      column("valid", &A::valid, "(N,) bool, False: bad numbers or too large, not examined."),
   };
 }
 
@@ -61,7 +63,7 @@ std::shared_ptr<PointAnswers> query(LockedField& field, const py::object& points
   });
 }
 
-/// One radius for all, or one each.
+/// One radius for all, or one per capsule.
 std::vector<double> radiiFrom(const py::object& radius_m, std::size_t count) {
   if (py::isinstance<py::float_>(radius_m) || PyIndex_Check(radius_m.ptr()) != 0) {
     return std::vector<double>(count, numberFrom("radius_m", radius_m));
@@ -75,7 +77,7 @@ std::shared_ptr<CapsuleAnswers> queryAlong(LockedField& field, const py::object&
   const std::size_t count = a.view().size();
   if (b.view().size() != count) {
     throw InvalidArgument("python.shape", "b_W",
-                          "has " + std::to_string(b.view().size()) + " rows, a_W " + std::to_string(count));
+                          "has " + std::to_string(b.view().size()) + " rows but a_W " + std::to_string(count));
   }
   const std::vector<double> radii = radiiFrom(radius_m, count);
   return field.run([&](AccessibilityField& f) {
@@ -93,10 +95,11 @@ std::shared_ptr<CapsuleAnswers> queryAlong(LockedField& field, const py::object&
 void bindAnswers(py::module_& module) {
   module.attr("NO_POINT") = kNoPoint;
   py::class_<PointAnswers, std::shared_ptr<PointAnswers>> points(
-      module, "PointAnswers", "What a field knows at positions, in their order. Columns are read-only views.");
+      module, "PointAnswers",
+      "What a field knows at the given positions, in their order. Columns are read-only views.");
   addColumns(points, &PointAnswers::rows, pointColumns());
   py::class_<CapsuleAnswers, std::shared_ptr<CapsuleAnswers>> capsules(
-      module, "CapsuleAnswers", "What capsules meet, in their order. Columns are read-only views.");
+      module, "CapsuleAnswers", "What the given capsules meet, in their order. Columns are read-only views.");
   addColumns(capsules, &CapsuleAnswers::rows, capsuleColumns());
   capsules.def_property_readonly(
       "free",

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Many questions to a field at a time.
+/// Batched queries to a field.
 #pragma once
 
 #include <pybind11/pybind11.h>

@@ -23,7 +23,7 @@ inline constexpr std::array kWords<io::PoseFormat> = {"auto", "tum", "kitti", "b
 
 namespace {
 
-/// A sequence whose reads take turns, each without the interpreter's lock.
+/// A sequence whose reads take turns, each without holding the interpreter's lock.
 struct LockedScans {
   std::mutex turn;
   io::ScanSequence scans;
@@ -49,7 +49,7 @@ std::unique_ptr<LockedScans> openScans(const std::filesystem::path& scans,
   return withoutLock([&] { return std::make_unique<LockedScans>(io::ScanSequence::open(options)); });
 }
 
-/// Python's rule: -1 is the last one.
+/// Python's convention: -1 is the last one.
 std::shared_ptr<io::ScanRecord> readScan(LockedScans& s, std::int64_t step) {
   const auto size = static_cast<std::int64_t>(s.scans.size());
   const std::int64_t index = step < 0 ? step + size : step;
@@ -73,7 +73,7 @@ auto vectorsOf(std::vector<Eigen::Matrix<Scalar, 3, 1>> io::ScanRecord::*member)
 void bindRecord(py::module_& module) {
   using R = io::ScanRecord;
   py::class_<R, std::shared_ptr<R>>(module, "ScanRecord",
-                                    "One step: points_S with T_W_S, or, of a ray cloud, points_W with origins_W.")
+                                    "One step: points_S with T_W_S, or, for a ray cloud, points_W with origins_W.")
       .def_property_readonly("points_S", vectorsOf<float>(&R::points_S), "(N, 3) float32, sensor frame, read-only.")
       .def_property_readonly(
           "T_W_S",
@@ -93,7 +93,7 @@ void bindRecord(py::module_& module) {
 
 void bindScans(py::module_& module) {
   bindRecord(module);
-  py::class_<LockedScans>(module, "ScanSequence", "Scans with their poses, in order; files are read when asked for.")
+  py::class_<LockedScans>(module, "ScanSequence", "Scans with their poses, in order; files are read on demand.")
       .def(py::init(&openScans), py::arg("scans"), py::arg("poses") = py::none(), py::kw_only(),
            py::arg("pose_format") = "auto", py::arg("calib") = py::none(), py::arg("sensor_at_W") = py::none(),
            py::arg("every") = 1, py::arg("allow_truncated") = false, py::arg("sort_poses") = false,
@@ -114,7 +114,7 @@ void bindScans(py::module_& module) {
           "paths", [](const LockedScans& s) { return s.scans.paths(); }, "Every file that is or will be read.")
       .def_property_readonly(
           "recorded_range_noise_m", [](const LockedScans& s) { return s.scans.recordedRangeNoise_m(); },
-          "From range_noise.txt beside the scans, or None.");
+          "From range_noise.txt next to the scans, or None.");
 }
 
 }  // namespace accessvdb::python

@@ -20,7 +20,7 @@ bool isBool(py::handle value) {
   return PyBool_Check(value.ptr()) || py::isinstance(value, py::module_::import("numpy").attr("bool_"));
 }
 
-/// A Python int of anything that says it is a whole number (int, NumPy's integers), but not of a bool.
+/// A Python int from anything that claims to be a whole number (int, NumPy's integers), but not from a bool.
 py::object indexOf(const char* name, py::handle value) {
   if (isBool(value) || PyIndex_Check(value.ptr()) == 0) throwType(name, "a whole number", value);
   auto number = py::reinterpret_steal<py::object>(PyNumber_Index(value.ptr()));
@@ -82,12 +82,12 @@ std::size_t wordFrom(const char* name, py::handle value, const char* const* word
   for (std::size_t n = 0; n < count; ++n) {
     if (text.equal(py::str(words[n]))) return n;
   }
-  throw InvalidArgument("python.value", name, py::repr(value).cast<std::string>() + " is none of " + known);
+  throw InvalidArgument("python.value", name, py::repr(value).cast<std::string>() + " is not one of " + known);
 }
 
 void throwNoSuchSetting(const char* class_name, const std::string& name, const std::string& known) {
   throw InvalidArgument("python.setting", std::string(class_name), "has no setting \"" + name + "\"",
-                        "Its settings: " + known);
+                        "Known settings: " + known);
 }
 
 void throwNoStruct(const char* class_name, py::handle value) {

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Structs of settings as Python classes: each field an attribute and a keyword of the constructor, checked for its
-/// type when it is set; whether a value is in its range the library says when the settings are used.
+/// Structs of settings as Python classes: each field is an attribute and a constructor keyword, type-checked when set.
+/// The library checks ranges when the settings are used.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -24,7 +24,7 @@
 
 namespace accessvdb::python {
 
-/// The words for the values of an enum, in the enum's order; the same words as in files.
+/// The names of an enum's values, in its order; the same as in files.
 template <typename Enum>
 inline constexpr std::array<const char*, 0> kWords = {};
 template <>
@@ -70,12 +70,12 @@ pybind11::object settingToPython(const T& value) {
   }
 }
 
-/// @throws InvalidArgument "python.setting" with the names that there are
+/// @throws InvalidArgument "python.setting" listing the known names
 [[noreturn]] void throwNoSuchSetting(const char* class_name, const std::string& name, const std::string& known);
 /// @throws InvalidArgument "python.type"
 [[noreturn]] void throwNoStruct(const char* class_name, pybind11::handle value);
 
-/// One struct of settings on its way to Python.
+/// Exposes one struct of settings to Python.
 template <typename Struct>
 class ACCESSVDB_PRIVATE SettingsClass {
  public:
@@ -92,7 +92,7 @@ class ACCESSVDB_PRIVATE SettingsClass {
     return *this;
   }
 
-  /// A struct inside this one: set from its class or from a dict, got as a reference into this one.
+  /// A struct inside this one: set from its class or from a dict, read as a reference into this one.
   template <typename Inner>
   SettingsClass& nested(const char* name, Inner Struct::*member, const SettingsClass<Inner>& inner, const char* doc) {
     const auto from = inner.converter();
@@ -105,7 +105,7 @@ class ACCESSVDB_PRIVATE SettingsClass {
     return *this;
   }
 
-  /// From an object of the class, a dict of its fields, or None for the defaults.
+  /// Converts from an object of the class, a dict of its fields, or None for the defaults.
   [[nodiscard]] std::function<Struct(pybind11::handle)> converter() const {
     return [fields = fields_, name = name_](pybind11::handle value) {
       if (value.is_none()) return Struct{};
@@ -171,10 +171,10 @@ class ACCESSVDB_PRIVATE SettingsClass {
   const char* name_;
 };
 
-/// What an AccessibilityField is made with: FieldParams, a dict of its fields, or None. Set by bindParams().
+/// The constructor argument of AccessibilityField: FieldParams, a dict of its fields, or None. Set by bindParams().
 FieldParams fieldParamsFrom(pybind11::handle value);
 
-/// A word for a unit, or nothing for None.
+/// The unit of that name, or nothing for None.
 std::optional<LengthUnit> unitFrom(pybind11::handle value);
 
 }  // namespace accessvdb::python

@@ -88,15 +88,15 @@ void bindSnapshot(py::module_& module) {
   py::class_<FieldSnapshot, std::shared_ptr<FieldSnapshot>> snapshot(
       module, "FieldSnapshot",
       "All surface points at one moment, in the order of their ids. Columns are read-only views without a copy; they "
-      "keep the snapshot alive, which is independent of its field.");
+      "keep the snapshot alive, and it is independent of its field.");
   addColumns(snapshot, &FieldSnapshot::points, pointColumns());
   snapshot
       .def_property_readonly(
           "origin_W", [](const FieldSnapshot& s) { return arrayOf(s.origin_W); },
           "World position of the map's local origin.")
       .def_readonly("voxel_size_m", &FieldSnapshot::voxel_size_m)
-      .def_property_readonly("counts", &labelCounts, "How many points have which label: {\"accessible\": 12, ...}.")
-      .def_property_readonly("reasons", &reasonCounts, "How many points have which reason: {\"tool\": 12, ...}.")
+      .def_property_readonly("counts", &labelCounts, "Number of points per label: {\"accessible\": 12, ...}.")
+      .def_property_readonly("reasons", &reasonCounts, "Number of points per reason: {\"tool\": 12, ...}.")
       .def("__repr__", [](const FieldSnapshot& s) {
         return "<accessvdb.FieldSnapshot: " + std::to_string(s.points.size()) + " points, " +
                std::to_string(s.count(PointLabel::Accessible)) + " accessible, " +

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Snapshots: the points stay where C++ has them, NumPy looks at them.
+/// Snapshots: the points stay in C++ memory, NumPy views them.
 #pragma once
 
 #include <pybind11/pybind11.h>

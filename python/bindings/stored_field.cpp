@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// StoredField: the files that write() or `accessvdb map` left.
+/// StoredField: the files written by write() or `accessvdb map`.
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
@@ -40,7 +40,7 @@ void bindStoredField(py::module_& module) {
       .def_property_readonly(
           "points",
           [](const std::shared_ptr<S>& s) {
-            // Shares its life with the stored field: no copy. Nothing that Python can call changes a snapshot.
+            // Shares its lifetime with the stored field: no copy. Nothing callable from Python changes a snapshot.
             return std::shared_ptr<FieldSnapshot>(s, const_cast<FieldSnapshot*>(&s->points()));
           },
           "The FieldSnapshot that was written.");

@@ -28,13 +28,13 @@ ToolGeometry fromMesh(const std::filesystem::path& path, const py::object& unit,
   return withoutLock([&] { return ToolGeometry::fromMesh(path, length_unit, pose); });
 }
 
-/// Triangles are indices: whole numbers that fit, and not 2.0.
+/// Triangles are indices: integers that fit, not floats such as 2.0.
 std::vector<std::array<std::uint32_t, 3>> trianglesFrom(const py::object& value) {
   const py::array any = py::array::ensure(value);
   if (any && any.ndim() == 2 && any.dtype().kind() == 'f' && any.shape(0) > 0) {
     throw InvalidArgument("python.array", "triangles",
                           "has elements of type " + py::str(any.dtype()).cast<std::string>(),
-                          "Pass whole numbers, the indices of vertices");
+                          "Pass whole numbers: vertex indices");
   }
   const auto indices = realArray<double>("triangles", value, kAnyNumber, 3);  // exact beyond what 32 bits hold
   std::vector<std::array<std::uint32_t, 3>> triangles(static_cast<std::size_t>(indices.shape(0)));
@@ -91,9 +91,9 @@ void bindTool(py::module_& module) {
       .def_property_readonly("notes", &ToolGeometry::notes, "Repairs and oddities, in words.")
       .def_property_readonly("watertight", &ToolGeometry::watertight)
       .def_property_readonly(
-          "min_T", [](const ToolGeometry& t) { return arrayOf(t.min_T()); }, "Least corner, metres.")
+          "min_T", [](const ToolGeometry& t) { return arrayOf(t.min_T()); }, "Lowest corner, metres.")
       .def_property_readonly(
-          "max_T", [](const ToolGeometry& t) { return arrayOf(t.max_T()); }, "Greatest corner, metres.")
+          "max_T", [](const ToolGeometry& t) { return arrayOf(t.max_T()); }, "Highest corner, metres.")
       .def_property_readonly("reach_m", &ToolGeometry::reach_m, "Farthest vertex from the tip.")
       .def("__repr__", [](const ToolGeometry& t) {
         return "<accessvdb.ToolGeometry " + t.name() + ": " + std::to_string(t.vertices_T().size()) + " vertices, " +

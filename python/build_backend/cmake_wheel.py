@@ -1,9 +1,9 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""PEP 517 back end for `pip install .`: configures and builds with CMake, packs what it installs. Standard library only.
+"""PEP 517 back end for `pip install .`: configures and builds with CMake and packs the result. Standard library only.
 
-The build folder is build/python-TAG in the source tree, so that a second install compiles only what changed; every run
-configures it anew, so no setting of an earlier one stays. Settings, with pip's --config-settings or the environment:
+The build folder is build/python-TAG in the source tree, so a second install compiles only what changed; every run
+configures it again, so no earlier setting persists. Settings, with pip's --config-settings or the environment:
   build-dir=DIR   ACCESSVDB_BUILD_DIR   another build folder
   cmake-args=...  CMAKE_ARGS            more arguments for CMake, as on a command line: "-DACCESSVDB_CUDA=OFF"
 """
@@ -25,10 +25,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 NAME = "accessvdb"
 LICENCE = ROOT / "LICENSE"
-# What a source archive holds: all that the module is built from.
+# Contents of a source archive: everything that the module is built from.
 SOURCES = ["CHANGELOG.md", "CMakeLists.txt", "LICENSE", "README.md", "cmake", "include",
            "nanovdb_kernels", "pyproject.toml", "python", "src", "tools/setup_debian.sh"]  # fmt: skip
-BYTES_PER_JOB = 2 << 30  # a translation unit with OpenVDB takes up to that
+BYTES_PER_JOB = 2 << 30  # a translation unit with OpenVDB takes up to this much
 
 
 def fail(message):
@@ -64,7 +64,7 @@ def metadata():
 
 
 def write_dist_info(folder):
-    """Everything but RECORD, which belongs to the wheel."""
+    """Everything but RECORD, which is added with the wheel."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "METADATA").write_text(metadata(), encoding="utf-8")
     (folder / "WHEEL").write_text(
@@ -80,7 +80,7 @@ def run(*command):
     except FileNotFoundError:
         fail(f"'{command[0]}' is missing. On Debian and Ubuntu: ./tools/setup_debian.sh --python")
     except subprocess.CalledProcessError as error:
-        fail(f"'{command[0]}' failed with code {error.returncode}; its message stands above.")
+        fail(f"'{command[0]}' failed with code {error.returncode}; see its message above.")
 
 
 def jobs():
@@ -120,7 +120,7 @@ def record_line(path, data):
 
 
 def pack_wheel(tree, wheel):
-    """All of a folder, with the list of its files and their hashes that the format asks for."""
+    """Packs a whole folder, with the list of files and hashes that the format requires."""
     record_name = f"{NAME}-{version()}.dist-info/RECORD"
     record = ""
     with zipfile.ZipFile(wheel, "w", zipfile.ZIP_DEFLATED) as archive:

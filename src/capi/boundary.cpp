@@ -8,7 +8,7 @@
 namespace accessvdb::capi {
 namespace {
 
-/// As much of a text as fits, ended by zero, never half a UTF-8 character.
+/// Copies as much text as fits, zero-terminated, never splitting a UTF-8 character.
 template <std::size_t kRoom>
 void copyText(char (&to)[kRoom], const char* from) noexcept {
   std::size_t length = std::strlen(from);
@@ -36,7 +36,7 @@ int describeCurrentException(accessvdb_error& error) noexcept {
     return describe(error, e.exitCode(), e.id().c_str(), e.what());
   } catch (const std::bad_alloc&) {
     return describe(error, ACCESSVDB_ERROR_RESOURCE, "memory.exhausted",
-                    "not enough memory. Choose a larger voxel size, or free what is not needed.");
+                    "not enough memory. Choose a larger voxel size, or free some memory.");
   } catch (const std::exception& e) {
     return describe(error, ACCESSVDB_ERROR_INTERNAL, "internal", e.what());
   } catch (...) {
@@ -67,19 +67,20 @@ void requireSize(const char* name, std::size_t size, std::size_t least) {
   throw InvalidArgument("c_api.struct_size", name,
                         "its size is given as " + std::to_string(size) + " bytes, which is outside " +
                             std::to_string(least) + " .. " + std::to_string(kMostStructBytes),
-                        "Pass sizeof the struct");
+                        "Pass sizeof(the struct)");
 }
 
 std::int32_t requireChoice(const char* name, std::int32_t value, std::int32_t low, std::int32_t high) {
   if (value >= low && value <= high) return value;
-  throw InvalidArgument("c_api.value", name,
-                        std::to_string(value) + " is none of " + std::to_string(low) + " .. " + std::to_string(high));
+  throw InvalidArgument(
+      "c_api.value", name,
+      std::to_string(value) + " is not one of " + std::to_string(low) + " .. " + std::to_string(high));
 }
 
 void requireZero(const char* name, const unsigned char* begin, const unsigned char* end) {
   if (std::all_of(begin, end, [](unsigned char byte) { return byte == 0; })) return;
   throw InvalidArgument("c_api.unknown_fields", name, "it sets fields that this version of the library does not know",
-                        "Load the library that belongs to your header, or leave the new fields zero");
+                        "Load the library that matches your header, or leave the new fields zero");
 }
 
 }  // namespace accessvdb::capi

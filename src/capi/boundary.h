@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The line between C and C++: exceptions become codes, structs are read and written by their stated size, pointers are
-/// checked before anything happens.
+/// The boundary between C and C++: exceptions become codes, structs are read and written by their stated size, pointers
+/// are checked before anything happens.
 #pragma once
 
 #include <cstddef>
@@ -14,10 +14,10 @@
 
 namespace accessvdb::capi {
 
-/// Larger than any struct or point that a later version will have; what is beyond is a struct_size that nobody set.
+/// Larger than any struct or point of a later version; anything beyond is an uninitialised struct_size.
 inline constexpr std::size_t kMostStructBytes = 4096;
 
-/// Fills in the exception that is being handled and returns its code. Allocates nothing.
+/// Describes the exception being handled and returns its code. Allocates nothing.
 int describeCurrentException(accessvdb_error& error) noexcept;
 
 /// Runs `body` and returns 0, or the code of what it threw.
@@ -31,13 +31,13 @@ int guarded(accessvdb_error& error, const Body& body) noexcept {
   }
 }
 
-/// Like guarded(), for calls without a handle: what went wrong goes to the caller's struct, if there is a good one.
+/// Like guarded(), for calls without a handle: the error goes to the caller's struct, if it is valid.
 template <typename Body>
 int guardedWithout(accessvdb_error* given, const Body& body) noexcept;
 
 /// @throws InvalidArgument "c_api.null"
 void requirePointer(const char* name, const void* pointer);
-/// An array of `count` elements: not NULL unless empty, aligned, and not larger than memory can be.
+/// An array of `count` elements: not NULL unless empty, aligned, and not larger than the address space.
 /// @throws InvalidArgument "c_api.null", "c_api.alignment", "c_api.count"
 void requireArray(const char* name, const void* pointer, std::size_t count, std::size_t element_bytes,
                   std::size_t alignment);
@@ -47,7 +47,7 @@ void requireSize(const char* name, std::size_t size, std::size_t least);
 std::int32_t requireChoice(const char* name, std::int32_t value, std::int32_t low, std::int32_t high);
 inline bool requireBool(const char* name, std::int32_t value) { return requireChoice(name, value, 0, 1) != 0; }
 
-/// @throws InvalidArgument "c_api.unknown_fields" where bytes that this version does not know are set
+/// @throws InvalidArgument "c_api.unknown_fields" if bytes unknown to this version are set
 void requireZero(const char* name, const unsigned char* begin, const unsigned char* end);
 
 /// The given struct_size after its checks. @param least  size of the struct's first version
@@ -60,7 +60,7 @@ std::size_t checkedSize(const char* name, const Struct* given, std::size_t least
   return size;
 }
 
-/// `defaults` with what the caller's version of the struct holds.
+/// `defaults` overwritten with the fields of the caller's version of the struct.
 template <typename Struct>
 Struct readSized(const char* name, const Struct* given, std::size_t least, Struct defaults) {
   const std::size_t size = checkedSize(name, given, least);
@@ -77,7 +77,7 @@ void writeRow(void* out, std::size_t size, const Row& value) {
   if (size > sizeof(Row)) std::memset(static_cast<unsigned char*>(out) + sizeof(Row), 0, size - sizeof(Row));
 }
 
-/// The same for a struct that says its size; keeps that.
+/// The same for a struct with a size field, which it keeps.
 template <typename Struct>
 void writeSized(Struct* out, std::size_t size, Struct value) {
   value.struct_size = static_cast<std::uint32_t>(size);

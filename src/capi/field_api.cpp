@@ -41,14 +41,14 @@ auto vectors(const char* name, const Scalar* xyz, std::size_t count) {
   return std::span<const Vector>(reinterpret_cast<const Vector*>(xyz), count);
 }
 
-/// @param T_W_S  [16] row by row
+/// @param T_W_S  [16] row-major
 Eigen::Isometry3d poseFromC(const double* T_W_S) {
   capi::requireArray("T_W_S", T_W_S, 16, sizeof(double), alignof(double));
   Eigen::Isometry3d pose;
   pose.matrix() = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(T_W_S);
   if (pose.matrix().row(3) != Eigen::RowVector4d(0, 0, 0, 1)) {
     throw UnusableInput("pose.last_row", "T_W_S", "the last row of a pose is not 0 0 0 1",
-                        "Pass the matrix row by row; a transposed one has the position there");
+                        "Pass the matrix row by row; in a transposed one the position is there");
   }
   return pose;
 }
@@ -74,7 +74,7 @@ accessvdb_point pointToC(const SurfacePoint& p) {
 /// Writes a point of the caller's version.
 void writePoint(void* out, std::size_t size, const SurfacePoint& point) { capi::writeRow(out, size, pointToC(point)); }
 
-/// Size that the caller gave, 0 for no struct at all.
+/// Size given by the caller; 0 for no struct.
 template <typename Struct>
 std::size_t optionalSize(const char* name, const Struct* out, std::size_t least) {
   return out == nullptr ? 0 : capi::checkedSize(name, out, least);
@@ -115,7 +115,7 @@ int accessvdb_params_paper(double voxel_size_m, accessvdb_params* params) noexce
   return capi::guarded(unread, [&] {
     const std::size_t size = capi::checkedSize("params", params, capi::kParamsBytes1);
     const accessvdb::FieldParams paper = accessvdb::FieldParams::paper(voxel_size_m);
-    static_cast<void>(paper.resolved());  // its voxel size is checked here already
+    static_cast<void>(paper.resolved());  // checks the voxel size early
     capi::writeSized(params, size, capi::paramsToC(paper));
   });
 }
@@ -125,7 +125,7 @@ int accessvdb_field_create(const accessvdb_tool* tool, const accessvdb_params* p
   if (field != nullptr) *field = nullptr;
   return capi::guardedWithout(error, [&] {
     capi::requirePointer("field", field);
-    if (!capi::isTool(tool)) throw InvalidArgument("c_api.handle", "tool", "is no tool", "Make one first");
+    if (!capi::isTool(tool)) throw InvalidArgument("c_api.handle", "tool", "is not a tool", "Make one first");
     accessvdb::FieldParams given;
     if (params != nullptr) {
       given = capi::paramsFromC(capi::readSized("params", params, capi::kParamsBytes1, capi::paramsToC({})));
@@ -141,7 +141,7 @@ void accessvdb_field_free(accessvdb_field* field) noexcept {
 }
 
 const char* accessvdb_field_error_text(const accessvdb_field* field) noexcept {
-  return capi::isField(field) ? field->error.text : "this is no field. Make one with accessvdb_field_create.";
+  return capi::isField(field) ? field->error.text : "this is not a field. Make one with accessvdb_field_create.";
 }
 
 const char* accessvdb_field_error_id(const accessvdb_field* field) noexcept {
@@ -187,7 +187,7 @@ int accessvdb_field_update(accessvdb_field* field, accessvdb_update_stats* stats
 int accessvdb_field_take_snapshot(accessvdb_field* field, std::size_t* point_count) noexcept {
   if (point_count != nullptr) *point_count = 0;
   return onField(field, [&] {
-    field->snapshot.reset();  // not two at once
+    field->snapshot.reset();  // avoids two at once
     field->snapshot = field->field.snapshot();
     if (point_count != nullptr) *point_count = field->snapshot->points.size();
   });
@@ -203,7 +203,7 @@ int accessvdb_field_copy_points(accessvdb_field* field, std::size_t first, std::
       throw InvalidArgument("snapshot.range", "",
                             std::to_string(count) + " points from " + std::to_string(first) + " on, of a snapshot of " +
                                 std::to_string(all.size()),
-                            "accessvdb_field_take_snapshot says how many there are");
+                            "accessvdb_field_take_snapshot returns their number");
     }
     auto* out = reinterpret_cast<unsigned char*>(points);
     for (std::size_t n = 0; n < count; ++n) writePoint(out + n * point_size, point_size, all[first + n]);
@@ -254,7 +254,7 @@ const char* accessvdb_field_parameters(const accessvdb_field* field) noexcept {
 int accessvdb_field_write(accessvdb_field* field, const char* folder) noexcept {
   return onField(field, [&] {
     capi::requirePointer("folder", folder);
-    if (*folder == '\0') throw InvalidArgument("c_api.value", "folder", "is empty", "Name the folder to write into");
+    if (*folder == '\0') throw InvalidArgument("c_api.value", "folder", "is empty", "Name the output folder");
     field->field.write(folder);
   });
 }

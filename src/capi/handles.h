@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What stands behind the opaque handles of the C API.
+/// The objects behind the opaque handles of the C API.
 #pragma once
 
 #include <atomic>
@@ -15,8 +15,8 @@
 
 namespace accessvdb::capi {
 
-/// First word of a handle, so that a handle of the other kind (or one that was freed, as long as nobody took its
-/// memory) is told apart instead of read as what it is not.
+/// First word of a handle, so that a handle of the other kind (or a freed one, as long as its memory is not reused) is
+/// detected instead of misread.
 inline constexpr std::uint32_t kToolMark = 0x4c4f4f54u, kFieldMark = 0x444c4546u, kFreedMark = 0;
 
 }  // namespace accessvdb::capi
@@ -31,8 +31,8 @@ struct accessvdb_field {
   accessvdb_field(const accessvdb::ToolGeometry& tool, const accessvdb::FieldParams& params)
       : field(tool, params), device(field.deviceName()), parameters(field.params().describe()) {}
   std::uint32_t mark = accessvdb::capi::kFieldMark;
-  std::atomic<bool> busy = false;  ///< some thread is inside a call
-  accessvdb_error error = {};      ///< of the last call that failed
+  std::atomic<bool> busy = false;  ///< a thread is inside a call
+  accessvdb_error error = {};      ///< of the last failed call
   accessvdb::AccessibilityField field;
   std::string device, parameters;
   std::optional<accessvdb::FieldSnapshot> snapshot;
@@ -47,7 +47,7 @@ namespace accessvdb::capi {
   return handle != nullptr && handle->mark == kFieldMark;
 }
 
-/// Runs `body` on a good handle that no other thread is using, and keeps its error text.
+/// Runs `body` on a valid handle that no other thread is using, and stores its error text.
 template <typename Body>
 int onField(accessvdb_field* field, const Body& body) noexcept {
   if (!isField(field) || field->busy.exchange(true, std::memory_order_acquire)) return ACCESSVDB_ERROR_USAGE;

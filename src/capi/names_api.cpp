@@ -1,12 +1,12 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Versions and words of the C API.
+/// Versions and names of the C API.
 #include "accessvdb/c_api.h"
 #include "accessvdb/config.h"
 #include "accessvdb/point_label.h"
 #include "accessvdb/types.h"
 
-// The numbers in C are the numbers in C++.
+// The numbers in C equal those in C++.
 static_assert(ACCESSVDB_NUM_LABELS == accessvdb::kNumPointLabels);
 static_assert(ACCESSVDB_NUM_REASONS == accessvdb::kNumPointReasons);
 static_assert(ACCESSVDB_NUM_DROP_REASONS == accessvdb::kNumDropReasons);

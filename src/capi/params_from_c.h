@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Parameters from C and back.
+/// Converts parameters from C and back.
 #pragma once
 
 #include "accessvdb/c_api.h"

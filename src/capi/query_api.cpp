@@ -24,7 +24,7 @@ static_assert(sizeof(accessvdb_point_answer) >= kPointAnswerBytes1 && sizeof(acc
               sizeof(accessvdb_capsule_answer) >= kCapsuleAnswerBytes1);
 static_assert(sizeof(Eigen::Vector3d) == 3 * sizeof(double) && alignof(Eigen::Vector3d) == alignof(double));
 
-/// Answers in the library's form, between two conversions; so that memory does not grow with the question.
+/// Answers converted at a time, so that memory does not grow with the query.
 constexpr std::size_t kAtATime = 1 << 16;
 
 accessvdb_point_answer toC(const accessvdb::PointAnswer& answer) {

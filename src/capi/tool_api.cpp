@@ -42,7 +42,7 @@ accessvdb::ToolPose poseFromC(const accessvdb_tool_pose* given) {
   return pose;
 }
 
-/// Makes a tool with `make` and hands it out; *tool is NULL where that fails.
+/// Makes a tool with `make` and returns it; *tool is NULL if that fails.
 template <typename Make>
 int createTool(accessvdb_tool** tool, accessvdb_error* error, const Make& make) noexcept {
   if (tool != nullptr) *tool = nullptr;
@@ -86,7 +86,7 @@ int accessvdb_tool_builtin(const char* name, accessvdb_tool** tool, accessvdb_er
 int accessvdb_tool_get_info(const accessvdb_tool* tool, accessvdb_tool_info* info) noexcept {
   accessvdb_error unread = {};
   return capi::guarded(unread, [&] {
-    if (!capi::isTool(tool)) throw InvalidArgument("c_api.handle", "tool", "is no tool");
+    if (!capi::isTool(tool)) throw InvalidArgument("c_api.handle", "tool", "is not a tool");
     const std::size_t size = capi::checkedSize("info", info, kToolInfoBytes1);
     const ToolGeometry& geometry = tool->tool;
     accessvdb_tool_info out = {};

@@ -12,7 +12,7 @@ namespace {
 
 /// Rounding of positions and distances; a thousand times more than doubles need at the size of these scenes.
 constexpr double kRounding_m = 1e-9;
-/// Deeper than any tree of int many samples with halved parts.
+/// Deeper than any tree that halves an int number of samples.
 constexpr std::size_t kMaxDepth = 64;
 
 enum class Settled { All, None, Some };
@@ -31,7 +31,7 @@ void BallTree::build(std::vector<Eigen::Vector3d>& samples_T, std::size_t begin,
   Eigen::Vector3d low = *first, high = *first;
   for (auto p = first; p != last; ++p) low = low.cwiseMin(*p), high = high.cwiseMax(*p);
   Node node{0.5 * (low + high), 0, static_cast<int>(end - begin), -1};
-  if (low == high) node.centre_T = low;  // one place: not moved by rounding
+  if (low == high) node.centre_T = low;  // a single position: not moved by rounding
   for (auto p = first; p != last; ++p) node.radius_m = std::max(node.radius_m, (*p - node.centre_T).norm());
   const std::size_t here = nodes_.size();
   nodes_.push_back(node);
@@ -47,7 +47,7 @@ void BallTree::build(std::vector<Eigen::Vector3d>& samples_T, std::size_t begin,
   build(samples_T, middle, end);
 }
 
-/// @param settle  ball centre, radius -> whether all, none or some of its samples lie below the threshold; never some
+/// @param settle  ball centre, radius -> whether all, none or some of its samples are below the threshold; never some
 ///                for a radius of 0
 template <typename Settle>
 int BallTree::count(const ToolPlacement& tool, int enough, const Settle& settle) const {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Counts the tool samples that lie too near to an object, exactly, without looking at each.
+/// Counts the tool samples too near to an object, exactly, without examining each.
 #pragma once
 
 #include <Eigen/Core>
@@ -13,7 +13,7 @@ namespace accessvdb::eval {
 
 class CollisionField;
 
-/// Where the tool stands: tip at p_W, body along (cos, sin, 0).
+/// The tool's position: tip at p_W, body along (cos, sin, 0).
 struct ToolPlacement {
   Eigen::Vector3d tip_W;
   double cos_yaw, sin_yaw;
@@ -24,9 +24,9 @@ struct ToolPlacement {
   }
 };
 
-/// A tree of balls around the samples. A signed distance changes by no more than one moves, so its value at a ball's
-/// centre settles the whole ball where it is far enough from the threshold on either side; what is left is split down
-/// to single samples, which are compared as they are.
+/// A tree of balls around the samples. A signed distance changes by no more than the distance moved, so its value at a
+/// ball's centre decides the whole ball if it is far enough from the threshold; other balls are split, down to single
+/// samples, which are compared exactly.
 class BallTree {
  public:
   explicit BallTree(const std::vector<Eigen::Vector3d>& samples_T);
@@ -34,7 +34,7 @@ class BallTree {
   /// Samples with distance below `threshold_m`. Stops at `enough`: the result is exact below it, else at least it.
   [[nodiscard]] int countBelow(const sim::SignedDistance& distance, const ToolPlacement& tool, double threshold_m,
                                int enough) const;
-  /// The same answer, for distances that are slow to ask.
+  /// The same answer, for distances that are slow to evaluate.
   [[nodiscard]] int countBelow(const CollisionField& distance, const ToolPlacement& tool, double threshold_m,
                                int enough) const;
   [[nodiscard]] int size() const { return nodes_.empty() ? 0 : nodes_.front().samples; }
@@ -44,7 +44,7 @@ class BallTree {
     Eigen::Vector3d centre_T;
     double radius_m;
     int samples;
-    std::int32_t second;  ///< index of the second child; the first follows its parent; -1 for a single place
+    std::int32_t second;  ///< index of the second child; the first follows its parent; -1 for a single position
   };
   template <typename Settle>
   [[nodiscard]] int count(const ToolPlacement& tool, int enough, const Settle& settle) const;

@@ -22,7 +22,7 @@ constexpr int kChildren = kSplit * kSplit * kSplit;
 /// Rounding of a stored float and of the arithmetic here, relative to the distance and to the size of the coordinates.
 constexpr double kRounding = 1e-7;
 
-/// Distance at a cell's centre; NaN until asked for. Threads that ask at once write the same value.
+/// Distance at a cell's centre; NaN until requested. Threads that request it concurrently write the same value.
 class LazyDistance {
  public:
   [[nodiscard]] float get() const { return value_.load(std::memory_order_relaxed); }
@@ -54,7 +54,7 @@ struct TopCell {
 
 struct CollisionField::Impl {
   std::shared_ptr<const sim::SignedDistance> distance;
-  Eigen::Vector3d origin_W = {0, 0, 0};  // low corner of the first cell
+  Eigen::Vector3d origin_W = {0, 0, 0};  // lowest corner of the first cell
   double cell_m = 0, rounding_m = 0;
   Eigen::Array3i top_cells = {0, 0, 0};
   std::vector<TopCell> top;
@@ -78,7 +78,7 @@ struct CollisionField::Impl {
     return value_m;
   }
 
-  /// The block that a pointer holds, made where there is none; null where memory is used up.
+  /// The block that a pointer refers to, created if there is none; null if memory is used up.
   template <typename Block>
   Block* made(std::atomic<Block*>& pointer) {
     Block* block = pointer.load(std::memory_order_acquire);
@@ -95,7 +95,7 @@ struct CollisionField::Impl {
 
   Bounds bounds(const Eigen::Vector3d& p_W, double low_m, double high_m) {
     const auto settled = [&](const Bounds& b) { return b.upper_m < low_m || b.lower_m >= high_m; };
-    // Outside of the box: from the cell at its wall, which is as true there, only wider.
+    // Outside the box: from the cell at its wall; just as valid, only wider.
     Eigen::Array3d in_cells = (p_W - origin_W).array() / cell_m;
     in_cells = in_cells.max(0.0).min((top_cells * kSplit * kSplit).cast<double>() - 0.5);
     const Eigen::Array3i fine = in_cells.cast<int>();
@@ -129,7 +129,7 @@ struct CollisionField::Impl {
 CollisionField::CollisionField(std::shared_ptr<const sim::SignedDistance> distance, const Eigen::AlignedBox3d& box_W,
                                double cell_m, std::uint64_t max_bytes)
     : impl_(std::make_unique<Impl>()) {
-  if (!distance) throw InvalidArgument("truth.distance", "", "there is no distance to ask");
+  if (!distance) throw InvalidArgument("truth.distance", "", "there is no distance");
   if (!(cell_m > 0 && std::isfinite(cell_m)))
     throw InvalidArgument("truth.cell", "", "the cells of a collision field need an edge above zero");
   if (box_W.isEmpty() || !box_W.min().allFinite() || !box_W.max().allFinite())
@@ -147,7 +147,7 @@ CollisionField::CollisionField(std::shared_ptr<const sim::SignedDistance> distan
   impl_->top = std::vector<TopCell>(std::size_t(cells.prod()));
   impl_->bytes = impl_->top.size() * sizeof(TopCell);
   const double largest_m = std::max(box_W.min().cwiseAbs().maxCoeff(), box_W.max().cwiseAbs().maxCoeff()) + edge_m;
-  // Centres and differences in double; and a distance that may be off itself bends the Lipschitz bound by as much.
+  // Centres and differences in double; an error of the distance itself loosens the Lipschitz bound by as much.
   impl_->rounding_m = 1e-12 + 1e-14 * largest_m + 2 * impl_->distance->errorBound_m();
 }
 
@@ -165,7 +165,7 @@ bool CollisionField::below(const Eigen::Vector3d& p_W, double r_m) const {
   if (bound.lower_m >= r_m) return false;
   ++impl_->work.local().left_open;
   // Cheaper than the distance: is any surface within r? If so the answer is yes on either side; if not, and the point
-  // cannot lie r deep inside, it lies outside.
+  // cannot be r deep inside, it is outside.
   if (r_m > 0) {
     if (impl_->distance->surfaceNearerThan(p_W, r_m)) return true;
     if (bound.lower_m > -r_m) return false;

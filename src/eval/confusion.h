@@ -17,7 +17,7 @@ struct Confusion {
   [[nodiscard]] std::uint64_t points() const {
     return true_accessible + false_accessible + false_blocked + true_blocked;
   }
-  /// Percent, 0 where there is nothing to divide by, as the paper's tables have it.
+  /// Percent; 0 if the denominator is 0, as in the paper's tables.
   [[nodiscard]] double precision() const { return percent(true_accessible, true_accessible + false_accessible); }
   [[nodiscard]] double recall() const { return percent(true_accessible, true_accessible + false_blocked); }
   [[nodiscard]] double f1() const {

@@ -20,14 +20,14 @@ double percentOf(std::uint64_t part, std::uint64_t whole) {
   return whole == 0 ? 0.0 : 100.0 * static_cast<double>(part) / static_cast<double>(whole);
 }
 
-/// A surface point by its voxel of the world.
+/// A surface point, by its world voxel.
 struct PlacedLabel {
   std::array<std::int64_t, 3> voxel;
   PointLabel label;
 };
 
-/// Origins are whole voxels of the world, so maps with different origins share one grid. The point's voxel is that of
-/// the map: the position in the map's own frame, as float, to the nearest whole.
+/// Origins are multiples of a voxel in the world, so maps with different origins share one grid. The point's voxel is
+/// that of the map: the position in the map's own frame, as float, to the nearest integer.
 std::vector<PlacedLabel> placed(const FieldSnapshot& field) {
   const double v = field.voxel_size_m;
   std::vector<PlacedLabel> labels(field.points.size());
@@ -44,7 +44,7 @@ std::vector<PlacedLabel> placed(const FieldSnapshot& field) {
   return labels;
 }
 
-/// Maps every `stride`-th scan from `first` on. @return none where asked to stop
+/// Maps every `stride`-th scan from `first` on. @return none if stopped
 std::optional<FieldSnapshot> mapPart(io::ScanSequence& scans, std::size_t first, std::size_t stride, const char* name,
                                      const ToolGeometry& tool, const FieldParams& params, const ConsistencyHooks& hooks,
                                      ConsistencyPart& part) {
@@ -63,7 +63,7 @@ std::optional<FieldSnapshot> mapPart(io::ScanSequence& scans, std::size_t first,
   }
   if (part.points_used == 0) {
     throw UnusableInput("scans.no_returns", name,
-                        "not one of the " + std::to_string(part.points_in) + " returns of these scans can be used",
+                        "none of the " + std::to_string(part.points_in) + " returns of these scans can be used",
                         "Check the scans, --min-range and --max-range");
   }
   field.update();
@@ -136,8 +136,8 @@ std::optional<ConsistencyResult> measureConsistency(io::ScanSequence& scans, con
   if (scans.size() < 2) {
     throw UnusableInput(
         "consistency.scans", "",
-        "there is only " + std::to_string(scans.size()) + " scan, which cannot be divided into two halves",
-        "Give two scans or more");
+        "there is only " + std::to_string(scans.size()) + " scan, which cannot be split into two halves",
+        "Use two or more scans");
   }
   ConsistencyResult result;
   const auto even = mapPart(scans, 0, 2, "even scans", tool, params, hooks, result.even);

@@ -44,7 +44,7 @@ struct GroundTruth::Impl {
   TruthOptions options;
   BallTree tool;
   std::vector<Eigen::Vector2d> directions;
-  // One of the two.
+  // Exactly one of the two is set.
   std::shared_ptr<const sim::SignedDistance> distance;
   std::shared_ptr<const CollisionField> field;
 
@@ -61,7 +61,7 @@ struct GroundTruth::Impl {
 
   [[nodiscard]] bool outside(const Eigen::Vector3d& p_W) const {
     if (field == nullptr) return distance->at(p_W) > 0;
-    // The smallest number above zero: "not below it" is "above zero".
+    // The smallest positive number: "not below it" is "above zero".
     return !field->below(p_W, std::numeric_limits<double>::denorm_min());
   }
 
@@ -82,7 +82,7 @@ GroundTruth::GroundTruth(std::shared_ptr<const sim::SignedDistance> distance, co
                          const TruthOptions& options)
     : impl_(std::make_unique<Impl>(tool, options)) {
   if (distance == nullptr) {
-    throw InvalidArgument("truth.distance", "", "the scene has no signed distance, so its truth cannot be known",
+    throw InvalidArgument("truth.distance", "", "the scene has no signed distance, so its ground truth is unknown",
                           "Use a scene whose mesh is closed");
   }
   impl_->distance = std::move(distance);
@@ -91,7 +91,7 @@ GroundTruth::GroundTruth(std::shared_ptr<const sim::SignedDistance> distance, co
 GroundTruth::GroundTruth(std::shared_ptr<const CollisionField> field, const ToolGeometry& tool,
                          const TruthOptions& options)
     : impl_(std::make_unique<Impl>(tool, options)) {
-  if (field == nullptr) throw InvalidArgument("truth.distance", "", "there is no distance to ask");
+  if (field == nullptr) throw InvalidArgument("truth.distance", "", "there is no distance");
   impl_->field = std::move(field);
 }
 
@@ -105,7 +105,7 @@ bool GroundTruth::free(const Eigen::Vector3d& position_W, int direction) const {
 bool GroundTruth::accessible(const Eigen::Vector3d& position_W, const Eigen::Vector3d& normal_W) const {
   if (!position_W.allFinite() || !normal_W.allFinite() || normal_W.isZero(0)) return false;
   const double cos_min = std::cos(impl_->options.normal_cone_rad);
-  // The order is for speed alone, the answer is "any": directions near the normal are the likeliest to be free.
+  // The order only affects speed, as any free direction will do: directions near the normal are the most likely.
   std::vector<std::pair<double, int>> in_cone;
   in_cone.reserve(impl_->directions.size());
   for (std::size_t d = 0; d < impl_->directions.size(); ++d) {

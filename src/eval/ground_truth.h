@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is really accessible: the tool against the exact distance of a scene (docs/PAPER.md, "Ground truth"). Shares no
-/// function with the method: own samples of the tool, own self-exclusion, own directions, doubles throughout, no map,
+/// function with the method: its own samples of the tool, self-exclusion and directions, double throughout, no map,
 /// no observations.
 #pragma once
 
@@ -22,30 +22,30 @@ class CollisionField;
 struct TruthOptions {
   int num_directions = 180;                     ///< [D]
   double normal_cone_rad = 1.2217304763960306;  ///< 70 degrees
-  std::vector<double> arm_m;                    ///< distances along the direction that must lie outside the object
-  double collision_distance_m = 0.0005;         ///< [r_c] a sample nearer than this collides
+  std::vector<double> arm_m;                    ///< distances along the direction that must be outside the object
+  double collision_distance_m = 0.0005;         ///< [r_c] a sample closer than this collides
   double self_exclusion_m = 0.003;              ///< [r_s] samples within this of the tip are ignored
   int surface_samples = 1000;                   ///< [M]
   int collision_limit = 5;                      ///< [n_c] fewest collisions that block a direction
-  std::uint64_t seed = 7;                       ///< of the samples
+  std::uint64_t seed = 7;                       ///< for the samples
 };
 
-/// The truth that belongs to a parameter set: the same lengths (r_c, r_s, arm), samples and limit as printed in the
-/// paper (M = 1000, n_c = 5) whatever form the method gives its tool. @param resolved  FieldParams::resolved()
+/// The truth for a parameter set: the same lengths (r_c, r_s, arm), samples and limit as printed in the paper (M =
+/// 1000, n_c = 5) for any tool form of the method. @param resolved  FieldParams::resolved()
 [[nodiscard]] TruthOptions truthOptions(const FieldParams& resolved);
 
 class GroundTruth {
  public:
-  /// @throws InvalidArgument for options without sense
+  /// @throws InvalidArgument for invalid options
   GroundTruth(std::shared_ptr<const sim::SignedDistance> distance, const ToolGeometry& tool,
               const TruthOptions& options);
-  /// For distances that are slow to ask; the same answers.
+  /// For distances that are slow to evaluate; the same answers.
   GroundTruth(std::shared_ptr<const CollisionField> field, const ToolGeometry& tool, const TruthOptions& options);
   ~GroundTruth();
   GroundTruth(GroundTruth&&) noexcept;
 
   /// @param positions_W  [n] metres  @param normals_W  [n] unit; zero = none, then no direction is in the cone
-  /// @return [n] 1 = some direction is free
+  /// @return [n] 1 = at least one direction is free
   [[nodiscard]] std::vector<std::uint8_t> accessible(std::span<const Eigen::Vector3d> positions_W,
                                                      std::span<const Eigen::Vector3d> normals_W) const;
   /// One point. Thread-safe.

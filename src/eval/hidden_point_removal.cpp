@@ -22,11 +22,11 @@ namespace {
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-/// Below this share of the extent a set counts as flat. Qhull gives up at about 1e-15 times the dimension and extent;
-/// where it does although the set is no flatter than this, that is a failure and not a flat set.
+/// Below this share of the extent, a set counts as flat. Qhull gives up at about 1e-15 times the dimension and extent;
+/// if it does so although the set is not flatter than this, that is a failure and not a flat set.
 constexpr double kFlatShare = 1e-9;
 
-/// Frees Qhull's memory whatever happens.
+/// Frees Qhull's memory in any case.
 class Qhull {
  public:
   Qhull() : sink_(std::fopen("/dev/null", "w")) {
@@ -67,7 +67,7 @@ double cross(const Vector2d& a, const Vector2d& b, const Vector2d& c) {
   return (b.x() - a.x()) * (c.y() - a.y()) - (b.y() - a.y()) * (c.x() - a.x());
 }
 
-/// Corners of a planar hull (monotone chain); of points on a line the two ends.
+/// Corners of a planar hull (monotone chain); for points on a line, the two ends.
 void markPlanarCorners(const std::vector<Vector2d>& points, std::vector<std::uint8_t>& corner) {
   std::vector<std::uint32_t> order(points.size());
   std::iota(order.begin(), order.end(), 0u);
@@ -80,7 +80,7 @@ void markPlanarCorners(const std::vector<Vector2d>& points, std::vector<std::uin
     for (const std::uint32_t n : order) {
       while (chain.size() >= 2) {
         const Vector2d &a = points[chain[chain.size() - 2]], &b = points[chain.back()], &c = points[n];
-        // Rounding must not keep a point that lies on the line between its neighbours.
+        // Rounding must not keep a point that is on the line between its neighbours.
         if (cross(a, b, c) > kFlatShare * (b - a).norm() * (c - a).norm()) break;
         chain.pop_back();
       }
@@ -91,7 +91,7 @@ void markPlanarCorners(const std::vector<Vector2d>& points, std::vector<std::uin
   }
 }
 
-/// Axes of the set in columns, the flattest first, and the extents along them.
+/// Axes of the set in columns, flattest first, and the extents along them.
 struct Extents {
   Eigen::Matrix3d axes;
   Vector3d size;
@@ -135,7 +135,7 @@ std::vector<std::uint8_t> hullCorners(std::vector<Vector3d>& points) {
   return corner;
 }
 
-/// Distinct points, and for each input point which of them it is.
+/// Distinct points, and for each input point the index of its distinct one.
 struct DistinctPoints {
   std::vector<Vector3d> points_W;
   std::vector<std::uint32_t> of;

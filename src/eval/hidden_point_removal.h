@@ -12,15 +12,15 @@
 
 namespace accessvdb::eval {
 
-/// Radius of the flipping sphere, times the distance of the farthest point (docs/PAPER_MAP.md, "Baselines"). The denser
-/// the cloud, the larger it has to be: a point is found when the flipped cloud is less curved there than the sphere.
+/// Radius of the flipping sphere, times the distance of the farthest point (docs/PAPER_MAP.md, "Baselines"). A denser
+/// cloud needs a larger one: a point is found if the flipped cloud is less curved there than the sphere.
 inline constexpr double kFlipRadius = 100;
 
-/// Which points one viewer sees: 1 or 0. Duplicates share a fate. A point at the viewpoint is seen and hides nothing.
-/// Where all points lie in one plane or on one line with the viewer, the hull is that of the plane or line, so that of
-/// two points in one direction the nearer is seen. The same for every order of the points, up to ties in Qhull.
+/// Which points one viewer sees: 1 or 0. Duplicates get the same result. A point at the viewpoint is seen and hides
+/// nothing. If all points and the viewer are in one plane or on one line, the hull is that of the plane or line, so of
+/// two points in one direction the nearer is seen. The same for any order of the points, up to ties in Qhull.
 /// @param points_W  [n] metres
-/// @throws InvalidArgument for a coordinate that is not finite; InternalError where Qhull fails
+/// @throws InvalidArgument for a coordinate that is not finite; InternalError if Qhull fails
 [[nodiscard]] std::vector<std::uint8_t> visibleFrom(std::span<const Eigen::Vector3d> points_W,
                                                     const Eigen::Vector3d& viewpoint_W,
                                                     double flip_radius = kFlipRadius);

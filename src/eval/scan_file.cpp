@@ -17,7 +17,7 @@ static_assert(std::endian::native == std::endian::little, "scan files are little
 namespace accessvdb::eval {
 namespace {
 
-/// Raised whenever the layout of the file changes.
+/// Incremented whenever the layout of the file changes.
 constexpr const char* kMagic = "accessvdb scans 1\n";
 
 /// 64-bit FNV-1a (public domain).
@@ -57,7 +57,7 @@ void put(std::string& bytes, const T& value) {
   bytes.append(reinterpret_cast<const char*>(&value), sizeof value);
 }
 
-/// Takes values from the front of a buffer; once it runs short, it gives zeros and says so.
+/// Takes values from the front of a buffer; past its end, it returns zeros and sets a flag.
 class Taker {
  public:
   explicit Taker(const std::string& bytes, std::size_t begin) : bytes_(bytes), at_(begin) {}

@@ -12,13 +12,13 @@
 
 namespace accessvdb::eval {
 
-/// Everything that decides about the scans, as text: hashes of mesh and trajectory, the sensor, the seed.
+/// Everything that determines the scans, as text: hashes of mesh and trajectory, the sensor, the seed.
 [[nodiscard]] std::string fingerprintOf(const sim::BenchmarkScene& benchmark, const sim::LidarModel& model,
                                         std::uint64_t seed);
-/// File name that belongs to a key; other keys have other names.
+/// File name for a key; different keys have different names.
 [[nodiscard]] std::string scanFileName(const std::string& key);
 
-/// @param why_not  empty where the file was read, else why it cannot be used, in words
+/// @param why_not  empty if the file was read, else the reason why it cannot be used
 [[nodiscard]] std::vector<StoredFrame> readScanFile(const std::filesystem::path& path, const std::string& fingerprint,
                                                     std::string& why_not);
 /// @throws OutputError

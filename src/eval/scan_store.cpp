@@ -16,7 +16,7 @@
 namespace accessvdb::eval {
 namespace {
 
-/// Between two looks at the stop flag.
+/// Frames between checks of the stop flag.
 constexpr int kFramesAtOnce = 64;
 
 sim::LidarModel sensor(const ScanRequest& request) {
@@ -56,7 +56,7 @@ std::vector<StoredFrame> castAll(const sim::Simulator& simulator, const Observer
   return frames;
 }
 
-/// A file that another program version wrote may fit in everything that the key covers and still differ: so look.
+/// A file from another program version may match the key and still differ, so it is checked.
 bool stillTrue(const sim::Simulator& simulator, const std::vector<StoredFrame>& frames) {
   if (frames.size() != static_cast<std::size_t>(simulator.frames())) return false;
   const auto fullest = std::max_element(frames.begin(), frames.end(), [](const StoredFrame& a, const StoredFrame& b) {
@@ -102,7 +102,8 @@ std::shared_ptr<const StoredScans> ScanStore::get(const ScanRequest& request) {
     scans->frames = readScanFile(path, fingerprint, why_not);
     if (why_not.empty() && !stillTrue(simulator, scans->frames)) why_not = "its frames are not those of this program";
     if (!why_not.empty()) {
-      if (std::filesystem::exists(path)) observer_.say(path.string() + " is not used: " + why_not + "; casting anew");
+      if (std::filesystem::exists(path))
+        observer_.say(path.string() + " is not used: " + why_not + "; casting it again");
       scans->frames = castAll(simulator, observer_);
       writeScanFile(path, fingerprint, scans->frames);
     }

@@ -18,7 +18,7 @@
 
 namespace accessvdb::eval {
 
-/// The returns of a frame without those that hit nothing.
+/// The returns of a frame, without rays that hit nothing.
 struct StoredFrame {
   std::vector<Eigen::Vector3f> hits_S;
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
@@ -31,18 +31,18 @@ struct StoredScans {
   [[nodiscard]] std::uint64_t returns() const;
 };
 
-/// Which scans: everything that they depend on, beside this program.
+/// Which scans: everything that they depend on besides this program.
 struct ScanRequest {
-  std::string scene;           ///< of sim::benchmarkScene()
+  std::string scene;           ///< name for sim::benchmarkScene()
   double voxel_size_m = 0.01;  ///< only the ring depends on it
   int frames = 0;              ///< 0 = the benchmark's
   double range_noise_m = 0;
   std::uint64_t seed = 1;
 };
 
-class StopRequested {};  ///< thrown where the `stop` of an Observer says so
+class StopRequested {};  ///< thrown if an Observer's `stop` requests it
 
-/// Who watches long work. Both are called from the thread that started it.
+/// Observes long-running work. Both are called from the thread that started it.
 struct Observer {
   std::function<void(const std::string& line)> say = [](const std::string&) {};
   std::function<bool()> stop = [] { return false; };
@@ -55,8 +55,8 @@ struct Observer {
 class ScanStore {
  public:
   /// @param folder  where scans are kept between runs; empty = nowhere. A file is used only if its key (format version,
-  /// mesh, trajectory, sensor, noise, seed) and checksum fit and two of its frames, cast anew, are the same bytes; else
-  /// one line says why, and it is made again. @throws OutputError
+  /// mesh, trajectory, sensor, noise, seed) and checksum match and two of its frames, cast again, are the same bytes;
+  /// otherwise one line gives the reason, and it is made again. @throws OutputError
   explicit ScanStore(std::filesystem::path folder, Observer observer);
 
   /// @throws StopRequested, what the simulator throws, OutputError

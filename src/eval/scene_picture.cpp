@@ -25,11 +25,11 @@ constexpr int kPanelWidth_px = 800, kPanelHeight_px = 560, kGap_px = 12, kTitle_
 constexpr int kSupersampling = 2;
 constexpr int kTextScale = 2;
 constexpr double kMargin = 0.06;
-/// As in picture/render.cpp: discs of neighbouring voxels overlap whatever their direction.
+/// As in picture/render.cpp: discs of neighbouring voxels overlap in any direction.
 constexpr double kSplatRadiusVoxels = 0.85;
 constexpr double kMinSplatRadius_px = 1.0;
-constexpr double kMaxSplatShare = 0.1;  ///< of the panel's height: a scene of one point is no wall of colour
-/// Single wrong points among a hundred thousand have to be seen.
+constexpr double kMaxSplatShare = 0.1;  ///< of the panel's height: a single point must not fill the picture
+/// Single wrong points among a hundred thousand must be visible.
 constexpr double kMinErrorRadius_px = 2.5;
 constexpr float kAmbient = 0.45f, kDiffuse = 0.62f;
 const Eigen::Vector3f kLight_V = Eigen::Vector3f(-0.35f, 0.55f, 0.75f).normalized();
@@ -37,13 +37,13 @@ const Eigen::Vector3f kBackground = {0.975f, 0.975f, 0.97f};
 constexpr Rgb kPaper = {249, 249, 247}, kInk = {40, 44, 52};
 constexpr Rgb kFalseAccessible = {214, 0, 200}, kFalseBlocked = {0, 84, 230};
 constexpr Rgb kRightAccessible = {205, 214, 205}, kRightBlocked = {176, 172, 172};
-/// Sensors count as standing on one side when their mean lies this far off the centre, in shares of their distance.
+/// Sensors count as on one side if their mean is this far off the centre, as a share of their distance.
 constexpr double kOneSided = 0.4;
 
 struct Panel {
   std::string caption, details;
   std::vector<Rgb> colours;        ///< [n]
-  std::vector<std::uint8_t> lift;  ///< [n] non-zero = drawn over everything, larger; or empty
+  std::vector<std::uint8_t> lift;  ///< [n] non-zero = drawn larger and over everything; or empty
 };
 
 Eigen::Vector3f toFloat(const Rgb& colour) { return Eigen::Vector3f(colour[0], colour[1], colour[2]) / 255.0f; }
@@ -64,7 +64,7 @@ void check(const ScenePicture& picture) {
   if (!picture.normals_W.empty()) requireSame(picture.normals_W.size(), n, "normals_W");
 }
 
-/// Towards the viewer.
+/// Direction towards the viewer.
 Eigen::Vector3d viewOf(const ScenePicture& picture, const Eigen::Vector3d& centre_W) {
   const Eigen::Vector3d corner = io::RenderOptions{}.view_W;
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
@@ -74,7 +74,7 @@ Eigen::Vector3d viewOf(const ScenePicture& picture, const Eigen::Vector3d& centr
     distance_m += (q - centre_W).norm();
   }
   if (!(mean.norm() > kOneSided * distance_m)) return corner;
-  // A little from above and from the left, for depth.
+  // Slightly from above and from the left, for depth.
   mean.normalize();
   const Eigen::Vector3d left(mean.y(), -mean.x(), 0);
   return mean + 0.45 * left + Eigen::Vector3d(0, 0, 0.35);
@@ -153,7 +153,7 @@ RgbImage drawPanel(const ScenePicture& picture, const Panel& panel, const Camera
   }
   const double picture_height_m = camera.height_px / camera.px_per_m;
   canvas.shadeByDepth(std::max(6 * picture.voxel_size_m, 0.03 * picture_height_m), 2 * kSupersampling, 1.1f);
-  // After the shading, which would darken everything around points that float before the object.
+  // Drawn after the shading, which would darken everything around points floating in front of the object.
   if (!panel.lift.empty()) {
     Eigen::Vector3f low = points_V.front(), high = low;
     for (const auto& p : points_V) {

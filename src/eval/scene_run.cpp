@@ -30,7 +30,7 @@ std::string describe(const RunRequest& request) {
   return text.str();
 }
 
-/// @return tests and, where updates were made on the way, how far they were from a from-scratch evaluation at the end
+/// @return tests and, if there were intermediate updates, their difference from a from-scratch evaluation at the end
 void fuse(const StoredScans& scans, const RunRequest& request, const Observer& observer, AccessibilityField& field,
           EvaluatedRun& result) {
   const auto update = [&] {
@@ -114,7 +114,7 @@ std::shared_ptr<const EvaluatedRun> SceneRunner::run(const RunRequest& request) 
   const double scans_s = secondsSince(start);
   if (scans->benchmark.scene.distance == nullptr) {
     throw UnusableInput("evaluate.no_truth", request.scans.scene,
-                        "the truth about this scene cannot be known: " + scans->benchmark.scene.distance_note,
+                        "the ground truth of this scene is unknown: " + scans->benchmark.scene.distance_note,
                         "Use a scene with a closed surface");
   }
   FieldParams params = request.params;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// One run of the method over one scene, beside the truth about it.
+/// One run of the method on one scene, together with its ground truth.
 #pragma once
 
 #include <Eigen/Core>
@@ -23,23 +23,23 @@ struct RunRequest {
   FieldParams params;
   std::string tool = "builtin:pencil";
   int update_every = 0;       ///< scans between updates; 0 = one at the end
-  bool true_normals = false;  ///< also judge against the truth with the scene's own normals
+  bool true_normals = false;  ///< also compare with the truth for the scene's own normals
 };
 
-/// The paper's constants at this voxel size, or the product's. The range noise that the product is told is the one in
-/// the scans, as `simulate` writes it beside them.
+/// The paper's constants at this voxel size, or the product's. The range noise passed to the product is the one in the
+/// scans, as `simulate` writes it next to them.
 [[nodiscard]] RunRequest paperRun(const std::string& scene, double voxel_size_m);
 [[nodiscard]] RunRequest productRun(const std::string& scene, double voxel_size_m, double range_noise_m = 0);
 
-/// Points that count (c not below the bound), with labels and truth; vectors of one length.
+/// Points that count (c not below the bound), with labels and truth; vectors of equal length.
 struct EvaluatedRun {
   std::vector<Eigen::Vector3d> positions_W;
   std::vector<Eigen::Vector3f> normals_W;     ///< the method's own
   std::vector<std::uint8_t> found;            ///< 1 = labelled accessible
   std::vector<std::uint8_t> truth_shared;     ///< 1 = really accessible, judged with the method's own normal (paper)
-  std::vector<std::uint8_t> truth_exact;      ///< ... with the scene's normal; empty unless asked for
-  std::vector<Eigen::Vector3d> viewpoints_W;  ///< sensor positions, one a frame
-  std::uint64_t all_points = 0;               ///< with those below the bound
+  std::vector<std::uint8_t> truth_exact;      ///< ... with the scene's normal; empty unless requested
+  std::vector<Eigen::Vector3d> viewpoints_W;  ///< sensor positions, one per frame
+  std::uint64_t all_points = 0;               ///< including those below the bound
   std::array<std::uint64_t, kNumPointReasons> reasons = {};  ///< over all points
   std::uint64_t returns = 0;
   std::uint64_t distance_updates = 0;  ///< (return, voxel) pairs fused
@@ -51,7 +51,7 @@ struct EvaluatedRun {
   [[nodiscard]] Confusion exact() const { return compare(truth_exact, found); }
 };
 
-/// Runs requests, and remembers them: tables share many.
+/// Runs requests and caches the results: tables share many.
 class SceneRunner {
  public:
   /// @param backend, threads  as in FieldParams
@@ -59,7 +59,7 @@ class SceneRunner {
 
   /// @throws StopRequested, InvalidArgument (scene), what the library throws
   std::shared_ptr<const EvaluatedRun> run(const RunRequest& request);
-  /// Of the last field, as of AccessibilityField::deviceName(); empty before the first.
+  /// AccessibilityField::deviceName() of the last field; empty before the first.
   [[nodiscard]] const std::string& device() const { return device_; }
 
  private:

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the makers of tables share.
+/// State shared by the functions that make tables.
 #pragma once
 
 #include <string>
@@ -17,11 +17,11 @@ struct TableContext {
   const TableOptions& options;
   ScanStore& scans;
   SceneRunner& runner;
-  std::vector<TableRow>& rows;  ///< rows go here as they are made, so that a stop keeps them
-  std::string& device;          ///< as in TableResults; of fields that are not the runner's
+  std::vector<TableRow>& rows;  ///< rows are added as they are made, so that a stop keeps them
+  std::string& device;          ///< as in TableResults; for fields that are not the runner's
 };
 
-/// A row of a run, judged with the method's own normals; the caller fills in the rest.
+/// A table row for a run, judged with the method's own normals; the caller fills in the rest.
 inline TableRow rowOf(const char* table, const RunRequest& request, const EvaluatedRun& run, Column column,
                       std::string variant = {}) {
   TableRow row;
@@ -38,10 +38,10 @@ inline TableRow rowOf(const char* table, const RunRequest& request, const Evalua
 /// About `count` of the viewpoints, evenly spread over the run (50; box and wall 25).
 std::vector<Eigen::Vector3d> someViewpoints(const std::vector<Eigen::Vector3d>& viewpoints_W, std::size_t count);
 
-/// table_pictures.cpp: truth, product profile, HPR and errors of every scene that the product's rows name.
+/// table_pictures.cpp: draws truth, product profile, HPR and errors of every scene in the product's rows.
 void drawScenes(TableContext& context);
 
-// tables_of_profiles.cpp: both profiles as they are.
+// tables_of_profiles.cpp: both profiles unchanged.
 void makeOracleTable(TableContext& context);
 void makeVoxelTable(TableContext& context);
 void makeUnseenTable(TableContext& context);
@@ -61,7 +61,7 @@ void makeIncrementalTable(TableContext& context);
 void makeHprTable(TableContext& context);
 void makeProjectiveTable(TableContext& context);
 
-// table_of_pine.cpp: minutes to hours, so not among "all".
+// table_of_pine.cpp: takes minutes to hours, so not part of "all".
 void makePineTable(TableContext& context);
 void makePineFormTable(TableContext& context);
 

@@ -97,7 +97,7 @@ bool sameCase(const TableRow& a, const TableRow& b) {
          other(a) == other(b);
 }
 
-/// One line of a table: both profiles of one case, where both were run.
+/// One line of a table: both profiles of a case, if both were run.
 struct Line {
   const TableRow* paper = nullptr;
   const TableRow* product = nullptr;

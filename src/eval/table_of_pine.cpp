@@ -26,13 +26,13 @@ constexpr double kVoxel_m = 0.01;
 constexpr int kFrames = 1000;
 /// Around the crown, from near the ground to above the top, as a drone with a sensor would fly.
 constexpr double kRadius_m = 4.5, kTurns = 10, kLowest_m = 1.0;
-/// Truth is asked for this many points, evenly spread over all: the figures then stand to 0.7 points (two standard
-/// errors of a share near one half).
+/// Truth is evaluated for this many points, evenly spread over all: the figures are then accurate to 0.7 points (two
+/// standard errors of a share near one half).
 constexpr std::size_t kJudgedPoints = 20000;
 constexpr std::size_t kViewpoints = 50;
 constexpr int kFramesAtOnce = 8;
-/// At the radius of the other scenes hidden point removal finds a fifth of this cloud visible, though a ray has met
-/// every point of it; a cloud as dense and as deep as this one wants a larger sphere.
+/// With the radius of the other scenes, hidden point removal finds a fifth of this cloud visible, although a ray hit
+/// every point of it; a cloud this dense and deep needs a larger sphere.
 constexpr double kPineFlipRadius = 1e4;
 
 struct PineCase {
@@ -73,7 +73,7 @@ std::vector<Eigen::Vector3d> fuse(const sim::Simulator& simulator, Accessibility
 
 double percent(double part, double whole) { return whole > 0 ? 100 * part / whole : 0; }
 
-/// A scanned tree: the field, and what is asked about it.
+/// A scanned tree: the field and what is evaluated on it.
 struct ScannedPine {
   sim::Scene tree;
   std::vector<Eigen::Vector3d> viewpoints_W;
@@ -105,7 +105,7 @@ ScannedPine scan(TableContext& context, const PineCase& which, const ScoringPara
   return result;
 }
 
-/// The scored points; those that truth is asked for, evenly spread over them; and where all of them lie.
+/// The scored points: those for which truth is evaluated, evenly spread over them, and the positions of all.
 struct JudgedPoints {
   std::vector<Eigen::Vector3d> all_W, positions_W, normals_W, true_normals_W;
   std::vector<std::uint8_t> found;
@@ -147,7 +147,7 @@ TableRow pineRow(const char* table, const PineCase& which, std::string variant, 
   return row;
 }
 
-/// Points that some of the viewpoints see by hidden point removal, percent.
+/// Share of points that hidden point removal finds visible from a viewpoint, percent.
 double visiblePercent(const ScannedPine& pine, const JudgedPoints& judged, double flip_radius) {
   const auto seen = visibleFromAny(judged.all_W, someViewpoints(pine.viewpoints_W, kViewpoints), flip_radius);
   return percent(static_cast<double>(std::count(seen.begin(), seen.end(), 1)), static_cast<double>(seen.size()));
@@ -191,7 +191,7 @@ void addCase(TableContext& context, const PineCase& which) {
   context.rows.push_back(
       pineRow("pine", which, ", true normals", compare(truthWith(options, judged.true_normals_W), judged.found)));
 
-  // How far the truth agrees with itself where only the draw of the tool's samples differs: the scale of its own noise.
+  // How far the truth agrees with itself if only the drawn tool samples differ: the scale of its own noise.
   options.seed += 1;
   row = pineRow("pine", which, ", truth by other samples of the tool",
                 compare(truth, truthWith(options, judged.normals_W)));

@@ -12,7 +12,7 @@
 namespace accessvdb::eval {
 namespace {
 
-/// At this voxel size, where a table has it: enough points to see, few enough to be quick.
+/// Preferred voxel size, if a table has it: enough points to see, few enough to be quick.
 constexpr double kBestVoxel_m = 0.002;
 constexpr std::size_t kViewpoints = 25;
 

@@ -51,7 +51,7 @@ std::set<std::string> wantedTables(const std::vector<std::string>& asked) {
       found = true;
     }
     if (!found) {
-      throw InvalidArgument("evaluate.table", name, "there is no table of this name; the tables are " + known,
+      throw InvalidArgument("evaluate.table", name, "there is no table with this name; the tables are " + known,
                             "See accessvdb evaluate --help");
     }
   }

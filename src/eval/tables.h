@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The tables of `accessvdb evaluate`: the paper's and our own.
+/// The tables of `accessvdb evaluate`: the paper's and this project's.
 #pragma once
 
 #include <exception>
@@ -27,18 +27,18 @@ struct TableResults {
   std::vector<TableRow> rows;
   std::vector<std::string> finished;  ///< tables, in order; the rows of an unfinished one are kept too
   bool stopped = false;
-  std::exception_ptr failure;  ///< what ended the run early, if anything but a stop did; the rows made before it stand
+  std::exception_ptr failure;  ///< what ended the run early, other than a stop; the rows made before remain valid
   double seconds = 0;
-  std::string device;  ///< of the fields, "cpu" or "cuda:NAME"; empty where none was made
+  std::string device;  ///< the fields' device, "cpu" or "cuda:NAME"; empty if no field was made
 };
 
-/// Every name that `tables` may hold, in the order in which they are made.
+/// All names allowed in `tables`, in the order in which they are made.
 [[nodiscard]] std::vector<std::string> tableNames();
 
-/// @throws InvalidArgument for a name that is not among them, or for none at all
+/// @throws InvalidArgument for an unknown name, or for none at all
 void checkTableNames(const std::vector<std::string>& names);
 
-/// What a run throws comes back as `failure`. @throws InvalidArgument for an unknown table, before anything is made
+/// Exceptions of a run are returned as `failure`. @throws InvalidArgument for an unknown table, before anything is made
 [[nodiscard]] TableResults makeTables(const TableOptions& options);
 
 }  // namespace accessvdb::eval

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Tables of what others would do: visibility alone (HPR), and projective fusion (docs/PAPER_MAP.md, "Baselines").
+/// Tables of other methods: visibility alone (HPR), and projective fusion (docs/PAPER_MAP.md, "Baselines").
 #include <Eigen/Geometry>
 
 #include "eval/hidden_point_removal.h"
@@ -26,7 +26,7 @@ constexpr ProjectiveVariant kVariants[] = {
     {"guarded as in nvblox, all in front, no cleared band", true, false, true, false},
 };
 
-/// The paper's profile with projective fusion. @param around_W  what the variants that carve may update
+/// The paper's profile with projective fusion. @param around_W  the region that carving variants may update
 RunRequest projectiveRun(const std::string& scene, double voxel_m, const ProjectiveVariant& variant,
                          const sim::TriangleMesh& around_W) {
   RunRequest request = paperRun(scene, voxel_m);
@@ -40,7 +40,7 @@ RunRequest projectiveRun(const std::string& scene, double voxel_m, const Project
   tsdf.projective.cleared_band = variant.cleared_band;
   Eigen::AlignedBox3d box_W;
   for (const Eigen::Vector3f& v : around_W.vertices_W) box_W.extend(v.cast<double>());
-  // The arm's last sample lies 2.25 tau from a surface point; beyond it nothing asks whether a voxel is free.
+  // The arm's last sample is 2.25 tau from a surface point; beyond it, free voxels are not used.
   const double margin_m = 2.5 * tau;
   for (int axis = 0; axis < 3; ++axis) {
     tsdf.projective.box_min_W_m[static_cast<std::size_t>(axis)] = box_W.min()[axis] - margin_m;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Tables that set the paper's profile beside the product's. Printed figures: the paper's tables;
+/// Tables that compare the paper's profile with the product's. Printed figures: the paper's tables;
 /// requirements: this project's own.
 #include <cmath>
 #include <cstdio>
@@ -12,7 +12,7 @@ namespace {
 
 using Figure = Requirement::Figure;
 
-/// What has to be reached on a scene, for either profile; the paper's figures beside it.
+/// What has to be reached on a scene, for either profile, with the paper's figures.
 struct Expectation {
   const char* scene;
   double voxel_m;
@@ -34,7 +34,7 @@ void addProfiles(TableContext& context, const char* table, const Expectation& ex
   context.rows.push_back(row);
 }
 
-/// The paper's profile where every voxel within one voxel of the ray is cleared, not only those on it
+/// The paper's profile with every voxel within one voxel of the ray cleared, not only those on it
 /// (docs/PAPER_MAP.md, "Where we differ, and why").
 void addThickCarve(TableContext& context, const char* table, const Expectation& expect) {
   RunRequest request = paperRun(expect.scene, expect.voxel_m);
@@ -46,7 +46,7 @@ void addThickCarve(TableContext& context, const char* table, const Expectation& 
   context.rows.push_back(row);
 }
 
-/// The paper's profile where every direction is tried: the reading behind every row but the box's.
+/// The paper's profile with every direction tried: the interpretation used for every row except the box's.
 void addAllDirections(TableContext& context, const char* table, const Expectation& expect) {
   RunRequest request = paperRun(expect.scene, expect.voxel_m);
   request.params.approach.coarse_to_fine = false;
@@ -76,7 +76,7 @@ void makeOracleTable(TableContext& context) {
     addProfiles(context, "oracle", {view, 0.001, sphere, Requirement::atLeast(99), Requirement::atLeast(99.8)});
     addAllDirections(context, "oracle", {view, 0.001, sphere, Requirement::atLeast(99), std::nullopt});
   }
-  // At 1 mm the thin line leaves gaps between the rays; the requirement is on the thick one, the thin one is stated.
+  // At 1 mm the thin line leaves gaps between the rays; the requirement is on the thick one; the thin one is reported.
   addProfiles(context, "oracle", {"box", 0.001, box, std::nullopt, Requirement::atLeast(99.5)});
   addThickCarve(context, "oracle", {"box", 0.001, box, Requirement::near(Figure::F1, 96.6, 4), std::nullopt});
   const PaperFigures wall{44753, 100.0, 100.0, 100.0, 100.0};
@@ -132,7 +132,7 @@ void makeNoiseTable(TableContext& context) {
     RunRequest paper = paperRun(scene, voxel_m);
     paper.scans.range_noise_m = sigma_m;
     for (const Column column : {Column::Paper, Column::Product}) {
-      // The full cube at 1 mm costs minutes; 2 mm says the same.
+      // The full cube at 1 mm takes minutes; 2 mm shows the same.
       if (column == Column::Paper && voxel_m < 0.002) continue;
       RunRequest request = column == Column::Paper ? paper : productRun(scene, voxel_m, sigma_m);
       request.true_normals = true;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Tables in which one thing of a profile is changed at a time.
+/// Tables that change one setting of a profile at a time.
 #include "eval/table_context.h"
 
 namespace accessvdb::eval {
@@ -38,8 +38,8 @@ void makeClampingTable(TableContext& context) {
         context.rows.push_back(row);
       }
     }
-    // Without the clamp a direction hangs on some ten samples near the tip, so that which thousand points of the tool
-    // were drawn moves the recall by several points. Five times as many, and five times the limit, settle it.
+    // Without the clamp, a direction depends on about ten samples near the tip, so the draw of the tool's thousand
+    // points changes the recall by several points. Five times as many, with five times the limit, settle it.
     RunRequest request = unclamped(paperRun(scene, 0.002));
     request.params.scoring.surface_samples = 5000;
     request.params.scoring.max_collisions = 5 * 5 - 1;
@@ -98,11 +98,11 @@ void makeIncrementalTable(TableContext& context) {
   for (const char* scene : {"torus", "sphere_a"}) {
     for (const Column column : {Column::Paper, Column::Product}) {
       for (const int every : {10, 1}) {
-        // The paper's policy scores thousands of points an update; one after each frame costs minutes and says no more.
+        // The paper's policy scores thousands of points per update; one per frame takes minutes and shows nothing new.
         if (column == Column::Paper && every == 1) continue;
         RunRequest request = profileRun(column, scene, 0.002);
         request.update_every = every;
-        // Against a batch over all directions, so that only the policies differ.
+        // Compared with a batch over all directions, so that only the policies differ.
         request.params.approach.coarse_to_fine = false;
         const auto run = context.runner.run(request);
         TableRow row =

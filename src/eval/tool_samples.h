@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Points uniform on a tool's surface, for the ground truth (docs/PAPER.md, "Ground truth"). Written apart from
-/// src/tool on purpose: truth shares no function with what it judges.
+/// Points uniform on a tool's surface, for the ground truth (docs/PAPER.md, "Ground truth"). Separate from
+/// src/tool on purpose: the truth shares no function with what it judges.
 #pragma once
 
 #include <Eigen/Core>

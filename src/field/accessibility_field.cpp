@@ -71,8 +71,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return volume.packed();
   }
 
-  /// Runs a step that changes several stages. When it fails half-way they no longer agree, and a mirror that lacks an
-  /// obstacle would call points accessible: from then on nothing is answered.
+  /// Runs a step that changes several stages. If it fails half-way they no longer agree, and a mirror that lacks an
+  /// obstacle would call points accessible: from then on the field answers nothing.
   template <typename Step>
   auto guarded(const Step& step) {
     requireWhole();
@@ -88,8 +88,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         return result;
       }
     } catch (const Error& error) {
-      // What the device does with a scan waits for the points, and runs beside the map, which takes the scan in to the
-      // end in any case; a failure of the host is the one that is thrown (runBeside).
+      // The device's work on a scan waits for the points and runs beside the map, which takes in the whole scan in any
+      // case; if both fail, the host's failure is thrown (runBeside).
       host_whole = internal::isOfDevice(error);
       throw;
     }
@@ -97,7 +97,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   void requireWhole() const { require(whole); }
   static void require(bool answers) {
     if (answers) return;
-    throw ResourceLimit("field.broken", "", "an earlier step failed half-way, so this field cannot answer any more",
+    throw ResourceLimit("field.broken", "", "an earlier step failed half-way, so this field can no longer answer",
                         "Start a new field, with a larger voxel size if memory was short");
   }
 
@@ -109,7 +109,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return {volume.packed(), scorer, *backend, tables.map, distances, tables.approach.direction_xy, gate.origin_W()};
   }
 
-  /// @param gated  returns the scan, sorted out
+  /// @param gated  returns the scan that passed the gate
   template <typename Gated>
   FrameStats integrate(const Gated& gated) {
     const kernels::Stopwatch all;
@@ -126,10 +126,10 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return stats;
   }
 
-  /// Points come first, beside sorting the returns for the map: what their backend then begins to do runs while the map
-  /// takes the scan in, and so does noting what an update has to know of the returns. While the backend then begins
-  /// with what changed in the map, the mirror takes that in. What of it is not hidden counts as integration.
-  /// @return how long it took to note what the scan changed in the map; counts as the update's
+  /// Points come first, beside sorting the returns for the map: what their backend then starts runs while the map takes
+  /// in the scan, as does noting what an update has to know about the returns. While the backend starts on what changed
+  /// in the map, the mirror takes that in. Whatever is not hidden counts as integration.
+  /// @return time taken to note what the scan changed in the map; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
     points.describeTouched(scheduler->needs().news);
     const internal::TouchedPoints* touched = nullptr;
@@ -197,8 +197,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;
   double noted_ms = 0;     ///< noting what scans since the last update changed in the map
-  bool whole = true;       ///< false after a step failed half-way
-  bool host_whole = true;  ///< false after one failed on the host
+  bool whole = true;       ///< false once a step failed half-way
+  bool host_whole = true;  ///< false once one failed on the host
 };
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)

@@ -15,20 +15,20 @@ namespace accessvdb::internal {
 
 struct ChosenBackend {
   std::unique_ptr<kernels::Backend> backend;
-  std::string note_id, note;  ///< why Auto is not on a GPU, as of an Error; else empty
+  std::string note_id, note;  ///< why Auto is not on a GPU, as in an Error; else empty
 };
 
-/// Did the GPU fail, by whatever way: missing, lost, out of memory? What lies on the host is as good as before.
+/// Whether the GPU failed in any way: missing, lost, out of memory. Data on the host are still valid.
 /// Errors of a backend have the subject "cuda".
 [[nodiscard]] bool isOfDevice(const Error& error);
 
-/// @throw DeviceError    Cuda, and there is no GPU to use or this build has no CUDA backend
-/// @throw ResourceLimit  Cuda, and its memory does not suffice for a beginning
+/// @throw DeviceError    Cuda, but there is no usable GPU or this build has no CUDA backend
+/// @throw ResourceLimit  Cuda, but its memory does not suffice to start
 [[nodiscard]] ChosenBackend cudaBackend();
 [[nodiscard]] ChosenBackend cpuBackend();
 
-/// Makes what stands on a backend. Cpu and Cuda are taken at their word. Auto takes a GPU, and where there is none to
-/// use, or where what is made fails on it, the CPU: a card without room for the first tables is of no use either.
+/// Makes something on a backend. Cpu and Cuda are taken literally. Auto takes a GPU, or the CPU if no GPU is usable or
+/// making fails on it: a card without room for the first tables is of no use either.
 /// @param make  called with a ChosenBackend, at most twice
 template <typename Make>
 auto onBackend(BackendKind kind, const Make& make) -> decltype(make(ChosenBackend{})) {

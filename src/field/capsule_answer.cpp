@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A capsule against the authored map. Which voxels it touches, and where, are the rules of hostdev/capsule.h, the same
-/// as in a kernel; here their distances are at hand too.
+/// A capsule against the authored map. Which voxels it touches, and where, follows the rules of hostdev/capsule.h, as
+/// in a kernel; here their distances are available too.
 #include <cmath>
 
 #include "field/query_source.h"
@@ -19,7 +19,7 @@ struct Findings {
   bool unknown = false, collision = false;
 };
 
-/// A leaf where nothing was observed: is any of its voxels touched that is not cleared?
+/// In a leaf where nothing was observed: does the capsule touch a voxel that is not cleared?
 bool touchesUnknown(const Capsule& capsule, const float* corner, const PackedLeaf* leaf, float reach2) {
   for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
     if (leaf != nullptr && leaf->isValueOn(n)) continue;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A field to its files, with everything in their metadata that says how it came about.
+/// Writes a field to its files, with everything in their metadata that describes how it was made.
 #include "accessvdb/field_export.h"
 
 #include <tbb/task_arena.h>

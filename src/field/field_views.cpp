@@ -18,7 +18,7 @@ FieldViews::~FieldViews() { revision_->store(BatchQuery::Impl::kGone, std::memor
 
 BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
   if (query_ && query_->current()) return BatchQuery(query_);
-  query_.reset();  // not two copies of the state at once
+  query_.reset();  // avoids two copies of the state at once
   const PointStore& points = parts.scorer.points();
   const double voxel_size_m = parts.map.params().voxel_size_m;
   arena.execute([&] { index_.extend(points); });
@@ -41,7 +41,7 @@ BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
 DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) const {
   if (on_gpu && onHost(parts.backend)) {
     throw DeviceError("device.none", "cpu", "this field is not on a GPU, so it has no device memory to show",
-                      "Ask for BackendKind::Cuda, or use hostView()");
+                      "Use BackendKind::Cuda or hostView()");
   }
   if (!on_gpu && !onHost(parts.backend)) {
     throw DeviceError("device.not_host", parts.backend.name(), "the mirror and the points of this field are on the GPU",

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a field hands out for others to look at it: batch queries on the host, views for kernels. Knows when they end.
+/// The views that a field hands out: batch queries on the host, views for kernels. Knows when they expire.
 #pragma once
 
 #include <tbb/task_arena.h>
@@ -22,12 +22,12 @@ struct ViewedParts {
   const PointScorer& scorer;
   kernels::Backend& backend;
   kernels::OccupancyView mirror;
-  kernels::DistanceView distances;  ///< no grid where there is no mirror of them
+  kernels::DistanceView distances;  ///< no grid if there is no mirror of them
   const float* direction_xy;        ///< [2 D] in the backend's memory
   Eigen::Vector3d origin_W;
 };
 
-/// One a field; one thread at a time.
+/// One per field; one thread at a time.
 class FieldViews {
  public:
   FieldViews();
@@ -35,12 +35,12 @@ class FieldViews {
   FieldViews(const FieldViews&) = delete;
   FieldViews& operator=(const FieldViews&) = delete;
 
-  /// Before the field changes: every view so far is out of date.
+  /// Call before the field changes: all existing views become out of date.
   void expire() { revision_->fetch_add(1, std::memory_order_acq_rel); }
   [[nodiscard]] std::uint64_t revision() const { return revision_->load(std::memory_order_acquire); }
 
   [[nodiscard]] BatchQuery query(const ViewedParts& parts, tbb::task_arena& arena);
-  /// @throws DeviceError where the field's backend is not of this kind
+  /// @throws DeviceError if the field's backend is not of this kind
   [[nodiscard]] DeviceView view(const ViewedParts& parts, bool on_gpu) const;
 
   [[nodiscard]] std::uint64_t bytes() const { return index_.bytes(); }

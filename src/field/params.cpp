@@ -20,7 +20,7 @@ std::string text(double value) {
   return {buffer, end};
 }
 
-/// @throws InvalidArgument unless value lies in [low, high]; NaN never does.
+/// @throws InvalidArgument unless value is in [low, high]; NaN never is.
 void require(const char* field, double value, double low, double high, const char* advice = "") {
   if (value >= low && value <= high) return;
   throw InvalidArgument("config.range", field, text(value) + " is outside " + text(low) + " .. " + text(high), advice);
@@ -55,7 +55,7 @@ void requireProjective(const ProjectiveParams& p, double voxel_size_m) {
   for (std::size_t axis = 0; axis < 3; ++axis) {
     require("projective.box_min_W_m", p.box_min_W_m[axis], -1e8, 1e8);
     require("projective.box_max_W_m", p.box_max_W_m[axis], p.box_min_W_m[axis] + voxel_size_m, 1e8,
-            "Give the box around the scene that in_front and empty_is_free may update");
+            "Set the box around the scene that in_front and empty_is_free may update");
     leaves *= (p.box_max_W_m[axis] - p.box_min_W_m[axis]) / (8 * voxel_size_m) + 2;
   }
   require("projective box, in leaves", leaves, 0, kMostLeaves, "Choose a smaller box or a larger voxel");
@@ -90,7 +90,7 @@ FieldParams FieldParams::resolved() const {
   require("range_noise_m", t.range_noise_m, 0, 10);
   if (t.truncation_distance_m == 0) t.truncation_distance_m = std::max(4 * t.voxel_size_m, 5 * t.range_noise_m);
   require("truncation_distance_m", t.truncation_distance_m, t.voxel_size_m, 100 * t.voxel_size_m,
-          "tau lies between 1 and 100 voxels; choose a larger voxel or a smaller tau");
+          "tau must be between 1 and 100 voxels; choose a larger voxel or a smaller tau");
   require("min_range_m", t.min_range_m, 0, 1e6);
   require("max_range_m", t.max_range_m, t.min_range_m, std::numeric_limits<double>::infinity());
   require("cone_cos_min", t.cone_cos_min, 0.85, 0.9999);
@@ -108,7 +108,7 @@ FieldParams FieldParams::resolved() const {
   for (const double f : a.arm_tau) require("arm_tau", f, 0, 100);
   require("corridor_length_m", a.corridor_length_m, 0, 50 * t.truncation_distance_m,
           "A corridor is at most 50 tau long");
-  // Only what rays were seen to pass counts as free, so the cleared band reaches as far as the corridor.
+  // Only space that rays passed counts as free, so the cleared band reaches as far as the corridor.
   t.cleared_end_tau = std::max(t.cleared_end_tau, a.corridor_length_m / t.truncation_distance_m);
 
   ScoringParams& s = p.scoring;

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Positions against the authored map and the surface points.
 ///
-/// Bound by memory latency: each answer needs a voxel, a block of points, a few positions and their state, all anywhere
-/// in gigabytes. So positions go through in groups, one stage at a time, and each stage asks for what the next one
+/// Bound by memory latency: each answer needs a voxel, a block of points, a few positions and their state, scattered
+/// over gigabytes. So positions go through in groups, one stage at a time, and each stage prefetches what the next one
 /// reads. Nothing is sorted.
 #include <array>
 #include <bit>
@@ -22,26 +22,26 @@ using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*
 
 constexpr std::size_t kGroup = 32;
 constexpr int kReach = kPointRadiusVoxels;
-/// From a voxel's centre to its faces, and what float32 coordinates can be off at 10^6 voxels from the origin.
+/// From a voxel's centre to its faces, plus the error of float32 coordinates at 10^6 voxels from the origin.
 constexpr float kCellHalf = 0.5f + 0.07f;
 
-/// Of what a position needs, as far as it is known.
+/// What a position needs, as far as it is known.
 struct Visit {
   Eigen::Vector3d p_L;
   double distance_m;
   const LowerNode* lower;
   const PackedLeaf* leaf;
   const std::uint32_t* packed;
-  const QueryIndex::Cell* cell;        ///< of its own block
+  const QueryIndex::Cell* cell;        ///< the cell of its own block
   const Block* own;                    ///< its own block
-  const QueryIndex::Entry* point;      ///< the one that answers
-  std::array<const Block*, 8> blocks;  ///< those within reach, where its voxel has no point
+  const QueryIndex::Entry* point;      ///< the point that answers
+  std::array<const Block*, 8> blocks;  ///< those within reach, if its voxel has no point
   Index3 voxel;
   int block_count;
   bool inside;
 };
 
-/// Looks up the cells of point blocks, mostly the one of the last call.
+/// Looks up the cells of point blocks, mostly that of the last call.
 class CellCache {
  public:
   explicit CellCache(const QueryIndex& index) : index_(index) {}
@@ -139,7 +139,7 @@ class Answerer {
     if (visit.inside) findBlocks(visit);
   }
 
-  /// The up to eight blocks within reach of the position.
+  /// At most eight blocks within reach of the position.
   void findBlocks(Visit& visit) {
     Index3 low, high, leaf;
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -167,7 +167,7 @@ class Answerer {
     prefetchRead(block, sizeof(Block));
   }
 
-  /// The same where one cell holds them all, as it mostly does: rows of its bits.
+  /// The same if one cell contains them all, as is usual: rows of its bits.
   void findBlocksIn(const QueryIndex::Cell& cell, const Index3& low, const Index3& high, Visit& visit) const {
     const std::uint32_t row_mask = (0xffu << (low[2] & 7)) & (0xffu >> (7 - (high[2] & 7)));
     for (std::int32_t x = low[0]; x <= high[0]; ++x) {
@@ -215,7 +215,7 @@ class Answerer {
     return sum;
   }
 
-  /// Bits of the y and z of a slice that are within `reach` of (y, z), which may lie outside the block.
+  /// Bits of the y and z of a slice that are within `reach` of (y, z), which may be outside the block.
   static std::uint64_t boxMask(int y, int z, int reach) {
     const int y0 = std::max(0, y - reach), y1 = std::min(7, y + reach);
     const int z0 = std::max(0, z - reach), z1 = std::min(7, z + reach);
@@ -240,9 +240,9 @@ class Answerer {
     visit.block_count = kept;
   }
 
-  /// Nearest point within reach. Goes outwards by shells of voxels around the position's own, and stops where a shell
-  /// cannot hold a nearer one. Inside a shell the voxel that promises most is read first; the others' cells have to
-  /// come nearer than the best before their points are read.
+  /// Nearest point within reach. Searches outwards in shells of voxels around the position's own, and stops when a
+  /// shell cannot contain a nearer one. Inside a shell, the most promising voxel is read first; the points of the
+  /// others are read only if their cells come nearer than the best.
   class NearestSearch {
    public:
     NearestSearch(const QuerySource& source, Visit& visit) : source_(source), visit_(visit) {
@@ -283,12 +283,12 @@ class Answerer {
    private:
     struct Candidate {
       float least2;              ///< its point is no nearer than the root of this, voxels
-      std::uint16_t bit, order;  ///< of its voxel in the block; ascending in x, y, z
+      std::uint16_t bit, order;  ///< the voxel's in the block; ascending in x, y, z
       const Block* block;
     };
     static constexpr std::size_t kMostInShell = 7 * 7 * 7 - 5 * 5 * 5;
     static_assert(kReach == 3);
-    static constexpr float kWiden = 1.001f;  // what float32 may be off
+    static constexpr float kWiden = 1.001f;  // covers float32's error
 
     void gather(const Block& block, int shell) {
       const int cx = visit_.voxel[0] - block.leaf[0] * 8, cy = visit_.voxel[1] - block.leaf[1] * 8,
@@ -343,7 +343,7 @@ class Answerer {
     answer.point_id = id;
     answer.point_distance_m = static_cast<float>(visit.distance_m);
     const HostPointState& state = *source_.state;
-    if (id >= state.size) return answer;  // came after the last update
+    if (id >= state.size) return answer;  // added after the last update
     answer.label = state.label[id];
     answer.reason = state.reason[id];
     answer.score = state.score[id];

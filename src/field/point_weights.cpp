@@ -16,16 +16,16 @@
 namespace accessvdb::internal {
 namespace {
 
-/// As PackedAccessor: inner nodes only.
+/// Like PackedAccessor: inner nodes only.
 using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
 constexpr std::size_t kPointsPerTask = 256;
 
-/// The (2 reach + 1)^3 voxels around one, in the leaves that hold them: at most two along each axis. Read in four
-/// steps, with the steps of other voxels in between, so that what the next step needs has arrived by then: places all
-/// over the map wait for memory, not for arithmetic.
+/// The (2 reach + 1)^3 voxels around one, in the leaves that contain them: at most two along each axis. Read in four
+/// steps, interleaved with those of other voxels, so that what the next step needs has arrived by then: voxels
+/// scattered over the map wait for memory, not for arithmetic.
 class WeightWindow {
  public:
-  /// Step 1: which leaves, and which nodes of the tree know them.
+  /// Step 1: the leaves' positions, and the nodes of the tree above them.
   void ask(ConstAccessor& map, const Index3& centre, int reach) {
     std::array<std::array<Span, 2>, 3> spans;
     for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -71,7 +71,7 @@ class WeightWindow {
       part.values = packedValues(*part.leaf);
       if (part.values == nullptr) continue;
       part.values += part.offset;
-      for (int x = 0; x < part.x; ++x) {  // a line of memory holds two rows
+      for (int x = 0; x < part.x; ++x) {  // a cache line holds two rows
         for (int y = 0; y < part.y; y += 2) prefetchRead(part.values + 64 * x + 8 * y);
         prefetchRead(part.values + 64 * x + 8 * (part.y - 1));
       }
@@ -104,9 +104,9 @@ class WeightWindow {
   struct Part {
     const PackedLowerNode* node;
     const PackedLeaf* leaf;
-    const std::uint32_t* values;  ///< of its first voxel
-    openvdb::Index in_node;       ///< of the leaf
-    std::uint16_t offset;         ///< of the first voxel, in the leaf
+    const std::uint32_t* values;  ///< values of its first voxel
+    openvdb::Index in_node;       ///< index of the leaf
+    std::uint16_t offset;         ///< offset of the first voxel in the leaf
     std::int8_t x, y, z;          ///< voxels
   };
   std::array<Part, 8> part_;
@@ -117,7 +117,7 @@ class WeightWindow {
 template <typename VoxelOf, typename Take>
 void readWeights(const PackedMap& map, int reach, std::size_t begin, std::size_t end, const VoxelOf& voxelOf,
                  const Take& take) {
-  constexpr std::size_t kApart = 8;              // other voxels between two steps of one
+  constexpr std::size_t kApart = 8;              // other voxels between two steps of the same one
   std::array<WeightWindow, 4 * kApart> windows;  // of n, n + 1 ...
   const auto windowOf = [&](std::size_t n) -> WeightWindow& { return windows[n % windows.size()]; };
   // Is the step of voxel n - steps * kApart due at n?
@@ -133,14 +133,14 @@ void readWeights(const PackedMap& map, int reach, std::size_t begin, std::size_t
   }
 }
 
-/// Where a point lies, and which of those asked for it is.
+/// Where a point is, and its place in the request.
 struct Site {
   std::uint64_t order;  ///< leafOrder()
   Index3 voxel;
   std::uint32_t index;
 };
 
-/// Leaves of a node of the tree follow each other: 128 voxels an axis, then 8. Coordinates are within +-2^20.
+/// Leaves of a tree node are consecutive: 128 voxels per axis, then 8. Coordinates are within +-2^20.
 std::uint64_t leafOrder(const Index3& voxel) {
   std::uint64_t node = 0, leaf = 0;
   for (const std::int32_t x : voxel) {
@@ -150,7 +150,7 @@ std::uint64_t leafOrder(const Index3& voxel) {
   return node << 12 | leaf;
 }
 
-/// Ids follow the voxels of each scan, plane by plane, so neighbours in memory are far apart among them.
+/// Ids follow the voxels of each scan, plane by plane, so neighbours in memory have distant ids.
 std::vector<Site> sitesByLeaf(const PointStore& points, std::span<const std::uint32_t> ids) {
   std::vector<Site> sites(ids.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {

@@ -8,7 +8,7 @@
 
 namespace accessvdb::internal {
 
-/// @param map, points  alive as long as the reads
+/// @param map, points  must outlive the reads
 MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neighbourhood_weight);
 
 }  // namespace accessvdb::internal

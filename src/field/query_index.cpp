@@ -43,7 +43,7 @@ void QueryIndex::extend(const PointStore& points) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       const PointBlock& source = sources[n];
       Block& block = blocks_[n];
-      if (block.entries.size() == source.ids.size()) continue;  // points only ever come
+      if (block.entries.size() == source.ids.size()) continue;  // points are only ever added
       block.leaf = source.leaf;
       block.occupied = source.occupied;
       std::uint16_t below = 0;

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which points lie around a voxel, laid out for millions of look-ups a second: the same grouping as SurfaceIndex
-/// (blocks of 8^3 voxels, cells of 8^3 blocks), but with cells in a flat hash table and with the positions inside the
-/// blocks, because reading them anywhere else costs a cache miss each.
+/// Which points are around a voxel, laid out for millions of look-ups per second: the same grouping as SurfaceIndex
+/// (blocks of 8^3 voxels, cells of 8^3 blocks), but with cells in a flat hash table and positions inside the blocks,
+/// because reading them anywhere else costs a cache miss each.
 #pragma once
 
 #include <array>
@@ -25,7 +25,7 @@ class QueryIndex {
   /// The points of one leaf; entries in the order of the set bits.
   struct alignas(64) Block {
     LeafBits occupied = {};
-    std::array<std::uint16_t, 8> below = {};  ///< points in the words of `occupied` before each
+    std::array<std::uint16_t, 8> below = {};  ///< number of points in the words of `occupied` before each
     std::vector<Entry> entries;
     Index3 leaf = {};
 
@@ -43,7 +43,7 @@ class QueryIndex {
     [[nodiscard]] bool has(std::size_t bit) const { return (present[bit >> 6] >> (bit & 63) & 1u) != 0; }
   };
 
-  /// Takes in what came since the last call. @param points  the same store each time; it only grows
+  /// Adds the points new since the last call. @param points  the same store each time; it only grows
   void extend(const PointStore& points);
 
   [[nodiscard]] const std::vector<Block>& blocks() const { return blocks_; }

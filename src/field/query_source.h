@@ -17,7 +17,7 @@
 
 namespace accessvdb::internal {
 
-/// State of the points in host memory: the backend's own arrays where it works there, else copies.
+/// State of the points in host memory: the backend's own arrays if it works there, else copies.
 struct HostPointState {
   const std::uint16_t* score = nullptr;
   const std::uint16_t* direction = nullptr;
@@ -32,7 +32,7 @@ struct HostPointState {
   HostPointState(kernels::Backend& backend, const kernels::PointStateView& view, std::uint32_t count, bool on_host);
 };
 
-/// Everything a query reads; all of it stays where it is until the field next changes.
+/// Everything that a query reads; it all stays in place until the field next changes.
 struct QuerySource {
   const PackedMap* map = nullptr;
   const QueryIndex* index = nullptr;

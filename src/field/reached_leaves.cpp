@@ -15,9 +15,9 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr std::size_t kReturnsPerTask = 256;
-/// Beside what `reach` asks for, in voxels, against rounding.
+/// Margin beyond `reach` against rounding, in voxels.
 constexpr float kOwnSlack = 0.01f;
-/// Of the widest cone that RegionSlices bounds.
+/// The widest cone that RegionSlices bounds.
 constexpr float kMostSinSquared = 0.32f;
 
 struct LeafSpan {
@@ -60,7 +60,7 @@ bool forEachReachedLeaf(const TsdfParams& resolved, std::span<const Eigen::Vecto
                         std::span<const Eigen::Vector3f> q_L, int reach, const TakeLeaves& take) {
   if (resolved.region == UpdateRegion::Projective) return false;
   RegionShape shape(resolved);
-  // Beyond the slopes that RegionSlices bounds, whole leaves around a wide cone's middle may be written: take the cube.
+  // Beyond the slopes that RegionSlices bounds, whole leaves around a wide cone's middle may be written: use the cube.
   if (shape.cone_sin_squared > kMostSinSquared) shape.region = UpdateRegion::FullCube;
   const float margin = static_cast<float>(reach) + kOwnSlack;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), kReturnsPerTask), [&](const auto& range) {

@@ -15,14 +15,14 @@ namespace {
 
 /// Local positions are rounded to this, so that shifting the world by whole voxels does not change their last bits.
 constexpr double kPositionStep_m = 0x1.0p-20;
-/// Voxel indices fit into 21 bits with room for tau, the tool and the corridor around them.
+/// Voxel indices fit into 21 bits, with room for tau, the tool and the corridor around them.
 constexpr double kMostVoxels = 1000000;
 /// Largest deviation of R^T R from the identity.
 constexpr double kRigidTolerance = 1e-6;
 /// No survey frame has larger coordinates (the Earth's circumference is 4e7 m); doubles still resolve 10 nm there.
 constexpr double kFarthest_m = 1e8;
 constexpr std::size_t kGatedPerTask = 1024;
-/// Returns that are checked before those among them that are kept go on: bounds what a long list of rays takes.
+/// Returns checked per batch; bounds the memory that a long list of rays takes.
 constexpr std::size_t kMostChecked = 1 << 16;
 
 Eigen::Vector3d roundToStep(const Eigen::Vector3d& x) {
@@ -35,7 +35,7 @@ Eigen::Vector3d roundToStep(const Eigen::Vector3d& x) {
 void ScanGate::setOrigin(const Eigen::Vector3d& sensor_W) {
   if (have_origin_) return;
   const double v = params_.voxel_size_m;
-  // + 0.0 turns -0 into 0, which reads better.
+  // + 0.0 turns -0 into 0, which is easier to read.
   origin_W_ = {std::round(sensor_W.x() / v) * v + 0.0, std::round(sensor_W.y() / v) * v + 0.0,
                std::round(sensor_W.z() / v) * v + 0.0};
   have_origin_ = true;
@@ -63,7 +63,7 @@ void ScanGate::startScan(const Eigen::Matrix3d& R_W_S) {
   scan_.R_W_S = R_W_S;
 }
 
-/// Adds what is kept, in the order of the returns. @param checkOf  (n) -> Checked of return n, from any thread
+/// Adds the returns that are kept, in order. @param checkOf  (n) -> Checked of return n, from any thread
 template <typename CheckOf>
 void ScanGate::admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats) {
   GatedScan& scan = scan_;
@@ -95,7 +95,7 @@ const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const
   if (!t.allFinite() || !R.allFinite() || !(t.lpNorm<Eigen::Infinity>() <= kFarthest_m) || !(skew <= kRigidTolerance) ||
       !(R.determinant() > 0)) {
     throw UnusableInput("pose.not_rigid", "", "a sensor pose is not finite and rigid, or beyond 1e8 m",
-                        "Give rotations as unit quaternions or orthonormal matrices");
+                        "Use unit quaternions or orthonormal matrices");
   }
   setOrigin(t);
   startScan(R);
@@ -130,7 +130,7 @@ const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3d> points_W, std::
   }
   for (std::size_t n = 0; n < points_W.size() && !have_origin_; ++n) {
     const Eigen::Vector3d& q = origins_W[own ? n : 0];
-    if (plausible(q) && plausible(points_W[n])) setOrigin(q);  // a garbage ray must not place the map
+    if (plausible(q) && plausible(points_W[n])) setOrigin(q);  // a garbage ray must not decide the origin
   }
   const auto checkOf = [&](std::size_t n) {
     return check(roundToStep(points_W[n] - origin_W_), roundToStep(origins_W[own ? n : 0] - origin_W_));

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The door: returns come in, in any frame and any state; only good ones in the local frame go on. What is dropped is
-/// counted by reason. Behind this door no coordinate is NaN, infinite or out of bounds.
+/// The gate: returns come in, in any frame and any state; only good ones go on, in the local frame. Dropped ones are
+/// counted by reason. Behind this gate, no coordinate is NaN, infinite or out of bounds.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,14 +20,14 @@ namespace accessvdb::internal {
 struct GatedScan {
   std::vector<Eigen::Vector3f> p_L;
   std::vector<Eigen::Vector3f> q_L;                     ///< [n], or [1] for all
-  Eigen::Matrix3d R_W_S = Eigen::Matrix3d::Identity();  ///< of the sensor, where the scan has one pose
+  Eigen::Matrix3d R_W_S = Eigen::Matrix3d::Identity();  ///< the sensor's, if the scan has one pose
 };
 
 class ScanGate {
  public:
   explicit ScanGate(const TsdfParams& resolved) : params_(resolved) {}
 
-  /// @return what goes on, valid until the next call
+  /// @return the good returns, valid until the next call
   /// @throws UnusableInput for a pose that is not finite and rigid
   const GatedScan& gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats);
   const GatedScan& gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
@@ -40,7 +40,7 @@ class ScanGate {
   }
 
  private:
-  /// A return in the local frame, as it is kept, or why it is not.
+  /// A return in the local frame, or the reason why it was dropped.
   struct Checked {
     Eigen::Vector3f p_L, q_L;
     std::optional<DropReason> dropped;
@@ -52,7 +52,7 @@ class ScanGate {
   void admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats);
 
   TsdfParams params_;
-  // Of one scan; kept, as memory that is taken anew for each scan has to be cleared by the system first.
+  // One scan's returns. The memory is reused, because the system has to clear newly allocated memory first.
   GatedScan scan_;
   std::vector<Checked> checked_;
   bool have_origin_ = false;

@@ -14,7 +14,7 @@ namespace {
 
 template <typename T>
 kernels::DeviceArray<T> uploaded(kernels::DeviceMemory& memory, const std::vector<T>& host) {
-  if (host.empty()) return {};  // null, which says that there is nothing
+  if (host.empty()) return {};  // null: there is nothing
   kernels::DeviceArray<T> array(memory, host.size());
   array.upload(host.data(), host.size());
   return array;
@@ -58,7 +58,7 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_arm_offsets_ = uploaded(memory_, arm_offsets_);
 }
 
-/// Without memory for them the search does without, which costs time only.
+/// Without memory for them the search works without slabs, which only costs time.
 void ScoringSetup::loadSlabs() {
   const ToolSlabs slabs = ToolSlabs::make(tool_.view(), params_.approach.num_directions, ToolSlabs::kMostBytes);
   if (slabs.empty()) return;

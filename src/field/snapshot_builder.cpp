@@ -20,7 +20,7 @@ struct HostState {
   std::vector<PointLabel> label;
   std::vector<PointReason> reason;
 
-  HostState() = default;  // of no points
+  HostState() = default;  // for no points
   HostState(const PointScorer& scorer, kernels::Backend& backend, std::uint32_t begin, std::uint32_t end)
       : first(begin), size(std::min(end, scorer.device().size()) - std::min(begin, scorer.device().size())) {
     const kernels::PointStateView view = scorer.device().view();
@@ -46,7 +46,7 @@ SurfacePoint build(const PointScorer& scorer, const HostState& state, const Eige
   point.position_W = origin_W + scorer.points().first_L(id).cast<double>();
   point.weight = weight;
   point.confidence = kernels::confidenceOf(weight, static_cast<float>(scorer.params().scoring.confidence_half_weight));
-  if (id - state.first >= state.size) return point;  // came after the last update
+  if (id - state.first >= state.size) return point;  // added after the last update
   const std::uint32_t n = id - state.first;
   point.normal_W = Eigen::Vector3f(state.normal_L.data() + std::size_t{3} * n);
   point.score = state.score[n];

@@ -11,14 +11,14 @@
 namespace accessvdb {
 namespace {
 
-/// A quarter and half turns, and those between: for most tools the fewest and the most columns.
+/// Quarter and half turns, and those between them: for most tools the fewest and the most columns.
 constexpr int kSampledDirections = 8;
 
 /// Voxels of the box of all offsets, of every direction.
 double offsetBoxVoxels(const ToolGeometry& tool, const internal::ToolKernel& sampled, int num_directions,
                        double voxel_size_m) {
   double x = sampled.max_ijk[0] - sampled.min_ijk[0] + 1, y = sampled.max_ijk[1] - sampled.min_ijk[1] + 1;
-  if (num_directions > kSampledDirections) {  // those between reach farther
+  if (num_directions > kSampledDirections) {  // directions in between reach farther
     float reach_m = 0;
     for (const Eigen::Vector3f& vertex : tool.vertices_T()) reach_m = std::max(reach_m, vertex.head<2>().norm());
     x = y = 2 * std::floor(static_cast<double>(reach_m) / voxel_size_m + 0.5) + 1;
@@ -41,7 +41,7 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
   double held = on_host ? 2 * tables : tables;  // a backend has its own copy
   double making = held;
   if (resolved.backend != BackendKind::Cpu && !kernel.use_samples) {
-    // As ScoringSetup does it: slabs as they are found and once more in one list, which then goes to the GPU.
+    // As in ScoringSetup: slabs as they are found, and again in one list, which then goes to the GPU.
     constexpr auto kMost = static_cast<double>(internal::ToolSlabs::kMostBytes);
     const auto slabs = internal::ToolSlabs::make(kernel.view(), sampled, static_cast<std::uint64_t>(kMost / share));
     making +=

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Regions of free space around a narrow band, without ever looking at an empty leaf: regions are traced inside each
-/// leaf, joined over the faces of neighbouring leaves, and over gaps along the three axes, since two leaves in a row
-/// with nothing between them see each other through free space.
+/// Finds regions of free space around a narrow band without looking at empty leaves: regions are traced inside each
+/// leaf, joined over the faces of neighbouring leaves, and over gaps along the three axes, because two consecutive
+/// leaves with nothing between them are connected through free space.
 #include "io/enclosed_space.h"
 
 #include <tbb/parallel_for.h>
@@ -19,8 +19,8 @@ namespace {
 using Leaf = openvdb::FloatTree::LeafNodeType;
 constexpr int kDim = 8, kVoxels = kDim * kDim * kDim;
 static_assert(Leaf::DIM == kDim);
-constexpr std::array<int, 3> kStrides = {kDim * kDim, kDim, 1};  // of x, y, z in a leaf's values
-constexpr std::uint16_t kNone = 0xFFFF;                          // in the layer
+constexpr std::array<int, 3> kStrides = {kDim * kDim, kDim, 1};  // strides of x, y, z in a leaf's values
+constexpr std::uint16_t kNone = 0xFFFF;                          // voxel in the layer
 constexpr std::uint32_t kExterior = 0;
 
 class FreeSpace {
@@ -98,14 +98,14 @@ class FreeSpace {
     }
   }
 
-  /// All regions at a face that looks into the missing neighbour are one, and one with `other`.
+  /// Joins all regions at a face towards a missing neighbour, and `other` with them.
   void openFace(std::size_t leaf, int axis, int coordinate, std::uint32_t other) {
     forFace(axis, coordinate, [&](int voxel) {
       const std::uint16_t region = regions_[leaf].of_voxel[static_cast<std::size_t>(voxel)];
       if (region != kNone) join(first_[leaf] + region, other);
     });
   }
-  /// Some region at that face, else none.
+  /// A region at that face, if any.
   [[nodiscard]] std::uint32_t regionAtFace(std::size_t leaf, int axis, int coordinate) const {
     std::uint32_t found = kExterior;
     forFace(axis, coordinate, [&](int voxel) {
@@ -162,7 +162,7 @@ class FreeSpace {
   std::vector<Regions> regions_;       ///< [leaf]
   std::vector<std::uint32_t> first_;   ///< [leaf + 1] number of its first region
   std::vector<std::uint32_t> parent_;  ///< [region]
-  std::vector<std::int64_t> votes_;    ///< [root] voxels in front of the surface less voxels behind it
+  std::vector<std::int64_t> votes_;    ///< [root] voxels in front of the surface minus voxels behind it
 };
 
 }  // namespace

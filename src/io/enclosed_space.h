@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which side of a narrow band the space beyond it lies on.
+/// Which side of a narrow band the space beyond it is on.
 #pragma once
 
 #include <vector>
@@ -11,9 +11,9 @@ namespace accessvdb::internal {
 
 /// Gives every inactive voxel of the leaves the value +background or -background.
 ///
-/// Active voxels with |value| < layer part space into connected regions (over faces; missing leaves are free space). A
-/// region that reaches infinity is outside; any other lies on the side that most of the other active voxels in it name.
-/// @param leaves  in any order, one a position; each active voxel's face neighbours must lie in some leaf
+/// Active voxels with |value| < layer divide space into connected regions (over faces; missing leaves are free space).
+/// A region that reaches infinity is outside; any other is on the side of the majority of its other active voxels.
+/// @param leaves  in any order, one per position; each active voxel's face neighbours must be in a leaf
 void signInactiveVoxels(const std::vector<openvdb::FloatTree::LeafNodeType*>& leaves, float layer, float background);
 
 }  // namespace accessvdb::internal

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Surface points as voxels of a grid, and grids to a .vdb file one after the other.
+/// Converts surface points to voxels of a grid, and writes grids to a .vdb file one after the other.
 #pragma once
 
 #include <cstdint>
@@ -14,11 +14,11 @@
 
 namespace accessvdb::internal {
 
-/// The voxel whose centre, indexToWorld(ijk), is nearest: floor(x / v + 0.5) on each axis, in doubles.
+/// The voxel whose centre, indexToWorld(ijk), is nearest: floor(x / v + 0.5) on each axis, in double.
 /// @param p_L  local frame, metres. @throws InvalidArgument for a position that has no voxel (non-finite, too far)
 [[nodiscard]] openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m);
 
-/// Linear transform of all our grids: voxel size v, voxel (0,0,0) at the local origin; turned where y is to point up.
+/// Linear transform of all our grids: voxel size v, voxel (0,0,0) at the local origin; rotated if y is up.
 [[nodiscard]] openvdb::math::Transform::Ptr fieldTransform(double voxel_size_m, io::UpAxis up = io::UpAxis::Z);
 
 /// A vector of the local (z up) frame in the frame of the file: itself, or (x, z, -y).
@@ -27,17 +27,17 @@ namespace accessvdb::internal {
 /// "z" or "y", as in the metadata.
 [[nodiscard]] const char* name(io::UpAxis up);
 
-/// The surface points of a snapshot sorted by leaf, so that grids can be built a leaf at a time on all threads.
-/// Where two points share a voxel, the one with the lower index stands.
+/// The surface points of a snapshot sorted by leaf, so that grids can be built leaf by leaf on all threads.
+/// If two points share a voxel, the one with the lower index is kept.
 class SurfaceVoxels {
  public:
   struct Entry {
     openvdb::Coord ijk;
-    std::uint32_t index;  ///< of the point in the snapshot
+    std::uint32_t index;  ///< the point's index in the snapshot
   };
   explicit SurfaceVoxels(const FieldSnapshot& field);
 
-  /// Grid with the voxels of all points for which `keep` holds, active, value from `value`; both take a SurfacePoint.
+  /// Grid with the voxels of all points for which `keep` is true, active, value from `value`; both take a SurfacePoint.
   template <typename GridT, typename Keep, typename Value>
   [[nodiscard]] typename GridT::Ptr grid(const std::string& name, const typename GridT::ValueType& background,
                                          const Keep& keep, const Value& value) const;
@@ -48,30 +48,30 @@ class SurfaceVoxels {
 
  private:
   const FieldSnapshot& field_;
-  std::vector<Entry> entries_;            ///< by leaf, then by index; one entry a voxel
+  std::vector<Entry> entries_;            ///< by leaf, then by index; one entry per voxel
   std::vector<std::size_t> leaf_begins_;  ///< first entry of each leaf, and the end
 };
 
-/// One grid of a file: its name, and how to make it when its turn comes.
+/// One grid of a file: its name, and how to make it on demand.
 struct LazyGrid {
   std::string name;
   std::function<openvdb::GridBase::Ptr()> make;
 };
 
-/// Writes grids one after the other: only one is in memory at a time. With offsets where the stream can seek.
+/// Writes grids one after the other: only one is in memory at a time. With offsets if the stream can seek.
 void writeGrids(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata,
                 io::Compression compression = io::Compression::Auto);
 
-/// The flags of OpenVDB for a compression, given which codecs there are. @throws InvalidArgument for one that is not
+/// OpenVDB's flags for a compression, given the available codecs. @throws InvalidArgument for a missing one
 [[nodiscard]] std::uint32_t compressionFlags(io::Compression compression, bool has_blosc, bool has_zip);
 /// The same for the OpenVDB of this process.
 [[nodiscard]] std::uint32_t compressionFlags(io::Compression compression);
 
-/// Origin, voxel size, version, up axis and the given pairs; names that these have already are left out of the pairs.
+/// Origin, voxel size, version, up axis and the given pairs; pairs with names already used are skipped.
 [[nodiscard]] openvdb::MetaMap fieldMetadata(const FieldSnapshot& field, const io::FieldMetadata& metadata,
                                              const io::WriteOptions& options = {});
 
-/// field.vdb from the points and from the three grids of the volume, each made when its turn comes.
+/// field.vdb from the points and from the three grids of the volume, each made on demand.
 struct VolumeGrids {
   std::function<openvdb::FloatGrid::Ptr()> distance;
   std::function<openvdb::FloatGrid::Ptr()> weight;

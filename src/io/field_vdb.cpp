@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// field.vdb: the surface as fogs, attributes and, if asked for, a level set, and the map itself. Float, bool and vec3s
+/// field.vdb: the surface as fogs, attributes and, if requested, a level set, and the map itself. Float, bool and vec3s
 /// grids only.
 #include <ostream>
 #include <utility>
@@ -17,15 +17,15 @@ constexpr float kScoreOfNone = -1.0f;
 
 bool keepAll(const SurfacePoint&) { return true; }
 
-/// What a grid says about itself.
+/// What a grid's metadata says.
 struct GridNotes {
   openvdb::GridClass grid_class;
-  const char* unit;  ///< of its values
+  const char* unit;  ///< of the grid's values
   const char* description;
-  bool may_be_half;  ///< counts are not: a half has 11 bits and ends at 65504
+  bool may_be_half;  ///< counts may not: a half has 11 bits and ends at 65504
 };
 
-/// The grids of field.vdb over one field, one set of options.
+/// The grids of field.vdb for one field and one set of options.
 class FieldGrids {
  public:
   FieldGrids(const VolumeGrids& volume, const FieldSnapshot& field, const io::WriteOptions& options)
@@ -33,7 +33,7 @@ class FieldGrids {
   [[nodiscard]] std::vector<LazyGrid> list() const;
 
  private:
-  /// Name, class, frame and meaning on the grid itself: Houdini shows these and drops what stands at file level.
+  /// Sets name, class, frame and meaning on the grid itself: Houdini shows these and drops file-level metadata.
   template <typename GridPtr>
   [[nodiscard]] openvdb::GridBase::Ptr described(const GridPtr& grid, const GridNotes& notes) const {
     grid->setGridClass(notes.grid_class);
@@ -81,7 +81,7 @@ openvdb::GridBase::Ptr FieldGrids::score() const {
   };
   return described(surface_.grid<openvdb::FloatGrid>("score", kScoreOfNone, keepAll, value),
                    {openvdb::GRID_UNKNOWN, "collisions",
-                    "fewest collisions of the tool in any direction; -1 where none was scored", false});
+                    "fewest collisions of the tool in any direction; -1 if none was scored", false});
 }
 
 openvdb::GridBase::Ptr FieldGrids::bestDirection() const {
@@ -110,7 +110,7 @@ std::vector<LazyGrid> FieldGrids::list() const {
                      return described(
                          volume_.distance(),
                          {openvdb::GRID_UNKNOWN, "m",
-                          "mean of the clamped signed distances, metres; no level set: no zero crossing", true});
+                          "mean of the clamped signed distances, metres; not a level set: no zero crossing", true});
                    }});
   grids.push_back({"weight", [this] {
                      return described(volume_.weight(),

@@ -54,7 +54,7 @@ void sendAll(int fd, const std::string& text) {
   limitResource(RLIMIT_CORE, 0);
   limitResource(RLIMIT_CPU, static_cast<std::uint64_t>(limits.time.count()));
 #if !defined(__SANITIZE_ADDRESS__) && \
-    !defined(__SANITIZE_THREAD__)  // their shadow memory is terabytes of address space
+    !defined(__SANITIZE_THREAD__)  // their shadow memory takes terabytes of address space
   limitResource(RLIMIT_AS, mappedBytes() + limits.extra_memory_bytes);
 #endif
   std::string answer(1, kFailure);
@@ -69,7 +69,7 @@ void sendAll(int fd, const std::string& text) {
   ::_exit(0);
 }
 
-/// Reads until the child closes its end; false when the time is up or the answer is too long.
+/// Reads until the child closes its end; false on time-out or if the answer is too long.
 bool receive(int fd, std::chrono::seconds time, std::string& text) {
   const auto deadline = std::chrono::steady_clock::now() + time;
   std::array<char, 65536> block;
@@ -93,12 +93,12 @@ bool receive(int fd, std::chrono::seconds time, std::string& text) {
 
 ChildResult runInChild(const ChildLimits& limits, const std::function<std::string()>& job) {
   std::array<int, 2> ends;
-  if (::pipe2(ends.data(), O_CLOEXEC) != 0) return {false, "no pipe to a child process"};
+  if (::pipe2(ends.data(), O_CLOEXEC) != 0) return {false, "cannot create a pipe to a child process"};
   const pid_t child = ::fork();
   if (child < 0) {
     ::close(ends[0]);
     ::close(ends[1]);
-    return {false, "no child process"};
+    return {false, "cannot start a child process"};
   }
   if (child == 0) {
     ::close(ends[0]);

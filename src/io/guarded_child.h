@@ -17,10 +17,10 @@ struct ChildLimits {
 
 struct ChildResult {
   bool ok = false;
-  std::string text;  ///< what the job returned, or why there is nothing
+  std::string text;  ///< what the job returned, or why there is no result
 };
 
-/// Forks, runs `job` there, silent, and hands back its text. A crash, a time-out or an exception becomes ok = false.
+/// Forks, runs `job` there, silently, and returns its text. A crash, a time-out or an exception becomes ok = false.
 [[nodiscard]] ChildResult runInChild(const ChildLimits& limits, const std::function<std::string()>& job);
 
 }  // namespace accessvdb::internal

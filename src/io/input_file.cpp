@@ -21,7 +21,7 @@ constexpr std::string_view kLfsPointer = "version https://git-lfs";
 
 class Descriptor {
  public:
-  /// O_NONBLOCK: opening a pipe that nobody writes to must not wait for ever.
+  /// O_NONBLOCK: opening a pipe without a writer must not block forever.
   explicit Descriptor(const std::filesystem::path& path)
       : fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)) {
     if (fd_ < 0) {
@@ -48,7 +48,7 @@ std::uint64_t regularSize(const Descriptor& file, const std::filesystem::path& p
   if (!S_ISREG(info.st_mode))
     throw InputError("input.not_a_file", forMessage(path.native()),
                      S_ISDIR(info.st_mode) ? "is a folder where a file is needed" : "is not a regular file",
-                     "Give the path of a regular file");
+                     "Use the path of a regular file");
   return static_cast<std::uint64_t>(info.st_size);
 }
 
@@ -95,10 +95,10 @@ std::string readInputFile(const std::filesystem::path& path, std::uint64_t max_b
     have += static_cast<std::uint64_t>(n);
   }
   if (have != wanted || regularSize(file, path) != size)
-    throw InputError("input.changed", subject, "changed its size while it was read", "Wait until it is complete");
+    throw InputError("input.changed", subject, "changed its size while being read", "Wait until it is complete");
   if (std::string_view(bytes).substr(0, kLfsPointer.size()) == kLfsPointer)
     throw InputError("input.lfs_pointer", subject, "is a Git LFS pointer, not the data",
-                     "Run 'git lfs pull' where the file comes from");
+                     "Run 'git lfs pull' in the file's repository");
   return bytes;
 }
 
@@ -110,9 +110,9 @@ std::uint64_t recordsAvailable(const std::string& subject, std::uint64_t promise
   if (allow_truncated) return complete;
   const bool countable = promised <= std::numeric_limits<std::uint64_t>::max() / record_bytes;
   throw InputError("input.truncated", subject,
-                   "the header promises " + std::to_string(promised) + " points" +
+                   "the header announces " + std::to_string(promised) + " points" +
                        (countable ? " (" + std::to_string(promised * record_bytes) + " bytes)" : std::string()) +
-                       " but " + std::to_string(available_bytes) + " bytes follow it: " + std::to_string(complete) +
+                       " but " + std::to_string(available_bytes) + " bytes follow: " + std::to_string(complete) +
                        " complete points",
                    "Use --allow-truncated to keep " + std::to_string(complete) + " points");
 }

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Reading an input file whole, after the checks that make that safe: a regular file, not empty, not a Git LFS
-/// pointer, and of the same size at the end as at the beginning. No mapping: a file that shrinks must not be a signal.
+/// Reads an input file whole, after the checks that make this safe: a regular file, not empty, not a Git LFS pointer,
+/// same size at the end as at the beginning. Not memory-mapped: a file that shrinks must not raise a signal.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace accessvdb::io {
 
-/// File text or a path made fit for a message: control bytes escaped, clamped.
+/// File text or a path, made printable for a message: control bytes escaped, truncated.
 [[nodiscard]] std::string forMessage(std::string_view text, std::size_t max_bytes = 1024);
 /// The same for one word of a file.
 [[nodiscard]] inline std::string wordForMessage(std::string_view word) { return forMessage(word, 64); }
@@ -20,12 +20,12 @@ namespace accessvdb::io {
 [[nodiscard]] std::uint64_t inputFileSize(const std::filesystem::path& path);
 
 /// Content of the file, at most max_bytes from its beginning.
-/// @throws InputError (as inputFileSize; empty, Git LFS pointer, changed while it was read)
+/// @throws InputError (as inputFileSize; empty, Git LFS pointer, changed while being read)
 [[nodiscard]] std::string readInputFile(const std::filesystem::path& path, std::uint64_t max_bytes = UINT64_MAX);
 
-/// How many of the promised records can be read from the bytes at hand. Never multiplies what the file says.
+/// How many of the announced records the available bytes contain. Never multiplies numbers from the file.
 /// @param record_bytes  > 0
-/// @param[out] missing  promised records that the file lacks
+/// @param[out] missing  announced records missing in the file
 /// @throws InputError "input.truncated" naming both byte counts, unless allow_truncated
 [[nodiscard]] std::uint64_t recordsAvailable(const std::string& subject, std::uint64_t promised,
                                              std::uint64_t record_bytes, std::uint64_t available_bytes,

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// One colour a label, the same in every file and picture: green accessible, red blocked, grey not scored.
+/// One colour per label, the same in every file and picture: green accessible, red blocked, grey not scored.
 #pragma once
 
 #include <array>

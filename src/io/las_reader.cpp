@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// LAS 1.0 to 1.4, point formats 0 to 10: the coordinates only, in double precision. Variable length records, waveforms
-/// and index files are never followed.
+/// LAS 1.0 to 1.4, point formats 0 to 10: only the coordinates, in double precision. Variable length records, waveforms
+/// and index files are ignored.
 #include <array>
 #include <cmath>
 
@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::uint64_t kHeaderBytes = 227;    ///< up to version 1.2
 constexpr std::uint64_t kHeaderBytes14 = 375;  ///< version 1.4
-/// Least bytes of a record, by point format.
+/// Minimum bytes of a record, by point format.
 constexpr std::array<std::uint16_t, 11> kFormatBytes = {20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67};
 
 struct LasHeader {
@@ -28,17 +28,18 @@ struct LasHeader {
 }
 
 LasHeader parseHeader(const std::string& file, const std::string& subject) {
-  if (file.compare(0, 4, "LASF") != 0) malformed(subject, "is no LAS file: it does not begin with LASF");
+  if (file.compare(0, 4, "LASF") != 0) malformed(subject, "is not a LAS file: it does not begin with LASF");
   const auto cut = [&](std::uint64_t needed) {
-    throw InputError("input.truncated", subject,
-                     "has " + std::to_string(file.size()) + " bytes, its header alone needs " + std::to_string(needed),
-                     "Copy the file again");
+    throw InputError(
+        "input.truncated", subject,
+        "has " + std::to_string(file.size()) + " bytes, but its header alone needs " + std::to_string(needed),
+        "Copy the file again");
   };
   if (file.size() < kHeaderBytes) cut(kHeaderBytes);
   const int major = loadScalar<std::uint8_t>(&file[24]), minor = loadScalar<std::uint8_t>(&file[25]);
   if (major != 1 || minor > 4)
     throw InputError("input.unsupported", subject,
-                     "is LAS " + std::to_string(major) + "." + std::to_string(minor) + ", known are 1.0 to 1.4",
+                     "is LAS " + std::to_string(major) + "." + std::to_string(minor) + "; supported are 1.0 to 1.4",
                      "Convert it with las2las or pdal translate");
   const std::uint64_t header_bytes = loadScalar<std::uint16_t>(&file[94]);
   const int format = loadScalar<std::uint8_t>(&file[104]);
@@ -47,22 +48,23 @@ LasHeader parseHeader(const std::string& file, const std::string& subject) {
   header.record_bytes = loadScalar<std::uint16_t>(&file[105]);
   header.points = loadScalar<std::uint32_t>(&file[107]);
   if ((format & 0xc0) != 0)
-    throw InputError("input.unsupported", subject, "holds compressed points (LAZ)",
+    throw InputError("input.unsupported", subject, "contains compressed points (LAZ)",
                      "Convert it: laszip -i IN.laz -o OUT.las, or pdal translate IN.laz OUT.las");
   if (format > 10)
-    throw InputError("input.unsupported", subject, "has point format " + std::to_string(format) + ", known are 0 to 10",
+    throw InputError("input.unsupported", subject,
+                     "has point format " + std::to_string(format) + "; supported are 0 to 10",
                      "Convert it with las2las or pdal translate");
   if (header.record_bytes < kFormatBytes[format])
-    malformed(subject, "says that a point of format " + std::to_string(format) + " takes " +
-                           std::to_string(header.record_bytes) + " bytes, it needs " +
+    malformed(subject, "declares that a point of format " + std::to_string(format) + " takes " +
+                           std::to_string(header.record_bytes) + " bytes, but it needs " +
                            std::to_string(kFormatBytes[format]));
   const std::uint64_t needed = minor == 4 ? kHeaderBytes14 : kHeaderBytes;
   if (header_bytes < needed || header.data_offset < header_bytes)
     malformed(subject, "has a header of " + std::to_string(header_bytes) + " bytes and points from byte " +
-                           std::to_string(header.data_offset) + ", which cannot be");
+                           std::to_string(header.data_offset) + ", which is impossible");
   if (file.size() < needed) cut(needed);
   if (minor == 4) {
-    // Writers of 1.4 may fill the old 32-bit count only.
+    // Writers of 1.4 may fill only the old 32-bit count.
     const auto points = loadScalar<std::uint64_t>(&file[247]);
     if (points != 0) header.points = points;
   }
@@ -72,7 +74,7 @@ LasHeader parseHeader(const std::string& file, const std::string& subject) {
     header.max[axis] = loadScalar<double>(&file[179 + 16 * axis]);
     header.min[axis] = loadScalar<double>(&file[187 + 16 * axis]);
     if (!(header.scale[axis] > 0 && std::isfinite(header.scale[axis])) || !std::isfinite(header.offset[axis]))
-      malformed(subject, "has a scale or offset that is no positive, finite number");
+      malformed(subject, "has a scale or offset that is not a positive, finite number");
   }
   if (header.data_offset > file.size()) cut(header.data_offset);
   return header;
@@ -103,7 +105,7 @@ PointCloud readLas(const std::filesystem::path& path, const ReadOptions& options
   }
   if (outside != 0)
     cloud.notices.push_back(subject + ": " + std::to_string(outside) + " of " + std::to_string(points) +
-                            " points lie outside the box that the header gives; the file may be damaged");
+                            " points are outside the header's bounding box; the file may be damaged");
   return cloud;
 }
 

@@ -33,7 +33,7 @@ ScalarType scalarOf(const LineReader& lines, std::string_view type, std::uint64_
   return found->second;
 }
 
-/// Values of each keyword, kept until all are known: their order in files varies.
+/// Values of each keyword, kept until all are known, because their order varies.
 struct RawHeader {
   std::vector<std::string> names, types;
   std::vector<std::uint64_t> sizes, counts;
@@ -72,7 +72,7 @@ void layOutRecord(const LineReader& lines, const RawHeader& raw, PcdHeader& head
 void countPoints(const LineReader& lines, const RawHeader& raw, PcdHeader& header) {
   const std::uint64_t width = raw.width.value_or(0);
   const std::uint64_t height = raw.height.value_or(raw.width ? 1 : 0);
-  // Livox recordings of the MLCC project write 0 x 0 and a true POINTS line.
+  // Livox recordings of the MLCC project write 0 x 0 and a correct POINTS line.
   const bool has_area = width != 0 && height != 0;
   const bool fits = !has_area || width <= UINT64_MAX / height;
   if (!fits || (has_area && raw.points && *raw.points != width * height))
@@ -132,19 +132,19 @@ PcdHeader parsePcdHeader(std::string_view file, const std::string& subject) {
       } else if (kind == "binary_compressed") {
         header.data = PcdHeader::Data::BinaryCompressed;
       } else {
-        lines.fail("asks for DATA '" + wordForMessage(kind) + "'", "Known are ascii, binary and binary_compressed");
+        lines.fail("has DATA '" + wordForMessage(kind) + "'", "Supported are ascii, binary and binary_compressed");
       }
       layOutRecord(lines, raw, header);
       countPoints(lines, raw, header);
-      if (!lines.terminated()) lines.fail("breaks off inside the header", "Copy the file again");
+      if (!lines.terminated()) lines.fail("ends inside the header", "Copy the file again");
       header.data_offset = lines.offset();
       return header;
     } else {
-      lines.fail("begins with '" + wordForMessage(key) + "', which no PCD header does",
+      lines.fail("begins with '" + wordForMessage(key) + "', which is not part of a PCD header",
                  "Check that this is a PCD file and not text or a link to the data");
     }
   }
-  throw InputError("input.malformed", subject, "is no PCD file: there is no DATA line",
+  throw InputError("input.malformed", subject, "is not a PCD file: it has no DATA line",
                    "Check that the file is complete");
 }
 

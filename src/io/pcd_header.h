@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The header of a PCD file: the gate that every file passes before its body is touched.
 ///
-/// More tolerant than PCL where real files need it (WIDTH 0 HEIGHT 0 with a true POINTS line, no VIEWPOINT, no COUNT),
-/// and stricter everywhere else (PCL 1.13 crashes on a text file or a Git LFS pointer named .pcd).
+/// More tolerant than PCL where real files need it (WIDTH 0 HEIGHT 0 with a correct POINTS line, no VIEWPOINT, no
+/// COUNT), and stricter everywhere else (PCL 1.13 crashes on a text file or a Git LFS pointer named .pcd).
 #pragma once
 
 #include <array>
@@ -38,7 +38,7 @@ struct PcdHeader {
 };
 
 inline constexpr std::uint64_t kMaxPcdRecordBytes = 1 << 16;
-/// A header lies within this many bytes of the beginning.
+/// Maximum size of a header.
 inline constexpr std::uint64_t kMaxPcdHeaderBytes = 1 << 17;
 
 /// @throws InputError "input.malformed" naming the line

@@ -15,12 +15,12 @@
 namespace accessvdb::io {
 namespace {
 
-/// LZF spends at least 3 bytes on a run of at most 264: what claims to grow more is not LZF.
+/// LZF needs at least 3 bytes for a run of at most 264: data that claim a larger ratio are not LZF.
 constexpr std::uint64_t kLzfMaxRatio = 88;
 
 void readAscii(const PcdHeader& header, std::string_view body, const std::string& subject, const ReadOptions& options,
                PointCloud& cloud) {
-  // A record takes at least one digit and one separator a value.
+  // A record takes at least one digit and one separator per value.
   cloud.points.reserve(std::min(header.points, body.size() / (2 * header.record_values) + 1));
   LineReader lines(body, subject);
   std::string_view line;
@@ -29,24 +29,24 @@ void readAscii(const PcdHeader& header, std::string_view body, const std::string
   while (cloud.points.size() < header.points && !cut && lines.next(line)) {
     if (isBlankOrComment(line)) continue;
     splitTokens(line, tokens);
-    // The last line of a file that breaks off may end inside a number; of the last promised record it cannot be told.
+    // A truncated file's last line may end inside a number; for the last announced record this cannot be detected.
     const bool last_record = cloud.points.size() + 1 == header.points;
     cut = !lines.terminated() && (!last_record || tokens.size() < header.record_values);
     if (cut) break;
     if (tokens.size() != header.record_values)
-      lines.fail("of the data has " + std::to_string(tokens.size()) + " values where the header promises " +
+      lines.fail("of the data has " + std::to_string(tokens.size()) + " values where the header announces " +
                  std::to_string(header.record_values));
     Eigen::Vector3d point;
     for (int axis = 0; axis < 3; ++axis)
       if (!parseNumber(tokens[header.fields[header.xyz[axis]].first_value], point[axis]))
-        lines.fail("of the data has a coordinate that is no number");
+        lines.fail("of the data has a coordinate that is not a number");
     cloud.points.push_back(point);
   }
   cloud.truncated_points = header.points - cloud.points.size();
   if (cloud.truncated_points != 0 && !options.allow_truncated)
     throw InputError("input.truncated", subject,
-                     "the header promises " + std::to_string(header.points) + " points but the " +
-                         std::to_string(body.size()) + " bytes of text after it hold " +
+                     "the header announces " + std::to_string(header.points) + " points but the " +
+                         std::to_string(body.size()) + " bytes of text after it contain " +
                          std::to_string(cloud.points.size()) + " complete points",
                      "Use --allow-truncated to keep " + std::to_string(cloud.points.size()) + " points");
 }
@@ -79,7 +79,7 @@ void readBinary(const PcdHeader& header, std::string_view body, const std::strin
                             " bytes after the last point are ignored");
 }
 
-/// Compressed bodies hold field after field, so a part of one has no complete points to keep.
+/// Compressed bodies store field after field, so a part of one has no complete points.
 void readCompressed(const PcdHeader& header, std::string_view body, const std::string& subject, PointCloud& cloud) {
   constexpr std::size_t kSizesBytes = 2 * sizeof(std::uint32_t);
   const auto truncated = [&](std::uint64_t wanted) {
@@ -96,7 +96,7 @@ void readCompressed(const PcdHeader& header, std::string_view body, const std::s
   if (header.points > unpacked || header.points * header.record_bytes != unpacked || packed == 0 ||
       unpacked > packed * kLzfMaxRatio)
     throw InputError("input.malformed", subject,
-                     "the header promises " + std::to_string(header.points) + " points of " +
+                     "the header announces " + std::to_string(header.points) + " points of " +
                          std::to_string(header.record_bytes) + " bytes but the compressed data claim to be " +
                          std::to_string(unpacked) + " bytes from " + std::to_string(packed),
                      "Copy the file again");

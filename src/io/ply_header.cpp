@@ -32,16 +32,16 @@ void addProperty(const LineReader& lines, const std::vector<std::string_view>& t
   PlyProperty property;
   if (tokens.size() == 5 && tokens[1] == "list") {
     property.list_length_type = scalarOf(lines, tokens[2]);
-    if (*property.list_length_type >= ScalarType::Float32) lines.fail("has a list whose length is no whole number");
+    if (*property.list_length_type >= ScalarType::Float32) lines.fail("has a list whose length is not a whole number");
     property.type = scalarOf(lines, tokens[3]);
   } else if (tokens.size() == 3) {
     property.type = scalarOf(lines, tokens[1]);
   } else {
-    lines.fail("is no property that can be understood");
+    lines.fail("is not a valid property");
   }
   property.name = tokens.back();
   auto& properties = header.elements.back().properties;
-  if (properties.size() == kMaxProperties) lines.fail("is one property too many");
+  if (properties.size() == kMaxProperties) lines.fail("exceeds the limit on properties");
   properties.push_back(std::move(property));
 }
 
@@ -78,7 +78,7 @@ PlyHeader parsePlyHeader(std::string_view file, const std::string& subject) {
   std::string_view line;
   std::vector<std::string_view> tokens;
   if (!lines.next(line) || line != "ply")
-    throw InputError("input.malformed", subject, "is no PLY file: the first line is not 'ply'", "Check the file");
+    throw InputError("input.malformed", subject, "is not a PLY file: the first line is not 'ply'", "Check the file");
   PlyHeader header;
   bool has_format = false;
   while (lines.next(line)) {
@@ -95,7 +95,7 @@ PlyHeader parsePlyHeader(std::string_view file, const std::string& subject) {
       has_format = true;
     } else if (tokens[0] == "element") {
       PlyElement element;
-      if (tokens.size() != 3 || !parseCount(tokens[2], element.count)) lines.fail("is no element with a count");
+      if (tokens.size() != 3 || !parseCount(tokens[2], element.count)) lines.fail("is not an element with a count");
       element.name = tokens[1];
       header.elements.push_back(std::move(element));
     } else if (tokens[0] == "property") {
@@ -106,10 +106,10 @@ PlyHeader parsePlyHeader(std::string_view file, const std::string& subject) {
       header.data_offset = lines.offset();
       return header;
     } else {
-      lines.fail("begins with '" + wordForMessage(tokens[0]) + "', which no PLY header does");
+      lines.fail("begins with '" + wordForMessage(tokens[0]) + "', which is not part of a PLY header");
     }
   }
-  throw InputError("input.malformed", subject, "breaks off inside the header", "Copy the file again");
+  throw InputError("input.malformed", subject, "ends inside the header", "Copy the file again");
 }
 
 }  // namespace accessvdb::io

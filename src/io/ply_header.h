@@ -15,7 +15,7 @@ namespace accessvdb::io {
 
 struct PlyProperty {
   std::string name;
-  ScalarType type = ScalarType::Float32;       ///< of the value, or of the entries of a list
+  ScalarType type = ScalarType::Float32;       ///< type of the value, or of a list's entries
   std::optional<ScalarType> list_length_type;  ///< set for a list
 };
 

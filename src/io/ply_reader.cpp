@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// PLY point clouds, text and binary of both byte orders; also ray clouds, whose nx ny nz lead from the point back to
+/// PLY point clouds, text and binary in both byte orders; also ray clouds, whose nx ny nz lead from the point back to
 /// the sensor (CSIRO raycloudtools: start = point + normal; alpha 0 marks a ray that met nothing).
 #include <array>
 #include <cmath>
@@ -14,7 +14,7 @@
 namespace accessvdb::io {
 namespace {
 
-/// Where the values that we use stand among the properties of a vertex.
+/// Where the values that we use are among a vertex's properties.
 struct VertexColumns {
   static constexpr std::array<const char*, 8> kNames = {"x", "y", "z", "nx", "ny", "nz", "time", "alpha"};
   std::array<std::optional<std::size_t>, 8> property;
@@ -22,8 +22,8 @@ struct VertexColumns {
   VertexColumns(const PlyElement& vertex, const std::string& subject, bool rays) {
     for (std::size_t i = 0; i < (rays ? kNames.size() : 3); ++i) property[i] = vertex.find(kNames[i]);
     if (rays && !(property[3] && property[4] && property[5]))
-      throw InputError("input.no_rays", subject, "is no ray cloud: its points have no nx ny nz back to the sensor",
-                       "Give poses, or the one sensor position with --sensor-at X,Y,Z");
+      throw InputError("input.no_rays", subject, "is not a ray cloud: its points have no nx ny nz back to the sensor",
+                       "Provide poses, or a single sensor position with --sensor-at X,Y,Z");
   }
 };
 
@@ -43,7 +43,7 @@ void addVertex(const std::array<double, 8>& value, const VertexColumns& columns,
   const bool vertex = element.name == "vertex";
   throw InputError(
       "input.truncated", subject,
-      "the header promises " + std::to_string(element.count) + " of '" + wordForMessage(element.name) +
+      "the header announces " + std::to_string(element.count) + " of '" + wordForMessage(element.name) +
           "' but the file ends after " + std::to_string(complete) + " complete ones",
       vertex ? "Use --allow-truncated to keep " + std::to_string(complete) + " points" : "Copy the file again");
 }
@@ -52,7 +52,7 @@ void addVertex(const std::array<double, 8>& value, const VertexColumns& columns,
 class BinaryCursor {
  public:
   BinaryCursor(std::string_view body, bool big_endian) : body_(body), big_endian_(big_endian) {}
-  /// Moves over one record; false where it is not complete. @param value  of each property, 0 for lists
+  /// Moves over one record; false if it is incomplete. @param value  one per property, 0 for lists
   bool next(const PlyElement& element, std::vector<double>* value) {
     std::size_t at = position_;
     for (std::size_t i = 0; i < element.properties.size(); ++i) {
@@ -164,12 +164,12 @@ void readAscii(const PlyHeader& header, std::string_view body, const std::string
       return;
     }
     if (tokens.size() != width)
-      lines.fail("of the data has " + std::to_string(tokens.size()) + " values where the header promises " +
+      lines.fail("of the data has " + std::to_string(tokens.size()) + " values where the header announces " +
                  std::to_string(width));
     std::array<double, 8> value = {};
     for (std::size_t c = 0; c < value.size(); ++c)
       if (columns.property[c] && !parseNumber(tokens[*columns.property[c]], value[c]))
-        lines.fail("of the data has a value that is no number");
+        lines.fail("of the data has a value that is not a number");
     addVertex(value, columns, options.rays, cloud);
   }
 }

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Writing points.ply: binary, little endian, world positions as doubles so that UTM coordinates keep their
+/// Writing points.ply: binary, little endian, world positions as doubles, so that UTM coordinates keep their
 /// millimetres.
 #include "io/points_ply.h"
 
@@ -18,7 +18,7 @@
 namespace accessvdb::io {
 namespace {
 
-static_assert(std::endian::native == std::endian::little, "records are copied as they lie in memory");
+static_assert(std::endian::native == std::endian::little, "records are copied directly from memory");
 constexpr std::size_t kRecordsPerBlock = 16384;
 
 /// Shortest text that reads back as the same double, whatever the locale.

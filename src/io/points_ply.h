@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Layout of a record of points.ply; writer and reader share it.
+/// Layout of a record of points.ply, shared by writer and reader.
 #pragma once
 
 #include <array>

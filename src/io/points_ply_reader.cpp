@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Reading our own points.ply back. Every count is checked against the bytes that are there before memory is asked for.
+/// Reads our own points.ply back. Every count is checked against the bytes present before memory is allocated.
 #include <charconv>
 #include <cmath>
 #include <cstring>
@@ -17,13 +17,13 @@ namespace {
 
 constexpr std::size_t kMaxHeaderBytes = std::size_t{1} << 20;
 constexpr std::size_t kRecordsPerBlock = 16384;
-constexpr const char* kAdvice = "Give a points.ply that accessvdb map has written";
+constexpr const char* kAdvice = "Use a points.ply written by accessvdb map";
 
 struct PlyHeader {
   std::uint64_t count = 0;
   std::optional<Eigen::Vector3d> origin_W;
   std::optional<double> voxel_size_m;
-  // Parameters from the comments, where they are: what the columns leave out follows from them.
+  // Parameters from the comments, if present: they determine what the columns do not contain.
   std::optional<double> num_directions, confidence_half_weight, stability_min;
 };
 
@@ -46,7 +46,7 @@ class PlyReader {
  public:
   explicit PlyReader(const std::filesystem::path& path) : path_(path.string()) {
     std::error_code error;
-    if (!std::filesystem::is_regular_file(path, error)) fail("missing", "is not a file that can be read");
+    if (!std::filesystem::is_regular_file(path, error)) fail("missing", "is not a readable file");
     size_ = std::filesystem::file_size(path, error);
     stream_.open(path, std::ios::binary);
     if (error || !stream_) fail("unreadable", "cannot be opened");
@@ -59,12 +59,12 @@ class PlyReader {
     field.origin_W = *header.origin_W;
     field.voxel_size_m = *header.voxel_size_m;
     if (!field.origin_W.allFinite() || !(field.voxel_size_m > 0) || !std::isfinite(field.voxel_size_m)) {
-      fail("malformed", "has an origin or a voxel size that is no usable number");
+      fail("malformed", "has an origin or a voxel size that is not a usable number");
     }
     const std::uint64_t rest = size_ - header_bytes_;
     if (header.count > rest / internal::kPointsPlyRecordBytes ||
         header.count * internal::kPointsPlyRecordBytes != rest) {
-      fail("truncated", "promises " + std::to_string(header.count) + " points of " +
+      fail("truncated", "announces " + std::to_string(header.count) + " points of " +
                             std::to_string(internal::kPointsPlyRecordBytes) + " bytes, but " + std::to_string(rest) +
                             " bytes follow the header");
     }
@@ -130,9 +130,9 @@ class PlyReader {
     return header;
   }
 
-  /// Values that do not parse are left out; those that are needed are asked for later.
+  /// Skips values that do not parse; required ones are checked later.
   static void readComment(const std::vector<std::string>& words, PlyHeader& header) {
-    // Parameters carry the name of their stage in front: "scoring.confidence_half_weight".
+    // Parameter names begin with their stage: "scoring.confidence_half_weight".
     const std::string name = words[1].substr(words[1].rfind('.') + 1);
     const auto value = numberIn<double>(words[2]);
     if (words[1] == "origin_W" && words.size() == 5) {
@@ -164,7 +164,7 @@ class PlyReader {
     point.id = index;
     for (int axis = 0; axis < 3; ++axis) point.position_W[axis] = take<double>(from);
     for (int axis = 0; axis < 3; ++axis) point.normal_W[axis] = take<float>(from);
-    from += 3;  // the colour follows from the label
+    from += 3;  // skips the colour, which follows from the label
     const auto label = take<std::uint8_t>(from);
     const auto reason = take<std::uint8_t>(from);
     point.score = take<std::uint16_t>(from);
@@ -172,19 +172,19 @@ class PlyReader {
     point.stability = take<float>(from);
     for (int axis = 0; axis < 3; ++axis) point.direction_W[axis] = take<float>(from);
     point.yaw_rad = static_cast<float>(take<float>(from) / internal::kDegreesPerRadian);
-    // Damage must not pass as a statement about the world.
+    // A damaged file must not be taken for data.
     const bool finite = point.position_W.allFinite() && point.normal_W.allFinite() && point.direction_W.allFinite() &&
                         std::isfinite(point.confidence) && std::isfinite(point.stability) &&
                         std::isfinite(point.yaw_rad);
     if (!finite || label >= kNumPointLabels || reason >= kNumPointReasons) {
-      fail("malformed", "holds a non-finite value or an unknown label or reason in point " + std::to_string(index));
+      fail("malformed", "contains a non-finite value or an unknown label or reason in point " + std::to_string(index));
     }
     point.label = static_cast<PointLabel>(label);
     point.reason = static_cast<PointReason>(reason);
     return point;
   }
 
-  /// Direction index, weight and the confident flag are not columns; they follow from the parameters.
+  /// Derives direction index, weight and the confident flag, which are not columns, from the parameters.
   static void complete(SurfacePoint& point, const PlyHeader& header) {
     if (header.num_directions && !point.direction_W.isZero()) {
       const double step = std::round(point.yaw_rad * internal::kDegreesPerRadian * *header.num_directions / 360.0);

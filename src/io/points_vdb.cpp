@@ -22,7 +22,7 @@ using openvdb::points::PointDataGrid;
 using openvdb::points::TruncateCodec;
 using openvdb::points::TypedAttributeArray;
 
-/// One column: all values first, then spread over the leaves by the point index grid.
+/// Adds a column: collects all values, then distributes them over the leaves by the point index grid.
 template <typename ValueT, typename Codec = NullCodec, typename Value>
 void addAttribute(PointDataGrid& grid, const openvdb::tools::PointIndexGrid& index, const FieldSnapshot& field,
                   const std::string& name, const Value& value) {
@@ -44,7 +44,7 @@ void addGroup(PointDataGrid& grid, const openvdb::tools::PointIndexGrid& index, 
   openvdb::points::setGroup(grid.tree(), index.tree(), member, name(label));
 }
 
-/// The columns that are no counts and no positions; with TruncateCodec as halves.
+/// Adds the columns that are neither counts nor positions; as halves with TruncateCodec.
 template <typename Codec>
 void addFloatColumns(PointDataGrid& grid, const openvdb::tools::PointIndexGrid& index, const FieldSnapshot& field,
                      io::UpAxis up) {
@@ -62,18 +62,18 @@ void addFloatColumns(PointDataGrid& grid, const openvdb::tools::PointIndexGrid& 
 
 PointDataGrid::Ptr pointGrid(const FieldSnapshot& field, const io::WriteOptions& options) {
   const auto transform = fieldTransform(field.voxel_size_m);
-  // Doubles in, so that a position far from the local origin keeps its place inside its voxel.
+  // Uses doubles, so that a position far from the local origin keeps its place inside its voxel.
   std::vector<openvdb::Vec3d> positions_L;
   positions_L.reserve(field.points.size());
   for (const SurfacePoint& point : field.points) {
     const Eigen::Vector3d p_L = point.position_W - field.origin_W;
-    static_cast<void>(voxelAt(p_L, field.voxel_size_m));  // throws where there is no voxel
+    static_cast<void>(voxelAt(p_L, field.voxel_size_m));  // throws if there is no voxel
     positions_L.emplace_back(p_L.x(), p_L.y(), p_L.z());
   }
   const PointAttributeVector<openvdb::Vec3d> wrapped(positions_L);
   const auto index = openvdb::tools::createPointIndexGrid<openvdb::tools::PointIndexGrid>(wrapped, *transform);
   const auto grid = openvdb::points::createPointDataGrid<NullCodec, PointDataGrid>(*index, wrapped, *transform);
-  grid->setTransform(fieldTransform(field.voxel_size_m, options.up_axis));  // positions are offsets in their voxels
+  grid->setTransform(fieldTransform(field.voxel_size_m, options.up_axis));  // positions are offsets within their voxels
   if (field.points.empty()) return grid;
 
   if (options.half_float) {

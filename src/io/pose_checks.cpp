@@ -55,7 +55,7 @@ Eigen::Isometry3d PoseChecker::fromMatrix(const Eigen::Matrix<double, 3, 4>& m, 
   const double error = (r.transpose() * r - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff();
   if (!(error <= kRepairLimit) || !(r.determinant() > 0))
     throw UnusableInput("poses.bad_rotation", subject_,
-                        where(line) + " has a matrix that is no rotation (off by " + shortNumber(error) +
+                        where(line) + " has a matrix that is not a rotation (off by " + shortNumber(error) +
                             ", determinant " + shortNumber(r.determinant()) + ")",
                         "Check the order of the numbers and the pose format");
   if (error > kRotationSilent) repaired(error, line);
@@ -69,7 +69,7 @@ Eigen::Isometry3d PoseChecker::fromMatrix(const Eigen::Matrix<double, 3, 4>& m, 
 void PoseChecker::addNotice(std::vector<std::string>& notices) const {
   if (repairs_ == 0) return;
   notices.push_back(subject_ + ": " + std::to_string(repairs_) +
-                    " rotations were not exactly unit and are normalised (worst off by " + shortNumber(worst_) +
+                    " rotations were not exactly unit and have been normalised (worst off by " + shortNumber(worst_) +
                     ", first in " + where(first_line_) + ")");
 }
 

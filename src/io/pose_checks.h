@@ -11,14 +11,14 @@
 
 namespace accessvdb::io {
 
-/// Silent up to here: rounding of the arithmetic.
+/// Limit of silent repair: arithmetic rounding.
 inline constexpr double kQuaternionSilent = 1e-6;
-/// Silent up to here: 6 or 7 digits of text, as KITTI and BALM write them, with room.
+/// Limit of silent repair: text of 6 or 7 digits, as KITTI and BALM write, with some margin.
 inline constexpr double kRotationSilent = 1e-4;
-/// Repaired with a notice up to here, refused beyond.
+/// Limit of repair with a notice; refused beyond.
 inline constexpr double kRepairLimit = 1e-2;
 
-/// Checks and repairs; counts the repairs for one notice a file.
+/// Checks and repairs; counts the repairs for one notice per file.
 class PoseChecker {
  public:
   explicit PoseChecker(std::string subject) : subject_(std::move(subject)) {}
@@ -31,7 +31,7 @@ class PoseChecker {
   /// @throws UnusableInput "poses.non_finite", "poses.bad_rotation"
   Eigen::Isometry3d fromMatrix(const Eigen::Matrix<double, 3, 4>& m, std::size_t line);
 
-  /// One line about what was repaired, or nothing.
+  /// Adds one line about repairs, if any.
   void addNotice(std::vector<std::string>& notices) const;
 
  private:

@@ -42,7 +42,7 @@ std::vector<Row> readRows(const std::filesystem::path& path, const std::string& 
     rows.push_back(std::move(row));
   }
   if (rows.empty())
-    throw UnusableInput("poses.none", subject, "holds no poses", "Give the pose file that belongs to the scans");
+    throw UnusableInput("poses.none", subject, "contains no poses", "Use the pose file that belongs to the scans");
   return rows;
 }
 
@@ -54,8 +54,8 @@ PoseFormat formatOf(const std::vector<Row>& rows, const std::string& subject) {
   if (width == 4 && rows.size() % 4 == 0) return PoseFormat::Balm;
   throw InputError("input.malformed", subject,
                    "line " + std::to_string(rows.front().line) + " has " + std::to_string(width) +
-                       " numbers, which is none of the pose formats",
-                   "Known are TUM (8 numbers), KITTI (12), HBA (7) and BALM (4 lines of 4)");
+                       " numbers, which is not a known pose format",
+                   "Known formats are TUM (8 numbers), KITTI (12), HBA (7) and BALM (4 lines of 4)");
 }
 
 void requireWidth(const std::vector<Row>& rows, std::size_t width, const std::string& subject) {
@@ -63,7 +63,7 @@ void requireWidth(const std::vector<Row>& rows, std::size_t width, const std::st
     if (row.values.size() != width)
       throw InputError("input.malformed", subject,
                        "line " + std::to_string(row.line) + " has " + std::to_string(row.values.size()) +
-                           " numbers, this format needs " + std::to_string(width),
+                           " numbers, but this format needs " + std::to_string(width),
                        "Check the line and --pose-format");
 }
 
@@ -111,9 +111,9 @@ void readBalm(const std::vector<Row>& rows, PoseFile& file, PoseChecker& checker
   requireWidth(rows, 4, file.subject);
   if (rows.size() % 4 != 0)
     throw InputError("input.malformed", file.subject,
-                     "has " + std::to_string(rows.size()) + " lines of numbers, BALM needs 4 a pose",
+                     "has " + std::to_string(rows.size()) + " lines of numbers, but BALM needs 4 per pose",
                      "Copy the file again");
-  // Plain 4x4 matrices have 1 where BALM keeps the time.
+  // Plain 4x4 matrices have 1 where BALM stores the time.
   bool all_one = true;
   for (std::size_t i = 0; i < rows.size(); i += 4) {
     std::array<double, 12> m;
@@ -136,7 +136,7 @@ void readBalm(const std::vector<Row>& rows, PoseFile& file, PoseChecker& checker
                          (file.stamped ? ", time stamp in the last element" : ", no time stamps"));
 }
 
-/// T_velo = inv(Tr) P Tr: from poses of the camera in the first camera frame to the scanner in its first frame.
+/// T_velo = inv(Tr) P Tr: converts camera poses in the first camera frame to scanner poses in the first scanner frame.
 void applyCalibration(const std::filesystem::path& path, PoseFile& file) {
   const std::string text = readInputFile(path);
   LineReader lines(text, forMessage(path.native()));
@@ -154,12 +154,12 @@ void applyCalibration(const std::filesystem::path& path, PoseFile& file) {
     const Eigen::Isometry3d T_C_S = checker.fromMatrix(matrixOf(v.data()), lines.number());
     checker.addNotice(file.notices);
     for (PoseEntry& pose : file.poses) pose.T_W_S = T_C_S.inverse() * pose.T_W_S * T_C_S;
-    file.notices.push_back("poses: KITTI poses of the camera, turned into poses of the scanner with Tr of " +
-                           lines.subject() + "; the world is the first scanner frame");
+    file.notices.push_back("poses: KITTI camera poses, converted to scanner poses with Tr from " + lines.subject() +
+                           "; the world is the first scanner frame");
     return;
   }
   throw InputError("input.malformed", lines.subject(), "has no line 'Tr:' with 12 numbers",
-                   "Give KITTI's calib.txt of the sequence");
+                   "Use KITTI's calib.txt of the sequence");
 }
 
 bool samePose(const PoseEntry& a, const PoseEntry& b) {
@@ -194,12 +194,12 @@ void checkStamps(PoseFile& file, bool sort_poses) {
                           "Remove one of them");
     ++repeats;
   }
-  // A pose of BALM is known by its place, so repeats stay.
+  // BALM poses are identified by their place, so repeats stay.
   if (repeats == 0 || file.format == PoseFormat::Balm) return;
   poses.erase(std::unique(poses.begin(), poses.end(),
                           [](const PoseEntry& a, const PoseEntry& b) { return a.stamp_s == b.stamp_s; }),
               poses.end());
-  file.notices.push_back("poses: " + std::to_string(repeats) + " repeats of a pose were left out");
+  file.notices.push_back("poses: " + std::to_string(repeats) + " repeated poses were dropped");
 }
 
 }  // namespace
@@ -227,7 +227,7 @@ PoseFile readPoseFile(const std::filesystem::path& path, PoseFormat format, cons
     case PoseFormat::Auto:
     case PoseFormat::Viewpoint:
       throw InvalidArgument("usage.pose_format", file.subject,
-                            "a pose file and poses from VIEWPOINT exclude each other", "Leave out one of the two");
+                            "a pose file and poses from VIEWPOINT exclude each other", "Omit one of the two");
   }
   checker.addNotice(file.notices);
   for (std::size_t i = 0; i < file.poses.size(); ++i) file.poses[i].index = i;
@@ -235,15 +235,15 @@ PoseFile readPoseFile(const std::filesystem::path& path, PoseFormat format, cons
   if (!calib.empty()) {
     if (file.format != PoseFormat::Kitti)
       throw InvalidArgument("usage.calib", file.subject,
-                            "a calibration belongs to KITTI poses, these are of another format",
-                            "Leave out --calib or give --pose-format kitti");
+                            "a calibration applies to KITTI poses, but these have another format",
+                            "Omit --calib or use --pose-format kitti");
     applyCalibration(calib, file);
   } else if (file.format == PoseFormat::Kitti) {
     std::error_code error;
     const bool calib_near = std::filesystem::exists(path.parent_path() / "calib.txt", error);
     file.notices.push_back(
         std::string("poses: KITTI, 3x4 matrices, taken as poses of the scanner itself, sensor to world") +
-        (calib_near ? "; a calib.txt lies beside them: give it with --calib if they are of the camera" : ""));
+        (calib_near ? "; there is a calib.txt next to them: pass it with --calib if they are camera poses" : ""));
   }
   return file;
 }
@@ -260,7 +260,7 @@ std::vector<double> readTimes(const std::filesystem::path& path) {
     splitTokens(line, tokens);
     double time = 0;
     if (tokens.size() != 1 || !parseNumber(tokens[0], time) || !std::isfinite(time))
-      lines.fail("is not one time in seconds");
+      lines.fail("is not a single time in seconds");
     times.push_back(time);
   }
   return times;

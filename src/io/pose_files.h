@@ -17,25 +17,25 @@ struct PoseEntry {
   Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
   double stamp_s = 0;
   std::size_t index = 0;  ///< place in the file, from 0
-  std::size_t line = 0;   ///< first line of it, from 1
+  std::size_t line = 0;   ///< its first line, from 1
 };
 
 struct PoseFile {
   std::string subject;  ///< name for messages
   PoseFormat format = PoseFormat::Tum;
-  bool stamped = false;          ///< then stamps rise strictly, but for BALM repeats of one pose
+  bool stamped = false;          ///< then stamps increase strictly, except for repeated BALM poses
   std::vector<PoseEntry> poses;  ///< not empty
   std::vector<std::string> notices;
 };
 
-/// @param calib  KITTI calib.txt with a line "Tr:" or "Tr_velo_to_cam:", for poses of the camera; may be empty
+/// @param calib  KITTI calib.txt with a line "Tr:" or "Tr_velo_to_cam:", for camera poses; may be empty
 /// @param sort_poses  accept stamps that run backwards
 /// @throws InputError (unreadable, malformed, empty), UnusableInput (non-finite, not rigid, duplicate, reversed),
-///         InvalidArgument (calib with poses that are not KITTI's)
+///         InvalidArgument (calib with non-KITTI poses)
 [[nodiscard]] PoseFile readPoseFile(const std::filesystem::path& path, PoseFormat format,
                                     const std::filesystem::path& calib, bool sort_poses);
 
-/// One time in seconds a line, as in KITTI's times.txt. @throws InputError
+/// One time in seconds per line, as in KITTI's times.txt. @throws InputError
 [[nodiscard]] std::vector<double> readTimes(const std::filesystem::path& path);
 
 }  // namespace accessvdb::io

@@ -74,14 +74,14 @@ MatchResult matchByStamp(const std::vector<std::string>& stems, const std::vecto
   if (result.scans.empty())
     throw UnusableInput("poses.no_overlap", poses.subject,
                         "no scan has a pose at its time: " + describeScans(stems, stamps) + ", " + describePoses(poses),
-                        "Give the poses of this recording, on the same clock");
+                        "Use poses of this recording, on the same clock");
   result.rule = "matching: " + origin + " = time stamp, poses interpolated over gaps of at most 0.2 s (" +
                 std::to_string(result.scans.size()) + " of " + std::to_string(stems.size()) + " scans, " +
                 std::to_string(poses.poses.size()) + " poses)";
   if (result.scans.size() < stems.size())
     result.notices.push_back("matching: " + std::to_string(stems.size() - result.scans.size()) + " of " +
                              std::to_string(stems.size()) +
-                             " scans are left out, they have no poses around them within 0.2 s");
+                             " scans are skipped: they have no poses around them within 0.2 s");
   return result;
 }
 
@@ -160,7 +160,7 @@ MatchResult matchPoses(const std::vector<std::string>& stems, const PoseFile& po
     MatchResult result;
     for (std::size_t i = 0; i < stems.size(); ++i)
       result.scans.push_back({i, poses.poses[i].T_W_S, poses.poses[i].stamp_s});
-    result.rule = "matching: as many scans as poses (" + std::to_string(stems.size()) +
+    result.rule = "matching: same number of scans and poses (" + std::to_string(stems.size()) +
                   "), taken in order; neither names nor times could confirm it";
     return result;
   }
@@ -169,7 +169,7 @@ MatchResult matchPoses(const std::vector<std::string>& stems, const PoseFile& po
       few ? "poses.too_few" : "poses.no_match", poses.subject,
       std::string(few ? "there are fewer poses than scans" : "the poses cannot be matched to the scans") + ": " +
           describeScans(stems, stamps) + ", " + describePoses(poses),
-      "Name the scans by pose index or time stamp, or put a times.txt beside them");
+      "Name the scans by pose index or time stamp, or put a times.txt next to them");
 }
 
 }  // namespace accessvdb::io

@@ -1,11 +1,11 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which pose belongs to which scan. The rules are tried in a fixed order and the one that fits is said:
+/// Which pose belongs to which scan. The rules are tried in a fixed order, and the one that fits is reported:
 ///   1. file number = pose index, from 0 (BALM, HBA, KITTI);
 ///   2. file stem = time stamp, poses interpolated over gaps of at most 0.2 s, never extrapolated;
 ///   3. times.txt gives the stamps of the scans;
-///   4. as many scans as poses: in order.
-/// Names that are time stamps, with poses that have them too, skip rule 1: their last digits are no index.
+///   4. same number of scans and poses: in order.
+/// Names that are time stamps, for poses with stamps, skip rule 1: their last digits are not an index.
 #pragma once
 
 #include <Eigen/Geometry>
@@ -19,7 +19,7 @@ namespace accessvdb::io {
 
 /// Longest gap between two poses that is interpolated over.
 inline constexpr double kMaxPoseGap_s = 0.2;
-/// A stamp this close to a pose's is that pose's: both were rounded when they were written, to 5 digits or more.
+/// A stamp this close to a pose's is that pose's: both were rounded when written, to 5 digits or more.
 inline constexpr double kSameStamp_s = 1e-5;
 
 struct MatchedScan {
@@ -36,15 +36,15 @@ struct MatchResult {
 
 /// The last run of digits of a file stem.
 [[nodiscard]] std::optional<std::uint64_t> fileNumber(const std::string& stem);
-/// The time that ends a file stem: digits with a point, or at least 10 digits that do not begin with 0 (seconds, or
+/// The time at the end of a file stem: digits with a point, or at least 10 digits not beginning with 0 (seconds, or
 /// milli-, micro-, nanoseconds by their number). Shorter whole numbers are numbers, not times.
 [[nodiscard]] std::optional<double> fileStamp_s(const std::string& stem);
 
-/// The pose at a time. @param poses  stamps rise
+/// The pose at a given time. @param poses  with increasing stamps
 [[nodiscard]] std::optional<Eigen::Isometry3d> interpolatePose(const std::vector<PoseEntry>& poses, double stamp_s);
 
 /// @param stems  file names without extension, in order
-/// @param times  of times.txt, empty where there is none
+/// @param times  from times.txt, empty if there is none
 /// @param times_name  for messages
 /// @throws UnusableInput "poses.no_overlap", "poses.too_few", "poses.no_match" with both counts and spans
 [[nodiscard]] MatchResult matchPoses(const std::vector<std::string>& stems, const PoseFile& poses,

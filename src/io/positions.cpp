@@ -21,7 +21,7 @@ std::vector<Eigen::Vector3d> readPositions(const std::filesystem::path& path) {
     Eigen::Vector3d p;
     bool good = tokens.size() == 3;
     for (int axis = 0; good && axis < 3; ++axis) good = parseNumber(tokens[axis], p[axis]) && std::isfinite(p[axis]);
-    if (!good) lines.fail("is not three finite numbers", "Write one 'x y z' or 'x,y,z' a line, in metres");
+    if (!good) lines.fail("is not three finite numbers", "Write one 'x y z' or 'x,y,z' per line, in metres");
     positions.push_back(p);
   }
   return positions;

@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kKnownKinds = "Known are .pcd, .ply, .bin (KITTI), .las, and .xyz for one cloud";
+constexpr const char* kKnownKinds = "Supported are .pcd, .ply, .bin (KITTI), .las, and .xyz for one cloud";
 
 std::string lowerExtension(const fs::path& path) {
   std::string extension = path.extension().string();
@@ -34,8 +34,7 @@ std::optional<ScanKind> kindOf(const fs::path& path) {
 }
 
 [[noreturn]] void refuseLaz(const fs::path& path) {
-  throw InputError("input.unsupported", forMessage(path.native()),
-                   "is compressed (LAZ), which this program cannot read",
+  throw InputError("input.unsupported", forMessage(path.native()), "is compressed (LAZ), which is not supported",
                    "Convert it: laszip -i IN.laz -o OUT.las, or pdal translate IN.laz OUT.las");
 }
 
@@ -53,7 +52,7 @@ std::vector<fs::path> entriesOf(const fs::path& folder) {
   return entries;
 }
 
-/// Scans directly in the folder; of the kind with the most files where there are several.
+/// Scans directly in the folder; if there are several kinds, those of the most frequent one.
 std::optional<ScanFileList> scansIn(const fs::path& folder) {
   std::map<ScanKind, std::vector<fs::path>> by_kind;
   for (const fs::path& entry : entriesOf(folder)) {
@@ -72,7 +71,7 @@ std::optional<ScanFileList> scansIn(const fs::path& folder) {
   for (const auto& [kind, files] : by_kind)
     if (kind != list.kind)
       list.notices.push_back("scans: " + std::to_string(files.size()) + " " + lowerExtension(files.front()) +
-                             " files in the folder are not used, the scans are taken to be the " +
+                             " files in the folder are not used; the scans are taken to be the " +
                              std::to_string(list.files.size()) + " " + lowerExtension(list.files.front()) + " files");
   return list;
 }
@@ -93,14 +92,14 @@ ScanFileList scansInSubfolder(const fs::path& folder) {
   if (found.empty()) {
     for (const fs::path& entry : entries)
       if (lowerExtension(entry) == ".laz") refuseLaz(entry);
-    throw InputError("input.no_scans", subject, "holds no scans", kKnownKinds);
+    throw InputError("input.no_scans", subject, "contains no scans", kKnownKinds);
   }
   if (found.size() > 1)
     throw InputError("input.no_scans", subject,
-                     "holds no scans itself and several of its sub-folders do (" +
+                     "contains no scans itself, but several of its sub-folders do (" +
                          forMessage(found[0].folder.filename().native()) + ", " +
                          forMessage(found[1].folder.filename().native()) + ", ...)",
-                     "Give the sub-folder that you mean");
+                     "Name the right sub-folder");
   found.front().notices.push_back("scans: taken from the sub-folder " +
                                   forMessage(found.front().folder.filename().native()));
   return std::move(found.front());
@@ -129,7 +128,7 @@ bool naturalLess(std::string_view a, std::string_view b) {
     if (left != right) return left < right;
   }
   if ((i < a.size()) != (j < b.size())) return i == a.size();
-  return a < b;  // differ in leading zeros at most: still one definite order
+  return a < b;  // at most leading zeros differ: the order stays well defined
 }
 
 ScanFileList listScans(const fs::path& path) {
@@ -142,8 +141,7 @@ ScanFileList listScans(const fs::path& path) {
   if (lowerExtension(path) == ".laz") refuseLaz(path);
   const std::optional<ScanKind> kind = kindOf(path);
   if (!kind)
-    throw InputError("input.unsupported", forMessage(path.native()),
-                     "is no kind of scan file that is known by its name", kKnownKinds);
+    throw InputError("input.unsupported", forMessage(path.native()), "is not a scan file of a known kind", kKnownKinds);
   ScanFileList list;
   list.kind = *kind;
   list.files = {path};

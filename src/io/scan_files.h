@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which scan files there are, in natural order.
+/// Lists scan files, in natural order.
 #pragma once
 
 #include <filesystem>
@@ -15,13 +15,13 @@ namespace accessvdb::io {
 
 struct ScanFileList {
   std::vector<std::filesystem::path> files;  ///< not empty
-  ScanKind kind = ScanKind::Pcd;             ///< of all
-  std::filesystem::path folder;              ///< that holds the files
-  bool whole_folder = false;                 ///< a folder was asked for, not one file
+  ScanKind kind = ScanKind::Pcd;             ///< of all files
+  std::filesystem::path folder;              ///< the folder of the files
+  bool whole_folder = false;                 ///< a folder was given, not one file
   std::vector<std::string> notices;
 };
 
-/// full9 before full10: runs of digits compare by their value.
+/// full9 before full10: runs of digits are compared by value.
 [[nodiscard]] bool naturalLess(std::string_view a, std::string_view b);
 
 /// The scans of a folder, of the one sub-folder with scans if it has none itself, or one file.

@@ -23,7 +23,7 @@ std::optional<fs::path> findTimes(const ScanFileList& scans, const fs::path& pos
   return std::nullopt;
 }
 
-/// KITTI keeps the stamps of its poses in times.txt, one a pose.
+/// KITTI keeps the stamps of its poses in times.txt, one per pose.
 void stampPoses(PoseFile& poses, const std::vector<double>& times) {
   if (poses.stamped || times.size() != poses.poses.size()) return;
   if (std::adjacent_find(times.begin(), times.end(), std::greater_equal<>()) != times.end()) return;
@@ -51,7 +51,7 @@ ScanPoses fromPoseFile(const ScanFileList& scans, const ScanInputOptions& option
   return result;
 }
 
-/// @param asked  the format was chosen; otherwise several identity poses are no poses
+/// @param asked  the format was requested; otherwise several identity poses count as none
 ScanPoses fromViewpoints(const ScanFileList& scans, bool asked) {
   ScanPoses result;
   std::size_t missing = 0, identity = 0;
@@ -72,12 +72,12 @@ ScanPoses fromViewpoints(const ScanFileList& scans, bool asked) {
   if (!asked && scans.files.size() > 1 && identity == scans.files.size())
     throw UnusableInput("poses.none", forMessage(scans.folder.native()),
                         "there is no pose file and no scan has a VIEWPOINT other than the identity",
-                        "Give the poses with --poses; for a sensor that stood still, poses that are all the same");
+                        "Use --poses; for a static sensor, with identical poses");
   result.match.rule = "matching: each scan has its pose in its VIEWPOINT line";
   result.notices.push_back("poses: PCD VIEWPOINT, sensor to world, quaternion order w x y z");
   if (missing != 0)
     result.notices.push_back("poses: " + std::to_string(missing) + " of " + std::to_string(scans.files.size()) +
-                             " scans have no VIEWPOINT line, their pose is taken to be the identity");
+                             " scans have no VIEWPOINT line; their pose is taken to be the identity");
   return result;
 }
 
@@ -96,18 +96,18 @@ ScanPoses posesForScans(const ScanFileList& scans, const ScanInputOptions& optio
   if (!options.poses.empty()) return fromPoseFile(scans, options);
   if (!options.calib.empty())
     throw InvalidArgument("usage.calib", forMessage(options.calib.native()), "a calibration needs a pose file",
-                          "Give --poses too");
+                          "Add --poses");
   if (scans.kind == ScanKind::Pcd &&
       (options.pose_format == PoseFormat::Auto || options.pose_format == PoseFormat::Viewpoint))
     return fromViewpoints(scans, options.pose_format == PoseFormat::Viewpoint);
   if (options.pose_format == PoseFormat::Auto && scans.kind == ScanKind::KittiBin && scans.files.size() == 1) {
     ScanPoses result;
     result.match.scans.push_back({});
-    result.match.rule = "matching: one scan without a pose, the sensor is taken to stand at the origin";
+    result.match.rule = "matching: one scan without a pose, the sensor is assumed to be at the origin";
     return result;
   }
   throw UnusableInput("poses.none", forMessage(scans.folder.native()), "there are no poses for these scans",
-                      "Give the poses with --poses, or for one cloud the sensor position with --sensor-at X,Y,Z");
+                      "Use --poses, or for one cloud --sensor-at X,Y,Z");
 }
 
 }  // namespace accessvdb::io

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// One pose for each scan of a list, from wherever the options say: a pose file, VIEWPOINT lines, or none needed.
+/// One pose for each scan of a list, from the source that the options name: a pose file, VIEWPOINT lines, or none if
+/// not needed.
 #pragma once
 
 #include <string>
@@ -18,7 +19,7 @@ struct ScanPoses {
   std::vector<std::string> notices;          ///< about the poses; those of the match are in the match
 };
 
-/// A file of that name beside the scans: in their folder, or in the folder above as in KITTI's layout.
+/// A file with that name next to the scans: in their folder, or in the folder above as in KITTI's layout.
 [[nodiscard]] std::optional<std::filesystem::path> besideScans(const ScanFileList& scans, const std::string& name);
 
 /// @throws as ScanSequence::open

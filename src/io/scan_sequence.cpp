@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Scans with their poses as a sequence of steps: one file a step, or one cloud handed out in parts.
+/// Scans with their poses as a sequence of steps: one file per step, or one cloud read in parts.
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -16,12 +16,12 @@
 namespace accessvdb::io {
 namespace {
 
-/// Notices of single files beyond this many would only repeat each other.
+/// Limit on notices about single files; more would only be repetitive.
 constexpr std::size_t kMaxFileNotices = 20;
-/// What shading normals look like: of length 1 within the rounding of text with 3 digits.
+/// Tolerance for shading normals: length 1 within the rounding of text with 3 digits.
 constexpr double kUnitNormal = 1e-3;
 
-/// Rounds to float; what a float cannot hold becomes infinite, so that it is counted as such.
+/// Rounds to float; values beyond float become infinite, so that they are counted as such.
 float toFloat(double value) {
   constexpr double kMax = std::numeric_limits<float>::max();
   if (std::abs(value) > kMax)
@@ -40,21 +40,21 @@ std::optional<double> readRangeNoise(const std::filesystem::path& path) {
     splitTokens(line, tokens);
     double value = 0;
     if (noise_m || tokens.size() != 1 || !parseNumber(tokens[0], value) || !(value >= 0 && std::isfinite(value)))
-      lines.fail("is not the one range noise in metres that this file should hold", "Correct or remove the file");
+      lines.fail("is not a single range noise in metres, as this file should contain", "Correct or remove the file");
     noise_m = value;
   }
   return noise_m;
 }
 
-/// Surface normals would be taken for sensor positions 1 m off the surface: refuse them.
+/// Refuses surface normals, which would be mistaken for sensor positions 1 m off the surface.
 void refuseSurfaceNormals(const std::vector<Eigen::Vector3d>& rays, const std::string& subject) {
   const bool all_unit = std::all_of(rays.begin(), rays.end(), [](const Eigen::Vector3d& ray) {
     return std::abs(ray.norm() - 1) <= kUnitNormal || ray.isZero(0);
   });
   if (all_unit)
     throw UnusableInput("input.no_rays", subject,
-                        "is no ray cloud: its nx ny nz are all of length 1, as surface normals are",
-                        "Give poses, or the one sensor position with --sensor-at X,Y,Z");
+                        "is not a ray cloud: its nx ny nz are all of length 1, as surface normals are",
+                        "Provide poses, or a single sensor position with --sensor-at X,Y,Z");
 }
 
 void checkOptions(const ScanInputOptions& options) {
@@ -63,10 +63,10 @@ void checkOptions(const ScanInputOptions& options) {
     throw InvalidArgument("usage.rays_per_step", "rays_per_step", "must be at least 1", "The default is 20000");
   if (!options.sensor_at_W) return;
   if (!options.sensor_at_W->allFinite())
-    throw InvalidArgument("usage.sensor_at", "--sensor-at", "must be three finite numbers", "Give X,Y,Z in metres");
+    throw InvalidArgument("usage.sensor_at", "--sensor-at", "must be three finite numbers", "Use X,Y,Z in metres");
   if (!options.poses.empty())
     throw InvalidArgument("usage.sensor_at", "--sensor-at", "and a pose file exclude each other",
-                          "Leave out one of the two");
+                          "Omit one of the two");
 }
 
 }  // namespace
@@ -74,8 +74,8 @@ void checkOptions(const ScanInputOptions& options) {
 struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   ScanInputOptions options;
   ScanKind kind = ScanKind::Pcd;
-  std::vector<std::filesystem::path> scan_files;  ///< of each step, or the one cloud
-  std::vector<MatchedScan> poses;                 ///< of each step, empty for one cloud
+  std::vector<std::filesystem::path> scan_files;  ///< one per step, or the single cloud
+  std::vector<MatchedScan> poses;                 ///< one per step; empty for one cloud
   std::vector<std::filesystem::path> other_files;
   std::vector<std::string> notices;
   std::size_t file_notices = 0;
@@ -96,13 +96,14 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     const std::string subject = forMessage(path.native());
     cloud = readCloud(path, kind, {options.allow_truncated, rays});
     addFileNotices(cloud->notices);
-    if (cloud->points.empty()) throw UnusableInput("input.no_points", subject, "holds no points", "Give another file");
+    if (cloud->points.empty())
+      throw UnusableInput("input.no_points", subject, "contains no points", "Use another file");
     if (rays) refuseSurfaceNormals(cloud->ray_vectors, subject);
     rule = rays ? "matching: ray cloud, each point has its own sensor position (point + nx ny nz), world frame"
-                : "matching: one cloud in the world frame, seen from the one sensor position given";
+                : "matching: one cloud in the world frame, seen from the given sensor position";
     if (cloud->unbounded_rays != 0)
       notices.push_back(subject + ": " + std::to_string(cloud->unbounded_rays) +
-                        " rays that met nothing (alpha 0) are left out");
+                        " rays that hit nothing (alpha 0) are skipped");
     scan_files = scans.files;
     const std::size_t step = options.rays_per_step;
     for (std::size_t begin = 0, part = 0; begin < cloud->points.size(); ++part) {
@@ -173,8 +174,8 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
   const bool single = scans.files.size() == 1;
   if (options.sensor_at_W && !single)
     throw InvalidArgument("usage.sensor_at", "--sensor-at",
-                          "is for one cloud, the folder holds " + std::to_string(scans.files.size()) + " scans",
-                          "Give one file, or poses for all");
+                          "is for one cloud, but the folder contains " + std::to_string(scans.files.size()) + " scans",
+                          "Use one file, or poses for all scans");
   const bool ray_cloud = single && scans.kind == ScanKind::Ply && options.poses.empty();
   if (options.sensor_at_W || ray_cloud) {
     impl->openCloud(scans);
@@ -195,7 +196,7 @@ std::size_t ScanSequence::size() const { return impl_->cloud ? impl_->part_begin
 ScanRecord ScanSequence::read(std::size_t step) {
   if (step >= size())
     throw InvalidArgument("usage.step", "step " + std::to_string(step),
-                          "is past the end, there are " + std::to_string(size()), "Count from 0");
+                          "is past the end; there are " + std::to_string(size()), "Count from 0");
   return impl_->cloud ? impl_->readPart(step) : impl_->readScan(step);
 }
 

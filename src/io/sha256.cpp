@@ -17,7 +17,7 @@ std::string sha256OfFile(const std::filesystem::path& path) {
   std::ifstream file(path, std::ios::binary);
   const std::unique_ptr<EVP_MD_CTX, decltype(&EVP_MD_CTX_free)> context(EVP_MD_CTX_new(), &EVP_MD_CTX_free);
   if (!context || EVP_DigestInit_ex(context.get(), EVP_sha256(), nullptr) != 1)
-    throw InternalError("internal.sha256", "OpenSSL", "offers no SHA-256");
+    throw InternalError("internal.sha256", "OpenSSL", "does not provide SHA-256");
   std::vector<char> block(std::size_t{1} << 20);
   while (file) {
     file.read(block.data(), static_cast<std::streamsize>(block.size()));

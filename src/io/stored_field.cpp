@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Questions to a map on disk: points.ply for the surface, field.vdb for the volume.
+/// Queries to a map on disk: points.ply for the surface, field.vdb for the volume.
 #include <cmath>
 #include <limits>
 
@@ -13,7 +13,7 @@ namespace accessvdb::io {
 namespace {
 
 constexpr int kSearchVoxels = 3;
-constexpr const char* kAdvice = "Give the --out folder of an accessvdb map run";
+constexpr const char* kAdvice = "Use the --out folder of an accessvdb map run";
 
 struct MapGrids {
   openvdb::FloatGrid::Ptr distance, weight;
@@ -34,15 +34,15 @@ typename GridT::Ptr gridOf(openvdb::io::File& file, const std::string& name, dou
   auto grid = openvdb::gridPtrCast<GridT>(file.readGrid(name));
   if (!grid) throw std::runtime_error("grid '" + name + "' has another type");
   if (grid->transform() != *internal::fieldTransform(voxel_size_m, up)) {
-    throw std::runtime_error("grid '" + name + "' has another transform than its voxel size and up axis say");
+    throw std::runtime_error("grid '" + name + "' has a transform that does not match its voxel size and up axis");
   }
   return grid;
 }
 
-/// The files of a map with y up differ in their transforms alone; voxel indices, which is what is asked here, do not.
+/// The files of a map with y up differ only in their transforms; voxel indices, which are used here, are the same.
 UpAxis upAxisOf(const openvdb::MetaMap& metadata) {
   const auto word = metadata.getMetadata<openvdb::StringMetadata>("up_axis");
-  if (!word || word->value() == internal::name(UpAxis::Z)) return UpAxis::Z;  // absent before there was a choice
+  if (!word || word->value() == internal::name(UpAxis::Z)) return UpAxis::Z;  // absent in files older than the option
   if (word->value() == internal::name(UpAxis::Y)) return UpAxis::Y;
   throw std::runtime_error("its up axis '" + word->value() + "' is neither z nor y");
 }
@@ -50,7 +50,7 @@ UpAxis upAxisOf(const openvdb::MetaMap& metadata) {
 MapGrids readGrids(const std::filesystem::path& path) {
   openvdb::initialize();
   openvdb::io::File file(path.string());
-  file.open(false);  // no delayed loading: a file that shrinks later must not become a SIGBUS
+  file.open(false);  // no delayed loading: a file that shrinks later must not raise SIGBUS
   MapGrids grids;
   const auto metadata = file.getMetadata();
   if (!metadata || !(*metadata)["accessvdb_version"]) throw std::runtime_error("it was not written by AccessVDB");
@@ -66,28 +66,29 @@ MapGrids readGrids(const std::filesystem::path& path) {
 }
 
 [[noreturn]] void throwNotAField(const std::filesystem::path& path, const std::string& why) {
-  throw InputError("input.not_a_field", path.string(), "holds no field (" + internal::clampedText(why) + ")", kAdvice);
+  throw InputError("input.not_a_field", path.string(), "contains no field (" + internal::clampedText(why) + ")",
+                   kAdvice);
 }
 
-/// Somebody gave a file where a folder belongs: say what file it is.
+/// A file was given instead of a folder: reports what kind of file it is.
 [[noreturn]] void throwFileNotFolder(const std::filesystem::path& file) {
   try {
     static_cast<void>(internal::checkVdbFile(file));
   } catch (const InputError& error) {
-    throw InputError("input.not_a_folder", file.string(), "is no folder, and " + error.problem(), kAdvice);
+    throw InputError("input.not_a_folder", file.string(), "is not a folder, and " + error.problem(), kAdvice);
   }
   throw InputError("input.not_a_folder", file.string(),
-                   "is a .vdb file (" + internal::vdbInWords(file) + "), and answers need the whole folder", kAdvice);
+                   "is a .vdb file (" + internal::vdbInWords(file) + "), but queries need the whole folder", kAdvice);
 }
 
-/// Twice: first where a crash does no harm, then here.
+/// Reads twice: first where a crash does no harm, then here.
 MapGrids readGridsGuarded(const std::filesystem::path& path) {
   const auto limits = internal::limitsForVdb(internal::checkVdbFile(path));
   const auto trial = internal::runInChild(limits, [&path] {
     static_cast<void>(readGrids(path));
     return std::string();
   });
-  if (!trial.ok) throwNotAField(path, trial.text + "; it holds " + internal::vdbInWords(path));
+  if (!trial.ok) throwNotAField(path, trial.text + "; it contains " + internal::vdbInWords(path));
   try {
     return readGrids(path);
   } catch (const std::bad_alloc&) {
@@ -117,14 +118,15 @@ StoredField StoredField::open(const std::filesystem::path& folder) {
   }
   for (const char* name : {"field.vdb", "points.ply"}) {
     if (!std::filesystem::exists(folder / name, error)) {
-      throw InputError("input.not_a_field", folder.string(), std::string("holds no ") + name, kAdvice);
+      throw InputError("input.not_a_field", folder.string(), std::string("contains no ") + name, kAdvice);
     }
   }
   auto impl = std::make_unique<Impl>();
   impl->field = readPointsPly(folder / "points.ply");
   impl->map = readGridsGuarded(folder / "field.vdb");
   if (impl->map.origin_W != impl->field.origin_W || impl->map.voxel_size_m != impl->field.voxel_size_m) {
-    throwNotAField(folder, "field.vdb and points.ply have different origins or voxel sizes: they are of two runs");
+    throwNotAField(folder,
+                   "field.vdb and points.ply have different origins or voxel sizes: they are from different runs");
   }
   const auto all = [](const SurfacePoint&) { return true; };
   const auto index = [](const SurfacePoint&, std::uint32_t i) { return static_cast<openvdb::Int32>(i + 1); };

@@ -25,12 +25,12 @@ using openvdb::Vec3f;
 constexpr int kDim = 8;
 constexpr float kBand = 3.0f;      // OpenVDB's usual half width
 constexpr float kReach = 2.0f;     // how far from a point, along the surface, its tangent plane still counts
-constexpr float kSupport = 2.0f;   // points up to this much farther along the surface than the nearest are blended in
-constexpr float kSameSide = 0.5f;  // least cosine between two normals that are blended: not both faces of a thin board
-constexpr float kLayer = 0.75f;    // half a voxel parts two sides over faces; the rest is for blended distances
+constexpr float kSupport = 2.0f;   // points up to this much farther along the surface than the nearest are blended
+constexpr float kSameSide = 0.5f;  // least cosine between two blended normals: not both faces of a thin board
+constexpr float kLayer = 0.75f;    // half a voxel separates two sides over faces; the rest is for blended distances
 constexpr float kNearest2 = kBand * kBand + kReach * kReach;  // farthest nearest point of an active voxel, squared
-constexpr float kBlended2 = kNearest2 + kSupport * kSupport;  // farthest point that is blended in, squared
-// A point lies up to half a voxel off its voxel's centre: ceil(sqrt(17) + 0.5) - 1 voxels away at most.
+constexpr float kBlended2 = kNearest2 + kSupport * kSupport;  // farthest point that is blended, squared
+// A point is up to half a voxel off its voxel's centre: ceil(sqrt(17) + 0.5) - 1 voxels away at most.
 constexpr int kMargin = 4;
 
 /// A point near a leaf, in voxels from the leaf's first voxel.
@@ -49,7 +49,7 @@ class LeafOfDistances {
     }
   }
 
-  /// Null where no voxel of the leaf is in the band.
+  /// Null if no voxel of the leaf is in the band.
   [[nodiscard]] std::unique_ptr<Leaf> make(float background) {
     if (samples_.empty()) return nullptr;
     findNearest();
@@ -116,7 +116,7 @@ class LeafOfDistances {
     nearest2_.fill(std::numeric_limits<float>::infinity());
     for (std::size_t s = 0; s < samples_.size(); ++s) {
       forVoxelsAround(samples_[s].p, kNearest2, [&](std::size_t voxel, const Vec3f&, float squared) {
-        if (!(squared < nearest2_[voxel])) return;  // of two as near, the first in the order of the voxels
+        if (!(squared < nearest2_[voxel])) return;  // of two equally near ones, the first in voxel order
         nearest2_[voxel] = squared;
         nearest_[voxel] = static_cast<std::uint32_t>(s);
       });
@@ -150,7 +150,7 @@ void sortUnique(std::vector<Coord>& origins) {
   origins.erase(std::unique(origins.begin(), origins.end()), origins.end());
 }
 
-/// Origins of the leaves that hold points, and of those around them.
+/// Origins of the leaves with points, and of those around them.
 std::vector<Coord> leavesAround(const SurfaceVoxels& surface) {
   std::vector<Coord> origins;
   const auto& begins = surface.leafBegins();
@@ -165,7 +165,7 @@ std::vector<Coord> leavesAround(const SurfaceVoxels& surface) {
   return origins;
 }
 
-/// Adds inactive leaves, so that every active voxel's neighbours over faces lie in a leaf: no sign changes between a
+/// Adds inactive leaves, so that every active voxel's face neighbours are in a leaf: no sign changes between a
 /// leaf and a tile.
 void addRing(std::vector<std::unique_ptr<Leaf>>& leaves, float background) {
   std::vector<Coord> present, wanted;
@@ -193,7 +193,7 @@ void addRing(std::vector<std::unique_ptr<Leaf>>& leaves, float background) {
 }  // namespace
 
 openvdb::FloatGrid::Ptr surfaceLevelSet(const FieldSnapshot& field, const SurfaceVoxels& surface) {
-  // Rounded up: readers that ask for three voxels compare in doubles.
+  // Rounded up: readers that require three voxels compare in doubles.
   const float background =
       std::nextafter(static_cast<float>(kBand * field.voxel_size_m), std::numeric_limits<float>::infinity());
   auto grid = openvdb::FloatGrid::create(background);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A level set of the surface for people who want a mesh: signed distances to oriented points.
+/// A level set of the surface for users who want a mesh: signed distances to oriented points.
 #pragma once
 
 #include "io/field_grids.h"
@@ -12,9 +12,9 @@ namespace accessvdb::internal {
 /// of the points around, weighted by nearness. Positive on the side that the normals point to, which is the side that
 /// the sensor saw. Band: 3 voxels to each side, background 3 voxels. Holes up to 4 voxels wide are bridged.
 ///
-/// Space beyond the band is inside where the band encloses it and turns its back to it (a solid seen from all round),
-/// else outside. So a surface seen from one side alone becomes a slab, 3 voxels thick, whose back is no measurement.
-/// Points without a normal are left out. Same bytes on any number of threads.
+/// Space beyond the band is inside if the band encloses it with its back (a solid seen from all around), else outside.
+/// So a surface seen from only one side becomes a slab, 3 voxels thick, whose back is not a measurement. Points without
+/// a normal are skipped. Same bytes for any number of threads.
 [[nodiscard]] openvdb::FloatGrid::Ptr surfaceLevelSet(const FieldSnapshot& field, const SurfaceVoxels& surface);
 
 }  // namespace accessvdb::internal

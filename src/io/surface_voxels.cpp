@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Surface points sorted by the leaf that holds them.
+/// Surface points sorted by the leaf that contains them.
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
@@ -32,7 +32,7 @@ openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m) {
       throw InvalidArgument("position.range", "",
                             "position (" + std::to_string(p_L.x()) + ", " + std::to_string(p_L.y()) + ", " +
                                 std::to_string(p_L.z()) + ") m from the map's origin has no voxel",
-                            "Give finite coordinates in the map's own world frame");
+                            "Use finite coordinates in the map's own world frame");
     }
     ijk[axis] = static_cast<openvdb::Int32>(index);
   }

@@ -29,7 +29,7 @@ bool LineReader::next(std::string_view& line) {
   const std::size_t end = window.find('\n');
   terminated_ = end != std::string_view::npos;
   if (!terminated_ && window.size() > kMaxLineBytes)
-    fail("is longer than " + std::to_string(kMaxLineBytes) + " bytes", "Check that this is the text file you mean");
+    fail("is longer than " + std::to_string(kMaxLineBytes) + " bytes", "Check that this is the right text file");
   line = terminated_ ? window.substr(0, end) : window;
   position_ += line.size() + (terminated_ ? 1 : 0);
   if (!line.empty() && line.back() == '\r') line.remove_suffix(1);
@@ -56,7 +56,8 @@ bool parseNumber(std::string_view token, double& value) {
   const auto [end, error] = std::from_chars(token.data(), last, value);
   if (end != last || error == std::errc::invalid_argument) return false;
   if (error == std::errc::result_out_of_range) {
-    // from_chars leaves the value alone and does not say on which side: a negative exponent or a leading zero is small.
+    // from_chars leaves the value alone and does not tell underflow from overflow: a negative exponent or a leading
+    // zero means small.
     const std::size_t digit = token.find_first_of("0123456789.");
     const bool small = token.find("e-") != std::string_view::npos || token.find("E-") != std::string_view::npos ||
                        token[digit] == '0' || token[digit] == '.';

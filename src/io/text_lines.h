@@ -34,12 +34,12 @@ class LineReader {
   bool terminated_ = true;
 };
 
-/// Pieces between blanks, tabs, commas and semicolons.
+/// Splits at blanks, tabs, commas and semicolons.
 void splitTokens(std::string_view line, std::vector<std::string_view>& tokens);
-/// The whole token as a number; nan and inf are numbers, 1e999 is inf, hexadecimal is none.
+/// Parses the whole token as a number; nan and inf are numbers, 1e999 is inf, hexadecimal is not a number.
 [[nodiscard]] bool parseNumber(std::string_view token, double& value);
 [[nodiscard]] bool parseCount(std::string_view token, std::uint64_t& value);
-/// Lines that say nothing: blank, or a comment that begins with #.
+/// Whether a line is blank, or a comment beginning with #.
 [[nodiscard]] bool isBlankOrComment(std::string_view line);
 
 }  // namespace accessvdb::io

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The gate in front of every .vdb that is read: OpenVDB 10.0.1 can crash, hang or print on a damaged file.
+/// Checks before any .vdb file is read: OpenVDB 10.0.1 can crash, hang or print on a damaged file.
 #pragma once
 
 #include <cstdint>
@@ -11,7 +11,7 @@
 
 namespace accessvdb::internal {
 
-/// A regular file that begins as a .vdb does. @throws InputError. @returns its size in bytes
+/// Checks for a regular file that begins like a .vdb. @throws InputError. @returns its size in bytes
 std::uint64_t checkVdbFile(const std::filesystem::path& path);
 
 /// Time and memory that reading a .vdb of this size may take.
@@ -20,8 +20,8 @@ std::uint64_t checkVdbFile(const std::filesystem::path& path);
 /// Text of a foreign exception: one line, printable, at most 200 characters (a file can make it any length).
 [[nodiscard]] std::string clampedText(const std::string& text);
 
-/// What a .vdb file holds, in half a line: `level set "torus" (float) and 1 more, by Houdini`. Reads it as
-/// io::summarizeVdb() does. Never throws for a damaged file; says so instead.
+/// What a .vdb file contains, as a phrase: `level set "torus" (float) and 1 more, by Houdini`. Reads it as
+/// io::summarizeVdb() does. Never throws for a damaged file; reports it instead.
 [[nodiscard]] std::string vdbInWords(const std::filesystem::path& path);
 
 }  // namespace accessvdb::internal

@@ -23,20 +23,20 @@ std::uint64_t checkVdbFile(const std::filesystem::path& path) {
     throw InputError("input.missing", path.string(), "no such file", "Check the path");
   }
   if (!std::filesystem::is_regular_file(path, error)) {
-    throw InputError("input.not_a_file", path.string(), "is not a regular file", "Give a .vdb file");
+    throw InputError("input.not_a_file", path.string(), "is not a regular file", "Use a .vdb file");
   }
   std::ifstream stream(path, std::ios::binary);
   if (!stream) throw InputError("input.unreadable", path.string(), "cannot be opened", "Check its permissions");
   std::int64_t magic = 0;
   if (!stream.read(reinterpret_cast<char*>(&magic), sizeof(magic)) || magic != openvdb::OPENVDB_MAGIC) {
-    throw InputError("input.not_vdb", path.string(), "is not an OpenVDB file", "Give a .vdb file");
+    throw InputError("input.not_vdb", path.string(), "is not an OpenVDB file", "Use a .vdb file");
   }
   return std::filesystem::file_size(path);
 }
 
 ChildLimits limitsForVdb(std::uint64_t file_bytes) {
   constexpr std::uint64_t kSlowestBytesPerSecond = 10'000'000;
-  constexpr std::uint64_t kMemoryPerFileByte = 64;  // a sparse float grid of ours: 10 to 30
+  constexpr std::uint64_t kMemoryPerFileByte = 64;  // our sparse float grids: 10 to 30
   ChildLimits limits;
   limits.time += std::chrono::seconds(file_bytes / kSlowestBytesPerSecond);
   limits.extra_memory_bytes += file_bytes * kMemoryPerFileByte;
@@ -89,9 +89,9 @@ json summaryOf(const openvdb::GridBase& grid) {
   return summary;
 }
 
-/// Grids one at a time, so that a file of many grids does not need the memory of all.
+/// Reads grids one at a time, so that a file of many grids does not need the memory of all.
 std::string summariseInChild(const std::filesystem::path& path) {
-  // No worker thread of the parent lives on in a forked child.
+  // The parent's worker threads do not exist in a forked child.
   const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
   openvdb::initialize();
   openvdb::io::File file(path.string());
@@ -150,7 +150,7 @@ VdbSummary summarizeVdb(const std::filesystem::path& path) {
 namespace accessvdb::internal {
 namespace {
 
-/// "Tree_float_5_4_3" as "float"; what has no such name stays as it is.
+/// "Tree_float_5_4_3" as "float"; other names stay unchanged.
 std::string valueTypeOf(const std::string& grid_type) {
   const std::string prefix = "Tree_";
   if (grid_type.rfind(prefix, 0) != 0) return grid_type;

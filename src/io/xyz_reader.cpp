@@ -20,7 +20,7 @@ PointCloud readXyz(const std::filesystem::path& path, const ReadOptions& options
     if (tokens.size() < 3 && !lines.terminated() && !cloud.points.empty()) {
       if (!options.allow_truncated)
         throw InputError("input.truncated", lines.subject(),
-                         "the last line (" + std::to_string(lines.number()) + ") breaks off",
+                         "the last line (" + std::to_string(lines.number()) + ") is incomplete",
                          "Use --allow-truncated to keep " + std::to_string(cloud.points.size()) + " points");
       cloud.truncated_points = 1;
       break;

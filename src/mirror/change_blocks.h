@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The changes of one call in blocks, as threads take them.
+/// The changes of one call, in blocks handed to threads.
 #pragma once
 
 #include <tbb/parallel_for.h>
@@ -22,13 +22,13 @@ struct ChangeBlock {
   static constexpr std::uint32_t kMost = Leaves::kBlock;
   const Change* changes = nullptr;
   std::uint32_t count = 0;
-  std::uint32_t begin = 0;  ///< changes of the call that come before
+  std::uint32_t begin = 0;  ///< earlier changes of the call
   // Filled while the leaves are located.
-  std::uint32_t added = 0, first_added = 0;  ///< leaves that this block adds; those of the blocks before
-  bool lacks_lower = false;                  ///< a node above one of those is missing too
-  bool skips = false;                        ///< has changes that find no leaf and bring no bits
+  std::uint32_t added = 0, first_added = 0;  ///< leaves that this block adds; those that earlier blocks add
+  bool lacks_lower = false;                  ///< a node above one of them is missing too
+  bool skips = false;                        ///< has changes without a leaf and without bits
   bool aligned = true;                       ///< its origins are multiples of 8
-  bool once = true;                          ///< none of its leaves came before in this call
+  bool once = true;                          ///< none of its leaves occurred earlier in this call
 };
 
 /// @return number of changes
@@ -47,8 +47,8 @@ std::uint32_t divide(ChangeParts<Leaves> parts, std::vector<ChangeBlock<Leaves>>
   return total;
 }
 
-/// Calls act(n) for n in [begin, end); on several threads where there is work for them.
-/// @param least  do fewer alone
+/// Calls act(n) for n in [begin, end); on several threads if there is enough work.
+/// @param least  below this number, runs on one thread
 template <class Act>
 void forEachIndex(std::size_t begin, std::size_t end, std::size_t least, const Act& act) {
   if (end - begin < least) {
@@ -58,8 +58,8 @@ void forEachIndex(std::size_t begin, std::size_t end, std::size_t least, const A
   }
 }
 
-/// All changes of a leaf as one, in the order in which they come. For calls where leaves come more than once, which a
-/// single scan never makes: not fast.
+/// Merges all changes of a leaf into one, in their order. For calls where leaves occur more than once, which a single
+/// scan never produces: not fast.
 template <class Leaves>
 std::vector<typename Leaves::Change> mergedByLeaf(ChangeParts<Leaves> parts) {
   using Change = typename Leaves::Change;

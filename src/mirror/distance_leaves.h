@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Leaves of the mirror of distances: value = metres, active = observed; as the map's own "distance" grid has them.
+/// Leaves of the mirror of distances: value = metres, active = observed; as in the map's own "distance" grid.
 #pragma once
 
 #include <bit>
@@ -21,10 +21,10 @@ struct DistanceLeaves {
   static constexpr std::uint32_t kBlock = 32;  ///< changes that a thread takes at a time: 64 KB of rows at most
 
   DistanceCode code = {};
-  float background_m = 0;  ///< of what was never observed
+  float background_m = 0;  ///< for what was never observed
 
   [[nodiscard]] static bool adds(const DistanceChange& change) noexcept { return change.row_pairs != 0; }
-  /// `packed` is the leaf as it is now, so only the rows add up.
+  /// `packed` is the leaf as it is now, so only the rows accumulate.
   static void append(DistanceChange& change, const DistanceChange& next) noexcept {
     change.row_pairs |= next.row_pairs;
     change.packed = next.packed;
@@ -32,9 +32,9 @@ struct DistanceLeaves {
 
   [[nodiscard]] float background() const noexcept { return background_m; }
 
-  // What travels.
+  // What is sent.
   [[nodiscard]] static std::uint32_t maskOf(const DistanceChange& change) noexcept { return change.row_pairs; }
-  /// What copyWords() will read lies anywhere in memory.
+  /// What copyWords() will read is scattered in memory.
   static void prefetchWords([[maybe_unused]] const DistanceChange& change) noexcept {
 #if defined(__GNUC__)
     for (std::uint32_t pairs = change.row_pairs; pairs != 0; pairs &= pairs - 1) {
@@ -49,15 +49,15 @@ struct DistanceLeaves {
     return to;
   }
 
-  // Where the leaf lies.
-  /// Not the rows of the leaf itself: asking for them as well took no less time.
+  // Where the leaf is.
+  /// Not the rows of the leaf itself: prefetching them as well was no faster.
   static void prefetch([[maybe_unused]] const std::byte* leaf, const DistanceChange& change) noexcept {
     prefetchWords(change);
 #if defined(__GNUC__)
     __builtin_prefetch(leaf + kernels::kDistanceMaskBytes, 1);
 #endif
   }
-  /// @return bytes that were written
+  /// @return bytes written
   std::uint64_t changeInPlace(std::byte* leaf, const DistanceChange& change) const noexcept {
     for (std::uint32_t pairs = change.row_pairs; pairs != 0; pairs &= pairs - 1) {
       float distances_m[kVoxelsPerRowPair];
@@ -70,7 +70,7 @@ struct DistanceLeaves {
  private:
   void decode(const DistanceChange& change, int pair, float* distances_m) const noexcept {
     const std::uint32_t* packed = change.packed + std::size_t{kVoxelsPerRowPair} * static_cast<std::size_t>(pair);
-    const DistanceCode by_value = code;  // what is written could be a part of it, for all that the compiler knows
+    const DistanceCode by_value = code;  // for all the compiler knows, the writes could alias it
     for (std::size_t n = 0; n < kVoxelsPerRowPair; ++n) {
       const float distance_m = by_value.distance_m(packed[n]);
       distances_m[n] = by_value.observed(packed[n]) ? distance_m : kernels::kKeepDistance;

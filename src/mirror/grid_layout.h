@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Where the parts of a NanoVDB grid lie that is patched in place, and its head.
+/// Where the parts of a NanoVDB grid patched in place are, and its head.
 #pragma once
 
 #include <cstddef>
@@ -13,10 +13,10 @@
 
 namespace accessvdb::internal {
 
-/// Of a leaf, before its value mask.
+/// Bytes of a leaf before its value mask.
 inline constexpr std::uint32_t kHeadBytes = 16;
 
-/// The layout of a grid, which patches stand on. Another NanoVDB that changes it must not compile.
+/// The grid layout that patches rely on. A NanoVDB version that changes it must not compile.
 template <class Build>
 struct GridLayout {
   using GridData = typename nanovdb::NanoGrid<Build>::DataType;
@@ -43,17 +43,17 @@ struct GridLayout {
   struct Head {
     alignas(NANOVDB_DATA_ALIGNMENT) std::byte bytes[kTiles] = {};
   };
-  /// All that lies before the root tiles, of a grid without any.
-  /// @param voxel_size_m  index space to local frame is this scale
+  /// Everything before the root tiles, for a grid without any.
+  /// @param voxel_size_m  scale from index space to the local frame
   static Head head(const char* name, nanovdb::GridType type, double voxel_size_m, Build background,
                    std::uint64_t grid_bytes) {
-    // NanoVDB's node data have no constructors: they are bytes that are seen as such.
+    // NanoVDB's node data have no constructors: they are bytes reinterpreted.
     Head head;
     auto* grid = reinterpret_cast<GridData*>(head.bytes);
     grid->mMagic = NANOVDB_MAGIC_NUMBER;
-    std::memset(&grid->mChecksum, 0xFF, sizeof(grid->mChecksum));  // disabled: it would change with every patch
+    std::memset(&grid->mChecksum, 0xFF, sizeof(grid->mChecksum));  // disabled: it would change with each patch
     grid->mVersion = nanovdb::Version();
-    grid->mFlags = 0;  // not breadth first, no boxes, no extrema: nothing here is kept up to date but the voxels
+    grid->mFlags = 0;  // not breadth first, no boxes, no extrema: only the voxels are kept up to date
     grid->mGridIndex = 0;
     grid->mGridCount = 1;
     grid->mGridSize = grid_bytes;

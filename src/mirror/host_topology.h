@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The host's own copy of what the mirrored tree looks like, so that nothing is ever read back from the arena.
+/// The host's own copy of the mirrored tree's topology, so that nothing is ever read back from the arena.
 ///
 /// The same three levels as the mirrored tree, with 32-bit indices for links: a lookup is two array reads once the root
-/// tile is known, and a new node knows its parent. Of the leaves themselves there is no copy.
+/// tile is known, and a new node knows its parent. The leaves themselves are not copied.
 #pragma once
 
 #include <array>
@@ -22,23 +22,23 @@ struct InternalShadow {
   static constexpr std::uint32_t kSize = 1u << (3 * kLog2Dim);
   static constexpr std::uint32_t kWords = kSize / 64;
 
-  std::uint64_t arena_offset = 0;                                 ///< [B] of the mirrored node
-  std::array<std::int32_t, 3> origin_ijk = {};                    ///< least voxel
+  std::uint64_t arena_offset = 0;                                 ///< [B] offset of the mirrored node
+  std::array<std::int32_t, 3> origin_ijk = {};                    ///< lowest voxel
   std::array<std::uint32_t, kSize> child_plus_one = {};           ///< index of the child + 1; 0 = none
   std::array<std::uint64_t, kWords> child_mask = {};              ///< bit n = the mirrored entry n is a child
   std::array<std::uint64_t, (kWords + 63) / 64> dirty_mask = {};  ///< bit w = word w of child_mask is unpublished
 
   [[nodiscard]] std::uint32_t child(std::uint32_t n) const noexcept { return child_plus_one[n] - 1; }
 
-  // Several threads may call those below, with different n.
+  // Several threads may call the functions below, with different n.
 
-  /// @return false: there is a child already
+  /// @return false: there already is a child
   [[nodiscard]] bool link(std::uint32_t n, std::uint32_t child_index) noexcept {
     std::uint32_t none = 0;
     return std::atomic_ref(child_plus_one[n]).compare_exchange_strong(none, child_index + 1, std::memory_order_relaxed);
   }
   void unlink(std::uint32_t n) noexcept { child_plus_one[n] = 0; }
-  /// Enters a child into the mask. @return whether the caller is the one to publish the word
+  /// Adds a child to the mask. @return whether the caller has to publish the word
   [[nodiscard]] bool mark(std::uint32_t n) noexcept {
     std::atomic_ref(child_mask[n >> 6]).fetch_or(std::uint64_t(1) << (n & 63), std::memory_order_relaxed);
     const std::uint64_t bit = std::uint64_t(1) << ((n >> 6) & 63);
@@ -50,20 +50,20 @@ struct InternalShadow {
   }
 };
 
-/// Leaves that lie behind each other in the arena. Slot = chunk * kSize + place in the chunk.
+/// Leaves that are contiguous in the arena. Slot = chunk * kSize + place in the chunk.
 struct LeafChunk {
   static constexpr std::uint32_t kSize = 512;
 
-  /// Number of the last call that changed each leaf.
+  /// For each leaf, the number of the last call that changed it.
   std::array<std::uint32_t, kSize> call = {};
 
-  /// @return false where a leaf comes a second time in a call; threads may ask at once
+  /// @return false if the leaf already occurred in this call; may be called by several threads at once
   [[nodiscard]] bool comesFirst(std::uint32_t slot, std::uint32_t number) noexcept {
     return std::atomic_ref(call[slot % kSize]).exchange(number, std::memory_order_relaxed) != number;
   }
 };
 
-/// Root keys to upper nodes: linear probing in a table that is never more than half full.
+/// Maps root keys to upper nodes: linear probing in a table that is never more than half full.
 class RootTable {
  public:
   explicit RootTable(std::uint32_t capacity) {

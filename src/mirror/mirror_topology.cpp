@@ -12,14 +12,14 @@ namespace accessvdb::internal {
 namespace {
 
 using nanovdb::Coord;
-// Where a voxel is found does not depend on what it holds.
+// The position of a voxel does not depend on the value type.
 using LowerOfAny = nanovdb::NanoLower<bool>;
 using UpperOfAny = nanovdb::NanoUpper<bool>;
 using RootDataOfAny = nanovdb::NanoRoot<bool>::DataType;
 
-/// A change whose leaf is to be added.
+/// Marks a change whose leaf has to be added.
 constexpr std::uint32_t kMissing = kNoNode - 1;
-/// Where no lower node is.
+/// No lower node.
 constexpr std::uint64_t kNoPlace = ~std::uint64_t{0};
 constexpr int kEntryBits = 12;
 static_assert(InternalShadow<4>::kSize == 1u << kEntryBits);
@@ -30,7 +30,7 @@ Coord originOf(const Change& change) {
   return {change.origin_ijk[0], change.origin_ijk[1], change.origin_ijk[2]};
 }
 
-/// Least voxel of the node that holds a voxel.
+/// Lowest voxel of the node that contains a voxel.
 std::array<std::int32_t, 3> originOf(const Coord& ijk, std::uint32_t mask) {
   const Coord origin = ijk & ~static_cast<std::int32_t>(mask);
   return {origin[0], origin[1], origin[2]};
@@ -42,7 +42,7 @@ void prefetch([[maybe_unused]] const void* address) {
 #endif
 }
 
-/// Changes come in spatial order as a rule: asks for a lower node only where the last one does not hold the leaf.
+/// Changes usually come in spatial order: looks up a lower node only if the last one does not contain the leaf.
 template <class Find>
 class LastLower {
  public:
@@ -82,11 +82,11 @@ void MirrorTopology<Leaves>::locate(ChangeParts parts) {
   const std::span<const Change> joined = merged_;
   change_count_ = divide<Leaves>({&joined, 1}, blocks_);
   if (!locateOnce()) {
-    throw InternalError("mirror.leaf_twice", "", "A leaf came twice where none can", "Please report this");
+    throw InternalError("mirror.leaf_twice", "", "A leaf occurred twice where none can", "Please report this");
   }
 }
 
-/// @return false where a leaf comes more than once: then nothing was added
+/// @return false if a leaf occurs more than once: then nothing was added
 template <class Leaves>
 bool MirrorTopology<Leaves>::locateOnce() {
   ++call_;
@@ -114,7 +114,7 @@ bool MirrorTopology<Leaves>::locateOnce() {
   reserveLeaves(added);
   added_leaves_.resize(added);
   forEachBlock([&](ChangeBlock& block) { claimLeaves(block); });
-  // A change that brings no bits counts where another of the same leaf adds it.
+  // A change without bits counts if another change adds the same leaf.
   if (all(&ChangeBlock::once)) forEachBlock([&](ChangeBlock& block) { block.once = missesNothing(block); });
   if (!all(&ChangeBlock::once)) {
     for (const AddedNode& leaf : added_leaves_) {
@@ -138,7 +138,7 @@ void MirrorTopology<Leaves>::locateBlock(ChangeBlock& block) noexcept {
     return lowers_[static_cast<std::uint32_t>(place >> kEntryBits)].child_plus_one[place % Lower::kSize];
   };
   const auto chunkOf = [this](std::uint32_t slot) -> LeafChunk& { return chunks_[slot / LeafChunk::kSize]; };
-  // Step by step for all, so that what lies anywhere in memory comes together.
+  // Runs each step for all, so that fetches from scattered memory overlap.
   for (std::uint32_t n = 0; n < block.count; ++n) {
     const Coord ijk = originOf(block.changes[n]);
     any |= ijk[0] | ijk[1] | ijk[2];
@@ -213,7 +213,7 @@ void MirrorTopology<Leaves>::addLowersOf(const ChangeBlock& block) {
 
 template <class Leaves>
 void MirrorTopology<Leaves>::reserveLeaves(std::uint32_t count) {
-  // Two numbers of slots mean something else.
+  // Two slot numbers have a special meaning.
   if (count > kMissing - 1 - leaf_count_) {
     throw ResourceLimit("map.leaves", "", "The map has more leaves than the mirror can number", "Use larger voxels");
   }
@@ -233,7 +233,7 @@ std::uint64_t MirrorTopology<Leaves>::allocate(std::uint64_t bytes) {
   return offset;
 }
 
-// In the two below: first what can fail, then what changes the tree.
+// The two functions below first do what can fail, then change the tree.
 template <class Leaves>
 std::uint32_t MirrorTopology<Leaves>::addUpper(const Coord& ijk, std::uint64_t key) {
   const std::uint32_t index = upperCount();
@@ -241,7 +241,7 @@ std::uint32_t MirrorTopology<Leaves>::addUpper(const Coord& ijk, std::uint64_t k
     throw ResourceLimit(
         "map.root_tiles", "",
         "The map spreads over more than " + std::to_string(root_capacity_) + " regions of 4096 x 4096 x 4096 voxels",
-        "Remove scans that lie far from the rest, check the poses, or use larger voxels");
+        "Remove scans that are far from the rest, check the poses, or use larger voxels");
   }
   auto upper = std::make_unique<Upper>();
   added_uppers_.reserve(root_capacity_);
@@ -266,7 +266,7 @@ std::uint32_t MirrorTopology<Leaves>::addLower(const Coord& ijk) {
   Lower& lower = lowers_.add();
   lower.arena_offset = offset;
   lower.origin_ijk = originOf(ijk, LowerOfAny::MASK);
-  (void)uppers_[parent]->link(entry, index);  // it was not there
+  (void)uppers_[parent]->link(entry, index);  // it was not linked yet
   return index;
 }
 

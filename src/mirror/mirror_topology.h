@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Where every leaf of the mirror lies, and where the leaves go that a call of changes adds.
+/// Where every leaf of the mirror is, and where the leaves that a call adds will go.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@ struct AddedNode {
   std::uint32_t parent = kNoNode, entry = 0;
 };
 
-/// The nodes of the mirrored tree by index, and the changes of one call by leaf. Compiled for the kinds of leaves of
+/// The nodes of the mirrored tree by index, and the changes of one call by leaf. Compiled for the leaf kinds of
 /// occupancy_leaves.h and distance_leaves.h.
 template <class Leaves>
 class MirrorTopology {
@@ -33,34 +33,34 @@ class MirrorTopology {
   using Upper = InternalShadow<5>;
   static constexpr std::uint64_t kLeafBytes = sizeof(typename nanovdb::NanoLeaf<typename Leaves::Build>::DataType);
 
-  /// @param root_capacity  most root tiles
-  /// @param used_bytes     of the arena, before the first node
+  /// @param root_capacity  maximum number of root tiles
+  /// @param used_bytes     bytes of the arena before the first node
   MirrorTopology(kernels::MirrorArena& arena, std::uint32_t root_capacity, std::uint64_t used_bytes);
 
-  /// Finds or adds the leaf of every change; publishes nothing. When it throws, no leaf was added; nodes above that
-  /// were stay in the lists of added ones.
+  /// Finds or adds the leaf of every change; publishes nothing. If it throws, no leaf was added; nodes above that were
+  /// added stay in the lists of added ones.
   /// @throw ResourceLimit  `map.root_tiles`, or the arena cannot grow
-  /// @throw InternalError  an origin that is no multiple of 8
+  /// @throw InternalError  an origin that is not a multiple of 8
   void locate(ChangeParts parts);
 
-  /// The changes of the last locate(): as they were given, or where leaves came more than once, joined.
+  /// The changes of the last locate(): as given, or merged if leaves occurred more than once.
   [[nodiscard]] const std::vector<ChangeBlock>& blocks() const noexcept { return blocks_; }
   [[nodiscard]] std::uint32_t changeCount() const noexcept { return change_count_; }
-  /// Leaf of the n-th change, or kNoNode where it has none and needs none.
+  /// Leaf of the n-th change, or kNoNode if it has none and needs none.
   [[nodiscard]] std::uint32_t slot(std::uint32_t n) const noexcept { return slots_[n]; }
-  /// [B] in the arena.
+  /// [B] offset in the arena.
   [[nodiscard]] std::uint64_t leafOffset(std::uint32_t slot) const noexcept {
     return chunk_offsets_[slot / LeafChunk::kSize] + std::uint64_t{slot % LeafChunk::kSize} * kLeafBytes;
   }
 
-  /// Not published yet. Leaf n of them has slot firstAddedLeaf() + n, the other nodes have the last indices.
+  /// Nodes not published yet. Added leaf n has slot firstAddedLeaf() + n; the other nodes have the last indices.
   [[nodiscard]] const std::vector<AddedNode>& addedLeaves() const noexcept { return added_leaves_; }
   [[nodiscard]] const std::vector<AddedNode>& addedLowers() const noexcept { return added_lowers_; }
   [[nodiscard]] const std::vector<AddedNode>& addedUppers() const noexcept { return added_uppers_; }
   [[nodiscard]] std::uint32_t firstAddedLeaf() const noexcept {
     return leaf_count_ - static_cast<std::uint32_t>(added_leaves_.size());
   }
-  /// Where leaves will lie for which room was made: [B] of the first of LeafChunk::kSize each.
+  /// Room made for future leaves: [B] offset of the first of LeafChunk::kSize each.
   [[nodiscard]] std::span<const std::uint64_t> addedChunks() const noexcept {
     return {chunk_offsets_.data() + published_chunks_, chunks_.size() - published_chunks_};
   }
@@ -71,7 +71,7 @@ class MirrorTopology {
   [[nodiscard]] std::uint32_t leafCount() const noexcept { return leaf_count_; }
   [[nodiscard]] std::uint32_t lowerCount() const noexcept { return lowers_.size(); }
   [[nodiscard]] std::uint32_t upperCount() const noexcept { return static_cast<std::uint32_t>(uppers_.size()); }
-  [[nodiscard]] std::uint64_t usedBytes() const noexcept { return top_; }  ///< of the arena
+  [[nodiscard]] std::uint64_t usedBytes() const noexcept { return top_; }  ///< in the arena
   [[nodiscard]] std::uint64_t hostBytes() const noexcept;
 
  private:
@@ -98,14 +98,14 @@ class MirrorTopology {
   std::vector<std::unique_ptr<Upper>> uppers_;
   NodePool<Lower> lowers_;
   NodePool<LeafChunk> chunks_;
-  std::vector<std::uint64_t> chunk_offsets_;  ///< [B] of the first leaf of each chunk
+  std::vector<std::uint64_t> chunk_offsets_;  ///< [B] offset of the first leaf of each chunk
   std::size_t published_chunks_ = 0;
 
-  // Of the last call.
+  // State of the last call.
   std::vector<ChangeBlock> blocks_;
   std::uint32_t change_count_ = 0;
   std::vector<std::uint32_t> slots_;
-  std::vector<std::uint64_t> places_;  ///< of the change's leaf: lower node << 12 | entry
+  std::vector<std::uint64_t> places_;  ///< place of the change's leaf: lower node << 12 | entry
   std::vector<Change> merged_;
   std::vector<AddedNode> added_uppers_, added_lowers_, added_leaves_;
 };

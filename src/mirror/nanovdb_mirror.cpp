@@ -21,9 +21,9 @@ namespace {
 using kernels::ArenaFill;
 using kernels::LeafPatch;
 
-/// Fewer small writes, or blocks of changes, are not worth several threads.
+/// Below these numbers of small writes or blocks of changes, several threads do not pay off.
 constexpr std::size_t kLeastWrites = 1024, kLeastBlocks = 8;
-/// Leaves whose voxels are asked for ahead, as they lie anywhere in memory.
+/// Number of leaves whose voxels are prefetched, because they are scattered in memory.
 constexpr std::uint32_t kLookAhead = 8;
 
 std::uint32_t countOf(const std::vector<AddedNode>& nodes) { return static_cast<std::uint32_t>(nodes.size()); }
@@ -54,20 +54,20 @@ class NanoMirror<Leaves>::Impl {
   void stagePatches();
   void publishLeaves();
   void publishNodes();
-  /// Links and mask words of children that were added.
+  /// Publishes links and mask words of added children.
   template <class ParentData, class ParentOf, class OffsetOf>
   void publishChildren(const std::vector<AddedNode>& added, const ParentOf& parent_of, const OffsetOf& child_offset);
-  /// `count` writes of `bytes` bytes to offset_of(n); fill(n, to) may run on any thread and fills all bytes.
+  /// `count` writes of `bytes` bytes to offset_of(n); fill(n, to) may run on any thread and must fill all bytes.
   template <class OffsetOf, class Fill>
   void writeEach(std::size_t count, std::uint32_t bytes, const OffsetOf& offset_of, const Fill& fill);
   void write(std::uint64_t offset, const void* source, std::uint64_t bytes);
 
   Leaves leaves_;
-  std::uint64_t published_bytes_ = 0;  ///< size of the grid as it says itself
-  bool writing_ = false;               ///< also after a call that failed while it wrote
+  std::uint64_t published_bytes_ = 0;  ///< grid size as stored in the grid
+  bool writing_ = false;               ///< stays true after a call that failed while writing
   std::vector<std::uint8_t> owns_word_;
-  std::vector<std::uint32_t> owners_;  ///< of publishChildren()
-  std::vector<ArenaFill> fills_;       ///< of publishBackground()
+  std::vector<std::uint32_t> owners_;  ///< used by publishChildren()
+  std::vector<ArenaFill> fills_;       ///< used by publishBackground()
 };
 
 template <class Leaves>
@@ -87,7 +87,7 @@ template <class Leaves>
 void NanoMirror<Leaves>::Impl::applyParts(ChangeParts<Leaves> parts) {
   traffic_ = {};
   if (writing_) {
-    throw InternalError("mirror.half_written", "", "An earlier call failed while it wrote to the mirror",
+    throw InternalError("mirror.half_written", "", "An earlier call failed while writing to the mirror",
                         "Make a new mirror");
   }
   topology_.locate(parts);
@@ -98,7 +98,7 @@ void NanoMirror<Leaves>::Impl::applyParts(ChangeParts<Leaves> parts) {
   writing_ = false;
 }
 
-// Bottom up, so that nothing can be reached before it is complete, and no byte twice.
+// Publishes bottom up, so that nothing is reachable before it is complete, and no byte is written twice.
 template <class Leaves>
 void NanoMirror<Leaves>::Impl::publish() {
   if (published_bytes_ != arena_->committedBytes()) {
@@ -113,8 +113,8 @@ void NanoMirror<Leaves>::Impl::publish() {
   topology_.forgetAdded();
 }
 
-// Fresh memory is zero. Where the background is not, it goes into all entries of new nodes and all voxels of new
-// leaves, before those that are something else.
+// Fresh memory is zero. If the background is not, it is written to all entries of new nodes and all voxels of new
+// leaves, before anything else is.
 template <class Leaves>
 void NanoMirror<Leaves>::Impl::publishBackground() {
   using Build = typename Leaves::Build;
@@ -150,7 +150,7 @@ void NanoMirror<Leaves>::Impl::publishBackground() {
   }
 }
 
-// Fresh memory is zero or background, so new leaves are changed like others.
+// Fresh memory is zero or background, so new leaves are patched like others.
 template <class Leaves>
 void NanoMirror<Leaves>::Impl::publishChanges() {
   std::byte* const memory = arena_->inPlace();
@@ -218,7 +218,7 @@ void NanoMirror<Leaves>::Impl::stagePatches() {
         }
         list[n] = patch;
       }
-      // Where the words of a block lie depends on the threads; what the leaves become does not.
+      // The place of a block's words depends on the threads; the resulting leaves do not.
       const std::uint32_t place = words.fetch_add(words_here, std::memory_order_relaxed);
       std::byte* to = room.words + std::size_t{place} * kernels::wordBytes(Leaves::kPatch);
       for (std::uint32_t n = 0; n < block.count; ++n) {
@@ -243,9 +243,9 @@ void NanoMirror<Leaves>::Impl::publishLeaves() {
   };
   writeEach(leaves.size(), kHeadBytes, offsetOf, [&](std::size_t n, std::byte* to) {
     const std::array<std::int32_t, 3>& lower = topology_.lower(leaves[n].parent).origin_ijk;
-    const nanovdb::Coord local = nanovdb::NanoLower<bool>::OffsetToLocalCoord(leaves[n].entry);  // in leaves
+    const nanovdb::Coord local = nanovdb::NanoLower<bool>::OffsetToLocalCoord(leaves[n].entry);  // units: leaves
     const std::int32_t head[4] = {lower[0] + 8 * local[0], lower[1] + 8 * local[1], lower[2] + 8 * local[2], 0};
-    std::memcpy(to, head, sizeof(head));  // no box, no flag
+    std::memcpy(to, head, sizeof(head));  // without box and flags
   });
   publishChildren<typename Bytes::LowerData>(
       leaves, [&](std::uint32_t n) -> auto& { return topology_.lower(n); }, offsetOf);
@@ -263,7 +263,7 @@ void NanoMirror<Leaves>::Impl::publishNodes() {
   const auto upperAt = [&](std::size_t n) -> auto& {
     return topology_.upper(static_cast<std::uint32_t>(first_upper + n));
   };
-  // Only the origin: NanoVDB finds it in the lower corner of the box. The rest of fresh memory is zero already.
+  // Writes only the origin: NanoVDB reads it from the lower corner of the box. The rest of fresh memory is zero.
   const auto writeBoxes = [&](std::size_t count, std::size_t place, const auto& node_at) {
     writeEach(
         count, sizeof(nanovdb::CoordBBox), [&](std::size_t n) { return node_at(n).arena_offset + place; },

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Live NanoVDB mirrors of the map: one of the two facts that scoring needs (value bit = collides, active bit =
-/// arm_free), and one of its distances for whoever asks for it.
+/// arm_free), and an optional one of its distances.
 ///
 /// Built once, then patched leaf by leaf; never converted as a whole. Neither the grid nor any node ever moves. A voxel
 /// without a leaf reads as the background, inactive: for scoring that is false, tool free and arm blocked.
@@ -20,13 +20,13 @@ namespace accessvdb::internal {
 
 /// What the last `apply` did.
 struct MirrorTraffic {
-  std::uint64_t leaves_patched = 0;  ///< leaves that were there and came in a change
+  std::uint64_t leaves_patched = 0;  ///< existing leaves that were changed
   std::uint64_t leaves_added = 0;
-  std::uint64_t bytes_written = 0;  ///< to the arena
+  std::uint64_t bytes_written = 0;  ///< written to the arena
 };
 
 /// One writer, one thread. Readers must be ordered after the call that wrote (see MirrorArena).
-/// @tparam Leaves  what the leaves hold and how a change gets there: OccupancyLeaves, DistanceLeaves
+/// @tparam Leaves  what the leaves contain and how a change is applied: OccupancyLeaves, DistanceLeaves
 template <class Leaves>
 class NanoMirror {
  public:
@@ -35,10 +35,10 @@ class NanoMirror {
   static constexpr std::uint32_t kDefaultRootCapacity = 4096;
   static constexpr std::uint32_t kMaxRootCapacity = 65536;
 
-  /// An empty grid; index space to local frame is a scale by the voxel size.
+  /// An empty grid; index space maps to the local frame by the voxel size.
   /// @param arena          nothing committed yet; owned
   /// @param voxel_size_m   finite, > 0
-  /// @param root_capacity  most root tiles of 4096^3 voxels, 1 to kMaxRootCapacity; 32 B each are reserved
+  /// @param root_capacity  maximum number of root tiles of 4096^3 voxels, 1 to kMaxRootCapacity; 32 B each are reserved
   /// @throw InvalidArgument, ResourceLimit
   explicit NanoMirror(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m,
                       std::uint32_t root_capacity = kDefaultRootCapacity, Leaves leaves = {});
@@ -47,25 +47,25 @@ class NanoMirror {
   NanoMirror& operator=(const NanoMirror&) = delete;
 
   /// For each LeafChange: collides' = (collides | collides_on) & ~collides_off, arm_free' = (arm_free | arm_free_on) &
-  /// ~arm_free_off; a leaf is added when bits come on in it. For each DistanceChange: observed voxels of its rows
-  /// become active with their distance; a leaf is added when it has rows. A leaf may come more than once, at the cost
-  /// of a sort. All or nothing: after a ResourceLimit no bit has changed and the grid is as readable as before. After
-  /// an error of the device it is not known what was written, and every later call fails.
+  /// ~arm_free_off; a leaf is added when a bit is set in it. For each DistanceChange: observed voxels of its rows
+  /// become active with their distance; a leaf is added when it has rows. A leaf may occur more than once, at the cost
+  /// of a sort. All or nothing: after a ResourceLimit, no bit has changed and the grid is as readable as before. After
+  /// an error of the device it is unknown what was written, and every later call fails.
   /// @throw ResourceLimit  `map.root_tiles`, or the arena cannot grow
-  /// @throw InternalError  an origin that is no multiple of 8; an earlier call failed while it wrote
+  /// @throw InternalError  an origin that is not a multiple of 8; an earlier call failed while writing
   /// @throw DeviceError
   void apply(std::span<const Change> changes);
-  /// All parts as one call: one flush of the arena, however many parts.
+  /// All parts as one call: one flush of the arena for any number of parts.
   void applyParts(std::span<const std::span<const Change>> parts);
 
-  /// In the address space of the arena; constant for life.
+  /// In the arena's address space; constant for the mirror's lifetime.
   [[nodiscard]] const Grid* grid() const noexcept;
 
   [[nodiscard]] std::uint64_t leafCount() const noexcept;
   [[nodiscard]] std::uint32_t rootTileCount() const noexcept;
-  [[nodiscard]] std::uint64_t usedBytes() const noexcept;       ///< of the arena, handed out to nodes
-  [[nodiscard]] std::uint64_t committedBytes() const noexcept;  ///< of the arena
-  [[nodiscard]] std::uint64_t hostBytes() const noexcept;       ///< of the host's own copy of the topology
+  [[nodiscard]] std::uint64_t usedBytes() const noexcept;       ///< arena bytes handed out to nodes
+  [[nodiscard]] std::uint64_t committedBytes() const noexcept;  ///< committed by the arena
+  [[nodiscard]] std::uint64_t hostBytes() const noexcept;       ///< size of the host's own copy of the topology
   [[nodiscard]] const MirrorTraffic& lastTraffic() const noexcept;
 
  private:

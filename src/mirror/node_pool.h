@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Nodes by index that never move, in slabs of 2 MiB: in huge pages where the system grants them, as lookups go
-/// anywhere in them and would miss the TLB each time.
+/// Nodes by index that never move, in slabs of 2 MiB: in huge pages if the system grants them, because lookups are
+/// scattered over them and would miss the TLB each time.
 #pragma once
 
 #if defined(__linux__)
@@ -25,12 +25,12 @@ class NodePool {
   [[nodiscard]] std::uint32_t size() const noexcept { return size_; }
   [[nodiscard]] std::uint64_t bytes() const noexcept { return slabs_.size() * kSlabBytes; }
 
-  /// Afterwards one add() cannot fail. @throw std::bad_alloc
+  /// The next add() cannot fail. @throw std::bad_alloc
   void reserveOne() {
     if (size_ < slabs_.size() * kPerSlab) return;
     Slab slab(static_cast<std::byte*>(::operator new(kSlabBytes, kAlignment)));
 #if defined(__linux__) && defined(MADV_HUGEPAGE)
-    (void)madvise(slab.get(), kSlabBytes, MADV_HUGEPAGE);  // advice only: small pages work as well
+    (void)madvise(slab.get(), kSlabBytes, MADV_HUGEPAGE);  // a hint only: small pages work as well
 #endif
     slabs_.push_back(std::move(slab));
   }

@@ -27,7 +27,7 @@ struct OccupancyLeaves {
     }
     return any != 0;
   }
-  /// First `change`, then `next`, as one: (b | on) & ~off after (b | on') & ~off' is such a change again.
+  /// Combines `change` followed by `next`: (b | on) & ~off after (b | on') & ~off' is again such a change.
   static void append(LeafChange& change, const LeafChange& next) noexcept {
     const auto join = [](LeafBits& on, LeafBits& off, const LeafBits& next_on, const LeafBits& next_off) {
       for (std::size_t n = 0; n < on.size(); ++n) {
@@ -41,14 +41,14 @@ struct OccupancyLeaves {
 
   [[nodiscard]] static bool background() noexcept { return false; }
 
-  // What travels.
+  // What is sent.
   [[nodiscard]] static std::uint32_t maskOf(const LeafChange& change) noexcept { return kernels::maskOf(change); }
-  static void prefetchWords(const LeafChange& /*change*/) noexcept {}  // they are the change itself
+  static void prefetchWords(const LeafChange& /*change*/) noexcept {}  // the words are the change itself
   static std::byte* copyWords(const LeafChange& change, std::uint32_t mask, std::byte* to) noexcept {
     return reinterpret_cast<std::byte*>(kernels::copyWords(change, mask, reinterpret_cast<std::uint64_t*>(to)));
   }
 
-  // Where the leaf lies.
+  // Where the leaf is.
   static void prefetch([[maybe_unused]] const std::byte* leaf, const LeafChange& /*change*/) noexcept {
 #if defined(__GNUC__)
     for (std::size_t line = 0; line < 3; ++line) __builtin_prefetch(leaf + kernels::kLeafBitsBytes + 64 * line, 1);

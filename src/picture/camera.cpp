@@ -43,19 +43,19 @@ Camera cameraTowards(const io::RenderOptions& options, int scale) {
   const double length = options.view_W.norm();
   if (!(length > 0) || !std::isfinite(length)) {
     throw InvalidArgument("render.view", "--view", "the view direction is zero or not finite",
-                          "Give top, iso or X,Y,Z towards the viewer");
+                          "Use top, iso or X,Y,Z towards the viewer");
   }
   for (const int size : {options.width_px, options.height_px}) {
     if (!(size >= kMinSize_px && size <= kMaxSize_px)) {
       throw InvalidArgument("render.size", "", "a picture of " + std::to_string(size) + " pixels cannot be made",
-                            "Give 16 to 8192 pixels");
+                            "Use 16 to 8192 pixels");
     }
   }
   Camera camera;
   camera.width_px = options.width_px * scale;
   camera.height_px = options.height_px * scale;
   const Eigen::Vector3d towards = options.view_W / length;
-  // Seen from above or below there is no "up" in z: y is up then, as on a map.
+  // Seen from above or below, z gives no "up": y is up then, as on a map.
   const Eigen::Vector3d up_hint = std::abs(towards.z()) > 0.999 ? Eigen::Vector3d::UnitY() : Eigen::Vector3d::UnitZ();
   const Eigen::Vector3d right = up_hint.cross(towards).normalized();
   camera.R_V_W.row(0) = right;

@@ -29,8 +29,8 @@ struct Camera {
 /// @throws InvalidArgument for a zero or non-finite view direction or a size outside 16 .. 8192 pixels
 [[nodiscard]] Camera cameraTowards(const io::RenderOptions& options, int scale);
 
-/// Places the scene in the middle. Some points far away from all others do not shrink it: the box is that of the
-/// 1st to 99th percentile, unless all points fit into little more.
+/// Centres the scene. A few points far away from all others do not shrink it: the box is that of the
+/// 1st to 99th percentile, unless all points fit into a slightly larger one.
 /// @param points_V  view frame  @param margin  share of the picture left free on each side
 void frameScene(Camera& camera, const std::vector<Eigen::Vector3f>& points_V, double margin);
 

@@ -12,7 +12,7 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr float kEmpty = -std::numeric_limits<float>::infinity();
-// A disc seen edge-on would vanish: it is drawn as if tilted no further than this.
+// A disc seen edge-on would vanish: it is drawn as if tilted no more than this.
 constexpr double kMinFacing = 0.35;
 
 }  // namespace

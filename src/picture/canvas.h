@@ -20,11 +20,11 @@ class Canvas {
   void drawSplat(const Eigen::Vector3d& centre_px, const Eigen::Vector3f& normal_V, double radius_px, double px_per_m,
                  const Eigen::Vector3f& colour);
   void drawTriangle(const std::array<Eigen::Vector3d, 3>& corners_px, const Eigen::Vector3f& colour);
-  /// Line of a width in pixels, in depth with the rest, moved towards the viewer by `lift_m`.
+  /// Depth-tested line of a width in pixels, moved towards the viewer by `lift_m`.
   void drawLine(const Eigen::Vector3d& from_px, const Eigen::Vector3d& to_px, double width_px, double lift_m,
                 const Eigen::Vector3f& colour);
 
-  /// Darkens what lies behind its surroundings (eye-dome lighting): shape without normals.
+  /// Darkens what is behind its surroundings (eye-dome lighting): shows shape without normals.
   /// @param range_m  depth step that counts as one full step
   void shadeByDepth(double range_m, int distance_px, float strength);
 

@@ -9,7 +9,7 @@
 
 namespace accessvdb::internal {
 
-/// Pixels of one step of the font for a picture of this height.
+/// Pixels per font step for a picture of this height.
 [[nodiscard]] int textScale(int picture_height_px);
 [[nodiscard]] int textWidth(const std::string& text, int scale);
 [[nodiscard]] constexpr int textHeight(int scale) { return 7 * scale; }

@@ -42,14 +42,14 @@ void writePng(const std::filesystem::path& path, const RgbImage& image) {
   png.width = static_cast<png_uint_32>(image.width_px);
   png.height = static_cast<png_uint_32>(image.height_px);
   png.format = PNG_FORMAT_RGB;
-  // Through memory, so that libpng never touches the file and every write is ours to check.
+  // Encodes in memory, so that libpng never touches the file and we can check every write.
   std::vector<std::uint8_t> encoded(PNG_IMAGE_PNG_SIZE_MAX(png));
   png_alloc_size_t size = encoded.size();
   if (!png_image_write_to_memory(&png, encoded.data(), &size, 0, image.rgb.data(), 0, nullptr)) {
     const std::string why = png.message;
     png_image_free(&png);
     throw OutputError("output.png", path.string(), "the picture cannot be encoded (" + why + ")",
-                      "Ask for a smaller picture");
+                      "Use a smaller picture");
   }
   io::writeFileDurably(path, [&](std::ostream& stream) {
     stream.write(reinterpret_cast<const char*>(encoded.data()), static_cast<std::streamsize>(size));

@@ -8,7 +8,7 @@
 namespace accessvdb::sim {
 namespace {
 
-/// Away from a medial point the direction is v; on it any unit vector is as good as another.
+/// The direction of v; at a medial point, where v is zero, any unit vector will do.
 Eigen::Vector3d unitOr(const Eigen::Vector3d& v, const Eigen::Vector3d& fallback) {
   const double length = v.norm();
   return length > 0 ? Eigen::Vector3d(v / length) : fallback;

@@ -12,8 +12,8 @@
 namespace accessvdb::sim {
 namespace {
 
-/// Two thousandths of the finest voxel of the tables (1 mm): what is left of it in a range is far below float noise of
-/// the map, and the meshes stay below a million triangles.
+/// Two thousandths of the finest voxel of the tables (1 mm): its effect on a range is far below the map's float noise,
+/// and the meshes stay below a million triangles.
 constexpr double kTessellationError_m = 2e-6;
 constexpr double kSmallest_m = 1e-4, kLargest_m = 1000.0;
 
@@ -24,12 +24,12 @@ std::string formatted(const char* format, Values... values) {
   return text;
 }
 
-/// @throws InvalidArgument unless the length makes sense for a scene
+/// @throws InvalidArgument unless the length is sensible for a scene
 void requireLength(double length_m, const char* what) {
   if (length_m >= kSmallest_m && length_m <= kLargest_m) return;
   throw InvalidArgument("scene.size", what,
                         formatted("%g m is outside %g m .. %g m", length_m, kSmallest_m, kLargest_m),
-                        "Give a length in metres");
+                        "Use a length in metres");
 }
 
 Scene assemble(std::string name, std::string description, Tessellation surface,
@@ -92,14 +92,14 @@ Scene makeBox(const Eigen::Vector3d& size_m, const std::string& name) {
 
 Scene translated(Scene scene, const Eigen::Vector3d& offset_W) {
   if (!offset_W.allFinite() || offset_W.norm() > kLargest_m) {
-    throw InvalidArgument("scene.offset", scene.name, "the offset is not a length within a kilometre", "Give metres");
+    throw InvalidArgument("scene.offset", scene.name, "the offset is not within a kilometre", "Use metres");
   }
   double size_m = 0;
   for (Eigen::Vector3f& vertex_W : scene.mesh.vertices_W) {
     vertex_W = (vertex_W.cast<double>() + offset_W).cast<float>();
     size_m = std::max(size_m, static_cast<double>(vertex_W.cwiseAbs().maxCoeff()));
   }
-  scene.tessellation_error_m += std::sqrt(3.0) * 0.5 * 0x1p-23 * size_m;  // rounded to float once more
+  scene.tessellation_error_m += std::sqrt(3.0) * 0.5 * 0x1p-23 * size_m;  // rounded to float again
   if (scene.distance) scene.distance = std::make_shared<TranslatedDistance>(scene.distance, offset_W);
   scene.centre_W += offset_W;
   scene.description += formatted(", moved by (%.9g, %.9g, %.9g) m", offset_W.x(), offset_W.y(), offset_W.z());

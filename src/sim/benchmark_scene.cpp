@@ -27,14 +27,14 @@ Helix around(double radius_m, double height_m, double azimuth_begin_rad, double 
   return shape;
 }
 
-/// One side of the object only: to and fro as often as the torus is circled (docs/PAPER.md, "Scenes").
+/// Only one side of the object: back and forth as often as the torus is circled (docs/PAPER.md, "Scenes").
 Helix beside(double radius_m, double height_m, double azimuth_rad) {
   Helix shape = around(radius_m, height_m, -azimuth_rad, azimuth_rad);
   shape.sweeps = 7;
   return shape;
 }
 
-/// The torus' view, so that the thinness of the tube is the only difference; so is the major radius.
+/// The torus' view and major radius, so that the thinness of the tube is the only difference.
 BenchmarkScene ring(double voxel_size_m) {
   if (!(voxel_size_m > 0) || !(1.5 * voxel_size_m < 0.06)) {
     throw InvalidArgument("sim.ring", "--voxel",

@@ -12,7 +12,7 @@
 
 namespace accessvdb::sim {
 
-/// A scene and how it is looked at.
+/// A scene and its viewpoints.
 struct BenchmarkScene {
   Scene scene;
   Helix path;             ///< what the trajectory follows
@@ -21,10 +21,10 @@ struct BenchmarkScene {
 };
 
 /// "torus", "sphere_a", "sphere_b", "box", "wall", "ring" (thin: tube radius 1.5 v), or "unseen_1" .. "unseen_6",
-/// which are drawn from a fixed seed: no constant of the method was chosen by looking at them.
+/// which are drawn from a fixed seed: no constant of the method was chosen from them.
 /// @param voxel_size_m  only the ring depends on it
 /// @param frames        0 = as in docs/PAPER.md; else the same path with that many frames
-/// @throws InvalidArgument naming the known ones; UnusableInput for fewer than no frames
+/// @throws InvalidArgument naming the known ones; UnusableInput for a negative number of frames
 [[nodiscard]] BenchmarkScene benchmarkScene(const std::string& name, double voxel_size_m, int frames = 0);
 [[nodiscard]] std::vector<std::string> benchmarkSceneNames();
 

@@ -13,7 +13,7 @@
 namespace accessvdb::sim {
 namespace {
 
-/// For each vertex the lowest index among those at the same place.
+/// For each vertex, the lowest index among those at the same position.
 std::vector<std::uint32_t> weld(const std::vector<Eigen::Vector3f>& vertices) {
   std::vector<std::uint32_t> order(vertices.size());
   std::iota(order.begin(), order.end(), 0u);
@@ -29,7 +29,7 @@ std::vector<std::uint32_t> weld(const std::vector<Eigen::Vector3f>& vertices) {
   return first;
 }
 
-/// For each vertex (welded) the lowest vertex of its part.
+/// For each (welded) vertex, the lowest vertex of its part.
 std::vector<std::uint32_t> parts(const TriangleMesh& mesh, const std::vector<std::uint32_t>& welded) {
   std::vector<std::uint32_t> parent = welded;
   const auto root = [&](std::uint32_t v) {
@@ -58,7 +58,7 @@ std::string whyNotClosed(const TriangleMesh& mesh) {
     if (!vertex.allFinite()) return "the mesh has vertices that are not finite";
   for (const auto& t : mesh.triangles)
     for (const std::uint32_t index : t)
-      if (index >= mesh.vertices_W.size()) return "the mesh has triangles with vertices that it lacks";
+      if (index >= mesh.vertices_W.size()) return "the mesh has triangles with missing vertices";
 
   const std::vector<std::uint32_t> welded = weld(mesh.vertices_W);
   std::vector<Edge> edges;
@@ -80,7 +80,7 @@ std::string whyNotClosed(const TriangleMesh& mesh) {
     if (turns != 0) ((end - begin) % 2 == 1 ? open : flipped) += 1;
     begin = end;
   }
-  if (open > 0) return "the mesh is not closed: " + std::to_string(open) + " edges belong to one triangle only";
+  if (open > 0) return "the mesh is not closed: " + std::to_string(open) + " edges belong to only one triangle";
   if (flipped > 0)
     return "the mesh has flipped triangles: " + std::to_string(flipped) + " edges run the same way twice";
   return {};
@@ -93,7 +93,7 @@ std::vector<std::uint32_t> insideOutCandidates(const TriangleMesh& mesh) {
   for (std::uint32_t n = 0; n < mesh.triangles.size(); ++n) {
     const auto& t = mesh.triangles[n];
     const std::uint32_t id = part[t[0]];
-    const Eigen::Vector3d base = mesh.vertices_W[id].cast<double>();  // near the part: no cancellation
+    const Eigen::Vector3d base = mesh.vertices_W[id].cast<double>();  // near the part, to avoid cancellation
     volume_m3[id] +=
         (mesh.vertices_W[t[0]].cast<double>() - base)
             .dot((mesh.vertices_W[t[1]].cast<double>() - base).cross(mesh.vertices_W[t[2]].cast<double>() - base));

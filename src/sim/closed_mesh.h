@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Does a mesh have an inside?
+/// Whether a mesh has an inside.
 #pragma once
 
 #include <cstdint>
@@ -11,15 +11,15 @@
 
 namespace accessvdb::sim {
 
-/// Empty where every edge is walked as often in one direction as in the other, which is when the winding number is the
-/// same along every ray; else what is wrong, in words. Vertices at the same place are one, whatever their indices.
+/// Empty if every edge is traversed equally often in both directions, so that the winding number is the same along
+/// every ray; else what is wrong, in words. Vertices at the same position count as one, whatever their indices.
 [[nodiscard]] std::string whyNotClosed(const TriangleMesh& mesh);
 
-/// Of a closed mesh: one triangle (its largest) of each part, connected over edges, whose signed volume is not
+/// For a closed mesh: one triangle (the largest) of each part, connected over edges, whose signed volume is not
 /// positive.
 [[nodiscard]] std::vector<std::uint32_t> insideOutCandidates(const TriangleMesh& mesh);
 
-/// Number of parts that are connected over vertices at the same place.
+/// Number of parts, connected over vertices at the same position.
 [[nodiscard]] std::uint32_t partCount(const TriangleMesh& mesh);
 
 }  // namespace accessvdb::sim

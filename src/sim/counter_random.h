@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Random numbers by hashing a counter, the same on every machine and in any order of use; the standard distributions
+/// Random numbers by hashing a counter, the same on every machine and in any order; the standard distributions
 /// promise neither.
 #pragma once
 
@@ -19,8 +19,8 @@ constexpr std::uint64_t mixBits(std::uint64_t x) {
   return x ^ (x >> 31);
 }
 
-/// The stream of one key, for example (seed, frame, ray): streams of different keys are independent of each other, so
-/// that no ray depends on how many numbers another one drew.
+/// The stream of one key, for example (seed, frame, ray): streams of different keys are independent, so no ray depends
+/// on how many numbers another one drew.
 class CounterRandom {
  public:
   explicit constexpr CounterRandom(std::initializer_list<std::uint64_t> key) {

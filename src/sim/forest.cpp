@@ -21,7 +21,7 @@ constexpr double kTurn = 2 * std::numbers::pi, kDegree = std::numbers::pi / 180;
 constexpr double kRow_m = 6.0, kInRow_m = 3.2, kJitter_m = 0.4;  // trees in rows at y = +-3, +-9, ...
 constexpr double kPatch_m = 2.6;                                 // undergrowth on a grid
 constexpr double kBareShare = 0.3;                               // of that grid
-/// Crowns must leave the lane free: a tree's longest branch is 0.23 of its height (sim/pine_skeleton.cpp).
+/// Heights such that crowns leave the lane free: a tree's longest branch is 0.23 of its height (sim/pine_skeleton.cpp).
 constexpr double kTreeHeights_m[] = {9.0, 10.0, 11.0, 8.5};
 constexpr int kUndergrowthKinds = 4;
 constexpr double kFlightHeight_m = 2.2;  // above the mean ground; undergrowth reaches 1.4 at most
@@ -33,10 +33,10 @@ enum Stream : std::uint64_t { kTreeStream = 1, kPatchStream = 2 };
 
 Forest makeForest(const ForestParams& params) {
   if (!(params.path_length_m > 0 && params.path_length_m <= 10'000)) {
-    throw InvalidArgument("sim.forest", "path length", "must lie above 0 and up to 10 km", "Ask for fewer frames");
+    throw InvalidArgument("sim.forest", "path length", "must be above 0 and at most 10 km", "Use fewer frames");
   }
   if (!(params.view_m >= 1 && params.view_m <= 200)) {
-    throw InvalidArgument("sim.forest", "--max-range", "must lie in 1 .. 200 m in a forest", "Use for example 30");
+    throw InvalidArgument("sim.forest", "--max-range", "must be in 1 .. 200 m in a forest", "Use for example 30");
   }
   Forest forest;
   constexpr std::size_t kPines = std::size(kTreeHeights_m), kMeshes = kPines + kUndergrowthKinds + 1;
@@ -104,7 +104,7 @@ Trajectory forestFlight(double speed_m_s, double frame_period_s, int frames) {
   if (!(step_m > 0) || !(frame_period_s > 0) || !std::isfinite(step_m)) {
     throw InvalidArgument("sim.forest", "flight", "its speed or frame period is not positive", "Use for example 1 m/s");
   }
-  // A straight walk checks the number of frames; where a frame is depends on its number alone, so that a longer flight
+  // A straight walk checks the number of frames; a frame's position depends only on its number, so that a longer flight
   // begins with the shorter one.
   Trajectory path = walk({0, 0, 0}, {1, 0, 0}, kNoseDown_rad, frames);
   for (std::size_t n = 0; n < path.size(); ++n) {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A planted forest of pines and a flight along one of its lanes, for benchmarks: as long as wanted, never the same
+/// A planted forest of pines and a flight along one of its lanes, for benchmarks: of any length, never the same
 /// place twice. What it is made of: docs/benchmarks/README.md.
 #pragma once
 
@@ -15,13 +15,13 @@
 namespace accessvdb::sim {
 
 struct ForestParams {
-  double path_length_m = 60;   ///< of the flight: along +x from the origin, in the middle of a lane
-  double view_m = 30;          ///< how far the forest goes on around the path; the sensor's range
+  double path_length_m = 60;   ///< length of the flight: along +x from the origin, in the middle of a lane
+  double view_m = 30;          ///< how far the forest extends around the path; the sensor's range
   double solid_foliage_m = 0;  ///< as in makePineMesh()
   std::uint64_t seed = 1;
 };
 
-/// Pines in rows along x, ground, undergrowth. There is no exact distance: nobody asks it for the truth.
+/// Pines in rows along x, ground, undergrowth. There is no exact distance: no ground truth is needed.
 struct Forest {
   std::vector<TriangleMesh> meshes;  ///< each in its own frame
   std::vector<PlacedMesh> placed;
@@ -29,8 +29,8 @@ struct Forest {
   std::string description;  ///< one line
 };
 
-/// The same parameters give the same bytes. @throws InvalidArgument unless 0 < path_length_m <= 10 km, 1 <= view_m <=
-/// 200
+/// The same parameters give the same bytes. @throws InvalidArgument unless 0 < path_length_m <= 10 km and
+/// 1 <= view_m <= 200
 [[nodiscard]] Forest makeForest(const ForestParams& params);
 
 /// A flight at walking pace along the lane: it sways as a drone does, no two poses are at the same place.

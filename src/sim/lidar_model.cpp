@@ -13,7 +13,7 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr double kMid360Lowest_rad = -7 * kDegree, kMid360Highest_rad = 52 * kDegree;
-/// 45 degrees of 64 rings about the horizon, as Ouster's OS1-64 has them.
+/// 64 rings over 45 degrees around the horizon, as in Ouster's OS1-64.
 constexpr double kSpinningHighest_rad = 22.5 * kDegree;
 constexpr int kRings = 64, kColumns = 1024;
 
@@ -48,17 +48,17 @@ void LidarModel::validate() const {
     refuse("rays per frame", "is outside 1 .. 10 000 000", "Choose a number of rays in between");
   }
   if (pattern == Pattern::Spinning && rays_per_frame != kRings * kColumns) {
-    refuse("rays per frame", "the spinning sensor has 64 x 1024 rays", "Leave them as they are");
+    refuse("rays per frame", "the spinning sensor has 64 x 1024 rays", "Do not change them");
   }
   if (!(frame_period_s > 0) || !std::isfinite(frame_period_s)) {
-    refuse("frame period", "is not a positive time", "Give seconds");
+    refuse("frame period", "is not a positive time", "Use seconds");
   }
   if (!(range_noise_m >= 0) || !(range_noise_m <= 10)) {
-    refuse("--range-noise", "is outside 0 .. 10 m", "Give the standard deviation in metres");
+    refuse("--range-noise", "is outside 0 .. 10 m", "Use a standard deviation in metres");
   }
-  if (!(dropout >= 0) || !(dropout <= 1)) refuse("--dropout", "is outside 0 .. 1", "Give a share such as 0.1");
+  if (!(dropout >= 0) || !(dropout <= 1)) refuse("--dropout", "is outside 0 .. 1", "Use a share such as 0.1");
   if (!(min_range_m >= 0) || !(max_range_m > min_range_m)) {
-    refuse("--max-range", "is not above the shortest range", "Give a range in metres");
+    refuse("--max-range", "is not above the shortest range", "Use a range in metres");
   }
 }
 
@@ -69,7 +69,7 @@ Eigen::Vector3f rayDirection_S(const LidarModel& model, std::uint64_t frame, int
     const double elevation = -kSpinningHighest_rad + 2 * kSpinningHighest_rad * ring / (kRings - 1);
     return unitVector(2 * std::numbers::pi * column / kColumns, elevation);
   }
-  // From 1: element 0 of the sequence is a corner in every base.
+  // Starts at 1: element 0 of the sequence is a corner in every base.
   const std::uint64_t index =
       frame * static_cast<std::uint64_t>(model.rays_per_frame) + static_cast<std::uint64_t>(ray) + 1;
   const double azimuth = 2 * std::numbers::pi * radicalInverse<2>(index);

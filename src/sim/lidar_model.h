@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a sensor does: where its rays go, and what becomes of their ranges.
+/// What a sensor does: where its rays go, and how it reports their ranges.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,7 +12,7 @@ namespace accessvdb::sim {
 
 struct LidarModel {
   enum class Pattern {
-    Mid360,   ///< 360 x [-7, 52] degrees, Halton(2,3) that goes on from frame to frame
+    Mid360,   ///< 360 x [-7, 52] degrees, Halton(2,3) continuing from frame to frame
     Spinning  ///< 64 rings of 1024, +-22.5 degrees, the same rays in every frame
   };
   Pattern pattern = Pattern::Mid360;
@@ -25,7 +25,7 @@ struct LidarModel {
 
   /// "mid360" or "spinning". @throws InvalidArgument
   static LidarModel named(const std::string& name);
-  /// The middle of what it sees between its lowest and highest ray; trajectories hold the object there.
+  /// The middle between its lowest and highest ray; trajectories keep the object there.
   [[nodiscard]] double middleElevation_rad() const;
   /// @throws InvalidArgument naming the field
   void validate() const;

@@ -20,29 +20,29 @@ namespace accessvdb::sim {
 namespace {
 
 /// Float coordinates, float rays and float boxes are off by a few units in the last place (2^-24 = 6e-8 of the largest
-/// coordinate, seen from the middle of the mesh); eight of them are safely more than that.
+/// coordinate, measured from the middle of the mesh); eight of them are safely more than that.
 constexpr double kFloatRounding = 5e-7;
 
-/// Directions of the inside test. Exact in float, none near an axis, a face or a space diagonal, so that meshes laid
-/// out along those are not grazed; the next one is tried when a ray comes too near to an edge to be counted.
+/// Directions of the inside test. Exact in float, none near an axis, a face or a space diagonal, so that meshes aligned
+/// with those are not grazed; the next one is tried if a ray comes too near to an edge to be counted.
 const std::array<Eigen::Vector3f, 8> kDirections = {
     Eigen::Vector3f(0.8125f, 0.421875f, 0.265625f),    Eigen::Vector3f(-0.71875f, 0.578125f, 0.328125f),
     Eigen::Vector3f(-0.453125f, -0.796875f, 0.34375f), Eigen::Vector3f(0.640625f, -0.671875f, 0.296875f),
     Eigen::Vector3f(0.234375f, 0.359375f, 0.90625f),   Eigen::Vector3f(0.390625f, 0.765625f, -0.515625f),
     Eigen::Vector3f(-0.859375f, 0.15625f, -0.421875f), Eigen::Vector3f(0.171875f, -0.890625f, 0.46875f)};
 
-/// What a closest-point query carries along.
+/// State of a closest-point query.
 struct Nearest {
   const TriangleMesh* mesh;
   Eigen::Vector3d p_W;
-  double slack_m;       ///< triangles up to this much farther than the best are still looked at
-  double distance2_m2;  ///< of the best so far
+  double slack_m;       ///< triangles up to this much farther than the best are still examined
+  double distance2_m2;  ///< squared distance of the best so far
   Eigen::Vector3d best_W;
   std::uint32_t triangle;
-  std::vector<std::uint32_t>* touching;  ///< every triangle looked at within the slack, or null
+  std::vector<std::uint32_t>* touching;  ///< every triangle examined within the slack, or null
 };
 
-/// What an inside test carries along; Embree hands the context back to the filter.
+/// State of an inside test; Embree passes the context to the filter.
 struct Crossings {
   RayContext context;  // first: the filter gets a pointer to it
   const TriangleMesh* mesh;
@@ -52,10 +52,10 @@ struct Crossings {
   bool near_edge;
 };
 
-/// Counts the hit and goes on. Everything is computed anew in double: Embree only proposes triangles.
+/// Counts the hit and continues. Everything is recomputed in double: Embree only proposes triangles.
 void countCrossing(const RTCFilterFunctionNArguments* arguments) {
   auto& crossings = *reinterpret_cast<Crossings*>(arguments->context);
-  arguments->valid[0] = 0;  // never the last one
+  arguments->valid[0] = 0;  // rejected, so that the ray continues
   const std::uint32_t id = RTCHitN_primID(arguments->hit, 1, 0);
   const auto& triangle = crossings.mesh->triangles[id];
   const auto vertex = [&](int k) -> Eigen::Vector3d {
@@ -76,7 +76,7 @@ void countCrossing(const RTCFilterFunctionNArguments* arguments) {
     }
     (area > 0 ? positive : negative) += 1;
   }
-  if (positive > 0 && negative > 0) return;  // the ray passes beside the triangle
+  if (positive > 0 && negative > 0) return;  // the ray misses the triangle
   const Eigen::Vector3d normal = (corner[1] - corner[0]).cross(corner[2] - corner[0]);
   const double facing = direction.dot(normal);
   if (corner[0].dot(normal) * facing < 0) return;  // behind the point
@@ -88,7 +88,7 @@ bool visitTriangle(RTCPointQueryFunctionArguments* arguments) {
   const Eigen::Vector3d found = nearestOnTriangle(*nearest.mesh, arguments->primID, nearest.p_W);
   const double distance2_m2 = (found - nearest.p_W).squaredNorm();
   if (nearest.touching) nearest.touching->push_back(arguments->primID);
-  // Ties go to the lower triangle, so that the answer does not depend on the order of the tree.
+  // Ties go to the lower triangle index, so that the answer does not depend on the tree's order.
   if (!(distance2_m2 < nearest.distance2_m2 ||
         (distance2_m2 == nearest.distance2_m2 && arguments->primID < nearest.triangle)))
     return false;
@@ -112,7 +112,7 @@ class MeshDistance final : public SignedDistance {
     scene_ = rtcNewScene(device_);
     rtcSetSceneFlags(scene_, RTC_SCENE_FLAG_ROBUST);  // a ray through a shared edge hits at least one of the two
     const RTCGeometry geometry = rtcNewGeometry(device_, RTC_GEOMETRY_TYPE_TRIANGLE);
-    // Embree reads 16 bytes a vertex: its own buffer, with room behind the last one.
+    // Embree reads 16 bytes per vertex: uses its own buffer, with room after the last one.
     auto* vertices = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                                                  3 * sizeof(float), mesh_.vertices_W.size()));
     auto* indices = static_cast<std::uint32_t*>(rtcSetNewGeometryBuffer(
@@ -157,7 +157,7 @@ class MeshDistance final : public SignedDistance {
     const Nearest found = nearest(p_W, kAnywhere, 2 * rounding_m_, &touching);
     const Eigen::Vector3d away = p_W - found.best_W;
     if (away.norm() > 4 * rounding_m_) return away.normalized() * (winding(p_W) > 0 ? -1.0 : 1.0);
-    // On the surface: of the triangles that meet there, each by the angle that it fills, which no tessellation changes.
+    // On the surface: weights the triangles that meet there by their angle, independently of the tessellation.
     std::sort(touching.begin(), touching.end());
     Eigen::Vector3d sum = Eigen::Vector3d::Zero();
     for (const std::uint32_t triangle : touching) {
@@ -170,10 +170,10 @@ class MeshDistance final : public SignedDistance {
 
   double errorBound_m() const override { return 0; }
 
-  /// Signed crossings of a ray, so that overlapping parts count each.
+  /// Signed crossings of a ray, so that each overlapping part counts.
   int winding(const Eigen::Vector3d& p_W) const {
     if (!box_W_.contains(p_W)) return 0;
-    // The shortest way out of the box first: it meets the fewest triangles.
+    // Tries the shortest way out of the box first: it meets the fewest triangles.
     std::array<std::size_t, kDirections.size()> order;
     std::array<double, kDirections.size()> exit_m;
     for (std::size_t n = 0; n < kDirections.size(); ++n) {
@@ -189,13 +189,13 @@ class MeshDistance final : public SignedDistance {
       const int count = crossings(p_W, kDirections[n], near_edge);
       if (!near_edge) return count;
     }
-    return solidAngle(p_W);  // every ray met an edge: rare, slow, and sure
+    return solidAngle(p_W);  // every ray met an edge: rare and slow, but certain
   }
 
  private:
   static constexpr double kAnywhere = std::numeric_limits<double>::infinity();
 
-  /// The winding number without rays: what the triangles cover of a sphere around the point, in full spheres.
+  /// The winding number without rays: the solid angle of the triangles around the point, in full spheres.
   /// A. van Oosterom, J. Strackee, "The Solid Angle of a Plane Triangle" (1983).
   int solidAngle(const Eigen::Vector3d& p_W) const {
     double sum = 0;
@@ -209,7 +209,7 @@ class MeshDistance final : public SignedDistance {
     return int(std::lround(sum / (2 * std::numbers::pi)));
   }
 
-  /// As Embree sees it: from the middle of the mesh, so that no place of a float is lost to where the mesh stands.
+  /// Embree's coordinates: relative to the middle of the mesh, so that its position costs no float precision.
   Eigen::Vector3f local(const Eigen::Vector3d& p_W) const { return (p_W - middle_W_).cast<float>(); }
 
   void release() {
@@ -217,10 +217,10 @@ class MeshDistance final : public SignedDistance {
     if (device_) rtcReleaseDevice(device_);
   }
 
-  /// @param within_m  nothing farther than this is found  @param slack_m  see Nearest
+  /// @param within_m  search radius  @param slack_m  see Nearest
   Nearest nearest(const Eigen::Vector3d& p_W, double within_m, double slack_m,
                   std::vector<std::uint32_t>* touching) const {
-    // Embree culls by a float point: what it may lose by rounding is added to the radius.
+    // Embree culls with a float point: its rounding error is added to the radius.
     const double rounding_m = rounding_m_ + kFloatRounding * (p_W - middle_W_).norm();
     Nearest state{&mesh_, p_W, slack_m + rounding_m, kAnywhere, p_W, 0, touching};
     RTCPointQuery query;
@@ -245,7 +245,7 @@ class MeshDistance final : public SignedDistance {
     state.edge_margin_m = 2 * rounding_m_;
     state.winding = 0;
     state.near_edge = false;
-    // Begins a little behind the point, so that rounding loses no surface right in front of it.
+    // Starts slightly behind the point, so that rounding does not miss a surface right in front of it.
     const Eigen::Vector3f begin = local(p_W - 16 * rounding_m_ * state.direction);
     RTCRay ray;
     ray.org_x = begin.x();
@@ -280,8 +280,8 @@ std::shared_ptr<const SignedDistance> makeMeshDistance(const TriangleMesh& mesh,
   if (!why_not.empty()) return nullptr;
   auto distance = std::make_shared<const MeshDistance>(mesh);
   for (const std::uint32_t triangle : insideOutCandidates(mesh)) {
-    // A part whose volume is negative is a cavity where it lies inside another part, else it is turned inside out: then
-    // a ray from just outside of its surface counts below zero.
+    // A part with negative volume is a cavity if it is inside another part; otherwise it is inside out: then a ray from
+    // just outside its surface counts below zero.
     const auto& t = mesh.triangles[triangle];
     const Eigen::Vector3d centre_W =
         (mesh.vertices_W[t[0]] + mesh.vertices_W[t[1]] + mesh.vertices_W[t[2]]).cast<double>() / 3;

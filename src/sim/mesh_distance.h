@@ -12,8 +12,8 @@
 namespace accessvdb::sim {
 
 /// Inside = inside any closed part (winding number above 0), so that parts may overlap.
-/// @param why_not  filled with what is wrong, in words, where null is returned: edges without a partner, flipped
-///                 triangles, nothing at all
+/// @param why_not  filled with what is wrong, in words, if null is returned: edges without a partner, flipped
+///                 triangles, an empty mesh
 [[nodiscard]] std::shared_ptr<const SignedDistance> makeMeshDistance(const TriangleMesh& mesh, std::string& why_not);
 
 }  // namespace accessvdb::sim

@@ -11,7 +11,7 @@
 
 namespace accessvdb::sim {
 
-static_assert(std::endian::native == std::endian::little, "written as it lies in memory");
+static_assert(std::endian::native == std::endian::little, "written directly from memory");
 static_assert(sizeof(Eigen::Vector3f) == 12, "a vertex is three packed floats");
 
 void writeMeshPly(const std::filesystem::path& path, const TriangleMesh& mesh) {

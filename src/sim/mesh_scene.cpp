@@ -18,7 +18,7 @@ void replaceAll(std::string& text, const std::string& from, const std::string& t
   }
 }
 
-/// The reader speaks of a tool, because that is what it mostly reads; here the same problem is one of a scene.
+/// The reader's messages speak of a tool, its usual input; here the problem is in a scene.
 [[noreturn]] void rethrowAsScene(const Error& error) {
   std::string id = error.id(), problem = error.problem(), advice = error.advice();
   if (id.starts_with("tool.")) id.replace(0, 4, "scene");
@@ -54,7 +54,7 @@ ToolGeometry readMesh(const std::filesystem::path& path, std::optional<LengthUni
 }  // namespace
 
 Scene makeMeshScene(const std::filesystem::path& path, std::optional<LengthUnit> unit) {
-  const ToolGeometry mesh = readMesh(path, unit);  // tip at the file's origin, axes as they are: the mesh unmoved
+  const ToolGeometry mesh = readMesh(path, unit);  // tip at the file's origin, axes unchanged: the mesh does not move
   Scene scene;
   scene.name = "mesh";
   scene.mesh = {mesh.vertices_T(), mesh.triangles()};
@@ -65,7 +65,7 @@ Scene makeMeshScene(const std::filesystem::path& path, std::optional<LengthUnit>
                 static_cast<double>(size_m.x()), static_cast<double>(size_m.y()), static_cast<double>(size_m.z()));
   scene.description = "mesh " + mesh.name() + text + mesh.sha256();
   for (const std::string& note : mesh.notes()) {
-    // Repairs matter here too; where a tool's tip is does not.
+    // Repairs matter here too; the tool's tip does not.
     if (note.find("tool") == std::string::npos) scene.description += "; " + note;
   }
 

@@ -49,7 +49,7 @@ Eigen::Vector3d nearestOnTriangle(const TriangleMesh& mesh, std::uint32_t triang
   const double sum = a + b + c;
   if (sum > 0) return corner[0] + b / sum * ab + c / sum * ac;
 
-  // No area: the nearest of its edges.
+  // No area: uses the nearest of its edges.
   Eigen::Vector3d best = corner[0];
   for (std::size_t k = 0; k < 3; ++k) {
     const Eigen::Vector3d on_edge = nearestOnSegment(corner[k], corner[(k + 1) % 3], p_W);
@@ -60,7 +60,7 @@ Eigen::Vector3d nearestOnTriangle(const TriangleMesh& mesh, std::uint32_t triang
 
 Eigen::Vector3d triangleNormal(const TriangleMesh& mesh, std::uint32_t triangle) {
   const Corners corner = corners(mesh, triangle);
-  return (corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized();  // Eigen leaves zero as it is
+  return (corner[1] - corner[0]).cross(corner[2] - corner[0]).normalized();  // Eigen leaves zero unchanged
 }
 
 double triangleArea(const TriangleMesh& mesh, std::uint32_t triangle) {

@@ -19,7 +19,7 @@ namespace accessvdb::sim {
 [[nodiscard]] double triangleArea(const TriangleMesh& mesh, std::uint32_t triangle);
 
 /// Angle that a triangle fills around one of its points: 2 pi inside, pi on an edge, its corner's angle at a corner.
-/// @param near_m  a corner or edge nearer than this counts as reached
+/// @param near_m  a corner or edge closer than this counts as reached
 [[nodiscard]] double angleFilled(const TriangleMesh& mesh, std::uint32_t triangle, const Eigen::Vector3d& point_W,
                                  double near_m);
 

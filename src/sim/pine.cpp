@@ -13,7 +13,7 @@
 namespace accessvdb::sim {
 namespace {
 
-/// A tenth of the voxel that the paper uses for its tree: nothing that a map at 10 mm could see.
+/// A tenth of the voxel that the paper uses for its tree: invisible to a map at 10 mm.
 constexpr double kChordError_m = 0.001;
 
 TriangleMesh tessellate(const PineSkeleton& tree, double shoot_chord_error_m = kChordError_m) {
@@ -35,7 +35,7 @@ TriangleMesh makePineMesh(const PineParams& params, double solid_foliage_m) {
     shoot.radius_a_m = std::max(shoot.radius_a_m, 0.5 * solid_foliage_m);
     shoot.radius_b_m = std::max(shoot.radius_b_m, solid_foliage_m);
   }
-  // Nobody knows where the surface of such a body is: a fifth of its radius is fine enough.
+  // The surface of such a body is not well defined: a fifth of its radius is fine enough.
   return tessellate(tree, std::max(kChordError_m, 0.2 * solid_foliage_m));
 }
 

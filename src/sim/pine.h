@@ -9,15 +9,15 @@
 
 namespace accessvdb::sim {
 
-/// Every number with its source in docs/PAPER.md, "The pine".
+/// Every number and its source: docs/PAPER.md, "The pine".
 struct PineParams {
   double height_m = 12.0;
   std::uint64_t seed = 1;
 };
 
-/// The mesh of makePine() alone, without the exact distance, which takes longer.
-/// @param solid_foliage_m  0 = needles as they are; else every shoot is a solid body of this radius in their place, as
-///                         a beam wider than the gaps between needles meets it
+/// Only the mesh of makePine(), without the exact distance, which takes longer.
+/// @param solid_foliage_m  0 = individual needles; else every shoot is a solid body of this radius instead, as seen by
+///                         a beam wider than the gaps between needles
 [[nodiscard]] TriangleMesh makePineMesh(const PineParams& params, double solid_foliage_m = 0);
 
 /// A mature tree standing at the origin, z up: trunk with taper, whorls of branches, secondary branches, needle shoots.

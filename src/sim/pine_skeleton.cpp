@@ -17,7 +17,7 @@ using Eigen::Vector3d;
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-// Every number with its source in docs/PAPER.md, "The pine". Lengths are metres, or shares of the height.
+// Every number and its source: docs/PAPER.md, "The pine". Lengths are metres, or shares of the height.
 constexpr double kBreastHeight = 1.3;
 constexpr double kDiameterPerHeight = 0.018;
 constexpr double kTaperPower = 0.8;
@@ -25,7 +25,7 @@ constexpr double kTipRadius = 0.004;
 constexpr double kSweepPerHeight = 0.01;
 constexpr double kCrownBase = 0.10;                           // of the height
 constexpr double kInternode = 0.55, kInternodeShrink = 0.45;  // at the ground; share lost towards the top
-constexpr int kBranchesMin = 4, kBranchesMax = 7;             // a whorl
+constexpr int kBranchesMin = 4, kBranchesMax = 7;             // per whorl
 constexpr double kInsertionLow = 75 * kDegree, kInsertionTop = 40 * kDegree, kInsertionSpread = 8 * kDegree;
 constexpr double kCrownRadius = 0.20;  // of the height: the longest branch
 constexpr double kCrownPower = 0.7;
@@ -33,7 +33,7 @@ constexpr double kBranchUpturn = 25 * kDegree;
 constexpr double kBranchBaseRadius = 0.002, kBranchRadiusPerLength = 0.007;
 constexpr double kBranchTipRadius = 0.0035;
 constexpr double kTwigSpacing = 0.28, kTwigsBegin = 0.25;  // along the branch; share of it that is bare
-constexpr int kTwigsMin = 2, kTwigsMax = 4;                // a node
+constexpr int kTwigsMin = 2, kTwigsMax = 4;                // per node
 constexpr double kTwigAngleMin = 42 * kDegree, kTwigAngleMax = 62 * kDegree;
 constexpr double kTwigLengthShare = 0.45, kTwigLengthBase = 0.15;
 constexpr double kTwigRadiusPerLength = 0.006, kTwigTipRadius = 0.003;
@@ -48,7 +48,7 @@ constexpr double kNeedleAngleMin = 30 * kDegree, kNeedleAngleMax = 60 * kDegree;
 constexpr double kNeedleRadius = 0.0015, kNeedleTipRadius = 0.0002;
 constexpr double kGoldenAngle = 137.50776405003785 * kDegree;
 
-/// splitmix64 (public domain, S. Vigna). The standard's distributions differ between standard libraries; this does not.
+/// splitmix64 (public domain, S. Vigna). The standard distributions differ between libraries; this does not.
 struct Generator {
   std::uint64_t state;
 
@@ -62,7 +62,7 @@ struct Generator {
   int whole(int low, int high) { return std::min(high, low + int(uniform() * (high - low + 1))); }
 };
 
-/// A unit vector at an angle from `axis`, turned around it by `azimuth_rad` (0 = upwards where the axis lies flat).
+/// A unit vector at an angle from `axis`, rotated around it by `azimuth_rad` (0 = upwards for a horizontal axis).
 Vector3d tilted(const Vector3d& axis, double angle_rad, double azimuth_rad) {
   const Vector3d side =
       (std::abs(axis.z()) < 0.99 ? axis.cross(Vector3d::UnitZ()) : axis.cross(Vector3d::UnitX())).normalized();
@@ -185,13 +185,13 @@ class Tree {
   }
 
   void growShoot(const Vector3d& root, const Vector3d& direction, double length_m) {
-    // Young shoots stand up: the candles of a pine.
+    // Young shoots point upwards: the candles of a pine.
     const RoundCone shoot{root, root + length_m * raised(direction, 15 * kDegree), kShootRadius, kShootTipRadius};
     tree_.shoots.push_back(shoot);
     growNeedles(shoot);
   }
 
-  /// Along an axis in a spiral with the golden angle.
+  /// Grows needles along an axis, in a spiral with the golden angle.
   void growNeedles(const RoundCone& stem) {
     const Vector3d along = stem.b_W - stem.a_W;
     const double length_m = along.norm();
@@ -217,8 +217,8 @@ class Tree {
 
 PineSkeleton growPine(const PineParams& params) {
   if (!(params.height_m >= 2 && params.height_m <= 60))
-    throw InvalidArgument("simulation.pine_height", "pine height", "must lie between 2 and 60 m",
-                          "Radiata pines stand 15 to 30 m high in the wild");
+    throw InvalidArgument("simulation.pine_height", "pine height", "must be between 2 and 60 m",
+                          "Radiata pines grow 15 to 30 m high in the wild");
   return Tree(params).grow();
 }
 

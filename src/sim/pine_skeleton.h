@@ -18,8 +18,8 @@ struct RoundCone {
 
 /// By order of branching. Parts overlap where they join.
 struct PineSkeleton {
-  std::vector<RoundCone> trunk;     ///< from the ground up, one an internode
-  std::vector<RoundCone> branches;  ///< first order, in whorls around the trunk; several a branch
+  std::vector<RoundCone> trunk;     ///< from the ground up, one per internode
+  std::vector<RoundCone> branches;  ///< first order, in whorls around the trunk; several per branch
   std::vector<RoundCone> twigs;     ///< second order, on the branches
   std::vector<RoundCone> shoots;    ///< third order, on the twigs and at the ends of everything
   std::vector<RoundCone> needles;   ///< bundles, on shoots and on the outer part of twigs

@@ -23,7 +23,7 @@ struct Across {
   Vector3d around(double angle_rad) const { return std::cos(angle_rad) * side + std::sin(angle_rad) * up; }
 };
 
-/// Fewest equal steps over an arc of this radius whose chords stay within the error.
+/// Fewest equal steps over an arc of this radius such that the chords stay within the error.
 int stepsOver(double arc_rad, double radius_m, double chord_error_m) {
   const double step_rad = 2 * std::acos(std::max(0.0, 1 - chord_error_m / radius_m));
   return std::max(1, int(std::ceil(arc_rad / step_rad - 1e-9)));
@@ -36,7 +36,7 @@ void appendRoundCone(const RoundCone& cone, double chord_error_m, TriangleMesh& 
   const double thickest_m = std::max(cone.radius_a_m, cone.radius_b_m);
   // Half of the error for the chords around the axis, half for those along the caps: together they stay within it.
   const int sides = std::max(5, stepsOver(2 * std::numbers::pi, thickest_m, 0.5 * chord_error_m));
-  // The straight flank touches both spheres at this angle above their equators (towards b where a is the thicker one).
+  // The straight flank touches both spheres at this angle above their equators (towards b if a is thicker).
   const double flank_rad = std::asin(std::clamp((cone.radius_a_m - cone.radius_b_m) / length_m, -0.99, 0.99));
   const double from_a = flank_rad + std::numbers::pi / 2, from_b = std::numbers::pi / 2 - flank_rad;  // poles to flank
   const int rings_a = stepsOver(from_a, cone.radius_a_m, 0.5 * chord_error_m);

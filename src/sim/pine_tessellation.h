@@ -8,11 +8,11 @@
 
 namespace accessvdb::sim {
 
-/// Appends one closed part. @param chord_error_m  most by which it may lie inside the exact surface
+/// Appends one closed part. @param chord_error_m  largest allowed depth inside the exact surface
 void appendRoundCone(const RoundCone& cone, double chord_error_m, TriangleMesh& mesh);
 
-/// Appends a needle as four triangles: three corners around its root and its tip. It lies inside the exact surface by
-/// at most radius_a_m beyond the cap at its root, which hides in the shoot.
+/// Appends a needle as four triangles: three corners around its root and its tip. It is inside the exact surface by at
+/// most radius_a_m, except for the cap at its root, which is hidden in the shoot.
 void appendNeedle(const RoundCone& needle, TriangleMesh& mesh);
 
 }  // namespace accessvdb::sim

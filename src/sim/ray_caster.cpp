@@ -18,10 +18,10 @@ namespace {
 
 constexpr float kNoHit = std::numeric_limits<float>::infinity();
 constexpr std::size_t kRaysPerCall = 256;  // their records stay in the cache
-/// Embree's own range is good to about a millionth; a plane that says otherwise is met edge on.
+/// Embree's own range is good to about a millionth; a plane that disagrees is met edge-on.
 constexpr double kPlaneAgreement = 1e-4;
 
-/// What Embree said last, as one of our errors. @param device  null: that it could not start
+/// Throws Embree's last error as one of ours. @param device  null: it could not start
 void requireNoError(RTCDevice device, const char* doing) {
   const RTCError error = rtcGetDeviceError(device);
   if (error == RTC_ERROR_NONE) return;
@@ -36,7 +36,7 @@ void requireNoError(RTCDevice device, const char* doing) {
 }  // namespace
 
 struct RayCaster::Impl {
-  /// Rz(yaw) and where it leads, in double precision.
+  /// Rz(yaw) and the translation, in double precision.
   struct Place {
     std::uint32_t mesh;
     Eigen::Matrix3d R_W_M;
@@ -46,8 +46,8 @@ struct RayCaster::Impl {
   RTCDevice device = nullptr;
   RTCScene scene = nullptr;
   std::vector<TriangleMesh> meshes;
-  std::vector<RTCScene> mesh_scenes;  ///< of each mesh where it is placed
-  std::vector<Place> places;          ///< by Embree's instance id; empty where the only mesh stands as it is
+  std::vector<RTCScene> mesh_scenes;  ///< one per mesh, if placed
+  std::vector<Place> places;          ///< by Embree's instance id; empty if the only mesh is not moved
 
   ~Impl() {
     if (scene) rtcReleaseScene(scene);
@@ -55,8 +55,8 @@ struct RayCaster::Impl {
     if (device) rtcReleaseDevice(device);
   }
 
-  /// The range along the exact line to the plane of the triangle that Embree found, in double precision: free of the
-  /// instruction set that Embree chose, and of the rounding of the origin to float.
+  /// The range along the exact line to the plane of the triangle that Embree found, in double precision: independent of
+  /// Embree's instruction set and of the rounding of the origin to float.
   [[nodiscard]] double planeRange_m(const Eigen::Vector3d& origin_W, const Eigen::Vector3f& direction_W,
                                     const RTCRayHit& found) const {
     const double coarse_m = static_cast<double>(found.ray.tfar);
@@ -82,7 +82,7 @@ struct RayCaster::Impl {
     device = rtcNewDevice(nullptr);
     if (device) return;
     requireNoError(nullptr, "starting");
-    throw InternalError("sim.embree", "", "Embree does not start");
+    throw InternalError("sim.embree", "", "Embree could not be started");
   }
 
   [[nodiscard]] RTCScene newScene() const {
@@ -94,7 +94,7 @@ struct RayCaster::Impl {
 
   void attach(RTCScene to, const TriangleMesh& mesh) const {
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    // Copies on Embree's side: its buffers want padding that std::vector does not promise.
+    // Copies into Embree's buffers, which need padding that std::vector does not guarantee.
     void* vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
                                              sizeof(Eigen::Vector3f), mesh.vertices_W.size());
     void* triangles = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
@@ -102,7 +102,7 @@ struct RayCaster::Impl {
     if (!vertices || !triangles) {
       rtcReleaseGeometry(geometry);
       requireNoError(device, "taking the mesh");
-      throw InternalError("sim.embree", "", "Embree does not take the mesh");
+      throw InternalError("sim.embree", "", "Embree did not accept the mesh");
     }
     static_assert(sizeof(Eigen::Vector3f) == 12 && sizeof(mesh.triangles[0]) == 12);
     std::copy(mesh.vertices_W.begin(), mesh.vertices_W.end(), static_cast<Eigen::Vector3f*>(vertices));
@@ -118,7 +118,7 @@ struct RayCaster::Impl {
     RTCGeometry geometry = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_INSTANCE);
     rtcSetGeometryInstancedScene(geometry, mesh_scenes[placed.mesh]);
     const Eigen::Matrix3d R = Eigen::AngleAxisd(placed.yaw_rad, Eigen::Vector3d::UnitZ()).toRotationMatrix();
-    Eigen::Matrix<float, 3, 4> to_W;  // column by column, as Embree wants it
+    Eigen::Matrix<float, 3, 4> to_W;  // column by column, as Embree requires
     to_W << R.cast<float>(), placed.offset_W.cast<float>();
     rtcSetGeometryTransform(geometry, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, to_W.data());
     rtcCommitGeometry(geometry);
@@ -132,7 +132,7 @@ namespace {
 
 void requireTriangles(const TriangleMesh& mesh) {
   if (mesh.triangles.empty()) {
-    throw InvalidArgument("sim.no_triangles", "scene", "the mesh has no triangles", "Give a scene with a surface");
+    throw InvalidArgument("sim.no_triangles", "scene", "the mesh has no triangles", "Use a scene with a surface");
   }
   for (const auto& triangle : mesh.triangles) {
     if (*std::max_element(triangle.begin(), triangle.end()) >= mesh.vertices_W.size()) {
@@ -155,11 +155,11 @@ RayCaster::RayCaster(std::vector<TriangleMesh> meshes, std::span<const PlacedMes
     : impl_(std::make_unique<Impl>()) {
   for (const TriangleMesh& mesh : meshes) requireTriangles(mesh);
   if (placed.empty()) {
-    throw InvalidArgument("sim.nothing_placed", "scene", "no mesh stands anywhere", "Place at least one");
+    throw InvalidArgument("sim.nothing_placed", "scene", "no mesh is placed", "Place at least one");
   }
   for (const PlacedMesh& each : placed) {
     if (each.mesh < meshes.size() && each.offset_W.allFinite() && std::isfinite(each.yaw_rad)) continue;
-    throw InvalidArgument("sim.placed", "scene", "a placed mesh does not exist, or its place is not finite");
+    throw InvalidArgument("sim.placed", "scene", "a placed mesh does not exist, or its position is not finite");
   }
   impl_->meshes = std::move(meshes);
   impl_->start();

@@ -21,10 +21,10 @@ namespace {
 
 namespace fs = std::filesystem;
 
-static_assert(std::endian::native == std::endian::little, "binary PCD is written as it lies in memory");
+static_assert(std::endian::native == std::endian::little, "binary PCD is written directly from memory");
 static_assert(sizeof(Eigen::Vector3f) == 12, "a row of a PCD is three packed floats");
 
-/// Frames between two looks at `proceed`: enough to keep the threads busy, few enough to stop at once.
+/// Frames between calls of `proceed`: enough to keep the threads busy, few enough to stop promptly.
 constexpr int kFramesPerBatch = 16;
 
 template <typename... Values>
@@ -49,8 +49,8 @@ bool isScanName(const std::string& file, int frames) {
                     "Choose an --out folder that you may write to");
 }
 
-/// An earlier recording of at most as many frames is replaced. Other files are not ours to remove, and would be taken
-/// for scans of this recording. Poses go first: none may seem to belong to a half-written recording.
+/// Replaces an earlier recording of at most as many frames. Other files are not removed, but refused: they would be
+/// taken for scans of this recording. Poses go first: none may seem to belong to a half-written recording.
 void clearFolder(const fs::path& scans, const fs::path& poses, int frames) {
   std::error_code error;
   std::vector<fs::path> earlier = {poses};
@@ -59,7 +59,7 @@ void clearFolder(const fs::path& scans, const fs::path& poses, int frames) {
     if (isScanName(file, frames)) {
       earlier.push_back(entry.path());
     } else if (!file.starts_with(".")) {
-      throw OutputError("sim.mixed", scans.string(), "already holds other files, for example " + file,
+      throw OutputError("sim.mixed", scans.string(), "already contains other files, for example " + file,
                         "Choose an empty folder or remove them");
     }
   }
@@ -103,7 +103,7 @@ int writeRecording(const fs::path& folder, const Simulator& simulator, const Rec
   clearFolder(scans, poses, frames);
 
   std::vector<std::string> lines(static_cast<std::size_t>(frames));
-  // More threads than the machine has only bring a warning of TBB's.
+  // More threads than the machine has would only cause a warning from TBB.
   const int most = tbb::this_task_arena::max_concurrency();
   tbb::task_arena arena(options.threads > 0 ? std::min(options.threads, most) : most);
   int done = 0;

@@ -12,15 +12,16 @@ namespace accessvdb::sim {
 class SignedDistance {
  public:
   virtual ~SignedDistance() = default;
-  /// Metres, negative inside. Exact outside; inside overlapping parts the magnitude is a lower bound, the sign right.
+  /// Metres, negative inside. Exact outside; inside overlapping parts the magnitude is a lower bound with the right
+  /// sign.
   [[nodiscard]] virtual double at(const Eigen::Vector3d& p_W) const = 0;
   /// Unit, outwards, at a point on or near the surface: the direction in which the distance grows.
   [[nodiscard]] virtual Eigen::Vector3d outwardNormal(const Eigen::Vector3d& p_W) const = 0;
-  /// |at(p)| < r, and true for a point that is not finite. Cheaper where r is small: no search beyond it, no sign.
+  /// |at(p)| < r, and true for a point that is not finite. Cheaper for small r: no search beyond it, no sign.
   [[nodiscard]] virtual bool surfaceNearerThan(const Eigen::Vector3d& p_W, double r_m) const {
     return !(std::abs(at(p_W)) >= r_m);
   }
-  /// Most by which at() may be off near the surface, metres; 0 = exact to rounding.
+  /// Largest error of at() near the surface, metres; 0 = exact to rounding.
   [[nodiscard]] virtual double errorBound_m() const { return 0; }
 };
 

@@ -18,7 +18,7 @@ namespace accessvdb::sim {
 namespace {
 
 constexpr int kRaysPerTask = 2048;
-/// Closer than this to a surface the first range says more about rounding than about the scene.
+/// Closer than this to a surface, rounding dominates the first range.
 constexpr double kSurface_m = 1e-6;
 
 std::string place(const Eigen::Vector3d& p) {
@@ -30,7 +30,7 @@ std::string place(const Eigen::Vector3d& p) {
 void requirePoses(const LidarModel& model, const Trajectory& trajectory) {
   model.validate();
   if (trajectory.empty()) {
-    throw UnusableInput("sim.frames", "trajectory", "there are no frames to simulate", "Give at least one pose");
+    throw UnusableInput("sim.frames", "trajectory", "there are no frames to simulate", "Use at least one pose");
   }
   for (std::size_t i = 0; i < trajectory.size(); ++i) {
     if (trajectory[i].matrix().allFinite()) continue;
@@ -66,13 +66,13 @@ struct Simulator::Impl {
     if (!std::isfinite(range_m)) return 0;
     double measured = static_cast<double>(range_m);
     if (model.dropout > 0 || model.range_noise_m > 0) {
-      // Both numbers are always drawn, so that changing one of the two settings leaves the other's outcome alone.
+      // Both numbers are always drawn, so that changing one setting does not affect the other's outcome.
       CounterRandom random({seed, frame, static_cast<std::uint64_t>(ray)});
       const bool lost = random.uniform() < model.dropout;
       measured += model.range_noise_m * random.gaussian();
       if (lost) return 0;
     }
-    // The sensor judges what it measured: it knows no other range.
+    // The sensor can only judge the measured range.
     return measured >= model.min_range_m && measured <= model.max_range_m && measured > 0 ? static_cast<float>(measured)
                                                                                           : 0;
   }
@@ -138,7 +138,7 @@ void Simulator::requireClearPath(const Trajectory& stations) const {
     impl_->caster.cast(begin_W, {&direction_W, 1}, {&range_m, 1});
     if (static_cast<double>(range_m) > way.norm()) continue;
     throw UnusableInput("sim.through", "trajectory",
-                        "it leads through the " + impl_->scene_name + " at " +
+                        "it passes through the " + impl_->scene_name + " at " +
                             place(begin_W + static_cast<double>(range_m) * way.normalized()),
                         "Move the trajectory away from the object, for example with a larger --radius");
   }
@@ -160,10 +160,10 @@ SimulatedFrame Simulator::frameOfReturns(int index, int returns) const {
     if (begin >= impl_->model.rays_per_frame) {
       throw UnusableInput("sim.returns", "frame " + std::to_string(index),
                           "of " + std::to_string(impl_->model.rays_per_frame) + " rays only " +
-                              std::to_string(out.points_S.size()) + " come back, not " + std::to_string(returns),
-                          "Ask for fewer points a frame, or a longer range");
+                              std::to_string(out.points_S.size()) + " return, not " + std::to_string(returns),
+                          "Use fewer points per frame, or a longer range");
     }
-    // Batches of a fixed size: which rays a frame holds does not depend on who casts them.
+    // Batches of a fixed size: the rays in a frame do not depend on the threads.
     const int end = std::min(impl_->model.rays_per_frame, begin + returns);
     for (const Eigen::Vector3f& point_S : impl_->measure(index, out.T_W_S, begin, end)) {
       if (out.points_S.size() < wanted && !point_S.isZero(0)) out.points_S.push_back(point_S);

@@ -27,24 +27,24 @@ class Simulator {
  public:
   /// @throws InvalidArgument (model), UnusableInput: no frames, or a sensor inside the object or on its surface
   Simulator(const Scene& scene, const LidarModel& model, Trajectory trajectory, std::uint64_t seed);
-  /// A scene whose distance nobody knows: only requireClearPath() can tell whether the path is free.
+  /// A scene without a known distance: only requireClearPath() can tell whether the path is free.
   Simulator(RayCaster scene, const std::string& scene_name, const LidarModel& model, Trajectory trajectory,
             std::uint64_t seed);
   ~Simulator();
   Simulator(Simulator&&) noexcept;
   Simulator& operator=(Simulator&&) noexcept;
 
-  /// Refuses a path that leads through a surface, even where no frame lies inside.
-  /// @param stations  places along the path, close enough together that the straight lines between them stand for it
-  /// @throws UnusableInput naming the place
+  /// Refuses a path that passes through a surface, even if no frame is inside.
+  /// @param stations  places along the path, close enough together that straight lines between them represent it
+  /// @throws UnusableInput naming the position
   void requireClearPath(const Trajectory& stations) const;
   [[nodiscard]] int frames() const;
-  /// May be called from several threads at once; works in parallel by itself. @throws InvalidArgument (index)
+  /// May be called from several threads at once; parallel internally. @throws InvalidArgument (index)
   [[nodiscard]] SimulatedFrame frame(int index) const;
-  /// The first `returns` rays of a frame that come back: a frame of a fixed size, however much sky there is.
-  /// LidarModel::rays_per_frame is the most rays to try. @throws UnusableInput where fewer come back
+  /// The first `returns` rays of a frame that hit something: a frame of fixed size, however much sky there is.
+  /// LidarModel::rays_per_frame limits the rays tried. @throws UnusableInput if fewer return
   [[nodiscard]] SimulatedFrame frameOfReturns(int index, int returns) const;
-  /// The same for frames begin .. end, all at once. @throws as each of them
+  /// The same for frames begin .. end, all at once. @throws like each of them
   [[nodiscard]] std::vector<SimulatedFrame> framesOfReturns(int begin, int end, int returns) const;
 
  private:

@@ -19,14 +19,14 @@ constexpr double kTurn = 2.0 * std::numbers::pi;
 constexpr int kFewestSegments = 48, kMostSegments = 2048;
 constexpr int kMostSubdivisions = 8;  // 20 * 4^8 = 1.3 M triangles
 
-/// Half a unit in the last place of a coordinate of this size, in each of three coordinates.
+/// Half a unit in the last place of a coordinate of this size, for three coordinates.
 double roundingError_m(double size_m) { return std::sqrt(3.0) * 0.5 * std::numeric_limits<float>::epsilon() * size_m; }
 
 int segments(double step_rad) {
   return static_cast<int>(std::clamp(std::ceil(kTurn / step_rad), double{kFewestSegments}, double{kMostSegments}));
 }
 
-/// A sphere's facets while they are divided: each new vertex is shared by the two triangles at its edge.
+/// A sphere's facets being subdivided: each new vertex is shared by the two triangles at its edge.
 struct Icosphere {
   std::vector<Eigen::Vector3d> vertices;  // unit
   std::vector<std::array<std::uint32_t, 3>> triangles;
@@ -76,7 +76,7 @@ struct Icosphere {
     triangles = std::move(finer);
   }
 
-  /// How deep the plane of the worst facet cuts into the unit sphere.
+  /// Depth of the worst facet's plane inside the unit sphere.
   [[nodiscard]] double depth() const {
     double nearest_plane = 1;
     for (const auto& [a, b, c] : triangles) {

@@ -17,13 +17,13 @@ void requireFrames(int frames) {
   if (frames >= 1 && frames <= kMostFrames) return;
   throw UnusableInput("sim.frames", "--frames",
                       frames < 1 ? "there are no frames to simulate" : "more than a million frames",
-                      "Give --frames N with N from 1 to 1000000");
+                      "Use --frames N with N from 1 to 1000000");
 }
 
-/// x ahead, y left, z up as far as possible; `ahead` is turned nose down by pitch_rad.
+/// x ahead, y left, z up as far as possible; `ahead` is pitched down by pitch_rad.
 Eigen::Matrix3d orientation(const Eigen::Vector3d& ahead_W, double pitch_rad) {
   Eigen::Vector3d left_W = Eigen::Vector3d::UnitZ().cross(ahead_W);
-  // Straight up or down there is no left; any will do.
+  // Straight up or down, left is undefined; any will do.
   left_W = left_W.norm() > 1e-9 ? left_W.normalized() : Eigen::Vector3d::UnitY();
   const Eigen::Vector3d up_W = ahead_W.cross(left_W);
   Eigen::Matrix3d R;
@@ -33,7 +33,7 @@ Eigen::Matrix3d orientation(const Eigen::Vector3d& ahead_W, double pitch_rad) {
   return R;
 }
 
-/// Share of the way from begin to end after that many sweeps: there in the first, back in the second, and so on.
+/// Share of the way from begin to end after so many sweeps: forwards in the first, back in the second, and so on.
 double toAndFro(double sweeps) {
   const double phase = std::fmod(sweeps, 2.0);
   return phase <= 1 ? phase : 2 - phase;
@@ -48,9 +48,9 @@ Trajectory helix(const Helix& shape, int frames) {
                                          shape.azimuth_end_rad, shape.object_elevation_rad);
   if (!numbers.allFinite()) throw InvalidArgument("sim.trajectory", "helix", "has a number that is not finite");
   if (!(shape.radius_m > 0) || !std::isfinite(shape.radius_m)) {
-    throw InvalidArgument("sim.trajectory", "--radius", "is not a positive length", "Give metres");
+    throw InvalidArgument("sim.trajectory", "--radius", "is not a positive length", "Use metres");
   }
-  if (shape.sweeps < 1) throw InvalidArgument("sim.trajectory", "helix", "has no sweep", "Give at least one");
+  if (shape.sweeps < 1) throw InvalidArgument("sim.trajectory", "helix", "has no sweep", "Use at least one");
   Trajectory path(static_cast<std::size_t>(frames));
   for (int i = 0; i < frames; ++i) {
     const double share = frames == 1 ? 0.5 : static_cast<double>(i) / (frames - 1);
@@ -80,7 +80,7 @@ Trajectory walk(const Eigen::Vector3d& begin_W, const Eigen::Vector3d& end_W, do
   const Eigen::Vector3d way = end_W - begin_W;
   if (!way.allFinite() || !std::isfinite(pitch_rad) || !(way.norm() > 0)) {
     throw InvalidArgument("sim.trajectory", "walk", "has no length, or a number that is not finite",
-                          "Give two different ends");
+                          "Use two different ends");
   }
   Trajectory path(static_cast<std::size_t>(frames));
   for (int i = 0; i < frames; ++i) {

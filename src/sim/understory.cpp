@@ -34,7 +34,7 @@ Vector3d towards(double azimuth_rad, double elevation_rad) {
           std::sin(elevation_rad)};
 }
 
-/// A fern: fronds that rise and bow outwards, with leaflets on both sides.
+/// A fern: fronds that rise and bend outwards, with leaflets on both sides.
 void appendPlant(const Vector3d& root, CounterRandom& random, TriangleMesh& mesh) {
   const int fronds = 5 + static_cast<int>(random.uniform(0, 6));
   const double turn = random.uniform(0, kTurn), reach_m = random.uniform(0.35, 0.9);
@@ -77,7 +77,7 @@ TriangleMesh makeGroundTile() {
   for (std::uint32_t i = 0; i <= kSteps; ++i) {
     for (std::uint32_t j = 0; j <= kSteps; ++j) {
       const double x_m = kGroundPeriod_m * i / kSteps, y_m = kGroundPeriod_m * j / kSteps;
-      // The far edges are the near ones of the next tile, to the last bit.
+      // The far edges equal the near ones of the next tile, to the last bit.
       mesh.vertices_W.push_back(
           Vector3d(x_m, y_m, groundHeight_m(i == kSteps ? 0 : x_m, j == kSteps ? 0 : y_m)).cast<float>());
     }

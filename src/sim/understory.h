@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What lies and grows below trees: uneven ground, fallen twigs, low plants. Invented, to keep the ground from being a
-/// plane; no measurement of a real forest floor stands behind it.
+/// What is and grows below trees: uneven ground, fallen twigs, low plants. Invented, so that the ground is not a plane;
+/// not based on measurements of a real forest floor.
 #pragma once
 
 #include <cstdint>
@@ -10,9 +10,9 @@
 
 namespace accessvdb::sim {
 
-/// Ground that repeats after kGroundPeriod_m in x and y, so that one tile covers any area without a step.
+/// Ground that repeats after kGroundPeriod_m in x and y, so that one tile covers any area without steps.
 inline constexpr double kGroundPeriod_m = 12.0;
-/// Metres, within +-0.45.
+/// Height in metres, within +-0.45.
 [[nodiscard]] double groundHeight_m(double x_m, double y_m);
 /// The tile [0, kGroundPeriod_m]^2 as a mesh.
 [[nodiscard]] TriangleMesh makeGroundTile();

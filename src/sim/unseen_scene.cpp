@@ -12,10 +12,10 @@
 namespace accessvdb::sim {
 namespace {
 
-/// Never to be changed, nor the ranges below: to draw again until the figures please would be to tune.
+/// Never change this or the ranges below: drawing again until the figures look good would be tuning.
 constexpr std::uint64_t kSeed = 20260101;
 
-/// Lengths to the millimetre and counts whole, so that a description holds the scene exactly.
+/// Lengths in whole millimetres and integer counts, so that a description is exact.
 class SceneDraw {
  public:
   explicit SceneDraw(int number) : random_({kSeed, static_cast<std::uint64_t>(number)}) {}
@@ -61,7 +61,7 @@ BenchmarkScene unseenScene(int number) {
     out.frames = draw.count(750, 1000);
   } else if (number <= 5) {
     out.scene = drawBox(draw);
-    // From 0.4 m beyond the farthest edge: nearer, the sensor's view does not hold the height of a face.
+    // At 0.4 m beyond the farthest edge: closer, the sensor's view does not cover the height of a face.
     const Eigen::Vector3d half = out.scene.mesh.vertices_W.back().cwiseAbs().cast<double>();
     out.path.radius_m = std::round(std::hypot(half.x(), half.y()) * 1000) / 1000 + draw.length_m(0.4, 0.7);
     height_m = draw.length_m(0, 0.1);
@@ -78,7 +78,8 @@ BenchmarkScene unseenScene(int number) {
   out.path.azimuth_end_rad = out.path.azimuth_begin_rad + 2 * std::numbers::pi * draw.count(5, 9);
   // Less than the coarsest voxel of the tables on each axis: the grid's phase, at every voxel size.
   Eigen::Vector3d offset_W;
-  for (double& phase_m : offset_W) phase_m = draw.uniform(0, 0.005);  // one after the other: arguments have no order
+  for (double& phase_m : offset_W)
+    phase_m = draw.uniform(0, 0.005);  // one after the other: argument evaluation has no order
   out.scene = translated(std::move(out.scene), offset_W);
   return out;
 }

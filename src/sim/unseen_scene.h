@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Scenes that no constant of the method was chosen by, drawn once from a fixed seed (docs/PAPER.md, "Scenes").
+/// Scenes not used to choose any constant of the method, drawn once from a fixed seed (docs/PAPER.md, "Scenes").
 #pragma once
 
 #include <optional>
@@ -14,7 +14,7 @@ inline constexpr int kUnseenScenes = 6;
 
 /// 4 for "unseen_4"; nothing for any other text.
 [[nodiscard]] std::optional<int> unseenNumber(const std::string& name);
-/// Scene and path of number 1 .. 6; the poses are not made yet. @throws InvalidArgument
+/// Scene and path of number 1 .. 6; the poses are not generated yet. @throws InvalidArgument
 [[nodiscard]] BenchmarkScene unseenScene(int number);
 
 }  // namespace accessvdb::sim

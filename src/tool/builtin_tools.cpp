@@ -15,7 +15,7 @@ struct Ring {
   double x_m, radius_m;
 };
 
-/// A closed body of revolution around +x: ends close to their centres, a ring without radius is an apex.
+/// A closed body of revolution around +x: its ends are closed to their centres; a ring of radius 0 is an apex.
 void addTurned(BuiltinMesh& mesh, std::initializer_list<Ring> rings, int sides) {
   const auto base = std::uint32_t(mesh.vertices_T.size());
   const auto n = std::uint32_t(sides);
@@ -73,7 +73,7 @@ BuiltinMesh builtinMesh(const std::string& name) {
     // The flying body: 0.5 x 0.5 x 0.2 m, its front 0.6 m behind the tip.
     addBox(mesh, {0.6, -0.25, -0.1}, {1.1, 0.25, 0.1});
   } else {
-    throw InvalidArgument("tool.builtin", name, "there is no builtin tool of this name",
+    throw InvalidArgument("tool.builtin", name, "there is no builtin tool with this name",
                           "Use builtin:pencil, builtin:pruner or the path of a mesh");
   }
   return mesh;

@@ -62,7 +62,7 @@ void checkStl(MeshFile& file, const std::string& subject) {
   if (b.size() >= 84) std::memcpy(&faces, b.data() + 80, 4);
   const std::uint64_t binary_size = 84 + std::uint64_t{50} * faces;
   const std::string start = lowered(std::string_view(b).substr(0, 1024));
-  // Binary files may begin with "solid" too; the size settles it.
+  // Binary files may begin with "solid" too; the size decides.
   const bool text = start.find("solid") != start.npos && (b.size() < 84 || b.size() != binary_size) &&
                     (start.find("facet") != start.npos || start.find('\0') == start.npos);
   if (text) {
@@ -70,12 +70,12 @@ void checkStl(MeshFile& file, const std::string& subject) {
     file.expected_faces = countOf(all, "endfacet");
     const std::uint64_t begun = countOf(all, "facet normal");
     if (begun > *file.expected_faces) {
-      malformed(subject, "the STL is cut off: " + std::to_string(begun) + " faces begin and " +
+      malformed(subject, "the STL is truncated: " + std::to_string(begun) + " faces begin and " +
                              std::to_string(*file.expected_faces) + " end");
     }
     return;
   }
-  if (b.size() < 84) malformed(subject, "the file is too short for a binary STL and is no text STL");
+  if (b.size() < 84) malformed(subject, "the file is too short for a binary STL and is not a text STL");
   if (b.size() < binary_size) {
     malformed(subject, "the STL announces " + std::to_string(faces) + " faces but has room for " +
                            std::to_string((b.size() - 84) / 50));
@@ -94,13 +94,13 @@ std::uint64_t plyScalarBytes(std::string_view type) {
   return 0;
 }
 
-/// Assimp believes the counts of a PLY header, so they are held against the size of the file first.
+/// Assimp trusts the counts in a PLY header, so they are compared with the file's size first.
 void checkPly(MeshFile& file, const std::string& subject) {
   const std::string_view all = file.bytes;
   if (all.substr(0, 3) != "ply") malformed(subject, "the file does not begin like a PLY");
   bool ascii = false, ended = false;
   std::uint64_t element_count = 0, record_bytes = 0, least = 0;
-  // Bytes of binary records, or lines of text. Nothing larger than a file can be makes sense.
+  // Bytes of binary records, or lines of text. Rejects anything larger than a file can be.
   const auto closeElement = [&] {
     const std::uint64_t each = ascii ? 1 : record_bytes;
     least =
@@ -118,11 +118,10 @@ void checkPly(MeshFile& file, const std::string& subject) {
       ascii = words.size() > 1 && words[1] == "ascii";
     } else if (words[0] == "element") {
       const auto count = words.size() == 3 ? wholeNumber(words[2]) : std::nullopt;
-      if (!count)
-        malformed(subject, "line " + std::to_string(line_number + 1) + " of the PLY header is not understood");
+      if (!count) malformed(subject, "line " + std::to_string(line_number + 1) + " of the PLY header cannot be parsed");
       closeElement();
       if (words[1] == "tristrips") {
-        throw InputError("tool.format", subject, "the PLY holds triangle strips, which are not read",
+        throw InputError("tool.format", subject, "the PLY contains triangle strips, which are not supported",
                          "Export it with plain faces");
       }
       element_count = *count;
@@ -131,7 +130,7 @@ void checkPly(MeshFile& file, const std::string& subject) {
       const bool list = words.size() == 5 && words[1] == "list";
       const std::uint64_t bytes = words.size() > 2 ? plyScalarBytes(words[list ? 2 : 1]) : 0;
       if (bytes == 0 || (!list && words.size() != 3)) {
-        malformed(subject, "line " + std::to_string(line_number + 1) + " of the PLY header is not understood");
+        malformed(subject, "line " + std::to_string(line_number + 1) + " of the PLY header cannot be parsed");
       }
       record_bytes += bytes;
     } else if (words[0] == "end_header") {
@@ -146,7 +145,7 @@ void checkPly(MeshFile& file, const std::string& subject) {
                            std::to_string(body.size()) + " follow");
   }
   if (ascii) {
-    // One record a line. Assimp reads the last line again and again where lines are missing.
+    // One record per line. Assimp reads the last line repeatedly if lines are missing.
     std::uint64_t records = 0;
     for (std::size_t begin = 0; begin < body.size();) {
       const std::size_t end = std::min(body.find('\n', begin), body.size());
@@ -160,7 +159,7 @@ void checkPly(MeshFile& file, const std::string& subject) {
   }
 }
 
-/// The file's own unit; COLLADA says metre where there is none.
+/// The file's own unit; by COLLADA's rules, metre if there is none.
 double colladaUnit(std::string_view all, const std::string& subject) {
   std::size_t unit = all.find("<unit");
   for (; unit != all.npos; unit = all.find("<unit", unit + 1)) {
@@ -169,7 +168,7 @@ double colladaUnit(std::string_view all, const std::string& subject) {
   }
   if (unit == all.npos) return 1.0;
   const std::string_view tag = all.substr(unit, std::min<std::size_t>(all.find('>', unit), all.size()) - unit);
-  // The name of the unit may hold the word too: name="millimeter".
+  // The unit's name may contain the word too: name="millimeter".
   std::size_t meter = tag.find("meter");
   while (meter != tag.npos && std::string_view(" \t\r\n").find(tag[meter - 1]) == tag.npos) {
     meter = tag.find("meter", meter + 1);
@@ -178,11 +177,11 @@ double colladaUnit(std::string_view all, const std::string& subject) {
   const std::size_t open = tag.find_first_of("\"'", meter);
   const std::size_t close = open == tag.npos ? open : tag.find_first_of("\"'", open + 1);
   double value = 0;
-  if (close == tag.npos) malformed(subject, "the COLLADA unit is not understood");
+  if (close == tag.npos) malformed(subject, "the COLLADA unit cannot be parsed");
   const std::string_view digits = tag.substr(open + 1, close - open - 1);
   const auto result = std::from_chars(digits.data(), digits.data() + digits.size(), value);
   if (result.ec != std::errc() || !(value > 0 && std::isfinite(value))) {
-    malformed(subject, "the COLLADA unit is no positive length");
+    malformed(subject, "the COLLADA unit is not a positive length");
   }
   return value;
 }
@@ -196,7 +195,7 @@ MeshFormat formatOf(const std::string& extension, const std::string& subject) {
   }
   throw InputError(
       "tool.format", subject,
-      extension.empty() ? "the mesh has no file ending" : "meshes ending in ." + extension + " are not read",
+      extension.empty() ? "the mesh has no file extension" : "meshes ending in ." + extension + " are not supported",
       "Use STL, OBJ, PLY, OFF, DAE, glTF or GLB, or builtin:pencil or builtin:pruner");
 }
 
@@ -219,7 +218,7 @@ std::optional<std::string> readRegularFile(const std::filesystem::path& path, st
     return std::nullopt;
   }
   if (std::uint64_t(info.st_size) > max_bytes) {
-    problem = "has " + std::to_string(info.st_size) + " bytes; at most " + std::to_string(max_bytes) + " are read";
+    problem = "has " + std::to_string(info.st_size) + " bytes; at most " + std::to_string(max_bytes) + " are supported";
     return std::nullopt;
   }
   std::string bytes(std::size_t(info.st_size), '\0');
@@ -258,7 +257,7 @@ MeshFile openMeshFile(const std::filesystem::path& path) {
   const bool text = file.format == MeshFormat::Obj || file.format == MeshFormat::Off ||
                     file.format == MeshFormat::Collada || file.format == MeshFormat::Gltf;
   if (text && (all.starts_with("\xff\xfe") || all.starts_with("\xfe\xff"))) {
-    throw InputError("tool.encoding", subject, "the file is UTF-16 text, which is not read", "Save it as UTF-8");
+    throw InputError("tool.encoding", subject, "the file is UTF-16 text, which is not supported", "Save it as UTF-8");
   }
   if (file.format == MeshFormat::Stl) checkStl(file, subject);
   if (file.format == MeshFormat::Ply) checkPly(file, subject);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A mesh file as bytes, and what can be told about it before a parser sees it.
+/// A mesh file as bytes, and what can be determined before a parser sees it.
 #pragma once
 
 #include <cstdint>
@@ -17,14 +17,14 @@ struct MeshFile {
   MeshFormat format = MeshFormat::Stl;
   std::string extension;  ///< lower case, without the dot
   std::string bytes;
-  std::optional<std::uint64_t> expected_faces;  ///< what the file says that it holds, where it says so
-  double metres_per_unit = 0;                   ///< 0 = the format carries none
+  std::optional<std::uint64_t> expected_faces;  ///< face count announced by the file, if any
+  double metres_per_unit = 0;                   ///< 0 = the format has no unit
 };
 
 /// Largest file that is read, and largest side file of a .gltf.
 inline constexpr std::uint64_t kMaxMeshFileBytes = std::uint64_t{256} << 20;
 
-/// Whole content of a regular file; never waits on a pipe or device. Empty where there is none of at most limit bytes.
+/// Content of a regular file; never waits on a pipe or device. Nothing if there is none of at most max_bytes.
 std::optional<std::string> readRegularFile(const std::filesystem::path& path, std::uint64_t max_bytes,
                                            std::string& problem);
 

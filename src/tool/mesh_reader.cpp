@@ -40,15 +40,16 @@ constexpr rlim_t kCpuSeconds = 10;
 constexpr std::chrono::seconds kWallTime{20};
 constexpr std::uint64_t kMaxTriangles = 20'000'000, kMaxVertices = 60'000'000;
 constexpr std::size_t kMaxErrorBytes = 1024;
-constexpr const char* kMainFile = "tool_mesh";  // the name under which assimp sees the bytes; no path, no tricks
+constexpr const char* kMainFile = "tool_mesh";  // the name under which assimp sees the bytes; not a path, for safety
 
-/// What the child sends first. Then floats and indices, or the text of an error.
+/// What the child sends first; then floats and indices, or the text of an error.
 struct Header {
   std::uint64_t magic, failed, vertices, triangles, file_faces, dropped_faces, text_bytes;
 };
 constexpr std::uint64_t kMagic = 0x61767462'6d657368u;
 
-/// Serves the mesh from memory, and for .gltf regular files below the mesh's own folder. Nothing else exists.
+/// Serves the mesh from memory, and for .gltf regular files below the mesh's own folder. Other files do not exist for
+/// it.
 class ConfinedFiles : public Assimp::IOSystem {
  public:
   ConfinedFiles(const MeshFile& file, std::string main_name, std::filesystem::path folder)
@@ -91,7 +92,7 @@ class ConfinedFiles : public Assimp::IOSystem {
   mutable std::deque<std::pair<std::string, std::string>> side_files_;
 };
 
-/// Leaves the importers of one format only, so that no content can choose another.
+/// Keeps only one format's importers, so that no content can choose another.
 void keepImporters(Assimp::Importer& importer, const std::string& extension) {
   for (std::size_t n = importer.GetImporterCount(); n-- > 0;) {
     std::istringstream endings(importer.GetImporterInfo(n)->mFileExtensions);
@@ -165,13 +166,13 @@ std::string import(const MeshFile& file, const std::filesystem::path& folder, Ch
   Assimp::Importer importer;
   keepImporters(importer, file.extension);
   importer.SetIOHandler(new ConfinedFiles(file, name, folder));
-  // The pose that the user gives is in the file's own axes, so they stay as they are.
+  // The user's pose is in the file's own axes, so they stay unchanged.
   importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_IGNORE_UP_DIRECTION, true);
   const aiScene* scene = importer.ReadFile(name, 0);
   if (!scene) return failureOf(importer);
   for (unsigned n = 0; n < scene->mNumMeshes; ++n) {
     const aiMesh& mesh = *scene->mMeshes[n];
-    // A face that a header announces and the file lacks comes out without indices.
+    // A face that the header announces but the file lacks has no indices.
     for (unsigned f = 0; f < mesh.mNumFaces; ++f) out.file_faces += mesh.mFaces[f].mNumIndices > 0;
   }
   if (out.file_faces == 0) return {};
@@ -197,19 +198,19 @@ void limitChild() {
   ::prctl(PR_SET_DUMPABLE, 0);
   for (int number : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM, SIGXCPU}) ::signal(number, SIG_DFL);
   ::signal(SIGPIPE, SIG_IGN);
-  // assimp's assertions write to stderr, and a library stays silent.
+  // assimp's assertions write to stderr, but a library stays silent.
   const int nothing = ::open("/dev/null", O_RDWR | O_CLOEXEC);
   for (int fd = 0; nothing >= 0 && fd < 3; ++fd) ::dup2(nothing, fd);
   const rlimit core = {0, 0}, cpu = {kCpuSeconds, kCpuSeconds};
   ::setrlimit(RLIMIT_CORE, &core);
   ::setrlimit(RLIMIT_CPU, &cpu);
-  // Where memory runs out all the same, this process goes and not its parent.
+  // If memory still runs out, this process is killed and not its parent.
   if (const int oom = ::open("/proc/self/oom_score_adj", O_WRONLY | O_CLOEXEC); oom >= 0) {
     [[maybe_unused]] const bool told = writeAll(oom, "1000", 4);
     ::close(oom);
   }
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-  // On top of what this process maps already, which may be far more than it uses (a GPU driver reserves terabytes).
+  // The limit is added to what this process already maps, which may far exceed its use (GPU drivers reserve terabytes).
   unsigned long long mapped_pages = 0;
   if (std::FILE* statm = std::fopen("/proc/self/statm", "re")) {
     if (std::fscanf(statm, "%llu", &mapped_pages) != 1) mapped_pages = 0;
@@ -290,16 +291,15 @@ class Child {
     return true;
   }
 
-  /// Why nothing usable came.
+  /// The reason why no usable result came.
   std::string epitaph() {
     if (timed_out_) return "reading the mesh took longer than 20 s";
     reap(false);
     if (WIFSIGNALED(status_)) {
       const int number = WTERMSIG(status_);
       if (number == SIGXCPU || number == SIGKILL)
-        return "reading the mesh took more than 10 s of computing or was stopped";
-      return std::string("the mesh is malformed in a way that its reader does not survive (") + ::strsignal(number) +
-             ")";
+        return "reading the mesh took more than 10 s of CPU time or was stopped";
+      return std::string("the mesh is malformed in a way that crashes its reader (") + ::strsignal(number) + ")";
     }
     return "reading the mesh ended without a result";
   }
@@ -321,7 +321,7 @@ class Child {
   bool timed_out_ = false;
 };
 
-/// Text from a file may hold anything.
+/// Text from a file may contain anything.
 std::string printable(std::string text) {
   for (char& c : text) {
     if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
@@ -340,18 +340,18 @@ FileMesh readMeshFile(const std::filesystem::path& path) {
                       "Export the mesh again, for example as binary STL");
   };
 
-  // One at a time: a child forked meanwhile would hold the other's pipe open.
+  // One at a time: another child forked meanwhile would hold this one's pipe open.
   static std::mutex one_at_a_time;
   const std::scoped_lock lock(one_at_a_time);
   Child child(file, path.has_parent_path() ? path.parent_path() : std::filesystem::path("."));
   if (!child.started()) {
-    throw ResourceLimit("tool.fork", subject, "no process could be started to read the mesh", "Free some memory");
+    throw ResourceLimit("tool.fork", subject, "could not start a process to read the mesh", "Free some memory");
   }
   Header header = {};
   if (!child.read(&header, sizeof header)) throw malformed(child.epitaph());
   if (header.magic != kMagic || header.text_bytes > kMaxErrorBytes || header.vertices > kMaxVertices ||
       header.triangles > kMaxTriangles) {
-    throw malformed("reading the mesh ended without a sensible result");
+    throw malformed("reading the mesh ended with an invalid result");
   }
   std::string text(header.text_bytes, '\0');
   if (!child.read(text.data(), text.size())) throw malformed(child.epitaph());
@@ -361,7 +361,7 @@ FileMesh readMeshFile(const std::filesystem::path& path) {
                     std::to_string(header.file_faces) + " could be read");
   }
   if (header.triangles == 0) {
-    throw UnusableInput("tool.no_faces", subject, "the mesh has no faces, only points or lines or nothing at all",
+    throw UnusableInput("tool.no_faces", subject, "the mesh has no faces, only points or lines, or nothing at all",
                         "Export the tool as a surface of triangles or polygons");
   }
 
@@ -384,10 +384,11 @@ FileMesh readMeshFile(const std::filesystem::path& path) {
     }
   }
   if (header.dropped_faces > 0) {
-    mesh.notes.push_back(std::to_string(header.dropped_faces) + " points and lines of the mesh left out");
+    mesh.notes.push_back(std::to_string(header.dropped_faces) + " points and lines of the mesh ignored");
   }
   mesh.metres_per_file_unit = file.metres_per_unit;
-  mesh.metres_per_vertex_unit = file.metres_per_unit > 0 ? 1.0 : 0.0;  // assimp applies COLLADA's unit; glTF is metres
+  mesh.metres_per_vertex_unit =
+      file.metres_per_unit > 0 ? 1.0 : 0.0;  // assimp applies COLLADA's unit; glTF is in metres
   return mesh;
 }
 

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Reads a mesh file of doubtful origin: checks before, assimp in a child process with limits, checks after.
+/// Reads an untrusted mesh file: checks before, assimp in a child process with limits, checks after.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,16 +12,16 @@
 
 namespace accessvdb::internal {
 
-/// What stands in a file, all nodes placed, in the file's own axes.
+/// The content of a file, all nodes placed, in the file's own axes.
 struct FileMesh {
   std::vector<Eigen::Vector3f> vertices;                ///< finite
   std::vector<std::array<std::uint32_t, 3>> triangles;  ///< indices are in range; at least one triangle
-  double metres_per_file_unit = 0;                      ///< 0 = the format carries none
-  double metres_per_vertex_unit = 0;                    ///< of the vertices above; 0 = the format carries none
+  double metres_per_file_unit = 0;                      ///< 0 = the format has no unit
+  double metres_per_vertex_unit = 0;                    ///< for the vertices above; 0 = the format has no unit
   std::vector<std::string> notes;
 };
 
-/// @throws InputError (unreadable, malformed, a format that is not read), UnusableInput (no faces, not finite)
+/// @throws InputError (unreadable, malformed, an unsupported format), UnusableInput (no faces, not finite)
 FileMesh readMeshFile(const std::filesystem::path& path);
 
 }  // namespace accessvdb::internal

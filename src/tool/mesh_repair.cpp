@@ -27,7 +27,7 @@ struct CellHash {
   }
 };
 
-/// For each vertex the first vertex at its place.
+/// For each vertex, the first vertex at the same position.
 std::vector<std::uint32_t> weldExact(const std::vector<Eigen::Vector3f>& vertices) {
   std::unordered_map<std::array<std::int64_t, 3>, std::uint32_t, CellHash> first;
   first.reserve(vertices.size());
@@ -41,7 +41,7 @@ std::vector<std::uint32_t> weldExact(const std::vector<Eigen::Vector3f>& vertice
   return target;
 }
 
-/// The same for vertices within a distance; greedy in the order of the file.
+/// The same for vertices within a distance; greedy, in file order.
 std::vector<std::uint32_t> weldNear(const std::vector<Eigen::Vector3f>& vertices, double distance) {
   std::unordered_map<std::array<std::int64_t, 3>, std::vector<std::uint32_t>, CellHash> kept;
   std::vector<std::uint32_t> target(vertices.size());
@@ -65,7 +65,7 @@ std::vector<std::uint32_t> weldNear(const std::vector<Eigen::Vector3f>& vertices
   return target;
 }
 
-/// Height over the longest edge within float32 rounding of nothing.
+/// Whether the height over the longest edge exceeds float32 rounding.
 bool hasArea(const std::vector<Eigen::Vector3f>& vertices, const Triangle& t) {
   const Eigen::Vector3d a = vertices[t[0]].cast<double>(), b = vertices[t[1]].cast<double>(),
                         c = vertices[t[2]].cast<double>();
@@ -93,8 +93,8 @@ std::vector<Edge> sortedEdges(const std::vector<Triangle>& triangles) {
   return edges;
 }
 
-/// Turns triangles of a two-manifold so that each shell agrees with itself and faces outwards.
-/// @return false where a shell has one side only (cannot be oriented)
+/// Flips triangles of a two-manifold so that each shell is consistent and faces outwards.
+/// @return false if a shell has only one side (cannot be oriented)
 bool orientShells(RepairedMesh& mesh, const std::vector<Edge>& edges) {
   struct Neighbour {
     std::uint32_t triangle;
@@ -130,7 +130,7 @@ bool orientShells(RepairedMesh& mesh, const std::vector<Edge>& edges) {
     for (std::uint32_t t : shell) {
       if (turn[t] == 1) std::swap(mesh.triangles[t][1], mesh.triangles[t][2]), ++turned;
     }
-    mesh.flipped += std::min(turned, shell.size() - turned);  // a shell that is inside out as a whole is no defect
+    mesh.flipped += std::min(turned, shell.size() - turned);  // a shell that is wholly inside out is not a defect
     const Eigen::Vector3d origin = mesh.vertices[mesh.triangles[seed][0]].cast<double>();
     double volume = 0;
     for (std::uint32_t t : shell) {
@@ -146,7 +146,7 @@ bool orientShells(RepairedMesh& mesh, const std::vector<Edge>& edges) {
   return true;
 }
 
-/// Is the surface closed, and where it is, orients it.
+/// Checks whether the surface is closed and, if so, orients it.
 void closeAndOrient(RepairedMesh& mesh) {
   const std::vector<Edge> edges = sortedEdges(mesh.triangles);
   bool manifold = true, balanced = true;
@@ -161,7 +161,7 @@ void closeAndOrient(RepairedMesh& mesh) {
     if (balance != 0) balanced = false;
     if (end - begin != 2 && balance != 0) ++mesh.open_edges;
   }
-  // Shells that touch along an edge are no manifold, but where the edge's triangles cancel in pairs the winding number
+  // Shells that touch along an edge are not manifold, but if the edge's triangles cancel in pairs, the winding number
   // is still defined everywhere.
   mesh.watertight = !edges.empty() && ((manifold && orientShells(mesh, edges)) || balanced);
 }
@@ -206,7 +206,7 @@ RepairedMesh repairMesh(const std::vector<Eigen::Vector3f>& vertices, const std:
   RepairedMesh mesh = join(vertices, triangles, exact, false);
   if (mesh.watertight || mesh.triangles.empty()) return mesh;
 
-  // A triangle without area may be what joins two others: dropping it would tear the surface open.
+  // A triangle without area may join two others: dropping it would open the surface.
   if (mesh.zero_area > 0) {
     RepairedMesh with_all = join(vertices, triangles, exact, true);
     if (with_all.watertight) return with_all;

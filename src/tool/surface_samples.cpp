@@ -9,7 +9,7 @@
 namespace accessvdb::internal {
 namespace {
 
-/// splitmix64 (public domain, S. Vigna). The standard's distributions differ between standard libraries; this does not.
+/// splitmix64 (public domain, S. Vigna). The standard distributions differ between libraries; this does not.
 struct Generator {
   std::uint64_t state;
 

@@ -35,7 +35,7 @@ std::string triple(const Eigen::Vector3d& p, const char* between) {
   return number(p.x()) + between + number(p.y()) + between + number(p.z());
 }
 
-/// Counts are written little endian and coordinates as their bits, so that the digest is the same everywhere.
+/// Counts are written little endian and coordinates as their bits, so that the digest is platform-independent.
 std::string digestOf(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& triangles) {
   static_assert(sizeof(Eigen::Vector3f) == 12 && sizeof(Triangle) == 12);
   EVP_MD_CTX* context = EVP_MD_CTX_new();
@@ -58,7 +58,7 @@ std::string digestOf(const std::vector<Eigen::Vector3f>& vertices, const std::ve
   return text;
 }
 
-/// From the origin to the nearest point of a triangle.
+/// Distance from the origin to the nearest point of a triangle.
 double distanceToOrigin(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
   const Eigen::Vector3d normal = (b - a).cross(c - a);
   const Eigen::Vector3d* corner[3] = {&a, &b, &c};
@@ -79,20 +79,20 @@ Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject) {
   for (const Eigen::Vector3d& p : {pose.axis, pose.up, pose.tip.value_or(Eigen::Vector3d::Zero())}) {
     if (!p.allFinite()) {
       throw InvalidArgument("tool.pose", subject, "the tool's tip, axis or up is not finite",
-                            "Give --tool-tip, --tool-axis and --tool-up as three numbers each");
+                            "Set --tool-tip, --tool-axis and --tool-up to three numbers each");
     }
   }
   const double axis_length = pose.axis.stableNorm(), up_length = pose.up.stableNorm();
   if (!(axis_length > 0) || !(up_length > 0)) {
     throw InvalidArgument("tool.pose", subject, "the tool's axis or up is zero",
-                          "Give directions such as --tool-axis 1,0,0 --tool-up 0,0,1");
+                          "Use directions such as --tool-axis 1,0,0 --tool-up 0,0,1");
   }
   const Eigen::Vector3d x = pose.axis / axis_length, up = pose.up / up_length, z = up - up.dot(x) * x;
   if (!(z.norm() > 1e-6)) {
     throw InvalidArgument(
         "tool.pose", subject,
         "the tool's axis (" + triple(pose.axis, ",") + ") and up (" + triple(pose.up, ",") + ") are parallel",
-        "Give a --tool-up that points sideways from --tool-axis");
+        "Choose a --tool-up that is not along --tool-axis");
   }
   Eigen::Matrix3d rows;
   rows.row(0) = x;
@@ -103,13 +103,13 @@ Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject) {
 
 std::vector<std::string> notesOf(const internal::RepairedMesh& mesh) {
   std::vector<std::string> notes;
-  if (mesh.zero_area > 0) notes.push_back(std::to_string(mesh.zero_area) + " triangles without area left out");
+  if (mesh.zero_area > 0) notes.push_back(std::to_string(mesh.zero_area) + " triangles without area removed");
   if (mesh.zero_area_kept > 0) {
     notes.push_back(std::to_string(mesh.zero_area_kept) + " triangles without area kept: they close the surface");
   }
-  if (mesh.duplicates > 0) notes.push_back(std::to_string(mesh.duplicates) + " duplicate triangles left out");
+  if (mesh.duplicates > 0) notes.push_back(std::to_string(mesh.duplicates) + " duplicate triangles removed");
   if (mesh.flipped > 0)
-    notes.push_back(std::to_string(mesh.flipped) + " triangles turned to agree with their neighbours");
+    notes.push_back(std::to_string(mesh.flipped) + " triangles flipped to agree with their neighbours");
   if (mesh.welded_by_tolerance)
     notes.push_back("vertices closer than a millionth of the mesh's size joined to close it");
   if (!mesh.watertight) {
@@ -119,7 +119,7 @@ std::vector<std::string> notesOf(const internal::RepairedMesh& mesh) {
   return notes;
 }
 
-/// Size, position, and what looks like a wrong tip or axis.
+/// Notes on size and position, and on what looks like a wrong tip or axis.
 std::vector<std::string> plausibilityNotes(const ToolGeometry& tool) {
   std::vector<std::string> notes;
   double area = 0, area_behind = 0, tip_gap_m = std::numeric_limits<double>::infinity();
@@ -138,7 +138,7 @@ std::vector<std::string> plausibilityNotes(const ToolGeometry& tool) {
   }
   if (area_behind > 0.5 * area) {
     notes.push_back("warning: most of the tool (" + number(100 * area_behind / area) +
-                    " % of its surface) lies on the far side of the tip, in the direction in which it approaches; "
+                    " % of its surface) is on the far side of the tip, in the direction in which it approaches; "
                     "check --tool-axis (from the tip along the body) and --tool-tip");
   }
   return notes;
@@ -157,7 +157,7 @@ double metresPer(LengthUnit unit) {
     case LengthUnit::Inch:
       return 0.0254;
   }
-  throw InvalidArgument("tool.unit", "", "the length unit is none of metre, centimetre, millimetre and inch");
+  throw InvalidArgument("tool.unit", "", "the length unit is not one of metre, centimetre, millimetre and inch");
 }
 
 ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T, std::vector<Triangle> triangles,
@@ -208,23 +208,23 @@ ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::opti
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3f& p : mesh.vertices) box.extend(p.cast<double>());
   std::vector<std::string> notes = mesh.notes;
-  // Vertices may come in another unit than they have in the file; the tip is in the file's.
+  // The vertices' unit may differ from the file's; the tip is in the file's.
   const double file_units_per_vertex_unit =
       mesh.metres_per_file_unit > 0 ? mesh.metres_per_vertex_unit / mesh.metres_per_file_unit : 1.0;
   const Eigen::Vector3d extents = file_units_per_vertex_unit * box.sizes();
   double metres_per_file_unit = mesh.metres_per_file_unit;
   if (unit) {
     if (metres_per_file_unit > 0 && std::abs(metresPer(*unit) / metres_per_file_unit - 1) > 1e-6) {
-      notes.push_back("warning: the file says that its unit is " + number(metres_per_file_unit) + " m; " +
-                      number(metresPer(*unit)) + " m is used instead, as asked for");
+      notes.push_back("warning: the file gives its unit as " + number(metres_per_file_unit) + " m; " +
+                      number(metresPer(*unit)) + " m is used instead, as requested");
     }
     metres_per_file_unit = metresPer(*unit);
   }
   if (!(metres_per_file_unit > 0)) {
     throw InvalidArgument(
         "tool.unit", subject,
-        "this kind of mesh carries no length unit; its extents are " + triple(extents, " x ") + " in the file's units",
-        "Say what they are: --tool-unit m, cm, mm or in");
+        "this mesh format has no length unit; its extents are " + triple(extents, " x ") + " in the file's units",
+        "Specify it: --tool-unit m, cm, mm or in");
   }
   const double size_m = extents.maxCoeff() * metres_per_file_unit;
   if (!(size_m >= kMinSize_m && size_m <= kMaxSize_m)) {

@@ -18,9 +18,9 @@
 namespace accessvdb::internal {
 namespace {
 
-/// Offsets are int16; some room is left for adding them to a voxel within its leaf.
+/// Offsets are int16; this leaves room for adding them to a voxel's place in its leaf.
 constexpr double kMaxSpanVoxels = 30000;
-/// 2^28 columns of 16 bytes: 4 GiB on the host, twice that while they are put together, and 4 GiB on the device.
+/// 2^28 columns of 16 bytes: 4 GiB on the host, twice that while they are assembled, and 4 GiB on the device.
 /// `builtin:pruner` with 180 directions takes 2.8 GiB of it at 1 mm.
 constexpr double kMaxColumns = 268435456.0;
 /// [n_c] of 1000 surface samples (paper).
@@ -38,8 +38,8 @@ std::vector<Eigen::Vector3d> rotated(const std::vector<Eigen::Vector3f>& vertice
   return out;
 }
 
-/// Columns of all directions that the surface alone needs, from its area: a column for each cell of the ground below
-/// it, counted once a direction. Low by design (steep walls count little), so that only hopeless cases are refused.
+/// Lower bound on the columns of all directions, from the surface area: one column per direction for each cell of the
+/// ground below the surface. Low by design (steep walls count little), so that only hopeless cases are refused.
 double fewestColumns(const ToolGeometry& tool, double voxel_size_m, int num_directions) {
   double ground_m2 = 0;
   for (const auto& t : tool.triangles()) {
@@ -50,7 +50,7 @@ double fewestColumns(const ToolGeometry& tool, double voxel_size_m, int num_dire
   return ground_m2 / (voxel_size_m * voxel_size_m) * num_directions;
 }
 
-/// @param columns  of all directions, or an estimate
+/// @param columns  number for all directions, or an estimate
 [[noreturn]] void refuseColumns(const ToolGeometry& tool, double voxel_size_m, double columns) {
   constexpr double kGiB = 1073741824.0;
   const auto text = [](double value, const char* format) {
@@ -58,7 +58,7 @@ double fewestColumns(const ToolGeometry& tool, double voxel_size_m, int num_dire
     std::snprintf(number, sizeof number, format, value);
     return std::string(number);
   };
-  // They grow with the square of 1 / v at least. Rounded up to whole tenths of a millimetre.
+  // Columns grow at least with the square of 1 / v. Rounded up to whole tenths of a millimetre.
   const double fits_m = std::ceil(voxel_size_m * std::sqrt(columns / kMaxColumns) * 1e4) * 1e-4;
   throw ResourceLimit("tool.columns", tool.name(),
                       "at a voxel size of " + text(voxel_size_m, "%.6g") +
@@ -145,7 +145,7 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
     if (d == 0 && all > 0) kernel.hidden_share = double(removed) / double(all);
     of_direction[d] = packColumns(runs);
   };
-  makeDirection(0);  // first, so that what does not fit is noticed before all of memory is full of it
+  makeDirection(0);  // first, so that what does not fit is noticed before memory fills up
   if (const double all = double(of_direction[0].size()) * all_directions; all > kMaxColumns) {
     refuseColumns(tool, v, all);
   }
@@ -184,7 +184,7 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
         int low[3], high[3];
         for (int a = 0; a < 3; ++a) {
           kernel.samples.push_back(float(q[a]));
-          // The point lies anywhere in its voxel, so a sample may fall into either of two; the margin is for float32.
+          // The point may be anywhere in its voxel, so a sample may fall into either of two; the margin is for float32.
           low[a] = int(std::floor(q[a] / v - 1e-3));
           high[a] = int(std::floor(q[a] / v + 1 + 1e-3));
         }

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The tool at every approach direction, as the scoring rules want it (paper, "Tool kernel").
+/// The tool at every approach direction, as the scoring rules need it (paper, "Tool kernel").
 #pragma once
 
 #include <array>
@@ -35,15 +35,15 @@ struct ToolKernel {
   [[nodiscard]] kernels::ToolKernelView view() const;
 
   /// Voxel form: voxel (i,j,k) belongs to the tool at direction d if its cell touches the surface of the rotated mesh
-  /// or its centre lies inside a watertight mesh; cells whose centre is within self_exclusion_voxels of the origin are
+  /// or its centre is inside a watertight mesh; cells whose centre is within self_exclusion_voxels of the origin are
   /// removed. collision_limit = max_collisions + 1, by rule max(1, floor(0.005 x fewest voxels of any d)) + 1.
   /// Sample form: surface_samples points uniform on the surface from a fixed seed, rotated; those within
   /// self_exclusion_voxels * v are removed; collision_limit = max_collisions + 1, by rule 5.
-  /// Both forms are made where useful (voxel form always, for sizes and footprints). Parallel over directions.
+  /// Makes both forms where useful (the voxel form always, for sizes and footprints). Parallel over directions.
   /// @throws ResourceLimit when the tool spans more than 30 000 voxels or needs more than 2^28 columns (4 GiB)
   static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved);
-  /// The same for `sampled` directions, evenly spread, in place of all: to see what all would take.
-  /// @throws ResourceLimit as make(), as far as these directions tell
+  /// The same for `sampled` directions, evenly spread, in place of all: to estimate the memory for all.
+  /// @throws ResourceLimit as make(), as far as these directions show
   static ToolKernel sampled(const ToolGeometry& tool, const FieldParams& resolved, int sampled);
 };
 

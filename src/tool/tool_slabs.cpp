@@ -24,16 +24,16 @@ using kernels::VoxelColumn;
 
 constexpr int kLog2 = 3, kSide = 1 << kLog2;  // of a leaf
 
-/// Leaves of a box, in y and z, that a kernel can number.
+/// Most leaves of a box, in y and z, that a kernel can number.
 constexpr int kMostLeaves = 255;
 
-/// With less than this share of full slabs, to look for them takes longer than they save.
+/// With less than this share of full slabs, looking for them takes longer than they save.
 constexpr double kLeastFullShare = 0.2;
 
 std::int16_t narrow(std::ptrdiff_t n) { return static_cast<std::int16_t>(n); }
 
-/// The box of a direction's slabs, for a point at place y of its leaf. Empty where there are none, and nothing where it
-/// is wider than a SlabBox can say.
+/// The box of a direction's slabs, for a point at place y of its leaf. Empty if there are none, and nothing if it is
+/// wider than a SlabBox can hold.
 std::optional<SlabBox> boxOf(std::span<const VoxelColumn> columns, int y) {
   std::array<int, 3> low, high;
   low.fill(std::numeric_limits<int>::max());
@@ -67,7 +67,7 @@ std::uint64_t wordsOf(const SlabBox& box) {
          static_cast<std::uint64_t>(box.size_z);
 }
 
-/// Leaves of the map above each other that the tool touches.
+/// A vertical column of the map's leaves that the tool touches.
 struct TouchedColumn {
   LeafColumn column = {};
   FullSlabs full;
@@ -76,7 +76,7 @@ struct TouchedColumn {
 /// The slabs of a direction, for a point at place y of its leaf.
 class Slabs {
  public:
-  /// @param box  of the columns
+  /// @param box  the columns' box
   Slabs(std::span<const VoxelColumn> columns, int y, const SlabBox& box) : box_(box), words_(wordsOf(box), 0) {
     for (const VoxelColumn& c : columns) add(c, y);
   }
@@ -85,7 +85,7 @@ class Slabs {
   [[nodiscard]] std::vector<std::uint64_t> takeWords() { return std::move(words_); }
 
   /// The leaves that they touch for a point at place x of its leaf, from the lowest slab with a voxel to the highest.
-  /// Columns with full leaves first, and of these and the others the near ones: a search that stops at some number of
+  /// Columns with full leaves come first, and within each group the near ones: a search that stops at a number of
   /// collisions meets them early.
   [[nodiscard]] std::vector<TouchedColumn> leafColumns(int x) const {
     std::vector<TouchedColumn> list;
@@ -108,7 +108,7 @@ class Slabs {
     return (static_cast<std::size_t>(y) * static_cast<std::size_t>(box_.size_x) + static_cast<std::size_t>(x)) *
            static_cast<std::size_t>(box_.size_z);
   }
-  /// Slab at any x of the box, or beside it.
+  /// Slab at any x inside or outside the box.
   [[nodiscard]] std::uint64_t slabAt(int x, int y, int z) const {
     return x >= 0 && x < box_.size_x ? words_[index(x, y) + static_cast<std::size_t>(z)] : 0;
   }
@@ -134,7 +134,7 @@ class Slabs {
     if (high < low) return;
     TouchedColumn touched;
     touched.column = {narrow(leaf_x), narrow(y + box_.leaf_dy), narrow(low + box_.slab_dz), narrow(high - low + 1)};
-    // Boxes that are too high for it are thrown away (canBeNumbered).
+    // Boxes too high for it are discarded (canBeNumbered).
     if (full_count > 0) touched.full.begin = static_cast<std::uint8_t>(full_end - full_count - low);
     touched.full.count = static_cast<std::uint8_t>(full_count);
     list.push_back(touched);
@@ -171,7 +171,7 @@ struct Part {
   [[nodiscard]] bool canBeNumbered() const { return box.size_y <= kMostLeaves && box.size_z <= kMostLeaves; }
 };
 
-/// Parts behind each other; they are given up on the way.
+/// Concatenates parts, freeing each on the way.
 ToolSlabs joined(std::vector<Part>& parts) {
   ToolSlabs all;
   std::size_t num_words = 0, num_columns = 0;
@@ -214,7 +214,7 @@ ToolSlabs ToolSlabs::make(const kernels::ToolKernelView& tool, int num_direction
   std::vector<Part> parts(static_cast<std::size_t>(num_directions) * kSide);
   std::atomic<std::uint64_t> bytes{0};
   std::atomic<bool> fits{true};
-  /// Before they are taken.
+  /// Checks the limit before allocating.
   const auto reserve = [&](std::uint64_t more) {
     if (bytes.fetch_add(more, std::memory_order_relaxed) + more > most_bytes) fits = false;
     return fits.load();

@@ -11,16 +11,16 @@
 
 namespace accessvdb::internal {
 
-/// Host-side tables behind a ToolSlabsView. Empty for tools of samples, and where they would take too much memory: that
-/// costs time only.
+/// Host-side tables behind a ToolSlabsView. Empty for tools of samples, and if they would take too much memory, which
+/// only costs time.
 struct ToolSlabs {
-  /// What they may take; above it, searches do without them.
+  /// Limit on their memory; above it, searches work without them.
   static constexpr std::uint64_t kMostBytes = std::uint64_t{512} << 20;
 
   std::vector<std::uint64_t> words;
   std::vector<kernels::SlabBox> boxes;  ///< [D x 8]
   std::vector<kernels::LeafColumn> columns;
-  std::vector<kernels::FullSlabs> full;  ///< of each of them; empty where there are few
+  std::vector<kernels::FullSlabs> full;  ///< of each column; empty if there are few
   std::vector<std::uint32_t> begin;      ///< [D x 8 x 8 + 1]
 
   [[nodiscard]] bool empty() const { return begin.empty(); }

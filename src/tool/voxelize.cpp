@@ -15,14 +15,14 @@ namespace {
 using Triangle = std::array<std::uint32_t, 3>;
 
 /// [voxels] Widens the cells, so that "touches" does not depend on how a cut was rounded: 100 times the rounding of a
-/// coordinate of 30 000 in double, a thousandth of what one in float32 metres carries.
+/// coordinate of 30 000 in double, a thousandth of that of one in float32 metres.
 constexpr double kTouch = 1e-9;
 
 std::int32_t firstCell(double low) { return std::int32_t(std::ceil(low - 0.5 - kTouch)); }
 std::int32_t lastCell(double high) { return std::int32_t(std::floor(high + 0.5 + kTouch)); }
 
 /// A convex polygon: a triangle cut by at most four planes.
-struct Polygon {                            // not copied: most corners are unset
+struct Polygon {                            // never copied: most corners are unset
   std::array<Eigen::Vector3d, 16> corners;  // four cuts make at most 13 of 3, even where rounding bent the outline
   int size = 0;
 
@@ -58,7 +58,7 @@ void slab(const Polygon& in, int axis, std::int32_t cell, Polygon& out) {
   cut(below, axis, -1, -(cell - 0.5 - kTouch), out);
 }
 
-/// The triangle is convex, so its part above one cell of the ground is too, and that part's z range gives all cells.
+/// The triangle is convex, so its part above one ground cell is too, and that part's z range gives all cells.
 void addSurface(const Polygon& triangle, std::vector<VoxelRun>& runs) {
   Polygon cut_row, cut_part;
   const auto [x_low, x_high] = triangle.range(0);
@@ -79,14 +79,14 @@ void addSurface(const Polygon& triangle, std::vector<VoxelRun>& runs) {
   }
 }
 
-/// Where the vertical line through a cell's centre passes a triangle.
+/// Where the vertical line through a cell's centre crosses a triangle.
 struct Crossing {
   std::int32_t i, j, sign;  ///< +1: into the inside, going up
   double z;
 };
 
-/// Both triangles of an edge compute its crossing with a row from the same two points in the same order, and each
-/// takes the centres beyond it on its own side, so that no centre is counted twice or not at all.
+/// Both triangles of an edge compute its crossing with a row from the same two points in the same order, and each takes
+/// the centres beyond it on its own side, so that every centre is counted exactly once.
 void addCrossings(const Eigen::Vector3d& p0, const Eigen::Vector3d& p1, const Eigen::Vector3d& p2,
                   std::vector<Crossing>& crossings) {
   const Eigen::Vector3d* corner[3] = {&p0, &p1, &p2};
@@ -107,7 +107,8 @@ void addCrossings(const Eigen::Vector3d& p0, const Eigen::Vector3d& p1, const Ei
       any = true;
     }
     if (!any) continue;
-    // The edge that runs towards +y is on the right of a triangle that is anticlockwise from above (faces up: out).
+    // The edge that runs towards +y is on the right of a triangle that is anticlockwise seen from above (faces up:
+    // out).
     const std::int32_t sign = x_down < x_up ? -1 : 1;
     const double x_low = std::min(x_up, x_down), x_high = std::max(x_up, x_down);
     for (auto i = std::int32_t(std::floor(x_low)) + 1; i <= x_high; ++i) {
@@ -173,7 +174,7 @@ std::uint64_t removeBall(std::vector<VoxelRun>& runs, double radius) {
       left.push_back(run);
       continue;
     }
-    std::int32_t k = 0;  // largest |k| inside; found in whole numbers, so that a square root's rounding plays no part
+    std::int32_t k = 0;  // largest |k| inside; found in integers, so that a square root's rounding does not matter
     while (double(k + 1) * (k + 1) <= rest) ++k;
     if (run.lo < -k) left.push_back({run.i, run.j, run.lo, std::min(run.hi, -k - 1)});
     if (run.hi > k) left.push_back({run.i, run.j, std::max(run.lo, k + 1), run.hi});

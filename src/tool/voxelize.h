@@ -24,7 +24,7 @@ struct VoxelRun {
 std::vector<VoxelRun> voxelize(const std::vector<Eigen::Vector3d>& vertices,
                                const std::vector<std::array<std::uint32_t, 3>>& triangles, bool solid);
 
-/// Takes voxels with i*i + j*j + k*k <= radius*radius out. @return how many were taken out
+/// Removes voxels with i*i + j*j + k*k <= radius*radius. @return number removed
 std::uint64_t removeBall(std::vector<VoxelRun>& runs, double radius);
 
 std::uint64_t countVoxels(const std::vector<VoxelRun>& runs);

@@ -13,7 +13,7 @@ struct CosSin {
   double cos, sin;
 };
 
-/// Of yaw 2 pi d / D, with 0 <= d < D.
+/// Cosine and sine of yaw 2 pi d / D, with 0 <= d < D.
 inline CosSin yawDirection(int d, int num_directions) {
   const int quarter = 4 * d / num_directions, remainder = 4 * d % num_directions;
   const double angle_rad = 0.5 * std::numbers::pi * remainder / num_directions;

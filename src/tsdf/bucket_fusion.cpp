@@ -19,7 +19,7 @@ void linkNodes(PackedTree& tree, std::vector<std::unique_ptr<PackedLowerNode>>& 
   for (auto& node : nodes) {
     auto* upper = tree.root().probeNode<Upper>(node->origin());
     if (upper == nullptr) {
-      auto made = std::make_unique<Upper>(node->origin(), tree.background());  // rounds the origin down to its own
+      auto made = std::make_unique<Upper>(node->origin(), tree.background());  // rounds down to its own origin
       upper = made.get();
       tree.root().addChild(made.release());
     }
@@ -96,7 +96,7 @@ void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const Return
   const std::size_t count = groups_.places.size();
   for (std::size_t g = 0; g < std::min(count, kEntryAhead); ++g) askForEntry(g);
   for (std::size_t g = 0; g < std::min(count, kLeafAhead); ++g) leaves_[g] = leafOf(g);
-  std::size_t summed = 0, folded = 0;  // leaves that were reached indeed
+  std::size_t summed = 0, folded = 0;  // leaves actually reached
   for (std::size_t g = 0; g < count; ++g) {
     if (g + kEntryAhead < count) askForEntry(g + kEntryAhead);
     PackedLeaf* leaf = leaves_[g % kLeafAhead];

@@ -50,7 +50,7 @@ void LeafFusion::markThinBand(const std::array<std::int32_t, 3>& origin_ijk, con
     }
     if (!inside) continue;
     const int voxel = local[0] << 6 | local[1] << 3 | local[2];
-    if (voxel == last) continue;  // two samples in one voxel; a straight line never comes back
+    if (voxel == last) continue;  // two samples in one voxel; a straight line never returns
     last = voxel;
     passed_[static_cast<std::size_t>(voxel >> 6)] |= std::uint64_t{1} << (voxel & 63);
     ++passes_;
@@ -59,7 +59,7 @@ void LeafFusion::markThinBand(const std::array<std::int32_t, 3>& origin_ijk, con
 
 bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::span<const LeafEntry> entries,
                             const ReturnRay* rays) {
-  if (touched_ != 0) clearSums();  // left behind where fold() was never reached
+  if (touched_ != 0) clearSums();  // left over if fold() was never called
   wide_ = false;
   touched_ = 0;
   passes_ = 0;
@@ -101,7 +101,7 @@ void LeafFusion::prefetchValues(const PackedLeaf& leaf) const {
   const std::uint32_t* packed = packedValues(leaf);
   if (packed == nullptr) return;
   std::uint32_t pairs = touched_;
-  if (passes_ != 0) {  // fold() looks at voxels that are cleared for the first time, too
+  if (passes_ != 0) {  // fold() also looks at voxels cleared for the first time
     LeafBits cleared;
     for (openvdb::Index x = 0; x < 8; ++x) cleared[x] = leaf.getValueMask().getWord<std::uint64_t>(x);
     pairs |= kernels_.gained_pairs(passed_, cleared);
@@ -121,7 +121,7 @@ bool LeafFusion::fold(PackedLeaf& leaf, LeafChange& change, FoldCounts& counts) 
   return flipped;
 }
 
-/// Rare: more returns reach the leaf than narrow sums hold. Voxel by voxel.
+/// Rare case: more returns reach the leaf than narrow sums can hold. Works voxel by voxel.
 bool LeafFusion::foldWide(const LeafTarget& leaf, const KernelConstants& constants, LeafChange& change,
                           FoldCounts& counts) {
   change.collides_on = change.collides_off = change.arm_free_on = change.arm_free_off = {};

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Everything that one scan does to one leaf, summed in integers, then folded into the map once.
 ///
-/// Integer sums do not depend on their order, and a fold happens once a scan: so the map is the same bit for bit for
-/// every number of threads and every order of the points inside a scan.
+/// Integer sums do not depend on their order, and each scan is folded once, so the map is bit for bit the same for any
+/// number of threads and any order of the points within a scan.
 #pragma once
 
 #include <array>
@@ -18,7 +18,7 @@
 
 namespace accessvdb::internal {
 
-/// A return that reaches into a leaf: its index and which part of its region does.
+/// A return that reaches into a leaf: its index, and which part of its region reaches it.
 struct LeafEntry {
   static constexpr std::uint32_t kBand = 1;
   std::uint32_t code = 0;  ///< index << 1 | kBand
@@ -26,18 +26,18 @@ struct LeafEntry {
   [[nodiscard]] bool band() const { return (code & kBand) != 0; }
 };
 
-/// Totals where more returns reach a leaf than LeafSums can hold.
+/// Totals for a leaf that more returns reach than LeafSums can hold.
 struct WideSums {
   std::array<std::uint64_t, 512> distance = {};
   std::array<std::uint32_t, 512> samples = {};
 };
 
-/// Asks for memory ahead of its use; where the compiler knows no way, it comes when it comes.
+/// Prefetches memory; does nothing if the compiler does not support it.
 inline void prefetch([[maybe_unused]] const void* begin, [[maybe_unused]] std::size_t bytes) {
 #if defined(__GNUC__)
   const auto* first = static_cast<const std::byte*>(begin);
   for (std::size_t n = 0; n < bytes; n += 64) __builtin_prefetch(first + n, 1);
-  __builtin_prefetch(first + bytes - 1, 1);  // where it does not begin with a line
+  __builtin_prefetch(first + bytes - 1, 1);  // in case it does not start on a cache line
 #endif
 }
 
@@ -45,23 +45,23 @@ class LeafFusion {
  public:
   LeafFusion(const PackedMap& map, const RegionShape& shape, const LeafKernels& kernels = leafKernels());
 
-  /// accumulate() reads this many entries beyond the end of its span, to ask for their returns early.
+  /// accumulate() reads this many entries beyond the end of its span, to prefetch their returns.
   static constexpr std::size_t kLookAhead = 6;
 
-  /// Sums all entries of one leaf. @return false where no voxel of the leaf is reached
+  /// Sums all entries of one leaf. @return false if no voxel of the leaf is reached
   bool accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::span<const LeafEntry> entries,
                   const ReturnRay* rays);
 
-  /// True when accumulate() found distance samples (else only band passes).
+  /// Whether accumulate() found distance samples (else only band passes).
   [[nodiscard]] bool hasSamples() const { return touched_ != 0; }
-  /// Pairs of rows in which it did, a bit each, until fold().
+  /// The pairs of rows with samples, one bit each, until fold().
   [[nodiscard]] std::uint32_t touchedPairs() const { return touched_; }
 
-  /// Starts to fetch the values that fold() will read. The leaf itself must be at hand.
+  /// Starts fetching the values that fold() will read. The leaf itself must be in the cache.
   void prefetchValues(const PackedLeaf& leaf) const;
 
   /// Folds the sums into the leaf. The leaf must have a buffer if hasSamples().
-  /// @return true when a voxel's collides or arm_free flipped; then `change` says which
+  /// @return true if a voxel's collides or arm_free flipped; then `change` says which
   bool fold(PackedLeaf& leaf, LeafChange& change, FoldCounts& counts);
 
  private:

@@ -6,8 +6,8 @@
 #include <bit>
 #include <cmath>
 
-// leaf_kernels_body.h is included once an instruction set, each time in its own namespace with its own lanes. No
-// templates in there: they would be instantiated outside of the pragma's reach.
+// leaf_kernels_body.h is included once per instruction set, each time in its own namespace with its own lanes. It has
+// no templates: they would be instantiated outside the pragma's scope.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
 #define ACCESSVDB_X86_KERNELS 1
 #include <immintrin.h>

@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The inner loops of integration, written once and compiled for several instruction sets; one set is chosen at run
+/// The inner loops of integration, written once and compiled for several instruction sets; one set is selected at run
 /// time.
 ///
-/// Results are the same bit for bit for every set: each step is an IEEE operation that rounds once (no contraction), in
+/// Results are bit for bit the same for every set: each step is an IEEE operation that rounds once (no contraction), in
 /// the same order for every lane width.
 #pragma once
 
@@ -19,9 +19,10 @@ namespace accessvdb::internal {
 /// Voxels of a leaf are handled 16 at a time: two rows along z, one cache line. Pair n holds x = n/4, y = 2(n%4), +1.
 inline constexpr int kPairs = 32;
 
-/// Sums of one scan over the 512 voxels of a leaf. Lives in the first-level cache; zero but in touched pairs.
+/// Sums of one scan over the 512 voxels of a leaf. Stays in the first-level cache; zero except in touched pairs.
 ///
-/// A voxel's sum of samples, in steps of kSampleSteps, and their count share a word: most leaves get one return or two.
+/// A voxel's sum of samples, in steps of kSampleSteps, and their count share a word: most leaves get one or two
+/// returns.
 struct LeafSums {
   static constexpr unsigned kDistanceBits = 24;  ///< the lower ones
   static constexpr std::uint32_t kMostSamples = (1u << (32 - kDistanceBits)) - 1;
@@ -34,11 +35,11 @@ struct LeafSums {
   static constexpr std::uint32_t samplesOf(std::uint32_t packed) { return packed >> kDistanceBits; }
 };
 static_assert(std::uint64_t{LeafSums::kMostSamples} * kSampleSteps >> LeafSums::kDistanceBits == 0,
-              "the largest sum leaves the bits of the count alone");
+              "the largest sum does not reach the bits of the count");
 
 /// One return as seen from one leaf, in voxels.
 struct ReturnInLeaf {
-  std::array<float, 3> leaf;       ///< least voxel of the leaf minus the return's voxel
+  std::array<float, 3> leaf;       ///< lowest voxel of the leaf minus the return's voxel
   std::array<float, 3> offset;     ///< return minus its voxel
   std::array<float, 3> to_sensor;  ///< [u]
   float range;                     ///< [R]
@@ -49,7 +50,7 @@ struct ReturnInLeaf {
 struct KernelConstants {
   float tau;
   float cone_cos, cone_cos_squared;
-  float clamp_low, clamp_high, sample_scale;  ///< steps of kSampleSteps a voxel
+  float clamp_low, clamp_high, sample_scale;  ///< steps of kSampleSteps per voxel
   float band_begin, band_end, band_radius_squared;
   std::int32_t max_weight;
   std::int32_t collision_mean;
@@ -64,22 +65,22 @@ struct FoldCounts {
 
 /// A leaf of the map while a scan is folded into it.
 struct LeafTarget {
-  std::uint32_t* packed;   ///< [512], or nullptr where there are neither samples nor older ones
+  std::uint32_t* packed;   ///< [512], or nullptr if there are neither samples nor older ones
   std::uint64_t* cleared;  ///< [8]
 };
 
 struct LeafKernels {
   const char* name;
-  /// Adds the samples of one return, to less than LeafSums::kMostSamples of others.
-  /// @return pairs of rows that got any, a bit each
+  /// Adds the samples of one return to fewer than LeafSums::kMostSamples others.
+  /// @return pairs of rows that got any, one bit each
   std::uint32_t (*add_double_cone)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafSums& sums);
   std::uint32_t (*add_full_cube)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafSums& sums);
-  /// Marks the voxels of one return's cleared band. @return how many
+  /// Marks the voxels of one return's cleared band. @return their number
   std::uint32_t (*mark_band)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafBits& passed);
-  /// Pairs of rows with voxels that were passed and not cleared yet, a bit each.
+  /// Pairs of rows with voxels that were passed and not cleared yet, one bit each.
   std::uint32_t (*gained_pairs)(const LeafBits& passed, const LeafBits& cleared);
-  /// Folds sums and passes into a leaf and zeroes the sums again.
-  /// @param touched  pairs with samples  @return true when a fact flipped; then `change` is written
+  /// Folds sums and passes into a leaf and resets the sums to zero.
+  /// @param touched  pairs with samples  @return true if a fact flipped; then `change` is written
   bool (*fold)(const LeafTarget& leaf, const KernelConstants& constants, std::uint32_t touched, LeafSums& sums,
                const LeafBits& passed, LeafChange& change, FoldCounts& counts);
 };

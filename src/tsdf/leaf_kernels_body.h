@@ -6,15 +6,15 @@
 alignas(64) constexpr float kLaneZ[16] = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7};
 alignas(64) constexpr float kLaneY[16] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1};
 
-/// e along x, and the parts of s and |e|^2 that depend on x only; and those that depend on y and z only, for the four
-/// pairs of rows of a slab. From memory, a float fills all lanes at no cost.
+/// e along x, and the parts of s and |e|^2 that depend only on x; and those that depend only on y and z, for the four
+/// pairs of rows of a slab. Loaded from memory, a float fills all lanes at no cost.
 struct Parts {
   alignas(32) float ex[8], sx[8], ex2[8];
   Floats s[4], e2[4];
   Mask in_cube[4];
 };
 
-/// Slabs inside the region's box, first and last. Rows are not cut: a loop of fixed length costs less than it saves.
+/// Slabs inside the region's box, first and last. Rows are not cut: a loop of fixed length is cheaper.
 struct Reach {
   int x0, x1;
 };
@@ -56,7 +56,7 @@ inline Ints sampleOf(Floats two_rs, Floats e2, Floats to_sensor, Floats range, c
   return truncate(add(mul(sub(clamped, all(c.clamp_low)), all(c.sample_scale)), all(0.5f)));
 }
 
-/// Which voxels of a leaf lie in a region: pair by pair, and which pairs have any.
+/// Which voxels of a leaf are in a region: pair by pair, and which pairs have any.
 struct Inside {
   LeafBits slabs;
   std::uint32_t pairs = 0;
@@ -68,11 +68,11 @@ struct Inside {
 /// The pairs of a slab with any bit set.
 inline std::uint32_t pairsOfSlab(std::uint64_t bits) {
   constexpr std::uint64_t kTop = 0x8000800080008000u;
-  const std::uint64_t tops = (((bits & ~kTop) + ~kTop) | bits) & kTop;  // of each pair: set where any bit of it is
+  const std::uint64_t tops = (((bits & ~kTop) + ~kTop) | bits) & kTop;  // per pair: set if any of its bits is
   return static_cast<std::uint32_t>((tops >> 15) * 0x0001000200040008u >> 48) & 0xfu;
 }
 
-/// Whether a voxel of the leaf may lie in the ball around the return that is always updated.
+/// Whether a voxel of the leaf may be in the ball around the return that is always updated.
 inline bool reachesOwnBall(const ReturnInLeaf& ray) {
   float e2 = 0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -119,7 +119,7 @@ inline std::uint32_t addDoubleCone(const ReturnInLeaf& ray, const KernelConstant
   for (std::uint32_t left = inside.pairs; left != 0; left &= left - 1) {
     const int pair = std::countr_zero(left), x = pair >> 2, y = pair & 3;
     const Floats s = add(all(parts.sx[x]), parts.s[y]), e2 = add(all(parts.ex2[x]), parts.e2[y]);
-    const Floats two_rs = mul(two_range, s);  // twice a number: nothing is rounded
+    const Floats two_rs = mul(two_range, s);  // a doubled number: nothing is rounded
     const Floats to_sensor = squareRoot(most(add(sub(range_squared, two_rs), e2), zero));
     addSamples(inside.ofPair(pair), sampleOf(two_rs, e2, to_sensor, range, c), pair, sums);
   }
@@ -139,7 +139,7 @@ inline std::uint32_t addFullCube(const ReturnInLeaf& ray, const KernelConstants&
     for (int y = 0; y < 4; ++y) {
       if (parts.in_cube[y] == 0) continue;
       const Floats s = add(sx, parts.s[y]), e2 = add(ex2, parts.e2[y]);
-      const Floats two_rs = mul(two_range, s);  // twice a number: nothing is rounded
+      const Floats two_rs = mul(two_range, s);  // a doubled number: nothing is rounded
       const Floats to_sensor = squareRoot(most(add(sub(range_squared, two_rs), e2), zero));
       const std::uint32_t inside = greater(parts.in_cube[y], sub(range, s), mul(all(c.cone_cos), to_sensor));
       if (inside == 0) continue;
@@ -172,7 +172,7 @@ inline std::uint32_t markBand(const ReturnInLeaf& ray, const KernelConstants& c,
   return count;
 }
 
-/// Facts of a leaf before and after a fold, as far as they were looked at; a bit a voxel.
+/// Facts of a leaf before and after a fold, as far as they were checked; one bit per voxel.
 struct LeafFacts {
   LeafBits old_observed = {}, now_observed = {}, old_collides = {}, now_collides = {};
 };
@@ -181,10 +181,10 @@ inline void setPair(LeafBits& bits, int pair, std::uint32_t rows) {
   bits[static_cast<std::size_t>(pair >> 2)] |= static_cast<std::uint64_t>(rows) << (16 * (pair & 3));
 }
 
-/// (mean * (total - count) + 16 * sum) / total to the nearest, halves up: as the step from the old mean, which fits
-/// into 32 bits. No step is longer than 2^20, so the quotient of floats misses it by less than 1/8; what truncation and
-/// this leave over says whether it is one off.
-/// @param total  1 or more, also where there is no sample
+/// (mean * (total - count) + 16 * sum) / total, rounded to nearest, halves up: computed as the step from the old mean,
+/// which fits into 32 bits. No step exceeds 2^20, so the quotient in floats is off by less than 1/8; the remainder
+/// after truncation says whether to correct it by one.
+/// @param total  1 or more, even if there is no sample
 inline Ints foldedMean(Ints mean, Ints sum, Ints count, Ints total) {
   const Ints step = subInts(shiftLeft(sum, 4), mulInts(mean, count));
   const Ints about = truncate(div(toFloats(step), toFloats(total)));
@@ -234,14 +234,14 @@ inline bool fold(const LeafTarget& leaf, const KernelConstants& c, std::uint32_t
   LeafBits gained;
   for (std::size_t x = 0; x < 8; ++x) gained[x] = passed[x] & ~leaf.cleared[x];
   if (leaf.packed != nullptr) {
-    // Observed voxels gain nothing from being cleared.
+    // Clearing does not change an observed voxel.
     const Ints weights = allInts(static_cast<std::int32_t>(kWeightMask));
     for (std::uint32_t left = pairsOf(gained) & ~touched; left != 0; left &= left - 1) {
       const int pair = std::countr_zero(left);
       const std::uint32_t observed = lessInts(allInts(0), bitAnd(loadInts(leaf.packed + 16 * pair), weights));
       setPair(facts.old_observed, pair, observed);
       setPair(facts.now_observed, pair, observed);
-      // Not looked at before: whether these collide. It stays as it is, and so does what the arm sees.
+      // Whether these collide was not checked before. It is unchanged, and so is what the arm sees.
     }
   }
   std::uint64_t flipped = 0, newly_observed = 0;

@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Where the buffers of leaves live: chunks of 2 MiB, in huge pages where the system grants them.
+/// Storage for the buffers of leaves: chunks of 2 MiB, in huge pages if the system grants them.
 ///
-/// A scan touches fresh memory for ten thousands of leaves; with malloc, page faults cost more than the fusion itself.
-/// Leaves are only ever added, and freed with their map. So a thread cuts buffers off its own chunk without any lock,
-/// and a chunk counts the buffers still in use; the last one gives it back to the system.
+/// A scan touches fresh memory for tens of thousands of leaves; with malloc, page faults cost more than the fusion
+/// itself. Leaves are only ever added, and freed with their map. So a thread cuts buffers off its own chunk without any
+/// lock, and a chunk counts the buffers in use; the last one to be freed returns it to the system.
 #include <algorithm>
 #include <atomic>
 #include <cstddef>
@@ -29,16 +29,16 @@ constexpr std::size_t kBufferBytes = 512 * sizeof(PackedVoxel);
 
 #if ACCESSVDB_LEAF_POOL
 constexpr std::size_t kChunkBytes = std::size_t{2} << 20;
-/// The first buffer's place holds the header.
+/// The header occupies the first buffer's place.
 constexpr std::uint32_t kBuffersPerChunk = kChunkBytes / kBufferBytes - 1;
 
 struct ChunkHeader {
-  std::atomic<std::uint32_t> in_use;  ///< buffers handed out and not freed, plus those not yet cut off
+  std::atomic<std::uint32_t> in_use;  ///< buffers handed out and not freed, plus those still available
 };
 
 /// @throws std::bad_alloc
 ChunkHeader* newChunk() {
-  // Twice the size holds an aligned chunk; the rest goes back at once.
+  // Twice the size contains an aligned chunk; the rest is returned at once.
   void* mapped = mmap(nullptr, 2 * kChunkBytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
   if (mapped == MAP_FAILED) throw std::bad_alloc();
   const auto begin = reinterpret_cast<std::uintptr_t>(mapped);
@@ -49,19 +49,19 @@ ChunkHeader* newChunk() {
   }
   void* chunk = reinterpret_cast<void*>(aligned);
 #ifdef MADV_HUGEPAGE
-  madvise(chunk, kChunkBytes, MADV_HUGEPAGE);  // advice only: small pages work as well
+  madvise(chunk, kChunkBytes, MADV_HUGEPAGE);  // a hint only: small pages work as well
 #endif
   auto* header = new (chunk) ChunkHeader;
   header->in_use.store(kBuffersPerChunk, std::memory_order_relaxed);
   return header;
 }
 
-/// Chunks that are ready for whoever needs one; see leaf_reserve.h.
+/// Chunks ready for any thread that needs one; see leaf_reserve.h.
 struct ChunkStore {
   std::mutex mutex;
   std::vector<ChunkHeader*> chunks;
-  std::size_t reserves = 0;  ///< LeafReserves alive
-  std::uint64_t taken = 0;   ///< chunks that threads took so far, ready or not
+  std::size_t reserves = 0;  ///< number of existing LeafReserves
+  std::uint64_t taken = 0;   ///< chunks taken by threads so far, ready or not
 };
 /// Never destroyed: threads may end after everything else.
 ChunkStore& chunkStore() {
@@ -84,7 +84,7 @@ ChunkHeader* takeChunk() {
   return newChunk();
 }
 
-/// Has the system clear all pages of a chunk, by writing the zero that is there.
+/// Makes the system clear all pages of a chunk, by overwriting their zeros with zeros.
 void touchPages(ChunkHeader* chunk) {
   constexpr std::size_t kPage = 4096;
   auto* bytes = reinterpret_cast<volatile char*>(chunk);
@@ -96,7 +96,7 @@ void release(ChunkHeader* chunk, std::uint32_t buffers) noexcept {
   if (chunk->in_use.fetch_sub(buffers, std::memory_order_acq_rel) == buffers) munmap(chunk, kChunkBytes);
 }
 
-/// The chunk that a thread cuts from.
+/// The chunk from which a thread cuts buffers.
 struct ThreadChunk {
   ChunkHeader* chunk = nullptr;
   std::uint32_t next = kBuffersPerChunk;
@@ -110,7 +110,7 @@ thread_local ThreadChunk t_chunk;
 
 #if ACCESSVDB_LEAF_POOL
 void* PackedVoxel::operator new[](std::size_t bytes) {
-  if (bytes != kBufferBytes) throw std::bad_alloc();  // nobody but OpenVDB's leaves asks
+  if (bytes != kBufferBytes) throw std::bad_alloc();  // only OpenVDB's leaves allocate here
   ThreadChunk& mine = t_chunk;
   if (mine.next == kBuffersPerChunk) {
     mine.chunk = takeChunk();
@@ -126,7 +126,7 @@ void PackedVoxel::operator delete[](void* buffer) noexcept {
   release(reinterpret_cast<ChunkHeader*>(address & ~(kChunkBytes - 1)), 1);
 }
 
-bool newPackedVoxelsAreZero() { return true; }  // no place is handed out twice
+bool newPackedVoxelsAreZero() { return true; }  // no buffer is handed out twice
 
 LeafReserve::LeafReserve() : arena_(1, 0) {
   ChunkStore& ready = chunkStore();
@@ -153,7 +153,7 @@ void LeafReserve::refill() {
   {
     const std::lock_guard lock(ready.mutex);
     const std::uint64_t taken = ready.taken - seen_chunks_;
-    // Threads begin with a chunk each, and a map that does not grow needs no second one.
+    // Each thread begins with one chunk, and a map that does not grow needs no second one.
     wanted = std::min({taken, last_taken_, kMostChunks});
     seen_chunks_ = ready.taken;
     last_taken_ = taken;
@@ -171,7 +171,7 @@ void LeafReserve::refill() {
         touchPages(chunk);
         const std::lock_guard lock(ready.mutex);
         ready.chunks.push_back(chunk);
-      } catch (const std::bad_alloc&) {  // whoever needs the memory will find out
+      } catch (const std::bad_alloc&) {  // the thread that needs the memory will report it
         if (chunk != nullptr) release(chunk, kBuffersPerChunk);
         return;
       }

@@ -1,11 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Memory for the leaves of the next scan, made ready while nobody waits for it.
+/// Memory for the leaves of the next scan, prepared in the background.
 ///
-/// Where a map grows, a third of the time of a scan can go into fresh pages, which the system clears when they are
-/// first written. A flight takes about as many from scan to scan; so after each scan a task beside the others writes to
-/// as many chunks of the leaf pool (leaf_pool.cpp) as the last ones took. It changes when pages are cleared, and
-/// nothing else.
+/// While a map grows, a third of a scan's time can go into fresh pages, which the system clears when they are first
+/// written. A flight needs about as many from scan to scan; so after each scan a background task writes to as many
+/// chunks of the leaf pool (leaf_pool.cpp) as the last ones took. It only changes when pages are cleared.
 #pragma once
 
 #include <tbb/task_arena.h>
@@ -19,13 +18,13 @@ namespace accessvdb::internal {
 class LeafReserve {
  public:
   LeafReserve();
-  /// The last one gives back what nobody took.
+  /// The last one returns unused chunks.
   ~LeafReserve() noexcept;
   LeafReserve(const LeafReserve&) = delete;
   LeafReserve& operator=(const LeafReserve&) = delete;
 
-  /// After a scan: makes ready what each of the last two scans took at least, but no more than 128 MiB. Returns at
-  /// once.
+  /// Call after a scan: prepares the lesser number of chunks taken by the last two scans, but at most 128 MiB. Returns
+  /// at once.
   void refill();
   /// Waits for refill().
   void wait();

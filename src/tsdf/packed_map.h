@@ -5,7 +5,7 @@
 /// value  = mean distance in 20 bits | weight in 12 bits; 0 = unobserved
 /// active = cleared
 ///
-/// A leaf that rays only passed through has no buffer at all (OpenVDB's PartialCreate): 112 bytes instead of 2.2 kB.
+/// A leaf that rays only passed through has no buffer (OpenVDB's PartialCreate): 112 bytes instead of 2.2 kB.
 /// Integration is bound by memory, so this, not arithmetic, decides its speed (docs/DESIGN.md, "The authored map").
 #pragma once
 
@@ -23,8 +23,8 @@ namespace accessvdb::internal {
 using PackedTree = openvdb::tree::Tree4<PackedVoxel, 5, 4, 3>::Type;
 using PackedLeaf = PackedTree::LeafNodeType;
 using PackedLowerNode = PackedTree::RootNodeType::ChildNodeType::ChildNodeType;  ///< of 16^3 leaves
-/// Caches inner nodes only. OpenVDB's default accessors cache the leaf's buffer too, and by asking for it allocate one,
-/// uninitialised, for leaves that have none: never use them on this tree.
+/// Caches inner nodes only. OpenVDB's default accessors also cache the leaf's buffer, and thereby allocate an
+/// uninitialised one for leaves without: never use them on this tree.
 using PackedAccessor = openvdb::tree::ValueAccessor2<PackedTree, /*IsSafe=*/false, 1, 2>;
 static_assert(PackedLeaf::LOG2DIM == 3, "masks and rows assume 8x8x8 leaves");
 
@@ -38,9 +38,9 @@ class PackedMap {
 
   /// Metres of a stored mean; the one place where steps become metres.
   [[nodiscard]] float distanceOf(std::uint32_t mean) const { return clamp_min_m_ + static_cast<float>(mean) * step_m_; }
-  /// The same for whoever reads stored voxels without this class.
+  /// The same for code that reads stored voxels without this class.
   [[nodiscard]] DistanceCode distanceCode() const { return {clamp_min_m_, step_m_, kWeightBits}; }
-  /// A voxel with weight collides when its mean lies below this: least mean whose distance is >= r_c.
+  /// A voxel with weight collides if its mean is below this: the least mean whose distance is >= r_c.
   [[nodiscard]] std::uint32_t collisionMean() const { return collision_mean_; }
   void setCollisionDistance(float r_c_m);
 
@@ -59,11 +59,11 @@ class PackedMap {
   std::uint32_t collision_mean_ = 0;
 };
 
-/// Bytes that a leaf costs, malloc's word for the node included (buffers come from the pool); asserted in a test.
+/// Bytes that a leaf costs, including malloc's word for the node (buffers come from the pool); asserted in a test.
 inline constexpr std::uint64_t kClearedLeafBytes = (sizeof(PackedLeaf) + sizeof(void*) + 15) / 16 * 16;
 inline constexpr std::uint64_t kObservedLeafBytes = kClearedLeafBytes + PackedLeaf::SIZE * sizeof(PackedVoxel);
 
-/// The packed values of a leaf, or nullptr where it is cleared only. (buffer().data() would allocate.)
+/// The packed values of a leaf, or nullptr if it is only cleared. (buffer().data() would allocate.)
 inline const std::uint32_t* packedValues(const PackedLeaf& leaf) {
   return leaf.buffer().empty() ? nullptr : &leaf.buffer().data()->bits;
 }
@@ -71,7 +71,7 @@ inline std::uint32_t* packedValues(PackedLeaf& leaf) {
   return leaf.buffer().empty() ? nullptr : &leaf.buffer().data()->bits;
 }
 
-/// Gives a leaf without values its buffer, of unobserved voxels. @throws std::bad_alloc
+/// Gives a leaf without values a buffer of unobserved voxels. @throws std::bad_alloc
 inline void allocateZeroed(PackedLeaf& leaf) {
   leaf.buffer().allocate();
   if (!newPackedVoxelsAreZero()) std::memset(packedValues(leaf), 0, PackedLeaf::SIZE * sizeof(PackedVoxel));
@@ -79,5 +79,5 @@ inline void allocateZeroed(PackedLeaf& leaf) {
 
 }  // namespace accessvdb::internal
 
-// Compiled once, in packed_map.cpp: a tree has some 600 functions.
+// Compiled once, in packed_map.cpp: a tree has about 600 functions.
 extern template class openvdb::tree::Tree<accessvdb::internal::PackedTree::RootNodeType>;

@@ -18,12 +18,12 @@ constexpr std::uint32_t packVoxel(std::uint32_t mean, std::uint32_t weight) { re
 constexpr std::uint32_t meanOf(std::uint32_t packed) { return packed >> kWeightBits; }
 constexpr std::uint32_t weightOf(std::uint32_t packed) { return packed & kWeightMask; }
 
-/// Value type of the map's tree. A type of its own, so that the buffers of leaves come from our pool (leaf_pool.cpp):
-/// OpenVDB allocates them with new ValueType[512]. The operators are those that OpenVDB's trees ask of a value.
+/// Value type of the map's tree. A separate type, so that the buffers of leaves come from our pool (leaf_pool.cpp):
+/// OpenVDB allocates them with new ValueType[512]. The operators are those that OpenVDB's trees require.
 struct PackedVoxel {
   std::uint32_t bits;
 
-  PackedVoxel() = default;  // leaves it uninitialised: buffers are zeroed once, by whoever allocates them
+  PackedVoxel() = default;  // leaves it uninitialised: buffers are zeroed once, by the code that allocates them
   explicit constexpr PackedVoxel(std::uint32_t b) : bits(b) {}
   explicit constexpr PackedVoxel(int b) : bits(static_cast<std::uint32_t>(b)) {}
   constexpr bool operator==(const PackedVoxel&) const = default;
@@ -38,8 +38,8 @@ struct PackedVoxel {
 };
 static_assert(sizeof(PackedVoxel) == sizeof(std::uint32_t));
 
-/// Whether new PackedVoxel[512] is zero already: fresh pages are, and every buffer is cut from pages of its own.
-/// Writing all of it again would fetch 2 KB where a scan needs a few lines.
+/// Whether new PackedVoxel[512] is already zero: fresh pages are, and every buffer is cut from unused ones.
+/// Writing zeros again would fetch 2 KB although a scan needs only a few lines.
 [[nodiscard]] bool newPackedVoxelsAreZero();
 
 /// Found by OpenVDB's isApproxEqual(), hence the name.

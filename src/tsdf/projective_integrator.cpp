@@ -22,7 +22,7 @@ constexpr double kPi = 3.141592653589793;
 constexpr float kMostStepBetweenBins = 2.0f, kMostDistanceFromRay = 0.5f;
 /// Bins are cut into pieces of this length on their way through the band, so that their boxes stay small.
 constexpr double kPieceVoxels = 8;
-/// Around those boxes, against rounding.
+/// Margin around those boxes, against rounding.
 constexpr double kSlackVoxels = 0.01;
 constexpr std::size_t kBinsPerTask = 64, kLeavesPerTask = 64;
 constexpr float kSkip = 0, kFree = -1;  // instead of a range
@@ -37,7 +37,7 @@ struct TaskResult {
 
 bool before(const LeafChange& a, const LeafChange& b) { return a.origin_ijk < b.origin_ijk; }
 
-/// first, then second, as one change.
+/// Combines `first` followed by `second` into one change.
 LeafChange joined(const LeafChange& first, const LeafChange& second) {
   LeafChange both;
   both.origin_ijk = first.origin_ijk;
@@ -153,7 +153,7 @@ void ProjectiveIntegrator::collectBoxLeaves(const Eigen::Vector3d& origin_W) {
   }
 }
 
-/// What voxel n of a leaf takes for a range: voxels, kSkip or kFree.
+/// The range that voxel n of a leaf uses: voxels, kSkip or kFree.
 float ProjectiveIntegrator::measuredRange(const LeafProjection& seen, std::size_t n, const Eigen::Vector3f& first_S,
                                           const Eigen::Matrix3f& steps) const {
   const float u = seen.column[n], v = seen.row[n];
@@ -270,7 +270,7 @@ void ProjectiveIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, const
     map_.observed_voxels += task.counts.newly_observed;
   }
   mergeChanges(result);
-  // Returns mark their cleared band and nothing else: no other distances changed.
+  // Returns only mark their cleared band: no other distances changed.
   if (!distances_.empty()) result.distances.emplace_back(distances_);
 }
 

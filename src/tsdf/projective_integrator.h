@@ -9,12 +9,12 @@
 ///   empty bin       skipped, or with `empty_is_free`, inside the elevation range, S += tau, w += 1
 ///
 /// `guarded` is how nvblox projects LiDAR scans (nvidia-isaac/nvblox, sensors/internal/impl/lidar_impl.h,
-/// Lidar::interpolateDepthImage, commit 2ecd5722): r is interpolated between the four bin centres around the
-/// voxel where all four are filled and none differs from the interpolated range by more than 2 voxels; else r is the
-/// range of the voxel's own bin, and only where the voxel's centre lies within half a voxel of the ray through that
-/// bin's centre; else the voxel is skipped. What is left out of nvblox: weights other than 1 (its default falls with
-/// the square of the range) and its cap of 5 (TsdfParams::max_weight applies), decay, and its integration distance (10
-/// m). Its columns end at the seam; ours go on around it.
+/// Lidar::interpolateDepthImage, commit 2ecd5722): r is interpolated between the four bin centres around the voxel if
+/// all four are filled and none differs from the interpolated range by more than 2 voxels; otherwise r is the range of
+/// the voxel's own bin, but only if the voxel's centre is within half a voxel of the ray through that bin's centre;
+/// otherwise the voxel is skipped. Not taken from nvblox: weights other than 1 (its default falls with the square of
+/// the range), its cap of 5 (TsdfParams::max_weight applies), decay, and its integration distance (10 m). Its columns
+/// end at the seam; ours wrap around.
 #pragma once
 
 #include <Eigen/Core>
@@ -35,12 +35,12 @@ class ProjectiveIntegrator {
   /// @throws InvalidArgument unless there is exactly one sensor position
   static void requireOneSensor(std::span<const Eigen::Vector3f> q_L);
 
-  /// As ScanIntegrator::noteDistances().
+  /// See ScanIntegrator::noteDistances().
   void noteDistances(bool wanted) { wants_distances_ = wanted; }
 
-  /// Fuses a scan and adds what happened to `result`, which may already hold the changes of its cleared band: of both
-  /// together each leaf is listed once, and a voxel that went to and fro not at all. Leaves written by both count twice
-  /// in touched_leaves.
+  /// Fuses a scan and adds what happened to `result`, which may already contain the changes of its cleared band. Of
+  /// both together, each leaf is listed once, and a voxel that flipped back not at all. Leaves written by both count
+  /// twice in touched_leaves.
   void integrate(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L, const ScanFrame& frame,
                  IntegrationResult& result);
 
@@ -56,10 +56,10 @@ class ProjectiveIntegrator {
 
   PackedMap& map_;
   ProjectiveParams params_;
-  float tau_, clamp_low_, sample_scale_;  ///< voxels, voxels, steps a voxel
+  float tau_, clamp_low_, sample_scale_;  ///< voxels, voxels, steps per voxel
   float view_low_, view_high_;            ///< rows between which an empty bin can count as free
   RangeImage image_;
-  std::vector<LeafKey> leaves_;  ///< to be looked at, sorted
+  std::vector<LeafKey> leaves_;  ///< leaves to be examined, sorted
   std::vector<LeafChange> changes_;
   std::vector<DistanceChange> distances_;
   bool wants_distances_ = false;

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kPi = 3.141592653589793;
 
-/// Angle of (x, y) in [-pi, pi], within 4e-7. Branches would keep the loops below from becoming vectors.
+/// Angle of (x, y) in [-pi, pi], within 4e-7. Branches would keep the loops below from being vectorised.
 /// Reduction and coefficients: Cephes, atanf.
 inline float angleOf(float y, float x) {
   constexpr float kHalfPi = 1.57079632679489662f, kQuarterPi = 0.785398163397448310f, kWhole = 3.14159265358979324f;
@@ -43,7 +43,7 @@ inline Projection projectionOf(float x, float y, float z, float bins_per_rad, fl
           row_up < last_row ? row_up : last_row};
 }
 
-/// The largest float whose whole part is bins - 1.
+/// The largest float whose integer part is bins - 1.
 float lastOf(int bins) { return std::nextafter(static_cast<float>(bins), 0.0f); }
 
 std::vector<std::array<float, 2>> cosineAndSine(int count, double first_rad, double step_rad) {

@@ -3,7 +3,7 @@
 /// The nearest range of a scan in each bin of azimuth and elevation of the sensor frame (docs/PAPER_MAP.md,
 /// "Baselines").
 ///
-/// Azimuth and elevation come from polynomials of this file and never from libm, so that a bin is the same everywhere.
+/// Azimuth and elevation come from polynomials in this file, never from libm, so that bins are the same everywhere.
 #pragma once
 
 #include <Eigen/Core>
@@ -17,13 +17,13 @@ namespace accessvdb::internal {
 /// The 512 voxels of a leaf as the sensor sees them, in the leaf's order.
 struct LeafProjection {
   alignas(64) std::array<float, 512> range;   ///< |x - q| in voxels
-  alignas(64) std::array<float, 512> column;  ///< azimuth in bins, whole part in 0 .. columns - 1
-  alignas(64) std::array<float, 512> row;     ///< elevation in bins, whole part in 0 .. rows - 1
+  alignas(64) std::array<float, 512> column;  ///< azimuth in bins, integer part in 0 .. columns - 1
+  alignas(64) std::array<float, 512> row;     ///< elevation in bins, integer part in 0 .. rows - 1
 };
 
 class RangeImage {
  public:
-  /// @param bin_rad  edge of a bin; made a little smaller or larger so that a whole number fills the circle
+  /// @param bin_rad  edge of a bin; adjusted slightly so that a whole number fills the circle
   explicit RangeImage(double bin_rad);
 
   /// Replaces the image. @param points_S  [n] metres, sensor frame, none at the sensor
@@ -35,16 +35,16 @@ class RangeImage {
   [[nodiscard]] double bin_rad() const { return bin_rad_; }
   /// Voxels; 0 = empty.
   [[nodiscard]] float at(int column, int row) const { return ranges_[index(column, row)]; }
-  /// Indices of the filled bins, row * columns + column, each once, in an order without meaning.
+  /// Indices of the filled bins, row * columns + column, each once, in no particular order.
   [[nodiscard]] std::span<const std::uint32_t> filled() const { return filled_; }
 
-  /// Unit vector of the image position, in bins, in the sensor frame; bin centres lie at halves.
+  /// Unit vector of the image position, in bins, in the sensor frame; bin centres are at halves.
   [[nodiscard]] Eigen::Vector3d directionAt(double column, double row) const;
   /// Same for the centre of a bin, from a table.
   [[nodiscard]] Eigen::Vector3f centreOf(int column, int row) const;
 
-  /// Projects a leaf. @param first  its least voxel in the sensor frame, voxels from the sensor
-  /// @param steps  columns: what one voxel along x, y and z of the map is in the sensor frame
+  /// Projects a leaf. @param first  its lowest voxel in the sensor frame, voxels from the sensor
+  /// @param steps  columns: one voxel along x, y and z of the map, in the sensor frame
   void project(const Eigen::Vector3f& first, const Eigen::Matrix3f& steps, LeafProjection& out) const;
 
  private:

@@ -22,11 +22,11 @@ std::uint64_t mix(std::uint64_t key) {
 }
 
 constexpr std::uint64_t kInNode = std::uint64_t{kNodeEdge - 1} * (1 | 1ull << 21 | 1ull << 42);
-static_assert(kKeyBias % kNodeEdge == 0, "the key of a node's least leaf has zeros for its place");
+static_assert(kKeyBias % kNodeEdge == 0, "the key of a node's lowest leaf has zeros for its place");
 
 LeafKey nodeOf(LeafKey key) { return key & ~kInNode; }
 
-/// As OpenVDB counts: x slowest.
+/// OpenVDB's order: x slowest.
 std::uint32_t placeInNode(LeafKey key) {
   const auto axis = [&](int shift) { return static_cast<std::uint32_t>(key >> shift) & (kNodeEdge - 1); };
   return (axis(42) * kNodeEdge + axis(21)) * kNodeEdge + axis(0);
@@ -42,7 +42,7 @@ std::int32_t floorOf(float value) {
   return n - (static_cast<float>(n) > value ? 1 : 0);
 }
 
-/// First and last leaf along one axis for voxels with offsets in [low, high] from the return.
+/// First and last leaf along an axis, for voxels with offsets in [low, high] from the return.
 struct LeafSpan {
   std::int32_t first, last;
 };
@@ -111,7 +111,7 @@ void forEachReachedLeaf(const RegionShape& shape, const RegionSlices& slices, co
                    3;
     }
     const LeafKey key = leafKeyOf(leaf[0], leaf[1], leaf[2]);
-    if (key != last) visit(key, LeafEntry{index << 1 | LeafEntry::kBand});  // a straight line never comes back
+    if (key != last) visit(key, LeafEntry{index << 1 | LeafEntry::kBand});  // a straight line never returns
     last = key;
   }
 }
@@ -138,10 +138,10 @@ void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays) {
   }
 }
 
-/// In the order of the returns.
+/// Visits pairs in the order of the returns.
 template <typename Visit>
 void ReturnBins::forEachPair(std::size_t bucket, const Visit& visit) const {
-  // Each chunk has a few pairs for a bucket, in a place of its own: asked for ahead, or each would be waited for.
+  // Each chunk has a few pairs for a bucket, in separate memory: prefetched, or each would stall.
   constexpr std::size_t kDataAhead = 4, kVectorAhead = 8;
   for (std::size_t n = 0; n < chunk_count_; ++n) {
     if (n + kVectorAhead < chunk_count_) prefetch(&chunks_[n + kVectorAhead][bucket], sizeof(std::vector<Pair>));
@@ -155,7 +155,7 @@ void ReturnBins::forEachPair(std::size_t bucket, const Visit& visit) const {
 
 namespace {
 
-/// Which leaves of a node are reached, and how many of the bucket's leaves come before each word of them.
+/// Which leaves of a node are reached, and the number of the bucket's leaves before each word of them.
 struct NodeLeaves {
   std::array<std::uint64_t, kLeavesPerNode / 64> reached = {};
   std::array<std::uint32_t, kLeavesPerNode / 64> before = {};
@@ -168,13 +168,13 @@ struct NodeLeaves {
 /// Numbers the nodes of a bucket as they appear.
 class NodeNumbers {
  public:
-  /// @param most  no more nodes than this will come
+  /// @param most  upper bound on the number of nodes
   void start(std::size_t most) {
     table_.assign(std::bit_ceil(2 * most), kEmpty);
     last_ = ~LeafKey{0};
   }
   std::uint32_t of(LeafKey node, std::vector<LeafKey>& nodes, std::vector<NodeLeaves>& leaves) {
-    if (node == last_) return last_number_;  // a return's leaves follow each other
+    if (node == last_) return last_number_;  // a return's leaves are consecutive
     std::size_t slot = mix(node) & (table_.size() - 1);
     while (table_[slot] != kEmpty && nodes[table_[slot]] != node) slot = (slot + 1) & (table_.size() - 1);
     if (table_[slot] == kEmpty) {
@@ -236,7 +236,7 @@ void ReturnBins::group(std::size_t bucket, LeafGroups& groups) const {
   for (std::size_t g = 1; g < groups.begin.size(); ++g) groups.begin[g] += groups.begin[g - 1];
   groups.entries.resize(pairs + LeafFusion::kLookAhead);
   std::fill(groups.entries.end() - LeafFusion::kLookAhead, groups.entries.end(), LeafEntry{});
-  // begin[g] moves to its own end, which is the next one's begin: one step aside, and it is as it was.
+  // Moves begin[g] to its own end, which is the next one's begin; shifting by one restores it.
   std::size_t pair_number = 0;
   forEachPair(bucket, [&](const Pair& pair) { groups.entries[groups.begin[next[pair_number++]]++] = pair.entry; });
   std::copy_backward(groups.begin.begin(), groups.begin.end() - 1, groups.begin.end());

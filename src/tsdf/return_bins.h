@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Which leaves each return of a scan reaches, grouped by leaf.
 ///
-/// Two passes, both parallel and free of locks: chunks of returns write (leaf, entry) pairs into buckets by the tree's
-/// node above the leaf; then each bucket is grouped by node and leaf. So all leaves of a node are in one bucket, and
-/// whoever works on a bucket may link new leaves into the tree without asking anyone.
+/// Two passes, both parallel and lock-free: chunks of returns write (leaf, entry) pairs into buckets by the tree node
+/// above the leaf; then each bucket is grouped by node and leaf. So all leaves of a node are in one bucket, and the
+/// thread that works on a bucket may link new leaves into the tree without synchronisation.
 #pragma once
 
 #include <array>
@@ -22,7 +22,7 @@ using LeafKey = std::uint64_t;
 LeafKey leafKeyOf(std::int32_t leaf_x, std::int32_t leaf_y, std::int32_t leaf_z);
 std::array<std::int32_t, 3> originOf(LeafKey key);
 
-/// Leaves along each edge of the tree's node above them, and in all of it.
+/// Leaves along each edge of the tree node above them, and in the whole node.
 inline constexpr std::uint32_t kNodeEdge = 16;
 inline constexpr std::uint32_t kLeavesPerNode = kNodeEdge * kNodeEdge * kNodeEdge;
 
@@ -33,14 +33,14 @@ struct LeafPlace {
   [[nodiscard]] std::uint32_t inNode() const { return code % kLeavesPerNode; }
 };
 
-/// The leaves of one bucket with their entries, node by node, in each node by place: neighbours in the table of a node
-/// are neighbours here.
+/// The leaves of one bucket with their entries, grouped by node and within a node ordered by place: neighbours in a
+/// node's table are neighbours here.
 struct LeafGroups {
-  std::vector<LeafKey> nodes;        ///< [nodes] key of each node's least leaf
+  std::vector<LeafKey> nodes;        ///< [nodes] key of each node's lowest leaf
   std::vector<LeafPlace> places;     ///< [leaves]
   std::vector<std::uint32_t> begin;  ///< [leaves + 1] into entries
-  std::vector<LeafEntry> entries;    ///< with kLookAhead more, of no meaning, so that prefetching needs no end
-  /// Least voxel of a leaf.
+  std::vector<LeafEntry> entries;    ///< plus kLookAhead dummies, so that prefetching needs no bounds check
+  /// Lowest voxel of a leaf.
   [[nodiscard]] std::array<std::int32_t, 3> originOf(std::size_t leaf) const {
     std::array<std::int32_t, 3> origin = internal::originOf(nodes[places[leaf].node()]);
     const std::uint32_t place = places[leaf].inNode();
@@ -58,7 +58,7 @@ class ReturnBins {
   /// Fills the pairs of all returns, and the boxes of their regions.
   void bin(const RegionShape& shape, std::span<ReturnRay> rays);
 
-  /// Pairs of a bucket, a measure of the work that it holds.
+  /// Number of pairs in a bucket, a measure of its work.
   [[nodiscard]] std::size_t pairCount(std::size_t bucket) const { return pair_counts_[bucket]; }
 
   /// Groups one bucket; safe to call for different buckets at the same time.
@@ -70,7 +70,7 @@ class ReturnBins {
     LeafEntry entry;
   };
   using Chunk = std::array<std::vector<Pair>, kBuckets>;
-  std::vector<Chunk> chunks_;  ///< kept between scans, so that their memory is reused
+  std::vector<Chunk> chunks_;  ///< kept between scans so that memory is reused
   std::size_t chunk_count_ = 0;
   std::array<std::size_t, kBuckets> pair_counts_ = {};
   template <typename Visit>

@@ -1,12 +1,11 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The voxels that one return updates, in units of voxels around the return (docs/PAPER_MAP.md, "Integration").
+/// The voxels that a return updates, in units of voxels around the return (docs/PAPER_MAP.md, "Integration").
 ///
 /// With e = x - p (from the return to a voxel centre), u = (q - p) / R (towards the sensor) and s = e . u:
-///   double cone   s^2 > cos^2 |e|^2  or  |e| <= 1, inside the cube |e|_inf <= tau     (product)
-///   full cube     R - s > cos |x - q|, inside the cube                                 (paper: cone seen from the
-///   sensor) cleared band  begin < s <= min(end, R),  |e|^2 - s^2 <= radius^2                   (radius 0: samples
-///   every v/2)
+///   double cone   s^2 > cos^2 |e|^2  or  |e| <= 1, inside the cube |e|_inf <= tau   (product)
+///   full cube     R - s > cos |x - q|, inside the cube                              (paper: cone seen from the sensor)
+///   cleared band  begin < s <= min(end, R),  |e|^2 - s^2 <= radius^2                (radius 0: samples every v/2)
 #pragma once
 
 #include <algorithm>
@@ -53,7 +52,7 @@ inline constexpr float kSlack = 1e-3f;
 /// Radius of the ball around the return that is always updated (|x-p| <= v), in voxels.
 inline constexpr float kOwnVoxelRadius = 1.0f;
 
-/// The part of a region in one slice e_a in [low, high] across the ray's dominant axis a: bounds on the other two axes.
+/// The part of a region in a slice e_a in [low, high] across the ray's dominant axis a: bounds on the other two axes.
 /// Conservative: never cuts off a voxel of the region.
 class RegionSlices {
  public:
@@ -77,10 +76,10 @@ class RegionSlices {
   bool full_cube_;
   Interval cone_along_, band_along_;
   std::array<float, 2> slope_low_, slope_high_;    ///< of the cone's projection onto (a, b) and (a, c)
-  std::array<float, 2> axis_slope_, band_margin_;  ///< of the ray, and the band's half width across it
+  std::array<float, 2> axis_slope_, band_margin_;  ///< slope of the ray, and the band's half width across it
 };
 
-// Inline: once a return and layer of leaves.
+// Inline: called once per return and layer of leaves.
 
 inline RegionSlices::RegionSlices(const RegionShape& shape, const ReturnRay& ray)
     : tau_(shape.tau), full_cube_(shape.region == UpdateRegion::FullCube) {

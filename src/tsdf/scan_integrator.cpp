@@ -19,8 +19,8 @@
 namespace accessvdb::internal {
 namespace {
 
-/// The projective baseline takes distances from its range image: returns mark their cleared band and nothing else. A
-/// cube of negative size holds no voxel and reaches no leaf.
+/// The projective baseline takes distances from its range image: returns only mark their cleared band. A cube of
+/// negative size contains no voxel and reaches no leaf.
 RegionShape shapeOf(const TsdfParams& params) {
   RegionShape shape(params);
   if (params.region == UpdateRegion::Projective) shape.tau = -1;
@@ -85,7 +85,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
     binned_ = false;
   }
 
-  // The largest buckets first, so that no thread begins with one when the others are done.
+  // The largest buckets first, so that no thread starts one when the others are done.
   std::array<std::pair<std::size_t, std::size_t>, ReturnBins::kBuckets> order;  // pairs, bucket
   for (std::size_t b = 0; b < ReturnBins::kBuckets; ++b) order[b] = {bins_.pairCount(b), b};
   std::sort(order.begin(), order.end(), std::greater<>());

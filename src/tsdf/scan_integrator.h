@@ -29,14 +29,14 @@ struct IntegrationResult {
   FoldCounts counts;
   /// Leaves with flipped facts, each at most once; in the integrator's memory, valid until the next integrate().
   std::vector<std::span<const LeafChange>> changes;
-  /// Leaves with changed distances, likewise; empty unless asked for (ScanIntegrator::noteDistances).
+  /// Leaves with changed distances, likewise; empty unless requested (ScanIntegrator::noteDistances).
   std::vector<std::span<const DistanceChange>> distances;
 };
 
-/// How a scan's sensor stood; only the projective baseline asks.
+/// The sensor's pose during a scan; only the projective baseline uses it.
 struct ScanFrame {
   Eigen::Matrix3d R_W_S = Eigen::Matrix3d::Identity();  ///< rotation, sensor to world (and to the local frame)
-  Eigen::Vector3d origin_W = {0, 0, 0};                 ///< where the local frame lies, metres
+  Eigen::Vector3d origin_W = {0, 0, 0};                 ///< origin of the local frame, metres
 };
 
 class ProjectiveIntegrator;
@@ -49,18 +49,18 @@ class ScanIntegrator {
   /// Whether results list the leaves with changed distances.
   void noteDistances(bool wanted);
 
-  /// Sees the changes that integrate() will return, as soon as they are known. From several threads, but those of a
-  /// part from one at a time; part < kParts.
+  /// Called with the changes that integrate() will return, as soon as they are known. From several threads, but for
+  /// those of a part from one at a time; part < kParts.
   using ChangeVisitor = std::function<void(std::size_t part, const LeafChange& change)>;
   static constexpr std::size_t kParts = ReturnBins::kBuckets;
   void visitChanges(const ChangeVisitor& visit);
 
-  /// Sorts the returns and leaves the map alone; integrate() must get the same ones next. Without it, it sorts them.
+  /// Sorts the returns without touching the map; integrate() must get the same ones next. Otherwise it sorts them.
   void bin(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
   /// @param p_L  [n] finite returns in the local frame, metres, none at its sensor
   /// @param q_L  [n] or [1] sensor positions in the local frame
-  /// @throws InvalidArgument where the region is Projective and there is not one sensor position; std::bad_alloc; then
-  ///         the map is unchanged or holds part of the scan
+  /// @throws InvalidArgument if the region is Projective and there is not exactly one sensor position; std::bad_alloc;
+  ///         then the map is unchanged or contains part of the scan
   IntegrationResult integrate(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                               const ScanFrame& frame = {});
 
@@ -72,13 +72,13 @@ class ScanIntegrator {
   RegionShape shape_;
   ReturnBins bins_;
   std::vector<ReturnRay> rays_;
-  bool binned_ = false;  ///< bin() came
+  bool binned_ = false;  ///< bin() was called
   LeafReserve reserve_;
   ChangeVisitor visit_;  ///< only for UpdateRegion::Projective, whose changes are known last
   struct Workers;
-  std::unique_ptr<Workers> workers_;                         ///< a BucketFusion a thread
+  std::unique_ptr<Workers> workers_;                         ///< one BucketFusion per thread
   std::unique_ptr<ProjectiveIntegrator> projective_;         ///< only for UpdateRegion::Projective
-  std::array<BucketChanges, ReturnBins::kBuckets> changes_;  ///< kept, so that memory is reused
+  std::array<BucketChanges, ReturnBins::kBuckets> changes_;  ///< kept so that memory is reused
 };
 
 }  // namespace accessvdb::internal

@@ -22,7 +22,7 @@ std::vector<const PackedLeaf*> leavesOf(const internal::PackedTree& tree) {
   return leaves;
 }
 
-/// Builds a grid leaf by leaf in parallel, then links the leaves. `fill` returns false where nothing is to be kept.
+/// Builds a grid leaf by leaf in parallel, then links the leaves. `fill` returns false if the leaf is to be dropped.
 template <typename GridT, typename Fill>
 typename GridT::Ptr buildGrid(const internal::PackedMap& map, const char* name,
                               const typename GridT::ValueType& background, const Fill& fill) {
@@ -70,7 +70,7 @@ openvdb::FloatGrid::Ptr TsdfVolume::distance() const {
     }
     return true;
   });
-  grid->setGridClass(openvdb::GRID_UNKNOWN);  // clamped at zero: there is no zero crossing, so it is no level set
+  grid->setGridClass(openvdb::GRID_UNKNOWN);  // clamped at zero: there is no zero crossing, so it is not a level set
   return grid;
 }
 
@@ -99,7 +99,7 @@ std::uint64_t TsdfVolume::activeVoxelCount() const { return packed_->observed_vo
 std::uint64_t TsdfVolume::memoryBytes() const { return packed_->memoryBytes(); }
 
 openvdb::CoordBBox TsdfVolume::leafBounds() const {
-  // Not evalLeafBoundingBox(): it passes over leaves without active voxels, and ours may be observed but never cleared.
+  // Not evalLeafBoundingBox(): it skips leaves without active voxels, and ours may be observed but never cleared.
   openvdb::CoordBBox box;
   for (const PackedLeaf* leaf : leavesOf(packed_->tree())) box.expand(leaf->getNodeBoundingBox());
   return box;

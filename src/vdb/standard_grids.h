@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// OpenVDB with the grid types that libopenvdb.so itself holds compiled. A file that includes this instead of
-/// <openvdb/openvdb.h> does not compile their trees once more: that is some 600 functions per type, and most of the
-/// time that such a file takes. Inline functions are still inlined; no value changes.
+/// OpenVDB with the grid types that are compiled in libopenvdb.so. A file that includes this instead of
+/// <openvdb/openvdb.h> does not compile their trees again, about 600 functions per type and most of such a file's
+/// compile time. Inline functions are still inlined; no value changes.
 ///
-/// ACCESSVDB_GRIDS_IN_LIBOPENVDB is set by cmake/accessvdb_dependencies.cmake where the library is known to export
+/// ACCESSVDB_GRIDS_IN_LIBOPENVDB is set by cmake/accessvdb_dependencies.cmake if the library is known to export
 /// them; elsewhere this is plain OpenVDB. Only Grid and Tree are named: nodes have members that libopenvdb.so lacks.
 #pragma once
 

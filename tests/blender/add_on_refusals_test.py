@@ -54,17 +54,17 @@ class AddOnRefusals(unittest.TestCase):
 
     def test_missing_folders_and_files(self):
         self.assertImportRefused("there is no such file or folder", os.path.join(WORK, "no", "such"))
-        self.assertImportRefused("holds no field.vdb", WORK)
+        self.assertImportRefused("contains no field.vdb", WORK)
         os.remove(self.file("points.ply"))
-        self.assertImportRefused("holds no points.ply")
+        self.assertImportRefused("contains no points.ply")
 
     def test_the_points_for_houdini(self):
-        self.assertImportRefused("Choose field.vdb beside it", self.file("field_points.vdb"))
+        self.assertImportRefused("Choose field.vdb next to it", self.file("field_points.vdb"))
 
     def test_a_volume_that_is_no_volume(self):
         with open(self.file("field.vdb"), "wb") as stream:
             stream.write(b"no volume at all")
-        self.assertImportRefused("is no .vdb file")
+        self.assertImportRefused("is not a .vdb file")
 
     def test_a_volume_that_is_cut_off(self):
         # Blender 3.4 itself ends with an uncaught exception on some of these.
@@ -72,10 +72,10 @@ class AddOnRefusals(unittest.TestCase):
         for length in [size - 1, size // 2, 5000, 300, 60, 8]:
             with open(self.file("field.vdb"), "r+b") as stream:
                 stream.truncate(length)
-            self.assertImportRefused("is damaged or cut off")
+            self.assertImportRefused("is damaged or truncated")
         with open(self.file("field.vdb"), "r+b") as stream:
             stream.truncate(0)
-        self.assertImportRefused("is no .vdb file")
+        self.assertImportRefused("is not a .vdb file")
 
     def test_a_volume_with_something_after_its_end(self):
         with open(self.file("field.vdb"), "ab") as stream:
@@ -85,7 +85,7 @@ class AddOnRefusals(unittest.TestCase):
     def test_a_volume_of_another_program(self):
         # The points for Houdini are a good .vdb without fogs.
         os.replace(self.file("field_points.vdb"), self.file("field.vdb"))
-        self.assertImportRefused("is no field of AccessVDB (no grid 'density'; grids: points)")
+        self.assertImportRefused("is not a field of AccessVDB (no grid 'density'; grids: points)")
 
     def test_points_of_another_run(self):
         with open(self.file("points.ply"), "rb") as stream:
@@ -93,7 +93,7 @@ class AddOnRefusals(unittest.TestCase):
         self.assertIn(b"voxel_size_m 0.004\n", data)
         with open(self.file("points.ply"), "wb") as stream:
             stream.write(data.replace(b"voxel_size_m 0.004\n", b"voxel_size_m 0.005\n"))
-        self.assertImportRefused("of different runs")
+        self.assertImportRefused("from different runs")
 
     def test_damaged_points(self):
         with open(self.file("points.ply"), "r+b") as stream:
@@ -164,16 +164,16 @@ class AddOnRefusals(unittest.TestCase):
         report["parameters"]["tool"] = "gone.stl"
         with open(self.file("report.json"), "w", encoding="utf-8") as stream:
             json.dump(report, stream)
-        self.placing_with("gone.stl: the run's tool mesh is not there")
+        self.placing_with("gone.stl: the run's tool mesh cannot be found")
         report["parameters"]["tool"] = "builtin:hammer"
         with open(self.file("report.json"), "w", encoding="utf-8") as stream:
             json.dump(report, stream)
-        self.placing_with("no built-in tool of this name")
+        self.placing_with("no built-in tool with this name")
         with open(self.file("report.json"), "w", encoding="utf-8") as stream:
             stream.write("{")
         self.placing_with("cannot be read as the report")
         os.remove(self.file("report.json"))
-        self.placing_with("holds no report.json")
+        self.placing_with("contains no report.json")
 
     def test_a_field_that_was_computed_anew_after_the_import(self):
         bpy.ops.import_scene.accessvdb(filepath=COPY)

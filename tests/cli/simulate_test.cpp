@@ -167,7 +167,7 @@ TEST_F(Simulate, ReplacesAnEarlierRecordingButNoOtherFiles) {
   EXPECT_EQ(listing("sim/scans").size(), 8u);
   const ProgramResult shorter = simulate({"--scene", "wall", "--frames", "3"});
   EXPECT_EQ(shorter.exit_code, 7) << shorter.err;
-  EXPECT_NE(shorter.err.find("already holds other files"), std::string::npos) << shorter.err;
+  EXPECT_NE(shorter.err.find("already contains other files"), std::string::npos) << shorter.err;
   EXPECT_EQ(listing("sim/scans").size(), 8u) << "nothing may be lost";
   EXPECT_EQ(readText("sim/poses.txt"), poses) << "nothing may be lost";
 }

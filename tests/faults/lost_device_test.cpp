@@ -131,7 +131,8 @@ TEST_F(LostDevice, AtTheStartAutoGoesOnOnTheCpu) {
     SCOPED_TRACE(fault);
     const ProgramResult result = runWith(fault, {"--device", "auto"});
     EXPECT_EQ(result.exit_code, 0) << result.err;
-    EXPECT_NE(result.err.find(std::string("warning[") + id + "] device: cpu, as "), std::string::npos) << result.err;
+    EXPECT_NE(result.err.find(std::string("warning[") + id + "] device: cpu, because "), std::string::npos)
+        << result.err;
     EXPECT_EQ(report().at("device"), "cpu");
     EXPECT_EQ(report().at("device_note").at("id"), id);
     EXPECT_GT(report().at("counts").at("accessible").get<int>() + report().at("counts").at("blocked").get<int>(), 0);

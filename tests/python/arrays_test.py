@@ -124,7 +124,7 @@ MISUSE = [
     ({"x": 1}, "is of type dict"),
     (3.0, "shape ()"),
     ([], "shape (0,)"),
-    (ragged(), "NumPy makes no array"),
+    (ragged(), "NumPy cannot convert to an array"),
     (object(), "type object"),
     ([[Fraction(1, 2)] * 3], "type object"),
     (iter([[1.0, 2.0, 3.0]]), "type object"),

@@ -184,7 +184,7 @@ class Params(unittest.TestCase):
 
     def test_misuse(self):
         table = [
-            (accessvdb.TsdfParams, {"voxel_size": 0.1}, 'has no setting "voxel_size". Its settings: voxel_size_m, '),
+            (accessvdb.TsdfParams, {"voxel_size": 0.1}, 'has no setting "voxel_size". Known settings: voxel_size_m, '),
             (accessvdb.TsdfParams, {"voxel_size_m": "0.1"}, "voxel_size_m: needs a number, not str."),
             (accessvdb.TsdfParams, {"voxel_size_m": None}, "needs a number, not NoneType"),
             (accessvdb.TsdfParams, {"voxel_size_m": True}, "needs a number, not bool"),
@@ -193,7 +193,7 @@ class Params(unittest.TestCase):
             (accessvdb.TsdfParams, {"max_weight": -1}, "-1 is outside 0 .. 4294967295"),
             (accessvdb.TsdfParams, {"max_weight": 2**80}, "is outside 0 .. 4294967295"),
             (accessvdb.TsdfParams, {"max_weight": 3.0}, "needs a whole number, not float"),
-            (accessvdb.TsdfParams, {"region": "cone"}, "'cone' is none of \"double_cone\", \"full_cube\""),
+            (accessvdb.TsdfParams, {"region": "cone"}, "'cone' is not one of \"double_cone\", \"full_cube\""),
             (accessvdb.TsdfParams, {"region": 1}, "not int"),
             (accessvdb.TsdfParams, {"projective": 3}, "a dict of its settings, not int"),
             (accessvdb.ApproachParams, {"num_directions": 2**31}, "is outside"),
@@ -204,7 +204,7 @@ class Params(unittest.TestCase):
             (accessvdb.UpdateParams, {"seed": 2**64}, "is outside"),
             (accessvdb.FieldParams, {"tsdf": accessvdb.ApproachParams()}, "TsdfParams: needs an object of this class"),
             (accessvdb.FieldParams, {"tsdf": {3: 4}}, 'TsdfParams: has no setting "3"'),
-            (accessvdb.FieldParams, {"backend": "gpu"}, "'gpu' is none of \"auto\", \"cpu\", \"cuda\""),
+            (accessvdb.FieldParams, {"backend": "gpu"}, "'gpu' is not one of \"auto\", \"cpu\", \"cuda\""),
         ]
         for make, settings, text in table:
             with self.subTest(settings):

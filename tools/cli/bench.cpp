@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb bench: a simulated flight through pines, every stage of every frame timed.
+/// accessvdb bench: a simulated flight through pines, with every stage of every frame timed.
 #include <unistd.h>
 
 #include <chrono>
@@ -32,10 +32,10 @@ namespace {
 using Clock = std::chrono::steady_clock;
 using Json = nlohmann::ordered_json;
 
-/// Scans that are made at a time, before the clock runs: few enough that they are no part of the memory figures.
+/// Scans simulated at a time, before the clock starts: too few to affect the memory figures.
 constexpr int kScansAhead = 32;
 
-/// Memory of the process at this moment.
+/// Current memory of the process.
 std::uint64_t residentBytes() {
   std::ifstream statm("/proc/self/statm");
   std::uint64_t total_pages = 0, resident_pages = 0;
@@ -74,7 +74,7 @@ class BenchRun {
   void replay(const sim::Simulator& simulator, AccessibilityField& field);
   [[nodiscard]] bool finished() const;
   void noteTimedBegin(const AccessibilityField& field);
-  /// As far as the stream came: where it was stopped early, those since the timed part began.
+  /// Of the frames so far: if the stream stopped early, those since the timed part began.
   [[nodiscard]] std::size_t timedFrames() const {
     const auto most = static_cast<std::size_t>(options_.timed_frames);
     return std::min(most, timed_from_ ? record_.frames() - *timed_from_ : record_.frames());
@@ -90,18 +90,18 @@ class BenchRun {
   BenchRecord record_;
   std::string scene_;
   double simulation_s_ = 0;
-  std::uint64_t host_before_bytes_ = 0;    ///< when the stream begins: the simulator's
+  std::uint64_t host_before_bytes_ = 0;    ///< when the stream begins: the simulator's memory
   std::optional<std::size_t> timed_from_;  ///< first frame of the timed part, once it is known
   Json memory_at_timed_begin_ = nullptr;
 };
 
-/// @return the stream is as long as it has to be
+/// @return whether the stream is long enough
 bool BenchRun::finished() const {
   return options_.shortest && timed_from_ &&
          record_.frames() >= *timed_from_ + static_cast<std::size_t>(options_.timed_frames);
 }
 
-/// Memory where the timed part begins: with --min-surface-points the size of map that is asked about.
+/// Notes memory when the timed part begins: with --min-surface-points, that is at the requested map size.
 void BenchRun::noteTimedBegin(const AccessibilityField& field) {
   if (timed_from_) return;
   const auto timed = static_cast<std::size_t>(options_.timed_frames);
@@ -140,7 +140,7 @@ void BenchRun::replay(const sim::Simulator& simulator, AccessibilityField& field
 Json BenchRun::describe(const AccessibilityField& field) const {
   const MemoryUse memory = field.memoryUse();
   const FieldParams& params = field.params();
-  // Before the snapshot below, which only this program needs.
+  // Taken before the snapshot below, which only this program needs.
   const std::uint64_t host_peak_bytes = hostPeakBytes();
   Json parameters = Json::object();
   std::istringstream lines(params.describe());
@@ -216,7 +216,7 @@ int BenchRun::run() {
   const ToolGeometry tool = loadTool(options_.map.tool);
   const FieldParams params = benchFieldParams(options_);
 
-  // The field before the forest: a device that is not there must not cost the user the time to grow it.
+  // Makes the field before the forest, so that a missing device fails before the time to grow it is spent.
   AccessibilityField field(tool, params);
   sayWhyNotOnGpu(field, messages_);
   const auto simulating = Clock::now();
@@ -251,14 +251,14 @@ int BenchRun::run() {
                    bytesInWords(json["memory"]["device_peak_bytes"].get<double>()));
   if (signal != 0) {
     messages_.notice("stopped after " + std::to_string(record_.frames()) + " of " + std::to_string(options_.frames) +
-                     " frames; the figures are of these");
+                     " frames; the figures cover these");
     return 128 + signal;
   }
   if (begin < options_.min_surface_points) {
     throw UnusableInput("bench.too_few_points", "--min-surface-points",
                         "the timed part began with " + std::to_string(begin) + " surface points, not " +
                             std::to_string(options_.min_surface_points),
-                        "Ask for more --frames");
+                        "Use more --frames");
   }
   return 0;
 }

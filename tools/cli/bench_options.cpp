@@ -11,7 +11,7 @@
 namespace accessvdb::tools {
 namespace {
 
-/// Rays that are tried for a frame, times its returns: in the forest about two thirds come back.
+/// Rays tried per frame, times its returns: in the forest about two thirds yield a return.
 constexpr int kRaysPerReturn = 8;
 constexpr int kMostFrames = 100'000, kMostPoints = 1'000'000;
 
@@ -19,37 +19,37 @@ constexpr int kMostFrames = 100'000, kMostPoints = 1'000'000;
 
 void addBenchOptions(CLI::App& app, BenchOptions& options) {
   addCommonOptions(app, options.map.common, "bench",
-                   "Replays a simulated flight through pines and times every stage of every frame.",
+                   "Replays a simulated flight through pines timing every stage of every frame.",
                    "accessvdb bench --scene pine --frames 600 --voxel 0.01 --out bench.json");
-  app.add_option("--scene", options.scene, "what is flown through: pine")->capture_default_str();
-  app.add_option("--frames", options.frames, "scans, one update each")->capture_default_str();
-  app.add_option("--timed-frames", options.timed_frames, "the last scans, over which the figures are taken")
+  app.add_option("--scene", options.scene, "scene to fly through: pine")->capture_default_str();
+  app.add_option("--frames", options.frames, "number of scans, one update each")->capture_default_str();
+  app.add_option("--timed-frames", options.timed_frames, "number of last scans that the figures cover")
       ->capture_default_str();
   app.add_option("--min-surface-points", options.min_surface_points,
-                 "fail where the map has fewer points when the timed part begins")
+                 "fail if the map has fewer points when the timed part begins")
       ->capture_default_str();
   app.add_flag("--shortest", options.shortest,
-               "let the timed part begin as soon as --min-surface-points are there; --frames is the most");
-  app.add_option("--points-per-frame", options.points_per_frame, "returns of every scan, exactly")
+               "begin the timed part as soon as --min-surface-points are reached; --frames is the limit");
+  app.add_option("--points-per-frame", options.points_per_frame, "exact number of returns per scan")
       ->capture_default_str();
-  app.add_option("--sensor-rate", options.sensor_rate_hz, "scans a second")->capture_default_str();
-  app.add_option("--speed", options.speed_m_s, "of the flight, metres a second")->capture_default_str();
+  app.add_option("--sensor-rate", options.sensor_rate_hz, "scans per second")->capture_default_str();
+  app.add_option("--speed", options.speed_m_s, "flight speed, metres per second")->capture_default_str();
   app.add_option("--range-noise", options.range_noise_m, "sigma of the ranges, simulated and assumed, metres")
       ->capture_default_str();
   app.add_option("--min-range", options.min_range_m, "nearer returns are lost, metres")->capture_default_str();
-  app.add_option("--max-range", options.max_range_m, "farther returns are lost, metres; the forest goes as far")
+  app.add_option("--max-range", options.max_range_m, "farther returns are lost, metres; the forest extends as far")
       ->capture_default_str();
   app.add_option("--solid-foliage", options.solid_foliage_m,
-                 "shoots are solid bodies of this radius, metres, as a wide beam meets them; 0 = every needle")
+                 "model shoots as solid bodies of this radius, metres, as a wide beam sees them; 0 = every needle")
       ->capture_default_str();
-  app.add_option("--seed", options.seed, "of the forest and the noise")->capture_default_str();
+  app.add_option("--seed", options.seed, "seed of the forest and the noise")->capture_default_str();
   options.map.tool.tool = "builtin:pruner";
   addToolOptions(app, options.map.tool);
   app.add_option("--voxel", options.map.voxel_m, "edge of a voxel in metres")->capture_default_str();
   app.add_option("--tau", options.map.tau, "truncation distance in metres, or in voxels (4v); default by rule");
   app.add_option("--profile", options.map.profile, "product or paper")->capture_default_str();
-  app.add_option("--policy", options.map.policy, "how points to re-score are chosen: exact or paper");
-  app.add_option("--budget-points", options.budget_points, "most points scored an update; 0 = no limit")
+  app.add_option("--policy", options.map.policy, "how points to be scored again are chosen: exact or paper");
+  app.add_option("--budget-points", options.budget_points, "most points scored per update; 0 = no limit")
       ->capture_default_str();
   app.add_option("--directions", options.map.directions, "approach directions over 360 degrees, 4 .. 256");
   app.add_option("--knn", options.map.knn, "neighbours of a normal; default by rule");
@@ -75,11 +75,11 @@ void checkBenchOptions(const BenchOptions& options) {
   if (options.timed_frames > options.frames) {
     throw InvalidArgument("usage.timed_frames", "--timed-frames",
                           "there are only " + std::to_string(options.frames) + " frames",
-                          "Time fewer frames, or ask for more with --frames");
+                          "Time fewer frames, or increase --frames");
   }
   if (options.shortest && options.min_surface_points == 0) {
     throw InvalidArgument("usage.shortest", "--shortest", "has no meaning without --min-surface-points",
-                          "Say how many points the map must have");
+                          "Set the number of points that the map must have");
   }
   if (options.budget_points < 0) {
     throw InvalidArgument("usage.number", "--budget-points", std::to_string(options.budget_points) + " is below 0",

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The flags of `bench`, and the stream of scans that they mean.
+/// The flags of `bench`, and the stream of scans that they describe.
 #pragma once
 
 #include <cstdint>
@@ -13,7 +13,7 @@
 namespace accessvdb::tools {
 
 struct BenchOptions {
-  MapOptions map;  ///< the common flags, the tool, and what a field is made with; its other members stay unused
+  MapOptions map;  ///< common flags, tool and field settings; the other members are unused
   std::string scene = "pine", out, per_frame;
   int frames = 600, timed_frames = 200, points_per_frame = 20000, budget_points = 0;
   double sensor_rate_hz = 10, speed_m_s = 1, range_noise_m = 0.02, min_range_m = 0.2, max_range_m = 30;
@@ -24,12 +24,12 @@ struct BenchOptions {
 
 void addBenchOptions(CLI::App& app, BenchOptions& options);
 
-/// What can be told to be wrong from the flags alone. @throws InvalidArgument, DeviceError
+/// Checks what the flags alone determine. @throws InvalidArgument, DeviceError
 void checkBenchOptions(const BenchOptions& options);
 
 /// @throws InvalidArgument
 [[nodiscard]] FieldParams benchFieldParams(const BenchOptions& options);
-/// A sensor whose every frame can hold points_per_frame returns. @throws InvalidArgument
+/// A sensor whose frames can each hold points_per_frame returns. @throws InvalidArgument
 [[nodiscard]] sim::LidarModel benchSensor(const BenchOptions& options);
 [[nodiscard]] sim::ForestParams benchForest(const BenchOptions& options);
 

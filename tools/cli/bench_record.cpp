@@ -47,7 +47,7 @@ constexpr std::array<Column, 11> kCounters = {{
     {"label_changes", read<&BenchFrame::update, &UpdateStats::label_changes>},
 }};
 
-// Only where that mirror is kept; behind all others.
+// Present only if that mirror is kept; always the last column.
 constexpr Column kDistanceTime = {"distance_mirror", read<&BenchFrame::integration, &FrameStats::distance_mirror_ms>};
 constexpr std::array<Column, 2> kDistanceCounters = {{
     {"distance_leaves", read<&BenchFrame::integration, &FrameStats::distance_leaves>},
@@ -92,7 +92,7 @@ Json BenchRecord::backlog(std::size_t last) const {
   double percent = 0;
   for (std::size_t n = 0; n < frames_.size(); ++n) {
     const std::uint64_t left = frames_[n].update.backlog, points = frames_[n].integration.surface_points;
-    in_a_row = left > 0 ? in_a_row + 1 : 0;  // counted from the first frame: it may be older than the timed part
+    in_a_row = left > 0 ? in_a_row + 1 : 0;  // counted from the first frame: a run may begin before the timed part
     if (n + last < frames_.size()) continue;
     largest = std::max(largest, left);
     longest = std::max(longest, in_a_row);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What `bench` measured, frame by frame, and the figures that follow from it.
+/// What `bench` measured, frame by frame, and the figures derived from it.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ struct BenchFrame {
 
 class BenchRecord {
  public:
-  /// @param distances  the mirror of distances has figures too
+  /// @param distances  whether the mirror of distances has figures too
   explicit BenchRecord(bool distances) : distances_(distances) {}
   void add(const BenchFrame& frame) { frames_.push_back(frame); }
   [[nodiscard]] std::size_t frames() const { return frames_.size(); }
@@ -30,12 +30,12 @@ class BenchRecord {
   /// "frame", "integrate", "mirror", "update", "score" (and "distance_mirror"): {mean, p50, p95, p99, max} over the
   /// last `last` frames.
   [[nodiscard]] nlohmann::ordered_json timing_ms(std::size_t last) const;
-  /// The same statistics of every counter.
+  /// The same statistics for every counter.
   [[nodiscard]] nlohmann::ordered_json counters(std::size_t last) const;
-  /// Of the last `last` frames: most points left over, their share of the map in percent, and the most updates in a
-  /// row that left some, which no point can have waited longer than.
+  /// Over the last `last` frames: the most points left over, their share of the map in percent, and the most
+  /// consecutive updates that left some, an upper bound on how long a point waited.
   [[nodiscard]] nlohmann::ordered_json backlog(std::size_t last) const;
-  /// One line a frame, times in milliseconds, first line the names.
+  /// One line per frame, times in milliseconds; the first line has the column names.
   [[nodiscard]] std::string csv() const;
 
  private:

@@ -28,7 +28,7 @@ std::string verbOf(const CLI::App& app) { return app.get_name().substr(app.get_n
   throw InvalidArgument("usage.option", verbOf(app), problem, "See accessvdb " + verbOf(app) + " --help");
 }
 
-/// A TOML value as the text that would have followed the flag; [1, 2, 3] stands for 1,2,3.
+/// A TOML value as the text that would follow the flag; [1, 2, 3] becomes 1,2,3.
 std::optional<std::string> flagText(const toml::node& node) {
   if (const auto* text = node.as_string()) return text->get();
   if (const auto* array = node.as_array()) {
@@ -69,7 +69,7 @@ void applyTable(CLI::App& app, const std::string& file, const toml::table& table
       throw InvalidArgument("config.key", file, "\"" + key + "\" is not an option of accessvdb " + verbOf(app),
                             "Keys are the flags without the dashes; see accessvdb " + verbOf(app) + " --help");
     }
-    if (option->count() > 0) continue;  // a flag wins, and a key of [verb] wins over one of the top level
+    if (option->count() > 0) continue;  // a flag wins over any key, a key of [verb] over a top-level one
     const auto text = flagText(node);
     if (!text) throw InvalidArgument("config.value", file, "\"" + key + "\" has a value of the wrong kind");
     try {
@@ -94,7 +94,7 @@ void applyConfig(CLI::App& app, const std::string& file) {
   } catch (const toml::parse_error& error) {
     std::ostringstream problem;
     problem << "line " << error.source().begin.line << " is not TOML: " << error.description();
-    throw InvalidArgument("config.syntax", file, problem.str(), "Write key = value, texts in quotes");
+    throw InvalidArgument("config.syntax", file, problem.str(), "Write key = value, with text in quotes");
   }
   if (const toml::table* own = table[verbOf(app)].as_table()) applyTable(app, file, *own, true);
   applyTable(app, file, table, false);
@@ -109,7 +109,7 @@ void addCommonOptions(CLI::App& app, CommonOptions& options, const std::string& 
   app.footer("Example:\n  " + example);
   app.add_option("--device", options.device, "where scoring runs: auto, cpu or cuda")->capture_default_str();
   app.add_option("--threads", options.threads, "threads to use; 0 = all")->capture_default_str();
-  app.add_option("--config", options.config, "TOML file with the same names as the flags; flags win");
+  app.add_option("--config", options.config, "TOML file with the same names as the flags; flags take precedence");
   app.add_flag("--quiet", options.quiet, "only errors and warnings on stderr");
   app.add_option("--error-format", options.error_format, "how stderr is written: text or json")->capture_default_str();
 }

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What all verbs share on the command line: the common flags, --config, help, and our kind of error.
+/// What all verbs share on the command line: the common flags, --config, help and errors.
 #pragma once
 
 #include <CLI/App.hpp>
@@ -25,19 +25,19 @@ struct CommonOptions {
 void addCommonOptions(CLI::App& app, CommonOptions& options, const std::string& verb, const std::string& purpose,
                       const std::string& example);
 
-/// Parses flags, then fills from --config whatever the flags left open.
-/// @return false when --help was asked for and printed
+/// Parses flags, then takes from --config whatever the flags did not set.
+/// @return false if --help was given and printed
 /// @throws InvalidArgument (code 2), InputError for an unreadable config
 [[nodiscard]] bool parseCommandLine(CLI::App& app, const Arguments& arguments, const CommonOptions& options,
                                     Messages& messages);
 
-/// @throws InvalidArgument for a bad value, DeviceError for a device that is not there
+/// @throws InvalidArgument for a bad value, DeviceError for a device that is not available
 void checkCommonOptions(const CommonOptions& options);
 
 /// The value of every option as a TOML table [VERB], in a form that --config reads back.
 [[nodiscard]] std::string effectiveConfig(const CLI::App& app);
 
-/// Data goes to stdout whole, or the program fails. @throws OutputError
+/// Writes data to stdout completely, or fails. @throws OutputError
 void printData(const std::string& text);
 
 }  // namespace accessvdb::tools

@@ -42,11 +42,11 @@ Failure describeFailure(const std::exception& error) {
     return {ours->exitCode(), ours->id(), ours->subject(), ours->problem(), ours->advice()};
   }
   if (dynamic_cast<const std::bad_alloc*>(&error)) {
-    return {static_cast<int>(ErrorCode::Resource), "limit.allocation", "memory", "the machine has no more to give",
+    return {static_cast<int>(ErrorCode::Resource), "limit.allocation", "memory", "the machine has run out of memory",
             "Use a larger --voxel, fewer scans (--every) or a machine with more memory"};
   }
   return {static_cast<int>(ErrorCode::Internal), "internal.exception", "", error.what(),
-          "This is a bug of ours: please report it with this line and the command"};
+          "This is a bug: please report it with this line and the command"};
 }
 
 void Messages::error(const Failure& failure) const {

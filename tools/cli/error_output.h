@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Everything that goes to stderr, in one place: errors and warnings as one line each, in words or as JSON.
+/// Everything that goes to stderr, in one place: errors and warnings, one line each, as text or JSON.
 #pragma once
 
 #include <cstdint>
@@ -20,10 +20,10 @@ struct Failure {
   std::string id, subject, problem, advice;
 };
 
-/// Any exception as a Failure: ours as they are, memory as code 5, all else as code 70.
+/// Converts any exception: library errors unchanged, out of memory as code 5, anything else as code 70.
 [[nodiscard]] Failure describeFailure(const std::exception& error);
 
-/// Control bytes escaped and the length bounded, so that text from a file cannot forge or flood the terminal.
+/// Escapes control bytes and bounds the length, so that text from a file cannot spoof or flood the terminal.
 [[nodiscard]] std::string printable(const std::string& text);
 
 class Messages {
@@ -32,13 +32,13 @@ class Messages {
 
   void error(const Failure& failure) const;
   void warning(const std::string& id, const std::string& text);
-  /// Said unless --quiet.
+  /// Printed unless --quiet.
   void notice(const std::string& text);
 
   [[nodiscard]] bool quiet() const { return quiet_; }
   void setQuiet(bool quiet) { quiet_ = quiet; }
   [[nodiscard]] ErrorFormat format() const { return format_; }
-  /// For report.json: warnings as id and text, notices as text, in the order in which they were said.
+  /// For report.json: warnings as id and text, notices as text, in the order in which they were printed.
   [[nodiscard]] const std::vector<std::pair<std::string, std::string>>& warnings() const { return warnings_; }
   [[nodiscard]] const std::vector<std::string>& notices() const { return notices_; }
 

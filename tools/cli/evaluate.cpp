@@ -46,10 +46,10 @@ void say(const eval::TableResults& results, const fs::path& out, Messages& messa
     messages.notice("missed: " + row.table + ", " + row.scene + " at " + numberText(1000 * row.voxel_m) + " mm, " +
                     row.method + (row.variant.empty() ? "" : ", " + row.variant) + ": " +
                     (row.must ? row.mustInWords() + ", reached " + numberText(row.value(row.must->figure))
-                              : std::string("the condition of this row does not hold")));
+                              : std::string("this row's condition is not met")));
   }
-  messages.notice(std::to_string(results.rows.size()) + " rows; of the requirements " + std::to_string(met) +
-                  " are met, " + std::to_string(missed_count) + " missed");
+  messages.notice(std::to_string(results.rows.size()) + " rows; requirements: " + std::to_string(met) + " met, " +
+                  std::to_string(missed_count) + " missed");
   messages.notice("done in " + numberText(results.seconds) + " s; wrote tables.json and tables.md into " +
                   out.string());
 }
@@ -61,7 +61,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   CommonOptions common;
   std::vector<std::string> tables;
   std::string out, cache;
-  bool no_pictures = false, consistency = false;  // that one is answered above
+  bool no_pictures = false, consistency = false;  // handled above
   CLI::App app;
   addCommonOptions(app, common, "evaluate",
                    "Simulates the scenes of the paper's tables, maps them, and compares every label with exact ground "
@@ -70,12 +70,12 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   app.add_option("--table", tables,
                  "which tables: " + tableList() +
                      "; several with commas. all: every table but the "
-                     "pine; fast: a few rows, in less than a minute on a quiet machine")
+                     "pine; fast: a few rows, in less than a minute on an idle machine")
       ->delimiter(',');
   app.add_option("--out", out, "folder for tables.json, tables.md and the pictures");
   app.add_option("--scan-cache", cache,
-                 "folder that keeps simulated scans between runs; made again where they no "
-                 "longer fit");
+                 "folder that keeps simulated scans between runs; they are made again when they no "
+                 "longer match");
   app.add_flag("--no-pictures", no_pictures, "leave out the pictures of the scenes");
   app.add_flag("--consistency", consistency,
                "compare recorded scans with themselves instead; see evaluate --consistency --help");
@@ -89,7 +89,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
 
   eval::TableOptions options;
   options.tables = tables;
-  eval::checkTableNames(tables);  // before a folder is made
+  eval::checkTableNames(tables);  // before any folder is created
   io::prepareOutputFolder(out);
   watchStopSignals();
   options.threads = common.threads;
@@ -116,7 +116,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   if (!results.stopped) return 0;
   const int signal = stopSignal();
   messages.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") +
-                  (results.rows.empty() ? "; nothing to save" : "; what was finished is saved"));
+                  (results.rows.empty() ? "; nothing to save" : "; finished rows are saved"));
   return 128 + signal;
 }
 

@@ -29,16 +29,16 @@ using eval::ConsistencyPart;
 using eval::ConsistencyResult;
 using eval::LabelAgreement;
 
-/// The flags of `map` that say what is mapped and how; the others have no meaning here.
+/// The flags of `map` that say what is mapped and how; the others do not apply here.
 void addConsistencyOptions(CLI::App& app, MapOptions& options, bool& consistency) {
   addCommonOptions(
       app, options.common, "evaluate --consistency",
-      "Labels from half of the scans against those of the other half and of all scans.",
+      "Compares labels from half of the scans with those from the other half and from all scans.",
       "accessvdb evaluate --consistency --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.05 "
       "--out out/");
   app.add_flag("--consistency", consistency, "compare recorded scans with themselves");
   app.add_option("--scans", options.scans, "folder of .pcd, .ply, .bin or .las scans, or one ray cloud");
-  app.add_option("--poses", options.poses, "pose file; may be left out for VIEWPOINT poses and ray clouds");
+  app.add_option("--poses", options.poses, "pose file; may be omitted for VIEWPOINT poses and ray clouds");
   addMappingOptions(app, options);
   app.add_option("--out", options.out, "folder for consistency.json and consistency.md");
 }
@@ -170,7 +170,7 @@ void writeJson(const fs::path& path, const ConsistencyResult& result, const Fiel
       {"maps", {{"even", jsonOf(result.even)}, {"odd", jsonOf(result.odd)}, {"all", jsonOf(result.all)}}},
       {"comparisons", Json::array({jsonOf("even", "odd", result.even_odd), jsonOf("even", "all", result.even_all),
                                    jsonOf("odd", "all", result.odd_all)})}};
-  // Paths are bytes, and need not be UTF-8.
+  // Paths are bytes and need not be UTF-8.
   const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
   io::writeFileDurably(path, [&](std::ostream& out) { out << text; });
 }
@@ -215,7 +215,7 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   for (const std::string& note : scans.notices()) messages.notice(note);
   const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
-  // Of the three maps, one at a time, the last holds all scans.
+  // The three maps are made one at a time; the last, of all scans, needs the most.
   if (!checkMemory(options, tool, RunOutput::Labels, scans, messages)) return stoppedBeforeResults(messages);
 
   std::optional<Progress> progress;

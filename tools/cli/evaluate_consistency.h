@@ -7,11 +7,11 @@
 
 namespace accessvdb::tools {
 
-/// True when the arguments of `evaluate` ask for it.
+/// Whether the arguments of `evaluate` request it.
 [[nodiscard]] bool wantsConsistency(const Arguments& arguments);
 
 /// Maps half of the scans, the other half and all, and writes consistency.json and consistency.md into --out.
-/// @return the exit code: 0, or 130/143 where a signal stopped the run
+/// @return the exit code: 0, or 130/143 if a signal stopped the run
 int runConsistency(const Arguments& arguments, Messages& messages);
 
 }  // namespace accessvdb::tools

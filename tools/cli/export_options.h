@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The flags of `map` that say how its .vdb files are written, and the frames of a sequence.
+/// The flags of `map` for writing .vdb files, and the frames of a sequence.
 #pragma once
 
 #include <CLI/App.hpp>
@@ -14,18 +14,18 @@ namespace accessvdb::tools {
 struct ExportOptions {
   bool half = false, surface = false;
   std::string compression = "auto", up_axis = "z";
-  int sequence = 0;  ///< scans a frame; 0 = no sequence
+  int sequence = 0;  ///< scans per frame; 0 = no sequence
 };
 
 void addExportOptions(CLI::App& app, ExportOptions& options);
 
-/// @throws InvalidArgument for an unknown word, or a codec that is not there
+/// @throws InvalidArgument for an unknown word, or a codec that is not available
 [[nodiscard]] io::WriteOptions writeOptions(const ExportOptions& options);
 
 /// field_0001.vdb for frame 1; more digits from frame 10000 on.
 [[nodiscard]] std::string frameName(std::uint64_t frame);
 
-/// Number of the last file in the folder that has the name of a frame; 0 = none.
+/// Number of the last file in the folder with a frame's name; 0 = none.
 [[nodiscard]] std::uint64_t lastFrameIn(const std::filesystem::path& folder);
 
 }  // namespace accessvdb::tools

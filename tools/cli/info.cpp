@@ -24,7 +24,7 @@ Json jsonPairs(const std::vector<std::pair<std::string, std::string>>& pairs) {
   return json;
 }
 
-/// Every .vdb of ours names its version at file level.
+/// Every .vdb file written by AccessVDB names its version in the file's metadata.
 bool isOurs(const io::VdbSummary& summary) {
   for (const auto& [key, value] : summary.metadata) {
     if (key == "accessvdb_version") return true;
@@ -55,7 +55,7 @@ Json describeVdb(const fs::path& path) {
           {"grids", grids}};
 }
 
-/// The counts of an output folder: of its report where there is one.
+/// The counts of an output folder, from its report.
 Json describeReport(const fs::path& path) {
   std::ifstream in(path);
   const Json report = Json::parse(in, nullptr, false);
@@ -84,7 +84,7 @@ std::string wordsOfVdb(const Json& vdb) {
       words += ", voxels " + text(grid["min_ijk"]) + " to " + text(grid["max_ijk"]);
     words += "\n";
     for (const auto& [key, value] : grid["metadata"].items()) {
-      // Where every grid carries the file's metadata, saying it once is enough.
+      // Metadata that every grid shares with the file is printed once.
       if (key != "name" && key != "class" && !vdb["metadata"].contains(key))
         words += "    " + printable(key) + ": " + text(value) + "\n";
     }
@@ -104,7 +104,7 @@ std::string wordsOfReport(const Json& report) {
   return words;
 }
 
-/// An accessibility field without a single point is a valid file and hardly what anybody wants.
+/// A field without a single point is a valid file, but hardly what the user wants.
 void warnIfEmpty(const Json& vdb, Messages& messages) {
   if (!vdb["accessvdb"].get<bool>()) return;
   for (const Json& grid : vdb["grids"]) {
@@ -121,7 +121,7 @@ int runInfo(const Arguments& arguments, Messages& messages) {
   std::string path;
   bool json = false;
   CLI::App app;
-  addCommonOptions(app, common, "info", "Tells what is inside a .vdb file or an output folder of accessvdb map.",
+  addCommonOptions(app, common, "info", "Shows what is inside a .vdb file or an output folder of accessvdb map.",
                    "accessvdb info out/ --json");
   app.add_option("path", path, "FILE.vdb or DIR");
   app.add_flag("--json", json, "as JSON");
@@ -152,7 +152,7 @@ int runInfo(const Arguments& arguments, Messages& messages) {
     words += wordsOfVdb(result["files"].back());
   }
   if (words.empty()) {
-    throw InputError("input.no_field", path, "the folder holds neither field.vdb nor report.json",
+    throw InputError("input.no_field", path, "the folder contains neither field.vdb nor report.json",
                      "Name the --out folder of accessvdb map, or a .vdb file");
   }
   printData(json ? result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n" : words);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb VERB [options]: finds the verb, and turns whatever it throws into one line and an exit code.
+/// accessvdb VERB [options]: finds the verb, and turns anything that it throws into one line and an exit code.
 #include <csignal>
 #include <iterator>
 
@@ -21,7 +21,7 @@ struct Verb {
 
 constexpr Verb kVerbs[] = {
     {"map", "scans, poses and a tool in; the accessibility field out", runMap},
-    {"simulate", "scans of a known scene, to try things with", runSimulate},
+    {"simulate", "scans of a known scene, for trying things out", runSimulate},
     {"evaluate", "the tables: simulated scans against exact ground truth", runEvaluate},
     {"bench", "a simulated flight through pines, every stage timed", runBench},
     {"info", "what is inside a .vdb file or an output folder", runInfo},
@@ -47,7 +47,7 @@ std::string verbList() {
   return list;
 }
 
-/// The form of errors must be known before anything can fail, so it is looked for before parsing.
+/// The error format must be known before anything can fail, so it is found before parsing.
 ErrorFormat wantedFormat(const Arguments& arguments) {
   for (std::size_t i = 0; i < arguments.size(); ++i) {
     if (arguments[i] == "--error-format=json") return ErrorFormat::Json;
@@ -77,7 +77,7 @@ int dispatch(const Arguments& arguments, Messages& messages) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  std::signal(SIGXFSZ, SIG_IGN);  // a file size limit must come back as a failed write, which is code 7
+  std::signal(SIGXFSZ, SIG_IGN);  // a file size limit must show up as a failed write, which is code 7
   const Arguments arguments(argv + 1, argv + argc);
   Messages messages(wantedFormat(arguments), false);
   try {

@@ -34,14 +34,14 @@ double millisecondsSince(Clock::time_point start) {
   return std::chrono::duration<double, std::milli>(Clock::now() - start).count();
 }
 
-/// One run; its report is complete at every moment, so that it can be written whatever happens.
+/// One run. Its report is always complete, so that it can be written whatever happens.
 class MapRun {
  public:
   MapRun(const MapOptions& options, Messages& messages) : options_(options), messages_(messages) {}
 
   /// @return 0, or 128 + the signal that stopped it
   int run();
-  /// As far as the run came. Says nothing and keeps what is there where it may not or cannot write.
+  /// Reports how far the run came. If it may not or cannot write, it prints nothing and leaves existing files alone.
   void reportFailure(const Failure& failure);
 
  private:
@@ -63,9 +63,9 @@ class MapRun {
   SceneStatistics scene_;
   std::set<std::string> hashed_;
   std::uint64_t truncated_points_ = 0;
-  std::uint64_t frames_ = 0;  // of the sequence, written
-  bool refused_ = false;      // the outputs that are there must stay
-  bool written_ = false;      // the field, labels and all
+  std::uint64_t frames_ = 0;  // frames of the sequence written
+  bool refused_ = false;      // existing outputs must stay
+  bool written_ = false;      // the field including its labels
   Clock::time_point start_ = Clock::now();
 };
 
@@ -175,7 +175,7 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
     if (!messages_.quiet() && options_.update_every == 0) messages_.notice("scoring the surface points");
     update(field);
   }
-  // The sequence ends with what field.vdb holds.
+  // The last frame of the sequence has the same content as field.vdb.
   if (options_.exported.sequence > 0 && unshown && report_.points_used > 0) writeFrame(field);
 }
 
@@ -197,7 +197,7 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   countPoints(field, snapshot);
   if (truncated_points_ > 0) {
     messages_.warning("input.truncated",
-                      std::to_string(truncated_points_) + " points that the files promise are missing");
+                      std::to_string(truncated_points_) + " points announced by the files are missing");
   }
 
   writeField(field, out, writeOptions(options_.exported));
@@ -217,7 +217,7 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
                      frameName(frames_));
     if (lastFrameIn(out) > frames_) {
       messages_.warning("output.old_frames", (out / frameName(lastFrameIn(out))).string() + " and others after " +
-                                                 frameName(frames_) + " are of an earlier run");
+                                                 frameName(frames_) + " are from an earlier run");
     }
   }
   messages_.notice("done in " + numberText(std::round(millisecondsSince(start_) / 100) / 10) +
@@ -225,7 +225,7 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
                    out.string());
 }
 
-/// After the device failed: the map and the points are on the host, the labels went with the device.
+/// Saves what is left after the device failed: map and points are on the host, the labels were on the device.
 void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field) {
   if (written_ || report_.points_used == 0) return;
   const fs::path out = options_.out;
@@ -236,7 +236,7 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
     io::renderField(out / "preview.png", snapshot, renderOptions(options_.picture));
     messages_.warning("device.unscored", "saved what was fused of " + std::to_string(report_.scans) + " of " +
                                              std::to_string(scans.size()) + " scans into " + out.string() +
-                                             ", every point unscored: the labels were on the GPU");
+                                             ", all points unscored: the labels were on the GPU");
   } catch (const std::exception& error) {
     messages_.warning("device.not_saved", std::string("what was fused could not be saved: ") + error.what());
   }
@@ -267,7 +267,7 @@ int MapRun::run() {
   try {
     return work(scans, field);
   } catch (const Error& error) {
-    // Out of its memory or lost altogether; the error itself is reported by the caller.
+    // Out of memory or lost; the caller reports the error itself.
     if (error.subject() == "cuda") saveUnscored(scans, field);
     throw;
   }
@@ -279,13 +279,13 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
   if (signal != 0) {
     messages_.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") + " after " +
                      std::to_string(report_.scans) + " of " + std::to_string(scans.size()) + " scans" +
-                     (report_.points_used > 0 ? "; saving what was finished" : "; nothing to save"));
+                     (report_.points_used > 0 ? "; saving the finished part" : "; nothing to save"));
   }
   if (report_.points_used > 0) {
     finish(scans, field);
   } else if (signal == 0) {
     throw UnusableInput("scans.no_returns", options_.scans,
-                        "not one of the " + std::to_string(report_.points_in) + " returns in " +
+                        "none of the " + std::to_string(report_.points_in) + " returns in " +
                             std::to_string(report_.scans) + " scans can be used (" + droppedInWords(report_) + ")",
                         "Check the scans, --min-range and --max-range");
   }
@@ -304,7 +304,7 @@ void MapRun::reportFailure(const Failure& failure) {
     io::prepareOutputFolder(options_.out);
     writeReport(path, report_, messages_);
   } catch (const std::exception&) {
-    // The failure itself is what the user has to hear about; an unwritable folder is often that very failure.
+    // The original failure is what the user needs to see; an unwritable folder often is that failure.
   }
 }
 
@@ -319,7 +319,7 @@ int runMap(const Arguments& arguments, Messages& messages) {
     checkCommonOptions(options.common);
     std::string text =
         "# accessvdb map: effective configuration, readable by --config\n" + effectiveConfig(app) +
-        "\n# What follows from it, rules applied (a range noise recorded beside the scans changes it):\n";
+        "\n# What follows from it, rules applied (a range noise recorded next to the scans changes it):\n";
     std::istringstream lines(fieldParams(options).describe());
     for (std::string line; std::getline(lines, line);) text += "#   " + line + "\n";
     printData(text);

@@ -41,13 +41,13 @@ constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
 void addMappingOptions(CLI::App& app, MapOptions& options) {
   app.add_option("--pose-format", options.pose_format, "auto, tum, kitti, balm, hba or viewpoint")
       ->capture_default_str();
-  app.add_option("--calib", options.calib, "KITTI calib.txt, where poses are of the camera");
+  app.add_option("--calib", options.calib, "KITTI calib.txt, if the poses are the camera's");
   addToolOptions(app, options.tool);
   app.add_option("--voxel", options.voxel_m, "edge of a voxel in metres")->capture_default_str();
   app.add_option("--min-range", options.min_range_m, "drop returns nearer than this, metres");
   app.add_option("--max-range", options.max_range_m, "drop returns beyond this, metres");
   app.add_option("--range-noise", options.range_noise_m,
-                 "sigma of the sensor's range noise, metres; default: recorded beside the scans, else 0.02");
+                 "sigma of the sensor's range noise, metres; default: recorded next to the scans, else 0.02");
   app.add_option("--tau", options.tau, "truncation distance in metres, or in voxels (4v)");
   app.add_option("--profile", options.profile, "product or paper")->capture_default_str();
   app.add_option("--directions", options.directions, "approach directions over 360 degrees, 4 .. 256");
@@ -59,7 +59,7 @@ void addMappingOptions(CLI::App& app, MapOptions& options) {
 
 void addMirrorOption(CLI::App& app, MapOptions& options) {
   app.add_flag("--mirror-distance", options.mirror_distance,
-               "keep a live mirror of the distances too, as your own kernels would need it; no result depends on it");
+               "also keep a live mirror of the distances, for your own kernels; no result depends on it");
 }
 
 void addMapOptions(CLI::App& app, MapOptions& options) {
@@ -68,21 +68,20 @@ void addMapOptions(CLI::App& app, MapOptions& options) {
       "accessvdb map --scans scans/ --poses poses.txt --tool pruner.stl --tool-unit mm --voxel 0.02 --out out/\n"
       "  accessvdb map --scans cloud.ply --sensor-at 0,0,1.5 --tool builtin:pencil --out out/");
   app.add_option("--scans", options.scans, "folder of .pcd, .ply, .bin or .las scans, or one file");
-  app.add_option("--poses", options.poses,
-                 "pose file; may be left out for VIEWPOINT poses, ray clouds and --sensor-at");
+  app.add_option("--poses", options.poses, "pose file; may be omitted for VIEWPOINT poses, ray clouds and --sensor-at");
   app.add_option("--sensor-at", options.sensor_at, "X,Y,Z of the one sensor position of one cloud in the world frame");
   addMappingOptions(app, options);
   app.add_option("--out", options.out, "folder for field.vdb, field_points.vdb, points.ply, report.json, preview.png");
-  app.add_option("--policy", options.policy, "how points to re-score are chosen: exact or paper");
+  app.add_option("--policy", options.policy, "how points to be scored again are chosen: exact or paper");
   app.add_option("--corridor", options.corridor_m, "length of the straight corridor that must be free, metres");
-  app.add_option("--update-every", options.update_every, "score every n scans; 0 = once at the end")
+  app.add_option("--update-every", options.update_every, "score after every n scans; 0 = once at the end")
       ->capture_default_str();
-  app.add_option("--max-memory", options.max_memory, "most memory to use, for example 2G or 500M");
-  app.add_flag("--no-clobber", options.no_clobber, "refuse to write over existing outputs");
+  app.add_option("--max-memory", options.max_memory, "limit on memory, for example 2G or 500M");
+  app.add_flag("--no-clobber", options.no_clobber, "refuse to overwrite existing outputs");
   addMirrorOption(app, options);
   addExportOptions(app, options.exported);
   addPictureOptions(app, options.picture);
-  app.add_flag("--print-config", options.print_config, "print the effective configuration as TOML and end");
+  app.add_flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
 }
 
 void checkMapOptions(const MapOptions& options) {
@@ -116,7 +115,7 @@ io::ScanInputOptions scanInputOptions(const MapOptions& options) {
 }
 
 FieldParams fieldParams(const MapOptions& options, std::optional<double> recorded_noise_m) {
-  // Checked here although the library checks it again: everything below is derived from it.
+  // Checked here although the library checks it too: everything below is derived from it.
   if (!(options.voxel_m > 0)) {
     throw InvalidArgument("usage.voxel", "--voxel", "must be a positive length in metres", "Use for example 0.01");
   }

@@ -30,19 +30,19 @@ struct MapOptions {
 
 void addMapOptions(CLI::App& app, MapOptions& options);
 
-/// Those of them that say how scans are read and mapped, for every verb that maps scans.
+/// Adds the flags for reading and mapping scans, for every verb that maps scans.
 void addMappingOptions(CLI::App& app, MapOptions& options);
 
-/// The flag of the mirror of distances, for every verb that keeps a field.
+/// Adds the flag for the mirror of distances, for every verb that keeps a field.
 void addMirrorOption(CLI::App& app, MapOptions& options);
 
-/// What can be told to be wrong from the flags alone. @throws InvalidArgument, DeviceError
+/// Checks what the flags alone determine. @throws InvalidArgument, DeviceError
 void checkMapOptions(const MapOptions& options);
 
 /// @throws InvalidArgument
 [[nodiscard]] io::ScanInputOptions scanInputOptions(const MapOptions& options);
 
-/// Resolved parameters. Range noise: the flag, else what was recorded beside the scans, else the library's default.
+/// Resolved parameters. Range noise: the flag, else what was recorded next to the scans, else the library's default.
 /// @throws InvalidArgument
 [[nodiscard]] FieldParams fieldParams(const MapOptions& options, std::optional<double> recorded_noise_m = {});
 

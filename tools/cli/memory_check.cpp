@@ -19,13 +19,13 @@ namespace {
 
 constexpr double kReturnsWithoutLimit = 3e6;   // about two seconds of prediction on two cores
 constexpr std::size_t kReturnsAThread = 4096;  // fewer are not worth a thread
-constexpr std::size_t kReturnsKept = 200'000;  // for trying other voxel sizes without reading again
+constexpr std::size_t kReturnsKept = 200'000;  // for trying other voxel sizes without reading the scans again
 constexpr double kVoxelMax_m = 10;             // the library's own bound
 constexpr double kVoxelStep = 1.25;
 
 using Ray = std::pair<Eigen::Vector3f, Eigen::Vector3f>;  // sensor and return, relative to the first sensor position
 
-/// An evenly spread part of all rays, of bounded size: when full, every other one goes.
+/// An evenly spread sample of all rays, of bounded size: when full, every other ray is dropped.
 class RaySample {
  public:
   void add(const Ray& ray) {
@@ -71,7 +71,7 @@ class LocalRays {
   std::optional<Eigen::Vector3d> origin_W_;
 };
 
-/// One predictor a thread; the order in which they meet does not matter.
+/// One predictor per thread; the order of merging them does not matter.
 class ParallelPredictor {
  public:
   ParallelPredictor(const TsdfParams& params, int threads)
@@ -98,17 +98,17 @@ class ParallelPredictor {
   std::vector<MemoryPredictor> predictors_;
 };
 
-/// Two digits, rounded up, so that the advice fits for certain.
+/// Two digits, rounded up, so that the advice is sure to fit.
 double roundedUp(double value) {
   const double unit = std::pow(10.0, std::floor(std::log10(value)) - 1);
   return std::ceil(value / unit - 1e-9) * unit;
 }
 
-/// @param without_tool  what is predicted for all rays, but for the tool's tables
+/// @param without_tool  prediction for all rays, without the tool's tables
 double smallestFittingVoxel_m(MapOptions options, const ToolGeometry& tool, std::optional<double> noise_m,
                               const RaySample& sample, RunOutput output, double without_tool, double limit) {
   const double start_m = options.voxel_m;
-  // The sample meets fewer leaves than all rays do; the ratio at the asked voxel size corrects for that.
+  // The sample touches fewer leaves than all rays do; the ratio at the requested voxel size corrects for that.
   const double ratio =
       without_tool / sample.predictedBytes(fieldParams(options, noise_m).tsdf, output, options.mirror_distance);
   const auto fits = [&](double voxel_m) {

@@ -18,7 +18,8 @@ constexpr int kMaxPicture_px = 16384;
 /// Reads one finite number from the front of text.
 std::optional<double> takeNumber(std::string_view& text) {
   while (!text.empty() && text.front() == ' ') text.remove_prefix(1);
-  if (text.size() > 1 && text[0] == '+' && text[1] != '-') text.remove_prefix(1);  // from_chars knows no plus sign
+  if (text.size() > 1 && text[0] == '+' && text[1] != '-')
+    text.remove_prefix(1);  // from_chars does not accept a plus sign
   double value = 0;
   const auto [end, status] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (status != std::errc() || !std::isfinite(value)) return std::nullopt;
@@ -94,7 +95,7 @@ std::string numberText(double value) {
 
 void addToolOptions(CLI::App& app, ToolOptions& options) {
   app.add_option("--tool", options.tool, "tool mesh, or builtin:pencil or builtin:pruner");
-  app.add_option("--tool-unit", options.unit, "unit of the mesh: m, cm, mm or in (needed for STL, OBJ, PLY)");
+  app.add_option("--tool-unit", options.unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
   app.add_option("--tool-tip", options.tip, "X,Y,Z of the tool's tip, in the mesh's own units and frame");
   app.add_option("--tool-axis", options.axis, "X,Y,Z direction from the tip along the body, in the mesh's frame");
   app.add_option("--tool-up", options.up, "X,Y,Z direction that becomes up, in the mesh's frame");
@@ -118,8 +119,8 @@ ToolGeometry loadTool(const ToolOptions& options) {
   if (!options.up.empty()) pose.up = parseVector("--tool-up", options.up);
   if (options.tool.rfind("builtin:", 0) == 0) {
     if (unit || !options.tip.empty() || !options.axis.empty() || !options.up.empty()) {
-      throw InvalidArgument("usage.builtin_pose", options.tool, "a built-in tool has its unit and pose already",
-                            "Leave out --tool-unit, --tool-tip, --tool-axis and --tool-up");
+      throw InvalidArgument("usage.builtin_pose", options.tool, "a built-in tool already has its unit and pose",
+                            "Omit --tool-unit, --tool-tip, --tool-axis and --tool-up");
     }
     return ToolGeometry::builtin(options.tool);
   }
@@ -152,7 +153,7 @@ io::RenderOptions renderOptions(const PictureOptions& options) {
   io::RenderOptions render;
   for (const auto& [flag, value] : {std::pair{"--width", options.width_px}, std::pair{"--height", options.height_px}}) {
     if (value < 16 || value > kMaxPicture_px) {
-      throw InvalidArgument("usage.picture", flag, "must lie in 16 .. 16384 pixels");
+      throw InvalidArgument("usage.picture", flag, "must be in 16 .. 16384 pixels");
     }
   }
   render.width_px = options.width_px;

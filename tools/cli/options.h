@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Option texts turned into values with units, and the tool and picture flags that several verbs have.
+/// Option texts turned into values with units, and the tool and picture flags shared by several verbs.
 #pragma once
 
 #include <CLI/App.hpp>
@@ -22,7 +22,7 @@ namespace accessvdb::tools {
 [[nodiscard]] std::uint64_t parseBytes(const std::string& flag, const std::string& text);
 /// "2.4 GiB"
 [[nodiscard]] std::string bytesInWords(double bytes);
-/// Shortest text that reads back as about the same number (six digits).
+/// Shortest text that reads back as nearly the same number (six digits).
 [[nodiscard]] std::string numberText(double value);
 
 struct ToolOptions {

@@ -11,17 +11,17 @@
 namespace accessvdb::tools {
 namespace {
 
-constexpr std::size_t kReturnsSampled = 2000;  // of a scan: enough for shares to a few per cent
+constexpr std::size_t kReturnsSampled = 2000;  // per scan: enough for shares to within a few per cent
 constexpr std::size_t kMostCells = 4'000'000;  // bounds the memory of the overlap test
 constexpr std::size_t kMostRanges = 1'000'000;
 
-constexpr double kCell_m = 0.5;      // coarse enough that neighbouring scans of one surface share cells
-constexpr double kOverlapMin = 0.1;  // moving sensors share far more than this, wrong poses hardly any
-constexpr double kDroppedMax = 0.5;  // a Mid-360 drops 28 % as "no return" all by itself
+constexpr double kCell_m = 0.5;      // coarse enough that neighbouring scans of a surface share cells
+constexpr double kOverlapMin = 0.1;  // moving sensors share far more than this, wrong poses almost nothing
+constexpr double kDroppedMax = 0.5;  // a Mid-360 drops 28 % as "no return" in normal operation
 constexpr double kHiddenMax = 0.3;
-constexpr double kRangeMax_m = 500;   // no ranging sensor of this kind sees further: likely millimetres
-constexpr double kRangeMin_m = 0.05;  // nor has it its scene at arm's length divided by ten
-constexpr double kHandToolMax_m = 3;  // tools of robots are smaller; a tool in mm read as cm is ten times larger
+constexpr double kRangeMax_m = 500;   // no ranging sensor of this kind sees farther: likely millimetres
+constexpr double kRangeMin_m = 0.05;  // nor is its scene this near
+constexpr double kHandToolMax_m = 3;  // robot tools are smaller; a tool in mm read as cm is ten times larger
 constexpr double kToolMin_m = 0.01;
 constexpr double kWorldMax_m = 1e5;  // map projections start here
 
@@ -99,7 +99,7 @@ std::vector<Warning> findImplausible(const RunFacts& facts) {
          "--voxel, or check that scans and poses belong together");
   } else if (accessible == 0) {
     const auto worst = std::max_element(report.reasons.begin() + 1, report.reasons.end()) - report.reasons.begin();
-    warn("result.all_blocked", std::string("not one point is accessible; the most frequent reason is \"") +
+    warn("result.all_blocked", std::string("no point is accessible; the most frequent reason is \"") +
                                    name(static_cast<PointReason>(worst)) +
                                    "\". Check the tool's tip, axis and unit (accessvdb render --tool shows them)");
   }
@@ -145,7 +145,7 @@ std::vector<Warning> findImplausible(const RunFacts& facts) {
     const Eigen::Vector3d far = (facts.surface_W.min() - facts.origin_W)
                                     .cwiseAbs()
                                     .cwiseMax((facts.surface_W.max() - facts.origin_W).cwiseAbs());
-    // Points are kept in single precision relative to the origin; a tenth of a voxel is the finest that may be lost.
+    // Points are kept in single precision relative to the origin; up to a tenth of a voxel may be lost.
     if (far.maxCoeff() * 0x1p-24 > 0.1 * facts.voxel_size_m) {
       warn("scene.too_wide",
            "the scene reaches " + numberText(far.maxCoeff()) +
@@ -165,10 +165,9 @@ std::vector<Warning> findImplausible(const RunFacts& facts) {
                           " m long: it looks like a mesh read in the wrong unit. Check --tool-unit");
   }
   if (facts.tool_share_hidden > kHiddenMax) {
-    warn("tool.hidden",
-         percent(facts.tool_share_hidden) +
-             " of the tool lies so near its tip that collisions there are not counted (self-exclusion, 3 "
-             "voxels). Use a smaller --voxel for this tool");
+    warn("tool.hidden", percent(facts.tool_share_hidden) +
+                            " of the tool is so near its tip that collisions there are not counted (self-exclusion, 3 "
+                            "voxels). Use a smaller --voxel for this tool");
   }
   return found;
 }

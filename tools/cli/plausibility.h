@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Things that are allowed but most likely a mistake, found at the end of a run and said as warnings.
+/// Things that are allowed but most likely a mistake, found at the end of a run and printed as warnings.
 #pragma once
 
 #include <Eigen/Core>
@@ -22,8 +22,8 @@ class SceneStatistics {
   void add(const io::ScanRecord& record);
 
   [[nodiscard]] double medianRange_m() const;
-  /// Median over the scans, from the second on, of the share of a scan that lies where earlier scans saw something.
-  /// Negative where it cannot be told.
+  /// Median over the scans, from the second on, of the share of a scan that is where earlier scans saw something.
+  /// Negative if unknown.
   [[nodiscard]] double medianOverlap() const;
   [[nodiscard]] const Eigen::AlignedBox3d& sensors_W() const { return sensors_W_; }
 
@@ -39,7 +39,7 @@ class SceneStatistics {
 struct RunFacts {
   const RunReport& report;
   const SceneStatistics& scene;
-  Eigen::AlignedBox3d surface_W;  ///< of the surface points
+  Eigen::AlignedBox3d surface_W;  ///< bounds of the surface points
   Eigen::Vector3d origin_W = {0, 0, 0};
   double voxel_size_m = 0;
   Eigen::Vector3d tool_size_m = {0, 0, 0};

@@ -11,7 +11,7 @@ namespace accessvdb::tools {
 namespace {
 
 constexpr auto kBarInterval = std::chrono::milliseconds(100);
-constexpr auto kLineInterval = std::chrono::seconds(5);  // a log file wants signs of life, not a film
+constexpr auto kLineInterval = std::chrono::seconds(5);  // a log file needs signs of life, not an animation
 constexpr std::size_t kBarWidth = 30;
 
 }  // namespace

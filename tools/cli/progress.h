@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// How far a long job is: a bar on a terminal, now and then a plain line elsewhere, nothing with --quiet or JSON.
+/// Progress of a long job: a bar on a terminal, an occasional plain line elsewhere, nothing with --quiet or JSON.
 #pragma once
 
 #include <chrono>

@@ -82,11 +82,11 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   bool json = false;
   CLI::App app;
   addCommonOptions(app, common, "query",
-                   "Tells label, reason, best direction, score, confidence and distance at points.",
+                   "Prints label, reason, best direction, score, confidence and distance at points.",
                    "accessvdb query --map out/ --at 1.2,-0.4,0.9 --json");
   app.add_option("--map", map, "output folder of accessvdb map");
-  app.add_option("--at", at, "X,Y,Z in the world frame, metres; can be given again")->allow_extra_args(false);
-  app.add_option("--points", points_file, "text file, one \"x y z\" or \"x,y,z\" a line");
+  app.add_option("--at", at, "X,Y,Z in the world frame, metres; may be repeated")->allow_extra_args(false);
+  app.add_option("--points", points_file, "text file, one \"x y z\" or \"x,y,z\" per line");
   app.add_flag("--json", json, "answer as a JSON array");
   if (!parseCommandLine(app, arguments, common, messages)) return 0;
   checkCommonOptions(common);

@@ -27,7 +27,7 @@ Json jsonTimes(const StageTimes& times) {
           {"max", times.percentile(1.0)}};
 }
 
-/// Numbers and truth values as such, all else as text (JSON has no infinity).
+/// Numbers and booleans as such, everything else as text (JSON has no infinity).
 Json jsonValue(const std::string& text) {
   if (text == "true" || text == "false") return text == "true";
   const char* end = text.data() + text.size();

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// report.json: what one run of `map` read, did, took and left, also where it failed.
+/// report.json: what a run of `map` read, did, used and wrote, even if it failed.
 #pragma once
 
 #include <array>
@@ -17,13 +17,13 @@
 
 namespace accessvdb::tools {
 
-/// Milliseconds of one stage, or a count, one sample a call.
+/// Milliseconds of one stage, or a count, one sample per call.
 class StageTimes {
  public:
   void add(double ms) { samples_ms_.push_back(ms); }
   [[nodiscard]] bool empty() const { return samples_ms_.empty(); }
   [[nodiscard]] double mean() const;
-  /// Nearest rank; share in (0, 1]. 0 where there is no sample.
+  /// Nearest rank; share in (0, 1]. 0 if there is no sample.
   [[nodiscard]] double percentile(double share) const;
 
  private:
@@ -44,8 +44,8 @@ struct RunReport {
   std::array<std::uint64_t, kNumPointReasons> reasons = {};
 
   StageTimes frame, integrate, mirror, update, score;
-  StageTimes changed_leaves, mirror_bytes;  ///< a scan; leaves and bytes that were patched
-  /// The same of the mirror of distances; empty where there is none.
+  StageTimes changed_leaves, mirror_bytes;  ///< per scan: leaves and bytes patched
+  /// The same for the mirror of distances; empty if there is none.
   StageTimes distance_mirror, distance_leaves, distance_mirror_bytes;
   std::optional<std::uint64_t> predicted_bytes;
   MemoryUse memory;
@@ -54,7 +54,7 @@ struct RunReport {
   void add(const FrameStats& stats);
 };
 
-/// Most memory that the process ever held.
+/// Peak memory of the process.
 [[nodiscard]] std::uint64_t hostPeakBytes();
 
 /// @throws OutputError

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a run of `map` found, in a few lines for people.
+/// A few readable lines on what a run of `map` found.
 #pragma once
 
 #include <string>
@@ -10,7 +10,7 @@
 
 namespace accessvdb::tools {
 
-/// "no_return 28.0 %, non_finite 0.1 %", of the returns; "none dropped"
+/// "no_return 28.0 %, non_finite 0.1 %", shares of the returns; or "none dropped"
 [[nodiscard]] std::string droppedInWords(const RunReport& report);
 
 [[nodiscard]] std::vector<std::string> summarizeRun(const RunFacts& facts);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb simulate: scans of a scene, as a recorder would leave them.
+/// accessvdb simulate: scans of a scene, as a recorder would write them.
 #include <chrono>
 #include <cmath>
 #include <csignal>
@@ -25,7 +25,7 @@ namespace {
 
 using nlohmann::ordered_json;
 
-/// Every parameter, so that the recording can be made again; no dates, so that it comes out the same.
+/// Every parameter, so that the recording can be reproduced; no dates, so that it stays byte-identical.
 ordered_json describe(const SimulateOptions& options, const SceneView& view, const sim::LidarModel& model,
                       const SimulatedPath& path, int frames) {
   const sim::Scene& scene = view.scene;

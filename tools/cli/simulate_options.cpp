@@ -19,15 +19,15 @@ constexpr double kDegree = std::numbers::pi / 180.0, kTurn = 2.0 * std::numbers:
 constexpr int kStationsPerTurn = 720;
 constexpr int kLargeSceneFrames = 1000;
 constexpr double kLargeSceneTurns = 5;
-constexpr double kMostTurns = 1000;  // each has its stations
+constexpr double kMostTurns = 1000;  // each turn has its stations
 
 bool isBenchmark(const std::string& scene) {
   const std::vector<std::string> names = sim::benchmarkSceneNames();
   return std::find(names.begin(), names.end(), scene) != names.end();
 }
 
-/// For scenes without a path of their own: five turns around the middle, half as far again as the scene reaches and
-/// half a metre more, over most of its height.
+/// For scenes without a path of their own: five turns around the middle, at 1.5 times the scene's reach plus half a
+/// metre, over most of its height.
 sim::Helix pathAround(const sim::Scene& scene) {
   double reach_m = 0, half_height_m = 0;
   for (const Eigen::Vector3f& vertex_W : scene.mesh.vertices_W) {
@@ -57,8 +57,8 @@ nlohmann::ordered_json numbers(const Eigen::Vector3d& v) { return {v.x(), v.y(),
 
 void refuseWith(const std::string& trajectory, bool given, const char* flag) {
   if (!given) return;
-  throw InvalidArgument("usage.trajectory", flag, "has no meaning with --trajectory " + trajectory,
-                        "Leave it out, or choose another trajectory");
+  throw InvalidArgument("usage.trajectory", flag, "does not apply to --trajectory " + trajectory,
+                        "Omit it, or choose another trajectory");
 }
 
 SimulatedPath pathFromFile(const SimulateOptions& options) {
@@ -69,7 +69,7 @@ SimulatedPath pathFromFile(const SimulateOptions& options) {
     throw UnusableInput(
         "sim.frames", options.trajectory,
         "holds " + std::to_string(available) + " poses, but --frames asks for " + std::to_string(wanted),
-        "Ask for fewer frames");
+        "Use fewer --frames");
   }
   path.poses.resize(static_cast<std::size_t>(wanted));
   path.stations = path.poses;
@@ -77,8 +77,8 @@ SimulatedPath pathFromFile(const SimulateOptions& options) {
   return path;
 }
 
-/// Past the object on its -y side, along +x, twice as far as it is away; in the middle of the walk the object stands
-/// at the side of a level sensor, in the middle of its view.
+/// Past the object on its -y side, along +x, twice as far as its distance; halfway along the walk, a level sensor has
+/// the object at its side, in the middle of its view.
 SimulatedPath pathOfWalk(const SimulateOptions& options, const SceneView& view, const sim::LidarModel& model) {
   const double radius_m = options.radius_m.value_or(view.path.radius_m);
   const double height_m = options.height_m.value_or(-radius_m * std::tan(model.middleElevation_rad()));
@@ -140,12 +140,12 @@ void addSimulateOptions(CLI::App& app, SimulateOptions& options) {
                    "--out out/\n"
                    "  accessvdb simulate --scene part.stl --mesh-unit mm --trajectory orbit --frames 100 --out part/");
   app.add_option("--scene", options.scene,
-                 "torus, sphere, box, wall, ring, pine, a scene of the tables (sphere_a, sphere_b, unseen_1 to "
+                 "torus, sphere, box, wall, ring, pine, a scene from the tables (sphere_a, sphere_b, unseen_1 to "
                  "unseen_6), or a mesh file");
-  app.add_option("--mesh-unit", options.mesh_unit, "unit of the mesh: m, cm, mm or in (needed for STL, OBJ, PLY)");
-  app.add_option("--voxel", options.voxel_m, "ring: its tube has a radius of 1.5 such voxels, metres")
+  app.add_option("--mesh-unit", options.mesh_unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
+  app.add_option("--voxel", options.voxel_m, "ring: the radius of its tube is 1.5 such voxels, metres")
       ->capture_default_str();
-  app.add_option("--tree-height", options.tree_height_m, "pine: its height, metres")->capture_default_str();
+  app.add_option("--tree-height", options.tree_height_m, "pine: height of the tree, metres")->capture_default_str();
   app.add_option("--sensor", options.sensor, "mid360 (20000 rays, non-repetitive) or spinning (64 x 1024)")
       ->capture_default_str();
   app.add_option("--trajectory", options.trajectory,
@@ -153,19 +153,19 @@ void addSimulateOptions(CLI::App& app, SimulateOptions& options) {
   app.add_option("--frames", options.frames, "number of scans; default: the scene's own, or all poses of the file");
   app.add_option("--radius", options.radius_m, "distance of the path from the object's middle, metres");
   app.add_option("--height", options.height_m,
-                 "above the object's middle, metres: of an orbit or walk, or a helix from -height to height");
-  app.add_option("--turns", options.turns, "of a helix, up to 1000; negative: the other way round");
+                 "height of an orbit or walk above the object's middle, metres; a helix goes from -height to height");
+  app.add_option("--turns", options.turns, "turns of a helix, up to 1000; negative: in the opposite direction");
   app.add_option("--begin", options.begin, "X,Y,Z where a walk begins");
   app.add_option("--end", options.end, "X,Y,Z where a walk ends");
   app.add_option("--pitch", options.pitch_deg, "walk: nose down by this angle, degrees")->capture_default_str();
-  app.add_option("--seed", options.seed, "of noise, dropouts and the pine; the same seed gives the same bytes")
+  app.add_option("--seed", options.seed, "seed of noise, dropouts and the pine; the same seed gives the same bytes")
       ->capture_default_str();
   app.add_option("--range-noise", options.range_noise_m, "standard deviation of the ranges, metres")
       ->capture_default_str();
   app.add_option("--dropout", options.dropout, "share of returns that are lost, 0 to 1")->capture_default_str();
   app.add_option("--min-range", options.min_range_m, "nearer returns are lost, metres")->capture_default_str();
   app.add_option("--max-range", options.max_range_m, "farther returns are lost, metres; default: none");
-  app.add_option("--out", options.out, "folder to write into");
+  app.add_option("--out", options.out, "output folder");
 }
 
 void checkSimulateOptions(const SimulateOptions& options) {
@@ -176,7 +176,7 @@ void checkSimulateOptions(const SimulateOptions& options) {
     }
   }
   if (options.frames && *options.frames < 1) {
-    throw UnusableInput("sim.frames", "--frames", "there are no frames to simulate", "Ask for at least one");
+    throw UnusableInput("sim.frames", "--frames", "there are no frames to simulate", "Use at least one");
   }
   const auto requireFinite = [](const char* flag, double value, bool positive) {
     if (std::isfinite(value) && std::abs(value) <= 1e5 && (!positive || value > 0)) return;

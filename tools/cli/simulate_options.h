@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The flags of `simulate`, and the scene, sensor and path that they mean.
+/// The flags of `simulate`, and the scene, sensor and path that they describe.
 #pragma once
 
 #include <cstdint>
@@ -29,13 +29,13 @@ struct SimulateOptions {
 
 void addSimulateOptions(CLI::App& app, SimulateOptions& options);
 
-/// What can be told to be wrong from the flags alone. @throws InvalidArgument, UnusableInput (no frames), DeviceError
+/// Checks what the flags alone determine. @throws InvalidArgument, UnusableInput (no frames), DeviceError
 void checkSimulateOptions(const SimulateOptions& options);
 
 /// @throws InvalidArgument
 [[nodiscard]] sim::LidarModel lidarModel(const SimulateOptions& options);
 
-/// A scene with the path that it is looked at from where the flags say nothing else.
+/// A scene with its default path, used unless the flags say otherwise.
 struct SceneView {
   sim::Scene scene;
   sim::Helix path;

@@ -11,8 +11,8 @@ namespace {
 std::atomic<int> stop_signal = 0;
 static_assert(std::atomic<int>::is_always_lock_free, "the handler must not wait");
 
-/// The first signal asks for a stop; a second one, whichever of the two, ends the program at once. Threads may handle
-/// signals at the same time, so which one is first is decided by the exchange.
+/// The first signal requests a stop; a second one, of either kind, ends the program at once. Threads may handle signals
+/// at the same time, so the exchange decides which one is first.
 void remember(int signal) {
   int none = 0;
   if (stop_signal.compare_exchange_strong(none, signal)) return;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A stop that was asked for: the first SIGINT or SIGTERM sets a flag, a second ends the program at once.
+/// A requested stop: the first SIGINT or SIGTERM sets a flag, a second ends the program at once.
 #pragma once
 
 namespace accessvdb::tools {

@@ -118,7 +118,7 @@ TEST(LasReader, SaysHowManyPointsLieOutsideTheBoxOfTheHeader) {
   std::string bytes = LasFile().bytes();
   bytes[227 + 20 + 3] = 1;  // second point: x by 2^24 steps
   const PointCloud cloud = readLas(folder.write("a.las", bytes), {});
-  EXPECT_TRUE(test::anyContains(cloud.notices, "1 of 3 points lie outside"));
+  EXPECT_TRUE(test::anyContains(cloud.notices, "1 of 3 points are outside"));
 }
 
 TEST(LasReader, SurvivesACutAtEveryByte) {

@@ -106,13 +106,13 @@ TEST(PlyReader, RefusesWhatIsNoPly) {
     expectError([&] { (void)readPly(folder.write("a.ply", bytes), {}); }, ErrorCode::Input, id, words);
   };
   refuse("", "input.empty");
-  refuse("plyx\n", "input.malformed", {"no PLY"});
-  refuse("ply\nformat ascii 1.0\n", "input.malformed", {"breaks off"});
+  refuse("plyx\n", "input.malformed", {"not a PLY file"});
+  refuse("ply\nformat ascii 1.0\n", "input.malformed", {"ends inside the header"});
   refuse(header("text", "1") + "1 2 3\n", "input.malformed", {"format"});
   refuse(header("ascii", "-1") + "1 2 3\n", "input.malformed");
   refuse(header("ascii", "1", "", "property float x\nproperty float y\n") + "1 2\n", "input.malformed", {"property z"});
   refuse(header("ascii", "1", "", "property half x\n") + "1\n", "input.malformed", {"half"});
-  refuse(header("ascii", "1") + "1 2 x\n", "input.malformed", {"no number"});
+  refuse(header("ascii", "1") + "1 2 x\n", "input.malformed", {"not a number"});
   refuse(header("ascii", "2") + "1 2 3\n", "input.truncated", {"2", "1 complete"});
   refuse(header("binary_little_endian", "18446744073709551615") + "abc", "input.truncated");
   refuse(header("binary_little_endian", "1", "element a 18446744073709551615\nproperty double b\n") + "abc",

@@ -130,7 +130,7 @@ TEST(PoseFiles, KeepsOneOfTwoEqualPosesAndSortsWhenAsked) {
   const TempFolder folder;
   const PoseFile repeated = read(folder.write("a.txt", "1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1\n"));
   EXPECT_EQ(repeated.poses.size(), 2U);
-  EXPECT_TRUE(anyContains(repeated.notices, "1 repeats"));
+  EXPECT_TRUE(anyContains(repeated.notices, "1 repeated poses"));
   const PoseFile sorted = read(folder.write("b.txt", "2 9 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n"), PoseFormat::Auto, true);
   EXPECT_EQ(sorted.poses.at(0).stamp_s, 1);
   EXPECT_EQ(sorted.poses.at(1).T_W_S.translation()[0], 9);

@@ -93,7 +93,7 @@ TEST(PoseMatching, TimeStampsInterpolateOverSmallGapsOnly) {
   EXPECT_NEAR(turn.angle(), 0.25, 1e-9);
   EXPECT_EQ(match.scans[1].stamp_s, 1000.25);
   EXPECT_EQ(match.scans[2].T_W_S.translation()[0], 10);
-  EXPECT_TRUE(test::anyContains(match.notices, "2 of 5 scans are left out"));
+  EXPECT_TRUE(test::anyContains(match.notices, "2 of 5 scans are skipped"));
 
   poses.poses.erase(poses.poses.begin() + 3, poses.poses.begin() + 5);  // a gap of 0.3 s from 1000.2 to 1000.5
   EXPECT_FALSE(interpolatePose(poses.poses, 1000.3).has_value());

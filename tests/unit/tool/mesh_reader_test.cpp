@@ -286,7 +286,7 @@ TEST_F(MeshReader, RefusesFilesThatAreNoMesh) {
   expectRefused<InputError>(write("tool", good), "tool.format");
   expectRefused<InputError>(write("cut.stl", good.substr(0, good.size() - 50)), "tool.malformed", "announces");
   expectRefused<InputError>(write("cut_text.stl", "solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0"),
-                            "tool.malformed", "cut off");
+                            "tool.malformed", "truncated");
   expectRefused<InputError>(write("utf16.obj", std::string("\xff\xfev\0 \0", 6)), "tool.encoding");
   // Content of other formats that assimp knows.
   expectRefused<InputError>(write("q3d.stl", "quick3Do" + std::string(100, '\1')), "tool.malformed");
@@ -339,7 +339,7 @@ TEST_F(MeshReader, SurvivesWhatEndsItsParser) {
   const test::Mesh m = test::box({0, 0, 0}, {0.1f, 0.2f, 0.3f});
   std::string broken = ply(m, 1);
   broken.replace(broken.find("\n3 0 4 2\n"), 3, "\nx ");
-  expectRefused<InputError>(write("abort.ply", broken), "tool.malformed", "does not survive");
+  expectRefused<InputError>(write("abort.ply", broken), "tool.malformed", "crashes its reader");
   broken = dae(m, 1, "", "Z_UP", "0 0 0");
   broken.replace(broken.find(" 3 7 5 "), 7, " 3 T 5 ");
   expectRefused<InputError>(write("index.dae", broken), "tool.malformed", "", {});

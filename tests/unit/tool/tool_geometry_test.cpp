@@ -83,7 +83,7 @@ TEST(ToolGeometry, FlippedTrianglesAreTurnedAndCounted) {
     for (std::size_t n = 0; n < flips; ++n) std::swap(mesh.triangles[2 * n][0], mesh.triangles[2 * n][1]);
     const ToolGeometry tool = toolOf(mesh);
     EXPECT_TRUE(tool.watertight());
-    EXPECT_TRUE(hasNote(tool, std::to_string(flips) + " triangles turned")) << flips;
+    EXPECT_TRUE(hasNote(tool, std::to_string(flips) + " triangles flipped")) << flips;
     EXPECT_NEAR(volumeOf(tool), 0.04, 1e-8);
   }
 }
@@ -103,7 +103,7 @@ TEST(ToolGeometry, DuplicatesAndTrianglesWithoutAreaAreLeftOut) {
   const ToolGeometry tool = toolOf(mesh);
   EXPECT_TRUE(tool.watertight());
   EXPECT_EQ(tool.triangles().size(), 12u);
-  EXPECT_TRUE(hasNote(tool, "2 triangles without area left out"));
+  EXPECT_TRUE(hasNote(tool, "2 triangles without area removed"));
   EXPECT_TRUE(hasNote(tool, "1 duplicate"));
 }
 

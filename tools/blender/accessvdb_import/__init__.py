@@ -1,9 +1,9 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Blender add-on: opens the output folder of `accessvdb map`, and places the tool at a point of it.
+"""Blender add-on: opens the output folder of `accessvdb map`, and places the tool at one of its points.
 
-File > Import > Accessibility field (AccessVDB), and Object > Place tool at point (AccessVDB). See README.md beside this
-folder. Written for Blender 3.4 and later; what differs between versions is asked for where it is used.
+File > Import > Accessibility field (AccessVDB), and Object > Place tool at point (AccessVDB). See README.md next to
+this folder. Written for Blender 3.4 and later; differences between versions are checked where they matter.
 """
 
 bl_info = {
@@ -16,7 +16,7 @@ bl_info = {
     "category": "Import-Export",
 }
 
-# The files that need no Blender stay importable without it.
+# Files that do not need Blender stay importable without it.
 try:
     import bpy
 except ImportError:

@@ -1,8 +1,8 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""The tools builtin:pencil and builtin:pruner as triangle meshes in the tool frame, metres. Needs no Blender.
+"""The tools builtin:pencil and builtin:pruner as triangle meshes in the tool frame, metres. Does not need Blender.
 
-The same shapes as in src/tool/builtin_tools.cpp; a test compares the two, vertex by vertex.
+The same shapes as in src/tool/builtin_tools.cpp; a test compares them vertex by vertex.
 """
 
 import math
@@ -13,7 +13,7 @@ _SIDES = 24
 
 
 def builtin_mesh(name):
-    """(vertices, triangles) of a built-in tool: lists of 3-tuples. Raises FieldError for another name."""
+    """(vertices, triangles) of a built-in tool: lists of 3-tuples. Raises FieldError for any other name."""
     mesh = ([], [])
     if name == "builtin:pencil":
         _add_turned(mesh, [(0, 0), (0.02, 0.004), (0.15, 0.004)])
@@ -22,12 +22,12 @@ def builtin_mesh(name):
         _add_turned(mesh, [(0.07, 0.018), (0.65, 0.018)])
         _add_box(mesh, (0.6, -0.25, -0.1), (1.1, 0.25, 0.1))
     else:
-        raise FieldError(f"{name}: no built-in tool of this name. Use builtin:pencil, builtin:pruner or a mesh")
+        raise FieldError(f"{name}: no built-in tool with this name. Use builtin:pencil, builtin:pruner or a mesh")
     return mesh
 
 
 def _add_turned(mesh, rings):
-    """A closed body of revolution around +x; rings are (x, radius). A ring without radius is an apex."""
+    """A closed body of revolution around +x; rings are (x, radius). A ring of radius 0 is an apex."""
     vertices, triangles = mesh
     starts = []
     for x, radius in rings:

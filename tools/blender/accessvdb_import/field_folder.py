@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""What lies in the output folder of `accessvdb map`, and which tool the run used. Needs no Blender."""
+"""The contents of an output folder of `accessvdb map`, and the tool of the run. Does not need Blender."""
 
 import json
 import os
@@ -14,7 +14,7 @@ _ADVICE = "Choose the --out folder of an accessvdb map run, or the field.vdb in 
 
 @dataclass
 class FieldFolder:
-    """Paths of the files of one run; report is None where there is none."""
+    """Paths of the files of one run; report is None if there is none."""
 
     folder: str
     volume: str
@@ -23,7 +23,7 @@ class FieldFolder:
 
 
 def find_field(path):
-    """FieldFolder of a chosen folder, or of any file in it. Raises FieldError where no field is there."""
+    """FieldFolder of a chosen folder, or of any file in it. Raises FieldError if there is no field."""
     path = os.path.abspath(path)
     if os.path.isdir(path):
         folder, volume = path, os.path.join(path, "field.vdb")
@@ -34,10 +34,10 @@ def find_field(path):
         raise FieldError(f"{path}: there is no such file or folder. {_ADVICE}")
     points = os.path.join(folder, "points.ply")
     if os.path.basename(volume) == "field_points.vdb":
-        raise FieldError(f"{volume}: holds the points for Houdini. Choose field.vdb beside it")
+        raise FieldError(f"{volume}: contains the points for Houdini. Choose field.vdb next to it")
     for file in (volume, points):
         if not os.path.isfile(file):
-            raise FieldError(f"{folder}: holds no {os.path.basename(file)}. {_ADVICE}")
+            raise FieldError(f"{folder}: contains no {os.path.basename(file)}. {_ADVICE}")
     report = os.path.join(folder, "report.json")
     return FieldFolder(folder, volume, points, report if os.path.isfile(report) else None)
 
@@ -46,7 +46,7 @@ def tool_of_run(field):
     """The tool that the run was computed for, as (mesh path or builtin name, ToolPose). Raises FieldError."""
     advice = "Choose a tool mesh, with its unit, tip, axis and up"
     if field.report is None:
-        raise FieldError(f"{field.folder}: holds no report.json, so the run's tool is not known. {advice}")
+        raise FieldError(f"{field.folder}: contains no report.json, so the run's tool is not known. {advice}")
     try:
         with open(field.report, encoding="utf-8") as stream:
             parameters = json.load(stream)["parameters"]
@@ -62,12 +62,12 @@ def tool_of_run(field):
                     tip=_vector(text["tool_tip"], (0.0, 0.0, 0.0), field.report),
                     axis=_vector(text["tool_axis"], (1.0, 0.0, 0.0), field.report),
                     up=_vector(text["tool_up"], (0.0, 0.0, 1.0), field.report))
-    # The path is as it was typed: it may be relative to a folder that nobody wrote down.
+    # The path is as typed: it may be relative to an unrecorded folder.
     for base in ("", field.folder, os.path.dirname(field.folder)):
         candidate = os.path.join(base, text["tool"])
         if os.path.isfile(candidate):
             return os.path.abspath(candidate), pose
-    raise FieldError(f"{text['tool']}: the run's tool mesh is not there (any more). {advice}")
+    raise FieldError(f"{text['tool']}: the run's tool mesh cannot be found. {advice}")
 
 
 def _vector(text, default, path):

@@ -54,7 +54,7 @@ class IMPORT_SCENE_OT_accessvdb(bpy.types.Operator, ImportHelper):
         return {"FINISHED"}
 
     def _fill(self, collection, field, points):
-        # First what can be refused, so that nothing is left behind.
+        # First does what can fail, so that nothing is left behind.
         things = [add_volume(collection, field.volume, points.voxel_size_m)] if self.with_volume else []
         if self.with_points:
             things.append(add_points(collection, points))
@@ -70,7 +70,7 @@ class IMPORT_SCENE_OT_accessvdb(bpy.types.Operator, ImportHelper):
             if abs(points.origin_W).max() <= _FAR_AWAY_M:
                 root.location = points.origin_W
             else:
-                self.report({"WARNING"}, "The field lies too far from the world's origin for Blender's coordinates; "
+                self.report({"WARNING"}, "The field is too far from the world's origin for Blender's coordinates; "
                                          "it is placed at Blender's origin, see the custom properties of the empty")
 
 

@@ -10,7 +10,7 @@ from .points_ply import LABELS
 _SRGB = {"unscored": (150, 152, 156), "accessible": (46, 160, 67), "blocked": (215, 58, 60)}
 # A voxel lets through exp(-3) = 5 % of the light, whatever its size.
 _OPTICAL_DEPTH_OF_VOXEL = 3.0
-# Light that the fog gives off itself, so that it is not black in a scene without lamps.
+# Light emitted by the fog itself, so that it is not black in a scene without lamps.
 _FOG_GLOW = 0.3
 
 
@@ -34,7 +34,7 @@ def fog_material(voxel_size_m):
         grid[label].attribute_name = label
         grid[label].location = (-900, 200 - 250 * row)
     total = _math(nodes, link, "ADD", grid["accessible"].outputs["Fac"], grid["blocked"].outputs["Fac"], (-650, 100))
-    # Where both meet, the share of blocked fog gives the colour.
+    # Where both overlap, the share of blocked fog determines the colour.
     nonzero = _math(nodes, link, "MAXIMUM", total.outputs[0], 1e-6, (-450, -50))
     share = _math(nodes, link, "DIVIDE", grid["blocked"].outputs["Fac"], nonzero.outputs[0], (-250, -150))
     ramp = nodes.new("ShaderNodeValToRGB")

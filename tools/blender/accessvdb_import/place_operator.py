@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Object > Place tool at point (AccessVDB): the tool where the field says that it fits best."""
+"""Object > Place tool at point (AccessVDB): places the tool where it fits best according to the field."""
 
 import bpy
 import numpy as np
@@ -35,7 +35,7 @@ class OBJECT_OT_accessvdb_place_tool(bpy.types.Operator):
     axis: FloatVectorProperty(name="Axis", default=(1, 0, 0),
                               description="From the tip along the body, in the mesh's axes")
     up: FloatVectorProperty(name="Up", default=(0, 0, 1), description="What becomes up, in the mesh's axes")
-    keep: BoolProperty(name="Keep earlier tools", default=False, description="Else the tool placed before is removed")
+    keep: BoolProperty(name="Keep earlier tools", default=False, description="Else the previous tool is removed")
 
     @classmethod
     def poll(cls, context):
@@ -85,24 +85,24 @@ class OBJECT_OT_accessvdb_place_tool(bpy.types.Operator):
         return tool_mesh(f"builtin:{self.source.lower()}", ToolPose())
 
     def _check_same_run(self, root, points):
-        """The files may have been written anew since they were imported."""
+        """The files may have been rewritten since they were imported."""
         for thing in root.children:
             if thing.type == "MESH" and "label" in thing.data.attributes and len(thing.data.vertices) != len(points):
                 raise FieldError(f"points.ply has {len(points)} points now, {len(thing.data.vertices)} were imported. "
                                  "Import the field again")
         if not np.array_equal(points.origin_W, np.array(root["accessvdb_origin_W"])):
-            raise FieldError("points.ply has another origin than when it was imported. Import the field again")
+            raise FieldError("points.ply now has a different origin than when it was imported. Import the field again")
 
 
 def _selected_vertex(thing):
     if thing.type != "MESH" or "label" not in thing.data.attributes:
-        raise FieldError("No point is chosen. Give its number, or select one vertex of the points in edit mode")
+        raise FieldError("No point is chosen. Enter its number, or select one vertex of the points in edit mode")
     if thing.mode == "EDIT":
         thing.update_from_editmode()
     selected = np.empty(len(thing.data.vertices), bool)
     thing.data.vertices.foreach_get("select", selected)
     if selected.sum() != 1:
-        raise FieldError(f"{selected.sum()} vertices are selected. Select one in edit mode, or give the point's number")
+        raise FieldError(f"{selected.sum()} vertices are selected. Select one in edit mode, or enter the point's number")
     return int(np.argmax(selected))
 
 

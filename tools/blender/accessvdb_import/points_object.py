@@ -8,7 +8,7 @@ import numpy as np
 from .materials import linear_from_srgb, point_material
 from .points_ply import NO_SCORE
 
-_BALL_SHARE = 0.5  # radius of a drawn point, of the voxel size
+_BALL_SHARE = 0.5  # radius of a drawn point, as a share of the voxel size
 _SCORE_OF_NONE = -1  # as in the grid "score"
 
 

@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Reading points.ply of `accessvdb map`: binary, little endian, a record a surface point. Needs NumPy, not Blender."""
+"""Reads points.ply of `accessvdb map`: binary little endian, one record per point. Needs NumPy, not Blender."""
 
 import os
 
@@ -18,7 +18,7 @@ COLUMNS = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "label", "re
            "stability", "dx", "dy", "dz", "yaw")
 LABELS = ("unscored", "accessible", "blocked")
 REASONS = ("none", "confidence", "normal", "unseen", "unknown", "arm", "tool")
-#: Score of a point no direction of which reached the tool stage.
+#: Score of a point of which no direction reached the tool stage.
 NO_SCORE = 65535
 
 
@@ -29,8 +29,8 @@ class FieldError(Exception):
 class Points:
     """The surface points of a field.
 
-    records       structured array, one row a point, the fields of COLUMNS
-    origin_W      3 doubles: where the local frame of field.vdb lies in the world, metres
+    records       structured array, one row per point, the fields of COLUMNS
+    origin_W      3 doubles: world position of the local frame of field.vdb, metres
     voxel_size_m  edge of a voxel, metres
     comments      the other comments of the header: name to text
     """
@@ -49,7 +49,7 @@ class Points:
         return self.columns("x", "y", "z")
 
     def positions_L(self):
-        """(n, 3) doubles, metres, in the local frame that field.vdb lies in."""
+        """(n, 3) doubles, metres, in the local frame of field.vdb."""
         return self.positions_W() - self.origin_W
 
     def columns(self, *names):
@@ -58,7 +58,7 @@ class Points:
 
 
 def read_points(path):
-    """Points from a points.ply. Raises FieldError for a file that is missing, damaged or of another program."""
+    """Points from a points.ply. Raises FieldError for a file that is missing, damaged or from another program."""
     try:
         size = os.path.getsize(path)
         with open(path, "rb") as stream:
@@ -72,7 +72,7 @@ def read_points(path):
         raise FieldError(f"{path}: {error.strerror or error}. "
                          "Choose the --out folder of an accessvdb map run") from None
     if len(records) != count:
-        raise FieldError(f"{path}: became shorter while it was read. Wait for the run to end")
+        raise FieldError(f"{path}: became shorter while being read. Wait for the run to end")
     points = Points(records, _numbers(comments, "origin_W", 3, path),
                     float(_numbers(comments, "voxel_size_m", 1, path)[0]), comments)
     if not points.voxel_size_m > 0:
@@ -82,7 +82,7 @@ def read_points(path):
 
 
 def _read_header(stream, path):
-    foreign = f"{path}: is no points.ply of AccessVDB"
+    foreign = f"{path}: is not a points.ply of AccessVDB"
     text = stream.read(_MAX_HEADER_BYTES)
     end = text.find(b"\nend_header\n")
     if not text.startswith(b"ply\n") or end < 0:

@@ -1,9 +1,9 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""The tool's frame and its place at a point, as the C++ library has them. Needs NumPy, not Blender.
+"""The tool's frame and its placement at a point, as in the C++ library. Needs NumPy, not Blender.
 
 Tool frame T: metres, the tip at the origin, +x from the tip along the body (the way the tool withdraws), +z up. At a
-surface point the tip lies on the point and the body along the point's best direction: T_W_T = [R_z(yaw) | p_W].
+surface point, the tip is at the point and the body along the point's best direction: T_W_T = [R_z(yaw) | p_W].
 """
 
 from dataclasses import dataclass
@@ -30,14 +30,14 @@ def rotation_T_M(pose):
     """(3, 3): rows are the tool frame's axes in the mesh's axes. Raises FieldError for a pose that has no frame."""
     axis, up, tip = (np.array(v, dtype=float) for v in (pose.axis, pose.up, pose.tip))
     if not all(np.isfinite(v).all() for v in (axis, up, tip)):
-        raise FieldError("The tool's tip, axis or up is not finite. Give three numbers each")
+        raise FieldError("The tool's tip, axis or up is not finite. Use three numbers each")
     if not np.linalg.norm(axis) > 0 or not np.linalg.norm(up) > 0:
-        raise FieldError("The tool's axis or up is zero. Give directions such as 1, 0, 0 and 0, 0, 1")
+        raise FieldError("The tool's axis or up is zero. Use directions such as 1, 0, 0 and 0, 0, 1")
     x = axis / np.linalg.norm(axis)
     up = up / np.linalg.norm(up)
     z = up - up.dot(x) * x
     if not np.linalg.norm(z) > 1e-6:
-        raise FieldError("The tool's axis and up are parallel. Give an up that points sideways from the axis")
+        raise FieldError("The tool's axis and up are parallel. Choose an up that is not along the axis")
     z /= np.linalg.norm(z)
     return np.stack([x, np.cross(z, x), z])
 
@@ -45,7 +45,7 @@ def rotation_T_M(pose):
 def vertices_in_tool_frame(vertices_M, pose):
     """(n, 3) vertices of a mesh in its own frame and units, in the tool frame in metres. Raises FieldError."""
     if pose.unit not in METRES_PER:
-        raise FieldError("This kind of mesh carries no length unit. Say which it is: m, cm, mm or in")
+        raise FieldError("This mesh format has no length unit. Specify it: m, cm, mm or in")
     vertices_M = np.asarray(vertices_M, dtype=float)
     if len(vertices_M) == 0 or not np.isfinite(vertices_M).all():
         raise FieldError("The tool mesh has no vertices, or one that is not finite. Export it again")
@@ -59,7 +59,7 @@ def vertices_in_tool_frame(vertices_M, pose):
 def placement_L(points, index):
     """(4, 4) matrix from the tool frame to the field's local frame for the best direction of a point.
 
-    Raises FieldError where the point does not exist or no direction was ever tried there."""
+    Raises FieldError if the point does not exist or no direction was ever tried there."""
     if not 0 <= index < len(points):
         raise FieldError(f"There is no point {index}: the field has {len(points)}, counted from 0")
     record = points.records[index]

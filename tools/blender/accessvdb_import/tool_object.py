@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Tool meshes as objects whose data lie in the tool frame: metres, tip at the origin, +x along the body, +z up."""
+"""Tool meshes as objects whose data are in the tool frame: metres, tip at the origin, +x along the body, +z up."""
 
 import os
 
@@ -29,12 +29,12 @@ def tool_mesh(source, pose):
 
 
 def _read_mesh(path):
-    """Vertices as the file has them, (n, 3), and faces, of all meshes of a file, by Blender's own importers."""
+    """Vertices as in the file, (n, 3), and faces, of all meshes of a file, read by Blender's own importers."""
     if not os.path.isfile(path):
         raise FieldError(f"{path}: there is no such file. Choose a tool mesh")
     kind = os.path.splitext(path)[1].lower()
     if kind not in _IMPORTERS:
-        raise FieldError(f"{path}: '{kind}' tools are not read here. Convert it to STL, OBJ or PLY")
+        raise FieldError(f"{path}: '{kind}' tools are not supported here. Convert it to STL, OBJ or PLY")
     selected, active = list(bpy.context.selected_objects), bpy.context.view_layer.objects.active
     known = {collection: set(collection) for collection in
              (bpy.data.objects, bpy.data.meshes, bpy.data.materials, bpy.data.images)}
@@ -56,7 +56,7 @@ def _read_mesh(path):
 
 
 def _reason(error):
-    """The line that says what an importer failed at, out of what may be a whole traceback."""
+    """The line with the cause of an importer's failure, out of a possible traceback."""
     lines = [line.strip() for line in str(error).splitlines() if line[:1].strip()]
     lines = [line for line in lines if not line.startswith("Location:") and "Traceback" not in line]
     return lines[-1] if lines else type(error).__name__

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Is a .vdb file complete, and what grids does it say it has? Needs neither OpenVDB nor Blender.
 
-Blender 3.4 ends with an uncaught exception when it opens a .vdb that was cut off, so the add-on looks first. It walks
-from grid to grid by the offsets that every grid begins with, and reads no voxel.
+Blender 3.4 dies of an uncaught exception when it opens a truncated .vdb, so the add-on checks first. It walks from grid
+to grid by the offsets at the beginning of each grid, and reads no voxels.
 """
 
 import os
@@ -12,15 +12,15 @@ import struct
 from .points_ply import FieldError
 
 _MAGIC = 0x56444220  # " BDV", as OpenVDB writes it into 8 bytes
-_OLDEST_FORMAT = 222  # what OpenVDB has written since 2013; AccessVDB never wrote another
+_OLDEST_FORMAT = 222  # written by OpenVDB since 2013; AccessVDB never wrote an older one
 _MAX_TEXT = 1 << 16
 _MAX_ENTRIES = 1 << 16
 _ADVICE = "Copy or compute it again"
 
 
 def check_volume(path, needed):
-    """Names of the grids in a .vdb. Raises FieldError for a file that is no .vdb, is cut off, lacks one of the grids
-    `needed`, or was not written by AccessVDB."""
+    """Names of the grids in a .vdb. Raises FieldError for a file that is not a .vdb, is truncated, lacks one of the
+    grids `needed`, or was not written by AccessVDB."""
     try:
         with open(path, "rb") as stream:
             metadata, grids = _walk(_Reader(stream, os.path.getsize(path), path))
@@ -29,7 +29,7 @@ def check_volume(path, needed):
     missing = [name for name in needed if name not in grids]
     if missing or "accessvdb_version" not in metadata:
         why = f"no grid '{missing[0]}'; grids: {', '.join(grids) or 'none'}" if missing else "another program wrote it"
-        raise FieldError(f"{path}: is no field of AccessVDB ({why}). Choose field.vdb of an accessvdb map run")
+        raise FieldError(f"{path}: is not a field of AccessVDB ({why}). Choose field.vdb of an accessvdb map run")
     return grids
 
 
@@ -40,7 +40,7 @@ class _Reader:
         self.stream, self.size, self.path = stream, size, path
 
     def damaged(self, why):
-        return FieldError(f"{self.path}: is damaged or cut off ({why}). {_ADVICE}")
+        return FieldError(f"{self.path}: is damaged or truncated ({why}). {_ADVICE}")
 
     def values(self, layout):
         data = self.stream.read(struct.calcsize(layout))
@@ -62,10 +62,10 @@ class _Reader:
 
 def _walk(reader):
     if reader.size < 8 or reader.values("<q") != (_MAGIC,):
-        raise FieldError(f"{reader.path}: is no .vdb file. Choose field.vdb of an accessvdb map run")
+        raise FieldError(f"{reader.path}: is not a .vdb file. Choose field.vdb of an accessvdb map run")
     version, _, _, has_offsets = reader.values("<IIIB")
     if version < _OLDEST_FORMAT or not has_offsets:
-        raise FieldError(f"{reader.path}: is no field of AccessVDB (format {version}). "
+        raise FieldError(f"{reader.path}: is not a field of AccessVDB (format {version}). "
                          "Choose field.vdb of an accessvdb map run")
     reader.values("<36s")  # the file's identifier
     metadata = _metadata_names(reader)
@@ -74,7 +74,7 @@ def _walk(reader):
         raise reader.damaged(f"{count} grids")
     grids = []
     for _ in range(count):
-        # Grids of the same name are told apart by what follows a separator.
+        # Grids of the same name are distinguished by a suffix after a separator.
         grids.append(reader.text().split("\x1e")[0])
         reader.text()  # type
         reader.text()  # the grid whose voxels it shares
