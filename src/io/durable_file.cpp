@@ -24,6 +24,7 @@
 #include <streambuf>
 #include <string>
 #include <system_error>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/error.h"
@@ -35,7 +36,8 @@ namespace {
 constexpr std::size_t kBufferBytes = std::size_t{4} << 20;
 constexpr int kTempNameAttempts = 100;
 constexpr std::size_t kTempHexDigits = 16;
-// A temporary file that nobody has written to for this long belongs to a run that was killed.
+// Where the file system has no locks, a temporary file that has not been written to for this long belongs to a run that
+// was killed.
 constexpr std::time_t kStaleTempAge_s = 3600;
 
 [[noreturn]] void throwOutputError(int error, const std::filesystem::path& path, const std::string& doing,
@@ -189,6 +191,14 @@ std::string randomHex() {
   return text.data();
 }
 
+/// Marks an open temporary file as being written, until it is closed or the process ends.
+/// @return false: somebody took it for a leftover and is removing it. True also where the file system has no locks.
+bool markAsWritten(int fd) {
+  if (::flock(fd, LOCK_EX | LOCK_NB) != 0) return errno != EWOULDBLOCK;
+  struct stat info;
+  return ::fstat(fd, &info) != 0 || info.st_nlink > 0;
+}
+
 /// The temporary file of one target; unlinked unless it was renamed.
 class TempFile {
  public:
@@ -197,8 +207,12 @@ class TempFile {
       temp_ = folderOf(target) /
               std::string(".").append(target.filename().string()).append(".").append(randomHex()).append(".tmp");
       fd_ = ::open(temp_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
-      if (fd_ >= 0) return;
-      if (errno != EEXIST && errno != EINTR) break;
+      if (fd_ >= 0 && markAsWritten(fd_)) return;
+      if (fd_ >= 0) {
+        ::close(std::exchange(fd_, -1));
+      } else if (errno != EEXIST && errno != EINTR) {
+        break;
+      }
     }
     throwOutputError(errno, target, "create a file in its folder");
   }
@@ -285,33 +299,49 @@ bool isTempName(const std::string& name) {
          name.substr(hex_begin, kTempHexDigits).find_first_not_of("0123456789abcdef") == std::string::npos;
 }
 
-void removeStaleTemps(const std::filesystem::path& folder) {
+/// Removes a temporary file unless somebody is writing it: a single file may be written without the folder's lock.
+void removeUnlessWritten(const std::filesystem::path& temp) {
+  const int fd = ::open(temp.c_str(), O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
+  if (fd < 0) return;
+  if (::flock(fd, LOCK_EX | LOCK_NB) == 0) ::unlink(temp.c_str());
+  ::close(fd);
+}
+
+/// Removes what runs that were killed left in a folder. @param locked  whether the file system has locks
+void removeStaleTemps(const std::filesystem::path& folder, bool locked) {
   std::error_code ignored;
   for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {
     if (!isTempName(entry.path().filename().string())) continue;
     struct stat info;
-    if (::lstat(entry.path().c_str(), &info) == 0 && S_ISREG(info.st_mode) &&
-        std::time(nullptr) - info.st_mtime > kStaleTempAge_s) {
+    if (::lstat(entry.path().c_str(), &info) != 0 || !S_ISREG(info.st_mode)) continue;
+    if (locked) {
+      removeUnlessWritten(entry.path());
+    } else if (std::time(nullptr) - info.st_mtime > kStaleTempAge_s) {
       ::unlink(entry.path().c_str());
     }
   }
 }
 
 /// Two processes must not fill one folder. The lock is the folder's own and ends with the process.
-void lockFolder(const std::filesystem::path& folder) {
+/// @return false: the file system has no locks; the renames still keep every single file whole
+bool lockFolder(const std::filesystem::path& folder) {
   static std::mutex mutex;
   static std::map<std::pair<dev_t, ino_t>, int> locked;
   const std::lock_guard lock(mutex);
   const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (fd < 0) throwOutputError(errno, folder, "open the folder");
   struct stat info;
-  if (::fstat(fd, &info) != 0 || locked.contains({info.st_dev, info.st_ino})) {
+  if (::fstat(fd, &info) != 0) {
     ::close(fd);
-    return;
+    return false;
+  }
+  if (locked.contains({info.st_dev, info.st_ino})) {
+    ::close(fd);
+    return true;
   }
   if (::flock(fd, LOCK_EX | LOCK_NB) == 0) {
     locked[{info.st_dev, info.st_ino}] = fd;
-    return;
+    return true;
   }
   const int error = errno;
   ::close(fd);
@@ -319,7 +349,7 @@ void lockFolder(const std::filesystem::path& folder) {
     throw OutputError("output.locked", folder.string(), "another process is writing into this folder",
                       "Wait for it, or choose another --out folder");
   }
-  // A file system without locks: the renames still keep every single file whole.
+  return false;
 }
 
 }  // namespace
@@ -345,8 +375,7 @@ void prepareOutputFolder(const std::filesystem::path& folder) {
   // create_directories also reports success for "name/" of a folder that exists; what counts is what is there now.
   if (error) throwOutputError(error.value(), folder, "make the folder");
   if (!std::filesystem::is_directory(folder, error)) throwOutputError(ENOTDIR, folder, "use it as a folder");
-  lockFolder(folder);
-  removeStaleTemps(folder);
+  removeStaleTemps(folder, lockFolder(folder));
   const TempFile probe(folder / "probe");
   if (::write(probe.fd(), "", 1) != 1) throwOutputError(errno, folder, "write into the folder");
 }

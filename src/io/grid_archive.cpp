@@ -10,9 +10,12 @@
 
 #include <ostream>
 #include <set>
+#include <sstream>
+#include <string>
 
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
+#include "io/content_uuid.h"
 #include "io/field_grids.h"
 #include "vdb/standard_grids.h"
 
@@ -27,14 +30,50 @@ class GridArchive : public openvdb::io::Archive {
   }
   [[nodiscard]] openvdb::io::Archive::Ptr copy() const override { return std::make_shared<GridArchive>(*this); }
 
+  /// Gives the file a UUID made from its content. Where the stream cannot seek, it is made from the metadata alone.
   void writeAll(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata) const {
     // With offsets a reader can fetch one grid by name without reading the others.
     const bool seekable = stream.tellp() != std::ostream::pos_type(-1);
+    std::ostringstream made;
+    writeHeader(made, seekable);
+    std::string header = made.str();  // it ends with a random UUID
+    const std::size_t uuid_at = header.size() >= kUuidLength ? header.size() - kUuidLength : 0;
+    if (!isUuid(header.substr(uuid_at))) {
+      throw InternalError("write.uuid", "OpenVDB", "writes a header that does not end with a UUID",
+                          "Please report this with the version of OpenVDB");
+    }
+    header.resize(uuid_at);
+    if (!seekable) {
+      std::ostringstream text;
+      metadata.writeMeta(text);
+      Sha256 sha256;
+      sha256.update(text.str().data(), text.str().size());
+      stream << header << uuidOf(sha256.digest());
+      writeBehindHeader(stream, grids, metadata, seekable);
+      return;
+    }
+    const std::ostream::pos_type begin = stream.tellp();
+    stream << header << std::string(kUuidLength, '0');
+    DigestBuffer buffer(*stream.rdbuf());
+    std::ostream digested(&buffer);
+    digested.exceptions(stream.exceptions());
+    writeBehindHeader(digested, grids, metadata, seekable);
+    digested.flush();
+    const std::ostream::pos_type end = stream.tellp();
+    stream.seekp(begin + static_cast<std::streamoff>(uuid_at));
+    stream << uuidOf(buffer.digest());
+    stream.seekp(end);
+  }
+
+ private:
+  static constexpr std::size_t kUuidLength = 36;
+
+  void writeBehindHeader(std::ostream& stream, const std::vector<LazyGrid>& grids, const openvdb::MetaMap& metadata,
+                         bool seekable) const {
     auto stream_metadata = std::make_shared<openvdb::io::StreamMetadata>();
     openvdb::io::setStreamMetadataPtr(stream, stream_metadata, false);
     // writeGrid() asks the stream, not the archive: box, voxel count and compression of each grid, for quick readers.
     openvdb::io::setWriteGridStatsMetadata(stream, isGridStatsMetadataEnabled());
-    writeHeader(stream, seekable);
     metadata.writeMeta(stream);
     const auto count = static_cast<openvdb::Int32>(grids.size());
     stream.write(reinterpret_cast<const char*>(&count), sizeof(count));

@@ -6,14 +6,17 @@
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
-#include <utime.h>
+#include <unistd.h>
 
-#include <ctime>
+#include <csignal>
+#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <iterator>
 #include <ostream>
 #include <stdexcept>
+#include <string>
+#include <vector>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
@@ -187,18 +190,78 @@ TEST(OutputFolder, SecondProcessIsRefused) {
   EXPECT_EQ(outputErrorOf([&] { io::prepareOutputFolder(out); }), "no error");
 }
 
-TEST(OutputFolder, OnlyOldTemporaryFilesOfOursAreRemoved) {
+TEST(OutputFolder, OnlyTemporaryFilesOfOursAreRemoved) {
   const ScratchFolder folder;
-  const std::string stale = ".field.vdb.0123456789abcdef.tmp", fresh = ".field.vdb.fedcba9876543210.tmp",
-                    foreign = "notes.tmp";
-  for (const auto& name : {stale, fresh, foreign}) std::ofstream(folder / name) << "x";
-  const utimbuf old = {std::time(nullptr) - 7200, std::time(nullptr) - 7200};
-  ::utime((folder / stale).c_str(), &old);
-  ::utime((folder / foreign).c_str(), &old);
+  const std::vector<std::string> ours = {".field.vdb.0123456789abcdef.tmp", ".p.fedcba9876543210.tmp"},
+                                 foreign = {"notes.tmp", ".x.tmp", ".field.vdb.0123456789abcdeg.tmp",
+                                            "field.vdb.0123456789abcdef.tmp"};
+  for (const auto& list : {ours, foreign}) {
+    for (const auto& name : list) std::ofstream(folder / name) << "x";
+  }
   io::prepareOutputFolder(folder.path());
-  EXPECT_FALSE(std::filesystem::exists(folder / stale));
-  EXPECT_TRUE(std::filesystem::exists(folder / fresh));
-  EXPECT_TRUE(std::filesystem::exists(folder / foreign));
+  for (const auto& name : ours) EXPECT_FALSE(std::filesystem::exists(folder / name)) << name;
+  for (const auto& name : foreign) EXPECT_TRUE(std::filesystem::exists(folder / name)) << name;
+}
+
+/// Temporary files of ours in a folder.
+std::size_t temporaryFiles(const std::filesystem::path& folder) {
+  std::size_t count = 0;
+  for (const auto& entry : std::filesystem::directory_iterator(folder)) {
+    count += entry.path().extension() == ".tmp" ? 1 : 0;
+  }
+  return count;
+}
+
+/// A process that is in the middle of a file, without the folder's lock. It goes on when it is told to.
+struct Writer {
+  explicit Writer(const std::filesystem::path& file) {
+    if (::pipe(ready) != 0 || ::pipe(go_on) != 0) throw std::runtime_error("pipe");
+    child = ::fork();
+    if (child == 0) {
+      io::writeFileDurably(file, [&](std::ostream& stream) {
+        char byte = 'x';
+        stream << "half";
+        stream.flush();
+        if (::write(ready[1], &byte, 1) != 1 || ::read(go_on[0], &byte, 1) != 1) ::_exit(1);
+        stream << " whole";
+      });
+      ::_exit(0);
+    }
+    char byte = 0;
+    if (::read(ready[0], &byte, 1) != 1) throw std::runtime_error("read");
+  }
+  int wait() const {
+    int status = 1;
+    ::waitpid(child, &status, 0);
+    return status;
+  }
+  int ready[2], go_on[2];
+  pid_t child = -1;
+};
+
+TEST(OutputFolder, WhatAKilledRunLeftIsRemovedAtOnce) {
+  const ScratchFolder folder;
+  const Writer writer(folder / "field.vdb");
+  ::kill(writer.child, SIGKILL);
+  writer.wait();
+  ASSERT_EQ(temporaryFiles(folder.path()), 1u);
+  io::prepareOutputFolder(folder.path());
+  EXPECT_EQ(temporaryFiles(folder.path()), 0u);
+  EXPECT_FALSE(std::filesystem::exists(folder / "field.vdb"));
+}
+
+TEST(OutputFolder, AFileThatIsBeingWrittenIsLeftAlone) {
+  const ScratchFolder folder;
+  const Writer writer(folder / "picture.png");
+  io::prepareOutputFolder(folder.path());
+  EXPECT_EQ(temporaryFiles(folder.path()), 1u);
+  const char byte = 'x';
+  ASSERT_EQ(::write(writer.go_on[1], &byte, 1), 1);
+  EXPECT_EQ(writer.wait(), 0);
+  std::ifstream file(folder / "picture.png");
+  std::string text((std::istreambuf_iterator<char>(file)), {});
+  EXPECT_EQ(text, "half whole");
+  EXPECT_EQ(temporaryFiles(folder.path()), 0u);
 }
 
 }  // namespace

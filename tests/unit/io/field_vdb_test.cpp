@@ -285,5 +285,36 @@ TEST(VoxelAt, RoundsToTheNearestCentre) {
   EXPECT_EQ(internal::voxelAt({0.5, -0.5, -1.5}, 1.0), openvdb::Coord(1, 0, -1));
 }
 
+/// Equal content gives equal files, the unique identifier included, and other content another identifier.
+TEST_F(FieldVdb, EqualContentGivesEqualFiles) {
+  const ScratchFolder folder;
+  const auto tagOf = [](const std::filesystem::path& path) {
+    openvdb::io::File file(path.string());
+    file.open(false);
+    return file.getUniqueTag();
+  };
+  const auto bytesOf = [](const std::filesystem::path& path) {
+    std::ifstream stream(path, std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(stream), {});
+  };
+  const auto write = [&](const std::string& name, const FieldSnapshot& field, const std::string& note) {
+    internal::writeFieldGrids(folder / name, sampleVolume(), field, {{"note", note}});
+    return folder / name;
+  };
+  const FieldSnapshot field = sampleField();
+  const auto once = write("once.vdb", field, "a"), twice = write("twice.vdb", field, "a");
+  EXPECT_EQ(bytesOf(once), bytesOf(twice));
+  FieldSnapshot other_field = field;
+  other_field.points.front().confidence += 0.125f;
+  const std::set<std::string> tags = {tagOf(once), tagOf(write("metadata.vdb", field, "b")),
+                                      tagOf(write("value.vdb", other_field, "a"))};
+  EXPECT_EQ(tags.size(), 3u);
+  for (const std::string& tag : tags) {
+    ASSERT_EQ(tag.size(), 36u);
+    EXPECT_EQ(tag[14], '8') << tag << ": RFC 9562, version 8";
+    EXPECT_NE(std::string("89ab").find(tag[19]), std::string::npos) << tag;
+  }
+}
+
 }  // namespace
 }  // namespace accessvdb
