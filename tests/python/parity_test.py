@@ -13,7 +13,7 @@ import numpy as np
 import accessvdb
 
 VOXEL_M = 0.1
-SETTINGS = {"tsdf": {"voxel_size_m": VOXEL_M}}  # the plug-in in C leaves all else as it is, too
+SETTINGS = {"tsdf": {"voxel_size_m": VOXEL_M}}  # the plug-in in C also leaves everything else at its default
 WORK = Path(os.environ["WORK"], "parity")
 SCANS = WORK / "scans"
 
