@@ -41,7 +41,14 @@ if(TARGET accessvdb_cli)
   install(TARGETS accessvdb_cli RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT runtime)
 endif()
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE ${PROJECT_SOURCE_DIR}/README.md ${PROJECT_SOURCE_DIR}/CHANGELOG.md
-        DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/accessvdb COMPONENT runtime)
+        ${PROJECT_SOURCE_DIR}/docs/licences.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/accessvdb COMPONENT runtime)
+# The texts of what is compiled in and has no library, whose package would bring them.
+foreach(_headers IN ITEMS libcli11-dev libeigen3-dev libnanovdb-dev nlohmann-json3-dev)
+  if(EXISTS /usr/share/doc/${_headers}/copyright)
+    install(FILES /usr/share/doc/${_headers}/copyright DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/accessvdb/licences
+            RENAME ${_headers} COMPONENT runtime)
+  endif()
+endforeach()
 
 # The features that this build has, as components of find_package.
 set(ACCESSVDB_FEATURES core io)

@@ -8,6 +8,7 @@
 #   setup_debian.sh --python  also what the Python module needs
 #   setup_debian.sh --tests   also what the test suite needs, PCL and Python included
 #   setup_debian.sh --all     everything
+#   setup_debian.sh --list [any of these]   prints the packages of the set, one per line, and installs nothing
 set -euo pipefail
 
 fail() {
@@ -27,15 +28,22 @@ packages=(
 )
 python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
 tests=(blender libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file libopenvdb-tools
-  python3-openvdb mypy)
+  mmdebstrap mypy python3-openvdb)
+list=false
 for argument in "$@"; do
   case "$argument" in
+    --list) list=true ;;
     --pcl) packages+=(libpcl-dev) ;;
     --python) packages+=("${python[@]}") ;;
     --tests | --all) packages+=(libpcl-dev "${python[@]}" "${tests[@]}") ;;
-    *) fail "unknown option '$argument'. Use --pcl, --python, --tests, --all or nothing." ;;
+    *) fail "unknown option '$argument'. Use --pcl, --python, --tests, --all, --list or nothing." ;;
   esac
 done
+mapfile -t packages < <(printf '%s\n' "${packages[@]}" | awk '!seen[$0]++')
+if $list; then
+  printf '%s\n' "${packages[@]}"
+  exit 0
+fi
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   # Elsewhere the names differ; CMake names each library that is missing.

@@ -31,26 +31,14 @@ class CpuBackend final : public Backend {
     }
     return address;
   }
-  void release(void* address) noexcept override { ::operator delete (address, std::align_val_t{64}); }
+  void release(void* address, std::size_t) noexcept override { ::operator delete (address, std::align_val_t{64}); }
   void upload(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
   void download(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
   void copy(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
 
   void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) override {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 1024), [&](const auto& range) {
-      for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        const PointInput& input = inputs[n];
-        const std::size_t id = input.id;
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-          points.position_L[3 * id + axis] = input.position_L[axis];
-          points.normal_L[3 * id + axis] = input.normal_L[axis];
-        }
-        for (int word = 0; word < points.direction_words; ++word) {
-          points.seen[id * static_cast<std::size_t>(points.direction_words) + static_cast<std::size_t>(word)] =
-              input.seen.word[word];
-        }
-        points.weight[id] = input.weight;
-      }
+      for (std::size_t n = range.begin(); n != range.end(); ++n) writePoint(points, inputs[n]);
     });
   }
 

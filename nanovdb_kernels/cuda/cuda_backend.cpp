@@ -35,12 +35,12 @@ struct Events {
 class GrowingMemory {
  public:
   explicit GrowingMemory(DeviceContext& context) : context_(context) {}
-  ~GrowingMemory() { context_.release(address_); }
+  ~GrowingMemory() { context_.release(address_, bytes_); }
   GrowingMemory(const GrowingMemory&) = delete;
   GrowingMemory& operator=(const GrowingMemory&) = delete;
   void reserve(std::size_t bytes) {
     if (bytes <= bytes_) return;
-    context_.release(address_);
+    context_.release(address_, bytes_);
     address_ = nullptr;
     bytes_ = 0;
     address_ = static_cast<std::byte*>(context_.allocate(bytes));
@@ -121,7 +121,7 @@ class Implementation final : public CudaBackend {
   }
 
   void* allocate(std::size_t bytes) override { return context_->allocate(bytes); }
-  void release(void* address) noexcept override { context_->release(address); }
+  void release(void* address, std::size_t bytes) noexcept override { context_->release(address, bytes); }
   void upload(void* to, const void* from, std::size_t bytes) override {
     transfer(to, from, bytes, cudaMemcpyHostToDevice);
   }
@@ -161,8 +161,11 @@ class Implementation final : public CudaBackend {
   }
 
   bool usesToolSlabs() const override { return true; }
-  std::unique_ptr<PointUpdater> makeUpdater(const UpdaterTables& tables) override {
-    return tables.paper_policy ? makePaperUpdater(context_, *this, tables) : makeExactUpdater(context_, *this, tables);
+  std::unique_ptr<ExactUpdater> makeExactUpdater(const ExactTables& tables) override {
+    return kernels::makeExactUpdater(context_, *this, tables);
+  }
+  std::unique_ptr<PaperUpdater> makePaperUpdater(const PaperTables& tables) override {
+    return kernels::makePaperUpdater(context_, *this, tables);
   }
 
   void countCollisions(const ScoreRequest& request, std::uint16_t* counts) override {

@@ -31,7 +31,7 @@ struct KnownLevels {
 
   /// What pays, measured on flights with tools of a few hundred to half a million voxels: short steps, as long as
   /// levels reach several times the limit, and not shorter than what counting overshoots by.
-  static KnownLevels of(int collision_limit) {
+  static KnownLevels forLimit(int collision_limit) {
     constexpr int kOvershootLog2 = 3, kMostLog2 = 10;  // kMostFreedSteps of the longest fit into 16 bits
     KnownLevels levels;
     const auto atLeastSteps = [&](int steps) { return collision_limit >= steps << levels.log2; };
@@ -112,7 +112,7 @@ struct alignas(16) FreedWord {
   /// Direction 2 i in the lower 16 bits of the i-th, 2 i + 1 above.
   std::uint32_t pairs[kKnownPerWord / 2] = {};
 
-  [[nodiscard]] ACCESSVDB_HOSTDEV int of(int n) const {
+  [[nodiscard]] ACCESSVDB_HOSTDEV int count(int n) const {
     return static_cast<int>(pairs[n >> 1] >> (16 * (n & 1)) & 0xffffu);
   }
   /// The lowest levels that say: more than the base. A byte each.
@@ -135,7 +135,7 @@ struct alignas(16) FreedWord {
     bool lower = forget;
     std::uint32_t sums[kKnownPerWord];
     for (int n = 0; n < kKnownPerWord; ++n) {
-      sums[n] = static_cast<std::uint32_t>(of(n)) + more[n];
+      sums[n] = static_cast<std::uint32_t>(count(n)) + more[n];
       lower = lower || sums[n] >> log2 >= KnownLevels::kMostFreedSteps;
     }
     steps = 0;

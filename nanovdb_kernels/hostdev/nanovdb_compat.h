@@ -11,6 +11,13 @@
 #define ACCESSVDB_HOSTDEV
 #endif
 
+/// Before a loop whose index selects words that have to stay in a device's registers.
+#if defined(__CUDA_ARCH__)
+#define ACCESSVDB_UNROLL _Pragma("unroll")
+#else
+#define ACCESSVDB_UNROLL
+#endif
+
 namespace accessvdb::kernels {
 
 using OccupancyGrid = nanovdb::NanoGrid<bool>;

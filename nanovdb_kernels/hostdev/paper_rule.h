@@ -20,12 +20,8 @@ struct CoarseToFine {
 
   /// @param hint  that best direction, or kNoDirection
   [[nodiscard]] ACCESSVDB_HOSTDEV DirectionMask candidates(std::uint16_t hint) const {
-    DirectionMask mask = {};
-    if (!on) {
-      for (int d = 0; d < num_directions; ++d) mask.set(d);
-      return mask;
-    }
-    mask = coarse;
+    if (!on) return allDirections(num_directions);
+    DirectionMask mask = coarse;
     if (hint == kNoDirection) return mask;
     for (int offset = -window; offset <= window; ++offset) {
       mask.set((hint + offset + num_directions) % num_directions);

@@ -10,23 +10,13 @@
 #include <type_traits>
 
 #include "accessvdb/point_label.h"
+#include "direction_mask.h"
 #include "nanovdb_compat.h"
 
 namespace accessvdb::kernels {
 
-/// Most direction words: D <= 256.
-inline constexpr int kMaxDirectionWords = 4;
 /// Most samples along the approach corridor.
 inline constexpr int kMaxArmSamples = 64;
-
-/// A set of directions, bit d of word d/64.
-struct DirectionMask {
-  std::uint64_t word[kMaxDirectionWords];
-
-  ACCESSVDB_HOSTDEV bool test(int d) const { return (word[d >> 6] >> (d & 63)) & 1u; }
-  ACCESSVDB_HOSTDEV void set(int d) { word[d >> 6] |= std::uint64_t(1) << (d & 63); }
-  ACCESSVDB_HOSTDEV void reset(int d) { word[d >> 6] &= ~(std::uint64_t(1) << (d & 63)); }
-};
 
 /// The map as scoring needs it: value bit = collides, active bit = arm_free. A missing leaf means: tool free, arm
 /// blocked.
@@ -110,7 +100,6 @@ struct PointStateView {
   int direction_words = 0;             ///< words of `seen` a point
 };
 
-static_assert(std::is_trivially_copyable_v<DirectionMask>);
 static_assert(std::is_trivially_copyable_v<OccupancyView>);
 static_assert(std::is_trivially_copyable_v<ToolKernelView>);
 static_assert(std::is_trivially_copyable_v<ToolSlabsView>);

@@ -9,22 +9,15 @@
 #include <string>
 
 #include "hostdev/direction_search.h"
+#include "hostdev/point_input.h"
 #include "hostdev/point_update.h"
 #include "hostdev/views.h"
 #include "launch/device_array.h"
+#include "launch/exact_updater.h"
 #include "launch/mirror_arena.h"
-#include "launch/point_updater.h"
+#include "launch/paper_updater.h"
 
 namespace accessvdb::kernels {
-
-/// What the host knows anew about a point.
-struct PointInput {
-  std::uint32_t id = 0;
-  std::uint16_t weight = 0;
-  float position_L[3] = {0, 0, 0};
-  float normal_L[3] = {0, 0, 0};
-  DirectionMask seen = {};
-};
 
 /// Scores `count` items: searches directions by the rules, updates the point's state, hands the result back.
 struct ScoreRequest {
@@ -50,11 +43,15 @@ class Backend : public DeviceMemory {
   /// Writes what the host knows into the state arrays: position, normal, seen, weight.
   virtual void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) = 0;
   virtual void scorePoints(const ScoreRequest& request) = 0;
-  /// Whether its updater wants the slabs of the tool (UpdateInput::slabs).
+  /// Whether its updater wants the slabs of the tool (ScoringInput::slabs).
   [[nodiscard]] virtual bool usesToolSlabs() const { return false; }
-  /// Null where the host decides what is due (src/update/exact_on_host.cpp, paper_scheduler.cpp). Must not outlive
-  /// the backend.
-  [[nodiscard]] virtual std::unique_ptr<PointUpdater> makeUpdater(const UpdaterTables& tables) {
+  /// Null where the host decides what is due (src/update/exact_on_host.cpp). Must not outlive the backend.
+  [[nodiscard]] virtual std::unique_ptr<ExactUpdater> makeExactUpdater(const ExactTables& tables) {
+    (void)tables;
+    return nullptr;
+  }
+  /// The same for the paper's policy (src/update/paper_on_host.cpp).
+  [[nodiscard]] virtual std::unique_ptr<PaperUpdater> makePaperUpdater(const PaperTables& tables) {
     (void)tables;
     return nullptr;
   }

@@ -18,7 +18,8 @@ class DeviceMemory {
   virtual ~DeviceMemory() = default;
   /// @throws ResourceLimit when there is no memory
   virtual void* allocate(std::size_t bytes) = 0;
-  virtual void release(void* address) noexcept = 0;
+  /// @param bytes  as at allocate(). A null address is ignored.
+  virtual void release(void* address, std::size_t bytes) noexcept = 0;
   virtual void upload(void* to_device, const void* from_host, std::size_t bytes) = 0;
   virtual void download(void* to_host, const void* from_device, std::size_t bytes) = 0;
   virtual void copy(void* to_device, const void* from_device, std::size_t bytes) = 0;
@@ -72,7 +73,7 @@ class DeviceArray {
     std::swap(size_, other.size_);
   }
   void reset() noexcept {
-    if (data_ != nullptr) memory_->release(data_);
+    if (data_ != nullptr) memory_->release(data_, bytes());
     data_ = nullptr;
     size_ = 0;
   }

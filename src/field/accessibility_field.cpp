@@ -22,8 +22,8 @@
 #include "launch/stopwatch.h"
 #include "mirror/nanovdb_mirror.h"
 #include "tsdf/scan_integrator.h"
+#include "update/make_scheduler.h"
 #include "update/run_beside.h"
-#include "update/scheduler.h"
 
 namespace accessvdb {
 namespace {
@@ -50,23 +50,12 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         points(params, setup.directions_xy()),
         reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight)),
         scorer(points, params, *backend, reads),
-        scheduler(makeScheduler()) {
+        scheduler(internal::makeScheduler(scorer, {setup.hostTool(), setup.hostApproach()})) {
     static_assert(internal::ScanIntegrator::kParts <= internal::UpdateScheduler::kMostParts);
-    integrator.noteDistances(distance_mirror != nullptr || scheduler->seesDistances());
-    if (!scheduler->seesChanges()) return;
+    integrator.noteDistances(distance_mirror != nullptr || scheduler->needs().distances);
+    if (!scheduler->needs().changes) return;
     integrator.visitChanges(
         [this](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
-  }
-
-  std::unique_ptr<internal::UpdateScheduler> makeScheduler() {
-    if (params.update.policy == UpdatePolicy::Paper) {
-      auto on_device = internal::makeDevicePaperScheduler(scorer);
-      if (on_device != nullptr) return on_device;
-      return internal::makePaperScheduler(scorer, static_cast<std::uint16_t>(setup.tool().collision_limit));
-    }
-    auto on_device = internal::makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
-    if (on_device != nullptr) return on_device;
-    return internal::makeExactScheduler(scorer, setup.hostTool(), setup.hostApproach());
   }
 
   std::unique_ptr<internal::DistanceMirror> makeDistanceMirror() {
@@ -142,7 +131,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   /// in the map, the mirror takes that in. Whatever is not hidden counts as integration.
   /// @return time taken to note what the scan changed in the map; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
-    points.describeTouched(scheduler->takesNews());
+    points.describeTouched(scheduler->needs().news);
     const internal::TouchedPoints* touched = nullptr;
     const auto add_returns = [&] { touched = &points.addReturns(scan.p_L, scan.q_L); };
     internal::runBeside(add_returns, [&] { integrator.bin(scan.p_L, scan.q_L); });
@@ -266,7 +255,7 @@ FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) cons
     std::vector<kernels::ScoreItem> items(ids.size());
     for (std::size_t n = 0; n < ids.size(); ++n) {
       items[n].id = ids[n];
-      items[n].candidates = internal::allDirections(impl_->params.approach.num_directions);
+      items[n].candidates = kernels::allDirections(impl_->params.approach.num_directions);
     }
     internal::ScoringTables tables = impl_->setup.tables(impl_->mirror.grid());
     tables.rule.keep_best = false;

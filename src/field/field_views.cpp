@@ -4,6 +4,7 @@
 
 #include "accessvdb/error.h"
 #include "field/batch_query_impl.h"
+#include "hostdev/voxel_scale.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -29,7 +30,7 @@ BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
   impl->source.directions = directionVectors(parts.scorer.params().approach.num_directions);
   impl->source.origin_W = parts.origin_W;
   impl->source.voxel_size_m = static_cast<float>(voxel_size_m);
-  impl->source.inverse_voxel_size = static_cast<float>(1.0 / voxel_size_m);
+  impl->source.inverse_voxel_size = kernels::VoxelScale(voxel_size_m).inverse_float32;
   impl->arena = &arena;
   impl->field_revision = revision_;
   impl->revision = revision();

@@ -6,14 +6,13 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
+#include <numbers>
 #include <utility>
 
 #include "accessvdb/error.h"
 
 namespace accessvdb {
 namespace {
-
-constexpr double kPi = 3.141592653589793;
 
 std::string text(double value) {
   char buffer[32];
@@ -48,8 +47,8 @@ const char* nameOf(UpdateRegion region) {
 
 void requireProjective(const ProjectiveParams& p, double voxel_size_m) {
   require("projective.bin_rad", p.bin_rad, 0.0005, 0.2);
-  require("projective.elevation_min_rad", p.elevation_min_rad, -kPi / 2, kPi / 2);
-  require("projective.elevation_max_rad", p.elevation_max_rad, p.elevation_min_rad, kPi / 2);
+  require("projective.elevation_min_rad", p.elevation_min_rad, -std::numbers::pi / 2, std::numbers::pi / 2);
+  require("projective.elevation_max_rad", p.elevation_max_rad, p.elevation_min_rad, std::numbers::pi / 2);
   if (!p.in_front && !p.empty_is_free) return;
   constexpr double kMostLeaves = 1 << 22;  // 8 GiB of voxels
   double leaves = 1;
@@ -104,7 +103,7 @@ FieldParams FieldParams::resolved() const {
 
   ApproachParams& a = p.approach;
   require("num_directions", a.num_directions, 4, 256, "Up to 256 directions are supported");
-  require("normal_cone_rad", a.normal_cone_rad, 0.01, kPi / 2);
+  require("normal_cone_rad", a.normal_cone_rad, 0.01, std::numbers::pi / 2);
   require("observation_cos_min", a.observation_cos_min, -1, 1);
   for (const double f : a.arm_tau) require("arm_tau", f, 0, 100);
   require("corridor_length_m", a.corridor_length_m, 0, 50 * t.truncation_distance_m,

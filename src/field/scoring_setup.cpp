@@ -6,16 +6,16 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "hostdev/voxel_scale.h"
+#include "tool/yaw_direction.h"
 
 namespace accessvdb::internal {
 namespace {
 
-constexpr double kPi = 3.141592653589793;
-
 template <typename T>
-kernels::DeviceArray<T> uploaded(kernels::Backend& backend, const std::vector<T>& host) {
+kernels::DeviceArray<T> uploaded(kernels::DeviceMemory& memory, const std::vector<T>& host) {
   if (host.empty()) return {};  // null: there is nothing
-  kernels::DeviceArray<T> array(backend, host.size());
+  kernels::DeviceArray<T> array(memory, host.size());
   array.upload(host.data(), host.size());
   return array;
 }
@@ -36,37 +36,38 @@ std::vector<double> armDistances(const FieldParams& p) {
 ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, kernels::Backend& backend)
     : params_(resolved),
       tool_(ToolKernel::make(tool, resolved)),
-      directions_(DirectionTable::make(resolved.approach.num_directions)) {
+      directions_(DirectionTable::make(resolved.approach.num_directions)),
+      memory_(backend) {
   const std::vector<double> distances = armDistances(resolved);
   num_arm_ = static_cast<int>(distances.size());
   const int count = resolved.approach.num_directions;
   for (int d = 0; d < count; ++d) {
-    const double yaw = 2 * kPi * d / count;
+    const CosSin yaw = yawDirection(d, count);
     for (const double distance : distances) {
-      arm_offsets_.push_back(static_cast<float>(distance * std::cos(yaw)));
-      arm_offsets_.push_back(static_cast<float>(distance * std::sin(yaw)));
+      arm_offsets_.push_back(static_cast<float>(distance * yaw.cos));
+      arm_offsets_.push_back(static_cast<float>(distance * yaw.sin));
       arm_offsets_.push_back(0.0f);
     }
   }
-  d_columns_ = uploaded(backend, tool_.columns);
-  d_column_begin_ = uploaded(backend, tool_.column_begin);
-  d_samples_ = uploaded(backend, tool_.samples);
-  d_sample_begin_ = uploaded(backend, tool_.sample_begin);
-  if (resolved.update.policy == UpdatePolicy::Exact && backend.usesToolSlabs()) loadSlabs(backend);
-  d_directions_ = uploaded(backend, directions_.xy);
-  d_arm_offsets_ = uploaded(backend, arm_offsets_);
+  d_columns_ = uploaded(memory_, tool_.columns);
+  d_column_begin_ = uploaded(memory_, tool_.column_begin);
+  d_samples_ = uploaded(memory_, tool_.samples);
+  d_sample_begin_ = uploaded(memory_, tool_.sample_begin);
+  if (resolved.update.policy == UpdatePolicy::Exact && backend.usesToolSlabs()) loadSlabs();
+  d_directions_ = uploaded(memory_, directions_.xy);
+  d_arm_offsets_ = uploaded(memory_, arm_offsets_);
 }
 
 /// Without memory for them the search works without slabs, which only costs time.
-void ScoringSetup::loadSlabs(kernels::Backend& backend) {
+void ScoringSetup::loadSlabs() {
   const ToolSlabs slabs = ToolSlabs::make(tool_.view(), params_.approach.num_directions, ToolSlabs::kMostBytes);
   if (slabs.empty()) return;
   try {
-    auto words = uploaded(backend, slabs.words);
-    auto boxes = uploaded(backend, slabs.boxes);
-    auto columns = uploaded(backend, slabs.columns);
-    auto full = uploaded(backend, slabs.full);
-    auto begin = uploaded(backend, slabs.begin);
+    auto words = uploaded(memory_, slabs.words);
+    auto boxes = uploaded(memory_, slabs.boxes);
+    auto columns = uploaded(memory_, slabs.columns);
+    auto full = uploaded(memory_, slabs.full);
+    auto begin = uploaded(memory_, slabs.begin);
     d_slab_words_ = std::move(words);
     d_slab_boxes_ = std::move(boxes);
     d_leaf_columns_ = std::move(columns);
@@ -90,7 +91,7 @@ kernels::ApproachView ScoringSetup::hostApproach() const {
 ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   ScoringTables tables;
   tables.map.grid = grid;
-  tables.map.inverse_voxel_size = static_cast<float>(1.0 / params_.tsdf.voxel_size_m);
+  tables.map.inverse_voxel_size = kernels::VoxelScale(params_.tsdf.voxel_size_m).inverse_float32;
   tables.tool = tool_.view();
   tables.tool.columns = d_columns_.data();
   tables.tool.column_begin = d_column_begin_.data();
@@ -113,12 +114,6 @@ std::uint64_t ScoringSetup::hostBytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return bytesOf(tool_.columns) + bytesOf(tool_.column_begin) + bytesOf(tool_.samples) + bytesOf(tool_.sample_begin) +
          bytesOf(directions_.xy) + bytesOf(arm_offsets_);
-}
-
-std::uint64_t ScoringSetup::deviceBytes() const {
-  return d_columns_.bytes() + d_column_begin_.bytes() + d_samples_.bytes() + d_sample_begin_.bytes() +
-         d_slab_words_.bytes() + d_slab_boxes_.bytes() + d_leaf_columns_.bytes() + d_full_slabs_.bytes() +
-         d_leaf_column_begin_.bytes() + d_directions_.bytes() + d_arm_offsets_.bytes();
 }
 
 }  // namespace accessvdb::internal

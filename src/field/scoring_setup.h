@@ -26,16 +26,17 @@ class ScoringSetup {
   /// @param grid  the mirror, in the backend's memory
   [[nodiscard]] ScoringTables tables(const kernels::OccupancyGrid* grid) const;
   [[nodiscard]] std::uint64_t hostBytes() const;
-  [[nodiscard]] std::uint64_t deviceBytes() const;  ///< in the backend's memory
+  [[nodiscard]] std::uint64_t deviceBytes() const { return memory_.bytes(); }  ///< in the backend's memory
 
  private:
-  void loadSlabs(kernels::Backend& backend);
+  void loadSlabs();
 
   FieldParams params_;
   ToolKernel tool_;
   DirectionTable directions_;
   std::vector<float> arm_offsets_;  ///< [D x num_arm x 3]
   int num_arm_ = 0;
+  kernels::CountedMemory memory_;
   kernels::DeviceArray<kernels::VoxelColumn> d_columns_;
   kernels::DeviceArray<kernels::LeafColumn> d_leaf_columns_;
   kernels::DeviceArray<kernels::FullSlabs> d_full_slabs_;

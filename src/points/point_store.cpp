@@ -12,6 +12,7 @@
 #include <tuple>
 
 #include "hostdev/occupancy_query.h"
+#include "hostdev/voxel_scale.h"
 #include "points/prefetch.h"
 
 namespace accessvdb::internal {
@@ -37,7 +38,7 @@ std::uint64_t bitsOfBytes(const std::uint8_t* bytes) {
 PointStore::PointStore(const FieldParams& resolved, std::vector<float> direction_xy)
     : params_(resolved),
       direction_xy_(std::move(direction_xy)),
-      inverse_voxel_size_(static_cast<float>(1.0 / resolved.tsdf.voxel_size_m)),
+      inverse_voxel_size_(kernels::VoxelScale(resolved.tsdf.voxel_size_m).inverse_float32),
       words_((resolved.approach.num_directions + 63) / 64) {}
 
 Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {

@@ -15,32 +15,12 @@
 
 #include "accessvdb/params.h"
 #include "hostdev/views.h"
-#include "launch/point_updater.h"
+#include "launch/point_news.h"
 #include "points/surface_index.h"
 
 namespace accessvdb::internal {
 
 using kernels::DirectionMask;
-
-inline DirectionMask operator|(const DirectionMask& a, const DirectionMask& b) {
-  DirectionMask out;
-  for (int n = 0; n < kernels::kMaxDirectionWords; ++n) out.word[n] = a.word[n] | b.word[n];
-  return out;
-}
-inline DirectionMask operator&(const DirectionMask& a, const DirectionMask& b) {
-  DirectionMask out;
-  for (int n = 0; n < kernels::kMaxDirectionWords; ++n) out.word[n] = a.word[n] & b.word[n];
-  return out;
-}
-inline DirectionMask without(const DirectionMask& a, const DirectionMask& b) {
-  DirectionMask out;
-  for (int n = 0; n < kernels::kMaxDirectionWords; ++n) out.word[n] = a.word[n] & ~b.word[n];
-  return out;
-}
-inline bool any(const DirectionMask& a) { return (a.word[0] | a.word[1] | a.word[2] | a.word[3]) != 0; }
-inline bool operator==(const DirectionMask& a, const DirectionMask& b) {
-  return a.word[0] == b.word[0] && a.word[1] == b.word[1] && a.word[2] == b.word[2] && a.word[3] == b.word[3];
-}
 
 /// Up to eight sensor positions that saw a point (paper profile).
 struct Viewpoints {

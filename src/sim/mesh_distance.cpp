@@ -2,8 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/mesh_distance.h"
 
-#include <embree3/rtcore.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <array>
@@ -15,6 +13,7 @@
 
 #include "accessvdb/error.h"
 #include "sim/closed_mesh.h"
+#include "sim/embree.h"
 #include "sim/nearest_on_triangle.h"
 
 namespace accessvdb::sim {
@@ -45,7 +44,7 @@ struct Nearest {
 
 /// State of an inside test; Embree passes the context to the filter.
 struct Crossings {
-  RTCIntersectContext context;  // first: the filter gets a pointer to it
+  RayContext context;  // first: the filter gets a pointer to it
   const TriangleMesh* mesh;
   Eigen::Vector3d p_W, direction;
   double edge_margin_m;
@@ -239,7 +238,7 @@ class MeshDistance final : public SignedDistance {
 
   int crossings(const Eigen::Vector3d& p_W, const Eigen::Vector3f& direction, bool& near_edge) const {
     Crossings state;
-    rtcInitIntersectContext(&state.context);
+    initialize(state.context);
     state.mesh = &mesh_;
     state.p_W = p_W;
     state.direction = direction.cast<double>();
@@ -261,7 +260,7 @@ class MeshDistance final : public SignedDistance {
     ray.mask = 0xFFFFFFFFu;
     ray.id = 0;
     ray.flags = 0;
-    rtcOccluded1(scene_, &state.context, &ray);
+    occluded(scene_, state.context, ray);
     near_edge = state.near_edge;
     return state.winding;
   }

@@ -2,8 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/ray_caster.h"
 
-#include <embree3/rtcore.h>
-
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
@@ -13,6 +11,7 @@
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "sim/embree.h"
 
 namespace accessvdb::sim {
 namespace {
@@ -195,9 +194,9 @@ void RayCaster::cast(const Eigen::Vector3d& origin_W, std::span<const Eigen::Vec
       ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
       ray.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
     }
-    RTCIntersectContext context;
-    rtcInitIntersectContext(&context);
-    rtcIntersect1M(impl_->scene, &context, rays.data(), static_cast<unsigned>(count), sizeof(RTCRayHit));
+    RayContext context;
+    initialize(context);
+    intersect(impl_->scene, context, rays.data(), static_cast<unsigned>(count));
     for (std::size_t i = 0; i < count; ++i) {
       const bool hit = rays[i].hit.geomID != RTC_INVALID_GEOMETRY_ID;
       ranges_m[begin + i] =

@@ -1,13 +1,13 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Groups of blocks (launch/point_updater.h): small voxels make many blocks, and what flips mean for one of them they
+/// Groups of blocks (launch/point_news.h): small voxels make many blocks, and what flips mean for one of them they
 /// nearly mean for the next one. So a backend looks at cubes of blocks at once.
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
 
-#include "launch/point_updater.h"
+#include "launch/point_news.h"
 #include "points/cell_map.h"
 #include "points/surface_index.h"
 
@@ -18,7 +18,7 @@ namespace accessvdb::internal {
 inline int blockGroupLog2(double voxel_size_m) {
   constexpr double kEdge_m = 0.08, kRounding = 1 + 1e-6;
   int log2 = 0;
-  while (log2 < kernels::kMostGroupLog2 && (16 << log2) * voxel_size_m <= kEdge_m * kRounding) ++log2;
+  while (log2 < kernels::kMaxGroupLog2 && (16 << log2) * voxel_size_m <= kEdge_m * kRounding) ++log2;
   return log2;
 }
 

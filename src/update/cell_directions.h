@@ -8,7 +8,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "launch/point_updater.h"
+#include "launch/exact_updater.h"
 #include "points/point_store.h"
 
 namespace accessvdb::internal {

@@ -24,8 +24,8 @@ constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
 
 }  // namespace
 
-kernels::UpdaterTables updaterTables(const FieldParams& resolved, int group_log2) {
-  kernels::UpdaterTables tables;
+kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int group_log2) {
+  kernels::NeighbourTables tables;
   tables.voxel_size_m = resolved.tsdf.voxel_size_m;
   tables.radius_m = neighbourRadius_m(tables.voxel_size_m);
   tables.neighbours = resolved.scoring.neighbours;
@@ -35,8 +35,8 @@ kernels::UpdaterTables updaterTables(const FieldParams& resolved, int group_log2
   return tables;
 }
 
-kernels::UpdateInput updateInput(const PointScorer& scorer, const ScoringTables& tables) {
-  kernels::UpdateInput input;
+kernels::ScoringInput scoringInput(const PointScorer& scorer, const ScoringTables& tables) {
+  kernels::ScoringInput input;
   input.map = tables.map;
   input.tool = tables.tool;
   input.slabs = tables.slabs;
@@ -58,27 +58,29 @@ UpdateStats statsOf(const kernels::UpdateOutcome& outcome) {
   return stats;
 }
 
-DeviceAdmission::DeviceAdmission(PointScorer& scorer, kernels::PointUpdater& updater, int group_log2)
+DeviceAdmission::DeviceAdmission(PointScorer& scorer, kernels::PointAdmission& updater, int group_log2)
     : scorer_(scorer), updater_(updater), blocks_(group_log2), fresh_(scorer.points()) {
   while (least_weight_ < std::numeric_limits<std::uint16_t>::max() && !scorer_.isConfident(least_weight_)) {
     ++least_weight_;
   }
 }
 
+bool DeviceAdmission::handOver(const TouchedPoints& touched) {
+  if (++scans_ != 1) return false;
+  if (touched.news.size() != touched.all.size()) {
+    throw InternalError("admission.not_described", "", "A scan came without a description of the points it touched",
+                        "Please report this");
+  }
+  ids_ = touched.all;
+  admit([&] {
+    admitBlocks(touched.changed_blocks);
+    admitPoints(touched.news);
+  });
+  return true;
+}
+
 void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                                   std::span<const Eigen::Vector3f> q_L) {
-  if (++scans_ == 1) {
-    if (touched.news.size() != touched.all.size()) {
-      throw InternalError("admission.not_described", "", "A scan came without a description of the points it touched",
-                          "Please report this");
-    }
-    ids_ = touched.all;
-    admit([&] {
-      admitBlocks(touched.changed_blocks);
-      admitPoints(touched.news);
-    });
-    updater_.findNeighbours();
-  }
   for (std::size_t n = 0; n < touched.all.size(); ++n) {
     const std::uint32_t id = touched.all[n];
     if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or the older position counts
@@ -89,18 +91,13 @@ void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const 
   if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
 }
 
-void DeviceAdmission::complete(const std::function<void()>& begin) {
-  const bool admitted = std::exchange(scans_, 0) == 1;
-  scorer_.growDevice();
-  begin();
-  if (!admitted) admitAll();
+void DeviceAdmission::complete() {
+  if (std::exchange(scans_, 0) != 1) admitAll();
 }
 
-kernels::UpdateOutcome DeviceAdmission::update(kernels::UpdateInput input) {
-  input.weights = weights_;
-  input.crossed = crossed_;
+kernels::UpdateOutcome DeviceAdmission::update(const RunUpdate& run) {
   kernels::UpdateOutcome outcome;
-  runBeside([&] { outcome = updater_.update(input); }, [&] { know(); });
+  runBeside([&] { outcome = run({weights_, crossed_}); }, [&] { know(); });
   crossed_.clear();
   return outcome;
 }

@@ -13,7 +13,7 @@
 #include <span>
 #include <vector>
 
-#include "launch/point_updater.h"
+#include "launch/point_news.h"
 #include "points/surface_index.h"
 #include "update/block_groups.h"
 

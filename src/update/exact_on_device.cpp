@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The exact policy on a backend that decides by itself what is due (launch/point_updater.h): the host only says which
+/// The exact policy on a backend that decides by itself what is due (launch/exact_updater.h): the host only says which
 /// points are new, touched or confident by now (device_admission.h), and in which leaves facts flipped. Without a
-/// budget what comes out is what exact_scheduler.cpp brings out.
+/// budget the results are those of exact_on_host.cpp.
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
@@ -18,8 +18,8 @@
 #include "update/device_admission.h"
 #include "update/flip_set.h"
 #include "update/leaf_footprint.h"
+#include "update/make_scheduler.h"
 #include "update/run_beside.h"
-#include "update/scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -49,21 +49,21 @@ std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
   return sum;
 }
 
-class DeviceScheduler final : public UpdateScheduler {
+class ExactOnDevice final : public UpdateScheduler {
  public:
   /// @param group_log2  the updater's
-  DeviceScheduler(PointScorer& scorer, std::unique_ptr<kernels::PointUpdater> updater, int group_log2)
+  ExactOnDevice(PointScorer& scorer, std::unique_ptr<kernels::ExactUpdater> updater, int group_log2)
       : scorer_(scorer), updater_(std::move(updater)), admission_(scorer, *updater_, group_log2) {}
 
   // While the map takes the scan in, the backend finds neighbours.
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L) override {
     flips_begun_ = false;
+    if (admission_.handOver(touched)) updater_->findNeighbours();
     admission_.noteReturns(touched, p_L, q_L);
   }
 
-  bool takesNews() const override { return admission_.takesNews(); }
-  bool seesChanges() const override { return true; }
+  Needs needs() const override { return {.news = admission_.takesNews(), .changes = true}; }
   void noteChange(std::size_t part, const LeafChange& change) override {
     if (!anything_scored_) return;
     const Index3 leaf = parentOf(change.origin_ijk);
@@ -78,18 +78,19 @@ class DeviceScheduler final : public UpdateScheduler {
   // Should another scan come before the update, all flips are handed over again.
   void prepare(const ScoringTables& tables) override {
     if (!admission_.isAhead()) return;
-    updater_->begin(inputOf(tables));
+    begin(tables);
     flips_begun_ = true;
   }
 
   UpdateStats update(const ScoringTables& tables) override {
     const bool begun = std::exchange(flips_begun_, false);
-    admission_.complete([&] {
-      if (!begun) updater_->begin(inputOf(tables));
-    });
-    const kernels::UpdateInput input = inputOf(tables);
+    admission_.growState();
+    if (!begun) begin(tables);
+    admission_.complete();
+    const kernels::ScoringInput input = scoringInput(scorer_, tables);
     runBeside([&] { updater_->choose(input); }, [&] { admission_.readWeights(); });
-    const kernels::UpdateOutcome outcome = admission_.update(input);
+    const kernels::UpdateOutcome outcome =
+        admission_.update([&](const kernels::ConfidenceNews& news) { return updater_->update(input, news); });
     for (std::vector<kernels::LeafFlips>& part : flips_) part.clear();
     joined_flips_ = 0;
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
@@ -105,12 +106,10 @@ class DeviceScheduler final : public UpdateScheduler {
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
 
  private:
-  /// @return valid until flips are noted, or the next call
-  [[nodiscard]] kernels::UpdateInput inputOf(const ScoringTables& tables) {
-    kernels::UpdateInput input = updateInput(scorer_, tables);
-    std::ranges::copy(flips_, flip_lists_.begin());
-    input.flips = flip_lists_;
-    return input;
+  void begin(const ScoringTables& tables) {
+    std::array<std::span<const kernels::LeafFlips>, kMostParts> lists;
+    std::ranges::copy(flips_, lists.begin());
+    updater_->begin(scoringInput(scorer_, tables), lists);
   }
 
   void joinFlips() {
@@ -134,33 +133,33 @@ class DeviceScheduler final : public UpdateScheduler {
   }
 
   PointScorer& scorer_;
-  std::unique_ptr<kernels::PointUpdater> updater_;
+  std::unique_ptr<kernels::ExactUpdater> updater_;
   DeviceAdmission admission_;
   bool anything_scored_ = false;
   bool flips_begun_ = false;                                       ///< prepare() came since the last scan
   std::array<std::vector<kernels::LeafFlips>, kMostParts> flips_;  ///< since the last update, by part of the map
-  std::array<std::span<const kernels::LeafFlips>, kMostParts> flip_lists_;  ///< inputOf()
-  std::size_t joined_flips_ = 0;  ///< so many there were when they were joined
+  std::size_t joined_flips_ = 0;                                   ///< so many there were when they were joined
 };
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
-                                                     const kernels::ApproachView& approach) {
+std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const HostTables& host) {
+  const auto& [tool, approach] = host;
   const FieldParams& params = scorer.params();
   const double voxel_size_m = params.tsdf.voxel_size_m;
   const int group_log2 = blockGroupLog2(voxel_size_m);
   const LeafFootprint footprint(tool, approach, voxel_size_m, group_log2);
-  kernels::UpdaterTables tables = updaterTables(params, group_log2);
+  kernels::ExactTables tables;
+  tables.neighbours = neighbourTables(params, group_log2);
   tables.tool_columns = footprint.toolColumns();
   tables.arm_columns = footprint.armColumns();
   const CellDirections cells(tool, approach.num_directions, group_log2, kMostCellTableBytes);
   tables.cell_directions = cells.table();
   std::ranges::copy(cells.low(), tables.cell_low);
   std::ranges::copy(cells.size(), tables.cell_size);
-  auto updater = scorer.backend().makeUpdater(tables);
+  auto updater = scorer.backend().makeExactUpdater(tables);
   if (updater == nullptr) return nullptr;
-  return std::make_unique<DeviceScheduler>(scorer, std::move(updater), group_log2);
+  return std::make_unique<ExactOnDevice>(scorer, std::move(updater), group_log2);
 }
 
 }  // namespace accessvdb::internal

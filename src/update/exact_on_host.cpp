@@ -16,11 +16,12 @@
 
 #include "hostdev/direction_filter.h"
 #include "launch/stopwatch.h"
+#include "update/backlog.h"
 #include "update/flip_set.h"
 #include "update/known_blocked.h"
 #include "update/leaf_footprint.h"
+#include "update/make_scheduler.h"
 #include "update/moved_points.h"
-#include "update/scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -33,15 +34,15 @@ enum Due : std::uint8_t {
   kEvidence = 8        ///< the point itself changed, not only the map around it
 };
 
-class ExactScheduler final : public UpdateScheduler {
+class ExactOnHost final : public UpdateScheduler {
  public:
-  ExactScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach)
+  ExactOnHost(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach)
       : scorer_(scorer),
         approach_(approach),
         footprint_(tool, approach, scorer.params().tsdf.voxel_size_m, 0),
         offset_directions_(tool, approach.num_directions, OffsetDirections::kMostBytes),
         collision_limit_(tool.collision_limit),
-        all_(allDirections(approach.num_directions)),
+        all_(kernels::allDirections(approach.num_directions)),
         moved_points_(scorer) {}
 
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
@@ -59,7 +60,7 @@ class ExactScheduler final : public UpdateScheduler {
     UpdateStats stats;
     scorer_.grow();
     blocked_.grow(scorer_.points().size());
-    due_.grow(scorer_.points().size());
+    backlog_.grow(scorer_.points().size());
 
     const std::vector<std::uint32_t> crossed = findCrossed();
     std::vector<std::uint32_t> moved;
@@ -73,38 +74,29 @@ class ExactScheduler final : public UpdateScheduler {
     flips_.clear();
     moved_points_.clear();
 
-    std::vector<std::uint32_t> work = takeWork();
-    stats.dirty_points = moved.size() + work.size();
-    stats.backlog = queue_.size();
+    const Backlog::Turn turn = backlog_.take(scorer_.params().update.budget_points);
+    stats.dirty_points = moved.size() + turn.ids.size();
+    stats.backlog = backlog_.size();
     const kernels::Stopwatch scoring;
-    scoreAll(work, tables, stats);
+    scoreAll(turn, tables, stats);
     stats.score_ms = scoring.milliseconds();
     return stats;
   }
 
   std::uint64_t bytes() const override {
-    return offset_directions_.bytes() + blocked_.bytes() + due_.bytes() + flips_.bytes() + moved_points_.bytes() +
-           (fresh_.capacity() + queue_.capacity()) * sizeof(std::uint32_t);
+    return offset_directions_.bytes() + blocked_.bytes() + backlog_.bytes() + flips_.bytes() + moved_points_.bytes() +
+           fresh_.capacity() * sizeof(std::uint32_t);
   }
 
  private:
-  void request(std::uint32_t id, unsigned what) {
-    if (due_[id] == 0) queue_.push_back(id);
-    due_[id] = static_cast<std::uint8_t>(due_[id] | kScore | what);
-  }
+  void request(std::uint32_t id, unsigned what) { backlog_.ask(id, static_cast<std::uint8_t>(kScore | what)); }
 
   /// Cause (e): points whose confidence crossed the bound. Weights only grow, so only points below it are looked at.
   std::vector<std::uint32_t> findCrossed() {
     for (std::uint32_t id = known_points_; id < scorer_.points().size(); ++id) fresh_.push_back(id);
     known_points_ = scorer_.points().size();
     std::vector<std::uint32_t> crossed = scorer_.takeConfident(fresh_);
-    // What `confident` needs; costs little beside the rest.
-    std::vector<std::uint32_t> scored;
-    for (const std::uint32_t id : moved_points_.touched()) {
-      if (scorer_.record(id).has_neighbourhood) scored.push_back(id);
-    }
-    scorer_.refreshWeights(scored);
-    scorer_.upload(scored);
+    scorer_.refreshTouched(moved_points_.touched());  // costs little beside the rest
     return crossed;
   }
 
@@ -191,26 +183,17 @@ class ExactScheduler final : public UpdateScheduler {
 
   /// Is d tried before the best direction of the point?
   [[nodiscard]] bool ranksBefore(int d, const PointRecord& record) const {
-    const float cosine = kernels::cosToNormal(approach_, d, record.normal_L.data());
-    const float best = kernels::cosToNormal(approach_, record.direction, record.normal_L.data());
-    return cosine > best || (cosine == best && d < record.direction);
+    return kernels::ranksBefore(approach_, record.normal_L.data(), d, record.direction);
   }
 
-  std::vector<std::uint32_t> takeWork() {
-    const int budget = scorer_.params().update.budget_points;
-    const std::size_t count = budget > 0 ? std::min(queue_.size(), static_cast<std::size_t>(budget)) : queue_.size();
-    std::vector<std::uint32_t> work(queue_.begin(), queue_.begin() + static_cast<std::ptrdiff_t>(count));
-    queue_.erase(queue_.begin(), queue_.begin() + static_cast<std::ptrdiff_t>(count));
-    return work;
-  }
-
-  void scoreAll(const std::vector<std::uint32_t>& work, const ScoringTables& tables, UpdateStats& stats) {
+  void scoreAll(const Backlog::Turn& turn, const ScoringTables& tables, UpdateStats& stats) {
     std::vector<kernels::ScoreItem> items;
     std::vector<PointLabel> labels_before;
-    items.reserve(work.size());
-    for (const std::uint32_t id : work) {
+    items.reserve(turn.ids.size());
+    for (std::size_t n = 0; n < turn.ids.size(); ++n) {
+      const std::uint32_t id = turn.ids[n];
+      const std::uint8_t due = turn.asked[n];
       const PointRecord& record = scorer_.record(id);
-      const std::uint8_t due = std::exchange(due_[id], std::uint8_t{0});
       if (!scorer_.confidentEnough(id)) continue;
       const bool best_admissible = scorer_.admissible(id, record.direction, approach_);
       // The reason of a blocked point belongs to its closest direction: when that one is gone, look at all of them.
@@ -265,18 +248,16 @@ class ExactScheduler final : public UpdateScheduler {
   MovedPoints moved_points_;
   FlipSet flips_;
   std::vector<std::uint32_t> fresh_;    ///< below the confidence bound
-  std::vector<std::uint32_t> queue_;    ///< points with something due, first come first served
+  Backlog backlog_;                     ///< points with something due
   ChunkedArray<KnownBlocked> blocked_;  ///< by id
-  ChunkedArray<std::uint8_t> due_;      ///< by id
   std::uint32_t known_points_ = 0;
   bool anything_scored_ = false;
 };
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makeExactScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
-                                                    const kernels::ApproachView& approach) {
-  return std::make_unique<ExactScheduler>(scorer, tool, approach);
+std::unique_ptr<UpdateScheduler> makeExactOnHost(PointScorer& scorer, const HostTables& tables) {
+  return std::make_unique<ExactOnHost>(scorer, tables.tool, tables.approach);
 }
 
 }  // namespace accessvdb::internal

@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "hostdev/occupancy_query.h"
+#include "hostdev/voxel_scale.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -79,7 +80,7 @@ std::pair<Index3, Index3> offsetBox(const float* offset_m, double voxel_size_m) 
 
 LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach,
                              double voxel_size_m, int group_log2)
-    : tool_(tool), approach_(approach), inverse_voxel_size_(static_cast<float>(1.0 / voxel_size_m)) {
+    : tool_(tool), approach_(approach), inverse_voxel_size_(kernels::VoxelScale(voxel_size_m).inverse_float32) {
   FootprintBuilder tool_builder, arm_builder;
   for (int d = 0; d < approach.num_directions; ++d) {
     if (tool.use_samples) {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "hostdev/views.h"
-#include "launch/point_updater.h"
+#include "launch/exact_updater.h"
 #include "points/point_store.h"
 #include "update/flip_set.h"
 
@@ -21,20 +21,10 @@ struct AffectedDirections {
   DirectionMask worse_tool = {}, worse_arm = {};
 };
 
-/// Calls visit(d) for each direction of a set.
-template <typename Visit>
-void forEachDirection(const DirectionMask& directions, const Visit& visit) {
-  for (int word = 0; word < kernels::kMaxDirectionWords; ++word) {
-    for (std::uint64_t bits = directions.word[word]; bits != 0; bits &= bits - 1) {
-      visit(word * 64 + std::countr_zero(bits));
-    }
-  }
-}
-
 class LeafFootprint {
  public:
   /// @param tool, approach  host-side tables
-  /// @param group_log2  points lie anywhere in a group of blocks, a cube with an edge of 2^group_log2 leaves, and
+  /// @param group_log2  points are anywhere in a group of blocks, a cube with an edge of 2^group_log2 leaves, and
   /// columns
   ///   are relative to its first leaf; 0: anywhere in a block
   LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach, double voxel_size_m,

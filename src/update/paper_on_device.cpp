@@ -1,47 +1,47 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The paper's policy on a backend that keeps queue and state by itself (launch/point_updater.h). What needs the map or
+/// The paper's policy on a backend that keeps queue and state by itself (launch/paper_updater.h). What needs the map or
 /// its own numbers is found here: which points became confident, and what triggers (i) and (ii) ask for. What comes out
-/// is what paper_scheduler.cpp brings out.
+/// is what paper_on_host.cpp brings out.
 #include <memory>
 #include <utility>
 
 #include "update/block_groups.h"
 #include "update/coarse_to_fine.h"
 #include "update/device_admission.h"
+#include "update/make_scheduler.h"
 #include "update/paper_triggers.h"
-#include "update/scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
 
-class DevicePaperScheduler final : public UpdateScheduler {
+class PaperOnDevice final : public UpdateScheduler {
  public:
   /// @param group_log2  the updater's
-  DevicePaperScheduler(PointScorer& scorer, std::unique_ptr<kernels::PointUpdater> updater, int group_log2)
+  PaperOnDevice(PointScorer& scorer, std::unique_ptr<kernels::PaperUpdater> updater, int group_log2)
       : scorer_(scorer), updater_(std::move(updater)), admission_(scorer, *updater_, group_log2), triggers_(scorer) {}
 
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L) override {
+    admission_.handOver(touched);
     admission_.noteReturns(touched, p_L, q_L);
   }
 
-  bool takesNews() const override { return admission_.takesNews(); }
-  bool seesDistances() const override { return true; }
+  Needs needs() const override { return {.news = admission_.takesNews(), .distances = true}; }
   void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                    const MapChanges& changes) override {
     triggers_.note(p_L, q_L, changes.distances);
   }
 
   UpdateStats update(const ScoringTables& tables) override {
-    admission_.complete([] {});
+    admission_.growState();
+    admission_.complete();
     admission_.readWeights();
     const PaperRequests asked = triggers_.take();
-    kernels::UpdateInput input = updateInput(scorer_, tables);
-    input.jumped = asked.jumped;
-    input.sampled = asked.sampled;
-    input.all_blocked = asked.blocked;
-    return statsOf(admission_.update(input));
+    const kernels::TriggeredPoints triggered = {asked.jumped, asked.sampled, asked.blocked};
+    return statsOf(admission_.update([&](const kernels::ConfidenceNews& news) {
+      return updater_->update(scoringInput(scorer_, tables), news, triggered);
+    }));
   }
 
   std::uint64_t bytes() const override { return admission_.bytes() + triggers_.bytes(); }
@@ -49,21 +49,21 @@ class DevicePaperScheduler final : public UpdateScheduler {
 
  private:
   PointScorer& scorer_;
-  std::unique_ptr<kernels::PointUpdater> updater_;
+  std::unique_ptr<kernels::PaperUpdater> updater_;
   DeviceAdmission admission_;
   PaperTriggers triggers_;
 };
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makeDevicePaperScheduler(PointScorer& scorer) {
+std::unique_ptr<UpdateScheduler> makePaperOnDevice(PointScorer& scorer) {
   const int group_log2 = blockGroupLog2(scorer.params().tsdf.voxel_size_m);
-  kernels::UpdaterTables tables = updaterTables(scorer.params(), group_log2);
-  tables.paper_policy = true;
+  kernels::PaperTables tables;
+  tables.neighbours = neighbourTables(scorer.params(), group_log2);
   tables.candidates = coarseToFineRule(scorer.params());
-  auto updater = scorer.backend().makeUpdater(tables);
+  auto updater = scorer.backend().makePaperUpdater(tables);
   if (updater == nullptr) return nullptr;
-  return std::make_unique<DevicePaperScheduler>(scorer, std::move(updater), group_log2);
+  return std::make_unique<PaperOnDevice>(scorer, std::move(updater), group_log2);
 }
 
 }  // namespace accessvdb::internal

@@ -11,21 +11,21 @@
 /// the machine and its load. Here the budget is UpdateParams::budget_points, so that runs are repeatable. There is no
 /// sliding window either: the map keeps everything.
 #include <algorithm>
-#include <deque>
 #include <vector>
 
 #include "launch/stopwatch.h"
+#include "update/backlog.h"
 #include "update/coarse_to_fine.h"
 #include "update/id_list.h"
+#include "update/make_scheduler.h"
 #include "update/paper_triggers.h"
-#include "update/scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
 
-class PaperScheduler final : public UpdateScheduler {
+class PaperOnHost final : public UpdateScheduler {
  public:
-  PaperScheduler(PointScorer& scorer, std::uint16_t collision_limit)
+  PaperOnHost(PointScorer& scorer, std::uint16_t collision_limit)
       : scorer_(scorer), triggers_(scorer), directions_(scorer, collision_limit) {}
 
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
@@ -33,7 +33,7 @@ class PaperScheduler final : public UpdateScheduler {
     touched_.add(touched.all);
   }
 
-  bool seesDistances() const override { return true; }
+  Needs needs() const override { return {.distances = true}; }
   void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                    const MapChanges& changes) override {
     triggers_.note(p_L, q_L, changes.distances);
@@ -43,10 +43,10 @@ class PaperScheduler final : public UpdateScheduler {
     UpdateStats stats;
     scorer_.grow();
     enqueueAll();
-    refreshTouched();
-    const std::vector<std::uint32_t> work = takeWork();
+    scorer_.refreshTouched(touched_.take());
+    const std::vector<std::uint32_t> work = backlog_.take(scorer_.params().update.budget_points).ids;
     stats.dirty_points = work.size();
-    stats.backlog = queue_.size();
+    stats.backlog = backlog_.size();
     scorer_.refreshNeighbourhoods(work);
     scorer_.upload(work);
     std::vector<kernels::ScoreItem> items(work.size());
@@ -69,13 +69,12 @@ class PaperScheduler final : public UpdateScheduler {
   }
 
   std::uint64_t bytes() const override {
-    return (queue_.size() + fresh_.capacity()) * sizeof(std::uint32_t) + queued_.bytes() + triggers_.bytes() +
-           touched_.bytes();
+    return backlog_.bytes() + fresh_.capacity() * sizeof(std::uint32_t) + triggers_.bytes() + touched_.bytes();
   }
 
  private:
   void enqueueAll() {
-    queued_.grow(scorer_.points().size(), 0);
+    backlog_.grow(scorer_.points().size());
     for (; known_points_ < scorer_.points().size(); ++known_points_) fresh_.push_back(known_points_);
     for (const std::uint32_t id : scorer_.takeConfident(fresh_)) enqueue(id);
     const PaperRequests asked = triggers_.take();
@@ -87,44 +86,23 @@ class PaperScheduler final : public UpdateScheduler {
     }
   }
 
-  /// What views of the points show of their weights.
-  void refreshTouched() {
-    std::vector<std::uint32_t> touched = touched_.take();
-    std::erase_if(touched, [&](std::uint32_t id) { return !scorer_.record(id).has_neighbourhood; });
-    scorer_.refreshWeights(touched);
-    scorer_.upload(touched);
-  }
-
   void enqueue(std::uint32_t id) {
-    if (queued_[id] != 0 || !scorer_.confidentEnough(id)) return;
-    queued_[id] = 1;
-    queue_.push_back(id);
-  }
-
-  /// As many points as the budget allows to evaluate, first come first served.
-  std::vector<std::uint32_t> takeWork() {
-    const auto budget = static_cast<std::size_t>(scorer_.params().update.budget_points);
-    const auto count = static_cast<std::ptrdiff_t>(budget > 0 ? std::min(queue_.size(), budget) : queue_.size());
-    std::vector<std::uint32_t> work(queue_.begin(), queue_.begin() + count);
-    queue_.erase(queue_.begin(), queue_.begin() + count);
-    for (const std::uint32_t id : work) queued_[id] = 0;
-    return work;
+    if (!backlog_.holds(id) && scorer_.confidentEnough(id)) backlog_.ask(id, 1);
   }
 
   PointScorer& scorer_;
   PaperTriggers triggers_;
   CandidateDirections directions_;
-  std::deque<std::uint32_t> queue_;
-  ChunkedArray<std::uint8_t> queued_;  ///< by id: in queue_
-  std::vector<std::uint32_t> fresh_;   ///< below the confidence bound, ascending
+  Backlog backlog_;
+  std::vector<std::uint32_t> fresh_;  ///< below the confidence bound, ascending
   std::uint32_t known_points_ = 0;
   IdList touched_;  ///< since the last update
 };
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makePaperScheduler(PointScorer& scorer, std::uint16_t collision_limit) {
-  return std::make_unique<PaperScheduler>(scorer, collision_limit);
+std::unique_ptr<UpdateScheduler> makePaperOnHost(PointScorer& scorer, std::uint16_t collision_limit) {
+  return std::make_unique<PaperOnHost>(scorer, collision_limit);
 }
 
 }  // namespace accessvdb::internal

@@ -13,6 +13,7 @@
 #include "launch/backend.h"
 #include "points/neighbourhood.h"
 #include "points/point_store.h"
+#include "update/device_points.h"
 
 namespace accessvdb::internal {
 
@@ -42,34 +43,6 @@ struct ScoringTables {
   kernels::UpdateRule rule;
 };
 
-/// The state arrays of all points in a backend's memory.
-class DevicePoints {
- public:
-  explicit DevicePoints(kernels::Backend& backend, int direction_words);
-  /// Grows to `size` points by chunks; new ones are unscored.
-  void grow(std::uint32_t size);
-  /// As grow, but new ones are not initialised.
-  void growRaw(std::uint32_t size);
-  /// Room for `size` points, of which size() says nothing yet; what lies behind size() is lost when there was too
-  /// little.
-  void reserve(std::uint32_t size);
-  [[nodiscard]] kernels::PointStateView view() const;
-  [[nodiscard]] std::uint32_t size() const { return size_; }
-  [[nodiscard]] std::uint64_t bytes() const;
-  /// Bytes a point; at most 64 at D <= 192 (asserted in a test).
-  static std::uint64_t bytesPerPoint(int direction_words);
-
- private:
-  kernels::Backend& backend_;
-  int words_;
-  std::uint32_t size_ = 0, capacity_ = 0;
-  kernels::DeviceArray<float> position_L_, normal_L_, stability_;
-  kernels::DeviceArray<std::uint64_t> seen_;
-  kernels::DeviceArray<std::uint16_t> score_, direction_, weight_;
-  kernels::DeviceArray<PointLabel> label_;
-  kernels::DeviceArray<PointReason> reason_;
-};
-
 /// What the host keeps of each point's state.
 struct PointRecord {
   Eigen::Vector3f normal_L = {0, 0, 0};
@@ -93,13 +66,16 @@ class PointScorer {
   /// growDevice().
   void reserveDevice() { device_.reserve(points_.size()); }
 
-  /// Reads the weights anew. @return ids that crossed the confidence bound
+  /// Reads the weights again. @return ids that crossed the confidence bound
   std::vector<std::uint32_t> refreshWeights(std::span<const std::uint32_t> ids);
   /// Reads the weights of points that were not confident. @param fresh  in: those; out: those that still are not
   /// @return those that are now
   std::vector<std::uint32_t> takeConfident(std::vector<std::uint32_t>& fresh);
-  /// Computes the neighbourhoods anew. @return ids whose normal or seen directions changed
+  /// Computes the neighbourhoods again. @return ids whose normal or seen directions changed
   std::vector<std::uint32_t> refreshNeighbourhoods(std::span<const std::uint32_t> ids);
+  /// Reads the weights of touched points that have a neighbourhood, and sends them to the device: views of the points
+  /// show them.
+  void refreshTouched(std::vector<std::uint32_t> touched);
   /// Sends what refresh... found for these ids to the device.
   void upload(std::span<const std::uint32_t> ids);
 
@@ -127,8 +103,5 @@ class PointScorer {
   DevicePoints device_;
   ChunkedArray<PointRecord> records_;
 };
-
-/// Every direction below D.
-DirectionMask allDirections(int num_directions);
 
 }  // namespace accessvdb::internal

@@ -17,28 +17,31 @@ namespace accessvdb::internal {
 /// What a scan changed in the map; valid until the next one.
 struct MapChanges {
   std::span<const std::span<const LeafChange>> facts;          ///< each leaf with flips at most once
-  std::span<const std::span<const DistanceChange>> distances;  ///< likewise; empty unless seesDistances()
+  std::span<const std::span<const DistanceChange>> distances;  ///< likewise; empty unless Needs::distances
+};
+
+/// What a scheduler needs to be told.
+struct Needs {
+  bool news = false;       ///< for the next scan: noteReturns() needs PointStore::describeTouched()
+  bool changes = false;    ///< always: each change of the map through noteChange(), before noteChanges()
+  bool distances = false;  ///< always: MapChanges::distances
 };
 
 class UpdateScheduler {
  public:
   virtual ~UpdateScheduler() = default;
 
+  [[nodiscard]] virtual Needs needs() const { return {}; }
+
   /// One scan's returns are in the store. The map may be on its way to have them: nobody reads it here. The points'
   /// backend may begin to work on them.
   /// @param p_L  [n] returns  @param q_L  [n] or [1] sensor positions
   virtual void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                            std::span<const Eigen::Vector3f> q_L) = 0;
-  /// Whether noteReturns() wants PointStore::describeTouched() of the next scan.
-  [[nodiscard]] virtual bool takesNews() const { return false; }
-  /// Whether it wants to see each change of the map with noteChange() before noteChanges().
-  [[nodiscard]] virtual bool seesChanges() const { return false; }
   /// While the map takes the scan in: what flipped in one leaf. From several threads, also beside noteReturns(), but
   /// those of a part from one at a time. @param part  below kMostParts
   virtual void noteChange(std::size_t /*part*/, const LeafChange& /*change*/) {}
   static constexpr std::size_t kMostParts = 256;
-  /// Whether it wants to be told of changed distances.
-  [[nodiscard]] virtual bool seesDistances() const { return false; }
   /// Now the map has them as well. After noteReturns(), once a scan.
   virtual void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                            const MapChanges& changes) = 0;
@@ -54,22 +57,5 @@ class UpdateScheduler {
   /// In the backend's memory, the state of the points not included.
   [[nodiscard]] virtual std::uint64_t deviceBytes() const { return 0; }
 };
-
-/// docs/DESIGN.md, "Exact updates": labels equal those of a full evaluation of the current map.
-/// @param tool, approach  tables in host memory, alive as long as the scheduler
-std::unique_ptr<UpdateScheduler> makeExactScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
-                                                    const kernels::ApproachView& approach);
-
-/// The same on a backend that decides by itself what is due, and keeps all state; null where this one does not.
-std::unique_ptr<UpdateScheduler> makeDeviceScheduler(PointScorer& scorer, const kernels::ToolKernelView& tool,
-                                                     const kernels::ApproachView& approach);
-
-/// The paper's triggers (i) to (iii), sample, budget and backlog (docs/PAPER_MAP.md, "Update policy").
-/// @param collision_limit  [n_c]
-std::unique_ptr<UpdateScheduler> makePaperScheduler(PointScorer& scorer, std::uint16_t collision_limit);
-
-/// The same on a backend that keeps queue and state; null where this one does not. The same points are scored at the
-/// same updates.
-std::unique_ptr<UpdateScheduler> makeDevicePaperScheduler(PointScorer& scorer);
 
 }  // namespace accessvdb::internal

@@ -202,7 +202,7 @@ class Bench {
     std::vector<kernels::ScoreItem> items(ids.size());
     for (std::size_t n = 0; n < ids.size(); ++n) {
       items[n].id = ids[n];
-      items[n].candidates = internal::allDirections(directions);
+      items[n].candidates = kernels::allDirections(directions);
     }
     return items;
   }

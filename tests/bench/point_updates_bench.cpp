@@ -29,7 +29,7 @@
 #include "field/scoring_setup.h"
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
-#include "update/scheduler.h"
+#include "update/make_scheduler.h"
 
 namespace accessvdb {
 namespace {
@@ -66,12 +66,23 @@ std::uint64_t mixed(std::uint64_t hash, std::uint64_t value) {
 }
 std::uint64_t bitsOf(float value) { return __builtin_bit_cast(std::uint32_t, value == 0 ? 0.0f : value); }
 
-class Listener final : public kernels::PointUpdater {
+class Listener final : public kernels::ExactUpdater {
  public:
   Listener(Phases& phases, Told& told) : phases_(phases), told_(told) {}
-  void begin(const kernels::UpdateInput&) override {}
+  void begin(const kernels::ScoringInput&, kernels::FlipLists flips_of_parts) override {
+    phases_.end(kCrossed);
+    for (const std::span<const kernels::LeafFlips>& part : flips_of_parts) {
+      for (const kernels::LeafFlips& flips : part) {
+        std::uint64_t hash = mixed(flips.kinds, flips.freed);
+        for (const std::int32_t axis : flips.leaf) hash = mixed(hash, static_cast<std::uint32_t>(axis));
+        told_.flips_hash += hash;
+      }
+      told_.flips += part.size();
+    }
+    phases_.begin();
+  }
   void findNeighbours() override {}
-  void choose(const kernels::UpdateInput&) override {}
+  void choose(const kernels::ScoringInput&) override {}
   void admit(const kernels::AdmitInput& input) override {
     phases_.end(input.news.empty() ? kBlocks : kPoints);
     for (const kernels::PointNews& news : input.news) {
@@ -90,21 +101,13 @@ class Listener final : public kernels::PointUpdater {
     told_.block_ids += input.block_ids.size();
     phases_.begin();
   }
-  kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
+  kernels::UpdateOutcome update(const kernels::ScoringInput&, const kernels::ConfidenceNews& input) override {
     phases_.end(kCrossed);
     for (const kernels::PointWeight& point : input.weights) {
       told_.weights_hash += mixed(mixed(8, point.id), point.weight);
     }
     for (const kernels::PointWeight& point : input.crossed)
       told_.crossed_hash += mixed(mixed(7, point.id), point.weight);
-    for (const std::span<const kernels::LeafFlips>& part : input.flips) {
-      for (const kernels::LeafFlips& flips : part) {
-        std::uint64_t hash = mixed(flips.kinds, flips.freed);
-        for (const std::int32_t axis : flips.leaf) hash = mixed(hash, static_cast<std::uint32_t>(axis));
-        told_.flips_hash += hash;
-      }
-      told_.flips += part.size();
-    }
     told_.crossed += input.crossed.size();
     kernels::UpdateOutcome outcome;
     outcome.evaluated = 1;  // like a device: flips count from now on
@@ -134,14 +137,13 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   internal::ScanIntegrator integrator(map);
   Phases phases;
   Told told;
-  test::ListeningBackend backend(
-      [&](const kernels::UpdaterTables&) { return std::make_unique<Listener>(phases, told); });
+  test::ListeningBackend backend([&](const kernels::ExactTables&) { return std::make_unique<Listener>(phases, told); });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");  // the smallest: nothing is scored
   const internal::ScoringSetup setup(tool, params, backend);
   internal::PointStore points(params, setup.directions_xy());
   internal::PointScorer scorer(points, params, backend,
                                internal::makeMapReads(map, points, params.scoring.neighbourhood_weight));
-  const auto scheduler = internal::makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+  const auto scheduler = internal::makeExactOnDevice(scorer, {setup.hostTool(), setup.hostApproach()});
   integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
   Told first_told;
   for (std::size_t n = 0; n < scans.size(); ++n) {
@@ -153,7 +155,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
     phases.nextFrame();
     phases.begin();
-    points.describeTouched(scheduler->takesNews());
+    points.describeTouched(scheduler->needs().news);
     const internal::TouchedPoints& touched = points.addReturns(scan.p_L, {&scan.q_L, 1});
     phases.end(kReturns);
     scheduler->noteReturns(touched, scan.p_L, {&scan.q_L, 1});

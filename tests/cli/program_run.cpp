@@ -30,7 +30,9 @@ namespace {
   std::vector<char*> argv = {const_cast<char*>("accessvdb")};
   for (const std::string& argument : setup.arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
-  execv(ACCESSVDB_PROGRAM, argv.data());
+  // Another build's program, such as the one without PCL, can be put in its place.
+  const char* other = std::getenv("ACCESSVDB_PROGRAM_UNDER_TEST");
+  execv(other != nullptr ? other : ACCESSVDB_PROGRAM, argv.data());
   _exit(127);
 }
 

@@ -5,9 +5,10 @@
 
 #include <cstdlib>
 #include <cstring>
-#include <unordered_map>
+#include <utility>
 
 #include "accessvdb/error.h"
+#include "launch/counted_memory.h"
 #include "launch/device_array.h"
 
 namespace accessvdb::test {
@@ -19,14 +20,11 @@ class SmallMemory final : public kernels::DeviceMemory {
   explicit SmallMemory(std::size_t bytes) : free_(bytes) {}
   void* allocate(std::size_t bytes) override {
     if (bytes > free_) throw ResourceLimit("memory.device", "cuda", "full", "");
-    void* const address = std::malloc(bytes);
-    sizes_[address] = bytes;
     free_ -= bytes;
-    return address;
+    return std::malloc(bytes);
   }
-  void release(void* address) noexcept override {
-    free_ += sizes_[address];
-    sizes_.erase(address);
+  void release(void* address, std::size_t bytes) noexcept override {
+    free_ += bytes;
     std::free(address);
   }
   void upload(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
@@ -36,8 +34,27 @@ class SmallMemory final : public kernels::DeviceMemory {
 
  private:
   std::size_t free_;
-  std::unordered_map<void*, std::size_t> sizes_;
 };
+
+TEST(CountedMemory, CountsWhatItsArraysHold) {
+  SmallMemory memory(1000);
+  kernels::CountedMemory counted(memory);
+  {
+    kernels::DeviceArray<std::int32_t> a(counted, 10), b, none(counted, 0);
+    EXPECT_EQ(counted.bytes(), 40u);
+    b.growWithRoom(counted, 20, 30, 0);
+    EXPECT_EQ(counted.bytes(), 160u);
+    b.grow(counted, 40, 0);
+    EXPECT_EQ(counted.bytes(), 200u);
+    EXPECT_EQ(memory.free(), 800u);
+    EXPECT_THROW(a.grow(counted, 1000, 10), ResourceLimit);
+    EXPECT_EQ(counted.bytes(), 200u) << "what was refused is not counted";
+    const kernels::DeviceArray<std::int32_t> moved = std::move(b);
+    EXPECT_EQ(counted.bytes(), 200u);
+  }
+  EXPECT_EQ(counted.bytes(), 0u);
+  EXPECT_EQ(memory.free(), 1000u);
+}
 
 TEST(DeviceArray, TakesTheRoomItWantsOrWhatWillDoOrNothing) {
   SmallMemory memory(1000);

@@ -40,9 +40,9 @@ TEST_F(CudaMemory, IsCountedAndGivenBack) {
     EXPECT_EQ(error.id(), "memory.device");
     EXPECT_EQ(error.exitCode(), 5);
   }
-  backend->release(a);
+  backend->release(a, 600000);
   EXPECT_EQ(backend->heldBytes(), 0u);
-  backend->release(backend->allocate(600000));
+  backend->release(backend->allocate(600000), 600000);
   EXPECT_EQ(backend->peakBytes(), 600000u);
 }
 
@@ -50,7 +50,7 @@ TEST_F(CudaMemory, MoreThanTheCardHasIsRefusedAndHarmless) {
   const auto backend = kernels::makeCudaBackend(kernels::CudaOptions{});
   EXPECT_THROW(backend->allocate(std::size_t(1) << 44), ResourceLimit);
   EXPECT_EQ(backend->heldBytes(), 0u);
-  backend->release(backend->allocate(1000));
+  backend->release(backend->allocate(1000), 1000);
 }
 
 /// The first run shows the memory needed; with less, chunks shrink and the results stay the same, until nothing fits.
@@ -136,10 +136,10 @@ TEST_F(CudaMemory, AFieldThatRunsOutAnswersNoMore) {
   options.max_range_m = 12;
   const WalkGenerator walk(options);
   const auto hog = kernels::makeCudaBackend(kernels::CudaOptions{});
-  std::vector<void*> taken;
+  std::vector<std::pair<void*, std::size_t>> taken;
   for (std::size_t bytes = std::size_t(64) << 30; bytes >= 1 << 20;) {
     try {
-      taken.push_back(hog->allocate(bytes));
+      taken.emplace_back(hog->allocate(bytes), bytes);
     } catch (const ResourceLimit&) {
       bytes /= 2;
     }
@@ -158,7 +158,7 @@ TEST_F(CudaMemory, AFieldThatRunsOutAnswersNoMore) {
   ASSERT_TRUE(refused);
   EXPECT_THROW((void)field.snapshot(), ResourceLimit);
   EXPECT_THROW(field.update(), ResourceLimit);
-  for (void* address : taken) hog->release(address);
+  for (const auto& [address, bytes] : taken) hog->release(address, bytes);
   EXPECT_THROW((void)field.snapshot(), ResourceLimit);
   AccessibilityField anew(ToolGeometry::builtin("builtin:pruner"), params);  // the device itself still works
   const WalkFrame scan = walk.frame(0);

@@ -14,26 +14,32 @@ namespace accessvdb::test {
 
 class ListeningBackend final : public kernels::Backend {
  public:
-  using MakeUpdater = std::function<std::unique_ptr<kernels::PointUpdater>(const kernels::UpdaterTables&)>;
+  using MakeExact = std::function<std::unique_ptr<kernels::ExactUpdater>(const kernels::ExactTables&)>;
+  using MakePaper = std::function<std::unique_ptr<kernels::PaperUpdater>(const kernels::PaperTables&)>;
 
-  explicit ListeningBackend(MakeUpdater make_updater)
-      : cpu_(kernels::makeCpuBackend()), make_updater_(std::move(make_updater)) {}
+  /// @param make_exact, make_paper  only the one that the test needs
+  explicit ListeningBackend(MakeExact make_exact, MakePaper make_paper = {})
+      : cpu_(kernels::makeCpuBackend()), make_exact_(std::move(make_exact)), make_paper_(std::move(make_paper)) {}
   std::string name() const override { return "listening"; }
   std::unique_ptr<kernels::MirrorArena> makeArena() override { return cpu_->makeArena(); }
   void writePoints(const kernels::PointStateView&, const kernels::PointInput*, std::size_t) override {}
   void scorePoints(const kernels::ScoreRequest&) override {}
-  std::unique_ptr<kernels::PointUpdater> makeUpdater(const kernels::UpdaterTables& tables) override {
-    return make_updater_(tables);
+  std::unique_ptr<kernels::ExactUpdater> makeExactUpdater(const kernels::ExactTables& tables) override {
+    return make_exact_(tables);
+  }
+  std::unique_ptr<kernels::PaperUpdater> makePaperUpdater(const kernels::PaperTables& tables) override {
+    return make_paper_(tables);
   }
   void* allocate(std::size_t bytes) override { return cpu_->allocate(bytes); }
-  void release(void* address) noexcept override { cpu_->release(address); }
+  void release(void* address, std::size_t bytes) noexcept override { cpu_->release(address, bytes); }
   void upload(void* to, const void* from, std::size_t bytes) override { cpu_->upload(to, from, bytes); }
   void download(void* to, const void* from, std::size_t bytes) override { cpu_->download(to, from, bytes); }
   void copy(void* to, const void* from, std::size_t bytes) override { cpu_->copy(to, from, bytes); }
 
  private:
   std::unique_ptr<kernels::Backend> cpu_;
-  MakeUpdater make_updater_;
+  MakeExact make_exact_;
+  MakePaper make_paper_;
 };
 
 }  // namespace accessvdb::test

@@ -102,7 +102,7 @@ DeviceArena::Slot::Slot(DeviceContext& device_context)
   device = context.allocate(kBatchBytes);
 }
 
-DeviceArena::Slot::~Slot() { context.release(device); }
+DeviceArena::Slot::~Slot() { context.release(device, kBatchBytes); }
 
 DeviceArena::DeviceArena(std::shared_ptr<DeviceContext> context, std::uint64_t reserve_bytes)
     : context_(std::move(context)), range_(context_, reserve_bytes) {
@@ -111,7 +111,7 @@ DeviceArena::DeviceArena(std::shared_ptr<DeviceContext> context, std::uint64_t r
 }
 
 DeviceArena::~DeviceArena() {
-  (void)cudaStreamSynchronize(context_->mirrorStream());
+  (void)cudaStreamSynchronize(context_->priorityStream());
   (void)cudaGetLastError();
 }
 
@@ -121,7 +121,7 @@ void DeviceArena::commit(std::uint64_t bytes) {
   if (zeroed_bytes_ == backed) return;
   const CurrentDevice current(context_->device());
   ACCESSVDB_CUDA(cudaMemsetAsync(static_cast<unsigned char*>(range_.base()) + zeroed_bytes_, 0, backed - zeroed_bytes_,
-                                 context_->mirrorStream()));
+                                 context_->priorityStream()));
   zeroed_bytes_ = backed;
 }
 
@@ -179,7 +179,7 @@ void DeviceArena::stageFills(std::span<const ArenaFill> fills) {
 void DeviceArena::flush() {
   const CurrentDevice current(context_->device());
   send();
-  ACCESSVDB_CUDA(cudaEventRecord(context_->mirrorReady(), context_->mirrorStream()));
+  ACCESSVDB_CUDA(cudaEventRecord(context_->mirrorReady(), context_->priorityStream()));
 }
 
 void DeviceArena::send() {
@@ -189,7 +189,7 @@ void DeviceArena::send() {
   Slot& slot = *slots_[filling_];
   filling_ = 1 - filling_;
   waited_ = false;
-  const cudaStream_t stream = context_->mirrorStream();
+  const cudaStream_t stream = context_->priorityStream();
   ACCESSVDB_CUDA(cudaMemcpyAsync(slot.device, batch.data(), batch.usedBytes(), cudaMemcpyHostToDevice, stream));
   auto* to = static_cast<unsigned char*>(range_.base());
   const auto* device = static_cast<const unsigned char*>(slot.device);

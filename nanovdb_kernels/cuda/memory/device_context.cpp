@@ -61,7 +61,7 @@ DeviceContext::DeviceContext(std::uint64_t memory_limit_bytes) : limit_bytes_(me
     ACCESSVDB_CUDA(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
     int least = 0, greatest = 0;
     ACCESSVDB_CUDA(cudaDeviceGetStreamPriorityRange(&least, &greatest));
-    ACCESSVDB_CUDA(cudaStreamCreateWithPriority(&mirror_stream_, cudaStreamNonBlocking, greatest));
+    ACCESSVDB_CUDA(cudaStreamCreateWithPriority(&priority_stream_, cudaStreamNonBlocking, greatest));
     ACCESSVDB_CUDA(cudaEventCreateWithFlags(&mirror_ready_, cudaEventDisableTiming));
   } catch (const ResourceLimit& error) {
     closeStreams();
@@ -76,7 +76,7 @@ DeviceContext::~DeviceContext() { closeStreams(); }
 
 void DeviceContext::closeStreams() noexcept {
   if (mirror_ready_ != nullptr) (void)cudaEventDestroy(mirror_ready_);
-  if (mirror_stream_ != nullptr) (void)cudaStreamDestroy(mirror_stream_);
+  if (priority_stream_ != nullptr) (void)cudaStreamDestroy(priority_stream_);
   if (stream_ != nullptr) (void)cudaStreamDestroy(stream_);
 }
 
@@ -88,35 +88,29 @@ void DeviceContext::describeDevice() {
 }
 
 void* DeviceContext::allocate(std::size_t bytes) {
-  const std::size_t size = bytes == 0 ? 1 : bytes;
-  count(static_cast<std::int64_t>(size));
+  count(static_cast<std::int64_t>(bytes));
   const CurrentDevice current(device_);
   void* address = nullptr;
-  const cudaError_t status = cudaMalloc(&address, size);
+  const cudaError_t status = cudaMalloc(&address, bytes == 0 ? 1 : bytes);
   if (status != cudaSuccess) {
-    count(-static_cast<std::int64_t>(size));
+    count(-static_cast<std::int64_t>(bytes));
     if (status == cudaErrorMemoryAllocation) {
       (void)cudaGetLastError();
-      throwDeviceMemory("no device memory for " + std::to_string(size) + " bytes more; this field holds " +
+      throwDeviceMemory("no device memory for " + std::to_string(bytes) + " bytes more; this field holds " +
                         std::to_string(this->bytes() >> 20) + " MiB");
     }
     checkCuda(status, "cudaMalloc");
   }
   const std::lock_guard lock(mutex_);
-  sizes_[address] = size;
   ++allocations_;
   return address;
 }
 
-void DeviceContext::release(void* address) noexcept {
-  std::size_t size = 0;
+void DeviceContext::release(void* address, std::size_t bytes) noexcept {
+  if (address == nullptr) return;
   {
     const std::lock_guard lock(mutex_);
-    const auto found = sizes_.find(address);
-    if (found == sizes_.end()) return;
-    size = found->second;
-    sizes_.erase(found);
-    bytes_ -= size;
+    bytes_ -= bytes;
   }
   // A lost device or a process that ends takes its memory with it.
   if (cudaFree(address) != cudaSuccess) (void)cudaGetLastError();

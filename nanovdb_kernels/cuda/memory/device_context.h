@@ -9,7 +9,6 @@
 #include <cstdint>
 #include <mutex>
 #include <string>
-#include <unordered_map>
 
 namespace accessvdb::kernels {
 
@@ -39,14 +38,15 @@ class DeviceContext {
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] int sharedBytesPerBlock() const { return shared_bytes_per_block_; }
   [[nodiscard]] cudaStream_t stream() const { return stream_; }  ///< of everything else
-  /// Of the mirror's writes, of what is made from the mirror alone, and of searches that take long. The device takes it
+  /// For the mirror's writes, what is made from the mirror alone, and searches that take long. The device serves it
   /// before the other one.
-  [[nodiscard]] cudaStream_t mirrorStream() const { return mirror_stream_; }
+  [[nodiscard]] cudaStream_t priorityStream() const { return priority_stream_; }
   [[nodiscard]] cudaEvent_t mirrorReady() const { return mirror_ready_; }  ///< recorded after the last flush
 
   /// @throw ResourceLimit
   void* allocate(std::size_t bytes);
-  void release(void* address) noexcept;
+  /// @param bytes  as at allocate(). A null address is ignored.
+  void release(void* address, std::size_t bytes) noexcept;
   /// Bytes that came or went by other ways than allocate and release. @throw ResourceLimit over the limit
   void count(std::int64_t bytes);
 
@@ -62,10 +62,9 @@ class DeviceContext {
   int shared_bytes_per_block_ = 0;
   std::string name_;
   std::uint64_t limit_bytes_;
-  cudaStream_t stream_ = nullptr, mirror_stream_ = nullptr;
+  cudaStream_t stream_ = nullptr, priority_stream_ = nullptr;
   cudaEvent_t mirror_ready_ = nullptr;
   mutable std::mutex mutex_;
-  std::unordered_map<void*, std::size_t> sizes_;
   std::uint64_t bytes_ = 0, peak_bytes_ = 0, allocations_ = 0;
 };
 

@@ -10,6 +10,7 @@
 #include <span>
 
 #include "cuda/memory/cuda_check.h"
+#include "cuda/memory/device_list.h"
 #include "cuda/memory/pinned_buffer.h"
 #include "launch/device_array.h"
 #include "launch/lists.h"
@@ -25,13 +26,13 @@ class Staging {
   Staging& operator=(const Staging&) = delete;
 
   /// @return the list on the device, valid for what is queued on the stream before the next send
-  T* send(std::span<const T> list, DeviceMemory& memory, cudaStream_t stream) {
+  DeviceList<T> send(std::span<const T> list, DeviceMemory& memory, cudaStream_t stream) {
     return send(std::span(&list, 1), memory, stream);
   }
-  /// The same of several lists, one behind the other.
-  T* send(std::span<const std::span<const T>> lists, DeviceMemory& memory, cudaStream_t stream) {
+  /// The same for several lists, one after the other.
+  DeviceList<T> send(std::span<const std::span<const T>> lists, DeviceMemory& memory, cudaStream_t stream) {
     const std::size_t size = totalSize(lists);
-    if (size == 0) return device_.data();
+    if (size == 0) return {device_.data(), 0};
     ACCESSVDB_CUDA(cudaEventSynchronize(sent_));  // the last ones have left the pinned memory
     host_.reserve(size * sizeof(T));
     // What still reads the old ones is done when their memory is given back: the driver waits for it.
@@ -43,9 +44,8 @@ class Staging {
     }
     ACCESSVDB_CUDA(cudaMemcpyAsync(device_.data(), host_.data(), size * sizeof(T), cudaMemcpyHostToDevice, stream));
     ACCESSVDB_CUDA(cudaEventRecord(sent_, stream));
-    return device_.data();
+    return {device_.data(), static_cast<std::uint32_t>(size)};
   }
-  [[nodiscard]] std::size_t bytes() const { return device_.bytes(); }
 
  private:
   cudaEvent_t sent_ = nullptr;

@@ -45,18 +45,7 @@ __global__ void updatePoints(ScoreChunk chunk) {
 
 __global__ void writeInputs(PointStateView points, const PointInput* inputs, std::uint32_t count) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
-  if (n >= count) return;
-  const PointInput& input = inputs[n];
-  const std::size_t id = input.id;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    points.position_L[3 * id + axis] = input.position_L[axis];
-    points.normal_L[3 * id + axis] = input.normal_L[axis];
-  }
-  for (int word = 0; word < points.direction_words; ++word) {
-    points.seen[id * static_cast<std::size_t>(points.direction_words) + static_cast<std::size_t>(word)] =
-        input.seen.word[word];
-  }
-  points.weight[id] = input.weight;
+  if (n < count) writePoint(points, inputs[n]);
 }
 
 /// The point of this warp; a warp beyond the last point has none.
@@ -106,10 +95,12 @@ __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(Score
   const float normal_L[3] = {chunk.points.normal_L[3 * point.id], chunk.points.normal_L[3 * point.id + 1],
                              chunk.points.normal_L[3 * point.id + 2]};
   const float inverse = chunk.map.inverse_voxel_size;
+  const SearchPoint searched = {point.position_L, normal_L,
+                                chunk.points.seen + point.id * static_cast<std::size_t>(words), words};
   const auto search = [&](const auto& counter) {
-    return searchByWarp(window, map, inverse, counter, chunk.tool.collision_limit, chunk.approach, point.position_L,
-                        normal_L, chunk.points.seen + point.id * static_cast<std::size_t>(words), words,
-                        chunk.items[point.item], masks, lane);
+    const SearchContext<Window, std::decay_t<decltype(counter)>> context = {
+        {window, map, inverse}, chunk.approach, searched, counter, chunk.tool.collision_limit, masks, lane};
+    return searchByWarp(context, chunk.items[point.item]);
   };
   ScoreResult result;
   if constexpr (kSamples) {

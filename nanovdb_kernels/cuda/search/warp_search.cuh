@@ -184,150 +184,231 @@ __device__ inline int takePutOff(WarpMasks& masks, int most, int lane) {
   return d;
 }
 
-/// searchDirections. All lanes of the warp call it with the same arguments and get the same result.
-/// @param known_collisions  of a direction: a number of collisions that it reaches; asked only where the counter is not
-/// plain
-/// @param remember_at  up to which collisions are counted where that is cheap, for masks.least
+/// The point that a warp searches.
+struct SearchPoint {
+  const float* position_L;
+  const float* normal_L;
+  const std::uint64_t* seen;  ///< [seen_words]
+  int seen_words;
+};
+
+/// The map around that point.
+template <class Window>
+struct MapAround {
+  const Window& window;
+  const OccupancyReader& map;  ///< where the window does not reach
+  float inverse_voxel_size;
+};
+
+/// What a search by a warp depends on; the same for all of its lanes.
+/// @tparam Known  known(d): a number of collisions that direction d reaches; used only where the counter is not plain
 template <class Window, class Counter, class Known = NothingKnown>
-__device__ ScoreResult searchByWarp(const Window& window, const OccupancyReader& map, float inverse_voxel_size,
-                                    const Counter& counter, int limit, const ApproachView& approach,
-                                    const float* position_L, const float* normal_L, const std::uint64_t* seen,
-                                    int seen_words, const ScoreItem& item, WarpMasks& masks, int lane,
-                                    const Known& known_collisions = {}, int remember_at = 0) {
-  ScoreResult result;
-  if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return result;
-  result.scored = 1;
-  if (lane < kMaskWords32) {
-    const int word = lane >> 1, half = (lane & 1) * 32;
-    const std::uint64_t seen_word = word < seen_words ? seen[word] : 0;
-    masks.allowed[lane] = static_cast<std::uint32_t>((seen_word & item.candidates.word[word]) >> half);
-    masks.skip[lane] = static_cast<std::uint32_t>(item.skip.word[word] >> half);
-    masks.arm_blocked[lane] = 0;
-    masks.tool_blocked[lane] = 0;
-    masks.put_off[lane] = 0;
-    masks.counted[lane] = 0;
-  }
-  __syncwarp();
-  const int known_score = item.known_score, known_direction = item.known_direction;
+struct SearchContext {
+  static constexpr bool kPlain = Counter::kPlain;
+  MapAround<Window> around;
+  const ApproachView& approach;
+  SearchPoint point;
+  const Counter& counter;
+  int limit;  ///< [n_c]
+  WarpMasks& masks;
+  int lane;
+  Known known = {};
+  int remember_at = 0;  ///< collisions are counted up to here where that is cheap, for masks.least
+};
 
-  int best_count = kNoScore, best_passed = -1;
-  bool in_cone = false, tool_reached = false, some_put_off = false;
-  const auto note = [&](int d, int hits) {
-    if (hits >= limit && hits < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(hits);
-    if (lane != 0) return;
-    if (hits >= limit) masks.tool_blocked[d >> 5] |= 1u << (d & 31);
-    masks.counted[d >> 5] |= 1u << (d & 31);
-    masks.least[d] = static_cast<std::uint16_t>(hits);
-  };
-  const int count = orderByWarp(approach, normal_L, masks.allowed, masks.order, in_cone, lane);
-  bool done = false;
-  // The next directions in rank order, one a lane.
+/// searchDirections by a warp. All its lanes call it, and get the same result.
+template <class Context>
+class WarpSearch {
+ public:
+  explicit __device__ WarpSearch(const Context& context) : c_(context), masks_(context.masks), lane_(context.lane) {}
+
+  __device__ ScoreResult run(const ScoreItem& item) {
+    ScoreResult result;
+    const float* const normal_L = c_.point.normal_L;
+    if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return result;
+    result.scored = 1;
+    clearMasks(item);
+    bool in_cone = false;
+    const int count = orderByWarp(c_.approach, normal_L, masks_.allowed, masks_.order, in_cone, lane_);
+    bool done = false;
+    // The next directions in rank order, one per lane.
 #pragma unroll 1
-  for (int first = 0; first < count && !done; first += static_cast<int>(kWarp)) {
-    const int mine = first + lane < count ? masks.order[first + lane] : -1;
-    const bool is_known = mine >= 0 && mine == known_direction;
-    const bool is_skipped = mine >= 0 && !is_known && testBit(masks.skip, mine);
-    ArmResult arm = {0, PointReason::None};
-    const bool is_tested = mine >= 0 && !is_known && !is_skipped;
-    if (is_tested) arm = testArmThrough(window, map, approach, mine, position_L, inverse_voxel_size);
-    const bool is_blocked = is_tested && arm.reason != PointReason::None;
-    const int my_least = !Counter::kPlain && is_tested && !is_blocked ? known_collisions(mine) : 0;
-    const unsigned known = __ballot_sync(kAllLanes, is_known), skipped = __ballot_sync(kAllLanes, is_skipped),
-                   blocked = __ballot_sync(kAllLanes, is_blocked),
-                   free = __ballot_sync(kAllLanes, is_tested && !is_blocked);
-
-    // Corridors count as the closest outcome only as long as no direction has reached the tool.
-    const unsigned scored = free | (known_score < kNoScore ? known : 0u);
-    const unsigned before_scored = scored == 0 ? kAllLanes : (scored & (0u - scored)) - 1;
-    if (!tool_reached && (blocked & before_scored) != 0) {
-      const bool counts = is_blocked && (before_scored >> lane & 1u) != 0;
-      const int most = __reduce_max_sync(kAllLanes, counts ? arm.passed : -1);
-      if (most > best_passed) {
-        const int closest = __ffs(static_cast<int>(__ballot_sync(kAllLanes, counts && arm.passed == most))) - 1;
-        best_passed = most;
-        result.reason = static_cast<PointReason>(__shfl_sync(kAllLanes, static_cast<int>(arm.reason), closest));
-        result.direction = static_cast<std::uint16_t>(__shfl_sync(kAllLanes, mine, closest));
+    for (int first = 0; first < count && !done; first += static_cast<int>(kWarp)) {
+      const Turn turn = testCorridors(first, count, result);
+      const unsigned upto = countNext(turn, done, result);
+      if ((turn.skipped & upto) != 0) result.skipped = 1;
+      result.tests = static_cast<std::uint16_t>(result.tests + __popc((turn.blocked | turn.free) & upto));
+      if (turn.is_blocked && (upto >> lane_ & 1u) != 0) {
+        atomicOr(&masks_.arm_blocked[turn.mine >> 5], 1u << (turn.mine & 31));
       }
     }
-    tool_reached = tool_reached || scored != 0;
+    if (!kPlain && some_put_off_ && best_count_ >= c_.limit) settlePutOff(result);
+    if (!in_cone) {
+      result.reason = PointReason::Normal;
+    } else if (count == 0) {
+      result.reason = PointReason::Unseen;
+    } else if (best_count_ != kNoScore) {
+      result.score = static_cast<std::uint16_t>(best_count_);
+      result.reason = best_count_ < c_.limit ? PointReason::None : PointReason::Tool;
+    }
+    __syncwarp();
+    return result;  // the masks are in shared memory
+  }
 
-    unsigned upto = kAllLanes;  // lanes whose directions the plain rule reaches
+ private:
+  static constexpr bool kPlain = Context::kPlain;
+
+  /// Up to 32 directions at a time, one per lane.
+  struct Turn {
+    int mine;                                ///< this lane's direction, or -1
+    bool is_blocked;                         ///< in the corridor
+    int my_least;                            ///< collisions that it is known to reach
+    unsigned known, skipped, blocked, free;  ///< lanes by what is the matter with their directions
+  };
+
+  __device__ void clearMasks(const ScoreItem& item) {
+    if (lane_ < kMaskWords32) {
+      const int word = lane_ >> 1, half = (lane_ & 1) * 32;
+      const std::uint64_t seen_word = word < c_.point.seen_words ? c_.point.seen[word] : 0;
+      masks_.allowed[lane_] = static_cast<std::uint32_t>((seen_word & item.candidates.word[word]) >> half);
+      masks_.skip[lane_] = static_cast<std::uint32_t>(item.skip.word[word] >> half);
+      masks_.arm_blocked[lane_] = 0;
+      masks_.tool_blocked[lane_] = 0;
+      masks_.put_off[lane_] = 0;
+      masks_.counted[lane_] = 0;
+    }
+    __syncwarp();
+    known_score_ = item.known_score;
+    known_direction_ = item.known_direction;
+  }
+
+  /// Tests the corridors of the directions from masks.order[first] on.
+  __device__ Turn testCorridors(int first, int count, ScoreResult& result) {
+    Turn turn;
+    turn.mine = first + lane_ < count ? masks_.order[first + lane_] : -1;
+    const bool is_known = turn.mine >= 0 && turn.mine == known_direction_;
+    const bool is_skipped = turn.mine >= 0 && !is_known && testBit(masks_.skip, turn.mine);
+    ArmResult arm = {0, PointReason::None};
+    const bool is_tested = turn.mine >= 0 && !is_known && !is_skipped;
+    if (is_tested) {
+      arm = testArmThrough(c_.around.window, c_.around.map, c_.approach, turn.mine, c_.point.position_L,
+                           c_.around.inverse_voxel_size);
+    }
+    turn.is_blocked = is_tested && arm.reason != PointReason::None;
+    turn.my_least = !kPlain && is_tested && !turn.is_blocked ? c_.known(turn.mine) : 0;
+    turn.known = __ballot_sync(kAllLanes, is_known);
+    turn.skipped = __ballot_sync(kAllLanes, is_skipped);
+    turn.blocked = __ballot_sync(kAllLanes, turn.is_blocked);
+    turn.free = __ballot_sync(kAllLanes, is_tested && !turn.is_blocked);
+
+    // Corridors count as the closest outcome only as long as no direction has reached the tool.
+    const unsigned scored = turn.free | (known_score_ < kNoScore ? turn.known : 0u);
+    const unsigned before_scored = scored == 0 ? kAllLanes : (scored & (0u - scored)) - 1;
+    if (!tool_reached_ && (turn.blocked & before_scored) != 0) {
+      const bool counts = turn.is_blocked && (before_scored >> lane_ & 1u) != 0;
+      const int most = __reduce_max_sync(kAllLanes, counts ? arm.passed : -1);
+      if (most > best_passed_) {
+        const int closest = __ffs(static_cast<int>(__ballot_sync(kAllLanes, counts && arm.passed == most))) - 1;
+        best_passed_ = most;
+        result.reason = static_cast<PointReason>(__shfl_sync(kAllLanes, static_cast<int>(arm.reason), closest));
+        result.direction = static_cast<std::uint16_t>(__shfl_sync(kAllLanes, turn.mine, closest));
+      }
+    }
+    tool_reached_ = tool_reached_ || scored != 0;
+    return turn;
+  }
+
+  /// Counts the tool in the free directions of a turn, one after the other.
+  /// @param done  set where a direction without any collision was found
+  /// @return lanes whose directions the plain rule reaches
+  __device__ unsigned countNext(const Turn& turn, bool& done, ScoreResult& result) {
 #pragma unroll 1
-    for (unsigned events = known | free; events != 0; events &= events - 1) {
+    for (unsigned events = turn.known | turn.free; events != 0; events &= events - 1) {
       const int at = __ffs(static_cast<int>(events)) - 1;
-      const int d = __shfl_sync(kAllLanes, mine, at);
-      if ((known >> at & 1u) != 0) {
-        if (known_score < best_count) {
-          best_count = known_score;
-          result.direction = static_cast<std::uint16_t>(d);
-        }
+      const int d = __shfl_sync(kAllLanes, turn.mine, at);
+      if ((turn.known >> at & 1u) != 0) {
+        takeIfLess(known_score_, d, result);
       } else {
-        const int bound = best_count < known_score ? best_count : known_score;
+        const int bound = best_count_ < known_score_ ? best_count_ : known_score_;
         int hits = 0;
-        if constexpr (!Counter::kPlain) {
+        if constexpr (!kPlain) {
           // As long as there is no count: where it is blocked for certain, a free direction would make its count
           // needless, and without one the least of them comes first.
-          const int enough = bound == kNoScore ? limit - 1 : bound;
-          hits = __shfl_sync(kAllLanes, my_least, at);
+          const int enough = bound == kNoScore ? c_.limit - 1 : bound;
+          hits = __shfl_sync(kAllLanes, turn.my_least, at);
           if (hits <= enough) {
-            const int stop_above = remember_at > enough ? remember_at - 1 : enough;
-            hits = belowNoScore(counter(d, stop_above));
-            note(d, hits);
+            const int stop_above = c_.remember_at > enough ? c_.remember_at - 1 : enough;
+            hits = belowNoScore(c_.counter(d, stop_above));
+            note(d, hits, result);
           }
           if (hits > enough && bound == kNoScore) {
-            some_put_off = true;
-            if (lane == 0) {
-              masks.put_off[d >> 5] |= 1u << (d & 31);
-              masks.least[d] = static_cast<std::uint16_t>(hits);
-            }
-            __syncwarp();
+            putOff(d, hits);
             continue;
           }
         } else {
-          hits = belowNoScore(counter(d, bound));
-          note(d, hits);
+          hits = belowNoScore(c_.counter(d, bound));
+          note(d, hits, result);
         }
-        if (hits < best_count) {
-          best_count = hits;
-          result.direction = static_cast<std::uint16_t>(d);
-        }
+        takeIfLess(hits, d, result);
       }
-      if (best_count == 0) {
+      if (best_count_ == 0) {
         done = true;
-        upto = (2u << at) - 1;
-        break;
+        return (2u << at) - 1;
       }
     }
-    if ((skipped & upto) != 0) result.skipped = 1;
-    result.tests = static_cast<std::uint16_t>(result.tests + __popc((blocked | free) & upto));
-    if (is_blocked && (upto >> lane & 1u) != 0) atomicOr(&masks.arm_blocked[mine >> 5], 1u << (mine & 31));
+    return kAllLanes;
   }
 
-  if (!Counter::kPlain && some_put_off && best_count >= limit) {
+  /// Counts directions that were put off, as long as one of them may be the best.
+  __device__ void settlePutOff(ScoreResult& result) {
 #pragma unroll 1
-    for (int d = takePutOff(masks, best_count, lane); d >= 0; d = takePutOff(masks, best_count, lane)) {
-      const int hits = belowNoScore(counter(d, best_count));
-      const int before = masks.least[d];
+    for (int d = takePutOff(masks_, best_count_, lane_); d >= 0; d = takePutOff(masks_, best_count_, lane_)) {
+      const int hits = belowNoScore(c_.counter(d, best_count_));
+      const int before = masks_.least[d];
       __syncwarp();  // all have read
-      if (hits > before) note(d, hits);
-      const bool is_better =
-          hits < best_count || (hits == best_count && ranksBefore(approach, normal_L, d, result.direction));
+      if (hits > before) note(d, hits, result);
+      const bool is_better = hits < best_count_ ||
+                             (hits == best_count_ && ranksBefore(c_.approach, c_.point.normal_L, d, result.direction));
       if (!is_better) continue;
-      best_count = hits;
+      best_count_ = hits;
       result.direction = static_cast<std::uint16_t>(d);
     }
   }
 
-  if (!in_cone) {
-    result.reason = PointReason::Normal;
-  } else if (count == 0) {
-    result.reason = PointReason::Unseen;
-  } else if (best_count != kNoScore) {
-    result.score = static_cast<std::uint16_t>(best_count);
-    result.reason = best_count < limit ? PointReason::None : PointReason::Tool;
+  __device__ void takeIfLess(int hits, int d, ScoreResult& result) {
+    if (hits >= best_count_) return;
+    best_count_ = hits;
+    result.direction = static_cast<std::uint16_t>(d);
   }
-  __syncwarp();
-  return result;  // the masks are in shared memory
+
+  __device__ void note(int d, int hits, ScoreResult& result) {
+    if (hits >= c_.limit && hits < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(hits);
+    if (lane_ != 0) return;
+    if (hits >= c_.limit) masks_.tool_blocked[d >> 5] |= 1u << (d & 31);
+    masks_.counted[d >> 5] |= 1u << (d & 31);
+    masks_.least[d] = static_cast<std::uint16_t>(hits);
+  }
+
+  __device__ void putOff(int d, int hits) {
+    some_put_off_ = true;
+    if (lane_ == 0) {
+      masks_.put_off[d >> 5] |= 1u << (d & 31);
+      masks_.least[d] = static_cast<std::uint16_t>(hits);
+    }
+    __syncwarp();
+  }
+
+  const Context& c_;
+  WarpMasks& masks_;
+  int lane_;
+  int known_score_ = kNoScore, known_direction_ = kNoDirection;
+  int best_count_ = kNoScore, best_passed_ = -1;
+  bool tool_reached_ = false, some_put_off_ = false;
+};
+
+template <class Window, class Counter, class Known>
+__device__ ScoreResult searchByWarp(const SearchContext<Window, Counter, Known>& context, const ScoreItem& item) {
+  return WarpSearch<SearchContext<Window, Counter, Known>>(context).run(item);
 }
 
 }  // namespace accessvdb::kernels

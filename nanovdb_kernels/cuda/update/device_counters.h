@@ -18,7 +18,7 @@
 namespace accessvdb::kernels {
 
 /// @throw InternalError  some neighbours were not found
-inline void requireNeighbours(const UpdateCounters& counters) {
+inline void requireNeighbours(const MovedCounters& counters) {
   if (counters.failed == 0) return;
   throw InternalError("update.neighbours", "cuda", "more points at one distance than a map can hold",
                       "Please report this, and use --device cpu");
@@ -32,7 +32,6 @@ class DeviceCounters {
   }
 
   [[nodiscard]] UpdateCounters* data() const { return on_device_.data(); }
-  [[nodiscard]] std::size_t bytes() const { return on_device_.bytes(); }
   void clear(cudaStream_t stream) { fillBytes(data(), 0, sizeof(UpdateCounters), stream); }
   /// Waits for the device.
   [[nodiscard]] UpdateCounters read(cudaStream_t stream) {

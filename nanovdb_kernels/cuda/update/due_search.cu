@@ -1,9 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Evaluates what is due, a warp a point: points that need all of their directions, beside them those of which a few
-/// directions are in question, and at last those that these turned into points that need all. Points of a leaf come
-/// behind each other, so that they find what they read of the map in the cache.
-#include <cstddef>
+/// Evaluates what is due, one warp per point: points that need all of their directions, beside them those of which a
+/// few directions are in question, and at last those that these turned into points that need all. Points of a leaf
+/// follow each other, so that they find what they read of the map in the cache.
 #include <type_traits>
 
 #include "cuda/memory/cuda_check.h"
@@ -101,118 +100,107 @@ __device__ std::uint32_t takeNext(std::uint32_t* next, int lane) {
 
 /// After a point was evaluated: remembers what was found out, a word of directions a lane.
 /// @param searched  the masks are of this point   @param before, after  baseCollisions
-__device__ void learn(const UpdateView& view, std::size_t id, const WarpMasks& masks, bool searched, int before,
-                      int after, int lane) {
-  if (view.known.levels == nullptr || lane >= view.known.words) return;
+__device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& masks, bool searched, int before, int after,
+                      int lane) {
+  const KnownView& known = work.evaluation.known;
+  if (known.levels == nullptr || lane >= known.words) return;
   const int shift = 8 * (lane & 3);
   const std::uint32_t counted = searched ? masks.counted[lane >> 2] >> shift & 0xffu : 0,
                       arm_blocked = searched ? masks.arm_blocked[lane >> 2] >> shift & 0xffu : 0;
   if ((counted | arm_blocked) == 0 && before == after) return;
-  const KnownLevels& of = view.known.of;
-  const KnownWord known(view, id, view.state.block[id], lane);
+  const KnownLevels& scale = known.scale;
+  const KnownWord word(work.points, known, id, lane);
   // Where the tool was counted, the corridor is free.
-  std::uint64_t levels = (known.levels & ~known_word::spread(counted)) | known_word::spread(arm_blocked);
-  if (before != after) levels = known_word::rebased(levels, after - before, of.log2);
+  std::uint64_t levels = (word.levels & ~known_word::spread(counted)) | known_word::spread(arm_blocked);
+  if (before != after) levels = known_word::rebased(levels, after - before, scale.log2);
 #pragma unroll 1
   for (std::uint32_t bits = counted; bits != 0; bits &= bits - 1) {
     const int n = __ffs(static_cast<int>(bits)) - 1;
-    const std::uint32_t level = of.levelOf(masks.least[lane * kKnownPerWord + n] - after, known.freed.of(n));
+    const std::uint32_t level = scale.levelOf(masks.least[lane * kKnownPerWord + n] - after, word.freed.count(n));
     if (level > known_word::levelIn(levels, n)) levels = known_word::withLevel(levels, n, level);
   }
-  if (levels != known.levels) {
-    view.known.levels[id * static_cast<std::size_t>(view.known.words) + static_cast<std::size_t>(lane)] = levels;
+  if (levels != word.levels) {
+    known.levels[id * static_cast<std::size_t>(known.words) + static_cast<std::size_t>(lane)] = levels;
   }
 }
 
 /// What is known of a point's directions, for a search.
 struct KnownOfPoint {
-  const UpdateView& view;
+  const DueWork& work;
   std::size_t id;
-  std::uint32_t block;
   int base;  ///< that the levels count from
-  __device__ int operator()(int d) const { return knownCollisions(view, id, block, base, d); }
+  __device__ int operator()(int d) const { return knownCollisions(work.points, work.evaluation.known, id, base, d); }
 };
 
 /// One lane.
-__device__ void conclude(const UpdateView& view, const ScoreItem& item, ScoreResult& result) {
-  const PointLabel before = view.points.label[item.id];
-  updatePoint(view.points, item, result, view.update_rule);
-  UpdateCounters& counters = *view.counters;
+__device__ void conclude(const DueWork& work, const ScoreItem& item, ScoreResult& result) {
+  const PointStateView& points = work.points.points;
+  const PointLabel before = points.label[item.id];
+  updatePoint(points, item, result, work.evaluation.rule);
+  OutcomeCounters& counters = *work.outcome;
   atomicAdd(&counters.evaluated, 1ull);
   if (result.tests > 0) {
     atomicAdd(&counters.tests, static_cast<unsigned long long>(result.tests));
     atomicAdd(&counters.scored, 1ull);
   }
-  if (view.points.label[item.id] != before) atomicAdd(&counters.label_changes, 1ull);
+  if (points.label[item.id] != before) atomicAdd(&counters.label_changes, 1ull);
 }
 
 /// What the point's levels count from.
-__device__ int baseOf(const UpdateView& view, std::size_t id) {
-  return baseCollisions(view.points.label[id] == PointLabel::Accessible, view.points.score[id],
-                        view.update_rule.collision_limit);
+__device__ int baseOf(const DueWork& work, std::size_t id) {
+  const PointStateView& points = work.points.points;
+  return baseCollisions(points.label[id] == PointLabel::Accessible, points.score[id],
+                        work.evaluation.rule.collision_limit);
 }
 
-/// Takes over what was found out of a point. All lanes. @param searched  the masks are of this point
-__device__ void concludeAndLearn(const UpdateView& view, const ScoreItem& item, const WarpMasks& masks, bool searched,
-                                 int base_before, ScoreResult& result, int lane) {
-  __syncwarp();  // all have read what is known of the point
+/// Takes over what was found out about a point. All lanes. @param searched  the masks are of this point
+__device__ void concludeAndLearn(const DueWork& work, WarpScratch& scratch, bool searched, int base_before,
+                                 ScoreResult& result, int lane) {
+  __syncwarp();  // all have read what is known about the point
+  const ScoreItem& item = scratch.item;
   int base = 0;
   if (lane == 0) {
-    conclude(view, item, result);
-    base = baseOf(view, item.id);
+    conclude(work, item, result);
+    base = baseOf(work, item.id);
   }
-  learn(view, item.id, masks, searched, base_before, __shfl_sync(kAllLanes, base, 0), lane);
-  __syncwarp();  // what it read of its scratch, others overwrite next
+  learn(work, item.id, scratch.masks, searched, base_before, __shfl_sync(kAllLanes, base, 0), lane);
+  __syncwarp();  // what it read from its scratch memory is overwritten next
 }
 
-/// A direction's corridor, a sample a lane.
+/// A direction's corridor, one sample per lane.
 template <class Window>
-__device__ bool armIsFree(const Window& window, const OccupancyReader& map, const ApproachView& approach, int d,
-                          const float* position_L, float inverse_voxel_size, int lane) {
+__device__ bool armIsFree(const MapAround<Window>& around, const ApproachView& approach, int d, const float* position_L,
+                          int lane) {
   bool free = true;
 #pragma unroll 1
   for (int n = lane; n < approach.num_arm; n += static_cast<int>(kWarp)) {
     const float* offset = approach.arm_offsets + 3 * (static_cast<std::int64_t>(d) * approach.num_arm + n);
-    const Coord ijk =
-        voxelOf(position_L[0] + offset[0], position_L[1] + offset[1], position_L[2] + offset[2], inverse_voxel_size);
-    free = free && (window.holds(ijk) ? window.armFree(ijk) : map.armFree(ijk));
+    const Coord ijk = voxelOf(position_L[0] + offset[0], position_L[1] + offset[1], position_L[2] + offset[2],
+                              around.inverse_voxel_size);
+    free = free && (around.window.holds(ijk) ? around.window.armFree(ijk) : around.map.armFree(ijk));
   }
   return __all_sync(kAllLanes, free);
 }
 
-/// What became of the best direction of an accessible point. All lanes.
-/// @return its collisions, exact below the limit; kNoScore where its corridor is blocked
-template <class Window, class Counter>
-__device__ int testBest(const UpdateView& view, const DueSearch& search, const Window& window,
-                        const OccupancyReader& map, const DuePoint& point, std::uint8_t test_best, int direction,
-                        int score, const Counter& counter, int lane) {
-  const float inverse = search.map.inverse_voxel_size;
-  if ((test_best & kTestArm) != 0 &&
-      !armIsFree(window, map, view.approach, direction, point.position_L, inverse, lane)) {
-    return kNoScore;
-  }
-  if ((test_best & kTestTool) == 0) return score;
-  return belowNoScore(counter(direction, static_cast<int>(search.tool.collision_limit) - 1));
-}
-
-/// Directions of a point that are in question where its best one has so many collisions more than before. All lanes.
-__device__ void askUnlessKnownWorse(const UpdateView& view, std::size_t id, int more, DirectionMask& asked, int lane) {
+/// Directions of a point that are in question where its best one has `more` collisions more than before. All lanes.
+__device__ void askUnlessKnownWorse(const DueWork& work, std::size_t id, int more, DirectionMask& asked, int lane) {
   std::uint32_t worse = 0;
-  if (view.known.levels != nullptr && lane < view.known.words) {
-    const int log2 = view.known.of.log2;
+  const KnownView& known = work.evaluation.known;
+  if (known.levels != nullptr && lane < known.words) {
+    const int log2 = known.scale.log2;
     const std::uint32_t steps = (static_cast<std::uint32_t>(more) + (1u << log2) - 1) >> log2;
     constexpr std::uint32_t kMost = KnownLevels::kMost - KnownLevels::kMostFreedSteps + 1;
-    const KnownWord known(view, id, view.state.block[id], lane);
+    const KnownWord word(work.points, known, id, lane);
     // No level is so high that it says more than kMost steps for certain; then only corridors count.
-    const std::uint64_t lowest = steps <= kMost ? known.freed.lowestWithMore(log2) + known_word::kEach * steps
+    const std::uint64_t lowest = steps <= kMost ? word.freed.lowestWithMore(log2) + known_word::kEach * steps
                                                 : known_word::kEach * (KnownLevels::kMost + 1);
-    worse = known_word::worse(known.levels, lowest);
+    worse = known_word::worse(word.levels, lowest);
   }
   static_assert(sizeof(DirectionMask) == kWarp);
   reinterpret_cast<std::uint8_t*>(asked.word)[lane] = static_cast<std::uint8_t>(~worse);
 }
 
-/// What is known of the best direction of a point before others are looked at.
+/// What is known about the best direction of a point before others are looked at.
 struct BestNow {
   int score, direction;
   int tests = 0;              ///< of its own
@@ -220,112 +208,138 @@ struct BestNow {
   bool all_in_question = false;
 };
 
-/// All lanes.
+/// Evaluates one point by a warp. All lanes.
 template <class Window, class Counter>
-__device__ BestNow bestNow(const UpdateView& view, const DueSearch& search, const Window& window,
-                           const OccupancyReader& map, const DuePoint& point, std::uint8_t test_best,
-                           const Counter& counter, int lane) {
-  const int limit = static_cast<int>(search.tool.collision_limit);
-  BestNow best{limit - 1, kNoDirection};  // a blocked point: only what is free counts
-  if (view.points.label[point.id] != PointLabel::Accessible) return best;
-  best.score = view.points.score[point.id];
-  best.direction = view.points.direction[point.id];
-  if (test_best == 0) return best;
-  best.tests = 1;
-  const int hits = testBest(view, search, window, map, point, test_best, best.direction, best.score, counter, lane);
-  best.became_worse = hits > best.score;
-  best.all_in_question = hits >= limit;
-  best.score = hits;
-  return best;
-}
+struct DueEvaluation {
+  const DueWork& work;
+  const DueSearch& search;
+  MapAround<Window> around;
+  const DuePoint& point;
+  const Counter& counter;
+  WarpScratch& scratch;
+  int lane;
 
-/// A point of which some directions are in question. All lanes.
-/// @return false: all of them are
-template <class Window, class Counter>
-__device__ bool confirm(const UpdateView& view, const DueSearch& search, const Window& window,
-                        const OccupancyReader& map, const DuePoint& point, const DueItem& due, const Counter& counter,
-                        WarpScratch& scratch, int lane) {
-  const int base = baseOf(view, point.id);
-  const BestNow best = bestNow(view, search, window, map, point, due.test_best, counter, lane);
-  if (best.all_in_question) {
-    if (lane == 0) atomicAdd(&view.counters->tests, 1ull);
-    return false;
-  }
-  const bool accessible = best.direction != kNoDirection;
-  bool any = best.became_worse;
-  for (const std::uint64_t word : due.candidates.word) any = any || word != 0;
-  ScoreItem& item = scratch.item;
-  if (lane == 0) {
-    item = {};
-    item.id = due.id;
-    item.known_score = static_cast<std::uint16_t>(best.score);
-    item.known_direction = static_cast<std::uint16_t>(best.direction);
-    item.keep_reason = accessible ? 0 : 1;
-    item.evidence = due.evidence;
-    item.candidates = due.candidates;
-  }
-  __syncwarp();
-  if (best.became_worse) {
-    askUnlessKnownWorse(view, point.id, best.score - base, item.candidates, lane);
-    __syncwarp();
-  }
-  if (accessible && lane == 0) item.candidates.word[best.direction >> 6] |= std::uint64_t{1} << (best.direction & 63);
-  __syncwarp();
-  ScoreResult result;
-  if (any) {
-    result = searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit,
-                          view.approach, point.position_L, point.normal_L, point.seen, view.points.direction_words,
-                          item, scratch.masks, lane, NothingKnown{}, view.known.count_to);
-  } else {
-    result.scored = 1;
-    if (accessible) {
-      result.score = static_cast<std::uint16_t>(best.score);
-      result.direction = static_cast<std::uint16_t>(best.direction);
-      result.reason = PointReason::None;
+  /// A point of which some directions are in question.
+  /// @return false: all of them are
+  __device__ bool confirm(const Due& due) const {
+    const int base = baseOf(work, point.id);
+    const BestNow best = bestNow(due.test_best);
+    if (best.all_in_question) {
+      if (lane == 0) atomicAdd(&work.outcome->tests, 1ull);
+      return false;
     }
-  }
-  result.tests = static_cast<std::uint16_t>(result.tests + best.tests);
-  concludeAndLearn(view, item, scratch.masks, any && result.scored != 0, base, result, lane);
-  return true;
-}
-
-/// A point of which all directions have to be tried. All lanes.
-template <class Window, class Counter>
-__device__ void searchAll(const UpdateView& view, const DueSearch& search, const Window& window,
-                          const OccupancyReader& map, const DuePoint& point, const DueItem& due, const Counter& counter,
-                          WarpScratch& scratch, int lane) {
-  ScoreItem& item = scratch.item;
-  if (lane == 0) {
-    item = {};
-    item.id = due.id;
-    item.evidence = due.evidence;
-    for (std::uint64_t& word : item.candidates.word) word = ~std::uint64_t{0};
-  }
-  __syncwarp();
-  const int base = baseOf(view, point.id);
-  ScoreResult result =
-      searchByWarp(window, map, search.map.inverse_voxel_size, counter, search.tool.collision_limit, view.approach,
-                   point.position_L, point.normal_L, point.seen, view.points.direction_words, item, scratch.masks, lane,
-                   KnownOfPoint{view, point.id, view.state.block[point.id], base}, view.known.count_to);
-  concludeAndLearn(view, item, scratch.masks, result.scored != 0, base, result, lane);
-}
-
-/// Puts the items of a block behind each other, a thread a block.
-__global__ void orderDue(UpdateView view) {
-  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
-  if (n >= view.counters->busy) return;
-  std::uint32_t* head = view.due.head + view.due.busy[n];
-  std::uint32_t count = 0, whole = 0;
-  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) {
-    view.due.items[item].all != 0 ? ++whole : ++count;
-  }
-  std::uint32_t place = atomicAdd(&view.counters->ordered, count);
-  std::uint32_t place_whole = whole > 0 ? atomicAdd(&view.counters->whole, whole) : 0;
-  for (std::uint32_t item = *head; item != kNoIndex; item = view.due.items[item].next) {
-    if (view.due.items[item].all != 0) {
-      view.due.whole[place_whole++] = item;
+    const bool accessible = best.direction != kNoDirection;
+    bool any = best.became_worse;
+    for (const std::uint64_t word : due.candidates.word) any = any || word != 0;
+    ScoreItem& item = scratch.item;
+    if (lane == 0) {
+      item = {};
+      item.id = static_cast<std::uint32_t>(point.id);
+      item.known_score = static_cast<std::uint16_t>(best.score);
+      item.known_direction = static_cast<std::uint16_t>(best.direction);
+      item.keep_reason = accessible ? 0 : 1;
+      item.evidence = due.evidence;
+      item.candidates = due.candidates;
+    }
+    __syncwarp();
+    if (best.became_worse) {
+      askUnlessKnownWorse(work, point.id, best.score - base, item.candidates, lane);
+      __syncwarp();
+    }
+    if (accessible && lane == 0) item.candidates.word[best.direction >> 6] |= std::uint64_t{1} << (best.direction & 63);
+    __syncwarp();
+    ScoreResult result;
+    if (any) {
+      result = searchPoint(NothingKnown{});
     } else {
-      view.due.order[place++] = item;
+      result.scored = 1;
+      if (accessible) {
+        result.score = static_cast<std::uint16_t>(best.score);
+        result.direction = static_cast<std::uint16_t>(best.direction);
+        result.reason = PointReason::None;
+      }
+    }
+    result.tests = static_cast<std::uint16_t>(result.tests + best.tests);
+    concludeAndLearn(work, scratch, any && result.scored != 0, base, result, lane);
+    return true;
+  }
+
+  /// A point of which all directions have to be tried.
+  __device__ void searchAll(const Due& due) const {
+    ScoreItem& item = scratch.item;
+    if (lane == 0) {
+      item = {};
+      item.id = static_cast<std::uint32_t>(point.id);
+      item.evidence = due.evidence;
+      for (std::uint64_t& word : item.candidates.word) word = ~std::uint64_t{0};
+    }
+    __syncwarp();
+    const int base = baseOf(work, point.id);
+    ScoreResult result = searchPoint(KnownOfPoint{work, point.id, base});
+    concludeAndLearn(work, scratch, result.scored != 0, base, result, lane);
+  }
+
+ private:
+  /// Searches scratch.item.
+  template <class Known>
+  __device__ ScoreResult searchPoint(const Known& known) const {
+    const SearchContext<Window, Counter, Known> context = {
+        around,
+        work.evaluation.approach,
+        {point.position_L, point.normal_L, point.seen, work.points.points.direction_words},
+        counter,
+        search.tool.collision_limit,
+        scratch.masks,
+        lane,
+        known,
+        work.evaluation.known.count_to};
+    return searchByWarp(context, scratch.item);
+  }
+
+  __device__ BestNow bestNow(std::uint8_t test_best) const {
+    const PointStateView& points = work.points.points;
+    const int limit = static_cast<int>(search.tool.collision_limit);
+    BestNow best{limit - 1, kNoDirection};  // a blocked point: only what is free counts
+    if (points.label[point.id] != PointLabel::Accessible) return best;
+    best.score = points.score[point.id];
+    best.direction = points.direction[point.id];
+    if (test_best == 0) return best;
+    best.tests = 1;
+    const int hits = testBest(test_best, best);
+    best.became_worse = hits > best.score;
+    best.all_in_question = hits >= limit;
+    best.score = hits;
+    return best;
+  }
+
+  /// What became of the best direction of an accessible point.
+  /// @return its collisions, exact below the limit; kNoScore where its corridor is blocked
+  __device__ int testBest(std::uint8_t test_best, const BestNow& best) const {
+    if ((test_best & kTestArm) != 0 &&
+        !armIsFree(around, work.evaluation.approach, best.direction, point.position_L, lane)) {
+      return kNoScore;
+    }
+    if ((test_best & kTestTool) == 0) return best.score;
+    return belowNoScore(counter(best.direction, static_cast<int>(search.tool.collision_limit) - 1));
+  }
+};
+
+/// Puts the items of a block next to each other, one thread per block.
+__global__ void orderDue(DueView due) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= due.counters->busy) return;
+  std::uint32_t* head = due.head + due.busy[n];
+  std::uint32_t count = 0, whole = 0;
+  for (std::uint32_t item = *head; item != kNoIndex; item = due.items[item].next) {
+    due.items[item].due.kind == DueKind::All ? ++whole : ++count;
+  }
+  std::uint32_t place = atomicAdd(&due.counters->ordered, count);
+  std::uint32_t place_whole = whole > 0 ? atomicAdd(&due.counters->whole, whole) : 0;
+  for (std::uint32_t item = *head; item != kNoIndex; item = due.items[item].next) {
+    if (due.items[item].due.kind == DueKind::All) {
+      due.whole[place_whole++] = item;
+    } else {
+      due.order[place++] = item;
     }
   }
   *head = kNoIndex;
@@ -342,7 +356,7 @@ struct DueRange {
 /// @tparam kAll  the items need all directions, else some
 template <class Window, ToolForm kForm, bool kAll>
 __global__ void __launch_bounds__(kThreads, kBlocksEach)
-    evaluateDue(const __grid_constant__ UpdateView view, const __grid_constant__ DueSearch search,
+    evaluateDue(const __grid_constant__ DueWork work, const __grid_constant__ DueSearch search,
                 const __grid_constant__ DueRange range) {
   __shared__ WarpScratch all_scratch[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
@@ -353,65 +367,66 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
 #pragma unroll 1
   for (std::uint32_t n = takeNext(range.next, lane); n < count; n = takeNext(range.next, lane)) {
     const std::uint32_t which = range.list[begin + n];
-    const DueItem& due = view.due.items[which];
-    const DuePoint point(view.points, due.id, search.map.inverse_voxel_size);
+    const DueItem& item = work.due.items[which];
+    const DuePoint point(work.points.points, item.id, search.map.inverse_voxel_size);
     const Window window = makeDueWindow<Window>(search, point.ijk, lane);
     const auto counter = makeCounter<kForm>(search, window, map, point, scratch, lane);
+    const DueEvaluation<Window, std::decay_t<decltype(counter)>> evaluation = {
+        work, search, {window, map, search.map.inverse_voxel_size}, point, counter, scratch, lane};
     if constexpr (kAll) {
-      searchAll(view, search, window, map, point, due, counter, scratch, lane);
-    } else if (!confirm(view, search, window, map, point, due, counter, scratch, lane)) {
-      if (lane == 0) view.due.whole[atomicAdd(&view.counters->whole, 1u)] = which;
-      __syncwarp();  // what it read of its window, others overwrite next
+      evaluation.searchAll(item.due);
+    } else if (!evaluation.confirm(item.due)) {
+      if (lane == 0) work.due.whole[atomicAdd(&work.due.counters->whole, 1u)] = which;
+      __syncwarp();  // what it read from its window is overwritten next
     }
   }
 }
 
 template <class Window, ToolForm kForm>
-void launchSearches(const UpdateView& view, const DueSearch& search, const DueStreams& streams) {
+void launchSearches(const DueWork& work, const DueSearch& search, const DueStreams& streams) {
   // Persistent blocks: as many as are to run at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
   const std::size_t bytes = kWarps * search.window.entries() * BusyWindow::kEntries * sizeof(std::uint32_t);
-  UpdateCounters& counters = *view.counters;
+  const DueView& due = work.due;
+  SearchCounters& counters = *due.counters;
   // Those that need all directions from the outset take the longest, and few are left in the end: then the others
   // begin. What these add comes last.
-  const DueRange whole = {view.due.whole, nullptr, &counters.whole_at_first, &counters.next_whole},
-                 some = {view.due.order, nullptr, &counters.ordered, &counters.next_some},
-                 added = {view.due.whole, &counters.whole_at_first, &counters.whole, &counters.next_added};
+  const DueRange whole = {due.whole, nullptr, &counters.whole_at_first, &counters.next_whole},
+                 some = {due.order, nullptr, &counters.ordered, &counters.next_some},
+                 added = {due.whole, &counters.whole_at_first, &counters.whole, &counters.next_added};
   ACCESSVDB_CUDA(cudaMemcpyAsync(&counters.whole_at_first, &counters.whole, sizeof(std::uint32_t),
                                  cudaMemcpyDeviceToDevice, streams.main));
   ACCESSVDB_CUDA(cudaEventRecord(streams.fork, streams.main));
   ACCESSVDB_CUDA(cudaStreamWaitEvent(streams.beside, streams.fork));
-  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, streams.beside>>>(view, search, whole);
+  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, streams.beside>>>(work, search, whole);
   checkLaunch("evaluateDue");
   ACCESSVDB_CUDA(cudaEventRecord(streams.join, streams.beside));
-  evaluateDue<Window, kForm, false><<<blocks, kThreads, bytes, streams.main>>>(view, search, some);
+  evaluateDue<Window, kForm, false><<<blocks, kThreads, bytes, streams.main>>>(work, search, some);
   checkLaunch("evaluateDue");
   ACCESSVDB_CUDA(cudaStreamWaitEvent(streams.main, streams.join));
-  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, streams.main>>>(view, search, added);
+  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, streams.main>>>(work, search, added);
   checkLaunch("evaluateDue");
 }
 
 }  // namespace
 
-void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint32_t most_busy,
-                     const DueStreams& streams) {
-  if (most_busy == 0) return;
-  orderDue<<<(most_busy + kThreads - 1) / kThreads, kThreads, 0, streams.main>>>(view);
+void launchDueSearch(const DueWork& work, const DueSearch& search, std::uint32_t max_busy, const DueStreams& streams) {
+  if (max_busy == 0) return;
+  orderDue<<<(max_busy + kThreads - 1) / kThreads, kThreads, 0, streams.main>>>(work.due);
   checkLaunch("orderDue");
   if (search.window.kind != WindowPlan::Kind::Lowers) {
-    search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::Samples>(view, search, streams)
-                            : launchSearches<TreeWindow, ToolForm::Columns>(view, search, streams);
+    search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::Samples>(work, search, streams)
+                            : launchSearches<TreeWindow, ToolForm::Columns>(work, search, streams);
   } else if (search.tool.use_samples) {
-    launchSearches<BusyWindow, ToolForm::Samples>(view, search, streams);
+    launchSearches<BusyWindow, ToolForm::Samples>(work, search, streams);
   } else if (search.slabs.begin == nullptr) {
-    launchSearches<BusyWindow, ToolForm::Columns>(view, search, streams);
+    launchSearches<BusyWindow, ToolForm::Columns>(work, search, streams);
   } else if (search.slabs.full != nullptr) {
-    launchSearches<BusyWindow, ToolForm::ThickSlabs>(view, search, streams);
+    launchSearches<BusyWindow, ToolForm::ThickSlabs>(work, search, streams);
   } else {
-    launchSearches<BusyWindow, ToolForm::Slabs>(view, search, streams);
+    launchSearches<BusyWindow, ToolForm::Slabs>(work, search, streams);
   }
-  static_assert(offsetof(UpdateCounters, next_added) - offsetof(UpdateCounters, due) == 7 * sizeof(std::uint32_t));
-  ACCESSVDB_CUDA(cudaMemsetAsync(&view.counters->due, 0, 8 * sizeof(std::uint32_t), streams.main));
+  ACCESSVDB_CUDA(cudaMemsetAsync(work.due.counters, 0, sizeof(SearchCounters), streams.main));
 }
 
 }  // namespace accessvdb::kernels

@@ -29,53 +29,60 @@ __device__ std::uint32_t placeInTile(std::int32_t x, std::int32_t y) {
   return static_cast<std::uint32_t>((x & kSide) << FlipsView::kTileLog2 | (y & kSide));
 }
 
-__global__ void findTiles(UpdateView view, std::uint32_t count) {
+__global__ void findTiles(FlipsView flips, std::uint32_t count, std::uint32_t* num_tiles) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= count) return;
-  const LeafFlips& flip = view.flips.list[n];
+  const LeafFlips& flip = flips.list[n];
   bool is_new = false;
-  const std::uint32_t slot = view.flips.hash.insert(tileKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4), is_new);
-  if (is_new) view.flips.tile_at[slot] = atomicAdd(&view.counters->flip_tiles, 1u);
+  const std::uint32_t slot = flips.hash.insert(tileKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4), is_new);
+  if (is_new) flips.tile_at[slot] = atomicAdd(num_tiles, 1u);
 }
 
-__global__ void addFlips(UpdateView view, std::uint32_t count) {
+__global__ void addFlips(FlipsView flips, std::uint32_t count) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= count) return;
-  const LeafFlips& flip = view.flips.list[n];
-  const std::uint32_t slot = view.flips.hash.find(tileKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4));
-  const std::uint32_t tile = view.flips.tile_at[slot], place = placeInTile(flip.leaf[0], flip.leaf[1]);
+  const LeafFlips& flip = flips.list[n];
+  const std::uint32_t slot = flips.hash.find(tileKey(flip.leaf[0], flip.leaf[1], flip.leaf[2] >> 4));
+  const std::uint32_t tile = flips.tile_at[slot], place = placeInTile(flip.leaf[0], flip.leaf[1]);
   const std::size_t column = std::size_t{tile} * FlipsView::kColumns + place;
-  atomicOr(reinterpret_cast<unsigned long long*>(view.flips.occupied + tile), 1ull << place);
+  atomicOr(reinterpret_cast<unsigned long long*>(flips.occupied + tile), 1ull << place);
   std::uint64_t bits = 0;
   for (int kind = 0; kind < 4; ++kind) {
     if ((flip.kinds >> kind & 1u) != 0) bits |= std::uint64_t{1} << (16 * kind + (flip.leaf[2] & 15));
   }
-  atomicOr(reinterpret_cast<unsigned long long*>(view.flips.kinds + column), static_cast<unsigned long long>(bits));
-  if (flip.freed != 0) view.flips.next[n] = atomicExch(view.flips.head + column, n);
+  atomicOr(reinterpret_cast<unsigned long long*>(flips.kinds + column), static_cast<unsigned long long>(bits));
+  if (flip.freed != 0) flips.next[n] = atomicExch(flips.head + column, n);
 }
 
-/// Leaves in which voxels ceased to collide, gathered by a warp until they are enough for all lanes to count them.
+/// What a lane reads of this update's flips.
+struct FlipScope {
+  const FlipContext& context;
+  const FlipsView& flips;
+  int lane;
+};
+
+/// Leaves in which voxels stopped colliding, gathered by a warp until they are enough for all lanes to count them.
 class FreedLeaves {
  public:
   static constexpr int kMost = 128;
 
-  /// @param list  [kMost] shared by the warp  @param steps  see countFreed; null: nothing is counted
-  __device__ FreedLeaves(const UpdateView& view, const std::int32_t* leaf, std::uint32_t* list, std::uint32_t* steps,
-                         int lane)
-      : view_(view), leaf_(leaf), list_(list), steps_(steps), lane_(lane) {}
+  /// @param leaf  the first one of the group  @param list  [kMost] shared by the warp
+  /// @param steps  see countFreed; null: nothing is counted
+  __device__ FreedLeaves(const FlipScope& scope, const std::int32_t* leaf, std::uint32_t* list, std::uint32_t* steps)
+      : scope_(scope), leaf_(leaf), list_(list), steps_(steps), lane_(scope.lane) {}
 
   /// The leaves of a column of flips, one a lane; kNoIndex: none. All lanes.
   __device__ void add(std::uint32_t column, std::int32_t z_low, std::int32_t z_high) {
     if (steps_ == nullptr) return;
-    std::uint32_t n = column != kNoIndex ? view_.flips.head[column] : kNoIndex;
+    std::uint32_t n = column != kNoIndex ? scope_.flips.head[column] : kNoIndex;
     while (__any_sync(kAllLanes, n != kNoIndex)) {
-      const std::int32_t z = n != kNoIndex ? view_.flips.list[n].leaf[2] : 0;
+      const std::int32_t z = n != kNoIndex ? scope_.flips.list[n].leaf[2] : 0;
       const bool wanted = n != kNoIndex && z >= z_low && z <= z_high;
       const unsigned all = __ballot_sync(kAllLanes, wanted);
       if (wanted) list_[count_ + __popc(all & ((1u << lane_) - 1u))] = n;
       count_ += __popc(all);
       if (count_ > kMost - static_cast<int>(kWarp)) count();
-      if (n != kNoIndex) n = view_.flips.next[n];
+      if (n != kNoIndex) n = scope_.flips.next[n];
     }
   }
   /// Counts what was gathered. All lanes.
@@ -83,7 +90,7 @@ class FreedLeaves {
     __syncwarp();
     all_ += static_cast<std::uint32_t>(count_);
     for (int i = lane_ >> 3; i < count_ && !tooMany(); i += static_cast<int>(kWarp) / 8) {
-      countFreed(view_, leaf_, view_.flips.list[list_[i]], lane_ & 7, steps_);
+      countFreed(scope_.context, leaf_, scope_.flips.list[list_[i]], lane_ & 7, steps_);
     }
     __syncwarp();
     count_ = 0;
@@ -92,7 +99,7 @@ class FreedLeaves {
   [[nodiscard]] __device__ bool tooMany() const { return all_ > kMostCountedLeaves; }
 
  private:
-  const UpdateView& view_;
+  const FlipScope& scope_;
   const std::int32_t* leaf_;
   std::uint32_t* list_;
   std::uint32_t* steps_;
@@ -162,17 +169,17 @@ class GroupScan {
   static constexpr int kMostListed = 256;
 
   /// @param leaf  the first one of the group  @param list  [kMostListed] shared by the warp
-  __device__ GroupScan(const UpdateView& view, const std::int32_t* leaf, std::uint16_t* list, MasksOfWarp& masks,
-                       FreedLeaves& freed, int lane)
-      : view_(view), leaf_(leaf), list_(list), masks_(masks), freed_(freed), lane_(lane) {}
+  __device__ GroupScan(const FlipScope& scope, const std::int32_t* leaf, std::uint16_t* list, MasksOfWarp& masks,
+                       FreedLeaves& freed)
+      : scope_(scope), leaf_(leaf), list_(list), masks_(masks), freed_(freed), lane_(scope.lane) {}
 
   /// All lanes.
   __device__ void scanAll() {
     constexpr int kLog2[3] = {FlipsView::kTileLog2, FlipsView::kTileLog2, 4};
     std::int32_t low[3], size[3];  // [tiles]
     for (int axis = 0; axis < 3; ++axis) {
-      low[axis] = (leaf_[axis] + view_.footprint.low[axis]) >> kLog2[axis];
-      size[axis] = ((leaf_[axis] + view_.footprint.high[axis]) >> kLog2[axis]) - low[axis] + 1;
+      low[axis] = (leaf_[axis] + scope_.context.footprint.low[axis]) >> kLog2[axis];
+      size[axis] = ((leaf_[axis] + scope_.context.footprint.high[axis]) >> kLog2[axis]) - low[axis] + 1;
     }
     const int count = size[0] * size[1] * size[2];
     for (int base = 0; base < count; base += static_cast<int>(kWarp)) {
@@ -181,7 +188,7 @@ class GroupScan {
       if (n < count) {
         const std::int32_t x = low[0] + n / size[2] / size[1], y = low[1] + n / size[2] % size[1],
                            z = low[2] + n % size[2];
-        near = tileNear(view_.flips, placeKey(x, y, z), (x << kLog2[0]) - leaf_[0], (y << kLog2[1]) - leaf_[1],
+        near = tileNear(scope_.flips, placeKey(x, y, z), (x << kLog2[0]) - leaf_[0], (y << kLog2[1]) - leaf_[1],
                         (z << kLog2[2]) - leaf_[2]);
       }
       scanTiles(near);
@@ -224,16 +231,16 @@ class GroupScan {
       const std::int32_t dx = __shfl_sync(kAllLanes, mine.dx, owner) + static_cast<std::int32_t>(place >> 3),
                          dy = __shfl_sync(kAllLanes, mine.dy, owner) + static_cast<std::int32_t>(place & 7u),
                          dz = __shfl_sync(kAllLanes, mine.dz, owner);
-      const FootprintPlace at = there ? view_.footprint.at(dx, dy) : FootprintPlace{};
-      const std::uint64_t bits = there ? view_.flips.kinds[column] : 0;
-      const std::uint32_t tool = kindsIn(view_.footprint.tool, at.tool, dz, bits);
-      take(view_.footprint.tool, at.tool, tool, 2, 1, MasksOfWarp::kBetterTool, MasksOfWarp::kWorseTool);
+      const FootprintPlace at = there ? scope_.context.footprint.at(dx, dy) : FootprintPlace{};
+      const std::uint64_t bits = there ? scope_.flips.kinds[column] : 0;
+      const std::uint32_t tool = kindsIn(scope_.context.footprint.tool, at.tool, dz, bits);
+      take(scope_.context.footprint.tool, at.tool, tool, 2, 1, MasksOfWarp::kBetterTool, MasksOfWarp::kWorseTool);
       const bool is_freed = (tool & 2u) != 0;
-      const std::int32_t z_low = is_freed ? view_.footprint.tool[at.tool - 1].z_low : 0,
-                         z_high = is_freed ? view_.footprint.tool[at.tool - 1].z_high : 0;
+      const std::int32_t z_low = is_freed ? scope_.context.footprint.tool[at.tool - 1].z_low : 0,
+                         z_high = is_freed ? scope_.context.footprint.tool[at.tool - 1].z_high : 0;
       freed_.add(is_freed ? column : kNoIndex, leaf_[2] + z_low, leaf_[2] + z_high);
-      const std::uint32_t arm = kindsIn(view_.footprint.arm, at.arm, dz, bits);
-      take(view_.footprint.arm, at.arm, arm, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
+      const std::uint32_t arm = kindsIn(scope_.context.footprint.arm, at.arm, dz, bits);
+      take(scope_.context.footprint.arm, at.arm, arm, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
     }
     __syncwarp();  // the list is written anew
   }
@@ -261,7 +268,7 @@ class GroupScan {
                columns[number > 0 ? number - 1 : 0].directions);
   }
 
-  const UpdateView& view_;
+  const FlipScope& scope_;
   const std::int32_t* leaf_;
   std::uint16_t* list_;
   MasksOfWarp& masks_;
@@ -269,49 +276,52 @@ class GroupScan {
   int lane_;
 };
 
-/// A warp a group.
-__global__ void groupMasks(UpdateView view) {
+/// One warp per group.
+__global__ void groupMasks(FlipContext context, FlipsView flips, GroupMasksView out) {
   __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_freed[kWarps][FreedLeaves::kMost];
   __shared__ std::uint16_t all_lists[kWarps][GroupScan::kMostListed];
   const std::uint32_t group = blockIdx.x * kWarps + threadIdx.x / kWarp;
-  if (group >= view.groups.groups) return;
+  if (group >= context.groups.groups) return;
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   const unsigned warp = threadIdx.x / kWarp;
   MasksOfWarp masks(lane);
-  if (view.groups.with_points[group] != 0) {
-    const std::int32_t* leaf = view.groups.leaf + 3 * static_cast<std::size_t>(group);
-    std::uint32_t* steps = view.known.levels != nullptr ? all_steps[warp] : nullptr;
+  if (context.groups.with_points[group] != 0) {
+    const std::int32_t* leaf = context.groups.leaf + 3 * static_cast<std::size_t>(group);
+    std::uint32_t* steps = context.known.levels != nullptr ? all_steps[warp] : nullptr;
     for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kWarp)) all_steps[warp][n] = 0;
     __syncwarp();
-    FreedLeaves freed(view, leaf, all_freed[warp], steps, lane);
-    GroupScan(view, leaf, all_lists[warp], masks, freed, lane).scanAll();
+    const FlipScope scope = {context, flips, lane};
+    FreedLeaves freed(scope, leaf, all_freed[warp], steps);
+    GroupScan(scope, leaf, all_lists[warp], masks, freed).scanAll();
     freed.count();
     if (steps != nullptr && masks.any(2)) {  // the better ones come first
-      agePoints(view, group, steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), lane);
+      agePoints(context, group, steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), lane);
     }
   }
-  masks.store(view.masks[group]);
+  masks.store(out.masks[group]);
   const bool affected = masks.any(4);
-  if (lane == 0) view.affected[group] = affected ? 1 : 0;
+  if (lane == 0) out.affected[group] = affected ? 1 : 0;
 }
 
 }  // namespace
 
-void launchFindTiles(const UpdateView& view, std::uint32_t count, cudaStream_t stream) {
+void launchFindTiles(const FlipsView& flips, std::uint32_t count, std::uint32_t* num_tiles, cudaStream_t stream) {
   if (count == 0) return;
-  findTiles<<<blocksFor(count), kThreads, 0, stream>>>(view, count);
+  findTiles<<<blocksFor(count), kThreads, 0, stream>>>(flips, count, num_tiles);
   checkLaunch("findTiles");
 }
 
-void launchAddFlips(const UpdateView& view, std::uint32_t count, cudaStream_t stream) {
+void launchAddFlips(const FlipsView& flips, std::uint32_t count, cudaStream_t stream) {
   if (count == 0) return;
-  addFlips<<<blocksFor(count), kThreads, 0, stream>>>(view, count);
+  addFlips<<<blocksFor(count), kThreads, 0, stream>>>(flips, count);
   checkLaunch("addFlips");
 }
 
-void launchGroupMasks(const UpdateView& view, cudaStream_t stream) {
-  if (view.groups.groups == 0) return;
-  groupMasks<<<(view.groups.groups + kWarps - 1) / kWarps, kWarps * kWarp, 0, stream>>>(view);
+void launchGroupMasks(const FlipContext& context, const FlipsView& flips, const GroupMasksView& masks,
+                      cudaStream_t stream) {
+  const std::uint32_t groups = context.groups.groups;
+  if (groups == 0) return;
+  groupMasks<<<(groups + kWarps - 1) / kWarps, kWarps * kWarp, 0, stream>>>(context, flips, masks);
   checkLaunch("groupMasks");
 }
 

@@ -5,16 +5,14 @@
 #include <bit>
 
 #include "cuda/memory/growing.h"
-#include "cuda/update/update_kernels.h"
 #include "launch/lists.h"
 
 namespace accessvdb::kernels {
 
-void FlipTables::take(std::span<const std::span<const LeafFlips>> flips, UpdateView& view, DeviceCounters& counters,
-                      cudaStream_t stream) {
-  const std::uint32_t groups = view.groups.groups;
+void FlipTables::take(FlipLists flips, const FlipContext& context, DeviceCounters& counters, cudaStream_t stream) {
+  const std::uint32_t groups = context.groups.groups;
   const std::size_t count = totalSize(flips);
-  view.affected = nullptr;
+  view_.affected = nullptr;
   if (count == 0 || groups == 0) return;
   const std::size_t capacity = std::bit_ceil(2 * count + 64);
   keys_.grow(memory_, capacity, 0);
@@ -25,13 +23,13 @@ void FlipTables::take(std::span<const std::span<const LeafFlips>> flips, UpdateV
   masks_.growWithRoom(memory_, groups, roomFor(groups), 0);
   affected_.growWithRoom(memory_, groups, roomFor(groups), 0);
   masked_groups_ = groups;
-  view.flips = {};
-  view.flips.hash = {keys_.data(), static_cast<std::uint32_t>(capacity - 1)};
-  view.flips.tile_at = tiles_.data();
-  view.flips.next = next_.data();
-  view.flips.list = list_.send(flips, memory_, stream);
-  const auto num_flips = static_cast<std::uint32_t>(count);
-  launchFindTiles(view, num_flips, stream);
+  FlipsView by_place;
+  by_place.hash = {keys_.data(), static_cast<std::uint32_t>(capacity - 1)};
+  by_place.tile_at = tiles_.data();
+  by_place.next = next_.data();
+  const DeviceList<LeafFlips> list = list_.send(flips, memory_, stream);
+  by_place.list = list.data;
+  launchFindTiles(by_place, list.count, &counters.data()->flip_tiles, stream);
   const std::size_t tiles = counters.read(stream).flip_tiles, columns = tiles * FlipsView::kColumns;
   occupied_.growWithRoom(memory_, tiles, roomFor(tiles), 0);
   kinds_.growWithRoom(memory_, columns, roomFor(columns), 0);
@@ -39,29 +37,21 @@ void FlipTables::take(std::span<const std::span<const LeafFlips>> flips, UpdateV
   fillBytes(occupied_.data(), 0, tiles * sizeof(std::uint64_t), stream);
   fillBytes(kinds_.data(), 0, columns * sizeof(std::uint64_t), stream);
   fillBytes(heads_.data(), 0xff, columns * sizeof(std::uint32_t), stream);
-  view.flips.occupied = occupied_.data();
-  view.flips.kinds = kinds_.data();
-  view.flips.head = heads_.data();
-  view.masks = masks_.data();
-  view.affected = affected_.data();
-  launchAddFlips(view, num_flips, stream);
-  launchGroupMasks(view, stream);
+  by_place.occupied = occupied_.data();
+  by_place.kinds = kinds_.data();
+  by_place.head = heads_.data();
+  view_ = {masks_.data(), affected_.data()};
+  launchAddFlips(by_place, list.count, stream);
+  launchGroupMasks(context, by_place, view_, stream);
 }
 
-void FlipTables::addGroups(UpdateView& view, cudaStream_t stream) {
-  const std::uint32_t groups = view.groups.groups;
-  if (view.affected == nullptr || groups == masked_groups_) return;
+void FlipTables::addGroups(std::uint32_t groups, cudaStream_t stream) {
+  if (view_.affected == nullptr || groups == masked_groups_) return;
   masks_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
   affected_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
   fillBytes(affected_.data() + masked_groups_, 0, groups - masked_groups_, stream);
-  view.masks = masks_.data();
-  view.affected = affected_.data();
+  view_ = {masks_.data(), affected_.data()};
   masked_groups_ = groups;
-}
-
-std::uint64_t FlipTables::bytes() const {
-  return list_.bytes() + keys_.bytes() + occupied_.bytes() + kinds_.bytes() + heads_.bytes() + next_.bytes() +
-         tiles_.bytes() + masks_.bytes() + affected_.bytes();
 }
 
 }  // namespace accessvdb::kernels

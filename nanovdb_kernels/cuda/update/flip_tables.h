@@ -6,11 +6,10 @@
 #include <cuda_runtime_api.h>
 
 #include <cstdint>
-#include <span>
 
 #include "cuda/memory/staging.h"
 #include "cuda/update/device_counters.h"
-#include "cuda/update/update_views.cuh"
+#include "cuda/update/update_kernels.h"
 #include "launch/device_array.h"
 
 namespace accessvdb::kernels {
@@ -19,19 +18,18 @@ class FlipTables {
  public:
   explicit FlipTables(DeviceMemory& memory) : memory_(memory) {}
 
-  /// Finds which directions they may have changed for the points of each group, and ages what is known of them. Waits
-  /// for the device, and returns while it is still at work.
-  /// @param view  in: groups, index, footprint, covering, known; out: flips, masks, and affected, which is null without
-  /// flips
-  void take(std::span<const std::span<const LeafFlips>> flips, UpdateView& view, DeviceCounters& counters,
-            cudaStream_t stream);
-  /// Groups that came since take(): nothing is known of their points that flips could change.
-  void addGroups(UpdateView& view, cudaStream_t stream);
+  /// Directions that the flips may have changed for the points of each group. Empty where there were no flips.
+  [[nodiscard]] const GroupMasksView& masks() const { return view_; }
 
-  [[nodiscard]] std::uint64_t bytes() const;
+  /// Finds those directions, and ages what is known about them. Waits for the device, and returns while it is still at
+  /// work.
+  void take(FlipLists flips, const FlipContext& context, DeviceCounters& counters, cudaStream_t stream);
+  /// Groups that came since take(): nothing is known about their points that flips could change.
+  void addGroups(std::uint32_t groups, cudaStream_t stream);
 
  private:
   DeviceMemory& memory_;
+  GroupMasksView view_;
   Staging<LeafFlips> list_;
   DeviceArray<std::uint64_t> keys_, occupied_, kinds_;
   DeviceArray<std::uint32_t> heads_, next_, tiles_;

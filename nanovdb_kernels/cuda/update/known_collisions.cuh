@@ -9,7 +9,7 @@
 #include <cstdint>
 
 #include "cuda/search/warp.cuh"
-#include "cuda/update/update_views.cuh"
+#include "cuda/update/update_kernels.h"
 #include "hostdev/cell_counts.h"
 #include "hostdev/known_levels.h"
 
@@ -26,11 +26,11 @@ inline constexpr std::uint32_t kMostCountedLeaves = (1u << 31) / (8u << (3 * kCe
 /// @param leaf  the first one of the group of the points
 /// @param steps  [32 kDirectionWords32] by how much more voxels, modulo 2^32, ceased to collide in the tool of each
 ///   direction than in that of the one before, at most
-__device__ inline void countFreed(const UpdateView& view, const std::int32_t* leaf, const LeafFlips& flip, int cell,
+__device__ inline void countFreed(const FlipContext& context, const std::int32_t* leaf, const LeafFlips& flip, int cell,
                                   std::uint32_t* steps) {
   const auto counted = static_cast<std::uint32_t>(flip.freed >> (8 * cell)) & 0xffu;
   if (counted == 0) return;
-  const CellTableView& cells = view.covering;
+  const CellTableView& cells = context.covering;
   std::int64_t entry = 0;
   for (int axis = 0; axis < 3; ++axis) {
     const int i = (flip.leaf[axis] - leaf[axis]) * 2 + (cell >> (2 - axis) & 1) - cells.low[axis];
@@ -39,7 +39,7 @@ __device__ inline void countFreed(const UpdateView& view, const std::int32_t* le
   }
   const DirectionArc arc = cells.table[entry];
   if (arc.count == 0) return;
-  const auto directions = static_cast<std::uint32_t>(view.approach.num_directions);
+  const auto directions = static_cast<std::uint32_t>(context.num_directions);
   // More than the cell has voxels are some that ceased to collide several times, and collided again in between. No
   // direction has lost more collisions than the cell has voxels. So LeafFlips::kManyFreed is a number as any other.
   constexpr std::uint32_t kVoxelsOfCell = 1u << (3 * kCellLog2);
@@ -70,47 +70,48 @@ struct KnownWord {
   std::uint64_t levels;
   FreedWord freed;
 
-  __device__ KnownWord(const UpdateView& view, std::size_t id, std::uint32_t block, int word) {
-    const auto words = static_cast<std::size_t>(view.known.words);
-    levels = view.known.levels[id * words + static_cast<std::size_t>(word)];
-    freed = view.known.freed[view.groups.of_block[block] * words + static_cast<std::size_t>(word)];
+  __device__ KnownWord(const PointsView& points, const KnownView& known, std::size_t id, int word) {
+    const auto words = static_cast<std::size_t>(known.words);
+    levels = known.levels[id * words + static_cast<std::size_t>(word)];
+    freed = known.freed[points.groups.of_block[points.state.block[id]] * words + static_cast<std::size_t>(word)];
   }
 };
 
 /// Of the directions that are asked for, those that may be better than what the levels count from, and whose corridor
 /// is not known to be blocked. What is known of eight directions is read only where one of them is asked for.
 /// @param w, asked  directions 64 w .. 64 w + 63
-__device__ inline std::uint64_t notKnownWorse(const UpdateView& view, std::size_t id, std::uint32_t block, int w,
+__device__ inline std::uint64_t notKnownWorse(const PointsView& points, const KnownView& known, std::size_t id, int w,
                                               std::uint64_t asked) {
-  if (view.known.levels == nullptr) return asked;
+  if (known.levels == nullptr) return asked;
 #pragma unroll 1
   for (int byte = 0; byte < 8 && asked >> (8 * byte) != 0; ++byte) {
     if ((asked >> (8 * byte) & 0xffu) == 0) continue;
-    const KnownWord known(view, id, block, 8 * w + byte);
-    const std::uint64_t worse = known_word::worse(known.levels, known.freed.lowestWithMore(view.known.of.log2));
+    const KnownWord word(points, known, id, 8 * w + byte);
+    const std::uint64_t worse = known_word::worse(word.levels, word.freed.lowestWithMore(known.scale.log2));
     asked &= ~(worse << (8 * byte));
   }
   return asked;
 }
 
-/// At least so many collisions has a point in a direction; 0: nothing is known.
+/// A number of collisions that a point reaches in direction d; 0: nothing is known.
 /// @param base  baseCollisions
-__device__ inline int knownCollisions(const UpdateView& view, std::size_t id, std::uint32_t block, int base, int d) {
-  if (view.known.levels == nullptr) return 0;
-  const KnownWord known(view, id, block, d / kKnownPerWord);
+__device__ inline int knownCollisions(const PointsView& points, const KnownView& known, std::size_t id, int base,
+                                      int d) {
+  if (known.levels == nullptr) return 0;
+  const KnownWord word(points, known, id, d / kKnownPerWord);
   const int n = d % kKnownPerWord;
-  const std::uint32_t level = known_word::levelIn(known.levels, n);
+  const std::uint32_t level = known_word::levelIn(word.levels, n);
   if (level == 0) return 0;
-  const int collisions = base + view.known.of.collisionsOf(level, known.freed.of(n));
+  const int collisions = base + known.scale.collisionsOf(level, word.freed.count(n));
   return collisions > 0 ? collisions : 0;
 }
 
 /// Calls visit(id) with the points of a group, a point a lane and the lowest lanes first; kNoIndex: none. All lanes.
 template <class Visit>
-__device__ void forEachPoint(const UpdateView& view, std::uint32_t group, int lane, const Visit& visit) {
-  const BlockIndexView& index = view.index;
-  const std::int32_t* leaf = view.groups.leaf + 3 * static_cast<std::size_t>(group);
-  const int log2 = view.groups.log2, last = (1 << log2) - 1, blocks = 1 << (3 * log2);
+__device__ void forEachPoint(const FlipContext& context, std::uint32_t group, int lane, const Visit& visit) {
+  const BlockIndexView& index = context.index;
+  const std::int32_t* leaf = context.groups.leaf + 3 * static_cast<std::size_t>(group);
+  const int log2 = context.groups.log2, last = (1 << log2) - 1, blocks = 1 << (3 * log2);
   for (int base = 0; base < blocks; base += 32) {
     const int n = base + lane;
     std::uint32_t block = kNoIndex;
@@ -138,15 +139,16 @@ __device__ void forEachPoint(const UpdateView& view, std::uint32_t group, int la
 /// @param steps  see countFreed; out: something else
 /// @param too_many  more leaves than kMostCountedLeaves: the steps are too few
 /// @param better_arm  of directions 32 (lane / 4) .. + 31, those whose corridor may have become free
-__device__ inline void agePoints(const UpdateView& view, std::uint32_t group, std::uint32_t* steps, bool too_many,
+__device__ inline void agePoints(const FlipContext& context, std::uint32_t group, std::uint32_t* steps, bool too_many,
                                  std::uint32_t better_arm, int lane) {
-  const int words = view.known.words;
+  const KnownView& known = context.known;
+  const int words = known.words;
   std::uint32_t sums[kDirectionWords32];
   sumSteps(steps, lane, sums);
   __syncwarp();  // all have read
 #pragma unroll
   for (int w = 0; w < kDirectionWords32; ++w) {
-    steps[32 * w + lane] = 32 * w + lane < view.approach.num_directions ? sums[w] : 0;
+    steps[32 * w + lane] = 32 * w + lane < context.num_directions ? sums[w] : 0;
   }
   __syncwarp();
   // Lane n takes word n.
@@ -154,13 +156,13 @@ __device__ inline void agePoints(const UpdateView& view, std::uint32_t group, st
   std::uint64_t less = 0;
   bool wanted = false;
   if (lane < words) {
-    FreedWord& counter = view.known.freed[group * static_cast<std::size_t>(words) + static_cast<std::size_t>(lane)];
+    FreedWord& counter = known.freed[group * static_cast<std::size_t>(words) + static_cast<std::size_t>(lane)];
     FreedWord freed = counter;
-    wanted = freed.add(steps + kKnownPerWord * lane, too_many, view.known.of.log2, less) || arms != 0;
+    wanted = freed.add(steps + kKnownPerWord * lane, too_many, known.scale.log2, less) || arms != 0;
     counter = freed;
   }
   if (!__any_sync(kAllLanes, wanted)) return;
-  forEachPoint(view, group, lane, [&](std::uint32_t id) {
+  forEachPoint(context, group, lane, [&](std::uint32_t id) {
     // One point after the other, a word a lane; so many at a time, as memory is far away.
     constexpr int kTogether = 8;
     const int points = __popc(__ballot_sync(kAllLanes, id != kNoIndex));
@@ -169,8 +171,8 @@ __device__ inline void agePoints(const UpdateView& view, std::uint32_t group, st
       std::uint64_t before[kTogether];
 #pragma unroll
       for (int i = 0; i < kTogether; ++i) {
-        const std::uint32_t of = __shfl_sync(kAllLanes, id, first + i);
-        levels[i] = view.known.levels + of * static_cast<std::size_t>(words) + lane;
+        const std::uint32_t point = __shfl_sync(kAllLanes, id, first + i);
+        levels[i] = known.levels + point * static_cast<std::size_t>(words) + lane;
         before[i] = wanted && first + i < points ? *levels[i] : 0;
       }
 #pragma unroll

@@ -44,19 +44,19 @@ __device__ void forEachNear(const BlockIndexView& index, const std::int32_t* lea
 }
 
 /// A warp a touched block: the blocks with a point that it may matter to.
-__global__ void reachBlocks(UpdateView view, float most_reach_voxels) {
+__global__ void reachBlocks(PointsView points, MovedView moved, float most_reach_voxels) {
   const unsigned n = (blockIdx.x * blockDim.x + threadIdx.x) / kWarp, lane = threadIdx.x % kWarp;
-  if (n >= view.counters->touched_blocks) return;
-  const std::int32_t* leaf = view.index.leaf + 3 * static_cast<std::size_t>(view.places.touched_blocks[n]);
-  forEachNear(view.index, leaf, most_reach_voxels, lane, [&](std::uint32_t block, float squared_gap) {
+  if (n >= moved.counters->touched_blocks) return;
+  const std::int32_t* leaf = points.index.leaf + 3 * static_cast<std::size_t>(moved.places.touched_blocks[n]);
+  forEachNear(points.index, leaf, most_reach_voxels, lane, [&](std::uint32_t block, float squared_gap) {
     if (block == kNoIndex) return;
-    const float reach_m = view.index.reach_m[block];
+    const float reach_m = points.index.reach_m[block];
     if (reach_m < 0) return;
-    const float reach_voxels = reach_m / view.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+    const float reach_voxels = reach_m / points.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
     if (squared_gap > reach_voxels * reach_voxels) return;
     const std::uint32_t bit = 1u << (block & 31);
-    if ((atomicOr(view.places.reached_bits + (block >> 5), bit) & bit) != 0) return;
-    view.places.reached_blocks[atomicAdd(&view.counters->reached_blocks, 1u)] = block;
+    if ((atomicOr(moved.places.reached_bits + (block >> 5), bit) & bit) != 0) return;
+    moved.places.reached_blocks[atomicAdd(&moved.counters->reached_blocks, 1u)] = block;
   });
 }
 
@@ -66,17 +66,18 @@ __device__ float squaredDistance(const float* a, const float* b) {
 }
 
 /// A warp a reached block.
-__global__ void findMoved(UpdateView view) {
+__global__ void findMoved(PointsView points, MovedView moved) {
   __shared__ float all_places[kWarps][kMostPlaces][3];
   __shared__ std::uint32_t all_counts[kWarps];
   const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
   float(*const places)[3] = all_places[warp];
   std::uint32_t& count = all_counts[warp];
-  const std::uint32_t reached = view.counters->reached_blocks;
+  const std::uint32_t reached = moved.counters->reached_blocks;
   for (std::uint32_t n = blockIdx.x * kWarps + warp; n < reached; n += gridDim.x * kWarps) {
-    const std::uint32_t block = view.places.reached_blocks[n];
-    const std::int32_t* leaf = view.index.leaf + 3 * static_cast<std::size_t>(block);
-    const float reach_voxels = view.index.reach_m[block] / view.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+    const std::uint32_t block = moved.places.reached_blocks[n];
+    const std::int32_t* leaf = points.index.leaf + 3 * static_cast<std::size_t>(block);
+    const float reach_voxels =
+        points.index.reach_m[block] / points.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
     if (lane == 0) count = 0;
     __syncwarp();
     const auto add = [&](const float* p) {
@@ -84,51 +85,51 @@ __global__ void findMoved(UpdateView view) {
       if (at >= kMostPlaces) return;
       for (int axis = 0; axis < 3; ++axis) places[at][axis] = p[axis];
     };
-    forEachNear(view.index, leaf, reach_voxels, lane, [&](std::uint32_t near, float) {
+    forEachNear(points.index, leaf, reach_voxels, lane, [&](std::uint32_t near, float) {
       if (near == kNoIndex) return;
-      for (std::uint32_t at = view.places.head[near]; at != kNoIndex; at = view.places.places[at].next) {
-        const Place& place = view.places.places[at];
+      for (std::uint32_t at = moved.places.head[near]; at != kNoIndex; at = moved.places.places[at].next) {
+        const Place& place = moved.places.places[at];
         add(place.now_L);
         if (!isnan(place.before_L[0])) add(place.before_L);
       }
     });
     __syncwarp();
     const std::uint32_t there = count;
-    const std::uint32_t first = view.index.first[block], points = view.index.count[block];
+    const std::uint32_t first = points.index.first[block], count_here = points.index.count[block];
     float most_m = -1;
-    for (std::uint32_t i = lane; i < points; i += kWarp) {
-      const std::uint32_t id = view.index.ids[first + i];
-      const float reach_m = view.state.reach_m[id];
+    for (std::uint32_t i = lane; i < count_here; i += kWarp) {
+      const std::uint32_t id = points.index.ids[first + i];
+      const float reach_m = points.state.reach_m[id];
       most_m = fmaxf(most_m, reach_m);
       if (reach_m < 0) continue;
-      const float* mean = view.state.mean_L + 3 * static_cast<std::size_t>(id);
+      const float* mean = points.state.mean_L + 3 * static_cast<std::size_t>(id);
       const float bound = reach_m * reach_m * kReachSlack;
-      bool moved = there > kMostPlaces;
-      for (std::uint32_t p = 0; p < there && !moved; ++p) moved = squaredDistance(mean, places[p]) <= bound;
-      if (!moved) continue;
+      bool is_moved = there > kMostPlaces;
+      for (std::uint32_t p = 0; p < there && !is_moved; ++p) is_moved = squaredDistance(mean, places[p]) <= bound;
+      if (!is_moved) continue;
       const std::uint32_t bit = 1u << (id & 31);
-      if ((atomicOr(view.state.moved_bits + (id >> 5), bit) & bit) != 0) continue;
-      view.moved[atomicAdd(&view.counters->moved, 1u)] = id;
+      if ((atomicOr(moved.bits + (id >> 5), bit) & bit) != 0) continue;
+      moved.ids[atomicAdd(&moved.counters->moved, 1u)] = id;
     }
     for (int step = kWarp / 2; step > 0; step /= 2) most_m = fmaxf(most_m, __shfl_xor_sync(kAllLanes, most_m, step));
-    if (lane == 0) view.index.reach_m[block] = most_m;  // smaller than it was where points came closer to each other
+    if (lane == 0) points.index.reach_m[block] = most_m;  // smaller than it was where points came closer to each other
     __syncwarp();
   }
 }
 
 }  // namespace
 
-void launchFindMoved(const UpdateView& view, std::uint32_t most_touched, cudaStream_t stream) {
-  if (most_touched == 0) return;
-  const double radius_m = static_cast<double>(neighbourReach_m(view.rule.radius_squared, view.rule.steps_per_m));
+void launchFindMoved(const PointsView& points, const MovedView& moved, std::uint32_t max_touched, cudaStream_t stream) {
+  if (max_touched == 0) return;
+  const NeighbourRuleView& rule = points.rule;
+  const double radius_m = static_cast<double>(neighbourReach_m(rule.radius_squared, rule.steps_per_m));
   const auto most_reach_voxels =
-      static_cast<float>(radius_m * view.rule.inverse_voxel_size * static_cast<double>(kReachSlack)) +
-      2 * kRoundingVoxels;
+      static_cast<float>(radius_m * rule.inverse_voxel_size * static_cast<double>(kReachSlack)) + 2 * kRoundingVoxels;
   constexpr unsigned kThreads = kWarps * kWarp;
-  reachBlocks<<<(most_touched + kWarps - 1) / kWarps, kThreads, 0, stream>>>(view, most_reach_voxels);
+  reachBlocks<<<(max_touched + kWarps - 1) / kWarps, kThreads, 0, stream>>>(points, moved, most_reach_voxels);
   checkLaunch("reachBlocks");
   constexpr unsigned kEnoughBlocks = 4096;
-  findMoved<<<kEnoughBlocks, kThreads, 0, stream>>>(view);
+  findMoved<<<kEnoughBlocks, kThreads, 0, stream>>>(points, moved);
   checkLaunch("findMoved");
 }
 

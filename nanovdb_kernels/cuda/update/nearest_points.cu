@@ -33,12 +33,12 @@ struct NearBound {
 template <unsigned kRoom>
 class NearSearch {
  public:
-  __device__ NearSearch(const UpdateView& view, std::uint32_t id, NearList<kRoom>& list, unsigned lane)
-      : view_(view), list_(list), lane_(lane), centre_(view.state.mean_L + 3 * static_cast<std::size_t>(id)) {}
+  __device__ NearSearch(const PointsView& points, std::uint32_t id, NearList<kRoom>& list, unsigned lane)
+      : points_(points), list_(list), lane_(lane), centre_(points.state.mean_L + 3 * static_cast<std::size_t>(id)) {}
 
   /// Lists all points up to a squared distance. @return how many there are, listed or not
   __device__ unsigned list(std::int64_t bound) const {
-    const NeighbourRuleView& rule = view_.rule;
+    const NeighbourRuleView& rule = points_.rule;
     const double reach_voxels =
         (sqrt(static_cast<double>(bound)) + 1) / rule.steps_per_m * rule.inverse_voxel_size + kRoundingVoxels;
     int low[3], side[3];
@@ -62,10 +62,10 @@ class NearSearch {
           squared += gap * gap;
         }
         if (squared <= reach_voxels * reach_voxels) {
-          const std::uint32_t block = view_.index.find(leaf[0], leaf[1], leaf[2]);
+          const std::uint32_t block = points_.index.find(leaf[0], leaf[1], leaf[2]);
           if (block != kNoIndex) {
-            first = view_.index.first[block];
-            points = view_.index.count[block];
+            first = points_.index.first[block];
+            points = points_.index.count[block];
           }
         }
       }
@@ -76,7 +76,7 @@ class NearSearch {
           std::uint32_t id = 0;
           std::int64_t squared = bound + 1;
           if (i + lane_ < size) {
-            id = view_.index.ids[begin + i + lane_];
+            id = points_.index.ids[begin + i + lane_];
             squared = offsetOf(id).squared();
           }
           const unsigned near = __ballot_sync(kAllLanes, squared <= bound);
@@ -127,11 +127,11 @@ class NearSearch {
   }
 
   __device__ NeighbourOffset offsetOf(std::uint32_t id) const {
-    return neighbourOffset(centre_, view_.state.mean_L + 3 * static_cast<std::size_t>(id), view_.rule.steps_per_m);
+    return neighbourOffset(centre_, points_.state.mean_L + 3 * static_cast<std::size_t>(id), points_.rule.steps_per_m);
   }
 
  private:
-  const UpdateView& view_;
+  const PointsView& points_;
   NearList<kRoom>& list_;
   unsigned lane_;
   const float* centre_;
@@ -149,18 +149,18 @@ __device__ std::int64_t squareOf(double steps) {
 
 template <unsigned kRoom>
 __global__ void __launch_bounds__(kWarps* kWarp)
-    nearestPoints(UpdateView view, std::uint32_t first, std::uint32_t count, double guess, FoundNeighbours* found) {
+    nearestPoints(PointsView points, PointPart part, double guess, std::uint32_t* failed, FoundNeighbours* found) {
   extern __shared__ std::int64_t shared[];
   const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
   auto& list = reinterpret_cast<NearList<kRoom>*>(shared)[warp];
   const std::uint32_t at = blockIdx.x * (blockDim.x / kWarp) + warp;
-  if (at >= count || first + at >= view.counters->moved) return;
-  const std::uint32_t id = view.moved[first + at];
-  const NeighbourRuleView& rule = view.rule;
-  const NearSearch<kRoom> search(view, id, list, lane);
+  if (!part.holds(at)) return;
+  const std::uint32_t id = part.ids[part.first + at];
+  const NeighbourRuleView& rule = points.rule;
+  const NearSearch<kRoom> search(points, id, list, lane);
   const auto wanted = static_cast<unsigned>(rule.neighbours);
 
-  const float reach_m = view.state.reach_m[id];
+  const float reach_m = points.state.reach_m[id];
   std::int64_t bound =
       reach_m >= 0 ? squareOf(1.05 * static_cast<double>(reach_m) * rule.steps_per_m) : squareOf(guess);
   if (bound > rule.radius_squared) bound = rule.radius_squared;
@@ -189,7 +189,7 @@ __global__ void __launch_bounds__(kWarps* kWarp)
     if (too_large >= 0 && too_large - too_small <= 1) {
       // More than the list holds at one single distance. Positions on a grid of voxels have some hundred neighbours at
       // a distance, less than there is room for.
-      if (lane == 0) atomicExch(&view.counters->failed, 1u);
+      if (lane == 0) atomicExch(failed, 1u);
       return;
     }
   }
@@ -203,7 +203,7 @@ __global__ void __launch_bounds__(kWarps* kWarp)
   NeighbourSums sums;
   DirectionMask seen = {};
   std::int64_t most = 0;
-  const auto words = static_cast<std::size_t>(view.points.direction_words);
+  const auto words = static_cast<std::size_t>(points.points.direction_words);
   for (unsigned n = lane; n < listed; n += kWarp) {
     const std::int64_t squared = list.squared[n];
     const std::uint32_t other = list.id[n];
@@ -211,7 +211,7 @@ __global__ void __launch_bounds__(kWarps* kWarp)
     sums.add(search.offsetOf(other));
     if (squared > most) most = squared;
     if (!sharing.holds(squared, other)) continue;
-    for (std::size_t w = 0; w < words; ++w) seen.word[w] |= view.state.own_seen[other * words + w];
+    for (std::size_t w = 0; w < words; ++w) seen.word[w] |= points.state.own_seen[other * words + w];
   }
   std::int64_t* const parts[] = {&sums.count, &sums.x,  &sums.y,  &sums.z,  &sums.xx,
                                  &sums.xy,    &sums.xz, &sums.yy, &sums.yz, &sums.zz};
@@ -224,66 +224,68 @@ __global__ void __launch_bounds__(kWarps* kWarp)
   for (std::size_t w = 0; w < words; ++w) {
     const auto low = __reduce_or_sync(kAllLanes, static_cast<unsigned>(seen.word[w]));
     const auto high = __reduce_or_sync(kAllLanes, static_cast<unsigned>(seen.word[w] >> 32));
-    seen.word[w] = static_cast<std::uint64_t>(high) << 32 | low | view.state.own_seen[id * words + w];
+    seen.word[w] = static_cast<std::uint64_t>(high) << 32 | low | points.state.own_seen[id * words + w];
   }
   if (lane == 0) found[at] = {sums, farthest, seen};
 }
 
-/// A thread a point: what takes many steps that a warp cannot share.
-__global__ void makeNeighbourhoods(UpdateView view, std::uint32_t first, std::uint32_t count,
-                                   const FoundNeighbours* found, Neighbourhood* neighbourhoods) {
+/// One thread per point: what takes many steps that a warp cannot share.
+__global__ void makeNeighbourhoods(PointsView points, PointPart part, const FoundNeighbours* found,
+                                   Neighbourhood* neighbourhoods) {
   const std::uint32_t n = blockIdx.x * blockDim.x + threadIdx.x;
-  if (n >= count || first + n >= view.counters->moved) return;
-  const float* to_sensor = view.state.to_sensor_L + 3 * static_cast<std::size_t>(view.moved[first + n]);
+  if (!part.holds(n)) return;
+  const float* to_sensor = points.state.to_sensor_L + 3 * static_cast<std::size_t>(part.ids[part.first + n]);
   Neighbourhood& neighbourhood = neighbourhoods[n];
   neighbourNormal(found[n].sums, to_sensor, neighbourhood.normal);
-  neighbourhood.reach_m = neighbourReach_m(found[n].farthest, view.rule.steps_per_m);
+  neighbourhood.reach_m = neighbourReach_m(found[n].farthest, points.rule.steps_per_m);
   neighbourhood.seen = found[n].seen;
 }
 
-__global__ void notePrepared(UpdateCounters* counters, std::uint32_t most) {
+__global__ void notePrepared(MovedCounters* counters, std::uint32_t most) {
   counters->prepared = counters->moved < most ? counters->moved : most;
 }
 
 template <unsigned kRoom>
-void launch(const UpdateView& view, std::uint32_t first, std::uint32_t count, FoundNeighbours* found, unsigned warps,
-            cudaStream_t stream) {
+void launch(const PointsView& points, const PointPart& part, unsigned warps, std::uint32_t* failed,
+            FoundNeighbours* found, cudaStream_t stream) {
   const std::size_t bytes = warps * sizeof(NearList<kRoom>);
   // As the CPU guesses: half of k voxels on a surface.
   const double guess =
-      sqrt(0.5 * view.rule.neighbours) * static_cast<double>(view.rule.voxel_size_m) * view.rule.steps_per_m;
-  nearestPoints<kRoom><<<(count + warps - 1) / warps, warps * kWarp, bytes, stream>>>(view, first, count, guess, found);
+      sqrt(0.5 * points.rule.neighbours) * static_cast<double>(points.rule.voxel_size_m) * points.rule.steps_per_m;
+  nearestPoints<kRoom>
+      <<<(part.count + warps - 1) / warps, warps * kWarp, bytes, stream>>>(points, part, guess, failed, found);
   checkLaunch("nearestPoints");
 }
 
 }  // namespace
 
-void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, FoundNeighbours* found,
+void launchNearest(const PointsView& points, const PointPart& part, std::uint32_t* failed, FoundNeighbours* found,
                    cudaStream_t stream) {
-  if (count == 0) return;
+  if (part.count == 0) return;
   // Twice k and some more, within the 48 KB that every device has; and for positions on a grid of voxels, of which many
   // may lie at one distance, the more the larger the radius.
   constexpr std::int64_t kFewAtOneDistance = 50;  // voxels
+  const NeighbourRuleView& rule = points.rule;
   const double radius_voxels =
-      sqrt(static_cast<double>(view.rule.radius_squared)) / view.rule.steps_per_m * view.rule.inverse_voxel_size;
-  if (view.rule.neighbours <= 120 && radius_voxels <= static_cast<double>(kFewAtOneDistance)) {
-    launch<384>(view, first, count, found, kWarps, stream);
+      sqrt(static_cast<double>(rule.radius_squared)) / rule.steps_per_m * rule.inverse_voxel_size;
+  if (rule.neighbours <= 120 && radius_voxels <= static_cast<double>(kFewAtOneDistance)) {
+    launch<384>(points, part, kWarps, failed, found, stream);
   } else {
-    launch<1536>(view, first, count, found, 2, stream);
+    launch<1536>(points, part, 2, failed, found, stream);
   }
 }
 
-void launchMakeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count,
-                              const FoundNeighbours* found, Neighbourhood* neighbourhoods, cudaStream_t stream) {
-  if (count == 0) return;
+void launchMakeNeighbourhoods(const PointsView& points, const PointPart& part, const FoundNeighbours* found,
+                              Neighbourhood* neighbourhoods, cudaStream_t stream) {
+  if (part.count == 0) return;
   constexpr unsigned kThreads = 256;
-  makeNeighbourhoods<<<(count + kThreads - 1) / kThreads, kThreads, 0, stream>>>(view, first, count, found,
-                                                                                 neighbourhoods);
+  makeNeighbourhoods<<<(part.count + kThreads - 1) / kThreads, kThreads, 0, stream>>>(points, part, found,
+                                                                                      neighbourhoods);
   checkLaunch("makeNeighbourhoods");
 }
 
-void launchNotePrepared(const UpdateView& view, std::uint32_t most, cudaStream_t stream) {
-  notePrepared<<<1, 1, 0, stream>>>(view.counters, most);
+void launchNotePrepared(MovedCounters* counters, std::uint32_t most, cudaStream_t stream) {
+  notePrepared<<<1, 1, 0, stream>>>(counters, most);
   checkLaunch("notePrepared");
 }
 

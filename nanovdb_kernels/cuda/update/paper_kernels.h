@@ -23,16 +23,22 @@ struct PaperTurn {
   ScoreItem* items = nullptr;                     ///< [count]
   ScoreResult* results = nullptr;                 ///< [count]
   PointLabel* labels_before = nullptr;            ///< [count]
+  std::uint8_t* flags = nullptr;                  ///< [n] by id, WaitingFlag
+};
+
+/// Whose direction is a hint for others.
+struct HintRule {
+  CoarseToFine candidates;
+  std::uint16_t collision_limit = 1;  ///< [n_c]
 };
 
 /// Points may enter the queue from now on. @param ids  [count] out: theirs
-void launchSetConfident(std::uint8_t* flags, const PointWeight* points, std::uint32_t count, std::uint32_t* ids,
-                        cudaStream_t stream);
+void launchSetConfident(std::uint8_t* flags, DeviceList<PointWeight> points, std::uint32_t* ids, cudaStream_t stream);
 /// Best directions of the nearest resolved points (CoarseToFine::radius_m) -> hints [count], kNoDirection without one.
-void launchFindHints(const UpdateView& view, const CoarseToFine& rule, const std::uint32_t* ids, std::uint32_t count,
+void launchFindHints(const PointsView& points, const HintRule& rule, DeviceList<std::uint32_t> ids,
                      std::uint16_t* hints, cudaStream_t stream);
 /// The points do not wait any more; their neighbourhoods -> their state; what is to be tried -> turn.items.
-void launchTakeTurn(const UpdateView& view, const CoarseToFine& rule, const PaperTurn& turn, cudaStream_t stream);
+void launchTakeTurn(const PointsView& points, const CoarseToFine& rule, const PaperTurn& turn, cudaStream_t stream);
 /// What came of them -> tests, scored, label_changes, resolved.
 void launchTallyTurn(const PaperTurn& turn, std::uint16_t collision_limit, UpdateCounters* counters,
                      cudaStream_t stream);

@@ -16,45 +16,37 @@
 #include "cuda/update/update_kernels.h"
 #include "cuda/update/updaters.h"
 #include "cuda/update/work_queue.h"
+#include "launch/counted_memory.h"
 #include "launch/stopwatch.h"
 
 namespace accessvdb::kernels {
 namespace {
 
-class PaperUpdater final : public PointUpdater {
+class DevicePaperUpdater final : public PaperUpdater {
  public:
-  PaperUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const UpdaterTables& tables)
+  DevicePaperUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const PaperTables& tables)
       : context_(std::move(context)),
         memory_(memory),
         candidates_(tables.candidates),
-        counters_(memory, stream()),
-        points_(memory, tables, view_),
-        queue_(memory) {
-    view_.counters = counters_.data();
-  }
+        counters_(memory_, stream()),
+        points_(memory_, tables.neighbours),
+        queue_(memory_) {}
 
   void admit(const AdmitInput& input) override {
     const CurrentDevice current(context_->device());
-    points_.grow(input, view_, stream());
+    points_.grow(input, stream());
     queue_.grow(input.num_points, stream());
-    view_.waiting = queue_.flags();
-    points_.admit(input, kNoIndex, view_, stream());
+    points_.admit(input, {}, {}, kNoIndex, stream());
   }
 
-  // Neighbours are those of the moment at which a point is evaluated.
-  void findNeighbours() override {}
-  void begin(const UpdateInput&) override {}
-  void choose(const UpdateInput&) override {}
-
-  UpdateOutcome update(const UpdateInput& input) override {
+  UpdateOutcome update(const ScoringInput& input, const ConfidenceNews& news,
+                       const TriggeredPoints& triggered) override {
     const CurrentDevice current(context_->device());
-    view_.points = input.points;
-    view_.approach = input.approach;
-    view_.update_rule = input.rule;
-    points_.setWeights(input.weights, view_, stream());
-    points_.setWeights(input.crossed, view_, stream());  // the returns may be those of its neighbours
+    points_.setState(input.points);
+    points_.setWeights(news.weights, stream());
+    points_.setWeights(news.crossed, stream());  // the returns may be those of its neighbours
     counters_.clear(stream());
-    enqueue(input);
+    enqueue(news.crossed, triggered);
     const std::uint32_t budget = input.budget_points,
                         turn = budget > 0 ? std::min(queue_.size(), budget) : queue_.size();
     ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
@@ -62,58 +54,53 @@ class PaperUpdater final : public PointUpdater {
     if (turn > 0) evaluate(input, turn, outcome);
     const UpdateCounters done = counters_.read(stream());
     queue_.drop(turn, stream());
-    requireNeighbours(done);
+    requireNeighbours(done.moved);
     any_resolved_ = any_resolved_ || done.resolved > 0;  // best scores never rise, so it stays
     outcome.evaluated = turn;
-    outcome.scored = done.scored;
-    outcome.tests = done.tests;
-    outcome.label_changes = done.label_changes;
+    outcome.scored = done.outcome.scored;
+    outcome.tests = done.outcome.tests;
+    outcome.label_changes = done.outcome.label_changes;
     outcome.waiting = queue_.size();
     return outcome;
   }
 
-  std::uint64_t bytes() const override {
-    return counters_.bytes() + points_.bytes() + queue_.bytes() + crossed_.bytes() + asked_.bytes() +
-           confident_.bytes() + hints_.bytes() + items_.bytes() + results_.bytes() + labels_before_.bytes() +
-           order_.bytes() + order_scratch_.bytes();
-  }
+  std::uint64_t bytes() const override { return memory_.bytes(); }
 
  private:
   [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }
 
-  /// In the order of paper_scheduler.cpp.
-  void enqueue(const UpdateInput& input) {
-    const auto crossed = static_cast<std::uint32_t>(input.crossed.size());
+  /// In the order of paper_on_host.cpp.
+  void enqueue(std::span<const PointWeight> crossed_points, const TriggeredPoints& triggered) {
+    const auto crossed = static_cast<std::uint32_t>(crossed_points.size());
     confident_.growWithRoom(memory_, crossed, roomFor(crossed), 0);
-    launchSetConfident(queue_.flags(), crossed_.send(input.crossed, memory_, stream()), crossed, confident_.data(),
-                       stream());
+    launchSetConfident(queue_.flags(), crossed_.send(crossed_points, memory_, stream()), confident_.data(), stream());
     constexpr std::uint8_t kMask = kConfidentPoint | kWaiting, kValue = kConfidentPoint;
-    queue_.addFromList(confident_.data(), crossed, {kMask, kValue}, stream());
-    for (const std::span<const std::uint32_t> ids : {input.jumped, input.sampled}) {
-      queue_.addFromList(asked_.send(ids, memory_, stream()), static_cast<std::uint32_t>(ids.size()), {kMask, kValue},
-                         stream());
+    queue_.addFromList({confident_.data(), crossed}, {kMask, kValue}, stream());
+    for (const std::span<const std::uint32_t> ids : {triggered.jumped, triggered.sampled}) {
+      queue_.addFromList(asked_.send(ids, memory_, stream()), {kMask, kValue}, stream());
     }
-    if (input.all_blocked) queue_.addFrom(view_.num_points, {kMask, kValue, view_.points.label}, stream());
+    const PointsView& points = points_.view();
+    if (triggered.all_blocked) queue_.addFrom(points.num_points, {kMask, kValue, points.points.label}, stream());
   }
 
   /// The first `turn` points of the queue.
-  void evaluate(const UpdateInput& input, std::uint32_t turn, UpdateOutcome& outcome) {
+  void evaluate(const ScoringInput& input, std::uint32_t turn, UpdateOutcome& outcome) {
     growTurn(turn);
     const bool with_hints = candidates_.on && any_resolved_;
-    if (with_hints) findHints(turn);
-    view_.moved = queue_.ids();
-    fillBytes(&counters_.data()->moved, 0xff, sizeof(std::uint32_t), stream());  // the list ends where `turn` says
+    if (with_hints) findHints(turn, input.rule.collision_limit);
+    std::uint32_t* const failed = &counters_.data()->moved.failed;
     for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
       part = std::min(turn - first, PointTables::kPart);
       PaperTurn of_part;
       of_part.count = part;
       of_part.ids = queue_.ids() + first;
-      of_part.neighbourhoods = points_.makeNeighbourhoods(view_, first, part, stream());
+      of_part.neighbourhoods = points_.makeNeighbourhoods({queue_.ids(), nullptr, first, part}, failed, stream());
       of_part.hints = with_hints ? hints_.data() + first : nullptr;
       of_part.items = items_.data();
       of_part.results = results_.data();
       of_part.labels_before = labels_before_.data();
-      launchTakeTurn(view_, candidates_, of_part, stream());
+      of_part.flags = queue_.flags();
+      launchTakeTurn(points_.view(), candidates_, of_part, stream());
       ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
       const Stopwatch scoring;
       score(input, of_part);
@@ -122,7 +109,7 @@ class PaperUpdater final : public PointUpdater {
     }
   }
 
-  void score(const UpdateInput& input, const PaperTurn& turn) {
+  void score(const ScoringInput& input, const PaperTurn& turn) {
     ScoreChunk chunk;
     chunk.map = input.map;
     chunk.tool = input.tool;
@@ -161,18 +148,18 @@ class PaperUpdater final : public PointUpdater {
     order_scratch_.growWithRoom(memory_, bytes, roomFor(bytes), 0);
   }
 
-  /// Of the whole turn: all points see what was known before the first of them is evaluated.
-  void findHints(std::uint32_t turn) {
+  /// For the whole turn: all points see what was known before the first of them is evaluated.
+  void findHints(std::uint32_t turn, std::uint16_t collision_limit) {
     for (std::uint32_t first = 0; first < turn; first += PointTables::kPart) {
-      launchFindHints(view_, candidates_, queue_.ids() + first, std::min(turn - first, PointTables::kPart),
-                      hints_.data() + first, stream());
+      launchFindHints(points_.view(), {candidates_, collision_limit},
+                      {queue_.ids() + first, std::min(turn - first, PointTables::kPart)}, hints_.data() + first,
+                      stream());
     }
   }
 
   std::shared_ptr<DeviceContext> context_;
-  DeviceMemory& memory_;
+  CountedMemory memory_;
   CoarseToFine candidates_;
-  UpdateView view_;
   DeviceCounters counters_;
   PointTables points_;
   WorkQueue queue_;
@@ -192,10 +179,10 @@ class PaperUpdater final : public PointUpdater {
 
 }  // namespace
 
-std::unique_ptr<PointUpdater> makePaperUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory,
-                                               const UpdaterTables& tables) {
+std::unique_ptr<PaperUpdater> makePaperUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory,
+                                               const PaperTables& tables) {
   const CurrentDevice current(context->device());
-  return std::make_unique<PaperUpdater>(std::move(context), memory, tables);
+  return std::make_unique<DevicePaperUpdater>(std::move(context), memory, tables);
 }
 
 }  // namespace accessvdb::kernels

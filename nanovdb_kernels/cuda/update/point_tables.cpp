@@ -7,36 +7,33 @@
 
 #include "cuda/memory/growing.h"
 #include "cuda/update/update_kernels.h"
+#include "hostdev/voxel_scale.h"
 
 namespace accessvdb::kernels {
 
-PointTables::PointTables(DeviceMemory& memory, const UpdaterTables& tables, UpdateView& view)
+PointTables::PointTables(DeviceMemory& memory, const NeighbourTables& tables)
     : memory_(memory), words_(static_cast<std::size_t>((tables.num_directions + 63) / 64)) {
-  view.groups.log2 = tables.group_log2;
-  view.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
-  view.rule.inverse_voxel_size = 1.0 / tables.voxel_size_m;
-  view.rule.steps_per_m = neighbourStepsPerMetre(tables.radius_m);
-  view.rule.radius_squared = neighbourRadiusSquared(tables.radius_m);
-  view.rule.neighbours = tables.neighbours;
-  view.rule.view_neighbours = tables.view_neighbours;
+  view_.groups.log2 = tables.group_log2;
+  view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
+  view_.rule.inverse_voxel_size = VoxelScale(tables.voxel_size_m).inverse;
+  view_.rule.steps_per_m = neighbourStepsPerMetre(tables.radius_m);
+  view_.rule.radius_squared = neighbourRadiusSquared(tables.radius_m);
+  view_.rule.neighbours = tables.neighbours;
+  view_.rule.view_neighbours = tables.view_neighbours;
 }
 
-void PointTables::grow(const AdmitInput& input, UpdateView& view, cudaStream_t stream) {
-  growPoints(input.num_points, view.num_points);
-  growBlocks(input, view, stream);
+void PointTables::grow(const AdmitInput& input, cudaStream_t stream) {
+  growPoints(input.num_points, view_.num_points);
+  growBlocks(input, stream);
   growFilled(with_points_, memory_, input.num_groups, 0, stream);
   growFilled(group_leaf_, memory_, std::size_t{3} * input.num_groups, 0, stream);
-  view.groups.of_block = group_of_.data();
-  view.groups.with_points = with_points_.data();
-  view.groups.leaf = group_leaf_.data();
-  view.groups.groups = input.num_groups;
-  view.points = input.points;
-  view.num_points = input.num_points;
-  view.state.block = block_.data();
-  view.state.mean_L = mean_.data();
-  view.state.to_sensor_L = to_sensor_.data();
-  view.state.own_seen = own_seen_.data();
-  view.state.reach_m = reach_.data();
+  view_.groups.of_block = group_of_.data();
+  view_.groups.with_points = with_points_.data();
+  view_.groups.leaf = group_leaf_.data();
+  view_.groups.groups = input.num_groups;
+  view_.points = input.points;
+  view_.num_points = input.num_points;
+  view_.state = {block_.data(), mean_.data(), to_sensor_.data(), own_seen_.data(), reach_.data()};
 }
 
 void PointTables::growPoints(std::uint32_t points, std::size_t kept) {
@@ -50,9 +47,8 @@ void PointTables::growPoints(std::uint32_t points, std::size_t kept) {
   grow(reach_, 1);
 }
 
-void PointTables::growBlocks(const AdmitInput& input, UpdateView& view, cudaStream_t stream) {
-  const std::uint32_t blocks = input.num_blocks;
-  const std::size_t kept = view.index.blocks;
+void PointTables::growBlocks(const AdmitInput& input, cudaStream_t stream) {
+  const std::uint32_t blocks = input.num_blocks, kept = view_.index.blocks;
   const auto grow = [&](auto& array, std::size_t each) {
     array.growWithRoom(memory_, blocks * each, roomFor(blocks) * each, kept * each);
   };
@@ -69,13 +65,14 @@ void PointTables::growBlocks(const AdmitInput& input, UpdateView& view, cudaStre
     hash_keys_.grow(memory_, capacity, 0);
     hash_blocks_.grow(memory_, capacity, 0);
     fillBytes(hash_keys_.data(), 0xff, hash_keys_.bytes(), stream);
-    refreshIndex(view.index, static_cast<std::uint32_t>(kept));
-    launchRehash(view.index, stream);
+    refreshIndex(kept);
+    launchRehash(view_.index, stream);
   }
-  refreshIndex(view.index, blocks);
+  refreshIndex(blocks);
 }
 
-void PointTables::refreshIndex(BlockIndexView& index, std::uint32_t blocks) const {
+void PointTables::refreshIndex(std::uint32_t blocks) {
+  BlockIndexView& index = view_.index;
   index.hash = {hash_keys_.data(), static_cast<std::uint32_t>(hash_keys_.size() - 1)};
   index.block_at = hash_blocks_.data();
   index.leaf = leaf_.data();
@@ -86,18 +83,16 @@ void PointTables::refreshIndex(BlockIndexView& index, std::uint32_t blocks) cons
   index.blocks = blocks;
 }
 
-void PointTables::admit(const AdmitInput& input, std::uint32_t first_place, const UpdateView& view,
-                        cudaStream_t stream) {
-  const BlockNews* blocks = blocks_news_.send(input.blocks, memory_, stream);
-  const std::uint32_t* ids = ids_news_.send(input.block_ids, memory_, stream);
-  launchAdmitBlocks(view, blocks, ids, static_cast<std::uint32_t>(input.blocks.size()), stream);
-  const PointNews* news = news_.send(input.news, memory_, stream);
-  launchAdmitPoints(view, news, static_cast<std::uint32_t>(input.news.size()), first_place, stream);
+void PointTables::admit(const AdmitInput& input, const MovedView& moved, const KnownView& known,
+                        std::uint32_t first_place, cudaStream_t stream) {
+  const DeviceList<BlockNews> blocks = blocks_news_.send(input.blocks, memory_, stream);
+  const DeviceList<std::uint32_t> ids = ids_news_.send(input.block_ids, memory_, stream);
+  launchAdmitBlocks(view_, blocks, ids.data, stream);
+  launchAdmitPoints(view_, moved, known, news_.send(input.news, memory_, stream), first_place, stream);
 }
 
-void PointTables::setWeights(std::span<const PointWeight> weights, const UpdateView& view, cudaStream_t stream) {
-  const PointWeight* list = weights_.send(weights, memory_, stream);
-  launchSetWeights(view, list, static_cast<std::uint32_t>(weights.size()), stream);
+void PointTables::setWeights(std::span<const PointWeight> weights, cudaStream_t stream) {
+  launchSetWeights(view_.points, weights_.send(weights, memory_, stream), stream);
 }
 
 namespace {
@@ -116,23 +111,15 @@ void PointTables::growParts(std::uint32_t points) {
   growForParts(part_, memory_, points);
 }
 
-Neighbourhood* PointTables::makeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count,
-                                               cudaStream_t stream) {
-  makeNeighbourhoods(view, first, count, part_.data(), stream);
+Neighbourhood* PointTables::makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream) {
+  makeNeighbourhoods(part, failed, part_.data(), stream);
   return part_.data();
 }
 
-void PointTables::makeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count,
-                                     Neighbourhood* to, cudaStream_t stream) {
-  launchNearest(view, first, count, found_.data(), stream);
-  launchMakeNeighbourhoods(view, first, count, found_.data(), to, stream);
-}
-
-std::uint64_t PointTables::bytes() const {
-  return block_.bytes() + mean_.bytes() + to_sensor_.bytes() + reach_.bytes() + own_seen_.bytes() + hash_keys_.bytes() +
-         hash_blocks_.bytes() + first_.bytes() + count_.bytes() + ids_.bytes() + group_of_.bytes() + leaf_.bytes() +
-         block_reach_.bytes() + group_leaf_.bytes() + with_points_.bytes() + found_.bytes() + part_.bytes() +
-         news_.bytes() + blocks_news_.bytes() + ids_news_.bytes() + weights_.bytes();
+void PointTables::makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, Neighbourhood* to,
+                                     cudaStream_t stream) {
+  launchNearest(view_, part, failed, found_.data(), stream);
+  launchMakeNeighbourhoods(view_, part, found_.data(), to, stream);
 }
 
 }  // namespace accessvdb::kernels

@@ -6,12 +6,11 @@
 #include <cuda_runtime_api.h>
 
 #include <cstdint>
-#include <span>
 
 #include "cuda/memory/staging.h"
 #include "cuda/update/update_views.cuh"
 #include "launch/device_array.h"
-#include "launch/point_updater.h"
+#include "launch/point_news.h"
 
 namespace accessvdb::kernels {
 
@@ -20,37 +19,39 @@ class PointTables {
   /// Points whose neighbours are found at a time.
   static constexpr std::uint32_t kPart = 1u << 17;
 
-  /// @param view  out: rule, groups.log2
-  PointTables(DeviceMemory& memory, const UpdaterTables& tables, UpdateView& view);
+  PointTables(DeviceMemory& memory, const NeighbourTables& tables);
 
-  /// Makes room for what is admitted. @param view  in: num_points and index.blocks, as they were; out: points, state
-  /// (but for its bits), index, groups, num_points
-  void grow(const AdmitInput& input, UpdateView& view, cudaStream_t stream);
-  /// Takes it in. @param first_place  of the news in view.places, or kNoIndex: nobody asks what they matter to
-  void admit(const AdmitInput& input, std::uint32_t first_place, const UpdateView& view, cudaStream_t stream);
-  void setWeights(std::span<const PointWeight> weights, const UpdateView& view, cudaStream_t stream);
+  /// Valid until the next grow().
+  [[nodiscard]] const PointsView& view() const { return view_; }
+  /// The arrays of the host's point state, where they are now.
+  void setState(const PointStateView& points) { view_.points = points; }
 
-  /// Room to make the neighbourhoods of so many points in parts of up to kPart, and to keep those of a part.
+  /// Makes room for what is admitted.
+  void grow(const AdmitInput& input, cudaStream_t stream);
+  /// Takes it in, once there is room. @param first_place  of the news in moved.places, or kNoIndex: nothing has a
+  /// neighbourhood yet
+  void admit(const AdmitInput& input, const MovedView& moved, const KnownView& known, std::uint32_t first_place,
+             cudaStream_t stream);
+  void setWeights(std::span<const PointWeight> weights, cudaStream_t stream);
+
+  /// Room to make the neighbourhoods of this many points in parts of up to kPart, and to keep those of a part.
   void growParts(std::uint32_t points);
   /// Only the room to make them.
   void growFound(std::uint32_t points);
-  /// Of view.moved[first .. first + count), as far as there are so many, at most kPart.
-  /// @return [count], kept until the next call
-  Neighbourhood* makeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count,
-                                    cudaStream_t stream);
-  /// @param to  [count]
-  void makeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count, Neighbourhood* to,
-                          cudaStream_t stream);
-
-  [[nodiscard]] std::uint64_t bytes() const;
+  /// @param part  at most kPart points  @param failed  see launchNearest
+  /// @return [part.count], kept until the next call
+  Neighbourhood* makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream);
+  /// @param to  [part.count]
+  void makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, Neighbourhood* to, cudaStream_t stream);
 
  private:
   void growPoints(std::uint32_t points, std::size_t kept);
-  void growBlocks(const AdmitInput& input, UpdateView& view, cudaStream_t stream);
-  void refreshIndex(BlockIndexView& index, std::uint32_t blocks) const;
+  void growBlocks(const AdmitInput& input, cudaStream_t stream);
+  void refreshIndex(std::uint32_t blocks);
 
   DeviceMemory& memory_;
   std::size_t words_;
+  PointsView view_;
   // By id.
   DeviceArray<std::uint32_t> block_;
   DeviceArray<float> mean_, to_sensor_, reach_;
@@ -63,7 +64,7 @@ class PointTables {
   // By group.
   DeviceArray<std::int32_t> group_leaf_;
   DeviceArray<std::uint8_t> with_points_;
-  // Of a part of the points.
+  // For one part of the points.
   DeviceArray<FoundNeighbours> found_;
   DeviceArray<Neighbourhood> part_;
   Staging<PointNews> news_;

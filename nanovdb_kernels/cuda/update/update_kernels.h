@@ -17,56 +17,77 @@ namespace accessvdb::kernels {
 // point_index.cu: takes points in.
 
 /// Lists of ids of blocks, and new blocks into the hash.
-void launchAdmitBlocks(const UpdateView& view, const BlockNews* blocks, const std::uint32_t* block_ids,
-                       std::uint32_t count, cudaStream_t stream);
+void launchAdmitBlocks(const PointsView& points, DeviceList<BlockNews> blocks, const std::uint32_t* block_ids,
+                       cudaStream_t stream);
 /// All blocks into an empty hash.
 void launchRehash(const BlockIndexView& index, cudaStream_t stream);
-/// State of new and touched points. @param first_place  of view.places, or kNoIndex: nothing has a neighbourhood yet
-void launchAdmitPoints(const UpdateView& view, const PointNews* news, std::uint32_t count, std::uint32_t first_place,
-                       cudaStream_t stream);
-void launchSetWeights(const UpdateView& view, const PointWeight* weights, std::uint32_t count, cudaStream_t stream);
+/// State of new and touched points. Nothing is known about the directions of new ones.
+/// @param first_place  of moved.places, or kNoIndex: nothing has a neighbourhood yet
+void launchAdmitPoints(const PointsView& points, const MovedView& moved, const KnownView& known,
+                       DeviceList<PointNews> news, std::uint32_t first_place, cudaStream_t stream);
+void launchSetWeights(const PointStateView& points, DeviceList<PointWeight> weights, cudaStream_t stream);
 
 // moved_points.cu: whose neighbourhoods may have changed.
 
-/// Points near places -> view.moved. @param most_touched  upper bound of counters.touched_blocks
-void launchFindMoved(const UpdateView& view, std::uint32_t most_touched, cudaStream_t stream);
-void launchAddCrossed(const UpdateView& view, const PointWeight* points, std::uint32_t count, cudaStream_t stream);
+/// Points near places -> moved.ids. @param max_touched  upper bound of counters.touched_blocks
+void launchFindMoved(const PointsView& points, const MovedView& moved, std::uint32_t max_touched, cudaStream_t stream);
+/// Points that became confident -> moved.ids.
+void launchAddCrossed(const PointStateView& points, const MovedView& moved, DeviceList<PointWeight> crossed,
+                      cudaStream_t stream);
 
-// nearest_points.cu
+// nearest_points.cu: their neighbourhoods.
 
-/// Of view.moved[first .. first + count), as far as there are so many. @param found  [count] out
-void launchNearest(const UpdateView& view, std::uint32_t first, std::uint32_t count, FoundNeighbours* found,
+/// @param failed  set to 1 where some neighbours were not found  @param found  [part.count] out
+void launchNearest(const PointsView& points, const PointPart& part, std::uint32_t* failed, FoundNeighbours* found,
                    cudaStream_t stream);
-/// @param found  of the same part  @param neighbourhoods  [count] out
-void launchMakeNeighbourhoods(const UpdateView& view, std::uint32_t first, std::uint32_t count,
-                              const FoundNeighbours* found, Neighbourhood* neighbourhoods, cudaStream_t stream);
+/// @param found  of the same part  @param neighbourhoods  [part.count] out
+void launchMakeNeighbourhoods(const PointsView& points, const PointPart& part, const FoundNeighbours* found,
+                              Neighbourhood* neighbourhoods, cudaStream_t stream);
 /// How many of the moved points have their neighbourhoods: `most`, or as many as there are -> counters.prepared.
-void launchNotePrepared(const UpdateView& view, std::uint32_t most, cudaStream_t stream);
+void launchNotePrepared(MovedCounters* counters, std::uint32_t most, cudaStream_t stream);
 
 // flip_masks.cu: what flips mean for groups of blocks.
 
-/// The tiles of the flips of view.flips.list -> the hash, counters.flip_tiles.
-void launchFindTiles(const UpdateView& view, std::uint32_t count, cudaStream_t stream);
+/// What that depends on.
+struct FlipContext {
+  BlockIndexView index;
+  GroupsView groups;
+  FootprintView footprint;
+  CellTableView covering;
+  KnownView known;  ///< aged by the flips
+  int num_directions = 0;
+};
+/// The tiles of the flips of flips.list -> the hash, *num_tiles.
+void launchFindTiles(const FlipsView& flips, std::uint32_t count, std::uint32_t* num_tiles, cudaStream_t stream);
 /// The flips into their tiles.
-void launchAddFlips(const UpdateView& view, std::uint32_t count, cudaStream_t stream);
-/// Masks of all groups; ages what is known of the directions of their points.
-void launchGroupMasks(const UpdateView& view, cudaStream_t stream);
+void launchAddFlips(const FlipsView& flips, std::uint32_t count, cudaStream_t stream);
+/// Masks of all groups; ages what is known about the directions of their points.
+void launchGroupMasks(const FlipContext& context, const FlipsView& flips, const GroupMasksView& masks,
+                      cudaStream_t stream);
 
 // due_points.cu: what has to be evaluated.
 
-/// Normals, seen directions and what is due of view.moved[first .. first + count). @param neighbourhoods  [count]
-void launchTakeNeighbours(const UpdateView& view, std::uint32_t first, std::uint32_t count,
-                          const Neighbourhood* neighbourhoods, cudaStream_t stream);
-/// What is due of points [first, first + count) because of flips alone.
-void launchDueByFlips(const UpdateView& view, std::uint32_t first, std::uint32_t count, cudaStream_t stream);
-
-/// What is due of points whose turn it is: as much as may have changed since they were last evaluated. They do not wait
+/// What that depends on, and where it goes.
+struct DueContext {
+  PointsView points;
+  EvaluationView evaluation;
+  GroupMasksView masks;
+  DueView due;
+};
+/// Normals and seen directions of a part of the moved points, and what is due at them.
+/// @param neighbourhoods  [part.count]
+void launchTakeNeighbours(const DueContext& context, const PointPart& part, const Neighbourhood* neighbourhoods,
+                          std::uint32_t* changed_bits, cudaStream_t stream);
+/// What is due at points [first, first + count) because of flips alone. @param changed_bits  points to leave out
+void launchDueByFlips(const DueContext& context, std::uint32_t first, std::uint32_t count,
+                      const std::uint32_t* changed_bits, cudaStream_t stream);
+/// What is due at points whose turn it is: whatever may have changed since they were last evaluated. They do not wait
 /// any more.
-void launchDueOfWaiting(const UpdateView& view, const std::uint32_t* ids, std::uint32_t count, cudaStream_t stream);
+void launchDueAfterWaiting(const DueContext& context, DeviceList<std::uint32_t> ids, cudaStream_t stream);
 
 // due_search.cu: evaluates.
 
-/// What the search needs beside the view.
+/// What the search reads of the map and the tool.
 struct DueSearch {
   OccupancyView map;
   ToolKernelView tool;
@@ -80,9 +101,14 @@ struct DueStreams {
   cudaStream_t main, beside;
   cudaEvent_t fork, join;
 };
-/// view.due; it is empty afterwards.
-/// @param most_busy  upper bound of counters.busy
-void launchDueSearch(const UpdateView& view, const DueSearch& search, std::uint32_t most_busy,
-                     const DueStreams& streams);
+/// What the search evaluates, and by what rules. Its list is empty afterwards.
+struct DueWork {
+  PointsView points;
+  EvaluationView evaluation;
+  DueView due;
+  OutcomeCounters* outcome = nullptr;
+};
+/// @param max_busy  upper bound of counters.busy
+void launchDueSearch(const DueWork& work, const DueSearch& search, std::uint32_t max_busy, const DueStreams& streams);
 
 }  // namespace accessvdb::kernels

@@ -1,20 +1,51 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the kernels of an update read and write: the index of points by place, what neighbourhoods are made of, the
-/// flips of a frame, and the lists that go from one kernel to the next.
+/// What the kernels of an update read and write. Each owner of arrays hands out one of these views; a kernel takes
+/// those that it needs.
 #pragma once
 
 #include <cstdint>
 
+#include "cuda/memory/device_list.h"
 #include "cuda/search/busy_map.h"
 #include "cuda/search/hash_view.cuh"
+#include "hostdev/due_rule.h"
 #include "hostdev/known_levels.h"
 #include "hostdev/neighbour_rule.h"
 #include "hostdev/point_update.h"
 #include "hostdev/views.h"
-#include "launch/point_updater.h"
+#include "launch/exact_updater.h"
 
 namespace accessvdb::kernels {
+
+// Numbers that kernels add to, by who adds.
+
+/// Of what was evaluated.
+struct OutcomeCounters {
+  unsigned long long tests, scored, label_changes, evaluated;
+};
+/// Of the points whose neighbourhoods may have changed.
+struct MovedCounters {
+  std::uint32_t moved, touched_blocks, reached_blocks, failed, prepared;
+};
+/// Of one search.
+struct SearchCounters {
+  std::uint32_t due, busy, ordered, whole, whole_at_first, next_whole, next_some, next_added;
+};
+/// Of the lower nodes of the mirror.
+struct MirrorCounters {
+  std::uint32_t lowers, listed_lowers;
+};
+struct UpdateCounters {
+  OutcomeCounters outcome;
+  MovedCounters moved;
+  SearchCounters search;
+  MirrorCounters mirror;
+  std::uint32_t flip_tiles;
+  std::uint32_t resolved;  ///< points that lend their direction under the paper's policy
+};
+
+// PointTables: the points, what lies where, and what neighbourhoods are made of.
 
 /// Points by leaf of the map.
 struct BlockIndexView {
@@ -35,15 +66,22 @@ struct BlockIndexView {
 #endif
 };
 
+/// Groups of blocks (NeighbourTables::group_log2).
+struct GroupsView {
+  int log2 = 0;
+  std::uint32_t* of_block = nullptr;    ///< [blocks]
+  std::int32_t* leaf = nullptr;         ///< [3 groups] the first one: lowest in x, y and z
+  std::uint8_t* with_points = nullptr;  ///< [groups] 1: one of its points has or had a neighbourhood
+  std::uint32_t groups = 0;
+};
+
 /// What neighbourhoods are made of, by id.
 struct NeighbourStateView {
-  std::uint32_t* block = nullptr;         ///< [n]
-  float* mean_L = nullptr;                ///< [3 n]
-  float* to_sensor_L = nullptr;           ///< [3 n]
-  std::uint64_t* own_seen = nullptr;      ///< [words n]
-  float* reach_m = nullptr;               ///< [n] negative: no neighbourhood yet
-  std::uint32_t* moved_bits = nullptr;    ///< [n / 32] already on the list of moved points; null: nobody asks
-  std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
+  std::uint32_t* block = nullptr;     ///< [n]
+  float* mean_L = nullptr;            ///< [3 n]
+  float* to_sensor_L = nullptr;       ///< [3 n]
+  std::uint64_t* own_seen = nullptr;  ///< [words n]
+  float* reach_m = nullptr;           ///< [n] negative: no neighbourhood yet
 };
 
 /// Constants of neighbourhoods.
@@ -54,11 +92,27 @@ struct NeighbourRuleView {
   int neighbours = 0, view_neighbours = 0;
 };
 
+struct PointsView {
+  PointStateView points;
+  NeighbourStateView state;
+  BlockIndexView index;
+  GroupsView groups;
+  NeighbourRuleView rule;
+  std::uint32_t num_points = 0;
+
+#if defined(__CUDACC__)
+  [[nodiscard]] __device__ std::uint32_t groupOf(std::uint32_t id) const { return groups.of_block[state.block[id]]; }
+#endif
+};
+
+// MovedTables: whose neighbourhoods may have changed.
+
 /// Where a touched point was and is.
 struct Place {
   float now_L[3], before_L[3];  ///< before: NaN where the point is new
   std::uint32_t next;           ///< of the same block, or kNoIndex
 };
+/// Touched points by block.
 struct PlacesView {
   Place* places = nullptr;
   std::uint32_t* head = nullptr;            ///< [blocks] kNoIndex where nothing was touched
@@ -66,48 +120,60 @@ struct PlacesView {
   std::uint32_t* reached_bits = nullptr;    ///< [blocks / 32]
   std::uint32_t* reached_blocks = nullptr;
 };
+struct MovedView {
+  PlacesView places;
+  std::uint32_t* ids = nullptr;           ///< list of moved points
+  std::uint32_t* bits = nullptr;          ///< [n / 32] already on that list; null: nobody keeps one
+  std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
+  MovedCounters* counters = nullptr;
+};
 
-/// Flipped leaves in tiles of 8 x 8 columns. 16 leaves above each other share a column: a bit each, 16 bits a kind.
+/// Points [first, first + count) of a list on the device.
+struct PointPart {
+  const std::uint32_t* ids = nullptr;
+  const std::uint32_t* length = nullptr;  ///< of the list; what is beyond is left out. Null: the list is long enough
+  std::uint32_t first = 0, count = 0;
+
+#if defined(__CUDACC__)
+  [[nodiscard]] __device__ bool holds(std::uint32_t n) const {
+    return n < count && (length == nullptr || first + n < *length);
+  }
+#endif
+};
+
+/// What the nearest points of a moved one give.
+struct FoundNeighbours {
+  NeighbourSums sums;
+  std::int64_t farthest;
+  DirectionMask seen;
+};
+/// What becomes of it.
+struct Neighbourhood {
+  float normal[3];
+  float reach_m;
+  DirectionMask seen;
+};
+
+// FlipTables: what flips mean for groups of blocks.
+
+/// Flipped leaves in tiles of 8 x 8 columns. 16 leaves above each other share a column: one bit each, 16 bits per kind.
 struct FlipsView {
   static constexpr int kTileLog2 = 3;
   static constexpr std::uint32_t kColumns = 64;  ///< of a tile
   HashView hash;                                 ///< of tiles: x >> 3, y >> 3, z >> 4
   std::uint32_t* tile_at = nullptr;              ///< [slots of the hash]
-  std::uint64_t* occupied = nullptr;             ///< [tiles] columns with a flip, a bit each
+  std::uint64_t* occupied = nullptr;             ///< [tiles] columns with a flip, one bit each
   std::uint64_t* kinds = nullptr;                ///< [64 tiles]
-  std::uint32_t* head = nullptr;                 ///< [64 tiles] first of the list in which voxels ceased to collide
+  std::uint32_t* head = nullptr;                 ///< [64 tiles] first of the list in which voxels stopped colliding
   std::uint32_t* next = nullptr;                 ///< [list]
   const LeafFlips* list = nullptr;
 };
-
-/// Groups of blocks (UpdaterTables::group_log2).
-struct GroupsView {
-  int log2 = 0;
-  std::uint32_t* of_block = nullptr;    ///< [blocks]
-  std::int32_t* leaf = nullptr;         ///< [3 groups] the first one: lowest in x, y and z
-  std::uint8_t* with_points = nullptr;  ///< [groups] 1: one of its points has or had a neighbourhood
-  std::uint32_t groups = 0;
+struct GroupMasksView {
+  GroupMasks* masks = nullptr;       ///< [groups]
+  std::uint8_t* affected = nullptr;  ///< [groups] its masks are not empty; null: no flips at all
 };
 
-/// Directions that flips may have changed for the points of a group.
-struct GroupMasks {
-  DirectionMask better_tool, better_arm, worse_tool, worse_arm;
-};
-
-/// The tool read backwards (UpdaterTables::cell_directions).
-struct CellTableView {
-  const DirectionArc* table = nullptr;  ///< null: not known
-  std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
-};
-
-/// What is known of directions that are not the best one.
-struct KnownView {
-  std::uint64_t* levels = nullptr;  ///< [words n] by id; null: nothing is remembered
-  FreedWord* freed = nullptr;       ///< [words groups]
-  int words = 0;                    ///< of eight directions, a point
-  int count_to = 0;                 ///< up to here collisions are counted, to remember them
-  KnownLevels of;
-};
+// FootprintTable: what the tool and the corridor read.
 
 /// The columns of both footprints at one horizontal offset: index + 1; 0: there is none.
 struct FootprintPlace {
@@ -127,42 +193,41 @@ struct FootprintView {
 #endif
 };
 
-/// What the nearest points of a moved one give.
-struct FoundNeighbours {
-  NeighbourSums sums;
-  std::int64_t farthest;
-  DirectionMask seen;
+// KnownTables: what is remembered about directions that are not the best one.
+
+/// The tool read backwards (ExactTables::cell_directions).
+struct CellTableView {
+  const DirectionArc* table = nullptr;  ///< null: not known
+  std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
+};
+struct KnownView {
+  std::uint64_t* levels = nullptr;  ///< [words n] by id; null: nothing is remembered
+  FreedWord* freed = nullptr;       ///< [words groups]
+  int words = 0;                    ///< of eight directions, per point
+  int count_to = 0;                 ///< up to here collisions are counted, to remember them
+  KnownLevels scale;
 };
 
-/// What becomes of it.
-struct Neighbourhood {
-  float normal[3];
-  float reach_m;
-  DirectionMask seen;
-};
-
-enum TestBest : std::uint8_t { kTestArm = 1, kTestTool = 2 };
+// DueLists: what has to be evaluated.
 
 /// A point to evaluate.
 struct DueItem {
   std::uint32_t id;
-  std::uint32_t next;      ///< of the same block, or kNoIndex
-  std::uint8_t all;        ///< all directions have to be tried; then the others say nothing
-  std::uint8_t test_best;  ///< its best direction may have changed: TestBest
-  std::uint8_t evidence;   ///< ScoreItem::evidence
-  DirectionMask candidates;
+  std::uint32_t next;  ///< of the same block, or kNoIndex
+  Due due;             ///< Some or All
 };
-
 /// Points to evaluate, by blocks.
 struct DueView {
   DueItem* items = nullptr;
-  std::uint32_t* head = nullptr;   ///< [blocks] kNoIndex where none of its points is due
-  std::uint32_t* busy = nullptr;   ///< blocks with a head
-  std::uint32_t* order = nullptr;  ///< items of which some directions are in question, block by block
-  std::uint32_t* whole = nullptr;  ///< those that need all directions
+  std::uint32_t* head = nullptr;    ///< [blocks] kNoIndex where none of its points is due
+  std::uint32_t* busy = nullptr;    ///< blocks with a head
+  std::uint32_t* order = nullptr;   ///< items of which some directions are in question, block by block
+  std::uint32_t* whole = nullptr;   ///< those that need all directions
+  std::uint8_t* waiting = nullptr;  ///< [n] WaitingFlag; null: what is due is evaluated at once
+  SearchCounters* counters = nullptr;
 };
 
-/// Of a point, where points wait for their turn (WorkQueue).
+/// Flags of a point where points wait for their turn (WorkQueue).
 enum WaitingFlag : std::uint8_t {
   kWaiting = 1,         ///< in the queue
   kAsked = 2,           ///< to be put into it
@@ -170,35 +235,11 @@ enum WaitingFlag : std::uint8_t {
   kConfidentPoint = 8,  ///< enough observations; with the paper's policy others never wait
 };
 
-/// Numbers that kernels add to.
-struct UpdateCounters {
-  unsigned long long tests, scored, label_changes, evaluated;
-  std::uint32_t moved, touched_blocks, reached_blocks;
-  std::uint32_t due, busy, ordered, whole, whole_at_first, next_whole, next_some, next_added;  ///< of one search
-  std::uint32_t lowers, listed_lowers, flip_tiles, failed, prepared, resolved;
-};
-
-/// Everything of an update in one argument.
-struct UpdateView {
-  PointStateView points;
-  NeighbourStateView state;
-  BlockIndexView index;
-  GroupsView groups;
-  NeighbourRuleView rule;
-  PlacesView places;
-  FlipsView flips;
-  CellTableView covering;
-  FootprintView footprint;
-  GroupMasks* masks = nullptr;       ///< [groups]
-  std::uint8_t* affected = nullptr;  ///< [groups] its masks are not empty; null: no flips at all
+/// How points are evaluated in this update.
+struct EvaluationView {
   ApproachView approach;
-  UpdateRule update_rule;
-  std::uint32_t* moved = nullptr;  ///< list of ids
-  DueView due;
-  UpdateCounters* counters = nullptr;
-  std::uint32_t num_points = 0;
+  UpdateRule rule;
   KnownView known;
-  std::uint8_t* waiting = nullptr;  ///< [n] WaitingFlag; null: what is due is evaluated at once
 };
 
 }  // namespace accessvdb::kernels

@@ -1,21 +1,20 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The two policies on the GPU.
+/// The updaters of a device.
 #pragma once
 
 #include <memory>
 
 #include "cuda/memory/device_context.h"
 #include "launch/device_array.h"
-#include "launch/point_updater.h"
+#include "launch/exact_updater.h"
+#include "launch/paper_updater.h"
 
 namespace accessvdb::kernels {
 
-/// The exact one. @param memory  of the same device; must outlive the updater
-[[nodiscard]] std::unique_ptr<PointUpdater> makeExactUpdater(std::shared_ptr<DeviceContext> context,
-                                                             DeviceMemory& memory, const UpdaterTables& tables);
-/// The paper's. @param memory  as above
-[[nodiscard]] std::unique_ptr<PointUpdater> makePaperUpdater(std::shared_ptr<DeviceContext> context,
-                                                             DeviceMemory& memory, const UpdaterTables& tables);
+[[nodiscard]] std::unique_ptr<ExactUpdater> makeExactUpdater(std::shared_ptr<DeviceContext> context,
+                                                             DeviceMemory& memory, const ExactTables& tables);
+[[nodiscard]] std::unique_ptr<PaperUpdater> makePaperUpdater(std::shared_ptr<DeviceContext> context,
+                                                             DeviceMemory& memory, const PaperTables& tables);
 
 }  // namespace accessvdb::kernels

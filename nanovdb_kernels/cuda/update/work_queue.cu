@@ -29,8 +29,8 @@ struct Wanted {
 __global__ void setWaiting(std::uint8_t* flags, const std::uint32_t* ids, std::uint32_t count) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= count) return;
-  std::uint8_t& of = flags[ids[n]];
-  of = static_cast<std::uint8_t>((of & ~kAsked) | kWaiting);
+  std::uint8_t& flag = flags[ids[n]];
+  flag = static_cast<std::uint8_t>((flag & ~kAsked) | kWaiting);
 }
 
 }  // namespace
@@ -72,8 +72,8 @@ void WorkQueue::addFrom(std::uint32_t points, const Rule& rule, cudaStream_t str
   select(THRUST_NS_QUALIFIER::counting_iterator<std::uint32_t>(0), points, rule, stream);
 }
 
-void WorkQueue::addFromList(const std::uint32_t* ids, std::uint32_t count, const Rule& rule, cudaStream_t stream) {
-  select(ids, count, rule, stream);
+void WorkQueue::addFromList(DeviceList<std::uint32_t> ids, const Rule& rule, cudaStream_t stream) {
+  select(ids.data, ids.count, rule, stream);
 }
 
 void WorkQueue::drop(std::uint32_t count, cudaStream_t stream) {
@@ -85,10 +85,6 @@ void WorkQueue::drop(std::uint32_t count, cudaStream_t stream) {
     std::swap(ids_, rest_);
   }
   size_ = left;
-}
-
-std::uint64_t WorkQueue::bytes() const {
-  return flags_.bytes() + ids_.bytes() + rest_.bytes() + scratch_.bytes() + selected_.bytes();
 }
 
 }  // namespace accessvdb::kernels

@@ -30,16 +30,14 @@ class WorkQueue {
   };
   /// Puts points at the end, ascending, and changes their flags from kAsked to kWaiting. Waits for the device.
   void addFrom(std::uint32_t points, const Rule& rule, cudaStream_t stream);
-  /// The same of a list, in its order. @param ids  [count] on the device; they differ
-  void addFromList(const std::uint32_t* ids, std::uint32_t count, const Rule& rule, cudaStream_t stream);
+  /// The same for a list, in its order. @param ids  they differ
+  void addFromList(DeviceList<std::uint32_t> ids, const Rule& rule, cudaStream_t stream);
 
   [[nodiscard]] std::uint32_t size() const { return size_; }
   /// The first ones first; valid until the next call. They keep their flags.
   [[nodiscard]] std::uint32_t* ids() const { return ids_.data(); }
   /// Takes the first `count` off.
   void drop(std::uint32_t count, cudaStream_t stream);
-
-  [[nodiscard]] std::uint64_t bytes() const;
 
  private:
   template <typename Input>

@@ -16,7 +16,7 @@
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/points/random_points.h"
-#include "update/scheduler.h"
+#include "update/make_scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -46,12 +46,12 @@ struct Told {
   std::map<std::uint32_t, Block> blocks;
 };
 
-class Listener final : public kernels::PointUpdater {
+class Listener final : public kernels::ExactUpdater {
  public:
   explicit Listener(Told& told) : told_(told) {}
-  void begin(const kernels::UpdateInput& input) override {
+  void begin(const kernels::ScoringInput&, kernels::FlipLists flips_of_parts) override {
     told_.flips.clear();
-    for (const std::span<const kernels::LeafFlips>& part : input.flips) {
+    for (const std::span<const kernels::LeafFlips>& part : flips_of_parts) {
       for (const kernels::LeafFlips& flips : part) {
         LeafFacts& facts = told_.flips[{flips.leaf[0], flips.leaf[1], flips.leaf[2]}];
         facts.kinds |= flips.kinds;
@@ -79,12 +79,10 @@ class Listener final : public kernels::PointUpdater {
       told_.blocks[block.block] = {{block.leaf[0], block.leaf[1], block.leaf[2]}, block.first, block.count};
     }
   }
-  void choose(const kernels::UpdateInput& input) override {
-    EXPECT_TRUE(input.weights.empty() && input.crossed.empty());  // they are being read
-  }
-  kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
-    told_.weights.assign(input.weights.begin(), input.weights.end());
-    told_.crossed.assign(input.crossed.begin(), input.crossed.end());
+  void choose(const kernels::ScoringInput&) override {}
+  kernels::UpdateOutcome update(const kernels::ScoringInput&, const kernels::ConfidenceNews& news) override {
+    told_.weights.assign(news.weights.begin(), news.weights.end());
+    told_.crossed.assign(news.crossed.begin(), news.crossed.end());
     told_.begun_before_update = std::exchange(told_.neighbours_begun, false);
     kernels::UpdateOutcome outcome;
     outcome.evaluated = 1;
@@ -155,14 +153,14 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
   ScanIntegrator integrator(map);
   Told told;
-  test::ListeningBackend backend([&](const kernels::UpdaterTables&) { return std::make_unique<Listener>(told); });
+  test::ListeningBackend backend([&](const kernels::ExactTables&) { return std::make_unique<Listener>(told); });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
   const ScoringSetup setup(tool, params, backend);
   PointStore points(params, setup.directions_xy());
   PointScorer scorer(points, params, backend, makeMapReads(map, points, c.neighbourhood_weight));
-  const auto scheduler = makeDeviceScheduler(scorer, setup.hostTool(), setup.hostApproach());
+  const auto scheduler = makeExactOnDevice(scorer, {setup.hostTool(), setup.hostApproach()});
   ASSERT_NE(scheduler, nullptr);
-  ASSERT_TRUE(scheduler->seesChanges());
+  ASSERT_TRUE(scheduler->needs().changes);
   integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
 
   Random random(5);
@@ -183,7 +181,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
         if (c.rays || n == 0) q.push_back(random.point(2) + Eigen::Vector3f(0, 0, 4));
       }
       const IntegrationResult result = integrator.integrate(p, q);
-      points.describeTouched(scheduler->takesNews());
+      points.describeTouched(scheduler->needs().news);
       const TouchedPoints touched = points.addReturns(p, q);
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);

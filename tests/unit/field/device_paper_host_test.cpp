@@ -15,7 +15,7 @@
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/points/random_points.h"
-#include "update/scheduler.h"
+#include "update/make_scheduler.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -30,18 +30,16 @@ struct ToldOfPaper {
   std::uint32_t budget_points = 0;
 };
 
-class PaperListener final : public kernels::PointUpdater {
+class PaperListener final : public kernels::PaperUpdater {
  public:
   explicit PaperListener(ToldOfPaper& told) : told_(told) {}
-  void begin(const kernels::UpdateInput&) override {}
-  void findNeighbours() override {}
-  void choose(const kernels::UpdateInput&) override {}
   void admit(const kernels::AdmitInput&) override {}
-  kernels::UpdateOutcome update(const kernels::UpdateInput& input) override {
-    told_.crossed.assign(input.crossed.begin(), input.crossed.end());
-    told_.jumped.assign(input.jumped.begin(), input.jumped.end());
-    told_.sampled.assign(input.sampled.begin(), input.sampled.end());
-    told_.all_blocked = input.all_blocked;
+  kernels::UpdateOutcome update(const kernels::ScoringInput& input, const kernels::ConfidenceNews& news,
+                                const kernels::TriggeredPoints& triggered) override {
+    told_.crossed.assign(news.crossed.begin(), news.crossed.end());
+    told_.jumped.assign(triggered.jumped.begin(), triggered.jumped.end());
+    told_.sampled.assign(triggered.sampled.begin(), triggered.sampled.end());
+    told_.all_blocked = triggered.all_blocked;
     told_.budget_points = input.budget_points;
     kernels::UpdateOutcome outcome;
     outcome.evaluated = 7;
@@ -82,23 +80,22 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
   ScanIntegrator integrator(map);
   integrator.noteDistances(true);
   ToldOfPaper told;
-  test::ListeningBackend backend([&](const kernels::UpdaterTables& tables) {
-    EXPECT_TRUE(tables.paper_policy);
+  test::ListeningBackend backend({}, [&](const kernels::PaperTables& tables) {
     EXPECT_TRUE(tables.candidates.on);
     EXPECT_EQ(tables.candidates.num_directions, 180);
     EXPECT_EQ(tables.candidates.window, 12);  // 25 degrees
     for (int d = 0; d < 180; ++d) EXPECT_EQ(tables.candidates.coarse.test(d), d % 10 == 0) << d;
-    EXPECT_EQ(tables.neighbours, 10);
-    EXPECT_EQ(tables.view_neighbours, 0);
+    EXPECT_EQ(tables.neighbours.neighbours, 10);
+    EXPECT_EQ(tables.neighbours.view_neighbours, 0);
     return std::make_unique<PaperListener>(told);
   });
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
   const ScoringSetup setup(tool, params, backend);
   PointStore points(params, setup.directions_xy());
   PointScorer scorer(points, params, backend, makeMapReads(map, points, params.scoring.neighbourhood_weight));
-  const auto scheduler = makeDevicePaperScheduler(scorer);
+  const auto scheduler = makePaperOnDevice(scorer);
   ASSERT_NE(scheduler, nullptr);
-  ASSERT_TRUE(scheduler->seesDistances());
+  ASSERT_TRUE(scheduler->needs().distances);
 
   Random random(5);
   std::vector<double> distance_m;  // of every point, after the last scan
@@ -119,7 +116,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
       ++scans;
       const Eigen::Vector3f q = random.point(1) + Eigen::Vector3f(0, 0, 4);
       const IntegrationResult result = integrator.integrate(p, {&q, 1});
-      points.describeTouched(scheduler->takesNews());
+      points.describeTouched(scheduler->needs().news);
       const TouchedPoints touched = points.addReturns(p, {&q, 1});
       scheduler->noteReturns(touched, p, {&q, 1});
       const bool unchanged = GetParam().first_changes_nothing && points.size() == touched.new_points;

@@ -24,7 +24,7 @@ int mostFreed(const KnownLevels& levels) { return static_cast<int>(KnownLevels::
 TEST(KnownLevels, NeverSayMoreThanWasCounted) {
   std::mt19937 random(3);
   for (const int limit : kLimits) {
-    const KnownLevels levels = KnownLevels::of(limit);
+    const KnownLevels levels = KnownLevels::forLimit(limit);
     std::uniform_int_distribution<int> freed_of(0, mostFreed(levels));
     for (int more = 1; more < 70000; ++more) {
       const int freed = freed_of(random);
@@ -44,7 +44,7 @@ TEST(KnownLevels, NeverSayMoreThanWasCounted) {
 /// gained; if few collisions count, a single one above the base is remembered as long as none is lost.
 TEST(KnownLevels, RememberWhatWasCounted) {
   for (const int limit : kLimits) {
-    const KnownLevels levels = KnownLevels::of(limit);
+    const KnownLevels levels = KnownLevels::forLimit(limit);
     for (const int freed : {0, mostFreed(levels) / 2, mostFreed(levels)}) {
       EXPECT_GE(4 * levels.collisionsOf(levels.levelOf(limit, freed), freed), 3 * limit) << limit;
       EXPECT_EQ(levels.levelOf(0, freed), 0u);
@@ -149,7 +149,7 @@ TEST(KnownWords, AreCountedFromAnotherBase) {
 TEST(FreedWords, GiveTheLowestLevels) {
   std::mt19937_64 random(6);
   for (const int limit : kLimits) {
-    const KnownLevels levels = KnownLevels::of(limit);
+    const KnownLevels levels = KnownLevels::forLimit(limit);
     for (int trial = 0; trial < 2000; ++trial) {
       FreedWord freed;
       std::array<int, 8> each;
@@ -159,7 +159,7 @@ TEST(FreedWords, GiveTheLowestLevels) {
       }
       const std::uint64_t lowest = freed.lowestWithMore(levels.log2);
       for (std::size_t n = 0; n < 8; ++n) {
-        ASSERT_EQ(freed.of(static_cast<int>(n)), each.at(n));
+        ASSERT_EQ(freed.count(static_cast<int>(n)), each.at(n));
         const auto of_this = static_cast<std::uint32_t>(lowest >> (8 * n) & 0xff);
         ASSERT_GT(levels.collisionsOf(of_this, each.at(n)), 0);
         ASSERT_LE(levels.collisionsOf(of_this - 1, each.at(n)), 0);
@@ -212,17 +212,17 @@ TEST(FreedWords, AgeWithoutEverClaimingTooMuch) {
       }
       if (const int n = upTo(20); n < 8) {  // counted again
         const auto place = static_cast<std::size_t>(n);
-        word = known_word::withLevel(word, n, levels.levelOf(collisions.at(place) - base, freed.of(n)));
+        word = known_word::withLevel(word, n, levels.levelOf(collisions.at(place) - base, freed.count(n)));
       }
       const std::uint64_t lowest = freed.lowestWithMore(log2);
       const std::uint32_t worse = known_word::worse(word, lowest);
       for (std::size_t n = 0; n < 8; ++n) {
         const int place = static_cast<int>(n);
-        ASSERT_LT(freed.of(place) >> log2, static_cast<int>(KnownLevels::kMostFreedSteps));
+        ASSERT_LT(freed.count(place) >> log2, static_cast<int>(KnownLevels::kMostFreedSteps));
         const std::uint32_t level = known_word::levelIn(word, place);
         if (level == 0) continue;
         ++known;
-        ASSERT_LE(base + levels.collisionsOf(level, freed.of(place)), collisions.at(n)) << "log2 " << log2;
+        ASSERT_LE(base + levels.collisionsOf(level, freed.count(place)), collisions.at(n)) << "log2 " << log2;
         if ((worse >> n & 1u) != 0) {
           ASSERT_GT(collisions.at(n), base);
         }

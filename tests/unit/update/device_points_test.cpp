@@ -4,7 +4,7 @@
 
 #include <vector>
 
-#include "update/point_scorer.h"
+#include "update/device_points.h"
 
 namespace accessvdb::internal {
 namespace {

@@ -1,0 +1,53 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/update/footprint_table.h"
+
+#include <algorithm>
+#include <vector>
+
+namespace accessvdb::kernels {
+
+FootprintTable::FootprintTable(DeviceMemory& memory, const ExactTables& tables)
+    : group_log2_(tables.neighbours.group_log2) {
+  for (const std::span<const FootprintColumn> columns : {tables.tool_columns, tables.arm_columns}) {
+    for (const FootprintColumn& c : columns) {
+      const std::int32_t low[3] = {c.dx, c.dy, c.z_low}, high[3] = {c.dx, c.dy, c.z_high};
+      for (int axis = 0; axis < 3; ++axis) {
+        view_.low[axis] = std::min(view_.low[axis], low[axis]);
+        view_.high[axis] = std::max(view_.high[axis], high[axis]);
+      }
+    }
+  }
+  const auto side = static_cast<std::size_t>(view_.high[1] - view_.low[1] + 1);
+  std::vector<FootprintPlace> places(static_cast<std::size_t>(view_.high[0] - view_.low[0] + 1) * side);
+  const auto placeOf = [&](const FootprintColumn& c) -> FootprintPlace& {
+    return places[static_cast<std::size_t>(c.dx - view_.low[0]) * side + static_cast<std::size_t>(c.dy - view_.low[1])];
+  };
+  std::uint32_t number = 0;
+  for (const FootprintColumn& c : tables.tool_columns) placeOf(c).tool = ++number;
+  number = 0;
+  for (const FootprintColumn& c : tables.arm_columns) placeOf(c).arm = ++number;
+  const auto load = [&](auto& to, const auto& from) {
+    to.grow(memory, from.size(), 0);
+    to.upload(from.data(), from.size());
+  };
+  load(tool_, tables.tool_columns);
+  load(arm_, tables.arm_columns);
+  load(places_, places);
+  view_.tool = tool_.data();
+  view_.arm = arm_.data();
+  view_.places = places_.data();
+}
+
+VoxelBox FootprintTable::reachOfSearch() const {
+  constexpr std::int32_t kSlabs = 16;  // they go beyond the lowest and the highest voxel
+  const std::int32_t from_group = (8 << group_log2_) - 1;
+  VoxelBox reach;
+  for (int axis = 0; axis < 3; ++axis) {
+    reach.low[axis] = 8 * view_.low[axis] - from_group - (axis == 2 ? kSlabs : 0);
+    reach.high[axis] = 8 * view_.high[axis] + 7 + (axis == 2 ? kSlabs : 0);
+  }
+  return reach;
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,51 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/update/known_tables.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "cuda/memory/growing.h"
+
+namespace accessvdb::kernels {
+namespace {
+
+/// Addresses for the levels of points: of 300 million at 180 directions. Memory comes as they grow, and nothing is
+/// copied then: this is the most that is kept by point.
+constexpr std::uint64_t kAddresses = std::uint64_t{1} << 36;
+/// Collisions are counted up to this many times the limit, to remember them. Counting farther did not pay.
+constexpr int kCountTo = 2;
+
+}  // namespace
+
+KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const ExactTables& tables)
+    : memory_(memory) {
+  if (tables.cell_directions.empty()) return;
+  try {
+    cell_directions_.grow(memory_, tables.cell_directions.size(), 0);
+  } catch (const ResourceLimit&) {
+    return;
+  }
+  cell_directions_.upload(tables.cell_directions.data(), tables.cell_directions.size());
+  cells_.table = cell_directions_.data();
+  std::copy_n(tables.cell_low, 3, cells_.low);
+  std::copy_n(tables.cell_size, 3, cells_.size);
+  view_.words = (tables.neighbours.num_directions + kKnownPerWord - 1) / kKnownPerWord;
+  levels_ = std::make_unique<AddressRange>(std::move(context), kAddresses);
+}
+
+void KnownTables::setLimit(int collision_limit) {
+  view_.scale = KnownLevels::forLimit(collision_limit);
+  view_.count_to = std::min(kCountTo * collision_limit, int{kNoScore});
+}
+
+void KnownTables::grow(std::uint32_t points, std::uint32_t groups, cudaStream_t stream) {
+  if (levels_ == nullptr) return;
+  const auto words = static_cast<std::size_t>(view_.words);
+  levels_->back(std::uint64_t{points} * words * sizeof(std::uint64_t));
+  view_.levels = static_cast<std::uint64_t*>(levels_->base());
+  growFilled(freed_, memory_, groups * words, 0, stream);
+  view_.freed = freed_.data();
+}
+
+}  // namespace accessvdb::kernels

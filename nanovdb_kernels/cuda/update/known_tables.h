@@ -1,0 +1,44 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What is remembered about directions that are not the best one (hostdev/known_levels.h): levels by point, and how far
+/// those of each group have aged.
+#pragma once
+
+#include <cuda_runtime_api.h>
+
+#include <cstdint>
+#include <memory>
+
+#include "cuda/memory/address_range.h"
+#include "cuda/update/update_views.cuh"
+#include "launch/device_array.h"
+#include "launch/exact_updater.h"
+
+namespace accessvdb::kernels {
+
+class KnownTables {
+ public:
+  /// Without the table of cells, or memory for it, nothing is remembered, which costs time only.
+  KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const ExactTables& tables);
+
+  /// Valid until the next grow().
+  [[nodiscard]] const KnownView& view() const { return view_; }
+  [[nodiscard]] const CellTableView& cells() const { return cells_; }
+
+  void setLimit(int collision_limit);
+  /// New points have no levels until they are admitted.
+  void grow(std::uint32_t points, std::uint32_t groups, cudaStream_t stream);
+
+  /// Bytes that do not come from its `memory`.
+  [[nodiscard]] std::uint64_t mappedBytes() const { return levels_ != nullptr ? levels_->backedBytes() : 0; }
+
+ private:
+  DeviceMemory& memory_;
+  KnownView view_;
+  CellTableView cells_;
+  std::unique_ptr<AddressRange> levels_;  ///< by id; null: nothing is remembered
+  DeviceArray<FreedWord> freed_;          ///< by group
+  DeviceArray<DirectionArc> cell_directions_;
+};
+
+}  // namespace accessvdb::kernels

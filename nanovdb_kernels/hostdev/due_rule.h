@@ -1,0 +1,179 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What has to be evaluated at a point under the exact policy, and in which of its directions (docs/DESIGN.md, "Exact
+/// updates").
+///
+/// After an update everything is known about a point: an accessible one has its best direction and count, a blocked
+/// one has no free direction. So only directions that are newly admissible, or that a flip for the better may have
+/// changed, can change that; and for the best direction a flip for the worse. Asking for too many directions costs
+/// time and changes nothing; asking for too few would be wrong.
+#pragma once
+
+#include <cstdint>
+
+#include "hostdev/direction_filter.h"
+
+namespace accessvdb::kernels {
+
+/// Directions that flips of the map may have changed for the points of a group.
+struct GroupMasks {
+  DirectionMask better_tool, better_arm, worse_tool, worse_arm;
+};
+
+/// What decides which directions a point admits: its normal and the directions it was seen from.
+struct PointDirections {
+  float normal[3];
+  DirectionMask seen;
+
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool hasNormal() const { return normal[0] != 0 || normal[1] != 0 || normal[2] != 0; }
+  /// @param cosine  cosToNormal() of direction d
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool admits(const ApproachView& approach, int d, float cosine) const {
+    return seen.test(d) && cosine >= approach.normal_cos_min;
+  }
+};
+
+/// What the last evaluation of a point stored.
+struct StoredScore {
+  PointLabel label;
+  int direction;  ///< the best one, or the one that the reason belongs to; kNoDirection
+  int score;
+};
+
+/// A point as it is now.
+struct PointNow {
+  const ApproachView& approach;
+  StoredScore stored;
+  const PointDirections& directions;
+};
+
+/// Bits of Due::test_best.
+enum TestBest : std::uint8_t { kTestArm = 1, kTestTool = 2 };
+
+enum class DueKind : std::uint8_t {
+  Nothing,  ///< what is stored still holds
+  Confirm,  ///< an accessible point changed, and its best direction is still the best one: nothing to test
+  Some,     ///< test the best direction as Due::test_best says, and the candidates
+  All       ///< test all directions
+};
+
+struct Due {
+  DueKind kind = DueKind::Nothing;
+  std::uint8_t test_best = 0;  ///< TestBest: whether the best direction may have changed
+  std::uint8_t evidence = 0;   ///< ScoreItem::evidence
+  DirectionMask candidates = {};
+};
+
+/// A point's best direction, if the point still admits it.
+struct BestDirection {
+  bool holds;
+  int direction;
+  float cosine;
+
+  ACCESSVDB_HOSTDEV explicit BestDirection(const PointNow& point)
+      : holds(false), direction(point.stored.direction), cosine(0) {
+    if (!point.directions.hasNormal() || direction == kNoDirection) return;
+    cosine = cosToNormal(point.approach, direction, point.directions.normal);
+    holds = point.directions.admits(point.approach, direction, cosine);
+  }
+  /// Clears its own bit in word w of a mask.
+  [[nodiscard]] ACCESSVDB_HOSTDEV std::uint64_t without(std::uint64_t mask, int w) const {
+    return direction >> 6 == w ? mask & ~(std::uint64_t{1} << (direction & 63)) : mask;
+  }
+};
+
+/// What is due because the point changed, or the map around it.
+/// @param before   the point's directions at the last update; equal to those of `point` where it did not change
+/// @param changed  whether they differ; then at least what is stored is confirmed
+/// @param flips    flips.masks(): GroupMasks; flips.notKnownWorse(w, asked): those of the directions 64 w .. 64 w + 63
+///   that are asked for which are not known to be worse than what is stored. Both are called only where needed.
+template <class Flips>
+[[nodiscard]] ACCESSVDB_HOSTDEV Due dueAfterChange(const PointNow& point, const PointDirections& before, bool changed,
+                                                   const Flips& flips) {
+  Due due;
+  due.evidence = changed ? 1 : 0;
+  const BestDirection best(point);
+  if (point.stored.label == PointLabel::Unscored || !best.holds) {
+    // An accessible point lost its direction, or the reason of a blocked one belongs to a direction that is gone. Where
+    // nothing changed, it is a blocked point without any admissible direction.
+    if (changed) due.kind = DueKind::All;
+    return due;
+  }
+  const ApproachView& approach = point.approach;
+  const PointDirections& now = point.directions;
+  const bool accessible = point.stored.label == PointLabel::Accessible;
+  const int score = point.stored.score;
+  const GroupMasks masks = flips.masks();
+  const float best_cosine_before = cosToNormal(approach, best.direction, before.normal);
+  if (accessible) {
+    if (masks.worse_arm.test(best.direction)) due.test_best |= kTestArm;
+    if (masks.worse_tool.test(best.direction) || (score > 0 && masks.better_tool.test(best.direction))) {
+      due.test_best |= kTestTool;
+    }
+  }
+  bool some = false;
+  ACCESSVDB_UNROLL
+  for (int w = 0; w < kMaxDirectionWords; ++w) {
+    const std::uint64_t better = masks.better_tool.word[w] | masks.better_arm.word[w];
+    std::uint64_t asked = now.seen.word[w] & (changed ? ~std::uint64_t{0} : better);
+    if (accessible) asked = best.without(asked, w);
+    asked = flips.notKnownWorse(w, asked);
+    std::uint64_t candidates = 0;
+    for (; asked != 0; asked &= asked - 1) {
+      const int bit = lowestBit(asked), d = 64 * w + bit;
+      const float cosine = cosToNormal(approach, d, now.normal);
+      if (!now.admits(approach, d, cosine)) continue;
+      bool wanted = (better >> bit & 1u) != 0;
+      bool is_before = true;  // can it be better than the best one?
+      if (accessible) is_before = ranksBefore(cosine, d, best.cosine, best.direction);
+      if (changed && !wanted) {
+        const float cosine_before = cosToNormal(approach, d, before.normal);
+        wanted = !before.admits(approach, d, cosine_before) ||
+                 (accessible && is_before && !ranksBefore(cosine_before, d, best_cosine_before, best.direction));
+      }
+      if (wanted && (!accessible || is_before || score > 0)) candidates |= std::uint64_t{1} << bit;
+    }
+    due.candidates.word[w] = candidates;
+    some = some || candidates != 0;
+  }
+  if (some || due.test_best != 0) {
+    due.kind = DueKind::Some;
+  } else if (changed && accessible) {
+    due.kind = DueKind::Confirm;
+  }
+  return due;
+}
+
+/// What is due at a point that waited for its turn: whatever may have changed in the meantime. What is known about its
+/// directions has aged with every update, so those that are known to be worse still are.
+/// @param evidence  whether the point itself changed while it waited (ScoreItem::evidence)
+template <class Flips>
+[[nodiscard]] ACCESSVDB_HOSTDEV Due dueAfterWaiting(const PointNow& point, bool evidence, const Flips& flips) {
+  Due due;
+  due.evidence = evidence ? 1 : 0;
+  const BestDirection best(point);
+  if (point.stored.label == PointLabel::Unscored || !best.holds) {
+    due.kind = DueKind::All;
+    return due;
+  }
+  due.kind = DueKind::Some;
+  const PointDirections& now = point.directions;
+  const bool accessible = point.stored.label == PointLabel::Accessible;
+  if (accessible) due.test_best = kTestArm | kTestTool;
+  ACCESSVDB_UNROLL
+  for (int w = 0; w < kMaxDirectionWords; ++w) {
+    std::uint64_t asked = now.seen.word[w], candidates = 0;
+    if (accessible) asked = best.without(asked, w);
+    asked = flips.notKnownWorse(w, asked);
+    for (; asked != 0; asked &= asked - 1) {
+      const int bit = lowestBit(asked), d = 64 * w + bit;
+      const float cosine = cosToNormal(point.approach, d, now.normal);
+      if (!now.admits(point.approach, d, cosine)) continue;
+      if (accessible && point.stored.score == 0 && !ranksBefore(cosine, d, best.cosine, best.direction)) continue;
+      candidates |= std::uint64_t{1} << bit;
+    }
+    due.candidates.word[w] = candidates;
+  }
+  return due;
+}
+
+}  // namespace accessvdb::kernels

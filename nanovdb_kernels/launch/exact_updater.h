@@ -1,0 +1,68 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The exact policy as a backend runs it by itself: which points are due, their neighbourhoods and their scores, all on
+/// arrays that stay on the device (docs/DESIGN.md, "Exact updates", "The two backends").
+#pragma once
+
+#include <cstdint>
+#include <span>
+
+#include "launch/point_news.h"
+
+namespace accessvdb::kernels {
+
+/// Leaves at one horizontal offset from the first leaf of a point's group, and the directions that read them wherever
+/// in its group the point is. One column per offset.
+struct FootprintColumn {
+  std::int32_t dx, dy, z_low, z_high;  ///< [leaves], z inclusive
+  DirectionMask directions;
+};
+
+/// Directions first, first + 1 .. first + count - 1, modulo D; count 0: none.
+struct DirectionArc {
+  std::uint8_t first = 0;
+  std::uint16_t count = 0;  ///< at most D
+};
+
+/// What never changes. Host memory, needed only while the updater is made.
+struct ExactTables {
+  NeighbourTables neighbours;
+  std::span<const FootprintColumn> tool_columns, arm_columns;  ///< for groups of neighbours.group_log2
+  /// The tool read backwards: [x][y][z] which directions may cover a cell of 4 x 4 x 4 voxels from a point somewhere in
+  /// a group; the first entry is that of the cell cell_low, in cells from the group's first one. Empty: not known, then
+  /// collisions are not remembered.
+  std::span<const DirectionArc> cell_directions;
+  std::int32_t cell_low[3] = {0, 0, 0}, cell_size[3] = {0, 0, 0};
+};
+
+/// A leaf in which facts flipped: bit 0 collides on, 1 collides off, 2 arm free on, 3 arm free off.
+struct LeafFlips {
+  static constexpr std::uint32_t kManyFreed = 255;
+  std::int32_t leaf[3] = {0, 0, 0};
+  std::uint32_t kinds = 0;
+  std::uint64_t freed = 0;  ///< voxels that stopped colliding, one byte per cell as countCells() has them; 255: or more
+};
+
+/// Lists of flips; a leaf may be in several.
+using FlipLists = std::span<const std::span<const LeafFlips>>;
+
+/// An update is any number of admit() and begin(), in any order, then choose(), then update(). findNeighbours() may
+/// come once everything is admitted.
+class ExactUpdater : public PointAdmission {
+ public:
+  /// After findNeighbours() it starts over: what was admitted since the last update has to come again.
+  void admit(const AdmitInput& input) override = 0;
+  /// Begins with the neighbourhoods of what was admitted, and returns while the backend is still at work on them. They
+  /// need nothing from the map. Without it, update() finds them.
+  virtual void findNeighbours() = 0;
+  /// Takes the flips in and returns while the backend is still at work on them. Does not look at the map. May come
+  /// again before update(), with all flips since the last one.
+  virtual void begin(const ScoringInput& input, FlipLists flips) = 0;
+  /// Begins with what is due at the points that were confident at the last update, and returns while the backend is
+  /// still at work on it.
+  virtual void choose(const ScoringInput& input) = 0;
+  /// Brings neighbourhoods, labels, directions and scores up to date with the map and with what was admitted.
+  virtual UpdateOutcome update(const ScoringInput& input, const ConfidenceNews& news) = 0;
+};
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,54 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Points that wait to be evaluated: first come first served, each at most once, with what was asked about it.
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+#include "points/chunked_array.h"
+
+namespace accessvdb::internal {
+
+class Backlog {
+ public:
+  /// The points whose turn it is.
+  struct Turn {
+    std::vector<std::uint32_t> ids;
+    std::vector<std::uint8_t> asked;  ///< of each
+  };
+
+  /// Room for ids below `points`.
+  void grow(std::uint32_t points) { asked_.grow(points, 0); }
+
+  /// Puts a point at the end, or adds to what is asked about it where it waits already. @param what  not 0
+  void ask(std::uint32_t id, std::uint8_t what) {
+    if (asked_[id] == 0) queue_.push_back(id);
+    asked_[id] = static_cast<std::uint8_t>(asked_[id] | what);
+  }
+  [[nodiscard]] bool holds(std::uint32_t id) const { return asked_[id] != 0; }
+
+  /// Takes the first points off. @param budget_points  at most this many; 0: all
+  [[nodiscard]] Turn take(int budget_points) {
+    const auto most = budget_points > 0 ? static_cast<std::size_t>(budget_points) : queue_.size();
+    const auto end = queue_.begin() + static_cast<std::ptrdiff_t>(std::min(most, queue_.size()));
+    Turn turn;
+    turn.ids.assign(queue_.begin(), end);
+    queue_.erase(queue_.begin(), end);
+    turn.asked.reserve(turn.ids.size());
+    for (const std::uint32_t id : turn.ids) turn.asked.push_back(std::exchange(asked_[id], std::uint8_t{0}));
+    return turn;
+  }
+
+  [[nodiscard]] std::size_t size() const { return queue_.size(); }
+  [[nodiscard]] std::uint64_t bytes() const { return asked_.bytes() + queue_.capacity() * sizeof(std::uint32_t); }
+
+ private:
+  std::vector<std::uint32_t> queue_;
+  ChunkedArray<std::uint8_t> asked_;  ///< by id; 0: not in the queue
+};
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,40 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The state arrays of all points in a backend's memory.
+#pragma once
+
+#include <cstdint>
+
+#include "launch/backend.h"
+#include "launch/counted_memory.h"
+
+namespace accessvdb::internal {
+
+class DevicePoints {
+ public:
+  DevicePoints(kernels::Backend& backend, int direction_words);
+  /// Grows to `size` points by chunks; new ones are unscored.
+  void grow(std::uint32_t size);
+  /// As grow, but new ones are not initialised.
+  void growRaw(std::uint32_t size);
+  /// Room for `size` points, about which size() says nothing yet; what is beyond size() is lost where there was too
+  /// little.
+  void reserve(std::uint32_t size);
+  [[nodiscard]] kernels::PointStateView view() const;
+  [[nodiscard]] std::uint32_t size() const { return size_; }
+  [[nodiscard]] std::uint64_t bytes() const { return memory_.bytes(); }
+  /// Bytes per point; at most 64 at D <= 192 (asserted in a test).
+  static std::uint64_t bytesPerPoint(int direction_words);
+
+ private:
+  kernels::CountedMemory memory_;
+  int words_;
+  std::uint32_t size_ = 0, capacity_ = 0;
+  kernels::DeviceArray<float> position_L_, normal_L_, stability_;
+  kernels::DeviceArray<std::uint64_t> seen_;
+  kernels::DeviceArray<std::uint16_t> score_, direction_, weight_;
+  kernels::DeviceArray<PointLabel> label_;
+  kernels::DeviceArray<PointReason> reason_;
+};
+
+}  // namespace accessvdb::internal
