@@ -58,7 +58,7 @@ struct DeviceView {
   std::uint64_t revision = 0;      ///< the field's, when this view was made
   bool on_gpu = false;
   /// Whether the field keeps a mirror of its distances (FieldParams::mirror_distance). Without one, every distance
-  /// below is NaN; on the host, ask BatchQuery.
+  /// below is NaN; on the host, use BatchQuery.
   bool distance_available = false;
   /// That mirror, a NanoGrid<float> in index space of the local frame: metres, active = observed, background tau. If
   /// you read it yourself: a voxel that is not active was never observed, whatever its value says.

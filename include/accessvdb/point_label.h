@@ -18,7 +18,7 @@ inline constexpr int kNumPointLabels = 3;
 enum class PointReason : std::uint8_t {
   None = 0,        ///< accessible
   Confidence = 1,  ///< too few observations of the surface
-  Normal = 2,      ///< no direction lies inside the cone around the normal, or there is no normal
+  Normal = 2,      ///< no direction is inside the cone around the normal, or there is no normal
   Unseen = 3,      ///< the point was never observed from a direction inside the cone
   Unknown = 4,     ///< the approach corridor runs through unobserved space
   Arm = 5,         ///< the approach corridor is obstructed

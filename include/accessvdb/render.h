@@ -18,14 +18,14 @@ namespace accessvdb::io {
 struct RenderOptions {
   int width_px = 1600;
   int height_px = 1000;
-  /// Towards the viewer, world frame; orthographic. (0,0,1) = top view; default = iso.
+  /// Direction towards the viewer, world frame; orthographic. (0,0,1) = top view; default = iso.
   Eigen::Vector3d view_W = {-1.0, -1.0, 0.8};
 };
 
 /// @throws OutputError; InvalidArgument for a zero or non-finite view direction
 ACCESSVDB_API void renderField(const std::filesystem::path& png, const FieldSnapshot& field,
                                const RenderOptions& options = {});
-/// The tool in its frame: axes drawn, tip marked, size written beside it.
+/// The tool in its frame: axes drawn, tip marked, size labelled.
 ACCESSVDB_API void renderTool(const std::filesystem::path& png, const ToolGeometry& tool,
                               const RenderOptions& options = {});
 

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The views that a field hands out: batch queries on the host, views for kernels. Knows when they expire.
+/// The views that a field returns: batch queries on the host, views for kernels. Knows when they expire.
 #pragma once
 
 #include <tbb/task_arena.h>

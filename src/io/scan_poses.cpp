@@ -51,7 +51,7 @@ ScanPoses fromPoseFile(const ScanFileList& scans, const ScanInputOptions& option
   return result;
 }
 
-/// @param asked  the format was requested; otherwise several identity poses count as none
+/// @param asked  whether the format was requested; otherwise several identity poses count as none
 ScanPoses fromViewpoints(const ScanFileList& scans, bool asked) {
   ScanPoses result;
   std::size_t missing = 0, identity = 0;

@@ -12,7 +12,7 @@ namespace accessvdb::internal {
 /// of the points around, weighted by nearness. Positive on the side that the normals point to, which is the side that
 /// the sensor saw. Band: 3 voxels to each side, background 3 voxels. Holes up to 4 voxels wide are bridged.
 ///
-/// Space beyond the band is inside if the band encloses it with its back (a solid seen from all around), else outside.
+/// Space beyond the band is inside if the band encloses it facing away (a solid seen from all around), else outside.
 /// So a surface seen from only one side becomes a slab, 3 voxels thick, whose back is not a measurement. Points without
 /// a normal are skipped. Same bytes for any number of threads.
 [[nodiscard]] openvdb::FloatGrid::Ptr surfaceLevelSet(const FieldSnapshot& field, const SurfaceVoxels& surface);

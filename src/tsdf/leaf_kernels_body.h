@@ -234,14 +234,14 @@ inline bool fold(const LeafTarget& leaf, const KernelConstants& c, std::uint32_t
   LeafBits gained;
   for (std::size_t x = 0; x < 8; ++x) gained[x] = passed[x] & ~leaf.cleared[x];
   if (leaf.packed != nullptr) {
-    // Clearing does not change an observed voxel.
+    // Clearing does not affect observed voxels.
     const Ints weights = allInts(static_cast<std::int32_t>(kWeightMask));
     for (std::uint32_t left = pairsOf(gained) & ~touched; left != 0; left &= left - 1) {
       const int pair = std::countr_zero(left);
       const std::uint32_t observed = lessInts(allInts(0), bitAnd(loadInts(leaf.packed + 16 * pair), weights));
       setPair(facts.old_observed, pair, observed);
       setPair(facts.now_observed, pair, observed);
-      // Whether these collide was not checked before. It is unchanged, and so is what the arm sees.
+      // Whether these collide is not checked here: it does not change, and neither does what the arm sees.
     }
   }
   std::uint64_t flipped = 0, newly_observed = 0;

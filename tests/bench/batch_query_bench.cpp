@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Batch queries to a map of a walk past trees: positions, and links of an arm, a second. Field and queries are made
-/// once; queries go through in calls of 2^20 positions, in no order.
+/// Batch queries to a map of a walk past trees: positions, and links of an arm, per second. Field and queries are made
+/// once; queries are made in calls of 2^20 positions, in random order.
 #include <benchmark/benchmark.h>
 #include <tbb/global_control.h>
 
@@ -45,7 +45,7 @@ const World& world() {
 
 double symmetric(samples::RandomStream& random) { return 2 * random.uniform() - 1; }
 
-/// Each within `off_m` (each axis) of some surface point.
+/// Positions within `off_m` (per axis) of a surface point.
 std::vector<Eigen::Vector3d> nearSurface(const World& world, double off_m) {
   samples::RandomStream random(7);
   std::vector<Eigen::Vector3d> points_W(kPositions);
@@ -57,7 +57,7 @@ std::vector<Eigen::Vector3d> nearSurface(const World& world, double off_m) {
   return points_W;
 }
 
-/// Along straight ways of 1 m that begin near a surface, a position a centimetre: what a planner asks.
+/// Along straight paths of 1 m that begin near a surface, one position per centimetre: typical for a planner.
 std::vector<Eigen::Vector3d> alongWays(const World& world) {
   std::vector<Eigen::Vector3d> points_W;
   samples::RandomStream random(10);
@@ -71,7 +71,7 @@ std::vector<Eigen::Vector3d> alongWays(const World& world) {
   return points_W;
 }
 
-/// Anywhere in the box around the points.
+/// Positions anywhere in the box around the points.
 std::vector<Eigen::Vector3d> anywhere(const World& world) {
   Eigen::Vector3d low = world.snapshot.points[0].position_W, high = low;
   for (const SurfacePoint& point : world.snapshot.points) {
@@ -107,7 +107,7 @@ void points(benchmark::State& state, const World& world, const std::vector<Eigen
   count(state, world, answers);
 }
 
-/// Args: threads, most distance from a surface point in mm; 0 = at the points themselves.
+/// Args: threads, largest distance from a surface point in mm; 0 = at the points themselves.
 void positionsNearSurface(benchmark::State& state) {
   const World& here = world();
   points(state, here, nearSurface(here, 1e-3 * static_cast<double>(state.range(1))));

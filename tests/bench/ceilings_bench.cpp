@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What this machine can do at most of what the stages of a frame are made of: the measure of how near they come
-/// (docs/benchmarks/README.md, "What bounds a frame").
+/// The machine's limits for the operations that the stages of a frame consist of: how near the stages come to them is
+/// in docs/benchmarks/README.md, "What bounds a frame".
 ///
 ///   accessvdb_bench_ceilings [FILE.json] [GB]
-/// GB: how much memory is written to for the rate of pages, 4 where nothing is said.
+/// GB: amount of memory written for the page rate; default 4.
 #include <sys/mman.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
@@ -30,8 +30,8 @@ namespace {
 using Json = nlohmann::ordered_json;
 constexpr int kRepeats = 9;
 
-/// A leaf of the map: 512 voxels of four bytes. As many as the map of the flight through pines has at 10 mm and 3.2
-/// million points, about.
+/// A leaf of the map: 512 voxels of four bytes. About as many leaves as the map of the flight through pines has at
+/// 10 mm and 3.2 million points.
 constexpr std::size_t kWordsOfLeaf = 256, kLeaves = std::size_t{5} << 19, kTouched = std::size_t{1} << 18;
 
 template <typename Work>
@@ -51,7 +51,7 @@ Rate measure(const char* name, const char* unit, double amount, const Work& work
 
 constexpr std::size_t kHugePage = std::size_t{2} << 20;
 
-/// Seconds until every page of fresh memory is written to, on all threads; huge pages where the system grants them.
+/// Seconds until every page of fresh memory is written to, on all threads; huge pages if the system grants them.
 double secondsOfFreshPages(std::size_t bytes) {
   constexpr std::size_t kPage = 4096;
   void* const fresh = mmap(nullptr, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
@@ -67,8 +67,8 @@ double secondsOfFreshPages(std::size_t bytes) {
   return seconds;
 }
 
-/// What the system gives to a map that grows. A virtual machine may get its memory from its own host only when it is
-/// first written to, once for all that run after this.
+/// What the system gives to a growing map. A virtual machine may get its memory from its own host only when it is
+/// first written to, once for everything that runs afterwards.
 std::vector<Rate> pageCeilings(double gigabytes) {
   const auto bytes = static_cast<std::size_t>(1e9 * gigabytes) / kHugePage * kHugePage;
   Rate first = {"pages of the host, the first time", "GB/s", gigabytes, {secondsOfFreshPages(bytes)}};
@@ -77,7 +77,7 @@ std::vector<Rate> pageCeilings(double gigabytes) {
   return {first, again};
 }
 
-/// On all threads.
+/// Measured on all threads.
 std::vector<Rate> hostCeilings() {
   const std::size_t words = kLeaves * kWordsOfLeaf;
   const auto leaves = std::make_unique_for_overwrite<std::uint64_t[]>(words);
@@ -93,7 +93,7 @@ std::vector<Rate> hostCeilings() {
                   range.size() * kWordsOfLeaf * sizeof(std::uint64_t));
     });
   }));
-  // Leaves anywhere, each read and written as a whole: an update of every voxel that costs nothing.
+  // Random leaves, each read and written as a whole: an update of every voxel at no computing cost.
   std::uint64_t seed = 0;
   rates.push_back(measure("leaves of 2 KB updated anywhere on the host", "million leaves/s", 1e-6 * kTouched, [&] {
     ++seed;

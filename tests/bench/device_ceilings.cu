@@ -11,12 +11,12 @@ namespace accessvdb {
 namespace {
 
 constexpr unsigned kThreads = 256, kBlocks = 132 * 8;
-/// A leaf of the mirror: 160 bytes, of which a search reads the 64 of *collides*. As many as the map of the flight
-/// through pines has at 10 mm and 3.2 million points, about.
+/// A leaf of the mirror: 160 bytes, of which a search reads the 64 of *collides*. About as many leaves as the map of
+/// the flight through pines has at 10 mm and 3.2 million points.
 constexpr std::uint32_t kLeaves = 5u << 20, kWordsOfLeaf = 20;
 constexpr int kReadsEach = 256, kCountsEach = 4096;
 
-/// Eight lanes a leaf, leaves anywhere: what counting a tool reads.
+/// Eight lanes per leaf, random leaves: the reads of counting a tool.
 __global__ void readLeaves(const std::uint64_t* leaves, std::uint32_t seed, unsigned long long* out) {
   const std::uint32_t own = blockIdx.x * kThreads + threadIdx.x;
   std::uint32_t state = (own / 8 + 1) * 2654435761u + seed;
@@ -27,10 +27,10 @@ __global__ void readLeaves(const std::uint64_t* leaves, std::uint32_t seed, unsi
     const auto leaf = static_cast<std::uint32_t>(std::uint64_t{state} * kLeaves >> 32);
     sum += leaves[std::uint64_t{leaf} * kWordsOfLeaf + own % 8];
   }
-  if (sum == seed) *out = sum;  // never, which the compiler does not know
+  if (sum == seed) *out = sum;  // never true, but the compiler does not know
 }
 
-/// Words of 64 voxels met with words of 64 voxels, out of registers: what counting a tool computes.
+/// Words of 64 voxels combined with words of 64 voxels, from registers: the arithmetic of counting a tool.
 __global__ void countVoxels(std::uint64_t seed, unsigned long long* out) {
   std::uint64_t words[4], tool = seed + threadIdx.x;
   for (int i = 0; i < 4; ++i) words[i] = seed * static_cast<std::uint64_t>(2 * i + 3) + blockIdx.x;
@@ -70,7 +70,7 @@ class Events {
   cudaEvent_t begin_ = nullptr, end_ = nullptr;
 };
 
-/// Given back with the process.
+/// Freed with the process.
 void* onDevice(std::size_t bytes) {
   void* data = nullptr;
   ACCESSVDB_CUDA(cudaMalloc(&data, bytes));

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a device does in a second of what the stages on it are made of, and of nothing else.
+/// The rates that a device reaches for the operations that its stages consist of.
 #pragma once
 
 #include <string>
@@ -8,14 +8,14 @@
 
 namespace accessvdb {
 
-/// Seconds of each repeat, and how much was done in each.
+/// Seconds per repeat, and the amount of work in each.
 struct Rate {
   std::string name, unit;
   double amount = 0;
   std::vector<double> seconds;
 };
 
-/// @throws Error where there is no device
+/// @throws Error if there is no device
 std::vector<Rate> deviceCeilings(int repeats);
 
 }  // namespace accessvdb

@@ -2,13 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 /// How fast field.vdb is written, against plain openvdb::io::File::write of the same grids with the same compression.
 ///
-/// Prints medians over rounds in which every way of writing takes its turn, first to last and then last to first, and
+/// Prints medians over rounds that run every way of writing in turn, first to last and then last to first, and
 /// the speed of each as a percentage of the plain one:
-///   plain      openvdb::io::File::write, ready grids, nothing checked, not brought to the disk
+///   plain      openvdb::io::File::write, ready grids, nothing checked, not synced to disk
 ///   plain+sync the same, then fsync of the file
 ///   ready      our writer, the same ready grids: checked writes, fsync, rename, fsync of the folder
 ///   whole      io::writeFieldVdb: the nine grids are made from the map as they are written
-/// and file sizes and times of each compression, whole. Options by environment: ACCESSVDB_BENCH_FRAMES (100),
+/// and file sizes and times per compression, for "whole". Options by environment: ACCESSVDB_BENCH_FRAMES (100),
 /// ACCESSVDB_BENCH_VOXEL_MM (20), ACCESSVDB_BENCH_ROUNDS (9), TMPDIR for where the files go.
 #include <fcntl.h>
 #include <openvdb/openvdb.h>

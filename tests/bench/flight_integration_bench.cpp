@@ -1,11 +1,11 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Fusion alone, on the flight of `accessvdb bench --scene pine`: what `integrate` of that verb is made of.
+/// Only fusion, on the flight of `accessvdb bench --scene pine`: the parts of `integrate` of that verb.
 ///
-/// Replays the same scans into fresh maps, round after round, and prints milliseconds a frame over the last frames:
+/// Replays the same scans into fresh maps, round after round, and prints milliseconds per frame over the last frames:
 ///   fuse    ScanIntegrator::integrate, everything
 ///   points  PointStore::addReturns, the other part of the verb's `integrate`
-/// and a hash of the map, which no change of speed may change. Options by environment: ACCESSVDB_BENCH_FRAMES (120),
+/// and a hash of the map, which no optimisation may change. Options by environment: ACCESSVDB_BENCH_FRAMES (120),
 /// ACCESSVDB_BENCH_TIMED (100, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10), ACCESSVDB_BENCH_THREADS (0 = all),
 /// ACCESSVDB_BENCH_ROUNDS (1), ACCESSVDB_BENCH_SCANS (a file that keeps the scans, as simulating them takes longer).
 #include <openvdb/openvdb.h>

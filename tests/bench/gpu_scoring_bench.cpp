@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the GPU does in a second: scoring and the mirror, on a map and points of a generated walk past trees.
+/// GPU throughput: scoring and the mirror, on a map and points of a generated walk past trees.
 ///
 ///   accessvdb_bench_gpu [--voxel M] [--tau M] [--points N] [--frames N] [--repeats N] [--out FILE.json]
-/// Every row is timed --repeats times after one run that warms up: device times by events, call times by the host's
-/// clock, transfers included. All results are compared with the CPU's, field for field.
+/// Every row is timed --repeats times after one warm-up run: device times by events, call times by the host's clock,
+/// including transfers. All results are compared with the CPU's, field for field.
 #include <algorithm>
 #include <chrono>
 #include <cstring>
@@ -65,7 +65,7 @@ Json spread(std::vector<double> values) {
 
 ToolGeometry rod() { return test::boxTool({0, -0.025f, -0.025f}, {0.5f, 0.025f, 0.025f}, "rod"); }
 
-/// The map, mirrored for both backends, and the points with what scoring needs to know of them.
+/// The map, mirrored for both backends, and the points with what scoring needs.
 class World {
  public:
   World(const Options& options, const FieldParams& params, kernels::CudaBackend& cuda, kernels::Backend& cpu)

@@ -4,7 +4,7 @@
 ///
 /// Frame/<voxel mm>/<threads>: whole frames (cone, band, binning, new leaves) with tau = 0.1 m. ConeKernel: the inner
 /// loop alone, on the (return, leaf) pairs of one frame. FullCube/<threads>: scans of a small sphere at 1 mm with the
-/// paper's region and tau = 0.02 m, 68 921 voxels a return.
+/// paper's region and tau = 0.02 m, 68 921 voxels per return.
 #include <benchmark/benchmark.h>
 #include <sys/resource.h>
 #include <tbb/global_control.h>
@@ -31,7 +31,7 @@ struct Frame {
   Eigen::Vector3f q_L;
 };
 
-/// The sensor walks 0.1 m a frame; a third of the rays meets nothing, so more are cast.
+/// The sensor moves 0.1 m per frame; a third of the rays hit nothing, so more are cast.
 const std::vector<Frame>& frames() {
   static const std::vector<Frame> made = [] {
     accessvdb::samples::WalkOptions options;
@@ -67,7 +67,7 @@ accessvdb::TsdfParams paramsOf(double voxel_size_m) {
   return params;
 }
 
-/// One iteration is one frame; after the last frame of the walk a fresh map begins, outside of the clock.
+/// One iteration is one frame; after the last frame of the walk a new map begins, untimed.
 void frame(benchmark::State& state) {
   const double v = 1e-3 * static_cast<double>(state.range(0));
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism,
@@ -165,7 +165,7 @@ void coneKernel(benchmark::State& state) {
 }
 BENCHMARK(coneKernel)->Name("ConeKernel")->Arg(0)->Arg(1)->Arg(2)->Unit(benchmark::kMillisecond);
 
-/// One iteration is one scan of 300 returns from 0.6 m; a fresh map begins every 50 scans, outside of the clock.
+/// One iteration is one scan of 300 returns from 0.6 m; a new map begins every 50 scans, untimed.
 void fullCube(benchmark::State& state) {
   const tbb::global_control control(tbb::global_control::max_allowed_parallelism,
                                     static_cast<std::size_t>(state.range(0)));

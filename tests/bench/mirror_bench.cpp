@@ -1,15 +1,15 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the host does to keep the mirror, without a device: the changes of the flight of `accessvdb bench --scene pine`
-/// go into a mirror that is changed in place and into one whose arena takes batches as a device does and forgets them.
+/// The host's work for the mirror, without a device: the changes of the flight of `accessvdb bench --scene pine` go
+/// into a mirror changed in place and into one whose arena takes batches, as a device does, and discards them.
 ///
-/// Prints milliseconds a frame, by the clock and of processor time over all threads, over the last frames:
-///   place    in place, everything
-///   stage    in batches, everything; of it
+/// Prints milliseconds per frame, wall-clock and processor time over all threads, over the last frames:
+///   place    in place, total
+///   stage    in batches, total; of which
 ///   locate   finding and adding leaves
 ///   bits     filling patches
-///   nodes    links, masks and headers of what was added
-/// and where the memory went; with ACCESSVDB_BENCH_DISTANCES=1 also, of the mirror of distances,
+///   nodes    links, masks and headers of added nodes
+/// and where the memory went; with ACCESSVDB_BENCH_DISTANCES=1 also, for the mirror of distances,
 ///   d-place  in place
 ///   d-stage  in batches
 /// Options by environment: ACCESSVDB_BENCH_FRAMES (120), ACCESSVDB_BENCH_TIMED (40, the last
@@ -53,7 +53,7 @@ struct Row {
   }
 };
 
-/// Notes when the mirror goes from one phase to the next.
+/// Records when the mirror goes from one phase to the next.
 class TimedArena final : public kernels::MirrorArena {
  public:
   TimedArena() : staged_(kernels::HostArena::kDefaultReserveBytes, 8u << 20) { staged_.carries_out = false; }

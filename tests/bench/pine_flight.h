@@ -20,11 +20,11 @@
 
 namespace accessvdb::bench {
 
-inline constexpr int kFlightReturns = 20000;    ///< a scan
+inline constexpr int kFlightReturns = 20000;    ///< per scan
 inline constexpr double kFlightNoise_m = 0.02;  ///< sigma of the ranges
 inline constexpr double kFlightTau_m = 0.1;     ///< truncation distance of the published figures
 
-/// Of a field that maps the flight, resolved.
+/// Parameters of a field that maps the flight, resolved.
 inline FieldParams flightParams(double voxel_size_m) {
   FieldParams params;
   params.tsdf.voxel_size_m = voxel_size_m;
@@ -39,7 +39,7 @@ struct FlightScan {
   std::vector<Eigen::Vector3f> p_L;  ///< [kFlightReturns]
 };
 
-/// The frame is that of the first pose, as ScanGate has it.
+/// The frame is that of the first pose, as in ScanGate.
 inline std::vector<FlightScan> simulateFlight(int frames) {
   constexpr double kSpeed_m_s = 1, kPeriod_s = 0.1, kView_m = 30;
   constexpr int kFramesAhead = 16;
@@ -73,7 +73,7 @@ inline std::vector<FlightScan> simulateFlight(int frames) {
   return scans;
 }
 
-/// The same from a file, which is written where it holds fewer frames: simulating takes longer than most stages.
+/// The same from a file, rewritten if it has fewer frames: simulating takes longer than most stages.
 inline std::vector<FlightScan> keptFlight(const std::string& file, int frames) {
   std::vector<FlightScan> scans;
   std::ifstream in(file, std::ios::binary);
@@ -105,7 +105,7 @@ inline std::vector<FlightScan> flightFromEnvironment(int frames) {
   return file == nullptr ? simulateFlight(frames) : keptFlight(file, frames);
 }
 
-/// Of the clock, and of processor time over all threads.
+/// Wall-clock and processor time over all threads.
 struct Moment {
   double clock_ms = 0, processor_ms = 0;
   static Moment now() {

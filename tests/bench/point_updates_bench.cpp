@@ -1,17 +1,17 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the host does for points when a device chooses and scores (update/exact_on_device.cpp), without a device: an
+/// The host's work for points when a device chooses and scores (update/exact_on_device.cpp), without a device: a dummy
 /// updater takes everything and does nothing. The flight is that of `accessvdb bench --scene pine`.
 ///
-/// Prints milliseconds a frame, by the clock and of processor time over all threads, over the last frames:
+/// Prints milliseconds per frame, wall-clock and processor time over all threads, over the last frames:
 ///   returns   PointStore::addReturns, which describes new and touched points, part of the verb's `integrate`
-///   blocks    of UpdateScheduler::noteReturns: blocks with new points, part of the verb's `integrate`
-///   points    of noteReturns: handing those descriptions over
-///   reached   of noteReturns: the rest, which leaves the scan reached
-///   flips     UpdateScheduler::noteChanges; what noteChange() noted while the map took the scan in is not timed
-///   crossed   of update(): which points became confident, and all weights, in order
-///   rest      of update(): after the updater; what ran beside it was over sooner or is here
-/// and hashes of what the updater was told, in no order, which no change of speed may change. Options by environment:
+///   blocks    in UpdateScheduler::noteReturns: blocks with new points, part of the verb's `integrate`
+///   points    in noteReturns: handing those descriptions over
+///   reached   in noteReturns: the rest, which leaves the scan reached
+///   flips     UpdateScheduler::noteChanges; what noteChange() noted during integration is not timed
+///   crossed   in update(): which points became confident, and all weights, in order
+///   rest      in update(): after the updater; concurrent work had finished earlier or is included
+/// and order-independent hashes of what the updater was told, which no optimisation may change. Options by environment:
 /// ACCESSVDB_BENCH_FRAMES (200), ACCESSVDB_BENCH_TIMED (40, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10),
 /// ACCESSVDB_BENCH_THREADS (0 = all), ACCESSVDB_BENCH_SCANS (a file that keeps the scans).
 #include <openvdb/openvdb.h>
@@ -110,7 +110,7 @@ class Listener final : public kernels::ExactUpdater {
       told_.crossed_hash += mixed(mixed(7, point.id), point.weight);
     told_.crossed += input.crossed.size();
     kernels::UpdateOutcome outcome;
-    outcome.evaluated = 1;  // as a device: flips count from now on
+    outcome.evaluated = 1;  // like a device: flips count from now on
     phases_.begin();
     return outcome;
   }
@@ -138,7 +138,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   Phases phases;
   Told told;
   test::ListeningBackend backend([&](const kernels::ExactTables&) { return std::make_unique<Listener>(phases, told); });
-  const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");  // the smallest: nobody scores
+  const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");  // the smallest: nothing is scored
   const internal::ScoringSetup setup(tool, params, backend);
   internal::PointStore points(params, setup.directions_xy());
   internal::PointScorer scorer(points, params, backend,

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Integration of the twelve BALM scans (0.9 M returns) with tau = 4 v: millions of returns a second, by one thread's
+/// Integration of the twelve BALM scans (0.9 M returns) with tau = 4 v: millions of returns per second, by one thread's
 /// wall clock and by its CPU time. Only integration is timed, not reading. Data: $ACCESSVDB_TEST_DATA, else
-/// ../shared/data beside the repository; without it the benchmark is skipped.
+/// ../shared/data next to the repository; without it, the benchmark is skipped.
 #include <benchmark/benchmark.h>
 #include <tbb/global_control.h>
 

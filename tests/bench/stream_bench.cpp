@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The exact policy on a long stream: a generated walk through a forest, one update a scan.
+/// The exact policy on a long stream: a generated walk through a forest, one update per scan.
 ///
-/// Every 25 frames a full evaluation of the map is made and counted beside it. Counters (means over the frames after
-/// the first 50): tests a frame, tests of a full evaluation, their ratio in percent, milliseconds a stage.
+/// Every 25 frames, a full evaluation of the map is made for comparison. Counters (means over the frames after the
+/// first 50): tests per frame, tests of a full evaluation, their ratio in percent, milliseconds per stage.
 ///   accessvdb_bench_stream --benchmark_counters_tabular=true
 #include <benchmark/benchmark.h>
 

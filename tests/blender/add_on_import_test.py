@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""The add-on, installed from a zip as a user does it, imports the field: objects, counts, attributes, places."""
+"""The add-on, installed from a zip like a user would, imports the field: objects, counts, attributes, positions."""
 
 import os
 import unittest

@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""What the add-on refuses: one clear line as Blender's error, and a scene that is as it was."""
+"""What the add-on refuses: one clear line as Blender's error, and an unchanged scene."""
 
 import json
 import os
@@ -67,7 +67,7 @@ class AddOnRefusals(unittest.TestCase):
         self.assertImportRefused("is not a .vdb file")
 
     def test_a_volume_that_is_cut_off(self):
-        # Blender 3.4 itself ends with an uncaught exception on some of these.
+        # Blender 3.4 itself dies of an uncaught exception on some of these.
         size = os.path.getsize(self.file("field.vdb"))
         for length in [size - 1, size // 2, 5000, 300, 60, 8]:
             with open(self.file("field.vdb"), "r+b") as stream:
@@ -83,7 +83,7 @@ class AddOnRefusals(unittest.TestCase):
         self.assertImportRefused("4 bytes after the last grid")
 
     def test_a_volume_of_another_program(self):
-        # The points for Houdini are a good .vdb without fogs.
+        # The points for Houdini are a valid .vdb without fogs.
         os.replace(self.file("field_points.vdb"), self.file("field.vdb"))
         self.assertImportRefused("is not a field of AccessVDB (no grid 'density'; grids: points)")
 

@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Where the field of the tests lies, and how a script of tests ends. Needs neither Blender nor OpenVDB."""
+"""Where the tests' field is, and how a test script ends. Needs neither Blender nor OpenVDB."""
 
 import json
 import os
@@ -17,7 +17,7 @@ FIELD_Y_UP = os.path.join(WORK, "field_y_up")
 TOOL = os.path.join(WORK, "hook.stl")
 PLACED_TOOLS = os.path.join(WORK, "placed_tools.json")
 
-#: What field.vdb holds: name to type as Blender calls it, and grid class as OpenVDB calls it.
+#: Contents of field.vdb: name to Blender's type name and OpenVDB's grid class.
 GRIDS = {
     "density": ("FLOAT", "fog volume"),
     "accessible": ("FLOAT", "fog volume"),
@@ -25,14 +25,14 @@ GRIDS = {
     "confidence": ("FLOAT", "unknown"),
     "score": ("FLOAT", "unknown"),
     "best_direction": ("VECTOR_FLOAT", "unknown"),
-    "distance": ("FLOAT", "unknown"),  # clamped: it has no zero crossing, so it is no level set
+    "distance": ("FLOAT", "unknown"),  # clamped: it has no zero crossing, so it is not a level set
     "weight": ("FLOAT", "unknown"),
     "cleared": ("BOOLEAN", "unknown"),
 }
 
 
 def boxes():
-    """Of each grid, boxes of voxel indices {"active": [min, max], "leaves": [min, max]}, read by OpenVDB itself."""
+    """For each grid, boxes of voxel indices {"active": [min, max], "leaves": [min, max]}, read by OpenVDB itself."""
     with open(os.path.join(WORK, "boxes.json"), encoding="utf-8") as stream:
         return json.load(stream)
 

@@ -20,7 +20,7 @@ from field_under_test import FIELD, FIELD_Y_UP, POINTS, VOLUME, WORK, run_tests
 
 SIZE_PX = 256
 DISTANCE_M = 0.6
-WIDTH_M = 0.24  # of what an orthographic picture shows
+WIDTH_M = 0.24  # shown by an orthographic picture
 FOCAL_PX = 500.0
 TOWARDS_CAMERA = np.array([0.55, -0.65, 0.75])
 # Radius of the fog of one voxel, in voxels: Blender interpolates linearly, up to one voxel away on each axis.
@@ -45,7 +45,7 @@ class Camera:
         return SIZE_PX / 2 + scale * view[:, :2]
 
     def voxel_px(self, voxel_size_m):
-        """Upper bound of what a voxel's edge measures."""
+        """Upper bound of a voxel's edge in pixels."""
         nearest_m = DISTANCE_M - 0.15
         return voxel_size_m * (SIZE_PX / WIDTH_M if self.orthographic else FOCAL_PX / nearest_m)
 
@@ -66,7 +66,7 @@ class Camera:
 
 
 def fog_object(with_add_on, folder=FIELD):
-    """The volume of the field in an empty scene, as the add-on places it or as Blender does."""
+    """The volume of the field in an empty scene, as placed by the add-on or by Blender."""
     bpy.ops.wm.read_factory_settings(use_empty=True)
     if with_add_on:
         accessvdb_import.register()
@@ -107,7 +107,7 @@ def render(name, samples=16):
     scene.cycles.use_adaptive_sampling = False
     scene.render.resolution_x = scene.render.resolution_y = SIZE_PX
     scene.render.resolution_percentage = 100
-    scene.render.filter_size = 0.01  # a pixel sees itself only
+    scene.render.filter_size = 0.01  # no blur across pixels
     scene.render.film_transparent = True
     scene.render.image_settings.file_format = "OPEN_EXR"
     scene.render.image_settings.color_mode = "RGBA"
@@ -128,7 +128,7 @@ def largest_near(picture, pixels):
 
 
 def distance_to_nearest(pixels):
-    """(SIZE_PX, SIZE_PX): from the centre of each pixel to the nearest of the positions, by brute force."""
+    """(SIZE_PX, SIZE_PX): distance from each pixel's centre to the nearest position, by brute force."""
     y, x = np.mgrid[0:SIZE_PX, 0:SIZE_PX] + 0.5
     nearest = np.full((SIZE_PX, SIZE_PX), np.inf)
     for px, py in pixels:
@@ -148,7 +148,7 @@ class FogPictures(unittest.TestCase):
         cls.kept = {"density": labels >= 0, "accessible": labels == 1, "blocked": labels == 2}
 
     def picture_of(self, grid, with_add_on, orthographic, folder=FIELD):
-        """The picture, the pixels of the voxels that are to be seen in it, and what a voxel's edge measures."""
+        """The picture, the pixels of the voxels visible in it, and a voxel's edge in pixels."""
         size_m = self.points.voxel_size_m
         frame = self.points.origin_W if with_add_on else 0.0
         camera = Camera(self.voxels_L.mean(axis=0) + frame, orthographic)
@@ -166,7 +166,7 @@ class FogPictures(unittest.TestCase):
         for grid in self.kept:
             with self.subTest(grid=grid):
                 picture, pixels, voxel_px = self.picture_of(grid, with_add_on=True, orthographic=False)
-                # A ray through the middle of a lone voxel meets 0.65 of a voxel's glow at least (along a diagonal).
+                # A ray through the middle of a lone voxel meets at least 0.65 of a voxel's glow (along a diagonal).
                 self.assertGreater(largest_near(picture, pixels).min(), 0.5)
                 nearest_px = distance_to_nearest(pixels)
                 empty = nearest_px > REACH_VOXELS * voxel_px + 1
@@ -177,7 +177,7 @@ class FogPictures(unittest.TestCase):
         picture, pixels, voxel_px = self.picture_of(grid, with_add_on, True, folder)
         y, x = np.mgrid[0:SIZE_PX, 0:SIZE_PX] + 0.5
         centroid = np.array([(x * picture).sum(), (y * picture).sum()]) / picture.sum()
-        # The glow of n voxels, each v long and wide: nothing is lost and nothing added.
+        # The glow of n voxels, each v long and wide: nothing lost, nothing added.
         mass = picture.sum() / (len(pixels) * voxel_px ** 2)
         self.assertAlmostEqual(mass, 1.0, delta=0.03)
         return (centroid - pixels.mean(axis=0)) / voxel_px

@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""field.vdb in Blender, without the add-on: every grid is listed with its type, and lies where OpenVDB says."""
+"""field.vdb in Blender, without the add-on: every grid is listed with its type, and is where OpenVDB says."""
 
 import unittest
 
@@ -14,7 +14,7 @@ from field_under_test import GRIDS, POINTS, VOLUME, boxes, run_tests
 class GridsInBlender(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        # What File > Import > OpenVDB does; factory settings have no such file open.
+        # What File > Import > OpenVDB does; factory settings do not open such a file.
         bpy.ops.wm.read_factory_settings(use_empty=True)
         bpy.ops.object.volume_import(filepath=VOLUME)
         cls.thing = bpy.context.active_object

@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""A tool that has no symmetry, as three boxes in a frame and unit that are not the library's: a wrong hand, a swapped
+"""A tool without symmetry, as three boxes in a frame and unit different from the library's: wrong handedness, a swapped
 axis or a wrong unit puts it somewhere else."""
 
 import struct
@@ -19,7 +19,7 @@ def corners():
 
 
 def triangles():
-    """12 a box, as triples of corners."""
+    """12 per box, as triples of corners."""
     at, faces = corners(), ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
     for box in range(len(BOXES)):
         for a, b, c, d in faces:

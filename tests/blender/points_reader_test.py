@@ -12,12 +12,12 @@ import numpy as np
 from accessvdb_import.points_ply import COLUMNS, FieldError, read_points
 from field_under_test import FIELD, POINTS, WORK, run_tests
 
-# Layout of a record as docs/file_formats.md has it, written out again on purpose.
+# Layout of a record as in docs/file_formats.md, deliberately repeated here.
 _RECORD = struct.Struct("<3d3f3B2BH2f3ff")
 
 
 def altered(change):
-    """Path of a copy of points.ply whose bytes went through `change`."""
+    """Path of a copy of points.ply with its bytes passed through `change`."""
     with open(POINTS, "rb") as stream:
         data = stream.read()
     path = os.path.join(WORK, "altered_points.ply")

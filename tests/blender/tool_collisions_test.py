@@ -1,7 +1,7 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Is the tool in Blender where the library had it? The collisions of the placed tool with the map, counted here,
-against the counts that the library wrote as `score`; and a mirrored tool, which must not agree."""
+"""Is the tool in Blender where the library had it? Compares the collisions of the placed tool with the map, counted
+here, with the counts that the library wrote as `score`; a mirrored tool must not agree."""
 
 import itertools
 import json
@@ -17,7 +17,7 @@ _STEP_VOXELS = 0.25  # the tool is filled this densely
 
 
 def boxes_of(vertices, faces):
-    """The tool is made of boxes: of each, a corner and its three edges, found from the mesh alone."""
+    """The tool is made of boxes: for each, a corner and its three edges, found from the mesh alone."""
     part, before = np.arange(len(vertices)), None
     while not np.array_equal(part, before):
         before = part.copy()
@@ -42,8 +42,8 @@ def solid_of(vertices, faces, step):
 
 
 def agrees(score, found):
-    """The library fills every voxel that the tool touches, this test only those in which a sample lies: it counts
-    somewhat fewer, and a voxel or two more where a sample rounds to another voxel than the library's."""
+    """The library fills every voxel that the tool touches, this test only those containing a sample: it counts slightly
+    fewer, and a voxel or two more where a sample rounds to a different voxel."""
     return 0.75 * score - 3 <= found <= 1.1 * score + 3
 
 
@@ -70,8 +70,8 @@ class ToolCollisions(unittest.TestCase):
         return hits
 
     def counted(self, mirrored=False):
-        """Of each placed tool: label, the library's score, and the collisions counted here; mirrored about the vertical
-        plane through the body where asked for."""
+        """For each placed tool: label, the library's score, and the collisions counted here; mirrored about the
+        vertical plane through the body if requested."""
         for tool in self.placed:
             record = self.points.records[tool["point"]]
             tip_W = self.points.positions_W()[tool["point"]]

@@ -1,7 +1,7 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""The tool at a point: the vertices against the library's own, the matrix against the yaw of the point. Leaves where
-the corners of the tool came to lie, for tool_collisions_test.py to compare with what the library counted there."""
+"""The tool at a point: the vertices against the library's own, the matrix against the yaw of the point. Saves the
+positions of the tool's corners, for tool_collisions_test.py to compare with what the library counted there."""
 
 import json
 import math
@@ -21,7 +21,7 @@ TOOL_VERTICES = os.environ["TOOL_VERTICES"]
 
 
 def library_vertices(*arguments):
-    """(n, 3) of a tool in the tool frame, metres, as the C++ library has them."""
+    """(n, 3) of a tool in the tool frame, metres, as in the C++ library."""
     text = subprocess.run([TOOL_VERTICES, *map(str, arguments)], check=True, capture_output=True, text=True).stdout
     return np.array([[float(word) for word in line.split()] for line in text.splitlines()])
 
@@ -49,7 +49,7 @@ class ToolPlacement(unittest.TestCase):
         return tools[0]
 
     def assertSameVertices(self, found, expected):
-        """As sets, since each side joins and orders vertices in its own way; to a micrometre."""
+        """Compared as sets, because each side joins and orders vertices in its own way; to a micrometre."""
         gaps = np.linalg.norm(found[:, None] - expected[None], axis=2)
         self.assertLess(gaps.min(axis=0).max(), 1e-6)
         self.assertLess(gaps.min(axis=1).max(), 1e-6)

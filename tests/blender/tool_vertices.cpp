@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Prints the vertices of a tool in the tool frame as the library has them, "x y z" a line, metres: what the Blender
-/// add-on is compared with.  tool_vertices builtin:NAME | tool_vertices MESH mm TIP AXIS UP, each of the last X Y Z
+/// Prints the vertices of a tool in the library's tool frame, "x y z" per line, metres, to compare the Blender add-on
+/// with.  tool_vertices builtin:NAME | tool_vertices MESH mm TIP AXIS UP, each of the last X Y Z
 #include <cstdio>
 #include <cstdlib>
 #include <exception>

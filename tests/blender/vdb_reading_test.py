@@ -41,7 +41,7 @@ class VdbReading(unittest.TestCase):
             self.assertEqual(self.metadata[f"origin_W_{name}"], value)
             for grid in self.grids:
                 self.assertEqual(grid[f"origin_W_{name}"], value)
-        self.assertGreater(np.abs(self.points.origin_W).max(), 0)  # else the lines above say little
+        self.assertGreater(np.abs(self.points.origin_W).max(), 0)  # else the lines above prove little
         self.assertEqual(self.metadata["voxel_size_m"], self.points.voxel_size_m)
         for name in ("accessvdb_version", "tool", "tool_sha256", "num_directions", "truncation_distance_m"):
             self.assertEqual(self.metadata[name], self.points.comments[name])

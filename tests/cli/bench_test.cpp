@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb bench as a user meets it: figures that agree with each other, wrong use in one line.
+/// accessvdb bench as a user sees it: consistent figures, one-line errors.
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -24,7 +24,7 @@ class Bench : public ProgramTest {
  protected:
   using Flags = std::map<std::string, std::string>;
 
-  /// A few thin scans at 10 cm: a second. Flags of the test win; an empty value is a flag without one.
+  /// A few small scans at 10 cm, taking a second. The test's flags take precedence; an empty value means none.
   [[nodiscard]] static std::vector<std::string> arguments(Flags flags) {
     flags.merge(Flags{{"--device", "cpu"},
                       {"--voxel", "0.1"},
@@ -126,7 +126,7 @@ TEST_F(Bench, FiguresAgreeWithEachOther) {
   }
   EXPECT_EQ(bench["surface_points"]["timed_begin"], rows[kFrames - kTimed - 1][points]);
   EXPECT_EQ(bench["surface_points"]["timed_end"], rows[kFrames - 1][points]);
-  // The stages are the frame: the median one, since something may come between two clocks.
+  // The stages add up to the frame: in the median, because something may happen between two clock readings.
   std::vector<double> rest_ms;
   for (const auto& row : rows) rest_ms.push_back(row[1] - (row[2] + row[3] + row[4] + row[5]));
   std::sort(rest_ms.begin(), rest_ms.end());
@@ -136,7 +136,7 @@ TEST_F(Bench, FiguresAgreeWithEachOther) {
   EXPECT_EQ(labels, bench["surface_points"]["timed_end"].get<std::uint64_t>());
   EXPECT_GT(bench["labels_at_end"]["accessible"], 0);
   EXPECT_EQ(bench["per_frame"]["points_used"]["mean"], kPoints);
-  // Figures are of the timed frames alone. Columns 1 .. 5 are times, rounded to six digits; then counters, exact.
+  // Figures cover only the timed frames. Columns 1 .. 5 are times, rounded to six digits; then counters, exact.
   const auto expectMeanAndMax = [&](const json& block, std::size_t column, std::size_t first, double rounding) {
     double sum = 0, largest = 0;
     for (std::size_t n = first; n < rows.size(); ++n) {
@@ -153,7 +153,7 @@ TEST_F(Bench, FiguresAgreeWithEachOther) {
   expectMeanAndMax(bench["per_frame"]["new_leaves"], 8, kFrames - kTimed, 1e-12);
 }
 
-/// With the flag its figures come beside all others, without it nothing of it shows.
+/// With the flag, its figures are added to all others; without it, nothing of it shows.
 TEST_F(Bench, TheMirrorOfDistancesHasFiguresOfItsOwn) {
   ASSERT_EQ(runProgram(arguments({{"--out", path("without.json")}, {"--per-frame", path("without.csv")}})).exit_code,
             0);

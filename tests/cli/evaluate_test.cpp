@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb evaluate as a user meets it: wrong use in one line, a stop that keeps what is there.
+/// accessvdb evaluate as a user sees it: one-line errors, a stop that keeps finished rows.
 #include <gtest/gtest.h>
 
 #include <csignal>
@@ -65,7 +65,7 @@ TEST_F(Evaluate, AStopKeepsTheRowsThatAreDone) {
   EXPECT_NE(result.err.find("stopped by SIGINT"), std::string::npos) << result.err;
   const auto tables = nlohmann::json::parse(readText("out/tables.json"));
   EXPECT_EQ(tables["stopped"], true);
-  // The device that it was made on, not the one that was asked for.
+  // The device that was used, not the requested one.
   const std::string device = tables["origin"]["device"];
   EXPECT_TRUE(device == "cpu" || device.rfind("cuda:", 0) == 0) << device;
   EXPECT_NE(readText("out/tables.md").find("- device: " + device + "\n"), std::string::npos);

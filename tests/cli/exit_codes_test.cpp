@@ -39,7 +39,7 @@ class ExitCodes : public ProgramTest {
     }
   }
 
-  /// Fails as told, leaves report.json with that code and nothing else.
+  /// Expects a failure that leaves only report.json, with that code.
   void expectFailure(const std::vector<std::string>& more, int code, const std::string& id = {}) {
     const ProgramResult result = runProgram(mapArguments(more));
     EXPECT_EQ(result.exit_code, code) << result.err;
@@ -145,7 +145,7 @@ TEST_F(ExitCodes, NoReturnAtAll) {
 }
 
 TEST_F(ExitCodes, MemoryLimitNamesAVoxelThatFits) {
-  // 229 MiB are fixed, the rest is for the map: too little at 5 mm, enough at some centimetres.
+  // 229 MiB are fixed, the rest is for the map: too little at 5 mm, enough at a few centimetres.
   const std::vector<std::string> limit = {"--voxel", "0.005", "--max-memory", "234M"};
   const ProgramResult result = runProgram(mapArguments(limit));
   EXPECT_EQ(result.exit_code, 5) << result.err;
@@ -159,7 +159,7 @@ TEST_F(ExitCodes, MemoryLimitNamesAVoxelThatFits) {
 }
 
 TEST_F(ExitCodes, DeviceThatIsNotThere) {
-  setenv("CUDA_VISIBLE_DEVICES", "-1", 1);  // nor on a machine that has one
+  setenv("CUDA_VISIBLE_DEVICES", "-1", 1);  // also on a machine that has one
   expectFailure({"--device", "cuda"}, 6);
   unsetenv("CUDA_VISIBLE_DEVICES");
 }
@@ -170,7 +170,7 @@ TEST_F(ExitCodes, UnwritableFolder) {
   EXPECT_EQ(result.exit_code, 7) << result.err;
   expectOneErrorLine(result, {});
   EXPECT_EQ(readText("file"), "a regular file");
-  // Found out before the scans are looked at, let alone read.
+  // Detected before the scans are listed, let alone read.
   const ProgramResult first = runProgram(mapArguments({"--out", path("file/below"), "--scans", path("nowhere")}));
   EXPECT_EQ(first.exit_code, 7) << first.err;
 }

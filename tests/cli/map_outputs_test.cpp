@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a run leaves: files, report, what the other verbs say about it, and what remains after a signal.
+/// The output of a run: files, report, what the other verbs print about it, and what remains after a signal.
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -39,7 +39,7 @@ class MapOutputs : public ProgramTest {
     }
     writePoses(600);
   }
-  /// The first signal comes in the middle of fusing, the others right behind it.
+  /// The first signal arrives in the middle of fusing, the others right after it.
   ProgramResult runWithSignals(std::vector<int> signals) {
     ProgramSetup setup;
     setup.arguments = mapArguments();
@@ -48,7 +48,7 @@ class MapOutputs : public ProgramTest {
       usleep(300'000);
       for (const int number : signals) {
         kill(process, number);
-        usleep(2'000);  // two pending signals would be delivered in an order that nobody promises
+        usleep(2'000);  // two pending signals would be delivered in an undefined order
       }
     };
     return runProgram(setup);
@@ -148,7 +148,7 @@ TEST_F(MapOutputs, UpdatingEachScanChangesNoLabel) {
 }
 
 TEST_F(MapOutputs, RangesAndEveryAreHonoured) {
-  // The wall stands 2 m ahead; its corners are 2.12 m away.
+  // The wall is 2 m ahead; its corners are 2.12 m away.
   ASSERT_EQ(runProgram(mapArguments({"--max-range", "2.05", "--every", "2"})).exit_code, 0);
   const json counts = report().at("counts");
   EXPECT_EQ(counts.at("scans"), 2);
@@ -228,7 +228,7 @@ TEST_F(MapOutputs, FirstSignalSavesWhatWasFinished) {
 TEST_F(MapOutputs, SecondSignalEndsAtOnce) {
   writeLongRun();
   const ProgramResult result = runWithSignals({SIGINT, SIGTERM});
-  // Where both are pending, different threads may take them in either order.
+  // If both are pending, different threads may take them in either order.
   EXPECT_TRUE(result.signal == SIGTERM || result.signal == SIGINT) << result.exit_code << result.err;
 }
 

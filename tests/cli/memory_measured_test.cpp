@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The predicted peak of a run against the peak that the run then had.
+/// A run's predicted peak memory against its measured one.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -11,8 +11,8 @@
 namespace accessvdb::cli_test {
 namespace {
 
-/// The whole prediction is to be trusted to a quarter; on these scans it came within 5 % when this was written. The
-/// bound is held both ways, so that a prediction that grows with everything fails too.
+/// The whole prediction is accurate to a quarter; on these scans it was within 5 % when this was written. The bound
+/// applies both ways, so that a prediction that grows with everything fails too.
 constexpr double kTrusted = 0.15;
 
 class MemoryMeasured : public ProgramTest {
@@ -46,7 +46,7 @@ TEST_F(MemoryMeasured, RecordedScansTakeWhatWasPredicted) {
   EXPECT_NEAR(ratio(arguments), 1, kTrusted);
 }
 
-/// A small patch, so that the tables of a large tool are what takes memory.
+/// A small patch, so that a large tool's tables dominate memory.
 TEST_F(MemoryMeasured, ALargeToolTakesWhatWasPredicted) {
   std::string xyz;
   for (int n = 0; n < 400; ++n) {

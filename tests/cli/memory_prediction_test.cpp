@@ -64,7 +64,7 @@ TsdfParams paramsAt(double voxel_m, double tau_m) {
   return params;
 }
 
-/// Returns scattered in a box: the worst case, in which hardly any two share a leaf.
+/// Returns scattered in a box: the worst case, in which almost no two share a leaf.
 Rays scatteredRays(int count) {
   std::mt19937 random(7);
   std::uniform_real_distribution<double> place(-2.0, 2.0);
@@ -126,7 +126,7 @@ TEST(MemoryPrediction, CounterEstimatesFewAndMany) {
   }
 }
 
-/// While the tables are made there is no map: the larger of the two moments counts, not their sum.
+/// There is no map while the tables are built: the larger of the two phases counts, not their sum.
 TEST(MemoryPrediction, ThePeakIsOfTheToolOrOfTheMap) {
   EXPECT_EQ(peakBytes(5e9, {0, 0}), 5e9);
   EXPECT_EQ(peakBytes(5e9, {1'000'000'000, 2'000'000'000}), 6e9);

@@ -10,7 +10,7 @@
 namespace accessvdb::tools {
 namespace {
 
-/// Scans of a 4 m wide floor from a sensor that moves `step_m` a scan; lengths of the scans times `unit`.
+/// Scans of a 4 m wide floor from a sensor that moves `step_m` per scan; lengths in the scans are times `unit`.
 SceneStatistics scenery(double step_m = 0.2, double unit = 1) {
   SceneStatistics scene;
   for (int scan = 0; scan < 5; ++scan) {
@@ -80,7 +80,7 @@ TEST_F(Plausibility, ScansInMillimetres) {
 }
 
 TEST_F(Plausibility, PosesInMillimetres) {
-  // Scans that far apart cannot overlap either.
+  // Scans so far apart cannot overlap either.
   scene_ = scenery(2000);
   EXPECT_EQ(found(), (std::vector<std::string>{"input.pose_unit", "input.no_overlap"}));
 }
@@ -114,7 +114,7 @@ TEST_F(Plausibility, HugeCoordinates) {
   surface_W_.translate(utm);
   origin_W_ += utm;
   EXPECT_EQ(found(), only("scene.huge_coordinates"));
-  origin_W_ -= utm;  // far from the local origin it also costs precision
+  origin_W_ -= utm;  // far from the local origin, precision suffers too
   EXPECT_EQ(found(), (std::vector<std::string>{"scene.too_wide", "scene.huge_coordinates"}));
 }
 

@@ -36,7 +36,7 @@ namespace {
   _exit(127);
 }
 
-/// Appends what can be read. @return false at the end of the stream
+/// Appends all available data. @return false at the end of the stream
 bool drain(int descriptor, std::string& text) {
   std::array<char, 4096> buffer;
   const ssize_t count = read(descriptor, buffer.data(), buffer.size());
@@ -145,7 +145,7 @@ std::vector<std::string> ProgramTest::mapArguments(const std::vector<std::string
                                         "--tool",   "builtin:pencil", "--voxel",     "0.05",    "--out",
                                         path("out")};
   for (std::size_t i = 0; i < more.size(); ++i) {
-    // A flag that is there already is replaced, since giving it twice is an error of its own.
+    // Replaces an existing flag, because giving it twice is an error.
     const auto known = std::find(arguments.begin(), arguments.end(), more[i]);
     if (known != arguments.end() && more[i].rfind("--", 0) == 0 && i + 1 < more.size()) {
       *(known + 1) = more[++i];

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Runs the built program as a user would, and looks at what it leaves.
+/// Runs the built program as a user would, and examines its output.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -14,23 +14,23 @@
 namespace accessvdb::cli_test {
 
 struct ProgramResult {
-  int exit_code = -1;  ///< -1 where a signal ended it
+  int exit_code = -1;  ///< -1 if a signal ended it
   int signal = 0;
   std::string out, err;
 };
 
 struct ProgramSetup {
   std::vector<std::string> arguments;
-  long file_size_limit = -1;  ///< bytes, as by ulimit -f; -1 = none
+  long file_size_limit = -1;  ///< bytes, as in ulimit -f; -1 = none
   std::string stdout_path;    ///< instead of capturing
-  std::string signal_after;   ///< once this text stands on stderr, `act` is called with the process id
+  std::string signal_after;   ///< once this text appears on stderr, `act` is called with the process id
   std::function<void(pid_t)> act;
 };
 
 [[nodiscard]] ProgramResult runProgram(const ProgramSetup& setup);
 [[nodiscard]] ProgramResult runProgram(std::vector<std::string> arguments);
 
-/// A folder of its own for each test, with tiny inputs; removed afterwards.
+/// A separate folder for each test, with tiny inputs; removed afterwards.
 class ProgramTest : public ::testing::Test {
  protected:
   void SetUp() override;
@@ -40,7 +40,7 @@ class ProgramTest : public ::testing::Test {
   void writeText(const std::string& name, const std::string& text) const;
   [[nodiscard]] std::string readText(const std::string& name) const;
 
-  /// A folder "scans" with ascii PCD files of a wall 1 m x 1 m, 2 m before the sensor, named by their time stamps.
+  /// A folder "scans" with ascii PCD files of a wall 1 m x 1 m, 2 m in front of the sensor, named by time stamp.
   void writeWallScans(int scans = 4, int points_a_side = 40) const;
   /// "poses.txt" (TUM) for writeWallScans(): steps of 0.1 m along y, stamps from `first_stamp` in steps of 1 s.
   void writePoses(int poses = 4, double first_stamp = 100) const;
@@ -48,7 +48,7 @@ class ProgramTest : public ::testing::Test {
   void writeBoxTool(double length, double width) const;
   /// The flags of a run over these inputs into folder "out", at 5 cm.
   [[nodiscard]] std::vector<std::string> mapArguments(const std::vector<std::string>& more = {}) const;
-  /// Names of all files in folder `name`, sorted; empty where there is none.
+  /// Names of all files in folder `name`, sorted; empty if there is none.
   [[nodiscard]] std::vector<std::string> listing(const std::string& name) const;
 
   std::filesystem::path folder_;

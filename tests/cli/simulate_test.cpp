@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// `accessvdb simulate`: what it leaves, that `map` reads it, and what it says about bad input.
+/// `accessvdb simulate`: its output, that `map` reads it, and its messages about bad input.
 #include <gtest/gtest.h>
 #include <signal.h>
 #include <unistd.h>
@@ -117,7 +117,7 @@ TEST_F(Simulate, MeshesAndTrajectoriesFromFiles) {
   const json scene = json::parse(readText("open/scene.json"));
   EXPECT_EQ(scene["scene"]["distance_known"], false);
   EXPECT_NE(scene["scene"]["distance_note"].get<std::string>().find("no ground truth"), std::string::npos);
-  // The mesh that it leaves is the one that it simulated: 0.2 m, and the same again as a scene.
+  // The mesh that it writes is the simulated one: 0.2 m, and the same again as a scene.
   const ProgramResult again = simulate(
       {"--scene", path("closed/scene.ply"), "--mesh-unit", "m", "--trajectory", path("path.txt"), "--frames", "2"},
       "again");

@@ -12,7 +12,7 @@ trap 'rm -rf "$work"' EXIT
 fail() { echo "check_metadata: $*" >&2; exit 1; }
 
 command -v vdb_print >/dev/null || fail "vdb_print is missing. On Debian and Ubuntu: apt install libopenvdb-tools"
-# The Python that the distribution's module is for, which need not be the first one on the path.
+# The Python that the distribution's module is for; it need not be the first one on the path.
 python=
 for candidate in /usr/bin/python3 python3; do
   if "$candidate" -c 'import pyopenvdb, numpy' 2>/dev/null; then python=$candidate; break; fi

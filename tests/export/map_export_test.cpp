@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The export flags of `map`, sequences, and .vdb files that are not ours given to `info` and `query`.
+/// The export flags of `map`, sequences, and .vdb files of other programs passed to `info` and `query`.
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
 
@@ -88,7 +88,7 @@ TEST_F(MapExport, OptionsChangeTheVdbFilesAndNoLabel) {
   }
   const auto surface = openvdb::gridPtrCast<openvdb::FloatGrid>(named(*readVdb(path("out4/field.vdb")), "surface"));
   EXPECT_EQ(surface->getGridClass(), openvdb::GRID_LEVEL_SET);
-  // The wall stands at x = 2 m and was seen from x = 0: free in front of it, solid right behind.
+  // The wall is at x = 2 m and was seen from x = 0: free in front of it, solid right behind.
   const auto read = surface->getConstAccessor();
   const auto at = [&](double x) {
     const double origin_x = surface->metaValue<double>("origin_W_x");
@@ -143,7 +143,7 @@ TEST_F(MapExport, ASequenceGrowsAndEndsAsTheField) {
   for (const auto& grid : *final_grids) test::expectBitEqual(*grid, *named(*last, grid->getName()));
   EXPECT_EQ(records("out/points.ply"), records("once/points.ply")) << "scoring in between changes no label";
 
-  // What is there is refused, replaced, or said to be old.
+  // Existing files are refused, replaced, or reported as old.
   const ProgramResult refused = runProgram(mapArguments({"--no-clobber", "--sequence", "2"}));
   EXPECT_EQ(refused.exit_code, 7);
   for (const char* file : {"field.vdb", "field_points.vdb", "points.ply", "preview.png", "report.json"}) {
@@ -205,7 +205,7 @@ TEST_F(MapExport, FilesOfOthersAreNamedForWhatTheyAre) {
 }
 
 TEST_F(MapExport, AnEmptyFieldIsReadByEveryReaderWithAWarning) {
-  // map itself refuses scans without a usable return, so the library writes this one.
+  // map refuses scans without a usable return, so the library writes this one.
   const AccessibilityField field(ToolGeometry::builtin("builtin:pencil"));
   io::WriteOptions options;
   options.surface = true;

@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Reads a folder of `map` with OpenVDB's Python module and NumPy alone, and compares field.vdb with points.ply.
+"""Reads a folder of `map` with only OpenVDB's Python module and NumPy, and compares field.vdb with points.ply.
 
 read_field.py FOLDER UP_AXIS(z|y) PRECISION(float|half) NUMBER_OF_GRIDS; exits 1 with one line for the first difference.
 """
@@ -17,7 +17,7 @@ UNITS = {
     "density": "1", "accessible": "1", "blocked": "1", "confidence": "1", "score": "collisions",
     "best_direction": "1", "distance": "m", "weight": "observations", "cleared": "1", "surface": "m",
 }
-# Of the command line, in report.json alone.
+# Command line flags, only in report.json.
 FLAGS = {
     "scans", "poses", "pose_format", "tool", "tool_unit", "tool_tip", "tool_axis", "tool_up", "profile", "every",
     "update_every", "half", "compression", "up_axis", "surface", "sequence", "mirror_distance",
@@ -50,7 +50,7 @@ def read_ply(path):
 
 
 def plain(value):
-    """A number as a number, whether it stands as one or as text; anything else as text."""
+    """A number as a number, whether stored as one or as text; anything else as text."""
     if isinstance(value, bool):
         return str(value).lower()
     try:
@@ -69,7 +69,7 @@ def check_file_metadata(metadata, report, comments, up):
     origin = [metadata["origin_W_" + axis] for axis in "xyz"]
     check(origin == [float(word) for word in comments["origin_W"].split()], "another origin than points.ply")
     check(metadata["voxel_size_m"] == float(comments["voxel_size_m"]), "another voxel size than points.ply")
-    # report.json names the flags and then every effective parameter; these stand in the file as well.
+    # report.json lists the flags and then every effective parameter; these are in the file as well.
     parameters = {key: value for key, value in report["parameters"].items() if key not in FLAGS}
     check(len(parameters) > 20, "report.json names only %d parameters" % len(parameters))
     for key, value in parameters.items():

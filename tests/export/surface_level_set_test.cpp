@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The level set of the surface against analytic shapes: sign, distance, band, what lies beyond it, and its mesh.
+/// The level set of the surface against analytic shapes: sign, distance, band, the space beyond it, and its mesh.
 #include <gtest/gtest.h>
 #include <openvdb/tools/Diagnostics.h>
 #include <openvdb/tools/VolumeToMesh.h>
@@ -24,7 +24,7 @@ constexpr double kShapeVoxel_m = 0.01;
 constexpr double kBand = 3.0;     // voxels
 constexpr double kSupport = 2.0;  // voxels: points blended into a distance, along the surface
 const Eigen::Vector3d kShapeOrigin_W = {12.0, -7.0, 3.0};
-// Off the voxel centres on every axis.
+// Not on a voxel centre on any axis.
 const Eigen::Vector3d kCentre = {3.31, -5.72, 1.14};
 
 /// A surface: points and outward normals over the unit square, and its exact signed distance. Lengths are voxels.
@@ -32,7 +32,7 @@ struct Shape {
   std::function<void(double, double, Eigen::Vector3d&, Eigen::Vector3d&)> at;
   std::function<double(const Eigen::Vector3d&)> distance;
   double area = 0;
-  double least_radius = 0;  ///< of curvature
+  double least_radius = 0;  ///< least radius of curvature
 };
 
 Shape sphere(double radius) {
@@ -64,7 +64,7 @@ Shape torus(double ring, double tube) {
   return shape;
 }
 
-/// About `density` points a square voxel, of which the first in each voxel stays, as in a field.
+/// About `density` points per square voxel; the first in each voxel is kept, as in a field.
 FieldSnapshot sampled(const Shape& shape, double density = 4,
                       const std::function<bool(const Eigen::Vector3d&)>& keep = {}, double normal_sign = 1) {
   FieldSnapshot field;
@@ -177,7 +177,7 @@ TEST(SurfaceLevelSet, ARoomSeenFromInsideIsFreeInside) {
     const Coord at(3 + r, -6, 1);
     const double behind = shape.distance(positionOf(at));  // positive inside the wall
     if (std::abs(behind) < 1) continue;
-    // Free within, a wall 3 voxels thick, free again beyond what was seen.
+    // Free inside, a wall 3 voxels thick, free again beyond what was seen.
     EXPECT_EQ(read.getValue(at) < 0, behind > 0 && behind < kBand - boundOf(shape)) << behind;
     if (std::abs(behind - kBand) < 2 * boundOf(shape)) break;
   }
@@ -186,8 +186,8 @@ TEST(SurfaceLevelSet, ARoomSeenFromInsideIsFreeInside) {
 }
 
 TEST(SurfaceLevelSet, SpaceThatNoLeafHoldsJoinsWhatStandsInIt) {
-  // A shell in a room, both seen from inside. Around the shell everything names the space between as solid, but the
-  // walls of the room, which are more, name it as free: it is one space, joined through leaves that do not exist.
+  // A shell in a room, both seen from inside. Around the shell, everything marks the space between as solid, but the
+  // walls of the room, which are more, mark it as free: it is one space, joined through missing leaves.
   const Shape room = sphere(50.0), shell = sphere(9.0);
   FieldSnapshot field = sampled(room, 3, {}, -1);
   for (const SurfacePoint& point : sampled(shell, 3, {}, -1).points) field.points.push_back(point);
@@ -218,7 +218,7 @@ TEST(SurfaceLevelSet, AnOpenSheetIsASlabAndLeaksNowhere) {
   }
   EXPECT_GT(inside, 1000u);
   EXPECT_EQ(stray, 0u) << "voxels called inside although they are not just behind the sheet";
-  // The seen side of the mesh lies on the sphere, the rest at most one band behind it.
+  // The seen side of the mesh is on the sphere, the rest at most one band behind it.
   std::uint64_t front = 0, others = 0;
   for (const double error : vertexErrors(*grid, shape)) {
     front += std::abs(error) < 0.25;

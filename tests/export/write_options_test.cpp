@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Half floats, compression, up axis, what is read back bit for bit, and counts of field_points.vdb against points.ply.
+/// Half floats, compression, up axis, reading back bit for bit, and counts of field_points.vdb against points.ply.
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
 #include <openvdb/points/PointConversion.h>
@@ -33,7 +33,7 @@ using test::readVdb;
 using test::sampleField;
 using test::ScratchFolder;
 
-/// A volume of some thousand voxels with values that no half holds exactly.
+/// A volume of a few thousand voxels with values that no half represents exactly.
 internal::VolumeGrids sampleVolume() {
   const auto fill = [](auto background, const auto& value) {
     using Value = decltype(background);
@@ -81,7 +81,7 @@ TEST(WriteOptions, EveryCompressionReadsBackBitForBit) {
     options.surface = true;
     const auto path = write(folder, "field.vdb", options);
     bytes[compression] = std::filesystem::file_size(path);
-    // What went in, made anew here or taken from the volume.
+    // The input, made again here or taken from the volume.
     const auto grids = readVdb(path);
     ASSERT_EQ(grids->size(), kNames.size() + 1);
     const internal::VolumeGrids volume = sampleVolume();
@@ -97,7 +97,7 @@ TEST(WriteOptions, EveryCompressionReadsBackBitForBit) {
     file.open(false);
     for (const auto& grid : *grids) {
       EXPECT_FALSE(grid->saveFloatAsHalf()) << grid->getName();
-      // OpenVDB never zips fogs and level sets. What the file says of a grid is taken off when the grid is read.
+      // OpenVDB never zips fogs and level sets. The file's notes on a grid are removed when the grid is read.
       const auto grid_class = grid->getGridClass();
       const bool bare = grid_class == openvdb::GRID_FOG_VOLUME || grid_class == openvdb::GRID_LEVEL_SET;
       const std::uint32_t flags = internal::compressionFlags(compression) & (bare ? ~openvdb::io::COMPRESS_ZIP : ~0u);
@@ -193,7 +193,7 @@ TEST(WriteOptions, YUpTurnsTransformsAndVectorsAndNothingElse) {
     EXPECT_EQ(got, openvdb::Vec3s(value->x(), value->z(), -value->y()));
   }
 
-  // A point lies where its voxel does, and its vectors are turned as well.
+  // A point is in its voxel, and its vectors are rotated too.
   namespace pts = openvdb::points;
   io::writePointsVdb(folder / "points.vdb", field, {}, options);
   const auto points = openvdb::gridPtrCast<pts::PointDataGrid>(named(*readVdb(folder / "points.vdb"), "points"));
@@ -325,7 +325,7 @@ TEST(WriteOptions, AnEmptyFieldIsReadableByEveryReaderOfOurs) {
   }
 }
 
-/// A folder that nobody may write to is one error of ours. As another user where the tests run as root, who may always.
+/// A read-only folder gives one error of ours. Uses another user if the tests run as root, who may write anywhere.
 TEST(WriteOptions, AReadOnlyFolderIsAPermissionError) {
   const ScratchFolder folder;
   const auto locked = folder / "locked";

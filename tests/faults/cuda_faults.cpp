@@ -11,7 +11,7 @@
 namespace accessvdb::test {
 namespace {
 
-/// One a process; the environment can set it for programs: ACCESSVDB_TEST_FAULT="NTH CODE CALL|any [lost]".
+/// One per process; the environment can set it for programs: ACCESSVDB_TEST_FAULT="NTH CODE CALL|any [lost]".
 struct State {
   std::mutex mutex;
   CudaFault fault;
@@ -37,10 +37,10 @@ State& state() {
   return state;
 }
 
-/// Of the thread's last launch, until it asks.
+/// Error of the thread's last launch, until queried.
 thread_local cudaError_t launch_error = cudaSuccess;
 
-/// @return what the call is to fail with; cudaSuccess = it may go on
+/// @return the error that the call must return; cudaSuccess = it proceeds
 cudaError_t meet(const char* call) {
   State& s = state();
   const std::lock_guard lock(s.mutex);
@@ -106,7 +106,7 @@ using accessvdb::test::state;
     if (status == cudaSuccess) countObject(&CudaObjects::kind, 1); \
     return status;                                                 \
   }
-// What is given back goes back, whatever the caller hears.
+// Frees really free, whatever error the caller gets.
 #define GIVE_BACK(kind, name, type)                                                      \
   extern "C" cudaError_t __real_##name(type);                                            \
   extern "C" cudaError_t __wrap_##name(type object) {                                    \
@@ -146,7 +146,7 @@ GIVE_BACK(pinned, cudaFreeHost, void*)
 GIVE_BACK(streams, cudaStreamDestroy, cudaStream_t)
 GIVE_BACK(events, cudaEventDestroy, cudaEvent_t)
 
-// A launch says nothing itself: the next question after an error does.
+// A launch itself does not report errors: the next query does.
 extern "C" cudaError_t __real___cudaLaunchKernel(cudaKernel_t, dim3, dim3, void**, std::size_t, cudaStream_t);
 extern "C" cudaError_t __wrap___cudaLaunchKernel(cudaKernel_t kernel, dim3 grid, dim3 block, void** arguments,
                                                  std::size_t shared, cudaStream_t stream) {
@@ -167,7 +167,7 @@ extern "C" cudaError_t __wrap_cudaPeekAtLastError() {
   return before != cudaSuccess ? before : __real_cudaPeekAtLastError();
 }
 
-// Functions of the driver that are asked for by name.
+// Driver functions that are looked up by name.
 namespace {
 
 CUresult driverFault(const char* call) {

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Makes calls of the CUDA runtime fail when a test says so. Every such call of a program that is linked with
-/// cuda_faults.cpp goes through here first (the linker's --wrap), whichever runtime answers it then: the real one on a
-/// GPU, or fake_cudart.cpp. The product itself knows nothing of it.
+/// Makes calls of the CUDA runtime fail when a test requests it. Every such call of a program linked with
+/// cuda_faults.cpp goes through here first (the linker's --wrap), whichever runtime then answers it: the real one on a
+/// GPU, or fake_cudart.cpp. The product itself knows nothing about it.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -12,24 +12,24 @@
 
 namespace accessvdb::test {
 
-/// What is to fail.
+/// Which call has to fail.
 struct CudaFault {
   cudaError_t error = cudaSuccess;  ///< cudaSuccess: nothing
   std::uint64_t nth = 0;            ///< the nth call from now that `call` names, from 1
   std::string call;                 ///< for example "cudaMalloc"; empty = any
-  bool lost = false;                ///< from then on every call fails, as after a sticky error
+  bool lost = false;                ///< every later call fails too, as after a sticky error
 };
 
 void setFault(const CudaFault& fault);
-/// True once the fault was met.
+/// Whether the fault has occurred.
 [[nodiscard]] bool faultMet();
-/// Its call.
+/// The call that failed.
 [[nodiscard]] std::string faultyCall();
 
-/// Calls since setFault(), those that can fail.
+/// Number of calls since setFault() that can fail.
 [[nodiscard]] std::uint64_t callsMade();
 
-/// What is held at the moment: pieces of memory, streams, events, address ranges.
+/// What is currently held: pieces of memory, streams, events, address ranges.
 struct CudaObjects {
   std::int64_t memory = 0, pinned = 0, streams = 0, events = 0, ranges = 0, mapped = 0;
   bool operator==(const CudaObjects&) const = default;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// Arrays that grow in a memory which is nearly full.
+// Arrays that grow in nearly full memory.
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -14,7 +14,7 @@
 namespace accessvdb::test {
 namespace {
 
-/// Host memory of so many bytes.
+/// Host memory with a given number of bytes.
 class SmallMemory final : public kernels::DeviceMemory {
  public:
   explicit SmallMemory(std::size_t bytes) : free_(bytes) {}

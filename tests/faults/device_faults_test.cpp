@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// Every call of the CUDA runtime that a field makes fails once: while it is set up and in the middle of a run, by lack
-// of memory or because the device is lost. Runs on a fake device everywhere, and on a real one in the GPU suite, where
-// what goes on after a failure that could be borne must also equal the CPU.
+// Makes every CUDA runtime call of a field fail once: during set-up and in the middle of a run, for lack of memory or
+// because the device is lost. Runs on a fake device everywhere, and on a real one in the GPU suite, where the results
+// after a tolerated failure must also equal the CPU's.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -20,22 +20,22 @@ namespace accessvdb::test {
 namespace {
 
 constexpr int kFrames = 3;
-/// Cases of a sweep: on any device a sweep of hundreds of calls takes seconds.
+/// Limit on the cases of a sweep: a sweep of hundreds of calls takes seconds on any device.
 constexpr std::uint64_t kMostCases = 250;
 
-/// How points are chosen. Each way has arrays and kernels of its own.
+/// How points are chosen. Each way has its own arrays and kernels.
 struct Choice {
   const char* name;
   UpdatePolicy policy = UpdatePolicy::Exact;
   int budget_points = 0;
   std::uint64_t most_cases = kMostCases;
-  bool as_the_cpu = true;  ///< the labels are the CPU's after every update
+  bool as_the_cpu = true;  ///< the labels equal the CPU's after every update
 };
 const Choice kExact = {"exact"};
 const Choice kChoices[] = {
     kExact,
     {"exact, by a queue", UpdatePolicy::Exact, 1'000'000, 60},
-    {"exact, with a budget", UpdatePolicy::Exact, 300, 60, false},  // other points wait than on the CPU
+    {"exact, with a budget", UpdatePolicy::Exact, 300, 60, false},  // different points wait than on the CPU
     {"paper, with a budget", UpdatePolicy::Paper, 300, 60}};
 
 FieldParams paramsOn(BackendKind backend, const Choice& choice = kExact) {
@@ -44,7 +44,7 @@ FieldParams paramsOn(BackendKind backend, const Choice& choice = kExact) {
   params.update.policy = choice.policy;
   params.update.budget_points = choice.budget_points;
   params.backend = backend;
-  params.mirror_distance = true;  // its calls fail like all others
+  params.mirror_distance = true;  // its calls can fail like all others
   return params;
 }
 
@@ -67,7 +67,7 @@ const std::vector<WalkFrame>& frames() {
   return frames;
 }
 
-/// What a field must come to after so many frames, from one that never saw a GPU.
+/// The expected state of a field after each frame, from one that never used a GPU.
 struct Reference {
   std::vector<FieldSnapshot> after;  ///< [kFrames]
   explicit Reference(const Choice& choice) {
@@ -116,7 +116,7 @@ class DeviceFaults : public GpuTest {
     EXPECT_EQ(cudaObjects(), held_) << "before: " << inWords(held_) << "; now: " << inWords(cudaObjects());
   }
 
-  /// Of an error of the device: its code, one line, and a way on.
+  /// Checks a device error: its code, one line, and advice.
   static void expectUseful(const Error& error) {
     EXPECT_EQ(error.subject(), "cuda");
     EXPECT_TRUE(error.code() == ErrorCode::Device || error.code() == ErrorCode::Resource) << error.what();
@@ -127,7 +127,7 @@ class DeviceFaults : public GpuTest {
   struct Calls {
     std::uint64_t set_up = 0, run = 0;
   };
-  /// Of a run in which nothing fails. The second one counts: libraries ask some things once a process.
+  /// Calls of a run without failures. The second run counts: libraries query some things once per process.
   static Calls healthyCalls(const Choice& choice = kExact) {
     Calls calls;
     for (int run = 0; run < 2; ++run) {
@@ -145,14 +145,14 @@ class DeviceFaults : public GpuTest {
     return calls;
   }
 
-  /// How a run on the GPU ended that had a fault in it.
+  /// How a run on the GPU with a fault ended.
   struct Ending {
     bool refused = false;
-    int frame = -1;  ///< in which it was refused; kFrames = afterwards
+    int frame = -1;  ///< in which it failed; kFrames = afterwards
     ErrorCode code = ErrorCode::Internal;
   };
 
-  /// Runs all frames, with a fault in them; whatever happens, no label may be wrong and nothing may be left behind.
+  /// Runs all frames with a fault; in any case, no label may be wrong and nothing may be left behind.
   Ending runWith(const CudaFault& fault, const Choice& choice) const {
     Ending ending;
     SCOPED_TRACE(std::string(choice.name) + ", call " + std::to_string(fault.nth) + (fault.lost ? ", lost" : ""));
@@ -216,7 +216,7 @@ TEST_F(DeviceFaults, AutoIsOnTheCpuWhateverFailsAtTheStart) {
         const bool cpu = field.deviceName() == "cpu";
         on_cpu += cpu;
         if (lost) {
-          EXPECT_TRUE(cpu);  // without memory it may also do with less
+          EXPECT_TRUE(cpu);  // without memory it may also make do with less
         }
         EXPECT_EQ(cpu, !field.deviceNote().empty());
         EXPECT_EQ(cpu, !field.deviceNoteId().empty());

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// A CUDA runtime without a GPU, for tests of what happens when calls fail: memory is the host's, transfers copy,
-// everything is done when its call returns, and kernels do nothing. So a program comes to its end on it, but what it
-// would have computed on a device is all zeros. Linked in front of the real runtime, it must define all that is called.
+// A CUDA runtime without a GPU, to test what happens when calls fail: memory is the host's, transfers copy, everything
+// is complete when its call returns, and kernels do nothing. So a program runs to its end, but all results that a
+// device would compute are zeros. Linked in front of the real runtime, it must define everything that is called.
 #include <cuda.h>
 #include <cuda_runtime_api.h>
 #include <sys/mman.h>
@@ -98,7 +98,7 @@ cudaError_t cudaEventRecord(cudaEvent_t, cudaStream_t) { return cudaSuccess; }
 cudaError_t cudaEventSynchronize(cudaEvent_t) { return cudaSuccess; }
 cudaError_t cudaEventElapsedTime(float* ms, cudaEvent_t, cudaEvent_t) { return *ms = 0, cudaSuccess; }
 
-// What the compiler's launches and registrations call (crt/host_runtime.h).
+// Called by the compiler's launches and registrations (crt/host_runtime.h).
 void** __cudaRegisterFatBinary(void*) {
   static void* handle = nullptr;
   return &handle;

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 // The program when its GPU fails: exit code, the one line, the report, and what is saved. On a fake device, so the
-// labels mean nothing; which points they belong to does.
+// labels are meaningless; the points that they belong to are not.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -73,7 +73,7 @@ TEST_F(LostDevice, WhileScoringIsCodeSixAndSavesWhatWasFused) {
   }
 }
 
-/// The device fails at its nth kernel: the first ones are of the set-up, those after them of the scans.
+/// The device fails at its nth kernel: the first ones belong to the set-up, later ones to the scans.
 TEST_F(LostDevice, WhileFusingSavesTheScansBefore) {
   bool fusing = false;
   for (int nth = 1; nth <= 40 && !fusing; ++nth) {
@@ -91,7 +91,7 @@ TEST_F(LostDevice, WhileFusingSavesTheScansBefore) {
 }
 
 TEST_F(LostDevice, FramesOfASequenceStay) {
-  // Each update waits for an event twice: for what moved, and for the map of busy leaves. On a fake device nothing is
+  // Each update waits for an event twice: for what moved, and for the map of busy leaves. On a fake device no point is
   // ever due, so there is no search.
   const ProgramResult result = runWith("5 719 cudaStreamWaitEvent lost", {"--device", "cuda", "--sequence", "1"});
   EXPECT_EQ(result.exit_code, 6) << result.err;

@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// A libcuda.so.1 for tests: a driver without a GPU that answers as it is told, so that the built program, with the real
-// CUDA runtime in it, meets old, broken and empty drivers on any machine. Told by the environment:
-//   STUB_DRIVER_VERSION  as of cuDriverGetVersion, for example 11040; 0 = the runtime finds no driver
-//   STUB_DRIVER_INIT     what cuInit answers: 100 no device, 999 unknown, 802 not ready, 2 no memory, ...
+// A libcuda.so.1 for tests: a driver without a GPU that answers as instructed, so that the built program, with the real
+// CUDA runtime, meets old, broken and empty drivers on any machine. Controlled by the environment:
+//   STUB_DRIVER_VERSION  as from cuDriverGetVersion, for example 11040; 0 = the runtime finds no driver
+//   STUB_DRIVER_INIT     what cuInit returns: 100 no device, 999 unknown, 802 not ready, 2 no memory, ...
 #include <dlfcn.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -34,7 +34,7 @@ int cuGetExportTable(const void** table, const void* id) {
 int cuGetProcAddress_v2(const char* symbol, void** address, int version, unsigned long long flags, int* found) {
   (void)version;
   (void)flags;
-  // This library alone, wherever it lies.
+  // Only this library, wherever it is.
   Dl_info self;
   void* library = NULL;
   if (dladdr((void*)&cuGetProcAddress_v2, &self) != 0) library = dlopen(self.dli_fname, RTLD_LAZY | RTLD_NOLOAD);

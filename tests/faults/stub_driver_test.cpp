@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// The program as it is shipped, CUDA runtime and all, before drivers of every broken kind (stub_driver.c).
+// The program as shipped, with the CUDA runtime, with all kinds of broken drivers (stub_driver.c).
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -17,8 +17,8 @@ struct Driver {
   const char* version;  ///< STUB_DRIVER_VERSION
   const char* answer;   ///< STUB_DRIVER_INIT
   const char* id;
-  const char* words;  ///< in the line
-  bool warned;        ///< or only noted, where nobody would expect a GPU
+  const char* words;  ///< expected in the message
+  bool warned;        ///< false: only a notice, because no GPU is expected
 };
 
 void PrintTo(const Driver& driver, std::ostream* out) { *out << driver.what; }

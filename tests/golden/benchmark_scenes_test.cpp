@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The method against exact ground truth on the paper's scenes, 5 and 2 mm. Bands for the product profile are what this
-/// project requires. Bands for the paper profile are the paper's printed figures +-4 points, narrowed on the side on
-/// which a broken rule would leave them (docs/PAPER_MAP.md, "Where we differ, and why").
+/// The method against exact ground truth on the paper's scenes, 5 and 2 mm. Bands for the product profile are this
+/// project's requirements. Bands for the paper profile are the paper's printed figures +-4 points, narrowed on the side
+/// on which a broken rule would leave them (docs/PAPER_MAP.md, "Where we differ, and why").
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -15,7 +15,7 @@
 namespace accessvdb::eval {
 namespace {
 
-/// One process a test, so scans are shared within a test only.
+/// One process per test, so scans are only shared within a test.
 class BenchmarkScenes : public testing::Test {
  protected:
   std::shared_ptr<const EvaluatedRun> run(const RunRequest& request) { return runner_.run(request); }
@@ -36,8 +36,8 @@ RunRequest unclamped(RunRequest request) {
   return request;
 }
 
-/// Voxels that one return updates by the product's rule, counted one by one over rays from all around: the double cone
-/// of cos 0.95 and what lies within v, in the cube of +-4 v.
+/// Voxels that a return updates by the product's rule, counted one by one over rays from all around: the double cone
+/// of cos 0.95 and what is within v, in the cube of +-4 v.
 double doubleConeVoxels() {
   constexpr int kRays = 2000;
   std::uint64_t count = 0;
@@ -90,7 +90,7 @@ TEST_F(BenchmarkScenes, Box) {
   EXPECT_GE(product->shared().f1(), 99.5);
   const auto paper = run(paperRun("box", 0.005));
   EXPECT_BETWEEN(paper->shared().f1(), 96.7 - 4, 96.7 + 4);
-  // Everything is accessible; what the paper's profile misses, it misses because it does not know the corridor.
+  // Everything is accessible; the paper's profile only misses points because it does not know the corridor.
   EXPECT_DOUBLE_EQ(paper->shared().truthPercent(), 100);
   EXPECT_BETWEEN(paper->shared().recall(), 91, 97.5);
   EXPECT_GE(paper->reasons[static_cast<int>(PointReason::Unknown)], 9 * paper->shared().false_blocked / 10);
@@ -101,12 +101,12 @@ TEST_F(BenchmarkScenes, Sphere) {
   EXPECT_GE(product->shared().f1(), 99.5);
   EXPECT_BETWEEN(product->shared().truthPercent(), 93, 97);  // the caps look up and down
   EXPECT_GE(run(paperRun("sphere_a", 0.005))->shared().f1(), 99);
-  // Nobody sees the far side.
+  // No single viewpoint sees the far side.
   const auto from_one = visibleFrom(product->positions_W, product->viewpoints_W.front());
   EXPECT_BETWEEN(100.0 * static_cast<double>(std::count(from_one.begin(), from_one.end(), 1)) /
                      static_cast<double>(from_one.size()),
                  20, 60);
-  // All of it is seen by somebody, so visibility calls everything accessible (paper, HPR).
+  // All of it is seen from somewhere, so visibility calls everything accessible (paper, HPR).
   const auto visible = visibleFromAny(
       product->positions_W, std::vector<Eigen::Vector3d>(product->viewpoints_W.begin(), product->viewpoints_W.end()));
   const Confusion hpr = compare(product->truth_shared, visible);
@@ -119,7 +119,7 @@ TEST_F(BenchmarkScenes, Wall) {
   EXPECT_GE(run(paperRun("wall", 0.005))->shared().f1(), 96);
 }
 
-// A tube thinner than a few voxels: negative distances from behind would fill it, so the clamp has to be there.
+// A tube thinner than a few voxels: negative distances from behind would fill it, so the clamp is needed.
 TEST_F(BenchmarkScenes, ThinRingNeedsTheClamp) {
   EXPECT_GE(run(productRun("ring", 0.002))->shared().f1(), 99);
   EXPECT_LT(run(unclamped(productRun("ring", 0.002)))->shared().f1(), 97);

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Shows that check_docs.sh fires on a dead link, a dead path, and a citation of what is not there, and on nothing else.
+# Shows that check_docs.sh fires on a dead link, a dead path, and a citation of something missing, and on nothing else.
 set -euo pipefail
 checker=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/check_docs.sh
 tree=$(mktemp -d)

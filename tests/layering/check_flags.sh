@@ -4,7 +4,7 @@
 # Labels are equal on every backend only if no compiler contracts or reorders arithmetic: every translation unit of ours
 # must be compiled with -ffp-contract=off and without any fast-math flag; CUDA code with --fmad=false, IEEE division and
 # square root, and denormals kept.
-#   check_flags.sh compile_commands.json      exit code 77 (skipped) where the build did not export it
+#   check_flags.sh compile_commands.json      exit code 77 (skipped) if the build did not export it
 set -euo pipefail
 commands=${1:?usage: check_flags.sh compile_commands.json}
 if [[ ! -f $commands ]]; then
@@ -22,7 +22,7 @@ awk '
       for (n = 1; n <= count; ++n)
         if (command !~ (" --?" flags[n] " ")) { print file ": compiled without -" flags[n]; bad = 1 }
     }
-    # A later flag wins over an earlier one.
+    # A later flag overrides an earlier one.
     if (command ~ / (-Ofast|-ffast-math|-funsafe-math-optimizations|-fassociative-math|-freciprocal-math|-ffp-contract=(fast|on)|--?use_fast_math|--?fmad=true|--?prec-div=false|--?prec-sqrt=false|--?ftz=true) /) {
       print file ": compiled with a fast-math flag"; bad = 1
     }

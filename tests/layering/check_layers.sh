@@ -1,18 +1,18 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Checks which layer includes what, and a few rules that no compiler knows: check_layers.sh [ROOT]
-# Prints one line a violation, "file:line: rule: what", and exits 1 if there is any.
+# Checks which layer includes what, and a few rules that compilers do not check: check_layers.sh [ROOT]
+# Prints one line per violation, "file:line: rule: what", and exits 1 if there is any.
 #
-# The table is a list of what IS allowed; an include that it does not know is a violation too, so that a new dependency
-# has to be written down here. Arrows run one way: a folder may only name folders that stand in its row.
+# The table lists what IS allowed; an include that it does not list is a violation too, so that a new dependency has to
+# be written down here. Arrows run one way: a folder may only name folders in its row.
 set -euo pipefail
 root=${1:-$(dirname "${BASH_SOURCE[0]}")/../..}
 cd "$root"
 
-# layer: what its files may include (its own files always). `grids` is the public header that hands out OpenVDB grids,
-# `pcl-header` is accessvdb/pcl.h, the one exception: a public header that includes another package, for whoever has it.
-# `constants` the headers that hold no code that a device could lack.
+# layer: what its files may include (besides its own files). `grids` is the public header that returns OpenVDB grids;
+# `pcl-header` is accessvdb/pcl.h, the one exception: a public header that includes another package, for its users.
+# `constants`: headers without code that a device could lack.
 allowed_includes() {
   cat <<'TABLE'
 api      std eigen
@@ -57,7 +57,7 @@ check_includes() {
   {
     allowed_includes | sed 's/^/ALLOW /'
     awk '{ print "FILE", $0 }' <<<"$files"
-    # shellcheck disable=SC2086  # one word a file: names with blanks are a violation of their own
+    # shellcheck disable=SC2086  # one word per file: names with blanks are a separate violation
     grep -nHE '^[[:space:]]*#[[:space:]]*include' $files | sed -E 's/^([^:]*):([0-9]+):[^"<]*(["<])([^">]*).*/INCLUDE \1 \2 \3 \4/'
   } | awk '
     function folder(path) { sub(/\/[^\/]*$/, "", path); return path }
@@ -142,7 +142,7 @@ code_lines() {
 check_code() {
   local code
   code=$(code_lines)
-  # Whole-grid conversions cost tens of milliseconds a frame; the mirror is patched instead. Tests compare with them.
+  # Whole-grid conversions take tens of milliseconds per frame; the mirror is patched instead. Tests compare with them.
   grep -E ':.*\b(openToNanoVDB|createNanoGrid)\b' <<<"$code" |
     sed -E 's/^([^:]*:[0-9]+):.*/\1: conversion: whole-grid NanoVDB conversion outside tests/' || true
   # A library neither ends its host nor writes to its terminal.

@@ -9,7 +9,7 @@ command -v nm >/dev/null || { echo "skipped: nm (binutils) is missing"; exit 77;
 
 bad=0
 for object in "$@"; do
-  # Undefined and weak symbols both: an inlined template of OpenVDB shows as a weak one. nanovdb:: is another namespace.
+  # Checks undefined and weak symbols: inlined OpenVDB templates are weak. nanovdb:: is another namespace.
   found=$(nm -C "$object" | grep -E '(^|[^[:alnum:]_])openvdb::' || true)
   if [[ -n $found ]]; then
     printf '%s uses OpenVDB:\n%s\n' "$object" "$(head -5 <<<"$found")"

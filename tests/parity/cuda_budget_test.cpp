@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// The exact policy with a budget on the GPU. The device finds more points due than the CPU does, so others wait; but at
-// any moment only those that wait can be wrong, and once none does the field is that of a full evaluation.
+// The exact policy with a budget on the GPU. The device marks more points as due than the CPU, so different ones wait;
+// but at any time only waiting points can be wrong, and once none waits, the field equals a full evaluation.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -50,7 +50,7 @@ bool sameAnswer(const SurfacePoint& a, const SurfacePoint& b) {
   return a.label != PointLabel::Accessible || (a.score == b.score && a.direction == b.direction);
 }
 
-/// Points that a full evaluation of the current map calls otherwise.
+/// Number of points that a full evaluation of the current map labels differently.
 std::uint64_t outOfDate(const AccessibilityField& field) {
   const FieldSnapshot now = field.snapshot(), scratch = field.evaluateFromScratch();
   std::uint64_t count = 0;
@@ -87,7 +87,7 @@ TEST_P(CudaBudget, OnlyDelays) {
     if (HasFailure()) return;
   }
   EXPECT_GT(most_waiting, 2 * budget);
-  EXPECT_GT(most_out_of_date, budget / 2);  // else the bound above would say nothing
+  EXPECT_GT(most_out_of_date, budget / 2);  // otherwise the bound above would prove nothing
   std::uint64_t waiting = 1;
   for (int turn = 0; turn < 1000 && waiting > 0; ++turn) {
     const std::uint64_t before = waiting;
@@ -123,7 +123,7 @@ TEST_P(CudaBudget, ThatIsNeverReachedChangesNothing) {
   }
 }
 
-/// Before anything was scored both backends find the same points due: then they serve them in the same order.
+/// Before anything is scored, both backends find the same points due, and serve them in the same order.
 TEST_P(CudaBudget, ServesTheFirstComersAsTheCpuDoes) {
   BudgetCase c = GetParam();
   c.budget_points = 50;  // so that they come in several turns
@@ -150,7 +150,7 @@ INSTANTIATE_TEST_SUITE_P(
                     BudgetCase{3, "builtin:pruner", 0.04, 700, 12, 4000, 180, 30, 2},
                     BudgetCase{4, "builtin:pruner", 0.05, 300, 8, 4000, 180, 3, 1, ToolForm::SurfaceSamples}));
 
-/// More points than are taken at a time.
+/// More points than are processed at a time.
 class CudaManyPoints : public GpuTest {
  protected:
   static constexpr std::size_t kAtATime = 1 << 17;

@@ -44,7 +44,7 @@ class CudaDistance : public GpuTest {
       voxels.emplace_back(ijk.x(), ijk.y(), ijk.z());
       expected.push_back({value, active});
     });
-    backend_->waitForMirror();  // the readers' only order after the mirror's stream
+    backend_->waitForMirror();  // the only thing that orders readers after the mirror's stream
     const std::vector<DistanceRead> found = readDistancesOnDevice(*backend_, mirror.grid(), voxels);
     std::size_t active = 0;
     for (std::size_t n = 0; n < voxels.size(); ++n) {
@@ -109,13 +109,13 @@ TEST_F(CudaDistance, HoldsTheSameBytesAsTheHosts) {
     backend_->waitForMirror();
     std::vector<std::byte> found(cuda->usedBytes());
     backend_->download(found.data(), cuda->grid(), found.size());
-    // The one thing that the arenas decide.
+    // The only field that depends on the arena.
     reinterpret_cast<kernels::DistanceGrid::DataType*>(found.data())->mGridSize = host->grid()->gridSize();
     ASSERT_EQ(std::memcmp(found.data(), host->grid(), found.size()), 0) << round;
   }
 }
 
-/// Two mirrors of one backend share its stream and its event: whoever waits for the event sees both, whichever was
+/// Two mirrors of one backend share its stream and its event: waiting for the event makes both visible, whichever was
 /// flushed last.
 TEST_F(CudaDistance, StandsBesideTheMirrorOfScoring) {
   DistanceWorld world(34);
@@ -143,7 +143,7 @@ TEST_F(CudaDistance, StandsBesideTheMirrorOfScoring) {
   }
 }
 
-/// Fills before what is written over them, in pieces, and nothing beside them.
+/// Fills come before what is written over them, in pieces, and touch nothing else.
 TEST_F(CudaDistance, ArenaFillsPieces) {
   const auto arena = backend_->makeArena();
   arena->commit(1 << 20);
@@ -185,7 +185,7 @@ TEST_F(CudaDistance, ArenaFillsPieces) {
   EXPECT_EQ(found, expected);
 }
 
-/// Without memory nothing can be read that was not there before, and what was there stays.
+/// Without memory, nothing new becomes readable, and everything old stays.
 TEST_F(CudaDistance, AMirrorThatCannotGrowStaysReadable) {
   kernels::CudaOptions options;
   options.memory_limit_bytes = std::uint64_t(160) << 20;
@@ -218,7 +218,7 @@ TEST_F(CudaDistance, AMirrorThatCannotGrowStaysReadable) {
     }
   }
   backend_->waitForMirror();
-  // No memory is left on that backend to ask with.
+  // That backend has no memory left for reading.
   const auto other = kernels::makeCudaBackend(kernels::CudaOptions{});
   const auto found = readDistancesOnDevice(*other, mirror->grid(), voxels);
   for (std::size_t n = 0; n < voxels.size(); ++n) {
@@ -241,7 +241,7 @@ TEST_F(CudaDistance, NothingIsAllocatedOnceWarm) {
   EXPECT_EQ(backend_->heldBytes(), bytes);
 }
 
-/// A walk of the sensor, after every scan: the grid on the device, voxel for voxel, is the map's.
+/// On a walk of the sensor, the device's grid equals the map's after every scan, voxel for voxel.
 TEST_F(CudaDistance, EqualsTheMapOfALiveField) {
   QueryWorld cuda(0, BackendKind::Cuda, 0, true);
   for (int n = 0; n < 2; ++n) {

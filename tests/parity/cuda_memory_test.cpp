@@ -53,7 +53,7 @@ TEST_F(CudaMemory, MoreThanTheCardHasIsRefusedAndHarmless) {
   backend->release(backend->allocate(1000), 1000);
 }
 
-/// The first run says what it takes; with less, chunks shrink and the results stay, until nothing goes any more.
+/// The first run shows the memory needed; with less, chunks shrink and the results stay the same, until nothing fits.
 TEST_F(CudaMemory, ScoresInSmallerChunksWhenThereIsLess) {
   const ScoringCase what = someCase(6000);
   ScoringRig cpu(kernels::makeCpuBackend(), what);
@@ -90,7 +90,7 @@ TEST_F(CudaMemory, AMirrorThatCannotGrowStaysReadable) {
   ScoringRig cpu(kernels::makeCpuBackend(), what);
   auto backend = limited(std::uint64_t(48) << 20);
   ScoringRig cuda(std::move(backend), what);
-  expectSameResults(cuda.score(what.items, false), cpu.score(what.items, false));  // its own memory is there by now
+  expectSameResults(cuda.score(what.items, false), cpu.score(what.items, false));  // its own memory is allocated by now
   const auto expected = cpu.score(what.items, false);
   ChangeMaker maker(4);
   bool refused = false;
@@ -124,7 +124,7 @@ TEST_F(CudaMemory, NothingIsAllocatedOnceWarm) {
   EXPECT_EQ(backend.heldBytes(), held);
 }
 
-/// The whole field on a card that others have filled: a clear error, and no answers from a half-updated field.
+/// A whole field on a card filled by others: a clear error, and no answers from a half-updated field.
 TEST_F(CudaMemory, AFieldThatRunsOutAnswersNoMore) {
   FieldParams params;
   params.tsdf.voxel_size_m = 0.02;
@@ -160,7 +160,7 @@ TEST_F(CudaMemory, AFieldThatRunsOutAnswersNoMore) {
   EXPECT_THROW(field.update(), ResourceLimit);
   for (const auto& [address, bytes] : taken) hog->release(address, bytes);
   EXPECT_THROW((void)field.snapshot(), ResourceLimit);
-  AccessibilityField anew(ToolGeometry::builtin("builtin:pruner"), params);  // the device itself is well
+  AccessibilityField anew(ToolGeometry::builtin("builtin:pruner"), params);  // the device itself still works
   const WalkFrame scan = walk.frame(0);
   anew.integrateScan(scan.points_S, scan.T_W_S);
   anew.update();

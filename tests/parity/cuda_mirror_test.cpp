@@ -131,7 +131,7 @@ TEST_F(CudaMirror, HoldsTheSameBytesAsTheHosts) {
     backend_->finish();
     std::vector<std::byte> found(cuda.usedBytes());
     backend_->download(found.data(), cuda.grid(), found.size());
-    // The one thing that the arenas decide.
+    // The only field that depends on the arena.
     reinterpret_cast<kernels::OccupancyGrid::DataType*>(found.data())->mGridSize = host.grid()->gridSize();
     ASSERT_EQ(std::memcmp(found.data(), host.grid(), found.size()), 0) << round;
   }

@@ -1,7 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 // The paper's policy on the GPU: queue, candidates and scores are the device's, and after every update the same points
-// were evaluated with the same outcome as on the CPU. A best score never rises, so one point out of turn would show.
+// have been evaluated with the same outcome as on the CPU. A best score never rises, so one point out of turn would
+// show.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -32,7 +33,7 @@ void PrintTo(const PaperCase& c, std::ostream* out) {
 WalkGenerator walkOf(const PaperCase& c) {
   WalkOptions options = parityWalk(c.seed, c.frames, c.rays_per_frame);
   options.max_range_m = 6;
-  options.length_m = 2;  // little: points are seen again and again
+  options.length_m = 2;  // short, so that points are seen repeatedly
   return WalkGenerator(options);
 }
 
@@ -40,7 +41,7 @@ FieldParams paramsOf(const PaperCase& c, BackendKind backend) {
   FieldParams params = c.paper_profile ? FieldParams::paper(c.voxel_size_m) : FieldParams{};
   params.tsdf.voxel_size_m = c.voxel_size_m;
   params.scoring.surface_samples = 200;
-  // With the paper's other reading of a collision next to nothing collides at such voxels.
+  // With the paper's other definition of a collision, almost nothing collides at such voxels.
   params.scoring.collision_distance_m = 0;
   params.approach.num_directions = c.directions;
   params.update.policy = UpdatePolicy::Paper;
@@ -85,7 +86,7 @@ TEST_P(CudaPaper, EvaluatesTheSamePointsAsTheCpu) {
   EXPECT_GT(tests, 5000u);
   const std::uint64_t scored = cpu.snapshot().points.size() - cpu.snapshot().count(PointLabel::Unscored);
   if (c.budget_points == 0) {
-    EXPECT_GT(again, 3 * scored / 2);  // triggers asked for points once more
+    EXPECT_GT(again, 3 * scored / 2);  // triggers queued points again
   }
   expectVaried(cuda.snapshot());
 }

@@ -32,7 +32,7 @@ struct Tally {
   }
 };
 
-/// Scores the items three times with an older state each time, once by the paper's rule.
+/// Scores the items three times, each time on the previous state, once by the paper's rule.
 void compare(const ScoringCase& what, const std::vector<CudaOptions>& ways, Tally& tally) {
   ScoringRig cpu(kernels::makeCpuBackend(), what);
   std::vector<std::vector<kernels::ScoreResult>> expected;
@@ -93,7 +93,7 @@ void runSeeds(std::uint64_t first, std::uint64_t last, bool samples, Tally& tall
 TEST_F(CudaScoring, EqualsTheCpuOnRandomMaps) {
   Tally tally;
   runSeeds(1, 30, false, tally);
-  // The comparison means something only where every outcome comes up.
+  // The comparison is only meaningful if every outcome occurs.
   for (const PointReason reason : {PointReason::None, PointReason::Tool, PointReason::Arm, PointReason::Unknown,
                                    PointReason::Normal, PointReason::Unseen}) {
     EXPECT_GT(tally.reasons[static_cast<std::size_t>(reason)], 40u) << name(reason);
@@ -111,7 +111,7 @@ TEST_F(CudaScoring, SurfaceSamplesEqualTheCpuOnRandomMaps) {
   EXPECT_GT(tally.reasons[static_cast<std::size_t>(PointReason::Tool)], 40u);
 }
 
-/// Small enough for the sanitizers, and every kernel in it.
+/// Small enough for the sanitizers, yet uses every kernel.
 TEST_F(CudaScoring, ShortRunOfEveryPath) {
   for (const bool samples : {false, true}) {
     Random random(31);
@@ -139,7 +139,7 @@ TEST_F(CudaScoring, AToolBeyondSharedMemoryEqualsTheCpu) {
   EXPECT_GT(tally.cut_short, 20u);
 }
 
-/// Count for count: the fast counting against the plain rule on the host, with no stop.
+/// Count for count: the fast counting against the plain rule on the host, without early stop.
 TEST_F(CudaScoring, CountsOfEveryDirectionEqualThePlainRule) {
   for (const bool samples : {false, true}) {
     for (const SearchPath path : {SearchPath::Fast, SearchPath::Lowers, SearchPath::Tree}) {

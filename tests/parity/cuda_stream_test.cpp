@@ -27,7 +27,7 @@ struct StreamCase {
   UpdatePolicy policy = UpdatePolicy::Exact;
   ToolForm form = ToolForm::Voxels;
   int max_collisions = 0;
-  int budget_points = 0;  ///< only with the paper's policy: then the same points wait on both
+  int budget_points = 0;  ///< only with the paper's policy, with which the same points wait on both
   int scans_an_update = 1;
   int neighbours = 0;
   int directions = 180;
@@ -74,7 +74,7 @@ const StreamCase kShortStream = [] {
   return c;
 }();
 
-/// A tool that takes many leaves as a whole, and a limit that some of them keep.
+/// A tool that takes many leaves as a whole, and a limit that some directions stay within.
 const StreamCase kThickTool = [] {
   StreamCase c = {12, "builtin:pruner", 0.01};
   c.directions = 36;
@@ -85,7 +85,7 @@ const StreamCase kThickTool = [] {
   return c;
 }();
 
-/// For the sanitizers.
+/// A short version for the sanitizers.
 const StreamCase kShortThickTool = [] {
   StreamCase c = kThickTool;
   c.directions = 12;
@@ -101,8 +101,8 @@ std::size_t blockedByTheTool(const FieldSnapshot& field) {
       std::ranges::count(field.points, PointReason::Tool, [](const SurfacePoint& p) { return p.reason; }));
 }
 
-/// Voxels so small that the device takes 2^3 and 4^3 blocks at a time. Returns from near by, and noise of several
-/// voxels: so voxels get more than one, and cease to collide.
+/// Voxels so small that the device takes 2^3 and 4^3 blocks at a time. Returns from close by, with noise of several
+/// voxels, so that voxels get more than one and stop colliding.
 StreamCase groupedStream(std::uint64_t seed, const char* tool, double voxel_size_m) {
   StreamCase c = {seed, tool, voxel_size_m};
   c.frames = 10;
@@ -115,11 +115,11 @@ StreamCase groupedStream(std::uint64_t seed, const char* tool, double voxel_size
 const StreamCase kGroupsOf8 = [] {
   StreamCase c = groupedStream(10, "builtin:pruner", 0.005);
   c.directions = 36;
-  c.max_collisions = 20;  // the rule would allow some thousand
+  c.max_collisions = 20;  // the rule would allow a few thousand
   return c;
 }();
 const StreamCase kGroupsOf64 = groupedStream(11, "builtin:pencil", 0.0025);
-/// For the sanitizers.
+/// A short version for the sanitizers.
 const StreamCase kShortGroups = [] {
   StreamCase c = groupedStream(2, "builtin:pencil", 0.005);
   c.directions = 36;
@@ -149,8 +149,8 @@ TEST_P(CudaStream, EqualsTheCpuAfterEveryUpdate) {
     cuda.integrateScan(scan.points_S, scan.T_W_S);
     if ((frame + 1) % c.scans_an_update != 0) continue;
     const UpdateStats a = cpu.update(), b = cuda.update();
-    // With the exact policy the device finds more points due, from coarser facts: more is tested, nothing else comes
-    // out.
+    // With the exact policy the device finds more points due, from coarser facts: more is tested, with the same
+    // outcome.
     if (c.policy == UpdatePolicy::Paper) {
       ASSERT_EQ(a.direction_tests, b.direction_tests);
     }
@@ -198,7 +198,7 @@ struct Risen {
   }
 };
 
-/// The stream on the CPU, each update of which tests more directions than that.
+/// The stream on the CPU; checks that each update tests more directions than that.
 FieldSnapshot busyStream(const StreamCase& c, std::uint64_t tests, Risen* risen = nullptr) {
   FieldParams params = paramsOf(c);
   params.backend = BackendKind::Cpu;
@@ -217,7 +217,7 @@ FieldSnapshot busyStream(const StreamCase& c, std::uint64_t tests, Risen* risen 
   return before;
 }
 
-/// What the sanitizers are to see must happen in it: searches that count a thick tool by its slabs. Needs no GPU.
+/// Checks that it contains what the sanitizers must see: searches that count a thick tool by its slabs. Needs no GPU.
 TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
   const internal::ToolSlabs slabs = slabsOf(kShortStream);
   ASSERT_FALSE(slabs.empty());
@@ -227,13 +227,13 @@ TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
   EXPECT_GT(blockedByTheTool(snapshot), 50u);
 }
 
-/// So must searches that meet leaves as a whole. Needs no GPU.
+/// Likewise for searches that meet leaves as a whole. Needs no GPU.
 TEST(ThickTool, TakesLeavesAsAWholeAndBlocks) {
   for (const auto& [c, tests] : {std::pair{kThickTool, 1000u}, {kShortThickTool, 100u}}) {
     const internal::ToolSlabs slabs = slabsOf(c);
     EXPECT_EQ(slabs.full.size(), slabs.columns.size());
     EXPECT_GT(slabs.columns.size(), 0u);
-    Risen risen;  // then directions are compared with what is not known to be worse
+    Risen risen;  // then directions are compared with ones not known to be worse
     const FieldSnapshot snapshot = busyStream(c, tests, &risen);
     expectVaried(snapshot);
     EXPECT_GT(blockedByTheTool(snapshot), 50u);
@@ -242,7 +242,7 @@ TEST(ThickTool, TakesLeavesAsAWholeAndBlocks) {
   }
 }
 
-/// What they are to show must happen in them: groups of several blocks, and points of all kinds. Needs no GPU.
+/// Checks that they contain what they must show: groups of several blocks, and points of all kinds. Needs no GPU.
 TEST(GroupedStreams, HaveGroupsOfBlocksAndBlockedPoints) {
   for (const StreamCase& c : {kGroupsOf8, kGroupsOf64, kShortGroups}) {
     SCOPED_TRACE(testing::PrintToString(c));

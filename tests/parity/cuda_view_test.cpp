@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// The view of a field on the GPU, asked in a kernel, against the view of the same field on the CPU: equal, bit for bit,
-// right after each scan. And batch queries on the host, which are the same for both.
+// The view of a field on the GPU, read in a kernel, against the view of the same field on the CPU: equal, bit for bit,
+// right after each scan. Also batch queries on the host, which are the same for both.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -41,7 +41,7 @@ TEST_F(CudaView, EqualsTheHostAfterEveryScan) {
   const auto backend = kernels::makeCudaBackend();  // only for memory
   for (int n = 0; n < 3; ++n) {
     SCOPED_TRACE(n);
-    if (n == 1) {  // the map alone is new: points are as of the update before
+    if (n == 1) {  // only the map is new: points are as of the previous update
       cpu.integrate(5);
       cuda.integrate(5);
     } else if (n == 2) {

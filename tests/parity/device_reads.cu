@@ -24,7 +24,7 @@ __global__ void readDistances(const kernels::DistanceGrid* grid, const nanovdb::
   out[n].active = accessor.isActive(voxels[n]);
 }
 
-/// One thread a voxel.
+/// One thread per voxel.
 template <class Grid, class Read>
 std::vector<Read> readEach(kernels::DeviceMemory& memory, const Grid* grid, const std::vector<nanovdb::Coord>& voxels,
                            void (*kernel)(const Grid*, const nanovdb::Coord*, Read*, std::size_t)) {

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A map of distances that changes at random, as the mirror is told about it, and the same map as an OpenVDB grid that
-/// is changed voxel by voxel.
+/// A map of distances that changes at random, as reported to the mirror, and the same map as an OpenVDB grid changed
+/// voxel by voxel.
 #pragma once
 
 #include <openvdb/openvdb.h>
@@ -25,8 +25,8 @@ class DistanceWorld {
   /// All distances are whole numbers of steps of a power of two: exact, however they are computed.
   static internal::DistanceLeaves leaves() { return {{-0.5f, 1.0f / (1 << 21), 12}, kBackground_m}; }
 
-  /// Observes voxels in some rows of a leaf, for the first time or again. Voxels beside them in the same rows stay
-  /// unobserved, now and then whole rows do.
+  /// Observes voxels in some rows of a leaf, for the first time or again. Other voxels in the same rows stay
+  /// unobserved, and occasionally whole rows do.
   DistanceChange change(const std::array<std::int32_t, 3>& origin_ijk) {
     std::array<std::uint32_t, 512>& packed = map_[origin_ijk];
     auto voxels = grid_->getAccessor();
@@ -73,7 +73,7 @@ class DistanceWorld {
 
  private:
   ChangeMaker maker_;
-  std::map<std::array<std::int32_t, 3>, std::array<std::uint32_t, 512>> map_;  ///< addresses stay
+  std::map<std::array<std::int32_t, 3>, std::array<std::uint32_t, 512>> map_;  ///< addresses are stable
   openvdb::FloatGrid::Ptr grid_ = openvdb::FloatGrid::create(kBackground_m);
 };
 

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// The mirror of distances against an OpenVDB grid that is changed voxel by voxel, and against NanoVDB's own conversion
-// of it; and what it promises to an arena.
+// The mirror of distances against an OpenVDB grid changed voxel by voxel, and against NanoVDB's own conversion of it;
+// and its guarantees to an arena.
 #include <gtest/gtest.h>
 #include <nanovdb/util/GridValidator.h>
 #include <nanovdb/util/OpenToNanoVDB.h>
@@ -219,7 +219,7 @@ TEST(DistanceMirrorContract, NoByteIsWrittenTwiceBetweenFlushes) {
   EXPECT_GT(arena.batches, 10u);
 }
 
-/// Of a leaf's 2 KB only the rows that changed travel: 12 B and 64 B a pair of rows.
+/// Of a leaf's 2 KB, only the changed rows are sent: 12 B and 64 B per pair of rows.
 TEST(DistanceMirrorContract, OnlyChangedRowsTravel) {
   auto owned = std::make_unique<StagedArena>(HostArena::kDefaultReserveBytes, 1u << 20);
   const StagedArena& arena = *owned;
@@ -236,7 +236,7 @@ TEST(DistanceMirrorContract, OnlyChangedRowsTravel) {
   EXPECT_LT(arena.sent_bytes - before, mirror->lastTraffic().bytes_written + 64);
   for (DistanceChange& change : changes) change.row_pairs = 0;
   mirror->apply(changes);
-  for (DistanceChange& change : changes) change.origin_ijk[1] = 800;  // leaves that are not there
+  for (DistanceChange& change : changes) change.origin_ijk[1] = 800;  // leaves that do not exist
   mirror->apply(changes);
   EXPECT_EQ(mirror->leafCount(), 100u);
 }
@@ -272,8 +272,8 @@ TEST(DistanceMirrorContract, StagedOrInPlaceTheMemoryHoldsTheSameBytes) {
   ASSERT_TRUE(answersLike(world, *staged->grid()));
 }
 
-/// Memory that runs out at any point of a frame: nothing can be read that was not there before, and the same frame goes
-/// in once there is some, background and all.
+/// Memory that runs out at any point of a frame: nothing new becomes readable, and the same frame succeeds once there
+/// is memory, including the background.
 TEST(DistanceMirrorContract, WithoutMemoryNothingIsWritten) {
   int refused = 0;
   for (int fail_at = 0; fail_at < 3; ++fail_at) {
@@ -285,7 +285,7 @@ TEST(DistanceMirrorContract, WithoutMemoryNothingIsWritten) {
     mirror->apply(world.batch(50));
     const TreeCensus before = walkTree(*mirror->grid());
     const std::uint64_t sent = arena.sent_bytes;
-    std::vector<DistanceChange> far;  // a lower node each, and root tiles: the arena has to grow again and again
+    std::vector<DistanceChange> far;  // one lower node each, and root tiles: the arena has to grow repeatedly
     for (int n = 0; n < 2400; ++n) far.push_back(world.change({4096 * (n % 400) + 128 * n, 4096 * 3, 8}));
     int commits = 0;
     arena.before_commit = [&] {
@@ -305,7 +305,7 @@ TEST(DistanceMirrorContract, WithoutMemoryNothingIsWritten) {
   EXPECT_GT(refused, 1);
 }
 
-/// Single writes are gathered in a list that was begun earlier: not across a fill.
+/// Single writes are gathered in a list begun earlier, but not across a fill.
 TEST(DistanceMirrorContract, AFillComesBeforeWhatIsWrittenAfterIt) {
   StagedArena arena;
   arena.commit(4096);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What every test on a GPU stands on: without a GPU it is skipped and says why, or fails where one is required.
+/// Base of every GPU test: without a GPU it is skipped with a reason, or fails if one is required.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 
 namespace accessvdb::test {
 
-/// Why no GPU can be used; empty = one can.
+/// Why no GPU can be used; empty if one can.
 inline const std::string& whyNoGpu() {
   static const std::string why = [] {
     try {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What every mirrored grid must satisfy, whatever it holds, and random leaf changes to make it work for that.
+/// Invariants of every mirrored grid, whatever its contents, and random leaf changes to stress them.
 #pragma once
 
 #include <array>
@@ -23,7 +23,7 @@ struct TreeCensus {
 };
 
 /// Walks every node from the root: aligned, inside [grid, grid + gridSize), where its parent's entry says it is.
-/// NanoVDB's own validator does not look at the leaves.
+/// NanoVDB's own validator does not check the leaves.
 template <class Build>
 TreeCensus walkTree(const nanovdb::NanoGrid<Build>& grid) {
   TreeCensus census;
@@ -31,7 +31,7 @@ TreeCensus walkTree(const nanovdb::NanoGrid<Build>& grid) {
   const auto placed = [&](const auto& node, const nanovdb::Coord& origin) {
     const auto* at = reinterpret_cast<const std::uint8_t*>(&node);
     if (at <= begin || at + sizeof(node) > begin + grid.gridSize()) {
-      census.problem = "a node lies outside the grid";
+      census.problem = "a node is outside the grid";
     } else if (reinterpret_cast<std::uintptr_t>(at) % 32 != 0) {
       census.problem = "a node is not aligned";
     } else if (!(node.origin() == origin)) {
@@ -70,7 +70,7 @@ TreeCensus walkTree(const nanovdb::NanoGrid<Build>& grid) {
   return census;
 }
 
-/// Origins where mistakes hide: around 0, on both sides of root tiles, in 27 of them around 0, and far away.
+/// Origins where bugs hide: around 0, on both sides of root tiles, in 27 of them around 0, and far away.
 class ChangeMaker {
  public:
   explicit ChangeMaker(std::uint64_t seed) : random_(seed) {}
@@ -93,7 +93,7 @@ class ChangeMaker {
   [[nodiscard]] LeafChange change(const std::array<std::int32_t, 3>& origin_ijk) {
     LeafChange change;
     change.origin_ijk = origin_ijk;
-    // Off bits overlap on bits now and then: off wins.
+    // Off bits occasionally overlap on bits: off wins.
     for (auto* bits : {&change.collides_on, &change.collides_off, &change.arm_free_on, &change.arm_free_off}) {
       if (below(3) == 0) continue;
       for (auto& word : *bits) word = below(4) == 0 ? 0 : random_() & random_();

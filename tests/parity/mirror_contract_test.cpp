@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// What the mirror promises to an arena (order of writes, no byte twice), and what the host arena promises to it.
+// What the mirror guarantees to an arena (order of writes, no byte twice), and what the host arena guarantees to it.
 #include <gtest/gtest.h>
 
 #include <cstring>
@@ -20,7 +20,7 @@ namespace {
 using internal::NanoVdbMirror;
 using kernels::HostArena;
 
-/// Counts bytes that were written before since the last flush.
+/// Counts bytes written more than once since the last flush.
 class OverlapWatch {
  public:
   explicit OverlapWatch(StagedArena& arena) {
@@ -62,7 +62,7 @@ TEST(MirrorContract, NoByteIsWrittenTwiceBetweenFlushes) {
   for (int round = 0; round < 10; ++round) {
     auto changes = maker.batch(400);
     const auto again = changes;
-    if (round % 2 == 0) changes.insert(changes.end(), again.begin(), again.end());  // leaves that come twice
+    if (round % 2 == 0) changes.insert(changes.end(), again.begin(), again.end());  // leaves that occur twice
     mirror.apply(changes);
     ASSERT_EQ(watch.overlaps(), 0);
   }
@@ -91,7 +91,7 @@ TEST(MirrorContract, ChangesWithoutEffectWriteNothing) {
   EXPECT_EQ(mirror.lastTraffic().bytes_written, 8u);
 }
 
-/// Of the 272 bytes of a change only the words that switch something travel.
+/// Of the 272 bytes of a change, only the words that switch something are sent.
 TEST(MirrorContract, OnlyWordsThatSwitchTravel) {
   auto owned = std::make_unique<StagedArena>();
   const StagedArena& arena = *owned;
@@ -131,7 +131,7 @@ TEST(MirrorContract, ReuseOfTheSameLeavesTakesNoMoreMemory) {
   EXPECT_EQ(mirror.hostBytes(), host_bytes);
 }
 
-/// Many leaves, so that threads share them: each leaf once as a scan has it, and joined scans where some come again.
+/// Many leaves, so that threads share them: each leaf once as in a scan, and joined scans in which some recur.
 TEST(MirrorContract, StagedOrInPlaceTheMemoryHoldsTheSameBytes) {
   NanoVdbMirror in_place(std::make_unique<HostArena>(), 0.01), staged(std::make_unique<StagedArena>(), 0.01);
   ChangeMaker maker(11);
@@ -161,7 +161,7 @@ TEST(MirrorContract, StagedOrInPlaceTheMemoryHoldsTheSameBytes) {
   }
 }
 
-/// A device that fails while a frame is on its way leaves a grid of which nobody knows what is in it.
+/// A device that fails in the middle of a frame leaves a grid with unknown contents.
 TEST(MirrorContract, AfterAWriteThatFailedNothingIsTakenAnyMore) {
   auto owned = std::make_unique<StagedArena>();
   StagedArena& arena = *owned;
@@ -179,7 +179,7 @@ TEST(MirrorContract, AfterAWriteThatFailedNothingIsTakenAnyMore) {
   }
 }
 
-/// Memory that runs out at any point of a frame: nothing was written, and the same frame goes in once there is some.
+/// Memory that runs out at any point of a frame: nothing was written, and the same frame succeeds once there is memory.
 TEST(MirrorContract, WithoutMemoryNothingIsWritten) {
   int refused = 0;
   for (int fail_at = 0; fail_at < 12; ++fail_at) {
@@ -193,7 +193,7 @@ TEST(MirrorContract, WithoutMemoryNothingIsWritten) {
     expected.apply(first);
     const TreeCensus before = walkTree(*mirror.grid());
     const std::uint64_t sent = arena.sent_bytes;
-    std::vector<LeafChange> far;  // a root tile and a lower node each: the arena has to grow again and again
+    std::vector<LeafChange> far;  // one root tile and one lower node each: the arena has to grow repeatedly
     for (int n = 0; n < 1500; ++n) far.push_back(maker.change({4096 * (n % 300) + 128 * n, 4096 * 3, 8}));
     int commits = 0;
     arena.before_commit = [&] {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// The mirror against an OpenVDB grid that is changed voxel by voxel, and against NanoVDB's own conversion of it.
+// The mirror against an OpenVDB grid changed voxel by voxel, and against NanoVDB's own conversion of it.
 #include <gtest/gtest.h>
 #include <nanovdb/util/GridValidator.h>
 #include <nanovdb/util/OpenToNanoVDB.h>
@@ -184,7 +184,7 @@ TEST_P(MirrorEqualsOpenVdb, ALeafMayComeTwiceInOneCall) {
   }
 }
 
-/// A leaf that one change adds, while others of the same call bring no bits to it: they count, wherever they stand.
+/// A leaf added by one change, while others in the same call bring no bits to it: they count, wherever they are.
 TEST_P(MirrorEqualsOpenVdb, ChangesThatBringNothingCountWhereAnotherAddsTheLeaf) {
   for (const bool before : {false, true}) {
     Oracle oracle;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The stream on which both backends are held against each other.
+/// The stream on which both backends are compared.
 #pragma once
 
 #include "support/walk_generator.h"

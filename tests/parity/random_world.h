@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Small random worlds, tools and parameters, the same for the same seed: what parity tests are made of.
+/// Small random worlds, tools and parameters, the same for the same seed: the inputs of parity tests.
 #pragma once
 
 #include <cstdint>
@@ -28,7 +28,7 @@ class Random {
 /// A box with its tip somewhere near the origin, a few voxels thick and up to 14 long.
 [[nodiscard]] ToolGeometry boxTool(Random& random, double voxel_size_m);
 
-/// A world of a few dozen voxels: clutter, or a rough wall with clutter before it, anywhere around the origin.
+/// A world of a few dozen voxels: clutter, or a rough wall with clutter in front of it, anywhere around the origin.
 [[nodiscard]] std::vector<RayScan> randomScans(Random& random, double v);
 
 [[nodiscard]] FieldParams randomParams(Random& random);

@@ -21,7 +21,7 @@ struct Tally {
   std::uint64_t scores_above_zero = 0, normals = 0;
 };
 
-/// @param everything  also reason, score and direction of blocked points, which only a single evaluation promises
+/// @param everything  also reason, score and direction of blocked points, which only a single evaluation guarantees
 void expectEqual(const FieldSnapshot& snapshot, const std::vector<BruteForceResult>& expected, bool everything,
                  const std::string& where) {
   ASSERT_EQ(snapshot.points.size(), expected.size()) << where;
@@ -38,8 +38,8 @@ void expectEqual(const FieldSnapshot& snapshot, const std::vector<BruteForceResu
   }
 }
 
-/// Two eigensolvers in double differ by about 1e-15 / gap, the normal is stored in float32: 1e-6 holds for both where
-/// the gap exceeds 1e-6. The side is left open where the sensor lies in the plane, as its mean is quantised.
+/// Two eigensolvers in double differ by about 1e-15 / gap, and the normal is stored in float32: 1e-6 is enough for both
+/// if the gap exceeds 1e-6. The side is not checked if the sensor is in the plane, as its mean is quantised.
 void expectNormalsEqual(const FieldSnapshot& snapshot, const std::vector<BruteForceResult>& expected, Tally& tally) {
   for (std::size_t id = 0; id < expected.size(); ++id) {
     const SurfacePoint& is = snapshot.points[id];
@@ -65,7 +65,7 @@ void expectSamePoints(const FieldSnapshot& snapshot, const std::vector<GatheredP
   }
 }
 
-/// A direction's rank by the rule, lower is better; only directions in the cone come here.
+/// A direction's rank by the rule, lower is better; only directions in the cone get here.
 std::array<double, 5> rankOf(const BruteForceDirection& d) {
   const bool tool = d.seen && !d.arm_blocked;
   return {d.seen ? (tool ? 0.0 : 1.0) : 2.0, -static_cast<double>(d.arm_passed), static_cast<double>(d.collisions),
@@ -101,7 +101,7 @@ void scoreWithSamples(const AccessibilityField& field, const BruteForceInput& in
       if (best == nullptr || rankOf(d) < rankOf(*best)) best = &d;
     }
     result.score = kNoScore;
-    if (best == nullptr || best->collisions < 0) continue;  // decided before the tool: the oracle's word stands
+    if (best == nullptr || best->collisions < 0) continue;  // decided before the tool: the oracle's result stands
     result.score = static_cast<std::uint16_t>(best->collisions);
     result.direction = static_cast<std::uint16_t>(best->index);
     const bool free = best->collisions < kernel.collision_limit;
@@ -153,7 +153,7 @@ void checkSeed(std::uint64_t seed, bool samples, Tally& tally) {
 TEST(ScoringParity, EqualsBruteForceOnRandomMaps) {
   Tally tally;
   for (std::uint64_t seed = 1; seed <= 60 && !HasFailure(); ++seed) checkSeed(seed, false, tally);
-  // The comparison means something only where every outcome comes up, and often.
+  // The comparison is only meaningful if every outcome occurs, and often.
   for (int reason = 0; reason < kNumPointReasons; ++reason) {
     EXPECT_GT(tally.reasons[static_cast<std::size_t>(reason)], 40u) << name(static_cast<PointReason>(reason));
     RecordProperty(name(static_cast<PointReason>(reason)),

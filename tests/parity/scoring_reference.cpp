@@ -43,7 +43,7 @@ std::vector<double> armDistances(const FieldParams& p) {
   const double tau = p.tsdf.truncation_distance_m, length = p.approach.corridor_length_m;
   std::vector<double> distances;
   for (const double f : p.approach.arm_tau) distances.push_back(f * tau);
-  // Beyond the three of the paper, one every tau; the last one at the end of the corridor.
+  // Beyond the paper's three, one every tau; the last one at the end of the corridor.
   for (double s = distances.back() + tau; s < length; s += tau) distances.push_back(s);
   if (length > distances.back()) distances.push_back(length);
   return distances;
@@ -72,7 +72,7 @@ std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const
       }
       returns.push_back(r);
     }
-    // New points are numbered leaf by leaf, cubes of eight voxels an edge.
+    // New points are numbered leaf by leaf, cubes with edges of eight voxels.
     const auto place = [](const Return& r) {
       VoxelCoord leaf = r.voxel;
       for (auto& axis : leaf) axis = static_cast<std::int32_t>(std::floor(axis / 8.0));

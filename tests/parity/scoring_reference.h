@@ -16,7 +16,7 @@
 
 namespace accessvdb::test {
 
-/// Rays of one scan, world frame, metres; one origin a ray.
+/// Rays of one scan, world frame, metres; one origin per ray.
 struct RayScan {
   std::vector<Eigen::Vector3d> points_W, origins_W;
 };
@@ -30,11 +30,11 @@ struct GatheredPoint {
   std::vector<bool> seen;
 };
 
-/// In the order of ids. @param resolved  parameters of the field, @param origin_W  its local origin
+/// Points in the order of ids. @param resolved  parameters of the field, @param origin_W  its local origin
 [[nodiscard]] std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const FieldParams& resolved,
                                                       const Eigen::Vector3d& origin_W);
 
-/// Everything but the map. Normals are those of the snapshot where it has one.
+/// Everything except the map. Normals are the snapshot's, if it has one.
 [[nodiscard]] BruteForceInput oracleInput(const AccessibilityField& field, const std::vector<GatheredPoint>& points,
                                           const FieldSnapshot& snapshot);
 

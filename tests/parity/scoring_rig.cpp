@@ -15,7 +15,7 @@ std::uint64_t word64(Random& random) {
          static_cast<std::uint64_t>(random.below(1 << 30)) << 17 ^ static_cast<std::uint64_t>(random.below(1 << 30));
 }
 
-/// Empty, sparse or dense, or a wall: about what a map looks like, and everything that can go wrong with bits.
+/// Empty, sparse or dense, or a wall: roughly like a map, with everything that can go wrong with bits.
 LeafBits randomBits(Random& random, int density) {
   LeafBits bits = {};
   if (density == 0) return bits;
@@ -98,20 +98,20 @@ ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldPara
     input.seen = randomMask(random, directions, random.below(10) == 0 ? 0.0 : random.uniform(0.2, 1.0));
     out.inputs.push_back(input);
 
-    if (random.below(10) == 0) continue;  // not asked for
+    if (random.below(10) == 0) continue;  // not requested
     kernels::ScoreItem item;
     item.id = input.id;
     item.candidates = randomMask(random, directions, random.below(3) == 0 ? random.uniform(0, 1) : 2.0);
     if (random.below(2) == 0) item.skip = randomMask(random, directions, random.uniform(0, 0.7));
     const int known = random.below(directions);
-    // What is known is known of a direction that counts: else results above it would be lower bounds only.
+    // The known result belongs to a direction that counts: otherwise results above it would only be lower bounds.
     if (random.below(2) == 0 && isAdmissible(out.params, input, known) && item.candidates.test(known)) {
       item.known_direction = static_cast<std::uint16_t>(known);
       item.known_score = static_cast<std::uint16_t>(random.below(3) == 0 ? 0 : random.below(40));
     }
     out.items.push_back(item);
   }
-  // In no order that a backend could profit from.
+  // Shuffled, so that no backend benefits from the order.
   for (std::size_t n = out.items.size(); n > 1; --n) {
     std::swap(out.items[n - 1], out.items[static_cast<std::size_t>(random.below(static_cast<int>(n)))]);
   }

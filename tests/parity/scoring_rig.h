@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Scoring without a field: a backend with a map, a tool and points of the test's making.
+/// Scoring without a field: a backend with the test's own map, tool and points.
 #pragma once
 
 #include <memory>
@@ -55,10 +55,10 @@ class ScoringRig {
   internal::DevicePoints points_;
 };
 
-/// Field for field, but for which blocked directions were counted far enough to be known as such: that is a backend's
-/// own affair (expectBlockedIsTrue). The first difference fails the test and is named.
+/// Field for field, except which blocked directions were counted far enough to be known as such: that is up to the
+/// backend (expectBlockedIsTrue). The first difference fails the test and is named.
 void expectSameResults(std::span<const kernels::ScoreResult> a, std::span<const kernels::ScoreResult> b);
-/// Directions said to be blocked by the tool have at least the collisions said, and those are enough, by plain counts.
+/// Directions reported as blocked by the tool have at least the reported collisions, and enough, by plain counts.
 /// @param cpu  a rig of the same case on the CPU
 void expectBlockedIsTrue(const ScoringRig& cpu, std::span<const kernels::ScoreItem> items,
                          std::span<const kernels::ScoreResult> results);

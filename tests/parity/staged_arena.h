@@ -54,11 +54,11 @@ class StagedArena final : public kernels::MirrorArena {
   [[nodiscard]] std::uint64_t reservedBytes() const noexcept override { return memory_.reservedBytes(); }
   [[nodiscard]] std::uint64_t committedBytes() const noexcept override { return memory_.committedBytes(); }
 
-  // What a test wants to see, or to fail by throwing.
+  // Hooks for a test to observe, or to make fail by throwing.
   std::function<void()> before_commit, before_send, after_flush;
   std::function<void(std::uint64_t offset, std::uint64_t bytes)> after_write;
   std::uint64_t batches = 0, sent_bytes = 0;
-  bool carries_out = true;  ///< false: what is sent is forgotten
+  bool carries_out = true;  ///< false: what is sent is discarded
 
  private:
   /// Room in the batch, or in the next one.
@@ -102,7 +102,7 @@ class StagedArena final : public kernels::MirrorArena {
     memory_.write(write.offset, batch_.data() + write.source, write.bytes);
     if (after_write) after_write(write.offset, write.bytes);
   }
-  /// Bit by bit where that says what is meant.
+  /// Bit by bit, where that is clearer.
   void patch(const kernels::WriteBatch::Section& section, std::uint32_t n) {
     kernels::LeafPatch patch;
     std::memcpy(&patch, batch_.data() + section.list + n * sizeof(patch), sizeof(patch));

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Questions to a DeviceView in a kernel, on a stream of the caller's own.
+/// Queries to a DeviceView in a kernel, on the caller's own stream.
 #pragma once
 
 #include <vector>

@@ -84,7 +84,7 @@ TEST(BadData, RangeLimitsDropByReason) {
   EXPECT_EQ(dropped(stats, DropReason::NonFinite), 1u);
 }
 
-/// Rays so short that their squares underflow: whether used or not, they must not leave anything but numbers behind.
+/// Rays so short that their squares underflow: whether used or not, they must not produce NaN.
 TEST(BadData, VanishingRangesLeaveNoNaN) {
   AccessibilityField field(armTool(), coarse());
   std::vector<Eigen::Vector3f> points;

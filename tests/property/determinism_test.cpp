@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The outcome is a function of the returns of each scan: not of threads, not of their order, not of where the world's
-/// origin lies, and it turns with the world.
+/// The outcome is a function of the returns of each scan: it does not depend on threads, on their order, or on the
+/// world's origin, and it rotates with the world.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -39,7 +39,7 @@ TEST(Determinism, ThreadsAndOrderDoNotMatter) {
     expectVaried(snapshot);
     std::mt19937_64 random(7);
     for (const int threads : {1, 2, 4, 16}) {
-      // The paper's policy draws returns by their place in the scan: it promises the same for the same order only.
+      // The paper's policy draws returns by their place in the scan: its result is only the same for the same order.
       if (policy == UpdatePolicy::Exact) {
         for (Scan& scan : scans) std::shuffle(scan.points_S.begin(), scan.points_S.end(), random);
       }
@@ -54,7 +54,7 @@ TEST(Determinism, ThreadsAndOrderDoNotMatter) {
 
 /// Whole voxels, far away: half a million metres east, five and a half million north (as in UTM), 300 m up. With a
 /// voxel of 1/16 m every step is exact in double; with 0.05 m positions are off by 1e-9 m, which the rounding of local
-/// positions to 2^-20 m absorbs (unless one lies within 1e-9 m of a rounding bound, which none of these do).
+/// positions to 2^-20 m absorbs (unless one is within 1e-9 m of a rounding bound, and none of these is).
 TEST(Determinism, ShiftingTheWorldByWholeVoxelsChangesNothing) {
   for (const double v : {0.0625, 0.05}) {
     std::vector<Scan> scans = wallScans(2, 5, 700);
@@ -72,8 +72,9 @@ TEST(Determinism, ShiftingTheWorldByWholeVoxelsChangesNothing) {
   }
 }
 
-/// Quarter turns map the voxel grid onto itself. What does not turn with the world is left out of the scans: the first
-/// return of a voxel is the least by (x, y, z), so each scan has one return a voxel; nothing lies at a voxel's bound.
+/// Quarter turns map the voxel grid onto itself. What does not rotate with the world is left out of the scans: the
+/// first return of a voxel is the least by (x, y, z), so each scan has one return per voxel; none is on a voxel's
+/// bound.
 TEST(Determinism, QuarterTurnsTurnTheBestDirection) {
   constexpr double kVoxel = 0.05;
   constexpr int kDirections = 180;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The promise of the exact policy: after every update without a backlog, labels equal those of a full evaluation of
+/// The guarantee of the exact policy: after every update without a backlog, labels equal those of a full evaluation of
 /// the current map, point for point; and so do the score and the direction of every accessible point.
 #include <gtest/gtest.h>
 
@@ -67,7 +67,7 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
   params.scoring.max_collisions = c.max_collisions;
   params.scoring.form = c.form;
   params.scoring.confidence_min = c.confidence_min;
-  params.scoring.surface_samples = 60;  // of that form; few, to be quick
+  params.scoring.surface_samples = 60;  // for that form; few, for speed
   AccessibilityField field(ToolGeometry::builtin(c.tool), params);
   std::uint64_t tests = 0, labels_seen = 0;
   for (int frame = 0; frame < walk_options.frames; ++frame) {
@@ -82,7 +82,7 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
     if (HasFailure()) return;
   }
   EXPECT_GT(tests, 0u);
-  EXPECT_GT(field.snapshot().count(PointLabel::Accessible), 50u);  // else the comparison would say nothing
+  EXPECT_GT(field.snapshot().count(PointLabel::Accessible), 50u);  // otherwise the comparison would prove nothing
   EXPECT_GT(field.snapshot().count(PointLabel::Blocked), 50u);
   EXPECT_GT(labels_seen, 500u);
 }
@@ -90,11 +90,11 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
 INSTANTIATE_TEST_SUITE_P(Streams, ExactStream,
                          testing::Values(Case{1, "builtin:pruner", 0.05, 0, 1}, Case{2, "builtin:pencil", 0.03, 0, 1},
                                          Case{3, "builtin:pruner", 0.08, 40, 1}, Case{4, "builtin:pruner", 0.05, 12, 3},
-                                         // Samples are asked direction by direction: no table of directions by offset.
+                                         // Samples are tested direction by direction: no table of directions by offset.
                                          Case{5, "builtin:pruner", 0.08, 2, 2, ToolForm::SurfaceSamples},
                                          Case{6, "builtin:pruner", 0.06, 0, 2, ToolForm::Voxels, 0.0}));
 
-/// Random clutter near the sensor: many flips both ways, few returns a voxel.
+/// Random clutter near the sensor: many flips both ways, few returns per voxel.
 TEST(ExactStream, EqualsFromScratchOnRandomClutter) {
   for (std::uint64_t seed = 1; seed <= 4; ++seed) {
     std::mt19937_64 random(seed);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The paper's update policy: what an evaluation changes, which directions it tries, and that runs repeat.
+/// The paper's update policy: what an evaluation changes, which directions it tries, and that runs are reproducible.
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 
@@ -14,7 +14,7 @@
 namespace accessvdb::test {
 namespace {
 
-/// A screen comes and goes before a plate. The map forgets fast, so every scan decides afresh.
+/// A screen comes and goes in front of a plate. The map forgets fast, so every scan decides again.
 class Screen : public testing::Test {
  protected:
   static FieldParams params(UpdatePolicy policy) {
@@ -90,7 +90,7 @@ class Rim : public testing::Test {
   static FieldParams params(bool coarse_to_fine) {
     FieldParams p = quietParams();
     p.approach.coarse_to_fine = coarse_to_fine;
-    p.approach.observation_cos_min = -1;  // not what this is about
+    p.approach.observation_cos_min = -1;  // not the subject of this test
     p.update.requeue_motion_m = 0.1;
     return p;
   }
@@ -114,7 +114,7 @@ TEST_F(Rim, CoarsePassMissesWhatAllDirectionsFind) {
   EXPECT_EQ(coarse.labelFromScratch(kRimMiddle), PointLabel::Accessible);
 }
 
-/// Above the rim stands a small plate turned by 60 degrees, free along its normal: its window, 36 to 84 degrees, holds
+/// Above the rim is a small plate turned by 60 degrees, free along its normal: its window, 36 to 84 degrees, contains
 /// the directions that are missing below.
 TEST_F(Rim, WindowOfTheNearestResolvedPointHelpsWithinThirtyCentimetres) {
   Stream stream(params(true));
@@ -128,7 +128,7 @@ TEST_F(Rim, WindowOfTheNearestResolvedPointHelpsWithinThirtyCentimetres) {
   ASSERT_EQ(stream.at(kRimMiddle).label, PointLabel::Blocked);
 
   const FieldSnapshot before = stream.field().snapshot();
-  stream.scanAndUpdate({{5, 5, 5}}, above());  // moves the sensor again: the rim is asked again
+  stream.scanAndUpdate({{5, 5, 5}}, above());  // moves the sensor again: the rim is evaluated again
   EXPECT_EQ(stream.at(kRimMiddle).label, PointLabel::Accessible);
   EXPECT_GE(degreesOff(stream.at(kRimMiddle)), 61.9);
   const FieldSnapshot after = stream.field().snapshot(), scratch = stream.field().evaluateFromScratch();
@@ -148,7 +148,7 @@ TEST_F(Rim, WindowOfTheNearestResolvedPointHelpsWithinThirtyCentimetres) {
   }
   EXPECT_GT(near_free, 20);
   EXPECT_GT(far_blocked, 2);
-  // The next time those have resolved neighbours themselves.
+  // The next time, those have resolved neighbours themselves.
   stream.scanAndUpdate({{5, 5, 6}}, above(0.5));
   EXPECT_GT(stream.field().snapshot().count(PointLabel::Accessible), after.count(PointLabel::Accessible));
 }
@@ -201,13 +201,13 @@ std::size_t differences(const FieldSnapshot& a, const FieldSnapshot& b) {
 }
 
 TEST(PaperRepeatability, SameSeedSameResultWhateverTheThreads) {
-  const tbb::global_control workers(tbb::global_control::max_allowed_parallelism, 4);  // also on fewer cores
+  const tbb::global_control workers(tbb::global_control::max_allowed_parallelism, 4);  // even on fewer cores
   const WalkResult one = walk(1, 7), four = walk(4, 7), other = walk(1, 8);
   EXPECT_GT(one.snapshot.count(PointLabel::Accessible), 50u);
   EXPECT_GT(one.snapshot.count(PointLabel::Blocked), 50u);
   EXPECT_EQ(differences(one.snapshot, four.snapshot), 0u);
   EXPECT_EQ(one.direction_tests, four.direction_tests);
-  EXPECT_GT(differences(one.snapshot, other.snapshot), 0u);  // else the seed would not reach the sample
+  EXPECT_GT(differences(one.snapshot, other.snapshot), 0u);  // otherwise the seed would not affect the sample
 }
 
 }  // namespace

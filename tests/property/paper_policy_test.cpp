@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The paper's update policy: each trigger and each rule of the queue on a scene where the labels differ without it.
+/// The paper's update policy: each trigger and each rule of the queue in a scene in which the labels differ without it.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -20,8 +20,8 @@ std::vector<std::uint32_t> evaluated(const AccessibilityField& field) {
   return ids;
 }
 
-/// A plate is first seen from above, so that the space before it is unknown; then it has moved back, and the rays that
-/// now reach it clear that space. The points at its old place are not hit again.
+/// A plate is first seen from above, so that the space in front of it is unknown; then it has moved back, and the rays
+/// that now reach it clear that space. The points at its old place are not hit again.
 class MovedPlate : public testing::Test {
  protected:
   static FieldParams params() {
@@ -58,7 +58,8 @@ TEST_F(MovedPlate, SampleTriggerFindsAChangedNeighbourhood) {
   EXPECT_EQ(without.at(kMiddle).label, PointLabel::Blocked);
 }
 
-/// A plate behind writes up to tau before it. Points within 3 v of the last voxel written are found, others are not.
+/// A plate behind writes up to tau in front of it. Points within 3 v of the last voxel written are found, others are
+/// not.
 TEST_F(MovedPlate, SampleTriggerReachesThreeVoxels) {
   const auto dirtyBefore = [](double last_written_m) {
     FieldParams p = params();
@@ -72,8 +73,8 @@ TEST_F(MovedPlate, SampleTriggerReachesThreeVoxels) {
   EXPECT_EQ(dirtyBefore(-0.062), 0u);                 // voxel -4, 0.075 m away
 }
 
-/// One return writes a slim double cone, or in the paper's reading the cube around it; the points beside it stand 2.75
-/// v from the cube and more than 3 v from the cone.
+/// A return writes a slim double cone, or in the paper's definition the cube around it; the points beside it are 2.75 v
+/// from the cube and more than 3 v from the cone.
 TEST_F(MovedPlate, SampleTriggerLooksWhereTheReturnWrites) {
   for (const UpdateRegion region : {UpdateRegion::DoubleCone, UpdateRegion::FullCube}) {
     FieldParams p = params();
@@ -94,7 +95,7 @@ class MovingSensor : public testing::Test {
   static FieldParams params() {
     FieldParams p = quietParams();
     p.approach.arm_tau = {0.6, 0.7, 0.8};  // inside what the returns observe: nothing has to be cleared
-    p.approach.viewpoints = false;         // stored viewpoints stand 0.1 m apart
+    p.approach.viewpoints = false;         // stored viewpoints are 0.1 m apart
     p.update.requeue_motion_m = 0.1;
     return p;
   }
@@ -143,7 +144,7 @@ TEST(PaperQueue, BacklogIsWorkedOffBetweenScansInOrder) {
   ASSERT_EQ(first, 121u);
   EXPECT_EQ(stream.scanAndUpdate(plateAt(0), kFront).backlog, first - 20);
   EXPECT_EQ(evaluated(stream.field()), idsBelow(20));
-  // Points that come now stand behind those that wait.
+  // Points that come now are queued after those that wait.
   std::vector<Vector3d> aside = plateAt(0);
   for (Vector3d& x : aside) x.y() += 1;
   EXPECT_EQ(stream.scanAndUpdate(aside, kFront).backlog, 2 * first - 40);
@@ -167,7 +168,7 @@ TEST(PaperQueue, APointWaitsOnce) {
   EXPECT_EQ(stream.field().update().backlog, 120u);
 }
 
-/// Returns farther apart than tau: each voxel of a return has the weight of the number of scans.
+/// Returns farther apart than tau: each voxel of a return has the number of scans as its weight.
 std::vector<Vector3d> sparsePlate() { return plate(kMiddle, {0, 1, 0}, 0.2, 0.2, 0.1); }
 
 TEST(PaperQueue, PointsBelowTheConfidenceBoundDoNotWait) {
@@ -186,14 +187,14 @@ TEST(PaperQueue, PointsBelowTheConfidenceBoundDoNotWait) {
   expectUntouched(stream.scanAndUpdate(sparsePlate(), kFront));
   expectUntouched(stream.field().update());
   expectUntouched(stream.scanAndUpdate({{0, 3, 0}}, kFront));  // elsewhere
-  // Seen again: c = 2/7. No trigger is on.
+  // Seen again: c = 2/7. No trigger is active.
   EXPECT_EQ(stream.scanAndUpdate(sparsePlate(), kFront).dirty_points, count);
   EXPECT_FLOAT_EQ(stream.at(kMiddle).confidence, 2.0f / 7.0f);
   EXPECT_NE(stream.at(kMiddle).label, PointLabel::Unscored);
   EXPECT_EQ(stream.scanAndUpdate(sparsePlate(), kFront).dirty_points, 0u);
 }
 
-/// Triggers do not bring them in either.
+/// Triggers do not add them either.
 TEST(PaperQueue, TriggersLeavePointsBelowTheConfidenceBoundAlone) {
   FieldParams p = quietParams();
   p.update.changed_voxel_sample = kEveryVoxel;

@@ -16,7 +16,7 @@ using Eigen::Vector3d;
 inline constexpr double kVoxel_m = 0.02;   // tau = 0.08
 inline constexpr int kEveryVoxel = 20000;  // a sample so large that it finds every written voxel of these scenes
 
-/// Returns on an upright rectangle, one a voxel in its middle. @param along  unit, horizontal, in the plane
+/// Returns on an upright rectangle, one per voxel, in its middle. @param along  unit, horizontal, in the plane
 inline std::vector<Vector3d> plate(const Vector3d& centre, const Vector3d& along, double half_width, double half_height,
                                    double step = kVoxel_m) {
   std::vector<Vector3d> points;
@@ -30,7 +30,7 @@ inline std::vector<Vector3d> plate(const Vector3d& centre, const Vector3d& along
 /// Facing +x.
 inline std::vector<Vector3d> plateAt(double x, double half = 0.1) { return plate({x, 0, 0}, {0, 1, 0}, half, half); }
 
-/// The paper's parameters without any trigger, so that a test switches on the one that it is about.
+/// The paper's parameters without any trigger, so that a test enables only the one under test.
 inline FieldParams quietParams() {
   FieldParams p = FieldParams::paper(kVoxel_m);
   p.scoring.collision_distance_m = 0.5 * kVoxel_m;

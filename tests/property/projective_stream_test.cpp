@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The projective baseline goes through the same stages as the method: what it reports as flipped keeps the mirror and
-/// the exact policy right, so that labels after every update are those of a full evaluation.
+/// The projective baseline goes through the same stages as the method: its reported flips keep the mirror and
+/// the exact policy correct, so that labels after every update are those of a full evaluation.
 #include <gtest/gtest.h>
 
 #include "accessvdb/accessibility_field.h"
@@ -49,7 +49,7 @@ TEST_P(ProjectiveStream, EqualsFromScratchAfterEveryUpdate) {
       ASSERT_EQ(now.points[n].score, scratch.points[n].score) << "frame " << frame << " point " << n;
     }
   }
-  EXPECT_GT(field.snapshot().count(PointLabel::Accessible), 50u);  // else the comparison would say nothing
+  EXPECT_GT(field.snapshot().count(PointLabel::Accessible), 50u);  // otherwise the comparison would prove nothing
   EXPECT_GT(field.snapshot().count(PointLabel::Blocked), 50u);
 }
 INSTANTIATE_TEST_SUITE_P(Variants, ProjectiveStream, testing::Values(0, 3));

@@ -1,7 +1,7 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Arrays that come from users: every layout and type that means something gives the same map, all else a clear error
-and no change."""
+"""Arrays from users: every meaningful layout and type gives the same map, anything else a clear error and no
+change."""
 
 import unittest
 from fractions import Fraction
@@ -89,7 +89,7 @@ class GoodArrays(unittest.TestCase):
         self.assertEqual(field.snapshot().records.tobytes(), self.expected)
 
     def test_rays(self):
-        # One origin for all, or one each.
+        # One origin for all, or one per ray.
         records = []
         for origins in (np.zeros((1, 3)), np.zeros_like(POINTS), [[0, 0, 0]]):
             field = empty_field()
@@ -165,7 +165,7 @@ class Misuse(unittest.TestCase):
                 self.assertEqual(self.refused(text, field.query, bad).subject, "points_W")
                 self.assertEqual(self.refused(text, field.query_along, bad, POINTS, 0.1).subject, "a_W")
                 self.refused(text, accessvdb.ToolGeometry.from_triangles, bad, [[0, 1, 2]])
-        # Nothing of that has left a trace.
+        # None of that has left a trace.
         field.integrate_scan(POINTS, T_W_S)
         field.update()
         self.assertEqual(field.snapshot().records.tobytes(), result(POINTS)[1])
@@ -176,7 +176,7 @@ class Misuse(unittest.TestCase):
                 self.refused("triangles", accessvdb.ToolGeometry.from_triangles, POINTS, bad)
         for bad in ([[0, 1, -1]], [[0, 1, 2**40]], [[0.0, 1.0, 2.0]]):
             self.refused("triangles", accessvdb.ToolGeometry.from_triangles, POINTS, bad)
-        with self.assertRaises(accessvdb.Error):  # an index that no vertex has
+        with self.assertRaises(accessvdb.Error):  # an index without a vertex
             accessvdb.ToolGeometry.from_triangles(POINTS, [[0, 1, 10**6]])
 
     def test_poses(self):

@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Errors: one family, the classes and codes of accessvdb/error.h, one clear line each."""
+"""Errors: one base class, the classes and codes of accessvdb/error.h, one clear line each."""
 
 import os
 import pickle

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# The notebook-style example: as it stands, and with scans from files, where its counts are the program's.
+# The notebook-style example: as is, and with scans from files, for which its counts equal the program's.
 set -euo pipefail
 example=$SOURCE/examples/python/map_a_corner.py
 out=$WORK/example

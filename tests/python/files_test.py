@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Files: what write() leaves can be read back, scans and meshes are read, pictures are drawn."""
+"""Files: the output of write() can be read back, scans and meshes are read, pictures are drawn."""
 
 import os
 import struct
@@ -30,7 +30,7 @@ def read_png(path):
         packed += body if kind == b"IDAT" else b""
         at += size + 12
     lines = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(height, 1 + 3 * width)
-    picture = np.zeros((height + 1, width + 1, 3), int)  # a border of zeros, as the filters want it
+    picture = np.zeros((height + 1, width + 1, 3), int)  # a border of zeros, as the filters need
     for y in range(height):
         kind, line = lines[y, 0], lines[y, 1:].reshape(width, 3).astype(int)
         up, left_up = picture[y, 1:], picture[y, :-1]
@@ -93,7 +93,7 @@ class Files(unittest.TestCase):
         np.testing.assert_array_equal(label, expected)
 
     def test_a_map_beside_pyopenvdb(self):
-        # Both modules bring OpenVDB into one process.
+        # Both modules load OpenVDB into one process.
         import pyopenvdb
 
         grids = {grid.name: grid for grid in pyopenvdb.readAllGridMetadata(str(self.folder / "field" / "field.vdb"))}

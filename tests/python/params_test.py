@@ -13,7 +13,7 @@ import numpy as np
 
 import accessvdb
 
-# For every field a value that is not its default and is accepted.
+# For every field, a valid value other than its default.
 OTHER = {
     "TsdfParams": {
         "voxel_size_m": 0.07,
@@ -142,7 +142,7 @@ class Params(unittest.TestCase):
         self.assertEqual(reached, set(plain))
         projective = accessvdb.FieldParams(tsdf={"region": "projective", "projective": OTHER["ProjectiveParams"]})
         self.assertEqual(lines(projective)["projective_box_max_W_m"], "1 2 3")
-        # And from there a field.
+        # And a field from these.
         params = accessvdb.FieldParams(tsdf=OTHER["TsdfParams"], threads=2, backend="cpu")
         field = accessvdb.AccessibilityField(accessvdb.ToolGeometry.builtin("builtin:pencil"), params)
         self.assertEqual(field.params.describe(), params.resolved().describe())
@@ -156,7 +156,7 @@ class Params(unittest.TestCase):
         self.assertEqual(params.tsdf.projective.bin_rad, 0.125)
         tsdf = params.tsdf
         del params
-        self.assertEqual(tsdf.voxel_size_m, 0.25)  # keeps what it belongs to
+        self.assertEqual(tsdf.voxel_size_m, 0.25)  # keeps its owner alive
 
     def test_copies_are_independent(self):
         for make in (copy.copy, copy.deepcopy):

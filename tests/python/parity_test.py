@@ -13,7 +13,7 @@ import numpy as np
 import accessvdb
 
 VOXEL_M = 0.1
-SETTINGS = {"tsdf": {"voxel_size_m": VOXEL_M}}  # the plug-in in C leaves all else as it is, too
+SETTINGS = {"tsdf": {"voxel_size_m": VOXEL_M}}  # the plug-in in C also leaves everything else at its default
 WORK = Path(os.environ["WORK"], "parity")
 SCANS = WORK / "scans"
 
@@ -23,12 +23,12 @@ def run(*command):
 
 
 def rows(folder):
-    """points.ply without its header, which names the tool's file and such."""
+    """points.ply without its header, which names the tool's file, among others."""
     return (Path(folder) / "points.ply").read_bytes().split(b"end_header\n", 1)[1]
 
 
 def read_pcd(path):
-    """(N, 3) float32 of a binary PCD with x y z first, read here and not by the library."""
+    """(N, 3) float32 of a binary PCD with x y z first, read here, not by the library."""
     header, data = path.read_bytes().split(b"DATA binary\n", 1)
     lines = dict(line.split(" ", 1) for line in header.decode().splitlines() if not line.startswith("#"))
     names, sizes = lines["FIELDS"].split(), [int(size) for size in lines["SIZE"].split()]
@@ -132,7 +132,7 @@ class Parity(unittest.TestCase):
             field.integrate(scan)
             field.update()
         table = accessvdb.read_points_ply(WORK / "cpp" / "points.ply")
-        # Labels are exact at every moment; score, reason and stability of a blocked point tell of the updates.
+        # Labels are always exact; score, reason and stability of a blocked point depend on the updates.
         np.testing.assert_array_equal(field.snapshot().label, table.label)
         anew = field.evaluate_from_scratch()
         for name in ("label", "reason", "score", "direction_W"):

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# `pip install .` as docs/python.md has it: into a fresh environment, from a copy of the sources, without any package
-# index. Then the installed package, away from the sources, gives the labels of the one that the build made.
+# `pip install .` as in docs/python.md: into a fresh environment, from a copy of the sources, without any package index.
+# Then the installed package, away from the sources, gives the same labels as the one made by the build.
 set -euo pipefail
 out=$WORK/pip_install
 rm -rf "$out/environment" "$out/sources" "$out/elsewhere"
@@ -10,7 +10,7 @@ mkdir -p "$out/sources" "$out/elsewhere"
 built=$PYTHONPATH
 unset PYTHONPATH
 
-# A copy, because it builds in the source tree: in build/, as deep as the build before did, so that ccache knows the files.
+# A copy, because it builds in the source tree: in build/, as deep as the earlier build, so that ccache knows the files.
 tar -C "$SOURCE" --exclude=__pycache__ -cf - CMakeLists.txt CHANGELOG.md LICENSE README.md pyproject.toml cmake include \
   nanovdb_kernels python src tools/setup_debian.sh | tar -C "$out/sources" -xf -
 "$PYTHON" -m venv --system-site-packages "$out/environment"
@@ -22,7 +22,7 @@ settings=(--config-settings "cmake-args=$arguments")
 left=$(cd "$out/sources" && LC_ALL=C ls)
 wanted=$(printf '%s\n' CHANGELOG.md CMakeLists.txt LICENSE README.md build cmake include nanovdb_kernels pyproject.toml python src tools)
 [[ $left == "$wanted" ]] || { echo "left behind in the sources: $left"; exit 1; }
-# Nothing that the module does not need was built.
+# Only what the module needs was built.
 [[ -n $(find "$out/sources/build" -name '*.o') ]]
 ! (cd "$out/sources/build" && find . -name '*.o') | grep -E '/(tools|tests|examples|sim|eval)/' ||
   { echo "too much was built"; exit 1; }
@@ -57,7 +57,7 @@ cmp <("$out/environment/bin/python" labels.py installed) <(PYTHONPATH=$built "$P
 (cd "$out/sources" && "${pip[@]}" install --force-reinstall --no-deps "${settings[@]}" -v . >"$out/again.log" 2>&1) || { tail -40 "$out/again.log"; exit 1; }
 ! grep -q 'Building CXX' "$out/again.log" || { echo "compiled again"; exit 1; }
 
-# The source archive builds the same wheel's metadata: it holds what the back end reads.
+# The source archive builds the same wheel's metadata: it contains what the back end reads.
 "$PYTHON" - "$out" <<'END'
 import sys, tarfile
 sys.path.insert(0, sys.argv[1] + "/sources/python/build_backend")
@@ -70,7 +70,7 @@ for path in ("PKG-INFO", "pyproject.toml", "CMakeLists.txt", "python/bindings/mo
     assert f"{top}/{path}" in members, path
 END
 
-# What is missing is named: here CMake itself.
+# The message names what is missing: here CMake itself.
 code=0
 (cd "$out/sources" && PATH=$out/environment/bin "${pip[@]}" wheel --no-deps . -w "$out/none") >"$out/missing.log" 2>&1 || code=$?
 ((code != 0)) && grep -q "'cmake' is missing" "$out/missing.log" || { cat "$out/missing.log"; exit 1; }

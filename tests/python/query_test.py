@@ -60,7 +60,7 @@ class Query(unittest.TestCase):
         self.assertGreater(after.weight[0], before.weight[0])
 
     def test_capsules(self):
-        # Away from the wall, into the wall, into space that nobody saw, bad numbers.
+        # Away from the wall, into the wall, into unobserved space, bad numbers.
         a_W = np.array([[2.95, -0.5, 0.0], [2.8, -0.5, 0.0], [4.0, 0, 0], [np.nan, 0, 0], [2.8, -0.5, 0]])
         b_W = np.array([[2.85, -0.5, 0.0], [3.2, -0.5, 0.0], [5.0, 0, 0], [1, 0, 0], [2.9, -0.5, 0]])
         answers = self.field.query_along(a_W, b_W, [0.001, 0.02, 0.1, 0.1, -1])
@@ -69,7 +69,7 @@ class Query(unittest.TestCase):
         self.assertTrue(answers.unknown[2:].all())
         self.assertFalse(answers.free[1:].any())
         np.testing.assert_array_equal(answers.free, answers.valid & ~answers.collision & ~answers.unknown)
-        # The wall stands at 3, halfway; a voxel of 0.05 m and the radius make it earlier.
+        # The wall is at 3, halfway; a voxel of 0.05 m and the radius make it earlier.
         self.assertTrue(0.3 < answers.first_hit_t[1] <= 0.55, answers.first_hit_t[1])
         one_for_all = self.field.query_along(a_W[:2], b_W[:2], 0.02)
         self.assertTrue(one_for_all.collision[1])

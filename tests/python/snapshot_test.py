@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Snapshots: columns without copies that nobody can write to, alive as long as they are needed."""
+"""Snapshots: read-only columns without copies, alive as long as they are needed."""
 
 import copy
 import gc
@@ -68,7 +68,7 @@ class Snapshot(unittest.TestCase):
     def test_values_mean_something(self):
         s = self.snapshot
         np.testing.assert_array_equal(s.id, np.arange(len(s)))
-        # Every return lies on the wall, in the slot or on the floor. 1e-5 m: float32 in the sensor frame.
+        # Every return is on the wall, in the slot or on the floor. 1e-5 m: float32 in the sensor frame.
         x, y, z = s.position_W.T
         surface = (abs(x - 3) < 1e-5) | (abs(x - 3.3) < 1e-5) | (abs(z + 1) < 1e-5)
         self.assertTrue(surface.all())
@@ -76,7 +76,7 @@ class Snapshot(unittest.TestCase):
         reachable = s.label == accessvdb.PointLabel.ACCESSIBLE
         self.assertGreater(reachable.sum(), 100)
         np.testing.assert_allclose(s.direction_W[reachable][:, 0], np.cos(s.yaw_rad[reachable]), atol=1e-6)
-        # Directions lead out of the wall, towards the scanner.
+        # Directions point out of the wall, towards the scanner.
         self.assertTrue((s.direction_W[reachable][:, 0] < 0).all())
 
     def test_counts(self):
@@ -118,7 +118,7 @@ class Snapshot(unittest.TestCase):
             for call in (copy.copy, copy.deepcopy, pickle.dumps):
                 with self.assertRaises(TypeError):
                     call(thing)
-        # But what a snapshot holds is an array like others.
+        # But a snapshot's columns are ordinary arrays.
         np.testing.assert_array_equal(pickle.loads(pickle.dumps(self.snapshot.records)), self.snapshot.records)
 
     def test_empty(self):
@@ -144,7 +144,7 @@ class Snapshot(unittest.TestCase):
         vertices_T, triangles = tool.vertices_T, tool.triangles
         self.assertFalse(vertices_T.flags.writeable or triangles.flags.writeable)
         again = accessvdb.ToolGeometry.from_triangles(vertices_T, triangles, "again")
-        # Welded anew, so in another order.
+        # Welded again, so in a different order.
         self.assertEqual(again.triangles.shape, triangles.shape)
         np.testing.assert_array_equal(np.unique(again.vertices_T, axis=0), np.unique(vertices_T, axis=0))
         self.assertEqual(again.name, "again")

@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""The type stubs say what the module has, both ways: names, members, arguments. mypy accepts them and the example."""
+"""The type stubs match the module, both ways: names, members, arguments. mypy accepts them and the example."""
 
 import ast
 import enum
@@ -17,7 +17,7 @@ import accessvdb
 
 STUB = Path(accessvdb.__file__).with_name("__init__.pyi")
 TREE = ast.parse(STUB.read_text())
-OWN = {"__init__", "__len__", "__getitem__", "__iter__", "__copy__", "__deepcopy__"}  # special members that a stub has to name
+OWN = {"__init__", "__len__", "__getitem__", "__iter__", "__copy__", "__deepcopy__"}  # special members that a stub must list
 
 
 def public(name):
@@ -51,7 +51,7 @@ def stub_members(node):
 
 
 def arguments(function):
-    """Names, where the keyword-only ones begin, and which may be left out."""
+    """Names, where the keyword-only ones begin, and which may be omitted."""
     a = function.args
     names = [arg.arg for arg in a.args + a.kwonlyargs]
     optional = {arg.arg for arg in a.args[len(a.args) - len(a.defaults) :]}
@@ -60,10 +60,10 @@ def arguments(function):
 
 
 def runtime_arguments(function):
-    """The same of a function of the module, from the signature that pybind11 puts at the head of its docstring."""
+    """The same for a function of the module, from the signature that pybind11 puts at the head of its docstring."""
     head = function.__doc__.splitlines()[0]
     inside = re.search(r"\((.*)\) -> ", head).group(1)
-    inside = re.sub(r"\([^()]*\)", "()", inside)  # defaults with commas of their own
+    inside = re.sub(r"\([^()]*\)", "()", inside)  # defaults containing commas
     names, keyword_only, optional = [], [], set()
     star = False
     for part in re.split(r", (?=\*|\w+[:,]|\w+$)", inside):
@@ -101,7 +101,7 @@ class Stub(unittest.TestCase):
                 continue
             here = {member for member in vars(made) if public(member) or member in OWN}
             if "__init__" not in members:
-                here.discard("__init__")  # pybind11 gives one to every class, to refuse
+                here.discard("__init__")  # pybind11 adds one to every class, which refuses
                 with self.assertRaises(TypeError):
                     made()
             self.assertEqual(here, set(members), name)

@@ -1,6 +1,6 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Threads: fields are independent, calls on one field take turns, and Python runs on while the library works."""
+"""Threads: fields are independent, calls on one field take turns, and Python keeps running while the library works."""
 
 import tempfile
 import threading
@@ -33,7 +33,7 @@ class Threads(unittest.TestCase):
                 self.assertEqual(list(threads.map(build, tools)), expected)
 
     def test_one_field_in_many_threads(self):
-        # Readers beside a writer: every answer is that of some moment between two calls.
+        # Readers alongside a writer: every answer is that of a moment between two calls.
         field = walls.field(frames=0)
         sizes, wrong, done = [0], [], threading.Event()
 
@@ -90,7 +90,7 @@ class Threads(unittest.TestCase):
                 call()
                 end = time.monotonic()
                 if end - begin < 0.1:
-                    continue  # too short to tell from the system's own delays
+                    continue  # too short to distinguish from the system's own delays
                 long_calls += 1
                 inside = [begin, *(turn for turn in turns if begin < turn < end), end]
                 self.assertLess(np.diff(inside).max(), 0.8 * (end - begin))

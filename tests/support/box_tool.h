@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Closed boxes of twelve triangles, and the tool that is one.
+/// Closed boxes of twelve triangles, and a tool made of one.
 #pragma once
 
 #include <Eigen/Core>

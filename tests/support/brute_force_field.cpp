@@ -109,7 +109,7 @@ enum Stage { kUnseen, kArm, kTool };
 
 Stage stageOf(const BruteForceDirection& d) { return !d.seen ? kUnseen : d.arm_blocked ? kArm : kTool; }
 
-/// The rank rule, one line a criterion.
+/// The rank rule, one line per criterion.
 bool ranksBefore(const BruteForceDirection& a, const BruteForceDirection& b) {
   if (stageOf(a) != stageOf(b)) return stageOf(a) > stageOf(b);
   if (a.arm_passed != b.arm_passed) return a.arm_passed > b.arm_passed;

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The product profile's scoring written a second time: plain, slow, in the words of the method. The library's results
-/// must equal these, value for value. Shares no code with the library beyond the names of labels and reasons.
+/// The product profile's scoring, implemented a second time: plain, slow, following the method's text. The library's
+/// results must equal these, value for value. Shares no code with the library beyond the names of labels and reasons.
 ///
 /// Frame L: the map's local frame, metres, float32 positions.
 #pragma once
@@ -19,12 +19,12 @@ namespace accessvdb::test {
 
 struct BruteForcePoint {
   std::uint32_t id = 0;
-  VoxelCoord voxel = {};                         ///< of first_position_L
+  VoxelCoord voxel = {};                         ///< voxel of first_position_L
   Eigen::Vector3f first_position_L = {0, 0, 0};  ///< first return: where it is scored
-  Eigen::Vector3f mean_position_L = {0, 0, 0};   ///< what the PCA sees
+  Eigen::Vector3f mean_position_L = {0, 0, 0};   ///< input of the PCA
   Eigen::Vector3d mean_sensor_L = {0, 0, 0};     ///< mean of the sensor positions that saw it
   std::vector<bool> seen;                        ///< [D] its own mask, neighbours not joined
-  std::optional<Eigen::Vector3f> given_normal;   ///< used instead of the PCA's, to compare exactly what follows it
+  std::optional<Eigen::Vector3f> given_normal;   ///< used instead of the PCA's, for exact comparison of the later steps
 };
 
 struct BruteForceInput {
@@ -44,7 +44,7 @@ struct BruteForceInput {
   std::vector<BruteForcePoint> points;
 };
 
-/// What one direction came to, the earlier stages first.
+/// Result of one direction, earlier stages first.
 struct BruteForceDirection {
   int index = 0;  ///< d
   bool in_cone = false;
@@ -53,7 +53,7 @@ struct BruteForceDirection {
   int arm_passed = 0;  ///< samples before the first block
   bool arm_blocked = false;
   bool arm_unknown = false;  ///< the block is unobserved space
-  int collisions = -1;       ///< tool voxels that collide; -1 where the arm is blocked or the direction is out
+  int collisions = -1;       ///< tool voxels that collide; -1 if the arm is blocked or the direction is out
 };
 
 struct BruteForceResult {
@@ -63,7 +63,7 @@ struct BruteForceResult {
   std::uint16_t direction = kNoDirection;  ///< best direction
   std::uint32_t weight = 0;
   double confidence = 0;
-  Eigen::Vector3f normal = {0, 0, 0};      ///< what was scored with: given or PCA; zero where there is none
+  Eigen::Vector3f normal = {0, 0, 0};      ///< normal used for scoring: given or PCA; zero if there is none
   Eigen::Vector3d pca_normal = {0, 0, 0};  ///< zero with fewer than 3 neighbours
   double pca_gap = 0;                      ///< (l1 - l0) / l2 of the covariance; near 0 the normal is arbitrary
   double pca_side = 0;                     ///< cos between normal and sensor; near 0 the sign is arbitrary

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The brute-force oracles against cases worked out by hand.
+/// The brute-force oracles against hand-computed cases.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -40,7 +40,7 @@ TEST(BruteForceTsdf, OneReturnUpdatesTheDoubleCone) {
   EXPECT_NEAR(tsdf({4, 1, 0}).distance_m, 2.0 - std::hypot(1.6, 0.1), 1e-6);
   EXPECT_EQ(tsdf({4, 1, 0}).weight, 1u);
 
-  // 9 on the axis, 4 around each end; and the 4 beside the return, which lie exactly v away: a tie, and it says so.
+  // 9 on the axis, 4 around each end; and the 4 beside the return, exactly v away: a tie, reported as such.
   int sure = 0;
   for (const auto& [voxel, state] : tsdf.voxels()) {
     if (state.count > 0 && state.update_margin_m > 1e-9) ++sure;
@@ -79,9 +79,10 @@ TEST(BruteForceTsdf, ClearsNothingBehindTheSensorAndAveragesOverReturns) {
   EXPECT_NEAR(tsdf({2, 0, 0}).distance_m, 0.5 * (0.20 + 0.14), 1e-6);
 }
 
-constexpr int kDirections = 8;  // every 45 degrees: 0, 1 and 7 lie within 70 degrees of +x
+constexpr int kDirections = 8;  // every 45 degrees: 0, 1 and 7 are within 70 degrees of +x
 
-/// A wall x = 0 of 3 x 3 points, seen from +x; the space before it cleared; a tool of four voxels along the direction.
+/// A wall x = 0 of 3 x 3 points, seen from +x; the space in front of it cleared; a tool of four voxels along the
+/// direction.
 BruteForceInput wall() {
   auto map = std::make_shared<DenseMap>(VoxelCoord{-2, -15, -5}, VoxelCoord{15, 15, 5});
   BruteForceInput input;
@@ -202,7 +203,7 @@ TEST(BruteForceField, DistanceAtTheThresholdIsFree) {
   };
   EXPECT_EQ(score(r_c), 0);
   EXPECT_EQ(score(std::nextafter(r_c, 0.0f)), 1);
-  EXPECT_EQ(score(std::nanf("")), 1);  // never accessible by bad data
+  EXPECT_EQ(score(std::nanf("")), 1);  // never accessible through bad data
 }
 
 TEST(BruteForceField, ArmRanksByTheSamplesPassed) {

@@ -10,7 +10,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-/// Calls body(voxel, centre) for each voxel whose centre lies in the box, and one more on each side.
+/// Calls body(voxel, centre) for each voxel whose centre is in the box, and one more on each side.
 template <typename Body>
 void forVoxels(const Vector3d& min, const Vector3d& max, double v, const Body& body) {
   VoxelCoord lo, hi;

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The product profile's integration written a second time, in double, one loop a return: which voxels a return
-/// updates, with what distance, and which it marks cleared. Says how close each decision was, so that a test can leave
-/// out the voxels where rounding may rightly decide otherwise.
+/// The product profile's integration, implemented a second time, in double, one loop per return: which voxels a return
+/// updates, with what distance, and which it marks cleared. Reports how close each decision was, so that a test can
+/// skip voxels where rounding may legitimately decide otherwise.
 #pragma once
 
 #include <Eigen/Core>
@@ -26,18 +26,18 @@ struct BruteForceTsdfParams {
 };
 
 struct BruteForceTsdfVoxel {
-  double sum_m = 0;         ///< of the clamped distances
+  double sum_m = 0;         ///< sum of the clamped distances
   std::uint32_t count = 0;  ///< observations
   bool cleared = false;
-  /// Least change of a length, in metres, that would add or remove an update of this voxel by some return.
+  /// Least change of a length, in metres, that would add or remove an update of this voxel by a return.
   double update_margin_m = std::numeric_limits<double>::infinity();
   /// Same for the cleared flag, which one return is enough to set: positive inside, negative outside.
   double cleared_depth_m = -std::numeric_limits<double>::infinity();
 };
 
 /// Fuses scan after scan. Visits every voxel of the box around each return and around its cleared band, one voxel more
-/// on each side, so that near misses have a margin too; they stand in voxels() with count 0 and cleared false.
-/// No cap on the weight: keep below it.
+/// on each side, so that near misses have a margin too; they are in voxels() with count 0 and cleared false.
+/// The weight is not capped: stay below the cap.
 class BruteForceTsdf {
  public:
   explicit BruteForceTsdf(const BruteForceTsdfParams& params) : params_(params) {}

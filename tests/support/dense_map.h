@@ -11,7 +11,7 @@
 
 namespace accessvdb::test {
 
-using VoxelCoord = std::array<std::int32_t, 3>;  ///< ijk; its value sits at ijk * v
+using VoxelCoord = std::array<std::int32_t, 3>;  ///< ijk; its value is at ijk * v
 
 struct VoxelCoordHash {
   std::size_t operator()(const VoxelCoord& c) const {
@@ -21,7 +21,7 @@ struct VoxelCoordHash {
   }
 };
 
-/// What the map says about one voxel. The default is what an empty map says everywhere.
+/// What the map says about one voxel. The default is the state everywhere in an empty map.
 struct MapVoxel {
   bool observed = false;
   float distance_m = 0;      ///< only where observed
@@ -31,7 +31,7 @@ struct MapVoxel {
 
 using MapLookup = std::function<MapVoxel(const VoxelCoord&)>;
 
-/// Voxels of an inclusive box; outside of it the map is empty. Callable, so it serves as a MapLookup (std::ref).
+/// Voxels of an inclusive box; outside it, the map is empty. Callable, so it serves as a MapLookup (std::ref).
 class DenseMap {
  public:
   DenseMap(const VoxelCoord& min, const VoxelCoord& max) : min_(min) {

@@ -27,8 +27,8 @@ inline double uniform(std::mt19937_64& random, double low, double high) {
   return low + (high - low) * static_cast<double>(random() >> 11) * 0x1.0p-53;
 }
 
-/// A rough wall with clutter before it, seen while walking by: points of every label. Positions are multiples of 2^-10
-/// m.
+/// A rough wall with clutter in front of it, seen while walking by: points of every label. Positions are multiples of
+/// 2^-10 m.
 inline std::vector<Scan> wallScans(std::uint64_t seed, int scans, int points) {
   std::mt19937_64 random(seed);
   std::vector<Scan> out;
@@ -53,7 +53,7 @@ inline ToolGeometry armTool() { return boxTool({0.0f, -0.06f, -0.05f}, {0.9f, 0.
 
 inline bool same(float a, float b) { return std::bit_cast<std::uint32_t>(a) == std::bit_cast<std::uint32_t>(b); }
 
-/// What does not depend on where the world's origin lies.
+/// Compares what does not depend on the world's origin.
 inline bool sameVerdict(const SurfacePoint& a, const SurfacePoint& b) {
   return a.label == b.label && a.reason == b.reason && a.score == b.score && a.direction == b.direction &&
          same(a.stability, b.stability) && same(a.weight, b.weight) && same(a.confidence, b.confidence) &&
@@ -96,7 +96,7 @@ inline void expectSameMap(const TsdfVolume& a, const TsdfVolume& b) {
   compare(a.cleared(), b.cleared());
 }
 
-/// Enough of every kind that "the same" says something.
+/// Enough of every kind for "the same" to be meaningful.
 inline void expectVaried(const FieldSnapshot& field) {
   EXPECT_GT(field.count(PointLabel::Accessible), 50u);
   EXPECT_GT(field.count(PointLabel::Blocked), 50u);

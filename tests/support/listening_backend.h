@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A backend that decides by itself what is due, as a GPU's does, with an updater of the test's and the CPU's memory.
+/// A backend that decides which points are due, as a GPU does, with the test's updater and the CPU's memory.
 #pragma once
 
 #include <functional>

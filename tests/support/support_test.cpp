@@ -162,7 +162,7 @@ TEST(WalkGenerator, RangeNoiseHasTheSigmaAskedFor) {
   int n = 0;
   for (std::size_t i = 0; i < clean.points_S.size(); ++i) {
     const double c = clean.points_S[i].cast<double>().norm(), d = noisy.points_S[i].cast<double>().norm();
-    if (c == 0 || d == 0 || c > 29.0) continue;  // near the maximum range only the short ones come back
+    if (c == 0 || d == 0 || c > 29.0) continue;  // near the maximum range, only the short ones are returned
     ASSERT_NEAR(clean.points_S[i].cast<double>().normalized().dot(noisy.points_S[i].cast<double>().normalized()), 1.0,
                 1e-9);
     sum += d - c;
@@ -227,7 +227,7 @@ TEST_F(ScanFolder, NamesByStampAndRefusesToMix) {
   const WalkGenerator walk({.frames = 2, .rays_per_frame = 10});
   writeScanFolder(folder_, walk, ScanNames::TimeStamp);
   EXPECT_TRUE(std::filesystem::exists(folder_ / "0000000000.100000.pcd"));
-  EXPECT_NO_THROW(writeScanFolder(folder_, walk, ScanNames::TimeStamp));  // again over its own
+  EXPECT_NO_THROW(writeScanFolder(folder_, walk, ScanNames::TimeStamp));  // overwrites its own files
   EXPECT_THROW(writeScanFolder(folder_, walk, ScanNames::FrameNumber), OutputError);
 }
 

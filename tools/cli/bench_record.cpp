@@ -92,7 +92,7 @@ Json BenchRecord::backlog(std::size_t last) const {
   double percent = 0;
   for (std::size_t n = 0; n < frames_.size(); ++n) {
     const std::uint64_t left = frames_[n].update.backlog, points = frames_[n].integration.surface_points;
-    in_a_row = left > 0 ? in_a_row + 1 : 0;  // counted from the first frame: a run may begin before the timed part
+    in_a_row = left > 0 ? in_a_row + 1 : 0;  // counted from the first frame: it may begin before the timed part
     if (n + last < frames_.size()) continue;
     largest = std::max(largest, left);
     longest = std::max(longest, in_a_row);

@@ -24,7 +24,7 @@ using Eigen::Vector3d;
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// A ball and a slab; counts how often it is asked.
+/// A ball and a slab; counts its evaluations.
 class BallAndSlab final : public sim::SignedDistance {
  public:
   double at(const Vector3d& p) const override {
@@ -58,7 +58,7 @@ TEST(CollisionField, AnswersAsTheDistanceDoes) {
   for (const double cell_m : {0.003, 0.01, 0.07, 5.0}) {
     const CollisionField field(distance, box, cell_m);
     AlignedBox3d around = box;
-    around.extend(Vector3d(-1, -1, -1)).extend(Vector3d(1, 1, 1));  // outside of the box too
+    around.extend(Vector3d(-1, -1, -1)).extend(Vector3d(1, 1, 1));  // outside the box too
     for (const Vector3d& p : randomPoints(4000, around, 1)) {
       const double d = distance->at(p);
       for (const double r : {-0.05, 0.0, std::numeric_limits<double>::denorm_min(), 0.0005, 0.005, 0.3, 2.0})
@@ -93,7 +93,7 @@ TEST(CollisionField, AsksLittleOnceCellsAreFilled) {
   for (const Vector3d& p : points) (void)field.below(p, 0.005);
   const std::uint64_t before = distance->asked;
   for (const Vector3d& p : points) (void)field.below(p, 0.005);
-  // Open: within sqrt(3)/2 cells of the surface d = r, about 4 % of this box at most.
+  // Undecided: within sqrt(3)/2 cells of the surface d = r, about 4 % of this box at most.
   EXPECT_LT(distance->asked - before, points.size() / 25);
   EXPECT_GT(field.work().left_open, 0u);
   EXPECT_GT(field.bytes(), 0u);
@@ -104,7 +104,7 @@ TEST(CollisionField, PineHasNoMismatch) {
   const CollisionField field(scene.distance, boxOf(scene.mesh), 0.01);
   std::uint64_t below = 0;
   auto points = randomPoints(20000, boxOf(scene.mesh), 3);
-  // And close to the surface, where answers are hard.
+  // Close to the surface, where answers are difficult.
   std::mt19937 generator(5);
   const auto near = randomPoints(20000, {Vector3d(-0.012, -0.012, -0.012), Vector3d(0.012, 0.012, 0.012)}, 6);
   for (const Vector3d& offset : near)

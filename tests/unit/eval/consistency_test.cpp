@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Agreement of labels by voxel, against figures worked out by hand, and the whole measurement on small scans.
+/// Agreement of labels by voxel, against hand-computed figures, and the whole measurement on small scans.
 #include "eval/consistency.h"
 
 #include <gtest/gtest.h>
@@ -38,13 +38,13 @@ FieldSnapshot fieldOf(const Vector3d& origin_W, const std::vector<std::pair<Vect
   return field;
 }
 
-/// Centre of voxel (i, j, k) of the world, moved by up to 0.4 voxels in a way of its own.
+/// Centre of voxel (i, j, k) of the world, moved by up to 0.4 voxels, differently for each.
 Vector3d inVoxel(int i, int j, int k, double shift) {
   return kVoxel_m * Vector3d(i + 0.4 * shift, j - 0.4 * shift, k + 0.3 * shift);
 }
 
 TEST(Consistency, KappaAndSharesAreThoseOfTheTextbook) {
-  // 20 accessible in both, 5 in the first alone, 10 in the second alone, 15 blocked in both: agreement 0.7, by chance
+  // 20 accessible in both, 5 only in the first, 10 only in the second, 15 blocked in both: agreement 0.7, by chance
   // 0.5 * 0.6 + 0.5 * 0.4 = 0.5, so kappa 0.4 (the usual example of Cohen's kappa).
   std::vector<std::pair<Vector3d, PointLabel>> first, second;
   const auto add = [&](int count, PointLabel a, PointLabel b) {
@@ -63,8 +63,8 @@ TEST(Consistency, KappaAndSharesAreThoseOfTheTextbook) {
   first.emplace_back(inVoxel(900, 0, 0, 0), Accessible);
   first.emplace_back(inVoxel(-900, 0, 0, 0), Blocked);
   second.emplace_back(inVoxel(901, 0, 0, 0), Accessible);
-  std::reverse(second.begin(), second.end());  // ids mean nothing
-  // Maps start where their first scan was: other origins, the same voxels.
+  std::reverse(second.begin(), second.end());  // ids are irrelevant
+  // Maps start at their first scan: different origins, the same voxels.
   const LabelAgreement agreement =
       compareByVoxel(fieldOf(kVoxel_m * Vector3d(3, -8, 1), first), fieldOf(kVoxel_m * Vector3d(-40, 2, 11), second));
   EXPECT_EQ(agreement.compared(), 50u);
@@ -97,7 +97,7 @@ TEST(Consistency, KappaIsOneForEqualAndNoneWhereItSaysNothing) {
   EXPECT_THROW((void)compareByVoxel(one, other), InvalidArgument);
 }
 
-/// Scans of a wall with a post before it, as PCD with VIEWPOINT poses, in a folder of their own.
+/// Scans of a wall with a post in front of it, as PCD with VIEWPOINT poses, in a separate folder.
 class RecordedScans : public testing::Test {
  protected:
   void SetUp() override {
@@ -154,7 +154,7 @@ TEST_F(RecordedScans, HalvesAreMappedApartAndCompared) {
   EXPECT_EQ(shown, (std::map<std::string, std::size_t>{{"even scans", 4}, {"odd scans", 3}, {"all scans", 7}}));
   EXPECT_EQ(result->even.points_used + result->odd.points_used, result->all.points_used);
 
-  // The same by hand: a field each, and what pointAt() says of the other at each point.
+  // The same by hand: one field each, and the other's pointAt() at each point.
   AccessibilityField even(tool, params()), odd(tool, params());
   for (std::size_t n = 0; n < sequence.size(); ++n) {
     const io::ScanRecord record = sequence.read(n);

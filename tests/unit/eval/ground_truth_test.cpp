@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Ground truth (docs/PAPER.md, "Ground truth") against a plain double loop, and where the answer is known without
+/// Ground truth (docs/PAPER.md, "Ground truth") against a plain double loop, and in cases whose answer is known without
 /// computing it.
 #include "eval/ground_truth.h"
 
@@ -22,7 +22,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-/// Any function as a signed distance; it has to be one.
+/// Wraps a function that is a signed distance.
 class FunctionDistance final : public sim::SignedDistance {
  public:
   explicit FunctionDistance(std::function<double(const Vector3d&)> distance) : distance_(std::move(distance)) {}
@@ -49,7 +49,7 @@ TruthOptions optionsAt(double voxel_m) {
   return truthOptions(params.resolved());
 }
 
-/// docs/PAPER.md, "Ground truth", word by word; nothing is skipped. Uses the samples of the tool alone.
+/// docs/PAPER.md, "Ground truth", literally, without shortcuts. Uses only the tool's samples.
 bool plainTruth(const sim::SignedDistance& distance, const ToolGeometry& tool, const TruthOptions& o, const Vector3d& s,
                 const Vector3d& normal) {
   const std::vector<Vector3d> samples = sampleToolSurface(tool, o.surface_samples, o.seed);
@@ -72,7 +72,7 @@ bool plainTruth(const sim::SignedDistance& distance, const ToolGeometry& tool, c
   return any;
 }
 
-/// Random points near the surface of a scene, with normals that are a bit off, and a few without.
+/// Random points near the surface of a scene, with slightly wrong normals, and a few without.
 struct Points {
   std::vector<Vector3d> positions_W, normals_W;
 
@@ -98,7 +98,7 @@ void expectEqualToPlain(const sim::Scene& scene, double extent_m, const std::str
   params.approach.num_directions = 36;
   params.approach.corridor_length_m = corridor_m;
   TruthOptions options = truthOptions(params.resolved());
-  EXPECT_EQ(options.num_directions, 180);  // the truth knows every direction, however few the method tries
+  EXPECT_EQ(options.num_directions, 180);  // the truth uses every direction, however few the method tries
   options.num_directions = 36;
   options.surface_samples = 300;
   options.collision_limit = 3;
@@ -113,7 +113,7 @@ void expectEqualToPlain(const sim::Scene& scene, double extent_m, const std::str
     accessible += expected ? 1 : 0;
   }
   EXPECT_EQ(differ, 0) << scene.name << " with " << tool_name;
-  // Else the comparison would say little.
+  // Otherwise the comparison would prove little.
   EXPECT_GT(accessible, 15) << scene.name;
   EXPECT_LT(accessible, 140) << scene.name;
 }
@@ -142,8 +142,8 @@ TEST(GroundTruth, TheSlowDistancePathGivesTheSameAnswers) {
             GroundTruth(field, tool, options).accessible(points.positions_W, points.normals_W));
 }
 
-// Before a plane every direction inside the cone of 70 degrees is free: the pencil's tip opens by 11.3 degrees. So the
-// answer is whether any horizontal direction is inside the cone.
+// In front of a plane, every direction inside the cone of 70 degrees is free: the pencil's tip opens by 11.3 degrees.
+// So the answer is whether any horizontal direction is inside the cone.
 TEST(GroundTruth, APlaneIsAccessibleUnlessItLooksUpOrDown) {
   for (const double elevation_deg : {0.0, 30.0, 60.0, 69.0, 71.0, 80.0, 90.0, -69.0, -71.0}) {
     const double e = elevation_deg * std::numbers::pi / 180;
@@ -161,7 +161,7 @@ TEST(GroundTruth, EachDirectionOfTheCountIsTried) {
     const Vector3d a(std::cos(yaw), std::sin(yaw), 0);
     const auto shaft = distanceOf([a](const Vector3d& p_W) {
       const double across = (p_W - a * p_W.dot(a)).norm();
-      return std::min(p_W.dot(a), 0.006 - across);  // a bound, which is all that the tree needs
+      return std::min(p_W.dot(a), 0.006 - across);  // a bound, which is enough for the tree
     });
     const GroundTruth truth(shaft, ToolGeometry::builtin("builtin:pencil"), optionsAt(0.002));
     int free_directions = 0;
@@ -178,14 +178,15 @@ TEST(GroundTruth, AWallAcrossTheToolBlocksItAndOneBehindItDoesNot) {
     const auto slot = distanceOf([gap_m](const Vector3d& p_W) { return std::min(p_W.x(), gap_m - p_W.x()); });
     TruthOptions options = optionsAt(0.002);
     const GroundTruth truth(slot, ToolGeometry::builtin("builtin:pencil"), options);
-    // The pencil is 0.15 m long; leaning by 70 degrees it needs 0.15 cos 70 and a bit for its thickness: 0.055 m.
+    // The pencil is 0.15 m long; leaning by 70 degrees it needs 0.15 cos 70 and slightly more for its thickness: 0.055
+    // m.
     EXPECT_EQ(truth.free(Vector3d::Zero(), 0), gap_m > 0.15) << gap_m;
     EXPECT_EQ(truth.accessible(Vector3d::Zero(), Vector3d::UnitX()), gap_m > 0.06) << gap_m;
   }
 }
 
 TEST(GroundTruth, TheCorridorIsPartOfTheTest) {
-  // A grain of radius 0.3 mm where the arm's second sample lies. It is off the tool's surface, so only the arm meets
+  // A grain of radius 0.3 mm at the arm's second sample. It is off the tool's surface, so only the arm meets
   // it.
   const TruthOptions options = optionsAt(0.002);
   ASSERT_EQ(options.arm_m.size(), 3u);
@@ -204,7 +205,7 @@ TEST(GroundTruth, TheCorridorIsPartOfTheTest) {
 }
 
 TEST(GroundTruth, SamplesNearTheTipAreIgnored) {
-  // The tip stands 5 mm inside a plane's material: all samples up to there collide, unless they are excluded.
+  // The tip is 5 mm inside a plane's material: all samples up to there collide, unless they are excluded.
   const Vector3d sunk(-0.005, 0, 0);
   TruthOptions options = optionsAt(0.002);
   options.arm_m = {0.02};

@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Hidden Point Removal against scenes whose visibility is known, and sets that are hard on a hull.
+/// Hidden Point Removal against scenes whose visibility is known, and sets that are difficult for a hull.
 ///
-/// How far HPR may be wrong follows from the flip: samples an angle t apart lie on a shell of radius 2 R, and the hull
-/// between them sags by 2 R t^2 / 8. What lies behind its neighbours by less shows through; what lies before a deeper
-/// step nearer than the angle whose sag is the step's height is bridged over.
+/// The error bounds of HPR follow from the flip: samples an angle t apart are on a shell of radius 2 R, and the hull
+/// between them sags by 2 R t^2 / 8. Points behind their neighbours by less show through; points in front of a deeper
+/// step, closer than the angle whose sag is the step's height, are bridged over.
 #include "eval/hidden_point_removal.h"
 
 #include <gtest/gtest.h>
@@ -60,7 +60,7 @@ TEST(HiddenPointRemoval, SphereIsSeenUpToItsSilhouette) {
 }
 
 TEST(HiddenPointRemoval, APlateHidesWhatLiesInItsShadow) {
-  // A plate at z = 1 before a wall at z = 2, seen from the origin: by brute force, is the ray through the plate?
+  // A plate at z = 1 in front of a wall at z = 2, seen from the origin: by brute force, is the ray through the plate?
   std::vector<Vector3d> points;
   constexpr double kStep_m = 0.02;
   for (int i = -25; i <= 25; ++i) {
@@ -76,7 +76,8 @@ TEST(HiddenPointRemoval, APlateHidesWhatLiesInItsShadow) {
   std::size_t hidden = 0, free = 0;
   for (std::size_t n = 0; n < points.size(); ++n) {
     const Vector3d& p = points[n];
-    const double outside = std::max(std::abs(p.x()), std::abs(p.y())) / p.z() - 0.5;  // beyond the plate's edge
+    const double outside =
+        std::max(std::abs(p.x()), std::abs(p.y())) / p.z() - 0.5;  // distance beyond the plate's edge
     if (n < plate) {
       ASSERT_EQ(seen[n], 1);
     } else if (outside < 0) {
@@ -137,7 +138,7 @@ TEST(HiddenPointRemoval, SmallAndFlatSetsHaveAnAnswerAndSayNothing) {
   }
   const Flags of_ring = seen(ring);
   for (std::size_t n = 0; n < ring.size(); ++n) EXPECT_EQ(of_ring[n], n < 40 ? 1 : 0) << n;
-  // Four corners of a plane that the viewer is not in; the fifth lies behind their middle, the sixth at the viewer.
+  // Four corners of a plane that the viewer is not in; the fifth is behind their middle, the sixth at the viewer.
   EXPECT_EQ(seen({{1, 1, 1}, {-1, 1, 1}, {1, -1, 1}, {-1, -1, 1}, {0.5, 0.5, 1}, {2, 2, 2}, {0, 0, 0}}),
             (Flags{1, 1, 1, 1, 1, 0, 1}));
   // Far away and far from the origin.
@@ -161,7 +162,7 @@ TEST(HiddenPointRemoval, RandomGridsWithManyTiesNeverFail) {
     }
     const Vector3d viewer(static_cast<double>(random() % 5), static_cast<double>(random() % 5), 0);
     const Flags seen = visibleFrom(points, viewer);
-    // Whatever lies exactly behind another point is hidden by it; the nearest of all is seen.
+    // A point exactly behind another one is hidden by it; the nearest of all is seen.
     std::size_t nearest = 0;
     for (std::size_t i = 0; i < points.size(); ++i) {
       if ((points[i] - viewer).norm() < (points[nearest] - viewer).norm()) nearest = i;

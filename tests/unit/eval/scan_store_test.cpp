@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Stored scans are those that the simulator makes, or they are not used.
+/// Stored scans equal the simulator's, or they are not used.
 #include "eval/scan_store.h"
 
 #include <gtest/gtest.h>
@@ -78,7 +78,7 @@ TEST_F(ScanStoreTest, HoldsWhatTheSimulatorMakes) {
   }
   EXPECT_GT(returns, 100u);
   EXPECT_EQ(scans->returns(), returns);
-  EXPECT_EQ(store.get(kRequest), scans);  // the very same, not cast twice
+  EXPECT_EQ(store.get(kRequest), scans);  // the same object, not cast twice
   ScanRequest other = kRequest;
   other.range_noise_m = 0;
   EXPECT_NE(store.get(other)->frames[0].hits_S, scans->frames[0].hits_S);
@@ -130,7 +130,7 @@ TEST_F(ScanStoreTest, WhatDoesNotFitIsMadeAgainAndSaid) {
 }
 
 TEST_F(ScanStoreTest, AWholeFileOfAnotherSimulatorIsNoticed) {
-  // As if the simulator had changed behind an unchanged description: a sound file with other frames under this name.
+  // As if the simulator had changed without its description: a valid file with different frames under this name.
   const auto made = get(kRequest);
   const std::string name = onlyFile().string();
   ScanRequest other = kRequest;
@@ -141,7 +141,8 @@ TEST_F(ScanStoreTest, AWholeFileOfAnotherSimulatorIsNoticed) {
   fs::remove(onlyFile());
   (void)get(kRequest);
   const std::string good = content();
-  // Same header as the good file, the other's frames, checksum made anew: simplest is to let the store write it.
+  // Same header as the good file, the other's frames, checksum recomputed: the simplest way is to let the store write
+  // it.
   const std::size_t head = good.find('\n', good.find('\n') + 1) + 1;
   const std::size_t other_head = forged.find('\n', forged.find('\n') + 1) + 1;
   std::string body = good.substr(0, head) + forged.substr(other_head, forged.size() - other_head - 16);

@@ -40,7 +40,7 @@ bool red(int r, int g, int b) { return r > g + 60 && r > b + 60; }
 bool magenta(int r, int g, int b) { return r > g + 60 && b > g + 60; }
 bool blue(int r, int g, int b) { return b > r + 60 && b > g + 60; }
 
-/// Pixels of one panel of four: left or right, top or bottom; below the title with its legend.
+/// Pixels of one panel of four: left or right, top or bottom; below the title and legend.
 using Count = std::array<std::array<int, 2>, 2>;
 Count countIn(const Pixels& p, bool (*is)(int, int, int)) {
   constexpr int kTitle = 44;
@@ -110,7 +110,7 @@ TEST_F(ScenePictures, ErrorsShowWhereverTheyAre) {
   for (const bool swap : {false, true}) {
     found_ = truth_;
     truth_[swap ? far : near] = 0;
-    found_[swap ? far : near] = 1;  // promised where there is none
+    found_[swap ? far : near] = 1;  // promised but not there
     truth_[swap ? near : far] = 1;
     found_[swap ? near : far] = 0;
     ScenePicture what = picture();

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Figures, requirements and files of the tables; runs are remembered.
+/// Figures, requirements and files of the tables; runs are cached.
 #include "eval/tables.h"
 
 #include <gtest/gtest.h>
@@ -66,7 +66,7 @@ TEST(TableRow, RequirementsHoldOrDoNot) {
   row.must = Requirement::near(Requirement::Figure::Recall, 96, 4);
   EXPECT_TRUE(row.met().value());
   row.must = Requirement::near(Requirement::Figure::Precision, 95, 4);
-  EXPECT_FALSE(row.met().value());  // too good is outside the band too
+  EXPECT_FALSE(row.met().value());  // too good is also outside the band
   row.must_hold = false;
   row.must.reset();
   EXPECT_FALSE(row.met().value());
@@ -136,7 +136,7 @@ TEST(Tables, AStopKeepsWhatWasMade) {
   EXPECT_TRUE(results.stopped);
   EXPECT_TRUE(results.finished.empty());
 
-  // Once the first run is done: its row is there, and the table is not called finished.
+  // After the first run: its row exists, and the table is not reported as finished.
   bool ran = false;
   options.tables = {"fast"};
   options.observer.say = [&](const std::string& line) { ran = ran || line.find(" F1 ") != std::string::npos; };
@@ -165,13 +165,13 @@ TEST(SceneRunner, RemembersRunsAndTellsDifferentOnesApart) {
   const auto with_exact = runner.run(exact);
   EXPECT_EQ(with_exact->truth_exact.size(), run->found.size());
   EXPECT_EQ(with_exact->found, run->found);
-  EXPECT_EQ(runner.run(request), with_exact);  // holds all that was asked for
+  EXPECT_EQ(runner.run(request), with_exact);  // contains everything requested
   RunRequest clamped = request;
   clamped.params.tsdf.clamp_min_m = -0.01;
   EXPECT_NE(runner.run(clamped), with_exact);
 }
 
-// The filter chooses points and changes no label: so the unfiltered table may be read beside the filtered one.
+// The filter selects points without changing labels, so filtered and unfiltered tables are comparable.
 TEST(SceneRunner, TheConfidenceFilterChangesNoLabel) {
   Observer observer;
   ScanStore scans({}, observer);

@@ -51,7 +51,7 @@ TEST(ToolSamples, AreTheSameForTheSameSeedOnly) {
 TEST(BallTree, CountsWhatCountingOneByOneGives) {
   const sim::Scene torus = sim::makeTorus(0.06, 0.02);
   auto samples = sampleToolSurface(ToolGeometry::builtin("builtin:pencil"), 700, 9);
-  samples.push_back(samples.front());  // twice the same place counts twice
+  samples.push_back(samples.front());  // the same position twice counts twice
   const BallTree tree(samples);
   EXPECT_EQ(tree.size(), 701);
   std::mt19937 random(4);

@@ -23,7 +23,7 @@ class BatchQueryAt : public testing::Test {
   QueryWorld world_;
   const FieldSnapshot snapshot_ = world_.field.snapshot();
 
-  /// The point that answers for a position, by looking at every one of them.
+  /// The point that answers for a position, by exhaustive search.
   const SurfacePoint* expectedPoint(const Eigen::Vector3d& p_W) const {
     const Eigen::Vector3i voxel = world_.voxelOf(p_W);
     const SurfacePoint* nearest = nullptr;
@@ -88,7 +88,7 @@ TEST_F(BatchQueryAt, EqualsLookingAtEverything) {
     none += !has;
     ++labels[static_cast<std::size_t>(answers[n].label)];
   }
-  // Every kind of answer came up often.
+  // Every kind of answer occurred often.
   for (const std::size_t count : {unknown, cleared, observed, own, near, none, labels[0], labels[1], labels[2]}) {
     EXPECT_GT(count, 30u);
   }
@@ -110,7 +110,7 @@ TEST_F(BatchQueryAt, BadPositionsAreUnknown) {
     EXPECT_EQ(answers[n].point_id, kNoPoint) << n;
     EXPECT_NE(answers[n].label, PointLabel::Accessible) << n;
   }
-  EXPECT_EQ(answers.back().point_id, 0u);  // and the good one beside them is answered
+  EXPECT_EQ(answers.back().point_id, 0u);  // and the valid one among them is answered
 }
 
 TEST_F(BatchQueryAt, ColumnsOfAMatrix) {
@@ -159,7 +159,7 @@ TEST_F(BatchQueryAt, SizesMustAgree) {
   } catch (const InvalidArgument& error) {
     EXPECT_EQ(error.id(), "query.sizes");
   }
-  query.at(std::span<const Eigen::Vector3d>(), std::span<PointAnswer>());  // nothing is a question too
+  query.at(std::span<const Eigen::Vector3d>(), std::span<PointAnswer>());  // an empty query is valid too
 }
 
 TEST_F(BatchQueryAt, EndsWhenTheFieldChanges) {
@@ -185,7 +185,7 @@ TEST_F(BatchQueryAt, EndsWhenTheFieldChanges) {
 
   const BatchQuery of_moved = field.batchQuery();
   std::optional<AccessibilityField> elsewhere(std::move(field));
-  EXPECT_FALSE(stale(of_moved));  // the field goes on, in another place
+  EXPECT_FALSE(stale(of_moved));  // the field lives on, in another place
   elsewhere.reset();
   EXPECT_TRUE(stale(of_moved));
 }
@@ -193,7 +193,7 @@ TEST_F(BatchQueryAt, EndsWhenTheFieldChanges) {
 TEST_F(BatchQueryAt, NewPointsAreUnscoredUntilTheUpdate) {
   world_.field.update();
   const auto known = world_.field.snapshot().points.size();
-  // A plate in the air, where nothing was.
+  // A plate in the air, in previously empty space.
   std::vector<Eigen::Vector3d> plate, origin = {world_.origin() + Eigen::Vector3d(0, 0, 6)};
   for (int x = 0; x < 20; ++x) plate.push_back(world_.origin() + Eigen::Vector3d(0.05 * x, 0, 5));
   world_.field.integrateRays(plate, origin);

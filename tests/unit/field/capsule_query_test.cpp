@@ -17,12 +17,12 @@ namespace accessvdb::test {
 namespace {
 
 constexpr double kVoxel_m = QueryWorld::kVoxel_m;
-/// The library works in float32 here: of an axis of a few metres, in voxels.
+/// In voxels: the library works in float32 here, on an axis of a few metres.
 constexpr double kTolerance = 1e-3;
 const double kHalfDiagonal = std::sqrt(3.0) / 2;
 
 struct Expected {
-  double nearest = INFINITY, first_t = INFINITY, first_touch_t = INFINITY;  ///< voxels; the last of the mirror's rule
+  double nearest = INFINITY, first_t = INFINITY, first_touch_t = INFINITY;  ///< voxels; the last by the mirror's rule
   bool unknown = false, collision = false, touches_colliding = false;
 };
 
@@ -32,7 +32,7 @@ double distanceToAxis(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const 
   return (a + t * (b - a) - x).norm();
 }
 
-/// Smallest t with |a + t (b - a) - x| <= reach, by halving: the distance falls up to the nearest point.
+/// Smallest t with |a + t (b - a) - x| <= reach, by bisection: the distance decreases up to the nearest point.
 double firstWithin(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& x, double reach) {
   if ((a - x).norm() <= reach) return 0;
   double low = 0, high = std::clamp((x - a).dot(b - a) / (b - a).squaredNorm(), 0.0, 1.0);
@@ -43,7 +43,7 @@ double firstWithin(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eig
   return high;
 }
 
-/// @param slack  added to how far the capsule reaches, voxels
+/// @param slack  added to the capsule's reach, voxels
 Expected lookAtEverything(const QueryWorld& world, const CapsuleQuery& query, double slack) {
   Expected expected;
   const Eigen::Vector3d a = (query.a_W - world.origin()) / kVoxel_m, b = (query.b_W - world.origin()) / kVoxel_m;
@@ -91,7 +91,7 @@ std::vector<CapsuleQuery> randomCapsules(const FieldSnapshot& snapshot, int coun
   return capsules;
 }
 
-/// By the collision distance in metres; 0 = rule.
+/// The parameter is the collision distance in metres; 0 = rule.
 class CapsuleQueryAtDistance : public testing::TestWithParam<double> {};
 INSTANTIATE_TEST_SUITE_P(CollisionDistances, CapsuleQueryAtDistance, testing::Values(0.0, 1e-4));
 
@@ -118,7 +118,7 @@ TEST_P(CapsuleQueryAtDistance, EqualsLookingAtEveryVoxel) {
       EXPECT_LE(answer.min_distance_m / kVoxel_m, least.nearest + kTolerance);
       EXPECT_GE(answer.min_distance_m / kVoxel_m, most.nearest - kTolerance);
     }
-    // Near grazing contact t depends on the root of what is left of the reach: hence bounds instead of a tolerance.
+    // Near grazing contact, t depends on the root of the remaining reach, so bounds are used instead of a tolerance.
     if (answer.collision) {
       EXPECT_GE(answer.first_hit_t, most.first_t - 1e-4);
       EXPECT_LE(answer.first_hit_t, least.first_t + 1e-4);
@@ -149,7 +149,7 @@ TEST_P(CapsuleQueryAtDistance, EqualsLookingAtEveryVoxel) {
   EXPECT_GT(int(capsules.size()) - collisions, 20);
 }
 
-/// A wall at x = 2 m, seen by a sensor that stands still at the origin.
+/// A wall at x = 2 m, seen by a static sensor at the origin.
 struct Wall {
   Wall() : field(ToolGeometry::builtin("builtin:pencil"), QueryWorld::paramsOf(0, BackendKind::Cpu)) {
     std::vector<Eigen::Vector3d> points_W, origin = {Eigen::Vector3d::Zero()};
@@ -170,7 +170,7 @@ TEST(CapsuleQueryAlong, StopsInFrontOfAWall) {
     const CapsuleAnswer answer = wall.along({{1, 0, 0}, {3, 0, 0}, radius_m});
     EXPECT_TRUE(answer.collision);
     EXPECT_TRUE(answer.unknown);  // behind the wall
-    // The axis enters at 2 m less the radius; voxels and the clamped distance make it vague by one and a half.
+    // The axis enters at 2 m less the radius; voxels and the clamped distance add an uncertainty of one and a half.
     EXPECT_NEAR(1 + 2 * answer.first_hit_t, 2 - radius_m, 1.5 * kVoxel_m);
   }
   const CapsuleAnswer before = wall.along({{1.68, -0.05, 0}, {1.68, 0.05, 0}, 0});
@@ -189,7 +189,7 @@ TEST(CapsuleQueryAlong, AThinLineThroughAWallIsNotFree) {
   EXPECT_TRUE(wall.field.hostView().along(line.a_W.data(), line.b_W.data(), 0).collision);
 }
 
-/// A thin sheet seen from both sides has no voxel at distance 0: each is in front for one side. With next to no
+/// A thin sheet seen from both sides has no voxel at distance 0: each is in front for one side. With almost no
 /// collision distance none of them collides, but all are nearer than the radius.
 TEST(CapsuleQueryAlong, DistancesBelowTheRadiusCollideToo) {
   AccessibilityField field(ToolGeometry::builtin("builtin:pencil"), QueryWorld::paramsOf(0, BackendKind::Cpu, 1e-4));

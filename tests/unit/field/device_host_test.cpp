@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What the host tells an updater on a device (update/exact_on_device.cpp), against plain rules on the map and the
-/// points: no GPU is needed, the updater only listens.
+/// points. No GPU is needed; the updater only listens.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -26,11 +26,11 @@ using test::Random;
 /// Flips of a leaf since the last update.
 struct LeafFacts {
   std::uint32_t kinds = 0;
-  std::array<std::uint32_t, 8> freed = {};  ///< voxels that ceased to collide, by cells of 4 x 4 x 4, x slowest
+  std::array<std::uint32_t, 8> freed = {};  ///< voxels that stopped colliding, by cells of 4 x 4 x 4, x slowest
   bool operator==(const LeafFacts&) const = default;
 };
 
-/// What was told since the last update, and the index of blocks as a device holds it.
+/// What the updater was told since the last update, and the index of blocks as on a device.
 struct Told {
   std::vector<kernels::PointNews> news;
   std::vector<kernels::PointWeight> weights, crossed;
@@ -120,7 +120,7 @@ FieldParams fieldParams(const HostCase& c) {
   return params.resolved();
 }
 
-/// Oracle: by its definition, voxel by voxel.
+/// Oracle: the definition, voxel by voxel.
 std::uint32_t weightAt(const PackedMap& map, const Index3& c, int reach) {
   std::uint32_t most = 0;
   for (int x = -reach; x <= reach; ++x) {
@@ -205,7 +205,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
     }
     scheduler->update({});
 
-    // Confident: exactly those whose weight is enough by now and was not before.
+    // Confident: exactly those whose weight is now sufficient and was not before.
     std::set<std::uint32_t> crossed;
     for (const kernels::PointWeight& point : told.crossed) {
       ASSERT_TRUE(crossed.insert(point.id).second) << "told twice";
@@ -223,7 +223,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
     }
     confident.insert(crossed.begin(), crossed.end());
 
-    // News: the touched points, each once, as they are and where they were.
+    // News: the touched points, each once, with their current state and previous position.
     std::set<std::uint32_t> told_ids;
     for (const kernels::PointNews& news : told.news) {
       ASSERT_TRUE(told_ids.insert(news.id).second);
@@ -242,7 +242,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       }
     }
     ASSERT_EQ(told_ids, touched_ids);
-    // Only where all points came with one scan are neighbours worth finding before the update.
+    // Neighbours are only worth finding before the update if all points came with one scan.
     ASSERT_EQ(told.begun_before_update, c.scans_an_update == 1);
     std::set<std::uint32_t> weighed;
     for (const kernels::PointWeight& point : told.weights) {
@@ -278,7 +278,7 @@ INSTANTIATE_TEST_SUITE_P(
                     HostCase{"own voxel only", UpdateRegion::FullCube, false, 0.6},
                     HostCase{"projective", UpdateRegion::Projective, true},
                     HostCase{"nothing ahead", UpdateRegion::DoubleCone, true, 0.2, 1, false, false},
-                    // More points, and more blocks, than are handed over at a time.
+                    // More points, and more blocks, than are passed at a time.
                     HostCase{"a large scan", UpdateRegion::DoubleCone, true, 0.2, 1, false, true, 2, 75000, 26},
                     HostCase{"large scans", UpdateRegion::DoubleCone, true, 0.2, 2, false, true, 2, 40000, 26}));
 

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What the host tells an updater of the paper's policy on a device (update/paper_on_device.cpp): which points
-/// the triggers ask for, against their definitions on the whole map. No GPU is needed, the updater only listens.
+/// the triggers request, against their definitions on the whole map. No GPU is needed; the updater only listens.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -22,7 +22,7 @@ namespace {
 
 using test::Random;
 
-/// As the updater was told at the last update.
+/// What the updater was told at the last update.
 struct ToldOfPaper {
   std::vector<kernels::PointWeight> crossed;
   std::vector<std::uint32_t> jumped, sampled;
@@ -60,7 +60,7 @@ struct PaperHostCase {
   const char* name;
   int scans_an_update = 1;
   UpdateRegion region = UpdateRegion::FullCube;
-  bool first_changes_nothing = false;  ///< the scheduler is told that the first scan left all distances alone
+  bool first_changes_nothing = false;  ///< the scheduler is told that the first scan changed no distances
 };
 void PrintTo(const PaperHostCase& c, std::ostream* out) { *out << c.name; }
 
@@ -110,7 +110,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
       std::vector<Eigen::Vector3f> p;
       for (int n = 0; n < 150; ++n) {
         Eigen::Vector3f x = random.point(0.3f);
-        x.z() = 0.01f * x.z() - (scans % 3 == 2 ? 0.17f : 0);  // a floor that sinks, and comes back
+        x.z() = 0.01f * x.z() - (scans % 3 == 2 ? 0.17f : 0);  // a floor that sinks and rises again
         p.push_back(x);
       }
       ++scans;
@@ -124,7 +124,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
       scheduler->noteChanges(p, {&q, 1}, unchanged ? MapChanges{} : changes);
       returns.insert(returns.end(), p.begin(), p.end());
 
-      // (i) by its definition: every point is looked at after every scan.
+      // (i) by its definition: every point is checked after every scan.
       for (std::uint32_t id = 0; id < points.size(); ++id) {
         const Index3 voxel = points.voxelOf(points.first_L(id));
         const VoxelState state = map.at(openvdb::Coord(voxel[0], voxel[1], voxel[2]));
@@ -148,7 +148,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
     ASSERT_TRUE(ascendsWithoutTwins(told.jumped));
     ASSERT_TRUE(ascendsWithoutTwins(told.sampled));
     ASSERT_EQ(told.all_blocked, moved) << "update " << update;
-    // (ii) A drawn voxel lies in the region of a return, so what it finds lies near one.
+    // (ii) A drawn voxel is in the region of a return, so the points it finds are near one.
     for (const std::uint32_t id : told.sampled) {
       const float bound_m = static_cast<float>((std::sqrt(3.0) * (tau / v + 1) + 3.01) * v);
       ASSERT_TRUE(std::ranges::any_of(
@@ -158,12 +158,12 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
     all_sampled += told.sampled.size();
     ++(moved ? fired : quiet);
   }
-  // Else the comparison would say nothing.
+  // Otherwise the comparison would prove nothing.
   EXPECT_GT(all_jumped, 30u);
   EXPECT_GT(all_sampled, 500u);
   EXPECT_GT(fired, 1u);
   EXPECT_GT(quiet, 1u);
-  // Nothing new: nothing is asked for.
+  // Nothing new, so nothing is requested.
   static_cast<void>(scheduler->update({}));
   EXPECT_TRUE(told.crossed.empty() && told.jumped.empty() && told.sampled.empty() && !told.all_blocked);
 }

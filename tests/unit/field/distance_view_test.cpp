@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-// The mirror of distances in a view of a live field, against the OpenVDB grid that the map hands out: equal after every
-// scan, voxel for voxel; and what is asked of it in between.
+// The mirror of distances in a view of a live field, against the OpenVDB grid from the map: equal after every scan,
+// voxel for voxel; and interpolation between voxels.
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
 #include <openvdb/tools/Interpolation.h>
@@ -83,7 +83,7 @@ TEST(DistanceView, EqualsTheMapOfTheProjectiveBaseline) {
   }
 }
 
-/// More returns in one leaf than its narrow sums hold: they are folded another way.
+/// More returns in one leaf than its narrow sums can hold: they are folded differently.
 TEST(DistanceView, EqualsTheMapWhereThousandsOfReturnsReachALeaf) {
   AccessibilityField field(ToolGeometry::builtin("builtin:pencil"), paramsOf(0.5));
   std::vector<Eigen::Vector3f> points_S;
@@ -119,7 +119,7 @@ TEST(DistanceView, WithoutTheMirrorNothingIsKnown) {
   EXPECT_EQ(world.field.memoryUse().distance_mirror_bytes, 0u);
 }
 
-/// Labels and all else are those of a field without it.
+/// Labels and everything else equal those of a field without it.
 TEST(DistanceView, ChangesNoResult) {
   const QueryWorld without, with(0, BackendKind::Cpu, 0, true);
   const FieldSnapshot a = without.field.snapshot(), b = with.field.snapshot();
@@ -170,7 +170,7 @@ TEST(DistanceView, NearestAndInterpolated) {
   EXPECT_GT(edge, 100);  // the voxel is known and one beside it is not
 }
 
-/// No answer for what cannot be asked, and none of them reads as free.
+/// Invalid positions get no answer, and never read as free.
 TEST(DistanceView, BadPositionsHaveNoDistance) {
   const QueryWorld world(0, BackendKind::Cpu, 0, true);
   const DeviceView view = world.field.hostView();

@@ -152,7 +152,7 @@ TEST(FieldParams, DescribesEveryEffectiveValue) {
   EXPECT_EQ(values.at("policy"), "exact");
 }
 
-/// What changes the outcome of the paper's policy belongs to "every effective value" too.
+/// "Every effective value" includes those that affect the paper's policy.
 TEST(FieldParams, DescribesThePaperPolicy) {
   const auto values = described(FieldParams::paper(0.01).resolved());
   for (const char* name : {"changed_voxel_sample", "changed_voxel_radius_voxels", "requeue_motion_m", "seed"}) {

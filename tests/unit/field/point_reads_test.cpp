@@ -18,7 +18,7 @@ namespace {
 using test::directionTable;
 using test::Random;
 
-/// Returns of a rough floor and of a post, from one sensor or from one each.
+/// Returns of a rough floor and of a post, from one sensor or one per return.
 struct Scan {
   std::vector<Eigen::Vector3f> p, q;
 };
@@ -88,7 +88,7 @@ TEST(PointReads, WeightsAreThoseOfTheVoxelsAround) {
   std::set<std::uint32_t> seen;
   for (const bool neighbourhood : {true, false}) {
     const MapReads reads = makeMapReads(map, points, neighbourhood);
-    // Voxels everywhere: on both sides of leaf borders, in leaves that are not there or hold no values. In any number.
+    // Voxels everywhere: on both sides of leaf borders, in missing leaves or leaves without values. In any number.
     for (const std::size_t count : {0, 1, 7, 8, 15, 16, 17, 40, 1024, 1025, 5000}) {
       std::vector<Index3> voxels(count);
       for (Index3& voxel : voxels) {
@@ -123,7 +123,7 @@ void PrintTo(const RegionCase& c, std::ostream* out) { *out << c.name; }
 
 class ReachedLeaves : public testing::TestWithParam<RegionCase> {};
 
-/// A weight that grew has its leaf, and those of its neighbours, among the reached ones; and those are not all.
+/// A voxel whose weight grew has its leaf, and its neighbours' leaves, among the reached ones; and not all are reached.
 TEST_P(ReachedLeaves, HoldEveryWeightThatGrew) {
   const RegionCase& c = GetParam();
   const double v = c.params.voxel_size_m;
@@ -178,7 +178,7 @@ INSTANTIATE_TEST_SUITE_P(
                     RegionCase{"full cube", tsdfParams(0.1, UpdateRegion::FullCube), {0, 0, 0}, false},
                     RegionCase{"far from the origin", tsdfParams(0.01), {-5000, 5100, 4900}, true}));
 
-/// The baseline's region is the sensor's view: nothing is known from the returns.
+/// The baseline's region is the sensor's view: the returns say nothing about it.
 TEST(ReachedLeavesOfABaseline, AreNotKnown) {
   const Eigen::Vector3f p(1, 0, 0), q(0, 0, 0);
   const bool known = forEachReachedLeaf(tsdfParams(0.1, UpdateRegion::Projective), {&p, 1}, {&q, 1}, 1,

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A field of a short walk past trees, far from the world's origin, for tests that ask it things.
+/// A field of a short walk past trees, far from the world's origin, for query tests.
 #pragma once
 
 #include <cmath>

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// One small world for each outcome, through the public interface. A wall stands at x = 2 m, voxels of 5 cm, tau 0.2 m;
-/// the point looked at is its middle (2, 0, 0). With four directions only d = 2, towards -x, lies in the normal's cone.
+/// One small world for each outcome, through the public interface. A wall is at x = 2 m, voxels of 5 cm, tau 0.2 m;
+/// the tested point is its middle (2, 0, 0). With four directions, only d = 2, towards -x, is in the normal's cone.
 #include <gtest/gtest.h>
 
 #include "accessvdb/accessibility_field.h"
@@ -12,7 +12,7 @@ namespace {
 
 using test::boxTool;
 
-/// A rod of 0.8 m from the tip backwards.
+/// A rod extending 0.8 m backwards from the tip.
 ToolGeometry rod() { return boxTool({0, -0.04f, -0.04f}, {0.8f, 0.04f, 0.04f}); }
 
 FieldParams paramsOf(int num_directions) {
@@ -25,7 +25,7 @@ FieldParams paramsOf(int num_directions) {
 
 using Points = std::vector<Eigen::Vector3d>;
 
-/// Returns on a plate at x, two a voxel.
+/// Returns on a plate at x, two per voxel.
 Points plate(double x, double half_y, double half_z) {
   Points points;
   for (double y = -half_y; y <= half_y + 1e-9; y += 0.025) {
@@ -118,7 +118,7 @@ TEST(ReasonScenes, TheBestDirectionAvoidsTheObstacle) {
   EXPECT_LT(point.direction, 26);
 }
 
-/// A plate in the corridor, 0.45 m = 2.25 tau before the wall.
+/// A plate in the corridor, 0.45 m = 2.25 tau in front of the wall.
 TEST(ReasonScenes, APlateInTheCorridorBlocksTheArm) {
   AccessibilityField field(rod(), paramsOf(4));
   look(field, plate(2, 0.5, 0.5), {0, 0, 0});
@@ -128,14 +128,14 @@ TEST(ReasonScenes, APlateInTheCorridorBlocksTheArm) {
   EXPECT_EQ(point.score, kNoScore);
 }
 
-/// A narrow wall seen from 60 degrees aside: nothing ever looked along the corridor.
+/// A narrow wall seen from 60 degrees to the side: nothing was ever observed along the corridor.
 TEST(ReasonScenes, UnknownSpaceInTheCorridorBlocks) {
   AccessibilityField field(rod(), paramsOf(4));
   look(field, plate(2, 0.1, 0.1), {2 - 1.0, -1.7320508, 0});
   expectOutcome(middle(field), PointLabel::Blocked, PointReason::Unknown, 2);
 }
 
-/// Seen from high above: no horizontal direction was ever looked along.
+/// Seen from high above: no horizontal direction was ever observed.
 TEST(ReasonScenes, AWallSeenFromAboveIsUnseen) {
   AccessibilityField field(rod(), paramsOf(4));
   look(field, plate(2, 0.5, 0.5), {1.6, 0, 5});
@@ -181,7 +181,7 @@ TEST(ReasonScenes, LabelsFollowTheMap) {
   EXPECT_FALSE(point.confident);
 }
 
-/// Often enough seen (w / (w + 5) > 0.7 from w = 12 on) and accessible.
+/// Seen often enough (w / (w + 5) > 0.7 from w = 12 on) and accessible.
 TEST(ReasonScenes, ConfidentNeedsConfidenceTimesStability) {
   AccessibilityField field(rod(), paramsOf(4));
   Points sparse;

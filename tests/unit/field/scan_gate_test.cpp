@@ -67,7 +67,7 @@ TEST(ScanGate, BoundsAreAMillionVoxelsAround) {
   EXPECT_EQ(gate.gate(points, poseAt({0, 0, 0}), stats).p_L.size(), 2u);
   EXPECT_EQ(stats.points_used, 2u);
   EXPECT_EQ(stats.dropped[static_cast<std::size_t>(DropReason::OutOfBounds)], 2u);
-  // A sensor out of bounds takes its whole scan with it.
+  // A sensor out of bounds invalidates its whole scan.
   EXPECT_TRUE(gate.gate(points, poseAt({10500, 0, 0}), stats).p_L.empty());
   EXPECT_EQ(stats.points_in, 8u);
   EXPECT_EQ(stats.points_used, 2u);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The times of the stages against the clock of who calls: together they are the frame.
+/// The times of the stages against the caller's clock: together they make up the frame.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -14,8 +14,8 @@ namespace accessvdb {
 namespace {
 
 constexpr int kFrames = 15;
-/// What a frame may take outside all stages: two calls and the reading of clocks, a thousandth of this. The median of
-/// the frames is held to it, so that a busy machine would have to interrupt most of them there.
+/// What a frame may take outside all stages: two calls and clock readings take a thousandth of this. It bounds the
+/// median of the frames, so that a busy machine would have to interrupt most of them there.
 constexpr double kMostRest_ms = 0.05;
 
 using Clock = std::chrono::steady_clock;
@@ -45,7 +45,7 @@ class Frames {
   double longest_ms_ = 0;
 };
 
-/// A rough wall 3 m ahead, of which frame n sees its own part.
+/// A rough wall 3 m ahead, of which each frame n sees a different part.
 std::vector<Eigen::Vector3f> wall_S(int n) {
   std::mt19937 random(static_cast<std::uint32_t>(n));
   const auto uniform = [&](float low, float high) {
@@ -109,7 +109,7 @@ TEST(StageTimes, SortingOutReturnsIsOfThem) {
   }
 }
 
-/// What scans told the scheduler counts as the update's, once.
+/// The scheduler's work during scans counts as the update's, once.
 TEST(StageTimes, OfSeveralScansAnUpdate) {
   for (const UpdatePolicy policy : {UpdatePolicy::Exact, UpdatePolicy::Paper}) {
     AccessibilityField field(ToolGeometry::builtin("builtin:pencil"), paramsOf(policy));

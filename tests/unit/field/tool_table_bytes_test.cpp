@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a tool's tables are said to take against what a field without a scan holds.
+/// The predicted size of a tool's tables against the memory of a field without scans.
 #include <gtest/gtest.h>
 
 #include <string>
@@ -21,7 +21,7 @@ FieldParams paramsOf(double voxel_size_m, int directions = 180) {
   return params;
 }
 
-/// Bytes of a field that has seen nothing.
+/// Bytes of a field without scans.
 double heldBytes(const ToolGeometry& tool, const FieldParams& params) {
   const MemoryUse use = AccessibilityField(tool, params).memoryUse();
   return static_cast<double>(use.point_host_bytes + use.point_device_bytes);
@@ -39,7 +39,7 @@ TEST(ToolTableBytes, AreWhatAFieldHolds) {
   const ToolGeometry tall = test::boxTool({0.1f, -0.2f, -0.4f}, {0.5f, 0.3f, 0.6f});
   expectHeld(pruner, paramsOf(0.02));
   expectHeld(pruner, paramsOf(0.01));
-  expectHeld(pruner, paramsOf(0.01, 4));    // fewer than are looked at
+  expectHeld(pruner, paramsOf(0.01, 4));    // fewer than are sampled
   expectHeld(pruner, paramsOf(0.004, 48));  // the table of directions by offset fits
   expectHeld(pruner, paramsOf(0.003, 24));  // and here it does not
   expectHeld(tall, paramsOf(0.01, 90));     // columns of more than 64 voxels
@@ -53,7 +53,7 @@ TEST(ToolTableBytes, AreWhatAFieldHolds) {
   expectHeld(pruner, samples);
 }
 
-/// They grow with the square of the voxels an edge, as the ground below the tool does.
+/// They grow with the square of the voxels per edge, like the ground below the tool.
 TEST(ToolTableBytes, GrowWithTheVoxelsOfTheTool) {
   const ToolGeometry pruner = ToolGeometry::builtin("builtin:pruner");
   FieldParams coarse = paramsOf(0.006), fine = paramsOf(0.003);
@@ -61,7 +61,7 @@ TEST(ToolTableBytes, GrowWithTheVoxelsOfTheTool) {
   coarse.scoring.max_collisions = fine.scoring.max_collisions = 5;
   const double ratio =
       static_cast<double>(toolTableBytes(pruner, fine).held) / static_cast<double>(toolTableBytes(pruner, coarse).held);
-  EXPECT_GT(ratio, 4);  // twice that where a column needs two words
+  EXPECT_GT(ratio, 4);  // twice that if a column needs two words
   EXPECT_LT(ratio, 8.5);
   // On a GPU the second copy is not the host's.
   fine.backend = BackendKind::Cuda;
@@ -73,7 +73,7 @@ TEST(ToolTableBytes, RefuseWhatAFieldRefuses) {
   const ToolGeometry table = test::boxTool({0.1f, -4, -0.1f}, {19, 4, 0.1f});
   const auto idOf = [&](double voxel_size_m) -> std::string {
     FieldParams params = paramsOf(voxel_size_m);
-    params.tsdf.range_noise_m = 0;  // else the band alone would have too many voxels
+    params.tsdf.range_noise_m = 0;  // otherwise the band alone would have too many voxels
     try {
       static_cast<void>(toolTableBytes(table, params));
     } catch (const Error& error) {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The walk along a capsule: every leaf with a touched voxel, none twice, anywhere in the index space.
+/// The walk along a capsule: visits every leaf with a touched voxel, none twice, anywhere in the index space.
 #include "hostdev/capsule.h"
 
 #include <gtest/gtest.h>
@@ -39,7 +39,7 @@ double distanceToAxis(const Case& c, double x, double y, double z) {
   return std::sqrt(distance2);
 }
 
-/// Voxel size 1.
+/// Checks a case at voxel size 1.
 void check(const Case& c) {
   SCOPED_TRACE(testing::Message() << c.a[0] << " " << c.a[1] << " " << c.a[2] << " to " << c.b[0] << " " << c.b[1]
                                   << " " << c.b[2] << " radius " << c.radius);
@@ -71,7 +71,7 @@ void check(const Case& c) {
     }
   }
   for (const Leaf& leaf : needed) ASSERT_TRUE(visited.count(leaf) == 1);
-  ASSERT_LE(visited.size(), 4 * needed.size() + 27);  // and not everything
+  ASSERT_LE(visited.size(), 4 * needed.size() + 27);  // but not everything
 }
 
 TEST(CapsuleLeaves, CoverWhatIsTouched) {
@@ -105,7 +105,7 @@ TEST(FirstWithin, IsTheFirstParameter) {
     }
     Capsule capsule;
     ASSERT_TRUE(makeCapsule(c.a, c.b, 0, 1.0f, capsule));
-    // A position near the axis, and how near it comes.
+    // A position near the axis, and its distance.
     const double t0 = uniform(random, -0.1, 1.1);
     double x[3];
     for (int axis = 0; axis < 3; ++axis) {

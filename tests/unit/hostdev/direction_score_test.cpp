@@ -65,7 +65,7 @@ TEST(CountVoxelCollisions, EqualsALoopOverVoxelsAndStopsInTime) {
   std::uint64_t counted = 0, stopped = 0;
   for (int n = 0; n < 4000; ++n) {
     ToolFixture tool;
-    tool.columns.push_back(column(0, 0, 0, ~std::uint64_t{0}));  // of another direction: must not be counted
+    tool.columns.push_back(column(0, 0, 0, ~std::uint64_t{0}));  // belongs to another direction: must not be counted
     tool.endDirection();
     const int columns = below(random, 12);
     for (int c = 0; c < columns; ++c) {
@@ -93,7 +93,7 @@ TEST(CountVoxelCollisions, EqualsALoopOverVoxelsAndStopsInTime) {
     counted += static_cast<std::uint64_t>(expected);
   }
   EXPECT_GT(counted, 20000u);
-  EXPECT_GT(stopped, 500u);  // else it would never stop early
+  EXPECT_GT(stopped, 500u);  // otherwise it would never stop early
 }
 
 /// Each start within a leaf and each single bit, one voxel in the map at a time: every shift of the row logic.
@@ -153,7 +153,7 @@ TEST(TestArm, FirstBlockedSampleAndWhatBlocksIt) {
   const auto test = [&](int d) { return kernels::testArm(map.reader(), approach.view, d, p, map.inverseVoxelSize()); };
   EXPECT_EQ(test(0).passed, 3);
   EXPECT_EQ(test(0).reason, PointReason::None);
-  map.blockArm({0, 4, 0});  // d = 1 looks along +y: never observed
+  map.blockArm({0, 4, 0});  // d = 1 points along +y: never observed
   EXPECT_EQ(test(1).passed, 1);
   EXPECT_EQ(test(1).reason, PointReason::Unknown);
   map.blockArm({-6, 0, 0});  // d = 2 along -x: an obstacle
@@ -170,7 +170,7 @@ TEST(TestArm, FirstBlockedSampleAndWhatBlocksIt) {
   EXPECT_EQ(test(0).reason, PointReason::None);
 }
 
-/// Cleared by some ray and later observed as surface: armFree is what counts, a collision there has no say.
+/// Cleared by a ray and later observed as surface: armFree decides; a collision there does not matter.
 TEST(TestArm, OnlyTheArmBitDecides) {
   const ApproachFixture approach(4, {2.0});
   OccupancyFixture map;

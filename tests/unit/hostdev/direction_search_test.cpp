@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The search against trying everything, and what it may leave out when something is known already.
+/// The search against trying everything, and what it may skip if something is already known.
 #include "hostdev/direction_search.h"
 
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ struct Scene {
   int limit = 1;
 
   explicit Scene(std::mt19937_64& random) {
-    constexpr int kObstacles[4] = {0, 400, 3000, 9000}, kHoles[4] = {0, 300, 3000, 9000};  // from open to shut
+    constexpr int kObstacles[4] = {0, 400, 3000, 9000}, kHoles[4] = {0, 300, 3000, 9000};  // from open to closed
     for (int n = kObstacles[below(random, 4)]; n > 0; --n) {
       map.collide({below(random, 40) - 20, below(random, 40) - 20, below(random, 24) - 12});
     }
@@ -67,7 +67,7 @@ struct Scene {
   }
 };
 
-/// What one direction comes to, by plain loops.
+/// The result of one direction, by plain loops.
 struct Tried {
   int stage = 0, passed = 0, count = 0, d = 0;  ///< stage 0 unseen, 1 arm, 2 tool
   float dot = 0;
@@ -132,7 +132,7 @@ TEST(SearchDirections, EqualsTryingEverything) {
     ASSERT_EQ(name(result.reason), name(best.reason));
     ASSERT_EQ(result.direction, best.stage == 0 ? kNoDirection : best.d);
     ASSERT_EQ(result.score, best.stage == 2 ? best.count : kNoScore);
-    // What is called blocked is blocked; a point without access has tried all of them.
+    // Directions reported blocked are blocked; a point without access has tried all of them.
     std::size_t blocked = 0, admissible = 0;
     for (const Tried& t : tried) {
       const bool of_arm = result.arm_blocked.test(t.d), of_tool = result.tool_blocked.test(t.d);
@@ -156,7 +156,7 @@ TEST(SearchDirections, EqualsTryingEverything) {
   }
 }
 
-/// Leaving out directions that are truly blocked does not change the outcome of an accessible point, nor does knowing
+/// Skipping directions that are truly blocked does not change the outcome of an accessible point, nor does knowing
 /// the count of one direction.
 TEST(SearchDirections, KnownDirectionsNeedNoTest) {
   std::mt19937_64 random(13);

@@ -43,7 +43,7 @@ TEST_P(DirectionWalkOrder, EqualsAFullSort) {
   const int num_directions = GetParam();
   std::mt19937_64 random(static_cast<std::uint64_t>(num_directions));
   ApproachFixture approach(num_directions, {});
-  // The library's table is exactly symmetric under quarter turns, which makes true ties; both tables are tried.
+  // The library's table is exactly symmetric under quarter turns, which makes true ties; both tables are tested.
   std::vector<float> symmetric;
   for (int d = 0; d < num_directions; ++d) {
     const auto yaw = internal::yawDirection(d, num_directions);
@@ -53,7 +53,7 @@ TEST_P(DirectionWalkOrder, EqualsAFullSort) {
   std::size_t directions = 0, ties = 0;
   for (int n = 0; n < 10000; ++n) {
     approach.view.direction_xy = n % 2 == 0 ? approach.xy.data() : symmetric.data();
-    // Every fourth normal lies exactly at a direction or exactly between two; some lean, up to out of every cone.
+    // Every fourth normal is exactly at a direction or exactly between two; some lean, up to out of every cone.
     const double yaw =
         n % 4 == 0 ? 3.141592653589793 * below(random, 2 * num_directions) / num_directions : between(random, 0, 6.3);
     const double lean = n % 3 == 0 ? 0 : between(random, -1.5, 1.5);

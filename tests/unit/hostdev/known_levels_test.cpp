@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Levels must never say more than was counted; how close they come costs time only. Words are checked against the same
-/// direction by direction.
+/// Levels must never claim more than was counted; how close they come only affects speed. Words are checked direction
+/// by direction.
 #include "hostdev/known_levels.h"
 
 #include <gtest/gtest.h>
@@ -40,8 +40,8 @@ TEST(KnownLevels, NeverSayMoreThanWasCounted) {
   }
 }
 
-/// A count at the limit is remembered with most of it to spare, whatever was freed before, or nothing would ever be
-/// gained; where few collisions count, a single one more than the base is, for as long as none is lost.
+/// A count at the limit is remembered with most of its margin, whatever was freed before, or nothing would ever be
+/// gained; if few collisions count, a single one above the base is remembered as long as none is lost.
 TEST(KnownLevels, RememberWhatWasCounted) {
   for (const int limit : kLimits) {
     const KnownLevels levels = KnownLevels::forLimit(limit);
@@ -62,7 +62,7 @@ TEST(KnownLevels, CountFromWhatDecides) {
   EXPECT_EQ(kernels::baseCollisions(false, kNoScore, 280), 279);
 }
 
-/// A word, and the same direction by direction.
+/// A word, and the same as separate directions.
 struct Eight {
   std::uint64_t word = 0;
   std::array<std::uint32_t, 8> level = {};
@@ -125,7 +125,7 @@ TEST(KnownWords, AreLoweredAndRaised) {
   }
 }
 
-/// From another base they say no more than before.
+/// With another base, they claim no more than before.
 TEST(KnownWords, AreCountedFromAnotherBase) {
   std::mt19937_64 random(5);
   for (int trial = 0; trial < 20000; ++trial) {
@@ -168,7 +168,7 @@ TEST(FreedWords, GiveTheLowestLevels) {
   }
 }
 
-/// Eight directions of a point through many frames: what is known never exceeds what is so, and where nothing is lost
+/// Eight directions of a point through many frames: the known value never exceeds the true one, and if nothing is lost
 /// it stays.
 TEST(FreedWords, AgeWithoutEverClaimingTooMuch) {
   constexpr int kMostCollisions = 65534;
@@ -187,7 +187,7 @@ TEST(FreedWords, AgeWithoutEverClaimingTooMuch) {
       for (std::size_t n = 0; n < 8; ++n) {
         const int kind = upTo(99), most = kind < 50 ? 0 : kind < 95 ? 5 << log2 : kind < 99 ? 60 << log2 : 300 << log2;
         more.at(n) = static_cast<std::uint32_t>(upTo(most));
-        // Half of the time all that may be lost is, and nothing comes in its place.
+        // Half of the time, everything that may be lost is lost, and not replaced.
         const bool all = upTo(1) == 0;
         const int lost = all ? static_cast<int>(more.at(n)) : upTo(static_cast<int>(more.at(n)));
         const int gained = all ? 0 : upTo(20 << log2);
@@ -210,7 +210,7 @@ TEST(FreedWords, AgeWithoutEverClaimingTooMuch) {
         word = known_word::rebased(word, after - base, log2);
         base = after;
       }
-      if (const int n = upTo(20); n < 8) {  // it is counted
+      if (const int n = upTo(20); n < 8) {  // counted again
         const auto place = static_cast<std::size_t>(n);
         word = known_word::withLevel(word, n, levels.levelOf(collisions.at(place) - base, freed.count(n)));
       }

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A small map given voxel by voxel, for the rules as they see it and for the test's own loops.
+/// A small map given voxel by voxel, as the rules see it and for the test's own loops.
 #pragma once
 
 #include <array>
@@ -42,7 +42,7 @@ class OccupancyFixture {
   [[nodiscard]] bool collides(const Voxel& voxel) const { return colliding_.contains(voxel); }
   [[nodiscard]] bool armFree(const Voxel& voxel) const { return free_.contains(voxel); }
 
-  /// Sends what was set to the mirror. Readers made earlier are not valid any more.
+  /// Sends what was set to the mirror. Earlier readers become invalid.
   [[nodiscard]] kernels::OccupancyView view() {
     std::vector<LeafChange> changes;
     for (const auto& [origin, leaf_change] : pending_) changes.push_back(leaf_change);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The state of a point over several evaluations, with the numbers worked out by hand.
+/// The state of a point over several evaluations, with hand-computed numbers.
 #include "hostdev/point_update.h"
 
 #include <gtest/gtest.h>
@@ -99,7 +99,7 @@ TEST(UpdatePointPaper, RecoveryTakesThreeConfirmations) {
 
 TEST(UpdatePointPaper, TheBoundsAreStrict) {
   Point point(true, 5);
-  point.clear(5, 1);  // a count at the limit is a collision, whatever the caller calls it
+  point.clear(5, 1);  // a count at the limit is a collision, whatever the caller claims
   EXPECT_EQ(point.label, PointLabel::Blocked);
   point.clear(4, 2);
   EXPECT_EQ(point.label, PointLabel::Accessible);
@@ -150,7 +150,7 @@ TEST(UpdatePointProduct, PartialResultsKeepTheClosestDirection) {
   EXPECT_EQ(point.direction, 21);
 }
 
-/// How often a scheduler looks at a point because of changes around it must not show.
+/// How often a scheduler evaluates a point because of nearby changes must not matter.
 TEST(UpdatePointProduct, ConfirmationsWithoutEvidenceChangeNothing) {
   Point point(false);
   point.clear(2, 7);

@@ -20,7 +20,7 @@ Eigen::Vector3d smallest(const Eigen::Matrix3d& m) {
 }
 
 /// Random clouds of points of all shapes and sizes. An eigenvector's error is about 1e-16 x (greatest / gap): below
-/// float32's rounding (6e-8 a component) where the relative gap exceeds 1e-7.
+/// float32's rounding (6e-8 per component) if the relative gap exceeds 1e-7.
 TEST(SmallestEigenvector, EqualsEigenOnRandomCovariances) {
   std::mt19937_64 random(5);
   std::normal_distribution<double> gauss;
@@ -47,7 +47,7 @@ TEST(SmallestEigenvector, EqualsEigenOnRandomCovariances) {
   EXPECT_GT(compared, 15000);
 }
 
-/// Where eigenvalues coincide, any vector of the space is right: it must have the least Rayleigh quotient.
+/// If eigenvalues coincide, any vector of the space is valid: it must have the least Rayleigh quotient.
 TEST(SmallestEigenvector, DegenerateCasesGiveAUnitVectorOfTheLeastSpace) {
   std::mt19937_64 random(6);
   std::normal_distribution<double> gauss;

@@ -44,7 +44,7 @@ std::string outputErrorOf(const std::function<void()>& job) {
   return "no error";
 }
 
-/// Runs `job` in a child process; true where it ends with true.
+/// Runs `job` in a child process; true if it returns true.
 bool inChild(const std::function<bool()>& job) {
   const pid_t child = ::fork();
   if (child == 0) ::_exit(job() ? 0 : 1);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// field.vdb and field_points.vdb, read back with OpenVDB alone.
+/// field.vdb and field_points.vdb, read back with OpenVDB only.
 #include <gtest/gtest.h>
 #include <openvdb/io/Stream.h>
 #include <openvdb/openvdb.h>
@@ -28,7 +28,7 @@ using test::ScratchFolder;
 const std::vector<std::string> kNames = {"density",        "accessible", "blocked", "confidence", "score",
                                          "best_direction", "distance",   "weight",  "cleared"};
 
-/// Stands for the volume: three voxels, and a count of how many grids were alive at once.
+/// Stand-in for the volume: three voxels, and a count of grids alive at once.
 internal::VolumeGrids sampleVolume() {
   internal::VolumeGrids volume;
   volume.distance = [] {
@@ -70,7 +70,7 @@ typename GridT::Ptr readGrid(const std::filesystem::path& path, const std::strin
   return grid;
 }
 
-/// The voxel of a position from OpenVDB's own transform: an oracle apart from voxelAt().
+/// The voxel of a position from OpenVDB's own transform: an oracle independent of voxelAt().
 openvdb::Coord voxelOf(const openvdb::GridBase& grid, const SurfacePoint& point) {
   const Eigen::Vector3d p_L = point.position_W - kOrigin_W;
   return grid.transform().worldToIndexCellCentered(openvdb::Vec3d(p_L.x(), p_L.y(), p_L.z()));
@@ -115,7 +115,7 @@ TEST_F(FieldVdb, OpensByNameByMetadataAndAsAStream) {
     openvdb::io::File file(path.string());
     file.open(delayed);
     EXPECT_EQ(file.readAllGridMetadata()->size(), kNames.size());
-    // In an order of our own: offsets must be right, not only the sequence.
+    // In a different order: offsets must be right, not only the sequence.
     for (auto name = kNames.rbegin(); name != kNames.rend(); ++name) {
       EXPECT_TRUE(file.hasGrid(*name));
       EXPECT_GT(file.readGrid(*name)->activeVoxelCount(), 0u) << *name;
@@ -139,7 +139,7 @@ TEST_F(FieldVdb, SurfaceVoxelsLieWhereThePointsAre) {
   const auto direction = readGrid<openvdb::Vec3SGrid>(path, "best_direction");
   for (const SurfacePoint& point : field.points) {
     const openvdb::Coord ijk = voxelOf(*density, point);
-    // The sample of the voxel sits within half a voxel of the point on every axis (1e-9: UTM doubles end at 1e-9 m).
+    // The sample of the voxel is within half a voxel of the point on every axis (1e-9: UTM doubles end at 1e-9 m).
     const openvdb::Vec3d centre_L = density->indexToWorld(ijk);
     for (int axis = 0; axis < 3; ++axis) {
       EXPECT_LE(std::abs(centre_L[axis] + kOrigin_W[axis] - point.position_W[axis]), kVoxel_m / 2 + 1e-9);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the tests of the readers share: a folder that goes away, expected errors, real data where there are any.
+/// What the tests of the readers share: a temporary folder, expected errors, real data if available.
 #pragma once
 
 #include <gtest/gtest.h>
@@ -44,7 +44,7 @@ class TempFolder {
   std::filesystem::path path_;
 };
 
-/// Appends the bytes of a number as this (little-endian) machine holds them.
+/// Appends the bytes of a number as stored on this (little-endian) machine.
 template <typename T>
 void put(std::string& bytes, T value) {
   char raw[sizeof(T)];
@@ -52,7 +52,7 @@ void put(std::string& bytes, T value) {
   bytes.append(raw, sizeof(T));
 }
 
-/// Runs it and expects an Error with this code and id that says these words.
+/// Runs it and expects an Error with this code and id that contains these words.
 inline void expectError(const std::function<void()>& body, ErrorCode code, const std::string& id,
                         const std::vector<std::string>& words = {}) {
   try {
@@ -80,7 +80,7 @@ inline std::filesystem::path dataFolder() {
                            : std::filesystem::path(ACCESSVDB_SOURCE_DIR) / ".." / "shared" / "data";
 }
 
-/// Skips the test where the file is absent.
+/// Skips the test if the file is absent.
 #define ACCESSVDB_NEED_DATA(variable, name)                                          \
   const std::filesystem::path variable = accessvdb::io::test::dataFolder() / (name); \
   if (!std::filesystem::exists(variable)) GTEST_SKIP() << "missing test data: " << variable.string()

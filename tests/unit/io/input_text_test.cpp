@@ -24,7 +24,7 @@ TEST(InputText, NumbersNeedTheWholeTokenAndNoLocale) {
                                                             {".5", 0.5},           {"5.", 5},     {"1e400", INFINITY},
                                                             {"-1e400", -INFINITY}, {"1e-400", 0}, {"inf", INFINITY}};
   for (const char* locale : {"C", "de_DE.UTF-8", "tr_TR.UTF-8"}) {
-    std::setlocale(LC_ALL, locale);  // where it is not installed, the test is that of C again
+    std::setlocale(LC_ALL, locale);  // if it is not installed, this repeats the test of C
     for (const auto& [text, truth] : good) {
       ASSERT_TRUE(parseNumber(text, value)) << text;
       EXPECT_EQ(value, truth) << text;

@@ -158,7 +158,7 @@ TEST_P(LasReaderReal, HasTheCountAndExtentOfItsReadme) {
   // The README rounds to 2 decimals; a float32 would be off by up to 0.125 m in UTM.
   EXPECT_LT((box.min() - truth.min).cwiseAbs().maxCoeff(), 5.1e-3);
   EXPECT_LT((box.sizes() - truth.extent).cwiseAbs().maxCoeff(), 5.1e-3);
-  // Points lie whole steps of the scale, 0.0001 m, from each other, which float32 cannot hold.
+  // Points are whole steps of the scale, 0.0001 m, apart, which float32 cannot represent.
   for (const std::size_t i : {truth.points / 2, truth.points - 1})
     for (int axis = 0; axis < 3; ++axis) {
       const double steps = (cloud.points[i][axis] - cloud.points[0][axis]) / 1e-4;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// PCD files as PCL itself writes and reads them.
+/// PCD files written and read by PCL itself.
 #include <pcl/io/pcd_io.h>
 #include <pcl/point_types.h>
 
@@ -31,7 +31,7 @@ TEST(PcdAgainstPcl, ReadsWhatPclWritesInAllThreeEncodings) {
   const auto truth = pclCloud(500);
   pcl::PCDWriter writer;
   const std::string ascii = folder.path() / "a.pcd", binary = folder.path() / "b.pcd", packed = folder.path() / "c.pcd";
-  ASSERT_EQ(writer.writeASCII(ascii, truth, 9), 0);  // 9 digits bring every float back
+  ASSERT_EQ(writer.writeASCII(ascii, truth, 9), 0);  // 9 digits preserve every float
   ASSERT_EQ(writer.writeBinary(binary, truth), 0);
   ASSERT_EQ(writer.writeBinaryCompressed(packed, truth), 0);
   for (const std::string& path : {ascii, binary, packed}) {

@@ -133,7 +133,7 @@ TEST(PcdReader, RefusesLyingHeadersBeforeItAllocates) {
       expectError([&] { (void)readPcd(path, {}); }, ErrorCode::Input,
                   std::string(data) == "ascii" ? "input.malformed" : "input.truncated");
     }
-  // A bomb: 16 bytes that claim to become 4 GB, with a header that agrees.
+  // A decompression bomb: 16 bytes that claim to become 4 GB, with a matching header.
   std::string body;
   test::put(body, std::uint32_t{16});
   test::put(body, std::uint32_t{4294967292U});
@@ -150,7 +150,7 @@ TEST(PcdReader, RefusesLyingHeadersBeforeItAllocates) {
     const auto wrong = folder.write("e.pcd", pcdHeader(points, "binary_compressed") + body);
     expectError([&] { (void)readPcd(wrong, {}); }, ErrorCode::Input, "input.malformed", {"24 bytes from 25"});
   }
-  // Sizes that agree, around bytes that are no LZF.
+  // Matching sizes, around bytes that are not LZF.
   body.clear();
   test::put(body, std::uint32_t{3});
   test::put(body, std::uint32_t{24});
@@ -188,7 +188,7 @@ TEST(PcdReader, SurvivesACutAtEveryByte) {
   cutEverywhere(
       binary + floats({1, 2, 3, 4, 5, 6, 7, 8, 9}), binary.size(), [](std::size_t body) { return body / 12; }, 3);
   const std::string ascii = pcdHeader("3", "ascii");
-  // Lines of 6 bytes. The last line feed may be missing, so the file without it is not cut: leave it out.
+  // Lines of 6 bytes. The last line feed may be missing, so a file without it is not truncated: skip that case.
   cutEverywhere(
       ascii + "1 2 3\n1 2 3\n1 2 3", ascii.size(), [](std::size_t body) { return body / 6; }, 3);
 }

@@ -88,7 +88,7 @@ TEST(PlyReader, FollowsTheRayCloudConvention) {
   const auto path = folder.write("a.ply", header("ascii", "00000000000000000002", "", properties) +
                                               "1 2 3 100.5 -1 -2 -3 0 255\n4 5 6 100.6 1 0 0 0 0\n");
   const PointCloud cloud = readPly(path, {false, true});
-  ASSERT_EQ(cloud.points.size(), 1U);  // the second ray met nothing
+  ASSERT_EQ(cloud.points.size(), 1U);  // the second ray hit nothing
   EXPECT_EQ(cloud.unbounded_rays, 1U);
   EXPECT_EQ(cloud.ray_vectors.at(0), Eigen::Vector3d(-1, -2, -3));
   EXPECT_EQ(cloud.stamps_s.at(0), 100.5);
@@ -143,7 +143,7 @@ TEST(PlyReader, SurvivesACutAtEveryByte) {
 TEST(PlyReader, ReadsOrRefusesRealOddFiles) {
   ACCESSVDB_NEED_DATA(folder, "bad_inputs");
   EXPECT_EQ(readPly(folder / "points.ply", {}).points.size(), 4U);
-  // Its vertices claim a list that their lines do not hold.
+  // Its vertices announce a list that their lines do not contain.
   expectError([&] { (void)readPly(folder / "issue623.ply", {}); }, ErrorCode::Input, "input.unsupported", {"list"});
   expectError([&] { (void)readPly(folder / "empty.ply", {}); }, ErrorCode::Input, "input.empty");
 }

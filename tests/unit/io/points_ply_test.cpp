@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// points.ply: columns by an independent parser, the way there and back, and damage.
+/// points.ply: columns by an independent parser, the round trip, and damage.
 #include <gtest/gtest.h>
 
 #include <clocale>
@@ -29,7 +29,7 @@ std::string contentOf(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(stream), {}};
 }
 
-/// A PLY parser that knows nothing of our layout: columns by name, as doubles.
+/// A PLY parser that knows nothing about our layout: columns by name, as doubles.
 struct ParsedPly {
   std::vector<std::string> names, comments;
   std::vector<std::vector<double>> rows;

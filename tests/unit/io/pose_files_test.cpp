@@ -19,7 +19,7 @@ PoseFile read(const std::filesystem::path& path, PoseFormat format = PoseFormat:
   return readPoseFile(path, format, {}, sort);
 }
 
-/// A turn by 90 degrees about z, then a step: (1,0,0) of the sensor is (0,1,0) + (1,2,3) of the world.
+/// A turn by 90 degrees about z, then a step: (1,0,0) in the sensor frame is (0,1,0) + (1,2,3) in the world.
 void expectQuarterTurn(const Eigen::Isometry3d& T_W_S) {
   // 1e-8: the text of the quaternions has 9 digits.
   EXPECT_LT((T_W_S * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(1, 3, 3)).norm(), 1e-8);
@@ -57,13 +57,13 @@ TEST(PoseFiles, RecognisesEachFormatAndItsOrder) {
 
 TEST(PoseFiles, TurnsCameraPosesIntoScannerPoses) {
   const TempFolder folder;
-  // Camera: x right, y down, z ahead; scanner: x ahead, y left, z up; the camera sits 0.5 m ahead of the scanner.
+  // Camera: x right, y down, z ahead; scanner: x ahead, y left, z up; the camera is 0.5 m ahead of the scanner.
   const auto calib = folder.write("calib.txt", "P0: 1 0 0 0 0 1 0 0 0 0 1 0\nTr: 0 -1 0 0 0 0 -1 0 1 0 0 -0.5\n");
   // The camera turns left by 90 degrees (about its -y) on the spot.
   const auto poses = folder.write("poses.txt", "1 0 0 0 0 1 0 0 0 0 1 0\n0 0 -1 0 0 1 0 0 1 0 0 0\n");
   const PoseFile file = readPoseFile(poses, PoseFormat::Auto, calib, false);
   EXPECT_TRUE(file.poses.at(0).T_W_S.isApprox(Eigen::Isometry3d::Identity(), 1e-12));
-  // The scanner then stands 0.5 m to the right (-y) of where the camera looks from, and looks left (+y).
+  // The scanner is then 0.5 m to the right (-y) of the camera, and looks left (+y).
   EXPECT_LT((file.poses.at(1).T_W_S.translation() - Eigen::Vector3d(0.5, -0.5, 0)).norm(), 1e-12);
   EXPECT_LT((file.poses.at(1).T_W_S.linear() * Eigen::Vector3d::UnitX() - Eigen::Vector3d::UnitY()).norm(), 1e-12);
   expectError([&] { (void)readPoseFile(poses, PoseFormat::Auto, folder.write("c.txt", "P0: 1\n"), false); },
@@ -137,7 +137,7 @@ TEST(PoseFiles, KeepsOneOfTwoEqualPosesAndSortsWhenAsked) {
   EXPECT_TRUE(anyContains(sorted.notices, "sorted"));
 }
 
-/// One planted fault in a random trajectory is found in its line, and none where there is none.
+/// A fault planted in a random trajectory is reported with its line, and none otherwise.
 TEST(PoseFiles, FindsOnePlantedFaultInRandomTrajectories) {
   const TempFolder folder;
   std::mt19937 random(7);
@@ -206,8 +206,8 @@ TEST(PoseFiles, ReadsRealHbaAndKittiPoses) {
   ACCESSVDB_NEED_DATA(kitti, "kitti_00/poses.txt");
   const PoseFile scanner = readPoseFile(kitti, PoseFormat::Auto, kitti.parent_path() / "calib.txt", false);
   ASSERT_EQ(scanner.poses.size(), 6U);
-  // The README: 0.86 m a frame along +x of the scanner, to two digits. Sideways: the camera itself moves 0.055 m across
-  // its axis a frame, and Tr tilts that by less than 1 degree (0.015 m).
+  // The README: 0.86 m per frame along +x of the scanner, to two digits. Sideways: the camera itself moves 0.055 m
+  // across its axis per frame, and Tr tilts that by less than 1 degree (0.015 m).
   for (std::size_t i = 1; i < 6; ++i) {
     const Eigen::Vector3d step = scanner.poses[i - 1].T_W_S.inverse() * scanner.poses[i].T_W_S.translation();
     EXPECT_NEAR(step[0], 0.86, 0.02);

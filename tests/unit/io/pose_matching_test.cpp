@@ -11,7 +11,7 @@ namespace {
 
 using test::expectError;
 
-/// Pose i stands at (i, 0, 0), turned by 0.1 i about z.
+/// Pose i is at (i, 0, 0), turned by 0.1 i about z.
 PoseFile posesOf(PoseFormat format, std::size_t n, double first_s = 0, double step_s = 0) {
   PoseFile file;
   file.subject = "poses.txt";
@@ -64,7 +64,7 @@ TEST(PoseMatching, NumberIsIndexForBalmHbaAndKitti) {
 }
 
 TEST(PoseMatching, TumNumbersAreNoIndices) {
-  // Twelve poses of the files 96 to 107: only the order can be meant.
+  // Twelve poses of the files 96 to 107: only matching by order is possible.
   std::vector<std::string> stems;
   for (int i = 96; i < 108; ++i) stems.push_back("full" + std::to_string(i));
   const MatchResult match = matchPoses(stems, posesOf(PoseFormat::Tum, 12, 1e9, 0.5), {}, "");
@@ -72,9 +72,9 @@ TEST(PoseMatching, TumNumbersAreNoIndices) {
   EXPECT_EQ(placesOf(match).back(), 11);
   EXPECT_NE(match.rule.find("in order"), std::string::npos);
   EXPECT_EQ(match.scans[2].stamp_s, 1e9 + 1);
-  // The same for KITTI poses of a part of the files: 96 is past the end of the poses.
+  // The same for KITTI poses of some of the files: 96 is past the end of the poses.
   EXPECT_EQ(placesOf(matchPoses(stems, posesOf(PoseFormat::Kitti, 12), {}, "")).front(), 0);
-  // With other counts the numbers must not be taken for indices or seconds.
+  // With different counts, the numbers must not be taken as indices or seconds.
   expectError(
       [] {
         (void)matchPoses({"000001", "000002"}, posesOf(PoseFormat::Tum, 30, 0, 0.1), {}, "");
@@ -87,7 +87,7 @@ TEST(PoseMatching, TimeStampsInterpolateOverSmallGapsOnly) {
   const MatchResult match = matchPoses({"999.95", "1000.00", "1000.25", "1000.999995", "1001.2"}, poses, {}, "");
   ASSERT_EQ(match.scans.size(), 3U);
   EXPECT_EQ(match.scans[0].scan, 1U);
-  // 1e-9: seconds near 1000 hold 1e-13, times 10 m/s, with room.
+  // 1e-9: seconds near 1000 are exact to 1e-13, times 10 m/s, with margin.
   EXPECT_NEAR(match.scans[1].T_W_S.translation()[0], 2.5, 1e-9);
   const Eigen::AngleAxisd turn(match.scans[1].T_W_S.linear());
   EXPECT_NEAR(turn.angle(), 0.25, 1e-9);

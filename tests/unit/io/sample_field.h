@@ -16,7 +16,7 @@
 
 namespace accessvdb::test {
 
-/// A folder of its own for each test, gone afterwards.
+/// A separate folder for each test, removed afterwards.
 class ScratchFolder {
  public:
   ScratchFolder() {
@@ -43,7 +43,7 @@ inline constexpr double kVoxel_m = 0.02;
 inline const Eigen::Vector3d kOrigin_W = {500000.0, 5600000.02, 300.0};
 inline constexpr int kDirections = 180;
 
-/// 30 x 20 points on a bumpy sheet, one a voxel; positions off the voxel centres, indices on both sides of zero.
+/// 30 x 20 points on a bumpy sheet, one per voxel; positions off the voxel centres, indices on both sides of zero.
 inline FieldSnapshot sampleField() {
   FieldSnapshot field;
   field.origin_W = kOrigin_W;

@@ -278,7 +278,7 @@ TEST(ScanSequence, RealKittiScansWithCalibration) {
   EXPECT_TRUE(anyContains(scans.notices(), "sub-folder velodyne"));
   constexpr std::size_t kPoints[] = {124668, 124605, 124478, 124167, 123969, 123924};
   for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(scans.read(i).points_S.size(), kPoints[i]);
-  EXPECT_NEAR(scans.read(5).T_W_S.translation()[0], 5 * 0.86, 0.1);  // README: 0.86 m a frame along +x
+  EXPECT_NEAR(scans.read(5).T_W_S.translation()[0], 5 * 0.86, 0.1);  // README: 0.86 m per frame along +x
   const ScanSequence without = ScanSequence::open({.scans = folder, .poses = folder / "poses.txt"});
   EXPECT_TRUE(anyContains(without.notices(), "--calib"));
 }

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Answers from files, summaries of .vdb files of ours and of others, and damaged ones.
+/// Answers from files, summaries of our own and other .vdb files, and damaged ones.
 #include <gtest/gtest.h>
 #include <openvdb/openvdb.h>
 

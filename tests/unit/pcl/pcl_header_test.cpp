@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb/pcl.h against what PCL itself says of the same clouds.
+/// accessvdb/pcl.h against PCL's own results for the same clouds.
 #include "accessvdb/pcl.h"
 
 #include <gtest/gtest.h>
@@ -14,7 +14,7 @@
 
 namespace {
 
-/// Nothing but coordinates: what pcl.h reads without a copy.
+/// Only coordinates, which pcl.h reads without a copy.
 struct Bare {
   float x, y, z;
 };
@@ -62,7 +62,7 @@ TEST(PclHeader, PosesMovePointsAsPclDoes) {
   const Eigen::Isometry3d of_matrix = accessvdb::poseFromPcl(matrix);
   for (std::size_t i = 0; i < cloud.size(); ++i) {
     const Eigen::Vector3d p_S = cloud[i].getVector3fMap().cast<double>();
-    // PCL computes in float32: some 1e-7 of coordinates below 4 m.
+    // PCL computes in float32: about 1e-7 of coordinates below 4 m.
     EXPECT_LT((T_W_S * p_S - moved[i].getVector3fMap().cast<double>()).norm(), 3e-6);
     EXPECT_LT((of_matrix * p_S - moved[i].getVector3fMap().cast<double>()).norm(), 3e-6);
   }

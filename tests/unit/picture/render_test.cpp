@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Pictures: they decode, and what is accessible is green, what is blocked red, where the camera says it is.
+/// Pictures: they decode, accessible is green and blocked red, at the positions given by the camera.
 #include <gtest/gtest.h>
 #include <png.h>
 
@@ -72,7 +72,7 @@ TEST(RenderField, TopViewHasXToTheRightAndYUp) {
   EXPECT_EQ(picture.colourAt(500, 400), 'n');
   EXPECT_EQ(picture.colourAt(400 - 290, 200), 'w');
   EXPECT_EQ(picture.colourAt(400 + 290, 200), 'w');
-  // No holes: inside a quarter every pixel is of its colour.
+  // No holes: inside a quarter, every pixel has its colour.
   for (int x = 160; x < 380; x += 3) {
     for (int y = 60; y < 280; y += 3) EXPECT_EQ(picture.colourAt(x, y), 'g') << x << "," << y;
   }
@@ -153,7 +153,7 @@ TEST(RenderTool, ShowsTheBodyAlongXAndTheTip) {
       if (colour == 'r') ++red;
     }
   }
-  // Framed are the plate (0.6 m) and the axes (0.24 m): 76 % of 800 pixels are 0.6 m, so the plate has 608 x 203.
+  // The plate (0.6 m) and the axes (0.24 m) are framed: 76 % of 800 pixels are 0.6 m, so the plate has 608 x 203.
   EXPECT_GT(left_neutral, 0.8 * 304 * 203);
   EXPECT_GT(right_neutral, 0.8 * 304 * 203);
   EXPECT_LT(left_neutral + right_neutral, 1.1 * 608 * 203);

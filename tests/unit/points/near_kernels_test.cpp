@@ -44,7 +44,7 @@ TEST_P(EveryNearKernel, FindsWhatIsWithinUpToTheSlack) {
   Random random(1);
   std::size_t found_total = 0, at_bound = 0;
   for (int trial = 0; trial < 400; ++trial) {
-    // Up to ten thousand metres from the origin, and lengths of every remainder.
+    // Up to ten thousand metres from the origin, and lengths with every remainder.
     const Eigen::Vector3f around = random.point(trial % 4 == 0 ? 1e4 : 5);
     const Cloud cloud(random, static_cast<std::size_t>(trial % 67), around, 0.5);
     const Eigen::Vector3f c = around + random.point(0.3);

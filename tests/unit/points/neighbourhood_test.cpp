@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Neighbours against brute force, told apart by what comes out: reach, normal, joined views.
+/// Neighbours against brute force, compared by the results: reach, normal, joined views.
 #include "points/neighbourhood.h"
 
 #include <gtest/gtest.h>
@@ -32,7 +32,7 @@ Eigen::Vector3d offsetInSteps(const PointStore& points, std::uint32_t from, std:
   return (metres * stepsPerMetre(radius) + Eigen::Vector3d::Constant(0.5)).array().floor();
 }
 
-/// The k nearest within the radius by (squared distance in steps, id), by looking at all of them.
+/// The k nearest within the radius by (squared distance in steps, id), by exhaustive search.
 std::vector<std::uint32_t> nearest(const PointStore& points, std::uint32_t id, std::size_t k, double radius) {
   std::vector<std::pair<double, std::uint32_t>> found;
   const double most = std::floor(radius * stepsPerMetre(radius));
@@ -89,7 +89,7 @@ Counts expectEqualToBruteForce(const PointStore& points, const FieldParams& para
       const Eigen::Vector3d e = offsetInSteps(points, ids[n], id, search.radius_m()) - mean;
       m += e * e.transpose();
     }
-    // The solver has its own test; here it tells whether the same neighbours went into it.
+    // The solver has its own test; here it shows whether the same neighbours were used.
     Eigen::Vector3f normal;
     kernels::smallestEigenvector({m(0, 0), m(0, 1), m(0, 2), m(1, 1), m(1, 2), m(2, 2)}, normal.data());
     EXPECT_LT(normal.cast<double>().cross(found[n].normal_L.cast<double>()).norm(), 1e-6) << ids[n];
@@ -124,7 +124,7 @@ TEST(Neighbourhood, EqualsBruteForceOnTenThousandPoints) {
   EXPECT_GT(counts.partial, 100u);
 }
 
-/// Positions on a grid: most distances come up several times, so ids decide.
+/// Positions on a grid: most distances occur several times, so ids decide.
 TEST(Neighbourhood, TiesGoToTheLowerId) {
   Random random(2);
   const FieldParams params = pointParams(0.0625, 36, 12);
@@ -181,7 +181,7 @@ TEST(Neighbourhood, OwnViewsOnlyWhereJoiningIsOff) {
   expectEqualToBruteForce(store, params, 1);
 }
 
-/// Half a million voxels from the origin float32 has 16 steps a voxel: means can lie outside of their voxel.
+/// Half a million voxels from the origin, float32 has 16 steps per voxel: means can be outside their voxel.
 TEST(Neighbourhood, FarFromTheOrigin) {
   Random random(6);
   const FieldParams params = pointParams(0.01, 36, 10);

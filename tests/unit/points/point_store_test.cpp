@@ -147,13 +147,13 @@ TEST(PointStore, FirstReturnsWhereMeansAreOff) {
   PointStore store(params, directionTable(36));
   const std::vector<Eigen::Vector3f> q = {{5, 0, 0}};
   store.addReturns(std::vector<Eigen::Vector3f>{{0.2f, 0.1f, 0}, {0.1f, 0.4f, 0.3f}, {0.1f, 0.4f, -0.3f}}, q);
-  store.addReturns(std::vector<Eigen::Vector3f>{{-0.4f, 0, 0}}, q);  // lesser, but of a later scan
+  store.addReturns(std::vector<Eigen::Vector3f>{{-0.4f, 0, 0}}, q);  // lower, but from a later scan
   ASSERT_EQ(store.size(), 1u);
   EXPECT_EQ(store.first_L(0), Eigen::Vector3f(0.1f, 0.4f, -0.3f));
   EXPECT_EQ(store.pca_L(0), store.first_L(0));
 }
 
-/// docs/PAPER_MAP.md, "Surface points": a viewpoint is stored where none lies nearer than 0.10 m, up to eight, and none
+/// docs/PAPER_MAP.md, "Surface points": a viewpoint is stored if none is closer than 0.10 m, up to eight, and none
 /// is ever replaced.
 TEST(PointStore, ViewpointsKeepTheirDistanceAndAreNeverReplaced) {
   FieldParams params = pointParams(1);
@@ -180,7 +180,7 @@ TEST(PointStore, ViewpointsKeepTheirDistanceAndAreNeverReplaced) {
   EXPECT_EQ(store.viewpoints(0).count, 8u);
   look(-5, 0);
   EXPECT_EQ(store.viewpoints(0).count, 8u);
-  EXPECT_FALSE(store.seen(0).test(18));  // no room for the view from the west any more
+  EXPECT_FALSE(store.seen(0).test(18));  // no more room for the view from the west
   EXPECT_EQ(store.poses()[store.viewpoints(0).pose[0]], Eigen::Vector3f(5, 0, 0));
   EXPECT_EQ(store.poses()[store.viewpoints(0).pose[7]], Eigen::Vector3f(10, 0, 0));
 }

@@ -31,7 +31,7 @@ class Random {
   std::mt19937_64 engine_;
 };
 
-/// What the point stages read, with every rule already applied.
+/// The parameters of the point stages, with every rule already applied.
 inline FieldParams pointParams(double voxel_size_m, int num_directions = 36, int neighbours = 10) {
   FieldParams params;
   params.tsdf.voxel_size_m = voxel_size_m;

@@ -66,7 +66,7 @@ TEST(SurfaceIndex, EqualsAMap) {
   }
 }
 
-/// Batches of all sizes, into blocks that are there and blocks that are not.
+/// Batches of all sizes, into existing and missing blocks.
 TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
   for (const std::int32_t extent : {3, 20, 300, 1000000}) {
     Random random(static_cast<std::uint64_t>(extent) + 7);
@@ -82,7 +82,7 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
         if (taken.insert(v).second) points.push_back({v, next_id++, kNone});
       }
       std::ranges::sort(points, {}, [](const NewVoxel& point) { return placeOf(point.voxel); });
-      // Blocks that are known beforehand, for every other batch.
+      // Blocks known beforehand, for every other batch.
       for (NewVoxel& point : points) {
         Located place;
         at_once.locate({&point.voxel, 1}, {&place, 1});

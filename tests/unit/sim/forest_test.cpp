@@ -59,7 +59,7 @@ TEST(PlacedMeshes, RangesAreThoseOfTheCopiedTriangles) {
   int hits = 0, differ = 0;
   for (std::size_t n = 0; n < a.size(); ++n) {
     hits += std::isfinite(b[n]) ? 1 : 0;
-    // Vertices rounded to float at 10 m are 1e-6 m off, more along a plane that is met almost edge on; rays that pass
+    // Vertices rounded to float at 10 m are 1e-6 m off, more along a plane met almost edge-on; rays that pass
     // within as much of an edge may hit in one and miss in the other.
     if (!(std::abs(a[n] - b[n]) < 1e-4) && std::isfinite(a[n]) + std::isfinite(b[n]) > 0) ++differ;
   }
@@ -113,8 +113,9 @@ TEST(GroundTile, ContinuesInTheNext) {
   }
   EXPECT_GT(highest - lowest, 0.2f) << "uneven";
   EXPECT_LT(std::max(highest, -lowest), 0.45f);
-  // Seen from above the tile is covered to its edges. Between its vertices, 6 cm apart, the shortest waves (16 cm, 8 mm
-  // high) leave the chords by h (2 pi / lambda)^2 d^2 / 8 = 12 mm at most over a diagonal, all waves together by 30 mm.
+  // Seen from above, the tile is covered to its edges. Between its vertices, 6 cm apart, the shortest waves (16 cm, 8
+  // mm high) leave the chords by h (2 pi / lambda)^2 d^2 / 8 = 12 mm at most over a diagonal, all waves together by 30
+  // mm.
   const RayCaster caster(tile);
   const Vector3f down(0, 0, -1);
   for (double x = 0.001; x < kGroundPeriod_m; x += 0.731) {
@@ -124,7 +125,7 @@ TEST(GroundTile, ContinuesInTheNext) {
   }
 }
 
-/// 30 m of flight through solid foliage, which is what bench flies through.
+/// 30 m of flight through solid foliage, as in bench.
 struct Flight {
   ForestParams params;
   Forest forest;

@@ -16,7 +16,7 @@ namespace {
 
 constexpr double kDegree = std::numbers::pi / 180;
 
-/// The textbook's loop: digit after digit, each worth a base-th of the one before.
+/// The textbook's loop: digit after digit, each worth 1 / base of the one before.
 double textbookHalton(std::uint64_t index, unsigned base) {
   double value = 0, worth = 1;
   while (index > 0) {
@@ -74,7 +74,7 @@ TEST(LidarModel, Mid360FillsItsViewEvenlyAndNeverRepeats) {
       seen.insert({d.x(), d.z()});
     }
   }
-  // 60 000 / (36 * 59) = 28.2 a cell; a low-discrepancy sequence stays within a few of that, random points would not.
+  // 60 000 / (36 * 59) = 28.2 per cell; a low-discrepancy sequence stays within a few of that, random points would not.
   for (const auto& column : cells) {
     for (const int count : column) EXPECT_NEAR(count, 28.2, 7);
   }

@@ -70,7 +70,7 @@ void append(TriangleMesh& mesh, const TriangleMesh& other, bool turned = false) 
     mesh.triangles.push_back({base + t[0], base + t[turned ? 2 : 1], base + t[turned ? 1 : 2]});
 }
 
-/// Distance to a triangle: the projection on its plane by least squares where that lies inside, else the nearest of 3
+/// Distance to a triangle: the projection on its plane by least squares if that is inside, else the nearest of 3
 /// edges.
 double triangleDistance(const std::array<Vector3d, 3>& t, const Vector3d& p) {
   Eigen::Matrix<double, 3, 2> basis;
@@ -167,7 +167,7 @@ TEST(MeshDistance, BoxIsExactInsideOutsideAndOnALattice) {
   const auto distance = closedDistance(boxMesh(-half.cast<float>(), half.cast<float>()));
   const Vector3d rounded = half.cast<float>().cast<double>();
   auto points = randomPoints(2000, {-0.2, -0.2, -0.2}, {0.2, 0.2, 0.2}, 2);
-  // Lattice points see vertices, edges and diagonals of faces in round directions.
+  // From lattice points, vertices, edges and face diagonals are in round directions.
   for (int x = -7; x <= 7; ++x)
     for (int y = -7; y <= 7; ++y)
       for (int z = -7; z <= 7; ++z) points.emplace_back(0.0251 * x, 0.0251 * y, 0.0251 * z);
@@ -198,7 +198,7 @@ TEST(MeshDistance, FarFromTheOriginThePlacesOfFloatAreTheMesh) {
 }
 
 TEST(MeshDistance, PointsFromWhichEveryRayMeetsAnEdge) {
-  // A box of grains: far smaller than its size, so that a ray cannot pass between edges with certainty.
+  // A box of grains: each far smaller than the box, so that a ray cannot pass between edges with certainty.
   TriangleMesh mesh = boxMesh({-500, -500, -500}, {-499.999f, -499.999f, -499.999f});
   append(mesh, boxMesh({499.999f, 499.999f, 499.999f}, {500, 500, 500}));
   const auto distance = closedDistance(mesh);
@@ -242,7 +242,7 @@ TEST(MeshDistance, SaysWhyNot) {
   broken = {};
   append(broken, mesh, true);
   EXPECT_NE(refusal(broken).find("inside out"), std::string::npos);
-  // One good part and one turned one beside it.
+  // One good part and a flipped one beside it.
   broken = mesh;
   append(broken, sphereMesh({1, 0, 0}, 0.1), true);
   EXPECT_NE(refusal(broken).find("inside out"), std::string::npos);

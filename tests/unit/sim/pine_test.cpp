@@ -56,7 +56,7 @@ TEST(PineTessellation, RoundConesStayWithinTheChordError) {
     ASSERT_EQ(whyNotClosed(mesh), "");
     ASSERT_EQ(partCount(mesh), 1u);
     ASSERT_TRUE(insideOutCandidates(mesh).empty());
-    for (const auto& vertex : mesh.vertices_W)  // float places of up to 12 m
+    for (const auto& vertex : mesh.vertices_W)  // float precision of up to 12 m
       ASSERT_NEAR(roundConeDistance(cone, vertex.cast<double>()), 0, 2e-6);
     for (const auto& t : mesh.triangles)
       for (int k = 0; k < 4; ++k) {
@@ -159,7 +159,7 @@ TEST(Pine, DistanceIsThatToItsTriangles) {
   const auto uniform = [&](double low, double high) { return low + (high - low) * (generator() * 0x1p-32); };
   int inside = 0;
   for (int n = 0; n < 150; ++n) {
-    // Half of them anywhere, half of them in the wood or close to it.
+    // Half of the points anywhere, half in the wood or close to it.
     Vector3d p(uniform(-0.6, 0.6), uniform(-0.6, 0.6), uniform(0, 2.2));
     if (n % 2 == 1) {
       const auto& pieces = n % 4 == 1 ? tree.trunk : tree.branches;
@@ -168,7 +168,7 @@ TEST(Pine, DistanceIsThatToItsTriangles) {
           1.2 * piece.radius_a_m * Vector3d(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1));
     }
     double nearest_m = std::numeric_limits<double>::infinity();
-    for (const auto& t : scene.mesh.triangles) {  // upper bound by corners first; exact by dense search on the few
+    for (const auto& t : scene.mesh.triangles) {  // upper bound by corners first; exact by dense search on the few left
       const Vector3d a = scene.mesh.vertices_W[t[0]].cast<double>(), b = scene.mesh.vertices_W[t[1]].cast<double>(),
                      c = scene.mesh.vertices_W[t[2]].cast<double>();
       const Vector3d normal = (b - a).cross(c - a).normalized();
@@ -189,7 +189,7 @@ TEST(Pine, DistanceIsThatToItsTriangles) {
     }
     const double d = scene.distance->at(p);
     ASSERT_NEAR(std::abs(d), nearest_m, 1e-9) << p.transpose();
-    // The sign, where the cones know it beyond their chords (needles: beyond their radius, they are pyramids).
+    // The sign, where the cones determine it beyond their chords (needles: beyond their radius, they are pyramids).
     double wood_m = std::numeric_limits<double>::infinity(), needles_m = wood_m;
     for (const auto* order : {&tree.trunk, &tree.branches, &tree.twigs, &tree.shoots})
       for (const RoundCone& cone : *order) wood_m = std::min(wood_m, roundConeDistance(cone, p));

@@ -48,7 +48,7 @@ double boxRange(const Vector3d& o, const Vector3d& d, const Vector3d& half) {
   return enter <= leave ? enter : kMiss;
 }
 
-/// Steps of the distance itself never pass through the surface.
+/// Sphere tracing: steps of the distance itself never pass through the surface.
 double marchedRange(const SignedDistance& exact, const Vector3d& o, const Vector3d& d) {
   double t = 0;
   for (int n = 0; n < 100000 && t < 10; ++n) {
@@ -63,8 +63,8 @@ struct Comparison {
   int hits = 0, misses = 0, disagreements = 0;
 };
 
-/// A facet lies at most `error_m` below the surface, so that a range is off by that over the cosine of incidence; rays
-/// that graze (cosine below 0.1) may hit the one and miss the other.
+/// A facet is at most `error_m` below the surface, so a range is off by that over the cosine of incidence; rays
+/// that graze (cosine below 0.1) may hit one and miss the other.
 template <typename Range>
 Comparison compare(const Scene& scene, const Vector3d& origin, const std::vector<Vector3f>& directions, Range range) {
   std::vector<float> found(directions.size());
@@ -124,7 +124,7 @@ TEST(RayCaster, TorusRangesAndItsHole) {
 }
 
 TEST(RayCaster, KeepsItsPrecisionFarFromTheOrigin) {
-  // At 100 m a float is good to 4e-6 m only; the ranges must not lose more than the mesh itself did.
+  // At 100 m, a float is only accurate to 4e-6 m; the ranges must not lose more than the mesh itself did.
   const Vector3d offset(100, -200, 50), origin = offset + Vector3d(0.5000001, 0.1000003, 0.0000007);
   const Scene sphere = translated(makeSphere(0.08), offset);
   const std::vector<Vector3f> directions = raysTowards({0.5, 0.1, 0}, 0.05, 500, 4);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Closed forms against meshes and numbers: each is the other's judge.
+/// Closed forms against meshes and numbers: each checks the other.
 #include "sim/scene.h"
 
 #include <gtest/gtest.h>
@@ -28,7 +28,7 @@ Vector3d randomPoint(CounterRandom& random, double half_m) {
   return p;
 }
 
-/// By trying the plane, then the three edges; nothing of it is in the library.
+/// Tries the plane, then the three edges; shares no code with the library.
 double distanceToTriangle(const Vector3d& p, const Vector3d& a, const Vector3d& b, const Vector3d& c) {
   const Vector3d n = (b - a).cross(c - a);
   const auto leftOf = [&](const Vector3d& from, const Vector3d& to) { return n.dot((to - from).cross(p - from)) >= 0; };
@@ -60,7 +60,7 @@ double volume(const TriangleMesh& mesh) {
   return sum;
 }
 
-/// Every edge is walked once in each direction.
+/// Whether every edge is traversed once in each direction.
 bool isClosed(const TriangleMesh& mesh) {
   std::vector<std::pair<std::uint32_t, std::uint32_t>> there, back;
   for (const auto& triangle : mesh.triangles) {
@@ -74,7 +74,7 @@ bool isClosed(const TriangleMesh& mesh) {
   return there == back && std::adjacent_find(there.begin(), there.end()) == there.end();
 }
 
-/// Of |distance| over the middles of facets and of their edges, where facets lie deepest.
+/// Largest |distance| over the middles of facets and of their edges, where facets are deepest.
 double deepest(const TriangleMesh& mesh, const SignedDistance& exact) {
   double worst = 0;
   for (std::size_t t = 0; t < mesh.triangles.size(); ++t) {
@@ -85,7 +85,7 @@ double deepest(const TriangleMesh& mesh, const SignedDistance& exact) {
   return worst;
 }
 
-/// Distance by brute force over a coarse mesh, sign by the radial order that each shape makes obvious.
+/// Distance by brute force over a coarse mesh, sign by the obvious radial order of each shape.
 void expectAgrees(const SignedDistance& exact, const Tessellation& coarse, double half_m, std::uint64_t seed) {
   CounterRandom random({seed});
   int inside = 0;

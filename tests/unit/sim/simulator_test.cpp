@@ -37,7 +37,7 @@ bool sameBytes(const std::vector<Vector3f>& a, const std::vector<Vector3f>& b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(Vector3f)) == 0;
 }
 
-/// Range of a return along its own ray, and whether it lies on that ray.
+/// Range of a return along its own ray, and whether it is on that ray.
 double rangeAlong(const Vector3f& point, const Vector3f& direction, double tolerance) {
   const double range = point.cast<double>().norm();
   EXPECT_LE((point.cast<double>() - range * direction.cast<double>()).norm(), tolerance);
@@ -103,7 +103,7 @@ TEST(Simulator, NoiseIsGaussianAlongTheRay) {
     }
   }
   ASSERT_GT(n, 10000);
-  // Four standard errors each: a sound generator fails one run in ten thousand, and the seed is fixed.
+  // Four standard errors each: a correct generator fails one run in ten thousand, and the seed is fixed.
   const double root = std::sqrt(static_cast<double>(n));
   EXPECT_NEAR(sum / n, 0, 4 / root);
   EXPECT_NEAR(squares / n, 1, 4 * std::sqrt(2.0) / root);
@@ -147,7 +147,7 @@ TEST(Simulator, SameBytesOnAnyThreadsInAnyOrderOfFrames) {
   tbb::task_arena one(1);
   for (int f = 3; f >= 0; --f) one.execute([&] { backwards.push_back(simulator.frame(f)); });
   const Simulator again = view.simulator(model, 7), other = view.simulator(model, 8);
-  tbb::task_arena many;  // as many as there are
+  tbb::task_arena many;  // as many threads as there are
   for (int f = 0; f < 4; ++f) {
     SimulatedFrame frame;
     many.execute([&] { frame = again.frame(f); });

@@ -162,7 +162,7 @@ TEST(BenchmarkScene, ArcsAreSweptToAndFroSevenTimes) {
   }
 }
 
-/// Whoever changes these has drawn again, and then they are unseen no longer.
+/// Changing these means drawing again, and then they are no longer unseen.
 TEST(BenchmarkScene, UnseenScenesStayAsTheyWereDrawn) {
   const char* drawn[] = {"major radius 0.067 m, minor radius 0.023 m",
                          "major radius 0.096 m, minor radius 0.031 m",

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Mesh files: every format and unit gives the same tool, and every bad file an answer in words.
+/// Mesh files: every format and unit gives the same tool, and every bad file gives a readable error.
 #include <gtest/gtest.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -143,7 +143,7 @@ std::string glb(const test::Mesh& m) {
   return out + buffer;
 }
 
-/// No two extents alike, off the origin, no symmetry: any exchange of axes or units shows.
+/// Different extents, off the origin, no symmetry: any swap of axes or units shows.
 test::Mesh sample() {
   test::Mesh m = test::box({0.0137f, -0.0441f, -0.0213f}, {0.3119f, 0.0523f, 0.0619f});
   m.add(test::torus({0.4013f, 0.0171f, 0.0373f}, 0.071, 0.0223, 9, 7));
@@ -215,7 +215,7 @@ TEST_F(MeshReader, EveryFormatAndUnitGivesTheSameTool) {
     const ToolGeometry tool = ToolGeometry::fromMesh(write(c.name, c.content), c.unit, pose);
     EXPECT_TRUE(tool.watertight()) << c.name;
     EXPECT_EQ(tool.name(), c.name);
-    // Relative 1e-6: a scaled float32 coordinate is rounded a few times on its way.
+    // Relative 1e-6: a scaled float32 coordinate is rounded several times.
     EXPECT_LT((tool.min_T() - reference.min_T()).norm(), 1e-6) << c.name;
     EXPECT_LT((tool.max_T() - reference.max_T()).norm(), 1e-6) << c.name;
     EXPECT_TRUE(sameKernel(tool, reference)) << c.name;
@@ -243,7 +243,7 @@ TEST_F(MeshReader, PoseTurnsTipAxisAndUpIntoTheToolFrame) {
 }
 
 TEST_F(MeshReader, MirroredNodeStillFacesOutwards) {
-  // Boxes that share an edge are closed but no manifold, so their orientation is the reader's alone.
+  // Boxes that share an edge are closed but not manifold, so their orientation depends only on the reader.
   test::Mesh m = test::box({0, 0, 0}, {0.1f, 0.1f, 0.1f});
   m.add(test::box({0.1f, 0.1f, 0}, {0.2f, 0.2f, 0.1f}));
   for (const char* scale : {"1 1 1", "-1 1 1", "-1 -2 -1"}) {
@@ -334,7 +334,7 @@ TEST_F(MeshReader, GltfStaysInsideItsFolder) {
   expectRefused<InputError>(write("mesh/link.gltf", gltf(m, "link.bin")), "tool.malformed", "", {});
 }
 
-/// Both were seen to end assimp 5.2.5: an assertion in its triangulation, and an index that parses to something huge.
+/// Both crashed assimp 5.2.5: an assertion in its triangulation, and an index that parses to a huge number.
 TEST_F(MeshReader, SurvivesWhatEndsItsParser) {
   const test::Mesh m = test::box({0, 0, 0}, {0.1f, 0.2f, 0.3f});
   std::string broken = ply(m, 1);
@@ -345,7 +345,7 @@ TEST_F(MeshReader, SurvivesWhatEndsItsParser) {
   expectRefused<InputError>(write("index.dae", broken), "tool.malformed", "", {});
 }
 
-/// Every byte flip or cut must end in a tool or an Error; anything else ends this program. Deterministic.
+/// Every byte flip or truncation must give a tool or an Error; anything else crashes this program. Deterministic.
 TEST_F(MeshReader, SurvivesDamagedFiles) {
   const test::Mesh m = test::box({0, 0, 0}, {0.1f, 0.2f, 0.3f});
   const std::map<std::string, std::string> originals = {{"a.dae", dae(m, 1, "<unit meter=\"1\"/>", "Z_UP", "0 0 0")},
@@ -385,7 +385,7 @@ TEST(MeshData, EveryFileGetsAnAnswer) {
     if (!fs::is_directory(path)) GTEST_SKIP() << "missing: " << path;
     for (const auto& entry : fs::directory_iterator(path)) {
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-      // Without the limit on memory, which sanitizers do not bear, it fills the machine until its time is up.
+      // Without the memory limit, which sanitizers do not tolerate, it fills the machine until the time-out.
       if (entry.path().filename() == "OutOfMemory.off") continue;
 #endif
       ++files;
@@ -411,7 +411,7 @@ TEST(MeshData, EveryFileGetsAnAnswer) {
   expectRefused<InputError>(bad("box_UTF16BE.obj"), "tool.encoding");
 }
 
-/// The orchard cutter, z up as STL (decimated) and y up as OBJ. Mouth, axis and up as read off its shape.
+/// The orchard cutter, z up as STL (decimated) and y up as OBJ. Mouth, axis and up are taken from its shape.
 TEST(MeshData, SameCutterFromStlAndObj) {
   const fs::path a = test::testData() / "tools" / "new_cutter_decimated.stl",
                  b = test::testData() / "tools" / "new-cutter.obj";

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Tools given voxel by voxel, for tests that look at columns: cut into pieces of at most 64 voxels, in any order.
+/// Tools given voxel by voxel, for tests of columns: cut into pieces of at most 64 voxels, in any order.
 #pragma once
 
 #include <algorithm>
@@ -33,7 +33,7 @@ struct SplitTool {
   std::vector<VoxelSet> voxels;  ///< [D]
   std::vector<kernels::VoxelColumn> columns;
   std::vector<std::uint32_t> begin = {0};
-  int split = 0;  ///< columns that go on above another
+  int split = 0;  ///< columns that continue above another
 
   void addDirection(const VoxelSet& of_direction, std::mt19937_64& random) {
     const std::size_t first = columns.size();

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Meshes whose shape is known in closed form, and where real data lies.
+/// Meshes whose shape is known in closed form, and the path of real data.
 #pragma once
 
 #include <Eigen/Core>

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Repairs, watertightness, digest and notes of meshes that are given as triangles.
+/// Repairs, watertightness, digest and notes of meshes given as triangles.
 #include "accessvdb/tool_geometry.h"
 
 #include <gtest/gtest.h>
@@ -37,7 +37,7 @@ double volumeOf(const ToolGeometry& tool) {
 
 const test::Mesh kBox = test::box({0, -0.1f, -0.2f}, {0.5f, 0.1f, 0.2f});  // 0.04 m3
 
-/// As an STL has it: three vertices of its own a triangle.
+/// As in an STL: three separate vertices per triangle.
 test::Mesh soupOf(const test::Mesh& mesh) {
   test::Mesh soup;
   for (const auto& t : mesh.triangles) {

@@ -47,7 +47,7 @@ TEST(DirectionTable, IsTheUnitCircleAndExactOnTheAxes) {
     ASSERT_EQ(table.xy.size(), std::size_t(2 * D));
     for (int d = 0; d < D; ++d) {
       const long double yaw = 2 * std::numbers::pi_v<long double> * d / D;
-      // Half a unit in the last place of float32 near 1, plus what double lost before rounding.
+      // Half a unit in the last place of float32 near 1, plus the error of double before rounding.
       EXPECT_NEAR(table.xy[2 * d], double(std::cos(yaw)), 3.1e-8) << d << " of " << D;
       EXPECT_NEAR(table.xy[2 * d + 1], double(std::sin(yaw)), 3.1e-8) << d << " of " << D;
     }
@@ -149,7 +149,7 @@ TEST(ToolKernel, CollisionLimitRuleAndOverride) {
 }
 
 TEST(ToolKernel, SamplesLieOnTheSurfaceInProportionToArea) {
-  // 0.4 x 0.2 x 0.1 m: the two faces across x hold 0.04 of 0.28 m2.
+  // 0.4 x 0.2 x 0.1 m: the two faces across x have 0.04 of 0.28 m2.
   const Eigen::Vector3f low(0, -0.1f, -0.05f), high(0.4f, 0.1f, 0.05f);
   FieldParams params = paramsFor(0.01);
   params.scoring.form = ToolForm::SurfaceSamples;
@@ -159,7 +159,7 @@ TEST(ToolKernel, SamplesLieOnTheSurfaceInProportionToArea) {
   ASSERT_EQ(kernel.sample_begin.size(), 181u);
   EXPECT_EQ(3 * std::size_t(kernel.sample_begin.back()), kernel.samples.size());
   const std::uint32_t count = kernel.sample_begin[1];
-  // The ball of 3 cm around the tip lies in the middle of the face at x = 0: pi 0.03^2 of 0.28 m2.
+  // The ball of 3 cm around the tip is in the middle of the face at x = 0: pi 0.03^2 of 0.28 m2.
   const double share_hidden = std::numbers::pi * 0.03 * 0.03 / 0.28;
   EXPECT_NEAR(count, 20000 * (1 - share_hidden), 5 * std::sqrt(20000 * share_hidden));
   std::uint32_t on_far_end = 0;
@@ -177,7 +177,7 @@ TEST(ToolKernel, SamplesLieOnTheSurfaceInProportionToArea) {
   }
   const double expected = 20000 * 0.02 / 0.28;
   EXPECT_NEAR(on_far_end, expected, 5 * std::sqrt(expected));
-  // Wherever the point lies in its voxel, sample voxels stay in the box.
+  // Wherever the point is in its voxel, sample voxels stay in the box.
   for (std::size_t n = 0; n < kernel.samples.size(); ++n) {
     for (double at : {-0.4999, 0.0, 0.4999}) {
       const int voxel = int(std::lround(kernel.samples[n] / 0.01 + at));
@@ -204,7 +204,7 @@ TEST(ToolKernel, RefusesWhatDoesNotFit) {
   EXPECT_THROW((void)ToolKernel::make(tool, paramsFor(std::nan(""))), ResourceLimit);
 }
 
-/// Before the tables of the other 179 directions are made, and with a voxel size that does fit.
+/// Refused before the tables of the other 179 directions are made, naming a voxel size that fits.
 TEST(ToolKernel, RefusesTablesOfMoreThanFourGibibytes) {
   const ToolGeometry pruner = ToolGeometry::builtin("builtin:pruner");
   try {
@@ -216,7 +216,7 @@ TEST(ToolKernel, RefusesTablesOfMoreThanFourGibibytes) {
     EXPECT_NE(error.problem().find("take 4.3 GiB; at most 4 GiB"), std::string::npos) << error.what();
     EXPECT_NE(error.advice().find("Use --voxel 0.0009 or larger"), std::string::npos) << error.what();
   }
-  // What is advised fits: its first direction says how much there will be.
+  // The advised size fits: its first direction shows the total.
   const ToolKernel few = ToolKernel::make(pruner, paramsFor(0.0009, 3, 4));
   EXPECT_LT(static_cast<double>(few.columns.size()) / 4 * 180 * sizeof(kernels::VoxelColumn), 4.0 * (1 << 30));
 }

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Slabs of a tool against its voxels, for every direction and every place of the point in its leaf.
+/// Slabs of a tool against its voxels, for every direction and every position of the point in its leaf.
 #include "tool/tool_slabs.h"
 
 #include <gtest/gtest.h>
@@ -24,7 +24,7 @@ using test::within;
 
 constexpr std::uint64_t kNoLimit = std::numeric_limits<std::uint64_t>::max();
 
-/// Boxes that overlap, a few voxels missing, a few beside them.
+/// Overlapping boxes, with a few voxels missing and a few extra beside them.
 VoxelSet raggedVoxels(std::mt19937_64& random) {
   VoxelSet voxels;
   for (int n = 0; n < 4; ++n) {
@@ -65,7 +65,7 @@ std::int32_t floorOf8(std::int32_t v) { return v >= 0 ? v / 8 : -((7 - v) / 8); 
 
 using Leaf = std::array<std::int32_t, 3>;
 
-/// Voxels of direction d relative to the point, read as a kernel reads them. @param point_y  of its voxel
+/// Voxels of direction d relative to the point, read as a kernel reads them. @param point_y  y of its voxel
 VoxelSet voxelsIn(const ToolSlabs& slabs, std::size_t d, std::int32_t point_y) {
   const std::int32_t leaf_y = floorOf8(point_y);
   const kernels::SlabBox& box = slabs.boxes.at(8 * d + static_cast<std::size_t>(point_y - 8 * leaf_y));
@@ -86,14 +86,14 @@ VoxelSet voxelsIn(const ToolSlabs& slabs, std::size_t d, std::int32_t point_y) {
   return voxels;
 }
 
-/// A leaf of the map that a kernel asks for a point.
+/// A leaf of the map that a kernel reads for a point.
 struct Asked {
   Leaf leaf = {};
-  bool column_first = false;  ///< its column has full slabs, so it comes before those that have none
+  bool column_first = false;  ///< its column has full slabs, so it comes before those without
   bool full = false;          ///< the tool takes all of it
 };
 
-/// In order.
+/// The leaves in order.
 std::vector<Asked> leavesFor(const ToolSlabs& slabs, std::size_t d, const Leaf& point) {
   Leaf own, place;
   for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -124,7 +124,7 @@ std::map<Leaf, int> voxelsByLeaf(const VoxelSet& voxels, const Leaf& point) {
   return leaves;
 }
 
-/// Thick enough that the tool takes many leaves as a whole, with a hole that parts some columns.
+/// Thick enough that the tool takes many leaves as a whole, with a hole that splits some columns.
 SplitTool thickTool() {
   std::mt19937_64 random(7);
   SplitTool tool;
@@ -153,7 +153,7 @@ TEST(ToolSlabs, HoldTheVoxels) {
   }
 }
 
-/// Points at places of a leaf, near and far from the origin. @param step  1: at all places
+/// Points at places of a leaf, near and far from the origin. @param step  1: at all positions
 template <typename Check>
 void forEachPlace(std::mt19937_64& random, int step, const Check& check) {
   for (int phase = 0; phase < 512; phase += step) {
@@ -215,7 +215,7 @@ TEST(ToolSlabs, TellWhichLeavesTheToolTakesAsAWhole) {
     });
   }
   EXPECT_GT(full, 10000u);
-  // Of a column with a hole only the longer run is named, and no leaf at the end of a run, which a slab that is not
+  // For a column with a hole, only the longer run is listed, and no leaf at the end of a run, which a slab that is not
   // full may cover as well.
   EXPECT_LT(missed, full / 4);
   EXPECT_GT(missed, 0u);
@@ -244,7 +244,7 @@ TEST(ToolSlabs, StayEmptyWhereTheyWouldTakeTooMuchMemory) {
   }
 }
 
-/// Boxes that are larger than the limit, or wider than their numbers can say.
+/// Boxes larger than the limit, or wider than their numbers can represent.
 TEST(ToolSlabs, StayEmptyForToolsThatAreVeryLong) {
   const std::uint32_t begin[] = {0, 2};
   for (const std::int16_t end : {std::int16_t{21000}, std::int16_t{14000}}) {

@@ -105,7 +105,7 @@ TEST(Voxelize, AlignedBoxHasTheCountThatArithmeticGives) {
   // Cells are closed: faces on their boundary belong to both sides. 0.5 to 3.5 touches 0..4.
   const test::Mesh on_boundary = test::box({0.5f, 0.5f, 0.5f}, {3.5f, 3.5f, 3.5f});
   EXPECT_EQ(countVoxels(voxelize(placed(on_boundary, 0), on_boundary.triangles, true)), 125u);
-  // Without an inside a shell is left: 5^3 minus the one cell (2,2,2) that no face touches.
+  // Without an inside, a shell is left: 5^3 minus the one cell (2,2,2) that no face touches.
   EXPECT_EQ(countVoxels(voxelize(placed(on_boundary, 0), on_boundary.triangles, false)), 124u);
 }
 
@@ -118,7 +118,7 @@ TEST(Voxelize, RotatedBoxIsEveryCubeThatMeetsIt) {
     for (const auto& p : mesh.vertices) {
       v.emplace_back(yaw.cos * p.x() - yaw.sin * p.y(), yaw.sin * p.x() + yaw.cos * p.y(), p.z());
     }
-    // A cube meets the solid box exactly when their z ranges meet and no edge direction of either square separates
+    // A cube meets the solid box exactly if their z ranges meet and no edge direction of either square separates
     // their outlines from above.
     const Eigen::Vector2d ex(yaw.cos, yaw.sin), ey(-yaw.sin, yaw.cos);
     const Eigen::Vector2d middle = 0.5 * ((double(low.x()) + high.x()) * ex + (double(low.y()) + high.y()) * ey);
@@ -162,7 +162,7 @@ TEST(Voxelize, AnyMeshEqualsTheTestOfEveryCell) {
 }
 
 TEST(Voxelize, CentresOnVertexColumnsAndEdgesAreCountedOnce) {
-  // Octahedron whose apexes, edges and diagonals all lie on cell centres: the worst case for a vertical ray.
+  // Octahedron whose apexes, edges and diagonals are all on cell centres: the worst case for a vertical ray.
   test::Mesh mesh;
   mesh.vertices = {{9, 0, 0}, {-9, 0, 0}, {0, 9, 0}, {0, -9, 0}, {0, 0, 9}, {0, 0, -9}};
   mesh.triangles = {{0, 2, 4}, {2, 1, 4}, {1, 3, 4}, {3, 0, 4}, {2, 0, 5}, {1, 2, 5}, {3, 1, 5}, {0, 3, 5}};
@@ -170,7 +170,7 @@ TEST(Voxelize, CentresOnVertexColumnsAndEdgesAreCountedOnce) {
   for (int i = -12; i <= 12; ++i) {
     for (int j = -12; j <= 12; ++j) {
       for (int k = -12; k <= 12; ++k) {
-        // |x|+|y|+|z| <= 9 meets the cube exactly when its nearest point does.
+        // |x|+|y|+|z| <= 9 meets the cube exactly if its nearest point does.
         const double nearest =
             std::max(0.0, std::abs(i) - 0.5) + std::max(0.0, std::abs(j) - 0.5) + std::max(0.0, std::abs(k) - 0.5);
         EXPECT_EQ(cells.count({i, j, k}) == 1, nearest <= 9) << i << " " << j << " " << k;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The map is the same bit for bit for every number of threads and every order of the points inside a scan.
+/// The map is bit for bit the same for any number of threads and any order of the points within a scan.
 #include <gtest/gtest.h>
 #include <tbb/global_control.h>
 #include <tbb/task_arena.h>
@@ -18,10 +18,10 @@ namespace {
 
 using Origin = std::array<std::int32_t, 3>;
 
-/// Everything a run leaves behind, in an order of its own.
+/// Everything that a run produces, in canonical order.
 struct Outcome {
   std::map<Origin, std::pair<std::vector<std::uint32_t>, std::vector<std::uint64_t>>> leaves;
-  std::vector<std::map<Origin, std::array<LeafBits, 4>>> flips;  // a map a scan
+  std::vector<std::map<Origin, std::array<LeafBits, 4>>> flips;  // one map per scan
   std::uint64_t observed = 0, updates = 0, passes = 0;
   bool operator==(const Outcome&) const = default;
 };

@@ -75,7 +75,7 @@ TEST(LeafChanges, AreTheDifferenceOfTheFacts) {
   ScanIntegrator integrator(map);
   std::array<std::size_t, 4> kinds = {};
   for (unsigned scan = 0; scan < 6; ++scan) {
-    // The sheet moves to and fro, so that all four kinds of flips occur.
+    // The sheet moves back and forth, so that all four kinds of flips occur.
     auto points = test::wavySheet(1500, 0.01, scan + 1);
     for (auto& point : points) point.z() += 0.02f * static_cast<float>(scan % 3);
     const Eigen::Vector3f q(0.2f, -0.4f, scan % 2 == 0 ? 2.0f : 1.0f);
@@ -104,7 +104,7 @@ TEST(LeafChanges, OfWideSumsToo) {
   EXPECT_GT(kinds[2], 0u);
 }
 
-/// Narrow sums hold 255 returns a leaf. Equal returns have the mean of one, and each counts once.
+/// Narrow sums hold 255 returns per leaf. Equal returns have the mean of one, and each counts once.
 TEST(LeafChanges, OfAsManyReturnsAsNarrowSumsHoldAndMore) {
   const Eigen::Vector3f p(0.001f, 0.002f, 0.0f), q(0.1f, 0.2f, 3.0f);
   PackedMap one(fourVoxels());
@@ -142,7 +142,7 @@ TEST(LeafChanges, ClearedIsNeverTakenBackAndTouchesNoDistance) {
       before[leaf->offsetToGlobalCoord(n)] = map.at(leaf->offsetToGlobalCoord(n));
     }
   }
-  // These returns lie far below; of the old leaves only their bands reach some, none of their cones.
+  // These returns are far below; only their bands, not their cones, reach some of the old leaves.
   std::vector<Eigen::Vector3f> below = scan;
   for (auto& point : below) point.z() -= 0.16f;
   for (auto& point : below) point.z() = std::min(point.z(), -0.16f);

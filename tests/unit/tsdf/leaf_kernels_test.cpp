@@ -106,7 +106,7 @@ TEST(LeafKernels, EveryInstructionSetGivesTheSameBits) {
   EXPECT_GT(passes, 10000u);
 }
 
-/// The mean after a fold is (mean * weight + 16 * sum) / total to the nearest step, halves up; in whole numbers.
+/// The mean after a fold is (mean * weight + 16 * sum) / total to the nearest step, halves up; in integers.
 TEST(LeafKernels, FoldedMeansAreRoundedExactly) {
   const LeafKernelList list = runnableLeafKernels();
   for (int n = 0; n < list.count; ++n) {
@@ -117,7 +117,7 @@ TEST(LeafKernels, FoldedMeansAreRoundedExactly) {
     std::mt19937 random(7);
     std::uint64_t halves = 0, wrong = 0;
     for (int round = 0; round < 2000; ++round) {
-      // Small totals have the most halves; the largest ones lie nearest to a half without being one.
+      // Small totals have the most halves; the largest ones come nearest to a half without being one.
       const std::uint32_t most_samples = round % 4 == 0 ? LeafSums::kMostSamples : round % 4 == 1 ? 60u : 8u;
       const std::uint32_t most_weight = round % 3 == 0 ? kWeightMask : 9u;
       std::vector<std::uint32_t> packed(512), expected(512);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Memory that was made ready is as good as fresh memory, and none of it stays behind.
+/// Prepared memory is as good as fresh memory, and none of it is leaked.
 #include "tsdf/leaf_reserve.h"
 
 #include <gtest/gtest.h>
@@ -16,7 +16,7 @@ namespace {
 
 using Leaves = std::vector<std::unique_ptr<PackedLeaf>>;
 
-/// Takes `chunks` chunks of 2 MiB, at 2 KiB a leaf, and counts voxels that are not zero.
+/// Takes `chunks` chunks of 2 MiB, at 2 KiB per leaf, and counts voxels that are not zero.
 std::size_t addLeaves(Leaves& leaves, std::size_t chunks) {
   std::size_t not_zero = 0;
   for (std::size_t n = 0; n < chunks * 1024; ++n) {
@@ -45,7 +45,7 @@ TEST(LeafReserve, MakesReadyWhatTwoScansTook) {
     EXPECT_EQ(addLeaves(leaves, 5), 0u);
     reserve.refill();
     reserve.wait();
-    EXPECT_NEAR(static_cast<double>(LeafReserve::readyChunks()), 5, 1);  // of the chunk at hand, a part was left
+    EXPECT_NEAR(static_cast<double>(LeafReserve::readyChunks()), 5, 1);  // part of the current chunk was left
     const std::size_t ready = LeafReserve::readyChunks();
     EXPECT_EQ(addLeaves(leaves, 3), 0u);
     EXPECT_LT(LeafReserve::readyChunks(), ready) << "ready chunks are taken first";

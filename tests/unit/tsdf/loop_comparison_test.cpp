@@ -41,7 +41,7 @@ void expectEqualMaps(const PackedMap& map, const test::LoopTsdf& loops) {
   EXPECT_GT(observed, 1000u);
   EXPECT_GT(cleared, 300u);
   EXPECT_LT(left_out, compared / 20);
-  // Nothing beside what the loops visited.
+  // Nothing besides what the loops visited.
   std::uint64_t beyond = 0;
   for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
     for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
@@ -66,7 +66,7 @@ std::vector<Case> cases() {
   wide.truncation_distance_m = 0.1;
   TsdfParams coarse = product;
   coarse.voxel_size_m = 0.05;
-  coarse.truncation_distance_m = 0.23;  // no whole number of voxels
+  coarse.truncation_distance_m = 0.23;  // not a whole number of voxels
   TsdfParams unclamped = product;
   unclamped.clamp_min_m = -0.04;
   TsdfParams paper = product;
@@ -88,7 +88,7 @@ TEST_P(AgainstLoops, WeightsAreEqualAndDistancesWithinAStep) {
   ScanIntegrator integrator(map);
   test::LoopTsdf loops(params);
   const auto v = static_cast<float>(params.voxel_size_m);
-  // Dominant axes z, y and x, and a sensor so near that the band ends at it.
+  // Dominant axes z, y and x, and a sensor so close that the band ends at it.
   const std::vector<Eigen::Vector3f> sensors = {Eigen::Vector3f(31, -12, 300) * v, Eigen::Vector3f(-90, 400, 70) * v,
                                                 Eigen::Vector3f(-260, 8, -33) * v};
   for (unsigned scan = 0; scan < sensors.size(); ++scan) {

@@ -57,7 +57,7 @@ void LoopTsdf::integrateReturn(const Vector3d& p, const Vector3d& q) {
   for (int m = 1; thin && band_begin + 0.5 * m <= band_end; ++m) {
     const Vector3d at = p + (band_begin + 0.5 * m) * u;
     const Vector3d nearest(std::floor(at.x() + 0.5), std::floor(at.y() + 0.5), std::floor(at.z() + 0.5));
-    // A sample this near to a face may fall to the voxel on the other side: leave out the whole neighbourhood.
+    // A sample this near to a face may fall into the voxel on the other side: skip the whole neighbourhood.
     const double margin = 0.5 - (at - nearest).cwiseAbs().maxCoeff();
     for (int n = 0; n < 27; ++n) {
       if (n != 13 && margin >= 1e-3) continue;

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Independent oracle: docs/PAPER_MAP.md, "Integration" and "Ray-cleared band", as plain loops in double over every
-/// voxel of the cube, both profiles. Lengths in voxels inside. Knows how close each decision was.
+/// voxel of the cube, both profiles. Lengths in voxels inside. Records how close each decision was.
 #pragma once
 
 #include <Eigen/Core>
@@ -20,8 +20,8 @@ struct LoopVoxel {
   double sum_m = 0;
   std::uint64_t count = 0;
   bool cleared = false;
-  double update_margin = std::numeric_limits<double>::infinity();   ///< voxels, least of all returns
-  double cleared_margin = std::numeric_limits<double>::infinity();  ///< same, of returns whose choice could matter
+  double update_margin = std::numeric_limits<double>::infinity();   ///< voxels, smallest over all returns
+  double cleared_margin = std::numeric_limits<double>::infinity();  ///< same, over returns whose choice could matter
 };
 
 class LoopTsdf {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Weights at their cap, the collision threshold, memory, and the grids that are handed out.
+/// Weights at their cap, the collision threshold, memory, and the returned grids.
 #include <gtest/gtest.h>
 #if defined(__GLIBC__)
 #include <malloc.h>
@@ -57,7 +57,7 @@ TEST(PackedMap, LeavesCostWhatTheyAreSaidToCost) {
   const auto leaf = std::make_unique<PackedLeaf>(openvdb::PartialCreate(), openvdb::Coord(0, 0, 0));
   EXPECT_TRUE(leaf->buffer().empty());
   EXPECT_EQ(malloc_usable_size(leaf.get()) + sizeof(std::size_t), kClearedLeafBytes);
-  // Buffers follow each other without a gap, but where a chunk ends.
+  // Buffers are contiguous, except at the end of a chunk.
   std::vector<std::unique_ptr<PackedLeaf>> leaves;
   std::size_t gapless = 0;
   for (int n = 0; n < 100; ++n) {
@@ -100,7 +100,7 @@ TEST(PackedMap, BuffersSurviveTheThreadThatMadeThemAndOtherMaps) {
   auto kept = std::make_unique<PackedMap>(fourVoxels());
   ScanIntegrator(*kept).integrate(points, {&q, 1});
   const VoxelState before = kept->at(openvdb::Coord(0, 0, 0));
-  for (int n = 0; n < 5; ++n) {  // freed memory comes back dirty: a map must not read it
+  for (int n = 0; n < 5; ++n) {  // freed memory is reused dirty: a map must not read it
     PackedMap other(fourVoxels());
     ScanIntegrator integrator(other);
     for (int scan = 0; scan < 2; ++scan) integrator.integrate(points, {&q, 1});

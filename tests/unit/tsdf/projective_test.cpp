@@ -36,7 +36,7 @@ struct Scan {
   Eigen::Matrix3d R_W_S;
 };
 
-/// docs/PAPER_MAP.md, "Baselines", with its variants, one voxel at a time; lengths in voxels. Nothing shared with the
+/// docs/PAPER_MAP.md, "Baselines", with its variants, one voxel at a time; lengths in voxels. Shares nothing with the
 /// integrator.
 class LoopProjective {
  public:
@@ -45,7 +45,7 @@ class LoopProjective {
   struct Voxel {
     double sum = 0;
     std::uint32_t count = 0;
-    double margin = 1;  ///< least distance of any decision to going the other way, in units of the margins above
+    double margin = 1;  ///< smallest distance of any decision from the opposite one, in units of the margins above
   };
   std::map<Ijk, Voxel> voxels;
 
@@ -102,7 +102,7 @@ class LoopProjective {
       margin = std::min({margin, std::abs(d + tau_) / kLengthMargin_voxels, std::abs(d - tau_) / kLengthMargin_voxels});
       counts = counts && d >= -tau_ && (d <= tau_ || variant.in_front);
     }
-    // Of the neighbours of a decision only those that could be written at all are of interest.
+    // Only those neighbours of a decision matter that could be written at all.
     if (!counts && margin >= 1) return;
     Voxel& voxel = voxels[ijk];
     voxel.margin = std::min(voxel.margin, margin);
@@ -111,7 +111,7 @@ class LoopProjective {
     ++voxel.count;
   }
 
-  /// nvblox: between four centres, else the own bin near its ray. @return false: skipped; else r is what to take
+  /// nvblox: between four centres, else the own bin near its ray. @return false: skipped; else r is the range to use
   bool guard(const Bins& bins, const Vector3d& x_S, double& r, double& margin) const {
     margin = std::min({margin, edgeMargin(bins.column - 0.5), edgeMargin(bins.row - 0.5)});
     const int column = floorOf(bins.column - 0.5), row = floorOf(bins.row - 0.5);
@@ -143,7 +143,8 @@ class LoopProjective {
   std::map<std::array<int, 2>, double> image_;
 };
 
-/// Three scans of a wavy sheet in different attitudes; no return so near to a bin's edge that rounding could move it.
+/// Three scans of a wavy sheet in different attitudes; no return is so near to a bin's edge that rounding could move
+/// it.
 std::vector<Scan> threeScans(double voxel_size_m) {
   const auto v = static_cast<float>(voxel_size_m);
   std::vector<Scan> scans;
@@ -205,7 +206,7 @@ TEST_P(ProjectiveAgainstLoop, WeightsAreEqualAndDistancesWithinAStep) {
   ScanIntegrator integrator(map);
   LoopProjective loop(params);
   const Vector3d origin_W(0.5, -1.25, 3.0);
-  TsdfParams shifted = params;  // the same box, where the map's origin lies elsewhere
+  TsdfParams shifted = params;  // the same box, with the map's origin elsewhere
   for (std::size_t axis = 0; axis < 3; ++axis) {
     shifted.projective.box_min_W_m[axis] += origin_W[static_cast<Eigen::Index>(axis)];
     shifted.projective.box_max_W_m[axis] += origin_W[static_cast<Eigen::Index>(axis)];
@@ -257,7 +258,7 @@ INSTANTIATE_TEST_SUITE_P(Tsdf, ProjectiveAgainstLoop, testing::ValuesIn(cases())
                          [](const auto& tested) { return std::string(tested.param.name); });
 
 TEST(Projective, VariantsDiffer) {
-  // Else the comparison above would compare one thing six times.
+  // Otherwise the comparison above would compare the same thing six times.
   std::map<std::string, std::uint64_t> observed;
   for (const Case& c : cases()) {
     PackedMap map(c.params);
@@ -313,7 +314,7 @@ FactMap allFacts(const PackedMap& map) {
 }
 bool bitOf(const LeafBits& bits, std::size_t n) { return (bits[n >> 6] >> (n & 63) & 1) != 0; }
 
-/// Both passes together: what is reported is the difference of the facts before and after.
+/// Both passes together: the reported changes are the difference of the facts before and after.
 TEST(Projective, ChangesAreTheDifferenceOfTheFacts) {
   TsdfParams params = tenMillimetres();
   params.projective.cleared_band = true;
@@ -361,7 +362,7 @@ TEST(Projective, ChangesAreTheDifferenceOfTheFacts) {
   for (const std::size_t count : kinds) EXPECT_GT(count, 50u);
 }
 
-/// Everything in a map, in an order of its own.
+/// Everything in a map, in canonical order.
 std::map<Ijk, std::vector<std::uint32_t>> contentsOf(const PackedMap& map) {
   std::map<Ijk, std::vector<std::uint32_t>> contents;
   for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
@@ -402,7 +403,7 @@ TEST(Projective, AnglesAreRightAllAround) {
   const auto uniform = [&] { return 2.0 * static_cast<double>(random()) / 4294967295.0 - 1; };
   LeafProjection seen;
   for (int n = 0; n < 300; ++n) {
-    // Leaves around the sensor, the axes and the poles among them, and the sensor inside of some.
+    // Leaves around the sensor, including the axes and the poles, and some with the sensor inside.
     const Eigen::Vector3f first =
         Vector3d(60 * uniform(), 60 * uniform(), 60 * uniform()).cast<float>() * (n % 3 == 0 ? 0.1f : 1.0f);
     image.project(first, Eigen::Matrix3f::Identity(), seen);

@@ -35,7 +35,7 @@ Seen countAround(const PackedMap& map, const openvdb::Coord& centre) {
   return seen;
 }
 
-// tan^2 of the cone is 0.108: at |i| = 4 it holds j^2 + k^2 <= 1 (5 voxels), at 1..3 the axis alone; the ball adds four
+// tan^2 of the cone is 0.108: at |i| = 4 it holds j^2 + k^2 <= 1 (5 voxels), at 1..3 only the axis; the ball adds four
 // voxels beside the return. 2*5 + 2 + 2 + 2 + 5 = 21. The band is 3..9 voxels ahead, 21 voxels of radius 2.5 each.
 class AlongEveryAxis : public testing::TestWithParam<int> {};
 

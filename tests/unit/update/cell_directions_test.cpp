@@ -26,7 +26,7 @@ using test::within;
 constexpr std::uint64_t kAnySize = std::numeric_limits<std::uint64_t>::max();
 constexpr std::size_t kMostDirections = 64 * kernels::kMaxDirectionWords;
 
-/// A bar in every direction, some of them missing, some with a block somewhere else: without gaps along z, where
+/// A bar in every direction, some of them missing, some with a block elsewhere: without gaps along z, where
 /// columns are not split.
 SplitTool barTool(int num_directions, std::uint64_t seed) {
   std::mt19937_64 random(seed);
@@ -63,13 +63,13 @@ SplitTool looseTool(int num_directions, std::uint64_t seed) {
   return tool;
 }
 
-/// By cell, in cells from the group's first one: directions with a voxel in it from some place of the group.
+/// By cell, in cells from the group's first one: directions with a voxel in it from a place of the group.
 std::map<Index3, std::bitset<kMostDirections>> coveringDirections(const SplitTool& tool, int group_log2) {
   std::map<Index3, std::bitset<kMostDirections>> covering;
   const auto floorOfQuarter = [](std::int32_t v) { return (v - ((v % 4) + 4) % 4) / 4; };
   for (std::size_t d = 0; d < tool.voxels.size(); ++d) {
     for (const auto& v : tool.voxels[d]) {
-      // Every place, an axis at a time: places of a group are all triples of places on the axes.
+      // All places, one axis at a time: places of a group are all triples of places on the axes.
       std::array<std::set<std::int32_t>, 3> found;
       for (std::size_t axis = 0; axis < 3; ++axis) {
         for (int place = 0; place < 8 << group_log2; ++place) found[axis].insert(floorOfQuarter(place + v[axis]));
@@ -84,14 +84,14 @@ std::map<Index3, std::bitset<kMostDirections>> coveringDirections(const SplitToo
   return covering;
 }
 
-/// How far behind `first` direction d lies, going up.
+/// How far after `first` direction d is, going up.
 int behind(int first, int d, int num_directions) { return (d - first + num_directions) % num_directions; }
 
 bool holds(const kernels::DirectionArc& arc, int d, int num_directions) {
   return behind(arc.first, d, num_directions) < arc.count;
 }
 
-/// Tries all first directions. @return of the smallest arc that holds a set
+/// Tries all first directions. @return size of the smallest arc that contains a set
 int smallestCount(const std::bitset<kMostDirections>& set, int num_directions) {
   int smallest = set.none() ? 0 : num_directions;
   for (int first = 0; first < num_directions; ++first) {
@@ -117,7 +117,7 @@ void forEachCell(const CellDirections& cells, const Visit& visit) {
   }
 }
 
-/// @param exact  the tool has no gaps along z, so that there is no direction too many
+/// @param exact  the tool has no gaps along z, so that no direction is superfluous
 void checkArcs(const SplitTool& tool, int group_log2, bool exact) {
   SCOPED_TRACE("group of 2^" + std::to_string(group_log2) + " leaves");
   const int D = tool.numDirections();

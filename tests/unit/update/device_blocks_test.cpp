@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Groups of blocks as a device is told of them.
+/// Groups of blocks as reported to a device.
 #include "update/device_blocks.h"
 
 #include <gtest/gtest.h>
@@ -20,7 +20,7 @@ TEST(BlockGroups, HaveAnEdgeOfEightCentimetresAtMost) {
   for (const auto& [voxel_size_m, log2] : expected) EXPECT_EQ(blockGroupLog2(voxel_size_m), log2) << voxel_size_m;
 }
 
-/// Batches of points at random places: blocks share a group exactly where their leaves lie in one cube of leaves, and
+/// Batches of points at random places: blocks share a group exactly if their leaves are in one cube of leaves, and
 /// numbers have no holes.
 TEST(DeviceBlocks, NumberGroupsByPlace) {
   for (const int group_log2 : {0, 1, 2, 3}) {

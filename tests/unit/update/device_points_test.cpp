@@ -12,7 +12,7 @@ namespace {
 TEST(DevicePoints, AtMost64BytesAPointUpTo192Directions) {
   EXPECT_LE(DevicePoints::bytesPerPoint(3), 64u);
   EXPECT_EQ(DevicePoints::bytesPerPoint(4), DevicePoints::bytesPerPoint(3) + 8);
-  // What is told is what is allocated.
+  // The reported size is the allocated one.
   const auto backend = kernels::makeCpuBackend();
   DevicePoints points(*backend, 3);
   points.grow(1000);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which fresh points are looked at: against a plain set of voxels.
+/// Which fresh points are examined, against a plain set of voxels.
 #include "update/fresh_points.h"
 
 #include <gtest/gtest.h>

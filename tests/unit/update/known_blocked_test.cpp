@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is known to be blocked stays true: against plain counts of colliding voxels, a direction is only kept as
-/// blocked while it really is. Beside it the tables behind it, and what all this costs a point.
+/// blocked while it really is. Also tests the tables used for this, and the memory per point.
 #include "update/known_blocked.h"
 
 #include <gtest/gtest.h>
@@ -106,7 +106,7 @@ TEST(FreedVoxels, AreFoundInAnyBox) {
   }
 }
 
-/// Directions lose colliding voxels over many updates; each is asked for again only when release() says so.
+/// Directions lose colliding voxels over many updates; each is tested again only if release() says so.
 TEST(KnownBlocked, NeverKeepsADirectionThatHasBecomeFree) {
   Random random(4);
   int kept = 0, released = 0;
@@ -154,11 +154,11 @@ TEST(KnownBlocked, NeverKeepsADirectionThatHasBecomeFree) {
       }
     }
   }
-  EXPECT_GT(kept, 1000);  // else nothing was spared
+  EXPECT_GT(kept, 1000);  // otherwise nothing was saved
   EXPECT_GT(released, 500);
 }
 
-/// docs/DESIGN.md, "Points", states these.
+/// docs/DESIGN.md, "Points", gives these numbers.
 TEST(HostBytes, APoint) {
   EXPECT_EQ(sizeof(PointRecord), 56u);
   EXPECT_EQ(sizeof(KnownBlocked), 72u);
@@ -166,7 +166,7 @@ TEST(HostBytes, APoint) {
   PointStore store(test::pointParams(0.05, 180), test::directionTable(180));
   const Eigen::Vector3f q_L(0, 0, 5);
   std::vector<Eigen::Vector3f> points;
-  for (int n = 0; n < 40000; ++n) {  // a surface, as scans see it
+  for (int n = 0; n < 40000; ++n) {  // a surface, as seen by scans
     points.emplace_back(static_cast<float>(random.uniform(-5, 5)), static_cast<float>(random.uniform(-5, 5)), 0.0f);
   }
   store.addReturns(points, {&q_L, 1});

@@ -198,10 +198,10 @@ void check(std::uint64_t seed, bool use_samples, double v, double far, int group
     }
   }
   EXPECT_GT(hits, 50u);
-  EXPECT_GT(misses, 30u);  // else the leaf filter would filter nothing
+  EXPECT_GT(misses, 30u);  // otherwise the leaf filter would filter nothing
 }
 
-/// One flip at a time, on a voxel that a direction surely reads.
+/// One flip at a time, on a voxel that a direction certainly reads.
 void checkSingleFlips(std::uint64_t seed, bool use_samples, double v, double far, int group_log2) {
   SCOPED_TRACE("group of 2^" + std::to_string(group_log2) + " leaves");
   Random random(seed);
@@ -247,7 +247,8 @@ TEST(LeafFootprint, NeverMissesAFlip) {
   }
 }
 
-/// Float32 positions are coarse far out (9 km at 1 cm: a tenth of a voxel), and voxels are found by that same rounding.
+/// Float32 positions are coarse far from the origin (9 km at 1 cm: a tenth of a voxel), and voxels are found by that
+/// same rounding.
 TEST(LeafFootprint, NeverMissesAFlipFarFromTheOrigin) {
   for (std::uint64_t seed = 21; seed <= 24 && !HasFatalFailure(); ++seed) {
     for (const int group_log2 : {0, 1, 2}) {
@@ -257,7 +258,7 @@ TEST(LeafFootprint, NeverMissesAFlipFarFromTheOrigin) {
   }
 }
 
-/// A column of a group, from the tables alone: every voxel from every place of the group, and nothing else.
+/// A column of a group, only from the tables: every voxel from every place of the group, and nothing else.
 TEST(LeafFootprint, ColumnsOfAGroupAreThoseOfItsPlaces) {
   Random random(7);
   const Tables tables(random, 0.05, false);

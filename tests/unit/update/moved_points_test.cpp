@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// No neighbourhood that changed is missed: against computing all of them anew after every scan.
+/// No changed neighbourhood is missed, compared with recomputing all of them after every scan.
 #include "update/moved_points.h"
 
 #include <gtest/gtest.h>
@@ -31,7 +31,7 @@ struct Stream {
   double half_m = 0;   ///< extent of the scene
   double patch_m = 0;  ///< each scan sees a patch of this size
   Eigen::Vector3f centre = {0, 0, 0};
-  std::size_t returns = 0;  ///< a scan
+  std::size_t returns = 0;  ///< per scan
   std::size_t scans_an_update = 1;
 };
 
@@ -39,8 +39,8 @@ struct Outcome {
   std::size_t changed = 0, moved = 0, all = 0;
 };
 
-/// Scans of a rough sheet from changing places. After each update every neighbourhood is computed anew, and those that
-/// are not what the scorer holds must be among the moved ones.
+/// Scans of a rough sheet from changing places. After each update every neighbourhood is recomputed, and those that
+/// differ from the scorer's must be among the moved ones.
 Outcome run(const Stream& stream, std::uint64_t seed) {
   Random random(seed);
   PointStore points(stream.params, directionTable(stream.params.approach.num_directions));
@@ -61,7 +61,7 @@ Outcome run(const Stream& stream, std::uint64_t seed) {
       const Eigen::Vector3f q = stream.centre + random.point(3);
       moved_points.note(points.addReturns(p, {&q, 1}));
     }
-    const std::uint32_t known = scorer.device().size();  // those before have a neighbourhood
+    const std::uint32_t known = scorer.device().size();  // earlier ones have a neighbourhood
     scorer.grow();
     const std::vector<std::uint32_t> moved = moved_points.find();
     EXPECT_TRUE(std::is_sorted(moved.begin(), moved.end()));
@@ -82,7 +82,7 @@ Outcome run(const Stream& stream, std::uint64_t seed) {
     outcome.moved += moved.size();
     outcome.all += known;
     if (testing::Test::HasFailure()) break;
-    // As the scheduler: the moved ones, and those that are new.
+    // Like the scheduler: the moved ones and the new ones.
     std::vector<std::uint32_t> refresh = moved;
     for (std::uint32_t id = known; id < points.size(); ++id) refresh.push_back(id);
     scorer.refreshNeighbourhoods(refresh);
@@ -117,7 +117,7 @@ TEST(MovedPoints, SeveralScansAnUpdate) {
   expectSelective(run(stream, 4));
 }
 
-/// Where float32 has sixteen steps a voxel, means lie outside of their voxels.
+/// Where float32 has sixteen steps per voxel, means are outside their voxels.
 TEST(MovedPoints, FarFromTheOrigin) {
   Stream stream;
   stream.params = pointParams(0.01);

@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kTurns = 2000;
 
-/// A loop that TBB would give up if it were cancelled, long enough for that.
+/// A loop that TBB would abandon if cancelled, long enough for that.
 void count(std::atomic<int>& turns) {
   tbb::parallel_for(0, kTurns, [&](int) {
     ++turns;
