@@ -573,7 +573,13 @@ class StoredField:
 
 def read_points_ply(path: _Path) -> FieldSnapshot: ...
 def render_field(
-    png: _Path, snapshot: FieldSnapshot, *, width_px: int = ..., height_px: int = ..., view_W: _Three = ...
+    png: _Path,
+    snapshot: FieldSnapshot,
+    *,
+    width_px: int = ...,
+    height_px: int = ...,
+    view_W: _Three = ...,
+    colour: Literal["label", "reason"] = ...,
 ) -> None: ...
 def render_tool(
     png: _Path, tool: ToolGeometry, *, width_px: int = ..., height_px: int = ..., view_W: _Three = ...

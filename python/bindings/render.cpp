@@ -6,7 +6,9 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <filesystem>
+#include <string>
 
+#include "accessvdb/error.h"
 #include "accessvdb/tool_geometry.h"
 #include "bindings/arrays.h"
 #include "bindings/parts.h"
@@ -24,19 +26,28 @@ io::RenderOptions optionsFrom(const py::object& width_px, const py::object& heig
           .view_W = vector3("view_W", view_W)};
 }
 
+io::RenderColour colourFrom(const std::string& word) {
+  if (word == "label") return io::RenderColour::Label;
+  if (word == "reason") return io::RenderColour::Reason;
+  throw InvalidArgument("python.colour", "colour", "\"" + word + "\" is not known", "Use 'label' or 'reason'");
+}
+
 }  // namespace
 
 void bindRender(py::module_& module) {
   module.def(
       "render_field",
       [](const std::filesystem::path& png, const FieldSnapshot& snapshot, const py::object& width_px,
-         const py::object& height_px, const py::object& view_W) {
-        const io::RenderOptions options = optionsFrom(width_px, height_px, view_W);
+         const py::object& height_px, const py::object& view_W, const std::string& colour) {
+        io::RenderOptions options = optionsFrom(width_px, height_px, view_W);
+        options.colour = colourFrom(colour);
         withoutLock([&] { io::renderField(png, snapshot, options); });
       },
       py::arg("png"), py::arg("snapshot"), py::kw_only(), py::arg("width_px") = 1600, py::arg("height_px") = 1000,
-      py::arg("view_W") = py::make_tuple(-1.0, -1.0, 0.8),
-      "Draws the points: green accessible, red blocked, grey not scored. view_W: towards the viewer.");
+      py::arg("view_W") = py::make_tuple(-1.0, -1.0, 0.8), py::arg("colour") = "label",
+      "Draws the points. view_W: towards the viewer. colour: 'label' (green accessible, red blocked, grey not scored) "
+      "or "
+      "'reason' (why a point is not accessible).");
   module.def(
       "render_tool",
       [](const std::filesystem::path& png, const ToolGeometry& tool, const py::object& width_px,
@@ -45,7 +56,8 @@ void bindRender(py::module_& module) {
         withoutLock([&] { io::renderTool(png, tool, options); });
       },
       py::arg("png"), py::arg("tool"), py::kw_only(), py::arg("width_px") = 1600, py::arg("height_px") = 1000,
-      py::arg("view_W") = py::make_tuple(-1.0, -1.0, 0.8), "Draws the tool in its frame, its tip marked.");
+      py::arg("view_W") = py::make_tuple(-1.0, -1.0, 0.8),
+      "Draws the tool in its frame from four sides, its tip and axes marked.");
 }
 
 }  // namespace accessvdb::python

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// One colour per label, the same in every file and picture: green accessible, red blocked, grey not scored.
+/// One colour per label, the same in every file and picture: green accessible, red blocked, grey not scored. And one
+/// per reason, for pictures.
 #pragma once
 
 #include <array>
@@ -20,6 +21,28 @@ constexpr Rgb colourOf(PointLabel label) {
       return {215, 58, 60};
     case PointLabel::Unscored:
       break;
+  }
+  return {150, 152, 156};
+}
+
+/// The palette of Okabe and Ito (2008), "Color Universal Design", which colour-blind people can tell apart; grey where
+/// too little was seen.
+constexpr Rgb colourOf(PointReason reason) {
+  switch (reason) {
+    case PointReason::None:
+      return {0, 158, 115};
+    case PointReason::Confidence:
+      break;
+    case PointReason::Normal:
+      return {204, 121, 167};
+    case PointReason::Unseen:
+      return {86, 180, 233};
+    case PointReason::Unknown:
+      return {0, 114, 178};
+    case PointReason::Arm:
+      return {230, 159, 0};
+    case PointReason::Tool:
+      return {213, 94, 0};
   }
   return {150, 152, 156};
 }

@@ -4,9 +4,9 @@
 #include "accessvdb/render.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "picture/camera.h"
@@ -73,39 +73,65 @@ void drawScaleBar(RgbImage& image, double px_per_m) {
                      y - tick - 3 * scale - internal::textHeight(scale), text, scale, kInk);
 }
 
-void drawLegend(RgbImage& image, const FieldSnapshot& field) {
-  struct Row {
-    PointLabel label;
-    const char* words;
-  };
-  constexpr std::array<Row, 3> kRows = {
-      {{PointLabel::Accessible, "accessible"}, {PointLabel::Blocked, "blocked"}, {PointLabel::Unscored, "not scored"}}};
+struct LegendRow {
+  std::string words;
+  Rgb colour;
+  std::uint64_t count = 0;
+};
+
+std::vector<LegendRow> legendOf(const FieldSnapshot& field, RenderColour colour) {
+  std::vector<LegendRow> rows;
+  if (colour == RenderColour::Label) {
+    for (const auto& [label, words] :
+         {std::pair{PointLabel::Accessible, "accessible"}, std::pair{PointLabel::Blocked, "blocked"},
+          std::pair{PointLabel::Unscored, "not scored"}}) {
+      rows.push_back({words, internal::colourOf(label), field.count(label)});
+    }
+    return rows;
+  }
+  for (const auto& [reason, words] :
+       {std::pair{PointReason::None, "accessible"}, std::pair{PointReason::Tool, "tool collides"},
+        std::pair{PointReason::Arm, "arm obstructed"}, std::pair{PointReason::Unknown, "unknown way in"},
+        std::pair{PointReason::Unseen, "unseen from there"}, std::pair{PointReason::Normal, "normal: no direction"},
+        std::pair{PointReason::Confidence, "confidence too low"}}) {
+    rows.push_back({words, internal::colourOf(reason), 0});
+    for (const SurfacePoint& point : field.points) rows.back().count += point.reason == reason ? 1 : 0;
+  }
+  return rows;
+}
+
+void drawLegend(RgbImage& image, const FieldSnapshot& field, RenderColour colour) {
+  const std::vector<LegendRow> rows = legendOf(field, colour);
   const int scale = internal::textScale(image.height_px);
   const int line = 12 * scale, margin = 12 * scale, chip = internal::textHeight(scale);
-  std::array<std::string, kRows.size()> counts, shares;
-  int count_width = 0, share_width = 0;
-  for (std::size_t i = 0; i < kRows.size(); ++i) {
-    const std::uint64_t count = field.count(kRows[i].label);
+  std::vector<std::string> counts, shares;
+  int name_width = 0, count_width = 0, share_width = 0;
+  for (const LegendRow& row : rows) {
     const double total = static_cast<double>(std::max<std::size_t>(1, field.points.size()));
-    counts[i] = internal::groupedText(count);
-    shares[i] = internal::fixedText(100.0 * static_cast<double>(count) / total, 1) + " %";
-    count_width = std::max(count_width, internal::textWidth(counts[i], scale));
-    share_width = std::max(share_width, internal::textWidth(shares[i], scale));
+    counts.push_back(internal::groupedText(row.count));
+    shares.push_back(internal::fixedText(100.0 * static_cast<double>(row.count) / total, 1) + " %");
+    name_width = std::max(name_width, internal::textWidth(row.words, scale));
+    count_width = std::max(count_width, internal::textWidth(counts.back(), scale));
+    share_width = std::max(share_width, internal::textWidth(shares.back(), scale));
   }
   const int names_x = margin + chip + 6 * scale;
-  const int counts_x = names_x + internal::textWidth("accessible", scale) + 10 * scale + count_width;
+  const int counts_x = names_x + name_width + 10 * scale + count_width;
   const int shares_x = counts_x + 10 * scale + share_width;
-  const int top = image.height_px - margin - static_cast<int>(kRows.size()) * line;
+  const int top = image.height_px - margin - static_cast<int>(rows.size()) * line;
   const Rgb paper = {250, 250, 248};
   image.fillRectangle(margin - 5 * scale, top - 5 * scale, shares_x + 5 * scale, image.height_px - margin + scale,
                       paper, 0.8f);
-  for (std::size_t i = 0; i < kRows.size(); ++i) {
+  for (std::size_t i = 0; i < rows.size(); ++i) {
     const int y = top + static_cast<int>(i) * line;
-    image.fillRectangle(margin, y, margin + chip, y + chip, internal::colourOf(kRows[i].label), 1.0f);
-    internal::drawText(image, names_x, y, kRows[i].words, scale, kInk);
+    image.fillRectangle(margin, y, margin + chip, y + chip, rows[i].colour, 1.0f);
+    internal::drawText(image, names_x, y, rows[i].words, scale, kInk);
     internal::drawText(image, counts_x - internal::textWidth(counts[i], scale), y, counts[i], scale, kInk);
     internal::drawText(image, shares_x - internal::textWidth(shares[i], scale), y, shares[i], scale, kInk);
   }
+}
+
+Rgb colourOf(const SurfacePoint& point, RenderColour colour) {
+  return colour == RenderColour::Label ? internal::colourOf(point.label) : internal::colourOf(point.reason);
 }
 
 }  // namespace
@@ -128,13 +154,13 @@ void renderField(const std::filesystem::path& png, const FieldSnapshot& field, c
     const SurfacePoint& point = field.points[i];
     const Eigen::Vector3f normal_V = R_V_W * point.normal_W;
     canvas.drawSplat(camera.toPixels(points_V[i].cast<double>()), normal_V, radius_px, camera.px_per_m,
-                     toFloat(internal::colourOf(point.label)) * lightOn(normal_V));
+                     toFloat(colourOf(point, options.colour)) * lightOn(normal_V));
   }
   const double picture_height_m = camera.height_px / camera.px_per_m;
   canvas.shadeByDepth(std::max(6 * field.voxel_size_m, 0.03 * picture_height_m), 2 * kSupersampling, 1.1f);
 
   RgbImage image = canvas.reduced(kSupersampling, kBackground);
-  drawLegend(image, field);
+  drawLegend(image, field, options.colour);
   if (!field.points.empty()) drawScaleBar(image, camera.px_per_m / kSupersampling);
   internal::writePng(png, image);
 }
