@@ -24,10 +24,14 @@ using Triangle = std::array<std::uint32_t, 3>;
 constexpr double kMinSize_m = 0.001, kMaxSize_m = 20.0;
 /// Share of the tool's size beyond which a tip off the mesh is more likely a mistake than a choice.
 constexpr double kTipGapShare = 0.1;
+/// The same where nobody chose the tip: the mesh's origin is the tip only by chance.
+constexpr double kDefaultTipGapShare = 0.02;
+/// Share of the tool's size: a centroid that is less far behind the tip does not tell which way the axis runs.
+constexpr double kCentroidShare = 0.02;
 
 std::string number(double value) {
   char text[32];
-  std::snprintf(text, sizeof text, "%.4g", value);
+  std::snprintf(text, sizeof text, "%.4g", value + 0.0);  // no "-0"
   return text;
 }
 
@@ -119,29 +123,77 @@ std::vector<std::string> notesOf(const internal::RepairedMesh& mesh) {
   return notes;
 }
 
-/// Notes on size and position, and on what looks like a wrong tip or axis.
-std::vector<std::string> plausibilityNotes(const ToolGeometry& tool) {
-  std::vector<std::string> notes;
-  double area = 0, area_behind = 0, tip_gap_m = std::numeric_limits<double>::infinity();
+/// Where the tip is, seen from the mesh.
+struct TipPlace {
+  double gap_m = 0;              ///< from the nearest part of the surface
+  double centroid_x_m = 0;       ///< of the surface; negative: the body is on the far side of the tip
+  double size_m = 0;             ///< largest extent
+  Eigen::Vector3d likely_tip_T;  ///< centre of the end of the tool that the body extends from
+  [[nodiscard]] bool isWrongWay() const { return centroid_x_m < -kCentroidShare * size_m; }
+  /// Off the surface by more than a share of the size, and not between the fingers of a gripper either.
+  [[nodiscard]] bool isOff(double share) const {
+    return gap_m > share * size_m && likely_tip_T.norm() > kDefaultTipGapShare * size_m;
+  }
+};
+
+/// Centre of the end of a tool: of the box around the vertices that are within a hundredth of its length from the end.
+/// @param side  -1: the end with the lowest x, 1: that with the highest
+Eigen::Vector3d endOf(const ToolGeometry& tool, int side) {
+  const double end = side < 0 ? tool.min_T().x() : tool.max_T().x();
+  const double slack_m = 0.01 * (tool.max_T().x() - tool.min_T().x());
+  Eigen::Vector3d low = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
+  for (const Eigen::Vector3f& vertex : tool.vertices_T()) {
+    const Eigen::Vector3d p = vertex.cast<double>();
+    if (std::abs(p.x() - end) > slack_m) continue;
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  const Eigen::Vector3d centre = (low + high) / 2;
+  return {end, centre.y(), centre.z()};
+}
+
+TipPlace placeOfTip(const ToolGeometry& tool) {
+  TipPlace place;
+  double area = 0, moment = 0;
+  place.gap_m = std::numeric_limits<double>::infinity();
   for (const Triangle& t : tool.triangles()) {
     const Eigen::Vector3d a = tool.vertices_T()[t[0]].cast<double>(), b = tool.vertices_T()[t[1]].cast<double>(),
                           c = tool.vertices_T()[t[2]].cast<double>();
-    const double twice_area = (b - a).cross(c - a).norm();
+    const double twice_area = (b - a).cross(c - a).norm(), x = (a + b + c).x() / 3;
     area += twice_area;
-    if ((a + b + c).x() < 0) area_behind += twice_area;
-    tip_gap_m = std::min(tip_gap_m, distanceToOrigin(a, b, c));
+    moment += twice_area * x;
+    place.gap_m = std::min(place.gap_m, distanceToOrigin(a, b, c));
   }
-  const double size_m = (tool.max_T() - tool.min_T()).cast<double>().maxCoeff();
-  if (tip_gap_m > kTipGapShare * size_m) {
-    notes.push_back("warning: the tip is " + number(tip_gap_m) +
-                    " m away from the nearest part of the mesh; check --tool-tip and --tool-unit");
+  place.centroid_x_m = moment / area;
+  place.size_m = (tool.max_T() - tool.min_T()).cast<double>().maxCoeff();
+  place.likely_tip_T = endOf(tool, place.isWrongWay() ? 1 : -1);
+  return place;
+}
+
+/// How warnings about a tip name the likely one: in the mesh's own units and frame, where that is known.
+struct TipWords {
+  bool tip_given = true;
+  std::string likely_tip, opposite_axis;  ///< values of --tool-tip and --tool-axis; empty: not known
+};
+
+/// What looks like a wrong tip or axis, in words.
+std::vector<std::string> tipWarnings(const TipPlace& place, const TipWords& words) {
+  const std::string tip =
+      words.likely_tip.empty() ? "check the tip" : "the tip is probably --tool-tip=" + words.likely_tip;
+  if (place.isWrongWay()) {
+    return {"warning: the tool's centroid is " + number(-place.centroid_x_m) +
+            " m on the far side of the tip, in the direction in which the tool approaches; " +
+            (words.opposite_axis.empty() ? "check the axis (from the tip along the body) and the tip"
+                                         : "the axis (from the tip along the body) is probably --tool-axis=" +
+                                               words.opposite_axis + ", and " + tip)};
   }
-  if (area_behind > 0.5 * area) {
-    notes.push_back("warning: most of the tool (" + number(100 * area_behind / area) +
-                    " % of its surface) is on the far side of the tip, in the direction in which it approaches; "
-                    "check --tool-axis (from the tip along the body) and --tool-tip");
+  if (place.isOff(words.tip_given ? kTipGapShare : kDefaultTipGapShare)) {
+    return {"warning: " +
+            std::string(words.tip_given ? "the tip" : "the mesh's origin, which is the tip unless --tool-tip is set,") +
+            " is " + number(place.gap_m) + " m away from the nearest part of the mesh; " + tip +
+            (words.likely_tip.empty() ? " and the unit" : ", or check --tool-unit")};
   }
-  return notes;
+  return {};
 }
 
 }  // namespace
@@ -195,7 +247,7 @@ ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T
   tool.reach_m_ = float(reach_m);
   tool.sha256_ = digestOf(tool.vertices_T_, tool.triangles_);
   tool.notes_ = notesOf(mesh);
-  for (std::string& note : plausibilityNotes(tool)) tool.notes_.push_back(std::move(note));
+  for (std::string& note : tipWarnings(placeOfTip(tool), {})) tool.notes_.push_back(std::move(note));
   return tool;
 }
 
@@ -246,7 +298,16 @@ ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::opti
                   triple(tool.min_T_.cast<double>(), ", ") + ") to (" + triple(tool.max_T_.cast<double>(), ", ") +
                   ") in the tool frame; tip (" + triple(tip_M, ", ") + "), axis (" + triple(R_T_M.row(0), ", ") +
                   "), up (" + triple(R_T_M.row(2), ", ") + ") in the mesh's frame");
+  // The warnings about the tip again, now that the mesh's own units and axes are known.
+  std::erase_if(tool.notes_, [](const std::string& note) { return note.starts_with("warning: "); });
   tool.notes_.insert(tool.notes_.begin(), notes.begin(), notes.end());
+  const TipPlace place = placeOfTip(tool);
+  Eigen::Vector3d likely_tip_M = R_T_M.transpose() * place.likely_tip_T / metres_per_file_unit + tip_M;
+  for (double& x : likely_tip_M) {
+    if (std::abs(x) * metres_per_file_unit < 1e-6 * place.size_m) x = 0;  // what the rotation's rounding left
+  }
+  const TipWords words = {pose.tip.has_value(), triple(likely_tip_M, ","), triple(-pose.axis, ",")};
+  for (std::string& warning : tipWarnings(place, words)) tool.notes_.push_back(std::move(warning));
   return tool;
 }
 

@@ -173,6 +173,40 @@ TEST_F(MapOutputs, NegativeVectorsParse) {
   EXPECT_NE(result.err.find("tip -10,0,0"), std::string::npos) << result.err;
 }
 
+TEST_F(MapOutputs, ATipOffTheToolIsWarnedAboutInTheReport) {
+  writeBoxTool(150, 10);
+  const ProgramResult wrong =
+      runProgram(mapArguments({"--tool", path("tool.obj"), "--tool-unit", "mm", "--tool-tip", "150,0,0"}));
+  ASSERT_EQ(wrong.exit_code, 0) << wrong.err;
+  EXPECT_NE(wrong.err.find("accessvdb: warning[tool.pose]"), std::string::npos) << wrong.err;
+  EXPECT_NE(wrong.err.find("--tool-axis=-1,0,0"), std::string::npos) << wrong.err;
+  EXPECT_NE(report().at("warnings").dump().find("far side of the tip"), std::string::npos);
+  for (const char* axis : {"--tool-axis=-x", "--tool-axis=-1,0,0"}) {
+    const ProgramResult right =
+        runProgram(mapArguments({"--tool", path("tool.obj"), "--tool-unit", "mm", "--tool-tip", "150,0,0", axis}));
+    ASSERT_EQ(right.exit_code, 0) << right.err;
+    EXPECT_EQ(right.err.find("tool.pose"), std::string::npos) << right.err;
+  }
+  const ProgramResult none =
+      runProgram(mapArguments({"--tool", path("tool.obj"), "--tool-unit", "mm", "--tool-axis=-w"}));
+  EXPECT_EQ(none.exit_code, 2) << none.err;
+  EXPECT_NE(none.err.find("--tool-axis"), std::string::npos) << none.err;
+}
+
+TEST_F(MapOutputs, ColourByReasonChangesThePreviewOnly) {
+  ASSERT_EQ(runProgram(mapArguments()).exit_code, 0);
+  const std::string by_label = readText("out/preview.png"), points = readText("out/points.ply");
+  ASSERT_EQ(runProgram(mapArguments({"--colour", "reason"})).exit_code, 0);
+  const std::string by_reason = readText("out/preview.png");
+  EXPECT_NE(by_reason, by_label);
+  EXPECT_EQ(readText("out/points.ply"), points);
+  ASSERT_EQ(runProgram({"render", "--map", path("out"), "--out", path("a.png"), "--colour", "reason"}).exit_code, 0);
+  EXPECT_EQ(readText("a.png"), by_reason);
+  const ProgramResult other = runProgram({"render", "--map", path("out"), "--out", path("b.png"), "--colour", "red"});
+  EXPECT_EQ(other.exit_code, 2);
+  EXPECT_NE(other.err.find("Use label or reason"), std::string::npos) << other.err;
+}
+
 TEST_F(MapOutputs, OtherVerbsReadIt) {
   ASSERT_EQ(runProgram(mapArguments()).exit_code, 0);
   const ProgramResult info = runProgram({"info", path("out"), "--json"});

@@ -210,7 +210,7 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   watchStopSignals();
 
   const ToolGeometry tool = loadTool(options.tool);
-  for (const std::string& note : tool.notes()) messages.notice("tool: " + note);
+  sayToolNotes(tool, messages);
   messages.notice(toolInWords(tool, options.tool));
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   for (const std::string& note : scans.notices()) messages.notice(note);

@@ -250,7 +250,7 @@ int MapRun::run() {
 
   const ToolGeometry tool = loadTool(options_.tool);
   hashInput(options_.tool.tool);
-  for (const std::string& note : tool.notes()) messages_.notice("tool: " + note);
+  sayToolNotes(tool, messages_);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options_));
   for (const fs::path path : {options_.poses, options_.calib, options_.common.config}) hashInput(path);
   for (const std::string& note : scans.notices()) messages_.notice(note);

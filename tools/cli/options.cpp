@@ -50,6 +50,15 @@ Eigen::Vector3d parseVector(const std::string& flag, const std::string& text) {
   return value;
 }
 
+Eigen::Vector3d parseDirection(const std::string& flag, const std::string& text) {
+  const bool has_sign = !text.empty() && (text.front() == '-' || text.front() == '+');
+  const std::string_view name = std::string_view(text).substr(has_sign ? 1 : 0);
+  if (name == "x" || name == "y" || name == "z") {
+    return (text.front() == '-' ? -1.0 : 1.0) * Eigen::Vector3d::Unit(name.front() - 'x');
+  }
+  return parseVector(flag, text);
+}
+
 double parseLength_m(const std::string& flag, const std::string& text, double voxel_size_m) {
   std::string_view rest = text;
   const auto number = takeNumber(rest);
@@ -97,8 +106,9 @@ void addToolOptions(CLI::App& app, ToolOptions& options) {
   app.add_option("--tool", options.tool, "tool mesh, or builtin:pencil or builtin:pruner");
   app.add_option("--tool-unit", options.unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
   app.add_option("--tool-tip", options.tip, "X,Y,Z of the tool's tip, in the mesh's own units and frame");
-  app.add_option("--tool-axis", options.axis, "X,Y,Z direction from the tip along the body, in the mesh's frame");
-  app.add_option("--tool-up", options.up, "X,Y,Z direction that becomes up, in the mesh's frame");
+  app.add_option("--tool-axis", options.axis,
+                 "direction from the tip along the body, in the mesh's frame: X,Y,Z or x, -x, y ...");
+  app.add_option("--tool-up", options.up, "direction that becomes up, in the mesh's frame: X,Y,Z or x, -x, y ...");
 }
 
 ToolGeometry loadTool(const ToolOptions& options) {
@@ -115,8 +125,8 @@ ToolGeometry loadTool(const ToolOptions& options) {
   }
   ToolPose pose;
   if (!options.tip.empty()) pose.tip = parseVector("--tool-tip", options.tip);
-  if (!options.axis.empty()) pose.axis = parseVector("--tool-axis", options.axis);
-  if (!options.up.empty()) pose.up = parseVector("--tool-up", options.up);
+  if (!options.axis.empty()) pose.axis = parseDirection("--tool-axis", options.axis);
+  if (!options.up.empty()) pose.up = parseDirection("--tool-up", options.up);
   if (options.tool.rfind("builtin:", 0) == 0) {
     if (unit || !options.tip.empty() || !options.axis.empty() || !options.up.empty()) {
       throw InvalidArgument("usage.builtin_pose", options.tool, "a built-in tool already has its unit and pose",
@@ -125,6 +135,17 @@ ToolGeometry loadTool(const ToolOptions& options) {
     return ToolGeometry::builtin(options.tool);
   }
   return ToolGeometry::fromMesh(options.tool, unit, pose);
+}
+
+void sayToolNotes(const ToolGeometry& tool, Messages& messages) {
+  const std::string mark = "warning: ";
+  for (const std::string& note : tool.notes()) {
+    if (note.starts_with(mark)) {
+      messages.warning("tool.pose", "tool: " + note.substr(mark.size()) + "; see accessvdb render --tool");
+    } else {
+      messages.notice("tool: " + note);
+    }
+  }
 }
 
 std::string toolInWords(const ToolGeometry& tool, const ToolOptions& options) {
@@ -145,6 +166,8 @@ std::string toolInWords(const ToolGeometry& tool, const ToolOptions& options) {
 
 void addPictureOptions(CLI::App& app, PictureOptions& options) {
   app.add_option("--view", options.view, "top, iso, or X,Y,Z towards the viewer")->capture_default_str();
+  app.add_option("--colour", options.colour, "colour of the points: label, or reason (why a point is not accessible)")
+      ->capture_default_str();
   app.add_option("--width", options.width_px, "width of the picture in pixels")->capture_default_str();
   app.add_option("--height", options.height_px, "height of the picture in pixels")->capture_default_str();
 }
@@ -158,6 +181,10 @@ io::RenderOptions renderOptions(const PictureOptions& options) {
   }
   render.width_px = options.width_px;
   render.height_px = options.height_px;
+  if (options.colour != "label" && options.colour != "reason") {
+    throw InvalidArgument("usage.word", "--colour", "\"" + options.colour + "\" is not known", "Use label or reason");
+  }
+  render.colour = options.colour == "reason" ? io::RenderColour::Reason : io::RenderColour::Label;
   if (options.view == "top") {
     render.view_W = {0, 0, 1};
   } else if (options.view != "iso") {

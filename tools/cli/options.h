@@ -11,11 +11,14 @@
 
 #include "accessvdb/render.h"
 #include "accessvdb/tool_geometry.h"
+#include "error_output.h"
 
 namespace accessvdb::tools {
 
 /// "X,Y,Z". @throws InvalidArgument naming the flag
 [[nodiscard]] Eigen::Vector3d parseVector(const std::string& flag, const std::string& text);
+/// "X,Y,Z", or an axis: "x", "+x", "-x", "y" ... @throws InvalidArgument naming the flag
+[[nodiscard]] Eigen::Vector3d parseDirection(const std::string& flag, const std::string& text);
 /// "0.1" in metres, or "4v" in voxels. @throws InvalidArgument naming the flag
 [[nodiscard]] double parseLength_m(const std::string& flag, const std::string& text, double voxel_size_m);
 /// "500000", "500k", "500M", "2G", "1T" bytes, powers of 1024. @throws InvalidArgument naming the flag
@@ -31,11 +34,13 @@ struct ToolOptions {
 void addToolOptions(CLI::App& app, ToolOptions& options);
 /// @throws what ToolGeometry::fromMesh throws; InvalidArgument for a bad flag
 [[nodiscard]] ToolGeometry loadTool(const ToolOptions& options);
+/// Its repairs as notices; what looks like a wrong tip or axis as warnings.
+void sayToolNotes(const ToolGeometry& tool, Messages& messages);
 /// Size and pose of a tool in one line.
 [[nodiscard]] std::string toolInWords(const ToolGeometry& tool, const ToolOptions& options);
 
 struct PictureOptions {
-  std::string view = "iso";
+  std::string view = "iso", colour = "label";
   int width_px = 1600, height_px = 1000;
 };
 void addPictureOptions(CLI::App& app, PictureOptions& options);

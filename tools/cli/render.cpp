@@ -41,7 +41,7 @@ int runRender(const Arguments& arguments, Messages& messages) {
     io::renderField(out, field, render);
   } else {
     const ToolGeometry tool = loadTool(tool_options);
-    for (const std::string& note : tool.notes()) messages.notice(note);
+    sayToolNotes(tool, messages);
     messages.notice(toolInWords(tool, tool_options));
     io::renderTool(out, tool, render);
   }

@@ -1,43 +1,18 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A small field with every label and reason, far from the world's origin, and folders for files.
+/// A small field with every label and reason, far from the world's origin.
 #pragma once
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <cmath>
-#include <cstdlib>
-#include <filesystem>
-#include <string>
+#include <cstddef>
 #include <vector>
 
 #include "accessvdb/types.h"
+#include "support/scratch_folder.h"
 
 namespace accessvdb::test {
-
-/// A separate folder for each test, removed afterwards.
-class ScratchFolder {
- public:
-  ScratchFolder() {
-    std::string pattern = (std::filesystem::temp_directory_path() / "accessvdb_io_XXXXXX").string();
-    path_ = ::mkdtemp(pattern.data());
-  }
-  ~ScratchFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-  }
-  [[nodiscard]] std::filesystem::path operator/(const std::string& name) const { return path_ / name; }
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-  [[nodiscard]] std::vector<std::string> names() const {
-    std::vector<std::string> found;
-    for (const auto& entry : std::filesystem::directory_iterator(path_)) found.push_back(entry.path().filename());
-    return found;
-  }
-
- private:
-  std::filesystem::path path_;
-};
 
 inline constexpr double kVoxel_m = 0.02;
 inline const Eigen::Vector3d kOrigin_W = {500000.0, 5600000.02, 300.0};

@@ -4,13 +4,18 @@
 #include <gtest/gtest.h>
 #include <png.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdlib>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/render.h"
 #include "accessvdb/tool_geometry.h"
 #include "picture/picture_text.h"
 #include "unit/io/sample_field.h"
+#include "unit/tool/test_meshes.h"
 
 namespace accessvdb {
 namespace {
@@ -39,6 +44,10 @@ struct Picture {
     if (p[1] > 1.5 * p[0]) return 'g';
     if (p[0] > 1.5 * p[1]) return 'r';
     return p[0] > 230 ? 'w' : 'n';
+  }
+  [[nodiscard]] bool isBlueAt(int x, int y) const {
+    const std::size_t n = static_cast<std::size_t>(y) * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
+    return rgb[3 * n + 2] > rgb[3 * n + 1];
   }
 };
 
@@ -75,6 +84,37 @@ TEST(RenderField, TopViewHasXToTheRightAndYUp) {
   // No holes: inside a quarter, every pixel has its colour.
   for (int x = 160; x < 380; x += 3) {
     for (int y = 60; y < 280; y += 3) EXPECT_EQ(picture.colourAt(x, y), 'g') << x << "," << y;
+  }
+}
+
+TEST(RenderField, ByReasonEachReasonHasItsColour) {
+  const ScratchFolder folder;
+  FieldSnapshot field = quarters();
+  for (SurfacePoint& point : field.points) {
+    if (point.label == PointLabel::Accessible) point.reason = PointReason::None;
+    if (point.label == PointLabel::Blocked) point.reason = PointReason::Tool;
+    if (point.label == PointLabel::Unscored) {
+      point.reason = point.position_W.x() < field.origin_W.x() ? PointReason::Confidence : PointReason::Normal;
+    }
+  }
+  const auto middles = [&](io::RenderColour colour) {
+    io::renderField(folder / "a.png", field,
+                    {.width_px = 800, .height_px = 600, .view_W = {0, 0, 1}, .colour = colour});
+    const Picture picture(folder / "a.png");
+    std::vector<std::array<std::uint8_t, 3>> found;
+    for (const auto& [x, y] : {std::pair(300, 200), {500, 200}, {300, 400}, {500, 400}}) {
+      const std::uint8_t* p = picture.rgb.data() + 3 * (y * 800 + x);
+      found.push_back({p[0], p[1], p[2]});
+    }
+    return found;
+  };
+  const auto apart = [](const std::array<std::uint8_t, 3>& a, const std::array<std::uint8_t, 3>& b) {
+    return std::abs(a[0] - b[0]) + std::abs(a[1] - b[1]) + std::abs(a[2] - b[2]) > 60;
+  };
+  const auto label = middles(io::RenderColour::Label), reason = middles(io::RenderColour::Reason);
+  EXPECT_FALSE(apart(label[2], label[3]));  // both are not scored
+  for (std::size_t a = 0; a < 4; ++a) {
+    for (std::size_t b = a + 1; b < 4; ++b) EXPECT_TRUE(apart(reason[a], reason[b])) << a << " and " << b;
   }
 }
 
@@ -137,29 +177,68 @@ TEST(RenderField, BadOptionsAreRefused) {
   }
 }
 
-TEST(RenderTool, ShowsTheBodyAlongXAndTheTip) {
-  const ScratchFolder folder;
-  // A flat plate from the tip along +x, seen from above: x runs to the right.
-  const auto tool = ToolGeometry::fromTriangles({{0, -0.1f, 0}, {0.6f, -0.1f, 0}, {0.6f, 0.1f, 0}, {0, 0.1f, 0.001f}},
-                                                {{0, 1, 2}, {0, 2, 3}}, "plate");
-  io::renderTool(folder / "tool.png", tool, {.width_px = 800, .height_px = 600, .view_W = {0, 0, 1}});
-  const Picture picture(folder / "tool.png");
-  int left_neutral = 0, right_neutral = 0, green = 0, red = 0;
-  for (int y = 100; y < 600; ++y) {
-    for (int x = 0; x < 800; ++x) {
-      const char colour = picture.colourAt(x, y);
-      if (colour == 'n') ++(x < 400 ? left_neutral : right_neutral);
-      if (colour == 'g') ++green;
-      if (colour == 'r') ++red;
+/// A board from the tip along +x: 0.6 m long, 0.2 m wide, 0.02 m thick.
+ToolGeometry board() {
+  const test::Mesh mesh = test::box({0, -0.1f, -0.01f}, {0.6f, 0.1f, 0.01f});
+  return ToolGeometry::fromTriangles(mesh.vertices, mesh.triangles, "board");
+}
+
+/// Bounds of what is neither paper nor text, which lies in the first 24 rows of a panel.
+struct Drawn {
+  int left = 1 << 30, right = -1, neutral = 0, green = 0, red = 0, blue = 0;
+  Drawn(const Picture& picture, int x_begin, int y_begin) {
+    for (int y = y_begin + 24; y < y_begin + 282; ++y) {
+      for (int x = x_begin; x < x_begin + 400; ++x) {
+        const char colour = picture.colourAt(x, y);
+        if (colour == 'w') continue;
+        left = std::min(left, x - x_begin);
+        right = std::max(right, x - x_begin);
+        if (colour == 'r') ++red;
+        if (colour == 'n') ++neutral;
+        if (colour == 'g') ++(picture.isBlueAt(x, y) ? blue : green);
+      }
     }
   }
-  // The plate (0.6 m) and the axes (0.24 m) are framed: 76 % of 800 pixels are 0.6 m, so the plate has 608 x 203.
-  EXPECT_GT(left_neutral, 0.8 * 304 * 203);
-  EXPECT_GT(right_neutral, 0.8 * 304 * 203);
-  EXPECT_LT(left_neutral + right_neutral, 1.1 * 608 * 203);
-  // The x and y axes: 243 pixels long, at least one pixel wide in full colour.
-  EXPECT_GT(red, 243);
-  EXPECT_GT(green, 243);
+};
+
+TEST(RenderTool, ShowsItFromFourSidesAtOneScale) {
+  const ScratchFolder folder;
+  io::renderTool(folder / "tool.png", board(), {.width_px = 800, .height_px = 600, .view_W = {0, 0, 1}});
+  const Picture picture(folder / "tool.png");
+  // Panels of 400 x 282 pixels below a title of 36 rows. The board is framed by its length: 76 % of 400 pixels.
+  const Drawn side(picture, 0, 36), above(picture, 400, 36), front(picture, 0, 318), asked(picture, 400, 318);
+  constexpr double kLength_px = 304, kWidth_px = kLength_px / 3;
+  EXPECT_GT(above.neutral, 0.7 * kLength_px * kWidth_px);
+  EXPECT_LT(above.neutral, 1.1 * kLength_px * kWidth_px);
+  EXPECT_NEAR(asked.neutral, above.neutral, 200);         // the same view, the same scale; another title
+  EXPECT_LT(side.neutral, 0.2 * kLength_px * kWidth_px);  // seen edge-on
+  EXPECT_LT(front.neutral, 0.2 * kLength_px * kWidth_px);
+  EXPECT_NEAR(side.right - side.left, kLength_px, 12);  // both show the whole length
+  EXPECT_NEAR(above.right - above.left, kLength_px, 12);
+  EXPECT_LT(front.right - front.left, 0.6 * kLength_px);  // 0.2 m of board and 0.24 m of the y axis
+  // The axes x (red), y (green) and z (blue) are 122 pixels long where they are not seen end-on.
+  for (const int pixels : {side.red, side.blue, above.red, above.green, front.green, front.blue})
+    EXPECT_GT(pixels, 122);
+  for (const int pixels : {side.green, above.blue, front.red}) EXPECT_LT(pixels, 60);
+}
+
+TEST(RenderTool, TheTipIsWhereTheBodyBegins) {
+  const ScratchFolder folder;
+  io::renderTool(folder / "tool.png", board(), {.width_px = 800, .height_px = 600});
+  const Picture picture(folder / "tool.png");
+  // The tip's yellow disc: near the left end from above, as x runs to the right there.
+  std::int64_t sum_x = 0, count = 0;
+  for (int y = 36; y < 318; ++y) {
+    for (int x = 400; x < 800; ++x) {
+      const std::uint8_t* p = picture.rgb.data() + 3 * (y * 800 + x);
+      if (p[0] < 200 || p[1] < 140 || p[2] > 90) continue;
+      sum_x += x - 400;
+      ++count;
+    }
+  }
+  ASSERT_GT(count, 10);
+  const Drawn above(picture, 400, 36);
+  EXPECT_NEAR(static_cast<double>(sum_x) / static_cast<double>(count), above.left, 8);
 }
 
 TEST(PictureText, NumbersReadWell) {

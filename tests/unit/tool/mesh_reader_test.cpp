@@ -411,6 +411,23 @@ TEST(MeshData, EveryFileGetsAnAnswer) {
   expectRefused<InputError>(bad("box_UTF16BE.obj"), "tool.encoding");
 }
 
+/// None of these tools has its tip at the mesh's origin and its body along +x, as their README says.
+TEST(MeshData, RealToolsAreWarnedAbout) {
+  const auto warning = [](const fs::path& path, const ToolPose& pose) {
+    std::string found;
+    const ToolGeometry tool = ToolGeometry::fromMesh(path, LengthUnit::Metre, pose);
+    for (const std::string& note : tool.notes()) {
+      if (note.starts_with("warning: ")) found += note;
+    }
+    return found;
+  };
+  const fs::path cutter = test::testData() / "tools" / "new_cutter_decimated.stl";
+  if (!fs::exists(cutter)) GTEST_SKIP() << "missing: " << cutter;
+  EXPECT_NE(warning(cutter, {}).find("on the far side of the tip"), std::string::npos) << warning(cutter, {});
+  const ToolPose from_its_shape = {Eigen::Vector3d(-0.096, -0.12, -0.006), {0, 1, 0}, {0, 0, 1}};
+  EXPECT_EQ(warning(cutter, from_its_shape), "");
+}
+
 /// The orchard cutter, z up as STL (decimated) and y up as OBJ. Mouth, axis and up are taken from its shape.
 TEST(MeshData, SameCutterFromStlAndObj) {
   const fs::path a = test::testData() / "tools" / "new_cutter_decimated.stl",

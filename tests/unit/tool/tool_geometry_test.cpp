@@ -6,10 +6,13 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <filesystem>
+#include <fstream>
 #include <limits>
 #include <string>
 
 #include "accessvdb/error.h"
+#include "support/scratch_folder.h"
 #include "test_meshes.h"
 #include "tool/mesh_repair.h"
 
@@ -152,7 +155,59 @@ TEST(ToolGeometry, DigestDependsOnShapeAlone) {
 TEST(ToolGeometry, NotesWhatLooksLikeAWrongTipOrAxis) {
   EXPECT_TRUE(hasNote(toolOf(test::box({0.1f, -0.1f, -0.1f}, {0.5f, 0.1f, 0.1f})), "tip is 0.1 m away"));
   EXPECT_FALSE(hasNote(toolOf(test::box({0.03f, -0.1f, -0.1f}, {0.5f, 0.1f, 0.1f})), "tip"));
-  EXPECT_TRUE(hasNote(toolOf(test::box({-0.5f, -0.1f, -0.1f}, {0.02f, 0.1f, 0.1f})), "--tool-axis"));
+  EXPECT_TRUE(hasNote(toolOf(test::box({-0.5f, -0.1f, -0.1f}, {0.02f, 0.1f, 0.1f})), "far side of the tip"));
+  // A hook reaches past the tip, but its centroid does not: nothing is wrong with it.
+  EXPECT_FALSE(hasNote(toolOf(test::box({-0.2f, -0.1f, -0.02f}, {0.3f, 0.1f, 0.1f})), "warning"));
+}
+
+TEST(ToolGeometry, TheTipBetweenTheFingersOfAGripperIsNoMistake) {
+  test::Mesh fingers = test::box({0, 0.1f, -0.02f}, {0.4f, 0.14f, 0.02f});
+  const test::Mesh other = test::box({0, -0.14f, -0.02f}, {0.4f, -0.1f, 0.02f});
+  for (const auto& t : other.triangles) fingers.triangles.push_back({t[0] + 8, t[1] + 8, t[2] + 8});
+  fingers.vertices.insert(fingers.vertices.end(), other.vertices.begin(), other.vertices.end());
+  EXPECT_FALSE(hasNote(toolOf(fingers), "warning"));
+  for (Eigen::Vector3f& p : fingers.vertices) p.y() += 0.3f;
+  EXPECT_TRUE(hasNote(toolOf(fingers), "tip is 0.16 m away"));
+}
+
+/// A closed bar along the mesh's x, from 20 to 320 millimetres, off the axis by 40 in y.
+std::filesystem::path writeBar(const test::ScratchFolder& folder) {
+  const test::Mesh bar = test::box({20, 35, -5}, {320, 45, 5});
+  std::ofstream file(folder / "bar.obj");
+  for (const Eigen::Vector3f& p : bar.vertices) file << "v " << p.x() << ' ' << p.y() << ' ' << p.z() << '\n';
+  for (const auto& t : bar.triangles) file << "f " << t[0] + 1 << ' ' << t[1] + 1 << ' ' << t[2] + 1 << '\n';
+  return folder / "bar.obj";
+}
+
+TEST(ToolGeometry, ADefaultTipOffTheMeshIsWarnedOfWithTheLikelyOne) {
+  const test::ScratchFolder folder;
+  const auto bar = writeBar(folder);
+  const ToolGeometry tool = ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, {});
+  EXPECT_TRUE(
+      hasNote(tool, "warning: the mesh's origin, which is the tip unless --tool-tip is set, is 0.04031 m away"));
+  EXPECT_TRUE(hasNote(tool, "--tool-tip=20,40,0,"));
+  // A tip that somebody chose may be a little off: 35 mm of 300 is not, 25 mm is.
+  const auto chosen = [&](double y) {
+    return ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, {.tip = Eigen::Vector3d(20, y, 0)});
+  };
+  EXPECT_TRUE(hasNote(chosen(0), "warning: the tip is 0.035 m away"));
+  EXPECT_FALSE(hasNote(chosen(10), "warning"));
+  EXPECT_FALSE(hasNote(chosen(40), "warning"));  // what was suggested
+}
+
+TEST(ToolGeometry, AnAxisThatRunsTheWrongWayIsWarnedOfWithTheLikelyOne) {
+  const test::ScratchFolder folder;
+  const auto bar = writeBar(folder);
+  ToolPose pose = {.tip = Eigen::Vector3d(320, 40, 0)};
+  const ToolGeometry tool = ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, pose);
+  EXPECT_TRUE(hasNote(tool, "warning: the tool's centroid is 0.15 m on the far side of the tip"));
+  EXPECT_TRUE(hasNote(tool, "--tool-axis=-1,0,0, and the tip is probably --tool-tip=320,40,0"));
+  pose.axis = -pose.axis;  // what was suggested
+  EXPECT_FALSE(hasNote(ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, pose), "warning"));
+}
+
+TEST(ToolGeometry, BuiltInToolsAreNotWarnedOf) {
+  for (const char* name : {"builtin:pencil", "builtin:pruner"}) EXPECT_FALSE(hasNote(ToolGeometry::builtin(name), "warning")) << name;
 }
 
 TEST(ToolGeometry, RefusesWhatIsNoSurface) {
