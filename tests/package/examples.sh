@@ -33,7 +33,7 @@ own_tool)
   "$OWN_TOOL" "$out/rod.obj" mm 0 10 0 0 1 0 | tee "$out/stdout"
   grep -q '0.200 x 0.010 x 0.010 m, reaches 0.200 m' "$out/stdout"
   grep -qE '^accessible [1-9]' "$out/stdout"
-  expect 2 "no unit" "$OWN_TOOL" "$out/rod.obj" parsec 0 10 0 0 1 0
+  expect 2 "not a unit" "$OWN_TOOL" "$out/rod.obj" parsec 0 10 0 0 1 0
   expect 3 none.obj "$OWN_TOOL" "$out/none.obj" mm 0 10 0 0 1 0
   ;;
 own_kernel)
