@@ -8,7 +8,8 @@
 #include <string>
 #include <vector>
 
-#include "eval/scan_store.h"
+#include "eval/stored_scans.h"
+#include "sim/lidar_model.h"
 
 namespace accessvdb::eval {
 

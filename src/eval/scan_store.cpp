@@ -11,6 +11,7 @@
 
 #include "accessvdb/field_io.h"
 #include "eval/scan_file.h"
+#include "sim/scene_catalogue.h"
 #include "sim/simulator.h"
 
 namespace accessvdb::eval {
@@ -68,12 +69,6 @@ bool stillTrue(const sim::Simulator& simulator, const std::vector<StoredFrame>& 
 }
 
 }  // namespace
-
-std::uint64_t StoredScans::returns() const {
-  std::uint64_t count = 0;
-  for (const StoredFrame& frame : frames) count += frame.hits_S.size();
-  return count;
-}
 
 std::vector<StoredFrame> simulateFrames(const sim::Scene& scene, const sim::Trajectory& trajectory,
                                         const sim::LidarModel& model, std::uint64_t seed, const Observer& observer) {

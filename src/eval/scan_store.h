@@ -3,33 +3,18 @@
 /// Simulated scans, made once and used by many tables; in memory, and in a folder if one is named.
 #pragma once
 
-#include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <cstdint>
 #include <filesystem>
-#include <functional>
 #include <map>
 #include <memory>
 #include <string>
 #include <vector>
 
-#include "sim/benchmark_scene.h"
+#include "eval/observer.h"
+#include "eval/stored_scans.h"
 #include "sim/lidar_model.h"
 
 namespace accessvdb::eval {
-
-/// The returns of a frame, without rays that hit nothing.
-struct StoredFrame {
-  std::vector<Eigen::Vector3f> hits_S;
-  Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
-};
-
-struct StoredScans {
-  sim::BenchmarkScene benchmark;
-  std::vector<StoredFrame> frames;
-
-  [[nodiscard]] std::uint64_t returns() const;
-};
 
 /// Which scans: everything that they depend on besides this program.
 struct ScanRequest {
@@ -38,18 +23,6 @@ struct ScanRequest {
   int frames = 0;              ///< 0 = the benchmark's
   double range_noise_m = 0;
   std::uint64_t seed = 1;
-};
-
-class StopRequested {};  ///< thrown if an Observer's `stop` requests it
-
-/// Observes long-running work. Both are called from the thread that started it.
-struct Observer {
-  std::function<void(const std::string& line)> say = [](const std::string&) {};
-  std::function<bool()> stop = [] { return false; };
-
-  void checkStop() const {
-    if (stop()) throw StopRequested();
-  }
 };
 
 class ScanStore {

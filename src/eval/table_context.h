@@ -8,8 +8,8 @@
 #include <vector>
 
 #include "eval/scene_run.h"
+#include "eval/table_options.h"
 #include "eval/table_row.h"
-#include "eval/tables.h"
 
 namespace accessvdb::eval {
 

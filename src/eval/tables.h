@@ -4,24 +4,13 @@
 #pragma once
 
 #include <exception>
-#include <filesystem>
 #include <string>
 #include <vector>
 
-#include "accessvdb/params.h"
-#include "eval/scene_run.h"
+#include "eval/table_options.h"
 #include "eval/table_row.h"
 
 namespace accessvdb::eval {
-
-struct TableOptions {
-  std::vector<std::string> tables;  ///< names, "all" (every table but the pine) or "fast" (a subset in minutes)
-  BackendKind backend = BackendKind::Auto;
-  int threads = 0;                       ///< 0 = all
-  std::filesystem::path scan_folder;     ///< where simulated scans are kept between runs; empty = nowhere
-  std::filesystem::path picture_folder;  ///< where pictures of the scenes go; empty = none are made
-  Observer observer;
-};
 
 struct TableResults {
   std::vector<TableRow> rows;

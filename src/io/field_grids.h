@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Converts surface points to voxels of a grid, and writes grids to a .vdb file one after the other.
+/// Writes grids to a .vdb file one after the other.
 #pragma once
 
 #include <cstdint>
@@ -13,44 +13,6 @@
 #include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
-
-/// The voxel whose centre, indexToWorld(ijk), is nearest: floor(x / v + 0.5) on each axis, in double.
-/// @param p_L  local frame, metres. @throws InvalidArgument for a position that has no voxel (non-finite, too far)
-[[nodiscard]] openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m);
-
-/// Linear transform of all our grids: voxel size v, voxel (0,0,0) at the local origin; rotated if y is up.
-[[nodiscard]] openvdb::math::Transform::Ptr fieldTransform(double voxel_size_m, io::UpAxis up = io::UpAxis::Z);
-
-/// A vector of the local (z up) frame in the frame of the file: itself, or (x, z, -y).
-[[nodiscard]] openvdb::Vec3f toFileFrame(const Eigen::Vector3f& v_L, io::UpAxis up);
-
-/// "z" or "y", as in the metadata.
-[[nodiscard]] const char* name(io::UpAxis up);
-
-/// The surface points of a snapshot sorted by leaf, so that grids can be built leaf by leaf on all threads.
-/// If two points share a voxel, the one with the lower index is kept.
-class SurfaceVoxels {
- public:
-  struct Entry {
-    openvdb::Coord ijk;
-    std::uint32_t index;  ///< the point's index in the snapshot
-  };
-  explicit SurfaceVoxels(const FieldSnapshot& field);
-
-  /// Grid with the voxels of all points for which `keep` is true, active, value from `value`; both take a SurfacePoint.
-  template <typename GridT, typename Keep, typename Value>
-  [[nodiscard]] typename GridT::Ptr grid(const std::string& name, const typename GridT::ValueType& background,
-                                         const Keep& keep, const Value& value) const;
-
-  [[nodiscard]] const std::vector<Entry>& entries() const { return entries_; }
-  /// Where in entries() each leaf begins, in the order of leaf origins, and the end.
-  [[nodiscard]] const std::vector<std::size_t>& leafBegins() const { return leaf_begins_; }
-
- private:
-  const FieldSnapshot& field_;
-  std::vector<Entry> entries_;            ///< by leaf, then by index; one entry per voxel
-  std::vector<std::size_t> leaf_begins_;  ///< first entry of each leaf, and the end
-};
 
 /// One grid of a file: its name, and how to make it on demand.
 struct LazyGrid {
@@ -81,5 +43,3 @@ void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volum
                      const io::FieldMetadata& metadata, const io::WriteOptions& options = {});
 
 }  // namespace accessvdb::internal
-
-#include "io/surface_voxels_grid.h"

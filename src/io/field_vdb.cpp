@@ -9,6 +9,7 @@
 #include "accessvdb/tsdf_volume.h"
 #include "io/field_grids.h"
 #include "io/surface_level_set.h"
+#include "io/surface_voxels.h"
 
 namespace accessvdb::internal {
 namespace {

@@ -17,6 +17,7 @@
 #include "accessvdb/error.h"
 #include "io/content_uuid.h"
 #include "io/field_grids.h"
+#include "io/surface_voxels.h"
 #include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {

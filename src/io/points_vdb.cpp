@@ -11,6 +11,7 @@
 #include "accessvdb/error.h"
 #include "io/field_grids.h"
 #include "io/label_colours.h"
+#include "io/surface_voxels.h"
 #include "vdb/point_grids.h"
 
 namespace accessvdb::internal {

@@ -6,7 +6,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
-#include "io/field_grids.h"
+#include "io/surface_voxels.h"
 #include "io/vdb_reading.h"
 
 namespace accessvdb::io {

@@ -3,7 +3,7 @@
 /// A level set of the surface for users who want a mesh: signed distances to oriented points.
 #pragma once
 
-#include "io/field_grids.h"
+#include "io/surface_voxels.h"
 
 namespace accessvdb::internal {
 

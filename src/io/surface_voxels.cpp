@@ -1,6 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Surface points sorted by the leaf that contains them.
+#include "io/surface_voxels.h"
+
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
@@ -8,7 +10,6 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
-#include "io/field_grids.h"
 
 namespace accessvdb::internal {
 namespace {

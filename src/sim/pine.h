@@ -3,17 +3,11 @@
 /// A procedural Pinus radiata.
 #pragma once
 
-#include <cstdint>
-
+#include "sim/pine_params.h"
 #include "sim/scene.h"
+#include "sim/triangle_mesh.h"
 
 namespace accessvdb::sim {
-
-/// Every number and its source: docs/PAPER.md, "The pine".
-struct PineParams {
-  double height_m = 12.0;
-  std::uint64_t seed = 1;
-};
 
 /// Only the mesh of makePine(), without the exact distance, which takes longer.
 /// @param solid_foliage_m  0 = individual needles; else every shoot is a solid body of this radius instead, as seen by

@@ -6,7 +6,7 @@
 #include <Eigen/Core>
 #include <vector>
 
-#include "sim/pine.h"
+#include "sim/pine_params.h"
 
 namespace accessvdb::sim {
 

@@ -22,8 +22,10 @@
 #include <span>
 #include <vector>
 
+#include "tsdf/integration_result.h"
+#include "tsdf/leaf_fusion.h"
+#include "tsdf/packed_map.h"
 #include "tsdf/range_image.h"
-#include "tsdf/scan_integrator.h"
 
 namespace accessvdb::internal {
 

@@ -18,6 +18,7 @@
 #include "accessvdb/field_export.h"
 #include "export/bit_equal.h"
 #include "io/field_grids.h"
+#include "io/surface_voxels.h"
 #include "unit/io/sample_field.h"
 
 namespace accessvdb {

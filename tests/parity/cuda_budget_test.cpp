@@ -146,9 +146,21 @@ TEST_P(CudaBudget, ServesTheFirstComersAsTheCpuDoes) {
 
 INSTANTIATE_TEST_SUITE_P(
     Streams, CudaBudget,
-    testing::Values(BudgetCase{1, "builtin:pruner", 0.05, 300}, BudgetCase{2, "builtin:pencil", 0.02, 500},
-                    BudgetCase{3, "builtin:pruner", 0.04, 700, 12, 4000, 180, 30, 2},
-                    BudgetCase{4, "builtin:pruner", 0.05, 300, 8, 4000, 180, 3, 1, ToolForm::SurfaceSamples}));
+    testing::Values(BudgetCase{.seed = 1, .tool = "builtin:pruner", .voxel_size_m = 0.05, .budget_points = 300},
+                    BudgetCase{.seed = 2, .tool = "builtin:pencil", .voxel_size_m = 0.02, .budget_points = 500},
+                    BudgetCase{.seed = 3,
+                               .tool = "builtin:pruner",
+                               .voxel_size_m = 0.04,
+                               .budget_points = 700,
+                               .max_collisions = 30,
+                               .scans_an_update = 2},
+                    BudgetCase{.seed = 4,
+                               .tool = "builtin:pruner",
+                               .voxel_size_m = 0.05,
+                               .budget_points = 300,
+                               .frames = 8,
+                               .max_collisions = 3,
+                               .form = ToolForm::SurfaceSamples}));
 
 /// More points than are processed at a time.
 class CudaManyPoints : public GpuTest {
@@ -199,7 +211,13 @@ TEST_F(CudaManyPoints, Paper) {
 
 // tools/gpu_suite.sh runs it under compute-sanitizer.
 INSTANTIATE_TEST_SUITE_P(ShortStream, CudaBudget,
-                         testing::Values(BudgetCase{9, "builtin:pruner", 0.06, 100, 3, 1500, 36}));
+                         testing::Values(BudgetCase{.seed = 9,
+                                                    .tool = "builtin:pruner",
+                                                    .voxel_size_m = 0.06,
+                                                    .budget_points = 100,
+                                                    .frames = 3,
+                                                    .rays_per_frame = 1500,
+                                                    .directions = 36}));
 
 }  // namespace
 }  // namespace accessvdb::test

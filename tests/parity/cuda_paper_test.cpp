@@ -91,13 +91,25 @@ TEST_P(CudaPaper, EvaluatesTheSamePointsAsTheCpu) {
   expectVaried(cuda.snapshot());
 }
 
-INSTANTIATE_TEST_SUITE_P(Streams, CudaPaper,
-                         testing::Values(PaperCase{1, true, 0.05}, PaperCase{2, true, 0.04, 600},
-                                         PaperCase{3, false, 0.05}, PaperCase{4, false, 0.05, 600},
-                                         PaperCase{5, true, 0.05, 600, 3}, PaperCase{6, true, 0.02, 0, 2, 8}));
+INSTANTIATE_TEST_SUITE_P(
+    Streams, CudaPaper,
+    testing::Values(
+        PaperCase{.seed = 1, .paper_profile = true, .voxel_size_m = 0.05},
+        PaperCase{.seed = 2, .paper_profile = true, .voxel_size_m = 0.04, .budget_points = 600},
+        PaperCase{.seed = 3, .paper_profile = false, .voxel_size_m = 0.05},
+        PaperCase{.seed = 4, .paper_profile = false, .voxel_size_m = 0.05, .budget_points = 600},
+        PaperCase{.seed = 5, .paper_profile = true, .voxel_size_m = 0.05, .budget_points = 600, .scans_an_update = 3},
+        PaperCase{.seed = 6, .paper_profile = true, .voxel_size_m = 0.02, .scans_an_update = 2, .frames = 8}));
 
 // tools/gpu_suite.sh runs it under compute-sanitizer.
-INSTANTIATE_TEST_SUITE_P(ShortStream, CudaPaper, testing::Values(PaperCase{9, true, 0.06, 300, 1, 4, 1500, 36}));
+INSTANTIATE_TEST_SUITE_P(ShortStream, CudaPaper,
+                         testing::Values(PaperCase{.seed = 9,
+                                                   .paper_profile = true,
+                                                   .voxel_size_m = 0.06,
+                                                   .budget_points = 300,
+                                                   .frames = 4,
+                                                   .rays_per_frame = 1500,
+                                                   .directions = 36}));
 
 }  // namespace
 }  // namespace accessvdb::test

@@ -66,69 +66,64 @@ FieldParams paramsOf(const StreamCase& c) {
 }
 
 /// Short enough for the sanitizers, which racecheck makes about a hundred times slower; coarse, but with cells.
-const StreamCase kShortStream = [] {
-  StreamCase c = {9, "builtin:pruner", 0.06};
-  c.directions = 36;
-  c.frames = 4;
-  c.rays_per_frame = 1500;
-  return c;
-}();
+constexpr StreamCase kShortStream = {
+    .seed = 9, .tool = "builtin:pruner", .voxel_size_m = 0.06, .directions = 36, .frames = 4, .rays_per_frame = 1500};
 
 /// A tool that takes many leaves as a whole, and a limit that some directions stay within.
-const StreamCase kThickTool = [] {
-  StreamCase c = {12, "builtin:pruner", 0.01};
-  c.directions = 36;
-  c.frames = 8;
-  c.rays_per_frame = 20000;
-  c.max_range_m = 3;
-  c.length_m = 0.5;
-  return c;
-}();
+constexpr StreamCase kThickTool = {.seed = 12,
+                                   .tool = "builtin:pruner",
+                                   .voxel_size_m = 0.01,
+                                   .directions = 36,
+                                   .frames = 8,
+                                   .rays_per_frame = 20000,
+                                   .max_range_m = 3,
+                                   .length_m = 0.5};
 
 /// A short version for the sanitizers.
-const StreamCase kShortThickTool = [] {
-  StreamCase c = kThickTool;
-  c.directions = 12;
-  c.frames = 4;
-  c.rays_per_frame = 8000;
-  c.max_range_m = 2.5;
-  c.length_m = 0.1;
-  return c;
-}();
+constexpr StreamCase kShortThickTool = {.seed = 12,
+                                        .tool = "builtin:pruner",
+                                        .voxel_size_m = 0.01,
+                                        .directions = 12,
+                                        .frames = 4,
+                                        .rays_per_frame = 8000,
+                                        .max_range_m = 2.5,
+                                        .length_m = 0.1};
 
 std::size_t blockedByTheTool(const FieldSnapshot& field) {
   return static_cast<std::size_t>(
       std::ranges::count(field.points, PointReason::Tool, [](const SurfacePoint& p) { return p.reason; }));
 }
 
-/// Voxels so small that the device takes 2^3 and 4^3 blocks at a time. Returns from close by, with noise of several
-/// voxels, so that voxels get more than one and stop colliding.
-StreamCase groupedStream(std::uint64_t seed, const char* tool, double voxel_size_m) {
-  StreamCase c = {seed, tool, voxel_size_m};
-  c.frames = 10;
-  c.rays_per_frame = 8000;
-  c.range_noise_m = 0.01;
-  c.max_range_m = 2.5;
-  c.length_m = 0.3;
-  return c;
-}
-const StreamCase kGroupsOf8 = [] {
-  StreamCase c = groupedStream(10, "builtin:pruner", 0.005);
-  c.directions = 36;
-  c.max_collisions = 20;  // the rule would allow a few thousand
-  return c;
-}();
-const StreamCase kGroupsOf64 = groupedStream(11, "builtin:pencil", 0.0025);
+// Voxels so small that the device takes 2^3 and 4^3 blocks at a time. Returns from close by, with noise of several
+// voxels, so that voxels get more than one and stop colliding.
+constexpr StreamCase kGroupsOf8 = {.seed = 10,
+                                   .tool = "builtin:pruner",
+                                   .voxel_size_m = 0.005,
+                                   .max_collisions = 20,  // the rule would allow a few thousand
+                                   .directions = 36,
+                                   .frames = 10,
+                                   .rays_per_frame = 8000,
+                                   .range_noise_m = 0.01,
+                                   .max_range_m = 2.5,
+                                   .length_m = 0.3};
+constexpr StreamCase kGroupsOf64 = {.seed = 11,
+                                    .tool = "builtin:pencil",
+                                    .voxel_size_m = 0.0025,
+                                    .frames = 10,
+                                    .rays_per_frame = 8000,
+                                    .range_noise_m = 0.01,
+                                    .max_range_m = 2.5,
+                                    .length_m = 0.3};
 /// A short version for the sanitizers.
-const StreamCase kShortGroups = [] {
-  StreamCase c = groupedStream(2, "builtin:pencil", 0.005);
-  c.directions = 36;
-  c.frames = 5;
-  c.rays_per_frame = 6000;
-  c.max_range_m = 2;
-  c.length_m = 0.1;
-  return c;
-}();
+constexpr StreamCase kShortGroups = {.seed = 2,
+                                     .tool = "builtin:pencil",
+                                     .voxel_size_m = 0.005,
+                                     .directions = 36,
+                                     .frames = 5,
+                                     .rays_per_frame = 6000,
+                                     .range_noise_m = 0.01,
+                                     .max_range_m = 2,
+                                     .length_m = 0.1};
 
 class CudaStream : public GpuTest, public testing::WithParamInterface<StreamCase> {};
 
@@ -167,12 +162,30 @@ TEST_P(CudaStream, EqualsTheCpuAfterEveryUpdate) {
 
 INSTANTIATE_TEST_SUITE_P(
     Streams, CudaStream,
-    testing::Values(StreamCase{1, "builtin:pruner", 0.05}, StreamCase{2, "builtin:pencil", 0.02},
-                    StreamCase{3, "builtin:pruner", 0.02}, StreamCase{4, "builtin:pruner", 0.05, UpdatePolicy::Paper},
-                    StreamCase{5, "builtin:pruner", 0.05, UpdatePolicy::Exact, ToolForm::SurfaceSamples, 3},
-                    StreamCase{6, "builtin:pruner", 0.04, UpdatePolicy::Paper, ToolForm::Voxels, 30, 700},
-                    StreamCase{7, "builtin:pruner", 0.05, UpdatePolicy::Exact, ToolForm::Voxels, 0, 0, 3},
-                    StreamCase{8, "builtin:pruner", 0.04, UpdatePolicy::Exact, ToolForm::Voxels, 12, 0, 2, 200, 256}));
+    testing::Values(StreamCase{.seed = 1, .tool = "builtin:pruner", .voxel_size_m = 0.05},
+                    StreamCase{.seed = 2, .tool = "builtin:pencil", .voxel_size_m = 0.02},
+                    StreamCase{.seed = 3, .tool = "builtin:pruner", .voxel_size_m = 0.02},
+                    StreamCase{
+                        .seed = 4, .tool = "builtin:pruner", .voxel_size_m = 0.05, .policy = UpdatePolicy::Paper},
+                    StreamCase{.seed = 5,
+                               .tool = "builtin:pruner",
+                               .voxel_size_m = 0.05,
+                               .form = ToolForm::SurfaceSamples,
+                               .max_collisions = 3},
+                    StreamCase{.seed = 6,
+                               .tool = "builtin:pruner",
+                               .voxel_size_m = 0.04,
+                               .policy = UpdatePolicy::Paper,
+                               .max_collisions = 30,
+                               .budget_points = 700},
+                    StreamCase{.seed = 7, .tool = "builtin:pruner", .voxel_size_m = 0.05, .scans_an_update = 3},
+                    StreamCase{.seed = 8,
+                               .tool = "builtin:pruner",
+                               .voxel_size_m = 0.04,
+                               .max_collisions = 12,
+                               .scans_an_update = 2,
+                               .neighbours = 200,
+                               .directions = 256}));
 
 INSTANTIATE_TEST_SUITE_P(GroupedStreams, CudaStream, testing::Values(kGroupsOf8, kGroupsOf64));
 INSTANTIATE_TEST_SUITE_P(ThickTool, CudaStream, testing::Values(kThickTool));

@@ -87,12 +87,25 @@ TEST_P(ExactStream, EqualsFromScratchAfterEveryUpdate) {
   EXPECT_GT(labels_seen, 500u);
 }
 
-INSTANTIATE_TEST_SUITE_P(Streams, ExactStream,
-                         testing::Values(Case{1, "builtin:pruner", 0.05, 0, 1}, Case{2, "builtin:pencil", 0.03, 0, 1},
-                                         Case{3, "builtin:pruner", 0.08, 40, 1}, Case{4, "builtin:pruner", 0.05, 12, 3},
-                                         // Samples are tested direction by direction: no table of directions by offset.
-                                         Case{5, "builtin:pruner", 0.08, 2, 2, ToolForm::SurfaceSamples},
-                                         Case{6, "builtin:pruner", 0.06, 0, 2, ToolForm::Voxels, 0.0}));
+INSTANTIATE_TEST_SUITE_P(
+    Streams, ExactStream,
+    testing::Values(Case{.seed = 1, .tool = "builtin:pruner", .voxel_size_m = 0.05, .max_collisions = 0, .every = 1},
+                    Case{.seed = 2, .tool = "builtin:pencil", .voxel_size_m = 0.03, .max_collisions = 0, .every = 1},
+                    Case{.seed = 3, .tool = "builtin:pruner", .voxel_size_m = 0.08, .max_collisions = 40, .every = 1},
+                    Case{.seed = 4, .tool = "builtin:pruner", .voxel_size_m = 0.05, .max_collisions = 12, .every = 3},
+                    // Samples are tested direction by direction: there is no table of directions by offset.
+                    Case{.seed = 5,
+                         .tool = "builtin:pruner",
+                         .voxel_size_m = 0.08,
+                         .max_collisions = 2,
+                         .every = 2,
+                         .form = ToolForm::SurfaceSamples},
+                    Case{.seed = 6,
+                         .tool = "builtin:pruner",
+                         .voxel_size_m = 0.06,
+                         .max_collisions = 0,
+                         .every = 2,
+                         .confidence_min = 0.0}));
 
 /// Random clutter near the sensor: many flips both ways, few returns per voxel.
 TEST(ExactStream, EqualsFromScratchOnRandomClutter) {

@@ -9,8 +9,8 @@
 
 #include "accessvdb/error.h"
 #include "options.h"
-#include "sim/benchmark_scene.h"
 #include "sim/pine.h"
+#include "sim/scene_catalogue.h"
 
 namespace accessvdb::tools {
 namespace {

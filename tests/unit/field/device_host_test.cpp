@@ -273,14 +273,18 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
 
 INSTANTIATE_TEST_SUITE_P(
     Streams, DeviceHost,
-    testing::Values(HostCase{"product"}, HostCase{"several scans an update", UpdateRegion::DoubleCone, true, 0.2, 3},
-                    HostCase{"a higher bound", UpdateRegion::DoubleCone, true, 0.5, 2, true},
-                    HostCase{"own voxel only", UpdateRegion::FullCube, false, 0.6},
-                    HostCase{"projective", UpdateRegion::Projective, true},
-                    HostCase{"nothing ahead", UpdateRegion::DoubleCone, true, 0.2, 1, false, false},
+    testing::Values(HostCase{.name = "product"}, HostCase{.name = "several scans an update", .scans_an_update = 3},
+                    HostCase{.name = "a higher bound", .confidence_min = 0.5, .scans_an_update = 2, .rays = true},
+                    HostCase{.name = "own voxel only",
+                             .region = UpdateRegion::FullCube,
+                             .neighbourhood_weight = false,
+                             .confidence_min = 0.6},
+                    HostCase{.name = "projective", .region = UpdateRegion::Projective},
+                    HostCase{.name = "nothing ahead", .ahead = false},
                     // More points, and more blocks, than are passed at a time.
-                    HostCase{"a large scan", UpdateRegion::DoubleCone, true, 0.2, 1, false, true, 2, 75000, 26},
-                    HostCase{"large scans", UpdateRegion::DoubleCone, true, 0.2, 2, false, true, 2, 40000, 26}));
+                    HostCase{.name = "a large scan", .updates = 2, .returns = 75000, .spread_m = 26},
+                    HostCase{
+                        .name = "large scans", .scans_an_update = 2, .updates = 2, .returns = 40000, .spread_m = 26}));
 
 }  // namespace
 }  // namespace accessvdb::internal

@@ -169,9 +169,10 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Scans, DevicePaperHost,
-                         testing::Values(PaperHostCase{"ScanByScan"}, PaperHostCase{"ThreeScansAnUpdate", 3},
-                                         PaperHostCase{"Projective", 1, UpdateRegion::Projective},
-                                         PaperHostCase{"FirstChangesNothing", 1, UpdateRegion::FullCube, true}),
+                         testing::Values(PaperHostCase{.name = "ScanByScan"},
+                                         PaperHostCase{.name = "ThreeScansAnUpdate", .scans_an_update = 3},
+                                         PaperHostCase{.name = "Projective", .region = UpdateRegion::Projective},
+                                         PaperHostCase{.name = "FirstChangesNothing", .first_changes_nothing = true}),
                          [](const auto& of) { return std::string(of.param.name); });
 
 }  // namespace

@@ -15,6 +15,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/tsdf_volume.h"
 #include "io/field_grids.h"
+#include "io/surface_voxels.h"
 #include "unit/io/sample_field.h"
 
 namespace accessvdb {

@@ -10,7 +10,7 @@
 #include <limits>
 
 #include "accessvdb/error.h"
-#include "sim/benchmark_scene.h"
+#include "sim/scene_catalogue.h"
 
 namespace accessvdb::sim {
 namespace {

@@ -11,7 +11,7 @@
 #include <numbers>
 
 #include "accessvdb/error.h"
-#include "sim/benchmark_scene.h"
+#include "sim/scene_catalogue.h"
 
 namespace accessvdb::sim {
 namespace {

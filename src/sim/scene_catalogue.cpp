@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "sim/benchmark_scene.h"
+#include "sim/scene_catalogue.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,0 +1,24 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which tables to make, and how.
+#pragma once
+
+#include <filesystem>
+#include <string>
+#include <vector>
+
+#include "accessvdb/params.h"
+#include "eval/observer.h"
+
+namespace accessvdb::eval {
+
+struct TableOptions {
+  std::vector<std::string> tables;  ///< names, "all" (every table but the pine) or "fast" (a subset in minutes)
+  BackendKind backend = BackendKind::Auto;
+  int threads = 0;                       ///< 0 = all
+  std::filesystem::path scan_folder;     ///< where simulated scans are kept between runs; empty = nowhere
+  std::filesystem::path picture_folder;  ///< where pictures of the scenes go; empty = none are made
+  Observer observer;
+};
+
+}  // namespace accessvdb::eval
