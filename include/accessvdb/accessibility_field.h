@@ -6,8 +6,8 @@
 /// bit for bit the same for any number of them.
 ///
 /// When a step fails half-way (out of memory, a map beyond its limits, a lost GPU), the field stops answering: every
-/// later call throws ResourceLimit "field.broken", except volume() and unscoredSnapshot(), which live on the host. Bad
-/// scans and poses are refused before anything changes.
+/// later call throws ResourceLimit "field.broken", except volume(), unscoredSnapshot() and unscoredPoints(), which live
+/// on the host. Bad scans and poses are refused before anything changes.
 #pragma once
 
 #include <Eigen/Core>
@@ -26,6 +26,7 @@
 namespace accessvdb {
 
 class BatchQuery;
+class SurfacePoints;
 class TsdfVolume;
 struct DeviceView;
 
@@ -56,6 +57,10 @@ class ACCESSVDB_API AccessibilityField {
   /// The same points as the host alone knows them: position and weight, all unscored. Needs no device, so it can still
   /// be saved after one was lost or ran out of memory. @throws ResourceLimit "field.broken" after other failures
   [[nodiscard]] FieldSnapshot unscoredSnapshot() const;
+  /// The points of snapshot() and unscoredSnapshot() in less memory: 24 bytes per point, or 2, instead of 80. They
+  /// read from this field: use them before the next call that changes it. @throws as those do
+  [[nodiscard]] std::unique_ptr<const SurfacePoints> points() const;
+  [[nodiscard]] std::unique_ptr<const SurfacePoints> unscoredPoints() const;
 
   /// The same points scored again from scratch against the current map: every direction, no history. `exact` must equal
   /// it. Costs a full evaluation and changes nothing. @param tests  receives the number of (point, direction) tests

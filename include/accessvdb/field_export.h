@@ -44,6 +44,12 @@ ACCESSVDB_API void writeFieldVdb(const std::filesystem::path& path, const TsdfVo
                                  const WriteOptions& options);
 ACCESSVDB_API void writePointsVdb(const std::filesystem::path& path, const FieldSnapshot& field,
                                   const FieldMetadata& metadata, const WriteOptions& options);
+/// The same from points that need not be in memory as a whole.
+ACCESSVDB_API void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume,
+                                 const SurfacePoints& points, const FieldMetadata& metadata,
+                                 const WriteOptions& options);
+ACCESSVDB_API void writePointsVdb(const std::filesystem::path& path, const SurfacePoints& points,
+                                  const FieldMetadata& metadata, const WriteOptions& options);
 
 }  // namespace io
 

@@ -19,6 +19,7 @@
 #include "accessvdb/types.h"
 
 namespace accessvdb {
+class SurfacePoints;
 class TsdfVolume;
 class ToolGeometry;
 }  // namespace accessvdb
@@ -44,6 +45,8 @@ ACCESSVDB_API void writePointsVdb(const std::filesystem::path& path, const Field
                                   const FieldMetadata& metadata);
 /// points.ply: binary little endian, positions in the world frame as doubles.
 ACCESSVDB_API void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& field,
+                                  const FieldMetadata& metadata);
+ACCESSVDB_API void writePointsPly(const std::filesystem::path& path, const SurfacePoints& points,
                                   const FieldMetadata& metadata);
 /// Reads points.ply back, with origin and voxel size from its header comments. @throws InputError
 [[nodiscard]] ACCESSVDB_API FieldSnapshot readPointsPly(const std::filesystem::path& path);

@@ -10,8 +10,9 @@
 #include "accessvdb/types.h"
 
 namespace accessvdb {
+class SurfacePoints;
 class ToolGeometry;
-}
+}  // namespace accessvdb
 
 namespace accessvdb::io {
 
@@ -31,6 +32,8 @@ struct RenderOptions {
 
 /// @throws OutputError; InvalidArgument for a zero or non-finite view direction
 ACCESSVDB_API void renderField(const std::filesystem::path& png, const FieldSnapshot& field,
+                               const RenderOptions& options = {});
+ACCESSVDB_API void renderField(const std::filesystem::path& png, const SurfacePoints& points,
                                const RenderOptions& options = {});
 /// The tool in its frame, four times at one scale: from the side, from above, from the front, and towards view_W. Axes
 /// drawn, tip marked, size labelled.

@@ -16,8 +16,8 @@
 #include "field/field_views.h"
 #include "field/point_weights.h"
 #include "field/scan_gate.h"
+#include "field/scored_points.h"
 #include "field/scoring_setup.h"
-#include "field/snapshot_builder.h"
 #include "launch/backend.h"
 #include "launch/stopwatch.h"
 #include "mirror/nanovdb_mirror.h"
@@ -101,6 +101,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
                         "Start a new field, with a larger voxel size if memory was short");
   }
 
+  [[nodiscard]] internal::ScoredField scored() const { return {scorer, *backend, gate.origin_W()}; }
   [[nodiscard]] internal::ViewedParts viewed() const {
     requireWhole();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
@@ -233,12 +234,23 @@ UpdateStats AccessibilityField::update() { return impl_->update(); }
 
 FieldSnapshot AccessibilityField::snapshot() const {
   impl_->requireWhole();
-  return impl_->arena.execute([&] { return makeSnapshot(impl_->scorer, *impl_->backend, impl_->gate.origin_W()); });
+  return impl_->arena.execute([&] { return internal::snapshotOf(*points()); });
 }
 
 FieldSnapshot AccessibilityField::unscoredSnapshot() const {
   Impl::require(impl_->host_whole);
-  return impl_->arena.execute([&] { return makeUnscoredSnapshot(impl_->scorer, impl_->gate.origin_W()); });
+  return impl_->arena.execute([&] { return internal::snapshotOf(*unscoredPoints()); });
+}
+
+std::unique_ptr<const SurfacePoints> AccessibilityField::points() const {
+  impl_->requireWhole();
+  return impl_->arena.execute(
+      [&] { return internal::scoredPoints(impl_->scored(), internal::PointStates::AsOfTheLastUpdate); });
+}
+
+std::unique_ptr<const SurfacePoints> AccessibilityField::unscoredPoints() const {
+  Impl::require(impl_->host_whole);
+  return impl_->arena.execute([&] { return internal::scoredPoints(impl_->scored(), internal::PointStates::None); });
 }
 
 FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) const {
@@ -264,7 +276,8 @@ FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) cons
       *tests = 0;
       for (const auto& result : results) *tests += result.tests;
     }
-    return makeSnapshot(scorer, *impl_->backend, impl_->gate.origin_W());
+    const internal::ScoredField again = {scorer, *impl_->backend, impl_->gate.origin_W()};
+    return internal::snapshotOf(*internal::scoredPoints(again, internal::PointStates::AsOfTheLastUpdate));
   });
 }
 
@@ -275,7 +288,7 @@ std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p
   if (!(p_L.lpNorm<Eigen::Infinity>() <= 1e6 * impl_->params.tsdf.voxel_size_m)) return std::nullopt;
   const std::uint32_t id = impl_->points.index().find(impl_->points.voxelOf(p_L.cast<float>()));
   if (id == internal::kNone) return std::nullopt;
-  return makePoint(impl_->scorer, *impl_->backend, impl_->gate.origin_W(), id);
+  return internal::scoredPoint(impl_->scored(), id);
 }
 
 BatchQuery AccessibilityField::batchQuery() const { return impl_->views.query(impl_->viewed(), impl_->arena); }

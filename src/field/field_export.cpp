@@ -7,6 +7,7 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/config.h"
+#include "accessvdb/surface_points.h"
 
 namespace accessvdb {
 namespace {
@@ -34,14 +35,14 @@ tbb::task_arena arenaOf(const AccessibilityField& field) {
   return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
 }
 
-void writeAll(const AccessibilityField& field, const FieldSnapshot& snapshot, const std::filesystem::path& folder,
+void writeAll(const AccessibilityField& field, const SurfacePoints& points, const std::filesystem::path& folder,
               const io::WriteOptions& options) {
   const io::FieldMetadata metadata = metadataOf(field);
   arenaOf(field).execute([&] {
     io::prepareOutputFolder(folder);
-    io::writeFieldVdb(folder / "field.vdb", field.volume(), snapshot, metadata, options);
-    io::writePointsVdb(folder / "field_points.vdb", snapshot, metadata, options);
-    io::writePointsPly(folder / "points.ply", snapshot, metadata);
+    io::writeFieldVdb(folder / "field.vdb", field.volume(), points, metadata, options);
+    io::writePointsVdb(folder / "field_points.vdb", points, metadata, options);
+    io::writePointsPly(folder / "points.ply", points, metadata);
   });
 }
 
@@ -49,7 +50,7 @@ void writeAll(const AccessibilityField& field, const FieldSnapshot& snapshot, co
 
 void writeField(const AccessibilityField& field, const std::filesystem::path& folder, const io::WriteOptions& options) {
   io::checkWriteOptions(options);
-  writeAll(field, field.snapshot(), folder, options);
+  writeAll(field, *field.points(), folder, options);
 }
 
 void writeFieldUnscored(const AccessibilityField& field, const std::filesystem::path& folder,
@@ -57,14 +58,14 @@ void writeFieldUnscored(const AccessibilityField& field, const std::filesystem::
   io::WriteOptions without_surface = options;  // it needs normals, which were on the device
   without_surface.surface = false;
   io::checkWriteOptions(without_surface);
-  writeAll(field, field.unscoredSnapshot(), folder, without_surface);
+  writeAll(field, *field.unscoredPoints(), folder, without_surface);
 }
 
 void writeFieldFrame(const AccessibilityField& field, const std::filesystem::path& file,
                      const io::WriteOptions& options) {
   io::checkWriteOptions(options);
-  const FieldSnapshot snapshot = field.snapshot();
-  arenaOf(field).execute([&] { io::writeFieldVdb(file, field.volume(), snapshot, metadataOf(field), options); });
+  const auto points = field.points();
+  arenaOf(field).execute([&] { io::writeFieldVdb(file, field.volume(), *points, metadataOf(field), options); });
 }
 
 }  // namespace accessvdb

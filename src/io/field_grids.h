@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "accessvdb/field_export.h"
+#include "accessvdb/surface_points.h"
 #include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
@@ -30,7 +31,7 @@ void writeGrids(std::ostream& stream, const std::vector<LazyGrid>& grids, const 
 [[nodiscard]] std::uint32_t compressionFlags(io::Compression compression);
 
 /// Origin, voxel size, version, up axis and the given pairs; pairs with names already used are skipped.
-[[nodiscard]] openvdb::MetaMap fieldMetadata(const FieldSnapshot& field, const io::FieldMetadata& metadata,
+[[nodiscard]] openvdb::MetaMap fieldMetadata(const SurfacePoints& points, const io::FieldMetadata& metadata,
                                              const io::WriteOptions& options = {});
 
 /// field.vdb from the points and from the three grids of the volume, each made on demand.
@@ -39,7 +40,7 @@ struct VolumeGrids {
   std::function<openvdb::FloatGrid::Ptr()> weight;
   std::function<openvdb::BoolGrid::Ptr()> cleared;
 };
-void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volume, const FieldSnapshot& field,
+void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volume, const SurfacePoints& points,
                      const io::FieldMetadata& metadata, const io::WriteOptions& options = {});
 
 }  // namespace accessvdb::internal

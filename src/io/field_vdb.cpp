@@ -29,8 +29,8 @@ struct GridNotes {
 /// The grids of field.vdb for one field and one set of options.
 class FieldGrids {
  public:
-  FieldGrids(const VolumeGrids& volume, const FieldSnapshot& field, const io::WriteOptions& options)
-      : volume_(volume), field_(field), options_(options), surface_(field) {}
+  FieldGrids(const VolumeGrids& volume, const SurfacePoints& points, const io::WriteOptions& options)
+      : volume_(volume), points_(points), options_(options), surface_(points) {}
   [[nodiscard]] std::vector<LazyGrid> list() const;
 
  private:
@@ -38,15 +38,15 @@ class FieldGrids {
   template <typename GridPtr>
   [[nodiscard]] openvdb::GridBase::Ptr described(const GridPtr& grid, const GridNotes& notes) const {
     grid->setGridClass(notes.grid_class);
-    grid->setTransform(fieldTransform(field_.voxel_size_m, options_.up_axis));
+    grid->setTransform(fieldTransform(points_.voxel_size_m(), options_.up_axis));
     grid->setSaveFloatAsHalf(options_.half_float && notes.may_be_half);
     grid->insertMeta("description", openvdb::StringMetadata(notes.description));
     grid->insertMeta("value_unit", openvdb::StringMetadata(notes.unit));
     grid->insertMeta("length_unit", openvdb::StringMetadata("m"));
     grid->insertMeta("up_axis", openvdb::StringMetadata(name(options_.up_axis)));
-    grid->insertMeta("origin_W_x", openvdb::DoubleMetadata(field_.origin_W.x()));
-    grid->insertMeta("origin_W_y", openvdb::DoubleMetadata(field_.origin_W.y()));
-    grid->insertMeta("origin_W_z", openvdb::DoubleMetadata(field_.origin_W.z()));
+    grid->insertMeta("origin_W_x", openvdb::DoubleMetadata(points_.origin_W().x()));
+    grid->insertMeta("origin_W_y", openvdb::DoubleMetadata(points_.origin_W().y()));
+    grid->insertMeta("origin_W_z", openvdb::DoubleMetadata(points_.origin_W().z()));
     grid->insertMeta("accessvdb_version", openvdb::StringMetadata(ACCESSVDB_VERSION));
     return grid;
   }
@@ -65,7 +65,7 @@ class FieldGrids {
   [[nodiscard]] openvdb::GridBase::Ptr bestDirection() const;
 
   const VolumeGrids& volume_;
-  const FieldSnapshot& field_;
+  const SurfacePoints& points_;
   const io::WriteOptions options_;
   const SurfaceVoxels surface_;
 };
@@ -124,7 +124,7 @@ std::vector<LazyGrid> FieldGrids::list() const {
   if (options_.surface) {
     grids.push_back({"surface", [this] {
                        return described(
-                           surfaceLevelSet(field_, surface_),
+                           surfaceLevelSet(points_, surface_),
                            {openvdb::GRID_LEVEL_SET, "m",
                             "signed distance to the surface points, positive on the side they were seen from", true});
                      }});
@@ -134,11 +134,11 @@ std::vector<LazyGrid> FieldGrids::list() const {
 
 }  // namespace
 
-void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volume, const FieldSnapshot& field,
+void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volume, const SurfacePoints& points,
                      const io::FieldMetadata& metadata, const io::WriteOptions& options) {
   openvdb::initialize();
-  const FieldGrids grids(volume, field, options);
-  const auto file_metadata = fieldMetadata(field, metadata, options);
+  const FieldGrids grids(volume, points, options);
+  const auto file_metadata = fieldMetadata(points, metadata, options);
   io::writeFileDurably(
       path, [&](std::ostream& stream) { writeGrids(stream, grids.list(), file_metadata, options.compression); });
 }
@@ -147,11 +147,16 @@ void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volum
 
 namespace accessvdb::io {
 
-void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume, const FieldSnapshot& field,
+void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume, const SurfacePoints& points,
                    const FieldMetadata& metadata, const WriteOptions& options) {
   const internal::VolumeGrids grids = {[&] { return volume.distance(); }, [&] { return volume.weight(); },
                                        [&] { return volume.cleared(); }};
-  internal::writeFieldGrids(path, grids, field, metadata, options);
+  internal::writeFieldGrids(path, grids, points, metadata, options);
+}
+
+void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume, const FieldSnapshot& field,
+                   const FieldMetadata& metadata, const WriteOptions& options) {
+  writeFieldVdb(path, volume, SnapshotPoints(field), metadata, options);
 }
 
 void writeFieldVdb(const std::filesystem::path& path, const TsdfVolume& volume, const FieldSnapshot& field,

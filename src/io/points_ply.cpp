@@ -13,6 +13,7 @@
 
 #include "accessvdb/config.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/surface_points.h"
 #include "io/label_colours.h"
 
 namespace accessvdb::io {
@@ -36,17 +37,17 @@ std::string oneLine(std::string text) {
   return text;
 }
 
-void writeHeader(std::ostream& stream, const FieldSnapshot& field, const FieldMetadata& metadata) {
+void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldMetadata& metadata) {
   stream << "ply\nformat binary_little_endian 1.0\n";
   stream << "comment AccessVDB " << ACCESSVDB_VERSION << "\n";
-  stream << "comment origin_W " << exactText(field.origin_W.x()) << " " << exactText(field.origin_W.y()) << " "
-         << exactText(field.origin_W.z()) << "\n";
-  stream << "comment voxel_size_m " << exactText(field.voxel_size_m) << "\n";
+  stream << "comment origin_W " << exactText(points.origin_W().x()) << " " << exactText(points.origin_W().y()) << " "
+         << exactText(points.origin_W().z()) << "\n";
+  stream << "comment voxel_size_m " << exactText(points.voxel_size_m()) << "\n";
   for (const auto& [name, text] : metadata) {
     if (name.empty() || name == "origin_W" || name == "voxel_size_m") continue;
     stream << "comment " << oneLine(name) << " " << oneLine(text) << "\n";
   }
-  stream << "element vertex " << std::to_string(field.points.size()) << "\n";
+  stream << "element vertex " << std::to_string(points.size()) << "\n";
   for (const auto& property : internal::kPointsPlyProperties) {
     stream << "property " << property.type << " " << property.name << "\n";
   }
@@ -74,13 +75,13 @@ char* putRecord(char* to, const SurfacePoint& point) {
 
 }  // namespace
 
-void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata) {
+void writePointsPly(const std::filesystem::path& path, const SurfacePoints& points, const FieldMetadata& metadata) {
   writeFileDurably(path, [&](std::ostream& stream) {
-    writeHeader(stream, field, metadata);
+    writeHeader(stream, points, metadata);
     std::vector<char> block(kRecordsPerBlock * internal::kPointsPlyRecordBytes);
     char* to = block.data();
-    for (const SurfacePoint& point : field.points) {
-      to = putRecord(to, point);
+    for (std::size_t n = 0; n < points.size(); ++n) {
+      to = putRecord(to, points.at(n));
       if (to == block.data() + block.size()) {
         stream.write(block.data(), static_cast<std::streamsize>(block.size()));
         to = block.data();
@@ -88,6 +89,10 @@ void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& fiel
     }
     stream.write(block.data(), to - block.data());
   });
+}
+
+void writePointsPly(const std::filesystem::path& path, const FieldSnapshot& field, const FieldMetadata& metadata) {
+  writePointsPly(path, SnapshotPoints(field), metadata);
 }
 
 }  // namespace accessvdb::io

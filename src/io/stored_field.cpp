@@ -130,7 +130,8 @@ StoredField StoredField::open(const std::filesystem::path& folder) {
   }
   const auto all = [](const SurfacePoint&) { return true; };
   const auto index = [](const SurfacePoint&, std::uint32_t i) { return static_cast<openvdb::Int32>(i + 1); };
-  impl->point_of_voxel = internal::SurfaceVoxels(impl->field).grid<openvdb::Int32Grid>("points", 0, all, index);
+  impl->point_of_voxel =
+      internal::SurfaceVoxels(SnapshotPoints(impl->field)).grid<openvdb::Int32Grid>("points", 0, all, index);
   return StoredField(std::move(impl));
 }
 

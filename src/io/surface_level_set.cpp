@@ -40,8 +40,8 @@ struct Sample {
 
 class LeafOfDistances {
  public:
-  LeafOfDistances(const FieldSnapshot& field, const SurfaceVoxels& surface, const Coord& origin)
-      : field_(field), surface_(surface), origin_(origin) {
+  LeafOfDistances(const SurfacePoints& points, const SurfaceVoxels& surface, const Coord& origin)
+      : points_(points), surface_(surface), origin_(origin) {
     for (int dx = -kDim; dx <= kDim; dx += kDim) {
       for (int dy = -kDim; dy <= kDim; dy += kDim) {
         for (int dz = -kDim; dz <= kDim; dz += kDim) gather(origin.offsetBy(dx, dy, dz));
@@ -54,7 +54,7 @@ class LeafOfDistances {
     if (samples_.empty()) return nullptr;
     findNearest();
     blend();
-    const auto v = static_cast<float>(field_.voxel_size_m);
+    const auto v = static_cast<float>(points_.voxel_size_m());
     std::unique_ptr<Leaf> leaf;
     for (openvdb::Index n = 0; n < Leaf::SIZE; ++n) {
       if (!(nearest2_[n] <= kNearest2)) continue;
@@ -83,9 +83,9 @@ class LeafOfDistances {
           at.y() >= kDim + kMargin || at.z() >= kDim + kMargin) {
         continue;
       }
-      const SurfacePoint& point = field_.points[entries[e].index];
+      const SurfacePoint point = points_.at(entries[e].index);
       if (!(point.normal_W.squaredNorm() > 0.5f) || !point.normal_W.allFinite()) continue;
-      const Eigen::Vector3d p = (point.position_W - field_.origin_W) / field_.voxel_size_m -
+      const Eigen::Vector3d p = (point.position_W - points_.origin_W()) / points_.voxel_size_m() -
                                 Eigen::Vector3d(origin_.x(), origin_.y(), origin_.z());
       samples_.push_back({Vec3f(static_cast<float>(p.x()), static_cast<float>(p.y()), static_cast<float>(p.z())),
                           Vec3f(point.normal_W.x(), point.normal_W.y(), point.normal_W.z())});
@@ -137,7 +137,7 @@ class LeafOfDistances {
     }
   }
 
-  const FieldSnapshot& field_;
+  const SurfacePoints& points_;
   const SurfaceVoxels& surface_;
   const Coord origin_;
   std::vector<Sample> samples_;
@@ -192,26 +192,26 @@ void addRing(std::vector<std::unique_ptr<Leaf>>& leaves, float background) {
 
 }  // namespace
 
-openvdb::FloatGrid::Ptr surfaceLevelSet(const FieldSnapshot& field, const SurfaceVoxels& surface) {
+openvdb::FloatGrid::Ptr surfaceLevelSet(const SurfacePoints& points, const SurfaceVoxels& surface) {
   // Rounded up: readers that require three voxels compare in doubles.
   const float background =
-      std::nextafter(static_cast<float>(kBand * field.voxel_size_m), std::numeric_limits<float>::infinity());
+      std::nextafter(static_cast<float>(kBand * points.voxel_size_m()), std::numeric_limits<float>::infinity());
   auto grid = openvdb::FloatGrid::create(background);
   grid->setName("surface");
   grid->setGridClass(openvdb::GRID_LEVEL_SET);
-  grid->setTransform(fieldTransform(field.voxel_size_m));
+  grid->setTransform(fieldTransform(points.voxel_size_m()));
 
   const std::vector<Coord> origins = leavesAround(surface);
   std::vector<std::unique_ptr<Leaf>> leaves(origins.size());
   tbb::parallel_for(std::size_t{0}, origins.size(),
-                    [&](std::size_t n) { leaves[n] = LeafOfDistances(field, surface, origins[n]).make(background); });
+                    [&](std::size_t n) { leaves[n] = LeafOfDistances(points, surface, origins[n]).make(background); });
   std::erase(leaves, nullptr);
   if (leaves.empty()) return grid;
   addRing(leaves, background);
 
   std::vector<Leaf*> all;
   for (const auto& leaf : leaves) all.push_back(leaf.get());
-  signInactiveVoxels(all, kLayer * static_cast<float>(field.voxel_size_m), background);
+  signInactiveVoxels(all, kLayer * static_cast<float>(points.voxel_size_m()), background);
   for (auto& leaf : leaves) grid->tree().addLeaf(leaf.release());
   // Tiles take the sign of the leaves around them; the leaves themselves (level 0) are right already.
   openvdb::tools::signedFloodFillWithValues(grid->tree(), background, -background, true, 1, 1);

@@ -15,6 +15,6 @@ namespace accessvdb::internal {
 /// Space beyond the band is inside if the band encloses it facing away (a solid seen from all around), else outside.
 /// So a surface seen from only one side becomes a slab, 3 voxels thick, whose back is not a measurement. Points without
 /// a normal are skipped. Same bytes for any number of threads.
-[[nodiscard]] openvdb::FloatGrid::Ptr surfaceLevelSet(const FieldSnapshot& field, const SurfaceVoxels& surface);
+[[nodiscard]] openvdb::FloatGrid::Ptr surfaceLevelSet(const SurfacePoints& points, const SurfaceVoxels& surface);
 
 }  // namespace accessvdb::internal

@@ -60,10 +60,10 @@ openvdb::Vec3f toFileFrame(const Eigen::Vector3f& v_L, io::UpAxis up) {
 
 const char* name(io::UpAxis up) { return up == io::UpAxis::Y ? "y" : "z"; }
 
-SurfaceVoxels::SurfaceVoxels(const FieldSnapshot& field) : field_(field), entries_(field.points.size()) {
-  static_cast<void>(fieldTransform(field.voxel_size_m));  // checks the voxel size before anything divides by it
+SurfaceVoxels::SurfaceVoxels(const SurfacePoints& points) : points_(points), entries_(points.size()) {
+  static_cast<void>(fieldTransform(points.voxel_size_m()));  // checks the voxel size before anything divides by it
   tbb::parallel_for(std::size_t{0}, entries_.size(), [&](std::size_t i) {
-    entries_[i] = {voxelAt(field.points[i].position_W - field.origin_W, field.voxel_size_m),
+    entries_[i] = {voxelAt(points.position_W(i) - points.origin_W(), points.voxel_size_m()),
                    static_cast<std::uint32_t>(i)};
   });
   tbb::parallel_sort(entries_.begin(), entries_.end(), [](const Entry& a, const Entry& b) {

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "accessvdb/field_export.h"
+#include "accessvdb/surface_points.h"
 #include "vdb/standard_grids.h"
 
 namespace accessvdb::internal {
@@ -29,15 +30,16 @@ namespace accessvdb::internal {
 /// "z" or "y", as in the metadata.
 [[nodiscard]] const char* name(io::UpAxis up);
 
-/// The surface points of a snapshot sorted by leaf, so that grids can be built leaf by leaf on all threads.
+/// Surface points sorted by leaf, so that grids can be built leaf by leaf on all threads.
 /// If two points share a voxel, the one with the lower index is kept.
 class SurfaceVoxels {
  public:
   struct Entry {
     openvdb::Coord ijk;
-    std::uint32_t index;  ///< the point's index in the snapshot
+    std::uint32_t index;  ///< of the point
   };
-  explicit SurfaceVoxels(const FieldSnapshot& field);
+  /// @param points  must live as long
+  explicit SurfaceVoxels(const SurfacePoints& points);
 
   /// Grid with the voxels of all points for which `keep` is true, active, value from `value`; both take a SurfacePoint.
   template <typename GridT, typename Keep, typename Value>
@@ -49,7 +51,7 @@ class SurfaceVoxels {
   [[nodiscard]] const std::vector<std::size_t>& leafBegins() const { return leaf_begins_; }
 
  private:
-  const FieldSnapshot& field_;
+  const SurfacePoints& points_;
   std::vector<Entry> entries_;            ///< by leaf, then by index; one entry per voxel
   std::vector<std::size_t> leaf_begins_;  ///< first entry of each leaf, and the end
 };
@@ -62,7 +64,7 @@ typename GridT::Ptr SurfaceVoxels::grid(const std::string& name, const typename 
   std::vector<std::unique_ptr<LeafT>> leaves(leaf_count);
   tbb::parallel_for(std::size_t{0}, leaf_count, [&](std::size_t i) {
     for (std::size_t e = leaf_begins_[i]; e < leaf_begins_[i + 1]; ++e) {
-      const SurfacePoint& point = field_.points[entries_[e].index];
+      const SurfacePoint point = points_.at(entries_[e].index);
       if (!keep(point)) continue;
       const openvdb::Coord& ijk = entries_[e].ijk;
       if (!leaves[i]) leaves[i] = std::make_unique<LeafT>(ijk, background, false);
@@ -74,7 +76,7 @@ typename GridT::Ptr SurfaceVoxels::grid(const std::string& name, const typename 
     if (leaf) grid->tree().addLeaf(leaf.release());
   }
   grid->setName(name);
-  grid->setTransform(fieldTransform(field_.voxel_size_m));
+  grid->setTransform(fieldTransform(points_.voxel_size_m()));
   return grid;
 }
 

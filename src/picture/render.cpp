@@ -4,11 +4,13 @@
 #include "accessvdb/render.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "accessvdb/surface_points.h"
 #include "picture/camera.h"
 #include "picture/canvas.h"
 #include "picture/picture_style.h"
@@ -79,13 +81,20 @@ struct LegendRow {
   std::uint64_t count = 0;
 };
 
-std::vector<LegendRow> legendOf(const FieldSnapshot& field, RenderColour colour) {
+std::vector<LegendRow> legendOf(const SurfacePoints& points, RenderColour colour) {
+  std::array<std::uint64_t, kNumPointLabels> labels = {};
+  std::array<std::uint64_t, kNumPointReasons> reasons = {};
+  for (std::size_t n = 0; n < points.size(); ++n) {
+    const SurfacePoint point = points.at(n);
+    ++labels[static_cast<std::size_t>(point.label)];
+    ++reasons[static_cast<std::size_t>(point.reason)];
+  }
   std::vector<LegendRow> rows;
   if (colour == RenderColour::Label) {
     for (const auto& [label, words] :
          {std::pair{PointLabel::Accessible, "accessible"}, std::pair{PointLabel::Blocked, "blocked"},
           std::pair{PointLabel::Unscored, "not scored"}}) {
-      rows.push_back({words, internal::colourOf(label), field.count(label)});
+      rows.push_back({words, internal::colourOf(label), labels[static_cast<std::size_t>(label)]});
     }
     return rows;
   }
@@ -94,20 +103,19 @@ std::vector<LegendRow> legendOf(const FieldSnapshot& field, RenderColour colour)
         std::pair{PointReason::Arm, "arm obstructed"}, std::pair{PointReason::Unknown, "unknown way in"},
         std::pair{PointReason::Unseen, "unseen from there"}, std::pair{PointReason::Normal, "normal: no direction"},
         std::pair{PointReason::Confidence, "confidence too low"}}) {
-    rows.push_back({words, internal::colourOf(reason), 0});
-    for (const SurfacePoint& point : field.points) rows.back().count += point.reason == reason ? 1 : 0;
+    rows.push_back({words, internal::colourOf(reason), reasons[static_cast<std::size_t>(reason)]});
   }
   return rows;
 }
 
-void drawLegend(RgbImage& image, const FieldSnapshot& field, RenderColour colour) {
-  const std::vector<LegendRow> rows = legendOf(field, colour);
+void drawLegend(RgbImage& image, const SurfacePoints& points, RenderColour colour) {
+  const std::vector<LegendRow> rows = legendOf(points, colour);
   const int scale = internal::textScale(image.height_px);
   const int line = 12 * scale, margin = 12 * scale, chip = internal::textHeight(scale);
   std::vector<std::string> counts, shares;
   int name_width = 0, count_width = 0, share_width = 0;
   for (const LegendRow& row : rows) {
-    const double total = static_cast<double>(std::max<std::size_t>(1, field.points.size()));
+    const double total = static_cast<double>(std::max<std::size_t>(1, points.size()));
     counts.push_back(internal::groupedText(row.count));
     shares.push_back(internal::fixedText(100.0 * static_cast<double>(row.count) / total, 1) + " %");
     name_width = std::max(name_width, internal::textWidth(row.words, scale));
@@ -136,33 +144,37 @@ Rgb colourOf(const SurfacePoint& point, RenderColour colour) {
 
 }  // namespace
 
-void renderField(const std::filesystem::path& png, const FieldSnapshot& field, const RenderOptions& options) {
+void renderField(const std::filesystem::path& png, const SurfacePoints& points, const RenderOptions& options) {
   Camera camera = internal::cameraTowards(options, kSupersampling);
   std::vector<Eigen::Vector3f> points_V;
-  points_V.reserve(field.points.size());
+  points_V.reserve(points.size());
   // Around the map's origin, so that floats do for UTM coordinates too.
-  for (const SurfacePoint& point : field.points) {
-    points_V.push_back(camera.toView(point.position_W - field.origin_W).cast<float>());
+  for (std::size_t n = 0; n < points.size(); ++n) {
+    points_V.push_back(camera.toView(points.position_W(n) - points.origin_W()).cast<float>());
   }
   internal::frameScene(camera, points_V, kFieldMargin);
 
   Canvas canvas(camera.width_px, camera.height_px);
-  const double radius_px = std::clamp(kSplatRadiusVoxels * field.voxel_size_m * camera.px_per_m,
+  const double radius_px = std::clamp(kSplatRadiusVoxels * points.voxel_size_m() * camera.px_per_m,
                                       kMinSplatRadius_px * kSupersampling, kMaxSplatShare * camera.height_px);
   const Eigen::Matrix3f R_V_W = camera.R_V_W.cast<float>();
-  for (std::size_t i = 0; i < field.points.size(); ++i) {
-    const SurfacePoint& point = field.points[i];
+  for (std::size_t n = 0; n < points.size(); ++n) {
+    const SurfacePoint point = points.at(n);
     const Eigen::Vector3f normal_V = R_V_W * point.normal_W;
-    canvas.drawSplat(camera.toPixels(points_V[i].cast<double>()), normal_V, radius_px, camera.px_per_m,
+    canvas.drawSplat(camera.toPixels(points_V[n].cast<double>()), normal_V, radius_px, camera.px_per_m,
                      toFloat(colourOf(point, options.colour)) * lightOn(normal_V));
   }
   const double picture_height_m = camera.height_px / camera.px_per_m;
-  canvas.shadeByDepth(std::max(6 * field.voxel_size_m, 0.03 * picture_height_m), 2 * kSupersampling, 1.1f);
+  canvas.shadeByDepth(std::max(6 * points.voxel_size_m(), 0.03 * picture_height_m), 2 * kSupersampling, 1.1f);
 
   RgbImage image = canvas.reduced(kSupersampling, kBackground);
-  drawLegend(image, field, options.colour);
-  if (!field.points.empty()) drawScaleBar(image, camera.px_per_m / kSupersampling);
+  drawLegend(image, points, options.colour);
+  if (points.size() > 0) drawScaleBar(image, camera.px_per_m / kSupersampling);
   internal::writePng(png, image);
+}
+
+void renderField(const std::filesystem::path& png, const FieldSnapshot& field, const RenderOptions& options) {
+  renderField(png, SnapshotPoints(field), options);
 }
 
 }  // namespace accessvdb::io

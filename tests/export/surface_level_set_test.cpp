@@ -92,7 +92,8 @@ FieldSnapshot sampled(const Shape& shape, double density = 4,
 
 openvdb::FloatGrid::Ptr levelSetOf(const FieldSnapshot& field) {
   openvdb::initialize();
-  return internal::surfaceLevelSet(field, internal::SurfaceVoxels(field));
+  const SnapshotPoints points(field);
+  return internal::surfaceLevelSet(points, internal::SurfaceVoxels(points));
 }
 
 Eigen::Vector3d positionOf(const Coord& ijk) { return {1.0 * ijk.x(), 1.0 * ijk.y(), 1.0 * ijk.z()}; }

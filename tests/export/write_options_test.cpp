@@ -61,7 +61,7 @@ internal::VolumeGrids sampleVolume() {
 
 std::filesystem::path write(const ScratchFolder& folder, const std::string& name, const WriteOptions& options,
                             const FieldSnapshot& field = sampleField()) {
-  internal::writeFieldGrids(folder / name, sampleVolume(), field, {{"tool_sha256", "abc"}}, options);
+  internal::writeFieldGrids(folder / name, sampleVolume(), SnapshotPoints(field), {{"tool_sha256", "abc"}}, options);
   return folder / name;
 }
 
@@ -89,7 +89,8 @@ TEST(WriteOptions, EveryCompressionReadsBackBitForBit) {
     test::expectBitEqual(*named(*grids, "distance"), *volume.distance());
     test::expectBitEqual(*named(*grids, "weight"), *volume.weight());
     test::expectBitEqual(*named(*grids, "cleared"), *volume.cleared());
-    const internal::SurfaceVoxels surface(field);
+    const SnapshotPoints points(field);
+    const internal::SurfaceVoxels surface(points);
     const auto all = [](const SurfacePoint&) { return true; };
     const auto confidence = [](const SurfacePoint& point, std::uint32_t) { return point.confidence; };
     test::expectBitEqual(*named(*grids, "confidence"),
@@ -313,8 +314,8 @@ TEST(WriteOptions, AnEmptyFieldIsReadableByEveryReaderOfOurs) {
     options.up_axis = up;
     internal::writeFieldGrids(
         folder / "field.vdb",
-        {[&] { return nothing(0.1f); }, [&] { return nothing(0.0f); }, [&] { return nothing(false); }}, field, {},
-        options);
+        {[&] { return nothing(0.1f); }, [&] { return nothing(0.0f); }, [&] { return nothing(false); }},
+        SnapshotPoints(field), {}, options);
     io::writePointsVdb(folder / "field_points.vdb", field, {}, options);
     io::writePointsPly(folder / "points.ply", field, {});
     EXPECT_EQ(io::summarizeVdb(folder / "field.vdb").grids.size(), kNames.size() + 1);

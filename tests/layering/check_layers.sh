@@ -96,7 +96,7 @@ check_includes() {
                 "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
                 "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json", pairs, " ")
       for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }
-      n = split("unistd.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")
+      n = split("unistd.h malloc.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")
       for (i = 1; i <= n; ++i) posix[names[i]] = 1
       n = split("cstdint cstddef cmath cfloat climits limits type_traits", names, " ")
       for (i = 1; i <= n; ++i) constants[names[i]] = 1

@@ -15,7 +15,7 @@
 #include "parity/device_reads.h"
 #include "parity/distance_checks.h"
 #include "parity/gpu_test.h"
-#include "unit/field/query_world.h"
+#include "support/query_world.h"
 
 namespace accessvdb::test {
 namespace {

@@ -9,7 +9,7 @@
 #include "accessvdb/batch_query.h"
 #include "parity/gpu_test.h"
 #include "parity/view_reads.h"
-#include "unit/field/query_world.h"
+#include "support/query_world.h"
 
 namespace accessvdb::test {
 namespace {

@@ -12,6 +12,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
 #include "accessvdb/render.h"
+#include "accessvdb/surface_points.h"
 #include "gpu_fallback.h"
 #include "map_options.h"
 #include "memory_check.h"
@@ -53,7 +54,7 @@ class MapRun {
   void integrate(const io::ScanRecord& record, AccessibilityField& field);
   void update(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
-  void countPoints(const AccessibilityField& field, const FieldSnapshot& snapshot);
+  [[nodiscard]] Eigen::AlignedBox3d countPoints(const AccessibilityField& field, const SurfacePoints& points);
   void finish(const io::ScanSequence& scans, const AccessibilityField& field);
   void saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field);
 
@@ -179,13 +180,20 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
   if (options_.exported.sequence > 0 && unshown && report_.points_used > 0) writeFrame(field);
 }
 
-void MapRun::countPoints(const AccessibilityField& field, const FieldSnapshot& snapshot) {
+/// Fills the report. @return the points' bounds, world frame
+Eigen::AlignedBox3d MapRun::countPoints(const AccessibilityField& field, const SurfacePoints& points) {
   report_.memory = field.memoryUse();
-  report_.surface_points = snapshot.points.size();
-  for (const PointLabel label : {PointLabel::Unscored, PointLabel::Accessible, PointLabel::Blocked}) {
-    report_.labels[static_cast<int>(label)] = snapshot.count(label);
+  report_.surface_points = points.size();
+  report_.labels = {};
+  report_.reasons = {};
+  Eigen::AlignedBox3d bounds_W;
+  for (std::size_t n = 0; n < points.size(); ++n) {
+    const SurfacePoint point = points.at(n);
+    ++report_.labels[static_cast<std::size_t>(point.label)];
+    ++report_.reasons[static_cast<std::size_t>(point.reason)];
+    bounds_W.extend(point.position_W);
   }
-  report_.reasons = snapshot.reasons();
+  return bounds_W;
 }
 
 void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& field) {
@@ -193,8 +201,8 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   if (stopSignal() == 0) {
     for (const std::string& path : scans.paths()) hashInput(path);
   }
-  const FieldSnapshot snapshot = field.snapshot();
-  countPoints(field, snapshot);
+  const auto points = field.points();
+  const Eigen::AlignedBox3d surface_W = countPoints(field, *points);
   if (truncated_points_ > 0) {
     messages_.warning("input.truncated",
                       std::to_string(truncated_points_) + " points announced by the files are missing");
@@ -202,10 +210,9 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
 
   writeField(field, out, writeOptions(options_.exported));
   written_ = true;
-  io::renderField(out / "preview.png", snapshot, renderOptions(options_.picture));
+  io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
 
-  RunFacts facts{report_, scene_, {}, field.origin_W(), snapshot.voxel_size_m};
-  for (const SurfacePoint& point : snapshot.points) facts.surface_W.extend(point.position_W);
+  RunFacts facts{report_, scene_, surface_W, field.origin_W(), points->voxel_size_m()};
   facts.tool_size_m = (field.tool().max_T() - field.tool().min_T()).cast<double>();
   facts.tool_reach_m = field.tool().reach_m();
   facts.tool_share_hidden = field.toolShareHidden();
@@ -230,10 +237,10 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
   if (written_ || report_.points_used == 0) return;
   const fs::path out = options_.out;
   try {
-    const FieldSnapshot snapshot = field.unscoredSnapshot();
-    countPoints(field, snapshot);
+    const auto points = field.unscoredPoints();
+    static_cast<void>(countPoints(field, *points));
     writeFieldUnscored(field, out, writeOptions(options_.exported));
-    io::renderField(out / "preview.png", snapshot, renderOptions(options_.picture));
+    io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
     messages_.warning("device.unscored", "saved what was fused of " + std::to_string(report_.scans) + " of " +
                                              std::to_string(scans.size()) + " scans into " + out.string() +
                                              ", all points unscored: the labels were on the GPU");

@@ -11,24 +11,28 @@
 namespace accessvdb::tools {
 namespace {
 
-// Bytes a thing at the peak of a run. Leaves and nodes follow from the layouts; points and the fixed part were
-// calibrated by host_peak_bytes of six runs on two cores, from 0.17 M points and 0.44 GB to 7.3 M points and 6.2 GB.
-// Predicted over measured, BALM's 12 scans at 50, 20 and 10 mm (0.64, 1.5 and 5.0 GB): 1.05, 1.00, 0.98; without the
-// nodes 1.02, 0.96, 0.92.
-constexpr double kConeLeafBytes = 2300;   // authored leaf with distances and weights, tree included
-constexpr double kBandLeafBytes = 300;    // authored leaf with cleared flags only
-constexpr double kMirrorLeafBytes = 400;  // NanoVDB leaf of the mirror, slack of its growth included
+// Bytes per thing. A run first fuses, then writes one file after another; each writer makes its copies, and gives them
+// back. So the peak is what is held in between plus the largest of those copies. Calibrated by the resident memory of
+// `map` in each phase, BALM's 12 scans at 100, 50, 30, 20 and 12 mm (0.16 M points and 0.33 GB to 0.82 M and 3.3 GB)
+// and KITTI's 5 at 100 and 50 mm, on two cores. The leaves that are predicted are 12 % fewer than there are, so these
+// bytes are 12 % more than a leaf has.
+constexpr double kFixedBytes = 155e6;                    // program, libraries, one scan
+constexpr double kConeLeafBytes = 2500;                  // authored leaf with distances and weights, tree included
+constexpr double kBandLeafBytes = 300;                   // authored leaf with cleared flags only
+constexpr double kMirrorLeafBytes = 400;                 // NanoVDB leaf of the mirror, slack of its growth included
+constexpr double kNodeBytes = 33.8e3 + 33.9e3 + 16.9e3;  // node above leaves: authored, mirror, the host's copy of it
+constexpr double kStoredPointBytes = 330;  // a surface point with its state, in the store and in its indices
 // Of the mirror of distances, from its layout alone: leaf and the host's stamp of it, node and the host's copy of it.
 constexpr double kDistanceLeafBytes = 2144 + 4, kDistanceNodeBytes = 33.9e3 + 16.9e3;
-constexpr double kPointBytes = 740;  // a surface point: store, neighbour search, snapshot and the copies of its writers
-constexpr double kExportLeafBytes = 2200;  // one float grid copied at a time while field.vdb is written
-// Node above leaves: authored, in the mirror, the host's copy of it; and in the float grid that is being written.
-constexpr double kNodeBytes = 33.8e3 + 33.9e3 + 16.9e3, kExportNodeBytes = 33.8e3;
+// field.vdb: one float grid at a time, and the points in the order of its leaves. `surface` has several leaves per leaf
+// with a point.
+constexpr double kExportLeafBytes = 2350, kExportNodeBytes = 33.8e3, kLevelSetLeafBytes = 5900, kSortedPointBytes = 42;
+// field_points.vdb: OpenVDB's index of the points and its grid of them, at once.
+constexpr double kPointLeafBytes = 6600, kPointColumnsBytes = 44;
+constexpr double kPictureBytes = 100e6, kDrawnPointBytes = 38;  // preview.png
 // A surface point with three snapshots and no writer: BALM's 12 scans at 50 and 20 mm took 0.50 and 1.11 GB, of which
-// this predicts 1.02 and 0.94.
-constexpr double kLabelledPointBytes = 500;
-constexpr double kSurfacePointBytes = 32;  // more a point with the level set (1.3 % of 1.5 GB; nothing of 0.6 GB)
-constexpr double kFixedBytes = 220e6;      // program, libraries, picture, one scan
+// this predicts 1.08 and 1.01. While scans are fused, 65 MB more are in use than afterwards.
+constexpr double kLabelledPointBytes = 500, kFusingBytes = 65e6;
 // Program and libraries while the tool's tables are made. Ten runs with one scan of 300 returns and builtin:pruner,
 // from 10 mm and 0.29 GB to 1 mm (36 directions) and 2.3 GB: 190 MB were left of the peak. Without PCL's libraries it
 // is 133 to 138 MB: three runs at 10, 5 and 2 mm.
@@ -86,11 +90,15 @@ double DistinctCounter::estimate() const {
 
 double MemoryPrediction::bytes(RunOutput output, bool with_distances) const {
   const double distances = with_distances ? cone_leaves * kDistanceLeafBytes + nodes * kDistanceNodeBytes : 0;
-  const double map = cone_leaves * (kConeLeafBytes + kMirrorLeafBytes) +
+  const double map = kFixedBytes + cone_leaves * (kConeLeafBytes + kMirrorLeafBytes) +
                      band_leaves * (kBandLeafBytes + kMirrorLeafBytes) + nodes * kNodeBytes + distances;
-  if (output == RunOutput::Labels) return kFixedBytes + map + surface_points * kLabelledPointBytes;
-  return kFixedBytes + map + cone_leaves * kExportLeafBytes + nodes * kExportNodeBytes +
-         surface_points * (kPointBytes + (output == RunOutput::FieldWithSurface ? kSurfacePointBytes : 0));
+  if (output == RunOutput::Labels) return map + kFusingBytes + surface_points * kLabelledPointBytes;
+  const double level_set = output == RunOutput::FieldWithSurface ? surface_leaves * kLevelSetLeafBytes : 0;
+  const double field_vdb = std::max(cone_leaves * kExportLeafBytes + nodes * kExportNodeBytes, level_set) +
+                           surface_points * kSortedPointBytes;
+  const double points_vdb = surface_leaves * kPointLeafBytes + surface_points * kPointColumnsBytes;
+  const double picture = kPictureBytes + surface_points * kDrawnPointBytes;
+  return map + surface_points * kStoredPointBytes + std::max({field_vdb, points_vdb, picture});
 }
 
 double peakBytes(double without_tool, const ToolTableBytes& tool) {
@@ -155,7 +163,9 @@ void MemoryPredictor::add(const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L
   ++returns_;
   const double v = params_.voxel_size_m, tau = params_.truncation_distance_m, slab = kSlabVoxels * v;
   const Eigen::Vector3d u = towards / range;
-  surface_.add(hashOf(cell(p_L.x() / v + 0.5), cell(p_L.y() / v + 0.5), cell(p_L.z() / v + 0.5)));
+  const std::int64_t x = cell(p_L.x() / v + 0.5), y = cell(p_L.y() / v + 0.5), z = cell(p_L.z() / v + 0.5);
+  surface_.add(hashOf(x, y, z));
+  surface_leaves_.add(hashOf(x >> 3, y >> 3, z >> 3));
 
   if (params_.region == UpdateRegion::FullCube) {
     touchBox(p_L, Eigen::Vector3d::Constant(tau), cone_leaves_);
@@ -180,6 +190,7 @@ void MemoryPredictor::merge(const MemoryPredictor& other) {
   band_leaves_.merge(other.band_leaves_);
   nodes_.merge(other.nodes_);
   surface_.merge(other.surface_);
+  surface_leaves_.merge(other.surface_leaves_);
   returns_ += other.returns_;
 }
 
@@ -187,6 +198,7 @@ MemoryPrediction MemoryPredictor::prediction() const {
   MemoryPrediction result;
   result.returns = returns_;
   result.surface_points = surface_.estimate();
+  result.surface_leaves = surface_leaves_.estimate();
   result.nodes = nodes_.estimate();
   result.cone_leaves = cone_leaves_.estimate();
   DistinctCounter both = band_leaves_;

@@ -49,6 +49,7 @@ struct MemoryPrediction {
   double band_leaves = 0;     ///< leaves that are only passed on the way to a return
   double nodes = 0;           ///< that the leaves hang on
   double surface_points = 0;
+  double surface_leaves = 0;  ///< leaves that hold a surface point
   /// The peak of a run with a tool whose tables take no memory.
   /// @param with_distances  the mirror of distances is kept (FieldParams::mirror_distance)
   [[nodiscard]] double bytes(RunOutput output, bool with_distances = false) const;
@@ -77,7 +78,7 @@ class MemoryPredictor {
 
   TsdfParams params_;
   double per_leaf_;  // 1 / edge of a leaf
-  DistinctCounter cone_leaves_, band_leaves_, nodes_, surface_;
+  DistinctCounter cone_leaves_, band_leaves_, nodes_, surface_, surface_leaves_;
   std::uint64_t returns_ = 0;
 };
 

@@ -11,7 +11,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/tsdf_volume.h"
-#include "unit/field/query_world.h"
+#include "support/query_world.h"
 
 namespace accessvdb::test {
 namespace {

@@ -10,7 +10,7 @@
 
 #include "accessvdb/device_view.h"
 #include "accessvdb/tsdf_volume.h"
-#include "unit/field/query_world.h"
+#include "support/query_world.h"
 
 namespace accessvdb::test {
 namespace {

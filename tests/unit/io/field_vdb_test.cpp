@@ -57,7 +57,7 @@ internal::VolumeGrids sampleVolume() {
 }
 
 std::filesystem::path writeSample(const ScratchFolder& folder, const FieldSnapshot& field) {
-  internal::writeFieldGrids(folder / "field.vdb", sampleVolume(), field,
+  internal::writeFieldGrids(folder / "field.vdb", sampleVolume(), SnapshotPoints(field),
                             {{"tool.sha256", "abc"}, {"voxel_size_m", "0.02"}});
   return folder / "field.vdb";
 }
@@ -196,7 +196,7 @@ TEST_F(FieldVdb, GridsAreMadeOneAtATime) {
     EXPECT_TRUE(distance.expired()) << "distance still in memory while weight is made";
     return make();
   };
-  internal::writeFieldGrids(folder / "field.vdb", volume, sampleField(), {});
+  internal::writeFieldGrids(folder / "field.vdb", volume, SnapshotPoints(sampleField()), {});
 }
 
 TEST_F(FieldVdb, EmptyFieldIsAValidFile) {
@@ -223,7 +223,7 @@ TEST_F(FieldVdb, PointWithoutAVoxelIsRefused) {
 
 TEST_F(FieldVdb, FullDiskIsAnError) {
   if (!std::filesystem::exists("/dev/full")) GTEST_SKIP() << "no /dev/full here";
-  EXPECT_THROW(internal::writeFieldGrids("/dev/full", sampleVolume(), sampleField(), {}), OutputError);
+  EXPECT_THROW(internal::writeFieldGrids("/dev/full", sampleVolume(), SnapshotPoints(sampleField()), {}), OutputError);
   EXPECT_THROW(io::writePointsVdb("/dev/full", sampleField(), {}), OutputError);
   EXPECT_THROW(io::writePointsPly("/dev/full", sampleField(), {}), OutputError);
 }
@@ -299,7 +299,7 @@ TEST_F(FieldVdb, EqualContentGivesEqualFiles) {
     return std::string(std::istreambuf_iterator<char>(stream), {});
   };
   const auto write = [&](const std::string& name, const FieldSnapshot& field, const std::string& note) {
-    internal::writeFieldGrids(folder / name, sampleVolume(), field, {{"note", note}});
+    internal::writeFieldGrids(folder / name, sampleVolume(), SnapshotPoints(field), {{"note", note}});
     return folder / name;
   };
   const FieldSnapshot field = sampleField();

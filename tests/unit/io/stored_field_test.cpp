@@ -42,7 +42,7 @@ internal::VolumeGrids storedVolume() {
 }
 
 void writeStored(const ScratchFolder& folder, const FieldSnapshot& field) {
-  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), field, {});
+  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), SnapshotPoints(field), {});
   io::writePointsPly(folder / "points.ply", field, {});
 }
 
@@ -121,14 +121,14 @@ TEST(StoredField, RefusesWhatIsNoField) {
   refused();
   FieldSnapshot other = sampleField();
   other.origin_W.x() += kVoxel_m;
-  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), other, {});
+  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), SnapshotPoints(other), {});
   refused();
 }
 
 TEST(VdbSummary, CountsOurGrids) {
   const ScratchFolder folder;
   const FieldSnapshot field = sampleField();
-  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), field, {{"tool", "pruner"}});
+  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), SnapshotPoints(field), {{"tool", "pruner"}});
   const io::VdbSummary summary = io::summarizeVdb(folder / "field.vdb");
   ASSERT_EQ(summary.grids.size(), 9u);
   EXPECT_EQ(summary.creator.rfind("AccessVDB", 0), 0u);
@@ -166,7 +166,7 @@ TEST(VdbSummary, ReadsAFileOfHoudini) {
 
 TEST(VdbSummary, DamagedFilesAreInputErrorsAndNoCrash) {
   const ScratchFolder folder;
-  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), sampleField(), {});
+  internal::writeFieldGrids(folder / "field.vdb", storedVolume(), SnapshotPoints(sampleField()), {});
   const std::string whole = bytesOf(folder / "field.vdb");
   const auto path = folder / "bad.vdb";
   for (int k = 0; k < 40; ++k) {

@@ -1,0 +1,48 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Surface points that are put together when they are read, so that a large field can be written and drawn without a
+/// copy of all of them.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstddef>
+
+#include "accessvdb/export.h"
+#include "accessvdb/types.h"
+
+namespace accessvdb {
+
+/// A list of points at one moment, in the order of their ids. Reading is safe from several threads at once.
+class ACCESSVDB_API SurfacePoints {
+ public:
+  SurfacePoints() = default;
+  SurfacePoints(const SurfacePoints&) = delete;
+  SurfacePoints& operator=(const SurfacePoints&) = delete;
+  virtual ~SurfacePoints() = default;
+
+  [[nodiscard]] virtual std::size_t size() const = 0;
+  /// @param index  below size()
+  [[nodiscard]] virtual SurfacePoint at(std::size_t index) const = 0;
+  /// The same as at(index).position_W, in less time.
+  [[nodiscard]] virtual Eigen::Vector3d position_W(std::size_t index) const = 0;
+  [[nodiscard]] virtual Eigen::Vector3d origin_W() const = 0;  ///< world position of the map's local origin
+  [[nodiscard]] virtual double voxel_size_m() const = 0;
+};
+
+/// The points of a snapshot, which must live as long.
+class ACCESSVDB_API SnapshotPoints final : public SurfacePoints {
+ public:
+  explicit SnapshotPoints(const FieldSnapshot& snapshot) : snapshot_(snapshot) {}
+  [[nodiscard]] std::size_t size() const override { return snapshot_.points.size(); }
+  [[nodiscard]] SurfacePoint at(std::size_t index) const override { return snapshot_.points[index]; }
+  [[nodiscard]] Eigen::Vector3d position_W(std::size_t index) const override {
+    return snapshot_.points[index].position_W;
+  }
+  [[nodiscard]] Eigen::Vector3d origin_W() const override { return snapshot_.origin_W; }
+  [[nodiscard]] double voxel_size_m() const override { return snapshot_.voxel_size_m; }
+
+ private:
+  const FieldSnapshot& snapshot_;
+};
+
+}  // namespace accessvdb

@@ -1,0 +1,134 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/scored_points.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+#include <span>
+#include <utility>
+
+namespace accessvdb::internal {
+namespace {
+
+constexpr std::uint32_t kWeightsPerBlock = 1 << 16;
+
+/// A slice of the state arrays on the host. Ids beyond its end were added after the last update.
+struct HostState {
+  std::uint32_t first = 0, size = 0;
+  std::vector<std::uint16_t> score, direction;
+  std::vector<float> stability, normal_L;
+  std::vector<PointLabel> label;
+  std::vector<PointReason> reason;
+
+  HostState() = default;  // for no points
+  HostState(const PointScorer& scorer, kernels::Backend& backend, std::uint32_t begin, std::uint32_t end)
+      : first(begin), size(std::min(end, scorer.device().size()) - std::min(begin, scorer.device().size())) {
+    const kernels::PointStateView view = scorer.device().view();
+    const auto fetch = [&](auto& to, const auto* from, std::size_t values_per_point) {
+      to.resize(values_per_point * size);
+      if (size > 0) backend.download(to.data(), from + values_per_point * begin, to.size() * sizeof(to[0]));
+    };
+    fetch(score, view.score, 1);
+    fetch(direction, view.direction, 1);
+    fetch(stability, view.stability, 1);
+    fetch(normal_L, view.normal_L, 3);
+    fetch(label, view.label, 1);
+    fetch(reason, view.reason, 1);
+  }
+};
+
+struct Heading {
+  float yaw_rad, cosine, sine;
+};
+
+Heading headingOf(int direction, int num_directions) {
+  const double yaw_rad = 2 * 3.141592653589793 * direction / num_directions;
+  return {static_cast<float>(yaw_rad), static_cast<float>(std::cos(yaw_rad)), static_cast<float>(std::sin(yaw_rad))};
+}
+
+/// The points whose ids are first, first + 1 ...
+class ScoredPoints final : public SurfacePoints {
+ public:
+  ScoredPoints(const ScoredField& field, HostState state, std::uint32_t first, std::uint32_t count)
+      : scorer_(field.scorer), origin_W_(field.origin_W), state_(std::move(state)), first_(first), weights_(count) {
+    const int num_directions = scorer_.params().approach.num_directions;
+    for (int d = 0; d < num_directions && count > 1; ++d) headings_.push_back(headingOf(d, num_directions));
+    std::vector<std::uint32_t> ids(std::min(count, kWeightsPerBlock));
+    for (std::uint32_t begin = 0; begin < count; begin += kWeightsPerBlock) {
+      ids.resize(std::min(count - begin, kWeightsPerBlock));
+      std::iota(ids.begin(), ids.end(), first + begin);
+      scorer_.reads().weights(ids, std::span(weights_).subspan(begin, ids.size()));
+    }
+  }
+
+  [[nodiscard]] std::size_t size() const override { return weights_.size(); }
+  [[nodiscard]] SurfacePoint at(std::size_t index) const override;
+  [[nodiscard]] Eigen::Vector3d position_W(std::size_t index) const override {
+    return origin_W_ + scorer_.points().first_L(first_ + static_cast<std::uint32_t>(index)).cast<double>();
+  }
+  [[nodiscard]] Eigen::Vector3d origin_W() const override { return origin_W_; }
+  [[nodiscard]] double voxel_size_m() const override { return scorer_.params().tsdf.voxel_size_m; }
+
+ private:
+  const PointScorer& scorer_;
+  Eigen::Vector3d origin_W_;
+  HostState state_;
+  std::uint32_t first_;
+  std::vector<std::uint16_t> weights_;
+  std::vector<Heading> headings_;  ///< per direction; empty for a single point
+};
+
+SurfacePoint ScoredPoints::at(std::size_t index) const {
+  SurfacePoint point;
+  point.id = first_ + static_cast<std::uint32_t>(index);
+  point.position_W = position_W(index);
+  point.weight = weights_[index];
+  point.confidence =
+      kernels::confidenceOf(weights_[index], static_cast<float>(scorer_.params().scoring.confidence_half_weight));
+  if (point.id - state_.first >= state_.size) return point;  // added after the last update
+  const std::uint32_t n = point.id - state_.first;
+  point.normal_W = Eigen::Vector3f(state_.normal_L.data() + std::size_t{3} * n);
+  point.score = state_.score[n];
+  point.direction = state_.direction[n];
+  point.stability = state_.stability[n];
+  point.label = state_.label[n];
+  point.reason = state_.reason[n];
+  if (point.direction != kNoDirection) {
+    const Heading heading = headings_.empty() ? headingOf(point.direction, scorer_.params().approach.num_directions)
+                                              : headings_[point.direction];
+    point.yaw_rad = heading.yaw_rad;
+    point.direction_W = {heading.cosine, heading.sine, 0.0f};
+  }
+  point.confident = point.label == PointLabel::Accessible &&
+                    point.confidence * point.stability > static_cast<float>(scorer_.params().update.stability_min);
+  return point;
+}
+
+}  // namespace
+
+std::unique_ptr<const SurfacePoints> scoredPoints(const ScoredField& field, PointStates states) {
+  const std::uint32_t count = field.scorer.points().size();
+  HostState state = states == PointStates::None ? HostState() : HostState(field.scorer, field.backend, 0, count);
+  return std::make_unique<ScoredPoints>(field, std::move(state), 0, count);
+}
+
+FieldSnapshot snapshotOf(const SurfacePoints& points) {
+  FieldSnapshot snapshot;
+  snapshot.origin_W = points.origin_W();
+  snapshot.voxel_size_m = points.voxel_size_m();
+  snapshot.points.resize(points.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), 1024), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) snapshot.points[n] = points.at(n);
+  });
+  return snapshot;
+}
+
+SurfacePoint scoredPoint(const ScoredField& field, std::uint32_t id) {
+  return ScoredPoints(field, HostState(field.scorer, field.backend, id, id + 1), id, 1).at(0);
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,38 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Points as users see them, from the arrays of their state.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "accessvdb/surface_points.h"
+#include "update/point_scorer.h"
+
+namespace accessvdb::internal {
+
+/// Which state belongs to the points.
+enum class PointStates {
+  AsOfTheLastUpdate,  ///< read from the backend
+  None                ///< all are unscored; no array of the backend is read
+};
+
+/// What the users' points are made from.
+struct ScoredField {
+  const PointScorer& scorer;
+  kernels::Backend& backend;  ///< the one that holds the scorer's arrays
+  Eigen::Vector3d origin_W;
+};
+
+/// All points. Labels, scores and weights are copied, 24 bytes per point; positions are read from the scorer's store,
+/// which must live as long and keep its points.
+[[nodiscard]] std::unique_ptr<const SurfacePoints> scoredPoints(const ScoredField& field, PointStates states);
+
+/// A copy of all of them.
+[[nodiscard]] FieldSnapshot snapshotOf(const SurfacePoints& points);
+
+/// One of them.
+[[nodiscard]] SurfacePoint scoredPoint(const ScoredField& field, std::uint32_t id);
+
+}  // namespace accessvdb::internal
