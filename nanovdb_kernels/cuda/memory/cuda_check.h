@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Every CUDA runtime call goes through here: a failure throws an exception that names the call. Failures never exit
-/// the program and are never ignored.
+/// Every CUDA runtime call goes through here. A failure throws an exception that names the call: it never exits and is
+/// never ignored.
 #pragma once
 
 #include <cuda_runtime_api.h>

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The device of a backend: its streams, its memory and the most memory ever in use.
+/// The device of a backend: its streams, memory and peak memory use.
 #pragma once
 
 #include <cuda_runtime_api.h>

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Sends lists to the device through pinned memory; the host does not wait for the transfer.
+/// Sends lists to the device through pinned memory; the host does not wait.
 #pragma once
 
 #include <cuda_runtime_api.h>

@@ -23,10 +23,10 @@ struct BusyMapView {
   std::uint16_t* bits = nullptr;       ///< [lower nodes x 16 x 16] x, y of a column of leaves; bit z
 };
 
-/// Counts the lower nodes of the mirror. @param lowers  device memory, zeroed by the caller
+/// Counts the lower nodes of the mirror. @param lowers  zeroed device memory
 void launchCountLowers(const OccupancyGrid* grid, std::uint32_t* lowers, cudaStream_t stream);
 /// @param busy    with an empty hash; hash and arrays have room for `lowers` nodes
-/// @param listed  device memory, zeroed by the caller: number of nodes listed
+/// @param listed  zeroed device memory: number of nodes listed
 void launchBusyMap(const OccupancyGrid* grid, const BusyMapView& busy, std::uint32_t lowers, std::uint32_t* listed,
                    cudaStream_t stream);
 

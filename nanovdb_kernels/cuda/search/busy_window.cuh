@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The part of the busy map (busy_map.h) around its point that a search warp keeps in shared memory.
+/// What a search warp keeps of the busy map (busy_map.h) around its point.
 #pragma once
 
 #include <cstdint>
@@ -35,7 +35,7 @@ class BusyWindow : public MapWindow<LowerWindow> {
                         const std::uint16_t* bits, const Coord& point_ijk)
       : MapWindow<LowerWindow>(nodes, shape, map, point_ijk), numbers_(nodes + shape.nodes()), bits_(bits) {}
 
-  /// Always true: the shape covers everything that searches read, the tool and the corridor.
+  /// The shape covers all that searches read: the tool and the corridor.
   [[nodiscard]] __device__ static constexpr bool holds(const Coord&) { return true; }
 
   /// Which of `count` leaves, at most 16, from that of voxel (x, y, z) upwards hold something that collides.

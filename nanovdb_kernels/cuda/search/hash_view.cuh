@@ -12,7 +12,7 @@ namespace accessvdb::kernels {
 inline constexpr std::uint32_t kNoIndex = 0xffffffffu;
 inline constexpr std::uint64_t kNoKey = ~std::uint64_t{0};
 
-/// Open addressing. The number of slots is a power of two, and the table is never full.
+/// Open addressing with 2^n slots, never full.
 struct HashView {
   std::uint64_t* keys = nullptr;  ///< kNoKey: empty
   std::uint32_t mask = 0;

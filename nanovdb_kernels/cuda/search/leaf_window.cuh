@@ -100,7 +100,7 @@ class LeafWindow : public WindowBase {
     }
   }
 
-  /// Number of `wanted` voxels that collide in the row of eight z that begins at z & ~7.
+  /// Counts the `wanted` voxels that collide in the row of eight z from z & ~7 on.
   [[nodiscard]] __device__ int countRow(int x, int y, int z, std::uint32_t wanted) const {
     // No branches: where nothing can collide, it reads a byte of the grid's header and masks out all of its bits.
     const std::uint32_t entry = nodes_[wanted != 0 ? index(x, y, z) : 0];

@@ -42,8 +42,7 @@ void launchWrite(const PointStateView& points, const PointInput* inputs, std::ui
 /// @param bytes  of scratch memory; with scratch == nullptr, only set to what `count` items need
 void launchLeafOrder(const ScoreChunk& chunk, std::uint32_t* keys, std::uint32_t* sorted, std::uint32_t* order_in,
                      std::uint32_t* order, void* scratch, std::size_t& bytes, cudaStream_t stream);
-/// Orders blocks of points, nearby blocks close together. @param leaf  [3 blocks]  @param
-/// blocks  [count]
+/// Orders blocks of points, near ones close together. @param leaf  [3 blocks]  @param blocks  [count]
 /// @param keys, sorted  scratch [count]  @param scratch, bytes  as above
 void launchBlockOrder(const std::int32_t* leaf, const std::uint32_t* blocks, std::uint32_t count, std::uint32_t* keys,
                       std::uint32_t* sorted, std::uint32_t* order, void* scratch, std::size_t& bytes,

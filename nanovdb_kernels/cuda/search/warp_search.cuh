@@ -16,7 +16,7 @@
 
 namespace accessvdb::kernels {
 
-/// What a warp keeps in shared memory while it searches. In masks, direction d is bit d % 32 of word d / 32.
+/// Shared memory of a searching warp. In masks, direction d is bit d % 32 of word d / 32.
 struct WarpMasks {
   std::uint32_t allowed[kMaskWords32];       ///< seen and candidate
   std::uint32_t skip[kMaskWords32];          ///< known to be blocked
@@ -318,7 +318,7 @@ class WarpSearch {
     return turn;
   }
 
-  /// Counts tool collisions in the free directions of a turn, one after the other.
+  /// Counts tool collisions in a turn's free directions, one after the other.
   /// @param done  set if a direction without any collision was found
   /// @return lanes whose directions the plain rule reaches
   __device__ unsigned countNext(const Turn& turn, bool& done, ScoreResult& result) {

@@ -9,7 +9,7 @@
 
 namespace accessvdb::kernels {
 
-/// Extent of a window in nodes of 2^log2 voxels, and its first node relative to the node of the point. The same for all
+/// Extent of a window in nodes of 2^log2 voxels, and its first node relative to a point's node. The same for all
 /// points.
 struct WindowShape {
   std::int32_t begin[3] = {0, 0, 0};  ///< [nodes] from the node of the point
@@ -27,7 +27,7 @@ struct WindowShape {
   ACCESSVDB_HOSTDEV std::int64_t nodes() const { return static_cast<std::int64_t>(size[0]) * size[1] * size[2]; }
 };
 
-/// What a warp keeps in shared memory of the map around its point.
+/// What a warp keeps of the map around its point.
 struct WindowPlan {
   enum class Kind { None, Leaves, Lowers };
   Kind kind = Kind::None;
