@@ -54,7 +54,7 @@ class GrowingMemory {
   std::size_t bytes_ = 0;
 };
 
-/// A chunk on its way: its stream, and memory on both sides.
+/// A chunk in flight: its stream, and memory on both sides.
 struct Slot {
   explicit Slot(DeviceContext& context) : memory(context) {
     ACCESSVDB_CUDA(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
@@ -69,12 +69,12 @@ struct Slot {
   PinnedBuffer host;
   GrowingMemory memory;
   Events events;
-  std::size_t first = 0;    ///< item
-  std::uint32_t count = 0;  ///< of items
+  std::size_t first = 0;    ///< index of the first item
+  std::uint32_t count = 0;  ///< number of items
   std::uint32_t room = 0;   ///< items that memory was laid out for
 };
 
-/// Where the parts of a chunk lie in one piece of memory.
+/// Offsets of a chunk's parts in one allocation.
 struct Layout {
   std::size_t items = 0, results = 0, keys = 0, sorted = 0, order_in = 0, order = 0, scratch = 0, bytes = 0;
 
@@ -190,8 +190,8 @@ class Implementation final : public CudaBackend {
     slot.host.reserve(host_bytes);
   }
 
-  /// Splits `count` items into chunks and keeps two on their way: the host works on one while the device works on the
-  /// other. Without memory for a chunk it tries half of it, down to kLeastChunk.
+  /// Splits `count` items into chunks and keeps two in flight: the host works on one while the device works on the
+  /// other. Without memory for a chunk, retries with half of it, down to kLeastChunk.
   template <class Reserve, class Send, class Take>
   void inChunks(std::size_t count, const Reserve& reserve_chunk, const Send& send, const Take& take) {
     std::size_t first = 0;
@@ -230,7 +230,7 @@ class Implementation final : public CudaBackend {
     if (timing_) ACCESSVDB_CUDA(cudaEventRecord(slot.events.event[static_cast<std::size_t>(n)].get(), slot.stream));
   }
 
-  /// Sends items, calls `launch`, brings results of `result_bytes` an item back.
+  /// Sends items, calls `launch`, and brings back `result_bytes` of results per item.
   template <class Launch>
   void search(const ScoreRequest& request, std::size_t result_bytes, void* results, const Launch& launch) {
     const CurrentDevice current(context_->device());
@@ -249,7 +249,7 @@ class Implementation final : public CudaBackend {
     inChunks(
         request.count,
         [&](Slot& slot, std::uint32_t count) {
-          // In steps, so that small differences between frames allocate nothing.
+          // Grows in steps, so that small differences between frames allocate nothing.
           slot.room = kLeastChunk;
           while (slot.room < count) slot.room *= 2;
           const Layout layout(slot.room, result_bytes, scratchFor(slot.room));
@@ -273,7 +273,7 @@ class Implementation final : public CudaBackend {
           chunk.items = reinterpret_cast<const ScoreItem*>(memory + layout.items);
           chunk.results = reinterpret_cast<ScoreResult*>(memory + layout.results);
           chunk.count = slot.count;
-          // Results have gaps between their fields; what travels is defined all the same.
+          // Results have padding between fields; zero it, so that all bytes copied are defined.
           ACCESSVDB_CUDA(cudaMemsetAsync(memory + layout.results, 0, slot.count * result_bytes, slot.stream));
           mark(slot, 0);
           if (window.kind != WindowPlan::Kind::None && slot.count >= kLeastToOrder) {

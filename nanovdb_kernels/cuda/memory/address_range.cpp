@@ -13,13 +13,13 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr std::uint64_t kLeastReserve = std::uint64_t(1) << 30;
-// A step costs about a millisecond and keeps up to its size unused.
+// Each step costs about a millisecond and may leave up to its size unused.
 constexpr std::uint64_t kLeastStep = std::uint64_t(16) << 20;
 constexpr std::uint64_t kMostStep = std::uint64_t(64) << 20;
 
 std::uint64_t roundUp(std::uint64_t bytes, std::uint64_t unit) { return (bytes + unit - 1) / unit * unit; }
 
-/// Functions of the driver, found through the runtime: the program must start where there is no driver.
+/// Driver functions, looked up through the runtime: the program must also start without a driver.
 struct Driver {
   decltype(&cuDeviceGet) device = find<decltype(device)>("cuDeviceGet");
   decltype(&cuDeviceGetAttribute) attribute = find<decltype(attribute)>("cuDeviceGetAttribute");
@@ -71,7 +71,7 @@ CUmemAllocationProp propertiesOf(int device) {
 AddressRange::AddressRange(std::shared_ptr<DeviceContext> context, std::uint64_t reserve_bytes)
     : context_(std::move(context)) {
   const CurrentDevice current(context_->device());
-  ACCESSVDB_CUDA(cudaFree(nullptr));  // the driver's functions need the context that the runtime makes late
+  ACCESSVDB_CUDA(cudaFree(nullptr));  // driver functions need the context, which the runtime creates lazily
   const Driver& driver = Driver::get();
   int can_map = 0;
   CUdevice device = 0;
@@ -102,7 +102,7 @@ AddressRange::AddressRange(std::shared_ptr<DeviceContext> context, std::uint64_t
 }
 
 AddressRange::~AddressRange() {
-  const Driver& driver = Driver::get();  // found before, so this throws nothing
+  const Driver& driver = Driver::get();  // already looked up, so this cannot throw
   for (const Piece& piece : pieces_) {
     (void)driver.unmap(reinterpret_cast<CUdeviceptr>(base_) + piece.offset, piece.bytes);
     (void)driver.release(piece.handle);
@@ -125,7 +125,7 @@ void AddressRange::back(std::uint64_t bytes) {
   try {
     mapMore(wanted);
   } catch (const ResourceLimit&) {
-    // The step may be more than there is where what is needed is not.
+    // A whole step may not fit where the needed bytes still do.
     if (wanted == needed) throw;
     mapMore(needed);
   }

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A range of device addresses that is reserved once and backed with memory from its start as it grows.
+/// A range of device addresses: reserved once, then backed with memory from its start as it grows.
 #pragma once
 
 #include <cstdint>
@@ -13,9 +13,9 @@ namespace accessvdb::kernels {
 
 class AddressRange {
  public:
-  /// Reserves `reserve_bytes`, or half of it where that fails, and so on down to 1 GiB.
-  /// @throw DeviceError    the device or driver cannot map memory by itself
-  /// @throw ResourceLimit  not even the least could be reserved
+  /// Reserves `reserve_bytes`; on failure retries with half the size, down to 1 GiB.
+  /// @throw DeviceError    the device or driver cannot map memory explicitly
+  /// @throw ResourceLimit  even the smallest size could not be reserved
   AddressRange(std::shared_ptr<DeviceContext> context, std::uint64_t reserve_bytes);
   ~AddressRange();
   AddressRange(const AddressRange&) = delete;
@@ -25,8 +25,8 @@ class AddressRange {
   [[nodiscard]] std::uint64_t reservedBytes() const { return reserved_; }
   [[nodiscard]] std::uint64_t backedBytes() const { return backed_; }
 
-  /// Backs at least the first `bytes` bytes; a step is larger, so that steps are rare. What is new is not initialised.
-  /// @throw ResourceLimit  past the range, or no device memory; what was backed stays
+  /// Backs at least the first `bytes` bytes, in large steps so that steps are rare. New memory is not initialised.
+  /// @throw ResourceLimit  past the range, or out of device memory; what was backed stays backed
   void back(std::uint64_t bytes);
 
  private:

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Every call of the CUDA runtime goes through here: a failure is an exception that names the call, never an exit,
+/// Every CUDA runtime call goes through here. A failure throws an exception that names the call: it never exits and is
 /// never ignored.
 #pragma once
 
@@ -12,14 +12,14 @@
 
 namespace accessvdb::kernels {
 
-/// No memory left on the device. A caller that can do with less may try again.
+/// Reports that device memory ran out. A caller that can manage with less may retry.
 [[noreturn]] inline void throwDeviceMemory(const std::string& what) {
   throw ResourceLimit("memory.device", "cuda", what,
                       "Use a larger voxel size, free the GPU of other work, or --device cpu");
 }
 
-/// @throw ResourceLimit  no device memory; the device can still be used
-/// @throw DeviceError    anything else: most of these leave the context unusable
+/// @throw ResourceLimit  out of device memory; the device is still usable
+/// @throw DeviceError    anything else; most of these leave the context unusable
 inline void checkCuda(cudaError_t status, const char* call) {
   if (status == cudaSuccess) return;
   (void)cudaGetLastError();  // the error is reported here, not by the next call
@@ -29,7 +29,7 @@ inline void checkCuda(cudaError_t status, const char* call) {
                     "Check the GPU (nvidia-smi), or use --device cpu");
 }
 
-/// Launch errors of the kernel before.
+/// Reports launch errors of the preceding kernel.
 inline void checkLaunch(const char* kernel) { checkCuda(cudaGetLastError(), kernel); }
 
 #define ACCESSVDB_CUDA(call) ::accessvdb::kernels::checkCuda((call), #call)

@@ -7,9 +7,9 @@
 namespace accessvdb::kernels {
 namespace {
 
-/// Host and device hold two such: a frame of 100 000 changed leaves goes through in four.
+/// Host and device hold two batches each; a frame of 100 000 changed leaves takes four.
 constexpr std::uint32_t kBatchBytes = 8u << 20;
-/// Threads that share a write: most are 8 or 16 bytes.
+/// Threads per write; most writes are 8 or 16 bytes.
 constexpr unsigned kThreadsPerWrite = 4;
 constexpr unsigned kThreadsPerBlock = 256;
 constexpr unsigned kBlocksPerFill = 8;
@@ -31,7 +31,7 @@ __global__ void scatterWrites(unsigned char* to, const unsigned char* batch, con
   }
 }
 
-/// As switchBits() of launch/leaf_patch.h, a lane a word of the leaf.
+/// Like switchBits() in launch/leaf_patch.h, one lane per word of the leaf.
 __global__ void patchLeaves(unsigned char* to, const LeafPatch* patches, const std::uint64_t* words,
                             std::uint32_t count) {
   const std::uint32_t n = (blockIdx.x * kThreadsPerBlock + threadIdx.x) / kLeafWords;
@@ -46,7 +46,7 @@ __global__ void patchLeaves(unsigned char* to, const LeafPatch* patches, const s
   const std::uint64_t after = switched(before, wordOf(lane), wordOf(kLeafWords + lane));
   if (after != before) bits[lane] = after;
 
-  const bool counts = (patch.mask & 0xff00ff00u) != 0;  // a word of collides changes
+  const bool counts = (patch.mask & 0xff00ff00u) != 0;  // a `collides` word changes
   if (!__any_sync(kWholeWarp, counts)) return;
   unsigned long long collides[8];
   for (int x = 0; x < 8; ++x)
@@ -57,7 +57,7 @@ __global__ void patchLeaves(unsigned char* to, const LeafPatch* patches, const s
   bits[kLeafWords] = countCells(rows);
 }
 
-/// As setRowPair() of launch/distance_patch.h, sixteen lanes a leaf, a voxel of its row pairs each.
+/// Like setRowPair() in launch/distance_patch.h: sixteen lanes per leaf, one voxel of each row pair per lane.
 __global__ void writeRows(unsigned char* to, const LeafPatch* patches, const float* words, std::uint32_t count) {
   const std::uint32_t n = (blockIdx.x * kThreadsPerBlock + threadIdx.x) / kRowPairVoxels;
   if (n >= count) return;
@@ -66,7 +66,7 @@ __global__ void writeRows(unsigned char* to, const LeafPatch* patches, const flo
   unsigned char* const leaf = to + std::uint64_t{patch.leaf} * LeafPatch::kUnit;
   auto* values = reinterpret_cast<float*>(leaf + kDistanceValuesBytes);
   auto* masks = reinterpret_cast<std::uint16_t*>(leaf + kDistanceMaskBytes);
-  // The two leaves of a warp have other rows each, so each asks its own half.
+  // The two leaves of a warp have different rows, so each half-warp votes on its own.
   const std::uint32_t shift = threadIdx.x & 16u, half = 0xffffu << shift;
   const float* row = words + std::uint64_t{patch.first_word} * kRowPairVoxels;
   for (std::uint32_t left = patch.mask; left != 0; left &= left - 1, row += kRowPairVoxels) {

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The mirror's memory on the device: writes are gathered in pinned host memory, travel in one transfer and are put in
-/// their places by one kernel, on the mirror's own stream.
+/// The mirror's device memory: writes are gathered in pinned host memory, sent in one transfer and put in place by a
+/// kernel, on the mirror's own stream.
 #pragma once
 
 #include <array>
@@ -23,7 +23,7 @@ class DeviceArena final : public MirrorArena {
  public:
   static constexpr std::uint64_t kDefaultReserveBytes = std::uint64_t(64) << 30;
 
-  /// Takes all memory that it will ever need beside what it commits. @throw DeviceError, ResourceLimit
+  /// Allocates all memory that it will ever need, except what it commits. @throw DeviceError, ResourceLimit
   explicit DeviceArena(std::shared_ptr<DeviceContext> context, std::uint64_t reserve_bytes = kDefaultReserveBytes);
   ~DeviceArena() override;
 
@@ -39,7 +39,7 @@ class DeviceArena final : public MirrorArena {
   [[nodiscard]] std::uint64_t committedBytes() const noexcept override { return range_.backedBytes(); }
 
  private:
-  /// One of two: while the device reads one, the host fills the other.
+  /// One of two buffers: while the device reads one, the host fills the other.
   struct Slot {
     explicit Slot(DeviceContext& context);
     ~Slot();
@@ -52,7 +52,7 @@ class DeviceArena final : public MirrorArena {
     OwnedEvent sent;  ///< recorded when the device has read it
     WriteBatch batch;
   };
-  /// The batch that is being filled; waits until the device has read what it held before.
+  /// The batch being filled; waits until the device has read its previous contents.
   WriteBatch& filling();
   void send();
 
@@ -61,7 +61,7 @@ class DeviceArena final : public MirrorArena {
   std::uint64_t zeroed_bytes_ = 0;
   std::array<std::unique_ptr<Slot>, 2> slots_;
   std::size_t filling_ = 0;
-  bool waited_ = true;  ///< for the slot that is being filled
+  bool waited_ = true;  ///< for the slot being filled
 };
 
 }  // namespace accessvdb::kernels

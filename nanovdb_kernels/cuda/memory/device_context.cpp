@@ -16,7 +16,7 @@ std::string versionText(int version) {
   throw DeviceError(id, "cuda", problem, advice);
 }
 
-/// One line for each way in which there can be no device.
+/// One message per reason why there is no usable device.
 void requireDriverAndDevice() {
   int driver = 0, runtime = 0, devices = 0;
   if (cudaDriverGetVersion(&driver) != cudaSuccess || driver == 0) {
@@ -55,7 +55,7 @@ CurrentDevice::~CurrentDevice() {
 
 DeviceContext::DeviceContext(std::uint64_t memory_limit_bytes) : limit_bytes_(memory_limit_bytes) {
   requireDriverAndDevice();
-  ACCESSVDB_CUDA(cudaGetDevice(&device_));  // the caller's, else the first
+  ACCESSVDB_CUDA(cudaGetDevice(&device_));  // the caller's current device, else the first
   try {
     describeDevice();
     ACCESSVDB_CUDA(cudaStreamCreateWithFlags(&stream_, cudaStreamNonBlocking));
@@ -112,7 +112,7 @@ void DeviceContext::release(void* address, std::size_t bytes) noexcept {
     const std::lock_guard lock(mutex_);
     bytes_ -= bytes;
   }
-  // A lost device or a process that ends takes its memory with it.
+  // Ignore failures: a lost device or an exiting process frees its memory anyway.
   if (cudaFree(address) != cudaSuccess) (void)cudaGetLastError();
 }
 

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The one device that a backend works on: its streams, its memory and how much of it was ever in use.
+/// The device of a backend: its streams, memory and peak memory use.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -12,7 +12,7 @@
 
 namespace accessvdb::kernels {
 
-/// Makes a device the calling thread's current one, and gives the caller's back.
+/// Makes a device current for the calling thread; the destructor restores the previous one.
 class CurrentDevice {
  public:
   explicit CurrentDevice(int device);
@@ -24,10 +24,10 @@ class CurrentDevice {
   int before_ = -1;
 };
 
-/// Shared by a backend and its arenas. Counting is thread safe.
+/// Shared by a backend and its arenas. Counting is thread-safe.
 class DeviceContext {
  public:
-  /// @param memory_limit_bytes  most bytes to hold at a time; for tests of what happens without memory
+  /// @param memory_limit_bytes  most bytes to hold at a time; for tests of running out of memory
   /// @throw DeviceError  no driver, no device, a driver too old for the runtime, or no code for its architecture
   explicit DeviceContext(std::uint64_t memory_limit_bytes);
   ~DeviceContext();
@@ -37,22 +37,21 @@ class DeviceContext {
   [[nodiscard]] int device() const { return device_; }
   [[nodiscard]] const std::string& name() const { return name_; }
   [[nodiscard]] int sharedBytesPerBlock() const { return shared_bytes_per_block_; }
-  [[nodiscard]] cudaStream_t stream() const { return stream_; }  ///< of everything else
-  /// For the mirror's writes, what is made from the mirror alone, and searches that take long. The device serves it
-  /// before the other one.
+  [[nodiscard]] cudaStream_t stream() const { return stream_; }  ///< for all other work
+  /// For mirror writes, work that needs only the mirror, and long searches. Has priority over stream().
   [[nodiscard]] cudaStream_t priorityStream() const { return priority_stream_; }
   [[nodiscard]] cudaEvent_t mirrorReady() const { return mirror_ready_; }  ///< recorded after the last flush
 
   /// @throw ResourceLimit
   void* allocate(std::size_t bytes);
-  /// @param bytes  as at allocate(). A null address is ignored.
+  /// @param bytes  as passed to allocate(). A null address is ignored.
   void release(void* address, std::size_t bytes) noexcept;
-  /// Bytes that came or went by other ways than allocate and release. @throw ResourceLimit over the limit
+  /// Counts bytes gained or lost other than by allocate() and release(). @throw ResourceLimit over the limit
   void count(std::int64_t bytes);
 
   [[nodiscard]] std::uint64_t bytes() const;
   [[nodiscard]] std::uint64_t peakBytes() const;
-  [[nodiscard]] std::uint64_t allocations() const;  ///< that went to the driver
+  [[nodiscard]] std::uint64_t allocations() const;  ///< that reached the driver
 
  private:
   void describeDevice();

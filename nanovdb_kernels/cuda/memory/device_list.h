@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A list on the device, as it travels to a kernel.
+/// A device list as it is passed to a kernel.
 #pragma once
 
 #include <cstdint>

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// How arrays of an update grow, and what is in them at first.
+/// How the arrays of an update grow, and how new elements are initialised.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -12,14 +12,14 @@
 
 namespace accessvdb::kernels {
 
-/// A quarter more than asked for, so that arrays grow seldom.
+/// A quarter more than requested, so that arrays rarely grow.
 inline std::size_t roomFor(std::size_t size) { return size + size / 4 + 4096; }
 
 inline void fillBytes(void* to, int byte, std::size_t bytes, cudaStream_t stream) {
   if (bytes > 0) ACCESSVDB_CUDA(cudaMemsetAsync(to, byte, bytes, stream));
 }
 
-/// Grows an array, keeps all of it, and fills what is new.
+/// Grows an array, keeps its contents and fills the new part.
 template <typename T>
 void growFilled(DeviceArray<T>& array, DeviceMemory& memory, std::size_t size, int byte, cudaStream_t stream) {
   if (size <= array.size()) return;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A CUDA event with an owner, so that several of them leak nothing when the making of one fails.
+/// An owned CUDA event: nothing leaks when creating one of several events fails.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -11,7 +11,7 @@ namespace accessvdb::kernels {
 
 class OwnedEvent {
  public:
-  /// @param flags  as of cudaEventCreateWithFlags
+  /// @param flags  as for cudaEventCreateWithFlags
   explicit OwnedEvent(unsigned flags) { ACCESSVDB_CUDA(cudaEventCreateWithFlags(&event_, flags)); }
   ~OwnedEvent() { (void)cudaEventDestroy(event_); }
   OwnedEvent(const OwnedEvent&) = delete;

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Host memory that the device can copy from and to by itself. Only grows; what it held is lost when it does.
+/// Pinned host memory, which the device copies to and from directly. Only grows; growing discards its contents.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -21,14 +21,14 @@ class PinnedBuffer {
   [[nodiscard]] std::byte* data() const { return data_; }
   [[nodiscard]] std::size_t size() const { return size_; }
 
-  /// Takes half as much again, so that it grows seldom, or just `bytes` where there is no memory for that.
-  /// @throw ResourceLimit  no memory that can be pinned
+  /// Reserves half as much again so that it rarely grows, or just `bytes` if memory is short.
+  /// @throw ResourceLimit  no memory left to pin
   void reserve(std::size_t bytes) {
     if (bytes <= size_) return;
     reset();
     if (!allocate(bytes + bytes / 2)) reserveExactly(bytes);
   }
-  /// @throw ResourceLimit  no memory that can be pinned
+  /// @throw ResourceLimit  no memory left to pin
   void reserveExactly(std::size_t bytes) {
     if (bytes <= size_) return;
     reset();
@@ -39,7 +39,7 @@ class PinnedBuffer {
   }
 
  private:
-  /// @return false where there is no memory
+  /// @return false if there is no memory
   bool allocate(std::size_t bytes) {
     void* address = nullptr;
     if (const cudaError_t status = cudaHostAlloc(&address, bytes, cudaHostAllocDefault); status != cudaSuccess) {

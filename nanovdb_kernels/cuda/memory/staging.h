@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A list on its way to the device, through pinned memory; the host does not wait.
+/// Sends lists to the device through pinned memory; the host does not wait.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -25,17 +25,17 @@ class Staging {
   Staging(const Staging&) = delete;
   Staging& operator=(const Staging&) = delete;
 
-  /// @return the list on the device, valid for what is queued on the stream before the next send
+  /// @return the device list, valid for work queued on the stream before the next send
   DeviceList<T> send(std::span<const T> list, DeviceMemory& memory, cudaStream_t stream) {
     return send(std::span(&list, 1), memory, stream);
   }
-  /// The same for several lists, one after the other.
+  /// The same for several lists, concatenated.
   DeviceList<T> send(std::span<const std::span<const T>> lists, DeviceMemory& memory, cudaStream_t stream) {
     const std::size_t size = totalSize(lists);
     if (size == 0) return {device_.data(), 0};
-    ACCESSVDB_CUDA(cudaEventSynchronize(sent_));  // the last ones have left the pinned memory
+    ACCESSVDB_CUDA(cudaEventSynchronize(sent_));  // the previous list has left pinned memory
     host_.reserve(size * sizeof(T));
-    // What still reads the old ones is done when their memory is given back: the driver waits for it.
+    // Kernels may still read the old array: the driver waits for them before it frees the memory.
     device_.growWithRoom(memory, size, size + size / 2, 0);
     auto* to = static_cast<std::byte*>(host_.data());
     for (const std::span<const T>& list : lists) {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a warp of the search keeps of the busy map (busy_map.h) around its point.
+/// What a search warp keeps of the busy map (busy_map.h) around its point.
 #pragma once
 
 #include <cstdint>
@@ -10,12 +10,12 @@
 
 namespace accessvdb::kernels {
 
-/// The nodes above the leaves as LowerWindow has them, and the bits of their leaves.
+/// The nodes above the leaves, as in LowerWindow, and the bits of their leaves.
 class BusyWindow : public MapWindow<LowerWindow> {
  public:
   static constexpr int kEntries = BusyMapView::kEntries;
 
-  /// A warp; its lanes wait for each other before they read. @param nodes  kEntries words for each node of the shape
+  /// One warp calls it, and synchronises before it reads. @param nodes  kEntries words per node of the shape
   __device__ BusyWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
                         const BusyMapView& busy, const Coord& point_ijk, int lane)
       : MapWindow<LowerWindow>(nodes, shape, map, point_ijk), numbers_(nodes + shape.nodes()), bits_(busy.bits) {
@@ -30,16 +30,15 @@ class BusyWindow : public MapWindow<LowerWindow> {
     }
   }
 
-  /// The same once more, its nodes filled before. @param bits  BusyMapView::bits
+  /// The same window again, with nodes that are already filled. @param bits  BusyMapView::bits
   __device__ BusyWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
                         const std::uint16_t* bits, const Coord& point_ijk)
       : MapWindow<LowerWindow>(nodes, shape, map, point_ijk), numbers_(nodes + shape.nodes()), bits_(bits) {}
 
-  /// Its shape covers whatever searches read: the tool and the corridor.
+  /// The shape covers all that searches read: the tool and the corridor.
   [[nodiscard]] __device__ static constexpr bool holds(const Coord&) { return true; }
 
-  /// Which of `count` leaves above each other, from that of voxel (x, y, z), hold something that collides. @param count
-  /// at most 16
+  /// Which of `count` leaves, at most 16, from that of voxel (x, y, z) upwards hold something that collides.
   [[nodiscard]] __device__ std::uint32_t busyLeaves(int x, int y, int z, int count) const {
     x -= this->origin_[0];
     y -= this->origin_[1];

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The order of DirectionWalk (hostdev/direction_filter.h), found by a warp at once.
+/// The order of DirectionWalk (hostdev/direction_filter.h), computed by a whole warp.
 #pragma once
 
 #include <cstdint>
@@ -14,7 +14,7 @@ inline constexpr int kMaskWords32 = 2 * kMaxDirectionWords, kMostDirections = 32
 
 __device__ inline bool testBit(const std::uint32_t* mask, int d) { return (mask[d >> 5] >> (d & 31) & 1u) != 0; }
 
-/// DirectionWalk::nearestDirection, a few directions a lane.
+/// DirectionWalk::nearestDirection, a few directions per lane.
 __device__ inline int nearestByWarp(const ApproachView& approach, const float* normal, int lane) {
   int nearest = lane < approach.num_directions ? lane : 0;
   float best = cosToNormal(approach, nearest, normal);
@@ -37,21 +37,21 @@ __device__ inline int nearestByWarp(const ApproachView& approach, const float* n
   return nearest;
 }
 
-/// Cosine from which on the cosines of neighbouring directions differ by more than rounding (see DirectionWalk).
+/// From this cosine on, cosines of neighbouring directions differ by more than rounding (see DirectionWalk).
 inline constexpr float kClearCosine = 0.1f;
 
-/// Place of a direction in the order. The two sides of the nearest direction are each in order, and the walk merges
-/// them: the i-th of one side comes between the (i - 1)-th and the (i + 1)-th of the other, so only these are compared.
-/// Their number is what the walk's is up to there, as long as no direction is closer than kClearCosine allows.
+/// Rank of a direction in the order. The two sides of the nearest direction are each in order, and the walk merges
+/// them: the i-th of one side falls between the (i - 1)-th and the (i + 1)-th of the other, so only these are compared.
+/// The rank equals the walk's for cosines of at least kClearCosine.
 __device__ inline int rankOf(const ApproachView& approach, const float* normal, int nearest, int d, float cosine) {
   const int count = approach.num_directions;
   int up = d - nearest;
   if (up < 0) up += count;
   const int down = count - up;
   const bool is_up = up < down;
-  const int i = is_up ? up : down;  // of its side; the nearest one is number 0 of the upper side, the lower has none
-  const int least = is_up ? 1 : 0;  // of the other side
-  int rank = is_up ? i : i - 1;     // of its own side come before it
+  const int i = is_up ? up : down;  // index on its side; the nearest is 0 on the upper side, the lower has no 0
+  const int least = is_up ? 1 : 0;  // lowest index on the other side
+  int rank = is_up ? i : i - 1;     // number of its own side that come before it
   if (i - 1 > least) rank += i - 1 - least;
 #pragma unroll 1
   for (int j = i - 1; j <= i + 1; ++j) {
@@ -64,9 +64,9 @@ __device__ inline int rankOf(const ApproachView& approach, const float* normal, 
   return rank;
 }
 
-/// Writes the directions in the normal cone in the order of DirectionWalk, one after the other. Kept out of line: few
-/// have so wide a cone, and kernels that are larger than the instruction cache wait for it.
-/// @return how many
+/// Writes the directions in the normal cone in the order of DirectionWalk, one after the other. Not inlined: so wide a
+/// cone is rare, and kernels larger than the instruction cache stall on it.
+/// @return their number
 static __device__ __noinline__ int walkDirections(const float* direction_xy, int num_directions, float normal_cos_min,
                                                   float x, float y, float z, int nearest, std::uint8_t* order,
                                                   int lane) {
@@ -83,9 +83,9 @@ static __device__ __noinline__ int walkDirections(const float* direction_xy, int
   return count;
 }
 
-/// Writes the directions in the normal cone that are `allowed` in the order of DirectionWalk. All lanes.
-/// @param order  [kMostDirections] shared by the warp   @param in_cone  out: is there any in the cone at all?
-/// @return how many
+/// Writes the `allowed` directions in the normal cone in the order of DirectionWalk. All lanes call it.
+/// @param order  [kMostDirections] shared by the warp   @param in_cone  out: whether any direction is in the cone
+/// @return their number
 __device__ inline int orderByWarp(const ApproachView& approach, const float* normal, const std::uint32_t* allowed,
                                   std::uint8_t* order, bool& in_cone, int lane) {
   const int nearest = nearestByWarp(approach, normal, lane);
@@ -111,7 +111,7 @@ __device__ inline int orderByWarp(const ApproachView& approach, const float* nor
     const int d = first + lane < cone ? order[first + lane] : -1;
     const bool wanted = d >= 0 && testBit(allowed, d);
     const unsigned all = __ballot_sync(kAllLanes, wanted);
-    __syncwarp();  // all have read what is written next
+    __syncwarp();  // all lanes have read what is overwritten next
     if (wanted) order[count + __popc(all & ((1u << lane) - 1u))] = static_cast<std::uint8_t>(d);
     count += __popc(all);
   }

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Look-up of places (hostdev/place_key.h) on the device.
+/// Device hash table of places (hostdev/place_key.h).
 #pragma once
 
 #include <cstdint>
@@ -12,7 +12,7 @@ namespace accessvdb::kernels {
 inline constexpr std::uint32_t kNoIndex = 0xffffffffu;
 inline constexpr std::uint64_t kNoKey = ~std::uint64_t{0};
 
-/// Open addressing, a power of two of slots, never full.
+/// Open addressing with 2^n slots, never full.
 struct HashView {
   std::uint64_t* keys = nullptr;  ///< kNoKey: empty
   std::uint32_t mask = 0;
@@ -34,7 +34,7 @@ struct HashView {
     bool is_new = false;
     return insert(key, is_new);
   }
-  /// @param is_new  out: the key was not there yet; true for one of those who insert it at a time
+  /// @param is_new  out: the key was not there yet; true for exactly one of several concurrent inserters
   [[nodiscard]] __device__ std::uint32_t insert(std::uint64_t key, bool& is_new) const {
     for (std::uint32_t slot = mix(key) & mask;; slot = (slot + 1) & mask) {
       const auto before = atomicCAS(reinterpret_cast<unsigned long long*>(keys + slot),

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The order in which points are searched: leaf by leaf, and what is near comes near, so that those that are searched
-/// at the same time read the same of the map.
+/// The order in which points are searched: leaf by leaf, with nearby leaves close together, so that points searched at
+/// the same time read the same part of the map.
 #include <cub/device/device_radix_sort.cuh>
 
 #include "cuda/memory/cuda_check.h"
@@ -12,9 +12,9 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kThreads = 256;
-constexpr int kBitsPerAxis = 10;  ///< leaves 1024 apart share a key, which costs a little time and nothing else
+constexpr int kBitsPerAxis = 10;  ///< leaves 1024 apart share a key, which only costs a little time
 
-/// Spreads 10 bits to every third place.
+/// Spreads 10 bits to every third bit position.
 __device__ std::uint32_t spread(std::uint32_t x) {
   x &= 0x3ffu;
   x = (x | x << 16) & 0x030000ffu;

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a warp keeps in shared memory of the map around its point, so that a voxel is two or three reads away instead
-/// of a walk from the root: the leaves within the tool's reach, or where those are too many, the nodes above them.
+/// What a warp keeps in shared memory of the map around its point, so that a voxel takes two or three reads instead of
+/// a walk from the root: the leaves within the tool's reach or, if there are too many, the nodes above them.
 #pragma once
 
 #include <cstddef>
@@ -13,21 +13,21 @@
 
 namespace accessvdb::kernels {
 
-/// Nodes are known by their byte offset from the grid / 32, to which they are aligned; the grid itself lies at 0.
+/// Nodes are identified by their byte offset from the grid / 32, their alignment; the grid itself lies at 0.
 inline constexpr std::uint32_t kNodeBytes = NANOVDB_DATA_ALIGNMENT;
-/// Bits of a leaf: 8 bytes an x, one byte a row of eight z.
+/// Bits of a leaf: 8 bytes per x, one byte per row of eight z.
 inline constexpr std::uint32_t kValueBytes = offsetof(OccupancyLeaf::DataType, mValues);
 inline constexpr std::uint32_t kActiveBytes = offsetof(OccupancyLeaf::DataType, mValueMask);
 inline constexpr std::uint32_t kLowerTableBytes = offsetof(OccupancyLower::DataType, mTable);
 inline constexpr int kLeafLog2 = 3, kLowerLog2 = 7;
 
-/// Does anything in a leaf collide? Its cells say.
+/// Whether anything in a leaf collides, by its cell counts.
 __device__ inline bool collidesSomewhere(const std::uint8_t* leaf) {
   return *reinterpret_cast<const std::uint64_t*>(leaf + kCellCountsBytes) != 0;
 }
 
-/// Address arithmetic that both windows share. Coordinates are voxels from the window's corner, never negative. The
-/// shape is not copied, to spare registers: it is an argument of the kernel, or lies in shared memory.
+/// Address arithmetic shared by both windows. Coordinates are voxels from the window's corner, never negative. To save
+/// registers the shape is not copied: it is a kernel argument or lies in shared memory.
 class WindowBase {
  public:
   __device__ WindowBase(std::uint32_t* nodes, const WindowShape& shape, const OccupancyGrid* grid,
@@ -46,7 +46,7 @@ class WindowBase {
     return inside;
   }
 
-  /// Colliding voxels at place x of a leaf: bit 8 y + z.
+  /// Colliding voxels at x in a leaf: bit 8 y + z.
   [[nodiscard]] static __device__ std::uint64_t slabIn(const std::uint8_t* leaf, int x) {
     return reinterpret_cast<const std::uint64_t*>(leaf + kValueBytes)[x & 7];
   }
@@ -75,12 +75,12 @@ class WindowBase {
   int log2_;
 };
 
-/// Every leaf. An entry: offset of the leaf shifted left by one, bit 0 = something in it collides; 0 = no leaf.
+/// A window of leaves. Entry: offset of the leaf shifted left by one, bit 0 = something in it collides; 0 = no leaf.
 class LeafWindow : public WindowBase {
  public:
   static constexpr int kLog2 = kLeafLog2;
 
-  /// A warp; its lanes wait for each other before they read.
+  /// One warp calls it, and synchronises before it reads.
   __device__ LeafWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
                         const Coord& point_ijk, int lane)
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {
@@ -100,9 +100,9 @@ class LeafWindow : public WindowBase {
     }
   }
 
-  /// Colliding voxels of `wanted` in the row of eight z that begins at z & ~7.
+  /// Counts the `wanted` voxels that collide in the row of eight z from z & ~7 on.
   [[nodiscard]] __device__ int countRow(int x, int y, int z, std::uint32_t wanted) const {
-    // No branches: where nothing can collide a byte of the grid's head is read, and no bit of it is wanted.
+    // No branches: where nothing can collide, it reads a byte of the grid's header and masks out all of its bits.
     const std::uint32_t entry = nodes_[wanted != 0 ? index(x, y, z) : 0];
     const std::uint32_t some = 0u - (entry & 1u);
     return __popc(node((entry >> 1) & some)[kValueBytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] & wanted &
@@ -120,7 +120,7 @@ class LeafWindow : public WindowBase {
   }
 };
 
-/// The lower nodes: a leaf is one more read away. Any tool fits. An entry: offset of the node; 0 = none.
+/// A window of lower nodes: a leaf takes one more read. Any tool fits. Entry: offset of the node; 0 = none.
 class LowerWindow : public WindowBase {
  public:
   static constexpr int kLog2 = kLowerLog2;
@@ -129,7 +129,7 @@ class LowerWindow : public WindowBase {
   __device__ LowerWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
                          const Coord& point_ijk)
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {}
-  /// As LeafWindow's.
+  /// Like the constructor of LeafWindow.
   __device__ LowerWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
                          const Coord& point_ijk, int lane)
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {
@@ -163,7 +163,7 @@ class LowerWindow : public WindowBase {
     return (leaf[mask_bytes + static_cast<std::uint32_t>((x & 7) * 8 + (y & 7))] >> (z & 7) & 1u) != 0;
   }
 
-  /// The mirror writes an entry of the table only for a child, and memory that it never wrote is zero: 0 = no leaf.
+  /// The mirror writes table entries only for children, and memory that it never wrote is zero: 0 = no leaf.
   [[nodiscard]] __device__ const std::uint8_t* leafOf(int x, int y, int z) const {
     const std::uint32_t entry = nodes_[index(x, y, z)];
     if (entry == 0) return nullptr;
@@ -182,20 +182,20 @@ class MapWindow : public Nodes {
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
 
-  /// All that collides in the leaf of a voxel; there is one.
+  /// Number of collisions in the leaf of a voxel; the leaf must exist.
   [[nodiscard]] __device__ std::uint32_t collisionsIn(int x, int y, int z) const {
     const auto cells = *reinterpret_cast<const std::uint64_t*>(leafAt(x, y, z) + kCellCountsBytes);
     return __dp4a(static_cast<std::uint32_t>(cells), 0x01010101u,
                   __dp4a(static_cast<std::uint32_t>(cells >> 32), 0x01010101u, 0u));
   }
-  /// A leaf that there is, in four bytes, and what collides at place x of it: bit 8 y + z.
+  /// An existing leaf as a four-byte entry, and what collides at x in it: bit 8 y + z.
   [[nodiscard]] __device__ std::uint32_t entryOf(int x, int y, int z) const { return this->offsetOf(leafAt(x, y, z)); }
   [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
     return WindowBase::slabIn(this->node(entry), x);
   }
 
-  /// Colliding voxels of a column of the tool placed at a voxel, as countVoxelCollisions counts them. Two rows a turn:
-  /// their reads do not wait for each other.
+  /// Collisions of a tool column placed at a voxel, as countVoxelCollisions counts them. Two rows per iteration, so
+  /// that their reads overlap.
   [[nodiscard]] __device__ int countColumn(const VoxelColumn& column, const Coord& point_ijk) const {
     const int x = point_ijk[0] - this->origin_[0] + column.dx, y = point_ijk[1] - this->origin_[1] + column.dy;
     int z = point_ijk[2] - this->origin_[2] + column.dz;
@@ -221,7 +221,7 @@ class MapWindow : public Nodes {
   }
 };
 
-/// The same questions through the tree.
+/// The same interface, answered by walking the tree.
 class TreeWindow {
  public:
   __device__ explicit TreeWindow(const OccupancyView& view) : reader_(view) {}

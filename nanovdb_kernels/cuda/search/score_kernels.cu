@@ -12,11 +12,11 @@
 namespace accessvdb::kernels {
 namespace {
 
-constexpr unsigned kThreads = 128;  ///< of a block, where each works alone
-constexpr unsigned kWarps = 4;      ///< of a block, where a warp works on a point
-/// Blocks that a multiprocessor is to hold: the registers are limited for that, and the compiler spills next to none.
+constexpr unsigned kThreads = 128;  ///< per block, if each works alone
+constexpr unsigned kWarps = 4;      ///< per block, with one warp per point
+/// Blocks that a multiprocessor should hold: this limits the registers, with almost no spilling.
 constexpr unsigned kSearchBlocks = 6, kCountBlocks = 8;
-/// Of a warp: 24 of them leave half of a multiprocessor's memory to the cache that leaves are read through.
+/// Limit per warp: 24 warps leave half of a multiprocessor's memory to the cache through which leaves are read.
 constexpr std::int64_t kMostLeafWindowBytes = 4 * 1024;
 
 unsigned blocksFor(std::uint32_t count, unsigned each) { return (count + each - 1) / each; }
@@ -67,10 +67,10 @@ struct WarpPoint {
   }
 };
 
-/// Dynamic shared memory: a window a warp.
+/// Dynamic shared memory: one window per warp.
 extern __shared__ std::uint32_t window_nodes[];
 
-/// The window of this warp around its point; all lanes.
+/// Makes this warp's window around its point. All lanes call it.
 template <class Window>
 __device__ Window makeWindow(const ScoreChunk& chunk, const WarpPoint& point, const WindowPlan& plan, int lane) {
   if constexpr (std::is_same_v<Window, TreeWindow>) {
@@ -137,7 +137,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
   const Window window = makeWindow<Window>(chunk, point, plan, lane);
   const OccupancyReader map(chunk.map);
   for (int d = 0; d < chunk.approach.num_directions; ++d) {
-    __syncthreads();  // the warps of a block stay together, so that one brings the tool into the cache for all
+    __syncthreads();  // keeps the warps of a block together, so that one loads the tool into the cache for all
     int hits = 0;
     if constexpr (kSamples) {
       hits =
@@ -152,7 +152,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
   }
 }
 
-/// Launches a kernel of warps with the window that the plan says.
+/// Launches a kernel with one warp per point and the window of the plan.
 template <class OfLeaves, class OfLowers, class OfTree, class... Arguments>
 void launchWarps(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream, OfLeaves* of_leaves,
                  OfLowers* of_lowers, OfTree* of_tree, Arguments... arguments) {
@@ -178,8 +178,8 @@ void launchWarps(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t s
 
 namespace {
 
-/// A block may have more than 48 KB of shared memory only where that was asked for. Once, and for the most there is:
-/// several fields of a process launch the same kernels.
+/// Blocks get more than 48 KB of shared memory only on request. Asks once, for the maximum: several fields of a process
+/// launch the same kernels.
 void allowShared(const void* kernel, int shared_bytes_per_block) {
   cudaFuncAttributes attributes = {};
   ACCESSVDB_CUDA(cudaFuncGetAttributes(&attributes, kernel));

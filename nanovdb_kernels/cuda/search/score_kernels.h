@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Launches of the kernels that work on point state. All pointers are device memory; all calls only queue work.
+/// Launches the kernels that work on point state. All pointers are device memory; calls only queue work.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -20,29 +20,29 @@ struct ScoreChunk {
   PointStateView points;
   UpdateRule rule;
   const ScoreItem* items = nullptr;      ///< [count]
-  const std::uint32_t* order = nullptr;  ///< [count] items of one leaf behind each other; null: as they come
+  const std::uint32_t* order = nullptr;  ///< [count] items, leaf by leaf; null: as they come
   ScoreResult* results = nullptr;        ///< [count]
   std::uint32_t count = 0;
 };
 
-/// @throw DeviceError  this program has no code for the device
+/// @throw DeviceError  this program was built without code for the device
 void requireScoreKernels(int shared_bytes_per_block);
 
-/// Search of all items, a thread each, by the plain rule.
+/// Searches all items by the plain rule, one thread per item.
 void launchPlainSearch(const ScoreChunk& chunk, cudaStream_t stream);
-/// The same, a warp each. @param plan  from planWindow
+/// The same with one warp per item. @param plan  from planWindow
 void launchWarpSearch(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream);
-/// State of the points after a search, and what the results say of it.
+/// Updates the state of the points after a search, and stores it in the results.
 void launchUpdate(const ScoreChunk& chunk, cudaStream_t stream);
-/// Collisions of every direction of every point, no filter and no early stop: counts [chunk.count x D].
+/// Counts collisions in every direction of every point, without filter or early stop: counts [chunk.count x D].
 void launchCount(const ScoreChunk& chunk, const WindowPlan& plan, std::uint16_t* counts, cudaStream_t stream);
 void launchWrite(const PointStateView& points, const PointInput* inputs, std::uint32_t count, cudaStream_t stream);
 
-/// Puts items of one leaf behind each other. @param keys, sorted, order_in  scratch [count]
-/// @param bytes  of scratch memory; with scratch == nullptr it is only said how much is needed for `count`
+/// Orders items leaf by leaf. @param keys, sorted, order_in  scratch [count]
+/// @param bytes  of scratch memory; with scratch == nullptr, only set to what `count` items need
 void launchLeafOrder(const ScoreChunk& chunk, std::uint32_t* keys, std::uint32_t* sorted, std::uint32_t* order_in,
                      std::uint32_t* order, void* scratch, std::size_t& bytes, cudaStream_t stream);
-/// Blocks of points in an order in which near blocks come near. @param leaf  [3 blocks]  @param blocks  [count]
+/// Orders blocks of points, near ones close together. @param leaf  [3 blocks]  @param blocks  [count]
 /// @param keys, sorted  scratch [count]  @param scratch, bytes  as above
 void launchBlockOrder(const std::int32_t* leaf, const std::uint32_t* blocks, std::uint32_t count, std::uint32_t* keys,
                       std::uint32_t* sorted, std::uint32_t* order, void* scratch, std::size_t& bytes,

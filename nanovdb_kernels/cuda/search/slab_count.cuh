@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Counts the tool's collisions leaf by leaf: first the leaves that it touches are asked whether anything in them
-/// collides at all, a column of them a lane; the few that are left go on a list, and meet the slabs of the tool, eight
-/// lanes a leaf.
+/// Counts the tool's collisions leaf by leaf: first it looks up which leaves touched by the tool contain any collision
+/// at all, one column of leaves per lane. These few go on a list and are compared with the tool's slabs, eight lanes
+/// per leaf.
 #pragma once
 
 #include <cstdint>
@@ -12,30 +12,30 @@
 
 namespace accessvdb::kernels {
 
-/// Leaves in which something collides, a list a warp.
+/// Leaves in which something collides, one list per warp.
 struct BusyLeaves {
-  static constexpr int kTurn = 16;  ///< leaves of a column asked at a time
+  static constexpr int kTurn = 16;  ///< leaves of a column looked up at a time
   static constexpr int kMost = 4 * static_cast<int>(kWarp);
   struct Leaf {
-    std::uint32_t entry;  ///< of the window
-    std::uint32_t place;  ///< x << 16 | y << 8 | z, from the box of the direction's slabs; x is 8 more
+    std::uint32_t entry;  ///< the leaf's entry in the window
+    std::uint32_t place;  ///< (x + 8) << 16 | y << 8 | z, from the box of the direction's slabs
   };
   Leaf list[kMost];
 };
 
-/// What a warp needs to count slabs, in shared memory.
+/// What a warp needs in shared memory to count slabs.
 struct SlabWork {
   ToolSlabsView tool;
   OccupancyView map;
   WindowShape shape;
-  std::uint32_t* nodes;  ///< of a BusyWindow of that shape, filled
+  std::uint32_t* nodes;  ///< filled nodes of a BusyWindow of that shape
   const std::uint16_t* busy_bits;
   std::int32_t point_ijk[3];
   BusyLeaves busy;
 };
 
 /// The tool at one direction, placed at the voxel of a point.
-/// @tparam kThick  there are ToolSlabsView::full
+/// @tparam kThick  whether ToolSlabsView::full is set
 template <bool kThick>
 class SlabCount {
  public:
@@ -50,8 +50,8 @@ class SlabCount {
     columns_ = work.tool.columns + begin[0];
     if constexpr (kThick) full_ = work.tool.full + begin[0];
     num_columns_ = static_cast<int>(begin[1] - begin[0]);
-    // Slabs of the tool begin at the voxel of the point, those of the map at multiples of eight: a leaf of the map
-    // meets the lower part of one slab in its bits shift .. 7, and the upper part of the one below in the others.
+    // Tool slabs begin at the voxel of the point, map slabs at multiples of eight: a map leaf meets the lower part of
+    // one tool slab in its bits shift .. 7, and the upper part of the slab below in its other bits.
     shift_ = point_ijk_[2] & 7;
     high_ = (0xffu << shift_ & 0xffu) * 0x01010101u;
   }
@@ -73,7 +73,7 @@ class SlabCount {
         const int asked = min(max(leaves - low, 0), BusyLeaves::kTurn);
         std::uint32_t found = asked > 0 ? window_.busyLeaves(ijk[0], ijk[1], ijk[2] + 8 * low, asked) : 0;
         const std::uint32_t from = place + static_cast<std::uint32_t>(low);
-        // Where much collides, leaves that the tool takes as a whole give many collisions for little.
+        // Where much collides, leaves fully covered by the tool give many collisions at little cost.
         if constexpr (kThick) {
           if (__reduce_add_sync(kAllLanes, __popc(found)) >= kManyBusy) {
             const std::uint32_t full = found & fullOf(n, low);
@@ -89,15 +89,15 @@ class SlabCount {
   }
 
  private:
-  /// Voxel of a leaf of BusyLeaves::Leaf::place, where its slab at x = 0 begins.
+  /// First voxel of the leaf at a BusyLeaves::Leaf::place, where its slab at x = 0 begins.
   [[nodiscard]] __device__ Coord voxelAt(std::uint32_t place) const {
     return Coord(point_ijk_[0] + box_.dx + static_cast<int>(place >> 16) - 8,
                  (point_ijk_[1] & ~7) + 8 * (box_.leaf_dy + static_cast<int>(place >> 8 & 0xff)),
                  (point_ijk_[2] & ~7) + 8 * (box_.slab_dz + static_cast<int>(place & 0xff)));
   }
-  /// Collisions in leaves of a column, a column a lane; all lanes. They are listed first and then shared out: memory is
-  /// far away, and a lane with many of them would wait for each.
-  /// @tparam kWhole  the tool takes all of them  @param found  bit k: the k-th leaf above that at `place`
+  /// Collisions in leaves of a column, one column per lane. All lanes call it. The leaves are listed first and then
+  /// shared among lanes: otherwise a lane with many leaves would pay the memory latency for each.
+  /// @tparam kWhole  the tool covers them fully  @param found  bit k: the k-th leaf above that at `place`
   template <bool kWhole>
   __device__ int collisionsIn(std::uint32_t found, std::uint32_t place) const {
     int count = 0, listed = 0;
@@ -134,21 +134,21 @@ class SlabCount {
     if constexpr (!kWhole) {
 #pragma unroll 1
       for (int first = 0; first < listed; first += 2 * kAtATime) {
-        const int n = first + (lane_ >> 3);  // the reads of two leaves do not wait for each other
+        const int n = first + (lane_ >> 3);  // reads of two leaves overlap
         mine += collisionsOf(n, listed) + collisionsOf(n + kAtATime, listed);
       }
       __syncwarp();  // all have read the list
     }
     return __reduce_add_sync(kAllLanes, mine);
   }
-  /// Which of the leaves low .. low + 15 of the n-th column the tool takes as a whole: those between two full slabs.
+  /// Which of the leaves low .. low + 15 of the n-th column the tool covers fully: those between two full slabs.
   [[nodiscard]] __device__ std::uint32_t fullOf(int n, int low) const {
     const FullSlabs full = n < num_columns_ ? full_[n] : FullSlabs{};
     const int begin = full.begin + (shift_ != 0 ? 1 : 0), end = full.begin + full.count;
     return bitsUpTo(end - low) & ~bitsUpTo(begin - low);
   }
   [[nodiscard]] static __device__ std::uint32_t bitsUpTo(int n) { return (1u << min(max(n, 0), 31)) - 1u; }
-  /// In one of the eight slabs of the n-th leaf.
+  /// Collisions in one of the eight slabs of the n-th leaf.
   __device__ int collisionsOf(int n, int listed) const {
     const BusyLeaves::Leaf leaf = n < listed ? busy_.list[n] : BusyLeaves::Leaf{0, 0};
     const int own_x = lane_ & 7, x = static_cast<int>(leaf.place >> 16) + own_x - 8,
@@ -163,7 +163,7 @@ class SlabCount {
                 static_cast<std::uint32_t>(lower >> 32));
   }
   __device__ int half(std::uint32_t map, std::uint32_t upper, std::uint32_t lower) const {
-    // Bytes are shifted on their own: what comes in from the next one is masked.
+    // Shifts each byte separately: bits that come in from its neighbour are masked out.
     return __popc(map & ((upper << shift_ & high_) | (lower >> (8 - shift_) & ~high_)));
   }
 
@@ -177,15 +177,14 @@ class SlabCount {
   SlabBox box_;
   const std::uint64_t* words_;
   const LeafColumn* columns_;
-  const FullSlabs* full_;  ///< of each of them; only where the tool is thick
+  const FullSlabs* full_;  ///< one per column; only if the tool is thick
   int num_columns_;
   int shift_;
   std::uint32_t high_;
 };
 
 /// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. All
-/// lanes. Kept out of line, though it is most of the work: kernels that are larger than the instruction cache wait for
-/// it.
+/// lanes call it. Not inlined, although it is most of the work: kernels larger than the instruction cache stall on it.
 template <bool kThick>
 static __device__ __noinline__ int countSlabs(SlabWork& work, int d, int stop_above, int lane) {
   return SlabCount<kThick>(work, d, lane).upTo(stop_above);

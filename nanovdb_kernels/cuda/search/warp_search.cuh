@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// searchDirections (hostdev) by the 32 lanes of a warp, with the same result bit for bit.
+/// searchDirections (hostdev) with the 32 lanes of a warp, and bit for bit the same result.
 ///
-/// Directions come in rank order, as in the plain rule. Lanes test the corridors of up to 32 of them at once; what lies
-/// behind the direction that ends the search is thrown away. The tool is then counted one direction at a time, by all
-/// lanes: slab by slab (slab_count.cuh), or a column or sample a lane.
+/// Directions come in rank order, as in the plain rule. Lanes test the corridors of up to 32 of them at once; results
+/// past the direction that ends the search are discarded. All lanes then count the tool's collisions one direction at a
+/// time: slab by slab (slab_count.cuh), or one column or sample per lane.
 #pragma once
 
 #include <cstdint>
@@ -16,25 +16,25 @@
 
 namespace accessvdb::kernels {
 
-/// What a warp keeps in shared memory while it searches; masks have bit d of word d/32.
+/// Shared memory of a searching warp. In masks, direction d is bit d % 32 of word d / 32.
 struct WarpMasks {
   std::uint32_t allowed[kMaskWords32];       ///< seen and candidate
   std::uint32_t skip[kMaskWords32];          ///< known to be blocked
   std::uint32_t arm_blocked[kMaskWords32];   ///< found blocked in the corridor
   std::uint32_t tool_blocked[kMaskWords32];  ///< found blocked by the tool
-  std::uint32_t put_off[kMaskWords32];       ///< blocked for certain, but not counted yet
-  std::uint32_t counted[kMaskWords32];       ///< in which the tool was looked at
-  std::uint16_t least[kMostDirections];      ///< collisions of those two at least
-  std::uint8_t order[kMostDirections];       ///< the allowed ones in rank order
+  std::uint32_t put_off[kMaskWords32];       ///< certainly blocked, but not counted yet
+  std::uint32_t counted[kMaskWords32];       ///< tool collisions were counted
+  std::uint16_t least[kMostDirections];      ///< lower bound of collisions for those two
+  std::uint8_t order[kMostDirections];       ///< allowed directions in rank order
 };
 
-/// Where nothing is known of collisions.
+/// For searches that know nothing about collisions.
 struct NothingKnown {
   __device__ int operator()(int) const { return 0; }
 };
 
-/// The count of the plain rule once 32 more items are counted, an item a lane.
-/// @return whether the plain rule stops among them; `count` is then what it stops with
+/// Adds the counts of 32 more items, one per lane, to the count of the plain rule.
+/// @return whether the plain rule stops among them; `count` is then where it stops
 __device__ inline bool addCounts(int& count, int mine, int stop_above, int lane) {
   const int total = __reduce_add_sync(kAllLanes, mine);
   if (count + total <= stop_above) {
@@ -47,8 +47,8 @@ __device__ inline bool addCounts(int& count, int mine, int stop_above, int lane)
   return true;
 }
 
-/// Colliding voxels of some columns of the tool, with what the plain rule would stop with.
-/// @tparam kTurns  columns a lane has on their way at a time
+/// Counts collisions of some tool columns, and stops at the same number as the plain rule.
+/// @tparam kTurns  columns in flight per lane
 template <int kTurns, class Window>
 __device__ int countColumnsByWarp(const Window& window, const VoxelColumn* columns, std::uint32_t begin,
                                   std::uint32_t end, const Coord& point_ijk, int stop_above, int lane) {
@@ -75,7 +75,7 @@ __device__ int countColumnsByWarp(const Window& window, const VoxelColumn* colum
   return count;
 }
 
-/// countVoxelCollisions.
+/// countVoxelCollisions with one warp.
 template <int kTurns, class Window>
 __device__ int countVoxelsByWarp(const Window& window, const ToolKernelView& tool, int d, const Coord& point_ijk,
                                  int stop_above, int lane) {
@@ -83,7 +83,7 @@ __device__ int countVoxelsByWarp(const Window& window, const ToolKernelView& too
                                     stop_above, lane);
 }
 
-/// countSampleCollisions.
+/// countSampleCollisions with one warp.
 template <class Window>
 __device__ int countSamplesByWarp(const Window& window, const OccupancyReader& map, const ToolKernelView& tool, int d,
                                   const float* position_L, float inverse_voxel_size, int stop_above, int lane) {
@@ -102,7 +102,7 @@ __device__ int countSamplesByWarp(const Window& window, const OccupancyReader& m
   return count;
 }
 
-/// testArm, a direction a lane.
+/// testArm, one direction per lane.
 template <class Window>
 __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader& map, const ApproachView& approach,
                                     int d, const float* position_L, float inverse_voxel_size) {
@@ -120,10 +120,10 @@ __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader&
   return {approach.num_arm, PointReason::None};
 }
 
-// How a search counts. What it gets is exact up to `stop_above`; beyond, a counter that is `kPlain` gives the number at
-// which the plain rule stops, another one some number above it that the collisions reach.
+// How a search counts collisions. Results are exact up to `stop_above`. Beyond it, a `kPlain` counter returns the
+// number at which the plain rule stops, any other some number above `stop_above` that the collisions reach.
 
-/// A column of voxels a lane.
+/// One column of voxels per lane.
 template <class Window>
 struct ColumnCounter {
   static constexpr bool kPlain = true;
@@ -136,7 +136,7 @@ struct ColumnCounter {
     return countVoxelsByWarp<2>(window, tool, d, point_ijk, stop_above, lane);
   }
 };
-/// A sample a lane.
+/// One sample per lane.
 template <class Window>
 struct SampleCounter {
   static constexpr bool kPlain = true;
@@ -151,21 +151,21 @@ struct SampleCounter {
     return countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, stop_above, lane);
   }
 };
-/// Slab by slab. @tparam kThick  as SlabCount's
+/// Slab by slab. @tparam kThick  as for SlabCount
 template <bool kThick>
 struct SlabCounter {
   static constexpr bool kPlain = false;
-  SlabWork& work;  ///< of the point
+  SlabWork& work;  ///< for one point
   int lane;
 
   __device__ int operator()(int d, int stop_above) const { return countSlabs<kThick>(work, d, stop_above, lane); }
 };
 
-/// kNoScore means: no direction got this far.
+/// Keeps counts below kNoScore, which means that no direction got this far.
 __device__ inline int belowNoScore(int count) { return count < kNoScore ? count : kNoScore - 1; }
 
-/// The direction that was put off with the least collisions, and takes it off the list. All lanes.
-/// @return -1 where there is none with at most `most`
+/// Takes the direction with the fewest collisions off the list of those put off. All lanes call it.
+/// @return the direction, or -1 if none has at most `most`
 __device__ inline int takePutOff(WarpMasks& masks, int most, int lane) {
   std::uint32_t least = 0xffffffffu;
 #pragma unroll 1
@@ -196,12 +196,12 @@ struct SearchPoint {
 template <class Window>
 struct MapAround {
   const Window& window;
-  const OccupancyReader& map;  ///< where the window does not reach
+  const OccupancyReader& map;  ///< for voxels outside the window
   float inverse_voxel_size;
 };
 
-/// What a search by a warp depends on; the same for all of its lanes.
-/// @tparam Known  known(d): a number of collisions that direction d reaches; used only where the counter is not plain
+/// Inputs of a warp's search; the same for all lanes.
+/// @tparam Known  known(d): a lower bound of the collisions of direction d; used only if the counter is not plain
 template <class Window, class Counter, class Known = NothingKnown>
 struct SearchContext {
   static constexpr bool kPlain = Counter::kPlain;
@@ -213,10 +213,10 @@ struct SearchContext {
   WarpMasks& masks;
   int lane;
   Known known = {};
-  int remember_at = 0;  ///< collisions are counted up to here where that is cheap, for masks.least
+  int remember_at = 0;  ///< count up to here where that is cheap, for masks.least
 };
 
-/// searchDirections by a warp. All its lanes call it, and get the same result.
+/// searchDirections with one warp. All lanes call it and get the same result.
 template <class Context>
 class WarpSearch {
  public:
@@ -262,8 +262,8 @@ class WarpSearch {
   struct Turn {
     int mine;                                ///< this lane's direction, or -1
     bool is_blocked;                         ///< in the corridor
-    int my_least;                            ///< collisions that it is known to reach
-    unsigned known, skipped, blocked, free;  ///< lanes by what is the matter with their directions
+    int my_least;                            ///< known lower bound of its collisions
+    unsigned known, skipped, blocked, free;  ///< masks of lanes, by state of their directions
   };
 
   __device__ void clearMasks(const ScoreItem& item) {
@@ -282,7 +282,7 @@ class WarpSearch {
     known_direction_ = item.known_direction;
   }
 
-  /// Tests the corridors of the directions from masks.order[first] on.
+  /// Tests the corridors of up to 32 directions, starting at masks.order[first].
   __device__ Turn testCorridors(int first, int count, ScoreResult& result) {
     Turn turn;
     turn.mine = first + lane_ < count ? masks_.order[first + lane_] : -1;
@@ -301,7 +301,7 @@ class WarpSearch {
     turn.blocked = __ballot_sync(kAllLanes, turn.is_blocked);
     turn.free = __ballot_sync(kAllLanes, is_tested && !turn.is_blocked);
 
-    // Corridors count as the closest outcome only as long as no direction has reached the tool.
+    // A corridor is the closest outcome only as long as no direction has got as far as the tool.
     const unsigned scored = turn.free | (known_score_ < kNoScore ? turn.known : 0u);
     const unsigned before_scored = scored == 0 ? kAllLanes : (scored & (0u - scored)) - 1;
     if (!tool_reached_ && (turn.blocked & before_scored) != 0) {
@@ -318,8 +318,8 @@ class WarpSearch {
     return turn;
   }
 
-  /// Counts the tool in the free directions of a turn, one after the other.
-  /// @param done  set where a direction without any collision was found
+  /// Counts tool collisions in a turn's free directions, one after the other.
+  /// @param done  set if a direction without any collision was found
   /// @return lanes whose directions the plain rule reaches
   __device__ unsigned countNext(const Turn& turn, bool& done, ScoreResult& result) {
 #pragma unroll 1
@@ -332,8 +332,8 @@ class WarpSearch {
         const int bound = best_count_ < known_score_ ? best_count_ : known_score_;
         int hits = 0;
         if constexpr (!kPlain) {
-          // As long as there is no count: where it is blocked for certain, a free direction would make its count
-          // needless, and without one the least of them comes first.
+          // Until some direction has a count, those certainly blocked are put off: a free direction makes their counts
+          // needless, and without one, the one with the fewest collisions comes first.
           const int enough = bound == kNoScore ? c_.limit - 1 : bound;
           hits = __shfl_sync(kAllLanes, turn.my_least, at);
           if (hits <= enough) {
@@ -359,7 +359,7 @@ class WarpSearch {
     return kAllLanes;
   }
 
-  /// Counts directions that were put off, as long as one of them may be the best.
+  /// Counts put-off directions as long as one of them may be the best.
   __device__ void settlePutOff(ScoreResult& result) {
 #pragma unroll 1
     for (int d = takePutOff(masks_, best_count_, lane_); d >= 0; d = takePutOff(masks_, best_count_, lane_)) {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// How much of the map a warp of the search keeps at hand.
+/// How much of the map a search warp keeps in shared memory.
 #pragma once
 
 #include <cstdint>
@@ -9,13 +9,13 @@
 
 namespace accessvdb::kernels {
 
-/// Nodes of 2^log2 voxels that a window holds: how many, and where it begins relative to the node of the point. The
-/// same for all points.
+/// Extent of a window in nodes of 2^log2 voxels, and its first node relative to a point's node. The same for all
+/// points.
 struct WindowShape {
   std::int32_t begin[3] = {0, 0, 0};  ///< [nodes] from the node of the point
   std::int32_t size[3] = {0, 0, 0};   ///< [nodes]
 
-  /// @param reach  of the tool, from the voxel of a point, which may be any voxel of its node
+  /// @param reach  of the tool, relative to a point's voxel, which may be any voxel of its node
   ACCESSVDB_HOSTDEV static WindowShape of(const VoxelBox& reach, int log2) {
     WindowShape shape;
     for (int axis = 0; axis < 3; ++axis) {
@@ -32,13 +32,12 @@ struct WindowPlan {
   enum class Kind { None, Leaves, Lowers };
   Kind kind = Kind::None;
   WindowShape shape;
-  /// Entries of a warp's window.
+  /// Entries per warp's window.
   ACCESSVDB_HOSTDEV std::uint32_t entries() const { return static_cast<std::uint32_t>(shape.nodes()); }
 };
 
-/// Leaves where they fit, else lower nodes; None where the tool's reach is not known, or there is too little shared
-/// memory.
-/// @param leaves  false: no window of leaves
+/// Leaves if they fit, else lower nodes; None if the tool's reach is unknown or shared memory is too small.
+/// @param leaves  false: never plan a window of leaves
 [[nodiscard]] WindowPlan planWindow(const ToolKernelView& tool, int shared_bytes_per_block, bool leaves);
 
 }  // namespace accessvdb::kernels

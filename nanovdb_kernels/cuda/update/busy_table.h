@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The arrays behind a BusyMapView, made again for every update.
+/// The arrays behind a BusyMapView, rebuilt for every update.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -18,7 +18,7 @@ class BusyTable {
  public:
   explicit BusyTable(DeviceMemory& memory) : memory_(memory) {}
 
-  /// @param lowers  lower nodes of the mirror  @param listed  device, zero: how many are listed
+  /// @param lowers  number of lower nodes in the mirror  @param listed  zeroed device memory: number listed
   [[nodiscard]] BusyMapView make(const OccupancyGrid* grid, std::uint32_t lowers, std::uint32_t* listed,
                                  cudaStream_t stream) {
     const std::size_t slots = std::bit_ceil(2 * std::size_t{lowers} + 64);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The numbers that kernels of an update add to.
+/// Counters that the kernels of an update add to.
 #pragma once
 
 #include <cuda_runtime_api.h>

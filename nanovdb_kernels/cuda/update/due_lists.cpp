@@ -17,7 +17,7 @@ void DueLists::growBlocks(std::uint32_t blocks, cudaStream_t stream) {
 }
 
 void DueLists::growItems(std::uint32_t points) {
-  // Room for all points of small maps, else for parts of them, of which few are due.
+  // Room for all points of a small map, else for parts of a map, of which few points are due.
   const std::size_t items = std::clamp<std::size_t>(roomFor(points), kLeastItems, kMaxItems);
   if (items_.size() < items) {
     items_.grow(memory_, items, 0);

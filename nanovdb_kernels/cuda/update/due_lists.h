@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The points that have to be evaluated, by blocks, and the order of the blocks.
+/// The points to evaluate, by block, and the order of the blocks.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -29,8 +29,8 @@ class DueLists {
   void growBlocks(std::uint32_t blocks, cudaStream_t stream);
   void growItems(std::uint32_t points);
 
-  /// Points that are near each other are searched at the same time, as they read the same part of the map.
-  /// @param busy  blocks with anything due  @return the view with these blocks in the order of the search
+  /// Orders blocks so that nearby points, which read the same part of the map, are searched at the same time.
+  /// @param busy  number of blocks with points due  @return the view with these blocks in the order of the search
   [[nodiscard]] DueView ordered(const BlockIndexView& index, std::uint32_t busy, cudaStream_t stream);
 
  private:

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Puts the points that have to be evaluated on the list, by the rule of hostdev/due_rule.h: after their neighbourhoods
-/// changed, after flips near them, and when their turn has come. Flips are taken leaf by leaf, for groups of blocks.
+/// Lists the points to evaluate, by the rule of hostdev/due_rule.h: after their neighbourhoods changed, after flips
+/// near them, and when their turn has come. Flips are handled leaf by leaf, for groups of blocks.
 #include "cuda/memory/cuda_check.h"
 #include "cuda/update/known_collisions.cuh"
 #include "cuda/update/update_kernels.h"
@@ -27,7 +27,7 @@ __device__ StoredScore storedScore(const PointStateView& points, std::size_t id)
   return {points.label[id], points.direction[id], points.score[id]};
 }
 
-/// What flips mean for a point; read only where the rule asks.
+/// What flips mean for a point; read only if the rule asks.
 struct FlipsOfPoint {
   const DueContext& context;
   std::uint32_t id;
@@ -42,7 +42,7 @@ struct FlipsOfPoint {
   }
 };
 
-/// Puts a point on the list of this update.
+/// Adds a point to this update's list.
 __device__ void append(const DueContext& context, std::uint32_t id, const Due& what) {
   const DueView& due = context.due;
   const std::uint32_t block = context.points.state.block[id];
@@ -53,7 +53,7 @@ __device__ void append(const DueContext& context, std::uint32_t id, const Due& w
   if (next == kNoIndex) due.busy[atomicAdd(&due.counters->busy, 1u)] = block;
 }
 
-/// An accessible point whose best direction is still the best one: nothing to test.
+/// Confirms an accessible point whose best direction is still the best: nothing to test.
 __device__ void confirm(const PointStateView& points, const UpdateRule& rule, std::uint32_t id) {
   ScoreItem item;
   item.id = id;
@@ -65,9 +65,9 @@ __device__ void confirm(const PointStateView& points, const UpdateRule& rule, st
   updatePoint(points, item, result, rule);
 }
 
-/// Has a point evaluated, or lets it wait for its turn. A point that waits already is only asked for again: what is due
-/// at it is decided when its turn comes.
-/// @param before  its directions at the last update; equal to `now` where they did not change
+/// Lists a point for evaluation, or marks it to wait for its turn. One that already waits is only marked: what is due
+/// is decided when its turn comes.
+/// @param before  its directions at the last update; equal to `now` if they did not change
 __device__ void takeDue(const DueContext& context, std::uint32_t id, const PointDirections& before,
                         const PointDirections& now, bool changed) {
   std::uint8_t* const waiting = context.due.waiting;
@@ -102,7 +102,7 @@ __global__ void takeNeighbours(DueContext context, PointPart part, const Neighbo
   const float reach_m = found.reach_m;
   points.state.reach_m[id] = reach_m;
   if (is_first) points.groups.with_points[points.groupOf(id)] = 1;
-  // Floats that are not negative are in the order of their bits, and -1 is below them.
+  // Non-negative floats order like their bits, and -1 orders below them.
   atomicMax(reinterpret_cast<int*>(points.index.reach_m + points.state.block[id]), __float_as_int(reach_m));
   bool changed = is_first;
   for (int axis = 0; axis < 3; ++axis) changed = changed || before.normal[axis] != now.normal[axis];
@@ -122,7 +122,7 @@ __global__ void dueByFlips(DueContext context, std::uint32_t first, std::uint32_
   const std::uint32_t id = first + n;
   if (context.masks.affected[context.points.groupOf(id)] == 0) return;
   if (context.points.points.label[id] == PointLabel::Unscored) return;
-  if ((changed_bits[id >> 5] >> (id & 31) & 1u) != 0) return;  // evaluated already
+  if ((changed_bits[id >> 5] >> (id & 31) & 1u) != 0) return;  // already handed on
   const PointDirections now = directionsOf(context.points.points, id);
   takeDue(context, id, now, now, false);
 }

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Evaluates what is due, one warp per point: points that need all of their directions, beside them those of which a
-/// few directions are in question, and at last those that these turned into points that need all. Points of a leaf
-/// follow each other, so that they find what they read of the map in the cache.
+/// Evaluates what is due, one warp per point: points that need all of their directions, concurrently those with a few
+/// directions in question, and last those that the second kind turned into points that need all. Points of a leaf
+/// follow each other, so that they find the map they read in the cache.
 #include <type_traits>
 
 #include "cuda/memory/cuda_check.h"
@@ -15,27 +15,27 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
-/// Blocks that a multiprocessor is to hold. More of them gain nothing: warps read much of the map, and push each other
-/// out of the cache.
+/// Blocks that a multiprocessor should hold. More gain nothing: warps read much of the map, and evict each other's data
+/// from the cache.
 constexpr unsigned kBlocksEach = 6;
 
-/// How the tool is counted. A kernel each: what the others need would only take room in the instruction cache.
+/// How tool collisions are counted. One kernel per form: code for the others would only take up instruction cache.
 enum class ToolForm { Slabs, ThickSlabs, Columns, Samples };
 template <ToolForm kForm>
 constexpr bool kHasSlabs = kForm == ToolForm::Slabs || kForm == ToolForm::ThickSlabs;
 
 extern __shared__ std::uint32_t nodes_of_windows[];
 
-/// Everything of a warp in shared memory but the nodes of its window.
+/// A warp's shared memory except the nodes of its window.
 struct WarpScratch {
   WarpMasks masks;
   ScoreItem item;
   SlabWork slabs;
 };
-// With the nodes of windows (kPlainSharedBytes) that is what a block gets without asking.
+// With the nodes of the windows (kPlainSharedBytes), that is what a block gets without asking.
 static_assert(kWarps * sizeof(WarpScratch) <= 10 * 1024);
 
-/// A warp's point.
+/// The point that a warp evaluates.
 struct DuePoint {
   std::size_t id;
   float position_L[3], normal_L[3];
@@ -67,7 +67,7 @@ __device__ Window makeDueWindow(const DueSearch& search, const Coord& point_ijk,
   }
 }
 
-/// What counting slabs takes and is the same for all points. One lane.
+/// Sets what slab counting needs and is the same for all points. One lane calls it.
 __device__ void prepareSlabs(const DueSearch& search, SlabWork& work) {
   work.tool = search.slabs;
   work.map = search.map;
@@ -76,7 +76,7 @@ __device__ void prepareSlabs(const DueSearch& search, SlabWork& work) {
   work.busy_bits = search.busy.bits;
 }
 
-/// Counts the tool at a point; all lanes.
+/// Makes a point's collision counter. All lanes call it.
 template <ToolForm kForm, class Window>
 __device__ auto makeCounter(const DueSearch& search, const Window& window, const OccupancyReader& map,
                             const DuePoint& point, WarpScratch& scratch, int lane) {
@@ -91,15 +91,15 @@ __device__ auto makeCounter(const DueSearch& search, const Window& window, const
   }
 }
 
-/// A number that counts up, the same for all lanes.
+/// Takes the next number of a counter, the same for all lanes.
 __device__ std::uint32_t takeNext(std::uint32_t* next, int lane) {
   std::uint32_t n = 0;
   if (lane == 0) n = atomicAdd(next, 1u);
   return __shfl_sync(kAllLanes, n, 0);
 }
 
-/// After a point was evaluated: remembers what was found out, a word of directions a lane.
-/// @param searched  the masks are of this point   @param before, after  baseCollisions
+/// Remembers what an evaluation found out, one word of directions per lane.
+/// @param searched  whether the masks are of this point   @param before, after  baseCollisions
 __device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& masks, bool searched, int before, int after,
                       int lane) {
   const KnownView& known = work.evaluation.known;
@@ -124,15 +124,15 @@ __device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& mask
   }
 }
 
-/// What is known of a point's directions, for a search.
+/// What is known about a point's directions, for a search.
 struct KnownOfPoint {
   const DueWork& work;
   std::size_t id;
-  int base;  ///< that the levels count from
+  int base;  ///< what the levels count from
   __device__ int operator()(int d) const { return knownCollisions(work.points, work.evaluation.known, id, base, d); }
 };
 
-/// One lane.
+/// Applies a result to its point. One lane calls it.
 __device__ void conclude(const DueWork& work, const ScoreItem& item, ScoreResult& result) {
   const PointStateView& points = work.points.points;
   const PointLabel before = points.label[item.id];
@@ -153,7 +153,7 @@ __device__ int baseOf(const DueWork& work, std::size_t id) {
                         work.evaluation.rule.collision_limit);
 }
 
-/// Takes over what was found out about a point. All lanes. @param searched  the masks are of this point
+/// Stores what was learnt about a point. All lanes call it. @param searched  whether the masks are of this point
 __device__ void concludeAndLearn(const DueWork& work, WarpScratch& scratch, bool searched, int base_before,
                                  ScoreResult& result, int lane) {
   __syncwarp();  // all have read what is known about the point
@@ -164,10 +164,10 @@ __device__ void concludeAndLearn(const DueWork& work, WarpScratch& scratch, bool
     base = baseOf(work, item.id);
   }
   learn(work, item.id, scratch.masks, searched, base_before, __shfl_sync(kAllLanes, base, 0), lane);
-  __syncwarp();  // what it read from its scratch memory is overwritten next
+  __syncwarp();  // the scratch memory it has read is overwritten next
 }
 
-/// A direction's corridor, one sample per lane.
+/// Tests a direction's corridor, one sample per lane.
 template <class Window>
 __device__ bool armIsFree(const MapAround<Window>& around, const ApproachView& approach, int d, const float* position_L,
                           int lane) {
@@ -182,7 +182,7 @@ __device__ bool armIsFree(const MapAround<Window>& around, const ApproachView& a
   return __all_sync(kAllLanes, free);
 }
 
-/// Directions of a point that are in question where its best one has `more` collisions more than before. All lanes.
+/// Finds the directions that are in question if the best one has `more` collisions more than before. All lanes call it.
 __device__ void askUnlessKnownWorse(const DueWork& work, std::size_t id, int more, DirectionMask& asked, int lane) {
   std::uint32_t worse = 0;
   const KnownView& known = work.evaluation.known;
@@ -191,7 +191,7 @@ __device__ void askUnlessKnownWorse(const DueWork& work, std::size_t id, int mor
     const std::uint32_t steps = (static_cast<std::uint32_t>(more) + (1u << log2) - 1) >> log2;
     constexpr std::uint32_t kMost = KnownLevels::kMost - KnownLevels::kMostFreedSteps + 1;
     const KnownWord word(work.points, known, id, lane);
-    // No level is so high that it says more than kMost steps for certain; then only corridors count.
+    // No level guarantees more than kMost steps; beyond that only corridors count.
     const std::uint64_t lowest = steps <= kMost ? word.freed.lowestWithMore(log2) + known_word::kEach * steps
                                                 : known_word::kEach * (KnownLevels::kMost + 1);
     worse = known_word::worse(word.levels, lowest);
@@ -200,15 +200,15 @@ __device__ void askUnlessKnownWorse(const DueWork& work, std::size_t id, int mor
   reinterpret_cast<std::uint8_t*>(asked.word)[lane] = static_cast<std::uint8_t>(~worse);
 }
 
-/// What is known about the best direction of a point before others are looked at.
+/// What is known about the best direction of a point before others are tested.
 struct BestNow {
   int score, direction;
-  int tests = 0;              ///< of its own
-  bool became_worse = false;  ///< than it was; it may still be the best one
+  int tests = 0;              ///< that it took itself
+  bool became_worse = false;  ///< than it was; it may still be the best
   bool all_in_question = false;
 };
 
-/// Evaluates one point by a warp. All lanes.
+/// Evaluates one point with one warp. All lanes call it.
 template <class Window, class Counter>
 struct DueEvaluation {
   const DueWork& work;
@@ -219,8 +219,8 @@ struct DueEvaluation {
   WarpScratch& scratch;
   int lane;
 
-  /// A point of which some directions are in question.
-  /// @return false: all of them are
+  /// Evaluates a point with some directions in question.
+  /// @return false if all of them are
   __device__ bool confirm(const Due& due) const {
     const int base = baseOf(work, point.id);
     const BestNow best = bestNow(due.test_best);
@@ -264,7 +264,7 @@ struct DueEvaluation {
     return true;
   }
 
-  /// A point of which all directions have to be tried.
+  /// Evaluates a point whose directions must all be tried.
   __device__ void searchAll(const Due& due) const {
     ScoreItem& item = scratch.item;
     if (lane == 0) {
@@ -299,7 +299,7 @@ struct DueEvaluation {
   __device__ BestNow bestNow(std::uint8_t test_best) const {
     const PointStateView& points = work.points.points;
     const int limit = static_cast<int>(search.tool.collision_limit);
-    BestNow best{limit - 1, kNoDirection};  // a blocked point: only what is free counts
+    BestNow best{limit - 1, kNoDirection};  // a blocked point: only free directions count
     if (points.label[point.id] != PointLabel::Accessible) return best;
     best.score = points.score[point.id];
     best.direction = points.direction[point.id];
@@ -312,8 +312,8 @@ struct DueEvaluation {
     return best;
   }
 
-  /// What became of the best direction of an accessible point.
-  /// @return its collisions, exact below the limit; kNoScore where its corridor is blocked
+  /// Tests the best direction of an accessible point again.
+  /// @return its collisions, exact below the limit; kNoScore if its corridor is blocked
   __device__ int testBest(std::uint8_t test_best, const BestNow& best) const {
     if ((test_best & kTestArm) != 0 &&
         !armIsFree(around, work.evaluation.approach, best.direction, point.position_L, lane)) {
@@ -345,15 +345,15 @@ __global__ void orderDue(DueView due) {
   *head = kNoIndex;
 }
 
-/// Items of a list: from *begin, or the first one, up to *end.
+/// Items [*begin, *end) of a list.
 struct DueRange {
   const std::uint32_t* list;
   const std::uint32_t* begin;  ///< null: 0
   const std::uint32_t* end;
-  std::uint32_t* next;  ///< 0; counts up
+  std::uint32_t* next;  ///< starts at 0, counts up
 };
 
-/// @tparam kAll  the items need all directions, else some
+/// @tparam kAll  whether the items need all directions or only some
 template <class Window, ToolForm kForm, bool kAll>
 __global__ void __launch_bounds__(kThreads, kBlocksEach)
     evaluateDue(const __grid_constant__ DueWork work, const __grid_constant__ DueSearch search,
@@ -377,20 +377,20 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
       evaluation.searchAll(item.due);
     } else if (!evaluation.confirm(item.due)) {
       if (lane == 0) work.due.whole[atomicAdd(&work.due.counters->whole, 1u)] = which;
-      __syncwarp();  // what it read from its window is overwritten next
+      __syncwarp();  // the window it has read is overwritten next
     }
   }
 }
 
 template <class Window, ToolForm kForm>
 void launchSearches(const DueWork& work, const DueSearch& search, const DueStreams& streams) {
-  // Persistent blocks: as many as are to run at a time.
+  // Persistent blocks: as many as run at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
   const std::size_t bytes = kWarps * search.window.entries() * BusyWindow::kEntries * sizeof(std::uint32_t);
   const DueView& due = work.due;
   SearchCounters& counters = *due.counters;
-  // Those that need all directions from the outset take the longest, and few are left in the end: then the others
-  // begin. What these add comes last.
+  // Points that need all directions from the outset take longest and start first; once few are left, the others begin.
+  // Points that these add come last.
   const DueRange whole = {due.whole, nullptr, &counters.whole_at_first, &counters.next_whole},
                  some = {due.order, nullptr, &counters.ordered, &counters.next_some},
                  added = {due.whole, &counters.whole_at_first, &counters.whole, &counters.next_added};

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The exact policy on a device: the order of its steps. The arrays belong to the tables beside this file, the rules
-/// are in hostdev/.
+/// The exact policy on a device: the order of its steps. The tables in this folder own the arrays, the rules are in
+/// hostdev/.
 #include <algorithm>
 
 #include "cuda/memory/cuda_check.h"
@@ -24,9 +24,9 @@
 namespace accessvdb::kernels {
 namespace {
 
-/// Points whose neighbours are found at a time.
+/// Most points whose neighbours are found at a time.
 constexpr std::uint32_t kMovedPart = PointTables::kPart;
-/// Most neighbourhoods that are found before the host knows how many there will be.
+/// Most neighbourhoods found before the host knows how many are needed.
 constexpr std::uint32_t kMaxPrepared = 1u << 20;
 /// Shared memory that a block gets without asking.
 constexpr int kPlainSharedBytes = 44 * 1024;
@@ -138,8 +138,8 @@ class DeviceExactUpdater final : public ExactUpdater {
   [[nodiscard]] DueContext dueContext() const { return {points_.view(), evaluation_, flips_.masks(), due_.view()}; }
 
   /// Prepares this update's search. Needs the mirror and the list of moved points; after findNeighbours() it runs
-  /// beside what begin() has the device do, which may take longer.
-  /// @return with those points counted
+  /// concurrently with the device work of begin(), which may take longer.
+  /// @return the counters, with those points counted
   MovedCounters prepareSearch(const ScoringInput& input) {
     const cudaStream_t beside = context_->priorityStream();
     ACCESSVDB_CUDA(cudaStreamWaitEvent(beside, moved_found_.get()));
@@ -152,7 +152,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     search_.multiprocessors = multiprocessors_;
     search_.slabs = input.slabs;
     search_.tool.reach = footprint_.reachOfSearch();
-    // More than what a block gets without asking would be taken from the cache; each node takes two entries.
+    // More than a block gets without asking would come out of the cache; each node takes two entries.
     search_.window = planWindow(search_.tool, kPlainSharedBytes / BusyMapView::kEntries, false);
     search_.busy = busy_.make(input.map.grid, found.mirror.lowers, &mirror.listed_lowers, beside);
     ACCESSVDB_CUDA(cudaEventRecord(busy_made_.get(), beside));
@@ -162,7 +162,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     return found.moved;
   }
 
-  /// What is due at the moved points [begin, end). @param prepared  findNeighbours() made their neighbourhoods
+  /// Lists what is due at the moved points [begin, end). @param prepared  findNeighbours() made their neighbourhoods
   void takeMoved(std::uint32_t begin, std::uint32_t end, bool prepared) {
     if (!prepared && begin < end) points_.growParts(end - begin);
     for (std::uint32_t first = begin, count = 0; first < end; first += count) {
@@ -174,7 +174,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     }
   }
 
-  /// What is due at the first ones in the queue.
+  /// Lists what is due at the first points in the queue.
   void takeTurn(std::uint32_t budget_points) {
     queue_.addFrom(points_.view().num_points, {kAsked, kAsked}, stream());
     const std::uint32_t turn = std::min(queue_.size(), budget_points);
@@ -185,7 +185,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     queue_.drop(turn, stream());
   }
 
-  /// For more items, which are about to come: as many as there is room for, but at least this many or all.
+  /// Reserves room for more items, as many as fit, but at least `at_least` or all. @return how many
   std::uint32_t takeRoom(std::uint32_t wanted, std::uint32_t at_least) {
     const std::uint32_t least = std::min(wanted, at_least);
     if (items_ + least > due_.capacity()) items_ = counters_.read(stream()).search.due;
@@ -207,8 +207,8 @@ class DeviceExactUpdater final : public ExactUpdater {
     items_ = 0;
   }
 
-  /// Room for neighbourhoods before the host knows how many there will be: about as many as last time. Without memory
-  /// update() finds them, which costs time only. @return for how many there is room
+  /// Makes room for neighbourhoods before the host knows how many: about as many as last time. Without memory update()
+  /// finds them, which only costs time. @return how many fit
   std::uint32_t growPrepared() {
     const std::uint32_t expected = std::min(last_moved_ + last_moved_ / 8, kMaxPrepared);
     try {
@@ -228,7 +228,7 @@ class DeviceExactUpdater final : public ExactUpdater {
 
   std::shared_ptr<DeviceContext> context_;
   CountedMemory memory_;
-  OwnedEvent fork_{cudaEventDisableTiming}, join_{cudaEventDisableTiming};  ///< of the search
+  OwnedEvent fork_{cudaEventDisableTiming}, join_{cudaEventDisableTiming};  ///< for the search
   OwnedEvent moved_found_{cudaEventDisableTiming}, busy_made_{cudaEventDisableTiming};
   DeviceCounters counters_;
   PointTables points_;
@@ -239,16 +239,16 @@ class DeviceExactUpdater final : public ExactUpdater {
   DueLists due_;
   BusyTable busy_;
   WorkQueue queue_;                      ///< only with a budget
-  DeviceArray<Neighbourhood> prepared_;  ///< of the first ones of the moved points, by findNeighbours()
+  DeviceArray<Neighbourhood> prepared_;  ///< of the first moved points, by findNeighbours()
   int multiprocessors_ = 1;
-  bool any_known_ = false;         ///< does any point have a neighbourhood?
-  bool neighbours_begun_ = false;  ///< of what was admitted since the last update
+  bool any_known_ = false;         ///< whether any point has a neighbourhood
+  bool neighbours_begun_ = false;  ///< for what was admitted since the last update
   std::uint32_t last_moved_ = 0;
-  // Of the update at work.
+  // For the update in progress.
   EvaluationView evaluation_;
   DueSearch search_;
-  std::uint32_t taken_ = 0;  ///< of the moved points, the first: their neighbourhoods are theirs
-  std::uint32_t items_ = 0;  ///< at least as many as there are
+  std::uint32_t taken_ = 0;  ///< number of moved points that have taken over their neighbourhoods
+  std::uint32_t items_ = 0;  ///< upper bound of the items listed
   double score_ms_ = 0;
 };
 

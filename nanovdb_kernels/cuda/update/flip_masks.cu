@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What the flips of a frame mean for the points of a group of blocks: which directions may have become better or
-/// worse, and how far what is known of their collisions has aged.
+/// worse, and how far what is known about their collisions has aged.
 ///
-/// Flips lie in tiles of 8 x 8 x 16 leaves, found through a hash table. A group's warp looks up the tiles around it,
-/// lists their columns that hold flips, which are few, and asks the footprints what those mean.
+/// Flips are stored in tiles of 8 x 8 x 16 leaves, found through a hash table. A group's warp looks up the tiles around
+/// it, lists their columns that hold flips, of which there are few, and looks up in the footprints what they mean.
 #include "cuda/memory/cuda_check.h"
 #include "cuda/search/warp.cuh"
 #include "cuda/update/known_collisions.cuh"
@@ -14,8 +14,8 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kThreads = 256;
-/// Of a block that works on groups: few, as some take long and some no time at all, and a block stays until its last
-/// one is done.
+/// Warps per block for groups. Few: some groups take long, others no time, and a block stays until its last warp is
+/// done.
 constexpr unsigned kWarps = 4;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
@@ -23,7 +23,7 @@ unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((thread
 __device__ std::uint64_t tileKey(std::int32_t x, std::int32_t y, std::int32_t part) {
   return placeKey(x >> FlipsView::kTileLog2, y >> FlipsView::kTileLog2, part);
 }
-/// Place of a column of leaves in its tile.
+/// Index of a column of leaves in its tile.
 __device__ std::uint32_t placeInTile(std::int32_t x, std::int32_t y) {
   constexpr std::int32_t kSide = (1 << FlipsView::kTileLog2) - 1;
   return static_cast<std::uint32_t>((x & kSide) << FlipsView::kTileLog2 | (y & kSide));
@@ -54,24 +54,24 @@ __global__ void addFlips(FlipsView flips, std::uint32_t count) {
   if (flip.freed != 0) flips.next[n] = atomicExch(flips.head + column, n);
 }
 
-/// What a lane reads of this update's flips.
+/// What a lane needs to read this update's flips.
 struct FlipScope {
   const FlipContext& context;
   const FlipsView& flips;
   int lane;
 };
 
-/// Leaves in which voxels stopped colliding, gathered by a warp until they are enough for all lanes to count them.
+/// Leaves in which voxels stopped colliding, gathered by a warp until there are enough to keep all lanes counting.
 class FreedLeaves {
  public:
   static constexpr int kMost = 128;
 
-  /// @param leaf  the first one of the group  @param list  [kMost] shared by the warp
+  /// @param leaf  the group's first leaf  @param list  [kMost] shared by the warp
   /// @param steps  see countFreed; null: nothing is counted
   __device__ FreedLeaves(const FlipScope& scope, const std::int32_t* leaf, std::uint32_t* list, std::uint32_t* steps)
       : scope_(scope), leaf_(leaf), list_(list), steps_(steps), lane_(scope.lane) {}
 
-  /// The leaves of a column of flips, one a lane; kNoIndex: none. All lanes.
+  /// Adds the leaves of one column of flips per lane; kNoIndex: none. All lanes call it.
   __device__ void add(std::uint32_t column, std::int32_t z_low, std::int32_t z_high) {
     if (steps_ == nullptr) return;
     std::uint32_t n = column != kNoIndex ? scope_.flips.head[column] : kNoIndex;
@@ -85,7 +85,7 @@ class FreedLeaves {
       if (n != kNoIndex) n = scope_.flips.next[n];
     }
   }
-  /// Counts what was gathered. All lanes.
+  /// Counts what was gathered. All lanes call it.
   __device__ void count() {
     __syncwarp();
     all_ += static_cast<std::uint32_t>(count_);
@@ -95,7 +95,7 @@ class FreedLeaves {
     __syncwarp();
     count_ = 0;
   }
-  /// Some were not counted.
+  /// Whether some were not counted.
   [[nodiscard]] __device__ bool tooMany() const { return all_ > kMostCountedLeaves; }
 
  private:
@@ -107,14 +107,14 @@ class FreedLeaves {
   int lane_, count_ = 0;
 };
 
-/// The masks of a group, spread over a warp to save registers: lane n has the n-th 32 bits of a GroupMasks.
+/// The masks of a group, spread over a warp to save registers: lane n holds the n-th 32 bits of a GroupMasks.
 class MasksOfWarp {
  public:
   enum Mask : int { kBetterTool, kBetterArm, kWorseTool, kWorseArm };  ///< in the order of GroupMasks
 
   explicit __device__ MasksOfWarp(int lane) : lane_(lane) {}
 
-  /// Each lane adds directions to one mask, to two, or to none. All lanes.
+  /// Each lane adds directions to one mask, two or none. All lanes call it.
   __device__ void add(Mask better, bool is_better, Mask worse, bool is_worse, const DirectionMask& directions) {
     if (!__any_sync(kAllLanes, is_better || is_worse)) return;
 #pragma unroll
@@ -127,11 +127,11 @@ class MasksOfWarp {
       if (lane_ == worse * kDirectionWords32 + n) bits_ |= all_worse;
     }
   }
-  /// @return word n of a mask. All lanes, each with its own n
+  /// @return word n of a mask. All lanes call it, each with its own n
   [[nodiscard]] __device__ std::uint32_t word(Mask mask, int n) const {
     return __shfl_sync(kAllLanes, bits_, mask * kDirectionWords32 + n);
   }
-  /// Is there a direction in the first `masks` of them? All lanes.
+  /// Whether the first `masks` of them hold any direction. All lanes call it.
   [[nodiscard]] __device__ bool any(int masks) const {
     return __any_sync(kAllLanes, bits_ != 0 && lane_ < masks * kDirectionWords32) != 0;
   }
@@ -146,10 +146,10 @@ class MasksOfWarp {
   std::uint32_t bits_ = 0;
 };
 
-/// A tile near a group, seen from the group's first leaf; a tile a lane.
+/// A tile near a group, seen from the group's first leaf; one tile per lane.
 struct TileNear {
   std::uint32_t tile = kNoIndex;
-  std::int32_t dx = 0, dy = 0, dz = 0;  ///< [leaves] to its least corner
+  std::int32_t dx = 0, dy = 0, dz = 0;  ///< [leaves] to its lowest corner
   std::uint64_t occupied = 0;           ///< FlipsView::occupied
 };
 
@@ -163,12 +163,12 @@ __device__ TileNear tileNear(const FlipsView& flips, std::uint64_t key, std::int
   return near;
 }
 
-/// Finds out by a warp what flips mean for a group.
+/// Finds out with one warp what flips mean for a group.
 class GroupScan {
  public:
   static constexpr int kMostListed = 256;
 
-  /// @param leaf  the first one of the group  @param list  [kMostListed] shared by the warp
+  /// @param leaf  the group's first leaf  @param list  [kMostListed] shared by the warp
   __device__ GroupScan(const FlipScope& scope, const std::int32_t* leaf, std::uint16_t* list, MasksOfWarp& masks,
                        FreedLeaves& freed)
       : scope_(scope), leaf_(leaf), list_(list), masks_(masks), freed_(freed), lane_(scope.lane) {}
@@ -196,7 +196,7 @@ class GroupScan {
   }
 
  private:
-  /// A tile a lane.
+  /// One tile per lane.
   __device__ void scanTiles(const TileNear& mine) {
     int listed = 0;
     for (unsigned left = __ballot_sync(kAllLanes, mine.occupied != 0); left != 0; left &= left - 1) {
@@ -219,7 +219,7 @@ class GroupScan {
     scanListed(mine, listed);
   }
 
-  /// A column a lane.
+  /// One column per lane.
   __device__ void scanListed(const TileNear& mine, int count) {
     __syncwarp();
     for (int first = 0; first < count; first += static_cast<int>(kWarp)) {
@@ -242,10 +242,10 @@ class GroupScan {
       const std::uint32_t arm = kindsIn(scope_.context.footprint.arm, at.arm, dz, bits);
       take(scope_.context.footprint.arm, at.arm, arm, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
     }
-    __syncwarp();  // the list is written anew
+    __syncwarp();  // the list is overwritten next
   }
 
-  /// Kinds of flips that a column of a footprint meets. @param number  index + 1, or 0
+  /// Kinds of flips that a footprint column meets. @param number  index + 1, or 0 for none
   /// @param dz  of the lowest of the 16 leaves  @param bits  FlipsView::kinds
   [[nodiscard]] __device__ static std::uint32_t kindsIn(const FootprintColumn* columns, std::uint32_t number,
                                                         std::int32_t dz, std::uint64_t bits) {
@@ -294,7 +294,7 @@ __global__ void groupMasks(FlipContext context, FlipsView flips, GroupMasksView 
     FreedLeaves freed(scope, leaf, all_freed[warp], steps);
     GroupScan(scope, leaf, all_lists[warp], masks, freed).scanAll();
     freed.count();
-    if (steps != nullptr && masks.any(2)) {  // the better ones come first
+    if (steps != nullptr && masks.any(2)) {  // the better masks come first
       agePoints(context, group, steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), lane);
     }
   }

@@ -18,13 +18,12 @@ class FlipTables {
  public:
   explicit FlipTables(DeviceMemory& memory) : memory_(memory) {}
 
-  /// Directions that the flips may have changed for the points of each group. Empty where there were no flips.
+  /// Directions that the flips may have changed for the points of each group. Empty if there were no flips.
   [[nodiscard]] const GroupMasksView& masks() const { return view_; }
 
-  /// Finds those directions, and ages what is known about them. Waits for the device, and returns while it is still at
-  /// work.
+  /// Finds those directions, and ages what is known about them. Waits for the device, but returns before it is done.
   void take(FlipLists flips, const FlipContext& context, DeviceCounters& counters, cudaStream_t stream);
-  /// Groups that came since take(): nothing is known about their points that flips could change.
+  /// Adds groups that are new since take(): nothing is known about their points that flips could change.
   void addGroups(std::uint32_t groups, cudaStream_t stream);
 
  private:

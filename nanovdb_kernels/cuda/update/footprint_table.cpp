@@ -40,7 +40,7 @@ FootprintTable::FootprintTable(DeviceMemory& memory, const ExactTables& tables)
 }
 
 VoxelBox FootprintTable::reachOfSearch() const {
-  constexpr std::int32_t kSlabs = 16;  // they go beyond the lowest and the highest voxel
+  constexpr std::int32_t kSlabs = 16;  // slabs extend beyond the lowest and the highest voxel
   const std::int32_t from_group = (8 << group_log2_) - 1;
   VoxelBox reach;
   for (int axis = 0; axis < 3; ++axis) {

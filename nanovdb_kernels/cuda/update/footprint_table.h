@@ -16,7 +16,7 @@ class FootprintTable {
   FootprintTable(DeviceMemory& memory, const ExactTables& tables);
 
   [[nodiscard]] const FootprintView& view() const { return view_; }
-  /// Whatever searches read, from the voxel of a point: the tool, whole slabs of it, and the corridor.
+  /// Everything that searches read around the voxel of a point: the tool, in whole slabs, and the corridor.
   [[nodiscard]] VoxelBox reachOfSearch() const;
 
  private:

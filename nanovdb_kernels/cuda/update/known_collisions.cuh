@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What is known of collisions in the directions of points (hostdev/known_levels.h), and how it ages. A voxel that
-/// ceases to collide takes at most one collision from a direction. So for each group of blocks and each direction it is
-/// counted how many did since the group's levels were last lowered, at most; what a level says is less by that. Freed
-/// voxels are counted for a whole group at once, by cells, and rather too many: that costs time and changes nothing.
+/// What is known about collisions in the directions of points (hostdev/known_levels.h), and how it ages. A voxel that
+/// stops colliding removes at most one collision from a direction. So we count for each group of blocks and direction,
+/// as an upper bound, how many did since the group's levels were last lowered; a level guarantees that many fewer.
+/// Freed voxels are counted per group, by cells. Overcounting costs time but changes nothing.
 #pragma once
 
 #include <cstdint>
@@ -17,15 +17,15 @@ namespace accessvdb::kernels {
 
 inline constexpr int kDirectionWords32 = 2 * kMaxDirectionWords;
 
-/// More leaves are not counted for one group in one update: eight full cells each, they sum up to 2^31, so that no sum
-/// of 32 bits overflows, with what a counter held before. Where there are more, all that is known is forgotten
+/// At most this many leaves are counted per group and update: with eight full cells each they add up to 2^31, so that
+/// no 32-bit sum overflows, even with what a counter held before. If there are more, all that is known is forgotten
 /// (agePoints).
 inline constexpr std::uint32_t kMostCountedLeaves = (1u << 31) / (8u << (3 * kCellLog2));
 
-/// Adds the voxels that ceased to collide in one cell of a leaf. One lane; `steps` is shared by the warp.
-/// @param leaf  the first one of the group of the points
-/// @param steps  [32 kDirectionWords32] by how much more voxels, modulo 2^32, ceased to collide in the tool of each
-///   direction than in that of the one before, at most
+/// Adds the voxels that stopped colliding in one cell of a leaf. One lane per cell; `steps` is shared by the warp.
+/// @param leaf  first leaf of the points' group
+/// @param steps  [32 kDirectionWords32] upper bound of the voxels that stopped colliding in the tool at each direction,
+///   minus that of the direction before, modulo 2^32
 __device__ inline void countFreed(const FlipContext& context, const std::int32_t* leaf, const LeafFlips& flip, int cell,
                                   std::uint32_t* steps) {
   const auto counted = static_cast<std::uint32_t>(flip.freed >> (8 * cell)) & 0xffu;
@@ -40,8 +40,8 @@ __device__ inline void countFreed(const FlipContext& context, const std::int32_t
   const DirectionArc arc = cells.table[entry];
   if (arc.count == 0) return;
   const auto directions = static_cast<std::uint32_t>(context.num_directions);
-  // More than the cell has voxels are some that ceased to collide several times, and collided again in between. No
-  // direction has lost more collisions than the cell has voxels. So LeafFlips::kManyFreed is a number as any other.
+  // A count above the cell's number of voxels means that some stopped colliding several times. No direction has lost
+  // more collisions than the cell has voxels. So LeafFlips::kManyFreed needs no special case.
   constexpr std::uint32_t kVoxelsOfCell = 1u << (3 * kCellLog2);
   static_assert(LeafFlips::kManyFreed >= kVoxelsOfCell);
   const std::uint32_t count = counted < kVoxelsOfCell ? counted : kVoxelsOfCell;
@@ -49,13 +49,13 @@ __device__ inline void countFreed(const FlipContext& context, const std::int32_t
   atomicAdd(steps + arc.first, count);
   if (end < directions) {
     atomicAdd(steps + end, 0u - count);
-  } else if (end > directions) {  // round the corner
+  } else if (end > directions) {  // wraps around
     atomicAdd(steps, count);
     atomicAdd(steps + end - directions, 0u - count);
   }
 }
 
-/// Sums of the steps up to each direction. A warp. @param sums  of the directions 32 w + lane
+/// Sums of the steps up to each direction. One warp calls it. @param sums  out: of the directions 32 w + lane
 __device__ inline void sumSteps(const std::uint32_t* steps, int lane, std::uint32_t (&sums)[kDirectionWords32]) {
   std::uint32_t before = 0;
 #pragma unroll
@@ -65,7 +65,7 @@ __device__ inline void sumSteps(const std::uint32_t* steps, int lane, std::uint3
   }
 }
 
-/// What is known of a point's eight directions.
+/// What is known about eight directions of a point.
 struct KnownWord {
   std::uint64_t levels;
   FreedWord freed;
@@ -77,8 +77,8 @@ struct KnownWord {
   }
 };
 
-/// Of the directions that are asked for, those that may be better than what the levels count from, and whose corridor
-/// is not known to be blocked. What is known of eight directions is read only where one of them is asked for.
+/// The `asked` directions that may be better than what the levels count from, and whose corridor is not known to be
+/// blocked. Reads a word of eight directions only if one of them is asked for.
 /// @param w, asked  directions 64 w .. 64 w + 63
 __device__ inline std::uint64_t notKnownWorse(const PointsView& points, const KnownView& known, std::size_t id, int w,
                                               std::uint64_t asked) {
@@ -93,7 +93,7 @@ __device__ inline std::uint64_t notKnownWorse(const PointsView& points, const Kn
   return asked;
 }
 
-/// A number of collisions that a point reaches in direction d; 0: nothing is known.
+/// Lower bound of a point's collisions in direction d; 0: nothing is known.
 /// @param base  baseCollisions
 __device__ inline int knownCollisions(const PointsView& points, const KnownView& known, std::size_t id, int base,
                                       int d) {
@@ -106,7 +106,8 @@ __device__ inline int knownCollisions(const PointsView& points, const KnownView&
   return collisions > 0 ? collisions : 0;
 }
 
-/// Calls visit(id) with the points of a group, a point a lane and the lowest lanes first; kNoIndex: none. All lanes.
+/// Calls visit(id) with the points of a group, one point per lane, lowest lanes first; kNoIndex: none. All lanes call
+/// it.
 template <class Visit>
 __device__ void forEachPoint(const FlipContext& context, std::uint32_t group, int lane, const Visit& visit) {
   const BlockIndexView& index = context.index;
@@ -120,7 +121,7 @@ __device__ void forEachPoint(const FlipContext& context, std::uint32_t group, in
     }
     const std::uint32_t first = block != kNoIndex ? index.first[block] : 0;
     const std::uint32_t count = block != kNoIndex ? index.count[block] : 0;
-    const std::uint32_t end = sumUpTo(count, lane);  // of the blocks of the lanes up to this one
+    const std::uint32_t end = sumUpTo(count, lane);  // points in the blocks of the lanes up to this one
     const std::uint32_t all = __shfl_sync(kAllLanes, end, 31);
     for (std::uint32_t from = 0; from < all; from += 32) {
       const std::uint32_t at = from + static_cast<std::uint32_t>(lane);
@@ -135,10 +136,10 @@ __device__ void forEachPoint(const FlipContext& context, std::uint32_t group, in
   }
 }
 
-/// Ages what is known of the points of a group. A warp.
-/// @param steps  see countFreed; out: something else
-/// @param too_many  more leaves than kMostCountedLeaves: the steps are too few
-/// @param better_arm  of directions 32 (lane / 4) .. + 31, those whose corridor may have become free
+/// Ages what is known about the points of a group. One warp calls it.
+/// @param steps  see countFreed; overwritten
+/// @param too_many  there are more leaves than kMostCountedLeaves: the steps are too low
+/// @param better_arm  directions 32 (lane / 4) .. + 31 whose corridor may have become free
 __device__ inline void agePoints(const FlipContext& context, std::uint32_t group, std::uint32_t* steps, bool too_many,
                                  std::uint32_t better_arm, int lane) {
   const KnownView& known = context.known;
@@ -163,7 +164,7 @@ __device__ inline void agePoints(const FlipContext& context, std::uint32_t group
   }
   if (!__any_sync(kAllLanes, wanted)) return;
   forEachPoint(context, group, lane, [&](std::uint32_t id) {
-    // One point after the other, a word a lane; so many at a time, as memory is far away.
+    // One point after the other, one word per lane; this many at a time, to hide memory latency.
     constexpr int kTogether = 8;
     const int points = __popc(__ballot_sync(kAllLanes, id != kNoIndex));
     for (int first = 0; first < points; first += kTogether) {

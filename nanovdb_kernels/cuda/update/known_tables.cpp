@@ -10,10 +10,10 @@
 namespace accessvdb::kernels {
 namespace {
 
-/// Addresses for the levels of points: of 300 million at 180 directions. Memory comes as they grow, and nothing is
-/// copied then: this is the most that is kept by point.
+/// Addresses for the levels of points: 300 million at 180 directions. Memory is mapped as they grow, without copying:
+/// nothing else takes as much memory per point.
 constexpr std::uint64_t kAddresses = std::uint64_t{1} << 36;
-/// Collisions are counted up to this many times the limit, to remember them. Counting farther did not pay.
+/// Collisions are counted up to this many times the limit, to remember them. Counting further did not pay off.
 constexpr int kCountTo = 2;
 
 }  // namespace

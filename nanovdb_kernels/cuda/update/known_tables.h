@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What is remembered about directions that are not the best one (hostdev/known_levels.h): levels by point, and how far
+/// What is remembered about directions other than the best (hostdev/known_levels.h): levels per point, and how far
 /// those of each group have aged.
 #pragma once
 
@@ -18,7 +18,7 @@ namespace accessvdb::kernels {
 
 class KnownTables {
  public:
-  /// Without the table of cells, or memory for it, nothing is remembered, which costs time only.
+  /// Without the table of cells, or memory for it, nothing is remembered, which only costs time.
   KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const ExactTables& tables);
 
   /// Valid until the next grow().
@@ -29,7 +29,7 @@ class KnownTables {
   /// New points have no levels until they are admitted.
   void grow(std::uint32_t points, std::uint32_t groups, cudaStream_t stream);
 
-  /// Bytes that do not come from its `memory`.
+  /// Bytes not taken from `memory`.
   [[nodiscard]] std::uint64_t mappedBytes() const { return levels_ != nullptr ? levels_->backedBytes() : 0; }
 
  private:

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which neighbourhoods the touched points may have changed: a touched point matters to another one only where its old
-/// or its new mean lies no farther away than the k-th neighbour did (as src/update/moved_points.h). To ask for too many
-/// costs time and changes nothing.
+/// Finds neighbourhoods that the touched points may have changed: a touched point matters to another only if its old or
+/// new mean lies no farther away than the k-th neighbour did (as in src/update/moved_points.h). Finding too many costs
+/// time but changes nothing.
 #include <cfloat>
 
 #include "cuda/memory/cuda_check.h"
@@ -13,15 +13,15 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kWarps = 4;
-/// Places that a warp keeps; where more lie near a block, all of its points count as moved.
+/// Places that a warp keeps; if more lie near a block, all of its points count as moved.
 constexpr unsigned kMostPlaces = 512;
-/// How far means may lie outside of their voxel, far from the origin, where float32 has 8 steps a voxel.
+/// How far means may lie outside their voxel far from the origin, where float32 has 8 steps per voxel.
 constexpr float kRoundingVoxels = 0.25f;
 /// A squared distance in float32 is off by less than 5 x 2^-24 of its value, a squared reach by less than 2^-22.
 constexpr float kReachSlack = 1.000001f;
 
-/// Calls visit(block, squared gap in voxels) with every block near a leaf, a block a lane; all lanes call it equally
-/// often, with kNoIndex where a lane has none.
+/// Calls visit(block, squared gap in voxels) with every block near a leaf, one block per lane; all lanes call it
+/// equally often, with kNoIndex if a lane has none.
 template <class Visit>
 __device__ void forEachNear(const BlockIndexView& index, const std::int32_t* leaf, float reach_voxels, unsigned lane,
                             const Visit& visit) {
@@ -43,7 +43,7 @@ __device__ void forEachNear(const BlockIndexView& index, const std::int32_t* lea
   }
 }
 
-/// A warp a touched block: the blocks with a point that it may matter to.
+/// One warp per touched block: finds the blocks with a point that it may matter to.
 __global__ void reachBlocks(PointsView points, MovedView moved, float most_reach_voxels) {
   const unsigned n = (blockIdx.x * blockDim.x + threadIdx.x) / kWarp, lane = threadIdx.x % kWarp;
   if (n >= moved.counters->touched_blocks) return;
@@ -65,7 +65,7 @@ __device__ float squaredDistance(const float* a, const float* b) {
   return dx * dx + dy * dy + dz * dz;
 }
 
-/// A warp a reached block.
+/// One warp per reached block.
 __global__ void findMoved(PointsView points, MovedView moved) {
   __shared__ float all_places[kWarps][kMostPlaces][3];
   __shared__ std::uint32_t all_counts[kWarps];
@@ -112,7 +112,7 @@ __global__ void findMoved(PointsView points, MovedView moved) {
       moved.ids[atomicAdd(&moved.counters->moved, 1u)] = id;
     }
     for (int step = kWarp / 2; step > 0; step /= 2) most_m = fmaxf(most_m, __shfl_xor_sync(kAllLanes, most_m, step));
-    if (lane == 0) points.index.reach_m[block] = most_m;  // smaller than it was where points came closer to each other
+    if (lane == 0) points.index.reach_m[block] = most_m;  // smaller than before if points came closer together
     __syncwarp();
   }
 }

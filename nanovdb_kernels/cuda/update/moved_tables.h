@@ -20,19 +20,19 @@ class MovedTables {
 
   /// Valid until the next grow() or addPlaces().
   [[nodiscard]] const MovedView& view() const { return view_; }
-  /// Points [first, first + count) of the list. What is beyond its end is left out.
+  /// Points [first, first + count) of the list. Indices beyond its end are skipped.
   [[nodiscard]] PointPart part(std::uint32_t first, std::uint32_t count) const {
     return {view_.ids, &view_.counters->moved, first, count};
   }
 
   void grow(std::uint32_t points, std::uint32_t blocks, cudaStream_t stream);
-  /// Room for the places of touched points. @return the first of `more` new ones
+  /// Makes room for `more` places of touched points. @return the first of them
   std::uint32_t addPlaces(std::uint32_t more);
   /// Finds the points near those places.
   void find(const PointsView& points, cudaStream_t stream);
   /// Adds points that became confident, and sets their weights.
   void addCrossed(std::span<const PointWeight> crossed, const PointStateView& points, cudaStream_t stream);
-  /// Forgets everything; the counters are not its own.
+  /// Clears everything except the counters, which it does not own.
   void clear(cudaStream_t stream);
 
  private:

@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The k nearest points of each moved point, a warp a point: by (squared distance in steps, id), exactly.
+/// The k nearest points of each moved point, one warp per point: exactly, by (squared distance in steps, id).
 ///
-/// The warp lists what lies within a bound, which it takes from the last time and corrects until the list holds k
-/// points and fits. Which of them are the k nearest is found by bisection; what they give are sums of integers, so
-/// nothing has to be sorted.
+/// The warp lists the points within a bound, which it takes from the last time and adjusts until the list holds k
+/// points and fits. Bisection finds the k nearest of them. Their contributions are integer sums, so nothing needs
+/// sorting.
 #include "cuda/memory/cuda_check.h"
 #include "cuda/search/warp.cuh"
 #include "cuda/update/update_kernels.h"
@@ -13,17 +13,17 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kWarps = 4;
-/// How far means may lie outside of their voxel, far from the origin, where float32 has 8 steps a voxel.
+/// How far means may lie outside their voxel far from the origin, where float32 has 8 steps per voxel.
 constexpr double kRoundingVoxels = 0.25;
 
-/// What a warp lists.
+/// A warp's list of points.
 template <unsigned kRoom>
 struct NearList {
   std::int64_t squared[kRoom];
   std::uint32_t id[kRoom];
 };
 
-/// The m least of a list by (squared, id): squared < bound.squared, or equal and id <= bound.id.
+/// Bounds the m smallest of a list by (squared, id): squared < bound.squared, or equal and id <= bound.id.
 struct NearBound {
   std::int64_t squared;
   std::uint32_t id;
@@ -36,13 +36,13 @@ class NearSearch {
   __device__ NearSearch(const PointsView& points, std::uint32_t id, NearList<kRoom>& list, unsigned lane)
       : points_(points), list_(list), lane_(lane), centre_(points.state.mean_L + 3 * static_cast<std::size_t>(id)) {}
 
-  /// Lists all points up to a squared distance. @return how many there are, listed or not
+  /// Lists all points up to a squared distance. @return their number, even if not all fit
   __device__ unsigned list(std::int64_t bound) const {
     const NeighbourRuleView& rule = points_.rule;
     const double reach_voxels =
         (sqrt(static_cast<double>(bound)) + 1) / rule.steps_per_m * rule.inverse_voxel_size + kRoundingVoxels;
     int low[3], side[3];
-    double centre[3];  // in voxels; the leaf l holds [8 l - 1/2, 8 l + 7 1/2)
+    double centre[3];  // [voxels]; leaf l holds [8 l - 1/2, 8 l + 7 1/2)
     for (int axis = 0; axis < 3; ++axis) {
       centre[axis] = static_cast<double>(centre_[axis]) * rule.inverse_voxel_size + 0.5;
       low[axis] = static_cast<int>(floor((centre[axis] - reach_voxels) / 8));
@@ -93,7 +93,7 @@ class NearSearch {
     return count;
   }
 
-  /// @param count  of the list, at least `wanted`. @param most  no squared distance is larger
+  /// @param count  length of the list, at least `wanted`  @param most  largest possible squared distance
   __device__ NearBound least(unsigned count, unsigned wanted, std::int64_t most) const {
     std::int64_t low = 0, high = most;
     while (low < high) {
@@ -108,7 +108,7 @@ class NearSearch {
         low = middle + 1;
       }
     }
-    // Several at exactly this distance: the lower ids.
+    // Several at exactly this distance: lower ids first.
     unsigned mine = 0;
     for (unsigned n = lane_; n < count; n += kWarp) mine += list_.squared[n] < low ? 1 : 0;
     const unsigned nearer = __reduce_add_sync(kAllLanes, mine);
@@ -187,8 +187,8 @@ __global__ void __launch_bounds__(kWarps* kWarp)
       }
     }
     if (too_large >= 0 && too_large - too_small <= 1) {
-      // More than the list holds at one single distance. Positions on a grid of voxels have some hundred neighbours at
-      // a distance, less than there is room for.
+      // More points at a single distance than the list holds. Positions on a voxel grid have some hundred neighbours at
+      // one distance, fewer than there is room for.
       if (lane == 0) atomicExch(failed, 1u);
       return;
     }
@@ -229,7 +229,7 @@ __global__ void __launch_bounds__(kWarps* kWarp)
   if (lane == 0) found[at] = {sums, farthest, seen};
 }
 
-/// One thread per point: what takes many steps that a warp cannot share.
+/// One thread per point, for serial work that a warp cannot share.
 __global__ void makeNeighbourhoods(PointsView points, PointPart part, const FoundNeighbours* found,
                                    Neighbourhood* neighbourhoods) {
   const std::uint32_t n = blockIdx.x * blockDim.x + threadIdx.x;
@@ -249,7 +249,7 @@ template <unsigned kRoom>
 void launch(const PointsView& points, const PointPart& part, unsigned warps, std::uint32_t* failed,
             FoundNeighbours* found, cudaStream_t stream) {
   const std::size_t bytes = warps * sizeof(NearList<kRoom>);
-  // As the CPU guesses: half of k voxels on a surface.
+  // The same guess as on the CPU: half of k voxels on a surface.
   const double guess =
       sqrt(0.5 * points.rule.neighbours) * static_cast<double>(points.rule.voxel_size_m) * points.rule.steps_per_m;
   nearestPoints<kRoom>
@@ -262,8 +262,8 @@ void launch(const PointsView& points, const PointPart& part, unsigned warps, std
 void launchNearest(const PointsView& points, const PointPart& part, std::uint32_t* failed, FoundNeighbours* found,
                    cudaStream_t stream) {
   if (part.count == 0) return;
-  // Twice k and some more, within the 48 KB that every device has; and for positions on a grid of voxels, of which many
-  // may lie at one distance, the more the larger the radius.
+  // Room for twice k and some more, within the 48 KB that every device has. Positions on a voxel grid may have many
+  // neighbours at one distance, more with a larger radius.
   constexpr std::int64_t kFewAtOneDistance = 50;  // voxels
   const NeighbourRuleView& rule = points.rule;
   const double radius_voxels =

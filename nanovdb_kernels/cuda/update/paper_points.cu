@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The paper's policy: what is tried at the points whose turn it is, and what came of it.
+/// The paper's policy: what to try at the points whose turn it is, and what came of it.
 #include "cuda/memory/cuda_check.h"
 #include "cuda/search/warp.cuh"
 #include "cuda/update/paper_kernels.h"
@@ -19,13 +19,12 @@ __global__ void setConfident(std::uint8_t* flags, DeviceList<PointWeight> points
   flags[points.data[n].id] |= kConfidentPoint;
 }
 
-/// Orders points by distance, ties by id. Distances are not negative, so they are in the order of their bits.
+/// Orders points by distance, ties by id. Distances are not negative, so they order like their bits.
 __device__ std::uint64_t nearKey(float distance_m, std::uint32_t id) {
   return std::uint64_t{__float_as_uint(distance_m)} << 32 | id;
 }
 
-/// Lowers the key to that of the nearest resolved point of a block, without point `id`.
-/// Lowers `nearest` to the key of the nearest resolved point of a leaf.
+/// Lowers `nearest` to the key of the nearest resolved point of a leaf, other than point `id`.
 __device__ void takeNearest(const PointsView& points, const std::int32_t (&leaf)[3], std::uint32_t id,
                             std::uint16_t collision_limit, std::uint64_t& nearest) {
   const std::uint32_t block = points.index.find(leaf[0], leaf[1], leaf[2]);
@@ -42,7 +41,7 @@ __device__ void takeNearest(const PointsView& points, const std::int32_t (&leaf)
   }
 }
 
-/// The nearest resolved point, ties by lower id, ring by ring of blocks. A warp a point.
+/// Finds the nearest resolved point, ties by lower id, ring by ring of blocks. One warp per point.
 __global__ void findHints(PointsView points, CoarseToFine rule, std::uint16_t collision_limit,
                           DeviceList<std::uint32_t> ids, std::uint16_t* hints) {
   const std::uint32_t n = (blockIdx.x * kThreads + threadIdx.x) / kWarp, lane = threadIdx.x % kWarp;
@@ -56,7 +55,7 @@ __global__ void findHints(PointsView points, CoarseToFine rule, std::uint16_t co
     if (static_cast<float>(ring - 1) * block_m > __uint_as_float(static_cast<std::uint32_t>(nearest >> 32))) break;
     const int side = 2 * ring + 1;
     for (int i = static_cast<int>(lane); i < side * side; i += static_cast<int>(kWarp)) {
-      // A column of the ring's cube: all of it at the sides, else its ends.
+      // A column of the ring's cube: all of it on the sides, else only its ends.
       const int dx = i / side - ring, dy = i % side - ring;
       const bool whole = dx == -ring || dx == ring || dy == -ring || dy == ring;
       for (int dz = -ring; dz <= ring; dz += whole ? 1 : 2 * ring) {

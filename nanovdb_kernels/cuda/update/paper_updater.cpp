@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The paper's policy on the GPU: a queue of points, the neighbourhoods of those whose turn it is, and their scores.
-/// The same points are evaluated at the same updates as on the CPU (src/update/paper_on_host.cpp), by the same
-/// kernels that score what the host asks for.
+/// The paper's policy on the GPU: a queue of points, the neighbourhoods of those whose turn it is, and their scores. It
+/// evaluates the same points at the same updates as the CPU (src/update/paper_on_host.cpp), with the same kernels that
+/// score what the host requests.
 #include <algorithm>
 #include <utility>
 
@@ -44,7 +44,7 @@ class DevicePaperUpdater final : public PaperUpdater {
     const CurrentDevice current(context_->device());
     points_.setState(input.points);
     points_.setWeights(news.weights, stream());
-    points_.setWeights(news.crossed, stream());  // the returns may be those of its neighbours
+    points_.setWeights(news.crossed, stream());  // the returns that count may be their neighbours'
     counters_.clear(stream());
     enqueue(news.crossed, triggered);
     const std::uint32_t budget = input.budget_points,
@@ -55,7 +55,7 @@ class DevicePaperUpdater final : public PaperUpdater {
     const UpdateCounters done = counters_.read(stream());
     queue_.drop(turn, stream());
     requireNeighbours(done.moved);
-    any_resolved_ = any_resolved_ || done.resolved > 0;  // best scores never rise, so it stays
+    any_resolved_ = any_resolved_ || done.resolved > 0;  // best scores never rise, so this stays true
     outcome.evaluated = turn;
     outcome.scored = done.outcome.scored;
     outcome.tests = done.outcome.tests;
@@ -69,7 +69,7 @@ class DevicePaperUpdater final : public PaperUpdater {
  private:
   [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }
 
-  /// In the order of paper_on_host.cpp.
+  /// Adds points in the order of paper_on_host.cpp.
   void enqueue(std::span<const PointWeight> crossed_points, const TriggeredPoints& triggered) {
     const auto crossed = static_cast<std::uint32_t>(crossed_points.size());
     confident_.growWithRoom(memory_, crossed, roomFor(crossed), 0);
@@ -83,7 +83,7 @@ class DevicePaperUpdater final : public PaperUpdater {
     if (triggered.all_blocked) queue_.addFrom(points.num_points, {kMask, kValue, points.points.label}, stream());
   }
 
-  /// The first `turn` points of the queue.
+  /// Evaluates the first `turn` points of the queue.
   void evaluate(const ScoringInput& input, std::uint32_t turn, UpdateOutcome& outcome) {
     growTurn(turn);
     const bool with_hints = candidates_.on && any_resolved_;
@@ -129,7 +129,7 @@ class DevicePaperUpdater final : public PaperUpdater {
     launchTallyTurn(turn, input.rule.collision_limit, counters_.data(), stream());
   }
 
-  /// Room to evaluate so many points, part by part.
+  /// Makes room to evaluate this many points, part by part.
   void growTurn(std::uint32_t turn) {
     if (candidates_.on) hints_.growWithRoom(memory_, turn, roomFor(turn), 0);
     const std::uint32_t part = std::min(turn, PointTables::kPart);
@@ -148,7 +148,7 @@ class DevicePaperUpdater final : public PaperUpdater {
     order_scratch_.growWithRoom(memory_, bytes, roomFor(bytes), 0);
   }
 
-  /// For the whole turn: all points see what was known before the first of them is evaluated.
+  /// Finds hints for the whole turn: all points see what was known before the first is evaluated.
   void findHints(std::uint32_t turn, std::uint16_t collision_limit) {
     for (std::uint32_t first = 0; first < turn; first += PointTables::kPart) {
       launchFindHints(points_.view(), {candidates_, collision_limit},
@@ -163,13 +163,13 @@ class DevicePaperUpdater final : public PaperUpdater {
   DeviceCounters counters_;
   PointTables points_;
   WorkQueue queue_;
-  bool any_resolved_ = false;  ///< is there a point that lends its direction?
+  bool any_resolved_ = false;  ///< whether any point lends its direction
   Staging<PointWeight> crossed_;
   Staging<std::uint32_t> asked_;
-  DeviceArray<std::uint32_t> confident_;  ///< those that became so
-  // Of the points whose turn it is.
+  DeviceArray<std::uint32_t> confident_;  ///< points that became confident
+  // For the points whose turn it is.
   DeviceArray<std::uint16_t> hints_;
-  // Of a part of them.
+  // For a part of them.
   DeviceArray<ScoreItem> items_;
   DeviceArray<ScoreResult> results_;
   DeviceArray<PointLabel> labels_before_;

@@ -31,7 +31,7 @@ __global__ void admitBlocks(BlockIndexView index, GroupsView groups, DeviceList<
   for (int axis = 0; axis < 3; ++axis) index.leaf[3 * static_cast<std::size_t>(news.block) + axis] = news.leaf[axis];
   index.reach_m[news.block] = -1;
   groups.of_block[news.block] = news.group;
-  for (int axis = 0; axis < 3; ++axis) {  // the same, whichever block of the group comes
+  for (int axis = 0; axis < 3; ++axis) {  // every block of a group writes the same
     groups.leaf[3 * static_cast<std::size_t>(news.group) + axis] = news.leaf[axis] >> groups.log2 << groups.log2;
   }
   enterBlock(index, news.block);
@@ -82,7 +82,7 @@ __global__ void admitPoints(PointsView points, MovedView moved, KnownView known,
   if (isnan(news.before_L[0])) {
     makePoint(points, known, news);
   } else if (state.reach_m[id] >= 0) {
-    addMoved(moved, news.id);  // its mean, its seen directions or the mean sensor position have changed
+    addMoved(moved, news.id);  // its mean, its seen directions or the mean sensor position has changed
   }
   for (std::size_t axis = 0; axis < 3; ++axis) {
     state.mean_L[3 * id + axis] = news.mean_L[axis];
@@ -111,7 +111,7 @@ __global__ void addCrossed(PointStateView points, MovedView moved, DeviceList<Po
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= crossed.count) return;
   const PointWeight& point = crossed.data[n];
-  points.weight[point.id] = point.weight;  // the returns may be those of its neighbours
+  points.weight[point.id] = point.weight;  // the returns that count may be its neighbours'
   addMoved(moved, point.id);
 }
 

@@ -16,27 +16,27 @@ namespace accessvdb::kernels {
 
 class PointTables {
  public:
-  /// Points whose neighbours are found at a time.
+  /// Most points whose neighbours are found at a time.
   static constexpr std::uint32_t kPart = 1u << 17;
 
   PointTables(DeviceMemory& memory, const NeighbourTables& tables);
 
   /// Valid until the next grow().
   [[nodiscard]] const PointsView& view() const { return view_; }
-  /// The arrays of the host's point state, where they are now.
+  /// Sets the current arrays of the host's point state.
   void setState(const PointStateView& points) { view_.points = points; }
 
   /// Makes room for what is admitted.
   void grow(const AdmitInput& input, cudaStream_t stream);
-  /// Takes it in, once there is room. @param first_place  of the news in moved.places, or kNoIndex: nothing has a
+  /// Admits it, once there is room. @param first_place  index of the news in moved.places, or kNoIndex: nothing has a
   /// neighbourhood yet
   void admit(const AdmitInput& input, const MovedView& moved, const KnownView& known, std::uint32_t first_place,
              cudaStream_t stream);
   void setWeights(std::span<const PointWeight> weights, cudaStream_t stream);
 
-  /// Room to make the neighbourhoods of this many points in parts of up to kPart, and to keep those of a part.
+  /// Makes room to find the neighbourhoods of this many points in parts of up to kPart, and to keep those of a part.
   void growParts(std::uint32_t points);
-  /// Only the room to make them.
+  /// Makes only the room to find them.
   void growFound(std::uint32_t points);
   /// @param part  at most kPart points  @param failed  see launchNearest
   /// @return [part.count], kept until the next call

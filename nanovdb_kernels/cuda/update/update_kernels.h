@@ -1,7 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Launches of the kernels of an update, in the order in which they run. All pointers are device memory; all calls only
-/// queue work.
+/// Launches an update's kernels, in the order in which they run. All pointers are device memory; calls only queue work.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -14,41 +13,41 @@
 
 namespace accessvdb::kernels {
 
-// point_index.cu: takes points in.
+// point_index.cu: admits points.
 
-/// Lists of ids of blocks, and new blocks into the hash.
+/// Stores the id lists of blocks, and inserts new blocks into the hash.
 void launchAdmitBlocks(const PointsView& points, DeviceList<BlockNews> blocks, const std::uint32_t* block_ids,
                        cudaStream_t stream);
-/// All blocks into an empty hash.
+/// Inserts all blocks into an empty hash.
 void launchRehash(const BlockIndexView& index, cudaStream_t stream);
-/// State of new and touched points. Nothing is known about the directions of new ones.
-/// @param first_place  of moved.places, or kNoIndex: nothing has a neighbourhood yet
+/// Stores the state of new and touched points. Nothing is known about directions of new ones.
+/// @param first_place  index into moved.places, or kNoIndex: nothing has a neighbourhood yet
 void launchAdmitPoints(const PointsView& points, const MovedView& moved, const KnownView& known,
                        DeviceList<PointNews> news, std::uint32_t first_place, cudaStream_t stream);
 void launchSetWeights(const PointStateView& points, DeviceList<PointWeight> weights, cudaStream_t stream);
 
-// moved_points.cu: whose neighbourhoods may have changed.
+// moved_points.cu: finds points whose neighbourhoods may have changed.
 
-/// Points near places -> moved.ids. @param max_touched  upper bound of counters.touched_blocks
+/// Adds points near places to moved.ids. @param max_touched  upper bound of counters.touched_blocks
 void launchFindMoved(const PointsView& points, const MovedView& moved, std::uint32_t max_touched, cudaStream_t stream);
-/// Points that became confident -> moved.ids.
+/// Adds points that became confident to moved.ids.
 void launchAddCrossed(const PointStateView& points, const MovedView& moved, DeviceList<PointWeight> crossed,
                       cudaStream_t stream);
 
-// nearest_points.cu: their neighbourhoods.
+// nearest_points.cu: makes their neighbourhoods.
 
-/// @param failed  set to 1 where some neighbours were not found  @param found  [part.count] out
+/// @param failed  set to 1 if some neighbours were not found  @param found  [part.count] out
 void launchNearest(const PointsView& points, const PointPart& part, std::uint32_t* failed, FoundNeighbours* found,
                    cudaStream_t stream);
-/// @param found  of the same part  @param neighbourhoods  [part.count] out
+/// @param found  from launchNearest for the same part  @param neighbourhoods  [part.count] out
 void launchMakeNeighbourhoods(const PointsView& points, const PointPart& part, const FoundNeighbours* found,
                               Neighbourhood* neighbourhoods, cudaStream_t stream);
-/// How many of the moved points have their neighbourhoods: `most`, or as many as there are -> counters.prepared.
+/// Sets counters.prepared, the number of moved points with neighbourhoods: `most`, or all if there are fewer.
 void launchNotePrepared(MovedCounters* counters, std::uint32_t most, cudaStream_t stream);
 
 // flip_masks.cu: what flips mean for groups of blocks.
 
-/// What that depends on.
+/// Inputs of these kernels.
 struct FlipContext {
   BlockIndexView index;
   GroupsView groups;
@@ -57,35 +56,35 @@ struct FlipContext {
   KnownView known;  ///< aged by the flips
   int num_directions = 0;
 };
-/// The tiles of the flips of flips.list -> the hash, *num_tiles.
+/// Inserts the tiles of flips.list into the hash; counts them in *num_tiles.
 void launchFindTiles(const FlipsView& flips, std::uint32_t count, std::uint32_t* num_tiles, cudaStream_t stream);
-/// The flips into their tiles.
+/// Adds the flips to their tiles.
 void launchAddFlips(const FlipsView& flips, std::uint32_t count, cudaStream_t stream);
-/// Masks of all groups; ages what is known about the directions of their points.
+/// Computes the masks of all groups, and ages what is known about the directions of their points.
 void launchGroupMasks(const FlipContext& context, const FlipsView& flips, const GroupMasksView& masks,
                       cudaStream_t stream);
 
-// due_points.cu: what has to be evaluated.
+// due_points.cu: decides what has to be evaluated.
 
-/// What that depends on, and where it goes.
+/// Inputs and outputs of these kernels.
 struct DueContext {
   PointsView points;
   EvaluationView evaluation;
   GroupMasksView masks;
   DueView due;
 };
-/// Normals and seen directions of a part of the moved points, and what is due at them.
+/// Stores normals and seen directions of some moved points, and decides what is due at them.
 /// @param neighbourhoods  [part.count]
 void launchTakeNeighbours(const DueContext& context, const PointPart& part, const Neighbourhood* neighbourhoods,
                           std::uint32_t* changed_bits, cudaStream_t stream);
-/// What is due at points [first, first + count) because of flips alone. @param changed_bits  points to leave out
+/// Decides what is due at points [first, first + count) because of flips alone. @param changed_bits  points to skip
 void launchDueByFlips(const DueContext& context, std::uint32_t first, std::uint32_t count,
                       const std::uint32_t* changed_bits, cudaStream_t stream);
-/// What is due at points whose turn it is: whatever may have changed since they were last evaluated. They do not wait
-/// any more.
+/// Decides what is due at points whose turn it is: whatever may have changed since their last evaluation. Ends their
+/// wait.
 void launchDueAfterWaiting(const DueContext& context, DeviceList<std::uint32_t> ids, cudaStream_t stream);
 
-// due_search.cu: evaluates.
+// due_search.cu: evaluates points.
 
 /// What the search reads of the map and the tool.
 struct DueSearch {
@@ -93,15 +92,15 @@ struct DueSearch {
   ToolKernelView tool;
   ToolSlabsView slabs;
   BusyMapView busy;
-  WindowPlan window;  ///< of a warp
+  WindowPlan window;  ///< of each warp
   int multiprocessors = 1;
 };
-/// Where it runs: on `main`, and in part on `beside`, on which nothing else waits to run. The events are its own.
+/// Where it runs: on `main`, and in part on `beside`, where nothing else is queued. The events are the search's own.
 struct DueStreams {
   cudaStream_t main, beside;
   cudaEvent_t fork, join;
 };
-/// What the search evaluates, and by what rules. Its list is empty afterwards.
+/// What the search evaluates, and by what rules. Its due list is empty afterwards.
 struct DueWork {
   PointsView points;
   EvaluationView evaluation;

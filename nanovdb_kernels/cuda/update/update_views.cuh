@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the kernels of an update read and write. Each owner of arrays hands out one of these views; a kernel takes
-/// those that it needs.
+/// What the kernels of an update read and write. Each owner of arrays hands out one of these views; a kernel takes the
+/// ones it needs.
 #pragma once
 
 #include <cstdint>
@@ -18,21 +18,21 @@
 
 namespace accessvdb::kernels {
 
-// Numbers that kernels add to, by who adds.
+// Counters that kernels add to, by who adds.
 
-/// Of what was evaluated.
+/// Counts of what was evaluated.
 struct OutcomeCounters {
   unsigned long long tests, scored, label_changes, evaluated;
 };
-/// Of the points whose neighbourhoods may have changed.
+/// Counts of the points whose neighbourhoods may have changed.
 struct MovedCounters {
   std::uint32_t moved, touched_blocks, reached_blocks, failed, prepared;
 };
-/// Of one search.
+/// State of one search.
 struct SearchCounters {
   std::uint32_t due, busy, ordered, whole, whole_at_first, next_whole, next_some, next_added;
 };
-/// Of the lower nodes of the mirror.
+/// Counts of the mirror's lower nodes.
 struct MirrorCounters {
   std::uint32_t lowers, listed_lowers;
 };
@@ -55,7 +55,7 @@ struct BlockIndexView {
   std::uint32_t* first = nullptr;     ///< [blocks] ids of a block: ids[first .. first + count)
   std::uint32_t* count = nullptr;     ///< [blocks]
   std::uint32_t* ids = nullptr;
-  float* reach_m = nullptr;  ///< [blocks] largest reach of its points; negative where none has a neighbourhood
+  float* reach_m = nullptr;  ///< [blocks] largest reach of its points; negative if none has a neighbourhood
   std::uint32_t blocks = 0;
 
 #if defined(__CUDACC__)
@@ -70,7 +70,7 @@ struct BlockIndexView {
 struct GroupsView {
   int log2 = 0;
   std::uint32_t* of_block = nullptr;    ///< [blocks]
-  std::int32_t* leaf = nullptr;         ///< [3 groups] the first one: lowest in x, y and z
+  std::int32_t* leaf = nullptr;         ///< [3 groups] the first leaf: lowest in x, y and z
   std::uint8_t* with_points = nullptr;  ///< [groups] 1: one of its points has or had a neighbourhood
   std::uint32_t groups = 0;
 };
@@ -105,25 +105,25 @@ struct PointsView {
 #endif
 };
 
-// MovedTables: whose neighbourhoods may have changed.
+// MovedTables: points whose neighbourhoods may have changed.
 
 /// Where a touched point was and is.
 struct Place {
-  float now_L[3], before_L[3];  ///< before: NaN where the point is new
-  std::uint32_t next;           ///< of the same block, or kNoIndex
+  float now_L[3], before_L[3];  ///< before: NaN if the point is new
+  std::uint32_t next;           ///< next in the same block, or kNoIndex
 };
 /// Touched points by block.
 struct PlacesView {
   Place* places = nullptr;
-  std::uint32_t* head = nullptr;            ///< [blocks] kNoIndex where nothing was touched
-  std::uint32_t* touched_blocks = nullptr;  ///< those with a head
+  std::uint32_t* head = nullptr;            ///< [blocks] kNoIndex if nothing was touched
+  std::uint32_t* touched_blocks = nullptr;  ///< blocks with a head
   std::uint32_t* reached_bits = nullptr;    ///< [blocks / 32]
   std::uint32_t* reached_blocks = nullptr;
 };
 struct MovedView {
   PlacesView places;
   std::uint32_t* ids = nullptr;           ///< list of moved points
-  std::uint32_t* bits = nullptr;          ///< [n / 32] already on that list; null: nobody keeps one
+  std::uint32_t* bits = nullptr;          ///< [n / 32] already on that list; null: no list is kept
   std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
   MovedCounters* counters = nullptr;
 };
@@ -131,7 +131,7 @@ struct MovedView {
 /// Points [first, first + count) of a list on the device.
 struct PointPart {
   const std::uint32_t* ids = nullptr;
-  const std::uint32_t* length = nullptr;  ///< of the list; what is beyond is left out. Null: the list is long enough
+  const std::uint32_t* length = nullptr;  ///< of the list; items beyond are skipped. Null: the list is long enough
   std::uint32_t first = 0, count = 0;
 
 #if defined(__CUDACC__)
@@ -141,13 +141,13 @@ struct PointPart {
 #endif
 };
 
-/// What the nearest points of a moved one give.
+/// What the nearest points of a moved point add up to.
 struct FoundNeighbours {
   NeighbourSums sums;
   std::int64_t farthest;
   DirectionMask seen;
 };
-/// What becomes of it.
+/// The neighbourhood made from that.
 struct Neighbourhood {
   float normal[3];
   float reach_m;
@@ -156,15 +156,15 @@ struct Neighbourhood {
 
 // FlipTables: what flips mean for groups of blocks.
 
-/// Flipped leaves in tiles of 8 x 8 columns. 16 leaves above each other share a column: one bit each, 16 bits per kind.
+/// Flipped leaves in tiles of 8 x 8 columns. A column has 16 leaves above each other: one bit each, 16 bits per kind.
 struct FlipsView {
   static constexpr int kTileLog2 = 3;
-  static constexpr std::uint32_t kColumns = 64;  ///< of a tile
-  HashView hash;                                 ///< of tiles: x >> 3, y >> 3, z >> 4
+  static constexpr std::uint32_t kColumns = 64;  ///< columns per tile
+  HashView hash;                                 ///< key: tile x >> 3, y >> 3, z >> 4
   std::uint32_t* tile_at = nullptr;              ///< [slots of the hash]
   std::uint64_t* occupied = nullptr;             ///< [tiles] columns with a flip, one bit each
   std::uint64_t* kinds = nullptr;                ///< [64 tiles]
-  std::uint32_t* head = nullptr;                 ///< [64 tiles] first of the list in which voxels stopped colliding
+  std::uint32_t* head = nullptr;                 ///< [64 tiles] first list entry in which voxels stopped colliding
   std::uint32_t* next = nullptr;                 ///< [list]
   const LeafFlips* list = nullptr;
 };
@@ -175,7 +175,7 @@ struct GroupMasksView {
 
 // FootprintTable: what the tool and the corridor read.
 
-/// The columns of both footprints at one horizontal offset: index + 1; 0: there is none.
+/// The columns of both footprints at one horizontal offset: index + 1; 0: none.
 struct FootprintPlace {
   std::uint32_t tool = 0, arm = 0;
 };
@@ -193,18 +193,18 @@ struct FootprintView {
 #endif
 };
 
-// KnownTables: what is remembered about directions that are not the best one.
+// KnownTables: what is remembered about directions other than the best.
 
-/// The tool read backwards (ExactTables::cell_directions).
+/// From cells back to directions of the tool (ExactTables::cell_directions).
 struct CellTableView {
-  const DirectionArc* table = nullptr;  ///< null: not known
+  const DirectionArc* table = nullptr;  ///< null: there is none
   std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
 };
 struct KnownView {
   std::uint64_t* levels = nullptr;  ///< [words n] by id; null: nothing is remembered
   FreedWord* freed = nullptr;       ///< [words groups]
-  int words = 0;                    ///< of eight directions, per point
-  int count_to = 0;                 ///< up to here collisions are counted, to remember them
+  int words = 0;                    ///< words of eight directions per point
+  int count_to = 0;                 ///< collisions are counted up to here, to remember them
   KnownLevels scale;
 };
 
@@ -213,26 +213,26 @@ struct KnownView {
 /// A point to evaluate.
 struct DueItem {
   std::uint32_t id;
-  std::uint32_t next;  ///< of the same block, or kNoIndex
+  std::uint32_t next;  ///< next in the same block, or kNoIndex
   Due due;             ///< Some or All
 };
 /// Points to evaluate, by blocks.
 struct DueView {
   DueItem* items = nullptr;
-  std::uint32_t* head = nullptr;    ///< [blocks] kNoIndex where none of its points is due
+  std::uint32_t* head = nullptr;    ///< [blocks] kNoIndex if none of its points is due
   std::uint32_t* busy = nullptr;    ///< blocks with a head
-  std::uint32_t* order = nullptr;   ///< items of which some directions are in question, block by block
-  std::uint32_t* whole = nullptr;   ///< those that need all directions
+  std::uint32_t* order = nullptr;   ///< items with some directions in question, block by block
+  std::uint32_t* whole = nullptr;   ///< items that need all directions
   std::uint8_t* waiting = nullptr;  ///< [n] WaitingFlag; null: what is due is evaluated at once
   SearchCounters* counters = nullptr;
 };
 
-/// Flags of a point where points wait for their turn (WorkQueue).
+/// Flags of a point, if points wait for their turn (WorkQueue).
 enum WaitingFlag : std::uint8_t {
   kWaiting = 1,         ///< in the queue
-  kAsked = 2,           ///< to be put into it
+  kAsked = 2,           ///< to be put into the queue
   kAskedByItself = 4,   ///< the point itself changed, not only the map around it (ScoreItem::evidence)
-  kConfidentPoint = 8,  ///< enough observations; with the paper's policy others never wait
+  kConfidentPoint = 8,  ///< enough observations; in the paper's policy others never wait
 };
 
 /// How points are evaluated in this update.

@@ -15,7 +15,7 @@ namespace {
 
 constexpr unsigned kThreads = 256;
 
-/// A WorkQueue::Rule with the flags that it is about.
+/// A WorkQueue::Rule with the flags that it tests.
 struct Wanted {
   const std::uint8_t* flags;
   WorkQueue::Rule rule;
@@ -79,7 +79,7 @@ void WorkQueue::addFromList(DeviceList<std::uint32_t> ids, const Rule& rule, cud
 void WorkQueue::drop(std::uint32_t count, cudaStream_t stream) {
   const std::uint32_t left = size_ - count;
   if (left > 0 && count > 0) {
-    rest_.grow(memory_, ids_.size(), 0);  // no smaller: it becomes the queue
+    rest_.grow(memory_, ids_.size(), 0);  // not smaller: it becomes the queue
     ACCESSVDB_CUDA(cudaMemcpyAsync(rest_.data(), ids_.data() + count, left * sizeof(std::uint32_t),
                                    cudaMemcpyDeviceToDevice, stream));
     std::swap(ids_, rest_);

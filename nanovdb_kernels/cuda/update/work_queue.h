@@ -18,25 +18,25 @@ class WorkQueue {
  public:
   explicit WorkQueue(DeviceMemory& memory);
 
-  /// Room for ids below `points`; new ones have no flags.
+  /// Makes room for ids below `points`; new ones have no flags.
   void grow(std::uint32_t points, cudaStream_t stream);
   /// [points] of WaitingFlag
   [[nodiscard]] std::uint8_t* flags() const { return flags_.data(); }
 
-  /// Which points are put into the queue.
+  /// Which points enter the queue.
   struct Rule {
     std::uint8_t mask = 0, value = 0;   ///< those with (flags & mask) == value
-    const PointLabel* label = nullptr;  ///< [points] and not accessible; null: whatever their label
+    const PointLabel* label = nullptr;  ///< [points] and not accessible; null: any label
   };
-  /// Puts points at the end, ascending, and changes their flags from kAsked to kWaiting. Waits for the device.
+  /// Appends points in ascending order, and changes their flags from kAsked to kWaiting. Waits for the device.
   void addFrom(std::uint32_t points, const Rule& rule, cudaStream_t stream);
-  /// The same for a list, in its order. @param ids  they differ
+  /// The same for a list, in its order. @param ids  all different
   void addFromList(DeviceList<std::uint32_t> ids, const Rule& rule, cudaStream_t stream);
 
   [[nodiscard]] std::uint32_t size() const { return size_; }
-  /// The first ones first; valid until the next call. They keep their flags.
+  /// In queue order; valid until the next call. The points keep their flags.
   [[nodiscard]] std::uint32_t* ids() const { return ids_.data(); }
-  /// Takes the first `count` off.
+  /// Removes the first `count` points.
   void drop(std::uint32_t count, cudaStream_t stream);
 
  private:
@@ -45,7 +45,7 @@ class WorkQueue {
 
   DeviceMemory& memory_;
   DeviceArray<std::uint8_t> flags_;
-  DeviceArray<std::uint32_t> ids_, rest_;  ///< [points]; the second one empty until points are left over
+  DeviceArray<std::uint32_t> ids_, rest_;  ///< [points]; rest_ is empty until points are left over
   std::uint32_t size_ = 0;
   DeviceArray<std::byte> scratch_;
   DeviceArray<std::uint32_t> selected_;  ///< [1]
