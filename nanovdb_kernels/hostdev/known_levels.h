@@ -84,8 +84,7 @@ ACCESSVDB_HOSTDEV inline std::uint32_t worse(std::uint64_t word, std::uint64_t l
 
 /// Levels reduced by `steps`, but not below 0. @param steps  one byte each: 0 .. 127
 ACCESSVDB_HOSTDEV inline std::uint64_t lowered(std::uint64_t word, std::uint64_t steps) {
-  const std::uint64_t left =
-      ((word & kLevels) | kArms) - steps;  // the highest bit stays where the level was high enough
+  const std::uint64_t left = ((word & kLevels) | kArms) - steps;  // the highest bits stay where levels suffice
   const std::uint64_t enough = left >> 7 & kEach;
   return (left & ((enough << 7) - enough)) | (word & kArms);
 }
