@@ -30,7 +30,7 @@ class NeighbourhoodSearch {
  public:
   NeighbourhoodSearch(const PointStore& points, const FieldParams& resolved);
 
-  /// Computes each id in parallel. @param ids  in any order; spatial neighbours are fastest. @param out  [ids]
+  /// Computes each id in parallel. @param ids  in any order; fastest if nearby points share blocks. @param out  [ids]
   void compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out) const;
 
   [[nodiscard]] double radius_m() const { return radius_m_; }

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The paper's policy on a backend that keeps queue and state itself (launch/paper_updater.h). The host finds what
-/// needs the map or its own random numbers: which points became confident, and what triggers (i) and (ii) request. The
+/// needs the map or random numbers: which points became confident, and what triggers (i) and (ii) request. The
 /// results equal those of paper_on_host.cpp.
 #include <memory>
 #include <utility>

@@ -21,7 +21,7 @@ using TakeLeaves = std::function<void(std::span<const Index3> leaves)>;
 
 /// What point state reads from the map; filled by the field.
 struct MapReads {
-  /// Observations behind the confidence of each id: largest weight of 3x3x3 voxels, or the own voxel's (paper).
+  /// Observations behind the confidence of each id: largest weight of 3x3x3 voxels, or that of its own voxel (paper).
   std::function<void(std::span<const std::uint32_t> ids, std::span<std::uint16_t> weights)> weights;
   /// The same for voxels already known.
   std::function<void(std::span<const Index3> voxels, std::span<std::uint16_t> weights)> weights_at;

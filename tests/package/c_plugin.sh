@@ -19,7 +19,7 @@ grep -qE '^blocked [1-9]' "$out/counts.txt"
 # range_noise.txt beside the scans says 0; the plug-in uses the default of 0.02 m.
 "$PROGRAM" map --scans "$out/scans" --poses "$out/scans/poses.txt" --tool builtin:pruner --voxel 0.1 --range-noise 0.02 \
   --quiet --out "$out/program"
-rows() { LC_ALL=C sed '1,/^end_header$/d' "$1"; }  # the header has varying contents, such as the name of the tool's file
+rows() { LC_ALL=C sed '1,/^end_header$/d' "$1"; }  # the header names the tool's file, for example
 cmp <(rows "$out/field/points.ply") <(rows "$out/program/points.ply")
 
 # Errors are reported, with the program's exit codes.
