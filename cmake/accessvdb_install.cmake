@@ -3,7 +3,7 @@
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
-# Component development is only needed to build other programs; cmake/accessvdb_packaging.cmake splits by it.
+# The component development is only needed to build other programs; cmake/accessvdb_packaging.cmake splits by it.
 install(DIRECTORY ${PROJECT_SOURCE_DIR}/include/accessvdb DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}
         COMPONENT development FILES_MATCHING PATTERN "*.h")
 install(FILES ${PROJECT_BINARY_DIR}/include/accessvdb/config.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/accessvdb
@@ -42,7 +42,7 @@ if(TARGET accessvdb_cli)
 endif()
 install(FILES ${PROJECT_SOURCE_DIR}/LICENSE ${PROJECT_SOURCE_DIR}/README.md ${PROJECT_SOURCE_DIR}/CHANGELOG.md
         ${PROJECT_SOURCE_DIR}/docs/licences.md DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/accessvdb COMPONENT runtime)
-# The texts of what is compiled in and has no library, whose package would bring them.
+# Licence texts of code that is compiled in and has no library whose package would bring them.
 foreach(_headers IN ITEMS libcli11-dev libeigen3-dev libnanovdb-dev nlohmann-json3-dev)
   if(EXISTS /usr/share/doc/${_headers}/copyright)
     install(FILES /usr/share/doc/${_headers}/copyright DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/accessvdb/licences

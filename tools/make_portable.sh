@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Packs programs and every shared library that they need, but for the C library and the GPU's driver, into one archive
-# that runs on another Linux machine of the same processor without root and without installing anything.
+# Packs programs and all shared libraries that they need, except the C library and the GPU's driver, into one archive
+# that runs on another Linux machine with the same type of processor, without root and without installing anything.
 #   make_portable.sh [--name FOLDER] [--limit MB] [--headers-of BUILD] ARCHIVE.tar.xz FOLDER_OF_SCRIPTS|- PROGRAM...
 # In the archive: FOLDER/bin/PROGRAM and FOLDER/run PROGRAM [arguments], programs/, libraries/, scripts/, README, and
 # licences/: the texts for each library in it and, with --headers-of, for the headers that this Ninja build compiled in.
-# XZ_LEVEL: 6 unless set. Nothing is written where the archive would be larger than --limit.
+# XZ_LEVEL: 6 unless set. Nothing is written if the archive would be larger than --limit.
 set -euo pipefail
 fail() {
   echo "make_portable: error: $*" >&2
@@ -42,7 +42,7 @@ if [[ $scripts != - ]]; then
   cp "$scripts/gpu_suite.sh" "$root/scripts/"
 fi
 
-# The C library and the loader belong to the machine that runs it; its driver's libraries stand on them.
+# The C library and the loader come from the machine that runs it; its driver's libraries depend on them.
 of_the_machine='^(ld-linux.*|libc|libm|libdl|librt|libpthread|libresolv|libutil|libanl|libnsl|libcuda|libnvidia.*)\.so'
 missing=$(ldd "$@" | grep 'not found' || true)
 [[ -z $missing ]] || fail "$missing"
@@ -55,14 +55,14 @@ while read -r library; do
 done < <(ldd "$@" | awk '$2 == "=>" && $3 ~ /^\// { print $3 }' | LC_ALL=C sort -u)
 strip --strip-unneeded "$root"/libraries/* 2>/dev/null || true
 
-# The licence text of each package, and the common texts that it refers to. Headers of the C library stay out: they
-# describe what the machine has.
-package_of() {  # package_of FILE: where /lib is a link to /usr/lib, either name may be the one that dpkg knows
+# The licence text of each package, and the common texts that it refers to. Headers of the C library are left out: they
+# describe the machine's own library.
+package_of() {  # package_of FILE: if /lib is a link to /usr/lib, dpkg may know either name
   local other=/usr$1
   [[ $1 != /usr/* ]] || other=${1#/usr}
   { dpkg-query -S "$1" || dpkg-query -S "$other"; } 2>/dev/null | sed -n '/^diversion/d; s/[:,].*//p' | head -n 1
 }
-text_of() {  # text_of PACKAGE: its own, or that of another package from the same source (Ubuntu's libssl-dev links to nothing)
+text_of() {  # text_of PACKAGE: its own, or that of another package from the same source (Ubuntu's libssl-dev has a dangling link)
   local other from
   from=$(dpkg-query -W -f '${source:Package}\n' "$1" | head -n 1)
   for other in "$1" $(dpkg-query -W -f '${source:Package} ${Package}\n' | awk -v from="$from" '$1 == from { print $2 }'); do

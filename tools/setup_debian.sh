@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Installs what is missing from the distribution's packages (Debian 12, Ubuntu 24.04 or newer). Does nothing, and needs
-# neither network nor root, when everything is there.
+# Installs missing packages of the distribution (Debian 12, Ubuntu 24.04 or newer). If nothing is missing, it does
+# nothing and needs neither network nor root.
 #   setup_debian.sh           the small set: what the library and the program need
 #   setup_debian.sh --pcl     also PCL: its tests, its example, and accessvdb/pcl.h
 #   setup_debian.sh --python  also what the Python module needs
@@ -18,7 +18,7 @@ fail() {
 
 packages=(
   g++ cmake ninja-build pkg-config
-  libopenvdb-dev libnanovdb-dev libboost-iostreams-dev  # the map; OpenVDB's CMake module asks for iostreams
+  libopenvdb-dev libnanovdb-dev libboost-iostreams-dev  # the map; OpenVDB's CMake module requires iostreams
   libtbb-dev libeigen3-dev
   liblzf-dev                                            # compressed PCD scans
   libassimp-dev                                         # tool meshes
@@ -46,7 +46,7 @@ if $list; then
 fi
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
-  # Elsewhere the names differ; CMake names each library that is missing.
+  # Package names differ elsewhere; CMake names each missing library.
   for program in c++ cmake ninja; do
     command -v "$program" >/dev/null ||
       fail "'$program' is missing and this is not Debian or Ubuntu. Install it and the libraries listed in tools/setup_debian.sh."

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The CPU backend: the rules of hostdev/ under TBB. No rule of its own, no OpenVDB.
+/// The CPU backend: runs the rules of hostdev/ under TBB. Has no rules of its own and no OpenVDB.
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
@@ -14,7 +14,7 @@
 namespace accessvdb::kernels {
 namespace {
 
-/// Items a task: a blocked point costs up to a millisecond, a free one a microsecond.
+/// Items per task: a blocked point costs up to a millisecond, a free one a microsecond.
 constexpr std::size_t kItemsPerTask = 32;
 
 class CpuBackend final : public Backend {

@@ -14,7 +14,7 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr std::uint64_t kHugePage = std::uint64_t(2) << 20;
-// A step costs one system call and no memory until it is touched.
+// A step costs one system call, and no memory until it is touched.
 constexpr std::uint64_t kLeastStep = std::uint64_t(64) << 20;
 constexpr std::uint64_t kMostStep = std::uint64_t(1) << 30;
 
@@ -45,7 +45,7 @@ HostArena::HostArena(std::uint64_t reserve_bytes) {
   }
   const auto address = reinterpret_cast<std::uintptr_t>(mapping_);
   base_ = static_cast<unsigned char*>(mapping_) + (roundUp(address, kHugePage) - address);
-  // Scattered reads of millions of leaves live from few TLB entries. Advice only: a kernel without it still works.
+  // Huge pages save TLB entries in scattered reads of millions of leaves. Only advice: kernels without it still work.
   (void)madvise(base_, reserved_, MADV_HUGEPAGE);
 }
 
@@ -65,7 +65,7 @@ void HostArena::commit(std::uint64_t bytes) {
     committed_ = wanted;
     return;
   }
-  // The step may be more than the system grants where what is needed is not.
+  // The system may refuse the full step but grant what is needed.
   const std::uint64_t needed = roundUp(bytes, kHugePage);
   if (mprotect(base_ + committed_, needed - committed_, PROT_READ | PROT_WRITE) != 0) {
     throw ResourceLimit("memory.mirror", "",

@@ -9,15 +9,15 @@ namespace accessvdb::kernels {
 
 class HostArena final : public MirrorArena {
  public:
-  /// Addresses only, no memory: a million leaves take 0.2 to 2 GB of it.
+  /// Addresses only, no memory: a million leaves use 0.2 to 2 GB of it.
   static constexpr std::uint64_t kDefaultReserveBytes = std::uint64_t(256) << 30;
-  /// What must at least be reservable when the limits of the process forbid `reserve_bytes`.
+  /// What must at least be reservable if the process limits forbid `reserve_bytes`.
   static constexpr std::uint64_t kLeastReserveBytes = std::uint64_t(1) << 30;
 
-  /// Reserves `reserve_bytes` [B], rounded up to a huge page; where the process may not, half of it, and so on down to
-  /// `kLeastReserveBytes` (or to `reserve_bytes` when that is less).
+  /// Reserves `reserve_bytes` [B], rounded up to a huge page; if the process may not, half of it, and so on down to
+  /// `kLeastReserveBytes` (or to `reserve_bytes` if that is less).
   /// @throw InvalidArgument  zero bytes
-  /// @throw ResourceLimit    not even the least could be reserved
+  /// @throw ResourceLimit    not even the minimum could be reserved
   explicit HostArena(std::uint64_t reserve_bytes = kDefaultReserveBytes);
   ~HostArena() override;
 

@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A capsule (a segment with a radius: a link of a robot arm, or its way) against the voxels of a map: which leaves it
-/// can touch, how far a voxel lies from its axis, and where along the axis a voxel is reached first.
+/// A capsule (a segment with a radius: a link of a robot arm, or its path) against the voxels of a map: which leaves it
+/// can touch, how far a voxel is from its axis, and where along the axis a voxel is reached first.
 ///
-/// Lengths are in voxels. A voxel counts as touched when its centre is within radius + half a cell's diagonal of the
+/// Lengths are in voxels. A voxel counts as touched if its centre is within radius + half a cell's diagonal of the
 /// axis, so that no cell is missed that the capsule enters.
 #pragma once
 
@@ -16,14 +16,14 @@ namespace accessvdb::kernels {
 
 /// From the centre of a voxel's cell to its corner, rounded up.
 inline constexpr float kHalfCellDiagonal = 0.86602546f;
-/// Positions farther from the local origin than this many voxels have no voxel.
+/// Positions farther from the local origin than this have no voxel.
 inline constexpr double kMostVoxelsFromOrigin = 1e6;
-/// Longest capsule, so that float32 keeps its positions to 0.004 of a voxel.
+/// Longest capsule: float32 keeps its positions accurate to 0.004 voxels.
 inline constexpr double kMostCapsuleVoxels = 32768;
-/// Most leaves that a capsule's box may hold.
+/// Most leaves in a capsule's box.
 inline constexpr double kMostCapsuleLeaves = 1 << 20;
 
-/// False for NaN, infinity, and what lies too far out.
+/// False for NaN, infinity, and positions too far out.
 ACCESSVDB_HOSTDEV inline bool hasVoxel(const double* p_L, double inverse_voxel_size) {
   for (int axis = 0; axis < 3; ++axis) {
     const double x = p_L[axis] * inverse_voxel_size;
@@ -42,7 +42,7 @@ struct Capsule {
 };
 
 /// @param a_L, b_L  ends of the axis, metres    @param radius_m  >= 0
-/// @return false where an end has no voxel, the radius is negative or not finite, or the capsule is too large
+/// @return false if an end has no voxel, the radius is negative or not finite, or the capsule is too large
 ACCESSVDB_HOSTDEV inline bool makeCapsule(const double* a_L, const double* b_L, double radius_m,
                                           float inverse_voxel_size, Capsule& capsule) {
   const double per_voxel = inverse_voxel_size;
@@ -65,10 +65,10 @@ ACCESSVDB_HOSTDEV inline bool makeCapsule(const double* a_L, const double* b_L, 
   return length <= kMostCapsuleVoxels && (length / 8 + across) * across * across <= kMostCapsuleLeaves;
 }
 
-/// A voxel seen from the axis.
+/// A voxel relative to the axis.
 struct AxisPoint {
   float t = 0;          ///< parameter of the nearest point of the axis, 0 at its start, 1 at its end
-  float distance2 = 0;  ///< to it, squared
+  float distance2 = 0;  ///< squared distance to that point
 };
 
 ACCESSVDB_HOSTDEV inline AxisPoint nearestOnAxis(const Capsule& capsule, float x, float y, float z) {
@@ -82,13 +82,13 @@ ACCESSVDB_HOSTDEV inline AxisPoint nearestOnAxis(const Capsule& capsule, float x
   return nearest;
 }
 
-/// Smallest t at which the axis is within `reach` of a voxel that it does come so near to.
+/// Smallest t at which the axis is within `reach` of a voxel that it does approach that closely.
 ACCESSVDB_HOSTDEV inline float firstWithin(const Capsule& capsule, float x, float y, float z, float reach) {
   const float rx = x - capsule.start[0], ry = y - capsule.start[1], rz = z - capsule.start[2];
   const float reach2 = reach * reach;
   if (!(capsule.length2 > 0) || rx * rx + ry * ry + rz * rz <= reach2) return 0;
-  // From the foot of the perpendicular back by half the chord; not the usual formula, whose differences of large
-  // numbers cost voxels on long axes.
+  // From the foot of the perpendicular back by half the chord. The usual formula subtracts large numbers, which causes
+  // errors of several voxels on long axes.
   const float foot = (rx * capsule.along[0] + ry * capsule.along[1] + rz * capsule.along[2]) / capsule.length2;
   const float ex = rx - foot * capsule.along[0], ey = ry - foot * capsule.along[1], ez = rz - foot * capsule.along[2];
   const float chord2 = reach2 - (ex * ex + ey * ey + ez * ez);
@@ -96,7 +96,7 @@ ACCESSVDB_HOSTDEV inline float firstWithin(const Capsule& capsule, float x, floa
   return t < 0 ? 0.0f : t > 1 ? 1.0f : t;
 }
 
-/// Walks the leaves that a capsule can touch: slab by slab along the axis that it follows most.
+/// Walks the leaves that a capsule can touch, slab by slab along its dominant axis.
 ///   for (CapsuleLeaves leaves(capsule); leaves.next(origin);) ...
 class CapsuleLeaves {
  public:
@@ -110,7 +110,7 @@ class CapsuleLeaves {
     last_slab_ = leafAt(major_, (begin < end ? end : begin) + reach_);
   }
 
-  /// @param origin  out: voxel of the next leaf's lowest corner    @return false: there is none
+  /// @param origin  out: voxel of the next leaf's lowest corner    @return false if there is none
   ACCESSVDB_HOSTDEV bool next(Coord& origin) {
     while (true) {
       if (v_ < high_[1]) {
@@ -137,8 +137,8 @@ class CapsuleLeaves {
   }
 
  private:
-  static constexpr float kSlack = 0.01f;         // more than rounding makes of a position
-  static constexpr float kLeafRadius = 6.0622f;  // from a leaf's middle to its farthest voxel centre
+  static constexpr float kSlack = 0.01f;         // exceeds the rounding error of a position
+  static constexpr float kLeafRadius = 6.0622f;  // from a leaf's centre to its farthest voxel centre
 
   ACCESSVDB_HOSTDEV std::int32_t leafAt(int axis, float x) const {
     return (capsule_.anchor[axis] + static_cast<std::int32_t>(floorf(x))) >> 3;

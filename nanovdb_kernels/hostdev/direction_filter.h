@@ -29,7 +29,7 @@ class DirectionWalk {
   ACCESSVDB_HOSTDEV DirectionWalk(const ApproachView& approach, const float* normal)
       : DirectionWalk(approach, normal, nearestDirection(approach, normal)) {}
 
-  /// For callers that know nearestDirection already.
+  /// For callers that already know nearestDirection.
   ACCESSVDB_HOSTDEV DirectionWalk(const ApproachView& approach, const float* normal, int nearest)
       : approach_(approach), normal_{normal[0], normal[1], normal[2]} {
     up_ = nearest;
@@ -39,7 +39,7 @@ class DirectionWalk {
     left_ = approach_.num_directions;
   }
 
-  /// The direction with the largest cosine to the normal; the lowest of several.
+  /// The direction with the largest cosine to the normal; on ties, the lowest.
   ACCESSVDB_HOSTDEV static int nearestDirection(const ApproachView& approach, const float* normal) {
     int nearest = 0;
     float best = cosToNormal(approach, 0, normal);

@@ -20,8 +20,8 @@ ACCESSVDB_HOSTDEV inline int bitCount(std::uint32_t word) {
 
 /// Outcome of the corridor test (paper, "Arm path checking").
 struct ArmResult {
-  int passed;          ///< samples before the first blocked one; num_arm when free
-  PointReason reason;  ///< None when free; Arm: an obstacle; Unknown: unobserved and never cleared
+  int passed;          ///< samples before the first blocked one; num_arm if free
+  PointReason reason;  ///< None if free; Arm: an obstacle; Unknown: unobserved and never cleared
 };
 
 ACCESSVDB_HOSTDEV inline ArmResult testArm(const OccupancyReader& map, const ApproachView& approach, int d,
@@ -35,8 +35,8 @@ ACCESSVDB_HOSTDEV inline ArmResult testArm(const OccupancyReader& map, const App
   return {approach.num_arm, PointReason::None};
 }
 
-/// Colliding voxels of the tool at direction d, placed at the voxel of the point. Stops once the count exceeds
-/// `stop_above`; the result is exact up to there, else some number above it.
+/// Colliding voxels of the tool in direction d, placed at the point's voxel. Stops once the count exceeds `stop_above`;
+/// the result is exact up to that value, otherwise some larger number.
 ACCESSVDB_HOSTDEV inline int countVoxelCollisions(const OccupancyReader& map, const ToolKernelView& tool, int d,
                                                   const Coord& point_ijk, int stop_above) {
   int count = 0;
@@ -45,7 +45,7 @@ ACCESSVDB_HOSTDEV inline int countVoxelCollisions(const OccupancyReader& map, co
     const std::int32_t x = point_ijk[0] + column->dx, y = point_ijk[1] + column->dy, z = point_ijk[2] + column->dz;
     const int shift = z & 7;
     std::int32_t row = z - shift;
-    // First row: the lowest 8 - shift bits, moved up; then eight bits a row.
+    // First row: the lowest 8 - shift bits, moved up; then eight bits per row.
     std::uint64_t bits = column->bits;
     std::uint32_t wanted = static_cast<std::uint32_t>(bits << shift) & 0xffu;
     bits >>= 8 - shift;
@@ -61,7 +61,7 @@ ACCESSVDB_HOSTDEV inline int countVoxelCollisions(const OccupancyReader& map, co
   return count;
 }
 
-/// Colliding samples of the tool's surface at direction d, placed at the point (paper, "Tool kernel").
+/// Colliding samples of the tool's surface in direction d, placed at the point (paper, "Tool kernel").
 ACCESSVDB_HOSTDEV inline int countSampleCollisions(const OccupancyReader& map, const ToolKernelView& tool, int d,
                                                    const float* position_L, float inverse_voxel_size, int stop_above) {
   int count = 0;

@@ -1,11 +1,11 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Scoring of one point: the best direction, its collision count, and the reason where there is none
-/// (docs/PAPER_MAP.md, "Scoring").
+/// Scores one point: the best direction, its collision count, and the reason if there is none (docs/PAPER_MAP.md,
+/// "Scoring").
 ///
 /// Directions are ranked by the stage that they reached (normal < unseen < arm or unknown < tool), then by corridor
-/// samples passed, then by lower count, smaller angle to the normal, lower d. The first one gives reason, direction and
-/// score.
+/// samples passed, then by lower count, smaller angle to the normal, lower d. The first one determines reason,
+/// direction and score.
 #pragma once
 
 #include "direction_filter.h"
@@ -17,22 +17,22 @@ namespace accessvdb::kernels {
 struct ScoreItem {
   std::uint32_t id = 0;
   std::uint16_t known_score = kNoScore;          ///< count of known_direction, valid under the current map
-  std::uint16_t known_direction = kNoDirection;  ///< kNoDirection: nothing is known
+  std::uint16_t known_direction = kNoDirection;  ///< kNoDirection: none is known
   DirectionMask skip = {};                       ///< directions known not to change the outcome
   DirectionMask candidates = {};                 ///< directions that may be tried at all
-  /// A blocked point that stays blocked keeps what is stored: its closest direction may be among the skipped ones.
+  /// If set, a blocked point that stays blocked keeps its stored result: its closest direction may have been skipped.
   std::uint8_t keep_reason = 0;
-  /// 0: asked for only because the map changed, so an outcome that is the stored one is no new evidence.
+  /// 0: evaluated only because the map changed, so an outcome equal to the stored one is no new evidence.
   std::uint8_t evidence = 1;
 };
 
-/// What came out.
+/// The outcome for one point.
 struct ScoreResult {
   std::uint16_t score = kNoScore;
   std::uint16_t direction = kNoDirection;
   PointReason reason = PointReason::Normal;  ///< None: a direction is free
   std::uint8_t scored = 0;                   ///< 0: the point has no normal
-  std::uint8_t skipped = 0;                ///< admissible directions were skipped: reason and score cover the rest only
+  std::uint8_t skipped = 0;                ///< admissible directions were skipped: reason and score cover only the rest
   std::uint16_t tests = 0;                 ///< directions tested
   DirectionMask arm_blocked = {};          ///< directions found blocked in the corridor
   DirectionMask tool_blocked = {};         ///< directions found blocked by collisions of the tool
@@ -86,7 +86,7 @@ ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map
     const int bound = best_count < item.known_score ? best_count : item.known_score;
     const int counted = tool.use_samples ? countSampleCollisions(map, tool, d, position_L, inverse_voxel_size, bound)
                                          : countVoxelCollisions(map, tool, d, point_ijk, bound);
-    const int count = counted < kNoScore ? counted : kNoScore - 1;  // kNoScore means: no direction got this far
+    const int count = counted < kNoScore ? counted : kNoScore - 1;  // kNoScore means that no direction got this far
     if (count >= tool.collision_limit) {
       result.tool_blocked.set(d);
       if (count < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(count);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the mirror of distances says about a position. Unobserved is NaN, never a distance.
+/// What the distance mirror says about a position. Unobserved is NaN, never a distance.
 #pragma once
 
 #include <cmath>
@@ -19,7 +19,7 @@ static_assert(std::is_trivially_copyable_v<DistanceView>);
 
 inline constexpr float kNoDistance = std::numeric_limits<float>::quiet_NaN();
 
-/// Of the voxel that holds p_L: the same voxel as occupancyAt() takes.
+/// Distance at the voxel that contains p_L: the same voxel that occupancyAt() reads.
 /// @param p_L  metres, local frame  @return metres; NaN: never observed, or it has no voxel
 ACCESSVDB_HOSTDEV inline float distanceAt(const DistanceView& map, const double* p_L) {
   if (map.grid == nullptr || !hasVoxel(p_L, map.inverse_voxel_size)) return kNoDistance;
@@ -31,8 +31,8 @@ ACCESSVDB_HOSTDEV inline float distanceAt(const DistanceView& map, const double*
   return observed ? distance_m : kNoDistance;
 }
 
-/// Trilinear between the eight voxels whose centres lie around p_L, along z, then y, then x.
-/// @return metres; NaN: one of them was never observed, or p_L has no voxel
+/// Trilinear between the eight voxels whose centres surround p_L, along z, then y, then x.
+/// @return metres; NaN if one of them was never observed or p_L has no voxel
 ACCESSVDB_HOSTDEV inline float distanceInterpolatedAt(const DistanceView& map, const double* p_L) {
   if (map.grid == nullptr || !hasVoxel(p_L, map.inverse_voxel_size)) return kNoDistance;
   std::int32_t low[3] = {0, 0, 0};

@@ -1,12 +1,12 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What has to be evaluated at a point under the exact policy, and in which of its directions (docs/DESIGN.md, "Exact
+/// What must be evaluated at a point under the exact policy, and in which of its directions (docs/DESIGN.md, "Exact
 /// updates").
 ///
-/// After an update everything is known about a point: an accessible one has its best direction and count, a blocked
-/// one has no free direction. So only directions that are newly admissible, or that a flip for the better may have
-/// changed, can change that; and for the best direction a flip for the worse. Asking for too many directions costs
-/// time and changes nothing; asking for too few would be wrong.
+/// After an update everything is known about a point: an accessible one has its best direction and count, a blocked one
+/// has no free direction. Only directions that are newly admissible, or that a flip for the better may have changed,
+/// can change that; and for the best direction a flip for the worse. Requesting too many directions costs time and
+/// changes nothing; requesting too few would be wrong.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ struct GroupMasks {
   DirectionMask better_tool, better_arm, worse_tool, worse_arm;
 };
 
-/// What decides which directions a point admits: its normal and the directions it was seen from.
+/// What determines the directions that a point admits: its normal and the directions it was seen from.
 struct PointDirections {
   float normal[3];
   DirectionMask seen;
@@ -35,11 +35,11 @@ struct PointDirections {
 /// What the last evaluation of a point stored.
 struct StoredScore {
   PointLabel label;
-  int direction;  ///< the best one, or the one that the reason belongs to; kNoDirection
+  int direction;  ///< the best one, or the one that determined the reason; kNoDirection
   int score;
 };
 
-/// A point as it is now.
+/// A point in its current state.
 struct PointNow {
   const ApproachView& approach;
   StoredScore stored;
@@ -50,8 +50,8 @@ struct PointNow {
 enum TestBest : std::uint8_t { kTestArm = 1, kTestTool = 2 };
 
 enum class DueKind : std::uint8_t {
-  Nothing,  ///< what is stored still holds
-  Confirm,  ///< an accessible point changed, and its best direction is still the best one: nothing to test
+  Nothing,  ///< the stored result still holds
+  Confirm,  ///< an accessible point changed, but its best direction is still the best one: nothing to test
   Some,     ///< test the best direction as Due::test_best says, and the candidates
   All       ///< test all directions
 };
@@ -75,17 +75,17 @@ struct BestDirection {
     cosine = cosToNormal(point.approach, direction, point.directions.normal);
     holds = point.directions.admits(point.approach, direction, cosine);
   }
-  /// Clears its own bit in word w of a mask.
+  /// Clears this direction's bit in word w of a mask.
   [[nodiscard]] ACCESSVDB_HOSTDEV std::uint64_t without(std::uint64_t mask, int w) const {
     return direction >> 6 == w ? mask & ~(std::uint64_t{1} << (direction & 63)) : mask;
   }
 };
 
-/// What is due because the point changed, or the map around it.
-/// @param before   the point's directions at the last update; equal to those of `point` where it did not change
-/// @param changed  whether they differ; then at least what is stored is confirmed
-/// @param flips    flips.masks(): GroupMasks; flips.notKnownWorse(w, asked): those of the directions 64 w .. 64 w + 63
-///   that are asked for which are not known to be worse than what is stored. Both are called only where needed.
+/// What is due because the point or the map around it changed.
+/// @param before   the point's directions at the last update; equal to those of `point` if it did not change
+/// @param changed  whether they differ; if so, the stored result is at least confirmed
+/// @param flips    flips.masks(): GroupMasks; flips.notKnownWorse(w, asked): those of the requested directions in
+///   64 w .. 64 w + 63 that are not known to be worse than the stored result. Both are called only if needed.
 template <class Flips>
 [[nodiscard]] ACCESSVDB_HOSTDEV Due dueAfterChange(const PointNow& point, const PointDirections& before, bool changed,
                                                    const Flips& flips) {
@@ -93,8 +93,8 @@ template <class Flips>
   due.evidence = changed ? 1 : 0;
   const BestDirection best(point);
   if (point.stored.label == PointLabel::Unscored || !best.holds) {
-    // An accessible point lost its direction, or the reason of a blocked one belongs to a direction that is gone. Where
-    // nothing changed, it is a blocked point without any admissible direction.
+    // An accessible point lost its direction, or a blocked one the direction that determined its reason. If nothing
+    // changed, it is a blocked point without any admissible direction.
     if (changed) due.kind = DueKind::All;
     return due;
   }
@@ -143,8 +143,8 @@ template <class Flips>
   return due;
 }
 
-/// What is due at a point that waited for its turn: whatever may have changed in the meantime. What is known about its
-/// directions has aged with every update, so those that are known to be worse still are.
+/// What is due at a point that waited in the queue: whatever may have changed in the meantime. Knowledge about its
+/// directions has aged with every update, so directions known to be worse still are.
 /// @param evidence  whether the point itself changed while it waited (ScoreItem::evidence)
 template <class Flips>
 [[nodiscard]] ACCESSVDB_HOSTDEV Due dueAfterWaiting(const PointNow& point, bool evidence, const Flips& flips) {

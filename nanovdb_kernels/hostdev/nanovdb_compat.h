@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The only file on the kernel side that includes NanoVDB. Knows the header paths of 10.x and of 11 and later.
+/// The only file on the kernel side that includes NanoVDB. Handles the header paths of 10.x and of 11 and later.
 #pragma once
 
 #include <nanovdb/NanoVDB.h>
@@ -11,7 +11,7 @@
 #define ACCESSVDB_HOSTDEV
 #endif
 
-/// Before a loop whose index selects words that have to stay in a device's registers.
+/// For loops whose index selects words that must stay in a device's registers.
 #if defined(__CUDA_ARCH__)
 #define ACCESSVDB_UNROLL _Pragma("unroll")
 #else

@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Who is a neighbour of a surface point, and the normal that the neighbours give (docs/PAPER_MAP.md, "Normals").
+/// Which points are neighbours of a surface point, and the normal derived from them (docs/PAPER_MAP.md, "Normals").
 ///
-/// Offsets from the point are rounded to a fixed step first. From there on everything up to the covariance is integers,
-/// so that the result is the same in any order of the neighbours, on any number of threads, on either backend.
+/// Offsets from the point are first rounded to a fixed step. Then everything up to the covariance is integer
+/// arithmetic, so the result does not depend on the order of the neighbours, the number of threads, or the backend.
 #pragma once
 
 #include <cmath>
@@ -13,10 +13,11 @@
 
 namespace accessvdb::kernels {
 
-/// Steps of the largest offset: 2^19 to 2^20 steps a radius. With at most 500 neighbours no sum of products overflows.
+/// Steps of the largest offset: 2^19 to 2^20 steps per radius. With at most 500 neighbours no sum of products
+/// overflows.
 inline constexpr int kRadiusBits = 20;
 
-/// Steps a metre: a power of two, so that positions on a dyadic grid keep their ties.
+/// Steps per metre: a power of two, so that positions on a dyadic grid keep their ties.
 inline double neighbourStepsPerMetre(double radius_m) {
   return std::exp2(std::floor(kRadiusBits - std::log2(radius_m)));
 }
@@ -40,13 +41,13 @@ ACCESSVDB_HOSTDEV inline NeighbourOffset neighbourOffset(const float* from, cons
   return {steps(from[0], to[0]), steps(from[1], to[1]), steps(from[2], to[2])};
 }
 
-/// No point farther away than this can change what these neighbours give: rounding is less than a step an axis.
-/// @param squared  distance of the farthest neighbour in steps, or the largest one where there are fewer than k
+/// No point farther away than this can change the result of these neighbours: rounding is less than one step per axis.
+/// @param squared  of the farthest neighbour's distance in steps, or the largest possible one if there are fewer than k
 ACCESSVDB_HOSTDEV inline float neighbourReach_m(std::int64_t squared, double steps_per_m) {
   return static_cast<float>((sqrt(static_cast<double>(squared)) + 2.0) / steps_per_m);
 }
 
-/// Sums over the neighbours, the point itself among them.
+/// Sums over the neighbours, including the point itself.
 struct NeighbourSums {
   std::int64_t count = 0;
   std::int64_t x = 0, y = 0, z = 0;
@@ -62,12 +63,12 @@ struct NeighbourSums {
 
 inline constexpr std::int64_t kFewestForNormal = 3;
 
-/// Unit normal towards the sensor; zero where there are too few neighbours.
+/// Unit normal towards the sensor; zero if there are too few neighbours.
 /// @param to_sensor  from the point towards the mean sensor position, metres
 ACCESSVDB_HOSTDEV inline void neighbourNormal(const NeighbourSums& s, const float* to_sensor, float* normal) {
   for (int axis = 0; axis < 3; ++axis) normal[axis] = 0;
   if (s.count < kFewestForNormal) return;
-  // count^2 times the covariance: its eigenvectors are those of the covariance.
+  // count^2 times the covariance: the eigenvectors are the same.
   Covariance covariance;
   covariance.xx = static_cast<double>(s.count * s.xx - s.x * s.x);
   covariance.xy = static_cast<double>(s.count * s.xy - s.x * s.y);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the mirrored map says about a position and along a capsule. Data that are bad are never free.
+/// What the mirrored map says about a position and along a capsule. Bad data is never free.
 #pragma once
 
 #include "capsule.h"
@@ -9,12 +9,12 @@ namespace accessvdb::kernels {
 
 /// A voxel's state in the mirror. Every voxel has exactly one.
 enum class Occupancy : std::uint8_t {
-  Unknown = 0,  ///< never observed and never cleared; also whatever has no voxel
+  Unknown = 0,  ///< never observed and never cleared; also any position without a voxel
   Free = 1,     ///< observed and at least r_c from a surface, or cleared
   Collides = 2  ///< observed and nearer than r_c to a surface
 };
 
-/// One evaluation's reader and the voxel size; never shared between threads.
+/// State of one voxel. The reader belongs to one evaluation and is never shared between threads.
 ACCESSVDB_HOSTDEV inline Occupancy occupancyOf(const OccupancyReader& reader, const Coord& ijk) {
   if (reader.collides(ijk)) return Occupancy::Collides;
   return reader.armFree(ijk) ? Occupancy::Free : Occupancy::Unknown;
@@ -28,13 +28,13 @@ ACCESSVDB_HOSTDEV inline Occupancy occupancyAt(const OccupancyView& map, const d
                                      map.inverse_voxel_size));
 }
 
-/// What a capsule meets.
+/// What a capsule touches.
 struct PathOccupancy {
-  bool collision = false;  ///< it touches a voxel that collides
-  bool unknown = true;     ///< it touches a voxel of which nothing is known, or it was not walked
-  bool valid = false;      ///< false: a bad position or radius, or too large; nothing was walked
-  float first_hit_t = -1;  ///< where along the axis, 0 .. 1, the first voxel that collides is touched; -1 = nowhere
-  /// Every voxel that it touches was seen to be free.
+  bool collision = false;  ///< it touches a colliding voxel
+  bool unknown = true;     ///< it touches an unknown voxel, or it was not walked
+  bool valid = false;      ///< false: bad position or radius, or too large; nothing was walked
+  float first_hit_t = -1;  ///< where along the axis, 0 .. 1, the first colliding voxel is touched; -1 = nowhere
+  /// Whether every voxel that it touches was seen to be free.
   ACCESSVDB_HOSTDEV bool free() const { return valid && !collision && !unknown; }
 };
 

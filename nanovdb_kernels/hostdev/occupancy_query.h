@@ -11,7 +11,7 @@ namespace accessvdb::kernels {
 
 using Coord = nanovdb::Coord;
 
-/// Index of the voxel that holds a coordinate: voxel i is centred at i * v (OpenVDB's convention). The one function
+/// Index of the voxel that contains a coordinate: voxel i is centred at i * v (OpenVDB's convention). The only function
 /// that maps points to voxels; also used when points are stored.
 ACCESSVDB_HOSTDEV inline std::int32_t voxelIndex(float x_m, float inverse_voxel_size) {
   return static_cast<std::int32_t>(floorf(x_m * inverse_voxel_size + 0.5f));
@@ -21,7 +21,7 @@ ACCESSVDB_HOSTDEV inline Coord voxelOf(float x_m, float y_m, float z_m, float in
                voxelIndex(z_m, inverse_voxel_size));
 }
 
-/// Cached reads; one an evaluation, never shared between threads.
+/// Cached reads; one reader per evaluation, never shared between threads.
 class OccupancyReader {
  public:
   ACCESSVDB_HOSTDEV explicit OccupancyReader(const OccupancyView& view) : accessor_(view.grid->tree().root()) {}

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which directions the paper tries at a point: every 20 degrees, and a window around what worked next door (paper,
-/// "Tool kernel"; docs/PAPER_MAP.md, "Scoring").
+/// Which directions the paper tries at a point: every 20 degrees, and a window around the best direction of a point
+/// nearby (paper, "Tool kernel"; docs/PAPER_MAP.md, "Scoring").
 #pragma once
 
 #include <cmath>
@@ -14,8 +14,8 @@ namespace accessvdb::kernels {
 struct CoarseToFine {
   bool on = false;            ///< off: all directions are tried
   DirectionMask coarse = {};  ///< tried at every point
-  std::int32_t window = 0;    ///< and so many on either side of the best one of the nearest resolved point
-  float radius_m = 0;         ///< which is no farther away than this
+  std::int32_t window = 0;    ///< also tried: this many on either side of the best one of the nearest resolved point
+  float radius_m = 0;         ///< within which that point must be
   std::int32_t num_directions = 0;
 
   /// @param hint  that best direction, or kNoDirection
@@ -30,12 +30,12 @@ struct CoarseToFine {
   }
 };
 
-/// A point lends its best direction to others once that is free.
+/// A point shares its best direction with others once that direction is free.
 ACCESSVDB_HOSTDEV inline bool isResolved(std::uint16_t score, std::uint16_t direction, std::uint16_t collision_limit) {
   return score < collision_limit && direction != kNoDirection;
 }
 
-/// Between two points, metres; the same bits everywhere.
+/// Distance in metres; bit for bit the same everywhere.
 ACCESSVDB_HOSTDEV inline float distanceBetween_m(const float* a_L, const float* b_L) {
   const float dx = a_L[0] - b_L[0], dy = a_L[1] - b_L[1], dz = a_L[2] - b_L[2];
   return sqrtf(dx * dx + dy * dy + dz * dz);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the host knows about a point, and how it gets into the state arrays.
+/// What the host knows about a point, and how it is written to the state arrays.
 #pragma once
 
 #include <cstddef>

@@ -18,10 +18,10 @@ struct UpdateRule {
 /// Confidence in the map at a point, c = w / (w + k_c).
 ACCESSVDB_HOSTDEV inline float confidenceOf(float weight, float half_weight) { return weight / (weight + half_weight); }
 
-/// Updates the stored state of a point and tells the result what is stored now.
+/// Updates the stored state of a point and copies it into the result.
 ///
-/// What is stored afterwards does not depend on evaluations that confirm it: how often a point is looked at because of
-/// changes in the map is a scheduler's business (ScoreItem::evidence, keep_reason).
+/// The stored state does not depend on evaluations that only confirm it: how often map changes cause a point to be
+/// evaluated is up to the scheduler (ScoreItem::evidence, keep_reason).
 ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, const ScoreItem& item, ScoreResult& result,
                                           const UpdateRule& rule) {
   constexpr float kDecay = 0.75f, kRecovery = 0.15f;

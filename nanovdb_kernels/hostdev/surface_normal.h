@@ -15,11 +15,11 @@ struct Covariance {
 };
 
 /// Cyclic Jacobi with a fixed number of sweeps: the same operations on every machine, only +, -, *, / and sqrt.
-/// @param normal  unit eigenvector of the smallest eigenvalue; equal eigenvalues: the lower axis
+/// @param normal  unit eigenvector of the smallest eigenvalue; for equal eigenvalues, of the lower axis
 ACCESSVDB_HOSTDEV inline void smallestEigenvector(const Covariance& c, float* normal) {
   double a[3][3] = {{c.xx, c.xy, c.xz}, {c.xy, c.yy, c.yz}, {c.xz, c.yz, c.zz}};
   double v[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-  constexpr int kSweeps = 8;  // quadratic convergence: 5 reach double precision
+  constexpr int kSweeps = 8;  // quadratic convergence: 5 sweeps reach double precision
   for (int sweep = 0; sweep < kSweeps; ++sweep) {
     for (int p = 0; p < 2; ++p) {
       for (int q = p + 1; q < 3; ++q) {

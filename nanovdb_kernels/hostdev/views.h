@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the rules see: trivially copyable, non-owning views that travel to a kernel by value.
+/// What the rules read: trivially copyable, non-owning views that are passed to kernels by value.
 ///
 /// Frame L: the local frame, world minus the recorded origin, metres, float32. Voxel of p_L: round(p_L / v).
 #pragma once
@@ -18,7 +18,7 @@ namespace accessvdb::kernels {
 /// Most samples along the approach corridor.
 inline constexpr int kMaxArmSamples = 64;
 
-/// The map as scoring needs it: value bit = collides, active bit = arm_free. A missing leaf means: tool free, arm
+/// The map as needed for scoring: value bit = collides, active bit = arm_free. A missing leaf means: tool free, arm
 /// blocked.
 struct OccupancyView {
   const OccupancyGrid* grid = nullptr;
@@ -26,54 +26,55 @@ struct OccupancyView {
 };
 
 /// A vertical run of up to 64 tool voxels relative to the voxel of the surface point: bit i = (dx, dy, dz + i).
-/// Neighbours in the list of a direction are neighbours in the map, most of them.
+/// Most neighbours in a direction's list are also neighbours in the map.
 struct VoxelColumn {
   std::int16_t dx, dy, dz, unused;
   std::uint64_t bits;
 };
 static_assert(sizeof(VoxelColumn) == 16);
 
-/// Leaves of the map above each other that the tool touches. x and y in leaves from that of the surface point; z in
-/// slabs: eights of voxels from the point's voxel upwards, so that one more leaf than slabs may be touched.
+/// Stacked leaves of the map that the tool touches. x and y in leaves from the surface point's leaf; z in slabs of
+/// eight voxels, counted upwards from the point's voxel, so that one more leaf than slabs may be touched.
 struct LeafColumn {
   std::int16_t leaf_dx, leaf_dy, slab_dz, count;
 };
 static_assert(sizeof(LeafColumn) == 8);
-/// A run of its slabs that are full in all eight x of the leaf.
+/// A run of slabs of a LeafColumn that are full for all eight x of the leaf.
 struct FullSlabs {
   std::uint8_t begin = 0, count = 0;
 };
-/// A box of slabs of the tool: one x, the eight y of a leaf, eight z, bit 8 y + z. x in voxels, y in leaves, z in slabs
-/// from the point. The slab at (x, y, z) is words[first + n], n = ((y - leaf_dy) size_x + x - dx) size_z + z - slab_dz.
+/// A box of slabs of the tool. Each has one x, the eight y of a leaf, eight z; bit 8 y + z. x in voxels, y in leaves, z
+/// in slabs from the point. The slab at (x, y, z) is words[first + n], n = ((y - leaf_dy) size_x + x - dx) size_z + z -
+/// slab_dz.
 struct SlabBox {
   std::uint32_t first = 0;
   std::int16_t dx = 0, leaf_dy = 0, slab_dz = 0, size_x = 0, size_y = 0, size_z = 0;
 };
 static_assert(sizeof(SlabBox) == 16);
 
-/// Box of voxels relative to the voxel of the surface point, inclusive. low > high: not known.
+/// Box of voxels relative to the voxel of the surface point, inclusive. low > high: unknown.
 struct VoxelBox {
   std::int32_t low[3] = {1, 1, 1}, high[3] = {0, 0, 0};
 };
 
-/// The tool at every direction d, tip at the origin, self-exclusion already applied.
+/// The tool in every direction d, tip at the origin, self-exclusion already applied.
 struct ToolKernelView {
   const VoxelColumn* columns = nullptr;         ///< voxel form: columns of d are [column_begin[d], column_begin[d+1])
   const std::uint32_t* column_begin = nullptr;  ///< [D + 1]
-  const float* samples = nullptr;               ///< sample form: 3 floats a sample, metres, rotated to d
+  const float* samples = nullptr;               ///< sample form: 3 floats per sample, metres, rotated to d
   const std::uint32_t* sample_begin = nullptr;  ///< [D + 1]
   bool use_samples = false;
-  std::uint16_t collision_limit = 1;  ///< [n_c] a direction is free when its count is below
-  VoxelBox reach = {};                ///< holds every voxel of every direction
+  std::uint16_t collision_limit = 1;  ///< [n_c] a direction is free if its count is below this
+  VoxelBox reach = {};                ///< contains every voxel of every direction
 };
 
-/// The tool's voxel form once more, so that 64 of its voxels meet 64 of a leaf of the map at a time. x, y: the place of
-/// the point's voxel in its leaf. All null: there is none.
+/// A second copy of the tool's voxel form, to compare 64 of its voxels with 64 of a map leaf at a time. x, y: position
+/// of the point's voxel in its leaf. All null if unavailable.
 struct ToolSlabsView {
   const std::uint64_t* words = nullptr;
   const SlabBox* boxes = nullptr;        ///< [D x 8]: direction d, y
-  const LeafColumn* columns = nullptr;   ///< those with full slabs first, and of these and the others near ones
-  const FullSlabs* full = nullptr;       ///< of each column; null: there are few
+  const LeafColumn* columns = nullptr;   ///< those with full slabs first; within both kinds, near ones first
+  const FullSlabs* full = nullptr;       ///< per column; null if there are few
   const std::uint32_t* begin = nullptr;  ///< [D x 8 x 8 + 1]: columns of direction d, x, y
 };
 
@@ -82,22 +83,22 @@ struct ApproachView {
   const float* direction_xy = nullptr;  ///< [2 D] cos and sin of yaw 2 pi d / D
   const float* arm_offsets = nullptr;   ///< [D x num_arm x 3] metres from the surface point
   int num_directions = 0;               ///< [D]
-  int num_arm = 0;                      ///< samples a direction, in the order in which they are tested
+  int num_arm = 0;                      ///< samples per direction, in test order
   float normal_cos_min = 0;             ///< cos of the cone around the normal
 };
 
-/// State of the points on the device, structure of arrays; index = stable id. 60 bytes a point at D = 180.
+/// State of the points on the device, structure of arrays; index = stable id. 60 bytes per point at D = 180.
 struct PointStateView {
   float* position_L = nullptr;         ///< [3 n] first return, metres; x y z interleaved
   float* normal_L = nullptr;           ///< [3 n] unit; zero = none
-  std::uint64_t* seen = nullptr;       ///< [words n] directions observed from, neighbours joined
+  std::uint64_t* seen = nullptr;       ///< [words n] directions observed from, including the neighbours'
   std::uint16_t* score = nullptr;      ///< [n] fewest collisions; kNoScore
   std::uint16_t* direction = nullptr;  ///< [n] best direction; kNoDirection
   float* stability = nullptr;          ///< [n] a
   std::uint16_t* weight = nullptr;     ///< [n] observations behind the confidence
   PointLabel* label = nullptr;         ///< [n]
   PointReason* reason = nullptr;       ///< [n]
-  int direction_words = 0;             ///< words of `seen` a point
+  int direction_words = 0;             ///< words of `seen` per point
 };
 
 static_assert(std::is_trivially_copyable_v<OccupancyView>);

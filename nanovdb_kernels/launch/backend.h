@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a backend does: memory, the mirror's address range, and the two operations on point state. The rules themselves
-/// are in hostdev/; a backend only decides which thread runs them on which point.
+/// What a backend provides: memory, the mirror's address range, and the two operations on point state. The rules
+/// themselves are in hostdev/; a backend only decides which thread runs them on which point.
 #pragma once
 
 #include <cstdint>
@@ -19,7 +19,7 @@
 
 namespace accessvdb::kernels {
 
-/// Scores `count` items: searches directions by the rules, updates the point's state, hands the result back.
+/// Scores `count` items: searches directions by the rules, updates the points' state, returns the results.
 struct ScoreRequest {
   OccupancyView map;
   ToolKernelView tool;    ///< in the backend's memory
@@ -31,21 +31,21 @@ struct ScoreRequest {
   std::size_t count = 0;
 };
 
-/// Calls return when their effect is visible to the host.
+/// Calls return once their effect is visible to the host.
 class Backend : public DeviceMemory {
  public:
   [[nodiscard]] virtual std::string name() const = 0;  ///< "cpu" or "cuda:NAME"
-  /// Most bytes of device memory held at a time, by our own count; 0 on the CPU.
+  /// Peak device memory held at one time, as tracked by us; 0 on the CPU.
   [[nodiscard]] virtual std::uint64_t peakBytes() const { return 0; }
   [[nodiscard]] virtual std::unique_ptr<MirrorArena> makeArena() = 0;
-  /// Returns when what the mirror's arena flushed can be read by anyone.
+  /// Returns once any reader can read what the mirror's arena flushed.
   virtual void waitForMirror() {}
   /// Writes what the host knows into the state arrays: position, normal, seen, weight.
   virtual void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) = 0;
   virtual void scorePoints(const ScoreRequest& request) = 0;
-  /// Whether its updater wants the slabs of the tool (ScoringInput::slabs).
+  /// Whether its updater uses the slabs of the tool (ScoringInput::slabs).
   [[nodiscard]] virtual bool usesToolSlabs() const { return false; }
-  /// Null where the host decides what is due (src/update/exact_on_host.cpp). Must not outlive the backend.
+  /// Null if the host decides what is due (src/update/exact_on_host.cpp). Must not outlive the backend.
   [[nodiscard]] virtual std::unique_ptr<ExactUpdater> makeExactUpdater(const ExactTables& tables) {
     (void)tables;
     return nullptr;
@@ -57,9 +57,9 @@ class Backend : public DeviceMemory {
   }
 };
 
-/// The rules under TBB on host memory.
+/// Runs the rules under TBB on host memory.
 [[nodiscard]] std::unique_ptr<Backend> makeCpuBackend();
-/// The rules on an NVIDIA GPU; only in builds with ACCESSVDB_HAS_CUDA.
+/// Runs the rules on an NVIDIA GPU; only in builds with ACCESSVDB_HAS_CUDA.
 /// @throw DeviceError  no driver, no device, old driver, wrong architecture, or no memory to start with
 [[nodiscard]] std::unique_ptr<Backend> makeCudaBackend();
 

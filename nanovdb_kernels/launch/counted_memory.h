@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A backend's memory with a count of the bytes in use, so that nobody has to add up arrays by hand.
+/// A backend's memory that counts the bytes in use, so that no caller has to add up arrays by hand.
 #pragma once
 
 #include <cstddef>
@@ -10,7 +10,7 @@
 
 namespace accessvdb::kernels {
 
-/// Not thread safe. Its owner declares it before the arrays that live in it.
+/// Not thread safe. Declare it before the arrays that use it.
 class CountedMemory final : public DeviceMemory {
  public:
   /// @param memory  where the bytes come from; must outlive this

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// An owning, move-only, uninitialised array in the memory of a backend. Views of it travel to kernels.
+/// An owning, move-only, uninitialised array in the memory of a backend. Kernels get views of it.
 #pragma once
 
 #include <algorithm>
@@ -12,13 +12,13 @@
 
 namespace accessvdb::kernels {
 
-/// Plain memory of a backend.
+/// A backend's raw memory.
 class DeviceMemory {
  public:
   virtual ~DeviceMemory() = default;
-  /// @throws ResourceLimit when there is no memory
+  /// @throws ResourceLimit if there is no memory
   virtual void* allocate(std::size_t bytes) = 0;
-  /// @param bytes  as at allocate(). A null address is ignored.
+  /// @param bytes  the same as for allocate(). A null address is ignored.
   virtual void release(void* address, std::size_t bytes) noexcept = 0;
   virtual void upload(void* to_device, const void* from_host, std::size_t bytes) = 0;
   virtual void download(void* to_host, const void* from_device, std::size_t bytes) = 0;
@@ -47,15 +47,14 @@ class DeviceArray {
     if (count > 0) memory_->upload(data_ + first, from, count * sizeof(T));
   }
 
-  /// Grows to at least `size`, keeping the first `kept` elements; what lies behind them is not initialised.
+  /// Grows to at least `size`, keeping the first `kept` elements; later elements are not initialised.
   void grow(DeviceMemory& memory, std::size_t size, std::size_t kept) {
     if (size <= size_) return;
     DeviceArray larger(memory, size);
     if (kept > 0) memory.copy(larger.data_, data_, kept * sizeof(T));
     swap(larger);
   }
-  /// As grow, to `wanted` elements, so that arrays grow seldom; where there is no memory for that, to the `least` that
-  /// will do.
+  /// Like grow(), but to `wanted` elements, so that arrays grow rarely; if memory is short, to `least`.
   void growWithRoom(DeviceMemory& memory, std::size_t least, std::size_t wanted, std::size_t kept) {
     if (least <= size_) return;
     try {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The exact policy as a backend runs it by itself: which points are due, their neighbourhoods and their scores, all on
+/// The exact policy run entirely by a backend: which points are due, their neighbourhoods and their scores, all in
 /// arrays that stay on the device (docs/DESIGN.md, "Exact updates", "The two backends").
 #pragma once
 
@@ -11,7 +11,7 @@
 
 namespace accessvdb::kernels {
 
-/// Leaves at one horizontal offset from the first leaf of a point's group, and the directions that read them wherever
+/// Leaves at one horizontal offset from the first leaf of a point's group, and the directions that read them, wherever
 /// in its group the point is. One column per offset.
 struct FootprintColumn {
   std::int32_t dx, dy, z_low, z_high;  ///< [leaves], z inclusive
@@ -24,12 +24,12 @@ struct DirectionArc {
   std::uint16_t count = 0;  ///< at most D
 };
 
-/// What never changes. Host memory, needed only while the updater is made.
+/// Constant tables in host memory, needed only while the updater is created.
 struct ExactTables {
   NeighbourTables neighbours;
   std::span<const FootprintColumn> tool_columns, arm_columns;  ///< for groups of neighbours.group_log2
-  /// The tool read backwards: [x][y][z] which directions may cover a cell of 4 x 4 x 4 voxels from a point somewhere in
-  /// a group; the first entry is that of the cell cell_low, in cells from the group's first one. Empty: not known, then
+  /// The inverse of the tool: [x][y][z] which directions may cover a cell of 4 x 4 x 4 voxels from a point somewhere in
+  /// a group. The first entry is for the cell cell_low, in cells from the group's first one. Empty: unknown, and
   /// collisions are not remembered.
   std::span<const DirectionArc> cell_directions;
   std::int32_t cell_low[3] = {0, 0, 0}, cell_size[3] = {0, 0, 0};
@@ -40,28 +40,28 @@ struct LeafFlips {
   static constexpr std::uint32_t kManyFreed = 255;
   std::int32_t leaf[3] = {0, 0, 0};
   std::uint32_t kinds = 0;
-  std::uint64_t freed = 0;  ///< voxels that stopped colliding, one byte per cell as countCells() has them; 255: or more
+  std::uint64_t freed = 0;  ///< voxels that stopped colliding, one byte per cell as in countCells(); 255: or more
 };
 
 /// Lists of flips; a leaf may be in several.
 using FlipLists = std::span<const std::span<const LeafFlips>>;
 
-/// An update is any number of admit() and begin(), in any order, then choose(), then update(). findNeighbours() may
-/// come once everything is admitted.
+/// An update is any number of admit() and begin(), in any order, then choose(), then update(). findNeighbours() may be
+/// called once everything is admitted.
 class ExactUpdater : public PointAdmission {
  public:
-  /// After findNeighbours() it starts over: what was admitted since the last update has to come again.
+  /// After findNeighbours() it starts over: everything admitted since the last update has to be admitted again.
   void admit(const AdmitInput& input) override = 0;
-  /// Begins with the neighbourhoods of what was admitted, and returns while the backend is still at work on them. They
-  /// need nothing from the map. Without it, update() finds them.
+  /// Starts finding the neighbourhoods of the admitted points and returns while the backend is still working. They do
+  /// not depend on the map. If not called, update() finds them.
   virtual void findNeighbours() = 0;
-  /// Takes the flips in and returns while the backend is still at work on them. Does not look at the map. May come
-  /// again before update(), with all flips since the last one.
+  /// Takes the flips and returns while the backend is still working on them. Does not read the map. May be called again
+  /// before update(), with all flips since the last one.
   virtual void begin(const ScoringInput& input, FlipLists flips) = 0;
-  /// Begins with what is due at the points that were confident at the last update, and returns while the backend is
-  /// still at work on it.
+  /// Starts on what is due at the points that were confident at the last update, and returns while the backend is still
+  /// working on it.
   virtual void choose(const ScoringInput& input) = 0;
-  /// Brings neighbourhoods, labels, directions and scores up to date with the map and with what was admitted.
+  /// Brings neighbourhoods, labels, directions and scores up to date with the map and the admitted points.
   virtual UpdateOutcome update(const ScoringInput& input, const ConfidenceNews& news) = 0;
 };
 

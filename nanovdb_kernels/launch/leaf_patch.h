@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Bits of a mirrored leaf that are switched where the leaf lies: only the words of a change that are not zero travel.
+/// Bits of a mirrored leaf, switched in place: only the nonzero words of a change are transferred.
 ///
-/// What a leaf was before is read where it is written, so nobody keeps a second copy of it.
+/// The previous contents of a leaf are read where it is written, so no second copy is needed.
 #pragma once
 
 #include <array>
@@ -14,7 +14,7 @@
 
 namespace accessvdb::kernels {
 
-/// Words of a leaf from here on: eight of arm_free (active), eight of collides (value), the cell counts.
+/// Words of a leaf from this offset on: eight of arm_free (active), eight of collides (value), the cell counts.
 inline constexpr std::size_t kLeafBitsBytes = offsetof(OccupancyLeaf::DataType, mValueMask);
 inline constexpr std::uint32_t kLeafWords = 16;
 static_assert(offsetof(OccupancyLeaf::DataType, mValues) == kLeafBitsBytes + 64);
@@ -24,22 +24,22 @@ static_assert(kCellCountsBytes == kLeafBitsBytes + kLeafWords * 8);
 enum class PatchKind : std::uint32_t { Bits, Distances };
 constexpr std::uint32_t wordBytes(PatchKind kind) { return kind == PatchKind::Bits ? 8 : 64; }
 
-/// One leaf's switched bits. Bit n of `mask`: word n has bits that come on; bit 16 + n: bits that go off. The words
-/// themselves stand in the order of the mask's bits from `first_word` on, in a list that patches share.
+/// One leaf's switched bits. Bit n of `mask`: word n has bits to set; bit 16 + n: bits to clear. The words themselves
+/// are in the order of the mask's bits, starting at `first_word`, in a list that patches share.
 struct LeafPatch {
   static constexpr std::uint32_t kMostWords = 32;
-  static constexpr std::uint32_t kUnit = 32;  ///< nodes are aligned to as many bytes
-  std::uint32_t leaf = 0;                     ///< the leaf's place in the arena, in units
+  static constexpr std::uint32_t kUnit = 32;  ///< nodes are aligned to this many bytes
+  std::uint32_t leaf = 0;                     ///< the leaf's position in the arena, in units
   std::uint32_t mask = 0;                     ///< 0: nothing to do
   std::uint32_t first_word = 0;
 };
 
-/// Off wins.
+/// Clearing wins over setting.
 ACCESSVDB_HOSTDEV inline std::uint64_t switched(std::uint64_t bits, std::uint64_t on, std::uint64_t off) {
   return (bits | on) & ~off;
 }
 
-/// The four sets of a change in the order of a patch's mask.
+/// The four sets of a change, in the order of a patch's mask.
 inline std::array<const LeafBits*, 4> bitsInOrder(const LeafChange& change) {
   return {&change.arm_free_on, &change.collides_on, &change.arm_free_off, &change.collides_off};
 }
@@ -53,7 +53,7 @@ inline std::uint32_t maskOf(const LeafChange& change) {
   return mask;
 }
 
-/// @param words  out: as many as `mask` has bits. @return one behind the last
+/// @param words  out: one per set bit of `mask`. @return one past the last
 inline std::uint64_t* copyWords(const LeafChange& change, std::uint32_t mask, std::uint64_t* words) {
   for (const LeafBits* bits : bitsInOrder(change)) {
     for (std::size_t n = 0; n < 8; ++n, mask >>= 1) {
@@ -63,7 +63,7 @@ inline std::uint64_t* copyWords(const LeafChange& change, std::uint32_t mask, st
   return words;
 }
 
-/// @param bits  [17] of a leaf, from kLeafBitsBytes on. @return how many of its words changed, the counts not included
+/// @param bits  [17] of a leaf, starting at kLeafBitsBytes. @return how many of its words changed, without the counts
 inline std::uint32_t switchBits(std::uint64_t* bits, const LeafChange& change) {
   const auto sets = bitsInOrder(change);
   std::uint32_t changed = 0, changed_collides = 0;

@@ -1,13 +1,13 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Lists that belong together: one for each part of the map, say.
+/// Related lists, for example one per part of the map.
 #pragma once
 
 #include <cstddef>
 
 namespace accessvdb::kernels {
 
-/// Entries of all of them.
+/// Total number of entries.
 template <typename Lists>
 std::size_t totalSize(const Lists& lists) {
   std::size_t size = 0;

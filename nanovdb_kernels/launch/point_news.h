@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a backend that keeps the points by itself is told about them, whatever its policy: which points and blocks are
-/// new or changed, and how confident the map is in them. And what it answers.
+/// What a backend that keeps the points itself is told about them, for any policy: which points and blocks are new or
+/// changed, and how confident the map is in them. Also its answers.
 #pragma once
 
 #include <cstdint>
@@ -12,8 +12,8 @@
 
 namespace accessvdb::kernels {
 
-/// Blocks are looked at in groups: cubes of 2^group_log2 leaves per edge, aligned to multiples of that. What is asked
-/// about flips holds for all points of a group.
+/// Blocks are processed in groups: cubes of 2^group_log2 leaves per edge, aligned to multiples of that. Answers about
+/// flips hold for all points of a group.
 inline constexpr int kMaxGroupLog2 = 3;
 
 /// Constants of neighbourhoods and blocks.
@@ -21,7 +21,7 @@ struct NeighbourTables {
   double voxel_size_m = 0;
   double radius_m = 0;      ///< no neighbour is farther away
   int neighbours = 0;       ///< [k]
-  int view_neighbours = 0;  ///< the nearest this many share their seen directions; 0: none does
+  int view_neighbours = 0;  ///< this many of the nearest share their seen directions; 0: none
   int num_directions = 0;   ///< [D]
   int group_log2 = 0;       ///< [log2 of leaves] edge of a group of blocks, 0 .. kMaxGroupLog2
 };
@@ -30,8 +30,8 @@ struct NeighbourTables {
 struct PointNews {
   std::uint32_t id = 0, block = 0;
   float position_L[3] = {0, 0, 0};  ///< first return
-  float mean_L[3] = {0, 0, 0};      ///< what neighbourhoods are made of
-  float before_L[3] = {0, 0, 0};    ///< the mean at the last update; NaN where the point is new
+  float mean_L[3] = {0, 0, 0};      ///< what neighbourhoods are based on
+  float before_L[3] = {0, 0, 0};    ///< the mean at the last update; NaN for a new point
   float to_sensor_L[3] = {0, 0, 0};
   DirectionMask seen = {};  ///< the point's own directions
 };
@@ -41,9 +41,9 @@ struct BlockNews {
   std::uint32_t block = 0;
   std::int32_t leaf[3] = {0, 0, 0};    ///< voxel index >> 3
   std::uint32_t first = 0, count = 0;  ///< its ids are in slots [first, first + count)
-  std::uint32_t source = 0;            ///< and in AdmitInput::block_ids from here on
+  std::uint32_t source = 0;            ///< and start here in AdmitInput::block_ids
   std::uint32_t is_new = 0;
-  std::uint32_t group = 0;  ///< where it is new: number of its group, from then on
+  std::uint32_t group = 0;  ///< if new: number of its group, constant from then on
 };
 
 /// Observations behind the confidence in a point.
@@ -52,7 +52,7 @@ struct PointWeight {
   std::uint16_t weight = 0;
 };
 
-/// Points that are new or changed; host memory, free again on return.
+/// Points that are new or changed; host memory, reusable on return.
 struct AdmitInput {
   PointStateView points;  ///< in the backend's memory, room for num_points
   std::uint32_t num_points = 0, num_blocks = 0, num_groups = 0, num_slots = 0;
@@ -69,32 +69,32 @@ struct ScoringInput {
   ApproachView approach;
   PointStateView points;
   UpdateRule rule;
-  std::uint32_t budget_points = 0;  ///< most points evaluated per update, always the same; 0: no limit
+  std::uint32_t budget_points = 0;  ///< most points evaluated per update, constant; 0: no limit
 };
 
-/// What the map says about the points since the last update; host memory, free again on return.
+/// What the map says about the points since the last update; host memory, reusable on return.
 struct ConfidenceNews {
-  std::span<const PointWeight> weights;  ///< of the points that were admitted
+  std::span<const PointWeight> weights;  ///< of the admitted points
   std::span<const PointWeight> crossed;  ///< points that became confident enough to be scored; ids differ
 };
 
 struct UpdateOutcome {
   std::uint64_t moved = 0;      ///< neighbourhoods computed
-  std::uint64_t evaluated = 0;  ///< points looked at
-  std::uint64_t scored = 0;     ///< of them, points with at least one direction tested
+  std::uint64_t evaluated = 0;  ///< points examined
+  std::uint64_t scored = 0;     ///< those with at least one direction tested
   std::uint64_t tests = 0;      ///< (point, direction) tests
   std::uint64_t label_changes = 0;
-  std::uint64_t waiting = 0;  ///< points that are due and were not evaluated
+  std::uint64_t waiting = 0;  ///< points that are due but were not evaluated
   double score_ms = 0;        ///< time spent evaluating
 };
 
-/// Takes points in, the same way for every policy.
+/// Admits points, the same way for every policy.
 class PointAdmission {
  public:
   virtual ~PointAdmission() = default;
-  /// Takes points in; no id twice between two updates.
+  /// Admits points; no id twice between two updates.
   virtual void admit(const AdmitInput& input) = 0;
-  /// Bytes of device memory that it holds, the point state not included.
+  /// Bytes of device memory in use, without the point state.
   [[nodiscard]] virtual std::uint64_t bytes() const = 0;
 };
 

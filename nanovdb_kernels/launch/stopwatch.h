@@ -7,7 +7,7 @@
 
 namespace accessvdb::kernels {
 
-/// Runs from its construction.
+/// Starts on construction.
 class Stopwatch {
  public:
   [[nodiscard]] double milliseconds() const {

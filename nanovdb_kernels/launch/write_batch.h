@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is written to an arena in one transfer, laid out in memory that the arena owns: sections in the order of the
-/// calls, each with a list of places and the data that go there.
+/// calls, each with a list of destinations and their data.
 ///
-/// Plain memory and arithmetic, so that tests and benchmarks without a GPU stage as the device does.
+/// Plain memory and arithmetic, so that tests and benchmarks without a GPU stage like the device.
 #pragma once
 
 #include <algorithm>
@@ -24,11 +24,11 @@ class WriteBatch {
   struct Section {
     Kind kind;
     std::uint32_t list, count, data;
-    PatchKind patch = PatchKind::Bits;  ///< of Patches
+    PatchKind patch = PatchKind::Bits;  ///< for Kind::Patches
   };
   static constexpr std::uint32_t kLeastBytes = 1u << 17;
 
-  /// @param memory  aligned to 16 bytes, `bytes` of it, at least kLeastBytes
+  /// @param memory  aligned to 16 bytes, `bytes` long, at least kLeastBytes
   WriteBatch(std::byte* memory, std::uint32_t bytes) : memory_(memory), bytes_(bytes) { sections_.reserve(64); }
 
   [[nodiscard]] bool empty() const { return used_ == 0; }
@@ -41,7 +41,7 @@ class WriteBatch {
     open_ = {};
   }
 
-  /// @return with count 0 where the batch is too full to be worth it; an empty batch never is
+  /// @return count 0 if the batch is too full to be worth it; never for an empty batch
   [[nodiscard]] StagedPatches patches(std::size_t wanted, PatchKind kind) {
     const std::uint32_t count =
         fitting(wanted, std::uint32_t{sizeof(LeafPatch)} + LeafPatch::kMostWords * wordBytes(kind));
@@ -52,17 +52,17 @@ class WriteBatch {
     sections_.push_back({Kind::Patches, list, count, words, kind});
     return {reinterpret_cast<LeafPatch*>(memory_ + list), memory_ + words, count};
   }
-  /// Of those handed out last.
+  /// For the patches handed out last.
   void endPatches(std::size_t count, std::size_t words) {
     sections_.back().count = static_cast<std::uint32_t>(count);
     take(static_cast<std::uint32_t>(words * wordBytes(sections_.back().patch)));
   }
 
-  /// @return how many of the fills went in
+  /// @return how many of the fills fit
   [[nodiscard]] std::size_t fills(std::span<const ArenaFill> wanted) {
     const std::uint32_t count = fitting(wanted.size(), sizeof(ArenaFill));
     if (count == 0) return 0;
-    open_ = {};  // single writes that come later must not get before them
+    open_ = {};  // later single writes must not be ordered before them
     const std::uint32_t list = take(count * std::uint32_t{sizeof(ArenaFill)});
     std::memcpy(memory_ + list, wanted.data(), count * sizeof(ArenaFill));
     sections_.push_back({Kind::Fills, list, count, list});
@@ -79,7 +79,7 @@ class WriteBatch {
     return {reinterpret_cast<StagedWrite*>(memory_ + list), memory_ + data, count, data, stride};
   }
 
-  /// A write of any length to any place; kept together with its neighbours. @return how many of the bytes went in
+  /// A write of any length to any offset; grouped with adjacent calls. @return how many of the bytes fit
   [[nodiscard]] std::uint32_t write(std::uint64_t offset, const void* source, std::uint64_t bytes) {
     if (open_.room == 0) {
       const std::uint32_t list_bytes = kOpenWrites * std::uint32_t{sizeof(StagedWrite)};
@@ -88,7 +88,7 @@ class WriteBatch {
       sections_.push_back({Kind::Writes, open_.list, 0, used_});
       open_.section = sections_.size() - 1;
     }
-    // Data keep their place in a word, so that words can be copied.
+    // Data keeps its alignment within a word, so that words can be copied.
     const auto shift = static_cast<std::uint32_t>(offset % 4);
     if (bytes_ - used_ < shift + kLine) return 0;
     const auto part = static_cast<std::uint32_t>(std::min<std::uint64_t>(bytes, bytes_ - used_ - shift));
@@ -102,8 +102,8 @@ class WriteBatch {
   }
 
  private:
-  static constexpr std::uint32_t kLine = 16;        ///< all places of lists and data are multiples of it
-  static constexpr std::uint32_t kOpenWrites = 64;  ///< room in the list of a section of single writes
+  static constexpr std::uint32_t kLine = 16;        ///< all offsets of lists and data are multiples of it
+  static constexpr std::uint32_t kOpenWrites = 64;  ///< entries in the list of a section of single writes
 
   static std::uint32_t lines(std::uint32_t bytes) { return (bytes + kLine - 1) / kLine * kLine; }
   std::uint32_t take(std::uint32_t bytes) {
@@ -111,7 +111,7 @@ class WriteBatch {
     used_ = std::min(bytes_, used_ + lines(bytes));
     return place;
   }
-  /// How many of `wanted` things of `each` bytes go in; less than that only where the batch was empty.
+  /// How many of `wanted` items of `each` bytes fit; fewer than wanted, but not 0, only if the batch is empty.
   [[nodiscard]] std::uint32_t fitting(std::size_t wanted, std::uint32_t each) const {
     const std::uint32_t room = (bytes_ - used_ - std::min(bytes_ - used_, 4 * kLine)) / each;
     if (room >= wanted) return static_cast<std::uint32_t>(wanted);

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Numbers of cells by place: a flat hash table that only grows. Looking up is safe from many threads, inserting is
-/// not. It moves what it holds where it grows, unlike ChunkedArray: there is one cell for some hundred points, so that
-/// is little.
+/// Numbers of cells by position: a flat hash table that only grows. Many threads may look up at once; inserting is not
+/// thread-safe. Unlike ChunkedArray it moves its contents when it grows, which is cheap: there is one cell per few
+/// hundred points.
 #pragma once
 
 #include <array>
@@ -24,7 +24,7 @@ class CellMap {
     return slots_[slotOf(kernels::placeKey(cell[0], cell[1], cell[2]))].number;
   }
 
-  /// @param number  what a new cell gets. @return the cell's number, and whether it is new
+  /// @param number  assigned to a new cell. @return the cell's number, and whether it is new
   std::pair<std::uint32_t, bool> insert(const std::array<std::int32_t, 3>& cell, std::uint32_t number) {
     if (2 * (count_ + 1) > slots_.size()) grow();
     Slot& slot = slots_[slotOf(kernels::placeKey(cell[0], cell[1], cell[2]))];
@@ -41,7 +41,7 @@ class CellMap {
     std::uint64_t key = 0;
     std::uint32_t number = kNoCell;
   };
-  /// That of the key, or the free one where it belongs.
+  /// The key's slot, or the free slot where it belongs.
   [[nodiscard]] std::size_t slotOf(std::uint64_t key) const {
     const std::size_t mask = slots_.size() - 1;
     std::uint64_t hash = (key ^ key >> 31) * 0x9e3779b97f4a7c15ull;
@@ -57,7 +57,7 @@ class CellMap {
     }
   }
 
-  std::vector<Slot> slots_;  ///< a power of two, at most half of them taken
+  std::vector<Slot> slots_;  ///< size is a power of two; at most half are in use
   std::size_t count_ = 0;
 };
 

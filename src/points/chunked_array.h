@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// An array that grows with the map. Growing never moves or copies what is there: it takes as long as the new elements
-/// need, however many there are already, and no frame pays for all of them.
+/// An array that grows with the map. Growing never moves or copies existing elements: its cost depends only on the new
+/// elements, so no frame pays for all of them.
 #pragma once
 
 #include <algorithm>
@@ -13,13 +13,13 @@
 
 namespace accessvdb::internal {
 
-/// Elements stay at their addresses until the end. Reading and writing elements is safe from many threads, as with a
-/// plain array; growing is not.
+/// Elements keep their addresses until the end. Many threads may read and write elements, as with a plain array;
+/// growing is not thread-safe.
 template <typename T>
 class ChunkedArray {
  public:
-  /// Elements a chunk: a power of two, 64 KiB or less. Directories of pointers stay small, and so does what the first
-  /// element of a small map costs.
+  /// Elements per chunk: a power of two, 64 KiB or less. This keeps directories of pointers small, and the first
+  /// element of a small map cheap.
   static constexpr std::size_t kChunk = std::bit_floor(std::size_t{1 << 16} / sizeof(T));
 
   [[nodiscard]] std::size_t size() const { return size_; }
@@ -27,13 +27,13 @@ class ChunkedArray {
   [[nodiscard]] T& operator[](std::size_t n) { return chunks_[n / kChunk][n % kChunk]; }
   [[nodiscard]] const T& operator[](std::size_t n) const { return chunks_[n / kChunk][n % kChunk]; }
 
-  /// Makes it at least this long. New elements are as `new T` leaves them: numbers are not initialised, so that threads
-  /// can do that, each its part.
+  /// Grows to at least this size. New elements are as `new T` leaves them: numbers are not initialised, so that threads
+  /// can initialise them in parallel.
   void growRaw(std::size_t size) {
     while (chunks_.size() * kChunk < size) chunks_.push_back(std::make_unique_for_overwrite<T[]>(kChunk));
     size_ = std::max(size_, size);
   }
-  /// The same with a value for the new elements.
+  /// The same, but sets the new elements to a value.
   void grow(std::size_t size, const T& value = T()) {
     const std::size_t before = size_;
     growRaw(size);
@@ -45,7 +45,7 @@ class ChunkedArray {
   }
   void push_back(const T& value) { grow(size_ + 1, value); }
 
-  /// What was taken from the heap for it.
+  /// Heap memory in use.
   [[nodiscard]] std::uint64_t bytes() const {
     return chunks_.size() * kChunk * sizeof(T) + chunks_.capacity() * sizeof(chunks_[0]);
   }

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Memory for the ids of blocks: runs of a power of two, cut from chunks. What a block has outgrown serves others.
+/// Memory for the ids of blocks: runs with power-of-two sizes, cut from chunks. A run that a block has outgrown is
+/// reused.
 #pragma once
 
 #include <algorithm>
@@ -15,10 +16,10 @@ namespace accessvdb::internal {
 
 class IdRuns {
  public:
-  /// Ids that fit where a block holds `count`, 512 at most.
+  /// Capacity of the run of a block with `count` ids; at most 512.
   static std::size_t capacityFor(std::size_t count) { return count == 0 ? 0 : std::bit_ceil(std::max(count, kLeast)); }
 
-  /// @param capacity  one that capacityFor() gives, but 0
+  /// @param capacity  a result of capacityFor() other than 0
   std::uint32_t* take(std::size_t capacity) {
     std::vector<std::uint32_t*>& free = free_[classOf(capacity)];
     if (!free.empty()) {
@@ -26,7 +27,7 @@ class IdRuns {
       free.pop_back();
       return run;
     }
-    if (left_ < capacity) {  // what is left, a few hundredths of a chunk at most, is given up
+    if (left_ < capacity) {  // the rest, at most a few hundredths of a chunk, is wasted
       chunks_.push_back(std::make_unique_for_overwrite<std::uint32_t[]>(kChunk));
       left_ = kChunk;
     }
@@ -48,7 +49,7 @@ class IdRuns {
   }
 
   std::vector<std::unique_ptr<std::uint32_t[]>> chunks_;
-  std::size_t left_ = 0;  ///< of the last chunk, from its front
+  std::size_t left_ = 0;  ///< free ids at the front of the last chunk
   std::array<std::vector<std::uint32_t*>, std::countr_zero(kMost / kLeast) + 1> free_;
 };
 

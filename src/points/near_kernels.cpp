@@ -2,8 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "points/near_kernels.h"
 
-// Nothing of the standard library inside the regions: an inline function of it compiled there could end up being used
-// everywhere.
+// No standard library code inside the regions: an inline function compiled there could end up being used everywhere.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
 #define ACCESSVDB_X86_KERNELS 1
 #include <immintrin.h>

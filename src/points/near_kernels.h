@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The inner loops of neighbour searches, compiled for several instruction sets; one set is chosen at run time.
+/// The inner loops of neighbour searches, compiled for several instruction sets; one set is selected at run time.
 ///
-/// Squared distances are those of float32 arithmetic on the positions as they are: differences, products and sums each
-/// round once, so they are off by less than kFloatSlack of their value. Callers decide with the exact distances.
+/// Squared distances use float32 arithmetic on the positions as they are: differences, products and sums each round
+/// once, so the relative error is below kFloatSlack. Callers decide with the exact distances.
 #pragma once
 
 #include <cstddef>
@@ -12,10 +12,10 @@
 
 namespace accessvdb::internal {
 
-/// Bound on the relative error of a squared distance in float32: three roundings a term and two sums, 5 x 2^-24.
+/// Bound on the relative error of a squared distance in float32: three roundings per term and two sums, 5 x 2^-24.
 inline constexpr float kFloatSlack = 4e-7f;
 
-/// Positions side by side, in full lanes: the rest of the last lane is too far away to be found.
+/// Positions as a structure of arrays, padded to full lanes; the padding is too far away to be found.
 class NearPositions {
  public:
   static constexpr std::size_t kLanes = 16;
@@ -37,14 +37,14 @@ class NearPositions {
 struct NearKernels {
   const char* name;
   /// Lists the positions with squared distance <= `squared` to c, ascending.
-  /// @param found  room for lanes + kLanes @return how many
+  /// @param found  room for lanes + kLanes @return their number
   std::size_t (*within)(const float* x, const float* y, const float* z, std::size_t lanes, const float* c,
                         float squared, std::uint32_t* found);
-  /// Is there any such position?
+  /// Whether there is any such position.
   bool (*any_within)(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared);
 };
 
-/// Best set for this machine.
+/// The best set for this machine.
 const NearKernels& nearKernels();
 /// All sets that run on this machine, best first.
 struct NearKernelList {
@@ -53,7 +53,7 @@ struct NearKernelList {
 };
 NearKernelList runnableNearKernels();
 
-// Inline: once a position.
+// Inline: called once per position.
 
 inline void NearPositions::add(float x, float y, float z) {
   if (size_ == x_.size()) {

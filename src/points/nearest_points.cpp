@@ -8,10 +8,10 @@
 namespace accessvdb::internal {
 namespace {
 
-/// Positions are float32 and means are rounded to it, so far from the origin they may lie this far outside of their
-/// voxel: at 2^20 voxels, the most that a map allows, float32 has 8 steps a voxel.
+/// Positions and means are rounded to float32, so far from the origin they may lie this far outside their voxel: at
+/// 2^20 voxels, the largest distance a map allows, float32 has 8 steps per voxel.
 constexpr double kRoundingVoxels = 0.25;
-/// An offset in steps is off by half a step an axis; a ball in metres holds all points of a ball this much smaller.
+/// An offset in steps is off by half a step per axis; a ball in metres contains all points of a ball smaller by this.
 constexpr double kRoundingSteps = 1;
 
 }  // namespace
@@ -59,7 +59,7 @@ void NearestPoints::gather(const Index3& leaf, std::int32_t rings) {
   found_.resize(positions_.lanes() + NearPositions::kLanes);
 }
 
-/// All gathered points up to a squared distance.
+/// Lists all gathered points up to a squared distance.
 void NearestPoints::list(const Eigen::Vector3f& centre, std::int64_t squared) {
   const double most_m = (std::sqrt(static_cast<double>(squared)) + kRoundingSteps) / steps_per_m_;
   const auto bound = static_cast<float>(most_m * most_m * (1 + 2.5 * static_cast<double>(kFloatSlack)));
@@ -74,7 +74,7 @@ void NearestPoints::list(const Eigen::Vector3f& centre, std::int64_t squared) {
   }
 }
 
-/// Fills nearest_. @return false where points that are not gathered may be nearer
+/// Fills nearest_. @return false if points not yet gathered may be nearer
 bool NearestPoints::find(std::uint32_t id) {
   const Eigen::Vector3f& centre = points_.pca_L(id);
   const Eigen::Vector3d c = centre.cast<double>();

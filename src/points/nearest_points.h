@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The k nearest surface points of the points of one block, exactly, by (squared distance in steps, id).
+/// The exact k nearest surface points of each point of a block, by (squared distance in steps, id).
 ///
-/// Blocks are gathered ring by ring around the own one: a point is done when the gathered box reaches farther than its
-/// k-th neighbour. Which positions come into question is decided in float32 lanes with a bound on their error; the
-/// order by distances in whole steps (hostdev/neighbour_rule.h).
+/// Blocks are gathered ring by ring around the central one: a point is done when the gathered box reaches farther than
+/// its k-th neighbour. Candidates are selected in float32 lanes with a bound on their error; the final order uses
+/// distances in whole steps (hostdev/neighbour_rule.h).
 #pragma once
 
 #include <algorithm>
@@ -32,12 +32,12 @@ struct NearPoint {
 class NearestPoints {
  public:
   /// @param radius_m  no neighbour is farther away
-  /// @param in_front  the nearest this many come first
+  /// @param in_front  this many of the nearest come first
   NearestPoints(const PointStore& points, std::size_t k, std::size_t in_front, double voxel_size_m, double radius_m,
                 const NearKernels& kernels = nearKernels());
 
-  /// Calls visit(index into ids, nearest points) for each of some points of one block, in any order. The point itself
-  /// is among them.
+  /// Calls visit(index into ids, nearest points) for each of some points of one block, in any order. The nearest points
+  /// include the point itself.
   template <typename Visit>
   void forEach(const Index3& leaf, std::span<const std::uint32_t> ids, const Visit& visit) {
     pending_.resize(ids.size());
@@ -72,7 +72,7 @@ class NearestPoints {
   std::int64_t radius_squared_;
   std::int32_t most_rings_;
   bool complete_ = false;               ///< everything within the radius of the block is gathered
-  std::int64_t guess_;                  ///< squared distance of the last k-th neighbour and some more
+  std::int64_t guess_;                  ///< squared distance of the last k-th neighbour, plus a margin
   Eigen::Vector3d box_low_, box_high_;  ///< everything inside is gathered
   NearPositions positions_;
   std::vector<std::uint32_t> ids_;  ///< of positions_

@@ -23,7 +23,7 @@ NeighbourhoodSearch::NeighbourhoodSearch(const PointStore& points, const FieldPa
       radius_m_(neighbourRadius_m(resolved.tsdf.voxel_size_m)) {}
 
 void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out) const {
-  // Group by block: points of one block share what is gathered around it.
+  // Group by block: points of one block share the positions gathered around it.
   struct Job {
     std::uint32_t block, slot;
   };

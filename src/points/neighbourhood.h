@@ -2,7 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// What a point inherits from the points around it: its normal and the directions it counts as seen from.
 ///
-/// A function of the current points, not of the moment at which it is asked for (docs/DESIGN.md, "Exact updates").
+/// Depends only on the current points, not on when it is computed (docs/DESIGN.md, "Exact updates").
 #pragma once
 
 #include <Eigen/Core>
@@ -16,21 +16,21 @@
 namespace accessvdb::internal {
 
 struct Neighbourhood {
-  Eigen::Vector3f normal_L = {0, 0, 0};  ///< zero where fewer than three points lie near
+  Eigen::Vector3f normal_L = {0, 0, 0};  ///< zero if fewer than three points are near
   DirectionMask seen = {};               ///< own directions joined with those of the nearest ten
   float reach_m = 0;                     ///< points farther away cannot change any of this
 };
 
-/// Points that share their seen directions (docs/PAPER_MAP.md, "Normals": the 10 nearest, the point itself among them).
+/// Points that share their seen directions (docs/PAPER_MAP.md, "Normals": the 10 nearest, including the point itself).
 inline constexpr std::size_t kViewNeighbours = 10;
-/// No neighbour is farther away.
+/// Search radius for neighbours.
 double neighbourRadius_m(double voxel_size_m);
 
 class NeighbourhoodSearch {
  public:
   NeighbourhoodSearch(const PointStore& points, const FieldParams& resolved);
 
-  /// For each id, in parallel. @param ids  in any order; neighbours in space are fastest. @param out  [ids]
+  /// Computes each id in parallel. @param ids  in any order; fastest if nearby points share blocks. @param out  [ids]
   void compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out) const;
 
   [[nodiscard]] double radius_m() const { return radius_m_; }

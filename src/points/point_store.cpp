@@ -19,18 +19,18 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr std::size_t kPointsPerTask = 256;
-/// Points lie anywhere in memory: each is asked for while so many before it are worked on.
+/// Points are scattered in memory: each is prefetched this many points ahead of its use.
 constexpr std::size_t kPointsAhead = 6;
-constexpr double kOffsetSteps = 1 << 20;  // of a voxel
-constexpr double kSensorSteps = 1 << 16;  // of a metre
+constexpr double kOffsetSteps = 1 << 20;  // per voxel
+constexpr double kSensorSteps = 1 << 16;  // per metre
 /// Viewpoints nearer than this to a stored one are not stored (docs/PAPER_MAP.md, "Surface points").
 constexpr float kViewpointSpacing_m = 0.10f;
 
-/// Bit n of the lowest eight is byte n, which is 0 or 1.
+/// Bit n of the lowest eight equals byte n, which is 0 or 1.
 std::uint64_t bitsOfBytes(const std::uint8_t* bytes) {
   std::uint64_t all = 0;
   for (int n = 0; n < 8; ++n) all |= std::uint64_t{bytes[n]} << (8 * n);
-  return all * 0x0102040810204080u >> 56;  // byte n meets 2^(56 - 7 n) of the factor, and no two meet at one bit
+  return all * 0x0102040810204080u >> 56;  // byte n is multiplied by 2^(56 - 7 n), and no two products share a bit
 }
 
 }  // namespace
@@ -46,7 +46,7 @@ Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
   return {ijk[0], ijk[1], ijk[2]};
 }
 
-/// By the place of their voxel, and by value inside a voxel, so that their order in the scan does not matter.
+/// Groups returns by place of the voxel, sorted by value, so that the order within the scan does not matter.
 void PointStore::group(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
   std::vector<KeyedReturn>& returns = groups_.returns;
   returns.resize(p_L.size());
@@ -79,8 +79,8 @@ void PointStore::locateGroups() {
   });
 }
 
-/// Gives an id to each group, a new one where its voxel has none, in the order of their places:
-/// so points that come together and lie in one leaf have ids that follow each other, and so do most of their readers.
+/// Gives each group an id, in the order of their places; a new one if its voxel has none. So new points in one leaf
+/// have consecutive ids, and most of their readers do, too.
 void PointStore::addNew() {
   TouchedPoints& touched = touched_;
   locateGroups();
@@ -116,7 +116,7 @@ void PointStore::makeRoom() {
   }
 }
 
-/// A new point, before its first return is added.
+/// Initialises a new point, before its first return is added.
 void PointStore::start(std::uint32_t id, const Eigen::Vector3f& first_L) {
   first_L_[id] = first_L;
   pca_L_[id] = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
@@ -143,7 +143,7 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
   const std::uint32_t before = size();
   addNew();
   makeRoom();
-  // With viewpoints, poses are stored once: one a scan, or one a ray for ray clouds.
+  // With viewpoints, poses are stored once: one per scan, or one per ray for ray clouds.
   const auto first_pose = static_cast<std::uint32_t>(poses_.size());
   if (params_.approach.viewpoints) {
     for (const Eigen::Vector3f& q : q_L) poses_.push_back(q);
@@ -231,7 +231,7 @@ DirectionMask PointStore::directionsTowards(const Eigen::Vector3f& from_L, const
   if (!(length > 0)) return mask;
   const float ux = dx / length, uy = dy / length;
   const auto least = static_cast<float>(params_.approach.observation_cos_min);
-  // A byte a direction first, which is vector code, then eight bytes of 0 or 1 to eight bits at a time.
+  // First one byte per direction, which vectorises; then eight bytes of 0 or 1 become eight bits at a time.
   std::array<std::uint8_t, 64 * kernels::kMaxDirectionWords> within = {};
   const auto count = static_cast<std::size_t>(params_.approach.num_directions);
   const float* const xy = direction_xy_.data();

@@ -1,10 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The authoring side of the surface points: one stable id per voxel that ever held a return (docs/PAPER_MAP.md,
+/// The authoritative store of surface points: one stable id per voxel that ever contained a return (docs/PAPER_MAP.md,
 /// "Surface points").
 ///
-/// Everything here is a function of the set of returns of each scan, not of their order: sums are integers, and the
-/// first return of a voxel is the lexicographically least (x, y, z) of the first scan that reached it.
+/// Everything here depends on the set of returns of each scan, not on their order: sums are integers, and the first
+/// return of a voxel is the lexicographically smallest (x, y, z) of the first scan that reached it.
 #pragma once
 
 #include <Eigen/Core>
@@ -29,14 +29,14 @@ struct Viewpoints {
   std::uint32_t count = 0;
 };
 
-/// Points that a scan touched, by the place of their voxel (placeOf).
+/// Points that a scan touched, in the order of their voxels (placeOf).
 struct TouchedPoints {
-  std::vector<std::uint32_t> all;           ///< new ones included
-  std::vector<Eigen::Vector3f> before_L;    ///< pca_L() of each before the scan; NaN where it is new
-  std::vector<std::uint8_t> views_changed;  ///< of each: its seen directions are not those before the scan
+  std::vector<std::uint32_t> all;           ///< including new ones
+  std::vector<Eigen::Vector3f> before_L;    ///< pca_L() of each before the scan; NaN for new points
+  std::vector<std::uint8_t> views_changed;  ///< of each: whether the scan changed its seen directions
   std::size_t new_points = 0;
   // Only after describeTouched(true).
-  std::vector<kernels::PointNews> news;       ///< each as it is after the scan, before_L as above
+  std::vector<kernels::PointNews> news;       ///< each as it is after the scan; before_L as above
   std::vector<std::uint32_t> changed_blocks;  ///< those with new points, in no order
 };
 
@@ -45,8 +45,8 @@ class PointStore {
   /// @param direction_xy  [2 D] yaw directions, as in DirectionTable
   PointStore(const FieldParams& resolved, std::vector<float> direction_xy);
 
-  /// Whether addReturns() is to tell of touched points what a backend has to know that keeps them by itself. It takes
-  /// less time while all threads have the points in their hands than later.
+  /// Whether addReturns() describes touched points for a backend that keeps them itself. This is cheaper while all
+  /// threads are already working on the points than later.
   void describeTouched(bool wanted) { describe_touched_ = wanted; }
   /// Adds the returns of one scan. @param q_L  [n] or [1] sensor positions
   /// @return valid until the next call
@@ -59,16 +59,16 @@ class PointStore {
   /// Index into index().blocks().
   [[nodiscard]] std::uint32_t blockOf(std::uint32_t id) const { return block_[id]; }
   [[nodiscard]] const Eigen::Vector3f& first_L(std::uint32_t id) const { return first_L_[id]; }
-  /// Position that neighbourhoods are made of: mean return (product) or first return (paper).
+  /// Position that neighbourhoods are based on: mean return (product) or first return (paper).
   [[nodiscard]] const Eigen::Vector3f& pca_L(std::uint32_t id) const { return pca_L_[id]; }
   [[nodiscard]] Eigen::Vector3d meanSensor_L(std::uint32_t id) const;
-  /// From the first return to the mean sensor position, metres: the side on which normals lie.
+  /// From the first return to the mean sensor position, metres: the side that normals point to.
   [[nodiscard]] Eigen::Vector3f toSensor_L(std::uint32_t id) const {
     return (meanSensor_L(id) - first_L_[id].cast<double>()).cast<float>();
   }
-  /// Directions that the point itself was seen from: the mask, or from its viewpoints.
+  /// Directions that the point itself was seen from: the stored mask, or computed from its viewpoints.
   [[nodiscard]] DirectionMask seen(std::uint32_t id) const;
-  /// A point as it is. @param before_L  see kernels::PointNews
+  /// A point in its current state. @param before_L  see kernels::PointNews
   [[nodiscard]] kernels::PointNews newsOf(std::uint32_t id, const Eigen::Vector3f& before_L) const;
   [[nodiscard]] const Viewpoints& viewpoints(std::uint32_t id) const { return viewpoints_[id]; }
   [[nodiscard]] const ChunkedArray<Eigen::Vector3f>& poses() const { return poses_; }
@@ -76,21 +76,21 @@ class PointStore {
   [[nodiscard]] std::uint64_t bytes() const;
 
  private:
-  /// Sums over the returns of a point; integers, so that their order does not matter. Zeroed by start().
+  /// Sums over the returns of a point; integers, so that the order does not matter. Zeroed by start().
   struct Sums {
     std::array<std::int64_t, 3> offset;  ///< return minus voxel centre, in 2^-20 voxels
     std::array<std::int64_t, 3> sensor;  ///< in 2^-16 m
-    std::uint32_t returns;               ///< how many
+    std::uint32_t returns;               ///< their number
   };
   /// A return with its voxel.
   struct KeyedReturn {
     std::uint64_t place;  ///< of its voxel
     std::uint32_t index;
   };
-  /// The returns of a scan, voxel by voxel.
+  /// The returns of a scan, grouped by voxel.
   struct ReturnGroups {
     std::vector<KeyedReturn> returns;
-    std::vector<std::uint32_t> begin;  ///< [groups + 1] of each group in returns
+    std::vector<std::uint32_t> begin;  ///< [groups + 1] first of each group in returns
 
     [[nodiscard]] std::size_t size() const { return begin.size() - 1; }
     [[nodiscard]] const KeyedReturn& first(std::size_t group) const { return returns[begin[group]]; }
@@ -101,7 +101,7 @@ class PointStore {
   void makeRoom();
   void start(std::uint32_t id, const Eigen::Vector3f& first_L);
   void prefetchPoint(std::uint32_t id) const;
-  /// @return true when its seen directions changed
+  /// @return true if its seen directions changed
   bool addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
   bool addSeen(std::uint32_t id, const DirectionMask& mask);
   [[nodiscard]] std::size_t seenAt(std::uint32_t id) const {
@@ -120,9 +120,9 @@ class PointStore {
   ChunkedArray<Eigen::Vector3f> first_L_, pca_L_;
   ChunkedArray<Sums> sums_;
   ChunkedArray<std::uint64_t> seen_;     ///< [words n]; empty with viewpoints
-  ChunkedArray<Viewpoints> viewpoints_;  ///< empty without
+  ChunkedArray<Viewpoints> viewpoints_;  ///< empty without viewpoints
   ChunkedArray<Eigen::Vector3f> poses_;  ///< distinct sensor positions, with viewpoints only
-  // Of one scan; kept, as memory that is taken anew for each scan has to be cleared by the system first.
+  // For one scan; kept, because freshly allocated memory has to be cleared by the system first.
   ReturnGroups groups_;
   TouchedPoints touched_;
   std::vector<Index3> voxels_;   ///< of the groups

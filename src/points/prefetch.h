@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Asking for memory that will be read soon.
+/// Prefetches memory that will be read soon.
 #pragma once
 
 #include <cstddef>
@@ -11,7 +11,7 @@ inline void prefetchRead([[maybe_unused]] const void* begin, [[maybe_unused]] st
 #if defined(__GNUC__)
   const char* address = static_cast<const char*>(begin);
   for (std::size_t n = 0; n < bytes; n += 64) __builtin_prefetch(address + n);
-  if (bytes > 1) __builtin_prefetch(address + bytes - 1);  // where it does not begin with a line
+  if (bytes > 1) __builtin_prefetch(address + bytes - 1);  // in case it does not start on a cache line
 #endif
 }
 

@@ -50,7 +50,7 @@ void SurfaceIndex::locate(std::span<const Index3> voxels, std::span<Located> fou
   }
 }
 
-/// Each loop asks for what the next one reads.
+/// Each loop prefetches what the next one reads.
 void SurfaceIndex::locateFew(std::span<const Index3> voxels, std::span<Located> found) const {
   std::array<const std::uint32_t*, kLocatedTogether> entries;
   for (std::size_t n = 0; n < voxels.size(); ++n) {
@@ -90,7 +90,7 @@ void SurfaceIndex::findBlock(Group& group, std::span<const NewVoxel> points) con
   if (group.block != kNone) group.ids_before = static_cast<std::uint32_t>(blocks_[group.block].ids.size());
 }
 
-/// Gives blocks to the groups without one. Blocks and cells are numbered in the order of the groups.
+/// Assigns blocks to the groups without one. Blocks and cells are numbered in the order of the groups.
 void SurfaceIndex::makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points) {
   const std::size_t blocks_before = blocks_.size(), cells_before = cells_.size();
   std::size_t num_blocks = blocks_before, num_cells = cells_before;
@@ -116,13 +116,13 @@ void SurfaceIndex::makeBlocks(std::span<Group> groups, std::span<const NewVoxel>
       Cell& cell = cells_[group.cell];
       const std::size_t bit = bitInParent(block.leaf);
       cell.block[bit] = group.block;
-      // Other blocks of the cell may be in the hands of other threads.
+      // Other threads may be working on other blocks of the cell.
       std::atomic_ref(cell.present[bit >> 6]).fetch_or(std::uint64_t{1} << (bit & 63), std::memory_order_relaxed);
     }
   });
 }
 
-/// For blocks that outgrow theirs.
+/// Allocates runs for blocks that outgrow theirs.
 void SurfaceIndex::takeRuns(std::span<Group> groups) {
   for (Group& group : groups) {
     const std::size_t capacity = IdRuns::capacityFor(group.ids_before + (group.end - group.begin));
@@ -138,7 +138,7 @@ void SurfaceIndex::addTo(const Group& group, std::span<NewVoxel> points) {
     added[bit >> 6] |= std::uint64_t{1} << (bit & 63);
     points[n].block = group.block;
   }
-  // From the back: each id moves up by the number of points that come before it.
+  // From the back: each id moves up by the number of new points before it.
   std::size_t from = to.ids.size(), left = group.end - group.begin;
   const std::uint32_t* const ids = to.ids.data();
   std::uint32_t* const run = group.larger_run != nullptr ? group.larger_run : to.ids.data();
@@ -152,7 +152,7 @@ void SurfaceIndex::addTo(const Group& group, std::span<NewVoxel> points) {
       --(is_new ? left : from);
     }
   }
-  if (run != ids) std::copy_n(ids, from, run);  // those before all new ones
+  if (run != ids) std::copy_n(ids, from, run);  // ids before all new ones
   for (std::size_t word = 0; word < added.size(); ++word) to.occupied[word] |= added[word];
 }
 

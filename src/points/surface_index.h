@@ -1,9 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which surface point lies in which voxel, and which points lie near a place.
+/// Finds the surface point in a voxel, and the points near a position.
 ///
 /// Points are grouped in blocks of 8x8x8 voxels (the leaves of the map), blocks in cells of 8x8x8 blocks. Only cells
-/// are hashed, so walking a neighbourhood costs a few look-ups, however large the map is.
+/// are hashed, so walking a neighbourhood costs a few look-ups, no matter how large the map is.
 #pragma once
 
 #include <array>
@@ -26,18 +26,18 @@ inline constexpr std::uint32_t kNone = ~std::uint32_t{0};
 struct PointBlock {
   Index3 leaf = {};              ///< voxel index >> 3
   std::uint32_t cell = kNone;    ///< number of its cell
-  std::span<std::uint32_t> ids;  ///< in the order of the set bits; a run of the index, which alone writes to it
+  std::span<std::uint32_t> ids;  ///< in the order of the set bits; a run that only the index writes to
   LeafBits occupied = {};        ///< voxels with a point
 };
 
-/// A point on its way into the index.
+/// A point to be inserted into the index.
 struct NewVoxel {
   Index3 voxel = {};
   std::uint32_t id = kNone;
-  std::uint32_t block = kNone;  ///< kNone where it is not known before; out: its block
+  std::uint32_t block = kNone;  ///< kNone if not yet known; out: its block
 };
 
-/// What is known of a voxel; kNone each where there is none.
+/// What is known of a voxel; kNone where unknown.
 struct Located {
   std::uint32_t block = kNone, id = kNone;
 };
@@ -46,21 +46,21 @@ class SurfaceIndex {
  public:
   /// Id of the point in a voxel, or kNone.
   [[nodiscard]] std::uint32_t find(const Index3& voxel) const;
-  /// The same where the block is known.
+  /// The same if the block is known.
   [[nodiscard]] std::uint32_t findIn(std::uint32_t block, const Index3& voxel) const;
-  /// As find() of each, and their blocks. Several at a time, as looking at one is mostly waiting for memory.
+  /// Like find() for each, but also returns their blocks. Handles several at a time to hide memory latency.
   void locate(std::span<const Index3> voxels, std::span<Located> found) const;
-  /// The voxel must be free. @return index of its block
+  /// The voxel must be empty. @return index of its block
   std::uint32_t insert(const Index3& voxel, std::uint32_t id);
-  /// As insert() of each, in parallel. The voxels are free, and come in the order of their places (placeOf).
+  /// Like insert() for each, in parallel. The voxels are empty and sorted by place (placeOf).
   void insertAll(std::span<NewVoxel> points);
-  /// The blocks to which the last insertAll() added, each once, in no order.
+  /// The blocks that the last insertAll() added to, each once, in no order.
   void blocksOfLastInsert(std::vector<std::uint32_t>& blocks) const;
 
   [[nodiscard]] const ChunkedArray<PointBlock>& blocks() const { return blocks_; }
   /// Index into blocks(), or kNone.
   [[nodiscard]] std::uint32_t blockAt(const Index3& leaf) const;
-  /// Cells are numbered as they come. @param cell  leaf >> 3. @return its number or kNone
+  /// Cells are numbered in order of arrival. @param cell  leaf >> 3. @return its number or kNone
   [[nodiscard]] std::uint32_t cellAt(const Index3& cell) const { return cell_of_.find(cell); }
   [[nodiscard]] std::uint32_t cells() const { return static_cast<std::uint32_t>(cells_.size()); }
   /// @param bit  of the leaf inside the cell. @return index into blocks(), or kNone
@@ -86,19 +86,19 @@ class SurfaceIndex {
     LeafBits present = {};
     std::array<std::uint32_t, 512> block;
   };
-  /// New points of one block: [begin, end) of those that come together.
+  /// New points of one block: [begin, end) of the points inserted together.
   struct Group {
     std::uint32_t begin, end;
     std::uint32_t cell = kNone, block = kNone;
     std::uint32_t ids_before = 0;
-    std::uint32_t* larger_run = nullptr;  ///< where the block's own has no room for them
+    std::uint32_t* larger_run = nullptr;  ///< set if the block's own run is too small
   };
   void groupByLeaf(std::span<const NewVoxel> points);
   void findBlock(Group& group, std::span<const NewVoxel> points) const;
   void locateFew(std::span<const Index3> voxels, std::span<Located> found) const;
   void makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points);
   void takeRuns(std::span<Group> groups);
-  /// In parallel for different blocks.
+  /// Safe in parallel for different blocks.
   void addTo(const Group& group, std::span<NewVoxel> points);
 
   template <typename Visit>
@@ -121,18 +121,18 @@ class SurfaceIndex {
   ChunkedArray<Cell> cells_;
   ChunkedArray<PointBlock> blocks_;
   IdRuns runs_;
-  // Of one insertAll(); kept, as memory that is taken anew each time has to be cleared by the system first.
+  // For one insertAll(); kept, because freshly allocated memory has to be cleared by the system first.
   std::vector<Group> groups_;
   std::vector<std::uint32_t*> outgrown_;
 };
 
-/// Bit of a voxel or block inside its parent, 0 .. 511.
+/// Bit of a voxel or block in its parent, 0 .. 511.
 inline std::size_t bitInParent(const Index3& i) {
   return static_cast<std::size_t>((i[0] & 7) << 6 | (i[1] & 7) << 3 | (i[2] & 7));
 }
 inline Index3 parentOf(const Index3& i) { return {i[0] >> 3, i[1] >> 3, i[2] >> 3}; }
 
-/// Sorts voxels by leaf, and those of a leaf by bit. Voxels lie within +-2^20, leaves within +-2^17.
+/// Sorts voxels by leaf, and within a leaf by bit. Voxels lie within +-2^20, leaves within +-2^17.
 inline std::uint64_t placeOf(const Index3& voxel) {
   std::uint64_t place = 0;
   for (const std::int32_t x : voxel) place = place << 18 | static_cast<std::uint64_t>((x >> 3) + (1 << 17));

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Points that wait to be evaluated: first come first served, each at most once, with what was asked about it.
+/// FIFO queue of points that wait to be evaluated, each at most once, together with what was requested for it.
 #pragma once
 
 #include <algorithm>
@@ -15,23 +15,23 @@ namespace accessvdb::internal {
 
 class Backlog {
  public:
-  /// The points whose turn it is.
+  /// The points to evaluate now.
   struct Turn {
     std::vector<std::uint32_t> ids;
-    std::vector<std::uint8_t> asked;  ///< of each
+    std::vector<std::uint8_t> asked;  ///< per id
   };
 
-  /// Room for ids below `points`.
+  /// Makes room for ids below `points`.
   void grow(std::uint32_t points) { asked_.grow(points, 0); }
 
-  /// Puts a point at the end, or adds to what is asked about it where it waits already. @param what  not 0
+  /// Appends a point or, if it is already waiting, adds to its requests. @param what  not 0
   void ask(std::uint32_t id, std::uint8_t what) {
     if (asked_[id] == 0) queue_.push_back(id);
     asked_[id] = static_cast<std::uint8_t>(asked_[id] | what);
   }
   [[nodiscard]] bool holds(std::uint32_t id) const { return asked_[id] != 0; }
 
-  /// Takes the first points off. @param budget_points  at most this many; 0: all
+  /// Removes the first points. @param budget_points  at most this many; 0: all
   [[nodiscard]] Turn take(int budget_points) {
     const auto most = budget_points > 0 ? static_cast<std::size_t>(budget_points) : queue_.size();
     const auto end = queue_.begin() + static_cast<std::ptrdiff_t>(std::min(most, queue_.size()));

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Groups of blocks (launch/point_news.h): small voxels make many blocks, and what flips mean for one of them they
-/// nearly mean for the next one. So a backend looks at cubes of blocks at once.
+/// Groups of blocks (launch/point_news.h): small voxels make many blocks, and flips affect adjacent blocks in nearly
+/// the same way. So a backend looks at cubes of blocks at once.
 #pragma once
 
 #include <algorithm>
@@ -13,8 +13,8 @@
 
 namespace accessvdb::internal {
 
-/// Edge of a group, in leaves, as a power of two: as many as 8 cm hold. Larger groups are fewer, but each has more
-/// directions in question than its points need; with voxels of 10 mm and more a block is a group.
+/// Edge of a group, in leaves, as a power of two: as many as fit into 8 cm. Larger groups are fewer, but each has to
+/// consider more directions than its points need; with voxels of 10 mm and more, each block is a group.
 inline int blockGroupLog2(double voxel_size_m) {
   constexpr double kEdge_m = 0.08, kRounding = 1 + 1e-6;
   int log2 = 0;
@@ -22,17 +22,17 @@ inline int blockGroupLog2(double voxel_size_m) {
   return log2;
 }
 
-/// How many voxels a point may be away from the lowest one of its group, on each axis.
+/// How many voxels a point may be from the lowest one of its group, on each axis.
 inline std::int32_t lastVoxelOfGroup(int group_log2) { return (8 << group_log2) - 1; }
 
-/// Numbers groups as their blocks come.
+/// Numbers groups in the order in which their blocks arrive.
 class BlockGroups {
  public:
   explicit BlockGroups(int group_log2) : log2_(group_log2) {}
 
   /// @param block  a new one; blocks are numbered from 0. @return number of its group
   std::uint32_t add(std::uint32_t block, const Index3& leaf) {
-    // With as many groups as blocks there is nothing to look up.
+    // If each block is a group, there is nothing to look up.
     const std::uint32_t group =
         log2_ == 0 ? block : number_of_.insert({leaf[0] >> log2_, leaf[1] >> log2_, leaf[2] >> log2_}, size_).first;
     size_ = std::max(size_, group + 1);

@@ -11,7 +11,7 @@
 namespace accessvdb::internal {
 namespace {
 
-/// Voxels of a column, bottom and top.
+/// Bottom and top voxel of a column.
 struct Ends {
   Index3 bottom, top;
 };
@@ -19,12 +19,12 @@ Ends endsOf(const kernels::VoxelColumn& c) {
   return {{c.dx, c.dy, c.dz + std::countr_zero(c.bits)}, {c.dx, c.dy, c.dz + 63 - std::countl_zero(c.bits)}};
 }
 
-/// Cells that voxel offsets from `low` to `high` can fall into, the point lying anywhere in the first leaf.
+/// First and last cell that voxel offsets from `low` to `high` can reach, for a point anywhere in the first leaf.
 std::int32_t firstCell(std::int32_t low) { return low >> kernels::kCellLog2; }
 std::int32_t lastCell(std::int32_t high) { return (high + 7) >> kernels::kCellLog2; }
 
-/// Each entry also takes what the `last` entries below it have, on one axis of a table [x][y][z]: doubling steps, from
-/// the top, so that what is read has not changed yet.
+/// ORs the `last` entries below each entry into it, along one axis of a table [x][y][z]. Steps double; each pass goes
+/// from the top down, so that it reads only unmodified entries.
 void spread(std::vector<DirectionMask>& masks, const Index3& size, std::size_t axis, std::int32_t last) {
   std::size_t stride = 1;
   for (std::size_t inner = axis + 1; inner < 3; ++inner) stride *= static_cast<std::size_t>(size[inner]);
@@ -38,9 +38,9 @@ void spread(std::vector<DirectionMask>& masks, const Index3& size, std::size_t a
   }
 }
 
-/// The smallest arc that holds all directions of a set: what lies outside the longest gap.
+/// The smallest arc that contains all directions of a set: everything outside the longest gap.
 kernels::DirectionArc arcOf(const DirectionMask& mask, int num_directions) {
-  int last = -1;  // the last direction before the first one, one turn back
+  int last = -1;  // the last direction before the first one, minus one turn
   for (int d = 0; d < num_directions; ++d) {
     if (mask.test(d)) last = d - num_directions;
   }
@@ -73,7 +73,7 @@ CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_dire
       last[axis] = std::max(last[axis], lastCell(ends.top[axis]));
     }
   }
-  // Cells that a point in the farthest leaf of its group is away from one in the first leaf.
+  // Distance in cells between the first leaf of a group and the farthest one.
   const std::int32_t others = ((1 << group_log2) - 1) << (3 - kernels::kCellLog2);
   std::uint64_t entries = 1;
   for (std::size_t axis = 0; axis < 3; ++axis) {

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The tool kernel read backwards, roughly: which directions may cover a cell of 4 x 4 x 4 voxels from some point of a
-/// group of blocks? For bounds that hold for all points of a group at once. The directions are given as the smallest
-/// arc that holds them: one of a few too many costs time and changes nothing.
+/// A coarse inverse of the tool kernel: which directions may cover a cell of 4 x 4 x 4 voxels from some point of a
+/// group of blocks? Used for bounds that hold for all points of a group. The directions are stored as the smallest arc
+/// that contains them: extra directions cost time but change no result.
 #pragma once
 
 #include <cstdint>
@@ -15,8 +15,8 @@ namespace accessvdb::internal {
 
 class CellDirections {
  public:
-  /// Empty where the table would exceed `most_bytes`, or for tools tested by samples (their voxels depend on where in
-  /// its voxel the point lies). @param group_log2  as LeafFootprint's
+  /// Empty if the table would exceed `most_bytes`, and for tools tested by samples (their voxels depend on where in its
+  /// voxel the point lies). @param group_log2  same as for LeafFootprint
   CellDirections(const kernels::ToolKernelView& tool, int num_directions, int group_log2, std::uint64_t most_bytes);
 
   [[nodiscard]] bool empty() const { return table_.empty(); }

@@ -10,7 +10,7 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr double kCoarseStep_deg = 20, kFineWindow_deg = 25;
-/// A resolved point within this lends its best direction.
+/// Resolved points within this radius share their best direction.
 constexpr float kResolvedRadius_m = 0.3f;
 
 std::int32_t blocksApart(const Index3& a, const Index3& b) {
@@ -42,7 +42,7 @@ bool CandidateDirections::resolved(std::uint32_t id) const {
 void CandidateDirections::beginBatch() {
   any_resolved_ = false;
   if (!rule_.on) return;
-  // Points that came after the last update have no record yet.
+  // Points added after the last update have no record yet.
   const std::uint32_t known = std::min(scorer_.points().size(), scorer_.device().size());
   for (std::uint32_t id = 0; id < known && !any_resolved_; ++id) any_resolved_ = resolved(id);
 }
@@ -64,7 +64,7 @@ std::uint16_t CandidateDirections::directionOfNearestResolved(std::uint32_t id) 
     const PointBlock& block = points.index().blocks()[b];
     if (blocksApart(block.leaf, leaf) != ring) return;
     for (const std::uint32_t other : block.ids) {
-      // Points that came after the last update have no record yet.
+      // Points added after the last update have no record yet.
       if (other == id || other >= scorer_.device().size()) continue;
       if (!resolved(other)) continue;
       const float distance_m = kernels::distanceBetween_m(points.first_L(other).data(), p_L.data());

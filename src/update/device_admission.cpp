@@ -19,7 +19,7 @@
 namespace accessvdb::internal {
 namespace {
 
-/// Points and blocks handed over at a time.
+/// Most points and blocks handed over at a time.
 constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
 
 }  // namespace
@@ -83,7 +83,7 @@ void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const 
                                   std::span<const Eigen::Vector3f> q_L) {
   for (std::size_t n = 0; n < touched.all.size(); ++n) {
     const std::uint32_t id = touched.all[n];
-    if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or the older position counts
+    if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or its older position is already stored
     is_touched_[id] = 1;
     touched_.push_back({id, touched.before_L[n]});
   }
@@ -102,7 +102,7 @@ kernels::UpdateOutcome DeviceAdmission::update(const RunUpdate& run) {
   return outcome;
 }
 
-/// The backend has them: the new ones below the bound wait from now on, and none is touched.
+/// The backend has the points now: new ones below the bound wait from here on, and none counts as touched.
 void DeviceAdmission::know() {
   std::vector<std::uint32_t> fresh;
   for (std::size_t n = 0; n < ids_.size(); ++n) {
@@ -115,8 +115,8 @@ void DeviceAdmission::know() {
   is_touched_.grow(known_points_);
 }
 
-/// Runs what hands over. Isolated, or this thread might take up work beside it while it waits, and what comes next
-/// would wait for that.
+/// Runs `hand_over` in isolation: otherwise this thread might pick up unrelated work while it waits, and delay what
+/// follows.
 template <typename HandOver>
 void DeviceAdmission::admit(const HandOver& hand_over) {
   scorer_.reserveDevice();
@@ -142,7 +142,7 @@ void DeviceAdmission::admitPoints(std::span<const kernels::PointNews> news) {
   }
 }
 
-/// What came with several scans, or with none: the points as they are by now.
+/// Hands over what several scans, or none, have brought: the points in their current state.
 void DeviceAdmission::admitAll() {
   const PointStore& points = scorer_.points();
   const std::size_t added = points.size() - known_points_;
@@ -192,7 +192,7 @@ kernels::AdmitInput DeviceAdmission::input() const {
   return all;
 }
 
-/// Adds the new points that are confident at once to those that became so.
+/// Adds new points that are confident immediately to those that became confident.
 void DeviceAdmission::takeConfident() {
   for (std::size_t n = 0; n < ids_.size(); ++n) {
     if (ids_[n] >= known_points_ && weights_[n].weight >= least_weight_) crossed_.push_back(weights_[n]);
@@ -200,7 +200,7 @@ void DeviceAdmission::takeConfident() {
   tbb::parallel_sort(crossed_.begin(), crossed_.end(), [](const auto& a, const auto& b) { return a.id < b.id; });
 }
 
-/// Older points that became confident. Weights only grow, so only fresh ones are looked at, and of them those that
+/// Finds older points that became confident. Weights only grow, so it checks only fresh points, and only those that
 /// scans reached since the last update.
 void DeviceAdmission::findCrossed() {
   fresh_.takeReached(reached_);

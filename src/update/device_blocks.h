@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Where the ids of each block lie in one array on the device: a run of slots a block, twice as long whenever it is
-/// full. The host decides; the runs that are given up are used again. It also tells which group a block belongs to.
+/// Where the ids of each block lie in one array on the device: one run of slots per block, doubled whenever it is full.
+/// The host decides; released runs are reused. It also tells which group a block belongs to.
 #pragma once
 
 #include <tbb/blocked_range.h>
@@ -24,7 +24,7 @@ class DeviceBlocks {
   /// @param group_log2  [log2 of leaves] edge of a group of blocks
   explicit DeviceBlocks(int group_log2) : groups_(group_log2) {}
 
-  /// These blocks have other points than before. @param changed  each once
+  /// Describes blocks whose points have changed. @param changed  each once
   /// @param blocks  all of them  @param news, ids  out, in that order
   void news(std::span<const std::uint32_t> changed, const ChunkedArray<PointBlock>& blocks,
             std::vector<kernels::BlockNews>& news, std::vector<std::uint32_t>& ids) {
@@ -60,9 +60,9 @@ class DeviceBlocks {
       }
     });
   }
-  /// Slots in use or free, from 0.
+  /// Total number of slots, used and free.
   [[nodiscard]] std::uint32_t slots() const { return slots_; }
-  /// Groups of all blocks so far.
+  /// Number of groups of all blocks so far.
   [[nodiscard]] std::uint32_t groups() const { return groups_.size(); }
   [[nodiscard]] std::uint64_t bytes() const {
     std::uint64_t bytes = runs_.bytes() + groups_.bytes();

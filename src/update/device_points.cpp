@@ -7,7 +7,7 @@
 
 namespace accessvdb::internal {
 namespace {
-/// State arrays grow by a quarter, at least by this many points.
+/// State arrays grow by a quarter, but at least by this many points.
 constexpr std::uint32_t kLeastGrowth = 1 << 16;
 }  // namespace
 
@@ -17,7 +17,7 @@ DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words)
 void DevicePoints::reserve(std::uint32_t size) {
   if (size <= capacity_) return;
   const std::uint32_t wanted = size + std::max(size / 4, kLeastGrowth);
-  std::uint32_t capacity = wanted;  // of the smallest array, where there is no memory for what is wanted
+  std::uint32_t capacity = wanted;  // of the smallest array, if memory is short
   const auto grow = [&](auto& array, std::size_t each) {
     array.growWithRoom(memory_, each * size, each * wanted, each * size_);
     capacity = std::min(capacity, static_cast<std::uint32_t>(array.size() / each));

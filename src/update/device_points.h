@@ -13,12 +13,11 @@ namespace accessvdb::internal {
 class DevicePoints {
  public:
   DevicePoints(kernels::Backend& backend, int direction_words);
-  /// Grows to `size` points by chunks; new ones are unscored.
+  /// Grows to `size` points in chunks; new ones are unscored.
   void grow(std::uint32_t size);
-  /// As grow, but new ones are not initialised.
+  /// Like grow(), but new points are not initialised.
   void growRaw(std::uint32_t size);
-  /// Room for `size` points, about which size() says nothing yet; what is beyond size() is lost where there was too
-  /// little.
+  /// Makes room for `size` points without changing size(). If it has to reallocate, data beyond size() is lost.
   void reserve(std::uint32_t size);
   [[nodiscard]] kernels::PointStateView view() const;
   [[nodiscard]] std::uint32_t size() const { return size_; }

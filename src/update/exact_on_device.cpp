@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The exact policy on a backend that decides by itself what is due (launch/exact_updater.h): the host only says which
-/// points are new, touched or confident by now (device_admission.h), and in which leaves facts flipped. Without a
-/// budget the results are those of exact_on_host.cpp.
+/// The exact policy on a backend that decides itself what is due (launch/exact_updater.h): the host only reports which
+/// points are new, touched or now confident (device_admission.h), and in which leaves facts flipped. Without a budget
+/// the results equal those of exact_on_host.cpp.
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
@@ -24,9 +24,9 @@
 namespace accessvdb::internal {
 namespace {
 
-/// Flipped leaves are joined once this many wait, so that a long stretch without updates takes bounded memory.
+/// Flipped leaves are merged once this many wait, so that a long period without updates takes bounded memory.
 constexpr std::size_t kMostFlips = std::size_t{1} << 22;
-/// Memory that the table of directions by cell may take; above it, collisions are not remembered.
+/// Memory limit of the table of directions by cell; beyond it, collisions are not remembered.
 constexpr std::uint64_t kMostCellTableBytes = std::uint64_t{256} << 20;
 
 std::uint32_t deviceKinds(const LeafChange& change) {
@@ -39,7 +39,7 @@ std::uint32_t deviceKinds(const LeafChange& change) {
   return kinds;
 }
 
-/// Sums of two counts of freed voxels, cell by cell.
+/// Adds two counts of freed voxels, cell by cell.
 std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
   std::uint64_t sum = 0;
   for (int shift = 0; shift < 64; shift += 8) {
@@ -51,11 +51,11 @@ std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
 
 class ExactOnDevice final : public UpdateScheduler {
  public:
-  /// @param group_log2  the updater's
+  /// @param group_log2  same as the updater's
   ExactOnDevice(PointScorer& scorer, std::unique_ptr<kernels::ExactUpdater> updater, int group_log2)
       : scorer_(scorer), updater_(std::move(updater)), admission_(scorer, *updater_, group_log2) {}
 
-  // While the map takes the scan in, the backend finds neighbours.
+  // The backend finds neighbours while the map integrates the scan.
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L) override {
     flips_begun_ = false;
@@ -75,7 +75,7 @@ class ExactOnDevice final : public UpdateScheduler {
     if (kernels::totalSize(flips_) > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
-  // Should another scan come before the update, all flips are handed over again.
+  // If another scan comes before the update, all flips are handed over again.
   void prepare(const ScoringTables& tables) override {
     if (!admission_.isAhead()) return;
     begin(tables);
@@ -136,9 +136,9 @@ class ExactOnDevice final : public UpdateScheduler {
   std::unique_ptr<kernels::ExactUpdater> updater_;
   DeviceAdmission admission_;
   bool anything_scored_ = false;
-  bool flips_begun_ = false;                                       ///< prepare() came since the last scan
+  bool flips_begun_ = false;                                       ///< prepare() was called since the last scan
   std::array<std::vector<kernels::LeafFlips>, kMostParts> flips_;  ///< since the last update, by part of the map
-  std::size_t joined_flips_ = 0;                                   ///< so many there were when they were joined
+  std::size_t joined_flips_ = 0;                                   ///< their number after the last merge
 };
 
 }  // namespace

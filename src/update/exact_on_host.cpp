@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Exact incremental updates. After every update without a backlog, the label of each point, and the best direction and
-/// score of each accessible point, are those of a full evaluation of the current map.
+/// score of each accessible point, equal those of a full evaluation of the current map.
 ///
 /// For each point the scheduler knows directions that are blocked under the current map, and at which stage. They need
 /// no test until a flip for the better lies on a voxel that this stage reads: a corridor sample that became free for
@@ -26,11 +26,11 @@
 namespace accessvdb::internal {
 namespace {
 
-/// What is due at a point. Kept while it waits in the backlog.
+/// What is due at a point. Kept while the point waits in the backlog.
 enum Due : std::uint8_t {
-  kScore = 1,          ///< directions not known to be blocked have to be tried
-  kForgetBest = 2,     ///< the count of the best direction is not valid any more
-  kForgetBlocked = 4,  ///< nor is what is known to be blocked
+  kScore = 1,          ///< try the directions not known to be blocked
+  kForgetBest = 2,     ///< the count of the best direction is no longer valid
+  kForgetBlocked = 4,  ///< nor are the directions known to be blocked
   kEvidence = 8        ///< the point itself changed, not only the map around it
 };
 
@@ -69,7 +69,7 @@ class ExactOnHost final : public UpdateScheduler {
     moved_points_.refreshed(moved);
     for (const std::uint32_t id : changed) request(id, kEvidence);
     for (const std::uint32_t id : crossed) request(id, kEvidence | kForgetBlocked | kForgetBest);
-    scorer_.upload(changed);  // those that crossed are among them: they had no neighbourhood yet
+    scorer_.upload(changed);  // includes those that crossed: they had no neighbourhood yet
     if (!flips_.empty()) applyFlips();
     flips_.clear();
     moved_points_.clear();
@@ -91,12 +91,12 @@ class ExactOnHost final : public UpdateScheduler {
  private:
   void request(std::uint32_t id, unsigned what) { backlog_.ask(id, static_cast<std::uint8_t>(kScore | what)); }
 
-  /// Cause (e): points whose confidence crossed the bound. Weights only grow, so only points below it are looked at.
+  /// Cause (e): points whose confidence crossed the bound. Weights only grow, so only points below it are checked.
   std::vector<std::uint32_t> findCrossed() {
     for (std::uint32_t id = known_points_; id < scorer_.points().size(); ++id) fresh_.push_back(id);
     known_points_ = scorer_.points().size();
     std::vector<std::uint32_t> crossed = scorer_.takeConfident(fresh_);
-    scorer_.refreshTouched(moved_points_.touched());  // costs little beside the rest
+    scorer_.refreshTouched(moved_points_.touched());  // cheap compared with the rest
     return crossed;
   }
 
@@ -137,7 +137,7 @@ class ExactOnHost final : public UpdateScheduler {
     }
   }
 
-  /// Takes away what flips for the better make uncertain. @return directions that may be better than they were
+  /// Removes what flips for the better make uncertain. @return directions that may have become better
   DirectionMask release(std::uint32_t id, const AffectedDirections& affected, std::span<const Index3> freed_near,
                         const FlipWindow& flips) {
     const Eigen::Vector3f& position_L = scorer_.points().first_L(id);
@@ -162,7 +162,7 @@ class ExactOnHost final : public UpdateScheduler {
     return better;
   }
 
-  /// @param better  directions that may be better than they were
+  /// @param better  directions that may have become better
   [[nodiscard]] std::uint8_t dueIfAccessible(std::uint32_t id, const AffectedDirections& affected,
                                              const DirectionMask& better, const FlipWindow& flips) const {
     const PointRecord& record = scorer_.record(id);
@@ -172,7 +172,7 @@ class ExactOnHost final : public UpdateScheduler {
         (affected.worse_tool.test(best) && footprint_.toolWorse(position_L, best, flips))) {
       return kScore | kForgetBest;
     }
-    // With collisions left at the best direction, any other may have become better; else only those tried before it.
+    // If the best direction has collisions, any other may be better now; otherwise only those tried before it.
     std::uint8_t due = 0;
     forEachDirection(better & record.seen, [&](int d) {
       if (record.score > 0) due = kScore | kForgetBest;
@@ -196,7 +196,7 @@ class ExactOnHost final : public UpdateScheduler {
       const PointRecord& record = scorer_.record(id);
       if (!scorer_.confidentEnough(id)) continue;
       const bool best_admissible = scorer_.admissible(id, record.direction, approach_);
-      // The reason of a blocked point belongs to its closest direction: when that one is gone, look at all of them.
+      // A blocked point's reason comes from its closest direction: if that one is gone, test all of them.
       const bool reason_gone = record.label == PointLabel::Blocked && !best_admissible;
       if ((due & kForgetBlocked) != 0 || record.label == PointLabel::Unscored || reason_gone) blocked_[id] = {};
       kernels::ScoreItem item;
@@ -223,7 +223,7 @@ class ExactOnHost final : public UpdateScheduler {
     const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables);
     take(items, results);
 
-    // Points that lost their access while some directions were skipped: the reason needs all of them.
+    // Points that lost their access while some directions were skipped: their reason needs all directions.
     std::vector<kernels::ScoreItem> again;
     for (std::size_t n = 0; n < items.size(); ++n) {
       stats.label_changes += labels_before[n] != results[n].label ? 1 : 0;

@@ -36,21 +36,22 @@ inline const LeafBits& bitsOf(const LeafChange& change, FlipKind kind) {
 
 class FlipSet {
  public:
-  /// Joins with what is there: a voxel that flips to and fro counts as flipped both ways, which costs work but is safe.
+  /// Merges with existing entries: a voxel that flips back and forth counts as flipped both ways, which is safe but
+  /// costs work.
   void add(std::span<const LeafChange> changes);
   void clear();
   [[nodiscard]] bool empty() const { return changes_.empty(); }
 
-  /// @param leaf  voxel index >> 3. @return bit (1 << kind) for each kind of flip in the leaf; 0 where nothing flipped
+  /// @param leaf  voxel index >> 3. @return bit (1 << kind) for each kind of flip in the leaf; 0 if nothing flipped
   [[nodiscard]] std::uint8_t kindsIn(const Index3& leaf) const { return at(leaf).kinds; }
-  /// Voxels of the leaf with a flip of that kind, or nullptr where there is none.
+  /// Voxels of the leaf with a flip of that kind, or nullptr if there is none.
   [[nodiscard]] const LeafBits* find(const Index3& leaf, FlipKind kind) const {
     const Flipped flipped = at(leaf);
     return (flipped.kinds & bitOf(kind)) == 0 ? nullptr : &bitsOf(*flipped.change, kind);
   }
-  /// Both of the above at once; valid until the next change of the set.
+  /// Both of the above at once; valid until the set changes.
   struct Flipped {
-    const LeafChange* change;  ///< nullptr where nothing flipped
+    const LeafChange* change;  ///< nullptr if nothing flipped
     std::uint8_t kinds;
   };
   [[nodiscard]] Flipped at(const Index3& leaf) const;
@@ -60,7 +61,7 @@ class FlipSet {
   }
 
  private:
-  /// Open addressing. Key and kinds lie in the slot, so that most questions never touch the bits themselves.
+  /// Open addressing. Key and kinds are in the slot, so most queries never touch the bits themselves.
   struct Slot {
     std::uint64_t key;
     std::uint32_t change;  ///< index into changes_
@@ -70,10 +71,10 @@ class FlipSet {
   void grow(std::size_t capacity);
 
   std::vector<LeafChange> changes_;
-  std::vector<Slot> slots_;  ///< a power of two
+  std::vector<Slot> slots_;  ///< size is a power of two
 };
 
-// Inline: some hundred calls per point and update.
+// Inline: a few hundred calls per point and update.
 
 inline std::size_t FlipSet::slotOf(std::uint64_t key) const {
   std::uint64_t mixed = key * 0x9e3779b97f4a7c15ull;
@@ -90,11 +91,11 @@ inline FlipSet::Flipped FlipSet::at(const Index3& leaf) const {
   return {&changes_[slot.change], static_cast<std::uint8_t>(slot.kinds)};
 }
 
-/// The part of a FlipSet in a box of leaves, laid out by place: the points of a block ask for the same leaves again and
-/// again. Answers as the set does inside the box; outside it knows of no flip.
+/// The part of a FlipSet in a box of leaves, stored by position, because the points of a block query the same leaves
+/// repeatedly. Gives the same answers as the set inside the box; outside it reports no flips.
 class FlipWindow {
  public:
-  /// @param low, high  leaves, inclusive. @return false where nothing flipped in the box
+  /// @param low, high  leaves, inclusive. @return false if nothing flipped in the box
   bool fill(const FlipSet& flips, const Index3& low, const Index3& high);
   [[nodiscard]] std::uint8_t kindsIn(const Index3& leaf) const {
     const std::size_t n = indexOf(leaf);
@@ -106,7 +107,7 @@ class FlipWindow {
   }
 
  private:
-  /// Beyond the end where the leaf lies outside.
+  /// Past the end if the leaf lies outside.
   [[nodiscard]] std::size_t indexOf(const Index3& leaf) const {
     const auto x = static_cast<std::uint32_t>(leaf[0] - low_[0]), y = static_cast<std::uint32_t>(leaf[1] - low_[1]);
     const auto z = static_cast<std::uint32_t>(leaf[2] - low_[2]);

@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t kPointsPerTask = 512, kLeavesPerTask = 256;
 
-/// Leaves and points of one cell may be in the hands of several threads.
+/// Several threads may work on the leaves and points of one cell.
 bool setBit(LeafBits& bits, std::size_t n) {
   const std::uint64_t bit = std::uint64_t{1} << (n & 63);
   return (std::atomic_ref(bits[n >> 6]).fetch_or(bit, std::memory_order_relaxed) & bit) == 0;
@@ -56,12 +56,12 @@ void FreshPoints::noteReached(std::span<const Index3> leaves) {
   bool any = false;
   for (const Index3& leaf : leaves) {
     const Index3 here = parentOf(leaf);
-    if (!any || here != cell) {  // a return's leaves follow each other
+    if (!any || here != cell) {  // a return's leaves are consecutive
       any = true;
       cell = here;
       number = points_.index().cellAt(cell);
     }
-    if (number >= cells_.size()) continue;  // no points, or none that was admitted
+    if (number >= cells_.size()) continue;  // no points, or none admitted yet
     const std::size_t bit = bitInParent(leaf);
     FreshCell& of = cells_[number];
     if (!testBit(of.fresh, bit) || testBit(of.reached, bit) || !setBit(of.reached, bit)) continue;
@@ -84,7 +84,7 @@ void FreshPoints::takeReached(FreshPlaces& places) {
     }
   }
   all_reached_ = false;
-  // Places near each other follow each other, which is how the map is read fastest.
+  // Sorted by position, which is the fastest order for reading the map.
   tbb::parallel_sort(leaves);
 
   const std::size_t tasks = (leaves.size() + kLeavesPerTask - 1) / kLeavesPerTask;
@@ -124,7 +124,7 @@ void FreshPoints::remove(const FreshPlaces& places, std::span<const std::uint32_
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       const std::uint32_t block = places.blocks[entries[n]];
       clearBit(of_blocks_[block], bitInParent(places.voxels[entries[n]]));
-      // Whoever takes the last one sees that nothing is left.
+      // Whichever thread removes the last one sees that nothing is left.
       if (!noneOf(of_blocks_[block])) continue;
       const PointBlock& place = points_.index().blocks()[block];
       clearBit(cells_[place.cell].fresh, bitInParent(place.leaf));

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Ids that are gathered over scans, in any order and several times. They are joined now and then, so that a long
-/// stretch without updates takes bounded memory.
+/// Ids collected over several scans, in any order and with repeats. They are merged from time to time, so that a long
+/// period without updates takes bounded memory.
 #pragma once
 
 #include <tbb/parallel_sort.h>
@@ -21,7 +21,7 @@ class IdList {
     ids_.insert(ids_.end(), ids.begin(), ids.end());
     if (ids_.size() > 2 * joined_ + kMostIds) join();
   }
-  /// Ascending, each once; none is left.
+  /// Returns the ids, ascending, each once, and empties the list.
   std::vector<std::uint32_t> take() {
     join();
     joined_ = 0;
@@ -37,7 +37,7 @@ class IdList {
   }
 
   std::vector<std::uint32_t> ids_;
-  std::size_t joined_ = 0;  ///< the first of them: ascending, each once
+  std::size_t joined_ = 0;  ///< this many at the front: ascending, each once
 };
 
 }  // namespace accessvdb::internal

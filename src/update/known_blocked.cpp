@@ -40,7 +40,7 @@ DirectionMask KnownBlocked::release(const Index3& point_voxel, std::span<const I
     touched = touched | reading;
     forEachDirection(reading & tool, [&](int d) {
       std::uint16_t& count = flips_of[static_cast<std::size_t>(d)];
-      if (count < 0xffff) ++count;  // above every margin
+      if (count < 0xffff) ++count;  // saturates above every margin
     });
   }
   DirectionMask released = without(touched, tool);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What the exact policy knows of a point's blocked directions, and how flips for the better wear it away.
+/// What the exact policy knows of a point's blocked directions, and how flips for the better erode that knowledge.
 #pragma once
 
 #include <cstdint>
@@ -22,19 +22,19 @@ struct KnownBlocked {
 
   void learn(const kernels::ScoreResult& result, std::uint16_t collision_limit);
 
-  /// Takes away the directions in `tool` that flips may have freed. Each flip frees a direction of at most one
-  /// collision, so up to `margin` flips in its voxels leave it blocked.
+  /// Removes the directions in `tool` that flips may have freed. Each flip removes at most one collision from a
+  /// direction, so up to `margin` flips in its voxels leave it blocked.
   /// @param flips  voxels that stopped colliding; may lie anywhere
-  /// @return directions that are not known to be blocked any more, and those never known that read one of the flips
+  /// @return directions no longer known to be blocked, and those never known to be blocked that read one of the flips
   DirectionMask release(const Index3& point_voxel, std::span<const Index3> flips, const OffsetDirections& directions);
 };
 
-/// Voxels that stopped colliding since the last update, by place.
+/// Voxels that stopped colliding since the last update, by position.
 class FreedVoxels {
  public:
   explicit FreedVoxels(const FlipSet& flips);
   [[nodiscard]] bool empty() const { return cells_.empty(); }
-  /// Those inside a box, inclusive.
+  /// Appends those inside a box, inclusive.
   void collect(const Index3& low, const Index3& high, std::vector<Index3>& out) const;
 
  private:

@@ -19,7 +19,7 @@ bool testVoxel(const LeafBits& bits, const Index3& voxel) {
   return (bits[n >> 6] >> (n & 63) & 1u) != 0;
 }
 
-/// Collects, for one direction after the other, the leaf offsets that voxel offsets can fall into.
+/// Collects the leaf offsets that voxel offsets can fall into, one direction after another.
 class FootprintBuilder {
  public:
   struct Range {
@@ -29,7 +29,7 @@ class FootprintBuilder {
 
   /// @param low, high  box of voxel offsets from the point's voxel
   void add(int d, const Index3& low, const Index3& high) {
-    // The point lies anywhere in its leaf: local coordinates 0 .. 7.
+    // The point may lie anywhere in its leaf: local coordinates 0 .. 7.
     const std::int32_t z_low = low[2] >> 3, z_high = (high[2] + 7) >> 3;
     for (std::int32_t x = low[0] >> 3; x <= (high[0] + 7) >> 3; ++x) {
       for (std::int32_t y = low[1] >> 3; y <= (high[1] + 7) >> 3; ++y) {
@@ -42,7 +42,7 @@ class FootprintBuilder {
   }
   [[nodiscard]] const auto& ranges() const { return ranges_; }
 
-  /// The point may also lie 0 .. last leaves farther on, on each axis.
+  /// Allows for points 0 .. last leaves farther along each axis.
   void spread(std::int32_t last) {
     std::map<std::pair<std::int32_t, std::int32_t>, Range> spread;
     for (const auto& [xy, range] : ranges_) {
@@ -65,7 +65,7 @@ class FootprintBuilder {
 /// Rounding of float32 positions far from the origin, in voxels; ScanGate admits coordinates up to where it is 0.16.
 constexpr double kRounding = 0.25;
 
-/// Voxel offsets that an offset in metres can lead to: both ends are rounded on their own.
+/// Voxel offsets that an offset in metres can lead to: both ends are rounded independently.
 std::pair<Index3, Index3> offsetBox(const float* offset_m, double voxel_size_m) {
   Index3 low, high;
   for (std::size_t axis = 0; axis < 3; ++axis) {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which leaves around a point each direction reads: the exact filter in front of re-testing.
+/// Which leaves around a point each direction reads: the exact filter that runs before re-testing.
 #pragma once
 
 #include <bit>
@@ -14,8 +14,8 @@
 
 namespace accessvdb::internal {
 
-/// Directions of a block of points that may be affected by flips, at leaf resolution. "Better": a fact that can only
-/// help flipped in a leaf that the direction reads; "worse": one that can only hurt.
+/// Directions of a block of points that flips may affect, at leaf resolution. "Better": the direction reads a leaf with
+/// a flip that can only help; "worse": one with a flip that can only hurt.
 struct AffectedDirections {
   DirectionMask better_tool = {}, better_arm = {};
   DirectionMask worse_tool = {}, worse_arm = {};
@@ -24,22 +24,21 @@ struct AffectedDirections {
 class LeafFootprint {
  public:
   /// @param tool, approach  host-side tables
-  /// @param group_log2  points are anywhere in a group of blocks, a cube with an edge of 2^group_log2 leaves, and
-  /// columns
-  ///   are relative to its first leaf; 0: anywhere in a block
+  /// @param group_log2  points lie anywhere in a group of blocks, a cube with an edge of 2^group_log2 leaves, and
+  /// columns are relative to its first leaf; 0: anywhere in a block
   LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach, double voxel_size_m,
                 int group_log2);
 
   [[nodiscard]] std::span<const kernels::FootprintColumn> toolColumns() const { return tool_columns_; }
   [[nodiscard]] std::span<const kernels::FootprintColumn> armColumns() const { return arm_columns_; }
 
-  /// Gathers the flips that the points of a block may ask for. @param block_leaf  the first leaf of a group
-  /// @return false where there are none
+  /// Gathers the flips that the points of a block may query. @param block_leaf  the first leaf of a group
+  /// @return false if there are none
   bool fill(const Index3& block_leaf, const FlipSet& flips, FlipWindow& window) const;
 
-  // Flips: a FlipSet, or a FlipWindow that was filled for the point's block.
+  // Flips is a FlipSet, or a FlipWindow filled for the point's block.
 
-  /// For all points of a block, wherever in it they lie. Conservative. @param block_leaf  the first leaf of a group
+  /// Conservative, for all points of a block, wherever they lie in it. @param block_leaf  the first leaf of a group
   template <typename Flips>
   [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const Flips& flips) const;
 

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The four schedulers, and which of them a field gets.
+/// The four schedulers, and which one a field gets.
 #pragma once
 
 #include <memory>
@@ -10,25 +10,25 @@
 
 namespace accessvdb::internal {
 
-/// The tool and the corridor in host memory; what they point to outlives the scheduler.
+/// The tool and the corridor in host memory; the memory they point to must outlive the scheduler.
 struct HostTables {
   kernels::ToolKernelView tool;
   kernels::ApproachView approach;
 };
 
-/// The one for the policy of scorer.params(): on the backend where that can do it by itself, else on the host.
+/// The scheduler for the policy of scorer.params(): on the backend if it supports that, otherwise on the host.
 std::unique_ptr<UpdateScheduler> makeScheduler(PointScorer& scorer, const HostTables& tables);
 
 /// docs/DESIGN.md, "Exact updates": labels equal those of a full evaluation of the current map.
 std::unique_ptr<UpdateScheduler> makeExactOnHost(PointScorer& scorer, const HostTables& tables);
-/// The same on a backend that decides by itself what is due, and keeps all state; null where this one does not.
+/// The same on a backend that decides itself what is due and keeps all state; null if this backend cannot.
 std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const HostTables& tables);
 
 /// The paper's triggers (i) to (iii), sample, budget and backlog (docs/PAPER_MAP.md, "Update policy").
 /// @param collision_limit  [n_c]
 std::unique_ptr<UpdateScheduler> makePaperOnHost(PointScorer& scorer, std::uint16_t collision_limit);
-/// The same on a backend that keeps queue and state; null where this one does not. The same points are scored at the
-/// same updates.
+/// The same on a backend that keeps queue and state; null if this backend cannot. Scores the same points at the same
+/// updates.
 std::unique_ptr<UpdateScheduler> makePaperOnDevice(PointScorer& scorer);
 
 }  // namespace accessvdb::internal

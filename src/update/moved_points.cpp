@@ -15,9 +15,9 @@
 namespace accessvdb::internal {
 namespace {
 
-/// Touched points are joined once this many wait, so that a long stretch without updates takes bounded memory.
+/// Touched points are merged once this many wait, so that a long period without updates takes bounded memory.
 constexpr std::size_t kMostWaiting = std::size_t{1} << 20;
-/// How far means may lie outside of their voxel, far from the origin, where float32 has 8 steps a voxel.
+/// How far means may lie outside their voxel, far from the origin, where float32 has 8 steps per voxel.
 constexpr float kRoundingVoxels = 0.25f;
 /// A reach is rounded to float32 before it is squared.
 constexpr float kReachSlack = 1 + 4 * kFloatSlack;
@@ -32,7 +32,7 @@ void MovedPoints::note(const TouchedPoints& touched) {
   if (touched_.size() > 2 * joined_ + kMostWaiting) joinTouched();
 }
 
-/// Sorts by id and joins what several scans did to a point.
+/// Sorts by id and merges what several scans did to a point.
 void MovedPoints::joinTouched() {
   if (joined_ == touched_.size()) return;
   // The order of the scans decides which position is the older one.
@@ -72,7 +72,7 @@ void MovedPoints::groupByBlock() {
   }
 }
 
-/// Blocks whose boxes lie within reach_m of the leaf's; for means of points in both.
+/// Visits blocks whose boxes lie within reach_m of the leaf's box, for the means of the points in both.
 template <typename Visit>
 void MovedPoints::forEachNear(const Index3& leaf, float reach_m, const Visit& visit) const {
   const SurfaceIndex& index = scorer_.points().index();
@@ -90,7 +90,7 @@ void MovedPoints::forEachNear(const Index3& leaf, float reach_m, const Visit& vi
                      });
 }
 
-/// Blocks with a point that some touched point may matter to, ascending.
+/// Blocks with a point that some touched point may affect, ascending.
 std::vector<std::uint32_t> MovedPoints::reachedBlocks() {
   const auto& blocks = scorer_.points().index().blocks();
   reached_.grow(blocks.size());
@@ -143,7 +143,7 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
   for (const std::uint32_t id : own.ids) {
     const PointRecord& record = scorer_.record(id);
     if (!record.has_neighbourhood) continue;
-    // A touched point itself: its mean, its seen directions or the mean sensor position are others now.
+    // A touched point itself: its mean, its seen directions or the mean sensor position have changed.
     const auto first = by_block_.begin() + group.begin, last = by_block_.begin() + group.end;
     const auto at = std::lower_bound(first, last, id, [&](std::uint32_t n, std::uint32_t value) {
       return touched_[n].id < value;  // touched_ is sorted by id, and so is each group

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The tool kernel read backwards: which directions does the tool cover a voxel with, that lies at an offset from the
-/// point? Flips for the better are few (some thousand voxels a scan), so it is cheaper to ask each flip for its
-/// directions than each direction for its voxels.
+/// The inverse of the tool kernel: in which directions does the tool cover a voxel at a given offset from the point?
+/// There are few flips for the better (a few thousand voxels per scan), so it is cheaper to look up the directions of
+/// each flip than the voxels of each direction.
 #pragma once
 
 #include <cstdint>
@@ -15,18 +15,18 @@ namespace accessvdb::internal {
 
 class OffsetDirections {
  public:
-  /// Memory that the table may take; above it, directions are asked one by one.
+  /// Memory limit of the table; beyond it, directions are checked one by one.
   static constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
 
-  /// Empty where the table would exceed `most_bytes`, or for tools tested by samples (their voxels depend on where in
-  /// its voxel the point lies).
+  /// Empty if the table would exceed `most_bytes`, and for tools tested by samples (their voxels depend on where in its
+  /// voxel the point lies).
   OffsetDirections(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes);
 
   [[nodiscard]] bool empty() const { return table_.empty(); }
   [[nodiscard]] const Index3& low() const { return low_; }  ///< box of all offsets, inclusive
   [[nodiscard]] const Index3& high() const { return high_; }
 
-  /// @return the directions, or nullptr where no direction covers the offset
+  /// @return the directions, or nullptr if no direction covers the offset
   [[nodiscard]] const std::uint64_t* at(const Index3& offset) const {
     std::size_t n = 0;
     for (std::size_t axis = 0; axis < 3; ++axis) {

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The paper's policy on a backend that keeps queue and state by itself (launch/paper_updater.h). What needs the map or
-/// its own numbers is found here: which points became confident, and what triggers (i) and (ii) ask for. What comes out
-/// is what paper_on_host.cpp brings out.
+/// The paper's policy on a backend that keeps queue and state itself (launch/paper_updater.h). The host finds what
+/// needs the map or random numbers: which points became confident, and what triggers (i) and (ii) request. The
+/// results equal those of paper_on_host.cpp.
 #include <memory>
 #include <utility>
 
@@ -17,7 +17,7 @@ namespace {
 
 class PaperOnDevice final : public UpdateScheduler {
  public:
-  /// @param group_log2  the updater's
+  /// @param group_log2  same as the updater's
   PaperOnDevice(PointScorer& scorer, std::unique_ptr<kernels::PaperUpdater> updater, int group_log2)
       : scorer_(scorer), updater_(std::move(updater)), admission_(scorer, *updater_, group_log2), triggers_(scorer) {}
 

@@ -3,11 +3,10 @@
 /// The paper's incremental updates: new points, three triggers, a budget, a backlog (paper, "Incremental Updates and
 /// Confidence"; docs/PAPER_MAP.md, "Update policy"). Labels are not those of a full evaluation; they approach them.
 ///
-/// A point enters the queue once its confidence allows a score, and again when a trigger asks for it. The points that
-/// one update puts into the queue stand in the order of their reasons, ascending in each: newly confident, (i), (ii),
-/// (iii).
+/// A point enters the queue once its confidence allows a score, and again when a trigger requests it. Points that one
+/// update enqueues are ordered by reason, ascending within each: newly confident, (i), (ii), (iii).
 ///
-/// Left out on purpose: the paper adapts its budget to the time that the last frame took, which makes results depend on
+/// Left out on purpose: the paper adapts its budget to the time taken by the last frame, which makes results depend on
 /// the machine and its load. Here the budget is UpdateParams::budget_points, so that runs are repeatable. There is no
 /// sliding window either: the map keeps everything.
 #include <algorithm>

@@ -26,8 +26,8 @@ void PaperTriggers::note(std::span<const Eigen::Vector3f> p_L, std::span<const E
 
 PaperRequests PaperTriggers::take() { return {jumped_.take(), sampled_.take(), std::exchange(blocked_, false)}; }
 
-/// (i) The TSDF at a point's voxel changed by more than 2 v since the last frame. Not only at points that were hit
-/// again: a surface that moves back takes its returns with it.
+/// (i) The TSDF at a point's voxel changed by more than 2 v since the last frame. Not limited to points that were hit
+/// again: when a surface recedes, its returns move with it.
 void PaperTriggers::noteDistances(std::span<const std::span<const DistanceChange>> distances) {
   const PointStore& points = scorer_.points();
   const DistanceCode& code = scorer_.reads().distance_code;
@@ -43,20 +43,20 @@ void PaperTriggers::noteDistances(std::span<const std::span<const DistanceChange
         const std::uint32_t packed = leaf.packed[bitInParent(points.voxelOf(points.first_L(id)))];
         const float now_m = code.observed(packed) ? code.distance_m(packed) : unobserved_m;
         float& last_m = last_distance_m_[id];
-        if (std::fabs(now_m - last_m) > bound_m) found.push_back(id);  // false at birth: NaN
+        if (std::fabs(now_m - last_m) > bound_m) found.push_back(id);  // false for a new point: NaN
         last_m = now_m;
       }
     }
   });
   for (const auto& found : jumped) jumped_.add(found);
-  // A point whose voxel the scan left alone.
+  // Points whose voxel the scan did not change.
   for (; known_points_ < points.size(); ++known_points_) {
     float& last_m = last_distance_m_[known_points_];
     if (std::isnan(last_m)) last_m = unobserved_m;
   }
 }
 
-/// (ii) Points within r_u of up to 256 voxels written by this scan. There is no list of written voxels: a voxel is
+/// (ii) Points within r_u of up to 256 voxels written by this scan. There is no list of written voxels: each voxel is
 /// drawn from the region of a random return, so voxels that many returns wrote to are drawn more often.
 void PaperTriggers::noteSample(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
   const FieldParams& params = scorer_.params();
@@ -92,7 +92,7 @@ Eigen::Vector3d PaperTriggers::drawWrittenVoxel(const Eigen::Vector3f& p_L, cons
   const Index3 centre = scorer_.points().voxelOf(p_L);
   const int reach = static_cast<int>(std::ceil(tsdf.truncation_distance_m / v));
   const auto side = static_cast<std::size_t>(2 * reach + 1);
-  // The cones fill 1/40 of the cube, so this ends long before the bound; the return's own voxel is always written.
+  // The cones fill 1/40 of the cube, so this ends long before the limit; the return's own voxel is always written.
   constexpr int kMostTries = 4000;
   for (int tries = 0; tries < kMostTries; ++tries) {
     Eigen::Vector3d x_L;
@@ -117,10 +117,10 @@ bool PaperTriggers::writes(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_
          std::fabs(from_return.dot(ray)) > tsdf.cone_cos_min * from_return.norm() * ray.norm();
 }
 
-/// (iii) The sensor moved: every point that is not accessible may have gained an observation side. The map is not
-/// windowed, so these are all points of the map.
+/// (iii) The sensor moved: every point that is not accessible may have gained a side it was observed from. The map is
+/// not windowed, so this covers all points of the map.
 void PaperTriggers::noteMotion(const Eigen::Vector3f& q_L) {
-  // Since the last firing, not since the last scan: slow motion adds up.
+  // Measured from the last time it fired, not from the last scan: slow motion adds up.
   const auto bound_m = static_cast<float>(scorer_.params().update.requeue_motion_m);
   if (last_sensor_L_ && !((q_L - *last_sensor_L_).norm() > bound_m)) return;
   blocked_ = blocked_ || last_sensor_L_.has_value();

@@ -16,10 +16,10 @@
 
 namespace accessvdb::internal {
 
-/// What scans asked for. Points that are not confident are among them.
+/// What scans requested, including points that are not confident.
 struct PaperRequests {
   std::vector<std::uint32_t> jumped;   ///< (i) ascending, each once
-  std::vector<std::uint32_t> sampled;  ///< (ii) the same
+  std::vector<std::uint32_t> sampled;  ///< (ii) likewise
   bool blocked = false;                ///< (iii) every point that is not accessible
 };
 
@@ -27,11 +27,11 @@ class PaperTriggers {
  public:
   explicit PaperTriggers(const PointScorer& scorer);
 
-  /// One scan has been integrated and its points are in the store.
+  /// Call when one scan has been integrated and its points are in the store.
   /// @param q_L  [n] or [1] sensor positions  @param distances  leaves whose distances changed, each once
   void note(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
             std::span<const std::span<const DistanceChange>> distances);
-  /// Of all scans since the last call.
+  /// Covers all scans since the last call.
   PaperRequests take();
 
   [[nodiscard]] std::uint64_t bytes() const;
@@ -41,7 +41,7 @@ class PaperTriggers {
   void noteSample(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
   void noteMotion(const Eigen::Vector3f& q_L);
 
-  /// Centre of a voxel that the return wrote to, each equally likely.
+  /// Centre of a voxel that the return wrote to, all equally likely.
   Eigen::Vector3d drawWrittenVoxel(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L);
   [[nodiscard]] bool writes(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L, const Eigen::Vector3d& x_L) const;
   /// Uniform in 0 .. count - 1.
@@ -51,8 +51,8 @@ class PaperTriggers {
   std::mt19937_64 random_;
   IdList jumped_, sampled_;
   bool blocked_ = false;
-  ChunkedArray<float> last_distance_m_;           ///< by id; NaN until the end of its first scan
-  std::uint32_t known_points_ = 0;                ///< that have one
+  ChunkedArray<float> last_distance_m_;           ///< by id; NaN until the end of the point's first scan
+  std::uint32_t known_points_ = 0;                ///< those with an entry
   std::optional<Eigen::Vector3f> last_sensor_L_;  ///< where trigger (iii) fired last
 };
 

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Point state on the device and its scoring: what both update policies share.
+/// The state of points on the device and their scoring: shared by both update policies.
 #pragma once
 
 #include <cstdint>
@@ -19,22 +19,22 @@ namespace accessvdb::internal {
 
 using TakeLeaves = std::function<void(std::span<const Index3> leaves)>;
 
-/// Reads of the map that point state needs; filled by the field.
+/// What point state reads from the map; filled by the field.
 struct MapReads {
-  /// Observations behind the confidence of each id: largest weight of 3x3x3 voxels, or the own voxel's (paper).
+  /// Observations behind the confidence of each id: largest weight of 3x3x3 voxels, or that of its own voxel (paper).
   std::function<void(std::span<const std::uint32_t> ids, std::span<std::uint16_t> weights)> weights;
-  /// The same of voxels that are at hand.
+  /// The same for voxels already known.
   std::function<void(std::span<const Index3> voxels, std::span<std::uint16_t> weights)> weights_at;
-  /// Needs only the returns, not the map. Calls take(leaves) for all leaves, voxel index >> 3, in which a point's
-  /// weight may have grown by a scan: a superset, and a leaf may come several times. From several threads at once.
-  /// @return false: no leaf was named, it may be any
+  /// Needs only the returns, not the map. Calls take(leaves), from several threads at once, for all leaves (voxel index
+  /// >> 3) in which a scan may have raised a point's weight: a superset, and a leaf may come several times.
+  /// @return false if no leaf was named: any leaf may be affected
   std::function<bool(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                      const TakeLeaves& take)>
       reached;
-  DistanceCode distance_code;  ///< of DistanceChange (paper trigger i)
+  DistanceCode distance_code;  ///< for DistanceChange (paper trigger i)
 };
 
-/// Tables and grid that a score reads; views in the backend's memory.
+/// Tables and grid that scoring reads; views in the backend's memory.
 struct ScoringTables {
   kernels::OccupancyView map;
   kernels::ToolKernelView tool;
@@ -43,7 +43,7 @@ struct ScoringTables {
   kernels::UpdateRule rule;
 };
 
-/// What the host keeps of each point's state.
+/// What the host stores of each point's state.
 struct PointRecord {
   Eigen::Vector3f normal_L = {0, 0, 0};
   float reach_m = 0;        ///< Neighbourhood::reach_m
@@ -60,31 +60,31 @@ class PointScorer {
 
   /// Makes room for all points of the store.
   void grow();
-  /// As grow, on the device only and not initialised: for an updater, which keeps state without the host.
+  /// Like grow(), but only on the device and not initialised: for an updater that keeps state without the host.
   void growDevice() { device_.growRaw(points_.size()); }
-  /// Only the room, so that the updater can begin: whoever reads the device does not see the new points before
+  /// Only makes room, so that the updater can begin: readers of the device do not see the new points until
   /// growDevice().
   void reserveDevice() { device_.reserve(points_.size()); }
 
   /// Reads the weights again. @return ids that crossed the confidence bound
   std::vector<std::uint32_t> refreshWeights(std::span<const std::uint32_t> ids);
-  /// Reads the weights of points that were not confident. @param fresh  in: those; out: those that still are not
-  /// @return those that are now
+  /// Reads the weights of points that were not confident. @param fresh  in: those; out: the ones that still are not
+  /// @return those that now are
   std::vector<std::uint32_t> takeConfident(std::vector<std::uint32_t>& fresh);
-  /// Computes the neighbourhoods again. @return ids whose normal or seen directions changed
+  /// Recomputes the neighbourhoods. @return ids whose normal or seen directions changed
   std::vector<std::uint32_t> refreshNeighbourhoods(std::span<const std::uint32_t> ids);
-  /// Reads the weights of touched points that have a neighbourhood, and sends them to the device: views of the points
-  /// show them.
+  /// Reads the weights of touched points that have a neighbourhood, and sends them to the device, because views of the
+  /// points show them.
   void refreshTouched(std::vector<std::uint32_t> touched);
-  /// Sends what refresh... found for these ids to the device.
+  /// Sends to the device what the refresh functions found for these ids.
   void upload(std::span<const std::uint32_t> ids);
 
-  /// Scores the items on the device and records what came out. Adds to tests().
+  /// Scores the items on the device and stores the results.
   std::vector<kernels::ScoreResult> score(std::span<const kernels::ScoreItem> items, const ScoringTables& tables);
 
   [[nodiscard]] const PointRecord& record(std::uint32_t id) const { return records_[id]; }
   [[nodiscard]] bool confidentEnough(std::uint32_t id) const { return isConfident(records_[id].weight); }
-  /// Are so many observations enough for a point to be scored?
+  /// Whether this many observations are enough for a point to be scored.
   [[nodiscard]] bool isConfident(std::uint16_t weight) const;
   [[nodiscard]] bool admissible(std::uint32_t id, std::uint16_t d, const kernels::ApproachView& approach) const;
   [[nodiscard]] const DevicePoints& device() const { return device_; }

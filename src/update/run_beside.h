@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Two steps of a frame at the same time.
+/// Runs two steps of a frame concurrently.
 #pragma once
 
 #include <tbb/task_group.h>
@@ -9,10 +9,10 @@
 
 namespace accessvdb::internal {
 
-/// Runs `here` on the calling thread and `beside` on whichever thread has time, on this one afterwards where none has.
-/// Both run to their ends, also where the other one fails: TBB would cancel the loops of the other half-way, which then
-/// goes on with what they left undone. Throws what `beside` threw, else what `here` threw: where the backend's step is
-/// here, a failure of the host is the one that must not be hidden.
+/// Runs `here` on the calling thread and `beside` on any free thread, or afterwards on this one if none is free. Both
+/// run to completion even if the other fails: otherwise TBB would cancel the other step's loops half-way, and that step
+/// would continue with unfinished data. Rethrows what `beside` threw, else what `here` threw: when the backend's step
+/// is `here`, a failure of the host must not be hidden.
 template <typename Here, typename Beside>
 void runBeside(const Here& here, const Beside& beside) {
   std::exception_ptr failed_here, failed_beside;

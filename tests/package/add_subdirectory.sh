@@ -6,8 +6,8 @@ set -euo pipefail
 out=$WORK/add_subdirectory
 rm -rf "$out"
 
-# A copy of what a subproject needs, built in build/, as deep below the sources as the build before: ccache then knows
-# nearly every file. Without ccache the library is compiled a second time.
+# A copy of what a subproject needs, built in build/ at the same depth below the sources as the previous build, so that
+# ccache already knows nearly every file. Without ccache the library is compiled a second time.
 mkdir -p "$out/sources"
 tar -C "$SOURCE" -cf - CMakeLists.txt cmake include nanovdb_kernels src tests/package/subproject tests/package/consumer |
   tar -C "$out/sources" -xf -
@@ -19,6 +19,6 @@ export CCACHE_BASEDIR=$out/sources
 "$CMAKE" --build "$build" -j 2 --target consumer
 "$build/consumer" "$build/field"
 
-# What a library must not do to the project around it: install its own files, set a build type, add tests.
+# What a library must not do to the surrounding project: install its own files, set a build type, add tests.
 "$CMAKE" --install "$build" --prefix "$build/installed" >/dev/null
 [[ ! -e $build/installed/include/accessvdb ]] || { echo "the subproject installs itself"; exit 1; }

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# The packages of cpack: what is in them, and a consumer on the unpacked archive.
+# The packages made by cpack: their contents, and a consumer that uses the unpacked archive.
 set -euo pipefail
 out=$WORK/archives
 rm -rf "$out"

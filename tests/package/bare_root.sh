@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# A root of the distribution with nothing but its smallest set of packages, and what is tried there.
-#   bare_root.sh make        the root, as an archive that is kept for a week
+# Tests in a root of the distribution that contains only its smallest set of packages.
+#   bare_root.sh make        creates the root, as an archive that is kept for a week
 #   bare_root.sh tarball     unpacks the tarball and runs the demo's job
 #   bare_root.sh debs        installs the Debian packages and runs the demo's job
 #   bare_root.sh small_set   how many packages tools/setup_debian.sh would install
-# Skipped where a root cannot be made: not Debian or Ubuntu, not root, no mmdebstrap, no network.
+# Skipped if a root cannot be created: not Debian or Ubuntu, not root, no mmdebstrap, no network.
 set -euo pipefail
 skip() { echo "skipped: $*"; exit 77; }
 ((EUID == 0)) || skip "only root may make another root"
@@ -19,7 +19,7 @@ archive=$WORK/bare_root_$suite.tar
 if [[ $1 == make ]]; then
   mkdir -p "$WORK"
   if [[ -z $(find "$archive" -type f -mtime -7 2>/dev/null) ]]; then
-    # The archive that this machine installs from itself.
+    # The archive that this machine installs packages from.
     mirror=$(apt-get indextargets --format '$(RELEASE) $(REPO_URI)' 'Created-By: Packages' 2>/dev/null |
       awk -v suite="$suite" '$1 == suite && $2 ~ /\/(debian|ubuntu)\/?$/ { print $2; exit }')
     components=main
@@ -39,8 +39,8 @@ cp -L /etc/resolv.conf "$root/etc/resolv.conf"
 inside() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin LC_ALL=C DEBIAN_FRONTEND=noninteractive "$@"; }
 update() { inside apt-get update -qq --error-on=any >"$root/log" 2>&1 || { tail -n 5 "$root/log"; skip "the list of packages cannot be fetched"; }; }
 
-# The demo's job, as tools/demo.sh has it, in this root and by the program just built outside of it.
-demo_job() {  # demo_job MAKE_SAMPLE_SCANS ACCESSVDB: both by their paths in the root
+# The demo's job from tools/demo.sh: in this root, and with the program just built outside it.
+demo_job() {  # demo_job MAKE_SAMPLE_SCANS ACCESSVDB: their paths in the root
   local settings out=$WORK/demo_outside_$$
   settings=$(sed -n 's/^settings="\(.*\)"$/\1/p' "$SOURCE/tools/demo.sh")
   local map=(map --scans /tmp/scans --poses /tmp/scans/poses.txt --tool builtin:pruner --voxel 0.05)
@@ -73,12 +73,12 @@ case $1 in
     [[ -e $(echo "$WORK"/packages/accessvdb_*.deb) ]] || skip "no packages, see package.make_packages"
     cp "$WORK"/packages/*.deb "$root/tmp/"
     update
-    # shellcheck disable=SC2016  # the shell inside finds the files
+    # shellcheck disable=SC2016  # the shell inside expands the patterns
     inside sh -c 'apt-get install -y -qq --no-install-recommends /tmp/accessvdb_*.deb' >"$root/log" 2>&1 ||
       { tail -n 20 "$root/log"; echo "accessvdb could not be installed"; exit 1; }
     strip -o "$root/tmp/make_sample_scans" "$MAKE_SAMPLE_SCANS"
     demo_job /tmp/make_sample_scans accessvdb
-    # The package for developers: hundreds of megabytes of headers, so only whether apt finds all that it needs.
+    # The package for developers means hundreds of megabytes of headers, so only check that apt finds all it needs.
     # shellcheck disable=SC2016
     inside sh -c 'apt-get install -s /tmp/libaccessvdb-dev_*.deb' >"$root/log" 2>&1 ||
       { tail -n 20 "$root/log"; echo "libaccessvdb-dev could not be installed"; exit 1; }

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The C API used from C99: a wall is mapped, labels are read, and what must fail fails with its code.
+/// The C API used from C99: maps a wall, reads labels, and checks that invalid calls fail with their codes.
 ///   c_api_in_c OUT_FOLDER
 #include <math.h>
 #include <stdio.h>

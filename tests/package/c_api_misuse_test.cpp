@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What a plug-in can do wrong: NULL, sizes, values, the order of calls, handles of the wrong kind, two threads. Each
-/// gets its code and a text, nothing crashes, and the field works afterwards.
+/// mistake returns its code and a text, nothing crashes, and the field still works afterwards.
 #include <gtest/gtest.h>
 
 #include <array>
@@ -93,7 +93,7 @@ TEST_F(CApiMisuse, NullArguments) {
   EXPECT_EQ(accessvdb_tool_builtin("builtin:pencil", nullptr, &error), ACCESSVDB_ERROR_USAGE);
   EXPECT_STREQ(error.id, "c_api.null");
   EXPECT_EQ(accessvdb_tool_builtin(nullptr, &tool, &error), ACCESSVDB_ERROR_USAGE);
-  EXPECT_EQ(tool, nullptr);  // never what was there before
+  EXPECT_EQ(tool, nullptr);  // not the value from before
   EXPECT_EQ(accessvdb_tool_from_mesh(nullptr, ACCESSVDB_METRE, nullptr, &tool, &error), ACCESSVDB_ERROR_USAGE);
   EXPECT_EQ(accessvdb_tool_from_triangles(nullptr, 3, nullptr, 1, nullptr, &tool, &error), ACCESSVDB_ERROR_USAGE);
   EXPECT_EQ(accessvdb_field_create(nullptr, nullptr, &field, &error), ACCESSVDB_ERROR_USAGE);
@@ -120,7 +120,7 @@ TEST_F(CApiMisuse, NullArguments) {
               "c_api.null");
   expectError(accessvdb_field_write(field_, nullptr), ACCESSVDB_ERROR_USAGE, "c_api.null");
   expectError(accessvdb_field_write(field_, ""), ACCESSVDB_ERROR_USAGE, "c_api.value");
-  // Nothing at all is a scan too, an empty one.
+  // An empty scan is a scan, too.
   EXPECT_EQ(accessvdb_field_integrate_scan(field_, nullptr, 0, kIdentity.data(), nullptr), ACCESSVDB_OK);
 }
 
@@ -130,7 +130,7 @@ TEST_F(CApiMisuse, StructSizes) {
   expectError(accessvdb_field_get_counts(field_, &counts), ACCESSVDB_ERROR_USAGE, "c_api.struct_size");
   counts.struct_size = sizeof counts - 8;  // older than any version
   expectError(accessvdb_field_get_counts(field_, &counts), ACCESSVDB_ERROR_USAGE, "c_api.struct_size");
-  counts.struct_size = 0xCCCCCCCC;  // memory that nobody initialised
+  counts.struct_size = 0xCCCCCCCC;  // uninitialised memory
   expectError(accessvdb_field_get_counts(field_, &counts), ACCESSVDB_ERROR_USAGE, "c_api.struct_size");
   expectError(accessvdb_field_copy_points(field_, 0, 0, nullptr, 8), ACCESSVDB_ERROR_USAGE, "c_api.struct_size");
 
@@ -148,7 +148,7 @@ TEST_F(CApiMisuse, StructSizes) {
   EXPECT_EQ(error.text[0], '\0');  // and nothing written beyond its size
 }
 
-/// A struct as a later version would have it.
+/// A struct of a later version.
 template <typename Struct>
 struct Later {
   Struct known;
@@ -166,7 +166,7 @@ TEST_F(CApiMisuse, LargerStructs) {
   auto error = sized<accessvdb_error>();
   EXPECT_EQ(accessvdb_field_create(tool_, &params.known, &field, &error), ACCESSVDB_OK) << error.text;
   accessvdb_field_free(field);
-  params.field_of_tomorrow = 1;  // asks for something that this library cannot give
+  params.field_of_tomorrow = 1;  // requests something that this library cannot provide
   EXPECT_EQ(accessvdb_field_create(tool_, &params.known, &field, &error), ACCESSVDB_ERROR_USAGE);
   EXPECT_STREQ(error.id, "c_api.unknown_fields");
 
@@ -227,7 +227,7 @@ TEST_F(CApiMisuse, Poses) {
   std::size_t points = 1;
   ASSERT_EQ(accessvdb_field_take_snapshot(field_, &points), ACCESSVDB_OK);
   EXPECT_EQ(points, 0u);
-  EXPECT_EQ(integrate(), ACCESSVDB_OK);  // and the field works afterwards
+  EXPECT_EQ(integrate(), ACCESSVDB_OK);  // and the field still works
 }
 
 TEST_F(CApiMisuse, Arrays) {
@@ -308,7 +308,7 @@ TEST_F(CApiMisuse, LongTextsAreCutBetweenCharacters) {
   const std::size_t length = std::strlen(error.text);
   EXPECT_GE(length, sizeof error.text - 3);
   ASSERT_LT(length, sizeof error.text);
-  std::size_t rest = 0;  // bytes of the last character that are still to come
+  std::size_t rest = 0;  // bytes missing from the last character
   for (std::size_t n = 0; n < length; ++n) {
     const auto byte = static_cast<unsigned char>(error.text[n]);
     if (rest > 0) {
@@ -329,7 +329,7 @@ TEST_F(CApiMisuse, OutputThatCannotBeWritten) {
 }
 
 TEST_F(CApiMisuse, TwoThreadsOnOneField) {
-  // One of them may find the field busy; then it is told so, and nothing else happens.
+  // One of them may find the field busy; then the call says so and does nothing else.
   constexpr int kCalls = 200;
   std::atomic<int> done = 0, busy = 0, other = 0;
   const auto work = [&] {
@@ -345,7 +345,7 @@ TEST_F(CApiMisuse, TwoThreadsOnOneField) {
   EXPECT_EQ(other, 0);
   EXPECT_EQ(done + busy, 2 * kCalls);
   EXPECT_GT(done, 0);
-  // Every scan that was said to be fused was: the weight of a voxel counts them.
+  // Every scan reported as fused was fused: the weight of a voxel counts them.
   accessvdb_point point = {};
   std::int32_t found = 0;
   const double p_W[3] = {2, 0, 0};

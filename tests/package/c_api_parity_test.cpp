@@ -90,7 +90,7 @@ void expectSame(const accessvdb_point& c, const SurfacePoint& p) {
 
 void expectSame(const std::vector<accessvdb_point>& c, const FieldSnapshot& cpp) {
   ASSERT_EQ(c.size(), cpp.points.size());
-  ASSERT_GT(cpp.count(accessvdb::PointLabel::Accessible), 50u);  // else the comparison says little
+  ASSERT_GT(cpp.count(accessvdb::PointLabel::Accessible), 50u);  // otherwise the comparison means little
   ASSERT_GT(cpp.count(accessvdb::PointLabel::Blocked), 50u);
   for (std::size_t n = 0; n < c.size(); ++n) ASSERT_NO_FATAL_FAILURE(expectSame(c[n], cpp.points[n]));
 }
@@ -239,7 +239,7 @@ TEST(CApiParity, EveryParameterArrives) {
     SCOPED_TRACE("setting " + std::to_string(n));
     accessvdb_params c = defaults();
     FieldParams cpp;
-    // A voxel and directions for which tool tables are small; settings may change them again.
+    // A voxel size and a number of directions that keep tool tables small; settings may change them.
     c.voxel_size_m = cpp.tsdf.voxel_size_m = 0.1;
     settings[n].c(c);
     settings[n].cpp(cpp);
@@ -250,7 +250,7 @@ TEST(CApiParity, EveryParameterArrives) {
       if (!plain.contains(name) || plain.at(name) != value) reached.insert(name);
     }
   }
-  // So that a parameter that is added to C++ is not forgotten in C.
+  // Ensures that a parameter added to C++ is not forgotten in C.
   for (const auto& [name, value] : plain) EXPECT_TRUE(reached.contains(name)) << name << " cannot be set from C";
 }
 
@@ -298,7 +298,7 @@ TEST(CApiParity, ToolOfTriangles) {
   accessvdb_tool_free(builtin);
 }
 
-/// A box of 40 x 20 x 10 units, so that units, tip and axes can be told apart.
+/// A box of 40 x 20 x 10 units, so that units, tip and axes can be distinguished.
 std::filesystem::path boxFile() {
   const std::filesystem::path path = std::filesystem::path(testing::TempDir()) / "c_api_box.obj";
   std::ofstream out(path);

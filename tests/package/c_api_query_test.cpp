@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Batch queries in C: the same answers as in C++, for every version of the structs, and what is refused.
+/// Batch queries in C: they give the same answers as in C++ for every version of the structs, and refuse bad calls.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -129,7 +129,7 @@ TEST_F(CApiQuery, CapsulesAsInCpp) {
   }
   EXPECT_GT(collisions, 50u);
   EXPECT_EQ(c[5].valid, 0);
-  later[2].of_tomorrow = 1;  // asks for something that this library cannot give
+  later[2].of_tomorrow = 1;  // requests something that this library cannot provide
   expectUsage(
       accessvdb_field_query_capsules(c_, &later[0].known, sizeof later[0], c.size(), of_later.data(), sizeof c[0]),
       "c_api.unknown_fields");
@@ -152,7 +152,7 @@ TEST_F(CApiQuery, Refusals) {
   expectUsage(accessvdb_field_query_capsules(c_, capsules_.data(), sizeof(accessvdb_capsule), 1, &capsule_answer, 0),
               "c_api.struct_size");
   EXPECT_EQ(accessvdb_field_query_points(nullptr, p_W, 1, &answer, sizeof answer), ACCESSVDB_ERROR_USAGE);
-  EXPECT_EQ(accessvdb_field_query_points(c_, nullptr, 0, nullptr, sizeof answer), ACCESSVDB_OK);  // nothing to ask
+  EXPECT_EQ(accessvdb_field_query_points(c_, nullptr, 0, nullptr, sizeof answer), ACCESSVDB_OK);  // nothing to query
 }
 
 }  // namespace

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# The plug-in in C: compiled against the installed header alone, loads the installed library at run time, and gives the
-# same points, byte for byte, as the program.
+# The plug-in in C: compiled against the installed header alone, it loads the installed library at run time and produces
+# the same points as the program, byte for byte.
 set -euo pipefail
 out=$WORK/c_plugin
 rm -rf "$out"
@@ -16,13 +16,13 @@ mkdir -p "$out"
 grep -qE '^accessible [1-9]' "$out/counts.txt"
 grep -qE '^blocked [1-9]' "$out/counts.txt"
 
-# range_noise.txt beside the scans says 0; the plug-in has the default of 0.02 m.
+# range_noise.txt beside the scans says 0; the plug-in uses the default of 0.02 m.
 "$PROGRAM" map --scans "$out/scans" --poses "$out/scans/poses.txt" --tool builtin:pruner --voxel 0.1 --range-noise 0.02 \
   --quiet --out "$out/program"
-rows() { LC_ALL=C sed '1,/^end_header$/d' "$1"; }  # the header names the tool's file and such
+rows() { LC_ALL=C sed '1,/^end_header$/d' "$1"; }  # the header names the tool's file, for example
 cmp <(rows "$out/field/points.ply") <(rows "$out/program/points.ply")
 
-# What goes wrong is said, with the program's codes.
+# Errors are reported, with the program's exit codes.
 expect() {  # CODE TEXT ARGUMENT...
   local code=0 text=$2
   "$out/plugin" "${@:3}" >/dev/null 2>"$out/stderr" || code=$?
@@ -36,5 +36,5 @@ expect 2 voxel_size_m "$library" "$out/scans" 0
 echo "not a folder" >"$out/file"
 expect 7 "$out/file" "$library" "$out/scans" 0.1 "$out/file/field"
 
-# And the one that the build made, which the examples' own list names.
+# The same for the plug-in made by the build, which is in the examples' own list.
 "$MAP_SCANS_IN_C" "$SHARED_LIBRARY" "$out/scans" 0.1 | cmp - "$out/counts.txt"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# device_view.h of the install tree compiles alone: with the C++ compiler, and with nvcc inside a kernel where there is one.
+# device_view.h of the install tree compiles alone: with the C++ compiler and, if there is one, with nvcc in a kernel.
 set -euo pipefail
 out=$WORK/device_headers
 rm -rf "$out"

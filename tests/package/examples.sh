@@ -25,7 +25,7 @@ own_tool)
   "$OWN_TOOL" | tee "$out/stdout"
   grep -q 'tool gripper: 0.250 x 0.120 x 0.060 m' "$out/stdout"
   grep -qE '^accessible [1-9]' "$out/stdout"
-  # A rod of 200 mm along y, tip at y = 10, as an OBJ in millimetres.
+  # A 200 mm rod along y, tip at y = 10, as an OBJ in millimetres.
   {
     for y in 10 210; do for x in -5 5; do for z in -5 5; do echo "v $x $y $z"; done; done; done
     printf 'f %s\n' "1 2 4 3" "5 7 8 6" "1 5 6 2" "3 4 8 7" "1 3 7 5" "2 6 8 4"

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# libaccessvdb.so shows the public API and the C API, nothing else: exported_symbols.sh [LIBRARY [INCLUDE_FOLDER]]
+# libaccessvdb.so exports only the public API and the C API: exported_symbols.sh [LIBRARY [INCLUDE_FOLDER]]
 set -euo pipefail
 library=${1:-$SHARED_LIBRARY}
 headers=${2:-$SOURCE/include/accessvdb}

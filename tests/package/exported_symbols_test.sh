@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# The checker of exported symbols finds what it must: each bad library below is refused, and a good one is not.
+# The checker of exported symbols works: it refuses each bad library below and accepts a good one.
 set -euo pipefail
 here=$(dirname "${BASH_SOURCE[0]}")
 command -v nm >/dev/null || { echo "skipped: nm (binutils) is missing"; exit 77; }

@@ -8,7 +8,7 @@ prefix=${2:-$WORK/moved}
 build=$WORK/find_package_$kind$([[ -z ${2:-} ]] || echo _of_archive)
 rm -rf "$build"
 options=()
-if [[ $kind == shared ]]; then  # what is private to the library must not be asked for
+if [[ $kind == shared ]]; then  # the library's private dependencies must not be required
   for package in assimp PNG OpenSSL; do options+=("-DCMAKE_DISABLE_FIND_PACKAGE_$package=ON"); done
 fi
 "$CMAKE" -G "$GENERATOR" -S "$SOURCE/tests/package/consumer" -B "$build" "-DCMAKE_PREFIX_PATH=$prefix" \

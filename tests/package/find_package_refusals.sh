@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# What find_package cannot give it refuses, and says why.
+# find_package refuses what it cannot provide, and says why.
 set -euo pipefail
 folder=$WORK/refusals
 rm -rf "$folder"
 mkdir -p "$folder"
 bad=0
 
-# refuse NAME REQUEST TEXT [OPTION...]: REQUEST fails, and the message has TEXT.
+# refuse NAME REQUEST TEXT [OPTION...]: REQUEST fails with a message that contains TEXT.
 refuse() {
   local name=$1 request=$2 text=$3
   shift 3

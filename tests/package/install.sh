@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Installs into one folder, moves it to another, and looks at what lies there. The other tests use it where it is now.
+# Installs into one folder, moves it to another, and checks the contents. The other tests use the moved folder.
 set -euo pipefail
 rm -rf "$WORK/first" "$WORK/moved"
 "$CMAKE" --install "$BUILD" --prefix "$WORK/first" >/dev/null
@@ -15,11 +15,11 @@ for file in bin/accessvdb "$LIBDIR/libaccessvdb.a" "$LIBDIR/libaccessvdb.so" "$L
   [[ -e $file ]] || { echo "missing: $file"; bad=1; }
 done
 
-# Every public header is there, and nothing that is not.
+# Every public header is there, and no other.
 diff <(cd "$SOURCE/include/accessvdb" && { ls -- *.h; echo config.h; echo device; } | LC_ALL=C sort) \
   <(cd include/accessvdb && ls | LC_ALL=C sort) || { echo "headers differ from the public ones"; bad=1; }
 
-# Nothing in the text files may name where it was built or installed.
+# No text file may contain the path of the build or of the first installation.
 if grep -rnF -e "$WORK/first" -e "$SOURCE" -e "$BUILD" include "$LIBDIR/cmake" "$LIBDIR/pkgconfig"; then
   echo "paths of the build machine, see above"
   bad=1

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# The example label_a_scan: the generated scan, and the same scan from a file.
+# The example label_a_scan: with the generated scan, and with the same scan read from a file.
 set -euo pipefail
 out=$WORK/label_a_scan
 rm -rf "$out"

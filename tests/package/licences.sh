@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# docs/licences.md names each package of which the tarball has a library or the program a header, and the tarball has a
-# text for each library: asked of dpkg here, not of the script that made the tarball.
+# docs/licences.md names each package whose library is in the tarball or whose header is in the program, and the tarball
+# has a text for each library. Asks dpkg, not the script that made the tarball.
 set -euo pipefail
 tarball=$(echo "$WORK"/packages/accessvdb-*-linux-*.tar.xz)
 [[ -e $tarball ]] || { echo "skipped: no tarball, see package.make_packages"; exit 77; }
@@ -17,7 +17,7 @@ table=${1:-$SOURCE/docs/licences.md}
 row() { grep '^|' "$table" | grep -F "\`$1\`" || true; }
 known=$(/sbin/ldconfig -p)
 bad=0 libraries=0
-# Nothing is asked of the names in the tarball but where the linker of this machine finds them.
+# Uses only the library names in the tarball, and looks up where this machine's linker finds them.
 for library in "$tree"/libraries/*; do
   libraries=$((libraries + 1))
   name=$(basename "$library")
@@ -37,7 +37,7 @@ for package in $packages; do
   [[ -s $tree/licences/$package ]] || { echo "no licence text of '$package' in the tarball"; bad=1; }
 done
 
-# Texts that only point to the common ones.
+# Texts that only refer to the common ones.
 for common in $(grep -d skip -ohE 'common-licenses/(MPL-2.0|Apache-2.0|GPL-3)\b' "$tree"/licences/* | sort -u); do
   [[ -s $tree/licences/$common || ! -e /usr/share/$common ]] || { echo "the tarball lacks $common"; bad=1; }
 done

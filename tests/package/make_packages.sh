@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# tools/make_packages.sh: makes the files that the tests beside this one install, and refuses what it must. Its build is
-# also the one without PCL; with ccache most of it comes from the build before.
+# tools/make_packages.sh creates the files that the other tests here install, and refuses bad input. Its build is also
+# the one without PCL; with ccache, most of it comes from the previous build.
 set -euo pipefail
 for need in dpkg-deb dpkg-query dpkg-shlibdeps strip xz ninja; do
   command -v "$need" >/dev/null || { echo "skipped: $need is missing"; exit 77; }
@@ -12,7 +12,7 @@ mkdir -p "$WORK"
 rm -rf "$out" "$WORK/refused"
 settings=("-DACCESSVDB_WARNINGS_AS_ERRORS=${WARNINGS_AS_ERRORS:-OFF}" "-DCMAKE_CXX_COMPILER=$CXX")
 make=$SOURCE/tools/make_packages.sh
-export XZ_LEVEL=1  # quicker, and larger than what is offered for download
+export XZ_LEVEL=1  # faster, but larger than the published download
 "$make" "$out" "${settings[@]}" | tee "$WORK/packages.txt"
 
 bad=0
@@ -20,7 +20,7 @@ tarball=$(echo "$out"/accessvdb-"$VERSION"-linux-*.tar.xz)
 [[ $(ls "$out" | wc -l) == 3 && $(wc -l <"$WORK/packages.txt") == 3 ]] || { echo "not three files: $(ls "$out")"; bad=1; }
 (($(stat -c %s "$tarball") <= 40000000)) || { echo "the tarball has more than 40 MB"; bad=1; }
 
-# Everything in the three files is of a known kind: no scans, no fields, nothing of the tests.
+# The three files contain only known kinds of files: no scans, no fields, no tests.
 known='/$|/(bin|programs)/(accessvdb|make_sample_scans)$|/run$|/README(\.md)?$|/CHANGELOG\.md$|/licences\.md$|/LICENSE$'
 known+='|/licences/(common-licenses/)?[A-Za-z0-9.+-]+$|/lib[A-Za-z0-9_.+-]*\.(so[.0-9]*|a)$|/include/accessvdb/(device/)?[a-z_]+\.h$'
 known+='|/cmake/AccessVDB/AccessVDB[A-Za-z-]+\.cmake$|/pkgconfig/accessvdb\.pc$'
@@ -29,7 +29,7 @@ for file in "$out"/*; do
 done >"$WORK/contents"
 ! grep -vE "$known" "$WORK/contents" || { echo "not of a kind that belongs into a package, see above"; bad=1; }
 
-refuses() {  # refuses TEXT OUT COMMAND...: fails with one line that has TEXT, and leaves nothing
+refuses() {  # refuses TEXT OUT COMMAND...: fails with one line that contains TEXT, and leaves no files
   local text=$1 out=$2 code=0
   shift 2
   "$@" >"$WORK/refusal" 2>&1 || code=$?
@@ -45,7 +45,7 @@ grep -qE "^make_portable: error: the archive has [0-9]+ bytes, more than 2 MB\..
 refuses "unknown option '--what'" "$WORK/refused" "$make" "$WORK/refused" --what
 refuses "--limit needs a number" "$WORK/refused" "$make" "$WORK/refused" --limit much
 
-# Without cpack; and with one whose package holds a scan.
+# Without cpack; and with a cpack whose package contains a scan.
 fake=$(mktemp -d)
 trap 'rm -rf "$fake"' EXIT
 mkdir "$fake/less" "$fake/more"

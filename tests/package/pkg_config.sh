@@ -17,7 +17,7 @@ export PKG_CONFIG_PATH=$WORK/moved/$LIBDIR/pkgconfig
 "$CXX" "$out/main.o" -o "$out/consumer" $(pkg-config --libs accessvdb)
 LD_LIBRARY_PATH=$WORK/moved/$LIBDIR "$out/consumer" "$out/field"
 
-# The static library: the same line with --static, in an install that has no shared one to be preferred.
+# The static library: the same line with --static, in an install without a shared one that would be preferred.
 mkdir -p "$out/static/$LIBDIR"
 cp -r "$WORK/moved/include" "$out/static/"
 cp -r "$WORK/moved/$LIBDIR/pkgconfig" "$WORK/moved/$LIBDIR/libaccessvdb.a" "$out/static/$LIBDIR/"
@@ -27,7 +27,7 @@ export PKG_CONFIG_PATH=$out/static/$LIBDIR/pkgconfig
 "$out/consumer_static" "$out/field_static"
 cmp "$out/field/points.ply" "$out/field_static/points.ply"
 
-# C, by the same file.
+# C, with the same file.
 export PKG_CONFIG_PATH=$WORK/moved/$LIBDIR/pkgconfig
 # shellcheck disable=SC2046
 "$CC" -std=c99 -Wall -Werror "$SOURCE/tests/package/c_api_in_c.c" -o "$out/in_c" $(pkg-config --cflags --libs accessvdb)

@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# What tools/setup_debian.sh does and says, with an apt-get and a dpkg-query that are played: nothing is installed.
+# What tools/setup_debian.sh does and says, with fake apt-get and dpkg-query programs: nothing is installed.
 set -euo pipefail
 setup=$SOURCE/tools/setup_debian.sh
 fake=$(mktemp -d)
 trap 'rm -rf "$fake"' EXIT
 mkdir "$fake/bin"
-# INSTALLED: what is installed. UPDATE, INSTALL: exit codes. UNKNOWN: a package that the distribution lacks.
+# INSTALLED: installed packages. UPDATE, INSTALL: exit codes. UNKNOWN: a package that the distribution lacks.
 cat >"$fake/bin/dpkg-query" <<'END'
 #!/bin/sh
 for package; do :; done  # the last argument
@@ -63,7 +63,7 @@ run 1 --pcll
 says "^setup: error: unknown option '--pcll'\. Use .*--list"
 silent
 
-# --list needs no network, calls nothing, and prints one package per line, each once.
+# --list needs no network, calls nothing, and prints each package once, one per line.
 run 0 --list
 silent
 grep -qx libopenvdb-dev "$fake/out" && ! grep -qxE 'libpcl-dev|mmdebstrap' "$fake/out" || { echo "the small list is wrong"; bad=1; }

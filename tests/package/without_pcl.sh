@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# The program built without PCL (and without CUDA) by package.make_packages writes what this build's program writes, from
-# every kind of scan: binary, ascii and compressed PCD, PLY, KITTI, and recorded files where they are.
+# The program built without PCL (and without CUDA) by package.make_packages writes the same output as this build's
+# program, for every kind of scan: binary, ascii and compressed PCD, PLY, KITTI, and recorded files if available.
 set -euo pipefail
 other=$SOURCE/build/packages/bin/accessvdb
 [[ -x $other ]] || { echo "skipped: no $other, see package.make_packages"; exit 77; }
@@ -12,7 +12,7 @@ out=$(mktemp -d "$WORK/without_pcl.XXXXXX")
 trap 'rm -rf "$out"' EXIT
 
 "$MAKE_SAMPLE_SCANS" --out "$out/binary" --frames 8 --rays 5000 --seed 3 --range-noise 0.01 >/dev/null
-# The same returns in other formats; compressed by liblzf itself, column by column as the format wants it.
+# The same returns in other formats; compressed by liblzf itself, column by column as the format requires.
 python3 - "$out" <<'END'
 import ctypes, ctypes.util, pathlib, struct, sys
 out = pathlib.Path(sys.argv[1])
@@ -41,7 +41,7 @@ assert saved > 0, "nothing was compressed"
 END
 
 bad=0 compared=0
-same() {  # same NAME ARGUMENTS...: both programs map it alike
+same() {  # same NAME ARGUMENTS...: both programs produce the same map
   local name=$1 file own=$out/own other_out=$out/other
   shift
   rm -rf "$own" "$other_out"
@@ -65,7 +65,7 @@ for file in fraslab_scans_compressed_viewpoint car6; do
 done
 echo "$compared inputs compared"
 
-# A smaller set of the program's own tests.
+# A subset of the program's own tests.
 ACCESSVDB_PROGRAM_UNDER_TEST=$other "$CLI_TEST" --gtest_filter='MapOutputs*:CommandLine*' --gtest_brief=1 >"$out/log" 2>&1 ||
   { cat "$out/log"; bad=1; }
 tail -n 1 "$out/log"

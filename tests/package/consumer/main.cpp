@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A program of somebody else: maps a wall, asks for labels and for the OpenVDB grid, catches an error.
+/// A third-party program: maps a wall, asks for labels and for the OpenVDB grid, catches an error.
 #include <accessvdb/accessibility_field.h>
 #include <accessvdb/config.h>
 #include <accessvdb/error.h>
