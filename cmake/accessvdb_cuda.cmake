@@ -3,6 +3,9 @@
 
 set(ACCESSVDB_CUDA AUTO CACHE STRING "Build the CUDA backend: AUTO (if nvcc is found), ON or OFF")
 set_property(CACHE ACCESSVDB_CUDA PROPERTY STRINGS AUTO ON OFF)
+if(NOT ACCESSVDB_CUDA MATCHES "^(AUTO|ON|OFF)$")
+  message(FATAL_ERROR "ACCESSVDB_CUDA is '${ACCESSVDB_CUDA}'. Use AUTO (if nvcc is found), ON or OFF.")
+endif()
 # Jetson Orin, Ada, Hopper; the last one also as PTX, for later architectures.
 set(ACCESSVDB_CUDA_ARCHITECTURES "87-real;89-real;90" CACHE STRING "GPU architectures to build for, as in CMAKE_CUDA_ARCHITECTURES")
 
@@ -30,7 +33,8 @@ elseif(ACCESSVDB_CUDA)
     endif()
   endif()
   if(NOT ACCESSVDB_HAS_CUDA AND NOT ACCESSVDB_CUDA STREQUAL "AUTO")
-    message(FATAL_ERROR "ACCESSVDB_CUDA is ON, but CUDA 12 or later (nvcc and its static runtime) was not found")
+    message(FATAL_ERROR "ACCESSVDB_CUDA is ON, but CUDA 12 or later (nvcc and its static runtime) was not found. "
+                        "Install NVIDIA's CUDA toolkit and set CUDACXX to its nvcc, or use ACCESSVDB_CUDA=AUTO")
   endif()
 endif()
 if(ACCESSVDB_HAS_CUDA)

@@ -1,0 +1,38 @@
+#!/usr/bin/env bash
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+# What CMake says about options with unknown values and about packages that are asked for but missing.
+set -euo pipefail
+work=$WORK/configure_messages
+rm -rf "$work"
+mkdir -p "$work/bin"
+# A machine without nvcc: only the tools that CMake needs are on the path.
+for tool in "$CC" "$CXX" as ld ar ranlib make ninja pkg-config sh sed uname; do
+  path=$(command -v "$tool") && ln -sf "$path" "$work/bin/$(basename "$tool")"
+done
+
+hidden=/usr/local/cuda/bin$(type -ap nvcc | sed 's,/[^/]*$,,; s,^,;,' | tr -d '\n')
+
+bad=0
+configure() {  # configure CODE TEXT ARGUMENT...
+  local code=0
+  rm -rf "$work/build"
+  env -u CUDACXX -u CUDA_PATH PATH="$work/bin" "$CMAKE" -S "$SOURCE" -B "$work/build" -G "$GENERATOR" \
+    -DCMAKE_C_COMPILER="$CC" -DCMAKE_CXX_COMPILER="$CXX" "-DCMAKE_IGNORE_PATH=$hidden" \
+    -DACCESSVDB_BUILD_TESTS=OFF -DACCESSVDB_BUILD_BENCHMARKS=OFF -DACCESSVDB_PYTHON=OFF "${@:3}" >"$work/out" 2>&1 || code=$?
+  # Joined, as CMake wraps long messages.
+  if (((code == 0) != ($1 == 0))) || ! tr -s ' \n' ' ' <"$work/out" | grep -qF "$2"; then
+    echo "exit code $code, expected $1 and '$2' from: ${*:3}"
+    tail -n 20 "$work/out"
+    bad=1
+  fi
+}
+
+configure 1 "ACCESSVDB_PCL is 'MAYBE'. Use AUTO (if PCL is found), ON or OFF." -DACCESSVDB_PCL=MAYBE -DACCESSVDB_CUDA=OFF
+configure 1 "ACCESSVDB_PCL is ON, but PCL (common, io, filters) was not found. On Debian and Ubuntu: apt install libpcl-dev" \
+  -DACCESSVDB_PCL=ON -DCMAKE_DISABLE_FIND_PACKAGE_PCL=ON -DACCESSVDB_CUDA=OFF
+configure 1 "ACCESSVDB_CUDA is 'MAYBE'. Use AUTO (if nvcc is found), ON or OFF." -DACCESSVDB_CUDA=MAYBE -DACCESSVDB_PCL=OFF
+configure 1 "ACCESSVDB_PYTHON is 'MAYBE'. Use AUTO" -DACCESSVDB_CUDA=OFF -DACCESSVDB_PCL=OFF -DACCESSVDB_PYTHON=MAYBE
+configure 1 "(nvcc and its static runtime) was not found. Install NVIDIA's CUDA toolkit" -DACCESSVDB_CUDA=ON -DACCESSVDB_PCL=OFF
+configure 0 "no CUDA backend in this build; scoring runs on the CPU" -DACCESSVDB_CUDA=AUTO -DACCESSVDB_PCL=OFF
+((bad == 0)) && echo "every message says what to do"
