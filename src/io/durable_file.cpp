@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Files that appear whole or not at all: temporary file, checked writes, fsync, rename, fsync of the folder.
 ///
-/// OpenVDB 10.0.1 reports success when the disk is full, and so does an std::ofstream that nobody asks. Here every
-/// system call is checked and the first error is kept with its cause.
+/// OpenVDB 10.0.1 reports success when the disk is full, and so does a std::ofstream whose state nobody checks. Here
+/// every system call is checked and the first error is kept with its cause.
 #include <dirent.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -36,8 +36,8 @@ namespace {
 constexpr std::size_t kBufferBytes = std::size_t{4} << 20;
 constexpr int kTempNameAttempts = 100;
 constexpr std::size_t kTempHexDigits = 16;
-// Where the file system has no locks, a temporary file that has not been written to for this long belongs to a run that
-// was killed.
+// Where the file system has no locks, a temporary file that has not been written to for this long is taken for a
+// killed run's.
 constexpr std::time_t kStaleTempAge_s = 3600;
 
 [[noreturn]] void throwOutputError(int error, const std::filesystem::path& path, const std::string& doing,
@@ -307,7 +307,7 @@ void removeUnlessWritten(const std::filesystem::path& temp) {
   ::close(fd);
 }
 
-/// Removes what runs that were killed left in a folder. @param locked  whether the file system has locks
+/// Removes what killed runs left in a folder. @param locked  whether the file system has locks
 void removeStaleTemps(const std::filesystem::path& folder, bool locked) {
   std::error_code ignored;
   for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Grids to a stream one after the other, with OpenVDB's own archive code.
+/// Writes grids to a stream one after the other, with OpenVDB's own archive code.
 ///
 /// io::File::write and io::Stream::write want all grids at once. A field of nine grids is built grid by grid instead,
 /// so the peak holds the largest one, not the sum.

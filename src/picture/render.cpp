@@ -32,7 +32,7 @@ constexpr double kFieldMargin = 0.05;
 /// Discs of neighbouring voxels must overlap whatever their direction: half the diagonal of a voxel's face and more.
 constexpr double kSplatRadiusVoxels = 0.85;
 constexpr double kMinSplatRadius_px = 1.0;
-constexpr double kMaxSplatShare = 0.1;  ///< of the picture's height: a field of one point is no wall of colour
+constexpr double kMaxSplatShare = 0.1;  ///< of the picture's height, so that one point does not fill it
 constexpr float kAmbient = 0.45f, kDiffuse = 0.62f;
 constexpr float kNoNormalLight = 0.85f;
 

@@ -11,18 +11,18 @@
 namespace accessvdb::tools {
 namespace {
 
-// Bytes per thing. A run first fuses, then writes one file after another; each writer makes its copies, and gives them
-// back. So the peak is what is held in between plus the largest of those copies. Calibrated by the resident memory of
-// `map` in each phase, BALM's 12 scans at 100, 50, 30, 20 and 12 mm (0.16 M points and 0.33 GB to 0.82 M and 3.3 GB)
-// and KITTI's 5 at 100 and 50 mm, on two cores. The leaves that are predicted are 12 % fewer than there are, so these
-// bytes are 12 % more than a leaf has.
+// Bytes per item. A run first fuses, then writes one file after another; each writer makes copies and frees them. So
+// the peak is what is held between them plus the largest copy. Calibrated with the resident memory of `map` in each
+// phase: BALM's 12 scans at 100, 50, 30, 20 and 12 mm (0.16 M points and 0.33 GB to 0.82 M and 3.3 GB) and KITTI's 5 at
+// 100 and 50 mm, on two cores. The predictor finds 12 % fewer leaves than there are, so these are 12 % more bytes than
+// a leaf has.
 constexpr double kFixedBytes = 155e6;                    // program, libraries, one scan
 constexpr double kConeLeafBytes = 2500;                  // authored leaf with distances and weights, tree included
 constexpr double kBandLeafBytes = 300;                   // authored leaf with cleared flags only
 constexpr double kMirrorLeafBytes = 400;                 // NanoVDB leaf of the mirror, slack of its growth included
 constexpr double kNodeBytes = 33.8e3 + 33.9e3 + 16.9e3;  // node above leaves: authored, mirror, the host's copy of it
 constexpr double kStoredPointBytes = 330;  // a surface point with its state, in the store and in its indices
-// Of the mirror of distances, from its layout alone: leaf and the host's stamp of it, node and the host's copy of it.
+// Mirror of distances, from its layout alone: leaf and the host's stamp of it, node and the host's copy of it.
 constexpr double kDistanceLeafBytes = 2144 + 4, kDistanceNodeBytes = 33.9e3 + 16.9e3;
 // field.vdb: one float grid at a time, and the points in the order of its leaves. `surface` has several leaves per leaf
 // with a point.
@@ -33,16 +33,15 @@ constexpr double kPictureBytes = 100e6, kDrawnPointBytes = 38;  // preview.png
 // A surface point with three snapshots and no writer: BALM's 12 scans at 50 and 20 mm took 0.50 and 1.11 GB, of which
 // this predicts 1.08 and 1.01. While scans are fused, 65 MB more are in use than afterwards.
 constexpr double kLabelledPointBytes = 500, kFusingBytes = 65e6;
-// Program and libraries while the tool's tables are made. Ten runs with one scan of 300 returns and builtin:pruner,
-// from 10 mm and 0.29 GB to 1 mm (36 directions) and 2.3 GB: 190 MB were left of the peak. Without PCL's libraries it
-// is 133 to 138 MB: three runs at 10, 5 and 2 mm.
+// Program and libraries while the tool's tables are made: 133 to 138 MB of the peak of three runs with one scan of 300
+// returns and builtin:pruner at 10, 5 and 2 mm.
 constexpr double kFixedBeforeScansBytes = 142e6;
 
 constexpr double kLeafVoxels = 8, kNodesPerLeaf = 1.0 / 16;
 // A voxel's cell is half a voxel around its sample, so leaf k begins at voxel coordinate 8 k - 0.5.
 constexpr double kLeafShift = 0.5 / kLeafVoxels;
 // The cone and the band are cut into slabs this thick along the ray, and a leaf counts when a slab comes this near to
-// its outermost voxel centres. Of 2.5 .. 4.5 and 0 .. 0.5 the pair nearest to exact counts: -3 .. +10 %.
+// its outermost voxel centres. Among 2.5 .. 4.5 and 0 .. 0.5 this pair is nearest to exact counts: -3 .. +10 %.
 constexpr double kSlabVoxels = 3.5;
 constexpr double kReachVoxels = 0.25;
 // Makes truncation of a coordinate a floor, for every coordinate that the map can hold.
@@ -109,7 +108,7 @@ double peakBytes(double without_tool, const ToolTableBytes& tool) {
 MemoryPredictor::MemoryPredictor(const TsdfParams& params)
     : params_(params), per_leaf_(1.0 / (kLeafVoxels * params.voxel_size_m)) {}
 
-/// By the middle of a piece alone: pieces are small against a node.
+/// Counts the node of the middle only: pieces are small compared with a node.
 void MemoryPredictor::touchNode(const Eigen::Vector3d& centre) {
   const Eigen::Vector3d node = ((centre * per_leaf_).array() + kLeafShift) * kNodesPerLeaf;
   nodes_.add(hashOf(cell(node.x()), cell(node.y()), cell(node.z())));
