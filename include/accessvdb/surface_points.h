@@ -30,7 +30,7 @@ class ACCESSVDB_API SurfacePoints {
 };
 
 /// The points of a snapshot, which must live as long.
-class ACCESSVDB_API SnapshotPoints final : public SurfacePoints {
+class SnapshotPoints final : public SurfacePoints {
  public:
   explicit SnapshotPoints(const FieldSnapshot& snapshot) : snapshot_(snapshot) {}
   [[nodiscard]] std::size_t size() const override { return snapshot_.points.size(); }

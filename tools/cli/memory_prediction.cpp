@@ -16,7 +16,9 @@ namespace {
 // phase: BALM's 12 scans at 100, 50, 30, 20 and 12 mm (0.16 M points and 0.33 GB to 0.82 M and 3.3 GB) and KITTI's 5 at
 // 100 and 50 mm, on two cores. The predictor finds 12 % fewer leaves than there are, so these are 12 % more bytes than
 // a leaf has.
-constexpr double kFixedBytes = 155e6;                    // program, libraries, one scan
+constexpr double kFixedBytes = 70e6;  // program and libraries
+// Buffers of a scan and of the threads: 85 MB with the scans above, nothing with one of 400 returns.
+constexpr double kBufferBytesPerReturn = 850, kMostBufferBytes = 85e6;
 constexpr double kConeLeafBytes = 2500;                  // authored leaf with distances and weights, tree included
 constexpr double kBandLeafBytes = 300;                   // authored leaf with cleared flags only
 constexpr double kMirrorLeafBytes = 400;                 // NanoVDB leaf of the mirror, slack of its growth included
@@ -89,7 +91,8 @@ double DistinctCounter::estimate() const {
 
 double MemoryPrediction::bytes(RunOutput output, bool with_distances) const {
   const double distances = with_distances ? cone_leaves * kDistanceLeafBytes + nodes * kDistanceNodeBytes : 0;
-  const double map = kFixedBytes + cone_leaves * (kConeLeafBytes + kMirrorLeafBytes) +
+  const double buffers = std::min(kBufferBytesPerReturn * static_cast<double>(returns), kMostBufferBytes);
+  const double map = kFixedBytes + buffers + cone_leaves * (kConeLeafBytes + kMirrorLeafBytes) +
                      band_leaves * (kBandLeafBytes + kMirrorLeafBytes) + nodes * kNodeBytes + distances;
   if (output == RunOutput::Labels) return map + kFusingBytes + surface_points * kLabelledPointBytes;
   const double level_set = output == RunOutput::FieldWithSurface ? surface_leaves * kLevelSetLeafBytes : 0;

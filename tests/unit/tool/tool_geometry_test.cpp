@@ -207,7 +207,8 @@ TEST(ToolGeometry, AnAxisThatRunsTheWrongWayIsWarnedOfWithTheLikelyOne) {
 }
 
 TEST(ToolGeometry, BuiltInToolsAreNotWarnedOf) {
-  for (const char* name : {"builtin:pencil", "builtin:pruner"}) EXPECT_FALSE(hasNote(ToolGeometry::builtin(name), "warning")) << name;
+  for (const char* name : {"builtin:pencil", "builtin:pruner"})
+    EXPECT_FALSE(hasNote(ToolGeometry::builtin(name), "warning")) << name;
 }
 
 TEST(ToolGeometry, RefusesWhatIsNoSurface) {
