@@ -124,7 +124,10 @@ double smallestFittingVoxel_m(MapOptions options, const ToolGeometry& tool, std:
     const double middle_m = std::sqrt(low_m * high_m);
     (fits(middle_m) ? high_m : low_m) = middle_m;
   }
-  return roundedUp(high_m);
+  // Where a flat surface lies on a face of leaves, a slightly larger voxel may need a little more.
+  double voxel_m = roundedUp(high_m);
+  while (voxel_m < kVoxelMax_m && !fits(voxel_m)) voxel_m = roundedUp(1.02 * voxel_m);
+  return voxel_m;
 }
 
 }  // namespace
