@@ -13,8 +13,10 @@
 #if defined(ACCESSVDB_GRIDS_IN_LIBOPENVDB)
 extern template class openvdb::tree::Tree<openvdb::FloatTree::RootNodeType>;
 extern template class openvdb::tree::Tree<openvdb::BoolTree::RootNodeType>;
+extern template class openvdb::tree::Tree<openvdb::Int32Tree::RootNodeType>;
 extern template class openvdb::tree::Tree<openvdb::Vec3STree::RootNodeType>;
 extern template class openvdb::Grid<openvdb::FloatTree>;
 extern template class openvdb::Grid<openvdb::BoolTree>;
+extern template class openvdb::Grid<openvdb::Int32Tree>;
 extern template class openvdb::Grid<openvdb::Vec3STree>;
 #endif
