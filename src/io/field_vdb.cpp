@@ -18,7 +18,7 @@ constexpr float kScoreOfNone = -1.0f;
 
 bool keepAll(const SurfacePoint&) { return true; }
 
-/// What a grid's metadata says.
+/// What a grid's metadata says. Its words are part of the file's bytes.
 struct GridNotes {
   openvdb::GridClass grid_class;
   const char* unit;  ///< of the grid's values
@@ -82,7 +82,7 @@ openvdb::GridBase::Ptr FieldGrids::score() const {
   };
   return described(surface_.grid<openvdb::FloatGrid>("score", kScoreOfNone, keepAll, value),
                    {openvdb::GRID_UNKNOWN, "collisions",
-                    "fewest collisions of the tool in any direction; -1 if none was scored", false});
+                    "fewest collisions of the tool in any direction; -1 where none was scored", false});
 }
 
 openvdb::GridBase::Ptr FieldGrids::bestDirection() const {
@@ -111,7 +111,7 @@ std::vector<LazyGrid> FieldGrids::list() const {
                      return described(
                          volume_.distance(),
                          {openvdb::GRID_UNKNOWN, "m",
-                          "mean of the clamped signed distances, metres; not a level set: no zero crossing", true});
+                          "mean of the clamped signed distances, metres; no level set: no zero crossing", true});
                    }});
   grids.push_back({"weight", [this] {
                      return described(volume_.weight(),
