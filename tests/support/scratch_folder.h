@@ -18,6 +18,8 @@ class ScratchFolder {
     std::string pattern = (std::filesystem::temp_directory_path() / "accessvdb_io_XXXXXX").string();
     path_ = ::mkdtemp(pattern.data());
   }
+  ScratchFolder(const ScratchFolder&) = delete;
+  ScratchFolder& operator=(const ScratchFolder&) = delete;
   ~ScratchFolder() {
     std::error_code ignored;
     std::filesystem::remove_all(path_, ignored);

@@ -4,7 +4,6 @@
 #pragma once
 
 #include <gtest/gtest.h>
-#include <stdlib.h>
 
 #include <Eigen/Core>
 #include <cstring>
@@ -16,32 +15,19 @@
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "support/scratch_folder.h"
 
 namespace accessvdb::io::test {
 
-class TempFolder {
+/// A folder that tests fill with files.
+class TempFolder : public accessvdb::test::ScratchFolder {
  public:
-  TempFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "accessvdb_io_XXXXXX").string();
-    path_ = ::mkdtemp(name.data());
-  }
-  ~TempFolder() {
-    std::error_code error;
-    std::filesystem::remove_all(path_, error);
-  }
-  TempFolder(const TempFolder&) = delete;
-  TempFolder& operator=(const TempFolder&) = delete;
-  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-
   std::filesystem::path write(const std::filesystem::path& name, const std::string& bytes) const {
-    const std::filesystem::path path = path_ / name;
-    std::filesystem::create_directories(path.parent_path());
-    std::ofstream(path, std::ios::binary) << bytes;
-    return path;
+    const std::filesystem::path file = path() / name;
+    std::filesystem::create_directories(file.parent_path());
+    std::ofstream(file, std::ios::binary) << bytes;
+    return file;
   }
-
- private:
-  std::filesystem::path path_;
 };
 
 /// Appends the bytes of a number as stored on this (little-endian) machine.
