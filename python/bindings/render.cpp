@@ -46,8 +46,7 @@ void bindRender(py::module_& module) {
       py::arg("png"), py::arg("snapshot"), py::kw_only(), py::arg("width_px") = 1600, py::arg("height_px") = 1000,
       py::arg("view_W") = py::make_tuple(-1.0, -1.0, 0.8), py::arg("colour") = "label",
       "Draws the points. view_W: towards the viewer. colour: 'label' (green accessible, red blocked, grey not scored) "
-      "or "
-      "'reason' (why a point is not accessible).");
+      "or 'reason' (why a point is not accessible).");
   module.def(
       "render_tool",
       [](const std::filesystem::path& png, const ToolGeometry& tool, const py::object& width_px,
