@@ -268,9 +268,9 @@ int BenchRun::run() {
 
 int runBench(const Arguments& arguments, Messages& messages) {
   BenchOptions options;
-  CLI::App app;
-  addBenchOptions(app, options);
-  if (!parseCommandLine(app, arguments, options.map.common, messages)) return 0;
+  FlagParser flags;
+  addBenchOptions(flags, options);
+  if (!parseCommandLine(flags, arguments, options.map.common, messages)) return 0;
   return BenchRun(options, messages).run();
 }
 

@@ -17,46 +17,39 @@ constexpr int kMostFrames = 100'000, kMostPoints = 1'000'000;
 
 }  // namespace
 
-void addBenchOptions(CLI::App& app, BenchOptions& options) {
-  addCommonOptions(app, options.map.common, "bench",
-                   "Replays a simulated flight through pines timing every stage of every frame.",
-                   "accessvdb bench --scene pine --frames 600 --voxel 0.01 --out bench.json");
-  app.add_option("--scene", options.scene, "scene to fly through: pine")->capture_default_str();
-  app.add_option("--frames", options.frames, "number of scans, one update each")->capture_default_str();
-  app.add_option("--timed-frames", options.timed_frames, "number of last scans that the figures cover")
-      ->capture_default_str();
-  app.add_option("--min-surface-points", options.min_surface_points,
-                 "fail if the map has fewer points when the timed part begins")
-      ->capture_default_str();
-  app.add_flag("--shortest", options.shortest,
-               "begin the timed part as soon as --min-surface-points are reached; --frames is the limit");
-  app.add_option("--points-per-frame", options.points_per_frame, "exact number of returns per scan")
-      ->capture_default_str();
-  app.add_option("--sensor-rate", options.sensor_rate_hz, "scans per second")->capture_default_str();
-  app.add_option("--speed", options.speed_m_s, "flight speed, metres per second")->capture_default_str();
-  app.add_option("--range-noise", options.range_noise_m, "sigma of the ranges, simulated and assumed, metres")
-      ->capture_default_str();
-  app.add_option("--min-range", options.min_range_m, "nearer returns are lost, metres")->capture_default_str();
-  app.add_option("--max-range", options.max_range_m, "farther returns are lost, metres; the forest extends as far")
-      ->capture_default_str();
-  app.add_option("--solid-foliage", options.solid_foliage_m,
-                 "model shoots as solid bodies of this radius, metres, as a wide beam sees them; 0 = every needle")
-      ->capture_default_str();
-  app.add_option("--seed", options.seed, "seed of the forest and the noise")->capture_default_str();
+void addBenchOptions(FlagParser& flags, BenchOptions& options) {
+  flags.describe("bench", "Replays a simulated flight through pines timing every stage of every frame.",
+                 "accessvdb bench --scene pine --frames 600 --voxel 0.01 --out bench.json");
+  addCommonOptions(flags, options.map.common);
+  flags.option("--scene", &options.scene, "scene to fly through: pine");
+  flags.option("--frames", &options.frames, "number of scans, one update each");
+  flags.option("--timed-frames", &options.timed_frames, "number of last scans that the figures cover");
+  flags.option("--min-surface-points", &options.min_surface_points,
+               "fail if the map has fewer points when the timed part begins");
+  flags.flag("--shortest", options.shortest,
+             "begin the timed part as soon as --min-surface-points are reached; --frames is the limit");
+  flags.option("--points-per-frame", &options.points_per_frame, "exact number of returns per scan");
+  flags.option("--sensor-rate", &options.sensor_rate_hz, "scans per second");
+  flags.option("--speed", &options.speed_m_s, "flight speed, metres per second");
+  flags.option("--range-noise", &options.range_noise_m, "sigma of the ranges, simulated and assumed, metres");
+  flags.option("--min-range", &options.min_range_m, "nearer returns are lost, metres");
+  flags.option("--max-range", &options.max_range_m, "farther returns are lost, metres; the forest extends as far");
+  flags.option("--solid-foliage", &options.solid_foliage_m,
+               "model shoots as solid bodies of this radius, metres, as a wide beam sees them; 0 = every needle");
+  flags.option("--seed", &options.seed, "seed of the forest and the noise");
   options.map.tool.tool = "builtin:pruner";
-  addToolOptions(app, options.map.tool);
-  app.add_option("--voxel", options.map.voxel_m, "edge of a voxel in metres")->capture_default_str();
-  app.add_option("--tau", options.map.tau, "truncation distance in metres, or in voxels (4v); default by rule");
-  app.add_option("--profile", options.map.profile, "product or paper")->capture_default_str();
-  app.add_option("--policy", options.map.policy, "how points to be scored again are chosen: exact or paper");
-  app.add_option("--budget-points", options.budget_points, "most points scored per update; 0 = no limit")
-      ->capture_default_str();
-  app.add_option("--directions", options.map.directions, "approach directions over 360 degrees, 4 .. 256");
-  app.add_option("--knn", options.map.knn, "neighbours of a normal; default by rule");
-  app.add_option("--corridor", options.map.corridor_m, "length of the straight corridor that must be free, metres");
-  addMirrorOption(app, options.map);
-  app.add_option("--per-frame", options.per_frame, "CSV file for the figures of every frame");
-  app.add_option("--out", options.out, "JSON file for the figures; default: standard output");
+  addToolOptions(flags, options.map.tool);
+  flags.option("--voxel", &options.map.voxel_m, "edge of a voxel in metres");
+  flags.option("--tau", &options.map.tau, "truncation distance in metres, or in voxels (4v); default by rule");
+  flags.option("--profile", &options.map.profile, "product or paper");
+  flags.option("--policy", &options.map.policy, "how points to be scored again are chosen: exact or paper");
+  flags.option("--budget-points", &options.budget_points, "most points scored per update; 0 = no limit");
+  flags.option("--directions", &options.map.directions, "approach directions over 360 degrees, 4 .. 256");
+  flags.option("--knn", &options.map.knn, "neighbours of a normal; default by rule");
+  flags.option("--corridor", &options.map.corridor_m, "length of the straight corridor that must be free, metres");
+  addMirrorOption(flags, options.map);
+  flags.option("--per-frame", &options.per_frame, "CSV file for the figures of every frame");
+  flags.option("--out", &options.out, "JSON file for the figures; default: standard output");
 }
 
 void checkBenchOptions(const BenchOptions& options) {

@@ -22,7 +22,7 @@ struct BenchOptions {
   bool shortest = false;
 };
 
-void addBenchOptions(CLI::App& app, BenchOptions& options);
+void addBenchOptions(FlagParser& flags, BenchOptions& options);
 
 /// Checks what the flags alone determine. @throws InvalidArgument, DeviceError
 void checkBenchOptions(const BenchOptions& options);

@@ -21,13 +21,6 @@ namespace {
 
 constexpr const char* kVerbs[] = {"map", "evaluate", "simulate", "bench", "info", "query", "render"};
 
-std::string verbOf(const CLI::App& app) { return app.get_name().substr(app.get_name().find(' ') + 1); }
-
-[[noreturn]] void throwUsage(const CLI::App& app, std::string problem) {
-  while (!problem.empty() && (problem.back() == '.' || problem.back() == '\n')) problem.pop_back();
-  throw InvalidArgument("usage.option", verbOf(app), problem, "See accessvdb " + verbOf(app) + " --help");
-}
-
 /// A TOML value as the text that would follow the flag; [1, 2, 3] becomes 1,2,3.
 std::optional<std::string> flagText(const toml::node& node) {
   if (const auto* text = node.as_string()) return text->get();
@@ -50,38 +43,33 @@ std::optional<std::string> flagText(const toml::node& node) {
   return out.str();
 }
 
-CLI::Option* findOption(CLI::App& app, const std::string& key) {
-  const bool refused = key == "config" || key == "print-config" || key == "help";
-  return refused ? nullptr : app.get_option_no_throw("--" + key);
+bool isConfigKey(const FlagParser& flags, const std::string& key) {
+  return key != "config" && key != "print-config" && key != "help" && flags.has(key);
 }
 
-void applyTable(CLI::App& app, const std::string& file, const toml::table& table, bool strict) {
+void applyTable(FlagParser& flags, const std::string& file, const toml::table& table, bool strict) {
   for (const auto& [toml_key, node] : table) {
     const std::string key(toml_key.str());
     if (node.is_table()) {
       if (std::find(std::begin(kVerbs), std::end(kVerbs), key) == std::end(kVerbs) || strict) {
-        throw InvalidArgument("config.table", file, "[" + key + "] is not a verb", "Use [" + verbOf(app) + "]");
+        throw InvalidArgument("config.table", file, "[" + key + "] is not a verb", "Use [" + flags.verb() + "]");
       }
       continue;
     }
-    CLI::Option* option = findOption(app, key);
-    if (option == nullptr) {
-      throw InvalidArgument("config.key", file, "\"" + key + "\" is not an option of accessvdb " + verbOf(app),
-                            "Keys are the flags without the dashes; see accessvdb " + verbOf(app) + " --help");
+    if (!isConfigKey(flags, key)) {
+      throw InvalidArgument("config.key", file, "\"" + key + "\" is not an option of accessvdb " + flags.verb(),
+                            "Keys are the flags without the dashes; see accessvdb " + flags.verb() + " --help");
     }
-    if (option->count() > 0) continue;  // a flag wins over any key, a key of [verb] over a top-level one
+    if (flags.isSet(key)) continue;  // a flag wins over any key, a key of [verb] over a top-level one
     const auto text = flagText(node);
     if (!text) throw InvalidArgument("config.value", file, "\"" + key + "\" has a value of the wrong kind");
-    try {
-      option->add_result(*text);
-      option->run_callback();
-    } catch (const CLI::ParseError& error) {
-      throw InvalidArgument("config.value", file, "\"" + key + "\": " + error.what());
+    if (const auto problem = flags.set(key, *text)) {
+      throw InvalidArgument("config.value", file, "\"" + key + "\": " + *problem);
     }
   }
 }
 
-void applyConfig(CLI::App& app, const std::string& file) {
+void applyConfig(FlagParser& flags, const std::string& file) {
   std::ifstream in(file);
   if (in.is_open() && in.peek() == std::ifstream::traits_type::eof() && in.bad()) errno = EISDIR;
   if (!in.is_open() || in.bad()) {
@@ -96,34 +84,26 @@ void applyConfig(CLI::App& app, const std::string& file) {
     problem << "line " << error.source().begin.line << " is not TOML: " << error.description();
     throw InvalidArgument("config.syntax", file, problem.str(), "Write key = value, with text in quotes");
   }
-  if (const toml::table* own = table[verbOf(app)].as_table()) applyTable(app, file, *own, true);
-  applyTable(app, file, table, false);
+  if (const toml::table* own = table[flags.verb()].as_table()) applyTable(flags, file, *own, true);
+  applyTable(flags, file, table, false);
 }
 
 }  // namespace
 
-void addCommonOptions(CLI::App& app, CommonOptions& options, const std::string& verb, const std::string& purpose,
-                      const std::string& example) {
-  app.name("accessvdb " + verb);
-  app.description(purpose);
-  app.footer("Example:\n  " + example);
-  app.add_option("--device", options.device, "where scoring runs: auto, cpu or cuda")->capture_default_str();
-  app.add_option("--threads", options.threads, "threads to use; 0 = all")->capture_default_str();
-  app.add_option("--config", options.config, "TOML file with the same names as the flags; flags take precedence");
-  app.add_flag("--quiet", options.quiet, "only errors and warnings on stderr");
-  app.add_option("--error-format", options.error_format, "how stderr is written: text or json")->capture_default_str();
+void addCommonOptions(FlagParser& flags, CommonOptions& options) {
+  flags.option("--device", &options.device, "where scoring runs: auto, cpu or cuda");
+  flags.option("--threads", &options.threads, "threads to use; 0 = all");
+  flags.option("--config", &options.config, "TOML file with the same names as the flags; flags take precedence");
+  flags.flag("--quiet", options.quiet, "only errors and warnings on stderr");
+  flags.option("--error-format", &options.error_format, "how stderr is written: text or json");
 }
 
-bool parseCommandLine(CLI::App& app, const Arguments& arguments, const CommonOptions& options, Messages& messages) {
-  try {
-    app.parse(Arguments(arguments.rbegin(), arguments.rend()));
-  } catch (const CLI::CallForHelp&) {
-    printData(app.help());
+bool parseCommandLine(FlagParser& flags, const Arguments& arguments, const CommonOptions& options, Messages& messages) {
+  if (!flags.parse(arguments)) {
+    printData(flags.help());
     return false;
-  } catch (const CLI::ParseError& error) {
-    throwUsage(app, error.what());
   }
-  if (!options.config.empty()) applyConfig(app, options.config);
+  if (!options.config.empty()) applyConfig(flags, options.config);
   messages.setQuiet(options.quiet);
   return true;
 }
@@ -145,30 +125,29 @@ void checkCommonOptions(const CommonOptions& options) {
 #endif
 }
 
-std::string effectiveConfig(const CLI::App& app) {
+std::string effectiveConfig(const FlagParser& flags) {
   toml::table values;
-  for (const CLI::Option* option : app.get_options()) {
-    const std::string name = option->get_single_name();
-    if (option->get_lnames().empty() || name == "help" || name == "config" || name == "print-config") continue;
-    if (option->get_expected_max() == 0) {
-      values.insert(name, option->count() > 0 && option->as<bool>());
+  for (const auto& [key, value] : flags.settings()) {
+    if (key == "config" || key == "print-config") continue;
+    if (const bool* on = std::get_if<bool>(&value)) {
+      values.insert(key, *on);
       continue;
     }
-    const std::string text = option->count() > 0 ? option->results().front() : option->get_default_str();
+    const std::string& text = std::get<std::string>(value);
     if (text.empty()) continue;
     std::int64_t integer = 0;
     double real = 0;
     const char* end = text.data() + text.size();
     if (auto parsed = std::from_chars(text.data(), end, integer); parsed.ec == std::errc() && parsed.ptr == end) {
-      values.insert(name, integer);
+      values.insert(key, integer);
     } else if (auto number = std::from_chars(text.data(), end, real); number.ec == std::errc() && number.ptr == end) {
-      values.insert(name, real);
+      values.insert(key, real);
     } else {
-      values.insert(name, text);
+      values.insert(key, text);
     }
   }
   std::ostringstream out;
-  out << "[" << verbOf(app) << "]\n" << values << "\n";
+  out << "[" << flags.verb() << "]\n" << values << "\n";
   return out.str();
 }
 

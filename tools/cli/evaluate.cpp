@@ -62,24 +62,25 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   std::vector<std::string> tables;
   std::string out, cache;
   bool no_pictures = false, consistency = false;  // handled above
-  CLI::App app;
-  addCommonOptions(app, common, "evaluate",
-                   "Simulates the scenes of the paper's tables, maps them, and compares every label with exact ground "
-                   "truth.",
-                   "accessvdb evaluate --table fast --out out/eval");
-  app.add_option("--table", tables,
-                 "which tables: " + tableList() +
-                     "; several with commas. all: every table but the "
-                     "pine; fast: a few rows, in less than a minute on an idle machine")
-      ->delimiter(',');
-  app.add_option("--out", out, "folder for tables.json, tables.md and the pictures");
-  app.add_option("--scan-cache", cache,
-                 "folder that keeps simulated scans between runs; they are made again when they no "
-                 "longer match");
-  app.add_flag("--no-pictures", no_pictures, "leave out the pictures of the scenes");
-  app.add_flag("--consistency", consistency,
-               "compare recorded scans with themselves instead; see evaluate --consistency --help");
-  if (!parseCommandLine(app, arguments, common, messages)) return 0;
+  FlagParser flags;
+  flags.describe("evaluate",
+                 "Simulates the scenes of the paper's tables, maps them, and compares every label with exact ground "
+                 "truth.",
+                 "accessvdb evaluate --table fast --out out/eval");
+  addCommonOptions(flags, common);
+  flags.list("--table", tables,
+             "which tables: " + tableList() +
+                 "; several with commas. all: every table but the "
+                 "pine; fast: a few rows, in less than a minute on an idle machine",
+             ',');
+  flags.option("--out", &out, "folder for tables.json, tables.md and the pictures");
+  flags.option("--scan-cache", &cache,
+               "folder that keeps simulated scans between runs; they are made again when they no "
+               "longer match");
+  flags.flag("--no-pictures", no_pictures, "leave out the pictures of the scenes");
+  flags.flag("--consistency", consistency,
+             "compare recorded scans with themselves instead; see evaluate --consistency --help");
+  if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
   if (tables.empty()) {
     throw InvalidArgument("usage.missing", "--table", "is missing; the tables are " + tableList(),

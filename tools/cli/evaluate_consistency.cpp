@@ -30,17 +30,17 @@ using eval::ConsistencyResult;
 using eval::LabelAgreement;
 
 /// The flags of `map` that say what is mapped and how; the others do not apply here.
-void addConsistencyOptions(CLI::App& app, MapOptions& options, bool& consistency) {
-  addCommonOptions(
-      app, options.common, "evaluate --consistency",
-      "Compares labels from half of the scans with those from the other half and from all scans.",
-      "accessvdb evaluate --consistency --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.05 "
-      "--out out/");
-  app.add_flag("--consistency", consistency, "compare recorded scans with themselves");
-  app.add_option("--scans", options.scans, "folder of .pcd, .ply, .bin or .las scans, or one ray cloud");
-  app.add_option("--poses", options.poses, "pose file; may be omitted for VIEWPOINT poses and ray clouds");
-  addMappingOptions(app, options);
-  app.add_option("--out", options.out, "folder for consistency.json and consistency.md");
+void addConsistencyOptions(FlagParser& flags, MapOptions& options, bool& consistency) {
+  flags.describe("evaluate --consistency",
+                 "Compares labels from half of the scans with those from the other half and from all scans.",
+                 "accessvdb evaluate --consistency --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.05 "
+                 "--out out/");
+  addCommonOptions(flags, options.common);
+  flags.flag("--consistency", consistency, "compare recorded scans with themselves");
+  flags.option("--scans", &options.scans, "folder of .pcd, .ply, .bin or .las scans, or one ray cloud");
+  flags.option("--poses", &options.poses, "pose file; may be omitted for VIEWPOINT poses and ray clouds");
+  addMappingOptions(flags, options);
+  flags.option("--out", &options.out, "folder for consistency.json and consistency.md");
 }
 
 double round2(double percent) { return std::round(percent * 100) / 100; }
@@ -202,9 +202,9 @@ bool wantsConsistency(const Arguments& arguments) {
 int runConsistency(const Arguments& arguments, Messages& messages) {
   MapOptions options;
   bool consistency = false;
-  CLI::App app;
-  addConsistencyOptions(app, options, consistency);
-  if (!parseCommandLine(app, arguments, options.common, messages)) return 0;
+  FlagParser flags;
+  addConsistencyOptions(flags, options, consistency);
+  if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkOptions(options);
   io::prepareOutputFolder(options.out);
   watchStopSignals();

@@ -15,16 +15,13 @@ constexpr std::size_t kMinDigits = 4;
 
 }  // namespace
 
-void addExportOptions(CLI::App& app, ExportOptions& options) {
-  app.add_flag("--half", options.half, "16-bit floats in the .vdb files (score and weight keep 32 bits)");
-  app.add_option("--compression", options.compression, "compression of the .vdb files: auto, blosc, zip or none")
-      ->capture_default_str();
-  app.add_option("--up-axis", options.up_axis, "up axis of the .vdb files: z, or y for Houdini; points.ply stays z up")
-      ->capture_default_str();
-  app.add_flag("--surface", options.surface, "add `surface`, a level set of the scanned surface, to field.vdb");
-  app.add_option("--sequence", options.sequence,
-                 "also write field_0001.vdb, field_0002.vdb, ... while the map grows, one per n scans; 0 = none")
-      ->capture_default_str();
+void addExportOptions(FlagParser& flags, ExportOptions& options) {
+  flags.flag("--half", options.half, "16-bit floats in the .vdb files (score and weight keep 32 bits)");
+  flags.option("--compression", &options.compression, "compression of the .vdb files: auto, blosc, zip or none");
+  flags.option("--up-axis", &options.up_axis, "up axis of the .vdb files: z, or y for Houdini; points.ply stays z up");
+  flags.flag("--surface", options.surface, "add `surface`, a level set of the scanned surface, to field.vdb");
+  flags.option("--sequence", &options.sequence,
+               "also write field_0001.vdb, field_0002.vdb, ... while the map grows, one per n scans; 0 = none");
 }
 
 io::WriteOptions writeOptions(const ExportOptions& options) {

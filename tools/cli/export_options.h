@@ -3,11 +3,11 @@
 /// The flags of `map` for writing .vdb files, and the frames of a sequence.
 #pragma once
 
-#include <CLI/App.hpp>
 #include <filesystem>
 #include <string>
 
 #include "accessvdb/field_export.h"
+#include "flag_parser.h"
 
 namespace accessvdb::tools {
 
@@ -17,7 +17,7 @@ struct ExportOptions {
   int sequence = 0;  ///< scans per frame; 0 = no sequence
 };
 
-void addExportOptions(CLI::App& app, ExportOptions& options);
+void addExportOptions(FlagParser& flags, ExportOptions& options);
 
 /// @throws InvalidArgument for an unknown word, or a codec that is not available
 [[nodiscard]] io::WriteOptions writeOptions(const ExportOptions& options);

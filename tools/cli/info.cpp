@@ -120,12 +120,13 @@ int runInfo(const Arguments& arguments, Messages& messages) {
   CommonOptions common;
   std::string path;
   bool json = false;
-  CLI::App app;
-  addCommonOptions(app, common, "info", "Shows what is inside a .vdb file or an output folder of accessvdb map.",
-                   "accessvdb info out/ --json");
-  app.add_option("path", path, "FILE.vdb or DIR");
-  app.add_flag("--json", json, "as JSON");
-  if (!parseCommandLine(app, arguments, common, messages)) return 0;
+  FlagParser flags;
+  flags.describe("info", "Shows what is inside a .vdb file or an output folder of accessvdb map.",
+                 "accessvdb info out/ --json");
+  addCommonOptions(flags, common);
+  flags.option("path", &path, "FILE.vdb or DIR");
+  flags.flag("--json", json, "as JSON");
+  if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 
   if (path.empty())

@@ -319,13 +319,13 @@ void MapRun::reportFailure(const Failure& failure) {
 
 int runMap(const Arguments& arguments, Messages& messages) {
   MapOptions options;
-  CLI::App app;
-  addMapOptions(app, options);
-  if (!parseCommandLine(app, arguments, options.common, messages)) return 0;
+  FlagParser flags;
+  addMapOptions(flags, options);
+  if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   if (options.print_config) {
     checkCommonOptions(options.common);
     std::string text =
-        "# accessvdb map: effective configuration, readable by --config\n" + effectiveConfig(app) +
+        "# accessvdb map: effective configuration, readable by --config\n" + effectiveConfig(flags) +
         "\n# What follows from it, rules applied (a range noise recorded next to the scans changes it):\n";
     std::istringstream lines(fieldParams(options).describe());
     for (std::string line; std::getline(lines, line);) text += "#   " + line + "\n";

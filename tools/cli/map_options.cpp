@@ -38,50 +38,49 @@ constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
 
 }  // namespace
 
-void addMappingOptions(CLI::App& app, MapOptions& options) {
-  app.add_option("--pose-format", options.pose_format, "auto, tum, kitti, balm, hba or viewpoint")
-      ->capture_default_str();
-  app.add_option("--calib", options.calib, "KITTI calib.txt, if the poses are the camera's");
-  addToolOptions(app, options.tool);
-  app.add_option("--voxel", options.voxel_m, "edge of a voxel in metres")->capture_default_str();
-  app.add_option("--min-range", options.min_range_m, "drop returns nearer than this, metres");
-  app.add_option("--max-range", options.max_range_m, "drop returns beyond this, metres");
-  app.add_option("--range-noise", options.range_noise_m,
-                 "sigma of the sensor's range noise, metres; default: recorded next to the scans, else 0.02");
-  app.add_option("--tau", options.tau, "truncation distance in metres, or in voxels (4v)");
-  app.add_option("--profile", options.profile, "product or paper")->capture_default_str();
-  app.add_option("--directions", options.directions, "approach directions over 360 degrees, 4 .. 256");
-  app.add_option("--knn", options.knn, "neighbours of a normal; default by rule");
-  app.add_option("--every", options.every, "use every n-th scan")->capture_default_str();
-  app.add_flag("--allow-truncated", options.allow_truncated, "keep the complete records of truncated files");
-  app.add_flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
+void addMappingOptions(FlagParser& flags, MapOptions& options) {
+  flags.option("--pose-format", &options.pose_format, "auto, tum, kitti, balm, hba or viewpoint");
+  flags.option("--calib", &options.calib, "KITTI calib.txt, if the poses are the camera's");
+  addToolOptions(flags, options.tool);
+  flags.option("--voxel", &options.voxel_m, "edge of a voxel in metres");
+  flags.option("--min-range", &options.min_range_m, "drop returns nearer than this, metres");
+  flags.option("--max-range", &options.max_range_m, "drop returns beyond this, metres");
+  flags.option("--range-noise", &options.range_noise_m,
+               "sigma of the sensor's range noise, metres; default: recorded next to the scans, else 0.02");
+  flags.option("--tau", &options.tau, "truncation distance in metres, or in voxels (4v)");
+  flags.option("--profile", &options.profile, "product or paper");
+  flags.option("--directions", &options.directions, "approach directions over 360 degrees, 4 .. 256");
+  flags.option("--knn", &options.knn, "neighbours of a normal; default by rule");
+  flags.option("--every", &options.every, "use every n-th scan");
+  flags.flag("--allow-truncated", options.allow_truncated, "keep the complete records of truncated files");
+  flags.flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
 }
 
-void addMirrorOption(CLI::App& app, MapOptions& options) {
-  app.add_flag("--mirror-distance", options.mirror_distance,
-               "also keep a live mirror of the distances, for your own kernels; no result depends on it");
+void addMirrorOption(FlagParser& flags, MapOptions& options) {
+  flags.flag("--mirror-distance", options.mirror_distance,
+             "also keep a live mirror of the distances, for your own kernels; no result depends on it");
 }
 
-void addMapOptions(CLI::App& app, MapOptions& options) {
-  addCommonOptions(
-      app, options.common, "map", "Scans + poses + tool -> accessibility field.",
+void addMapOptions(FlagParser& flags, MapOptions& options) {
+  flags.describe(
+      "map", "Scans + poses + tool -> accessibility field.",
       "accessvdb map --scans scans/ --poses poses.txt --tool pruner.stl --tool-unit mm --voxel 0.02 --out out/\n"
       "  accessvdb map --scans cloud.ply --sensor-at 0,0,1.5 --tool builtin:pencil --out out/");
-  app.add_option("--scans", options.scans, "folder of .pcd, .ply, .bin or .las scans, or one file");
-  app.add_option("--poses", options.poses, "pose file; may be omitted for VIEWPOINT poses, ray clouds and --sensor-at");
-  app.add_option("--sensor-at", options.sensor_at, "X,Y,Z of the one sensor position of one cloud in the world frame");
-  addMappingOptions(app, options);
-  app.add_option("--out", options.out, "folder for field.vdb, field_points.vdb, points.ply, report.json, preview.png");
-  app.add_option("--policy", options.policy, "how points to be scored again are chosen: exact or paper");
-  app.add_option("--corridor", options.corridor_m, "length of the straight corridor that must be free, metres");
-  app.add_option("--update-every", options.update_every, "score after every n scans; 0 = once at the end")
-      ->capture_default_str();
-  app.add_option("--max-memory", options.max_memory, "limit on memory, for example 2G or 500M");
-  app.add_flag("--no-clobber", options.no_clobber, "refuse to overwrite existing outputs");
-  addMirrorOption(app, options);
-  addExportOptions(app, options.exported);
-  addPictureOptions(app, options.picture);
-  app.add_flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
+  addCommonOptions(flags, options.common);
+  flags.option("--scans", &options.scans, "folder of .pcd, .ply, .bin or .las scans, or one file");
+  flags.option("--poses", &options.poses, "pose file; may be omitted for VIEWPOINT poses, ray clouds and --sensor-at");
+  flags.option("--sensor-at", &options.sensor_at, "X,Y,Z of the one sensor position of one cloud in the world frame");
+  addMappingOptions(flags, options);
+  flags.option("--out", &options.out, "folder for field.vdb, field_points.vdb, points.ply, report.json, preview.png");
+  flags.option("--policy", &options.policy, "how points to be scored again are chosen: exact or paper");
+  flags.option("--corridor", &options.corridor_m, "length of the straight corridor that must be free, metres");
+  flags.option("--update-every", &options.update_every, "score after every n scans; 0 = once at the end");
+  flags.option("--max-memory", &options.max_memory, "limit on memory, for example 2G or 500M");
+  flags.flag("--no-clobber", options.no_clobber, "refuse to overwrite existing outputs");
+  addMirrorOption(flags, options);
+  addExportOptions(flags, options.exported);
+  addPictureOptions(flags, options.picture);
+  flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
 }
 
 void checkMapOptions(const MapOptions& options) {

@@ -28,13 +28,13 @@ struct MapOptions {
   bool allow_truncated = false, sort_poses = false, no_clobber = false, print_config = false, mirror_distance = false;
 };
 
-void addMapOptions(CLI::App& app, MapOptions& options);
+void addMapOptions(FlagParser& flags, MapOptions& options);
 
 /// Adds the flags for reading and mapping scans, for every verb that maps scans.
-void addMappingOptions(CLI::App& app, MapOptions& options);
+void addMappingOptions(FlagParser& flags, MapOptions& options);
 
 /// Adds the flag for the mirror of distances, for every verb that keeps a field.
-void addMirrorOption(CLI::App& app, MapOptions& options);
+void addMirrorOption(FlagParser& flags, MapOptions& options);
 
 /// Checks what the flags alone determine. @throws InvalidArgument, DeviceError
 void checkMapOptions(const MapOptions& options);

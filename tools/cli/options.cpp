@@ -102,13 +102,13 @@ std::string numberText(double value) {
   return text;
 }
 
-void addToolOptions(CLI::App& app, ToolOptions& options) {
-  app.add_option("--tool", options.tool, "tool mesh, or builtin:pencil or builtin:pruner");
-  app.add_option("--tool-unit", options.unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
-  app.add_option("--tool-tip", options.tip, "X,Y,Z of the tool's tip, in the mesh's own units and frame");
-  app.add_option("--tool-axis", options.axis,
-                 "direction from the tip along the body, in the mesh's frame: X,Y,Z or x, -x, y ...");
-  app.add_option("--tool-up", options.up, "direction that becomes up, in the mesh's frame: X,Y,Z or x, -x, y ...");
+void addToolOptions(FlagParser& flags, ToolOptions& options) {
+  flags.option("--tool", &options.tool, "tool mesh, or builtin:pencil or builtin:pruner");
+  flags.option("--tool-unit", &options.unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
+  flags.option("--tool-tip", &options.tip, "X,Y,Z of the tool's tip, in the mesh's own units and frame");
+  flags.option("--tool-axis", &options.axis,
+               "direction from the tip along the body, in the mesh's frame: X,Y,Z or x, -x, y ...");
+  flags.option("--tool-up", &options.up, "direction that becomes up, in the mesh's frame: X,Y,Z or x, -x, y ...");
 }
 
 ToolGeometry loadTool(const ToolOptions& options) {
@@ -164,12 +164,11 @@ std::string toolInWords(const ToolGeometry& tool, const ToolOptions& options) {
   return line;
 }
 
-void addPictureOptions(CLI::App& app, PictureOptions& options) {
-  app.add_option("--view", options.view, "top, iso, or X,Y,Z towards the viewer")->capture_default_str();
-  app.add_option("--colour", options.colour, "colour of the points: label, or reason (why a point is not accessible)")
-      ->capture_default_str();
-  app.add_option("--width", options.width_px, "width of the picture in pixels")->capture_default_str();
-  app.add_option("--height", options.height_px, "height of the picture in pixels")->capture_default_str();
+void addPictureOptions(FlagParser& flags, PictureOptions& options) {
+  flags.option("--view", &options.view, "top, iso, or X,Y,Z towards the viewer");
+  flags.option("--colour", &options.colour, "colour of the points: label, or reason (why a point is not accessible)");
+  flags.option("--width", &options.width_px, "width of the picture in pixels");
+  flags.option("--height", &options.height_px, "height of the picture in pixels");
 }
 
 io::RenderOptions renderOptions(const PictureOptions& options) {

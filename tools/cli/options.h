@@ -3,7 +3,6 @@
 /// Option texts turned into values with units, and the tool and picture flags shared by several verbs.
 #pragma once
 
-#include <CLI/App.hpp>
 #include <Eigen/Core>
 #include <cstdint>
 #include <optional>
@@ -12,6 +11,7 @@
 #include "accessvdb/render.h"
 #include "accessvdb/tool_geometry.h"
 #include "error_output.h"
+#include "flag_parser.h"
 
 namespace accessvdb::tools {
 
@@ -31,7 +31,7 @@ namespace accessvdb::tools {
 struct ToolOptions {
   std::string tool, unit, tip, axis, up;
 };
-void addToolOptions(CLI::App& app, ToolOptions& options);
+void addToolOptions(FlagParser& flags, ToolOptions& options);
 /// @throws what ToolGeometry::fromMesh throws; InvalidArgument for a bad flag
 [[nodiscard]] ToolGeometry loadTool(const ToolOptions& options);
 /// Its repairs as notices; what looks like a wrong tip or axis as warnings.
@@ -43,7 +43,7 @@ struct PictureOptions {
   std::string view = "iso", colour = "label";
   int width_px = 1600, height_px = 1000;
 };
-void addPictureOptions(CLI::App& app, PictureOptions& options);
+void addPictureOptions(FlagParser& flags, PictureOptions& options);
 /// @throws InvalidArgument
 [[nodiscard]] io::RenderOptions renderOptions(const PictureOptions& options);
 

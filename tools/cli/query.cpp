@@ -80,15 +80,15 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   std::string map, points_file;
   std::vector<std::string> at;
   bool json = false;
-  CLI::App app;
-  addCommonOptions(app, common, "query",
-                   "Prints label, reason, best direction, score, confidence and distance at points.",
-                   "accessvdb query --map out/ --at 1.2,-0.4,0.9 --json");
-  app.add_option("--map", map, "output folder of accessvdb map");
-  app.add_option("--at", at, "X,Y,Z in the world frame, metres; may be repeated")->allow_extra_args(false);
-  app.add_option("--points", points_file, "text file, one \"x y z\" or \"x,y,z\" per line");
-  app.add_flag("--json", json, "answer as a JSON array");
-  if (!parseCommandLine(app, arguments, common, messages)) return 0;
+  FlagParser flags;
+  flags.describe("query", "Prints label, reason, best direction, score, confidence and distance at points.",
+                 "accessvdb query --map out/ --at 1.2,-0.4,0.9 --json");
+  addCommonOptions(flags, common);
+  flags.option("--map", &map, "output folder of accessvdb map");
+  flags.list("--at", at, "X,Y,Z in the world frame, metres; may be repeated");
+  flags.option("--points", &points_file, "text file, one \"x y z\" or \"x,y,z\" per line");
+  flags.flag("--json", json, "answer as a JSON array");
+  if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 
   if (map.empty())

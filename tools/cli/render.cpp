@@ -18,15 +18,16 @@ int runRender(const Arguments& arguments, Messages& messages) {
   ToolOptions tool_options;
   PictureOptions picture;
   std::string map, out;
-  CLI::App app;
-  addCommonOptions(app, common, "render", "Draws a field, or a tool in its frame (tip, axes, size), into a PNG file.",
-                   "accessvdb render --map out/ --out top.png --view top\n"
-                   "  accessvdb render --tool pruner.stl --tool-unit mm --tool-tip -100,0,0 --out tool.png");
-  app.add_option("--map", map, "output folder of accessvdb map");
-  app.add_option("--out", out, "the PNG file to write");
-  addPictureOptions(app, picture);
-  addToolOptions(app, tool_options);
-  if (!parseCommandLine(app, arguments, common, messages)) return 0;
+  FlagParser flags;
+  flags.describe("render", "Draws a field, or a tool in its frame (tip, axes, size), into a PNG file.",
+                 "accessvdb render --map out/ --out top.png --view top\n"
+                 "  accessvdb render --tool pruner.stl --tool-unit mm --tool-tip -100,0,0 --out tool.png");
+  addCommonOptions(flags, common);
+  flags.option("--map", &map, "output folder of accessvdb map");
+  flags.option("--out", &out, "the PNG file to write");
+  addPictureOptions(flags, picture);
+  addToolOptions(flags, tool_options);
+  if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 
   if (map.empty() == tool_options.tool.empty()) {

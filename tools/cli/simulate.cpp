@@ -61,9 +61,9 @@ ordered_json describe(const SimulateOptions& options, const SceneView& view, con
 
 int runSimulate(const Arguments& arguments, Messages& messages) {
   SimulateOptions options;
-  CLI::App app;
-  addSimulateOptions(app, options);
-  if (!parseCommandLine(app, arguments, options.common, messages)) return 0;
+  FlagParser flags;
+  addSimulateOptions(flags, options);
+  if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkSimulateOptions(options);
   watchStopSignals();
 

@@ -132,40 +132,36 @@ SimulatedPath pathAroundObject(const SimulateOptions& options, const SceneView& 
 
 }  // namespace
 
-void addSimulateOptions(CLI::App& app, SimulateOptions& options) {
-  addCommonOptions(app, options.common, "simulate",
-                   "Simulates scans of a scene: PCD scans, TUM poses, the mesh and a description.",
-                   "accessvdb simulate --scene torus --out torus/\n"
-                   "  accessvdb map --scans torus/scans --poses torus/poses.txt --tool builtin:pencil --voxel 0.002 "
-                   "--out out/\n"
-                   "  accessvdb simulate --scene part.stl --mesh-unit mm --trajectory orbit --frames 100 --out part/");
-  app.add_option("--scene", options.scene,
-                 "torus, sphere, box, wall, ring, pine, a scene from the tables (sphere_a, sphere_b, unseen_1 to "
-                 "unseen_6), or a mesh file");
-  app.add_option("--mesh-unit", options.mesh_unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
-  app.add_option("--voxel", options.voxel_m, "ring: the radius of its tube is 1.5 such voxels, metres")
-      ->capture_default_str();
-  app.add_option("--tree-height", options.tree_height_m, "pine: height of the tree, metres")->capture_default_str();
-  app.add_option("--sensor", options.sensor, "mid360 (20000 rays, non-repetitive) or spinning (64 x 1024)")
-      ->capture_default_str();
-  app.add_option("--trajectory", options.trajectory,
-                 "orbit, helix, walk, or a file of TUM poses; default: the scene's own (docs/PAPER.md)");
-  app.add_option("--frames", options.frames, "number of scans; default: the scene's own, or all poses of the file");
-  app.add_option("--radius", options.radius_m, "distance of the path from the object's middle, metres");
-  app.add_option("--height", options.height_m,
-                 "height of an orbit or walk above the object's middle, metres; a helix goes from -height to height");
-  app.add_option("--turns", options.turns, "turns of a helix, up to 1000; negative: in the opposite direction");
-  app.add_option("--begin", options.begin, "X,Y,Z where a walk begins");
-  app.add_option("--end", options.end, "X,Y,Z where a walk ends");
-  app.add_option("--pitch", options.pitch_deg, "walk: nose down by this angle, degrees")->capture_default_str();
-  app.add_option("--seed", options.seed, "seed of noise, dropouts and the pine; the same seed gives the same bytes")
-      ->capture_default_str();
-  app.add_option("--range-noise", options.range_noise_m, "standard deviation of the ranges, metres")
-      ->capture_default_str();
-  app.add_option("--dropout", options.dropout, "share of returns that are lost, 0 to 1")->capture_default_str();
-  app.add_option("--min-range", options.min_range_m, "nearer returns are lost, metres")->capture_default_str();
-  app.add_option("--max-range", options.max_range_m, "farther returns are lost, metres; default: none");
-  app.add_option("--out", options.out, "output folder");
+void addSimulateOptions(FlagParser& flags, SimulateOptions& options) {
+  flags.describe("simulate", "Simulates scans of a scene: PCD scans, TUM poses, the mesh and a description.",
+                 "accessvdb simulate --scene torus --out torus/\n"
+                 "  accessvdb map --scans torus/scans --poses torus/poses.txt --tool builtin:pencil --voxel 0.002 "
+                 "--out out/\n"
+                 "  accessvdb simulate --scene part.stl --mesh-unit mm --trajectory orbit --frames 100 --out part/");
+  addCommonOptions(flags, options.common);
+  flags.option("--scene", &options.scene,
+               "torus, sphere, box, wall, ring, pine, a scene from the tables (sphere_a, sphere_b, unseen_1 to "
+               "unseen_6), or a mesh file");
+  flags.option("--mesh-unit", &options.mesh_unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
+  flags.option("--voxel", &options.voxel_m, "ring: the radius of its tube is 1.5 such voxels, metres");
+  flags.option("--tree-height", &options.tree_height_m, "pine: height of the tree, metres");
+  flags.option("--sensor", &options.sensor, "mid360 (20000 rays, non-repetitive) or spinning (64 x 1024)");
+  flags.option("--trajectory", &options.trajectory,
+               "orbit, helix, walk, or a file of TUM poses; default: the scene's own (docs/PAPER.md)");
+  flags.option("--frames", &options.frames, "number of scans; default: the scene's own, or all poses of the file");
+  flags.option("--radius", &options.radius_m, "distance of the path from the object's middle, metres");
+  flags.option("--height", &options.height_m,
+               "height of an orbit or walk above the object's middle, metres; a helix goes from -height to height");
+  flags.option("--turns", &options.turns, "turns of a helix, up to 1000; negative: in the opposite direction");
+  flags.option("--begin", &options.begin, "X,Y,Z where a walk begins");
+  flags.option("--end", &options.end, "X,Y,Z where a walk ends");
+  flags.option("--pitch", &options.pitch_deg, "walk: nose down by this angle, degrees");
+  flags.option("--seed", &options.seed, "seed of noise, dropouts and the pine; the same seed gives the same bytes");
+  flags.option("--range-noise", &options.range_noise_m, "standard deviation of the ranges, metres");
+  flags.option("--dropout", &options.dropout, "share of returns that are lost, 0 to 1");
+  flags.option("--min-range", &options.min_range_m, "nearer returns are lost, metres");
+  flags.option("--max-range", &options.max_range_m, "farther returns are lost, metres; default: none");
+  flags.option("--out", &options.out, "output folder");
 }
 
 void checkSimulateOptions(const SimulateOptions& options) {

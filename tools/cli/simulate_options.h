@@ -27,7 +27,7 @@ struct SimulateOptions {
   std::uint64_t seed = 1;
 };
 
-void addSimulateOptions(CLI::App& app, SimulateOptions& options);
+void addSimulateOptions(FlagParser& flags, SimulateOptions& options);
 
 /// Checks what the flags alone determine. @throws InvalidArgument, UnusableInput (no frames), DeviceError
 void checkSimulateOptions(const SimulateOptions& options);

@@ -1,0 +1,89 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "flag_parser.h"
+
+#include <CLI/App.hpp>
+#include <CLI/Config.hpp>
+#include <CLI/Formatter.hpp>
+
+#include "accessvdb/error.h"
+
+namespace accessvdb::tools {
+
+struct FlagParser::Parser {
+  CLI::App app;
+};
+
+FlagParser::FlagParser() : parser_(std::make_unique<Parser>()) {}
+FlagParser::~FlagParser() = default;
+
+void FlagParser::describe(const std::string& verb, const std::string& purpose, const std::string& example) {
+  verb_ = verb;
+  parser_->app.name("accessvdb " + verb);
+  parser_->app.description(purpose);
+  parser_->app.footer("Example:\n  " + example);
+}
+
+void FlagParser::option(const std::string& name, Target value, const std::string& help) {
+  std::visit([&](auto* target) { parser_->app.add_option(name, *target, help)->capture_default_str(); }, value);
+}
+
+void FlagParser::list(const std::string& name, std::vector<std::string>& values, const std::string& help,
+                      std::optional<char> separator) {
+  CLI::Option* option = parser_->app.add_option(name, values, help);
+  if (separator) {
+    option->delimiter(*separator);
+  } else {
+    option->allow_extra_args(false);
+  }
+}
+
+void FlagParser::flag(const std::string& name, bool& value, const std::string& help) {
+  parser_->app.add_flag(name, value, help);
+}
+
+std::string FlagParser::help() const { return parser_->app.help(); }
+
+bool FlagParser::parse(const std::vector<std::string>& arguments) {
+  try {
+    parser_->app.parse(std::vector<std::string>(arguments.rbegin(), arguments.rend()));
+  } catch (const CLI::CallForHelp&) {
+    return false;
+  } catch (const CLI::ParseError& error) {
+    std::string problem = error.what();
+    while (!problem.empty() && (problem.back() == '.' || problem.back() == '\n')) problem.pop_back();
+    throw InvalidArgument("usage.option", verb_, problem, "See accessvdb " + verb_ + " --help");
+  }
+  return true;
+}
+
+bool FlagParser::has(const std::string& key) const { return parser_->app.get_option_no_throw("--" + key) != nullptr; }
+
+bool FlagParser::isSet(const std::string& key) const { return parser_->app.count("--" + key) > 0; }
+
+std::optional<std::string> FlagParser::set(const std::string& key, const std::string& text) {
+  CLI::Option* option = parser_->app.get_option("--" + key);
+  try {
+    option->add_result(text);
+    option->run_callback();
+  } catch (const CLI::ParseError& error) {
+    return error.what();
+  }
+  return std::nullopt;
+}
+
+std::vector<FlagParser::Setting> FlagParser::settings() const {
+  std::vector<Setting> settings;
+  for (const CLI::Option* option : std::as_const(parser_->app).get_options()) {
+    const std::string key = option->get_single_name();
+    if (option->get_lnames().empty() || key == "help") continue;
+    if (option->get_expected_max() == 0) {
+      settings.push_back({key, option->count() > 0 && option->as<bool>()});
+    } else {
+      settings.push_back({key, option->count() > 0 ? option->results().front() : option->get_default_str()});
+    }
+  }
+  return settings;
+}
+
+}  // namespace accessvdb::tools
