@@ -7,9 +7,9 @@
 #include <cmath>
 #include <cstdio>
 #include <functional>
-#include <numbers>
 
 #include "accessvdb/error.h"
+#include "sim/angles.h"
 #include "sim/counter_random.h"
 #include "sim/pine.h"
 #include "sim/understory.h"
@@ -17,7 +17,6 @@
 namespace accessvdb::sim {
 namespace {
 
-constexpr double kTurn = 2 * std::numbers::pi, kDegree = std::numbers::pi / 180;
 constexpr double kRow_m = 6.0, kInRow_m = 3.2, kJitter_m = 0.4;  // trees in rows at y = +-3, +-9, ...
 constexpr double kPatch_m = 2.6;                                 // undergrowth on a grid
 constexpr double kBareShare = 0.3;                               // of that grid

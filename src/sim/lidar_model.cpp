@@ -6,12 +6,12 @@
 #include <numbers>
 
 #include "accessvdb/error.h"
+#include "sim/angles.h"
 #include "sim/halton.h"
 
 namespace accessvdb::sim {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180.0;
 constexpr double kMid360Lowest_rad = -7 * kDegree, kMid360Highest_rad = 52 * kDegree;
 /// 64 rings over 45 degrees around the horizon, as in Ouster's OS1-64.
 constexpr double kSpinningHighest_rad = 22.5 * kDegree;

@@ -9,13 +9,12 @@
 #include <numbers>
 
 #include "accessvdb/error.h"
+#include "sim/angles.h"
 
 namespace accessvdb::sim {
 namespace {
 
 using Eigen::Vector3d;
-
-constexpr double kDegree = std::numbers::pi / 180;
 
 // Every number and its source: docs/PAPER.md, "The pine". Lengths are metres, or shares of the height.
 constexpr double kBreastHeight = 1.3;

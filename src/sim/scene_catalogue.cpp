@@ -5,16 +5,14 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
-#include <numbers>
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "sim/angles.h"
 #include "sim/unseen_scene.h"
 
 namespace accessvdb::sim {
 namespace {
-
-constexpr double kDegree = std::numbers::pi / 180.0, kTurn = 2.0 * std::numbers::pi;
 
 /// The object in the middle of [-height, height] and of [begin, end].
 Helix around(double radius_m, double height_m, double azimuth_begin_rad, double azimuth_end_rad) {

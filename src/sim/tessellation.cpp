@@ -12,10 +12,11 @@
 #include <utility>
 #include <vector>
 
+#include "sim/angles.h"
+
 namespace accessvdb::sim {
 namespace {
 
-constexpr double kTurn = 2.0 * std::numbers::pi;
 constexpr int kFewestSegments = 48, kMostSegments = 2048;
 constexpr int kMostSubdivisions = 8;  // 20 * 4^8 = 1.3 M triangles
 

@@ -4,8 +4,8 @@
 
 #include <Eigen/Core>
 #include <cmath>
-#include <numbers>
 
+#include "sim/angles.h"
 #include "sim/counter_random.h"
 #include "sim/pine_tessellation.h"
 
@@ -14,7 +14,6 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kDegree = std::numbers::pi / 180, kTurn = 2 * std::numbers::pi;
 constexpr double kGroundStep_m = 0.06;
 constexpr double kChordError_m = 0.002;
 constexpr double kPatchRadius_m = 1.5;

@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tsdf/packed_map.h"
 
+#include "accessvdb/tsdf_volume.h"
+
 namespace accessvdb::internal {
 
 PackedMap::PackedMap(const TsdfParams& resolved)
@@ -9,6 +11,8 @@ PackedMap::PackedMap(const TsdfParams& resolved)
       tree_(PackedVoxel(0)),
       clamp_min_m_(static_cast<float>(resolved.clamp_min_m)),
       step_m_(static_cast<float>((resolved.truncation_distance_m - resolved.clamp_min_m) / kMeanSteps)) {}
+
+PackedMap::~PackedMap() = default;
 
 void PackedMap::setCollisionDistance(float r_c_m) {
   std::uint32_t low = 0, high = kMeanSteps + 1;  // distanceOf() is monotone
@@ -49,5 +53,3 @@ std::uint64_t PackedMap::memoryBytes() const {
 }
 
 }  // namespace accessvdb::internal
-
-template class openvdb::tree::Tree<accessvdb::internal::PackedTree::RootNodeType>;

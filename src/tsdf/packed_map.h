@@ -9,14 +9,19 @@
 /// Integration is bound by memory, so this, not arithmetic, decides its speed (docs/DESIGN.md, "The authored map").
 #pragma once
 
+#include <openvdb/tree/Tree.h>
+#include <openvdb/tree/ValueAccessor.h>
+
 #include <cstdint>
 #include <cstring>
 
 #include "accessvdb/distance_change.h"
 #include "accessvdb/params.h"
-#include "accessvdb/tsdf_volume.h"
 #include "tsdf/packed_voxel.h"
-#include "vdb/standard_grids.h"
+
+namespace accessvdb {
+struct VoxelState;
+}
 
 namespace accessvdb::internal {
 
@@ -31,6 +36,7 @@ static_assert(PackedLeaf::LOG2DIM == 3, "masks and rows assume 8x8x8 leaves");
 class PackedMap {
  public:
   explicit PackedMap(const TsdfParams& resolved);
+  ~PackedMap();  // not inline: what destroys a tree compiles most of its functions
 
   [[nodiscard]] const TsdfParams& params() const { return params_; }
   [[nodiscard]] PackedTree& tree() { return tree_; }
@@ -78,6 +84,3 @@ inline void allocateZeroed(PackedLeaf& leaf) {
 }
 
 }  // namespace accessvdb::internal
-
-// Compiled once, in packed_map.cpp: a tree has about 600 functions.
-extern template class openvdb::tree::Tree<accessvdb::internal::PackedTree::RootNodeType>;

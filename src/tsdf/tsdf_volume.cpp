@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "tsdf/packed_map.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb {
 namespace {

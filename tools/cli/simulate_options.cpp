@@ -5,17 +5,18 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
-#include <numbers>
 
 #include "accessvdb/error.h"
 #include "options.h"
+#include "sim/angles.h"
 #include "sim/pine.h"
 #include "sim/scene_catalogue.h"
 
 namespace accessvdb::tools {
 namespace {
 
-constexpr double kDegree = std::numbers::pi / 180.0, kTurn = 2.0 * std::numbers::pi;
+using sim::kDegree, sim::kTurn;
+
 constexpr int kStationsPerTurn = 720;
 constexpr int kLargeSceneFrames = 1000;
 constexpr double kLargeSceneTurns = 5;
