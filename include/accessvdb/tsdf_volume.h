@@ -15,19 +15,13 @@
 
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
+#include "accessvdb/voxel_state.h"
 
 namespace accessvdb {
 
 namespace internal {
 class PackedMap;
 }
-
-/// Everything that the map knows about one voxel.
-struct VoxelState {
-  float distance_m = 0;      ///< mean of the clamped distances; tau where unobserved
-  std::uint32_t weight = 0;  ///< observations; 0 = unobserved
-  bool cleared = false;      ///< a ray passed here on its way to a return
-};
 
 class ACCESSVDB_API TsdfVolume {
  public:

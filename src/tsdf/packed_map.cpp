@@ -2,8 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tsdf/packed_map.h"
 
-#include "accessvdb/tsdf_volume.h"
-
 namespace accessvdb::internal {
 
 PackedMap::PackedMap(const TsdfParams& resolved)

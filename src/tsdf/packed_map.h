@@ -17,11 +17,8 @@
 
 #include "accessvdb/distance_change.h"
 #include "accessvdb/params.h"
+#include "accessvdb/voxel_state.h"
 #include "tsdf/packed_voxel.h"
-
-namespace accessvdb {
-struct VoxelState;
-}
 
 namespace accessvdb::internal {
 

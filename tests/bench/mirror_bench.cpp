@@ -15,7 +15,6 @@
 /// Options by environment: ACCESSVDB_BENCH_FRAMES (120), ACCESSVDB_BENCH_TIMED (40, the last
 /// ones), ACCESSVDB_BENCH_VOXEL_MM (10), ACCESSVDB_BENCH_THREADS (0 = all), ACCESSVDB_BENCH_SCANS (a file that keeps
 /// the scans).
-#include <openvdb/openvdb.h>
 #include <tbb/task_arena.h>
 
 #include <algorithm>
@@ -30,6 +29,7 @@
 #include "mirror/nanovdb_mirror.h"
 #include "parity/staged_arena.h"
 #include "tsdf/scan_integrator.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb {
 namespace {

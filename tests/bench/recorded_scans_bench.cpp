@@ -4,6 +4,7 @@
 /// wall clock and by its CPU time. Only integration is timed, not reading. Data: $ACCESSVDB_TEST_DATA, else
 /// ../shared/data next to the repository; without it, the benchmark is skipped.
 #include <benchmark/benchmark.h>
+#include <openvdb/openvdb.h>
 #include <tbb/global_control.h>
 
 #include <cstdlib>

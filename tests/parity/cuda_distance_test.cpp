@@ -3,8 +3,6 @@
 // The mirror of distances in device memory: against an OpenVDB grid changed voxel by voxel, read back in a kernel by
 // NanoVDB's own accessor; against the bytes of the host's mirror; and against the map of a live field.
 #include <gtest/gtest.h>
-#include <openvdb/openvdb.h>
-
 #include <cstring>
 
 #include "accessvdb/device_view.h"
@@ -16,6 +14,7 @@
 #include "parity/distance_checks.h"
 #include "parity/gpu_test.h"
 #include "support/query_world.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::test {
 namespace {

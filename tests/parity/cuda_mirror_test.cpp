@@ -3,8 +3,6 @@
 // The mirror in device memory against an OpenVDB grid changed voxel by voxel: read back in a kernel by NanoVDB's own
 // accessor, in all octants and on both sides of root tiles.
 #include <gtest/gtest.h>
-#include <openvdb/openvdb.h>
-
 #include <cstring>
 
 #include "cpu/host_arena.h"
@@ -13,6 +11,7 @@
 #include "parity/device_reads.h"
 #include "parity/gpu_test.h"
 #include "parity/mirror_checks.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::test {
 namespace {

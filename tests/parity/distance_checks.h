@@ -4,8 +4,6 @@
 /// voxel by voxel.
 #pragma once
 
-#include <openvdb/openvdb.h>
-
 #include <array>
 #include <map>
 #include <vector>
@@ -13,6 +11,7 @@
 #include "accessvdb/distance_change.h"
 #include "mirror/distance_leaves.h"
 #include "parity/mirror_checks.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::testing {
 

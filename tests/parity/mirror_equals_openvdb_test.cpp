@@ -4,8 +4,6 @@
 #include <gtest/gtest.h>
 #include <nanovdb/util/GridValidator.h>
 #include <nanovdb/util/OpenToNanoVDB.h>
-#include <openvdb/openvdb.h>
-
 #include <algorithm>
 #include <map>
 #include <set>
@@ -15,6 +13,7 @@
 #include "mirror/nanovdb_mirror.h"
 #include "parity/mirror_checks.h"
 #include "parity/staged_arena.h"
+#include "vdb/standard_grids.h"
 
 namespace accessvdb::testing {
 namespace {
