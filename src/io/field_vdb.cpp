@@ -5,9 +5,9 @@
 #include <ostream>
 #include <utility>
 
-#include "accessvdb/config.h"
 #include "accessvdb/tsdf_volume.h"
 #include "io/field_grids.h"
+#include "io/program_version.h"
 #include "io/surface_level_set.h"
 #include "io/surface_voxels.h"
 
@@ -47,7 +47,7 @@ class FieldGrids {
     grid->insertMeta("origin_W_x", openvdb::DoubleMetadata(points_.origin_W().x()));
     grid->insertMeta("origin_W_y", openvdb::DoubleMetadata(points_.origin_W().y()));
     grid->insertMeta("origin_W_z", openvdb::DoubleMetadata(points_.origin_W().z()));
-    grid->insertMeta("accessvdb_version", openvdb::StringMetadata(ACCESSVDB_VERSION));
+    grid->insertMeta("accessvdb_version", openvdb::StringMetadata(programVersion()));
     return grid;
   }
 

@@ -17,10 +17,10 @@
 #include <sstream>
 #include <string>
 
-#include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "io/content_uuid.h"
 #include "io/field_grids.h"
+#include "io/program_version.h"
 #include "io/surface_voxels.h"
 #include "vdb/standard_grids.h"
 
@@ -96,7 +96,7 @@ class GridArchive : public openvdb::io::Archive {
     for (const LazyGrid& lazy : grids) {
       openvdb::GridBase::Ptr grid = lazy.make();
       grid->setName(lazy.name);
-      grid->setCreator("AccessVDB " ACCESSVDB_VERSION);
+      grid->setCreator("AccessVDB " + programVersion());
       openvdb::io::GridDescriptor descriptor(lazy.name, grid->type(), grid->saveFloatAsHalf());
       writeGrid(descriptor, grid, stream, seekable);
       const bool is_large = grid->memUsage() >= kLargeGridBytes;
@@ -154,8 +154,8 @@ openvdb::MetaMap fieldMetadata(const SurfacePoints& points, const io::FieldMetad
     map.removeMeta(name);  // insertMeta refuses a value of another type
     map.insertMeta(name, value);
   };
-  replace("creator", openvdb::StringMetadata("AccessVDB " ACCESSVDB_VERSION));
-  replace("accessvdb_version", openvdb::StringMetadata(ACCESSVDB_VERSION));
+  replace("creator", openvdb::StringMetadata("AccessVDB " + programVersion()));
+  replace("accessvdb_version", openvdb::StringMetadata(programVersion()));
   replace("origin_W_x", openvdb::DoubleMetadata(points.origin_W().x()));
   replace("origin_W_y", openvdb::DoubleMetadata(points.origin_W().y()));
   replace("origin_W_z", openvdb::DoubleMetadata(points.origin_W().z()));
