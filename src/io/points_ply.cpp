@@ -39,7 +39,7 @@ std::string oneLine(std::string text) {
 
 void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldMetadata& metadata) {
   stream << "ply\nformat binary_little_endian 1.0\n";
-  stream << "comment AccessVDB " << programVersion() << "\n";
+  stream << "comment AccessVDB " << internal::programVersion() << "\n";
   stream << "comment origin_W " << exactText(points.origin_W().x()) << " " << exactText(points.origin_W().y()) << " "
          << exactText(points.origin_W().z()) << "\n";
   stream << "comment voxel_size_m " << exactText(points.voxel_size_m()) << "\n";

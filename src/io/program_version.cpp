@@ -4,8 +4,8 @@
 
 #include "accessvdb/config.h"
 
-namespace accessvdb::io {
+namespace accessvdb::internal {
 
 std::string programVersion() { return ACCESSVDB_VERSION; }
 
-}  // namespace accessvdb::io
+}  // namespace accessvdb::internal

@@ -6,8 +6,8 @@
 
 #include <string>
 
-namespace accessvdb::io {
+namespace accessvdb::internal {
 
 [[nodiscard]] std::string programVersion();
 
-}  // namespace accessvdb::io
+}  // namespace accessvdb::internal
