@@ -7,9 +7,11 @@
 #include <array>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <string>
 
 #include "accessvdb/export.h"
+#include "accessvdb/field_window.h"
 
 namespace accessvdb {
 
@@ -100,6 +102,12 @@ struct ACCESSVDB_API FieldParams {
   /// Keeps a second live mirror, of the map's distances, for DeviceView::distanceAt(). Scoring does not need it and no
   /// result depends on it; it costs time and memory (docs/DESIGN.md, "The mirror of distances").
   bool mirror_distance = false;
+  /// [m] World position of the local frame, rounded to whole voxels, in place of the first sensor's position. Fields
+  /// with the same origin have the same voxels.
+  std::optional<std::array<double, 3>> origin_W = std::nullopt;
+  /// Limits the field to one tile. Needs origin_W; not for the paper's policy or projective fusion, whose results
+  /// depend on the whole map.
+  std::optional<FieldWindow> window = std::nullopt;
 
   /// The paper's own constants, for its tables.
   static FieldParams paper(double voxel_size_m);

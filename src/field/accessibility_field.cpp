@@ -43,12 +43,12 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         backend(chosen.backend.get()),
         setup(tool, params, *backend),
         volume(params.tsdf),
-        gate(params.tsdf),
+        gate(params.tsdf, params.origin_W, returnsInWindow()),
         integrator(prepared(volume, params)),
         mirror(backend->makeArena(), params.tsdf.voxel_size_m),
         distance_mirror(makeDistanceMirror()),
         points(params, setup.directions_xy()),
-        reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight)),
+        reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight, core())),
         scorer(points, params, *backend, reads),
         scheduler(internal::makeScheduler(scorer, {setup.hostTool(), setup.hostApproach()})) {
     static_assert(internal::ScanIntegrator::kParts <= internal::UpdateScheduler::kMostParts);
@@ -56,6 +56,15 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     if (!scheduler->needs().changes) return;
     integrator.visitChanges(
         [this](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
+  }
+
+  std::optional<internal::VoxelColumnBox> core() const {
+    if (!params.window) return std::nullopt;
+    return internal::coreOf(*params.window);
+  }
+  std::optional<internal::VoxelColumnBox> returnsInWindow() const {
+    if (!params.window) return std::nullopt;
+    return internal::returnsOf(*params.window, internal::windowReach(setup.tool(), params));
   }
 
   std::unique_ptr<internal::DistanceMirror> makeDistanceMirror() {

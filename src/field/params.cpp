@@ -14,6 +14,8 @@
 namespace accessvdb {
 namespace {
 
+constexpr std::int32_t kMostWindow_voxels = 1 << 20;
+
 std::string text(double value) {
   char buffer[32];
   const auto end = std::to_chars(buffer, buffer + sizeof buffer, value).ptr;
@@ -59,6 +61,28 @@ void requireProjective(const ProjectiveParams& p, double voxel_size_m) {
     leaves *= (p.box_max_W_m[axis] - p.box_min_W_m[axis]) / (8 * voxel_size_m) + 2;
   }
   require("projective box, in leaves", leaves, 0, kMostLeaves, "Choose a smaller box or a larger voxel");
+}
+
+void requireWindow(const FieldParams& p) {
+  const auto refuse = [](const std::string& problem, const std::string& advice) {
+    throw InvalidArgument("param.window", "window", problem, advice);
+  };
+  if (!p.origin_W) refuse("needs origin_W", "Set the origin that all tiles share");
+  if (p.update.policy == UpdatePolicy::Paper) {
+    refuse("cannot be combined with the paper's update policy, which depends on the whole map",
+           "Use UpdatePolicy::Exact");
+  }
+  if (p.tsdf.region == UpdateRegion::Projective) {
+    refuse("cannot be combined with projective fusion, which depends on whole scans", "Use another UpdateRegion");
+  }
+  for (std::size_t axis = 0; axis < 2; ++axis) {
+    const std::int32_t low = p.window->core_low[axis], high = p.window->core_high[axis];
+    if (low % FieldWindow::kEdge != 0 || high % FieldWindow::kEdge != 0 || low >= high ||
+        std::max(std::abs(low), std::abs(high)) > kMostWindow_voxels) {
+      refuse("has a core from " + std::to_string(low) + " to " + std::to_string(high) + " voxels",
+             "Use multiples of " + std::to_string(FieldWindow::kEdge) + " within +-2^20, the lower one first");
+    }
+  }
 }
 
 }  // namespace
@@ -128,6 +152,8 @@ FieldParams FieldParams::resolved() const {
   require("requeue_motion_m", p.update.requeue_motion_m, 0, 1000);
   require("stability_min", p.update.stability_min, 0, 1);
   require("threads", p.threads, 0, 4096);
+  for (std::size_t axis = 0; p.origin_W && axis < 3; ++axis) require("origin_W", (*p.origin_W)[axis], -1e8, 1e8);
+  if (p.window) requireWindow(p);
   return p;
 }
 

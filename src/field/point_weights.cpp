@@ -165,13 +165,15 @@ std::vector<Site> sitesByLeaf(const PointStore& points, std::span<const std::uin
 
 }  // namespace
 
-MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neighbourhood_weight) {
+MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neighbourhood_weight,
+                      const std::optional<VoxelColumnBox>& core) {
   MapReads reads;
   const int reach = neighbourhood_weight ? 1 : 0;
-  const auto read = [&map, reach](std::span<std::uint16_t> weights, const auto& voxelOf) {
+  const auto read = [&map, reach, core](std::span<std::uint16_t> weights, const auto& voxelOf) {
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, weights.size(), kPointsPerTask), [&](const auto& range) {
-      readWeights(map, reach, range.begin(), range.end(), voxelOf,
-                  [&](std::size_t n, std::uint16_t weight) { weights[n] = weight; });
+      readWeights(map, reach, range.begin(), range.end(), voxelOf, [&](std::size_t n, std::uint16_t weight) {
+        weights[n] = core && !core->contains(voxelOf(n)) ? std::uint16_t{0} : weight;
+      });
     });
   };
   reads.weights = [read, &points](std::span<const std::uint32_t> ids, std::span<std::uint16_t> weights) {

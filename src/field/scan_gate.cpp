@@ -9,6 +9,8 @@
 #include <cmath>
 
 #include "accessvdb/error.h"
+#include "hostdev/occupancy_query.h"
+#include "hostdev/voxel_scale.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -32,6 +34,12 @@ Eigen::Vector3d roundToStep(const Eigen::Vector3d& x) {
 
 }  // namespace
 
+ScanGate::ScanGate(const TsdfParams& resolved, const std::optional<std::array<double, 3>>& origin_W,
+                   const std::optional<VoxelColumnBox>& window)
+    : params_(resolved), window_(window) {
+  if (origin_W) setOrigin({(*origin_W)[0], (*origin_W)[1], (*origin_W)[2]});
+}
+
 void ScanGate::setOrigin(const Eigen::Vector3d& sensor_W) {
   if (have_origin_) return;
   const double v = params_.voxel_size_m;
@@ -42,7 +50,7 @@ void ScanGate::setOrigin(const Eigen::Vector3d& sensor_W) {
 }
 
 ScanGate::Checked ScanGate::check(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L) const {
-  const auto dropped = [](DropReason reason) { return Checked{{}, {}, reason}; };
+  const auto dropped = [](DropReason reason) { return Checked{{}, {}, reason, false}; };
   const double range = (p_L - q_L).norm();
   if (!std::isfinite(range)) return dropped(DropReason::NonFinite);
   if (!(range > 0)) return dropped(DropReason::NoReturn);
@@ -52,8 +60,13 @@ ScanGate::Checked ScanGate::check(const Eigen::Vector3d& p_L, const Eigen::Vecto
   if (!(p_L.lpNorm<Eigen::Infinity>() <= bound) || !(q_L.lpNorm<Eigen::Infinity>() <= bound)) {
     return dropped(DropReason::OutOfBounds);
   }
-  const Checked kept = {p_L.cast<float>(), q_L.cast<float>(), {}};
+  Checked kept = {p_L.cast<float>(), q_L.cast<float>(), {}, false};
   if (kept.p_L == kept.q_L) return dropped(DropReason::NoReturn);  // after rounding there is no ray left
+  if (window_) {
+    const float inverse = kernels::VoxelScale(params_.voxel_size_m).inverse_float32;
+    const auto ijk = kernels::voxelOf(kept.p_L.x(), kept.p_L.y(), kept.p_L.z(), inverse);
+    kept.outside = !window_->contains({ijk[0], ijk[1], ijk[2]});
+  }
   return kept;
 }
 
@@ -80,6 +93,7 @@ void ScanGate::admit(std::size_t count, bool own_origins, const CheckOf& checkOf
         ++stats.dropped[static_cast<std::size_t>(*one.dropped)];
         continue;
       }
+      if (one.outside) continue;
       scan.p_L.push_back(one.p_L);
       if (own_origins) scan.q_L.push_back(one.q_L);
       ++stats.points_used;
@@ -103,7 +117,7 @@ const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const
   const Eigen::Vector3d q_L = roundToStep(t - origin_W_);
   const auto checkOf = [&](std::size_t n) {
     const Eigen::Vector3f& p_S = points_S[n];
-    if (p_S.x() == 0 && p_S.y() == 0 && p_S.z() == 0) return Checked{{}, {}, DropReason::NoReturn};
+    if (p_S.x() == 0 && p_S.y() == 0 && p_S.z() == 0) return Checked{{}, {}, DropReason::NoReturn, false};
     return check(R * p_S.cast<double>() + q_L, q_L);
   };
   admit(points_S.size(), false, checkOf, stats);

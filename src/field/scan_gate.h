@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/Geometry>
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -13,6 +14,7 @@
 
 #include "accessvdb/params.h"
 #include "accessvdb/types.h"
+#include "field/window_reach.h"
 
 namespace accessvdb::internal {
 
@@ -25,7 +27,9 @@ struct GatedScan {
 
 class ScanGate {
  public:
-  explicit ScanGate(const TsdfParams& resolved) : params_(resolved) {}
+  /// @param origin_W  see FieldParams::origin_W  @param window  returns elsewhere are skipped: neither used nor dropped
+  explicit ScanGate(const TsdfParams& resolved, const std::optional<std::array<double, 3>>& origin_W = std::nullopt,
+                    const std::optional<VoxelColumnBox>& window = std::nullopt);
 
   /// @return the good returns, valid until the next call
   /// @throws UnusableInput for a pose that is not finite and rigid
@@ -44,6 +48,7 @@ class ScanGate {
   struct Checked {
     Eigen::Vector3f p_L, q_L;
     std::optional<DropReason> dropped;
+    bool outside = false;  ///< of the window
   };
   void setOrigin(const Eigen::Vector3d& sensor_W);
   [[nodiscard]] Checked check(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L) const;
@@ -52,6 +57,7 @@ class ScanGate {
   void admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats);
 
   TsdfParams params_;
+  std::optional<VoxelColumnBox> window_;
   // One scan's returns. The memory is reused, because the system has to clear newly allocated memory first.
   GatedScan scan_;
   std::vector<Checked> checked_;

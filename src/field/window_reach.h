@@ -1,0 +1,39 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// How far around a point its label depends on the map, on other points and on returns: the only place that computes
+/// this. A rule that reaches farther has to be added here, or tiles no longer equal one piece (tests/property,
+/// tiles_equal_one_piece).
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+
+#include "accessvdb/field_window.h"
+#include "accessvdb/params.h"
+#include "points/surface_index.h"
+
+namespace accessvdb::internal {
+
+struct ToolKernel;
+
+/// In voxels, along x and y.
+struct WindowReach {
+  std::int32_t map = 0;         ///< from a point to the farthest voxel that its score or weight reads
+  std::int32_t returns = 0;     ///< from a return to the farthest voxel that it changes
+  std::int32_t neighbours = 0;  ///< from a point to the farthest neighbour of its normal and its joined views
+};
+WindowReach windowReach(const ToolKernel& tool, const FieldParams& resolved);
+
+/// A box of voxels, unbounded in z: low <= ijk < high.
+struct VoxelColumnBox {
+  std::array<std::int32_t, 2> low, high;
+  [[nodiscard]] bool contains(const Index3& voxel) const {
+    return voxel[0] >= low[0] && voxel[0] < high[0] && voxel[1] >= low[1] && voxel[1] < high[1];
+  }
+};
+VoxelColumnBox coreOf(const FieldWindow& window);
+/// Voxels whose returns a window needs.
+VoxelColumnBox returnsOf(const FieldWindow& window, const WindowReach& reach);
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,378 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Fields of tiles (FieldParams::window) against one field of everything, bit for bit: points and map. Whatever breaks
+/// the equality on purpose - a narrower halo, clipped rays, scans that are joined, an own origin - has to show.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <functional>
+#include <random>
+#include <string>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/error.h"
+#include "accessvdb/tsdf_volume.h"
+#include "support/box_tool.h"
+#include "support/determinism_support.h"
+
+namespace accessvdb::test {
+namespace {
+
+/// Rays in the world frame, one list per step.
+struct Step {
+  std::vector<Eigen::Vector3d> points_W;
+  std::vector<Eigen::Vector3d> sensors_W;  ///< [n] or [1]
+};
+using World = std::vector<Step>;
+
+struct Case {
+  std::string name;
+  std::uint64_t seed = 1;
+  double voxel_size_m = 0.05;
+  std::int32_t tile_voxels = 128;
+  std::string tool = "builtin:pruner";
+  bool ray_cloud = false;
+  std::function<void(FieldParams&)> change = [](FieldParams&) {};
+};
+
+/// Boards and poles over an area of about 300 x 200 voxels, seen from a walk between them.
+World makeWorld(const Case& test) {
+  std::mt19937_64 random(test.seed);
+  const double v = test.voxel_size_m;
+  struct Board {
+    Eigen::Vector3d corner, along, up;
+  };
+  std::vector<Board> boards;
+  for (int n = 0; n < 70; ++n) {
+    const double heading = uniform(random, 0, 6.28), length = uniform(random, 2, 25) * v;
+    boards.push_back({{uniform(random, -150, 150) * v, uniform(random, -100, 100) * v, uniform(random, -20, 10) * v},
+                      {length * std::cos(heading), length * std::sin(heading), 0},
+                      {uniform(random, -3, 3) * v, uniform(random, -3, 3) * v, uniform(random, 4, 30) * v}});
+  }
+  World world;
+  for (int s = 0; s < 10; ++s) {
+    Step& step = world.emplace_back();
+    const Eigen::Vector3d sensor_W(uniform(random, -140, 140) * v, uniform(random, -90, 90) * v,
+                                   uniform(random, 0, 20) * v);
+    for (int n = 0; n < 6000; ++n) {
+      const Board& board = boards[random() % boards.size()];
+      const Eigen::Vector3d noise(uniform(random, -0.4, 0.4), uniform(random, -0.4, 0.4), uniform(random, -0.4, 0.4));
+      step.points_W.push_back(board.corner + uniform(random, 0, 1) * board.along + uniform(random, 0, 1) * board.up +
+                              v * noise);
+      if (test.ray_cloud) step.sensors_W.push_back(sensor_W + Eigen::Vector3d(0.01 * v * n, 0, 0));
+    }
+    if (!test.ray_cloud) step.sensors_W.push_back(sensor_W);
+  }
+  return world;
+}
+
+FieldParams paramsOf(const Case& test) {
+  FieldParams params;
+  params.tsdf.voxel_size_m = test.voxel_size_m;
+  params.backend = BackendKind::Cpu;
+  params.threads = 2;
+  params.approach.num_directions = 36;
+  test.change(params);
+  return params;
+}
+
+ToolGeometry toolOf(const Case& test) {
+  if (test.tool == "lopsided") return boxTool({-0.03f, -0.5f, -0.05f}, {0.35f, 0.07f, 0.31f});
+  return ToolGeometry::builtin(test.tool);
+}
+
+AccessibilityField fieldOf(const Case& test, const FieldParams& params, const World& world) {
+  AccessibilityField field(toolOf(test), params);
+  for (const Step& step : world) {
+    if (!step.points_W.empty()) field.integrateRays(step.points_W, step.sensors_W);
+  }
+  field.update();
+  return field;
+}
+
+struct Tile {
+  FieldWindow window;
+  [[nodiscard]] bool contains(const openvdb::Coord& ijk) const {
+    return ijk.x() >= window.core_low[0] && ijk.x() < window.core_high[0] && ijk.y() >= window.core_low[1] &&
+           ijk.y() < window.core_high[1];
+  }
+};
+
+openvdb::Coord voxelOf(const Eigen::Vector3d& p_W, const Eigen::Vector3d& origin_W, double v) {
+  const Eigen::Vector3f p_L = (p_W - origin_W).cast<float>();
+  return {static_cast<int>(std::lround(p_L.x() / v)), static_cast<int>(std::lround(p_L.y() / v)),
+          static_cast<int>(std::lround(p_L.z() / v))};
+}
+
+std::vector<Tile> tilesOf(const TsdfVolume& volume, std::int32_t edge) {
+  const openvdb::CoordBBox box = volume.leafBounds();
+  const auto down = [edge](std::int32_t x) { return (x >= 0 ? x / edge : -((edge - 1 - x) / edge)) * edge; };
+  std::vector<Tile> tiles;
+  for (std::int32_t x = down(box.min().x()); x <= box.max().x(); x += edge) {
+    for (std::int32_t y = down(box.min().y()); y <= box.max().y(); y += edge) {
+      tiles.push_back({{{x, y}, {x + edge, y + edge}}});
+    }
+  }
+  return tiles;
+}
+
+std::vector<SurfacePoint> pointsIn(const FieldSnapshot& field, const Tile& tile) {
+  std::vector<SurfacePoint> points;
+  for (const SurfacePoint& point : field.points) {
+    if (tile.contains(voxelOf(point.position_W, field.origin_W, field.voxel_size_m))) points.push_back(point);
+  }
+  return points;
+}
+
+/// Points and leaves of the tile that differ, also those that only one side has.
+std::size_t differences(const AccessibilityField& one, const FieldSnapshot& all, const AccessibilityField& part,
+                        const Tile& tile) {
+  const auto expected = pointsIn(all, tile), found = pointsIn(part.snapshot(), tile);
+  std::size_t count = std::max(expected.size(), found.size()) - std::min(expected.size(), found.size());
+  for (std::size_t n = 0; n < std::min(expected.size(), found.size()); ++n) {
+    if (expected[n].position_W != found[n].position_W || !sameVerdict(expected[n], found[n])) ++count;
+  }
+  const auto compare = [&](const auto& x, const auto& y) {
+    const auto missing = [&](const auto& from, const auto& in, bool values) {
+      for (auto leaf = from->tree().cbeginLeaf(); leaf; ++leaf) {
+        if (!tile.contains(leaf->origin())) continue;
+        const auto* other = in->tree().probeConstLeaf(leaf->origin());
+        if (other == nullptr || (values && !(*leaf == *other))) ++count;
+      }
+    };
+    missing(x, y, true);
+    missing(y, x, false);
+  };
+  compare(one.volume().distance(), part.volume().distance());
+  compare(one.volume().weight(), part.volume().weight());
+  compare(one.volume().cleared(), part.volume().cleared());
+  return count;
+}
+
+/// Compares all tiles with one piece. @return the field in one piece
+FieldSnapshot expectTilesEqual(const Case& test) {
+  const World world = makeWorld(test);
+  FieldParams params = paramsOf(test);
+  const AccessibilityField one = fieldOf(test, params, world);
+  const FieldSnapshot all = one.snapshot();
+  const Eigen::Vector3d origin_W = one.origin_W();
+  params.origin_W = {{origin_W.x(), origin_W.y(), origin_W.z()}};
+  const std::vector<Tile> tiles = tilesOf(one.volume(), test.tile_voxels);
+  EXPECT_GE(tiles.size(), 4u);
+  std::size_t seen = 0, scored_elsewhere = 0;
+  for (const Tile& tile : tiles) {
+    params.window = tile.window;
+    const AccessibilityField part = fieldOf(test, params, world);
+    EXPECT_EQ(part.origin_W(), origin_W);
+    EXPECT_EQ(differences(one, all, part, tile), 0u) << tile.window.core_low[0] << ", " << tile.window.core_low[1];
+    seen += pointsIn(all, tile).size();
+    for (const SurfacePoint& point : part.snapshot().points) {
+      const bool core = tile.contains(voxelOf(point.position_W, origin_W, test.voxel_size_m));
+      if (!core && point.label != PointLabel::Unscored) ++scored_elsewhere;
+    }
+  }
+  EXPECT_EQ(seen, all.points.size());  // the tiles cover everything
+  EXPECT_EQ(scored_elsewhere, 0u);
+  return all;
+}
+
+class TilesEqualOnePiece : public testing::TestWithParam<Case> {};
+
+TEST_P(TilesEqualOnePiece, BitForBit) { expectVaried(expectTilesEqual(GetParam())); }
+
+INSTANTIATE_TEST_SUITE_P(
+    Worlds, TilesEqualOnePiece,
+    testing::Values(
+        Case{.name = "pruner"}, Case{.name = "ray_cloud", .seed = 2, .ray_cloud = true},
+        Case{.name = "pencil_20mm", .seed = 3, .voxel_size_m = 0.02, .tool = "builtin:pencil"},
+        Case{.name = "lopsided_large_tiles", .seed = 4, .tile_voxels = 256, .tool = "lopsided"},
+        Case{.name = "long_corridor", .seed = 5, .change = [](FieldParams& p) { p.approach.corridor_length_m = 1.5; }},
+        Case{.name = "low_weight_cap",
+             .seed = 6,
+             .change =
+                 [](FieldParams& p) {
+                   p.tsdf.max_weight = 7;
+                   p.tsdf.clamp_min_m = -0.03;
+                 }},
+        Case{.name = "full_cube_samples",
+             .seed = 7,
+             .change =
+                 [](FieldParams& p) {
+                   p.tsdf.region = UpdateRegion::FullCube;
+                   p.scoring.form = ToolForm::SurfaceSamples;
+                 }}),
+    [](const auto& tested) { return tested.param.name; });
+
+Case randomCase(std::uint64_t seed) {
+  std::mt19937_64 random(seed);
+  const auto oneOf = [&](auto... values) {
+    const std::array all = {values...};
+    return all[random() % all.size()];
+  };
+  Case test;
+  test.seed = seed;
+  test.voxel_size_m = oneOf(0.02, 0.03, 0.05, 0.1);
+  test.tile_voxels = oneOf(128, 128, 256);
+  test.tool = oneOf("builtin:pruner", "builtin:pencil", "lopsided");
+  test.ray_cloud = oneOf(false, true);
+  const double corridor_m = oneOf(0.0, 0.0, 0.4, 1.3), noise_m = oneOf(0.0, 0.02), clamp_m = oneOf(0.0, -0.02);
+  const int max_weight = oneOf(7, 4095), threads = oneOf(1, 2);
+  const auto region = oneOf(UpdateRegion::DoubleCone, UpdateRegion::FullCube);
+  const auto form = oneOf(ToolForm::Voxels, ToolForm::SurfaceSamples);
+  test.change = [=](FieldParams& params) {
+    params.approach.corridor_length_m = corridor_m;
+    params.tsdf.range_noise_m = noise_m;
+    params.tsdf.clamp_min_m = clamp_m;
+    params.tsdf.max_weight = max_weight;
+    params.tsdf.region = region;
+    params.scoring.form = form;
+    params.threads = threads;
+  };
+  return test;
+}
+
+/// A few worlds; ACCESSVDB_TILE_WORLDS=N for more, ACCESSVDB_TILE_SEED for the first one's seed.
+TEST(TilesEqualOnePieceInRandomWorlds, BitForBit) {
+  const auto number = [](const char* name, unsigned long fallback) {
+    const char* text = std::getenv(name);
+    return text == nullptr ? fallback : std::strtoul(text, nullptr, 10);
+  };
+  const std::uint64_t first = number("ACCESSVDB_TILE_SEED", 100), count = number("ACCESSVDB_TILE_WORLDS", 6);
+  std::size_t accessible = 0, blocked = 0;
+  for (std::uint64_t seed = first; seed < first + count && !HasFailure(); ++seed) {
+    SCOPED_TRACE("ACCESSVDB_TILE_SEED=" + std::to_string(seed));
+    const FieldSnapshot all = expectTilesEqual(randomCase(seed));
+    accessible += all.count(PointLabel::Accessible);
+    blocked += all.count(PointLabel::Blocked);
+  }
+  EXPECT_GT(accessible, 50u);
+  EXPECT_GT(blocked, 50u);
+}
+
+/// Differences of all tiles of one world if their input is spoilt.
+std::size_t differencesIf(const Case& test, const std::function<void(World&, const Tile&, FieldParams&)>& spoil) {
+  const World world = makeWorld(test);
+  FieldParams params = paramsOf(test);
+  const AccessibilityField one = fieldOf(test, params, world);
+  const FieldSnapshot all = one.snapshot();
+  const Eigen::Vector3d origin_W = one.origin_W();
+  params.origin_W = {{origin_W.x(), origin_W.y(), origin_W.z()}};
+  std::size_t count = 0;
+  for (const Tile& tile : tilesOf(one.volume(), test.tile_voxels)) {
+    World spoilt = world;
+    FieldParams tile_params = params;
+    tile_params.window = tile.window;
+    spoil(spoilt, tile, tile_params);
+    count += differences(one, all, fieldOf(test, tile_params, spoilt), tile);
+  }
+  return count;
+}
+
+/// Leaves the returns at most `margin` voxels from the core.
+void narrow(World& world, const Tile& tile, const FieldParams& params, std::int32_t margin) {
+  const Eigen::Vector3d origin_W((*params.origin_W)[0], (*params.origin_W)[1], (*params.origin_W)[2]);
+  Tile wide = tile;
+  for (std::size_t axis = 0; axis < 2; ++axis) {
+    wide.window.core_low[axis] -= margin;
+    wide.window.core_high[axis] += margin;
+  }
+  for (Step& step : world) {
+    Step kept;
+    for (std::size_t n = 0; n < step.points_W.size(); ++n) {
+      if (!wide.contains(voxelOf(step.points_W[n], origin_W, params.tsdf.voxel_size_m))) continue;
+      kept.points_W.push_back(step.points_W[n]);
+      if (step.sensors_W.size() > 1) kept.sensors_W.push_back(step.sensors_W[n]);
+    }
+    if (step.sensors_W.size() == 1) kept.sensors_W = step.sensors_W;
+    step = kept;
+  }
+}
+
+TEST(TilesDiffer, IfTheHaloIsTooNarrow) {
+  const Case test;
+  // The pruner reaches 23 voxels, a return 14, neighbours 12. From 23 + 14 on nothing is missing; that the window
+  // itself keeps less than everything is seen in IfNothingIsSpoilt.
+  EXPECT_GT(differencesIf(test, [](World& w, const Tile& t, FieldParams& p) { narrow(w, t, p, 0); }), 100u);
+  EXPECT_GT(differencesIf(test, [](World& w, const Tile& t, FieldParams& p) { narrow(w, t, p, 10); }), 10u);
+  EXPECT_GT(differencesIf(test, [](World& w, const Tile& t, FieldParams& p) { narrow(w, t, p, 20); }), 0u);
+}
+
+TEST(TilesDiffer, IfRaysAreClipped) {
+  const auto clip = [](World& world, const Tile&, FieldParams&) {
+    for (Step& step : world) {
+      step.sensors_W.assign(step.points_W.size(), step.sensors_W.front());
+      for (std::size_t n = 0; n < step.points_W.size(); ++n) {
+        const Eigen::Vector3d to_sensor = step.sensors_W[n] - step.points_W[n];
+        if (to_sensor.norm() > 2) step.sensors_W[n] = step.points_W[n] + 2 * to_sensor.normalized();
+      }
+    }
+  };
+  EXPECT_GT(differencesIf(Case{}, clip), 100u);
+}
+
+TEST(TilesDiffer, IfScansAreJoined) {
+  const auto join = [](World& world, const Tile&, FieldParams&) {
+    for (Step& step : world) step.sensors_W.assign(step.points_W.size(), step.sensors_W.front());
+    for (std::size_t n = 1; n < world.size(); n += 2) {
+      Step& before = world[n - 1];
+      before.points_W.insert(before.points_W.end(), world[n].points_W.begin(), world[n].points_W.end());
+      before.sensors_W.insert(before.sensors_W.end(), world[n].sensors_W.begin(), world[n].sensors_W.end());
+      world[n] = {};
+    }
+  };
+  EXPECT_GT(differencesIf(Case{}, join), 100u);
+}
+
+TEST(TilesDiffer, IfTheOriginIsAnother) {
+  const auto shift = [](World&, const Tile&, FieldParams& params) { (*params.origin_W)[0] += 0.35; };  // 7 voxels
+  EXPECT_GT(differencesIf(Case{}, shift), 100u);
+}
+
+TEST(TilesDiffer, NotIfNothingIsSpoilt) {
+  EXPECT_EQ(differencesIf(Case{}, [](World&, const Tile&, FieldParams&) {}), 0u);
+}
+
+TEST(FieldWindow, IsCheckedAndSavesMemory) {
+  const Case test;
+  const World world = makeWorld(test);
+  FieldParams params = paramsOf(test);
+  params.window = FieldWindow{{0, 0}, {128, 128}};
+  EXPECT_THROW((void)params.resolved(), InvalidArgument);  // no origin
+  params.origin_W = {{0, 0, 0}};
+  EXPECT_NO_THROW((void)params.resolved());
+  for (const FieldWindow& bad : {FieldWindow{{0, 0}, {128, 100}}, FieldWindow{{128, 0}, {128, 128}},
+                                 FieldWindow{{0, 128}, {128, 0}}, FieldWindow{{0, 0}, {128, 1 << 21}}}) {
+    params.window = bad;
+    EXPECT_THROW((void)params.resolved(), InvalidArgument);
+  }
+  params.window = FieldWindow{{0, 0}, {128, 128}};
+  params.update.policy = UpdatePolicy::Paper;
+  EXPECT_THROW((void)params.resolved(), InvalidArgument);
+  params.update.policy = UpdatePolicy::Exact;
+  params.tsdf.region = UpdateRegion::Projective;
+  EXPECT_THROW((void)params.resolved(), InvalidArgument);
+  params.tsdf.region = UpdateRegion::DoubleCone;
+  const AccessibilityField part = fieldOf(test, params, world);
+  FieldParams unlimited = paramsOf(test);
+  unlimited.origin_W = params.origin_W;
+  const AccessibilityField one = fieldOf(test, unlimited, world);
+  EXPECT_LT(part.memoryUse().leaves, one.memoryUse().leaves);
+  EXPECT_LT(part.snapshot().points.size(), one.snapshot().points.size());
+}
+
+TEST(FieldOrigin, IsRoundedToWholeVoxels) {
+  const Case test;
+  FieldParams params = paramsOf(test);
+  params.origin_W = {{1.02, -3.49, 0.026}};
+  const AccessibilityField field(toolOf(test), params);
+  const double v = params.tsdf.voxel_size_m;
+  EXPECT_EQ(field.origin_W(), Eigen::Vector3d(20 * v, -70 * v, 1 * v));
+}
+
+}  // namespace
+}  // namespace accessvdb::test
