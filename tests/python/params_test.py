@@ -73,6 +73,8 @@ OTHER = {
         "box_max_W_m": (1.0, 2.0, 3.0),
     },
 }
+# Tiles of a larger map are made by programs in C++.
+NOT_IN_PYTHON = {"origin_W", "window"}
 PARTS = {"tsdf": "TsdfParams", "approach": "ApproachParams", "scoring": "ScoringParams", "update": "UpdateParams"}
 
 
@@ -87,7 +89,8 @@ def fields_of_header():
             if "(" in statement.split("=")[0] or not statement.strip():
                 continue  # a function
             declaration = re.sub(r"\{[^}]*\}", "", statement).strip()  # {0.6, 1.25} has commas of its own
-            declaration = re.sub(r"<[^>]*>", "", declaration)
+            while "<" in declaration:
+                declaration = re.sub(r"<[^<>]*>", "", declaration)
             first, *more = declaration.split(",")
             fields.append(re.match(r"[\w:]+\s+(\w+)", first.strip()).group(1))
             fields += [re.match(r"\s*(\w+)", other).group(1) for other in more]
@@ -105,7 +108,9 @@ class Params(unittest.TestCase):
         self.assertEqual(set(structs), {*OTHER, "FieldParams"})
         for name, fields in structs.items():
             here = {f for f in vars(getattr(accessvdb, name)) if isinstance(vars(getattr(accessvdb, name))[f], property)}
-            self.assertEqual(here, set(fields), name)
+            expected = set(fields) - NOT_IN_PYTHON if name == "FieldParams" else set(fields)
+            self.assertEqual(here, expected, name)
+        self.assertLess(NOT_IN_PYTHON, set(structs["FieldParams"]))
         for name, values in OTHER.items():
             self.assertEqual(list(values), structs[name], "the table of this test")
 
