@@ -10,6 +10,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <functional>
+#include <ostream>
 #include <random>
 #include <string>
 #include <vector>
@@ -41,6 +42,7 @@ struct Case {
   bool ray_cloud = false;
   std::function<void(FieldParams&)> change = [](FieldParams&) {};
 };
+void PrintTo(const Case& test, std::ostream* out) { *out << test.name; }
 
 /// Boards and poles over an area of about 300 x 200 voxels, seen from a walk between them.
 World makeWorld(const Case& test) {
