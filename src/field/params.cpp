@@ -65,7 +65,7 @@ void requireProjective(const ProjectiveParams& p, double voxel_size_m) {
 
 void requireWindow(const FieldParams& p) {
   const auto refuse = [](const std::string& problem, const std::string& advice) {
-    throw InvalidArgument("param.window", "window", problem, advice);
+    throw InvalidArgument("config.window", "window", problem, advice);
   };
   if (!p.origin_W) refuse("needs origin_W", "Set the origin that all tiles share");
   if (p.update.policy == UpdatePolicy::Paper) {
@@ -77,8 +77,8 @@ void requireWindow(const FieldParams& p) {
   }
   for (std::size_t axis = 0; axis < 2; ++axis) {
     const std::int32_t low = p.window->core_low[axis], high = p.window->core_high[axis];
-    if (low % FieldWindow::kEdge != 0 || high % FieldWindow::kEdge != 0 || low >= high ||
-        std::max(std::abs(low), std::abs(high)) > kMostWindow_voxels) {
+    if (low % FieldWindow::kEdge != 0 || high % FieldWindow::kEdge != 0 || low >= high || low < -kMostWindow_voxels ||
+        high > kMostWindow_voxels) {
       refuse("has a core from " + std::to_string(low) + " to " + std::to_string(high) + " voxels",
              "Use multiples of " + std::to_string(FieldWindow::kEdge) + " within +-2^20, the lower one first");
     }

@@ -36,7 +36,9 @@ Eigen::Vector3d roundToStep(const Eigen::Vector3d& x) {
 
 ScanGate::ScanGate(const TsdfParams& resolved, const std::optional<std::array<double, 3>>& origin_W,
                    const std::optional<VoxelColumnBox>& window)
-    : params_(resolved), window_(window) {
+    : params_(resolved),
+      inverse_voxel_size_(kernels::VoxelScale(resolved.voxel_size_m).inverse_float32),
+      window_(window) {
   if (origin_W) setOrigin({(*origin_W)[0], (*origin_W)[1], (*origin_W)[2]});
 }
 
@@ -50,7 +52,7 @@ void ScanGate::setOrigin(const Eigen::Vector3d& sensor_W) {
 }
 
 ScanGate::Checked ScanGate::check(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L) const {
-  const auto dropped = [](DropReason reason) { return Checked{{}, {}, reason, false}; };
+  const auto dropped = [](DropReason reason) { return Checked{{}, {}, reason}; };
   const double range = (p_L - q_L).norm();
   if (!std::isfinite(range)) return dropped(DropReason::NonFinite);
   if (!(range > 0)) return dropped(DropReason::NoReturn);
@@ -60,11 +62,10 @@ ScanGate::Checked ScanGate::check(const Eigen::Vector3d& p_L, const Eigen::Vecto
   if (!(p_L.lpNorm<Eigen::Infinity>() <= bound) || !(q_L.lpNorm<Eigen::Infinity>() <= bound)) {
     return dropped(DropReason::OutOfBounds);
   }
-  Checked kept = {p_L.cast<float>(), q_L.cast<float>(), {}, false};
+  Checked kept = {p_L.cast<float>(), q_L.cast<float>(), {}};
   if (kept.p_L == kept.q_L) return dropped(DropReason::NoReturn);  // after rounding there is no ray left
   if (window_) {
-    const float inverse = kernels::VoxelScale(params_.voxel_size_m).inverse_float32;
-    const auto ijk = kernels::voxelOf(kept.p_L.x(), kept.p_L.y(), kept.p_L.z(), inverse);
+    const auto ijk = kernels::voxelOf(kept.p_L.x(), kept.p_L.y(), kept.p_L.z(), inverse_voxel_size_);
     kept.outside = !window_->contains({ijk[0], ijk[1], ijk[2]});
   }
   return kept;
@@ -117,7 +118,7 @@ const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const
   const Eigen::Vector3d q_L = roundToStep(t - origin_W_);
   const auto checkOf = [&](std::size_t n) {
     const Eigen::Vector3f& p_S = points_S[n];
-    if (p_S.x() == 0 && p_S.y() == 0 && p_S.z() == 0) return Checked{{}, {}, DropReason::NoReturn, false};
+    if (p_S.x() == 0 && p_S.y() == 0 && p_S.z() == 0) return Checked{{}, {}, DropReason::NoReturn};
     return check(R * p_S.cast<double>() + q_L, q_L);
   };
   admit(points_S.size(), false, checkOf, stats);

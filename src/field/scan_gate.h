@@ -57,6 +57,7 @@ class ScanGate {
   void admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats);
 
   TsdfParams params_;
+  float inverse_voxel_size_;
   std::optional<VoxelColumnBox> window_;
   // One scan's returns. The memory is reused, because the system has to clear newly allocated memory first.
   GatedScan scan_;

@@ -20,7 +20,6 @@ namespace accessvdb::io {
 namespace {
 
 static_assert(std::endian::native == std::endian::little, "records are copied directly from memory");
-constexpr std::size_t kRecordsPerBlock = 16384;
 
 /// Shortest text that reads back as the same double, whatever the locale.
 std::string exactText(double value) {
@@ -78,7 +77,7 @@ char* putRecord(char* to, const SurfacePoint& point) {
 void writePointsPly(const std::filesystem::path& path, const SurfacePoints& points, const FieldMetadata& metadata) {
   writeFileDurably(path, [&](std::ostream& stream) {
     writeHeader(stream, points, metadata);
-    std::vector<char> block(kRecordsPerBlock * internal::kPointsPlyRecordBytes);
+    std::vector<char> block(internal::kPointsPlyRecordsPerBlock * internal::kPointsPlyRecordBytes);
     char* to = block.data();
     for (std::size_t n = 0; n < points.size(); ++n) {
       to = putRecord(to, points.at(n));

@@ -33,6 +33,8 @@ inline constexpr std::array<PlyProperty, 18> kPointsPlyProperties = {{{"double",
                                                                       {"float", "dz"},
                                                                       {"float", "yaw"}}};
 inline constexpr std::size_t kPointsPlyRecordBytes = 3 * 8 + 3 * 4 + 3 + 2 + 2 + 6 * 4;
+/// Read and written at a time.
+inline constexpr std::size_t kPointsPlyRecordsPerBlock = 16384;
 inline constexpr double kDegreesPerRadian = 57.295779513082320876798;
 
 }  // namespace accessvdb::internal

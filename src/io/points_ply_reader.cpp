@@ -16,7 +16,6 @@ namespace accessvdb::io {
 namespace {
 
 constexpr std::size_t kMaxHeaderBytes = std::size_t{1} << 20;
-constexpr std::size_t kRecordsPerRead = 16384;
 constexpr const char* kAdvice = "Use a points.ply written by accessvdb map";
 
 struct PlyHeader {
@@ -69,9 +68,9 @@ class PlyReader {
                             " bytes follow the header");
     }
     field.points.reserve(header.count);
-    std::vector<char> block(kRecordsPerRead * internal::kPointsPlyRecordBytes);
+    std::vector<char> block(internal::kPointsPlyRecordsPerBlock * internal::kPointsPlyRecordBytes);
     for (std::uint64_t done = 0; done < header.count;) {
-      const std::uint64_t records = std::min<std::uint64_t>(kRecordsPerRead, header.count - done);
+      const std::uint64_t records = std::min<std::uint64_t>(internal::kPointsPlyRecordsPerBlock, header.count - done);
       const auto bytes = static_cast<std::streamsize>(records * internal::kPointsPlyRecordBytes);
       if (!stream_.read(block.data(), bytes)) fail("truncated", "ends early");
       for (std::uint64_t i = 0; i < records; ++i) {

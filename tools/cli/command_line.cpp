@@ -43,9 +43,8 @@ std::optional<std::string> flagText(const toml::node& node) {
   return out.str();
 }
 
-bool isConfigKey(const FlagParser& flags, const std::string& key) {
-  return key != "config" && key != "print-config" && key != "help" && flags.has(key);
-}
+/// Flags that say what to do with a configuration are no part of one.
+bool belongsInConfig(const std::string& key) { return key != "config" && key != "print-config" && key != "help"; }
 
 void applyTable(FlagParser& flags, const std::string& file, const toml::table& table, bool strict) {
   for (const auto& [toml_key, node] : table) {
@@ -56,7 +55,7 @@ void applyTable(FlagParser& flags, const std::string& file, const toml::table& t
       }
       continue;
     }
-    if (!isConfigKey(flags, key)) {
+    if (!belongsInConfig(key) || !flags.has(key)) {
       throw InvalidArgument("config.key", file, "\"" + key + "\" is not an option of accessvdb " + flags.verb(),
                             "Keys are the flags without the dashes; see accessvdb " + flags.verb() + " --help");
     }
@@ -128,7 +127,7 @@ void checkCommonOptions(const CommonOptions& options) {
 std::string effectiveConfig(const FlagParser& flags) {
   toml::table values;
   for (const auto& [key, value] : flags.settings()) {
-    if (key == "config" || key == "print-config") continue;
+    if (!belongsInConfig(key)) continue;
     if (const bool* on = std::get_if<bool>(&value)) {
       values.insert(key, *on);
       continue;

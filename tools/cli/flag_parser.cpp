@@ -76,7 +76,7 @@ std::vector<FlagParser::Setting> FlagParser::settings() const {
   std::vector<Setting> settings;
   for (const CLI::Option* option : std::as_const(parser_->app).get_options()) {
     const std::string key = option->get_single_name();
-    if (option->get_lnames().empty() || key == "help") continue;
+    if (option->get_lnames().empty()) continue;
     if (option->get_expected_max() == 0) {
       settings.push_back({key, option->count() > 0 && option->as<bool>()});
     } else {

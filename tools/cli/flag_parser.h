@@ -45,7 +45,7 @@ class FlagParser {
     std::string key;
     std::variant<bool, std::string> value;  ///< bool for a flag without a value; the text may be empty
   };
-  [[nodiscard]] std::vector<Setting> settings() const;  ///< of all flags with dashes, --help left out
+  [[nodiscard]] std::vector<Setting> settings() const;  ///< of all flags with dashes
 
  private:
   struct Parser;
