@@ -29,6 +29,9 @@ class BatchQuery;
 class SurfacePoints;
 class TsdfVolume;
 struct DeviceView;
+namespace internal {
+struct FieldAccess;
+}
 
 class ACCESSVDB_API AccessibilityField {
  public:
@@ -98,6 +101,7 @@ class ACCESSVDB_API AccessibilityField {
   void write(const std::filesystem::path& folder) const;
 
  private:
+  friend struct internal::FieldAccess;
   struct Impl;
   std::unique_ptr<Impl> impl_;
 };

@@ -50,6 +50,8 @@ ACCESSVDB_API void writePointsPly(const std::filesystem::path& path, const Surfa
                                   const FieldMetadata& metadata);
 /// Reads points.ply back, with origin and voxel size from its header comments. @throws InputError
 [[nodiscard]] ACCESSVDB_API FieldSnapshot readPointsPly(const std::filesystem::path& path);
+/// Every n-th point of it alone, for a picture; ids are the points' numbers in the file.
+[[nodiscard]] ACCESSVDB_API FieldSnapshot readPointsPly(const std::filesystem::path& path, std::uint64_t every);
 
 /// What `info` prints about a grid.
 struct GridSummary {

@@ -41,6 +41,10 @@ class ACCESSVDB_API TsdfVolume {
   [[nodiscard]] openvdb::FloatGrid::Ptr distance() const;  ///< "distance", metres, background tau, active = observed
   [[nodiscard]] openvdb::FloatGrid::Ptr weight() const;    ///< "weight", observations, background 0, active = observed
   [[nodiscard]] openvdb::BoolGrid::Ptr cleared() const;    ///< "cleared", background false, active = cleared
+  /// The same in the core of a tile alone.
+  [[nodiscard]] openvdb::FloatGrid::Ptr distance(const FieldWindow& tile) const;
+  [[nodiscard]] openvdb::FloatGrid::Ptr weight(const FieldWindow& tile) const;
+  [[nodiscard]] openvdb::BoolGrid::Ptr cleared(const FieldWindow& tile) const;
 
   [[nodiscard]] std::uint64_t leafCount() const;
   [[nodiscard]] std::uint64_t activeVoxelCount() const;  ///< observed voxels

@@ -13,6 +13,7 @@
 #include "accessvdb/field_export.h"
 #include "accessvdb/tsdf_volume.h"
 #include "field/backend_choice.h"
+#include "field/field_access.h"
 #include "field/field_views.h"
 #include "field/point_weights.h"
 #include "field/scan_gate.h"
@@ -110,7 +111,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
                         "Start a new field, with a larger voxel size if memory was short");
   }
 
-  [[nodiscard]] internal::ScoredField scored() const { return {scorer, *backend, gate.origin_W()}; }
+  [[nodiscard]] internal::ScoredField scored() const { return {scorer, *backend, gate.origin_W(), core()}; }
   [[nodiscard]] internal::ViewedParts viewed() const {
     requireWhole();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
@@ -285,7 +286,7 @@ FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) cons
       *tests = 0;
       for (const auto& result : results) *tests += result.tests;
     }
-    const internal::ScoredField again = {scorer, *impl_->backend, impl_->gate.origin_W()};
+    const internal::ScoredField again = {scorer, *impl_->backend, impl_->gate.origin_W(), impl_->core()};
     return internal::snapshotOf(*internal::scoredPoints(again, internal::PointStates::AsOfTheLastUpdate));
   });
 }
@@ -333,5 +334,26 @@ MemoryUse AccessibilityField::memoryUse() const {
 }
 
 void AccessibilityField::write(const std::filesystem::path& folder) const { writeField(*this, folder, {}); }
+
+FrameStats internal::FieldAccess::integrateLocal(AccessibilityField& field, std::span<const Eigen::Vector3f> p_L,
+                                                 std::span<const Eigen::Vector3f> q_L) {
+  return field.impl_->integrate(
+      [&](FrameStats& stats) -> const GatedScan& { return field.impl_->gate.gateLocal(p_L, q_L, stats); });
+}
+
+const internal::PointStore& internal::FieldAccess::points(const AccessibilityField& field) {
+  return field.impl_->points;
+}
+
+internal::FieldCounts internal::FieldAccess::counts(const AccessibilityField& field) {
+  const PackedMap& map = field.impl_->volume.packed();
+  FieldCounts counts;
+  counts.distance_leaves = map.allocated_leaf_count;
+  counts.cleared_leaves = map.leaf_count - map.allocated_leaf_count;
+  counts.nodes = map.tree().nodeCount()[1];
+  counts.points = field.impl_->points.size();
+  counts.point_leaves = field.impl_->points.index().blocks().size();
+  return counts;
+}
 
 }  // namespace accessvdb

@@ -8,6 +8,9 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/config.h"
 #include "accessvdb/surface_points.h"
+#include "accessvdb/tsdf_volume.h"
+#include "field/field_files.h"
+#include "io/field_grids.h"
 
 namespace accessvdb {
 namespace {
@@ -35,18 +38,34 @@ tbb::task_arena arenaOf(const AccessibilityField& field) {
   return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
 }
 
+/// A tile's file holds the leaves of its core alone.
+void writeFieldVdb(const std::filesystem::path& file, const AccessibilityField& field, const SurfacePoints& points,
+                   const io::WriteOptions& options) {
+  const TsdfVolume& volume = field.volume();
+  const std::optional<FieldWindow>& tile = field.params().window;
+  if (!tile) return io::writeFieldVdb(file, volume, points, metadataOf(field), options);
+  const internal::VolumeGrids grids = {[&] { return volume.distance(*tile); }, [&] { return volume.weight(*tile); },
+                                       [&] { return volume.cleared(*tile); }};
+  internal::writeFieldGrids(file, grids, points, metadataOf(field), options);
+}
+
 void writeAll(const AccessibilityField& field, const SurfacePoints& points, const std::filesystem::path& folder,
               const io::WriteOptions& options) {
+  io::prepareOutputFolder(folder);
+  internal::writeFieldFiles(field, points, folder, options);
+}
+
+}  // namespace
+
+void internal::writeFieldFiles(const AccessibilityField& field, const SurfacePoints& points,
+                               const std::filesystem::path& folder, const io::WriteOptions& options) {
   const io::FieldMetadata metadata = metadataOf(field);
   arenaOf(field).execute([&] {
-    io::prepareOutputFolder(folder);
-    io::writeFieldVdb(folder / "field.vdb", field.volume(), points, metadata, options);
+    writeFieldVdb(folder / "field.vdb", field, points, options);
     io::writePointsVdb(folder / "field_points.vdb", points, metadata, options);
     io::writePointsPly(folder / "points.ply", points, metadata);
   });
 }
-
-}  // namespace
 
 void writeField(const AccessibilityField& field, const std::filesystem::path& folder, const io::WriteOptions& options) {
   io::checkWriteOptions(options);
@@ -65,7 +84,7 @@ void writeFieldFrame(const AccessibilityField& field, const std::filesystem::pat
                      const io::WriteOptions& options) {
   io::checkWriteOptions(options);
   const auto points = field.points();
-  arenaOf(field).execute([&] { io::writeFieldVdb(file, field.volume(), *points, metadataOf(field), options); });
+  arenaOf(field).execute([&] { writeFieldVdb(file, field, *points, options); });
 }
 
 }  // namespace accessvdb

@@ -62,8 +62,12 @@ ScanGate::Checked ScanGate::check(const Eigen::Vector3d& p_L, const Eigen::Vecto
   if (!(p_L.lpNorm<Eigen::Infinity>() <= bound) || !(q_L.lpNorm<Eigen::Infinity>() <= bound)) {
     return dropped(DropReason::OutOfBounds);
   }
-  Checked kept = {p_L.cast<float>(), q_L.cast<float>(), {}};
-  if (kept.p_L == kept.q_L) return dropped(DropReason::NoReturn);  // after rounding there is no ray left
+  return checkLocal(p_L.cast<float>(), q_L.cast<float>());
+}
+
+ScanGate::Checked ScanGate::checkLocal(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) const {
+  if (p_L == q_L) return {{}, {}, DropReason::NoReturn};  // after rounding there is no ray left
+  Checked kept = {p_L, q_L, {}};
   if (window_) {
     const auto ijk = kernels::voxelOf(kept.p_L.x(), kept.p_L.y(), kept.p_L.z(), inverse_voxel_size_);
     kept.outside = !window_->contains({ijk[0], ijk[1], ijk[2]});
@@ -123,6 +127,26 @@ const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const
   };
   admit(points_S.size(), false, checkOf, stats);
   scan_.q_L.push_back(q_L.cast<float>());
+  return scan_;
+}
+
+const GatedScan& ScanGate::gateLocal(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                                     FrameStats& stats) {
+  startScan(Eigen::Matrix3d::Identity());
+  stats.points_in += p_L.size();
+  const bool own = q_L.size() > 1;
+  const float bound = static_cast<float>(kMostVoxels * params_.voxel_size_m);
+  const auto inside = [bound](const Eigen::Vector3f& x) {
+    return x.lpNorm<Eigen::Infinity>() <= bound && x.allFinite();
+  };
+  const auto checkOf = [&](std::size_t n) {
+    const Eigen::Vector3f& q = q_L[own ? n : 0];
+    // The gate before has seen to this; a damaged file may not get past it.
+    if (!inside(p_L[n]) || !inside(q)) return Checked{{}, {}, DropReason::OutOfBounds};
+    return checkLocal(p_L[n], q);
+  };
+  admit(p_L.size(), own, checkOf, stats);
+  if (!own && !q_L.empty()) scan_.q_L.push_back(q_L.front());
   return scan_;
 }
 

@@ -36,9 +36,13 @@ class ScanGate {
   const GatedScan& gate(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, FrameStats& stats);
   const GatedScan& gate(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
                         FrameStats& stats);
+  /// Returns that passed a gate with the same origin before. @param q_L  [n] or [1]
+  const GatedScan& gateLocal(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                             FrameStats& stats);
 
   /// World position of the local origin: the first sensor position rounded to whole voxels.
   [[nodiscard]] const Eigen::Vector3d& origin_W() const { return origin_W_; }
+  [[nodiscard]] bool hasOrigin() const { return have_origin_; }
   [[nodiscard]] std::uint64_t bytes() const {
     return checked_.capacity() * sizeof(Checked) + (scan_.p_L.capacity() + scan_.q_L.capacity()) * sizeof(scan_.p_L[0]);
   }
@@ -52,6 +56,7 @@ class ScanGate {
   };
   void setOrigin(const Eigen::Vector3d& sensor_W);
   [[nodiscard]] Checked check(const Eigen::Vector3d& p_L, const Eigen::Vector3d& q_L) const;
+  [[nodiscard]] Checked checkLocal(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) const;
   void startScan(const Eigen::Matrix3d& R_W_S);
   template <typename CheckOf>
   void admit(std::size_t count, bool own_origins, const CheckOf& checkOf, FrameStats& stats);

@@ -108,12 +108,35 @@ SurfacePoint ScoredPoints::at(std::size_t index) const {
   return point;
 }
 
+/// The points of a tile's core.
+class CorePoints final : public SurfacePoints {
+ public:
+  CorePoints(std::unique_ptr<const ScoredPoints> all, const PointStore& store, const VoxelColumnBox& core)
+      : all_(std::move(all)) {
+    for (std::uint32_t id = 0; id < all_->size(); ++id) {
+      if (core.contains(store.voxelOf(store.first_L(id)))) ids_.push_back(id);
+    }
+  }
+
+  [[nodiscard]] std::size_t size() const override { return ids_.size(); }
+  [[nodiscard]] SurfacePoint at(std::size_t index) const override { return all_->at(ids_[index]); }
+  [[nodiscard]] Eigen::Vector3d position_W(std::size_t index) const override { return all_->position_W(ids_[index]); }
+  [[nodiscard]] Eigen::Vector3d origin_W() const override { return all_->origin_W(); }
+  [[nodiscard]] double voxel_size_m() const override { return all_->voxel_size_m(); }
+
+ private:
+  std::unique_ptr<const ScoredPoints> all_;
+  std::vector<std::uint32_t> ids_;
+};
+
 }  // namespace
 
 std::unique_ptr<const SurfacePoints> scoredPoints(const ScoredField& field, PointStates states) {
   const std::uint32_t count = field.scorer.points().size();
   HostState state = states == PointStates::None ? HostState() : HostState(field.scorer, field.backend, 0, count);
-  return std::make_unique<ScoredPoints>(field, std::move(state), 0, count);
+  auto all = std::make_unique<ScoredPoints>(field, std::move(state), 0, count);
+  if (!field.core) return all;
+  return std::make_unique<CorePoints>(std::move(all), field.scorer.points(), *field.core);
 }
 
 FieldSnapshot snapshotOf(const SurfacePoints& points) {

@@ -5,9 +5,11 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "accessvdb/surface_points.h"
+#include "field/window_reach.h"
 #include "update/point_scorer.h"
 
 namespace accessvdb::internal {
@@ -23,10 +25,11 @@ struct ScoredField {
   const PointScorer& scorer;
   kernels::Backend& backend;  ///< the one that holds the scorer's arrays
   Eigen::Vector3d origin_W;
+  std::optional<VoxelColumnBox> core = std::nullopt;  ///< of a tile, whose other points are not the user's
 };
 
-/// All points. Labels, scores and weights are copied, 24 bytes per point; positions are read from the scorer's store,
-/// which must live as long and keep its points.
+/// All points, those of the core for a tile. Labels, scores and weights are copied, 24 bytes per point; positions are
+/// read from the scorer's store, which must live as long and keep its points.
 [[nodiscard]] std::unique_ptr<const SurfacePoints> scoredPoints(const ScoredField& field, PointStates states);
 
 /// A copy of all of them.

@@ -51,7 +51,8 @@ class PlyReader {
     if (error || !stream_) fail("unreadable", "cannot be opened");
   }
 
-  FieldSnapshot read() {
+  /// @param every  points with other numbers than multiples of it are left out
+  FieldSnapshot read(std::uint64_t every) {
     const PlyHeader header = readHeader();
     if (!header.origin_W || !header.voxel_size_m) fail("foreign", "has no origin_W and voxel_size_m of AccessVDB");
     FieldSnapshot field;
@@ -67,13 +68,13 @@ class PlyReader {
                             std::to_string(internal::kPointsPlyRecordBytes) + " bytes, but " + std::to_string(rest) +
                             " bytes follow the header");
     }
-    field.points.reserve(header.count);
+    field.points.reserve(header.count / every + 1);
     std::vector<char> block(internal::kPointsPlyRecordsPerBlock * internal::kPointsPlyRecordBytes);
     for (std::uint64_t done = 0; done < header.count;) {
       const std::uint64_t records = std::min<std::uint64_t>(internal::kPointsPlyRecordsPerBlock, header.count - done);
       const auto bytes = static_cast<std::streamsize>(records * internal::kPointsPlyRecordBytes);
       if (!stream_.read(block.data(), bytes)) fail("truncated", "ends early");
-      for (std::uint64_t i = 0; i < records; ++i) {
+      for (std::uint64_t i = (every - done % every) % every; i < records; i += every) {
         field.points.push_back(
             parseRecord(block.data() + i * internal::kPointsPlyRecordBytes, static_cast<std::uint32_t>(done + i)));
         complete(field.points.back(), header);
@@ -208,6 +209,9 @@ class PlyReader {
 
 }  // namespace
 
-FieldSnapshot readPointsPly(const std::filesystem::path& path) { return PlyReader(path).read(); }
+FieldSnapshot readPointsPly(const std::filesystem::path& path) { return readPointsPly(path, 1); }
+FieldSnapshot readPointsPly(const std::filesystem::path& path, std::uint64_t every) {
+  return PlyReader(path).read(std::max<std::uint64_t>(every, 1));
+}
 
 }  // namespace accessvdb::io

@@ -23,6 +23,8 @@ Sha256::Sha256() : context_(std::make_unique<Context>()) {
     throw InternalError("internal.sha256", "OpenSSL", "does not provide SHA-256");
 }
 Sha256::~Sha256() = default;
+Sha256::Sha256(Sha256&&) noexcept = default;
+Sha256& Sha256::operator=(Sha256&&) noexcept = default;
 
 void Sha256::update(const void* data, std::size_t bytes) { EVP_DigestUpdate(context_->evp.get(), data, bytes); }
 
@@ -30,6 +32,16 @@ Sha256::Digest Sha256::digest() {
   Digest digest = {};
   EVP_DigestFinal_ex(context_->evp.get(), digest.data(), nullptr);
   return digest;
+}
+
+std::string hexOf(const Sha256::Digest& digest) {
+  constexpr const char* kHex = "0123456789abcdef";
+  std::string text;
+  for (const unsigned char byte : digest) {
+    text += kHex[byte >> 4];
+    text += kHex[byte & 15];
+  }
+  return text;
 }
 
 }  // namespace accessvdb::internal
@@ -47,13 +59,7 @@ std::string sha256OfFile(const std::filesystem::path& path) {
   }
   if (!file.eof() || file.bad())
     throw InputError("input.unreadable", forMessage(path.native()), "reading failed", "Check the disk and permissions");
-  constexpr const char* kHex = "0123456789abcdef";
-  std::string text;
-  for (const unsigned char byte : sha256.digest()) {
-    text += kHex[byte >> 4];
-    text += kHex[byte & 15];
-  }
-  return text;
+  return internal::hexOf(sha256.digest());
 }
 
 }  // namespace accessvdb::io

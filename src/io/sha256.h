@@ -6,6 +6,7 @@
 #include <array>
 #include <cstddef>
 #include <memory>
+#include <string>
 
 namespace accessvdb::internal {
 
@@ -16,6 +17,8 @@ class Sha256 {
   /// @throw InternalError  OpenSSL does not provide it
   Sha256();
   ~Sha256();
+  Sha256(Sha256&&) noexcept;
+  Sha256& operator=(Sha256&&) noexcept;
   Sha256(const Sha256&) = delete;
   Sha256& operator=(const Sha256&) = delete;
 
@@ -27,5 +30,8 @@ class Sha256 {
   struct Context;
   std::unique_ptr<Context> context_;
 };
+
+/// Lower-case hexadecimal.
+[[nodiscard]] std::string hexOf(const Sha256::Digest& digest);
 
 }  // namespace accessvdb::internal

@@ -6,6 +6,7 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
+#include <cstdint>
 #include <vector>
 
 #include "tsdf/packed_map.h"
@@ -16,19 +17,27 @@ namespace {
 
 using internal::PackedLeaf;
 
-std::vector<const PackedLeaf*> leavesOf(const internal::PackedTree& tree) {
+/// The tile of a map that is not cut.
+constexpr FieldWindow kEverything = {{INT32_MIN, INT32_MIN}, {INT32_MAX, INT32_MAX}};
+
+std::vector<const PackedLeaf*> leavesOf(const internal::PackedTree& tree, const FieldWindow& tile = kEverything) {
   std::vector<const PackedLeaf*> leaves;
   leaves.reserve(tree.leafCount());
   tree.getNodes(leaves);
+  std::erase_if(leaves, [&tile](const PackedLeaf* leaf) {
+    const openvdb::Coord& ijk = leaf->origin();
+    return ijk.x() < tile.core_low[0] || ijk.x() >= tile.core_high[0] || ijk.y() < tile.core_low[1] ||
+           ijk.y() >= tile.core_high[1];
+  });
   return leaves;
 }
 
 /// Builds a grid leaf by leaf in parallel, then links the leaves. `fill` returns false if the leaf is to be dropped.
 template <typename GridT, typename Fill>
-typename GridT::Ptr buildGrid(const internal::PackedMap& map, const char* name,
+typename GridT::Ptr buildGrid(const internal::PackedMap& map, const FieldWindow& tile, const char* name,
                               const typename GridT::ValueType& background, const Fill& fill) {
   using Leaf = typename GridT::TreeType::LeafNodeType;
-  const auto sources = leavesOf(map.tree());
+  const auto sources = leavesOf(map.tree(), tile);
   std::vector<Leaf*> built(sources.size(), nullptr);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, sources.size(), 256), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
@@ -60,10 +69,14 @@ double TsdfVolume::voxelSize_m() const { return packed_->params().voxel_size_m; 
 double TsdfVolume::truncationDistance_m() const { return packed_->params().truncation_distance_m; }
 VoxelState TsdfVolume::at(const openvdb::Coord& ijk) const { return packed_->at(ijk); }
 
-openvdb::FloatGrid::Ptr TsdfVolume::distance() const {
+openvdb::FloatGrid::Ptr TsdfVolume::distance() const { return distance(kEverything); }
+openvdb::FloatGrid::Ptr TsdfVolume::weight() const { return weight(kEverything); }
+openvdb::BoolGrid::Ptr TsdfVolume::cleared() const { return cleared(kEverything); }
+
+openvdb::FloatGrid::Ptr TsdfVolume::distance(const FieldWindow& tile) const {
   const internal::PackedMap& map = *packed_;
   const auto tau = static_cast<float>(map.params().truncation_distance_m);
-  auto grid = buildGrid<openvdb::FloatGrid>(map, "distance", tau, [&map](const PackedLeaf& from, auto& to) {
+  auto grid = buildGrid<openvdb::FloatGrid>(map, tile, "distance", tau, [&map](const PackedLeaf& from, auto& to) {
     const std::uint32_t* packed = internal::packedValues(from);
     if (packed == nullptr) return false;
     for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
@@ -75,8 +88,8 @@ openvdb::FloatGrid::Ptr TsdfVolume::distance() const {
   return grid;
 }
 
-openvdb::FloatGrid::Ptr TsdfVolume::weight() const {
-  return buildGrid<openvdb::FloatGrid>(*packed_, "weight", 0.0f, [](const PackedLeaf& from, auto& to) {
+openvdb::FloatGrid::Ptr TsdfVolume::weight(const FieldWindow& tile) const {
+  return buildGrid<openvdb::FloatGrid>(*packed_, tile, "weight", 0.0f, [](const PackedLeaf& from, auto& to) {
     const std::uint32_t* packed = internal::packedValues(from);
     if (packed == nullptr) return false;
     for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
@@ -87,8 +100,8 @@ openvdb::FloatGrid::Ptr TsdfVolume::weight() const {
   });
 }
 
-openvdb::BoolGrid::Ptr TsdfVolume::cleared() const {
-  return buildGrid<openvdb::BoolGrid>(*packed_, "cleared", false, [](const PackedLeaf& from, auto& to) {
+openvdb::BoolGrid::Ptr TsdfVolume::cleared(const FieldWindow& tile) const {
+  return buildGrid<openvdb::BoolGrid>(*packed_, tile, "cleared", false, [](const PackedLeaf& from, auto& to) {
     if (from.getValueMask().isOff()) return false;
     for (auto it = from.cbeginValueOn(); it; ++it) to.setValueOn(it.pos(), true);
     return true;

@@ -75,7 +75,7 @@ TEST_F(ExitCodes, UsageBeforeAnythingIsKnown) {
   const ProgramResult verb = runProgram({"frobnicate"});
   EXPECT_EQ(verb.exit_code, 2);
   expectOneErrorLine(verb, "usage.verb");
-  EXPECT_NE(verb.err.find("map, simulate, evaluate, bench, info, query and render"), std::string::npos) << verb.err;
+  EXPECT_NE(verb.err.find("map, tile, simulate, evaluate, bench, info, query and render"), std::string::npos) << verb.err;
   EXPECT_EQ(runProgram(std::vector<std::string>{}).exit_code, 2);
   for (const std::vector<std::string>& arguments : {std::vector<std::string>{"map", "--frobnicate"},
                                                     {"map", "--voxel", "abc"},
@@ -147,7 +147,7 @@ TEST_F(ExitCodes, NoReturnAtAll) {
 TEST_F(ExitCodes, MemoryLimitNamesAVoxelThatFits) {
   // 168 MiB are for the program, buffers and the picture, the rest is for the map: too little at 5 mm, enough at a few
   // centimetres.
-  const std::vector<std::string> limit = {"--voxel", "0.005", "--max-memory", "176M"};
+  const std::vector<std::string> limit = {"--voxel", "0.005", "--max-memory", "176M", "--tiles", "off"};
   const ProgramResult result = runProgram(mapArguments(limit));
   EXPECT_EQ(result.exit_code, 5) << result.err;
   expectOneErrorLine(result, "limit.memory");

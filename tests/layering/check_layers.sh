@@ -34,6 +34,7 @@ tool     std posix api eigen tbb launch hostdev assimp openssl
 io       std posix api grids eigen openvdb vdb tbb lzf openssl json
 picture  std api eigen tbb io png
 field    std posix api grids eigen openvdb vdb tbb launch hostdev tsdf mirror points update tool io
+tiles    std posix api grids eigen openvdb vdb tbb launch hostdev points tool field io json
 capi     std api eigen
 sim      std api grids eigen tbb field io embree
 eval     std api grids eigen tbb field sim io embree qhull png json picture

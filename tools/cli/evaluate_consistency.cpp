@@ -216,7 +216,7 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   for (const std::string& note : scans.notices()) messages.notice(note);
   const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
   // The three maps are made one at a time; the last, of all scans, needs the most.
-  if (!checkMemory(options, tool, RunOutput::Labels, scans, messages)) return stoppedBeforeResults(messages);
+  if (!checkMemory(options, tool, RunOutput::Labels, scans, {}, messages)) return stoppedBeforeResults(messages);
 
   std::optional<Progress> progress;
   eval::ConsistencyHooks hooks;

@@ -21,6 +21,8 @@
 #include "report.h"
 #include "run_summary.h"
 #include "stop_signal.h"
+#include "tile_job.h"
+#include "tiled_map.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -38,7 +40,8 @@ double millisecondsSince(Clock::time_point start) {
 /// One run. Its report is always complete, so that it can be written whatever happens.
 class MapRun {
  public:
-  MapRun(const MapOptions& options, Messages& messages) : options_(options), messages_(messages) {}
+  MapRun(const MapOptions& options, PlanSettings settings, Messages& messages)
+      : options_(options), settings_(std::move(settings)), messages_(messages) {}
 
   /// @return 0, or 128 + the signal that stopped it
   int run();
@@ -49,6 +52,7 @@ class MapRun {
   void claimOutputFolder();
   void hashInput(const fs::path& path);
   void setParameters(const FieldParams& params);
+  int inTiles(const PlanSources& sources, std::int32_t chosen_voxels);
   int work(io::ScanSequence& scans, AccessibilityField& field);
   void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
   void integrate(const io::ScanRecord& record, AccessibilityField& field);
@@ -59,6 +63,7 @@ class MapRun {
   void saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field);
 
   const MapOptions& options_;
+  PlanSettings settings_;
   Messages& messages_;
   RunReport report_;
   SceneStatistics scene_;
@@ -84,6 +89,12 @@ void MapRun::claimOutputFolder() {
     }
   }
   io::prepareOutputFolder(out);
+  if (options_.fresh) removeTiles(out);
+  if (options_.tiles == "off" && tiles::hasPlan(out)) {
+    refused_ = true;
+    throw UnusableInput("plan.changed", out.string(), "holds tiles of another run",
+                        "Use another folder, or --fresh to delete them");
+  }
 }
 
 void MapRun::hashInput(const fs::path& path) {
@@ -264,8 +275,16 @@ int MapRun::run() {
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
   setParameters(params);
-  report_.predicted_bytes = checkMemory(
-      options_, tool, options_.exported.surface ? RunOutput::FieldWithSurface : RunOutput::Field, scans, messages_);
+  const PlanSources sources = {options_, settings_, tool, scans, params};
+  const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
+  if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
+  std::optional<tiles::TileMargins> margins;
+  if (options_.tiles == "auto" && !whyNotInTiles(options_, params)) margins = tiles::tileMargins(tool, params);
+  const auto memory =
+      checkMemory(options_, tool, options_.exported.surface ? RunOutput::FieldWithSurface : RunOutput::Field, scans,
+                  margins, messages_);
+  if (memory) report_.predicted_bytes = memory->predicted_bytes;
+  if (memory && memory->tile_voxels > 0) return inTiles(sources, memory->tile_voxels);
   AccessibilityField field(tool, params);
   report_.device = field.deviceName();
   report_.device_note_id = field.deviceNoteId();
@@ -278,6 +297,12 @@ int MapRun::run() {
     if (error.subject() == "cuda") saveUnscored(scans, field);
     throw;
   }
+}
+
+int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
+  const int exit_code = mapInTiles(sources, chosen_voxels, report_, messages_);
+  writeReport(fs::path(options_.out) / "report.json", report_, messages_);
+  return exit_code;
 }
 
 int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
@@ -332,7 +357,7 @@ int runMap(const Arguments& arguments, Messages& messages) {
     printData(text);
     return 0;
   }
-  MapRun run(options, messages);
+  MapRun run(options, planSettings(flags), messages);
   try {
     return run.run();
   } catch (const std::exception& error) {

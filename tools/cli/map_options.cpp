@@ -3,10 +3,16 @@
 #include "map_options.h"
 
 #include <array>
+#include <charconv>
+#include <cmath>
+#include <filesystem>
+#include <limits>
 #include <tuple>
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/tiles.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -67,20 +73,31 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
       "accessvdb map --scans scans/ --poses poses.txt --tool pruner.stl --tool-unit mm --voxel 0.02 --out out/\n"
       "  accessvdb map --scans cloud.ply --sensor-at 0,0,1.5 --tool builtin:pencil --out out/");
   addCommonOptions(flags, options.common);
+  addMapFlags(flags, options, "--out");
+  flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
+}
+
+void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out) {
   flags.option("--scans", &options.scans, "folder of .pcd, .ply, .bin or .las scans, or one file");
   flags.option("--poses", &options.poses, "pose file; may be omitted for VIEWPOINT poses, ray clouds and --sensor-at");
   flags.option("--sensor-at", &options.sensor_at, "X,Y,Z of the one sensor position of one cloud in the world frame");
   addMappingOptions(flags, options);
-  flags.option("--out", &options.out, "folder for field.vdb, field_points.vdb, points.ply, report.json, preview.png");
+  flags.option(out, &options.out, "folder for field.vdb, field_points.vdb, points.ply, report.json, preview.png");
   flags.option("--policy", &options.policy, "how points to be scored again are chosen: exact or paper");
   flags.option("--corridor", &options.corridor_m, "length of the straight corridor that must be free, metres");
   flags.option("--update-every", &options.update_every, "score after every n scans; 0 = once at the end");
   flags.option("--max-memory", &options.max_memory, "limit on memory, for example 2G or 500M");
+  flags.option("--tiles", &options.tiles,
+               "map in tiles with this edge in metres, with the same results: auto (where memory is short) or off");
+  flags.option("--bin-memory", &options.bin_memory, "memory for sorting returns into tiles; default by --max-memory");
+  flags.flag("--keep-rays", options.keep_rays, "keep the sorted returns after all tiles are done");
+  flags.flag("--fresh", options.fresh, "start over where the folder holds tiles of an earlier run");
+  flags.option("--origin", &options.origin,
+               "X,Y,Z of the map's local origin in the world frame, or a folder with an earlier result");
   flags.flag("--no-clobber", options.no_clobber, "refuse to overwrite existing outputs");
   addMirrorOption(flags, options);
   addExportOptions(flags, options.exported);
   addPictureOptions(flags, options.picture);
-  flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
 }
 
 void checkMapOptions(const MapOptions& options) {
@@ -94,10 +111,45 @@ void checkMapOptions(const MapOptions& options) {
   if (options.every < 1) throw InvalidArgument("usage.every", "--every", "must be 1 or more");
   if (options.update_every < 0) throw InvalidArgument("usage.update_every", "--update-every", "cannot be negative");
   if (!options.max_memory.empty()) (void)parseBytes("--max-memory", options.max_memory);
+  if (!options.bin_memory.empty()) (void)parseBytes("--bin-memory", options.bin_memory);
+  (void)wantedTile_m(options);
   (void)scanInputOptions(options);
   (void)renderOptions(options.picture);
   (void)writeOptions(options.exported);
   (void)fieldParams(options);
+}
+
+double wantedTile_m(const MapOptions& options) {
+  if (options.tiles == "auto" || options.tiles == "off") return 0;
+  double edge_m = 0;
+  const char* end = options.tiles.data() + options.tiles.size();
+  const auto [rest, error] = std::from_chars(options.tiles.data(), end, edge_m);
+  if (error != std::errc() || rest != end || !(edge_m > 0) || !std::isfinite(edge_m)) {
+    throw InvalidArgument("usage.tiles", "--tiles", "\"" + options.tiles + "\" is not a positive length in metres",
+                          "Use auto, off, or an edge in metres");
+  }
+  return edge_m;
+}
+
+std::optional<std::array<double, 3>> givenOrigin(const MapOptions& options) {
+  if (options.origin.empty()) return std::nullopt;
+  Eigen::Vector3d origin_W;
+  std::error_code ignored;
+  const std::filesystem::path folder = options.origin;
+  if (!std::filesystem::is_directory(folder, ignored)) {
+    origin_W = parseVector("--origin", options.origin);
+  } else if (tiles::hasIndex(folder)) {
+    const std::array<double, 3> indexed = tiles::readIndex(folder).origin_W;
+    origin_W = {indexed[0], indexed[1], indexed[2]};
+  } else {
+    origin_W = io::readPointsPly(folder / "points.ply", std::numeric_limits<std::uint32_t>::max()).origin_W;
+  }
+  std::array<double, 3> rounded;
+  for (int axis = 0; axis < 3; ++axis) {
+    // + 0.0 turns -0 into 0.
+    rounded[static_cast<std::size_t>(axis)] = std::round(origin_W[axis] / options.voxel_m) * options.voxel_m + 0.0;
+  }
+  return rounded;
 }
 
 io::ScanInputOptions scanInputOptions(const MapOptions& options) {
@@ -139,6 +191,7 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   params.backend = chooseWord("--device", options.common.device, kDevices);
   params.threads = options.common.threads;
   params.mirror_distance = options.mirror_distance;
+  params.origin_W = givenOrigin(options);
   return params.resolved();
 }
 

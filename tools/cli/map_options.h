@@ -3,6 +3,7 @@
 /// The flags of `map` and what they mean to the library.
 #pragma once
 
+#include <array>
 #include <optional>
 #include <string>
 
@@ -25,10 +26,14 @@ struct MapOptions {
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
   std::optional<int> directions, knn;
   int every = 1, update_every = 0;
+  std::string tiles = "auto", bin_memory, origin;
+  bool keep_rays = false, fresh = false;
   bool allow_truncated = false, sort_poses = false, no_clobber = false, print_config = false, mirror_distance = false;
 };
 
 void addMapOptions(FlagParser& flags, MapOptions& options);
+/// All of them without description and common flags. @param out  "--out", or "OUT" for its place on the command line
+void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out);
 
 /// Adds the flags for reading and mapping scans, for every verb that maps scans.
 void addMappingOptions(FlagParser& flags, MapOptions& options);
@@ -38,6 +43,13 @@ void addMirrorOption(FlagParser& flags, MapOptions& options);
 
 /// Checks what the flags alone determine. @throws InvalidArgument, DeviceError
 void checkMapOptions(const MapOptions& options);
+
+/// Edge of a tile that --tiles gives, metres; 0 for auto and off. @throws InvalidArgument "usage.tiles"
+[[nodiscard]] double wantedTile_m(const MapOptions& options);
+
+/// World position of the local frame that --origin gives, rounded to whole voxels; nothing without the flag.
+/// @throws InvalidArgument; InputError for a folder without an earlier result
+[[nodiscard]] std::optional<std::array<double, 3>> givenOrigin(const MapOptions& options);
 
 /// @throws InvalidArgument
 [[nodiscard]] io::ScanInputOptions scanInputOptions(const MapOptions& options);

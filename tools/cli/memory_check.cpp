@@ -4,13 +4,14 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <thread>
 #include <utility>
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "accessvdb/memory_prediction.h"
 #include "accessvdb/tool_tables.h"
-#include "memory_prediction.h"
 #include "progress.h"
 #include "stop_signal.h"
 
@@ -36,6 +37,7 @@ class RaySample {
     rays_.resize(rays_.size() / 2);
     stride_ *= 2;
   }
+  [[nodiscard]] const std::vector<Ray>& rays() const { return rays_; }
   [[nodiscard]] double predictedBytes(const TsdfParams& params, RunOutput output, bool with_distances) const {
     MemoryPredictor predictor(params);
     for (const auto& [o_L, p_L] : rays_) predictor.add(o_L.cast<double>(), p_L.cast<double>());
@@ -130,10 +132,68 @@ double smallestFittingVoxel_m(MapOptions options, const ToolGeometry& tool, std:
   return voxel_m;
 }
 
+/// The largest tiles that fit, by the same sample. 0 if even the smallest do not.
+class TileChoice {
+ public:
+  /// @param ratio  all rays' prediction by the sample's
+  TileChoice(const FieldParams& params, const tiles::TileMargins& margins, const RaySample& sample, double ratio)
+      : params_(params), margins_(margins), sample_(sample), ratio_(ratio) {}
+
+  [[nodiscard]] std::int32_t largestFitting(const ToolTableBytes& tables, double limit) const {
+    std::int32_t edge = 0;
+    for (std::int32_t larger = margins_.least_tile_voxels; larger <= kMostTileVoxels; larger *= 2) {
+      if (peakBytes(ratio_ * largestTile(larger), tables) > limit) break;
+      edge = larger;
+    }
+    return edge;
+  }
+
+ private:
+  static constexpr std::int32_t kMostTileVoxels = 1 << 16;
+
+  /// Predicted bytes of the tile that needs most of the sample's rays.
+  [[nodiscard]] double largestTile(std::int32_t edge) const {
+    const double voxel_m = params_.tsdf.voxel_size_m;
+    std::map<std::pair<std::int64_t, std::int64_t>, std::vector<std::uint32_t>> rays_of;
+    const auto tileOf = [&](double x_m, std::int32_t shift) {
+      return static_cast<std::int64_t>(std::floor((x_m / voxel_m + shift) / edge));
+    };
+    const std::int32_t margin = margins_.returns_voxels;
+    for (std::uint32_t n = 0; n < sample_.rays().size(); ++n) {
+      const Eigen::Vector3d p_L = sample_.rays()[n].second.cast<double>();
+      for (std::int64_t x = tileOf(p_L.x(), -margin); x <= tileOf(p_L.x(), margin); ++x) {
+        for (std::int64_t y = tileOf(p_L.y(), -margin); y <= tileOf(p_L.y(), margin); ++y) {
+          rays_of[{x, y}].push_back(n);
+        }
+      }
+    }
+    double most = 0;
+    for (const auto& [tile, rays] : rays_of) {
+      MemoryPredictor predictor(params_.tsdf);
+      for (const std::uint32_t n : rays) {
+        predictor.add(sample_.rays()[n].first.cast<double>(), sample_.rays()[n].second.cast<double>());
+      }
+      most = std::max(most, predictor.prediction().bytes(RunOutput::Field, false));
+    }
+    return most;
+  }
+
+  const FieldParams& params_;
+  tiles::TileMargins margins_;
+  const RaySample& sample_;
+  double ratio_;
+};
+
 }  // namespace
 
-std::optional<std::uint64_t> checkMemory(const MapOptions& options, const ToolGeometry& tool, RunOutput output,
-                                         io::ScanSequence& scans, Messages& messages) {
+std::optional<std::uint64_t> memoryLimit(const MapOptions& options) {
+  if (!options.max_memory.empty()) return parseBytes("--max-memory", options.max_memory);
+  return availableMemoryBytes();
+}
+
+std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeometry& tool, RunOutput output,
+                                       io::ScanSequence& scans, const std::optional<tiles::TileMargins>& tiles,
+                                       Messages& messages) {
   const std::optional<double> noise_m = scans.recordedRangeNoise_m();
   const bool limited = !options.max_memory.empty();
   const FieldParams params = fieldParams(options, noise_m);
@@ -163,17 +223,22 @@ std::optional<std::uint64_t> checkMemory(const MapOptions& options, const ToolGe
   const std::optional<std::uint64_t> available = availableMemoryBytes();
   messages.notice("predicted peak memory: " + std::string(stride > 1 ? "at least " : "") + bytesInWords(predicted) +
                   (available ? ", available " + bytesInWords(static_cast<double>(*available)) : std::string()));
-  const double limit = limited     ? static_cast<double>(parseBytes("--max-memory", options.max_memory))
-                       : available ? static_cast<double>(*available)
-                                   : predicted;
-  if (predicted > limit) {
-    const double voxel_m = smallestFittingVoxel_m(options, tool, noise_m, sample, output, without_tool, limit);
-    throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
-                        "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
-                        voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits"
-                                    : "No voxel size fits: allow more memory");
+  MemoryCheck check;
+  check.predicted_bytes = static_cast<std::uint64_t>(predicted);
+  check.limit_bytes = memoryLimit(options).value_or(check.predicted_bytes);
+  const auto limit = static_cast<double>(check.limit_bytes);
+  if (predicted <= limit) return check;
+  if (tiles) {
+    // The sample touches fewer leaves than all rays do.
+    const double ratio = without_tool / sample.predictedBytes(params.tsdf, output, options.mirror_distance);
+    check.tile_voxels = TileChoice(params, *tiles, sample, ratio).largestFitting(tables, limit);
+    if (check.tile_voxels > 0) return check;
   }
-  return static_cast<std::uint64_t>(predicted);
+  const double voxel_m = smallestFittingVoxel_m(options, tool, noise_m, sample, output, without_tool, limit);
+  throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
+                      "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
+                      voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits"
+                                  : "No voxel size fits: allow more memory");
 }
 
 }  // namespace accessvdb::tools

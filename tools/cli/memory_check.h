@@ -6,18 +6,31 @@
 #include <cstdint>
 #include <optional>
 
+#include "accessvdb/memory_prediction.h"
 #include "accessvdb/scan_io.h"
+#include "accessvdb/tiles.h"
 #include "accessvdb/tool_geometry.h"
 #include "map_options.h"
-#include "memory_prediction.h"
 
 namespace accessvdb::tools {
 
+struct MemoryCheck {
+  std::uint64_t predicted_bytes = 0;  ///< peak in one piece
+  std::uint64_t limit_bytes = 0;      ///< --max-memory, else what the machine can give
+  std::int32_t tile_voxels = 0;       ///< edge of the largest tiles that fit; 0 if one piece fits
+};
+
 /// Reads all scans, or without --max-memory at most a few million returns, and then predicts a lower bound.
-/// @return predicted peak in bytes; nothing if a signal stopped it
+/// @param tiles  if tiles may be used where one piece does not fit
+/// @return nothing if a signal stopped it
 /// @throws ResourceLimit "limit.memory" with the smallest voxel that fits, "tool.span", "tool.columns"; InputError
 ///         while reading
-[[nodiscard]] std::optional<std::uint64_t> checkMemory(const MapOptions& options, const ToolGeometry& tool,
-                                                       RunOutput output, io::ScanSequence& scans, Messages& messages);
+[[nodiscard]] std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeometry& tool,
+                                                     RunOutput output, io::ScanSequence& scans,
+                                                     const std::optional<tiles::TileMargins>& tiles,
+                                                     Messages& messages);
+
+/// --max-memory, else what the machine can give, else nothing.
+[[nodiscard]] std::optional<std::uint64_t> memoryLimit(const MapOptions& options);
 
 }  // namespace accessvdb::tools

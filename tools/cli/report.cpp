@@ -123,6 +123,17 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
     json["device_note"] = {{"id", report.device_note_id}, {"text", report.device_note}};
   }
   if (report.predicted_bytes) json["memory"]["predicted_bytes"] = *report.predicted_bytes;
+  if (report.tiles) {
+    const TilesReport& tiles = *report.tiles;
+    json["tiles"] = {{"tile_voxels", tiles.tile_voxels},
+                     {"margin_voxels", tiles.margin_voxels},
+                     {"done", tiles.done},
+                     {"todo", tiles.todo},
+                     {"split", tiles.split},
+                     {"ray_bytes", tiles.ray_bytes},
+                     {"seconds", tiles.seconds},
+                     {"peak_bytes", tiles.peak_bytes}};
+  }
   Json warnings = Json::array();
   for (const auto& [id, text] : messages.warnings()) warnings.push_back({{"id", id}, {"text", text}});
   json["warnings"] = warnings;

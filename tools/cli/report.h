@@ -30,6 +30,15 @@ class StageTimes {
   std::vector<double> samples_ms_;
 };
 
+/// What a run in tiles adds.
+struct TilesReport {
+  std::int32_t tile_voxels = 0, margin_voxels = 0;
+  std::uint64_t done = 0, todo = 0, split = 0;
+  std::uint64_t ray_bytes = 0;   ///< of the sorted returns on disk
+  double seconds = 0;            ///< of all tiles, as if one process had run them
+  std::uint64_t peak_bytes = 0;  ///< of the process that used most
+};
+
 struct RunReport {
   int exit_code = 0;
   std::string device = "cpu";
@@ -49,6 +58,7 @@ struct RunReport {
   StageTimes distance_mirror, distance_leaves, distance_mirror_bytes;
   std::optional<std::uint64_t> predicted_bytes;
   MemoryUse memory;
+  std::optional<TilesReport> tiles;
   std::optional<Failure> failure;
 
   void add(const FrameStats& stats);

@@ -19,6 +19,7 @@ int runSimulate(const Arguments& arguments, Messages& messages);
 int runBench(const Arguments& arguments, Messages& messages);
 int runInfo(const Arguments& arguments, Messages& messages);
 int runQuery(const Arguments& arguments, Messages& messages);
+int runTile(const Arguments& arguments, Messages& messages);
 int runRender(const Arguments& arguments, Messages& messages);
 
 }  // namespace accessvdb::tools

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "memory_prediction.h"
+#include "accessvdb/memory_prediction.h"
 
 #include <algorithm>
 #include <cmath>
@@ -8,7 +8,7 @@
 #include <limits>
 #include <string>
 
-namespace accessvdb::tools {
+namespace accessvdb {
 namespace {
 
 // Bytes per item. A run first fuses, then writes one file after another; each writer makes copies and frees them. So
@@ -230,4 +230,4 @@ std::optional<std::uint64_t> availableMemoryBytes() {
   return best;
 }
 
-}  // namespace accessvdb::tools
+}  // namespace accessvdb

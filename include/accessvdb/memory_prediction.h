@@ -13,13 +13,14 @@
 #include <optional>
 #include <vector>
 
+#include "accessvdb/export.h"
 #include "accessvdb/params.h"
 #include "accessvdb/tool_tables.h"
 
-namespace accessvdb::tools {
+namespace accessvdb {
 
 /// Estimates the number of distinct 64-bit hashes seen; standard error 0.8 %.
-class DistinctCounter {
+class ACCESSVDB_API DistinctCounter {
  public:
   DistinctCounter() : registers_(kRegisters, 0) {}
   void add(std::uint64_t hash) {
@@ -43,7 +44,7 @@ enum class RunOutput {
   Labels             ///< snapshots alone, three of them (evaluate --consistency)
 };
 
-struct MemoryPrediction {
+struct ACCESSVDB_API MemoryPrediction {
   std::uint64_t returns = 0;  ///< returns that it is drawn from
   double cone_leaves = 0;     ///< leaves that hold distances
   double band_leaves = 0;     ///< leaves that are only passed on the way to a return
@@ -57,9 +58,9 @@ struct MemoryPrediction {
 
 /// The peak of a run: while the tool's tables are made there is no map yet.
 /// @param without_tool  MemoryPrediction::bytes()
-[[nodiscard]] double peakBytes(double without_tool, const ToolTableBytes& tool);
+[[nodiscard]] ACCESSVDB_API double peakBytes(double without_tool, const ToolTableBytes& tool);
 
-class MemoryPredictor {
+class ACCESSVDB_API MemoryPredictor {
  public:
   /// @param params  resolved parameters
   explicit MemoryPredictor(const TsdfParams& params);
@@ -83,6 +84,6 @@ class MemoryPredictor {
 };
 
 /// What the machine can still give: physical memory and the limits of the control group. Nothing where unknown.
-[[nodiscard]] std::optional<std::uint64_t> availableMemoryBytes();
+[[nodiscard]] ACCESSVDB_API std::optional<std::uint64_t> availableMemoryBytes();
 
-}  // namespace accessvdb::tools
+}  // namespace accessvdb

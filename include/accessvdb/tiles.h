@@ -1,0 +1,199 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Maps larger than memory, in tiles, with the results of one piece, bit for bit (docs/large_maps.md):
+///
+///   plan    what is mapped, with which parameters, in tiles of which size      plan.json
+///   bin     reads every scan once and sorts its returns by tile                rays/
+///   run     one tile after another, in any order, on any machine               tiles/NAME/
+///   merge   one list of all points, one file for other programs                field.json, points.ply
+///
+/// Every file appears whole or not at all, and what says that a step is done is written last: whatever was interrupted
+/// is done again by the same call. Processes may run different tiles of one folder at the same time.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/export.h"
+#include "accessvdb/field_export.h"
+#include "accessvdb/field_window.h"
+#include "accessvdb/params.h"
+#include "accessvdb/scan_io.h"
+#include "accessvdb/tool_geometry.h"
+#include "accessvdb/types.h"
+
+namespace accessvdb::tiles {
+
+/// A square of the plan's grid, or a quarter of one, or a quarter of that ...
+struct ACCESSVDB_API TileId {
+  std::int32_t x = 0, y = 0;  ///< the core begins at x, y times the tile's edge
+  std::string quarters;       ///< one digit per level: 0 low x low y, 1 high x low y, 2 low x high y, 3 high x high y
+
+  /// "3_-2"; for quarters "3_-2.0", "3_-2.01"
+  [[nodiscard]] std::string name() const;
+  /// @throws InvalidArgument "usage.tile"
+  static TileId parse(const std::string& name);
+  [[nodiscard]] std::array<TileId, 4> split() const;
+  [[nodiscard]] TileId whole() const { return {x, y, {}}; }
+  [[nodiscard]] FieldWindow window(std::int32_t tile_voxels) const;
+  auto operator<=>(const TileId&) const = default;
+};
+
+struct PlannedInput {
+  std::string path;
+  std::uint64_t bytes = 0;
+  std::string sha256;  ///< of small files; empty for scans, which are hashed when they are read
+};
+
+/// What is mapped. Two runs with equal plans make equal files.
+struct Plan {
+  std::string program;     ///< version of the library
+  std::string parameters;  ///< FieldParams::describe()
+  std::string tool_name, tool_sha256;
+  std::array<double, 3> origin_W = {};  ///< of the one piece, metres
+  double voxel_size_m = 0;
+  std::int32_t tile_voxels = 0;    ///< edge of a tile's core: FieldWindow::kEdge times a power of two
+  std::int32_t margin_voxels = 0;  ///< how far outside the core returns are needed
+  std::uint64_t bin_bytes = 0;     ///< returns are held in memory up to this size before they are written
+  std::vector<PlannedInput> inputs;
+  std::vector<double> stamps_s;                               ///< of each step; 0 where unknown
+  std::vector<std::pair<std::string, std::string>> settings;  ///< of the caller, to open scans and tool again
+  /// SHA-256 of what determines the results: everything above except stamps and settings.
+  [[nodiscard]] ACCESSVDB_API std::string id() const;
+};
+
+/// Returns outside the core that a tile needs, in voxels; and the smallest edge that is worth a tile.
+struct TileMargins {
+  std::int32_t returns_voxels = 0;
+  std::int32_t least_tile_voxels = 0;
+};
+/// @throws what building a field throws
+[[nodiscard]] ACCESSVDB_API TileMargins tileMargins(const ToolGeometry& tool, const FieldParams& params);
+
+/// World position of the local frame that a field of all scans would have: the first usable sensor position, rounded.
+/// Reads steps until there is one. @throws UnusableInput "scans.no_returns"
+[[nodiscard]] ACCESSVDB_API std::array<double, 3> originOf(io::ScanSequence& scans, const FieldParams& params);
+
+/// @throws OutputError
+ACCESSVDB_API void writePlan(const std::filesystem::path& out, const Plan& plan);
+/// @throws InputError "plan.missing", "plan.damaged"
+[[nodiscard]] ACCESSVDB_API Plan readPlan(const std::filesystem::path& out);
+[[nodiscard]] ACCESSVDB_API bool hasPlan(const std::filesystem::path& out);
+/// @throws UnusableInput "plan.changed", naming the first difference
+ACCESSVDB_API void requireSame(const Plan& wanted, const Plan& found, const std::filesystem::path& out);
+
+/// For long calls: shown between steps; `stop` is asked between steps.
+struct Watch {
+  std::function<bool()> stop = [] { return false; };
+  std::function<void(std::uint64_t done, std::uint64_t total, const std::string& detail)> progress =
+      [](std::uint64_t, std::uint64_t, const std::string&) {};
+};
+
+/// What went into the rays of a plan.
+struct Binned {
+  bool complete = false;  ///< false if `stop` ended it
+  std::uint64_t steps = 0, points_in = 0, points_used = 0, returns_stored = 0, truncated_points = 0, bytes = 0;
+  std::array<std::uint64_t, kNumDropReasons> dropped = {};
+  std::vector<io::InputFile> inputs;                         ///< the scans, with their hashes
+  std::vector<std::pair<TileId, std::uint64_t>> returns_of;  ///< stored returns per tile, most first
+};
+
+/// A plan in its folder, with the tool and the parameters that it was made from.
+struct Job {
+  std::filesystem::path out;
+  Plan plan;
+  ToolGeometry tool;
+  FieldParams params;
+};
+
+/// Reads the scans and sorts their returns by tile. Goes on after the last finished part of an earlier call.
+/// @throws InputError while reading; OutputError; UnusableInput "plan.changed" for a scan that changed
+ACCESSVDB_API Binned bin(const Job& job, io::ScanSequence& scans, const Watch& watch = {});
+/// What an earlier bin() did; nothing if it was not finished.
+[[nodiscard]] ACCESSVDB_API std::optional<Binned> binned(const std::filesystem::path& out, const Plan& plan);
+/// Deletes the rays once no tile needs them. What is known about them stays.
+ACCESSVDB_API void removeRays(const std::filesystem::path& out);
+
+struct RunLimits {
+  /// Peak of the process that a tile may reach; larger tiles are run as their quarters. 0 = none
+  std::uint64_t memory_bytes = 0;
+  io::WriteOptions files = {};
+};
+
+/// One finished tile, as its manifest tile.json says.
+struct Tile {
+  TileId id;
+  std::string device;
+  std::uint64_t returns = 0, points = 0, leaves = 0;
+  std::array<std::uint64_t, kNumPointLabels> labels = {};
+  std::array<std::uint64_t, kNumPointReasons> reasons = {};
+  std::array<double, 3> min_W = {}, max_W = {};  ///< of the points; metres
+  double seconds = 0;
+  std::uint64_t peak_bytes = 0;                             ///< of the process so far
+  std::vector<std::pair<std::string, std::string>> sha256;  ///< of each file
+};
+
+/// Runs one tile, or its quarters where it would not fit. Finished ones are not run again.
+/// @return the finished tiles: one, or those of the quarters; fewer if `stop` ended it
+/// @throws ResourceLimit "limit.memory" if even the smallest would not fit; InputError "rays.damaged"; OutputError
+ACCESSVDB_API std::vector<Tile> run(const Job& job, const TileId& which, const RunLimits& limits,
+                                    const Watch& watch = {});
+
+/// Tiles and quarters that have returns, in the order in which to run them: most returns first.
+struct Status {
+  std::vector<Tile> done;
+  std::vector<TileId> todo;
+  std::uint64_t split = 0;  ///< tiles that were run as quarters
+};
+/// @throws InputError for a damaged manifest
+[[nodiscard]] ACCESSVDB_API Status status(const std::filesystem::path& out, const Plan& plan, const Binned& rays);
+
+/// Writes field.json, which lists the finished tiles.
+ACCESSVDB_API void writeIndex(const std::filesystem::path& out, const Plan& plan, const Status& status);
+
+/// What field.json says, for whoever reads the tiles.
+struct IndexedTile {
+  TileId id;
+  std::filesystem::path folder;  ///< with its points.ply, field.vdb and field_points.vdb
+  std::uint64_t points = 0;
+  std::array<double, 3> min_W = {}, max_W = {};  ///< of the points; metres
+};
+struct Index {
+  bool complete = false;  ///< every tile is finished
+  std::array<double, 3> origin_W = {};
+  double voxel_size_m = 0;
+  std::vector<IndexedTile> tiles;
+};
+[[nodiscard]] ACCESSVDB_API bool hasIndex(const std::filesystem::path& out);
+/// @throws InputError "field.missing", "field.damaged"
+[[nodiscard]] ACCESSVDB_API Index readIndex(const std::filesystem::path& out);
+
+/// Points of all tiles for a picture: evenly thinned to about `most`.
+[[nodiscard]] ACCESSVDB_API FieldSnapshot overview(const Index& index, std::uint64_t most);
+
+/// Writes the points of all tiles into one file: byte for byte the points.ply of one piece, except that its `device` is
+/// "mixed" where tiles ran on different ones.
+/// @return number of points  @throws InputError for a tile's file that is not as it was written; OutputError
+ACCESSVDB_API std::uint64_t mergePoints(const std::filesystem::path& out, const std::vector<Tile>& tiles,
+                                        const std::filesystem::path& file);
+
+struct GridMerge {
+  std::filesystem::path out;
+  std::vector<Tile> tiles;
+  std::filesystem::path points;  ///< written by mergePoints()
+  std::filesystem::path file;    ///< to be written
+  io::WriteOptions files = {};   ///< as of the tiles
+  int threads = 0;               ///< 0 = all
+};
+/// Writes the grids of all tiles into one file: the field.vdb of one piece.
+/// @throws InputError for a tile's file that is not as it was written; OutputError
+ACCESSVDB_API void mergeGrids(const GridMerge& merge);
+
+}  // namespace accessvdb::tiles

@@ -1,0 +1,34 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What tiles need from a field beyond its public functions.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+
+#include "accessvdb/accessibility_field.h"
+
+namespace accessvdb::internal {
+
+class PointStore;
+
+/// Exact counts of what the field holds so far.
+struct FieldCounts {
+  std::uint64_t distance_leaves = 0;  ///< leaves that hold distances
+  std::uint64_t cleared_leaves = 0;   ///< the others
+  std::uint64_t nodes = 0;            ///< of 128^3 voxels, above the leaves
+  std::uint64_t points = 0;
+  std::uint64_t point_leaves = 0;  ///< leaves with a point
+};
+
+struct FieldAccess {
+  /// Fuses returns that passed a gate before (ScanGate), as it left them: in the local frame, metres, float32. Ranges
+  /// are not checked again. @param q_L  [n] or [1] sensor positions
+  static FrameStats integrateLocal(AccessibilityField& field, std::span<const Eigen::Vector3f> p_L,
+                                   std::span<const Eigen::Vector3f> q_L);
+  [[nodiscard]] static const PointStore& points(const AccessibilityField& field);
+  [[nodiscard]] static FieldCounts counts(const AccessibilityField& field);
+};
+
+}  // namespace accessvdb::internal

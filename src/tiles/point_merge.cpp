@@ -1,0 +1,102 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// One points.ply from those of all tiles. In one piece a point's number follows from the step that brought its first
+/// return and from the place of its voxel, so tiles that are sorted by both merge into the one order.
+#include <algorithm>
+#include <cstring>
+#include <ostream>
+#include <queue>
+
+#include "accessvdb/error.h"
+#include "accessvdb/tiles.h"
+#include "io/points_ply.h"
+#include "tiles/point_file.h"
+#include "tiles/tile_files.h"
+
+namespace accessvdb::tiles {
+namespace {
+
+constexpr std::size_t kAllBlocksBytes = std::size_t{64} << 20;
+constexpr std::size_t kLeastBlockBytes = std::size_t{4} << 10, kMostBlockBytes = std::size_t{1} << 20;
+
+/// The points of a tile, one after the other.
+class PointStream {
+ public:
+  PointStream(const std::filesystem::path& out, const Tile& tile, std::size_t block_bytes)
+      : points_(openOf(out, tile, kPointsFile, block_bytes)),
+        orders_(openOf(out, tile, kOrderFile, block_bytes)),
+        header_(readHeader(points_)) {
+    if (header_.points != tile.points) points_.fail();
+  }
+
+  [[nodiscard]] const PointsHeader& header() const { return header_; }
+  [[nodiscard]] const PointOrder& order() const { return order_; }
+  [[nodiscard]] const char* record() const { return record_; }
+
+  /// @return false at the end
+  [[nodiscard]] bool next() {
+    record_ = points_.take(internal::kPointsPlyRecordBytes);
+    const char* order = orders_.take(sizeof(PointOrder));
+    if ((record_ == nullptr) != (order == nullptr)) orders_.fail();
+    if (record_ == nullptr) return false;
+    const PointOrder before = order_;
+    std::memcpy(&order_, order, sizeof order_);
+    if (started_ && !(before < order_)) orders_.fail();
+    started_ = true;
+    return true;
+  }
+
+ private:
+  HashedFile points_, orders_;
+  PointsHeader header_;
+  PointOrder order_;
+  const char* record_ = nullptr;
+  bool started_ = false;
+};
+
+void writeHeader(std::ostream& stream, const PointsHeader& header, std::uint64_t points, const std::string& device) {
+  for (const std::string& line : header.lines) {
+    if (line.starts_with("element vertex ")) {
+      stream << "element vertex " << std::to_string(points);
+    } else if (line.starts_with("comment device ")) {
+      stream << "comment device " << device;
+    } else {
+      stream << line;
+    }
+    stream << "\n";
+  }
+}
+
+}  // namespace
+
+std::uint64_t mergePoints(const std::filesystem::path& out, const std::vector<Tile>& tiles,
+                          const std::filesystem::path& file) {
+  if (tiles.empty()) {
+    throw InputError("tile.missing", out.string(), "has no finished tile", "Run accessvdb tile run first");
+  }
+  const std::size_t block_bytes = std::clamp(kAllBlocksBytes / (2 * tiles.size()), kLeastBlockBytes, kMostBlockBytes);
+  std::vector<PointStream> streams;
+  std::uint64_t points = 0;
+  for (const Tile& tile : tiles) {
+    streams.emplace_back(out, tile, block_bytes);
+    points += tile.points;
+  }
+  using Next = std::pair<PointOrder, std::size_t>;
+  std::priority_queue<Next, std::vector<Next>, std::greater<>> queue;
+  const auto advance = [&](std::size_t n) {
+    if (streams[n].next()) queue.emplace(streams[n].order(), n);
+  };
+  for (std::size_t n = 0; n < streams.size(); ++n) advance(n);
+  io::writeFileDurably(file, [&](std::ostream& stream) {
+    writeHeader(stream, streams.front().header(), points, deviceOf(tiles));
+    while (!queue.empty()) {
+      const std::size_t n = queue.top().second;
+      queue.pop();
+      stream.write(streams[n].record(), internal::kPointsPlyRecordBytes);
+      advance(n);
+    }
+  });
+  return points;
+}
+
+}  // namespace accessvdb::tiles

@@ -1,0 +1,228 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// One pass over the scans: the returns that pass the gate, sorted by the tiles that need them.
+#include <algorithm>
+#include <set>
+#include <unordered_map>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/tiles.h"
+#include "field/scan_gate.h"
+#include "hostdev/occupancy_query.h"
+#include "hostdev/voxel_scale.h"
+#include "tiles/json_file.h"
+#include "tiles/ray_files.h"
+#include "tiles/ray_shard.h"
+#include "tiles/tile_grid.h"
+
+namespace accessvdb::tiles {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Which returns of a step go to which tile.
+class StepSorter {
+ public:
+  StepSorter(const Plan& plan, const TsdfParams& params)
+      : grid_(plan.tile_voxels, plan.margin_voxels),
+        inverse_voxel_size_(kernels::VoxelScale(params.voxel_size_m).inverse_float32) {}
+
+  /// @return number of returns stored, in all tiles
+  std::uint64_t addTo(ShardBuffer& buffer, std::uint32_t step, const internal::GatedScan& scan) {
+    sort(scan.p_L);
+    std::uint64_t stored = 0;
+    const bool own = scan.q_L.size() > 1;
+    for (const TileIndex& tile : touched_) {
+      std::vector<std::uint32_t>& returns = returns_of_[tile];
+      gather(scan.p_L, returns, p_L_);
+      if (own) gather(scan.q_L, returns, q_L_);
+      // One return with its own sensor has one sensor, as it should.
+      buffer.add(tile, step, p_L_, own ? std::span<const Eigen::Vector3f>(q_L_) : scan.q_L);
+      stored += returns.size();
+      returns.clear();
+    }
+    return stored;
+  }
+
+ private:
+  struct Hash {
+    std::size_t operator()(const TileIndex& tile) const {
+      return (static_cast<std::size_t>(static_cast<std::uint32_t>(tile.first)) << 32 |
+              static_cast<std::uint32_t>(tile.second)) *
+             0x9e3779b97f4a7c15u;
+    }
+  };
+
+  void sort(const std::vector<Eigen::Vector3f>& p_L) {
+    touched_.clear();
+    TileIndex last_tile;
+    std::vector<std::uint32_t>* last = nullptr;
+    for (std::uint32_t n = 0; n < p_L.size(); ++n) {
+      const auto ijk = kernels::voxelOf(p_L[n].x(), p_L[n].y(), p_L[n].z(), inverse_voxel_size_);
+      const TileRange tiles = grid_.around(ijk[0], ijk[1]);
+      for (std::int32_t x = tiles.x_low; x <= tiles.x_high; ++x) {
+        for (std::int32_t y = tiles.y_low; y <= tiles.y_high; ++y) {
+          if (last == nullptr || last_tile != TileIndex{x, y}) {
+            last_tile = {x, y};
+            last = &returns_of_[last_tile];
+          }
+          if (last->empty()) touched_.push_back(last_tile);
+          last->push_back(n);
+        }
+      }
+    }
+  }
+
+  static void gather(const std::vector<Eigen::Vector3f>& from, const std::vector<std::uint32_t>& which,
+                     std::vector<Eigen::Vector3f>& to) {
+    to.resize(which.size());
+    for (std::size_t n = 0; n < which.size(); ++n) to[n] = from[which[n]];
+  }
+
+  TileGrid grid_;
+  float inverse_voxel_size_;
+  std::unordered_map<TileIndex, std::vector<std::uint32_t>, Hash> returns_of_;
+  std::vector<TileIndex> touched_;
+  std::vector<Eigen::Vector3f> p_L_, q_L_;
+};
+
+/// Reads steps and writes shards.
+class Binner {
+ public:
+  Binner(const Job& job, io::ScanSequence& scans, const Watch& watch)
+      : job_(job),
+        scans_(scans),
+        watch_(watch),
+        plan_id_(job.plan.id()),
+        params_(job.params.resolved()),
+        gate_(params_.tsdf, job.plan.origin_W),
+        sorter_(job.plan, params_.tsdf) {
+    for (const PlannedInput& input : job.plan.inputs) planned_.emplace(input.path, &input);
+  }
+
+  /// A shard ends where it is full, and at the end. @return false if stopped
+  bool binTo(std::uint64_t begin, std::uint64_t end) {
+    ShardIndex index;
+    index.first_step = begin;
+    for (std::uint64_t step = begin; step < end; ++step) {
+      if (watch_.stop()) return false;
+      const io::ScanRecord record = scans_.read(step);
+      requireAsPlanned(record.path);
+      add(static_cast<std::uint32_t>(step), record, index);
+      index.end_step = step + 1;
+      if (buffer_.bytes() >= job_.plan.bin_bytes || step + 1 == end) {
+        buffer_.write(raysFolder(job_.out) / shardName(index.first_step), plan_id_, std::move(index));
+        index = {};
+        index.first_step = step + 1;
+      }
+      watch_.progress(step + 1, scans_.size(), fs::path(record.path).filename().string());
+    }
+    return true;
+  }
+
+  /// All inputs with their hashes. @throws UnusableInput "plan.changed"
+  [[nodiscard]] std::vector<io::InputFile> inputs(const std::vector<io::InputFile>& before) const;
+
+ private:
+  void add(std::uint32_t step, const io::ScanRecord& record, ShardIndex& index) {
+    FrameStats stats;
+    const internal::GatedScan& scan = record.points_W.empty() ? gate_.gate(record.points_S, record.T_W_S, stats)
+                                                              : gate_.gate(record.points_W, record.origins_W, stats);
+    if (!scan.p_L.empty()) sorter_.addTo(buffer_, step, scan);
+    index.points_in += stats.points_in;
+    index.points_used += stats.points_used;
+    index.truncated_points += record.truncated_points;
+    for (std::size_t n = 0; n < index.dropped.size(); ++n) index.dropped[n] += stats.dropped[n];
+  }
+
+  void requireAsPlanned(const std::string& path) {
+    if (path == last_path_) return;
+    // While the file is still in the system's cache. The last one, or a single cloud, is hashed at the end.
+    if (!last_path_.empty()) noteRead(last_path_);
+    last_path_ = path;
+    const auto planned = planned_.find(path);
+    std::error_code error;
+    if (planned == planned_.end() || fs::file_size(path, error) != planned->second->bytes) refuseChanged(path);
+  }
+  [[noreturn]] static void refuseChanged(const std::string& path) {
+    throw UnusableInput("plan.changed", path, "has changed since the plan was made",
+                        "Restore it, or start again with --fresh");
+  }
+  void noteRead(const std::string& path) {
+    if (!sha256_.contains(path)) sha256_.emplace(path, io::sha256OfFile(path));
+  }
+
+  const Job& job_;
+  io::ScanSequence& scans_;
+  const Watch& watch_;
+  std::string plan_id_;
+  FieldParams params_;
+  internal::ScanGate gate_;
+  StepSorter sorter_;
+  ShardBuffer buffer_;
+  std::unordered_map<std::string, const PlannedInput*> planned_;
+  std::unordered_map<std::string, std::string> sha256_;
+  std::string last_path_;
+};
+
+std::vector<io::InputFile> Binner::inputs(const std::vector<io::InputFile>& before) const {
+  std::vector<io::InputFile> inputs;
+  for (const PlannedInput& input : job_.plan.inputs) {
+    const auto known = sha256_.find(input.path);
+    const std::string sha256 = !input.sha256.empty()    ? input.sha256
+                               : known != sha256_.end() ? known->second
+                                                        : io::sha256OfFile(input.path);
+    inputs.push_back({input.path, sha256});
+  }
+  for (std::size_t n = 0; n < before.size() && n < inputs.size(); ++n) {
+    if (before[n].path == inputs[n].path && before[n].sha256 != inputs[n].sha256) refuseChanged(inputs[n].path);
+  }
+  return inputs;
+}
+
+/// The end of the shards that are whole, from the first step on. Deletes all files after them.
+std::uint64_t endOfWhole(const fs::path& folder, const std::string& plan_id) {
+  std::set<std::string> whole;
+  std::uint64_t step = 0;
+  for (bool more = true; more;) {
+    try {
+      const ShardIndex index = readShardIndex(folder / shardName(step), plan_id);
+      more = index.first_step == step && index.end_step > step;
+      if (!more) break;
+      whole.insert(shardName(step));
+      step = index.end_step;
+    } catch (const InputError&) {
+      more = false;
+    }
+  }
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator(folder, ignored)) {
+    if (!whole.contains(entry.path().filename().string())) fs::remove(entry.path(), ignored);
+  }
+  return step;
+}
+
+}  // namespace
+
+Binned bin(const Job& job, io::ScanSequence& scans, const Watch& watch) {
+  const fs::path folder = raysFolder(job.out);
+  const std::string plan_id = job.plan.id();
+  io::prepareOutputFolder(folder);
+  Binner binner(job, scans, watch);
+  std::vector<io::InputFile> before;
+  if (const auto done = binned(job.out, job.plan)) {
+    // Everything was read before: only shards that are gone or damaged are made again.
+    const std::vector<ShardRange> missing = missingShards(job.out, job.plan);
+    if (missing.empty()) return *done;
+    before = done->inputs;
+    for (const ShardRange& range : missing) {
+      if (!binner.binTo(range.first_step, range.end_step)) return {};
+    }
+  } else if (!binner.binTo(endOfWhole(folder, plan_id), scans.size())) {
+    return {};
+  }
+  return writeBinned(job.out, job.plan, binner.inputs(before));
+}
+
+}  // namespace accessvdb::tiles

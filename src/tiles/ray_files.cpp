@@ -1,0 +1,158 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "tiles/ray_files.h"
+
+#include <algorithm>
+#include <map>
+
+#include "accessvdb/error.h"
+#include "tiles/json_file.h"
+
+namespace accessvdb::tiles {
+namespace {
+
+namespace fs = std::filesystem;
+
+struct ShardFile {
+  std::uint64_t first_step = 0, end_step = 0, bytes = 0;
+};
+
+fs::path manifestFile(const fs::path& out) { return out / "rays.json"; }
+
+std::vector<ShardFile> shardsOf(const Json& json) {
+  std::vector<ShardFile> shards;
+  for (const Json& shard : json.at("shards")) {
+    shards.push_back({shard.at("first_step"), shard.at("end_step"), shard.at("bytes")});
+  }
+  return shards;
+}
+
+/// @return false if there is no manifest of this plan
+bool readManifest(const fs::path& out, const Plan& plan, const std::function<void(const Json&)>& take) {
+  std::error_code ignored;
+  if (!fs::exists(manifestFile(out), ignored)) return false;
+  bool same = false;
+  readJson(manifestFile(out), "rays", [&](const Json& json) {
+    same = json.at("plan") == plan.id();
+    if (same) take(json);
+  });
+  return same;
+}
+
+}  // namespace
+
+fs::path raysFolder(const fs::path& out) { return out / "rays"; }
+
+std::optional<Binned> binned(const fs::path& out, const Plan& plan) {
+  Binned result;
+  const bool found = readManifest(out, plan, [&](const Json& json) {
+    result.complete = true;
+    json.at("steps").get_to(result.steps);
+    json.at("points_in").get_to(result.points_in);
+    json.at("points_used").get_to(result.points_used);
+    json.at("returns_stored").get_to(result.returns_stored);
+    json.at("truncated_points").get_to(result.truncated_points);
+    json.at("bytes").get_to(result.bytes);
+    for (int n = 0; n < kNumDropReasons; ++n) {
+      json.at("dropped")
+          .at(accessvdb::name(static_cast<DropReason>(n)))
+          .get_to(result.dropped[static_cast<std::size_t>(n)]);
+    }
+    for (const Json& input : json.at("inputs")) result.inputs.push_back({input.at("path"), input.at("sha256")});
+    for (const Json& tile : json.at("tiles")) {
+      result.returns_of.emplace_back(TileId{tile.at(0), tile.at(1), {}}, tile.at(2));
+    }
+  });
+  if (!found) return std::nullopt;
+  return result;
+}
+
+std::vector<ShardRange> missingShards(const fs::path& out, const Plan& plan) {
+  std::vector<ShardRange> missing;
+  readManifest(out, plan, [&](const Json& json) {
+    for (const ShardFile& shard : shardsOf(json)) {
+      std::error_code error;
+      const std::uint64_t bytes = fs::file_size(raysFolder(out) / shardName(shard.first_step), error);
+      if (error || bytes != shard.bytes) missing.push_back({shard.first_step, shard.end_step});
+    }
+  });
+  return missing;
+}
+
+Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::InputFile>& inputs) {
+  Binned result;
+  result.complete = true;
+  result.inputs = inputs;
+  result.steps = plan.stamps_s.size();
+  std::map<TileIndex, std::uint64_t> returns;
+  Json shards = Json::array();
+  for (std::uint64_t step = 0; step < result.steps;) {
+    const fs::path file = raysFolder(out) / shardName(step);
+    const ShardIndex index = readShardIndex(file, plan.id());
+    if (index.first_step != step || index.end_step <= step) {
+      throw InputError("rays.damaged", file.string(), "holds other steps than its name says",
+                       "Delete it and run accessvdb tile bin again");
+    }
+    result.points_in += index.points_in;
+    result.points_used += index.points_used;
+    result.truncated_points += index.truncated_points;
+    for (std::size_t n = 0; n < index.dropped.size(); ++n) result.dropped[n] += index.dropped[n];
+    for (const Segment& segment : index.segments) {
+      returns[segment.tile] += segment.returns;
+      result.returns_stored += segment.returns;
+    }
+    const std::uint64_t bytes = fs::file_size(file);
+    result.bytes += bytes;
+    shards.push_back({{"first_step", index.first_step}, {"end_step", index.end_step}, {"bytes", bytes}});
+    step = index.end_step;
+  }
+  for (const auto& [tile, count] : returns) result.returns_of.emplace_back(TileId{tile.first, tile.second, {}}, count);
+  std::stable_sort(result.returns_of.begin(), result.returns_of.end(),
+                   [](const auto& a, const auto& b) { return a.second > b.second; });
+
+  Json dropped = Json::object(), files = Json::array(), tiles = Json::array();
+  for (int n = 0; n < kNumDropReasons; ++n) {
+    dropped[accessvdb::name(static_cast<DropReason>(n))] = result.dropped[static_cast<std::size_t>(n)];
+  }
+  for (const io::InputFile& input : inputs) files.push_back({{"path", input.path}, {"sha256", input.sha256}});
+  for (const auto& [tile, count] : result.returns_of) tiles.push_back({tile.x, tile.y, count});
+  writeJson(manifestFile(out), {{"plan", plan.id()},
+                                {"steps", result.steps},
+                                {"points_in", result.points_in},
+                                {"points_used", result.points_used},
+                                {"dropped", dropped},
+                                {"truncated_points", result.truncated_points},
+                                {"returns_stored", result.returns_stored},
+                                {"bytes", result.bytes},
+                                {"shards", shards},
+                                {"inputs", files},
+                                {"tiles", tiles}});
+  return result;
+}
+
+std::vector<TileRays> raysOf(const fs::path& out, const Plan& plan, const TileIndex& tile) {
+  std::vector<TileRays> rays;
+  const bool found = readManifest(out, plan, [&](const Json& json) {
+    for (const ShardFile& shard : shardsOf(json)) {
+      const fs::path file = raysFolder(out) / shardName(shard.first_step);
+      for (const Segment& segment : readShardIndex(file, plan.id()).segments) {
+        if (segment.tile == tile) rays.push_back({file, segment});
+      }
+    }
+  });
+  if (!found) {
+    throw InputError("rays.missing", out.string(), "holds no rays of this plan", "Run accessvdb tile bin first");
+  }
+  return rays;
+}
+
+void removeRays(const fs::path& out) {
+  std::error_code error;
+  fs::remove_all(raysFolder(out), error);
+  if (error) {
+    throw OutputError("output.write", raysFolder(out).string(), "cannot be deleted (" + error.message() + ")",
+                      "Delete it yourself");
+  }
+}
+
+}  // namespace accessvdb::tiles

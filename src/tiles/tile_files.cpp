@@ -1,0 +1,157 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "tiles/tile_files.h"
+
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
+#include <random>
+
+#include "accessvdb/error.h"
+#include "tiles/json_file.h"
+
+namespace accessvdb::tiles {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kManifest = "tile.json";
+
+fs::path tilesFolder(const fs::path& out) { return out / "tiles"; }
+fs::path splitMark(const fs::path& out, const TileId& id) { return tilesFolder(out) / (id.name() + ".split.json"); }
+std::string attemptPrefix(const TileId& id) { return "." + id.name() + ".attempt-"; }
+
+/// @return a descriptor that holds the lock until it is closed; -1 if another process has it
+int lockOf(const fs::path& folder) {
+  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (fd >= 0 && ::flock(fd, LOCK_EX | LOCK_NB) == 0) return fd;
+  if (fd >= 0) ::close(fd);
+  return -1;
+}
+
+void removeLeftovers(const fs::path& out, const TileId& id) {
+  std::error_code ignored;
+  for (const auto& entry : fs::directory_iterator(tilesFolder(out), ignored)) {
+    if (!entry.path().filename().string().starts_with(attemptPrefix(id))) continue;
+    const int lock = lockOf(entry.path());
+    if (lock < 0) continue;
+    fs::remove_all(entry.path(), ignored);
+    ::close(lock);
+  }
+}
+
+}  // namespace
+
+fs::path tileFolder(const fs::path& out, const TileId& id) { return tilesFolder(out) / id.name(); }
+
+std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId& id) {
+  const fs::path manifest = tileFolder(out, id) / kManifest;
+  std::error_code ignored;
+  if (!fs::exists(manifest, ignored)) return std::nullopt;
+  Tile tile;
+  tile.id = id;
+  bool same = false;
+  readJson(manifest, "tile", [&](const Json& json) {
+    same = json.at("plan") == plan.id() && json.at("tile") == id.name();
+    json.at("device").get_to(tile.device);
+    json.at("returns").get_to(tile.returns);
+    json.at("points").get_to(tile.points);
+    json.at("leaves").get_to(tile.leaves);
+    for (int n = 0; n < kNumPointLabels; ++n) {
+      json.at("labels")
+          .at(accessvdb::name(static_cast<PointLabel>(n)))
+          .get_to(tile.labels[static_cast<std::size_t>(n)]);
+    }
+    for (int n = 0; n < kNumPointReasons; ++n) {
+      json.at("reasons")
+          .at(accessvdb::name(static_cast<PointReason>(n)))
+          .get_to(tile.reasons[static_cast<std::size_t>(n)]);
+    }
+    json.at("min_W").get_to(tile.min_W);
+    json.at("max_W").get_to(tile.max_W);
+    json.at("seconds").get_to(tile.seconds);
+    json.at("peak_bytes").get_to(tile.peak_bytes);
+    for (const auto& [name, sha256] : json.at("files").items()) tile.sha256.emplace_back(name, sha256);
+  });
+  if (!same) return std::nullopt;
+  return tile;
+}
+
+void writeTile(const fs::path& folder, const Plan& plan, const Tile& tile) {
+  Json labels = Json::object(), reasons = Json::object(), files = Json::object();
+  for (int n = 0; n < kNumPointLabels; ++n) {
+    labels[accessvdb::name(static_cast<PointLabel>(n))] = tile.labels[static_cast<std::size_t>(n)];
+  }
+  for (int n = 0; n < kNumPointReasons; ++n) {
+    reasons[accessvdb::name(static_cast<PointReason>(n))] = tile.reasons[static_cast<std::size_t>(n)];
+  }
+  for (const auto& [name, sha256] : tile.sha256) files[name] = sha256;
+  const FieldWindow window = tile.id.window(plan.tile_voxels);
+  writeJson(folder / kManifest, {{"plan", plan.id()},
+                                 {"tile", tile.id.name()},
+                                 {"core_low", window.core_low},
+                                 {"core_high", window.core_high},
+                                 {"device", tile.device},
+                                 {"returns", tile.returns},
+                                 {"points", tile.points},
+                                 {"leaves", tile.leaves},
+                                 {"labels", labels},
+                                 {"reasons", reasons},
+                                 {"min_W", tile.min_W},
+                                 {"max_W", tile.max_W},
+                                 {"seconds", tile.seconds},
+                                 {"peak_bytes", tile.peak_bytes},
+                                 {"files", files}});
+}
+
+bool isSplit(const fs::path& out, const Plan& plan, const TileId& id) {
+  std::error_code ignored;
+  if (!fs::exists(splitMark(out, id), ignored)) return false;
+  bool same = false;
+  readJson(splitMark(out, id), "tile", [&](const Json& json) { same = json.at("plan") == plan.id(); });
+  return same;
+}
+
+void markSplit(const fs::path& out, const Plan& plan, const TileId& id) {
+  fs::create_directories(tilesFolder(out));
+  writeJson(splitMark(out, id), {{"plan", plan.id()}, {"tile", id.name()}});
+}
+
+AttemptFolder::AttemptFolder(const fs::path& out, const TileId& id) : out_(out), id_(id) {
+  std::error_code error;
+  fs::create_directories(tilesFolder(out), error);
+  removeLeftovers(out, id);
+  std::random_device random;
+  path_ = tilesFolder(out) / (attemptPrefix(id) + std::to_string(std::uint64_t{random()} << 32 | random()));
+  fs::create_directory(path_, error);
+  if (error) {
+    throw OutputError("output.write", path_.string(), "cannot be made (" + error.message() + ")",
+                      "Check the folder and the disk, then run again");
+  }
+  lock_ = lockOf(path_);
+}
+
+AttemptFolder::~AttemptFolder() {
+  std::error_code ignored;
+  if (!placed_) fs::remove_all(path_, ignored);
+  if (lock_ >= 0) ::close(lock_);
+}
+
+void AttemptFolder::putInPlace() {
+  const fs::path target = tileFolder(out_, id_);
+  std::error_code error;
+  fs::rename(path_, target, error);
+  if (error && fs::exists(target)) {
+    // Of this plan and finished by another process, or left by an older plan.
+    fs::remove_all(target, error);
+    fs::rename(path_, target, error);
+  }
+  placed_ = !error;
+  if (error && !fs::exists(target / kManifest)) {
+    throw OutputError("output.write", target.string(), "cannot be put in place (" + error.message() + ")",
+                      "Check the folder and the disk, then run again");
+  }
+}
+
+}  // namespace accessvdb::tiles

@@ -1,0 +1,60 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The files of one tile, its manifest tile.json, and the marks of tiles that are run as quarters.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+
+#include "accessvdb/tiles.h"
+
+namespace accessvdb::tiles {
+
+inline constexpr const char* kPointsFile = "points.ply";
+inline constexpr const char* kGridsFile = "field.vdb";
+inline constexpr const char* kPointGridFile = "field_points.vdb";
+inline constexpr const char* kOrderFile = "order.bin";
+
+[[nodiscard]] std::filesystem::path tileFolder(const std::filesystem::path& out, const TileId& id);
+
+/// @return nothing if it is not finished, or of another plan  @throws InputError "tile.damaged"
+[[nodiscard]] std::optional<Tile> readTile(const std::filesystem::path& out, const Plan& plan, const TileId& id);
+/// @param folder  where the tile's files are until they are complete
+void writeTile(const std::filesystem::path& folder, const Plan& plan, const Tile& tile);
+
+[[nodiscard]] bool isSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id);
+void markSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id);
+
+/// A folder of its own for one attempt to run a tile, removed unless it was put in place. Those that killed processes
+/// left are removed too.
+class AttemptFolder {
+ public:
+  AttemptFolder(const std::filesystem::path& out, const TileId& id);
+  ~AttemptFolder();
+  AttemptFolder(const AttemptFolder&) = delete;
+  AttemptFolder& operator=(const AttemptFolder&) = delete;
+
+  [[nodiscard]] const std::filesystem::path& path() const { return path_; }
+  /// Gives the folder its final name. If another process was faster, its files stay: they are the same.
+  void putInPlace();
+
+ private:
+  std::filesystem::path out_, path_;
+  TileId id_;
+  int lock_ = -1;
+  bool placed_ = false;
+};
+
+/// order.bin: where each point of points.ply comes in the order of one piece.
+#pragma pack(push, 4)
+struct PointOrder {
+  std::uint32_t step = 0;   ///< that brought its first return
+  std::uint64_t place = 0;  ///< of its voxel
+  auto operator<=>(const PointOrder&) const = default;
+};
+#pragma pack(pop)
+static_assert(sizeof(PointOrder) == 12);
+
+}  // namespace accessvdb::tiles

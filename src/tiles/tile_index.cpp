@@ -1,0 +1,84 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// field.json: which tiles a folder holds, for whoever reads them.
+#include <algorithm>
+
+#include "accessvdb/error.h"
+#include "accessvdb/tiles.h"
+#include "tiles/json_file.h"
+#include "tiles/tile_files.h"
+
+namespace accessvdb::tiles {
+namespace {
+
+namespace fs = std::filesystem;
+
+fs::path indexFile(const fs::path& out) { return out / "field.json"; }
+
+}  // namespace
+
+void writeIndex(const fs::path& out, const Plan& plan, const Status& status) {
+  std::vector<Tile> tiles = status.done;
+  std::sort(tiles.begin(), tiles.end(), [](const Tile& a, const Tile& b) { return a.id < b.id; });
+  Json list = Json::array();
+  std::uint64_t points = 0;
+  for (const Tile& tile : tiles) {
+    Json files = Json::object();
+    for (const auto& [name, sha256] : tile.sha256) files[name] = sha256;
+    points += tile.points;
+    list.push_back({{"tile", tile.id.name()},
+                    {"folder", (fs::path("tiles") / tile.id.name()).string()},
+                    {"points", tile.points},
+                    {"min_W", tile.min_W},
+                    {"max_W", tile.max_W},
+                    {"files", files}});
+  }
+  writeJson(indexFile(out), {{"schema", 1},
+                             {"plan", plan.id()},
+                             {"complete", status.todo.empty()},
+                             {"origin_W", plan.origin_W},
+                             {"voxel_size_m", plan.voxel_size_m},
+                             {"tile_voxels", plan.tile_voxels},
+                             {"points", points},
+                             {"tiles", list}});
+}
+
+bool hasIndex(const fs::path& out) {
+  std::error_code ignored;
+  return fs::exists(indexFile(out), ignored);
+}
+
+Index readIndex(const fs::path& out) {
+  Index index;
+  readJson(indexFile(out), "field", [&](const Json& json) {
+    json.at("complete").get_to(index.complete);
+    json.at("origin_W").get_to(index.origin_W);
+    json.at("voxel_size_m").get_to(index.voxel_size_m);
+    for (const Json& entry : json.at("tiles")) {
+      IndexedTile tile;
+      tile.id = TileId::parse(entry.at("tile"));
+      tile.folder = out / "tiles" / tile.id.name();
+      entry.at("points").get_to(tile.points);
+      entry.at("min_W").get_to(tile.min_W);
+      entry.at("max_W").get_to(tile.max_W);
+      index.tiles.push_back(std::move(tile));
+    }
+  });
+  return index;
+}
+
+FieldSnapshot overview(const Index& index, std::uint64_t most) {
+  std::uint64_t all = 0;
+  for (const IndexedTile& tile : index.tiles) all += tile.points;
+  const std::uint64_t every = std::max<std::uint64_t>(1, (all + most - 1) / std::max<std::uint64_t>(most, 1));
+  FieldSnapshot picture;
+  picture.origin_W = {index.origin_W[0], index.origin_W[1], index.origin_W[2]};
+  picture.voxel_size_m = index.voxel_size_m;
+  for (const IndexedTile& tile : index.tiles) {
+    const FieldSnapshot part = io::readPointsPly(tile.folder / kPointsFile, every);
+    picture.points.insert(picture.points.end(), part.points.begin(), part.points.end());
+  }
+  return picture;
+}
+
+}  // namespace accessvdb::tiles

@@ -1,0 +1,153 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// plan.json, and what a plan needs to know before anything is read.
+#include <algorithm>
+#include <array>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/tiles.h"
+#include "field/scan_gate.h"
+#include "field/window_reach.h"
+#include "io/sha256.h"
+#include "tiles/json_file.h"
+#include "tool/tool_kernel.h"
+
+namespace accessvdb::tiles {
+namespace {
+
+constexpr int kSchema = 1;
+
+std::filesystem::path planFile(const std::filesystem::path& out) { return out / "plan.json"; }
+
+/// What determines the results, as text, in the order in which differences are to be named.
+Json content(const Plan& plan) {
+  Json inputs = Json::array();
+  for (const PlannedInput& input : plan.inputs) {
+    inputs.push_back({{"path", input.path}, {"bytes", input.bytes}, {"sha256", input.sha256}});
+  }
+  return {{"program", plan.program},         {"parameters", plan.parameters},
+          {"tool", plan.tool_name},          {"tool_sha256", plan.tool_sha256},
+          {"origin_W", plan.origin_W},       {"voxel_size_m", plan.voxel_size_m},
+          {"tile_voxels", plan.tile_voxels}, {"margin_voxels", plan.margin_voxels},
+          {"bin_bytes", plan.bin_bytes},     {"inputs", inputs}};
+}
+
+/// The first line that only one of two texts has.
+std::string firstDifference(const std::string& a, const std::string& b) {
+  std::size_t begin = 0;
+  while (begin < a.size()) {
+    const std::size_t end = std::min(a.find('\n', begin), a.size());
+    if (a.substr(begin, end - begin) != b.substr(begin, end - begin)) {
+      const auto line = [begin](const std::string& text) {
+        return text.substr(std::min(begin, text.size()), text.find('\n', begin) - begin);
+      };
+      return line(a) + " instead of " + line(b);
+    }
+    begin = end + 1;
+  }
+  return "other values";
+}
+
+}  // namespace
+
+std::string Plan::id() const {
+  const std::string text = content(*this).dump();
+  internal::Sha256 sha256;
+  sha256.update(text.data(), text.size());
+  return internal::hexOf(sha256.digest());
+}
+
+TileMargins tileMargins(const ToolGeometry& tool, const FieldParams& params) {
+  const FieldParams resolved = params.resolved();
+  const auto reach = internal::windowReach(internal::ToolKernel::make(tool, resolved), resolved);
+  const FieldWindow window = {{0, 0}, {FieldWindow::kEdge, FieldWindow::kEdge}};
+  TileMargins margins;
+  margins.returns_voxels = -internal::returnsOf(window, reach).low[0];
+  margins.least_tile_voxels = FieldWindow::kEdge;
+  while (margins.least_tile_voxels < 2 * margins.returns_voxels) margins.least_tile_voxels *= 2;
+  return margins;
+}
+
+std::array<double, 3> originOf(io::ScanSequence& scans, const FieldParams& params) {
+  internal::ScanGate gate(params.resolved().tsdf);
+  for (std::size_t step = 0; step < scans.size(); ++step) {
+    const io::ScanRecord record = scans.read(step);
+    FrameStats stats;
+    if (record.points_W.empty()) {
+      gate.gate(record.points_S, record.T_W_S, stats);
+    } else {
+      gate.gate(record.points_W, record.origins_W, stats);
+    }
+    if (gate.hasOrigin()) return {gate.origin_W().x(), gate.origin_W().y(), gate.origin_W().z()};
+  }
+  throw UnusableInput("scans.no_returns", "", "no scan has a usable return", "Check the scans");
+}
+
+void writePlan(const std::filesystem::path& out, const Plan& plan) {
+  Json json = {{"schema", kSchema}, {"id", plan.id()}};
+  json.update(content(plan));
+  json["stamps_s"] = plan.stamps_s;
+  json["settings"] = Json::array();
+  for (const auto& [name, value] : plan.settings) json["settings"].push_back({name, value});
+  writeJson(planFile(out), json);
+}
+
+bool hasPlan(const std::filesystem::path& out) {
+  std::error_code ignored;
+  return std::filesystem::exists(planFile(out), ignored);
+}
+
+Plan readPlan(const std::filesystem::path& out) {
+  Plan plan;
+  std::string id;
+  readJson(planFile(out), "plan", [&](const Json& json) {
+    if (json.at("schema").get<int>() != kSchema) {
+      throw UnusableInput("plan.version", planFile(out).string(), "was written by another version of accessvdb",
+                          "Use that version, or start again with --fresh");
+    }
+    json.at("id").get_to(id);
+    json.at("program").get_to(plan.program);
+    json.at("parameters").get_to(plan.parameters);
+    json.at("tool").get_to(plan.tool_name);
+    json.at("tool_sha256").get_to(plan.tool_sha256);
+    json.at("origin_W").get_to(plan.origin_W);
+    json.at("voxel_size_m").get_to(plan.voxel_size_m);
+    json.at("tile_voxels").get_to(plan.tile_voxels);
+    json.at("margin_voxels").get_to(plan.margin_voxels);
+    json.at("bin_bytes").get_to(plan.bin_bytes);
+    for (const Json& input : json.at("inputs")) {
+      plan.inputs.push_back({input.at("path"), input.at("bytes"), input.at("sha256")});
+    }
+    json.at("stamps_s").get_to(plan.stamps_s);
+    for (const Json& setting : json.at("settings")) plan.settings.emplace_back(setting.at(0), setting.at(1));
+  });
+  const std::int32_t edges = plan.tile_voxels / FieldWindow::kEdge;
+  const bool usable = edges > 0 && plan.tile_voxels % FieldWindow::kEdge == 0 && (edges & (edges - 1)) == 0;
+  if (!usable || plan.id() != id) {
+    throw InputError("plan.damaged", planFile(out).string(), "is damaged", "Start again with --fresh");
+  }
+  return plan;
+}
+
+void requireSame(const Plan& wanted, const Plan& found, const std::filesystem::path& out) {
+  const auto refuse = [&](const std::string& difference) {
+    throw UnusableInput("plan.changed", out.string(), "holds tiles of another run: " + difference,
+                        "Use the same scans, tool and parameters, another folder, or --fresh");
+  };
+  if (wanted.program != found.program) refuse("version " + found.program + " instead of " + wanted.program);
+  if (wanted.parameters != found.parameters) refuse(firstDifference(found.parameters, wanted.parameters));
+  if (wanted.tool_name != found.tool_name || wanted.tool_sha256 != found.tool_sha256) refuse("another tool");
+  if (wanted.origin_W != found.origin_W) refuse("another origin");
+  if (wanted.inputs.size() != found.inputs.size()) {
+    refuse(std::to_string(found.inputs.size()) + " input files instead of " + std::to_string(wanted.inputs.size()));
+  }
+  for (std::size_t n = 0; n < wanted.inputs.size(); ++n) {
+    const PlannedInput &now = wanted.inputs[n], &then = found.inputs[n];
+    if (now.path != then.path) refuse("input " + then.path + " instead of " + now.path);
+    if (now.bytes != then.bytes || now.sha256 != then.sha256) refuse(now.path + " has changed since");
+  }
+  if (wanted.id() != found.id()) refuse("tiles of another size");
+}
+
+}  // namespace accessvdb::tiles

@@ -1,0 +1,232 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// From the returns of a tile to its files.
+#include <malloc.h>
+#include <sys/resource.h>
+
+#include <algorithm>
+#include <chrono>
+#include <limits>
+#include <new>
+#include <optional>
+#include <ostream>
+
+#include "accessvdb/error.h"
+#include "accessvdb/memory_prediction.h"
+#include "accessvdb/surface_points.h"
+#include "accessvdb/tiles.h"
+#include "accessvdb/tool_tables.h"
+#include "field/field_access.h"
+#include "field/field_files.h"
+#include "points/point_store.h"
+#include "tiles/ray_files.h"
+#include "tiles/ray_shard.h"
+#include "tiles/tile_files.h"
+
+namespace accessvdb::tiles {
+namespace {
+
+namespace fs = std::filesystem;
+using Clock = std::chrono::steady_clock;
+
+struct DoesNotFit {};
+struct Stopped {};
+
+std::uint64_t peakOfProcess() {
+  rusage usage = {};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;  // Linux counts in KiB
+}
+
+/// The peak that a run of the tile comes to, if no more returns come.
+double peakBytesOf(const internal::FieldCounts& counts, std::uint64_t returns, const ToolTableBytes& tables) {
+  MemoryPrediction prediction;
+  prediction.returns = returns;
+  prediction.cone_leaves = static_cast<double>(counts.distance_leaves);
+  prediction.band_leaves = static_cast<double>(counts.cleared_leaves);
+  prediction.nodes = static_cast<double>(counts.nodes);
+  prediction.surface_points = static_cast<double>(counts.points);
+  prediction.surface_leaves = static_cast<double>(counts.point_leaves);
+  return peakBytes(prediction.bytes(RunOutput::Field), tables);
+}
+
+/// One attempt at one tile.
+class TileRun {
+ public:
+  TileRun(const Job& job, const TileId& id, const RunLimits& limits, const Watch& watch)
+      : job_(job), limits_(limits), watch_(watch), tables_(toolTableBytes(job.tool, job.params)) {
+    tile_.id = id;
+  }
+
+  /// @throws DoesNotFit, Stopped
+  Tile run() {
+    const auto begin = Clock::now();
+    FieldParams params = job_.params;
+    params.origin_W = job_.plan.origin_W;
+    params.window = tile_.id.window(job_.plan.tile_voxels);
+    requireFit(peakBytesOf({}, 0, tables_));
+    AttemptFolder folder(job_.out, tile_.id);
+    {
+      AccessibilityField field(job_.tool, params);
+      tile_.device = field.deviceName();
+      integrateAll(field);
+      field.update();
+      write(field, folder.path());
+    }
+    tile_.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+    tile_.peak_bytes = peakOfProcess();
+    writeTile(folder.path(), job_.plan, tile_);
+    folder.putInPlace();
+    return tile_;
+  }
+
+ private:
+  void requireFit(double bytes) const {
+    if (limits_.memory_bytes > 0 && bytes > static_cast<double>(limits_.memory_bytes)) throw DoesNotFit{};
+  }
+
+  void integrateAll(AccessibilityField& field) {
+    const std::vector<TileRays> rays = raysOf(job_.out, job_.plan, {tile_.id.x, tile_.id.y});
+    RayBlock block;
+    for (const TileRays& part : rays) {
+      SegmentReader reader(part.shard, part.segment);
+      while (reader.next(block)) {
+        if (watch_.stop()) throw Stopped{};
+        if (!steps_.empty() && block.step <= steps_.back()) reader.fail();
+        // The first point that the step adds has this id.
+        first_ids_.push_back(static_cast<std::uint32_t>(internal::FieldAccess::points(field).size()));
+        steps_.push_back(block.step);
+        tile_.returns += internal::FieldAccess::integrateLocal(field, block.p_L, block.q_L).points_used;
+        requireFit(peakBytesOf(internal::FieldAccess::counts(field), tile_.returns, tables_));
+      }
+    }
+  }
+
+  void write(const AccessibilityField& field, const fs::path& folder) {
+    const auto points = field.points();
+    count(*points);
+    tile_.leaves = field.memoryUse().leaves;
+    internal::writeFieldFiles(field, *points, folder, limits_.files);
+    writeOrder(internal::FieldAccess::points(field), *points, folder / kOrderFile);
+    for (const char* file : {kPointsFile, kGridsFile, kPointGridFile, kOrderFile}) {
+      tile_.sha256.emplace_back(file, io::sha256OfFile(folder / file));
+    }
+  }
+
+  void count(const SurfacePoints& points) {
+    tile_.points = points.size();
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    Eigen::Vector3d low = Eigen::Vector3d::Constant(kInfinity), high = -low;
+    for (std::size_t n = 0; n < points.size(); ++n) {
+      const SurfacePoint point = points.at(n);
+      ++tile_.labels[static_cast<std::size_t>(point.label)];
+      ++tile_.reasons[static_cast<std::size_t>(point.reason)];
+      low = low.cwiseMin(point.position_W);
+      high = high.cwiseMax(point.position_W);
+    }
+    if (points.size() == 0) low = high = Eigen::Vector3d::Zero();
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      tile_.min_W[axis] = low[static_cast<Eigen::Index>(axis)];
+      tile_.max_W[axis] = high[static_cast<Eigen::Index>(axis)];
+    }
+  }
+
+  void writeOrder(const internal::PointStore& store, const SurfacePoints& points, const fs::path& file) const {
+    io::writeFileDurably(file, [&](std::ostream& stream) {
+      for (std::size_t n = 0; n < points.size(); ++n) {
+        const std::uint32_t id = points.at(n).id;
+        // The last step that began at or before this id; steps without new points share their first id with the next.
+        const auto after = std::upper_bound(first_ids_.begin(), first_ids_.end(), id);
+        const std::uint32_t step = steps_[static_cast<std::size_t>(after - first_ids_.begin()) - 1];
+        const PointOrder order = {step, internal::placeOf(store.voxelOf(store.first_L(id)))};
+        stream.write(reinterpret_cast<const char*>(&order), sizeof order);
+      }
+    });
+  }
+
+  const Job& job_;
+  const RunLimits& limits_;
+  const Watch& watch_;
+  ToolTableBytes tables_;
+  Tile tile_;
+  std::vector<std::uint32_t> first_ids_, steps_;  ///< of each step that the tile has returns of
+};
+
+/// Whether an error means that a smaller tile may succeed.
+bool isShortOfMemory(const Error& error) {
+  const bool of_the_tool = error.id().starts_with("tool.");  // as large for every tile
+  return (error.code() == ErrorCode::Resource && !of_the_tool) || error.id() == "device.memory";
+}
+
+/// @return why it did not fit, if it did not
+std::optional<std::string> attempt(const Job& job, const TileId& id, const RunLimits& limits, const Watch& watch,
+                                   std::vector<Tile>& done) {
+  std::optional<std::string> reason;
+  try {
+    done.push_back(TileRun(job, id, limits, watch).run());
+  } catch (const DoesNotFit&) {
+    reason = "needs more than " + std::to_string(limits.memory_bytes >> 20) + " MiB";
+  } catch (const std::bad_alloc&) {
+    reason = "needs more memory than there is";
+  } catch (const Error& error) {
+    if (!isShortOfMemory(error)) throw;
+    reason = error.problem();
+  }
+  malloc_trim(0);  // the next tile starts with the memory that this one has given back
+  return reason;
+}
+
+void runInto(const Job& job, const TileId& id, const RunLimits& limits, const Watch& watch, std::vector<Tile>& done) {
+  if (const auto tile = readTile(job.out, job.plan, id)) {
+    done.push_back(*tile);
+    return;
+  }
+  if (!isSplit(job.out, job.plan, id)) {
+    const auto reason = attempt(job, id, limits, watch, done);
+    if (!reason) return;
+    const std::int32_t half = (job.plan.tile_voxels >> id.quarters.size()) / 2;
+    if (half < FieldWindow::kEdge || half < 2 * job.plan.margin_voxels) {
+      throw ResourceLimit("limit.memory", "tile " + id.name(),
+                          *reason + ", and is already the smallest that the tool allows",
+                          "Allow more memory, or use a larger voxel");
+    }
+    markSplit(job.out, job.plan, id);
+  }
+  for (const TileId& quarter : id.split()) runInto(job, quarter, limits, watch, done);
+}
+
+void statusOf(const fs::path& out, const Plan& plan, const TileId& id, Status& status) {
+  if (const auto tile = readTile(out, plan, id)) {
+    status.done.push_back(*tile);
+  } else if (isSplit(out, plan, id)) {
+    ++status.split;
+    for (const TileId& quarter : id.split()) statusOf(out, plan, quarter, status);
+  } else {
+    status.todo.push_back(id);
+  }
+}
+
+}  // namespace
+
+std::vector<Tile> run(const Job& job, const TileId& which, const RunLimits& limits, const Watch& watch) {
+  io::checkWriteOptions(limits.files);
+  // Who asks for a quarter has seen that the whole does not fit.
+  for (std::size_t levels = 0; levels < which.quarters.size(); ++levels) {
+    const TileId parent = {which.x, which.y, which.quarters.substr(0, levels)};
+    if (!isSplit(job.out, job.plan, parent)) markSplit(job.out, job.plan, parent);
+  }
+  std::vector<Tile> done;
+  try {
+    runInto(job, which, limits, watch, done);
+  } catch (const Stopped&) {
+  }
+  return done;
+}
+
+Status status(const fs::path& out, const Plan& plan, const Binned& rays) {
+  Status status;
+  for (const auto& [id, returns] : rays.returns_of) statusOf(out, plan, id, status);
+  return status;
+}
+
+}  // namespace accessvdb::tiles

@@ -1,0 +1,269 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// accessvdb tile: a map in tiles step by step, so that many processes or machines can share the work.
+#include <unistd.h>
+
+#include <algorithm>
+#include <csignal>
+#include <filesystem>
+#include <thread>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/surface_points.h"
+#include "command_line.h"
+#include "memory_check.h"
+#include "report.h"
+#include "stop_signal.h"
+#include "tile_job.h"
+#include "tiled_map.h"
+#include "verbs.h"
+
+namespace accessvdb::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Flags of the steps after the plan.
+struct StepOptions {
+  MapOptions map;  ///< out, device, threads, max_memory
+  std::vector<std::string> tiles;
+  std::string points, vdb;
+  bool todo = false, stop_with_stdin = false, keep_rays = false;
+};
+
+/// OUT and the common flags. @return false if --help was given and printed
+bool parseStep(FlagParser& flags, StepOptions& options, const Arguments& arguments, Messages& messages) {
+  addCommonOptions(flags, options.map.common);
+  flags.option("OUT", &options.map.out, "folder of the plan");
+  if (!parseCommandLine(flags, arguments, options.map.common, messages)) return false;
+  checkCommonOptions(options.map.common);
+  if (options.map.out.empty()) {
+    throw InvalidArgument("usage.missing", "OUT", "is missing", "Name the folder of accessvdb tile plan");
+  }
+  return true;
+}
+
+/// Rays of the plan. @throws InputError "rays.missing"
+tiles::Binned raysOf(const tiles::Job& job) {
+  auto rays = tiles::binned(job.out, job.plan);
+  if (rays) return *rays;
+  throw InputError("rays.missing", job.out.string(), "holds no rays of this plan yet",
+                   "Run accessvdb tile bin " + job.out.string() + " first");
+}
+
+/// A parent that dies closes our standard input, whatever kills it.
+void stopWithStandardInput() {
+  std::thread([] {
+    char byte = 0;
+    while (::read(STDIN_FILENO, &byte, 1) > 0) {
+    }
+    ::kill(::getpid(), SIGTERM);
+  }).detach();
+}
+
+int planTiles(const Arguments& arguments, Messages& messages) {
+  MapOptions options;
+  FlagParser flags;
+  flags.describe("tile plan", "Decides the tiles of a map and writes OUT/plan.json.",
+                 "accessvdb tile plan out/ --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.02 "
+                 "--max-memory 8G");
+  addCommonOptions(flags, options.common);
+  addMapFlags(flags, options, "OUT");
+  if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
+  checkMapOptions(options);
+  io::prepareOutputFolder(options.out);
+  if (options.fresh) removeTiles(options.out);
+  watchStopSignals();
+  const ToolGeometry tool = loadTool(options.tool);
+  sayToolNotes(tool, messages);
+  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  for (const std::string& note : scans.notices()) messages.notice(note);
+  const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
+  if (const auto reason = whyNotInTiles(options, params)) {
+    throw InvalidArgument("usage.tiles", "tile plan", *reason, "Leave it out");
+  }
+  const PlanSettings settings = planSettings(flags);
+  const PlanSources sources = {options, settings, tool, scans, params};
+  std::int32_t edge = 0;
+  if (wantedTile_m(options) == 0 && !tiles::hasPlan(options.out)) {
+    const tiles::TileMargins margins = tiles::tileMargins(tool, params);
+    const auto memory = checkMemory(options, tool, RunOutput::Field, scans, margins, messages);
+    if (!memory) return 128 + stopSignal();
+    // What fits in one piece is still to be shared: four tiles at least, unless they would be smaller than is useful.
+    edge = memory->tile_voxels > 0 ? memory->tile_voxels : margins.least_tile_voxels * 4;
+  }
+  (void)planOf(sources, edge, messages);
+  return 0;
+}
+
+int binScans(const Arguments& arguments, Messages& messages) {
+  StepOptions options;
+  FlagParser flags;
+  flags.describe("tile bin", "Reads every scan once and sorts its returns by tile, into OUT/rays.",
+                 "accessvdb tile bin out/");
+  if (!parseStep(flags, options, arguments, messages)) return 0;
+  io::prepareOutputFolder(options.map.out);
+  watchStopSignals();
+  const OpenJob open = openJob(options.map.out, options.map);
+  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(open.options));
+  if (scans.size() != open.job.plan.stamps_s.size()) {
+    throw UnusableInput(
+        "plan.changed", open.options.scans,
+        "has " + std::to_string(scans.size()) + " steps instead of " + std::to_string(open.job.plan.stamps_s.size()),
+        "Restore the scans, or start again with --fresh");
+  }
+  return binWithProgress(open.job, scans, messages).complete ? 0 : 128 + stopSignal();
+}
+
+int runTiles(const Arguments& arguments, Messages& messages) {
+  StepOptions options;
+  FlagParser flags;
+  flags.describe("tile run", "Maps tiles, each into a folder of its own in OUT/tiles. Without --tile: all of them.",
+                 "accessvdb tile run out/ --tile 3_-2 --max-memory 4G");
+  flags.list("--tile", options.tiles, "name of a tile, as accessvdb tile list prints it; may be repeated");
+  flags.option("--max-memory", &options.map.max_memory, "limit on memory; a tile that needs more is run as quarters");
+  flags.flag("--stop-with-stdin", options.stop_with_stdin, "stop when standard input ends, for a parent process");
+  if (!parseStep(flags, options, arguments, messages)) return 0;
+  std::vector<tiles::TileId> wanted;
+  for (const std::string& name : options.tiles) wanted.push_back(tiles::TileId::parse(name));
+  watchStopSignals();
+  if (options.stop_with_stdin) stopWithStandardInput();
+  const OpenJob open = openJob(options.map.out, options.map);
+  const tiles::Binned rays = raysOf(open.job);
+  if (wanted.empty()) wanted = tiles::status(open.job.out, open.job.plan, rays).todo;
+  for (const tiles::TileId& tile : wanted) {
+    const auto found = std::find_if(rays.returns_of.begin(), rays.returns_of.end(),
+                                    [&](const auto& entry) { return entry.first == tile.whole(); });
+    if (found == rays.returns_of.end()) {
+      throw InvalidArgument("usage.tile", tile.name(), "is no tile of this plan", "See accessvdb tile list");
+    }
+  }
+  const tiles::RunLimits limits = {memoryLimit(options.map).value_or(0), writeOptions(open.options.exported)};
+  runWithProgress(open.job, wanted, limits, messages);
+  return stopSignal() == 0 ? 0 : 128 + stopSignal();
+}
+
+int listTiles(const Arguments& arguments, Messages& messages) {
+  StepOptions options;
+  FlagParser flags;
+  flags.describe("tile list", "Prints the names of the tiles, most returns first, one per line.",
+                 "accessvdb tile list out/ --todo");
+  flags.flag("--todo", options.todo, "only those that are not finished");
+  if (!parseStep(flags, options, arguments, messages)) return 0;
+  const OpenJob open = openJob(options.map.out, options.map);
+  const tiles::Status status = tiles::status(open.job.out, open.job.plan, raysOf(open.job));
+  std::string text;
+  for (const tiles::TileId& tile : status.todo) text += tile.name() + "\n";
+  if (!options.todo) {
+    for (const tiles::Tile& tile : status.done) text += tile.id.name() + "\n";
+  }
+  printData(text);
+  return 0;
+}
+
+int showStatus(const Arguments& arguments, Messages& messages) {
+  StepOptions options;
+  FlagParser flags;
+  flags.describe("tile status", "Says how far a map in tiles has come.", "accessvdb tile status out/");
+  if (!parseStep(flags, options, arguments, messages)) return 0;
+  const OpenJob open = openJob(options.map.out, options.map);
+  const auto rays = tiles::binned(open.job.out, open.job.plan);
+  if (!rays) {
+    printData("planned: " + std::to_string(open.job.plan.stamps_s.size()) + " steps; next: accessvdb tile bin\n");
+    return 0;
+  }
+  const tiles::Status status = tiles::status(open.job.out, open.job.plan, *rays);
+  double seconds = 0;
+  std::uint64_t points = 0;
+  for (const tiles::Tile& tile : status.done) {
+    seconds += tile.seconds;
+    points += tile.points;
+  }
+  const std::size_t all = status.done.size() + status.todo.size();
+  printData(std::to_string(status.done.size()) + " of " + std::to_string(all) + " tiles done, " +
+            std::to_string(points) + " points, " + numberText(std::round(seconds)) + " s; " +
+            (status.todo.empty() ? "next: accessvdb tile merge\n" : "next: accessvdb tile run\n"));
+  return 0;
+}
+
+int mergeTiles(const Arguments& arguments, Messages& messages) {
+  StepOptions options;
+  FlagParser flags;
+  flags.describe("tile merge",
+                 "Writes OUT/field.json, preview.png and report.json, and on demand one file of all tiles.",
+                 "accessvdb tile merge out/ --points all.ply --vdb all.vdb");
+  flags.option("--points", &options.points, "all points in one points.ply, the same as in one piece");
+  flags.option("--vdb", &options.vdb, "all grids in one field.vdb, if they fit into memory");
+  flags.option("--max-memory", &options.map.max_memory, "limit on memory for --vdb");
+  flags.flag("--keep-rays", options.keep_rays, "keep the sorted returns");
+  if (!parseStep(flags, options, arguments, messages)) return 0;
+  io::prepareOutputFolder(options.map.out);
+  watchStopSignals();
+  const OpenJob open = openJob(options.map.out, options.map);
+  const tiles::Binned rays = raysOf(open.job);
+  const tiles::Status status = tiles::status(open.job.out, open.job.plan, rays);
+  if (!status.todo.empty()) {
+    throw UnusableInput(
+        "tile.unfinished", open.job.out.string(),
+        std::to_string(status.todo.size()) + " tiles are not finished, the first is " + status.todo.front().name(),
+        "Run accessvdb tile run first");
+  }
+  RunReport report;
+  report.device.clear();
+  writeResult({open.job, open.options, rays, status}, report, messages);
+  writeReport(open.job.out / "report.json", report, messages);
+  if (!options.keep_rays) tiles::removeRays(open.job.out);
+  if (options.points.empty() && options.vdb.empty()) return 0;
+  const fs::path points = options.points.empty() ? open.job.out / "merged_points.ply" : fs::path(options.points);
+  const std::uint64_t count = tiles::mergePoints(open.job.out, status.done, points);
+  messages.notice("wrote " + std::to_string(count) + " points into " + points.string());
+  if (!options.vdb.empty()) {
+    requireRoomForGrids(status, count, memoryLimit(options.map));
+    tiles::mergeGrids({open.job.out, status.done, points, options.vdb, writeOptions(open.options.exported),
+                       options.map.common.threads});
+    messages.notice("wrote all grids into " + options.vdb);
+    std::error_code ignored;
+    if (options.points.empty()) fs::remove(points, ignored);
+  }
+  return 0;
+}
+
+struct Step {
+  const char* name;
+  const char* purpose;
+  int (*run)(const Arguments&, Messages&);
+};
+constexpr Step kSteps[] = {
+    {"plan", "decides the tiles of a map", planTiles}, {"bin", "sorts all returns by tile", binScans},
+    {"run", "maps tiles, in any order", runTiles},     {"list", "names of the tiles", listTiles},
+    {"status", "how far it has come", showStatus},     {"merge", "one result from all tiles", mergeTiles},
+};
+
+std::string stepsInWords() {
+  std::string text =
+      "Maps larger than memory, step by step; accessvdb map --tiles does all of it in one go.\n\n"
+      "Usage: accessvdb tile STEP OUT [options]\n\nSteps:\n";
+  for (const Step& step : kSteps) {
+    text += std::string("  ") + step.name + std::string(10 - std::string(step.name).size(), ' ') + step.purpose + "\n";
+  }
+  return text + "\naccessvdb tile STEP --help lists a step's options.\n";
+}
+
+}  // namespace
+
+int runTile(const Arguments& arguments, Messages& messages) {
+  const std::string word = arguments.empty() ? std::string() : arguments.front();
+  if (word == "--help" || word == "-h") {
+    printData(stepsInWords());
+    return 0;
+  }
+  for (const Step& step : kSteps) {
+    if (word == step.name) return step.run(Arguments(arguments.begin() + 1, arguments.end()), messages);
+  }
+  throw InvalidArgument("usage.verb", "tile " + word,
+                        "is not a step; the steps are plan, bin, run, list, status, merge",
+                        "See accessvdb tile --help");
+}
+
+}  // namespace accessvdb::tools

@@ -1,0 +1,193 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "tile_job.h"
+
+#include <algorithm>
+#include <charconv>
+#include <cmath>
+#include <set>
+
+#include "accessvdb/config.h"
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "memory_check.h"
+
+namespace accessvdb::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// Flags that say where and how to run, not what to map.
+constexpr const char* kNotOfThePlan[] = {"out",          "device",     "threads",    "config",      "quiet",
+                                         "error-format", "max-memory", "tiles",      "bin-memory",  "fresh",
+                                         "help",         "keep-rays",  "no-clobber", "print-config"};
+constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin"};
+/// Flags that change what is read or written beside the parameters of the field.
+constexpr const char* kOfTheContent[] = {"pose-format", "sensor-at", "tool-unit",   "tool-tip",
+                                         "tool-axis",   "tool-up",   "every",       "allow-truncated",
+                                         "sort-poses",  "half",      "compression", "up-axis"};
+
+constexpr std::uint64_t kMostBinBytes = std::uint64_t{1} << 30, kLeastBinBytes = std::uint64_t{32} << 20;
+/// Of the process without any map, and of one step of scans.
+constexpr std::uint64_t kProcessBytes = std::uint64_t{200} << 20;
+
+template <std::size_t kCount>
+bool isIn(const char* const (&list)[kCount], const std::string& key) {
+  return std::any_of(std::begin(list), std::end(list), [&](const char* word) { return key == word; });
+}
+
+/// Reads back as the same number.
+std::string exactNumber(double value) {
+  char text[40];
+  return {text, std::to_chars(text, text + sizeof text, value).ptr};
+}
+
+std::string contentOf(const PlanSettings& settings) {
+  std::string text;
+  for (const auto& [key, value] : settings) {
+    if (isIn(kOfTheContent, key)) text += key + " " + value + "\n";
+  }
+  return text;
+}
+
+std::vector<tiles::PlannedInput> inputsOf(const PlanSources& sources) {
+  std::vector<tiles::PlannedInput> inputs;
+  std::set<std::string> known;
+  const auto add = [&](const fs::path& path, bool small) {
+    std::error_code error;
+    if (path.empty() || !fs::is_regular_file(path, error) || !known.insert(path.string()).second) return;
+    inputs.push_back({path.string(), fs::file_size(path), small ? io::sha256OfFile(path) : std::string()});
+  };
+  for (const fs::path path : {sources.options.poses, sources.options.calib, sources.options.tool.tool}) add(path, true);
+  for (const std::string& path : sources.scans.paths()) add(path, false);
+  return inputs;
+}
+
+/// The largest edge of tiles that is not above the wanted one.
+std::int32_t edgeBelow(double wanted_m, const tiles::TileMargins& margins, double voxel_m) {
+  const double least_m = margins.least_tile_voxels * voxel_m;
+  // A length such as 6.4 at 0.05 m is meant as 128 voxels, whatever the last bit of the quotient says.
+  const double wanted_voxels = wanted_m / voxel_m * (1 + 1e-9);
+  if (wanted_voxels < margins.least_tile_voxels) {
+    throw InvalidArgument("usage.tiles", "--tiles " + numberText(wanted_m),
+                          "is smaller than two margins of " + numberText(margins.returns_voxels * voxel_m) +
+                              " m that each tile of this tool needs around it",
+                          "Use --tiles " + numberText(least_m) + " or larger");
+  }
+  std::int32_t edge = margins.least_tile_voxels;
+  while (edge < (1 << 16) && 2.0 * edge <= wanted_voxels) edge *= 2;
+  return edge;
+}
+
+std::uint64_t binBytes(const MapOptions& options) {
+  if (!options.bin_memory.empty()) return std::max(parseBytes("--bin-memory", options.bin_memory), kLeastBinBytes);
+  const std::uint64_t limit = memoryLimit(options).value_or(4 * kMostBinBytes);
+  const std::uint64_t rest = limit > kProcessBytes ? limit - kProcessBytes : 0;
+  return std::clamp(rest / 2, kLeastBinBytes, kMostBinBytes);
+}
+
+tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
+  const FieldParams& params = sources.params;
+  const double voxel_m = params.tsdf.voxel_size_m;
+  const tiles::TileMargins margins = tiles::tileMargins(sources.tool, params);
+  tiles::Plan plan;
+  plan.program = ACCESSVDB_VERSION;
+  plan.settings = sources.settings;
+  std::erase_if(plan.settings, [](const auto& setting) { return setting.first == "range-noise"; });
+  // What was recorded next to the scans is found again without them.
+  plan.settings.emplace_back("range-noise", exactNumber(params.tsdf.range_noise_m));
+  plan.parameters = params.describe() + contentOf(plan.settings);
+  plan.tool_name = sources.tool.name();
+  plan.tool_sha256 = sources.tool.sha256();
+  plan.origin_W = params.origin_W ? *params.origin_W : tiles::originOf(sources.scans, params);
+  plan.voxel_size_m = voxel_m;
+  plan.tile_voxels = chosen_voxels > 0 ? chosen_voxels : edgeBelow(wantedTile_m(sources.options), margins, voxel_m);
+  plan.margin_voxels = margins.returns_voxels;
+  plan.bin_bytes = binBytes(sources.options);
+  plan.inputs = inputsOf(sources);
+  plan.stamps_s.assign(sources.scans.size(), 0);
+  messages.notice("tiles of " + std::to_string(plan.tile_voxels) + " voxels, " +
+                  numberText(plan.tile_voxels * voxel_m) + " m, with a margin of " +
+                  numberText(plan.margin_voxels * voxel_m) + " m for the tool");
+  return plan;
+}
+
+}  // namespace
+
+PlanSettings planSettings(const FlagParser& flags) {
+  PlanSettings settings;
+  for (const auto& [key, value] : flags.settings()) {
+    if (isIn(kNotOfThePlan, key)) continue;
+    const bool* on = std::get_if<bool>(&value);
+    std::string text = on != nullptr ? (*on ? "true" : "false") : std::get<std::string>(value);
+    if (text.empty() || text == "false") continue;
+    std::error_code ignored;
+    if (isIn(kPaths, key) && fs::exists(text, ignored)) text = fs::absolute(text).lexically_normal().string();
+    settings.emplace_back(key, text);
+  }
+  return settings;
+}
+
+std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldParams& params) {
+  if (options.exported.surface) return "--surface needs all points at once";
+  if (options.exported.sequence > 0) return "--sequence needs the whole map after each scan";
+  if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
+  return std::nullopt;
+}
+
+tiles::Plan planOf(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
+  const fs::path out = sources.options.out;
+  if (!tiles::hasPlan(out)) {
+    tiles::Plan plan = newPlan(sources, chosen_voxels, messages);
+    tiles::writePlan(out, plan);
+    return plan;
+  }
+  const tiles::Plan found = tiles::readPlan(out);
+  const bool sized = wantedTile_m(sources.options) > 0;
+  tiles::Plan wanted = newPlan(sources, sized ? 0 : found.tile_voxels, messages);
+  wanted.bin_bytes = found.bin_bytes;
+  tiles::requireSame(wanted, found, out);
+  messages.notice("going on with the tiles of an earlier run in " + out.string());
+  return found;
+}
+
+OpenJob openJob(const fs::path& out, const MapOptions& options) {
+  MapOptions planned;
+  tiles::Plan plan = tiles::readPlan(out);
+  FlagParser flags;
+  addMapFlags(flags, planned, "--out");
+  for (const auto& [key, value] : plan.settings) {
+    const bool known = flags.has(key);
+    if (!known || flags.set(key, value)) {
+      throw InputError("plan.damaged", (out / "plan.json").string(), "has a setting that is not known: " + key,
+                       "Start again with --fresh");
+    }
+  }
+  planned.common = options.common;
+  planned.max_memory = options.max_memory;
+  planned.out = out.string();
+  ToolGeometry tool = loadTool(planned.tool);
+  FieldParams params = fieldParams(planned);
+  const auto changed = [&](const std::string& what) {
+    throw UnusableInput("plan.changed", out.string(), what,
+                        "Use what the plan was made with, or start again with --fresh");
+  };
+  if (plan.program != ACCESSVDB_VERSION) changed("was planned by version " + plan.program + " of accessvdb");
+  if (tool.sha256() != plan.tool_sha256) changed("was planned with another tool than " + planned.tool.tool + " is now");
+  if (plan.parameters != params.describe() + contentOf(plan.settings)) changed("was planned with other parameters");
+  return {std::move(planned), {out, std::move(plan), std::move(tool), std::move(params)}};
+}
+
+void removeTiles(const fs::path& out) {
+  std::error_code error;
+  // The plan last: while it is there, the rest is known to belong to it.
+  for (const char* name : {"field.json", "tiles", "rays", "rays.json", "plan.json"}) {
+    fs::remove_all(out / name, error);
+    if (error) {
+      throw OutputError("output.write", (out / name).string(), "cannot be deleted (" + error.message() + ")",
+                        "Check the folder's permissions");
+    }
+  }
+}
+
+}  // namespace accessvdb::tools

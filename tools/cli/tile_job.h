@@ -1,0 +1,51 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// From the flags of `map` to a plan of tiles, and from a plan in a folder back to what is needed to carry it out.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/tiles.h"
+#include "map_options.h"
+
+namespace accessvdb::tools {
+
+/// Flags of `map` that a plan keeps, as "name", "value"; paths are made absolute.
+using PlanSettings = std::vector<std::pair<std::string, std::string>>;
+[[nodiscard]] PlanSettings planSettings(const FlagParser& flags);
+
+/// Everything open that a plan is made from.
+struct PlanSources {
+  const MapOptions& options;
+  const PlanSettings& settings;
+  const ToolGeometry& tool;
+  io::ScanSequence& scans;
+  FieldParams params;
+};
+
+/// Why these options cannot be mapped in tiles, or nothing.
+[[nodiscard]] std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldParams& params);
+
+/// The plan of these sources, written into the folder, or the one that is there if it is the same: sizes of that one
+/// are kept where none are given.
+/// @param chosen_voxels  edge of a tile that the prediction of memory chose; 0 takes --tiles
+/// @throws InvalidArgument "usage.tiles"; UnusableInput "plan.changed"; what reading the scans throws
+[[nodiscard]] tiles::Plan planOf(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages);
+
+/// Opens what the plan in the folder names. Only flags that say how to run are taken from `options`: device, threads,
+/// memory. @throws InputError "plan.missing", "plan.damaged"; UnusableInput "plan.changed"
+struct OpenJob {
+  MapOptions options;
+  tiles::Job job;
+};
+[[nodiscard]] OpenJob openJob(const std::filesystem::path& out, const MapOptions& options);
+
+/// Deletes what an earlier run in tiles left: --fresh.
+void removeTiles(const std::filesystem::path& out);
+
+}  // namespace accessvdb::tools

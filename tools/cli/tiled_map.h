@@ -1,0 +1,40 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// `map` in tiles: plan, bin, run and index in one go; whatever an earlier run finished is not done again.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <vector>
+
+#include "accessvdb/tiles.h"
+#include "error_output.h"
+#include "report.h"
+#include "tile_job.h"
+
+namespace accessvdb::tools {
+
+/// Reads all scans into rays/. @return what was read; not complete if a signal stopped it
+[[nodiscard]] tiles::Binned binWithProgress(const tiles::Job& job, io::ScanSequence& scans, Messages& messages);
+
+/// Runs tiles one after the other; one line for each. @return the finished ones among them
+std::vector<tiles::Tile> runWithProgress(const tiles::Job& job, const std::vector<tiles::TileId>& todo,
+                                         const tiles::RunLimits& limits, Messages& messages);
+
+/// field.json, preview.png and report.json from what is finished.
+struct TiledResult {
+  const tiles::Job& job;
+  const MapOptions& options;
+  const tiles::Binned& rays;
+  const tiles::Status& status;
+};
+void writeResult(const TiledResult& result, RunReport& report, Messages& messages);
+
+/// @param points  of all tiles  @throws ResourceLimit "limit.memory" if one field.vdb of all would not fit
+void requireRoomForGrids(const tiles::Status& status, std::uint64_t points, std::optional<std::uint64_t> limit_bytes);
+
+/// @param chosen_voxels  edge of a tile that the prediction of memory chose; 0 takes --tiles
+/// @return 0, or 128 + the signal that stopped it
+int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport& report, Messages& messages);
+
+}  // namespace accessvdb::tools
