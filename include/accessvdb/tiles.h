@@ -17,6 +17,7 @@
 #include <filesystem>
 #include <functional>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -169,11 +170,21 @@ struct Index {
   bool complete = false;  ///< every tile is finished
   std::array<double, 3> origin_W = {};
   double voxel_size_m = 0;
+  std::int32_t tile_voxels = 0;
   std::vector<IndexedTile> tiles;
 };
 [[nodiscard]] ACCESSVDB_API bool hasIndex(const std::filesystem::path& out);
 /// @throws InputError "field.missing", "field.damaged"
 [[nodiscard]] ACCESSVDB_API Index readIndex(const std::filesystem::path& out);
+
+struct StoredAnswer {
+  io::StoredField::Answer field;  ///< ids of points are their numbers in the tile's points.ply
+  std::optional<TileId> tile;     ///< of the point
+};
+/// What io::StoredField::at() says of one piece, from the tiles that are needed, one in memory at a time.
+/// @throws InputError for a tile that cannot be read
+[[nodiscard]] ACCESSVDB_API std::vector<StoredAnswer> answersAt(const Index& index,
+                                                                std::span<const Eigen::Vector3d> positions_W);
 
 /// Points of all tiles for a picture: evenly thinned to about `most`.
 [[nodiscard]] ACCESSVDB_API FieldSnapshot overview(const Index& index, std::uint64_t most);

@@ -54,6 +54,7 @@ Index readIndex(const fs::path& out) {
     json.at("complete").get_to(index.complete);
     json.at("origin_W").get_to(index.origin_W);
     json.at("voxel_size_m").get_to(index.voxel_size_m);
+    json.at("tile_voxels").get_to(index.tile_voxels);
     for (const Json& entry : json.at("tiles")) {
       IndexedTile tile;
       tile.id = TileId::parse(entry.at("tile"));

@@ -8,6 +8,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/tiles.h"
 #include "command_line.h"
 #include "options.h"
 #include "verbs.h"
@@ -104,6 +105,35 @@ std::string wordsOfReport(const Json& report) {
   return words;
 }
 
+/// A map in tiles: its list, and which files it is in.
+Json describeTiles(const tiles::Index& index) {
+  Json list = Json::array();
+  for (const tiles::IndexedTile& tile : index.tiles) {
+    list.push_back({{"tile", tile.id.name()},
+                    {"folder", tile.folder.string()},
+                    {"points", tile.points},
+                    {"min_W", tile.min_W},
+                    {"max_W", tile.max_W}});
+  }
+  return {{"complete", index.complete},
+          {"origin_W", index.origin_W},
+          {"voxel_size_m", index.voxel_size_m},
+          {"tile_voxels", index.tile_voxels},
+          {"tiles", list}};
+}
+
+std::string wordsOfTiles(const Json& map) {
+  std::string words = "field.json\n  " + text(Json(map["tiles"].size())) + " tiles of " + text(map["tile_voxels"]) +
+                      " voxels of " + text(map["voxel_size_m"]) + " m" +
+                      (map["complete"].get<bool>() ? "" : ", not all of them are finished") + "\n";
+  for (const Json& tile : map["tiles"]) {
+    words += "  " + text(tile["folder"]) + ": " + text(tile["points"]) + " points";
+    if (tile["points"] != 0) words += ", from " + text(tile["min_W"]) + " to " + text(tile["max_W"]) + " m";
+    words += "\n";
+  }
+  return words;
+}
+
 /// A field without a single point is a valid file, but hardly what the user wants.
 void warnIfEmpty(const Json& vdb, Messages& messages) {
   if (!vdb["accessvdb"].get<bool>()) return;
@@ -145,6 +175,10 @@ int runInfo(const Arguments& arguments, Messages& messages) {
   if (fs::exists(folder / "report.json", status)) {
     result["report"] = describeReport(folder / "report.json");
     words += wordsOfReport(result["report"]);
+  }
+  if (tiles::hasIndex(folder)) {
+    result["tiles"] = describeTiles(tiles::readIndex(folder));
+    words += wordsOfTiles(result["tiles"]);
   }
   for (const char* file : {"field.vdb", "field_points.vdb"}) {
     if (!fs::exists(folder / file, status)) continue;

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "memory_check.h"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -144,12 +145,22 @@ class TileChoice {
     for (std::int32_t larger = margins_.least_tile_voxels; larger <= kMostTileVoxels; larger *= 2) {
       if (peakBytes(ratio_ * largestTile(larger), tables) > limit) break;
       edge = larger;
+      // The map begins in its middle, so four tiles cover it. Where they do not fit after all, quarters of much larger
+      // ones would not be smaller.
+      if (2 * edge >= widestVoxels()) break;
     }
     return edge;
   }
 
  private:
   static constexpr std::int32_t kMostTileVoxels = 1 << 16;
+
+  /// The larger extent of the returns in x and y.
+  [[nodiscard]] double widestVoxels() const {
+    Eigen::AlignedBox2f box;
+    for (const Ray& ray : sample_.rays()) box.extend(ray.second.head<2>());
+    return box.isEmpty() ? 0 : box.sizes().maxCoeff() / params_.tsdf.voxel_size_m;
+  }
 
   /// Predicted bytes of the tile that needs most of the sample's rays.
   [[nodiscard]] double largestTile(std::int32_t edge) const {

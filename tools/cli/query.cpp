@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb query: what a stored field says at given world positions.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <nlohmann/json.hpp>
@@ -9,6 +10,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/scan_io.h"
+#include "accessvdb/tiles.h"
 #include "command_line.h"
 #include "options.h"
 #include "verbs.h"
@@ -32,7 +34,28 @@ Json jsonVector(const Vector& v) {
   return Json::array({v.x(), v.y(), v.z()});
 }
 
-Json jsonAnswer(const io::StoredField::Answer& answer) {
+using Answers = std::vector<tiles::StoredAnswer>;
+
+/// From a folder of either kind.
+Answers answersFrom(const std::string& map, const std::vector<Eigen::Vector3d>& positions_W, Messages& messages) {
+  const auto warnIfEmpty = [&](bool empty) {
+    if (empty) messages.warning("field.empty", map + " holds no surface points");
+  };
+  if (tiles::hasIndex(map)) {
+    const tiles::Index index = tiles::readIndex(map);
+    if (!index.complete) messages.warning("field.unfinished", "not all tiles of " + map + " are finished");
+    warnIfEmpty(std::all_of(index.tiles.begin(), index.tiles.end(), [](const auto& tile) { return tile.points == 0; }));
+    return tiles::answersAt(index, positions_W);
+  }
+  const io::StoredField field = io::StoredField::open(map);
+  warnIfEmpty(field.points().points.empty());
+  Answers answers;
+  for (const Eigen::Vector3d& p_W : positions_W) answers.push_back({field.at(p_W), std::nullopt});
+  return answers;
+}
+
+Json jsonAnswer(const tiles::StoredAnswer& stored) {
+  const io::StoredField::Answer& answer = stored.field;
   Json json = {{"at", jsonVector(answer.position_W)}, {"voxel", stateOf(answer)}};
   json["distance_m"] = answer.observed ? Json(answer.distance_m) : Json(nullptr);
   json["weight"] = answer.weight;
@@ -51,11 +74,13 @@ Json jsonAnswer(const io::StoredField::Answer& answer) {
                      {"confidence", point.confidence},
                      {"stability", point.stability},
                      {"normal", jsonVector(point.normal_W)}};
+    if (stored.tile) json["point"]["tile"] = stored.tile->name();
   }
   return json;
 }
 
-std::string wordsOf(const io::StoredField::Answer& answer) {
+std::string wordsOf(const tiles::StoredAnswer& stored) {
+  const io::StoredField::Answer& answer = stored.field;
   char line[512];
   std::snprintf(line, sizeof line, "at %.10g %.10g %.10g\n  voxel: %s, distance %s m, weight %.6g\n",
                 answer.position_W.x(), answer.position_W.y(), answer.position_W.z(), stateOf(answer),
@@ -63,8 +88,9 @@ std::string wordsOf(const io::StoredField::Answer& answer) {
   std::string text = line;
   if (!answer.point) return text + "  no surface point here\n";
   const SurfacePoint& point = *answer.point;
-  std::snprintf(line, sizeof line, "  point %u, %.4g m away: %s, reason %s, score %s, confidence %.3f\n", point.id,
-                answer.point_distance_m, name(point.label), name(point.reason),
+  std::snprintf(line, sizeof line, "  point %u%s, %.4g m away: %s, reason %s, score %s, confidence %.3f\n", point.id,
+                stored.tile ? (" of tile " + stored.tile->name()).c_str() : "", answer.point_distance_m,
+                name(point.label), name(point.reason),
                 point.score != kNoScore ? std::to_string(point.score).c_str() : "-", point.confidence);
   text += line;
   if (point.direction == kNoDirection) return text + "  no best direction\n";
@@ -101,12 +127,9 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   for (const std::string& text : at) positions_W.push_back(parseVector("--at", text));
   if (!points_file.empty()) positions_W = io::readPositions(points_file);
 
-  const io::StoredField field = io::StoredField::open(map);
-  if (field.points().points.empty()) messages.warning("field.empty", map + " holds no surface points");
   Json answers = Json::array();
   std::string text;
-  for (const Eigen::Vector3d& p_W : positions_W) {
-    const io::StoredField::Answer answer = field.at(p_W);
+  for (const tiles::StoredAnswer& answer : answersFrom(map, positions_W, messages)) {
     if (json) {
       answers.push_back(jsonAnswer(answer));
     } else {

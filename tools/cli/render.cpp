@@ -7,8 +7,10 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/tiles.h"
 #include "command_line.h"
 #include "options.h"
+#include "tiled_map.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -37,7 +39,8 @@ int runRender(const Arguments& arguments, Messages& messages) {
   if (out.empty()) throw InvalidArgument("usage.missing", "--out", "is missing", "Name the PNG file to write");
   const io::RenderOptions render = renderOptions(picture);
   if (!map.empty()) {
-    const FieldSnapshot field = io::readPointsPly(std::filesystem::path(map) / "points.ply");
+    const FieldSnapshot field = tiles::hasIndex(map) ? tiles::overview(tiles::readIndex(map), kPicturePoints)
+                                                     : io::readPointsPly(std::filesystem::path(map) / "points.ply");
     if (field.points.empty()) messages.warning("field.empty", map + " holds no surface points");
     io::renderField(out, field, render);
   } else {

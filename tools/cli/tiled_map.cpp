@@ -21,9 +21,6 @@ namespace {
 namespace fs = std::filesystem;
 using Clock = std::chrono::steady_clock;
 
-/// Enough for a picture of 1600 by 1000 pixels.
-constexpr std::uint64_t kPicturePoints = 4'000'000;
-
 double secondsSince(Clock::time_point begin) { return std::chrono::duration<double>(Clock::now() - begin).count(); }
 
 std::string secondsInWords(double seconds) { return numberText(std::round(10 * seconds) / 10) + " s"; }
