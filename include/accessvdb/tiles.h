@@ -53,22 +53,36 @@ struct PlannedInput {
   std::string sha256;  ///< of small files; empty for scans, which are hashed when they are read
 };
 
+/// The scans of one flight.
+struct Flight {
+  std::string options;  ///< what is read from the files, beside their content: "every 2\n..."
+  std::vector<PlannedInput> inputs;
+  std::vector<double> stamps_s;                               ///< of each step; 0 where unknown
+  std::vector<std::pair<std::string, std::string>> settings;  ///< of the caller, to open the scans again
+};
+
 /// What is mapped. Two runs with equal plans make equal files.
 struct Plan {
   std::string program;     ///< version of the library
-  std::string parameters;  ///< FieldParams::describe()
+  std::string parameters;  ///< FieldParams::describe(), and options of the files that are written
   std::string tool_name, tool_sha256;
   std::array<double, 3> origin_W = {};  ///< of the one piece, metres
   double voxel_size_m = 0;
   std::int32_t tile_voxels = 0;    ///< edge of a tile's core: FieldWindow::kEdge times a power of two
   std::int32_t margin_voxels = 0;  ///< how far outside the core returns are needed
   std::uint64_t bin_bytes = 0;     ///< returns are held in memory up to this size before they are written
-  std::vector<PlannedInput> inputs;
-  std::vector<double> stamps_s;                               ///< of each step; 0 where unknown
-  std::vector<std::pair<std::string, std::string>> settings;  ///< of the caller, to open scans and tool again
+  std::vector<Flight> flights;     ///< in the order in which they are mapped: steps of the second follow the first's
+
+  [[nodiscard]] ACCESSVDB_API std::uint64_t steps() const;
+  /// Index of the flight that a step belongs to. @param step  below steps()
+  [[nodiscard]] ACCESSVDB_API std::size_t flightOf(std::uint64_t step) const;
   /// SHA-256 of what determines the results: everything above except stamps and settings.
-  [[nodiscard]] ACCESSVDB_API std::string id() const;
+  [[nodiscard]] const std::string& id() const { return ids.back(); }
+  /// The plan's id after each flight: what was made before the next one was appended is still right where that brought
+  /// no returns. Filled by identified().
+  std::vector<std::string> ids;
 };
+[[nodiscard]] ACCESSVDB_API Plan identified(Plan plan);
 
 /// Returns outside the core that a tile needs, in voxels; and the smallest edge that is worth a tile.
 struct TileMargins {
@@ -82,7 +96,7 @@ struct TileMargins {
 /// Reads steps until there is one. @throws UnusableInput "scans.no_returns"
 [[nodiscard]] ACCESSVDB_API std::array<double, 3> originOf(io::ScanSequence& scans, const FieldParams& params);
 
-/// @throws OutputError
+/// @param plan  identified()  @throws OutputError
 ACCESSVDB_API void writePlan(const std::filesystem::path& out, const Plan& plan);
 /// @throws InputError "plan.missing", "plan.damaged"
 [[nodiscard]] ACCESSVDB_API Plan readPlan(const std::filesystem::path& out);
@@ -97,13 +111,20 @@ struct Watch {
       [](std::uint64_t, std::uint64_t, const std::string&) {};
 };
 
+/// A tile of the grid and its returns.
+struct TileReturns {
+  TileId id;
+  std::uint64_t returns = 0;
+  std::uint32_t flights = 1;  ///< up to and including the last one that brought a return
+};
+
 /// What went into the rays of a plan.
 struct Binned {
   bool complete = false;  ///< false if `stop` ended it
   std::uint64_t steps = 0, points_in = 0, points_used = 0, returns_stored = 0, truncated_points = 0, bytes = 0;
   std::array<std::uint64_t, kNumDropReasons> dropped = {};
-  std::vector<io::InputFile> inputs;                         ///< the scans, with their hashes
-  std::vector<std::pair<TileId, std::uint64_t>> returns_of;  ///< stored returns per tile, most first
+  std::vector<io::InputFile> inputs;    ///< the scans, with their hashes
+  std::vector<TileReturns> returns_of;  ///< most first
 };
 
 /// A plan in its folder, with the tool and the parameters that it was made from.
@@ -115,8 +136,9 @@ struct Job {
 };
 
 /// Reads the scans and sorts their returns by tile. Goes on after the last finished part of an earlier call.
+/// @param flights  the scans of each
 /// @throws InputError while reading; OutputError; UnusableInput "plan.changed" for a scan that changed
-ACCESSVDB_API Binned bin(const Job& job, io::ScanSequence& scans, const Watch& watch = {});
+ACCESSVDB_API Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch = {});
 /// What an earlier bin() did; nothing if it was not finished.
 [[nodiscard]] ACCESSVDB_API std::optional<Binned> binned(const std::filesystem::path& out, const Plan& plan);
 /// Deletes the rays once no tile needs them. What is known about them stays.
@@ -142,9 +164,11 @@ struct Tile {
 };
 
 /// Runs one tile, or its quarters where it would not fit. Finished ones are not run again.
+/// @param which  one of Binned::returns_of or a part of it
 /// @return the finished tiles: one, or those of the quarters; fewer if `stop` ended it
-/// @throws ResourceLimit "limit.memory" if even the smallest would not fit; InputError "rays.damaged"; OutputError
-ACCESSVDB_API std::vector<Tile> run(const Job& job, const TileId& which, const RunLimits& limits,
+/// @throws InvalidArgument "usage.tile"; ResourceLimit "limit.memory" if even the smallest would not fit; InputError
+///         "rays.damaged"; OutputError
+ACCESSVDB_API std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, const RunLimits& limits,
                                     const Watch& watch = {});
 
 /// Tiles and quarters that have returns, in the order in which to run them: most returns first.

@@ -90,33 +90,26 @@ class StepSorter {
 /// Reads steps and writes shards.
 class Binner {
  public:
-  Binner(const Job& job, io::ScanSequence& scans, const Watch& watch)
+  Binner(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch)
       : job_(job),
-        scans_(scans),
+        flights_(flights),
         watch_(watch),
-        plan_id_(job.plan.id()),
         params_(job.params.resolved()),
         gate_(params_.tsdf, job.plan.origin_W),
         sorter_(job.plan, params_.tsdf) {
-    for (const PlannedInput& input : job.plan.inputs) planned_.emplace(input.path, &input);
+    for (const Flight& flight : job.plan.flights) {
+      for (const PlannedInput& input : flight.inputs) planned_.emplace(input.path, &input);
+    }
   }
 
-  /// A shard ends where it is full, and at the end. @return false if stopped
+  /// A shard ends where it is full, and where its flight ends. @return false if stopped
   bool binTo(std::uint64_t begin, std::uint64_t end) {
-    ShardIndex index;
-    index.first_step = begin;
-    for (std::uint64_t step = begin; step < end; ++step) {
-      if (watch_.stop()) return false;
-      const io::ScanRecord record = scans_.read(step);
-      requireAsPlanned(record.path);
-      add(static_cast<std::uint32_t>(step), record, index);
-      index.end_step = step + 1;
-      if (buffer_.bytes() >= job_.plan.bin_bytes || step + 1 == end) {
-        buffer_.write(raysFolder(job_.out) / shardName(index.first_step), plan_id_, std::move(index));
-        index = {};
-        index.first_step = step + 1;
-      }
-      watch_.progress(step + 1, scans_.size(), fs::path(record.path).filename().string());
+    std::uint64_t flight_begin = 0;
+    for (std::size_t n = 0; n < flights_.size(); ++n) {
+      const std::uint64_t flight_end = flight_begin + job_.plan.flights[n].stamps_s.size();
+      const std::uint64_t from = std::max(begin, flight_begin), to = std::min(end, flight_end);
+      if (from < to && !binFlight(n, flight_begin, from, to)) return false;
+      flight_begin = flight_end;
     }
     return true;
   }
@@ -125,6 +118,25 @@ class Binner {
   [[nodiscard]] std::vector<io::InputFile> inputs(const std::vector<io::InputFile>& before) const;
 
  private:
+  bool binFlight(std::size_t flight, std::uint64_t flight_begin, std::uint64_t begin, std::uint64_t end) {
+    const std::string& plan_id = job_.plan.ids[flight];
+    ShardIndex index;
+    index.first_step = begin;
+    for (std::uint64_t step = begin; step < end; ++step) {
+      if (watch_.stop()) return false;
+      const io::ScanRecord record = flights_[flight]->read(step - flight_begin);
+      requireAsPlanned(record.path);
+      add(static_cast<std::uint32_t>(step), record, index);
+      index.end_step = step + 1;
+      if (buffer_.bytes() >= job_.plan.bin_bytes || step + 1 == end) {
+        buffer_.write(raysFolder(job_.out) / shardName(index.first_step), plan_id, std::move(index));
+        index = {};
+        index.first_step = step + 1;
+      }
+      watch_.progress(step + 1, job_.plan.steps(), fs::path(record.path).filename().string());
+    }
+    return true;
+  }
   void add(std::uint32_t step, const io::ScanRecord& record, ShardIndex& index) {
     FrameStats stats;
     const internal::GatedScan& scan = record.points_W.empty() ? gate_.gate(record.points_S, record.T_W_S, stats)
@@ -141,7 +153,7 @@ class Binner {
     // While the file is still in the system's cache. The last one, or a single cloud, is hashed at the end.
     if (!last_path_.empty()) noteRead(last_path_);
     last_path_ = path;
-    const auto planned = planned_.find(path);
+    const auto planned = planned_.find(fs::absolute(path).lexically_normal().string());
     std::error_code error;
     if (planned == planned_.end() || fs::file_size(path, error) != planned->second->bytes) refuseChanged(path);
   }
@@ -150,13 +162,13 @@ class Binner {
                         "Restore it, or start again with --fresh");
   }
   void noteRead(const std::string& path) {
-    if (!sha256_.contains(path)) sha256_.emplace(path, io::sha256OfFile(path));
+    const std::string whole = fs::absolute(path).lexically_normal().string();
+    if (!sha256_.contains(whole)) sha256_.emplace(whole, io::sha256OfFile(path));
   }
 
   const Job& job_;
-  io::ScanSequence& scans_;
+  std::span<io::ScanSequence* const> flights_;
   const Watch& watch_;
-  std::string plan_id_;
   FieldParams params_;
   internal::ScanGate gate_;
   StepSorter sorter_;
@@ -168,12 +180,14 @@ class Binner {
 
 std::vector<io::InputFile> Binner::inputs(const std::vector<io::InputFile>& before) const {
   std::vector<io::InputFile> inputs;
-  for (const PlannedInput& input : job_.plan.inputs) {
-    const auto known = sha256_.find(input.path);
-    const std::string sha256 = !input.sha256.empty()    ? input.sha256
-                               : known != sha256_.end() ? known->second
-                                                        : io::sha256OfFile(input.path);
-    inputs.push_back({input.path, sha256});
+  for (const Flight& flight : job_.plan.flights) {
+    for (const PlannedInput& input : flight.inputs) {
+      const auto known = sha256_.find(input.path);
+      const std::string sha256 = !input.sha256.empty()    ? input.sha256
+                                 : known != sha256_.end() ? known->second
+                                                          : io::sha256OfFile(input.path);
+      inputs.push_back({input.path, sha256});
+    }
   }
   for (std::size_t n = 0; n < before.size() && n < inputs.size(); ++n) {
     if (before[n].path == inputs[n].path && before[n].sha256 != inputs[n].sha256) refuseChanged(inputs[n].path);
@@ -182,12 +196,12 @@ std::vector<io::InputFile> Binner::inputs(const std::vector<io::InputFile>& befo
 }
 
 /// The end of the shards that are whole, from the first step on. Deletes all files after them.
-std::uint64_t endOfWhole(const fs::path& folder, const std::string& plan_id) {
+std::uint64_t endOfWhole(const fs::path& folder, const Plan& plan) {
   std::set<std::string> whole;
   std::uint64_t step = 0;
-  for (bool more = true; more;) {
+  for (bool more = true; more && step < plan.steps();) {
     try {
-      const ShardIndex index = readShardIndex(folder / shardName(step), plan_id);
+      const ShardIndex index = readShardIndex(folder / shardName(step), shardPlanId(plan, step));
       more = index.first_step == step && index.end_step > step;
       if (!more) break;
       whole.insert(shardName(step));
@@ -205,11 +219,13 @@ std::uint64_t endOfWhole(const fs::path& folder, const std::string& plan_id) {
 
 }  // namespace
 
-Binned bin(const Job& job, io::ScanSequence& scans, const Watch& watch) {
+Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Watch& watch) {
+  if (flights.size() != job.plan.flights.size()) {
+    throw InvalidArgument("usage.flights", "bin", "needs the scans of each flight of the plan");
+  }
   const fs::path folder = raysFolder(job.out);
-  const std::string plan_id = job.plan.id();
   io::prepareOutputFolder(folder);
-  Binner binner(job, scans, watch);
+  Binner binner(job, flights, watch);
   std::vector<io::InputFile> before;
   if (const auto done = binned(job.out, job.plan)) {
     // Everything was read before: only shards that are gone or damaged are made again.
@@ -219,7 +235,7 @@ Binned bin(const Job& job, io::ScanSequence& scans, const Watch& watch) {
     for (const ShardRange& range : missing) {
       if (!binner.binTo(range.first_step, range.end_step)) return {};
     }
-  } else if (!binner.binTo(endOfWhole(folder, plan_id), scans.size())) {
+  } else if (!binner.binTo(endOfWhole(folder, job.plan), job.plan.steps())) {
     return {};
   }
   return writeBinned(job.out, job.plan, binner.inputs(before));

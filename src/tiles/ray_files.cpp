@@ -43,6 +43,8 @@ bool readManifest(const fs::path& out, const Plan& plan, const std::function<voi
 
 fs::path raysFolder(const fs::path& out) { return out / "rays"; }
 
+std::string shardPlanId(const Plan& plan, std::uint64_t first_step) { return plan.ids[plan.flightOf(first_step)]; }
+
 std::optional<Binned> binned(const fs::path& out, const Plan& plan) {
   Binned result;
   const bool found = readManifest(out, plan, [&](const Json& json) {
@@ -60,7 +62,7 @@ std::optional<Binned> binned(const fs::path& out, const Plan& plan) {
     }
     for (const Json& input : json.at("inputs")) result.inputs.push_back({input.at("path"), input.at("sha256")});
     for (const Json& tile : json.at("tiles")) {
-      result.returns_of.emplace_back(TileId{tile.at(0), tile.at(1), {}}, tile.at(2));
+      result.returns_of.push_back({{tile.at(0), tile.at(1), {}}, tile.at(2), tile.at(3)});
     }
   });
   if (!found) return std::nullopt;
@@ -83,12 +85,12 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
   Binned result;
   result.complete = true;
   result.inputs = inputs;
-  result.steps = plan.stamps_s.size();
-  std::map<TileIndex, std::uint64_t> returns;
+  result.steps = plan.steps();
+  std::map<TileIndex, TileReturns> tiles;
   Json shards = Json::array();
   for (std::uint64_t step = 0; step < result.steps;) {
     const fs::path file = raysFolder(out) / shardName(step);
-    const ShardIndex index = readShardIndex(file, plan.id());
+    const ShardIndex index = readShardIndex(file, shardPlanId(plan, step));
     if (index.first_step != step || index.end_step <= step) {
       throw InputError("rays.damaged", file.string(), "holds other steps than its name says",
                        "Delete it and run accessvdb tile bin again");
@@ -98,7 +100,10 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
     result.truncated_points += index.truncated_points;
     for (std::size_t n = 0; n < index.dropped.size(); ++n) result.dropped[n] += index.dropped[n];
     for (const Segment& segment : index.segments) {
-      returns[segment.tile] += segment.returns;
+      TileReturns& tile = tiles[segment.tile];
+      tile.id = {segment.tile.first, segment.tile.second, {}};
+      tile.returns += segment.returns;
+      tile.flights = static_cast<std::uint32_t>(plan.flightOf(step) + 1);
       result.returns_stored += segment.returns;
     }
     const std::uint64_t bytes = fs::file_size(file);
@@ -106,16 +111,18 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
     shards.push_back({{"first_step", index.first_step}, {"end_step", index.end_step}, {"bytes", bytes}});
     step = index.end_step;
   }
-  for (const auto& [tile, count] : returns) result.returns_of.emplace_back(TileId{tile.first, tile.second, {}}, count);
+  for (const auto& [index, tile] : tiles) result.returns_of.push_back(tile);
   std::stable_sort(result.returns_of.begin(), result.returns_of.end(),
-                   [](const auto& a, const auto& b) { return a.second > b.second; });
+                   [](const TileReturns& a, const TileReturns& b) { return a.returns > b.returns; });
 
-  Json dropped = Json::object(), files = Json::array(), tiles = Json::array();
+  Json dropped = Json::object(), files = Json::array(), list = Json::array();
   for (int n = 0; n < kNumDropReasons; ++n) {
     dropped[accessvdb::name(static_cast<DropReason>(n))] = result.dropped[static_cast<std::size_t>(n)];
   }
   for (const io::InputFile& input : inputs) files.push_back({{"path", input.path}, {"sha256", input.sha256}});
-  for (const auto& [tile, count] : result.returns_of) tiles.push_back({tile.x, tile.y, count});
+  for (const TileReturns& tile : result.returns_of) {
+    list.push_back({tile.id.x, tile.id.y, tile.returns, tile.flights});
+  }
   writeJson(manifestFile(out), {{"plan", plan.id()},
                                 {"steps", result.steps},
                                 {"points_in", result.points_in},
@@ -126,7 +133,7 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
                                 {"bytes", result.bytes},
                                 {"shards", shards},
                                 {"inputs", files},
-                                {"tiles", tiles}});
+                                {"tiles", list}});
   return result;
 }
 
@@ -135,7 +142,7 @@ std::vector<TileRays> raysOf(const fs::path& out, const Plan& plan, const TileIn
   const bool found = readManifest(out, plan, [&](const Json& json) {
     for (const ShardFile& shard : shardsOf(json)) {
       const fs::path file = raysFolder(out) / shardName(shard.first_step);
-      for (const Segment& segment : readShardIndex(file, plan.id()).segments) {
+      for (const Segment& segment : readShardIndex(file, shardPlanId(plan, shard.first_step)).segments) {
         if (segment.tile == tile) rays.push_back({file, segment});
       }
     }

@@ -14,6 +14,9 @@ namespace accessvdb::tiles {
 
 [[nodiscard]] std::filesystem::path raysFolder(const std::filesystem::path& out);
 
+/// The id that a shard carries: of the plan without the flights after its own.
+[[nodiscard]] std::string shardPlanId(const Plan& plan, std::uint64_t first_step);
+
 struct ShardRange {
   std::uint64_t first_step = 0, end_step = 0;
 };

@@ -6,6 +6,7 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <random>
 
 #include "accessvdb/error.h"
@@ -41,11 +42,16 @@ void removeLeftovers(const fs::path& out, const TileId& id) {
   }
 }
 
+/// Whether an id is the plan's, after at least this many flights.
+bool isOf(const Plan& plan, std::size_t flights, const std::string& id) {
+  return std::find(plan.ids.begin() + static_cast<std::ptrdiff_t>(flights) - 1, plan.ids.end(), id) != plan.ids.end();
+}
+
 }  // namespace
 
 fs::path tileFolder(const fs::path& out, const TileId& id) { return tilesFolder(out) / id.name(); }
 
-std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId& id) {
+std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId& id, std::uint32_t flights) {
   const fs::path manifest = tileFolder(out, id) / kManifest;
   std::error_code ignored;
   if (!fs::exists(manifest, ignored)) return std::nullopt;
@@ -53,7 +59,7 @@ std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId
   tile.id = id;
   bool same = false;
   readJson(manifest, "tile", [&](const Json& json) {
-    same = json.at("plan") == plan.id() && json.at("tile") == id.name();
+    same = isOf(plan, flights, json.at("plan")) && json.at("tile") == id.name();
     json.at("device").get_to(tile.device);
     json.at("returns").get_to(tile.returns);
     json.at("points").get_to(tile.points);
@@ -109,7 +115,7 @@ bool isSplit(const fs::path& out, const Plan& plan, const TileId& id) {
   std::error_code ignored;
   if (!fs::exists(splitMark(out, id), ignored)) return false;
   bool same = false;
-  readJson(splitMark(out, id), "tile", [&](const Json& json) { same = json.at("plan") == plan.id(); });
+  readJson(splitMark(out, id), "tile", [&](const Json& json) { same = isOf(plan, 1, json.at("plan")); });
   return same;
 }
 

@@ -19,8 +19,11 @@ inline constexpr const char* kOrderFile = "order.bin";
 
 [[nodiscard]] std::filesystem::path tileFolder(const std::filesystem::path& out, const TileId& id);
 
-/// @return nothing if it is not finished, or of another plan  @throws InputError "tile.damaged"
-[[nodiscard]] std::optional<Tile> readTile(const std::filesystem::path& out, const Plan& plan, const TileId& id);
+/// @param flights  up to and including the last one that brought the tile a return: TileReturns::flights
+/// @return nothing if it is not finished, of another plan, or older than its last flight
+/// @throws InputError "tile.damaged"
+[[nodiscard]] std::optional<Tile> readTile(const std::filesystem::path& out, const Plan& plan, const TileId& id,
+                                           std::uint32_t flights);
 /// @param folder  where the tile's files are until they are complete
 void writeTile(const std::filesystem::path& folder, const Plan& plan, const Tile& tile);
 

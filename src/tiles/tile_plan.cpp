@@ -3,6 +3,7 @@
 /// plan.json, and what a plan needs to know before anything is read.
 #include <algorithm>
 #include <array>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
@@ -20,17 +21,23 @@ constexpr int kSchema = 1;
 
 std::filesystem::path planFile(const std::filesystem::path& out) { return out / "plan.json"; }
 
-/// What determines the results, as text, in the order in which differences are to be named.
-Json content(const Plan& plan) {
+Json flightContent(const Flight& flight) {
   Json inputs = Json::array();
-  for (const PlannedInput& input : plan.inputs) {
+  for (const PlannedInput& input : flight.inputs) {
     inputs.push_back({{"path", input.path}, {"bytes", input.bytes}, {"sha256", input.sha256}});
   }
+  return {{"options", flight.options}, {"inputs", inputs}};
+}
+
+/// What determines the results, in the order in which differences are to be named.
+Json content(const Plan& plan, std::size_t flights) {
+  Json of_flights = Json::array();
+  for (std::size_t n = 0; n < flights; ++n) of_flights.push_back(flightContent(plan.flights[n]));
   return {{"program", plan.program},         {"parameters", plan.parameters},
           {"tool", plan.tool_name},          {"tool_sha256", plan.tool_sha256},
           {"origin_W", plan.origin_W},       {"voxel_size_m", plan.voxel_size_m},
           {"tile_voxels", plan.tile_voxels}, {"margin_voxels", plan.margin_voxels},
-          {"bin_bytes", plan.bin_bytes},     {"inputs", inputs}};
+          {"bin_bytes", plan.bin_bytes},     {"flights", of_flights}};
 }
 
 /// The first line that only one of two texts has.
@@ -51,11 +58,29 @@ std::string firstDifference(const std::string& a, const std::string& b) {
 
 }  // namespace
 
-std::string Plan::id() const {
-  const std::string text = content(*this).dump();
-  internal::Sha256 sha256;
-  sha256.update(text.data(), text.size());
-  return internal::hexOf(sha256.digest());
+std::uint64_t Plan::steps() const {
+  std::uint64_t steps = 0;
+  for (const Flight& flight : flights) steps += flight.stamps_s.size();
+  return steps;
+}
+
+std::size_t Plan::flightOf(std::uint64_t step) const {
+  std::size_t flight = 0;
+  while (flight + 1 < flights.size() && step >= flights[flight].stamps_s.size()) {
+    step -= flights[flight++].stamps_s.size();
+  }
+  return flight;
+}
+
+Plan identified(Plan plan) {
+  plan.ids.clear();
+  for (std::size_t flights = 1; flights <= plan.flights.size(); ++flights) {
+    const std::string text = content(plan, flights).dump();
+    internal::Sha256 sha256;
+    sha256.update(text.data(), text.size());
+    plan.ids.push_back(internal::hexOf(sha256.digest()));
+  }
+  return plan;
 }
 
 TileMargins tileMargins(const ToolGeometry& tool, const FieldParams& params) {
@@ -86,10 +111,13 @@ std::array<double, 3> originOf(io::ScanSequence& scans, const FieldParams& param
 
 void writePlan(const std::filesystem::path& out, const Plan& plan) {
   Json json = {{"schema", kSchema}, {"id", plan.id()}};
-  json.update(content(plan));
-  json["stamps_s"] = plan.stamps_s;
-  json["settings"] = Json::array();
-  for (const auto& [name, value] : plan.settings) json["settings"].push_back({name, value});
+  json.update(content(plan, plan.flights.size()));
+  for (std::size_t n = 0; n < plan.flights.size(); ++n) {
+    Json& flight = json["flights"][n];
+    flight["stamps_s"] = plan.flights[n].stamps_s;
+    flight["settings"] = Json::array();
+    for (const auto& [name, value] : plan.flights[n].settings) flight["settings"].push_back({name, value});
+  }
   writeJson(planFile(out), json);
 }
 
@@ -116,15 +144,21 @@ Plan readPlan(const std::filesystem::path& out) {
     json.at("tile_voxels").get_to(plan.tile_voxels);
     json.at("margin_voxels").get_to(plan.margin_voxels);
     json.at("bin_bytes").get_to(plan.bin_bytes);
-    for (const Json& input : json.at("inputs")) {
-      plan.inputs.push_back({input.at("path"), input.at("bytes"), input.at("sha256")});
+    for (const Json& from : json.at("flights")) {
+      Flight flight;
+      from.at("options").get_to(flight.options);
+      for (const Json& input : from.at("inputs")) {
+        flight.inputs.push_back({input.at("path"), input.at("bytes"), input.at("sha256")});
+      }
+      from.at("stamps_s").get_to(flight.stamps_s);
+      for (const Json& setting : from.at("settings")) flight.settings.emplace_back(setting.at(0), setting.at(1));
+      plan.flights.push_back(std::move(flight));
     }
-    json.at("stamps_s").get_to(plan.stamps_s);
-    for (const Json& setting : json.at("settings")) plan.settings.emplace_back(setting.at(0), setting.at(1));
   });
   const std::int32_t edges = plan.tile_voxels / FieldWindow::kEdge;
   const bool usable = edges > 0 && plan.tile_voxels % FieldWindow::kEdge == 0 && (edges & (edges - 1)) == 0;
-  if (!usable || plan.id() != id) {
+  plan = identified(std::move(plan));
+  if (!usable || plan.flights.empty() || plan.id() != id) {
     throw InputError("plan.damaged", planFile(out).string(), "is damaged", "Start again with --fresh");
   }
   return plan;
@@ -139,13 +173,20 @@ void requireSame(const Plan& wanted, const Plan& found, const std::filesystem::p
   if (wanted.parameters != found.parameters) refuse(firstDifference(found.parameters, wanted.parameters));
   if (wanted.tool_name != found.tool_name || wanted.tool_sha256 != found.tool_sha256) refuse("another tool");
   if (wanted.origin_W != found.origin_W) refuse("another origin");
-  if (wanted.inputs.size() != found.inputs.size()) {
-    refuse(std::to_string(found.inputs.size()) + " input files instead of " + std::to_string(wanted.inputs.size()));
+  if (wanted.flights.size() != found.flights.size()) {
+    refuse(std::to_string(found.flights.size()) + " flights instead of " + std::to_string(wanted.flights.size()));
   }
-  for (std::size_t n = 0; n < wanted.inputs.size(); ++n) {
-    const PlannedInput &now = wanted.inputs[n], &then = found.inputs[n];
-    if (now.path != then.path) refuse("input " + then.path + " instead of " + now.path);
-    if (now.bytes != then.bytes || now.sha256 != then.sha256) refuse(now.path + " has changed since");
+  for (std::size_t n = 0; n < wanted.flights.size(); ++n) {
+    const Flight &now = wanted.flights[n], &then = found.flights[n];
+    if (now.options != then.options) refuse(firstDifference(then.options, now.options));
+    if (now.inputs.size() != then.inputs.size()) {
+      refuse(std::to_string(then.inputs.size()) + " input files instead of " + std::to_string(now.inputs.size()));
+    }
+    for (std::size_t k = 0; k < now.inputs.size(); ++k) {
+      const PlannedInput &file = now.inputs[k], &before = then.inputs[k];
+      if (file.path != before.path) refuse("input " + before.path + " instead of " + file.path);
+      if (file.bytes != before.bytes || file.sha256 != before.sha256) refuse(file.path + " has changed since");
+    }
   }
   if (wanted.id() != found.id()) refuse("tiles of another size");
 }

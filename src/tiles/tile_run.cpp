@@ -176,13 +176,22 @@ std::optional<std::string> attempt(const Job& job, const TileId& id, const RunLi
   return reason;
 }
 
-void runInto(const Job& job, const TileId& id, const RunLimits& limits, const Watch& watch, std::vector<Tile>& done) {
-  if (const auto tile = readTile(job.out, job.plan, id)) {
+/// What stays the same for all parts of a tile.
+struct Run {
+  const Job& job;
+  const RunLimits& limits;
+  const Watch& watch;
+  std::uint32_t flights;  ///< TileReturns::flights
+};
+
+void runInto(const Run& run, const TileId& id, std::vector<Tile>& done) {
+  const Job& job = run.job;
+  if (const auto tile = readTile(job.out, job.plan, id, run.flights)) {
     done.push_back(*tile);
     return;
   }
   if (!isSplit(job.out, job.plan, id)) {
-    const auto reason = attempt(job, id, limits, watch, done);
+    const auto reason = attempt(job, id, run.limits, run.watch, done);
     if (!reason) return;
     const std::int32_t half = (job.plan.tile_voxels >> id.quarters.size()) / 2;
     if (half < FieldWindow::kEdge || half < 2 * job.plan.margin_voxels) {
@@ -192,15 +201,15 @@ void runInto(const Job& job, const TileId& id, const RunLimits& limits, const Wa
     }
     markSplit(job.out, job.plan, id);
   }
-  for (const TileId& quarter : id.split()) runInto(job, quarter, limits, watch, done);
+  for (const TileId& quarter : id.split()) runInto(run, quarter, done);
 }
 
-void statusOf(const fs::path& out, const Plan& plan, const TileId& id, Status& status) {
-  if (const auto tile = readTile(out, plan, id)) {
+void statusOf(const fs::path& out, const Plan& plan, const TileReturns& whole, const TileId& id, Status& status) {
+  if (const auto tile = readTile(out, plan, id, whole.flights)) {
     status.done.push_back(*tile);
   } else if (isSplit(out, plan, id)) {
     ++status.split;
-    for (const TileId& quarter : id.split()) statusOf(out, plan, quarter, status);
+    for (const TileId& quarter : id.split()) statusOf(out, plan, whole, quarter, status);
   } else {
     status.todo.push_back(id);
   }
@@ -208,8 +217,14 @@ void statusOf(const fs::path& out, const Plan& plan, const TileId& id, Status& s
 
 }  // namespace
 
-std::vector<Tile> run(const Job& job, const TileId& which, const RunLimits& limits, const Watch& watch) {
+std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, const RunLimits& limits,
+                      const Watch& watch) {
   io::checkWriteOptions(limits.files);
+  const auto whole = std::find_if(rays.returns_of.begin(), rays.returns_of.end(),
+                                  [&](const TileReturns& tile) { return tile.id == which.whole(); });
+  if (whole == rays.returns_of.end()) {
+    throw InvalidArgument("usage.tile", which.name(), "is no tile of this plan", "See accessvdb tile list");
+  }
   // Who asks for a quarter has seen that the whole does not fit.
   for (std::size_t levels = 0; levels < which.quarters.size(); ++levels) {
     const TileId parent = {which.x, which.y, which.quarters.substr(0, levels)};
@@ -217,7 +232,7 @@ std::vector<Tile> run(const Job& job, const TileId& which, const RunLimits& limi
   }
   std::vector<Tile> done;
   try {
-    runInto(job, which, limits, watch, done);
+    runInto({job, limits, watch, whole->flights}, which, done);
   } catch (const Stopped&) {
   }
   return done;
@@ -225,7 +240,7 @@ std::vector<Tile> run(const Job& job, const TileId& which, const RunLimits& limi
 
 Status status(const fs::path& out, const Plan& plan, const Binned& rays) {
   Status status;
-  for (const auto& [id, returns] : rays.returns_of) statusOf(out, plan, id, status);
+  for (const TileReturns& tile : rays.returns_of) statusOf(out, plan, tile, tile.id, status);
   return status;
 }
 

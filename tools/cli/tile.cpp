@@ -64,17 +64,24 @@ void stopWithStandardInput() {
 
 int planTiles(const Arguments& arguments, Messages& messages) {
   MapOptions options;
+  bool append = false;
   FlagParser flags;
   flags.describe("tile plan", "Decides the tiles of a map and writes OUT/plan.json.",
                  "accessvdb tile plan out/ --scans scans/ --poses poses.txt --tool builtin:pruner --voxel 0.02 "
                  "--max-memory 8G");
   addCommonOptions(flags, options.common);
   addMapFlags(flags, options, "OUT");
+  flags.flag("--append", append, "add the scans of another flight to the plan in OUT; nothing else may be given");
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
+  watchStopSignals();
+  if (append) {
+    io::prepareOutputFolder(options.out);
+    appendFlight(options.out, options, flags, messages);
+    return 0;
+  }
   checkMapOptions(options);
   io::prepareOutputFolder(options.out);
   if (options.fresh) removeTiles(options.out);
-  watchStopSignals();
   const ToolGeometry tool = loadTool(options.tool);
   sayToolNotes(tool, messages);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
@@ -106,14 +113,8 @@ int binScans(const Arguments& arguments, Messages& messages) {
   io::prepareOutputFolder(options.map.out);
   watchStopSignals();
   const OpenJob open = openJob(options.map.out, options.map);
-  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(open.options));
-  if (scans.size() != open.job.plan.stamps_s.size()) {
-    throw UnusableInput(
-        "plan.changed", open.options.scans,
-        "has " + std::to_string(scans.size()) + " steps instead of " + std::to_string(open.job.plan.stamps_s.size()),
-        "Restore the scans, or start again with --fresh");
-  }
-  return binWithProgress(open.job, scans, messages).complete ? 0 : 128 + stopSignal();
+  const OpenScans scans(open, messages);
+  return binWithProgress(open.job, scans.flights(), messages).complete ? 0 : 128 + stopSignal();
 }
 
 int runTiles(const Arguments& arguments, Messages& messages) {
@@ -132,15 +133,8 @@ int runTiles(const Arguments& arguments, Messages& messages) {
   const OpenJob open = openJob(options.map.out, options.map);
   const tiles::Binned rays = raysOf(open.job);
   if (wanted.empty()) wanted = tiles::status(open.job.out, open.job.plan, rays).todo;
-  for (const tiles::TileId& tile : wanted) {
-    const auto found = std::find_if(rays.returns_of.begin(), rays.returns_of.end(),
-                                    [&](const auto& entry) { return entry.first == tile.whole(); });
-    if (found == rays.returns_of.end()) {
-      throw InvalidArgument("usage.tile", tile.name(), "is no tile of this plan", "See accessvdb tile list");
-    }
-  }
   const tiles::RunLimits limits = {memoryLimit(options.map).value_or(0), writeOptions(open.options.exported)};
-  runWithProgress(open.job, wanted, limits, messages);
+  runWithProgress({open.job, rays, limits}, wanted, messages);
   return stopSignal() == 0 ? 0 : 128 + stopSignal();
 }
 
@@ -170,7 +164,7 @@ int showStatus(const Arguments& arguments, Messages& messages) {
   const OpenJob open = openJob(options.map.out, options.map);
   const auto rays = tiles::binned(open.job.out, open.job.plan);
   if (!rays) {
-    printData("planned: " + std::to_string(open.job.plan.stamps_s.size()) + " steps; next: accessvdb tile bin\n");
+    printData("planned: " + std::to_string(open.job.plan.steps()) + " steps; next: accessvdb tile bin\n");
     return 0;
   }
   const tiles::Status status = tiles::status(open.job.out, open.job.plan, *rays);

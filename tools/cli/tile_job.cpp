@@ -18,14 +18,16 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Flags that say where and how to run, not what to map.
-constexpr const char* kNotOfThePlan[] = {"out",          "device",     "threads",    "config",      "quiet",
-                                         "error-format", "max-memory", "tiles",      "bin-memory",  "fresh",
-                                         "help",         "keep-rays",  "no-clobber", "print-config"};
+constexpr const char* kNotOfThePlan[] = {"out",          "device",     "threads",    "config",       "quiet",
+                                         "error-format", "max-memory", "tiles",      "bin-memory",   "fresh",
+                                         "help",         "keep-rays",  "no-clobber", "print-config", "append"};
 constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin"};
-/// Flags that change what is read or written beside the parameters of the field.
-constexpr const char* kOfTheContent[] = {"pose-format", "sensor-at", "tool-unit",   "tool-tip",
-                                         "tool-axis",   "tool-up",   "every",       "allow-truncated",
-                                         "sort-poses",  "half",      "compression", "up-axis"};
+/// Flags that change how the tool is read or what is written, beside the parameters of the field.
+constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",
+                                        "half",      "compression", "up-axis"};
+/// Flags that say what a flight's scans are.
+constexpr const char* kOfAFlight[] = {"scans",     "poses", "calib",           "pose-format",
+                                      "sensor-at", "every", "allow-truncated", "sort-poses"};
 
 constexpr std::uint64_t kMostBinBytes = std::uint64_t{1} << 30, kLeastBinBytes = std::uint64_t{32} << 20;
 /// Of the process without any map, and of one step of scans.
@@ -42,25 +44,41 @@ std::string exactNumber(double value) {
   return {text, std::to_chars(text, text + sizeof text, value).ptr};
 }
 
-std::string contentOf(const PlanSettings& settings) {
+/// The settings named in a list, files left out: those are compared by their content.
+template <std::size_t kCount>
+std::string textOf(const PlanSettings& settings, const char* const (&list)[kCount]) {
   std::string text;
   for (const auto& [key, value] : settings) {
-    if (isIn(kOfTheContent, key)) text += key + " " + value + "\n";
+    if (isIn(list, key) && !isIn(kPaths, key)) text += key + " " + value + "\n";
   }
   return text;
 }
+
+/// What a plan is made from, and so independent of the folder in which the program was started.
+fs::path wholePath(const fs::path& path) { return fs::absolute(path).lexically_normal(); }
 
 std::vector<tiles::PlannedInput> inputsOf(const PlanSources& sources) {
   std::vector<tiles::PlannedInput> inputs;
   std::set<std::string> known;
   const auto add = [&](const fs::path& path, bool small) {
     std::error_code error;
-    if (path.empty() || !fs::is_regular_file(path, error) || !known.insert(path.string()).second) return;
-    inputs.push_back({path.string(), fs::file_size(path), small ? io::sha256OfFile(path) : std::string()});
+    if (path.empty() || !fs::is_regular_file(path, error)) return;
+    const std::string whole = wholePath(path).string();
+    if (!known.insert(whole).second) return;
+    inputs.push_back({whole, fs::file_size(path), small ? io::sha256OfFile(path) : std::string()});
   };
   for (const fs::path path : {sources.options.poses, sources.options.calib, sources.options.tool.tool}) add(path, true);
   for (const std::string& path : sources.scans.paths()) add(path, false);
   return inputs;
+}
+
+tiles::Flight flightOf(const PlanSources& sources, const PlanSettings& settings) {
+  tiles::Flight flight;
+  flight.options = textOf(settings, kOfAFlight);
+  flight.inputs = inputsOf(sources);
+  flight.stamps_s.assign(sources.scans.size(), 0);
+  flight.settings = settings;
+  return flight;
 }
 
 /// The largest edge of tiles that is not above the wanted one.
@@ -92,11 +110,11 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
   const tiles::TileMargins margins = tiles::tileMargins(sources.tool, params);
   tiles::Plan plan;
   plan.program = ACCESSVDB_VERSION;
-  plan.settings = sources.settings;
-  std::erase_if(plan.settings, [](const auto& setting) { return setting.first == "range-noise"; });
+  PlanSettings settings = sources.settings;
+  std::erase_if(settings, [](const auto& setting) { return setting.first == "range-noise"; });
   // What was recorded next to the scans is found again without them.
-  plan.settings.emplace_back("range-noise", exactNumber(params.tsdf.range_noise_m));
-  plan.parameters = params.describe() + contentOf(plan.settings);
+  settings.emplace_back("range-noise", exactNumber(params.tsdf.range_noise_m));
+  plan.parameters = params.describe() + textOf(settings, kOfTheResult);
   plan.tool_name = sources.tool.name();
   plan.tool_sha256 = sources.tool.sha256();
   plan.origin_W = params.origin_W ? *params.origin_W : tiles::originOf(sources.scans, params);
@@ -104,8 +122,7 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
   plan.tile_voxels = chosen_voxels > 0 ? chosen_voxels : edgeBelow(wantedTile_m(sources.options), margins, voxel_m);
   plan.margin_voxels = margins.returns_voxels;
   plan.bin_bytes = binBytes(sources.options);
-  plan.inputs = inputsOf(sources);
-  plan.stamps_s.assign(sources.scans.size(), 0);
+  plan.flights.push_back(flightOf(sources, settings));
   messages.notice("tiles of " + std::to_string(plan.tile_voxels) + " voxels, " +
                   numberText(plan.tile_voxels * voxel_m) + " m, with a margin of " +
                   numberText(plan.margin_voxels * voxel_m) + " m for the tool");
@@ -122,7 +139,7 @@ PlanSettings planSettings(const FlagParser& flags) {
     std::string text = on != nullptr ? (*on ? "true" : "false") : std::get<std::string>(value);
     if (text.empty() || text == "false") continue;
     std::error_code ignored;
-    if (isIn(kPaths, key) && fs::exists(text, ignored)) text = fs::absolute(text).lexically_normal().string();
+    if (isIn(kPaths, key) && fs::exists(text, ignored)) text = wholePath(text).string();
     settings.emplace_back(key, text);
   }
   return settings;
@@ -138,7 +155,7 @@ std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldP
 tiles::Plan planOf(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
   const fs::path out = sources.options.out;
   if (!tiles::hasPlan(out)) {
-    tiles::Plan plan = newPlan(sources, chosen_voxels, messages);
+    const tiles::Plan plan = identified(newPlan(sources, chosen_voxels, messages));
     tiles::writePlan(out, plan);
     return plan;
   }
@@ -146,26 +163,37 @@ tiles::Plan planOf(const PlanSources& sources, std::int32_t chosen_voxels, Messa
   const bool sized = wantedTile_m(sources.options) > 0;
   tiles::Plan wanted = newPlan(sources, sized ? 0 : found.tile_voxels, messages);
   wanted.bin_bytes = found.bin_bytes;
-  tiles::requireSame(wanted, found, out);
+  tiles::requireSame(identified(std::move(wanted)), found, out);
   messages.notice("going on with the tiles of an earlier run in " + out.string());
   return found;
 }
 
-OpenJob openJob(const fs::path& out, const MapOptions& options) {
-  MapOptions planned;
-  tiles::Plan plan = tiles::readPlan(out);
+namespace {
+
+/// Options as the plan's settings say.
+MapOptions optionsFrom(const fs::path& out, const PlanSettings& settings) {
+  MapOptions options;
   FlagParser flags;
-  addMapFlags(flags, planned, "--out");
-  for (const auto& [key, value] : plan.settings) {
-    const bool known = flags.has(key);
-    if (!known || flags.set(key, value)) {
-      throw InputError("plan.damaged", (out / "plan.json").string(), "has a setting that is not known: " + key,
-                       "Start again with --fresh");
-    }
+  addMapFlags(flags, options, "--out");
+  for (const auto& [key, value] : settings) {
+    if (flags.has(key) && !flags.set(key, value)) continue;
+    throw InputError("plan.damaged", (out / "plan.json").string(), "has a setting that is not known: " + key,
+                     "Start again with --fresh");
   }
+  return options;
+}
+
+}  // namespace
+
+OpenJob openJob(const fs::path& out, const MapOptions& options) {
+  tiles::Plan plan = tiles::readPlan(out);
+  const PlanSettings& settings = plan.flights.front().settings;
+  MapOptions planned = optionsFrom(out, settings);
   planned.common = options.common;
   planned.max_memory = options.max_memory;
   planned.out = out.string();
+  std::vector<MapOptions> flights;
+  for (const tiles::Flight& flight : plan.flights) flights.push_back(optionsFrom(out, flight.settings));
   ToolGeometry tool = loadTool(planned.tool);
   FieldParams params = fieldParams(planned);
   const auto changed = [&](const std::string& what) {
@@ -174,8 +202,42 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   };
   if (plan.program != ACCESSVDB_VERSION) changed("was planned by version " + plan.program + " of accessvdb");
   if (tool.sha256() != plan.tool_sha256) changed("was planned with another tool than " + planned.tool.tool + " is now");
-  if (plan.parameters != params.describe() + contentOf(plan.settings)) changed("was planned with other parameters");
-  return {std::move(planned), {out, std::move(plan), std::move(tool), std::move(params)}};
+  if (plan.parameters != params.describe() + textOf(settings, kOfTheResult)) {
+    changed("was planned with other parameters");
+  }
+  return {std::move(planned), std::move(flights), {out, std::move(plan), std::move(tool), std::move(params)}};
+}
+
+void appendFlight(const fs::path& out, const MapOptions& options, const FlagParser& flags, Messages& messages) {
+  OpenJob open = openJob(out, options);
+  PlanSettings settings = planSettings(flags);
+  for (const auto& [key, value] : settings) {
+    if (isIn(kOfAFlight, key) || !flags.isSet(key)) continue;
+    throw InvalidArgument("usage.append", "--" + key, "belongs to the plan that the flight is added to",
+                          "Give the scans of the flight only");
+  }
+  std::erase_if(settings, [](const auto& setting) { return !isIn(kOfAFlight, setting.first); });
+  io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  for (const std::string& note : scans.notices()) messages.notice(note);
+  const PlanSources sources = {options, settings, open.job.tool, scans, open.job.params};
+  tiles::Plan& plan = open.job.plan;
+  plan.flights.push_back(flightOf(sources, settings));
+  tiles::writePlan(out, identified(plan));
+  messages.notice("the plan has " + std::to_string(plan.flights.size()) + " flights now; next: accessvdb tile bin " +
+                  out.string());
+}
+
+OpenScans::OpenScans(const OpenJob& open, Messages& messages) {
+  for (std::size_t n = 0; n < open.flights.size(); ++n) {
+    scans_.push_back(io::ScanSequence::open(scanInputOptions(open.flights[n])));
+    for (const std::string& note : scans_.back().notices()) messages.notice(note);
+    const std::size_t planned = open.job.plan.flights[n].stamps_s.size();
+    if (scans_.back().size() == planned) continue;
+    throw UnusableInput("plan.changed", open.flights[n].scans,
+                        "has " + std::to_string(scans_.back().size()) + " steps instead of " + std::to_string(planned),
+                        "Restore the scans, or start again with --fresh");
+  }
+  for (io::ScanSequence& scans : scans_) pointers_.push_back(&scans);
 }
 
 void removeTiles(const fs::path& out) {

@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -40,10 +41,28 @@ struct PlanSources {
 /// Opens what the plan in the folder names. Only flags that say how to run are taken from `options`: device, threads,
 /// memory. @throws InputError "plan.missing", "plan.damaged"; UnusableInput "plan.changed"
 struct OpenJob {
-  MapOptions options;
+  MapOptions options;               ///< of the first flight
+  std::vector<MapOptions> flights;  ///< of each, to open its scans
   tiles::Job job;
 };
 [[nodiscard]] OpenJob openJob(const std::filesystem::path& out, const MapOptions& options);
+
+/// Adds the scans that `options` names to the plan in the folder.
+/// @throws UnusableInput "plan.changed"; what reading the scans throws
+void appendFlight(const std::filesystem::path& out, const MapOptions& options, const FlagParser& flags,
+                  Messages& messages);
+
+/// The scans of all flights.
+class OpenScans {
+ public:
+  /// @throws UnusableInput "plan.changed" if they are not those of the plan
+  OpenScans(const OpenJob& job, Messages& messages);
+  [[nodiscard]] std::span<io::ScanSequence* const> flights() const { return pointers_; }
+
+ private:
+  std::vector<io::ScanSequence> scans_;
+  std::vector<io::ScanSequence*> pointers_;
+};
 
 /// Deletes what an earlier run in tiles left: --fresh.
 void removeTiles(const std::filesystem::path& out);

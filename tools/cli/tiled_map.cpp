@@ -31,28 +31,30 @@ void removePieces(const fs::path& out) {
   for (const char* file : {"field.vdb", "field_points.vdb", "points.ply"}) fs::remove(out / file, ignored);
 }
 
-void sayDisk(const fs::path& out, const io::ScanSequence& scans, Messages& messages) {
+void sayDisk(const fs::path& out, std::span<io::ScanSequence* const> flights, Messages& messages) {
+  double bytes = 0;
+  for (const io::ScanSequence* scans : flights) bytes += static_cast<double>(scans->inputBytes());
   std::error_code error;
   const fs::space_info space = fs::space(out, error);
-  messages.notice("sorting returns into tiles: about " + bytesInWords(1.2 * static_cast<double>(scans.inputBytes())) +
+  messages.notice("sorting returns into tiles: about " + bytesInWords(1.2 * bytes) +
                   " on disk until all tiles are done" +
                   (error ? std::string() : ", " + bytesInWords(static_cast<double>(space.available)) + " free"));
 }
 
 }  // namespace
 
-tiles::Binned binWithProgress(const tiles::Job& job, io::ScanSequence& scans, Messages& messages) {
+tiles::Binned binWithProgress(const tiles::Job& job, std::span<io::ScanSequence* const> flights, Messages& messages) {
   if (auto done = tiles::binned(job.out, job.plan)) {
     // Rays are deleted when all tiles are done, and are needed no more.
     if (tiles::status(job.out, job.plan, *done).todo.empty()) return *done;
   }
-  sayDisk(job.out, scans, messages);
+  sayDisk(job.out, flights, messages);
   const auto begin = Clock::now();
-  Progress progress(messages, "sorting returns into tiles", scans.size());
+  Progress progress(messages, "sorting returns into tiles", job.plan.steps());
   const tiles::Watch watch = {
       [] { return stopSignal() != 0; },
       [&](std::uint64_t done, std::uint64_t, const std::string& file) { progress.show(done, file); }};
-  tiles::Binned rays = tiles::bin(job, scans, watch);
+  tiles::Binned rays = tiles::bin(job, flights, watch);
   progress.finish();
   if (rays.complete) {
     messages.notice("sorted " + std::to_string(rays.points_in) + " returns into " +
@@ -62,12 +64,12 @@ tiles::Binned binWithProgress(const tiles::Job& job, io::ScanSequence& scans, Me
   return rays;
 }
 
-std::vector<tiles::Tile> runWithProgress(const tiles::Job& job, const std::vector<tiles::TileId>& todo,
-                                         const tiles::RunLimits& limits, Messages& messages) {
+std::vector<tiles::Tile> runWithProgress(const TileWork& work, const std::vector<tiles::TileId>& todo,
+                                         Messages& messages) {
   std::vector<tiles::Tile> done;
   const tiles::Watch watch = {[] { return stopSignal() != 0; }, [](auto...) {}};
   for (std::size_t n = 0; n < todo.size() && stopSignal() == 0; ++n) {
-    for (tiles::Tile& tile : tiles::run(job, todo[n], limits, watch)) {
+    for (tiles::Tile& tile : tiles::run(work.job, work.rays, todo[n], work.limits, watch)) {
       messages.notice("tile " + tile.id.name() + " (" + std::to_string(n + 1) + " of " + std::to_string(todo.size()) +
                       "): " + std::to_string(tile.points) + " points from " + std::to_string(tile.returns) +
                       " returns in " + secondsInWords(tile.seconds));
@@ -137,7 +139,8 @@ int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport
   job.plan = planOf(sources, chosen_voxels, messages);
   report.device.clear();
 
-  const tiles::Binned rays = binWithProgress(job, sources.scans, messages);
+  io::ScanSequence* const flights[] = {&sources.scans};
+  const tiles::Binned rays = binWithProgress(job, flights, messages);
   tiles::Status status;
   if (rays.complete) {
     if (rays.points_used == 0) {
@@ -149,7 +152,7 @@ int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport
                           "Check the scans, --min-range and --max-range");
     }
     const tiles::RunLimits limits = {memoryLimit(options).value_or(0), writeOptions(options.exported)};
-    runWithProgress(job, tiles::status(job.out, job.plan, rays).todo, limits, messages);
+    runWithProgress({job, rays, limits}, tiles::status(job.out, job.plan, rays).todo, messages);
     status = tiles::status(job.out, job.plan, rays);
     writeResult({job, options, rays, status}, report, messages);
   }

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "accessvdb/tiles.h"
@@ -18,11 +19,17 @@ namespace accessvdb::tools {
 inline constexpr std::uint64_t kPicturePoints = 2'000'000;
 
 /// Reads all scans into rays/. @return what was read; not complete if a signal stopped it
-[[nodiscard]] tiles::Binned binWithProgress(const tiles::Job& job, io::ScanSequence& scans, Messages& messages);
+[[nodiscard]] tiles::Binned binWithProgress(const tiles::Job& job, std::span<io::ScanSequence* const> flights,
+                                            Messages& messages);
 
 /// Runs tiles one after the other; one line for each. @return the finished ones among them
-std::vector<tiles::Tile> runWithProgress(const tiles::Job& job, const std::vector<tiles::TileId>& todo,
-                                         const tiles::RunLimits& limits, Messages& messages);
+struct TileWork {
+  const tiles::Job& job;
+  const tiles::Binned& rays;
+  tiles::RunLimits limits;
+};
+std::vector<tiles::Tile> runWithProgress(const TileWork& work, const std::vector<tiles::TileId>& todo,
+                                         Messages& messages);
 
 /// field.json, preview.png and report.json from what is finished.
 struct TiledResult {
