@@ -18,8 +18,9 @@ void writeJson(const std::filesystem::path& path, const Json& json) {
 void readJson(const std::filesystem::path& path, const std::string& what,
               const std::function<void(const Json&)>& take) {
   std::ifstream stream(path, std::ios::binary);
-  if (!stream) throw InputError(what + ".missing", path.string(), "cannot be opened",
-                                "Run the step before it first: accessvdb tile --help lists them");
+  if (!stream)
+    throw InputError(what + ".missing", path.string(), "cannot be opened",
+                     "Run the step before it first: accessvdb tile --help lists them");
   try {
     take(Json::parse(stream));
   } catch (const Json::exception& error) {
