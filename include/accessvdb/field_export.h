@@ -32,6 +32,7 @@ struct WriteOptions {
   bool half_float = false;  ///< 16-bit floats: all float grids except `score` and `weight`, which are counts
   Compression compression = Compression::Auto;
   UpAxis up_axis = UpAxis::Z;  ///< of field.vdb and field_points.vdb; points.ply is always in the world frame
+  bool points_las = false;     ///< also write points.las, for programs of surveyors
   bool surface = false;        ///< also write `surface`, a narrow-band level set made from the points and their normals
 };
 

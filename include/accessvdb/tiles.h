@@ -214,10 +214,10 @@ struct StoredAnswer {
 [[nodiscard]] ACCESSVDB_API FieldSnapshot overview(const Index& index, std::uint64_t most);
 
 /// Writes the points of all tiles into one file: byte for byte the points.ply of one piece, except that its `device` is
-/// "mixed" where tiles ran on different ones.
+/// "mixed" where tiles ran on different ones. A file named .las gets the points.las of one piece instead.
 /// @return number of points  @throws InputError for a tile's file that is not as it was written; OutputError
-ACCESSVDB_API std::uint64_t mergePoints(const std::filesystem::path& out, const std::vector<Tile>& tiles,
-                                        const std::filesystem::path& file);
+ACCESSVDB_API std::uint64_t mergePoints(const std::filesystem::path& out, const Plan& plan,
+                                        const std::vector<Tile>& tiles, const std::filesystem::path& file);
 
 struct GridMerge {
   std::filesystem::path out;

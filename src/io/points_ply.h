@@ -6,6 +6,8 @@
 #include <array>
 #include <cstddef>
 
+#include "accessvdb/types.h"
+
 namespace accessvdb::internal {
 
 struct PlyProperty {
@@ -36,5 +38,8 @@ inline constexpr std::size_t kPointsPlyRecordBytes = 3 * 8 + 3 * 4 + 3 + 2 + 2 +
 /// Read and written at a time.
 inline constexpr std::size_t kPointsPlyRecordsPerBlock = 16384;
 inline constexpr double kDegreesPerRadian = 57.295779513082320876798;
+
+/// The columns of a record, unchecked: direction index, weight and the confident flag are not among them.
+[[nodiscard]] SurfacePoint pointOfRecord(const char* record);
 
 }  // namespace accessvdb::internal

@@ -151,36 +151,17 @@ class PlyReader {
     }
   }
 
-  template <typename T>
-  static T take(const char*& from) {
-    T value;
-    std::memcpy(&value, from, sizeof(T));
-    from += sizeof(T);
-    return value;
-  }
-
   SurfacePoint parseRecord(const char* from, std::uint32_t index) const {
-    SurfacePoint point;
+    SurfacePoint point = internal::pointOfRecord(from);
     point.id = index;
-    for (int axis = 0; axis < 3; ++axis) point.position_W[axis] = take<double>(from);
-    for (int axis = 0; axis < 3; ++axis) point.normal_W[axis] = take<float>(from);
-    from += 3;  // skips the colour, which follows from the label
-    const auto label = take<std::uint8_t>(from);
-    const auto reason = take<std::uint8_t>(from);
-    point.score = take<std::uint16_t>(from);
-    point.confidence = take<float>(from);
-    point.stability = take<float>(from);
-    for (int axis = 0; axis < 3; ++axis) point.direction_W[axis] = take<float>(from);
-    point.yaw_rad = static_cast<float>(take<float>(from) / internal::kDegreesPerRadian);
     // A damaged file must not be taken for data.
     const bool finite = point.position_W.allFinite() && point.normal_W.allFinite() && point.direction_W.allFinite() &&
                         std::isfinite(point.confidence) && std::isfinite(point.stability) &&
                         std::isfinite(point.yaw_rad);
-    if (!finite || label >= kNumPointLabels || reason >= kNumPointReasons) {
+    if (!finite || static_cast<int>(point.label) >= kNumPointLabels ||
+        static_cast<int>(point.reason) >= kNumPointReasons) {
       fail("malformed", "contains a non-finite value or an unknown label or reason in point " + std::to_string(index));
     }
-    point.label = static_cast<PointLabel>(label);
-    point.reason = static_cast<PointReason>(reason);
     return point;
   }
 
@@ -207,6 +188,14 @@ class PlyReader {
   std::uint64_t size_ = 0, header_bytes_ = 0;
 };
 
+template <typename T>
+T take(const char*& from) {
+  T value;
+  std::memcpy(&value, from, sizeof(T));
+  from += sizeof(T);
+  return value;
+}
+
 }  // namespace
 
 FieldSnapshot readPointsPly(const std::filesystem::path& path) { return readPointsPly(path, 1); }
@@ -215,3 +204,22 @@ FieldSnapshot readPointsPly(const std::filesystem::path& path, std::uint64_t eve
 }
 
 }  // namespace accessvdb::io
+
+namespace accessvdb::internal {
+
+SurfacePoint pointOfRecord(const char* from) {
+  SurfacePoint point;
+  for (int axis = 0; axis < 3; ++axis) point.position_W[axis] = io::take<double>(from);
+  for (int axis = 0; axis < 3; ++axis) point.normal_W[axis] = io::take<float>(from);
+  from += 3;  // the colour, which follows from the label
+  point.label = static_cast<PointLabel>(io::take<std::uint8_t>(from));
+  point.reason = static_cast<PointReason>(io::take<std::uint8_t>(from));
+  point.score = io::take<std::uint16_t>(from);
+  point.confidence = io::take<float>(from);
+  point.stability = io::take<float>(from);
+  for (int axis = 0; axis < 3; ++axis) point.direction_W[axis] = io::take<float>(from);
+  point.yaw_rad = static_cast<float>(io::take<float>(from) / kDegreesPerRadian);
+  return point;
+}
+
+}  // namespace accessvdb::internal

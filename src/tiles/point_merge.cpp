@@ -2,13 +2,16 @@
 // SPDX-License-Identifier: Apache-2.0
 /// One points.ply from those of all tiles. In one piece a point's number follows from the step that brought its first
 /// return and from the place of its voxel, so tiles that are sorted by both merge into the one order.
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cstring>
+#include <functional>
 #include <ostream>
 #include <queue>
 
 #include "accessvdb/error.h"
 #include "accessvdb/tiles.h"
+#include "io/points_las.h"
 #include "io/points_ply.h"
 #include "tiles/point_file.h"
 #include "tiles/tile_files.h"
@@ -67,9 +70,19 @@ void writeHeader(std::ostream& stream, const PointsHeader& header, std::uint64_t
   }
 }
 
+internal::LasContent lasContent(const Plan& plan, const std::vector<Tile>& tiles, std::uint64_t points) {
+  Eigen::AlignedBox3d box;
+  for (const Tile& tile : tiles) {
+    if (tile.points == 0) continue;
+    box.extend(Eigen::Vector3d(tile.min_W[0], tile.min_W[1], tile.min_W[2]));
+    box.extend(Eigen::Vector3d(tile.max_W[0], tile.max_W[1], tile.max_W[2]));
+  }
+  return {{plan.origin_W[0], plan.origin_W[1], plan.origin_W[2]}, box.min(), box.max(), points};
+}
+
 }  // namespace
 
-std::uint64_t mergePoints(const std::filesystem::path& out, const std::vector<Tile>& tiles,
+std::uint64_t mergePoints(const std::filesystem::path& out, const Plan& plan, const std::vector<Tile>& tiles,
                           const std::filesystem::path& file) {
   if (tiles.empty()) {
     throw InputError("tile.missing", out.string(), "has no finished tile", "Run accessvdb tile run first");
@@ -87,13 +100,21 @@ std::uint64_t mergePoints(const std::filesystem::path& out, const std::vector<Ti
     if (streams[n].next()) queue.emplace(streams[n].order(), n);
   };
   for (std::size_t n = 0; n < streams.size(); ++n) advance(n);
-  io::writeFileDurably(file, [&](std::ostream& stream) {
-    writeHeader(stream, streams.front().header(), points, deviceOf(tiles));
+  const auto forEachRecord = [&](const std::function<void(const char*)>& use) {
     while (!queue.empty()) {
       const std::size_t n = queue.top().second;
       queue.pop();
-      stream.write(streams[n].record(), internal::kPointsPlyRecordBytes);
+      use(streams[n].record());
       advance(n);
+    }
+  };
+  io::writeFileDurably(file, [&](std::ostream& stream) {
+    if (file.extension() == ".las") {
+      internal::LasWriter writer(stream, lasContent(plan, tiles, points));
+      forEachRecord([&](const char* record) { writer.add(internal::pointOfRecord(record)); });
+    } else {
+      writeHeader(stream, streams.front().header(), points, deviceOf(tiles));
+      forEachRecord([&](const char* record) { stream.write(record, internal::kPointsPlyRecordBytes); });
     }
   });
   return points;

@@ -13,6 +13,7 @@
 namespace accessvdb::tiles {
 
 inline constexpr const char* kPointsFile = "points.ply";
+inline constexpr const char* kLasFile = "points.las";
 inline constexpr const char* kGridsFile = "field.vdb";
 inline constexpr const char* kPointGridFile = "field_points.vdb";
 inline constexpr const char* kOrderFile = "order.bin";

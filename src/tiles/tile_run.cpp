@@ -108,7 +108,8 @@ class TileRun {
     tile_.leaves = field.memoryUse().leaves;
     internal::writeFieldFiles(field, *points, folder, limits_.files);
     writeOrder(internal::FieldAccess::points(field), *points, folder / kOrderFile);
-    for (const char* file : {kPointsFile, kGridsFile, kPointGridFile, kOrderFile}) {
+    for (const char* file : {kPointsFile, kLasFile, kGridsFile, kPointGridFile, kOrderFile}) {
+      if (file == kLasFile && !limits_.files.points_las) continue;
       tile_.sha256.emplace_back(file, io::sha256OfFile(folder / file));
     }
   }

@@ -20,6 +20,8 @@ void addExportOptions(FlagParser& flags, ExportOptions& options) {
   flags.option("--compression", &options.compression, "compression of the .vdb files: auto, blosc, zip or none");
   flags.option("--up-axis", &options.up_axis, "up axis of the .vdb files: z, or y for Houdini; points.ply stays z up");
   flags.flag("--surface", options.surface, "add `surface`, a level set of the scanned surface, to field.vdb");
+  flags.option("--points-format", &options.points_format,
+               "ply, or las for points.las (LAS 1.4) beside points.ply: QGIS, CloudCompare, lidR");
   flags.option("--sequence", &options.sequence,
                "also write field_0001.vdb, field_0002.vdb, ... while the map grows, one per n scans; 0 = none");
 }
@@ -43,6 +45,11 @@ io::WriteOptions writeOptions(const ExportOptions& options) {
   } else if (options.up_axis != "z") {
     throw InvalidArgument("usage.word", "--up-axis", "\"" + options.up_axis + "\" is not known", "Use one of z, y");
   }
+  if (options.points_format != "ply" && options.points_format != "las") {
+    throw InvalidArgument("usage.word", "--points-format", "\"" + options.points_format + "\" is not known",
+                          "Use one of ply, las");
+  }
+  write.points_las = options.points_format == "las";
   if (options.sequence < 0) throw InvalidArgument("usage.sequence", "--sequence", "cannot be negative");
   io::checkWriteOptions(write);
   return write;

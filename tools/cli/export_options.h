@@ -13,7 +13,7 @@ namespace accessvdb::tools {
 
 struct ExportOptions {
   bool half = false, surface = false;
-  std::string compression = "auto", up_axis = "z";
+  std::string compression = "auto", up_axis = "z", points_format = "ply";
   int sequence = 0;  ///< scans per frame; 0 = no sequence
 };
 

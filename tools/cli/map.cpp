@@ -79,6 +79,7 @@ void MapRun::claimOutputFolder() {
   const fs::path out = options_.out;
   if (options_.no_clobber) {
     std::vector<std::string> outputs(std::begin(kOutputs), std::end(kOutputs));
+    if (options_.exported.points_format == "las") outputs.emplace_back("points.las");
     if (options_.exported.sequence > 0) outputs.push_back(frameName(std::max<std::uint64_t>(lastFrameIn(out), 1)));
     for (const std::string& file : outputs) {
       std::error_code status;
@@ -119,6 +120,7 @@ void MapRun::setParameters(const FieldParams& params) {
                         {"half", options_.exported.half ? "true" : "false"},
                         {"compression", options_.exported.compression},
                         {"up_axis", options_.exported.up_axis},
+                        {"points_format", options_.exported.points_format},
                         {"surface", options_.exported.surface ? "true" : "false"},
                         {"sequence", std::to_string(options_.exported.sequence)}};
   std::istringstream lines(params.describe());

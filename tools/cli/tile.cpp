@@ -187,7 +187,8 @@ int mergeTiles(const Arguments& arguments, Messages& messages) {
   flags.describe("tile merge",
                  "Writes OUT/field.json, preview.png and report.json, and on demand one file of all tiles.",
                  "accessvdb tile merge out/ --points all.ply --vdb all.vdb");
-  flags.option("--points", &options.points, "all points in one points.ply, the same as in one piece");
+  flags.option("--points", &options.points,
+               "all points in one file, the points.ply of one piece; as points.las if it is named .las");
   flags.option("--vdb", &options.vdb, "all grids in one field.vdb, if they fit into memory");
   flags.option("--max-memory", &options.map.max_memory, "limit on memory for --vdb");
   flags.flag("--keep-rays", options.keep_rays, "keep the sorted returns");
@@ -209,16 +210,21 @@ int mergeTiles(const Arguments& arguments, Messages& messages) {
   writeReport(open.job.out / "report.json", report, messages);
   if (!options.keep_rays) tiles::removeRays(open.job.out);
   if (options.points.empty() && options.vdb.empty()) return 0;
-  const fs::path points = options.points.empty() ? open.job.out / "merged_points.ply" : fs::path(options.points);
-  const std::uint64_t count = tiles::mergePoints(open.job.out, status.done, points);
-  messages.notice("wrote " + std::to_string(count) + " points into " + points.string());
+  const auto merge = [&](const fs::path& file) {
+    const std::uint64_t count = tiles::mergePoints(open.job.out, open.job.plan, status.done, file);
+    messages.notice("wrote " + std::to_string(count) + " points into " + file.string());
+  };
+  if (!options.points.empty()) merge(options.points);
   if (!options.vdb.empty()) {
-    requireRoomForGrids(status, count, memoryLimit(options.map));
+    requireRoomForGrids(status, report.surface_points, memoryLimit(options.map));
+    const bool merged = fs::path(options.points).extension() == ".ply";
+    const fs::path points = merged ? fs::path(options.points) : open.job.out / "merged_points.ply";
+    if (!merged) merge(points);
     tiles::mergeGrids({open.job.out, status.done, points, options.vdb, writeOptions(open.options.exported),
                        options.map.common.threads});
     messages.notice("wrote all grids into " + options.vdb);
     std::error_code ignored;
-    if (options.points.empty()) fs::remove(points, ignored);
+    if (!merged) fs::remove(points, ignored);
   }
   return 0;
 }

@@ -24,7 +24,7 @@ constexpr const char* kNotOfThePlan[] = {"out",          "device",     "threads"
 constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
 constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",
-                                        "half",      "compression", "up-axis"};
+                                        "half",      "compression", "up-axis",   "points-format"};
 /// Flags that say what a flight's scans are.
 constexpr const char* kOfAFlight[] = {"scans",     "poses", "calib",           "pose-format",
                                       "sensor-at", "every", "allow-truncated", "sort-poses"};

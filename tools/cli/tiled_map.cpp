@@ -28,7 +28,8 @@ std::string secondsInWords(double seconds) { return numberText(std::round(10 * s
 /// Files that a run in one piece left: they are of another run.
 void removePieces(const fs::path& out) {
   std::error_code ignored;
-  for (const char* file : {"field.vdb", "field_points.vdb", "points.ply"}) fs::remove(out / file, ignored);
+  for (const char* file : {"field.vdb", "field_points.vdb", "points.ply", "points.las"})
+    fs::remove(out / file, ignored);
 }
 
 void sayDisk(const fs::path& out, std::span<io::ScanSequence* const> flights, Messages& messages) {

@@ -1,0 +1,37 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Writing points.las: LAS 1.4, point format 7, with what a point's columns in points.ply say as extra bytes.
+/// Source: ASPRS LAS specification 1.4 R15.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <iosfwd>
+
+#include "accessvdb/types.h"
+
+namespace accessvdb::internal {
+
+inline constexpr double kLasScale_m = 0.0001;
+
+/// What the header says of all points.
+struct LasContent {
+  Eigen::Vector3d origin_W;      ///< coordinates are stored relative to it, world frame, metres
+  Eigen::Vector3d min_W, max_W;  ///< bounds of the points
+  std::uint64_t points = 0;
+};
+
+/// Writes the points one after the other.
+class LasWriter {
+ public:
+  /// Writes the header and its records.
+  LasWriter(std::ostream& stream, const LasContent& content);
+  /// @throws OutputError "output.las_range" for a point farther from the origin than LAS can store, 214 km
+  void add(const SurfacePoint& point);
+
+ private:
+  std::ostream& stream_;
+  Eigen::Vector3d origin_W_;
+};
+
+}  // namespace accessvdb::internal
