@@ -47,7 +47,8 @@ struct InputFile {
   std::string sha256;
 };
 
-/// Scans with their poses, in order; files are read on demand.
+/// Scans with their poses, in order; files are read on demand. Holds one step, not one file: steps may be read in any
+/// order and more than once, cheapest in ascending order.
 class ACCESSVDB_API ScanSequence {
  public:
   /// Lists the scans, reads the poses, matches them and checks them.
@@ -57,8 +58,11 @@ class ACCESSVDB_API ScanSequence {
   ScanSequence(ScanSequence&&) noexcept;
   ScanSequence& operator=(ScanSequence&&) noexcept;
 
-  [[nodiscard]] std::size_t size() const;                         ///< number of steps
-  [[nodiscard]] ScanRecord read(std::size_t step);                ///< @throws InputError naming the file
+  [[nodiscard]] std::size_t size() const;           ///< number of steps
+  [[nodiscard]] ScanRecord read(std::size_t step);  ///< @throws InputError naming the file
+  /// Time of a step, without reading it: of the scan, or of a cloud's first return. Nothing where unknown.
+  [[nodiscard]] std::optional<double> stamp_s(std::size_t step) const;
+  [[nodiscard]] std::string path(std::size_t step) const;         ///< the file of a step, without reading it
   [[nodiscard]] const std::vector<std::string>& notices() const;  ///< frame, quaternion order, matching rule, repairs
   [[nodiscard]] std::string matchingRule() const;                 ///< one line, also part of the notices
   [[nodiscard]] std::vector<std::string> paths() const;           ///< every file that is or will be read

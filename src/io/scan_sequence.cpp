@@ -7,6 +7,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/scan_io.h"
+#include "io/cloud_steps.h"
 #include "io/input_file.h"
 #include "io/point_cloud.h"
 #include "io/scan_files.h"
@@ -18,8 +19,8 @@ namespace {
 
 /// Limit on notices about single files; more would only be repetitive.
 constexpr std::size_t kMaxFileNotices = 20;
-/// Tolerance for shading normals: length 1 within the rounding of text with 3 digits.
-constexpr double kUnitNormal = 1e-3;
+/// Returns that are converted at once: few enough to stay in the cache.
+constexpr std::size_t kPart = 4096;
 
 /// Rounds to float; values beyond float become infinite, so that they are counted as such.
 float toFloat(double value) {
@@ -46,17 +47,6 @@ std::optional<double> readRangeNoise(const std::filesystem::path& path) {
   return noise_m;
 }
 
-/// Refuses surface normals, which would be mistaken for sensor positions 1 m off the surface.
-void refuseSurfaceNormals(const std::vector<Eigen::Vector3d>& rays, const std::string& subject) {
-  const bool all_unit = std::all_of(rays.begin(), rays.end(), [](const Eigen::Vector3d& ray) {
-    return std::abs(ray.norm() - 1) <= kUnitNormal || ray.isZero(0);
-  });
-  if (all_unit)
-    throw UnusableInput("input.no_rays", subject,
-                        "is not a ray cloud: its nx ny nz are all of length 1, as surface normals are",
-                        "Provide poses, or a single sensor position with --sensor-at X,Y,Z");
-}
-
 void checkOptions(const ScanInputOptions& options) {
   if (options.every < 1) throw InvalidArgument("usage.every", "--every", "must be at least 1", "1 uses all scans");
   if (options.rays_per_step < 1)
@@ -76,14 +66,22 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   ScanKind kind = ScanKind::Pcd;
   std::vector<std::filesystem::path> scan_files;  ///< one per step, or the single cloud
   std::vector<MatchedScan> poses;                 ///< one per step; empty for one cloud
+  bool stamped = false;                           ///< poses have time stamps
   std::vector<std::filesystem::path> other_files;
   std::vector<std::string> notices;
   std::size_t file_notices = 0;
   std::string rule;
   std::optional<double> range_noise_m;
   std::uint64_t input_bytes = 0;
-  std::optional<PointCloud> cloud;      ///< one cloud in the world frame
-  std::vector<std::size_t> part_begin;  ///< first ray of each step of the cloud
+  std::optional<CloudSteps> clouds;  ///< instead of poses: clouds in the world frame
+
+  [[nodiscard]] std::size_t size() const { return clouds ? clouds->size() : poses.size(); }
+
+  void checkStep(std::size_t step) const {
+    if (step >= size())
+      throw InvalidArgument("usage.step", "step " + std::to_string(step),
+                            "is past the end; there are " + std::to_string(size()), "Count from 0");
+  }
 
   void addFileNotices(const std::vector<std::string>& more) {
     for (const std::string& notice : more)
@@ -92,24 +90,17 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
 
   void openCloud(const ScanFileList& scans) {
     const bool rays = !options.sensor_at_W;
-    const std::filesystem::path& path = scans.files.front();
-    const std::string subject = forMessage(path.native());
-    cloud = readCloud(path, kind, {options.allow_truncated, rays});
-    addFileNotices(cloud->notices);
-    if (cloud->points.empty())
-      throw UnusableInput("input.no_points", subject, "contains no points", "Use another file");
-    if (rays) refuseSurfaceNormals(cloud->ray_vectors, subject);
+    CloudInput input{.files = scans.files,
+                     .kind = kind,
+                     .read = {.allow_truncated = options.allow_truncated, .rays = rays},
+                     .rays_per_step = options.rays_per_step,
+                     .every = options.every};
+    if (!rays) input.sensors_W = {*options.sensor_at_W};
+    clouds.emplace(std::move(input));
+    addFileNotices(clouds->notices());
     rule = rays ? "matching: ray cloud, each point has its own sensor position (point + nx ny nz), world frame"
                 : "matching: one cloud in the world frame, seen from the given sensor position";
-    if (cloud->unbounded_rays != 0)
-      notices.push_back(subject + ": " + std::to_string(cloud->unbounded_rays) +
-                        " rays that hit nothing (alpha 0) are skipped");
     scan_files = scans.files;
-    const std::size_t step = options.rays_per_step;
-    for (std::size_t begin = 0, part = 0; begin < cloud->points.size(); ++part) {
-      if (part % static_cast<std::size_t>(options.every) == 0) part_begin.push_back(begin);
-      begin += std::min(step, cloud->points.size() - begin);
-    }
   }
 
   void openScans(const ScanFileList& scans) {
@@ -118,43 +109,32 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     notices.insert(notices.end(), found.match.notices.begin(), found.match.notices.end());
     other_files = std::move(found.files);
     rule = found.match.rule;
+    stamped = found.stamped;
     for (std::size_t i = 0; i < found.match.scans.size(); i += static_cast<std::size_t>(options.every)) {
       poses.push_back(found.match.scans[i]);
       scan_files.push_back(scans.files[found.match.scans[i].scan]);
     }
   }
 
-  ScanRecord readPart(std::size_t step) const {
-    const std::size_t begin = part_begin.at(step);
-    const std::size_t count = std::min(options.rays_per_step, cloud->points.size() - begin);
-    ScanRecord record;
-    record.path = scan_files.front().string();
-    record.truncated_points = step == 0 ? cloud->truncated_points : 0;
-    record.points_W.assign(cloud->points.begin() + begin, cloud->points.begin() + begin + count);
-    if (!cloud->stamps_s.empty()) record.stamp_s = cloud->stamps_s[begin];
-    if (options.sensor_at_W) {
-      record.origins_W = {*options.sensor_at_W};
-      return record;
-    }
-    record.origins_W.reserve(count);
-    for (std::size_t i = begin; i < begin + count; ++i)
-      record.origins_W.push_back(cloud->points[i] + cloud->ray_vectors[i]);
-    return record;
-  }
-
   ScanRecord readScan(std::size_t step) {
     const MatchedScan& pose = poses.at(step);
     const std::filesystem::path& path = scan_files[step];
-    const PointCloud scan = readCloud(path, kind, {options.allow_truncated, false});
-    addFileNotices(scan.notices);
+    const auto reader = io::openCloud(path, kind, {.allow_truncated = options.allow_truncated});
     ScanRecord record;
     record.path = path.string();
     record.T_W_S = pose.T_W_S;
     record.stamp_s = pose.stamp_s;
-    record.truncated_points = scan.truncated_points;
-    record.points_S.reserve(scan.points.size());
-    for (const Eigen::Vector3d& p : scan.points)
-      record.points_S.emplace_back(toFloat(p[0]), toFloat(p[1]), toFloat(p[2]));
+    record.points_S.reserve(reader->expectedPoints());
+    CloudTotals totals;
+    for (std::size_t read = kPart; read == kPart;) {
+      const PointCloud part = reader->next(kPart);
+      for (const Eigen::Vector3d& p : part.points)
+        record.points_S.emplace_back(toFloat(p[0]), toFloat(p[1]), toFloat(p[2]));
+      totals.add(part);
+      read = part.points.size();
+    }
+    record.truncated_points = totals.truncated_points;
+    addFileNotices(reader->notices(totals));
     return record;
   }
 };
@@ -191,13 +171,23 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
   return ScanSequence(std::move(impl));
 }
 
-std::size_t ScanSequence::size() const { return impl_->cloud ? impl_->part_begin.size() : impl_->poses.size(); }
+std::size_t ScanSequence::size() const { return impl_->size(); }
 
 ScanRecord ScanSequence::read(std::size_t step) {
-  if (step >= size())
-    throw InvalidArgument("usage.step", "step " + std::to_string(step),
-                          "is past the end; there are " + std::to_string(size()), "Count from 0");
-  return impl_->cloud ? impl_->readPart(step) : impl_->readScan(step);
+  impl_->checkStep(step);
+  return impl_->clouds ? impl_->clouds->read(step) : impl_->readScan(step);
+}
+
+std::optional<double> ScanSequence::stamp_s(std::size_t step) const {
+  impl_->checkStep(step);
+  if (impl_->clouds) return impl_->clouds->stamp_s(step);
+  if (!impl_->stamped) return std::nullopt;
+  return impl_->poses[step].stamp_s;
+}
+
+std::string ScanSequence::path(std::size_t step) const {
+  impl_->checkStep(step);
+  return (impl_->clouds ? impl_->clouds->path(step) : impl_->scan_files[step]).string();
 }
 
 const std::vector<std::string>& ScanSequence::notices() const { return impl_->notices; }

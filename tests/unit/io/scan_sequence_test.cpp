@@ -56,6 +56,10 @@ TEST(ScanSequence, PairsScansAndPosesInNaturalOrder) {
   ASSERT_EQ(thinned.size(), 2U);
   EXPECT_EQ(thinned.read(1).points_S.at(0)[0], 11.0F);
   EXPECT_EQ(thinned.read(1).T_W_S.translation()[1], 11.0);
+  EXPECT_EQ(thinned.path(1), thinned.read(1).path);
+  EXPECT_FALSE(thinned.stamp_s(1)) << "HBA poses have no stamps";
+  EXPECT_THROW((void)thinned.path(2), InvalidArgument);
+  EXPECT_THROW((void)thinned.stamp_s(2), InvalidArgument);
 }
 
 TEST(ScanSequence, FindsASubfolderAndPrefersVelodyne) {
@@ -137,6 +141,12 @@ TEST(ScanSequence, HandsOutARayCloudInSteps) {
   ScanSequence thinned = ScanSequence::open({.scans = path, .every = 2, .rays_per_step = 2});
   ASSERT_EQ(thinned.size(), 2U);
   EXPECT_EQ(thinned.read(1).points_W.size(), 1U);
+  EXPECT_EQ(thinned.stamp_s(1), 14.0);
+  EXPECT_EQ(thinned.path(1), path.string());
+  // Backwards, and again: the same rays.
+  const std::vector<Eigen::Vector3d> last = rays.read(2).points_W, first = rays.read(0).points_W;
+  EXPECT_EQ(last.at(0), Eigen::Vector3d(500004, 5600000.125, 300));
+  EXPECT_EQ(first.at(0), Eigen::Vector3d(500000, 5600000.125, 300));
 
   const auto normals =
       folder.write("n.ply",
@@ -158,6 +168,9 @@ TEST(ScanSequence, GivesOneCloudOneSensorPosition) {
   ASSERT_EQ(record.origins_W.size(), 1U);
   EXPECT_EQ(record.origins_W[0], Eigen::Vector3d(470000, 3810000, 10));
   EXPECT_EQ(cloud.read(1).points_W.size(), 1U);
+  EXPECT_FALSE(cloud.stamp_s(1));
+  (void)folder.write("a.xyz", "1 2 3\n");
+  expectError([&] { (void)cloud.read(0); }, ErrorCode::Input, "input.changed", {"a.xyz"});
   for (const char* bad : {"1 2\n3 4 5\n", "a b c\n", "x\n"})
     expectError(
         [&] {
@@ -241,6 +254,7 @@ TEST(ScanSequence, TimesBesideKittiScansStampThePoses) {
   ScanSequence scans =
       ScanSequence::open({.scans = folder.path() / "velodyne", .poses = folder.write("poses.txt", poses)});
   EXPECT_EQ(scans.read(2).stamp_s, 0.2);
+  EXPECT_EQ(scans.stamp_s(0), 0.0) << "known, and 0";
   EXPECT_EQ(scans.read(2).T_W_S.translation()[0], 2);
   EXPECT_TRUE(anyContains(scans.paths(), "times.txt"));
   // Without those poses' times: a TUM file on the same clock.

@@ -1,0 +1,61 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Clouds in the world frame, cut into steps. Holds one part of one file, and where each step begins.
+#pragma once
+
+#include <Eigen/Core>
+#include <filesystem>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "accessvdb/scan_io.h"
+#include "io/point_cloud.h"
+
+namespace accessvdb::io {
+
+struct CloudInput {
+  std::vector<std::filesystem::path> files = {};
+  ScanKind kind = ScanKind::Ply;
+  ReadOptions read = {};                        ///< with `rays`, each return has a vector to its sensor
+  std::vector<Eigen::Vector3d> sensors_W = {};  ///< [files] otherwise: from where each file was seen
+  std::size_t rays_per_step = 1;
+  int every = 1;  ///< use every n-th step
+};
+
+class CloudSteps {
+ public:
+  /// Reads all files once, to find where steps begin and to check all that only the whole can tell.
+  /// @throws InputError; UnusableInput (no points, surface normals instead of rays)
+  explicit CloudSteps(CloudInput input);
+
+  [[nodiscard]] std::size_t size() const { return steps_.size(); }
+  [[nodiscard]] ScanRecord read(std::size_t step);
+  [[nodiscard]] std::optional<double> stamp_s(std::size_t step) const { return steps_.at(step).stamp_s; }
+  [[nodiscard]] const std::filesystem::path& path(std::size_t step) const { return input_.files[steps_.at(step).file]; }
+  [[nodiscard]] const std::vector<std::string>& notices() const { return notices_; }
+
+ private:
+  struct Step {
+    std::size_t file = 0;
+    CloudReader::Place place;
+    std::size_t returns = 0;
+    std::optional<double> stamp_s;  ///< of its first return
+  };
+
+  void findSteps();
+  void open(std::size_t file);
+  void checkSize(std::size_t file) const;
+  void append(const PointCloud& part, ScanRecord& record) const;
+
+  CloudInput input_;
+  std::vector<Step> steps_;
+  std::vector<std::uint64_t> file_bytes_;  ///< [files] when they were first read
+  std::vector<std::string> notices_;
+  std::uint64_t truncated_points_ = 0;
+  std::unique_ptr<CloudReader> reader_;  ///< of file_
+  std::size_t file_ = 0;
+};
+
+}  // namespace accessvdb::io
