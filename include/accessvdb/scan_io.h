@@ -28,7 +28,11 @@ struct ScanInputOptions {
   int every = 1;                                    ///< use every n-th scan
   bool allow_truncated = false;                     ///< keep the complete records of a truncated file
   bool sort_poses = false;                          ///< accept pose files whose stamps run backwards, by sorting them
-  std::size_t rays_per_step = 20000;                ///< a ray cloud or single cloud is read in steps of this many
+  std::size_t rays_per_step = 20000;                ///< a cloud in the world frame is read in steps of this many
+  /// Where the sensor was at the time of each return of LAS, LAZ or PLY in the world frame: text with time x y z, TUM,
+  /// or columns named by a header.
+  std::filesystem::path trajectory = {};
+  double time_offset_s = 0;  ///< added to the cloud's stamps before the trajectory is looked up
 };
 
 /// One integration step: either points_S with T_W_S, or points_W with origins_W (size n, or 1 for all).

@@ -51,6 +51,14 @@ void checkOptions(const ScanInputOptions& options) {
   if (options.every < 1) throw InvalidArgument("usage.every", "--every", "must be at least 1", "1 uses all scans");
   if (options.rays_per_step < 1)
     throw InvalidArgument("usage.rays_per_step", "rays_per_step", "must be at least 1", "The default is 20000");
+  if (!std::isfinite(options.time_offset_s))
+    throw InvalidArgument("usage.time_offset", "--time-offset", "must be a finite number", "Use seconds");
+  if (options.time_offset_s != 0 && options.trajectory.empty())
+    throw InvalidArgument("usage.time_offset", "--time-offset", "is for the times of a cloud with a trajectory",
+                          "Add --trajectory, or omit it");
+  if (!options.trajectory.empty() && (!options.poses.empty() || options.sensor_at_W || !options.calib.empty()))
+    throw InvalidArgument("usage.trajectory", "--trajectory", "excludes --poses, --sensor-at and --calib",
+                          "Use --trajectory for a cloud in the world frame, --poses for scans in the sensor's");
   if (!options.sensor_at_W) return;
   if (!options.sensor_at_W->allFinite())
     throw InvalidArgument("usage.sensor_at", "--sensor-at", "must be three finite numbers", "Use X,Y,Z in metres");
@@ -88,18 +96,34 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       if (++file_notices <= kMaxFileNotices) notices.push_back(notice);
   }
 
-  void openCloud(const ScanFileList& scans) {
-    const bool rays = !options.sensor_at_W;
+  /// Clouds in the world frame.
+  void openClouds(const ScanFileList& scans) {
     CloudInput input{.files = scans.files,
                      .kind = kind,
-                     .read = {.allow_truncated = options.allow_truncated, .rays = rays},
+                     .read = {.allow_truncated = options.allow_truncated},
+                     .time_offset_s = options.time_offset_s,
                      .rays_per_step = options.rays_per_step,
                      .every = options.every};
-    if (!rays) input.sensors_W = {*options.sensor_at_W};
+    if (!options.trajectory.empty()) {
+      if (kind != ScanKind::Las && kind != ScanKind::Laz && kind != ScanKind::Ply)
+        throw InvalidArgument("usage.trajectory", "--trajectory", "needs a time for each return",
+                              "Use .las, .laz or .ply in the world frame; for scans in the sensor's frame --poses");
+      input.read.times = true;
+      input.trajectory = Trajectory::read(options.trajectory, options.sort_poses);
+      other_files.push_back(options.trajectory);
+      rule =
+          "matching: the time of each return gives the sensor's position on the trajectory, interpolated over gaps of "
+          "at "
+          "most 0.2 s, world frame";
+    } else if (options.sensor_at_W) {
+      input.sensors_W = {*options.sensor_at_W};
+      rule = "matching: one cloud in the world frame, seen from the given sensor position";
+    } else {
+      input.read.rays = true;
+      rule = "matching: ray cloud, each point has its own sensor position (point + nx ny nz), world frame";
+    }
     clouds.emplace(std::move(input));
     addFileNotices(clouds->notices());
-    rule = rays ? "matching: ray cloud, each point has its own sensor position (point + nx ny nz), world frame"
-                : "matching: one cloud in the world frame, seen from the given sensor position";
     scan_files = scans.files;
   }
 
@@ -157,8 +181,8 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
                           "is for one cloud, but the folder contains " + std::to_string(scans.files.size()) + " scans",
                           "Use one file, or poses for all scans");
   const bool ray_cloud = single && scans.kind == ScanKind::Ply && options.poses.empty();
-  if (options.sensor_at_W || ray_cloud) {
-    impl->openCloud(scans);
+  if (!options.trajectory.empty() || options.sensor_at_W || ray_cloud) {
+    impl->openClouds(scans);
   } else {
     impl->openScans(scans);
   }
