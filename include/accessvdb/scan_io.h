@@ -33,6 +33,11 @@ struct ScanInputOptions {
   /// or columns named by a header.
   std::filesystem::path trajectory = {};
   double time_offset_s = 0;  ///< added to the cloud's stamps before the trajectory is looked up
+  /// Scanners on tripods: a line "file x y z" for each cloud in the world frame, names relative to `scans`.
+  std::filesystem::path stations = {};
+  /// Writes a LAZ file as LAS to its standard output; run without a shell, split at blanks, with the file's name as
+  /// last argument. Empty: `laszip -stdout` or `las2las -stdout`, whichever is in PATH.
+  std::string laz_command = {};
 };
 
 /// One integration step: either points_S with T_W_S, or points_W with origins_W (size n, or 1 for all).

@@ -43,17 +43,19 @@ std::vector<std::string> commandWords(const std::string& command) {
   return words;
 }
 
-bool isInPath(const std::string& program) {
+/// The file that a program's name means: as it is with a slash, else in PATH; empty if it is not there. Relative
+/// entries of PATH are left out: a file among the scans must not be run because the scans are in the current folder.
+std::string programFile(const std::string& program) {
+  if (program.find('/') != std::string::npos) return program;
   const char* const path = std::getenv("PATH");
   std::string_view folders = path != nullptr ? path : "";
   while (!folders.empty()) {
     const std::size_t end = std::min(folders.find(':'), folders.size());
-    // An empty entry means the current folder, which may be the one of the scans.
     const std::string file = std::string(folders.substr(0, end)) + "/" + program;
-    if (end != 0 && ::access(file.c_str(), X_OK) == 0) return true;
+    if (folders.front() == '/' && ::access(file.c_str(), X_OK) == 0) return file;
     folders.remove_prefix(std::min(end + 1, folders.size()));
   }
-  return false;
+  return {};
 }
 
 /// What the command did wrong, to be completed with its name and the file's.
@@ -154,7 +156,10 @@ class Decoder {
     ::posix_spawnattr_setsigmask(&attributes, &none);
     ::posix_spawnattr_setsigdefault(&attributes, &defaults);
     ::posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
-    const int failure = ::posix_spawnp(&child_, arguments.front(), &files, &attributes, arguments.data(), environ);
+    const std::string program = programFile(words.front());
+    const int failure = program.empty()
+                            ? ENOENT
+                            : ::posix_spawn(&child_, program.c_str(), &files, &attributes, arguments.data(), environ);
     ::posix_spawnattr_destroy(&attributes);
     ::posix_spawn_file_actions_destroy(&files);
     return failure;
@@ -277,7 +282,7 @@ class DecoderSource final : public ByteSource {
 
 std::string findLazDecoder() {
   for (const char* const program : {"laszip", "las2las"})
-    if (isInPath(program)) return std::string(program) + " -stdout";
+    if (!programFile(program).empty()) return std::string(program) + " -stdout";
   return {};
 }
 

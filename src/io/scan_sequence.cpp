@@ -8,10 +8,12 @@
 #include "accessvdb/error.h"
 #include "accessvdb/scan_io.h"
 #include "io/cloud_steps.h"
+#include "io/decoder_pipe.h"
 #include "io/input_file.h"
 #include "io/point_cloud.h"
 #include "io/scan_files.h"
 #include "io/scan_poses.h"
+#include "io/station_file.h"
 #include "io/text_lines.h"
 
 namespace accessvdb::io {
@@ -59,6 +61,10 @@ void checkOptions(const ScanInputOptions& options) {
   if (!options.trajectory.empty() && (!options.poses.empty() || options.sensor_at_W || !options.calib.empty()))
     throw InvalidArgument("usage.trajectory", "--trajectory", "excludes --poses, --sensor-at and --calib",
                           "Use --trajectory for a cloud in the world frame, --poses for scans in the sensor's");
+  if (!options.stations.empty() &&
+      (!options.poses.empty() || options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty()))
+    throw InvalidArgument("usage.stations", "--stations", "excludes --poses, --sensor-at, --trajectory and --calib",
+                          "Use --stations for clouds in the world frame, --poses for scans in the scanner's");
   if (!options.sensor_at_W) return;
   if (!options.sensor_at_W->allFinite())
     throw InvalidArgument("usage.sensor_at", "--sensor-at", "must be three finite numbers", "Use X,Y,Z in metres");
@@ -75,6 +81,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   std::vector<std::filesystem::path> scan_files;  ///< one per step, or the single cloud
   std::vector<MatchedScan> poses;                 ///< one per step; empty for one cloud
   bool stamped = false;                           ///< poses have time stamps
+  std::vector<Eigen::Vector3d> stations_W;        ///< one per scan file, or none
+  std::string laz_command;
   std::vector<std::filesystem::path> other_files;
   std::vector<std::string> notices;
   std::size_t file_notices = 0;
@@ -96,11 +104,21 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       if (++file_notices <= kMaxFileNotices) notices.push_back(notice);
   }
 
+  void chooseDecoder(const std::filesystem::path& first) {
+    laz_command = options.laz_command.empty() ? findLazDecoder() : options.laz_command;
+    if (laz_command.empty())
+      throw InputError("input.unsupported", forMessage(first.native()),
+                       "is compressed (LAZ), and no decoder was found: neither laszip nor las2las is in PATH",
+                       "Name one with --laz-command, or convert it: laszip -i IN.laz -o OUT.las, or pdal translate "
+                       "IN.laz OUT.las");
+    notices.push_back("scans: LAZ is decoded by '" + forMessage(laz_command) + "'");
+  }
+
   /// Clouds in the world frame.
   void openClouds(const ScanFileList& scans) {
     CloudInput input{.files = scans.files,
                      .kind = kind,
-                     .read = {.allow_truncated = options.allow_truncated},
+                     .read = {.allow_truncated = options.allow_truncated, .laz_command = laz_command},
                      .time_offset_s = options.time_offset_s,
                      .rays_per_step = options.rays_per_step,
                      .every = options.every};
@@ -115,6 +133,11 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
           "matching: the time of each return gives the sensor's position on the trajectory, interpolated over gaps of "
           "at "
           "most 0.2 s, world frame";
+    } else if (!options.stations.empty()) {
+      other_files.push_back(options.stations);
+      input.sensors_W = stations_W;
+      rule = "matching: each file of the stations has its scanner's position (" + std::to_string(stations_W.size()) +
+             " stations), world frame";
     } else if (options.sensor_at_W) {
       input.sensors_W = {*options.sensor_at_W};
       rule = "matching: one cloud in the world frame, seen from the given sensor position";
@@ -143,7 +166,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   ScanRecord readScan(std::size_t step) {
     const MatchedScan& pose = poses.at(step);
     const std::filesystem::path& path = scan_files[step];
-    const auto reader = io::openCloud(path, kind, {.allow_truncated = options.allow_truncated});
+    const auto reader =
+        io::openCloud(path, kind, {.allow_truncated = options.allow_truncated, .laz_command = laz_command});
     ScanRecord record;
     record.path = path.string();
     record.T_W_S = pose.T_W_S;
@@ -172,16 +196,24 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
   checkOptions(options);
   auto impl = std::make_unique<Impl>();
   impl->options = options;
-  const ScanFileList scans = listScans(options.scans);
+  ScanFileList scans;
+  if (options.stations.empty()) {
+    scans = listScans(options.scans);
+  } else {
+    StationList stations = readStations(options.scans, options.stations);
+    scans = std::move(stations.scans);
+    impl->stations_W = std::move(stations.positions_W);
+  }
   impl->kind = scans.kind;
   impl->notices = scans.notices;
+  if (scans.kind == ScanKind::Laz) impl->chooseDecoder(scans.files.front());
   const bool single = scans.files.size() == 1;
   if (options.sensor_at_W && !single)
     throw InvalidArgument("usage.sensor_at", "--sensor-at",
                           "is for one cloud, but the folder contains " + std::to_string(scans.files.size()) + " scans",
                           "Use one file, or poses for all scans");
   const bool ray_cloud = single && scans.kind == ScanKind::Ply && options.poses.empty();
-  if (!options.trajectory.empty() || options.sensor_at_W || ray_cloud) {
+  if (!options.trajectory.empty() || !options.stations.empty() || options.sensor_at_W || ray_cloud) {
     impl->openClouds(scans);
   } else {
     impl->openScans(scans);

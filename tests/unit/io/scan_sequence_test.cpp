@@ -213,8 +213,6 @@ TEST(ScanSequence, RefusesInputsWithoutScansOrPoses) {
   };
   refuse(folder.path() / "none", ErrorCode::Input, "input.missing");
   refuse(folder.path(), ErrorCode::Input, "input.no_scans");
-  refuse(folder.write("laz/a.laz", "LASF"), ErrorCode::Input, "input.unsupported", {"laszip"});
-  refuse(folder.path() / "laz", ErrorCode::Input, "input.unsupported", {"laszip"});
   refuse(folder.write("a.txt", "1 2 3"), ErrorCode::Input, "input.unsupported", {".pcd"});
   refuse(folder.write("b.xyz", "1 2 3\n"), ErrorCode::Unusable, "poses.none", {"--sensor-at"});
   refuse(folder.write("p/0.ply", "x"), ErrorCode::Input, "input.malformed");
@@ -305,8 +303,6 @@ TEST(ScanSequence, RealCloudsWithOneSensor) {
   EXPECT_EQ(utm.read(15).points_W.size(), 1477U);
   EXPECT_NEAR(utm.read(0).points_W[0][1], 3810235.2, 13.0);  // inside the box of the README
   EXPECT_EQ(ScanSequence::open({.scans = folder / "tree33.xyz", .sensor_at_W = Eigen::Vector3d::Zero()}).size(), 1U);
-  expectError([&] { (void)ScanSequence::open({.scans = folder / "pine.laz"}); }, ErrorCode::Input, "input.unsupported",
-              {"laszip"});
 }
 
 }  // namespace
