@@ -76,7 +76,9 @@ class ACCESSVDB_API ScanSequence {
   [[nodiscard]] std::string matchingRule() const;                 ///< one line, also part of the notices
   [[nodiscard]] std::vector<std::string> paths() const;           ///< every file that is or will be read
   [[nodiscard]] std::optional<double> recordedRangeNoise_m() const;  ///< from range_noise.txt next to the scans, if any
-  [[nodiscard]] std::uint64_t inputBytes() const;                    ///< total size of the scan files
+  /// Memory that is held between reads: poses or the list of steps, a trajectory, the content of a compressed PCD.
+  [[nodiscard]] std::uint64_t heldBytes() const;
+  [[nodiscard]] std::uint64_t inputBytes() const;  ///< total size of the scan files
 
  private:
   struct Impl;

@@ -133,6 +133,11 @@ void CloudSteps::append(const PointCloud& part, ScanRecord& record) {
   }
 }
 
+std::uint64_t CloudSteps::heldBytes() const {
+  return steps_.capacity() * sizeof(Step) + (input_.trajectory ? input_.trajectory->heldBytes() : 0) +
+         (reader_ ? reader_->heldBytes() : 0);
+}
+
 ScanRecord CloudSteps::read(std::size_t step) {
   const Step& wanted = steps_.at(step);
   checkSize(wanted.file);

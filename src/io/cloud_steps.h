@@ -39,6 +39,7 @@ class CloudSteps {
 
   [[nodiscard]] std::size_t size() const { return steps_.size(); }
   [[nodiscard]] ScanRecord read(std::size_t step);
+  [[nodiscard]] std::uint64_t heldBytes() const;  ///< see ScanSequence
   [[nodiscard]] std::optional<double> stamp_s(std::size_t step) const { return steps_.at(step).stamp_s; }
   [[nodiscard]] const std::filesystem::path& path(std::size_t step) const { return input_.files[steps_.at(step).file]; }
   [[nodiscard]] const std::vector<std::string>& notices() const { return notices_; }
@@ -47,8 +48,8 @@ class CloudSteps {
   struct Step {
     std::size_t file = 0;
     CloudReader::Place place;
-    std::size_t returns = 0;        ///< in the file
-    std::size_t used = 0;           ///< of these, with a position of the sensor: only they are handed out
+    std::size_t returns = 0;             ///< in the file
+    std::size_t used = 0;                ///< of these, with a position of the sensor: only they are handed out
     std::optional<double> stamp_s = {};  ///< of its first return
   };
 

@@ -204,6 +204,7 @@ class CompressedPcdReader final : public PcdReader {
     return part;
   }
   [[nodiscard]] std::uint64_t expectedPoints() const override { return header_.points - record_; }
+  [[nodiscard]] std::uint64_t heldBytes() const override { return columns_of_all_.capacity(); }
 
  private:
   std::string columns_of_all_;

@@ -60,6 +60,8 @@ class CloudReader {
   virtual void seek(const Place& place) = 0;
   /// Points to come, for reserving memory: no more than the file can contain; 0 if unknown.
   [[nodiscard]] virtual std::uint64_t expectedPoints() const { return 0; }
+  /// Memory between parts that grows with the file; 0 for all but compressed PCD.
+  [[nodiscard]] virtual std::uint64_t heldBytes() const { return 0; }
   /// What is to be told about the cloud as a whole. @param totals  over all its parts
   [[nodiscard]] virtual std::vector<std::string> notices(const CloudTotals& totals) const;
 };

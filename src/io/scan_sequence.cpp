@@ -257,6 +257,9 @@ std::vector<std::string> ScanSequence::paths() const {
 }
 
 std::optional<double> ScanSequence::recordedRangeNoise_m() const { return impl_->range_noise_m; }
+std::uint64_t ScanSequence::heldBytes() const {
+  return impl_->poses.size() * sizeof(MatchedScan) + (impl_->clouds ? impl_->clouds->heldBytes() : 0);
+}
 std::uint64_t ScanSequence::inputBytes() const { return impl_->input_bytes; }
 
 }  // namespace accessvdb::io

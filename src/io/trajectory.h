@@ -6,6 +6,7 @@
 
 #include <Eigen/Core>
 #include <cstddef>
+#include <cstdint>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -34,6 +35,7 @@ class Trajectory {
   [[nodiscard]] double first_s() const { return nodes_.front().stamp_s; }
   [[nodiscard]] double last_s() const { return nodes_.back().stamp_s; }
   [[nodiscard]] std::size_t size() const { return nodes_.size(); }
+  [[nodiscard]] std::uint64_t heldBytes() const { return nodes_.capacity() * sizeof(Node); }
   [[nodiscard]] const std::string& subject() const { return subject_; }  ///< the file's name for messages
   [[nodiscard]] const std::vector<std::string>& notices() const { return notices_; }
 

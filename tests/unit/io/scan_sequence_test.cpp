@@ -49,6 +49,7 @@ TEST(ScanSequence, PairsScansAndPosesInNaturalOrder) {
   std::uint64_t bytes = 0;
   for (std::size_t i = 0; i < 4; ++i) bytes += std::filesystem::file_size(scans.paths()[i]);
   EXPECT_EQ(scans.inputBytes(), bytes);
+  EXPECT_LT(scans.heldBytes(), 1000U);
   EXPECT_THROW((void)scans.read(4), InvalidArgument);
 
   ScanSequence thinned =
