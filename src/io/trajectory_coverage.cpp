@@ -77,6 +77,17 @@ double coveredShare(const std::vector<double>& stamps_s, double offset_s, const 
   return static_cast<double>(covered) / static_cast<double>(stamps_s.size());
 }
 
+std::string adviceForCoverage(const std::vector<double>& stamps_s, const Trajectory& trajectory, double time_offset_s) {
+  const auto inside = std::count_if(stamps_s.begin(), stamps_s.end(), [&](double stamp) {
+    return stamp >= trajectory.first_s() && stamp <= trajectory.last_s();
+  });
+  if (!stamps_s.empty() && static_cast<double>(inside) >= kCovered * static_cast<double>(stamps_s.size()))
+    return "Export the trajectory with a position every 0.2 s or more often";
+  if (const auto likely = likelyClockOffset(stamps_s, trajectory))
+    return "Use --time-offset " + offsetText(time_offset_s + likely->offset_s) + ", if " + likely->reason;
+  return "Use the whole trajectory of this survey, on the cloud's clock or with --time-offset";
+}
+
 }  // namespace
 
 std::optional<ClockOffset> likelyClockOffset(const std::vector<double>& stamps_s, const Trajectory& trajectory) {
@@ -139,13 +150,10 @@ void TrajectoryCoverage::check(const Trajectory& trajectory, double time_offset_
                         secondsText(trajectory.last_s()) + " s"
                   : "the cloud's times are not numbers";
   if (!(share >= kCovered)) {
-    const auto likely = likelyClockOffset(stamps_s_.values(), trajectory);
-    throw UnusableInput(
-        "trajectory.coverage", trajectory.subject(),
-        "covers " + percentText(share) + " of the returns, less than 99 %: " + spans +
-            ", and gaps of more than 0.2 s are not bridged",
-        likely ? "Use --time-offset " + offsetText(time_offset_s + likely->offset_s) + ", if " + likely->reason
-               : "Use the whole trajectory of this survey, on the cloud's clock or with --time-offset");
+    throw UnusableInput("trajectory.coverage", trajectory.subject(),
+                        "covers " + percentText(share) + " of the returns, less than 99 %: " + spans +
+                            ", and gaps of more than 0.2 s are not bridged",
+                        adviceForCoverage(stamps_s_.values(), trajectory, time_offset_s));
   }
   if (2 * far_ > covered_)
     throw UnusableInput(

@@ -157,6 +157,23 @@ TEST(DecoderPipe, NamesWhatTheCommandDidWrong) {
       ErrorCode::Input, "input.lfs_pointer");
 }
 
+TEST(DecoderPipe, SurvivesACutAnywhereAsAFileDoes) {
+  const TempFolder folder;
+  const std::string las = someLas(3);
+  const auto path = folder.write("a.laz", las);
+  for (std::size_t size = 0; size < las.size(); size += 9) {
+    const std::string head = "head -c " + std::to_string(size);
+    EXPECT_THROW((void)readCloud(path, ScanKind::Laz, {.laz_command = head}), InputError) << size;
+    const ReadOptions allow = {.allow_truncated = true, .laz_command = head};
+    if (size < 227) {
+      EXPECT_THROW((void)readCloud(path, ScanKind::Laz, allow), InputError) << size;
+      continue;
+    }
+    EXPECT_EQ(readCloud(path, ScanKind::Laz, allow).points.size(), (size - 227) / 28) << size;
+    EXPECT_EQ(readCloud(path, ScanKind::Laz, allow).truncated_points, 3 - (size - 227) / 28) << size;
+  }
+}
+
 TEST(DecoderPipe, NoticesThatTheSecondTimeIsDifferent) {
   const TempFolder folder;
   const auto path = folder.write("a.laz", someLas(kSeveralWindows));

@@ -19,7 +19,7 @@ constexpr long kBoundKiB = 8 << 10;
 
 struct CloudForm {
   const char* name;
-  bool rays = false;
+  bool rays = false, trajectory = false;
 };
 std::ostream& operator<<(std::ostream& out, const CloudForm& form) { return out << form.name; }
 
@@ -65,11 +65,14 @@ std::size_t writeCloud(const std::filesystem::path& path, const std::string& nam
   } else if (name == "text.ply") {
     fill("123.456 -234.567 3.25\n");
     header = plyHeader("ascii", points, {"x", "y", "z"});
-  } else if (name == "cloud.las") {
+  } else if (name == "cloud.las" || name == "timed.laz") {
     std::string record;
     for (int axis = 0; axis < 3; ++axis) test::put(record, std::int32_t{1000 + axis});
-    fill(record + std::string(8, '\0'));
+    record += std::string(8, '\0');
+    if (name == "timed.laz") test::put(record, 100.5);
+    fill(record);
     header = lasHeader(points, point.size());
+    if (name == "timed.laz") header[104] = 1;
   } else if (name == "cloud.pcd") {
     fill(floats.substr(0, 16));
     const std::string count = std::to_string(points);
@@ -101,14 +104,18 @@ long peakKiB() {
 }
 
 /// Reads all steps in a process of its own, whose peak begins where it is now. @return by how much the peak grew, KiB
-long growthWhileReadingKiB(const std::filesystem::path& path, bool rays, std::size_t points) {
+long growthWhileReadingKiB(const std::filesystem::path& path, const CloudForm& form, std::size_t points) {
   int ends[2];
   if (::pipe(ends) != 0) return -1;
   const pid_t child = ::fork();
   if (child == 0) {
     const long before = peakKiB();
-    ScanInputOptions options{.scans = path};
-    if (!rays) options.sensor_at_W = Eigen::Vector3d::Zero();
+    ScanInputOptions options{.scans = path, .laz_command = "cat"};
+    if (form.trajectory) {
+      options.trajectory = path.parent_path() / "trajectory.txt";
+    } else if (!form.rays) {
+      options.sensor_at_W = Eigen::Vector3d::Zero();
+    }
     ScanSequence scans = ScanSequence::open(options);
     std::size_t read = 0;
     for (std::size_t step = 0; step < scans.size(); ++step) read += scans.read(step).points_W.size();
@@ -129,13 +136,15 @@ TEST_P(StreamingMemory, StaysFarBelowTheSizeOfTheFile) {
   const test::TempFolder folder;
   const std::filesystem::path path = folder / GetParam().name;
   const std::size_t points = writeCloud(path, GetParam().name);
-  const long growth = growthWhileReadingKiB(path, GetParam().rays, points);
+  (void)folder.write("trajectory.txt", "100.4 0 0 0\n100.6 1 0 0\n");
+  const long growth = growthWhileReadingKiB(path, GetParam(), points);
   ASSERT_GE(growth, 0);
   EXPECT_LE(growth, kBoundKiB);
 }
 INSTANTIATE_TEST_SUITE_P(Formats, StreamingMemory,
                          ::testing::Values(CloudForm{"rays.ply", true}, CloudForm{"text.ply"}, CloudForm{"cloud.las"},
-                                           CloudForm{"cloud.pcd"}, CloudForm{"cloud.bin"}, CloudForm{"cloud.xyz"}));
+                                           CloudForm{"cloud.pcd"}, CloudForm{"cloud.bin"}, CloudForm{"cloud.xyz"},
+                                           CloudForm{"timed.laz", false, true}));
 
 }  // namespace
 }  // namespace accessvdb::io

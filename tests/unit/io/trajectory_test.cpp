@@ -175,6 +175,15 @@ TEST(Trajectory, SkipsAFewReturnsAndRefusesMany) {
   expectError([&] { (void)open(200); }, ErrorCode::Unusable, "trajectory.coverage", {"80.0 %", "whole trajectory"});
 }
 
+TEST(Trajectory, AsksForMorePositionsWhereTheyAreTooFewPerSecond) {
+  const TempFolder folder;
+  const auto cloud = folder.write("c.las", test::timedLas(pointsFrom(100, 300)));
+  std::string one_hertz;
+  for (int i = 0; i < 12; ++i) one_hertz += std::to_string(100 + i) + " 1 2 3\n";
+  expectError([&] { (void)ScanSequence::open({.scans = cloud, .trajectory = folder.write("t.txt", one_hertz)}); },
+              ErrorCode::Unusable, "trajectory.coverage", {"3.3 %", "every 0.2 s"});
+}
+
 struct ClockCase {
   const char* name;
   double cloud_begin_s, trajectory_begin_s;
