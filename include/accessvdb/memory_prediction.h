@@ -50,7 +50,9 @@ struct ACCESSVDB_API MemoryPrediction {
   double band_leaves = 0;     ///< leaves that are only passed on the way to a return
   double nodes = 0;           ///< that the leaves hang on
   double surface_points = 0;
-  double surface_leaves = 0;  ///< leaves that hold a surface point
+  double surface_leaves = 0;       ///< leaves that hold a surface point
+  std::uint64_t largest_step = 0;  ///< returns of the largest step, which is fused at once
+  std::uint64_t input_bytes = 0;   ///< what reading holds between steps, see ScanSequence::heldBytes()
   /// The peak of a run with a tool whose tables take no memory.
   /// @param with_distances  the mirror of distances is kept (FieldParams::mirror_distance)
   [[nodiscard]] double bytes(RunOutput output, bool with_distances = false) const;

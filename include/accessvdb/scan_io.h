@@ -28,7 +28,16 @@ struct ScanInputOptions {
   int every = 1;                                    ///< use every n-th scan
   bool allow_truncated = false;                     ///< keep the complete records of a truncated file
   bool sort_poses = false;                          ///< accept pose files whose stamps run backwards, by sorting them
-  std::size_t rays_per_step = 20000;                ///< a ray cloud or single cloud is read in steps of this many
+  std::size_t rays_per_step = 20000;                ///< a cloud in the world frame is read in steps of this many
+  /// Where the sensor was at the time of each return of LAS, LAZ or PLY in the world frame: text with time x y z, TUM,
+  /// or columns named by a header.
+  std::filesystem::path trajectory = {};
+  double time_offset_s = 0;  ///< added to the cloud's stamps before the trajectory is looked up
+  /// Scanners on tripods: a line "file x y z" for each cloud in the world frame, names relative to `scans`.
+  std::filesystem::path stations = {};
+  /// Writes a LAZ file as LAS to its standard output; run without a shell, split at blanks, with the file's name as
+  /// last argument. Empty: `laszip -stdout` or `las2las -stdout`, whichever is in PATH.
+  std::string laz_command = {};
 };
 
 /// One integration step: either points_S with T_W_S, or points_W with origins_W (size n, or 1 for all).
@@ -47,7 +56,8 @@ struct InputFile {
   std::string sha256;
 };
 
-/// Scans with their poses, in order; files are read on demand.
+/// Scans with their poses, in order; files are read on demand. Holds one step, not one file: steps may be read in any
+/// order and more than once, cheapest in ascending order.
 class ACCESSVDB_API ScanSequence {
  public:
   /// Lists the scans, reads the poses, matches them and checks them.
@@ -57,13 +67,18 @@ class ACCESSVDB_API ScanSequence {
   ScanSequence(ScanSequence&&) noexcept;
   ScanSequence& operator=(ScanSequence&&) noexcept;
 
-  [[nodiscard]] std::size_t size() const;                         ///< number of steps
-  [[nodiscard]] ScanRecord read(std::size_t step);                ///< @throws InputError naming the file
+  [[nodiscard]] std::size_t size() const;           ///< number of steps
+  [[nodiscard]] ScanRecord read(std::size_t step);  ///< @throws InputError naming the file
+  /// Time of a step, without reading it: of the scan, or of a cloud's first return. Nothing where unknown.
+  [[nodiscard]] std::optional<double> stamp_s(std::size_t step) const;
+  [[nodiscard]] std::string path(std::size_t step) const;         ///< the file of a step, without reading it
   [[nodiscard]] const std::vector<std::string>& notices() const;  ///< frame, quaternion order, matching rule, repairs
   [[nodiscard]] std::string matchingRule() const;                 ///< one line, also part of the notices
   [[nodiscard]] std::vector<std::string> paths() const;           ///< every file that is or will be read
   [[nodiscard]] std::optional<double> recordedRangeNoise_m() const;  ///< from range_noise.txt next to the scans, if any
-  [[nodiscard]] std::uint64_t inputBytes() const;                    ///< total size of the scan files
+  /// Memory that is held between reads: poses or the list of steps, a trajectory, the content of a compressed PCD.
+  [[nodiscard]] std::uint64_t heldBytes() const;
+  [[nodiscard]] std::uint64_t inputBytes() const;  ///< total size of the scan files
 
  private:
   struct Impl;

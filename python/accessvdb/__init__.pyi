@@ -480,6 +480,10 @@ class ScanSequence:
         allow_truncated: bool = ...,
         sort_poses: bool = ...,
         rays_per_step: int = ...,
+        trajectory: Optional[_Path] = ...,
+        time_offset_s: float = ...,
+        stations: Optional[_Path] = ...,
+        laz_command: str = ...,
     ) -> None: ...
     def __len__(self) -> int: ...
     def __getitem__(self, step: int) -> ScanRecord: ...

@@ -34,7 +34,11 @@ std::unique_ptr<LockedScans> openScans(const std::filesystem::path& scans,
                                        const std::optional<std::filesystem::path>& poses, const py::object& pose_format,
                                        const std::optional<std::filesystem::path>& calib, const py::object& sensor_at_W,
                                        const py::object& every, const py::object& allow_truncated,
-                                       const py::object& sort_poses, const py::object& rays_per_step) {
+                                       const py::object& sort_poses, const py::object& rays_per_step,
+                                       const std::optional<std::filesystem::path>& trajectory,
+                                       const py::object& time_offset_s,
+                                       const std::optional<std::filesystem::path>& stations,
+                                       const std::string& laz_command) {
   io::ScanInputOptions options;
   options.scans = scans;
   if (poses) options.poses = *poses;
@@ -46,6 +50,10 @@ std::unique_ptr<LockedScans> openScans(const std::filesystem::path& scans,
   options.allow_truncated = boolFrom("allow_truncated", allow_truncated);
   options.sort_poses = boolFrom("sort_poses", sort_poses);
   options.rays_per_step = static_cast<std::size_t>(wholeNumberFrom("rays_per_step", rays_per_step, 1, kMost));
+  if (trajectory) options.trajectory = *trajectory;
+  options.time_offset_s = numberFrom("time_offset_s", time_offset_s);
+  if (stations) options.stations = *stations;
+  options.laz_command = laz_command;
   return withoutLock([&] { return std::make_unique<LockedScans>(io::ScanSequence::open(options)); });
 }
 
@@ -97,8 +105,10 @@ void bindScans(py::module_& module) {
       .def(py::init(&openScans), py::arg("scans"), py::arg("poses") = py::none(), py::kw_only(),
            py::arg("pose_format") = "auto", py::arg("calib") = py::none(), py::arg("sensor_at_W") = py::none(),
            py::arg("every") = 1, py::arg("allow_truncated") = false, py::arg("sort_poses") = false,
-           py::arg("rays_per_step") = 20000,
-           "scans: a folder of .pcd, .ply, .bin or .las files, or one file. poses: TUM, KITTI, BALM or HBA.")
+           py::arg("rays_per_step") = 20000, py::arg("trajectory") = py::none(), py::arg("time_offset_s") = 0.0,
+           py::arg("stations") = py::none(), py::arg("laz_command") = "",
+           "scans: a folder of .pcd, .ply, .bin, .las or .laz files, or one file. poses: TUM, KITTI, BALM or HBA. "
+           "trajectory, stations: where the sensor was, for clouds in the world frame.")
       .def("__len__", [](const LockedScans& s) { return s.scans.size(); })
       .def("__getitem__", &readScan, py::arg("step"))
       .def("__iter__",

@@ -17,42 +17,59 @@ namespace accessvdb::io {
 namespace {
 
 constexpr std::size_t kReadStep = std::size_t{1} << 24;
-constexpr std::string_view kLfsPointer = "version https://git-lfs";
 
-class Descriptor {
- public:
-  /// O_NONBLOCK: opening a pipe without a writer must not block forever.
-  explicit Descriptor(const std::filesystem::path& path)
-      : fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)) {
-    if (fd_ < 0) {
-      const int error = errno;
-      const bool missing = error == ENOENT || error == ENOTDIR;
-      throw InputError(missing ? "input.missing" : "input.unreadable", forMessage(path.native()),
-                       std::string("cannot be opened: ") + std::strerror(error),
-                       missing ? "Check the path" : "Check the permissions");
-    }
+}  // namespace
+
+InputDescriptor::InputDescriptor(const std::filesystem::path& path)
+    // O_NONBLOCK: opening a pipe without a writer must not block forever.
+    : path_(path), fd_(::open(path.c_str(), O_RDONLY | O_CLOEXEC | O_NONBLOCK)) {
+  if (fd_ < 0) {
+    const int error = errno;
+    const bool missing = error == ENOENT || error == ENOTDIR;
+    throw InputError(missing ? "input.missing" : "input.unreadable", forMessage(path.native()),
+                     std::string("cannot be opened: ") + std::strerror(error),
+                     missing ? "Check the path" : "Check the permissions");
   }
-  ~Descriptor() { ::close(fd_); }
-  Descriptor(const Descriptor&) = delete;
-  Descriptor& operator=(const Descriptor&) = delete;
-  [[nodiscard]] int get() const { return fd_; }
+}
 
- private:
-  int fd_;
-};
+InputDescriptor::~InputDescriptor() { ::close(fd_); }
 
-std::uint64_t regularSize(const Descriptor& file, const std::filesystem::path& path) {
+std::uint64_t InputDescriptor::size() const {
   struct stat info {};
-  if (::fstat(file.get(), &info) != 0)
-    throw InputError("input.unreadable", forMessage(path.native()), std::strerror(errno), "Check the file system");
+  if (::fstat(fd_, &info) != 0)
+    throw InputError("input.unreadable", forMessage(path_.native()), std::strerror(errno), "Check the file system");
   if (!S_ISREG(info.st_mode))
-    throw InputError("input.not_a_file", forMessage(path.native()),
+    throw InputError("input.not_a_file", forMessage(path_.native()),
                      S_ISDIR(info.st_mode) ? "is a folder where a file is needed" : "is not a regular file",
                      "Use the path of a regular file");
   return static_cast<std::uint64_t>(info.st_size);
 }
 
-}  // namespace
+std::size_t InputDescriptor::readAt(std::uint64_t offset, char* to, std::size_t count) const {
+  std::size_t have = 0;
+  while (have < count) {
+    const ssize_t n = ::pread(fd_, to + have, std::min(kReadStep, count - have), static_cast<off_t>(offset + have));
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0)
+      throw InputError("input.unreadable", forMessage(path_.native()),
+                       "reading failed at byte " + std::to_string(offset + have) + ": " + std::strerror(errno),
+                       "Check the disk");
+    if (n == 0) break;
+    have += static_cast<std::size_t>(n);
+  }
+  return have;
+}
+
+void InputDescriptor::throwChanged() const {
+  throw InputError("input.changed", forMessage(path_.native()), "changed its size while being read",
+                   "Wait until it is complete");
+}
+
+void refuseLfsPointer(std::string_view beginning, const std::string& subject) {
+  if (beginning.substr(0, kLfsPointer.size()) == kLfsPointer)
+    throw InputError("input.lfs_pointer", subject, "is a Git LFS pointer, not the data",
+                     "Run 'git lfs pull' in the file's repository");
+}
 
 std::string forMessage(std::string_view text, std::size_t max_bytes) {
   std::string out;
@@ -71,34 +88,16 @@ std::string forMessage(std::string_view text, std::size_t max_bytes) {
   return out;
 }
 
-std::uint64_t inputFileSize(const std::filesystem::path& path) {
-  const Descriptor file(path);
-  return regularSize(file, path);
-}
+std::uint64_t inputFileSize(const std::filesystem::path& path) { return InputDescriptor(path).size(); }
 
 std::string readInputFile(const std::filesystem::path& path, std::uint64_t max_bytes) {
-  const Descriptor file(path);
-  const std::uint64_t size = regularSize(file, path);
+  const InputDescriptor file(path);
+  const std::uint64_t size = file.size();
   const std::string subject = forMessage(path.native());
   if (size == 0) throw InputError("input.empty", subject, "is empty (0 bytes)", "Copy the file again");
-  const std::uint64_t wanted = std::min(size, max_bytes);
-  std::string bytes(wanted, '\0');
-  std::uint64_t have = 0;
-  while (have < wanted) {
-    const ssize_t n = ::read(file.get(), bytes.data() + have, std::min<std::uint64_t>(kReadStep, wanted - have));
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0)
-      throw InputError("input.unreadable", subject,
-                       "reading failed at byte " + std::to_string(have) + ": " + std::strerror(errno),
-                       "Check the disk");
-    if (n == 0) break;
-    have += static_cast<std::uint64_t>(n);
-  }
-  if (have != wanted || regularSize(file, path) != size)
-    throw InputError("input.changed", subject, "changed its size while being read", "Wait until it is complete");
-  if (std::string_view(bytes).substr(0, kLfsPointer.size()) == kLfsPointer)
-    throw InputError("input.lfs_pointer", subject, "is a Git LFS pointer, not the data",
-                     "Run 'git lfs pull' in the file's repository");
+  std::string bytes(std::min(size, max_bytes), '\0');
+  if (file.readAt(0, bytes.data(), bytes.size()) != bytes.size() || file.size() != size) file.throwChanged();
+  refuseLfsPointer(bytes, subject);
   return bytes;
 }
 

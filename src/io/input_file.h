@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Reads an input file whole, after the checks that make this safe: a regular file, not empty, not a Git LFS pointer,
-/// same size at the end as at the beginning. Not memory-mapped: a file that shrinks must not raise a signal.
+/// Reads an input file, after the checks that make this safe: a regular file, not empty, not a Git LFS pointer, same
+/// size at the end as at the beginning. Not memory-mapped: a file that shrinks must not raise a signal.
 #pragma once
 
 #include <cstdint>
@@ -15,6 +15,31 @@ namespace accessvdb::io {
 [[nodiscard]] std::string forMessage(std::string_view text, std::size_t max_bytes = 1024);
 /// The same for one word of a file.
 [[nodiscard]] inline std::string wordForMessage(std::string_view word) { return forMessage(word, 64); }
+
+inline constexpr std::string_view kLfsPointer = "version https://git-lfs";
+/// @throws InputError "input.lfs_pointer"
+void refuseLfsPointer(std::string_view beginning, const std::string& subject);
+
+/// An input file that is open for reading.
+class InputDescriptor {
+ public:
+  /// @throws InputError (missing, no permission)
+  explicit InputDescriptor(const std::filesystem::path& path);
+  ~InputDescriptor();
+  InputDescriptor(const InputDescriptor&) = delete;
+  InputDescriptor& operator=(const InputDescriptor&) = delete;
+
+  /// Bytes at present. @throws InputError (folder, pipe, device)
+  [[nodiscard]] std::uint64_t size() const;
+  /// @return bytes copied; fewer than `count` only at the end of the file. @throws InputError
+  [[nodiscard]] std::size_t readAt(std::uint64_t offset, char* to, std::size_t count) const;
+  /// @throws InputError "input.changed"
+  [[noreturn]] void throwChanged() const;
+
+ private:
+  std::filesystem::path path_;
+  int fd_;
+};
 
 /// Size of a regular file in bytes. @throws InputError (missing, folder, pipe, device, no permission)
 [[nodiscard]] std::uint64_t inputFileSize(const std::filesystem::path& path);

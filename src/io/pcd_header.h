@@ -33,7 +33,7 @@ struct PcdHeader {
   std::uint64_t record_values = 0;
   std::uint64_t record_bytes = 0;  ///< at most kMaxPcdRecordBytes
   Data data = Data::Ascii;
-  std::size_t data_offset = 0;
+  std::uint64_t data_offset = 0;
   std::optional<std::array<double, 7>> viewpoint;  ///< tx ty tz qw qx qy qz
 };
 

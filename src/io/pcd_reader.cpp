@@ -7,6 +7,7 @@
 #include <array>
 
 #include "accessvdb/error.h"
+#include "io/binary_records.h"
 #include "io/input_file.h"
 #include "io/pcd_header.h"
 #include "io/point_cloud.h"
@@ -18,69 +19,139 @@ namespace {
 /// LZF needs at least 3 bytes for a run of at most 264: data that claim a larger ratio are not LZF.
 constexpr std::uint64_t kLzfMaxRatio = 88;
 
-void readAscii(const PcdHeader& header, std::string_view body, const std::string& subject, const ReadOptions& options,
-               PointCloud& cloud) {
-  // A record takes at least one digit and one separator per value.
-  cloud.points.reserve(std::min(header.points, body.size() / (2 * header.record_values) + 1));
-  LineReader lines(body, subject);
-  std::string_view line;
-  std::vector<std::string_view> tokens;
-  bool cut = false;
-  while (cloud.points.size() < header.points && !cut && lines.next(line)) {
-    if (isBlankOrComment(line)) continue;
-    splitTokens(line, tokens);
-    // A truncated file's last line may end inside a number; for the last announced record this cannot be detected.
-    const bool last_record = cloud.points.size() + 1 == header.points;
-    cut = !lines.terminated() && (!last_record || tokens.size() < header.record_values);
-    if (cut) break;
-    if (tokens.size() != header.record_values)
-      lines.fail("of the data has " + std::to_string(tokens.size()) + " values where the header announces " +
-                 std::to_string(header.record_values));
-    Eigen::Vector3d point;
-    for (int axis = 0; axis < 3; ++axis)
-      if (!parseNumber(tokens[header.fields[header.xyz[axis]].first_value], point[axis]))
-        lines.fail("of the data has a coordinate that is not a number");
-    cloud.points.push_back(point);
-  }
-  cloud.truncated_points = header.points - cloud.points.size();
-  if (cloud.truncated_points != 0 && !options.allow_truncated)
-    throw InputError("input.truncated", subject,
-                     "the header announces " + std::to_string(header.points) + " points but the " +
-                         std::to_string(body.size()) + " bytes of text after it contain " +
-                         std::to_string(cloud.points.size()) + " complete points",
-                     "Use --allow-truncated to keep " + std::to_string(cloud.points.size()) + " points");
-}
+/// What the readers of all encodings share.
+class PcdReader : public CloudReader {
+ public:
+  PcdReader(std::unique_ptr<ByteSource> source, PcdHeader header, const std::string& subject,
+            const ReadOptions& options)
+      : source_(std::move(source)), header_(std::move(header)), subject_(subject), options_(options) {}
+  [[nodiscard]] Place place() const override { return {0, record_, 0}; }
+  void seek(const Place& place) override { record_ = place.record; }
 
-struct Column {
-  std::uint64_t begin, step;
-  ScalarType type;
+ protected:
+  [[nodiscard]] std::uint64_t bodyBytes() const { return *source_->size() - header_.data_offset; }
+
+  std::unique_ptr<ByteSource> source_;
+  PcdHeader header_;
+  std::string subject_;
+  ReadOptions options_;
+  std::uint64_t record_ = 0;
 };
 
-void readColumns(const char* body, std::uint64_t points, const std::array<Column, 3>& columns, PointCloud& cloud) {
-  cloud.points.resize(points);
-  for (std::uint64_t i = 0; i < points; ++i)
-    for (int axis = 0; axis < 3; ++axis)
-      cloud.points[i][axis] =
-          loadScalar(body + columns[axis].begin + i * columns[axis].step, columns[axis].type, false);
-}
+class TextPcdReader final : public PcdReader {
+ public:
+  TextPcdReader(std::unique_ptr<ByteSource> source, PcdHeader header, const std::string& subject,
+                const ReadOptions& options)
+      : PcdReader(std::move(source), std::move(header), subject, options),
+        lines_(*source_, header_.data_offset, subject) {}
 
-void readBinary(const PcdHeader& header, std::string_view body, const std::string& subject, const ReadOptions& options,
-                PointCloud& cloud) {
-  const std::uint64_t points = recordsAvailable(subject, header.points, header.record_bytes, body.size(),
-                                                options.allow_truncated, cloud.truncated_points);
-  std::array<Column, 3> columns;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const PcdField& field = header.fields[header.xyz[axis]];
-    columns[axis] = {field.offset_bytes, header.record_bytes, field.type};
+  PointCloud next(std::size_t count) override {
+    PointCloud part;
+    while (part.points.size() < count) {
+      if (!nextPoint(part)) {
+        finish(part);
+        break;
+      }
+    }
+    return part;
   }
-  readColumns(body.data(), points, columns, cloud);
-  if (cloud.truncated_points == 0 && body.size() > points * header.record_bytes)
-    cloud.notices.push_back(subject + ": " + std::to_string(body.size() - points * header.record_bytes) +
-                            " bytes after the last point are ignored");
-}
+  [[nodiscard]] Place place() const override { return {lines_.offset(), record_, lines_.number()}; }
+  void seek(const Place& place) override {
+    lines_.seek(place.byte, place.line);
+    record_ = place.record;
+  }
+  [[nodiscard]] std::uint64_t expectedPoints() const override {
+    // A record takes at least one digit and one separator per value.
+    return std::min(header_.points - record_, bodyBytes() / (2 * header_.record_values) + 1);
+  }
+
+ private:
+  bool nextPoint(PointCloud& part) {
+    std::string_view line;
+    do {
+      if (record_ == header_.points || !lines_.next(line)) return false;
+    } while (isBlankOrComment(line));
+    splitTokens(line, tokens_);
+    // A truncated file's last line may end inside a number; for the last announced record this cannot be detected.
+    const bool last_record = record_ + 1 == header_.points;
+    if (!lines_.terminated() && (!last_record || tokens_.size() < header_.record_values)) return false;
+    if (tokens_.size() != header_.record_values)
+      lines_.fail("of the data has " + std::to_string(tokens_.size()) + " values where the header announces " +
+                  std::to_string(header_.record_values));
+    Eigen::Vector3d point;
+    for (int axis = 0; axis < 3; ++axis)
+      if (!parseNumber(tokens_[header_.fields[header_.xyz[axis]].first_value], point[axis]))
+        lines_.fail("of the data has a coordinate that is not a number");
+    part.points.push_back(point);
+    ++record_;
+    return true;
+  }
+
+  void finish(PointCloud& part) {
+    source_->checkAtEnd();
+    part.truncated_points = header_.points - record_;
+    if (part.truncated_points != 0 && !options_.allow_truncated)
+      throw InputError("input.truncated", subject_,
+                       "the header announces " + std::to_string(header_.points) + " points but the " +
+                           std::to_string(bodyBytes()) + " bytes of text after it contain " + std::to_string(record_) +
+                           " complete points",
+                       "Use --allow-truncated to keep " + std::to_string(record_) + " points");
+  }
+
+  LineReader lines_;
+  std::vector<std::string_view> tokens_;
+};
+
+struct Column {
+  std::uint64_t begin = 0, step = 0;
+  ScalarType type = ScalarType::Float32;
+};
+
+class BinaryPcdReader final : public PcdReader {
+ public:
+  BinaryPcdReader(std::unique_ptr<ByteSource> source, PcdHeader header, const std::string& subject,
+                  const ReadOptions& options)
+      : PcdReader(std::move(source), std::move(header), subject, options) {
+    records_.begin = header_.data_offset;
+    records_.record_bytes = header_.record_bytes;
+    records_.count = recordsAvailable(subject_, header_.points, header_.record_bytes, bodyBytes(),
+                                      options_.allow_truncated, truncated_points_);
+  }
+
+  PointCloud next(std::size_t count) override {
+    PointCloud part;
+    part.points.resize(records_.countFrom(record_, count));
+    const std::uint64_t first = record_;
+    std::array<Column, 3> columns;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const PcdField& field = header_.fields[header_.xyz[axis]];
+      columns[axis] = {field.offset_bytes, header_.record_bytes, field.type};
+    }
+    records_.forEach(*source_, record_, part.points.size(), [&](std::uint64_t i, const char* record) {
+      for (int axis = 0; axis < 3; ++axis)
+        part.points[i - first][axis] = loadScalar(record + columns[axis].begin, columns[axis].type, false);
+    });
+    record_ += part.points.size();
+    if (part.points.size() < count) {
+      source_->checkAtEnd();
+      part.truncated_points = truncated_points_;
+    }
+    return part;
+  }
+  [[nodiscard]] std::uint64_t expectedPoints() const override { return records_.count - record_; }
+  [[nodiscard]] std::vector<std::string> notices(const CloudTotals& totals) const override {
+    const std::uint64_t used = totals.points * header_.record_bytes;
+    if (totals.truncated_points != 0 || bodyBytes() <= used) return {};
+    return {subject_ + ": " + std::to_string(bodyBytes() - used) + " bytes after the last point are ignored"};
+  }
+
+ private:
+  BinaryRecords records_;
+  std::uint64_t truncated_points_ = 0;
+};
 
 /// Compressed bodies store field after field, so a part of one has no complete points.
-void readCompressed(const PcdHeader& header, std::string_view body, const std::string& subject, PointCloud& cloud) {
+std::string decompressed(const PcdHeader& header, std::string_view body, const std::string& subject) {
   constexpr std::size_t kSizesBytes = 2 * sizeof(std::uint32_t);
   const auto truncated = [&](std::uint64_t wanted) {
     throw InputError("input.truncated", subject,
@@ -88,7 +159,7 @@ void readCompressed(const PcdHeader& header, std::string_view body, const std::s
                          std::to_string(body.size()) + " follow the header: no complete points",
                      "Copy the file again: a part of compressed data cannot be used");
   };
-  if (header.points == 0) return;
+  if (header.points == 0) return {};
   if (body.size() < kSizesBytes) truncated(kSizesBytes);
   const std::uint64_t packed = loadScalar<std::uint32_t>(body.data());
   const std::uint64_t unpacked = loadScalar<std::uint32_t>(body.data() + sizeof(std::uint32_t));
@@ -104,34 +175,56 @@ void readCompressed(const PcdHeader& header, std::string_view body, const std::s
   if (lzf_decompress(body.data() + kSizesBytes, static_cast<unsigned>(packed), columns_of_all.data(),
                      static_cast<unsigned>(unpacked)) != unpacked)
     throw InputError("input.malformed", subject, "the compressed data are damaged", "Copy the file again");
-  std::array<Column, 3> columns;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const PcdField& field = header.fields[header.xyz[axis]];
-    columns[axis] = {field.offset_bytes * header.points, field.count * scalarBytes(field.type), field.type};
-  }
-  readColumns(columns_of_all.data(), header.points, columns, cloud);
+  return columns_of_all;
 }
+
+/// Keeps the decompressed body.
+class CompressedPcdReader final : public PcdReader {
+ public:
+  CompressedPcdReader(std::unique_ptr<ByteSource> source, PcdHeader header, const std::string& subject,
+                      const ReadOptions& options)
+      : PcdReader(std::move(source), std::move(header), subject, options) {
+    columns_of_all_ =
+        decompressed(header_, source_->view(header_.data_offset, static_cast<std::size_t>(bodyBytes())), subject_);
+    source_->checkAtEnd();
+    source_.reset();
+  }
+
+  PointCloud next(std::size_t count) override {
+    PointCloud part;
+    part.points.resize(static_cast<std::size_t>(std::min<std::uint64_t>(count, header_.points - record_)));
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const PcdField& field = header_.fields[header_.xyz[axis]];
+      const Column column = {field.offset_bytes * header_.points, field.count * scalarBytes(field.type), field.type};
+      for (std::size_t i = 0; i < part.points.size(); ++i)
+        part.points[i][static_cast<Eigen::Index>(axis)] =
+            loadScalar(columns_of_all_.data() + column.begin + (record_ + i) * column.step, column.type, false);
+    }
+    record_ += part.points.size();
+    return part;
+  }
+  [[nodiscard]] std::uint64_t expectedPoints() const override { return header_.points - record_; }
+  [[nodiscard]] std::uint64_t heldBytes() const override { return columns_of_all_.capacity(); }
+
+ private:
+  std::string columns_of_all_;
+};
 
 }  // namespace
 
-PointCloud readPcd(const std::filesystem::path& path, const ReadOptions& options) {
-  const std::string file = readInputFile(path);
+std::unique_ptr<CloudReader> openPcd(const std::filesystem::path& path, const ReadOptions& options) {
+  std::unique_ptr<ByteSource> source = openFile(path);
   const std::string subject = forMessage(path.native());
-  const PcdHeader header = parsePcdHeader(file, subject);
-  const std::string_view body = std::string_view(file).substr(header.data_offset);
-  PointCloud cloud;
+  PcdHeader header = parsePcdHeader(source->view(0, kMaxPcdHeaderBytes), subject);
   switch (header.data) {
     case PcdHeader::Data::Ascii:
-      readAscii(header, body, subject, options, cloud);
-      break;
+      return std::make_unique<TextPcdReader>(std::move(source), std::move(header), subject, options);
     case PcdHeader::Data::Binary:
-      readBinary(header, body, subject, options, cloud);
-      break;
+      return std::make_unique<BinaryPcdReader>(std::move(source), std::move(header), subject, options);
     case PcdHeader::Data::BinaryCompressed:
-      readCompressed(header, body, subject, cloud);
-      break;
+      return std::make_unique<CompressedPcdReader>(std::move(source), std::move(header), subject, options);
   }
-  return cloud;
+  throw InternalError("internal.pcd_data", subject, "has an unknown encoding");
 }
 
 std::optional<std::array<double, 7>> readPcdViewpoint(const std::filesystem::path& path) {

@@ -54,31 +54,12 @@ void checkVertex(const LineReader& lines, PlyHeader& header) {
     if (!found->find(axis)) lines.fail(std::string("ends a header whose vertices have no property ") + axis);
 }
 
-}  // namespace
-
-bool PlyElement::hasLists() const {
-  return std::any_of(properties.begin(), properties.end(),
-                     [](const auto& p) { return p.list_length_type.has_value(); });
-}
-
-std::uint64_t PlyElement::recordBytes() const {
-  std::uint64_t bytes = 0;
-  for (const PlyProperty& property : properties) bytes += scalarBytes(property.type);
-  return bytes;
-}
-
-std::optional<std::size_t> PlyElement::find(std::string_view property) const {
-  for (std::size_t i = 0; i < properties.size(); ++i)
-    if (properties[i].name == property && !properties[i].list_length_type) return i;
-  return std::nullopt;
-}
-
-PlyHeader parsePlyHeader(std::string_view file, const std::string& subject) {
-  LineReader lines(file, subject);
+PlyHeader parseLines(LineReader lines) {
   std::string_view line;
   std::vector<std::string_view> tokens;
   if (!lines.next(line) || line != "ply")
-    throw InputError("input.malformed", subject, "is not a PLY file: the first line is not 'ply'", "Check the file");
+    throw InputError("input.malformed", lines.subject(), "is not a PLY file: the first line is not 'ply'",
+                     "Check the file");
   PlyHeader header;
   bool has_format = false;
   while (lines.next(line)) {
@@ -109,7 +90,30 @@ PlyHeader parsePlyHeader(std::string_view file, const std::string& subject) {
       lines.fail("begins with '" + wordForMessage(tokens[0]) + "', which is not part of a PLY header");
     }
   }
-  throw InputError("input.malformed", subject, "ends inside the header", "Copy the file again");
+  throw InputError("input.malformed", lines.subject(), "ends inside the header", "Copy the file again");
 }
+
+}  // namespace
+
+bool PlyElement::hasLists() const {
+  return std::any_of(properties.begin(), properties.end(),
+                     [](const auto& p) { return p.list_length_type.has_value(); });
+}
+
+std::uint64_t PlyElement::recordBytes() const {
+  std::uint64_t bytes = 0;
+  for (const PlyProperty& property : properties) bytes += scalarBytes(property.type);
+  return bytes;
+}
+
+std::optional<std::size_t> PlyElement::find(std::string_view property) const {
+  for (std::size_t i = 0; i < properties.size(); ++i)
+    if (properties[i].name == property && !properties[i].list_length_type) return i;
+  return std::nullopt;
+}
+
+PlyHeader parsePlyHeader(std::string_view file, const std::string& subject) { return parseLines({file, subject}); }
+
+PlyHeader parsePlyHeader(ByteSource& file, const std::string& subject) { return parseLines({file, 0, subject}); }
 
 }  // namespace accessvdb::io

@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "io/byte_source.h"
 #include "io/scalar_type.h"
 
 namespace accessvdb::io {
@@ -34,10 +35,11 @@ struct PlyHeader {
   Format format = Format::Ascii;
   std::vector<PlyElement> elements;
   std::size_t vertex = 0;  ///< index of the element "vertex"
-  std::size_t data_offset = 0;
+  std::uint64_t data_offset = 0;
 };
 
 /// @throws InputError "input.malformed" naming the line
 [[nodiscard]] PlyHeader parsePlyHeader(std::string_view file, const std::string& subject);
+[[nodiscard]] PlyHeader parsePlyHeader(ByteSource& file, const std::string& subject);
 
 }  // namespace accessvdb::io

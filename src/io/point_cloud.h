@@ -1,13 +1,14 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The points of one file, and the readers that make them, one per format. Readers pass on bad values (NaN, 1e30,
-/// (0,0,0)) unchanged: the integrator counts them.
+/// The points of one file, and how to read them: whole, or part by part with the memory of one part. Readers pass on
+/// bad values (NaN, 1e30, (0,0,0)) unchanged: the integrator counts them.
 #pragma once
 
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
 #include <filesystem>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -17,26 +18,69 @@ namespace accessvdb::io {
 struct PointCloud {
   std::vector<Eigen::Vector3d> points;       ///< frame and units of the file
   std::vector<Eigen::Vector3d> ray_vectors;  ///< [n] sensor minus point, only with ReadOptions::rays
-  std::vector<double> stamps_s;              ///< [n] only with ReadOptions::rays, if the file has them
+  std::vector<double> stamps_s;              ///< [n] only with ReadOptions::rays or times, if the file has them
   std::uint64_t truncated_points = 0;        ///< records announced by the header but missing in the file
   std::uint64_t unbounded_rays = 0;          ///< skipped rays that hit nothing (ray clouds: alpha 0)
+  std::uint64_t outside_points = 0;          ///< points outside the header's bounding box (LAS)
   std::vector<std::string> notices;
 };
 
 struct ReadOptions {
   bool allow_truncated = false;
-  bool rays = false;  ///< PLY: nx ny nz are required, and lead back to the sensor
+  bool rays = false;             ///< PLY: nx ny nz are required, and lead back to the sensor
+  bool times = false;            ///< a time for each point is required
+  std::string laz_command = {};  ///< writes a LAZ file as LAS to its standard output, see decoder_pipe.h
 };
 
-enum class ScanKind { Pcd, Ply, KittiBin, Las, Xyz };
+enum class ScanKind { Pcd, Ply, KittiBin, Las, Xyz, Laz };
 
-/// All: @throws InputError naming the file.
-[[nodiscard]] PointCloud readPcd(const std::filesystem::path& path, const ReadOptions& options);
-[[nodiscard]] PointCloud readPly(const std::filesystem::path& path, const ReadOptions& options);
-[[nodiscard]] PointCloud readKittiBin(const std::filesystem::path& path, const ReadOptions& options);
-[[nodiscard]] PointCloud readLas(const std::filesystem::path& path, const ReadOptions& options);
-[[nodiscard]] PointCloud readXyz(const std::filesystem::path& path, const ReadOptions& options);
+/// Counts over all parts of a cloud.
+struct CloudTotals {
+  std::uint64_t points = 0, truncated_points = 0, unbounded_rays = 0, outside_points = 0;
+  void add(const PointCloud& part);
+};
+
+/// One file, opened for reading part by part. Holds a part of the file, not all of it (but all of a compressed PCD).
+class CloudReader {
+ public:
+  /// Where the reader stands. Only a place of the same file may be returned to.
+  struct Place {
+    std::uint64_t byte = 0, record = 0, line = 0;
+  };
+
+  virtual ~CloudReader() = default;
+  CloudReader() = default;
+  CloudReader(const CloudReader&) = delete;
+  CloudReader& operator=(const CloudReader&) = delete;
+
+  /// The next `count` points; fewer only at the end of the cloud, and then with the count of truncated points.
+  /// @throws InputError naming the file
+  [[nodiscard]] virtual PointCloud next(std::size_t count) = 0;
+  [[nodiscard]] virtual Place place() const = 0;
+  virtual void seek(const Place& place) = 0;
+  /// Points to come, for reserving memory: no more than the file can contain; 0 if unknown.
+  [[nodiscard]] virtual std::uint64_t expectedPoints() const { return 0; }
+  /// Memory between parts that grows with the file; 0 for all but compressed PCD.
+  [[nodiscard]] virtual std::uint64_t heldBytes() const { return 0; }
+  /// What is to be told about the cloud as a whole. @param totals  over all its parts
+  [[nodiscard]] virtual std::vector<std::string> notices(const CloudTotals& totals) const;
+};
+
+/// Opens a file and checks its header and size. @throws InputError naming the file
+[[nodiscard]] std::unique_ptr<CloudReader> openCloud(const std::filesystem::path& path, ScanKind kind,
+                                                     const ReadOptions& options);
+
+/// One format each. @throws as openCloud
+[[nodiscard]] std::unique_ptr<CloudReader> openPcd(const std::filesystem::path& path, const ReadOptions& options);
+[[nodiscard]] std::unique_ptr<CloudReader> openPly(const std::filesystem::path& path, const ReadOptions& options);
+[[nodiscard]] std::unique_ptr<CloudReader> openKittiBin(const std::filesystem::path& path, const ReadOptions& options);
+[[nodiscard]] std::unique_ptr<CloudReader> openLas(const std::filesystem::path& path, const ReadOptions& options);
+[[nodiscard]] std::unique_ptr<CloudReader> openLaz(const std::filesystem::path& path, const ReadOptions& options);
+[[nodiscard]] std::unique_ptr<CloudReader> openXyz(const std::filesystem::path& path, const ReadOptions& options);
+
+/// The whole file at once. @throws InputError naming the file
 [[nodiscard]] PointCloud readCloud(const std::filesystem::path& path, ScanKind kind, const ReadOptions& options);
+[[nodiscard]] PointCloud readWhole(CloudReader& reader);
 
 /// tx ty tz qw qx qy qz of a PCD's VIEWPOINT line, unchecked; empty if the file has none.
 [[nodiscard]] std::optional<std::array<double, 7>> readPcdViewpoint(const std::filesystem::path& path);

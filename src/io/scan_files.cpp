@@ -14,7 +14,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kKnownKinds = "Supported are .pcd, .ply, .bin (KITTI), .las, and .xyz for one cloud";
+constexpr const char* kKnownKinds = "Supported are .pcd, .ply, .bin (KITTI), .las, .laz, and .xyz for one cloud";
 
 std::string lowerExtension(const fs::path& path) {
   std::string extension = path.extension().string();
@@ -29,13 +29,9 @@ std::optional<ScanKind> kindOf(const fs::path& path) {
   if (extension == ".ply") return ScanKind::Ply;
   if (extension == ".bin") return ScanKind::KittiBin;
   if (extension == ".las") return ScanKind::Las;
+  if (extension == ".laz") return ScanKind::Laz;
   if (extension == ".xyz") return ScanKind::Xyz;
   return std::nullopt;
-}
-
-[[noreturn]] void refuseLaz(const fs::path& path) {
-  throw InputError("input.unsupported", forMessage(path.native()), "is compressed (LAZ), which is not supported",
-                   "Convert it: laszip -i IN.laz -o OUT.las, or pdal translate IN.laz OUT.las");
 }
 
 std::vector<fs::path> entriesOf(const fs::path& folder) {
@@ -89,11 +85,7 @@ ScanFileList scansInSubfolder(const fs::path& folder) {
     if (entry.filename() == "velodyne") break;
   }
   const std::string subject = forMessage(folder.native());
-  if (found.empty()) {
-    for (const fs::path& entry : entries)
-      if (lowerExtension(entry) == ".laz") refuseLaz(entry);
-    throw InputError("input.no_scans", subject, "contains no scans", kKnownKinds);
-  }
+  if (found.empty()) throw InputError("input.no_scans", subject, "contains no scans", kKnownKinds);
   if (found.size() > 1)
     throw InputError("input.no_scans", subject,
                      "contains no scans itself, but several of its sub-folders do (" +
@@ -137,8 +129,19 @@ ScanFileList listScans(const fs::path& path) {
     auto list = scansIn(path);
     return list ? std::move(*list) : scansInSubfolder(path);
   }
+  return listScanFile(path);
+}
+
+std::vector<fs::path> scanFilesIn(const fs::path& folder, ScanKind kind) {
+  std::vector<fs::path> files;
+  std::error_code error;
+  for (const fs::path& entry : entriesOf(folder))
+    if (kindOf(entry) == kind && !fs::is_directory(entry, error)) files.push_back(entry);
+  return files;
+}
+
+ScanFileList listScanFile(const fs::path& path) {
   (void)inputFileSize(path);
-  if (lowerExtension(path) == ".laz") refuseLaz(path);
   const std::optional<ScanKind> kind = kindOf(path);
   if (!kind)
     throw InputError("input.unsupported", forMessage(path.native()), "is not a scan file of a known kind", kKnownKinds);

@@ -25,7 +25,11 @@ struct ScanFileList {
 [[nodiscard]] bool naturalLess(std::string_view a, std::string_view b);
 
 /// The scans of a folder, of the one sub-folder with scans if it has none itself, or one file.
-/// @throws InputError (no scans, unknown kind, LAZ)
+/// @throws InputError (no scans, unknown kind)
 [[nodiscard]] ScanFileList listScans(const std::filesystem::path& path);
+/// One file. @throws InputError (missing, no regular file, unknown kind)
+[[nodiscard]] ScanFileList listScanFile(const std::filesystem::path& path);
+/// The files of one kind directly in a folder, in natural order. @throws InputError
+[[nodiscard]] std::vector<std::filesystem::path> scanFilesIn(const std::filesystem::path& folder, ScanKind kind);
 
 }  // namespace accessvdb::io

@@ -48,6 +48,7 @@ ScanPoses fromPoseFile(const ScanFileList& scans, const ScanInputOptions& option
   for (const fs::path& file : scans.files) stems.push_back(file.stem().string());
   result.notices = poses.notices;
   result.match = matchPoses(stems, poses, times, times_name);
+  result.stamped = poses.stamped;
   return result;
 }
 

@@ -15,6 +15,7 @@ namespace accessvdb::io {
 
 struct ScanPoses {
   MatchResult match;
+  bool stamped = false;                      ///< the match has time stamps
   std::vector<std::filesystem::path> files;  ///< read on the way: poses, calibration, times
   std::vector<std::string> notices;          ///< about the poses; those of the match are in the match
 };

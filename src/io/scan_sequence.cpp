@@ -7,10 +7,13 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/scan_io.h"
+#include "io/cloud_steps.h"
+#include "io/decoder_pipe.h"
 #include "io/input_file.h"
 #include "io/point_cloud.h"
 #include "io/scan_files.h"
 #include "io/scan_poses.h"
+#include "io/station_file.h"
 #include "io/text_lines.h"
 
 namespace accessvdb::io {
@@ -18,8 +21,8 @@ namespace {
 
 /// Limit on notices about single files; more would only be repetitive.
 constexpr std::size_t kMaxFileNotices = 20;
-/// Tolerance for shading normals: length 1 within the rounding of text with 3 digits.
-constexpr double kUnitNormal = 1e-3;
+/// Returns that are converted at once: few enough to stay in the cache.
+constexpr std::size_t kPart = 4096;
 
 /// Rounds to float; values beyond float become infinite, so that they are counted as such.
 float toFloat(double value) {
@@ -46,21 +49,22 @@ std::optional<double> readRangeNoise(const std::filesystem::path& path) {
   return noise_m;
 }
 
-/// Refuses surface normals, which would be mistaken for sensor positions 1 m off the surface.
-void refuseSurfaceNormals(const std::vector<Eigen::Vector3d>& rays, const std::string& subject) {
-  const bool all_unit = std::all_of(rays.begin(), rays.end(), [](const Eigen::Vector3d& ray) {
-    return std::abs(ray.norm() - 1) <= kUnitNormal || ray.isZero(0);
-  });
-  if (all_unit)
-    throw UnusableInput("input.no_rays", subject,
-                        "is not a ray cloud: its nx ny nz are all of length 1, as surface normals are",
-                        "Provide poses, or a single sensor position with --sensor-at X,Y,Z");
-}
-
 void checkOptions(const ScanInputOptions& options) {
   if (options.every < 1) throw InvalidArgument("usage.every", "--every", "must be at least 1", "1 uses all scans");
   if (options.rays_per_step < 1)
     throw InvalidArgument("usage.rays_per_step", "rays_per_step", "must be at least 1", "The default is 20000");
+  if (!std::isfinite(options.time_offset_s))
+    throw InvalidArgument("usage.time_offset", "--time-offset", "must be a finite number", "Use seconds");
+  if (options.time_offset_s != 0 && options.trajectory.empty())
+    throw InvalidArgument("usage.time_offset", "--time-offset", "is for the times of a cloud with a trajectory",
+                          "Add --trajectory, or omit it");
+  if (!options.trajectory.empty() && (!options.poses.empty() || options.sensor_at_W || !options.calib.empty()))
+    throw InvalidArgument("usage.trajectory", "--trajectory", "excludes --poses, --sensor-at and --calib",
+                          "Use --trajectory for a cloud in the world frame, --poses for scans in the sensor's");
+  if (!options.stations.empty() &&
+      (!options.poses.empty() || options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty()))
+    throw InvalidArgument("usage.stations", "--stations", "excludes --poses, --sensor-at, --trajectory and --calib",
+                          "Use --stations for clouds in the world frame, --poses for scans in the scanner's");
   if (!options.sensor_at_W) return;
   if (!options.sensor_at_W->allFinite())
     throw InvalidArgument("usage.sensor_at", "--sensor-at", "must be three finite numbers", "Use X,Y,Z in metres");
@@ -76,40 +80,74 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   ScanKind kind = ScanKind::Pcd;
   std::vector<std::filesystem::path> scan_files;  ///< one per step, or the single cloud
   std::vector<MatchedScan> poses;                 ///< one per step; empty for one cloud
+  bool stamped = false;                           ///< poses have time stamps
+  std::vector<Eigen::Vector3d> stations_W;        ///< one per scan file, or none
+  std::string laz_command;
   std::vector<std::filesystem::path> other_files;
   std::vector<std::string> notices;
   std::size_t file_notices = 0;
   std::string rule;
   std::optional<double> range_noise_m;
   std::uint64_t input_bytes = 0;
-  std::optional<PointCloud> cloud;      ///< one cloud in the world frame
-  std::vector<std::size_t> part_begin;  ///< first ray of each step of the cloud
+  std::optional<CloudSteps> clouds;  ///< instead of poses: clouds in the world frame
+
+  [[nodiscard]] std::size_t size() const { return clouds ? clouds->size() : poses.size(); }
+
+  void checkStep(std::size_t step) const {
+    if (step >= size())
+      throw InvalidArgument("usage.step", "step " + std::to_string(step),
+                            "is past the end; there are " + std::to_string(size()), "Count from 0");
+  }
 
   void addFileNotices(const std::vector<std::string>& more) {
     for (const std::string& notice : more)
       if (++file_notices <= kMaxFileNotices) notices.push_back(notice);
   }
 
-  void openCloud(const ScanFileList& scans) {
-    const bool rays = !options.sensor_at_W;
-    const std::filesystem::path& path = scans.files.front();
-    const std::string subject = forMessage(path.native());
-    cloud = readCloud(path, kind, {options.allow_truncated, rays});
-    addFileNotices(cloud->notices);
-    if (cloud->points.empty())
-      throw UnusableInput("input.no_points", subject, "contains no points", "Use another file");
-    if (rays) refuseSurfaceNormals(cloud->ray_vectors, subject);
-    rule = rays ? "matching: ray cloud, each point has its own sensor position (point + nx ny nz), world frame"
-                : "matching: one cloud in the world frame, seen from the given sensor position";
-    if (cloud->unbounded_rays != 0)
-      notices.push_back(subject + ": " + std::to_string(cloud->unbounded_rays) +
-                        " rays that hit nothing (alpha 0) are skipped");
-    scan_files = scans.files;
-    const std::size_t step = options.rays_per_step;
-    for (std::size_t begin = 0, part = 0; begin < cloud->points.size(); ++part) {
-      if (part % static_cast<std::size_t>(options.every) == 0) part_begin.push_back(begin);
-      begin += std::min(step, cloud->points.size() - begin);
+  void chooseDecoder(const std::filesystem::path& first) {
+    laz_command = options.laz_command.empty() ? findLazDecoder() : options.laz_command;
+    if (laz_command.empty())
+      throw InputError("input.unsupported", forMessage(first.native()),
+                       "is compressed (LAZ), and no decoder was found: neither laszip nor las2las is in PATH",
+                       "Name one with --laz-command, or convert it: laszip -i IN.laz -o OUT.las, or pdal translate "
+                       "IN.laz OUT.las");
+    notices.push_back("scans: LAZ is decoded by '" + forMessage(laz_command) + "'");
+  }
+
+  /// Clouds in the world frame.
+  void openClouds(const ScanFileList& scans) {
+    CloudInput input{.files = scans.files,
+                     .kind = kind,
+                     .read = {.allow_truncated = options.allow_truncated, .laz_command = laz_command},
+                     .time_offset_s = options.time_offset_s,
+                     .rays_per_step = options.rays_per_step,
+                     .every = options.every};
+    if (!options.trajectory.empty()) {
+      if (kind != ScanKind::Las && kind != ScanKind::Laz && kind != ScanKind::Ply)
+        throw InvalidArgument("usage.trajectory", "--trajectory", "needs a time for each return",
+                              "Use .las, .laz or .ply in the world frame; for scans in the sensor's frame --poses");
+      input.read.times = true;
+      input.trajectory = Trajectory::read(options.trajectory, options.sort_poses);
+      other_files.push_back(options.trajectory);
+      rule =
+          "matching: the time of each return gives the sensor's position on the trajectory, interpolated over gaps of "
+          "at "
+          "most 0.2 s, world frame";
+    } else if (!options.stations.empty()) {
+      other_files.push_back(options.stations);
+      input.sensors_W = stations_W;
+      rule = "matching: each file of the stations has its scanner's position (" + std::to_string(stations_W.size()) +
+             " stations), world frame";
+    } else if (options.sensor_at_W) {
+      input.sensors_W = {*options.sensor_at_W};
+      rule = "matching: one cloud in the world frame, seen from the given sensor position";
+    } else {
+      input.read.rays = true;
+      rule = "matching: ray cloud, each point has its own sensor position (point + nx ny nz), world frame";
     }
+    clouds.emplace(std::move(input));
+    addFileNotices(clouds->notices());
+    scan_files = scans.files;
   }
 
   void openScans(const ScanFileList& scans) {
@@ -118,43 +156,33 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     notices.insert(notices.end(), found.match.notices.begin(), found.match.notices.end());
     other_files = std::move(found.files);
     rule = found.match.rule;
+    stamped = found.stamped;
     for (std::size_t i = 0; i < found.match.scans.size(); i += static_cast<std::size_t>(options.every)) {
       poses.push_back(found.match.scans[i]);
       scan_files.push_back(scans.files[found.match.scans[i].scan]);
     }
   }
 
-  ScanRecord readPart(std::size_t step) const {
-    const std::size_t begin = part_begin.at(step);
-    const std::size_t count = std::min(options.rays_per_step, cloud->points.size() - begin);
-    ScanRecord record;
-    record.path = scan_files.front().string();
-    record.truncated_points = step == 0 ? cloud->truncated_points : 0;
-    record.points_W.assign(cloud->points.begin() + begin, cloud->points.begin() + begin + count);
-    if (!cloud->stamps_s.empty()) record.stamp_s = cloud->stamps_s[begin];
-    if (options.sensor_at_W) {
-      record.origins_W = {*options.sensor_at_W};
-      return record;
-    }
-    record.origins_W.reserve(count);
-    for (std::size_t i = begin; i < begin + count; ++i)
-      record.origins_W.push_back(cloud->points[i] + cloud->ray_vectors[i]);
-    return record;
-  }
-
   ScanRecord readScan(std::size_t step) {
     const MatchedScan& pose = poses.at(step);
     const std::filesystem::path& path = scan_files[step];
-    const PointCloud scan = readCloud(path, kind, {options.allow_truncated, false});
-    addFileNotices(scan.notices);
+    const auto reader =
+        io::openCloud(path, kind, {.allow_truncated = options.allow_truncated, .laz_command = laz_command});
     ScanRecord record;
     record.path = path.string();
     record.T_W_S = pose.T_W_S;
     record.stamp_s = pose.stamp_s;
-    record.truncated_points = scan.truncated_points;
-    record.points_S.reserve(scan.points.size());
-    for (const Eigen::Vector3d& p : scan.points)
-      record.points_S.emplace_back(toFloat(p[0]), toFloat(p[1]), toFloat(p[2]));
+    record.points_S.reserve(reader->expectedPoints());
+    CloudTotals totals;
+    for (std::size_t read = kPart; read == kPart;) {
+      const PointCloud part = reader->next(kPart);
+      for (const Eigen::Vector3d& p : part.points)
+        record.points_S.emplace_back(toFloat(p[0]), toFloat(p[1]), toFloat(p[2]));
+      totals.add(part);
+      read = part.points.size();
+    }
+    record.truncated_points = totals.truncated_points;
+    addFileNotices(reader->notices(totals));
     return record;
   }
 };
@@ -168,17 +196,25 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
   checkOptions(options);
   auto impl = std::make_unique<Impl>();
   impl->options = options;
-  const ScanFileList scans = listScans(options.scans);
+  ScanFileList scans;
+  if (options.stations.empty()) {
+    scans = listScans(options.scans);
+  } else {
+    StationList stations = readStations(options.scans, options.stations);
+    scans = std::move(stations.scans);
+    impl->stations_W = std::move(stations.positions_W);
+  }
   impl->kind = scans.kind;
   impl->notices = scans.notices;
+  if (scans.kind == ScanKind::Laz) impl->chooseDecoder(scans.files.front());
   const bool single = scans.files.size() == 1;
   if (options.sensor_at_W && !single)
     throw InvalidArgument("usage.sensor_at", "--sensor-at",
                           "is for one cloud, but the folder contains " + std::to_string(scans.files.size()) + " scans",
                           "Use one file, or poses for all scans");
   const bool ray_cloud = single && scans.kind == ScanKind::Ply && options.poses.empty();
-  if (options.sensor_at_W || ray_cloud) {
-    impl->openCloud(scans);
+  if (!options.trajectory.empty() || !options.stations.empty() || options.sensor_at_W || ray_cloud) {
+    impl->openClouds(scans);
   } else {
     impl->openScans(scans);
   }
@@ -191,13 +227,23 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
   return ScanSequence(std::move(impl));
 }
 
-std::size_t ScanSequence::size() const { return impl_->cloud ? impl_->part_begin.size() : impl_->poses.size(); }
+std::size_t ScanSequence::size() const { return impl_->size(); }
 
 ScanRecord ScanSequence::read(std::size_t step) {
-  if (step >= size())
-    throw InvalidArgument("usage.step", "step " + std::to_string(step),
-                          "is past the end; there are " + std::to_string(size()), "Count from 0");
-  return impl_->cloud ? impl_->readPart(step) : impl_->readScan(step);
+  impl_->checkStep(step);
+  return impl_->clouds ? impl_->clouds->read(step) : impl_->readScan(step);
+}
+
+std::optional<double> ScanSequence::stamp_s(std::size_t step) const {
+  impl_->checkStep(step);
+  if (impl_->clouds) return impl_->clouds->stamp_s(step);
+  if (!impl_->stamped) return std::nullopt;
+  return impl_->poses[step].stamp_s;
+}
+
+std::string ScanSequence::path(std::size_t step) const {
+  impl_->checkStep(step);
+  return (impl_->clouds ? impl_->clouds->path(step) : impl_->scan_files[step]).string();
 }
 
 const std::vector<std::string>& ScanSequence::notices() const { return impl_->notices; }
@@ -211,6 +257,9 @@ std::vector<std::string> ScanSequence::paths() const {
 }
 
 std::optional<double> ScanSequence::recordedRangeNoise_m() const { return impl_->range_noise_m; }
+std::uint64_t ScanSequence::heldBytes() const {
+  return impl_->poses.size() * sizeof(MatchedScan) + (impl_->clouds ? impl_->clouds->heldBytes() : 0);
+}
 std::uint64_t ScanSequence::inputBytes() const { return impl_->input_bytes; }
 
 }  // namespace accessvdb::io

@@ -22,10 +22,21 @@ LineReader::LineReader(std::string_view text, std::string subject) : text_(text)
   if (text_.substr(0, kByteOrderMark.size()) == kByteOrderMark) position_ = kByteOrderMark.size();
 }
 
+LineReader::LineReader(ByteSource& source, std::uint64_t begin, std::string subject)
+    : source_(&source), subject_(std::move(subject)), position_(begin) {
+  if (source.view(begin, kByteOrderMark.size()).substr(0, kByteOrderMark.size()) == kByteOrderMark)
+    position_ += kByteOrderMark.size();
+}
+
 bool LineReader::next(std::string_view& line) {
-  if (position_ >= text_.size()) return false;
+  std::string_view window;
+  if (source_ != nullptr) {
+    window = source_->view(position_, kMaxLineBytes + 1).substr(0, kMaxLineBytes + 1);
+  } else if (position_ < text_.size()) {
+    window = text_.substr(position_, kMaxLineBytes + 1);
+  }
+  if (window.empty()) return false;
   ++number_;
-  const std::string_view window = text_.substr(position_, kMaxLineBytes + 1);
   const std::size_t end = window.find('\n');
   terminated_ = end != std::string_view::npos;
   if (!terminated_ && window.size() > kMaxLineBytes)

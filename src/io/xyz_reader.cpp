@@ -7,47 +7,60 @@
 #include "io/text_lines.h"
 
 namespace accessvdb::io {
+namespace {
 
-PointCloud readXyz(const std::filesystem::path& path, const ReadOptions& options) {
-  const std::string file = readInputFile(path);
-  LineReader lines(file, forMessage(path.native()));
-  PointCloud cloud;
-  std::string_view line;
-  std::vector<std::string_view> tokens;
-  while (lines.next(line)) {
-    if (isBlankOrComment(line)) continue;
-    splitTokens(line, tokens);
-    if (tokens.size() < 3 && !lines.terminated() && !cloud.points.empty()) {
-      if (!options.allow_truncated)
-        throw InputError("input.truncated", lines.subject(),
-                         "the last line (" + std::to_string(lines.number()) + ") is incomplete",
-                         "Use --allow-truncated to keep " + std::to_string(cloud.points.size()) + " points");
-      cloud.truncated_points = 1;
-      break;
+class XyzReader final : public CloudReader {
+ public:
+  XyzReader(const std::filesystem::path& path, const ReadOptions& options)
+      : source_(openFile(path)),
+        lines_(*source_, 0, forMessage(path.native())),
+        allow_truncated_(options.allow_truncated) {}
+
+  PointCloud next(std::size_t count) override {
+    PointCloud part;
+    std::string_view line;
+    while (part.points.size() < count) {
+      if (!lines_.next(line)) {
+        source_->checkAtEnd();
+        break;
+      }
+      if (isBlankOrComment(line)) continue;
+      splitTokens(line, tokens_);
+      if (tokens_.size() < 3 && !lines_.terminated() && points_ != 0) {
+        if (!allow_truncated_)
+          throw InputError("input.truncated", lines_.subject(),
+                           "the last line (" + std::to_string(lines_.number()) + ") is incomplete",
+                           "Use --allow-truncated to keep " + std::to_string(points_) + " points");
+        part.truncated_points = 1;
+        break;
+      }
+      Eigen::Vector3d point;
+      bool numbers = tokens_.size() >= 3;
+      for (int axis = 0; numbers && axis < 3; ++axis) numbers = parseNumber(tokens_[axis], point[axis]);
+      if (!numbers) lines_.fail("does not begin with three numbers");
+      part.points.push_back(point);
+      ++points_;
     }
-    Eigen::Vector3d point;
-    bool numbers = tokens.size() >= 3;
-    for (int axis = 0; numbers && axis < 3; ++axis) numbers = parseNumber(tokens[axis], point[axis]);
-    if (!numbers) lines.fail("does not begin with three numbers");
-    cloud.points.push_back(point);
+    return part;
   }
-  return cloud;
-}
+  [[nodiscard]] Place place() const override { return {lines_.offset(), points_, lines_.number()}; }
+  void seek(const Place& place) override {
+    lines_.seek(place.byte, place.line);
+    points_ = place.record;
+  }
 
-PointCloud readCloud(const std::filesystem::path& path, ScanKind kind, const ReadOptions& options) {
-  switch (kind) {
-    case ScanKind::Pcd:
-      return readPcd(path, options);
-    case ScanKind::Ply:
-      return readPly(path, options);
-    case ScanKind::KittiBin:
-      return readKittiBin(path, options);
-    case ScanKind::Las:
-      return readLas(path, options);
-    case ScanKind::Xyz:
-      return readXyz(path, options);
-  }
-  throw InternalError("internal.scan_kind", path.string(), "has an unknown kind");
+ private:
+  std::unique_ptr<ByteSource> source_;
+  LineReader lines_;
+  std::vector<std::string_view> tokens_;
+  bool allow_truncated_;
+  std::uint64_t points_ = 0;
+};
+
+}  // namespace
+
+std::unique_ptr<CloudReader> openXyz(const std::filesystem::path& path, const ReadOptions& options) {
+  return std::make_unique<XyzReader>(path, options);
 }
 
 }  // namespace accessvdb::io

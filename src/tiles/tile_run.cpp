@@ -38,10 +38,15 @@ std::uint64_t peakOfProcess() {
   return static_cast<std::uint64_t>(usage.ru_maxrss) * 1024;  // Linux counts in KiB
 }
 
+struct FusedReturns {
+  std::uint64_t all = 0, largest_step = 0;
+};
+
 /// The peak that a run of the tile comes to, if no more returns come.
-double peakBytesOf(const internal::FieldCounts& counts, std::uint64_t returns, const ToolTableBytes& tables) {
+double peakBytesOf(const internal::FieldCounts& counts, const FusedReturns& fused, const ToolTableBytes& tables) {
   MemoryPrediction prediction;
-  prediction.returns = returns;
+  prediction.returns = fused.all;
+  prediction.largest_step = fused.largest_step;
   prediction.cone_leaves = static_cast<double>(counts.distance_leaves);
   prediction.band_leaves = static_cast<double>(counts.cleared_leaves);
   prediction.nodes = static_cast<double>(counts.nodes);
@@ -64,7 +69,7 @@ class TileRun {
     FieldParams params = job_.params;
     params.origin_W = job_.plan.origin_W;
     params.window = tile_.id.window(job_.plan.tile_voxels);
-    requireFit(peakBytesOf({}, 0, tables_));
+    requireFit(peakBytesOf({}, {}, tables_));
     AttemptFolder folder(job_.out, tile_.id);
     {
       AccessibilityField field(job_.tool, params);
@@ -88,6 +93,7 @@ class TileRun {
   void integrateAll(AccessibilityField& field) {
     const std::vector<TileRays> rays = raysOf(job_.out, job_.plan, {tile_.id.x, tile_.id.y});
     RayBlock block;
+    FusedReturns fused;
     for (const TileRays& part : rays) {
       SegmentReader reader(part.shard, part.segment);
       while (reader.next(block)) {
@@ -96,10 +102,13 @@ class TileRun {
         // The first point that the step adds has this id.
         first_ids_.push_back(static_cast<std::uint32_t>(internal::FieldAccess::points(field).size()));
         steps_.push_back(block.step);
-        tile_.returns += internal::FieldAccess::integrateLocal(field, block.p_L, block.q_L).points_used;
-        requireFit(peakBytesOf(internal::FieldAccess::counts(field), tile_.returns, tables_));
+        fused.largest_step = std::max<std::uint64_t>(fused.largest_step, block.p_L.size());
+        requireFit(peakBytesOf(internal::FieldAccess::counts(field), fused, tables_));
+        fused.all += internal::FieldAccess::integrateLocal(field, block.p_L, block.q_L).points_used;
+        requireFit(peakBytesOf(internal::FieldAccess::counts(field), fused, tables_));
       }
     }
+    tile_.returns = fused.all;
   }
 
   void write(const AccessibilityField& field, const fs::path& folder) {

@@ -30,19 +30,38 @@ TEST_F(CommandLine, EveryVerbHelpsWithAnExample) {
 TEST_F(CommandLine, MapHasEveryDocumentedFlag) {
   const std::string help = runProgram({"map", "--help"}).out;
   for (const char* flag :
-       {"--scans",      "--poses",      "--tool",         "--tool-unit",   "--tool-tip",        "--tool-axis",
-        "--tool-up",    "--voxel",      "--out",          "--pose-format", "--calib",           "--sensor-at",
-        "--max-range",  "--min-range",  "--every",        "--profile",     "--policy",          "--directions",
-        "--tau",        "--knn",        "--range-noise",  "--corridor",    "--allow-truncated", "--sort-poses",
-        "--max-memory", "--no-clobber", "--update-every", "--view",        "--print-config",    "--mirror-distance"}) {
+       {"--scans",      "--poses",       "--tool",         "--tool-unit",   "--tool-tip",        "--tool-axis",
+        "--tool-up",    "--voxel",       "--out",          "--pose-format", "--calib",           "--sensor-at",
+        "--max-range",  "--min-range",   "--every",        "--profile",     "--policy",          "--directions",
+        "--tau",        "--knn",         "--range-noise",  "--corridor",    "--allow-truncated", "--sort-poses",
+        "--max-memory", "--no-clobber",  "--update-every", "--view",        "--print-config",    "--mirror-distance",
+        "--trajectory", "--time-offset", "--stations",     "--laz-command"}) {
     EXPECT_NE(help.find(flag), std::string::npos) << flag;
   }
 }
 
 TEST_F(CommandLine, PrintedConfigReadsBackAsItself) {
-  const ProgramResult first = runProgram({"map", "--voxel", "0.02", "--tau", "4v", "--tool", "a \"quoted\" tool.obj",
-                                          "--tool-tip", "-0.1,0,2e-3", "--no-clobber", "--max-range", "30",
-                                          "--directions", "36", "--max-memory", "2G", "--print-config"});
+  const ProgramResult first = runProgram({"map",
+                                          "--voxel",
+                                          "0.02",
+                                          "--tau",
+                                          "4v",
+                                          "--tool",
+                                          "a \"quoted\" tool.obj",
+                                          "--tool-tip",
+                                          "-0.1,0,2e-3",
+                                          "--no-clobber",
+                                          "--max-range",
+                                          "30",
+                                          "--directions",
+                                          "36",
+                                          "--max-memory",
+                                          "2G",
+                                          "--time-offset",
+                                          "1356566399.123456",
+                                          "--laz-command",
+                                          "my decoder -x",
+                                          "--print-config"});
   ASSERT_EQ(first.exit_code, 0) << first.err;
   EXPECT_NE(first.out.find("tau = "), std::string::npos);
   writeText("config.toml", first.out);

@@ -3,6 +3,7 @@
 /// A run's predicted peak memory against its measured one.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdlib>
 #include <nlohmann/json.hpp>
 
@@ -43,6 +44,22 @@ TEST_F(MemoryMeasured, RecordedScansTakeWhatWasPredicted) {
   arguments.back() = "0.02";
   // Every third scan, so that this one stays short.
   arguments.insert(arguments.end(), {"--every", "3", "--surface"});
+  EXPECT_NEAR(ratio(arguments), 1, kTrusted);
+}
+
+/// A scan in the sensor's frame is fused at once, however many returns it has.
+TEST_F(MemoryMeasured, AScanOfManyReturnsTakesWhatWasPredicted) {
+  std::string points;
+  constexpr int kReturns = 700'000;
+  for (int n = 0; n < kReturns; ++n) {
+    const float angle = 0.00917F * static_cast<float>(n);
+    for (const float value :
+         {10 * std::cos(angle), 10 * std::sin(angle), -3 + 6.0F * static_cast<float>(n) / kReturns, 0.0F})
+      points.append(reinterpret_cast<const char*>(&value), sizeof value);
+  }
+  writeText("scan.bin", points);
+  const std::vector<std::string> arguments = {"map",     "--scans", path("scan.bin"), "--tool", "builtin:pencil",
+                                              "--voxel", "0.2",     "--directions",   "4"};
   EXPECT_NEAR(ratio(arguments), 1, kTrusted);
 }
 

@@ -73,4 +73,21 @@ silent
 grep -qx mmdebstrap "$fake/out" && [[ $(grep -cx libpcl-dev "$fake/out") == 1 ]] || { echo "the list of the tests is wrong"; bad=1; }
 ! grep -qE '[^a-z0-9.+-]' "$fake/out" || { echo "not one package per line"; bad=1; }
 [[ -z $(comm -23 <(sort "$fake/small") <(sort "$fake/out")) ]] || { echo "the larger list lacks packages of the small one"; bad=1; }
+
+# The decoder of LAZ: only for the tests, from a copy of the tree without it, and no failure if it cannot be had.
+mkdir -p "$fake/tree/tools"
+cp "$setup" "$fake/tree/tools/"
+setup=$fake/tree/tools/setup_debian.sh
+printf '#!/bin/sh\necho "npm $*" >>"$CALLS"\nexit "$NPM"\n' >"$fake/bin/npm"
+chmod +x "$fake/bin/npm"
+export NPM=0
+INSTALLED=all run 0
+silent
+INSTALLED=all run 0 --tests
+calls '^npm install .*/build/npm laz-perf@0\.0\.6$'
+NPM=1 INSTALLED=all run 0 --tests
+says 'laz-perf: tests that decode LAZ will be skipped'
+mkdir -p "$fake/tree/build/npm/node_modules/laz-perf"
+INSTALLED=all run 0 --tests
+silent
 exit $bad

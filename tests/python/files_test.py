@@ -158,6 +158,32 @@ class Files(unittest.TestCase):
             with self.subTest(bad), self.assertRaises(accessvdb.InvalidArgument):
                 accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", **bad)
 
+    def test_surveys(self):
+        points = [(1.5, 2, 3, 100.0625), (1.5, 4, 3, 100.125)]
+        cloud = self.folder / "walk.ply"
+        cloud.write_text(
+            "ply\nformat ascii 1.0\nelement vertex 2\nproperty double x\nproperty double y\nproperty double z\n"
+            "property double time\nend_header\n" + "".join("%s %s %s %s\n" % point for point in points)
+        )
+        trajectory = self.folder / "walk.txt"
+        trajectory.write_text("200 0 0 1\n200.125 0 8 1\n")
+        with self.assertRaisesRegex(accessvdb.UnusableInput, "covers 0.0 %"):
+            accessvdb.ScanSequence(cloud, trajectory=trajectory)
+        walk = accessvdb.ScanSequence(cloud, trajectory=trajectory, time_offset_s=100)
+        np.testing.assert_array_equal(walk[0].points_W, [point[:3] for point in points])
+        np.testing.assert_array_equal(walk[0].origins_W, [[0, 4, 1], [0, 8, 1]])
+        self.assertEqual(walk[0].stamp_s, 200.0625)
+        stations = self.folder / "stations.txt"
+        stations.write_text("walk.ply 7 8 9\n")
+        np.testing.assert_array_equal(accessvdb.ScanSequence(cloud, stations=stations)[0].origins_W, [[7, 8, 9]])
+        packed = self.folder / "scan.laz"
+        packed.write_bytes(b"LASF")
+        with self.assertRaisesRegex(accessvdb.InputError, "exit code 1"):
+            accessvdb.ScanSequence(packed, sensor_at_W=(0, 0, 0), laz_command="false")
+        for bad in ({"time_offset_s": float("nan")}, {"time_offset_s": "1"}, {"stations": stations}):
+            with self.subTest(bad), self.assertRaises(accessvdb.InvalidArgument):
+                accessvdb.ScanSequence(cloud, trajectory=trajectory, **bad)
+
     def test_a_mesh(self):
         path = self.folder / "box.obj"
         corners = [(40 * (n & 1), 20 * (n >> 1 & 1), 10 * (n >> 2 & 1)) for n in range(8)]

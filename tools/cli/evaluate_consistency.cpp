@@ -37,8 +37,9 @@ void addConsistencyOptions(FlagParser& flags, MapOptions& options, bool& consist
                  "--out out/");
   addCommonOptions(flags, options.common);
   flags.flag("--consistency", consistency, "compare recorded scans with themselves");
-  flags.option("--scans", &options.scans, "folder of .pcd, .ply, .bin or .las scans, or one ray cloud");
-  flags.option("--poses", &options.poses, "pose file; may be omitted for VIEWPOINT poses and ray clouds");
+  flags.option("--scans", &options.scans, "folder of .pcd, .ply, .bin, .las or .laz scans, or one ray cloud");
+  flags.option("--poses", &options.poses,
+               "pose file; may be omitted for VIEWPOINT poses, ray clouds, --trajectory and --stations");
   addMappingOptions(flags, options);
   flags.option("--out", &options.out, "folder for consistency.json and consistency.md");
 }

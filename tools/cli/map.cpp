@@ -123,6 +123,7 @@ void MapRun::setParameters(const FieldParams& params) {
                         {"points_format", options_.exported.points_format},
                         {"surface", options_.exported.surface ? "true" : "false"},
                         {"sequence", std::to_string(options_.exported.sequence)}};
+  for (const auto& given : givenSurveyOptions(options_.survey)) report_.parameters.push_back(given);
   std::istringstream lines(params.describe());
   for (std::string line; std::getline(lines, line);) {
     const auto space = line.find(' ');
@@ -272,7 +273,9 @@ int MapRun::run() {
   hashInput(options_.tool.tool);
   sayToolNotes(tool, messages_);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options_));
-  for (const fs::path path : {options_.poses, options_.calib, options_.common.config}) hashInput(path);
+  for (const fs::path path :
+       {options_.poses, options_.calib, options_.survey.trajectory, options_.survey.stations, options_.common.config})
+    hashInput(path);
   for (const std::string& note : scans.notices()) messages_.notice(note);
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());

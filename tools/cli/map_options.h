@@ -12,6 +12,7 @@
 #include "command_line.h"
 #include "export_options.h"
 #include "options.h"
+#include "survey_options.h"
 
 namespace accessvdb::tools {
 
@@ -20,6 +21,7 @@ struct MapOptions {
   ToolOptions tool;
   PictureOptions picture;
   ExportOptions exported;
+  SurveyOptions survey;
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string pose_format = "auto", profile = "product", policy;
   double voxel_m = 0.01;

@@ -39,10 +39,10 @@ class RaySample {
     stride_ *= 2;
   }
   [[nodiscard]] const std::vector<Ray>& rays() const { return rays_; }
-  [[nodiscard]] double predictedBytes(const TsdfParams& params, RunOutput output, bool with_distances) const {
+  [[nodiscard]] MemoryPrediction prediction(const TsdfParams& params) const {
     MemoryPredictor predictor(params);
     for (const auto& [o_L, p_L] : rays_) predictor.add(o_L.cast<double>(), p_L.cast<double>());
-    return predictor.prediction().bytes(output, with_distances);
+    return predictor.prediction();
   }
 
  private:
@@ -107,17 +107,22 @@ double roundedUp(double value) {
   return std::ceil(value / unit - 1e-9) * unit;
 }
 
-/// @param without_tool  prediction for all rays, without the tool's tables
+/// @param all  prediction for all rays
 double smallestFittingVoxel_m(MapOptions options, const ToolGeometry& tool, std::optional<double> noise_m,
-                              const RaySample& sample, RunOutput output, double without_tool, double limit) {
+                              const RaySample& sample, RunOutput output, const MemoryPrediction& all, double limit) {
   const double start_m = options.voxel_m;
+  const auto sampledBytes = [&](const TsdfParams& params) {
+    MemoryPrediction prediction = sample.prediction(params);
+    prediction.largest_step = all.largest_step;
+    prediction.input_bytes = all.input_bytes;
+    return prediction.bytes(output, options.mirror_distance);
+  };
   // The sample touches fewer leaves than all rays do; the ratio at the requested voxel size corrects for that.
-  const double ratio =
-      without_tool / sample.predictedBytes(fieldParams(options, noise_m).tsdf, output, options.mirror_distance);
+  const double ratio = all.bytes(output, options.mirror_distance) / sampledBytes(fieldParams(options, noise_m).tsdf);
   const auto fits = [&](double voxel_m) {
     options.voxel_m = voxel_m;
     const FieldParams params = fieldParams(options, noise_m);
-    const double rays = ratio * sample.predictedBytes(params.tsdf, output, options.mirror_distance);
+    const double rays = ratio * sampledBytes(params.tsdf);
     return rays <= limit && peakBytes(rays, toolTableBytes(tool, params)) <= limit;
   };
   double low_m = start_m, high_m = start_m * kVoxelStep;
@@ -212,13 +217,14 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeom
   ParallelPredictor predictor(params.tsdf, options.common.threads);
   RaySample sample;
   LocalRays rays;
-  std::size_t stride = 1;
+  std::size_t stride = 1, largest_step = 0;
   Progress progress(messages, "predicting memory", scans.size());
   for (std::size_t step = 0; step < scans.size(); step += stride) {
     if (stopSignal() != 0) return std::nullopt;
     const io::ScanRecord record = scans.read(step);
     const std::vector<Ray>& returns = rays.of(record);
     predictor.add(returns);
+    largest_step = std::max(largest_step, returns.size());
     for (const Ray& ray : returns) sample.add(ray);
     if (step == 0 && !limited) {
       const double all =
@@ -229,8 +235,10 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeom
   }
   progress.finish();
 
-  const double without_tool = predictor.prediction().bytes(output, options.mirror_distance);
-  const double predicted = peakBytes(without_tool, tables);
+  MemoryPrediction prediction = predictor.prediction();
+  prediction.largest_step = largest_step;
+  prediction.input_bytes = scans.heldBytes();
+  const double predicted = peakBytes(prediction.bytes(output, options.mirror_distance), tables);
   const std::optional<std::uint64_t> available = availableMemoryBytes();
   messages.notice("predicted peak memory: " + std::string(stride > 1 ? "at least " : "") + bytesInWords(predicted) +
                   (available ? ", available " + bytesInWords(static_cast<double>(*available)) : std::string()));
@@ -241,11 +249,12 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeom
   if (predicted <= limit) return check;
   if (tiles) {
     // The sample touches fewer leaves than all rays do.
-    const double ratio = without_tool / sample.predictedBytes(params.tsdf, output, options.mirror_distance);
+    const double ratio =
+        predictor.prediction().bytes(output, false) / sample.prediction(params.tsdf).bytes(output, false);
     check.tile_voxels = TileChoice(params, *tiles, sample, ratio).largestFitting(tables, limit);
     if (check.tile_voxels > 0) return check;
   }
-  const double voxel_m = smallestFittingVoxel_m(options, tool, noise_m, sample, output, without_tool, limit);
+  const double voxel_m = smallestFittingVoxel_m(options, tool, noise_m, sample, output, prediction, limit);
   throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
                       "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
                       voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits"

@@ -21,13 +21,14 @@ namespace fs = std::filesystem;
 constexpr const char* kNotOfThePlan[] = {"out",          "device",     "threads",    "config",       "quiet",
                                          "error-format", "max-memory", "tiles",      "bin-memory",   "fresh",
                                          "help",         "keep-rays",  "no-clobber", "print-config", "append"};
-constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin"};
+constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
 constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",
                                         "half",      "compression", "up-axis",   "points-format"};
 /// Flags that say what a flight's scans are.
-constexpr const char* kOfAFlight[] = {"scans",     "poses", "calib",           "pose-format",
-                                      "sensor-at", "every", "allow-truncated", "sort-poses"};
+constexpr const char* kOfAFlight[] = {"scans",      "poses",       "calib",           "pose-format",
+                                      "sensor-at",  "every",       "allow-truncated", "sort-poses",
+                                      "trajectory", "time-offset", "stations",        "laz-command"};
 
 constexpr std::uint64_t kMostBinBytes = std::uint64_t{1} << 30, kLeastBinBytes = std::uint64_t{32} << 20;
 /// Of the process without any map, and of one step of scans.
@@ -67,7 +68,11 @@ std::vector<tiles::PlannedInput> inputsOf(const PlanSources& sources) {
     if (!known.insert(whole).second) return;
     inputs.push_back({whole, fs::file_size(path), small ? io::sha256OfFile(path) : std::string()});
   };
-  for (const fs::path path : {sources.options.poses, sources.options.calib, sources.options.tool.tool}) add(path, true);
+  const SurveyOptions& survey = sources.options.survey;
+  for (const fs::path path :
+       {sources.options.poses, sources.options.calib, survey.trajectory, survey.stations, sources.options.tool.tool}) {
+    add(path, true);
+  }
   for (const std::string& path : sources.scans.paths()) add(path, false);
   return inputs;
 }
@@ -76,7 +81,10 @@ tiles::Flight flightOf(const PlanSources& sources, const PlanSettings& settings)
   tiles::Flight flight;
   flight.options = textOf(settings, kOfAFlight);
   flight.inputs = inputsOf(sources);
-  flight.stamps_s.assign(sources.scans.size(), 0);
+  for (std::size_t step = 0; step < sources.scans.size(); ++step) {
+    const double stamp_s = sources.scans.stamp_s(step).value_or(0);
+    flight.stamps_s.push_back(std::isfinite(stamp_s) ? stamp_s : 0);
+  }
   flight.settings = settings;
   return flight;
 }

@@ -2,11 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <Eigen/Geometry>
 
-#include "io/point_cloud.h"
-#include "unit/io/input_fixture.h"
+#include "unit/io/cloud_parts.h"
 
 namespace accessvdb::io {
 namespace {
+
+using test::readKittiBin;
 
 std::string scan(int points) {
   std::string bytes;

@@ -4,13 +4,13 @@
 #include <cmath>
 #include <ostream>
 
-#include "io/point_cloud.h"
-#include "unit/io/input_fixture.h"
+#include "unit/io/cloud_parts.h"
 
 namespace accessvdb::io {
 namespace {
 
 using test::expectError;
+using test::readLas;
 using test::TempFolder;
 
 /// A LAS file made byte by byte from the specification.

@@ -7,12 +7,12 @@
 #include <fstream>
 #include <iterator>
 
-#include "io/point_cloud.h"
-#include "unit/io/input_fixture.h"
+#include "unit/io/cloud_parts.h"
 
 namespace accessvdb::io {
 namespace {
 
+using test::readPcd;
 using test::TempFolder;
 
 pcl::PointCloud<pcl::PointXYZI> pclCloud(int n) {

@@ -5,13 +5,13 @@
 #include <cmath>
 #include <limits>
 
-#include "io/point_cloud.h"
-#include "unit/io/input_fixture.h"
+#include "unit/io/cloud_parts.h"
 
 namespace accessvdb::io {
 namespace {
 
 using test::expectError;
+using test::readPcd;
 using test::TempFolder;
 
 constexpr float kNan = std::numeric_limits<float>::quiet_NaN();

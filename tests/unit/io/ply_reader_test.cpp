@@ -2,13 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 
-#include "io/point_cloud.h"
-#include "unit/io/input_fixture.h"
+#include "unit/io/cloud_parts.h"
 
 namespace accessvdb::io {
 namespace {
 
 using test::expectError;
+using test::readPly;
 using test::TempFolder;
 
 std::string header(const std::string& format, const std::string& count, const std::string& before = "",
