@@ -29,12 +29,39 @@ TEST_F(CommandLine, EveryVerbHelpsWithAnExample) {
 
 TEST_F(CommandLine, MapHasEveryDocumentedFlag) {
   const std::string help = runProgram({"map", "--help"}).out;
-  for (const char* flag :
-       {"--scans",      "--poses",      "--tool",         "--tool-unit",   "--tool-tip",        "--tool-axis",
-        "--tool-up",    "--voxel",      "--out",          "--pose-format", "--calib",           "--sensor-at",
-        "--max-range",  "--min-range",  "--every",        "--profile",     "--policy",          "--directions",
-        "--tau",        "--knn",        "--range-noise",  "--corridor",    "--allow-truncated", "--sort-poses",
-        "--max-memory", "--no-clobber", "--update-every", "--view",        "--print-config",    "--mirror-distance"}) {
+  for (const char* flag : {"--scans",
+                           "--poses",
+                           "--tool",
+                           "--tool-unit",
+                           "--tool-tip",
+                           "--tool-axis",
+                           "--tool-up",
+                           "--voxel",
+                           "--out",
+                           "--pose-format",
+                           "--calib",
+                           "--sensor-at",
+                           "--max-range",
+                           "--min-range",
+                           "--every",
+                           "--profile",
+                           "--policy",
+                           "--directions",
+                           "--tau",
+                           "--knn",
+                           "--range-noise",
+                           "--corridor",
+                           "--allow-truncated",
+                           "--sort-poses",
+                           "--max-memory",
+                           "--no-clobber",
+                           "--update-every",
+                           "--view",
+                           "--print-config",
+                           "--mirror-distance",
+                           "--checkpoint",
+                           "--checkpoint-every",
+                           "--resume"}) {
     EXPECT_NE(help.find(flag), std::string::npos) << flag;
   }
 }

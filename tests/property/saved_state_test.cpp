@@ -92,12 +92,13 @@ Stream randomStream(std::uint64_t seed) {
   stream.params.approach.viewpoints = oneOf(false, false, true);
   stream.params.scoring.mean_positions = oneOf(true, true, false);
   stream.params.scoring.neighbourhood_weight = oneOf(true, true, false);
-  stream.params.mirror_distance = oneOf(false, true);
-  if (oneOf(false, false, true)) stream.params.origin_W = {{0.25, -0.125, 1.0 / 3}};
+  // By number: coins fell on the same side for the first twelve seeds.
+  stream.params.mirror_distance = seed % 2 == 0;
+  if (seed % 3 == 0) stream.params.origin_W = {{0.25, -0.125, 1.0 / 3}};
   stream.ray_cloud = oneOf(false, true);
   stream.scans = wallScans(seed, 6, oneOf(600, 1500));
   stream.stop = random() % (stream.scans.size() + 1);
-  if (stream.params.origin_W && oneOf(false, true)) stream.params.window = FieldWindow{{0, 0}, {128, 128}};
+  if (seed % 6 == 0) stream.params.window = FieldWindow{{0, 0}, {128, 128}};
   return stream;
 }
 
@@ -135,6 +136,7 @@ FieldSnapshot expectGoesOn(const Stream& stream, const ScratchFolder& folder) {
   AccessibilityField loaded = AccessibilityField::loadState(folder / "a.avst", armTool(), loadBackend(), 1);
   expectSame(straight.snapshot(), loaded.snapshot());
   expectSameMap(straight.volume(), loaded.volume());
+  expectDistancesMirrored(loaded);
   EXPECT_EQ(straight.params().describe(), loaded.params().describe());
   loaded.saveState(folder / "b.avst");
   EXPECT_EQ(bytesOf(folder / "a.avst"), bytesOf(folder / "b.avst"));
