@@ -28,14 +28,15 @@ class CheckpointedRun : public ProgramTest {
     return runProgram(arguments(out, more));
   }
   std::vector<std::string> arguments(const std::string& out, std::vector<std::string> more) const {
-    more.insert(more.end(), {"--out", path(out)});
+    more.insert(more.end(), {"--out", path(out), "--width", "160", "--height", "120"});
     return mapArguments(more);
   }
   /// A run that is stopped once it has left a checkpoint in "cp".
   ProgramResult stop(const std::string& out, int signal, const std::vector<std::string>& more = {}) const {
     ProgramSetup setup;
-    setup.arguments = arguments(out, {"--checkpoint", path("cp"), "--checkpoint-every", "1ms"});
-    setup.arguments.insert(setup.arguments.end(), more.begin(), more.end());
+    std::vector<std::string> all = more;
+    all.insert(all.end(), {"--checkpoint", path("cp"), "--checkpoint-every", "1ms"});
+    setup.arguments = arguments(out, all);
     setup.signal_after = "predicted peak memory";
     setup.act = [this, signal](pid_t process) {
       for (int n = 0; n < 10'000 && !fs::exists(folder_ / "cp" / "state.json"); ++n) usleep(1'000);
@@ -96,6 +97,43 @@ TEST_F(CheckpointedRun, GoesOnAfterASignal) {
     expectOneCheckpoint();
     fs::remove_all(folder_ / "cp");
   }
+}
+
+/// One file that is read in steps.
+TEST_F(CheckpointedRun, GoesOnInTheMiddleOfACloud) {
+  writeScansOf({.points_a_side = 600}, folder_ / "clouds", 0, 1);
+  const std::vector<std::string> cloud = {"--scans", path("clouds/000100.000000.pcd"), "--poses", "", "--sensor-at",
+                                          "0,0,0"};
+  ASSERT_EQ(map("straight", cloud).exit_code, 0);
+  const ProgramResult stopped = stop("out", SIGTERM, cloud);
+  ASSERT_EQ(stopped.exit_code, 128 + SIGTERM) << stopped.err;
+  std::vector<std::string> resume = cloud;
+  resume.insert(resume.end(), {"--resume", path("cp")});
+  const ProgramResult resumed = map("out", resume);
+  ASSERT_EQ(resumed.exit_code, 0) << resumed.err;
+  EXPECT_EQ(report("out").at("counts").at("scans"), 18) << "360 000 points in steps of 20 000";
+  EXPECT_LT(report("out").at("resumed_after_scans"), 18);
+  expectSameFiles("straight", "out");
+}
+
+/// Labels do not depend on when they were made, and a sequence goes on with its next frame.
+TEST_F(CheckpointedRun, GoesOnWithUpdatesInBetween) {
+  writeScansOf(kWorld, folder_ / "scans", 0, kLong);
+  const std::vector<std::string> often = {"--update-every", "3", "--sequence", "10"};
+  ASSERT_EQ(map("straight", often).exit_code, 0);
+  ASSERT_EQ(stop("out", SIGTERM, often).exit_code, 128 + SIGTERM);
+  std::vector<std::string> resume = often;
+  resume.insert(resume.end(), {"--resume", path("cp")});
+  const ProgramResult resumed = map("out", resume);
+  ASSERT_EQ(resumed.exit_code, 0) << resumed.err;
+  EXPECT_EQ(listing("out"), listing("straight")) << "with frames 1 to 8";
+  const json counts = report("out").at("counts"), expected = report("straight").at("counts");
+  for (const char* count :
+       {"scans", "points_in", "points_used", "surface_points", "accessible", "blocked", "unscored"}) {
+    EXPECT_EQ(counts.at(count), expected.at(count)) << count;
+  }
+  EXPECT_GT(counts.at("accessible"), 0);
+  EXPECT_GT(counts.at("blocked"), 0);
 }
 
 TEST_F(CheckpointedRun, StartsWhereThereIsNoneYet) {

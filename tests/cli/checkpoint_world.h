@@ -18,7 +18,8 @@ struct CheckpointWorld {
   int points_a_side = 60;
 };
 
-/// Scans `first` to `first + count - 1` of a world, as binary PCD files of a rough wall with a pole before it.
+/// Scans `first` to `first + count - 1` of a world, as binary PCD files of a rough wall with a slot in it and a pole
+/// before it.
 inline void writeScansOf(const CheckpointWorld& world, const std::filesystem::path& folder, int first, int count) {
   std::filesystem::create_directories(folder);
   for (int scan = first; scan < first + count; ++scan) {
@@ -27,7 +28,8 @@ inline void writeScansOf(const CheckpointWorld& world, const std::filesystem::pa
       for (int column = 0; column < world.points_a_side; ++column) {
         const double y = -0.5 + (column + 0.5) / world.points_a_side + 1e-3 * (scan % 7);
         const double z = -0.5 + (row + 0.5) / world.points_a_side + 1e-3 * (scan % 5);
-        const double x = (std::abs(y) < 0.05 ? 1.6 : 2) + 0.01 * std::sin(31 * y + 17 * z + scan);
+        const double depth = std::abs(y) < 0.04 ? 2.4 : std::abs(y - 0.3) < 0.05 ? 1.6 : 2;
+        const double x = depth + 0.01 * std::sin(31 * y + 17 * z + scan);
         points_S.push_back({static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)});
       }
     }

@@ -77,13 +77,14 @@ class KilledRun : public ProgramTest {
 
 /// ACCESSVDB_KILLS=N for more kills, ACCESSVDB_KILL_SEED for the first one's seed.
 TEST_F(KilledRun, EndsWithTheSameFiles) {
-  const unsigned long kills = numberFrom("ACCESSVDB_KILLS", 12), seed = numberFrom("ACCESSVDB_KILL_SEED", 1);
+  const unsigned long kills = numberFrom("ACCESSVDB_KILLS", 8), seed = numberFrom("ACCESSVDB_KILL_SEED", 1);
   constexpr int kScans = 40;
   writeScansOf({.points_a_side = 80}, folder_ / "scans", 0, kScans);
   writePoses(kScans);
   // The memory check's pass over the scans is short beside fusing them.
   const auto arguments = [&](const std::string& out, std::vector<std::string> more) {
-    more.insert(more.end(), {"--voxel", "0.02", "--device", "cpu", "--threads", "1", "--out", path(out)});
+    more.insert(more.end(), {"--voxel", "0.02", "--device", "cpu", "--threads", "1", "--width", "160", "--height",
+                             "120", "--out", path(out)});
     return mapArguments(more);
   };
   const Clock::time_point start = Clock::now();

@@ -26,7 +26,7 @@ using Json = nlohmann::ordered_json;
 
 constexpr const char* kManifest = "state.json";
 constexpr int kManifestSchema = 1;
-constexpr std::uint64_t kMostManifestBytes = std::uint64_t{1} << 30;
+constexpr std::uint64_t kMostManifestBytes = std::uint64_t{1} << 28;  // a million scans
 
 /// How the scans are read: another value would make other steps of the same files.
 std::map<std::string, std::string> readingOf(const MapOptions& options) {
@@ -72,6 +72,14 @@ std::optional<std::uint64_t> generationOf(const std::string& name) {
   const auto [end, status] = std::from_chars(first, last, number);
   if (status != std::errc() || end != last) return {};
   return number;
+}
+
+/// @return no object if that is not what the file holds, or there is none
+Json parsed(const fs::path& manifest) {
+  std::error_code status;
+  if (fs::file_size(manifest, status) > kMostManifestBytes || status) return {};
+  std::ifstream in(manifest);
+  return Json::parse(in, nullptr, false);
 }
 
 [[noreturn]] void refuse(const std::string& id, const fs::path& folder, const std::string& problem) {
@@ -136,10 +144,8 @@ void Checkpoints::prepare() {
   }
   io::prepareOutputFolder(folder_);
   // A state of which no manifest speaks is what a killed run left.
-  std::error_code status;
   std::optional<std::uint64_t> kept;
-  std::ifstream manifest(folder_ / kManifest);
-  const Json json = Json::parse(manifest, nullptr, false);
+  const Json json = parsed(folder_ / kManifest);
   if (json.is_object() && json.contains("generation") && json["generation"].is_number_unsigned()) {
     kept = json["generation"].get<std::uint64_t>();
     generation_ = *kept;
@@ -172,10 +178,7 @@ void Checkpoints::readManifest() {
   const auto damaged = [&](const std::string& what) {
     return InputError("state.damaged", file.string(), what, "Use another checkpoint, or start again without --resume");
   };
-  std::error_code status;
-  if (fs::file_size(file, status) > kMostManifestBytes || status) throw damaged("is not the manifest of a checkpoint");
-  std::ifstream in(file);
-  const Json json = Json::parse(in, nullptr, false);
+  const Json json = parsed(file);
   RunProgress progress;
   SavedState saved;
   try {
@@ -281,6 +284,8 @@ void Checkpoints::write(const AccessibilityField& field, const RunProgress& prog
     written_scans_ = progress.scansFused();
   } catch (const OutputError& error) {
     messages_.warning("checkpoint.failed", std::string("no checkpoint was written: ") + error.what());
+  } catch (const InputError& error) {
+    messages_.warning("checkpoint.failed", std::string("the checkpoint cannot be read: ") + error.what());
   }
   last_ = Clock::now();
 }
