@@ -31,15 +31,16 @@ class CheckpointedRun : public ProgramTest {
     more.insert(more.end(), {"--out", path(out), "--width", "160", "--height", "120"});
     return mapArguments(more);
   }
-  /// A run that is stopped once it has left a checkpoint in "cp".
-  ProgramResult stop(const std::string& out, int signal, const std::vector<std::string>& more = {}) const {
+  /// A run with checkpoints in "cp" that is stopped once a file is there.
+  ProgramResult stop(const std::string& out, int signal, const std::vector<std::string>& more = {},
+                     const std::string& awaited = "cp/state.json") const {
     ProgramSetup setup;
     std::vector<std::string> all = more;
     all.insert(all.end(), {"--checkpoint", path("cp"), "--checkpoint-every", "1ms"});
     setup.arguments = arguments(out, all);
     setup.signal_after = "predicted peak memory";
-    setup.act = [this, signal](pid_t process) {
-      for (int n = 0; n < 10'000 && !fs::exists(folder_ / "cp" / "state.json"); ++n) usleep(1'000);
+    setup.act = [this, signal, awaited](pid_t process) {
+      for (int n = 0; n < 10'000 && !fs::exists(folder_ / awaited); ++n) usleep(1'000);
       kill(process, signal);
     };
     return runProgram(setup);
@@ -121,7 +122,7 @@ TEST_F(CheckpointedRun, GoesOnWithUpdatesInBetween) {
   writeScansOf(kWorld, folder_ / "scans", 0, kLong);
   const std::vector<std::string> often = {"--update-every", "3", "--sequence", "10"};
   ASSERT_EQ(map("straight", often).exit_code, 0);
-  ASSERT_EQ(stop("out", SIGTERM, often).exit_code, 128 + SIGTERM);
+  ASSERT_EQ(stop("out", SIGTERM, often, "out/field_0002.vdb").exit_code, 128 + SIGTERM);
   std::vector<std::string> resume = often;
   resume.insert(resume.end(), {"--resume", path("cp")});
   const ProgramResult resumed = map("out", resume);
