@@ -96,6 +96,21 @@ class ACCESSVDB_API AccessibilityField {
   [[nodiscard]] double toolShareHidden() const;  ///< share of the tool inside the self-exclusion radius
   [[nodiscard]] int collisionLimit() const;      ///< [n_c] fewest collisions that block a direction
 
+  /// Writes all that later scans and updates depend on into one file, whole or not at all; loadState() goes on from it.
+  /// Takes a few MB of memory. See docs/DESIGN.md, "Saved state".
+  /// @throws InvalidArgument "usage.checkpoint" (the paper's update policy, projective fusion), OutputError
+  void saveState(const std::filesystem::path& file) const;
+  /// A field that goes on where the saved one was. If that one had not been updated, everything that follows has the
+  /// same bits as without the stop, on any backend. If it had, this runs a full update(): labels, and score and
+  /// direction of accessible points, are then those of the whole map; stability and the reasons of blocked points may
+  /// be others than without the stop.
+  /// @param tool  the one of the saved field
+  /// @throws InputError "state.format" (not a state), "state.damaged" (naming the section)
+  /// @throws UnusableInput "state.rules" (another program's rules made it), "state.tool" (it is of another tool)
+  /// @throws as the constructor
+  [[nodiscard]] static AccessibilityField loadState(const std::filesystem::path& file, const ToolGeometry& tool,
+                                                    BackendKind backend = BackendKind::Auto, int threads = 0);
+
   /// Writes field.vdb, field_points.vdb and points.ply into a folder, each whole or not at all.
   /// @throws OutputError
   void write(const std::filesystem::path& folder) const;

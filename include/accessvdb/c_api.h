@@ -24,7 +24,7 @@
 #include "accessvdb/export.h"
 
 /* Grows with every addition. A program built against version N runs with a library of version N or later. */
-#define ACCESSVDB_C_API_VERSION 2
+#define ACCESSVDB_C_API_VERSION 3
 
 #ifdef __cplusplus
 #define ACCESSVDB_C_NOEXCEPT noexcept
@@ -308,6 +308,19 @@ ACCESSVDB_API const char* accessvdb_field_parameters(const accessvdb_field* fiel
 
 /// Writes field.vdb, field_points.vdb and points.ply into a folder, each whole or not at all.
 ACCESSVDB_API int accessvdb_field_write(accessvdb_field* field, const char* folder) ACCESSVDB_C_NOEXCEPT;
+
+/* ---- save and go on (since version 3); accessvdb/accessibility_field.h, saveState, says what is guaranteed --------
+ */
+
+/// Writes all that later scans and updates depend on into one file, whole or not at all.
+ACCESSVDB_API int accessvdb_field_save_state(accessvdb_field* field, const char* file) ACCESSVDB_C_NOEXCEPT;
+/// Makes a field that goes on where the saved one was. Its parameters are those of the saved one.
+/// @param tool     that of the saved field, else ACCESSVDB_ERROR_UNUSABLE ("state.tool")
+/// @param backend  ACCESSVDB_BACKEND_*  @param threads  0 = all; both may differ from the saved field's
+/// @param error    may be NULL. *field is NULL if the call fails.
+ACCESSVDB_API int accessvdb_field_load_state(const char* file, const accessvdb_tool* tool, int32_t backend,
+                                             int32_t threads, accessvdb_field** field,
+                                             accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
 
 #ifdef __cplusplus
 }  // extern "C"

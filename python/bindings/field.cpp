@@ -89,6 +89,14 @@ std::unique_ptr<LockedField> makeField(const ToolGeometry& tool, const py::objec
   return withoutLock([&] { return std::make_unique<LockedField>(tool, given); });
 }
 
+std::unique_ptr<LockedField> loadState(const std::filesystem::path& file, const ToolGeometry& tool,
+                                       const py::object& backend, const py::object& threads) {
+  const auto kind = settingFrom<BackendKind>("backend", backend);
+  const int count = settingFrom<int>("threads", threads);
+  return withoutLock(
+      [&] { return std::make_unique<LockedField>(AccessibilityField::loadState(file, tool, kind, count)); });
+}
+
 FrameStats integrateScan(LockedField& field, const py::object& points_S, const py::object& T_W_S) {
   const ScanPoints points("points_S", points_S);
   const Eigen::Isometry3d pose = poseOf("T_W_S", T_W_S);
@@ -159,6 +167,18 @@ void bindField(py::module_& module) {
       .def("write_frame", &writeTo<&writeFieldFrame>, py::arg("file"), py::kw_only(), py::arg("half_float") = false,
            py::arg("compression") = "auto", py::arg("up_axis") = "z", py::arg("surface") = false,
            "Writes field.vdb under a name of your choice: one frame of a sequence while a map grows.")
+      .def(
+          "save_state",
+          [](F& f, const std::filesystem::path& file) {
+            f.run([&](AccessibilityField& field) { field.saveState(file); });
+          },
+          py::arg("file"),
+          "Writes all that later scans and updates depend on into one file, whole or not at all. load_state() goes on "
+          "from it.")
+      .def_static("load_state", &loadState, py::arg("file"), py::arg("tool"), py::kw_only(),
+                  py::arg("backend") = "auto", py::arg("threads") = 0,
+                  "A field that goes on where the saved one was, with its parameters: before its first update(), with "
+                  "the same bits as without the stop; after one, with the same labels. tool: that of the saved field.")
       .def(
           "memory_use", [](F& f) { return f.run([](AccessibilityField& field) { return field.memoryUse(); }); },
           "Bytes by owner.")

@@ -5,6 +5,7 @@
 #pragma once
 
 #include <mutex>
+#include <utility>
 
 #include "accessvdb/accessibility_field.h"
 #include "bindings/arrays.h"
@@ -14,6 +15,7 @@ namespace accessvdb::python {
 class LockedField {
  public:
   LockedField(const ToolGeometry& tool, const FieldParams& params) : field_(tool, params) {}
+  explicit LockedField(AccessibilityField field) : field_(std::move(field)) {}
 
   /// Runs body(field) alone, without the interpreter's lock: it must not touch Python.
   template <typename Body>

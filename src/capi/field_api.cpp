@@ -16,6 +16,7 @@
 #include "capi/params_from_c.h"
 
 namespace capi = accessvdb::capi;
+using accessvdb::AccessibilityField;
 using accessvdb::InvalidArgument;
 using accessvdb::SurfacePoint;
 using accessvdb::UnusableInput;
@@ -95,6 +96,11 @@ void writeStats(accessvdb_frame_stats* out, std::size_t size, const accessvdb::F
   capi::writeSized(out, size, c);
 }
 
+void requireName(const char* file) {
+  capi::requirePointer("file", file);
+  if (*file == '\0') throw InvalidArgument("c_api.value", "file", "is empty", "Name the file of the state");
+}
+
 const accessvdb::FieldSnapshot& snapshotOf(const accessvdb_field* field) {
   if (field->snapshot) return *field->snapshot;
   throw InvalidArgument("snapshot.none", "", "no snapshot has been taken", "Call accessvdb_field_take_snapshot first");
@@ -130,7 +136,7 @@ int accessvdb_field_create(const accessvdb_tool* tool, const accessvdb_params* p
     if (params != nullptr) {
       given = capi::paramsFromC(capi::readSized("params", params, capi::kParamsBytes1, capi::paramsToC({})));
     }
-    *field = std::make_unique<accessvdb_field>(tool->tool, given).release();
+    *field = std::make_unique<accessvdb_field>(AccessibilityField(tool->tool, given)).release();
   });
 }
 
@@ -256,5 +262,25 @@ int accessvdb_field_write(accessvdb_field* field, const char* folder) noexcept {
     capi::requirePointer("folder", folder);
     if (*folder == '\0') throw InvalidArgument("c_api.value", "folder", "is empty", "Name the output folder");
     field->field.write(folder);
+  });
+}
+
+int accessvdb_field_save_state(accessvdb_field* field, const char* file) noexcept {
+  return onField(field, [&] {
+    requireName(file);
+    field->field.saveState(file);
+  });
+}
+
+int accessvdb_field_load_state(const char* file, const accessvdb_tool* tool, std::int32_t backend, std::int32_t threads,
+                               accessvdb_field** field, accessvdb_error* error) noexcept {
+  if (field != nullptr) *field = nullptr;
+  return capi::guardedWithout(error, [&] {
+    capi::requirePointer("field", field);
+    requireName(file);
+    if (!capi::isTool(tool)) throw InvalidArgument("c_api.handle", "tool", "is not a tool", "Make one first");
+    const accessvdb::BackendKind kind = capi::backendFromC(backend);
+    *field =
+        std::make_unique<accessvdb_field>(AccessibilityField::loadState(file, tool->tool, kind, threads)).release();
   });
 }

@@ -28,8 +28,8 @@ struct accessvdb_tool {
 };
 
 struct accessvdb_field {
-  accessvdb_field(const accessvdb::ToolGeometry& tool, const accessvdb::FieldParams& params)
-      : field(tool, params), device(field.deviceName()), parameters(field.params().describe()) {}
+  explicit accessvdb_field(accessvdb::AccessibilityField made)
+      : field(std::move(made)), device(field.deviceName()), parameters(field.params().describe()) {}
   std::uint32_t mark = accessvdb::capi::kFieldMark;
   std::atomic<bool> busy = false;  ///< a thread is inside a call
   accessvdb_error error = {};      ///< of the last failed call

@@ -8,10 +8,14 @@
 
 namespace accessvdb::capi {
 
+BackendKind backendFromC(std::int32_t backend) {
+  return static_cast<BackendKind>(requireChoice("backend", backend, 0, ACCESSVDB_BACKEND_CUDA));
+}
+
 FieldParams paramsFromC(const accessvdb_params& c) {
   FieldParams p;
   p.threads = c.threads;
-  p.backend = static_cast<BackendKind>(requireChoice("backend", c.backend, 0, ACCESSVDB_BACKEND_CUDA));
+  p.backend = backendFromC(c.backend);
   TsdfParams& t = p.tsdf;
   t.region = static_cast<UpdateRegion>(requireChoice("region", c.region, 0, ACCESSVDB_REGION_FULL_CUBE));
   t.voxel_size_m = c.voxel_size_m;

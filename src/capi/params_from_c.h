@@ -3,6 +3,8 @@
 /// Converts parameters from C and back.
 #pragma once
 
+#include <cstdint>
+
 #include "accessvdb/c_api.h"
 #include "accessvdb/params.h"
 
@@ -14,6 +16,8 @@ static_assert(sizeof(accessvdb_params) >= kParamsBytes1, "fields are only ever a
 
 /// @throws InvalidArgument for a choice or a flag that does not exist; ranges are checked by FieldParams::resolved()
 [[nodiscard]] FieldParams paramsFromC(const accessvdb_params& params);
+/// @throws InvalidArgument
+[[nodiscard]] BackendKind backendFromC(std::int32_t backend);
 [[nodiscard]] accessvdb_params paramsToC(const FieldParams& params);
 
 }  // namespace accessvdb::capi

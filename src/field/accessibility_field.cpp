@@ -9,6 +9,7 @@
 #include <type_traits>
 #include <utility>
 
+#include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
 #include "accessvdb/tsdf_volume.h"
@@ -16,9 +17,12 @@
 #include "field/field_access.h"
 #include "field/field_views.h"
 #include "field/point_weights.h"
+#include "field/rules_version.h"
 #include "field/scan_gate.h"
 #include "field/scored_points.h"
 #include "field/scoring_setup.h"
+#include "field/state_reader.h"
+#include "field/state_writer.h"
 #include "launch/backend.h"
 #include "launch/stopwatch.h"
 #include "mirror/nanovdb_mirror.h"
@@ -131,6 +135,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
       const internal::GatedScan& scan = gated(stats);
       if (!scan.p_L.empty()) guarded([&] { noting_ms = integrateStages(scan, stats); });
     });
+    ++scans;
     stats.surface_points = points.size();
     noted_ms += noting_ms;
     stats.integrate_ms = all.milliseconds() - stats.mirror_ms - noting_ms;
@@ -171,8 +176,35 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     const kernels::Stopwatch all;
     UpdateStats stats =
         arena.execute([&] { return guarded([&] { return scheduler->update(setup.tables(mirror.grid())); }); });
+    updated = true;
     stats.update_ms = all.milliseconds() - stats.score_ms + std::exchange(noted_ms, 0.0);
     return stats;
+  }
+
+  [[nodiscard]] internal::StateHead stateHead() const {
+    internal::StateHead head;
+    head.rules_version = internal::kRulesVersion;
+    head.version = ACCESSVDB_VERSION;
+    head.tool_sha256 = tool.sha256();
+    head.params = params;
+    if (gate.hasOrigin()) head.origin_W = gate.origin_W();
+    head.updated = updated;
+    head.scans = scans;
+    return head;
+  }
+
+  /// Only for a new field.
+  void restore(internal::StateReader& state) {
+    const internal::StateHead& head = state.head();
+    if (head.origin_W) gate.restoreOrigin(*head.origin_W);
+    state.readInto(volume.packed(), points, [this](auto facts, auto distances) {
+      mirror.apply(facts);
+      if (distance_mirror) distance_mirror->apply(distances);
+    });
+    scheduler->noteRestored();
+    scans = head.scans;
+    while (head.updated && update().backlog > 0) {
+    }
   }
 
   void mirrorFacts(const internal::IntegrationResult& result, FrameStats& stats) {
@@ -207,9 +239,11 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   internal::PointScorer scorer;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;
-  double noted_ms = 0;     ///< noting what scans since the last update changed in the map
-  bool whole = true;       ///< false once a step failed half-way
-  bool host_whole = true;  ///< false once one failed on the host
+  double noted_ms = 0;      ///< noting what scans since the last update changed in the map
+  std::uint64_t scans = 0;  ///< integrated
+  bool updated = false;     ///< at least once
+  bool whole = true;        ///< false once a step failed half-way
+  bool host_whole = true;   ///< false once one failed on the host
 };
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
@@ -331,6 +365,26 @@ MemoryUse AccessibilityField::memoryUse() const {
   use.leaves = impl_->volume.leafCount();
   use.active_voxels = impl_->volume.activeVoxelCount();
   return use;
+}
+
+void AccessibilityField::saveState(const std::filesystem::path& file) const {
+  impl_->requireWhole();
+  impl_->arena.execute([&] { internal::writeState(file, impl_->stateHead(), impl_->volume.packed(), impl_->points); });
+}
+
+AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, const ToolGeometry& tool,
+                                                 BackendKind backend, int threads) {
+  internal::StateReader state(file);
+  if (state.head().tool_sha256 != tool.sha256()) {
+    throw UnusableInput("state.tool", file.string(), "is the state of a field for another tool",
+                        "Use the tool that it was made with, in the same pose, or start again");
+  }
+  FieldParams params = state.head().params;
+  params.backend = backend;
+  params.threads = threads;
+  AccessibilityField field(tool, params);
+  field.impl_->arena.execute([&] { field.impl_->restore(state); });
+  return field;
 }
 
 void AccessibilityField::write(const std::filesystem::path& folder) const { writeField(*this, folder, {}); }

@@ -43,6 +43,11 @@ class ScanGate {
   /// World position of the local origin: the first sensor position rounded to whole voxels.
   [[nodiscard]] const Eigen::Vector3d& origin_W() const { return origin_W_; }
   [[nodiscard]] bool hasOrigin() const { return have_origin_; }
+  /// As it was saved, to the last bit.
+  void restoreOrigin(const Eigen::Vector3d& origin_W) {
+    origin_W_ = origin_W;
+    have_origin_ = true;
+  }
   [[nodiscard]] std::uint64_t bytes() const {
     return checked_.capacity() * sizeof(Checked) + (scan_.p_L.capacity() + scan_.q_L.capacity()) * sizeof(scan_.p_L[0]);
   }

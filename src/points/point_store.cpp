@@ -7,10 +7,12 @@
 #include <tbb/parallel_sort.h>
 
 #include <array>
+#include <atomic>
 #include <cmath>
 #include <limits>
 #include <tuple>
 
+#include "hostdev/direction_mask.h"
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
 #include "points/prefetch.h"
@@ -131,7 +133,7 @@ void PointStore::start(std::uint32_t id, const Eigen::Vector3f& first_L) {
 void PointStore::prefetchPoint(std::uint32_t id) const {
   prefetchRead(&first_L_[id]);
   prefetchRead(&pca_L_[id]);
-  prefetchRead(&sums_[id], sizeof(Sums));
+  prefetchRead(&sums_[id], sizeof(ReturnSums));
   if (!params_.approach.viewpoints) prefetchRead(&seen_[seenAt(id)]);
 }
 
@@ -172,7 +174,7 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
 bool PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L,
                             std::uint32_t pose) {
   const Index3 voxel = voxelOf(p_L);
-  Sums& sums = sums_[id];
+  ReturnSums& sums = sums_[id];
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const double centre = voxel[axis] * params_.tsdf.voxel_size_m;
     const auto a = static_cast<Eigen::Index>(axis);
@@ -266,6 +268,94 @@ kernels::PointNews PointStore::newsOf(std::uint32_t id, const Eigen::Vector3f& b
   copy3(before_L, news.before_L);
   news.seen = seen(id);
   return news;
+}
+
+StoredPoint PointStore::stored(std::uint32_t id) const {
+  StoredPoint point = {first_L_[id], sums_[id], {}, {}};
+  if (params_.approach.viewpoints) {
+    point.views = viewpoints_[id];
+  } else {
+    point.seen = seen(id);
+  }
+  return point;
+}
+
+void PointStore::restorePoses(std::span<const Eigen::Vector3f> poses_L) {
+  for (const Eigen::Vector3f& q_L : poses_L) poses_.push_back(q_L);
+}
+
+/// Whether addReturns() could have made this point.
+bool PointStore::canBe(const StoredPoint& point) const {
+  constexpr double kMostVoxels = 1 << 20;  // the gate takes 10^6
+  const double bound_m = kMostVoxels * params_.tsdf.voxel_size_m;
+  if (!point.first_L.allFinite() || !(point.first_L.lpNorm<Eigen::Infinity>() < bound_m)) return false;
+  const double returns = point.sums.returns;
+  if (returns == 0) return false;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    if (!(std::abs(static_cast<double>(point.sums.offset[axis])) <= returns * kOffsetSteps)) return false;
+    if (!(std::abs(static_cast<double>(point.sums.sensor[axis])) <= returns * bound_m * kSensorSteps)) return false;
+  }
+  if (params_.approach.viewpoints) {
+    if (point.views.count > Viewpoints::kMost) return false;
+    for (std::uint32_t n = 0; n < point.views.count; ++n) {
+      if (point.views.pose[n] >= poses_.size()) return false;
+    }
+    return true;
+  }
+  const DirectionMask all = kernels::allDirections(params_.approach.num_directions);
+  for (int w = 0; w < words_; ++w) {
+    if ((point.seen.word[w] & ~all.word[w]) != 0) return false;
+  }
+  return true;
+}
+
+bool PointStore::restore(std::span<const StoredPoint> points) {
+  const std::uint32_t before = size();
+  std::vector<KeyedReturn>& order = groups_.returns;
+  order.resize(points.size());
+  std::atomic<bool> good = true;
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      if (!canBe(points[n])) {
+        good = false;
+        return;
+      }
+      order[n] = {placeOf(voxelOf(points[n].first_L)), static_cast<std::uint32_t>(n)};
+    }
+  });
+  if (!good) return false;
+  tbb::parallel_sort(order, [](const KeyedReturn& a, const KeyedReturn& b) { return a.place < b.place; });
+  voxels_.resize(points.size());
+  places_.resize(points.size());
+  added_.resize(points.size());
+  for (std::size_t n = 0; n < order.size(); ++n) {
+    if (n > 0 && order[n].place == order[n - 1].place) return false;  // two points in one voxel
+    voxels_[n] = voxelAt(order[n].place);
+  }
+  index_.locate(voxels_, places_);
+  for (std::size_t n = 0; n < order.size(); ++n) {
+    if (places_[n].id != kNone) return false;
+    added_[n] = {voxels_[n], before + order[n].index, places_[n].block};
+  }
+  index_.insertAll(added_);
+  block_.growRaw(before + points.size());
+  makeRoom();
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      block_[added_[n].id] = added_[n].block;
+      const auto id = static_cast<std::uint32_t>(before + n);
+      const StoredPoint& point = points[n];
+      start(id, point.first_L);
+      sums_[id] = point.sums;
+      if (params_.approach.viewpoints) {
+        viewpoints_[id] = point.views;
+      } else {
+        addSeen(id, point.seen);
+      }
+      refreshMean(id);
+    }
+  });
+  return true;
 }
 
 std::uint64_t PointStore::bytes() const {

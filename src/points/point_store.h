@@ -40,6 +40,21 @@ struct TouchedPoints {
   std::vector<std::uint32_t> changed_blocks;  ///< those with new points, in no order
 };
 
+/// Sums over the returns of a point; integers, so that the order does not matter.
+struct ReturnSums {
+  std::array<std::int64_t, 3> offset;  ///< return minus voxel centre, in 2^-20 voxels
+  std::array<std::int64_t, 3> sensor;  ///< in 2^-16 m
+  std::uint32_t returns;               ///< their number
+};
+
+/// A point as it is saved. All else that the store knows of it follows from this.
+struct StoredPoint {
+  Eigen::Vector3f first_L;
+  ReturnSums sums;
+  DirectionMask seen;  ///< its own; without viewpoints
+  Viewpoints views;    ///< with viewpoints
+};
+
 class PointStore {
  public:
   /// @param direction_xy  [2 D] yaw directions, as in DirectionTable
@@ -73,15 +88,15 @@ class PointStore {
   [[nodiscard]] const Viewpoints& viewpoints(std::uint32_t id) const { return viewpoints_[id]; }
   [[nodiscard]] const ChunkedArray<Eigen::Vector3f>& poses() const { return poses_; }
 
+  [[nodiscard]] StoredPoint stored(std::uint32_t id) const;
+  /// Appends sensor positions and points of a saved store, in the order of their ids; any number at a time.
+  void restorePoses(std::span<const Eigen::Vector3f> poses_L);
+  /// @return false if a point is not one that this store can have; then it is of no use any more
+  [[nodiscard]] bool restore(std::span<const StoredPoint> points);
+
   [[nodiscard]] std::uint64_t bytes() const;
 
  private:
-  /// Sums over the returns of a point; integers, so that the order does not matter. Zeroed by start().
-  struct Sums {
-    std::array<std::int64_t, 3> offset;  ///< return minus voxel centre, in 2^-20 voxels
-    std::array<std::int64_t, 3> sensor;  ///< in 2^-16 m
-    std::uint32_t returns;               ///< their number
-  };
   /// A return with its voxel.
   struct KeyedReturn {
     std::uint64_t place;  ///< of its voxel
@@ -95,6 +110,7 @@ class PointStore {
     [[nodiscard]] std::size_t size() const { return begin.size() - 1; }
     [[nodiscard]] const KeyedReturn& first(std::size_t group) const { return returns[begin[group]]; }
   };
+  [[nodiscard]] bool canBe(const StoredPoint& point) const;
   void group(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
   void locateGroups();
   void addNew();
@@ -118,7 +134,7 @@ class PointStore {
   SurfaceIndex index_;
   ChunkedArray<std::uint32_t> block_;
   ChunkedArray<Eigen::Vector3f> first_L_, pca_L_;
-  ChunkedArray<Sums> sums_;
+  ChunkedArray<ReturnSums> sums_;        ///< zeroed by start()
   ChunkedArray<std::uint64_t> seen_;     ///< [words n]; empty with viewpoints
   ChunkedArray<Viewpoints> viewpoints_;  ///< empty without viewpoints
   ChunkedArray<Eigen::Vector3f> poses_;  ///< distinct sensor positions, with viewpoints only

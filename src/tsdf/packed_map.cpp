@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tsdf/packed_map.h"
 
+#include <memory>
+
 namespace accessvdb::internal {
 
 PackedMap::PackedMap(const TsdfParams& resolved)
@@ -37,6 +39,32 @@ VoxelState PackedMap::at(const openvdb::Coord& ijk) const {
     if (state.weight > 0) state.distance_m = distanceOf(meanOf(packed));
   }
   return state;
+}
+
+PackedLeaf* PackedMap::restoreLeaf(const openvdb::Coord& origin_ijk, const LeafBits& cleared,
+                                   const std::uint32_t* packed) {
+  if (tree_.probeConstLeaf(origin_ijk) != nullptr) return nullptr;
+  auto leaf = std::make_unique<PackedLeaf>(openvdb::PartialCreate(), origin_ijk);
+  if (leaf->origin() != origin_ijk) return nullptr;
+  for (openvdb::Index x = 0; x < 8; ++x) leaf->getValueMask().getWord<std::uint64_t>(x) = cleared[x];
+  if (packed != nullptr) {
+    std::uint32_t observed = 0, wrong = 0;
+    for (std::size_t n = 0; n < PackedLeaf::SIZE; ++n) {
+      const std::uint32_t weight = weightOf(packed[n]);
+      observed += weight != 0 ? 1u : 0u;
+      wrong |=
+          weight > params_.max_weight || meanOf(packed[n]) > kMeanSteps || (weight == 0 && packed[n] != 0) ? 1u : 0u;
+    }
+    if (wrong != 0) return nullptr;
+    leaf->buffer().allocate();
+    std::memcpy(packedValues(*leaf), packed, PackedLeaf::SIZE * sizeof(PackedVoxel));
+    observed_voxels += observed;
+    ++allocated_leaf_count;
+  }
+  ++leaf_count;
+  PackedLeaf* added = leaf.release();
+  tree_.addLeaf(added);
+  return added;
 }
 
 std::uint64_t PackedMap::memoryBytes() const {

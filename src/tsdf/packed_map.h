@@ -16,6 +16,7 @@
 #include <cstring>
 
 #include "accessvdb/distance_change.h"
+#include "accessvdb/leaf_change.h"
 #include "accessvdb/params.h"
 #include "accessvdb/voxel_state.h"
 #include "tsdf/packed_voxel.h"
@@ -48,6 +49,11 @@ class PackedMap {
   void setCollisionDistance(float r_c_m);
 
   [[nodiscard]] VoxelState at(const openvdb::Coord& ijk) const;
+
+  /// Puts a leaf of a saved map in place; the counts below include it. Leaves of one node are added fastest together.
+  /// @param origin_ijk  multiples of 8  @param packed  [512], or nullptr for a leaf that is only cleared
+  /// @return the leaf, or nullptr if there is one or a voxel is not one that this map can have
+  PackedLeaf* restoreLeaf(const openvdb::Coord& origin_ijk, const LeafBits& cleared, const std::uint32_t* packed);
 
   std::uint64_t leaf_count = 0;            ///< all leaves
   std::uint64_t allocated_leaf_count = 0;  ///< those with a buffer

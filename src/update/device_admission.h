@@ -38,6 +38,8 @@ class DeviceAdmission {
   /// Call next, for every scan: notes which points it touched and which leaves it reached.
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L);
+  /// Call when all points came at once, without a scan: they are handed over with the next update.
+  void noteRestored() { scans_ = 2; }
   /// Whether the backend already has the points in their current state.
   [[nodiscard]] bool isAhead() const { return scans_ == 1; }
   /// Call before an update: makes room for the state of all points.

@@ -75,6 +75,8 @@ class ExactOnDevice final : public UpdateScheduler {
     if (kernels::totalSize(flips_) > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
+  void noteRestored() override { admission_.noteRestored(); }
+
   // If another scan comes before the update, all flips are handed over again.
   void prepare(const ScoringTables& tables) override {
     if (!admission_.isAhead()) return;

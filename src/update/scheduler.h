@@ -46,6 +46,10 @@ class UpdateScheduler {
   virtual void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                            const MapChanges& changes) = 0;
 
+  /// Call instead of these when the points and the map came from a saved state: nothing was scored yet, and all points
+  /// count as new.
+  virtual void noteRestored() {}
+
   /// Lets the backend begin with the noted changes; the mirror may not have them yet. After noteChanges(), at most once
   /// per scan; if not called, update() does this. @param tables  the same as for update()
   virtual void prepare(const ScoringTables& /*tables*/) {}

@@ -74,6 +74,7 @@ TEST_F(CApiMisuse, NullHandles) {
   EXPECT_EQ(accessvdb_field_point_at(nullptr, kIdentity.data(), &point, sizeof point, &found), ACCESSVDB_ERROR_USAGE);
   EXPECT_EQ(found, 0);
   EXPECT_EQ(accessvdb_field_write(nullptr, "out"), ACCESSVDB_ERROR_USAGE);
+  EXPECT_EQ(accessvdb_field_save_state(nullptr, "state"), ACCESSVDB_ERROR_USAGE);
   EXPECT_STREQ(accessvdb_field_error_id(nullptr), "c_api.handle");
   EXPECT_GT(std::strlen(accessvdb_field_error_text(nullptr)), 10u);
   EXPECT_STREQ(accessvdb_field_device(nullptr), "");
@@ -120,6 +121,8 @@ TEST_F(CApiMisuse, NullArguments) {
               "c_api.null");
   expectError(accessvdb_field_write(field_, nullptr), ACCESSVDB_ERROR_USAGE, "c_api.null");
   expectError(accessvdb_field_write(field_, ""), ACCESSVDB_ERROR_USAGE, "c_api.value");
+  expectError(accessvdb_field_save_state(field_, nullptr), ACCESSVDB_ERROR_USAGE, "c_api.null");
+  expectError(accessvdb_field_save_state(field_, ""), ACCESSVDB_ERROR_USAGE, "c_api.value");
   // An empty scan is a scan, too.
   EXPECT_EQ(accessvdb_field_integrate_scan(field_, nullptr, 0, kIdentity.data(), nullptr), ACCESSVDB_OK);
 }
@@ -326,6 +329,43 @@ TEST_F(CApiMisuse, OutputThatCannotBeWritten) {
   ASSERT_EQ(integrate(), ACCESSVDB_OK);
   EXPECT_EQ(accessvdb_field_write(field_, "/proc/no_such_folder"), ACCESSVDB_ERROR_OUTPUT);
   EXPECT_NE(std::string(accessvdb_field_error_text(field_)).find("/proc/no_such_folder"), std::string::npos);
+}
+
+TEST_F(CApiMisuse, StatesThatCannotBeSavedOrLoaded) {
+  expectError(accessvdb_field_save_state(field_, "/proc/no_such_folder/state"), ACCESSVDB_ERROR_OUTPUT, "output.write");
+  auto error = sized<accessvdb_error>();
+  accessvdb_field* field = field_;
+  const auto expectRefused = [&](int code, int expected, const char* id) {
+    EXPECT_EQ(code, expected) << error.text;
+    EXPECT_STREQ(error.id, id);
+    EXPECT_EQ(field, nullptr);
+    field = field_;
+  };
+  constexpr int kCpu = ACCESSVDB_BACKEND_CPU;
+  EXPECT_EQ(accessvdb_field_load_state("state", tool_, kCpu, 0, nullptr, &error), ACCESSVDB_ERROR_USAGE);
+  expectRefused(accessvdb_field_load_state(nullptr, tool_, kCpu, 0, &field, &error), ACCESSVDB_ERROR_USAGE,
+                "c_api.null");
+  expectRefused(accessvdb_field_load_state("", tool_, kCpu, 0, &field, &error), ACCESSVDB_ERROR_USAGE, "c_api.value");
+  expectRefused(accessvdb_field_load_state("state", nullptr, kCpu, 0, &field, &error), ACCESSVDB_ERROR_USAGE,
+                "c_api.handle");
+  expectRefused(accessvdb_field_load_state("state", tool_, 7, 0, &field, &error), ACCESSVDB_ERROR_USAGE, "c_api.value");
+  expectRefused(accessvdb_field_load_state("/no/such/state", tool_, kCpu, 0, &field, &error), ACCESSVDB_ERROR_INPUT,
+                "input.missing");
+  const std::filesystem::path path = std::filesystem::temp_directory_path() / "accessvdb_c_api_misuse.avst";
+  const std::string file = path.string();
+  ASSERT_EQ(integrate(), ACCESSVDB_OK);
+  ASSERT_EQ(accessvdb_field_save_state(field_, file.c_str()), ACCESSVDB_OK);
+  expectRefused(accessvdb_field_load_state(file.c_str(), tool_, kCpu, -1, &field, &error), ACCESSVDB_ERROR_USAGE,
+                "config.range");
+  accessvdb_tool* other = nullptr;
+  ASSERT_EQ(accessvdb_tool_builtin("builtin:pruner", &other, nullptr), ACCESSVDB_OK);
+  expectRefused(accessvdb_field_load_state(file.c_str(), other, kCpu, 0, &field, &error), ACCESSVDB_ERROR_UNUSABLE,
+                "state.tool");
+  accessvdb_tool_free(other);
+  std::filesystem::resize_file(path, 300);
+  expectRefused(accessvdb_field_load_state(file.c_str(), tool_, kCpu, 0, &field, &error), ACCESSVDB_ERROR_INPUT,
+                "state.damaged");
+  std::filesystem::remove(path);
 }
 
 TEST_F(CApiMisuse, TwoThreadsOnOneField) {

@@ -95,6 +95,42 @@ void expectSame(const std::vector<accessvdb_point>& c, const FieldSnapshot& cpp)
   for (std::size_t n = 0; n < c.size(); ++n) ASSERT_NO_FATAL_FAILURE(expectSame(c[n], cpp.points[n]));
 }
 
+TEST(CApiParity, ASavedStateGoesOnLikeTheFieldItself) {
+  const WalkGenerator walk({.frames = 5, .rays_per_frame = 6000, .range_noise_m = 0.01, .seed = 12});
+  accessvdb_params params = defaults();
+  params.voxel_size_m = 0.1;
+  const std::string file = (std::filesystem::temp_directory_path() / "accessvdb_c_api_parity.avst").string();
+  const auto integrate = [&](accessvdb_field* field, int n) {
+    const WalkFrame frame = walk.frame(n);
+    ASSERT_EQ(accessvdb_field_integrate_scan(field, frame.points_S[0].data(), frame.points_S.size(),
+                                             rowMajor(frame.T_W_S).data(), nullptr),
+              ACCESSVDB_OK);
+  };
+  AccessibilityField cpp(ToolGeometry::builtin("builtin:pruner"), {.tsdf = {.voxel_size_m = 0.1}});
+  CField c("builtin:pruner", &params);
+  for (int n = 0; n < walk.frames(); ++n) {
+    const WalkFrame frame = walk.frame(n);
+    cpp.integrateScan(frame.points_S, frame.T_W_S);
+    integrate(c.handle, n);
+    if (n != 2) continue;
+    ASSERT_EQ(accessvdb_field_save_state(c.handle, file.c_str()), ACCESSVDB_OK) << accessvdb_field_error_text(c.handle);
+    accessvdb_field_free(std::exchange(c.handle, nullptr));
+    accessvdb_error error = {};
+    error.struct_size = sizeof error;
+    accessvdb_tool* tool = nullptr;
+    ASSERT_EQ(accessvdb_tool_builtin("builtin:pruner", &tool, &error), ACCESSVDB_OK) << error.text;
+    ASSERT_EQ(accessvdb_field_load_state(file.c_str(), tool, ACCESSVDB_BACKEND_AUTO, 1, &c.handle, &error),
+              ACCESSVDB_OK)
+        << error.text;
+    accessvdb_tool_free(tool);
+  }
+  std::filesystem::remove(file);
+  EXPECT_EQ(accessvdb_field_parameters(c.handle), cpp.params().describe());
+  cpp.update();
+  ASSERT_EQ(accessvdb_field_update(c.handle, nullptr), ACCESSVDB_OK);
+  expectSame(c.points(), cpp.snapshot());
+}
+
 TEST(CApiParity, ScansGiveTheSamePoints) {
   const WalkGenerator walk({.frames = 5, .rays_per_frame = 6000, .range_noise_m = 0.01, .seed = 11});
   accessvdb_params params = defaults();

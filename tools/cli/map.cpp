@@ -13,6 +13,7 @@
 #include "accessvdb/field_export.h"
 #include "accessvdb/render.h"
 #include "accessvdb/surface_points.h"
+#include "checkpoint.h"
 #include "gpu_fallback.h"
 #include "map_options.h"
 #include "memory_check.h"
@@ -41,7 +42,7 @@ double millisecondsSince(Clock::time_point start) {
 class MapRun {
  public:
   MapRun(const MapOptions& options, PlanSettings settings, Messages& messages)
-      : options_(options), settings_(std::move(settings)), messages_(messages) {}
+      : options_(options), settings_(std::move(settings)), messages_(messages), checkpoints_(options, messages) {}
 
   /// @return 0, or 128 + the signal that stopped it
   int run();
@@ -55,6 +56,8 @@ class MapRun {
   int inTiles(const PlanSources& sources, std::int32_t chosen_voxels);
   int work(io::ScanSequence& scans, AccessibilityField& field);
   void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
+  std::size_t readResumed(io::ScanSequence& scans);
+  [[nodiscard]] RunProgress progress(const io::ScanSequence& scans) const;
   void integrate(const io::ScanRecord& record, AccessibilityField& field);
   void update(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
@@ -65,6 +68,10 @@ class MapRun {
   const MapOptions& options_;
   PlanSettings settings_;
   Messages& messages_;
+  Checkpoints checkpoints_;
+  RunProgress earlier_;  // scans that earlier runs added, before these ones
+  std::vector<io::InputFile> pose_inputs_;
+  std::size_t first_scan_input_ = 0;  // of report_.inputs
   RunReport report_;
   SceneStatistics scene_;
   std::set<std::string> hashed_;
@@ -164,9 +171,11 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
   const auto due = [this](int scans_each) {
     return scans_each > 0 && report_.scans % static_cast<std::uint64_t>(scans_each) == 0;
   };
-  bool fresh = false;    // integrated since the last update
-  bool unshown = false;  // integrated since the last frame of the sequence
-  for (std::size_t step = 0; step < scans.size() && stopSignal() == 0; ++step) {
+  const std::size_t first = readResumed(scans);
+  const std::uint64_t before = report_.scans;
+  bool fresh = before > 0;  // integrated since the last update
+  bool unshown = before > 0 && frames_ * static_cast<std::uint64_t>(options_.exported.sequence) < before;  // or frame
+  for (std::size_t step = first; step < scans.size() && stopSignal() == 0; ++step) {
     const io::ScanRecord record = scans.read(step);
     const auto begin = Clock::now();
     integrate(record, field);
@@ -184,14 +193,63 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
     }
     hashInput(record.path);
     progress.show(step + 1, fs::path(record.path).filename().string());
+    if (checkpoints_.due()) checkpoints_.write(field, this->progress(scans));
   }
   progress.finish();
+  if (report_.scans > before) checkpoints_.write(field, this->progress(scans));
   if (fresh) {
     if (!messages_.quiet() && options_.update_every == 0) messages_.notice("scoring the surface points");
     update(field);
   }
   // The last frame of the sequence has the same content as field.vdb.
   if (options_.exported.sequence > 0 && unshown && report_.points_used > 0) writeFrame(field);
+}
+
+RunProgress MapRun::progress(const io::ScanSequence& scans) const {
+  RunProgress now = earlier_;
+  now.next_step = report_.scans - earlier_.earlier_scans;
+  now.steps = scans.size();
+  now.points_in = report_.points_in;
+  now.points_used = report_.points_used;
+  now.dropped = report_.dropped;
+  now.frames = frames_;
+  now.poses = pose_inputs_;
+  now.scans.assign(report_.inputs.begin() + static_cast<std::ptrdiff_t>(first_scan_input_), report_.inputs.end());
+  return now;
+}
+
+/// Reads those of the scans that are in the field of --resume already: they have to be the same ones, and the warnings
+/// at the end look at all scans. @return their number; 0 if these are others, to be added
+std::size_t MapRun::readResumed(io::ScanSequence& scans) {
+  if (!checkpoints_.resumed()) return 0;
+  const RunProgress& before = *checkpoints_.resumed();
+  std::vector<std::string> paths = scans.paths();
+  std::erase_if(paths, [this](const std::string& path) { return hashed_.contains(path); });  // poses
+  const bool others = checkpoints_.addsOtherScans(paths);
+  earlier_ = others ? before.followedByOthers() : before.startOfTheseScans();
+  report_.inputs.insert(report_.inputs.end(), earlier_.earlier.begin(), earlier_.earlier.end());
+  first_scan_input_ = report_.inputs.size();
+  const std::size_t first = others ? 0 : before.next_step;
+  if (!others) {
+    checkpoints_.requireSameReading(scans.size());
+    for (std::size_t step = 0; step < first && stopSignal() == 0; ++step) {
+      const io::ScanRecord record = scans.read(step);
+      scene_.add(record);
+      truncated_points_ += record.truncated_points;
+      hashInput(record.path);
+    }
+    if (stopSignal() == 0) checkpoints_.requireSameInputs(progress(scans));
+  }
+  report_.scans = before.scansFused();
+  report_.resumed_after_scans = report_.scans;
+  report_.points_in = before.points_in;
+  report_.points_used = before.points_used;
+  report_.dropped = before.dropped;
+  frames_ = before.frames;
+  messages_.notice(others
+                       ? "adding " + std::to_string(scans.size()) + " scans to " + std::to_string(report_.scans)
+                       : "going on after " + std::to_string(first) + " of " + std::to_string(scans.size()) + " scans");
+  return first;
 }
 
 /// Fills the report. @return the points' bounds, world frame
@@ -267,15 +325,21 @@ int MapRun::run() {
   checkMapOptions(options_);
   setParameters(fieldParams(options_));
   claimOutputFolder();
+  checkpoints_.prepare();
   watchStopSignals();
 
   const ToolGeometry tool = loadTool(options_.tool);
   hashInput(options_.tool.tool);
   sayToolNotes(tool, messages_);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options_));
-  for (const fs::path path :
-       {options_.poses, options_.calib, options_.survey.trajectory, options_.survey.stations, options_.common.config})
+  for (const fs::path path : {options_.poses, options_.calib, options_.survey.trajectory, options_.survey.stations}) {
+    const std::size_t before = report_.inputs.size();
     hashInput(path);
+    pose_inputs_.insert(pose_inputs_.end(), report_.inputs.begin() + static_cast<std::ptrdiff_t>(before),
+                        report_.inputs.end());
+  }
+  hashInput(options_.common.config);
+  first_scan_input_ = report_.inputs.size();
   for (const std::string& note : scans.notices()) messages_.notice(note);
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
@@ -290,7 +354,8 @@ int MapRun::run() {
                   margins, messages_);
   if (memory) report_.predicted_bytes = memory->predicted_bytes;
   if (memory && memory->tile_voxels > 0) return inTiles(sources, memory->tile_voxels);
-  AccessibilityField field(tool, params);
+  AccessibilityField field =
+      checkpoints_.resumed() ? checkpoints_.load(tool, params) : AccessibilityField(tool, params);
   report_.device = field.deviceName();
   report_.device_note_id = field.deviceNoteId();
   report_.device_note = field.deviceNote();
@@ -315,8 +380,9 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
   const int signal = stopSignal();
   if (signal != 0) {
     messages_.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") + " after " +
-                     std::to_string(report_.scans) + " of " + std::to_string(scans.size()) + " scans" +
-                     (report_.points_used > 0 ? "; saving the finished part" : "; nothing to save"));
+                     std::to_string(report_.scans) + " of " + std::to_string(earlier_.earlier_scans + scans.size()) +
+                     " scans" + (report_.points_used > 0 ? "; saving the finished part" : "; nothing to save"));
+    checkpoints_.sayHowToGoOn();
   }
   if (report_.points_used > 0) {
     finish(scans, field);

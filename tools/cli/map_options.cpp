@@ -13,6 +13,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/tiles.h"
+#include "checkpoint.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -76,6 +77,11 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
       "  accessvdb map --scans walk.las --trajectory walk.txt --tool builtin:pruner --voxel 0.05 --out out/");
   addCommonOptions(flags, options.common);
   addMapFlags(flags, options, "--out");
+  flags.option("--checkpoint", &options.checkpoint,
+               "folder in which the run leaves what --resume needs, should it be stopped or killed");
+  flags.option("--checkpoint-every", &options.checkpoint_every,
+               "time between checkpoints, for example 30s, 5m or 1h; 0 = only when stopped and after the last scan");
+  flags.option("--resume", &options.resume, "go on from the checkpoint in this folder, and leave new ones there");
   flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
 }
 
@@ -120,6 +126,7 @@ void checkMapOptions(const MapOptions& options) {
   (void)renderOptions(options.picture);
   (void)writeOptions(options.exported);
   (void)fieldParams(options);
+  checkCheckpointOptions(options);
 }
 
 double wantedTile_m(const MapOptions& options) {

@@ -122,6 +122,7 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
   if (!report.device_note_id.empty()) {
     json["device_note"] = {{"id", report.device_note_id}, {"text", report.device_note}};
   }
+  if (report.resumed_after_scans) json["resumed_after_scans"] = *report.resumed_after_scans;
   if (report.predicted_bytes) json["memory"]["predicted_bytes"] = *report.predicted_bytes;
   if (report.tiles) {
     const TilesReport& tiles = *report.tiles;

@@ -46,6 +46,7 @@ struct RunReport {
   std::vector<std::pair<std::string, std::string>> parameters;  ///< flags as given, then every effective parameter
   std::vector<io::InputFile> inputs;
 
+  std::optional<std::uint64_t> resumed_after_scans;  ///< of --resume; times are those of the scans after them
   std::uint64_t scans = 0, points_in = 0, points_used = 0;
   std::array<std::uint64_t, kNumDropReasons> dropped = {};
   std::uint64_t surface_points = 0;

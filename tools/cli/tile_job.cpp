@@ -18,9 +18,10 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Flags that say where and how to run, not what to map.
-constexpr const char* kNotOfThePlan[] = {"out",          "device",     "threads",    "config",       "quiet",
-                                         "error-format", "max-memory", "tiles",      "bin-memory",   "fresh",
-                                         "help",         "keep-rays",  "no-clobber", "print-config", "append"};
+constexpr const char* kNotOfThePlan[] = {
+    "out",        "device",           "threads", "config", "quiet",     "error-format", "max-memory",
+    "tiles",      "bin-memory",       "fresh",   "help",   "keep-rays", "no-clobber",   "print-config",
+    "checkpoint", "checkpoint-every", "resume",  "append"};
 constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
 constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",
@@ -156,6 +157,9 @@ PlanSettings planSettings(const FlagParser& flags) {
 std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldParams& params) {
   if (options.exported.surface) return "--surface needs all points at once";
   if (options.exported.sequence > 0) return "--sequence needs the whole map after each scan";
+  if (!options.checkpoint.empty() || !options.resume.empty()) {
+    return "finished tiles are kept without --checkpoint, and the same command goes on with the others";
+  }
   if (params.update.policy == UpdatePolicy::Paper) return "the paper's policy gives other labels in tiles";
   return std::nullopt;
 }

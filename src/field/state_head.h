@@ -1,0 +1,38 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The first section of a saved state: which program, rules, tool and parameters made it, and how much follows.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "accessvdb/params.h"
+
+namespace accessvdb::internal {
+
+/// Layout of the file. Raise it when a section changes; a program reads its own number only.
+inline constexpr std::uint32_t kStateSchema = 1;
+
+struct StateHead {
+  std::uint32_t schema = kStateSchema;
+  std::uint32_t rules_version = 0;
+  std::string version;                      ///< of the program, for people
+  std::string tool_sha256;                  ///< ToolGeometry::sha256()
+  FieldParams params;                       ///< resolved; backend and threads are not part of a state
+  std::optional<Eigen::Vector3d> origin_W;  ///< once there is one
+  bool updated = false;                     ///< after an update(): its labels have to be made again
+  std::uint64_t scans = 0;                  ///< integrated
+  std::uint64_t leaves = 0, leaves_with_values = 0;
+  std::uint64_t points = 0, poses = 0;
+};
+
+[[nodiscard]] std::vector<char> bytesOf(const StateHead& head);
+
+/// @return nothing if the bytes are not such a head: too few, too many, or with values that no field has. Of another
+///         schema or other rules, only the first four members are read.
+[[nodiscard]] std::optional<StateHead> headFrom(const std::vector<char>& bytes);
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,170 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/state_reader.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cstring>
+
+#include "accessvdb/error.h"
+#include "field/rules_version.h"
+#include "field/state_writer.h"
+#include "io/input_file.h"
+#include "tsdf/leaf_facts.h"
+
+namespace accessvdb::internal {
+namespace {
+
+constexpr std::uint64_t kMostHeadBytes = 1 << 16;
+constexpr std::size_t kLeavesRead = 1 << 12, kPointsRead = 1 << 14, kPosesRead = 1 << 12;
+constexpr std::uint32_t kAllRowPairs = ~std::uint32_t{0};
+
+/// @return whether one of the facts holds anywhere
+bool hasFacts(const LeafChange& facts) {
+  std::uint64_t any = 0;
+  for (std::size_t x = 0; x < 8; ++x) any |= facts.collides_on[x] | facts.arm_free_on[x];
+  return any != 0;
+}
+
+StoredPoint pointFrom(const char* from, const FieldParams& params) {
+  StoredPoint point = {};
+  const auto take = [&from](void* to, std::size_t bytes) {
+    std::memcpy(to, from, bytes);
+    from += bytes;
+  };
+  take(point.first_L.data(), 3 * sizeof(float));
+  take(point.sums.offset.data(), sizeof point.sums.offset);
+  take(point.sums.sensor.data(), sizeof point.sums.sensor);
+  take(&point.sums.returns, sizeof point.sums.returns);
+  if (params.approach.viewpoints) {
+    take(&point.views.count, sizeof point.views.count);
+    take(point.views.pose.data(), sizeof point.views.pose);
+  } else {
+    take(point.seen.word, static_cast<std::size_t>((params.approach.num_directions + 63) / 64) * sizeof(std::uint64_t));
+  }
+  return point;
+}
+
+}  // namespace
+
+StateReader::StateReader(const std::filesystem::path& file) : file_(file), in_(file) { readHead(); }
+
+void StateReader::readHead() {
+  const std::uint64_t length = in_.begin("head");
+  if (length > kMostHeadBytes) in_.refuse("it is too long");
+  std::vector<char> bytes(length);
+  in_.read(bytes.data(), bytes.size());
+  head_digest_ = in_.end();
+  const std::optional<StateHead> head = headFrom(bytes);
+  if (!head) in_.refuse("it holds values that no field has");
+  head_ = *head;
+  if (head_.schema != kStateSchema || head_.rules_version != kRulesVersion) {
+    throw UnusableInput("state.rules", io::forMessage(file_.native()),
+                        "was written by version " + io::wordForMessage(head_.version) + " with rules " +
+                            std::to_string(head_.rules_version) + " in layout " + std::to_string(head_.schema) +
+                            "; this program has rules " + std::to_string(kRulesVersion) + " and layout " +
+                            std::to_string(kStateSchema),
+                        "Start again from the scans, or use the program that wrote it");
+  }
+  // No product overflows: ids and file sizes bound the factors.
+  const std::uint64_t left = in_.fileBytes();
+  const bool small = head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValueBytes &&
+                     head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes;
+  const std::uint64_t expected = kStateMagic.size() + 4 * kSectionFrameBytes + length + head_.leaves * kLeafBytes +
+                                 head_.leaves_with_values * kLeafValueBytes + head_.poses * kPoseBytes +
+                                 head_.points * storedPointBytes(head_.params);
+  if (!small || expected != in_.fileBytes()) {
+    in_.refuse("it announces another size than the " + std::to_string(in_.fileBytes()) + " bytes of the file");
+  }
+}
+
+void StateReader::readInto(PackedMap& map, PointStore& points, const TakeLeaves& take) {
+  readLeaves(map, take);
+  readPoses(points);
+  readPoints(points);
+}
+
+void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
+  if (in_.begin("leaves") != head_.leaves * kLeafBytes + head_.leaves_with_values * kLeafValueBytes) {
+    in_.refuse("its length is not that of the announced leaves");
+  }
+  std::vector<const PackedLeaf*> leaves;
+  std::vector<LeafChange> facts;
+  std::vector<DistanceChange> distances;
+  const auto hand_over = [&] {
+    facts.resize(leaves.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), 64), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) facts[n] = factsOf(*leaves[n], map.collisionMean());
+    });
+    std::erase_if(facts, [](const LeafChange& change) { return !hasFacts(change); });
+    distances.clear();
+    for (const PackedLeaf* leaf : leaves) {
+      const std::uint32_t* values = packedValues(*leaf);
+      if (values == nullptr) continue;
+      distances.push_back({{leaf->origin().x(), leaf->origin().y(), leaf->origin().z()}, kAllRowPairs, values});
+    }
+    take(facts, distances);
+    leaves.clear();
+  };
+  std::uint64_t with_values = 0;
+  for (std::uint64_t n = 0; n < head_.leaves; ++n) {
+    std::int32_t origin[3];
+    std::uint32_t has_values = 0;
+    LeafBits cleared;
+    alignas(64) std::uint32_t values[PackedLeaf::SIZE];
+    in_.read(origin, sizeof origin);
+    in_.read(&has_values, sizeof has_values);
+    in_.read(cleared.data(), sizeof cleared);
+    with_values += has_values;
+    if (has_values > 1 || with_values > head_.leaves_with_values) in_.refuse("it has too many values");
+    for (const std::int32_t x : origin) {
+      if (x % 8 != 0 || x < -kFarthestLeaf_voxels || x > kFarthestLeaf_voxels) in_.refuse("a leaf is out of place");
+    }
+    if (has_values == 1) in_.read(values, sizeof values);
+    const PackedLeaf* leaf =
+        map.restoreLeaf({origin[0], origin[1], origin[2]}, cleared, has_values == 1 ? values : nullptr);
+    if (leaf == nullptr) in_.refuse("a leaf is there twice, or has voxels that no map has");
+    leaves.push_back(leaf);
+    if (leaves.size() == kLeavesRead) hand_over();
+  }
+  in_.end();
+  if (with_values != head_.leaves_with_values) in_.refuse("it has too few values");
+  hand_over();
+}
+
+void StateReader::readPoses(PointStore& points) {
+  if (in_.begin("poses") != head_.poses * kPoseBytes) in_.refuse("its length is not that of the announced positions");
+  std::vector<Eigen::Vector3f> poses_L;
+  for (std::uint64_t first = 0; first < head_.poses; first += kPosesRead) {
+    poses_L.resize(std::min<std::uint64_t>(head_.poses - first, kPosesRead));
+    in_.read(poses_L.data(), poses_L.size() * kPoseBytes);
+    for (const Eigen::Vector3f& q_L : poses_L) {
+      if (!q_L.allFinite()) in_.refuse("a sensor position is not finite");
+    }
+    points.restorePoses(poses_L);
+  }
+  in_.end();
+}
+
+void StateReader::readPoints(PointStore& points) {
+  const std::size_t each = storedPointBytes(head_.params);
+  if (in_.begin("points") != head_.points * each) in_.refuse("its length is not that of the announced points");
+  std::vector<char> bytes;
+  std::vector<StoredPoint> block;
+  for (std::uint64_t first = 0; first < head_.points; first += kPointsRead) {
+    block.resize(std::min<std::uint64_t>(head_.points - first, kPointsRead));
+    bytes.resize(block.size() * each);
+    in_.read(bytes.data(), bytes.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, block.size(), 512), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        block[n] = pointFrom(bytes.data() + n * each, head_.params);
+      }
+    });
+    if (!points.restore(block)) in_.refuse("a point is there twice, or is not one that a field can have");
+  }
+  in_.end();
+}
+
+}  // namespace accessvdb::internal

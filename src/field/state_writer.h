@@ -1,0 +1,30 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Writes the state of a field into one file (docs/DESIGN.md, "Saved state").
+#pragma once
+
+#include <filesystem>
+
+#include "field/state_head.h"
+#include "points/point_store.h"
+#include "tsdf/packed_map.h"
+
+namespace accessvdb::internal {
+
+/// Leaves are at multiples of 8 voxels within this, so that a mirror can hold them.
+inline constexpr std::int32_t kFarthestLeaf_voxels = 1 << 21;
+
+/// Bytes of a leaf without and with values, of a point, and of a sensor position.
+inline constexpr std::uint64_t kLeafBytes = 3 * sizeof(std::int32_t) + sizeof(std::uint32_t) + sizeof(LeafBits);
+inline constexpr std::uint64_t kLeafValueBytes = PackedLeaf::SIZE * sizeof(std::uint32_t);
+inline constexpr std::uint64_t kPoseBytes = 3 * sizeof(float);
+[[nodiscard]] std::uint64_t storedPointBytes(const FieldParams& params);
+
+/// @throws InvalidArgument "usage.checkpoint"  for fields whose results depend on more than a state holds
+void requireSavable(const FieldParams& params);
+
+/// @param head  its counts of leaves and points are filled in here
+/// @throws OutputError
+void writeState(const std::filesystem::path& file, StateHead head, const PackedMap& map, const PointStore& points);
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,27 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "tsdf/leaf_facts.h"
+
+namespace accessvdb::internal {
+
+LeafChange factsOf(const PackedLeaf& leaf, std::uint32_t collision_mean) {
+  const openvdb::Coord& origin = leaf.origin();
+  LeafChange facts;
+  facts.origin_ijk = {origin.x(), origin.y(), origin.z()};
+  const std::uint32_t* packed = packedValues(leaf);
+  for (std::size_t x = 0; x < 8; ++x) {
+    const auto cleared = leaf.getValueMask().getWord<std::uint64_t>(static_cast<openvdb::Index>(x));
+    std::uint64_t observed = 0, collides = 0;
+    for (std::size_t n = 0; packed != nullptr && n < 64; ++n) {
+      const std::uint32_t voxel = packed[64 * x + n];
+      const std::uint64_t seen = weightOf(voxel) > 0 ? 1 : 0, near = meanOf(voxel) < collision_mean ? seen : 0;
+      observed |= seen << n;
+      collides |= near << n;
+    }
+    facts.collides_on[x] = collides;
+    facts.arm_free_on[x] = (observed & ~collides) | (cleared & ~observed);
+  }
+  return facts;
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,14 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The two facts that scoring reads, of a whole leaf: for a mirror that has to be made from an existing map.
+#pragma once
+
+#include "accessvdb/leaf_change.h"
+#include "tsdf/packed_map.h"
+
+namespace accessvdb::internal {
+
+/// What would have to flip if the leaf were new: collides_on and arm_free_on are its facts.
+[[nodiscard]] LeafChange factsOf(const PackedLeaf& leaf, std::uint32_t collision_mean);
+
+}  // namespace accessvdb::internal
