@@ -15,7 +15,7 @@ from . import _tile_task
 from ._errors import DeviceError, InternalError, InvalidArgument
 from ._tile_task import Outcome
 
-_CONNECT_S = 10
+_CONNECT_S = 5
 _RESULT_S = 60
 
 
@@ -92,8 +92,10 @@ def _modules() -> Any:
 def open_cluster(options: ClusterOptions, say: Callable[[str], None]) -> Iterator[Cluster]:
     """Connects to the scheduler, or starts a cluster in this process."""
     distributed = _modules()
-    # Dask's own log tells in many lines what becomes one error here.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    # Dask's own log tells in many lines what becomes one error here. Each of its loggers has a level of its own.
+    for name in list(logging.root.manager.loggerDict):
+        if name.partition(".")[0] in ("distributed", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     if options.scheduler:
         yield from _connected(distributed, options.scheduler)
     else:

@@ -73,7 +73,9 @@ def in_words(outcome: Outcome) -> str:
         return f"used no processor time for long and was ended, on {outcome['host']}"
     error = outcome["error"]
     if error:
-        text = f"error[{error.get('id', '')}] {error.get('subject', '')}: {error.get('problem', '')}"
+        subject = str(error.get("subject", ""))
+        about = f"{subject}: " if subject and subject != f"tile {outcome['tile']}" else ""
+        text = f"{about}{error.get('problem', '')} ({error.get('id', '')})"
     elif code < 0:
         text = f"killed by {_signal_name(-code)}"
         if code == -signal.SIGKILL:

@@ -114,6 +114,10 @@ class _Driver:
             raise
         finally:
             self.summary.seconds = time.monotonic() - begin
+        order = {tile: n for n, tile in enumerate(tiles)}
+        # Not in the order in which they failed, which is another one each time; what was asked for comes before quarters.
+        by_order = sorted(self.summary.failed.items(), key=lambda item: (order.get(item[0], len(order)), item[0]))
+        self.summary.failed = dict(by_order)
         return self.summary
 
     def _submit(self, tile: str, priority: int = 0) -> None:
@@ -199,7 +203,7 @@ def _stopped_by(outcome: Outcome, code: int) -> Error:
     made = _RunStopped(
         str(error.get("id") or "tile.failed"),
         str(error.get("subject") or f"tile {outcome['tile']}"),
-        str(error.get("problem") or in_words(outcome)) + f" (tile {outcome['tile']} on {outcome['host']})",
+        f"{error['problem']} (tile {outcome['tile']} on {outcome['host']})" if error else in_words(outcome),
         str(error.get("advice") or "All tiles would fail in the same way; run the same command again after that"),
     )
     made.code = code
