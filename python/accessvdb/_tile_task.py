@@ -8,6 +8,7 @@ along. This file travels to the workers by value and imports nothing of the pack
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import select
@@ -124,9 +125,7 @@ class _Task:
     """Dask's view of the running task: who runs it, and whether anybody still waits for it."""
 
     def __init__(self) -> None:
-        from distributed import get_worker
-
-        self._worker = get_worker()
+        self._worker: Any = importlib.import_module("distributed").get_worker()
         self._key = self._worker.get_current_task()
 
     @property
