@@ -28,7 +28,7 @@ packages=(
 )
 python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
 tests=(blender libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file libopenvdb-tools
-  mmdebstrap mypy python3-openvdb)
+  mmdebstrap mypy python3-distributed python3-openvdb)
 list=false with_tests=false
 for argument in "$@"; do
   case "$argument" in

@@ -23,40 +23,53 @@ from ._errors import (
     ResourceLimit,
     UnusableInput,
 )
-from ._accessvdb import (
-    NO_DIRECTION,
-    NO_POINT,
-    NO_SCORE,
-    AccessibilityField,
-    ApproachParams,
-    CapsuleAnswers,
-    FieldParams,
-    FieldSnapshot,
-    FrameStats,
-    MemoryUse,
-    PointAnswers,
-    PointLabel,
-    PointReason,
-    ProjectiveParams,
-    ScanRecord,
-    ScanSequence,
-    ScoringParams,
-    StoredAnswer,
-    StoredField,
-    SurfacePoint,
-    ToolGeometry,
-    TsdfParams,
-    UpdateParams,
-    UpdateStats,
-    __version__,
-    read_points_ply,
-    render_field,
-    render_tool,
-)
+try:
+    from ._accessvdb import (
+        NO_DIRECTION,
+        NO_POINT,
+        NO_SCORE,
+        AccessibilityField,
+        ApproachParams,
+        CapsuleAnswers,
+        FieldParams,
+        FieldSnapshot,
+        FrameStats,
+        MemoryUse,
+        PointAnswers,
+        PointLabel,
+        PointReason,
+        ProjectiveParams,
+        ScanRecord,
+        ScanSequence,
+        ScoringParams,
+        StoredAnswer,
+        StoredField,
+        SurfacePoint,
+        ToolGeometry,
+        TsdfParams,
+        UpdateParams,
+        UpdateStats,
+        __version__,
+        read_points_ply,
+        render_field,
+        render_tool,
+    )
+except ImportError as _error:
+    # accessvdb.tiles only starts programs, also on machines without the compiled module. All else needs it: whoever asks
+    # for a name of it gets the error that importing it gave.
+    _import_error = _error
+
+    def __getattr__(name):
+        from importlib.util import find_spec
+
+        if (name.startswith("_") and name != "__version__") or find_spec(f"{__name__}.{name}"):
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        raise _import_error.with_traceback(None)
+
 
 __all__ = [_name for _name in dir() if not _name.startswith("_")] + ["__version__"]
 
 for _name in __all__:
     # Users import from here, so errors and reprs name this place too.
-    if isinstance(globals()[_name], type):
+    if isinstance(globals().get(_name), type):
         globals()[_name].__module__ = "accessvdb"

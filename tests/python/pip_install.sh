@@ -30,7 +30,7 @@ wanted=$(printf '%s\n' CHANGELOG.md CMakeLists.txt LICENSE README.md build cmake
 "${pip[@]}" show -f accessvdb | tee "$out/show.txt"
 grep -q "^Version: $VERSION$" "$out/show.txt"
 grep -q '^Requires: numpy$' "$out/show.txt"
-for file in _errors.py __init__.py __init__.pyi py.typed; do grep -q "accessvdb/$file$" "$out/show.txt"; done
+for file in _errors.py __init__.py __init__.pyi _tile_task.py tiles.py py.typed; do grep -q "accessvdb/$file$" "$out/show.txt"; done
 
 cd "$out/elsewhere"
 cat >labels.py <<'END'
@@ -52,6 +52,9 @@ assert field.snapshot().counts["accessible"] > 100
 sys.stdout.buffer.write(field.snapshot().records.tobytes())
 END
 cmp <("$out/environment/bin/python" labels.py installed) <(PYTHONPATH=$built "$PYTHON" labels.py built)
+
+"$out/environment/bin/python" -m accessvdb.tiles run --help >"$out/help.txt"
+grep -q -- '--scheduler tcp://HOST:PORT' "$out/help.txt"
 
 # A second install compiles nothing.
 (cd "$out/sources" && "${pip[@]}" install --force-reinstall --no-deps "${settings[@]}" -v . >"$out/again.log" 2>&1) || { tail -40 "$out/again.log"; exit 1; }

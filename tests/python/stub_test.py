@@ -155,7 +155,9 @@ class Stub(unittest.TestCase):
             os.environ["MYPYPATH"] = str(STUB.parents[1])
             command = [mypy, "--strict", "--cache-dir", folder]
             good = subprocess.run(
-                [*command, str(STUB), str(source / "examples/python/map_a_corner.py")], capture_output=True, text=True
+                [*command, str(STUB), str(source / "examples/python/map_a_corner.py"), str(STUB.with_name("tiles.py"))],
+                capture_output=True,
+                text=True,
             )
             self.assertEqual(good.returncode, 0, good.stdout + good.stderr)
             bad = subprocess.run([*command, str(wrong)], capture_output=True, text=True)

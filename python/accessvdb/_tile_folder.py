@@ -1,0 +1,165 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of a map in tiles as accessvdb.tiles sees it: its lock, its plan, and the steps before and after the tiles."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Callable, Iterator, List, Optional
+
+from ._errors import InputError, InvalidArgument, OutputError
+from ._tile_policy import Grid
+from ._tile_task import find_program
+
+
+@dataclass
+class Stop:
+    """Set by the handler of SIGINT and SIGTERM, looked at between waits."""
+
+    signal: int = 0
+
+
+class Stopped(Exception):
+    """A signal asked for the end."""
+
+
+class StepFailed(Exception):
+    """A step's program has failed and has said why on stderr."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+def program_here() -> str:
+    """The program for this machine: $ACCESSVDB_PROGRAM, then bin/accessvdb above this module, then PATH."""
+    beside = [folder / "bin" / "accessvdb" for folder in Path(__file__).resolve().parents]
+    hint = next((str(path) for path in beside if os.access(path, os.X_OK)), "")
+    program = find_program(hint)
+    if program is None:
+        named = os.environ.get("ACCESSVDB_PROGRAM", "")
+        raise InvalidArgument("program.missing", named or "accessvdb", "there is no such program",
+                              "Install accessvdb, or name it in the variable ACCESSVDB_PROGRAM")  # fmt: skip
+    return program
+
+
+def read_grid(out: str) -> Grid:
+    """The sizes in plan.json."""
+    path = Path(out, "plan.json")
+    try:
+        plan = json.loads(path.read_text())
+        return Grid(int(plan["tile_voxels"]), int(plan["margin_voxels"]))
+    except OSError as error:
+        raise InputError("plan.missing", str(path), f"cannot be read ({error.strerror})",
+                         "Make a plan with accessvdb tile plan") from None  # fmt: skip
+    except (ValueError, KeyError, TypeError):
+        raise InputError("plan.damaged", str(path), "is not a plan of tiles", "Start again with --fresh") from None
+
+
+def _lock(path: str, flags: int, kind: int, problem: str) -> int:
+    """@return a descriptor that holds the lock; -1 where the file system has none"""
+    try:
+        descriptor = os.open(path, flags | os.O_CLOEXEC)
+    except OSError as error:
+        raise OutputError("output.permission", path, f"cannot be opened ({error.strerror})",
+                          "Check the folder's permissions") from None  # fmt: skip
+    try:
+        fcntl.flock(descriptor, kind | fcntl.LOCK_NB)
+    except OSError as error:
+        os.close(descriptor)
+        if error.errno not in (errno.EWOULDBLOCK, errno.EACCES):
+            return -1
+        raise OutputError("output.locked", os.path.dirname(path) if path.endswith(".json") else path, problem,
+                          "Wait for it, or stop it") from None  # fmt: skip
+    return descriptor
+
+
+@contextlib.contextmanager
+def one_driver(out: str) -> Iterator[None]:
+    """For the whole run. plan.json, because it is there, stays, and can be locked through NFS, which needs a file that
+    is open for writing; and because the steps bin and merge lock the folder itself."""
+    lock = _lock(os.path.join(out, "plan.json"), os.O_RDWR, fcntl.LOCK_EX, "another driver runs the tiles of this folder")
+    try:
+        yield
+    finally:
+        if lock >= 0:
+            os.close(lock)
+
+
+@contextlib.contextmanager
+def no_other_writer(out: str) -> Iterator[None]:
+    """While tiles run: `map`, `tile plan`, `bin` and `merge` take this lock alone and are refused."""
+    lock = _lock(out, os.O_RDONLY | os.O_DIRECTORY, fcntl.LOCK_SH, "another process is writing into this folder")
+    try:
+        yield
+    finally:
+        if lock >= 0:
+            os.close(lock)
+
+
+@dataclass
+class Steps:
+    """The steps around the tiles, each by the program itself."""
+
+    program: str
+    out: str
+    quiet: bool
+    stop: Stop
+    say: Callable[[str], None]
+
+    def todo(self) -> List[str]:
+        """Names of the tiles that are left, in the order in which to run them. Sorts the returns first if needed."""
+        names = self._list()
+        if names is None:
+            self._run("bin")
+            names = self._list()
+        if names is None:
+            raise InputError("rays.missing", self.out, "holds no rays of this plan after tile bin", "Run it again")
+        return names
+
+    def merge(self, keep_rays: bool) -> None:
+        """One result of all tiles."""
+        self._run("merge", *(["--keep-rays"] if keep_rays else []))
+
+    def _list(self) -> Optional[List[str]]:
+        command = [self.program, "tile", "list", self.out, "--todo", "--error-format", "json"]
+        done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, start_new_session=True)
+        if self.stop.signal:
+            raise Stopped
+        if done.returncode == 0:
+            return done.stdout.split()
+        if done.returncode == 3 and '"rays.missing"' in done.stderr:
+            return None
+        # Once more, for the text.
+        subprocess.run(command[:-2], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True)
+        raise StepFailed(done.returncode if done.returncode > 0 else 70)
+
+    def _run(self, step: str, *more: str) -> None:
+        command = [self.program, "tile", step, self.out, *(["--quiet"] if self.quiet else []), *more]
+        guard = shutil.which("setpriv")
+        if guard:  # ends with this process, whatever kills it; started by the main thread, which lives as long
+            command = [guard, "--pdeathsig", "TERM", *command]
+        sys.stderr.flush()
+        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True)
+        asked = False
+        while True:
+            try:
+                code = child.wait(0.1)
+                break
+            except subprocess.TimeoutExpired:
+                if self.stop.signal and not asked:
+                    child.terminate()
+                    asked = True
+        if self.stop.signal:
+            raise Stopped
+        if code != 0:
+            raise StepFailed(code if code > 0 else 70)
