@@ -64,7 +64,6 @@ class TileRun {
     FieldParams params = job_.params;
     params.origin_W = job_.plan.origin_W;
     params.window = tile_.id.window(job_.plan.tile_voxels);
-    requireFit(peakBytesOf({}, 0, tables_));
     AttemptFolder folder(job_.out, tile_.id);
     {
       AccessibilityField field(job_.tool, params);
@@ -76,7 +75,7 @@ class TileRun {
     tile_.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     tile_.peak_bytes = peakOfProcess();
     writeTile(folder.path(), job_.plan, tile_);
-    folder.putInPlace();
+    folder.putInPlace(job_.plan);
     return tile_;
   }
 
@@ -176,16 +175,37 @@ std::optional<std::string> attempt(const Job& job, const TileId& id, const RunLi
   return reason;
 }
 
+/// Whether a tile with this edge may be run: smaller ones would mostly repeat what their neighbours do.
+bool isLargeEnough(const Plan& plan, std::int32_t edge_voxels) {
+  return edge_voxels >= FieldWindow::kEdge && edge_voxels >= 2 * plan.margin_voxels;
+}
+
+std::int32_t edgeOf(const Plan& plan, const TileId& id) {
+  const std::size_t levels = id.quarters.size();
+  return levels < 31 ? plan.tile_voxels >> levels : 0;
+}
+
+/// What every tile needs, however small: splitting would not help.
+void requireRoomForTool(const Job& job, const RunLimits& limits) {
+  const double bytes = peakBytesOf({}, 0, toolTableBytes(job.tool, job.params));
+  if (limits.memory_bytes == 0 || bytes <= static_cast<double>(limits.memory_bytes)) return;
+  const auto megabytes = [](double count) { return std::to_string(static_cast<std::uint64_t>(count) >> 20) + " MiB"; };
+  throw ResourceLimit("limit.memory", "tool " + job.plan.tool_name,
+                      "the program and the tool's tables need about " + megabytes(bytes) + ", more than " +
+                          megabytes(static_cast<double>(limits.memory_bytes)),
+                      "Allow more memory, or use a larger voxel");
+}
+
 void runInto(const Job& job, const TileId& id, const RunLimits& limits, const Watch& watch, std::vector<Tile>& done) {
   if (const auto tile = readTile(job.out, job.plan, id)) {
     done.push_back(*tile);
     return;
   }
   if (!isSplit(job.out, job.plan, id)) {
+    requireRoomForTool(job, limits);
     const auto reason = attempt(job, id, limits, watch, done);
     if (!reason) return;
-    const std::int32_t half = (job.plan.tile_voxels >> id.quarters.size()) / 2;
-    if (half < FieldWindow::kEdge || half < 2 * job.plan.margin_voxels) {
+    if (!isLargeEnough(job.plan, edgeOf(job.plan, id) / 2)) {
       throw ResourceLimit("limit.memory", "tile " + id.name(),
                           *reason + ", and is already the smallest that the tool allows",
                           "Allow more memory, or use a larger voxel");
@@ -210,6 +230,10 @@ void statusOf(const fs::path& out, const Plan& plan, const TileId& id, Status& s
 
 std::vector<Tile> run(const Job& job, const TileId& which, const RunLimits& limits, const Watch& watch) {
   io::checkWriteOptions(limits.files);
+  if (!which.quarters.empty() && !isLargeEnough(job.plan, edgeOf(job.plan, which))) {
+    throw InvalidArgument("usage.tile", which.name(), "is smaller than the smallest quarter that the tool allows",
+                          "See accessvdb tile list");
+  }
   // Who asks for a quarter has seen that the whole does not fit.
   for (std::size_t levels = 0; levels < which.quarters.size(); ++levels) {
     const TileId parent = {which.x, which.y, which.quarters.substr(0, levels)};

@@ -7,6 +7,7 @@
 #include <csignal>
 #include <filesystem>
 #include <thread>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
@@ -187,6 +188,34 @@ int showStatus(const Arguments& arguments, Messages& messages) {
   return 0;
 }
 
+/// The points that --vdb without --points needs for itself; an earlier, killed process may have left them.
+class PointsForGrids {
+ public:
+  explicit PointsForGrids(fs::path path) : path_(std::move(path)) {}
+  ~PointsForGrids() {
+    std::error_code ignored;
+    fs::remove(path_, ignored);
+  }
+  PointsForGrids(const PointsForGrids&) = delete;
+  PointsForGrids& operator=(const PointsForGrids&) = delete;
+  [[nodiscard]] const fs::path& path() const { return path_; }
+
+ private:
+  fs::path path_;
+};
+
+void mergeFiles(const OpenJob& open, const StepOptions& options, const tiles::Status& status, Messages& messages) {
+  if (!options.vdb.empty()) requireRoomForGrids(status, memoryLimit(options.map));
+  const PointsForGrids own(open.job.out / "merged_points.ply");
+  const fs::path points = options.points.empty() ? own.path() : fs::path(options.points);
+  const std::uint64_t count = tiles::mergePoints(open.job.out, status.done, points);
+  if (!options.points.empty()) messages.notice("wrote " + std::to_string(count) + " points into " + points.string());
+  if (options.vdb.empty()) return;
+  tiles::mergeGrids({open.job.out, status.done, points, options.vdb, writeOptions(open.options.exported),
+                     options.map.common.threads});
+  messages.notice("wrote all grids into " + options.vdb);
+}
+
 int mergeTiles(const Arguments& arguments, Messages& messages) {
   StepOptions options;
   FlagParser flags;
@@ -209,23 +238,14 @@ int mergeTiles(const Arguments& arguments, Messages& messages) {
         std::to_string(status.todo.size()) + " tiles are not finished, the first is " + status.todo.front().name(),
         "Run accessvdb tile run first");
   }
+  if (!options.points.empty() || !options.vdb.empty()) mergeFiles(open, options, status, messages);
   RunReport report;
   report.device.clear();
   writeResult({open.job, open.options, rays, status}, report, messages);
   writeReport(open.job.out / "report.json", report, messages);
+  tiles::removeLeftovers(open.job.out);
+  // Last, because a tile that turns out to be damaged is made again from them.
   if (!options.keep_rays) tiles::removeRays(open.job.out);
-  if (options.points.empty() && options.vdb.empty()) return 0;
-  const fs::path points = options.points.empty() ? open.job.out / "merged_points.ply" : fs::path(options.points);
-  const std::uint64_t count = tiles::mergePoints(open.job.out, status.done, points);
-  messages.notice("wrote " + std::to_string(count) + " points into " + points.string());
-  if (!options.vdb.empty()) {
-    requireRoomForGrids(status, count, memoryLimit(options.map));
-    tiles::mergeGrids({open.job.out, status.done, points, options.vdb, writeOptions(open.options.exported),
-                       options.map.common.threads});
-    messages.notice("wrote all grids into " + options.vdb);
-    std::error_code ignored;
-    if (options.points.empty()) fs::remove(points, ignored);
-  }
   return 0;
 }
 
