@@ -48,7 +48,7 @@ struct ACCESSVDB_API TileId {
 };
 
 struct PlannedInput {
-  std::string path;
+  std::string path;  ///< absolute
   std::uint64_t bytes = 0;
   std::string sha256;  ///< of small files; empty for scans, which are hashed when they are read
 };
@@ -179,6 +179,9 @@ struct Status {
 };
 /// @throws InputError for a damaged manifest
 [[nodiscard]] ACCESSVDB_API Status status(const std::filesystem::path& out, const Plan& plan, const Binned& rays);
+
+/// Deletes what killed processes left among the tiles.
+ACCESSVDB_API void removeLeftovers(const std::filesystem::path& out);
 
 /// Writes field.json, which lists the finished tiles.
 ACCESSVDB_API void writeIndex(const std::filesystem::path& out, const Plan& plan, const Status& status);

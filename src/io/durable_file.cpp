@@ -199,10 +199,39 @@ bool markAsWritten(int fd) {
   return ::fstat(fd, &info) != 0 || info.st_nlink > 0;
 }
 
+bool isTempName(const std::string& name) {
+  const std::string suffix = ".tmp";
+  if (name.size() < kTempHexDigits + suffix.size() + 3 || name.front() != '.' || !name.ends_with(suffix)) return false;
+  const std::size_t hex_begin = name.size() - suffix.size() - kTempHexDigits;
+  return name[hex_begin - 1] == '.' &&
+         name.substr(hex_begin, kTempHexDigits).find_first_not_of("0123456789abcdef") == std::string::npos;
+}
+
+/// Removes a temporary file unless somebody is writing it: a single file may be written without the folder's lock.
+void removeUnlessWritten(const std::filesystem::path& temp) {
+  const int fd = ::open(temp.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+  if (fd < 0) return;
+  if (::flock(fd, LOCK_EX | LOCK_NB) == 0) ::unlink(temp.c_str());
+  ::close(fd);
+}
+
+/// What killed runs left of one target, whose folder may be anybody's.
+void removeStaleTempsOf(const std::filesystem::path& target) {
+  const std::string begin = "." + target.filename().string() + ".";
+  std::error_code ignored;
+  for (const auto& entry : std::filesystem::directory_iterator(folderOf(target), ignored)) {
+    const std::string name = entry.path().filename().string();
+    if (name.size() == begin.size() + kTempHexDigits + 4 && name.starts_with(begin) && isTempName(name)) {
+      removeUnlessWritten(entry.path());
+    }
+  }
+}
+
 /// The temporary file of one target; unlinked unless it was renamed.
 class TempFile {
  public:
   explicit TempFile(const std::filesystem::path& target) : target_(target) {
+    removeStaleTempsOf(target);
     for (int attempt = 0; attempt < kTempNameAttempts; ++attempt) {
       temp_ = folderOf(target) /
               std::string(".").append(target.filename().string()).append(".").append(randomHex()).append(".tmp");
@@ -289,22 +318,6 @@ void writeInPlace(const std::filesystem::path& path, const std::function<void(st
     throw;
   }
   if (::close(fd) != 0 && errno != EINTR) throwOutputError(errno, path, "close it");
-}
-
-bool isTempName(const std::string& name) {
-  const std::string suffix = ".tmp";
-  if (name.size() < kTempHexDigits + suffix.size() + 3 || name.front() != '.' || !name.ends_with(suffix)) return false;
-  const std::size_t hex_begin = name.size() - suffix.size() - kTempHexDigits;
-  return name[hex_begin - 1] == '.' &&
-         name.substr(hex_begin, kTempHexDigits).find_first_not_of("0123456789abcdef") == std::string::npos;
-}
-
-/// Removes a temporary file unless somebody is writing it: a single file may be written without the folder's lock.
-void removeUnlessWritten(const std::filesystem::path& temp) {
-  const int fd = ::open(temp.c_str(), O_RDONLY | O_NOFOLLOW | O_CLOEXEC);
-  if (fd < 0) return;
-  if (::flock(fd, LOCK_EX | LOCK_NB) == 0) ::unlink(temp.c_str());
-  ::close(fd);
 }
 
 /// Removes what killed runs left in a folder. @param locked  whether the file system has locks

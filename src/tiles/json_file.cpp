@@ -7,10 +7,26 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "io/sha256.h"
 
 namespace accessvdb::tiles {
 
-void writeJson(const std::filesystem::path& path, const Json& json) {
+namespace {
+
+constexpr const char* kDigest = "sha256";
+
+/// Of everything but the hash itself.
+std::string digestOf(const Json& json) {
+  const std::string text = json.dump(-1, ' ', false, Json::error_handler_t::replace);
+  internal::Sha256 sha256;
+  sha256.update(text.data(), text.size());
+  return internal::hexOf(sha256.digest());
+}
+
+}  // namespace
+
+void writeJson(const std::filesystem::path& path, Json json) {
+  json[kDigest] = digestOf(json);
   const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
   io::writeFileDurably(path, [&](std::ostream& stream) { stream << text; });
 }
@@ -22,10 +38,14 @@ void readJson(const std::filesystem::path& path, const std::string& what,
     throw InputError(what + ".missing", path.string(), "cannot be opened",
                      "Run the step before it first: accessvdb tile --help lists them");
   try {
-    take(Json::parse(stream));
-  } catch (const Json::exception& error) {
-    throw InputError(what + ".damaged", path.string(), "is damaged", "Delete it and run this step again");
+    Json json = Json::parse(stream);
+    const std::string digest = json.at(kDigest);
+    json.erase(kDigest);
+    if (digest == digestOf(json)) return take(json);
+  } catch (const Json::exception&) {
+    // Neither read nor as expected: damaged as well.
   }
+  throw InputError(what + ".damaged", path.string(), "is damaged", "Delete it and run this step again");
 }
 
 }  // namespace accessvdb::tiles

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Small JSON files of a folder of tiles: written durably, read with one kind of error for whatever is wrong in them.
+/// Small JSON files of a folder of tiles: written durably with a hash of their content, read with one kind of error for
+/// whatever is wrong in them.
 #pragma once
 
 #include <filesystem>
@@ -13,7 +14,7 @@ namespace accessvdb::tiles {
 using Json = nlohmann::ordered_json;
 
 /// @throws OutputError
-void writeJson(const std::filesystem::path& path, const Json& json);
+void writeJson(const std::filesystem::path& path, Json json);
 
 /// Parses the file and hands it to `take`.
 /// @param what  for the error's id: "plan" gives "plan.missing" and "plan.damaged"

@@ -42,6 +42,8 @@ class StepSorter {
       stored += returns.size();
       returns.clear();
     }
+    // A long walk leaves most tiles behind: their lists go.
+    if (returns_of_.size() > 2 * touched_.size() + 16) returns_of_.clear();
     return stored;
   }
 
@@ -148,8 +150,10 @@ class Binner {
     for (std::size_t n = 0; n < index.dropped.size(); ++n) index.dropped[n] += stats.dropped[n];
   }
 
-  void requireAsPlanned(const std::string& path) {
-    if (path == last_path_) return;
+  void requireAsPlanned(const std::string& given_path) {
+    if (given_path == last_given_path_) return;
+    last_given_path_ = given_path;
+    const std::string path = fs::absolute(given_path).lexically_normal().string();
     // While the file is still in the system's cache. The last one, or a single cloud, is hashed at the end.
     if (!last_path_.empty()) noteRead(last_path_);
     last_path_ = path;
@@ -175,7 +179,7 @@ class Binner {
   ShardBuffer buffer_;
   std::unordered_map<std::string, const PlannedInput*> planned_;
   std::unordered_map<std::string, std::string> sha256_;
-  std::string last_path_;
+  std::string last_given_path_, last_path_;
 };
 
 std::vector<io::InputFile> Binner::inputs(const std::vector<io::InputFile>& before) const {

@@ -27,6 +27,13 @@ std::vector<ShardFile> shardsOf(const Json& json) {
   return shards;
 }
 
+/// A whole file of this plan may still be another one's copy. @throws InputError "rays.damaged"
+void requireSteps(const ShardIndex& index, const ShardFile& expected, const fs::path& file) {
+  if (index.first_step == expected.first_step && index.end_step == expected.end_step) return;
+  throw InputError("rays.damaged", file.string(), "holds other steps than its name says",
+                   "Delete it and run accessvdb tile bin again");
+}
+
 /// @return false if there is no manifest of this plan
 bool readManifest(const fs::path& out, const Plan& plan, const std::function<void(const Json&)>& take) {
   std::error_code ignored;
@@ -91,10 +98,7 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
   for (std::uint64_t step = 0; step < result.steps;) {
     const fs::path file = raysFolder(out) / shardName(step);
     const ShardIndex index = readShardIndex(file, shardPlanId(plan, step));
-    if (index.first_step != step || index.end_step <= step) {
-      throw InputError("rays.damaged", file.string(), "holds other steps than its name says",
-                       "Delete it and run accessvdb tile bin again");
-    }
+    requireSteps(index, {step, std::max(index.end_step, step + 1), 0}, file);
     result.points_in += index.points_in;
     result.points_used += index.points_used;
     result.truncated_points += index.truncated_points;
@@ -139,14 +143,18 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
 
 std::vector<TileRays> raysOf(const fs::path& out, const Plan& plan, const TileIndex& tile) {
   std::vector<TileRays> rays;
-  const bool found = readManifest(out, plan, [&](const Json& json) {
-    for (const ShardFile& shard : shardsOf(json)) {
-      const fs::path file = raysFolder(out) / shardName(shard.first_step);
-      for (const Segment& segment : readShardIndex(file, shardPlanId(plan, shard.first_step)).segments) {
-        if (segment.tile == tile) rays.push_back({file, segment});
-      }
-    }
-  });
+  std::error_code ignored;
+  // The folder is deleted once all tiles are done; a tile may be deleted after that.
+  const bool found = fs::exists(raysFolder(out), ignored) && readManifest(out, plan, [&](const Json& json) {
+                       for (const ShardFile& shard : shardsOf(json)) {
+                         const fs::path file = raysFolder(out) / shardName(shard.first_step);
+                         const ShardIndex index = readShardIndex(file, shardPlanId(plan, shard.first_step));
+                         requireSteps(index, shard, file);
+                         for (const Segment& segment : index.segments) {
+                           if (segment.tile == tile) rays.push_back({file, segment});
+                         }
+                       }
+                     });
   if (!found) {
     throw InputError("rays.missing", out.string(), "holds no rays of this plan", "Run accessvdb tile bin first");
   }

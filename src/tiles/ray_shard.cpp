@@ -15,7 +15,7 @@ namespace {
 
 static_assert(std::endian::native == std::endian::little, "values are copied directly from memory");
 
-constexpr std::size_t kChunkBytes = std::size_t{64} << 10;
+constexpr std::size_t kLeastChunkBytes = 512, kMostChunkBytes = std::size_t{64} << 10;
 constexpr std::array<char, 8> kMagic = {'A', 'V', 'D', 'B', 'R', 'A', 'Y', 'S'};
 constexpr std::uint32_t kVersion = 1;
 constexpr std::uint64_t kMostIndexBytes = std::uint64_t{1} << 30;
@@ -70,16 +70,18 @@ std::string shardName(std::uint64_t first_step) {
 
 void ShardBuffer::append(Rays& rays, const void* data, std::size_t bytes) {
   const auto* from = static_cast<const std::byte*>(data);
-  rays.bytes += bytes;
   while (bytes > 0) {
-    if (rays.chunks.empty() || rays.chunks.back().used == kChunkBytes) {
-      rays.chunks.push_back({std::make_unique_for_overwrite<std::byte[]>(kChunkBytes), 0});
-      bytes_ += kChunkBytes;
+    if (rays.chunks.empty() || rays.chunks.back().used == rays.chunks.back().size) {
+      // As large as all so far: a wide view touches thousands of tiles with a few returns each.
+      const std::size_t size = std::clamp<std::size_t>(rays.bytes, kLeastChunkBytes, kMostChunkBytes);
+      rays.chunks.push_back({std::make_unique_for_overwrite<std::byte[]>(size), size, 0});
+      bytes_ += size;
     }
     Chunk& chunk = rays.chunks.back();
-    const std::size_t part = std::min(bytes, kChunkBytes - chunk.used);
+    const std::size_t part = std::min(bytes, chunk.size - chunk.used);
     std::memcpy(chunk.data.get() + chunk.used, from, part);
     chunk.used += part;
+    rays.bytes += part;
     from += part;
     bytes -= part;
   }

@@ -57,7 +57,7 @@ class ShardBuffer {
  private:
   struct Chunk {
     std::unique_ptr<std::byte[]> data;
-    std::size_t used = 0;
+    std::size_t size = 0, used = 0;
   };
   struct Rays {
     std::vector<Chunk> chunks;

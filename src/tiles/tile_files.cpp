@@ -7,9 +7,12 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <random>
+#include <utility>
 
 #include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
 #include "tiles/json_file.h"
 
 namespace accessvdb::tiles {
@@ -18,27 +21,36 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kManifest = "tile.json";
+constexpr const char* kAttempt = ".attempt-";
+constexpr int kNameAttempts = 100;
 
 fs::path tilesFolder(const fs::path& out) { return out / "tiles"; }
 fs::path splitMark(const fs::path& out, const TileId& id) { return tilesFolder(out) / (id.name() + ".split.json"); }
-std::string attemptPrefix(const TileId& id) { return "." + id.name() + ".attempt-"; }
 
-/// @return a descriptor that holds the lock until it is closed; -1 if another process has it
-int lockOf(const fs::path& folder) {
+struct FolderLock {
+  int fd = -1;         ///< holds the lock until it is closed; -1 if there is none
+  bool taken = false;  ///< by another process, or the folder is gone; else the file system has no locks
+};
+
+FolderLock lockOf(const fs::path& folder) {
   const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-  if (fd >= 0 && ::flock(fd, LOCK_EX | LOCK_NB) == 0) return fd;
-  if (fd >= 0) ::close(fd);
-  return -1;
+  if (fd < 0) return {-1, true};
+  if (::flock(fd, LOCK_EX | LOCK_NB) == 0) return {fd, false};
+  const bool taken = errno == EWOULDBLOCK;
+  ::close(fd);
+  return {-1, taken};
 }
 
-void removeLeftovers(const fs::path& out, const TileId& id) {
+/// Of any tile: nobody may ever try the same one again.
+void removeAttempts(const fs::path& out) {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(tilesFolder(out), ignored)) {
-    if (!entry.path().filename().string().starts_with(attemptPrefix(id))) continue;
-    const int lock = lockOf(entry.path());
-    if (lock < 0) continue;
+    const std::string name = entry.path().filename().string();
+    if (!name.starts_with(".") || name.find(kAttempt) == std::string::npos) continue;
+    const FolderLock lock = lockOf(entry.path());
+    if (lock.fd < 0) continue;
     fs::remove_all(entry.path(), ignored);
-    ::close(lock);
+    ::close(lock.fd);
   }
 }
 
@@ -127,15 +139,20 @@ void markSplit(const fs::path& out, const Plan& plan, const TileId& id) {
 AttemptFolder::AttemptFolder(const fs::path& out, const TileId& id) : out_(out), id_(id) {
   std::error_code error;
   fs::create_directories(tilesFolder(out), error);
-  removeLeftovers(out, id);
+  removeAttempts(out);
   std::random_device random;
-  path_ = tilesFolder(out) / (attemptPrefix(id) + std::to_string(std::uint64_t{random()} << 32 | random()));
-  fs::create_directory(path_, error);
-  if (error) {
-    throw OutputError("output.write", path_.string(), "cannot be made (" + error.message() + ")",
-                      "Check the folder and the disk, then run again");
+  for (int n = 0; n < kNameAttempts && !error; ++n) {
+    const std::string number = std::to_string(std::uint64_t{random()} << 32 | random());
+    path_ = tilesFolder(out) / std::string(".").append(id.name()).append(kAttempt).append(number);
+    if (!fs::create_directory(path_, error)) continue;
+    const FolderLock lock = lockOf(path_);
+    lock_ = lock.fd;
+    // Until it was locked, another process may have taken it for a leftover.
+    if (!lock.taken && fs::exists(path_, error)) return;
+    if (lock_ >= 0) ::close(std::exchange(lock_, -1));
   }
-  lock_ = lockOf(path_);
+  throw OutputError("output.write", path_.string(), "cannot be made (" + error.message() + ")",
+                    "Check the folder and the disk, then run again");
 }
 
 AttemptFolder::~AttemptFolder() {
@@ -144,20 +161,29 @@ AttemptFolder::~AttemptFolder() {
   if (lock_ >= 0) ::close(lock_);
 }
 
-void AttemptFolder::putInPlace() {
+void AttemptFolder::putInPlace(const Plan& plan, std::uint32_t flights) {
   const fs::path target = tileFolder(out_, id_);
   std::error_code error;
   fs::rename(path_, target, error);
   if (error && fs::exists(target)) {
-    // Of this plan and finished by another process, or left by an older plan.
-    fs::remove_all(target, error);
+    if (readTile(out_, plan, id_, flights)) return;
+    // Left by an older plan, or from before the last flight. A rename takes it away at once, so nobody sees half of it.
+    const fs::path aside = path_.string() + "-replaced";
+    std::error_code ignored;
+    fs::rename(target, aside, ignored);
     fs::rename(path_, target, error);
+    fs::remove_all(aside, ignored);
   }
   placed_ = !error;
-  if (error && !fs::exists(target / kManifest)) {
+  if (error) {
     throw OutputError("output.write", target.string(), "cannot be put in place (" + error.message() + ")",
                       "Check the folder and the disk, then run again");
   }
+}
+
+void removeLeftovers(const fs::path& out) {
+  removeAttempts(out);
+  io::prepareOutputFolder(tilesFolder(out));
 }
 
 }  // namespace accessvdb::tiles

@@ -31,8 +31,8 @@ void writeTile(const std::filesystem::path& folder, const Plan& plan, const Tile
 [[nodiscard]] bool isSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id);
 void markSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id);
 
-/// A folder of its own for one attempt to run a tile, removed unless it was put in place. Those that killed processes
-/// left are removed too.
+/// A folder of its own for one attempt to run a tile, removed unless it was put in place. What killed processes left of
+/// any tile is removed too.
 class AttemptFolder {
  public:
   AttemptFolder(const std::filesystem::path& out, const TileId& id);
@@ -42,7 +42,7 @@ class AttemptFolder {
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
   /// Gives the folder its final name. If another process was faster, its files stay: they are the same.
-  void putInPlace();
+  void putInPlace(const Plan& plan, std::uint32_t flights);
 
  private:
   std::filesystem::path out_, path_;

@@ -76,8 +76,14 @@ FieldSnapshot overview(const Index& index, std::uint64_t most) {
   picture.origin_W = {index.origin_W[0], index.origin_W[1], index.origin_W[2]};
   picture.voxel_size_m = index.voxel_size_m;
   for (const IndexedTile& tile : index.tiles) {
-    const FieldSnapshot part = io::readPointsPly(tile.folder / kPointsFile, every);
-    picture.points.insert(picture.points.end(), part.points.begin(), part.points.end());
+    const fs::path file = tile.folder / kPointsFile;
+    try {
+      const FieldSnapshot part = io::readPointsPly(file, every);
+      picture.points.insert(picture.points.end(), part.points.begin(), part.points.end());
+    } catch (const InputError&) {
+      throw InputError("tile.damaged", file.string(), "is not as it was written",
+                       "Delete its folder and run accessvdb tile run again");
+    }
   }
   return picture;
 }

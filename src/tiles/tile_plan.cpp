@@ -3,6 +3,7 @@
 /// plan.json, and what a plan needs to know before anything is read.
 #include <algorithm>
 #include <array>
+#include <sstream>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -40,18 +41,30 @@ Json content(const Plan& plan, std::size_t flights) {
           {"bin_bytes", plan.bin_bytes},     {"flights", of_flights}};
 }
 
-/// The first line that only one of two texts has.
-std::string firstDifference(const std::string& a, const std::string& b) {
-  std::size_t begin = 0;
-  while (begin < a.size()) {
-    const std::size_t end = std::min(a.find('\n', begin), a.size());
-    if (a.substr(begin, end - begin) != b.substr(begin, end - begin)) {
-      const auto line = [begin](const std::string& text) {
-        return text.substr(std::min(begin, text.size()), text.find('\n', begin) - begin);
-      };
-      return line(a) + " instead of " + line(b);
-    }
-    begin = end + 1;
+/// "name value" per line.
+std::vector<std::pair<std::string, std::string>> valuesOf(const std::string& text) {
+  std::vector<std::pair<std::string, std::string>> values;
+  std::istringstream lines(text);
+  for (std::string line; std::getline(lines, line);) {
+    const std::size_t blank = std::min(line.find(' '), line.size());
+    values.emplace_back(line.substr(0, blank), line.substr(std::min(blank + 1, line.size())));
+  }
+  return values;
+}
+
+/// The first parameter that only one of two texts has, or that has another value.
+std::string firstDifference(const std::string& then, const std::string& now) {
+  const auto before = valuesOf(then), after = valuesOf(now);
+  const auto in = [](const auto& values, const std::string& name) {
+    const auto found =
+        std::find_if(values.begin(), values.end(), [&](const auto& value) { return value.first == name; });
+    return found == values.end() ? std::string("none") : found->second;
+  };
+  for (const auto& [name, value] : before) {
+    if (in(after, name) != value) return name + " " + value + " instead of " + in(after, name);
+  }
+  for (const auto& [name, value] : after) {
+    if (in(before, name) != value) return name + " " + in(before, name) + " instead of " + value;
   }
   return "other values";
 }

@@ -55,11 +55,19 @@ double peakBytesOf(const internal::FieldCounts& counts, const FusedReturns& fuse
   return peakBytes(prediction.bytes(RunOutput::Field), tables);
 }
 
+/// What stays the same for all parts of a tile.
+struct Run {
+  const Job& job;
+  const RunLimits& limits;
+  const Watch& watch;
+  std::uint32_t flights;  ///< TileReturns::flights
+};
+
 /// One attempt at one tile.
 class TileRun {
  public:
-  TileRun(const Job& job, const TileId& id, const RunLimits& limits, const Watch& watch)
-      : job_(job), limits_(limits), watch_(watch), tables_(toolTableBytes(job.tool, job.params)) {
+  TileRun(const Run& run, const TileId& id)
+      : run_(run), job_(run.job), tables_(toolTableBytes(run.job.tool, run.job.params)) {
     tile_.id = id;
   }
 
@@ -69,7 +77,6 @@ class TileRun {
     FieldParams params = job_.params;
     params.origin_W = job_.plan.origin_W;
     params.window = tile_.id.window(job_.plan.tile_voxels);
-    requireFit(peakBytesOf({}, {}, tables_));
     AttemptFolder folder(job_.out, tile_.id);
     {
       AccessibilityField field(job_.tool, params);
@@ -81,13 +88,13 @@ class TileRun {
     tile_.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     tile_.peak_bytes = peakOfProcess();
     writeTile(folder.path(), job_.plan, tile_);
-    folder.putInPlace();
+    folder.putInPlace(job_.plan, run_.flights);
     return tile_;
   }
 
  private:
   void requireFit(double bytes) const {
-    if (limits_.memory_bytes > 0 && bytes > static_cast<double>(limits_.memory_bytes)) throw DoesNotFit{};
+    if (run_.limits.memory_bytes > 0 && bytes > static_cast<double>(run_.limits.memory_bytes)) throw DoesNotFit{};
   }
 
   void integrateAll(AccessibilityField& field) {
@@ -97,7 +104,7 @@ class TileRun {
     for (const TileRays& part : rays) {
       SegmentReader reader(part.shard, part.segment);
       while (reader.next(block)) {
-        if (watch_.stop()) throw Stopped{};
+        if (run_.watch.stop()) throw Stopped{};
         if (!steps_.empty() && block.step <= steps_.back()) reader.fail();
         // The first point that the step adds has this id.
         first_ids_.push_back(static_cast<std::uint32_t>(internal::FieldAccess::points(field).size()));
@@ -115,10 +122,10 @@ class TileRun {
     const auto points = field.points();
     count(*points);
     tile_.leaves = field.memoryUse().leaves;
-    internal::writeFieldFiles(field, *points, folder, limits_.files);
+    internal::writeFieldFiles(field, *points, folder, run_.limits.files);
     writeOrder(internal::FieldAccess::points(field), *points, folder / kOrderFile);
     for (const char* file : {kPointsFile, kLasFile, kGridsFile, kPointGridFile, kOrderFile}) {
-      if (file == kLasFile && !limits_.files.points_las) continue;
+      if (file == kLasFile && !run_.limits.files.points_las) continue;
       tile_.sha256.emplace_back(file, io::sha256OfFile(folder / file));
     }
   }
@@ -154,9 +161,8 @@ class TileRun {
     });
   }
 
+  const Run& run_;
   const Job& job_;
-  const RunLimits& limits_;
-  const Watch& watch_;
   ToolTableBytes tables_;
   Tile tile_;
   std::vector<std::uint32_t> first_ids_, steps_;  ///< of each step that the tile has returns of
@@ -169,13 +175,12 @@ bool isShortOfMemory(const Error& error) {
 }
 
 /// @return why it did not fit, if it did not
-std::optional<std::string> attempt(const Job& job, const TileId& id, const RunLimits& limits, const Watch& watch,
-                                   std::vector<Tile>& done) {
+std::optional<std::string> attempt(const Run& run, const TileId& id, std::vector<Tile>& done) {
   std::optional<std::string> reason;
   try {
-    done.push_back(TileRun(job, id, limits, watch).run());
+    done.push_back(TileRun(run, id).run());
   } catch (const DoesNotFit&) {
-    reason = "needs more than " + std::to_string(limits.memory_bytes >> 20) + " MiB";
+    reason = "needs more than " + std::to_string(run.limits.memory_bytes >> 20) + " MiB";
   } catch (const std::bad_alloc&) {
     reason = "needs more memory than there is";
   } catch (const Error& error) {
@@ -186,13 +191,26 @@ std::optional<std::string> attempt(const Job& job, const TileId& id, const RunLi
   return reason;
 }
 
-/// What stays the same for all parts of a tile.
-struct Run {
-  const Job& job;
-  const RunLimits& limits;
-  const Watch& watch;
-  std::uint32_t flights;  ///< TileReturns::flights
-};
+/// Whether a tile with this edge may be run: smaller ones would mostly repeat what their neighbours do.
+bool isLargeEnough(const Plan& plan, std::int32_t edge_voxels) {
+  return edge_voxels >= FieldWindow::kEdge && edge_voxels >= 2 * plan.margin_voxels;
+}
+
+std::int32_t edgeOf(const Plan& plan, const TileId& id) {
+  const std::size_t levels = id.quarters.size();
+  return levels < 31 ? plan.tile_voxels >> levels : 0;
+}
+
+/// What every tile needs, however small: splitting would not help.
+void requireRoomForTool(const Job& job, const RunLimits& limits) {
+  const double bytes = peakBytesOf({}, {}, toolTableBytes(job.tool, job.params));
+  if (limits.memory_bytes == 0 || bytes <= static_cast<double>(limits.memory_bytes)) return;
+  const auto megabytes = [](double count) { return std::to_string(static_cast<std::uint64_t>(count) >> 20) + " MiB"; };
+  throw ResourceLimit("limit.memory", "tool " + job.plan.tool_name,
+                      "the program and the tool's tables need about " + megabytes(bytes) + ", more than " +
+                          megabytes(static_cast<double>(limits.memory_bytes)),
+                      "Allow more memory, or use a larger voxel");
+}
 
 void runInto(const Run& run, const TileId& id, std::vector<Tile>& done) {
   const Job& job = run.job;
@@ -201,10 +219,10 @@ void runInto(const Run& run, const TileId& id, std::vector<Tile>& done) {
     return;
   }
   if (!isSplit(job.out, job.plan, id)) {
-    const auto reason = attempt(job, id, run.limits, run.watch, done);
+    requireRoomForTool(job, run.limits);
+    const auto reason = attempt(run, id, done);
     if (!reason) return;
-    const std::int32_t half = (job.plan.tile_voxels >> id.quarters.size()) / 2;
-    if (half < FieldWindow::kEdge || half < 2 * job.plan.margin_voxels) {
+    if (!isLargeEnough(job.plan, edgeOf(job.plan, id) / 2)) {
       throw ResourceLimit("limit.memory", "tile " + id.name(),
                           *reason + ", and is already the smallest that the tool allows",
                           "Allow more memory, or use a larger voxel");
@@ -234,6 +252,10 @@ std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, c
                                   [&](const TileReturns& tile) { return tile.id == which.whole(); });
   if (whole == rays.returns_of.end()) {
     throw InvalidArgument("usage.tile", which.name(), "is no tile of this plan", "See accessvdb tile list");
+  }
+  if (!which.quarters.empty() && !isLargeEnough(job.plan, edgeOf(job.plan, which))) {
+    throw InvalidArgument("usage.tile", which.name(), "is smaller than the smallest quarter that the tool allows",
+                          "See accessvdb tile list");
   }
   // Who asks for a quarter has seen that the whole does not fit.
   for (std::size_t levels = 0; levels < which.quarters.size(); ++levels) {

@@ -88,6 +88,7 @@ void MapRun::claimOutputFolder() {
     std::vector<std::string> outputs(std::begin(kOutputs), std::end(kOutputs));
     if (options_.exported.points_format == "las") outputs.emplace_back("points.las");
     if (options_.exported.sequence > 0) outputs.push_back(frameName(std::max<std::uint64_t>(lastFrameIn(out), 1)));
+    if (options_.fresh) outputs.emplace_back("plan.json");
     for (const std::string& file : outputs) {
       std::error_code status;
       if (!fs::exists(fs::symlink_status(out / file, status))) continue;

@@ -7,6 +7,7 @@
 #include <csignal>
 #include <filesystem>
 #include <thread>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
@@ -181,6 +182,38 @@ int showStatus(const Arguments& arguments, Messages& messages) {
   return 0;
 }
 
+/// The points that --vdb without --points needs for itself; an earlier, killed process may have left them.
+class PointsForGrids {
+ public:
+  explicit PointsForGrids(fs::path path) : path_(std::move(path)) {}
+  ~PointsForGrids() {
+    std::error_code ignored;
+    fs::remove(path_, ignored);
+  }
+  PointsForGrids(const PointsForGrids&) = delete;
+  PointsForGrids& operator=(const PointsForGrids&) = delete;
+  [[nodiscard]] const fs::path& path() const { return path_; }
+
+ private:
+  fs::path path_;
+};
+
+void mergeFiles(const OpenJob& open, const StepOptions& options, const tiles::Status& status, Messages& messages) {
+  if (!options.vdb.empty()) requireRoomForGrids(status, memoryLimit(options.map));
+  const auto merge = [&](const fs::path& file) {
+    return tiles::mergePoints(open.job.out, open.job.plan, status.done, file);
+  };
+  const fs::path named = options.points;
+  if (!named.empty()) messages.notice("wrote " + std::to_string(merge(named)) + " points into " + named.string());
+  if (options.vdb.empty()) return;
+  const PointsForGrids own(open.job.out / "merged_points.ply");
+  const bool have_ply = !named.empty() && named.extension() != ".las";
+  if (!have_ply) merge(own.path());
+  tiles::mergeGrids({open.job.out, status.done, have_ply ? named : own.path(), options.vdb,
+                     writeOptions(open.options.exported), options.map.common.threads});
+  messages.notice("wrote all grids into " + options.vdb);
+}
+
 int mergeTiles(const Arguments& arguments, Messages& messages) {
   StepOptions options;
   FlagParser flags;
@@ -204,28 +237,14 @@ int mergeTiles(const Arguments& arguments, Messages& messages) {
         std::to_string(status.todo.size()) + " tiles are not finished, the first is " + status.todo.front().name(),
         "Run accessvdb tile run first");
   }
+  if (!options.points.empty() || !options.vdb.empty()) mergeFiles(open, options, status, messages);
   RunReport report;
   report.device.clear();
   writeResult({open.job, open.options, rays, status}, report, messages);
   writeReport(open.job.out / "report.json", report, messages);
+  tiles::removeLeftovers(open.job.out);
+  // Last, because a tile that turns out to be damaged is made again from them.
   if (!options.keep_rays) tiles::removeRays(open.job.out);
-  if (options.points.empty() && options.vdb.empty()) return 0;
-  const auto merge = [&](const fs::path& file) {
-    const std::uint64_t count = tiles::mergePoints(open.job.out, open.job.plan, status.done, file);
-    messages.notice("wrote " + std::to_string(count) + " points into " + file.string());
-  };
-  if (!options.points.empty()) merge(options.points);
-  if (!options.vdb.empty()) {
-    requireRoomForGrids(status, report.surface_points, memoryLimit(options.map));
-    const bool merged = fs::path(options.points).extension() == ".ply";
-    const fs::path points = merged ? fs::path(options.points) : open.job.out / "merged_points.ply";
-    if (!merged) merge(points);
-    tiles::mergeGrids({open.job.out, status.done, points, options.vdb, writeOptions(open.options.exported),
-                       options.map.common.threads});
-    messages.notice("wrote all grids into " + options.vdb);
-    std::error_code ignored;
-    if (!merged) fs::remove(points, ignored);
-  }
   return 0;
 }
 

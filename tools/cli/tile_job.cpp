@@ -40,6 +40,8 @@ bool isIn(const char* const (&list)[kCount], const std::string& key) {
   return std::any_of(std::begin(list), std::end(list), [&](const char* word) { return key == word; });
 }
 
+fs::path absolutePath(const fs::path& path) { return fs::absolute(path).lexically_normal(); }
+
 /// Reads back as the same number.
 std::string exactNumber(double value) {
   char text[40];
@@ -56,18 +58,15 @@ std::string textOf(const PlanSettings& settings, const char* const (&list)[kCoun
   return text;
 }
 
-/// What a plan is made from, and so independent of the folder in which the program was started.
-fs::path wholePath(const fs::path& path) { return fs::absolute(path).lexically_normal(); }
-
 std::vector<tiles::PlannedInput> inputsOf(const PlanSources& sources) {
   std::vector<tiles::PlannedInput> inputs;
   std::set<std::string> known;
-  const auto add = [&](const fs::path& path, bool small) {
+  const auto add = [&](const fs::path& given, bool small) {
     std::error_code error;
-    if (path.empty() || !fs::is_regular_file(path, error)) return;
-    const std::string whole = wholePath(path).string();
-    if (!known.insert(whole).second) return;
-    inputs.push_back({whole, fs::file_size(path), small ? io::sha256OfFile(path) : std::string()});
+    if (given.empty() || !fs::is_regular_file(given, error)) return;
+    const fs::path path = absolutePath(given);  // the next step may run in another working directory
+    if (!known.insert(path.string()).second) return;
+    inputs.push_back({path.string(), fs::file_size(path), small ? io::sha256OfFile(path) : std::string()});
   };
   const SurveyOptions& survey = sources.options.survey;
   for (const fs::path path :
@@ -120,9 +119,14 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
   tiles::Plan plan;
   plan.program = ACCESSVDB_VERSION;
   PlanSettings settings = sources.settings;
-  std::erase_if(settings, [](const auto& setting) { return setting.first == "range-noise"; });
-  // What was recorded next to the scans is found again without them.
+  std::erase_if(settings,
+                [](const auto& setting) { return setting.first == "range-noise" || setting.first == "origin"; });
+  // What was recorded next to the scans is found again without them, and an origin without the earlier result.
   settings.emplace_back("range-noise", exactNumber(params.tsdf.range_noise_m));
+  if (const auto& origin_W = params.origin_W) {
+    settings.emplace_back(
+        "origin", exactNumber((*origin_W)[0]) + "," + exactNumber((*origin_W)[1]) + "," + exactNumber((*origin_W)[2]));
+  }
   plan.parameters = params.describe() + textOf(settings, kOfTheResult);
   plan.tool_name = sources.tool.name();
   plan.tool_sha256 = sources.tool.sha256();
@@ -138,6 +142,13 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
   return plan;
 }
 
+/// Files that a run in one piece left: they are of another run than the tiles. Later ones may be merged from these.
+void removePieces(const fs::path& out) {
+  std::error_code ignored;
+  for (const char* file : {"field.vdb", "field_points.vdb", "points.ply", "points.las"})
+    fs::remove(out / file, ignored);
+}
+
 }  // namespace
 
 PlanSettings planSettings(const FlagParser& flags) {
@@ -148,7 +159,7 @@ PlanSettings planSettings(const FlagParser& flags) {
     std::string text = on != nullptr ? (*on ? "true" : "false") : std::get<std::string>(value);
     if (text.empty() || text == "false") continue;
     std::error_code ignored;
-    if (isIn(kPaths, key) && fs::exists(text, ignored)) text = wholePath(text).string();
+    if (isIn(kPaths, key) && fs::exists(text, ignored)) text = absolutePath(text).string();
     settings.emplace_back(key, text);
   }
   return settings;
@@ -168,6 +179,7 @@ tiles::Plan planOf(const PlanSources& sources, std::int32_t chosen_voxels, Messa
   const fs::path out = sources.options.out;
   if (!tiles::hasPlan(out)) {
     const tiles::Plan plan = identified(newPlan(sources, chosen_voxels, messages));
+    if (!sources.options.no_clobber) removePieces(out);
     tiles::writePlan(out, plan);
     return plan;
   }
@@ -217,6 +229,7 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   if (plan.parameters != params.describe() + textOf(settings, kOfTheResult)) {
     changed("was planned with other parameters");
   }
+  params.mirror_distance = false;  // only for kernels of a live map; takes memory that the prediction does not count
   return {std::move(planned), std::move(flights), {out, std::move(plan), std::move(tool), std::move(params)}};
 }
 

@@ -25,13 +25,6 @@ double secondsSince(Clock::time_point begin) { return std::chrono::duration<doub
 
 std::string secondsInWords(double seconds) { return numberText(std::round(10 * seconds) / 10) + " s"; }
 
-/// Files that a run in one piece left: they are of another run.
-void removePieces(const fs::path& out) {
-  std::error_code ignored;
-  for (const char* file : {"field.vdb", "field_points.vdb", "points.ply", "points.las"})
-    fs::remove(out / file, ignored);
-}
-
 void sayDisk(const fs::path& out, std::span<io::ScanSequence* const> flights, Messages& messages) {
   double bytes = 0;
   for (const io::ScanSequence* scans : flights) bytes += static_cast<double>(scans->inputBytes());
@@ -115,12 +108,15 @@ void writeResult(const TiledResult& result, RunReport& report, Messages& message
   }
 }
 
-void requireRoomForGrids(const tiles::Status& status, std::uint64_t points, std::optional<std::uint64_t> limit_bytes) {
+void requireRoomForGrids(const tiles::Status& status, std::optional<std::uint64_t> limit_bytes) {
   // The points as a list and as voxels; one grid of the map at a time, which is written from a copy.
   constexpr double kBytesPerPoint = sizeof(SurfacePoint) + 64, kBytesPerLeaf = 2 * 2200, kProcessBytes = 200e6;
-  double leaves = 0;
-  for (const tiles::Tile& tile : status.done) leaves += static_cast<double>(tile.leaves);
-  const double bytes = kProcessBytes + kBytesPerPoint * static_cast<double>(points) + kBytesPerLeaf * leaves;
+  double leaves = 0, points = 0;
+  for (const tiles::Tile& tile : status.done) {
+    leaves += static_cast<double>(tile.leaves);
+    points += static_cast<double>(tile.points);
+  }
+  const double bytes = kProcessBytes + kBytesPerPoint * points + kBytesPerLeaf * leaves;
   if (!limit_bytes || bytes <= static_cast<double>(*limit_bytes)) return;
   throw ResourceLimit("limit.memory", "--vdb",
                       "one file of all grids needs about " + bytesInWords(bytes) + ", more than " +
@@ -162,7 +158,7 @@ int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport
     messages.notice("stopped after " + std::to_string(status.done.size()) + " of " +
                     std::to_string(rays.returns_of.size()) + " tiles; the same command goes on from here");
   } else {
-    removePieces(job.out);
+    tiles::removeLeftovers(job.out);
     if (!options.keep_rays) tiles::removeRays(job.out);
     messages.notice("done in " + secondsInWords(secondsSince(begin)) + "; wrote " + std::to_string(status.done.size()) +
                     " tiles with " + std::to_string(report.surface_points) +

@@ -40,8 +40,8 @@ struct TiledResult {
 };
 void writeResult(const TiledResult& result, RunReport& report, Messages& messages);
 
-/// @param points  of all tiles  @throws ResourceLimit "limit.memory" if one field.vdb of all would not fit
-void requireRoomForGrids(const tiles::Status& status, std::uint64_t points, std::optional<std::uint64_t> limit_bytes);
+/// @throws ResourceLimit "limit.memory" if one field.vdb of all tiles would not fit
+void requireRoomForGrids(const tiles::Status& status, std::optional<std::uint64_t> limit_bytes);
 
 /// @param chosen_voxels  edge of a tile that the prediction of memory chose; 0 takes --tiles
 /// @return 0, or 128 + the signal that stopped it

@@ -3,11 +3,13 @@
 /// Whole or not at all: success, errors of the body, full disks, limits, bad folders, two processes.
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/file.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <csignal>
 #include <filesystem>
 #include <fstream>
@@ -150,6 +152,22 @@ TEST(DurableFile, SymbolicLinkIsReplacedNotFollowed) {
   io::writeFileDurably(folder / "link", [](std::ostream& stream) { stream << "new"; });
   EXPECT_EQ(contentOf(folder / "precious"), "keep");
   EXPECT_FALSE(std::filesystem::is_symlink(folder / "link"));
+}
+
+/// Its folder may be anybody's, so only what belongs to this very file goes.
+TEST(DurableFile, WhatAKilledRunLeftOfTheSameFileIsRemoved) {
+  const ScratchFolder folder;
+  const std::string own = ".a.ply.0123456789abcdef.tmp", busy = ".a.ply.1123456789abcdef.tmp",
+                    others = ".b.ply.0123456789abcdef.tmp", longer = ".a.ply.x.0123456789abcdef.tmp";
+  for (const std::string& name : {own, busy, others, longer}) std::ofstream(folder / name) << "half";
+  const int fd = ::open((folder / busy).c_str(), O_WRONLY | O_CLOEXEC);
+  ASSERT_EQ(::flock(fd, LOCK_EX | LOCK_NB), 0);
+  io::writeFileDurably(folder / "a.ply", [](std::ostream& stream) { stream << "whole"; });
+  ::close(fd);
+  std::vector<std::string> names = folder.names(), expected = {longer, busy, others, "a.ply"};
+  std::sort(names.begin(), names.end());
+  std::sort(expected.begin(), expected.end());
+  EXPECT_EQ(names, expected);
 }
 
 TEST(OutputFolder, IsMadeAndLeftEmpty) {
