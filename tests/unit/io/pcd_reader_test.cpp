@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <sys/stat.h>
 
+#include <Eigen/Geometry>
 #include <cmath>
 #include <limits>
 
