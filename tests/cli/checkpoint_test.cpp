@@ -188,6 +188,7 @@ TEST_F(CheckpointedRun, RefusesWhatIsNotTheSameRun) {
   };
   expectRefused(with({"--voxel", "0.04"}), 4, "state.params", "voxel_size_m was 0.05 and is now 0.04");
   expectRefused(with({"--directions", "36"}), 4, "state.params", "and is now 36");
+  expectRefused(with({"--origin", "7.25,0,0"}), 4, "state.params", "of the first scan and is now 7.25,0,0");
   expectRefused(with({"--every", "2"}), 4, "state.params", "every was \"1\" and is now \"2\"");
   expectRefused(with({"--tool", "builtin:pruner"}), 4, "state.tool", "for another tool");
   expectRefused(with({"--policy", "paper"}), 2, "usage.checkpoint", "--policy exact");

@@ -152,6 +152,23 @@ TEST_F(SurveyInputs, LazGivesTheFilesOfLas) {
   expectFailure(3, "error[input.decoder]", arguments);
 }
 
+TEST_F(SurveyInputs, ACheckpointIsOfOneTrajectoryAndClock) {
+  const auto run = [&](const std::string& trajectory, const std::string& offset, const std::string& verb) {
+    return runProgram({"map", "--scans", path("walk.las"), "--trajectory", path(trajectory), "--time-offset", offset,
+                       "--tool", "builtin:pencil", "--voxel", "0.05", "--out", path("out"), verb, path("cp")});
+  };
+  const ProgramResult first = run("walk.txt", "0", "--checkpoint");
+  ASSERT_EQ(first.exit_code, 0) << first.err;
+  const ProgramResult clock = run("walk.txt", "0.0009765625", "--resume");
+  EXPECT_EQ(clock.exit_code, 4) << clock.err;
+  EXPECT_NE(clock.err.find("time_offset was \"0\" and is now \"0.0009765625\""), std::string::npos) << clock.err;
+  writeText("other.txt", readText("walk.txt") + "# another\n");
+  const ProgramResult other = run("other.txt", "0", "--resume");
+  EXPECT_EQ(other.exit_code, 4) << other.err;
+  EXPECT_NE(other.err.find("other.txt has another content"), std::string::npos) << other.err;
+  EXPECT_EQ(run("walk.txt", "0", "--resume").exit_code, 0);
+}
+
 TEST_F(SurveyInputs, RefusesWhatExcludesEachOther) {
   expectFailure(2, "error[usage.trajectory]",
                 {"--scans", path("walk.las"), "--trajectory", path("walk.txt"), "--sensor-at", "0,0,0"});

@@ -28,11 +28,18 @@ constexpr const char* kManifest = "state.json";
 constexpr int kManifestSchema = 1;
 constexpr std::uint64_t kMostManifestBytes = std::uint64_t{1} << 28;  // a million scans
 
+/// Reads back as the same number.
+std::string fullNumber(double value) {
+  char text[40];
+  return {text, std::to_chars(text, text + sizeof text, value).ptr};
+}
+
 /// How the scans are read: another value would make other steps of the same files.
 std::map<std::string, std::string> readingOf(const MapOptions& options) {
   return {{"every", std::to_string(options.every)},
           {"pose_format", options.pose_format},
           {"sensor_at", options.sensor_at},
+          {"time_offset", fullNumber(options.survey.time_offset_s)},
           {"allow_truncated", options.allow_truncated ? "true" : "false"},
           {"sort_poses", options.sort_poses ? "true" : "false"}};
 }
@@ -46,7 +53,7 @@ std::vector<std::pair<std::string, std::string>> linesOf(const FieldParams& para
   }
   const auto origin = [&](std::size_t axis) { return params.origin_W ? (*params.origin_W)[axis] : 0.0; };
   lines.emplace_back("origin_W", params.origin_W
-                                     ? numberText(origin(0)) + "," + numberText(origin(1)) + "," + numberText(origin(2))
+                                     ? fullNumber(origin(0)) + "," + fullNumber(origin(1)) + "," + fullNumber(origin(2))
                                      : "of the first scan");
   lines.emplace_back("mirror_distance", params.mirror_distance ? "true" : "false");
   return lines;
