@@ -44,6 +44,7 @@ try:
         ScoringParams,
         StoredAnswer,
         StoredField,
+        StoredTiles,
         SurfacePoint,
         ToolGeometry,
         TsdfParams,

@@ -4,11 +4,13 @@
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
 
+#include <array>
 #include <filesystem>
 #include <memory>
 #include <utility>
 
 #include "accessvdb/field_io.h"
+#include "accessvdb/tiles.h"
 #include "bindings/arrays.h"
 #include "bindings/parts.h"
 #include "bindings/snapshot.h"
@@ -16,6 +18,11 @@
 namespace py = pybind11;
 
 namespace accessvdb::python {
+namespace {
+
+Eigen::Vector3d vectorOf(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
+
+}  // namespace
 
 void bindStoredField(py::module_& module) {
   using Answer = io::StoredField::Answer;
@@ -44,6 +51,34 @@ void bindStoredField(py::module_& module) {
             return std::shared_ptr<FieldSnapshot>(s, const_cast<FieldSnapshot*>(&s->points()));
           },
           "The FieldSnapshot that was written.");
+
+  using T = tiles::Index;
+  py::class_<T>(module, "StoredTiles", "A map in tiles read back from its output folder, one tile in memory at a time.")
+      .def(py::init([](const std::filesystem::path& folder) {
+             return withoutLock([&] { return tiles::readIndex(folder); });
+           }),
+           py::arg("folder"))
+      .def_readonly("complete", &T::complete, "Whether every tile is finished.")
+      .def_property_readonly("origin_W", [](const T& t) { return arrayOf(vectorOf(t.origin_W)); })
+      .def_readonly("voxel_size_m", &T::voxel_size_m)
+      .def_property_readonly(
+          "folders",
+          [](const T& t) {
+            std::vector<std::filesystem::path> folders;
+            for (const tiles::IndexedTile& tile : t.tiles) folders.push_back(tile.folder);
+            return folders;
+          },
+          "Of each tile, with its points.ply, field.vdb and field_points.vdb; StoredField opens one.")
+      .def(
+          "at",
+          [](const T& t, const py::object& p_W) {
+            const Eigen::Vector3d position_W = vector3("p_W", p_W);
+            return withoutLock([&] { return tiles::answersAt(t, {&position_W, 1}).front().field; });
+          },
+          py::arg("p_W"), "A StoredAnswer for one position in the world frame.")
+      .def(
+          "overview", [](const T& t, std::uint64_t most) { return withoutLock([&] { return keep(tiles::overview(t, most)); }); },
+          py::arg("most"), "A FieldSnapshot of all tiles, evenly thinned to about `most` points.");
 
   module.def(
       "read_points_ply",

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The add-on, installed from a zip like a user would, imports the field: objects, counts, attributes, positions."""
 
+import json
 import os
 import unittest
 import zipfile
@@ -10,7 +11,7 @@ import bpy
 import numpy as np
 
 from accessvdb_import.points_ply import NO_SCORE, read_points
-from field_under_test import FIELD, GRIDS, POINTS, SOURCE, VOLUME, WORK, run_tests
+from field_under_test import FIELD, FIELD_IN_TILES, GRIDS, POINTS, SOURCE, VOLUME, WORK, run_tests
 
 MODULE = "accessvdb_import"
 
@@ -63,6 +64,34 @@ class AddOnImport(unittest.TestCase):
         for path in (FIELD, FIELD + os.sep, VOLUME, POINTS):
             self.setUp()
             self.assertEqual(set(self.imported(path)), {"VOLUME", "MESH", "EMPTY"}, path)
+
+    def test_a_map_in_tiles_becomes_one_part_for_each_tile(self):
+        with open(os.path.join(FIELD_IN_TILES, "field.json"), encoding="utf-8") as stream:
+            tiles = [tile for tile in json.load(stream)["tiles"] if tile["points"] > 0]
+        self.assertGreater(len(tiles), 1)
+        for path in (FIELD_IN_TILES, os.path.join(FIELD_IN_TILES, "field.json")):
+            self.setUp()
+            self.imported(path)
+            kinds = [thing.type for thing in bpy.data.objects]
+            self.assertEqual(sorted(kinds), sorted(["VOLUME", "MESH", "EMPTY"] * len(tiles)))
+            whole, = bpy.context.scene.collection.children
+            self.assertEqual((whole.name, len(whole.children)), ("field_in_tiles", len(tiles)))
+            meshes = [thing for thing in bpy.data.objects if thing.type == "MESH"]
+            places = np.concatenate([[tuple(thing.matrix_world @ v.co) for v in thing.data.vertices] for thing in meshes])
+            expected = self.points.records
+            expected = np.stack([expected["x"], expected["y"], expected["z"]], axis=1)
+            self.assertEqual(places.shape, expected.shape)
+            # Blender's floats, a few metres from its origin.
+            self.assertLess(abs(np.sort(places, axis=0) - np.sort(expected, axis=0)).max(), 1e-5)
+
+    def test_the_tool_of_a_tile_is_that_of_the_run(self):
+        self.imported(FIELD_IN_TILES)
+        mesh = next(thing for thing in bpy.data.objects if thing.type == "MESH")
+        label = np.empty(len(mesh.data.vertices), np.int32)
+        mesh.data.attributes["label"].data.foreach_get("value", label)
+        bpy.context.view_layer.objects.active = mesh
+        point = int(np.argmax(label == 1)) if (label == 1).any() else int(np.argmax(label == 2))
+        self.assertEqual(bpy.ops.object.accessvdb_place_tool(point=point), {"FINISHED"})
 
     def test_parts_can_be_left_out(self):
         self.assertEqual(set(self.imported(with_points=False)), {"VOLUME", "EMPTY"})

@@ -14,6 +14,8 @@ VOLUME = os.path.join(FIELD, "field.vdb")
 POINTS = os.path.join(FIELD, "points.ply")
 #: The same map, written for a program in which y is up, with 16-bit floats and a level set.
 FIELD_Y_UP = os.path.join(WORK, "field_y_up")
+#: The same map in tiles of this edge.
+FIELD_IN_TILES, EDGE_OF_TILES_M = os.path.join(WORK, "field_in_tiles"), 0.512
 TOOL = os.path.join(WORK, "hook.stl")
 PLACED_TOOLS = os.path.join(WORK, "placed_tools.json")
 

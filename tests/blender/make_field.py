@@ -10,7 +10,7 @@ import subprocess
 import pyopenvdb
 
 import hook
-from field_under_test import FIELD, FIELD_Y_UP, TOOL, VOLUME, WORK
+from field_under_test import EDGE_OF_TILES_M, FIELD, FIELD_IN_TILES, FIELD_Y_UP, TOOL, VOLUME, WORK
 
 PROGRAM = os.environ["PROGRAM"]
 
@@ -21,12 +21,13 @@ def text(vector):
 
 def main():
     scans = os.path.join(WORK, "scans")
-    for folder in (scans, FIELD, FIELD_Y_UP):
+    for folder in (scans, FIELD, FIELD_Y_UP, FIELD_IN_TILES):
         shutil.rmtree(folder, ignore_errors=True)
     hook.write_stl(TOOL)
     subprocess.run([PROGRAM, "simulate", "--scene", "torus", "--frames", "16", "--seed", "1", "--out", scans],
                    check=True)
-    for folder, options in ((FIELD, []), (FIELD_Y_UP, ["--up-axis", "y", "--half", "--surface"])):
+    for folder, options in ((FIELD, []), (FIELD_Y_UP, ["--up-axis", "y", "--half", "--surface"]),
+                            (FIELD_IN_TILES, ["--tiles", str(EDGE_OF_TILES_M)])):
         subprocess.run([PROGRAM, "map", "--scans", os.path.join(scans, "scans"), "--poses",
                         os.path.join(scans, "poses.txt"), "--tool", TOOL, "--tool-unit", hook.UNIT, "--tool-tip",
                         text(hook.TIP), "--tool-axis", text(hook.AXIS), "--tool-up", text(hook.UP), "--voxel", "0.004",

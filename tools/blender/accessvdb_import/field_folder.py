@@ -38,8 +38,28 @@ def find_field(path):
     for file in (volume, points):
         if not os.path.isfile(file):
             raise FieldError(f"{folder}: contains no {os.path.basename(file)}. {_ADVICE}")
-    report = os.path.join(folder, "report.json")
-    return FieldFolder(folder, volume, points, report if os.path.isfile(report) else None)
+    # The report of a map in tiles is beside the folder of its tiles.
+    reports = [os.path.join(folder, "report.json"), os.path.join(folder, "..", "..", "report.json")]
+    return FieldFolder(folder, volume, points, next(filter(os.path.isfile, reports), None))
+
+
+def find_fields(path):
+    """The FieldFolder of find_field(), or one for each tile with points of a map in tiles (its folder or field.json).
+
+    Raises FieldError.
+    """
+    path = os.path.abspath(path)
+    index = path if os.path.basename(path) == "field.json" else os.path.join(path, "field.json")
+    if not os.path.isfile(index):
+        return [find_field(path)]
+    try:
+        with open(index, encoding="utf-8") as stream:
+            folders = [str(tile["folder"]) for tile in json.load(stream)["tiles"] if tile["points"] > 0]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        raise FieldError(f"{index}: cannot be read as the list of a map's tiles. Run accessvdb tile merge again") from None
+    if not folders:
+        raise FieldError(f"{index}: no tile has a surface point. {_ADVICE}")
+    return [find_field(os.path.join(os.path.dirname(index), folder)) for folder in folders]
 
 
 def tool_of_run(field):

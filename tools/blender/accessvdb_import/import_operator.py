@@ -5,10 +5,11 @@
 import os
 
 import bpy
+import numpy as np
 from bpy.props import BoolProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from .field_folder import find_field
+from .field_folder import find_fields
 from .points_object import add_points
 from .points_ply import FieldError, read_points
 from .volume_object import add_volume
@@ -25,7 +26,7 @@ class IMPORT_SCENE_OT_accessvdb(bpy.types.Operator, ImportHelper):
     bl_options = {"REGISTER", "UNDO"}
 
     filename_ext = ".vdb"
-    filter_glob: StringProperty(default="*.vdb;*.ply", options={"HIDDEN"})
+    filter_glob: StringProperty(default="*.vdb;*.ply;*.json", options={"HIDDEN"})
     with_volume: BoolProperty(name="Volume", default=True, description="field.vdb, as green and red fog")
     with_points: BoolProperty(name="Points", default=True, description="points.ply, as coloured balls with attributes")
     at_world_position: BoolProperty(
@@ -33,24 +34,30 @@ class IMPORT_SCENE_OT_accessvdb(bpy.types.Operator, ImportHelper):
         description="Place the field at its world coordinates; else its local origin is Blender's origin")
 
     def execute(self, context):
+        collection = bpy.data.collections.new("Accessibility field")
+        labels = []
         try:
-            field = find_field(bpy.path.abspath(self.filepath))
-            points = read_points(field.points)
-            collection = bpy.data.collections.new(os.path.basename(field.folder) or "Accessibility field")
-            try:
-                self._fill(collection, field, points)
-            except FieldError:
-                bpy.data.collections.remove(collection)
-                raise
+            fields = find_fields(bpy.path.abspath(self.filepath))
+            collection.name = _name(fields[0].folder if len(fields) == 1 else _map_of_tile(fields[0].folder))
+            for field in fields:
+                part = collection
+                if len(fields) > 1:
+                    part = bpy.data.collections.new(f"{collection.name} {_name(field.folder)}")
+                    collection.children.link(part)
+                points = read_points(field.points)
+                self._fill(part, field, points)
+                labels.append(points.records["label"])
         except FieldError as error:
+            _remove(collection)
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         context.scene.collection.children.link(collection)
-        labels = points.records["label"]
-        self.report({"INFO"}, f"{len(points)} surface points: {(labels == 1).sum()} accessible, "
+        labels = np.concatenate(labels)
+        tiles = f" in {len(fields)} tiles" if len(fields) > 1 else ""
+        self.report({"INFO"}, f"{len(labels)} surface points{tiles}: {(labels == 1).sum()} accessible, "
                               f"{(labels == 2).sum()} blocked, {(labels == 0).sum()} not scored")
-        if len(points) == 0:
-            self.report({"WARNING"}, f"{field.folder}: the field is empty")
+        if len(labels) == 0:
+            self.report({"WARNING"}, f"{fields[0].folder}: the field is empty")
         return {"FINISHED"}
 
     def _fill(self, collection, field, points):
@@ -72,6 +79,23 @@ class IMPORT_SCENE_OT_accessvdb(bpy.types.Operator, ImportHelper):
             else:
                 self.report({"WARNING"}, "The field is too far from the world's origin for Blender's coordinates; "
                                          "it is placed at Blender's origin, see the custom properties of the empty")
+
+
+def _name(folder):
+    return os.path.basename(folder) or "Accessibility field"
+
+
+def _map_of_tile(folder):
+    return os.path.dirname(os.path.dirname(folder))
+
+
+def _remove(collection):
+    """With everything in it; nothing else uses that yet."""
+    for thing in list(collection.all_objects):
+        bpy.data.objects.remove(thing)
+    for part in list(collection.children):
+        bpy.data.collections.remove(part)
+    bpy.data.collections.remove(collection)
 
 
 def field_root(thing):
