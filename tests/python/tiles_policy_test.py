@@ -6,6 +6,7 @@ import fcntl
 import importlib.util
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -222,6 +223,18 @@ class Tiles(unittest.TestCase):
                 self.assertIn("stopped; the same command goes on from here", self.stderr)
                 self.assertFalse(any(alive(entry["pid"]) for entry in self.log("run")), "ended before the driver")
             until(lambda: not any(alive(entry["pid"]) for entry in self.log("run")), "processes without a driver end")
+
+    def test_the_step_before_the_tiles_ends_with_the_driver(self):
+        (self.out / "slow_bin").touch()
+        for number, code in ((signal.SIGINT, 130), (signal.SIGKILL, -9)):
+            if number == signal.SIGKILL and not shutil.which("setpriv"):
+                continue
+            driver = self.start({"0_0": ["ok"]}, "--workers", "1")
+            until(lambda: any(alive(entry["pid"]) for entry in self.log("bin")), "the step bin")
+            driver.send_signal(number)
+            self.finish(driver, code)
+            until(lambda: not any(alive(entry["pid"]) for entry in self.log("bin")), "its end", 5)
+        self.assertEqual(self.log("run"), [])
 
     # ---- GPUs ---------------------------------------------------------------------------------------------------------
 
