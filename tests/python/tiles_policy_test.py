@@ -179,6 +179,25 @@ class Tiles(unittest.TestCase):
                            "peak_bytes": int(part * 1000), "limit_bytes": 1000, "stalled": False}  # fmt: skip
                 self.assertEqual([ledger.judge(outcome).name for _ in expected], expected)
 
+    def test_what_dask_says_instead_of_a_result(self):
+        from accessvdb import InternalError
+        from accessvdb._tile_cluster import Cluster, SchedulerLost
+
+        class Future:
+            def __init__(self, error, status="error"):
+                self.error, self.status = error, status
+
+            def result(self, timeout):
+                raise self.error
+
+        cluster = Cluster(None, "")
+        self.assertIsNone(cluster.result(Future(type("KilledWorker", (Exception,), {})())))
+        for lost in (Future(None, "cancelled"), Future(type("CancelledError", (Exception,), {})()), Future(TimeoutError())):
+            self.assertRaises(SchedulerLost, cluster.result, lost)
+        with self.assertRaises(InternalError) as caught:  # such as bytecode of another Python
+            cluster.result(Future(TypeError("code expected at most 16 arguments")))
+        self.assertIn("same versions of Python", str(caught.exception))
+
     def test_quarters_end_where_the_program_ends(self):
         from accessvdb._tile_policy import Grid
 
