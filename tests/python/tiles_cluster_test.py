@@ -25,7 +25,7 @@ MAP += ["--voxel", "0.1", "--quiet"]
 SLOW = f"""#!/bin/bash
 if [[ $2 == run ]]; then
   echo $$ $PPID >>{WORK}/started
-  n=$(wc -l <{WORK}/started)
+  n=$(awk -v pid=$$ '$1 == pid {{ print NR; exit }}' {WORK}/started)
   while ((n > $(<{WORK}/quick))); do
     read -rt 0.1
     (($? > 128)) || break
@@ -88,8 +88,8 @@ class Cluster:
 
     def _start(self, kind, *arguments):
         command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments, "--dashboard-address", "127.0.0.1:0"]
-        log = open(WORK / f"{kind}.log", "a")
-        return subprocess.Popen(command, env=self.environment, cwd=WORK, stdout=log, stderr=log)
+        with open(WORK / f"{kind}.log", "a") as log:
+            return subprocess.Popen(command, env=self.environment, cwd=WORK, stdout=log, stderr=log)
 
     def end(self):
         for process in [self.scheduler, *self.workers]:
@@ -118,7 +118,9 @@ class Tiles(unittest.TestCase):
         environment = dict(os.environ, PYTHONPATH=str(SOURCE / "python"), ACCESSVDB_PROGRAM=str(WORK / "slow"))
         command = [sys.executable, "-m", "accessvdb.tiles", "run", str(self.out), "--device", "cpu", *arguments]
         driver = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(driver.wait)
         self.addCleanup(driver.kill)
+        self.addCleanup(driver.stderr.close)
         return driver
 
     def finish(self, driver, code):

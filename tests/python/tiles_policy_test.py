@@ -49,6 +49,7 @@ class Tiles(unittest.TestCase):
         (self.out / "script.json").write_text(json.dumps(script))
         command = [sys.executable, *python, "-m", "accessvdb.tiles", "run", str(self.out), *arguments]
         child = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.addCleanup(child.wait)
         self.addCleanup(child.kill)
         return child
 
