@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Callable, Iterator, List, Optional
 
-from ._errors import InputError, InvalidArgument, OutputError
+from ._errors import Error, InputError, InvalidArgument, OutputError
 from ._tile_policy import Grid
 from ._tile_task import find_program
 
@@ -32,12 +32,14 @@ class Stopped(Exception):
     """A signal asked for the end."""
 
 
-class StepFailed(Exception):
+class StepFailed(Error):
     """A step's program has failed and has said why on stderr."""
 
-    def __init__(self, code: int) -> None:
-        super().__init__(code)
-        self.code = code
+
+def _step_failed(step: str, code: int) -> StepFailed:
+    failed = StepFailed("tile.step", f"accessvdb tile {step}", f"has failed with code {code}, see its message")
+    failed.code = code if code > 0 else 70
+    return failed
 
 
 def program_here() -> str:
@@ -141,7 +143,7 @@ class Steps:
             return None
         # Once more, for the text.
         subprocess.run(command[:-2], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True)
-        raise StepFailed(done.returncode if done.returncode > 0 else 70)
+        raise _step_failed("list", done.returncode)
 
     def _run(self, step: str, *more: str) -> None:
         command = [self.program, "tile", step, self.out, *(["--quiet"] if self.quiet else []), *more]
@@ -150,16 +152,23 @@ class Steps:
             command = [guard, "--pdeathsig", "TERM", *command]
         sys.stderr.flush()
         child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True)
+        try:
+            code = self._wait(child)
+        except BaseException:  # KeyboardInterrupt, where no handler sets `stop`
+            child.terminate()
+            child.wait()
+            raise
+        if self.stop.signal:
+            raise Stopped
+        if code != 0:
+            raise _step_failed(step, code)
+
+    def _wait(self, child: subprocess.Popen[bytes]) -> int:
         asked = False
         while True:
             try:
-                code = child.wait(0.1)
-                break
+                return child.wait(0.1)
             except subprocess.TimeoutExpired:
                 if self.stop.signal and not asked:
                     child.terminate()
                     asked = True
-        if self.stop.signal:
-            raise Stopped
-        if code != 0:
-            raise StepFailed(code if code > 0 else 70)

@@ -270,6 +270,7 @@ def run(options: RunOptions, stop: Optional[Stop] = None) -> Summary:
 
     Raises an accessvdb.Error: PoisonedTiles if tiles are left that fail each time, "output.locked" if another driver is
     at work, "scheduler.lost", and what the program itself reports. The same call goes on from there.
+    `stop`: set its signal from a signal handler or another thread, and the call ends with the exception Stopped.
     """
     options = replace(options, out=os.path.abspath(options.out))
     _check(options)
@@ -305,7 +306,8 @@ class _Parser(argparse.ArgumentParser):
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(prog="python3 -m accessvdb.tiles", description="A map in tiles on many cores, GPUs or machines, by Dask.")
+    about = "A map in tiles on many cores, GPUs or machines, by Dask."
+    parser = _Parser(prog="python3 -m accessvdb.tiles", description=about)
     run_parser = parser.add_subparsers(dest="step", required=True, metavar="run").add_parser(
         "run",
         help="bin, run all tiles that are left, merge",
@@ -363,7 +365,7 @@ def main(arguments: Optional[Sequence[str]] = None) -> int:
     except Stopped:
         print("accessvdb: stopped; the same command goes on from here", file=sys.stderr, flush=True)
         return 128 + stop.signal
-    except StepFailed as failed:
+    except StepFailed as failed:  # has said why itself
         return failed.code
     except Error as error:
         _say_error(error)

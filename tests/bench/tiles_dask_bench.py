@@ -15,6 +15,7 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -75,6 +76,7 @@ def main():
     parser.add_argument("--tiles", required=True)
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # ends the cluster too
     with tempfile.TemporaryDirectory() as folder:
         out = str(Path(folder, "out"))
         common = ["--scans", options.scans, "--poses", options.poses, "--tool", options.tool, "--voxel", options.voxel]

@@ -4,7 +4,7 @@
 """Stands in for the program `accessvdb` in tests of accessvdb.tiles: its tiles end as OUT/script.json says.
 
 script.json: {"tile": ["what the first attempt does", "the second", ...]}; the last one is repeated. OUT/log gets a line
-per call.
+per call. With OUT/slow_bin the step before the tiles takes long.
 """
 
 import json
@@ -94,12 +94,13 @@ def main():
     out = Path(out)
     if step == "run":
         return run(out, arguments)
-    log(out, {"step": step, "arguments": arguments})
+    log(out, {"step": step, "pid": os.getpid(), "arguments": arguments})
     if step == "list":
         if not (out / "rays.json").exists():
             fail(3, "rays.missing")
         print("\n".join(todo(out)))
     elif step == "bin":
+        time.sleep(60 if (out / "slow_bin").exists() else 0)
         (out / "rays.json").write_text("{}")
     elif step == "merge" and todo(out):
         fail(4, "tile.unfinished")

@@ -20,11 +20,24 @@ WORK = Path(os.environ["WORK"], "tiles_cluster")
 PROGRAM = os.environ["PROGRAM"]
 MAP = ["--scans", str(WORK / "scans"), "--poses", str(WORK / "scans/poses.txt"), "--tool", "builtin:pencil"]
 MAP += ["--voxel", "0.1", "--quiet"]
-# The program, but slow, so that there is something to kill; and it notes who has started it.
-SLOW = f"""#!/bin/sh
-[ "$2" = run ] && echo $$ $PPID >>{WORK}/started && sleep 0.4
+# The program, but it notes who has started it, and from the N-th tile on waits, N in the file "quick", until N is larger
+# or standard input ends. So whoever is killed is killed while tiles run.
+SLOW = f"""#!/bin/bash
+if [[ $2 == run ]]; then
+  echo $$ $PPID >>{WORK}/started
+  n=$(awk -v pid=$$ '$1 == pid {{ print NR; exit }}' {WORK}/started)
+  while ((n > $(<{WORK}/quick))); do
+    read -rt 0.1
+    (($? > 128)) || break
+  done
+fi
 exec {PROGRAM} "$@"
 """
+
+
+def quick(tiles):
+    (WORK / "new").write_text(str(tiles))
+    (WORK / "new").rename(WORK / "quick")
 
 
 def parent(pid):
@@ -75,8 +88,8 @@ class Cluster:
 
     def _start(self, kind, *arguments):
         command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments, "--dashboard-address", "127.0.0.1:0"]
-        log = open(WORK / f"{kind}.log", "a")
-        return subprocess.Popen(command, env=self.environment, cwd=WORK, stdout=log, stderr=log)
+        with open(WORK / f"{kind}.log", "a") as log:
+            return subprocess.Popen(command, env=self.environment, cwd=WORK, stdout=log, stderr=log)
 
     def end(self):
         for process in [self.scheduler, *self.workers]:
@@ -105,7 +118,9 @@ class Tiles(unittest.TestCase):
         environment = dict(os.environ, PYTHONPATH=str(SOURCE / "python"), ACCESSVDB_PROGRAM=str(WORK / "slow"))
         command = [sys.executable, "-m", "accessvdb.tiles", "run", str(self.out), "--device", "cpu", *arguments]
         driver = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
+        self.addCleanup(driver.wait)
         self.addCleanup(driver.kill)
+        self.addCleanup(driver.stderr.close)
         return driver
 
     def finish(self, driver, code):
@@ -132,6 +147,7 @@ class Tiles(unittest.TestCase):
         address = cluster.address()
 
         # A driver that is stopped: its children on the workers end too, what is finished stays.
+        quick(1)
         driver = self.start("--scheduler", address)
         until(lambda: self.done() >= 1 and len(started()) == 3, "three processes at a time")
         driver.send_signal(signal.SIGTERM)
@@ -142,15 +158,19 @@ class Tiles(unittest.TestCase):
         self.assertLess(before, self.total())
 
         # A worker that is killed takes its child along; its tile comes back on another one.
+        quick(0)
         driver = self.start("--scheduler", address)
         until(lambda: len(started()) == 3, "three processes at a time")
         child, worker = started()[0]
         self.assertIn(worker, [process.pid for process in cluster.workers])
         os.kill(worker, signal.SIGKILL)
         until(lambda: parent(child) is None, "the child of a killed worker ends", 5)
-        until(lambda: self.done() > before and len(started()) == 2, "the others go on")
+        quick(1000)
+        until(lambda: self.done() > before, "the others go on")
 
         # So does a driver that is killed.
+        quick(0)
+        until(lambda: len(started()) == 2, "two processes at a time")
         driver.kill()
         self.finish(driver, -9)
         until(lambda: not started(), "the processes of a killed driver end", 5)
@@ -172,6 +192,7 @@ class Tiles(unittest.TestCase):
         self.assertRegex(address, r"^tcp://127\.0\.0\.1:\d+$")
         worker = cluster.add_worker(address)
         until(lambda: worker.pid in [by for _, by in started()], "the worker that joined runs a tile")
+        quick(1000)
         self.finish(driver, 0)
         self.assertIn("done; one file of all points", self.stderr)
         self.assertEqual(self.done(), self.total())

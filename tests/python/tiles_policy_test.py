@@ -6,6 +6,7 @@ import fcntl
 import importlib.util
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -48,6 +49,7 @@ class Tiles(unittest.TestCase):
         (self.out / "script.json").write_text(json.dumps(script))
         command = [sys.executable, *python, "-m", "accessvdb.tiles", "run", str(self.out), *arguments]
         child = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        self.addCleanup(child.wait)
         self.addCleanup(child.kill)
         return child
 
@@ -178,6 +180,25 @@ class Tiles(unittest.TestCase):
                            "peak_bytes": int(part * 1000), "limit_bytes": 1000, "stalled": False}  # fmt: skip
                 self.assertEqual([ledger.judge(outcome).name for _ in expected], expected)
 
+    def test_what_dask_says_instead_of_a_result(self):
+        from accessvdb import InternalError
+        from accessvdb._tile_cluster import Cluster, SchedulerLost
+
+        class Future:
+            def __init__(self, error, status="error"):
+                self.error, self.status = error, status
+
+            def result(self, timeout):
+                raise self.error
+
+        cluster = Cluster(None, "")
+        self.assertIsNone(cluster.result(Future(type("KilledWorker", (Exception,), {})())))
+        for lost in (Future(None, "cancelled"), Future(type("CancelledError", (Exception,), {})()), Future(TimeoutError())):
+            self.assertRaises(SchedulerLost, cluster.result, lost)
+        with self.assertRaises(InternalError) as caught:  # such as bytecode of another Python
+            cluster.result(Future(TypeError("code expected at most 16 arguments")))
+        self.assertIn("same versions of Python", str(caught.exception))
+
     def test_quarters_end_where_the_program_ends(self):
         from accessvdb._tile_policy import Grid
 
@@ -222,6 +243,18 @@ class Tiles(unittest.TestCase):
                 self.assertIn("stopped; the same command goes on from here", self.stderr)
                 self.assertFalse(any(alive(entry["pid"]) for entry in self.log("run")), "ended before the driver")
             until(lambda: not any(alive(entry["pid"]) for entry in self.log("run")), "processes without a driver end")
+
+    def test_the_step_before_the_tiles_ends_with_the_driver(self):
+        (self.out / "slow_bin").touch()
+        for number, code in ((signal.SIGINT, 130), (signal.SIGKILL, -9)):
+            if number == signal.SIGKILL and not shutil.which("setpriv"):
+                continue
+            driver = self.start({"0_0": ["ok"]}, "--workers", "1")
+            until(lambda: any(alive(entry["pid"]) for entry in self.log("bin")), "the step bin")
+            driver.send_signal(number)
+            self.finish(driver, code)
+            until(lambda: not any(alive(entry["pid"]) for entry in self.log("bin")), "its end", 5)
+        self.assertEqual(self.log("run"), [])
 
     # ---- GPUs ---------------------------------------------------------------------------------------------------------
 
