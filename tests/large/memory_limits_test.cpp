@@ -52,7 +52,7 @@ TEST_F(TileMemory, RandomLimitsAreKept) {
 /// Memory follows the tile, not the length of the walk.
 TEST_F(TileMemory, ALongerWalkTakesNoMore) {
   const int factor = countFrom("ACCESSVDB_WALK_FACTOR", 4);
-  const Walk walk = {.scans = 9, .rays = 9000};
+  const Walk walk = {.scans = 14, .rays = 12000};
   what_[1] = "builtin:pruner";
   // The limit that one piece exceeds.
   constexpr std::uint64_t kLimit = 290 * kMegabyte;
