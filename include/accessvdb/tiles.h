@@ -62,7 +62,7 @@ struct Flight {
 };
 
 /// What is mapped. Two runs with equal plans make equal files.
-struct Plan {
+struct ACCESSVDB_API Plan {
   std::string program;     ///< version of the library
   std::string parameters;  ///< FieldParams::describe(), and options of the files that are written
   std::string tool_name, tool_sha256;
@@ -73,9 +73,9 @@ struct Plan {
   std::uint64_t bin_bytes = 0;     ///< returns are held in memory up to this size before they are written
   std::vector<Flight> flights;     ///< in the order in which they are mapped: steps of the second follow the first's
 
-  [[nodiscard]] ACCESSVDB_API std::uint64_t steps() const;
+  [[nodiscard]] std::uint64_t steps() const;
   /// Index of the flight that a step belongs to. @param step  below steps()
-  [[nodiscard]] ACCESSVDB_API std::size_t flightOf(std::uint64_t step) const;
+  [[nodiscard]] std::size_t flightOf(std::uint64_t step) const;
   /// SHA-256 of what determines the results: everything above except stamps and settings.
   [[nodiscard]] const std::string& id() const { return ids.back(); }
   /// The plan's id after each flight: what was made before the next one was appended is still right where that brought
@@ -96,7 +96,7 @@ struct TileMargins {
 /// Reads steps until there is one. @throws UnusableInput "scans.no_returns"
 [[nodiscard]] ACCESSVDB_API std::array<double, 3> originOf(io::ScanSequence& scans, const FieldParams& params);
 
-/// @param plan  identified()  @throws OutputError
+/// @throws OutputError
 ACCESSVDB_API void writePlan(const std::filesystem::path& out, const Plan& plan);
 /// @throws InputError "plan.missing", "plan.damaged"
 [[nodiscard]] ACCESSVDB_API Plan readPlan(const std::filesystem::path& out);

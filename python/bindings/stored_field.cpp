@@ -77,7 +77,8 @@ void bindStoredField(py::module_& module) {
           },
           py::arg("p_W"), "A StoredAnswer for one position in the world frame.")
       .def(
-          "overview", [](const T& t, std::uint64_t most) { return withoutLock([&] { return keep(tiles::overview(t, most)); }); },
+          "overview",
+          [](const T& t, std::uint64_t most) { return withoutLock([&] { return keep(tiles::overview(t, most)); }); },
           py::arg("most"), "A FieldSnapshot of all tiles, evenly thinned to about `most` points.");
 
   module.def(

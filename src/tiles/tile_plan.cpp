@@ -123,7 +123,7 @@ std::array<double, 3> originOf(io::ScanSequence& scans, const FieldParams& param
 }
 
 void writePlan(const std::filesystem::path& out, const Plan& plan) {
-  Json json = {{"schema", kSchema}, {"id", plan.id()}};
+  Json json = {{"schema", kSchema}, {"id", identified(plan).id()}};
   json.update(content(plan, plan.flights.size()));
   for (std::size_t n = 0; n < plan.flights.size(); ++n) {
     Json& flight = json["flights"][n];

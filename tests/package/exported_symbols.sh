@@ -21,14 +21,14 @@ classes=$(grep -ohE '(class|struct) ACCESSVDB_API [A-Za-z0-9]+' "$headers"/*.h |
 functions=$(grep -ohE 'ACCESSVDB_API [^;(]*[ &*][A-Za-z0-9]+\(' "$headers"/*.h | sed -E 's/.*[ &*]([A-Za-z0-9]+)\($/\1/')
 public=$(printf '%s\n' "$classes" "$functions" | grep -v '^accessvdb_' | LC_ALL=C sort -u | paste -sd '|')
 foreign=$(grep -vE '^accessvdb_' <<<"$symbols" | c++filt |
-  grep -vE "^((typeinfo|typeinfo name|vtable|guard variable) for )?accessvdb::(io::)?($public)(\b|\[)" || true)
+  grep -vE "^((typeinfo|typeinfo name|vtable|guard variable) for )?accessvdb::((io|tiles)::)?($public)(\b|\[)" || true)
 if [[ -n $foreign ]]; then
   echo "exported, but not of the public API:"
   head -20 <<<"$foreign"
   bad=1
 fi
 while read -r name; do
-  c++filt <<<"$symbols" | grep -E "\baccessvdb::(io::)?$name\b" >/dev/null || { echo "public, but not exported: $name"; bad=1; }
+  c++filt <<<"$symbols" | grep -E "\baccessvdb::((io|tiles)::)?$name\b" >/dev/null || { echo "public, but not exported: $name"; bad=1; }
 done < <(tr '|' '\n' <<<"$public")
 internal=$(c++filt <<<"$symbols" | grep -E '^accessvdb::[A-Za-z:]*::(Impl|~Impl)\b' || true)
 if [[ -n $internal ]]; then
