@@ -21,14 +21,14 @@ PROGRAM = os.environ["PROGRAM"]
 MAP = ["--scans", str(WORK / "scans"), "--poses", str(WORK / "scans/poses.txt"), "--tool", "builtin:pencil"]
 MAP += ["--voxel", "0.1", "--quiet"]
 # The program, but it notes who has started it, and from the N-th tile on waits, N in the file "quick", until N is larger
-# or standard input ends. So whoever is killed is killed while tiles run. The tile that the file "bad"
-# names crashes.
+# or standard input ends. So whoever is killed is killed while tiles run. Ends where the folder is gone. The tile that the
+# file "bad" names crashes.
 SLOW = f"""#!/bin/bash
 if [[ $2 == run ]]; then
   echo $$ $PPID >>{WORK}/started
   n=$(awk -v pid=$$ '$1 == pid {{ print NR; exit }}' {WORK}/started)
   [[ ! -f {WORK}/bad || " $* " != *" --tile $(<{WORK}/bad) "* ]] || exit 70
-  while ((n > $(<{WORK}/quick))); do
+  while [[ -f {WORK}/quick ]] && ((n > $(<{WORK}/quick))); do
     read -rt 0.1
     (($? > 128)) || break
   done
@@ -90,6 +90,9 @@ class Cluster:
 
     def _start(self, kind, *arguments):
         command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments, "--dashboard-address", "127.0.0.1:0"]
+        guard = shutil.which("setpriv")
+        if guard:  # nothing of the cluster outlives this test, whatever kills it
+            command = [guard, "--pdeathsig", "KILL", *command]
         with open(WORK / f"{kind}.log", "a") as log:
             return subprocess.Popen(command, env=self.environment, cwd=WORK, stdout=log, stderr=log)
 
@@ -143,6 +146,16 @@ class Tiles(unittest.TestCase):
 
     def done(self):
         return len(list(self.out.glob("tiles/[!.]*/tile.json")))
+
+    def test_the_slow_program_ends_where_its_folder_is_gone(self):
+        quick(0)
+        waiting = subprocess.Popen([WORK / "slow", "tile", "run", str(self.out)], stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+        self.addCleanup(waiting.kill)
+        self.addCleanup(waiting.stderr.close)
+        self.addCleanup(waiting.stdin.close)
+        until(started, "it waits")
+        (WORK / "quick").unlink()
+        self.assertEqual(waiting.wait(10), 3)  # as the program does without rays
 
     def test_a_tile_that_always_fails_is_named_and_the_rest_is_merged(self):
         quick(1000)
