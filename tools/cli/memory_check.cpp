@@ -258,7 +258,8 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeom
   const double voxel_m = smallestFittingVoxel_m(options, tool, noise_m, sample, output, prediction, limit);
   throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
                       "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
-                      voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits"
+                      voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits" +
+                                        (tiles ? " in one piece" : "")
                                   : "No voxel size fits: allow more memory");
 }
 
