@@ -52,6 +52,7 @@ void bindReports(py::module_& module) {
       .def_readonly("integrate_ms", &F::integrate_ms)
       .def_readonly("mirror_ms", &F::mirror_ms)
       .def_readonly("changed_leaves", &F::changed_leaves)
+      .def_readonly("flipped_voxels", &F::flipped_voxels)
       .def_readonly("mirror_bytes", &F::mirror_bytes)
       .def_readonly("surface_points", &F::surface_points)
       .def("__repr__", [](const F& stats) {
@@ -62,6 +63,7 @@ void bindReports(py::module_& module) {
   using U = UpdateStats;
   py::class_<U>(module, "UpdateStats", "What one update did.")
       .def_readonly("dirty_points", &U::dirty_points)
+      .def_readonly("moved_points", &U::moved_points)
       .def_readonly("scored_points", &U::scored_points)
       .def_readonly("direction_tests", &U::direction_tests)
       .def_readonly("backlog", &U::backlog)

@@ -159,6 +159,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     stats.new_leaves = result.new_leaves;
     stats.distance_updates = result.counts.distance_updates;
     stats.cleared_updates = result.counts.cleared_updates;
+    stats.flipped_voxels = result.counts.flipped_voxels;
     const kernels::Stopwatch noting;
     scheduler->noteChanges(scan.p_L, scan.q_L, {result.changes, result.distances});
     const double noting_ms = noting.milliseconds();

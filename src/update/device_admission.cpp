@@ -50,6 +50,7 @@ kernels::ScoringInput scoringInput(const PointScorer& scorer, const ScoringTable
 UpdateStats statsOf(const kernels::UpdateOutcome& outcome) {
   UpdateStats stats;
   stats.dirty_points = outcome.moved + outcome.evaluated;
+  stats.moved_points = outcome.moved;
   stats.scored_points = outcome.scored;
   stats.direction_tests = outcome.tests;
   stats.label_changes = outcome.label_changes;

@@ -39,9 +39,11 @@ class PaperOnDevice final : public UpdateScheduler {
     admission_.readWeights();
     const PaperRequests asked = triggers_.take();
     const kernels::TriggeredPoints triggered = {asked.jumped, asked.sampled, asked.blocked};
-    return statsOf(admission_.update([&](const kernels::ConfidenceNews& news) {
+    UpdateStats stats = statsOf(admission_.update([&](const kernels::ConfidenceNews& news) {
       return updater_->update(scoringInput(scorer_, tables), news, triggered);
     }));
+    stats.moved_points = stats.dirty_points;  // each point's neighbourhood is made when its turn comes
+    return stats;
   }
 
   std::uint64_t bytes() const override { return admission_.bytes() + triggers_.bytes(); }

@@ -44,7 +44,7 @@ class PaperOnHost final : public UpdateScheduler {
     enqueueAll();
     scorer_.refreshTouched(touched_.take());
     const std::vector<std::uint32_t> work = backlog_.take(scorer_.params().update.budget_points).ids;
-    stats.dirty_points = work.size();
+    stats.dirty_points = stats.moved_points = work.size();
     stats.backlog = backlog_.size();
     scorer_.refreshNeighbourhoods(work);
     scorer_.upload(work);
