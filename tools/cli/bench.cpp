@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb bench: a simulated flight through pines, with every stage of every frame timed.
+/// accessvdb bench: a simulated flight among pines, with every stage of every frame timed.
 #include <unistd.h>
 
 #include <chrono>
@@ -59,9 +59,8 @@ sim::Simulator makeSimulator(const BenchOptions& options, std::string& descripti
   sim::Forest forest = sim::makeForest(benchForest(options));
   description = forest.description;
   const sim::LidarModel sensor = benchSensor(options);
-  const sim::Trajectory flight = sim::forestFlight(options.speed_m_s, sensor.frame_period_s, options.frames);
   sim::RayCaster caster(std::move(forest.meshes), forest.placed);
-  return {std::move(caster), "forest", sensor, flight, options.seed};
+  return {std::move(caster), "forest", sensor, benchTrajectory(options), options.seed};
 }
 
 class BenchRun {
@@ -73,6 +72,7 @@ class BenchRun {
  private:
   void replay(const sim::Simulator& simulator, AccessibilityField& field);
   [[nodiscard]] bool finished() const;
+  [[nodiscard]] bool timedPartBegins() const;
   void noteTimedBegin(const AccessibilityField& field);
   /// Of the frames so far: if the stream stopped early, those since the timed part began.
   [[nodiscard]] std::size_t timedFrames() const {
@@ -82,6 +82,16 @@ class BenchRun {
   [[nodiscard]] std::uint64_t pointsAtTimedBegin() const {
     return record_.surfacePointsBefore(record_.frames() - timedFrames());
   }
+  [[nodiscard]] bool enoughPoints(std::size_t frames) const {
+    return record_.surfacePointsBefore(frames) >= options_.min_surface_points;
+  }
+  /// Share of new points over as many frames before the n-th as are timed; none if there are not as many.
+  [[nodiscard]] std::optional<double> newPercentBefore(std::size_t n) const {
+    const auto window = static_cast<std::size_t>(options_.timed_frames);
+    if (n < window) return std::nullopt;
+    return record_.newPercent(n - window, n);
+  }
+  [[nodiscard]] Json density() const;
   [[nodiscard]] Json describe(const AccessibilityField& field) const;
   void write(const Json& json) const;
 
@@ -101,13 +111,21 @@ bool BenchRun::finished() const {
          record_.frames() >= *timed_from_ + static_cast<std::size_t>(options_.timed_frames);
 }
 
+bool BenchRun::timedPartBegins() const {
+  const std::size_t frames = record_.frames();
+  if (!options_.shortest) {
+    return frames + static_cast<std::size_t>(options_.timed_frames) == static_cast<std::size_t>(options_.frames);
+  }
+  if (options_.begin_by && frames >= static_cast<std::size_t>(*options_.begin_by)) return true;
+  if (!enoughPoints(frames)) return false;
+  if (!options_.max_new_percent) return true;
+  const std::optional<double> share = newPercentBefore(frames);
+  return share && *share <= *options_.max_new_percent;
+}
+
 /// Notes memory when the timed part begins: with --min-surface-points, that is at the requested map size.
 void BenchRun::noteTimedBegin(const AccessibilityField& field) {
-  if (timed_from_) return;
-  const auto timed = static_cast<std::size_t>(options_.timed_frames);
-  const bool begins = options_.shortest ? record_.surfacePointsBefore(record_.frames()) >= options_.min_surface_points
-                                        : record_.frames() + timed == static_cast<std::size_t>(options_.frames);
-  if (!begins) return;
+  if (timed_from_ || !timedPartBegins()) return;
   timed_from_ = record_.frames();
   const MemoryUse memory = field.memoryUse();
   memory_at_timed_begin_ = jsonOf(memory);
@@ -135,6 +153,20 @@ void BenchRun::replay(const sim::Simulator& simulator, AccessibilityField& field
                                           " M points, " + numberText(std::round(10 * frame.frame_ms) / 10) + " ms");
     }
   }
+}
+
+/// How often the stream sees the same places.
+Json BenchRun::density() const {
+  const std::size_t begin = record_.frames() - timedFrames();
+  const std::optional<double> before = newPercentBefore(begin);
+  const bool share_reached = !options_.max_new_percent || (before && *before <= *options_.max_new_percent);
+  return {{"new_percent", record_.newPercent(begin, record_.frames())},
+          {"new_percent_before", before ? Json(*before) : Json(nullptr)},
+          {"new_percent_wanted", options_.max_new_percent ? Json(*options_.max_new_percent) : Json(nullptr)},
+          {"reached", enoughPoints(begin) && share_reached},
+          {"hits_per_voxel",
+           {{"timed_begin", record_.hitsPerVoxelBefore(begin)},
+            {"timed_end", record_.hitsPerVoxelBefore(record_.frames())}}}};
 }
 
 Json BenchRun::describe(const AccessibilityField& field) const {
@@ -170,6 +202,7 @@ Json BenchRun::describe(const AccessibilityField& field) const {
                 {{"timed_begin", pointsAtTimedBegin()},
                  {"timed_end", record_.surfacePointsBefore(record_.frames())},
                  {"required", options_.min_surface_points}}},
+               {"density", density()},
                {"timing_ms", record_.timing_ms(timed)},
                {"timing_all_frames_ms", record_.timing_ms(record_.frames())},
                {"per_frame", record_.counters(timed)},
@@ -179,10 +212,11 @@ Json BenchRun::describe(const AccessibilityField& field) const {
                {"map", {{"leaves", memory.leaves}, {"active_voxels", memory.active_voxels}}},
                {"stream",
                 {{"scene", scene_},
+                 {"path", options_.path},
                  {"sensor", "mid360"},
                  {"sensor_rate_hz", options_.sensor_rate_hz},
-                 {"speed_m_s", options_.speed_m_s},
-                 {"path_m", options_.speed_m_s / options_.sensor_rate_hz * static_cast<double>(record_.frames())},
+                 {"speed_m_s", benchSpeed_m_s(options_)},
+                 {"path_m", benchSpeed_m_s(options_) / options_.sensor_rate_hz * static_cast<double>(record_.frames())},
                  {"range_noise_m", options_.range_noise_m},
                  {"min_range_m", options_.min_range_m},
                  {"max_range_m", options_.max_range_m},
@@ -246,7 +280,8 @@ int BenchRun::run() {
   const std::uint64_t begin = pointsAtTimedBegin();
   messages_.notice(line);
   messages_.notice("surface points " + std::to_string(begin) + " to " +
-                   std::to_string(record_.surfacePointsBefore(record_.frames())) + "; host memory at most " +
+                   std::to_string(record_.surfacePointsBefore(record_.frames())) + ", " +
+                   text(json["density"]["new_percent"]) + " % of the returns new; host memory at most " +
                    bytesInWords(json["memory"]["host_peak_bytes"].get<double>()) + " (" +
                    bytesInWords(static_cast<double>(host_before_bytes_)) + " of it the simulator's), on the device " +
                    bytesInWords(json["memory"]["device_peak_bytes"].get<double>()));
@@ -255,7 +290,7 @@ int BenchRun::run() {
                      " frames; the figures cover these");
     return 128 + signal;
   }
-  if (begin < options_.min_surface_points) {
+  if (begin < options_.min_surface_points && !options_.begin_by) {
     throw UnusableInput("bench.too_few_points", "--min-surface-points",
                         "the timed part began with " + std::to_string(begin) + " surface points, not " +
                             std::to_string(options_.min_surface_points),
