@@ -34,7 +34,8 @@ struct FrameStats {
   std::uint64_t distance_updates = 0;  ///< (return, voxel) pairs fused
   std::uint64_t cleared_updates = 0;   ///< (return, voxel) pairs marked cleared
   double integrate_ms = 0;             ///< sorting out returns, map and points: everything but the mirror. On a GPU the
-                                       ///< first scan after an update begins with its choice, most of it hidden here
+                                       ///< first scan after an update begins with its choice, most of it hidden here.
+                                       ///< With updateAsync() it includes waiting for the update
   double mirror_ms = 0;                ///< patching the NanoVDB mirror
   std::uint64_t changed_leaves = 0;    ///< leaves in which a fact that scoring reads flipped; sent to the mirror
   std::uint64_t mirror_bytes = 0;      ///< written to the mirror

@@ -96,9 +96,13 @@ void DeviceAdmission::complete() {
   if (std::exchange(scans_, 0) != 1) admitAll();
 }
 
-kernels::UpdateOutcome DeviceAdmission::update(const RunUpdate& run) {
+kernels::UpdateOutcome DeviceAdmission::update(const RunUpdate& run, const std::function<void()>& known) {
   kernels::UpdateOutcome outcome;
-  runBeside([&] { outcome = run({weights_, crossed_}); }, [&] { know(); });
+  const auto know_and_tell = [&] {
+    know();
+    known();
+  };
+  runBeside([&] { outcome = run({weights_, crossed_}); }, know_and_tell);
   crossed_.clear();
   return outcome;
 }

@@ -49,8 +49,9 @@ class DeviceAdmission {
   /// Call next: reads the map's weights of the points, concurrently with backend work that does not need them.
   void readWeights();
   /// Call last: runs the backend's update with what was read. From then on the new points count as known.
+  /// @param known  called beside `run`, from any thread, when the points of the host are no longer read
   using RunUpdate = std::function<kernels::UpdateOutcome(const kernels::ConfidenceNews&)>;
-  kernels::UpdateOutcome update(const RunUpdate& run);
+  kernels::UpdateOutcome update(const RunUpdate& run, const std::function<void()>& known);
 
   [[nodiscard]] std::uint64_t bytes() const;
 

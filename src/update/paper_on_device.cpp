@@ -39,9 +39,10 @@ class PaperOnDevice final : public UpdateScheduler {
     admission_.readWeights();
     const PaperRequests asked = triggers_.take();
     const kernels::TriggeredPoints triggered = {asked.jumped, asked.sampled, asked.blocked};
-    UpdateStats stats = statsOf(admission_.update([&](const kernels::ConfidenceNews& news) {
-      return updater_->update(scoringInput(scorer_, tables), news, triggered);
-    }));
+    const kernels::ScoringInput input = scoringInput(scorer_, tables);
+    UpdateStats stats = statsOf(
+        admission_.update([&](const kernels::ConfidenceNews& news) { return updater_->update(input, news, triggered); },
+                          [&] { mapIsFree(); }));
     stats.moved_points = stats.dirty_points;  // each point's neighbourhood is made when its turn comes
     return stats;
   }
