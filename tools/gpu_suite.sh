@@ -237,6 +237,9 @@ bench_rows="
 flight_20mm 65 --voxel 0.02 --tau 0.1 --frames 1200
 flight_10mm 65 --voxel 0.01 --tau 0.1 --frames 1200
 flight_5mm 90 --voxel 0.005 --tau 0.1 --frames 1200
+flight_20mm_pipelined 65 --voxel 0.02 --tau 0.1 --frames 1200 --pipelined
+flight_10mm_pipelined 65 --voxel 0.01 --tau 0.1 --frames 1200 --pipelined
+flight_5mm_pipelined 90 --voxel 0.005 --tau 0.1 --frames 1200 --pipelined
 flight_10mm_tau4v 65 --voxel 0.01 --tau 4v --frames 1200
 flight_5mm_tau4v 65 --voxel 0.005 --tau 4v --frames 1200
 flight_10mm_budget 65 --voxel 0.01 --tau 0.1 --frames 1200 --budget-points 200000

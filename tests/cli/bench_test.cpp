@@ -265,6 +265,32 @@ TEST_F(Bench, SaysHowOftenPlacesAreSeenAgain) {
   }
 }
 
+/// Same stream, same counters, one by one; only the times are others.
+TEST_F(Bench, PipelinedDoesTheSameWork) {
+  ASSERT_EQ(runProgram(arguments({{"--out", path("one.json")}, {"--per-frame", path("one.csv")}})).exit_code, 0);
+  const ProgramResult result =
+      runProgram(arguments({{"--out", path("two.json")}, {"--per-frame", path("two.csv")}, {"--pipelined", ""}}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const json one = json::parse(readText("one.json")), two = json::parse(readText("two.json"));
+  EXPECT_EQ(one["pipelined"], false);
+  EXPECT_EQ(two["pipelined"], true);
+  EXPECT_EQ(two["labels_at_end"], one["labels_at_end"]);
+  std::string header_one, header_two;
+  auto rows_one = numbersOf(readText("one.csv"), header_one), rows_two = numbersOf(readText("two.csv"), header_two);
+  EXPECT_EQ(header_two, header_one);
+  ASSERT_EQ(rows_two.size(), rows_one.size());
+  for (std::size_t n = 0; n < rows_one.size(); ++n) {
+    EXPECT_GT(rows_two[n][1], 0.0);
+    rows_one[n].erase(rows_one[n].begin() + 1, rows_one[n].begin() + 6);
+    rows_two[n].erase(rows_two[n].begin() + 1, rows_two[n].begin() + 6);
+    EXPECT_EQ(rows_two[n], rows_one[n]) << n;
+  }
+  for (const json& bench : {one, two}) {
+    EXPECT_NEAR(bench["frames_per_second"].get<double>() * bench["timing_ms"]["frame"]["mean"].get<double>(), 1000,
+                0.1);
+  }
+}
+
 /// The timed part begins where --begin-by says, although there are too few points, and the record says so.
 TEST_F(Bench, BeginsInAnyCaseByTheFrameThatWasAskedFor) {
   const ProgramResult result = runProgram(arguments({{"--path", "hover"},

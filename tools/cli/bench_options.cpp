@@ -38,6 +38,8 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
                "with --shortest, begin only when at most this share of the returns, over as many frames as are timed, "
                "made new points");
   flags.option("--begin-by", &options.begin_by, "with --shortest, begin after this many frames in any case");
+  flags.flag("--pipelined", options.pipelined,
+             "fuse each scan while the one before is scored: measures frames per second, not the time to a label");
   flags.option("--points-per-frame", &options.points_per_frame, "exact number of returns per scan");
   flags.option("--sensor-rate", &options.sensor_rate_hz, "scans per second");
   flags.option("--speed", &options.speed_m_s, "speed along the path, metres per second; default: 1, hovering 0.01");

@@ -23,7 +23,7 @@ struct BenchOptions {
   std::optional<int> begin_by;            ///< but no later than this frame
   double solid_foliage_m = 0.05;
   std::uint64_t seed = 1, min_surface_points = 0;
-  bool shortest = false;
+  bool shortest = false, pipelined = false;
 };
 
 void addBenchOptions(FlagParser& flags, BenchOptions& options);

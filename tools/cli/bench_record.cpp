@@ -93,6 +93,13 @@ double BenchRecord::hitsPerVoxelBefore(std::size_t n) const {
   return points == 0 ? 0 : static_cast<double>(used) / static_cast<double>(points);
 }
 
+double BenchRecord::framesPerSecond(std::size_t last) const {
+  const std::size_t count = std::min(last, frames_.size());
+  double sum_ms = 0;
+  for (std::size_t n = frames_.size() - count; n < frames_.size(); ++n) sum_ms += frames_[n].frame_ms;
+  return sum_ms > 0 ? 1e3 * static_cast<double>(count) / sum_ms : 0;
+}
+
 Json BenchRecord::timing_ms(std::size_t last) const {
   Json out = Json::object();
   for (const Column& column : kTimes) out[column.name] = statistics(frames_, last, column.of);

@@ -15,7 +15,7 @@ namespace accessvdb::tools {
 struct BenchFrame {
   FrameStats integration;
   UpdateStats update;
-  double frame_ms = 0;           ///< from the scan in host memory to its labels
+  double frame_ms = 0;           ///< from the scan in host memory to its labels; pipelined, from frame to frame
   std::uint64_t new_points = 0;  ///< voxels with their first return; filled in by BenchRecord::add()
 };
 
@@ -25,6 +25,9 @@ class BenchRecord {
   explicit BenchRecord(bool distances) : distances_(distances) {}
   void add(BenchFrame frame);
   [[nodiscard]] std::size_t frames() const { return frames_.size(); }
+  [[nodiscard]] const BenchFrame& last() const { return frames_.back(); }  ///< @pre frames() > 0
+  /// Over the last `last` frames; 0 without any.
+  [[nodiscard]] double framesPerSecond(std::size_t last) const;
   /// Points in the map before frame n; n = frames() for those at the end.
   [[nodiscard]] std::uint64_t surfacePointsBefore(std::size_t n) const;
   /// Share of the returns of frames begin .. end that made a new point. @pre begin < end <= frames()
