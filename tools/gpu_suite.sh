@@ -184,6 +184,7 @@ if wanted sanitizers; then
     checked+=:Streams/CudaStream.EqualsTheCpuAfterEveryUpdate/1:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/0
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/1
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/2
+    checked+=:ShortStream/CudaStream.PipelinedEqualsTheCpu/0
     checked+=:ShortStream/CudaBudget.OnlyDelays/0:ShortStream/CudaPaper.EvaluatesTheSamePointsAsTheCpu/0
     expected=$(tr -cd : <<<":$checked" | wc -c)
     for tool in memcheck racecheck initcheck synccheck; do
