@@ -86,6 +86,39 @@ void bindReports(py::module_& module) {
       .def_readonly("active_voxels", &M::active_voxels);
 }
 
+/// A ticket whose waiting leaves the interpreter to other threads, also when Python destroys it.
+class WaitingTicket {
+ public:
+  explicit WaitingTicket(UpdateTicket ticket) : ticket_(std::move(ticket)) {}
+  ~WaitingTicket() {
+    withoutLock([this] { ticket_ = UpdateTicket(); });
+  }
+  WaitingTicket(WaitingTicket&&) noexcept = default;
+  WaitingTicket& operator=(WaitingTicket&&) noexcept = default;
+  WaitingTicket(const WaitingTicket&) = delete;
+  WaitingTicket& operator=(const WaitingTicket&) = delete;
+
+  [[nodiscard]] UpdateStats wait() const {
+    return withoutLock([this] { return ticket_.wait(); });
+  }
+  [[nodiscard]] bool done() const { return ticket_.done(); }
+
+ private:
+  UpdateTicket ticket_;
+};
+
+void bindTicket(py::module_& module) {
+  using T = WaitingTicket;
+  py::class_<T>(module, "UpdateTicket",
+                "An update that may still be running; other Python threads can run while one waits for it. It keeps "
+                "the outcome even if the field is gone.")
+      .def("wait", &T::wait, "Waits until the update has ended: its UpdateStats, or what it raised.")
+      .def_property_readonly("done", &T::done, "Whether wait() would return or raise at once.")
+      .def("__repr__", [](const T& ticket) {
+        return std::string("<accessvdb.UpdateTicket: ") + (ticket.done() ? "done>" : "running>");
+      });
+}
+
 std::unique_ptr<LockedField> makeField(const ToolGeometry& tool, const py::object& params) {
   const FieldParams given = fieldParamsFrom(params);
   return withoutLock([&] { return std::make_unique<LockedField>(tool, given); });
@@ -131,6 +164,7 @@ void writeTo(LockedField& field, const std::filesystem::path& path, const py::ob
 
 void bindField(py::module_& module) {
   bindReports(module);
+  bindTicket(module);
   using F = LockedField;
   py::class_<F> class_(
       module, "AccessibilityField",
@@ -149,6 +183,11 @@ void bindField(py::module_& module) {
       .def(
           "update", [](F& f) { return f.run([](AccessibilityField& field) { return field.update(); }); },
           "Scores what changed since the last update().")
+      .def(
+          "update_async",
+          [](F& f) { return WaitingTicket(f.run([](AccessibilityField& field) { return field.updateAsync(); })); },
+          "Begins update() on a thread of its own and returns an UpdateTicket. The next scan may be fused meanwhile; "
+          "other calls wait. Errors come from the ticket's wait().")
       .def(
           "snapshot", [](F& f) { return f.run([](AccessibilityField& field) { return keep(field.snapshot()); }); },
           "All points with their labels, as of the last update().")
