@@ -94,12 +94,15 @@ class ExactOnDevice final : public UpdateScheduler {
     if (!begun) begin(tables);
     admission_.complete();
     const kernels::ScoringInput input = scoringInput(scorer_, tables);
-    runBeside([&] { updater_->choose(input); }, [&] { admission_.readWeights(); });
-    // From mapIsFree() on the next scan may note its flips.
-    clearFlips();
-    notes_flips_ = true;
-    const kernels::UpdateOutcome outcome = admission_.update(
-        [&](const kernels::ConfidenceNews& news) { return updater_->update(input, news); }, [&] { mapIsFree(); });
+    const auto read_host = [&] {
+      admission_.readWeights();
+      admission_.know();
+      clearFlips();
+      notes_flips_ = true;
+      mapIsFree();  // from here on the next scan may come, and note its flips
+    };
+    runBeside([&] { updater_->choose(input); }, read_host);
+    const kernels::UpdateOutcome outcome = updater_->update(input, admission_.news());
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
     return statsOf(outcome);
   }
