@@ -247,18 +247,21 @@ flight_10mm_budget 65 --voxel 0.01 --tau 0.1 --frames 1200 --budget-points 20000
 flight_20mm_paper 65 --voxel 0.02 --tau 0.1 --frames 1200 $paper
 flight_10mm_paper 65 --voxel 0.01 --tau 0.1 --frames 1200 $paper
 flight_5mm_paper 90 --voxel 0.005 --tau 0.1 --frames 1200 $paper
+slow_20mm 90 --speed 0.045 --voxel 0.02 --tau 0.1 --frames 1700
+slow_10mm 90 --speed 0.1 --voxel 0.01 --tau 0.1 --frames 1200
+slow_5mm 120 --speed 0.1 --voxel 0.005 --tau 0.1 --frames 1200
 orbit_20mm 150 --path orbit --max-range 20 --voxel 0.02 --tau 0.1 $again
 orbit_10mm 180 --path orbit --max-range 10 --voxel 0.01 --tau 0.1 $again
 orbit_5mm 300 --path orbit --max-range 6 --voxel 0.005 --tau 0.1 $again
 orbit_20mm_paper 150 --path orbit --max-range 20 --voxel 0.02 --tau 0.1 $again $paper
 orbit_10mm_paper 180 --path orbit --max-range 10 --voxel 0.01 --tau 0.1 $again $paper
 orbit_5mm_paper 300 --path orbit --max-range 6 --voxel 0.005 --tau 0.1 $again $paper
-hover_20mm 150 --path hover --voxel 0.02 --tau 0.1 $again
-hover_10mm 180 --path hover --voxel 0.01 --tau 0.1 $again
-hover_5mm 300 --path hover --voxel 0.005 --tau 0.1 $again
-hover_20mm_paper 150 --path hover --voxel 0.02 --tau 0.1 $again $paper
-hover_10mm_paper 180 --path hover --voxel 0.01 --tau 0.1 $again $paper
-hover_5mm_paper 300 --path hover --voxel 0.005 --tau 0.1 $again $paper"
+hover_20mm 150 --path hover --max-range 20 --voxel 0.02 --tau 0.1 $again
+hover_10mm 180 --path hover --max-range 10 --voxel 0.01 --tau 0.1 $again
+hover_5mm 300 --path hover --max-range 6 --voxel 0.005 --tau 0.1 $again
+hover_20mm_paper 150 --path hover --max-range 20 --voxel 0.02 --tau 0.1 $again $paper
+hover_10mm_paper 180 --path hover --max-range 10 --voxel 0.01 --tau 0.1 $again $paper
+hover_5mm_paper 300 --path hover --max-range 6 --voxel 0.005 --tau 0.1 $again $paper"
 cpu_rows="
 cpu_50mm_1t 240 --threads 1 --voxel 0.05 --frames 40 --timed-frames 15
 cpu_50mm_2t 150 --threads 2 --voxel 0.05 --frames 40 --timed-frames 15
