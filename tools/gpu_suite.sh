@@ -326,12 +326,14 @@ mean_ms() { awk -v stage="\"$2\":" '/"timing_ms"/ { on = 1 } on && $1 == stage {
 # on one thread (Karp and Flatt): e = (t_n / t_1 - 1 / n) / (1 - 1 / n). It counts waiting for memory and for each other.
 scaling() {
   local stage n one
-  [[ -s $out/bench_cpu_50mm_1t.json ]] || { echo null; return; }
+  # A row that was stopped has the times of another part of the stream.
+  whole() { [[ $(outcome_of "bench_cpu_50mm_${1}t") == passed && -s $out/bench_cpu_50mm_${1}t.json ]]; }
+  whole 1 || { echo null; return; }
   printf '{"row": "cpu_50mm"'
   for stage in frame integrate mirror update score; do
     one=$(mean_ms "$out/bench_cpu_50mm_1t.json" "$stage")
     for n in 1 2 4 8 16; do
-      [[ ! -s $out/bench_cpu_50mm_${n}t.json ]] || echo "$n $(mean_ms "$out/bench_cpu_50mm_${n}t.json" "$stage")"
+      whole "$n" && echo "$n $(mean_ms "$out/bench_cpu_50mm_${n}t.json" "$stage")"
     done | awk -v stage="$stage" -v one="$one" '{ threads = threads (NR > 1 ? ", " : "") $1; times = times (NR > 1 ? ", " : "") $2
       serial = serial (NR > 1 ? ", " : "") ($1 > 1 && one > 0 ? sprintf("%.1f", 100 * ($2 / one - 1 / $1) / (1 - 1 / $1)) : "null") }
       END { printf ",\n  \"%s\": {\"threads\": [%s], \"mean_ms\": [%s], \"serial_percent\": [%s]}", stage, threads, times, serial }'

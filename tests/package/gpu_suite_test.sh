@@ -29,13 +29,13 @@ while (($# > 0)); do
   shift
 done
 echo "$all" >>"$CALLS"
-[[ $all != *"$FAILING"* ]] || exit 4
 ms=$(awk -v n="$threads" 'BEGIN { print 10 + 90 / n }')
 printf '{\n  "schema": 1,\n  "timing_ms": {\n' >"$out"
 for stage in frame integrate mirror update score; do
   printf '    "%s": {\n      "mean": %s,\n      "p95": 1\n    }%s\n' "$stage" "$ms" "$([[ $stage == score ]] || echo ,)" >>"$out"
 done
 printf '  },\n  "timing_all_frames_ms": {\n    "frame": {\n      "mean": 7\n    }\n  }\n}\n' >>"$out"
+[[ $all != *"$FAILING"* ]] || exit 4
 END
 chmod +x "$folder"/bin/*
 export CALLS=$folder/calls FAILING=nothing
@@ -72,6 +72,12 @@ FAILING=nothing
 expect "the failed ones again" "$(suite_code "$folder/bin" "$one" --commit abc --only bench --rows 'orbit_*')" 0
 expect "only those" "$(calls)" 7
 expect "nothing failed" "$(of_record "$one" "(r['failures'], len(r['steps']))")" "(0, 12)"
+
+three=$folder/three
+FAILING="--threads 4"
+expect "a row of the processor fails" "$(suite_code "$folder/bin" "$three" --only cpu)" 1
+expect "the others scale" "$(of_record "$three" "r['scaling']['frame']['threads']")" "[1, 2, 8]"
+FAILING=nothing
 
 two=$folder/two
 expect "no time for any row" "$(suite_code "$folder/bin" "$two" --commit abc --only bench --rows 'hover_*' --minutes 1)" 3
