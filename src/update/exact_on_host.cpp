@@ -3,22 +3,23 @@
 /// Exact incremental updates. After every update without a backlog, the label of each point, and the best direction and
 /// score of each accessible point, equal those of a full evaluation of the current map.
 ///
-/// For each point the scheduler knows directions that are blocked under the current map, and at which stage. They need
-/// no test until a flip for the better lies on a voxel that this stage reads: a corridor sample that became free for
-/// those blocked in the corridor, a tool voxel that stopped colliding for those blocked by the tool. A flip for the
-/// worse matters only to the one best direction of an accessible point. A changed normal or seen set only changes which
-/// directions are admissible: those not known to be blocked are tested.
+/// The rules are those of a GPU: what is due at a point (hostdev/due_rule.h), how it is evaluated
+/// (hostdev/due_evaluation.h), and what is remembered about its other directions (hostdev/known_levels.h). Here they
+/// run block by block.
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
 
 #include <algorithm>
 #include <iterator>
 #include <vector>
 
-#include "hostdev/direction_filter.h"
+#include "hostdev/cell_counts.h"
 #include "launch/stopwatch.h"
 #include "update/backlog.h"
+#include "update/flip_columns.h"
 #include "update/flip_set.h"
-#include "update/known_blocked.h"
+#include "update/known_directions.h"
 #include "update/leaf_footprint.h"
 #include "update/make_scheduler.h"
 #include "update/moved_points.h"
@@ -26,12 +27,12 @@
 namespace accessvdb::internal {
 namespace {
 
-/// What is due at a point. Kept while the point waits in the backlog.
-enum Due : std::uint8_t {
-  kScore = 1,          ///< try the directions not known to be blocked
-  kForgetBest = 2,     ///< the count of the best direction is no longer valid
-  kForgetBlocked = 4,  ///< nor are the directions known to be blocked
-  kEvidence = 8        ///< the point itself changed, not only the map around it
+constexpr std::size_t kDuePerTask = 256;
+
+/// What a point waits for in the backlog. What is due is decided when its turn comes.
+enum Asked : std::uint8_t {
+  kAsked = 1,
+  kAskedByItself = 2  ///< the point itself changed, not only the map around it
 };
 
 class ExactOnHost final : public UpdateScheduler {
@@ -40,9 +41,8 @@ class ExactOnHost final : public UpdateScheduler {
       : scorer_(scorer),
         approach_(approach),
         footprint_(tool, approach, scorer.params().tsdf.voxel_size_m, 0),
-        offset_directions_(tool, approach.num_directions, OffsetDirections::kMostBytes),
-        collision_limit_(tool.collision_limit),
-        all_(kernels::allDirections(approach.num_directions)),
+        known_(tool, approach.num_directions),
+        waits_(scorer.params().update.budget_points > 0),
         moved_points_(scorer) {}
 
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
@@ -58,38 +58,78 @@ class ExactOnHost final : public UpdateScheduler {
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    scorer_.grow();
-    blocked_.grow(scorer_.points().size());
-    backlog_.grow(scorer_.points().size());
-
+    ++number_;
+    makeRoom();
     const std::vector<std::uint32_t> crossed = findCrossed();
     std::vector<std::uint32_t> moved;
     std::ranges::set_union(moved_points_.find(), crossed, std::back_inserter(moved));
-    const std::vector<std::uint32_t> changed = scorer_.refreshNeighbourhoods(moved);
+    const PointScorer::Changed changed = scorer_.refreshNeighbourhoods(moved);
     moved_points_.refreshed(moved);
-    for (const std::uint32_t id : changed) request(id, kEvidence);
-    for (const std::uint32_t id : crossed) request(id, kEvidence | kForgetBlocked | kForgetBest);
-    scorer_.upload(changed);  // includes those that crossed: they had no neighbourhood yet
-    if (!flips_.empty()) applyFlips();
+    scorer_.upload(changed.ids);  // includes those that crossed: they had no neighbourhood yet
+    std::vector<kernels::DueItem> items = findDue(changed);
     flips_.clear();
     moved_points_.clear();
 
-    const Backlog::Turn turn = backlog_.take(scorer_.params().update.budget_points);
-    stats.dirty_points = moved.size() + turn.ids.size();
+    std::size_t taken = items.size();
+    if (waits_) taken = takeTurn(items);
+    stats.dirty_points = moved.size() + taken;
     stats.backlog = backlog_.size();
     const kernels::Stopwatch scoring;
-    scoreAll(turn, tables, stats);
+    for (const kernels::DueOutcome& outcome : scorer_.evaluate(items, known_.scale(), tables)) {
+      stats.direction_tests += outcome.tests;
+      stats.scored_points += outcome.tests > 0 ? 1 : 0;
+      stats.label_changes += outcome.label != outcome.label_before ? 1 : 0;
+    }
+    anything_scored_ = anything_scored_ || !items.empty();
     stats.score_ms = scoring.milliseconds();
     return stats;
   }
 
   std::uint64_t bytes() const override {
-    return offset_directions_.bytes() + blocked_.bytes() + backlog_.bytes() + flips_.bytes() + moved_points_.bytes() +
-           fresh_.capacity() * sizeof(std::uint32_t);
+    return known_.bytes() + backlog_.bytes() + flips_.bytes() + moved_points_.bytes() + changed_.bytes() +
+           masks_.bytes() + masks_of_.bytes() + fresh_.capacity() * sizeof(std::uint32_t) +
+           freed_.capacity() * sizeof(std::uint64_t);
   }
 
  private:
-  void request(std::uint32_t id, unsigned what) { backlog_.ask(id, static_cast<std::uint8_t>(kScore | what)); }
+  /// A point to append to the backlog.
+  struct Ask {
+    std::uint32_t id;
+    std::uint8_t what;
+  };
+  /// What one thread found.
+  struct Found {
+    FlipColumns flips;
+    std::vector<std::uint32_t> blocks;  ///< of one cell
+    std::vector<kernels::DueItem> items;
+    std::vector<Ask> asks;
+  };
+  using FoundByThread = tbb::enumerable_thread_specific<Found>;
+
+  /// What flips mean for a point; read only if the rule asks.
+  struct FlipsOfPoint {
+    const ExactOnHost& update;
+    std::uint32_t block;
+    const kernels::KnownPoint& known;
+
+    [[nodiscard]] kernels::GroupMasks masks() const {
+      return update.isAffected(block) ? update.masks_[block] : kernels::GroupMasks{};
+    }
+    [[nodiscard]] std::uint64_t notKnownWorse(int w, std::uint64_t asked) const {
+      return kernels::notKnownWorse(known, update.known_.scale().levels, w, asked);
+    }
+  };
+
+  void makeRoom() {
+    const std::uint32_t points = scorer_.points().size();
+    const std::size_t blocks = scorer_.points().index().blocks().size();
+    scorer_.grow();
+    known_.grow(points, blocks);
+    backlog_.grow(points);
+    changed_.grow(points, 0);
+    masks_.growRaw(blocks);
+    masks_of_.grow(blocks, 0);
+  }
 
   /// Cause (e): points whose confidence crossed the bound. Weights only grow, so only points below it are checked.
   std::vector<std::uint32_t> findCrossed() {
@@ -100,157 +140,163 @@ class ExactOnHost final : public UpdateScheduler {
     return crossed;
   }
 
-  /// Cause (a), with the sign of the flips.
-  void applyFlips() {
-    const PointStore& points = scorer_.points();
-    const auto& blocks = points.index().blocks();
-    const FreedVoxels freed(flips_);
-    std::vector<std::uint8_t> wanted(points.size(), 0);
-    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
-      const PointBlock& block = blocks[b];
-      if (!moved_points_.anyIn(static_cast<std::uint32_t>(b))) return;
-      thread_local FlipWindow window;
-      if (!footprint_.fill(block.leaf, flips_, window)) return;
-      const AffectedDirections affected = footprint_.affected(block.leaf, window);
-      if (!any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm)) return;
-      thread_local std::vector<Index3> freed_near;
-      freed_near.clear();
-      if (!offset_directions_.empty() && any(affected.better_tool)) {
-        Index3 low, high;
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-          low[axis] = block.leaf[axis] * 8 + offset_directions_.low()[axis];
-          high[axis] = block.leaf[axis] * 8 + 7 + offset_directions_.high()[axis];
-        }
-        freed.collect(low, high, freed_near);
-      }
-      for (const std::uint32_t id : block.ids) {
-        const PointLabel label = scorer_.record(id).label;
-        if (label == PointLabel::Unscored) continue;
-        const DirectionMask better = release(id, affected, freed_near, window);
-        wanted[id] = label == PointLabel::Accessible ? dueIfAccessible(id, affected, better, window)
-                     : any(better)                   ? kScore
-                                                     : 0;
-      }
-    });
-    for (std::uint32_t id = 0; id < wanted.size(); ++id) {
-      if (wanted[id] != 0) request(id, wanted[id]);
-    }
-  }
-
-  /// Removes what flips for the better make uncertain. @return directions that may have become better
-  DirectionMask release(std::uint32_t id, const AffectedDirections& affected, std::span<const Index3> freed_near,
-                        const FlipWindow& flips) {
-    const Eigen::Vector3f& position_L = scorer_.points().first_L(id);
-    KnownBlocked& known = blocked_[id];
-    DirectionMask better = {};
-    if (!offset_directions_.empty()) {
-      if (!freed_near.empty())
-        better = known.release(scorer_.points().voxelOf(position_L), freed_near, offset_directions_);
-    } else {
-      forEachDirection(affected.better_tool, [&](int d) {
-        if (footprint_.toolBetter(position_L, d, flips)) better.set(d);
-      });
-      known.tool = without(known.tool, better);
-    }
-    // Still blocked in the corridor: the tool does not matter yet.
-    better = without(better, known.arm);
-    forEachDirection(affected.better_arm & known.arm, [&](int d) {
-      if (!footprint_.armBetter(position_L, d, flips)) return;
-      known.arm.reset(d);
-      if (!known.tool.test(d)) better.set(d);
-    });
-    return better;
-  }
-
-  /// @param better  directions that may have become better
-  [[nodiscard]] std::uint8_t dueIfAccessible(std::uint32_t id, const AffectedDirections& affected,
-                                             const DirectionMask& better, const FlipWindow& flips) const {
+  [[nodiscard]] kernels::PointDirections directionsOf(std::uint32_t id) const {
     const PointRecord& record = scorer_.record(id);
-    const Eigen::Vector3f& position_L = scorer_.points().first_L(id);
-    const int best = record.direction;
-    if ((affected.worse_arm.test(best) && footprint_.armWorse(position_L, best, flips)) ||
-        (affected.worse_tool.test(best) && footprint_.toolWorse(position_L, best, flips))) {
-      return kScore | kForgetBest;
+    return {{record.normal_L.x(), record.normal_L.y(), record.normal_L.z()}, record.seen};
+  }
+  [[nodiscard]] kernels::StoredScore storedScore(std::uint32_t id) const {
+    const PointRecord& record = scorer_.record(id);
+    return {record.label, record.direction, record.score};
+  }
+  /// Whether flips of this update may affect points of the block.
+  [[nodiscard]] bool isAffected(std::uint32_t block) const { return masks_of_[block] == number_; }
+
+  /// Everything that is due, except what has to wait: that goes to the backlog.
+  [[nodiscard]] std::vector<kernels::DueItem> findDue(const PointScorer::Changed& changed) {
+    FoundByThread by_flips, by_itself;
+    if (!flips_.empty()) {
+      for (const std::uint32_t id : changed.ids) changed_[id] = 1;
+      findByFlips(by_flips);
+      for (const std::uint32_t id : changed.ids) changed_[id] = 0;
     }
-    // If the best direction has collisions, any other may be better now; otherwise only those tried before it.
-    std::uint8_t due = 0;
-    forEachDirection(better & record.seen, [&](int d) {
-      if (record.score > 0) due = kScore | kForgetBest;
-      if (ranksBefore(d, record)) due |= kScore;
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, changed.ids.size(), kDuePerTask), [&](const auto& range) {
+      Found& found = by_itself.local();
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        const std::uint32_t id = changed.ids[n];
+        takeDue(id, scorer_.points().blockOf(id), &changed.before[n], found);
+      }
     });
-    return due;
+    askInOrder(by_itself);
+    askInOrder(by_flips);
+    std::vector<kernels::DueItem> items;
+    for (const FoundByThread* found : {&by_itself, &by_flips}) {
+      for (const Found& part : *found) items.insert(items.end(), part.items.begin(), part.items.end());
+    }
+    return items;
   }
 
-  /// Is d tried before the best direction of the point?
-  [[nodiscard]] bool ranksBefore(int d, const PointRecord& record) const {
-    return kernels::ranksBefore(approach_, record.normal_L.data(), d, record.direction);
+  /// Cause (a), with the sign of the flips. Skips points that changed.
+  void findByFlips(FoundByThread& found) {
+    const std::vector<LeafChange>& changes = flips_.changes();
+    freed_.resize(changes.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, changes.size(), kDuePerTask), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        freed_[n] = kernels::countCells(changes[n].collides_off.data());
+      }
+    });
+    tbb::parallel_for(std::uint32_t{0}, scorer_.points().index().cells(),
+                      [&](std::uint32_t cell) { findInCell(cell, found.local()); });
   }
 
-  void scoreAll(const Backlog::Turn& turn, const ScoringTables& tables, UpdateStats& stats) {
-    std::vector<kernels::ScoreItem> items;
-    std::vector<PointLabel> labels_before;
-    items.reserve(turn.ids.size());
-    for (std::size_t n = 0; n < turn.ids.size(); ++n) {
-      const std::uint32_t id = turn.ids[n];
-      const std::uint8_t due = turn.asked[n];
-      const PointRecord& record = scorer_.record(id);
-      if (!scorer_.confidentEnough(id)) continue;
-      const bool best_admissible = scorer_.admissible(id, record.direction, approach_);
-      // A blocked point's reason comes from its closest direction: if that one is gone, test all of them.
-      const bool reason_gone = record.label == PointLabel::Blocked && !best_admissible;
-      if ((due & kForgetBlocked) != 0 || record.label == PointLabel::Unscored || reason_gone) blocked_[id] = {};
-      kernels::ScoreItem item;
-      item.id = id;
-      item.skip = blocked_[id].arm | blocked_[id].tool;
-      item.candidates = all_;
-      item.keep_reason = record.label == PointLabel::Blocked && best_admissible ? 1 : 0;
-      item.evidence = (due & kEvidence) != 0 ? 1 : 0;
-      if (record.label == PointLabel::Accessible && (due & kForgetBest) == 0 && best_admissible) {
-        item.known_direction = record.direction;
-        item.known_score = record.score;
+  void findInCell(std::uint32_t cell, Found& found) {
+    const SurfaceIndex& index = scorer_.points().index();
+    found.blocks.clear();
+    Index3 low = {}, high = {};  // leaves that points of the cell read
+    for (std::size_t bit = 0; bit < 512; ++bit) {
+      const std::uint32_t b = index.blockIn(cell, bit);
+      if (b == kNone || !moved_points_.anyIn(b)) continue;
+      const Index3& leaf = index.blocks()[b].leaf;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const std::int32_t first = leaf[axis] + footprint_.low()[axis], last = leaf[axis] + footprint_.high()[axis];
+        low[axis] = found.blocks.empty() ? first : std::min(low[axis], first);
+        high[axis] = found.blocks.empty() ? last : std::max(high[axis], last);
       }
-      items.push_back(item);
-      labels_before.push_back(record.label);
+      found.blocks.push_back(b);
     }
-    const auto take = [&](const std::vector<kernels::ScoreItem>& asked,
-                          const std::vector<kernels::ScoreResult>& results) {
-      for (std::size_t n = 0; n < asked.size(); ++n) {
-        blocked_[asked[n].id].learn(results[n], collision_limit_);
-        stats.direction_tests += results[n].tests;
-        stats.scored_points += results[n].tests > 0 ? 1 : 0;
-      }
-    };
-    const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables);
-    take(items, results);
+    if (found.blocks.empty() || !found.flips.fill(flips_, low, high)) return;
+    for (const std::uint32_t b : found.blocks) findInBlock(b, found);
+  }
 
-    // Points that lost their access while some directions were skipped: their reason needs all directions.
-    std::vector<kernels::ScoreItem> again;
-    for (std::size_t n = 0; n < items.size(); ++n) {
-      stats.label_changes += labels_before[n] != results[n].label ? 1 : 0;
-      if (results[n].label == PointLabel::Blocked && labels_before[n] == PointLabel::Accessible &&
-          results[n].skipped != 0) {
-        blocked_[items[n].id] = {};
-        again.push_back({});
-        again.back().id = items[n].id;
-        again.back().candidates = all_;
-      }
+  void findInBlock(std::uint32_t b, Found& found) {
+    const PointBlock& block = scorer_.points().index().blocks()[b];
+    const AffectedDirections affected = footprint_.affected(block.leaf, found.flips);
+    const DirectionMask better = affected.better_tool | affected.better_arm;
+    if (!any(better | affected.worse_tool | affected.worse_arm)) return;
+    masks_[b] = affected;
+    masks_of_[b] = number_;
+    if (any(better)) {
+      FreedVoxels freed;
+      if (any(affected.better_tool)) countFreed(block.leaf, found.flips, freed);
+      known_.age(b, block.ids, freed, affected.better_tool, affected.better_arm);
     }
-    if (!again.empty()) take(again, scorer_.score(again, tables));
-    anything_scored_ = anything_scored_ || !items.empty();
+    for (const std::uint32_t id : block.ids) {
+      if (scorer_.record(id).label != PointLabel::Unscored && changed_[id] == 0) takeDue(id, b, nullptr, found);
+    }
+  }
+
+  void countFreed(const Index3& leaf, const FlipColumns& flips, FreedVoxels& freed) const {
+    if (known_.cells().empty()) return;
+    for (const kernels::FootprintColumn& column : footprint_.toolColumns()) {
+      const std::int32_t x = leaf[0] + column.dx, y = leaf[1] + column.dy;
+      const std::int32_t z_low = leaf[2] + column.z_low, z_high = leaf[2] + column.z_high;
+      if ((flips.kindsIn(x, y, z_low, z_high) & bitOf(FlipKind::CollidesOff)) == 0) continue;
+      flips.forEach(x, y, z_low, z_high, FlipKind::CollidesOff, [&](std::int32_t z, std::uint32_t change) {
+        freed.add(known_.cells(), approach_.num_directions, {column.dx, column.dy, z - leaf[2]}, freed_[change]);
+      });
+    }
+  }
+
+  /// @param before  the point's directions at the last update; null: they did not change
+  void takeDue(std::uint32_t id, std::uint32_t block, const kernels::PointDirections* before, Found& found) {
+    const bool changed = before != nullptr;
+    if (backlog_.holds(id)) {
+      if (changed) found.asks.push_back({id, kAskedByItself});
+      return;
+    }
+    const kernels::KnownPoint known = known_.of(id, block);
+    const kernels::PointDirections now = directionsOf(id);
+    const kernels::PointNow point = {approach_, storedScore(id), now};
+    const kernels::Due due =
+        kernels::dueAfterChange(point, changed ? *before : now, changed, FlipsOfPoint{*this, block, known});
+    if (due.kind == kernels::DueKind::Nothing) return;
+    if (due.kind == kernels::DueKind::Confirm || !waits_) {
+      found.items.push_back({id, due, known});
+    } else {
+      found.asks.push_back({id, static_cast<std::uint8_t>(changed ? kAsked | kAskedByItself : kAsked)});
+    }
+  }
+
+  /// Hands what the threads found to the backlog, by id.
+  void askInOrder(FoundByThread& found) {
+    if (!waits_) return;
+    std::vector<Ask> asks;
+    for (const Found& part : found) asks.insert(asks.end(), part.asks.begin(), part.asks.end());
+    tbb::parallel_sort(asks.begin(), asks.end(), [](const Ask& a, const Ask& b) { return a.id < b.id; });
+    for (const Ask& ask : asks) backlog_.ask(ask.id, ask.what);
+  }
+
+  /// Appends the points whose turn has come. @return their number
+  std::size_t takeTurn(std::vector<kernels::DueItem>& items) {
+    const Backlog::Turn turn = backlog_.take(scorer_.params().update.budget_points);
+    const std::size_t before = items.size();
+    items.resize(before + turn.ids.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, turn.ids.size(), kDuePerTask), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        const std::uint32_t id = turn.ids[n], block = scorer_.points().blockOf(id);
+        const kernels::KnownPoint known = known_.of(id, block);
+        const kernels::PointDirections now = directionsOf(id);
+        const kernels::PointNow point = {approach_, storedScore(id), now};
+        const bool evidence = (turn.asked[n] & kAskedByItself) != 0;
+        items[before + n] = {id, kernels::dueAfterWaiting(point, evidence, FlipsOfPoint{*this, block, known}), known};
+      }
+    });
+    return turn.ids.size();
   }
 
   PointScorer& scorer_;
   kernels::ApproachView approach_;
   LeafFootprint footprint_;
-  OffsetDirections offset_directions_;
-  std::uint16_t collision_limit_;
-  DirectionMask all_;
+  KnownDirections known_;
+  bool waits_;  ///< updates have a budget
   MovedPoints moved_points_;
   FlipSet flips_;
-  std::vector<std::uint32_t> fresh_;    ///< below the confidence bound
-  Backlog backlog_;                     ///< points with something due
-  ChunkedArray<KnownBlocked> blocked_;  ///< by id
-  std::uint32_t known_points_ = 0;
+  std::vector<std::uint64_t> freed_;         ///< of the flips' leaves: voxels that stopped colliding, by cell
+  std::vector<std::uint32_t> fresh_;         ///< below the confidence bound
+  Backlog backlog_;                          ///< points with something due
+  ChunkedArray<std::uint8_t> changed_;       ///< by id: whether its directions changed; only while flips are looked at
+  ChunkedArray<kernels::GroupMasks> masks_;  ///< by block, of the update masks_of_
+  ChunkedArray<std::uint32_t> masks_of_;     ///< by block: number of an update
+  std::uint32_t known_points_ = 0, number_ = 0;
   bool anything_scored_ = false;
 };
 

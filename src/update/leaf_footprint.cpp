@@ -128,7 +128,7 @@ bool LeafFootprint::fill(const Index3& block_leaf, const FlipSet& flips, FlipWin
 
 template <typename Flips>
 AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const Flips& flips) const {
-  AffectedDirections affected;
+  AffectedDirections affected = {};
   const auto scan = [&](const Columns& columns, FlipKind better_kind, FlipKind worse_kind, DirectionMask& better,
                         DirectionMask& worse) {
     for (const kernels::FootprintColumn& column : columns) {
@@ -138,6 +138,23 @@ AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const Flips
       }
       if ((kinds >> static_cast<int>(better_kind) & 1) != 0) better = better | column.directions;
       if ((kinds >> static_cast<int>(worse_kind) & 1) != 0) worse = worse | column.directions;
+    }
+  };
+  scan(tool_columns_, FlipKind::CollidesOff, FlipKind::CollidesOn, affected.better_tool, affected.worse_tool);
+  scan(arm_columns_, FlipKind::ArmFreeOn, FlipKind::ArmFreeOff, affected.better_arm, affected.worse_arm);
+  return affected;
+}
+
+AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const FlipColumns& flips) const {
+  AffectedDirections affected = {};
+  const auto scan = [&](const Columns& columns, FlipKind better_kind, FlipKind worse_kind, DirectionMask& better,
+                        DirectionMask& worse) {
+    for (const kernels::FootprintColumn& column : columns) {
+      const std::uint8_t kinds = flips.kindsIn(block_leaf[0] + column.dx, block_leaf[1] + column.dy,
+                                               block_leaf[2] + column.z_low, block_leaf[2] + column.z_high);
+      if (kinds == 0) continue;
+      if ((kinds & bitOf(better_kind)) != 0) better = better | column.directions;
+      if ((kinds & bitOf(worse_kind)) != 0) worse = worse | column.directions;
     }
   };
   scan(tool_columns_, FlipKind::CollidesOff, FlipKind::CollidesOn, affected.better_tool, affected.worse_tool);

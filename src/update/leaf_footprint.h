@@ -7,19 +7,18 @@
 #include <span>
 #include <vector>
 
+#include "hostdev/due_rule.h"
 #include "hostdev/views.h"
 #include "launch/exact_updater.h"
 #include "points/point_store.h"
+#include "update/flip_columns.h"
 #include "update/flip_set.h"
 
 namespace accessvdb::internal {
 
 /// Directions of a block of points that flips may affect, at leaf resolution. "Better": the direction reads a leaf with
 /// a flip that can only help; "worse": one with a flip that can only hurt.
-struct AffectedDirections {
-  DirectionMask better_tool = {}, better_arm = {};
-  DirectionMask worse_tool = {}, worse_arm = {};
-};
+using AffectedDirections = kernels::GroupMasks;
 
 class LeafFootprint {
  public:
@@ -32,6 +31,10 @@ class LeafFootprint {
   [[nodiscard]] std::span<const kernels::FootprintColumn> toolColumns() const { return tool_columns_; }
   [[nodiscard]] std::span<const kernels::FootprintColumn> armColumns() const { return arm_columns_; }
 
+  /// Box of all columns, inclusive, relative to the first leaf of a group.
+  [[nodiscard]] const Index3& low() const { return low_; }
+  [[nodiscard]] const Index3& high() const { return high_; }
+
   /// Gathers the flips that the points of a block may query. @param block_leaf  the first leaf of a group
   /// @return false if there are none
   bool fill(const Index3& block_leaf, const FlipSet& flips, FlipWindow& window) const;
@@ -41,6 +44,8 @@ class LeafFootprint {
   /// Conservative, for all points of a block, wherever they lie in it. @param block_leaf  the first leaf of a group
   template <typename Flips>
   [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const Flips& flips) const;
+
+  [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const FlipColumns& flips) const;
 
   /// Voxel-exact: does direction d, tried from this point, read a voxel with such a flip?
   template <typename Flips>
