@@ -3,6 +3,7 @@
 #include "cpu/map_window.h"
 
 #include <algorithm>
+#include <bit>
 
 namespace accessvdb::kernels {
 
@@ -16,6 +17,7 @@ MapWindow::MapWindow(const WindowedTool& tool, const WindowKernels& kernels)
 
 void MapWindow::moveTo(const OccupancyReader& map, const Coord& leaf) {
   map_ = &map;
+  corridors_filled_ = false;
   const int log2[3] = {shape_.xy_log2, shape_.xy_log2, shape_.z_log2};
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const std::int32_t first = leaf[static_cast<std::int32_t>(axis)] >> log2[axis] << log2[axis];
@@ -59,7 +61,53 @@ bool MapWindow::test(Fact fact, const Coord& ijk) {
   return (bits_[fact][word] >> (at[2] & 63) & 1u) != 0;
 }
 
+void MapWindow::fillCorridors() {
+  const WindowedTool::LeafBox& box = tool_.corridorLeaves();
+  for (std::int32_t x = box.low_x; x <= box.high_x; ++x) {
+    for (std::int32_t y = box.low_y; y <= box.high_y; ++y) {
+      const auto column = static_cast<std::size_t>(x * shape_.size[1] + y);
+      if ((filled_[column] >> kArmFree & 1u) == 0) fill(kArmFree, column);
+    }
+  }
+  corridors_filled_ = true;
+}
+
 ArmResult MapWindow::testArm(const ApproachView& approach, int d, const float* position_L, float inverse_voxel_size) {
+  const std::span<const FlatSamples> corridor = tool_.corridor(d);
+  if (corridor.empty()) return testEach(approach, d, position_L, inverse_voxel_size);
+  if (!corridors_filled_) fillCorridors();
+  const auto z = static_cast<std::uint32_t>(voxelIndex(position_L[2], inverse_voxel_size) - low_[2]);
+  const WindowedTool::LeafBox& box = tool_.corridorLeaves();
+  SampleWindow window;
+  window.words = bits_[kArmFree].data() + (z >> 6) * shape_.columnsOfVoxels() +
+                 static_cast<std::size_t>(box.low_x) * 8 * shape_.stride() + static_cast<std::size_t>(box.low_y) * 8;
+  window.stride = static_cast<std::uint32_t>(shape_.stride());
+  window.bit = z & 63;
+  window.low_x = low_[0] + box.low_x * 8, window.low_y = low_[1] + box.low_y * 8;
+  window.size_x = static_cast<std::uint32_t>(box.high_x - box.low_x + 1) * 8;
+  window.size_y = static_cast<std::uint32_t>(box.high_y - box.low_y + 1) * 8;
+  window.x_m = position_L[0], window.y_m = position_L[1];
+  window.inverse_voxel_size = inverse_voxel_size;
+  int first = 0;
+  for (const FlatSamples& samples : corridor) {
+    const int left = approach.num_arm - first;
+    const unsigned wanted = left < FlatSamples::kLanes ? (1u << left) - 1 : (1u << FlatSamples::kLanes) - 1;
+    const SampleBits found = kernels_.look_up(window, samples);
+    const unsigned blocked = wanted & ~(found.inside & found.set);
+    if (blocked != 0) {
+      const int n = std::countr_zero(blocked);
+      if ((found.inside >> n & 1u) == 0) return testEach(approach, d, position_L, inverse_voxel_size);
+      const Coord ijk =
+          voxelOf(position_L[0] + samples.x[n], position_L[1] + samples.y[n], position_L[2] + 0.0f, inverse_voxel_size);
+      return {first + n, test(kCollides, ijk) ? PointReason::Arm : PointReason::Unknown};
+    }
+    first += FlatSamples::kLanes;
+  }
+  return {approach.num_arm, PointReason::None};
+}
+
+/// One sample after the other.
+ArmResult MapWindow::testEach(const ApproachView& approach, int d, const float* position_L, float inverse_voxel_size) {
   const float* offset = approach.arm_offsets + 3 * static_cast<std::int64_t>(d) * approach.num_arm;
   for (int n = 0; n < approach.num_arm; ++n, offset += 3) {
     const Coord ijk =

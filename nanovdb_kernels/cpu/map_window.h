@@ -37,12 +37,16 @@ class MapWindow {
 
   [[nodiscard]] bool test(Fact fact, const Coord& ijk);
   void fill(Fact fact, std::size_t column);
+  void fillCorridors();
+  [[nodiscard]] ArmResult testEach(const ApproachView& approach, int d, const float* position_L,
+                                   float inverse_voxel_size);
   void fillFor(int d, const Coord& point_ijk);
 
   const WindowedTool& tool_;
   const WindowKernels& kernels_;
   const WindowShape shape_;
   const OccupancyReader* map_ = nullptr;
+  bool corridors_filled_ = false;
   std::int32_t low_[3] = {0, 0, 0};     ///< lowest voxel
   std::vector<std::uint64_t> bits_[2];  ///< by fact: [words][x][y]
   std::vector<std::uint8_t> filled_;    ///< [x][y] of leaves: bit per fact

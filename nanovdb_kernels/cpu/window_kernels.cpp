@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "cpu/window_kernels.h"
 
+#include "hostdev/occupancy_query.h"
+
 // No standard library code inside the regions: an inline function compiled there could end up being used everywhere.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
 #define ACCESSVDB_X86_WINDOWS 1
@@ -151,6 +153,29 @@ void stack(const std::uint64_t* const* leaves, int count, std::uint64_t* columns
   }
 }
 
+SampleBits lookUp(const SampleWindow& window, const FlatSamples& samples) {
+  const __m128 inverse = _mm_set1_ps(window.inverse_voxel_size), half = _mm_set1_ps(0.5f);
+  const auto voxel = [&](float at_m, const float* offsets) {
+    const __m128 sum = _mm_add_ps(_mm_set1_ps(at_m), _mm_loadu_ps(offsets));
+    return _mm_cvttps_epi32(_mm_floor_ps(_mm_add_ps(_mm_mul_ps(sum, inverse), half)));
+  };
+  const __m128i x = _mm_sub_epi32(voxel(window.x_m, samples.x), _mm_set1_epi32(window.low_x));
+  const __m128i y = _mm_sub_epi32(voxel(window.y_m, samples.y), _mm_set1_epi32(window.low_y));
+  const auto below = [](__m128i i, std::uint32_t size) {
+    const __m128i most = _mm_set1_epi32(static_cast<int>(size - 1));
+    return _mm_cmpeq_epi32(_mm_min_epu32(i, most), i);
+  };
+  const __m128i inside = _mm_and_si128(below(x, window.size_x), below(y, window.size_y));
+  const __m128i column = _mm_add_epi32(_mm_mullo_epi32(x, _mm_set1_epi32(static_cast<int>(window.stride))), y);
+  alignas(16) std::uint32_t columns[FlatSamples::kLanes];
+  _mm_store_si128(reinterpret_cast<__m128i*>(columns), _mm_and_si128(column, inside));
+  SampleBits bits = {static_cast<unsigned>(_mm_movemask_ps(_mm_castsi128_ps(inside))), 0};
+  for (unsigned n = 0; n < FlatSamples::kLanes; ++n) {
+    bits.set |= static_cast<unsigned>(window.words[columns[n]] >> window.bit & 1u) << n;
+  }
+  return bits;
+}
+
 }  // namespace accessvdb::kernels::window_avx2
 #pragma GCC pop_options
 #endif
@@ -202,10 +227,26 @@ void plainStack(const std::uint64_t* const* leaves, int count, std::uint64_t* co
   }
 }
 
-constexpr WindowKernels kPlain = {"plain", plainCount, plainCountTwo, plainStack};
+SampleBits plainLookUp(const SampleWindow& window, const FlatSamples& samples) {
+  SampleBits bits = {0, 0};
+  for (int n = 0; n < FlatSamples::kLanes; ++n) {
+    const auto voxel = [&](float at_m, float offset) { return voxelIndex(at_m + offset, window.inverse_voxel_size); };
+    const auto x = static_cast<std::uint32_t>(voxel(window.x_m, samples.x[n]) - window.low_x);
+    const auto y = static_cast<std::uint32_t>(voxel(window.y_m, samples.y[n]) - window.low_y);
+    if (x >= window.size_x || y >= window.size_y) continue;
+    bits.inside |= 1u << n;
+    const std::uint64_t word = window.words[std::size_t{x} * window.stride + y];
+    bits.set |= static_cast<unsigned>(word >> window.bit & 1u) << n;
+  }
+  return bits;
+}
+
+constexpr WindowKernels kPlain = {"plain", plainCount, plainCountTwo, plainStack, plainLookUp};
 #if ACCESSVDB_X86_WINDOWS
-constexpr WindowKernels kAvx512 = {"avx512", window_avx512::count, window_avx512::countTwo, window_avx512::stack};
-constexpr WindowKernels kAvx2 = {"avx2", window_avx2::count, window_avx2::countTwo, window_avx2::stack};
+constexpr WindowKernels kAvx512 = {"avx512", window_avx512::count, window_avx512::countTwo, window_avx512::stack,
+                                   window_avx2::lookUp};
+constexpr WindowKernels kAvx2 = {"avx2", window_avx2::count, window_avx2::countTwo, window_avx2::stack,
+                                 window_avx2::lookUp};
 #endif
 
 }  // namespace

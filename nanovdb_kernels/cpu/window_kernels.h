@@ -16,6 +16,26 @@ struct WindowRun {
   std::uint32_t count = 0;
 };
 
+/// Four samples of a corridor, all at the height of the point, metres from it.
+struct FlatSamples {
+  static constexpr int kLanes = 4;
+  float x[kLanes], y[kLanes];
+};
+/// Where a point's samples are looked up: a part of a window.
+struct SampleWindow {
+  const std::uint64_t* words;    ///< [x][y] at the point's height
+  std::uint32_t stride;          ///< words from one x to the next
+  unsigned bit;                  ///< of the point's height
+  std::int32_t low_x, low_y;     ///< lowest voxel
+  std::uint32_t size_x, size_y;  ///< [voxels]
+  float x_m, y_m;                ///< the point
+  float inverse_voxel_size;
+};
+/// One bit per sample.
+struct SampleBits {
+  unsigned inside, set;
+};
+
 struct WindowKernels {
   const char* name;
   /// Voxels that are set both in the tool and in the map, over [run, end). Stops once there are more than `stop_above`:
@@ -31,6 +51,8 @@ struct WindowKernels {
   /// @param leaves  [count] from the lowest; null: no voxel is set  @param count  at most 8
   /// @param stride  words from one x to the next
   void (*stack)(const std::uint64_t* const* leaves, int count, std::uint64_t* columns, std::size_t stride);
+  /// Looks up the voxels (voxelOf) of four samples.
+  SampleBits (*look_up)(const SampleWindow& window, const FlatSamples& samples);
 };
 
 /// The best set for this machine.

@@ -100,6 +100,7 @@ WindowedTool::WindowedTool(const ToolKernelView& tool, const ApproachView& appro
   if (shape_.bytes() > kMostWindowBytes) return;
   const int directions = approach.num_directions;
   usable_ = true;
+  makeCorridors(approach, inverse_voxel_size);
   if (tool.use_samples) return;
   if (std::uint64_t{tool.column_begin[directions]} * sizeof(VoxelColumn) > kMostColumnBytes) {
     usable_ = false;
@@ -162,6 +163,35 @@ void WindowedTool::chooseShape(const ToolKernelView& tool, const ApproachView& a
   }
 }
 
+void WindowedTool::makeCorridors(const ApproachView& approach, float inverse_voxel_size) {
+  constexpr std::int32_t kMostColumns = 400;  // of leaves; more are only copied where they are needed
+  const auto samples = static_cast<std::size_t>(approach.num_arm);
+  OffsetBox box;
+  for (std::size_t n = 0; n < samples * static_cast<std::size_t>(approach.num_directions); ++n) {
+    if (approach.arm_offsets[3 * n + 2] != 0) return;
+    box.add(approach.arm_offsets + 3 * n, inverse_voxel_size);
+  }
+  if (box.empty()) return;
+  // From anywhere in the group, in leaves of the window.
+  const auto first = [&](std::size_t axis) { return (box.low[axis] >> 3) - shape_.low[axis]; };
+  const auto last = [&](std::size_t axis) {
+    return ((box.high[axis] + 7) >> 3) - shape_.low[axis] + (1 << shape_.xy_log2) - 1;
+  };
+  corridor_leaves_ = {first(0), first(1), last(0), last(1)};
+  const std::int32_t columns = (last(0) - first(0) + 1) * (last(1) - first(1) + 1);
+  if (columns > kMostColumns) return;
+  constexpr std::size_t kLanes = FlatSamples::kLanes;
+  corridor_length_ = (samples + kLanes - 1) / kLanes;
+  corridors_.resize(corridor_length_ * static_cast<std::size_t>(approach.num_directions), FlatSamples{});
+  for (std::size_t d = 0; d < static_cast<std::size_t>(approach.num_directions); ++d) {
+    for (std::size_t n = 0; n < samples; ++n) {
+      FlatSamples& to = corridors_[d * corridor_length_ + n / kLanes];
+      to.x[n % kLanes] = approach.arm_offsets[3 * (d * samples + n)];
+      to.y[n % kLanes] = approach.arm_offsets[3 * (d * samples + n) + 1];
+    }
+  }
+}
+
 WindowedTool::Direction WindowedTool::direction(const ToolKernelView& tool, int d) const {
   Direction made;
   const std::span columns(tool.columns + tool.column_begin[d], tool.column_begin[d + 1] - tool.column_begin[d]);
@@ -203,7 +233,7 @@ WindowedTool::Direction WindowedTool::direction(const ToolKernelView& tool, int 
 std::uint64_t WindowedTool::bytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return bytesOf(layers_) + bytesOf(runs_) + bytesOf(words_) + bytesOf(leaves_) + bytesOf(layer_begin_) +
-         bytesOf(leaf_begin_);
+         bytesOf(leaf_begin_) + bytesOf(corridors_);
 }
 
 }  // namespace accessvdb::kernels

@@ -57,6 +57,15 @@ class WindowedTool final : public PreparedTool {
   /// Columns of leaves that the tool may touch from anywhere in a leaf, in columns of leaves of a window from the
   /// leaf's. Voxel form only.
   [[nodiscard]] std::span<const std::int32_t> leaves(int d) const { return part(leaves_, leaf_begin_, d); }
+  /// The corridor of direction d. Empty unless all samples are at the height of the point.
+  [[nodiscard]] std::span<const FlatSamples> corridor(int d) const {
+    return std::span(corridors_).subspan(static_cast<std::size_t>(d) * corridor_length_, corridor_length_);
+  }
+  /// Columns of leaves of a window that corridors may touch.
+  struct LeafBox {
+    std::int32_t low_x = 0, low_y = 0, high_x = -1, high_y = -1;  ///< inclusive
+  };
+  [[nodiscard]] const LeafBox& corridorLeaves() const { return corridor_leaves_; }
   [[nodiscard]] std::uint64_t bytes() const override;
 
  private:
@@ -67,6 +76,7 @@ class WindowedTool final : public PreparedTool {
     const auto n = static_cast<std::size_t>(d);
     return std::span(all).subspan(begin[n], begin[n + 1] - begin[n]);
   }
+  void makeCorridors(const ApproachView& approach, float inverse_voxel_size);
   void chooseShape(const ToolKernelView& tool, const ApproachView& approach, float inverse_voxel_size);
   [[nodiscard]] Direction direction(const ToolKernelView& tool, int d) const;
 
@@ -77,6 +87,9 @@ class WindowedTool final : public PreparedTool {
   std::vector<std::uint64_t> words_;
   std::vector<std::int32_t> leaves_;
   std::vector<std::uint32_t> layer_begin_, leaf_begin_;  ///< [D + 1]
+  std::vector<FlatSamples> corridors_;                   ///< [D x corridor_length_]
+  std::size_t corridor_length_ = 0;
+  LeafBox corridor_leaves_;
 };
 
 }  // namespace accessvdb::kernels

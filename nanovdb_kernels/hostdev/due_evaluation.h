@@ -24,10 +24,11 @@ struct KnownScale {
   KnownLevels levels;
   int count_to = 0;  ///< collisions are counted up to here, to remember them
 
+  /// For a processor, where counting on costs little: as far as levels reach.
   static KnownScale forLimit(int collision_limit) {
-    constexpr int kCountTo = 2;  // times the limit
-    const int most = kCountTo * collision_limit;
-    return {KnownLevels::forLimit(collision_limit), most < kNoScore ? most : kNoScore};
+    const KnownLevels levels = KnownLevels::forLimit(collision_limit);
+    const int most = collision_limit + static_cast<int>(KnownLevels::kMost << levels.log2);
+    return {levels, most < kNoScore ? most : kNoScore};
   }
 };
 

@@ -11,12 +11,15 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <array>
+#include <bit>
 #include <iterator>
 #include <vector>
 
 #include "hostdev/cell_counts.h"
 #include "launch/stopwatch.h"
 #include "update/backlog.h"
+#include "update/corridor_offsets.h"
 #include "update/flip_columns.h"
 #include "update/flip_set.h"
 #include "update/known_directions.h"
@@ -41,6 +44,7 @@ class ExactOnHost final : public UpdateScheduler {
       : scorer_(scorer),
         approach_(approach),
         footprint_(tool, approach, scorer.params().tsdf.voxel_size_m, 0),
+        corridors_(approach, scorer.params().tsdf.voxel_size_m),
         known_(tool, approach.num_directions),
         waits_(scorer.params().update.budget_points > 0),
         moved_points_(scorer) {}
@@ -86,8 +90,8 @@ class ExactOnHost final : public UpdateScheduler {
   }
 
   std::uint64_t bytes() const override {
-    return known_.bytes() + backlog_.bytes() + flips_.bytes() + moved_points_.bytes() + changed_.bytes() +
-           masks_.bytes() + masks_of_.bytes() + fresh_.capacity() * sizeof(std::uint32_t) +
+    return known_.bytes() + corridors_.bytes() + backlog_.bytes() + flips_.bytes() + moved_points_.bytes() +
+           changed_.bytes() + masks_.bytes() + masks_of_.bytes() + fresh_.capacity() * sizeof(std::uint32_t) +
            freed_.capacity() * sizeof(std::uint64_t);
   }
 
@@ -97,10 +101,15 @@ class ExactOnHost final : public UpdateScheduler {
     std::uint32_t id;
     std::uint8_t what;
   };
+  /// A column of voxels, from the lowest one of a block.
+  struct Column {
+    std::int16_t dx, dy;
+  };
   /// What one thread found.
   struct Found {
     FlipColumns flips;
-    std::vector<std::uint32_t> blocks;  ///< of one cell
+    std::vector<std::uint32_t> blocks;            ///< of one cell
+    std::array<std::vector<Column>, 8> freed_at;  ///< by height in the block: voxels that became free for a corridor
     std::vector<kernels::DueItem> items;
     std::vector<Ask> asks;
   };
@@ -111,9 +120,13 @@ class ExactOnHost final : public UpdateScheduler {
     const ExactOnHost& update;
     std::uint32_t block;
     const kernels::KnownPoint& known;
+    const DirectionMask* better_arm;  ///< of this point; null: that of its block
 
     [[nodiscard]] kernels::GroupMasks masks() const {
-      return update.isAffected(block) ? update.masks_[block] : kernels::GroupMasks{};
+      if (!update.isAffected(block)) return {};
+      kernels::GroupMasks masks = update.masks_[block];
+      if (better_arm != nullptr) masks.better_arm = *better_arm;
+      return masks;
     }
     [[nodiscard]] std::uint64_t notKnownWorse(int w, std::uint64_t asked) const {
       return kernels::notKnownWorse(known, update.known_.scale().levels, w, asked);
@@ -163,7 +176,7 @@ class ExactOnHost final : public UpdateScheduler {
       Found& found = by_itself.local();
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         const std::uint32_t id = changed.ids[n];
-        takeDue(id, scorer_.points().blockOf(id), &changed.before[n], found);
+        takeDue({id, scorer_.points().blockOf(id), &changed.before[n], nullptr}, found);
       }
     });
     askInOrder(by_itself);
@@ -210,18 +223,63 @@ class ExactOnHost final : public UpdateScheduler {
   void findInBlock(std::uint32_t b, Found& found) {
     const PointBlock& block = scorer_.points().index().blocks()[b];
     const AffectedDirections affected = footprint_.affected(block.leaf, found.flips);
-    const DirectionMask better = affected.better_tool | affected.better_arm;
-    if (!any(better | affected.worse_tool | affected.worse_arm)) return;
+    if (!any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm)) return;
     masks_[b] = affected;
     masks_of_[b] = number_;
-    if (any(better)) {
+    if (any(affected.better_tool)) {
       FreedVoxels freed;
-      if (any(affected.better_tool)) countFreed(block.leaf, found.flips, freed);
-      known_.age(b, block.ids, freed, affected.better_tool, affected.better_arm);
+      countFreed(block.leaf, found.flips, freed);
+      known_.age(b, block.ids, freed, affected.better_tool);
     }
-    for (const std::uint32_t id : block.ids) {
-      if (scorer_.record(id).label != PointLabel::Unscored && changed_[id] == 0) takeDue(id, b, nullptr, found);
+    const bool corridors = any(affected.better_arm), one_by_one = corridors && listFreed(block, found);
+    std::size_t n = 0;
+    for (std::size_t word = 0; word < 8; ++word) {
+      for (std::uint64_t bits = block.occupied[word]; bits != 0; bits &= bits - 1, ++n) {
+        const std::uint32_t id = block.ids[n];
+        if (scorer_.record(id).label == PointLabel::Unscored) continue;
+        DirectionMask better_arm = affected.better_arm;
+        if (one_by_one) better_arm = freedFor(static_cast<int>(word), std::countr_zero(bits), found);
+        if (corridors) known_.forgetCorridors(id, better_arm);
+        if (changed_[id] == 0) takeDue({id, b, nullptr, &better_arm}, found);
+      }
     }
+  }
+
+  /// Lists the voxels near a block that became free for a corridor. @return false if there are too many
+  bool listFreed(const PointBlock& block, Found& found) const {
+    constexpr std::size_t kMostPairs = 1 << 15;  // of a voxel and a point
+    if (corridors_.empty()) return false;
+    for (std::vector<Column>& columns : found.freed_at) columns.clear();
+    std::size_t listed = 0;
+    for (const kernels::FootprintColumn& column : footprint_.armColumns()) {
+      const std::int32_t z = block.leaf[2];  // corridors stay at the height of the point
+      if (z + column.z_low > z || z + column.z_high < z) continue;
+      found.flips.forEach(block.leaf[0] + column.dx, block.leaf[1] + column.dy, z, z, FlipKind::ArmFreeOn,
+                          [&](std::int32_t, std::uint32_t change) {
+                            const LeafBits& freed = flips_.changes()[change].arm_free_on;
+                            for (int x = 0; x < 8; ++x) {
+                              for (std::uint64_t bits = freed[static_cast<std::size_t>(x)]; bits != 0;
+                                   bits &= bits - 1) {
+                                const int yz = std::countr_zero(bits);
+                                found.freed_at[static_cast<std::size_t>(yz & 7)].push_back(
+                                    {static_cast<std::int16_t>(8 * column.dx + x),
+                                     static_cast<std::int16_t>(8 * column.dy + (yz >> 3))});
+                                ++listed;
+                              }
+                            }
+                          });
+      if (listed * block.ids.size() > 8 * kMostPairs) return false;
+    }
+    return true;
+  }
+  /// Directions whose corridor may have become free for the point in a voxel of the block.
+  [[nodiscard]] DirectionMask freedFor(int x, int yz, const Found& found) const {
+    DirectionMask better = {};
+    for (const Column& column : found.freed_at[static_cast<std::size_t>(yz & 7)]) {
+      const DirectionMask* directions = corridors_.at(column.dx - x, column.dy - (yz >> 3));
+      if (directions != nullptr) better = better | *directions;
+    }
+    return better;
   }
 
   void countFreed(const Index3& leaf, const FlipColumns& flips, FreedVoxels& freed) const {
@@ -236,18 +294,24 @@ class ExactOnHost final : public UpdateScheduler {
     }
   }
 
-  /// @param before  the point's directions at the last update; null: they did not change
-  void takeDue(std::uint32_t id, std::uint32_t block, const kernels::PointDirections* before, Found& found) {
-    const bool changed = before != nullptr;
+  /// A point that may have something due.
+  struct Candidate {
+    std::uint32_t id, block;
+    const kernels::PointDirections* before;  ///< its directions at the last update; null: they did not change
+    const DirectionMask* better_arm;         ///< FlipsOfPoint::better_arm
+  };
+  void takeDue(const Candidate& candidate, Found& found) {
+    const std::uint32_t id = candidate.id;
+    const bool changed = candidate.before != nullptr;
     if (backlog_.holds(id)) {
       if (changed) found.asks.push_back({id, kAskedByItself});
       return;
     }
-    const kernels::KnownPoint known = known_.of(id, block);
+    const kernels::KnownPoint known = known_.of(id, candidate.block);
     const kernels::PointDirections now = directionsOf(id);
     const kernels::PointNow point = {approach_, storedScore(id), now};
-    const kernels::Due due =
-        kernels::dueAfterChange(point, changed ? *before : now, changed, FlipsOfPoint{*this, block, known});
+    const FlipsOfPoint flips = {*this, candidate.block, known, candidate.better_arm};
+    const kernels::Due due = kernels::dueAfterChange(point, changed ? *candidate.before : now, changed, flips);
     if (due.kind == kernels::DueKind::Nothing) return;
     if (due.kind == kernels::DueKind::Confirm || !waits_) {
       found.items.push_back({id, due, known});
@@ -277,7 +341,8 @@ class ExactOnHost final : public UpdateScheduler {
         const kernels::PointDirections now = directionsOf(id);
         const kernels::PointNow point = {approach_, storedScore(id), now};
         const bool evidence = (turn.asked[n] & kAskedByItself) != 0;
-        items[before + n] = {id, kernels::dueAfterWaiting(point, evidence, FlipsOfPoint{*this, block, known}), known};
+        const FlipsOfPoint flips = {*this, block, known, nullptr};
+        items[before + n] = {id, kernels::dueAfterWaiting(point, evidence, flips), known};
       }
     });
     return turn.ids.size();
@@ -286,6 +351,7 @@ class ExactOnHost final : public UpdateScheduler {
   PointScorer& scorer_;
   kernels::ApproachView approach_;
   LeafFootprint footprint_;
+  CorridorOffsets corridors_;
   KnownDirections known_;
   bool waits_;  ///< updates have a budget
   MovedPoints moved_points_;

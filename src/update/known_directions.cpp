@@ -57,31 +57,36 @@ void KnownDirections::grow(std::size_t points, std::size_t blocks) {
 }
 
 void KnownDirections::age(std::uint32_t block, std::span<const std::uint32_t> ids, FreedVoxels& freed,
-                          const DirectionMask& better_tool, const DirectionMask& better_arm) {
-  std::array<std::uint64_t, FreedVoxels::kDirections / kernels::kKnownPerWord> less, kept;
+                          const DirectionMask& better_tool) {
+  std::array<std::uint64_t, FreedVoxels::kDirections / kernels::kKnownPerWord> less;
   const std::uint32_t* sums = freed.sum(num_directions_);
   bool wanted = false;
   for (std::size_t w = 0; w < words_; ++w) {
-    const auto of = [w](const DirectionMask& mask) {
-      return static_cast<std::uint32_t>(mask.word[w >> 3] >> (8 * (w & 7))) & 0xffu;
-    };
     less[w] = 0;
     if (cells_.empty()) {
-      less[w] = (kernels::known_word::spread(of(better_tool)) >> 7) * kernels::KnownLevels::kMost;
+      const auto directions = static_cast<std::uint32_t>(better_tool.word[w >> 3] >> (8 * (w & 7))) & 0xffu;
+      less[w] = (kernels::known_word::spread(directions) >> 7) * kernels::KnownLevels::kMost;
     } else if (freed.any()) {
       freed_.row(block)[w].add(sums + kernels::kKnownPerWord * w, freed.tooMany(), scale_.levels.log2, less[w]);
     }
-    kept[w] = ~kernels::known_word::spread(of(better_arm));
-    wanted = wanted || less[w] != 0 || ~kept[w] != 0;
+    wanted = wanted || less[w] != 0;
   }
   if (!wanted) return;
   for (const std::uint32_t id : ids) {
     std::uint64_t* const levels = levels_.row(id);
     for (std::size_t w = 0; w < words_; ++w) {
-      if (levels[w] == 0 || (less[w] == 0 && ~kept[w] == 0)) continue;
-      const std::uint64_t after =
-          (less[w] != 0 ? kernels::known_word::lowered(levels[w], less[w]) : levels[w]) & kept[w];
-      if (after != levels[w]) levels[w] = after;
+      if (less[w] != 0 && levels[w] != 0) levels[w] = kernels::known_word::lowered(levels[w], less[w]);
+    }
+  }
+}
+
+void KnownDirections::forgetCorridors(std::uint32_t id, const DirectionMask& better_arm) {
+  std::uint64_t* const levels = levels_.row(id);
+  for (std::size_t n = 0; n < kernels::kMaxDirectionWords; ++n) {
+    if (better_arm.word[n] == 0) continue;
+    for (std::size_t w = 8 * n; w < std::min(8 * n + 8, words_); ++w) {
+      const auto directions = static_cast<std::uint32_t>(better_arm.word[n] >> (8 * (w & 7))) & 0xffu;
+      if (directions != 0) levels[w] &= ~kernels::known_word::spread(directions);
     }
   }
 }

@@ -54,10 +54,12 @@ class KnownDirections {
   [[nodiscard]] const CellDirections& cells() const { return cells_; }
   [[nodiscard]] const kernels::KnownScale& scale() const { return scale_; }
 
-  /// Ages what is known about the points of a block. Safe in parallel for different blocks.
-  /// @param better_tool, better_arm  directions that flips for the better may affect
+  /// Ages what is known about tool collisions at the points of a block. Safe in parallel for different blocks.
+  /// @param better_tool  directions that flips for the better may affect
   void age(std::uint32_t block, std::span<const std::uint32_t> ids, FreedVoxels& freed,
-           const DirectionMask& better_tool, const DirectionMask& better_arm);
+           const DirectionMask& better_tool);
+  /// Forgets that these corridors of a point are blocked.
+  void forgetCorridors(std::uint32_t id, const DirectionMask& better_arm);
 
   [[nodiscard]] std::uint64_t bytes() const {
     return levels_.bytes() + freed_.bytes() + cells_.table().capacity() * sizeof(kernels::DirectionArc);
