@@ -6,6 +6,7 @@
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <new>
@@ -49,101 +50,164 @@ int nearestByYaw(const ApproachView& approach, const float* normal) {
   return nearest;
 }
 
-/// Tests directions with the bits around a point's group. @tparam Request  ScoreRequest or DueRequest
-template <class Request>
+/// Tests directions with the bits around a point's group. @tparam Inputs  ScoreRequest or DueUpdate
+template <class Inputs>
 struct WindowTests {
   MapWindow& window;
-  const Request& request;
+  const Inputs& inputs;
   const float* position_L;
   Coord point_ijk;
 
   [[nodiscard]] ArmResult arm(int d) const {
-    return window.testArm(request.approach, d, position_L, request.map.inverse_voxel_size);
+    return window.testArm(inputs.approach, d, position_L, inputs.map.inverse_voxel_size);
   }
   [[nodiscard]] int collisions(int d, int stop_above) const {
-    return request.tool.use_samples
-               ? window.countSamples(request.tool, d, position_L, request.map.inverse_voxel_size, stop_above)
+    return inputs.tool.use_samples
+               ? window.countSamples(inputs.tool, d, position_L, inputs.map.inverse_voxel_size, stop_above)
                : window.countVoxels(d, point_ijk, stop_above);
   }
 };
 
-/// An item with the place of its group.
-struct PlacedItem {
-  std::uint64_t group;
-  std::uint32_t index;
+/// The tool as windows need it: as it was prepared, or made now.
+class ToolForWindows {
+ public:
+  template <class Inputs>
+  explicit ToolForWindows(const Inputs& inputs) : tool_(static_cast<const WindowedTool*>(inputs.prepared)) {
+    if (tool_ == nullptr) tool_ = &made_.emplace(inputs.tool, inputs.approach, inputs.map.inverse_voxel_size);
+  }
+  ToolForWindows(const ToolForWindows&) = delete;
+  ToolForWindows& operator=(const ToolForWindows&) = delete;
+
+  [[nodiscard]] const WindowedTool& operator*() const { return *tool_; }
+
+ private:
+  std::optional<WindowedTool> made_;
+  const WindowedTool* tool_;
 };
 
-template <class Request>
-const float* positionOf(const Request& request, std::size_t n) {
-  return request.points.position_L + 3 * std::size_t{request.items[n].id};
+template <class Inputs>
+const float* positionOf(const Inputs& inputs, std::uint32_t id) {
+  return inputs.points.position_L + 3 * std::size_t{id};
 }
-template <class Request>
-Coord voxelOfItem(const Request& request, std::size_t n) {
-  const float* p = positionOf(request, n);
-  return voxelOf(p[0], p[1], p[2], request.map.inverse_voxel_size);
+template <class Inputs>
+Coord voxelOfPoint(const Inputs& inputs, std::uint32_t id) {
+  const float* p = positionOf(inputs, id);
+  return voxelOf(p[0], p[1], p[2], inputs.map.inverse_voxel_size);
 }
 
-/// Items in the order of their groups.
-template <class Request>
-std::vector<PlacedItem> byGroup(const Request& request, const WindowShape& shape) {
-  std::vector<PlacedItem> placed(request.count);
+/// Items [begin, end) with the place of their group.
+struct PlacedItems {
+  std::uint64_t group;
+  std::uint32_t begin, end;
+
+  [[nodiscard]] bool operator<(const PlacedItems& other) const {
+    return group != other.group ? group < other.group : begin < other.begin;
+  }
+};
+
+template <class Inputs>
+std::uint64_t groupOf(const Inputs& inputs, const WindowShape& shape, std::uint32_t id) {
+  const Coord ijk = voxelOfPoint(inputs, id);
+  const int xy = 3 + shape.xy_log2, z = 3 + shape.z_log2;
+  return placeKey(ijk[0] >> xy, ijk[1] >> xy, ijk[2] >> z);
+}
+
+/// Calls visit(n, tests) for items of one group after those of another.
+template <class Inputs, class Item, class Visit>
+void visitGroups(const Inputs& inputs, const Item* items, const PlacedItems* begin, const PlacedItems* end,
+                 MapWindow& window, const Visit& visit) {
+  const OccupancyReader map(inputs.map);
+  for (const PlacedItems* placed = begin; placed != end; ++placed) {
+    if (placed == begin || placed->group != placed[-1].group) {
+      const Coord first = voxelOfPoint(inputs, items[placed->begin].id);
+      window.moveTo(map, Coord(first[0] >> 3, first[1] >> 3, first[2] >> 3));
+    }
+    for (std::size_t n = placed->begin; n != placed->end; ++n) {
+      const std::uint32_t id = items[n].id;
+      visit(n, WindowTests<Inputs>{window, inputs, positionOf(inputs, id), voxelOfPoint(inputs, id)});
+    }
+  }
+}
+
+/// Calls visit(n, tests) for each item of a request, in parallel. @tparam Visit  takes any kind of tests
+template <class Visit>
+void forEachItem(const ScoreRequest& request, const Visit& visit) {
+  if (request.count == 0) return;
+  const ToolForWindows tool(request);
+  if (!(*tool).usable()) {
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, request.count, kItemsPerTask), [&](const auto& range) {
+      const OccupancyReader map(request.map);
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        visit(n, MapTests{map, request.tool, request.approach, positionOf(request, request.items[n].id),
+                          request.map.inverse_voxel_size});
+      }
+    });
+    return;
+  }
+  std::vector<PlacedItems> placed(request.count);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, request.count, 1024), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      const Coord ijk = voxelOfItem(request, n);
-      const int xy = 3 + shape.xy_log2, z = 3 + shape.z_log2;
-      placed[n] = {placeKey(ijk[0] >> xy, ijk[1] >> xy, ijk[2] >> z), static_cast<std::uint32_t>(n)};
+      const auto index = static_cast<std::uint32_t>(n);
+      placed[n] = {groupOf(request, (*tool).shape(), request.items[n].id), index, index + 1};
     }
   });
-  tbb::parallel_sort(placed.begin(), placed.end(), [](const PlacedItem& a, const PlacedItem& b) {
-    return a.group != b.group ? a.group < b.group : a.index < b.index;
-  });
-  return placed;
-}
-
-/// Calls visit(n, tests) for each item. @tparam Visit  takes any kind of tests
-template <class Request, class Visit>
-void forEachByRows(const Request& request, const Visit& visit) {
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, request.count, kItemsPerTask), [&](const auto& range) {
-    const OccupancyReader map(request.map);
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      visit(n, MapTests{map, request.tool, request.approach, positionOf(request, n), request.map.inverse_voxel_size});
-    }
-  });
-}
-template <class Request, class Visit>
-void forEachByWindows(const Request& request, const WindowedTool& tool, const Visit& visit) {
-  const std::vector<PlacedItem> placed = byGroup(request, tool.shape());
+  tbb::parallel_sort(placed);
   std::vector<std::size_t> begin;
   for (std::size_t n = 0; n < placed.size(); ++n) {
     if (n == 0 || placed[n].group != placed[n - 1].group || n - begin.back() >= kItemsPerWindow) begin.push_back(n);
   }
   begin.push_back(placed.size());
-  tbb::enumerable_thread_specific<MapWindow> windows([&] { return MapWindow(tool); });
+  tbb::enumerable_thread_specific<MapWindow> windows([&] { return MapWindow(*tool); });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, begin.size() - 1), [&](const auto& range) {
-    const OccupancyReader map(request.map);
-    MapWindow& window = windows.local();
-    for (std::size_t g = range.begin(); g != range.end(); ++g) {
-      const Coord first = voxelOfItem(request, placed[begin[g]].index);
-      window.moveTo(map, Coord(first[0] >> 3, first[1] >> 3, first[2] >> 3));
-      for (std::size_t at = begin[g]; at < begin[g + 1]; ++at) {
-        const std::size_t n = placed[at].index;
-        visit(n, WindowTests<Request>{window, request, positionOf(request, n), voxelOfItem(request, n)});
-      }
-    }
+    visitGroups(request, request.items, placed.data() + begin[range.begin()], placed.data() + begin[range.end()],
+                windows.local(), visit);
   });
 }
-template <class Request, class Visit>
-void forEachItem(const Request& request, const Visit& visit) {
-  if (request.count == 0) return;
-  std::optional<WindowedTool> made;
-  const auto* tool = static_cast<const WindowedTool*>(request.prepared);
-  if (tool == nullptr) tool = &made.emplace(request.tool, request.approach, request.map.inverse_voxel_size);
-  if (tool->usable()) {
-    forEachByWindows(request, *tool, visit);
-  } else {
-    forEachByRows(request, visit);
+
+class CpuDueEvaluator final : public DueEvaluator {
+ public:
+  explicit CpuDueEvaluator(const DueUpdate& update)
+      : update_(update), tool_(update_), scratch_([this] { return Scratch(*tool_); }) {}
+
+  void evaluate(const DueItem* items, DueOutcome* outcomes, std::size_t count) override {
+    const auto visit = [&](std::size_t n, const auto& tests) {
+      using Evaluation = DueEvaluation<std::remove_cvref_t<decltype(tests)>>;
+      const DueItem& item = items[n];
+      const int nearest = nearestByYaw(update_.approach, update_.points.normal_L + 3 * std::size_t{item.id});
+      const typename Evaluation::Update constants = {update_.approach, update_.points, update_.rule, update_.scale};
+      outcomes[n] = Evaluation(constants, tests, item.known, item.id, nearest).run(item.due);
+    };
+    if (!(*tool_).usable()) {
+      const OccupancyReader map(update_.map);
+      for (std::size_t n = 0; n < count; ++n) {
+        visit(n, MapTests{map, update_.tool, update_.approach, positionOf(update_, items[n].id),
+                          update_.map.inverse_voxel_size});
+      }
+      return;
+    }
+    Scratch& scratch = scratch_.local();
+    std::vector<PlacedItems>& placed = scratch.placed;
+    placed.clear();
+    for (std::uint32_t n = 0; n < count; ++n) {
+      const std::uint64_t group = groupOf(update_, (*tool_).shape(), items[n].id);
+      if (placed.empty() || placed.back().group != group) placed.push_back({group, n, n});
+      placed.back().end = n + 1;
+    }
+    std::sort(placed.begin(), placed.end());
+    visitGroups(update_, items, placed.data(), placed.data() + placed.size(), scratch.window, visit);
   }
-}
+
+ private:
+  struct Scratch {
+    MapWindow window;
+    std::vector<PlacedItems> placed;
+    explicit Scratch(const WindowedTool& tool) : window(tool) {}
+  };
+
+  DueUpdate update_;
+  ToolForWindows tool_;
+  tbb::enumerable_thread_specific<Scratch> scratch_;
+};
 
 class CpuBackend final : public Backend {
  public:
@@ -192,14 +256,8 @@ class CpuBackend final : public Backend {
     });
   }
 
-  void evaluateDue(const DueRequest& request) override {
-    forEachItem(request, [&](std::size_t n, const auto& tests) {
-      using Evaluation = DueEvaluation<std::remove_cvref_t<decltype(tests)>>;
-      const DueItem& item = request.items[n];
-      const int nearest = nearestByYaw(request.approach, request.points.normal_L + 3 * std::size_t{item.id});
-      const typename Evaluation::Update update = {request.approach, request.points, request.rule, request.scale};
-      request.outcomes[n] = Evaluation(update, tests, item.known, item.id, nearest).run(item.due);
-    });
+  std::unique_ptr<DueEvaluator> makeDueEvaluator(const DueUpdate& update) override {
+    return std::make_unique<CpuDueEvaluator>(update);
   }
 };
 

@@ -13,7 +13,7 @@
 #include "hostdev/point_update.h"
 #include "hostdev/views.h"
 #include "launch/device_array.h"
-#include "launch/due_request.h"
+#include "launch/due_evaluator.h"
 #include "launch/exact_updater.h"
 #include "launch/mirror_arena.h"
 #include "launch/paper_updater.h"
@@ -56,7 +56,10 @@ class Backend : public DeviceMemory {
   virtual void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) = 0;
   virtual void scorePoints(const ScoreRequest& request) = 0;
   /// Only called if makeExactUpdater() gave null.
-  virtual void evaluateDue(const DueRequest& request) { (void)request; }
+  [[nodiscard]] virtual std::unique_ptr<DueEvaluator> makeDueEvaluator(const DueUpdate& update) {
+    (void)update;
+    return nullptr;
+  }
   /// Null if this backend needs nothing of the kind. @param tool, approach  in the backend's memory; must outlive it
   [[nodiscard]] virtual std::unique_ptr<PreparedTool> prepareTool(const ToolKernelView& tool,
                                                                   const ApproachView& approach,

@@ -12,6 +12,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <bit>
 #include <iterator>
 #include <vector>
@@ -62,7 +63,6 @@ class ExactOnHost final : public UpdateScheduler {
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    ++number_;
     makeRoom();
     const std::vector<std::uint32_t> crossed = findCrossed();
     std::vector<std::uint32_t> moved;
@@ -70,28 +70,29 @@ class ExactOnHost final : public UpdateScheduler {
     const PointScorer::Changed changed = scorer_.refreshNeighbourhoods(moved);
     moved_points_.refreshed(moved);
     scorer_.upload(changed.ids);  // includes those that crossed: they had no neighbourhood yet
-    std::vector<kernels::DueItem> items = findDue(changed);
+    const kernels::Stopwatch scoring;
+    const auto evaluator = scorer_.backend().makeDueEvaluator(scorer_.dueUpdate(known_.scale(), tables));
+    FoundByThread found;
+    takeAllDue({changed, *evaluator}, found);
+    if (waits_) takeTurn(*evaluator, found);
     flips_.clear();
     moved_points_.clear();
-
-    std::size_t taken = items.size();
-    if (waits_) taken = takeTurn(items);
-    stats.dirty_points = moved.size() + taken;
-    stats.backlog = backlog_.size();
-    const kernels::Stopwatch scoring;
-    for (const kernels::DueOutcome& outcome : scorer_.evaluate(items, known_.scale(), tables)) {
-      stats.direction_tests += outcome.tests;
-      stats.scored_points += outcome.tests > 0 ? 1 : 0;
-      stats.label_changes += outcome.label != outcome.label_before ? 1 : 0;
+    stats.dirty_points = moved.size();
+    for (const Found& part : found) {
+      stats.dirty_points += part.stats.dirty_points;
+      stats.direction_tests += part.stats.direction_tests;
+      stats.scored_points += part.stats.scored_points;
+      stats.label_changes += part.stats.label_changes;
     }
-    anything_scored_ = anything_scored_ || !items.empty();
+    anything_scored_ = anything_scored_ || stats.dirty_points > 0;
+    stats.backlog = backlog_.size();
     stats.score_ms = scoring.milliseconds();
     return stats;
   }
 
   std::uint64_t bytes() const override {
     return known_.bytes() + corridors_.bytes() + backlog_.bytes() + flips_.bytes() + moved_points_.bytes() +
-           changed_.bytes() + masks_.bytes() + masks_of_.bytes() + fresh_.capacity() * sizeof(std::uint32_t) +
+           changed_.bytes() + in_block_.bytes() + fresh_.capacity() * sizeof(std::uint32_t) +
            freed_.capacity() * sizeof(std::uint64_t);
   }
 
@@ -100,36 +101,38 @@ class ExactOnHost final : public UpdateScheduler {
   struct Ask {
     std::uint32_t id;
     std::uint8_t what;
+    bool by_itself;  ///< asked for before those that only flips concern
   };
   /// A column of voxels, from the lowest one of a block.
   struct Column {
     std::int16_t dx, dy;
   };
-  /// What one thread found.
+  /// What one thread found, and its scratch memory.
   struct Found {
     FlipColumns flips;
     std::vector<std::uint32_t> blocks;            ///< of one cell
     std::array<std::vector<Column>, 8> freed_at;  ///< by height in the block: voxels that became free for a corridor
     std::vector<kernels::DueItem> items;
+    std::vector<kernels::DueOutcome> outcomes;
     std::vector<Ask> asks;
+    UpdateStats stats;
   };
   using FoundByThread = tbb::enumerable_thread_specific<Found>;
+  /// What the threads work on.
+  struct Work {
+    const PointScorer::Changed& changed;
+    kernels::DueEvaluator& evaluator;
+  };
 
   /// What flips mean for a point; read only if the rule asks.
   struct FlipsOfPoint {
-    const ExactOnHost& update;
-    std::uint32_t block;
+    const kernels::KnownLevels& scale;
     const kernels::KnownPoint& known;
-    const DirectionMask* better_arm;  ///< of this point; null: that of its block
+    const kernels::GroupMasks& masks_;
 
-    [[nodiscard]] kernels::GroupMasks masks() const {
-      if (!update.isAffected(block)) return {};
-      kernels::GroupMasks masks = update.masks_[block];
-      if (better_arm != nullptr) masks.better_arm = *better_arm;
-      return masks;
-    }
+    [[nodiscard]] const kernels::GroupMasks& masks() const { return masks_; }
     [[nodiscard]] std::uint64_t notKnownWorse(int w, std::uint64_t asked) const {
-      return kernels::notKnownWorse(known, update.known_.scale().levels, w, asked);
+      return kernels::notKnownWorse(known, scale, w, asked);
     }
   };
 
@@ -139,9 +142,8 @@ class ExactOnHost final : public UpdateScheduler {
     scorer_.grow();
     known_.grow(points, blocks);
     backlog_.grow(points);
-    changed_.grow(points, 0);
-    masks_.growRaw(blocks);
-    masks_of_.grow(blocks, 0);
+    changed_.grow(points, kNone);
+    in_block_.grow(blocks, 0);
   }
 
   /// Cause (e): points whose confidence crossed the bound. Weights only grow, so only points below it are checked.
@@ -161,49 +163,38 @@ class ExactOnHost final : public UpdateScheduler {
     const PointRecord& record = scorer_.record(id);
     return {record.label, record.direction, record.score};
   }
-  /// Whether flips of this update may affect points of the block.
-  [[nodiscard]] bool isAffected(std::uint32_t block) const { return masks_of_[block] == number_; }
 
-  /// Everything that is due, except what has to wait: that goes to the backlog.
-  [[nodiscard]] std::vector<kernels::DueItem> findDue(const PointScorer::Changed& changed) {
-    FoundByThread by_flips, by_itself;
-    if (!flips_.empty()) {
-      for (const std::uint32_t id : changed.ids) changed_[id] = 1;
-      findByFlips(by_flips);
-      for (const std::uint32_t id : changed.ids) changed_[id] = 0;
-    }
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, changed.ids.size(), kDuePerTask), [&](const auto& range) {
-      Found& found = by_itself.local();
-      for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        const std::uint32_t id = changed.ids[n];
-        takeDue({id, scorer_.points().blockOf(id), &changed.before[n], nullptr}, found);
-      }
-    });
-    askInOrder(by_itself);
-    askInOrder(by_flips);
-    std::vector<kernels::DueItem> items;
-    for (const FoundByThread* found : {&by_itself, &by_flips}) {
-      for (const Found& part : *found) items.insert(items.end(), part.items.begin(), part.items.end());
-    }
-    return items;
-  }
-
-  /// Cause (a), with the sign of the flips. Skips points that changed.
-  void findByFlips(FoundByThread& found) {
+  /// Evaluates everything that is due, cell by cell, except what has to wait: that goes to the backlog.
+  void takeAllDue(const Work& work, FoundByThread& found) {
+    const PointStore& points = scorer_.points();
+    const std::vector<std::uint32_t>& ids = work.changed.ids;
     const std::vector<LeafChange>& changes = flips_.changes();
+    const auto each = [](std::size_t count, const auto& visit) {
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, kDuePerTask), [&](const auto& range) {
+        for (std::size_t n = range.begin(); n != range.end(); ++n) visit(n);
+      });
+    };
     freed_.resize(changes.size());
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, changes.size(), kDuePerTask), [&](const auto& range) {
-      for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        freed_[n] = kernels::countCells(changes[n].collides_off.data());
-      }
+    each(changes.size(), [&](std::size_t n) { freed_[n] = kernels::countCells(changes[n].collides_off.data()); });
+    each(ids.size(), [&](std::size_t n) {
+      changed_[ids[n]] = static_cast<std::uint32_t>(n);
+      std::atomic_ref(in_block_[points.blockOf(ids[n])]).store(1, std::memory_order_relaxed);
     });
-    tbb::parallel_for(std::uint32_t{0}, scorer_.points().index().cells(),
-                      [&](std::uint32_t cell) { findInCell(cell, found.local()); });
+    if (!ids.empty() || !changes.empty()) {
+      tbb::parallel_for(std::uint32_t{0}, points.index().cells(),
+                        [&](std::uint32_t cell) { takeCell(cell, work, found.local()); });
+    }
+    each(ids.size(), [&](std::size_t n) {
+      changed_[ids[n]] = kNone;
+      std::atomic_ref(in_block_[points.blockOf(ids[n])]).store(0, std::memory_order_relaxed);
+    });
+    if (waits_) askInOrder(found);
   }
 
-  void findInCell(std::uint32_t cell, Found& found) {
+  void takeCell(std::uint32_t cell, const Work& work, Found& found) {
     const SurfaceIndex& index = scorer_.points().index();
     found.blocks.clear();
+    bool any_changed = false;
     Index3 low = {}, high = {};  // leaves that points of the cell read
     for (std::size_t bit = 0; bit < 512; ++bit) {
       const std::uint32_t b = index.blockIn(cell, bit);
@@ -215,32 +206,42 @@ class ExactOnHost final : public UpdateScheduler {
         high[axis] = found.blocks.empty() ? last : std::max(high[axis], last);
       }
       found.blocks.push_back(b);
+      any_changed = any_changed || in_block_[b] != 0;
     }
-    if (found.blocks.empty() || !found.flips.fill(flips_, low, high)) return;
-    for (const std::uint32_t b : found.blocks) findInBlock(b, found);
+    if (found.blocks.empty()) return;
+    const bool flipped = !flips_.empty() && found.flips.fill(flips_, low, high);
+    if (!flipped && !any_changed) return;
+    for (const std::uint32_t b : found.blocks) takeBlock(b, flipped, work.changed, found);
+    evaluate(work.evaluator, found);
   }
 
-  void findInBlock(std::uint32_t b, Found& found) {
+  /// @param flipped  whether anything flipped around the cell
+  void takeBlock(std::uint32_t b, bool flipped, const PointScorer::Changed& changed, Found& found) {
     const PointBlock& block = scorer_.points().index().blocks()[b];
-    const AffectedDirections affected = footprint_.affected(block.leaf, found.flips);
-    if (!any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm)) return;
-    masks_[b] = affected;
-    masks_of_[b] = number_;
+    const AffectedDirections affected = flipped ? footprint_.affected(block.leaf, found.flips) : AffectedDirections{};
+    const bool is_affected = any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm);
+    if (!is_affected && in_block_[b] == 0) return;
     if (any(affected.better_tool)) {
       FreedVoxels freed;
       countFreed(block.leaf, found.flips, freed);
       known_.age(b, block.ids, freed, affected.better_tool);
     }
     const bool corridors = any(affected.better_arm), one_by_one = corridors && listFreed(block, found);
+    kernels::GroupMasks masks = affected;
     std::size_t n = 0;
     for (std::size_t word = 0; word < 8; ++word) {
       for (std::uint64_t bits = block.occupied[word]; bits != 0; bits &= bits - 1, ++n) {
-        const std::uint32_t id = block.ids[n];
-        if (scorer_.record(id).label == PointLabel::Unscored) continue;
-        DirectionMask better_arm = affected.better_arm;
-        if (one_by_one) better_arm = freedFor(static_cast<int>(word), std::countr_zero(bits), found);
-        if (corridors) known_.forgetCorridors(id, better_arm);
-        if (changed_[id] == 0) takeDue({id, b, nullptr, &better_arm}, found);
+        const std::uint32_t id = block.ids[n], entry = changed_[id];
+        const bool scored = scorer_.record(id).label != PointLabel::Unscored;
+        if (scored && corridors) {
+          if (one_by_one) masks.better_arm = freedFor(static_cast<int>(word), std::countr_zero(bits), found);
+          known_.forgetCorridors(id, masks.better_arm);
+        }
+        if (entry != kNone) {
+          takePoint({id, b, &changed.before[entry], masks}, found);
+        } else if (scored && is_affected) {
+          takePoint({id, b, nullptr, masks}, found);
+        }
       }
     }
   }
@@ -298,54 +299,79 @@ class ExactOnHost final : public UpdateScheduler {
   struct Candidate {
     std::uint32_t id, block;
     const kernels::PointDirections* before;  ///< its directions at the last update; null: they did not change
-    const DirectionMask* better_arm;         ///< FlipsOfPoint::better_arm
+    const kernels::GroupMasks& masks;
   };
-  void takeDue(const Candidate& candidate, Found& found) {
+  void takePoint(const Candidate& candidate, Found& found) {
     const std::uint32_t id = candidate.id;
     const bool changed = candidate.before != nullptr;
     if (backlog_.holds(id)) {
-      if (changed) found.asks.push_back({id, kAskedByItself});
+      if (changed) found.asks.push_back({id, kAskedByItself, true});
       return;
     }
     const kernels::KnownPoint known = known_.of(id, candidate.block);
     const kernels::PointDirections now = directionsOf(id);
     const kernels::PointNow point = {approach_, storedScore(id), now};
-    const FlipsOfPoint flips = {*this, candidate.block, known, candidate.better_arm};
+    const FlipsOfPoint flips = {known_.scale().levels, known, candidate.masks};
     const kernels::Due due = kernels::dueAfterChange(point, changed ? *candidate.before : now, changed, flips);
     if (due.kind == kernels::DueKind::Nothing) return;
     if (due.kind == kernels::DueKind::Confirm || !waits_) {
       found.items.push_back({id, due, known});
     } else {
-      found.asks.push_back({id, static_cast<std::uint8_t>(changed ? kAsked | kAskedByItself : kAsked)});
+      found.asks.push_back({id, static_cast<std::uint8_t>(changed ? kAsked | kAskedByItself : kAsked), changed});
     }
   }
 
-  /// Hands what the threads found to the backlog, by id.
+  void evaluate(kernels::DueEvaluator& evaluator, Found& found) {
+    found.outcomes.resize(found.items.size());
+    evaluator.evaluate(found.items.data(), found.outcomes.data(), found.items.size());
+    for (std::size_t n = 0; n < found.items.size(); ++n) {
+      const kernels::DueOutcome& outcome = found.outcomes[n];
+      scorer_.store(found.items[n].id, outcome);
+      found.stats.direction_tests += outcome.tests;
+      found.stats.scored_points += outcome.tests > 0 ? 1 : 0;
+      found.stats.label_changes += outcome.label != outcome.label_before ? 1 : 0;
+    }
+    found.stats.dirty_points += found.items.size();
+    found.items.clear();
+  }
+
+  /// Hands what the threads found to the backlog: points that changed themselves first, both by id.
   void askInOrder(FoundByThread& found) {
-    if (!waits_) return;
     std::vector<Ask> asks;
-    for (const Found& part : found) asks.insert(asks.end(), part.asks.begin(), part.asks.end());
-    tbb::parallel_sort(asks.begin(), asks.end(), [](const Ask& a, const Ask& b) { return a.id < b.id; });
+    for (Found& part : found) {
+      asks.insert(asks.end(), part.asks.begin(), part.asks.end());
+      part.asks.clear();
+    }
+    tbb::parallel_sort(asks.begin(), asks.end(), [](const Ask& a, const Ask& b) {
+      return a.by_itself != b.by_itself ? a.by_itself : a.id < b.id;
+    });
     for (const Ask& ask : asks) backlog_.ask(ask.id, ask.what);
   }
 
-  /// Appends the points whose turn has come. @return their number
-  std::size_t takeTurn(std::vector<kernels::DueItem>& items) {
+  /// Evaluates the points whose turn has come.
+  void takeTurn(kernels::DueEvaluator& evaluator, FoundByThread& found) {
+    const PointStore& points = scorer_.points();
     const Backlog::Turn turn = backlog_.take(scorer_.params().update.budget_points);
-    const std::size_t before = items.size();
-    items.resize(before + turn.ids.size());
-    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, turn.ids.size(), kDuePerTask), [&](const auto& range) {
+    std::vector<std::uint32_t> order(turn.ids.size());
+    for (std::uint32_t n = 0; n < order.size(); ++n) order[n] = n;
+    tbb::parallel_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+      const std::uint32_t block_a = points.blockOf(turn.ids[a]), block_b = points.blockOf(turn.ids[b]);
+      return block_a != block_b ? block_a < block_b : turn.ids[a] < turn.ids[b];
+    });
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, order.size(), kDuePerTask), [&](const auto& range) {
+      Found& mine = found.local();
+      const kernels::GroupMasks no_masks = {};  // the rule asks for none
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        const std::uint32_t id = turn.ids[n], block = scorer_.points().blockOf(id);
-        const kernels::KnownPoint known = known_.of(id, block);
+        const std::uint32_t id = turn.ids[order[n]];
+        const kernels::KnownPoint known = known_.of(id, points.blockOf(id));
         const kernels::PointDirections now = directionsOf(id);
         const kernels::PointNow point = {approach_, storedScore(id), now};
-        const bool evidence = (turn.asked[n] & kAskedByItself) != 0;
-        const FlipsOfPoint flips = {*this, block, known, nullptr};
-        items[before + n] = {id, kernels::dueAfterWaiting(point, evidence, flips), known};
+        const FlipsOfPoint flips = {known_.scale().levels, known, no_masks};
+        const bool evidence = (turn.asked[order[n]] & kAskedByItself) != 0;
+        mine.items.push_back({id, kernels::dueAfterWaiting(point, evidence, flips), known});
       }
+      evaluate(evaluator, mine);
     });
-    return turn.ids.size();
   }
 
   PointScorer& scorer_;
@@ -356,13 +382,12 @@ class ExactOnHost final : public UpdateScheduler {
   bool waits_;  ///< updates have a budget
   MovedPoints moved_points_;
   FlipSet flips_;
-  std::vector<std::uint64_t> freed_;         ///< of the flips' leaves: voxels that stopped colliding, by cell
-  std::vector<std::uint32_t> fresh_;         ///< below the confidence bound
-  Backlog backlog_;                          ///< points with something due
-  ChunkedArray<std::uint8_t> changed_;       ///< by id: whether its directions changed; only while flips are looked at
-  ChunkedArray<kernels::GroupMasks> masks_;  ///< by block, of the update masks_of_
-  ChunkedArray<std::uint32_t> masks_of_;     ///< by block: number of an update
-  std::uint32_t known_points_ = 0, number_ = 0;
+  std::vector<std::uint64_t> freed_;     ///< of the flips' leaves: voxels that stopped colliding, by cell
+  std::vector<std::uint32_t> fresh_;     ///< below the confidence bound
+  Backlog backlog_;                      ///< points with something due
+  ChunkedArray<std::uint32_t> changed_;  ///< by id: index into PointScorer::Changed; kNone between updates
+  ChunkedArray<std::uint8_t> in_block_;  ///< by block: whether points changed; 0 between updates
+  std::uint32_t known_points_ = 0;
   bool anything_scored_ = false;
 };
 

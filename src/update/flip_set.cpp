@@ -61,28 +61,4 @@ void FlipSet::clear() {
   cell_of_ = CellMap();
 }
 
-bool FlipWindow::fill(const FlipSet& flips, const Index3& low, const Index3& high) {
-  low_ = low;
-  std::size_t count = 1;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    extent_[axis] = static_cast<std::uint32_t>(high[axis] - low[axis] + 1);
-    count *= extent_[axis];
-  }
-  changes_.resize(count);
-  kinds_.resize(count);
-  std::size_t n = 0;
-  std::uint8_t any_kind = 0;
-  for (std::int32_t x = low[0]; x <= high[0]; ++x) {
-    for (std::int32_t y = low[1]; y <= high[1]; ++y) {
-      for (std::int32_t z = low[2]; z <= high[2]; ++z, ++n) {
-        const FlipSet::Flipped flipped = flips.at({x, y, z});
-        changes_[n] = flipped.change;
-        kinds_[n] = flipped.kinds;
-        any_kind |= flipped.kinds;
-      }
-    }
-  }
-  return any_kind != 0;
-}
-
 }  // namespace accessvdb::internal

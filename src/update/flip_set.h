@@ -122,34 +122,4 @@ bool FlipSet::forEachIn(const Index3& low, const Index3& high, const Visit& visi
   return any;
 }
 
-/// The part of a FlipSet in a box of leaves, stored by position, because the points of a block query the same leaves
-/// repeatedly. Gives the same answers as the set inside the box; outside it reports no flips.
-class FlipWindow {
- public:
-  /// @param low, high  leaves, inclusive. @return false if nothing flipped in the box
-  bool fill(const FlipSet& flips, const Index3& low, const Index3& high);
-  [[nodiscard]] std::uint8_t kindsIn(const Index3& leaf) const {
-    const std::size_t n = indexOf(leaf);
-    return n < kinds_.size() ? kinds_[n] : std::uint8_t{0};
-  }
-  [[nodiscard]] const LeafBits* find(const Index3& leaf, FlipKind kind) const {
-    const std::size_t n = indexOf(leaf);
-    return n >= kinds_.size() || (kinds_[n] & bitOf(kind)) == 0 ? nullptr : &bitsOf(*changes_[n], kind);
-  }
-
- private:
-  /// Past the end if the leaf lies outside.
-  [[nodiscard]] std::size_t indexOf(const Index3& leaf) const {
-    const auto x = static_cast<std::uint32_t>(leaf[0] - low_[0]), y = static_cast<std::uint32_t>(leaf[1] - low_[1]);
-    const auto z = static_cast<std::uint32_t>(leaf[2] - low_[2]);
-    if (x >= extent_[0] || y >= extent_[1] || z >= extent_[2]) return kinds_.size();
-    return (static_cast<std::size_t>(x) * extent_[1] + y) * extent_[2] + z;
-  }
-
-  Index3 low_ = {};
-  std::array<std::uint32_t, 3> extent_ = {};
-  std::vector<const LeafChange*> changes_;
-  std::vector<std::uint8_t> kinds_;
-};
-
 }  // namespace accessvdb::internal

@@ -35,46 +35,12 @@ class LeafFootprint {
   [[nodiscard]] const Index3& low() const { return low_; }
   [[nodiscard]] const Index3& high() const { return high_; }
 
-  /// Gathers the flips that the points of a block may query. @param block_leaf  the first leaf of a group
-  /// @return false if there are none
-  bool fill(const Index3& block_leaf, const FlipSet& flips, FlipWindow& window) const;
-
-  // Flips is a FlipSet, or a FlipWindow filled for the point's block.
-
   /// Conservative, for all points of a block, wherever they lie in it. @param block_leaf  the first leaf of a group
-  template <typename Flips>
-  [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const Flips& flips) const;
-
+  /// @param flips  of all leaves block_leaf + low() .. block_leaf + high(), or more
   [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const FlipColumns& flips) const;
-
-  /// Voxel-exact: does direction d, tried from this point, read a voxel with such a flip?
-  template <typename Flips>
-  [[nodiscard]] bool toolBetter(const Eigen::Vector3f& position_L, int d, const Flips& flips) const {
-    return toolReads(position_L, d, flips, FlipKind::CollidesOff);
-  }
-  template <typename Flips>
-  [[nodiscard]] bool toolWorse(const Eigen::Vector3f& position_L, int d, const Flips& flips) const {
-    return toolReads(position_L, d, flips, FlipKind::CollidesOn);
-  }
-  template <typename Flips>
-  [[nodiscard]] bool armBetter(const Eigen::Vector3f& position_L, int d, const Flips& flips) const {
-    return armReads(position_L, d, flips, FlipKind::ArmFreeOn);
-  }
-  template <typename Flips>
-  [[nodiscard]] bool armWorse(const Eigen::Vector3f& position_L, int d, const Flips& flips) const {
-    return armReads(position_L, d, flips, FlipKind::ArmFreeOff);
-  }
 
  private:
   using Columns = std::vector<kernels::FootprintColumn>;
-  template <typename Flips>
-  [[nodiscard]] bool toolReads(const Eigen::Vector3f& position_L, int d, const Flips& flips, FlipKind kind) const;
-  template <typename Flips>
-  [[nodiscard]] bool armReads(const Eigen::Vector3f& position_L, int d, const Flips& flips, FlipKind kind) const;
-
-  kernels::ToolKernelView tool_;
-  kernels::ApproachView approach_;
-  float inverse_voxel_size_;
   Columns tool_columns_, arm_columns_;
   Index3 low_ = {}, high_ = {};  ///< box of all columns, relative to the first leaf
 };

@@ -135,30 +135,15 @@ std::vector<kernels::ScoreResult> PointScorer::score(std::span<const kernels::Sc
   return results;
 }
 
-std::vector<kernels::DueOutcome> PointScorer::evaluate(std::span<const kernels::DueItem> items,
-                                                       const kernels::KnownScale& scale, const ScoringTables& tables) {
-  std::vector<kernels::DueOutcome> outcomes(items.size());
-  kernels::DueRequest request;
-  request.map = tables.map;
-  request.tool = tables.tool;
-  request.approach = tables.approach;
-  request.points = device_.view();
-  request.rule = tables.rule;
-  request.scale = scale;
-  request.prepared = tables.prepared;
-  request.items = items.data();
-  request.outcomes = outcomes.data();
-  request.count = items.size();
-  backend_.evaluateDue(request);
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, items.size(), kScoredPerTask), [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      PointRecord& record = records_[items[n].id];
-      record.label = outcomes[n].label;
-      record.score = outcomes[n].score;
-      record.direction = outcomes[n].direction;
-    }
-  });
-  return outcomes;
+kernels::DueUpdate PointScorer::dueUpdate(const kernels::KnownScale& scale, const ScoringTables& tables) const {
+  return {tables.map, tables.tool, tables.approach, device_.view(), tables.rule, scale, tables.prepared};
+}
+
+void PointScorer::store(std::uint32_t id, const kernels::DueOutcome& outcome) {
+  PointRecord& record = records_[id];
+  record.label = outcome.label;
+  record.score = outcome.score;
+  record.direction = outcome.direction;
 }
 
 }  // namespace accessvdb::internal

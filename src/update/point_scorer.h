@@ -88,9 +88,10 @@ class PointScorer {
   /// Scores the items on the device and stores the results.
   std::vector<kernels::ScoreResult> score(std::span<const kernels::ScoreItem> items, const ScoringTables& tables);
 
-  /// Evaluates what is due on the device and stores the results.
-  std::vector<kernels::DueOutcome> evaluate(std::span<const kernels::DueItem> items, const kernels::KnownScale& scale,
-                                            const ScoringTables& tables);
+  /// What a backend needs to evaluate what is due.
+  [[nodiscard]] kernels::DueUpdate dueUpdate(const kernels::KnownScale& scale, const ScoringTables& tables) const;
+  /// Stores what an evaluation left behind. From any thread, also at the same time for other points.
+  void store(std::uint32_t id, const kernels::DueOutcome& outcome);
 
   [[nodiscard]] const PointRecord& record(std::uint32_t id) const { return records_[id]; }
   [[nodiscard]] bool confidentEnough(std::uint32_t id) const { return isConfident(records_[id].weight); }

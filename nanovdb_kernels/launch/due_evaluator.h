@@ -11,15 +11,8 @@ namespace accessvdb::kernels {
 
 class PreparedTool;
 
-/// One point. Its memory of directions is written.
-struct DueItem {
-  std::uint32_t id = 0;
-  Due due;
-  KnownPoint known;
-};
-
-/// Evaluates `count` items by hostdev/due_evaluation.h.
-struct DueRequest {
+/// Constants of an update.
+struct DueUpdate {
   OccupancyView map;
   ToolKernelView tool;    ///< in the backend's memory
   ApproachView approach;  ///< in the backend's memory
@@ -27,9 +20,22 @@ struct DueRequest {
   UpdateRule rule;
   KnownScale scale;
   const PreparedTool* prepared = nullptr;  ///< as in ScoreRequest
-  const DueItem* items = nullptr;          ///< [count] host memory; ids differ
-  DueOutcome* outcomes = nullptr;          ///< [count] host memory
-  std::size_t count = 0;
+};
+
+/// One point. Its memory of directions is written.
+struct DueItem {
+  std::uint32_t id = 0;
+  Due due;
+  KnownPoint known;
+};
+
+/// Evaluates points by hostdev/due_evaluation.h. Not valid beyond the update.
+class DueEvaluator {
+ public:
+  virtual ~DueEvaluator() = default;
+  /// From any thread, also at the same time for other points. Fastest if the points of a block follow each other.
+  /// @param items, outcomes  [count] ids differ
+  virtual void evaluate(const DueItem* items, DueOutcome* outcomes, std::size_t count) = 0;
 };
 
 }  // namespace accessvdb::kernels
