@@ -171,11 +171,11 @@ class CpuDueEvaluator final : public DueEvaluator {
 
   void evaluate(const DueItem* items, DueOutcome* outcomes, std::size_t count) override {
     const auto visit = [&](std::size_t n, const auto& tests) {
-      using Evaluation = DueEvaluation<std::remove_cvref_t<decltype(tests)>>;
+      using Evaluation = DueEvaluation<std::remove_cvref_t<decltype(tests)>, decltype(&nearestByYaw)>;
       const DueItem& item = items[n];
-      const int nearest = nearestByYaw(update_.approach, update_.points.normal_L + 3 * std::size_t{item.id});
-      const typename Evaluation::Update constants = {update_.approach, update_.points, update_.rule, update_.scale};
-      outcomes[n] = Evaluation(constants, tests, item.known, item.id, nearest).run(item.due);
+      const typename Evaluation::Update constants = {update_.approach, update_.points, update_.rule, update_.scale,
+                                                     &nearestByYaw};
+      outcomes[n] = Evaluation(constants, tests, item.known, item.id).run(item.due);
     };
     if (!(*tool_).usable()) {
       const OccupancyReader map(update_.map);
@@ -249,8 +249,8 @@ class CpuBackend final : public Backend {
       if (normal_L[0] != 0 || normal_L[1] != 0 || normal_L[2] != 0) {
         const std::uint64_t* seen =
             points.seen + std::size_t{item.id} * static_cast<std::size_t>(points.direction_words);
-        const SearchedPoint point = {normal_L, seen, nearestByYaw(request.approach, normal_L)};
-        result = searchDirections(tests, request.tool.collision_limit, request.approach, point, item);
+        DirectionWalk walk(request.approach, normal_L, nearestByYaw(request.approach, normal_L));
+        result = searchDirections(tests, request.tool.collision_limit, walk, seen, item);
       }
       updatePoint(points, item, result, request.rule);
     });

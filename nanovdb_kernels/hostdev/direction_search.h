@@ -43,26 +43,18 @@ struct ScoreResult {
   std::uint16_t stored_direction = kNoDirection;
 };
 
-/// What a search knows of its point, besides the map around it.
-struct SearchedPoint {
-  const float* normal_L;
-  const std::uint64_t* seen;
-  int nearest;  ///< DirectionWalk::nearestDirection
-};
-
 /// @param tests  how a direction is tested at the point: tests.arm(d) as testArm, tests.collisions(d, stop_above) as
 ///   countVoxelCollisions or countSampleCollisions
-template <class Tests>
-[[nodiscard]] ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const Tests& tests, int collision_limit,
-                                                                    const ApproachView& approach,
-                                                                    const SearchedPoint& point, const ScoreItem& item) {
+/// @param walk  directions in the normal cone, as DirectionWalk orders them; those that are not candidates may be
+///   missing, which only changes the reason of a point that has none
+template <class Tests, class Walk>
+[[nodiscard]] ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const Tests& tests, int collision_limit, Walk& walk,
+                                                                    const std::uint64_t* seen, const ScoreItem& item) {
   ScoreResult result;
   result.scored = 1;
-  const std::uint64_t* const seen = point.seen;
 
   int best_count = kNoScore, best_passed = -1;
   bool in_cone = false, admissible = false;
-  DirectionWalk walk(approach, point.normal_L, point.nearest);
   for (int d = walk.next(); d >= 0; d = walk.next()) {
     in_cone = true;
     if (!((seen[d >> 6] >> (d & 63)) & 1u) || !item.candidates.test(d)) continue;
@@ -139,8 +131,8 @@ ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map
                                                       const std::uint64_t* seen, const ScoreItem& item) {
   if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return {};
   const MapTests tests = {map, tool, approach, position_L, inverse_voxel_size};
-  const SearchedPoint point = {normal_L, seen, DirectionWalk::nearestDirection(approach, normal_L)};
-  return searchDirections(tests, tool.collision_limit, approach, point, item);
+  DirectionWalk walk(approach, normal_L);
+  return searchDirections(tests, tool.collision_limit, walk, seen, item);
 }
 
 }  // namespace accessvdb::kernels

@@ -132,7 +132,8 @@ struct DueOutcome {
 };
 
 /// Evaluates one point. @tparam Tests  as for searchDirections
-template <class Tests>
+/// @tparam Nearest  nearest(approach, normal) as DirectionWalk::nearestDirection
+template <class Tests, class Nearest>
 class DueEvaluation {
  public:
   /// Constants of the update.
@@ -141,12 +142,11 @@ class DueEvaluation {
     const PointStateView& points;
     const UpdateRule& rule;
     const KnownScale& scale;
+    Nearest nearest;
   };
 
-  /// @param nearest  DirectionWalk::nearestDirection of the point's normal
-  ACCESSVDB_HOSTDEV DueEvaluation(const Update& update, const Tests& tests, const KnownPoint& known, std::uint32_t id,
-                                  int nearest)
-      : update_(update), tests_(tests), known_(known), id_(id), nearest_(nearest) {}
+  ACCESSVDB_HOSTDEV DueEvaluation(const Update& update, const Tests& tests, const KnownPoint& known, std::uint32_t id)
+      : update_(update), tests_(tests), known_(known), id_(id) {}
 
   [[nodiscard]] ACCESSVDB_HOSTDEV DueOutcome run(const Due& due) {
     DueOutcome outcome;
@@ -181,13 +181,27 @@ class DueEvaluation {
                           update_.rule.collision_limit);
   }
 
-  [[nodiscard]] ACCESSVDB_HOSTDEV ScoreResult search(const ScoreItem& item, int base, SearchNotes& notes) const {
+  /// @param some  only the outcomes of the item's candidates count, not the reason if there is none
+  [[nodiscard]] ACCESSVDB_HOSTDEV ScoreResult search(const ScoreItem& item, bool some, int base,
+                                                     SearchNotes& notes) const {
     const float* normal_L = update_.points.normal_L + 3 * static_cast<std::size_t>(id_);
     if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return {};
     const std::uint64_t* seen =
         update_.points.seen + static_cast<std::size_t>(id_) * static_cast<std::size_t>(update_.points.direction_words);
     const NotingTests<Tests> noting = {tests_, known_, update_.scale, base, notes};
-    return searchDirections(noting, update_.rule.collision_limit, update_.approach, {normal_L, seen, nearest_}, item);
+    const int limit = update_.rule.collision_limit;
+    DirectionMask wanted = item.candidates;
+    int count = 0;
+    for (int w = 0; w < kMaxDirectionWords; ++w) {
+      wanted.word[w] &= w < update_.points.direction_words ? seen[w] : 0;
+      for (std::uint64_t left = wanted.word[w]; left != 0 && count <= FewDirections::kMost; left &= left - 1) ++count;
+    }
+    if (!some || count > FewDirections::kMost) {
+      DirectionWalk walk(update_.approach, normal_L, update_.nearest(update_.approach, normal_L));
+      return searchDirections(noting, limit, walk, seen, item);
+    }
+    FewDirections walk(update_.approach, normal_L, wanted);
+    return searchDirections(noting, limit, walk, seen, item);
   }
 
   ACCESSVDB_HOSTDEV void conclude(const ScoreItem& item, ScoreResult& result, const SearchNotes& notes, int before,
@@ -204,7 +218,7 @@ class DueEvaluation {
     for (std::uint64_t& word : item.candidates.word) word = ~std::uint64_t{0};
     SearchNotes notes;
     const int before = base();
-    ScoreResult result = search(item, before, notes);
+    ScoreResult result = search(item, false, before, notes);
     conclude(item, result, notes, before, outcome);
   }
 
@@ -239,7 +253,7 @@ class DueEvaluation {
     SearchNotes notes;
     ScoreResult result;
     if (some) {
-      result = search(item, before, notes);
+      result = search(item, true, before, notes);
     } else {
       result.scored = 1;
       if (accessible) {
@@ -263,7 +277,6 @@ class DueEvaluation {
   const Tests& tests_;
   const KnownPoint& known_;
   std::uint32_t id_;
-  int nearest_;
 };
 
 }  // namespace accessvdb::kernels

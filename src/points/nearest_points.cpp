@@ -6,6 +6,8 @@
 #include <bit>
 #include <cmath>
 
+#include "points/prefetch.h"
+
 namespace accessvdb::internal {
 namespace {
 
@@ -98,15 +100,19 @@ void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
       if (x >= x_low) {
         for (std::uint64_t bits = occupied & wanted; bits != 0; bits &= bits - 1) {
           const std::uint64_t before = occupied & ((bits & (~bits + 1)) - 1);
-          const std::uint32_t id = block.ids[first + static_cast<std::size_t>(std::popcount(before))];
-          const Eigen::Vector3f& p = points_.pca_L(id);
-          positions_.add(p.x(), p.y(), p.z());
-          ids_.push_back(id);
+          ids_.push_back(block.ids[first + static_cast<std::size_t>(std::popcount(before))]);
         }
       }
       first += static_cast<std::size_t>(std::popcount(occupied));
     }
   });
+  constexpr std::size_t kAhead = 12;  // points are scattered in memory
+  for (std::size_t n = 0; n < std::min(kAhead, ids_.size()); ++n) prefetchRead(&points_.pca_L(ids_[n]));
+  for (std::size_t n = 0; n < ids_.size(); ++n) {
+    if (n + kAhead < ids_.size()) prefetchRead(&points_.pca_L(ids_[n + kAhead]));
+    const Eigen::Vector3f& p = points_.pca_L(ids_[n]);
+    positions_.add(p.x(), p.y(), p.z());
+  }
   found_.resize(positions_.lanes() + NearPositions::kLanes);
 }
 

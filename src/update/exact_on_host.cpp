@@ -221,6 +221,14 @@ class ExactOnHost final : public UpdateScheduler {
     const AffectedDirections affected = flipped ? footprint_.affected(block.leaf, found.flips) : AffectedDirections{};
     const bool is_affected = any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm);
     if (!is_affected && in_block_[b] == 0) return;
+    constexpr std::size_t kAhead = 4;  // points are scattered in memory
+    const auto prefetch = [&](std::size_t n) {
+      if (n >= block.ids.size()) return;
+      prefetchRead(&scorer_.record(block.ids[n]), sizeof(PointRecord));
+      prefetchRead(&changed_[block.ids[n]]);
+      known_.prefetch(block.ids[n]);
+    };
+    for (std::size_t n = 0; n < kAhead; ++n) prefetch(n);
     if (any(affected.better_tool)) {
       FreedVoxels freed;
       countFreed(block.leaf, found.flips, freed);
@@ -231,6 +239,7 @@ class ExactOnHost final : public UpdateScheduler {
     std::size_t n = 0;
     for (std::size_t word = 0; word < 8; ++word) {
       for (std::uint64_t bits = block.occupied[word]; bits != 0; bits &= bits - 1, ++n) {
+        prefetch(n + kAhead);
         const std::uint32_t id = block.ids[n], entry = changed_[id];
         const bool scored = scorer_.record(id).label != PointLabel::Unscored;
         if (scored && corridors) {

@@ -7,12 +7,14 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <memory>
 #include <span>
 #include <vector>
 
 #include "hostdev/due_evaluation.h"
+#include "points/prefetch.h"
 #include "update/cell_directions.h"
 
 namespace accessvdb::internal {
@@ -51,6 +53,7 @@ class KnownDirections {
   [[nodiscard]] kernels::KnownPoint of(std::uint32_t id, std::uint32_t block) {
     return {levels_.row(id), freed_.row(block), static_cast<int>(words_)};
   }
+  void prefetch(std::uint32_t id) { prefetchRead(levels_.row(id), words_ * sizeof(std::uint64_t)); }
   [[nodiscard]] const CellDirections& cells() const { return cells_; }
   [[nodiscard]] const kernels::KnownScale& scale() const { return scale_; }
 
