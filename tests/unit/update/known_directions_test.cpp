@@ -23,13 +23,13 @@ using test::below;
 using test::between;
 using test::Voxel;
 
-constexpr int kDirections = 20;
+constexpr int kYaws = 20;
 
 /// An arm of voxels that turns with the direction.
 test::ToolFixture turningTool() {
   test::ToolFixture tool;
-  for (int d = 0; d < kDirections; ++d) {
-    const double yaw = 2 * 3.141592653589793 * d / kDirections;
+  for (int d = 0; d < kYaws; ++d) {
+    const double yaw = 2 * 3.141592653589793 * d / kYaws;
     std::set<std::array<int, 2>> places;
     for (double r = 2; r < 16; r += 0.5) {
       for (double side = -2; side <= 2; side += 0.5) {
@@ -61,7 +61,7 @@ TEST(KnownDirections, NeverPromiseMoreCollisionsThanThereAre) {
       std::set<Voxel> colliding;
       const auto near = [&](int axis) { return leaf[static_cast<std::size_t>(axis)] * 8 + below(random, 48) - 20; };
       for (int n = 0; n < 12000; ++n) colliding.insert({near(0), near(1), leaf[2] * 8 + below(random, 24) - 8});
-      KnownDirections known(tool.view(limit), kDirections);
+      KnownDirections known(tool.view(limit), kYaws);
       known.grow(10, 1);
       ASSERT_FALSE(known.cells().empty());
       std::vector<std::uint32_t> ids;
@@ -76,7 +76,7 @@ TEST(KnownDirections, NeverPromiseMoreCollisionsThanThereAre) {
         for (const std::uint32_t id : ids) {  // some are looked at again
           if (update > 0 && below(random, 6) != 0) continue;
           kernels::SearchNotes notes;
-          for (int d = 0; d < kDirections; ++d) {
+          for (int d = 0; d < kYaws; ++d) {
             notes.arm_free.set(d);
             notes.counted.set(d);
             notes.least[d] = static_cast<std::uint16_t>(collisions(tool, d, points[id], colliding));
@@ -95,15 +95,15 @@ TEST(KnownDirections, NeverPromiseMoreCollisionsThanThereAre) {
         }
         FreedVoxels sums;
         for (const auto& [at, bits] : freed) {
-          sums.add(known.cells(), kDirections, {at[0] - leaf[0], at[1] - leaf[1], at[2] - leaf[2]},
+          sums.add(known.cells(), kYaws, {at[0] - leaf[0], at[1] - leaf[1], at[2] - leaf[2]},
                    kernels::countCells(bits.data()));
         }
-        known.age(0, ids, sums, kernels::allDirections(kDirections));
+        known.age(0, ids, sums, kernels::allDirections(kYaws));
         for (const std::uint32_t id : ids) {
           const kernels::KnownPoint of = known.of(id, 0);
-          const std::uint64_t all = kernels::allDirections(kDirections).word[0];
+          const std::uint64_t all = kernels::allDirections(kYaws).word[0];
           const std::uint64_t open = kernels::notKnownWorse(of, known.scale().levels, 0, all);
-          for (int d = 0; d < kDirections; ++d) {
+          for (int d = 0; d < kYaws; ++d) {
             const int is = collisions(tool, d, points[id], colliding);
             const int least = kernels::knownCollisions(of, known.scale().levels, base, d);
             ASSERT_LE(least, is) << "update " << update << ", direction " << d;
@@ -124,16 +124,16 @@ TEST(KnownDirections, NeverPromiseMoreCollisionsThanThereAre) {
 
 TEST(KnownDirections, ForgetCorridorsThatMayBeFree) {
   const test::ToolFixture tool = turningTool();
-  KnownDirections known(tool.view(1), kDirections);
+  KnownDirections known(tool.view(1), kYaws);
   known.grow(2, 1);
   kernels::SearchNotes notes;
-  notes.arm_blocked = kernels::allDirections(kDirections);
+  notes.arm_blocked = kernels::allDirections(kYaws);
   for (const std::uint32_t id : {0u, 1u}) kernels::learn(known.of(id, 0), known.scale().levels, notes, 0, 0);
   DirectionMask better = {};
   better.set(3);
   better.set(17);
   known.forgetCorridors(1, better);
-  const std::uint64_t all = kernels::allDirections(kDirections).word[0];
+  const std::uint64_t all = kernels::allDirections(kYaws).word[0];
   EXPECT_EQ(kernels::notKnownWorse(known.of(0, 0), known.scale().levels, 0, all), 0u);
   EXPECT_EQ(kernels::notKnownWorse(known.of(1, 0), known.scale().levels, 0, all), better.word[0]);
 }
@@ -142,7 +142,7 @@ TEST(CorridorOffsets, FindEverySample) {
   std::mt19937_64 random(6);
   constexpr double kVoxel = 0.05;
   const float inverse = static_cast<float>(1 / kVoxel);
-  const test::ApproachFixture approach(kDirections, {0.12, 0.25, 0.45});
+  const test::ApproachFixture approach(kYaws, {0.12, 0.25, 0.45});
   const CorridorOffsets offsets(approach.view, kVoxel);
   ASSERT_FALSE(offsets.empty());
   int empty = 0;
@@ -150,13 +150,13 @@ TEST(CorridorOffsets, FindEverySample) {
     const double far = n % 2 == 0 ? 0 : 40000;  // 800 000 voxels: float32 has steps of 0.08 voxels
     float p[3];
     for (float& axis : p) axis = static_cast<float>(far + between(random, -2, 2));
-    const int d = below(random, kDirections), sample = below(random, 3);
+    const int d = below(random, kYaws), sample = below(random, 3);
     const float* offset = approach.view.arm_offsets + 3 * (3 * d + sample);
     const auto at = [&](int axis, float shift) { return kernels::voxelIndex(p[axis] + shift, inverse); };
     const auto* directions = offsets.at(at(0, offset[0]) - at(0, 0), at(1, offset[1]) - at(1, 0));
     ASSERT_NE(directions, nullptr);
     ASSERT_TRUE(directions->test(d)) << "direction " << d << ", sample " << sample;
-    for (int other = 0; other < kDirections; ++other) empty += directions->test(other) ? 0 : 1;
+    for (int other = 0; other < kYaws; ++other) empty += directions->test(other) ? 0 : 1;
   }
   EXPECT_GT(empty, 1000) << "otherwise the table would say nothing";
   test::ApproachFixture tilted(4, {0.5});
