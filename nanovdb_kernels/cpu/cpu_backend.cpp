@@ -19,6 +19,7 @@
 #include "cpu/map_window.h"
 #include "hostdev/place_key.h"
 #include "launch/backend.h"
+#include "launch/due_update.h"
 
 namespace accessvdb::kernels {
 namespace {
@@ -169,18 +170,18 @@ class CpuDueEvaluator final : public DueEvaluator {
   explicit CpuDueEvaluator(const DueUpdate& update)
       : update_(update), tool_(update_), scratch_([this] { return Scratch(*tool_); }) {}
 
-  void evaluate(const DueItem* items, DueOutcome* outcomes, std::size_t count) override {
+  void evaluate(const DueTask* tasks, DueOutcome* outcomes, std::size_t count) override {
     const auto visit = [&](std::size_t n, const auto& tests) {
       using Evaluation = DueEvaluation<std::remove_cvref_t<decltype(tests)>, decltype(&nearestByYaw)>;
-      const DueItem& item = items[n];
+      const DueTask& task = tasks[n];
       const typename Evaluation::Update constants = {update_.approach, update_.points, update_.rule, update_.scale,
                                                      &nearestByYaw};
-      outcomes[n] = Evaluation(constants, tests, item.known, item.id).run(item.due);
+      outcomes[n] = Evaluation(constants, tests, task.known, task.id).run(task.due);
     };
     if (!(*tool_).usable()) {
       const OccupancyReader map(update_.map);
       for (std::size_t n = 0; n < count; ++n) {
-        visit(n, MapTests{map, update_.tool, update_.approach, positionOf(update_, items[n].id),
+        visit(n, MapTests{map, update_.tool, update_.approach, positionOf(update_, tasks[n].id),
                           update_.map.inverse_voxel_size});
       }
       return;
@@ -189,12 +190,12 @@ class CpuDueEvaluator final : public DueEvaluator {
     std::vector<PlacedItems>& placed = scratch.placed;
     placed.clear();
     for (std::uint32_t n = 0; n < count; ++n) {
-      const std::uint64_t group = groupOf(update_, (*tool_).shape(), items[n].id);
+      const std::uint64_t group = groupOf(update_, (*tool_).shape(), tasks[n].id);
       if (placed.empty() || placed.back().group != group) placed.push_back({group, n, n});
       placed.back().end = n + 1;
     }
     std::sort(placed.begin(), placed.end());
-    visitGroups(update_, items, placed.data(), placed.data() + placed.size(), scratch.window, visit);
+    visitGroups(update_, tasks, placed.data(), placed.data() + placed.size(), scratch.window, visit);
   }
 
  private:

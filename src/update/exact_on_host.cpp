@@ -113,7 +113,7 @@ class ExactOnHost final : public UpdateScheduler {
     FlipColumns flips;
     std::vector<std::uint32_t> blocks;            ///< of one cell
     std::array<std::vector<Column>, 8> freed_at;  ///< by height in the block: voxels that became free for a corridor
-    std::vector<kernels::DueItem> items;
+    std::vector<kernels::DueTask> tasks;
     std::vector<kernels::DueOutcome> outcomes;
     std::vector<Ask> asks;
     UpdateStats stats;
@@ -325,24 +325,24 @@ class ExactOnHost final : public UpdateScheduler {
     const kernels::Due due = kernels::dueAfterChange(point, changed ? *candidate.before : now, changed, flips);
     if (due.kind == kernels::DueKind::Nothing) return;
     if (due.kind == kernels::DueKind::Confirm || !waits_) {
-      found.items.push_back({id, due, known});
+      found.tasks.push_back({id, due, known});
     } else {
       found.asks.push_back({id, static_cast<std::uint8_t>(changed ? kAsked | kAskedByItself : kAsked), changed});
     }
   }
 
   void evaluate(kernels::DueEvaluator& evaluator, Found& found) {
-    found.outcomes.resize(found.items.size());
-    evaluator.evaluate(found.items.data(), found.outcomes.data(), found.items.size());
-    for (std::size_t n = 0; n < found.items.size(); ++n) {
+    found.outcomes.resize(found.tasks.size());
+    evaluator.evaluate(found.tasks.data(), found.outcomes.data(), found.tasks.size());
+    for (std::size_t n = 0; n < found.tasks.size(); ++n) {
       const kernels::DueOutcome& outcome = found.outcomes[n];
-      scorer_.store(found.items[n].id, outcome);
+      scorer_.store(found.tasks[n].id, outcome);
       found.stats.direction_tests += outcome.tests;
       found.stats.scored_points += outcome.tests > 0 ? 1 : 0;
       found.stats.label_changes += outcome.label != outcome.label_before ? 1 : 0;
     }
-    found.stats.dirty_points += found.items.size();
-    found.items.clear();
+    found.stats.dirty_points += found.tasks.size();
+    found.tasks.clear();
   }
 
   /// Hands what the threads found to the backlog: points that changed themselves first, both by id.
@@ -378,7 +378,7 @@ class ExactOnHost final : public UpdateScheduler {
         const kernels::PointNow point = {approach_, storedScore(id), now};
         const FlipsOfPoint flips = {known_.scale().levels, known, no_masks};
         const bool evidence = (turn.asked[order[n]] & kAskedByItself) != 0;
-        mine.items.push_back({id, kernels::dueAfterWaiting(point, evidence, flips), known});
+        mine.tasks.push_back({id, kernels::dueAfterWaiting(point, evidence, flips), known});
       }
       evaluate(evaluator, mine);
     });

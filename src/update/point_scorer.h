@@ -11,6 +11,7 @@
 #include "accessvdb/distance_change.h"
 #include "accessvdb/params.h"
 #include "launch/backend.h"
+#include "launch/due_update.h"
 #include "points/neighbourhood.h"
 #include "points/point_store.h"
 #include "update/device_points.h"
