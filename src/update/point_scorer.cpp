@@ -76,7 +76,7 @@ std::vector<std::uint32_t> PointScorer::refreshNeighbourhoods(std::span<const st
       differs[n] = !record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen);
       record.normal_L = found[n].normal_L;
       record.seen = found[n].seen;
-      record.reach_m = found[n].reach_m;
+      record.reach_N = found[n].reach_N;
       record.has_neighbourhood = true;
     }
   });
