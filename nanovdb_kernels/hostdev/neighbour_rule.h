@@ -25,7 +25,7 @@ struct NeighbourSteps {
 /// The noisier the ranges, the coarser the steps: they have to be small compared only with what the noise does to means
 /// and normals anyway (docs/evaluation.md, "noise").
 inline NeighbourSteps neighbourSteps(double range_noise_voxels) {
-  if (range_noise_voxels >= 2) return {2, 12};
+  if (range_noise_voxels >= 2) return {4, 16};
   if (range_noise_voxels >= 1) return {4, 24};
   if (range_noise_voxels >= 0.5) return {8, 32};
   return range_noise_voxels >= 0.25 ? NeighbourSteps{16, 48} : NeighbourSteps{32, 64};

@@ -53,12 +53,12 @@ std::vector<double> armDistances(const FieldParams& p) {
 
 int meanSteps(const FieldParams& resolved) {
   const double noise = resolved.tsdf.range_noise_m / resolved.tsdf.voxel_size_m;
-  return noise >= 2 ? 2 : noise >= 1 ? 4 : noise >= 0.5 ? 8 : noise >= 0.25 ? 16 : 32;
+  return noise >= 1 ? 4 : noise >= 0.5 ? 8 : noise >= 0.25 ? 16 : 32;
 }
 
 int normalSteps(const FieldParams& resolved) {
   const double noise = resolved.tsdf.range_noise_m / resolved.tsdf.voxel_size_m;
-  return noise >= 2 ? 12 : noise >= 1 ? 24 : noise >= 0.5 ? 32 : noise >= 0.25 ? 48 : 64;
+  return noise >= 2 ? 16 : noise >= 1 ? 24 : noise >= 0.5 ? 32 : noise >= 0.25 ? 48 : 64;
 }
 
 std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const FieldParams& resolved,

@@ -31,8 +31,8 @@ struct Steps {
 Steps stepsOf(const FieldParams& params) {
   const double v = params.tsdf.voxel_size_m, radius_m = std::max(10 * v, 0.1), noise = params.tsdf.range_noise_m / v;
   if (params.scoring.mean_positions) {
-    const double per_voxel = noise >= 2 ? 2 : noise >= 1 ? 4 : noise >= 0.5 ? 8 : noise >= 0.25 ? 16 : 32;
-    const int normal = noise >= 2 ? 12 : noise >= 1 ? 24 : noise >= 0.5 ? 32 : noise >= 0.25 ? 48 : 64;
+    const double per_voxel = noise >= 1 ? 4 : noise >= 0.5 ? 8 : noise >= 0.25 ? 16 : 32;
+    const int normal = noise >= 2 ? 16 : noise >= 1 ? 24 : noise >= 0.5 ? 32 : noise >= 0.25 ? 48 : 64;
     return {true, 1, std::round(radius_m / v * per_voxel), normal};
   }
   double per_metre = 1;  // the largest power of two that makes at most 2^20 steps of a radius
