@@ -22,16 +22,15 @@ function row(name, value) {
 
 // The reason in a sentence, with the numbers of this point.
 function sentence(point, metadata) {
-  const words = REASON_WORDS[point.reason];
-  if (point.reason !== "tool" && point.reason !== "none") {
-    return words.means + (point.direction_W ? " The arrow shows the direction that came closest." : "");
+  const limit = Number(metadata.collision_limit), allowed = limit > 0 ? `, where ${grouped(limit - 1)} may` : "";
+  if (point.score !== null && point.reason === "tool") {
+    return `Even in the best direction the tool would collide: ${grouped(point.score)} of its voxels touch something${allowed}.`;
   }
-  const limit = Number(metadata.collision_limit);
-  const number = point.score === 0 ? "none" : grouped(point.score);
-  const touched = point.score === null ? "" :
-      ` In the best direction ${number} of the tool's voxels touch something` +
-      (limit > 0 ? ` (free: fewer than ${grouped(limit)}).` : ".");
-  return words.means + touched;
+  if (point.score !== null && point.reason === "none") {
+    const touched = point.score === 0 ? "none of its voxels touches anything" : `${grouped(point.score)} of its voxels touch something`;
+    return `The tool fits: in the best direction ${touched}${allowed}. The way in was seen to be free.`;
+  }
+  return REASON_WORDS[point.reason].means + (point.direction_W ? " The arrow shows the direction that came closest." : "");
 }
 
 // @return a text, or a list of texts and elements
@@ -39,7 +38,7 @@ function toolLine(tool, inside, point) {
   if (!tool) return ["The tool is not in this report: make it with ", element("code", "", "--tool"), " to see it in place."];
   if (!point.direction_W) return "There is no direction in which to show the tool.";
   const drawn = inside === 1 ? "1 drawn point lies" : `${grouped(inside)} drawn points lie`;
-  return `${tool.facts.name} in place. ${drawn} inside it` + (inside > 0 ? ", coloured in pink." : ".");
+  return `${tool.facts.name} in place. ${drawn} inside it` + (inside > 0 ? ", coloured yellow." : ".");
 }
 
 // @param facts   the report's

@@ -189,12 +189,15 @@ class Report {
   select(index) {
     this.selected = index;
     this.painter.solids = [];
+    this.painter.focus = [0, 0, 0, 0];
     unmark(this.points);
+    this.painter.marked = 0;
     if (index < 0) {
       byId("card").hidden = true;
     } else {
       const point = this.points.describe(index);
       const inside = point.direction_W ? this.showDirection(index, point) : 0;
+      this.painter.marked = inside;
       fillCard(byId("card"), {point, facts: this.facts, tool: this.tool, inside, close: () => this.select(-1)});
     }
     this.painter.uploadMarks();
@@ -206,6 +209,7 @@ class Report {
     const painter = this.painter, origin = this.points.local(index), out = frameAlong(point.direction_W);
     const length_m = this.tool ? 1.6 * this.tool.reach_m : 24 * this.facts.frame.voxel_size_m;
     this.arrow ||= arrowMesh(painter, length_m);
+    painter.focus = [...origin, 1.3 * length_m];
     const inwards = {x: scaled(out.x, -1), y: scaled(out.y, -1), z: out.z};
     const from = add(origin, scaled(out.x, length_m));
     painter.solids.push({mesh: this.arrow, placed: frameMatrix(inwards, from), colour: [0.13, 0.15, 0.19, 1]});

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 // Draws with WebGL2, in three steps:
-//   points   as discs into a picture with depths
+//   points   as discs that lie in their surface, into a picture with depths
 //   shading  that picture onto the canvas; what lies behind a neighbour is darkened ("eye-dome lighting", Boucheny 2009),
 //            which shows shapes without a normal per pixel
 //   solids   tool and arrow over it, against the same depths
@@ -14,12 +14,19 @@ layout(location = 0) in vec3 position;
 layout(location = 1) in uvec4 look;  // label + 4 reason, confidence, normal, 1 = inside the tool
 uniform mat4 to_clip;
 uniform vec3 eye;
-uniform float disc_px_m, least_px, most_px;  // pixels at distance 1; limits
+uniform float scale;         // pixels per pixel of the page
+uniform float disc_radius_m, disc_px_m, least_px, most_px;  // the diameter in pixels at distance 1, and its limits
 uniform int mode;                            // of COLOUR_MODES
 uniform uint hidden;                         // one bit per reason
 uniform vec3 reasons[7], labels[3], in_tool;
 uniform vec2 heights;
+uniform vec4 focus;       // the rest fades beyond this distance from a place; 0 = nothing fades
+uniform vec3 background;
+uniform mat3 to_viewer;   // directions
+uniform bool only_marked;
 out vec3 colour;
+flat out vec3 normal_V;   // of the disc, towards the viewer
+flat out float away_m, disc_m;
 
 vec3 normalOf(uint code) {
   vec2 uv = vec2(float(code % 15u), float(code / 15u)) / 7.0 - 1.0;
@@ -40,7 +47,7 @@ vec3 ramp(float t) {
 void main() {
   uint reason = look.x >> 2u, label = look.x & 3u;
   bool marked = look.w == 1u;
-  if ((hidden >> reason & 1u) == 1u && !marked) {
+  if ((hidden >> reason & 1u) == 1u && !marked || only_marked && !marked) {
     gl_Position = vec4(2.0, 2.0, 2.0, 1.0);  // outside
     gl_PointSize = 0.0;
     return;
@@ -50,24 +57,43 @@ void main() {
   else if (mode == 1) colour = labels[min(label, 2u)];
   else if (mode == 2) colour = ramp(float(look.y) / 255.0);
   else colour = ramp(clamp((position.z - heights.x) / max(heights.y - heights.x, 1e-6), 0.0, 1.0));
+  vec3 facing = vec3(0.0, 0.0, 1.0);
   if (look.z != 255u) {
     vec3 n = normalOf(look.z), v = normalize(eye - position);
     if (dot(n, v) < 0.0) n = -n;
     float light = 0.62 + 0.26 * dot(n, v) + 0.20 * dot(n, normalize(vec3(0.35, -0.25, 0.9)));
     colour *= light;
+    facing = to_viewer * n;
   }
   gl_Position = to_clip * vec4(position, 1.0);
-  gl_PointSize = clamp(disc_px_m / gl_Position.w, least_px, most_px) * (marked ? 1.3 : 1.0);
+  away_m = gl_Position.w;
+  float wanted_px = disc_px_m / away_m;
+  gl_PointSize = clamp(wanted_px, least_px, most_px);
+  if (focus.w > 0.0 && !marked && distance(position, focus.xyz) > focus.w) {
+    colour = mix(colour, background, 0.6);
+    if (away_m < (to_clip * vec4(focus.xyz, 1.0)).w) gl_PointSize *= 0.25;  // one can see between those in front
+  }
+  disc_m = disc_radius_m * gl_PointSize / wanted_px;
+  // Never quite on edge; and the smaller it looks, the rounder, so that distant surfaces stay closed.
+  float tilt = smoothstep(3.0, 12.0, gl_PointSize / scale);
+  normal_V = normalize(vec3(tilt * facing.xy, mix(1.0, max(facing.z, 0.35), tilt)));
 }`;
 
 const POINT_FRAGMENT = `#version 300 es
-precision mediump float;
+precision highp float;
 in vec3 colour;
+flat in vec3 normal_V;
+flat in float away_m, disc_m;
+uniform vec2 depth_range;  // near, far
+uniform float alpha;
 out vec4 result;
 void main() {
-  vec2 at = 2.0 * gl_PointCoord - 1.0;
-  if (dot(at, at) > 1.0) discard;
-  result = vec4(colour, 1.0);
+  vec2 at = vec2(2.0, -2.0) * gl_PointCoord + vec2(-1.0, 1.0);
+  float towards = -dot(at, normal_V.xy) / normal_V.z;  // height of the disc there, in its radii
+  if (dot(at, at) + towards * towards > 1.0) discard;
+  float away = max(away_m - towards * disc_m, depth_range.x);
+  gl_FragDepth = (depth_range.y - depth_range.x * depth_range.y / away) / (depth_range.y - depth_range.x);
+  result = vec4(colour * alpha, alpha);
 }`;
 
 const SCREEN_VERTEX = `#version 300 es
@@ -152,7 +178,9 @@ class Painter {
     this.points = points;
     this.uploaded = 0;
     this.heights = [0, 1];
-    this.solids = [];  // {mesh, placed, colour}
+    this.solids = [];     // {mesh, placed, colour}
+    this.focus = [0, 0, 0, 0];  // a place and a radius: what is farther away fades; 0 = nothing fades
+    this.marked = 0;      // points with a mark
     this.point_program = this.program(POINT_VERTEX, POINT_FRAGMENT);
     this.shading_program = this.program(SCREEN_VERTEX, SHADING_FRAGMENT);
     this.solid_program = this.program(SOLID_VERTEX, SOLID_FRAGMENT);
@@ -258,7 +286,7 @@ class Painter {
   // Radius of a point's disc: neighbours overlap whatever their direction.
   disc_m() {
     const {frame, points} = this.points.facts;
-    return 0.75 * Math.max(frame.voxel_size_m, points.cell_m);
+    return 0.8 * Math.max(frame.voxel_size_m, points.cell_m);
   }
   // Limits of the disc's diameter, in pixels of the page.
   static LEAST_PX = 1.6;
@@ -271,13 +299,6 @@ class Painter {
     finer = Math.max(this.canvas.width, this.canvas.height) * finer <= this.largest_px ? finer : 1;
     this.resizePicture(this.canvas.width * finer, this.canvas.height * finer);
     const to_clip = new Float32Array(camera.toClip()), eye = camera.eye();
-    this.drawPoints(camera, look, {to_clip, eye, scale: ratio * finer});
-    this.shade(camera, finer, ratio);
-    this.drawSolids(to_clip, eye);
-  }
-
-  drawPoints(camera, look, {to_clip, eye, scale}) {
-    const gl = this.gl, {program, places} = this.point_program;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.picture.frame);
     gl.viewport(0, 0, this.picture.width, this.picture.height);
     gl.enable(gl.DEPTH_TEST);
@@ -286,10 +307,38 @@ class Painter {
     gl.depthMask(true);
     gl.clearColor(...BACKGROUND, 1);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    this.drawPoints(camera, look, {to_clip, eye, scale: ratio * finer});
+    this.shade(camera, finer, ratio);
+    this.drawSolids(to_clip, eye);
+    if (this.marked > 0) this.drawMarked(camera, look, {to_clip, eye, scale: ratio});
+  }
+
+  // Marked points also show through what hides them.
+  drawMarked(camera, look, view) {
+    const gl = this.gl;
+    gl.enable(gl.BLEND);
+    gl.depthMask(false);
+    gl.depthFunc(gl.GREATER);
+    this.drawPoints(camera, look, {...view, only_marked: true});
+    gl.disable(gl.BLEND);
+    gl.depthMask(true);
+  }
+
+  drawPoints(camera, look, {to_clip, eye, scale, only_marked = false}) {
+    const gl = this.gl, {program, places} = this.point_program;
     if (this.uploaded === 0) return;
+    const {right, up, back} = camera.axes(), {near, far} = camera.depths();
     gl.useProgram(program);
     gl.uniformMatrix4fv(places.to_clip, false, to_clip);
     gl.uniform3fv(places.eye, eye);
+    gl.uniformMatrix3fv(places.to_viewer, false, [0, 1, 2].flatMap((axis) => [right[axis], up[axis], back[axis]]));
+    gl.uniform2f(places.depth_range, near, far);
+    gl.uniform4fv(places.focus, this.focus);
+    gl.uniform3fv(places.background, BACKGROUND);
+    gl.uniform1i(places.only_marked, only_marked ? 1 : 0);
+    gl.uniform1f(places.alpha, only_marked ? 0.6 : 1);
+    gl.uniform1f(places.disc_radius_m, this.disc_m());
+    gl.uniform1f(places.scale, scale);
     gl.uniform1f(places.disc_px_m, 2 * this.disc_m() * camera.focal_px() * scale);
     gl.uniform1f(places.least_px, Painter.LEAST_PX * scale);
     gl.uniform1f(places.most_px, Painter.MOST_PX * scale);
@@ -349,7 +398,7 @@ class Painter {
       gl.enable(gl.BLEND);
       gl.depthMask(false);
       gl.depthFunc(gl.GREATER);
-      pass(solid, 0.10 * solid.colour[3]);
+      pass(solid, 0.35 * solid.colour[3]);
     }
     for (const solid of this.solids) {
       gl.depthMask(true);
@@ -373,7 +422,7 @@ class Painter {
 // An arrow of unit length along +x, to be scaled: a shaft with a head, all round.
 function arrowMesh(painter, length_m) {
   const vertices = [], triangles = [], sides = 20;
-  const shaft = 0.012 * length_m, head = 0.035 * length_m, neck = 0.88 * length_m;
+  const shaft = 0.006 * length_m, head = 0.022 * length_m, neck = 0.92 * length_m;
   const rings = [[0, 0], [0, shaft], [neck, shaft], [neck, head], [length_m, 0]];
   for (const [x, radius] of rings) {
     for (let side = 0; side < sides; ++side) {

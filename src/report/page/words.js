@@ -18,7 +18,7 @@ const REASON_COLOURS = {
   tool: [213, 94, 0],
 };
 const LABEL_COLOURS = {unscored: [150, 152, 156], accessible: [0, 158, 115], blocked: [213, 94, 0]};
-const IN_TOOL_COLOUR = [255, 32, 120];
+const IN_TOOL_COLOUR = [250, 228, 40];
 
 const LABEL_WORDS = {unscored: "not judged", accessible: "reachable", blocked: "not reachable"};
 
