@@ -27,7 +27,7 @@ packages=(
   libembree-dev libqhull-dev                            # simulate and evaluate
 )
 python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
-tests=(blender libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file libopenvdb-tools
+tests=(blender chromium libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file libopenvdb-tools
   mmdebstrap mypy python3-distributed python3-openvdb)
 list=false with_tests=false
 for argument in "$@"; do

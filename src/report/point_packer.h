@@ -11,7 +11,7 @@
 ///   score       2 planes; 65535 = none
 ///   confidence  1 plane: 255 is 1
 ///   normal      1 plane: the octahedron unfolded onto a square of 15 x 15 cells, 15 v + u; 255 = none.
-///                       That is within 15 degrees, and for shading only
+///                       That is within 18 degrees, and for shading only
 #pragma once
 
 #include <Eigen/Core>

@@ -44,7 +44,7 @@ def box_mesh(path, low, high):
 class ReportPage(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        cls.browser = Browser(CHROMIUM, (900, 560))  # small: software draws it
+        cls.browser = Browser(CHROMIUM, (1000, 560))  # small: software draws it
         cls.folder = tempfile.TemporaryDirectory(prefix="accessvdb_report_")
         cls.root = pathlib.Path(cls.folder.name)
 
@@ -95,7 +95,7 @@ class ReportPage(unittest.TestCase):
         simulated = run("simulate", "--scene", "torus", "--frames", 12, "--range-noise", 0, "--out", scans)
         self.assertEqual(simulated.returncode, 0, simulated.stderr)
         mapped = run("map", "--device", "cpu", "--scans", scans / "scans", "--poses", scans / "poses.txt", "--tool",
-                     "builtin:pencil", "--voxel", 0.02, "--out", out, "--html")
+                     "builtin:pencil", "--voxel", 0.01, "--origin", "0,0,0", "--out", out, "--html")
         self.assertEqual(mapped.returncode, 0, mapped.stderr)
         counts = stored_field.read_report(out)["counts"]
         self.assertGreater(counts["surface_points"], 300)
@@ -113,7 +113,7 @@ class ReportPage(unittest.TestCase):
 
         tiled = self.root / "tiled"
         mapped = run("map", "--device", "cpu", "--scans", scans / "scans", "--poses", scans / "poses.txt", "--tool",
-                     "builtin:pencil", "--voxel", 0.02, "--out", tiled, "--html", "--tiles", 0.64)
+                     "builtin:pencil", "--voxel", 0.01, "--origin", "0,0,0", "--out", tiled, "--html", "--tiles", 1.28)
         self.assertEqual(mapped.returncode, 0, mapped.stderr)
         self.assertEqual(self.show(tiled / "report.html"), counts["surface_points"])
         tiles = sorted((tiled / "tiles").iterdir())
@@ -132,9 +132,9 @@ class ReportPage(unittest.TestCase):
             card = self.click_at(html, points["position"][index])
             self.assertEqual(int(card["id"]), index)
             at = re.search(r"Position\s+(\S+)\s+(\S+)\s+(\S+)", card["text"].replace("\u202f", " ")).groups()
-            # Drawn positions are rounded to a sixteenth of a voxel, texts to a millimetre.
+            # Drawn positions are rounded to an eighth of a voxel, texts to a millimetre.
             np.testing.assert_allclose([float(value) for value in at], points["position"][index],
-                                       atol=0.05 / 32 + 0.0005)
+                                       atol=0.05 / 16 + 0.0005)
             self.assertIn(f"yaw {points['yaw'][index]:.1f}°", card["text"])
             self.assertIn(str(points["score"][index]), card["text"])
             self.assertIn(f"{points['confidence'][index]:.2f}"[:3], card["text"])
@@ -225,7 +225,7 @@ class ReportPage(unittest.TestCase):
         card = self.click_at(html, target)
         self.assertEqual(int(card["id"]), 0)
         # Into the tool's frame, x along +y of the world; cells that the box touches, without the ball around the tip.
-        step = voxel / 16
+        step = voxel / 8
         drawn = np.round(points["position"] / step) * step
         offset = drawn - np.round(target / step) * step
         cells = np.round(np.column_stack([offset[:, 1], -offset[:, 0], offset[:, 2]]) / voxel)

@@ -19,7 +19,7 @@ class Camera {
     this.target = scaled(add(low, high), 0.5);
     this.radius = Math.max(Math.hypot(...subtract(high, low)) / 2, 1e-3);
     const narrower = Math.min(1, this.width / this.height);
-    this.distance = 0.9 * this.radius / Math.sin(FIELD_OF_VIEW / 2) / Math.sqrt(narrower);
+    this.distance = 0.82 * this.radius / Math.sin(FIELD_OF_VIEW / 2) / Math.sqrt(narrower);
   }
 
   resize(width, height) {

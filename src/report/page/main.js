@@ -26,6 +26,8 @@ class Report {
       throw new Error("this browser is too old: it needs Chrome 80, Firefox 113, Safari 16.4 or newer");
     }
     this.painter = new Painter(this.canvas, this.points);
+    this.resize();
+    this.painter.warmUp(this.camera);
     this.buildToolbar();
     steer(this.canvas, this.camera, {
       changed: () => this.moved(),

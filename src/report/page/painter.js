@@ -61,7 +61,7 @@ void main() {
   if (look.z != 255u) {
     vec3 n = normalOf(look.z), v = normalize(eye - position);
     if (dot(n, v) < 0.0) n = -n;
-    float light = 0.62 + 0.26 * dot(n, v) + 0.20 * dot(n, normalize(vec3(0.35, -0.25, 0.9)));
+    float light = 0.68 + 0.24 * dot(n, v) + 0.20 * dot(n, normalize(vec3(0.35, -0.25, 0.9)));
     colour *= light;
     facing = to_viewer * n;
   }
@@ -71,7 +71,7 @@ void main() {
   gl_PointSize = clamp(wanted_px, least_px, most_px);
   if (focus.w > 0.0 && !marked && distance(position, focus.xyz) > focus.w) {
     colour = mix(colour, background, 0.6);
-    if (away_m < (to_clip * vec4(focus.xyz, 1.0)).w) gl_PointSize *= 0.25;  // one can see between those in front
+    if (away_m < (to_clip * vec4(focus.xyz, 1.0)).w) gl_PointSize = min(gl_PointSize, 2.0 * scale);  // a haze
   }
   disc_m = disc_radius_m * gl_PointSize / wanted_px;
   // Never quite on edge; and the smaller it looks, the rounder, so that distant surfaces stay closed.
@@ -226,6 +226,13 @@ class Painter {
     gl.enableVertexAttribArray(1);
     gl.vertexAttribIPointer(1, 4, gl.UNSIGNED_BYTE, 0, 0);
     gl.bindVertexArray(null);
+  }
+
+  // Draws nothing with everything, so that the driver translates the shaders while points are still being unpacked.
+  warmUp(camera) {
+    this.uploaded = Math.min(1, this.points.ids.length);
+    this.draw(camera, {mode: 0, hidden: 127}, 1);
+    this.uploaded = 0;
   }
 
   // Takes over what was unpacked since the last call.
