@@ -12,6 +12,7 @@ class Report {
     this.hidden = 0;  // one bit per reason
     this.selected = -1;
     this.tool = null;
+    this.ready = false;  // the first picture was drawn
     this.frame_due = false;
     this.chips = fillChips(facts, (reason, alone) => this.toggle(reason, alone));
     fillSummary(facts);
@@ -46,6 +47,8 @@ class Report {
     this.readAddress();
     this.paint();
     this.painter.finish();
+    this.ready = true;
+    this.settle();
     byId("message").hidden = true;
     const page = document.documentElement.dataset;
     page.drawn = this.painter.uploaded;
@@ -70,8 +73,10 @@ class Report {
   resize() {
     const box = this.canvas.getBoundingClientRect(), ratio = Math.min(window.devicePixelRatio || 1, 2);
     this.camera.resize(box.width, box.height);
-    this.canvas.width = Math.max(1, Math.round(box.width * ratio));
-    this.canvas.height = Math.max(1, Math.round(box.height * ratio));
+    const width = Math.max(1, Math.round(box.width * ratio)), height = Math.max(1, Math.round(box.height * ratio));
+    if (this.canvas.width === width && this.canvas.height === height) return;  // setting them would clear it
+    this.canvas.width = width;
+    this.canvas.height = height;
   }
 
   paint(finer = 1) {
@@ -80,8 +85,9 @@ class Report {
     this.drawScale();
   }
 
-  // Draws soon; smooth edges follow once nothing has changed for a moment.
+  // Draws soon.
   moved() {
+    if (!this.ready) return;
     if (!this.frame_due) {
       this.frame_due = true;
       requestAnimationFrame(() => {
@@ -89,6 +95,11 @@ class Report {
         this.paint();
       });
     }
+    this.settle();
+  }
+
+  // Smooth edges follow once nothing has changed for a moment.
+  settle() {
     clearTimeout(this.settling);
     this.settling = setTimeout(() => {
       this.paint(2);
