@@ -287,4 +287,7 @@ if __name__ == "__main__":
     if CHROMIUM.endswith("-NOTFOUND"):
         print("skipped: Chromium is missing; apt install chromium")
         sys.exit(77)
+    if "/snap/" in str(pathlib.Path(CHROMIUM).resolve()):
+        print("skipped: a Chromium from a snap cannot be driven from outside")
+        sys.exit(77)
     unittest.main(argv=sys.argv[:1] + sys.argv[3:])

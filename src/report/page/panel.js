@@ -13,8 +13,9 @@ function fillSummary(facts) {
   const reachable = (each) => each.label === "accessible";
   document.title = `${facts.name} – accessibility report`;
   byId("title").textContent = facts.name;
-  const tool = facts.metadata.tool || (run.parameters || {}).tool || "unknown";
-  byId("subject").textContent = `Tool ${tool}, voxels of ${lengthText(facts.frame.voxel_size_m)}` +
+  const tool = facts.metadata.tool || (run.parameters || {}).tool;
+  byId("subject").textContent = (tool ? `Tool ${tool}, voxels` : "Voxels") +
+      ` of ${lengthText(facts.frame.voxel_size_m)}` +
       (facts.tiles > 0 ? `, ${grouped(facts.tiles)} tiles` : "");
   byId("headline").append(
       element("b", "", percent(sumOf(facts, "points", reachable), total)), " of the surface points can be reached: about ",

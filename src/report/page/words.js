@@ -75,12 +75,13 @@ function grouped(number) {
 }
 
 function percent(part, whole) {
-  if (!(whole > 0)) return "0 %";
+  if (!(part > 0)) return "0\u202f%";
   const share = 100 * part / whole;
-  return (part > 0 && share < 0.1 ? "< 0.1" : share.toFixed(1)) + "\u202f%";
+  return (share < 0.1 ? "< 0.1" : share.toFixed(1)) + "\u202f%";
 }
 
 function areaText(area_m2) {
+  if (area_m2 === 0) return "0\u202fm²";
   const digits = area_m2 >= 100 ? 0 : area_m2 >= 10 ? 1 : area_m2 >= 0.1 ? 2 : 4;
   return (digits === 0 ? grouped(area_m2) : area_m2.toFixed(digits)) + "\u202fm²";
 }
