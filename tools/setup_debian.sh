@@ -6,7 +6,7 @@
 #   setup_debian.sh           the small set: what the library and the program need
 #   setup_debian.sh --pcl     also PCL: its tests, its example, and accessvdb/pcl.h
 #   setup_debian.sh --python  also what the Python module needs
-#   setup_debian.sh --tests   also what the test suite needs, PCL and Python included; with npm, laz-perf in build/npm
+#   setup_debian.sh --tests   also what the test suite needs, PCL and Python included; with npm, laz-perf and copc in build/npm
 #   setup_debian.sh --all     everything
 #   setup_debian.sh --list [any of these]   prints the packages of the set, one per line, and installs nothing
 set -euo pipefail
@@ -65,15 +65,16 @@ for package in "${packages[@]}"; do
   state=$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true)
   [[ $state == installed ]] || missing+=("$package")
 done
-# The decoder of LAZ that tests compare with; without npm, without a network or with an older node they are skipped.
-laz_perf() {
+# The decoder of LAZ and the reader of LAS that tests compare with; without npm, without a network or with an older node
+# they are skipped.
+las_readers() {
   local folder
   folder=$(dirname "${BASH_SOURCE[0]}")/../build/npm
-  if ! $with_tests || [[ -d $folder/node_modules/laz-perf ]] || ! command -v npm >/dev/null; then return 0; fi
-  timeout 120 npm install --silent --no-audit --no-fund --ignore-scripts --prefix "$folder" laz-perf@0.0.6 >&2 ||
-    echo "setup: npm could not install laz-perf: tests that decode LAZ will be skipped" >&2
+  if ! $with_tests || [[ -d $folder/node_modules/copc ]] || ! command -v npm >/dev/null; then return 0; fi
+  timeout 120 npm install --silent --no-audit --no-fund --ignore-scripts --prefix "$folder" laz-perf@0.0.6 copc@0.0.8 >&2 ||
+    echo "setup: npm could not install laz-perf and copc: tests that compare with them will be skipped" >&2
 }
-laz_perf
+las_readers
 ((${#missing[@]} > 0)) || exit 0
 
 as_root=()

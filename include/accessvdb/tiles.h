@@ -171,19 +171,27 @@ struct Tile {
 ACCESSVDB_API std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, const RunLimits& limits,
                                     const Watch& watch = {});
 
+/// A tile that failed again and again, so that whoever drives the run has given it up (python3 -m accessvdb.tiles).
+struct Poison {
+  TileId id;
+  int exit_code = 0;   ///< that the program documents for this failure
+  std::string reason;  ///< in words
+};
+
 /// Tiles and quarters that have returns, in the order in which to run them: most returns first.
 struct Status {
   std::vector<Tile> done;
   std::vector<TileId> todo;
-  std::uint64_t split = 0;  ///< tiles that were run as quarters
+  std::vector<Poison> poison;  ///< among those to do: they may be tried again
+  std::uint64_t split = 0;     ///< tiles that were run as quarters
 };
-/// @throws InputError for a damaged manifest
+/// @throws InputError "tile.damaged" for a damaged manifest
 [[nodiscard]] ACCESSVDB_API Status status(const std::filesystem::path& out, const Plan& plan, const Binned& rays);
 
 /// Deletes what killed processes left among the tiles.
 ACCESSVDB_API void removeLeftovers(const std::filesystem::path& out);
 
-/// Writes field.json, which lists the finished tiles.
+/// Writes field.json, which lists the finished tiles and names the others.
 ACCESSVDB_API void writeIndex(const std::filesystem::path& out, const Plan& plan, const Status& status);
 
 /// What field.json says, for whoever reads the tiles.

@@ -33,9 +33,12 @@ void writeIndex(const fs::path& out, const Plan& plan, const Status& status) {
                     {"max_W", tile.max_W},
                     {"files", files}});
   }
+  Json missing = Json::array();
+  for (const TileId& tile : status.todo) missing.push_back(tile.name());
   writeJson(indexFile(out), {{"schema", 1},
                              {"plan", plan.id()},
                              {"complete", status.todo.empty()},
+                             {"missing", missing},
                              {"origin_W", plan.origin_W},
                              {"voxel_size_m", plan.voxel_size_m},
                              {"tile_voxels", plan.tile_voxels},

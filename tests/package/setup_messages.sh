@@ -84,10 +84,10 @@ export NPM=0
 INSTALLED=all run 0
 silent
 INSTALLED=all run 0 --tests
-calls '^npm install .*/build/npm laz-perf@0\.0\.6$'
+calls '^npm install .*/build/npm laz-perf@0\.0\.6 copc@0\.0\.8$'
 NPM=1 INSTALLED=all run 0 --tests
-says 'laz-perf: tests that decode LAZ will be skipped'
-mkdir -p "$fake/tree/build/npm/node_modules/laz-perf"
+says 'laz-perf and copc: tests that compare with them will be skipped'
+mkdir -p "$fake/tree/build/npm/node_modules/copc"
 INSTALLED=all run 0 --tests
 silent
 exit $bad

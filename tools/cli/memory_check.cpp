@@ -244,9 +244,10 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeom
                   (available ? ", available " + bytesInWords(static_cast<double>(*available)) : std::string()));
   MemoryCheck check;
   check.predicted_bytes = static_cast<std::uint64_t>(predicted);
-  check.limit_bytes = memoryLimit(options).value_or(check.predicted_bytes);
+  const std::optional<std::uint64_t> known_limit = memoryLimit(options);
+  check.limit_bytes = known_limit.value_or(check.predicted_bytes);
   const auto limit = static_cast<double>(check.limit_bytes);
-  if (predicted <= limit) return check;
+  if (!known_limit || predicted <= limit) return check;
   if (tiles) {
     // The sample touches fewer leaves than all rays do.
     const double ratio =
@@ -257,7 +258,8 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeom
   const double voxel_m = smallestFittingVoxel_m(options, tool, noise_m, sample, output, prediction, limit);
   throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
                       "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
-                      voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits"
+                      voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits" +
+                                        (tiles ? " in one piece" : "")
                                   : "No voxel size fits: allow more memory");
 }
 

@@ -92,6 +92,7 @@ void writeResult(const TiledResult& result, RunReport& report, Messages& message
   tiles.done = result.status.done.size();
   tiles.todo = result.status.todo.size();
   tiles.split = result.status.split;
+  tiles.poison = result.status.poison;
   tiles.ray_bytes = result.rays.bytes;
   for (const tiles::Tile& tile : result.status.done) {
     report.surface_points += tile.points;
