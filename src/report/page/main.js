@@ -153,14 +153,21 @@ class Report {
   setMode(mode) {
     this.mode = mode;
     this.mode_buttons.forEach((button, n) => button.setAttribute("aria-checked", String(n === mode)));
-    const key = COLOUR_MODES[mode].key, heights = this.painter.heights;
-    byId("legend").hidden = key !== "confidence" && key !== "height";
-    if (key === "confidence") [byId("legend-low").textContent, byId("legend-high").textContent] = ["0", "1"];
-    if (key === "height") {
-      const text = (value) => (value + this.points.anchor_W[2]).toFixed(1) + "\u202fm";
-      [byId("legend-low").textContent, byId("legend-high").textContent] = heights.map(text);
-    }
+    const legend = byId("legend"), parts = this.legend(COLOUR_MODES[mode].key);
+    legend.hidden = parts.length === 0;
+    legend.replaceChildren(...parts);
     this.moved();
+  }
+
+  // What the colours mean; nothing for reasons, which the column lists.
+  legend(key) {
+    const ramp = () => element("span", "ramp");
+    const metres = (height) => (height + this.points.anchor_W[2]).toFixed(1) + "\u202fm";
+    if (key === "confidence") return ["0", ramp(), "1"];
+    if (key === "height") return [metres(this.painter.heights[0]), ramp(), metres(this.painter.heights[1])];
+    if (key !== "label") return [];
+    return ["accessible", "blocked", "unscored"].map(
+        (label) => element("span", "", swatch(LABEL_COLOURS[label]), LABEL_WORDS[label]));
   }
 
   toggle(reason, alone) {

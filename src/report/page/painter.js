@@ -13,19 +13,20 @@ precision highp float;
 layout(location = 0) in vec3 position;
 layout(location = 1) in uvec4 look;  // label + 4 reason, confidence, normal, 1 = inside the tool
 uniform mat4 to_clip;
+uniform mat3 to_viewer;      // directions
 uniform vec3 eye;
+uniform float target_m;      // distance of what the camera turns around
 uniform float scale;         // pixels per pixel of the page
-uniform float disc_radius_m, disc_px_m, least_px, most_px;  // the diameter in pixels at distance 1, and its limits
-uniform int mode;                            // of COLOUR_MODES
-uniform uint hidden;                         // one bit per reason
-uniform vec3 reasons[7], labels[3], in_tool;
-uniform vec2 heights;
-uniform vec4 focus;       // the rest fades beyond this distance from a place; 0 = nothing fades
-uniform vec3 background;
-uniform mat3 to_viewer;   // directions
+uniform float disc_radius_m;
+uniform float disc_px_m, least_px, most_px;  // the disc's diameter in pixels at distance 1, and its limits
+uniform int mode;            // of COLOUR_MODES
+uniform uint hidden;         // one bit per reason
 uniform bool only_marked;
+uniform vec3 reasons[7], labels[3], in_tool, background;
+uniform vec2 heights;        // that the colours span
+uniform vec4 focus;          // a place and a radius: what is farther away fades; 0 = nothing fades
 out vec3 colour;
-flat out vec3 normal_V;   // of the disc, towards the viewer
+flat out vec3 normal_V;      // of the disc, towards the viewer
 flat out float away_m, disc_m;
 
 vec3 normalOf(uint code) {
@@ -68,7 +69,8 @@ void main() {
   gl_Position = to_clip * vec4(position, 1.0);
   away_m = gl_Position.w;
   float wanted_px = disc_px_m / away_m;
-  gl_PointSize = clamp(wanted_px, least_px, most_px);
+  float nearness = min(1.0, 2.0 * away_m / target_m);  // small where they would stand before what is looked at
+  gl_PointSize = clamp(wanted_px * nearness * nearness, least_px, most_px);
   if (focus.w > 0.0 && !marked && distance(position, focus.xyz) > focus.w) {
     colour = mix(colour, background, 0.6);
     if (away_m < (to_clip * vec4(focus.xyz, 1.0)).w) gl_PointSize = min(gl_PointSize, 2.0 * scale);  // a haze
@@ -345,6 +347,7 @@ class Painter {
     gl.uniform1i(places.only_marked, only_marked ? 1 : 0);
     gl.uniform1f(places.alpha, only_marked ? 0.6 : 1);
     gl.uniform1f(places.disc_radius_m, this.disc_m());
+    gl.uniform1f(places.target_m, camera.distance);
     gl.uniform1f(places.scale, scale);
     gl.uniform1f(places.disc_px_m, 2 * this.disc_m() * camera.focal_px() * scale);
     gl.uniform1f(places.least_px, Painter.LEAST_PX * scale);

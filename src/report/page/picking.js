@@ -19,7 +19,8 @@ function pointAt(points, camera, painter, hidden, x_px, y_px) {
     const dx = (m[0] * x + m[4] * y + m[8] * z + m[12]) / w * half_width + half_width - x_px;
     if (dx > 60 || dx < -60) continue;
     const dy = half_height - (m[1] * x + m[5] * y + m[9] * z + m[13]) / w * half_height - y_px;
-    const radius_px = clamp(disc_px_m / w, Painter.LEAST_PX / 2, Painter.MOST_PX / 2);
+    const nearness = Math.min(1, 2 * w / camera.distance);
+    const radius_px = clamp(disc_px_m / w * nearness * nearness, Painter.LEAST_PX / 2, Painter.MOST_PX / 2);
     const away_px = Math.hypot(dx, dy) - radius_px;
     if (away_px <= 0) {
       if (w < found_w) [found, found_w] = [index, w];
