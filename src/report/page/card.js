@@ -55,7 +55,7 @@ function fillCard(card, {point, facts, tool, inside, close}) {
   const d = point.direction_W;
   const values = element("table", "values",
       row("Point", (point.tile ? `${point.id} of tile ${point.tile}` : String(point.id))),
-      row("Position", point.position_W.map((value) => value.toFixed(digits)).join("  ") + "\u202fm"),
+      row("Position", point.position_W.map((value) => fixed(value, digits)).join("  ") + "\u202fm"),
       row("Label", LABEL_WORDS[point.label]),
       row("Best direction", d ? `yaw ${degrees(Math.atan2(d[1], d[0]))}` : "none"),
       row("Voxels touched", point.score === null ? "not tested" : grouped(point.score)),

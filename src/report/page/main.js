@@ -162,7 +162,7 @@ class Report {
   // What the colours mean; nothing for reasons, which the column lists.
   legend(key) {
     const ramp = () => element("span", "ramp");
-    const metres = (height) => (height + this.points.anchor_W[2]).toFixed(1) + "\u202fm";
+    const metres = (height) => fixed(height + this.points.anchor_W[2], 1) + "\u202fm";
     if (key === "confidence") return ["0", ramp(), "1"];
     if (key === "height") return [metres(this.painter.heights[0]), ramp(), metres(this.painter.heights[1])];
     if (key !== "label") return [];

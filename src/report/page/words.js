@@ -86,6 +86,11 @@ function areaText(area_m2) {
   return (digits === 0 ? grouped(area_m2) : area_m2.toFixed(digits)) + "\u202fm²";
 }
 
+// Like toFixed(), but never "-0.0".
+function fixed(value, digits) {
+  return value.toFixed(digits).replace(/^-(0(\.0*)?)$/, "$1");
+}
+
 function lengthText(length_m) {
   if (length_m >= 1) return +length_m.toPrecision(4) + "\u202fm";
   if (length_m >= 0.01) return +(length_m * 100).toPrecision(4) + "\u202fcm";
