@@ -26,6 +26,7 @@
 #include "accessvdb/field_export.h"
 #include "accessvdb/field_window.h"
 #include "accessvdb/params.h"
+#include "accessvdb/render.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/types.h"
@@ -199,6 +200,8 @@ struct IndexedTile {
   TileId id;
   std::filesystem::path folder;  ///< with its points.ply, field.vdb and field_points.vdb
   std::uint64_t points = 0;
+  std::array<std::uint64_t, kNumPointLabels> labels = {};
+  std::array<std::uint64_t, kNumPointReasons> reasons = {};
   std::array<double, 3> min_W = {}, max_W = {};  ///< of the points; metres
 };
 struct Index {
@@ -221,7 +224,10 @@ struct StoredAnswer {
 [[nodiscard]] ACCESSVDB_API std::vector<StoredAnswer> answersAt(const Index& index,
                                                                 std::span<const Eigen::Vector3d> positions_W);
 
-/// Points of all tiles for a picture: evenly thinned to about `most`.
+/// Points of all tiles for a picture, evenly thinned to about `most`: in parts, one tile in memory at a time.
+/// @throws from FieldParts::read: InputError "tile.damaged"
+[[nodiscard]] ACCESSVDB_API io::FieldParts partsOf(const Index& index, std::uint64_t most);
+/// The same at once.
 [[nodiscard]] ACCESSVDB_API FieldSnapshot overview(const Index& index, std::uint64_t most);
 
 /// Writes the points of all tiles into one file: byte for byte the points.ply of one piece, except that its `device` is

@@ -76,6 +76,7 @@ class ExactOnHost final : public UpdateScheduler {
 
     const Backlog::Turn turn = backlog_.take(scorer_.params().update.budget_points);
     stats.dirty_points = moved.size() + turn.ids.size();
+    stats.moved_points = moved.size();
     stats.backlog = backlog_.size();
     const kernels::Stopwatch scoring;
     scoreAll(turn, tables, stats);
