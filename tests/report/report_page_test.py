@@ -111,6 +111,11 @@ class ReportPage(unittest.TestCase):
         self.assertEqual(run("report", "--map", out, "--out", again).returncode, 0)
         self.assertEqual(again.read_bytes(), (out / "report.html").read_bytes())
 
+        # A page that no longer belongs to the files beside it is named.
+        mapped = run("map", "--device", "cpu", "--scans", scans / "scans", "--poses", scans / "poses.txt", "--tool",
+                     "builtin:pencil", "--voxel", 0.05, "--out", out)
+        self.assertIn("warning[output.old_report]", mapped.stderr)
+
         tiled = self.root / "tiled"
         mapped = run("map", "--device", "cpu", "--scans", scans / "scans", "--poses", scans / "poses.txt", "--tool",
                      "builtin:pencil", "--voxel", 0.01, "--origin", "0,0,0", "--out", tiled, "--html", "--tiles", 1.28)

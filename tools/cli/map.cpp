@@ -382,9 +382,16 @@ int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
 
 /// After report.json, which it shows.
 void MapRun::writeHtml(const ToolGeometry& tool) {
-  if (!options_.html) return;
   PageSources sources;
   sources.html = fs::path(options_.out) / kPageFile;
+  if (!options_.html) {
+    std::error_code status;
+    if (fs::exists(sources.html, status)) {
+      messages_.warning("output.old_report",
+                        sources.html.string() + " is from an earlier run; --html writes a new one");
+    }
+    return;
+  }
   sources.folder = options_.out;
   sources.tool = &tool;
   writePage(sources, messages_);
