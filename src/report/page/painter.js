@@ -9,7 +9,7 @@
 const BACKGROUND = [0.976, 0.976, 0.970];
 
 class Painter {
-  constructor(canvas, points, ramp) {
+  constructor(canvas, points) {
     const gl = canvas.getContext("webgl2", {antialias: true, alpha: false, powerPreference: "high-performance"});
     if (!gl) throw new Error("this browser has no WebGL2, which draws the points");
     this.gl = gl;
