@@ -36,7 +36,7 @@ if(NOT OpenVDB_FOUND)
 endif()
 
 foreach(_package IN ITEMS "Eigen3|libeigen3-dev" "assimp|libassimp-dev" "nlohmann_json|nlohmann-json3-dev" "PNG|libpng-dev"
-                          "OpenSSL|libssl-dev")
+                          "ZLIB|zlib1g-dev" "OpenSSL|libssl-dev")
   string(REPLACE "|" ";" _package ${_package})
   list(GET _package 0 _name)
   list(GET _package 1 _debian)

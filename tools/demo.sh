@@ -27,11 +27,13 @@ if [[ ! -f $stamp || $(<"$stamp") != "$wanted" ]]; then
   echo "$wanted" >"$stamp"
 fi
 
-"$bin/accessvdb" map --scans "$out/scans" --poses "$out/scans/poses.txt" --tool builtin:pruner --voxel 0.05 --out "$out/field"
+"$bin/accessvdb" map --scans "$out/scans" --poses "$out/scans/poses.txt" --tool builtin:pruner --voxel 0.05 --out "$out/field" \
+  --html
 
 cat <<END
 
 Done. Open these:
+  any browser                   $PWD/$out/field/report.html
   picture                       $PWD/$out/field/preview.png
   Blender, Houdini, ParaView    $PWD/$out/field/field.vdb
   CloudCompare, MeshLab         $PWD/$out/field/points.ply

@@ -56,6 +56,19 @@ ACCESSVDB_API void writePointsLas(const std::filesystem::path& path, const Surfa
 /// Every n-th point of it alone, for a picture; ids are the points' numbers in the file.
 [[nodiscard]] ACCESSVDB_API FieldSnapshot readPointsPly(const std::filesystem::path& path, std::uint64_t every);
 
+/// What points.ply says before its points.
+struct PointsHeader {
+  std::uint64_t points = 0;
+  Eigen::Vector3d origin_W = {0, 0, 0};
+  double voxel_size_m = 0;
+  FieldMetadata metadata;  ///< the other comments, in order
+};
+/// @throws InputError
+[[nodiscard]] ACCESSVDB_API PointsHeader readPointsHeader(const std::filesystem::path& path);
+/// Hands over one point after the other, so that they are never in memory together. @throws InputError
+ACCESSVDB_API PointsHeader visitPoints(const std::filesystem::path& path,
+                                       const std::function<void(const SurfacePoint&)>& take);
+
 /// What `info` prints about a grid.
 struct GridSummary {
   std::string name, type, grid_class;

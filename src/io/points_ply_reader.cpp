@@ -20,6 +20,7 @@ constexpr const char* kAdvice = "Use a points.ply written by accessvdb map";
 
 struct PlyHeader {
   std::uint64_t count = 0;
+  FieldMetadata metadata;  ///< of the comments, without version, origin and voxel size
   std::optional<Eigen::Vector3d> origin_W;
   std::optional<double> voxel_size_m;
   // Parameters from the comments, if present: they determine what the columns do not contain.
@@ -51,37 +52,39 @@ class PlyReader {
     if (error || !stream_) fail("unreadable", "cannot be opened");
   }
 
-  /// @param every  points with other numbers than multiples of it are left out
-  FieldSnapshot read(std::uint64_t every) {
-    const PlyHeader header = readHeader();
-    if (!header.origin_W || !header.voxel_size_m) fail("foreign", "has no origin_W and voxel_size_m of AccessVDB");
-    FieldSnapshot field;
-    field.origin_W = *header.origin_W;
-    field.voxel_size_m = *header.voxel_size_m;
-    if (!field.origin_W.allFinite() || !(field.voxel_size_m > 0) || !std::isfinite(field.voxel_size_m)) {
+  /// Its count is that of the records which follow.
+  PointsHeader header() {
+    header_ = readHeader();
+    if (!header_.origin_W || !header_.voxel_size_m) fail("foreign", "has no origin_W and voxel_size_m of AccessVDB");
+    if (!header_.origin_W->allFinite() || !(*header_.voxel_size_m > 0) || !std::isfinite(*header_.voxel_size_m)) {
       fail("malformed", "has an origin or a voxel size that is not a usable number");
     }
     const std::uint64_t rest = size_ - header_bytes_;
-    if (header.count > rest / internal::kPointsPlyRecordBytes ||
-        header.count * internal::kPointsPlyRecordBytes != rest) {
-      fail("truncated", "announces " + std::to_string(header.count) + " points of " +
+    if (header_.count > rest / internal::kPointsPlyRecordBytes ||
+        header_.count * internal::kPointsPlyRecordBytes != rest) {
+      fail("truncated", "announces " + std::to_string(header_.count) + " points of " +
                             std::to_string(internal::kPointsPlyRecordBytes) + " bytes, but " + std::to_string(rest) +
                             " bytes follow the header");
     }
-    field.points.reserve(header.count / every + 1);
+    return {header_.count, *header_.origin_W, *header_.voxel_size_m, header_.metadata};
+  }
+
+  /// After header(). @param every  points with other numbers than multiples of it are left out
+  template <typename Take>
+  void visit(std::uint64_t every, const Take& take) {
     std::vector<char> block(internal::kPointsPlyRecordsPerBlock * internal::kPointsPlyRecordBytes);
-    for (std::uint64_t done = 0; done < header.count;) {
-      const std::uint64_t records = std::min<std::uint64_t>(internal::kPointsPlyRecordsPerBlock, header.count - done);
+    for (std::uint64_t done = 0; done < header_.count;) {
+      const std::uint64_t records = std::min<std::uint64_t>(internal::kPointsPlyRecordsPerBlock, header_.count - done);
       const auto bytes = static_cast<std::streamsize>(records * internal::kPointsPlyRecordBytes);
       if (!stream_.read(block.data(), bytes)) fail("truncated", "ends early");
       for (std::uint64_t i = (every - done % every) % every; i < records; i += every) {
-        field.points.push_back(
-            parseRecord(block.data() + i * internal::kPointsPlyRecordBytes, static_cast<std::uint32_t>(done + i)));
-        complete(field.points.back(), header);
+        SurfacePoint point =
+            parseRecord(block.data() + i * internal::kPointsPlyRecordBytes, static_cast<std::uint32_t>(done + i));
+        complete(point, header_);
+        take(point);
       }
       done += records;
     }
-    return field;
   }
 
  private:
@@ -111,6 +114,10 @@ class PlyReader {
       const auto words = wordsOf(line);
       if (words.size() >= 3 && words[0] == "comment") {
         readComment(words, header);
+        const std::size_t name = line.find(words[1]);
+        if (words[1] != "AccessVDB" && words[1] != "origin_W" && words[1] != "voxel_size_m") {
+          header.metadata.emplace_back(words[1], line.substr(line.find(words[2], name + words[1].size())));
+        }
       } else if (words.size() == 3 && words[0] == "element" && words[1] == "vertex" && !vertices) {
         const auto count = numberIn<std::uint64_t>(words[2]);
         if (!count || *count >= INT32_MAX) fail("malformed", "has no usable number of vertices");
@@ -185,6 +192,7 @@ class PlyReader {
 
   std::string path_;
   std::ifstream stream_;
+  PlyHeader header_;
   std::uint64_t size_ = 0, header_bytes_ = 0;
 };
 
@@ -200,7 +208,23 @@ T take(const char*& from) {
 
 FieldSnapshot readPointsPly(const std::filesystem::path& path) { return readPointsPly(path, 1); }
 FieldSnapshot readPointsPly(const std::filesystem::path& path, std::uint64_t every) {
-  return PlyReader(path).read(std::max<std::uint64_t>(every, 1));
+  every = std::max<std::uint64_t>(every, 1);
+  PlyReader reader(path);
+  const PointsHeader header = reader.header();
+  FieldSnapshot field;
+  field.origin_W = header.origin_W;
+  field.voxel_size_m = header.voxel_size_m;
+  field.points.reserve(header.points / every + 1);
+  reader.visit(every, [&](const SurfacePoint& point) { field.points.push_back(point); });
+  return field;
+}
+
+PointsHeader readPointsHeader(const std::filesystem::path& path) { return PlyReader(path).header(); }
+PointsHeader visitPoints(const std::filesystem::path& path, const std::function<void(const SurfacePoint&)>& take) {
+  PlyReader reader(path);
+  PointsHeader header = reader.header();
+  reader.visit(1, take);
+  return header;
 }
 
 }  // namespace accessvdb::io

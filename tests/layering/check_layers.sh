@@ -35,6 +35,7 @@ io       std posix api grids eigen openvdb vdb tbb lzf openssl json
 picture  std api eigen tbb io png
 field    std posix api grids eigen openvdb vdb tbb launch hostdev tsdf mirror points update tool io
 tiles    std posix api grids eigen openvdb vdb tbb launch hostdev points tool field io json
+report   std api eigen tool io zlib openssl json
 capi     std api eigen
 sim      std api grids eigen tbb field io embree
 eval     std api grids eigen tbb field sim io embree qhull png json picture
@@ -94,7 +95,7 @@ check_includes() {
     }
     BEGIN {
       n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl lzf.h:lzf assimp:assimp Eigen:eigen unsupported:eigen " \
-                "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
+                "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png zlib.h:zlib " \
                 "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json", pairs, " ")
       for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }
       n = split("unistd.h malloc.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")

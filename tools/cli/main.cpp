@@ -28,6 +28,7 @@ constexpr Verb kVerbs[] = {
     {"info", "what is inside a .vdb file or an output folder", runInfo},
     {"query", "label, reason and best direction at given points", runQuery},
     {"render", "a picture of a field or of a tool, no display needed", runRender},
+    {"report", "a field as one page for a browser, no network needed", runReport},
 };
 
 std::string overview() {

@@ -15,6 +15,7 @@
 #include "accessvdb/surface_points.h"
 #include "checkpoint.h"
 #include "gpu_fallback.h"
+#include "html_report.h"
 #include "map_options.h"
 #include "memory_check.h"
 #include "plausibility.h"
@@ -63,6 +64,7 @@ class MapRun {
   void writeFrame(const AccessibilityField& field);
   [[nodiscard]] Eigen::AlignedBox3d countPoints(const AccessibilityField& field, const SurfacePoints& points);
   void finish(const io::ScanSequence& scans, const AccessibilityField& field);
+  void writeHtml(const ToolGeometry& tool);
   void saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field);
 
   const MapOptions& options_;
@@ -88,6 +90,7 @@ void MapRun::claimOutputFolder() {
     std::vector<std::string> outputs(std::begin(kOutputs), std::end(kOutputs));
     if (options_.exported.points_format == "las") outputs.emplace_back("points.las");
     if (options_.exported.sequence > 0) outputs.push_back(frameName(std::max<std::uint64_t>(lastFrameIn(out), 1)));
+    if (options_.html) outputs.emplace_back(kPageFile);
     if (options_.fresh) outputs.emplace_back("plan.json");
     for (const std::string& file : outputs) {
       std::error_code status;
@@ -373,7 +376,25 @@ int MapRun::run() {
 int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
   const int exit_code = mapInTiles(sources, chosen_voxels, report_, messages_);
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
+  if (report_.tiles) writeHtml(sources.tool);
   return exit_code;
+}
+
+/// After report.json, which it shows.
+void MapRun::writeHtml(const ToolGeometry& tool) {
+  PageSources sources;
+  sources.html = fs::path(options_.out) / kPageFile;
+  if (!options_.html) {
+    std::error_code status;
+    if (fs::exists(sources.html, status)) {
+      messages_.warning("output.old_report",
+                        sources.html.string() + " is from an earlier run; --html writes a new one");
+    }
+    return;
+  }
+  sources.folder = options_.out;
+  sources.tool = &tool;
+  writePage(sources, messages_);
 }
 
 int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
@@ -395,6 +416,7 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
   }
   report_.exit_code = signal == 0 ? 0 : 128 + signal;
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
+  if (report_.points_used > 0) writeHtml(field.tool());
   return report_.exit_code;
 }
 

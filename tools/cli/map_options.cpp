@@ -82,6 +82,7 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--checkpoint-every", &options.checkpoint_every,
                "time between checkpoints, for example 30s, 5m or 1h; 0 = only when stopped and after the last scan");
   flags.option("--resume", &options.resume, "go on from the checkpoint in this folder, and leave new ones there");
+  flags.flag("--html", options.html, "also write report.html: the result as one page for a browser");
   flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
 }
 

@@ -30,7 +30,7 @@ struct MapOptions {
   std::optional<int> directions, knn;
   int every = 1, update_every = 0;
   std::string tiles = "auto", bin_memory, origin;
-  bool keep_rays = false, fresh = false;
+  bool keep_rays = false, fresh = false, html = false;
   bool allow_truncated = false, sort_poses = false, no_clobber = false, print_config = false, mirror_distance = false;
 };
 

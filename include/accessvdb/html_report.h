@@ -1,0 +1,43 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// A field as one HTML page that opens by double click, without a network and without installing anything
+/// (docs/report.md).
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/export.h"
+
+namespace accessvdb {
+class ToolGeometry;
+}  // namespace accessvdb
+
+namespace accessvdb::io {
+
+struct HtmlReportOptions {
+  /// Most points that are drawn; where there are more, one per cell of a grid and reason is. At least kLeastPoints.
+  std::uint64_t most_points = 1'000'000;
+  const ToolGeometry* tool = nullptr;  ///< drawn at the point that is clicked; must live as long as the call
+  std::filesystem::path tool_file;     ///< it was read from; empty for built-in tools
+  static constexpr std::uint64_t kLeastPoints = 1000;
+};
+
+/// What went into the page.
+struct HtmlReport {
+  std::uint64_t points = 0, drawn = 0;  ///< surface points of the field, and those in the page
+  double cell_m = 0;                    ///< edge of the thinning grid; 0 where all points are drawn
+  /// Id and text: the folder's files contradict each other, the tool is not that of the run.
+  std::vector<std::pair<std::string, std::string>> warnings;
+};
+
+/// Writes the page of an output folder of `map`, whole or in tiles (read one at a time). The same folder gives the same
+/// bytes.
+/// @throws InvalidArgument (options), InputError (no such folder, damaged files), OutputError
+ACCESSVDB_API HtmlReport writeHtmlReport(const std::filesystem::path& html, const std::filesystem::path& folder,
+                                         const HtmlReportOptions& options = {});
+
+}  // namespace accessvdb::io

@@ -1,0 +1,43 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// An output folder of `map`, of either kind: one points.ply, or one for each tile.
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/field_io.h"
+#include "accessvdb/types.h"
+
+namespace accessvdb::internal {
+
+struct PointFile {
+  std::string tile;  ///< its name; empty for a field in one piece
+  std::filesystem::path path;
+  std::uint64_t points = 0;
+};
+
+struct FieldFolder {
+  std::filesystem::path path;
+  std::vector<PointFile> files;
+  std::uint64_t points = 0;
+  Eigen::Vector3d origin_W = {0, 0, 0};
+  double voxel_size_m = 0;
+  io::FieldMetadata metadata;  ///< of the first file
+  bool complete = true;        ///< every tile is finished
+
+  /// Reads headers only. @throws InputError
+  static FieldFolder open(const std::filesystem::path& folder);
+  /// Text of one entry of the metadata; empty if there is none.
+  [[nodiscard]] std::string metadataOf(const std::string& name) const;
+  /// Hands over all points, file by file, in the order of their ids, until `take` returns false.
+  /// @throws InputError
+  void visit(const std::function<bool(const PointFile&, const SurfacePoint&)>& take) const;
+};
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,225 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "accessvdb/html_report.h"
+
+#include <Eigen/Geometry>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <ostream>
+#include <string_view>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "accessvdb/scan_io.h"
+#include "accessvdb/tool_geometry.h"
+#include "report/field_folder.h"
+#include "report/page_text.h"
+#include "report/point_packer.h"
+#include "report/run_record.h"
+#include "report/surface_area.h"
+#include "report/text_coding.h"
+#include "report/tool_drawing.h"
+#include "report/voxel_thinning.h"
+
+namespace accessvdb::io {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// Drawn positions are off by half a step at most: 1/16 of a voxel. Twice as fine would make the file 6 % larger.
+constexpr double kStepsPerVoxel = 8;
+
+/// Counts of the points with one label and one reason.
+struct ClassCount {
+  std::uint64_t points = 0, drawn = 0;
+  double area_m2 = 0;
+};
+
+double numberOr(const std::string& text, double otherwise) {
+  double value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  return error == std::errc() && end == text.data() + text.size() && std::isfinite(value) ? value : otherwise;
+}
+
+Json jsonVector(const Eigen::Vector3d& v) { return Json::array({v.x(), v.y(), v.z()}); }
+
+/// One page being written.
+class Page {
+ public:
+  Page(const std::filesystem::path& path, const HtmlReportOptions& options)
+      : options_(options), folder_(internal::FieldFolder::open(path)), run_(internal::RunRecord::read(path)) {
+    result_.points = folder_.points;
+    if (run_.surface_points && *run_.surface_points != folder_.points) {
+      warn("report.counts", "report.json is about " + std::to_string(*run_.surface_points) +
+                                " surface points, but the folder holds " + std::to_string(folder_.points));
+    }
+    if (!folder_.complete) warn("field.unfinished", "not all tiles of the map are finished");
+    if (folder_.points == 0) warn("field.empty", "the field holds no surface points");
+    result_.cell_m = internal::thinningCell_m(folder_, options.most_points);
+  }
+
+  void write(std::ostream& out) {
+    std::string_view rest = internal::kPageHtml;
+    for (std::size_t at = rest.find("{{"); at != std::string_view::npos; at = rest.find("{{")) {
+      out << rest.substr(0, at);
+      const std::size_t end = rest.find("}}", at);
+      writePart(out, rest.substr(at + 2, end - at - 2));
+      rest.remove_prefix(end + 2);
+    }
+    out << rest;
+  }
+  [[nodiscard]] HtmlReport result() const { return result_; }
+
+ private:
+  void warn(const std::string& id, const std::string& text) { result_.warnings.emplace_back(id, text); }
+
+  void writePart(std::ostream& out, std::string_view name) {
+    if (name == "policy") {
+      // Nothing but this very script and style; pictures are made by the page itself, for printing.
+      out << "default-src 'none'; script-src " << internal::policyHash(internal::kPageScript) << "; style-src "
+          << internal::policyHash(internal::kPageStyle) << "; img-src data:; base-uri 'none'; form-action 'none'";
+    } else if (name == "style") {
+      out << internal::kPageStyle;
+    } else if (name == "script") {
+      out << internal::kPageScript;
+    } else if (name == "points") {
+      writePoints(out);
+    } else if (name == "facts") {
+      out << internal::scriptJson(facts());
+    }
+  }
+
+  void writePoints(std::ostream& out) {
+    internal::VoxelThinning thinning(folder_.origin_W, result_.cell_m);
+    internal::PointPacker packer(folder_.origin_W, step_m(), [&](const internal::PointBlock& block) {
+      out << "<script type=\"text/plain\" class=\"points\">" << block.base64 << "</script>\n";
+      blocks_.push_back({{"tile", block.tile}, {"points", block.points}, {"base", block.base}});
+    });
+    folder_.visit([&](const internal::PointFile& file, const SurfacePoint& point) {
+      ClassCount& count = classes_[static_cast<std::size_t>(point.label)][static_cast<std::size_t>(point.reason)];
+      ++count.points;
+      count.area_m2 += internal::areaOfPoint_m2(point.normal_W, folder_.voxel_size_m);
+      bounds_W_.extend(point.position_W);
+      if (!thinning.keep(point)) return true;
+      ++count.drawn;
+      packer.add(file.tile, point);
+      return true;
+    });
+    packer.finish();
+    result_.drawn = thinning.kept();
+    for (const Eigen::Vector3f& direction : packer.directions_W()) {
+      for (int axis = 0; axis < 3; ++axis) directions_.push_back(std::round(direction[axis] * 1e6) / 1e6);
+    }
+  }
+
+  [[nodiscard]] double step_m() const { return folder_.voxel_size_m / kStepsPerVoxel; }
+
+  Json classes() const {
+    Json list = Json::array();
+    for (int label = 0; label < kNumPointLabels; ++label) {
+      for (int reason = 0; reason < kNumPointReasons; ++reason) {
+        const ClassCount& count = classes_[static_cast<std::size_t>(label)][static_cast<std::size_t>(reason)];
+        if (count.points == 0) continue;
+        list.push_back({{"label", name(static_cast<PointLabel>(label))},
+                        {"reason", name(static_cast<PointReason>(reason))},
+                        {"points", count.points},
+                        {"drawn", count.drawn},
+                        {"area_m2", count.area_m2}});
+      }
+    }
+    return list;
+  }
+
+  /// Holds the tool against the one of the run.
+  std::string toolDifference() {
+    const std::string wanted = folder_.metadataOf("tool_sha256");
+    if (wanted.empty()) return "The field does not say which tool it was made for.";
+    if (wanted == options_.tool->sha256()) return {};
+    const bool same_file = !options_.tool_file.empty() && !run_.tool_file_sha256.empty() &&
+                           sha256OfFile(options_.tool_file) == run_.tool_file_sha256;
+    const std::string text =
+        same_file ? "This is the file of the run's tool, but with another unit, tip, axis or up than there."
+                  : "This is not the tool of the run: its SHA-256 differs.";
+    warn("report.tool", text + " Labels and directions are those of the run's tool.");
+    return text;
+  }
+
+  Json tool() {
+    if (options_.tool == nullptr) return nullptr;
+    const ToolGeometry& tool = *options_.tool;
+    const Eigen::Vector3d size_m = (tool.max_T() - tool.min_T()).cast<double>();
+    Json json = {{"name", tool.name()},       {"sha256", tool.sha256()},         {"size_m", jsonVector(size_m)},
+                 {"reach_m", tool.reach_m()}, {"watertight", tool.watertight()}, {"difference", toolDifference()}};
+    json.update(
+        internal::drawTool(tool, {folder_.voxel_size_m, numberOr(folder_.metadataOf("self_exclusion_voxels"), 3.0)}));
+    return json;
+  }
+
+  Json hashes() const {
+    Json list = Json::array();
+    const auto add = [&](const char* file) {
+      std::error_code status;
+      const std::filesystem::path path = folder_.path / file;
+      if (std::filesystem::is_regular_file(path, status)) {
+        list.push_back({{"path", file}, {"sha256", sha256OfFile(path)}});
+      }
+    };
+    if (!run_.sha256.empty()) list.push_back({{"path", "report.json"}, {"sha256", run_.sha256}});
+    add(folder_.files.size() == 1 && folder_.files[0].tile.empty() ? "points.ply" : "field.json");
+    return list;
+  }
+
+  Json facts() {
+    Json metadata = Json::object();
+    for (const auto& [key, text] : folder_.metadata) metadata[key] = text;
+    Json json = {
+        {"format", 1},
+        {"name", std::filesystem::absolute(folder_.path).lexically_normal().filename().string()},
+        {"frame",
+         {{"origin_W", jsonVector(folder_.origin_W)}, {"step_m", step_m()}, {"voxel_size_m", folder_.voxel_size_m}}},
+        {"points", {{"total", result_.points}, {"drawn", result_.drawn}, {"cell_m", result_.cell_m}}},
+        {"classes", classes()},
+        {"bounds", nullptr},
+        {"tiles", folder_.files.empty() || !folder_.files[0].tile.empty() ? folder_.files.size() : 0},
+        {"blocks", blocks_},
+        {"directions", directions_},
+        {"metadata", metadata},
+        {"run", run_.shown},
+        {"hashes", hashes()},
+        {"tool", tool()}};
+    if (!bounds_W_.isEmpty()) json["bounds"] = {jsonVector(bounds_W_.min()), jsonVector(bounds_W_.max())};
+    Json problems = Json::array();
+    for (const auto& [id, text] : result_.warnings) problems.push_back({{"id", id}, {"text", text}});
+    json["problems"] = problems;
+    return json;
+  }
+
+  const HtmlReportOptions& options_;
+  internal::FieldFolder folder_;
+  internal::RunRecord run_;
+  HtmlReport result_;
+  std::array<std::array<ClassCount, kNumPointReasons>, kNumPointLabels> classes_ = {};
+  Eigen::AlignedBox3d bounds_W_;
+  Json blocks_ = Json::array(), directions_ = Json::array();
+};
+
+}  // namespace
+
+HtmlReport writeHtmlReport(const std::filesystem::path& html, const std::filesystem::path& folder,
+                           const HtmlReportOptions& options) {
+  if (options.most_points < HtmlReportOptions::kLeastPoints) {
+    throw InvalidArgument("report.most_points", "most_points",
+                          "must be at least " + std::to_string(HtmlReportOptions::kLeastPoints));
+  }
+  std::error_code status;
+  if (!std::filesystem::is_directory(folder, status)) {
+    throw InputError("input.no_field", folder.string(), "is not a folder", "Name the --out folder of accessvdb map");
+  }
+  Page page(folder, options);
+  writeFileDurably(html, [&](std::ostream& out) { page.write(out); });
+  return page.result();
+}
+
+}  // namespace accessvdb::io

@@ -1,0 +1,73 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// The card of a point: what is known about it, and why.
+
+// An element with a class and content: texts, which are never read as HTML, or other elements.
+function element(name, style, ...content) {
+  const made = document.createElement(name);
+  if (style) made.className = style;
+  made.append(...content);
+  return made;
+}
+
+function swatch(colour) {
+  const made = element("span", "swatch");
+  made.style.backgroundColor = `rgb(${colour.join(" ")})`;
+  return made;
+}
+
+function row(name, value) {
+  return element("tr", "", element("th", "", name), element("td", "", value));
+}
+
+// The reason in a sentence, with the numbers of this point.
+function sentence(point, metadata) {
+  const limit = Number(metadata.collision_limit), allowed = limit > 0 ? `, where ${grouped(limit - 1)} may` : "";
+  if (point.score !== null && point.reason === "tool") {
+    return `Even in the best direction the tool would collide: ${grouped(point.score)} of its voxels touch something${allowed}.`;
+  }
+  if (point.score !== null && point.reason === "none") {
+    const touched = point.score === 0 ? "none of its voxels touches anything" : `${grouped(point.score)} of its voxels touch something`;
+    return `The tool fits: in the best direction ${touched}${allowed}. The way in was seen to be free.`;
+  }
+  return REASON_WORDS[point.reason].means + (point.direction_W ? " The arrow shows the direction that came closest." : "");
+}
+
+// @return a text, or a list of texts and elements
+function toolLine(tool, inside, point) {
+  if (!tool) return ["The tool is not in this report: make it with ", element("code", "", "--tool"), " to see it in place."];
+  if (!point.direction_W) return "There is no direction in which to show the tool.";
+  const drawn = inside === 1 ? "1 drawn point lies" : `${grouped(inside)} drawn points lie`;
+  return `${tool.facts.name} in place. ${drawn} inside it` + (inside > 0 ? ", coloured yellow." : ".");
+}
+
+// @param facts   the report's
+// @param tool    a Tool, or null
+// @param inside  drawn points inside it
+function fillCard(card, {point, facts, tool, inside, close}) {
+  const words = REASON_WORDS[point.reason];
+  const degrees = (radians) => ((radians * 180 / Math.PI + 360) % 360).toFixed(1) + "°";
+  const button = element("button", "close", "×");
+  button.type = "button";
+  button.title = "Close (Esc)";
+  button.addEventListener("click", close);
+  const digits = clamp(Math.ceil(-Math.log10(facts.frame.step_m)), 0, 5);
+  const d = point.direction_W;
+  const values = element("table", "values",
+      row("Point", (point.tile ? `${point.id} of tile ${point.tile}` : String(point.id))),
+      row("Position", point.position_W.map((value) => fixed(value, digits)).join("  ") + "\u202fm"),
+      row("Label", LABEL_WORDS[point.label]),
+      row("Best direction", d ? `yaw ${degrees(Math.atan2(d[1], d[0]))}` : "none"),
+      row("Voxels touched", point.score === null ? "not tested" : grouped(point.score)),
+      row("Confidence", point.confidence.toFixed(2)));
+  const title = element("h2", "", swatch(REASON_COLOURS[point.reason]), words.name);
+  const in_place = element("p", "tool-line", ...[toolLine(tool, inside, point)].flat());
+  const parts = [button, title, element("p", "", sentence(point, facts.metadata)),
+                 element("p", "todo", words.todo), values, in_place];
+  if (tool && tool.facts.difference) parts.push(element("p", "warning", tool.facts.difference));
+  card.replaceChildren(...parts);
+  card.dataset.id = point.id;
+  card.dataset.tile = point.tile;
+  card.dataset.inside = inside;
+  card.hidden = false;
+}

@@ -1,0 +1,327 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// Puts the parts together: what is shown, what is selected, and the address that says so.
+
+class Report {
+  constructor(facts) {
+    this.facts = facts;
+    this.canvas = byId("view");
+    this.points = new Points(facts);
+    this.camera = new Camera({low: [-1, -1, -1], high: [1, 1, 1]});
+    this.mode = 0;
+    this.hidden = 0;  // one bit per reason
+    this.selected = -1;
+    this.tool = null;
+    this.ready = false;  // the first picture was drawn
+    this.frame_due = false;
+    this.chips = fillChips(facts, (reason, alone) => this.toggle(reason, alone));
+    fillSummary(facts);
+    fillProblems(facts);
+    fillAreas(facts);
+    fillRun(facts);
+  }
+
+  async start() {
+    const begin = performance.now();
+    if (typeof DecompressionStream === "undefined") {
+      throw new Error("this browser is too old: it needs Chrome 80, Firefox 113, Safari 16.4 or newer");
+    }
+    this.painter = new Painter(this.canvas, this.points);
+    this.resize();
+    this.painter.warmUp(this.camera);
+    this.buildToolbar();
+    steer(this.canvas, this.camera, {
+      changed: () => this.moved(),
+      clicked: (x, y) => this.select(pointAt(this.points, this.camera, this.painter, this.hidden, x, y)),
+      centred: (x, y) => this.centre(x, y),
+    });
+    this.watchPage();
+    if (this.facts.tool) this.tool = await Tool.unpack(this.facts.tool);
+    await this.unpackAll();
+    this.painter.upload();
+    const box = this.points.usualBox();
+    this.camera.home = box;
+    this.painter.heights = [box.low[2], box.high[2]];
+    this.resize();
+    this.camera.fit();
+    this.readAddress();
+    this.paint();
+    this.painter.finish();
+    this.ready = true;
+    this.settle();
+    byId("message").hidden = true;
+    const page = document.documentElement.dataset;
+    page.drawn = this.painter.uploaded;
+    page.unpackMs = Math.round(performance.now() - begin);
+    page.pictureMs = Math.round(performance.now());
+    page.state = "ready";
+  }
+
+  async unpackAll() {
+    const texts = document.querySelectorAll("script.points");
+    if (texts.length !== this.facts.blocks.length) throw new Error("the file is not complete");
+    for (let n = 0; n < texts.length; ++n) {
+      await this.points.unpack(this.facts.blocks[n], texts[n].textContent);
+      texts[n].remove();  // frees its memory
+      byId("message").textContent = `Reading points: ${percent(this.points.count, this.facts.points.drawn)}`;
+    }
+    if (this.points.count !== this.facts.points.drawn) throw new Error("the file is not complete");
+  }
+
+  // Pictures -----------------------------------------------------------------------------------------------------------
+
+  resize() {
+    const box = this.canvas.getBoundingClientRect(), ratio = Math.min(window.devicePixelRatio || 1, 2);
+    this.camera.resize(box.width, box.height);
+    const width = Math.max(1, Math.round(box.width * ratio)), height = Math.max(1, Math.round(box.height * ratio));
+    if (this.canvas.width === width && this.canvas.height === height) return;  // setting them would clear it
+    this.canvas.width = width;
+    this.canvas.height = height;
+  }
+
+  paint(finer = 1) {
+    this.painter.draw(this.camera, {mode: this.mode, hidden: this.hidden}, finer);
+    this.placeRing();
+    this.drawScale();
+  }
+
+  // Draws soon.
+  moved() {
+    if (!this.ready) return;
+    if (!this.frame_due) {
+      this.frame_due = true;
+      requestAnimationFrame(() => {
+        this.frame_due = false;
+        this.paint();
+      });
+    }
+    this.settle();
+  }
+
+  // Smooth edges follow once nothing has changed for a moment.
+  settle() {
+    clearTimeout(this.settling);
+    this.settling = setTimeout(() => {
+      this.paint(2);
+      this.writeAddress();
+    }, 250);
+  }
+
+  placeRing() {
+    const ring = byId("ring");
+    ring.hidden = this.selected < 0;
+    if (ring.hidden) return;
+    const m = this.camera.toClip(), [x, y, z] = this.points.local(this.selected);
+    const w = m[3] * x + m[7] * y + m[11] * z + m[15];
+    if (w <= 0) {
+      ring.hidden = true;
+      return;
+    }
+    const at_x = (m[0] * x + m[4] * y + m[8] * z + m[12]) / w, at_y = (m[1] * x + m[5] * y + m[9] * z + m[13]) / w;
+    ring.style.left = `${(at_x + 1) / 2 * this.camera.width}px`;
+    ring.style.top = `${(1 - at_y) / 2 * this.camera.height}px`;
+  }
+
+  // 1, 2 or 5 times a power of ten metres, at the distance of what the camera turns around.
+  drawScale() {
+    const metres_per_px = this.camera.distance / this.camera.focal_px(), wanted_m = 120 * metres_per_px;
+    const decade = 10 ** Math.floor(Math.log10(wanted_m));
+    const length_m = [5, 2, 1].map((factor) => factor * decade).find((length) => length <= wanted_m) || decade;
+    byId("scale-bar").style.width = `${length_m / metres_per_px}px`;
+    byId("scale-text").textContent = lengthText(length_m);
+  }
+
+  // Choices ------------------------------------------------------------------------------------------------------------
+
+  buildToolbar() {
+    this.mode_buttons = COLOUR_MODES.map(({name, key}, mode) => {
+      const button = element("button", "", name);
+      button.type = "button";
+      button.dataset.mode = key;
+      button.setAttribute("role", "radio");
+      button.addEventListener("click", () => this.setMode(mode));
+      return button;
+    });
+    byId("colours").append(...this.mode_buttons);
+    this.setMode(0);
+    byId("fit").addEventListener("click", () => this.fit());
+    byId("top").addEventListener("click", () => this.lookFromAbove());
+    byId("print").addEventListener("click", () => window.print());
+    byId("link").addEventListener("click", () => this.copyLink());
+  }
+
+  setMode(mode) {
+    this.mode = mode;
+    this.mode_buttons.forEach((button, n) => button.setAttribute("aria-checked", String(n === mode)));
+    const legend = byId("legend"), parts = this.legend(COLOUR_MODES[mode].key);
+    legend.hidden = parts.length === 0;
+    legend.replaceChildren(...parts);
+    this.moved();
+  }
+
+  // What the colours mean; nothing for reasons, which the column lists.
+  legend(key) {
+    const ramp = () => element("span", "ramp");
+    const metres = (height) => fixed(height + this.points.anchor_W[2], 1) + "\u202fm";
+    if (key === "confidence") return ["0", ramp(), "1"];
+    if (key === "height") return [metres(this.painter.heights[0]), ramp(), metres(this.painter.heights[1])];
+    if (key !== "label") return [];
+    return ["accessible", "blocked", "unscored"].map(
+        (label) => element("span", "", swatch(LABEL_COLOURS[label]), LABEL_WORDS[label]));
+  }
+
+  toggle(reason, alone) {
+    const bit = 1 << REASONS.indexOf(reason), others = (1 << REASONS.length) - 1 & ~bit;
+    if (alone) this.hidden = this.hidden === others ? 0 : others;
+    else this.hidden ^= bit;
+    this.showHidden();
+    this.moved();
+  }
+
+  showHidden() {
+    for (const [reason, chip] of this.chips) {
+      chip.setAttribute("aria-pressed", String((this.hidden >> REASONS.indexOf(reason) & 1) === 0));
+    }
+  }
+
+  fit() {
+    this.camera.fit();
+    this.moved();
+  }
+
+  lookFromAbove() {
+    this.camera.elevation = STEEPEST;
+    this.camera.azimuth = -Math.PI / 2;
+    this.moved();
+  }
+
+  centre(x_px, y_px) {
+    const index = pointAt(this.points, this.camera, this.painter, this.hidden, x_px, y_px);
+    if (index < 0) return;
+    this.camera.target = this.points.local(index);
+    this.camera.distance = Math.min(this.camera.distance, Math.max(0.5 * this.camera.distance, 40 * this.painter.disc_m()));
+    this.moved();
+  }
+
+  // A point ------------------------------------------------------------------------------------------------------------
+
+  // @param index  -1 for none
+  select(index) {
+    this.selected = index;
+    this.painter.solids = [];
+    this.painter.focus = [0, 0, 0, 0];
+    unmark(this.points);
+    this.painter.marked = 0;
+    if (index < 0) {
+      byId("card").hidden = true;
+    } else {
+      const point = this.points.describe(index);
+      const inside = point.direction_W ? this.showDirection(index, point) : 0;
+      this.painter.marked = inside;
+      fillCard(byId("card"), {point, facts: this.facts, tool: this.tool, inside, close: () => this.select(-1)});
+    }
+    this.painter.uploadMarks();
+    this.moved();
+  }
+
+  // The tool with its tip at the point, and an arrow the way it comes. @return drawn points inside the tool
+  showDirection(index, point) {
+    const painter = this.painter, origin = this.points.local(index), out = frameAlong(point.direction_W);
+    const length_m = this.tool ? 1.6 * this.tool.reach_m : 24 * this.facts.frame.voxel_size_m;
+    this.arrow ||= arrowMesh(painter, length_m);
+    painter.focus = [...origin, 1.3 * length_m];
+    const inwards = {x: scaled(out.x, -1), y: scaled(out.y, -1), z: out.z};
+    const from = add(origin, scaled(out.x, length_m));
+    painter.solids.push({mesh: this.arrow, placed: frameMatrix(inwards, from), colour: [0.13, 0.15, 0.19, 1]});
+    if (!this.tool) return 0;
+    this.tool_mesh ||= painter.mesh(this.tool.vertices, this.tool.triangles);
+    painter.solids.push({mesh: this.tool_mesh, placed: frameMatrix(out, origin), colour: [0.27, 0.33, 0.62, 0.5]});
+    return this.tool.mark(this.points, out, origin);
+  }
+
+  // The address --------------------------------------------------------------------------------------------------------
+
+  address() {
+    const parts = new URLSearchParams();
+    parts.set("view", this.camera.text(this.points.anchor_W));
+    parts.set("colour", COLOUR_MODES[this.mode].key);
+    const hidden = REASONS.filter((_, bit) => this.hidden >> bit & 1);
+    if (hidden.length > 0) parts.set("hide", hidden.join(","));
+    if (this.selected >= 0) {
+      const {tile, id} = this.points.describe(this.selected);
+      parts.set("point", tile ? `${tile}:${id}` : String(id));
+    }
+    return "#" + parts.toString().replaceAll("%2C", ",").replaceAll("%3A", ":");
+  }
+
+  writeAddress() {
+    if (document.documentElement.dataset.state !== "ready") return;
+    this.written = this.address();
+    history.replaceState(null, "", this.written);
+  }
+
+  readAddress() {
+    const parts = new URLSearchParams(location.hash.slice(1));
+    if (parts.has("view")) this.camera.read(parts.get("view"), this.points.anchor_W);
+    const mode = COLOUR_MODES.findIndex(({key}) => key === parts.get("colour"));
+    const hidden = (parts.get("hide") || "").split(",").map((reason) => REASONS.indexOf(reason));
+    this.hidden = hidden.reduce((bits, bit) => bit < 0 ? bits : bits | 1 << bit, 0);
+    this.showHidden();
+    this.setMode(Math.max(mode, 0));
+    const [, tile, id] = /^(?:(.*):)?(\d+)$/.exec(parts.get("point") || "") || [];
+    this.select(id === undefined ? -1 : this.points.find(tile || "", Number(id)));
+  }
+
+  async copyLink() {
+    this.writeAddress();
+    const button = byId("link");
+    try {
+      await navigator.clipboard.writeText(location.href);
+      button.textContent = "Copied";
+    } catch {
+      button.textContent = "See the address bar";
+    }
+    setTimeout(() => { button.textContent = "Copy link"; }, 1500);
+  }
+
+  // The page -----------------------------------------------------------------------------------------------------------
+
+  watchPage() {
+    new ResizeObserver(() => {
+      this.resize();
+      this.moved();
+    }).observe(byId("stage"));
+    window.addEventListener("hashchange", () => {
+      if (location.hash !== this.written) this.readAddress();
+    });
+    window.addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey) return;
+      if (event.key === "Escape") this.select(-1);
+      if (event.key === "f" || event.key === "F") this.fit();
+      if (event.key === "t" || event.key === "T") this.lookFromAbove();
+    });
+    this.canvas.addEventListener("webglcontextlost", () => showFailure("the graphics driver gave up; reload the page"));
+    // A canvas prints empty, so paper gets a picture of it, with everything unfolded.
+    window.addEventListener("beforeprint", () => {
+      this.paint(2);
+      byId("print-picture").src = this.canvas.toDataURL("image/png");
+      document.querySelectorAll("#panel details:not(#reading)").forEach((each) => {
+        each.dataset.wasOpen = each.open;
+        each.open = true;
+      });
+    });
+    window.addEventListener("afterprint", () => {
+      document.querySelectorAll("#panel details:not(#reading)").forEach((each) => { each.open = each.dataset.wasOpen === "true"; });
+    });
+  }
+}
+
+function showFailure(text) {
+  const message = byId("message");
+  message.hidden = false;
+  message.className = "failed";
+  message.textContent = `The points cannot be drawn: ${text}.`;
+  document.documentElement.dataset.state = "failed";
+}
+
+new Report(JSON.parse(byId("facts").textContent)).start().catch((error) => showFailure(error.message));

@@ -1,0 +1,139 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+// The column beside the picture: what the run found, and from what.
+
+function sumOf(facts, key, wanted) {
+  return facts.classes.filter(wanted).reduce((sum, each) => sum + each[key], 0);
+}
+
+function byId(id) { return document.getElementById(id); }
+
+function fillSummary(facts) {
+  const total = facts.points.total, run = facts.run || {};
+  const reachable = (each) => each.label === "accessible";
+  document.title = `${facts.name} – accessibility report`;
+  byId("title").textContent = facts.name;
+  const tool = facts.metadata.tool || (run.parameters || {}).tool;
+  byId("subject").textContent = (tool ? `Tool ${tool}, voxels` : "Voxels") +
+      ` of ${lengthText(facts.frame.voxel_size_m)}` +
+      (facts.tiles > 0 ? `, ${grouped(facts.tiles)} tiles` : "");
+  byId("headline").append(
+      element("b", "", percent(sumOf(facts, "points", reachable), total)), " of the surface points can be reached: about ",
+      element("b", "", areaText(sumOf(facts, "area_m2", reachable))), " of ",
+      areaText(sumOf(facts, "area_m2", () => true)));
+  const bar = byId("bar");
+  for (const reason of REASON_ORDER) {
+    const points = sumOf(facts, "points", (each) => each.reason === reason);
+    if (points === 0) continue;
+    const part = element("span");
+    part.style.flexGrow = points;
+    part.style.backgroundColor = `rgb(${REASON_COLOURS[reason].join(" ")})`;
+    part.title = `${REASON_WORDS[reason].name}: ${percent(points, total)}`;
+    bar.append(part);
+  }
+  bar.setAttribute("aria-label", "Shares of the reasons");
+  const {drawn, cell_m} = facts.points;
+  byId("drawn").textContent = cell_m > 0
+      ? `${grouped(drawn)} of ${grouped(total)} points are drawn: one per reason in each cube of ${lengthText(cell_m)}. ` +
+            `The other ${grouped(total - drawn)} are counted, but left out of the picture.`
+      : `All ${grouped(total)} points are drawn.`;
+}
+
+function fillProblems(facts) {
+  const run = facts.run || {};
+  const all = [...facts.problems, ...(run.warnings || [])];
+  if (run.error && run.error.problem) all.unshift({id: run.error.id || "error", text: `The run failed: ${run.error.problem}`});
+  else if (run.exit_code > 0) all.unshift({id: "run.stopped", text: `The run was stopped early (exit code ${run.exit_code}).`});
+  if (!facts.run) all.push({id: "report.missing", text: "The folder has no report.json: parameters and inputs are not known."});
+  if (facts.tool && facts.tool.difference && !all.some((each) => each.id === "report.tool")) {
+    all.push({id: "report.tool", text: facts.tool.difference});
+  }
+  if (all.length === 0) return;
+  const section = byId("problems");
+  section.hidden = false;
+  section.append(element("h2", "", all.length === 1 ? "A warning" : "Warnings"),
+                 element("ul", "", ...all.map((each) => {
+                   const item = element("li", "", each.text);
+                   item.title = each.id;
+                   return item;
+                 })));
+}
+
+// @param toggled  called with a reason, and whether it alone is to be shown
+function fillChips(facts, toggled) {
+  const total = facts.points.total;
+  const chips = new Map();
+  for (const reason of REASON_ORDER) {
+    const of_reason = (each) => each.reason === reason;
+    const points = sumOf(facts, "points", of_reason), words = REASON_WORDS[reason];
+    const chip = element("button", "chip",
+        element("span", "name", swatch(REASON_COLOURS[reason]), words.name),
+        element("span", "count", `${grouped(points)} · ${percent(points, total)} · ${areaText(sumOf(facts, "area_m2", of_reason))}`),
+        element("span", "means", words.means),
+        element("span", "todo", words.todo));
+    chip.type = "button";
+    chip.dataset.reason = reason;
+    chip.disabled = points === 0;
+    chip.addEventListener("click", () => toggled(reason, false));
+    const only = element("button", "only", "only");
+    only.type = "button";
+    only.title = "Show only these";
+    only.disabled = points === 0;
+    only.addEventListener("click", () => toggled(reason, true));
+    byId("chips").append(element("li", "", chip, only));
+    chips.set(reason, chip);
+  }
+  return chips;
+}
+
+function fillAreas(facts) {
+  const head = element("tr", "", ...["", "points", "share", "area"].map((text) => element("th", "", text)));
+  const line = (name, wanted, colour) => {
+    const points = sumOf(facts, "points", wanted);
+    return element("tr", "", element("th", "", ...(colour ? [swatch(colour)] : []), name),
+                   element("td", "", grouped(points)), element("td", "", percent(points, facts.points.total)),
+                   element("td", "", areaText(sumOf(facts, "area_m2", wanted))));
+  };
+  byId("areas").append(head, ...["accessible", "blocked", "unscored"].map(
+      (label) => line(LABEL_WORDS[label], (each) => each.label === label, LABEL_COLOURS[label])),
+      line("all", () => true));
+}
+
+function tableOf(pairs) {
+  return element("table", "values", ...pairs.map(([name, value]) => row(name, String(value))));
+}
+
+function fillRun(facts) {
+  const run = facts.run || {}, counts = run.counts || {}, metadata = facts.metadata;
+  const pairs = [];
+  const put = (name, value) => { if (value !== undefined && value !== null && value !== "") pairs.push([name, value]); };
+  put("Program", `AccessVDB ${run.version || metadata.accessvdb_version || ""}`);
+  put("Device", run.device);
+  put("Scans", counts.scans !== undefined ? grouped(counts.scans) : undefined);
+  put("Returns", counts.points_in !== undefined ? `${grouped(counts.points_in)}, ${percent(counts.points_used, counts.points_in)} used` : undefined);
+  for (const [reason, count] of Object.entries(run.dropped || {})) {
+    if (count > 0) put(`Dropped: ${reason.replaceAll("_", " ")}`, grouped(count));
+  }
+  if (facts.bounds) {
+    const size = subtract(facts.bounds[1], facts.bounds[0]);
+    put("Extent", size.map((value) => value.toFixed(1)).join(" × ") + "\u202fm");
+  }
+  if (facts.tool) put("Tool's size", facts.tool.size_m.map((value) => +value.toPrecision(3)).join(" × ") + "\u202fm");
+  byId("run-facts").append(tableOf(pairs), element("ul", "notices", ...(run.notices || []).map((text) => element("li", "", text))));
+  const parameters = Object.entries(run.parameters || metadata).filter(([, value]) => value !== "" && value !== null);
+  byId("parameters").append(tableOf(parameters));
+  fillHashes(facts, run);
+  byId("made").textContent = "Made by AccessVDB. This page is one file and contacts no other computer.";
+}
+
+function fillHashes(facts, run) {
+  const list = element("table", "hashes");
+  const put = (name, sha256) => list.append(element("tr", "", element("th", "", name), element("td", "", sha256)));
+  for (const file of facts.hashes) put(file.path, file.sha256);
+  if (facts.metadata.tool_sha256) put(`tool ${facts.metadata.tool || ""}`, facts.metadata.tool_sha256);
+  if (facts.tool && facts.tool.difference) put(`tool drawn here, ${facts.tool.name}`, facts.tool.sha256);
+  for (const file of run.inputs || []) put(file.path, file.sha256);
+  byId("hashes").append(element("p", "quiet", "SHA-256 of what was read and written."), list);
+  const more = (run.inputs_total || 0) - (run.inputs || []).length;
+  if (more > 0) byId("hashes").append(element("p", "quiet", `and ${grouped(more)} more, in report.json.`));
+}

@@ -1,0 +1,100 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "report/run_record.h"
+
+#include <array>
+#include <fstream>
+
+#include "accessvdb/error.h"
+#include "accessvdb/scan_io.h"
+
+namespace accessvdb::internal {
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+/// A survey has many thousands of scans; the page names report.json for the rest.
+constexpr std::size_t kMostInputs = 100;
+constexpr std::uintmax_t kLargestReport = std::uintmax_t{256} << 20;
+
+const Json& entry(const Json& object, const char* key) {
+  static const Json kNone;
+  if (!object.is_object()) return kNone;
+  const auto found = object.find(key);
+  return found == object.end() ? kNone : *found;
+}
+
+std::string textOf(const Json& value) { return value.is_string() ? value.get<std::string>() : std::string(); }
+
+/// Texts, numbers and truth values of an object.
+Json scalars(const Json& object) {
+  Json kept = Json::object();
+  if (!object.is_object()) return kept;
+  for (const auto& [key, value] : object.items()) {
+    if (value.is_primitive()) kept[key] = value;
+  }
+  return kept;
+}
+
+Json texts(const Json& list) {
+  Json kept = Json::array();
+  if (!list.is_array()) return kept;
+  for (const Json& value : list) {
+    if (value.is_string()) kept.push_back(value);
+  }
+  return kept;
+}
+
+Json warningsOf(const Json& list) {
+  Json kept = Json::array();
+  if (!list.is_array()) return kept;
+  for (const Json& warning : list) {
+    kept.push_back({{"id", textOf(entry(warning, "id"))}, {"text", textOf(entry(warning, "text"))}});
+  }
+  return kept;
+}
+
+}  // namespace
+
+RunRecord RunRecord::read(const std::filesystem::path& folder) {
+  RunRecord record;
+  const std::filesystem::path path = folder / "report.json";
+  std::error_code status;
+  if (!std::filesystem::is_regular_file(path, status)) return record;
+  const auto fail = [&](const std::string& problem) {
+    throw InputError("input.report", path.string(), problem, "Run accessvdb map again");
+  };
+  if (std::filesystem::file_size(path, status) > kLargestReport || status) fail("is too large");
+  std::ifstream in(path, std::ios::binary);
+  const Json json = Json::parse(in, nullptr, false);
+  if (json.is_discarded() || !json.is_object()) fail("is not valid JSON");
+  record.sha256 = io::sha256OfFile(path);
+
+  const Json& counts = entry(json, "counts");
+  if (entry(counts, "surface_points").is_number_unsigned()) record.surface_points = counts["surface_points"];
+  Json shown = Json::object();
+  for (const char* key : {"version", "exit_code", "device"}) {
+    if (entry(json, key).is_primitive()) shown[key] = entry(json, key);
+  }
+  shown["counts"] = scalars(counts);
+  shown["dropped"] = scalars(entry(counts, "dropped"));
+  shown["parameters"] = scalars(entry(json, "parameters"));
+  shown["warnings"] = warningsOf(entry(json, "warnings"));
+  shown["notices"] = texts(entry(json, "notices"));
+  shown["error"] = scalars(entry(json, "error"));
+
+  const std::string tool = textOf(entry(entry(json, "parameters"), "tool"));
+  const Json& inputs = entry(json, "inputs");
+  Json listed = Json::array();
+  for (const Json& input : inputs.is_array() ? inputs : Json::array()) {
+    const std::string file = textOf(entry(input, "path")), sha256 = textOf(entry(input, "sha256"));
+    if (!tool.empty() && file == tool) record.tool_file_sha256 = sha256;
+    if (listed.size() < kMostInputs) listed.push_back({{"path", file}, {"sha256", sha256}});
+  }
+  shown["inputs"] = listed;
+  shown["inputs_total"] = inputs.is_array() ? inputs.size() : 0;
+  record.shown = std::move(shown);
+  return record;
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,67 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""Reads and writes points.ply and report.json by NumPy alone, as docs/file_formats.md describes them."""
+
+import json
+import pathlib
+
+import numpy as np
+
+RECORD = np.dtype([("position", "<f8", 3), ("normal", "<f4", 3), ("colour", "u1", 3), ("label", "u1"), ("reason", "u1"),
+                   ("score", "<u2"), ("confidence", "<f4"), ("stability", "<f4"), ("direction", "<f4", 3),
+                   ("yaw", "<f4")])
+LABELS = ["unscored", "accessible", "blocked"]
+REASONS = ["none", "confidence", "normal", "unseen", "unknown", "arm", "tool"]
+PROPERTIES = ("double x,double y,double z,float nx,float ny,float nz,uchar red,uchar green,uchar blue,uchar label,"
+              "uchar reason,ushort score,float confidence,float stability,float dx,float dy,float dz,float yaw").split(",")
+
+
+def read_points(folder):
+    """The records of points.ply."""
+    data = (pathlib.Path(folder) / "points.ply").read_bytes()
+    end = data.index(b"end_header\n") + len(b"end_header\n")
+    return np.frombuffer(data, RECORD, offset=end)
+
+
+def read_report(folder):
+    return json.loads((pathlib.Path(folder) / "report.json").read_text())
+
+
+def random_points(count, seed=1, size_m=4.0):
+    """Points with every label, reason and some directions."""
+    random = np.random.default_rng(seed)
+    points = np.zeros(count, RECORD)
+    points["position"] = random.uniform(0, size_m, (count, 3))
+    normals = random.normal(size=(count, 3))
+    points["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    points["reason"] = random.integers(0, len(REASONS), count)
+    points["label"] = np.where(points["reason"] == 0, 1, np.where(points["reason"] == 1, 0, 2))
+    yaw = random.integers(0, 180, count) * 2.0
+    points["yaw"] = yaw
+    points["direction"][:, 0] = np.cos(np.radians(yaw))
+    points["direction"][:, 1] = np.sin(np.radians(yaw))
+    points["score"] = random.integers(0, 50, count)
+    points["confidence"] = random.uniform(0, 1, count)
+    points["stability"] = 1
+    return points
+
+
+def write_field(folder, points, voxel_size_m=0.05, comments=(), report=None):
+    """A folder as `map` leaves it. @param report  changes to report.json; None = the counts of the points alone"""
+    folder = pathlib.Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    lines = ["ply", "format binary_little_endian 1.0", "comment AccessVDB 0.1.0", "comment origin_W 0 0 0",
+             f"comment voxel_size_m {voxel_size_m}", "comment num_directions 180", "comment collision_limit 4",
+             *[f"comment {each}" for each in comments], f"element vertex {len(points)}",
+             *[f"property {each}" for each in PROPERTIES], "end_header\n"]
+    with open(folder / "points.ply", "wb") as file:
+        file.write("\n".join(lines).encode())
+        points.tofile(file)
+    counts = {label: int((points["label"] == n).sum()) for n, label in enumerate(LABELS)}
+    reasons = {reason: int((points["reason"] == n).sum()) for n, reason in enumerate(REASONS) if n > 0}
+    content = {"schema": 1, "version": "0.1.0", "exit_code": 0, "device": "cpu", "parameters": {}, "inputs": [],
+               "counts": {"scans": 1, "points_in": len(points), "points_used": len(points), "dropped": {},
+                          "surface_points": len(points), **counts, "reasons": reasons},
+               "warnings": [], "notices": [], **(report or {})}
+    (folder / "report.json").write_text(json.dumps(content))
+    return folder
