@@ -115,6 +115,16 @@ std::optional<double> fileStamp_s(const std::string& stem) {
   return value;
 }
 
+Eigen::Isometry3d interpolateBetween(const Eigen::Isometry3d& before, const Eigen::Isometry3d& after, double share) {
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.linear() = Eigen::Quaterniond(before.linear())
+                      .slerp(share, Eigen::Quaterniond(after.linear()))
+                      .normalized()
+                      .toRotationMatrix();
+  pose.translation() = (1 - share) * before.translation() + share * after.translation();
+  return pose;
+}
+
 std::optional<Eigen::Isometry3d> interpolatePose(const std::vector<PoseEntry>& poses, double stamp_s) {
   const auto after = std::lower_bound(poses.begin(), poses.end(), stamp_s,
                                       [](const PoseEntry& pose, double stamp) { return pose.stamp_s < stamp; });
@@ -124,13 +134,7 @@ std::optional<Eigen::Isometry3d> interpolatePose(const std::vector<PoseEntry>& p
   if (stamp_s - before.stamp_s <= kSameStamp_s) return before.T_W_S;
   if (after == poses.end() || !(after->stamp_s - before.stamp_s <= kMaxPoseGap_s)) return std::nullopt;
   const double share = (stamp_s - before.stamp_s) / (after->stamp_s - before.stamp_s);
-  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-  pose.linear() = Eigen::Quaterniond(before.T_W_S.linear())
-                      .slerp(share, Eigen::Quaterniond(after->T_W_S.linear()))
-                      .normalized()
-                      .toRotationMatrix();
-  pose.translation() = (1 - share) * before.T_W_S.translation() + share * after->T_W_S.translation();
-  return pose;
+  return interpolateBetween(before.T_W_S, after->T_W_S, share);
 }
 
 MatchResult matchPoses(const std::vector<std::string>& stems, const PoseFile& poses, const std::vector<double>& times,

@@ -40,6 +40,10 @@ struct MatchResult {
 /// milli-, micro-, nanoseconds by their number). Shorter whole numbers are numbers, not times.
 [[nodiscard]] std::optional<double> fileStamp_s(const std::string& stem);
 
+/// @param share  0 = before, 1 = after
+[[nodiscard]] Eigen::Isometry3d interpolateBetween(const Eigen::Isometry3d& before, const Eigen::Isometry3d& after,
+                                                   double share);
+
 /// The pose at a given time. @param poses  with increasing stamps
 [[nodiscard]] std::optional<Eigen::Isometry3d> interpolatePose(const std::vector<PoseEntry>& poses, double stamp_s);
 

@@ -11,6 +11,7 @@
 #include "io/decoder_pipe.h"
 #include "io/input_file.h"
 #include "io/point_cloud.h"
+#include "io/recording_steps.h"
 #include "io/scan_files.h"
 #include "io/scan_poses.h"
 #include "io/station_file.h"
@@ -73,6 +74,22 @@ void checkOptions(const ScanInputOptions& options) {
                           "Omit one of the two");
 }
 
+/// What is for recordings only, and what recordings cannot be combined with.
+void checkRecordingOptions(const ScanInputOptions& options, const ScanFileList& scans) {
+  if (!isRecording(scans.kind)) {
+    for (const auto& [flag, value] : {std::pair("--topic", &options.topic),
+                                      {"--pose-topic", &options.pose_topic},
+                                      {"--fixed-frame", &options.fixed_frame}})
+      if (!value->empty())
+        throw InvalidArgument("usage.recording", flag, "is for recordings (.mcap, .db3, .bag)", "Omit it");
+    return;
+  }
+  if (options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty() || !options.stations.empty())
+    throw InvalidArgument("usage.recording", forMessage(scans.files.front().native()),
+                          "is a recording, which excludes --sensor-at, --calib, --trajectory and --stations",
+                          "Use its own poses, or --poses with a pose file in TUM format");
+}
+
 }  // namespace
 
 struct ACCESSVDB_PRIVATE ScanSequence::Impl {
@@ -89,9 +106,13 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   std::string rule;
   std::optional<double> range_noise_m;
   std::uint64_t input_bytes = 0;
-  std::optional<CloudSteps> clouds;  ///< instead of poses: clouds in the world frame
+  std::optional<CloudSteps> clouds;         ///< instead of poses: clouds in the world frame
+  std::optional<RecordingSteps> recording;  ///< instead of both
+  std::vector<ScanWarning> warnings;
 
-  [[nodiscard]] std::size_t size() const { return clouds ? clouds->size() : poses.size(); }
+  [[nodiscard]] std::size_t size() const {
+    return recording ? recording->size() : clouds ? clouds->size() : poses.size();
+  }
 
   void checkStep(std::size_t step) const {
     if (step >= size())
@@ -148,6 +169,15 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     clouds.emplace(std::move(input));
     addFileNotices(clouds->notices());
     scan_files = scans.files;
+  }
+
+  void openRecording(const ScanFileList& scans) {
+    recording.emplace(scans.files, kind, options);
+    scan_files = scans.files;
+    rule = recording->rule();
+    notices.insert(notices.end(), recording->notices().begin(), recording->notices().end());
+    warnings = recording->warnings();
+    if (!options.poses.empty()) other_files.push_back(options.poses);
   }
 
   void openScans(const ScanFileList& scans) {
@@ -208,12 +238,15 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
   impl->notices = scans.notices;
   if (scans.kind == ScanKind::Laz) impl->chooseDecoder(scans.files.front());
   const bool single = scans.files.size() == 1;
-  if (options.sensor_at_W && !single)
+  if (options.sensor_at_W && !single && !isRecording(scans.kind))
     throw InvalidArgument("usage.sensor_at", "--sensor-at",
                           "is for one cloud, but the folder contains " + std::to_string(scans.files.size()) + " scans",
                           "Use one file, or poses for all scans");
   const bool ray_cloud = single && scans.kind == ScanKind::Ply && options.poses.empty();
-  if (!options.trajectory.empty() || !options.stations.empty() || options.sensor_at_W || ray_cloud) {
+  checkRecordingOptions(options, scans);
+  if (isRecording(scans.kind)) {
+    impl->openRecording(scans);
+  } else if (!options.trajectory.empty() || !options.stations.empty() || options.sensor_at_W || ray_cloud) {
     impl->openClouds(scans);
   } else {
     impl->openScans(scans);
@@ -231,11 +264,13 @@ std::size_t ScanSequence::size() const { return impl_->size(); }
 
 ScanRecord ScanSequence::read(std::size_t step) {
   impl_->checkStep(step);
+  if (impl_->recording) return impl_->recording->read(step);
   return impl_->clouds ? impl_->clouds->read(step) : impl_->readScan(step);
 }
 
 std::optional<double> ScanSequence::stamp_s(std::size_t step) const {
   impl_->checkStep(step);
+  if (impl_->recording) return impl_->recording->stamp_s(step);
   if (impl_->clouds) return impl_->clouds->stamp_s(step);
   if (!impl_->stamped) return std::nullopt;
   return impl_->poses[step].stamp_s;
@@ -243,10 +278,12 @@ std::optional<double> ScanSequence::stamp_s(std::size_t step) const {
 
 std::string ScanSequence::path(std::size_t step) const {
   impl_->checkStep(step);
+  if (impl_->recording) return impl_->recording->path(step).string();
   return (impl_->clouds ? impl_->clouds->path(step) : impl_->scan_files[step]).string();
 }
 
 const std::vector<std::string>& ScanSequence::notices() const { return impl_->notices; }
+const std::vector<ScanWarning>& ScanSequence::warnings() const { return impl_->warnings; }
 std::string ScanSequence::matchingRule() const { return impl_->rule; }
 
 std::vector<std::string> ScanSequence::paths() const {
@@ -258,7 +295,8 @@ std::vector<std::string> ScanSequence::paths() const {
 
 std::optional<double> ScanSequence::recordedRangeNoise_m() const { return impl_->range_noise_m; }
 std::uint64_t ScanSequence::heldBytes() const {
-  return impl_->poses.size() * sizeof(MatchedScan) + (impl_->clouds ? impl_->clouds->heldBytes() : 0);
+  return impl_->poses.size() * sizeof(MatchedScan) + (impl_->clouds ? impl_->clouds->heldBytes() : 0) +
+         (impl_->recording ? impl_->recording->heldBytes() : 0);
 }
 std::uint64_t ScanSequence::inputBytes() const { return impl_->input_bytes; }
 

@@ -132,6 +132,7 @@ void MapRun::setParameters(const FieldParams& params) {
                         {"surface", options_.exported.surface ? "true" : "false"},
                         {"sequence", std::to_string(options_.exported.sequence)}};
   for (const auto& given : givenSurveyOptions(options_.survey)) report_.parameters.push_back(given);
+  for (const auto& given : givenRecordingOptions(options_.recording)) report_.parameters.push_back(given);
   std::istringstream lines(params.describe());
   for (std::string line; std::getline(lines, line);) {
     const auto space = line.find(' ');
@@ -341,7 +342,7 @@ int MapRun::run() {
   }
   hashInput(options_.common.config);
   first_scan_input_ = report_.inputs.size();
-  for (const std::string& note : scans.notices()) messages_.notice(note);
+  sayAboutScans(scans, messages_);
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
   setParameters(params);

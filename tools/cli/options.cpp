@@ -164,6 +164,11 @@ std::string toolInWords(const ToolGeometry& tool, const ToolOptions& options) {
   return line;
 }
 
+void sayAboutScans(const io::ScanSequence& scans, Messages& messages) {
+  for (const std::string& note : scans.notices()) messages.notice(note);
+  for (const io::ScanWarning& warning : scans.warnings()) messages.warning(warning.id, warning.text);
+}
+
 void addPictureOptions(FlagParser& flags, PictureOptions& options) {
   flags.option("--view", &options.view, "top, iso, or X,Y,Z towards the viewer");
   flags.option("--colour", &options.colour, "colour of the points: label, or reason (why a point is not accessible)");

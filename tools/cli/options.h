@@ -9,6 +9,7 @@
 #include <string>
 
 #include "accessvdb/render.h"
+#include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
 #include "error_output.h"
 #include "flag_parser.h"
@@ -38,6 +39,9 @@ void addToolOptions(FlagParser& flags, ToolOptions& options);
 void sayToolNotes(const ToolGeometry& tool, Messages& messages);
 /// Size and pose of a tool in one line.
 [[nodiscard]] std::string toolInWords(const ToolGeometry& tool, const ToolOptions& options);
+
+/// How scans and poses were read and matched, and what is likely wrong with them.
+void sayAboutScans(const io::ScanSequence& scans, Messages& messages);
 
 struct PictureOptions {
   std::string view = "iso", colour = "label";
