@@ -38,7 +38,8 @@ std::unique_ptr<LockedScans> openScans(const std::filesystem::path& scans,
                                        const std::optional<std::filesystem::path>& trajectory,
                                        const py::object& time_offset_s,
                                        const std::optional<std::filesystem::path>& stations,
-                                       const std::string& laz_command) {
+                                       const std::string& laz_command, const std::string& topic,
+                                       const std::string& pose_topic, const std::string& fixed_frame) {
   io::ScanInputOptions options;
   options.scans = scans;
   if (poses) options.poses = *poses;
@@ -54,6 +55,9 @@ std::unique_ptr<LockedScans> openScans(const std::filesystem::path& scans,
   options.time_offset_s = numberFrom("time_offset_s", time_offset_s);
   if (stations) options.stations = *stations;
   options.laz_command = laz_command;
+  options.topic = topic;
+  options.pose_topic = pose_topic;
+  options.fixed_frame = fixed_frame;
   return withoutLock([&] { return std::make_unique<LockedScans>(io::ScanSequence::open(options)); });
 }
 
@@ -106,9 +110,11 @@ void bindScans(py::module_& module) {
            py::arg("pose_format") = "auto", py::arg("calib") = py::none(), py::arg("sensor_at_W") = py::none(),
            py::arg("every") = 1, py::arg("allow_truncated") = false, py::arg("sort_poses") = false,
            py::arg("rays_per_step") = 20000, py::arg("trajectory") = py::none(), py::arg("time_offset_s") = 0.0,
-           py::arg("stations") = py::none(), py::arg("laz_command") = "",
-           "scans: a folder of .pcd, .ply, .bin, .las or .laz files, or one file. poses: TUM, KITTI, BALM or HBA. "
-           "trajectory, stations: where the sensor was, for clouds in the world frame.")
+           py::arg("stations") = py::none(), py::arg("laz_command") = "", py::arg("topic") = "",
+           py::arg("pose_topic") = "", py::arg("fixed_frame") = "",
+           "scans: a folder of .pcd, .ply, .bin, .las or .laz files, one file, or a recording (.mcap, .db3, .bag). "
+           "poses: TUM, KITTI, BALM or HBA. trajectory, stations: where the sensor was, for clouds in the world "
+           "frame. topic, pose_topic, fixed_frame: for recordings.")
       .def("__len__", [](const LockedScans& s) { return s.scans.size(); })
       .def("__getitem__", &readScan, py::arg("step"))
       .def("__iter__",
@@ -119,6 +125,14 @@ void bindScans(py::module_& module) {
       .def_property_readonly(
           "notices", [](const LockedScans& s) { return s.scans.notices(); },
           "Frame, quaternion order, matching rule, repairs.")
+      .def_property_readonly(
+          "warnings",
+          [](const LockedScans& s) {
+            std::vector<std::pair<std::string, std::string>> warnings;
+            for (const io::ScanWarning& warning : s.scans.warnings()) warnings.emplace_back(warning.id, warning.text);
+            return warnings;
+          },
+          "(id, text) of what is most likely a mistake or a loss.")
       .def_property_readonly("matching_rule", [](const LockedScans& s) { return s.scans.matchingRule(); })
       .def_property_readonly(
           "paths", [](const LockedScans& s) { return s.scans.paths(); }, "Every file that is or will be read.")
