@@ -32,7 +32,8 @@ struct ScanInputOptions {
   /// Where the sensor was at the time of each return of LAS, LAZ or PLY in the world frame: text with time x y z, TUM,
   /// or columns named by a header.
   std::filesystem::path trajectory = {};
-  double time_offset_s = 0;  ///< added to the cloud's stamps before the trajectory is looked up
+  /// Added to the stamps of clouds and scans before a trajectory or poses with time stamps are looked up.
+  double time_offset_s = 0;
   /// Scanners on tripods: a line "file x y z" for each cloud in the world frame, names relative to `scans`.
   std::filesystem::path stations = {};
   /// Writes a LAZ file as LAS to its standard output; run without a shell, split at blanks, with the file's name as
@@ -43,6 +44,10 @@ struct ScanInputOptions {
   std::string topic = {}, pose_topic = {};
   /// Recordings: the frame of the result. Empty: the one that the odometry is in, or the top of the transforms.
   std::string fixed_frame = {};
+  /// Where the sensor is on what the poses are of (an IMU, a body): T_W_S becomes T_W_B * T_B_S.
+  std::optional<Eigen::Isometry3d> T_B_S = {};
+  /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.
+  std::optional<Eigen::AlignedBox3d> exclude_box_S = {};
 };
 
 /// Something about the input that is most likely a mistake, or a loss.
@@ -60,6 +65,7 @@ struct ScanRecord {
   double stamp_s = 0;  ///< 0 where unknown
   std::string path;
   std::uint64_t truncated_points = 0;  ///< records announced by the header but missing in the file
+  std::uint64_t excluded_points = 0;   ///< left out: inside ScanInputOptions::exclude_box_S
 };
 
 struct InputFile {

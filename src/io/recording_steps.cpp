@@ -3,9 +3,11 @@
 #include "io/recording_steps.h"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdio>
 
 #include "accessvdb/error.h"
+#include "io/exclude_box.h"
 #include "io/input_file.h"
 #include "io/pose_matching.h"
 #include "io/recording_topics.h"
@@ -46,7 +48,7 @@ std::string subjectOf(const std::vector<std::filesystem::path>& files) {
 
 RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, ScanKind kind,
                                const ScanInputOptions& options)
-    : files_(files), subject_(subjectOf(files)) {
+    : files_(files), subject_(subjectOf(files)), T_B_S_(options.T_B_S), exclude_box_S_(options.exclude_box_S) {
   for (const auto& file : files_) recordings_.push_back(openRecording(file, kind, options.allow_truncated));
   RecordingIndex index = indexRecording({.files = files_,
                                          .kind = kind,
@@ -75,7 +77,8 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
   if (index.thinned_ns > 0)
     notices_.push_back("recording: poses less than " + std::to_string(index.thinned_ns / 1'000'000) +
                        " ms after another are not used, to save memory");
-  keepPosed(std::move(cloud.clouds), options.every);
+  if (T_B_S_) rule_ += ", with --extrinsic";
+  keepPosed(std::move(cloud.clouds), options);
 }
 
 void RecordingSteps::tellAboutClouds(const RecordingIndex& index, const IndexedTopic& cloud) {
@@ -134,7 +137,8 @@ void RecordingSteps::useOdometry(IndexedTopic& poses, const IndexedTopic& cloud,
   for (const std::string& frame : cloud.frames) {
     FrameUse use;
     use.registered = isRegistered(frame);
-    use.of_points = requireChain(frame);
+    // The extrinsic says where the sensor is on what is posed, whatever transforms say.
+    use.of_points = requireChain(T_B_S_ && !use.registered ? child : frame);
     if (use.registered) use.of_sensor = requireChain(child);
     uses_.push_back(std::move(use));
   }
@@ -173,6 +177,10 @@ void RecordingSteps::tellAboutOdometry(const IndexedTopic& poses, bool sort) {
 }
 
 void RecordingSteps::useTransforms(const IndexedTopic& cloud) {
+  if (T_B_S_)
+    throw InvalidArgument("usage.extrinsic", "--extrinsic",
+                          "is for odometry and poses: transforms pose the sensor itself",
+                          "Omit it, or choose odometry with --pose-topic");
   frames_.finish();
   if (world_.empty()) {
     const auto top = frames_.top(cloud.frames.front());
@@ -199,27 +207,39 @@ void RecordingSteps::useTransforms(const IndexedTopic& cloud) {
                                             " times at over 50 m/s: the map may be torn there"});
 }
 
+Eigen::Isometry3d RecordingSteps::onSensor(const Eigen::Isometry3d& T_W_B) const {
+  return T_B_S_ ? T_W_B * *T_B_S_ : T_W_B;
+}
+
 std::optional<RecordingSteps::Posed> RecordingSteps::poseOf(const IndexedCloud& cloud) const {
   const FrameUse& use = uses_.at(cloud.frame);
   Posed posed;
   if (file_) {
-    const auto T_W_S = interpolatePose(file_->poses, seconds(cloud.stamp_ns));
-    if (!T_W_S) return std::nullopt;
-    if (!use.registered) posed.T_W_cloud = *T_W_S;
-    posed.sensor_W = T_W_S->translation();
+    const auto T_W_B = interpolatePose(file_->poses, seconds(cloud.stamp_ns));
+    if (!T_W_B) return std::nullopt;
+    posed.T_W_sensor = onSensor(*T_W_B);
+    if (!use.registered) posed.T_W_cloud = posed.T_W_sensor;
     return posed;
   }
-  const auto T_W_cloud = frames_.at(use.of_points, cloud.stamp_ns);
-  if (!T_W_cloud) return std::nullopt;
-  posed.T_W_cloud = *T_W_cloud;
-  if (!use.registered) return posed;
-  const auto T_W_sensor = frames_.at(use.of_sensor, cloud.stamp_ns);
-  if (!T_W_sensor) return std::nullopt;
-  posed.sensor_W = T_W_sensor->translation();
+  const auto T_W_points = frames_.at(use.of_points, cloud.stamp_ns);
+  if (!T_W_points) return std::nullopt;
+  if (!use.registered) {
+    posed.T_W_cloud = posed.T_W_sensor = onSensor(*T_W_points);
+    return posed;
+  }
+  const auto T_W_B = frames_.at(use.of_sensor, cloud.stamp_ns);
+  if (!T_W_B) return std::nullopt;
+  posed.T_W_cloud = *T_W_points;
+  posed.T_W_sensor = onSensor(*T_W_B);
   return posed;
 }
 
-void RecordingSteps::keepPosed(std::vector<IndexedCloud> clouds, int every) {
+void RecordingSteps::keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options) {
+  constexpr double kMostOffset_s = 4e9;
+  if (!(std::abs(options.time_offset_s) <= kMostOffset_s))
+    throw InvalidArgument("usage.time_offset", "--time-offset", "is more than a century", "Use seconds");
+  const auto offset_ns = static_cast<std::int64_t>(std::llround(options.time_offset_s * 1e9));
+  for (IndexedCloud& cloud : clouds) cloud.stamp_ns += offset_ns;
   const auto earlier = [](const IndexedCloud& a, const IndexedCloud& b) { return a.stamp_ns < b.stamp_ns; };
   if (!std::is_sorted(clouds.begin(), clouds.end(), earlier)) {
     std::stable_sort(clouds.begin(), clouds.end(), earlier);
@@ -236,7 +256,7 @@ void RecordingSteps::keepPosed(std::vector<IndexedCloud> clouds, int every) {
       continue;
     }
     found = true;
-    if (posed++ % static_cast<std::size_t>(every) == 0) steps_.push_back(cloud);
+    if (posed++ % static_cast<std::size_t>(options.every) == 0) steps_.push_back(cloud);
   }
   if (posed == 0)
     throw UnusableInput(
@@ -263,12 +283,17 @@ ScanRecord RecordingSteps::read(std::size_t step) {
     record.T_W_S = posed->T_W_cloud;
     if (!uses_[indexed.frame].registered) {
       bags::appendPoints(cloud, record.points_S);
+      if (exclude_box_S_)
+        record.excluded_points = leaveOutInside(*exclude_box_S_, Eigen::Isometry3d::Identity(), record.points_S);
       return record;
     }
     bags::appendPoints(cloud, record.points_W);
     if (!posed->T_W_cloud.matrix().isIdentity(0))
       for (Eigen::Vector3d& p : record.points_W) p = posed->T_W_cloud * p;
-    record.origins_W = {posed->sensor_W};
+    if (exclude_box_S_)
+      record.excluded_points =
+          leaveOutInside(*exclude_box_S_, posed->T_W_sensor.inverse(Eigen::Isometry), record.points_W);
+    record.origins_W = {posed->T_W_sensor.translation()};
     record.T_W_S = Eigen::Isometry3d::Identity();
     return record;
   } catch (const bags::MessageError&) {

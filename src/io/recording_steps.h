@@ -40,7 +40,7 @@ class RecordingSteps {
   };
   struct Posed {
     Eigen::Isometry3d T_W_cloud = Eigen::Isometry3d::Identity();
-    Eigen::Vector3d sensor_W = Eigen::Vector3d::Zero();
+    Eigen::Isometry3d T_W_sensor = Eigen::Isometry3d::Identity();
   };
 
   void usePoseFile(const IndexedTopic& cloud, const ScanInputOptions& options);
@@ -49,7 +49,8 @@ class RecordingSteps {
   [[nodiscard]] FrameTree::Chain requireChain(const std::string& leaf) const;
   void tellAboutClouds(const RecordingIndex& index, const IndexedTopic& cloud);
   void tellAboutOdometry(const IndexedTopic& poses, bool sort);
-  void keepPosed(std::vector<IndexedCloud> clouds, int every);
+  void keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options);
+  [[nodiscard]] Eigen::Isometry3d onSensor(const Eigen::Isometry3d& T_W_B) const;
   [[nodiscard]] std::optional<Posed> poseOf(const IndexedCloud& cloud) const;
 
   std::vector<std::filesystem::path> files_;
@@ -63,7 +64,9 @@ class RecordingSteps {
   std::string world_;             ///< the frame of the result
   std::vector<FrameUse> uses_;    ///< [IndexedTopic::frames]
   std::optional<PoseFile> file_;  ///< instead of frames
-  std::string span_;              ///< of the poses, for messages
+  std::optional<Eigen::Isometry3d> T_B_S_;
+  std::optional<Eigen::AlignedBox3d> exclude_box_S_;
+  std::string span_;  ///< of the poses, for messages
   std::string rule_;
   std::vector<std::string> notices_;
   std::vector<ScanWarning> warnings_;

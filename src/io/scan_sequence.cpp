@@ -9,8 +9,10 @@
 #include "accessvdb/scan_io.h"
 #include "io/cloud_steps.h"
 #include "io/decoder_pipe.h"
+#include "io/exclude_box.h"
 #include "io/input_file.h"
 #include "io/point_cloud.h"
+#include "io/pose_checks.h"
 #include "io/recording_steps.h"
 #include "io/scan_files.h"
 #include "io/scan_poses.h"
@@ -56,9 +58,10 @@ void checkOptions(const ScanInputOptions& options) {
     throw InvalidArgument("usage.rays_per_step", "rays_per_step", "must be at least 1", "The default is 20000");
   if (!std::isfinite(options.time_offset_s))
     throw InvalidArgument("usage.time_offset", "--time-offset", "must be a finite number", "Use seconds");
-  if (options.time_offset_s != 0 && options.trajectory.empty())
-    throw InvalidArgument("usage.time_offset", "--time-offset", "is for the times of a cloud with a trajectory",
-                          "Add --trajectory, or omit it");
+  if (options.T_B_S) (void)PoseChecker("--extrinsic").fromMatrix(options.T_B_S->matrix().topRows<3>(), 0);
+  if (const auto& box = options.exclude_box_S; box && !(box->sizes().minCoeff() > 0 && box->sizes().allFinite()))
+    throw InvalidArgument("usage.exclude_box", "--exclude-box", "must have a finite size above 0 along each axis",
+                          "Use X0,Y0,Z0,X1,Y1,Z1, the lower corner first");
   if (!options.trajectory.empty() && (!options.poses.empty() || options.sensor_at_W || !options.calib.empty()))
     throw InvalidArgument("usage.trajectory", "--trajectory", "excludes --poses, --sensor-at and --calib",
                           "Use --trajectory for a cloud in the world frame, --poses for scans in the sensor's");
@@ -74,20 +77,22 @@ void checkOptions(const ScanInputOptions& options) {
                           "Omit one of the two");
 }
 
-/// What is for recordings only, and what recordings cannot be combined with.
-void checkRecordingOptions(const ScanInputOptions& options, const ScanFileList& scans) {
-  if (!isRecording(scans.kind)) {
-    for (const auto& [flag, value] : {std::pair("--topic", &options.topic),
-                                      {"--pose-topic", &options.pose_topic},
-                                      {"--fixed-frame", &options.fixed_frame}})
-      if (!value->empty())
-        throw InvalidArgument("usage.recording", flag, "is for recordings (.mcap, .db3, .bag)", "Omit it");
-    return;
-  }
-  if (options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty() || !options.stations.empty())
+/// What is for one kind of scans only.
+void checkKind(const ScanInputOptions& options, const ScanFileList& scans) {
+  const bool recording = isRecording(scans.kind);
+  for (const auto& [flag, value] : {std::pair("--topic", &options.topic),
+                                    {"--pose-topic", &options.pose_topic},
+                                    {"--fixed-frame", &options.fixed_frame}})
+    if (!recording && !value->empty())
+      throw InvalidArgument("usage.recording", flag, "is for recordings (.mcap, .db3, .bag)", "Omit it");
+  if (recording &&
+      (options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty() || !options.stations.empty()))
     throw InvalidArgument("usage.recording", forMessage(scans.files.front().native()),
                           "is a recording, which excludes --sensor-at, --calib, --trajectory and --stations",
                           "Use its own poses, or --poses with a pose file in TUM format");
+  if (options.time_offset_s != 0 && !recording && options.trajectory.empty() && options.poses.empty())
+    throw InvalidArgument("usage.time_offset", "--time-offset", "is for times that are looked up in poses",
+                          "Add --trajectory or --poses, or omit it");
 }
 
 }  // namespace
@@ -137,6 +142,10 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
 
   /// Clouds in the world frame.
   void openClouds(const ScanFileList& scans) {
+    if (options.T_B_S || options.exclude_box_S)
+      throw InvalidArgument("usage.sensor_frame", options.T_B_S ? "--extrinsic" : "--exclude-box",
+                            "needs the sensor's frame, which clouds in the world frame do not have",
+                            "Use scans in the sensor's frame, or a recording");
     CloudInput input{.files = scans.files,
                      .kind = kind,
                      .read = {.allow_truncated = options.allow_truncated, .laz_command = laz_command},
@@ -187,8 +196,10 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     other_files = std::move(found.files);
     rule = found.match.rule;
     stamped = found.stamped;
+    if (options.T_B_S) notices.push_back("poses: those of the sensor, by --extrinsic");
     for (std::size_t i = 0; i < found.match.scans.size(); i += static_cast<std::size_t>(options.every)) {
       poses.push_back(found.match.scans[i]);
+      if (options.T_B_S) poses.back().T_W_S = poses.back().T_W_S * *options.T_B_S;
       scan_files.push_back(scans.files[found.match.scans[i].scan]);
     }
   }
@@ -212,6 +223,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       read = part.points.size();
     }
     record.truncated_points = totals.truncated_points;
+    if (options.exclude_box_S)
+      record.excluded_points = leaveOutInside(*options.exclude_box_S, Eigen::Isometry3d::Identity(), record.points_S);
     addFileNotices(reader->notices(totals));
     return record;
   }
@@ -243,7 +256,7 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
                           "is for one cloud, but the folder contains " + std::to_string(scans.files.size()) + " scans",
                           "Use one file, or poses for all scans");
   const bool ray_cloud = single && scans.kind == ScanKind::Ply && options.poses.empty();
-  checkRecordingOptions(options, scans);
+  checkKind(options, scans);
   if (isRecording(scans.kind)) {
     impl->openRecording(scans);
   } else if (!options.trajectory.empty() || !options.stations.empty() || options.sensor_at_W || ray_cloud) {

@@ -107,6 +107,52 @@ TEST_F(RecordingReading, PrefersRegisteredClouds) {
   }
 }
 
+/// Against the same by hand: poses multiplied, points compared, times shifted.
+TEST_F(RecordingReading, AppliesExtrinsicBoxAndOffset) {
+  ACCESSVDB_NEED_ROS2_WRITER();
+  writeFlight(6, 40);
+  Eigen::Isometry3d T_B_S = Eigen::Isometry3d::Identity();
+  T_B_S.translate(Eigen::Vector3d(0.1, -0.2, 0.3)).rotate(Eigen::AngleAxisd(0.4, Eigen::Vector3d::UnitY()));
+  const fs::path raw = write("raw.mcap", ""), world = write("world.mcap", "clouds=world");
+  const Eigen::AlignedBox3d box_S(Eigen::Vector3d(2.05, -1, -0.4), Eigen::Vector3d(2.2, 9, 1));
+  for (const fs::path& source : {raw, folder_.path() / "scans"}) {
+    io::ScanInputOptions options = {.scans = source, .T_B_S = T_B_S, .exclude_box_S = box_S};
+    if (source != raw) options.poses = folder_.path() / "poses.txt";
+    io::ScanSequence scans = io::ScanSequence::open(options);
+    ASSERT_EQ(scans.size(), 6U);
+    for (std::size_t step = 0; step < 6; ++step) {
+      const io::ScanRecord record = scans.read(step);
+      EXPECT_EQ(record.T_W_S.matrix(), (poseOf(step) * T_B_S).matrix());
+      std::vector<Eigen::Vector3f> left;
+      for (std::size_t i = 0; i < 40; ++i)
+        if (!box_S.contains(pointAt(step, i).cast<double>())) left.push_back(pointAt(step, i));
+      EXPECT_EQ(record.points_S, left);
+      EXPECT_EQ(record.excluded_points, 40 - left.size());
+      EXPECT_GT(record.excluded_points, 0U);
+    }
+  }
+  // Registered: where the rays begin, and a box that turns with the sensor.
+  io::ScanSequence registered = io::ScanSequence::open({.scans = world, .T_B_S = T_B_S, .exclude_box_S = box_S});
+  for (std::size_t step = 0; step < 6; ++step) {
+    const io::ScanRecord record = registered.read(step);
+    EXPECT_EQ(record.origins_W.at(0), (poseOf(step) * T_B_S).translation());
+    std::uint64_t inside = 0;
+    for (std::size_t i = 0; i < 40; ++i)
+      inside += box_S.contains(T_B_S.inverse() * pointAt(step, i).cast<double>()) ? 1 : 0;
+    EXPECT_EQ(record.excluded_points, inside);
+  }
+  // The clouds' clock is 0.1 s late: each gets the pose of the next.
+  io::ScanSequence late = io::ScanSequence::open({.scans = raw, .time_offset_s = 0.1});
+  ASSERT_EQ(late.size(), 5U);
+  for (std::size_t step = 0; step < 5; ++step) EXPECT_EQ(late.read(step).T_W_S.matrix(), poseOf(step + 1).matrix());
+  io::test::expectError(
+      [&] {
+        (void)io::ScanSequence::open(
+            {.scans = folder_.path() / "scans", .poses = folder_.path() / "poses.txt", .time_offset_s = 1});
+      },
+      ErrorCode::Usage, "usage.time_offset");
+}
+
 /// The same transforms are in a bag of ROS 1 and in a database of ROS 2.
 TEST_F(RecordingReading, FindsTheSameTransformsInRealBags) {
   ACCESSVDB_NEED_DATA(bag, "trajectories/tf_example.bag");

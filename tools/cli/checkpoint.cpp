@@ -44,6 +44,7 @@ std::map<std::string, std::string> readingOf(const MapOptions& options) {
                                                 {"sort_poses", options.sort_poses ? "true" : "false"}};
   // Later than the first checkpoints, which do not have them.
   for (const auto& given : givenRecordingOptions(options.recording)) reading.insert(given);
+  for (const auto& given : givenSensorOptions(options.sensor)) reading.insert(given);
   return reading;
 }
 

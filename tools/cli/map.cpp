@@ -75,7 +75,7 @@ class MapRun {
   RunReport report_;
   SceneStatistics scene_;
   std::set<std::string> hashed_;
-  std::uint64_t truncated_points_ = 0;
+  std::uint64_t truncated_points_ = 0, excluded_points_ = 0;
   std::uint64_t frames_ = 0;  // frames of the sequence written
   bool refused_ = false;      // existing outputs must stay
   bool written_ = false;      // the field including its labels
@@ -133,6 +133,7 @@ void MapRun::setParameters(const FieldParams& params) {
                         {"sequence", std::to_string(options_.exported.sequence)}};
   for (const auto& given : givenSurveyOptions(options_.survey)) report_.parameters.push_back(given);
   for (const auto& given : givenRecordingOptions(options_.recording)) report_.parameters.push_back(given);
+  for (const auto& given : givenSensorOptions(options_.sensor)) report_.parameters.push_back(given);
   std::istringstream lines(params.describe());
   for (std::string line; std::getline(lines, line);) {
     const auto space = line.find(' ');
@@ -154,6 +155,7 @@ void MapRun::integrate(const io::ScanRecord& record, AccessibilityField& field) 
     report_.distance_mirror_bytes.add(static_cast<double>(stats.distance_mirror_bytes));
   }
   truncated_points_ += record.truncated_points;
+  excluded_points_ += record.excluded_points;
   ++report_.scans;
 }
 
@@ -238,6 +240,7 @@ std::size_t MapRun::readResumed(io::ScanSequence& scans) {
       const io::ScanRecord record = scans.read(step);
       scene_.add(record);
       truncated_points_ += record.truncated_points;
+      excluded_points_ += record.excluded_points;
       hashInput(record.path);
     }
     if (stopSignal() == 0) checkpoints_.requireSameInputs(progress(scans));
@@ -277,6 +280,8 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   }
   const auto points = field.points();
   const Eigen::AlignedBox3d surface_W = countPoints(field, *points);
+  if (excluded_points_ > 0)
+    messages_.notice(std::to_string(excluded_points_) + " returns inside --exclude-box were left out");
   if (truncated_points_ > 0) {
     messages_.warning("input.truncated",
                       std::to_string(truncated_points_) + " points announced by the files are missing");

@@ -63,6 +63,7 @@ void addMappingOptions(FlagParser& flags, MapOptions& options) {
   flags.flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
   addSurveyOptions(flags, options.survey);
   addRecordingOptions(flags, options.recording);
+  addSensorOptions(flags, options.sensor);
 }
 
 void addMirrorOption(FlagParser& flags, MapOptions& options) {
@@ -178,6 +179,7 @@ io::ScanInputOptions scanInputOptions(const MapOptions& options) {
   input.sort_poses = options.sort_poses;
   applySurveyOptions(options.survey, input);
   applyRecordingOptions(options.recording, input);
+  applySensorOptions(options.sensor, input);
   return input;
 }
 

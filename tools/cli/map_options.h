@@ -13,6 +13,7 @@
 #include "export_options.h"
 #include "options.h"
 #include "recording_options.h"
+#include "sensor_options.h"
 #include "survey_options.h"
 
 namespace accessvdb::tools {
@@ -24,6 +25,7 @@ struct MapOptions {
   ExportOptions exported;
   SurveyOptions survey;
   RecordingOptions recording;
+  SensorOptions sensor;
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string checkpoint, checkpoint_every = "5m", resume;
   std::string pose_format = "auto", profile = "product", policy;

@@ -5,8 +5,10 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <initializer_list>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "accessvdb/render.h"
 #include "accessvdb/scan_io.h"
@@ -18,6 +20,10 @@ namespace accessvdb::tools {
 
 /// "X,Y,Z". @throws InvalidArgument naming the flag
 [[nodiscard]] Eigen::Vector3d parseVector(const std::string& flag, const std::string& text);
+/// Finite numbers with commas between them. @param counts  how many there may be  @param form  for messages
+/// @throws InvalidArgument naming the flag
+[[nodiscard]] std::vector<double> parseNumbers(const std::string& flag, const std::string& text,
+                                               std::initializer_list<std::size_t> counts, const std::string& form);
 /// "X,Y,Z", or an axis: "x", "+x", "-x", "y" ... @throws InvalidArgument naming the flag
 [[nodiscard]] Eigen::Vector3d parseDirection(const std::string& flag, const std::string& text);
 /// "0.1" in metres, or "4v" in voxels. @throws InvalidArgument naming the flag
