@@ -24,9 +24,8 @@ Eigen::Isometry3d PoseTrack::Entry::pose() const {
 }
 
 void PoseTrack::add(std::int64_t stamp_ns, const Eigen::Vector3d& p, const Eigen::Vector4d& q) {
-  // Half of the numbers, so that differences of stamps cannot overflow.
-  constexpr std::int64_t kFar = std::int64_t{1} << 62;
-  if (!p.allFinite() || !(std::abs(q.norm() - 1.0) <= kRepairLimit) || stamp_ns < -kFar || stamp_ns > kFar) {
+  if (!p.allFinite() || !(std::abs(q.norm() - 1.0) <= kRepairLimit) || stamp_ns < -kMostStamp_ns ||
+      stamp_ns > kMostStamp_ns) {
     ++counts_.invalid;
     return;
   }
@@ -68,7 +67,7 @@ std::optional<Eigen::Isometry3d> PoseTrack::at(std::int64_t stamp_ns) const {
   const auto after = std::lower_bound(poses_.begin(), poses_.end(), stamp_ns,
                                       [](const Entry& pose, std::int64_t stamp) { return pose.stamp_ns < stamp; });
   const auto isSame = [stamp_ns](const Entry& pose) {
-    return std::max(pose.stamp_ns, stamp_ns) - std::min(pose.stamp_ns, stamp_ns) <= kSameStamp_ns;
+    return std::max(pose.stamp_ns, stamp_ns) <= std::min(pose.stamp_ns, stamp_ns) + kSameStamp_ns;
   };
   if (after != poses_.end() && isSame(*after)) return after->pose();
   if (after == poses_.begin()) return std::nullopt;

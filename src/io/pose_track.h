@@ -17,6 +17,9 @@ inline constexpr double kFastest_m_s = 50;
 /// Shorter steps are not called jumps, however fast they seem: stamps have jitter.
 inline constexpr double kLeastJump_m = 1;
 
+/// Until 2116. Half of the numbers, so that differences of stamps cannot overflow.
+inline constexpr std::int64_t kMostStamp_ns = (std::int64_t{1} << 62) - 1;
+
 class PoseTrack {
  public:
   struct Counts {

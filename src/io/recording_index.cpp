@@ -127,7 +127,7 @@ class Indexer {
   static std::int64_t stampOf(IndexedTopic& topic, std::int64_t stamp_ns, const bags::Message& message) {
     if (stamp_ns != 0) return stamp_ns;
     ++topic.unstamped;
-    return message.logged_ns;
+    return std::clamp(message.logged_ns, -kMostStamp_ns, kMostStamp_ns);
   }
 
   void addCloud(IndexedTopic& topic, const bags::Message& message) {

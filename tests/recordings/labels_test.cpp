@@ -141,7 +141,6 @@ TEST_F(RecordingLabels, OfRecordedScansEqualThoseOfFiles) {
   const std::string expected = run("files", files);
   ASSERT_GT(expected.size(), 10000U);
   EXPECT_TRUE(run("mcap", {"--scans", write("flight.mcap", "")}) == expected);
-  EXPECT_TRUE(run("db3", {"--scans", write("flight.db3", "")}) == expected);
   if (hasRos1Writer()) {
     EXPECT_TRUE(run("bag", {"--scans", write("flight.bag", "compression=lz4")}) == expected);
   }
