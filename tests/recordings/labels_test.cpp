@@ -146,6 +146,24 @@ TEST_F(RecordingLabels, OfRecordedScansEqualThoseOfFiles) {
   }
 }
 
+TEST_F(RecordingLabels, AreNotNeededToSeeWhatIsInside) {
+  ACCESSVDB_NEED_ROS2_WRITER();
+  simulate();
+  const std::string bag = write("flight.mcap", "poses=tf");
+  const ProgramResult words = runProgram({"info", bag});
+  EXPECT_EQ(words.exit_code, 0) << words.err;
+  for (const char* const line :
+       {"/points: sensor_msgs/PointCloud2 (cdr), 4 messages from 0.000 to 0.300 s, clouds in frame body",
+        "/chatter: std_msgs/String (cdr), 1 messages\n", "camera_init -> base"})
+    EXPECT_NE(words.out.find(line), std::string::npos) << line << " is not in: " << words.out;
+  const ProgramResult text = runProgram({"info", bag, "--json"});
+  const auto json = nlohmann::json::parse(text.out);
+  EXPECT_EQ(json["messages"], 10);
+  EXPECT_EQ(json["first_s"], 1.7e9);
+  EXPECT_EQ(json["topics"].size(), 4);
+  EXPECT_EQ(json["transforms"], nlohmann::json({"camera_init -> base", "base -> body"}));
+}
+
 /// In tiles, stopped and resumed, with a pose file, and every second scan: as the files.
 TEST_F(RecordingLabels, WorkWithTheRestOfTheProgram) {
   ACCESSVDB_NEED_ROS2_WRITER();

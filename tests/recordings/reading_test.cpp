@@ -224,16 +224,13 @@ TEST_F(RecordingReading, ReadsWhatIsWholeOfACutOffRecording) {
     bool some = false;
     for (const double share : {0.95, 0.8, 0.6, 0.5}) {
       fs::resize_file(file, static_cast<std::uintmax_t>(share * static_cast<double>(bytes)));
-      io::ScanSequence scans =
-          [&] {
-            try {
-              return std::optional(io::ScanSequence::open({.scans = file}));
-            } catch (const UnusableInput&) {
-              return std::optional<io::ScanSequence>();  // nothing is left of it
-            }
-          }()
-              .value_or(io::ScanSequence::open({.scans = write("rest.mcap", "")}));
-      if (scans.path(0) != file.string()) break;
+      std::optional<io::ScanSequence> opened;
+      try {
+        opened = io::ScanSequence::open({.scans = file});
+      } catch (const UnusableInput&) {
+        break;  // nothing is left of it
+      }
+      io::ScanSequence& scans = *opened;
       EXPECT_LE(scans.size(), before);
       // The index at the end of MCAP is not missed.
       ASSERT_EQ(scans.warnings().size(), scans.size() == 8 ? scans.warnings().size() : 1U) << file << share;
