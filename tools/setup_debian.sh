@@ -80,7 +80,7 @@ npm_packages() {
   cp "$root/tests/recordings/package.json" "$root/tests/recordings/package-lock.json" "$folder/"
   if ! (cd "$folder" && timeout 120 npm ci --silent --no-audit --no-fund --ignore-scripts) >&2; then
     rm -f "$folder/package-lock.json"
-    echo "setup: npm could not install its packages: tests that decode LAZ or write ROS 2 recordings will be skipped" >&2
+    echo "setup: npm could not install its packages: tests that read LAS or LAZ by them, or write ROS 2 recordings, will be skipped" >&2
   fi
 }
 npm_packages

@@ -5,6 +5,10 @@
 /// Not thread-safe: call it from one thread at a time. Internally it uses all threads of the machine, and the result is
 /// bit for bit the same for any number of them.
 ///
+/// While an updateAsync() runs, every call waits for its end, except integrateScan() and integrateRays(), which wait
+/// only where they would change what it reads, and those that read what never changes (tool(), params(), deviceName(),
+/// ...).
+///
 /// When a step fails half-way (out of memory, a map beyond its limits, a lost GPU), the field stops answering: every
 /// later call throws ResourceLimit "field.broken", except volume(), unscoredSnapshot() and unscoredPoints(), which live
 /// on the host. Bad scans and poses are refused before anything changes.
@@ -22,6 +26,7 @@
 #include "accessvdb/params.h"
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/types.h"
+#include "accessvdb/update_ticket.h"
 
 namespace accessvdb {
 
@@ -54,6 +59,17 @@ class ACCESSVDB_API AccessibilityField {
 
   /// Scores what changed since the last update().
   UpdateStats update();
+  /// The same update, with the same bits, on a thread of its own: returns at once, or after an earlier one. The next
+  /// scan may be fused meanwhile, so that a stream of scans gets through at the rate of the slower of the two:
+  ///     UpdateTicket ticket;
+  ///     for (const Scan& scan : scans) {
+  ///       field.integrateScan(scan.points_S, scan.T_W_S);  // beside the update of the scan before
+  ///       ticket = field.updateAsync();
+  ///     }
+  ///     ticket.wait();
+  /// Its errors come from UpdateTicket::wait(); other calls then throw "field.broken".
+  /// @throws ResourceLimit "field.broken" after an earlier failure
+  [[nodiscard]] UpdateTicket updateAsync();
 
   /// All points with their labels, as of the last update(). Points that came later are unscored.
   [[nodiscard]] FieldSnapshot snapshot() const;

@@ -24,7 +24,7 @@
 #include "accessvdb/export.h"
 
 /* Grows with every addition. A program built against version N runs with a library of version N or later. */
-#define ACCESSVDB_C_API_VERSION 3
+#define ACCESSVDB_C_API_VERSION 4
 
 #ifdef __cplusplus
 #define ACCESSVDB_C_NOEXCEPT noexcept
@@ -79,6 +79,7 @@ typedef struct accessvdb_error {
 
 typedef struct accessvdb_tool accessvdb_tool;
 typedef struct accessvdb_field accessvdb_field;
+typedef struct accessvdb_update accessvdb_update;
 
 /// Version of the loaded library, such as "0.1.0".
 ACCESSVDB_API const char* accessvdb_version(void) ACCESSVDB_C_NOEXCEPT;
@@ -321,6 +322,23 @@ ACCESSVDB_API int accessvdb_field_save_state(accessvdb_field* field, const char*
 ACCESSVDB_API int accessvdb_field_load_state(const char* file, const accessvdb_tool* tool, int32_t backend,
                                              int32_t threads, accessvdb_field** field,
                                              accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
+
+/* ---- updates that do not block (since version 4); accessvdb/accessibility_field.h, updateAsync, has the rules ---- */
+
+/// Begins what accessvdb_field_update() does on a thread of the library and returns, after an earlier one has ended.
+/// The next scan may be fused meanwhile; every other call on the field that reads it waits. The field may be freed
+/// first.
+/// @param update  out; free it with accessvdb_update_free(). NULL if the call fails.
+ACCESSVDB_API int accessvdb_field_update_async(accessvdb_field* field, accessvdb_update** update) ACCESSVDB_C_NOEXCEPT;
+/// Waits until the update has ended, and returns its code. May be called again. @param stats  may be NULL
+ACCESSVDB_API int accessvdb_update_wait(accessvdb_update* update, accessvdb_update_stats* stats) ACCESSVDB_C_NOEXCEPT;
+/// *done is 1 if accessvdb_update_wait() would return at once, else 0.
+ACCESSVDB_API int accessvdb_update_is_done(accessvdb_update* update, int32_t* done) ACCESSVDB_C_NOEXCEPT;
+/// The last failed call on this update, as for a field.
+ACCESSVDB_API const char* accessvdb_update_error_text(const accessvdb_update* update) ACCESSVDB_C_NOEXCEPT;
+ACCESSVDB_API const char* accessvdb_update_error_id(const accessvdb_update* update) ACCESSVDB_C_NOEXCEPT;
+/// Waits for the update. NULL is allowed.
+ACCESSVDB_API void accessvdb_update_free(accessvdb_update* update) ACCESSVDB_C_NOEXCEPT;
 
 #ifdef __cplusplus
 }  // extern "C"

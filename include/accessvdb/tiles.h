@@ -26,6 +26,7 @@
 #include "accessvdb/field_export.h"
 #include "accessvdb/field_window.h"
 #include "accessvdb/params.h"
+#include "accessvdb/render.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/types.h"
@@ -171,19 +172,27 @@ struct Tile {
 ACCESSVDB_API std::vector<Tile> run(const Job& job, const Binned& rays, const TileId& which, const RunLimits& limits,
                                     const Watch& watch = {});
 
+/// A tile that failed again and again, so that whoever drives the run has given it up (python3 -m accessvdb.tiles).
+struct Poison {
+  TileId id;
+  int exit_code = 0;   ///< that the program documents for this failure
+  std::string reason;  ///< in words
+};
+
 /// Tiles and quarters that have returns, in the order in which to run them: most returns first.
 struct Status {
   std::vector<Tile> done;
   std::vector<TileId> todo;
-  std::uint64_t split = 0;  ///< tiles that were run as quarters
+  std::vector<Poison> poison;  ///< among those to do: they may be tried again
+  std::uint64_t split = 0;     ///< tiles that were run as quarters
 };
-/// @throws InputError for a damaged manifest
+/// @throws InputError "tile.damaged" for a damaged manifest
 [[nodiscard]] ACCESSVDB_API Status status(const std::filesystem::path& out, const Plan& plan, const Binned& rays);
 
 /// Deletes what killed processes left among the tiles.
 ACCESSVDB_API void removeLeftovers(const std::filesystem::path& out);
 
-/// Writes field.json, which lists the finished tiles.
+/// Writes field.json, which lists the finished tiles and names the others.
 ACCESSVDB_API void writeIndex(const std::filesystem::path& out, const Plan& plan, const Status& status);
 
 /// What field.json says, for whoever reads the tiles.
@@ -191,6 +200,8 @@ struct IndexedTile {
   TileId id;
   std::filesystem::path folder;  ///< with its points.ply, field.vdb and field_points.vdb
   std::uint64_t points = 0;
+  std::array<std::uint64_t, kNumPointLabels> labels = {};
+  std::array<std::uint64_t, kNumPointReasons> reasons = {};
   std::array<double, 3> min_W = {}, max_W = {};  ///< of the points; metres
 };
 struct Index {
@@ -213,7 +224,10 @@ struct StoredAnswer {
 [[nodiscard]] ACCESSVDB_API std::vector<StoredAnswer> answersAt(const Index& index,
                                                                 std::span<const Eigen::Vector3d> positions_W);
 
-/// Points of all tiles for a picture: evenly thinned to about `most`.
+/// Points of all tiles for a picture, evenly thinned to about `most`: in parts, one tile in memory at a time.
+/// @throws from FieldParts::read: InputError "tile.damaged"
+[[nodiscard]] ACCESSVDB_API io::FieldParts partsOf(const Index& index, std::uint64_t most);
+/// The same at once.
 [[nodiscard]] ACCESSVDB_API FieldSnapshot overview(const Index& index, std::uint64_t most);
 
 /// Writes the points of all tiles into one file: byte for byte the points.ply of one piece, except that its `device` is

@@ -34,7 +34,8 @@ struct FrameStats {
   std::uint64_t distance_updates = 0;  ///< (return, voxel) pairs fused
   std::uint64_t cleared_updates = 0;   ///< (return, voxel) pairs marked cleared
   double integrate_ms = 0;             ///< sorting out returns, map and points: everything but the mirror. On a GPU the
-                                       ///< first scan after an update begins with its choice, most of it hidden here
+                                       ///< first scan after an update begins with its choice, most of it hidden here.
+                                       ///< With updateAsync() it includes waiting for the update
   double mirror_ms = 0;                ///< patching the NanoVDB mirror
   std::uint64_t changed_leaves = 0;    ///< leaves in which a fact that scoring reads flipped; sent to the mirror
   std::uint64_t mirror_bytes = 0;      ///< written to the mirror
@@ -43,6 +44,7 @@ struct FrameStats {
   std::uint64_t distance_leaves = 0;        ///< leaves in which distances changed; their changed rows are sent
   std::uint64_t distance_mirror_bytes = 0;  ///< written to it
   std::uint64_t surface_points = 0;         ///< in the field after this scan
+  std::uint64_t flipped_voxels = 0;         ///< voxels in which a fact that scoring reads flipped
 };
 
 /// What one update() did.
@@ -55,6 +57,8 @@ struct UpdateStats {
   double update_ms = 0;  ///< all but testing directions: noting scans since the last update(), choosing points,
                          ///< normals, unless begun with the scan
   double score_ms = 0;   ///< testing directions
+  std::uint64_t moved_points =
+      0;  ///< points whose normal and seen directions were computed again; part of dirty_points
 };
 
 /// One surface point as users see it.

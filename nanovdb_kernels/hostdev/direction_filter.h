@@ -85,4 +85,32 @@ class DirectionWalk {
   float up_cos_, down_cos_;
 };
 
+/// The directions of a small set that lie in the normal cone, as DirectionWalk orders them.
+class FewDirections {
+ public:
+  static constexpr int kMost = 16;
+
+  /// @param directions  at most kMost
+  ACCESSVDB_HOSTDEV FewDirections(const ApproachView& approach, const float* normal, const DirectionMask& directions) {
+    forEachDirection(directions, [&](int d) {
+      const float cosine = cosToNormal(approach, d, normal);
+      if (!(cosine >= approach.normal_cos_min)) return;
+      int at = count_++;
+      for (; at > 0 && ranksBefore(cosine, d, cosine_[at - 1], direction_[at - 1]); --at) {
+        cosine_[at] = cosine_[at - 1];
+        direction_[at] = direction_[at - 1];
+      }
+      cosine_[at] = cosine;
+      direction_[at] = d;
+    });
+  }
+  /// Next direction, or -1.
+  ACCESSVDB_HOSTDEV int next() { return next_ < count_ ? direction_[next_++] : -1; }
+
+ private:
+  float cosine_[kMost];
+  int direction_[kMost];
+  int count_ = 0, next_ = 0;
+};
+
 }  // namespace accessvdb::kernels

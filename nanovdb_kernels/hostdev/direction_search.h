@@ -43,18 +43,18 @@ struct ScoreResult {
   std::uint16_t stored_direction = kNoDirection;
 };
 
-ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map, float inverse_voxel_size,
-                                                      const ToolKernelView& tool, const ApproachView& approach,
-                                                      const float* position_L, const float* normal_L,
-                                                      const std::uint64_t* seen, const ScoreItem& item) {
+/// @param tests  how a direction is tested at the point: tests.arm(d) as testArm, tests.collisions(d, stop_above) as
+///   countVoxelCollisions or countSampleCollisions
+/// @param walk  directions in the normal cone, as DirectionWalk orders them; those that are not candidates may be
+///   missing, which only changes the reason of a point that has none
+template <class Tests, class Walk>
+[[nodiscard]] ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const Tests& tests, int collision_limit, Walk& walk,
+                                                                    const std::uint64_t* seen, const ScoreItem& item) {
   ScoreResult result;
-  if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return result;
   result.scored = 1;
-  const Coord point_ijk = voxelOf(position_L[0], position_L[1], position_L[2], inverse_voxel_size);
 
   int best_count = kNoScore, best_passed = -1;
   bool in_cone = false, admissible = false;
-  DirectionWalk walk(approach, normal_L);
   for (int d = walk.next(); d >= 0; d = walk.next()) {
     in_cone = true;
     if (!((seen[d >> 6] >> (d & 63)) & 1u) || !item.candidates.test(d)) continue;
@@ -72,7 +72,7 @@ ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map
       continue;
     }
     ++result.tests;
-    const ArmResult arm = testArm(map, approach, d, position_L, inverse_voxel_size);
+    const ArmResult arm = tests.arm(d);
     if (arm.reason != PointReason::None) {
       result.arm_blocked.set(d);
       if (best_count == kNoScore && arm.passed > best_passed) {
@@ -84,10 +84,9 @@ ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map
     }
     // Later directions must be strictly better, so counting may stop at the best so far: minimum and argmin stay exact.
     const int bound = best_count < item.known_score ? best_count : item.known_score;
-    const int counted = tool.use_samples ? countSampleCollisions(map, tool, d, position_L, inverse_voxel_size, bound)
-                                         : countVoxelCollisions(map, tool, d, point_ijk, bound);
+    const int counted = tests.collisions(d, bound);
     const int count = counted < kNoScore ? counted : kNoScore - 1;  // kNoScore means that no direction got this far
-    if (count >= tool.collision_limit) {
+    if (count >= collision_limit) {
       result.tool_blocked.set(d);
       if (count < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(count);
     }
@@ -103,9 +102,37 @@ ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map
     result.reason = PointReason::Unseen;
   } else if (best_count != kNoScore) {
     result.score = static_cast<std::uint16_t>(best_count);
-    result.reason = best_count < tool.collision_limit ? PointReason::None : PointReason::Tool;
+    result.reason = best_count < collision_limit ? PointReason::None : PointReason::Tool;
   }
   return result;
+}
+
+/// Tests directions one voxel or row of voxels after the other.
+struct MapTests {
+  const OccupancyReader& map;
+  const ToolKernelView& tool;
+  const ApproachView& approach;
+  const float* position_L;
+  float inverse_voxel_size;
+
+  [[nodiscard]] ACCESSVDB_HOSTDEV ArmResult arm(int d) const {
+    return testArm(map, approach, d, position_L, inverse_voxel_size);
+  }
+  [[nodiscard]] ACCESSVDB_HOSTDEV int collisions(int d, int stop_above) const {
+    if (tool.use_samples) return countSampleCollisions(map, tool, d, position_L, inverse_voxel_size, stop_above);
+    const Coord point_ijk = voxelOf(position_L[0], position_L[1], position_L[2], inverse_voxel_size);
+    return countVoxelCollisions(map, tool, d, point_ijk, stop_above);
+  }
+};
+
+ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map, float inverse_voxel_size,
+                                                      const ToolKernelView& tool, const ApproachView& approach,
+                                                      const float* position_L, const float* normal_L,
+                                                      const std::uint64_t* seen, const ScoreItem& item) {
+  if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return {};
+  const MapTests tests = {map, tool, approach, position_L, inverse_voxel_size};
+  DirectionWalk walk(approach, normal_L);
+  return searchDirections(tests, tool.collision_limit, walk, seen, item);
 }
 
 }  // namespace accessvdb::kernels

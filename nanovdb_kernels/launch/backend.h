@@ -13,11 +13,22 @@
 #include "hostdev/point_update.h"
 #include "hostdev/views.h"
 #include "launch/device_array.h"
+#include "launch/due_evaluator.h"
 #include "launch/exact_updater.h"
 #include "launch/mirror_arena.h"
 #include "launch/paper_updater.h"
 
 namespace accessvdb::kernels {
+
+/// What a backend makes of the tool and the corridor once, so that it scores faster.
+class PreparedTool {
+ public:
+  /// Of the tool's columns: beyond that, nothing is made of them.
+  static constexpr std::uint64_t kMostColumnBytes = std::uint64_t{512} << 20;
+
+  virtual ~PreparedTool() = default;
+  [[nodiscard]] virtual std::uint64_t bytes() const = 0;  ///< in host memory
+};
 
 /// Scores `count` items: searches directions by the rules, updates the points' state, returns the results.
 struct ScoreRequest {
@@ -26,8 +37,9 @@ struct ScoreRequest {
   ApproachView approach;  ///< in the backend's memory
   PointStateView points;  ///< in the backend's memory
   UpdateRule rule;
-  const ScoreItem* items = nullptr;  ///< [count] host memory; ids differ
-  ScoreResult* results = nullptr;    ///< [count] host memory
+  const PreparedTool* prepared = nullptr;  ///< of `tool`, `approach` and the map's voxel size; null: not prepared
+  const ScoreItem* items = nullptr;        ///< [count] host memory; ids differ
+  ScoreResult* results = nullptr;          ///< [count] host memory
   std::size_t count = 0;
 };
 
@@ -43,6 +55,18 @@ class Backend : public DeviceMemory {
   /// Writes what the host knows into the state arrays: position, normal, seen, weight.
   virtual void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) = 0;
   virtual void scorePoints(const ScoreRequest& request) = 0;
+  /// Only called if makeExactUpdater() gave null.
+  [[nodiscard]] virtual std::unique_ptr<DueEvaluator> makeDueEvaluator(const DueUpdate& update) {
+    (void)update;
+    return nullptr;
+  }
+  /// Null if this backend needs nothing of the kind. @param tool, approach  in the backend's memory; must outlive it
+  [[nodiscard]] virtual std::unique_ptr<PreparedTool> prepareTool(const ToolKernelView& tool,
+                                                                  const ApproachView& approach,
+                                                                  float inverse_voxel_size) {
+    (void)tool, (void)approach, (void)inverse_voxel_size;
+    return nullptr;
+  }
   /// Whether its updater uses the slabs of the tool (ScoringInput::slabs).
   [[nodiscard]] virtual bool usesToolSlabs() const { return false; }
   /// Null if the host decides what is due (src/update/exact_on_host.cpp). Must not outlive the backend.

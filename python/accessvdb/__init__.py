@@ -50,6 +50,7 @@ try:
         TsdfParams,
         UpdateParams,
         UpdateStats,
+        UpdateTicket,
         __version__,
         read_points_ply,
         render_field,

@@ -108,6 +108,25 @@ def no_other_writer(out: str) -> Iterator[None]:
             os.close(lock)
 
 
+def mark_poison(out: str, tile: str, code: int, reason: str) -> None:
+    """Names a tile that is given up, for `accessvdb tile status` and OUT/report.json."""
+    folder = Path(out, "tiles")
+    new = folder / f".{tile}.poison.json.tmp"
+    try:
+        folder.mkdir(exist_ok=True)
+        new.write_text(json.dumps({"tile": tile, "exit_code": code, "reason": reason}))
+        new.rename(folder / f"{tile}.poison.json")
+    except OSError as error:
+        raise OutputError("output.write", str(new), f"cannot be written ({error.strerror})",
+                          "Check the folder and the disk, then run again") from None  # fmt: skip
+
+
+def forget_poison(out: str) -> None:
+    """All tiles are to be tried again."""
+    for mark in Path(out, "tiles").glob("*.poison.json"):
+        mark.unlink(missing_ok=True)
+
+
 @dataclass
 class Steps:
     """The steps around the tiles, each by the program itself."""
@@ -128,9 +147,9 @@ class Steps:
             raise InputError("rays.missing", self.out, "holds no rays of this plan after tile bin", "Run it again")
         return names
 
-    def merge(self, keep_rays: bool) -> None:
-        """One result of all tiles."""
-        self._run("merge", *(["--keep-rays"] if keep_rays else []))
+    def merge(self, keep_rays: bool, partial: bool = False) -> None:
+        """One result of all tiles, or of those that are finished."""
+        self._run("merge", *(["--keep-rays"] if keep_rays else []), *(["--partial"] if partial else []))
 
     def _list(self) -> Optional[List[str]]:
         command = [self.program, "tile", "list", self.out, "--todo", "--error-format", "json"]

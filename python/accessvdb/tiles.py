@@ -26,6 +26,7 @@ from . import _tile_task
 from ._errors import Error, InvalidArgument
 from ._tile_cluster import Cluster, ClusterOptions, open_cluster
 from ._tile_folder import StepFailed, Steps, Stop, Stopped, no_other_writer, one_driver, program_here, read_grid
+from ._tile_folder import forget_poison, mark_poison
 from ._tile_policy import Action, Ledger, exit_code_of, failure_of, in_words
 from ._tile_task import Outcome, Request
 
@@ -195,6 +196,7 @@ class _Driver:
 
     def _poison(self, tile: str, code: int, words: str) -> None:
         self.summary.failed[tile] = (code, words)
+        mark_poison(self._request["out"], tile, code, words)
         self._steps.say(f"tile {tile} is given up: {words}")
 
 
@@ -286,6 +288,7 @@ def run(options: RunOptions, stop: Optional[Stop] = None) -> Summary:
     summary = Summary()
     with one_driver(options.out):
         todo = steps.todo()
+        forget_poison(options.out)
         if todo:
             cluster = ClusterOptions(options.scheduler, options.host, slots)
             with no_other_writer(options.out), open_cluster(cluster, say) as opened:
@@ -293,6 +296,7 @@ def run(options: RunOptions, stop: Optional[Stop] = None) -> Summary:
                 summary = _Driver(opened, request, Ledger(grid), steps).run(todo)
             say(summary.in_words())
         if summary.failed:
+            steps.merge(True, partial=True)
             raise _poisoned(options.out, summary)
         steps.merge(options.keep_rays)
     say(f"done; one file of all points: accessvdb tile merge {options.out} --points all.ply")

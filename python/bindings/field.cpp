@@ -52,6 +52,7 @@ void bindReports(py::module_& module) {
       .def_readonly("integrate_ms", &F::integrate_ms)
       .def_readonly("mirror_ms", &F::mirror_ms)
       .def_readonly("changed_leaves", &F::changed_leaves)
+      .def_readonly("flipped_voxels", &F::flipped_voxels)
       .def_readonly("mirror_bytes", &F::mirror_bytes)
       .def_readonly("surface_points", &F::surface_points)
       .def("__repr__", [](const F& stats) {
@@ -62,6 +63,7 @@ void bindReports(py::module_& module) {
   using U = UpdateStats;
   py::class_<U>(module, "UpdateStats", "What one update did.")
       .def_readonly("dirty_points", &U::dirty_points)
+      .def_readonly("moved_points", &U::moved_points)
       .def_readonly("scored_points", &U::scored_points)
       .def_readonly("direction_tests", &U::direction_tests)
       .def_readonly("backlog", &U::backlog)
@@ -82,6 +84,39 @@ void bindReports(py::module_& module) {
       .def_readonly("device_peak_bytes", &M::device_peak_bytes)
       .def_readonly("leaves", &M::leaves)
       .def_readonly("active_voxels", &M::active_voxels);
+}
+
+/// A ticket whose waiting leaves the interpreter to other threads, also when Python destroys it.
+class WaitingTicket {
+ public:
+  explicit WaitingTicket(UpdateTicket ticket) : ticket_(std::move(ticket)) {}
+  ~WaitingTicket() {
+    withoutLock([this] { ticket_ = UpdateTicket(); });
+  }
+  WaitingTicket(WaitingTicket&&) noexcept = default;
+  WaitingTicket& operator=(WaitingTicket&&) noexcept = default;
+  WaitingTicket(const WaitingTicket&) = delete;
+  WaitingTicket& operator=(const WaitingTicket&) = delete;
+
+  [[nodiscard]] UpdateStats wait() const {
+    return withoutLock([this] { return ticket_.wait(); });
+  }
+  [[nodiscard]] bool done() const { return ticket_.done(); }
+
+ private:
+  UpdateTicket ticket_;
+};
+
+void bindTicket(py::module_& module) {
+  using T = WaitingTicket;
+  py::class_<T>(module, "UpdateTicket",
+                "An update that may still be running; other Python threads can run while one waits for it. It keeps "
+                "the outcome even if the field is gone.")
+      .def("wait", &T::wait, "Waits until the update has ended: its UpdateStats, or what it raised.")
+      .def_property_readonly("done", &T::done, "Whether wait() would return or raise at once.")
+      .def("__repr__", [](const T& ticket) {
+        return std::string("<accessvdb.UpdateTicket: ") + (ticket.done() ? "done>" : "running>");
+      });
 }
 
 std::unique_ptr<LockedField> makeField(const ToolGeometry& tool, const py::object& params) {
@@ -129,6 +164,7 @@ void writeTo(LockedField& field, const std::filesystem::path& path, const py::ob
 
 void bindField(py::module_& module) {
   bindReports(module);
+  bindTicket(module);
   using F = LockedField;
   py::class_<F> class_(
       module, "AccessibilityField",
@@ -147,6 +183,11 @@ void bindField(py::module_& module) {
       .def(
           "update", [](F& f) { return f.run([](AccessibilityField& field) { return field.update(); }); },
           "Scores what changed since the last update().")
+      .def(
+          "update_async",
+          [](F& f) { return WaitingTicket(f.run([](AccessibilityField& field) { return field.updateAsync(); })); },
+          "Begins update() on a thread of its own and returns an UpdateTicket. The next scan may be fused meanwhile; "
+          "other calls wait. Errors come from the ticket's wait().")
       .def(
           "snapshot", [](F& f) { return f.run([](AccessibilityField& field) { return keep(field.snapshot()); }); },
           "All points with their labels, as of the last update().")

@@ -16,6 +16,8 @@ class LockedField {
  public:
   LockedField(const ToolGeometry& tool, const FieldParams& params) : field_(tool, params) {}
   explicit LockedField(AccessibilityField field) : field_(std::move(field)) {}
+  LockedField(const LockedField&) = delete;
+  LockedField& operator=(const LockedField&) = delete;
 
   /// Runs body(field) alone, without the interpreter's lock: it must not touch Python.
   template <typename Body>
@@ -24,6 +26,10 @@ class LockedField {
       const std::scoped_lock turn(turn_);  // taken without the interpreter's lock, or two threads would wait forever
       return body(field_);
     });
+  }
+
+  ~LockedField() {
+    run([](const AccessibilityField& field) { static_cast<void>(field.volume()); });  // waits for an update_async()
   }
 
   /// What never changes: tool and parameters.

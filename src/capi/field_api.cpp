@@ -14,6 +14,7 @@
 #include "capi/boundary.h"
 #include "capi/handles.h"
 #include "capi/params_from_c.h"
+#include "capi/update_stats_out.h"
 
 namespace capi = accessvdb::capi;
 using accessvdb::AccessibilityField;
@@ -27,10 +28,9 @@ namespace {
 // Sizes of the first versions.
 constexpr std::size_t kPointBytes1 = 80;
 constexpr std::size_t kFrameStatsBytes1 = 112;
-constexpr std::size_t kUpdateStatsBytes1 = 64;
 constexpr std::size_t kCountsBytes1 = 96;
 static_assert(sizeof(accessvdb_point) >= kPointBytes1 && sizeof(accessvdb_frame_stats) >= kFrameStatsBytes1 &&
-              sizeof(accessvdb_update_stats) >= kUpdateStatsBytes1 && sizeof(accessvdb_counts) >= kCountsBytes1);
+              sizeof(accessvdb_counts) >= kCountsBytes1);
 // Arrays of three numbers are read as Eigen's vectors in place.
 static_assert(sizeof(Eigen::Vector3f) == 3 * sizeof(float) && alignof(Eigen::Vector3f) == alignof(float));
 static_assert(sizeof(Eigen::Vector3d) == 3 * sizeof(double) && alignof(Eigen::Vector3d) == alignof(double));
@@ -175,18 +175,8 @@ int accessvdb_field_integrate_rays(accessvdb_field* field, const double* points_
 
 int accessvdb_field_update(accessvdb_field* field, accessvdb_update_stats* stats) noexcept {
   return onField(field, [&] {
-    const std::size_t size = optionalSize("stats", stats, kUpdateStatsBytes1);
-    const accessvdb::UpdateStats done = field->field.update();
-    if (size == 0) return;
-    accessvdb_update_stats c = {};
-    c.dirty_points = done.dirty_points;
-    c.scored_points = done.scored_points;
-    c.direction_tests = done.direction_tests;
-    c.backlog = done.backlog;
-    c.label_changes = done.label_changes;
-    c.update_ms = done.update_ms;
-    c.score_ms = done.score_ms;
-    capi::writeSized(stats, size, c);
+    const capi::UpdateStatsOut out(stats);
+    out.write(field->field.update());
   });
 }
 

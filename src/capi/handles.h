@@ -17,7 +17,8 @@ namespace accessvdb::capi {
 
 /// First word of a handle, so that a handle of the other kind (or a freed one, as long as its memory is not reused) is
 /// detected instead of misread.
-inline constexpr std::uint32_t kToolMark = 0x4c4f4f54u, kFieldMark = 0x444c4546u, kFreedMark = 0;
+inline constexpr std::uint32_t kToolMark = 0x4c4f4f54u, kFieldMark = 0x444c4546u, kUpdateMark = 0x54445055u,
+                               kFreedMark = 0;
 
 }  // namespace accessvdb::capi
 
@@ -38,6 +39,13 @@ struct accessvdb_field {
   std::optional<accessvdb::FieldSnapshot> snapshot;
 };
 
+struct accessvdb_update {
+  std::uint32_t mark = accessvdb::capi::kUpdateMark;
+  std::atomic<bool> busy = false;
+  accessvdb_error error = {};
+  accessvdb::UpdateTicket ticket;
+};
+
 namespace accessvdb::capi {
 
 [[nodiscard]] inline bool isTool(const accessvdb_tool* handle) {
@@ -47,13 +55,25 @@ namespace accessvdb::capi {
   return handle != nullptr && handle->mark == kFieldMark;
 }
 
-/// Runs `body` on a valid handle that no other thread is using, and stores its error text.
+[[nodiscard]] inline bool isUpdate(const accessvdb_update* handle) {
+  return handle != nullptr && handle->mark == kUpdateMark;
+}
+
+/// Runs `body` on a handle that no other thread is using, and stores its error text.
+template <typename Handle, typename Body>
+int onHandle(bool valid, Handle* handle, const Body& body) noexcept {
+  if (!valid || handle->busy.exchange(true, std::memory_order_acquire)) return ACCESSVDB_ERROR_USAGE;
+  const int code = guarded(handle->error, body);
+  handle->busy.store(false, std::memory_order_release);
+  return code;
+}
 template <typename Body>
 int onField(accessvdb_field* field, const Body& body) noexcept {
-  if (!isField(field) || field->busy.exchange(true, std::memory_order_acquire)) return ACCESSVDB_ERROR_USAGE;
-  const int code = guarded(field->error, body);
-  field->busy.store(false, std::memory_order_release);
-  return code;
+  return onHandle(isField(field), field, body);
+}
+template <typename Body>
+int onUpdate(accessvdb_update* update, const Body& body) noexcept {
+  return onHandle(isUpdate(update), update, body);
 }
 
 }  // namespace accessvdb::capi

@@ -6,7 +6,6 @@
 #include <tbb/task_arena.h>
 
 #include <numeric>
-#include <type_traits>
 #include <utility>
 
 #include "accessvdb/config.h"
@@ -15,6 +14,7 @@
 #include "accessvdb/tsdf_volume.h"
 #include "field/backend_choice.h"
 #include "field/field_access.h"
+#include "field/field_steps.h"
 #include "field/field_views.h"
 #include "field/point_weights.h"
 #include "field/rules_version.h"
@@ -44,6 +44,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
       : params(resolved),
         tool(tool_geometry),
         arena(makeArena(params.threads)),
+        background_arena(makeArena(params.threads)),
         chosen(std::move(chosen_backend)),
         backend(chosen.backend.get()),
         setup(tool, params, *backend),
@@ -55,7 +56,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         points(params, setup.directions_xy()),
         reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight, core())),
         scorer(points, params, *backend, reads),
-        scheduler(internal::makeScheduler(scorer, {setup.hostTool(), setup.hostApproach()})) {
+        scheduler(internal::makeScheduler(scorer, {setup.hostTool(), setup.hostApproach()})),
+        steps(views) {
     static_assert(internal::ScanIntegrator::kParts <= internal::UpdateScheduler::kMostParts);
     integrator.noteDistances(distance_mirror != nullptr || scheduler->needs().distances);
     if (!scheduler->needs().changes) return;
@@ -85,39 +87,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return volume.packed();
   }
 
-  /// Runs a step that changes several stages. If it fails half-way they no longer agree, and a mirror that lacks an
-  /// obstacle would call points accessible: from then on the field answers nothing.
-  template <typename Step>
-  auto guarded(const Step& step) {
-    requireWhole();
-    views.expire();
-    whole = host_whole = false;
-    try {
-      if constexpr (std::is_void_v<decltype(step())>) {
-        step();
-        whole = host_whole = true;
-      } else {
-        auto result = step();
-        whole = host_whole = true;
-        return result;
-      }
-    } catch (const Error& error) {
-      // The device's work on a scan waits for the points and runs beside the map, which takes in the whole scan in any
-      // case; if both fail, the host's failure is thrown (runBeside).
-      host_whole = internal::isOfDevice(error);
-      throw;
-    }
-  }
-  void requireWhole() const { require(whole); }
-  static void require(bool answers) {
-    if (answers) return;
-    throw ResourceLimit("field.broken", "", "an earlier step failed half-way, so this field can no longer answer",
-                        "Start a new field, with a larger voxel size if memory was short");
-  }
-
   [[nodiscard]] internal::ScoredField scored() const { return {scorer, *backend, gate.origin_W(), core()}; }
-  [[nodiscard]] internal::ViewedParts viewed() const {
-    requireWhole();
+  [[nodiscard]] internal::ViewedParts viewed() {
+    steps.requireWhole();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const kernels::DistanceView distances = {distance_mirror ? distance_mirror->grid() : nullptr,
                                              tables.map.inverse_voxel_size};
@@ -130,10 +102,10 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     const kernels::Stopwatch all;
     FrameStats stats;
     double noting_ms = 0;
-    requireWhole();
+    steps.requireUnbroken();
     arena.execute([&] {
       const internal::GatedScan& scan = gated(stats);
-      if (!scan.p_L.empty()) guarded([&] { noting_ms = integrateStages(scan, stats); });
+      if (!scan.p_L.empty()) steps.runBesideUpdate([&] { noting_ms = integrateStages(scan, stats); });
     });
     ++scans;
     stats.surface_points = points.size();
@@ -145,20 +117,30 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   /// Points come first, beside sorting the returns for the map: what their backend then starts runs while the map takes
   /// in the scan, as does noting what an update has to know about the returns. While the backend starts on what changed
   /// in the map, the mirror takes that in. Whatever is not hidden counts as integration.
+  ///
+  /// An update may be running (updateAsync): sorting and binning the returns go on beside it, points and map wait until
+  /// it no longer reads them, and all that the backend or the mirror sees waits for its end.
   /// @return time taken to note what the scan changed in the map; counts as the update's
   double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
-    points.describeTouched(scheduler->needs().news);
     const internal::TouchedPoints* touched = nullptr;
-    const auto add_returns = [&] { touched = &points.addReturns(scan.p_L, scan.q_L); };
+    const auto add_returns = [&] {
+      steps.waitForMap();
+      points.describeTouched(scheduler->needs().news);
+      touched = &points.addReturns(scan.p_L, scan.q_L);
+    };
     internal::runBeside(add_returns, [&] { integrator.bin(scan.p_L, scan.q_L); });
     internal::IntegrationResult result;
-    const auto note_returns = [&] { scheduler->noteReturns(*touched, scan.p_L, scan.q_L); };
+    const auto note_returns = [&] {
+      steps.joinUpdate();
+      scheduler->noteReturns(*touched, scan.p_L, scan.q_L);
+    };
     const auto fuse = [&] { result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()}); };
     internal::runBeside(note_returns, fuse);
     stats.touched_leaves = result.touched_leaves;
     stats.new_leaves = result.new_leaves;
     stats.distance_updates = result.counts.distance_updates;
     stats.cleared_updates = result.counts.cleared_updates;
+    stats.flipped_voxels = result.counts.flipped_voxels;
     const kernels::Stopwatch noting;
     scheduler->noteChanges(scan.p_L, scan.q_L, {result.changes, result.distances});
     const double noting_ms = noting.milliseconds();
@@ -174,11 +156,26 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
 
   UpdateStats update() {
     const kernels::Stopwatch all;
-    UpdateStats stats =
-        arena.execute([&] { return guarded([&] { return scheduler->update(setup.tables(mirror.grid())); }); });
+    UpdateStats stats = arena.execute([&] { return steps.run([&] { return updateStages({}); }); });
     updated = true;
     stats.update_ms = all.milliseconds() - stats.score_ms + std::exchange(noted_ms, 0.0);
     return stats;
+  }
+
+  UpdateTicket updateAsync() {
+    updated = true;
+    const double noting_ms = std::exchange(noted_ms, 0.0);
+    return steps.startUpdate([this, noting_ms](const internal::BackgroundUpdate::FreeMap& free_map) {
+      const kernels::Stopwatch all;
+      UpdateStats stats = background_arena.execute([&] { return updateStages(free_map); });
+      stats.update_ms = all.milliseconds() - stats.score_ms + noting_ms;
+      return stats;
+    });
+  }
+
+  UpdateStats updateStages(const internal::BackgroundUpdate::FreeMap& free_map) {
+    scheduler->whenMapIsFree(free_map);
+    return scheduler->update(setup.tables(mirror.grid()));
   }
 
   [[nodiscard]] internal::StateHead stateHead() const {
@@ -226,6 +223,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   FieldParams params;
   ToolGeometry tool;
   tbb::task_arena arena;
+  tbb::task_arena background_arena;  ///< of updateAsync(): a scan that waits for it may fill the other
   internal::ChosenBackend chosen;
   kernels::Backend* backend;
   internal::ScoringSetup setup;
@@ -239,11 +237,10 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   internal::PointScorer scorer;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;
-  double noted_ms = 0;      ///< noting what scans since the last update changed in the map
-  std::uint64_t scans = 0;  ///< integrated
-  bool updated = false;     ///< at least once
-  bool whole = true;        ///< false once a step failed half-way
-  bool host_whole = true;   ///< false once one failed on the host
+  double noted_ms = 0;         ///< noting what scans since the last update changed in the map
+  std::uint64_t scans = 0;     ///< integrated
+  bool updated = false;        ///< at least once
+  internal::FieldSteps steps;  ///< the last member: destroyed first, it waits for an update of the others
 };
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
@@ -265,7 +262,7 @@ FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> po
 
 FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
                                              std::span<const Eigen::Vector3d> origins_W) {
-  impl_->requireWhole();
+  impl_->steps.requireUnbroken();
   if (impl_->params.tsdf.region == UpdateRegion::Projective) {
     throw InvalidArgument("projective.rays", "", "the projective baseline needs scans with one sensor pose",
                           "Use integrateScan()");
@@ -275,30 +272,31 @@ FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> po
 }
 
 UpdateStats AccessibilityField::update() { return impl_->update(); }
+UpdateTicket AccessibilityField::updateAsync() { return impl_->updateAsync(); }
 
 FieldSnapshot AccessibilityField::snapshot() const {
-  impl_->requireWhole();
+  impl_->steps.requireWhole();
   return impl_->arena.execute([&] { return internal::snapshotOf(*points()); });
 }
 
 FieldSnapshot AccessibilityField::unscoredSnapshot() const {
-  Impl::require(impl_->host_whole);
+  impl_->steps.requireHostWhole();
   return impl_->arena.execute([&] { return internal::snapshotOf(*unscoredPoints()); });
 }
 
 std::unique_ptr<const SurfacePoints> AccessibilityField::points() const {
-  impl_->requireWhole();
+  impl_->steps.requireWhole();
   return impl_->arena.execute(
       [&] { return internal::scoredPoints(impl_->scored(), internal::PointStates::AsOfTheLastUpdate); });
 }
 
 std::unique_ptr<const SurfacePoints> AccessibilityField::unscoredPoints() const {
-  Impl::require(impl_->host_whole);
+  impl_->steps.requireHostWhole();
   return impl_->arena.execute([&] { return internal::scoredPoints(impl_->scored(), internal::PointStates::None); });
 }
 
 FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) const {
-  impl_->requireWhole();
+  impl_->steps.requireWhole();
   return impl_->arena.execute([&] {
     internal::PointScorer scorer(impl_->points, impl_->params, *impl_->backend, impl_->reads);
     scorer.grow();
@@ -326,7 +324,7 @@ FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) cons
 }
 
 std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p_W) const {
-  impl_->requireWhole();
+  impl_->steps.requireWhole();
   if (!p_W.allFinite()) return std::nullopt;
   const Eigen::Vector3d p_L = p_W - impl_->gate.origin_W();
   if (!(p_L.lpNorm<Eigen::Infinity>() <= 1e6 * impl_->params.tsdf.voxel_size_m)) return std::nullopt;
@@ -340,7 +338,10 @@ DeviceView AccessibilityField::deviceView() const { return impl_->views.view(imp
 DeviceView AccessibilityField::hostView() const { return impl_->views.view(impl_->viewed(), false); }
 std::uint64_t AccessibilityField::revision() const { return impl_->views.revision(); }
 
-const TsdfVolume& AccessibilityField::volume() const { return impl_->volume; }
+const TsdfVolume& AccessibilityField::volume() const {
+  impl_->steps.settle();
+  return impl_->volume;
+}
 const ToolGeometry& AccessibilityField::tool() const { return impl_->tool; }
 const FieldParams& AccessibilityField::params() const { return impl_->params; }
 Eigen::Vector3d AccessibilityField::origin_W() const { return impl_->gate.origin_W(); }
@@ -351,6 +352,7 @@ double AccessibilityField::toolShareHidden() const { return impl_->setup.tool().
 int AccessibilityField::collisionLimit() const { return impl_->setup.tool().collision_limit; }
 
 MemoryUse AccessibilityField::memoryUse() const {
+  impl_->steps.settle();
   MemoryUse use;
   use.map_bytes = impl_->volume.memoryBytes();
   use.mirror_bytes = impl_->mirror.usedBytes() + impl_->mirror.hostBytes();
@@ -368,7 +370,7 @@ MemoryUse AccessibilityField::memoryUse() const {
 }
 
 void AccessibilityField::saveState(const std::filesystem::path& file) const {
-  impl_->requireWhole();
+  impl_->steps.requireWhole();
   impl_->arena.execute([&] { internal::writeState(file, impl_->stateHead(), impl_->volume.packed(), impl_->points); });
 }
 
@@ -396,10 +398,12 @@ FrameStats internal::FieldAccess::integrateLocal(AccessibilityField& field, std:
 }
 
 const internal::PointStore& internal::FieldAccess::points(const AccessibilityField& field) {
+  field.impl_->steps.settle();
   return field.impl_->points;
 }
 
 internal::FieldCounts internal::FieldAccess::counts(const AccessibilityField& field) {
+  field.impl_->steps.settle();
   const PackedMap& map = field.impl_->volume.packed();
   FieldCounts counts;
   counts.distance_leaves = map.allocated_leaf_count;

@@ -56,6 +56,8 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   if (resolved.update.policy == UpdatePolicy::Exact && backend.usesToolSlabs()) loadSlabs();
   d_directions_ = uploaded(memory_, directions_.xy);
   d_arm_offsets_ = uploaded(memory_, arm_offsets_);
+  const ScoringTables made = tables(nullptr);
+  prepared_ = backend.prepareTool(made.tool, made.approach, made.map.inverse_voxel_size);
 }
 
 /// Without memory for them the search works without slabs, which only costs time.
@@ -104,6 +106,7 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.approach = hostApproach();
   tables.approach.direction_xy = d_directions_.data();
   tables.approach.arm_offsets = d_arm_offsets_.data();
+  tables.prepared = prepared_.get();
   tables.rule.keep_best = params_.update.policy == UpdatePolicy::Paper;
   tables.rule.stability_min = static_cast<float>(params_.update.stability_min);
   tables.rule.collision_limit = tool_.collision_limit;
@@ -113,7 +116,7 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
 std::uint64_t ScoringSetup::hostBytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return bytesOf(tool_.columns) + bytesOf(tool_.column_begin) + bytesOf(tool_.samples) + bytesOf(tool_.sample_begin) +
-         bytesOf(directions_.xy) + bytesOf(arm_offsets_);
+         bytesOf(directions_.xy) + bytesOf(arm_offsets_) + (prepared_ != nullptr ? prepared_->bytes() : 0);
 }
 
 }  // namespace accessvdb::internal

@@ -3,6 +3,7 @@
 /// The tables that never change: tool, directions, corridor; on the host and in the backend's memory.
 #pragma once
 
+#include <memory>
 #include <vector>
 
 #include "accessvdb/params.h"
@@ -44,6 +45,7 @@ class ScoringSetup {
   kernels::DeviceArray<std::uint64_t> d_slab_words_;
   kernels::DeviceArray<std::uint32_t> d_column_begin_, d_sample_begin_, d_leaf_column_begin_;
   kernels::DeviceArray<float> d_samples_, d_directions_, d_arm_offsets_;
+  std::unique_ptr<kernels::PreparedTool> prepared_;
 };
 
 /// Distances of the corridor's samples from the surface, metres: the three of the paper, then every tau up to the

@@ -4,9 +4,11 @@
 #include <cmath>
 
 #include "accessvdb/tool_tables.h"
+#include "hostdev/voxel_scale.h"
+#include "launch/backend.h"
 #include "tool/tool_kernel.h"
 #include "tool/tool_slabs.h"
-#include "update/offset_directions.h"
+#include "update/known_directions.h"
 
 namespace accessvdb {
 namespace {
@@ -39,6 +41,13 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
 
   const bool on_host = resolved.backend != BackendKind::Cuda;
   double held = on_host ? 2 * tables : tables;  // a backend has its own copy
+  if (on_host && columns <= static_cast<double>(kernels::PreparedTool::kMostColumnBytes)) {
+    kernels::ApproachView approach;  // the corridor has no table
+    approach.num_directions = sampled;
+    const kernels::VoxelScale scale(resolved.tsdf.voxel_size_m);
+    const auto prepared = kernels::makeCpuBackend()->prepareTool(kernel.view(), approach, scale.inverse_float32);
+    held += share * static_cast<double>(prepared->bytes());
+  }
   double making = held;
   if (resolved.backend != BackendKind::Cpu && !kernel.use_samples) {
     // As in ScoringSetup: slabs as they are found, and again in one list, which then goes to the GPU.
@@ -48,9 +57,10 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
         2 * (slabs.empty() ? kMost : share * (bytesOf(slabs.words) + bytesOf(slabs.columns) + bytesOf(slabs.full)));
   }
   if (resolved.update.policy == UpdatePolicy::Exact && on_host && !kernel.use_samples) {
-    const double words = (directions + 63) / 64;
-    const double table = 8 * words * offsetBoxVoxels(tool, kernel, directions, resolved.tsdf.voxel_size_m);
-    if (table <= static_cast<double>(internal::OffsetDirections::kMostBytes)) held += table;
+    // The table of directions by cell: one cell more at either end of each axis.
+    const double cells = offsetBoxVoxels(tool, kernel, directions, resolved.tsdf.voxel_size_m) / 64;
+    const double table = sizeof(kernels::DirectionArc) * cells;
+    if (table <= static_cast<double>(internal::KnownDirections::kMostCellTableBytes)) held += table;
   }
   return {static_cast<std::uint64_t>(held), static_cast<std::uint64_t>(std::max(held, making))};
 }

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 #include <string>
 #include <utility>
 #include <vector>
@@ -81,14 +82,25 @@ struct LegendRow {
   std::uint64_t count = 0;
 };
 
-std::vector<LegendRow> legendOf(const SurfacePoints& points, RenderColour colour) {
+/// How many points there are of each kind.
+struct PointCounts {
   std::array<std::uint64_t, kNumPointLabels> labels = {};
   std::array<std::uint64_t, kNumPointReasons> reasons = {};
+  [[nodiscard]] std::uint64_t all() const { return std::accumulate(labels.begin(), labels.end(), std::uint64_t{0}); }
+};
+
+PointCounts countsOf(const SurfacePoints& points) {
+  PointCounts counts;
   for (std::size_t n = 0; n < points.size(); ++n) {
     const SurfacePoint point = points.at(n);
-    ++labels[static_cast<std::size_t>(point.label)];
-    ++reasons[static_cast<std::size_t>(point.reason)];
+    ++counts.labels[static_cast<std::size_t>(point.label)];
+    ++counts.reasons[static_cast<std::size_t>(point.reason)];
   }
+  return counts;
+}
+
+std::vector<LegendRow> legendOf(const PointCounts& points, RenderColour colour) {
+  const auto& [labels, reasons] = points;
   std::vector<LegendRow> rows;
   if (colour == RenderColour::Label) {
     for (const auto& [label, words] :
@@ -108,14 +120,14 @@ std::vector<LegendRow> legendOf(const SurfacePoints& points, RenderColour colour
   return rows;
 }
 
-void drawLegend(RgbImage& image, const SurfacePoints& points, RenderColour colour) {
+void drawLegend(RgbImage& image, const PointCounts& points, RenderColour colour) {
   const std::vector<LegendRow> rows = legendOf(points, colour);
   const int scale = internal::textScale(image.height_px);
   const int line = 12 * scale, margin = 12 * scale, chip = internal::textHeight(scale);
   std::vector<std::string> counts, shares;
   int name_width = 0, count_width = 0, share_width = 0;
   for (const LegendRow& row : rows) {
-    const double total = static_cast<double>(std::max<std::size_t>(1, points.size()));
+    const double total = static_cast<double>(std::max<std::uint64_t>(1, points.all()));
     counts.push_back(internal::groupedText(row.count));
     shares.push_back(internal::fixedText(100.0 * static_cast<double>(row.count) / total, 1) + " %");
     name_width = std::max(name_width, internal::textWidth(row.words, scale));
@@ -142,39 +154,104 @@ Rgb colourOf(const SurfacePoint& point, RenderColour colour) {
   return colour == RenderColour::Label ? internal::colourOf(point.label) : internal::colourOf(point.reason);
 }
 
+/// A picture of a field while it is drawn.
+class FieldPicture {
+ public:
+  /// @param camera  that frames the field
+  FieldPicture(const Camera& camera, double voxel_size_m, RenderColour colour)
+      : camera_(camera),
+        R_V_W_(camera.R_V_W.cast<float>()),
+        voxel_size_m_(voxel_size_m),
+        radius_px_(std::clamp(kSplatRadiusVoxels * voxel_size_m * camera.px_per_m, kMinSplatRadius_px * kSupersampling,
+                              kMaxSplatShare * camera.height_px)),
+        colour_(colour),
+        canvas_(camera.width_px, camera.height_px) {}
+
+  /// @param p_V  the point's position, see toView()
+  void draw(const SurfacePoint& point, const Eigen::Vector3f& p_V) {
+    const Eigen::Vector3f normal_V = R_V_W_ * point.normal_W;
+    canvas_.drawSplat(camera_.toPixels(p_V.cast<double>()), normal_V, radius_px_, camera_.px_per_m,
+                      toFloat(colourOf(point, colour_)) * lightOn(normal_V));
+  }
+
+  void write(const std::filesystem::path& png, const PointCounts& counts) {
+    const double picture_height_m = camera_.height_px / camera_.px_per_m;
+    canvas_.shadeByDepth(std::max(6 * voxel_size_m_, 0.03 * picture_height_m), 2 * kSupersampling, 1.1f);
+    RgbImage image = canvas_.reduced(kSupersampling, kBackground);
+    drawLegend(image, counts, colour_);
+    if (counts.all() > 0) drawScaleBar(image, camera_.px_per_m / kSupersampling);
+    internal::writePng(png, image);
+  }
+
+ private:
+  const Camera& camera_;
+  Eigen::Matrix3f R_V_W_;
+  double voxel_size_m_, radius_px_;
+  RenderColour colour_;
+  Canvas canvas_;
+};
+
+/// A position in the view frame, around the map's origin, so that floats do for UTM coordinates too.
+Eigen::Vector3f toView(const Camera& camera, const Eigen::Vector3d& p_W, const Eigen::Vector3d& origin_W) {
+  return camera.toView(p_W - origin_W).cast<float>();
+}
+
+/// An evenly spread sample of positions, of bounded size: when full, every other one is dropped.
+class PositionSample {
+ public:
+  void add(const Eigen::Vector3f& p_V) {
+    if (count_++ % stride_ != 0) return;
+    positions_V_.push_back(p_V);
+    if (positions_V_.size() < kMost) return;
+    for (std::size_t n = 0; 2 * n < positions_V_.size(); ++n) positions_V_[n] = positions_V_[2 * n];
+    positions_V_.resize((positions_V_.size() + 1) / 2);
+    stride_ *= 2;
+  }
+  [[nodiscard]] const std::vector<Eigen::Vector3f>& positions_V() const { return positions_V_; }
+
+ private:
+  static constexpr std::size_t kMost = 1u << 19;
+  std::vector<Eigen::Vector3f> positions_V_;
+  std::uint64_t count_ = 0, stride_ = 1;
+};
+
 }  // namespace
 
 void renderField(const std::filesystem::path& png, const SurfacePoints& points, const RenderOptions& options) {
   Camera camera = internal::cameraTowards(options, kSupersampling);
   std::vector<Eigen::Vector3f> points_V;
   points_V.reserve(points.size());
-  // Around the map's origin, so that floats do for UTM coordinates too.
   for (std::size_t n = 0; n < points.size(); ++n) {
-    points_V.push_back(camera.toView(points.position_W(n) - points.origin_W()).cast<float>());
+    points_V.push_back(toView(camera, points.position_W(n), points.origin_W()));
   }
   internal::frameScene(camera, points_V, kFieldMargin);
 
-  Canvas canvas(camera.width_px, camera.height_px);
-  const double radius_px = std::clamp(kSplatRadiusVoxels * points.voxel_size_m() * camera.px_per_m,
-                                      kMinSplatRadius_px * kSupersampling, kMaxSplatShare * camera.height_px);
-  const Eigen::Matrix3f R_V_W = camera.R_V_W.cast<float>();
-  for (std::size_t n = 0; n < points.size(); ++n) {
-    const SurfacePoint point = points.at(n);
-    const Eigen::Vector3f normal_V = R_V_W * point.normal_W;
-    canvas.drawSplat(camera.toPixels(points_V[n].cast<double>()), normal_V, radius_px, camera.px_per_m,
-                     toFloat(colourOf(point, options.colour)) * lightOn(normal_V));
-  }
-  const double picture_height_m = camera.height_px / camera.px_per_m;
-  canvas.shadeByDepth(std::max(6 * points.voxel_size_m(), 0.03 * picture_height_m), 2 * kSupersampling, 1.1f);
-
-  RgbImage image = canvas.reduced(kSupersampling, kBackground);
-  drawLegend(image, points, options.colour);
-  if (points.size() > 0) drawScaleBar(image, camera.px_per_m / kSupersampling);
-  internal::writePng(png, image);
+  FieldPicture picture(camera, points.voxel_size_m(), options.colour);
+  for (std::size_t n = 0; n < points.size(); ++n) picture.draw(points.at(n), points_V[n]);
+  picture.write(png, countsOf(points));
 }
 
 void renderField(const std::filesystem::path& png, const FieldSnapshot& field, const RenderOptions& options) {
   renderField(png, SnapshotPoints(field), options);
+}
+
+void renderField(const std::filesystem::path& png, const FieldParts& parts, const RenderOptions& options) {
+  Camera camera = internal::cameraTowards(options, kSupersampling);
+  PositionSample sample;
+  for (std::size_t part = 0; part < parts.count; ++part) {
+    for (const SurfacePoint& point : parts.read(part).points) {
+      sample.add(toView(camera, point.position_W, parts.origin_W));
+    }
+  }
+  internal::frameScene(camera, sample.positions_V(), kFieldMargin);
+
+  FieldPicture picture(camera, parts.voxel_size_m, options.colour);
+  for (std::size_t part = 0; part < parts.count; ++part) {
+    for (const SurfacePoint& point : parts.read(part).points) {
+      picture.draw(point, toView(camera, point.position_W, parts.origin_W));
+    }
+  }
+  picture.write(png, {parts.labels, parts.reasons});
 }
 
 }  // namespace accessvdb::io

@@ -3,7 +3,10 @@
 #include "points/nearest_points.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+
+#include "points/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -55,6 +58,60 @@ void NearestPoints::gather(const Index3& leaf, std::int32_t rings) {
     const auto a = static_cast<Eigen::Index>(axis);
     box_low_[a] = ((leaf[axis] - rings) * 8 - 0.5 + kRoundingVoxels) * voxel_size_m_;
     box_high_[a] = ((leaf[axis] + rings + 1) * 8 - 0.5 - kRoundingVoxels) * voxel_size_m_;
+  }
+  found_.resize(positions_.lanes() + NearPositions::kLanes);
+}
+
+/// Gathers what is as near to these points as the last neighbours were.
+void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
+  const double reach_voxels = std::sqrt(static_cast<double>(guess_)) / steps_per_m_ / voxel_size_m_;
+  const auto margin = static_cast<std::int32_t>(std::min(reach_voxels + 2 * kRoundingVoxels, 8.0)) + 1;
+  Index3 low = points_.voxelOf(points_.first_L(ids.front())), high = low;
+  for (const std::uint32_t id : ids) {
+    const Index3 voxel = points_.voxelOf(points_.first_L(id));
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      low[axis] = std::min(low[axis], voxel[axis]);
+      high[axis] = std::max(high[axis], voxel[axis]);
+    }
+  }
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const auto a = static_cast<Eigen::Index>(axis);
+    low[axis] -= margin;
+    high[axis] += margin;
+    box_low_[a] = (low[axis] - 0.5 + kRoundingVoxels) * voxel_size_m_;
+    box_high_[a] = (high[axis] + 0.5 - kRoundingVoxels) * voxel_size_m_;
+  }
+  positions_.clear();
+  ids_.clear();
+  complete_ = false;
+  const auto& blocks = points_.index().blocks();
+  points_.index().forEachBlock(parentOf(low), parentOf(high), [&](std::uint32_t b) {
+    const PointBlock& block = blocks[b];
+    // The part of the block that is in the box.
+    const auto from = [&](std::size_t axis) { return std::max(0, low[axis] - block.leaf[axis] * 8); };
+    const auto to = [&](std::size_t axis) { return std::min(7, high[axis] - block.leaf[axis] * 8); };
+    const std::uint64_t row = (0xffu << from(2)) & (0xffu >> (7 - to(2)));
+    std::uint64_t wanted = 0;  // y, z
+    for (int y = from(1); y <= to(1); ++y) wanted |= row << (8 * y);
+    const int x_low = from(0), x_high = to(0);
+    std::size_t first = 0;  // of the ids with this x
+    for (int x = 0; x <= x_high; ++x) {
+      const std::uint64_t occupied = block.occupied[static_cast<std::size_t>(x)];
+      if (x >= x_low) {
+        for (std::uint64_t bits = occupied & wanted; bits != 0; bits &= bits - 1) {
+          const std::uint64_t before = occupied & ((bits & (~bits + 1)) - 1);
+          ids_.push_back(block.ids[first + static_cast<std::size_t>(std::popcount(before))]);
+        }
+      }
+      first += static_cast<std::size_t>(std::popcount(occupied));
+    }
+  });
+  constexpr std::size_t kAhead = 12;  // points are scattered in memory
+  for (std::size_t n = 0; n < std::min(kAhead, ids_.size()); ++n) prefetchRead(&points_.pca_L(ids_[n]));
+  for (std::size_t n = 0; n < ids_.size(); ++n) {
+    if (n + kAhead < ids_.size()) prefetchRead(&points_.pca_L(ids_[n + kAhead]));
+    const Eigen::Vector3f& p = points_.pca_L(ids_[n]);
+    positions_.add(p.x(), p.y(), p.z());
   }
   found_.resize(positions_.lanes() + NearPositions::kLanes);
 }

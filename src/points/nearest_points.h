@@ -42,8 +42,12 @@ class NearestPoints {
   void forEach(const Index3& leaf, std::span<const std::uint32_t> ids, const Visit& visit) {
     pending_.resize(ids.size());
     for (std::size_t n = 0; n < ids.size(); ++n) pending_[n] = static_cast<std::uint32_t>(n);
-    for (std::int32_t rings = 1; !pending_.empty(); rings = std::min(2 * rings, most_rings_)) {
-      gather(leaf, std::min(rings, most_rings_));
+    for (std::int32_t rings = 0; !pending_.empty(); rings = std::clamp(2 * rings, 1, most_rings_)) {
+      if (rings == 0) {
+        gatherNear(ids);
+      } else {
+        gather(leaf, rings);
+      }
       std::size_t left = 0;
       for (const std::uint32_t n : pending_) {
         if (find(ids[n])) {
@@ -62,6 +66,7 @@ class NearestPoints {
 
  private:
   void gather(const Index3& leaf, std::int32_t rings);
+  void gatherNear(std::span<const std::uint32_t> ids);
   bool find(std::uint32_t id);
   void list(const Eigen::Vector3f& centre, std::int64_t squared);
 

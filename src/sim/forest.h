@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// A planted forest of pines and a flight along one of its lanes, for benchmarks: of any length, never the same
-/// place twice. What it is made of: docs/benchmarks/README.md.
+/// A planted forest of pines, for benchmarks: a flight along one of its lanes, of any length, never the same place
+/// twice, and an orbit around one group of pines. What it is made of: docs/benchmarks/README.md.
 #pragma once
 
 #include <cstdint>
@@ -19,6 +19,7 @@ struct ForestParams {
   double view_m = 30;          ///< how far the forest extends around the path; the sensor's range
   double solid_foliage_m = 0;  ///< as in makePineMesh()
   std::uint64_t seed = 1;
+  bool clearing = false;  ///< around the origin, with one group of pines in its middle: for forestOrbit()
 };
 
 /// Pines in rows along x, ground, undergrowth. There is no exact distance: no ground truth is needed.
@@ -36,5 +37,11 @@ struct Forest {
 /// A flight at walking pace along the lane: it sways as a drone does, no two poses are at the same place.
 /// @param speed_m_s, frame_period_s  positive  @throws InvalidArgument, UnusableInput (no frames)
 [[nodiscard]] Trajectory forestFlight(double speed_m_s, double frame_period_s, int frames);
+
+inline constexpr double kOrbitRadius_m = 5;
+/// Laps around the group in the clearing, kOrbitRadius_m from its middle and looking towards it. The height goes from
+/// 1.5 to 6 m and back once in three laps; as above, the path sways.
+/// @param speed_m_s, frame_period_s  positive  @throws InvalidArgument, UnusableInput (no frames)
+[[nodiscard]] Trajectory forestOrbit(double speed_m_s, double frame_period_s, int frames);
 
 }  // namespace accessvdb::sim

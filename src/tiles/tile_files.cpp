@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <cerrno>
+#include <fstream>
 #include <random>
 #include <utility>
 
@@ -26,6 +27,12 @@ constexpr int kNameAttempts = 100;
 
 fs::path tilesFolder(const fs::path& out) { return out / "tiles"; }
 fs::path splitMark(const fs::path& out, const TileId& id) { return tilesFolder(out) / (id.name() + ".split.json"); }
+fs::path poisonMark(const fs::path& out, const TileId& id) { return tilesFolder(out) / (id.name() + ".poison.json"); }
+
+void removePoison(const fs::path& out, const TileId& id) {
+  std::error_code ignored;
+  fs::remove(poisonMark(out, id), ignored);
+}
 
 struct FolderLock {
   int fd = -1;         ///< holds the lock until it is closed; -1 if there is none
@@ -134,6 +141,24 @@ bool isSplit(const fs::path& out, const Plan& plan, const TileId& id) {
 void markSplit(const fs::path& out, const Plan& plan, const TileId& id) {
   fs::create_directories(tilesFolder(out));
   writeJson(splitMark(out, id), {{"plan", plan.id()}, {"tile", id.name()}});
+  removePoison(out, id);
+}
+
+std::optional<Poison> readPoison(const fs::path& out, const TileId& id) {
+  const fs::path mark = poisonMark(out, id);
+  std::error_code ignored;
+  if (!fs::exists(mark, ignored)) return std::nullopt;
+  Poison poison;
+  poison.id = id;
+  try {  // without a hash: the driver is another program
+    std::ifstream stream(mark);
+    const Json json = Json::parse(stream);
+    json.at("exit_code").get_to(poison.exit_code);
+    json.at("reason").get_to(poison.reason);
+  } catch (const Json::exception&) {
+    throw InputError("tile.damaged", mark.string(), "is damaged", "Delete it and run this step again");
+  }
+  return poison;
 }
 
 AttemptFolder::AttemptFolder(const fs::path& out, const TileId& id) : out_(out), id_(id) {
@@ -175,6 +200,7 @@ void AttemptFolder::putInPlace(const Plan& plan, std::uint32_t flights) {
     fs::remove_all(aside, ignored);
   }
   placed_ = !error;
+  if (placed_) removePoison(out_, id_);
   if (error) {
     throw OutputError("output.write", target.string(), "cannot be put in place (" + error.message() + ")",
                       "Check the folder and the disk, then run again");

@@ -30,6 +30,9 @@ void writeTile(const std::filesystem::path& folder, const Plan& plan, const Tile
 
 [[nodiscard]] bool isSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id);
 void markSplit(const std::filesystem::path& out, const Plan& plan, const TileId& id);
+/// Left beside the tiles by who has given this one up, until it is finished or split.
+/// @throws InputError "tile.damaged"
+[[nodiscard]] std::optional<Poison> readPoison(const std::filesystem::path& out, const TileId& id);
 
 /// A folder of its own for one attempt to run a tile, removed unless it was put in place. What killed processes left of
 /// any tile is removed too.

@@ -29,13 +29,18 @@ void writeIndex(const fs::path& out, const Plan& plan, const Status& status) {
     list.push_back({{"tile", tile.id.name()},
                     {"folder", (fs::path("tiles") / tile.id.name()).string()},
                     {"points", tile.points},
+                    {"labels", tile.labels},
+                    {"reasons", tile.reasons},
                     {"min_W", tile.min_W},
                     {"max_W", tile.max_W},
                     {"files", files}});
   }
+  Json missing = Json::array();
+  for (const TileId& tile : status.todo) missing.push_back(tile.name());
   writeJson(indexFile(out), {{"schema", 1},
                              {"plan", plan.id()},
                              {"complete", status.todo.empty()},
+                             {"missing", missing},
                              {"origin_W", plan.origin_W},
                              {"voxel_size_m", plan.voxel_size_m},
                              {"tile_voxels", plan.tile_voxels},
@@ -60,6 +65,8 @@ Index readIndex(const fs::path& out) {
       tile.id = TileId::parse(entry.at("tile"));
       tile.folder = out / "tiles" / tile.id.name();
       entry.at("points").get_to(tile.points);
+      entry.at("labels").get_to(tile.labels);
+      entry.at("reasons").get_to(tile.reasons);
       entry.at("min_W").get_to(tile.min_W);
       entry.at("max_W").get_to(tile.max_W);
       index.tiles.push_back(std::move(tile));
@@ -68,24 +75,40 @@ Index readIndex(const fs::path& out) {
   return index;
 }
 
-FieldSnapshot overview(const Index& index, std::uint64_t most) {
+io::FieldParts partsOf(const Index& index, std::uint64_t most) {
+  io::FieldParts parts;
+  parts.origin_W = {index.origin_W[0], index.origin_W[1], index.origin_W[2]};
+  parts.voxel_size_m = index.voxel_size_m;
+  parts.count = index.tiles.size();
   std::uint64_t all = 0;
-  for (const IndexedTile& tile : index.tiles) all += tile.points;
-  const std::uint64_t every = std::max<std::uint64_t>(1, (all + most - 1) / std::max<std::uint64_t>(most, 1));
-  FieldSnapshot picture;
-  picture.origin_W = {index.origin_W[0], index.origin_W[1], index.origin_W[2]};
-  picture.voxel_size_m = index.voxel_size_m;
   for (const IndexedTile& tile : index.tiles) {
-    const fs::path file = tile.folder / kPointsFile;
+    all += tile.points;
+    for (std::size_t n = 0; n < tile.labels.size(); ++n) parts.labels[n] += tile.labels[n];
+    for (std::size_t n = 0; n < tile.reasons.size(); ++n) parts.reasons[n] += tile.reasons[n];
+  }
+  const std::uint64_t every = std::max<std::uint64_t>(1, (all + most - 1) / std::max<std::uint64_t>(most, 1));
+  parts.read = [tiles = index.tiles, every](std::size_t part) {
+    const fs::path file = tiles.at(part).folder / kPointsFile;
     try {
-      const FieldSnapshot part = io::readPointsPly(file, every);
-      picture.points.insert(picture.points.end(), part.points.begin(), part.points.end());
+      return io::readPointsPly(file, every);
     } catch (const InputError&) {
       throw InputError("tile.damaged", file.string(), "is not as it was written",
                        "Delete its folder and run accessvdb tile run again");
     }
+  };
+  return parts;
+}
+
+FieldSnapshot overview(const Index& index, std::uint64_t most) {
+  const io::FieldParts parts = partsOf(index, most);
+  FieldSnapshot all;
+  all.origin_W = parts.origin_W;
+  all.voxel_size_m = parts.voxel_size_m;
+  for (std::size_t part = 0; part < parts.count; ++part) {
+    const FieldSnapshot some = parts.read(part);
+    all.points.insert(all.points.end(), some.points.begin(), some.points.end());
   }
-  return picture;
+  return all;
 }
 
 }  // namespace accessvdb::tiles

@@ -240,6 +240,7 @@ void statusOf(const fs::path& out, const Plan& plan, const TileReturns& whole, c
     for (const TileId& quarter : id.split()) statusOf(out, plan, whole, quarter, status);
   } else {
     status.todo.push_back(id);
+    if (auto poison = readPoison(out, id)) status.poison.push_back(*std::move(poison));
   }
 }
 

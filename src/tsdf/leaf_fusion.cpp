@@ -149,13 +149,16 @@ bool LeafFusion::foldWide(const LeafTarget& leaf, const KernelConstants& constan
     const auto armFree = [&](std::uint32_t packed, bool cleared) {
       return weightOf(packed) > 0 ? !collides(packed) : cleared;
     };
+    bool voxel_flipped = false;
     const auto note = [&](bool before, bool after, LeafBits& on, LeafBits& off) {
       if (before == after) return;
       (after ? on : off)[word] |= bit;
-      flipped = true;
+      voxel_flipped = true;
     };
     note(collides(old), collides(now), change.collides_on, change.collides_off);
     note(armFree(old, was_cleared), armFree(now, is_cleared), change.arm_free_on, change.arm_free_off);
+    counts.flipped_voxels += voxel_flipped ? 1u : 0u;
+    flipped = flipped || voxel_flipped;
   }
   for (std::size_t word = 0; word < 8; ++word) leaf.cleared[word] |= passed_[word];
   return flipped;

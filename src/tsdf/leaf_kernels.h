@@ -61,6 +61,7 @@ struct FoldCounts {
   std::uint64_t distance_updates = 0;
   std::uint64_t cleared_updates = 0;
   std::uint64_t newly_observed = 0;
+  std::uint64_t flipped_voxels = 0;  ///< in which a fact flipped
 };
 
 /// A leaf of the map while a scan is folded into it.

@@ -244,7 +244,7 @@ inline bool fold(const LeafTarget& leaf, const KernelConstants& c, std::uint32_t
       // Whether these collide is not checked here: it does not change, and neither does what the arm sees.
     }
   }
-  std::uint64_t flipped = 0, newly_observed = 0;
+  std::uint64_t flipped_voxels = 0, newly_observed = 0;
   for (std::size_t x = 0; x < 8; ++x) {
     const std::uint64_t old_cleared = leaf.cleared[x], now_cleared = old_cleared | gained[x];
     const std::uint64_t old_arm =
@@ -255,7 +255,8 @@ inline bool fold(const LeafTarget& leaf, const KernelConstants& c, std::uint32_t
     change.collides_off[x] = facts.old_collides[x] & ~facts.now_collides[x];
     change.arm_free_on[x] = now_arm & ~old_arm;
     change.arm_free_off[x] = old_arm & ~now_arm;
-    flipped |= (facts.now_collides[x] ^ facts.old_collides[x]) | (now_arm ^ old_arm);
+    const std::uint64_t flipped = (facts.now_collides[x] ^ facts.old_collides[x]) | (now_arm ^ old_arm);
+    flipped_voxels += static_cast<std::uint64_t>(std::popcount(flipped));
     leaf.cleared[x] = now_cleared;
   }
   for (std::size_t x = 0; x < 8; ++x) {
@@ -263,5 +264,6 @@ inline bool fold(const LeafTarget& leaf, const KernelConstants& c, std::uint32_t
   }
   counts.distance_updates += sumOf(sample_total);
   counts.newly_observed += newly_observed;
-  return flipped != 0;
+  counts.flipped_voxels += flipped_voxels;
+  return flipped_voxels != 0;
 }

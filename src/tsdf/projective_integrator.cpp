@@ -265,6 +265,7 @@ void ProjectiveIntegrator::integrate(std::span<const Eigen::Vector3f> p_L, const
     result.touched_leaves += task.touched;
     result.counts.distance_updates += task.counts.distance_updates;
     result.counts.newly_observed += task.counts.newly_observed;
+    result.counts.flipped_voxels += task.counts.flipped_voxels;
     map_.leaf_count += task.new_leaves.size();
     map_.allocated_leaf_count += task.allocated;
     map_.observed_voxels += task.counts.newly_observed;

@@ -108,6 +108,7 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
     result.counts.distance_updates += bucket.counts.distance_updates;
     result.counts.cleared_updates += bucket.counts.cleared_updates;
     result.counts.newly_observed += bucket.counts.newly_observed;
+    result.counts.flipped_voxels += bucket.counts.flipped_voxels;
     map_.allocated_leaf_count += bucket.allocated;
   }
   for (const auto& changes : changes_) {

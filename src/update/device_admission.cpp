@@ -14,7 +14,6 @@
 
 #include "accessvdb/error.h"
 #include "points/neighbourhood.h"
-#include "update/run_beside.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -50,6 +49,7 @@ kernels::ScoringInput scoringInput(const PointScorer& scorer, const ScoringTable
 UpdateStats statsOf(const kernels::UpdateOutcome& outcome) {
   UpdateStats stats;
   stats.dirty_points = outcome.moved + outcome.evaluated;
+  stats.moved_points = outcome.moved;
   stats.scored_points = outcome.scored;
   stats.direction_tests = outcome.tests;
   stats.label_changes = outcome.label_changes;
@@ -93,13 +93,6 @@ void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const 
 
 void DeviceAdmission::complete() {
   if (std::exchange(scans_, 0) != 1) admitAll();
-}
-
-kernels::UpdateOutcome DeviceAdmission::update(const RunUpdate& run) {
-  kernels::UpdateOutcome outcome;
-  runBeside([&] { outcome = run({weights_, crossed_}); }, [&] { know(); });
-  crossed_.clear();
-  return outcome;
 }
 
 /// The backend has the points now: new ones below the bound wait from here on, and none counts as touched.
@@ -170,6 +163,7 @@ void DeviceAdmission::admitAll() {
 }
 
 void DeviceAdmission::readWeights() {
+  crossed_.clear();
   findCrossed();
   readWeightsOf(ids_, weights_);
   takeConfident();
@@ -210,13 +204,11 @@ void DeviceAdmission::findCrossed() {
   for (std::size_t n = 0; n < weights.size(); ++n) {
     if (weights[n] >= least_weight_) entries.push_back(static_cast<std::uint32_t>(n));
   }
-  const std::size_t before = crossed_.size();
-  crossed_.resize(before + entries.size());
+  crossed_.resize(entries.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, entries.size(), 512), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       const std::uint32_t entry = entries[n];
-      crossed_[before + n] = {scorer_.points().index().findIn(reached_.blocks[entry], reached_.voxels[entry]),
-                              weights[entry]};
+      crossed_[n] = {scorer_.points().index().findIn(reached_.blocks[entry], reached_.voxels[entry]), weights[entry]};
     }
   });
   fresh_.remove(reached_, entries);

@@ -6,7 +6,6 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <functional>
 #include <span>
 #include <vector>
 
@@ -48,9 +47,11 @@ class DeviceAdmission {
   void complete();
   /// Call next: reads the map's weights of the points, concurrently with backend work that does not need them.
   void readWeights();
-  /// Call last: runs the backend's update with what was read. From then on the new points count as known.
-  using RunUpdate = std::function<kernels::UpdateOutcome(const kernels::ConfidenceNews&)>;
-  kernels::UpdateOutcome update(const RunUpdate& run);
+  /// What was read, for the backend's update; valid until the next readWeights().
+  [[nodiscard]] kernels::ConfidenceNews news() const { return {weights_, crossed_}; }
+  /// Call after readWeights(), also concurrently with the backend's update: from then on the new points count as known,
+  /// and the update reads neither points nor map on the host.
+  void know();
 
   [[nodiscard]] std::uint64_t bytes() const;
 
@@ -60,7 +61,6 @@ class DeviceAdmission {
     Eigen::Vector3f before_L;  ///< at the last update
   };
 
-  void know();
   [[nodiscard]] kernels::AdmitInput input() const;
   template <typename HandOver>
   void admit(const HandOver& hand_over);

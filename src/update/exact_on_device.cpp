@@ -65,13 +65,17 @@ class ExactOnDevice final : public UpdateScheduler {
 
   Needs needs() const override { return {.news = admission_.takesNews(), .changes = true}; }
   void noteChange(std::size_t part, const LeafChange& change) override {
-    if (!anything_scored_) return;
+    if (!notes_flips_) return;
     const Index3 leaf = parentOf(change.origin_ijk);
     flips_[part].push_back(
         {{leaf[0], leaf[1], leaf[2]}, deviceKinds(change), kernels::countCells(change.collides_off.data())});
   }
 
   void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>, const MapChanges&) override {
+    if (!anything_scored_) {  // nothing to invalidate: no update has evaluated a point yet
+      notes_flips_ = false;
+      clearFlips();
+    }
     if (kernels::totalSize(flips_) > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
@@ -90,11 +94,15 @@ class ExactOnDevice final : public UpdateScheduler {
     if (!begun) begin(tables);
     admission_.complete();
     const kernels::ScoringInput input = scoringInput(scorer_, tables);
-    runBeside([&] { updater_->choose(input); }, [&] { admission_.readWeights(); });
-    const kernels::UpdateOutcome outcome =
-        admission_.update([&](const kernels::ConfidenceNews& news) { return updater_->update(input, news); });
-    for (std::vector<kernels::LeafFlips>& part : flips_) part.clear();
-    joined_flips_ = 0;
+    const auto read_host = [&] {
+      admission_.readWeights();
+      admission_.know();
+      clearFlips();
+      notes_flips_ = true;
+      mapIsFree();  // from here on the next scan may come, and note its flips
+    };
+    runBeside([&] { updater_->choose(input); }, read_host);
+    const kernels::UpdateOutcome outcome = updater_->update(input, admission_.news());
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
     return statsOf(outcome);
   }
@@ -114,6 +122,10 @@ class ExactOnDevice final : public UpdateScheduler {
     updater_->begin(scoringInput(scorer_, tables), lists);
   }
 
+  void clearFlips() {
+    for (std::vector<kernels::LeafFlips>& part : flips_) part.clear();
+    joined_flips_ = 0;
+  }
   void joinFlips() {
     tbb::parallel_for(std::size_t{0}, kMostParts, [&](std::size_t n) { join(flips_[n]); });
     joined_flips_ = kernels::totalSize(flips_);
@@ -138,7 +150,8 @@ class ExactOnDevice final : public UpdateScheduler {
   std::unique_ptr<kernels::ExactUpdater> updater_;
   DeviceAdmission admission_;
   bool anything_scored_ = false;
-  bool flips_begun_ = false;                                       ///< prepare() was called since the last scan
+  bool notes_flips_ = false;  ///< an update has scored something, or may be doing so
+  bool flips_begun_ = false;  ///< prepare() was called since the last scan
   std::array<std::vector<kernels::LeafFlips>, kMostParts> flips_;  ///< since the last update, by part of the map
   std::size_t joined_flips_ = 0;                                   ///< their number after the last merge
 };

@@ -3,22 +3,27 @@
 /// Exact incremental updates. After every update without a backlog, the label of each point, and the best direction and
 /// score of each accessible point, equal those of a full evaluation of the current map.
 ///
-/// For each point the scheduler knows directions that are blocked under the current map, and at which stage. They need
-/// no test until a flip for the better lies on a voxel that this stage reads: a corridor sample that became free for
-/// those blocked in the corridor, a tool voxel that stopped colliding for those blocked by the tool. A flip for the
-/// worse matters only to the one best direction of an accessible point. A changed normal or seen set only changes which
-/// directions are admissible: those not known to be blocked are tested.
+/// The rules are those of a GPU: what is due at a point (hostdev/due_rule.h), how it is evaluated
+/// (hostdev/due_evaluation.h), and what is remembered about its other directions (hostdev/known_levels.h). Here they
+/// run block by block.
+#include <tbb/enumerable_thread_specific.h>
 #include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <array>
+#include <atomic>
+#include <bit>
 #include <iterator>
 #include <vector>
 
-#include "hostdev/direction_filter.h"
+#include "hostdev/cell_counts.h"
 #include "launch/stopwatch.h"
 #include "update/backlog.h"
+#include "update/corridor_offsets.h"
+#include "update/flip_columns.h"
 #include "update/flip_set.h"
-#include "update/known_blocked.h"
+#include "update/known_directions.h"
 #include "update/leaf_footprint.h"
 #include "update/make_scheduler.h"
 #include "update/moved_points.h"
@@ -26,12 +31,12 @@
 namespace accessvdb::internal {
 namespace {
 
-/// What is due at a point. Kept while the point waits in the backlog.
-enum Due : std::uint8_t {
-  kScore = 1,          ///< try the directions not known to be blocked
-  kForgetBest = 2,     ///< the count of the best direction is no longer valid
-  kForgetBlocked = 4,  ///< nor are the directions known to be blocked
-  kEvidence = 8        ///< the point itself changed, not only the map around it
+constexpr std::size_t kDuePerTask = 256;
+
+/// What a point waits for in the backlog. What is due is decided when its turn comes.
+enum Asked : std::uint8_t {
+  kAsked = 1,
+  kAskedByItself = 2  ///< the point itself changed, not only the map around it
 };
 
 class ExactOnHost final : public UpdateScheduler {
@@ -40,9 +45,9 @@ class ExactOnHost final : public UpdateScheduler {
       : scorer_(scorer),
         approach_(approach),
         footprint_(tool, approach, scorer.params().tsdf.voxel_size_m, 0),
-        offset_directions_(tool, approach.num_directions, OffsetDirections::kMostBytes),
-        collision_limit_(tool.collision_limit),
-        all_(kernels::allDirections(approach.num_directions)),
+        corridors_(approach, scorer.params().tsdf.voxel_size_m),
+        known_(tool, approach.num_directions),
+        waits_(scorer.params().update.budget_points > 0),
         moved_points_(scorer) {}
 
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
@@ -58,38 +63,89 @@ class ExactOnHost final : public UpdateScheduler {
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    scorer_.grow();
-    blocked_.grow(scorer_.points().size());
-    backlog_.grow(scorer_.points().size());
-
+    makeRoom();
     const std::vector<std::uint32_t> crossed = findCrossed();
     std::vector<std::uint32_t> moved;
     std::ranges::set_union(moved_points_.find(), crossed, std::back_inserter(moved));
-    const std::vector<std::uint32_t> changed = scorer_.refreshNeighbourhoods(moved);
+    const PointScorer::Changed changed = scorer_.refreshNeighbourhoods(moved);
     moved_points_.refreshed(moved);
-    for (const std::uint32_t id : changed) request(id, kEvidence);
-    for (const std::uint32_t id : crossed) request(id, kEvidence | kForgetBlocked | kForgetBest);
-    scorer_.upload(changed);  // includes those that crossed: they had no neighbourhood yet
-    if (!flips_.empty()) applyFlips();
+    scorer_.upload(changed.ids);  // includes those that crossed: they had no neighbourhood yet
+    const kernels::Stopwatch scoring;
+    const auto evaluator = scorer_.backend().makeDueEvaluator(scorer_.dueUpdate(known_.scale(), tables));
+    FoundByThread found;
+    takeAllDue({changed, *evaluator}, found);
+    if (waits_) takeTurn(*evaluator, found);
     flips_.clear();
     moved_points_.clear();
-
-    const Backlog::Turn turn = backlog_.take(scorer_.params().update.budget_points);
-    stats.dirty_points = moved.size() + turn.ids.size();
+    stats.moved_points = moved.size();
+    stats.dirty_points = moved.size();
+    for (const Found& part : found) {
+      stats.dirty_points += part.stats.dirty_points;
+      stats.direction_tests += part.stats.direction_tests;
+      stats.scored_points += part.stats.scored_points;
+      stats.label_changes += part.stats.label_changes;
+    }
+    anything_scored_ = anything_scored_ || stats.dirty_points > 0;
     stats.backlog = backlog_.size();
-    const kernels::Stopwatch scoring;
-    scoreAll(turn, tables, stats);
     stats.score_ms = scoring.milliseconds();
     return stats;
   }
 
   std::uint64_t bytes() const override {
-    return offset_directions_.bytes() + blocked_.bytes() + backlog_.bytes() + flips_.bytes() + moved_points_.bytes() +
-           fresh_.capacity() * sizeof(std::uint32_t);
+    return known_.bytes() + corridors_.bytes() + backlog_.bytes() + flips_.bytes() + moved_points_.bytes() +
+           changed_.bytes() + in_block_.bytes() + fresh_.capacity() * sizeof(std::uint32_t) +
+           freed_.capacity() * sizeof(std::uint64_t);
   }
 
  private:
-  void request(std::uint32_t id, unsigned what) { backlog_.ask(id, static_cast<std::uint8_t>(kScore | what)); }
+  /// A point to append to the backlog.
+  struct Ask {
+    std::uint32_t id;
+    std::uint8_t what;
+    bool by_itself;  ///< asked for before those that only flips concern
+  };
+  /// A column of voxels, from the lowest one of a block.
+  struct Column {
+    std::int16_t dx, dy;
+  };
+  /// What one thread found, and its scratch memory.
+  struct Found {
+    FlipColumns flips;
+    std::vector<std::uint32_t> blocks;            ///< of one cell
+    std::array<std::vector<Column>, 8> freed_at;  ///< by height in the block: voxels that became free for a corridor
+    std::vector<kernels::DueItem> items;
+    std::vector<kernels::DueOutcome> outcomes;
+    std::vector<Ask> asks;
+    UpdateStats stats;
+  };
+  using FoundByThread = tbb::enumerable_thread_specific<Found>;
+  /// What the threads work on.
+  struct Work {
+    const PointScorer::Changed& changed;
+    kernels::DueEvaluator& evaluator;
+  };
+
+  /// What flips mean for a point; read only if the rule asks.
+  struct FlipsOfPoint {
+    const kernels::KnownLevels& scale;
+    const kernels::KnownPoint& known;
+    const kernels::GroupMasks& masks_;
+
+    [[nodiscard]] const kernels::GroupMasks& masks() const { return masks_; }
+    [[nodiscard]] std::uint64_t notKnownWorse(int w, std::uint64_t asked) const {
+      return kernels::notKnownWorse(known, scale, w, asked);
+    }
+  };
+
+  void makeRoom() {
+    const std::uint32_t points = scorer_.points().size();
+    const std::size_t blocks = scorer_.points().index().blocks().size();
+    scorer_.grow();
+    known_.grow(points, blocks);
+    backlog_.grow(points);
+    changed_.grow(points, kNone);
+    in_block_.grow(blocks, 0);
+  }
 
   /// Cause (e): points whose confidence crossed the bound. Weights only grow, so only points below it are checked.
   std::vector<std::uint32_t> findCrossed() {
@@ -100,156 +156,247 @@ class ExactOnHost final : public UpdateScheduler {
     return crossed;
   }
 
-  /// Cause (a), with the sign of the flips.
-  void applyFlips() {
+  [[nodiscard]] kernels::PointDirections directionsOf(std::uint32_t id) const {
+    const PointRecord& record = scorer_.record(id);
+    return {{record.normal_L.x(), record.normal_L.y(), record.normal_L.z()}, record.seen};
+  }
+  [[nodiscard]] kernels::StoredScore storedScore(std::uint32_t id) const {
+    const PointRecord& record = scorer_.record(id);
+    return {record.label, record.direction, record.score};
+  }
+
+  /// Evaluates everything that is due, cell by cell, except what has to wait: that goes to the backlog.
+  void takeAllDue(const Work& work, FoundByThread& found) {
     const PointStore& points = scorer_.points();
-    const auto& blocks = points.index().blocks();
-    const FreedVoxels freed(flips_);
-    std::vector<std::uint8_t> wanted(points.size(), 0);
-    tbb::parallel_for(std::size_t{0}, blocks.size(), [&](std::size_t b) {
-      const PointBlock& block = blocks[b];
-      if (!moved_points_.anyIn(static_cast<std::uint32_t>(b))) return;
-      thread_local FlipWindow window;
-      if (!footprint_.fill(block.leaf, flips_, window)) return;
-      const AffectedDirections affected = footprint_.affected(block.leaf, window);
-      if (!any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm)) return;
-      thread_local std::vector<Index3> freed_near;
-      freed_near.clear();
-      if (!offset_directions_.empty() && any(affected.better_tool)) {
-        Index3 low, high;
-        for (std::size_t axis = 0; axis < 3; ++axis) {
-          low[axis] = block.leaf[axis] * 8 + offset_directions_.low()[axis];
-          high[axis] = block.leaf[axis] * 8 + 7 + offset_directions_.high()[axis];
-        }
-        freed.collect(low, high, freed_near);
-      }
-      for (const std::uint32_t id : block.ids) {
-        const PointLabel label = scorer_.record(id).label;
-        if (label == PointLabel::Unscored) continue;
-        const DirectionMask better = release(id, affected, freed_near, window);
-        wanted[id] = label == PointLabel::Accessible ? dueIfAccessible(id, affected, better, window)
-                     : any(better)                   ? kScore
-                                                     : 0;
-      }
+    const std::vector<std::uint32_t>& ids = work.changed.ids;
+    const std::vector<LeafChange>& changes = flips_.changes();
+    const auto each = [](std::size_t count, const auto& visit) {
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, kDuePerTask), [&](const auto& range) {
+        for (std::size_t n = range.begin(); n != range.end(); ++n) visit(n);
+      });
+    };
+    freed_.resize(changes.size());
+    each(changes.size(), [&](std::size_t n) { freed_[n] = kernels::countCells(changes[n].collides_off.data()); });
+    each(ids.size(), [&](std::size_t n) {
+      changed_[ids[n]] = static_cast<std::uint32_t>(n);
+      std::atomic_ref(in_block_[points.blockOf(ids[n])]).store(1, std::memory_order_relaxed);
     });
-    for (std::uint32_t id = 0; id < wanted.size(); ++id) {
-      if (wanted[id] != 0) request(id, wanted[id]);
+    if (!ids.empty() || !changes.empty()) {
+      tbb::parallel_for(std::uint32_t{0}, points.index().cells(),
+                        [&](std::uint32_t cell) { takeCell(cell, work, found.local()); });
+    }
+    each(ids.size(), [&](std::size_t n) {
+      changed_[ids[n]] = kNone;
+      std::atomic_ref(in_block_[points.blockOf(ids[n])]).store(0, std::memory_order_relaxed);
+    });
+    if (waits_) askInOrder(found);
+  }
+
+  void takeCell(std::uint32_t cell, const Work& work, Found& found) {
+    const SurfaceIndex& index = scorer_.points().index();
+    found.blocks.clear();
+    bool any_changed = false;
+    Index3 low = {}, high = {};  // leaves that points of the cell read
+    for (std::size_t bit = 0; bit < 512; ++bit) {
+      const std::uint32_t b = index.blockIn(cell, bit);
+      if (b == kNone || !moved_points_.anyIn(b)) continue;
+      const Index3& leaf = index.blocks()[b].leaf;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const std::int32_t first = leaf[axis] + footprint_.low()[axis], last = leaf[axis] + footprint_.high()[axis];
+        low[axis] = found.blocks.empty() ? first : std::min(low[axis], first);
+        high[axis] = found.blocks.empty() ? last : std::max(high[axis], last);
+      }
+      found.blocks.push_back(b);
+      any_changed = any_changed || in_block_[b] != 0;
+    }
+    if (found.blocks.empty()) return;
+    const bool flipped = !flips_.empty() && found.flips.fill(flips_, low, high);
+    if (!flipped && !any_changed) return;
+    for (const std::uint32_t b : found.blocks) takeBlock(b, flipped, work.changed, found);
+    evaluate(work.evaluator, found);
+  }
+
+  /// @param flipped  whether anything flipped around the cell
+  void takeBlock(std::uint32_t b, bool flipped, const PointScorer::Changed& changed, Found& found) {
+    const PointBlock& block = scorer_.points().index().blocks()[b];
+    const AffectedDirections affected = flipped ? footprint_.affected(block.leaf, found.flips) : AffectedDirections{};
+    const bool is_affected = any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm);
+    if (!is_affected && in_block_[b] == 0) return;
+    constexpr std::size_t kAhead = 4;  // points are scattered in memory
+    const auto prefetch = [&](std::size_t n) {
+      if (n >= block.ids.size()) return;
+      prefetchRead(&scorer_.record(block.ids[n]), sizeof(PointRecord));
+      prefetchRead(&changed_[block.ids[n]]);
+      known_.prefetch(block.ids[n]);
+    };
+    for (std::size_t n = 0; n < kAhead; ++n) prefetch(n);
+    if (any(affected.better_tool)) {
+      FreedVoxels freed;
+      countFreed(block.leaf, found.flips, freed);
+      known_.age(b, block.ids, freed, affected.better_tool);
+    }
+    const bool corridors = any(affected.better_arm), one_by_one = corridors && listFreed(block, found);
+    kernels::GroupMasks masks = affected;
+    std::size_t n = 0;
+    for (std::size_t word = 0; word < 8; ++word) {
+      for (std::uint64_t bits = block.occupied[word]; bits != 0; bits &= bits - 1, ++n) {
+        prefetch(n + kAhead);
+        const std::uint32_t id = block.ids[n], entry = changed_[id];
+        const bool scored = scorer_.record(id).label != PointLabel::Unscored;
+        if (scored && corridors) {
+          if (one_by_one) masks.better_arm = freedFor(static_cast<int>(word), std::countr_zero(bits), found);
+          known_.forgetCorridors(id, masks.better_arm);
+        }
+        if (entry != kNone) {
+          takePoint({id, b, &changed.before[entry], masks}, found);
+        } else if (scored && is_affected) {
+          takePoint({id, b, nullptr, masks}, found);
+        }
+      }
     }
   }
 
-  /// Removes what flips for the better make uncertain. @return directions that may have become better
-  DirectionMask release(std::uint32_t id, const AffectedDirections& affected, std::span<const Index3> freed_near,
-                        const FlipWindow& flips) {
-    const Eigen::Vector3f& position_L = scorer_.points().first_L(id);
-    KnownBlocked& known = blocked_[id];
-    DirectionMask better = {};
-    if (!offset_directions_.empty()) {
-      if (!freed_near.empty())
-        better = known.release(scorer_.points().voxelOf(position_L), freed_near, offset_directions_);
-    } else {
-      forEachDirection(affected.better_tool, [&](int d) {
-        if (footprint_.toolBetter(position_L, d, flips)) better.set(d);
-      });
-      known.tool = without(known.tool, better);
+  /// Lists the voxels near a block that became free for a corridor. @return false if there are too many
+  bool listFreed(const PointBlock& block, Found& found) const {
+    constexpr std::size_t kMostPairs = 1 << 15;  // of a voxel and a point
+    if (corridors_.empty()) return false;
+    for (std::vector<Column>& columns : found.freed_at) columns.clear();
+    std::size_t listed = 0;
+    for (const kernels::FootprintColumn& column : footprint_.armColumns()) {
+      const std::int32_t z = block.leaf[2];  // corridors stay at the height of the point
+      if (z + column.z_low > z || z + column.z_high < z) continue;
+      found.flips.forEach(block.leaf[0] + column.dx, block.leaf[1] + column.dy, z, z, FlipKind::ArmFreeOn,
+                          [&](std::int32_t, std::uint32_t change) {
+                            const LeafBits& freed = flips_.changes()[change].arm_free_on;
+                            for (int x = 0; x < 8; ++x) {
+                              for (std::uint64_t bits = freed[static_cast<std::size_t>(x)]; bits != 0;
+                                   bits &= bits - 1) {
+                                const int yz = std::countr_zero(bits);
+                                found.freed_at[static_cast<std::size_t>(yz & 7)].push_back(
+                                    {static_cast<std::int16_t>(8 * column.dx + x),
+                                     static_cast<std::int16_t>(8 * column.dy + (yz >> 3))});
+                                ++listed;
+                              }
+                            }
+                          });
+      if (listed * block.ids.size() > 8 * kMostPairs) return false;
     }
-    // Still blocked in the corridor: the tool does not matter yet.
-    better = without(better, known.arm);
-    forEachDirection(affected.better_arm & known.arm, [&](int d) {
-      if (!footprint_.armBetter(position_L, d, flips)) return;
-      known.arm.reset(d);
-      if (!known.tool.test(d)) better.set(d);
-    });
+    return true;
+  }
+  /// Directions whose corridor may have become free for the point in a voxel of the block.
+  [[nodiscard]] DirectionMask freedFor(int x, int yz, const Found& found) const {
+    DirectionMask better = {};
+    for (const Column& column : found.freed_at[static_cast<std::size_t>(yz & 7)]) {
+      const DirectionMask* directions = corridors_.at(column.dx - x, column.dy - (yz >> 3));
+      if (directions != nullptr) better = better | *directions;
+    }
     return better;
   }
 
-  /// @param better  directions that may have become better
-  [[nodiscard]] std::uint8_t dueIfAccessible(std::uint32_t id, const AffectedDirections& affected,
-                                             const DirectionMask& better, const FlipWindow& flips) const {
-    const PointRecord& record = scorer_.record(id);
-    const Eigen::Vector3f& position_L = scorer_.points().first_L(id);
-    const int best = record.direction;
-    if ((affected.worse_arm.test(best) && footprint_.armWorse(position_L, best, flips)) ||
-        (affected.worse_tool.test(best) && footprint_.toolWorse(position_L, best, flips))) {
-      return kScore | kForgetBest;
+  void countFreed(const Index3& leaf, const FlipColumns& flips, FreedVoxels& freed) const {
+    if (known_.cells().empty()) return;
+    for (const kernels::FootprintColumn& column : footprint_.toolColumns()) {
+      const std::int32_t x = leaf[0] + column.dx, y = leaf[1] + column.dy;
+      const std::int32_t z_low = leaf[2] + column.z_low, z_high = leaf[2] + column.z_high;
+      if ((flips.kindsIn(x, y, z_low, z_high) & bitOf(FlipKind::CollidesOff)) == 0) continue;
+      flips.forEach(x, y, z_low, z_high, FlipKind::CollidesOff, [&](std::int32_t z, std::uint32_t change) {
+        freed.add(known_.cells(), approach_.num_directions, {column.dx, column.dy, z - leaf[2]}, freed_[change]);
+      });
     }
-    // If the best direction has collisions, any other may be better now; otherwise only those tried before it.
-    std::uint8_t due = 0;
-    forEachDirection(better & record.seen, [&](int d) {
-      if (record.score > 0) due = kScore | kForgetBest;
-      if (ranksBefore(d, record)) due |= kScore;
+  }
+
+  /// A point that may have something due.
+  struct Candidate {
+    std::uint32_t id, block;
+    const kernels::PointDirections* before;  ///< its directions at the last update; null: they did not change
+    const kernels::GroupMasks& masks;
+  };
+  void takePoint(const Candidate& candidate, Found& found) {
+    const std::uint32_t id = candidate.id;
+    const bool changed = candidate.before != nullptr;
+    if (backlog_.holds(id)) {
+      if (changed) found.asks.push_back({id, kAskedByItself, true});
+      return;
+    }
+    const kernels::KnownPoint known = known_.of(id, candidate.block);
+    const kernels::PointDirections now = directionsOf(id);
+    const kernels::PointNow point = {approach_, storedScore(id), now};
+    const FlipsOfPoint flips = {known_.scale().levels, known, candidate.masks};
+    const kernels::Due due = kernels::dueAfterChange(point, changed ? *candidate.before : now, changed, flips);
+    if (due.kind == kernels::DueKind::Nothing) return;
+    if (due.kind == kernels::DueKind::Confirm || !waits_) {
+      found.items.push_back({id, due, known});
+    } else {
+      found.asks.push_back({id, static_cast<std::uint8_t>(changed ? kAsked | kAskedByItself : kAsked), changed});
+    }
+  }
+
+  void evaluate(kernels::DueEvaluator& evaluator, Found& found) {
+    found.outcomes.resize(found.items.size());
+    evaluator.evaluate(found.items.data(), found.outcomes.data(), found.items.size());
+    for (std::size_t n = 0; n < found.items.size(); ++n) {
+      const kernels::DueOutcome& outcome = found.outcomes[n];
+      scorer_.store(found.items[n].id, outcome);
+      found.stats.direction_tests += outcome.tests;
+      found.stats.scored_points += outcome.tests > 0 ? 1 : 0;
+      found.stats.label_changes += outcome.label != outcome.label_before ? 1 : 0;
+    }
+    found.stats.dirty_points += found.items.size();
+    found.items.clear();
+  }
+
+  /// Hands what the threads found to the backlog: points that changed themselves first, both by id.
+  void askInOrder(FoundByThread& found) {
+    std::vector<Ask> asks;
+    for (Found& part : found) {
+      asks.insert(asks.end(), part.asks.begin(), part.asks.end());
+      part.asks.clear();
+    }
+    tbb::parallel_sort(asks.begin(), asks.end(), [](const Ask& a, const Ask& b) {
+      return a.by_itself != b.by_itself ? a.by_itself : a.id < b.id;
     });
-    return due;
+    for (const Ask& ask : asks) backlog_.ask(ask.id, ask.what);
   }
 
-  /// Is d tried before the best direction of the point?
-  [[nodiscard]] bool ranksBefore(int d, const PointRecord& record) const {
-    return kernels::ranksBefore(approach_, record.normal_L.data(), d, record.direction);
-  }
-
-  void scoreAll(const Backlog::Turn& turn, const ScoringTables& tables, UpdateStats& stats) {
-    std::vector<kernels::ScoreItem> items;
-    std::vector<PointLabel> labels_before;
-    items.reserve(turn.ids.size());
-    for (std::size_t n = 0; n < turn.ids.size(); ++n) {
-      const std::uint32_t id = turn.ids[n];
-      const std::uint8_t due = turn.asked[n];
-      const PointRecord& record = scorer_.record(id);
-      if (!scorer_.confidentEnough(id)) continue;
-      const bool best_admissible = scorer_.admissible(id, record.direction, approach_);
-      // A blocked point's reason comes from its closest direction: if that one is gone, test all of them.
-      const bool reason_gone = record.label == PointLabel::Blocked && !best_admissible;
-      if ((due & kForgetBlocked) != 0 || record.label == PointLabel::Unscored || reason_gone) blocked_[id] = {};
-      kernels::ScoreItem item;
-      item.id = id;
-      item.skip = blocked_[id].arm | blocked_[id].tool;
-      item.candidates = all_;
-      item.keep_reason = record.label == PointLabel::Blocked && best_admissible ? 1 : 0;
-      item.evidence = (due & kEvidence) != 0 ? 1 : 0;
-      if (record.label == PointLabel::Accessible && (due & kForgetBest) == 0 && best_admissible) {
-        item.known_direction = record.direction;
-        item.known_score = record.score;
+  /// Evaluates the points whose turn has come.
+  void takeTurn(kernels::DueEvaluator& evaluator, FoundByThread& found) {
+    const PointStore& points = scorer_.points();
+    const Backlog::Turn turn = backlog_.take(scorer_.params().update.budget_points);
+    std::vector<std::uint32_t> order(turn.ids.size());
+    for (std::uint32_t n = 0; n < order.size(); ++n) order[n] = n;
+    tbb::parallel_sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
+      const std::uint32_t block_a = points.blockOf(turn.ids[a]), block_b = points.blockOf(turn.ids[b]);
+      return block_a != block_b ? block_a < block_b : turn.ids[a] < turn.ids[b];
+    });
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, order.size(), kDuePerTask), [&](const auto& range) {
+      Found& mine = found.local();
+      const kernels::GroupMasks no_masks = {};  // the rule asks for none
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        const std::uint32_t id = turn.ids[order[n]];
+        const kernels::KnownPoint known = known_.of(id, points.blockOf(id));
+        const kernels::PointDirections now = directionsOf(id);
+        const kernels::PointNow point = {approach_, storedScore(id), now};
+        const FlipsOfPoint flips = {known_.scale().levels, known, no_masks};
+        const bool evidence = (turn.asked[order[n]] & kAskedByItself) != 0;
+        mine.items.push_back({id, kernels::dueAfterWaiting(point, evidence, flips), known});
       }
-      items.push_back(item);
-      labels_before.push_back(record.label);
-    }
-    const auto take = [&](const std::vector<kernels::ScoreItem>& asked,
-                          const std::vector<kernels::ScoreResult>& results) {
-      for (std::size_t n = 0; n < asked.size(); ++n) {
-        blocked_[asked[n].id].learn(results[n], collision_limit_);
-        stats.direction_tests += results[n].tests;
-        stats.scored_points += results[n].tests > 0 ? 1 : 0;
-      }
-    };
-    const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables);
-    take(items, results);
-
-    // Points that lost their access while some directions were skipped: their reason needs all directions.
-    std::vector<kernels::ScoreItem> again;
-    for (std::size_t n = 0; n < items.size(); ++n) {
-      stats.label_changes += labels_before[n] != results[n].label ? 1 : 0;
-      if (results[n].label == PointLabel::Blocked && labels_before[n] == PointLabel::Accessible &&
-          results[n].skipped != 0) {
-        blocked_[items[n].id] = {};
-        again.push_back({});
-        again.back().id = items[n].id;
-        again.back().candidates = all_;
-      }
-    }
-    if (!again.empty()) take(again, scorer_.score(again, tables));
-    anything_scored_ = anything_scored_ || !items.empty();
+      evaluate(evaluator, mine);
+    });
   }
 
   PointScorer& scorer_;
   kernels::ApproachView approach_;
   LeafFootprint footprint_;
-  OffsetDirections offset_directions_;
-  std::uint16_t collision_limit_;
-  DirectionMask all_;
+  CorridorOffsets corridors_;
+  KnownDirections known_;
+  bool waits_;  ///< updates have a budget
   MovedPoints moved_points_;
   FlipSet flips_;
-  std::vector<std::uint32_t> fresh_;    ///< below the confidence bound
-  Backlog backlog_;                     ///< points with something due
-  ChunkedArray<KnownBlocked> blocked_;  ///< by id
+  std::vector<std::uint64_t> freed_;     ///< of the flips' leaves: voxels that stopped colliding, by cell
+  std::vector<std::uint32_t> fresh_;     ///< below the confidence bound
+  Backlog backlog_;                      ///< points with something due
+  ChunkedArray<std::uint32_t> changed_;  ///< by id: index into PointScorer::Changed; kNone between updates
+  ChunkedArray<std::uint8_t> in_block_;  ///< by block: whether points changed; 0 between updates
   std::uint32_t known_points_ = 0;
   bool anything_scored_ = false;
 };

@@ -4,12 +4,13 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <span>
 #include <vector>
 
 #include "accessvdb/leaf_change.h"
-#include "hostdev/place_key.h"
+#include "points/cell_map.h"
 #include "points/surface_index.h"
 
 namespace accessvdb::internal {
@@ -55,70 +56,70 @@ class FlipSet {
     std::uint8_t kinds;
   };
   [[nodiscard]] Flipped at(const Index3& leaf) const;
+  /// Calls visit(leaf, index into changes(), kinds) for each leaf of a box, inclusive, in which something flipped.
+  /// @return whether there is any
+  template <typename Visit>
+  bool forEachIn(const Index3& low, const Index3& high, const Visit& visit) const;
   [[nodiscard]] const std::vector<LeafChange>& changes() const { return changes_; }
   [[nodiscard]] std::uint64_t bytes() const {
-    return changes_.capacity() * sizeof(LeafChange) + slots_.capacity() * sizeof(Slot);
+    return changes_.capacity() * sizeof(LeafChange) + kinds_.capacity() + cells_.capacity() * sizeof(Cell) +
+           cell_of_.bytes();
   }
 
  private:
-  /// Open addressing. Key and kinds are in the slot, so most queries never touch the bits themselves.
-  struct Slot {
-    std::uint64_t key;
-    std::uint32_t change;  ///< index into changes_
-    std::uint32_t kinds;   ///< 0: the slot is empty
+  /// 8 x 8 x 8 leaves.
+  struct Cell {
+    LeafBits present = {};
+    std::array<std::uint32_t, 512> change;  ///< index into changes_, where present
   };
-  [[nodiscard]] std::size_t slotOf(std::uint64_t key) const;
-  void grow(std::size_t capacity);
 
   std::vector<LeafChange> changes_;
-  std::vector<Slot> slots_;  ///< size is a power of two
+  std::vector<std::uint8_t> kinds_;  ///< of changes_
+  std::vector<Cell> cells_;
+  CellMap cell_of_;
 };
-
-// Inline: a few hundred calls per point and update.
-
-inline std::size_t FlipSet::slotOf(std::uint64_t key) const {
-  std::uint64_t mixed = key * 0x9e3779b97f4a7c15ull;
-  mixed ^= mixed >> 32;
-  std::size_t slot = mixed & (slots_.size() - 1);
-  while (slots_[slot].kinds != 0 && slots_[slot].key != key) slot = (slot + 1) & (slots_.size() - 1);
-  return slot;
-}
 
 inline FlipSet::Flipped FlipSet::at(const Index3& leaf) const {
   if (changes_.empty()) return {nullptr, 0};
-  const Slot& slot = slots_[slotOf(kernels::placeKey(leaf[0], leaf[1], leaf[2]))];
-  if (slot.kinds == 0) return {nullptr, 0};
-  return {&changes_[slot.change], static_cast<std::uint8_t>(slot.kinds)};
+  const std::uint32_t cell = cell_of_.find(parentOf(leaf));
+  if (cell == CellMap::kNoCell) return {nullptr, 0};
+  const std::size_t bit = bitInParent(leaf);
+  if ((cells_[cell].present[bit >> 6] >> (bit & 63) & 1u) == 0) return {nullptr, 0};
+  const std::uint32_t change = cells_[cell].change[bit];
+  return {&changes_[change], kinds_[change]};
 }
 
-/// The part of a FlipSet in a box of leaves, stored by position, because the points of a block query the same leaves
-/// repeatedly. Gives the same answers as the set inside the box; outside it reports no flips.
-class FlipWindow {
- public:
-  /// @param low, high  leaves, inclusive. @return false if nothing flipped in the box
-  bool fill(const FlipSet& flips, const Index3& low, const Index3& high);
-  [[nodiscard]] std::uint8_t kindsIn(const Index3& leaf) const {
-    const std::size_t n = indexOf(leaf);
-    return n < kinds_.size() ? kinds_[n] : std::uint8_t{0};
+template <typename Visit>
+bool FlipSet::forEachIn(const Index3& low, const Index3& high, const Visit& visit) const {
+  bool any = false;
+  for (std::int32_t cx = low[0] >> 3; cx <= high[0] >> 3; ++cx) {
+    for (std::int32_t cy = low[1] >> 3; cy <= high[1] >> 3; ++cy) {
+      for (std::int32_t cz = low[2] >> 3; cz <= high[2] >> 3; ++cz) {
+        const std::uint32_t number = cell_of_.find({cx, cy, cz});
+        if (number == CellMap::kNoCell) continue;
+        const Cell& cell = cells_[number];
+        const Index3 first = {cx * 8, cy * 8, cz * 8};
+        for (std::size_t bit = 0; bit < 512; ++bit) {
+          const std::uint64_t left = cell.present[bit >> 6] >> (bit & 63);
+          if (left == 0) {
+            bit |= 63;
+            continue;
+          }
+          bit += static_cast<std::size_t>(std::countr_zero(left));
+          const auto n = static_cast<std::int32_t>(bit);
+          const Index3 leaf = {first[0] + (n >> 6), first[1] + (n >> 3 & 7), first[2] + (n & 7)};
+          bool inside = true;
+          for (std::size_t axis = 0; axis < 3; ++axis) {
+            inside = inside && leaf[axis] >= low[axis] && leaf[axis] <= high[axis];
+          }
+          if (!inside) continue;
+          any = true;
+          visit(leaf, cell.change[bit], kinds_[cell.change[bit]]);
+        }
+      }
+    }
   }
-  [[nodiscard]] const LeafBits* find(const Index3& leaf, FlipKind kind) const {
-    const std::size_t n = indexOf(leaf);
-    return n >= kinds_.size() || (kinds_[n] & bitOf(kind)) == 0 ? nullptr : &bitsOf(*changes_[n], kind);
-  }
-
- private:
-  /// Past the end if the leaf lies outside.
-  [[nodiscard]] std::size_t indexOf(const Index3& leaf) const {
-    const auto x = static_cast<std::uint32_t>(leaf[0] - low_[0]), y = static_cast<std::uint32_t>(leaf[1] - low_[1]);
-    const auto z = static_cast<std::uint32_t>(leaf[2] - low_[2]);
-    if (x >= extent_[0] || y >= extent_[1] || z >= extent_[2]) return kinds_.size();
-    return (static_cast<std::size_t>(x) * extent_[1] + y) * extent_[2] + z;
-  }
-
-  Index3 low_ = {};
-  std::array<std::uint32_t, 3> extent_ = {};
-  std::vector<const LeafChange*> changes_;
-  std::vector<std::uint8_t> kinds_;
-};
+  return any;
+}
 
 }  // namespace accessvdb::internal

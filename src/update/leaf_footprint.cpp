@@ -8,16 +8,8 @@
 #include <map>
 #include <utility>
 
-#include "hostdev/occupancy_query.h"
-#include "hostdev/voxel_scale.h"
-
 namespace accessvdb::internal {
 namespace {
-
-bool testVoxel(const LeafBits& bits, const Index3& voxel) {
-  const std::size_t n = bitInParent(voxel);
-  return (bits[n >> 6] >> (n & 63) & 1u) != 0;
-}
 
 /// Collects the leaf offsets that voxel offsets can fall into, one direction after another.
 class FootprintBuilder {
@@ -79,8 +71,7 @@ std::pair<Index3, Index3> offsetBox(const float* offset_m, double voxel_size_m) 
 }  // namespace
 
 LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach,
-                             double voxel_size_m, int group_log2)
-    : tool_(tool), approach_(approach), inverse_voxel_size_(kernels::VoxelScale(voxel_size_m).inverse_float32) {
+                             double voxel_size_m, int group_log2) {
   FootprintBuilder tool_builder, arm_builder;
   for (int d = 0; d < approach.num_directions; ++d) {
     if (tool.use_samples) {
@@ -117,92 +108,21 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
   }
 }
 
-bool LeafFootprint::fill(const Index3& block_leaf, const FlipSet& flips, FlipWindow& window) const {
-  Index3 low, high;
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    low[axis] = block_leaf[axis] + low_[axis];
-    high[axis] = block_leaf[axis] + high_[axis];
-  }
-  return window.fill(flips, low, high);
-}
-
-template <typename Flips>
-AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const Flips& flips) const {
-  AffectedDirections affected;
+AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const FlipColumns& flips) const {
+  AffectedDirections affected = {};
   const auto scan = [&](const Columns& columns, FlipKind better_kind, FlipKind worse_kind, DirectionMask& better,
                         DirectionMask& worse) {
     for (const kernels::FootprintColumn& column : columns) {
-      std::uint8_t kinds = 0;
-      for (std::int32_t z = column.z_low; z <= column.z_high; ++z) {
-        kinds |= flips.kindsIn({block_leaf[0] + column.dx, block_leaf[1] + column.dy, block_leaf[2] + z});
-      }
-      if ((kinds >> static_cast<int>(better_kind) & 1) != 0) better = better | column.directions;
-      if ((kinds >> static_cast<int>(worse_kind) & 1) != 0) worse = worse | column.directions;
+      const std::uint8_t kinds = flips.kindsIn(block_leaf[0] + column.dx, block_leaf[1] + column.dy,
+                                               block_leaf[2] + column.z_low, block_leaf[2] + column.z_high);
+      if (kinds == 0) continue;
+      if ((kinds & bitOf(better_kind)) != 0) better = better | column.directions;
+      if ((kinds & bitOf(worse_kind)) != 0) worse = worse | column.directions;
     }
   };
   scan(tool_columns_, FlipKind::CollidesOff, FlipKind::CollidesOn, affected.better_tool, affected.worse_tool);
   scan(arm_columns_, FlipKind::ArmFreeOn, FlipKind::ArmFreeOff, affected.better_arm, affected.worse_arm);
   return affected;
 }
-
-template <typename Flips>
-bool LeafFootprint::armReads(const Eigen::Vector3f& p, int d, const Flips& flips, FlipKind kind) const {
-  const float* offset = approach_.arm_offsets + 3 * static_cast<std::ptrdiff_t>(d) * approach_.num_arm;
-  for (int n = 0; n < approach_.num_arm; ++n, offset += 3) {
-    const auto ijk = kernels::voxelOf(p.x() + offset[0], p.y() + offset[1], p.z() + offset[2], inverse_voxel_size_);
-    const Index3 voxel = {ijk[0], ijk[1], ijk[2]};
-    const LeafBits* bits = flips.find(parentOf(voxel), kind);
-    if (bits != nullptr && testVoxel(*bits, voxel)) return true;
-  }
-  return false;
-}
-
-template <typename Flips>
-bool LeafFootprint::toolReads(const Eigen::Vector3f& p, int d, const Flips& flips, FlipKind kind) const {
-  if (tool_.use_samples) {
-    for (std::uint32_t n = tool_.sample_begin[d]; n < tool_.sample_begin[d + 1]; ++n) {
-      const float* t = tool_.samples + 3 * static_cast<std::size_t>(n);
-      const auto ijk = kernels::voxelOf(p.x() + t[0], p.y() + t[1], p.z() + t[2], inverse_voxel_size_);
-      const Index3 voxel = {ijk[0], ijk[1], ijk[2]};
-      const LeafBits* bits = flips.find(parentOf(voxel), kind);
-      if (bits != nullptr && testVoxel(*bits, voxel)) return true;
-    }
-    return false;
-  }
-  const auto s = kernels::voxelOf(p.x(), p.y(), p.z(), inverse_voxel_size_);
-  Index3 last_leaf = {};
-  const LeafBits* last = nullptr;
-  bool cached = false;
-  for (std::uint32_t n = tool_.column_begin[d]; n < tool_.column_begin[d + 1]; ++n) {
-    const kernels::VoxelColumn& c = tool_.columns[n];
-    const std::int32_t z0 = s[2] + c.dz;
-    for (std::uint64_t bits = c.bits; bits != 0;) {
-      // One leaf row at a time.
-      const Index3 voxel = {s[0] + c.dx, s[1] + c.dy, z0 + std::countr_zero(bits)};
-      const Index3 leaf = parentOf(voxel);
-      if (!cached || leaf != last_leaf) {
-        last = flips.find(leaf, kind);
-        last_leaf = leaf;
-        cached = true;
-      }
-      const int row_start = leaf[2] * 8 - z0;  // bit of the column at the leaf's lowest voxel; may be negative
-      if (last != nullptr) {
-        const std::uint64_t row = row_start >= 0 ? bits >> row_start : bits << -row_start;
-        const std::uint64_t flipped = (*last)[static_cast<std::size_t>(voxel[0] & 7)] >> ((voxel[1] & 7) * 8);
-        if ((flipped & row & 0xffu) != 0) return true;
-      }
-      const int next = row_start + 8;
-      bits = next >= 64 ? 0 : bits & ~((std::uint64_t{1} << next) - 1);
-    }
-  }
-  return false;
-}
-
-template AffectedDirections LeafFootprint::affected(const Index3&, const FlipSet&) const;
-template AffectedDirections LeafFootprint::affected(const Index3&, const FlipWindow&) const;
-template bool LeafFootprint::toolReads(const Eigen::Vector3f&, int, const FlipSet&, FlipKind) const;
-template bool LeafFootprint::toolReads(const Eigen::Vector3f&, int, const FlipWindow&, FlipKind) const;
-template bool LeafFootprint::armReads(const Eigen::Vector3f&, int, const FlipSet&, FlipKind) const;
-template bool LeafFootprint::armReads(const Eigen::Vector3f&, int, const FlipWindow&, FlipKind) const;
 
 }  // namespace accessvdb::internal

@@ -11,6 +11,7 @@
 #include "update/device_admission.h"
 #include "update/make_scheduler.h"
 #include "update/paper_triggers.h"
+#include "update/run_beside.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -39,9 +40,16 @@ class PaperOnDevice final : public UpdateScheduler {
     admission_.readWeights();
     const PaperRequests asked = triggers_.take();
     const kernels::TriggeredPoints triggered = {asked.jumped, asked.sampled, asked.blocked};
-    return statsOf(admission_.update([&](const kernels::ConfidenceNews& news) {
-      return updater_->update(scoringInput(scorer_, tables), news, triggered);
-    }));
+    const kernels::ScoringInput input = scoringInput(scorer_, tables);
+    kernels::UpdateOutcome outcome;
+    const auto leave_host = [&] {
+      admission_.know();
+      mapIsFree();
+    };
+    runBeside([&] { outcome = updater_->update(input, admission_.news(), triggered); }, leave_host);
+    UpdateStats stats = statsOf(outcome);
+    stats.moved_points = stats.dirty_points;  // each point's neighbourhood is made when its turn comes
+    return stats;
   }
 
   std::uint64_t bytes() const override { return admission_.bytes() + triggers_.bytes(); }

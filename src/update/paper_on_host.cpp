@@ -44,7 +44,7 @@ class PaperOnHost final : public UpdateScheduler {
     enqueueAll();
     scorer_.refreshTouched(touched_.take());
     const std::vector<std::uint32_t> work = backlog_.take(scorer_.params().update.budget_points).ids;
-    stats.dirty_points = work.size();
+    stats.dirty_points = stats.moved_points = work.size();
     stats.backlog = backlog_.size();
     scorer_.refreshNeighbourhoods(work);
     scorer_.upload(work);
@@ -56,6 +56,7 @@ class PaperOnHost final : public UpdateScheduler {
       items[n].candidates = directions_.candidates(work[n]);
       labels_before[n] = scorer_.record(work[n]).label;
     }
+    mapIsFree();  // scoring reads the mirror and what was uploaded
     const kernels::Stopwatch scoring;
     const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables);
     for (std::size_t n = 0; n < results.size(); ++n) {

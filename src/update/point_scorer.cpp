@@ -66,25 +66,31 @@ void PointScorer::refreshTouched(std::vector<std::uint32_t> touched) {
   upload(touched);
 }
 
-std::vector<std::uint32_t> PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids) {
+PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids) {
   std::vector<Neighbourhood> found(ids.size());
   search_.compute(ids, found);
-  std::vector<std::uint8_t> differs(ids.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kScoredPerTask), [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+  const std::size_t tasks = (ids.size() + kScoredPerTask - 1) / kScoredPerTask;
+  std::vector<Changed> of_task(tasks);
+  tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
+    Changed& changed = of_task[task];
+    for (std::size_t n = task * kScoredPerTask; n < std::min(ids.size(), (task + 1) * kScoredPerTask); ++n) {
       PointRecord& record = records_[ids[n]];
-      differs[n] = !record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen);
+      if (!record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen)) {
+        changed.ids.push_back(ids[n]);
+        changed.before.push_back({{record.normal_L.x(), record.normal_L.y(), record.normal_L.z()}, record.seen});
+      }
       record.normal_L = found[n].normal_L;
       record.seen = found[n].seen;
       record.reach_m = found[n].reach_m;
       record.has_neighbourhood = true;
     }
   });
-  std::vector<std::uint32_t> changed;
-  for (std::size_t n = 0; n < ids.size(); ++n) {
-    if (differs[n] != 0) changed.push_back(ids[n]);
+  Changed all;
+  for (const Changed& part : of_task) {
+    all.ids.insert(all.ids.end(), part.ids.begin(), part.ids.end());
+    all.before.insert(all.before.end(), part.before.begin(), part.before.end());
   }
-  return changed;
+  return all;
 }
 
 void PointScorer::upload(std::span<const std::uint32_t> ids) {
@@ -115,6 +121,7 @@ std::vector<kernels::ScoreResult> PointScorer::score(std::span<const kernels::Sc
   request.approach = tables.approach;
   request.points = device_.view();
   request.rule = tables.rule;
+  request.prepared = tables.prepared;
   request.items = items.data();
   request.results = results.data();
   request.count = items.size();
@@ -126,6 +133,17 @@ std::vector<kernels::ScoreResult> PointScorer::score(std::span<const kernels::Sc
     record.direction = results[n].stored_direction;
   }
   return results;
+}
+
+kernels::DueUpdate PointScorer::dueUpdate(const kernels::KnownScale& scale, const ScoringTables& tables) const {
+  return {tables.map, tables.tool, tables.approach, device_.view(), tables.rule, scale, tables.prepared};
+}
+
+void PointScorer::store(std::uint32_t id, const kernels::DueOutcome& outcome) {
+  PointRecord& record = records_[id];
+  record.label = outcome.label;
+  record.score = outcome.score;
+  record.direction = outcome.direction;
 }
 
 }  // namespace accessvdb::internal

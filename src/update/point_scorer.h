@@ -41,6 +41,7 @@ struct ScoringTables {
   kernels::ToolSlabsView slabs;
   kernels::ApproachView approach;
   kernels::UpdateRule rule;
+  const kernels::PreparedTool* prepared = nullptr;  ///< ScoreRequest::prepared
 };
 
 /// What the host stores of each point's state.
@@ -71,8 +72,13 @@ class PointScorer {
   /// Reads the weights of points that were not confident. @param fresh  in: those; out: the ones that still are not
   /// @return those that now are
   std::vector<std::uint32_t> takeConfident(std::vector<std::uint32_t>& fresh);
-  /// Recomputes the neighbourhoods. @return ids whose normal or seen directions changed
-  std::vector<std::uint32_t> refreshNeighbourhoods(std::span<const std::uint32_t> ids);
+  /// Points whose normal or seen directions changed, and what these were; zero if there were none.
+  struct Changed {
+    std::vector<std::uint32_t> ids;
+    std::vector<kernels::PointDirections> before;
+  };
+  /// Recomputes the neighbourhoods. @param ids  ascending
+  Changed refreshNeighbourhoods(std::span<const std::uint32_t> ids);
   /// Reads the weights of touched points that have a neighbourhood, and sends them to the device, because views of the
   /// points show them.
   void refreshTouched(std::vector<std::uint32_t> touched);
@@ -81,6 +87,11 @@ class PointScorer {
 
   /// Scores the items on the device and stores the results.
   std::vector<kernels::ScoreResult> score(std::span<const kernels::ScoreItem> items, const ScoringTables& tables);
+
+  /// What a backend needs to evaluate what is due.
+  [[nodiscard]] kernels::DueUpdate dueUpdate(const kernels::KnownScale& scale, const ScoringTables& tables) const;
+  /// Stores what an evaluation left behind. From any thread, also at the same time for other points.
+  void store(std::uint32_t id, const kernels::DueOutcome& outcome);
 
   [[nodiscard]] const PointRecord& record(std::uint32_t id) const { return records_[id]; }
   [[nodiscard]] bool confidentEnough(std::uint32_t id) const { return isConfident(records_[id].weight); }

@@ -4,8 +4,10 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <functional>
 #include <memory>
 #include <span>
+#include <utility>
 
 #include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
@@ -56,10 +58,21 @@ class UpdateScheduler {
 
   /// Scores what is due. Fills in score_ms; the field attributes the rest of the update's time to update_ms.
   virtual UpdateStats update(const ScoringTables& tables) = 0;
+  /// Called in the next updates, from any thread, once they no longer read the points and the map on the host, nor what
+  /// noteChange() writes; not all schedulers call it. @param free_map  may be empty
+  void whenMapIsFree(std::function<void()> free_map) { free_map_ = std::move(free_map); }
 
   [[nodiscard]] virtual std::uint64_t bytes() const = 0;
   /// In the backend's memory, without the state of the points.
   [[nodiscard]] virtual std::uint64_t deviceBytes() const { return 0; }
+
+ protected:
+  void mapIsFree() const {
+    if (free_map_) free_map_();
+  }
+
+ private:
+  std::function<void()> free_map_;
 };
 
 }  // namespace accessvdb::internal

@@ -212,6 +212,101 @@ TEST_F(Bench, EndsAfterTheTimedPartWithShortest) {
   EXPECT_LT(bench["frames"], 10);
 }
 
+/// The share of new points and the hits per voxel, computed again from the figures of every frame.
+TEST_F(Bench, SaysHowOftenPlacesAreSeenAgain) {
+  const ProgramResult result = runProgram(arguments({{"--path", "orbit"},
+                                                     {"--frames", "40"},
+                                                     {"--timed-frames", "5"},
+                                                     {"--min-surface-points", "3000"},
+                                                     {"--max-new-percent", "50"},
+                                                     {"--begin-by", "35"},
+                                                     {"--shortest", ""},
+                                                     {"--per-frame", path("frames.csv")},
+                                                     {"--out", path("bench.json")}}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const json bench = json::parse(readText("bench.json"));
+  EXPECT_EQ(bench["stream"]["path"], "orbit");
+  EXPECT_EQ(bench["stream"]["speed_m_s"], 1.0);
+  std::string header;
+  const auto rows = numbersOf(readText("frames.csv"), header);
+  std::vector<std::string> names;
+  std::istringstream cells(header);
+  for (std::string name; std::getline(cells, name, ',');) names.push_back(name);
+  const auto at = [&](std::size_t n, const std::string& name) {
+    const auto column = std::find(names.begin(), names.end(), name);
+    return column == names.end() ? -1 : rows[n][static_cast<std::size_t>(column - names.begin())];
+  };
+  const auto shareNew = [&](std::size_t begin, std::size_t end) {
+    double added = 0, used = 0;
+    for (std::size_t n = begin; n < end; ++n) {
+      added += at(n, "surface_points") - (n == 0 ? 0 : at(n - 1, "surface_points"));
+      used += at(n, "points_used");
+    }
+    return 100 * added / used;
+  };
+  const std::size_t begin = rows.size() - 5;
+  std::size_t expected = 5;  // the first frame at which the points and the share before it allow the timed part
+  while (expected < 35 && (at(expected - 1, "surface_points") < 3000 || shareNew(expected - 5, expected) > 50))
+    ++expected;
+  EXPECT_EQ(begin, expected);
+  EXPECT_GT(begin, 5u);
+  const json& density = bench["density"];
+  EXPECT_DOUBLE_EQ(density["new_percent"].get<double>(), shareNew(begin, rows.size()));
+  EXPECT_DOUBLE_EQ(density["new_percent_before"].get<double>(), shareNew(begin - 5, begin));
+  EXPECT_EQ(density["new_percent_wanted"], 50.0);
+  EXPECT_EQ(density["reached"], begin < 35 || shareNew(30, 35) <= 50);
+  EXPECT_DOUBLE_EQ(density["hits_per_voxel"]["timed_end"].get<double>(),
+                   static_cast<double>(kPoints * rows.size()) / at(rows.size() - 1, "surface_points"));
+  for (std::size_t n = 0; n < rows.size(); ++n) {
+    EXPECT_EQ(at(n, "new_points"), at(n, "surface_points") - (n == 0 ? 0 : at(n - 1, "surface_points")));
+    EXPECT_GE(at(n, "flipped_voxels"), at(n, "changed_leaves")) << "a leaf is changed if one of its voxels flipped";
+    EXPECT_GE(at(n, "dirty_points"), at(n, "moved_points"));
+    EXPECT_GT(at(n, "moved_points"), 0);
+  }
+}
+
+/// Same stream, same counters, one by one; only the times are others.
+TEST_F(Bench, PipelinedDoesTheSameWork) {
+  ASSERT_EQ(runProgram(arguments({{"--out", path("one.json")}, {"--per-frame", path("one.csv")}})).exit_code, 0);
+  const ProgramResult result =
+      runProgram(arguments({{"--out", path("two.json")}, {"--per-frame", path("two.csv")}, {"--pipelined", ""}}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const json one = json::parse(readText("one.json")), two = json::parse(readText("two.json"));
+  EXPECT_EQ(one["pipelined"], false);
+  EXPECT_EQ(two["pipelined"], true);
+  EXPECT_EQ(two["labels_at_end"], one["labels_at_end"]);
+  std::string header_one, header_two;
+  auto rows_one = numbersOf(readText("one.csv"), header_one), rows_two = numbersOf(readText("two.csv"), header_two);
+  EXPECT_EQ(header_two, header_one);
+  ASSERT_EQ(rows_two.size(), rows_one.size());
+  for (std::size_t n = 0; n < rows_one.size(); ++n) {
+    EXPECT_GT(rows_two[n][1], 0.0);
+    rows_one[n].erase(rows_one[n].begin() + 1, rows_one[n].begin() + 6);
+    rows_two[n].erase(rows_two[n].begin() + 1, rows_two[n].begin() + 6);
+    EXPECT_EQ(rows_two[n], rows_one[n]) << n;
+  }
+  for (const json& bench : {one, two}) {
+    EXPECT_NEAR(bench["frames_per_second"].get<double>() * bench["timing_ms"]["frame"]["mean"].get<double>(), 1000,
+                0.1);
+  }
+}
+
+/// The timed part begins where --begin-by says, although there are too few points, and the record says so.
+TEST_F(Bench, BeginsInAnyCaseByTheFrameThatWasAskedFor) {
+  const ProgramResult result = runProgram(arguments({{"--path", "hover"},
+                                                     {"--frames", "60"},
+                                                     {"--timed-frames", "2"},
+                                                     {"--min-surface-points", "1000000"},
+                                                     {"--begin-by", "3"},
+                                                     {"--shortest", ""},
+                                                     {"--out", path("bench.json")}}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  const json bench = json::parse(readText("bench.json"));
+  EXPECT_EQ(bench["frames"], 5);
+  EXPECT_EQ(bench["density"]["reached"], false);
+  EXPECT_EQ(bench["stream"]["speed_m_s"], 0.01);
+}
+
 TEST_F(Bench, TooFewPointsIsCode4AndKeepsTheFigures) {
   const ProgramResult result =
       runProgram(arguments({{"--min-surface-points", "1000000"}, {"--out", path("bench.json")}}));
@@ -239,6 +334,20 @@ TEST_F(Bench, RefusesInOneLine) {
   expectRefused({{"--tool", "builtin:spoon"}}, 2, "builtin:spoon");
   expectRefused({{"--threads", "-1"}}, 2, "--threads");
   expectRefused({{"--shortest", ""}}, 2, "--shortest");
+  expectRefused({{"--path", "spiral"}}, 2, "--path");
+  expectRefused({{"--max-new-percent", "6"}}, 2, "--max-new-percent");
+  expectRefused({{"--begin-by", "2"}}, 2, "--begin-by");
+  const Flags shortest = {{"--shortest", ""}, {"--min-surface-points", "9"}};
+  for (const char* bad : {"0", "-1", "nan", "101"}) {
+    Flags flags = shortest;
+    flags["--max-new-percent"] = bad;
+    expectRefused(flags, 2, "--max-new-percent");
+  }
+  for (const char* bad : {"0", "4"}) {  // 7 frames, 4 of them timed
+    Flags flags = shortest;
+    flags["--begin-by"] = bad;
+    expectRefused(flags, 2, "--begin-by");
+  }
   if (access("/dev/nvidiactl", F_OK) != 0) expectRefused({{"--device", "cuda"}}, 6, "cuda");
 }
 

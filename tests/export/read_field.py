@@ -21,6 +21,7 @@ UNITS = {
 FLAGS = {
     "scans", "poses", "pose_format", "tool", "tool_unit", "tool_tip", "tool_axis", "tool_up", "profile", "every",
     "update_every", "half", "compression", "up_axis", "surface", "sequence", "mirror_distance",
+    "points_format",
 }
 PLY_TYPES = {"double": "<f8", "float": "<f4", "uchar": "u1", "ushort": "<u2"}
 

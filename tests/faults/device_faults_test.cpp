@@ -286,6 +286,58 @@ TEST_F(DeviceFaults, ADeviceThatIsLostInTheMiddleEndsTheRunAndNotThePoints) {
   }
 }
 
+/// With updateAsync(): the update's ticket tells of a device that was lost in it; a scan that came beside it is in the
+/// map and its points, and can still be saved.
+TEST_F(DeviceFaults, ADeviceThatIsLostBesideAScanEndsTheRunAndNotThePoints) {
+  for (const Choice& choice : {kChoices[0], kChoices[3]}) {
+    const std::uint64_t calls = healthyCalls(choice).run, step = calls / 60 + 1;
+    int by_ticket = 0, by_scan = 0;
+    for (std::uint64_t nth = 1; nth <= calls; nth += step) {
+      SCOPED_TRACE(std::string(choice.name) + ", call " + std::to_string(nth));
+      setFault({});
+      {
+        AccessibilityField field(tool(), paramsOn(BackendKind::Cuda, choice));
+        setFault({cudaErrorLaunchFailure, nth, "", true});
+        UpdateTicket ticket;
+        int frame = 0;
+        bool scan_refused = false;
+        try {
+          for (; frame < kFrames; ++frame) {
+            const WalkFrame& scan = frames()[static_cast<std::size_t>(frame)];
+            field.integrateScan(scan.points_S, scan.T_W_S);
+            ticket = field.updateAsync();
+          }
+        } catch (const Error& error) {
+          scan_refused = true;
+          if (error.id() != "field.broken") expectUseful(error);
+        }
+        bool update_refused = false;
+        try {
+          if (ticket.valid()) static_cast<void>(ticket.wait());
+        } catch (const Error& error) {
+          update_refused = true;
+          expectUseful(error);
+          EXPECT_EQ(error.code(), ErrorCode::Device);
+        }
+        by_ticket += update_refused;
+        by_scan += scan_refused && !update_refused;
+        if (scan_refused || update_refused) {
+          EXPECT_THROW(static_cast<void>(field.updateAsync()), ResourceLimit);
+          EXPECT_THROW(static_cast<void>(field.snapshot()), ResourceLimit);
+          EXPECT_THROW(field.integrateScan(frames()[0].points_S, frames()[0].T_W_S), ResourceLimit);
+          const FieldSnapshot saved = field.unscoredSnapshot();
+          EXPECT_EQ(saved.count(PointLabel::Unscored), saved.points.size());
+          expectSamePlaces(saved, Reference::get(choice).after[static_cast<std::size_t>(std::min(frame, kFrames - 1))]);
+        }
+      }
+      expectNothingLeaked();
+      if (HasFailure()) return;
+    }
+    EXPECT_GT(by_ticket, 5) << choice.name;
+    EXPECT_GT(by_scan, 5) << choice.name;
+  }
+}
+
 TEST_F(DeviceFaults, NoMemoryInTheMiddleIsBorneOrRefused) {
   for (const Choice& choice : kChoices) {
     int refused = 0, borne = 0;

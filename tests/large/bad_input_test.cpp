@@ -189,6 +189,50 @@ TEST_F(TileRefusal, StepsOutOfOrder) {
   EXPECT_FALSE(fs::exists(path("all.ply")));
 }
 
+/// As accessvdb.tiles leaves them: tiles that were given up are named, and the rest is usable.
+TEST_F(TileRefusal, TilesThatWereGivenUp) {
+  planAndBin();
+  const std::vector<std::string> names = tilesOf();
+  const std::string bad = names.at(1), other = names.back();
+  for (const std::string& name : names) {
+    if (name != bad && name != other) succeed(step("run", {"--tile", name, "--threads", "1"}));
+  }
+  writeText("out/tiles/" + bad + ".poison.json", R"({"tile": "any", "exit_code": 70, "reason": "killed by SIGSEGV"})");
+  const std::string status = succeed(step("status"));
+  EXPECT_TRUE(has(status, "given up: " + bad + ", code 70: killed by SIGSEGV")) << status;
+  EXPECT_TRUE(has(refuse(step("merge"), 4, "tile.unfinished"), "--partial"));
+  EXPECT_FALSE(fs::exists(path("out/report.json")));
+
+  EXPECT_TRUE(has(succeed(step("merge", {"--partial", "--points", path("some.ply")})), "2 tiles are not finished"));
+  nlohmann::json report = nlohmann::json::parse(readText("out/report.json"));
+  EXPECT_EQ(report.at("partial"), true);
+  const nlohmann::json poison = {{{"tile", bad}, {"exit_code", 70}, {"reason", "killed by SIGSEGV"}}};
+  EXPECT_EQ(report.at("tiles").at("poison"), poison);
+  EXPECT_EQ(report.at("tiles").at("todo"), 2);
+  nlohmann::json index = nlohmann::json::parse(readText("out/field.json"));
+  EXPECT_EQ(index.at("complete"), false);
+  EXPECT_EQ(index.at("missing").size(), 2u);
+  EXPECT_TRUE(fs::exists(path("out/rays"))) << "the tiles that are left need them";
+  EXPECT_GT(sizeOf("some.ply"), 100'000u);
+  EXPECT_TRUE(has(succeed({"query", "--map", path("out"), "--at", "3,0,0"}), "not all tiles"));
+
+  // Finished after all, as a whole or in quarters, it is not named any more.
+  succeed(step("run"));
+  succeed(step("merge"));
+  report = nlohmann::json::parse(readText("out/report.json"));
+  EXPECT_EQ(report.at("partial"), false);
+  EXPECT_TRUE(report.at("tiles").at("poison").empty());
+  index = nlohmann::json::parse(readText("out/field.json"));
+  EXPECT_TRUE(index.at("missing").empty());
+  EXPECT_FALSE(fs::exists(path("out/tiles/" + bad + ".poison.json")));
+  expectOnePiece();
+  expectNoLeftovers();
+  writeText("out/tiles/" + bad + ".poison.json", "{");
+  succeed(step("status"));  // of a finished tile, so nobody reads it
+  fs::remove_all(path("out/tiles/" + bad));
+  refuse(step("status"), 3, "tile.damaged");
+}
+
 TEST_F(TileRefusal, FullDisk) {
   succeed(plan({"--tiles", "6.4"}));
   cli_test::ProgramSetup full;

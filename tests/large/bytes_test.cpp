@@ -111,9 +111,11 @@ TEST_F(TileBytes, QuartersBecauseMemoryIsShort) {
 }
 
 TEST_F(TileBytes, FilesAsTheFlagsSay) {
-  what_ = plus(what_, {"--half", "--compression", "zip", "--up-axis", "y"});
+  what_ = plus(what_, {"--half", "--compression", "zip", "--up-axis", "y", "--points-format", "las"});
   succeed(map({"--tiles", "6.4"}));
   expectOnePiece();
+  succeed(step("merge", {"--points", path("all.las")}));
+  expectSameFiles("all.las", "one_piece/points.las");
 }
 
 TEST_F(TileBytes, RayCloudWithASensorPerReturn) {

@@ -20,7 +20,7 @@ grids    std eigen api openvdb
 pcl-header std eigen api pcl
 hostdev  constants label
 launch   std api hostdev
-cpu      std posix api hostdev launch tbb
+cpu      std posix simd api hostdev launch tbb
 cuda-memory std api hostdev launch cudart
 cuda-search std api hostdev launch cudart cuda-memory
 cuda-update std api hostdev launch cudart cuda-memory cuda-search

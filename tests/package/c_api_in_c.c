@@ -120,6 +120,10 @@ int main(int argc, char** argv) {
   CHECK(accessvdb_field_update(field, &update) == ACCESSVDB_OK);
   CHECK(update.scored_points > 0 && update.backlog == 0);
   check_points(field);
+  accessvdb_update* running = NULL;
+  CHECK(accessvdb_field_update_async(field, &running) == ACCESSVDB_OK);
+  CHECK(accessvdb_update_wait(running, &update) == ACCESSVDB_OK && update.scored_points == 0);
+  accessvdb_update_free(running);
   if (argc > 1) CHECK(accessvdb_field_write(field, argv[1]) == ACCESSVDB_OK);
   accessvdb_field_free(field);
 

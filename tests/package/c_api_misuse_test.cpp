@@ -75,6 +75,14 @@ TEST_F(CApiMisuse, NullHandles) {
   EXPECT_EQ(found, 0);
   EXPECT_EQ(accessvdb_field_write(nullptr, "out"), ACCESSVDB_ERROR_USAGE);
   EXPECT_EQ(accessvdb_field_save_state(nullptr, "state"), ACCESSVDB_ERROR_USAGE);
+  accessvdb_update* update = reinterpret_cast<accessvdb_update*>(&point);
+  EXPECT_EQ(accessvdb_field_update_async(nullptr, &update), ACCESSVDB_ERROR_USAGE);
+  EXPECT_EQ(update, nullptr);
+  EXPECT_EQ(accessvdb_update_wait(nullptr, nullptr), ACCESSVDB_ERROR_USAGE);
+  EXPECT_EQ(accessvdb_update_is_done(nullptr, &found), ACCESSVDB_ERROR_USAGE);
+  EXPECT_STREQ(accessvdb_update_error_id(nullptr), "c_api.handle");
+  EXPECT_GT(std::strlen(accessvdb_update_error_text(nullptr)), 10u);
+  accessvdb_update_free(nullptr);
   EXPECT_STREQ(accessvdb_field_error_id(nullptr), "c_api.handle");
   EXPECT_GT(std::strlen(accessvdb_field_error_text(nullptr)), 10u);
   EXPECT_STREQ(accessvdb_field_device(nullptr), "");
@@ -267,6 +275,28 @@ TEST_F(CApiMisuse, OrderOfCalls) {
   EXPECT_EQ(accessvdb_field_copy_points(field_, count, 0, nullptr, sizeof point), ACCESSVDB_OK);
   ASSERT_EQ(accessvdb_field_drop_snapshot(field_), ACCESSVDB_OK);
   expectError(accessvdb_field_get_counts(field_, &counts), ACCESSVDB_ERROR_USAGE, "snapshot.none");
+}
+
+TEST_F(CApiMisuse, UpdatesThatDoNotBlock) {
+  ASSERT_EQ(integrate(), ACCESSVDB_OK);
+  expectError(accessvdb_field_update_async(field_, nullptr), ACCESSVDB_ERROR_USAGE, "c_api.null");
+  accessvdb_update* update = nullptr;
+  ASSERT_EQ(accessvdb_field_update_async(field_, &update), ACCESSVDB_OK);
+  auto small = sized<accessvdb_update_stats>(8);
+  EXPECT_EQ(accessvdb_update_wait(update, &small), ACCESSVDB_ERROR_USAGE);
+  EXPECT_STREQ(accessvdb_update_error_id(update), "c_api.struct_size");
+  EXPECT_EQ(accessvdb_update_is_done(update, nullptr), ACCESSVDB_ERROR_USAGE);
+  EXPECT_STREQ(accessvdb_update_error_id(update), "c_api.null");
+  auto stats = sized<accessvdb_update_stats>();
+  EXPECT_EQ(accessvdb_update_wait(update, &stats), ACCESSVDB_OK);
+  EXPECT_EQ(accessvdb_update_wait(update, nullptr), ACCESSVDB_OK);
+  EXPECT_GT(stats.dirty_points, 0u);
+  auto* update_as_field = reinterpret_cast<accessvdb_field*>(update);
+  EXPECT_EQ(accessvdb_field_update(update_as_field, nullptr), ACCESSVDB_ERROR_USAGE);
+  auto* field_as_update = reinterpret_cast<accessvdb_update*>(field_);
+  EXPECT_EQ(accessvdb_update_wait(field_as_update, nullptr), ACCESSVDB_ERROR_USAGE);
+  accessvdb_update_free(field_as_update);  // does nothing
+  accessvdb_update_free(update);
 }
 
 TEST_F(CApiMisuse, HandlesOfTheOtherKind) {

@@ -177,6 +177,42 @@ TEST(CApiParity, ScansGiveTheSamePoints) {
   for (std::size_t reason = 0; reason < reasons.size(); ++reason) EXPECT_EQ(counts.reasons[reason], reasons[reason]);
 }
 
+TEST(CApiParity, UpdatesThatDoNotBlockGiveTheSamePoints) {
+  const WalkGenerator walk({.frames = 5, .rays_per_frame = 3000, .range_noise_m = 0.01, .seed = 12});
+  accessvdb_params params = defaults();
+  params.voxel_size_m = 0.1;
+  accessvdb_update* update = nullptr;
+  accessvdb_update_stats c_update = {};
+  c_update.struct_size = sizeof c_update;
+  std::uint64_t dirty = 0;
+  {
+    const CField c("builtin:pruner", &params);
+    AccessibilityField cpp(ToolGeometry::builtin("builtin:pruner"), {.tsdf = {.voxel_size_m = 0.1}});
+    for (int n = 0; n < walk.frames(); ++n) {
+      const WalkFrame frame = walk.frame(n);
+      cpp.integrateScan(frame.points_S, frame.T_W_S);
+      ASSERT_EQ(accessvdb_field_integrate_scan(c.handle, frame.points_S[0].data(), frame.points_S.size(),
+                                               rowMajor(frame.T_W_S).data(), nullptr),
+                ACCESSVDB_OK);
+      if (update != nullptr) {
+        ASSERT_EQ(accessvdb_update_wait(update, &c_update), ACCESSVDB_OK) << accessvdb_update_error_text(update);
+        EXPECT_EQ(c_update.dirty_points, dirty);
+        accessvdb_update_free(update);
+      }
+      ASSERT_EQ(accessvdb_field_update_async(c.handle, &update), ACCESSVDB_OK) << accessvdb_field_error_text(c.handle);
+      dirty = cpp.update().dirty_points;
+    }
+    expectSame(c.points(), cpp.snapshot());
+    std::int32_t done = 0;  // the snapshot waited
+    EXPECT_EQ(accessvdb_update_is_done(update, &done), ACCESSVDB_OK);
+    EXPECT_EQ(done, 1);
+  }  // the field goes first
+  ASSERT_EQ(accessvdb_update_wait(update, &c_update), ACCESSVDB_OK);
+  EXPECT_EQ(c_update.dirty_points, dirty);
+  EXPECT_GT(dirty, 0u);
+  accessvdb_update_free(update);
+}
+
 TEST(CApiParity, RaysGiveTheSamePoints) {
   const WalkGenerator walk({.frames = 4, .rays_per_frame = 5000, .seed = 5});
   accessvdb_params params = defaults();

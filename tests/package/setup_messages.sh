@@ -87,7 +87,7 @@ silent
 INSTALLED=all run 0 --tests
 calls '^npm ci '
 NPM=1 INSTALLED=all run 0 --tests
-says 'tests that decode LAZ or write ROS 2 recordings will be skipped'
+says 'tests that read LAS or LAZ by them, or write ROS 2 recordings, will be skipped'
 INSTALLED=all run 0 --tests
 calls '^npm ci '
 mkdir -p "$fake/tree/build/npm/node_modules"

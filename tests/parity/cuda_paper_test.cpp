@@ -61,6 +61,7 @@ TEST_P(CudaPaper, EvaluatesTheSamePointsAsTheCpu) {
   const auto update = [&] {
     const UpdateStats a = cpu.update(), b = cuda.update();
     ASSERT_EQ(a.dirty_points, b.dirty_points);
+    ASSERT_EQ(a.moved_points, b.moved_points);
     ASSERT_EQ(a.scored_points, b.scored_points);
     ASSERT_EQ(a.direction_tests, b.direction_tests);
     ASSERT_EQ(a.label_changes, b.label_changes);

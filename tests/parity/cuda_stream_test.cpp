@@ -160,6 +160,40 @@ TEST_P(CudaStream, EqualsTheCpuAfterEveryUpdate) {
   EXPECT_EQ(cpu.memoryUse().device_peak_bytes, 0u);
 }
 
+/// Each scan comes beside the update of the one before, now and then with something in between that waits.
+TEST_P(CudaStream, PipelinedEqualsTheCpu) {
+  const StreamCase& c = GetParam();
+  const WalkGenerator walk = walkOf(c);
+  FieldParams params = paramsOf(c);
+  FieldParams on_gpu = params;
+  params.backend = BackendKind::Cpu;
+  on_gpu.backend = BackendKind::Cuda;
+  const ToolGeometry tool = ToolGeometry::builtin(c.tool);
+  AccessibilityField cpu(tool, params), cuda(tool, on_gpu);
+  UpdateTicket ticket;
+  UpdateStats expected;
+  for (int frame = 0; frame < c.frames; ++frame) {
+    SCOPED_TRACE("frame " + std::to_string(frame));
+    const WalkFrame scan = walk.frame(frame);
+    cpu.integrateScan(scan.points_S, scan.T_W_S);
+    const FrameStats stats = cuda.integrateScan(scan.points_S, scan.T_W_S);
+    EXPECT_GT(stats.points_used, 0u);
+    if ((frame + 1) % c.scans_an_update != 0) continue;
+    if (ticket.valid()) {
+      const UpdateStats done = ticket.wait();
+      ASSERT_EQ(done.label_changes, expected.label_changes);
+      ASSERT_EQ(done.backlog, expected.backlog);
+    }
+    expected = cpu.update();
+    ticket = cuda.updateAsync();
+    if (frame % 5 == 3) expectSame(cpu.snapshot(), cuda.snapshot());
+    if (HasFatalFailure()) return;
+  }
+  expectSame(cpu.snapshot(), cuda.snapshot());
+  expectSameMap(cpu.volume(), cuda.volume());
+  expectVaried(cuda.snapshot());
+}
+
 INSTANTIATE_TEST_SUITE_P(
     Streams, CudaStream,
     testing::Values(StreamCase{.seed = 1, .tool = "builtin:pruner", .voxel_size_m = 0.05},

@@ -34,18 +34,21 @@ struct Step {
 };
 using World = std::vector<Step>;
 
+enum class Source { Scans, RayCloud, Stations };
+
 struct Case {
   std::string name;
   std::uint64_t seed = 1;
   double voxel_size_m = 0.05;
   std::int32_t tile_voxels = 128;
   std::string tool = "builtin:pruner";
-  bool ray_cloud = false;
+  Source source = Source::Scans;
   std::function<void(FieldParams&)> change = [](FieldParams&) {};
 };
 void PrintTo(const Case& test, std::ostream* out) { *out << test.name; }
 
-/// Boards and poles over an area of about 300 x 200 voxels, seen from a walk between them.
+/// Boards and poles over an area of about 300 x 200 voxels, seen from a walk between them; or from two stations, one of
+/// them far outside, whose clouds are read in several steps each.
 World makeWorld(const Case& test) {
   std::mt19937_64 random(test.seed);
   const double v = test.voxel_size_m;
@@ -62,16 +65,19 @@ World makeWorld(const Case& test) {
   World world;
   for (int s = 0; s < 10; ++s) {
     Step& step = world.emplace_back();
-    const Eigen::Vector3d sensor_W(uniform(random, -140, 140) * v, uniform(random, -90, 90) * v,
-                                   uniform(random, 0, 20) * v);
+    Eigen::Vector3d sensor_W(uniform(random, -140, 140) * v, uniform(random, -90, 90) * v, uniform(random, 0, 20) * v);
+    if (test.source == Source::Stations) {
+      if (s >= 5) sensor_W = {190 * v, -260 * v, 25 * v};
+      if (s % 5 != 0) sensor_W = world[world.size() - 2].sensors_W.front();
+    }
     for (int n = 0; n < 6000; ++n) {
       const Board& board = boards[random() % boards.size()];
       const Eigen::Vector3d noise(uniform(random, -0.4, 0.4), uniform(random, -0.4, 0.4), uniform(random, -0.4, 0.4));
       step.points_W.push_back(board.corner + uniform(random, 0, 1) * board.along + uniform(random, 0, 1) * board.up +
                               v * noise);
-      if (test.ray_cloud) step.sensors_W.push_back(sensor_W + Eigen::Vector3d(0.01 * v * n, 0, 0));
+      if (test.source == Source::RayCloud) step.sensors_W.push_back(sensor_W + Eigen::Vector3d(0.01 * v * n, 0, 0));
     }
-    if (!test.ray_cloud) step.sensors_W.push_back(sensor_W);
+    if (test.source != Source::RayCloud) step.sensors_W.push_back(sensor_W);
   }
   return world;
 }
@@ -215,7 +221,8 @@ TEST_P(TilesEqualOnePiece, BitForBit) { expectVaried(expectTilesEqual(GetParam()
 INSTANTIATE_TEST_SUITE_P(
     Worlds, TilesEqualOnePiece,
     testing::Values(
-        Case{.name = "pruner"}, Case{.name = "ray_cloud", .seed = 2, .ray_cloud = true},
+        Case{.name = "pruner"}, Case{.name = "ray_cloud", .seed = 2, .source = Source::RayCloud},
+        Case{.name = "stations", .seed = 8, .source = Source::Stations},
         Case{.name = "pencil_20mm", .seed = 3, .voxel_size_m = 0.02, .tool = "builtin:pencil"},
         Case{.name = "lopsided_large_tiles", .seed = 4, .tile_voxels = 256, .tool = "lopsided"},
         Case{.name = "long_corridor", .seed = 5, .change = [](FieldParams& p) { p.approach.corridor_length_m = 1.5; }},
@@ -246,7 +253,7 @@ Case randomCase(std::uint64_t seed) {
   test.voxel_size_m = oneOf(0.02, 0.03, 0.05, 0.1);
   test.tile_voxels = oneOf(128, 128, 256);
   test.tool = oneOf("builtin:pruner", "builtin:pencil", "lopsided");
-  test.ray_cloud = oneOf(false, true);
+  test.source = oneOf(Source::Scans, Source::RayCloud, Source::Stations);
   const double corridor_m = oneOf(0.0, 0.0, 0.4, 1.3), noise_m = oneOf(0.0, 0.02), clamp_m = oneOf(0.0, -0.02);
   const int max_weight = oneOf(7, 4095), threads = oneOf(1, 2);
   const auto region = oneOf(UpdateRegion::DoubleCone, UpdateRegion::FullCube);

@@ -96,6 +96,48 @@ class Threads(unittest.TestCase):
                 self.assertLess(np.diff(inside).max(), 0.8 * (end - begin))
         self.assertGreaterEqual(long_calls, 2)
 
+    def test_an_update_beside_the_next_scan(self):
+        expected, expected_stats = walls.field(frames=0), []
+        field, tickets = walls.field(frames=0), []
+        for n in range(5):
+            T_W_S = walls.pose(y=0.2 * n)
+            points = walls.scan(T_W_S, seed=n)
+            expected.integrate_scan(points, T_W_S)
+            field.integrate_scan(points, T_W_S)
+            expected_stats.append(expected.update())
+            tickets.append(field.update_async())
+        self.assertEqual(field.snapshot().records.tobytes(), expected.snapshot().records.tobytes())
+        for ticket, stats in zip(tickets, expected_stats):
+            self.assertTrue(ticket.done)  # the snapshot waited
+            self.assertEqual(ticket.wait().direction_tests, stats.direction_tests)
+            self.assertEqual(ticket.wait().moved_points, stats.moved_points)
+            self.assertEqual(repr(ticket), "<accessvdb.UpdateTicket: done>")
+        self.assertGreater(expected_stats[0].moved_points, 0)
+
+    def test_a_ticket_keeps_the_outcome_of_a_field_that_is_gone(self):
+        field = walls.field(frames=0)
+        field.integrate_scan(walls.scan(walls.pose()), walls.pose())
+        ticket = field.update_async()
+        del field
+        self.assertGreater(ticket.wait().scored_points, 0)
+        del ticket
+        field = walls.field(frames=0)
+        field.integrate_scan(walls.scan(walls.pose()), walls.pose())
+        field.update_async()  # dropped: waits
+        self.assertGreater((field.snapshot().label != accessvdb.PointLabel.UNSCORED).sum(), 0)
+
+    def test_python_runs_on_while_one_waits_for_a_ticket(self):
+        field = walls.field(frames=0, tsdf={"voxel_size_m": 0.03})
+        field.integrate_scan(np.asarray(walls.scan(walls.pose(), rays=100_000), np.float32), walls.pose())
+        ticket, turns = field.update_async(), []
+        with ThreadPoolExecutor(2) as threads:
+            waiting = [threads.submit(ticket.wait), threads.submit(field.memory_use)]
+            while not all(each.done() for each in waiting):
+                turns.append(time.monotonic())
+                time.sleep(0.001)
+        self.assertGreater(len(turns), 10)
+        self.assertGreater(waiting[0].result().scored_points, 0)
+
 
 if __name__ == "__main__":
     unittest.main()

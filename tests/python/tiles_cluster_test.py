@@ -21,12 +21,14 @@ PROGRAM = os.environ["PROGRAM"]
 MAP = ["--scans", str(WORK / "scans"), "--poses", str(WORK / "scans/poses.txt"), "--tool", "builtin:pencil"]
 MAP += ["--voxel", "0.1", "--quiet"]
 # The program, but it notes who has started it, and from the N-th tile on waits, N in the file "quick", until N is larger
-# or standard input ends. So whoever is killed is killed while tiles run.
+# or standard input ends. So whoever is killed is killed while tiles run. Ends where the folder is gone. The tile that the
+# file "bad" names crashes.
 SLOW = f"""#!/bin/bash
 if [[ $2 == run ]]; then
   echo $$ $PPID >>{WORK}/started
   n=$(awk -v pid=$$ '$1 == pid {{ print NR; exit }}' {WORK}/started)
-  while ((n > $(<{WORK}/quick))); do
+  [[ ! -f {WORK}/bad || " $* " != *" --tile $(<{WORK}/bad) "* ]] || exit 70
+  while [[ -f {WORK}/quick ]] && ((n > $(<{WORK}/quick))); do
     read -rt 0.1
     (($? > 128)) || break
   done
@@ -88,6 +90,9 @@ class Cluster:
 
     def _start(self, kind, *arguments):
         command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments, "--dashboard-address", "127.0.0.1:0"]
+        guard = shutil.which("setpriv")
+        if guard:  # nothing of the cluster outlives this test, whatever kills it
+            command = [guard, "--pdeathsig", "KILL", *command]
         with open(WORK / f"{kind}.log", "a") as log:
             return subprocess.Popen(command, env=self.environment, cwd=WORK, stdout=log, stderr=log)
 
@@ -110,7 +115,8 @@ def setUpModule():
 
 class Tiles(unittest.TestCase):
     def setUp(self):
-        (WORK / "started").unlink(missing_ok=True)
+        for name in ("started", "bad"):
+            (WORK / name).unlink(missing_ok=True)
         self.out = WORK / self.id().rpartition(".")[2]
         subprocess.run([PROGRAM, "tile", "plan", str(self.out), *MAP, "--tiles", "12.8"], check=True)
 
@@ -140,6 +146,34 @@ class Tiles(unittest.TestCase):
 
     def done(self):
         return len(list(self.out.glob("tiles/[!.]*/tile.json")))
+
+    def test_the_slow_program_ends_where_its_folder_is_gone(self):
+        quick(0)
+        waiting = subprocess.Popen([WORK / "slow", "tile", "run", str(self.out)], stdin=subprocess.PIPE, stderr=subprocess.PIPE)
+        self.addCleanup(waiting.kill)
+        self.addCleanup(waiting.stderr.close)
+        self.addCleanup(waiting.stdin.close)
+        until(started, "it waits")
+        (WORK / "quick").unlink()
+        self.assertEqual(waiting.wait(10), 3)  # as the program does without rays
+
+    def test_a_tile_that_always_fails_is_named_and_the_rest_is_merged(self):
+        quick(1000)
+        subprocess.run([PROGRAM, "tile", "bin", str(self.out), "--quiet"], check=True)
+        bad = subprocess.check_output([PROGRAM, "tile", "list", str(self.out)], text=True).split()[-1]
+        (WORK / "bad").write_text(bad)
+        self.finish(self.start("--workers", "2"), 70)
+        self.assertRegex(self.stderr.splitlines()[-1], rf"error\[tile.poison\] .* 1 tile could not be mapped: {bad} ")
+        report = json.loads((self.out / "report.json").read_text())
+        self.assertIs(report["partial"], True)
+        self.assertEqual([(tile["tile"], tile["exit_code"]) for tile in report["tiles"]["poison"]], [(bad, 70)])
+        self.assertEqual(json.loads((self.out / "field.json").read_text())["missing"], [bad])
+        status = subprocess.check_output([PROGRAM, "tile", "status", str(self.out)], text=True)
+        self.assertIn(f"given up: {bad}, code 70: exit code 70", status)
+        (WORK / "bad").unlink()
+        self.finish(self.start("--workers", "1"), 0)
+        self.assertIs(json.loads((self.out / "report.json").read_text())["partial"], False)
+        self.check_bytes()
 
     def test_a_killed_worker_a_stopped_driver_and_a_killed_scheduler(self):
         cluster = Cluster(3)

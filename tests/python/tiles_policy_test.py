@@ -124,12 +124,18 @@ class Tiles(unittest.TestCase):
         expected = {"0_0": 3, "1_0": 3, "2_0": 1, "3_0": 1}
         expected |= {f"2_0.{digit}": 1 for digit in "0123"} | {f"2_0.3{digit}": 1 for digit in "0123"}
         self.assertEqual(self.attempts(), expected)
-        self.assertEqual(self.log("merge"), [])
+        # What is finished is merged, from rays that stay, and the others are named for the report.
+        self.assertEqual([entry["arguments"] for entry in self.log("merge")], [["--keep-rays", "--partial"]])
+        marks = {path.name: json.loads(path.read_text()) for path in self.out.glob("tiles/*.poison.json")}
+        self.assertEqual(sorted(marks), ["0_0.poison.json", "1_0.poison.json", "2_0.33.poison.json"])
+        self.assertEqual([mark["exit_code"] for _, mark in sorted(marks.items())], [6, 70, 5])
+        self.assertIn("SIGSEGV", marks["1_0.poison.json"]["reason"])
         # They are tried again by the same command, and only they.
         for tile in ("0_0", "1_0", "2_0.33"):
             script[tile] = ["ok"]
         self.run_all(script, 0)
         self.assertEqual(self.attempts(), {**expected, "0_0": 4, "1_0": 4, "2_0.33": 2})
+        self.assertEqual(list(self.out.glob("tiles/*.poison.json*")), [])
 
     def test_a_full_disk_stops_the_run(self):
         script = {"0_0": ["error 7 output.disk_full"], "1_0": ["wait"], **{f"{n}_9": ["sleep 0.2"] for n in range(30)}}

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb bench: a simulated flight through pines, with every stage of every frame timed.
+/// accessvdb bench: a simulated flight among pines, with every stage of every frame timed.
 #include <unistd.h>
 
 #include <chrono>
@@ -12,6 +12,7 @@
 #include <ostream>
 #include <sstream>
 #include <thread>
+#include <utility>
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/config.h"
@@ -59,9 +60,8 @@ sim::Simulator makeSimulator(const BenchOptions& options, std::string& descripti
   sim::Forest forest = sim::makeForest(benchForest(options));
   description = forest.description;
   const sim::LidarModel sensor = benchSensor(options);
-  const sim::Trajectory flight = sim::forestFlight(options.speed_m_s, sensor.frame_period_s, options.frames);
   sim::RayCaster caster(std::move(forest.meshes), forest.placed);
-  return {std::move(caster), "forest", sensor, flight, options.seed};
+  return {std::move(caster), "forest", sensor, benchTrajectory(options), options.seed};
 }
 
 class BenchRun {
@@ -72,8 +72,14 @@ class BenchRun {
 
  private:
   void replay(const sim::Simulator& simulator, AccessibilityField& field);
+  void takeScan(const sim::SimulatedFrame& scan, AccessibilityField& field);
+  /// Waits for the update of the scan before, with --pipelined.
+  void finishFrame();
   [[nodiscard]] bool finished() const;
+  [[nodiscard]] bool timedPartBegins() const;
   void noteTimedBegin(const AccessibilityField& field);
+  /// Scans that the field has; the update of the last one may be running.
+  [[nodiscard]] std::size_t taken() const { return record_.frames() + (running_.valid() ? 1 : 0); }
   /// Of the frames so far: if the stream stopped early, those since the timed part began.
   [[nodiscard]] std::size_t timedFrames() const {
     const auto most = static_cast<std::size_t>(options_.timed_frames);
@@ -82,12 +88,26 @@ class BenchRun {
   [[nodiscard]] std::uint64_t pointsAtTimedBegin() const {
     return record_.surfacePointsBefore(record_.frames() - timedFrames());
   }
+  [[nodiscard]] bool enoughPoints(std::size_t frames) const {
+    return record_.surfacePointsBefore(frames) >= options_.min_surface_points;
+  }
+  /// Share of new points over as many frames before the n-th as are timed; none if there are not as many.
+  [[nodiscard]] std::optional<double> newPercentBefore(std::size_t n) const {
+    const auto window = static_cast<std::size_t>(options_.timed_frames);
+    if (n < window) return std::nullopt;
+    return record_.newPercent(n - window, n);
+  }
+  [[nodiscard]] Json density() const;
   [[nodiscard]] Json describe(const AccessibilityField& field) const;
   void write(const Json& json) const;
 
   const BenchOptions& options_;
   Messages& messages_;
   BenchRecord record_;
+  // With --pipelined:
+  UpdateTicket running_;
+  BenchFrame running_frame_;            ///< whose update is running
+  Clock::time_point frame_began_ = {};  ///< when the frame before ended
   std::string scene_;
   double simulation_s_ = 0;
   std::uint64_t host_before_bytes_ = 0;    ///< when the stream begins: the simulator's memory
@@ -97,22 +117,31 @@ class BenchRun {
 
 /// @return whether the stream is long enough
 bool BenchRun::finished() const {
-  return options_.shortest && timed_from_ &&
-         record_.frames() >= *timed_from_ + static_cast<std::size_t>(options_.timed_frames);
+  return options_.shortest && timed_from_ && taken() >= *timed_from_ + static_cast<std::size_t>(options_.timed_frames);
+}
+
+bool BenchRun::timedPartBegins() const {
+  if (!options_.shortest) {
+    return taken() + static_cast<std::size_t>(options_.timed_frames) == static_cast<std::size_t>(options_.frames);
+  }
+  if (options_.begin_by && taken() >= static_cast<std::size_t>(*options_.begin_by)) return true;
+  const std::size_t frames = record_.frames();
+  if (!enoughPoints(frames)) return false;
+  if (!options_.max_new_percent) return true;
+  const std::optional<double> share = newPercentBefore(frames);
+  return share && *share <= *options_.max_new_percent;
 }
 
 /// Notes memory when the timed part begins: with --min-surface-points, that is at the requested map size.
 void BenchRun::noteTimedBegin(const AccessibilityField& field) {
-  if (timed_from_) return;
-  const auto timed = static_cast<std::size_t>(options_.timed_frames);
-  const bool begins = options_.shortest ? record_.surfacePointsBefore(record_.frames()) >= options_.min_surface_points
-                                        : record_.frames() + timed == static_cast<std::size_t>(options_.frames);
-  if (!begins) return;
+  if (timed_from_ || !timedPartBegins()) return;
+  finishFrame();
   timed_from_ = record_.frames();
   const MemoryUse memory = field.memoryUse();
   memory_at_timed_begin_ = jsonOf(memory);
   memory_at_timed_begin_["surface_points"] = record_.surfacePointsBefore(record_.frames());
   memory_at_timed_begin_["host_bytes"] = residentBytes();
+  frame_began_ = Clock::now();
 }
 
 void BenchRun::replay(const sim::Simulator& simulator, AccessibilityField& field) {
@@ -122,19 +151,59 @@ void BenchRun::replay(const sim::Simulator& simulator, AccessibilityField& field
     const std::vector<sim::SimulatedFrame> scans =
         simulator.framesOfReturns(begin, std::min(options_.frames, begin + kScansAhead), options_.points_per_frame);
     simulation_s_ += secondsSince(simulating);
+    frame_began_ = Clock::now();
     for (const sim::SimulatedFrame& scan : scans) {
-      if (stopSignal() != 0 || finished()) return;
+      if (stopSignal() != 0 || finished()) break;
       noteTimedBegin(field);
-      BenchFrame frame;
-      const auto start = Clock::now();
-      frame.integration = field.integrateScan(scan.points_S, scan.T_W_S);
-      frame.update = field.update();
-      frame.frame_ms = 1e3 * secondsSince(start);
-      record_.add(frame);
-      progress.show(record_.frames(), numberText(static_cast<double>(frame.integration.surface_points) * 1e-6) +
-                                          " M points, " + numberText(std::round(10 * frame.frame_ms) / 10) + " ms");
+      takeScan(scan, field);
+      if (record_.frames() == 0) continue;
+      const BenchFrame& last = record_.last();
+      progress.show(record_.frames(), numberText(static_cast<double>(last.integration.surface_points) * 1e-6) +
+                                          " M points, " + numberText(std::round(10 * last.frame_ms) / 10) + " ms");
     }
+    finishFrame();  // before the clock stops for the next scans
+    if (stopSignal() != 0 || finished()) return;
   }
+}
+
+/// Pipelined, the time of a frame is that from one end of an update to the next, so that all of them add up to the
+/// stream's.
+void BenchRun::takeScan(const sim::SimulatedFrame& scan, AccessibilityField& field) {
+  BenchFrame frame;
+  const auto start = Clock::now();
+  frame.integration = field.integrateScan(scan.points_S, scan.T_W_S);
+  if (options_.pipelined) {
+    finishFrame();
+    running_frame_ = frame;
+    running_ = field.updateAsync();
+    return;
+  }
+  frame.update = field.update();
+  frame.frame_ms = 1e3 * secondsSince(start);
+  record_.add(frame);
+}
+
+void BenchRun::finishFrame() {
+  if (!running_.valid()) return;
+  running_frame_.update = std::exchange(running_, {}).wait();
+  const auto now = Clock::now();
+  running_frame_.frame_ms = 1e3 * std::chrono::duration<double>(now - frame_began_).count();
+  frame_began_ = now;
+  record_.add(running_frame_);
+}
+
+/// How often the stream sees the same places.
+Json BenchRun::density() const {
+  const std::size_t begin = record_.frames() - timedFrames();
+  const std::optional<double> before = newPercentBefore(begin);
+  const bool share_reached = !options_.max_new_percent || (before && *before <= *options_.max_new_percent);
+  return {{"new_percent", record_.newPercent(begin, record_.frames())},
+          {"new_percent_before", before ? Json(*before) : Json(nullptr)},
+          {"new_percent_wanted", options_.max_new_percent ? Json(*options_.max_new_percent) : Json(nullptr)},
+          {"reached", enoughPoints(begin) && share_reached},
+          {"hits_per_voxel",
+           {{"timed_begin", record_.hitsPerVoxelBefore(begin)},
+            {"timed_end", record_.hitsPerVoxelBefore(record_.frames())}}}};
 }
 
 Json BenchRun::describe(const AccessibilityField& field) const {
@@ -163,6 +232,7 @@ Json BenchRun::describe(const AccessibilityField& field) const {
                {"tool_reach_m", field.tool().reach_m()},
                {"policy", params.update.policy == UpdatePolicy::Exact ? "exact" : "paper"},
                {"budget_points", params.update.budget_points},
+               {"pipelined", options_.pipelined},
                {"frames", record_.frames()},
                {"timed_frames", timed},
                {"points_per_frame", options_.points_per_frame},
@@ -170,7 +240,9 @@ Json BenchRun::describe(const AccessibilityField& field) const {
                 {{"timed_begin", pointsAtTimedBegin()},
                  {"timed_end", record_.surfacePointsBefore(record_.frames())},
                  {"required", options_.min_surface_points}}},
+               {"density", density()},
                {"timing_ms", record_.timing_ms(timed)},
+               {"frames_per_second", record_.framesPerSecond(timed)},
                {"timing_all_frames_ms", record_.timing_ms(record_.frames())},
                {"per_frame", record_.counters(timed)},
                {"backlog", record_.backlog(timed)},
@@ -179,10 +251,11 @@ Json BenchRun::describe(const AccessibilityField& field) const {
                {"map", {{"leaves", memory.leaves}, {"active_voxels", memory.active_voxels}}},
                {"stream",
                 {{"scene", scene_},
+                 {"path", options_.path},
                  {"sensor", "mid360"},
                  {"sensor_rate_hz", options_.sensor_rate_hz},
-                 {"speed_m_s", options_.speed_m_s},
-                 {"path_m", options_.speed_m_s / options_.sensor_rate_hz * static_cast<double>(record_.frames())},
+                 {"speed_m_s", benchSpeed_m_s(options_)},
+                 {"path_m", benchSpeed_m_s(options_) / options_.sensor_rate_hz * static_cast<double>(record_.frames())},
                  {"range_noise_m", options_.range_noise_m},
                  {"min_range_m", options_.min_range_m},
                  {"max_range_m", options_.max_range_m},
@@ -234,8 +307,8 @@ int BenchRun::run() {
   const Json& ms = json["timing_ms"];
   const auto text = [](const Json& value) { return numberText(std::round(100 * value.get<double>()) / 100); };
   std::string line = "the last " + std::to_string(timedFrames()) + " of " + std::to_string(record_.frames()) +
-                     " frames on " + field.deviceName() + ": mean " + text(ms["frame"]["mean"]) + " ms (p95 " +
-                     text(ms["frame"]["p95"]) + ")";
+                     " frames on " + field.deviceName() + (options_.pipelined ? ", pipelined" : "") + ": mean " +
+                     text(ms["frame"]["mean"]) + " ms (p95 " + text(ms["frame"]["p95"]) + ")";
   for (const char* stage : {"integrate", "mirror", "update", "score"}) {
     line += std::string(", ") + stage + " " + text(ms[stage]["mean"]) + " (" + text(ms[stage]["p95"]) + ")";
   }
@@ -246,7 +319,8 @@ int BenchRun::run() {
   const std::uint64_t begin = pointsAtTimedBegin();
   messages_.notice(line);
   messages_.notice("surface points " + std::to_string(begin) + " to " +
-                   std::to_string(record_.surfacePointsBefore(record_.frames())) + "; host memory at most " +
+                   std::to_string(record_.surfacePointsBefore(record_.frames())) + ", " +
+                   text(json["density"]["new_percent"]) + " % of the returns new; host memory at most " +
                    bytesInWords(json["memory"]["host_peak_bytes"].get<double>()) + " (" +
                    bytesInWords(static_cast<double>(host_before_bytes_)) + " of it the simulator's), on the device " +
                    bytesInWords(json["memory"]["device_peak_bytes"].get<double>()));
@@ -255,7 +329,7 @@ int BenchRun::run() {
                      " frames; the figures cover these");
     return 128 + signal;
   }
-  if (begin < options_.min_surface_points) {
+  if (begin < options_.min_surface_points && !options_.begin_by) {
     throw UnusableInput("bench.too_few_points", "--min-surface-points",
                         "the timed part began with " + std::to_string(begin) + " surface points, not " +
                             std::to_string(options_.min_surface_points),

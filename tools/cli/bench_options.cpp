@@ -11,26 +11,38 @@
 namespace accessvdb::tools {
 namespace {
 
-/// Rays tried per frame, times its returns: in the forest about two thirds yield a return.
-constexpr int kRaysPerReturn = 8;
+/// Rays tried per frame, times its returns: in the forest about two thirds yield a return. On an orbit with a range of
+/// 6 m it is one in nine near the tops of the trees.
+constexpr int kRaysPerReturn = 8, kRaysPerReturnOnOrbit = 24;
 constexpr int kMostFrames = 100'000, kMostPoints = 1'000'000;
 
 }  // namespace
 
 void addBenchOptions(FlagParser& flags, BenchOptions& options) {
-  flags.describe("bench", "Replays a simulated flight through pines timing every stage of every frame.",
-                 "accessvdb bench --scene pine --frames 600 --voxel 0.01 --out bench.json");
+  flags.describe("bench", "Replays a simulated flight among pines timing every stage of every frame.",
+                 "accessvdb bench --scene pine --frames 600 --voxel 0.01 --out bench.json\n"
+                 "  accessvdb bench --path orbit --max-range 10 --voxel 0.01 --tau 0.1 --frames 1700 --shortest "
+                 "--min-surface-points 3200000 --max-new-percent 6 --begin-by 1500 --out orbit.json");
   addCommonOptions(flags, options.map.common);
   flags.option("--scene", &options.scene, "scene to fly through: pine");
+  flags.option("--path", &options.path,
+               "flight: along a lane, never the same place twice; orbit: laps of 5 m radius around a group of pines; "
+               "hover: along the lane at 0.01 m/s");
   flags.option("--frames", &options.frames, "number of scans, one update each");
   flags.option("--timed-frames", &options.timed_frames, "number of last scans that the figures cover");
   flags.option("--min-surface-points", &options.min_surface_points,
                "fail if the map has fewer points when the timed part begins");
   flags.flag("--shortest", options.shortest,
              "begin the timed part as soon as --min-surface-points are reached; --frames is the limit");
+  flags.option("--max-new-percent", &options.max_new_percent,
+               "with --shortest, begin only when at most this share of the returns, over as many frames as are timed, "
+               "made new points");
+  flags.option("--begin-by", &options.begin_by, "with --shortest, begin after this many frames in any case");
+  flags.flag("--pipelined", options.pipelined,
+             "fuse each scan while the one before is scored: measures frames per second, not the time to a label");
   flags.option("--points-per-frame", &options.points_per_frame, "exact number of returns per scan");
   flags.option("--sensor-rate", &options.sensor_rate_hz, "scans per second");
-  flags.option("--speed", &options.speed_m_s, "flight speed, metres per second");
+  flags.option("--speed", &options.speed_m_s, "speed along the path, metres per second; default: 1, hovering 0.01");
   flags.option("--range-noise", &options.range_noise_m, "sigma of the ranges, simulated and assumed, metres");
   flags.option("--min-range", &options.min_range_m, "nearer returns are lost, metres");
   flags.option("--max-range", &options.max_range_m, "farther returns are lost, metres; the forest extends as far");
@@ -57,6 +69,10 @@ void checkBenchOptions(const BenchOptions& options) {
   if (options.scene != "pine") {
     throw InvalidArgument("usage.scene", "--scene", "\"" + options.scene + "\" is not a scene of bench", "Use pine");
   }
+  if (options.path != "flight" && options.path != "orbit" && options.path != "hover") {
+    throw InvalidArgument("usage.path", "--path", "\"" + options.path + "\" is not a path of bench",
+                          "Use flight, orbit or hover");
+  }
   const auto requireWhole = [](const char* flag, int value, int most) {
     if (value >= 1 && value <= most) return;
     throw InvalidArgument("usage.number", flag, std::to_string(value) + " is outside 1 .. " + std::to_string(most),
@@ -74,6 +90,11 @@ void checkBenchOptions(const BenchOptions& options) {
     throw InvalidArgument("usage.shortest", "--shortest", "has no meaning without --min-surface-points",
                           "Set the number of points that the map must have");
   }
+  if (!options.shortest && (options.max_new_percent || options.begin_by)) {
+    throw InvalidArgument("usage.shortest", options.max_new_percent ? "--max-new-percent" : "--begin-by",
+                          "has no meaning without --shortest", "Add --shortest and --min-surface-points");
+  }
+  if (options.begin_by) requireWhole("--begin-by", *options.begin_by, options.frames - options.timed_frames);
   if (options.budget_points < 0) {
     throw InvalidArgument("usage.number", "--budget-points", std::to_string(options.budget_points) + " is below 0",
                           "Use 0 for no limit");
@@ -84,8 +105,10 @@ void checkBenchOptions(const BenchOptions& options) {
                           "See accessvdb bench --help");
   };
   requirePositive("--sensor-rate", options.sensor_rate_hz, 1000);
-  requirePositive("--speed", options.speed_m_s, 100);
-  requirePositive("--max-range", options.max_range_m, 200);
+  requirePositive("--speed", benchSpeed_m_s(options), 100);
+  if (options.max_new_percent) requirePositive("--max-new-percent", *options.max_new_percent, 100);
+  // The forest of an orbit extends farther than the sensor sees.
+  requirePositive("--max-range", options.max_range_m, options.path == "orbit" ? 190 : 200);
   if (!(options.solid_foliage_m >= 0 && options.solid_foliage_m <= 0.5)) {
     throw InvalidArgument("usage.number", "--solid-foliage",
                           numberText(options.solid_foliage_m) + " is outside 0 .. 0.5", "Use for example 0.05");
@@ -104,7 +127,7 @@ FieldParams benchFieldParams(const BenchOptions& options) {
 
 sim::LidarModel benchSensor(const BenchOptions& options) {
   sim::LidarModel model = sim::LidarModel::named("mid360");
-  model.rays_per_frame = kRaysPerReturn * options.points_per_frame;
+  model.rays_per_frame = (options.path == "orbit" ? kRaysPerReturnOnOrbit : kRaysPerReturn) * options.points_per_frame;
   model.frame_period_s = 1 / options.sensor_rate_hz;
   model.range_noise_m = options.range_noise_m;
   model.min_range_m = options.min_range_m;
@@ -113,10 +136,25 @@ sim::LidarModel benchSensor(const BenchOptions& options) {
   return model;
 }
 
+double benchSpeed_m_s(const BenchOptions& options) {
+  return options.speed_m_s.value_or(options.path == "hover" ? 0.01 : 1.0);
+}
+
+sim::Trajectory benchTrajectory(const BenchOptions& options) {
+  const double period_s = 1 / options.sensor_rate_hz, speed_m_s = benchSpeed_m_s(options);
+  return options.path == "orbit" ? sim::forestOrbit(speed_m_s, period_s, options.frames)
+                                 : sim::forestFlight(speed_m_s, period_s, options.frames);
+}
+
 sim::ForestParams benchForest(const BenchOptions& options) {
   sim::ForestParams forest;
-  forest.path_length_m = options.speed_m_s / options.sensor_rate_hz * options.frames;
+  forest.path_length_m = benchSpeed_m_s(options) / options.sensor_rate_hz * options.frames;
   forest.view_m = options.max_range_m;
+  if (options.path == "orbit") {
+    forest.clearing = true;
+    forest.path_length_m = 1;
+    forest.view_m += sim::kOrbitRadius_m;
+  }
   forest.solid_foliage_m = options.solid_foliage_m;
   forest.seed = options.seed;
   return forest;

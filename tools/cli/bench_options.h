@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 
 #include "map_options.h"
@@ -14,12 +15,15 @@ namespace accessvdb::tools {
 
 struct BenchOptions {
   MapOptions map;  ///< common flags, tool and field settings; the other members are unused
-  std::string scene = "pine", out, per_frame;
+  std::string scene = "pine", path = "flight", out, per_frame;
   int frames = 600, timed_frames = 200, points_per_frame = 20000, budget_points = 0;
-  double sensor_rate_hz = 10, speed_m_s = 1, range_noise_m = 0.02, min_range_m = 0.2, max_range_m = 30;
+  double sensor_rate_hz = 10, range_noise_m = 0.02, min_range_m = 0.2, max_range_m = 30;
+  std::optional<double> speed_m_s;        ///< default by path: benchSpeed_m_s()
+  std::optional<double> max_new_percent;  ///< the timed part begins no earlier
+  std::optional<int> begin_by;            ///< but no later than this frame
   double solid_foliage_m = 0.05;
   std::uint64_t seed = 1, min_surface_points = 0;
-  bool shortest = false;
+  bool shortest = false, pipelined = false;
 };
 
 void addBenchOptions(FlagParser& flags, BenchOptions& options);
@@ -32,5 +36,8 @@ void checkBenchOptions(const BenchOptions& options);
 /// A sensor whose frames can each hold points_per_frame returns. @throws InvalidArgument
 [[nodiscard]] sim::LidarModel benchSensor(const BenchOptions& options);
 [[nodiscard]] sim::ForestParams benchForest(const BenchOptions& options);
+[[nodiscard]] double benchSpeed_m_s(const BenchOptions& options);
+/// The sensor's poses, one per frame. @throws InvalidArgument
+[[nodiscard]] sim::Trajectory benchTrajectory(const BenchOptions& options);
 
 }  // namespace accessvdb::tools

@@ -33,7 +33,7 @@ constexpr std::array<Column, 5> kTimes = {{
     {"score", read<&BenchFrame::update, &UpdateStats::score_ms>},
 }};
 
-constexpr std::array<Column, 11> kCounters = {{
+constexpr std::array<Column, 14> kCounters = {{
     {"points_used", read<&BenchFrame::integration, &FrameStats::points_used>},
     {"touched_leaves", read<&BenchFrame::integration, &FrameStats::touched_leaves>},
     {"new_leaves", read<&BenchFrame::integration, &FrameStats::new_leaves>},
@@ -45,6 +45,9 @@ constexpr std::array<Column, 11> kCounters = {{
     {"scored_points", read<&BenchFrame::update, &UpdateStats::scored_points>},
     {"direction_tests", read<&BenchFrame::update, &UpdateStats::direction_tests>},
     {"label_changes", read<&BenchFrame::update, &UpdateStats::label_changes>},
+    {"new_points", [](const BenchFrame& frame) { return static_cast<double>(frame.new_points); }},
+    {"flipped_voxels", read<&BenchFrame::integration, &FrameStats::flipped_voxels>},
+    {"moved_points", read<&BenchFrame::update, &UpdateStats::moved_points>},
 }};
 
 // Present only if that mirror is kept; always the last column.
@@ -69,6 +72,32 @@ Json statistics(const std::vector<BenchFrame>& frames, std::size_t last, double 
 
 std::uint64_t BenchRecord::surfacePointsBefore(std::size_t n) const {
   return n == 0 || frames_.empty() ? 0 : frames_[std::min(n, frames_.size()) - 1].integration.surface_points;
+}
+
+void BenchRecord::add(BenchFrame frame) {
+  frame.new_points = frame.integration.surface_points - surfacePointsBefore(frames_.size());
+  frames_.push_back(frame);
+}
+
+double BenchRecord::newPercent(std::size_t begin, std::size_t end) const {
+  std::uint64_t used = 0;
+  for (std::size_t n = begin; n < end; ++n) used += frames_[n].integration.points_used;
+  const std::uint64_t added = surfacePointsBefore(end) - surfacePointsBefore(begin);
+  return used == 0 ? 0 : 100 * static_cast<double>(added) / static_cast<double>(used);
+}
+
+double BenchRecord::hitsPerVoxelBefore(std::size_t n) const {
+  std::uint64_t used = 0;
+  for (std::size_t i = 0; i < n; ++i) used += frames_[i].integration.points_used;
+  const std::uint64_t points = surfacePointsBefore(n);
+  return points == 0 ? 0 : static_cast<double>(used) / static_cast<double>(points);
+}
+
+double BenchRecord::framesPerSecond(std::size_t last) const {
+  const std::size_t count = std::min(last, frames_.size());
+  double sum_ms = 0;
+  for (std::size_t n = frames_.size() - count; n < frames_.size(); ++n) sum_ms += frames_[n].frame_ms;
+  return sum_ms > 0 ? 1e3 * static_cast<double>(count) / sum_ms : 0;
 }
 
 Json BenchRecord::timing_ms(std::size_t last) const {

@@ -15,17 +15,25 @@ namespace accessvdb::tools {
 struct BenchFrame {
   FrameStats integration;
   UpdateStats update;
-  double frame_ms = 0;  ///< from the scan in host memory to its labels
+  double frame_ms = 0;           ///< from the scan in host memory to its labels; pipelined, from frame to frame
+  std::uint64_t new_points = 0;  ///< voxels with their first return; filled in by BenchRecord::add()
 };
 
 class BenchRecord {
  public:
   /// @param distances  whether the mirror of distances has figures too
   explicit BenchRecord(bool distances) : distances_(distances) {}
-  void add(const BenchFrame& frame) { frames_.push_back(frame); }
+  void add(BenchFrame frame);
   [[nodiscard]] std::size_t frames() const { return frames_.size(); }
+  [[nodiscard]] const BenchFrame& last() const { return frames_.back(); }  ///< @pre frames() > 0
+  /// Over the last `last` frames; 0 without any.
+  [[nodiscard]] double framesPerSecond(std::size_t last) const;
   /// Points in the map before frame n; n = frames() for those at the end.
   [[nodiscard]] std::uint64_t surfacePointsBefore(std::size_t n) const;
+  /// Share of the returns of frames begin .. end that made a new point. @pre begin < end <= frames()
+  [[nodiscard]] double newPercent(std::size_t begin, std::size_t end) const;
+  /// Returns per point of the map before frame n; 0 without points.
+  [[nodiscard]] double hitsPerVoxelBefore(std::size_t n) const;
 
   /// "frame", "integrate", "mirror", "update", "score" (and "distance_mirror"): {mean, p50, p95, p99, max} over the
   /// last `last` frames.

@@ -141,14 +141,16 @@ double smallestFittingVoxel_m(MapOptions options, const ToolGeometry& tool, std:
 /// The largest tiles that fit, by the same sample. 0 if even the smallest do not.
 class TileChoice {
  public:
-  /// @param ratio  all rays' prediction by the sample's
+  /// @param ratio  all rays' prediction by the sample's, without what an empty map takes
   TileChoice(const FieldParams& params, const tiles::TileMargins& margins, const RaySample& sample, double ratio)
       : params_(params), margins_(margins), sample_(sample), ratio_(ratio) {}
 
   [[nodiscard]] std::int32_t largestFitting(const ToolTableBytes& tables, double limit) const {
     std::int32_t edge = 0;
     for (std::int32_t larger = margins_.least_tile_voxels; larger <= kMostTileVoxels; larger *= 2) {
-      if (peakBytes(ratio_ * largestTile(larger), tables) > limit) break;
+      const double fixed = MemoryPrediction{}.bytes(RunOutput::Field);
+      const double tile = fixed + kCaution * ratio_ * (largestTile(larger) - fixed);
+      if (peakBytes(tile, tables) > limit) break;
       edge = larger;
       // The map begins in its middle, so four tiles cover it. Where they do not fit after all, quarters of much larger
       // ones would not be smaller.
@@ -159,6 +161,8 @@ class TileChoice {
 
  private:
   static constexpr std::int32_t kMostTileVoxels = 1 << 16;
+  /// What a tile turned out to need above this prediction: up to a third more in the tiles of recorded scans.
+  static constexpr double kCaution = 1.4;
 
   /// The larger extent of the returns in x and y.
   [[nodiscard]] double widestVoxels() const {
@@ -244,20 +248,23 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeom
                   (available ? ", available " + bytesInWords(static_cast<double>(*available)) : std::string()));
   MemoryCheck check;
   check.predicted_bytes = static_cast<std::uint64_t>(predicted);
-  check.limit_bytes = memoryLimit(options).value_or(check.predicted_bytes);
+  const std::optional<std::uint64_t> known_limit = memoryLimit(options);
+  check.limit_bytes = known_limit.value_or(check.predicted_bytes);
   const auto limit = static_cast<double>(check.limit_bytes);
-  if (predicted <= limit) return check;
+  if (!known_limit || predicted <= limit) return check;
   if (tiles) {
     // The sample touches fewer leaves than all rays do.
-    const double ratio =
-        predictor.prediction().bytes(output, false) / sample.prediction(params.tsdf).bytes(output, false);
+    const double fixed = MemoryPrediction{}.bytes(output);
+    const double ratio = (predictor.prediction().bytes(output) - fixed) /
+                         std::max(1.0, sample.prediction(params.tsdf).bytes(output) - fixed);
     check.tile_voxels = TileChoice(params, *tiles, sample, ratio).largestFitting(tables, limit);
     if (check.tile_voxels > 0) return check;
   }
   const double voxel_m = smallestFittingVoxel_m(options, tool, noise_m, sample, output, prediction, limit);
   throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
                       "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
-                      voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits"
+                      voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits" +
+                                        (tiles ? " in one piece" : "")
                                   : "No voxel size fits: allow more memory");
 }
 

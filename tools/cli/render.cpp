@@ -39,10 +39,17 @@ int runRender(const Arguments& arguments, Messages& messages) {
   if (out.empty()) throw InvalidArgument("usage.missing", "--out", "is missing", "Name the PNG file to write");
   const io::RenderOptions render = renderOptions(picture);
   if (!map.empty()) {
-    const FieldSnapshot field = tiles::hasIndex(map) ? tiles::overview(tiles::readIndex(map), kPicturePoints)
-                                                     : io::readPointsPly(std::filesystem::path(map) / "points.ply");
-    if (field.points.empty()) messages.warning("field.empty", map + " holds no surface points");
-    io::renderField(out, field, render);
+    bool empty = true;
+    if (tiles::hasIndex(map)) {
+      const io::FieldParts parts = tiles::partsOf(tiles::readIndex(map), kPicturePoints);
+      for (const std::uint64_t count : parts.labels) empty = empty && count == 0;
+      io::renderField(out, parts, render);
+    } else {
+      const FieldSnapshot field = io::readPointsPly(std::filesystem::path(map) / "points.ply");
+      empty = field.points.empty();
+      io::renderField(out, field, render);
+    }
+    if (empty) messages.warning("field.empty", map + " holds no surface points");
   } else {
     const ToolGeometry tool = loadTool(tool_options);
     sayToolNotes(tool, messages);

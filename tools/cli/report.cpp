@@ -134,6 +134,12 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
                      {"ray_bytes", tiles.ray_bytes},
                      {"seconds", tiles.seconds},
                      {"peak_bytes", tiles.peak_bytes}};
+    Json poison = Json::array();
+    for (const tiles::Poison& tile : tiles.poison) {
+      poison.push_back({{"tile", tile.id.name()}, {"exit_code", tile.exit_code}, {"reason", tile.reason}});
+    }
+    json["tiles"]["poison"] = poison;
+    json["partial"] = tiles.todo > 0;
   }
   Json warnings = Json::array();
   for (const auto& [id, text] : messages.warnings()) warnings.push_back({{"id", id}, {"text", text}});

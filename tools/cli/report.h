@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "accessvdb/scan_io.h"
+#include "accessvdb/tiles.h"
 #include "accessvdb/types.h"
 #include "error_output.h"
 
@@ -37,6 +38,7 @@ struct TilesReport {
   std::uint64_t ray_bytes = 0;   ///< of the sorted returns on disk
   double seconds = 0;            ///< of all tiles, as if one process had run them
   std::uint64_t peak_bytes = 0;  ///< of the process that used most
+  std::vector<tiles::Poison> poison;
 };
 
 struct RunReport {

@@ -30,7 +30,7 @@ struct StepOptions {
   MapOptions map;  ///< out, device, threads, max_memory
   std::vector<std::string> tiles;
   std::string points, vdb;
-  bool todo = false, stop_with_stdin = false, keep_rays = false;
+  bool todo = false, stop_with_stdin = false, keep_rays = false, partial = false;
 };
 
 /// OUT and the common flags. @return false if --help was given and printed
@@ -179,6 +179,9 @@ int showStatus(const Arguments& arguments, Messages& messages) {
   printData(std::to_string(status.done.size()) + " of " + std::to_string(all) + " tiles done, " +
             std::to_string(points) + " points, " + numberText(std::round(seconds)) + " s; " +
             (status.todo.empty() ? "next: accessvdb tile merge\n" : "next: accessvdb tile run\n"));
+  for (const tiles::Poison& tile : status.poison) {
+    printData("given up: " + tile.id.name() + ", code " + std::to_string(tile.exit_code) + ": " + tile.reason + "\n");
+  }
   return 0;
 }
 
@@ -225,17 +228,21 @@ int mergeTiles(const Arguments& arguments, Messages& messages) {
   flags.option("--vdb", &options.vdb, "all grids in one field.vdb, if they fit into memory");
   flags.option("--max-memory", &options.map.max_memory, "limit on memory for --vdb");
   flags.flag("--keep-rays", options.keep_rays, "keep the sorted returns");
+  flags.flag("--partial", options.partial, "merge what is finished, although tiles are left; the report names them");
   if (!parseStep(flags, options, arguments, messages)) return 0;
   io::prepareOutputFolder(options.map.out);
   watchStopSignals();
   const OpenJob open = openJob(options.map.out, options.map);
   const tiles::Binned rays = raysOf(open.job);
   const tiles::Status status = tiles::status(open.job.out, open.job.plan, rays);
-  if (!status.todo.empty()) {
-    throw UnusableInput(
-        "tile.unfinished", open.job.out.string(),
-        std::to_string(status.todo.size()) + " tiles are not finished, the first is " + status.todo.front().name(),
-        "Run accessvdb tile run first");
+  const std::size_t left = status.todo.size();
+  if (left > 0 && options.partial) {
+    messages.warning("tile.unfinished", std::to_string(left) + " tiles are not finished, the first is " +
+                                            status.todo.front().name() + "; this is the rest");
+  } else if (left > 0) {
+    throw UnusableInput("tile.unfinished", open.job.out.string(),
+                        std::to_string(left) + " tiles are not finished, the first is " + status.todo.front().name(),
+                        "Run accessvdb tile run first, or merge the others with --partial");
   }
   if (!options.points.empty() || !options.vdb.empty()) mergeFiles(open, options, status, messages);
   RunReport report;
@@ -244,7 +251,7 @@ int mergeTiles(const Arguments& arguments, Messages& messages) {
   writeReport(open.job.out / "report.json", report, messages);
   tiles::removeLeftovers(open.job.out);
   // Last, because a tile that turns out to be damaged is made again from them.
-  if (!options.keep_rays) tiles::removeRays(open.job.out);
+  if (!options.keep_rays && left == 0) tiles::removeRays(open.job.out);
   return 0;
 }
 

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tiled_map.h"
 
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <filesystem>
@@ -9,7 +10,6 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/render.h"
-#include "accessvdb/surface_points.h"
 #include "memory_check.h"
 #include "progress.h"
 #include "run_summary.h"
@@ -77,9 +77,9 @@ void writeResult(const TiledResult& result, RunReport& report, Messages& message
   const fs::path& out = result.job.out;
   const tiles::Plan& plan = result.job.plan;
   tiles::writeIndex(out, plan, result.status);
-  const FieldSnapshot picture = tiles::overview(tiles::readIndex(out), kPicturePoints);
-  if (!picture.points.empty()) {
-    io::renderField(out / "preview.png", SnapshotPoints(picture), renderOptions(result.options.picture));
+  const io::FieldParts picture = tiles::partsOf(tiles::readIndex(out), kPicturePoints);
+  if (std::ranges::any_of(picture.labels, [](std::uint64_t count) { return count > 0; })) {
+    io::renderField(out / "preview.png", picture, renderOptions(result.options.picture));
   }
   report.inputs = result.rays.inputs;
   report.scans = result.rays.steps;
@@ -92,6 +92,7 @@ void writeResult(const TiledResult& result, RunReport& report, Messages& message
   tiles.done = result.status.done.size();
   tiles.todo = result.status.todo.size();
   tiles.split = result.status.split;
+  tiles.poison = result.status.poison;
   tiles.ray_bytes = result.rays.bytes;
   for (const tiles::Tile& tile : result.status.done) {
     report.surface_points += tile.points;

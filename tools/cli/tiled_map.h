@@ -15,7 +15,7 @@
 
 namespace accessvdb::tools {
 
-/// Points of all tiles that are drawn: enough for a picture of 1600 by 1000 pixels, in half a gigabyte.
+/// Points of all tiles that are drawn: enough for a picture of 1600 by 1000 pixels.
 inline constexpr std::uint64_t kPicturePoints = 2'000'000;
 
 /// Reads all scans into rays/. @return what was read; not complete if a signal stopped it

@@ -4,18 +4,20 @@
 #include <gtest/gtest.h>
 
 #include <clocale>
+#include <cmath>
 #include <cstring>
 #include <fstream>
-#include <iterator>
-#include <sstream>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "unit/io/parsed_ply.h"
 #include "unit/io/sample_field.h"
 
 namespace accessvdb {
 namespace {
 
+using test::contentOf;
+using test::ParsedPly;
 using test::sampleField;
 using test::ScratchFolder;
 
@@ -23,48 +25,6 @@ const io::FieldMetadata kMetadata = {{"tool.name", "builtin:pruner\nelement vert
                                      {"approach.num_directions", "180"},
                                      {"scoring.confidence_half_weight", "5"},
                                      {"update.stability_min", "0.7"}};
-
-std::string contentOf(const std::filesystem::path& path) {
-  std::ifstream stream(path, std::ios::binary);
-  return {std::istreambuf_iterator<char>(stream), {}};
-}
-
-/// A PLY parser that knows nothing about our layout: columns by name, as doubles.
-struct ParsedPly {
-  std::vector<std::string> names, comments;
-  std::vector<std::vector<double>> rows;
-  explicit ParsedPly(const std::string& bytes) {
-    const std::string mark = "end_header\n";
-    const std::size_t body = bytes.find(mark) + mark.size();
-    std::istringstream header(bytes.substr(0, body));
-    std::vector<std::string> types;
-    std::size_t count = 0;
-    for (std::string line; std::getline(header, line);) {
-      std::istringstream words(line);
-      std::string key, a, b;
-      words >> key >> a >> b;
-      if (key == "comment") comments.push_back(line);
-      if (key == "element") count = std::stoul(b);
-      if (key == "property") types.push_back(a), names.push_back(b);
-    }
-    const char* at = bytes.data() + body;
-    for (std::size_t row = 0; row < count; ++row) {
-      rows.emplace_back();
-      for (const std::string& type : types) {
-        const auto take = [&](auto value) {
-          std::memcpy(&value, at, sizeof(value));
-          at += sizeof(value);
-          rows.back().push_back(static_cast<double>(value));
-        };
-        if (type == "double") take(double{});
-        if (type == "float") take(float{});
-        if (type == "uchar") take(std::uint8_t{});
-        if (type == "ushort") take(std::uint16_t{});
-      }
-    }
-    EXPECT_EQ(at, bytes.data() + bytes.size());
-  }
-};
 
 TEST(PointsPly, ColumnsAreThoseOfTheInterface) {
   const ScratchFolder folder;

@@ -6,8 +6,10 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <numbers>
 #include <vector>
 
 #include "accessvdb/error.h"
@@ -179,6 +181,58 @@ TEST(Forest, FlightIsFreeNeverTheSameAndRepeatable) {
   }
 }
 
+TEST(Forest, OrbitIsFreeAndLooksAtTheGroup) {
+  ForestParams params;
+  params.path_length_m = 1;
+  params.view_m = 11;  // 6 m as at 5 mm, from 5 m around
+  params.solid_foliage_m = 0.05;
+  params.clearing = true;
+  const Forest forest = makeForest(params);
+  constexpr int kLapsFrames = 943;  // three laps of 31.4 m at 1 m/s, 10 frames per second
+  const Trajectory path = forestOrbit(1, 0.1, kLapsFrames), longer = forestOrbit(1, 0.1, 2 * kLapsFrames);
+  LidarModel model;
+  model.rays_per_frame = 24 * 2500;
+  model.max_range_m = 6;
+  const RayCaster caster(forest.meshes, forest.placed);
+  const Simulator simulator(RayCaster(forest.meshes, forest.placed), "forest", model, path, 1);
+  EXPECT_NO_THROW(simulator.requireClearPath(path));
+  double lowest_m = 99, highest_m = 0, nearest_m = 99;
+  std::vector<Vector3f> all_around;
+  CounterRandom random({11});
+  for (int n = 0; n < 400; ++n) {
+    all_around.push_back(
+        Vector3d(random.uniform(-1, 1), random.uniform(-1, 1), random.uniform(-1, 1)).normalized().cast<float>());
+  }
+  std::vector<float> ranges_m(all_around.size());
+  for (std::size_t n = 0; n < path.size(); ++n) {
+    EXPECT_EQ(path[n].matrix(), longer[n].matrix()) << "a longer orbit begins with the shorter one";
+    EXPECT_NEAR(path[n].linear().determinant(), 1, 1e-12);
+    const Vector3d p_W = path[n].translation();
+    EXPECT_NEAR(p_W.head<2>().norm(), 5, 0.21);
+    lowest_m = std::min(lowest_m, p_W.z());
+    highest_m = std::max(highest_m, p_W.z());
+    // The middle of the group is straight ahead, and near the middle of the view of a Mid-360.
+    const Vector3d middle_S = path[n].inverse() * Vector3d(0, 0, 3.75);
+    EXPECT_GT(middle_S.x(), 0);
+    EXPECT_LT(std::abs(std::atan2(middle_S.y(), middle_S.x())) * 180 / std::numbers::pi, 5);
+    EXPECT_NEAR(std::asin(middle_S.z() / middle_S.norm()) * 180 / std::numbers::pi, 22.5, 4);
+    if (n > 0) {
+      const double step_m = (p_W - path[n - 1].translation()).norm();
+      EXPECT_GT(step_m, 0.09);
+      EXPECT_LT(step_m, 0.115);
+    }
+    if (n % 10 != 0) continue;
+    caster.cast(p_W, all_around, ranges_m);
+    nearest_m = std::min(nearest_m, double(*std::min_element(ranges_m.begin(), ranges_m.end())));
+  }
+  EXPECT_NEAR(lowest_m, 1.5, 0.01);
+  EXPECT_NEAR(highest_m, 6, 0.01);
+  EXPECT_GT(nearest_m, 0.4) << "room for a drone";
+  for (int frame = 0; frame < kLapsFrames; frame += 37) {
+    EXPECT_EQ(simulator.frameOfReturns(frame, 2500).points_S.size(), 2500u);
+  }
+}
+
 TEST(Forest, RefusesBadSizes) {
   for (const double bad : {0.0, -1.0, 2e4, std::nan("")}) {
     ForestParams params;
@@ -191,6 +245,8 @@ TEST(Forest, RefusesBadSizes) {
   EXPECT_THROW((void)forestFlight(0, 0.1, 5), InvalidArgument);
   EXPECT_THROW((void)forestFlight(1, std::nan(""), 5), InvalidArgument);
   EXPECT_THROW((void)forestFlight(1, 0.1, 0), UnusableInput);
+  EXPECT_THROW((void)forestOrbit(-1, 0.1, 5), InvalidArgument);
+  EXPECT_THROW((void)forestOrbit(1, 0.1, 0), UnusableInput);
 }
 
 }  // namespace

@@ -98,12 +98,32 @@ TEST(LeafKernels, EveryInstructionSetGivesTheSameBits) {
       ASSERT_EQ(bits.change.arm_free_off, expected.change.arm_free_off);
       ASSERT_EQ(bits.counts.distance_updates, expected.counts.distance_updates);
       ASSERT_EQ(bits.counts.newly_observed, expected.counts.newly_observed);
+      ASSERT_EQ(bits.counts.flipped_voxels, expected.counts.flipped_voxels);
       updates += bits.counts.distance_updates;
       for (const std::uint32_t count : bits.passes) passes += count;
     }
   }
   EXPECT_GT(updates, 10000u);
   EXPECT_GT(passes, 10000u);
+}
+
+/// A voxel counts once, whether one of its facts flipped or both.
+TEST(LeafKernels, FlippedVoxelsAreThoseOfTheChange) {
+  const LeafKernelList list = runnableLeafKernels();
+  std::uint64_t all = 0;
+  for (unsigned seed = 1; seed <= 20; ++seed) {
+    const Bits bits = run(*list.kernels[seed % static_cast<unsigned>(list.count)], true, seed);
+    const LeafChange& c = bits.change;
+    std::uint64_t flipped = 0;
+    for (std::size_t n = 0; n < 512; ++n) {
+      const auto has = [n](const LeafBits& of) { return (of[n >> 6] >> (n & 63) & 1u) != 0; };
+      if (has(c.collides_on) || has(c.collides_off) || has(c.arm_free_on) || has(c.arm_free_off)) ++flipped;
+    }
+    EXPECT_EQ(bits.counts.flipped_voxels, flipped);
+    EXPECT_EQ(bits.flipped, flipped > 0);
+    all += flipped;
+  }
+  EXPECT_GT(all, 1000u);
 }
 
 /// The mean after a fold is (mean * weight + 16 * sum) / total to the nearest step, halves up; in integers.

@@ -1,0 +1,169 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "cpu/map_window.h"
+
+#include <algorithm>
+#include <bit>
+
+namespace accessvdb::kernels {
+
+MapWindow::MapWindow(const WindowedTool& tool, const WindowKernels& kernels)
+    : tool_(tool), kernels_(kernels), shape_(tool.shape()) {
+  const std::size_t words = shape_.columnsOfVoxels() * static_cast<std::size_t>(shape_.words() + 1);
+  for (std::vector<std::uint64_t>& bits : bits_) bits.assign(words, 0);
+  filled_.assign(shape_.columnsOfLeaves(), 0);
+  ready_.assign((std::size_t{1} << (2 * shape_.xy_log2)) * kMaxDirectionWords, 0);
+}
+
+void MapWindow::moveTo(const OccupancyReader& map, const Coord& leaf) {
+  map_ = &map;
+  corridors_filled_ = false;
+  const int log2[3] = {shape_.xy_log2, shape_.xy_log2, shape_.z_log2};
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::int32_t first = leaf[static_cast<std::int32_t>(axis)] >> log2[axis] << log2[axis];
+    low_[axis] = (first + shape_.low[axis]) * 8;
+  }
+  std::ranges::fill(filled_, std::uint8_t{0});
+  std::ranges::fill(ready_, std::uint64_t{0});
+}
+
+/// Copies a column of leaves.
+void MapWindow::fill(Fact fact, std::size_t column) {
+  const auto x = static_cast<std::int32_t>(column / static_cast<std::size_t>(shape_.size[1]));
+  const auto y = static_cast<std::int32_t>(column % static_cast<std::size_t>(shape_.size[1]));
+  std::uint64_t* to =
+      bits_[fact].data() + (static_cast<std::size_t>(x) * shape_.stride() + static_cast<std::size_t>(y)) * 8;
+  for (std::int32_t z = 0; z < shape_.size[2]; z += 8, to += shape_.columnsOfVoxels()) {
+    const std::uint64_t* leaves[8];
+    const int count = std::min(8, shape_.size[2] - z);
+    for (int n = 0; n < count; ++n) {
+      const OccupancyLeaf* leaf = map_->leafAt(Coord(low_[0] + 8 * x, low_[1] + 8 * y, low_[2] + 8 * (z + n)));
+      leaves[n] = leaf == nullptr     ? nullptr
+                  : fact == kCollides ? reinterpret_cast<const std::uint64_t*>(&leaf->data()->mValues)
+                                      : reinterpret_cast<const std::uint64_t*>(&leaf->data()->mValueMask);
+    }
+    kernels_.stack(leaves, count, to, shape_.stride());
+  }
+  filled_[column] = static_cast<std::uint8_t>(filled_[column] | 1u << fact);
+}
+
+bool MapWindow::test(Fact fact, const Coord& ijk) {
+  std::uint32_t at[3];
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    at[axis] = static_cast<std::uint32_t>(ijk[static_cast<std::int32_t>(axis)] - low_[axis]);
+    if (at[axis] >= static_cast<std::uint32_t>(shape_.size[axis]) * 8) {
+      return fact == kCollides ? map_->collides(ijk) : map_->armFree(ijk);
+    }
+  }
+  const std::size_t column = (at[0] >> 3) * static_cast<std::size_t>(shape_.size[1]) + (at[1] >> 3);
+  if ((filled_[column] >> fact & 1u) == 0) fill(fact, column);
+  const std::size_t word = (at[2] >> 6) * shape_.columnsOfVoxels() + at[0] * shape_.stride() + at[1];
+  return (bits_[fact][word] >> (at[2] & 63) & 1u) != 0;
+}
+
+void MapWindow::fillCorridors() {
+  const WindowedTool::LeafBox& box = tool_.corridorLeaves();
+  for (std::int32_t x = box.low_x; x <= box.high_x; ++x) {
+    for (std::int32_t y = box.low_y; y <= box.high_y; ++y) {
+      const auto column = static_cast<std::size_t>(x * shape_.size[1] + y);
+      if ((filled_[column] >> kArmFree & 1u) == 0) fill(kArmFree, column);
+    }
+  }
+  corridors_filled_ = true;
+}
+
+ArmResult MapWindow::testArm(const ApproachView& approach, int d, const float* position_L, float inverse_voxel_size) {
+  const std::span<const FlatSamples> corridor = tool_.corridor(d);
+  if (corridor.empty()) return testEach(approach, d, position_L, inverse_voxel_size);
+  if (!corridors_filled_) fillCorridors();
+  const auto z = static_cast<std::uint32_t>(voxelIndex(position_L[2], inverse_voxel_size) - low_[2]);
+  const WindowedTool::LeafBox& box = tool_.corridorLeaves();
+  SampleWindow window;
+  window.words = bits_[kArmFree].data() + (z >> 6) * shape_.columnsOfVoxels() +
+                 static_cast<std::size_t>(box.low_x) * 8 * shape_.stride() + static_cast<std::size_t>(box.low_y) * 8;
+  window.stride = static_cast<std::uint32_t>(shape_.stride());
+  window.bit = z & 63;
+  window.low_x = low_[0] + box.low_x * 8, window.low_y = low_[1] + box.low_y * 8;
+  window.size_x = static_cast<std::uint32_t>(box.high_x - box.low_x + 1) * 8;
+  window.size_y = static_cast<std::uint32_t>(box.high_y - box.low_y + 1) * 8;
+  window.x_m = position_L[0], window.y_m = position_L[1];
+  window.inverse_voxel_size = inverse_voxel_size;
+  int first = 0;
+  for (const FlatSamples& samples : corridor) {
+    const int left = approach.num_arm - first;
+    const unsigned wanted = left < FlatSamples::kLanes ? (1u << left) - 1 : (1u << FlatSamples::kLanes) - 1;
+    const SampleBits found = kernels_.look_up(window, samples);
+    const unsigned blocked = wanted & ~(found.inside & found.set);
+    if (blocked != 0) {
+      const int n = std::countr_zero(blocked);
+      if ((found.inside >> n & 1u) == 0) return testEach(approach, d, position_L, inverse_voxel_size);
+      const Coord ijk =
+          voxelOf(position_L[0] + samples.x[n], position_L[1] + samples.y[n], position_L[2] + 0.0f, inverse_voxel_size);
+      return {first + n, test(kCollides, ijk) ? PointReason::Arm : PointReason::Unknown};
+    }
+    first += FlatSamples::kLanes;
+  }
+  return {approach.num_arm, PointReason::None};
+}
+
+/// One sample after the other.
+ArmResult MapWindow::testEach(const ApproachView& approach, int d, const float* position_L, float inverse_voxel_size) {
+  const float* offset = approach.arm_offsets + 3 * static_cast<std::int64_t>(d) * approach.num_arm;
+  for (int n = 0; n < approach.num_arm; ++n, offset += 3) {
+    const Coord ijk =
+        voxelOf(position_L[0] + offset[0], position_L[1] + offset[1], position_L[2] + offset[2], inverse_voxel_size);
+    if (!test(kArmFree, ijk)) return {n, test(kCollides, ijk) ? PointReason::Arm : PointReason::Unknown};
+  }
+  return {approach.num_arm, PointReason::None};
+}
+
+/// Copies what direction d may read from the point's leaf.
+void MapWindow::fillFor(int d, const Coord& point_ijk) {
+  const std::int32_t x = (point_ijk[0] - low_[0]) >> 3, y = (point_ijk[1] - low_[1]) >> 3,
+                     last = (1 << shape_.xy_log2) - 1;
+  const auto in_group =
+      static_cast<std::size_t>(((x + shape_.low[0]) & last) << shape_.xy_log2 | ((y + shape_.low[1]) & last));
+  std::uint64_t& ready = ready_[in_group * kMaxDirectionWords + static_cast<std::size_t>(d >> 6)];
+  const std::uint64_t bit = std::uint64_t{1} << (d & 63);
+  if ((ready & bit) != 0) return;
+  ready |= bit;
+  const std::int32_t own = x * shape_.size[1] + y;
+  for (const std::int32_t offset : tool_.leaves(d)) {
+    const auto column = static_cast<std::size_t>(own + offset);
+    if ((filled_[column] >> kCollides & 1u) == 0) fill(kCollides, column);
+  }
+}
+
+int MapWindow::countVoxels(int d, const Coord& point_ijk, int stop_above) {
+  fillFor(d, point_ijk);
+  const std::size_t plane = shape_.columnsOfVoxels();
+  const std::uint64_t* column = bits_[kCollides].data() +
+                                static_cast<std::size_t>(point_ijk[0] - low_[0]) * shape_.stride() +
+                                static_cast<std::size_t>(point_ijk[1] - low_[1]);
+  const bool single = shape_.words() == 1;
+  int count = 0;
+  for (const WindowedTool::Layer& layer : tool_.layers(d)) {
+    const auto z = static_cast<std::uint32_t>(point_ijk[2] - low_[2] + layer.dz);
+    const std::uint64_t* const map = column + (z >> 6) * plane;
+    const WindowRun *const begin = tool_.runs() + layer.begin, *const end = tool_.runs() + layer.end;
+    const int left = stop_above - count;
+    count += single ? kernels_.count(begin, end, tool_.words(), map, z & 63, left)
+                    : kernels_.count_two(begin, end, tool_.words(), map, map + plane, z & 63, left);
+    if (count > stop_above) return count;
+  }
+  return count;
+}
+
+int MapWindow::countSamples(const ToolKernelView& tool, int d, const float* position_L, float inverse_voxel_size,
+                            int stop_above) {
+  int count = 0;
+  const float* end = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[d + 1]);
+  for (const float* t = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[d]); t != end; t += 3) {
+    const Coord ijk = voxelOf(position_L[0] + t[0], position_L[1] + t[1], position_L[2] + t[2], inverse_voxel_size);
+    count += test(kCollides, ijk) ? 1 : 0;
+    if (count > stop_above) return count;
+  }
+  return count;
+}
+
+}  // namespace accessvdb::kernels

@@ -1,0 +1,53 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Runs a field's update on a thread of its own, so that the field can take the next scan meanwhile.
+///
+/// An update passes two moments that others wait for: from "map free" on it reads neither the points nor the map on the
+/// host any more, and at its end everything may change again.
+#pragma once
+
+#include <condition_variable>
+#include <exception>
+#include <functional>
+#include <memory>
+#include <mutex>
+#include <thread>
+
+#include "accessvdb/update_ticket.h"
+
+namespace accessvdb::internal {
+
+class BackgroundUpdate {
+ public:
+  using FreeMap = std::function<void()>;
+  /// Calls its argument, from any thread, once it no longer reads the points and the map on the host; or never.
+  using Work = std::function<UpdateStats(const FreeMap& free_map)>;
+
+  BackgroundUpdate() = default;
+  /// Waits for the update, if one is running.
+  ~BackgroundUpdate();
+  BackgroundUpdate(const BackgroundUpdate&) = delete;
+  BackgroundUpdate& operator=(const BackgroundUpdate&) = delete;
+
+  /// Begins the work and returns. The thread stays for the next one: what threads keep for themselves is made once.
+  /// Without memory for a thread the work is done before this returns. @pre no update since the last take()
+  [[nodiscard]] UpdateTicket start(Work work);
+  /// Waits until the map is free or the update has ended.
+  void waitForMap() const;
+  /// Waits for the update started last, and forgets it. @return what it threw; null if nothing, or if there is none
+  std::exception_ptr take();
+
+ private:
+  void serve();
+  static void run(const Work& work, UpdateState& state);
+
+  std::shared_ptr<UpdateState> running_;  ///< started and not yet taken; only for the field's own thread
+  std::mutex mutex_;                      ///< of what follows
+  std::condition_variable wake_;
+  Work work_;
+  std::shared_ptr<UpdateState> next_;  ///< the work's
+  bool stop_ = false;
+  std::thread thread_;
+};
+
+}  // namespace accessvdb::internal

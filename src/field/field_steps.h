@@ -1,0 +1,118 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The steps that change a field: whether all of them got to their end, and the update that may run beside the others.
+#pragma once
+
+#include <exception>
+#include <type_traits>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "field/backend_choice.h"
+#include "field/background_update.h"
+#include "field/field_views.h"
+
+namespace accessvdb::internal {
+
+/// For one thread at a time, as the field. Its destructor waits for the update.
+class FieldSteps {
+ public:
+  /// @param views  of the field; out of date from the beginning of a step on
+  explicit FieldSteps(FieldViews& views) : views_(views) {}
+
+  /// Runs a step that changes several stages. If it fails half-way they no longer agree, and a mirror that lacks an
+  /// obstacle would call points accessible: from then on the field answers nothing.
+  template <typename Step>
+  auto run(const Step& step) {
+    settle();
+    return runBesideUpdate(step);
+  }
+  /// The same for a step that may begin while startUpdate() runs, and calls waitForMap() and joinUpdate() itself.
+  template <typename Step>
+  auto runBesideUpdate(const Step& step) {
+    requireUnbroken();
+    views_.expire();
+    whole_ = host_whole_ = false;
+    try {
+      if constexpr (std::is_void_v<decltype(step())>) {
+        step();
+        whole_ = host_whole_ = true;
+      } else {
+        auto result = step();
+        whole_ = host_whole_ = true;
+        return result;
+      }
+    } catch (const UpdateFailed& failed) {
+      host_whole_ = failed.of_device;
+      refuse();
+    } catch (const Error& error) {
+      // The device's work on a scan waits for the points and runs beside the map, which takes in the whole scan in any
+      // case; if both fail, the host's failure is thrown (runBeside).
+      host_whole_ = isOfDevice(error);
+      throw;
+    }
+  }
+
+  /// Begins an update on a thread of its own, after the one before. @throws ResourceLimit "field.broken"
+  [[nodiscard]] UpdateTicket startUpdate(BackgroundUpdate::Work work) {
+    requireWhole();
+    views_.expire();
+    return background_.start(std::move(work));
+  }
+  /// Waits until the points and the map on the host are free of the update.
+  void waitForMap() const { background_.waitForMap(); }
+  /// Waits for the update. Only inside a step. @throws to runBesideUpdate() if the update failed
+  void joinUpdate() {
+    const std::exception_ptr error = background_.take();
+    if (!error) return;
+    try {
+      std::rethrow_exception(error);
+    } catch (const Error& known) {
+      throw UpdateFailed{isOfDevice(known)};
+    } catch (...) {
+      throw UpdateFailed{false};
+    }
+  }
+  /// Waits for the update: what follows sees what it did.
+  void settle() {
+    try {
+      joinUpdate();
+    } catch (const UpdateFailed& failed) {
+      whole_ = false;
+      host_whole_ = host_whole_ && failed.of_device;
+    }
+  }
+
+  // All throw ResourceLimit "field.broken".
+  /// Waits for the update.
+  void requireWhole() {
+    settle();
+    requireUnbroken();
+  }
+  /// Points and map on the host suffice. Waits for the update.
+  void requireHostWhole() {
+    settle();
+    if (!host_whole_) refuse();
+  }
+  /// Does not wait: the update may still break the field.
+  void requireUnbroken() const {
+    if (!whole_) refuse();
+  }
+
+ private:
+  /// Its ticket says how.
+  struct UpdateFailed {
+    bool of_device;
+  };
+  [[noreturn]] static void refuse() {
+    throw ResourceLimit("field.broken", "", "an earlier step failed half-way, so this field can no longer answer",
+                        "Start a new field, with a larger voxel size if memory was short");
+  }
+
+  FieldViews& views_;
+  bool whole_ = true;       ///< false once a step failed half-way
+  bool host_whole_ = true;  ///< false once one failed on the host
+  BackgroundUpdate background_;
+};
+
+}  // namespace accessvdb::internal

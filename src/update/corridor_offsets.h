@@ -1,0 +1,39 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The inverse of the corridor: in which directions may a sample lie in the voxel at a given offset from the point's? A
+/// few voxels become free near a block in an update, so it is cheaper to look up the directions of each than the
+/// samples of each direction.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <utility>
+#include <vector>
+
+#include "hostdev/views.h"
+#include "points/surface_index.h"
+
+namespace accessvdb::internal {
+
+class CorridorOffsets {
+ public:
+  /// Empty if samples lie above or below the point, or if the table would exceed a few megabytes.
+  CorridorOffsets(const kernels::ApproachView& approach, double voxel_size_m);
+
+  [[nodiscard]] bool empty() const { return table_.empty(); }
+  /// Offsets, in voxels, of x and of y: -reach() .. reach().
+  [[nodiscard]] std::int32_t reach() const { return reach_; }
+  /// @return null if there is no direction
+  [[nodiscard]] const kernels::DirectionMask* at(std::int32_t dx, std::int32_t dy) const {
+    const auto x = static_cast<std::uint32_t>(dx + reach_), y = static_cast<std::uint32_t>(dy + reach_);
+    const auto size = static_cast<std::uint32_t>(2 * reach_ + 1);
+    return x < size && y < size ? &table_[std::size_t{x} * size + y] : nullptr;
+  }
+  [[nodiscard]] std::uint64_t bytes() const { return table_.capacity() * sizeof(table_[0]); }
+
+ private:
+  std::int32_t reach_ = 0;
+  std::vector<kernels::DirectionMask> table_;  ///< [x][y]
+};
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,94 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "update/known_directions.h"
+
+#include <algorithm>
+
+#include "hostdev/cell_counts.h"
+
+namespace accessvdb::internal {
+
+void FreedVoxels::add(const CellDirections& cells, int num_directions, const Index3& offset, std::uint64_t freed) {
+  if (freed == 0) return;
+  ++leaves_;
+  for (int cell = 0; cell < 8; ++cell) {
+    const auto count = static_cast<std::uint32_t>(freed >> (8 * cell)) & 0xffu;
+    if (count == 0) continue;
+    std::size_t entry = 0;
+    bool inside = true;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::int32_t i = offset[axis] * 2 + (cell >> (2 - axis) & 1) - cells.low()[axis];
+      inside = inside && i >= 0 && i < cells.size()[axis];
+      entry = entry * static_cast<std::size_t>(cells.size()[axis]) + static_cast<std::size_t>(i);
+    }
+    if (!inside) continue;
+    const kernels::DirectionArc arc = cells.table()[entry];
+    if (arc.count == 0) continue;
+    const auto directions = static_cast<std::uint32_t>(num_directions);
+    const std::uint32_t end = arc.first + std::uint32_t{arc.count};
+    steps_[arc.first] += count;
+    if (end < directions) {
+      steps_[end] -= count;
+    } else if (end > directions) {  // wraps around
+      steps_[0] += count;
+      steps_[end - directions] -= count;
+    }
+  }
+}
+
+const std::uint32_t* FreedVoxels::sum(int num_directions) {
+  const auto directions = static_cast<std::size_t>(num_directions);
+  for (std::size_t d = 1; d < directions; ++d) steps_[d] += steps_[d - 1];
+  std::fill(steps_.begin() + num_directions, steps_.end(), 0u);
+  return steps_.data();
+}
+
+KnownDirections::KnownDirections(const kernels::ToolKernelView& tool, int num_directions)
+    : num_directions_(num_directions),
+      words_(static_cast<std::size_t>(num_directions + kernels::kKnownPerWord - 1) / kernels::kKnownPerWord),
+      scale_(kernels::KnownScale::forLimit(tool.collision_limit)),
+      cells_(tool, num_directions, 0, kMostCellTableBytes),
+      levels_(words_),
+      freed_(words_) {}
+
+void KnownDirections::grow(std::size_t points, std::size_t blocks) {
+  levels_.grow(points);
+  freed_.grow(blocks);
+}
+
+void KnownDirections::age(std::uint32_t block, std::span<const std::uint32_t> ids, FreedVoxels& freed,
+                          const DirectionMask& better_tool) {
+  std::array<std::uint64_t, FreedVoxels::kDirections / kernels::kKnownPerWord> less;
+  const std::uint32_t* sums = freed.sum(num_directions_);
+  bool wanted = false;
+  for (std::size_t w = 0; w < words_; ++w) {
+    less[w] = 0;
+    if (cells_.empty()) {
+      const auto directions = static_cast<std::uint32_t>(better_tool.word[w >> 3] >> (8 * (w & 7))) & 0xffu;
+      less[w] = (kernels::known_word::spread(directions) >> 7) * kernels::KnownLevels::kMost;
+    } else if (freed.any()) {
+      freed_.row(block)[w].add(sums + kernels::kKnownPerWord * w, freed.tooMany(), scale_.levels.log2, less[w]);
+    }
+    wanted = wanted || less[w] != 0;
+  }
+  if (!wanted) return;
+  for (const std::uint32_t id : ids) {
+    std::uint64_t* const levels = levels_.row(id);
+    for (std::size_t w = 0; w < words_; ++w) {
+      if (less[w] != 0 && levels[w] != 0) levels[w] = kernels::known_word::lowered(levels[w], less[w]);
+    }
+  }
+}
+
+void KnownDirections::forgetCorridors(std::uint32_t id, const DirectionMask& better_arm) {
+  std::uint64_t* const levels = levels_.row(id);
+  for (std::size_t n = 0; n < kernels::kMaxDirectionWords; ++n) {
+    if (better_arm.word[n] == 0) continue;
+    for (std::size_t w = 8 * n; w < std::min(8 * n + 8, words_); ++w) {
+      const auto directions = static_cast<std::uint32_t>(better_arm.word[n] >> (8 * (w & 7))) & 0xffu;
+      if (directions != 0) levels[w] &= ~kernels::known_word::spread(directions);
+    }
+  }
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,323 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// AccessVDB in plain C (C99 and later, and C++): for plug-ins that load libaccessvdb.so at run time, and for other
+/// languages. Lengths are metres, angles radians; suffix _W: world frame (z up), _S: sensor frame, _T: tool frame.
+///
+/// Codes    Every function that can fail returns 0 (ACCESSVDB_OK) or one of accessvdb_code. Nothing is thrown. What
+/// went
+///          wrong stands, in words, in the field's handle (accessvdb_field_error_text) or, where there is no handle
+///          yet, in the accessvdb_error that the caller passes. A call that fails with ACCESSVDB_ERROR_USAGE has
+///          changed nothing.
+/// Structs  The caller puts sizeof(the struct) into struct_size before every call, so that both sides know which
+/// version
+///          they talk about: `accessvdb_params params = {.struct_size = sizeof params};`. Fields are only ever added at
+///          the end. A smaller struct is an older version of it; a larger one is accepted where all that is unknown to
+///          the library is zero.
+/// Threads  Handles are independent: different threads may use different handles. One handle serves one thread at a
+/// time; a
+///          call that finds a field busy in another thread returns ACCESSVDB_ERROR_USAGE at once. Inside a call all
+///          threads of the machine work; labels do not depend on their number. Free a handle when no call uses it.
+/// Strings  UTF-8, ended by zero. Returned ones belong to the library and stay until the next call on their handle.
+#ifndef ACCESSVDB_C_API_H
+#define ACCESSVDB_C_API_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "accessvdb/export.h"
+
+/* Grows with every addition. A program built against version N runs with a library of version N or later. */
+#define ACCESSVDB_C_API_VERSION 2
+
+#ifdef __cplusplus
+#define ACCESSVDB_C_NOEXCEPT noexcept
+extern "C" {
+#else
+#define ACCESSVDB_C_NOEXCEPT
+#endif
+
+/// The program's exit codes.
+typedef enum accessvdb_code {
+  ACCESSVDB_OK = 0,
+  ACCESSVDB_ERROR_USAGE = 2,  ///< an argument or parameter is wrong: NULL, a size, a range, the order of calls
+  ACCESSVDB_ERROR_INPUT = 3,  ///< an input cannot be read or is malformed
+  ACCESSVDB_ERROR_UNUSABLE =
+      4,  ///< an input is well formed but cannot be used (a pose that is not rigid, a tool of 100 m)
+  ACCESSVDB_ERROR_RESOURCE = 5,  ///< memory or another limit; the field answers nothing any more
+  ACCESSVDB_ERROR_DEVICE = 6,    ///< the requested device is missing or lost
+  ACCESSVDB_ERROR_OUTPUT = 7,    ///< an output cannot be written durably
+  ACCESSVDB_ERROR_INTERNAL = 70  ///< a bug of ours
+} accessvdb_code;
+
+enum { ACCESSVDB_UNSCORED = 0, ACCESSVDB_ACCESSIBLE = 1, ACCESSVDB_BLOCKED = 2, ACCESSVDB_NUM_LABELS = 3 };
+enum {  ///< why a point is not accessible; accessvdb/point_label.h has the words
+  ACCESSVDB_REASON_NONE = 0,
+  ACCESSVDB_REASON_CONFIDENCE = 1,
+  ACCESSVDB_REASON_NORMAL = 2,
+  ACCESSVDB_REASON_UNSEEN = 3,
+  ACCESSVDB_REASON_UNKNOWN = 4,
+  ACCESSVDB_REASON_ARM = 5,
+  ACCESSVDB_REASON_TOOL = 6,
+  ACCESSVDB_NUM_REASONS = 7
+};
+enum { ACCESSVDB_NUM_DROP_REASONS = 5 };  ///< no return, non-finite, below min range, beyond max range, out of bounds
+enum {
+  ACCESSVDB_UNIT_FROM_FILE = 0,  ///< only for formats that carry a unit (DAE, glTF, GLB)
+  ACCESSVDB_METRE = 1,
+  ACCESSVDB_CENTIMETRE = 2,
+  ACCESSVDB_MILLIMETRE = 3,
+  ACCESSVDB_INCH = 4
+};
+enum { ACCESSVDB_REGION_DOUBLE_CONE = 0, ACCESSVDB_REGION_FULL_CUBE = 1 };
+enum { ACCESSVDB_FORM_VOXELS = 0, ACCESSVDB_FORM_SURFACE_SAMPLES = 1 };
+enum { ACCESSVDB_POLICY_EXACT = 0, ACCESSVDB_POLICY_PAPER = 1 };
+enum { ACCESSVDB_BACKEND_AUTO = 0, ACCESSVDB_BACKEND_CPU = 1, ACCESSVDB_BACKEND_CUDA = 2 };
+
+/// What went wrong in a call that has no handle to ask.
+typedef struct accessvdb_error {
+  uint32_t struct_size;
+  int32_t code;
+  char id[64];      ///< stable dotted name, for example "tool.unit"
+  char text[1024];  ///< one line: what is wrong, and what to do; cut off where longer
+} accessvdb_error;
+
+typedef struct accessvdb_tool accessvdb_tool;
+typedef struct accessvdb_field accessvdb_field;
+
+/// "0.1.0", of the library that runs.
+ACCESSVDB_API const char* accessvdb_version(void) ACCESSVDB_C_NOEXCEPT;
+/// ACCESSVDB_C_API_VERSION of the library that runs: refuse one that is less than what you were built with.
+ACCESSVDB_API uint32_t accessvdb_c_api_version(void) ACCESSVDB_C_NOEXCEPT;
+/// "unscored", "accessible", "blocked"; "?" for other numbers.
+ACCESSVDB_API const char* accessvdb_label_name(int32_t label) ACCESSVDB_C_NOEXCEPT;
+/// "none", "confidence", "normal", "unseen", "unknown", "arm", "tool"; "?" for other numbers.
+ACCESSVDB_API const char* accessvdb_reason_name(int32_t reason) ACCESSVDB_C_NOEXCEPT;
+
+/* ---- the tool: metres, tip at the origin, +x from the tip along the body, +z up ---------------------------------- */
+
+/// How a mesh's own frame maps to the tool frame; all in the mesh's own units and axes. Zero axis and up mean +x and
+/// +z.
+typedef struct accessvdb_tool_pose {
+  uint32_t struct_size;
+  int32_t has_tip;  ///< 0: the tip is the origin of the mesh file; 1: it is at `tip`
+  double tip[3];
+  double axis[3];  ///< from the tip along the body
+  double up[3];
+} accessvdb_tool_pose;
+
+typedef struct accessvdb_tool_info {
+  uint32_t struct_size;
+  int32_t watertight;  ///< 0 or 1
+  uint64_t vertex_count, triangle_count;
+  float min_T[3], max_T[3];
+  float reach_m;  ///< farthest vertex from the tip
+  float reserved;
+} accessvdb_tool_info;
+
+/// Reads STL, OBJ, PLY, OFF, DAE, glTF or GLB. @param pose  NULL: the mesh is in the tool frame already
+/// @param error  may be NULL, here and below. *tool is NULL where the call fails.
+ACCESSVDB_API int accessvdb_tool_from_mesh(const char* path, int32_t unit, const accessvdb_tool_pose* pose,
+                                           accessvdb_tool** tool, accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
+/// @param vertices_T  [3 x vertex_count] x y z, metres, tool frame    @param triangles  [3 x triangle_count] vertex
+/// indices
+/// @param name  for metadata; may be NULL
+ACCESSVDB_API int accessvdb_tool_from_triangles(const float* vertices_T, size_t vertex_count, const uint32_t* triangles,
+                                                size_t triangle_count, const char* name, accessvdb_tool** tool,
+                                                accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
+/// @param name  "builtin:pencil" or "builtin:pruner"
+ACCESSVDB_API int accessvdb_tool_builtin(const char* name, accessvdb_tool** tool,
+                                         accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
+ACCESSVDB_API int accessvdb_tool_get_info(const accessvdb_tool* tool, accessvdb_tool_info* info) ACCESSVDB_C_NOEXCEPT;
+ACCESSVDB_API const char* accessvdb_tool_name(const accessvdb_tool* tool) ACCESSVDB_C_NOEXCEPT;
+ACCESSVDB_API const char* accessvdb_tool_sha256(const accessvdb_tool* tool) ACCESSVDB_C_NOEXCEPT;
+/// Fields keep their own copy, so a tool may be freed before them. NULL is fine.
+ACCESSVDB_API void accessvdb_tool_free(accessvdb_tool* tool) ACCESSVDB_C_NOEXCEPT;
+
+/* ---- parameters: accessvdb/params.h has their meaning, ranges and symbols ------------------------------------------
+ */
+
+/// Filled by accessvdb_params_defaults(); then set what differs. 0 marked "rule" is derived from the others.
+typedef struct accessvdb_params {
+  uint32_t struct_size;
+  int32_t threads;  ///< 0 = all
+  int32_t backend;  ///< ACCESSVDB_BACKEND_*
+  int32_t region;   ///< ACCESSVDB_REGION_*
+  double voxel_size_m;
+  double truncation_distance_m;  ///< 0 = rule
+  double range_noise_m;
+  double min_range_m, max_range_m;
+  double cone_cos_min;
+  double clamp_min_m;
+  double cleared_radius_voxels, cleared_begin_tau, cleared_end_tau;
+  uint32_t max_weight;
+  int32_t num_directions;
+  double normal_cone_rad;
+  double observation_cos_min;
+  double arm_tau[3];
+  double corridor_length_m;
+  int32_t coarse_to_fine, viewpoints;  ///< 0 or 1
+  double collision_distance_m;         ///< 0 = rule
+  double self_exclusion_voxels;
+  int32_t tool_form;  ///< ACCESSVDB_FORM_*
+  int32_t surface_samples;
+  int32_t max_collisions;                                              ///< 0 = rule
+  int32_t neighbours;                                                  ///< 0 = rule
+  int32_t mean_positions, join_neighbour_views, neighbourhood_weight;  ///< 0 or 1
+  int32_t policy;                                                      ///< ACCESSVDB_POLICY_*
+  double confidence_half_weight, confidence_min;
+  int32_t budget_points;
+  int32_t changed_voxel_sample;
+  double changed_voxel_radius_voxels;
+  double requeue_motion_m;
+  double stability_min;
+  uint64_t seed;
+} accessvdb_params;
+
+/// The product's defaults. Only struct_size is read.
+ACCESSVDB_API int accessvdb_params_defaults(accessvdb_params* params) ACCESSVDB_C_NOEXCEPT;
+/// The paper's own constants, for its tables.
+ACCESSVDB_API int accessvdb_params_paper(double voxel_size_m, accessvdb_params* params) ACCESSVDB_C_NOEXCEPT;
+
+/* ---- the field ------------------------------------------------------------------------------------------------- */
+
+/// What one scan did.
+typedef struct accessvdb_frame_stats {
+  uint32_t struct_size;
+  uint32_t reserved;
+  uint64_t points_in, points_used;
+  uint64_t dropped[ACCESSVDB_NUM_DROP_REASONS];
+  uint64_t touched_leaves, new_leaves, distance_updates, cleared_updates;
+  double integrate_ms, mirror_ms;
+} accessvdb_frame_stats;
+
+/// What one update did.
+typedef struct accessvdb_update_stats {
+  uint32_t struct_size;
+  uint32_t reserved;
+  uint64_t dirty_points, scored_points, direction_tests, backlog, label_changes;
+  double update_ms, score_ms;
+} accessvdb_update_stats;
+
+/// One surface point. Arrays of it have no struct_size each: the calls take sizeof(accessvdb_point) once.
+typedef struct accessvdb_point {
+  double position_W[3];
+  float normal_W[3];     ///< unit, towards the mean sensor position; zero where there is none
+  float direction_W[3];  ///< unit, outwards along the tool's body; the tool travels along -direction_W
+  float yaw_rad;         ///< of direction_W
+  float weight;
+  float confidence;    ///< [0, 1)
+  float stability;     ///< [0, 1]
+  uint32_t id;         ///< stable over the life of the field
+  uint16_t direction;  ///< index d, yaw = 2 pi d / num_directions; 65535 = none
+  uint16_t score;      ///< fewest collisions of any direction; 65535 = none reached the tool test
+  uint8_t label;       ///< ACCESSVDB_UNSCORED, ACCESSVDB_ACCESSIBLE, ACCESSVDB_BLOCKED
+  uint8_t reason;      ///< ACCESSVDB_REASON_*
+  uint8_t confident;   ///< 1: accessible, and confidence x stability is high
+  uint8_t reserved[5];
+} accessvdb_point;
+
+typedef struct accessvdb_counts {
+  uint32_t struct_size;
+  uint32_t reserved;
+  uint64_t points;
+  uint64_t labels[ACCESSVDB_NUM_LABELS];
+  uint64_t reasons[ACCESSVDB_NUM_REASONS];
+} accessvdb_counts;
+
+/// @param params  NULL: the defaults
+ACCESSVDB_API int accessvdb_field_create(const accessvdb_tool* tool, const accessvdb_params* params,
+                                         accessvdb_field** field, accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
+/// NULL is fine.
+ACCESSVDB_API void accessvdb_field_free(accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
+
+/// Of the last call on this field that failed; "" while none has. One line, and its stable dotted name.
+ACCESSVDB_API const char* accessvdb_field_error_text(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
+ACCESSVDB_API const char* accessvdb_field_error_id(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
+
+/// Fuses one scan. Bad returns are counted, never used.
+/// @param points_S  [3 x point_count] x y z in the sensor frame; exactly (0,0,0) means "no return"
+/// @param T_W_S     [16] pose, sensor to world, 4x4 row by row; rigid, last row 0 0 0 1
+/// @param stats     may be NULL, here and below
+ACCESSVDB_API int accessvdb_field_integrate_scan(accessvdb_field* field, const float* points_S, size_t point_count,
+                                                 const double* T_W_S,
+                                                 accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
+/// Fuses rays that each have their own origin, or one origin for all.
+/// @param points_W  [3 x point_count]    @param origins_W  [3 x origin_count], origin_count being point_count or 1
+ACCESSVDB_API int accessvdb_field_integrate_rays(accessvdb_field* field, const double* points_W, size_t point_count,
+                                                 const double* origins_W, size_t origin_count,
+                                                 accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
+/// Scores what changed since the last update.
+ACCESSVDB_API int accessvdb_field_update(accessvdb_field* field, accessvdb_update_stats* stats) ACCESSVDB_C_NOEXCEPT;
+
+/// Takes all points with their labels, as of the last update, and keeps them in the handle until the next snapshot.
+/// Points that came after the last update are unscored. @param point_count  may be NULL
+ACCESSVDB_API int accessvdb_field_take_snapshot(accessvdb_field* field, size_t* point_count) ACCESSVDB_C_NOEXCEPT;
+/// Copies points [first, first + count) of the snapshot, in the order of their ids. @param points  [count]
+ACCESSVDB_API int accessvdb_field_copy_points(accessvdb_field* field, size_t first, size_t count,
+                                              accessvdb_point* points, size_t point_size) ACCESSVDB_C_NOEXCEPT;
+/// How many points of the snapshot have which label and reason.
+ACCESSVDB_API int accessvdb_field_get_counts(accessvdb_field* field, accessvdb_counts* counts) ACCESSVDB_C_NOEXCEPT;
+/// Gives the snapshot's memory back.
+ACCESSVDB_API int accessvdb_field_drop_snapshot(accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
+
+/// The point of the voxel that holds p_W [3]; *found is 0 where there is none.
+ACCESSVDB_API int accessvdb_field_point_at(accessvdb_field* field, const double* p_W, accessvdb_point* point,
+                                           size_t point_size, int32_t* found) ACCESSVDB_C_NOEXCEPT;
+
+/* ---- many questions at a time (since version 2); accessvdb/batch_query.h has the rules ------------------------------
+ */
+
+/// What the map and the points say at a position. Arrays of it take sizeof(accessvdb_point_answer) once.
+typedef struct accessvdb_point_answer {
+  float distance_m;        ///< of the voxel, 0 .. tau; NaN where unobserved
+  float point_distance_m;  ///< to the surface point that answers; NaN without one
+  float direction_W[3];    ///< its best direction, unit, outwards along the tool's body; zero where there is none
+  uint32_t point_id;       ///< of the voxel, else the nearest within 3 voxels; 0xFFFFFFFF = none
+  uint16_t weight;         ///< observations of the voxel; 0 = unobserved
+  uint16_t direction;      ///< 65535 = none
+  uint16_t score;          ///< 65535 = none reached the tool test
+  uint8_t label;           ///< ACCESSVDB_UNSCORED without a point
+  uint8_t reason;          ///< ACCESSVDB_REASON_*
+  uint8_t unknown;         ///< 1: neither observed nor cleared, or a bad position (NaN)
+  uint8_t cleared;         ///< 1: a ray passed the voxel
+  uint8_t reserved[6];
+} accessvdb_point_answer;
+
+/// A link of a robot arm, or its way. Arrays of it take sizeof(accessvdb_capsule) once.
+typedef struct accessvdb_capsule {
+  double a_W[3], b_W[3];  ///< ends of the axis; may be the same
+  double radius_m;        ///< >= 0
+} accessvdb_capsule;
+
+/// What a capsule meets. Free is: valid, no collision, not unknown.
+typedef struct accessvdb_capsule_answer {
+  float min_distance_m;  ///< of the axis to the nearest surface, where the map knows it; NaN = nothing observed
+  float first_hit_t;     ///< 0 at a .. 1 at b; NaN = no collision
+  uint8_t collision;
+  uint8_t unknown;  ///< 1: some voxel was neither observed nor cleared, or the capsule was not looked at
+  uint8_t valid;    ///< 0: a bad end or radius, or too large: split it
+  uint8_t reserved[5];
+} accessvdb_capsule_answer;
+
+/// @param points_W  [3 x count] x y z    @param answers  [count] out
+ACCESSVDB_API int accessvdb_field_query_points(accessvdb_field* field, const double* points_W, size_t count,
+                                               accessvdb_point_answer* answers,
+                                               size_t answer_size) ACCESSVDB_C_NOEXCEPT;
+/// @param capsules  [count]    @param answers  [count] out
+ACCESSVDB_API int accessvdb_field_query_capsules(accessvdb_field* field, const accessvdb_capsule* capsules,
+                                                 size_t capsule_size, size_t count, accessvdb_capsule_answer* answers,
+                                                 size_t answer_size) ACCESSVDB_C_NOEXCEPT;
+
+/// "cpu" or "cuda:NAME".
+ACCESSVDB_API const char* accessvdb_field_device(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
+/// Every effective parameter as "name value", one a line.
+ACCESSVDB_API const char* accessvdb_field_parameters(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
+
+/// Writes field.vdb, field_points.vdb and points.ply into a folder, each whole or not at all.
+ACCESSVDB_API int accessvdb_field_write(accessvdb_field* field, const char* folder) ACCESSVDB_C_NOEXCEPT;
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif
+
+#endif  // ACCESSVDB_C_API_H
