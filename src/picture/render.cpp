@@ -210,7 +210,7 @@ class PositionSample {
   [[nodiscard]] const std::vector<Eigen::Vector3f>& positions_V() const { return positions_V_; }
 
  private:
-  static constexpr std::size_t kMost = 1u << 19;
+  static constexpr std::size_t kMost = 1u << 17;
   std::vector<Eigen::Vector3f> positions_V_;
   std::uint64_t count_ = 0, stride_ = 1;
 };

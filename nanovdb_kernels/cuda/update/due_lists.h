@@ -37,7 +37,7 @@ class DueLists {
   DeviceMemory& memory_;
   DueView view_;
   DeviceArray<std::uint32_t> heads_, busy_;  ///< by block
-  DeviceArray<DueItem> items_;
+  DeviceArray<ListedDue> items_;
   DeviceArray<std::uint32_t> order_, whole_, keys_, sorted_, block_order_;
   DeviceArray<std::byte> scratch_;
 };

@@ -367,7 +367,7 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
 #pragma unroll 1
   for (std::uint32_t n = takeNext(range.next, lane); n < count; n = takeNext(range.next, lane)) {
     const std::uint32_t which = range.list[begin + n];
-    const DueItem& item = work.due.items[which];
+    const ListedDue& item = work.due.items[which];
     const DuePoint point(work.points.points, item.id, search.map.inverse_voxel_size);
     const Window window = makeDueWindow<Window>(search, point.ijk, lane);
     const auto counter = makeCounter<kForm>(search, window, map, point, scratch, lane);

@@ -211,14 +211,14 @@ struct KnownView {
 // DueLists: what has to be evaluated.
 
 /// A point to evaluate.
-struct DueItem {
+struct ListedDue {
   std::uint32_t id;
   std::uint32_t next;  ///< next in the same block, or kNoIndex
   Due due;             ///< Some or All
 };
 /// Points to evaluate, by blocks.
 struct DueView {
-  DueItem* items = nullptr;
+  ListedDue* items = nullptr;
   std::uint32_t* head = nullptr;    ///< [blocks] kNoIndex if none of its points is due
   std::uint32_t* busy = nullptr;    ///< blocks with a head
   std::uint32_t* order = nullptr;   ///< items with some directions in question, block by block
