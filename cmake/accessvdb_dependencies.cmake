@@ -54,6 +54,22 @@ if(NOT ACCESSVDB_LZF_INCLUDE_DIR OR NOT ACCESSVDB_LZF_LIBRARY)
   message(FATAL_ERROR "AccessVDB needs liblzf. On Debian and Ubuntu: apt install liblzf-dev")
 endif()
 
+# Recordings: compressed chunks and their checksums, and rosbag2's databases. Of zstd and LZ4 some distributions have
+# CMake packages, some pkg-config files; all have the library.
+set(ACCESSVDB_RECORDING_LIBRARIES "")
+foreach(_package IN ITEMS "BZ2|bzlib.h|bz2|libbz2-dev" "LZ4|lz4frame.h|lz4|liblz4-dev" "SQLITE3|sqlite3.h|sqlite3|libsqlite3-dev"
+                          "ZLIB|zlib.h|z|zlib1g-dev" "ZSTD|zstd.h|zstd|libzstd-dev")
+  string(REPLACE "|" ";" _package ${_package})
+  list(POP_FRONT _package _name _header _library _debian)
+  find_path(ACCESSVDB_${_name}_INCLUDE_DIR ${_header})
+  find_library(ACCESSVDB_${_name}_LIBRARY NAMES ${_library})
+  mark_as_advanced(ACCESSVDB_${_name}_INCLUDE_DIR ACCESSVDB_${_name}_LIBRARY)
+  if(NOT ACCESSVDB_${_name}_INCLUDE_DIR OR NOT ACCESSVDB_${_name}_LIBRARY)
+    message(FATAL_ERROR "AccessVDB needs ${_library}. On Debian and Ubuntu: apt install ${_debian}")
+  endif()
+  list(APPEND ACCESSVDB_RECORDING_LIBRARIES ${ACCESSVDB_${_name}_LIBRARY})
+endforeach()
+
 # OpenVDB's usual trees are compiled in libopenvdb.so: registering them for files instantiates them there. Files that
 # declare them with `extern template` (src/vdb) compile in less than half the time. Verified for OpenVDB 10.0, which
 # Debian 12 and Ubuntu 24.04 have; if the symbols are not found, everything is compiled as usual.

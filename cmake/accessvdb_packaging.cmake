@@ -22,6 +22,7 @@ set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_DEPENDS
   "accessvdb (= ${PROJECT_VERSION}), libopenvdb-dev, libboost-iostreams-dev, libtbb-dev, libeigen3-dev")
 # For users who link the static library or include device_view.h or pcl.h.
-set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_RECOMMENDS "libassimp-dev, liblzf-dev, libpng-dev, libssl-dev, libnanovdb-dev")
+set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_RECOMMENDS 
+  "libassimp-dev, libbz2-dev, liblz4-dev, liblzf-dev, libpng-dev, libsqlite3-dev, libssl-dev, libzstd-dev, zlib1g-dev, libnanovdb-dev")
 set(CPACK_COMPONENT_DEVELOPMENT_DESCRIPTION "Headers, libraries, CMake package and pkg-config file.")
 include(CPack)

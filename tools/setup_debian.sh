@@ -6,7 +6,8 @@
 #   setup_debian.sh           the small set: what the library and the program need
 #   setup_debian.sh --pcl     also PCL: its tests, its example, and accessvdb/pcl.h
 #   setup_debian.sh --python  also what the Python module needs
-#   setup_debian.sh --tests   also what the test suite needs, PCL and Python included; with npm, laz-perf and copc in build/npm
+#   setup_debian.sh --tests   also what the test suite needs, PCL and Python included; with npm, the packages of
+#                             tests/recordings/package.json in build/npm
 #   setup_debian.sh --all     everything
 #   setup_debian.sh --list [any of these]   prints the packages of the set, one per line, and installs nothing
 set -euo pipefail
@@ -21,14 +22,16 @@ packages=(
   libopenvdb-dev libnanovdb-dev libboost-iostreams-dev  # the map; OpenVDB's CMake module requires iostreams
   libtbb-dev libeigen3-dev
   liblzf-dev                                            # compressed PCD scans
+  libbz2-dev liblz4-dev libsqlite3-dev libzstd-dev zlib1g-dev  # recordings
   libassimp-dev                                         # tool meshes
   libpng-dev libssl-dev nlohmann-json3-dev              # pictures, hashes, reports
   libcli11-dev libtomlplusplus-dev                      # the command line
   libembree-dev libqhull-dev                            # simulate and evaluate
 )
 python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
-tests=(blender libgtest-dev libbenchmark-dev binutils ccache mold clang-format dpkg-dev file libopenvdb-tools
-  mmdebstrap mypy python3-distributed python3-openvdb)
+tests=(blender libgtest-dev libbenchmark-dev binutils bzip2 ccache mold clang-format dpkg-dev file libopenvdb-tools lz4
+  mmdebstrap mypy python3-distributed python3-nav-msgs python3-openvdb python3-rosbag python3-sensor-msgs
+  python3-tf2-msgs sqlite3 zstd)
 # Ubuntu's Chromium is a snap, which cannot be driven from outside; tests that draw pages are skipped there.
 grep -qx 'ID=ubuntu' /etc/os-release 2>/dev/null || tests+=(chromium)
 list=false with_tests=false
@@ -65,16 +68,24 @@ for package in "${packages[@]}"; do
   state=$(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true)
   [[ $state == installed ]] || missing+=("$package")
 done
-# The decoder of LAZ and the reader of LAS that tests compare with; without npm, without a network or with an older node
-# they are skipped.
-las_readers() {
-  local folder
-  folder=$(dirname "${BASH_SOURCE[0]}")/../build/npm
-  if ! $with_tests || [[ -d $folder/node_modules/copc ]] || ! command -v npm >/dev/null; then return 0; fi
-  timeout 120 npm install --silent --no-audit --no-fund --ignore-scripts --prefix "$folder" laz-perf@0.0.6 copc@0.0.8 >&2 ||
-    echo "setup: npm could not install laz-perf and copc: tests that compare with them will be skipped" >&2
+# Decoders and writers of others that tests compare with; without npm, without a network or with an older node such
+# tests are skipped.
+npm_packages() {
+  local root folder
+  root=$(dirname "${BASH_SOURCE[0]}")/..
+  folder=$root/build/npm
+  if ! $with_tests || ! command -v npm >/dev/null; then return 0; fi
+  if cmp -s "$root/tests/recordings/package-lock.json" "$folder/package-lock.json" && [[ -d $folder/node_modules ]]; then
+    return 0
+  fi
+  mkdir -p "$folder"
+  cp "$root/tests/recordings/package.json" "$root/tests/recordings/package-lock.json" "$folder/"
+  if ! (cd "$folder" && timeout 120 npm ci --silent --no-audit --no-fund --ignore-scripts) >&2; then
+    rm -f "$folder/package-lock.json"
+    echo "setup: npm could not install its packages: tests that read LAS or LAZ by them, or write ROS 2 recordings, will be skipped" >&2
+  fi
 }
-las_readers
+npm_packages
 ((${#missing[@]} > 0)) || exit 0
 
 as_root=()

@@ -20,7 +20,7 @@ namespace accessvdb::io {
 enum class PoseFormat { Auto, Tum, Kitti, Balm, Hba, Viewpoint };
 
 struct ScanInputOptions {
-  std::filesystem::path scans = {};  ///< a folder of scans, or one file
+  std::filesystem::path scans = {};  ///< a folder of scans, one file, or a recording
   std::filesystem::path poses = {};  ///< may be empty (VIEWPOINT, ray cloud, sensor_at)
   PoseFormat pose_format = PoseFormat::Auto;
   std::filesystem::path calib = {};                 ///< KITTI calib.txt, if the poses are the camera's
@@ -32,12 +32,28 @@ struct ScanInputOptions {
   /// Where the sensor was at the time of each return of LAS, LAZ or PLY in the world frame: text with time x y z, TUM,
   /// or columns named by a header.
   std::filesystem::path trajectory = {};
-  double time_offset_s = 0;  ///< added to the cloud's stamps before the trajectory is looked up
+  /// Added to the stamps of clouds and scans before a trajectory or poses with time stamps are looked up.
+  double time_offset_s = 0;
   /// Scanners on tripods: a line "file x y z" for each cloud in the world frame, names relative to `scans`.
   std::filesystem::path stations = {};
   /// Writes a LAZ file as LAS to its standard output; run without a shell, split at blanks, with the file's name as
   /// last argument. Empty: `laszip -stdout` or `las2las -stdout`, whichever is in PATH.
   std::string laz_command = {};
+  /// Recordings (.mcap, .db3, .bag): which topic has the clouds, and which the poses. Empty: the only one; odometry
+  /// before transforms.
+  std::string topic = {}, pose_topic = {};
+  /// Recordings: the frame of the result. Empty: the one that the odometry is in, or the top of the transforms.
+  std::string fixed_frame = {};
+  /// Where the sensor is on what the poses are of (an IMU, a body): T_W_S becomes T_W_B * T_B_S.
+  std::optional<Eigen::Isometry3d> T_B_S = {};
+  /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.
+  std::optional<Eigen::AlignedBox3d> exclude_box_S = {};
+};
+
+/// Something about the input that is most likely a mistake, or a loss.
+struct ScanWarning {
+  std::string id;  ///< stable dotted name, for example "recording.cut_off"
+  std::string text;
 };
 
 /// One integration step: either points_S with T_W_S, or points_W with origins_W (size n, or 1 for all).
@@ -49,6 +65,7 @@ struct ScanRecord {
   double stamp_s = 0;  ///< 0 where unknown
   std::string path;
   std::uint64_t truncated_points = 0;  ///< records announced by the header but missing in the file
+  std::uint64_t excluded_points = 0;   ///< left out: inside ScanInputOptions::exclude_box_S
 };
 
 struct InputFile {
@@ -71,10 +88,11 @@ class ACCESSVDB_API ScanSequence {
   [[nodiscard]] ScanRecord read(std::size_t step);  ///< @throws InputError naming the file
   /// Time of a step, without reading it: of the scan, or of a cloud's first return. Nothing where unknown.
   [[nodiscard]] std::optional<double> stamp_s(std::size_t step) const;
-  [[nodiscard]] std::string path(std::size_t step) const;         ///< the file of a step, without reading it
-  [[nodiscard]] const std::vector<std::string>& notices() const;  ///< frame, quaternion order, matching rule, repairs
-  [[nodiscard]] std::string matchingRule() const;                 ///< one line, also part of the notices
-  [[nodiscard]] std::vector<std::string> paths() const;           ///< every file that is or will be read
+  [[nodiscard]] std::string path(std::size_t step) const;          ///< the file of a step, without reading it
+  [[nodiscard]] const std::vector<std::string>& notices() const;   ///< frame, quaternion order, matching rule, repairs
+  [[nodiscard]] const std::vector<ScanWarning>& warnings() const;  ///< not among the notices
+  [[nodiscard]] std::string matchingRule() const;                  ///< one line, also part of the notices
+  [[nodiscard]] std::vector<std::string> paths() const;            ///< every file that is or will be read
   [[nodiscard]] std::optional<double> recordedRangeNoise_m() const;  ///< from range_noise.txt next to the scans, if any
   /// Memory that is held between reads: poses or the list of steps, a trajectory, the content of a compressed PCD.
   [[nodiscard]] std::uint64_t heldBytes() const;

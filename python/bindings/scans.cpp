@@ -30,15 +30,14 @@ struct LockedScans {
   explicit LockedScans(io::ScanSequence&& opened) : scans(std::move(opened)) {}
 };
 
-std::unique_ptr<LockedScans> openScans(const std::filesystem::path& scans,
-                                       const std::optional<std::filesystem::path>& poses, const py::object& pose_format,
-                                       const std::optional<std::filesystem::path>& calib, const py::object& sensor_at_W,
-                                       const py::object& every, const py::object& allow_truncated,
-                                       const py::object& sort_poses, const py::object& rays_per_step,
-                                       const std::optional<std::filesystem::path>& trajectory,
-                                       const py::object& time_offset_s,
-                                       const std::optional<std::filesystem::path>& stations,
-                                       const std::string& laz_command) {
+std::unique_ptr<LockedScans> openScans(
+    const std::filesystem::path& scans, const std::optional<std::filesystem::path>& poses,
+    const py::object& pose_format, const std::optional<std::filesystem::path>& calib, const py::object& sensor_at_W,
+    const py::object& every, const py::object& allow_truncated, const py::object& sort_poses,
+    const py::object& rays_per_step, const std::optional<std::filesystem::path>& trajectory,
+    const py::object& time_offset_s, const std::optional<std::filesystem::path>& stations,
+    const std::string& laz_command, const std::string& topic, const std::string& pose_topic,
+    const std::string& fixed_frame, const py::object& T_B_S, const py::object& exclude_box_S) {
   io::ScanInputOptions options;
   options.scans = scans;
   if (poses) options.poses = *poses;
@@ -54,6 +53,17 @@ std::unique_ptr<LockedScans> openScans(const std::filesystem::path& scans,
   options.time_offset_s = numberFrom("time_offset_s", time_offset_s);
   if (stations) options.stations = *stations;
   options.laz_command = laz_command;
+  options.topic = topic;
+  options.pose_topic = pose_topic;
+  options.fixed_frame = fixed_frame;
+  if (!T_B_S.is_none()) options.T_B_S = poseOf("T_B_S", T_B_S);
+  if (!exclude_box_S.is_none()) {
+    if (!py::isinstance<py::sequence>(exclude_box_S) || py::len(exclude_box_S) != 2)
+      throw py::type_error("exclude_box_S must be two corners, each of three numbers");
+    const auto corners = py::reinterpret_borrow<py::sequence>(exclude_box_S);
+    options.exclude_box_S =
+        Eigen::AlignedBox3d(vector3("exclude_box_S", corners[0]), vector3("exclude_box_S", corners[1]));
+  }
   return withoutLock([&] { return std::make_unique<LockedScans>(io::ScanSequence::open(options)); });
 }
 
@@ -94,7 +104,8 @@ void bindRecord(py::module_& module) {
       .def_property_readonly("origins_W", vectorsOf<double>(&R::origins_W), "(N, 3) or (1, 3) float64, read-only.")
       .def_readonly("stamp_s", &R::stamp_s)
       .def_readonly("path", &R::path)
-      .def_readonly("truncated_points", &R::truncated_points);
+      .def_readonly("truncated_points", &R::truncated_points)
+      .def_readonly("excluded_points", &R::excluded_points);
 }
 
 }  // namespace
@@ -106,9 +117,13 @@ void bindScans(py::module_& module) {
            py::arg("pose_format") = "auto", py::arg("calib") = py::none(), py::arg("sensor_at_W") = py::none(),
            py::arg("every") = 1, py::arg("allow_truncated") = false, py::arg("sort_poses") = false,
            py::arg("rays_per_step") = 20000, py::arg("trajectory") = py::none(), py::arg("time_offset_s") = 0.0,
-           py::arg("stations") = py::none(), py::arg("laz_command") = "",
-           "scans: a folder of .pcd, .ply, .bin, .las or .laz files, or one file. poses: TUM, KITTI, BALM or HBA. "
-           "trajectory, stations: where the sensor was, for clouds in the world frame.")
+           py::arg("stations") = py::none(), py::arg("laz_command") = "", py::arg("topic") = "",
+           py::arg("pose_topic") = "", py::arg("fixed_frame") = "", py::arg("T_B_S") = py::none(),
+           py::arg("exclude_box_S") = py::none(),
+           "scans: a folder of .pcd, .ply, .bin, .las or .laz files, one file, or a recording (.mcap, .db3, .bag). "
+           "poses: TUM, KITTI, BALM or HBA. trajectory, stations: where the sensor was, for clouds in the world "
+           "frame. topic, pose_topic, fixed_frame: for recordings. T_B_S: (4, 4), the sensor on what the poses "
+           "are of. exclude_box_S: two corners; returns between them are left out.")
       .def("__len__", [](const LockedScans& s) { return s.scans.size(); })
       .def("__getitem__", &readScan, py::arg("step"))
       .def("__iter__",
@@ -119,6 +134,14 @@ void bindScans(py::module_& module) {
       .def_property_readonly(
           "notices", [](const LockedScans& s) { return s.scans.notices(); },
           "Frame, quaternion order, matching rule, repairs.")
+      .def_property_readonly(
+          "warnings",
+          [](const LockedScans& s) {
+            std::vector<std::pair<std::string, std::string>> warnings;
+            for (const io::ScanWarning& warning : s.scans.warnings()) warnings.emplace_back(warning.id, warning.text);
+            return warnings;
+          },
+          "(id, text) of what is most likely a mistake or a loss.")
       .def_property_readonly("matching_rule", [](const LockedScans& s) { return s.scans.matchingRule(); })
       .def_property_readonly(
           "paths", [](const LockedScans& s) { return s.scans.paths(); }, "Every file that is or will be read.")

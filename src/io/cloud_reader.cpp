@@ -31,6 +31,10 @@ std::unique_ptr<CloudReader> openCloud(const std::filesystem::path& path, ScanKi
       return openLaz(path, options);
     case ScanKind::Xyz:
       return openXyz(path, options);
+    case ScanKind::Mcap:
+    case ScanKind::RosBag:
+    case ScanKind::Sqlite:
+      break;  // many clouds: see recording_steps.h
   }
   throw InternalError("internal.scan_kind", path.string(), "has an unknown kind");
 }

@@ -32,7 +32,8 @@ struct ReadOptions {
   std::string laz_command = {};  ///< writes a LAZ file as LAS to its standard output, see decoder_pipe.h
 };
 
-enum class ScanKind { Pcd, Ply, KittiBin, Las, Xyz, Laz };
+/// The last three are recordings: many clouds and their poses in one file, see recording_steps.h.
+enum class ScanKind { Pcd, Ply, KittiBin, Las, Xyz, Laz, Mcap, RosBag, Sqlite };
 
 /// Counts over all parts of a cloud.
 struct CloudTotals {

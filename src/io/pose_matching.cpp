@@ -85,6 +85,12 @@ MatchResult matchByStamp(const std::vector<std::string>& stems, const std::vecto
   return result;
 }
 
+void refuseOffset(double time_offset_s) {
+  if (time_offset_s != 0)
+    throw InvalidArgument("usage.time_offset", "--time-offset", "has no effect: these scans and poses have no times",
+                          "Omit it, or name the scans by their times");
+}
+
 }  // namespace
 
 std::optional<std::uint64_t> fileNumber(const std::string& stem) {
@@ -115,6 +121,16 @@ std::optional<double> fileStamp_s(const std::string& stem) {
   return value;
 }
 
+Eigen::Isometry3d interpolateBetween(const Eigen::Isometry3d& before, const Eigen::Isometry3d& after, double share) {
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.linear() = Eigen::Quaterniond(before.linear())
+                      .slerp(share, Eigen::Quaterniond(after.linear()))
+                      .normalized()
+                      .toRotationMatrix();
+  pose.translation() = (1 - share) * before.translation() + share * after.translation();
+  return pose;
+}
+
 std::optional<Eigen::Isometry3d> interpolatePose(const std::vector<PoseEntry>& poses, double stamp_s) {
   const auto after = std::lower_bound(poses.begin(), poses.end(), stamp_s,
                                       [](const PoseEntry& pose, double stamp) { return pose.stamp_s < stamp; });
@@ -124,26 +140,23 @@ std::optional<Eigen::Isometry3d> interpolatePose(const std::vector<PoseEntry>& p
   if (stamp_s - before.stamp_s <= kSameStamp_s) return before.T_W_S;
   if (after == poses.end() || !(after->stamp_s - before.stamp_s <= kMaxPoseGap_s)) return std::nullopt;
   const double share = (stamp_s - before.stamp_s) / (after->stamp_s - before.stamp_s);
-  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
-  pose.linear() = Eigen::Quaterniond(before.T_W_S.linear())
-                      .slerp(share, Eigen::Quaterniond(after->T_W_S.linear()))
-                      .normalized()
-                      .toRotationMatrix();
-  pose.translation() = (1 - share) * before.T_W_S.translation() + share * after->T_W_S.translation();
-  return pose;
+  return interpolateBetween(before.T_W_S, after->T_W_S, share);
 }
 
 MatchResult matchPoses(const std::vector<std::string>& stems, const PoseFile& poses, const std::vector<double>& times,
-                       const std::string& times_name) {
+                       const std::string& times_name, double time_offset_s) {
   std::vector<double> stamps;
   for (const std::string& stem : stems)
-    if (const auto stamp = fileStamp_s(stem)) stamps.push_back(*stamp);
+    if (const auto stamp = fileStamp_s(stem)) stamps.push_back(*stamp + time_offset_s);
   const bool stamped_names = stamps.size() == stems.size();
   if (!stamped_names) stamps.clear();
 
   const bool indexed = poses.format != PoseFormat::Tum;
   if (indexed && !(stamped_names && poses.stamped))
-    if (const auto numbers = numbersOf(stems, poses.poses.size())) return matchByNumber(*numbers, poses);
+    if (const auto numbers = numbersOf(stems, poses.poses.size())) {
+      refuseOffset(time_offset_s);
+      return matchByNumber(*numbers, poses);
+    }
 
   if (poses.stamped && stamped_names) return matchByStamp(stems, stamps, poses, "file name");
 
@@ -151,11 +164,13 @@ MatchResult matchPoses(const std::vector<std::string>& stems, const PoseFile& po
     const auto numbers = numbersOf(stems, times.size());
     if (numbers || times.size() == stems.size()) {
       std::vector<double> of_scans;
-      for (std::size_t i = 0; i < stems.size(); ++i) of_scans.push_back(times[numbers ? (*numbers)[i] : i]);
+      for (std::size_t i = 0; i < stems.size(); ++i)
+        of_scans.push_back(times[numbers ? (*numbers)[i] : i] + time_offset_s);
       return matchByStamp(stems, of_scans, poses, "line of " + times_name);
     }
   }
 
+  refuseOffset(time_offset_s);
   if (stems.size() == poses.poses.size()) {
     MatchResult result;
     for (std::size_t i = 0; i < stems.size(); ++i)

@@ -40,14 +40,21 @@ struct MatchResult {
 /// milli-, micro-, nanoseconds by their number). Shorter whole numbers are numbers, not times.
 [[nodiscard]] std::optional<double> fileStamp_s(const std::string& stem);
 
+/// @param share  0 = before, 1 = after
+[[nodiscard]] Eigen::Isometry3d interpolateBetween(const Eigen::Isometry3d& before, const Eigen::Isometry3d& after,
+                                                   double share);
+
 /// The pose at a given time. @param poses  with increasing stamps
 [[nodiscard]] std::optional<Eigen::Isometry3d> interpolatePose(const std::vector<PoseEntry>& poses, double stamp_s);
 
 /// @param stems  file names without extension, in order
 /// @param times  from times.txt, empty if there is none
 /// @param times_name  for messages
-/// @throws UnusableInput "poses.no_overlap", "poses.too_few", "poses.no_match" with both counts and spans
+/// @param time_offset_s  added to the times of the scans
+/// @throws UnusableInput "poses.no_overlap", "poses.too_few", "poses.no_match" with both counts and spans;
+///         InvalidArgument "usage.time_offset" for scans that are matched without times
 [[nodiscard]] MatchResult matchPoses(const std::vector<std::string>& stems, const PoseFile& poses,
-                                     const std::vector<double>& times, const std::string& times_name);
+                                     const std::vector<double>& times, const std::string& times_name,
+                                     double time_offset_s = 0);
 
 }  // namespace accessvdb::io

@@ -14,7 +14,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kKnownKinds = "Supported are .pcd, .ply, .bin (KITTI), .las, .laz, and .xyz for one cloud";
+constexpr const char* kKnownKinds =
+    "Supported are .pcd, .ply, .bin (KITTI), .las, .laz, .xyz for one cloud, and the recordings .mcap, .db3 and .bag";
 
 std::string lowerExtension(const fs::path& path) {
   std::string extension = path.extension().string();
@@ -31,6 +32,9 @@ std::optional<ScanKind> kindOf(const fs::path& path) {
   if (extension == ".las") return ScanKind::Las;
   if (extension == ".laz") return ScanKind::Laz;
   if (extension == ".xyz") return ScanKind::Xyz;
+  if (extension == ".mcap") return ScanKind::Mcap;
+  if (extension == ".bag") return ScanKind::RosBag;
+  if (extension == ".db3") return ScanKind::Sqlite;
   return std::nullopt;
 }
 

@@ -47,7 +47,7 @@ ScanPoses fromPoseFile(const ScanFileList& scans, const ScanInputOptions& option
   std::vector<std::string> stems;
   for (const fs::path& file : scans.files) stems.push_back(file.stem().string());
   result.notices = poses.notices;
-  result.match = matchPoses(stems, poses, times, times_name);
+  result.match = matchPoses(stems, poses, times, times_name, options.time_offset_s);
   result.stamped = poses.stamped;
   return result;
 }

@@ -9,8 +9,11 @@
 #include "accessvdb/scan_io.h"
 #include "io/cloud_steps.h"
 #include "io/decoder_pipe.h"
+#include "io/exclude_box.h"
 #include "io/input_file.h"
 #include "io/point_cloud.h"
+#include "io/pose_checks.h"
+#include "io/recording_steps.h"
 #include "io/scan_files.h"
 #include "io/scan_poses.h"
 #include "io/station_file.h"
@@ -55,9 +58,10 @@ void checkOptions(const ScanInputOptions& options) {
     throw InvalidArgument("usage.rays_per_step", "rays_per_step", "must be at least 1", "The default is 20000");
   if (!std::isfinite(options.time_offset_s))
     throw InvalidArgument("usage.time_offset", "--time-offset", "must be a finite number", "Use seconds");
-  if (options.time_offset_s != 0 && options.trajectory.empty())
-    throw InvalidArgument("usage.time_offset", "--time-offset", "is for the times of a cloud with a trajectory",
-                          "Add --trajectory, or omit it");
+  if (options.T_B_S) (void)PoseChecker("--extrinsic").fromMatrix(options.T_B_S->matrix().topRows<3>(), 0);
+  if (const auto& box = options.exclude_box_S; box && !(box->sizes().minCoeff() > 0 && box->sizes().allFinite()))
+    throw InvalidArgument("usage.exclude_box", "--exclude-box", "must have a finite size above 0 along each axis",
+                          "Use X0,Y0,Z0,X1,Y1,Z1, the lower corner first");
   if (!options.trajectory.empty() && (!options.poses.empty() || options.sensor_at_W || !options.calib.empty()))
     throw InvalidArgument("usage.trajectory", "--trajectory", "excludes --poses, --sensor-at and --calib",
                           "Use --trajectory for a cloud in the world frame, --poses for scans in the sensor's");
@@ -71,6 +75,24 @@ void checkOptions(const ScanInputOptions& options) {
   if (!options.poses.empty())
     throw InvalidArgument("usage.sensor_at", "--sensor-at", "and a pose file exclude each other",
                           "Omit one of the two");
+}
+
+/// What is for one kind of scans only.
+void checkKind(const ScanInputOptions& options, const ScanFileList& scans) {
+  const bool recording = isRecording(scans.kind);
+  for (const auto& [flag, value] : {std::pair("--topic", &options.topic),
+                                    {"--pose-topic", &options.pose_topic},
+                                    {"--fixed-frame", &options.fixed_frame}})
+    if (!recording && !value->empty())
+      throw InvalidArgument("usage.recording", flag, "is for recordings (.mcap, .db3, .bag)", "Omit it");
+  if (recording &&
+      (options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty() || !options.stations.empty()))
+    throw InvalidArgument("usage.recording", forMessage(scans.files.front().native()),
+                          "is a recording, which excludes --sensor-at, --calib, --trajectory and --stations",
+                          "Use its own poses, or --poses with a pose file in TUM format");
+  if (options.time_offset_s != 0 && !recording && options.trajectory.empty() && options.poses.empty())
+    throw InvalidArgument("usage.time_offset", "--time-offset", "is for times that are looked up in poses",
+                          "Add --trajectory or --poses, or omit it");
 }
 
 }  // namespace
@@ -89,9 +111,13 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   std::string rule;
   std::optional<double> range_noise_m;
   std::uint64_t input_bytes = 0;
-  std::optional<CloudSteps> clouds;  ///< instead of poses: clouds in the world frame
+  std::optional<CloudSteps> clouds;         ///< instead of poses: clouds in the world frame
+  std::optional<RecordingSteps> recording;  ///< instead of both
+  std::vector<ScanWarning> warnings;
 
-  [[nodiscard]] std::size_t size() const { return clouds ? clouds->size() : poses.size(); }
+  [[nodiscard]] std::size_t size() const {
+    return recording ? recording->size() : clouds ? clouds->size() : poses.size();
+  }
 
   void checkStep(std::size_t step) const {
     if (step >= size())
@@ -116,6 +142,10 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
 
   /// Clouds in the world frame.
   void openClouds(const ScanFileList& scans) {
+    if (options.T_B_S || options.exclude_box_S)
+      throw InvalidArgument("usage.sensor_frame", options.T_B_S ? "--extrinsic" : "--exclude-box",
+                            "needs the sensor's frame, which clouds in the world frame do not have",
+                            "Use scans in the sensor's frame, or a recording");
     CloudInput input{.files = scans.files,
                      .kind = kind,
                      .read = {.allow_truncated = options.allow_truncated, .laz_command = laz_command},
@@ -150,6 +180,15 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     scan_files = scans.files;
   }
 
+  void openRecording(const ScanFileList& scans) {
+    recording.emplace(scans.files, kind, options);
+    scan_files = scans.files;
+    rule = recording->rule();
+    notices.insert(notices.end(), recording->notices().begin(), recording->notices().end());
+    warnings = recording->warnings();
+    if (!options.poses.empty()) other_files.push_back(options.poses);
+  }
+
   void openScans(const ScanFileList& scans) {
     ScanPoses found = posesForScans(scans, options);
     notices.insert(notices.end(), found.notices.begin(), found.notices.end());
@@ -157,8 +196,10 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     other_files = std::move(found.files);
     rule = found.match.rule;
     stamped = found.stamped;
+    if (options.T_B_S) notices.push_back("poses: those of the sensor, by --extrinsic");
     for (std::size_t i = 0; i < found.match.scans.size(); i += static_cast<std::size_t>(options.every)) {
       poses.push_back(found.match.scans[i]);
+      if (options.T_B_S) poses.back().T_W_S = poses.back().T_W_S * *options.T_B_S;
       scan_files.push_back(scans.files[found.match.scans[i].scan]);
     }
   }
@@ -182,6 +223,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       read = part.points.size();
     }
     record.truncated_points = totals.truncated_points;
+    if (options.exclude_box_S)
+      record.excluded_points = leaveOutInside(*options.exclude_box_S, Eigen::Isometry3d::Identity(), record.points_S);
     addFileNotices(reader->notices(totals));
     return record;
   }
@@ -208,12 +251,15 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
   impl->notices = scans.notices;
   if (scans.kind == ScanKind::Laz) impl->chooseDecoder(scans.files.front());
   const bool single = scans.files.size() == 1;
-  if (options.sensor_at_W && !single)
+  if (options.sensor_at_W && !single && !isRecording(scans.kind))
     throw InvalidArgument("usage.sensor_at", "--sensor-at",
                           "is for one cloud, but the folder contains " + std::to_string(scans.files.size()) + " scans",
                           "Use one file, or poses for all scans");
   const bool ray_cloud = single && scans.kind == ScanKind::Ply && options.poses.empty();
-  if (!options.trajectory.empty() || !options.stations.empty() || options.sensor_at_W || ray_cloud) {
+  checkKind(options, scans);
+  if (isRecording(scans.kind)) {
+    impl->openRecording(scans);
+  } else if (!options.trajectory.empty() || !options.stations.empty() || options.sensor_at_W || ray_cloud) {
     impl->openClouds(scans);
   } else {
     impl->openScans(scans);
@@ -231,11 +277,13 @@ std::size_t ScanSequence::size() const { return impl_->size(); }
 
 ScanRecord ScanSequence::read(std::size_t step) {
   impl_->checkStep(step);
+  if (impl_->recording) return impl_->recording->read(step);
   return impl_->clouds ? impl_->clouds->read(step) : impl_->readScan(step);
 }
 
 std::optional<double> ScanSequence::stamp_s(std::size_t step) const {
   impl_->checkStep(step);
+  if (impl_->recording) return impl_->recording->stamp_s(step);
   if (impl_->clouds) return impl_->clouds->stamp_s(step);
   if (!impl_->stamped) return std::nullopt;
   return impl_->poses[step].stamp_s;
@@ -243,10 +291,12 @@ std::optional<double> ScanSequence::stamp_s(std::size_t step) const {
 
 std::string ScanSequence::path(std::size_t step) const {
   impl_->checkStep(step);
+  if (impl_->recording) return impl_->recording->path(step).string();
   return (impl_->clouds ? impl_->clouds->path(step) : impl_->scan_files[step]).string();
 }
 
 const std::vector<std::string>& ScanSequence::notices() const { return impl_->notices; }
+const std::vector<ScanWarning>& ScanSequence::warnings() const { return impl_->warnings; }
 std::string ScanSequence::matchingRule() const { return impl_->rule; }
 
 std::vector<std::string> ScanSequence::paths() const {
@@ -258,7 +308,8 @@ std::vector<std::string> ScanSequence::paths() const {
 
 std::optional<double> ScanSequence::recordedRangeNoise_m() const { return impl_->range_noise_m; }
 std::uint64_t ScanSequence::heldBytes() const {
-  return impl_->poses.size() * sizeof(MatchedScan) + (impl_->clouds ? impl_->clouds->heldBytes() : 0);
+  return impl_->poses.size() * sizeof(MatchedScan) + (impl_->clouds ? impl_->clouds->heldBytes() : 0) +
+         (impl_->recording ? impl_->recording->heldBytes() : 0);
 }
 std::uint64_t ScanSequence::inputBytes() const { return impl_->input_bytes; }
 

@@ -67,6 +67,11 @@ TEST_F(CommandLine, MapHasEveryDocumentedFlag) {
                            "--time-offset",
                            "--stations",
                            "--laz-command",
+                           "--topic",
+                           "--pose-topic",
+                           "--fixed-frame",
+                           "--extrinsic",
+                           "--exclude-box",
                            "--tiles",
                            "--bin-memory",
                            "--keep-rays",
@@ -98,6 +103,10 @@ TEST_F(CommandLine, PrintedConfigReadsBackAsItself) {
                                           "1356566399.123456",
                                           "--laz-command",
                                           "my decoder -x",
+                                          "--topic",
+                                          "/livox/lidar",
+                                          "--extrinsic",
+                                          "-0.1,0,0.05,0,90,-45",
                                           "--print-config"});
   ASSERT_EQ(first.exit_code, 0) << first.err;
   EXPECT_NE(first.out.find("tau = "), std::string::npos);

@@ -31,7 +31,8 @@ mirror   std posix api grids openvdb tbb launch hostdev
 points   std api eigen tbb launch hostdev simd
 update   std api eigen tbb launch hostdev points
 tool     std posix api eigen tbb launch hostdev assimp openssl
-io       std posix api grids eigen openvdb vdb tbb lzf openssl json
+bags     std api eigen bzip2 lz4 sqlite zlib zstd
+io       std posix api grids eigen openvdb vdb tbb lzf openssl json bags
 picture  std api eigen tbb io png
 field    std posix api grids eigen openvdb vdb tbb launch hostdev tsdf mirror points update tool io
 tiles    std posix api grids eigen openvdb vdb tbb launch hostdev points tool field io json
@@ -95,8 +96,9 @@ check_includes() {
     }
     BEGIN {
       n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl lzf.h:lzf assimp:assimp Eigen:eigen unsupported:eigen " \
-                "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png zlib.h:zlib " \
-                "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json", pairs, " ")
+                "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
+                "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json " \
+                "bzlib.h:bzip2 lz4frame.h:lz4 sqlite3.h:sqlite zlib.h:zlib zstd.h:zstd", pairs, " ")
       for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }
       n = split("unistd.h malloc.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")
       for (i = 1; i <= n; ++i) posix[names[i]] = 1

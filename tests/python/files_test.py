@@ -2,7 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Files: the output of write() can be read back, scans and meshes are read, pictures are drawn."""
 
+import contextlib
 import os
+import sqlite3
 import struct
 import subprocess
 import tempfile
@@ -157,6 +159,43 @@ class Files(unittest.TestCase):
         for bad in ({"pose_format": "xyz"}, {"every": 0}, {"every": "2"}, {"sensor_at_W": (1, 2)}, {"sort_poses": 1}):
             with self.subTest(bad), self.assertRaises(accessvdb.InvalidArgument):
                 accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", **bad)
+
+        turned = np.array([[0, -1, 0, 0.5], [1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+        box = ((-100, -100, -100), (0, 100, 100))
+        moved = accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", T_B_S=turned, exclude_box_S=box)[1]
+        np.testing.assert_allclose(moved.T_W_S, records[1].T_W_S @ turned, atol=1e-12)
+        behind = (records[1].points_S[:, 0] <= 0) & records[1].points_S.any(axis=1)
+        self.assertEqual(moved.excluded_points, behind.sum())
+        np.testing.assert_array_equal(moved.points_S, records[1].points_S[~behind])
+        for bad in ({"T_B_S": 2 * turned}, {"exclude_box_S": box[::-1]}, {"topic": "/points"}):
+            with self.subTest(bad), self.assertRaises(accessvdb.Error):
+                accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", **bad)
+        with self.assertRaises(TypeError):
+            accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", exclude_box_S=box[0])
+
+    def test_recordings(self):
+        """A database as rosbag2 writes it, here by sqlite3 and struct."""
+        points = np.array([[1.5, 2, 3], [4, 5, 6]], np.float32)
+        head = b"\0\1\0\0" + struct.pack("<iI", 1700000000, 250000000)
+        pose = head + struct.pack("<I4s7d", 4, b"map\0", 7, 8, 9, 0, 0, 0, 1)
+        fields = b"".join(struct.pack("<I4sIB3xI", 2, name, 4 * n, 7, 1) for n, name in enumerate((b"x", b"y", b"z")))
+        cloud = head + struct.pack("<I8sIII", 5, b"body", 1, len(points), 3) + fields
+        cloud += struct.pack("<B3xIII", 0, 12, 24, 24) + points.tobytes() + b"\1"
+        file = self.folder / "flight.db3"
+        with contextlib.closing(sqlite3.connect(file)) as database, database:
+            database.execute("CREATE TABLE topics(id INTEGER PRIMARY KEY, name, type, serialization_format)")
+            database.execute("CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
+            types = ("sensor_msgs/msg/PointCloud2", "geometry_msgs/msg/PoseStamped")
+            for n, (name, kind, data) in enumerate(zip(("/points", "/pose"), types, (cloud, pose))):
+                database.execute("INSERT INTO topics VALUES(?, ?, ?, 'cdr')", (n, name, kind))
+                database.execute("INSERT INTO messages VALUES(?, ?, 0, ?)", (n, n, data))
+        scans = accessvdb.ScanSequence(file, topic="/points", pose_topic="/pose", fixed_frame="map")
+        self.assertEqual((len(scans), scans.warnings), (1, []))
+        np.testing.assert_array_equal(scans[0].points_S, points)
+        np.testing.assert_array_equal(scans[0].T_W_S[:3, 3], [7, 8, 9])
+        self.assertEqual(scans[0].stamp_s, 1700000000.25)
+        with self.assertRaisesRegex(accessvdb.UnusableInput, "not connected"):
+            accessvdb.ScanSequence(file, fixed_frame="odom")
 
     def test_surveys(self):
         points = [(1.5, 2, 3, 100.0625), (1.5, 4, 3, 100.125)]

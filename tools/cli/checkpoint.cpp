@@ -36,12 +36,16 @@ std::string fullNumber(double value) {
 
 /// How the scans are read: another value would make other steps of the same files.
 std::map<std::string, std::string> readingOf(const MapOptions& options) {
-  return {{"every", std::to_string(options.every)},
-          {"pose_format", options.pose_format},
-          {"sensor_at", options.sensor_at},
-          {"time_offset", fullNumber(options.survey.time_offset_s)},
-          {"allow_truncated", options.allow_truncated ? "true" : "false"},
-          {"sort_poses", options.sort_poses ? "true" : "false"}};
+  std::map<std::string, std::string> reading = {{"every", std::to_string(options.every)},
+                                                {"pose_format", options.pose_format},
+                                                {"sensor_at", options.sensor_at},
+                                                {"time_offset", fullNumber(options.survey.time_offset_s)},
+                                                {"allow_truncated", options.allow_truncated ? "true" : "false"},
+                                                {"sort_poses", options.sort_poses ? "true" : "false"}};
+  // Later than the first checkpoints, which do not have them.
+  for (const auto& given : givenRecordingOptions(options.recording)) reading.insert(given);
+  for (const auto& given : givenSensorOptions(options.sensor)) reading.insert(given);
+  return reading;
 }
 
 std::vector<std::pair<std::string, std::string>> linesOf(const FieldParams& params) {
@@ -251,7 +255,9 @@ bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {
 }
 
 void Checkpoints::requireSameReading(std::uint64_t steps) const {
-  for (const auto& [key, value] : readingOf(options_)) {
+  std::map<std::string, std::string> reading = readingOf(options_);
+  for (const auto& [key, value] : reading_) reading.try_emplace(key, "");
+  for (const auto& [key, value] : reading) {
     const auto before = reading_.find(key);
     if (before != reading_.end() && before->second == value) continue;
     refuse("state.params", options_.resume,

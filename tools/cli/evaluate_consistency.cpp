@@ -214,7 +214,7 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   sayToolNotes(tool, messages);
   messages.notice(toolInWords(tool, options.tool));
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
-  for (const std::string& note : scans.notices()) messages.notice(note);
+  sayAboutScans(scans, messages);
   const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
   // The three maps are made one at a time; the last, of all scans, needs the most.
   if (!checkMemory(options, tool, RunOutput::Labels, scans, {}, messages)) return stoppedBeforeResults(messages);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// accessvdb info: what is inside a .vdb file or an output folder.
+/// accessvdb info: what is inside a .vdb file, an output folder or a recording.
 #include <cstdio>
 #include <filesystem>
 #include <fstream>
@@ -8,6 +8,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/recording_info.h"
 #include "accessvdb/tiles.h"
 #include "command_line.h"
 #include "options.h"
@@ -144,6 +145,58 @@ void warnIfEmpty(const Json& vdb, Messages& messages) {
   }
 }
 
+Json describeRecording(const io::RecordingSummary& recording) {
+  Json topics = Json::array();
+  for (const io::RecordingTopic& topic : recording.topics) {
+    topics.push_back({{"name", topic.name},
+                      {"type", topic.type},
+                      {"encoding", topic.encoding},
+                      {"messages", topic.messages},
+                      {"first_s", topic.first_s},
+                      {"last_s", topic.last_s},
+                      {"frames", topic.frames},
+                      {"child_frame", topic.child_frame},
+                      {"cloud", topic.cloud},
+                      {"pose", topic.pose},
+                      {"problem", topic.problem}});
+  }
+  return {{"files", recording.files},           {"bytes", recording.bytes},      {"messages", recording.messages},
+          {"first_s", recording.first_s},       {"last_s", recording.last_s},    {"topics", topics},
+          {"transforms", recording.transforms}, {"warnings", recording.warnings}};
+}
+
+std::string timeText(double seconds) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.3f", seconds);
+  return text;
+}
+
+std::string wordsOfRecording(const io::RecordingSummary& recording) {
+  std::string words;
+  for (const std::string& file : recording.files) words += printable(file) + "\n";
+  words += "  " + bytesInWords(static_cast<double>(recording.bytes)) + ", " + std::to_string(recording.messages) +
+           " messages in " + timeText(recording.last_s - recording.first_s) + " s, from " +
+           timeText(recording.first_s) + " to " + timeText(recording.last_s) + "\n";
+  if (recording.topics.empty()) words += "  no topics\n";
+  for (const io::RecordingTopic& topic : recording.topics) {
+    words += "  " + printable(topic.name) + ": " + printable(topic.type) + " (" + printable(topic.encoding) + "), " +
+             std::to_string(topic.messages) + " messages";
+    if (topic.messages > 1)
+      words += " from " + timeText(topic.first_s - recording.first_s) + " to " +
+               timeText(topic.last_s - recording.first_s) + " s";
+    words += topic.cloud ? ", clouds" : topic.pose ? ", poses" : "";
+    for (std::size_t i = 0; i < topic.frames.size(); ++i)
+      words +=
+          (i == 0 ? " in frame " : ", ") + (topic.frames[i].empty() ? "without a name" : printable(topic.frames[i]));
+    if (!topic.child_frame.empty()) words += " of frame " + printable(topic.child_frame);
+    if (!topic.problem.empty()) words += "; " + printable(topic.problem);
+    words += "\n";
+  }
+  if (!recording.transforms.empty()) words += "  transforms:\n";
+  for (const std::string& edge : recording.transforms) words += "    " + printable(edge) + "\n";
+  return words;
+}
+
 }  // namespace
 
 int runInfo(const Arguments& arguments, Messages& messages) {
@@ -151,18 +204,25 @@ int runInfo(const Arguments& arguments, Messages& messages) {
   std::string path;
   bool json = false;
   FlagParser flags;
-  flags.describe("info", "Shows what is inside a .vdb file or an output folder of accessvdb map.",
-                 "accessvdb info out/ --json");
+  flags.describe("info", "Shows what is inside a .vdb file, an output folder of accessvdb map, or a recording.",
+                 "accessvdb info out/ --json\n  accessvdb info flight.mcap");
   addCommonOptions(flags, common);
-  flags.option("path", &path, "FILE.vdb or DIR");
+  flags.option("path", &path, "FILE.vdb, DIR, or a recording (.mcap, .db3, .bag)");
   flags.flag("--json", json, "as JSON");
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 
   if (path.empty())
-    throw InvalidArgument("usage.missing", "info", "needs FILE.vdb or DIR", "See accessvdb info --help");
+    throw InvalidArgument("usage.missing", "info", "needs FILE.vdb, DIR or a recording", "See accessvdb info --help");
   Json result;
   std::error_code status;
+  if (io::isRecordingFile(path)) {
+    const io::RecordingSummary recording = io::summarizeRecording(path);
+    for (const std::string& warning : recording.warnings) messages.warning("recording.cut_off", warning);
+    result = describeRecording(recording);
+    printData(json ? result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n" : wordsOfRecording(recording));
+    return 0;
+  }
   if (!fs::is_directory(path, status)) {
     result = describeVdb(path);
     warnIfEmpty(result, messages);

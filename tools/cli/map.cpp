@@ -77,7 +77,7 @@ class MapRun {
   RunReport report_;
   SceneStatistics scene_;
   std::set<std::string> hashed_;
-  std::uint64_t truncated_points_ = 0;
+  std::uint64_t truncated_points_ = 0, excluded_points_ = 0;
   std::uint64_t frames_ = 0;  // frames of the sequence written
   bool refused_ = false;      // existing outputs must stay
   bool written_ = false;      // the field including its labels
@@ -135,6 +135,8 @@ void MapRun::setParameters(const FieldParams& params) {
                         {"surface", options_.exported.surface ? "true" : "false"},
                         {"sequence", std::to_string(options_.exported.sequence)}};
   for (const auto& given : givenSurveyOptions(options_.survey)) report_.parameters.push_back(given);
+  for (const auto& given : givenRecordingOptions(options_.recording)) report_.parameters.push_back(given);
+  for (const auto& given : givenSensorOptions(options_.sensor)) report_.parameters.push_back(given);
   std::istringstream lines(params.describe());
   for (std::string line; std::getline(lines, line);) {
     const auto space = line.find(' ');
@@ -156,6 +158,7 @@ void MapRun::integrate(const io::ScanRecord& record, AccessibilityField& field) 
     report_.distance_mirror_bytes.add(static_cast<double>(stats.distance_mirror_bytes));
   }
   truncated_points_ += record.truncated_points;
+  excluded_points_ += record.excluded_points;
   ++report_.scans;
 }
 
@@ -240,6 +243,7 @@ std::size_t MapRun::readResumed(io::ScanSequence& scans) {
       const io::ScanRecord record = scans.read(step);
       scene_.add(record);
       truncated_points_ += record.truncated_points;
+      excluded_points_ += record.excluded_points;
       hashInput(record.path);
     }
     if (stopSignal() == 0) checkpoints_.requireSameInputs(progress(scans));
@@ -279,6 +283,8 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   }
   const auto points = field.points();
   const Eigen::AlignedBox3d surface_W = countPoints(field, *points);
+  if (excluded_points_ > 0)
+    messages_.notice(std::to_string(excluded_points_) + " returns inside --exclude-box were left out");
   if (truncated_points_ > 0) {
     messages_.warning("input.truncated",
                       std::to_string(truncated_points_) + " points announced by the files are missing");
@@ -344,7 +350,7 @@ int MapRun::run() {
   }
   hashInput(options_.common.config);
   first_scan_input_ = report_.inputs.size();
-  for (const std::string& note : scans.notices()) messages_.notice(note);
+  sayAboutScans(scans, messages_);
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
   setParameters(params);

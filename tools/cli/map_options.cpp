@@ -62,6 +62,8 @@ void addMappingOptions(FlagParser& flags, MapOptions& options) {
   flags.flag("--allow-truncated", options.allow_truncated, "keep the complete records of truncated files");
   flags.flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
   addSurveyOptions(flags, options.survey);
+  addRecordingOptions(flags, options.recording);
+  addSensorOptions(flags, options.sensor);
 }
 
 void addMirrorOption(FlagParser& flags, MapOptions& options) {
@@ -74,7 +76,8 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
       "map", "Scans + poses + tool -> accessibility field.",
       "accessvdb map --scans scans/ --poses poses.txt --tool pruner.stl --tool-unit mm --voxel 0.02 --out out/\n"
       "  accessvdb map --scans cloud.ply --sensor-at 0,0,1.5 --tool builtin:pencil --out out/\n"
-      "  accessvdb map --scans walk.las --trajectory walk.txt --tool builtin:pruner --voxel 0.05 --out out/");
+      "  accessvdb map --scans walk.las --trajectory walk.txt --tool builtin:pruner --voxel 0.05 --out out/\n"
+      "  accessvdb map --scans flight.mcap --topic /cloud_registered --tool builtin:pruner --voxel 0.05 --out out/");
   addCommonOptions(flags, options.common);
   addMapFlags(flags, options, "--out");
   flags.option("--checkpoint", &options.checkpoint,
@@ -87,9 +90,11 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
 }
 
 void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out) {
-  flags.option("--scans", &options.scans, "folder of .pcd, .ply, .bin, .las or .laz scans, or one file");
+  flags.option("--scans", &options.scans,
+               "folder of .pcd, .ply, .bin, .las or .laz scans, one file, or a recording (.mcap, .db3, .bag)");
   flags.option("--poses", &options.poses,
-               "pose file; may be omitted for VIEWPOINT poses, ray clouds, --trajectory, --stations and --sensor-at");
+               "pose file; may be omitted for VIEWPOINT poses, ray clouds, recordings, --trajectory, --stations and "
+               "--sensor-at");
   flags.option("--sensor-at", &options.sensor_at, "X,Y,Z of the one sensor position of one cloud in the world frame");
   addMappingOptions(flags, options);
   flags.option(out, &options.out, "folder for field.vdb, field_points.vdb, points.ply, report.json, preview.png");
@@ -174,6 +179,8 @@ io::ScanInputOptions scanInputOptions(const MapOptions& options) {
   input.allow_truncated = options.allow_truncated;
   input.sort_poses = options.sort_poses;
   applySurveyOptions(options.survey, input);
+  applyRecordingOptions(options.recording, input);
+  applySensorOptions(options.sensor, input);
   return input;
 }
 

@@ -12,6 +12,8 @@
 #include "command_line.h"
 #include "export_options.h"
 #include "options.h"
+#include "recording_options.h"
+#include "sensor_options.h"
 #include "survey_options.h"
 
 namespace accessvdb::tools {
@@ -22,6 +24,8 @@ struct MapOptions {
   PictureOptions picture;
   ExportOptions exported;
   SurveyOptions survey;
+  RecordingOptions recording;
+  SensorOptions sensor;
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string checkpoint, checkpoint_every = "5m", resume;
   std::string pose_format = "auto", profile = "product", policy;

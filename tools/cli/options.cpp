@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "options.h"
 
+#include <algorithm>
 #include <array>
 #include <charconv>
 #include <cmath>
@@ -48,6 +49,25 @@ Eigen::Vector3d parseVector(const std::string& flag, const std::string& text) {
     if (comma) rest.remove_prefix(1);
   }
   return value;
+}
+
+std::vector<double> parseNumbers(const std::string& flag, const std::string& text,
+                                 std::initializer_list<std::size_t> counts, const std::string& form) {
+  std::vector<double> numbers;
+  std::string_view rest = text;
+  bool good = true;
+  while (good) {
+    const auto number = takeNumber(rest);
+    good = number.has_value();
+    if (good) numbers.push_back(*number);
+    if (!good || rest.empty()) break;
+    good = rest.front() == ',';
+    rest.remove_prefix(1);
+  }
+  if (!good || std::count(counts.begin(), counts.end(), numbers.size()) == 0)
+    throw InvalidArgument("usage.numbers", flag, "\"" + text + "\" is not " + form,
+                          "Write finite numbers without spaces");
+  return numbers;
 }
 
 Eigen::Vector3d parseDirection(const std::string& flag, const std::string& text) {
@@ -162,6 +182,11 @@ std::string toolInWords(const ToolGeometry& tool, const ToolOptions& options) {
             (options.up.empty() ? std::string("0,0,1") : options.up) + ")";
   }
   return line;
+}
+
+void sayAboutScans(const io::ScanSequence& scans, Messages& messages) {
+  for (const std::string& note : scans.notices()) messages.notice(note);
+  for (const io::ScanWarning& warning : scans.warnings()) messages.warning(warning.id, warning.text);
 }
 
 void addPictureOptions(FlagParser& flags, PictureOptions& options) {

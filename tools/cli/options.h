@@ -5,10 +5,13 @@
 
 #include <Eigen/Core>
 #include <cstdint>
+#include <initializer_list>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "accessvdb/render.h"
+#include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
 #include "error_output.h"
 #include "flag_parser.h"
@@ -17,6 +20,10 @@ namespace accessvdb::tools {
 
 /// "X,Y,Z". @throws InvalidArgument naming the flag
 [[nodiscard]] Eigen::Vector3d parseVector(const std::string& flag, const std::string& text);
+/// Finite numbers with commas between them. @param counts  how many there may be  @param form  for messages
+/// @throws InvalidArgument naming the flag
+[[nodiscard]] std::vector<double> parseNumbers(const std::string& flag, const std::string& text,
+                                               std::initializer_list<std::size_t> counts, const std::string& form);
 /// "X,Y,Z", or an axis: "x", "+x", "-x", "y" ... @throws InvalidArgument naming the flag
 [[nodiscard]] Eigen::Vector3d parseDirection(const std::string& flag, const std::string& text);
 /// "0.1" in metres, or "4v" in voxels. @throws InvalidArgument naming the flag
@@ -38,6 +45,9 @@ void addToolOptions(FlagParser& flags, ToolOptions& options);
 void sayToolNotes(const ToolGeometry& tool, Messages& messages);
 /// Size and pose of a tool in one line.
 [[nodiscard]] std::string toolInWords(const ToolGeometry& tool, const ToolOptions& options);
+
+/// How scans and poses were read and matched, and what is likely wrong with them.
+void sayAboutScans(const io::ScanSequence& scans, Messages& messages);
 
 struct PictureOptions {
   std::string view = "iso", colour = "label";

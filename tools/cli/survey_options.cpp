@@ -13,7 +13,7 @@ void addSurveyOptions(FlagParser& flags, SurveyOptions& options) {
       "positions of the sensor over time (t x y z, TUM, or CSV with a header), for .las, .laz or .ply in the world "
       "frame with a time per return");
   flags.option("--time-offset", &options.time_offset_s,
-               "seconds added to the cloud's times before the trajectory is looked up");
+               "seconds added to the times of clouds or scans before the trajectory or the poses are looked up");
   flags.option("--stations", &options.stations,
                "scanner positions, one line 'file x y z' for each cloud in the world frame");
   flags.option(
@@ -33,6 +33,8 @@ std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const Survey
   std::vector<std::pair<std::string, std::string>> given;
   if (!options.trajectory.empty()) {
     given.emplace_back("trajectory", options.trajectory);
+  }
+  if (!options.trajectory.empty() || options.time_offset_s != 0) {
     // All digits: GPS time has ten before the point.
     std::array<char, 32> text;
     const auto end = std::to_chars(text.data(), text.data() + text.size(), options.time_offset_s).ptr;

@@ -86,7 +86,7 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   const ToolGeometry tool = loadTool(options.tool);
   sayToolNotes(tool, messages);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
-  for (const std::string& note : scans.notices()) messages.notice(note);
+  sayAboutScans(scans, messages);
   const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
   if (const auto reason = whyNotInTiles(options, params)) {
     throw InvalidArgument("usage.tiles", "tile plan", *reason, "Leave it out");

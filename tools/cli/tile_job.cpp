@@ -27,9 +27,10 @@ constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "
 constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",
                                         "half",      "compression", "up-axis",   "points-format"};
 /// Flags that say what a flight's scans are.
-constexpr const char* kOfAFlight[] = {"scans",      "poses",       "calib",           "pose-format",
-                                      "sensor-at",  "every",       "allow-truncated", "sort-poses",
-                                      "trajectory", "time-offset", "stations",        "laz-command"};
+constexpr const char* kOfAFlight[] = {"scans",     "poses",           "calib",      "pose-format", "sensor-at",
+                                      "every",     "allow-truncated", "sort-poses", "trajectory",  "time-offset",
+                                      "stations",  "laz-command",     "topic",      "pose-topic",  "fixed-frame",
+                                      "extrinsic", "exclude-box"};
 
 constexpr std::uint64_t kMostBinBytes = std::uint64_t{1} << 30, kLeastBinBytes = std::uint64_t{32} << 20;
 /// Of the process without any map, and of one step of scans.
@@ -243,7 +244,7 @@ void appendFlight(const fs::path& out, const MapOptions& options, const FlagPars
   }
   std::erase_if(settings, [](const auto& setting) { return !isIn(kOfAFlight, setting.first); });
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
-  for (const std::string& note : scans.notices()) messages.notice(note);
+  sayAboutScans(scans, messages);
   const PlanSources sources = {options, settings, open.job.tool, scans, open.job.params};
   tiles::Plan& plan = open.job.plan;
   plan.flights.push_back(flightOf(sources, settings));
@@ -255,7 +256,7 @@ void appendFlight(const fs::path& out, const MapOptions& options, const FlagPars
 OpenScans::OpenScans(const OpenJob& open, Messages& messages) {
   for (std::size_t n = 0; n < open.flights.size(); ++n) {
     scans_.push_back(io::ScanSequence::open(scanInputOptions(open.flights[n])));
-    for (const std::string& note : scans_.back().notices()) messages.notice(note);
+    sayAboutScans(scans_.back(), messages);
     const std::size_t planned = open.job.plan.flights[n].stamps_s.size();
     if (scans_.back().size() == planned) continue;
     throw UnusableInput("plan.changed", open.flights[n].scans,

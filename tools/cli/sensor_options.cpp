@@ -1,0 +1,60 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "sensor_options.h"
+
+#include <cmath>
+#include <numbers>
+
+#include "accessvdb/error.h"
+#include "options.h"
+
+namespace accessvdb::tools {
+namespace {
+
+Eigen::Isometry3d parsePose(const std::string& flag, const std::string& text) {
+  constexpr double kRadians = std::numbers::pi / 180;
+  const std::vector<double> v = parseNumbers(flag, text, {3, 6, 7}, "X,Y,Z,ROLL,PITCH,YAW or X,Y,Z,QX,QY,QZ,QW");
+  Eigen::Isometry3d pose = Eigen::Isometry3d::Identity();
+  pose.translation() = Eigen::Vector3d(v[0], v[1], v[2]);
+  if (v.size() == 6) {
+    const auto turn = [&](std::size_t i, const Eigen::Vector3d& axis) {
+      return Eigen::AngleAxisd(v[i] * kRadians, axis);
+    };
+    pose.linear() =
+        (turn(5, Eigen::Vector3d::UnitZ()) * turn(4, Eigen::Vector3d::UnitY()) * turn(3, Eigen::Vector3d::UnitX()))
+            .toRotationMatrix();
+  } else if (v.size() == 7) {
+    const Eigen::Quaterniond q(v[6], v[3], v[4], v[5]);
+    if (!(std::abs(q.norm() - 1) <= 1e-2))
+      throw InvalidArgument("usage.extrinsic", flag, "has a quaternion of length " + numberText(q.norm()) + ", not 1",
+                            "Use QX,QY,QZ,QW, w last");
+    pose.linear() = q.normalized().toRotationMatrix();
+  }
+  return pose;
+}
+
+}  // namespace
+
+void addSensorOptions(FlagParser& flags, SensorOptions& options) {
+  flags.option("--extrinsic", &options.extrinsic,
+               "where the sensor is on what the poses are of (an IMU, a body): X,Y,Z,ROLL,PITCH,YAW in metres and "
+               "degrees, turned about z by yaw, then y, then x; or X,Y,Z,QX,QY,QZ,QW");
+  flags.option("--exclude-box", &options.exclude_box,
+               "leave out returns inside X0,Y0,Z0,X1,Y1,Z1 in the sensor's frame, metres: the platform itself");
+}
+
+void applySensorOptions(const SensorOptions& options, io::ScanInputOptions& input) {
+  if (!options.extrinsic.empty()) input.T_B_S = parsePose("--extrinsic", options.extrinsic);
+  if (options.exclude_box.empty()) return;
+  const std::vector<double> v = parseNumbers("--exclude-box", options.exclude_box, {6}, "X0,Y0,Z0,X1,Y1,Z1");
+  input.exclude_box_S = Eigen::AlignedBox3d(Eigen::Vector3d(v[0], v[1], v[2]), Eigen::Vector3d(v[3], v[4], v[5]));
+}
+
+std::vector<std::pair<std::string, std::string>> givenSensorOptions(const SensorOptions& options) {
+  std::vector<std::pair<std::string, std::string>> given;
+  if (!options.extrinsic.empty()) given.emplace_back("extrinsic", options.extrinsic);
+  if (!options.exclude_box.empty()) given.emplace_back("exclude_box", options.exclude_box);
+  return given;
+}
+
+}  // namespace accessvdb::tools
