@@ -10,7 +10,7 @@ namespace {
 
 /// Rounding of float32 positions far from the origin, in voxels; ScanGate admits coordinates up to where it is 0.16.
 constexpr double kCorridorRounding = 0.25;
-constexpr std::int32_t kMostReach = 256;
+constexpr std::int32_t kMostReach = 96;  // the table has 1.2 MB then; with smaller voxels, leaves are small enough
 
 }  // namespace
 
