@@ -188,7 +188,7 @@ class SteadyPatch : public testing::Test {
 TEST_F(SteadyPatch, AReturnWithinTheStepConcernsOnlyItsPoint) {
   add(0.49f);
   EXPECT_EQ(moved_points_.find(), std::vector<std::uint32_t>{points_.index().find({0, 0, 0})});
-  EXPECT_TRUE(scorer_.refreshNeighbourhoods(all_).ids.empty());
+  EXPECT_TRUE(scorer_.refreshNeighbourhoods(all_).empty());
 }
 
 /// Three of them: at 0.077, over half a step. Every neighbourhood with that point moves, and the normals of some turn
@@ -208,7 +208,7 @@ TEST_F(SteadyPatch, AReturnThatCrossesAStepConcernsItsNeighbours) {
   const std::vector<std::uint32_t> moved = moved_points_.find();
   EXPECT_TRUE(std::ranges::includes(moved, turned));
   EXPECT_LT(moved.size(), all_.size());
-  EXPECT_EQ(scorer_.refreshNeighbourhoods(moved).ids, turned);
+  EXPECT_EQ(scorer_.refreshNeighbourhoods(moved), turned);
 }
 
 }  // namespace
