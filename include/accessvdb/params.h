@@ -73,7 +73,7 @@ struct ScoringParams {
   int surface_samples = 1000;        ///< [M], only for SurfaceSamples
   int max_collisions = 0;            ///< [n_c - 1] most collisions of a free direction; 0 = rule (see ToolKernel)
   int neighbours = 0;                ///< [k] of the normal's PCA; 0 = rule: 10; 30, 60, 100 from sigma = v/2, v, 2v
-  bool mean_positions = true;        ///< PCA on mean returns, in steps as its normals (paper: first returns, unrounded)
+  bool mean_positions = true;        ///< PCA on mean return positions (paper: first returns)
   bool join_neighbour_views = true;  ///< a point inherits the directions that its 10 nearest neighbours were seen from
   bool neighbourhood_weight = true;  ///< confidence from the largest weight of 3x3x3 voxels (paper: own voxel)
   double confidence_half_weight = 5.0;  ///< [k_c] c = w / (w + k_c)

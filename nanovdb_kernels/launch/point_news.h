@@ -7,7 +7,6 @@
 #include <cstdint>
 #include <span>
 
-#include "hostdev/neighbour_rule.h"
 #include "hostdev/point_update.h"
 #include "hostdev/views.h"
 
@@ -20,7 +19,7 @@ inline constexpr int kMaxGroupLog2 = 3;
 /// Constants of neighbourhoods and blocks.
 struct NeighbourTables {
   double voxel_size_m = 0;
-  NeighbourScale scale;
+  double radius_m = 0;      ///< no neighbour is farther away
   int neighbours = 0;       ///< [k]
   int view_neighbours = 0;  ///< this many of the nearest share their seen directions; 0: none
   int num_directions = 0;   ///< [D]
@@ -31,11 +30,10 @@ struct NeighbourTables {
 struct PointNews {
   std::uint32_t id = 0, block = 0;
   float position_L[3] = {0, 0, 0};  ///< first return
-  float mean_N[3] = {0, 0, 0};      ///< what neighbourhoods are based on (hostdev/neighbour_rule.h)
-  float before_N[3] = {0, 0, 0};    ///< the mean at the last update; NaN for a new point
+  float mean_L[3] = {0, 0, 0};      ///< what neighbourhoods are based on
+  float before_L[3] = {0, 0, 0};    ///< the mean at the last update; NaN for a new point
   float to_sensor_L[3] = {0, 0, 0};
-  DirectionMask seen = {};              ///< the point's own directions
-  std::uint32_t matters_to_others = 0;  ///< whether mean_N or seen changed since the last update
+  DirectionMask seen = {};  ///< the point's own directions
 };
 
 /// A leaf of the map with surface points, new or with more points than before.

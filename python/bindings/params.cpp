@@ -77,8 +77,7 @@ auto scoringClass(py::module_& m) {
       .field("surface_samples", &P::surface_samples, "[M] Only for form \"surface_samples\".")
       .field("max_collisions", &P::max_collisions, "[n_c - 1] Most collisions of a free direction; 0 = rule.")
       .field("neighbours", &P::neighbours, "[k] Neighbours for the normal's PCA; 0 = rule.")
-      .field("mean_positions", &P::mean_positions,
-             "PCA on mean returns, in steps as its normals; else on first returns.")
+      .field("mean_positions", &P::mean_positions, "PCA on mean return positions; else on first returns.")
       .field("join_neighbour_views", &P::join_neighbour_views,
              "A point inherits the directions that its 10 nearest neighbours were seen from.")
       .field("neighbourhood_weight", &P::neighbourhood_weight, "Confidence from the largest weight of 3x3x3 voxels.")

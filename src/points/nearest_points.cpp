@@ -14,34 +14,31 @@ namespace {
 /// Positions and means are rounded to float32, so far from the origin they may lie this far outside their voxel: at
 /// 2^20 voxels, the largest distance a map allows, float32 has 8 steps per voxel.
 constexpr double kRoundingVoxels = 0.25;
-/// An offset between first returns is off by half a step per axis; a ball contains all points of a ball smaller by
-/// this.
+/// An offset in steps is off by half a step per axis; a ball in metres contains all points of a ball smaller by this.
 constexpr double kRoundingSteps = 1;
-/// A radius is rounded to whole steps.
-constexpr double kRadiusSlack_voxels = 0.01;
-
-double stepsPerVoxel(const kernels::NeighbourScale& scale) { return scale.steps_per_unit / scale.voxels_per_unit; }
 
 }  // namespace
 
-NearestPoints::NearestPoints(const PointStore& points, std::size_t k, std::size_t in_front,
-                             const kernels::NeighbourScale& scale, const NearKernels& kernels)
+NearestPoints::NearestPoints(const PointStore& points, std::size_t k, std::size_t in_front, double voxel_size_m,
+                             double radius_m, const NearKernels& kernels)
     : points_(points),
       kernels_(kernels),
       k_(k),
       in_front_(in_front),
-      scale_(scale),
-      radius_steps_(std::sqrt(static_cast<double>(scale.radius_squared))),
-      most_rings_(static_cast<std::int32_t>(
-          std::ceil((radius_steps_ / stepsPerVoxel(scale) + kRadiusSlack_voxels + 2 * kRoundingVoxels) / 8))),
-      guess_(static_cast<std::int64_t>(0.5 * static_cast<double>(k) * stepsPerVoxel(scale) * stepsPerVoxel(scale))) {}
+      voxel_size_m_(voxel_size_m),
+      radius_m_(radius_m),
+      steps_per_m_(kernels::neighbourStepsPerMetre(radius_m)),
+      radius_squared_(kernels::neighbourRadiusSquared(radius_m)),
+      most_rings_(static_cast<std::int32_t>(std::ceil((radius_m / voxel_size_m + 2 * kRoundingVoxels) / 8))),
+      guess_(static_cast<std::int64_t>(0.5 * static_cast<double>(k) * voxel_size_m * voxel_size_m * steps_per_m_ *
+                                       steps_per_m_)) {}
 
 void NearestPoints::gather(const Index3& leaf, std::int32_t rings) {
   const auto& blocks = points_.index().blocks();
   positions_.clear();
   ids_.clear();
   complete_ = rings == most_rings_;
-  const double most_voxels = radius_steps_ / stepsPerVoxel(scale_) + kRadiusSlack_voxels + 2 * kRoundingVoxels;
+  const double most_voxels = radius_m_ / voxel_size_m_ + 2 * kRoundingVoxels;
   points_.index().forEachBlock({leaf[0] - rings, leaf[1] - rings, leaf[2] - rings},
                                {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings}, [&](std::uint32_t b) {
                                  double squared = 0;  // voxels between the two blocks
@@ -52,22 +49,22 @@ void NearestPoints::gather(const Index3& leaf, std::int32_t rings) {
                                  }
                                  if (squared > most_voxels * most_voxels) return;
                                  for (const std::uint32_t id : blocks[b].ids) {
-                                   const Eigen::Vector3f& p = points_.pca_N(id);
+                                   const Eigen::Vector3f& p = points_.pca_L(id);
                                    positions_.add(p.x(), p.y(), p.z());
                                    ids_.push_back(id);
                                  }
                                });
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const auto a = static_cast<Eigen::Index>(axis);
-    box_low_N_[a] = ((leaf[axis] - rings) * 8 - 0.5 + kRoundingVoxels) / scale_.voxels_per_unit;
-    box_high_N_[a] = ((leaf[axis] + rings + 1) * 8 - 0.5 - kRoundingVoxels) / scale_.voxels_per_unit;
+    box_low_[a] = ((leaf[axis] - rings) * 8 - 0.5 + kRoundingVoxels) * voxel_size_m_;
+    box_high_[a] = ((leaf[axis] + rings + 1) * 8 - 0.5 - kRoundingVoxels) * voxel_size_m_;
   }
   found_.resize(positions_.lanes() + NearPositions::kLanes);
 }
 
 /// Gathers what is as near to these points as the last neighbours were.
 void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
-  const double reach_voxels = std::sqrt(static_cast<double>(guess_)) / stepsPerVoxel(scale_);
+  const double reach_voxels = std::sqrt(static_cast<double>(guess_)) / steps_per_m_ / voxel_size_m_;
   const auto margin = static_cast<std::int32_t>(std::min(reach_voxels + 2 * kRoundingVoxels, 8.0)) + 1;
   Index3 low = points_.voxelOf(points_.first_L(ids.front())), high = low;
   for (const std::uint32_t id : ids) {
@@ -81,8 +78,8 @@ void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
     const auto a = static_cast<Eigen::Index>(axis);
     low[axis] -= margin;
     high[axis] += margin;
-    box_low_N_[a] = (low[axis] - 0.5 + kRoundingVoxels) / scale_.voxels_per_unit;
-    box_high_N_[a] = (high[axis] + 0.5 - kRoundingVoxels) / scale_.voxels_per_unit;
+    box_low_[a] = (low[axis] - 0.5 + kRoundingVoxels) * voxel_size_m_;
+    box_high_[a] = (high[axis] + 0.5 - kRoundingVoxels) * voxel_size_m_;
   }
   positions_.clear();
   ids_.clear();
@@ -110,45 +107,44 @@ void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
     }
   });
   constexpr std::size_t kAhead = 12;  // points are scattered in memory
-  for (std::size_t n = 0; n < std::min(kAhead, ids_.size()); ++n) prefetchRead(&points_.pca_N(ids_[n]));
+  for (std::size_t n = 0; n < std::min(kAhead, ids_.size()); ++n) prefetchRead(&points_.pca_L(ids_[n]));
   for (std::size_t n = 0; n < ids_.size(); ++n) {
-    if (n + kAhead < ids_.size()) prefetchRead(&points_.pca_N(ids_[n + kAhead]));
-    const Eigen::Vector3f& p = points_.pca_N(ids_[n]);
+    if (n + kAhead < ids_.size()) prefetchRead(&points_.pca_L(ids_[n + kAhead]));
+    const Eigen::Vector3f& p = points_.pca_L(ids_[n]);
     positions_.add(p.x(), p.y(), p.z());
   }
   found_.resize(positions_.lanes() + NearPositions::kLanes);
 }
 
 /// Lists all gathered points up to a squared distance.
-void NearestPoints::list(const Eigen::Vector3f& centre_N, std::int64_t squared) {
-  const double rounding = scale_.whole_steps ? 0 : kRoundingSteps;
-  const double most_N = (std::sqrt(static_cast<double>(squared)) + rounding) / scale_.steps_per_unit;
-  const auto bound = static_cast<float>(most_N * most_N * (1 + 2.5 * static_cast<double>(kFloatSlack)));
+void NearestPoints::list(const Eigen::Vector3f& centre, std::int64_t squared) {
+  const double most_m = (std::sqrt(static_cast<double>(squared)) + kRoundingSteps) / steps_per_m_;
+  const auto bound = static_cast<float>(most_m * most_m * (1 + 2.5 * static_cast<double>(kFloatSlack)));
   const std::size_t count = kernels_.within(positions_.x(), positions_.y(), positions_.z(), positions_.lanes(),
-                                            centre_N.data(), bound, found_.data());
+                                            centre.data(), bound, found_.data());
   nearest_.clear();
   for (std::size_t n = 0; n < count; ++n) {
     const std::uint32_t at = found_[n];
     const float position[3] = {positions_.x()[at], positions_.y()[at], positions_.z()[at]};
-    const kernels::NeighbourOffset offset = kernels::neighbourOffset(centre_N.data(), position, scale_);
+    const kernels::NeighbourOffset offset = kernels::neighbourOffset(centre.data(), position, steps_per_m_);
     if (offset.squared() <= squared) nearest_.push_back({offset.squared(), ids_[at], offset});
   }
 }
 
 /// Fills nearest_. @return false if points not yet gathered may be nearer
 bool NearestPoints::find(std::uint32_t id) {
-  const Eigen::Vector3f& centre_N = points_.pca_N(id);
-  const Eigen::Vector3d c = centre_N.cast<double>();
-  const double covered_N = std::min((c - box_low_N_).minCoeff(), (box_high_N_ - c).minCoeff());
-  const double covered_steps = std::floor(covered_N * scale_.steps_per_unit) - kRoundingSteps;
-  const bool all_gathered = complete_ || covered_steps >= radius_steps_;
+  const Eigen::Vector3f& centre = points_.pca_L(id);
+  const Eigen::Vector3d c = centre.cast<double>();
+  const double covered_m = std::min((c - box_low_).minCoeff(), (box_high_ - c).minCoeff());
+  const bool all_gathered = complete_ || covered_m >= radius_m_;
+  const double covered_steps = std::floor(covered_m * steps_per_m_) - kRoundingSteps;
   if (!all_gathered && covered_steps < 0) return false;
   const std::int64_t limit = all_gathered
-                                 ? scale_.radius_squared
+                                 ? radius_squared_
                                  : static_cast<std::int64_t>(covered_steps) * static_cast<std::int64_t>(covered_steps);
   std::int64_t squared = std::min(guess_, limit);
   for (;;) {
-    list(centre_N, squared);
+    list(centre, squared);
     if (nearest_.size() >= k_) break;
     if (squared >= limit) {
       if (!all_gathered) return false;

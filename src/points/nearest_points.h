@@ -4,7 +4,7 @@
 ///
 /// Blocks are gathered ring by ring around the central one: a point is done when the gathered box reaches farther than
 /// its k-th neighbour. Candidates are selected in float32 lanes with a bound on their error; the final order uses
-/// distances in whole steps (hostdev/neighbour_rule.h). Positions and boxes are in frame N.
+/// distances in whole steps (hostdev/neighbour_rule.h).
 #pragma once
 
 #include <algorithm>
@@ -31,8 +31,9 @@ struct NearPoint {
 /// Scratch memory of one thread.
 class NearestPoints {
  public:
+  /// @param radius_m  no neighbour is farther away
   /// @param in_front  this many of the nearest come first
-  NearestPoints(const PointStore& points, std::size_t k, std::size_t in_front, const kernels::NeighbourScale& scale,
+  NearestPoints(const PointStore& points, std::size_t k, std::size_t in_front, double voxel_size_m, double radius_m,
                 const NearKernels& kernels = nearKernels());
 
   /// Calls visit(index into ids, nearest points) for each of some points of one block, in any order. The nearest points
@@ -59,21 +60,25 @@ class NearestPoints {
     }
   }
 
+  [[nodiscard]] double stepsPerMetre() const { return steps_per_m_; }
+  /// Largest squared distance of a neighbour, steps^2.
+  [[nodiscard]] std::int64_t radiusSquared() const { return radius_squared_; }
+
  private:
   void gather(const Index3& leaf, std::int32_t rings);
   void gatherNear(std::span<const std::uint32_t> ids);
   bool find(std::uint32_t id);
-  void list(const Eigen::Vector3f& centre_N, std::int64_t squared);
+  void list(const Eigen::Vector3f& centre, std::int64_t squared);
 
   const PointStore& points_;
   const NearKernels& kernels_;
   std::size_t k_, in_front_;
-  kernels::NeighbourScale scale_;
-  double radius_steps_;
+  double voxel_size_m_, radius_m_, steps_per_m_;
+  std::int64_t radius_squared_;
   std::int32_t most_rings_;
-  bool complete_ = false;                   ///< everything within the radius of the block is gathered
-  std::int64_t guess_;                      ///< squared distance of the last k-th neighbour, plus a margin
-  Eigen::Vector3d box_low_N_, box_high_N_;  ///< everything inside is gathered
+  bool complete_ = false;               ///< everything within the radius of the block is gathered
+  std::int64_t guess_;                  ///< squared distance of the last k-th neighbour, plus a margin
+  Eigen::Vector3d box_low_, box_high_;  ///< everything inside is gathered
   NearPositions positions_;
   std::vector<std::uint32_t> ids_;  ///< of positions_
   std::vector<std::uint32_t> pending_, found_;

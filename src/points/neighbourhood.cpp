@@ -15,17 +15,12 @@ namespace accessvdb::internal {
 
 double neighbourRadius_m(double voxel_size_m) { return std::max(10.0 * voxel_size_m, 0.1); }
 
-kernels::NeighbourScale neighbourScale(const FieldParams& resolved) {
-  const double voxel_size_m = resolved.tsdf.voxel_size_m, radius_m = neighbourRadius_m(voxel_size_m);
-  if (!resolved.scoring.mean_positions) return kernels::scaleOfFirstReturns(voxel_size_m, radius_m);
-  return kernels::scaleOfMeans(radius_m / voxel_size_m, stepsOf(resolved.tsdf));
-}
-
 NeighbourhoodSearch::NeighbourhoodSearch(const PointStore& points, const FieldParams& resolved)
     : points_(points),
       k_(resolved.scoring.neighbours),
       join_views_(resolved.scoring.join_neighbour_views),
-      scale_(neighbourScale(resolved)) {}
+      voxel_size_m_(resolved.tsdf.voxel_size_m),
+      radius_m_(neighbourRadius_m(resolved.tsdf.voxel_size_m)) {}
 
 void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out) const {
   // Group by block: points of one block share the positions gathered around it.
@@ -47,7 +42,7 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
     std::vector<std::uint32_t> ids;
   };
   tbb::enumerable_thread_specific<Scratch> scratches([this] {
-    return Scratch{NearestPoints(points_, static_cast<std::size_t>(k_), kViewNeighbours, scale_), {}};
+    return Scratch{NearestPoints(points_, static_cast<std::size_t>(k_), kViewNeighbours, voxel_size_m_, radius_m_), {}};
   });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, begin.size() - 1), [&](const auto& range) {
     Scratch& scratch = scratches.local();
@@ -56,28 +51,29 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
       for (std::size_t n = begin[g]; n < begin[g + 1]; ++n) scratch.ids.push_back(ids[jobs[n].slot]);
       const Index3& leaf = points_.index().blocks()[jobs[begin[g]].block].leaf;
       scratch.nearest.forEach(leaf, scratch.ids, [&](std::uint32_t n, std::span<const NearPoint> nearest) {
-        out[jobs[begin[g] + n].slot] = fromNearest(scratch.ids[n], nearest);
+        out[jobs[begin[g] + n].slot] = fromNearest(scratch.ids[n], nearest, scratch.nearest);
       });
     }
   });
 }
 
-Neighbourhood NeighbourhoodSearch::fromNearest(std::uint32_t id, std::span<const NearPoint> nearest) const {
+Neighbourhood NeighbourhoodSearch::fromNearest(std::uint32_t id, std::span<const NearPoint> nearest,
+                                               const NearestPoints& search) const {
   Neighbourhood result;
   kernels::NeighbourSums sums;
-  std::int64_t farthest = nearest.size() < static_cast<std::size_t>(k_) ? scale_.radius_squared : 0;
+  std::int64_t farthest = nearest.size() < static_cast<std::size_t>(k_) ? search.radiusSquared() : 0;
   for (const NearPoint& near : nearest) {
     sums.add(near.offset);
     farthest = std::max(farthest, near.squared_distance);
   }
-  result.reach_N = kernels::neighbourReach_N(farthest, scale_);
+  result.reach_m = kernels::neighbourReach_m(farthest, search.stepsPerMetre());
   result.seen = points_.seen(id);
   if (join_views_) {
     for (std::size_t n = 0; n < std::min(nearest.size(), kViewNeighbours); ++n) {
       result.seen = result.seen | points_.seen(nearest[n].id);
     }
   }
-  kernels::neighbourNormal(sums, points_.toSensor_L(id).data(), scale_, result.normal_L.data());
+  kernels::neighbourNormal(sums, points_.toSensor_L(id).data(), result.normal_L.data());
   return result;
 }
 

@@ -18,15 +18,13 @@ namespace accessvdb::internal {
 struct Neighbourhood {
   Eigen::Vector3f normal_L = {0, 0, 0};  ///< zero if fewer than three points are near
   DirectionMask seen = {};               ///< own directions joined with those of the nearest ten
-  float reach_N = 0;                     ///< points farther away cannot change any of this
+  float reach_m = 0;                     ///< points farther away cannot change any of this
 };
 
 /// Points that share their seen directions (docs/PAPER_MAP.md, "Normals": the 10 nearest, including the point itself).
 inline constexpr std::size_t kViewNeighbours = 10;
 /// Search radius for neighbours.
 double neighbourRadius_m(double voxel_size_m);
-/// Frame N of the points' positions (PointStore::pca_N).
-kernels::NeighbourScale neighbourScale(const FieldParams& resolved);
 
 class NeighbourhoodSearch {
  public:
@@ -35,15 +33,16 @@ class NeighbourhoodSearch {
   /// Computes each id in parallel. @param ids  in any order; fastest if nearby points share blocks. @param out  [ids]
   void compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out) const;
 
-  [[nodiscard]] const kernels::NeighbourScale& scale() const { return scale_; }
+  [[nodiscard]] double radius_m() const { return radius_m_; }
 
  private:
-  [[nodiscard]] Neighbourhood fromNearest(std::uint32_t id, std::span<const NearPoint> nearest) const;
+  [[nodiscard]] Neighbourhood fromNearest(std::uint32_t id, std::span<const NearPoint> nearest,
+                                          const NearestPoints& search) const;
 
   const PointStore& points_;
   int k_;
   bool join_views_;
-  kernels::NeighbourScale scale_;
+  double voxel_size_m_, radius_m_;
 };
 
 }  // namespace accessvdb::internal

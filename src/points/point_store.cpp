@@ -23,7 +23,7 @@ namespace {
 constexpr std::size_t kPointsPerTask = 256;
 /// Points are scattered in memory: each is prefetched this many points ahead of its use.
 constexpr std::size_t kPointsAhead = 6;
-constexpr double kOffsetSteps = 1 << 20;  // per voxel (kernels::meanInSteps)
+constexpr double kOffsetSteps = 1 << 20;  // per voxel
 constexpr double kSensorSteps = 1 << 16;  // per metre
 /// Viewpoints nearer than this to a stored one are not stored (docs/PAPER_MAP.md, "Surface points").
 constexpr float kViewpointSpacing_m = 0.10f;
@@ -37,15 +37,10 @@ std::uint64_t bitsOfBytes(const std::uint8_t* bytes) {
 
 }  // namespace
 
-kernels::NeighbourSteps stepsOf(const TsdfParams& resolved) {
-  return kernels::neighbourSteps(resolved.range_noise_m / resolved.voxel_size_m);
-}
-
 PointStore::PointStore(const FieldParams& resolved, std::vector<float> direction_xy)
     : params_(resolved),
       direction_xy_(std::move(direction_xy)),
       inverse_voxel_size_(kernels::VoxelScale(resolved.tsdf.voxel_size_m).inverse_float32),
-      mean_steps_(stepsOf(resolved.tsdf).mean),
       words_((resolved.approach.num_directions + 63) / 64) {}
 
 Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
@@ -114,7 +109,7 @@ void PointStore::addNew() {
 void PointStore::makeRoom() {
   const std::size_t size = block_.size();
   first_L_.growRaw(size);
-  pca_N_.growRaw(size);
+  pca_L_.growRaw(size);
   sums_.growRaw(size);
   if (params_.approach.viewpoints) {
     viewpoints_.growRaw(size);
@@ -126,7 +121,7 @@ void PointStore::makeRoom() {
 /// Initialises a new point, before its first return is added.
 void PointStore::start(std::uint32_t id, const Eigen::Vector3f& first_L) {
   first_L_[id] = first_L;
-  pca_N_[id] = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
+  pca_L_[id] = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
   sums_[id] = {};
   if (params_.approach.viewpoints) {
     viewpoints_[id] = {};
@@ -137,7 +132,7 @@ void PointStore::start(std::uint32_t id, const Eigen::Vector3f& first_L) {
 
 void PointStore::prefetchPoint(std::uint32_t id) const {
   prefetchRead(&first_L_[id]);
-  prefetchRead(&pca_N_[id]);
+  prefetchRead(&pca_L_[id]);
   prefetchRead(&sums_[id], sizeof(ReturnSums));
   if (!params_.approach.viewpoints) prefetchRead(&seen_[seenAt(id)]);
 }
@@ -156,7 +151,7 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
     for (const Eigen::Vector3f& q : q_L) poses_.push_back(q);
   }
 
-  touched.before_N.resize(groups.size());
+  touched.before_L.resize(groups.size());
   touched.views_changed.assign(groups.size(), 0);
   touched.news.resize(describe_touched_ ? groups.size() : 0);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
@@ -164,13 +159,13 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
       const std::uint32_t id = touched.all[g];
       if (g + kPointsAhead < range.end()) prefetchPoint(touched.all[g + kPointsAhead]);
       if (id >= before) start(id, p_L[groups.first(g).index]);
-      touched.before_N[g] = pca_N_[id];
+      touched.before_L[g] = pca_L_[id];
       for (std::uint32_t m = groups.begin[g]; m < groups.begin[g + 1]; ++m) {
         const std::uint32_t i = groups.returns[m].index, sensor = q_L.size() == 1 ? 0 : i;
         if (addToPoint(id, p_L[i], q_L[sensor], first_pose + sensor)) touched.views_changed[g] = 1;
       }
       refreshMean(id);
-      if (describe_touched_) touched.news[g] = newsOf(id, touched.before_N[g], touched.views_changed[g] != 0);
+      if (describe_touched_) touched.news[g] = newsOf(id, touched.before_L[g]);
     }
   });
   return touched;
@@ -210,14 +205,15 @@ bool PointStore::addSeen(std::uint32_t id, const DirectionMask& mask) {
 
 void PointStore::refreshMean(std::uint32_t id) {
   if (!params_.scoring.mean_positions) {
-    pca_N_[id] = first_L_[id];
+    pca_L_[id] = first_L_[id];
     return;
   }
   const Index3 voxel = voxelOf(first_L_[id]);
-  const ReturnSums& sums = sums_[id];
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    pca_N_[id][static_cast<Eigen::Index>(axis)] =
-        kernels::meanInSteps(voxel[axis], {sums.offset[axis], sums.returns}, mean_steps_);
+    const double offset =
+        static_cast<double>(sums_[id].offset[axis]) / static_cast<double>(sums_[id].returns) / kOffsetSteps;
+    pca_L_[id][static_cast<Eigen::Index>(axis)] =
+        static_cast<float>((static_cast<double>(voxel[axis]) + offset) * params_.tsdf.voxel_size_m);
   }
 }
 
@@ -259,7 +255,7 @@ DirectionMask PointStore::seen(std::uint32_t id) const {
   return mask;
 }
 
-kernels::PointNews PointStore::newsOf(std::uint32_t id, const Eigen::Vector3f& before_N, bool views_changed) const {
+kernels::PointNews PointStore::newsOf(std::uint32_t id, const Eigen::Vector3f& before_L) const {
   const auto copy3 = [](const Eigen::Vector3f& from, float* to) {
     for (Eigen::Index axis = 0; axis < 3; ++axis) to[axis] = from[axis];
   };
@@ -267,10 +263,9 @@ kernels::PointNews PointStore::newsOf(std::uint32_t id, const Eigen::Vector3f& b
   news.id = id;
   news.block = block_[id];
   copy3(first_L_[id], news.position_L);
-  copy3(pca_N_[id], news.mean_N);
+  copy3(pca_L_[id], news.mean_L);
   copy3(toSensor_L(id), news.to_sensor_L);
-  copy3(before_N, news.before_N);
-  news.matters_to_others = views_changed || before_N != pca_N_[id] ? 1 : 0;  // NaN differs
+  copy3(before_L, news.before_L);
   news.seen = seen(id);
   return news;
 }
@@ -365,8 +360,8 @@ bool PointStore::restore(std::span<const StoredPoint> points) {
 
 std::uint64_t PointStore::bytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
-  return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_N_.bytes() + sums_.bytes() + seen_.bytes() +
-         viewpoints_.bytes() + poses_.bytes() + bytesOf(touched_.all) + bytesOf(touched_.before_N) +
+  return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_L_.bytes() + sums_.bytes() + seen_.bytes() +
+         viewpoints_.bytes() + poses_.bytes() + bytesOf(touched_.all) + bytesOf(touched_.before_L) +
          bytesOf(touched_.views_changed) + bytesOf(touched_.news) + bytesOf(touched_.changed_blocks) +
          bytesOf(groups_.returns) + bytesOf(groups_.begin) + bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_);
 }

@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "accessvdb/params.h"
-#include "hostdev/neighbour_rule.h"
 #include "hostdev/views.h"
 #include "launch/point_news.h"
 #include "points/surface_index.h"
@@ -33,11 +32,11 @@ struct Viewpoints {
 /// Points that a scan touched, in the order of their voxels (placeOf).
 struct TouchedPoints {
   std::vector<std::uint32_t> all;           ///< including new ones
-  std::vector<Eigen::Vector3f> before_N;    ///< pca_N() of each before the scan; NaN for new points
+  std::vector<Eigen::Vector3f> before_L;    ///< pca_L() of each before the scan; NaN for new points
   std::vector<std::uint8_t> views_changed;  ///< of each: whether the scan changed its seen directions
   std::size_t new_points = 0;
   // Only after describeTouched(true).
-  std::vector<kernels::PointNews> news;       ///< each as it is after the scan; before_N as above
+  std::vector<kernels::PointNews> news;       ///< each as it is after the scan; before_L as above
   std::vector<std::uint32_t> changed_blocks;  ///< those with new points, in no order
 };
 
@@ -55,9 +54,6 @@ struct StoredPoint {
   DirectionMask seen;  ///< its own; without viewpoints
   Viewpoints views;    ///< with viewpoints
 };
-
-/// The steps of mean returns, and of the normals derived from them.
-kernels::NeighbourSteps stepsOf(const TsdfParams& resolved);
 
 class PointStore {
  public:
@@ -78,9 +74,8 @@ class PointStore {
   /// Index into index().blocks().
   [[nodiscard]] std::uint32_t blockOf(std::uint32_t id) const { return block_[id]; }
   [[nodiscard]] const Eigen::Vector3f& first_L(std::uint32_t id) const { return first_L_[id]; }
-  /// Position that neighbourhoods are based on: mean return in whole steps (product), or first return in metres
-  /// (paper).
-  [[nodiscard]] const Eigen::Vector3f& pca_N(std::uint32_t id) const { return pca_N_[id]; }
+  /// Position that neighbourhoods are based on: mean return (product) or first return (paper).
+  [[nodiscard]] const Eigen::Vector3f& pca_L(std::uint32_t id) const { return pca_L_[id]; }
   [[nodiscard]] Eigen::Vector3d meanSensor_L(std::uint32_t id) const;
   /// From the first return to the mean sensor position, metres: the side that normals point to.
   [[nodiscard]] Eigen::Vector3f toSensor_L(std::uint32_t id) const {
@@ -88,8 +83,8 @@ class PointStore {
   }
   /// Directions that the point itself was seen from: the stored mask, or computed from its viewpoints.
   [[nodiscard]] DirectionMask seen(std::uint32_t id) const;
-  /// A point in its current state. @param before_N, views_changed  see kernels::PointNews
-  [[nodiscard]] kernels::PointNews newsOf(std::uint32_t id, const Eigen::Vector3f& before_N, bool views_changed) const;
+  /// A point in its current state. @param before_L  see kernels::PointNews
+  [[nodiscard]] kernels::PointNews newsOf(std::uint32_t id, const Eigen::Vector3f& before_L) const;
   [[nodiscard]] const Viewpoints& viewpoints(std::uint32_t id) const { return viewpoints_[id]; }
   [[nodiscard]] const ChunkedArray<Eigen::Vector3f>& poses() const { return poses_; }
 
@@ -134,12 +129,11 @@ class PointStore {
   FieldParams params_;
   std::vector<float> direction_xy_;
   float inverse_voxel_size_;
-  int mean_steps_;  ///< per voxel
   int words_;
   bool describe_touched_ = false;
   SurfaceIndex index_;
   ChunkedArray<std::uint32_t> block_;
-  ChunkedArray<Eigen::Vector3f> first_L_, pca_N_;
+  ChunkedArray<Eigen::Vector3f> first_L_, pca_L_;
   ChunkedArray<ReturnSums> sums_;        ///< zeroed by start()
   ChunkedArray<std::uint64_t> seen_;     ///< [words n]; empty with viewpoints
   ChunkedArray<Viewpoints> viewpoints_;  ///< empty without viewpoints

@@ -26,7 +26,7 @@ constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
 kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int group_log2) {
   kernels::NeighbourTables tables;
   tables.voxel_size_m = resolved.tsdf.voxel_size_m;
-  tables.scale = neighbourScale(resolved);
+  tables.radius_m = neighbourRadius_m(tables.voxel_size_m);
   tables.neighbours = resolved.scoring.neighbours;
   tables.view_neighbours = resolved.scoring.join_neighbour_views ? static_cast<int>(kViewNeighbours) : 0;
   tables.num_directions = resolved.approach.num_directions;
@@ -83,10 +83,9 @@ void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const 
                                   std::span<const Eigen::Vector3f> q_L) {
   for (std::size_t n = 0; n < touched.all.size(); ++n) {
     const std::uint32_t id = touched.all[n];
-    if (id >= known_points_) continue;
-    std::uint8_t& flags = is_touched_[id];
-    if ((flags & kTouched) == 0) touched_.push_back({id, touched.before_N[n]});  // else its older mean is stored
-    flags = static_cast<std::uint8_t>(flags | kTouched | (touched.views_changed[n] != 0 ? kViewsChanged : 0));
+    if (id >= known_points_ || is_touched_[id] != 0) continue;  // new, or its older position is already stored
+    is_touched_[id] = 1;
+    touched_.push_back({id, touched.before_L[n]});
   }
   const auto take = [this](std::span<const Index3> leaves) { fresh_.noteReached(leaves); };
   if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
@@ -155,9 +154,7 @@ void DeviceAdmission::admitAll() {
         const Eigen::Vector3f none = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
         for (std::size_t n = range.begin(); n != range.end(); ++n) {
           const std::size_t at = first + n;
-          const bool known = at < touched_.size();
-          const bool views_changed = known && (is_touched_[ids_[at]] & kViewsChanged) != 0;
-          news_[n] = points.newsOf(ids_[at], known ? touched_[at].before_N : none, views_changed);
+          news_[n] = points.newsOf(ids_[at], at < touched_.size() ? touched_[at].before_L : none);
         }
       });
       admitPoints(news_);

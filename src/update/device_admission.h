@@ -56,11 +56,9 @@ class DeviceAdmission {
   [[nodiscard]] std::uint64_t bytes() const;
 
  private:
-  /// Since the last update.
-  enum TouchedFlag : std::uint8_t { kTouched = 1, kViewsChanged = 2 };
   struct Touched {
     std::uint32_t id;
-    Eigen::Vector3f before_N;  ///< at the last update
+    Eigen::Vector3f before_L;  ///< at the last update
   };
 
   [[nodiscard]] kernels::AdmitInput input() const;
@@ -78,7 +76,7 @@ class DeviceAdmission {
   DeviceBlocks blocks_;
   std::uint32_t known_points_ = 0;             ///< admitted; higher ids are new
   std::vector<Touched> touched_;               ///< known points that scans touched since the last update
-  ChunkedArray<std::uint8_t> is_touched_;      ///< [known_points_] TouchedFlag
+  ChunkedArray<std::uint8_t> is_touched_;      ///< [known_points_]
   FreshPoints fresh_;                          ///< below the confidence bound
   FreshPlaces reached_;                        ///< of the current update
   std::uint16_t least_weight_ = 0;             ///< lowest weight that is confident

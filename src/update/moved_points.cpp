@@ -27,7 +27,7 @@ constexpr float kReachSlack = 1 + 4 * kFloatSlack;
 void MovedPoints::note(const TouchedPoints& touched) {
   if (!any_known_) return;
   for (std::size_t n = 0; n < touched.all.size(); ++n) {
-    touched_.push_back({touched.all[n], touched.views_changed[n], touched.before_N[n]});
+    touched_.push_back({touched.all[n], touched.views_changed[n], touched.before_L[n]});
   }
   if (touched_.size() > 2 * joined_ + kMostWaiting) joinTouched();
 }
@@ -72,11 +72,11 @@ void MovedPoints::groupByBlock() {
   }
 }
 
-/// Visits blocks whose boxes lie within reach_N of the leaf's box, for the means of the points in both.
+/// Visits blocks whose boxes lie within reach_m of the leaf's box, for the means of the points in both.
 template <typename Visit>
-void MovedPoints::forEachNear(const Index3& leaf, float reach_N, const Visit& visit) const {
+void MovedPoints::forEachNear(const Index3& leaf, float reach_m, const Visit& visit) const {
   const SurfaceIndex& index = scorer_.points().index();
-  const float reach_voxels = reach_N * voxels_per_unit_ + 2 * kRoundingVoxels;
+  const float reach_voxels = reach_m / static_cast<float>(scorer_.params().tsdf.voxel_size_m) + 2 * kRoundingVoxels;
   const auto rings = static_cast<std::int32_t>(reach_voxels / 8) + 1;
   index.forEachBlock({leaf[0] - rings, leaf[1] - rings, leaf[2] - rings},
                      {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings}, [&](std::uint32_t b) {
@@ -94,15 +94,16 @@ void MovedPoints::forEachNear(const Index3& leaf, float reach_N, const Visit& vi
 std::vector<std::uint32_t> MovedPoints::reachedBlocks() {
   const auto& blocks = scorer_.points().index().blocks();
   reached_.grow(blocks.size());
-  float most_N = -1;
-  for (std::size_t b = 0; b < block_reach_N_.size(); ++b) most_N = std::max(most_N, block_reach_N_[b]);
+  const auto voxel_size_m = static_cast<float>(scorer_.params().tsdf.voxel_size_m);
+  float most_m = -1;
+  for (std::size_t b = 0; b < block_reach_m_.size(); ++b) most_m = std::max(most_m, block_reach_m_[b]);
   tbb::enumerable_thread_specific<std::vector<std::uint32_t>> found;
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups_.size()), [&](const auto& range) {
     std::vector<std::uint32_t>& mine = found.local();
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
-      forEachNear(blocks[groups_[g].block].leaf, most_N, [&](std::uint32_t b, float squared_gap) {
+      forEachNear(blocks[groups_[g].block].leaf, most_m, [&](std::uint32_t b, float squared_gap) {
         if (!anyIn(b)) return;
-        const float reach_voxels = block_reach_N_[b] * voxels_per_unit_ * kReachSlack + 2 * kRoundingVoxels;
+        const float reach_voxels = block_reach_m_[b] / voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
         if (squared_gap > reach_voxels * reach_voxels) return;
         std::atomic_ref<std::uint8_t> flag(reached_[b]);
         if (flag.load(std::memory_order_relaxed) != 0) return;
@@ -120,19 +121,20 @@ std::vector<std::uint32_t> MovedPoints::reachedBlocks() {
 void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::vector<std::uint32_t>& moved) const {
   const PointStore& points = scorer_.points();
   const PointBlock& own = points.index().blocks()[block];
-  const float reach_voxels = block_reach_N_[block] * voxels_per_unit_ * kReachSlack + 2 * kRoundingVoxels;
+  const auto voxel_size_m = static_cast<float>(scorer_.params().tsdf.voxel_size_m);
+  const float reach_voxels = block_reach_m_[block] / voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
   places.clear();
-  forEachNear(own.leaf, block_reach_N_[block], [&](std::uint32_t b, float squared_gap) {
+  forEachNear(own.leaf, block_reach_m_[block], [&](std::uint32_t b, float squared_gap) {
     if (group_of_block_[b] == kNone || squared_gap > reach_voxels * reach_voxels) return;
     const Group& group = groups_[group_of_block_[b]];
     for (std::uint32_t n = group.begin; n < group.end; ++n) {
       const Touched& touched = touched_[by_block_[n]];
-      const Eigen::Vector3f& now_N = points.pca_N(touched.id);
-      const bool is_new = std::isnan(touched.before_N.x());
-      const bool mean_moved = is_new || touched.before_N != now_N;
+      const Eigen::Vector3f& now_L = points.pca_L(touched.id);
+      const bool is_new = std::isnan(touched.before_L.x());
+      const bool mean_moved = is_new || touched.before_L != now_L;
       if (!mean_moved && touched.views_changed == 0) continue;
-      places.add(now_N.x(), now_N.y(), now_N.z());
-      if (mean_moved && !is_new) places.add(touched.before_N.x(), touched.before_N.y(), touched.before_N.z());
+      places.add(now_L.x(), now_L.y(), now_L.z());
+      if (mean_moved && !is_new) places.add(touched.before_L.x(), touched.before_L.y(), touched.before_L.z());
     }
   });
   const Group none = {block, 0, 0};
@@ -147,8 +149,8 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
       return touched_[n].id < value;  // touched_ is sorted by id, and so is each group
     });
     const bool is_touched = at != last && touched_[*at].id == id;
-    if (is_touched || kernels.any_within(places.x(), places.y(), places.z(), places.lanes(), points.pca_N(id).data(),
-                                         record.reach_N * record.reach_N * kReachSlack)) {
+    if (is_touched || kernels.any_within(places.x(), places.y(), places.z(), places.lanes(), points.pca_L(id).data(),
+                                         record.reach_m * record.reach_m * kReachSlack)) {
       moved.push_back(id);
     }
   }
@@ -158,7 +160,7 @@ std::vector<std::uint32_t> MovedPoints::find() {
   joinTouched();
   if (touched_.empty() || !any_known_) return {};
   const std::size_t block_count = scorer_.points().index().blocks().size();
-  block_reach_N_.grow(block_count, -1.0f);
+  block_reach_m_.grow(block_count, -1.0f);
   group_of_block_.grow(block_count, kNone);
   groupByBlock();
   for (std::uint32_t g = 0; g < groups_.size(); ++g) group_of_block_[groups_[g].block] = g;
@@ -184,7 +186,7 @@ void MovedPoints::refreshed(std::span<const std::uint32_t> ids) {
   const PointStore& points = scorer_.points();
   const auto& blocks = points.index().blocks();
   any_known_ = any_known_ || !ids.empty();
-  block_reach_N_.grow(blocks.size(), -1.0f);
+  block_reach_m_.grow(blocks.size(), -1.0f);
   reached_.grow(blocks.size());
   std::vector<std::uint32_t> changed;
   for (const std::uint32_t id : ids) {
@@ -195,12 +197,12 @@ void MovedPoints::refreshed(std::span<const std::uint32_t> ids) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       const std::uint32_t b = changed[n];
       reached_[b] = 0;
-      float most_N = -1;
+      float most_m = -1;
       for (const std::uint32_t id : blocks[b].ids) {
         const PointRecord& record = scorer_.record(id);
-        if (record.has_neighbourhood) most_N = std::max(most_N, record.reach_N);
+        if (record.has_neighbourhood) most_m = std::max(most_m, record.reach_m);
       }
-      block_reach_N_[b] = most_N;
+      block_reach_m_[b] = most_m;
     }
   });
 }
@@ -213,7 +215,7 @@ void MovedPoints::clear() {
 std::uint64_t MovedPoints::bytes() const {
   return touched_.capacity() * sizeof(Touched) + groups_.capacity() * sizeof(Group) + reached_.bytes() +
          (ids_.capacity() + by_block_.capacity()) * sizeof(std::uint32_t) + group_of_block_.bytes() +
-         block_reach_N_.bytes();
+         block_reach_m_.bytes();
 }
 
 }  // namespace accessvdb::internal

@@ -5,7 +5,6 @@
 ///
 /// A neighbourhood consists of the k nearest points, so a touched point matters to another one only if its old or its
 /// new mean is no farther away than the k-th neighbour was: a former neighbour was there, and a new one moves there.
-/// A mean that is still within the same step has not moved.
 /// Exact except for the slack of a float32 comparison, which always errs on the safe side.
 #pragma once
 
@@ -20,8 +19,7 @@ namespace accessvdb::internal {
 
 class MovedPoints {
  public:
-  explicit MovedPoints(const PointScorer& scorer)
-      : scorer_(scorer), voxels_per_unit_(static_cast<float>(neighbourScale(scorer.params()).voxels_per_unit)) {}
+  explicit MovedPoints(const PointScorer& scorer) : scorer_(scorer) {}
 
   /// Notes the points that a scan touched. Ignored before the first refreshed(), when no neighbourhood is known yet.
   void note(const TouchedPoints& touched);
@@ -39,7 +37,7 @@ class MovedPoints {
 
   /// False if no point of the block has a neighbourhood, so none was ever scored.
   [[nodiscard]] bool anyIn(std::uint32_t block) const {
-    return block < block_reach_N_.size() && block_reach_N_[block] >= 0;
+    return block < block_reach_m_.size() && block_reach_m_[block] >= 0;
   }
 
   [[nodiscard]] std::uint64_t bytes() const;
@@ -48,7 +46,7 @@ class MovedPoints {
   struct Touched {
     std::uint32_t id;
     std::uint32_t views_changed;
-    Eigen::Vector3f before_N;  ///< pca_N() at the last update; NaN for newer points
+    Eigen::Vector3f before_L;  ///< pca_L() at the last update; NaN for newer points
   };
   /// The touched points of one block: [begin, end) of by_block_.
   struct Group {
@@ -60,10 +58,9 @@ class MovedPoints {
   [[nodiscard]] std::vector<std::uint32_t> reachedBlocks();
   void findInBlock(std::uint32_t block, NearPositions& places, std::vector<std::uint32_t>& moved) const;
   template <typename Visit>
-  void forEachNear(const Index3& leaf, float reach_N, const Visit& visit) const;
+  void forEachNear(const Index3& leaf, float reach_m, const Visit& visit) const;
 
   const PointScorer& scorer_;
-  float voxels_per_unit_;   ///< of frame N
   bool any_known_ = false;  ///< does any point have a neighbourhood?
   std::size_t joined_ = 0;  ///< this many at the front of touched_ are sorted, each id once
   std::vector<Touched> touched_;
@@ -72,7 +69,7 @@ class MovedPoints {
   std::vector<Group> groups_;
   ChunkedArray<std::uint32_t> group_of_block_;  ///< [blocks], kNone if nothing was touched
   ChunkedArray<std::uint8_t> reached_;          ///< [blocks], all zero between calls
-  ChunkedArray<float> block_reach_N_;           ///< [blocks] largest reach of its points, negative if none has one
+  ChunkedArray<float> block_reach_m_;           ///< [blocks] largest reach of its points, negative if none has one
 };
 
 }  // namespace accessvdb::internal

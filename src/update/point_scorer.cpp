@@ -81,7 +81,7 @@ PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uin
       }
       record.normal_L = found[n].normal_L;
       record.seen = found[n].seen;
-      record.reach_N = found[n].reach_N;
+      record.reach_m = found[n].reach_m;
       record.has_neighbourhood = true;
     }
   });

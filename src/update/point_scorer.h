@@ -48,7 +48,7 @@ struct ScoringTables {
 /// What the host stores of each point's state.
 struct PointRecord {
   Eigen::Vector3f normal_L = {0, 0, 0};
-  float reach_N = 0;        ///< Neighbourhood::reach_N
+  float reach_m = 0;        ///< Neighbourhood::reach_m
   DirectionMask seen = {};  ///< joined
   std::uint16_t weight = 0;
   std::uint16_t score = kNoScore, direction = kNoDirection;

@@ -89,8 +89,8 @@ class Listener final : public kernels::ExactUpdater {
       std::uint64_t hash = mixed(1, news.id);
       for (int axis = 0; axis < 3; ++axis) {
         hash = mixed(hash, bitsOf(news.position_L[axis]));
-        hash = mixed(hash, bitsOf(news.mean_N[axis]));
-        hash = mixed(hash, news.before_N[0] != news.before_N[0] ? 1 : bitsOf(news.before_N[axis]));
+        hash = mixed(hash, bitsOf(news.mean_L[axis]));
+        hash = mixed(hash, news.before_L[0] != news.before_L[0] ? 1 : bitsOf(news.before_L[axis]));
         hash = mixed(hash, bitsOf(news.to_sensor_L[axis]));
       }
       for (const std::uint64_t word : news.seen.word) hash = mixed(hash, word);

@@ -12,7 +12,6 @@
 
 #include "parity/random_world.h"
 #include "parity/scoring_reference.h"
-#include "support/normal_grid.h"
 
 namespace accessvdb::test {
 namespace {
@@ -41,9 +40,7 @@ void expectEqual(const FieldSnapshot& snapshot, const std::vector<BruteForceResu
 
 /// Two eigensolvers in double differ by about 1e-15 / gap, and the normal is stored in float32: 1e-6 is enough for both
 /// if the gap exceeds 1e-6. The side is not checked if the sensor is in the plane, as its mean is quantised.
-/// @param steps  of rounded normals, or 0
-void expectNormalsEqual(const FieldSnapshot& snapshot, const std::vector<BruteForceResult>& expected, int steps,
-                        Tally& tally) {
+void expectNormalsEqual(const FieldSnapshot& snapshot, const std::vector<BruteForceResult>& expected, Tally& tally) {
   for (std::size_t id = 0; id < expected.size(); ++id) {
     const SurfacePoint& is = snapshot.points[id];
     const BruteForceResult& should = expected[id];
@@ -51,13 +48,7 @@ void expectNormalsEqual(const FieldSnapshot& snapshot, const std::vector<BruteFo
     ASSERT_NEAR(is.normal_W.norm(), 1, 1e-6);
     if (should.pca_gap < 1e-6) continue;
     const Eigen::Vector3d normal = is.normal_W.cast<double>();
-    Eigen::Vector3d pca_normal = should.pca_normal;
-    if (steps > 0) {
-      const auto point = gridPoint(pca_normal, steps, 1e-4);  // 64 steps x 1e-6
-      if (!point) continue;
-      pca_normal = point->cast<double>().normalized();
-    }
-    ASSERT_LT(normal.cross(pca_normal).norm(), 1e-6) << id;
+    ASSERT_LT(normal.cross(should.pca_normal).norm(), 1e-6) << id;
     if (should.pca_side > 1e-3) {
       ASSERT_GT(normal.dot(should.pca_normal), 0) << id;
     }
@@ -152,7 +143,7 @@ void checkSeed(std::uint64_t seed, bool samples, Tally& tally) {
   expectEqual(at_once, expected, true, where + ", one update");
   expectEqual(field.evaluateFromScratch(), expected, true, where + ", from scratch");
   expectEqual(field.snapshot(), expected, false, where + ", an update a scan");
-  expectNormalsEqual(at_once, expected, input.normal_steps, tally);
+  expectNormalsEqual(at_once, expected, tally);
   for (const BruteForceResult& result : expected) {
     ++tally.reasons[static_cast<std::size_t>(result.reason)];
     tally.scores_above_zero += result.label == PointLabel::Accessible && result.score > 0 ? 1 : 0;

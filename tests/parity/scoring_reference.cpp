@@ -51,16 +51,6 @@ std::vector<double> armDistances(const FieldParams& p) {
 
 }  // namespace
 
-int meanSteps(const FieldParams& resolved) {
-  const double noise = resolved.tsdf.range_noise_m / resolved.tsdf.voxel_size_m;
-  return noise >= 1 ? 4 : noise >= 0.5 ? 8 : noise >= 0.25 ? 16 : 32;
-}
-
-int normalSteps(const FieldParams& resolved) {
-  const double noise = resolved.tsdf.range_noise_m / resolved.tsdf.voxel_size_m;
-  return noise >= 2 ? 16 : noise >= 1 ? 24 : noise >= 0.5 ? 32 : noise >= 0.25 ? 48 : 64;
-}
-
 std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const FieldParams& resolved,
                                         const Eigen::Vector3d& origin_W) {
   const double v = resolved.tsdf.voxel_size_m;
@@ -112,12 +102,11 @@ std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const
   for (Sums& sums : all) {
     const auto n = static_cast<double>(sums.count);
     for (std::size_t a = 0; a < 3; ++a) {
-      // The quotient is exact where it decides: half way between two steps.
-      const double offset = static_cast<double>(sums.offset[a] * meanSteps(resolved)) / (n * 1048576.0);
-      sums.point.mean_in_steps[static_cast<int>(a)] =
-          sums.point.voxel[a] * meanSteps(resolved) + std::floor(offset + 0.5);
+      const double offset = static_cast<double>(sums.offset[a]) / n / 1048576.0;
+      sums.point.mean_L[static_cast<int>(a)] = static_cast<float>((sums.point.voxel[a] + offset) * v);
       sums.point.sensor_L[static_cast<int>(a)] = static_cast<double>(sums.sensor[a]) / n / 65536.0;
     }
+    if (!resolved.scoring.mean_positions) sums.point.mean_L = sums.point.first_L;
     points.push_back(sums.point);
   }
   return points;
@@ -137,10 +126,6 @@ BruteForceInput oracleInput(const AccessibilityField& field, const std::vector<G
   input.normal_cone_rad = p.approach.normal_cone_rad;
   input.arm_distances_m = armDistances(p);
   input.neighbours = p.scoring.neighbours;
-  if (p.scoring.mean_positions) {
-    input.mean_steps = meanSteps(p);
-    input.normal_steps = normalSteps(p);
-  }
   input.join_neighbour_views = p.scoring.join_neighbour_views;
   input.neighbourhood_weight = p.scoring.neighbourhood_weight;
   input.confidence_half_weight = p.scoring.confidence_half_weight;
@@ -161,8 +146,7 @@ BruteForceInput oracleInput(const AccessibilityField& field, const std::vector<G
     point.id = static_cast<std::uint32_t>(id);
     point.voxel = points[id].voxel;
     point.first_position_L = points[id].first_L;
-    point.mean_position_L = points[id].first_L;
-    point.mean_in_steps = points[id].mean_in_steps;
+    point.mean_position_L = points[id].mean_L;
     point.mean_sensor_L = points[id].sensor_L;
     point.seen = points[id].seen;
     if (!snapshot.points[id].normal_W.isZero()) point.given_normal = snapshot.points[id].normal_W;

@@ -25,14 +25,10 @@ struct RayScan {
 struct GatheredPoint {
   VoxelCoord voxel = {};
   Eigen::Vector3f first_L = {0, 0, 0};
-  Eigen::Vector3d mean_in_steps = {0, 0, 0};  ///< of meanSteps() per voxel; with mean positions only
+  Eigen::Vector3f mean_L = {0, 0, 0};
   Eigen::Vector3d sensor_L = {0, 0, 0};
   std::vector<bool> seen;
 };
-
-/// The steps by the text (docs/DESIGN.md, "Steps of means and normals"): of means per voxel, and of normals.
-[[nodiscard]] int meanSteps(const FieldParams& resolved);
-[[nodiscard]] int normalSteps(const FieldParams& resolved);
 
 /// Points in the order of ids. @param resolved  parameters of the field, @param origin_W  its local origin
 [[nodiscard]] std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const FieldParams& resolved,

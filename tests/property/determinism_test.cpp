@@ -102,11 +102,7 @@ TEST(Determinism, QuarterTurnsTurnTheBestDirection) {
     }
   }
   const auto fieldOf = [&](int quarters) {
-    FieldParams params = paramsOf(kVoxel, 0, UpdatePolicy::Exact);
-    // Steps of means and normals tie often, and ties go by id and by d, which do not turn. With one return per voxel,
-    // first returns are the means without steps.
-    params.scoring.mean_positions = false;
-    AccessibilityField field(armTool(), params);
+    AccessibilityField field(armTool(), paramsOf(kVoxel, 0, UpdatePolicy::Exact));
     for (const Rays& rays : scans) {
       std::vector<Eigen::Vector3d> p, q;
       for (const Eigen::Vector3d& x : rays.p) p.push_back(turned(x, quarters));

@@ -23,17 +23,14 @@ double stepsPerMetre(double radius) {
 }
 
 /// Offset rounded to whole steps.
-Eigen::Vector3d offsetInSteps(const BruteForceInput& input, const BruteForcePoint& from, const BruteForcePoint& to) {
-  if (input.normal_steps > 0) return to.mean_in_steps - from.mean_in_steps;
-  const Eigen::Vector3d metres = to.mean_position_L.cast<double>() - from.mean_position_L.cast<double>();
+Eigen::Vector3d offsetInSteps(const BruteForceInput& input, const Eigen::Vector3f& from, const Eigen::Vector3f& to) {
+  const Eigen::Vector3d metres = to.cast<double>() - from.cast<double>();
   return (metres * stepsPerMetre(neighbourRadius(input)) + Eigen::Vector3d::Constant(0.5)).array().floor();
 }
 
 /// Neighbours within R_k by (squared distance in steps, id), the first k.
 std::vector<std::uint32_t> nearest(const BruteForceInput& input, std::size_t self) {
-  const double most = input.normal_steps > 0
-                          ? std::round(neighbourRadius(input) / input.voxel_size_m * input.mean_steps)
-                          : std::floor(neighbourRadius(input) * stepsPerMetre(neighbourRadius(input)));
+  const double most = std::floor(neighbourRadius(input) * stepsPerMetre(neighbourRadius(input)));
   struct Candidate {
     double squared_distance;
     std::uint32_t id, index;
@@ -41,7 +38,8 @@ std::vector<std::uint32_t> nearest(const BruteForceInput& input, std::size_t sel
   std::vector<Candidate> candidates;
   for (std::size_t i = 0; i < input.points.size(); ++i) {
     const double squared_distance =
-        offsetInSteps(input, input.points[self], input.points[i]).squaredNorm();  // below 2^53: exact
+        offsetInSteps(input, input.points[self].mean_position_L, input.points[i].mean_position_L)
+            .squaredNorm();  // below 2^53: exact
     if (squared_distance <= most * most) {
       candidates.push_back({squared_distance, input.points[i].id, static_cast<std::uint32_t>(i)});
     }
@@ -61,7 +59,7 @@ void findNormal(const BruteForceInput& input, const BruteForcePoint& point, Brut
   Eigen::MatrixXd positions(result.neighbours.size(), 3);
   for (std::size_t i = 0; i < result.neighbours.size(); ++i) {
     positions.row(static_cast<Eigen::Index>(i)) =
-        offsetInSteps(input, point, input.points[result.neighbours[i]]).transpose();
+        offsetInSteps(input, point.mean_position_L, input.points[result.neighbours[i]].mean_position_L).transpose();
   }
   const Eigen::RowVector3d mean = positions.colwise().mean();
   const Eigen::MatrixXd centred = positions.rowwise() - mean;

@@ -21,8 +21,7 @@ struct BruteForcePoint {
   std::uint32_t id = 0;
   VoxelCoord voxel = {};                         ///< voxel of first_position_L
   Eigen::Vector3f first_position_L = {0, 0, 0};  ///< first return: where it is scored
-  Eigen::Vector3f mean_position_L = {0, 0, 0};   ///< input of the PCA, if BruteForceInput::normal_steps is 0
-  Eigen::Vector3d mean_in_steps = {0, 0, 0};     ///< else: the mean in whole steps
+  Eigen::Vector3f mean_position_L = {0, 0, 0};   ///< input of the PCA
   Eigen::Vector3d mean_sensor_L = {0, 0, 0};     ///< mean of the sensor positions that saw it
   std::vector<bool> seen;                        ///< [D] its own mask, neighbours not joined
   std::optional<Eigen::Vector3f> given_normal;   ///< used instead of the PCA's, for exact comparison of the later steps
@@ -37,11 +36,9 @@ struct BruteForceInput {
   std::vector<std::vector<VoxelCoord>> tool_voxels;  ///< [D] offsets from the point's voxel, self-exclusion applied
   int collision_limit = 1;                           ///< [n_c] a direction is free when its count is below
   int neighbours = 10;                               ///< [k] of the PCA, the point itself included
-  int mean_steps = 0;                                ///< per voxel, if the points have means in steps
-  int normal_steps = 0;  ///< of rounded normals (support/normal_grid.h); 0: neither means nor normals are in steps
-  bool join_neighbour_views = true;     ///< masks of the first min(k, 10) neighbours are joined
-  bool neighbourhood_weight = true;     ///< largest weight of 3x3x3 voxels instead of the own voxel's
-  double confidence_half_weight = 5.0;  ///< c = w / (w + this)
+  bool join_neighbour_views = true;                  ///< masks of the first min(k, 10) neighbours are joined
+  bool neighbourhood_weight = true;                  ///< largest weight of 3x3x3 voxels instead of the own voxel's
+  double confidence_half_weight = 5.0;               ///< c = w / (w + this)
   double confidence_min = 0.2;
   MapLookup map;
   std::vector<BruteForcePoint> points;
@@ -67,7 +64,7 @@ struct BruteForceResult {
   std::uint32_t weight = 0;
   double confidence = 0;
   Eigen::Vector3f normal = {0, 0, 0};      ///< normal used for scoring: given or PCA; zero if there is none
-  Eigen::Vector3d pca_normal = {0, 0, 0};  ///< not rounded; zero with fewer than 3 neighbours
+  Eigen::Vector3d pca_normal = {0, 0, 0};  ///< zero with fewer than 3 neighbours
   double pca_gap = 0;                      ///< (l1 - l0) / l2 of the covariance; near 0 the normal is arbitrary
   double pca_side = 0;                     ///< cos between normal and sensor; near 0 the sign is arbitrary
   std::vector<std::uint32_t> neighbours;   ///< indices into points, nearest first

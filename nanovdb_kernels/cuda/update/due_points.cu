@@ -98,12 +98,12 @@ __global__ void takeNeighbours(DueContext context, PointPart part, const Neighbo
   PointDirections now;
   for (std::size_t axis = 0; axis < 3; ++axis) now.normal[axis] = found.normal[axis];
   now.seen = found.seen;
-  const bool is_first = points.state.reach_N[id] < 0;
-  const float reach_N = found.reach_N;
-  points.state.reach_N[id] = reach_N;
+  const bool is_first = points.state.reach_m[id] < 0;
+  const float reach_m = found.reach_m;
+  points.state.reach_m[id] = reach_m;
   if (is_first) points.groups.with_points[points.groupOf(id)] = 1;
   // Non-negative floats order like their bits, and -1 orders below them.
-  atomicMax(reinterpret_cast<int*>(points.index.reach_N + points.state.block[id]), __float_as_int(reach_N));
+  atomicMax(reinterpret_cast<int*>(points.index.reach_m + points.state.block[id]), __float_as_int(reach_m));
   bool changed = is_first;
   for (int axis = 0; axis < 3; ++axis) changed = changed || before.normal[axis] != now.normal[axis];
   for (int w = 0; w < kMaxDirectionWords; ++w) changed = changed || before.seen.word[w] != now.seen.word[w];

@@ -20,10 +20,6 @@ constexpr float kRoundingVoxels = 0.25f;
 /// A squared distance in float32 is off by less than 5 x 2^-24 of its value, a squared reach by less than 2^-22.
 constexpr float kReachSlack = 1.000001f;
 
-__host__ __device__ float voxelsPerUnit(const PointsView& points) {
-  return static_cast<float>(points.rule.scale.voxels_per_unit);
-}
-
 /// Calls visit(block, squared gap in voxels) with every block near a leaf, one block per lane; all lanes call it
 /// equally often, with kNoIndex if a lane has none.
 template <class Visit>
@@ -54,9 +50,9 @@ __global__ void reachBlocks(PointsView points, MovedView moved, float most_reach
   const std::int32_t* leaf = points.index.leaf + 3 * static_cast<std::size_t>(moved.places.touched_blocks[n]);
   forEachNear(points.index, leaf, most_reach_voxels, lane, [&](std::uint32_t block, float squared_gap) {
     if (block == kNoIndex) return;
-    const float reach_N = points.index.reach_N[block];
-    if (reach_N < 0) return;
-    const float reach_voxels = reach_N * voxelsPerUnit(points) * kReachSlack + 2 * kRoundingVoxels;
+    const float reach_m = points.index.reach_m[block];
+    if (reach_m < 0) return;
+    const float reach_voxels = reach_m / points.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
     if (squared_gap > reach_voxels * reach_voxels) return;
     const std::uint32_t bit = 1u << (block & 31);
     if ((atomicOr(moved.places.reached_bits + (block >> 5), bit) & bit) != 0) return;
@@ -80,7 +76,8 @@ __global__ void findMoved(PointsView points, MovedView moved) {
   for (std::uint32_t n = blockIdx.x * kWarps + warp; n < reached; n += gridDim.x * kWarps) {
     const std::uint32_t block = moved.places.reached_blocks[n];
     const std::int32_t* leaf = points.index.leaf + 3 * static_cast<std::size_t>(block);
-    const float reach_voxels = points.index.reach_N[block] * voxelsPerUnit(points) * kReachSlack + 2 * kRoundingVoxels;
+    const float reach_voxels =
+        points.index.reach_m[block] / points.rule.voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
     if (lane == 0) count = 0;
     __syncwarp();
     const auto add = [&](const float* p) {
@@ -92,30 +89,30 @@ __global__ void findMoved(PointsView points, MovedView moved) {
       if (near == kNoIndex) return;
       for (std::uint32_t at = moved.places.head[near]; at != kNoIndex; at = moved.places.places[at].next) {
         const Place& place = moved.places.places[at];
-        add(place.now_N);
-        if (!isnan(place.before_N[0])) add(place.before_N);
+        add(place.now_L);
+        if (!isnan(place.before_L[0])) add(place.before_L);
       }
     });
     __syncwarp();
     const std::uint32_t there = count;
     const std::uint32_t first = points.index.first[block], count_here = points.index.count[block];
-    float most_N = -1;
+    float most_m = -1;
     for (std::uint32_t i = lane; i < count_here; i += kWarp) {
       const std::uint32_t id = points.index.ids[first + i];
-      const float reach_N = points.state.reach_N[id];
-      most_N = fmaxf(most_N, reach_N);
-      if (reach_N < 0) continue;
-      const float* mean_N = points.state.mean_N + 3 * static_cast<std::size_t>(id);
-      const float bound = reach_N * reach_N * kReachSlack;
+      const float reach_m = points.state.reach_m[id];
+      most_m = fmaxf(most_m, reach_m);
+      if (reach_m < 0) continue;
+      const float* mean = points.state.mean_L + 3 * static_cast<std::size_t>(id);
+      const float bound = reach_m * reach_m * kReachSlack;
       bool is_moved = there > kMostPlaces;
-      for (std::uint32_t p = 0; p < there && !is_moved; ++p) is_moved = squaredDistance(mean_N, places[p]) <= bound;
+      for (std::uint32_t p = 0; p < there && !is_moved; ++p) is_moved = squaredDistance(mean, places[p]) <= bound;
       if (!is_moved) continue;
       const std::uint32_t bit = 1u << (id & 31);
       if ((atomicOr(moved.bits + (id >> 5), bit) & bit) != 0) continue;
       moved.ids[atomicAdd(&moved.counters->moved, 1u)] = id;
     }
-    for (int step = kWarp / 2; step > 0; step /= 2) most_N = fmaxf(most_N, __shfl_xor_sync(kAllLanes, most_N, step));
-    if (lane == 0) points.index.reach_N[block] = most_N;  // smaller than before if points came closer together
+    for (int step = kWarp / 2; step > 0; step /= 2) most_m = fmaxf(most_m, __shfl_xor_sync(kAllLanes, most_m, step));
+    if (lane == 0) points.index.reach_m[block] = most_m;  // smaller than before if points came closer together
     __syncwarp();
   }
 }
@@ -124,9 +121,10 @@ __global__ void findMoved(PointsView points, MovedView moved) {
 
 void launchFindMoved(const PointsView& points, const MovedView& moved, std::uint32_t max_touched, cudaStream_t stream) {
   if (max_touched == 0) return;
-  const NeighbourScale& scale = points.rule.scale;
-  const float most_reach_voxels =
-      neighbourReach_N(scale.radius_squared, scale) * voxelsPerUnit(points) * kReachSlack + 2 * kRoundingVoxels;
+  const NeighbourRuleView& rule = points.rule;
+  const double radius_m = static_cast<double>(neighbourReach_m(rule.radius_squared, rule.steps_per_m));
+  const auto most_reach_voxels =
+      static_cast<float>(radius_m * rule.inverse_voxel_size * static_cast<double>(kReachSlack)) + 2 * kRoundingVoxels;
   constexpr unsigned kThreads = kWarps * kWarp;
   reachBlocks<<<(max_touched + kWarps - 1) / kWarps, kThreads, 0, stream>>>(points, moved, most_reach_voxels);
   checkLaunch("reachBlocks");

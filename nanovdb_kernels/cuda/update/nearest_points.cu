@@ -34,17 +34,17 @@ template <unsigned kRoom>
 class NearSearch {
  public:
   __device__ NearSearch(const PointsView& points, std::uint32_t id, NearList<kRoom>& list, unsigned lane)
-      : points_(points), list_(list), lane_(lane), centre_N_(points.state.mean_N + 3 * static_cast<std::size_t>(id)) {}
+      : points_(points), list_(list), lane_(lane), centre_(points.state.mean_L + 3 * static_cast<std::size_t>(id)) {}
 
   /// Lists all points up to a squared distance. @return their number, even if not all fit
   __device__ unsigned list(std::int64_t bound) const {
-    const NeighbourScale& scale = points_.rule.scale;
+    const NeighbourRuleView& rule = points_.rule;
     const double reach_voxels =
-        (sqrt(static_cast<double>(bound)) + 1) / scale.steps_per_unit * scale.voxels_per_unit + kRoundingVoxels;
+        (sqrt(static_cast<double>(bound)) + 1) / rule.steps_per_m * rule.inverse_voxel_size + kRoundingVoxels;
     int low[3], side[3];
     double centre[3];  // [voxels]; leaf l holds [8 l - 1/2, 8 l + 7 1/2)
     for (int axis = 0; axis < 3; ++axis) {
-      centre[axis] = static_cast<double>(centre_N_[axis]) * scale.voxels_per_unit + 0.5;
+      centre[axis] = static_cast<double>(centre_[axis]) * rule.inverse_voxel_size + 0.5;
       low[axis] = static_cast<int>(floor((centre[axis] - reach_voxels) / 8));
       side[axis] = static_cast<int>(floor((centre[axis] + reach_voxels) / 8)) - low[axis] + 1;
     }
@@ -127,14 +127,14 @@ class NearSearch {
   }
 
   __device__ NeighbourOffset offsetOf(std::uint32_t id) const {
-    return neighbourOffset(centre_N_, points_.state.mean_N + 3 * static_cast<std::size_t>(id), points_.rule.scale);
+    return neighbourOffset(centre_, points_.state.mean_L + 3 * static_cast<std::size_t>(id), points_.rule.steps_per_m);
   }
 
  private:
   const PointsView& points_;
   NearList<kRoom>& list_;
   unsigned lane_;
-  const float* centre_N_;
+  const float* centre_;
 };
 
 __device__ std::int64_t sumOfWarp(std::int64_t value) {
@@ -157,14 +157,13 @@ __global__ void __launch_bounds__(kWarps* kWarp)
   if (!part.holds(at)) return;
   const std::uint32_t id = part.ids[part.first + at];
   const NeighbourRuleView& rule = points.rule;
-  const std::int64_t radius_squared = rule.scale.radius_squared;
   const NearSearch<kRoom> search(points, id, list, lane);
   const auto wanted = static_cast<unsigned>(rule.neighbours);
 
-  const float reach_N = points.state.reach_N[id];
+  const float reach_m = points.state.reach_m[id];
   std::int64_t bound =
-      reach_N >= 0 ? squareOf(1.05 * static_cast<double>(reach_N) * rule.scale.steps_per_unit) : squareOf(guess);
-  if (bound > radius_squared) bound = radius_squared;
+      reach_m >= 0 ? squareOf(1.05 * static_cast<double>(reach_m) * rule.steps_per_m) : squareOf(guess);
+  if (bound > rule.radius_squared) bound = rule.radius_squared;
   std::int64_t too_small = -1, too_large = -1;
   unsigned listed = 0;
   while (true) {
@@ -173,7 +172,7 @@ __global__ void __launch_bounds__(kWarps* kWarp)
       too_large = bound;
       bound = too_small >= 0 ? too_small + (too_large - too_small) / 2
                              : static_cast<std::int64_t>(static_cast<double>(bound) * 0.8 * kRoom / listed);
-    } else if (listed >= wanted || bound == radius_squared) {
+    } else if (listed >= wanted || bound == rule.radius_squared) {
       break;
     } else {
       too_small = bound;
@@ -184,7 +183,7 @@ __global__ void __launch_bounds__(kWarps* kWarp)
         double factor = 1.3 * wanted / (listed + 1);
         factor = factor < 1.3 ? 1.3 : factor > 4 ? 4 : factor;
         bound = static_cast<std::int64_t>(static_cast<double>(bound + 1) * factor);
-        if (bound > radius_squared) bound = radius_squared;
+        if (bound > rule.radius_squared) bound = rule.radius_squared;
       }
     }
     if (too_large >= 0 && too_large - too_small <= 1) {
@@ -196,7 +195,7 @@ __global__ void __launch_bounds__(kWarps* kWarp)
   }
 
   NearBound nearest = {bound, kNoIndex}, sharing = nearest;
-  std::int64_t farthest = radius_squared;
+  std::int64_t farthest = rule.radius_squared;
   if (listed >= wanted) nearest = search.least(listed, wanted, bound);
   const auto view_wanted = static_cast<unsigned>(rule.view_neighbours);
   if (listed > view_wanted) sharing = view_wanted > 0 ? search.least(listed, view_wanted, bound) : NearBound{-1, 0};
@@ -237,8 +236,8 @@ __global__ void makeNeighbourhoods(PointsView points, PointPart part, const Foun
   if (!part.holds(n)) return;
   const float* to_sensor = points.state.to_sensor_L + 3 * static_cast<std::size_t>(part.ids[part.first + n]);
   Neighbourhood& neighbourhood = neighbourhoods[n];
-  neighbourNormal(found[n].sums, to_sensor, points.rule.scale, neighbourhood.normal);
-  neighbourhood.reach_N = neighbourReach_N(found[n].farthest, points.rule.scale);
+  neighbourNormal(found[n].sums, to_sensor, neighbourhood.normal);
+  neighbourhood.reach_m = neighbourReach_m(found[n].farthest, points.rule.steps_per_m);
   neighbourhood.seen = found[n].seen;
 }
 
@@ -252,7 +251,7 @@ void launch(const PointsView& points, const PointPart& part, unsigned warps, std
   const std::size_t bytes = warps * sizeof(NearList<kRoom>);
   // The same guess as on the CPU: half of k voxels on a surface.
   const double guess =
-      sqrt(0.5 * points.rule.neighbours) * points.rule.scale.steps_per_unit / points.rule.scale.voxels_per_unit;
+      sqrt(0.5 * points.rule.neighbours) * static_cast<double>(points.rule.voxel_size_m) * points.rule.steps_per_m;
   nearestPoints<kRoom>
       <<<(part.count + warps - 1) / warps, warps * kWarp, bytes, stream>>>(points, part, guess, failed, found);
   checkLaunch("nearestPoints");
@@ -268,7 +267,7 @@ void launchNearest(const PointsView& points, const PointPart& part, std::uint32_
   constexpr std::int64_t kFewAtOneDistance = 50;  // voxels
   const NeighbourRuleView& rule = points.rule;
   const double radius_voxels =
-      sqrt(static_cast<double>(rule.scale.radius_squared)) / rule.scale.steps_per_unit * rule.scale.voxels_per_unit;
+      sqrt(static_cast<double>(rule.radius_squared)) / rule.steps_per_m * rule.inverse_voxel_size;
   if (rule.neighbours <= 120 && radius_voxels <= static_cast<double>(kFewAtOneDistance)) {
     launch<384>(points, part, kWarps, failed, found, stream);
   } else {

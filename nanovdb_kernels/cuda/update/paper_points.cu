@@ -77,7 +77,7 @@ __global__ void takeTurn(PointsView points, CoarseToFine rule, PaperTurn turn) {
   const std::size_t id = turn.ids[n];
   const Neighbourhood& found = turn.neighbourhoods[n];
   turn.flags[id] &= static_cast<std::uint8_t>(~kWaiting);
-  points.state.reach_N[id] = found.reach_N;
+  points.state.reach_m[id] = found.reach_m;
   for (std::size_t axis = 0; axis < 3; ++axis) points.points.normal_L[3 * id + axis] = found.normal[axis];
   const auto words = static_cast<std::size_t>(points.points.direction_words);
   for (std::size_t w = 0; w < words; ++w) points.points.seen[id * words + w] = found.seen.word[w];

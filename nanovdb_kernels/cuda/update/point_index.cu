@@ -29,7 +29,7 @@ __global__ void admitBlocks(BlockIndexView index, GroupsView groups, DeviceList<
   index.count[news.block] = news.count;
   if (news.is_new == 0) return;
   for (int axis = 0; axis < 3; ++axis) index.leaf[3 * static_cast<std::size_t>(news.block) + axis] = news.leaf[axis];
-  index.reach_N[news.block] = -1;
+  index.reach_m[news.block] = -1;
   groups.of_block[news.block] = news.group;
   for (int axis = 0; axis < 3; ++axis) {  // every block of a group writes the same
     groups.leaf[3 * static_cast<std::size_t>(news.group) + axis] = news.leaf[axis] >> groups.log2 << groups.log2;
@@ -46,7 +46,7 @@ __device__ void makePoint(const PointsView& points, const KnownView& known, cons
   const PointStateView& state = points.points;
   const std::size_t id = news.id;
   points.state.block[id] = news.block;
-  points.state.reach_N[id] = -1;
+  points.state.reach_m[id] = -1;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     state.position_L[3 * id + axis] = news.position_L[axis];
     state.normal_L[3 * id + axis] = 0;
@@ -79,24 +79,24 @@ __global__ void admitPoints(PointsView points, MovedView moved, KnownView known,
   const PointNews& news = all_news.data[n];
   const NeighbourStateView& state = points.state;
   const std::size_t id = news.id;
-  if (isnan(news.before_N[0])) {
+  if (isnan(news.before_L[0])) {
     makePoint(points, known, news);
-  } else if (state.reach_N[id] >= 0) {
+  } else if (state.reach_m[id] >= 0) {
     addMoved(moved, news.id);  // its mean, its seen directions or the mean sensor position has changed
   }
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    state.mean_N[3 * id + axis] = news.mean_N[axis];
+    state.mean_L[3 * id + axis] = news.mean_L[axis];
     state.to_sensor_L[3 * id + axis] = news.to_sensor_L[axis];
   }
   const auto words = static_cast<std::size_t>(points.points.direction_words);
   for (std::size_t w = 0; w < words; ++w) state.own_seen[id * words + w] = news.seen.word[w];
-  if (first_place == kNoIndex || news.matters_to_others == 0) return;
+  if (first_place == kNoIndex) return;
   const PlacesView& places = moved.places;
   const std::uint32_t at = first_place + n;
   Place& place = places.places[at];
   for (int axis = 0; axis < 3; ++axis) {
-    place.now_N[axis] = news.mean_N[axis];
-    place.before_N[axis] = news.before_N[axis];
+    place.now_L[axis] = news.mean_L[axis];
+    place.before_L[axis] = news.before_L[axis];
   }
   place.next = atomicExch(places.head + news.block, at);
   if (place.next == kNoIndex) places.touched_blocks[atomicAdd(&moved.counters->touched_blocks, 1u)] = news.block;

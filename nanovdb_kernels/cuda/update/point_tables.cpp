@@ -7,6 +7,7 @@
 
 #include "cuda/memory/growing.h"
 #include "cuda/update/update_kernels.h"
+#include "hostdev/voxel_scale.h"
 
 namespace accessvdb::kernels {
 
@@ -14,7 +15,9 @@ PointTables::PointTables(DeviceMemory& memory, const NeighbourTables& tables)
     : memory_(memory), words_(static_cast<std::size_t>((tables.num_directions + 63) / 64)) {
   view_.groups.log2 = tables.group_log2;
   view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
-  view_.rule.scale = tables.scale;
+  view_.rule.inverse_voxel_size = VoxelScale(tables.voxel_size_m).inverse;
+  view_.rule.steps_per_m = neighbourStepsPerMetre(tables.radius_m);
+  view_.rule.radius_squared = neighbourRadiusSquared(tables.radius_m);
   view_.rule.neighbours = tables.neighbours;
   view_.rule.view_neighbours = tables.view_neighbours;
 }
@@ -76,7 +79,7 @@ void PointTables::refreshIndex(std::uint32_t blocks) {
   index.first = first_.data();
   index.count = count_.data();
   index.ids = ids_.data();
-  index.reach_N = block_reach_.data();
+  index.reach_m = block_reach_.data();
   index.blocks = blocks;
 }
 

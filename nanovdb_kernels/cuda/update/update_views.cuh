@@ -55,7 +55,7 @@ struct BlockIndexView {
   std::uint32_t* first = nullptr;     ///< [blocks] ids of a block: ids[first .. first + count)
   std::uint32_t* count = nullptr;     ///< [blocks]
   std::uint32_t* ids = nullptr;
-  float* reach_N = nullptr;  ///< [blocks] largest reach of its points; negative if none has a neighbourhood
+  float* reach_m = nullptr;  ///< [blocks] largest reach of its points; negative if none has a neighbourhood
   std::uint32_t blocks = 0;
 
 #if defined(__CUDACC__)
@@ -78,16 +78,17 @@ struct GroupsView {
 /// What neighbourhoods are made of, by id.
 struct NeighbourStateView {
   std::uint32_t* block = nullptr;     ///< [n]
-  float* mean_N = nullptr;            ///< [3 n]
+  float* mean_L = nullptr;            ///< [3 n]
   float* to_sensor_L = nullptr;       ///< [3 n]
   std::uint64_t* own_seen = nullptr;  ///< [words n]
-  float* reach_N = nullptr;           ///< [n] negative: no neighbourhood yet
+  float* reach_m = nullptr;           ///< [n] negative: no neighbourhood yet
 };
 
 /// Constants of neighbourhoods.
 struct NeighbourRuleView {
   float voxel_size_m = 0;
-  NeighbourScale scale;
+  double inverse_voxel_size = 0, steps_per_m = 0;
+  std::int64_t radius_squared = 0;
   int neighbours = 0, view_neighbours = 0;
 };
 
@@ -108,7 +109,7 @@ struct PointsView {
 
 /// Where a touched point was and is.
 struct Place {
-  float now_N[3], before_N[3];  ///< before: NaN if the point is new
+  float now_L[3], before_L[3];  ///< before: NaN if the point is new
   std::uint32_t next;           ///< next in the same block, or kNoIndex
 };
 /// Touched points by block.
@@ -149,7 +150,7 @@ struct FoundNeighbours {
 /// The neighbourhood made from that.
 struct Neighbourhood {
   float normal[3];
-  float reach_N;
+  float reach_m;
   DirectionMask seen;
 };
 

@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <memory>
 #include <numeric>
 
 #include "unit/points/random_points.h"
@@ -74,7 +73,7 @@ Outcome run(const Stream& stream, std::uint64_t seed) {
     for (std::uint32_t id = 0; id < known; ++id) {
       const PointRecord& record = scorer.record(id);
       const bool is_same =
-          record.normal_L == now[id].normal_L && record.seen == now[id].seen && record.reach_N == now[id].reach_N;
+          record.normal_L == now[id].normal_L && record.seen == now[id].seen && record.reach_m == now[id].reach_m;
       outcome.changed += is_same ? 0 : 1;
       if (!is_same) {
         EXPECT_TRUE(std::binary_search(moved.begin(), moved.end(), id)) << "update " << update << " point " << id;
@@ -141,74 +140,6 @@ TEST(MovedPoints, WithoutMeansOnlyNewPointsAndViewsMatter) {
   const Outcome outcome = run(stream, 6);
   EXPECT_GT(outcome.changed, 500u);
   EXPECT_LT(outcome.moved, outcome.all / 2);
-}
-
-/// A flat patch of points in the plane x = 0, each with many returns in the middle of its voxel.
-class SteadyPatch : public testing::Test {
- protected:
-  SteadyPatch() : params_(steadyParams()), points_(params_, directionTable(36)) {
-    for (int scan = 0; scan < 16; ++scan) {
-      std::vector<Eigen::Vector3f> p;
-      for (int y = -4; y <= 4; ++y) {
-        for (int z = -4; z <= 4; ++z) {
-          p.emplace_back(0, kVoxel_m * static_cast<float>(y), kVoxel_m * static_cast<float>(z));
-        }
-      }
-      points_.addReturns(p, {&sensor_, 1});
-    }
-    scorer_.grow();
-    for (std::uint32_t id = 0; id < points_.size(); ++id) all_.push_back(id);
-    scorer_.refreshNeighbourhoods(all_);
-    moved_points_.refreshed(all_);
-    moved_points_.clear();
-  }
-
-  static FieldParams steadyParams() {
-    FieldParams params = pointParams(kVoxel_m);
-    params.tsdf.range_noise_m = kVoxel_m / 2;  // eight steps per voxel
-    return params;
-  }
-  /// Adds a return beside the middle of the central voxel.
-  void add(float offset_voxels) {
-    const Eigen::Vector3f p(offset_voxels * kVoxel_m, 0, 0);
-    moved_points_.note(points_.addReturns({&p, 1}, {&sensor_, 1}));
-  }
-
-  static constexpr float kVoxel_m = 0.0625f;
-  Eigen::Vector3f sensor_ = {5, 0, 0};
-  FieldParams params_;
-  PointStore points_;
-  std::unique_ptr<kernels::Backend> backend_ = kernels::makeCpuBackend();
-  PointScorer scorer_{points_, params_, *backend_, noMap()};
-  MovedPoints moved_points_{scorer_};
-  std::vector<std::uint32_t> all_;
-};
-
-/// 17 returns with one 0.49 voxels off: the mean is at 0.03, less than half a step of 0.125.
-TEST_F(SteadyPatch, AReturnWithinTheStepConcernsOnlyItsPoint) {
-  add(0.49f);
-  EXPECT_EQ(moved_points_.find(), std::vector<std::uint32_t>{points_.index().find({0, 0, 0})});
-  EXPECT_TRUE(scorer_.refreshNeighbourhoods(all_).empty());
-}
-
-/// Three of them: at 0.077, over half a step. Every neighbourhood with that point moves, and the normals of some turn
-/// by a step, so that their directions have to be ranked again.
-TEST_F(SteadyPatch, AReturnThatCrossesAStepConcernsItsNeighbours) {
-  std::vector<Neighbourhood> before(all_.size()), after(all_.size());
-  const NeighbourhoodSearch search(points_, params_);
-  search.compute(all_, before);
-  for (int n = 0; n < 3; ++n) add(0.49f);
-  search.compute(all_, after);
-  std::vector<std::uint32_t> turned;
-  for (const std::uint32_t id : all_) {
-    if (before[id].normal_L != after[id].normal_L) turned.push_back(id);
-  }
-  EXPECT_GT(turned.size(), 3u);
-  EXPECT_LT(turned.size(), all_.size() / 2);
-  const std::vector<std::uint32_t> moved = moved_points_.find();
-  EXPECT_TRUE(std::ranges::includes(moved, turned));
-  EXPECT_LT(moved.size(), all_.size());
-  EXPECT_EQ(scorer_.refreshNeighbourhoods(moved), turned);
 }
 
 }  // namespace
