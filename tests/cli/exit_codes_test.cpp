@@ -146,16 +146,16 @@ TEST_F(ExitCodes, NoReturnAtAll) {
 }
 
 TEST_F(ExitCodes, MemoryLimitNamesAVoxelThatFits) {
-  // 168 MiB are for the program, buffers and the picture, the rest is for the map: too little at 5 mm, enough at a few
+  // 183 MiB are for the program, buffers and the picture, the rest is for the map: too little at 5 mm, enough at a few
   // centimetres.
-  const std::vector<std::string> limit = {"--voxel", "0.005", "--max-memory", "176M", "--tiles", "off"};
+  const std::vector<std::string> limit = {"--voxel", "0.005", "--max-memory", "193M", "--tiles", "off"};
   const ProgramResult result = runProgram(mapArguments(limit));
   EXPECT_EQ(result.exit_code, 5) << result.err;
   expectOneErrorLine(result, "limit.memory");
   std::smatch voxel;
   ASSERT_TRUE(std::regex_search(result.err, voxel, std::regex("--voxel ([0-9.]+) or larger"))) << result.err;
   EXPECT_GT(std::stod(voxel[1]), 0.005);
-  EXPECT_EQ(runProgram(mapArguments({"--max-memory", "176M", "--voxel", voxel[1]})).exit_code, 0);
+  EXPECT_EQ(runProgram(mapArguments({"--max-memory", "193M", "--voxel", voxel[1]})).exit_code, 0);
   std::filesystem::remove_all(folder_ / "out");
   expectFailure(limit, 5, "limit.memory");
 }

@@ -43,7 +43,7 @@ TEST_F(ChosenTiles, NoneWhereOnePieceFits) {
 
 TEST_F(ChosenTiles, SomeWhereItDoesNot) {
   walkFar();
-  const std::string limit = "250M";
+  const std::string limit = "270M";
   refuse(map({"--tiles", "off", "--max-memory", limit}, "refused"), 5, "limit.memory");
   succeed(map({"--max-memory", limit}));
   const tiles::Plan plan = tiles::readPlan(path("out"));
@@ -58,7 +58,7 @@ TEST_F(ChosenTiles, SomeWhereItDoesNot) {
 TEST_F(ChosenTiles, GrowWithTheMemory) {
   walkFar();
   std::int32_t before = 0;
-  for (const char* limit : {"225M", "255M", "2G"}) {
+  for (const char* limit : {"255M", "285M", "2G"}) {
     const std::int32_t edge = edgeFor(limit);
     EXPECT_GE(edge, std::max(before, 128)) << limit;
     before = edge;
