@@ -41,6 +41,7 @@ class ACCESSVDB_API DistinctCounter {
 enum class RunOutput {
   Field,             ///< the files of `map`
   FieldWithSurface,  ///< and a level set (WriteOptions::surface)
+  Tile,              ///< the files of one tile; the picture of all tiles is drawn when there is no map in memory
   Labels             ///< snapshots alone, three of them (evaluate --consistency)
 };
 

@@ -104,7 +104,7 @@ double MemoryPrediction::bytes(RunOutput output, bool with_distances) const {
   const double field_vdb = std::max(cone_leaves * kExportLeafBytes + nodes * kExportNodeBytes, level_set) +
                            surface_points * kSortedPointBytes;
   const double points_vdb = surface_leaves * kPointLeafBytes + surface_points * kPointColumnsBytes;
-  const double picture = kPictureBytes + surface_points * kDrawnPointBytes;
+  const double picture = output == RunOutput::Tile ? 0 : kPictureBytes + surface_points * kDrawnPointBytes;
   return map + surface_points * kStoredPointBytes + std::max({field_vdb, points_vdb, picture});
 }
 

@@ -52,7 +52,7 @@ double peakBytesOf(const internal::FieldCounts& counts, const FusedReturns& fuse
   prediction.nodes = static_cast<double>(counts.nodes);
   prediction.surface_points = static_cast<double>(counts.points);
   prediction.surface_leaves = static_cast<double>(counts.point_leaves);
-  return peakBytes(prediction.bytes(RunOutput::Field), tables);
+  return peakBytes(prediction.bytes(RunOutput::Tile), tables);
 }
 
 /// What stays the same for all parts of a tile.

@@ -98,7 +98,7 @@ TEST_F(TileBytes, QuartersBecauseMemoryIsShort) {
   succeed(step("bin"));
   const std::string name = tilesOf().front();
   bool split = false;
-  for (int limit_mb = 270; !split && limit_mb > 200; limit_mb -= 10) {
+  for (int limit_mb = 200; !split && limit_mb > 120; limit_mb -= 10) {
     std::filesystem::remove_all(path("out/tiles"));
     (void)runProgram(step("run", {"--tile", name, "--max-memory", std::to_string(limit_mb) + "M"}));
     const std::vector<std::string> names = tilesOf();

@@ -147,8 +147,9 @@ class TileChoice {
 
   [[nodiscard]] std::int32_t largestFitting(const ToolTableBytes& tables, double limit) const {
     std::int32_t edge = 0;
+    if (MemoryPrediction{}.bytes(RunOutput::Field) > limit) return edge;  // the picture of all tiles
     for (std::int32_t larger = margins_.least_tile_voxels; larger <= kMostTileVoxels; larger *= 2) {
-      const double fixed = MemoryPrediction{}.bytes(RunOutput::Field);
+      const double fixed = MemoryPrediction{}.bytes(RunOutput::Tile);
       const double tile = fixed + kCaution * ratio_ * (largestTile(larger) - fixed);
       if (peakBytes(tile, tables) > limit) break;
       edge = larger;
@@ -193,7 +194,7 @@ class TileChoice {
       for (const std::uint32_t n : rays) {
         predictor.add(sample_.rays()[n].first.cast<double>(), sample_.rays()[n].second.cast<double>());
       }
-      most = std::max(most, predictor.prediction().bytes(RunOutput::Field, false));
+      most = std::max(most, predictor.prediction().bytes(RunOutput::Tile, false));
     }
     return most;
   }
