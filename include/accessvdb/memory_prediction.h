@@ -54,10 +54,14 @@ struct ACCESSVDB_API MemoryPrediction {
   double surface_leaves = 0;       ///< leaves that hold a surface point
   std::uint64_t largest_step = 0;  ///< returns of the largest step, which is fused at once
   std::uint64_t input_bytes = 0;   ///< what reading holds between steps, see ScanSequence::heldBytes()
+  int remembered_directions = 0;   ///< see rememberedDirections()
   /// The peak of a run with a tool whose tables take no memory.
   /// @param with_distances  the mirror of distances is kept (FieldParams::mirror_distance)
   [[nodiscard]] double bytes(RunOutput output, bool with_distances = false) const;
 };
+
+/// Directions of which a point remembers something on the host: all with the exact policy, unless it runs on a GPU.
+[[nodiscard]] ACCESSVDB_API int rememberedDirections(const FieldParams& params);
 
 /// The peak of a run: while the tool's tables are made there is no map yet.
 /// @param without_tool  MemoryPrediction::bytes()
@@ -65,8 +69,8 @@ struct ACCESSVDB_API MemoryPrediction {
 
 class ACCESSVDB_API MemoryPredictor {
  public:
-  /// @param params  resolved parameters
-  explicit MemoryPredictor(const TsdfParams& params);
+  /// @param params  resolved parameters  @param remembered_directions  see rememberedDirections()
+  explicit MemoryPredictor(const TsdfParams& params, int remembered_directions = 0);
 
   /// One return at p with the sensor at o, both relative to some fixed origin near the scene, metres.
   void add(const Eigen::Vector3d& o_L, const Eigen::Vector3d& p_L);
@@ -81,6 +85,7 @@ class ACCESSVDB_API MemoryPredictor {
   void touchSlab(const Eigen::Vector3d& centre, const Eigen::Vector3d& u, double radius, DistinctCounter& counter);
 
   TsdfParams params_;
+  int remembered_directions_;
   double per_leaf_;  // 1 / edge of a leaf
   DistinctCounter cone_leaves_, band_leaves_, nodes_, surface_, surface_leaves_;
   std::uint64_t returns_ = 0;

@@ -43,8 +43,10 @@ struct FusedReturns {
 };
 
 /// The peak that a run of the tile comes to, if no more returns come.
-double peakBytesOf(const internal::FieldCounts& counts, const FusedReturns& fused, const ToolTableBytes& tables) {
+double peakBytesOf(const internal::FieldCounts& counts, const FusedReturns& fused, const FieldParams& params,
+                   const ToolTableBytes& tables) {
   MemoryPrediction prediction;
+  prediction.remembered_directions = rememberedDirections(params);
   prediction.returns = fused.all;
   prediction.largest_step = fused.largest_step;
   prediction.cone_leaves = static_cast<double>(counts.distance_leaves);
@@ -110,9 +112,9 @@ class TileRun {
         first_ids_.push_back(static_cast<std::uint32_t>(internal::FieldAccess::points(field).size()));
         steps_.push_back(block.step);
         fused.largest_step = std::max<std::uint64_t>(fused.largest_step, block.p_L.size());
-        requireFit(peakBytesOf(internal::FieldAccess::counts(field), fused, tables_));
+        requireFit(peakBytesOf(internal::FieldAccess::counts(field), fused, job_.params, tables_));
         fused.all += internal::FieldAccess::integrateLocal(field, block.p_L, block.q_L).points_used;
-        requireFit(peakBytesOf(internal::FieldAccess::counts(field), fused, tables_));
+        requireFit(peakBytesOf(internal::FieldAccess::counts(field), fused, job_.params, tables_));
       }
     }
     tile_.returns = fused.all;
@@ -203,7 +205,7 @@ std::int32_t edgeOf(const Plan& plan, const TileId& id) {
 
 /// What every tile needs, however small: splitting would not help.
 void requireRoomForTool(const Job& job, const RunLimits& limits) {
-  const double bytes = peakBytesOf({}, {}, toolTableBytes(job.tool, job.params));
+  const double bytes = peakBytesOf({}, {}, job.params, toolTableBytes(job.tool, job.params));
   if (limits.memory_bytes == 0 || bytes <= static_cast<double>(limits.memory_bytes)) return;
   const auto megabytes = [](double count) { return std::to_string(static_cast<std::uint64_t>(count) >> 20) + " MiB"; };
   throw ResourceLimit("limit.memory", "tool " + job.plan.tool_name,

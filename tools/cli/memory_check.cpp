@@ -39,8 +39,8 @@ class RaySample {
     stride_ *= 2;
   }
   [[nodiscard]] const std::vector<Ray>& rays() const { return rays_; }
-  [[nodiscard]] MemoryPrediction prediction(const TsdfParams& params) const {
-    MemoryPredictor predictor(params);
+  [[nodiscard]] MemoryPrediction prediction(const FieldParams& params) const {
+    MemoryPredictor predictor(params.tsdf, rememberedDirections(params));
     for (const auto& [o_L, p_L] : rays_) predictor.add(o_L.cast<double>(), p_L.cast<double>());
     return predictor.prediction();
   }
@@ -77,9 +77,9 @@ class LocalRays {
 /// One predictor per thread; the order of merging them does not matter.
 class ParallelPredictor {
  public:
-  ParallelPredictor(const TsdfParams& params, int threads)
+  ParallelPredictor(const FieldParams& params, int threads)
       : predictors_(threads > 0 ? static_cast<std::size_t>(threads) : std::max(1u, std::thread::hardware_concurrency()),
-                    MemoryPredictor(params)) {}
+                    MemoryPredictor(params.tsdf, rememberedDirections(params))) {}
   void add(const std::vector<Ray>& rays) {
     const std::size_t parts = std::clamp<std::size_t>(rays.size() / kReturnsAThread, 1, predictors_.size());
     const auto part = [&](std::size_t k) {
@@ -111,18 +111,18 @@ double roundedUp(double value) {
 double smallestFittingVoxel_m(MapOptions options, const ToolGeometry& tool, std::optional<double> noise_m,
                               const RaySample& sample, RunOutput output, const MemoryPrediction& all, double limit) {
   const double start_m = options.voxel_m;
-  const auto sampledBytes = [&](const TsdfParams& params) {
+  const auto sampledBytes = [&](const FieldParams& params) {
     MemoryPrediction prediction = sample.prediction(params);
     prediction.largest_step = all.largest_step;
     prediction.input_bytes = all.input_bytes;
     return prediction.bytes(output, options.mirror_distance);
   };
   // The sample touches fewer leaves than all rays do; the ratio at the requested voxel size corrects for that.
-  const double ratio = all.bytes(output, options.mirror_distance) / sampledBytes(fieldParams(options, noise_m).tsdf);
+  const double ratio = all.bytes(output, options.mirror_distance) / sampledBytes(fieldParams(options, noise_m));
   const auto fits = [&](double voxel_m) {
     options.voxel_m = voxel_m;
     const FieldParams params = fieldParams(options, noise_m);
-    const double rays = ratio * sampledBytes(params.tsdf);
+    const double rays = ratio * sampledBytes(params);
     return rays <= limit && peakBytes(rays, toolTableBytes(tool, params)) <= limit;
   };
   double low_m = start_m, high_m = start_m * kVoxelStep;
@@ -190,7 +190,7 @@ class TileChoice {
     }
     double most = 0;
     for (const auto& [tile, rays] : rays_of) {
-      MemoryPredictor predictor(params_.tsdf);
+      MemoryPredictor predictor(params_.tsdf, rememberedDirections(params_));
       for (const std::uint32_t n : rays) {
         predictor.add(sample_.rays()[n].first.cast<double>(), sample_.rays()[n].second.cast<double>());
       }
@@ -219,7 +219,7 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeom
   const bool limited = !options.max_memory.empty();
   const FieldParams params = fieldParams(options, noise_m);
   const ToolTableBytes tables = toolTableBytes(tool, params);
-  ParallelPredictor predictor(params.tsdf, options.common.threads);
+  ParallelPredictor predictor(params, options.common.threads);
   RaySample sample;
   LocalRays rays;
   std::size_t stride = 1, largest_step = 0;
@@ -256,8 +256,8 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeom
   if (tiles) {
     // The sample touches fewer leaves than all rays do.
     const double fixed = MemoryPrediction{}.bytes(output);
-    const double ratio = (predictor.prediction().bytes(output) - fixed) /
-                         std::max(1.0, sample.prediction(params.tsdf).bytes(output) - fixed);
+    const double ratio =
+        (predictor.prediction().bytes(output) - fixed) / std::max(1.0, sample.prediction(params).bytes(output) - fixed);
     check.tile_voxels = TileChoice(params, *tiles, sample, ratio).largestFitting(tables, limit);
     if (check.tile_voxels > 0) return check;
   }
