@@ -56,14 +56,14 @@ class LiveDds : public cli_test::ProgramTest {
     ProgramTest::SetUp();
     stayOnLoopback();
     unsetenv("ROS_DOMAIN_ID");
-    // Tests run beside each other, and beside whatever else is on this machine.
-    domain_ = std::to_string(100 + getpid() % 100);
+    // Tests run beside each other, and beside whatever else is on this machine. Ports of higher domains may be taken.
+    domain_ = std::to_string(10 + getpid() % 90);
   }
 
   /// Simulated scans, and the stream of them that the peer sends.
   void simulate(int scans) {
-    const ProgramResult result = runProgram({"simulate", "--scene", "torus", "--frames", std::to_string(scans),
-                                             "--range-noise", "0.001", "--out", path("flight")});
+    const ProgramResult result = runProgram({"simulate", "--scene", "pine", "--frames", std::to_string(scans),
+                                             "--range-noise", "0.01", "--out", path("flight")});
     ASSERT_EQ(result.exit_code, 0) << result.err;
     std::ifstream poses(path("flight/poses.txt"));
     std::ofstream stream(path("stream"), std::ios::binary);
@@ -95,7 +95,7 @@ class LiveDds : public cli_test::ProgramTest {
   }
 
   static std::vector<std::string> fieldFlags() {
-    return {"--tool", "builtin:pencil", "--voxel", "0.05", "--device", "cpu", "--range-noise", "0.01"};
+    return {"--tool", "builtin:pruner", "--voxel", "0.05", "--device", "cpu", "--range-noise", "0.01"};
   }
 
   /// Runs the program, the peers once it is ready, and then stops it.
@@ -171,8 +171,8 @@ class LiveDds : public cli_test::ProgramTest {
     EXPECT_EQ(scans.size(), static_cast<std::size_t>(report_["live"]["taken"]));
     ASSERT_FALSE(scans.empty());
     EXPECT_TRUE(readText("out/points.ply") == mapped(scans));
-    EXPECT_GT(report_["counts"]["accessible"], 5);
-    EXPECT_GT(report_["counts"]["blocked"], 5);
+    EXPECT_GT(report_["counts"]["accessible"], 100);
+    EXPECT_GT(report_["counts"]["blocked"], 100);
   }
   void expectAllAccountedFor(std::uint64_t published) const {
     const json& live = report_["live"];
@@ -206,7 +206,7 @@ std::vector<ReceivedPoint> receivedIn(const std::string& bytes) {
 }
 
 TEST_F(LiveDds, LabelsAtTwoPerSecondAreThoseOfMapAndNoneIsDropped) {
-  simulate(scanCount(16));
+  simulate(scanCount(12));
   const ProgramResult result = live({peer("rate=2 listen='" + path("heard") + "'")});
   EXPECT_EQ(result.exit_code, 128 + SIGINT) << result.err;
   expectPeersEndedWell();
@@ -248,7 +248,7 @@ TEST_F(LiveDds, LabelsAtTwoPerSecondAreThoseOfMapAndNoneIsDropped) {
 }
 
 TEST_F(LiveDds, EveryScanIsAccountedForAtTenPerSecond) {
-  simulate(scanCount(40));
+  simulate(scanCount(30));
   const ProgramResult result = live({peer("rate=10 listen='" + path("heard") + "'")}, {}, SIGTERM);
   EXPECT_EQ(result.exit_code, 128 + SIGTERM) << result.err;
   expectPeersEndedWell();
@@ -257,7 +257,7 @@ TEST_F(LiveDds, EveryScanIsAccountedForAtTenPerSecond) {
 }
 
 TEST_F(LiveDds, ScansThatComeMuchTooFastAreDroppedAndCounted) {
-  simulate(scanCount(60));
+  simulate(scanCount(40));
   const ProgramResult result = live({peer("rate=0")}, {"--queue", "2"});
   EXPECT_EQ(result.exit_code, 128 + SIGINT) << result.err;
   expectPeersEndedWell();

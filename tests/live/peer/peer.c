@@ -4,10 +4,11 @@
  * A scanner and its odometry as a program of ROS 2 would publish them, over Cyclone DDS, and somebody who listens to a
  * live map. Shares no code with the project.
  *
- *   live_peer STREAM domain=N rate=HZ [reliable=0|1] [first=N] [count=N] [die=N] [listen=PREFIX] [wait_s=S]
+ *   live_peer STREAM domain=N rate=HZ [reliable=0|1] [first=N] [count=N] [die=N] [large=N] [listen=PREFIX] [wait_s=S]
  *
  * STREAM: for each scan int64 stamp_ns, 3 doubles, 4 doubles x y z w, uint32 n, n x 3 floats; little-endian.
- * rate=0: as fast as it can. die=N: it is killed after N scans. listen: writes PREFIX.status (the last one),
+ * rate=0: as fast as it can. die=N: it is killed after N scans.
+ * large=N: after N scans comes one of 3 MB more, which is not counted. listen: writes PREFIX.status (the last one),
  * PREFIX.points (the data of the last message with all points), PREFIX.changes (the data of all messages with changed
  * points, one after the other). Prints "published N" at the end. */
 #include <dds/dds.h>
@@ -141,7 +142,7 @@ int main(int argc, char** argv) {
   }
   const double rate = argument(argc, argv, "rate", 10);
   const long first = (long)argument(argc, argv, "first", 0), count = (long)argument(argc, argv, "count", 1e9),
-             die = (long)argument(argc, argv, "die", -1);
+             die = (long)argument(argc, argv, "die", -1), large = (long)argument(argc, argv, "large", -1);
   const dds_entity_t participant =
       dds_create_participant((dds_domainid_t)argument(argc, argv, "domain", 0), NULL, NULL);
   check(participant, "participant");
@@ -253,6 +254,16 @@ int main(int argc, char** argv) {
       ++published;
       listenTo(&ears);
       if (published == die) raise(SIGKILL);
+      if (published == large) {
+        const uint32_t count = 250000;
+        cloud.header.stamp.nanosec += 1000;
+        cloud.width = count;
+        cloud.row_step = 12 * count;
+        cloud.data._length = cloud.data._maximum = 12 * count;
+        cloud.data._buffer = calloc(count, 12);
+        check(dds_write(clouds, &cloud), "large cloud");
+        free(cloud.data._buffer);
+      }
     }
     free(xyz);
   }
