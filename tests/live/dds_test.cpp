@@ -62,8 +62,9 @@ class LiveDds : public cli_test::ProgramTest {
 
   /// Simulated scans, and the stream of them that the peer sends.
   void simulate(int scans) {
-    const ProgramResult result = runProgram({"simulate", "--scene", "pine", "--frames", std::to_string(scans),
-                                             "--range-noise", "0.01", "--out", path("flight")});
+    const ProgramResult result = runProgram({"simulate", "--scene", "pine", "--tree-height",
+                                             std::getenv("ACCESSVDB_LIVE_SCANS") != nullptr ? "12" : "4", "--frames",
+                                             std::to_string(scans), "--range-noise", "0.01", "--out", path("flight")});
     ASSERT_EQ(result.exit_code, 0) << result.err;
     std::ifstream poses(path("flight/poses.txt"));
     std::ofstream stream(path("stream"), std::ios::binary);
