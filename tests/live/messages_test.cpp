@@ -4,13 +4,16 @@
 #include <gtest/gtest.h>
 
 #include <cstring>
-#include <limits>
+#include <fstream>
+#include <iterator>
+#include <nlohmann/json.hpp>
 #include <random>
 
 #include "bags/messages.h"
 #include "dds/cdr_writer.h"
 #include "dds/incoming_messages.h"
 #include "dds/outgoing_messages.h"
+#include "dds/participant.h"
 
 namespace accessvdb::dds {
 namespace {
@@ -83,6 +86,19 @@ TEST(LiveMessages, PosesAreRead) {
   EXPECT_EQ(pose.frame, "odom");
   EXPECT_EQ(pose.p_W, Eigen::Vector3d(1, 2, 3));
   EXPECT_EQ(pose.q_W_B.coeffs(), q.coeffs());
+}
+
+TEST(LiveMessages, TheLayoutsForViewersShowTheTopics) {
+  for (const char* layout : {"accessvdb.rviz", "foxglove_layout.json"}) {
+    std::ifstream in(std::string(ACCESSVDB_SOURCE_DIR) + "/tools/live/" + layout);
+    const std::string text{std::istreambuf_iterator<char>(in), {}};
+    const bool json = std::string(layout).ends_with(".json");
+    EXPECT_EQ(json, nlohmann::json::accept(text)) << layout;
+    for (const Output output : {Output::Points, Output::Changes, Output::Status}) {
+      if (output == Output::Status && !json) continue;  // RViz shows no text
+      EXPECT_NE(text.find(kOutputTopics[static_cast<int>(output)]), std::string::npos) << layout;
+    }
+  }
 }
 
 /// Cut off anywhere, and with any bytes in it: an error or a message, and no more points than the bytes can hold.
