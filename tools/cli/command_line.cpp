@@ -124,6 +124,35 @@ void checkCommonOptions(const CommonOptions& options) {
 #endif
 }
 
+namespace {
+
+void insertValue(toml::table& values, const std::string& key, const std::string& text) {
+  std::int64_t integer = 0;
+  double real = 0;
+  const char* end = text.data() + text.size();
+  if (auto parsed = std::from_chars(text.data(), end, integer); parsed.ec == std::errc() && parsed.ptr == end) {
+    values.insert(key, integer);
+  } else if (auto number = std::from_chars(text.data(), end, real); number.ec == std::errc() && number.ptr == end) {
+    values.insert(key, real);
+  } else {
+    values.insert(key, text);
+  }
+}
+
+}  // namespace
+
+std::string configEntry(const std::string& key, const std::string& text) {
+  toml::table values;
+  if (text == "true" || text == "false") {
+    values.insert(key, text == "true");
+  } else {
+    insertValue(values, key, text);
+  }
+  std::ostringstream out;
+  out << values << "\n";
+  return out.str();
+}
+
 std::string effectiveConfig(const FlagParser& flags) {
   toml::table values;
   for (const auto& [key, value] : flags.settings()) {
@@ -134,16 +163,7 @@ std::string effectiveConfig(const FlagParser& flags) {
     }
     const std::string& text = std::get<std::string>(value);
     if (text.empty()) continue;
-    std::int64_t integer = 0;
-    double real = 0;
-    const char* end = text.data() + text.size();
-    if (auto parsed = std::from_chars(text.data(), end, integer); parsed.ec == std::errc() && parsed.ptr == end) {
-      values.insert(key, integer);
-    } else if (auto number = std::from_chars(text.data(), end, real); number.ec == std::errc() && number.ptr == end) {
-      values.insert(key, real);
-    } else {
-      values.insert(key, text);
-    }
+    insertValue(values, key, text);
   }
   std::ostringstream out;
   out << "[" << flags.verb() << "]\n" << values << "\n";
