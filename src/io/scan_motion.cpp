@@ -22,7 +22,8 @@ std::optional<Eigen::Affine3d> ScanMotion::at(double offset_s) const {
   const auto i = static_cast<std::size_t>(static_cast<std::int64_t>(below) - first_ms_);
   if (i >= poses_.size() || !poses_[i]) return std::nullopt;
   const double share = ms - below;
-  if (share == 0) return Eigen::Affine3d(poses_[i]->matrix());
+  constexpr double kNanosecond = 1e-6;  // as fine as times are: the last pose counts for the point that has its time
+  if (share <= kNanosecond) return Eigen::Affine3d(poses_[i]->matrix());
   if (i + 1 >= poses_.size() || !poses_[i + 1]) return std::nullopt;
   Eigen::Affine3d between;
   between.matrix() = (1 - share) * poses_[i]->matrix() + share * poses_[i + 1]->matrix();

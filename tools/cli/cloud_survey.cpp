@@ -14,11 +14,11 @@ namespace {
 constexpr std::size_t kMostKept = 3'000'000, kMostKeptRanges = 1'000'000;
 constexpr double kBlock_m = 2;
 /// Planes: points for a fit that means something, how much wider than thick, and how many of them.
-constexpr std::size_t kPlanePoints = 15, kLeastPlanes = 30;
-constexpr double kWiderThanThick = 5;
+constexpr std::size_t kPlanePoints = 15, kLeastPlanes = 10;
+constexpr double kWiderThanThick = 3;
 /// Rays that graze a plane say little about ranges.
 constexpr double kLeastCosine = 0.4;
-constexpr std::size_t kSpacingQueries = 20'000;
+constexpr std::size_t kSpacingQueries = 20'000, kMostSeeds = 2'000;
 
 using Cell = std::array<std::int64_t, 3>;
 
@@ -130,47 +130,84 @@ std::optional<PlaneNoise> CloudSurvey::noise() const {
   std::optional<PlaneNoise> best;
   double best_share = 0;
   for (const double edge_m : {0.05, 0.1, 0.2, 0.4, 0.8}) {
-    Cells<std::vector<std::uint32_t>> cells;
-    for (std::uint32_t n = 0; n < kept_.size(); ++n) cells[cellAt(kept_[n].p_L, edge_m)].push_back(n);
-    std::vector<double> sigmas;
-    std::size_t candidates = 0;
-    for (const auto& [cell, points] : cells) {
-      if (points.size() < kPlanePoints) continue;
-      ++candidates;
-      const auto count = static_cast<double>(points.size());
-      Eigen::Vector3d mean = Eigen::Vector3d::Zero();
-      for (const std::uint32_t n : points) mean += kept_[n].p_L.cast<double>();
-      mean /= count;
-      Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
-      for (const std::uint32_t n : points) {
-        const Eigen::Vector3d d = kept_[n].p_L.cast<double>() - mean;
-        spread += d * d.transpose();
-      }
-      const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(spread / (count - 3));
-      if (!(std::sqrt(axes.eigenvalues()[1]) >= kWiderThanThick * std::sqrt(std::max(0.0, axes.eigenvalues()[0]))))
-        continue;
-      const Eigen::Vector3d normal = axes.eigenvectors().col(0);
-      double squares = 0, used = 0;
-      for (const std::uint32_t n : points) {
-        const double cosine = std::abs(normal.dot(kept_[n].u.cast<double>()));
-        if (cosine < kLeastCosine) continue;
-        const double along_m = normal.dot(kept_[n].p_L.cast<double>() - mean) / cosine;
-        squares += along_m * along_m;
-        ++used;
-      }
-      if (used * 2 < count || used <= 3) continue;
-      sigmas.push_back(std::sqrt(squares / used * count / (count - 3)));
-    }
+    const auto [sigmas, seeds] = planesOf(edge_m);
     if (sigmas.size() < kLeastPlanes) continue;
-    const double share = static_cast<double>(sigmas.size()) / static_cast<double>(candidates);
+    const double share = static_cast<double>(sigmas.size()) / static_cast<double>(seeds);
     if (best && share <= best_share) continue;
     best_share = share;
-    const std::uint64_t planes = sigmas.size();
-    best = PlaneNoise{middleOf(sigmas), edge_m, planes};
-    // In small cubes only the thinnest pass for planes; in large ones a surface is no longer flat.
+    std::vector<double> values = sigmas;
+    best = PlaneNoise{middleOf(values), edge_m, sigmas.size()};
+    // In small discs only the thinnest pass for planes; in large ones a surface is no longer flat.
     if (share >= 0.5) break;
   }
   return best;
+}
+
+std::pair<std::vector<double>, std::size_t> CloudSurvey::planesOf(double edge_m) const {
+  Cells<std::vector<std::uint32_t>> cells;
+  for (std::uint32_t n = 0; n < kept_.size(); ++n) cells[cellAt(kept_[n].p_L, edge_m)].push_back(n);
+  std::vector<Cell> seeds;
+  for (const auto& [cell, points] : cells)
+    if (points.size() >= kPlanePoints) seeds.push_back(cell);
+  // By place, not by the order of a hash table, which is the library's own affair.
+  std::sort(seeds.begin(), seeds.end());
+  std::vector<double> sigmas;
+  const std::size_t stride = std::max<std::size_t>(1, seeds.size() / kMostSeeds);
+  std::size_t tried = 0;
+  for (std::size_t i = 0; i < seeds.size(); i += stride, ++tried) {
+    std::vector<std::uint32_t> around;
+    for (std::int64_t k = 0; k < 27; ++k) {
+      const auto near = cells.find({seeds[i][0] + k / 9 - 1, seeds[i][1] + k / 3 % 3 - 1, seeds[i][2] + k % 3 - 1});
+      if (near != cells.end()) around.insert(around.end(), near->second.begin(), near->second.end());
+    }
+    if (const auto sigma_m = thicknessOf(cells.at(seeds[i]), around, edge_m)) sigmas.push_back(*sigma_m);
+  }
+  return {sigmas, tried};
+}
+
+/// A cube cuts off the noise of a surface that runs along its face, so the plane that it finds only begins the search:
+/// a disc around it that is as high as it is wide holds all of it.
+std::optional<double> CloudSurvey::thicknessOf(const std::vector<std::uint32_t>& seed,
+                                               const std::vector<std::uint32_t>& around, double edge_m) const {
+  Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+  for (const std::uint32_t n : seed) middle += kept_[n].p_L.cast<double>();
+  middle /= static_cast<double>(seed.size());
+  const double radius_m = edge_m / 2;
+  Eigen::Vector3d normal = Eigen::Vector3d::Zero();  // none yet: a ball
+  std::vector<std::uint32_t> disc;
+  Eigen::Vector3d spread_m2 = Eigen::Vector3d::Zero();
+  for (int pass = 0; pass < 3; ++pass) {
+    disc.clear();
+    for (const std::uint32_t n : around) {
+      const Eigen::Vector3d d = kept_[n].p_L.cast<double>() - middle;
+      const double height_m = normal.dot(d);
+      if (std::abs(height_m) <= radius_m && (d - height_m * normal).norm() <= radius_m) disc.push_back(n);
+    }
+    if (disc.size() < kPlanePoints) return std::nullopt;
+    middle.setZero();
+    for (const std::uint32_t n : disc) middle += kept_[n].p_L.cast<double>();
+    middle /= static_cast<double>(disc.size());
+    Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
+    for (const std::uint32_t n : disc) {
+      const Eigen::Vector3d d = kept_[n].p_L.cast<double>() - middle;
+      spread += d * d.transpose();
+    }
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(spread / static_cast<double>(disc.size() - 3));
+    normal = axes.eigenvectors().col(0);
+    spread_m2 = axes.eigenvalues().cwiseMax(0.0);
+  }
+  if (!(std::sqrt(spread_m2[1]) >= kWiderThanThick * std::sqrt(spread_m2[0]))) return std::nullopt;
+  double squares = 0, used = 0;
+  for (const std::uint32_t n : disc) {
+    const double cosine = std::abs(normal.dot(kept_[n].u.cast<double>()));
+    if (cosine < kLeastCosine) continue;
+    const double along_m = normal.dot(kept_[n].p_L.cast<double>() - middle) / cosine;
+    squares += along_m * along_m;
+    ++used;
+  }
+  const auto count = static_cast<double>(disc.size());
+  if (used * 2 < count || used <= 3) return std::nullopt;
+  return std::sqrt(squares / used * count / (count - 3));
 }
 
 }  // namespace accessvdb::tools

@@ -7,6 +7,7 @@
 #include <Eigen/Geometry>
 #include <cstdint>
 #include <optional>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/scan_io.h"
@@ -16,8 +17,8 @@ namespace accessvdb::tools {
 /// Noise of the ranges, from surfaces that are flat.
 struct PlaneNoise {
   double sigma_m = 0;        ///< along the rays: median over the planes
-  double plane_m = 0;        ///< edge of the cubes in which the planes are
-  std::uint64_t planes = 0;  ///< cubes whose points form one
+  double plane_m = 0;        ///< diameter of the flat pieces
+  std::uint64_t planes = 0;  ///< how many there are
 };
 
 class CloudSurvey {
@@ -32,7 +33,7 @@ class CloudSurvey {
   [[nodiscard]] double shareSeen(double voxel_m, double least, double times) const;
   /// Median distance from a point to its nearest neighbour among all scans read; 0 for fewer than two points.
   [[nodiscard]] double spacing_m() const;
-  /// Nothing without 30 planes.
+  /// Nothing without 10 planes.
   [[nodiscard]] std::optional<PlaneNoise> noise() const;
 
  private:
@@ -40,6 +41,11 @@ class CloudSurvey {
     Eigen::Vector3f p_L, u;  ///< from the first sensor position; unit, towards the sensor
   };
   void keep(const Return& one);
+  /// Thickness of each disc of that size that is flat, and how many were looked at.
+  [[nodiscard]] std::pair<std::vector<double>, std::size_t> planesOf(double edge_m) const;
+  /// @param seed, around  indices into kept_: of a cube, and of the 27 around it
+  [[nodiscard]] std::optional<double> thicknessOf(const std::vector<std::uint32_t>& seed,
+                                                  const std::vector<std::uint32_t>& around, double edge_m) const;
 
   std::optional<Eigen::Vector3d> origin_W_;
   std::vector<Return> kept_;

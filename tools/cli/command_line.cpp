@@ -142,12 +142,15 @@ void insertValue(toml::table& values, const std::string& key, const std::string&
 }  // namespace
 
 std::string configEntry(const std::string& key, const std::string& text) {
-  toml::table values;
-  if (text == "true" || text == "false") {
-    values.insert(key, text == "true");
-  } else {
-    insertValue(values, key, text);
+  if (text == "true" || text == "false") return key + " = " + text + "\n";
+  double number = 0;
+  const char* end = text.data() + text.size();
+  if (auto parsed = std::from_chars(text.data(), end, number); parsed.ec == std::errc() && parsed.ptr == end) {
+    char shortest[40];
+    return key + " = " + std::string(shortest, std::to_chars(shortest, shortest + sizeof shortest, number).ptr) + "\n";
   }
+  toml::table values;
+  values.insert(key, text);
   std::ostringstream out;
   out << values << "\n";
   return out.str();
