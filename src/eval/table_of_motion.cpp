@@ -117,7 +117,7 @@ Judged fly(TableContext& context, const sim::BenchmarkScene& benchmark, const Ru
 }  // namespace
 
 void makeMotionTable(TableContext& context) {
-  for (const char* scene : {"torus", "sphere_a"}) {
+  for (const char* scene : {"torus", "sphere_a", "box"}) {
     const RunRequest request = productRun(scene, kMotionVoxel_m);
     const sim::BenchmarkScene benchmark = sim::benchmarkScene(scene, kMotionVoxel_m);
     double still_f1 = 0;
