@@ -68,12 +68,12 @@ TEST_F(Advise, WritesToStandardOutputAndKeepsWhatWasGiven) {
   writeWallScans();
   writePoses();
   const ProgramResult result = runProgram({"advise", "--scans", path("scans"), "--poses", path("poses.txt"), "--every",
-                                           "2", "--allow-truncated", "--range-noise", "0.03", "--tool-unit", "mm"});
+                                           "2", "--allow-truncated", "--range-noise", "0.03", "--min-range", "0.5"});
   ASSERT_EQ(result.exit_code, 0) << result.err;
   EXPECT_EQ(valueOf(result.out, "range-noise"), 0.03);
   EXPECT_EQ(valueOf(result.out, "every"), 2);
   EXPECT_NE(result.out.find("allow-truncated = true"), std::string::npos) << result.out;
-  EXPECT_NE(result.out.find("tool-unit = 'mm'"), std::string::npos) << result.out;
+  EXPECT_NE(result.out.find("min-range = 0.5"), std::string::npos) << result.out;
   writeText("again.toml", result.out);
   const ProgramResult config = runProgram({"map", "--config", path("again.toml"), "--print-config"});
   EXPECT_EQ(config.exit_code, 0) << config.err;
