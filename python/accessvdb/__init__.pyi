@@ -18,6 +18,7 @@ _Region = Literal["double_cone", "full_cube", "projective"]
 _Form = Literal["voxels", "surface_samples"]
 _Policy = Literal["exact", "paper"]
 _PoseFormat = Literal["auto", "tum", "kitti", "balm", "hba", "viewpoint"]
+_Deskew = Literal["auto", "on", "off"]
 _Compression = Literal["auto", "blosc", "zip", "none"]
 _UpAxis = Literal["z", "y"]
 _Three = Union[Sequence[float], npt.NDArray[Any]]
@@ -478,6 +479,10 @@ class ScanRecord:
     def truncated_points(self) -> int: ...
     @property
     def excluded_points(self) -> int: ...
+    @property
+    def unposed_points(self) -> int: ...
+    @property
+    def deskewed(self) -> bool: ...
 
 @final
 class ScanSequence:
@@ -504,6 +509,9 @@ class ScanSequence:
         fixed_frame: str = ...,
         T_B_S: Optional[npt.ArrayLike] = ...,
         exclude_box_S: Optional[Tuple[_Three, _Three]] = ...,
+        deskew: _Deskew = ...,
+        level: Union[Literal["imu"], Tuple[float, float], None] = ...,
+        ray_W: Optional[_Three] = ...,
     ) -> None: ...
     def __len__(self) -> int: ...
     def __getitem__(self, step: int) -> ScanRecord: ...

@@ -89,13 +89,17 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
   flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
 }
 
-void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out) {
+void addScanFlags(FlagParser& flags, MapOptions& options) {
   flags.option("--scans", &options.scans,
-               "folder of .pcd, .ply, .bin, .las or .laz scans, one file, or a recording (.mcap, .db3, .bag)");
+               "folder of .pcd, .ply, .bin, .las, .laz or .ptx scans, one file, or a recording (.mcap, .db3, .bag)");
   flags.option("--poses", &options.poses,
                "pose file; may be omitted for VIEWPOINT poses, ray clouds, recordings, --trajectory, --stations and "
                "--sensor-at");
   flags.option("--sensor-at", &options.sensor_at, "X,Y,Z of the one sensor position of one cloud in the world frame");
+}
+
+void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out) {
+  addScanFlags(flags, options);
   addMappingOptions(flags, options);
   flags.option(out, &options.out, "folder for field.vdb, field_points.vdb, points.ply, report.json, preview.png");
   flags.option("--policy", &options.policy, "how points to be scored again are chosen: exact or paper");
