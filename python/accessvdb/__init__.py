@@ -34,6 +34,8 @@ try:
         FieldParams,
         FieldSnapshot,
         FrameStats,
+        LiveSession,
+        LiveStep,
         MemoryUse,
         PointAnswers,
         PointLabel,

@@ -13,6 +13,7 @@ PYBIND11_MODULE(_accessvdb, module) {
   bindParams(module);
   bindSnapshot(module);
   bindAnswers(module);
+  bindLive(module);
   bindScans(module);
   bindField(module);
   bindStoredField(module);

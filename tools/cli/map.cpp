@@ -62,7 +62,6 @@ class MapRun {
   void integrate(const io::ScanRecord& record, AccessibilityField& field);
   void update(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
-  [[nodiscard]] Eigen::AlignedBox3d countPoints(const AccessibilityField& field, const SurfacePoints& points);
   void finish(const io::ScanSequence& scans, const AccessibilityField& field);
   void writeHtml(const ToolGeometry& tool);
   void saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field);
@@ -262,29 +261,13 @@ std::size_t MapRun::readResumed(io::ScanSequence& scans) {
   return first;
 }
 
-/// Fills the report. @return the points' bounds, world frame
-Eigen::AlignedBox3d MapRun::countPoints(const AccessibilityField& field, const SurfacePoints& points) {
-  report_.memory = field.memoryUse();
-  report_.surface_points = points.size();
-  report_.labels = {};
-  report_.reasons = {};
-  Eigen::AlignedBox3d bounds_W;
-  for (std::size_t n = 0; n < points.size(); ++n) {
-    const SurfacePoint point = points.at(n);
-    ++report_.labels[static_cast<std::size_t>(point.label)];
-    ++report_.reasons[static_cast<std::size_t>(point.reason)];
-    bounds_W.extend(point.position_W);
-  }
-  return bounds_W;
-}
-
 void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& field) {
   const fs::path out = options_.out;
   if (stopSignal() == 0) {
     for (const std::string& path : scans.paths()) hashInput(path);
   }
   const auto points = field.points();
-  const Eigen::AlignedBox3d surface_W = countPoints(field, *points);
+  const Eigen::AlignedBox3d surface_W = countPoints(report_, field.memoryUse(), *points);
   if (excluded_points_ > 0)
     messages_.notice(std::to_string(excluded_points_) + " returns inside --exclude-box were left out");
   if (unposed_points_ > 0)
@@ -325,7 +308,7 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
   const fs::path out = options_.out;
   try {
     const auto points = field.unscoredPoints();
-    static_cast<void>(countPoints(field, *points));
+    static_cast<void>(countPoints(report_, field.memoryUse(), *points));
     writeFieldUnscored(field, out, writeOptions(options_.exported));
     io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
     messages_.warning("device.unscored", "saved what was fused of " + std::to_string(report_.scans) + " of " +

@@ -45,9 +45,7 @@ constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
 
 }  // namespace
 
-void addMappingOptions(FlagParser& flags, MapOptions& options) {
-  flags.option("--pose-format", &options.pose_format, "auto, tum, kitti, balm, hba or viewpoint");
-  flags.option("--calib", &options.calib, "KITTI calib.txt, if the poses are the camera's");
+void addFieldOptions(FlagParser& flags, MapOptions& options) {
   addToolOptions(flags, options.tool);
   flags.option("--voxel", &options.voxel_m, "edge of a voxel in metres");
   flags.option("--min-range", &options.min_range_m, "drop returns nearer than this, metres");
@@ -58,6 +56,12 @@ void addMappingOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--profile", &options.profile, "product or paper");
   flags.option("--directions", &options.directions, "approach directions over 360 degrees, 4 .. 256");
   flags.option("--knn", &options.knn, "neighbours of a normal; default by rule");
+}
+
+void addMappingOptions(FlagParser& flags, MapOptions& options) {
+  flags.option("--pose-format", &options.pose_format, "auto, tum, kitti, balm, hba or viewpoint");
+  flags.option("--calib", &options.calib, "KITTI calib.txt, if the poses are the camera's");
+  addFieldOptions(flags, options);
   flags.option("--every", &options.every, "use every n-th scan");
   flags.flag("--allow-truncated", options.allow_truncated, "keep the complete records of truncated files");
   flags.flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
