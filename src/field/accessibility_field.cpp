@@ -53,7 +53,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         integrator(prepared(volume, params)),
         mirror(backend->makeArena(), params.tsdf.voxel_size_m),
         distance_mirror(makeDistanceMirror()),
-        points(params, setup.directions_xy()),
+        points(params, setup.directions_xy(), setup.axes_xyz()),
         reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight, core())),
         scorer(points, params, *backend, reads),
         scheduler(internal::makeScheduler(scorer, {setup.hostTool(), setup.hostApproach()})),
@@ -93,7 +93,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const kernels::DistanceView distances = {distance_mirror ? distance_mirror->grid() : nullptr,
                                              tables.map.inverse_voxel_size};
-    return {volume.packed(), scorer, *backend, tables.map, distances, tables.approach.direction_xy, gate.origin_W()};
+    return {volume.packed(), scorer, *backend, tables.map, distances, tables.approach, gate.origin_W()};
   }
 
   /// @param gated  returns the scan that passed the gate
@@ -306,10 +306,11 @@ FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) cons
     std::erase_if(ids, [&](std::uint32_t id) { return !scorer.confidentEnough(id); });
     scorer.refreshNeighbourhoods(ids);
     scorer.upload(ids);
+    const kernels::DirectionMask all = kernels::allDirections(impl_->setup.tool().num_directions);
     std::vector<kernels::ScoreItem> items(ids.size());
     for (std::size_t n = 0; n < ids.size(); ++n) {
       items[n].id = ids[n];
-      items[n].candidates = kernels::allDirections(impl_->params.approach.num_directions);
+      items[n].candidates = all;
     }
     internal::ScoringTables tables = impl_->setup.tables(impl_->mirror.grid());
     tables.rule.keep_best = false;

@@ -29,7 +29,7 @@ kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int group_
   tables.radius_m = neighbourRadius_m(tables.voxel_size_m);
   tables.neighbours = resolved.scoring.neighbours;
   tables.view_neighbours = resolved.scoring.join_neighbour_views ? static_cast<int>(kViewNeighbours) : 0;
-  tables.num_directions = resolved.approach.num_directions;
+  tables.num_directions = resolved.approach.directionCount();
   tables.group_log2 = group_log2;
   return tables;
 }

@@ -413,7 +413,7 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
 TEST_F(DamagedState, IsRefusedForOtherRulesAndAnotherTool) {
   const std::string rules = withHead([](internal::StateHead& head) { head.rules_version += 1; });
   EXPECT_EQ(refusalOf(rules).rfind("state.rules", 0), 0u) << refusalOf(rules);
-  const std::string layout = withHead([](internal::StateHead& head) { head.schema += 1; });
+  const std::string layout = withHead([](internal::StateHead& head) { head.schema += 2; });
   EXPECT_EQ(refusalOf(layout).rfind("state.rules", 0), 0u) << refusalOf(layout);
   writeBytes(file(), good_);
   try {
