@@ -110,9 +110,11 @@ void scoreWithSamples(const AccessibilityField& field, const BruteForceInput& in
   }
 }
 
-void checkSeed(std::uint64_t seed, bool samples, Tally& tally) {
+/// @param oriented  with a set of orientations that is not yaw
+void checkSeed(std::uint64_t seed, bool samples, Tally& tally, bool oriented = false) {
   Random random(seed);
   FieldParams params = randomParams(random);
+  if (oriented) chooseOrientations(random, params.approach);
   const double v = params.tsdf.voxel_size_m;
   if (samples) {
     params.scoring.form = ToolForm::SurfaceSamples;
@@ -169,6 +171,17 @@ TEST(ScoringParity, SurfaceSamplesEqualBruteForceOnRandomMaps) {
   EXPECT_GT(tally.reasons[static_cast<std::size_t>(PointReason::None)], 40u);
   EXPECT_GT(tally.reasons[static_cast<std::size_t>(PointReason::Tool)], 40u);
   EXPECT_GT(tally.scores_above_zero, 40u);
+}
+
+/// Any orientations. Most points have directions in the cone, whatever their normal.
+TEST(ScoringParity, OrientationsEqualBruteForceOnRandomMaps) {
+  Tally tally;
+  for (std::uint64_t seed = 2001; seed <= 2060 && !HasFailure(); ++seed) checkSeed(seed, false, tally, true);
+  for (std::uint64_t seed = 2101; seed <= 2108 && !HasFailure(); ++seed) checkSeed(seed, true, tally, true);
+  for (const PointReason reason : {PointReason::None, PointReason::Unknown, PointReason::Arm, PointReason::Tool}) {
+    EXPECT_GT(tally.reasons[static_cast<std::size_t>(reason)], 40u) << name(reason);
+  }
+  EXPECT_GT(tally.scores_above_zero, 100u);
 }
 
 }  // namespace

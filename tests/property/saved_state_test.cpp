@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -172,6 +173,29 @@ TEST(SavedState, GoesOnBitForBit) {
   }
   EXPECT_GT(accessible, 50u);
   EXPECT_GT(blocked, 50u);
+}
+
+/// With sets of orientations, which only then are part of the file.
+TEST(SavedState, OfOrientationsGoesOnBitForBit) {
+  const ScratchFolder folder;
+  std::vector<ToolOrientation> list;
+  for (int n = 0; n < 70; ++n) list.push_back(orientationOf(37.0 * n, 90 * std::sin(n), 11.0 * n));
+  for (const OrientationSet& orientations :
+       {OrientationSet::sphere(12.5), OrientationSet::pitch(-60, 90, 30), OrientationSet::of(list)}) {
+    SCOPED_TRACE(orientations.text());
+    Stream stream = randomStream(7);
+    stream.params.approach.num_directions = 36;
+    stream.params.approach.viewpoints = false;
+    stream.params.approach.orientations = orientations;
+    stream.stop = 3;
+    expectVaried(expectGoesOn(stream, folder));
+    const SavedState state = inspectState(folder / "a.avst");
+    EXPECT_EQ(state.params.describe(), stream.params.resolved().describe());
+    ASSERT_EQ(state.params.approach.orientations.list.size(), orientations.list.size());
+    for (std::size_t n = 0; n < orientations.list.size(); ++n) {
+      EXPECT_EQ(state.params.approach.orientations.list[n].R_WT, orientations.list[n].R_WT);
+    }
+  }
 }
 
 TEST(SavedState, KeepsLabelsAfterUpdates) {
