@@ -21,6 +21,7 @@ _PoseFormat = Literal["auto", "tum", "kitti", "balm", "hba", "viewpoint"]
 _Compression = Literal["auto", "blosc", "zip", "none"]
 _UpAxis = Literal["z", "y"]
 _Three = Union[Sequence[float], npt.NDArray[Any]]
+_Orientations = Union[str, Sequence[Sequence[float]], npt.NDArray[Any]]
 _F32 = npt.NDArray[np.float32]
 _F64 = npt.NDArray[np.float64]
 _U8 = npt.NDArray[np.uint8]
@@ -139,6 +140,10 @@ class ApproachParams:
     corridor_length_m: float
     coarse_to_fine: bool
     viewpoints: bool
+    @property
+    def orientations(self) -> str: ...
+    @orientations.setter
+    def orientations(self, value: _Orientations) -> None: ...
     def __init__(
         self,
         *,
@@ -149,6 +154,7 @@ class ApproachParams:
         corridor_length_m: float = ...,
         coarse_to_fine: bool = ...,
         viewpoints: bool = ...,
+        orientations: _Orientations = ...,
     ) -> None: ...
     def __copy__(self) -> ApproachParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> ApproachParams: ...
@@ -277,6 +283,8 @@ class SurfacePoint:
     @property
     def yaw_rad(self) -> float: ...
     @property
+    def orientation_WT(self) -> _F32: ...
+    @property
     def direction(self) -> int: ...
     @property
     def score(self) -> int: ...
@@ -307,6 +315,8 @@ class FieldSnapshot:
     def direction_W(self) -> _F32: ...
     @property
     def yaw_rad(self) -> _F32: ...
+    @property
+    def orientation_WT(self) -> _F32: ...
     @property
     def direction(self) -> _U16: ...
     @property

@@ -86,17 +86,8 @@ TEST(OrientationSets, YawWrittenInAnotherWayHasTheBitsOfYaw) {
         const FieldSnapshot a = yaw.evaluateFromScratch(), b = general.evaluateFromScratch();
         expectSame(a, b);
         expectSameOrientations(a, b);
-        // Between updates, what is remembered decides when a blocked point is looked at again, so only labels and the
-        // best directions are the same there; of a field with one update, everything is.
-        const FieldSnapshot now_a = yaw.snapshot(), now_b = general.snapshot();
-        ASSERT_EQ(now_a.points.size(), now_b.points.size());
-        for (std::size_t n = 0; n < now_a.points.size(); ++n) {
-          ASSERT_EQ(now_a.points[n].label, now_b.points[n].label);
-          if (frame == 0 || now_a.points[n].label == PointLabel::Accessible) {
-            ASSERT_TRUE(sameVerdict(now_a.points[n], now_b.points[n]))
-                << text(now_a.points[n]) << "; " << text(now_b.points[n]);
-          }
-        }
+        // What is stored does not depend on evaluations that confirm it.
+        expectSame(yaw.snapshot(), general.snapshot());
       }
       expectVaried(yaw.snapshot());
     }

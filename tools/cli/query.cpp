@@ -54,6 +54,17 @@ Answers answersFrom(const std::string& map, const std::vector<Eigen::Vector3d>& 
   return answers;
 }
 
+/// Whether the tool comes level and upright, as with yaw directions.
+bool isUpright(const SurfacePoint& point) {
+  constexpr float kRounding = 1e-6f;  // of a quaternion in float32
+  const Eigen::Quaternionf& q = point.orientation_WT;
+  return std::abs(q.x()) < kRounding && std::abs(q.y()) < kRounding;
+}
+
+double pitchDegrees(const SurfacePoint& point) {
+  return std::asin(std::clamp(static_cast<double>(point.direction_W.z()), -1.0, 1.0)) * 180.0 / std::numbers::pi;
+}
+
 Json jsonAnswer(const tiles::StoredAnswer& stored) {
   const io::StoredField::Answer& answer = stored.field;
   Json json = {{"at", jsonVector(answer.position_W)}, {"voxel", stateOf(answer)}};
@@ -74,6 +85,11 @@ Json jsonAnswer(const tiles::StoredAnswer& stored) {
                      {"confidence", point.confidence},
                      {"stability", point.stability},
                      {"normal", jsonVector(point.normal_W)}};
+    if (has_direction && !isUpright(point)) {
+      const Eigen::Quaternionf& q = point.orientation_WT;
+      json["point"]["pitch_deg"] = pitchDegrees(point);
+      json["point"]["orientation"] = {q.w(), q.x(), q.y(), q.z()};
+    }
     if (stored.tile) json["point"]["tile"] = stored.tile->name();
   }
   return json;
@@ -96,6 +112,11 @@ std::string wordsOf(const tiles::StoredAnswer& stored) {
   if (point.direction == kNoDirection) return text + "  no best direction\n";
   std::snprintf(line, sizeof line, "  best direction %.4f %.4f %.4f, yaw %.1f degrees\n", point.direction_W.x(),
                 point.direction_W.y(), point.direction_W.z(), yawDegrees(point));
+  text += line;
+  if (isUpright(point)) return text;
+  const Eigen::Quaternionf& q = point.orientation_WT;
+  std::snprintf(line, sizeof line, "  tool tilted: pitch %.1f degrees, orientation %.4f %.4f %.4f %.4f (w x y z)\n",
+                pitchDegrees(point), q.w(), q.x(), q.y(), q.z());
   return text + line;
 }
 
