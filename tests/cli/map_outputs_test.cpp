@@ -55,6 +55,27 @@ class MapOutputs : public ProgramTest {
   }
 };
 
+TEST_F(MapOutputs, OfOrientationsSayHowTheToolIsHeld) {
+  const ProgramResult result = runProgram(mapArguments({"--orientations", "sphere:30"}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(report().at("parameters").at("orientations"), "sphere:30");
+  const std::string ply = readText("out/points.ply");
+  EXPECT_NE(ply.find("\ncomment orientations sphere:30\n"), std::string::npos);
+  EXPECT_NE(ply.find("\nproperty float yaw\nproperty float qw\nproperty float qx\nproperty float qy\n"
+                     "property float qz\nproperty ushort orientation\nend_header\n"),
+            std::string::npos);
+  // A list with a twin: a notice, and the one orientation that it has. Everything that has a direction has this one.
+  writeText("list.txt", "yaw pitch roll\n180 30 90\n180 30 90\n");
+  const ProgramResult listed = runProgram(mapArguments({"--orientations", "list:" + path("list.txt")}));
+  ASSERT_EQ(listed.exit_code, 0) << listed.err;
+  EXPECT_NE(listed.err.find("1 is in the list already"), std::string::npos) << listed.err;
+  const ProgramResult query = runProgram({"query", "--map", path("out"), "--at", "2,0,1", "--json"});
+  ASSERT_EQ(query.exit_code, 0) << query.err;
+  EXPECT_EQ(runProgram(mapArguments({"--print-config", "--orientations", "sphere:15"}))
+                    .out.find("orientations = \"sphere:15\"") == std::string::npos,
+            false);
+}
+
 TEST_F(MapOutputs, ReportHasTheDocumentedSchema) {
   const ProgramResult result = runProgram(mapArguments());
   ASSERT_EQ(result.exit_code, 0) << result.err;
