@@ -32,6 +32,7 @@ namespace accessvdb {
 
 class BatchQuery;
 class SurfacePoints;
+struct AccessMap;
 class TsdfVolume;
 struct DeviceView;
 namespace internal {
@@ -87,6 +88,10 @@ class ACCESSVDB_API AccessibilityField {
 
   /// The point in the voxel that contains p_W, if any.
   [[nodiscard]] std::optional<SurfacePoint> pointAt(const Eigen::Vector3d& p_W) const;
+
+  /// Why that point is as it is: every orientation tried by itself against the current map, see access_map.h. Changes
+  /// nothing. Takes milliseconds and, for the time being, as much memory as the state of all points.
+  [[nodiscard]] std::optional<AccessMap> accessMap(const Eigen::Vector3d& p_W) const;
 
   /// Batched queries, at points or along a robot arm: see batch_query.h. Valid until the field next changes.
   [[nodiscard]] BatchQuery batchQuery() const;

@@ -8,10 +8,12 @@
 #include <numeric>
 #include <utility>
 
+#include "accessvdb/access_map.h"
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
 #include "accessvdb/tsdf_volume.h"
+#include "field/access_map.h"
 #include "field/backend_choice.h"
 #include "field/field_access.h"
 #include "field/field_steps.h"
@@ -85,6 +87,14 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   static internal::PackedMap& prepared(TsdfVolume& volume, const FieldParams& params) {
     volume.packed().setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
     return volume.packed();
+  }
+
+  /// Of the point in the voxel that contains p_W; kNone if there is none.
+  [[nodiscard]] std::uint32_t idAt(const Eigen::Vector3d& p_W) const {
+    if (!p_W.allFinite()) return internal::kNone;
+    const Eigen::Vector3d p_L = p_W - gate.origin_W();
+    if (!(p_L.lpNorm<Eigen::Infinity>() <= 1e6 * params.tsdf.voxel_size_m)) return internal::kNone;
+    return points.index().find(points.voxelOf(p_L.cast<float>()));
   }
 
   [[nodiscard]] internal::ScoredField scored() const { return {scorer, *backend, gate.origin_W(), core()}; }
@@ -326,12 +336,20 @@ FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) cons
 
 std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p_W) const {
   impl_->steps.requireWhole();
-  if (!p_W.allFinite()) return std::nullopt;
-  const Eigen::Vector3d p_L = p_W - impl_->gate.origin_W();
-  if (!(p_L.lpNorm<Eigen::Infinity>() <= 1e6 * impl_->params.tsdf.voxel_size_m)) return std::nullopt;
-  const std::uint32_t id = impl_->points.index().find(impl_->points.voxelOf(p_L.cast<float>()));
+  const std::uint32_t id = impl_->idAt(p_W);
   if (id == internal::kNone) return std::nullopt;
   return internal::scoredPoint(impl_->scored(), id);
+}
+
+std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_W) const {
+  impl_->steps.requireWhole();
+  const std::uint32_t id = impl_->idAt(p_W);
+  if (id == internal::kNone) return std::nullopt;
+  return impl_->arena.execute([&] {
+    internal::PointScorer scorer(impl_->points, impl_->params, *impl_->backend, impl_->reads);
+    return AccessMap{internal::scoredPoint(impl_->scored(), id), collisionLimit(),
+                     internal::tryEveryDirection(scorer, impl_->setup, impl_->mirror.grid(), id)};
+  });
 }
 
 BatchQuery AccessibilityField::batchQuery() const { return impl_->views.query(impl_->viewed(), impl_->arena); }

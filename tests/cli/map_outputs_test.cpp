@@ -5,6 +5,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -69,11 +70,19 @@ TEST_F(MapOutputs, OfOrientationsSayHowTheToolIsHeld) {
   const ProgramResult listed = runProgram(mapArguments({"--orientations", "list:" + path("list.txt")}));
   ASSERT_EQ(listed.exit_code, 0) << listed.err;
   EXPECT_NE(listed.err.find("1 is in the list already"), std::string::npos) << listed.err;
-  const ProgramResult query = runProgram({"query", "--map", path("out"), "--at", "2,0,1", "--json"});
+  const ProgramResult query = runProgram({"query", "--map", path("out"), "--at", "2,0.1,0", "--json"});
   ASSERT_EQ(query.exit_code, 0) << query.err;
-  EXPECT_EQ(runProgram(mapArguments({"--print-config", "--orientations", "sphere:15"}))
-                    .out.find("orientations = \"sphere:15\"") == std::string::npos,
-            false);
+  const json point = json::parse(query.out).at(0).at("point");
+  EXPECT_NEAR(point.at("pitch_deg").get<double>(), 30, 1e-4);
+  EXPECT_NEAR(point.at("yaw_deg").get<double>(), 180, 1e-4);
+  // Rz(180) Ry(-30) Rx(90) as a product of quaternions, up to its sign.
+  const double c15 = std::cos(0.2617993877991494), s15 = std::sin(0.2617993877991494), half = std::sqrt(0.5);
+  const std::array<double, 4> expected = {half * s15, half * s15, half * c15, half * c15};
+  for (std::size_t n = 0; n < 4; ++n) {
+    EXPECT_NEAR(std::abs(point.at("orientation").at(n).get<double>()), expected[n], 1e-6) << query.out;
+  }
+  const ProgramResult config = runProgram(mapArguments({"--print-config", "--orientations", "sphere:15"}));
+  EXPECT_NE(config.out.find("orientations = \"sphere:15\""), std::string::npos) << config.out;
 }
 
 TEST_F(MapOutputs, ReportHasTheDocumentedSchema) {

@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "access_map.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/scan_io.h"
@@ -135,6 +136,11 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   flags.list("--at", at, "X,Y,Z in the world frame, metres; may be repeated");
   flags.option("--points", &points_file, "text file, one \"x y z\" or \"x,y,z\" per line");
   flags.flag("--json", json, "answer as a JSON array");
+  AccessMapOptions access;
+  flags.option("--access-map", &access.picture,
+               "PNG of all directions at one point, coloured by what stops each; --map is then the folder of "
+               "map --checkpoint, or a state file");
+  addToolOptions(flags, access.tool);
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 
@@ -148,6 +154,17 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   for (const std::string& text : at) positions_W.push_back(parseVector("--at", text));
   if (!points_file.empty()) positions_W = io::readPositions(points_file);
 
+  if (!access.picture.empty()) {
+    if (positions_W.size() != 1) {
+      throw InvalidArgument("usage.access_map", "--access-map",
+                            "draws one point, not " + std::to_string(positions_W.size()), "Give one --at X,Y,Z");
+    }
+    access.common = common;
+    access.map = map;
+    access.json = json;
+    drawAccessMap(access, positions_W.front(), messages);
+    return 0;
+  }
   Json answers = Json::array();
   std::string text;
   for (const tiles::StoredAnswer& answer : answersFrom(map, positions_W, messages)) {
