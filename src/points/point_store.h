@@ -60,6 +60,8 @@ class PointStore {
   /// @param direction_xy  [2 D] yaw directions, as in DirectionTable  @param axes_xyz  [3 D] any others, instead
   PointStore(const FieldParams& resolved, std::vector<float> direction_xy, std::vector<float> axes_xyz = {});
 
+  [[nodiscard]] int numDirections() const { return static_cast<int>(num_directions_); }
+
   /// Whether addReturns() describes touched points for a backend that keeps them itself. This is cheaper while all
   /// threads are already working on the points than later.
   void describeTouched(bool wanted) { describe_touched_ = wanted; }

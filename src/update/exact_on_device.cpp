@@ -165,7 +165,7 @@ std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const Ho
   const int group_log2 = blockGroupLog2(voxel_size_m);
   const LeafFootprint footprint(tool, approach, voxel_size_m, group_log2);
   kernels::ExactTables tables;
-  tables.neighbours = neighbourTables(params, group_log2);
+  tables.neighbours = neighbourTables(params, approach.num_directions, group_log2);
   tables.tool_columns = footprint.toolColumns();
   tables.arm_columns = footprint.armColumns();
   tables.any_directions = approach.axes_xyz != nullptr;

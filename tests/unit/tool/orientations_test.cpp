@@ -231,7 +231,9 @@ TEST(Orientations, SayWhatWouldFit) {
   EXPECT_EQ(adviceOf("pitch:-30:30:10", 36), "fits");
   EXPECT_EQ(adviceOf("pitch:-30:30:10", 60), "Use 36 yaw directions (--directions 36) or a STEP of 20 degrees");
   EXPECT_EQ(adviceOf("pitch:-30:30:20", 60), "fits");
-  EXPECT_EQ(adviceOf("pitch:-90:90:0.01", 4), "Use fewer yaw directions (--directions) and a larger STEP");
+  EXPECT_EQ(adviceOf("pitch:-90:90:0.01", 4), "Use a STEP of 2.86 degrees");
+  EXPECT_EQ(adviceOf("pitch:-90:90:2.86", 4), "fits");
+  EXPECT_EQ(adviceOf("pitch:-80:80:0.1", 180), "Use fewer yaw directions (--directions) and a larger STEP");
 }
 
 class OrientationList : public testing::Test {
