@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "accessvdb/batch_query.h"
 #include "accessvdb/device_view.h"
 #include "accessvdb/error.h"
 #include "support/determinism_support.h"
