@@ -15,8 +15,8 @@ namespace {
 using internal::Rgb;
 using internal::RgbImage;
 
-constexpr int kWidth_px = 1120, kHeight_px = 640;
-constexpr double kRadius_px = 240;
+constexpr int kWidth_px = 1120, kHeight_px = 720;
+constexpr double kRadius_px = 236;
 constexpr Rgb kPaper = {249, 249, 247}, kDisc = {233, 233, 230}, kRim = {170, 172, 176};
 
 struct Place {
@@ -92,15 +92,15 @@ void drawLegend(RgbImage& image, const AccessMap& map) {
 
 void renderAccessMap(const std::filesystem::path& png, const AccessMap& map) {
   RgbImage image(kWidth_px, kHeight_px, kPaper);
-  const Place upper = {kWidth_px / 4.0, 300}, lower = {3 * kWidth_px / 4.0, 300};
+  const Place upper = {kWidth_px / 4.0, 350}, lower = {3 * kWidth_px / 4.0, 350};
   for (const auto& [middle, title] : {std::pair{upper, "from above"}, std::pair{lower, "from below"}}) {
     drawDot(image, middle, kRadius_px + 10, kDisc);
     drawRing(image, middle, kRadius_px - 1, kRadius_px, kRim);
-    drawText(image, static_cast<int>(middle.x) - internal::textWidth(title, 2) / 2, 44, title);
+    drawText(image, static_cast<int>(middle.x) - internal::textWidth(title, 2) / 2, 62, title);
   }
   // As large as lets dots touch where directions cover the sphere evenly.
   const double spacing = 2 * kRadius_px / std::sqrt(std::max<double>(1, static_cast<double>(map.directions.size())));
-  const double dot_px = std::clamp(0.6 * spacing, 4.0, 18.0);
+  const double dot_px = std::clamp(0.5 * spacing, 4.0, 18.0);
   for (std::size_t d = 0; d < map.directions.size(); ++d) {
     const DirectionOutcome& outcome = map.directions[d];
     const float z = outcome.direction_W.z();
