@@ -183,11 +183,8 @@ TEST(SavedState, OfOrientationsGoesOnBitForBit) {
   for (const OrientationSet& orientations :
        {OrientationSet::sphere(12.5), OrientationSet::pitch(-60, 90, 30), OrientationSet::of(list)}) {
     SCOPED_TRACE(orientations.text());
-    Stream stream = randomStream(7);
-    stream.params.approach.num_directions = 36;
-    stream.params.approach.viewpoints = false;
+    Stream stream = {cpuParams(), wallScans(7, 6, 1500), false, 3};
     stream.params.approach.orientations = orientations;
-    stream.stop = 3;
     expectVaried(expectGoesOn(stream, folder));
     const SavedState state = inspectState(folder / "a.avst");
     EXPECT_EQ(state.params.describe(), stream.params.resolved().describe());

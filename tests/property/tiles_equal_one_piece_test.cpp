@@ -235,6 +235,7 @@ INSTANTIATE_TEST_SUITE_P(
              .change =
                  [](FieldParams& p) {
                    p.approach.orientations = OrientationSet::pitch(-60, 90, 30);
+                   p.scoring.surface_samples = 200;
                    p.scoring.form = ToolForm::SurfaceSamples;
                  }},
         Case{.name = "low_weight_cap",
