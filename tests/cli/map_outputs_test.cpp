@@ -5,6 +5,7 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -83,6 +84,56 @@ TEST_F(MapOutputs, OfOrientationsSayHowTheToolIsHeld) {
   }
   const ProgramResult config = runProgram(mapArguments({"--print-config", "--orientations", "sphere:15"}));
   EXPECT_NE(config.out.find("orientations = \"sphere:15\""), std::string::npos) << config.out;
+}
+
+TEST_F(MapOutputs, AccessMapSaysWhatStopsEachDirection) {
+  ASSERT_EQ(runProgram(mapArguments({"--orientations", "sphere:30", "--checkpoint", path("state")})).exit_code, 0);
+  const auto query = [&](const std::string& map, const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"query", "--map", path(map), "--device", "cpu"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return runProgram(arguments);
+  };
+  const std::vector<std::string> arguments = mapArguments();
+  const std::string tool = *(std::find(arguments.begin(), arguments.end(), "--tool") + 1);
+  const ProgramResult plain = query("out", {"--at", "2,0.1,0", "--json"});
+  ASSERT_EQ(plain.exit_code, 0) << plain.err;
+  const json point = json::parse(plain.out).at(0).at("point");
+  const std::string at = std::to_string(point.at("position")[0].get<double>()) + "," +
+                         std::to_string(point.at("position")[1].get<double>()) + "," +
+                         std::to_string(point.at("position")[2].get<double>());
+  const ProgramResult drawn = query("state", {"--tool", tool, "--at", at, "--access-map", path("why.png"), "--json"});
+  ASSERT_EQ(drawn.exit_code, 0) << drawn.err;
+  const json map = json::parse(drawn.out);
+  EXPECT_EQ(map.at("point"), point.at("id"));
+  EXPECT_EQ(map.at("label"), point.at("label"));
+  EXPECT_EQ(map.at("directions").size(), 54u);  // of sphere:30
+  std::size_t free = 0;
+  for (const json& direction : map.at("directions")) {
+    const double cosine = direction.at("direction")[0].get<double>() * map.at("normal")[0].get<double>() +
+                          direction.at("direction")[1].get<double>() * map.at("normal")[1].get<double>() +
+                          direction.at("direction")[2].get<double>() * map.at("normal")[2].get<double>();
+    if (std::abs(cosine - std::cos(1.2217304763960306)) < 1e-3) continue;  // on the edge of the cone, by rounding
+    EXPECT_EQ(direction.at("outcome") == "normal", cosine < std::cos(1.2217304763960306));
+    free += direction.at("outcome") == "free" ? 1 : 0;
+  }
+  EXPECT_EQ(free > 0, point.at("label") == "accessible");
+  EXPECT_EQ(readText("why.png").substr(1, 3), "PNG");
+  const ProgramResult words = query("state", {"--tool", tool, "--at", at, "--access-map", path("why.png")});
+  EXPECT_NE(words.out.find(" directions normal\n"), std::string::npos) << words.out;
+
+  const auto expectRefused = [&](const ProgramResult& result, int code, const std::string& id) {
+    EXPECT_EQ(result.exit_code, code) << result.err;
+    EXPECT_NE(result.err.find("error[" + id + "]"), std::string::npos) << result.err;
+  };
+  expectRefused(query("out", {"--tool", tool, "--at", at, "--access-map", path("no.png")}), 2, "usage.access_map");
+  expectRefused(query("state", {"--at", at, "--access-map", path("no.png")}), 2, "usage.missing");
+  expectRefused(query("state", {"--tool", tool, "--at", at, "--at", at, "--access-map", path("no.png")}), 2,
+                "usage.access_map");
+  const char* const other = tool == "builtin:pencil" ? "builtin:pruner" : "builtin:pencil";
+  expectRefused(query("state", {"--tool", other, "--at", at, "--access-map", path("no.png")}), 4, "state.tool");
+  expectRefused(query("state", {"--tool", tool, "--at", "50,0,0", "--access-map", path("no.png")}), 3,
+                "query.no_point");
+  EXPECT_FALSE(std::filesystem::exists(path("no.png")));
 }
 
 TEST_F(MapOutputs, ReportHasTheDocumentedSchema) {
