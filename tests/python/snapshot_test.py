@@ -79,6 +79,18 @@ class Snapshot(unittest.TestCase):
         # Directions point out of the wall, towards the scanner.
         self.assertTrue((s.direction_W[reachable][:, 0] < 0).all())
 
+    def test_how_the_tool_is_held(self):
+        """World from tool: its first axis is the direction."""
+        snapshot = walls.field(approach={"orientations": "sphere:30"}).snapshot()
+        q = snapshot.orientation_WT
+        self.assertEqual((q.shape, q.dtype), ((len(snapshot), 4), np.float32))
+        w, x, y, z = q.T
+        axis = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1)
+        held = snapshot.direction != accessvdb.NO_DIRECTION
+        np.testing.assert_allclose(axis[held], snapshot.direction_W[held], atol=1e-6)
+        self.assertTrue((q[~held] == [1, 0, 0, 0]).all())
+        self.assertGreater((abs(snapshot.direction_W[held][:, 2]) > 0.1).sum(), 50)
+
     def test_counts(self):
         s = self.snapshot
         for label in accessvdb.PointLabel:

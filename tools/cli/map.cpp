@@ -329,6 +329,7 @@ int MapRun::run() {
   const ToolGeometry tool = loadTool(options_.tool);
   hashInput(options_.tool.tool);
   sayToolNotes(tool, messages_);
+  sayOrientationNotes(options_, messages_);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options_));
   for (const fs::path path : {options_.poses, options_.calib, options_.survey.trajectory, options_.survey.stations}) {
     const std::size_t before = report_.inputs.size();

@@ -163,6 +163,10 @@ PlanSettings planSettings(const FlagParser& flags) {
     if (text.empty() || text == "false") continue;
     std::error_code ignored;
     if (isIn(kPaths, key) && fs::exists(text, ignored)) text = absolutePath(text).string();
+    constexpr std::string_view kList = "list:";
+    if (key == "orientations" && text.starts_with(kList)) {
+      text = std::string(kList) + absolutePath(text.substr(kList.size())).string();
+    }
     settings.emplace_back(key, text);
   }
   return settings;
