@@ -83,7 +83,7 @@ TEST_F(MapOutputs, OfOrientationsSayHowTheToolIsHeld) {
     EXPECT_NEAR(std::abs(point.at("orientation").at(n).get<double>()), expected[n], 1e-6) << query.out;
   }
   const ProgramResult config = runProgram(mapArguments({"--print-config", "--orientations", "sphere:15"}));
-  EXPECT_NE(config.out.find("orientations = \"sphere:15\""), std::string::npos) << config.out;
+  EXPECT_NE(config.out.find("orientations = 'sphere:15'"), std::string::npos) << config.out;
 }
 
 TEST_F(MapOutputs, AccessMapSaysWhatStopsEachDirection) {

@@ -164,7 +164,7 @@ PlanSettings planSettings(const FlagParser& flags) {
     std::error_code ignored;
     if (isIn(kPaths, key) && fs::exists(text, ignored)) text = absolutePath(text).string();
     constexpr std::string_view kList = "list:";
-    if (key == "orientations" && text.starts_with(kList)) {
+    if (key == "orientations" && text.starts_with(kList) && text.size() > kList.size()) {
       text = std::string(kList) + absolutePath(text.substr(kList.size())).string();
     }
     settings.emplace_back(key, text);
