@@ -28,6 +28,7 @@ try:
         NO_DIRECTION,
         NO_POINT,
         NO_SCORE,
+        AccessMap,
         AccessibilityField,
         ApproachParams,
         CapsuleAnswers,
@@ -55,6 +56,7 @@ try:
         UpdateTicket,
         __version__,
         read_points_ply,
+        render_access_map,
         render_field,
         render_tool,
     )

@@ -12,6 +12,7 @@ PYBIND11_MODULE(_accessvdb, module) {
   bindTool(module);
   bindParams(module);
   bindSnapshot(module);
+  bindAccessMap(module);
   bindAnswers(module);
   bindLive(module);
   bindScans(module);

@@ -13,6 +13,7 @@ void bindTool(pybind11::module_& module);
 void bindParams(pybind11::module_& module);
 void bindAnswers(pybind11::module_& module);
 void bindSnapshot(pybind11::module_& module);
+void bindAccessMap(pybind11::module_& module);
 void bindField(pybind11::module_& module);
 void bindLive(pybind11::module_& module);
 void bindScans(pybind11::module_& module);

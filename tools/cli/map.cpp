@@ -76,7 +76,7 @@ class MapRun {
   RunReport report_;
   SceneStatistics scene_;
   std::set<std::string> hashed_;
-  std::uint64_t truncated_points_ = 0, excluded_points_ = 0;
+  std::uint64_t truncated_points_ = 0, excluded_points_ = 0, unposed_points_ = 0;
   std::uint64_t frames_ = 0;  // frames of the sequence written
   bool refused_ = false;      // existing outputs must stay
   bool written_ = false;      // the field including its labels
@@ -158,6 +158,7 @@ void MapRun::integrate(const io::ScanRecord& record, AccessibilityField& field) 
   }
   truncated_points_ += record.truncated_points;
   excluded_points_ += record.excluded_points;
+  unposed_points_ += record.unposed_points;
   ++report_.scans;
 }
 
@@ -243,6 +244,7 @@ std::size_t MapRun::readResumed(io::ScanSequence& scans) {
       scene_.add(record);
       truncated_points_ += record.truncated_points;
       excluded_points_ += record.excluded_points;
+      unposed_points_ += record.unposed_points;
       hashInput(record.path);
     }
     if (stopSignal() == 0) checkpoints_.requireSameInputs(progress(scans));
@@ -268,6 +270,9 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   const Eigen::AlignedBox3d surface_W = countPoints(report_, field.memoryUse(), *points);
   if (excluded_points_ > 0)
     messages_.notice(std::to_string(excluded_points_) + " returns inside --exclude-box were left out");
+  if (unposed_points_ > 0)
+    messages_.notice(std::to_string(unposed_points_) +
+                     " returns were left out: there is no pose at the time at which each was measured");
   if (truncated_points_ > 0) {
     messages_.warning("input.truncated",
                       std::to_string(truncated_points_) + " points announced by the files are missing");
@@ -324,6 +329,7 @@ int MapRun::run() {
   const ToolGeometry tool = loadTool(options_.tool);
   hashInput(options_.tool.tool);
   sayToolNotes(tool, messages_);
+  sayOrientationNotes(options_, messages_);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options_));
   for (const fs::path path : {options_.poses, options_.calib, options_.survey.trajectory, options_.survey.stations}) {
     const std::size_t before = report_.inputs.size();
@@ -334,6 +340,7 @@ int MapRun::run() {
   hashInput(options_.common.config);
   first_scan_input_ = report_.inputs.size();
   sayAboutScans(scans, messages_);
+  if (scans.deskews()) checkpoints_.readAs("deskewed", "true");
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
   setParameters(params);
