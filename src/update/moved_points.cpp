@@ -140,13 +140,22 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
   const Group none = {block, 0, 0};
   const Group& group = group_of_block_[block] == kNone ? none : groups_[group_of_block_[block]];
   const NearKernels& kernels = nearKernels();
-  for (const std::uint32_t id : own.ids) {
+  constexpr std::size_t kAhead = 6;  // points are scattered in memory
+  const auto prefetch = [&](std::size_t n) {
+    if (n >= own.ids.size()) return;
+    prefetchRead(&scorer_.record(own.ids[n]), sizeof(PointRecord));
+    prefetchRead(&points.pca_L(own.ids[n]));
+  };
+  for (std::size_t n = 0; n < kAhead; ++n) prefetch(n);
+  for (std::size_t n = 0; n < own.ids.size(); ++n) {
+    prefetch(n + kAhead);
+    const std::uint32_t id = own.ids[n];
     const PointRecord& record = scorer_.record(id);
     if (!record.has_neighbourhood) continue;
     // A touched point itself: its mean, its seen directions or the mean sensor position have changed.
     const auto first = by_block_.begin() + group.begin, last = by_block_.begin() + group.end;
-    const auto at = std::lower_bound(first, last, id, [&](std::uint32_t n, std::uint32_t value) {
-      return touched_[n].id < value;  // touched_ is sorted by id, and so is each group
+    const auto at = std::lower_bound(first, last, id, [&](std::uint32_t at_place, std::uint32_t value) {
+      return touched_[at_place].id < value;  // touched_ is sorted by id, and so is each group
     });
     const bool is_touched = at != last && touched_[*at].id == id;
     if (is_touched || kernels.any_within(places.x(), places.y(), places.z(), places.lanes(), points.pca_L(id).data(),
