@@ -112,7 +112,8 @@ void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
         const auto row = static_cast<std::uint32_t>(occupied >> (8 * y)) & 0xffu;
         if (y >= y_low && y <= y_high) {
           const std::uint32_t* first = id + kBitsOfByte[row & below];
-          ids_.insert(ids_.end(), first, first + kBitsOfByte[row & wanted]);
+          const std::uint32_t* last = first + kBitsOfByte[row & wanted];  // a few: a call would take longer
+          for (; first != last; ++first) ids_.push_back(*first);
         }
         id += kBitsOfByte[row];
       }

@@ -30,7 +30,11 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
     std::uint32_t block, slot;
   };
   std::vector<Job> jobs(ids.size());
-  for (std::size_t n = 0; n < ids.size(); ++n) jobs[n] = {points_.blockOf(ids[n]), static_cast<std::uint32_t>(n)};
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), 1024), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      jobs[n] = {points_.blockOf(ids[n]), static_cast<std::uint32_t>(n)};
+    }
+  });
   tbb::parallel_sort(jobs.begin(), jobs.end(), [](const Job& a, const Job& b) {
     return a.block != b.block ? a.block < b.block : a.slot < b.slot;
   });

@@ -197,23 +197,24 @@ void MovedPoints::refreshed(std::span<const std::uint32_t> ids) {
   any_known_ = any_known_ || !ids.empty();
   block_reach_m_.grow(blocks.size(), -1.0f);
   reached_.grow(blocks.size());
-  std::vector<std::uint32_t> changed;
-  for (const std::uint32_t id : ids) {
-    const std::uint32_t b = points.blockOf(id);
-    if (std::exchange(reached_[b], std::uint8_t{1}) == 0) changed.push_back(b);
-  }
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, changed.size()), [&](const auto& range) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), 1024), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      const std::uint32_t b = changed[n];
-      reached_[b] = 0;
-      float most_m = -1;
-      for (const std::uint32_t id : blocks[b].ids) {
-        const PointRecord& record = scorer_.record(id);
-        if (record.has_neighbourhood) most_m = std::max(most_m, record.reach_m);
-      }
-      block_reach_m_[b] = most_m;
+      std::atomic_ref<std::uint8_t> flag(reached_[points.blockOf(ids[n])]);
+      if (flag.load(std::memory_order_relaxed) == 0) flag.store(1, std::memory_order_relaxed);
     }
   });
+  tbb::parallel_for(tbb::blocked_range<std::uint32_t>(0, static_cast<std::uint32_t>(blocks.size()), 256),
+                    [&](const auto& range) {
+                      for (std::uint32_t b = range.begin(); b != range.end(); ++b) {
+                        if (std::exchange(reached_[b], std::uint8_t{0}) == 0) continue;
+                        float most_m = -1;
+                        for (const std::uint32_t id : blocks[b].ids) {
+                          const PointRecord& record = scorer_.record(id);
+                          if (record.has_neighbourhood) most_m = std::max(most_m, record.reach_m);
+                        }
+                        block_reach_m_[b] = most_m;
+                      }
+                    });
 }
 
 void MovedPoints::clear() {
