@@ -13,7 +13,7 @@ namespace {
 using CommandLine = ProgramTest;
 
 TEST_F(CommandLine, EveryVerbHelpsWithAnExample) {
-  for (const std::string verb : {"map", "info", "query", "render", "report"}) {
+  for (const std::string verb : {"map", "info", "query", "diff", "render", "report"}) {
     const ProgramResult result = runProgram({verb, "--help"});
     EXPECT_EQ(result.exit_code, 0) << verb;
     EXPECT_NE(result.out.find("Example:\n  accessvdb " + verb), std::string::npos) << result.out;
@@ -24,7 +24,7 @@ TEST_F(CommandLine, EveryVerbHelpsWithAnExample) {
   }
   const ProgramResult overview = runProgram({"--help"});
   EXPECT_EQ(overview.exit_code, 0);
-  for (const char* verb : {"map", "info", "query", "render", "report"})
+  for (const char* verb : {"map", "info", "query", "diff", "render", "report"})
     EXPECT_NE(overview.out.find(verb), std::string::npos);
 }
 

@@ -65,9 +65,9 @@ class Threads(unittest.TestCase):
 
     def test_python_runs_on_during_long_calls(self):
         # While a call keeps the interpreter's lock, no other thread gets a turn: it sees a gap as long as the call.
-        field = walls.field(frames=0, tsdf={"voxel_size_m": 0.03})
+        field = walls.field(frames=0, tsdf={"voxel_size_m": 0.015})  # fine enough for calls of 0.1 s on a fast machine
         T_W_S = walls.pose()
-        points = np.asarray(walls.scan(T_W_S, rays=100_000), np.float32)
+        points = np.asarray(walls.scan(T_W_S, rays=300_000), np.float32)
         turns, stop = [], threading.Event()
 
         def take_turns():

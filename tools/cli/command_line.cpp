@@ -19,7 +19,8 @@
 namespace accessvdb::tools {
 namespace {
 
-constexpr const char* kVerbs[] = {"map", "tile", "evaluate", "simulate", "bench", "info", "query", "render", "report"};
+constexpr const char* kVerbs[] = {"map",  "tile",  "evaluate", "simulate", "bench",
+                                  "info", "query", "diff",     "render",   "report"};
 
 /// A TOML value as the text that would follow the flag; [1, 2, 3] becomes 1,2,3.
 std::optional<std::string> flagText(const toml::node& node) {

@@ -27,6 +27,7 @@ constexpr Verb kVerbs[] = {
     {"bench", "a simulated flight through pines, every stage timed", runBench},
     {"info", "what is inside a .vdb file or an output folder", runInfo},
     {"query", "label, reason and best direction at given points", runQuery},
+    {"diff", "what changed between two maps of the same place", runDiff},
     {"render", "a picture of a field or of a tool, no display needed", runRender},
     {"report", "a field as one page for a browser, no network needed", runReport},
 };

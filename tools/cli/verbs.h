@@ -21,6 +21,7 @@ int runInfo(const Arguments& arguments, Messages& messages);
 int runQuery(const Arguments& arguments, Messages& messages);
 int runTile(const Arguments& arguments, Messages& messages);
 int runRender(const Arguments& arguments, Messages& messages);
+int runDiff(const Arguments& arguments, Messages& messages);
 int runReport(const Arguments& arguments, Messages& messages);
 
 }  // namespace accessvdb::tools
