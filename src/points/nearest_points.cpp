@@ -140,7 +140,7 @@ void NearestPoints::list(const Eigen::Vector3f& centre, std::int64_t squared) {
     const std::uint32_t at = found_[n];
     const float position[3] = {positions_.x()[at], positions_.y()[at], positions_.z()[at]};
     const kernels::NeighbourOffset offset = kernels::neighbourOffset(centre.data(), position, steps_per_m_);
-    if (offset.squared() <= squared) nearest_.emplace_back(offset, ids_[at]);
+    if (offset.squared() <= squared) nearest_.push_back({offset.squared(), ids_[at], offset});
   }
 }
 
@@ -171,7 +171,7 @@ bool NearestPoints::find(std::uint32_t id) {
   const auto place = [this](std::size_t n) { return nearest_.begin() + static_cast<std::ptrdiff_t>(n); };
   if (nearest_.size() > k_) {
     std::nth_element(nearest_.begin(), place(k_), nearest_.end());
-    nearest_.erase(place(k_), nearest_.end());
+    nearest_.resize(k_);
   }
   if (nearest_.size() > in_front_) std::nth_element(nearest_.begin(), place(in_front_), nearest_.end());
   if (nearest_.size() == k_) {

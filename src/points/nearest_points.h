@@ -18,19 +18,11 @@
 
 namespace accessvdb::internal {
 
-/// Small, because selecting the nearest moves them about: offsets within the radius fit into 32 bits.
 struct NearPoint {
   std::int64_t squared_distance;  ///< steps^2
   std::uint32_t id;
-  std::int32_t x, y, z;  ///< offset from the point, steps
+  kernels::NeighbourOffset offset;  ///< from the point, steps
 
-  NearPoint(const kernels::NeighbourOffset& offset, std::uint32_t point)
-      : squared_distance(offset.squared()),
-        id(point),
-        x(static_cast<std::int32_t>(offset.x)),
-        y(static_cast<std::int32_t>(offset.y)),
-        z(static_cast<std::int32_t>(offset.z)) {}
-  [[nodiscard]] kernels::NeighbourOffset offset() const { return {x, y, z}; }
   [[nodiscard]] bool operator<(const NearPoint& other) const {
     return squared_distance != other.squared_distance ? squared_distance < other.squared_distance : id < other.id;
   }

@@ -71,7 +71,7 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
         const auto job = static_cast<std::uint32_t>(begin[g] + n);
         out[jobs[job].slot] = fromNearest(scratch.ids[n], nearest, scratch.nearest);
         kernels::NeighbourSums sums;
-        for (const NearPoint& near : nearest) sums.add(near.offset());
+        for (const NearPoint& near : nearest) sums.add(near.offset);
         if (sums.count < kernels::kFewestForNormal) return;
         scratch.jobs.push_back(job);
         scratch.covariances.push_back(kernels::neighbourCovariance(sums));
