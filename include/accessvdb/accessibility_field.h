@@ -32,6 +32,7 @@ namespace accessvdb {
 
 class BatchQuery;
 class SurfacePoints;
+struct AccessMap;
 class TsdfVolume;
 struct DeviceView;
 namespace internal {
@@ -76,7 +77,7 @@ class ACCESSVDB_API AccessibilityField {
   /// The same points as the host alone knows them: position and weight, all unscored. Needs no device, so it can still
   /// be saved after one was lost or ran out of memory. @throws ResourceLimit "field.broken" after other failures
   [[nodiscard]] FieldSnapshot unscoredSnapshot() const;
-  /// The points of snapshot() and unscoredSnapshot() in less memory: 24 bytes per point, or 2, instead of 80. They
+  /// The points of snapshot() and unscoredSnapshot() in less memory: 24 bytes per point, or 2, instead of 96. They
   /// read from this field: use them before the next call that changes it. @throws as those do
   [[nodiscard]] std::unique_ptr<const SurfacePoints> points() const;
   [[nodiscard]] std::unique_ptr<const SurfacePoints> unscoredPoints() const;
@@ -87,6 +88,10 @@ class ACCESSVDB_API AccessibilityField {
 
   /// The point in the voxel that contains p_W, if any.
   [[nodiscard]] std::optional<SurfacePoint> pointAt(const Eigen::Vector3d& p_W) const;
+
+  /// Why that point is as it is: every orientation tried by itself against the current map, see access_map.h. Changes
+  /// nothing. Takes milliseconds and, for the time being, as much memory as the state of all points.
+  [[nodiscard]] std::optional<AccessMap> accessMap(const Eigen::Vector3d& p_W) const;
 
   /// Batched queries, at points or along a robot arm: see batch_query.h. Valid until the field next changes.
   [[nodiscard]] BatchQuery batchQuery() const;

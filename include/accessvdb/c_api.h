@@ -24,7 +24,7 @@
 #include "accessvdb/export.h"
 
 /* Grows with every addition. A program built against version N runs with a library of version N or later. */
-#define ACCESSVDB_C_API_VERSION 4
+#define ACCESSVDB_C_API_VERSION 5
 
 #ifdef __cplusplus
 #define ACCESSVDB_C_NOEXCEPT noexcept
@@ -166,6 +166,9 @@ typedef struct accessvdb_params {
   double requeue_motion_m;
   double stability_min;
   uint64_t seed;
+  /// Version 5. "yaw", "pitch:MIN:MAX:STEP", "sphere:STEP", "sphere:STEP+yaw" or "list:FILE", angles in degrees; read
+  /// by the call that it is passed to. NULL = yaw
+  const char* orientations;
 } accessvdb_params;
 
 /// The product's defaults. Reads only struct_size.
@@ -209,6 +212,7 @@ typedef struct accessvdb_point {
   uint8_t reason;      ///< ACCESSVDB_REASON_*
   uint8_t confident;   ///< 1: accessible, and confidence x stability is high
   uint8_t reserved[5];
+  float orientation_WT[4];  ///< version 5: quaternion w x y z, world from tool, in that direction; 1 0 0 0 = none
 } accessvdb_point;
 
 typedef struct accessvdb_counts {

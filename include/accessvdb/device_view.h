@@ -51,7 +51,8 @@ struct DevicePoints {
 struct DeviceView {
   kernels::OccupancyView map;           ///< the NanoVDB mirror: value bit = collides, active bit = free for the arm
   DevicePoints points;                  ///< label, reason, direction, ... of every surface point
-  const float* direction_xy = nullptr;  ///< [2 D] cosine and sine of yaw 2 pi d / D
+  const float* direction_xy = nullptr;  ///< [2 D] cosine and sine of yaw 2 pi d / D; null for other orientation sets
+  const float* axes_xyz = nullptr;      ///< [3 D] unit, x y z, of other orientation sets; null for yaw
   int num_directions = 0;               ///< [D]
   float voxel_size_m = 0;
   double origin_W[3] = {0, 0, 0};  ///< world position of the local origin
@@ -105,13 +106,14 @@ struct DeviceView {
     for (int axis = 0; axis < 3; ++axis) p_W[axis] = origin_W[axis] + points.position_L[3 * std::size_t(id) + axis];
     return true;
   }
-  /// Unit, outwards along the tool's body, horizontal. @return false: the point has no best direction
+  /// Unit, outwards along the tool's body. @return false: the point has no best direction
   ACCESSVDB_HOSTDEV bool directionOf(std::uint32_t id, float* direction_W) const {
     const int d = points.direction[id];
     const bool has = d < num_directions;
-    direction_W[0] = has ? direction_xy[2 * d] : 0.0f;
-    direction_W[1] = has ? direction_xy[2 * d + 1] : 0.0f;
-    direction_W[2] = 0.0f;
+    const bool level = axes_xyz == nullptr;
+    direction_W[0] = !has ? 0.0f : level ? direction_xy[2 * d] : axes_xyz[3 * d];
+    direction_W[1] = !has ? 0.0f : level ? direction_xy[2 * d + 1] : axes_xyz[3 * d + 1];
+    direction_W[2] = !has || level ? 0.0f : axes_xyz[3 * d + 2];
     return has;
   }
 };

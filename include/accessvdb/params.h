@@ -12,6 +12,7 @@
 
 #include "accessvdb/export.h"
 #include "accessvdb/field_window.h"
+#include "accessvdb/orientations.h"
 
 namespace accessvdb {
 
@@ -63,6 +64,11 @@ struct ApproachParams {
   double corridor_length_m = 0.0;  ///< [L] straight corridor kept free; beyond 2.25 tau sampled every tau
   bool coarse_to_fine = false;     ///< the paper's 20 degree pass and +-25 degree window; policy Paper only
   bool viewpoints = false;         ///< up to 8 stored viewpoints (paper) instead of the seen-direction mask
+  /// The orientations that are tried, gravity frame. Others than yaw: at most 256, not for the paper's policy.
+  OrientationSet orientations = {};
+
+  /// How many there are: num_directions for yaw. @throws as OrientationSet::orientations()
+  [[nodiscard]] int directionCount() const { return orientations.count(num_directions); }
 };
 
 /// How a direction is scored and a point labelled (paper, "Tool kernel", "Self-exclusion", "Confidence").

@@ -69,7 +69,7 @@ struct SurfacePoint {
   /// Unit, outwards along the tool's body; the tool travels along -direction_W.
   Eigen::Vector3f direction_W = {0, 0, 0};
   float yaw_rad = 0;                       ///< of direction_W
-  std::uint16_t direction = kNoDirection;  ///< its index d, yaw = 2 pi d / D
+  std::uint16_t direction = kNoDirection;  ///< its index; of yaw directions d, yaw = 2 pi d / D
   std::uint16_t score = kNoScore;          ///< fewest collisions of any direction
   float weight = 0;                        ///< [w] observations behind the confidence
   float confidence = 0;                    ///< [c] in [0, 1)
@@ -77,6 +77,8 @@ struct SurfacePoint {
   PointLabel label = PointLabel::Unscored;
   PointReason reason = PointReason::Confidence;
   bool confident = false;  ///< accessible and c*a above UpdateParams::stability_min
+  /// World from tool, w >= 0: how the tool is held in that direction. Identity if there is none.
+  Eigen::Quaternionf orientation_WT = Eigen::Quaternionf::Identity();
 };
 
 /// All surface points at one moment, in the order of their ids.

@@ -268,8 +268,13 @@ class CpuBackend final : public Backend {
       if (normal_L[0] != 0 || normal_L[1] != 0 || normal_L[2] != 0) {
         const std::uint64_t* seen =
             points.seen + std::size_t{item.id} * static_cast<std::size_t>(points.direction_words);
-        DirectionWalk walk(request.approach, normal_L, nearestByYaw(request.approach, normal_L));
-        result = searchDirections(tests, request.tool.collision_limit, walk, seen, item);
+        if (request.approach.axes_xyz != nullptr) {
+          SortedWalk walk(request.approach, normal_L);
+          result = searchDirections(tests, request.tool.collision_limit, walk, seen, item);
+        } else {
+          DirectionWalk walk(request.approach, normal_L, nearestByYaw(request.approach, normal_L));
+          result = searchDirections(tests, request.tool.collision_limit, walk, seen, item);
+        }
       }
       updatePoint(points, item, result, request.rule);
     });

@@ -7,8 +7,13 @@
 
 namespace accessvdb::kernels {
 
-/// Cosine between direction d and a normal; directions are horizontal.
+/// Cosine between direction d and a normal. For a level direction the third product adds 0, so both forms have the same
+/// bits.
 ACCESSVDB_HOSTDEV inline float cosToNormal(const ApproachView& approach, int d, const float* normal) {
+  if (approach.axes_xyz != nullptr) {
+    const float* axis = approach.axes_xyz + 3 * d;
+    return axis[0] * normal[0] + axis[1] * normal[1] + axis[2] * normal[2];
+  }
   return approach.direction_xy[2 * d] * normal[0] + approach.direction_xy[2 * d + 1] * normal[1];
 }
 
@@ -20,7 +25,7 @@ ACCESSVDB_HOSTDEV inline bool ranksBefore(const ApproachView& approach, const fl
   return ranksBefore(cosToNormal(approach, d, normal), d, cosToNormal(approach, e, normal), e);
 }
 
-/// Walks the directions by ascending angle to the normal, ties by lower d, as long as they lie in the normal cone.
+/// Walks yaw directions by ascending angle to the normal, ties by lower d, as long as they lie in the normal cone.
 ///
 /// Directions are equidistant in yaw, so the angle grows on both sides of the nearest one: the walk is a merge of the
 /// two sides. Neighbouring cosines differ by more than 1e-5 inside the cone (D <= 256), far above float32's rounding.
@@ -85,7 +90,59 @@ class DirectionWalk {
   float up_cos_, down_cos_;
 };
 
-/// The directions of a small set that lie in the normal cone, as DirectionWalk orders them.
+/// The same walk for directions of any kind: a heap of those in the normal cone.
+class SortedWalk {
+ public:
+  ACCESSVDB_HOSTDEV SortedWalk(const ApproachView& approach, const float* normal) {
+    for (int d = 0; d < approach.num_directions; ++d) {
+      const float cosine = cosToNormal(approach, d, normal);
+      if (!(cosine >= approach.normal_cos_min)) continue;
+      cosine_[count_] = cosine;
+      direction_[count_] = static_cast<std::uint8_t>(d);
+      ++count_;
+    }
+    for (int n = count_ / 2 - 1; n >= 0; --n) sink(n);
+  }
+
+  /// Next direction, or -1 when the cone is exhausted.
+  ACCESSVDB_HOSTDEV int next() {
+    if (count_ == 0) return -1;
+    const int d = direction_[0];
+    --count_;
+    cosine_[0] = cosine_[count_];
+    direction_[0] = direction_[count_];
+    sink(0);
+    return d;
+  }
+
+ private:
+  static constexpr int kMost = 64 * kMaxDirectionWords;
+  static_assert(kMost <= 256, "directions are stored as bytes");
+
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool before(int m, int n) const {
+    return ranksBefore(cosine_[m], direction_[m], cosine_[n], direction_[n]);
+  }
+  /// Moves entry n down to where no entry below it ranks before it.
+  ACCESSVDB_HOSTDEV void sink(int n) {
+    for (int child = 2 * n + 1; child < count_; child = 2 * n + 1) {
+      if (child + 1 < count_ && before(child + 1, child)) ++child;
+      if (!before(child, n)) return;
+      const float cosine = cosine_[n];
+      const std::uint8_t direction = direction_[n];
+      cosine_[n] = cosine_[child];
+      direction_[n] = direction_[child];
+      cosine_[child] = cosine;
+      direction_[child] = direction;
+      n = child;
+    }
+  }
+
+  float cosine_[kMost];
+  std::uint8_t direction_[kMost];
+  int count_ = 0;
+};
+
+/// The directions of a small set that lie in the normal cone, as the walks order them.
 class FewDirections {
  public:
   static constexpr int kMost = 16;

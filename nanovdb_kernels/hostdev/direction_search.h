@@ -45,7 +45,8 @@ struct ScoreResult {
 
 /// @param tests  how a direction is tested at the point: tests.arm(d) as testArm, tests.collisions(d, stop_above) as
 ///   countVoxelCollisions or countSampleCollisions
-/// @param walk  directions in the normal cone, as DirectionWalk orders them; those that are not candidates may be
+/// @param walk  directions in the normal cone, as DirectionWalk and SortedWalk order them; those that are not
+/// candidates may be
 ///   missing, which only changes the reason of a point that has none
 template <class Tests, class Walk>
 [[nodiscard]] ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const Tests& tests, int collision_limit, Walk& walk,
@@ -131,6 +132,10 @@ ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const OccupancyReader& map
                                                       const std::uint64_t* seen, const ScoreItem& item) {
   if (normal_L[0] == 0 && normal_L[1] == 0 && normal_L[2] == 0) return {};
   const MapTests tests = {map, tool, approach, position_L, inverse_voxel_size};
+  if (approach.axes_xyz != nullptr) {
+    SortedWalk walk(approach, normal_L);
+    return searchDirections(tests, tool.collision_limit, walk, seen, item);
+  }
   DirectionWalk walk(approach, normal_L);
   return searchDirections(tests, tool.collision_limit, walk, seen, item);
 }

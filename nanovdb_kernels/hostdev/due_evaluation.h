@@ -196,6 +196,10 @@ class DueEvaluation {
       wanted.word[w] &= w < update_.points.direction_words ? seen[w] : 0;
       for (std::uint64_t left = wanted.word[w]; left != 0 && count <= FewDirections::kMost; left &= left - 1) ++count;
     }
+    if ((!some || count > FewDirections::kMost) && update_.approach.axes_xyz != nullptr) {
+      SortedWalk walk(update_.approach, normal_L);
+      return searchDirections(noting, limit, walk, seen, item);
+    }
     if (!some || count > FewDirections::kMost) {
       DirectionWalk walk(update_.approach, normal_L, update_.nearest(update_.approach, normal_L));
       return searchDirections(noting, limit, walk, seen, item);

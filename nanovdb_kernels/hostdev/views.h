@@ -80,11 +80,13 @@ struct ToolSlabsView {
 
 /// Directions and the corridor: tables computed once on the host.
 struct ApproachView {
-  const float* direction_xy = nullptr;  ///< [2 D] cos and sin of yaw 2 pi d / D
+  const float* direction_xy = nullptr;  ///< [2 D] cos and sin of yaw 2 pi d / D; not read if there are axes
   const float* arm_offsets = nullptr;   ///< [D x num_arm x 3] metres from the surface point
   int num_directions = 0;               ///< [D]
   int num_arm = 0;                      ///< samples per direction, in test order
   float normal_cos_min = 0;             ///< cos of the cone around the normal
+  /// [3 D] unit, x y z: directions of any kind, in any order. Null: level ones, evenly spread in yaw.
+  const float* axes_xyz = nullptr;
 };
 
 /// State of the points on the device, structure of arrays; index = stable id. 60 bytes per point at D = 180.

@@ -12,7 +12,8 @@
 namespace accessvdb::kernels {
 
 /// Leaves at one horizontal offset from the first leaf of a point's group, and the directions that read them, wherever
-/// in its group the point is. One column per offset.
+/// in its group the point is. Of yaw directions, one column per offset. Of any others, one per leaf; those of an offset
+/// follow each other upwards without a gap.
 struct FootprintColumn {
   std::int32_t dx, dy, z_low, z_high;  ///< [leaves], z inclusive
   DirectionMask directions;
@@ -28,10 +29,12 @@ struct DirectionArc {
 struct ExactTables {
   NeighbourTables neighbours;
   std::span<const FootprintColumn> tool_columns, arm_columns;  ///< for groups of neighbours.group_log2
+  bool any_directions = false;                                 ///< they are not all yaws in order
   /// The inverse of the tool: [x][y][z] which directions may cover a cell of 4 x 4 x 4 voxels from a point somewhere in
   /// a group. The first entry is for the cell cell_low, in cells from the group's first one. Empty: unknown, and
   /// collisions are not remembered.
   std::span<const DirectionArc> cell_directions;
+  std::span<const DirectionMask> cell_sets;  ///< in place of it, with any_directions
   std::int32_t cell_low[3] = {0, 0, 0}, cell_size[3] = {0, 0, 0};
 };
 

@@ -10,6 +10,7 @@
 #include <memory>
 #include <optional>
 
+#include "accessvdb/access_map.h"
 #include "accessvdb/field_export.h"
 #include "accessvdb/scan_io.h"
 #include "bindings/arrays.h"
@@ -202,6 +203,14 @@ void bindField(py::module_& module) {
             return f.run([&](AccessibilityField& field) { return field.pointAt(position); });
           },
           py::arg("p_W"), "The SurfacePoint in the voxel that contains p_W, or None.")
+      .def(
+          "access_map",
+          [](F& f, const py::object& p_W) {
+            const Eigen::Vector3d position = vector3("p_W", p_W);
+            return f.run([&](AccessibilityField& field) { return field.accessMap(position); });
+          },
+          py::arg("p_W"),
+          "Why that point is as it is: an AccessMap with every orientation tried by itself; None if there is no point.")
       .def("write", &writeTo<&writeField>, py::arg("folder"), py::kw_only(), py::arg("half_float") = false,
            py::arg("compression") = "auto", py::arg("up_axis") = "z", py::arg("surface") = false,
            "Writes field.vdb, field_points.vdb and points.ply, each whole or not at all.")

@@ -12,7 +12,9 @@ PYBIND11_MODULE(_accessvdb, module) {
   bindTool(module);
   bindParams(module);
   bindSnapshot(module);
+  bindAccessMap(module);
   bindAnswers(module);
+  bindLive(module);
   bindScans(module);
   bindField(module);
   bindStoredField(module);

@@ -64,6 +64,9 @@ auto approachClass(py::module_& m) {
       .field("corridor_length_m", &P::corridor_length_m, "[L] Straight corridor kept free.")
       .field("coarse_to_fine", &P::coarse_to_fine, "The paper's 20 degree pass; policy \"paper\" only.")
       .field("viewpoints", &P::viewpoints, "Up to 8 stored viewpoints (paper) instead of the seen-direction mask.")
+      .field("orientations", &P::orientations,
+             "How the tool can be turned, degrees: \"yaw\", \"pitch:MIN:MAX:STEP\", \"sphere:STEP\", "
+             "\"sphere:STEP+yaw\" or \"list:FILE\"; or rows of yaw, pitch, roll, or of a quaternion w, x, y, z.")
       .finish();
   return c;
 }

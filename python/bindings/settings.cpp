@@ -74,6 +74,20 @@ std::array<double, 3> threeNumbersFrom(const char* name, py::handle value) {
   return {v[0], v[1], v[2]};
 }
 
+OrientationSet orientationsFrom(const char* name, py::handle value) {
+  if (py::isinstance<py::str>(value)) return OrientationSet::parse(value.cast<std::string>());
+  const auto object = py::reinterpret_borrow<py::object>(value);
+  const py::array given = py::array::ensure(object);
+  const bool quaternions = given && given.ndim() == 2 && given.shape(1) == 4;
+  const auto rows = realArray<double>(name, object, kAnyNumber, quaternions ? 4 : 3);
+  std::vector<ToolOrientation> list;
+  for (py::ssize_t n = 0; n < rows.shape(0); ++n) {
+    list.push_back(quaternions ? orientationOf(rows.at(n, 0), rows.at(n, 1), rows.at(n, 2), rows.at(n, 3))
+                               : orientationOf(rows.at(n, 0), rows.at(n, 1), rows.at(n, 2)));
+  }
+  return OrientationSet::of(std::move(list));
+}
+
 std::size_t wordFrom(const char* name, py::handle value, const char* const* words, std::size_t count) {
   std::string known;
   for (std::size_t n = 0; n < count; ++n) known += (n == 0 ? "\"" : ", \"") + std::string(words[n]) + "\"";

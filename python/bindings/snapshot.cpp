@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bindings/snapshot.h"
 
+#include <algorithm>
+#include <array>
 #include <vector>
 
 #include "bindings/arrays.h"
@@ -31,6 +33,21 @@ std::vector<Column> pointColumns() {
       column("reason", &P::reason, "(N,) uint8, PointReason."),
       column("confident", &P::confident, "(N,) bool, accessible and confidence times stability above stability_min."),
   };
+}
+
+/// How the tool is held, world from tool.
+std::array<float, 4> wxyz(const SurfacePoint& p) {
+  return {p.orientation_WT.w(), p.orientation_WT.x(), p.orientation_WT.y(), p.orientation_WT.z()};
+}
+
+py::array_t<float> orientations(const FieldSnapshot& snapshot) {
+  py::array_t<float> rows({snapshot.points.size(), std::size_t{4}});
+  float* to = rows.mutable_data();
+  for (const SurfacePoint& point : snapshot.points) {
+    const std::array<float, 4> row = wxyz(point);
+    to = std::copy_n(row.data(), 4, to);
+  }
+  return rows;
 }
 
 py::dict labelCounts(const FieldSnapshot& snapshot) {
@@ -63,6 +80,7 @@ void bindSurfacePoint(py::module_& module) {
       .def_property_readonly("normal_W", [](const P& p) { return arrayOf(p.normal_W); })
       .def_property_readonly("direction_W", [](const P& p) { return arrayOf(p.direction_W); })
       .def_readonly("yaw_rad", &P::yaw_rad)
+      .def_property_readonly("orientation_WT", [](const P& p) { return py::array_t<float>(4, wxyz(p).data()); })
       .def_readonly("direction", &P::direction)
       .def_readonly("score", &P::score)
       .def_readonly("weight", &P::weight)
@@ -95,6 +113,9 @@ void bindSnapshot(py::module_& module) {
           "origin_W", [](const FieldSnapshot& s) { return arrayOf(s.origin_W); },
           "World position of the map's local origin.")
       .def_readonly("voxel_size_m", &FieldSnapshot::voxel_size_m)
+      .def_property_readonly("orientation_WT", &orientations,
+                             "(N, 4) float32, a copy: quaternion w, x, y, z, world from tool, in the best direction; "
+                             "1, 0, 0, 0 where there is none.")
       .def_property_readonly("counts", &labelCounts, "Number of points per label: {\"accessible\": 12, ...}.")
       .def_property_readonly("reasons", &reasonCounts, "Number of points per reason: {\"tool\": 12, ...}.")
       .def("__repr__", [](const FieldSnapshot& s) {

@@ -69,6 +69,9 @@ accessvdb_point pointToC(const SurfacePoint& p) {
   c.label = static_cast<std::uint8_t>(p.label);
   c.reason = static_cast<std::uint8_t>(p.reason);
   c.confident = p.confident;
+  const Eigen::Quaternionf& q = p.orientation_WT;
+  const float wxyz[4] = {q.w(), q.x(), q.y(), q.z()};
+  std::copy_n(wxyz, 4, c.orientation_WT);
   return c;
 }
 

@@ -37,6 +37,7 @@ FieldParams paramsFromC(const accessvdb_params& c) {
   a.corridor_length_m = c.corridor_length_m;
   a.coarse_to_fine = requireBool("coarse_to_fine", c.coarse_to_fine);
   a.viewpoints = requireBool("viewpoints", c.viewpoints);
+  if (c.orientations != nullptr) a.orientations = OrientationSet::parse(c.orientations);
   ScoringParams& s = p.scoring;
   s.collision_distance_m = c.collision_distance_m;
   s.self_exclusion_voxels = c.self_exclusion_voxels;

@@ -8,10 +8,12 @@
 #include <numeric>
 #include <utility>
 
+#include "accessvdb/access_map.h"
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
 #include "accessvdb/tsdf_volume.h"
+#include "field/access_map.h"
 #include "field/backend_choice.h"
 #include "field/field_access.h"
 #include "field/field_steps.h"
@@ -53,7 +55,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         integrator(prepared(volume, params)),
         mirror(backend->makeArena(), params.tsdf.voxel_size_m),
         distance_mirror(makeDistanceMirror()),
-        points(params, setup.directions_xy()),
+        points(params, setup.directions_xy(), setup.axes_xyz()),
         reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight, core())),
         scorer(points, params, *backend, reads),
         scheduler(internal::makeScheduler(scorer, {setup.hostTool(), setup.hostApproach()})),
@@ -87,13 +89,21 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return volume.packed();
   }
 
+  /// Of the point in the voxel that contains p_W; kNone if there is none.
+  [[nodiscard]] std::uint32_t idAt(const Eigen::Vector3d& p_W) const {
+    if (!p_W.allFinite()) return internal::kNone;
+    const Eigen::Vector3d p_L = p_W - gate.origin_W();
+    if (!(p_L.lpNorm<Eigen::Infinity>() <= 1e6 * params.tsdf.voxel_size_m)) return internal::kNone;
+    return points.index().find(points.voxelOf(p_L.cast<float>()));
+  }
+
   [[nodiscard]] internal::ScoredField scored() const { return {scorer, *backend, gate.origin_W(), core()}; }
   [[nodiscard]] internal::ViewedParts viewed() {
     steps.requireWhole();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const kernels::DistanceView distances = {distance_mirror ? distance_mirror->grid() : nullptr,
                                              tables.map.inverse_voxel_size};
-    return {volume.packed(), scorer, *backend, tables.map, distances, tables.approach.direction_xy, gate.origin_W()};
+    return {volume.packed(), scorer, *backend, tables.map, distances, tables.approach, gate.origin_W()};
   }
 
   /// @param gated  returns the scan that passed the gate
@@ -306,10 +316,11 @@ FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) cons
     std::erase_if(ids, [&](std::uint32_t id) { return !scorer.confidentEnough(id); });
     scorer.refreshNeighbourhoods(ids);
     scorer.upload(ids);
+    const kernels::DirectionMask all = kernels::allDirections(impl_->setup.tool().num_directions);
     std::vector<kernels::ScoreItem> items(ids.size());
     for (std::size_t n = 0; n < ids.size(); ++n) {
       items[n].id = ids[n];
-      items[n].candidates = kernels::allDirections(impl_->params.approach.num_directions);
+      items[n].candidates = all;
     }
     internal::ScoringTables tables = impl_->setup.tables(impl_->mirror.grid());
     tables.rule.keep_best = false;
@@ -325,12 +336,20 @@ FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) cons
 
 std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p_W) const {
   impl_->steps.requireWhole();
-  if (!p_W.allFinite()) return std::nullopt;
-  const Eigen::Vector3d p_L = p_W - impl_->gate.origin_W();
-  if (!(p_L.lpNorm<Eigen::Infinity>() <= 1e6 * impl_->params.tsdf.voxel_size_m)) return std::nullopt;
-  const std::uint32_t id = impl_->points.index().find(impl_->points.voxelOf(p_L.cast<float>()));
+  const std::uint32_t id = impl_->idAt(p_W);
   if (id == internal::kNone) return std::nullopt;
   return internal::scoredPoint(impl_->scored(), id);
+}
+
+std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_W) const {
+  impl_->steps.requireWhole();
+  const std::uint32_t id = impl_->idAt(p_W);
+  if (id == internal::kNone) return std::nullopt;
+  return impl_->arena.execute([&] {
+    internal::PointScorer scorer(impl_->points, impl_->params, *impl_->backend, impl_->reads);
+    return AccessMap{internal::scoredPoint(impl_->scored(), id), collisionLimit(),
+                     internal::tryEveryDirection(scorer, impl_->setup, impl_->mirror.grid(), id)};
+  });
 }
 
 BatchQuery AccessibilityField::batchQuery() const { return impl_->views.query(impl_->viewed(), impl_->arena); }

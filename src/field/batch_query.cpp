@@ -5,11 +5,11 @@
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
-#include <cmath>
 #include <string>
 
 #include "accessvdb/error.h"
 #include "field/batch_query_impl.h"
+#include "field/tool_heading.h"
 
 namespace accessvdb {
 namespace internal {
@@ -29,12 +29,9 @@ HostPointState::HostPointState(kernels::Backend& backend, const kernels::PointSt
   fetch(reason_copy, reason);
 }
 
-std::vector<Eigen::Vector3f> directionVectors(int num_directions) {
+std::vector<Eigen::Vector3f> directionVectors(const ApproachParams& resolved) {
   std::vector<Eigen::Vector3f> directions;
-  for (int d = 0; d < num_directions; ++d) {
-    const double yaw = 2 * 3.141592653589793 * d / num_directions;
-    directions.emplace_back(static_cast<float>(std::cos(yaw)), static_cast<float>(std::sin(yaw)), 0.0f);
-  }
+  for (const ToolHeading& heading : toolHeadings(resolved)) directions.push_back(heading.direction_W);
   return directions;
 }
 

@@ -27,7 +27,7 @@ BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
   impl->source.index = &index_;
   impl->source.state = std::make_shared<const HostPointState>(parts.backend, parts.scorer.device().view(),
                                                               parts.scorer.device().size(), onHost(parts.backend));
-  impl->source.directions = directionVectors(parts.scorer.params().approach.num_directions);
+  impl->source.directions = directionVectors(parts.scorer.params().approach);
   impl->source.origin_W = parts.origin_W;
   impl->source.voxel_size_m = static_cast<float>(voxel_size_m);
   impl->source.inverse_voxel_size = kernels::VoxelScale(voxel_size_m).inverse_float32;
@@ -56,8 +56,9 @@ DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) const {
   view.points = {state.position_L, state.normal_L,  state.stability,
                  state.score,      state.direction, state.weight,
                  state.label,      state.reason,    parts.scorer.device().size()};
-  view.direction_xy = parts.direction_xy;
-  view.num_directions = parts.scorer.params().approach.num_directions;
+  view.direction_xy = parts.approach.direction_xy;
+  view.axes_xyz = parts.approach.axes_xyz;
+  view.num_directions = parts.approach.num_directions;
   view.voxel_size_m = static_cast<float>(parts.map.params().voxel_size_m);
   for (int axis = 0; axis < 3; ++axis) view.origin_W[axis] = parts.origin_W[axis];
   view.revision = revision();

@@ -23,7 +23,7 @@ struct ViewedParts {
   kernels::Backend& backend;
   kernels::OccupancyView mirror;
   kernels::DistanceView distances;  ///< no grid if there is no mirror of them
-  const float* direction_xy;        ///< [2 D] in the backend's memory
+  kernels::ApproachView approach;   ///< in the backend's memory
   Eigen::Vector3d origin_W;
 };
 

@@ -63,6 +63,17 @@ void requireProjective(const ProjectiveParams& p, double voxel_size_m) {
   require("projective box, in leaves", leaves, 0, kMostLeaves, "Choose a smaller box or a larger voxel");
 }
 
+/// What the paper's policy cannot do, whose directions are a window around a yaw, and whose scores are kept.
+void requireOrientations(const FieldParams& p) {
+  static_cast<void>(p.approach.directionCount());  // throws for a set that is none
+  if (p.approach.orientations.isYaw()) return;
+  if (p.update.policy == UpdatePolicy::Paper || p.approach.coarse_to_fine || p.approach.viewpoints) {
+    throw InvalidArgument("orientations.policy", "orientations " + p.approach.orientations.text(),
+                          "the paper's policy, its coarse pass and its viewpoints only know yaw directions",
+                          "Use the exact policy and the product profile, or orientations yaw");
+  }
+}
+
 void requireWindow(const FieldParams& p) {
   const auto refuse = [](const std::string& problem, const std::string& advice) {
     throw InvalidArgument("config.window", "window", problem, advice);
@@ -154,6 +165,7 @@ FieldParams FieldParams::resolved() const {
   require("threads", p.threads, 0, 4096);
   for (std::size_t axis = 0; p.origin_W && axis < 3; ++axis) require("origin_W", (*p.origin_W)[axis], -1e8, 1e8);
   if (p.window) requireWindow(p);
+  requireOrientations(p);
   return p;
 }
 
@@ -186,6 +198,7 @@ std::string FieldParams::describe() const {
   put("cleared_begin_tau", text(tsdf.cleared_begin_tau));
   put("cleared_end_tau", text(tsdf.cleared_end_tau));
   put("num_directions", std::to_string(approach.num_directions));
+  if (!approach.orientations.isYaw()) put("orientations", approach.orientations.text());
   put("normal_cone_rad", text(approach.normal_cone_rad));
   put("observation_cos_min", text(approach.observation_cos_min));
   put("arm_tau", text(approach.arm_tau[0]) + " " + text(approach.arm_tau[1]) + " " + text(approach.arm_tau[2]));

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "accessvdb/batch_query.h"
+#include "accessvdb/params.h"
 #include "field/query_index.h"
 #include "launch/backend.h"
 #include "tsdf/packed_map.h"
@@ -46,7 +47,7 @@ struct QuerySource {
 void answerPoints(const QuerySource& source, std::span<const Eigen::Vector3d> points_W, std::span<PointAnswer> answers);
 CapsuleAnswer answerCapsule(const QuerySource& source, const CapsuleQuery& query);
 
-/// Unit vectors of D directions, as SurfacePoint::direction_W.
-std::vector<Eigen::Vector3f> directionVectors(int num_directions);
+/// Unit vectors of the directions, as SurfacePoint::direction_W.
+std::vector<Eigen::Vector3f> directionVectors(const ApproachParams& resolved);
 
 }  // namespace accessvdb::internal

@@ -6,10 +6,11 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <cmath>
 #include <numeric>
 #include <span>
 #include <utility>
+
+#include "field/tool_heading.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -41,22 +42,16 @@ struct HostState {
   }
 };
 
-struct Heading {
-  float yaw_rad, cosine, sine;
-};
-
-Heading headingOf(int direction, int num_directions) {
-  const double yaw_rad = 2 * 3.141592653589793 * direction / num_directions;
-  return {static_cast<float>(yaw_rad), static_cast<float>(std::cos(yaw_rad)), static_cast<float>(std::sin(yaw_rad))};
-}
-
 /// The points whose ids are first, first + 1 ...
 class ScoredPoints final : public SurfacePoints {
  public:
   ScoredPoints(const ScoredField& field, HostState state, std::uint32_t first, std::uint32_t count)
-      : scorer_(field.scorer), origin_W_(field.origin_W), state_(std::move(state)), first_(first), weights_(count) {
-    const int num_directions = scorer_.params().approach.num_directions;
-    for (int d = 0; d < num_directions && count > 1; ++d) headings_.push_back(headingOf(d, num_directions));
+      : scorer_(field.scorer),
+        origin_W_(field.origin_W),
+        state_(std::move(state)),
+        first_(first),
+        weights_(count),
+        headings_(toolHeadings(scorer_.params().approach)) {
     std::vector<std::uint32_t> ids(std::min(count, kWeightsPerBlock));
     for (std::uint32_t begin = 0; begin < count; begin += kWeightsPerBlock) {
       ids.resize(std::min(count - begin, kWeightsPerBlock));
@@ -79,7 +74,7 @@ class ScoredPoints final : public SurfacePoints {
   HostState state_;
   std::uint32_t first_;
   std::vector<std::uint16_t> weights_;
-  std::vector<Heading> headings_;  ///< per direction; empty for a single point
+  std::vector<ToolHeading> headings_;  ///< per direction
 };
 
 SurfacePoint ScoredPoints::at(std::size_t index) const {
@@ -98,10 +93,10 @@ SurfacePoint ScoredPoints::at(std::size_t index) const {
   point.label = state_.label[n];
   point.reason = state_.reason[n];
   if (point.direction != kNoDirection) {
-    const Heading heading = headings_.empty() ? headingOf(point.direction, scorer_.params().approach.num_directions)
-                                              : headings_[point.direction];
+    const ToolHeading& heading = headings_[point.direction];
     point.yaw_rad = heading.yaw_rad;
-    point.direction_W = {heading.cosine, heading.sine, 0.0f};
+    point.direction_W = heading.direction_W;
+    point.orientation_WT = heading.orientation_WT;
   }
   point.confident = point.label == PointLabel::Accessible &&
                     point.confidence * point.stability > static_cast<float>(scorer_.params().update.stability_min);

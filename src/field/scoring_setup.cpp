@@ -7,7 +7,6 @@
 
 #include "accessvdb/error.h"
 #include "hostdev/voxel_scale.h"
-#include "tool/yaw_direction.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -36,17 +35,16 @@ std::vector<double> armDistances(const FieldParams& p) {
 ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, kernels::Backend& backend)
     : params_(resolved),
       tool_(ToolKernel::make(tool, resolved)),
-      directions_(DirectionTable::make(resolved.approach.num_directions)),
+      directions_(DirectionTable::make(resolved.approach)),
       memory_(backend) {
   const std::vector<double> distances = armDistances(resolved);
   num_arm_ = static_cast<int>(distances.size());
-  const int count = resolved.approach.num_directions;
-  for (int d = 0; d < count; ++d) {
-    const CosSin yaw = yawDirection(d, count);
+  for (const ToolOrientation& orientation :
+       resolved.approach.orientations.orientations(resolved.approach.num_directions)) {
     for (const double distance : distances) {
-      arm_offsets_.push_back(static_cast<float>(distance * yaw.cos));
-      arm_offsets_.push_back(static_cast<float>(distance * yaw.sin));
-      arm_offsets_.push_back(0.0f);
+      for (Eigen::Index axis = 0; axis < 3; ++axis) {
+        arm_offsets_.push_back(static_cast<float>(distance * orientation.R_WT(axis, 0)) + 0.0f);  // never -0
+      }
     }
   }
   d_columns_ = uploaded(memory_, tool_.columns);
@@ -55,6 +53,7 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_sample_begin_ = uploaded(memory_, tool_.sample_begin);
   if (resolved.update.policy == UpdatePolicy::Exact && backend.usesToolSlabs()) loadSlabs();
   d_directions_ = uploaded(memory_, directions_.xy);
+  d_axes_ = uploaded(memory_, directions_.axes_xyz);
   d_arm_offsets_ = uploaded(memory_, arm_offsets_);
   const ScoringTables made = tables(nullptr);
   prepared_ = backend.prepareTool(made.tool, made.approach, made.map.inverse_voxel_size);
@@ -62,7 +61,7 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
 
 /// Without memory for them the search works without slabs, which only costs time.
 void ScoringSetup::loadSlabs() {
-  const ToolSlabs slabs = ToolSlabs::make(tool_.view(), params_.approach.num_directions, ToolSlabs::kMostBytes);
+  const ToolSlabs slabs = ToolSlabs::make(tool_.view(), tool_.num_directions, ToolSlabs::kMostBytes);
   if (slabs.empty()) return;
   try {
     auto words = uploaded(memory_, slabs.words);
@@ -82,9 +81,13 @@ void ScoringSetup::loadSlabs() {
 
 kernels::ApproachView ScoringSetup::hostApproach() const {
   kernels::ApproachView view;
-  view.direction_xy = directions_.xy.data();
+  if (directions_.axes_xyz.empty()) {
+    view.direction_xy = directions_.xy.data();
+  } else {
+    view.axes_xyz = directions_.axes_xyz.data();
+  }
   view.arm_offsets = arm_offsets_.data();
-  view.num_directions = params_.approach.num_directions;
+  view.num_directions = tool_.num_directions;
   view.num_arm = num_arm_;
   view.normal_cos_min = static_cast<float>(std::cos(params_.approach.normal_cone_rad));
   return view;
@@ -104,7 +107,11 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
                     d_leaf_column_begin_.data()};
   }
   tables.approach = hostApproach();
-  tables.approach.direction_xy = d_directions_.data();
+  if (tables.approach.axes_xyz == nullptr) {
+    tables.approach.direction_xy = d_directions_.data();
+  } else {
+    tables.approach.axes_xyz = d_axes_.data();
+  }
   tables.approach.arm_offsets = d_arm_offsets_.data();
   tables.prepared = prepared_.get();
   tables.rule.keep_best = params_.update.policy == UpdatePolicy::Paper;
@@ -116,7 +123,8 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
 std::uint64_t ScoringSetup::hostBytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return bytesOf(tool_.columns) + bytesOf(tool_.column_begin) + bytesOf(tool_.samples) + bytesOf(tool_.sample_begin) +
-         bytesOf(directions_.xy) + bytesOf(arm_offsets_) + (prepared_ != nullptr ? prepared_->bytes() : 0);
+         bytesOf(directions_.xy) + bytesOf(directions_.axes_xyz) + bytesOf(arm_offsets_) +
+         (prepared_ != nullptr ? prepared_->bytes() : 0);
 }
 
 }  // namespace accessvdb::internal

@@ -22,6 +22,7 @@ class ScoringSetup {
 
   [[nodiscard]] const ToolKernel& tool() const { return tool_; }
   [[nodiscard]] const std::vector<float>& directions_xy() const { return directions_.xy; }
+  [[nodiscard]] const std::vector<float>& axes_xyz() const { return directions_.axes_xyz; }
   [[nodiscard]] kernels::ToolKernelView hostTool() const { return tool_.view(); }
   [[nodiscard]] kernels::ApproachView hostApproach() const;
   /// @param grid  the mirror, in the backend's memory
@@ -44,7 +45,7 @@ class ScoringSetup {
   kernels::DeviceArray<kernels::SlabBox> d_slab_boxes_;
   kernels::DeviceArray<std::uint64_t> d_slab_words_;
   kernels::DeviceArray<std::uint32_t> d_column_begin_, d_sample_begin_, d_leaf_column_begin_;
-  kernels::DeviceArray<float> d_samples_, d_directions_, d_arm_offsets_;
+  kernels::DeviceArray<float> d_samples_, d_directions_, d_axes_, d_arm_offsets_;
   std::unique_ptr<kernels::PreparedTool> prepared_;
 };
 

@@ -41,6 +41,10 @@ class Encoder {
     (*this)(static_cast<std::uint8_t>(value.has_value()));
     return value.has_value();
   }
+  template <typename Value>
+  void size(const std::vector<Value>& values, std::size_t /*most*/) {
+    (*this)(static_cast<std::uint32_t>(values.size()));
+  }
   [[nodiscard]] std::vector<char> take() { return std::move(bytes_); }
 
  private:
@@ -90,6 +94,13 @@ class Decoder {
     if (ok_ && present) value.emplace();
     return ok_ && present;
   }
+  template <typename Value>
+  void size(std::vector<Value>& values, std::size_t most) {
+    std::uint32_t size = 0;
+    (*this)(size);
+    ok_ = ok_ && size <= most;
+    if (ok_) values.resize(size);
+  }
   [[nodiscard]] bool ok() const { return ok_; }
   [[nodiscard]] bool atEnd() const { return ok_ && at_ == bytes_.size(); }
 
@@ -133,10 +144,27 @@ void visitTsdf(Code& code, Params& p) {
 
 template <typename Code, typename Params>
 void visitApproach(Code& code, Params& p) {
-  auto& [num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine, viewpoints] =
-      p;
+  auto& [num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine, viewpoints,
+         orientations] = p;
+  static_cast<void>(orientations);  // see visitOrientations
   visitAll(code, num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine,
            viewpoints);
+}
+
+template <typename Code, typename Orientation>
+void visitOrientation(Code& code, Orientation& orientation) {
+  auto& [R_WT, yaw_rad, pitch_rad, roll_rad] = orientation;
+  for (Eigen::Index n = 0; n < 9; ++n) code(R_WT.data()[n]);
+  visitAll(code, yaw_rad, pitch_rad, roll_rad);
+}
+
+template <typename Code, typename Set>
+void visitOrientations(Code& code, Set& set) {
+  auto& [kind, pitch_min_deg, pitch_max_deg, step_deg, with_yaw, list] = set;
+  code.oneOf(kind, OrientationKind::List);
+  visitAll(code, pitch_min_deg, pitch_max_deg, step_deg, with_yaw);
+  code.size(list, OrientationSet::kMost);
+  for (auto& orientation : list) visitOrientation(code, orientation);
 }
 
 template <typename Code, typename Params>
@@ -184,6 +212,7 @@ void visitFirst(Code& code, Head& head) {
 template <typename Code, typename Head>
 void visitRest(Code& code, Head& head) {
   visitParams(code, head.params);
+  if (head.schema == kOrientedStateSchema) visitOrientations(code, head.params.approach.orientations);
   if (code.has(head.origin_W)) {
     visitAll(code, (*head.origin_W)[0], (*head.origin_W)[1], (*head.origin_W)[2]);
   }
@@ -191,6 +220,7 @@ void visitRest(Code& code, Head& head) {
 }
 
 bool isPlausible(const StateHead& head) {
+  if ((head.schema == kStateSchema) != head.params.approach.orientations.isYaw()) return false;
   if (head.params.update.policy == UpdatePolicy::Paper || head.params.tsdf.region == UpdateRegion::Projective) {
     return false;
   }
@@ -202,7 +232,7 @@ bool isPlausible(const StateHead& head) {
   if (head.leaves_with_values > head.leaves) return false;
   try {
     static_cast<void>(head.params.resolved());
-  } catch (const InvalidArgument&) {
+  } catch (const Error&) {
     return false;
   }
   return true;
@@ -222,7 +252,7 @@ std::optional<StateHead> headFrom(const std::vector<char>& bytes) {
   StateHead head;
   visitFirst(decoder, head);
   if (!decoder.ok()) return std::nullopt;
-  if (head.schema != kStateSchema || head.rules_version != kRulesVersion) return head;
+  if (!isStateSchema(head.schema) || head.rules_version != kRulesVersion) return head;
   visitRest(decoder, head);
   if (!decoder.atEnd() || !isPlausible(head)) return std::nullopt;
   return head;

@@ -15,6 +15,12 @@ namespace accessvdb::internal {
 
 /// Layout of the file. Raise it when a section changes; a program reads its own number only.
 inline constexpr std::uint32_t kStateSchema = 1;
+/// The same with a set of orientations behind the parameters: of fields whose tool does not only turn in yaw.
+inline constexpr std::uint32_t kOrientedStateSchema = 2;
+
+[[nodiscard]] constexpr bool isStateSchema(std::uint32_t schema) {
+  return schema == kStateSchema || schema == kOrientedStateSchema;
+}
 
 struct StateHead {
   std::uint32_t schema = kStateSchema;

@@ -28,7 +28,8 @@ bool hasFacts(const LeafChange& facts) {
   return any != 0;
 }
 
-StoredPoint pointFrom(const char* from, const FieldParams& params) {
+/// @param words  of seen directions; 0 with viewpoints
+StoredPoint pointFrom(const char* from, std::size_t words) {
   StoredPoint point = {};
   const auto take = [&from](void* to, std::size_t bytes) {
     std::memcpy(to, from, bytes);
@@ -38,11 +39,11 @@ StoredPoint pointFrom(const char* from, const FieldParams& params) {
   take(point.sums.offset.data(), sizeof point.sums.offset);
   take(point.sums.sensor.data(), sizeof point.sums.sensor);
   take(&point.sums.returns, sizeof point.sums.returns);
-  if (params.approach.viewpoints) {
+  if (words == 0) {
     take(&point.views.count, sizeof point.views.count);
     take(point.views.pose.data(), sizeof point.views.pose);
   } else {
-    take(point.seen.word, static_cast<std::size_t>((params.approach.num_directions + 63) / 64) * sizeof(std::uint64_t));
+    take(point.seen.word, words * sizeof(std::uint64_t));
   }
   return point;
 }
@@ -60,7 +61,7 @@ void StateReader::readHead() {
   const std::optional<StateHead> head = headFrom(bytes);
   if (!head) in_.refuse("it holds values that no field has");
   head_ = *head;
-  if (head_.schema != kStateSchema || head_.rules_version != kRulesVersion) {
+  if (!isStateSchema(head_.schema) || head_.rules_version != kRulesVersion) {
     throw UnusableInput("state.rules", io::forMessage(file_.native()),
                         "was written by version " + io::wordForMessage(head_.version) + " with rules " +
                             std::to_string(head_.rules_version) + " in layout " + std::to_string(head_.schema) +
@@ -150,6 +151,8 @@ void StateReader::readPoses(PointStore& points) {
 
 void StateReader::readPoints(PointStore& points) {
   const std::size_t each = storedPointBytes(head_.params);
+  const ApproachParams& approach = head_.params.approach;
+  const std::size_t words = approach.viewpoints ? 0 : (static_cast<std::size_t>(approach.directionCount()) + 63) / 64;
   if (in_.begin("points") != head_.points * each) in_.refuse("its length is not that of the announced points");
   std::vector<char> bytes;
   std::vector<StoredPoint> block;
@@ -159,7 +162,7 @@ void StateReader::readPoints(PointStore& points) {
     in_.read(bytes.data(), bytes.size());
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, block.size(), 512), [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        block[n] = pointFrom(bytes.data() + n * each, head_.params);
+        block[n] = pointFrom(bytes.data() + n * each, words);
       }
     });
     if (!points.restore(block)) in_.refuse("a point is there twice, or is not one that a field can have");

@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::size_t kPointsWritten = 1 << 14;
 
-int wordsOf(const FieldParams& params) { return (params.approach.num_directions + 63) / 64; }
+int wordsOf(const FieldParams& params) { return (params.approach.directionCount() + 63) / 64; }
 
 void writeLeaves(SectionWriter& out, const StateHead& head, const PackedMap& map) {
   out.begin("leaves", head.leaves * kLeafBytes + head.leaves_with_values * kLeafValueBytes);
@@ -41,7 +41,8 @@ void writePoses(SectionWriter& out, const StateHead& head, const PointStore& poi
   out.end();
 }
 
-void putPoint(const StoredPoint& point, const FieldParams& params, char* to) {
+/// @param words  of seen directions; 0 with viewpoints
+void putPoint(const StoredPoint& point, std::size_t words, char* to) {
   const auto put = [&to](const void* data, std::size_t bytes) {
     std::memcpy(to, data, bytes);
     to += bytes;
@@ -50,16 +51,17 @@ void putPoint(const StoredPoint& point, const FieldParams& params, char* to) {
   put(point.sums.offset.data(), sizeof point.sums.offset);
   put(point.sums.sensor.data(), sizeof point.sums.sensor);
   put(&point.sums.returns, sizeof point.sums.returns);
-  if (params.approach.viewpoints) {
+  if (words == 0) {
     put(&point.views.count, sizeof point.views.count);
     put(point.views.pose.data(), sizeof point.views.pose);
   } else {
-    put(point.seen.word, static_cast<std::size_t>(wordsOf(params)) * sizeof(std::uint64_t));
+    put(point.seen.word, words * sizeof(std::uint64_t));
   }
 }
 
 void writePoints(SectionWriter& out, const StateHead& head, const PointStore& points) {
   const std::size_t bytes = storedPointBytes(head.params);
+  const std::size_t words = head.params.approach.viewpoints ? 0 : static_cast<std::size_t>(wordsOf(head.params));
   out.begin("points", head.points * bytes);
   std::vector<char> block;
   for (std::size_t first = 0; first < head.points; first += kPointsWritten) {
@@ -67,7 +69,7 @@ void writePoints(SectionWriter& out, const StateHead& head, const PointStore& po
     block.resize(count * bytes);
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 512), [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        putPoint(points.stored(static_cast<std::uint32_t>(first + n)), head.params, block.data() + n * bytes);
+        putPoint(points.stored(static_cast<std::uint32_t>(first + n)), words, block.data() + n * bytes);
       }
     });
     out.write(block.data(), block.size());
@@ -97,6 +99,7 @@ void requireSavable(const FieldParams& params) {
 
 void writeState(const std::filesystem::path& file, StateHead head, const PackedMap& map, const PointStore& points) {
   requireSavable(head.params);
+  head.schema = head.params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema;
   head.leaves = map.leaf_count;
   head.leaves_with_values = map.allocated_leaf_count;
   head.points = points.size();

@@ -16,33 +16,41 @@
 namespace accessvdb {
 namespace {
 
-/// Quarter and half turns, and those between them: for most tools the fewest and the most columns.
+/// Of yaw: quarter and half turns, and those between them: for most tools the fewest and the most columns.
 constexpr int kSampledDirections = 8;
 
-/// How far the tool reaches from its tip, horizontally.
-double horizontalReach_m(const ToolGeometry& tool) {
-  float reach_m = 0;
-  for (const Eigen::Vector3f& vertex : tool.vertices_T()) reach_m = std::max(reach_m, vertex.head<2>().norm());
-  return static_cast<double>(reach_m);
-}
+/// Box of all offsets, of every direction, in voxels from the point.
+struct OffsetBox {
+  Eigen::Array3d low = {0, 0, 0}, high = {0, 0, 0};
+  [[nodiscard]] double voxels() const { return (high - low + 1).prod(); }
+};
 
-/// Voxels of the box of all offsets, of every direction.
-double offsetBoxVoxels(const ToolGeometry& tool, const internal::ToolKernel& sampled, int num_directions,
-                       double voxel_size_m) {
-  double x = sampled.max_ijk[0] - sampled.min_ijk[0] + 1, y = sampled.max_ijk[1] - sampled.min_ijk[1] + 1;
-  if (num_directions > kSampledDirections) {  // directions in between reach farther
-    x = y = 2 * std::floor(horizontalReach_m(tool) / voxel_size_m + 0.5) + 1;
+OffsetBox offsetBoxOf(const ToolGeometry& tool, const FieldParams& resolved) {
+  OffsetBox box;
+  const double per_voxel = 1 / resolved.tsdf.voxel_size_m;
+  for (const ToolOrientation& orientation :
+       resolved.approach.orientations.orientations(resolved.approach.num_directions)) {
+    for (const Eigen::Vector3f& vertex : tool.vertices_T()) {
+      const Eigen::Array3d voxel =
+          (orientation.R_WT * vertex.cast<double>() * per_voxel + Eigen::Vector3d(0.5, 0.5, 0.5)).array().floor();
+      box.low = box.low.min(voxel);
+      box.high = box.high.max(voxel);
+    }
   }
-  return x * y * (sampled.max_ijk[2] - sampled.min_ijk[2] + 1);
+  return box;
 }
 
 }  // namespace
 
 ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& params) {
   const FieldParams resolved = params.resolved();
-  const int directions = resolved.approach.num_directions, sampled = std::min(directions, kSampledDirections);
+  const int directions = resolved.approach.directionCount();
+  const internal::ToolKernel kernel =
+      internal::ToolKernel::sampled(tool, resolved, std::min(directions, kSampledDirections));
+  const int sampled = kernel.num_directions;
   const double share = static_cast<double>(directions) / sampled;
-  const internal::ToolKernel kernel = internal::ToolKernel::sampled(tool, resolved, sampled);
+  const OffsetBox box = offsetBoxOf(tool, resolved);
+  const bool yaw = resolved.approach.orientations.isYaw();
   const auto bytesOf = [](const auto& list) { return static_cast<double>(list.size() * sizeof(list[0])); };
   const double columns = share * bytesOf(kernel.columns);
   const double tables = columns + share * bytesOf(kernel.samples);
@@ -51,33 +59,38 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
   double held = on_host ? 2 * tables : tables;  // a backend has its own copy
   if (on_host && columns <= static_cast<double>(kernels::PreparedTool::kMostColumnBytes)) {
     // The corridor counts, because windows reach as far; so do directions between the sampled ones.
-    std::vector<double> distances = internal::armDistances(resolved);
-    const auto offsetsAt = [&] {
-      std::vector<float> offsets;
-      for (int d = 0; d < sampled; ++d) {
-        const double yaw = 2 * 3.141592653589793 * d / sampled;
-        for (const double distance : distances) {
-          offsets.push_back(static_cast<float>(distance * std::cos(yaw)));
-          offsets.push_back(static_cast<float>(distance * std::sin(yaw)));
-          offsets.push_back(0);
-        }
+    const std::vector<double> distances = internal::armDistances(resolved);
+    const std::vector<ToolOrientation> all =
+        resolved.approach.orientations.orientations(resolved.approach.num_directions);
+    const auto addAlong = [&](std::vector<float>& offsets, const Eigen::Vector3d& axis) {
+      for (const double distance : distances) {
+        for (Eigen::Index n = 0; n < 3; ++n) offsets.push_back(static_cast<float>(distance * axis[n]));
       }
-      return offsets;
     };
     kernels::ApproachView approach;
-    approach.num_directions = sampled;
-    std::vector<float> offsets = offsetsAt();
-    approach.num_arm = static_cast<int>(distances.size());
-    approach.arm_offsets = offsets.data();
+    std::vector<float> offsets;
     if (resolved.update.policy == UpdatePolicy::Exact) {
-      held += static_cast<double>(internal::CorridorOffsets(approach, resolved.tsdf.voxel_size_m).bytes());
-    }
-    if (directions > sampled) {
-      distances.push_back(horizontalReach_m(tool));
-      offsets = offsetsAt();
+      for (const ToolOrientation& orientation : all) addAlong(offsets, orientation.R_WT.col(0));
+      approach.num_directions = directions;
       approach.num_arm = static_cast<int>(distances.size());
       approach.arm_offsets = offsets.data();
+      held += static_cast<double>(internal::CorridorOffsets(approach, resolved.tsdf.voxel_size_m).bytes());
+      offsets.clear();
     }
+    const auto addCorner = [&](const Eigen::Array3d& voxel) {
+      for (Eigen::Index n = 0; n < 3; ++n) {
+        // A level corridor has a form of its own, so corners of level sets are level.
+        offsets.push_back(yaw && n == 2 ? 0.0f : static_cast<float>(voxel[n] * resolved.tsdf.voxel_size_m));
+      }
+    };
+    for (int d = 0; d < sampled; ++d) {
+      addAlong(offsets, all[static_cast<std::size_t>(d) * all.size() / static_cast<std::size_t>(sampled)].R_WT.col(0));
+      addCorner(box.low);
+      addCorner(box.high);
+    }
+    approach.num_directions = sampled;
+    approach.num_arm = static_cast<int>(distances.size()) + 2;
+    approach.arm_offsets = offsets.data();
     const kernels::VoxelScale scale(resolved.tsdf.voxel_size_m);
     const auto prepared = kernels::makeCpuBackend()->prepareTool(kernel.view(), approach, scale.inverse_float32);
     held += share * static_cast<double>(prepared->bytes());
@@ -92,8 +105,8 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
   }
   if (resolved.update.policy == UpdatePolicy::Exact && on_host && !kernel.use_samples) {
     // The table of directions by cell: one cell more at either end of each axis.
-    const double cells = offsetBoxVoxels(tool, kernel, directions, resolved.tsdf.voxel_size_m) / 64;
-    const double table = sizeof(kernels::DirectionArc) * cells;
+    const double table =
+        static_cast<double>(yaw ? sizeof(kernels::DirectionArc) : sizeof(kernels::DirectionMask)) * box.voxels() / 64;
     if (table <= static_cast<double>(internal::KnownDirections::kMostCellTableBytes)) held += table;
   }
   return {static_cast<std::uint64_t>(held), static_cast<std::uint64_t>(std::max(held, making))};

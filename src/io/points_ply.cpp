@@ -4,6 +4,7 @@
 /// millimetres.
 #include "io/points_ply.h"
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <charconv>
@@ -36,6 +37,11 @@ std::string oneLine(std::string text) {
   return text;
 }
 
+/// Files of yaw have the columns that they had from the start.
+bool isOriented(const FieldMetadata& metadata) {
+  return std::any_of(metadata.begin(), metadata.end(), [](const auto& entry) { return entry.first == "orientations"; });
+}
+
 void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldMetadata& metadata) {
   stream << "ply\nformat binary_little_endian 1.0\n";
   stream << "comment AccessVDB " << internal::programVersion() << "\n";
@@ -50,6 +56,9 @@ void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldM
   for (const auto& property : internal::kPointsPlyProperties) {
     stream << "property " << property.type << " " << property.name << "\n";
   }
+  for (const auto& property : internal::kPointsPlyOrientation) {
+    if (isOriented(metadata)) stream << "property " << property.type << " " << property.name << "\n";
+  }
   stream << "end_header\n";
 }
 
@@ -59,7 +68,7 @@ char* put(char* to, const T& value) {
   return to + sizeof(T);
 }
 
-char* putRecord(char* to, const SurfacePoint& point) {
+char* putRecord(char* to, const SurfacePoint& point, bool oriented) {
   for (int axis = 0; axis < 3; ++axis) to = put(to, point.position_W[axis]);
   for (int axis = 0; axis < 3; ++axis) to = put(to, point.normal_W[axis]);
   to = put(to, internal::colourOf(point.label));
@@ -69,7 +78,11 @@ char* putRecord(char* to, const SurfacePoint& point) {
   to = put(to, point.confidence);
   to = put(to, point.stability);
   for (int axis = 0; axis < 3; ++axis) to = put(to, point.direction_W[axis]);
-  return put(to, static_cast<float>(point.yaw_rad * internal::kDegreesPerRadian));
+  to = put(to, static_cast<float>(point.yaw_rad * internal::kDegreesPerRadian));
+  if (!oriented) return to;
+  const Eigen::Quaternionf& q = point.orientation_WT;
+  for (const float part : {q.w(), q.x(), q.y(), q.z()}) to = put(to, part);
+  return put(to, point.direction);
 }
 
 }  // namespace
@@ -77,10 +90,11 @@ char* putRecord(char* to, const SurfacePoint& point) {
 void writePointsPly(const std::filesystem::path& path, const SurfacePoints& points, const FieldMetadata& metadata) {
   writeFileDurably(path, [&](std::ostream& stream) {
     writeHeader(stream, points, metadata);
-    std::vector<char> block(internal::kPointsPlyRecordsPerBlock * internal::kPointsPlyRecordBytes);
+    const bool oriented = isOriented(metadata);
+    std::vector<char> block(internal::kPointsPlyRecordsPerBlock * internal::pointsPlyRecordBytes(oriented));
     char* to = block.data();
     for (std::size_t n = 0; n < points.size(); ++n) {
-      to = putRecord(to, points.at(n));
+      to = putRecord(to, points.at(n), oriented);
       if (to == block.data() + block.size()) {
         stream.write(block.data(), static_cast<std::streamsize>(block.size()));
         to = block.data();

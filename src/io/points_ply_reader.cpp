@@ -25,6 +25,9 @@ struct PlyHeader {
   std::optional<double> voxel_size_m;
   // Parameters from the comments, if present: they determine what the columns do not contain.
   std::optional<double> num_directions, confidence_half_weight, stability_min;
+  bool oriented = false;  ///< with kPointsPlyOrientation
+
+  [[nodiscard]] std::size_t recordBytes() const { return internal::pointsPlyRecordBytes(oriented); }
 };
 
 template <typename Number>
@@ -60,10 +63,9 @@ class PlyReader {
       fail("malformed", "has an origin or a voxel size that is not a usable number");
     }
     const std::uint64_t rest = size_ - header_bytes_;
-    if (header_.count > rest / internal::kPointsPlyRecordBytes ||
-        header_.count * internal::kPointsPlyRecordBytes != rest) {
+    if (header_.count > rest / header_.recordBytes() || header_.count * header_.recordBytes() != rest) {
       fail("truncated", "announces " + std::to_string(header_.count) + " points of " +
-                            std::to_string(internal::kPointsPlyRecordBytes) + " bytes, but " + std::to_string(rest) +
+                            std::to_string(header_.recordBytes()) + " bytes, but " + std::to_string(rest) +
                             " bytes follow the header");
     }
     return {header_.count, *header_.origin_W, *header_.voxel_size_m, header_.metadata};
@@ -72,14 +74,14 @@ class PlyReader {
   /// After header(). @param every  points with other numbers than multiples of it are left out
   template <typename Take>
   void visit(std::uint64_t every, const Take& take) {
-    std::vector<char> block(internal::kPointsPlyRecordsPerBlock * internal::kPointsPlyRecordBytes);
+    std::vector<char> block(internal::kPointsPlyRecordsPerBlock * header_.recordBytes());
     for (std::uint64_t done = 0; done < header_.count;) {
       const std::uint64_t records = std::min<std::uint64_t>(internal::kPointsPlyRecordsPerBlock, header_.count - done);
-      const auto bytes = static_cast<std::streamsize>(records * internal::kPointsPlyRecordBytes);
+      const auto bytes = static_cast<std::streamsize>(records * header_.recordBytes());
       if (!stream_.read(block.data(), bytes)) fail("truncated", "ends early");
       for (std::uint64_t i = (every - done % every) % every; i < records; i += every) {
         SurfacePoint point =
-            parseRecord(block.data() + i * internal::kPointsPlyRecordBytes, static_cast<std::uint32_t>(done + i));
+            parseRecord(block.data() + i * header_.recordBytes(), static_cast<std::uint32_t>(done + i));
         complete(point, header_);
         take(point);
       }
@@ -123,18 +125,28 @@ class PlyReader {
         if (!count || *count >= INT32_MAX) fail("malformed", "has no usable number of vertices");
         header.count = *count;
         vertices = true;
-      } else if (words.size() == 3 && words[0] == "property" && properties < internal::kPointsPlyProperties.size() &&
-                 words[1] == internal::kPointsPlyProperties[properties].type &&
-                 words[2] == internal::kPointsPlyProperties[properties].name) {
+      } else if (words.size() == 3 && words[0] == "property" && isProperty(properties, words[1], words[2])) {
         ++properties;
       } else if (words.empty() || words[0] != "comment") {
         fail("foreign", "has other elements or properties than the points of an accessibility field");
       }
     }
-    if (!vertices || properties != internal::kPointsPlyProperties.size()) {
+    header.oriented = properties == kAllProperties;
+    if (!vertices || (properties != internal::kPointsPlyProperties.size() && !header.oriented)) {
       fail("foreign", "lacks properties of the points of an accessibility field");
     }
     return header;
+  }
+
+  static constexpr std::size_t kAllProperties =
+      internal::kPointsPlyProperties.size() + internal::kPointsPlyOrientation.size();
+  /// Whether that is the n-th property.
+  static bool isProperty(std::size_t n, const std::string& type, const std::string& name) {
+    constexpr std::size_t kFirst = internal::kPointsPlyProperties.size();
+    if (n >= kAllProperties) return false;
+    const internal::PlyProperty& property =
+        n < kFirst ? internal::kPointsPlyProperties[n] : internal::kPointsPlyOrientation[n - kFirst];
+    return type == property.type && name == property.name;
   }
 
   /// Skips values that do not parse; required ones are checked later.
@@ -159,12 +171,12 @@ class PlyReader {
   }
 
   SurfacePoint parseRecord(const char* from, std::uint32_t index) const {
-    SurfacePoint point = internal::pointOfRecord(from);
+    SurfacePoint point = internal::pointOfRecord(from, header_.oriented);
     point.id = index;
     // A damaged file must not be taken for data.
     const bool finite = point.position_W.allFinite() && point.normal_W.allFinite() && point.direction_W.allFinite() &&
                         std::isfinite(point.confidence) && std::isfinite(point.stability) &&
-                        std::isfinite(point.yaw_rad);
+                        std::isfinite(point.yaw_rad) && point.orientation_WT.coeffs().allFinite();
     if (!finite || static_cast<int>(point.label) >= kNumPointLabels ||
         static_cast<int>(point.reason) >= kNumPointReasons) {
       fail("malformed", "contains a non-finite value or an unknown label or reason in point " + std::to_string(index));
@@ -174,7 +186,14 @@ class PlyReader {
 
   /// Derives direction index, weight and the confident flag, which are not columns, from the parameters.
   static void complete(SurfacePoint& point, const PlyHeader& header) {
-    if (header.num_directions && !point.direction_W.isZero()) {
+    if (!header.oriented && !point.direction_W.isZero()) {
+      // Level, about the vertical.
+      const double half_rad = 0.5 * static_cast<double>(point.yaw_rad);
+      Eigen::Quaternionf& q = point.orientation_WT;
+      q = {static_cast<float>(std::cos(half_rad)), 0, 0, static_cast<float>(std::sin(half_rad))};
+      if (q.w() < 0) q.coeffs() = -q.coeffs();
+    }
+    if (!header.oriented && header.num_directions && !point.direction_W.isZero()) {
       const double step = std::round(point.yaw_rad * internal::kDegreesPerRadian * *header.num_directions / 360.0);
       if (step >= 0 && step < *header.num_directions && step < kNoDirection) {
         point.direction = static_cast<std::uint16_t>(step);
@@ -231,7 +250,7 @@ PointsHeader visitPoints(const std::filesystem::path& path, const std::function<
 
 namespace accessvdb::internal {
 
-SurfacePoint pointOfRecord(const char* from) {
+SurfacePoint pointOfRecord(const char* from, bool oriented) {
   SurfacePoint point;
   for (int axis = 0; axis < 3; ++axis) point.position_W[axis] = io::take<double>(from);
   for (int axis = 0; axis < 3; ++axis) point.normal_W[axis] = io::take<float>(from);
@@ -243,6 +262,11 @@ SurfacePoint pointOfRecord(const char* from) {
   point.stability = io::take<float>(from);
   for (int axis = 0; axis < 3; ++axis) point.direction_W[axis] = io::take<float>(from);
   point.yaw_rad = static_cast<float>(io::take<float>(from) / kDegreesPerRadian);
+  if (!oriented) return point;
+  float wxyz[4];
+  for (float& part : wxyz) part = io::take<float>(from);
+  point.orientation_WT = {wxyz[0], wxyz[1], wxyz[2], wxyz[3]};
+  point.direction = io::take<std::uint16_t>(from);
   return point;
 }
 

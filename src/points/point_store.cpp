@@ -37,11 +37,13 @@ std::uint64_t bitsOfBytes(const std::uint8_t* bytes) {
 
 }  // namespace
 
-PointStore::PointStore(const FieldParams& resolved, std::vector<float> direction_xy)
+PointStore::PointStore(const FieldParams& resolved, std::vector<float> direction_xy, std::vector<float> axes_xyz)
     : params_(resolved),
       direction_xy_(std::move(direction_xy)),
+      axes_xyz_(std::move(axes_xyz)),
+      num_directions_(axes_xyz_.empty() ? direction_xy_.size() / 2 : axes_xyz_.size() / 3),
       inverse_voxel_size_(kernels::VoxelScale(resolved.tsdf.voxel_size_m).inverse_float32),
-      words_((resolved.approach.num_directions + 63) / 64) {}
+      words_(static_cast<int>((num_directions_ + 63) / 64)) {}
 
 Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
   const auto ijk = kernels::voxelOf(p_L.x(), p_L.y(), p_L.z(), inverse_voxel_size_);
@@ -235,9 +237,17 @@ DirectionMask PointStore::directionsTowards(const Eigen::Vector3f& from_L, const
   const auto least = static_cast<float>(params_.approach.observation_cos_min);
   // First one byte per direction, which vectorises; then eight bytes of 0 or 1 become eight bits at a time.
   std::array<std::uint8_t, 64 * kernels::kMaxDirectionWords> within = {};
-  const auto count = static_cast<std::size_t>(params_.approach.num_directions);
-  const float* const xy = direction_xy_.data();
-  for (std::size_t d = 0; d < count; ++d) within[d] = ux * xy[2 * d] + uy * xy[2 * d + 1] > least ? 1 : 0;
+  const std::size_t count = num_directions_;
+  if (axes_xyz_.empty()) {
+    const float* const xy = direction_xy_.data();
+    for (std::size_t d = 0; d < count; ++d) within[d] = ux * xy[2 * d] + uy * xy[2 * d + 1] > least ? 1 : 0;
+  } else {
+    const float uz = dz / length;
+    const float* const a = axes_xyz_.data();
+    for (std::size_t d = 0; d < count; ++d) {
+      within[d] = ux * a[3 * d] + uy * a[3 * d + 1] + uz * a[3 * d + 2] > least ? 1 : 0;
+    }
+  }
   for (std::size_t d = 0; d < count; d += 8) {
     mask.word[d / 64] |= bitsOfBytes(within.data() + d) << d % 64;
   }
@@ -302,7 +312,7 @@ bool PointStore::canBe(const StoredPoint& point) const {
     }
     return true;
   }
-  const DirectionMask all = kernels::allDirections(params_.approach.num_directions);
+  const DirectionMask all = kernels::allDirections(static_cast<int>(num_directions_));
   for (int w = 0; w < words_; ++w) {
     if ((point.seen.word[w] & ~all.word[w]) != 0) return false;
   }

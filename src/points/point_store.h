@@ -57,8 +57,10 @@ struct StoredPoint {
 
 class PointStore {
  public:
-  /// @param direction_xy  [2 D] yaw directions, as in DirectionTable
-  PointStore(const FieldParams& resolved, std::vector<float> direction_xy);
+  /// @param direction_xy  [2 D] yaw directions, as in DirectionTable  @param axes_xyz  [3 D] any others, instead
+  PointStore(const FieldParams& resolved, std::vector<float> direction_xy, std::vector<float> axes_xyz = {});
+
+  [[nodiscard]] int numDirections() const { return static_cast<int>(num_directions_); }
 
   /// Whether addReturns() describes touched points for a backend that keeps them itself. This is cheaper while all
   /// threads are already working on the points than later.
@@ -128,7 +130,8 @@ class PointStore {
   void refreshMean(std::uint32_t id);
 
   FieldParams params_;
-  std::vector<float> direction_xy_;
+  std::vector<float> direction_xy_, axes_xyz_;  ///< one of them is empty
+  std::size_t num_directions_;
   float inverse_voxel_size_;
   int words_;
   bool describe_touched_ = false;

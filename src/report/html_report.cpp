@@ -109,9 +109,14 @@ class Page {
     });
     packer.finish();
     result_.drawn = thinning.kept();
-    for (const Eigen::Vector3f& direction : packer.directions_W()) {
-      for (int axis = 0; axis < 3; ++axis) directions_.push_back(std::round(direction[axis] * 1e6) / 1e6);
-    }
+    const auto list = [](const std::vector<Eigen::Vector3f>& vectors, Json& json) {
+      for (const Eigen::Vector3f& vector : vectors) {
+        for (int axis = 0; axis < 3; ++axis) json.push_back(std::round(vector[axis] * 1e6) / 1e6);
+      }
+    };
+    list(packer.directions_W(), directions_);
+    // Of yaw, up is up.
+    if (!folder_.metadataOf("orientations").empty()) list(packer.ups_W(), ups_);
   }
 
   [[nodiscard]] double step_m() const { return folder_.voxel_size_m / kStepsPerVoxel; }
@@ -189,6 +194,7 @@ class Page {
         {"run", run_.shown},
         {"hashes", hashes()},
         {"tool", tool()}};
+    if (!ups_.empty()) json["ups"] = ups_;
     if (!bounds_W_.isEmpty()) json["bounds"] = {jsonVector(bounds_W_.min()), jsonVector(bounds_W_.max())};
     Json problems = Json::array();
     for (const auto& [id, text] : result_.warnings) problems.push_back({{"id", id}, {"text", text}});
@@ -202,7 +208,7 @@ class Page {
   HtmlReport result_;
   std::array<std::array<ClassCount, kNumPointReasons>, kNumPointLabels> classes_ = {};
   Eigen::AlignedBox3d bounds_W_;
-  Json blocks_ = Json::array(), directions_ = Json::array();
+  Json blocks_ = Json::array(), directions_ = Json::array(), ups_ = Json::array();
 };
 
 }  // namespace

@@ -66,14 +66,16 @@ std::array<std::int64_t, 3> PointPacker::stepsOf(const Eigen::Vector3d& p_W) con
 std::uint16_t PointPacker::indexOf(const SurfacePoint& point) {
   const Eigen::Vector3f& d = point.direction_W;
   if (d.isZero()) return kNoDirection;
-  const auto [found, added] =
-      index_of_.try_emplace({d.x(), d.y(), d.z()}, static_cast<std::uint16_t>(directions_W_.size()));
+  const Eigen::Quaternionf& q = point.orientation_WT;
+  const auto [found, added] = index_of_.try_emplace({d.x(), d.y(), d.z(), q.w(), q.x(), q.y(), q.z()},
+                                                    static_cast<std::uint16_t>(directions_W_.size()));
   if (added) {
     if (directions_W_.size() == kMostDirections) {
       throw InputError("report.directions", "points.ply", "has more than 65535 different directions",
                        "Use a points.ply written by accessvdb map");
     }
     directions_W_.push_back(d);
+    ups_W_.push_back(q * Eigen::Vector3f::UnitZ());
   }
   return found->second;
 }

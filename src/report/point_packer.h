@@ -48,6 +48,8 @@ class PointPacker {
   void finish();
   /// The directions that points refer to, in the order of their first points. Unit vectors.
   [[nodiscard]] const std::vector<Eigen::Vector3f>& directions_W() const { return directions_W_; }
+  /// Of each, where the tool's +z points. Directions with another one are listed again.
+  [[nodiscard]] const std::vector<Eigen::Vector3f>& ups_W() const { return ups_W_; }
 
  private:
   std::uint16_t indexOf(const SurfacePoint& point);
@@ -61,8 +63,8 @@ class PointPacker {
   std::int64_t last_id_ = -1;
   std::array<std::int64_t, 3> last_ = {};
   std::vector<std::string> planes_;
-  std::vector<Eigen::Vector3f> directions_W_;
-  std::map<std::array<float, 3>, std::uint16_t> index_of_;
+  std::vector<Eigen::Vector3f> directions_W_, ups_W_;
+  std::map<std::array<float, 7>, std::uint16_t> index_of_;
 };
 
 /// Of the normal in a byte, as above.

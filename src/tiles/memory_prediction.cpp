@@ -118,7 +118,7 @@ double peakBytes(double without_tool, const ToolTableBytes& tool) {
 
 int rememberedDirections(const FieldParams& params) {
   const bool remembered = params.update.policy == UpdatePolicy::Exact && params.backend != BackendKind::Cuda;
-  return remembered ? params.approach.num_directions : 0;
+  return remembered ? params.approach.directionCount() : 0;
 }
 
 MemoryPredictor::MemoryPredictor(const TsdfParams& params, int remembered_directions)

@@ -17,6 +17,7 @@ namespace {
 constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
 constexpr const char* kCountLine = "element vertex ";
 constexpr const char* kComment = "comment ";
+constexpr const char* kOrientationLine = "property ushort orientation";
 
 }  // namespace
 
@@ -75,6 +76,7 @@ PointsHeader readHeader(HashedFile& file) {
     bytes += header.lines.back().size();
     if (bytes > kLongestHeader) file.fail();
     const std::string& text = header.lines.back();
+    header.oriented = header.oriented || text == kOrientationLine;
     if (text.starts_with(kCountLine)) {
       std::from_chars(text.data() + std::strlen(kCountLine), text.data() + text.size(), header.points);
     }

@@ -45,6 +45,7 @@ class HashedFile {
 struct PointsHeader {
   std::vector<std::string> lines;  ///< up to and including end_header
   std::uint64_t points = 0;
+  bool oriented = false;                             ///< records have kPointsPlyOrientation
   [[nodiscard]] io::FieldMetadata metadata() const;  ///< from its comments; without version, origin and voxel size
 };
 [[nodiscard]] PointsHeader readHeader(HashedFile& file);

@@ -28,26 +28,33 @@ constexpr int kSampleCollisionLimit = 5;
 /// Share of the tool's voxels that may collide: noise of single voxels must not block a direction.
 constexpr double kCollisionShare = 0.005;
 
-std::vector<Eigen::Vector3d> rotated(const std::vector<Eigen::Vector3f>& vertices, CosSin yaw, double scale) {
+/// Row by row, so that yaw alone rounds nothing but (cos x - sin y, sin x + cos y, z).
+Eigen::Vector3d turned(const Eigen::Matrix3d& R_WT, double x, double y, double z) {
+  const auto row = [&](Eigen::Index n) { return R_WT(n, 0) * x + R_WT(n, 1) * y + R_WT(n, 2) * z; };
+  return {row(0), row(1), row(2)};
+}
+
+std::vector<Eigen::Vector3d> rotated(const std::vector<Eigen::Vector3f>& vertices, const ToolOrientation& orientation,
+                                     double scale) {
   std::vector<Eigen::Vector3d> out;
   out.reserve(vertices.size());
   for (const Eigen::Vector3f& p : vertices) {
-    const double x = p.x() * scale, y = p.y() * scale, z = p.z() * scale;
-    out.emplace_back(yaw.cos * x - yaw.sin * y, yaw.sin * x + yaw.cos * y, z);
+    out.push_back(turned(orientation.R_WT, p.x() * scale, p.y() * scale, p.z() * scale));
   }
   return out;
 }
 
 /// Lower bound on the columns of all directions, from the surface area: one column per direction for each cell of the
 /// ground below the surface. Low by design (steep walls count little), so that only hopeless cases are refused.
-double fewestColumns(const ToolGeometry& tool, double voxel_size_m, int num_directions) {
+double fewestColumns(const ToolGeometry& tool, double voxel_size_m, const ApproachParams& approach) {
+  if (!approach.orientations.isYaw()) return 0;  // from other sides, other triangles are above each other
   double ground_m2 = 0;
   for (const auto& t : tool.triangles()) {
     const Eigen::Vector3d a = tool.vertices_T()[t[0]].cast<double>(), b = tool.vertices_T()[t[1]].cast<double>(),
                           c = tool.vertices_T()[t[2]].cast<double>();
     ground_m2 = std::max(ground_m2, 0.5 * std::abs((b - a).x() * (c - a).y() - (b - a).y() * (c - a).x()));
   }
-  return ground_m2 / (voxel_size_m * voxel_size_m) * num_directions;
+  return ground_m2 / (voxel_size_m * voxel_size_m) * approach.num_directions;
 }
 
 /// @param columns  number for all directions, or an estimate
@@ -69,6 +76,10 @@ double fewestColumns(const ToolGeometry& tool, double voxel_size_m, int num_dire
 }
 
 std::uint16_t limited(double limit) { return std::uint16_t(std::clamp(limit, 1.0, 65534.0)); }
+/// @param fewest  voxels of any yaw direction
+std::uint16_t limitByRule(std::uint32_t fewest) {
+  return limited(std::max(1.0, std::floor(kCollisionShare * fewest)) + 1);
+}
 
 struct Box {
   std::array<int, 3> low = {std::numeric_limits<int>::max(), std::numeric_limits<int>::max(),
@@ -85,7 +96,49 @@ struct Box {
   }
 };
 
+/// Voxels of the tool left after self-exclusion, at the yaw direction that has the fewest.
+std::uint32_t fewestYawVoxels(const ToolGeometry& tool, const FieldParams& resolved) {
+  const std::vector<ToolOrientation> yaws = OrientationSet::yaw().orientations(resolved.approach.num_directions);
+  std::vector<std::uint64_t> voxels(yaws.size());
+  tbb::parallel_for(std::size_t{0}, yaws.size(), [&](std::size_t d) {
+    std::vector<VoxelRun> runs = voxelize(rotated(tool.vertices_T(), yaws[d], 1 / resolved.tsdf.voxel_size_m),
+                                          tool.triangles(), tool.watertight());
+    removeBall(runs, resolved.scoring.self_exclusion_voxels);
+    voxels[d] = countVoxels(runs);
+  });
+  return static_cast<std::uint32_t>(std::min<std::uint64_t>(*std::min_element(voxels.begin(), voxels.end()),
+                                                            std::numeric_limits<std::uint32_t>::max()));
+}
+
+/// Some of a set's orientations. Of yaw, those of a set with fewer.
+std::vector<ToolOrientation> sampledOrientations(const ApproachParams& approach, int sampled) {
+  if (approach.orientations.isYaw()) {
+    // OrientationSet has 4 yaw directions at least.
+    std::vector<ToolOrientation> few;
+    for (int d = 0; d < sampled; ++d) few.push_back(orientationOf(360.0 * d / sampled, 0, 0));
+    return sampled < 4 ? few : approach.orientations.orientations(sampled);
+  }
+  const std::vector<ToolOrientation> all = approach.orientations.orientations(approach.num_directions);
+  if (static_cast<std::size_t>(sampled) >= all.size()) return all;
+  std::vector<ToolOrientation> some;
+  for (int n = 0; n < sampled; ++n) {
+    some.push_back(all[(2 * static_cast<std::size_t>(n) + 1) * all.size() / (2 * static_cast<std::size_t>(sampled))]);
+  }
+  return some;
+}
+
 }  // namespace
+
+DirectionTable DirectionTable::make(const ApproachParams& resolved) {
+  if (resolved.orientations.isYaw()) return make(resolved.num_directions);
+  DirectionTable table;
+  for (const ToolOrientation& orientation : resolved.orientations.orientations(resolved.num_directions)) {
+    for (Eigen::Index axis = 0; axis < 3; ++axis) {
+      table.axes_xyz.push_back(static_cast<float>(orientation.R_WT(axis, 0)) + 0.0f);  // never -0
+    }
+  }
+  return table;
+}
 
 DirectionTable DirectionTable::make(int num_directions) {
   DirectionTable table;
@@ -109,12 +162,19 @@ kernels::ToolKernelView ToolKernel::view() const {
 }
 
 ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolved) {
-  return sampled(tool, resolved, resolved.approach.num_directions);
+  ToolKernel kernel = sampled(tool, resolved, resolved.approach.directionCount());
+  const bool by_rule = resolved.scoring.max_collisions == 0 && !kernel.use_samples;
+  if (by_rule && !resolved.approach.orientations.isYaw()) {
+    kernel.collision_limit = limitByRule(fewestYawVoxels(tool, resolved));
+  }
+  return kernel;
 }
 
-ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& resolved, int num_directions) {
+ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& resolved, int sampled) {
   const double v = resolved.tsdf.voxel_size_m, exclusion = resolved.scoring.self_exclusion_voxels;
-  const int all_directions = resolved.approach.num_directions;
+  const int all_directions = resolved.approach.directionCount();
+  const std::vector<ToolOrientation> orientations = sampledOrientations(resolved.approach, sampled);
+  const auto num_directions = static_cast<int>(orientations.size());
   const auto D = std::size_t(num_directions);
   const double span_voxels =
       std::max(double(tool.reach_m()), (tool.max_T() - tool.min_T()).cast<double>().maxCoeff()) / v;
@@ -124,16 +184,17 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
                             " voxels; at most 30000 can be handled",
                         "Use a larger --voxel, or check --tool-unit and --tool-tip");
   }
-  if (const double fewest = fewestColumns(tool, v, all_directions); fewest > kMaxColumns) {
+  if (const double fewest = fewestColumns(tool, v, resolved.approach); fewest > kMaxColumns) {
     refuseColumns(tool, v, fewest);
   }
 
   ToolKernel kernel;
+  kernel.num_directions = num_directions;
   kernel.voxel_count.resize(D);
   std::vector<std::vector<kernels::VoxelColumn>> of_direction(D);
   std::vector<Box> boxes(D);
   const auto makeDirection = [&](int d) {
-    std::vector<VoxelRun> runs = voxelize(rotated(tool.vertices_T(), yawDirection(d, num_directions), 1 / v),
+    std::vector<VoxelRun> runs = voxelize(rotated(tool.vertices_T(), orientations[static_cast<std::size_t>(d)], 1 / v),
                                           tool.triangles(), tool.watertight());
     const std::uint64_t all = countVoxels(runs), removed = removeBall(runs, exclusion);
     for (const VoxelRun& run : runs) {
@@ -178,9 +239,8 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
     std::erase_if(samples, [&](const Eigen::Vector3d& p) { return p.norm() <= exclusion * v; });
     kernel.samples.reserve(3 * samples.size() * D);
     for (int d = 0; d < num_directions; ++d) {
-      const CosSin yaw = yawDirection(d, num_directions);
       for (const Eigen::Vector3d& p : samples) {
-        const double q[3] = {yaw.cos * p.x() - yaw.sin * p.y(), yaw.sin * p.x() + yaw.cos * p.y(), p.z()};
+        const Eigen::Vector3d q = turned(orientations[static_cast<std::size_t>(d)].R_WT, p.x(), p.y(), p.z());
         int low[3], high[3];
         for (int a = 0; a < 3; ++a) {
           kernel.samples.push_back(float(q[a]));
@@ -201,8 +261,7 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
   } else if (kernel.use_samples) {
     kernel.collision_limit = kSampleCollisionLimit;
   } else {
-    const std::uint32_t fewest = *std::min_element(kernel.voxel_count.begin(), kernel.voxel_count.end());
-    kernel.collision_limit = limited(std::max(1.0, std::floor(kCollisionShare * fewest)) + 1);
+    kernel.collision_limit = limitByRule(*std::min_element(kernel.voxel_count.begin(), kernel.voxel_count.end()));
   }
   return kernel;
 }

@@ -13,10 +13,12 @@
 
 namespace accessvdb::internal {
 
-/// Yaw directions a_d = (cos, sin)(2 pi d / D), computed in double and rounded once.
+/// Axes of the orientations, computed in double and rounded once. One of the two is empty.
 struct DirectionTable {
-  std::vector<float> xy;  ///< [2 D]
+  std::vector<float> xy;        ///< [2 D] of yaw: a_d = (cos, sin)(2 pi d / D)
+  std::vector<float> axes_xyz;  ///< [3 D] of any other set
   static DirectionTable make(int num_directions);
+  static DirectionTable make(const ApproachParams& resolved);
 };
 
 /// Host-side tables behind a ToolKernelView.
@@ -29,6 +31,7 @@ struct ToolKernel {
   /// Box of all voxels (or sample voxels) of all directions, relative to the point's voxel.
   std::array<int, 3> min_ijk = {}, max_ijk = {};
   double hidden_share = 0;            ///< share of the tool's voxels at d = 0 that self-exclusion removes
+  int num_directions = 0;             ///< [D] as many orientations as there are tables of
   std::uint16_t collision_limit = 1;  ///< [n_c] see make()
   bool use_samples = false;
 
@@ -36,13 +39,16 @@ struct ToolKernel {
 
   /// Voxel form: voxel (i,j,k) belongs to the tool at direction d if its cell touches the surface of the rotated mesh
   /// or its centre is inside a watertight mesh; cells whose centre is within self_exclusion_voxels of the origin are
-  /// removed. collision_limit = max_collisions + 1, by rule max(1, floor(0.005 x fewest voxels of any d)) + 1.
+  /// removed. collision_limit = max_collisions + 1, by rule max(1, floor(0.005 x fewest voxels of any yaw d)) + 1. It
+  /// is that of the yaw directions for every set of orientations: else more orientations could lower it, and take
+  /// access away.
   /// Sample form: surface_samples points uniform on the surface from a fixed seed, rotated; those within
   /// self_exclusion_voxels * v are removed; collision_limit = max_collisions + 1, by rule 5.
   /// Makes both forms where useful (the voxel form always, for sizes and footprints). Parallel over directions.
   /// @throws ResourceLimit when the tool spans more than 30 000 voxels or needs more than 2^28 columns (4 GiB)
   static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved);
-  /// The same for `sampled` directions, evenly spread, in place of all: to estimate the memory for all.
+  /// The same for at most `sampled` of the orientations, evenly spread, in place of all: to estimate the memory for
+  /// all. The collision limit is not that of all.
   /// @throws ResourceLimit as make(), as far as these directions show
   static ToolKernel sampled(const ToolGeometry& tool, const FieldParams& resolved, int sampled);
 };

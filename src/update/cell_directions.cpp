@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <bit>
 #include <limits>
+#include <utility>
 
 #include "hostdev/cell_counts.h"
+#include "update/direction_masks.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -22,21 +24,6 @@ Ends endsOf(const kernels::VoxelColumn& c) {
 /// First and last cell that voxel offsets from `low` to `high` can reach, for a point anywhere in the first leaf.
 std::int32_t firstCell(std::int32_t low) { return low >> kernels::kCellLog2; }
 std::int32_t lastCell(std::int32_t high) { return (high + 7) >> kernels::kCellLog2; }
-
-/// ORs the `last` entries below each entry into it, along one axis of a table [x][y][z]. Steps double; each pass goes
-/// from the top down, so that it reads only unmodified entries.
-void spread(std::vector<DirectionMask>& masks, const Index3& size, std::size_t axis, std::int32_t last) {
-  std::size_t stride = 1;
-  for (std::size_t inner = axis + 1; inner < 3; ++inner) stride *= static_cast<std::size_t>(size[inner]);
-  const auto along = static_cast<std::size_t>(size[axis]);
-  for (std::int32_t done = 1, step = 0; done <= last; done += step) {
-    step = std::min(done, last + 1 - done);
-    const std::size_t below = static_cast<std::size_t>(step) * stride;
-    for (std::size_t n = masks.size(); n-- > 0;) {
-      if (n / stride % along >= static_cast<std::size_t>(step)) masks[n] = masks[n] | masks[n - below];
-    }
-  }
-}
 
 /// The smallest arc that contains all directions of a set: everything outside the longest gap.
 kernels::DirectionArc arcOf(const DirectionMask& mask, int num_directions) {
@@ -60,7 +47,7 @@ kernels::DirectionArc arcOf(const DirectionMask& mask, int num_directions) {
 }  // namespace
 
 CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_directions, int group_log2,
-                               std::uint64_t most_bytes) {
+                               std::uint64_t most_bytes, bool as_sets) {
   const std::uint32_t columns = tool.use_samples ? 0 : tool.column_begin[num_directions];
   if (columns == 0) return;
   Index3 last;
@@ -97,7 +84,11 @@ CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_dire
       }
     }
   }
-  for (std::size_t axis = 0; axis < 3; ++axis) spread(masks, size_, axis, others);
+  for (std::size_t axis = 0; axis < 3; ++axis) spreadMasks(masks, size_, axis, others);
+  if (as_sets) {
+    sets_ = std::move(masks);
+    return;
+  }
   table_.reserve(entries);
   for (const DirectionMask& mask : masks) table_.push_back(arcOf(mask, num_directions));
 }

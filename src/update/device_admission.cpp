@@ -23,13 +23,13 @@ constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
 
 }  // namespace
 
-kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int group_log2) {
+kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int num_directions, int group_log2) {
   kernels::NeighbourTables tables;
   tables.voxel_size_m = resolved.tsdf.voxel_size_m;
   tables.radius_m = neighbourRadius_m(tables.voxel_size_m);
   tables.neighbours = resolved.scoring.neighbours;
   tables.view_neighbours = resolved.scoring.join_neighbour_views ? static_cast<int>(kViewNeighbours) : 0;
-  tables.num_directions = resolved.approach.num_directions;
+  tables.num_directions = num_directions;
   tables.group_log2 = group_log2;
   return tables;
 }

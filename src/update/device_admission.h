@@ -18,7 +18,7 @@
 namespace accessvdb::internal {
 
 /// Tables for an updater of any policy. @param group_log2  of its blocks
-kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int group_log2);
+kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int num_directions, int group_log2);
 /// What an update of any policy reads.
 kernels::ScoringInput scoringInput(const PointScorer& scorer, const ScoringTables& tables);
 UpdateStats statsOf(const kernels::UpdateOutcome& outcome);

@@ -165,11 +165,13 @@ std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const Ho
   const int group_log2 = blockGroupLog2(voxel_size_m);
   const LeafFootprint footprint(tool, approach, voxel_size_m, group_log2);
   kernels::ExactTables tables;
-  tables.neighbours = neighbourTables(params, group_log2);
+  tables.neighbours = neighbourTables(params, approach.num_directions, group_log2);
   tables.tool_columns = footprint.toolColumns();
   tables.arm_columns = footprint.armColumns();
-  const CellDirections cells(tool, approach.num_directions, group_log2, kMostCellTableBytes);
+  tables.any_directions = approach.axes_xyz != nullptr;
+  const CellDirections cells(tool, approach.num_directions, group_log2, kMostCellTableBytes, tables.any_directions);
   tables.cell_directions = cells.table();
+  tables.cell_sets = cells.sets();
   std::ranges::copy(cells.low(), tables.cell_low);
   std::ranges::copy(cells.size(), tables.cell_size);
   auto updater = scorer.backend().makeExactUpdater(tables);

@@ -46,7 +46,7 @@ class ExactOnHost final : public UpdateScheduler {
         approach_(approach),
         footprint_(tool, approach, scorer.params().tsdf.voxel_size_m, 0),
         corridors_(approach, scorer.params().tsdf.voxel_size_m),
-        known_(tool, approach.num_directions),
+        known_(tool, approach.num_directions, approach.axes_xyz != nullptr),
         waits_(scorer.params().update.budget_points > 0),
         moved_points_(scorer) {}
 
@@ -295,9 +295,11 @@ class ExactOnHost final : public UpdateScheduler {
 
   void countFreed(const Index3& leaf, const FlipColumns& flips, FreedVoxels& freed) const {
     if (known_.cells().empty()) return;
-    for (const kernels::FootprintColumn& column : footprint_.toolColumns()) {
+    for (const LeafFootprint::Stack& stack : footprint_.toolStacks()) {
+      const kernels::FootprintColumn& column = footprint_.toolColumns()[stack.begin];
       const std::int32_t x = leaf[0] + column.dx, y = leaf[1] + column.dy;
-      const std::int32_t z_low = leaf[2] + column.z_low, z_high = leaf[2] + column.z_high;
+      const std::int32_t z_low = leaf[2] + column.z_low,
+                         z_high = leaf[2] + footprint_.toolColumns()[stack.end - 1].z_high;
       if ((flips.kindsIn(x, y, z_low, z_high) & bitOf(FlipKind::CollidesOff)) == 0) continue;
       flips.forEach(x, y, z_low, z_high, FlipKind::CollidesOff, [&](std::int32_t z, std::uint32_t change) {
         freed.add(known_.cells(), approach_.num_directions, {column.dx, column.dy, z - leaf[2]}, freed_[change]);

@@ -16,6 +16,8 @@ class FlipColumns {
   /// @param low, high  leaves, inclusive. @return false if nothing flipped in the box
   bool fill(const FlipSet& flips, const Index3& low, const Index3& high);
 
+  /// Whether any leaf of a column, in the box, has a flip.
+  [[nodiscard]] bool anyIn(std::int32_t x, std::int32_t y) const { return column_kinds_[columnAt(x, y)] != 0; }
   /// Whether the leaves (x, y, z_low .. z_high), all in the box, have a flip of a kind. @return bit (1 << kind) each
   [[nodiscard]] std::uint8_t kindsIn(std::int32_t x, std::int32_t y, std::int32_t z_low, std::int32_t z_high) const;
 

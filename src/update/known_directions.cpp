@@ -3,6 +3,7 @@
 #include "update/known_directions.h"
 
 #include <algorithm>
+#include <bit>
 
 #include "hostdev/cell_counts.h"
 
@@ -22,6 +23,22 @@ void FreedVoxels::add(const CellDirections& cells, int num_directions, const Ind
       entry = entry * static_cast<std::size_t>(cells.size()[axis]) + static_cast<std::size_t>(i);
     }
     if (!inside) continue;
+    if (!cells.sets().empty()) {
+      // Steps, as below: up where a run of directions begins, down where it ends.
+      const DirectionMask& set = cells.sets()[entry];
+      std::uint64_t before = 0;
+      for (std::size_t w = 0; w < kernels::kMaxDirectionWords; ++w) {
+        const std::uint64_t bits = set.word[w], shifted = bits << 1 | before;
+        before = bits >> 63;
+        for (std::uint64_t up = bits & ~shifted; up != 0; up &= up - 1) {
+          steps_[64 * w + static_cast<std::size_t>(std::countr_zero(up))] += count;
+        }
+        for (std::uint64_t down = shifted & ~bits; down != 0; down &= down - 1) {
+          steps_[64 * w + static_cast<std::size_t>(std::countr_zero(down))] -= count;
+        }
+      }
+      continue;
+    }
     const kernels::DirectionArc arc = cells.table()[entry];
     if (arc.count == 0) continue;
     const auto directions = static_cast<std::uint32_t>(num_directions);
@@ -43,11 +60,11 @@ const std::uint32_t* FreedVoxels::sum(int num_directions) {
   return steps_.data();
 }
 
-KnownDirections::KnownDirections(const kernels::ToolKernelView& tool, int num_directions)
+KnownDirections::KnownDirections(const kernels::ToolKernelView& tool, int num_directions, bool any_directions)
     : num_directions_(num_directions),
       words_(static_cast<std::size_t>(num_directions + kernels::kKnownPerWord - 1) / kernels::kKnownPerWord),
       scale_(kernels::KnownScale::forLimit(tool.collision_limit)),
-      cells_(tool, num_directions, 0, kMostCellTableBytes),
+      cells_(tool, num_directions, 0, kMostCellTableBytes, any_directions),
       levels_(words_),
       freed_(words_) {}
 

@@ -46,7 +46,8 @@ class KnownDirections {
   /// a flip may affect are forgotten.
   static constexpr std::uint64_t kMostCellTableBytes = std::uint64_t{256} << 20;
 
-  KnownDirections(const kernels::ToolKernelView& tool, int num_directions);
+  /// @param any_directions  they are not all yaws in order
+  KnownDirections(const kernels::ToolKernelView& tool, int num_directions, bool any_directions = false);
 
   /// Makes room; nothing is known about new points.
   void grow(std::size_t points, std::size_t blocks);
@@ -64,9 +65,7 @@ class KnownDirections {
   /// Forgets that these corridors of a point are blocked.
   void forgetCorridors(std::uint32_t id, const DirectionMask& better_arm);
 
-  [[nodiscard]] std::uint64_t bytes() const {
-    return levels_.bytes() + freed_.bytes() + cells_.table().capacity() * sizeof(kernels::DirectionArc);
-  }
+  [[nodiscard]] std::uint64_t bytes() const { return levels_.bytes() + freed_.bytes() + cells_.bytes(); }
 
  private:
   /// Rows of a length that is known only at run time; they keep their addresses.

@@ -28,8 +28,16 @@ class LeafFootprint {
   LeafFootprint(const kernels::ToolKernelView& tool, const kernels::ApproachView& approach, double voxel_size_m,
                 int group_log2);
 
-  [[nodiscard]] std::span<const kernels::FootprintColumn> toolColumns() const { return tool_columns_; }
-  [[nodiscard]] std::span<const kernels::FootprintColumn> armColumns() const { return arm_columns_; }
+  /// Yaw directions: one column per horizontal offset. Others: one per leaf, those above each other in a row from the
+  /// lowest up, because a column as a whole names nearly all of them.
+  [[nodiscard]] std::span<const kernels::FootprintColumn> toolColumns() const { return tool_.columns; }
+  [[nodiscard]] std::span<const kernels::FootprintColumn> armColumns() const { return arm_.columns; }
+
+  /// Columns [begin, end) at one horizontal offset.
+  struct Stack {
+    std::uint32_t begin, end;
+  };
+  [[nodiscard]] std::span<const Stack> toolStacks() const { return tool_.stacks; }
 
   /// Box of all columns, inclusive, relative to the first leaf of a group.
   [[nodiscard]] const Index3& low() const { return low_; }
@@ -40,8 +48,11 @@ class LeafFootprint {
   [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const FlipColumns& flips) const;
 
  private:
-  using Columns = std::vector<kernels::FootprintColumn>;
-  Columns tool_columns_, arm_columns_;
+  struct Part {
+    std::vector<kernels::FootprintColumn> columns;
+    std::vector<Stack> stacks;
+  };
+  Part tool_, arm_;
   Index3 low_ = {}, high_ = {};  ///< box of all columns, relative to the first leaf
 };
 

@@ -67,7 +67,7 @@ class PaperOnDevice final : public UpdateScheduler {
 std::unique_ptr<UpdateScheduler> makePaperOnDevice(PointScorer& scorer) {
   const int group_log2 = blockGroupLog2(scorer.params().tsdf.voxel_size_m);
   kernels::PaperTables tables;
-  tables.neighbours = neighbourTables(scorer.params(), group_log2);
+  tables.neighbours = neighbourTables(scorer.params(), scorer.points().numDirections(), group_log2);
   tables.candidates = coarseToFineRule(scorer.params());
   auto updater = scorer.backend().makePaperUpdater(tables);
   if (updater == nullptr) return nullptr;

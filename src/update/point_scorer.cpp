@@ -21,7 +21,7 @@ PointScorer::PointScorer(const PointStore& points, const FieldParams& resolved, 
       backend_(backend),
       reads_(std::move(reads)),
       search_(points, resolved),
-      device_(backend, (resolved.approach.num_directions + 63) / 64) {}
+      device_(backend, (points.numDirections() + 63) / 64) {}
 
 void PointScorer::grow() {
   device_.grow(points_.size());

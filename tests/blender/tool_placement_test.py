@@ -64,6 +64,31 @@ class ToolPlacement(unittest.TestCase):
         tool = self.placed(int(self.directed[0]), source="FILE", tool=TOOL, unit="mm", tip=tip, axis=axis, up=up)
         self.assertSameVertices(vertices_of(tool), library_vertices(TOOL, "mm", *tip, *axis, *up))
 
+    def test_a_quaternion_places_a_tool_that_tilts(self):
+        from accessvdb_import.points_ply import Points
+        from accessvdb_import.tool_frame import placement_L
+
+        dtype = [(name, "<f8" if name in "xyz" else "<f4") for name in
+                 ("x", "y", "z", "dx", "dy", "dz", "qw", "qx", "qy", "qz")] + [("reason", "u1")]
+        # Rz(90) Ry(-45) Rx(180): along +y, up by 45 degrees, upside down.
+        half = math.sqrt(0.5)
+        q = [0.0, 0.0, 0.0, 0.0]
+        for axis, degrees in ((2, 90), (1, -45), (0, 180)):
+            turn = [math.cos(math.radians(degrees / 2)), 0, 0, 0]
+            turn[1 + axis] = math.sin(math.radians(degrees / 2))
+            a, b = (q, turn) if any(q) else ((1, 0, 0, 0), turn)
+            q = [a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+                 a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+                 a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+                 a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0]]
+        row = np.array([(1, 2, 3, 0, half, half, *q, 0)], dtype=dtype)
+        matrix = placement_L(Points(row, np.array([1.0, 0, 0]), 0.1, {}), 0)
+        expected = [[0, 1, 0, 0], [half, 0, half, 2], [half, 0, -half, 3], [0, 0, 0, 1]]
+        np.testing.assert_allclose(matrix, expected, atol=1e-6)
+        row["qw"] = 3
+        with self.assertRaisesRegex(accessvdb_import.points_ply.FieldError, "unit quaternion"):
+            placement_L(Points(row, np.zeros(3), 0.1, {}), 0)
+
     def test_every_kind_of_mesh_file_keeps_its_axes(self):
         at, faces = hook.corners(), list(hook.triangles())
         indices = [[at.index(corner) for corner in face] for face in faces]

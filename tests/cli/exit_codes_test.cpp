@@ -71,11 +71,39 @@ TEST_F(ExitCodes, Usage) {
   expectFailure({"--tool", "builtin:pencil", "--tool-unit", "mm"}, 2, "usage.builtin_pose");
 }
 
+TEST_F(ExitCodes, Orientations) {
+  for (const char* text : {"all", "sphere", "pitch:0:1", "list:"}) {
+    SCOPED_TRACE(text);
+    expectFailure({"--orientations", text}, 2, "orientations.text");
+  }
+  for (const char* text : {"sphere:0", "sphere:-5", "sphere:nan", "pitch:0:10:0", "pitch:0:10:nan", "pitch:20:10:1"}) {
+    SCOPED_TRACE(text);
+    expectFailure({"--orientations", text}, 2, "orientations.range");
+  }
+  expectFailure({"--orientations", "sphere:10"}, 5, "orientations.count");
+  expectFailure({"--orientations", "pitch:-30:30:10"}, 5, "orientations.count");
+  expectFailure({"--orientations", "sphere:15", "--profile", "paper"}, 2, "orientations.policy");
+  expectFailure({"--orientations", "sphere:15", "--policy", "paper"}, 2, "orientations.policy");
+  expectFailure({"--orientations", "list:" + path("none.txt")}, 3, "input.missing");
+  const std::pair<const char*, const char*> kLists[] = {
+      {"empty.txt", ""}, {"numbers.txt", "yaw pitch roll\n1 2\n"}, {"norm.txt", "qw qx qy qz\n1 1 0 0\n"}};
+  for (const auto& [name, content] : kLists) {
+    SCOPED_TRACE(name);
+    writeText(name, content);
+    expectFailure({"--orientations", "list:" + path(name)}, 3, "orientations.malformed");
+  }
+  std::string many = "yaw pitch roll\n";
+  for (int n = 0; n < 1000; ++n) many += std::to_string(n * 0.25) + " 0 0\n";
+  writeText("many.txt", many);
+  expectFailure({"--orientations", "list:" + path("many.txt")}, 5, "orientations.count");
+}
+
 TEST_F(ExitCodes, UsageBeforeAnythingIsKnown) {
   const ProgramResult verb = runProgram({"frobnicate"});
   EXPECT_EQ(verb.exit_code, 2);
   expectOneErrorLine(verb, "usage.verb");
-  EXPECT_NE(verb.err.find("map, tile, simulate, evaluate, bench, info, query, render and report"), std::string::npos)
+  EXPECT_NE(verb.err.find("map, tile, live, simulate, evaluate, bench, info, query, diff, render and report"),
+            std::string::npos)
       << verb.err;
   EXPECT_EQ(runProgram(std::vector<std::string>{}).exit_code, 2);
   for (const std::vector<std::string>& arguments : {std::vector<std::string>{"map", "--frobnicate"},

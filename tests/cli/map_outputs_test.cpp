@@ -5,6 +5,8 @@
 #include <signal.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
 
@@ -54,6 +56,85 @@ class MapOutputs : public ProgramTest {
     return runProgram(setup);
   }
 };
+
+TEST_F(MapOutputs, OfOrientationsSayHowTheToolIsHeld) {
+  const ProgramResult result = runProgram(mapArguments({"--orientations", "sphere:30"}));
+  ASSERT_EQ(result.exit_code, 0) << result.err;
+  EXPECT_EQ(report().at("parameters").at("orientations"), "sphere:30");
+  const std::string ply = readText("out/points.ply");
+  EXPECT_NE(ply.find("\ncomment orientations sphere:30\n"), std::string::npos);
+  EXPECT_NE(ply.find("\nproperty float yaw\nproperty float qw\nproperty float qx\nproperty float qy\n"
+                     "property float qz\nproperty ushort orientation\nend_header\n"),
+            std::string::npos);
+  // A list with a twin: a notice, and the one orientation that it has. Everything that has a direction has this one.
+  writeText("list.txt", "yaw pitch roll\n180 30 90\n180 30 90\n");
+  const ProgramResult listed = runProgram(mapArguments({"--orientations", "list:" + path("list.txt")}));
+  ASSERT_EQ(listed.exit_code, 0) << listed.err;
+  EXPECT_NE(listed.err.find("1 is in the list already"), std::string::npos) << listed.err;
+  const ProgramResult query = runProgram({"query", "--map", path("out"), "--at", "2,0.1,0", "--json"});
+  ASSERT_EQ(query.exit_code, 0) << query.err;
+  const json point = json::parse(query.out).at(0).at("point");
+  EXPECT_NEAR(point.at("pitch_deg").get<double>(), 30, 1e-4);
+  EXPECT_NEAR(point.at("yaw_deg").get<double>(), 180, 1e-4);
+  // Rz(180) Ry(-30) Rx(90) as a product of quaternions, up to its sign.
+  const double c15 = std::cos(0.2617993877991494), s15 = std::sin(0.2617993877991494), half = std::sqrt(0.5);
+  const std::array<double, 4> expected = {half * s15, half * s15, half * c15, half * c15};
+  for (std::size_t n = 0; n < 4; ++n) {
+    EXPECT_NEAR(std::abs(point.at("orientation").at(n).get<double>()), expected[n], 1e-6) << query.out;
+  }
+  const ProgramResult config = runProgram(mapArguments({"--print-config", "--orientations", "sphere:15"}));
+  EXPECT_NE(config.out.find("orientations = 'sphere:15'"), std::string::npos) << config.out;
+}
+
+TEST_F(MapOutputs, AccessMapSaysWhatStopsEachDirection) {
+  ASSERT_EQ(runProgram(mapArguments({"--orientations", "sphere:30", "--checkpoint", path("state")})).exit_code, 0);
+  const auto query = [&](const std::string& map, const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {"query", "--map", path(map), "--device", "cpu"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    return runProgram(arguments);
+  };
+  const std::vector<std::string> arguments = mapArguments();
+  const std::string tool = *(std::find(arguments.begin(), arguments.end(), "--tool") + 1);
+  const ProgramResult plain = query("out", {"--at", "2,0.1,0", "--json"});
+  ASSERT_EQ(plain.exit_code, 0) << plain.err;
+  const json point = json::parse(plain.out).at(0).at("point");
+  const std::string at = std::to_string(point.at("position")[0].get<double>()) + "," +
+                         std::to_string(point.at("position")[1].get<double>()) + "," +
+                         std::to_string(point.at("position")[2].get<double>());
+  const ProgramResult drawn = query("state", {"--tool", tool, "--at", at, "--access-map", path("why.png"), "--json"});
+  ASSERT_EQ(drawn.exit_code, 0) << drawn.err;
+  const json map = json::parse(drawn.out);
+  EXPECT_EQ(map.at("point"), point.at("id"));
+  EXPECT_EQ(map.at("label"), point.at("label"));
+  EXPECT_EQ(map.at("directions").size(), 54u);  // of sphere:30
+  std::size_t free = 0;
+  for (const json& direction : map.at("directions")) {
+    const double cosine = direction.at("direction")[0].get<double>() * map.at("normal")[0].get<double>() +
+                          direction.at("direction")[1].get<double>() * map.at("normal")[1].get<double>() +
+                          direction.at("direction")[2].get<double>() * map.at("normal")[2].get<double>();
+    if (std::abs(cosine - std::cos(1.2217304763960306)) < 1e-3) continue;  // on the edge of the cone, by rounding
+    EXPECT_EQ(direction.at("outcome") == "normal", cosine < std::cos(1.2217304763960306));
+    free += direction.at("outcome") == "free" ? 1 : 0;
+  }
+  EXPECT_EQ(free > 0, point.at("label") == "accessible");
+  EXPECT_EQ(readText("why.png").substr(1, 3), "PNG");
+  const ProgramResult words = query("state", {"--tool", tool, "--at", at, "--access-map", path("why.png")});
+  EXPECT_NE(words.out.find(" directions normal\n"), std::string::npos) << words.out;
+
+  const auto expectRefused = [&](const ProgramResult& result, int code, const std::string& id) {
+    EXPECT_EQ(result.exit_code, code) << result.err;
+    EXPECT_NE(result.err.find("error[" + id + "]"), std::string::npos) << result.err;
+  };
+  expectRefused(query("out", {"--tool", tool, "--at", at, "--access-map", path("no.png")}), 2, "usage.access_map");
+  expectRefused(query("state", {"--at", at, "--access-map", path("no.png")}), 2, "usage.missing");
+  expectRefused(query("state", {"--tool", tool, "--at", at, "--at", at, "--access-map", path("no.png")}), 2,
+                "usage.access_map");
+  const char* const other = tool == "builtin:pencil" ? "builtin:pruner" : "builtin:pencil";
+  expectRefused(query("state", {"--tool", other, "--at", at, "--access-map", path("no.png")}), 4, "state.tool");
+  expectRefused(query("state", {"--tool", tool, "--at", "50,0,0", "--access-map", path("no.png")}), 3,
+                "query.no_point");
+  EXPECT_FALSE(std::filesystem::exists(path("no.png")));
+}
 
 TEST_F(MapOutputs, ReportHasTheDocumentedSchema) {
   const ProgramResult result = runProgram(mapArguments());

@@ -3,6 +3,7 @@
 /// A map in tiles has the bytes of one in one piece: points.ply and field.vdb, whatever the tiles, the order in which
 /// they are run, and by whom. The oracle is `map --tiles off`.
 #include <algorithm>
+#include <fstream>
 #include <future>
 #include <random>
 
@@ -36,6 +37,26 @@ TEST_F(TileBytes, AnotherVoxelAndCorridor) {
   what_ = plus(what_, {"--corridor", "0.5", "--directions", "24"});
   succeed(map({"--tiles", "9"}));
   expectOnePiece();
+}
+
+TEST_F(TileBytes, Orientations) {
+  what_[1] = "builtin:pruner";
+  what_ = plus(what_, {"--orientations", "sphere:30"});
+  succeed(map({"--tiles", "9"}));
+  expectOnePiece();
+  // A list is compared by its content, wherever it is read from.
+  const auto write = [&](const char* text) { std::ofstream(path("list.txt")) << "yaw pitch roll\n" << text; };
+  write("0 0 0\n90 45 10\n180 -30 0\n270 90 0\n");
+  what_.back() = "list:" + path("list.txt");
+  succeed(plan({"--tiles", "9", "--fresh"}));
+  succeed(step("bin"));
+  write("# the same\n0 0 0\n90 45 10\n180 -30 0\n270 90 0\n0 0 0\n");
+  succeed(step("run"));
+  expectOnePiece();
+  write("0 0 0\n90 45 10\n180 -30 0\n270 80 0\n");
+  const ProgramResult changed = runProgram(step("run"));
+  EXPECT_EQ(changed.exit_code, 4) << changed.err;
+  EXPECT_NE(changed.err.find("plan.changed"), std::string::npos) << changed.err;
 }
 
 TEST_F(TileBytes, TilesOneByOneInAnyOrder) {

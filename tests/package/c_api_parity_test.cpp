@@ -12,6 +12,7 @@
 #include <set>
 #include <sstream>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -24,6 +25,7 @@ namespace {
 using accessvdb::AccessibilityField;
 using accessvdb::FieldParams;
 using accessvdb::FieldSnapshot;
+using accessvdb::OrientationSet;
 using accessvdb::SurfacePoint;
 using accessvdb::ToolGeometry;
 using accessvdb::samples::WalkFrame;
@@ -78,6 +80,8 @@ void expectSame(const accessvdb_point& c, const SurfacePoint& p) {
     ASSERT_EQ(c.direction_W[axis], p.direction_W[axis]) << "point " << p.id;
   }
   ASSERT_EQ(c.yaw_rad, p.yaw_rad) << "point " << p.id;
+  const Eigen::Quaternionf& q = p.orientation_WT;
+  ASSERT_EQ(Eigen::Vector4f(c.orientation_WT), Eigen::Vector4f(q.w(), q.x(), q.y(), q.z())) << "point " << p.id;
   ASSERT_EQ(c.weight, p.weight) << "point " << p.id;
   ASSERT_EQ(c.confidence, p.confidence) << "point " << p.id;
   ASSERT_EQ(c.stability, p.stability) << "point " << p.id;
@@ -93,6 +97,44 @@ void expectSame(const std::vector<accessvdb_point>& c, const FieldSnapshot& cpp)
   ASSERT_GT(cpp.count(accessvdb::PointLabel::Accessible), 50u);  // otherwise the comparison means little
   ASSERT_GT(cpp.count(accessvdb::PointLabel::Blocked), 50u);
   for (std::size_t n = 0; n < c.size(); ++n) ASSERT_NO_FATAL_FAILURE(expectSame(c[n], cpp.points[n]));
+}
+
+TEST(CApiParity, OrientationsAreThoseOfTheText) {
+  const WalkGenerator walk({.frames = 2, .rays_per_frame = 6000, .range_noise_m = 0.01, .seed = 13});
+  accessvdb_params params = defaults();
+  EXPECT_EQ(params.orientations, nullptr);
+  params.voxel_size_m = 0.1;
+  std::string text = "sphere:15";
+  params.orientations = text.c_str();
+  FieldParams cpp_params = {.tsdf = {.voxel_size_m = 0.1}};
+  cpp_params.approach.orientations = OrientationSet::sphere(15);
+  AccessibilityField cpp(ToolGeometry::builtin("builtin:pruner"), cpp_params);
+  CField c("builtin:pruner", &params);
+  text = "nothing that is read any more";
+  for (int n = 0; n < 2; ++n) {
+    const WalkFrame frame = walk.frame(n);
+    cpp.integrateScan(frame.points_S, frame.T_W_S);
+    ASSERT_EQ(accessvdb_field_integrate_scan(c.handle, frame.points_S[0].data(), frame.points_S.size(),
+                                             rowMajor(frame.T_W_S).data(), nullptr),
+              ACCESSVDB_OK);
+  }
+  cpp.update();
+  ASSERT_EQ(accessvdb_field_update(c.handle, nullptr), ACCESSVDB_OK);
+  expectSame(c.points(), cpp.snapshot());
+  accessvdb_tool* tool = nullptr;
+  accessvdb_field* field = nullptr;
+  accessvdb_error error = {};
+  error.struct_size = sizeof error;
+  ASSERT_EQ(accessvdb_tool_builtin("builtin:pruner", &tool, &error), ACCESSVDB_OK);
+  for (const auto& [bad, code, id] : {std::tuple{"all", ACCESSVDB_ERROR_USAGE, "orientations.text"},
+                                      {"sphere:0", ACCESSVDB_ERROR_USAGE, "orientations.range"},
+                                      {"sphere:5", ACCESSVDB_ERROR_RESOURCE, "orientations.count"},
+                                      {"list:/nowhere/list.txt", ACCESSVDB_ERROR_INPUT, "input.missing"}}) {
+    params.orientations = bad;
+    EXPECT_EQ(accessvdb_field_create(tool, &params, &field, &error), static_cast<int>(code)) << bad;
+    EXPECT_STREQ(error.id, id) << bad;
+  }
+  accessvdb_tool_free(tool);
 }
 
 TEST(CApiParity, ASavedStateGoesOnLikeTheFieldItself) {

@@ -75,11 +75,13 @@ const std::vector<CudaOptions>& everyWay() {
   return ways;
 }
 
-void runSeeds(std::uint64_t first, std::uint64_t last, bool samples, Tally& tally) {
+/// @param oriented  with sets of orientations that are not yaw
+void runSeeds(std::uint64_t first, std::uint64_t last, bool samples, Tally& tally, bool oriented = false) {
   for (std::uint64_t seed = first; seed <= last && !testing::Test::HasFailure(); ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     Random random(seed);
     FieldParams params = randomParams(random);
+    if (oriented) chooseOrientations(random, params.approach);
     if (random.below(3) == 0) params.approach.corridor_length_m = 2;  // beyond the tool's window
     if (samples) {
       params.scoring.form = ToolForm::SurfaceSamples;
@@ -109,6 +111,17 @@ TEST_F(CudaScoring, SurfaceSamplesEqualTheCpuOnRandomMaps) {
   runSeeds(1001, 1012, true, tally);
   EXPECT_GT(tally.reasons[static_cast<std::size_t>(PointReason::None)], 40u);
   EXPECT_GT(tally.reasons[static_cast<std::size_t>(PointReason::Tool)], 40u);
+}
+
+TEST_F(CudaScoring, OrientationsEqualTheCpuOnRandomMaps) {
+  Tally tally;
+  runSeeds(2001, 2020, false, tally, true);
+  runSeeds(2101, 2104, true, tally, true);
+  for (const PointReason reason : {PointReason::None, PointReason::Tool, PointReason::Arm, PointReason::Unknown}) {
+    EXPECT_GT(tally.reasons[static_cast<std::size_t>(reason)], 40u) << name(reason);
+  }
+  EXPECT_GT(tally.cut_short, 500u);
+  EXPECT_GT(tally.skipped, 500u);
 }
 
 /// Small enough for the sanitizers, yet uses every kernel.

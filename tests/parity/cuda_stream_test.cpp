@@ -36,11 +36,13 @@ struct StreamCase {
   double range_noise_m = 0.02;
   double max_range_m = 8;
   double length_m = 4;
+  const char* orientations = "yaw";
 };
 void PrintTo(const StreamCase& c, std::ostream* out) {
   *out << c.tool << " at " << c.voxel_size_m << " m, " << (c.policy == UpdatePolicy::Exact ? "exact" : "paper") << ", "
        << (c.form == ToolForm::Voxels ? "voxels" : "samples") << (c.budget_points > 0 ? ", with a budget" : "")
-       << (c.scans_an_update > 1 ? ", several scans an update" : "") << (c.neighbours > 0 ? ", many neighbours" : "");
+       << (c.scans_an_update > 1 ? ", several scans an update" : "") << (c.neighbours > 0 ? ", many neighbours" : "")
+       << ", " << c.orientations;
 }
 
 WalkGenerator walkOf(const StreamCase& c) {
@@ -62,6 +64,7 @@ FieldParams paramsOf(const StreamCase& c) {
   params.update.budget_points = c.budget_points;
   params.scoring.neighbours = c.neighbours;
   params.approach.num_directions = c.directions;
+  params.approach.orientations = OrientationSet::parse(c.orientations);
   return params;
 }
 
@@ -88,6 +91,14 @@ constexpr StreamCase kShortThickTool = {.seed = 12,
                                         .rays_per_frame = 8000,
                                         .max_range_m = 2.5,
                                         .length_m = 0.1};
+
+/// A short one of the sphere, for the sanitizers.
+constexpr StreamCase kShortSphere = {.seed = 26,
+                                     .tool = "builtin:pruner",
+                                     .voxel_size_m = 0.06,
+                                     .frames = 4,
+                                     .rays_per_frame = 1500,
+                                     .orientations = "sphere:30"};
 
 std::size_t blockedByTheTool(const FieldSnapshot& field) {
   return static_cast<std::size_t>(
@@ -221,11 +232,44 @@ INSTANTIATE_TEST_SUITE_P(
                                .neighbours = 200,
                                .directions = 256}));
 
+INSTANTIATE_TEST_SUITE_P(
+    Orientations, CudaStream,
+    testing::Values(
+        StreamCase{.seed = 21, .tool = "builtin:pruner", .voxel_size_m = 0.05, .orientations = "sphere:12.5"},
+        StreamCase{.seed = 22, .tool = "builtin:pencil", .voxel_size_m = 0.02, .orientations = "sphere:12.5"},
+        StreamCase{.seed = 23,
+                   .tool = "builtin:pruner",
+                   .voxel_size_m = 0.04,
+                   .max_collisions = 12,
+                   .scans_an_update = 2,
+                   .directions = 36,
+                   .orientations = "pitch:-30:30:10"},
+        StreamCase{.seed = 24,
+                   .tool = "builtin:pruner",
+                   .voxel_size_m = 0.05,
+                   .form = ToolForm::SurfaceSamples,
+                   .max_collisions = 3,
+                   .orientations = "sphere:15"},
+        // Groups of 2^3 blocks, in which a set of directions belongs to each leaf and cell.
+        StreamCase{.seed = 25,
+                   .tool = "builtin:pruner",
+                   .voxel_size_m = 0.005,
+                   .max_collisions = 20,
+                   .frames = 8,
+                   .rays_per_frame = 8000,
+                   .range_noise_m = 0.01,
+                   .max_range_m = 2.5,
+                   .length_m = 0.3,
+                   .orientations = "sphere:30"},
+        // Yaw by the general way.
+        StreamCase{.seed = 1, .tool = "builtin:pruner", .voxel_size_m = 0.05, .orientations = "pitch:0:0:1"}));
+
 INSTANTIATE_TEST_SUITE_P(GroupedStreams, CudaStream, testing::Values(kGroupsOf8, kGroupsOf64));
 INSTANTIATE_TEST_SUITE_P(ThickTool, CudaStream, testing::Values(kThickTool));
 
 // tools/gpu_suite.sh runs it under compute-sanitizer.
-INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream, testing::Values(kShortStream, kShortGroups, kShortThickTool));
+INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream,
+                         testing::Values(kShortStream, kShortGroups, kShortThickTool, kShortSphere));
 
 internal::ToolSlabs slabsOf(const StreamCase& c) {
   const auto kernel = internal::ToolKernel::make(ToolGeometry::builtin(c.tool), paramsOf(c).resolved());

@@ -63,6 +63,32 @@ FieldParams randomParams(Random& random) {
   return params;
 }
 
+void chooseOrientations(Random& random, ApproachParams& approach) {
+  constexpr std::array<double, 4> kSteps = {12.5, 15, 30, 45};
+  approach.num_directions = 36;
+  switch (random.below(4)) {
+    case 0:
+      approach.orientations = OrientationSet::sphere(kSteps[static_cast<std::size_t>(random.below(4))]);
+      break;
+    case 1:
+      approach.orientations = OrientationSet::pitch(-30, 30, 10);
+      break;
+    case 2:
+      approach.num_directions = 17;
+      approach.orientations = OrientationSet::pitch(-90, 90, 22.5);
+      break;
+    default: {
+      std::vector<ToolOrientation> list;
+      for (int n = 1 + random.below(256); n > 0; --n) {
+        list.push_back(orientationOf(random.uniform(-360, 360), random.below(9) == 0 ? 0 : random.uniform(-90, 90),
+                                     random.uniform(-180, 180)));
+      }
+      approach.orientations = OrientationSet::of(std::move(list));
+      break;
+    }
+  }
+}
+
 ToolGeometry randomTool(Random& random, double v) {
   const int kind = random.below(4);
   if (kind == 0) return ToolGeometry::builtin("builtin:pencil");

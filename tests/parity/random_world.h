@@ -32,6 +32,8 @@ class Random {
 [[nodiscard]] std::vector<RayScan> randomScans(Random& random, double v);
 
 [[nodiscard]] FieldParams randomParams(Random& random);
+/// A set of orientations that is not yaw, and yaw directions to go with it.
+void chooseOrientations(Random& random, ApproachParams& approach);
 
 [[nodiscard]] ToolGeometry randomTool(Random& random, double v);
 

@@ -7,9 +7,11 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <random>
 #include <string>
 
+#include "accessvdb/access_map.h"
 #include "parity/random_world.h"
 #include "parity/scoring_reference.h"
 
@@ -110,9 +112,41 @@ void scoreWithSamples(const AccessibilityField& field, const BruteForceInput& in
   }
 }
 
-void checkSeed(std::uint64_t seed, bool samples, Tally& tally) {
+/// What accessMap() says of every direction of some points, against the oracle's; and that asking changes nothing.
+void expectAccessMapsEqual(const AccessibilityField& field, const FieldSnapshot& snapshot, const BruteForceInput& input,
+                           const std::vector<BruteForceResult>& expected) {
+  for (std::size_t id = 0; id < expected.size(); id += 1 + expected.size() / 12) {
+    const std::optional<AccessMap> map = field.accessMap(snapshot.points[id].position_W);
+    ASSERT_TRUE(map);
+    ASSERT_EQ(map->point.id, id);
+    ASSERT_EQ(map->collision_limit, input.collision_limit);
+    ASSERT_EQ(map->directions.size(), static_cast<std::size_t>(input.num_directions));
+    if (expected[id].label == PointLabel::Unscored) continue;  // its normal is not published
+    const auto directions =
+        bruteForceDirections(input, input.points[id], expected[id].normal, expected[id].effective_seen);
+    for (const BruteForceDirection& d : directions) {
+      const DirectionOutcome& outcome = map->directions[static_cast<std::size_t>(d.index)];
+      PointReason reason = d.collisions < input.collision_limit ? PointReason::None : PointReason::Tool;
+      if (d.arm_blocked) reason = d.arm_unknown ? PointReason::Unknown : PointReason::Arm;
+      if (!d.seen) reason = PointReason::Unseen;
+      if (!d.in_cone) reason = PointReason::Normal;
+      ASSERT_EQ(name(outcome.reason), name(reason)) << "point " << id << ", direction " << d.index;
+      ASSERT_EQ(outcome.score, d.collisions < 0 ? kNoScore : d.collisions) << "point " << id;
+    }
+    const SurfacePoint after = *field.pointAt(snapshot.points[id].position_W);
+    ASSERT_EQ(after.label, snapshot.points[id].label);
+    ASSERT_EQ(after.direction, snapshot.points[id].direction);
+    ASSERT_EQ(after.stability, snapshot.points[id].stability);
+  }
+  EXPECT_FALSE(field.accessMap({1e5, 0, 0}));
+  EXPECT_FALSE(field.accessMap({std::numeric_limits<double>::quiet_NaN(), 0, 0}));
+}
+
+/// @param oriented  with a set of orientations that is not yaw
+void checkSeed(std::uint64_t seed, bool samples, Tally& tally, bool oriented = false) {
   Random random(seed);
   FieldParams params = randomParams(random);
+  if (oriented) chooseOrientations(random, params.approach);
   const double v = params.tsdf.voxel_size_m;
   if (samples) {
     params.scoring.form = ToolForm::SurfaceSamples;
@@ -143,6 +177,7 @@ void checkSeed(std::uint64_t seed, bool samples, Tally& tally) {
   expectEqual(at_once, expected, true, where + ", one update");
   expectEqual(field.evaluateFromScratch(), expected, true, where + ", from scratch");
   expectEqual(field.snapshot(), expected, false, where + ", an update a scan");
+  if (!samples) expectAccessMapsEqual(once, at_once, input, expected);
   expectNormalsEqual(at_once, expected, tally);
   for (const BruteForceResult& result : expected) {
     ++tally.reasons[static_cast<std::size_t>(result.reason)];
@@ -169,6 +204,17 @@ TEST(ScoringParity, SurfaceSamplesEqualBruteForceOnRandomMaps) {
   EXPECT_GT(tally.reasons[static_cast<std::size_t>(PointReason::None)], 40u);
   EXPECT_GT(tally.reasons[static_cast<std::size_t>(PointReason::Tool)], 40u);
   EXPECT_GT(tally.scores_above_zero, 40u);
+}
+
+/// Any orientations. Most points have directions in the cone, whatever their normal.
+TEST(ScoringParity, OrientationsEqualBruteForceOnRandomMaps) {
+  Tally tally;
+  for (std::uint64_t seed = 2001; seed <= 2060 && !HasFailure(); ++seed) checkSeed(seed, false, tally, true);
+  for (std::uint64_t seed = 2101; seed <= 2108 && !HasFailure(); ++seed) checkSeed(seed, true, tally, true);
+  for (const PointReason reason : {PointReason::None, PointReason::Unknown, PointReason::Arm, PointReason::Tool}) {
+    EXPECT_GT(tally.reasons[static_cast<std::size_t>(reason)], 40u) << name(reason);
+  }
+  EXPECT_GT(tally.scores_above_zero, 100u);
 }
 
 }  // namespace

@@ -9,6 +9,7 @@
 #include <tuple>
 
 #include "accessvdb/tsdf_volume.h"
+#include "support/orientation_reference.h"
 
 namespace accessvdb::test {
 namespace {
@@ -20,15 +21,28 @@ Eigen::Vector3d toLocal(const Eigen::Vector3d& p_W, const Eigen::Vector3d& origi
   return p;
 }
 
-std::vector<bool> directionsTowards(const Eigen::Vector3f& from, const Eigen::Vector3f& to, const FieldParams& p) {
+using Axes = std::vector<std::array<double, 3>>;
+
+Axes axesOf(const ApproachParams& approach) {
+  Axes axes = referenceAxes(approach);
+  for (int d = 0; d < approach.num_directions && approach.orientations.isYaw(); ++d) {
+    const double yaw = 2 * std::numbers::pi * d / approach.num_directions;
+    axes.push_back({std::cos(yaw), std::sin(yaw), 0});
+  }
+  return axes;
+}
+
+std::vector<bool> directionsTowards(const Eigen::Vector3f& from, const Eigen::Vector3f& to, const FieldParams& p,
+                                    const Axes& axes) {
   const float dx = to.x() - from.x(), dy = to.y() - from.y(), dz = to.z() - from.z();
   const float length = std::sqrt(dx * dx + dy * dy + dz * dz);
   std::vector<bool> seen;
-  for (int d = 0; d < p.approach.num_directions; ++d) {
-    const double yaw = 2 * std::numbers::pi * d / p.approach.num_directions;
-    const float x_part = dx / length * static_cast<float>(std::cos(yaw));
-    const float y_part = dy / length * static_cast<float>(std::sin(yaw));
-    seen.push_back(x_part + y_part > static_cast<float>(p.approach.observation_cos_min));
+  for (const std::array<double, 3>& axis : axes) {
+    const float x_part = dx / length * static_cast<float>(axis[0]);
+    const float y_part = dy / length * static_cast<float>(axis[1]);
+    const float z_part = dz / length * static_cast<float>(axis[2]);
+    const float level_part = x_part + y_part;
+    seen.push_back(level_part + z_part > static_cast<float>(p.approach.observation_cos_min));
   }
   return seen;
 }
@@ -54,6 +68,7 @@ std::vector<double> armDistances(const FieldParams& p) {
 std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const FieldParams& resolved,
                                         const Eigen::Vector3d& origin_W) {
   const double v = resolved.tsdf.voxel_size_m;
+  const Axes axes = axesOf(resolved.approach);
   std::vector<Sums> all;
   std::map<VoxelCoord, std::size_t> id_of;
   for (const RayScan& scan : scans) {
@@ -85,7 +100,7 @@ std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const
         all.emplace_back();
         all.back().point.voxel = r.voxel;
         all.back().point.first_L = r.p;
-        all.back().point.seen.assign(static_cast<std::size_t>(resolved.approach.num_directions), false);
+        all.back().point.seen.assign(axes.size(), false);
       }
       Sums& sums = all[entry->second];
       ++sums.count;
@@ -94,7 +109,7 @@ std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const
         sums.offset[a] += std::llround((p - r.voxel[a] * v) / v * 1048576.0);
         sums.sensor[a] += std::llround(q * 65536.0);
       }
-      const std::vector<bool> seen = directionsTowards(r.p, r.q, resolved);
+      const std::vector<bool> seen = directionsTowards(r.p, r.q, resolved, axes);
       for (std::size_t d = 0; d < seen.size(); ++d) sums.point.seen[d] = sums.point.seen[d] || seen[d];
     }
   }
@@ -122,7 +137,8 @@ BruteForceInput oracleInput(const AccessibilityField& field, const std::vector<G
   BruteForceInput input;
   input.voxel_size_m = p.tsdf.voxel_size_m;
   input.collision_distance_m = static_cast<float>(p.scoring.collision_distance_m);
-  input.num_directions = p.approach.num_directions;
+  input.axes = referenceAxes(p.approach);
+  input.num_directions = input.axes.empty() ? p.approach.num_directions : static_cast<int>(input.axes.size());
   input.normal_cone_rad = p.approach.normal_cone_rad;
   input.arm_distances_m = armDistances(p);
   input.neighbours = p.scoring.neighbours;

@@ -40,11 +40,10 @@ kernels::DirectionMask randomMask(Random& random, int directions, double share) 
   return mask;
 }
 
-bool isAdmissible(const FieldParams& params, const kernels::PointInput& input, int d) {
+/// @param axis  of direction d
+bool isAdmissible(const FieldParams& params, const kernels::PointInput& input, int d, const Eigen::Vector3d& axis) {
   if (!input.seen.test(d)) return false;
-  const double yaw = 2 * 3.141592653589793 * d / params.approach.num_directions;
-  const double cosine =
-      std::cos(yaw) * static_cast<double>(input.normal_L[0]) + std::sin(yaw) * static_cast<double>(input.normal_L[1]);
+  const double cosine = axis.dot(Eigen::Vector3f(input.normal_L).cast<double>());
   return cosine > std::cos(params.approach.normal_cone_rad) + 1e-5;  // well inside, against float32's rounding
 }
 
@@ -76,7 +75,9 @@ ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldPara
   }
   out.changes.push_back(std::move(batch));
 
-  const int directions = out.params.approach.num_directions;
+  const std::vector<ToolOrientation> orientations =
+      out.params.approach.orientations.orientations(out.params.approach.num_directions);
+  const int directions = static_cast<int>(orientations.size());
   for (int n = 0; n < points; ++n) {
     kernels::PointInput input;
     input.id = static_cast<std::uint32_t>(n);
@@ -105,7 +106,9 @@ ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldPara
     if (random.below(2) == 0) item.skip = randomMask(random, directions, random.uniform(0, 0.7));
     const int known = random.below(directions);
     // The known result belongs to a direction that counts: otherwise results above it would only be lower bounds.
-    if (random.below(2) == 0 && isAdmissible(out.params, input, known) && item.candidates.test(known)) {
+    if (random.below(2) == 0 &&
+        isAdmissible(out.params, input, known, orientations[static_cast<std::size_t>(known)].R_WT.col(0)) &&
+        item.candidates.test(known)) {
       item.known_direction = static_cast<std::uint16_t>(known);
       item.known_score = static_cast<std::uint16_t>(random.below(3) == 0 ? 0 : random.below(40));
     }
@@ -122,7 +125,7 @@ ScoringRig::ScoringRig(std::unique_ptr<kernels::Backend> backend, const ScoringC
     : backend_(std::move(backend)),
       setup_(what.tool, what.params, *backend_),
       mirror_(backend_->makeArena(), what.params.tsdf.voxel_size_m),
-      points_(*backend_, (what.params.approach.num_directions + 63) / 64) {
+      points_(*backend_, (what.params.approach.directionCount() + 63) / 64) {
   for (const auto& batch : what.changes) mirror_.apply(batch);
   points_.grow(static_cast<std::uint32_t>(what.inputs.size()));
   backend_->writePoints(points_.view(), what.inputs.data(), what.inputs.size());

@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
@@ -172,6 +173,26 @@ TEST(SavedState, GoesOnBitForBit) {
   }
   EXPECT_GT(accessible, 50u);
   EXPECT_GT(blocked, 50u);
+}
+
+/// With sets of orientations, which only then are part of the file.
+TEST(SavedState, OfOrientationsGoesOnBitForBit) {
+  const ScratchFolder folder;
+  std::vector<ToolOrientation> list;
+  for (int n = 0; n < 70; ++n) list.push_back(orientationOf(37.0 * n, 90 * std::sin(n), 11.0 * n));
+  for (const OrientationSet& orientations :
+       {OrientationSet::sphere(12.5), OrientationSet::pitch(-60, 90, 30), OrientationSet::of(list)}) {
+    SCOPED_TRACE(orientations.text());
+    Stream stream = {cpuParams(), wallScans(7, 6, 1500), false, 3};
+    stream.params.approach.orientations = orientations;
+    expectVaried(expectGoesOn(stream, folder));
+    const SavedState state = inspectState(folder / "a.avst");
+    EXPECT_EQ(state.params.describe(), stream.params.resolved().describe());
+    ASSERT_EQ(state.params.approach.orientations.list.size(), orientations.list.size());
+    for (std::size_t n = 0; n < orientations.list.size(); ++n) {
+      EXPECT_EQ(state.params.approach.orientations.list[n].R_WT, orientations.list[n].R_WT);
+    }
+  }
 }
 
 TEST(SavedState, KeepsLabelsAfterUpdates) {
@@ -413,7 +434,7 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
 TEST_F(DamagedState, IsRefusedForOtherRulesAndAnotherTool) {
   const std::string rules = withHead([](internal::StateHead& head) { head.rules_version += 1; });
   EXPECT_EQ(refusalOf(rules).rfind("state.rules", 0), 0u) << refusalOf(rules);
-  const std::string layout = withHead([](internal::StateHead& head) { head.schema += 1; });
+  const std::string layout = withHead([](internal::StateHead& head) { head.schema += 2; });
   EXPECT_EQ(refusalOf(layout).rfind("state.rules", 0), 0u) << refusalOf(layout);
   writeBytes(file(), good_);
   try {

@@ -226,6 +226,18 @@ INSTANTIATE_TEST_SUITE_P(
         Case{.name = "pencil_20mm", .seed = 3, .voxel_size_m = 0.02, .tool = "builtin:pencil"},
         Case{.name = "lopsided_large_tiles", .seed = 4, .tile_voxels = 256, .tool = "lopsided"},
         Case{.name = "long_corridor", .seed = 5, .change = [](FieldParams& p) { p.approach.corridor_length_m = 1.5; }},
+        Case{.name = "sphere",
+             .seed = 9,
+             .change = [](FieldParams& p) { p.approach.orientations = OrientationSet::sphere(12.5); }},
+        Case{.name = "pitch_samples",
+             .seed = 10,
+             .tool = "lopsided",
+             .change =
+                 [](FieldParams& p) {
+                   p.approach.orientations = OrientationSet::pitch(-60, 90, 30);
+                   p.scoring.surface_samples = 200;
+                   p.scoring.form = ToolForm::SurfaceSamples;
+                 }},
         Case{.name = "low_weight_cap",
              .seed = 6,
              .change =

@@ -38,6 +38,7 @@ OTHER = {
         "corridor_length_m": 1.75,
         "coarse_to_fine": True,
         "viewpoints": True,
+        "orientations": "sphere:15",
     },
     "ScoringParams": {
         "collision_distance_m": 0.012,
@@ -86,7 +87,7 @@ def fields_of_header():
     for name, body in re.findall(r"^struct (?:ACCESSVDB_API )?(\w+) \{(.*?)^\};", header, re.DOTALL | re.MULTILINE):
         fields = []
         for statement in body.split(";"):
-            if "(" in statement.split("=")[0] or not statement.strip():
+            if "(" in statement.split("=")[0] or not statement.strip(" \n}"):
                 continue  # a function
             declaration = re.sub(r"\{[^}]*\}", "", statement).strip()  # {0.6, 1.25} has commas of its own
             while "<" in declaration:
@@ -142,6 +143,10 @@ class Params(unittest.TestCase):
             for field, value in OTHER[name].items():
                 described = lines(accessvdb.FieldParams(**{part: {field: value}}))
                 changed = {key for key in plain if plain[key] != described[key]}
+                if field == "orientations":  # only of those that are not yaw
+                    self.assertNotIn(field, plain)
+                    self.assertEqual(described[field], value)
+                    continue
                 self.assertEqual(len(changed), 0 if field == "projective" else 1, field)
                 reached |= changed
         self.assertEqual(reached, set(plain))
@@ -152,6 +157,22 @@ class Params(unittest.TestCase):
         field = accessvdb.AccessibilityField(accessvdb.ToolGeometry.builtin("builtin:pencil"), params)
         self.assertEqual(field.params.describe(), params.resolved().describe())
         self.assertEqual((field.params.threads, field.params.backend), (2, "cpu"))
+
+    def test_orientations_in_every_form(self):
+        make = accessvdb.ApproachParams
+        self.assertEqual(make().orientations, "yaw")
+        rows = make(orientations=[[0, 0, 0], [90, 45, 10]])
+        self.assertRegex(rows.orientations, "^list:2:[0-9a-f]{16}$")
+        self.assertEqual(rows, make(orientations=np.array([[0, 0, 0], [90, 45, 10]])))
+        self.assertNotEqual(rows, make(orientations=[[0, 0, 0], [90, 45, 11]]))
+        self.assertRegex(make(orientations=[[1, 0, 0, 0]]).orientations, "^list:1:")
+        for bad in ("all", "sphere:", [[1, 2]], [[1, 1, 0, 0]], [[0, 91, 0]], 3, None):
+            with self.subTest(bad), self.assertRaises(accessvdb.InvalidArgument):
+                make(orientations=bad)
+        with self.assertRaises(accessvdb.InvalidArgument):
+            accessvdb.FieldParams(approach={"orientations": "sphere:0"}).resolved()
+        with self.assertRaises(accessvdb.ResourceLimit):
+            accessvdb.FieldParams(approach={"orientations": "sphere:5"}).resolved()
 
     def test_parts_are_references(self):
         params = accessvdb.FieldParams()

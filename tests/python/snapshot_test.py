@@ -4,7 +4,9 @@
 
 import copy
 import gc
+import os
 import pickle
+import tempfile
 import unittest
 import weakref
 
@@ -78,6 +80,42 @@ class Snapshot(unittest.TestCase):
         np.testing.assert_allclose(s.direction_W[reachable][:, 0], np.cos(s.yaw_rad[reachable]), atol=1e-6)
         # Directions point out of the wall, towards the scanner.
         self.assertTrue((s.direction_W[reachable][:, 0] < 0).all())
+
+    def test_how_the_tool_is_held(self):
+        """World from tool: its first axis is the direction."""
+        snapshot = walls.field(approach={"orientations": "sphere:30"}).snapshot()
+        q = snapshot.orientation_WT
+        self.assertEqual((q.shape, q.dtype), ((len(snapshot), 4), np.float32))
+        w, x, y, z = q.T
+        axis = np.stack([1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)], axis=1)
+        held = snapshot.direction != accessvdb.NO_DIRECTION
+        np.testing.assert_allclose(axis[held], snapshot.direction_W[held], atol=1e-6)
+        self.assertTrue((q[~held] == [1, 0, 0, 0]).all())
+        self.assertGreater((abs(snapshot.direction_W[held][:, 2]) > 0.1).sum(), 50)
+
+    def test_access_map(self):
+        field = walls.field(approach={"orientations": "sphere:30"})
+        snapshot = field.snapshot()
+        for label in (accessvdb.PointLabel.ACCESSIBLE, accessvdb.PointLabel.BLOCKED):
+            at = int(np.argmax((snapshot.label == label) & (snapshot.score != accessvdb.NO_SCORE)))
+            access = field.access_map(snapshot.position_W[at])
+            self.assertEqual(access.point.id, at)
+            self.assertEqual((access.direction_W.shape, access.orientation_WT.shape), ((54, 3), (54, 4)))
+            self.assertEqual((access.reason.dtype, access.score.dtype), (np.uint8, np.uint16))
+            best = snapshot.direction[at]
+            np.testing.assert_array_equal(access.direction_W[best], snapshot.direction_W[at])
+            self.assertEqual(access.score[best], snapshot.score[at])
+            self.assertEqual(access.score.min(), snapshot.score[at])
+            free = access.reason == accessvdb.PointReason.NONE
+            self.assertEqual(free.any(), label == accessvdb.PointLabel.ACCESSIBLE)
+            self.assertTrue((access.score[free] < access.collision_limit).all())
+            self.assertIn(f"{free.sum()} of 54 directions free", repr(access))
+        with tempfile.TemporaryDirectory() as folder:
+            png = os.path.join(folder, "why.png")
+            accessvdb.render_access_map(png, access)
+            with open(png, "rb") as stream:
+                self.assertEqual(stream.read(4), b"\x89PNG")
+        self.assertIsNone(field.access_map([50, 0, 0]))
 
     def test_counts(self):
         s = self.snapshot

@@ -85,12 +85,18 @@ std::uint32_t observationWeight(const BruteForceInput& input, const VoxelCoord& 
   return weight;
 }
 
+std::array<double, 3> axisOf(const BruteForceInput& input, int d) {
+  if (!input.axes.empty()) return input.axes.at(static_cast<std::size_t>(d));
+  const double yaw = 2.0 * std::numbers::pi * d / input.num_directions;
+  return {std::cos(yaw), std::sin(yaw), 0.0};
+}
+
 void testArm(const BruteForceInput& input, const BruteForcePoint& point, BruteForceDirection& direction) {
-  const double yaw = 2.0 * std::numbers::pi * direction.index / input.num_directions;
+  const std::array<double, 3> axis = axisOf(input, direction.index);
   const float inverse_voxel_size = static_cast<float>(1.0 / input.voxel_size_m);
   for (const double distance : input.arm_distances_m) {
-    const float offset[3] = {static_cast<float>(distance * std::cos(yaw)), static_cast<float>(distance * std::sin(yaw)),
-                             0.0f};
+    const float offset[3] = {static_cast<float>(distance * axis[0]), static_cast<float>(distance * axis[1]),
+                             static_cast<float>(distance * axis[2])};
     VoxelCoord voxel;
     for (int a = 0; a < 3; ++a) {
       const float x = point.first_position_L[a] + offset[a];
@@ -157,13 +163,15 @@ std::vector<BruteForceDirection> bruteForceDirections(const BruteForceInput& inp
   const float cone_cos = static_cast<float>(std::cos(input.normal_cone_rad));
   std::vector<BruteForceDirection> directions;
   for (int d = 0; d < input.num_directions; ++d) {
-    const double yaw = 2.0 * std::numbers::pi * d / input.num_directions;
-    const float ax = static_cast<float>(std::cos(yaw)), ay = static_cast<float>(std::sin(yaw));
+    const std::array<double, 3> axis = axisOf(input, d);
+    const float ax = static_cast<float>(axis[0]), ay = static_cast<float>(axis[1]), az = static_cast<float>(axis[2]);
     BruteForceDirection direction;
     direction.index = d;
     const float x_part = ax * normal.x();
     const float y_part = ay * normal.y();
-    direction.dot = x_part + y_part;
+    const float z_part = az * normal.z();
+    const float level_part = x_part + y_part;
+    direction.dot = level_part + z_part;
     direction.in_cone = direction.dot >= cone_cos;
     direction.seen = effective_seen.at(static_cast<std::size_t>(d));
     if (direction.in_cone && direction.seen) {

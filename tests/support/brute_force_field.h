@@ -7,6 +7,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <numbers>
 #include <optional>
@@ -29,8 +30,9 @@ struct BruteForcePoint {
 
 struct BruteForceInput {
   double voxel_size_m = 0.01;
-  float collision_distance_m = 0.005f;  ///< [r_c] compared in float32, as distances are stored
-  int num_directions = 180;             ///< [D]
+  float collision_distance_m = 0.005f;      ///< [r_c] compared in float32, as distances are stored
+  int num_directions = 180;                 ///< [D]
+  std::vector<std::array<double, 3>> axes;  ///< [D] unit, of the directions; empty: yaws
   double normal_cone_rad = 70.0 * std::numbers::pi / 180.0;
   std::vector<double> arm_distances_m;               ///< in the order in which they are tested
   std::vector<std::vector<VoxelCoord>> tool_voxels;  ///< [D] offsets from the point's voxel, self-exclusion applied

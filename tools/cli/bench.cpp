@@ -288,6 +288,7 @@ int BenchRun::run() {
   watchStopSignals();
   const ToolGeometry tool = loadTool(options_.map.tool);
   sayToolNotes(tool, messages_);
+  sayOrientationNotes(options_.map, messages_);
   const FieldParams params = benchFieldParams(options_);
 
   // Makes the field before the forest, so that a missing device fails before the time to grow it is spent.

@@ -56,7 +56,7 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
   flags.option("--profile", &options.map.profile, "product or paper");
   flags.option("--policy", &options.map.policy, "how points to be scored again are chosen: exact or paper");
   flags.option("--budget-points", &options.budget_points, "most points scored per update; 0 = no limit");
-  flags.option("--directions", &options.map.directions, "approach directions over 360 degrees, 4 .. 256");
+  addOrientationOptions(flags, options.map);
   flags.option("--knn", &options.map.knn, "neighbours of a normal; default by rule");
   flags.option("--corridor", &options.map.corridor_m, "length of the straight corridor that must be free, metres");
   addMirrorOption(flags, options.map);

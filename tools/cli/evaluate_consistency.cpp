@@ -212,6 +212,7 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
 
   const ToolGeometry tool = loadTool(options.tool);
   sayToolNotes(tool, messages);
+  sayOrientationNotes(options, messages);
   messages.notice(toolInWords(tool, options.tool));
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   sayAboutScans(scans, messages);

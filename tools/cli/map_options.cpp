@@ -45,9 +45,7 @@ constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
 
 }  // namespace
 
-void addMappingOptions(FlagParser& flags, MapOptions& options) {
-  flags.option("--pose-format", &options.pose_format, "auto, tum, kitti, balm, hba or viewpoint");
-  flags.option("--calib", &options.calib, "KITTI calib.txt, if the poses are the camera's");
+void addFieldOptions(FlagParser& flags, MapOptions& options) {
   addToolOptions(flags, options.tool);
   flags.option("--voxel", &options.voxel_m, "edge of a voxel in metres");
   flags.option("--min-range", &options.min_range_m, "drop returns nearer than this, metres");
@@ -56,14 +54,37 @@ void addMappingOptions(FlagParser& flags, MapOptions& options) {
                "sigma of the sensor's range noise, metres; default: recorded next to the scans, else 0.02");
   flags.option("--tau", &options.tau, "truncation distance in metres, or in voxels (4v)");
   flags.option("--profile", &options.profile, "product or paper");
-  flags.option("--directions", &options.directions, "approach directions over 360 degrees, 4 .. 256");
+  addOrientationOptions(flags, options);
   flags.option("--knn", &options.knn, "neighbours of a normal; default by rule");
+}
+
+void addMappingOptions(FlagParser& flags, MapOptions& options) {
+  flags.option("--pose-format", &options.pose_format, "auto, tum, kitti, balm, hba or viewpoint");
+  flags.option("--calib", &options.calib, "KITTI calib.txt, if the poses are the camera's");
+  addFieldOptions(flags, options);
   flags.option("--every", &options.every, "use every n-th scan");
   flags.flag("--allow-truncated", options.allow_truncated, "keep the complete records of truncated files");
   flags.flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
   addSurveyOptions(flags, options.survey);
   addRecordingOptions(flags, options.recording);
   addSensorOptions(flags, options.sensor);
+}
+
+void addOrientationOptions(FlagParser& flags, MapOptions& options) {
+  flags.option("--directions", &options.directions, "yaw directions over 360 degrees, 4 .. 256");
+  flags.option("--orientations", &options.orientations,
+               "how the tool can be turned, in degrees: yaw (the default), pitch:MIN:MAX:STEP, sphere:STEP, "
+               "sphere:STEP+yaw or list:FILE; at most 256 together");
+}
+
+void sayOrientationNotes(const MapOptions& options, Messages& messages) {
+  constexpr std::string_view kList = "list:";
+  if (!options.orientations.starts_with(kList)) return;
+  int twins = 0;
+  static_cast<void>(OrientationSet::read(options.orientations.substr(kList.size()), &twins));
+  if (twins == 0) return;
+  messages.notice("orientations: " + std::to_string(twins) + (twins == 1 ? " is" : " are") +
+                  " in the list already and left out");
 }
 
 void addMirrorOption(FlagParser& flags, MapOptions& options) {
@@ -89,13 +110,17 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
   flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
 }
 
-void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out) {
+void addScanFlags(FlagParser& flags, MapOptions& options) {
   flags.option("--scans", &options.scans,
-               "folder of .pcd, .ply, .bin, .las or .laz scans, one file, or a recording (.mcap, .db3, .bag)");
+               "folder of .pcd, .ply, .bin, .las, .laz or .ptx scans, one file, or a recording (.mcap, .db3, .bag)");
   flags.option("--poses", &options.poses,
                "pose file; may be omitted for VIEWPOINT poses, ray clouds, recordings, --trajectory, --stations and "
                "--sensor-at");
   flags.option("--sensor-at", &options.sensor_at, "X,Y,Z of the one sensor position of one cloud in the world frame");
+}
+
+void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out) {
+  addScanFlags(flags, options);
   addMappingOptions(flags, options);
   flags.option(out, &options.out, "folder for field.vdb, field_points.vdb, points.ply, report.json, preview.png");
   flags.option("--policy", &options.policy, "how points to be scored again are chosen: exact or paper");
@@ -204,6 +229,7 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   if (options.min_range_m) params.tsdf.min_range_m = *options.min_range_m;
   if (options.max_range_m) params.tsdf.max_range_m = *options.max_range_m;
   if (options.directions) params.approach.num_directions = *options.directions;
+  if (!options.orientations.empty()) params.approach.orientations = OrientationSet::parse(options.orientations);
   if (options.corridor_m) params.approach.corridor_length_m = *options.corridor_m;
   if (options.knn) params.scoring.neighbours = *options.knn;
   if (!options.policy.empty()) params.update.policy = chooseWord("--policy", options.policy, kPolicies);

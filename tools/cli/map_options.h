@@ -28,7 +28,7 @@ struct MapOptions {
   SensorOptions sensor;
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string checkpoint, checkpoint_every = "5m", resume;
-  std::string pose_format = "auto", profile = "product", policy;
+  std::string pose_format = "auto", profile = "product", policy, orientations;
   double voxel_m = 0.01;
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
   std::optional<int> directions, knn;
@@ -42,8 +42,18 @@ void addMapOptions(FlagParser& flags, MapOptions& options);
 /// All of them without description and common flags. @param out  "--out", or "OUT" for its place on the command line
 void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out);
 
+/// Adds the flags that say where scans and poses are.
+void addScanFlags(FlagParser& flags, MapOptions& options);
+/// Adds the flags for the tool and the map, for every verb that keeps a field.
+void addFieldOptions(FlagParser& flags, MapOptions& options);
+
 /// Adds the flags for reading and mapping scans, for every verb that maps scans.
 void addMappingOptions(FlagParser& flags, MapOptions& options);
+
+/// Adds the flags for the tool's orientations, for every verb that keeps a field.
+void addOrientationOptions(FlagParser& flags, MapOptions& options);
+/// How many orientations of a list were given twice, as a notice.
+void sayOrientationNotes(const MapOptions& options, Messages& messages);
 
 /// Adds the flag for the mirror of distances, for every verb that keeps a field.
 void addMirrorOption(FlagParser& flags, MapOptions& options);

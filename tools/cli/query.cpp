@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <numbers>
 
+#include "access_map.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/scan_io.h"
@@ -54,6 +55,17 @@ Answers answersFrom(const std::string& map, const std::vector<Eigen::Vector3d>& 
   return answers;
 }
 
+/// Whether the tool comes level and upright, as with yaw directions.
+bool isUpright(const SurfacePoint& point) {
+  constexpr float kRounding = 1e-6f;  // of a quaternion in float32
+  const Eigen::Quaternionf& q = point.orientation_WT;
+  return std::abs(q.x()) < kRounding && std::abs(q.y()) < kRounding;
+}
+
+double pitchDegrees(const SurfacePoint& point) {
+  return std::asin(std::clamp(static_cast<double>(point.direction_W.z()), -1.0, 1.0)) * 180.0 / std::numbers::pi;
+}
+
 Json jsonAnswer(const tiles::StoredAnswer& stored) {
   const io::StoredField::Answer& answer = stored.field;
   Json json = {{"at", jsonVector(answer.position_W)}, {"voxel", stateOf(answer)}};
@@ -74,6 +86,11 @@ Json jsonAnswer(const tiles::StoredAnswer& stored) {
                      {"confidence", point.confidence},
                      {"stability", point.stability},
                      {"normal", jsonVector(point.normal_W)}};
+    if (has_direction && !isUpright(point)) {
+      const Eigen::Quaternionf& q = point.orientation_WT;
+      json["point"]["pitch_deg"] = pitchDegrees(point);
+      json["point"]["orientation"] = {q.w(), q.x(), q.y(), q.z()};
+    }
     if (stored.tile) json["point"]["tile"] = stored.tile->name();
   }
   return json;
@@ -96,6 +113,11 @@ std::string wordsOf(const tiles::StoredAnswer& stored) {
   if (point.direction == kNoDirection) return text + "  no best direction\n";
   std::snprintf(line, sizeof line, "  best direction %.4f %.4f %.4f, yaw %.1f degrees\n", point.direction_W.x(),
                 point.direction_W.y(), point.direction_W.z(), yawDegrees(point));
+  text += line;
+  if (isUpright(point)) return text;
+  const Eigen::Quaternionf& q = point.orientation_WT;
+  std::snprintf(line, sizeof line, "  tool tilted: pitch %.1f degrees, orientation %.4f %.4f %.4f %.4f (w x y z)\n",
+                pitchDegrees(point), q.w(), q.x(), q.y(), q.z());
   return text + line;
 }
 
@@ -114,6 +136,11 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   flags.list("--at", at, "X,Y,Z in the world frame, metres; may be repeated");
   flags.option("--points", &points_file, "text file, one \"x y z\" or \"x,y,z\" per line");
   flags.flag("--json", json, "answer as a JSON array");
+  AccessMapOptions access;
+  flags.option("--access-map", &access.picture,
+               "PNG of all directions at one point, coloured by what stops each; --map is then the folder of "
+               "map --checkpoint, or a state file");
+  addToolOptions(flags, access.tool);
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 
@@ -127,6 +154,17 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   for (const std::string& text : at) positions_W.push_back(parseVector("--at", text));
   if (!points_file.empty()) positions_W = io::readPositions(points_file);
 
+  if (!access.picture.empty()) {
+    if (positions_W.size() != 1) {
+      throw InvalidArgument("usage.access_map", "--access-map",
+                            "draws one point, not " + std::to_string(positions_W.size()), "Give one --at X,Y,Z");
+    }
+    access.common = common;
+    access.map = map;
+    access.json = json;
+    drawAccessMap(access, positions_W.front(), messages);
+    return 0;
+  }
   Json answers = Json::array();
   std::string text;
   for (const tiles::StoredAnswer& answer : answersFrom(map, positions_W, messages)) {

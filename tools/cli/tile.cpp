@@ -85,6 +85,7 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   if (options.fresh) removeTiles(options.out);
   const ToolGeometry tool = loadTool(options.tool);
   sayToolNotes(tool, messages);
+  sayOrientationNotes(options, messages);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   sayAboutScans(scans, messages);
   const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());

@@ -83,11 +83,63 @@ static __device__ __noinline__ int walkDirections(const float* direction_xy, int
   return count;
 }
 
-/// Writes the `allowed` directions in the normal cone in the order of DirectionWalk. All lanes call it.
-/// @param order  [kMostDirections] shared by the warp   @param in_cone  out: whether any direction is in the cone
+/// What sortByRank needs of the warp's shared memory.
+struct OrderScratch {
+  const std::uint32_t* allowed;  ///< [kMaskWords32]
+  std::uint16_t* found;          ///< [kMostDirections] overwritten
+  std::uint8_t* order;           ///< [kMostDirections] out
+};
+
+/// orderByWarp for directions of any kind, in the order of SortedWalk: a direction's rank is the number of those that
+/// come before it. Not inlined, for yaw's sake: see walkDirections.
+/// @return the number of directions; bit 31: none is in the cone
+static __device__ __noinline__ std::uint32_t sortByRank(const float* axes_xyz, int num_directions, float normal_cos_min,
+                                                        float x, float y, float z, OrderScratch scratch, int lane) {
+  ApproachView approach;
+  approach.axes_xyz = axes_xyz;
+  const float normal[3] = {x, y, z};
+  int count = 0;
+  bool in_cone = false;
+#pragma unroll 1
+  for (int first = 0; first < num_directions; first += static_cast<int>(kWarp)) {
+    const int d = first + lane;
+    const bool inside = d < num_directions && cosToNormal(approach, d, normal) >= normal_cos_min;
+    in_cone = __any_sync(kAllLanes, inside) != 0 || in_cone;
+    const bool wanted = inside && testBit(scratch.allowed, d);
+    const unsigned all = __ballot_sync(kAllLanes, wanted);
+    if (wanted) scratch.found[count + __popc(all & ((1u << lane) - 1u))] = static_cast<std::uint16_t>(d);
+    count += __popc(all);
+  }
+  __syncwarp();
+#pragma unroll 1
+  for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
+    const int d = scratch.found[n];
+    const float cosine = cosToNormal(approach, d, normal);
+    int rank = 0;
+#pragma unroll 1
+    for (int m = 0; m < count; ++m) {
+      const int other = scratch.found[m];
+      if (ranksBefore(cosToNormal(approach, other, normal), other, cosine, d)) ++rank;
+    }
+    scratch.order[rank] = static_cast<std::uint8_t>(d);
+  }
+  __syncwarp();
+  return static_cast<std::uint32_t>(count) | (in_cone ? 0u : 1u << 31);
+}
+
+/// Writes the `allowed` directions in the normal cone in the order of DirectionWalk or SortedWalk. All lanes call it.
+/// @param in_cone  out: whether any direction is in the cone
 /// @return their number
-__device__ inline int orderByWarp(const ApproachView& approach, const float* normal, const std::uint32_t* allowed,
-                                  std::uint8_t* order, bool& in_cone, int lane) {
+__device__ inline int orderByWarp(const ApproachView& approach, const float* normal, const OrderScratch& scratch,
+                                  bool& in_cone, int lane) {
+  if (approach.axes_xyz != nullptr) {
+    const std::uint32_t found = sortByRank(approach.axes_xyz, approach.num_directions, approach.normal_cos_min,
+                                           normal[0], normal[1], normal[2], scratch, lane);
+    in_cone = found >> 31 == 0;
+    return static_cast<int>(found & 0x7fffffffu);
+  }
+  const std::uint32_t* const allowed = scratch.allowed;
+  std::uint8_t* const order = scratch.order;
   const int nearest = nearestByWarp(approach, normal, lane);
   int cone = 0;
   if (approach.normal_cos_min >= kClearCosine) {

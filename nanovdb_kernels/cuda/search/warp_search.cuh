@@ -229,7 +229,7 @@ class WarpSearch {
     result.scored = 1;
     clearMasks(item);
     bool in_cone = false;
-    const int count = orderByWarp(c_.approach, normal_L, masks_.allowed, masks_.order, in_cone, lane_);
+    const int count = orderByWarp(c_.approach, normal_L, {masks_.allowed, masks_.least, masks_.order}, in_cone, lane_);
     bool done = false;
     // The next directions in rank order, one per lane.
 #pragma unroll 1

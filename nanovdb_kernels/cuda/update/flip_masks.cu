@@ -233,6 +233,11 @@ class GroupScan {
                          dz = __shfl_sync(kAllLanes, mine.dz, owner);
       const FootprintPlace at = there ? scope_.context.footprint.at(dx, dy) : FootprintPlace{};
       const std::uint64_t bits = there ? scope_.flips.kinds[column] : 0;
+      if (scope_.context.footprint.heights != nullptr) {
+        const FootprintPlace height = there ? scope_.context.footprint.heightAt(dx, dy) : FootprintPlace{};
+        takeLeaves(at, height, dz, bits, column);
+        continue;
+      }
       const std::uint32_t tool = kindsIn(scope_.context.footprint.tool, at.tool, dz, bits);
       take(scope_.context.footprint.tool, at.tool, tool, 2, 1, MasksOfWarp::kBetterTool, MasksOfWarp::kWorseTool);
       const bool is_freed = (tool & 2u) != 0;
@@ -243,6 +248,33 @@ class GroupScan {
       take(scope_.context.footprint.arm, at.arm, arm, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
     }
     __syncwarp();  // the list is overwritten next
+  }
+
+  /// One column of flips per lane, with a set of directions for each of its leaves. All lanes.
+  /// @param lowest  of the footprint's columns at this offset: index + 1  @param height  how many there are
+  __device__ void takeLeaves(const FootprintPlace& lowest, const FootprintPlace& height, std::int32_t dz,
+                             std::uint64_t bits, std::uint32_t column) {
+    const FootprintColumn *const tool = scope_.context.footprint.tool, *const arm = scope_.context.footprint.arm;
+    const std::int32_t tool_low = lowest.tool != 0 ? tool[lowest.tool - 1].z_low : 0,
+                       arm_low = lowest.arm != 0 ? arm[lowest.arm - 1].z_low : 0;
+    const auto mine = static_cast<std::uint32_t>((bits | bits >> 16 | bits >> 32 | bits >> 48) & 0xffffu);
+#pragma unroll 1
+    for (std::uint32_t left = __reduce_or_sync(kAllLanes, mine); left != 0; left &= left - 1) {
+      const int z = __ffs(static_cast<int>(left)) - 1;
+      std::uint32_t kinds = 0;
+      for (int kind = 0; kind < 4; ++kind) kinds |= static_cast<std::uint32_t>(bits >> (16 * kind + z) & 1u) << kind;
+      const auto at = [&](std::uint32_t first, std::uint32_t count, std::int32_t low) {
+        const std::int32_t n = dz + z - low;
+        return n >= 0 && static_cast<std::uint32_t>(n) < count ? first + static_cast<std::uint32_t>(n) : 0u;
+      };
+      const std::uint32_t of_tool = at(lowest.tool, height.tool, tool_low),
+                          of_arm = at(lowest.arm, height.arm, arm_low);
+      take(tool, of_tool, of_tool != 0 ? kinds : 0u, 2, 1, MasksOfWarp::kBetterTool, MasksOfWarp::kWorseTool);
+      take(arm, of_arm, of_arm != 0 ? kinds : 0u, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
+    }
+    const bool is_freed = lowest.tool != 0 && (bits >> 16 & 0xffffu) != 0;
+    freed_.add(is_freed ? column : kNoIndex, leaf_[2] + tool_low,
+               leaf_[2] + tool_low + static_cast<std::int32_t>(height.tool) - 1);
   }
 
   /// Kinds of flips that a footprint column meets. @param number  index + 1, or 0 for none

@@ -20,13 +20,20 @@ FootprintTable::FootprintTable(DeviceMemory& memory, const ExactTables& tables)
   }
   const auto side = static_cast<std::size_t>(view_.high[1] - view_.low[1] + 1);
   std::vector<FootprintPlace> places(static_cast<std::size_t>(view_.high[0] - view_.low[0] + 1) * side);
-  const auto placeOf = [&](const FootprintColumn& c) -> FootprintPlace& {
-    return places[static_cast<std::size_t>(c.dx - view_.low[0]) * side + static_cast<std::size_t>(c.dy - view_.low[1])];
+  std::vector<FootprintPlace> heights(places.size());
+  const auto indexOf = [&](const FootprintColumn& c) {
+    return static_cast<std::size_t>(c.dx - view_.low[0]) * side + static_cast<std::size_t>(c.dy - view_.low[1]);
   };
-  std::uint32_t number = 0;
-  for (const FootprintColumn& c : tables.tool_columns) placeOf(c).tool = ++number;
-  number = 0;
-  for (const FootprintColumn& c : tables.arm_columns) placeOf(c).arm = ++number;
+  const auto note = [&](std::span<const FootprintColumn> columns, std::uint32_t FootprintPlace::*part) {
+    std::uint32_t number = 0;
+    for (const FootprintColumn& c : columns) {
+      ++number;
+      if (heights[indexOf(c)].*part == 0) places[indexOf(c)].*part = number;
+      ++(heights[indexOf(c)].*part);
+    }
+  };
+  note(tables.tool_columns, &FootprintPlace::tool);
+  note(tables.arm_columns, &FootprintPlace::arm);
   const auto load = [&](auto& to, const auto& from) {
     to.grow(memory, from.size(), 0);
     to.upload(from.data(), from.size());
@@ -37,6 +44,9 @@ FootprintTable::FootprintTable(DeviceMemory& memory, const ExactTables& tables)
   view_.tool = tool_.data();
   view_.arm = arm_.data();
   view_.places = places_.data();
+  if (!tables.any_directions) return;
+  load(heights_, heights);
+  view_.heights = heights_.data();
 }
 
 VoxelBox FootprintTable::reachOfSearch() const {

@@ -23,7 +23,7 @@ class FootprintTable {
   FootprintView view_;
   int group_log2_;
   DeviceArray<FootprintColumn> tool_, arm_;
-  DeviceArray<FootprintPlace> places_;
+  DeviceArray<FootprintPlace> places_, heights_;
 };
 
 }  // namespace accessvdb::kernels

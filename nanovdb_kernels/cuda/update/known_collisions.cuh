@@ -22,6 +22,23 @@ inline constexpr int kDirectionWords32 = 2 * kMaxDirectionWords;
 /// (agePoints).
 inline constexpr std::uint32_t kMostCountedLeaves = (1u << 31) / (8u << (3 * kCellLog2));
 
+/// countFreed for directions of any kind: a step up where a run of directions begins, down where it ends. Not inlined,
+/// for yaw's sake.
+static __device__ __noinline__ void stepSet(const DirectionMask& set, std::uint32_t count, std::uint32_t* steps) {
+  std::uint64_t before = 0;
+#pragma unroll 1
+  for (int w = 0; w < kMaxDirectionWords; ++w) {
+    const std::uint64_t bits = set.word[w], shifted = bits << 1 | before;
+    before = bits >> 63;
+#pragma unroll 1
+    for (std::uint64_t up = bits & ~shifted; up != 0; up &= up - 1) atomicAdd(steps + 64 * w + lowestBit(up), count);
+#pragma unroll 1
+    for (std::uint64_t down = shifted & ~bits; down != 0; down &= down - 1) {
+      atomicAdd(steps + 64 * w + lowestBit(down), 0u - count);
+    }
+  }
+}
+
 /// Adds the voxels that stopped colliding in one cell of a leaf. One lane per cell; `steps` is shared by the warp.
 /// @param leaf  first leaf of the points' group
 /// @param steps  [32 kDirectionWords32] upper bound of the voxels that stopped colliding in the tool at each direction,
@@ -37,14 +54,18 @@ __device__ inline void countFreed(const FlipContext& context, const std::int32_t
     if (i < 0 || i >= cells.size[axis]) return;
     entry = entry * cells.size[axis] + i;
   }
-  const DirectionArc arc = cells.table[entry];
-  if (arc.count == 0) return;
-  const auto directions = static_cast<std::uint32_t>(context.num_directions);
   // A count above the cell's number of voxels means that some stopped colliding several times. No direction has lost
   // more collisions than the cell has voxels. So LeafFlips::kManyFreed needs no special case.
   constexpr std::uint32_t kVoxelsOfCell = 1u << (3 * kCellLog2);
   static_assert(LeafFlips::kManyFreed >= kVoxelsOfCell);
   const std::uint32_t count = counted < kVoxelsOfCell ? counted : kVoxelsOfCell;
+  if (cells.sets != nullptr) {
+    stepSet(cells.sets[entry], count, steps);
+    return;
+  }
+  const DirectionArc arc = cells.table[entry];
+  if (arc.count == 0) return;
+  const auto directions = static_cast<std::uint32_t>(context.num_directions);
   const std::uint32_t end = arc.first + std::uint32_t{arc.count};
   atomicAdd(steps + arc.first, count);
   if (end < directions) {

@@ -20,14 +20,20 @@ constexpr int kCountTo = 2;
 
 KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const ExactTables& tables)
     : memory_(memory) {
-  if (tables.cell_directions.empty()) return;
+  if (tables.cell_directions.empty() && tables.cell_sets.empty()) return;
+  const auto load = [&](auto& to, const auto& from) {
+    if (from.empty()) return;
+    to.grow(memory_, from.size(), 0);
+    to.upload(from.data(), from.size());
+  };
   try {
-    cell_directions_.grow(memory_, tables.cell_directions.size(), 0);
+    load(cell_directions_, tables.cell_directions);
+    load(cell_sets_, tables.cell_sets);
   } catch (const ResourceLimit&) {
     return;
   }
-  cell_directions_.upload(tables.cell_directions.data(), tables.cell_directions.size());
   cells_.table = cell_directions_.data();
+  cells_.sets = cell_sets_.data();
   std::copy_n(tables.cell_low, 3, cells_.low);
   std::copy_n(tables.cell_size, 3, cells_.size);
   view_.words = (tables.neighbours.num_directions + kKnownPerWord - 1) / kKnownPerWord;

@@ -39,6 +39,7 @@ class KnownTables {
   std::unique_ptr<AddressRange> levels_;  ///< by id; null: nothing is remembered
   DeviceArray<FreedWord> freed_;          ///< by group
   DeviceArray<DirectionArc> cell_directions_;
+  DeviceArray<DirectionMask> cell_sets_;
 };
 
 }  // namespace accessvdb::kernels

@@ -182,13 +182,21 @@ struct FootprintPlace {
 struct FootprintView {
   const FootprintColumn* tool = nullptr;
   const FootprintColumn* arm = nullptr;
-  const FootprintPlace* places = nullptr;                ///< [x][y] of the box
+  const FootprintPlace* places = nullptr;  ///< [x][y] of the box; of several columns, the lowest
+  /// [x][y] how many columns of one leaf each follow each other upwards. Null: there is one at most, of any height.
+  const FootprintPlace* heights = nullptr;
   std::int32_t low[3] = {0, 0, 0}, high[3] = {0, 0, 0};  ///< [leaves] box of all columns, inclusive
 
 #if defined(__CUDACC__)
-  [[nodiscard]] __device__ FootprintPlace at(std::int32_t dx, std::int32_t dy) const {
+  [[nodiscard]] __device__ FootprintPlace at(std::int32_t dx, std::int32_t dy) const { return in(places, dx, dy); }
+  [[nodiscard]] __device__ FootprintPlace heightAt(std::int32_t dx, std::int32_t dy) const {
+    return in(heights, dx, dy);
+  }
+
+ private:
+  [[nodiscard]] __device__ FootprintPlace in(const FootprintPlace* table, std::int32_t dx, std::int32_t dy) const {
     if (dx < low[0] || dx > high[0] || dy < low[1] || dy > high[1]) return {};
-    return places[static_cast<std::int64_t>(dx - low[0]) * (high[1] - low[1] + 1) + (dy - low[1])];
+    return table[static_cast<std::int64_t>(dx - low[0]) * (high[1] - low[1] + 1) + (dy - low[1])];
   }
 #endif
 };
@@ -198,6 +206,7 @@ struct FootprintView {
 /// From cells back to directions of the tool (ExactTables::cell_directions).
 struct CellTableView {
   const DirectionArc* table = nullptr;  ///< null: there is none
+  const DirectionMask* sets = nullptr;  ///< in place of it, for directions of any kind
   std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
 };
 struct KnownView {

@@ -41,6 +41,14 @@ function toolLine(tool, inside, point) {
   return `${tool.facts.name} in place. ${drawn} inside it` + (inside > 0 ? ", coloured yellow." : ".");
 }
 
+// Yaw, and pitch where the tool does not come level; +90 degrees is from above.
+function directionWords(d, degrees) {
+  const pitch = Math.asin(clamp(d[2], -1, 1)) * 180 / Math.PI;
+  const tilt = Math.abs(pitch) < 0.05 ? "" : `, pitch ${pitch > 0 ? "+" : "−"}${Math.abs(pitch).toFixed(1)}°`;
+  return Math.abs(pitch) > 89.95 ? (pitch > 0 ? "from above" : "from below")
+                                 : `yaw ${degrees(Math.atan2(d[1], d[0]))}${tilt}`;
+}
+
 // @param facts   the report's
 // @param tool    a Tool, or null
 // @param inside  drawn points inside it
@@ -57,7 +65,7 @@ function fillCard(card, {point, facts, tool, inside, close}) {
       row("Point", (point.tile ? `${point.id} of tile ${point.tile}` : String(point.id))),
       row("Position", point.position_W.map((value) => fixed(value, digits)).join("  ") + "\u202fm"),
       row("Label", LABEL_WORDS[point.label]),
-      row("Best direction", d ? `yaw ${degrees(Math.atan2(d[1], d[0]))}` : "none"),
+      row("Best direction", d ? directionWords(d, degrees) : "none"),
       row("Voxels touched", point.score === null ? "not tested" : grouped(point.score)),
       row("Confidence", point.confidence.toFixed(2)));
   const title = element("h2", "", swatch(REASON_COLOURS[point.reason]), words.name);

@@ -226,7 +226,7 @@ class Report {
 
   // The tool with its tip at the point, and an arrow the way it comes. @return drawn points inside the tool
   showDirection(index, point) {
-    const painter = this.painter, origin = this.points.local(index), out = frameAlong(point.direction_W);
+    const painter = this.painter, origin = this.points.local(index), out = frameAlong(point.direction_W, point.up_W);
     const length_m = this.tool ? 1.6 * this.tool.reach_m : 24 * this.facts.frame.voxel_size_m;
     this.arrow ||= arrowMesh(painter, length_m);
     painter.focus = [...origin, 1.3 * length_m];

@@ -101,6 +101,7 @@ class Points {
       label: this.label(index),
       reason: this.reason(index),
       direction_W: d === NONE ? null : this.facts.directions.slice(3 * d, 3 * d + 3),
+      up_W: d === NONE || !this.facts.ups ? null : this.facts.ups.slice(3 * d, 3 * d + 3),
       score: this.scores[index] === NONE ? null : this.scores[index],
       confidence: this.looks[4 * index + 1] / 255,
     };

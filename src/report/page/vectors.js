@@ -34,10 +34,15 @@ function viewMatrix(eye, right, up, back) {
 }
 
 // A frame with its x axis along `direction` and z up as far as possible: that of the tool at a point.
-function frameAlong(direction) {
+// @param up  where z goes, roughly; null: as far up as it can
+function frameAlong(direction, up) {
   const x = normalized(direction);
+  if (up) {
+    const y = normalized(cross(up, x));
+    return {x, y, z: cross(x, y)};
+  }
   const nearly_vertical = Math.abs(x[2]) > 0.999999;
-  const y = normalized(cross(nearly_vertical ? [0, 1, 0] : [0, 0, 1], x));
+  const y = nearly_vertical ? [0, 1, 0] : normalized(cross([0, 0, 1], x));
   return {x, y, z: cross(x, y)};
 }
 

@@ -44,6 +44,13 @@ TEST(ToolTableBytes, AreWhatAFieldHolds) {
   expectHeld(pruner, paramsOf(0.003, 24));  // and here it does not
   expectHeld(tall, paramsOf(0.01, 90));     // columns of more than 64 voxels
   expectHeld(ToolGeometry::builtin("builtin:pencil"), paramsOf(0.002));
+  FieldParams oriented = paramsOf(0.01);
+  oriented.approach.orientations = OrientationSet::sphere(12.5);
+  expectHeld(pruner, oriented);
+  expectHeld(tall, oriented);
+  oriented.approach.num_directions = 36;
+  oriented.approach.orientations = OrientationSet::pitch(-30, 30, 10);
+  expectHeld(pruner, oriented);
   FieldParams paper = paramsOf(0.01);
   paper.update.policy = UpdatePolicy::Paper;
   expectHeld(pruner, paper);

@@ -8,6 +8,7 @@
 #include <tuple>
 
 #include <algorithm>
+#include <optional>
 
 #include "unit/hostdev/occupancy_fixture.h"
 
@@ -31,14 +32,17 @@ struct Scene {
   float position[3] = {0, 0, 0}, normal[3] = {0, 0, 0};
   int limit = 1;
 
-  explicit Scene(std::mt19937_64& random) {
+  /// @param scattered  directions of any kind instead of yaws
+  explicit Scene(std::mt19937_64& random, bool scattered = false) {
+    if (scattered) approach.scatter(random, {2.4, 5.0, 9.0});
     constexpr int kObstacles[4] = {0, 400, 3000, 9000}, kHoles[4] = {0, 300, 3000, 9000};  // from open to closed
     for (int n = kObstacles[below(random, 4)]; n > 0; --n) {
       map.collide({below(random, 40) - 20, below(random, 40) - 20, below(random, 24) - 12});
     }
-    map.freeArm({-14, -14, -2}, {14, 14, 2});
+    const int height = scattered ? 14 : 2;
+    map.freeArm({-14, -14, -height}, {14, 14, height});
     for (int n = kHoles[below(random, 4)]; n > 0; --n)
-      map.blockArm({below(random, 29) - 14, below(random, 29) - 14, below(random, 5) - 2});
+      map.blockArm({below(random, 29) - 14, below(random, 29) - 14, below(random, 2 * height + 1) - height});
     for (int d = 0; d < kDirections; ++d) {
       const int columns = 1 + below(random, 20);
       for (int c = 0; c < columns; ++c) {
@@ -47,6 +51,11 @@ struct Scene {
       }
       tool.endDirection();
     }
+    aim(random);
+    limit = 1 + below(random, 12);
+  }
+  /// Chooses the point.
+  void aim(std::mt19937_64& random) {
     seen[0] = below(random, 2) == 0 ? random() | random() : random() & random() & random();
     if (below(random, 10) == 0) seen[0] = 0;
     for (float& x : position) x = static_cast<float>(between(random, -2, 2));
@@ -54,7 +63,6 @@ struct Scene {
     normal[0] = static_cast<float>(std::cos(yaw) * std::cos(lean));
     normal[1] = static_cast<float>(std::sin(yaw) * std::cos(lean));
     normal[2] = static_cast<float>(std::sin(lean));
-    limit = 1 + below(random, 12);
   }
   kernels::ScoreResult search(const kernels::ScoreItem& item) {
     return kernels::searchDirections(map.reader(), map.inverseVoxelSize(), tool.view(limit), approach.view, position,
@@ -75,14 +83,21 @@ struct Tried {
   [[nodiscard]] auto rank() const { return std::make_tuple(-stage, -passed, count, -dot, d); }
 };
 
+float dotOf(const Scene& scene, std::size_t d) {
+  const std::vector<float>&axes = scene.approach.axes, &xy = scene.approach.xy;
+  const float x_part = (axes.empty() ? xy[2 * d] : axes[3 * d]) * scene.normal[0];
+  const float y_part = (axes.empty() ? xy[2 * d + 1] : axes[3 * d + 1]) * scene.normal[1];
+  const float z_part = axes.empty() ? 0.0f : axes[3 * d + 2] * scene.normal[2];
+  const float sum = x_part + y_part;
+  return sum + z_part;
+}
+
 std::vector<Tried> tryAll(const Scene& scene) {
   std::vector<Tried> tried;
   for (int d = 0; d < kDirections; ++d) {
     Tried t;
     t.d = d;
-    const float x_part = scene.approach.xy[static_cast<std::size_t>(2 * d)] * scene.normal[0];
-    const float y_part = scene.approach.xy[static_cast<std::size_t>(2 * d + 1)] * scene.normal[1];
-    t.dot = x_part + y_part;
+    t.dot = dotOf(scene, static_cast<std::size_t>(d));
     if (!(t.dot >= scene.approach.view.normal_cos_min)) continue;
     if ((scene.seen[0] >> d & 1) != 0) {
       t.stage = 2;
@@ -113,11 +128,15 @@ std::vector<Tried> tryAll(const Scene& scene) {
   return tried;
 }
 
-TEST(SearchDirections, EqualsTryingEverything) {
+/// @param points  of each scene  @param least  of each reason
+void expectEqualsTryingEverything(bool scattered, int scenes, int points, int least) {
   std::mt19937_64 random(11);
+  std::optional<Scene> made;
   std::array<int, kNumPointReasons> reasons = {};
-  for (int n = 0; n < 600; ++n) {
-    Scene scene(random);
+  for (int n = 0; n < scenes * points; ++n) {
+    if (n % points == 0) made.emplace(random, scattered);
+    Scene& scene = *made;
+    if (n % points != 0) scene.aim(random);
     const kernels::ScoreResult result = scene.search();
     const std::vector<Tried> tried = tryAll(scene);
     ASSERT_EQ(result.scored, 1);
@@ -152,9 +171,13 @@ TEST(SearchDirections, EqualsTryingEverything) {
   }
   for (const PointReason reason : {PointReason::None, PointReason::Normal, PointReason::Unseen, PointReason::Unknown,
                                    PointReason::Arm, PointReason::Tool}) {
-    EXPECT_GT(reasons[static_cast<std::size_t>(reason)], 10) << name(reason);
+    EXPECT_GT(reasons[static_cast<std::size_t>(reason)], least) << name(reason);
   }
 }
+
+TEST(SearchDirections, EqualsTryingEverything) { expectEqualsTryingEverything(false, 600, 1, 10); }
+/// The normal cone of 70 degrees holds a third of the sphere: it is never empty.
+TEST(SearchDirections, OfAnyKindEqualsTryingEverything) { expectEqualsTryingEverything(true, 500, 20, -1); }
 
 /// Skipping directions that are truly blocked does not change the outcome of an accessible point, nor does knowing
 /// the count of one direction.

@@ -77,6 +77,52 @@ TEST_P(DirectionWalkOrder, EqualsAFullSort) {
   }
 }
 
+/// Directions of any kind, and yaws that do not count on being yaws, in the same order.
+TEST_P(DirectionWalkOrder, OfAnyKindEqualsAFullSort) {
+  const int num_directions = GetParam();
+  std::mt19937_64 random(static_cast<std::uint64_t>(num_directions));
+  ApproachFixture yaws(num_directions, {}), scattered(num_directions, {});
+  scattered.scatter(random, {});
+  std::vector<float> level;
+  for (int d = 0; d < num_directions; ++d) {
+    const auto yaw = internal::yawDirection(d, num_directions);
+    for (const double x : {yaw.cos, yaw.sin, 0.0}) level.push_back(static_cast<float>(x));
+    yaws.xy[static_cast<std::size_t>(2 * d)] = static_cast<float>(yaw.cos);
+    yaws.xy[static_cast<std::size_t>(2 * d + 1)] = static_cast<float>(yaw.sin);
+  }
+  kernels::ApproachView any = yaws.view;
+  any.direction_xy = nullptr;
+  any.axes_xyz = level.data();
+  const auto sortedWalk = [](const kernels::ApproachView& approach, const float* normal) {
+    std::vector<int> order;
+    kernels::SortedWalk walk(approach, normal);
+    for (int d = walk.next(); d >= 0; d = walk.next()) order.push_back(d);
+    return order;
+  };
+  std::size_t directions = 0;
+  for (int n = 0; n < 10000; ++n) {
+    const double yaw = 3.141592653589793 * below(random, 2 * num_directions) / num_directions;
+    const double lean = n % 3 == 0 ? 0 : between(random, -1.6, 1.6);
+    Eigen::Vector3f normal(static_cast<float>(std::cos(yaw) * std::cos(lean)),
+                           static_cast<float>(std::sin(yaw) * std::cos(lean)), static_cast<float>(std::sin(lean)));
+    if (n % 16 == 5) normal = {0, 0, n % 32 == 5 ? 1.0f : -1.0f};
+    ASSERT_EQ(sortedWalk(any, normal.data()), walked(yaws.view, normal.data())) << "normal " << normal.transpose();
+    std::vector<std::pair<float, int>> inside;
+    for (int d = 0; d < num_directions; ++d) {
+      const float* axis = scattered.axes.data() + 3 * d;
+      const float level_part = axis[0] * normal.x() + axis[1] * normal.y();
+      const float dot = level_part + axis[2] * normal.z();
+      if (dot >= scattered.view.normal_cos_min) inside.emplace_back(-dot, d);
+    }
+    std::sort(inside.begin(), inside.end());
+    std::vector<int> expected;
+    for (const auto& [dot, d] : inside) expected.push_back(d);
+    ASSERT_EQ(sortedWalk(scattered.view, normal.data()), expected) << "normal " << normal.transpose();
+    directions += expected.size();
+  }
+  EXPECT_GT(directions, 1000u);
+}
+
 INSTANTIATE_TEST_SUITE_P(Counts, DirectionWalkOrder, testing::Values(4, 5, 17, 36, 180, 256));
 
 TEST(DirectionWalk, ConesOfAllWidths) {

@@ -72,7 +72,7 @@ class OccupancyFixture {
 
 /// Directions at equal yaw steps, straight from cos and sin; corridor samples at the given distances.
 struct ApproachFixture {
-  std::vector<float> xy, offsets;
+  std::vector<float> xy, axes, offsets;
   kernels::ApproachView view;
 
   ApproachFixture(int num_directions, const std::vector<double>& arm_distances_m,
@@ -92,6 +92,24 @@ struct ApproachFixture {
     view.num_directions = num_directions;
     view.num_arm = static_cast<int>(arm_distances_m.size());
     view.normal_cos_min = static_cast<float>(std::cos(cone_rad));
+  }
+  /// Directions all over the sphere in place of the yaws: no two alike, some level, some vertical.
+  void scatter(std::mt19937_64& random, const std::vector<double>& arm_distances_m) {
+    axes.clear();
+    offsets.clear();
+    for (int d = 0; d < view.num_directions; ++d) {
+      const auto part = [&] { return 2 * static_cast<double>(random() >> 11) * 0x1.0p-53 - 1; };
+      double axis[3] = {part(), part(), d % 5 == 0 ? 0.0 : part()};
+      if (d % 11 == 0) axis[0] = axis[1] = 0, axis[2] = d % 2 == 0 ? 1 : -1;
+      const double length = std::sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
+      for (const double x : axis) axes.push_back(static_cast<float>(x / length));
+      for (const double distance : arm_distances_m) {
+        for (const double x : axis) offsets.push_back(static_cast<float>(distance * x / length));
+      }
+    }
+    view.direction_xy = nullptr;
+    view.axes_xyz = axes.data();
+    view.arm_offsets = offsets.data();
   }
   ApproachFixture(const ApproachFixture&) = delete;
   ApproachFixture& operator=(const ApproachFixture&) = delete;

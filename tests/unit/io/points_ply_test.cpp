@@ -91,6 +91,51 @@ TEST(PointsPly, ReadsBackWhatWasWritten) {
   EXPECT_EQ(back.reasons()[0], 200u);  // none: the accessible ones
 }
 
+/// A field of other orientations than yaw: five more columns behind the others, whose bytes are the same.
+TEST(PointsPly, SaysHowTheToolIsHeldWhereItTilts) {
+  const ScratchFolder folder;
+  FieldSnapshot field = sampleField();
+  for (std::size_t i = 0; i < field.points.size(); ++i) {
+    SurfacePoint& point = field.points[i];
+    if (point.direction == kNoDirection) continue;
+    const auto angle = static_cast<float>(i);
+    point.orientation_WT =
+        Eigen::Quaternionf(1 + std::sin(angle), std::sin(2 * angle), std::cos(3 * angle), std::sin(5 * angle))
+            .normalized();
+    point.direction = static_cast<std::uint16_t>(i % 254);
+  }
+  io::FieldMetadata metadata = kMetadata;
+  metadata.emplace_back("orientations", "sphere:12.5");
+  io::writePointsPly(folder / "points.ply", field, metadata);
+  io::writePointsPly(folder / "yaw.ply", field, kMetadata);
+  const ParsedPly ply(contentOf(folder / "points.ply")), yaw(contentOf(folder / "yaw.ply"));
+  const std::vector<std::string> more(ply.names.begin() + 18, ply.names.end());
+  EXPECT_EQ(more, (std::vector<std::string>{"qw", "qx", "qy", "qz", "orientation"}));
+  ASSERT_EQ(yaw.names.size(), 18u);
+  const FieldSnapshot back = io::readPointsPly(folder / "points.ply");
+  ASSERT_EQ(back.points.size(), field.points.size());
+  for (std::size_t i = 0; i < field.points.size(); ++i) {
+    const Eigen::Quaternionf& q = field.points[i].orientation_WT;
+    EXPECT_EQ(std::vector<double>(ply.rows[i].begin(), ply.rows[i].begin() + 18), yaw.rows[i]);
+    EXPECT_EQ(std::vector<double>(ply.rows[i].begin() + 18, ply.rows[i].end()),
+              (std::vector<double>{q.w(), q.x(), q.y(), q.z(), static_cast<double>(field.points[i].direction)}));
+    EXPECT_EQ(back.points[i].orientation_WT.coeffs(), q.coeffs());
+    EXPECT_EQ(back.points[i].direction, field.points[i].direction);
+  }
+  // A file of yaw says it by the yaw.
+  const SurfacePoint level = io::readPointsPly(folder / "yaw.ply").accessible().at(0);
+  EXPECT_LT((level.orientation_WT * Eigen::Vector3f::UnitX() - level.direction_W).norm(), 1e-6f);
+  const std::string whole = contentOf(folder / "points.ply");
+  for (const std::size_t cut : {std::size_t{1}, std::size_t{17}, std::size_t{85}}) {
+    std::ofstream(folder / "cut.ply", std::ios::binary) << whole.substr(0, whole.size() - cut);
+    EXPECT_THROW(static_cast<void>(io::readPointsPly(folder / "cut.ply")), InputError) << cut;
+  }
+  std::string foreign = whole;
+  foreign.replace(foreign.find("property float qy\n"), 18, "property float qq\n");
+  std::ofstream(folder / "foreign.ply", std::ios::binary) << foreign;
+  EXPECT_THROW(static_cast<void>(io::readPointsPly(folder / "foreign.ply")), InputError);
+}
+
 TEST(PointsPly, SameBytesInEveryLocale) {
   const ScratchFolder folder;
   io::writePointsPly(folder / "c.ply", sampleField(), kMetadata);

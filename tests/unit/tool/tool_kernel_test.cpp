@@ -13,6 +13,7 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
+#include "support/box_tool.h"
 #include "test_meshes.h"
 
 namespace accessvdb::internal {
@@ -66,6 +67,48 @@ TEST(ToolKernel, QuarterTurnIsExact) {
     Cells turned;
     for (const auto& [i, j, k] : cellsAt(kernel, d)) turned.insert({-j, i, k});
     EXPECT_EQ(cellsAt(kernel, (d + 45) % 180), turned) << d;
+  }
+}
+
+/// Tilted and rolled, against the box that the tool is: voxels whose centre is inside by half a diagonal are there, and
+/// none that is outside by that.
+TEST(ToolKernel, IsTurnedByEveryOrientation) {
+  const Eigen::Vector3d low(0.02, -0.03, -0.05), high(0.31, 0.05, 0.08);
+  const ToolGeometry tool = test::boxTool(low.cast<float>(), high.cast<float>());
+  FieldParams params = paramsFor(0.01, -1, 36);
+  std::vector<ToolOrientation> list;
+  for (int n = 0; n < 40; ++n) list.push_back(orientationOf(77.0 * n, 90 * std::sin(3.0 * n), 31.0 * n));
+  for (const OrientationSet& set : {OrientationSet::sphere(30), OrientationSet::of(list)}) {
+    params.approach.orientations = set;
+    const ToolKernel kernel = ToolKernel::make(tool, params);
+    const auto orientations = set.orientations(36);
+    ASSERT_EQ(kernel.num_directions, static_cast<int>(orientations.size()));
+    ASSERT_EQ(kernel.column_begin.size(), orientations.size() + 1);
+    constexpr double kHalfDiagonal = 0.8661;
+    for (std::size_t d = 0; d < orientations.size(); ++d) {
+      const Cells cells = cellsAt(kernel, static_cast<int>(d));
+      std::size_t inside = 0;
+      for (int i = -36; i <= 36; ++i) {
+        for (int j = -36; j <= 36; ++j) {
+          for (int k = -36; k <= 36; ++k) {
+            const Eigen::Vector3d p_T = orientations[d].R_WT.transpose() * Eigen::Vector3d(i, j, k);
+            const double margin = std::min((p_T - low * 100).minCoeff(), (high * 100 - p_T).minCoeff());
+            if (margin > kHalfDiagonal) {
+              ASSERT_TRUE(cells.contains({i, j, k})) << d;
+              ++inside;
+            }
+            if (margin < -kHalfDiagonal) {
+              ASSERT_FALSE(cells.contains({i, j, k})) << d;
+            }
+          }
+        }
+      }
+      ASSERT_GT(inside, 1000u);
+      for (const auto& [i, j, k] : cells) ASSERT_LE(std::max({std::abs(i), std::abs(j), std::abs(k)}), 36);
+    }
+    // The limit is that of the yaw directions.
+    params.approach.orientations = OrientationSet::yaw();
+    EXPECT_EQ(kernel.collision_limit, ToolKernel::make(tool, params).collision_limit);
   }
 }
 

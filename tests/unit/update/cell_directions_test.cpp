@@ -178,6 +178,34 @@ TEST(CellDirections, MissNoVoxelOfColumnsWithGaps) {
   }
 }
 
+/// Directions of any kind: sets, not arcs, and nothing superfluous.
+TEST(CellDirections, OfAnyKindAreTheSets) {
+  for (const int D : {1, 20, 65, 256}) {
+    SCOPED_TRACE(D);
+    const SplitTool tool = barTool(D, static_cast<std::uint64_t>(D) + 7);
+    for (const int group_log2 : {0, 1}) {
+      const CellDirections cells(tool.view(), D, group_log2, kAnySize, true);
+      ASSERT_FALSE(cells.empty());
+      ASSERT_TRUE(cells.table().empty());
+      auto covering = coveringDirections(tool, group_log2);
+      std::size_t at = 0, some = 0;
+      for (std::int32_t x = 0; x < cells.size()[0]; ++x) {
+        for (std::int32_t y = 0; y < cells.size()[1]; ++y) {
+          for (std::int32_t z = 0; z < cells.size()[2]; ++z, ++at) {
+            const auto& set = covering[{x + cells.low()[0], y + cells.low()[1], z + cells.low()[2]}];
+            for (int d = 0; d < D; ++d) {
+              ASSERT_EQ(cells.sets()[at].test(d), set.test(static_cast<std::size_t>(d))) << d;
+              some += set.test(static_cast<std::size_t>(d)) ? 1 : 0;
+            }
+          }
+        }
+      }
+      ASSERT_EQ(at, cells.sets().size());
+      EXPECT_GT(some, 0u);
+    }
+  }
+}
+
 /// Every set of few directions, each direction with or without its one voxel.
 TEST(CellDirections, AreTheSmallestArcsOfAllSets) {
   constexpr int kFew = 7;

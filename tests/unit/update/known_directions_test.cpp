@@ -61,7 +61,9 @@ TEST(KnownDirections, NeverPromiseMoreCollisionsThanThereAre) {
       std::set<Voxel> colliding;
       const auto near = [&](int axis) { return leaf[static_cast<std::size_t>(axis)] * 8 + below(random, 48) - 20; };
       for (int n = 0; n < 12000; ++n) colliding.insert({near(0), near(1), leaf[2] * 8 + below(random, 24) - 8});
-      KnownDirections known(tool.view(limit), kYaws);
+      const bool as_sets = round % 2 != 0;  // of directions, as for other orientations than yaw
+      KnownDirections known(tool.view(limit), kYaws, as_sets);
+      ASSERT_EQ(known.cells().sets().empty(), !as_sets);
       known.grow(10, 1);
       ASSERT_FALSE(known.cells().empty());
       std::vector<std::uint32_t> ids;

@@ -62,11 +62,12 @@ struct Flips {
 struct Tables {
   std::vector<kernels::VoxelColumn> columns;
   std::vector<std::uint32_t> column_begin = {0}, sample_begin = {0};
-  std::vector<float> samples, xy = directionTable(kDirections), offsets;
+  std::vector<float> samples, xy = directionTable(kDirections), axes, offsets;
   kernels::ToolKernelView tool;
   kernels::ApproachView approach;
 
-  Tables(Random& random, double v, bool use_samples) {
+  /// @param tilted  directions of any kind, one behind the other up and down
+  Tables(Random& random, double v, bool use_samples, bool tilted = false) {
     for (int d = 0; d < kDirections; ++d) {
       for (int n = random.below(6); n >= 0; --n) {
         const auto at = [&](int low, int high) { return static_cast<std::int16_t>(random.between(low, high)); };
@@ -82,17 +83,23 @@ struct Tables {
       column_begin.push_back(static_cast<std::uint32_t>(columns.size()));
       sample_begin.push_back(static_cast<std::uint32_t>(samples.size() / 3));
       for (const double s : {2.4, 5.0, 9.0, 13.0}) {
-        offsets.push_back(static_cast<float>(s * v * std::cos(2 * 3.141592653589793 * d / kDirections)));
-        offsets.push_back(static_cast<float>(s * v * std::sin(2 * 3.141592653589793 * d / kDirections)));
-        offsets.push_back(0);
+        const double yaw = 2 * 3.141592653589793 * d / kDirections, pitch = tilted ? 1.4 * std::sin(5.0 * d) : 0;
+        offsets.push_back(static_cast<float>(s * v * std::cos(yaw) * std::cos(pitch)));
+        offsets.push_back(static_cast<float>(s * v * std::sin(yaw) * std::cos(pitch)));
+        offsets.push_back(static_cast<float>(s * v * std::sin(pitch)));
       }
+      axes.insert(axes.end(), {1, 0, 0});  // only whether there are any is read
     }
     tool.columns = columns.data();
     tool.column_begin = column_begin.data();
     tool.samples = samples.data();
     tool.sample_begin = sample_begin.data();
     tool.use_samples = use_samples;
-    approach.direction_xy = xy.data();
+    if (tilted) {
+      approach.axes_xyz = axes.data();
+    } else {
+      approach.direction_xy = xy.data();
+    }
     approach.arm_offsets = offsets.data();
     approach.num_directions = kDirections;
     approach.num_arm = 4;
@@ -170,10 +177,10 @@ AffectedDirections affectedBy(const LeafFootprint& footprint, const Index3& leaf
 }
 
 /// @param far  distance of the scene from the origin, in voxels
-void check(std::uint64_t seed, bool use_samples, double v, double far, int group_log2) {
+void check(std::uint64_t seed, bool use_samples, double v, double far, int group_log2, bool tilted = false) {
   SCOPED_TRACE("group of 2^" + std::to_string(group_log2) + " leaves");
   Random random(seed);
-  const Tables tables(random, v, use_samples);
+  const Tables tables(random, v, use_samples, tilted);
   const LeafFootprint footprint(tables.tool, tables.approach, v, group_log2);
   std::size_t hits = 0, misses = 0;
   for (int n = 0; n < 200; ++n) {
@@ -204,10 +211,10 @@ void check(std::uint64_t seed, bool use_samples, double v, double far, int group
 }
 
 /// One flip at a time, on a voxel that a direction certainly reads.
-void checkSingleFlips(std::uint64_t seed, bool use_samples, double v, double far, int group_log2) {
+void checkSingleFlips(std::uint64_t seed, bool use_samples, double v, double far, int group_log2, bool tilted = false) {
   SCOPED_TRACE("group of 2^" + std::to_string(group_log2) + " leaves");
   Random random(seed);
-  const Tables tables(random, v, use_samples);
+  const Tables tables(random, v, use_samples, tilted);
   const LeafFootprint footprint(tables.tool, tables.approach, v, group_log2);
   for (int n = 0; n < 4000; ++n) {
     const Eigen::Vector3f p = pointNear(random, v, far, true);
@@ -250,6 +257,59 @@ TEST(LeafFootprint, NeverMissesAFlipFarFromTheOrigin) {
       check(seed, seed % 2 == 0, 0.01, 900000, group_log2);
       checkSingleFlips(seed, seed % 2 == 0, 0.01, 900000, group_log2);
     }
+  }
+}
+
+TEST(LeafFootprint, OfAnyDirectionsNeverMissesAFlip) {
+  for (std::uint64_t seed = 31; seed <= 34 && !HasFatalFailure(); ++seed) {
+    for (const int group_log2 : {0, 1, 2}) {
+      const double far = seed % 4 < 2 ? 0 : 900000;
+      check(seed, seed % 2 == 0, 0.05, far, group_log2, true);
+      checkSingleFlips(seed, seed % 2 == 0, 0.05, far, group_log2, true);
+    }
+  }
+}
+
+/// Of any directions, each leaf has its own set, and all leaves above each other are there.
+TEST(LeafFootprint, OfAnyDirectionsHasASetForEachLeaf) {
+  Random random(8);
+  const Tables tables(random, 0.05, false, true);
+  for (const int group_log2 : {0, 1}) {
+    std::map<Index3, DirectionMask> expected;
+    for (std::size_t d = 0; d < kDirections; ++d) {
+      for (std::size_t n = tables.column_begin[d]; n < tables.column_begin[d + 1]; ++n) {
+        const kernels::VoxelColumn& c = tables.columns[n];
+        const std::int32_t last = (8 << group_log2) - 1, top = c.dz + 63 - std::countl_zero(c.bits);
+        std::set<Index3> leaves;
+        for (const std::int32_t x : {0, last / 2, last}) {
+          for (const std::int32_t y : {0, last / 2, last}) {
+            for (std::int32_t z = c.dz; z <= top + last; ++z) leaves.insert(parentOf({x + c.dx, y + c.dy, z}));
+          }
+        }
+        if (group_log2 == 0) {
+          for (const Index3& leaf : leaves)
+            expected.try_emplace(leaf, DirectionMask{}).first->second.set(static_cast<int>(d));
+        }
+      }
+    }
+    const LeafFootprint footprint(tables.tool, tables.approach, 0.05, group_log2);
+    std::size_t in_stacks = 0;
+    for (const LeafFootprint::Stack& stack : footprint.toolStacks()) {
+      ASSERT_LT(stack.begin, stack.end);
+      for (std::uint32_t n = stack.begin; n < stack.end; ++n, ++in_stacks) {
+        const kernels::FootprintColumn& column = footprint.toolColumns()[n];
+        const kernels::FootprintColumn& lowest = footprint.toolColumns()[stack.begin];
+        ASSERT_EQ(column.z_low, column.z_high);
+        ASSERT_EQ(column.z_low, lowest.z_low + static_cast<std::int32_t>(n - stack.begin));
+        ASSERT_TRUE(column.dx == lowest.dx && column.dy == lowest.dy);
+        if (group_log2 > 0) continue;
+        const auto found = expected.find({column.dx, column.dy, column.z_low});
+        ASSERT_TRUE(column.directions == (found == expected.end() ? DirectionMask{} : found->second));
+        if (found != expected.end()) expected.erase(found);
+      }
+    }
+    ASSERT_EQ(in_stacks, footprint.toolColumns().size());
+    ASSERT_TRUE(expected.empty());
   }
 }
 

@@ -16,6 +16,8 @@ _MAX_HEADER_BYTES = 1 << 16
 #: Columns that every points.ply of AccessVDB has; positions in metres in the world frame, yaw in degrees.
 COLUMNS = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "label", "reason", "score", "confidence",
            "stability", "dx", "dy", "dz", "yaw")
+#: Columns that files of other orientations than yaw have as well: world from tool.
+QUATERNION = ("qw", "qx", "qy", "qz")
 LABELS = ("unscored", "accessible", "blocked")
 REASONS = ("none", "confidence", "normal", "unseen", "unknown", "arm", "tool")
 #: Score of a point of which no direction reached the tool stage.
@@ -51,6 +53,10 @@ class Points:
     def positions_L(self):
         """(n, 3) doubles, metres, in the local frame of field.vdb."""
         return self.positions_W() - self.origin_W
+
+    def has_orientations(self):
+        """Whether the tool was not only turned about the vertical."""
+        return all(name in self.records.dtype.names for name in QUATERNION)
 
     def columns(self, *names):
         """(n, len(names)) array of the named columns."""

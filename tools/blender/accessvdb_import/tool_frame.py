@@ -3,14 +3,15 @@
 """The tool's frame and its placement at a point, as in the C++ library. Needs NumPy, not Blender.
 
 Tool frame T: metres, the tip at the origin, +x from the tip along the body (the way the tool withdraws), +z up. At a
-surface point, the tip is at the point and the body along the point's best direction: T_W_T = [R_z(yaw) | p_W].
+surface point, the tip is at the point and the body along the point's best direction: T_W_T = [R_z(yaw) | p_W], or
+[R(quaternion) | p_W] for a field whose tool was not only turned about the vertical.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from .points_ply import REASONS, FieldError
+from .points_ply import QUATERNION, REASONS, FieldError
 
 METRES_PER = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254}
 _MIN_SIZE_M, _MAX_SIZE_M = 0.001, 20.0  # what the library accepts as a tool
@@ -64,11 +65,24 @@ def placement_L(points, index):
         raise FieldError(f"There is no point {index}: the field has {len(points)}, counted from 0")
     record = points.records[index]
     direction = np.array([record["dx"], record["dy"], record["dz"]], dtype=float)
-    length = np.linalg.norm(direction[:2])
-    if not np.isfinite(direction).all() or not length > 0.5:
+    if not np.isfinite(direction).all() or not np.linalg.norm(direction) > 0.5:
         raise FieldError(f"Point {index} has no best direction (reason: {REASONS[record['reason']]}). Choose another")
-    cos, sin = direction[:2] / length
     matrix = np.eye(4)
-    matrix[:3, :3] = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
+    if points.has_orientations():
+        matrix[:3, :3] = _rotation(np.array([record[name] for name in QUATERNION], dtype=float), index)
+    else:
+        cos, sin = direction[:2] / np.linalg.norm(direction[:2])
+        matrix[:3, :3] = [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]
     matrix[:3, 3] = np.array([record["x"], record["y"], record["z"]]) - points.origin_W
     return matrix
+
+
+def _rotation(quaternion, index):
+    """(3, 3) of a quaternion, w first."""
+    length = np.linalg.norm(quaternion)
+    if not np.isfinite(quaternion).all() or not abs(length - 1) < 1e-3:
+        raise FieldError(f"Point {index} has an orientation that is no unit quaternion. Compute the field again")
+    w, x, y, z = quaternion / length
+    return np.array([[1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                     [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                     [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)]])

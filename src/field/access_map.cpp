@@ -1,0 +1,42 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/access_map.h"
+
+#include <span>
+
+#include "field/tool_heading.h"
+#include "hostdev/direction_filter.h"
+
+namespace accessvdb::internal {
+
+std::vector<DirectionOutcome> tryEveryDirection(PointScorer& scorer, const ScoringSetup& setup,
+                                                const kernels::OccupancyGrid* grid, std::uint32_t id) {
+  const std::span<const std::uint32_t> ids(&id, 1);
+  scorer.grow();
+  scorer.refreshWeights(ids);
+  scorer.refreshNeighbourhoods(ids);
+  scorer.upload(ids);
+  ScoringTables tables = setup.tables(grid);
+  tables.rule.keep_best = false;
+  const kernels::ApproachView approach = setup.hostApproach();
+  const Eigen::Vector3f normal = scorer.record(id).normal_L;
+  std::vector<DirectionOutcome> outcomes;
+  for (const ToolHeading& heading : toolHeadings(scorer.params().approach)) {
+    const auto d = static_cast<int>(outcomes.size());
+    DirectionOutcome& outcome = outcomes.emplace_back();
+    outcome.direction_W = heading.direction_W;
+    outcome.orientation_WT = heading.orientation_WT;
+    const bool in_cone =
+        !normal.isZero() && kernels::cosToNormal(approach, d, normal.data()) >= approach.normal_cos_min;
+    if (!in_cone) continue;  // the search would only say that others are
+    kernels::ScoreItem item;
+    item.id = id;
+    item.candidates.set(d);
+    const kernels::ScoreResult result = scorer.score({&item, 1}, tables).front();
+    outcome.reason = result.reason;
+    outcome.score = result.score;
+  }
+  return outcomes;
+}
+
+}  // namespace accessvdb::internal
