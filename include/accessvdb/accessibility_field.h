@@ -52,11 +52,19 @@ class ACCESSVDB_API AccessibilityField {
   /// @param T_W_S     pose, sensor to world, rigid
   /// @throws UnusableInput for a pose that is not finite or not rigid; nothing has changed then
   FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S);
+  /// @param stamp_s  time of the scan's first return, seconds of any clock. A number that is not finite counts as
+  ///                 missing, one that is earlier than the latest so far counts as that one.
+  FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, double stamp_s);
 
   /// Fuses rays that each have their own origin (ray clouds), or one origin for all.
   /// @param points_W   [n] returns in the world frame
   /// @param origins_W  [n] or [1] sensor positions in the world frame
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W);
+  FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
+                           double stamp_s);
+  /// The field's time: the latest stamp of a scan. It never runs backwards, and is no clock of this machine: the same
+  /// input gives the same bytes at any time. Nothing while no scan had a stamp.
+  [[nodiscard]] std::optional<double> latestStamp_s() const;
 
   /// Scores what changed since the last update().
   UpdateStats update();

@@ -67,6 +67,7 @@ enum {
 enum { ACCESSVDB_REGION_DOUBLE_CONE = 0, ACCESSVDB_REGION_FULL_CUBE = 1 };
 enum { ACCESSVDB_FORM_VOXELS = 0, ACCESSVDB_FORM_SURFACE_SAMPLES = 1 };
 enum { ACCESSVDB_POLICY_EXACT = 0, ACCESSVDB_POLICY_PAPER = 1 };
+enum { ACCESSVDB_CHANGE_OFF = 0, ACCESSVDB_CHANGE_BLOCK = 1 };
 enum { ACCESSVDB_BACKEND_AUTO = 0, ACCESSVDB_BACKEND_CPU = 1, ACCESSVDB_BACKEND_CUDA = 2 };
 
 /// What went wrong in a call that has no handle yet.
@@ -169,6 +170,8 @@ typedef struct accessvdb_params {
   /// Version 5. "yaw", "pitch:MIN:MAX:STEP", "sphere:STEP", "sphere:STEP+yaw" or "list:FILE", angles in degrees; read
   /// by the call that it is passed to. NULL = yaw
   const char* orientations;
+  int32_t change;  ///< ACCESSVDB_CHANGE_*; since version 5
+  int32_t reserved_change;
 } accessvdb_params;
 
 /// The product's defaults. Reads only struct_size.
@@ -240,11 +243,22 @@ ACCESSVDB_API const char* accessvdb_field_error_id(const accessvdb_field* field)
 ACCESSVDB_API int accessvdb_field_integrate_scan(accessvdb_field* field, const float* points_S, size_t point_count,
                                                  const double* T_W_S,
                                                  accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
+/// The same for a scan whose first return has this time, in seconds of any clock (since version 5). A stamp that is not
+/// finite counts as missing, one that is earlier than the latest so far as that one.
+ACCESSVDB_API int accessvdb_field_integrate_scan_at(accessvdb_field* field, const float* points_S, size_t point_count,
+                                                    const double* T_W_S, double stamp_s,
+                                                    accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
 /// Fuses rays that each have their own origin, or one origin for all.
 /// @param points_W  [3 x point_count]    @param origins_W  [3 x origin_count], origin_count being point_count or 1
 ACCESSVDB_API int accessvdb_field_integrate_rays(accessvdb_field* field, const double* points_W, size_t point_count,
                                                  const double* origins_W, size_t origin_count,
                                                  accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
+/// The same for rays of which the first has this time (since version 5).
+ACCESSVDB_API int accessvdb_field_integrate_rays_at(accessvdb_field* field, const double* points_W, size_t point_count,
+                                                    const double* origins_W, size_t origin_count, double stamp_s,
+                                                    accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
+/// The latest stamp of a scan so far; NaN while none had one (since version 5).
+ACCESSVDB_API int accessvdb_field_latest_stamp(accessvdb_field* field, double* stamp_s) ACCESSVDB_C_NOEXCEPT;
 /// Scores what changed since the last update.
 ACCESSVDB_API int accessvdb_field_update(accessvdb_field* field, accessvdb_update_stats* stats) ACCESSVDB_C_NOEXCEPT;
 

@@ -6,6 +6,8 @@
 #include <array>
 #include <cstdint>
 
+#include "accessvdb/leaf_change.h"
+
 namespace accessvdb {
 
 /// How the map packs a voxel into 32 bits: mean distance in steps in the high bits, weight in the low bits.
@@ -29,6 +31,7 @@ struct DistanceChange {
   std::array<std::int32_t, 3> origin_ijk = {};  ///< lowest voxel of the leaf, multiples of 8
   std::uint32_t row_pairs = 0;                  ///< bit n: some of voxels 16 n .. 16 n + 15, in the order of LeafBits
   const std::uint32_t* packed = nullptr;        ///< [512] the whole leaf as it is now; valid until the map next changes
+  LeafBits blocked = {};                        ///< voxels whose distance is 0 whatever `packed` says, as it is now
 };
 
 }  // namespace accessvdb

@@ -16,8 +16,12 @@
 
 namespace accessvdb {
 
-enum class Profile { Product, Paper };       ///< the two columns of docs/DESIGN.md, "Two profiles"
-enum class UpdatePolicy { Exact, Paper };    ///< how points to be scored again are chosen
+enum class Profile { Product, Paper };     ///< the two columns of docs/DESIGN.md, "Two profiles"
+enum class UpdatePolicy { Exact, Paper };  ///< how points to be scored again are chosen
+/// What follows when the world changes (docs/DESIGN.md, "A world that changes").
+///   Off    the world is still: a thing that appears near old surfaces, or where it was free for long, blocks slowly
+///   Block  new things block within a few scans, whatever was measured there before
+enum class ChangeMode { Off, Block };
 enum class BackendKind { Auto, Cpu, Cuda };  ///< where scoring runs
 /// Which voxels a return updates; Projective is a baseline for evaluation, see ProjectiveParams.
 enum class UpdateRegion { DoubleCone, FullCube, Projective };
@@ -97,12 +101,18 @@ struct UpdateParams {
   std::uint64_t seed = 1;                    ///< for the paper policy's sample
 };
 
+/// How the map follows a world that changes.
+struct ChangeParams {
+  ChangeMode mode = ChangeMode::Block;  ///< Block only with UpdateRegion::DoubleCone; resolved() turns it off elsewhere
+};
+
 /// Everything that an AccessibilityField needs besides the tool.
 struct ACCESSVDB_API FieldParams {
   TsdfParams tsdf = {};
   ApproachParams approach = {};
   ScoringParams scoring = {};
   UpdateParams update = {};
+  ChangeParams change = {};
   BackendKind backend = BackendKind::Auto;
   int threads = 0;  ///< 0 = all
   /// Keeps a second live mirror, of the map's distances, for DeviceView::distanceAt(). Scoring does not need it and no

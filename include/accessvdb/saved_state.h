@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <optional>
 #include <string>
 
 #include "accessvdb/export.h"
@@ -13,14 +14,15 @@
 namespace accessvdb {
 
 struct SavedState {
-  std::string version;       ///< of the program that wrote it
-  std::string tool_sha256;   ///< ToolGeometry::sha256()
-  std::string sha256;        ///< of its head; two states of one run differ in it
-  FieldParams params;        ///< resolved; backend and threads are defaults
-  bool updated = false;      ///< after an update(): loading it makes the labels again
-  std::uint64_t scans = 0;   ///< calls of integrateScan() and integrateRays()
-  std::uint64_t leaves = 0;  ///< of the map
-  std::uint64_t points = 0;  ///< surface points
+  std::string version;                   ///< of the program that wrote it
+  std::string tool_sha256;               ///< ToolGeometry::sha256()
+  std::string sha256;                    ///< of its head; two states of one run differ in it
+  FieldParams params;                    ///< resolved; backend and threads are defaults
+  bool updated = false;                  ///< after an update(): loading it makes the labels again
+  std::uint64_t scans = 0;               ///< calls of integrateScan() and integrateRays()
+  std::optional<double> latest_stamp_s;  ///< AccessibilityField::latestStamp_s()
+  std::uint64_t leaves = 0;              ///< of the map
+  std::uint64_t points = 0;              ///< surface points
 };
 
 /// Reads the head only, in no time. Damage in the rest is found by AccessibilityField::loadState.

@@ -32,6 +32,7 @@ try:
         AccessibilityField,
         ApproachParams,
         CapsuleAnswers,
+        ChangeParams,
         FieldParams,
         FieldSnapshot,
         FrameStats,

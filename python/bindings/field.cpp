@@ -7,6 +7,7 @@
 #include <pybind11/stl/filesystem.h>
 
 #include <filesystem>
+#include <limits>
 #include <memory>
 #include <optional>
 
@@ -133,21 +134,31 @@ std::unique_ptr<LockedField> loadState(const std::filesystem::path& file, const 
       [&] { return std::make_unique<LockedField>(AccessibilityField::loadState(file, tool, kind, count)); });
 }
 
-FrameStats integrateScan(LockedField& field, const py::object& points_S, const py::object& T_W_S) {
-  const ScanPoints points("points_S", points_S);
-  const Eigen::Isometry3d pose = poseOf("T_W_S", T_W_S);
-  return field.run([&](AccessibilityField& f) { return f.integrateScan(points.view(), pose); });
+/// None counts as missing, as every number that is not finite.
+double stampFrom(const py::object& stamp_s) {
+  return stamp_s.is_none() ? std::numeric_limits<double>::quiet_NaN() : numberFrom("stamp_s", stamp_s);
 }
 
-FrameStats integrateRays(LockedField& field, const py::object& points_W, const py::object& origins_W) {
+FrameStats integrateScan(LockedField& field, const py::object& points_S, const py::object& T_W_S,
+                         const py::object& stamp_s) {
+  const ScanPoints points("points_S", points_S);
+  const Eigen::Isometry3d pose = poseOf("T_W_S", T_W_S);
+  const double stamp = stampFrom(stamp_s);
+  return field.run([&](AccessibilityField& f) { return f.integrateScan(points.view(), pose, stamp); });
+}
+
+FrameStats integrateRays(LockedField& field, const py::object& points_W, const py::object& origins_W,
+                         const py::object& stamp_s) {
   const Positions points("points_W", points_W), origins("origins_W", origins_W);
-  return field.run([&](AccessibilityField& f) { return f.integrateRays(points.view(), origins.view()); });
+  const double stamp = stampFrom(stamp_s);
+  return field.run([&](AccessibilityField& f) { return f.integrateRays(points.view(), origins.view(), stamp); });
 }
 
 FrameStats integrateRecord(LockedField& field, const io::ScanRecord& record) {
   return field.run([&](AccessibilityField& f) {
-    return record.points_W.empty() ? f.integrateScan(record.points_S, record.T_W_S)
-                                   : f.integrateRays(record.points_W, record.origins_W);
+    const double stamp_s = record.stamp_s != 0 ? record.stamp_s : std::numeric_limits<double>::quiet_NaN();
+    return record.points_W.empty() ? f.integrateScan(record.points_S, record.T_W_S, stamp_s)
+                                   : f.integrateRays(record.points_W, record.origins_W, stamp_s);
   });
 }
 
@@ -175,11 +186,16 @@ void bindField(py::module_& module) {
   class_
       .def(py::init(&makeField), py::arg("tool"), py::arg("params") = py::none(),
            "params: FieldParams, or a dict of its fields: {\"tsdf\": {\"voxel_size_m\": 0.02}}.")
-      .def("integrate_scan", &integrateScan, py::arg("points_S"), py::arg("T_W_S"),
+      .def("integrate_scan", &integrateScan, py::arg("points_S"), py::arg("T_W_S"), py::arg("stamp_s") = py::none(),
            "Fuses one scan. points_S: (N, 3) in the sensor frame, metres; exactly (0, 0, 0) means no return. T_W_S: "
-           "(4, 4) pose, sensor to world. Bad returns are counted, never used.")
-      .def("integrate_rays", &integrateRays, py::arg("points_W"), py::arg("origins_W"),
-           "Fuses rays: (N, 3) returns and (N, 3) or (1, 3) sensor positions, all in the world frame.")
+           "(4, 4) pose, sensor to world. Bad returns are counted, never used. stamp_s: time of the first return, in "
+           "seconds of any clock.")
+      .def("integrate_rays", &integrateRays, py::arg("points_W"), py::arg("origins_W"), py::arg("stamp_s") = py::none(),
+           "Fuses rays: (N, 3) returns and (N, 3) or (1, 3) sensor positions, all in the world frame. stamp_s: time of "
+           "the first return.")
+      .def_property_readonly(
+          "latest_stamp_s", [](F& f) { return f.run([](AccessibilityField& field) { return field.latestStamp_s(); }); },
+          "The latest stamp of a scan; None while none had one.")
       .def("integrate", &integrateRecord, py::arg("record"), "Fuses a record of a ScanSequence.")
       .def(
           "update", [](F& f) { return f.run([](AccessibilityField& field) { return field.update(); }); },

@@ -104,6 +104,15 @@ auto updateClass(py::module_& m) {
   return c;
 }
 
+auto changeClass(py::module_& m) {
+  SettingsClass<ChangeParams> c(m, "ChangeParams", "How the map follows a world that changes.");
+  c.field("mode", &ChangeParams::mode,
+          "\"off\": the world is still; \"block\": new things block within a few scans. Off unless the region is "
+          "\"double_cone\".")
+      .finish();
+  return c;
+}
+
 }  // namespace
 
 FieldParams fieldParamsFrom(py::handle value) { return fieldParamsConverter()(value); }
@@ -113,12 +122,14 @@ void bindParams(py::module_& m) {
   const auto approach = approachClass(m);
   const auto scoring = scoringClass(m);
   const auto update = updateClass(m);
+  const auto change = changeClass(m);
   SettingsClass<FieldParams> c(m, "FieldParams", "Everything that an AccessibilityField needs besides the tool.");
   using P = FieldParams;
   c.nested("tsdf", &P::tsdf, tsdf, "How scans are fused.")
       .nested("approach", &P::approach, approach, "Which directions are admissible.")
       .nested("scoring", &P::scoring, scoring, "How a direction is scored.")
       .nested("update", &P::update, update, "When points are scored again.")
+      .nested("change", &P::change, change, "How the map follows a world that changes.")
       .field("backend", &P::backend, "Where scoring runs: \"auto\", \"cpu\" or \"cuda\".")
       .field("threads", &P::threads, "0 = all.")
       .field("mirror_distance", &P::mirror_distance,

@@ -36,6 +36,8 @@ inline constexpr std::array kWords<ToolForm> = {"voxels", "surface_samples"};
 template <>
 inline constexpr std::array kWords<UpdatePolicy> = {"exact", "paper"};
 template <>
+inline constexpr std::array kWords<ChangeMode> = {"off", "block"};
+template <>
 inline constexpr std::array kWords<LengthUnit> = {"m", "cm", "mm", "in"};
 
 /// Each throws InvalidArgument "python.type" or "python.value" that names the setting.

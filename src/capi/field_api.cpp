@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <cstring>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -166,6 +167,15 @@ int accessvdb_field_integrate_scan(accessvdb_field* field, const float* points_S
   });
 }
 
+int accessvdb_field_integrate_scan_at(accessvdb_field* field, const float* points_S, std::size_t point_count,
+                                      const double* T_W_S, double stamp_s, accessvdb_frame_stats* stats) noexcept {
+  return onField(field, [&] {
+    const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
+    const auto points = vectors("points_S", points_S, point_count);
+    writeStats(stats, size, field->field.integrateScan(points, poseFromC(T_W_S), stamp_s));
+  });
+}
+
 int accessvdb_field_integrate_rays(accessvdb_field* field, const double* points_W, std::size_t point_count,
                                    const double* origins_W, std::size_t origin_count,
                                    accessvdb_frame_stats* stats) noexcept {
@@ -173,6 +183,24 @@ int accessvdb_field_integrate_rays(accessvdb_field* field, const double* points_
     const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
     const auto points = vectors("points_W", points_W, point_count);
     writeStats(stats, size, field->field.integrateRays(points, vectors("origins_W", origins_W, origin_count)));
+  });
+}
+
+int accessvdb_field_integrate_rays_at(accessvdb_field* field, const double* points_W, std::size_t point_count,
+                                      const double* origins_W, std::size_t origin_count, double stamp_s,
+                                      accessvdb_frame_stats* stats) noexcept {
+  return onField(field, [&] {
+    const std::size_t size = optionalSize("stats", stats, kFrameStatsBytes1);
+    const auto points = vectors("points_W", points_W, point_count);
+    const auto origins = vectors("origins_W", origins_W, origin_count);
+    writeStats(stats, size, field->field.integrateRays(points, origins, stamp_s));
+  });
+}
+
+int accessvdb_field_latest_stamp(accessvdb_field* field, double* stamp_s) noexcept {
+  return onField(field, [&] {
+    capi::requirePointer("stamp_s", stamp_s);
+    *stamp_s = field->field.latestStamp_s().value_or(std::numeric_limits<double>::quiet_NaN());
   });
 }
 

@@ -58,6 +58,7 @@ FieldParams paramsFromC(const accessvdb_params& c) {
   u.requeue_motion_m = c.requeue_motion_m;
   u.stability_min = c.stability_min;
   u.seed = c.seed;
+  p.change.mode = static_cast<ChangeMode>(requireChoice("change", c.change, 0, ACCESSVDB_CHANGE_BLOCK));
   return p;
 }
 
@@ -106,6 +107,7 @@ accessvdb_params paramsToC(const FieldParams& p) {
   c.requeue_motion_m = u.requeue_motion_m;
   c.stability_min = u.stability_min;
   c.seed = u.seed;
+  c.change = static_cast<std::int32_t>(p.change.mode);
   return c;
 }
 

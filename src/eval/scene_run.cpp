@@ -98,10 +98,11 @@ RunRequest productRun(const std::string& scene, double voxel_size_m, double rang
   return request;
 }
 
-SceneRunner::SceneRunner(ScanStore& scans, BackendKind backend, int threads, Observer observer)
-    : scans_(scans), backend_(backend), threads_(threads), observer_(std::move(observer)) {}
+SceneRunner::SceneRunner(ScanStore& scans, BackendKind backend, int threads, Observer observer, ChangeMode change)
+    : scans_(scans), backend_(backend), threads_(threads), observer_(std::move(observer)), change_(change) {}
 
-std::shared_ptr<const EvaluatedRun> SceneRunner::run(const RunRequest& request) {
+std::shared_ptr<const EvaluatedRun> SceneRunner::run(RunRequest request) {
+  if (change_ == ChangeMode::Off) request.params.change.mode = ChangeMode::Off;
   const std::string key = describe(request);
   if (const auto found = runs_.find(key); found != runs_.end()) {
     if (!request.true_normals || !found->second->truth_exact.empty() || found->second->found.empty()) {

@@ -54,11 +54,12 @@ struct EvaluatedRun {
 /// Runs requests and caches the results: tables share many.
 class SceneRunner {
  public:
-  /// @param backend, threads  as in FieldParams
-  SceneRunner(ScanStore& scans, BackendKind backend, int threads, Observer observer);
+  /// @param backend, threads  as in FieldParams  @param change  of runs whose parameters allow it
+  SceneRunner(ScanStore& scans, BackendKind backend, int threads, Observer observer,
+              ChangeMode change = ChangeMode::Block);
 
   /// @throws StopRequested, InvalidArgument (scene), what the library throws
-  std::shared_ptr<const EvaluatedRun> run(const RunRequest& request);
+  std::shared_ptr<const EvaluatedRun> run(RunRequest request);
   /// AccessibilityField::deviceName() of the last field; empty before the first.
   [[nodiscard]] const std::string& device() const { return device_; }
 
@@ -67,6 +68,7 @@ class SceneRunner {
   BackendKind backend_;
   int threads_;
   Observer observer_;
+  ChangeMode change_;
   std::string device_;
   std::map<std::string, std::shared_ptr<const EvaluatedRun>> runs_;
 };

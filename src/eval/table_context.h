@@ -61,6 +61,8 @@ void makeIncrementalTable(TableContext& context);
 void makeHprTable(TableContext& context);
 void makeProjectiveTable(TableContext& context);
 
+// table_of_change.cpp: things that come and go.
+void makeChangeTable(TableContext& context);
 // table_of_motion.cpp: a sensor that moves while it scans.
 void makeMotionTable(TableContext& context);
 

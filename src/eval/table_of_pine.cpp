@@ -96,6 +96,7 @@ ScannedPine scan(TableContext& context, const PineCase& which, const ScoringPara
   request.params.backend = context.options.backend;
   request.params.threads = context.options.threads;
   request.params.scoring = scoring;
+  request.params.change.mode = context.options.change;
   result.field = std::make_unique<AccessibilityField>(ToolGeometry::builtin("builtin:pruner"), request.params);
   context.device = result.field->deviceName();
   result.viewpoints_W = fuse(simulator, *result.field, observer);

@@ -15,9 +15,10 @@ namespace accessvdb::eval {
 struct TableOptions {
   std::vector<std::string> tables;  ///< names, "all" (every table but the pine) or "fast" (a subset in minutes)
   BackendKind backend = BackendKind::Auto;
-  int threads = 0;                       ///< 0 = all
-  std::filesystem::path scan_folder;     ///< where simulated scans are kept between runs; empty = nowhere
-  std::filesystem::path picture_folder;  ///< where pictures of the scenes go; empty = none are made
+  int threads = 0;                        ///< 0 = all
+  ChangeMode change = ChangeMode::Block;  ///< of the product's profile
+  std::filesystem::path scan_folder;      ///< where simulated scans are kept between runs; empty = nowhere
+  std::filesystem::path picture_folder;   ///< where pictures of the scenes go; empty = none are made
   Observer observer;
 };
 

@@ -36,6 +36,7 @@ constexpr Table kTables[] = {
     {"motion", true, makeMotionTable},
     {"hpr", true, makeHprTable},
     {"projective", true, makeProjectiveTable},
+    {"change", false, makeChangeTable},
     {"pine", false, makePineTable},
     {"pine_forms", false, makePineFormTable},
 };
@@ -79,7 +80,7 @@ TableResults makeTables(const TableOptions& options) {
                                   : tbb::global_control::active_value(tbb::global_control::max_allowed_parallelism);
   const tbb::global_control limit(tbb::global_control::max_allowed_parallelism, threads);
   ScanStore scans(options.scan_folder, options.observer);
-  SceneRunner runner(scans, options.backend, options.threads, options.observer);
+  SceneRunner runner(scans, options.backend, options.threads, options.observer, options.change);
   TableResults results;
   TableContext context{options, scans, runner, results.rows, results.device};
   try {

@@ -16,8 +16,10 @@
 #include "field/access_map.h"
 #include "field/backend_choice.h"
 #include "field/field_access.h"
+#include "field/field_clock.h"
 #include "field/field_steps.h"
 #include "field/field_views.h"
+#include "field/new_thing_margin.h"
 #include "field/point_weights.h"
 #include "field/rules_version.h"
 #include "field/scan_gate.h"
@@ -86,6 +88,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
 
   static internal::PackedMap& prepared(TsdfVolume& volume, const FieldParams& params) {
     volume.packed().setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
+    if (params.change.mode == ChangeMode::Block) {
+      volume.packed().blockNewThings(static_cast<float>(internal::farFromSurfaces_m(params)));
+    }
     return volume.packed();
   }
 
@@ -197,6 +202,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     if (gate.hasOrigin()) head.origin_W = gate.origin_W();
     head.updated = updated;
     head.scans = scans;
+    head.latest_stamp_s = clock.latest_s();
     return head;
   }
 
@@ -210,6 +216,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     });
     scheduler->noteRestored();
     scans = head.scans;
+    clock = internal::FieldClock(head.latest_stamp_s);
     while (head.updated && update().backlog > 0) {
     }
   }
@@ -247,9 +254,10 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   internal::PointScorer scorer;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;
-  double noted_ms = 0;         ///< noting what scans since the last update changed in the map
-  std::uint64_t scans = 0;     ///< integrated
-  bool updated = false;        ///< at least once
+  double noted_ms = 0;      ///< noting what scans since the last update changed in the map
+  std::uint64_t scans = 0;  ///< integrated
+  bool updated = false;     ///< at least once
+  internal::FieldClock clock;
   internal::FieldSteps steps;  ///< the last member: destroyed first, it waits for an update of the others
 };
 
@@ -270,6 +278,13 @@ FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> po
       [&](FrameStats& stats) -> const internal::GatedScan& { return impl_->gate.gate(points_S, T_W_S, stats); });
 }
 
+FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
+                                             double stamp_s) {
+  const FrameStats stats = integrateScan(points_S, T_W_S);
+  impl_->clock.note(stamp_s);
+  return stats;
+}
+
 FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
                                              std::span<const Eigen::Vector3d> origins_W) {
   impl_->steps.requireUnbroken();
@@ -280,6 +295,15 @@ FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> po
   return impl_->integrate(
       [&](FrameStats& stats) -> const internal::GatedScan& { return impl_->gate.gate(points_W, origins_W, stats); });
 }
+
+FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
+                                             std::span<const Eigen::Vector3d> origins_W, double stamp_s) {
+  const FrameStats stats = integrateRays(points_W, origins_W);
+  impl_->clock.note(stamp_s);
+  return stats;
+}
+
+std::optional<double> AccessibilityField::latestStamp_s() const { return impl_->clock.latest_s(); }
 
 UpdateStats AccessibilityField::update() { return impl_->update(); }
 UpdateTicket AccessibilityField::updateAsync() { return impl_->updateAsync(); }

@@ -46,6 +46,7 @@ class CapsuleScan {
       if (!found_.unknown) found_.unknown = touchesUnknown(capsule_, corner, leaf, reach_ * reach_);
       return;
     }
+    const VoxelVotes* votes = source_.map->votesOf(*leaf);
     for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
       const std::uint32_t packed = values[n];
       const bool observed = weightOf(packed) > 0;
@@ -55,7 +56,7 @@ class CapsuleScan {
       const float distance2 = nearestOnAxis(capsule_, x, y, z).distance2;
       if (distance2 > reach_ * reach_) continue;
       if (observed) {
-        meet(meanOf(packed), x, y, z, std::sqrt(distance2));
+        meet(meanOf(packed), votes != nullptr && votes->blockedAt(n), x, y, z, std::sqrt(distance2));
       } else {
         found_.unknown = true;
       }
@@ -65,10 +66,10 @@ class CapsuleScan {
   [[nodiscard]] const Findings& found() const { return found_; }
 
  private:
-  void meet(std::uint32_t mean, float x, float y, float z, float to_axis) {
-    const float to_surface = source_.map->distanceOf(mean) * inverse_;
+  void meet(std::uint32_t mean, bool blocked, float x, float y, float z, float to_axis) {
+    const float to_surface = blocked ? 0 : source_.map->distanceOf(mean) * inverse_;
     found_.nearest = std::min(found_.nearest, to_axis + to_surface);
-    const bool collides = mean < source_.map->collisionMean();
+    const bool collides = blocked || mean < source_.map->collisionMean();
     if (!collides && !(to_axis + to_surface < capsule_.radius)) return;
     found_.collision = true;
     const float within = collides ? reach_ : capsule_.radius - to_surface;

@@ -103,6 +103,7 @@ FieldParams FieldParams::paper(double voxel_size_m) {
   p.tsdf.voxel_size_m = voxel_size_m;
   p.tsdf.range_noise_m = 0;
   p.tsdf.region = UpdateRegion::FullCube;
+  p.change.mode = ChangeMode::Off;
   p.tsdf.truncation_distance_m = std::max(4 * voxel_size_m, 0.02);
   p.tsdf.cleared_radius_voxels = 0;
   p.tsdf.cleared_begin_tau = 1;
@@ -162,6 +163,7 @@ FieldParams FieldParams::resolved() const {
   require("changed_voxel_radius_voxels", p.update.changed_voxel_radius_voxels, 0, 100);
   require("requeue_motion_m", p.update.requeue_motion_m, 0, 1000);
   require("stability_min", p.update.stability_min, 0, 1);
+  if (t.region != UpdateRegion::DoubleCone) p.change.mode = ChangeMode::Off;
   require("threads", p.threads, 0, 4096);
   for (std::size_t axis = 0; p.origin_W && axis < 3; ++axis) require("origin_W", (*p.origin_W)[axis], -1e8, 1e8);
   if (p.window) requireWindow(p);
@@ -223,6 +225,8 @@ std::string FieldParams::describe() const {
   put("requeue_motion_m", text(update.requeue_motion_m));
   put("stability_min", text(update.stability_min));
   put("seed", std::to_string(update.seed));
+  // Left out when off: files are then those that were written before there was a choice, to the last byte.
+  if (change.mode == ChangeMode::Block) put("change", "block");
   return out;
 }
 

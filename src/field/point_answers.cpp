@@ -336,7 +336,11 @@ class Answerer {
     PointAnswer answer;
     if (visit.leaf != nullptr) answer.cleared = visit.leaf->isValueOn(PackedLeaf::coordToOffset(coordOf(visit)));
     if (visit.packed != nullptr) answer.weight = static_cast<std::uint16_t>(weightOf(*visit.packed));
-    if (answer.weight > 0) answer.distance_m = source_.map->distanceOf(meanOf(*visit.packed));
+    if (answer.weight > 0) {
+      const VoxelVotes* votes = source_.map->votesOf(*visit.leaf);
+      const bool blocked = votes != nullptr && votes->blockedAt(PackedLeaf::coordToOffset(coordOf(visit)));
+      answer.distance_m = blocked ? 0 : source_.map->distanceOf(meanOf(*visit.packed));
+    }
     answer.unknown = answer.weight == 0 && !answer.cleared;
     if (visit.point == nullptr) return answer;
     const std::uint32_t id = visit.point->id;

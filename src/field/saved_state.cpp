@@ -20,6 +20,7 @@ SavedState inspectState(const std::filesystem::path& file) {
   state.params = head.params;
   state.updated = head.updated;
   state.scans = head.scans;
+  state.latest_stamp_s = head.latest_stamp_s;
   state.leaves = head.leaves;
   state.points = head.points;
   return state;

@@ -3,6 +3,7 @@
 #include "field/state_head.h"
 
 #include <array>
+#include <cmath>
 #include <cstring>
 #include <type_traits>
 #include <utility>
@@ -187,14 +188,21 @@ void visitUpdate(Code& code, Params& p) {
 }
 
 template <typename Code, typename Params>
+void visitChange(Code& code, Params& p) {
+  auto& [mode] = p;
+  code.oneOf(mode, ChangeMode::Block);
+}
+
+template <typename Code, typename Params>
 void visitParams(Code& code, Params& p) {
-  auto& [tsdf, approach, scoring, update, backend, threads, mirror_distance, origin_W, window] = p;
+  auto& [tsdf, approach, scoring, update, change, backend, threads, mirror_distance, origin_W, window] = p;
   static_cast<void>(backend);  // a state may go on elsewhere
   static_cast<void>(threads);
   visitTsdf(code, tsdf);
   visitApproach(code, approach);
   visitScoring(code, scoring);
   visitUpdate(code, update);
+  visitChange(code, change);
   code(mirror_distance);
   if (code.has(origin_W)) code(*origin_W);
   if (code.has(window)) {
@@ -216,7 +224,9 @@ void visitRest(Code& code, Head& head) {
   if (code.has(head.origin_W)) {
     visitAll(code, (*head.origin_W)[0], (*head.origin_W)[1], (*head.origin_W)[2]);
   }
-  visitAll(code, head.updated, head.scans, head.leaves, head.leaves_with_values, head.points, head.poses);
+  if (code.has(head.latest_stamp_s)) code(*head.latest_stamp_s);
+  visitAll(code, head.updated, head.scans, head.leaves, head.leaves_with_values, head.leaves_with_votes, head.points,
+           head.poses);
 }
 
 bool isPlausible(const StateHead& head) {
@@ -229,7 +239,9 @@ bool isPlausible(const StateHead& head) {
     return false;
   }
   if (head.points >= ~std::uint32_t{0} || head.poses >= ~std::uint32_t{0}) return false;  // ids have 32 bits
-  if (head.leaves_with_values > head.leaves) return false;
+  if (head.leaves_with_values > head.leaves || head.leaves_with_votes > head.leaves_with_values) return false;
+  if (head.leaves_with_votes > 0 && head.params.change.mode == ChangeMode::Off) return false;
+  if (head.latest_stamp_s && !std::isfinite(*head.latest_stamp_s)) return false;
   try {
     static_cast<void>(head.params.resolved());
   } catch (const Error&) {

@@ -14,9 +14,9 @@
 namespace accessvdb::internal {
 
 /// Layout of the file. Raise it when a section changes; a program reads its own number only.
-inline constexpr std::uint32_t kStateSchema = 1;
+inline constexpr std::uint32_t kStateSchema = 3;
 /// The same with a set of orientations behind the parameters: of fields whose tool does not only turn in yaw.
-inline constexpr std::uint32_t kOrientedStateSchema = 2;
+inline constexpr std::uint32_t kOrientedStateSchema = 4;
 
 [[nodiscard]] constexpr bool isStateSchema(std::uint32_t schema) {
   return schema == kStateSchema || schema == kOrientedStateSchema;
@@ -31,7 +31,8 @@ struct StateHead {
   std::optional<Eigen::Vector3d> origin_W;  ///< once there is one
   bool updated = false;                     ///< after an update(): its labels have to be made again
   std::uint64_t scans = 0;                  ///< integrated
-  std::uint64_t leaves = 0, leaves_with_values = 0;
+  std::optional<double> latest_stamp_s;     ///< of all scans; nothing while none had one
+  std::uint64_t leaves = 0, leaves_with_values = 0, leaves_with_votes = 0;
   std::uint64_t points = 0, poses = 0;
 };
 

@@ -72,10 +72,11 @@ void StateReader::readHead() {
   // No product overflows: ids and file sizes bound the factors.
   const std::uint64_t left = in_.fileBytes();
   const bool small = head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValueBytes &&
+                     head_.leaves_with_votes <= left / kLeafVoteBytes &&
                      head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes;
   const std::uint64_t expected = kStateMagic.size() + 4 * kSectionFrameBytes + length + head_.leaves * kLeafBytes +
-                                 head_.leaves_with_values * kLeafValueBytes + head_.poses * kPoseBytes +
-                                 head_.points * storedPointBytes(head_.params);
+                                 head_.leaves_with_values * kLeafValueBytes + head_.leaves_with_votes * kLeafVoteBytes +
+                                 head_.poses * kPoseBytes + head_.points * storedPointBytes(head_.params);
   if (!small || expected != in_.fileBytes()) {
     in_.refuse("it announces another size than the " + std::to_string(in_.fileBytes()) + " bytes of the file");
   }
@@ -88,7 +89,8 @@ void StateReader::readInto(PackedMap& map, PointStore& points, const TakeLeaves&
 }
 
 void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
-  if (in_.begin("leaves") != head_.leaves * kLeafBytes + head_.leaves_with_values * kLeafValueBytes) {
+  if (in_.begin("leaves") != head_.leaves * kLeafBytes + head_.leaves_with_values * kLeafValueBytes +
+                                 head_.leaves_with_votes * kLeafVoteBytes) {
     in_.refuse("its length is not that of the announced leaves");
   }
   std::vector<const PackedLeaf*> leaves;
@@ -97,41 +99,51 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
   const auto hand_over = [&] {
     facts.resize(leaves.size());
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), 64), [&](const auto& range) {
-      for (std::size_t n = range.begin(); n != range.end(); ++n) facts[n] = factsOf(*leaves[n], map.collisionMean());
+      for (std::size_t n = range.begin(); n != range.end(); ++n) facts[n] = factsOf(map, *leaves[n]);
     });
     std::erase_if(facts, [](const LeafChange& change) { return !hasFacts(change); });
     distances.clear();
     for (const PackedLeaf* leaf : leaves) {
       const std::uint32_t* values = packedValues(*leaf);
       if (values == nullptr) continue;
-      distances.push_back({{leaf->origin().x(), leaf->origin().y(), leaf->origin().z()}, kAllRowPairs, values});
+      const openvdb::Coord& origin = leaf->origin();
+      distances.push_back({{origin.x(), origin.y(), origin.z()}, kAllRowPairs, values, map.blockedIn(*leaf)});
     }
     take(facts, distances);
     leaves.clear();
   };
-  std::uint64_t with_values = 0;
+  std::uint64_t with_values = 0, with_votes = 0;
   for (std::uint64_t n = 0; n < head_.leaves; ++n) {
     std::int32_t origin[3];
-    std::uint32_t has_values = 0;
+    std::uint32_t has = 0;
     LeafBits cleared;
+    VoxelVotes votes;
     alignas(64) std::uint32_t values[PackedLeaf::SIZE];
     in_.read(origin, sizeof origin);
-    in_.read(&has_values, sizeof has_values);
+    in_.read(&has, sizeof has);
     in_.read(cleared.data(), sizeof cleared);
-    with_values += has_values;
-    if (has_values > 1 || with_values > head_.leaves_with_values) in_.refuse("it has too many values");
+    const bool has_values = (has & kHasValues) != 0, has_votes = (has & kHasVotes) != 0;
+    with_values += has_values ? 1 : 0;
+    with_votes += has_votes ? 1 : 0;
+    if ((has & ~(kHasValues | kHasVotes)) != 0 || with_values > head_.leaves_with_values ||
+        with_votes > head_.leaves_with_votes) {
+      in_.refuse("it has too many values");
+    }
     for (const std::int32_t x : origin) {
       if (x % 8 != 0 || x < -kFarthestLeaf_voxels || x > kFarthestLeaf_voxels) in_.refuse("a leaf is out of place");
     }
-    if (has_values == 1) in_.read(values, sizeof values);
-    const PackedLeaf* leaf =
-        map.restoreLeaf({origin[0], origin[1], origin[2]}, cleared, has_values == 1 ? values : nullptr);
+    if (has_values) in_.read(values, sizeof values);
+    if (has_votes) in_.read(votes.bit.data(), kLeafVoteBytes);
+    const PackedLeaf* leaf = map.restoreLeaf({origin[0], origin[1], origin[2]}, cleared, has_values ? values : nullptr,
+                                             has_votes ? &votes : nullptr);
     if (leaf == nullptr) in_.refuse("a leaf is there twice, or has voxels that no map has");
     leaves.push_back(leaf);
     if (leaves.size() == kLeavesRead) hand_over();
   }
   in_.end();
-  if (with_values != head_.leaves_with_values) in_.refuse("it has too few values");
+  if (with_values != head_.leaves_with_values || with_votes != head_.leaves_with_votes) {
+    in_.refuse("it has too few values");
+  }
   hand_over();
 }
 

@@ -20,17 +20,20 @@ constexpr std::size_t kPointsWritten = 1 << 14;
 int wordsOf(const FieldParams& params) { return (params.approach.directionCount() + 63) / 64; }
 
 void writeLeaves(SectionWriter& out, const StateHead& head, const PackedMap& map) {
-  out.begin("leaves", head.leaves * kLeafBytes + head.leaves_with_values * kLeafValueBytes);
+  out.begin("leaves", head.leaves * kLeafBytes + head.leaves_with_values * kLeafValueBytes +
+                          head.leaves_with_votes * kLeafVoteBytes);
   for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
     const std::int32_t origin[3] = {leaf->origin().x(), leaf->origin().y(), leaf->origin().z()};
     const std::uint32_t* values = packedValues(*leaf);
-    const std::uint32_t has_values = values != nullptr ? 1 : 0;
+    const VoxelVotes* votes = map.votesOf(*leaf);
+    const std::uint32_t has = (values != nullptr ? kHasValues : 0) | (votes != nullptr ? kHasVotes : 0);
     LeafBits cleared;
     for (openvdb::Index x = 0; x < 8; ++x) cleared[x] = leaf->getValueMask().getWord<std::uint64_t>(x);
     out.write(origin, sizeof origin);
-    out.write(&has_values, sizeof has_values);
+    out.write(&has, sizeof has);
     out.write(cleared.data(), sizeof cleared);
     if (values != nullptr) out.write(values, kLeafValueBytes);
+    if (votes != nullptr) out.write(votes->bit.data(), kLeafVoteBytes);
   }
   out.end();
 }
@@ -102,6 +105,7 @@ void writeState(const std::filesystem::path& file, StateHead head, const PackedM
   head.schema = head.params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema;
   head.leaves = map.leaf_count;
   head.leaves_with_values = map.allocated_leaf_count;
+  head.leaves_with_votes = map.votedLeafCount();
   head.points = points.size();
   head.poses = points.poses().size();
   io::writeFileDurably(file, [&](std::ostream& stream) {

@@ -14,9 +14,11 @@ namespace accessvdb::internal {
 /// Leaves are at multiples of 8 voxels within this, so that a mirror can hold them.
 inline constexpr std::int32_t kFarthestLeaf_voxels = 1 << 21;
 
-/// Bytes of a leaf without and with values, of a point, and of a sensor position.
+/// Bytes of a leaf, of its values and its votes if it has any, of a point, and of a sensor position.
 inline constexpr std::uint64_t kLeafBytes = 3 * sizeof(std::int32_t) + sizeof(std::uint32_t) + sizeof(LeafBits);
 inline constexpr std::uint64_t kLeafValueBytes = PackedLeaf::SIZE * sizeof(std::uint32_t);
+inline constexpr std::uint64_t kLeafVoteBytes = sizeof(VoxelVotes::bit);
+inline constexpr std::uint32_t kHasValues = 1, kHasVotes = 2;  ///< flags of a leaf
 inline constexpr std::uint64_t kPoseBytes = 3 * sizeof(float);
 [[nodiscard]] std::uint64_t storedPointBytes(const FieldParams& params);
 

@@ -32,7 +32,12 @@ WindowReach windowReach(const ToolKernel& tool, const FieldParams& resolved) {
   }
   reach.map = std::max(reach.map, voxels(armDistances(resolved).back(), resolved) + 1);
   const double band_m = t.cleared_end_tau * t.truncation_distance_m + t.cleared_radius_voxels * t.voxel_size_m;
-  reach.returns = voxels(std::max(t.truncation_distance_m, band_m), resolved) + kRounding;
+  double returns_m = std::max(t.truncation_distance_m, band_m);
+  if (resolved.change.mode == ChangeMode::Block) {
+    // A voxel's votes depend on what the map held where a return within tau lies, and that on returns within tau of it.
+    returns_m = std::max(returns_m, 2 * t.truncation_distance_m + t.voxel_size_m);
+  }
+  reach.returns = voxels(returns_m, resolved) + kRounding;
   reach.neighbours = voxels(neighbourRadius_m(t.voxel_size_m), resolved) + kRounding;
   return reach;
 }

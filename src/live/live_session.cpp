@@ -165,12 +165,13 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   }
 
   void take(Ready ready, LiveStep& step) {
+    const double stamp_s = 1e-9 * static_cast<double>(ready.waiting.scan.stamp_ns);
     const Posed scan = posed(std::move(ready.waiting.scan), ready.T_W_B, ready.registered, step);
     if (scan.registered) {
       const std::array<Eigen::Vector3d, 1> origin_W = {scan.T_W_S.translation()};
-      step.fused = field.integrateRays(scan.points_W, origin_W);
+      step.fused = field.integrateRays(scan.points_W, origin_W, stamp_s);
     } else {
-      step.fused = field.integrateScan(scan.points_S, scan.T_W_S);
+      step.fused = field.integrateScan(scan.points_S, scan.T_W_S, stamp_s);
     }
     step.scored = field.update();
     step.changed = changes.since(*field.points());

@@ -28,6 +28,7 @@ struct DistanceLeaves {
   static void append(DistanceChange& change, const DistanceChange& next) noexcept {
     change.row_pairs |= next.row_pairs;
     change.packed = next.packed;
+    change.blocked = next.blocked;
   }
 
   [[nodiscard]] float background() const noexcept { return background_m; }
@@ -71,8 +72,10 @@ struct DistanceLeaves {
   void decode(const DistanceChange& change, int pair, float* distances_m) const noexcept {
     const std::uint32_t* packed = change.packed + std::size_t{kVoxelsPerRowPair} * static_cast<std::size_t>(pair);
     const DistanceCode by_value = code;  // for all the compiler knows, the writes could alias it
+    const auto row = static_cast<std::size_t>(pair);
+    const auto blocked = static_cast<std::uint32_t>(change.blocked[row >> 2] >> (kVoxelsPerRowPair * (row & 3)));
     for (std::size_t n = 0; n < kVoxelsPerRowPair; ++n) {
-      const float distance_m = by_value.distance_m(packed[n]);
+      const float distance_m = (blocked >> n & 1) != 0 ? 0 : by_value.distance_m(packed[n]);
       distances_m[n] = by_value.observed(packed[n]) ? distance_m : kernels::kKeepDistance;
     }
   }

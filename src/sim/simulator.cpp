@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <limits>
+#include <span>
 #include <string>
 #include <utility>
 
@@ -39,18 +41,32 @@ void requirePoses(const LidarModel& model, const Trajectory& trajectory) {
   }
 }
 
-/// @throws UnusableInput naming the first frame whose sensor is not outside
-void requireOutside(const Scene& scene, const Trajectory& trajectory) {
-  if (!scene.distance) return;
-  for (std::size_t i = 0; i < trajectory.size(); ++i) {
-    const Eigen::Vector3d sensor_W = trajectory[i].translation();
-    const double distance_m = scene.distance->at(sensor_W);
-    if (distance_m > kSurface_m) continue;
-    throw UnusableInput("sim.inside", "frame " + std::to_string(i),
-                        "the sensor at " + place(sensor_W) + " is " +
-                            (distance_m < -kSurface_m ? "inside" : "on the surface of") + " the " + scene.name,
-                        "Move the trajectory away from the object, for example with a larger --radius");
-  }
+/// @throws UnusableInput naming the frame
+void requireOutside(const SignedDistance& distance, const std::string& scene_name, const Trajectory& trajectory,
+                    std::size_t frame) {
+  const Eigen::Vector3d sensor_W = trajectory[frame].translation();
+  const double distance_m = distance.at(sensor_W);
+  if (distance_m > kSurface_m) return;
+  throw UnusableInput("sim.inside", "frame " + std::to_string(frame),
+                      "the sensor at " + place(sensor_W) + " is " +
+                          (distance_m < -kSurface_m ? "inside" : "on the surface of") + " the " + scene_name,
+                      "Move the trajectory away from the object, for example with a larger --radius");
+}
+
+}  // namespace
+
+namespace {
+
+/// What rays hit, for a time and somewhere.
+struct Target {
+  RayCaster caster;
+  ScenePart when;  ///< without its scene
+};
+
+std::vector<Target> standing(RayCaster caster) {
+  std::vector<Target> targets;
+  targets.push_back({std::move(caster), {}});
+  return targets;
 }
 
 }  // namespace
@@ -60,7 +76,25 @@ struct Simulator::Impl {
   LidarModel model;
   Trajectory trajectory;
   std::uint64_t seed;
-  RayCaster caster;
+  std::vector<Target> targets;
+
+  [[nodiscard]] double stampOf(int index) const { return index * model.frame_period_s; }
+
+  /// The nearest of what is there. @param ranges_m  [n] out
+  void cast(double stamp_s, const Eigen::Vector3d& origin_W, std::span<const Eigen::Vector3f> directions_W,
+            std::span<float> ranges_m) const {
+    if (targets.size() == 1) {
+      targets.front().caster.cast(origin_W, directions_W, ranges_m);
+      return;
+    }
+    std::vector<float> of_one(ranges_m.size());
+    std::fill(ranges_m.begin(), ranges_m.end(), std::numeric_limits<float>::infinity());
+    for (const Target& target : targets) {
+      if (!target.when.isThere(stamp_s)) continue;
+      target.caster.cast(origin_W - target.when.offsetAt_W(stamp_s), directions_W, of_one);
+      for (std::size_t n = 0; n < of_one.size(); ++n) ranges_m[n] = std::min(ranges_m[n], of_one[n]);
+    }
+  }
 
   /// What the sensor reports for a true range (infinity: nothing there); 0 = no return.
   [[nodiscard]] float measured_m(float range_m, std::uint64_t frame, int ray) const {
@@ -96,7 +130,8 @@ struct Simulator::Impl {
       const double share = rayTime_s(model, begin + static_cast<int>(i)) / model.frame_period_s;
       const Eigen::Isometry3d T_W_S = io::interpolateBetween(frame.T_W_S, frame.T_W_S_end, share);
       const Eigen::Vector3f direction_W = (T_W_S.linear() * directions_S[i].cast<double>()).cast<float>();
-      caster.cast(T_W_S.translation(), {&direction_W, 1}, {&ranges_m[i], 1});
+      cast(frame.stamp_s + rayTime_s(model, begin + static_cast<int>(i)), T_W_S.translation(), {&direction_W, 1},
+           {&ranges_m[i], 1});
     }
   }
 
@@ -117,7 +152,7 @@ struct Simulator::Impl {
       if (model.moves) {
         castMoving(frame, rays.begin(), directions_S, ranges_m);
       } else {
-        caster.cast(origin_W, directions_W, ranges_m);
+        cast(stampOf(index), origin_W, directions_W, ranges_m);
       }
       for (int ray = rays.begin(); ray < rays.end(); ++ray) {
         const auto i = static_cast<std::size_t>(ray - rays.begin());
@@ -133,14 +168,29 @@ struct Simulator::Impl {
 
 Simulator::Simulator(const Scene& scene, const LidarModel& model, Trajectory trajectory, std::uint64_t seed) {
   requirePoses(model, trajectory);
-  requireOutside(scene, trajectory);
-  impl_ = std::make_unique<Impl>(Impl{scene.name, model, std::move(trajectory), seed, RayCaster(scene.mesh)});
+  for (std::size_t n = 0; scene.distance && n < trajectory.size(); ++n) {
+    requireOutside(*scene.distance, scene.name, trajectory, n);
+  }
+  impl_ = std::make_unique<Impl>(Impl{scene.name, model, std::move(trajectory), seed, standing(RayCaster(scene.mesh))});
 }
 
 Simulator::Simulator(RayCaster scene, const std::string& scene_name, const LidarModel& model, Trajectory trajectory,
                      std::uint64_t seed) {
   requirePoses(model, trajectory);
-  impl_ = std::make_unique<Impl>(Impl{scene_name, model, std::move(trajectory), seed, std::move(scene)});
+  impl_ = std::make_unique<Impl>(Impl{scene_name, model, std::move(trajectory), seed, standing(std::move(scene))});
+}
+
+Simulator::Simulator(const ChangingScene& scene, const LidarModel& model, std::uint64_t seed) {
+  requirePoses(model, scene.trajectory);
+  std::vector<Target> targets;
+  for (const ScenePart& part : scene.parts) {
+    targets.push_back({RayCaster(part.scene.mesh), {{}, part.from_s, part.until_s, part.offset_W}});
+  }
+  for (std::size_t n = 0; n < scene.trajectory.size(); ++n) {
+    const auto distance = scene.distanceAt(static_cast<double>(n) * model.frame_period_s);
+    requireOutside(*distance, scene.name, scene.trajectory, n);
+  }
+  impl_ = std::make_unique<Impl>(Impl{scene.name, model, scene.trajectory, seed, std::move(targets)});
 }
 
 Simulator::~Simulator() = default;
@@ -153,7 +203,7 @@ void Simulator::requireClearPath(const Trajectory& stations) const {
     if (!(way.norm() > 0)) continue;
     const Eigen::Vector3f direction_W = way.normalized().cast<float>();
     float range_m = 0;
-    impl_->caster.cast(begin_W, {&direction_W, 1}, {&range_m, 1});
+    impl_->cast(0, begin_W, {&direction_W, 1}, {&range_m, 1});
     if (static_cast<double>(range_m) > way.norm()) continue;
     throw UnusableInput("sim.through", "trajectory",
                         "it passes through the " + impl_->scene_name + " at " +

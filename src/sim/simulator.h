@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "sim/changing_scene.h"
 #include "sim/lidar_model.h"
 #include "sim/ray_caster.h"
 #include "sim/scene.h"
@@ -32,6 +33,9 @@ class Simulator {
   /// A scene without a known distance: only requireClearPath() can tell whether the path is free.
   Simulator(RayCaster scene, const std::string& scene_name, const LidarModel& model, Trajectory trajectory,
             std::uint64_t seed);
+  /// A scene that changes along its own trajectory: each frame sees it as it is at the frame's stamp.
+  /// @throws UnusableInput: a sensor inside a part, or on its surface
+  Simulator(const ChangingScene& scene, const LidarModel& model, std::uint64_t seed);
   ~Simulator();
   Simulator(Simulator&&) noexcept;
   Simulator& operator=(Simulator&&) noexcept;

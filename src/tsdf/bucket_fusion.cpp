@@ -76,15 +76,41 @@ void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, BucketChange
     allocateZeroed(*leaf);
     ++result.allocated;
   }
-  if (changes.wants_distances && fusion.hasSamples()) {
-    const openvdb::Coord& origin = leaf->origin();
-    changes.distances.push_back(
-        {{origin.x(), origin.y(), origin.z()}, fusion.touchedPairs(), packedValues(std::as_const(*leaf))});
-  }
+  const std::uint32_t touched_pairs = fusion.touchedPairs();
+  VoxelVotes* votes = votesFor(fusion, *leaf);
   LeafChange change;
-  if (!fusion.fold(*leaf, change, result.counts)) return;
+  const bool flipped = fusion.fold(*leaf, votes, change, result.counts);
+  if (votes != nullptr) keepVotes(*leaf, votes);
+  if (changes.wants_distances && touched_pairs != 0) {
+    const openvdb::Coord& origin = leaf->origin();
+    changes.distances.push_back({{origin.x(), origin.y(), origin.z()},
+                                 touched_pairs,
+                                 packedValues(std::as_const(*leaf)),
+                                 map_.blockedIn(*leaf)});
+  }
+  if (!flipped) return;
   if (changes.visit) changes.visit(change);
   changes.facts.push_back(change);
+}
+
+/// The leaf's votes, or empty ones if the scan may vote; nullptr if neither.
+VoxelVotes* BucketFusion::votesFor(const LeafFusion& fusion, const PackedLeaf& leaf) {
+  if (!map_.blocksNewThings()) return nullptr;
+  if (leaf.transientData() != 0) return &map_.votePool()->get(leaf.transientData());
+  if (!fusion.foundNews()) return nullptr;
+  fresh_votes_ = {};
+  return &fresh_votes_;
+}
+
+/// Only leaves with votes have a place for them.
+void BucketFusion::keepVotes(PackedLeaf& leaf, const VoxelVotes* votes) {
+  const bool any = votes->any();
+  if (any && leaf.transientData() == 0) {
+    leaf.setTransientData(map_.votePool()->add(*votes));
+  } else if (!any && leaf.transientData() != 0) {
+    map_.votePool()->remove(leaf.transientData());
+    leaf.setTransientData(0);
+  }
 }
 
 void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const ReturnRay* rays, BucketChanges& changes,
@@ -109,7 +135,10 @@ void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const Return
                                              groups_.begin[g + 1] - groups_.begin[g]);
     LeafFusion& fusion = fusions_[summed % kWaiting];
     if (!fusion.accumulate(groups_.originOf(g), entries, rays)) continue;
-    if (leaf != nullptr) fusion.prefetchValues(*leaf);
+    if (leaf != nullptr) {
+      fusion.prefetchValues(*leaf);
+      if (const VoxelVotes* votes = map_.votesOf(*leaf)) prefetch(votes, sizeof(VoxelVotes));
+    }
     waiting_[summed % kWaiting] = {leaf, static_cast<std::uint32_t>(g)};
     ++summed;
   }

@@ -70,6 +70,8 @@ class BucketFusion {
   [[nodiscard]] PackedLeaf* leafOf(std::size_t group) const;
   PackedLeaf* addLeaf(std::size_t group, BucketResult& result);
   void fold(LeafFusion& fusion, const Waiting& waiting, BucketChanges& changes, BucketResult& result);
+  VoxelVotes* votesFor(const LeafFusion& fusion, const PackedLeaf& leaf);
+  void keepVotes(PackedLeaf& leaf, const VoxelVotes* votes);
 
   PackedMap& map_;
   LeafGroups groups_;
@@ -77,6 +79,7 @@ class BucketFusion {
   std::array<PackedLeaf*, kLeafAhead> leaves_ = {};
   std::array<Waiting, kWaiting> waiting_ = {};
   std::vector<LeafFusion> fusions_;  ///< [kWaiting]
+  VoxelVotes fresh_votes_;           ///< of a leaf that has none yet
 };
 
 }  // namespace accessvdb::internal

@@ -4,7 +4,9 @@
 
 namespace accessvdb::internal {
 
-LeafChange factsOf(const PackedLeaf& leaf, std::uint32_t collision_mean) {
+LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf) {
+  const std::uint32_t collision_mean = map.collisionMean();
+  const LeafBits blocked = map.blockedIn(leaf);
   const openvdb::Coord& origin = leaf.origin();
   LeafChange facts;
   facts.origin_ijk = {origin.x(), origin.y(), origin.z()};
@@ -18,6 +20,7 @@ LeafChange factsOf(const PackedLeaf& leaf, std::uint32_t collision_mean) {
       observed |= seen << n;
       collides |= near << n;
     }
+    collides |= blocked[x];
     facts.collides_on[x] = collides;
     facts.arm_free_on[x] = (observed & ~collides) | (cleared & ~observed);
   }

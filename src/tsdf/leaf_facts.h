@@ -9,6 +9,6 @@
 namespace accessvdb::internal {
 
 /// What would have to flip if the leaf were new: collides_on and arm_free_on are its facts.
-[[nodiscard]] LeafChange factsOf(const PackedLeaf& leaf, std::uint32_t collision_mean);
+[[nodiscard]] LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf);
 
 }  // namespace accessvdb::internal

@@ -21,6 +21,9 @@ LeafFusion::LeafFusion(const PackedMap& map, const RegionShape& shape, const Lea
   constants_.band_radius_squared = shape.band_radius * shape.band_radius;
   constants_.max_weight = static_cast<std::int32_t>(p.max_weight);
   constants_.collision_mean = 0;  // set for each fold: it may change between scans
+  // Votes exist only with a collision distance that no longer changes.
+  constants_.collision_sample = static_cast<std::int32_t>((map.newsRule().collision_mean + 15) / 16);
+  constants_.zero_mean = static_cast<std::int32_t>(std::lround(-constants_.clamp_low * constants_.sample_scale * 16));
 }
 
 void LeafFusion::clearSums() { sums_.packed.fill(0); }
@@ -64,6 +67,8 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
   touched_ = 0;
   passes_ = 0;
   passed_ = {};
+  contra_ = {};
+  found_news_ = false;
   const auto add_samples =
       shape_.region == UpdateRegion::DoubleCone ? kernels_.add_double_cone : kernels_.add_full_cube;
   std::size_t since_flush = 0;
@@ -91,8 +96,13 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
       flushSums();
       since_flush = 1;
     }
+    if (ray.news != 0) {
+      touched_ |= kernels_.add_news(local, constants_, sums_, contra_);
+      continue;
+    }
     touched_ |= add_samples(local, constants_, sums_);
   }
+  for (const std::uint64_t word : contra_) found_news_ = found_news_ || word != 0;
   if (wide_) flushSums();
   return touched_ != 0 || passes_ != 0;
 }
@@ -109,16 +119,35 @@ void LeafFusion::prefetchValues(const PackedLeaf& leaf) const {
   for (; pairs != 0; pairs &= pairs - 1) __builtin_prefetch(packed + 16 * std::countr_zero(pairs), 1);
 }
 
-bool LeafFusion::fold(PackedLeaf& leaf, LeafChange& change, FoldCounts& counts) {
+bool LeafFusion::fold(PackedLeaf& leaf, VoxelVotes* votes, LeafChange& change, FoldCounts& counts) {
   const auto& origin = leaf.origin();
   change.origin_ijk = {origin.x(), origin.y(), origin.z()};
   constants_.collision_mean = static_cast<std::int32_t>(map_.collisionMean());
-  const LeafTarget target = {packedValues(leaf), &leaf.getValueMask().template getWord<std::uint64_t>(0)};
+  const LeafTarget target = {packedValues(leaf), &leaf.getValueMask().template getWord<std::uint64_t>(0), votes,
+                             &contra_};
   counts.cleared_updates += passes_;
   const bool flipped = wide_ ? foldWide(target, constants_, change, counts)
                              : kernels_.fold(target, constants_, touched_, sums_, passed_, change, counts);
   touched_ = 0;
   return flipped;
+}
+
+/// As the kernels judge narrow sums.
+ScanVerdict LeafFusion::judgeWide(const LeafTarget& leaf, const KernelConstants& constants) const {
+  ScanVerdict scan;
+  scan.contra = contra_;
+  for (std::size_t n = 0; n < 512; ++n) {
+    const std::uint64_t samples = wide_sums_.samples[n];
+    if (samples == 0) continue;
+    const std::uint64_t bit = std::uint64_t{1} << (n & 63);
+    const std::uint64_t mean = meanOf(leaf.packed[n]), zero = static_cast<std::uint64_t>(constants.zero_mean);
+    const bool contradicts = 32 * wide_sums_.distance[n] < (mean + zero) * samples;
+    const bool free = weightOf(leaf.packed[n]) > 0 && mean >= static_cast<std::uint64_t>(constants.collision_mean);
+    scan.sampled[n >> 6] |= bit;
+    if (contradicts) scan.contradicts[n >> 6] |= bit;
+    if (free) scan.free[n >> 6] |= bit;
+  }
+  return scan;
 }
 
 /// Rare case: more returns reach the leaf than narrow sums can hold. Works voxel by voxel.
@@ -127,6 +156,8 @@ bool LeafFusion::foldWide(const LeafTarget& leaf, const KernelConstants& constan
   change.collides_on = change.collides_off = change.arm_free_on = change.arm_free_off = {};
   const auto max_weight = static_cast<std::uint64_t>(constants.max_weight);
   const auto collision_mean = static_cast<std::uint32_t>(constants.collision_mean);
+  LeafBits old_blocked = {}, now_blocked = {};
+  if (leaf.votes != nullptr) castVotes(*leaf.votes, judgeWide(leaf, constants), old_blocked, now_blocked);
   bool flipped = false;
   for (std::size_t n = 0; n < 512; ++n) {
     const std::size_t word = n >> 6;
@@ -145,9 +176,11 @@ bool LeafFusion::foldWide(const LeafTarget& leaf, const KernelConstants& constan
     }
     const bool was_cleared = (leaf.cleared[word] & bit) != 0;
     const bool is_cleared = was_cleared || (passed_[word] & bit) != 0;
-    const auto collides = [&](std::uint32_t packed) { return weightOf(packed) > 0 && meanOf(packed) < collision_mean; };
-    const auto armFree = [&](std::uint32_t packed, bool cleared) {
-      return weightOf(packed) > 0 ? !collides(packed) : cleared;
+    const auto collides = [&](std::uint32_t packed, const LeafBits& blocked) {
+      return weightOf(packed) > 0 && (meanOf(packed) < collision_mean || (blocked[word] & bit) != 0);
+    };
+    const auto armFree = [&](std::uint32_t packed, bool cleared, const LeafBits& blocked) {
+      return weightOf(packed) > 0 ? !collides(packed, blocked) : cleared;
     };
     bool voxel_flipped = false;
     const auto note = [&](bool before, bool after, LeafBits& on, LeafBits& off) {
@@ -155,8 +188,9 @@ bool LeafFusion::foldWide(const LeafTarget& leaf, const KernelConstants& constan
       (after ? on : off)[word] |= bit;
       voxel_flipped = true;
     };
-    note(collides(old), collides(now), change.collides_on, change.collides_off);
-    note(armFree(old, was_cleared), armFree(now, is_cleared), change.arm_free_on, change.arm_free_off);
+    note(collides(old, old_blocked), collides(now, now_blocked), change.collides_on, change.collides_off);
+    note(armFree(old, was_cleared, old_blocked), armFree(now, is_cleared, now_blocked), change.arm_free_on,
+         change.arm_free_off);
     counts.flipped_voxels += voxel_flipped ? 1u : 0u;
     flipped = flipped || voxel_flipped;
   }

@@ -62,12 +62,17 @@ class LeafFusion {
 
   /// Folds the sums into the leaf. The leaf must have a buffer if hasSamples().
   /// @return true if a voxel's collides or arm_free flipped; then `change` says which
-  bool fold(PackedLeaf& leaf, LeafChange& change, FoldCounts& counts);
+  /// @param votes  of the leaf, or those that it may get; nullptr if it has none and foundNews() is false
+  bool fold(PackedLeaf& leaf, VoxelVotes* votes, LeafChange& change, FoldCounts& counts);
+
+  /// Whether accumulate() met a return that is news in a voxel where it collides.
+  [[nodiscard]] bool foundNews() const { return found_news_; }
 
  private:
   void flushSums();
   void clearSums();
   void markThinBand(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ray);
+  [[nodiscard]] ScanVerdict judgeWide(const LeafTarget& leaf, const KernelConstants& constants) const;
   bool foldWide(const LeafTarget& leaf, const KernelConstants& constants, LeafChange& change, FoldCounts& counts);
 
   const PackedMap& map_;
@@ -78,6 +83,8 @@ class LeafFusion {
   std::uint32_t touched_ = 0;  ///< pairs of rows with samples
   std::uint64_t passes_ = 0;
   LeafBits passed_ = {};
+  LeafBits contra_ = {};  ///< ScanVerdict::contra
+  bool found_news_ = false;
   LeafSums sums_;
   WideSums wide_sums_;
 };

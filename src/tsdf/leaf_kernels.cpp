@@ -44,12 +44,12 @@ namespace accessvdb::internal::plain {
 namespace accessvdb::internal {
 namespace {
 
-constexpr LeafKernels kPlain = {"plain",         plain::addDoubleCone, plain::addFullCube,
+constexpr LeafKernels kPlain = {"plain",         plain::addDoubleCone, plain::addNews, plain::addFullCube,
                                 plain::markBand, plain::gainedPairs,   plain::fold};
 #if ACCESSVDB_X86_KERNELS
-constexpr LeafKernels kAvx512 = {"avx512",         avx512::addDoubleCone, avx512::addFullCube,
+constexpr LeafKernels kAvx512 = {"avx512",         avx512::addDoubleCone, avx512::addNews, avx512::addFullCube,
                                  avx512::markBand, avx512::gainedPairs,   avx512::fold};
-constexpr LeafKernels kAvx2 = {"avx2",         avx2::addDoubleCone, avx2::addFullCube,
+constexpr LeafKernels kAvx2 = {"avx2",         avx2::addDoubleCone, avx2::addNews, avx2::addFullCube,
                                avx2::markBand, avx2::gainedPairs,   avx2::fold};
 #endif
 

@@ -11,6 +11,7 @@
 #include <cstdint>
 
 #include "accessvdb/leaf_change.h"
+#include "tsdf/new_things.h"
 #include "tsdf/packed_voxel.h"
 #include "tsdf/return_region.h"
 
@@ -54,6 +55,8 @@ struct KernelConstants {
   float band_begin, band_end, band_radius_squared;
   std::int32_t max_weight;
   std::int32_t collision_mean;
+  std::int32_t collision_sample;  ///< a sample below this collides
+  std::int32_t zero_mean;         ///< the mean whose distance is 0
 };
 
 /// Counts of one or many folds.
@@ -66,8 +69,10 @@ struct FoldCounts {
 
 /// A leaf of the map while a scan is folded into it.
 struct LeafTarget {
-  std::uint32_t* packed;   ///< [512], or nullptr if there are neither samples nor older ones
-  std::uint64_t* cleared;  ///< [8]
+  std::uint32_t* packed;             ///< [512], or nullptr if there are neither samples nor older ones
+  std::uint64_t* cleared;            ///< [8]
+  VoxelVotes* votes = nullptr;       ///< nullptr: there are none, and nothing votes
+  const LeafBits* contra = nullptr;  ///< only with votes: ScanVerdict::contra
 };
 
 struct LeafKernels {
@@ -75,6 +80,9 @@ struct LeafKernels {
   /// Adds the samples of one return to fewer than LeafSums::kMostSamples others.
   /// @return pairs of rows that got any, one bit each
   std::uint32_t (*add_double_cone)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafSums& sums);
+  /// The same for a return that is news: also marks the voxels in which its sample collides.
+  std::uint32_t (*add_news)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafSums& sums,
+                            LeafBits& contra);
   std::uint32_t (*add_full_cube)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafSums& sums);
   /// Marks the voxels of one return's cleared band. @return their number
   std::uint32_t (*mark_band)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafBits& passed);

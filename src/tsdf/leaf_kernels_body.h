@@ -110,7 +110,9 @@ inline void addSamples(std::uint32_t inside, Ints sample, int pair, LeafSums& su
   store(to, choose(inside, addInts(old, addInts(sample, one_sample)), old));
 }
 
-inline std::uint32_t addDoubleCone(const ReturnInLeaf& ray, const KernelConstants& c, LeafSums& sums) {
+/// @param contra  nullptr, or where to mark the voxels whose sample collides
+[[gnu::always_inline]] inline std::uint32_t addDoubleConeTo(const ReturnInLeaf& ray, const KernelConstants& c,
+                                                            LeafSums& sums, LeafBits* contra) {
   Parts parts;
   setParts(ray, c.tau, parts);
   const Inside inside = insideDoubleCone(ray, c, parts);
@@ -121,9 +123,21 @@ inline std::uint32_t addDoubleCone(const ReturnInLeaf& ray, const KernelConstant
     const Floats s = add(all(parts.sx[x]), parts.s[y]), e2 = add(all(parts.ex2[x]), parts.e2[y]);
     const Floats two_rs = mul(two_range, s);  // a doubled number: nothing is rounded
     const Floats to_sensor = squareRoot(most(add(sub(range_squared, two_rs), e2), zero));
-    addSamples(inside.ofPair(pair), sampleOf(two_rs, e2, to_sensor, range, c), pair, sums);
+    const Ints sample = sampleOf(two_rs, e2, to_sensor, range, c);
+    addSamples(inside.ofPair(pair), sample, pair, sums);
+    if (contra == nullptr) continue;
+    const std::uint32_t collides = inside.ofPair(pair) & lessInts(sample, allInts(c.collision_sample));
+    (*contra)[static_cast<std::size_t>(x)] |= static_cast<std::uint64_t>(collides) << (16 * y);
   }
   return inside.pairs;
+}
+
+inline std::uint32_t addDoubleCone(const ReturnInLeaf& ray, const KernelConstants& c, LeafSums& sums) {
+  return addDoubleConeTo(ray, c, sums, nullptr);
+}
+
+inline std::uint32_t addNews(const ReturnInLeaf& ray, const KernelConstants& c, LeafSums& sums, LeafBits& contra) {
+  return addDoubleConeTo(ray, c, sums, &contra);
 }
 
 inline std::uint32_t addFullCube(const ReturnInLeaf& ray, const KernelConstants& c, LeafSums& sums) {
@@ -224,9 +238,39 @@ inline std::uint32_t gainedPairs(const LeafBits& passed, const LeafBits& cleared
   return pairsOf(gained);
 }
 
+/// What the scan says, before it is folded, about the voxels that it may vote for or that have votes: others keep none.
+inline void judge(const LeafTarget& leaf, const LeafSums& sums, const KernelConstants& c, std::uint32_t touched,
+                  ScanVerdict& scan) {
+  const Ints zero = allInts(0);
+  LeafBits concerned = *leaf.contra;
+  for (const LeafBits& bits : leaf.votes->bit) {
+    for (std::size_t x = 0; x < 8; ++x) concerned[x] |= bits[x];
+  }
+  for (std::uint32_t left = pairsOf(concerned) & touched; left != 0; left &= left - 1) {
+    const int pair = std::countr_zero(left);
+    const Ints old = loadInts(leaf.packed + 16 * pair), summed_up = loadInts(sums.packed.data() + 16 * pair);
+    const Ints count = shiftRight(summed_up, LeafSums::kDistanceBits);
+    const Ints sum = bitAnd(summed_up, allInts((1 << LeafSums::kDistanceBits) - 1));
+    const Ints mean = shiftRight(old, kWeightBits);
+    const Ints weight = bitAnd(old, allInts(static_cast<std::int32_t>(kWeightMask)));
+    // 16 sum / count - zero_mean < (mean - zero_mean) / 2; a sum has 24 bits, a mean 20, a count 8: no overflow.
+    const Ints scans = shiftLeft(sum, 5), maps = mulInts(addInts(mean, allInts(c.zero_mean)), count);
+    setPair(scan.sampled, pair, lessInts(zero, count));
+    setPair(scan.contradicts, pair, lessInts(scans, maps));
+    setPair(scan.free, pair, lessInts(zero, weight) & ~lessInts(mean, allInts(c.collision_mean)));
+  }
+  scan.contra = *leaf.contra;
+}
+
 inline bool fold(const LeafTarget& leaf, const KernelConstants& c, std::uint32_t touched, LeafSums& sums,
                  const LeafBits& passed, LeafChange& change, FoldCounts& counts) {
   LeafFacts facts;
+  LeafBits old_blocked = {}, now_blocked = {};
+  if (leaf.votes != nullptr) {
+    ScanVerdict scan;
+    judge(leaf, sums, c, touched, scan);
+    castVotes(*leaf.votes, scan, old_blocked, now_blocked);
+  }
   Ints sample_total = allInts(0);
   for (std::uint32_t left = touched; left != 0; left &= left - 1) {
     foldPair(leaf, sums, c, std::countr_zero(left), facts, sample_total);
@@ -247,15 +291,16 @@ inline bool fold(const LeafTarget& leaf, const KernelConstants& c, std::uint32_t
   std::uint64_t flipped_voxels = 0, newly_observed = 0;
   for (std::size_t x = 0; x < 8; ++x) {
     const std::uint64_t old_cleared = leaf.cleared[x], now_cleared = old_cleared | gained[x];
-    const std::uint64_t old_arm =
-        (facts.old_observed[x] & ~facts.old_collides[x]) | (~facts.old_observed[x] & old_cleared);
-    const std::uint64_t now_arm =
-        (facts.now_observed[x] & ~facts.now_collides[x]) | (~facts.now_observed[x] & now_cleared);
-    change.collides_on[x] = facts.now_collides[x] & ~facts.old_collides[x];
-    change.collides_off[x] = facts.old_collides[x] & ~facts.now_collides[x];
+    // Only observed voxels are blocked.
+    const std::uint64_t old_collides = facts.old_collides[x] | old_blocked[x];
+    const std::uint64_t now_collides = facts.now_collides[x] | now_blocked[x];
+    const std::uint64_t old_arm = (facts.old_observed[x] & ~old_collides) | (~facts.old_observed[x] & old_cleared);
+    const std::uint64_t now_arm = (facts.now_observed[x] & ~now_collides) | (~facts.now_observed[x] & now_cleared);
+    change.collides_on[x] = now_collides & ~old_collides;
+    change.collides_off[x] = old_collides & ~now_collides;
     change.arm_free_on[x] = now_arm & ~old_arm;
     change.arm_free_off[x] = old_arm & ~now_arm;
-    const std::uint64_t flipped = (facts.now_collides[x] ^ facts.old_collides[x]) | (now_arm ^ old_arm);
+    const std::uint64_t flipped = (now_collides ^ old_collides) | (now_arm ^ old_arm);
     flipped_voxels += static_cast<std::uint64_t>(std::popcount(flipped));
     leaf.cleared[x] = now_cleared;
   }

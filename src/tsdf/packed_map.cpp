@@ -14,17 +14,26 @@ PackedMap::PackedMap(const TsdfParams& resolved)
 
 PackedMap::~PackedMap() = default;
 
-void PackedMap::setCollisionDistance(float r_c_m) {
+/// The least mean whose distance is at least this; kMeanSteps + 1 if none is.
+std::uint32_t PackedMap::leastMeanAt(float distance_m) const {
   std::uint32_t low = 0, high = kMeanSteps + 1;  // distanceOf() is monotone
   while (low < high) {
     const std::uint32_t middle = (low + high) / 2;
-    if (distanceOf(middle) >= r_c_m) {
+    if (distanceOf(middle) >= distance_m) {
       high = middle;
     } else {
       low = middle + 1;
     }
   }
-  collision_mean_ = low;
+  return low;
+}
+
+void PackedMap::setCollisionDistance(float r_c_m) { collision_mean_ = leastMeanAt(r_c_m); }
+
+void PackedMap::blockNewThings(float far_m) {
+  news_.collision_mean = collision_mean_;
+  news_.far_mean = leastMeanAt(far_m);
+  votes_ = std::make_unique<VotePool>();
 }
 
 VoxelState PackedMap::at(const openvdb::Coord& ijk) const {
@@ -37,12 +46,17 @@ VoxelState PackedMap::at(const openvdb::Coord& ijk) const {
     const std::uint32_t packed = values[PackedLeaf::coordToOffset(ijk)];
     state.weight = weightOf(packed);
     if (state.weight > 0) state.distance_m = distanceOf(meanOf(packed));
+    const VoxelVotes* votes = votesOf(*leaf);
+    if (votes != nullptr && votes->blockedAt(PackedLeaf::coordToOffset(ijk))) {
+      state.blocked = true;
+      state.distance_m = 0;
+    }
   }
   return state;
 }
 
 PackedLeaf* PackedMap::restoreLeaf(const openvdb::Coord& origin_ijk, const LeafBits& cleared,
-                                   const std::uint32_t* packed) {
+                                   const std::uint32_t* packed, const VoxelVotes* votes) {
   if (tree_.probeConstLeaf(origin_ijk) != nullptr) return nullptr;
   auto leaf = std::make_unique<PackedLeaf>(openvdb::PartialCreate(), origin_ijk);
   if (leaf->origin() != origin_ijk) return nullptr;
@@ -61,6 +75,15 @@ PackedLeaf* PackedMap::restoreLeaf(const openvdb::Coord& origin_ijk, const LeafB
     observed_voxels += observed;
     ++allocated_leaf_count;
   }
+  if (votes != nullptr) {
+    if (votes_ == nullptr || packed == nullptr || !votes->any()) return nullptr;
+    for (std::size_t n = 0; n < PackedLeaf::SIZE; ++n) {
+      std::uint64_t has = 0;
+      for (const LeafBits& bits : votes->bit) has |= bits[n >> 6] >> (n & 63) & 1;
+      if (has != 0 && weightOf(packed[n]) == 0) return nullptr;  // only observed voxels have votes
+    }
+    leaf->setTransientData(votes_->add(*votes));
+  }
   ++leaf_count;
   PackedLeaf* added = leaf.release();
   tree_.addLeaf(added);
@@ -70,6 +93,7 @@ PackedLeaf* PackedMap::restoreLeaf(const openvdb::Coord& origin_ijk, const LeafB
 std::uint64_t PackedMap::memoryBytes() const {
   std::uint64_t bytes =
       allocated_leaf_count * kObservedLeafBytes + (leaf_count - allocated_leaf_count) * kClearedLeafBytes;
+  if (votes_ != nullptr) bytes += votes_->bytes();
   const auto nodes = tree_.nodeCount();  // leaf, lower, upper, root
   if (nodes.size() >= 3) {
     bytes += nodes[1] * sizeof(PackedTree::RootNodeType::ChildNodeType::ChildNodeType);

@@ -14,12 +14,15 @@
 
 #include <cstdint>
 #include <cstring>
+#include <memory>
 
 #include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
 #include "accessvdb/params.h"
 #include "accessvdb/voxel_state.h"
+#include "tsdf/new_things.h"
 #include "tsdf/packed_voxel.h"
+#include "tsdf/vote_pool.h"
 
 namespace accessvdb::internal {
 
@@ -48,12 +51,36 @@ class PackedMap {
   [[nodiscard]] std::uint32_t collisionMean() const { return collision_mean_; }
   void setCollisionDistance(float r_c_m);
 
+  /// From now on, things that appear where the map says "free" block by votes (new_things.h). After
+  /// setCollisionDistance(). @param far_m  voxels at least this far from every surface are far from all of them
+  void blockNewThings(float far_m);
+  [[nodiscard]] bool blocksNewThings() const { return votes_ != nullptr; }
+  [[nodiscard]] const NewsRule& newsRule() const { return news_; }
+  /// nullptr unless blockNewThings() was called.
+  [[nodiscard]] VotePool* votePool() { return votes_.get(); }
+  /// The votes of a leaf; nullptr if it has none.
+  [[nodiscard]] const VoxelVotes* votesOf(const PackedLeaf& leaf) const {
+    return leaf.transientData() == 0 ? nullptr : &votes_->get(leaf.transientData());
+  }
+  /// Leaves that have votes.
+  [[nodiscard]] std::uint64_t votedLeafCount() const { return votes_ == nullptr ? 0 : votes_->size(); }
+  /// Of all voxels of a leaf, those that votes block.
+  [[nodiscard]] LeafBits blockedIn(const PackedLeaf& leaf) const {
+    LeafBits blocked = {};
+    if (const VoxelVotes* votes = votesOf(leaf)) {
+      for (std::size_t x = 0; x < 8; ++x) blocked[x] = votes->blocked(x);
+    }
+    return blocked;
+  }
+
   [[nodiscard]] VoxelState at(const openvdb::Coord& ijk) const;
 
   /// Puts a leaf of a saved map in place; the counts below include it. Leaves of one node are added fastest together.
   /// @param origin_ijk  multiples of 8  @param packed  [512], or nullptr for a leaf that is only cleared
+  /// @param votes  nullptr: none
   /// @return the leaf, or nullptr if there is one or a voxel is not one that this map can have
-  PackedLeaf* restoreLeaf(const openvdb::Coord& origin_ijk, const LeafBits& cleared, const std::uint32_t* packed);
+  PackedLeaf* restoreLeaf(const openvdb::Coord& origin_ijk, const LeafBits& cleared, const std::uint32_t* packed,
+                          const VoxelVotes* votes = nullptr);
 
   std::uint64_t leaf_count = 0;            ///< all leaves
   std::uint64_t allocated_leaf_count = 0;  ///< those with a buffer
@@ -66,6 +93,10 @@ class PackedMap {
   PackedTree tree_;
   float clamp_min_m_, step_m_;
   std::uint32_t collision_mean_ = 0;
+  NewsRule news_;
+  std::unique_ptr<VotePool> votes_;
+
+  [[nodiscard]] std::uint32_t leastMeanAt(float distance_m) const;
 };
 
 /// Bytes that a leaf costs, including malloc's word for the node (buffers come from the pool); asserted in a test.

@@ -30,6 +30,7 @@ struct ReturnRay {
   std::array<float, 3> to_sensor;        ///< [u] unit
   float range;                           ///< [R] in voxels
   Interval cone_x, band_x;               ///< extents of its regions, set by ReturnBins
+  std::uint32_t news;                    ///< 1: it contradicts the map (new_things.h), set by markNews(); else 0
 };
 
 /// The ray of a return. Rounded only where its parts are stored.

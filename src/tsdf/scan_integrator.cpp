@@ -15,6 +15,7 @@
 
 #include "tsdf/bucket_fusion.h"
 #include "tsdf/projective_integrator.h"
+#include "tsdf/scan_news.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -63,6 +64,7 @@ void ScanIntegrator::bin(std::span<const Eigen::Vector3f> p_L, std::span<const E
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       rays_[n] = makeRay(p_L[n].data(), q_L[q_L.size() == 1 ? 0 : n].data(), v);
     }
+    if (map_.blocksNewThings()) markNews(map_, std::span(rays_).subspan(range.begin(), range.size()));
   });
   bins_.bin(shape_, rays_);
   binned_ = true;

@@ -38,7 +38,7 @@ class ScanIntegrator {
   static constexpr std::size_t kParts = ReturnBins::kBuckets;
   void visitChanges(const ChangeVisitor& visit);
 
-  /// Sorts the returns without touching the map; integrate() must get the same ones next. Otherwise it sorts them.
+  /// Sorts the returns without changing the map; integrate() must get the same ones next. Otherwise it sorts them.
   void bin(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L);
   /// @param p_L  [n] finite returns in the local frame, metres, none at its sensor
   /// @param q_L  [n] or [1] sensor positions in the local frame

@@ -79,8 +79,11 @@ openvdb::FloatGrid::Ptr TsdfVolume::distance(const FieldWindow& tile) const {
   auto grid = buildGrid<openvdb::FloatGrid>(map, tile, "distance", tau, [&map](const PackedLeaf& from, auto& to) {
     const std::uint32_t* packed = internal::packedValues(from);
     if (packed == nullptr) return false;
+    const internal::VoxelVotes* votes = map.votesOf(from);
     for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
-      if (internal::weightOf(packed[n]) > 0) to.setValueOn(n, map.distanceOf(internal::meanOf(packed[n])));
+      if (internal::weightOf(packed[n]) == 0) continue;
+      const bool blocked = votes != nullptr && votes->blockedAt(n);
+      to.setValueOn(n, blocked ? 0 : map.distanceOf(internal::meanOf(packed[n])));
     }
     return true;
   });

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Integration speed: frames of 20 000 returns on a walk past trees, and the cone kernel by itself.
 ///
-/// Frame/<voxel mm>/<threads>: whole frames (cone, band, binning, new leaves) with tau = 0.1 m. ConeKernel: the inner
-/// loop alone, on the (return, leaf) pairs of one frame. FullCube/<threads>: scans of a small sphere at 1 mm with the
-/// paper's region and tau = 0.02 m, 68 921 voxels per return.
+/// Frame/<voxel mm>/<threads>/<new things block>: whole frames (cone, band, binning, new leaves) with tau = 0.1 m.
+/// ConeKernel: the inner loop alone, on the (return, leaf) pairs of one frame. FullCube/<threads>: scans of a small
+/// sphere at 1 mm with the paper's region and tau = 0.02 m, 68 921 voxels per return.
 #include <benchmark/benchmark.h>
 #include <sys/resource.h>
 #include <tbb/global_control.h>
@@ -25,6 +25,7 @@ using accessvdb::internal::ScanIntegrator;
 
 constexpr std::size_t kReturnsPerFrame = 20000;
 constexpr int kFrames = 20;
+constexpr double kRangeNoise_m = 0.02;
 
 struct Frame {
   std::vector<Eigen::Vector3f> p_L;
@@ -37,7 +38,7 @@ const std::vector<Frame>& frames() {
     accessvdb::samples::WalkOptions options;
     options.frames = kFrames;
     options.rays_per_frame = 32000;
-    options.range_noise_m = 0.02;
+    options.range_noise_m = kRangeNoise_m;
     const accessvdb::samples::WalkGenerator walk(options);
     std::vector<Frame> list;
     for (int n = 0; n < walk.frames(); ++n) {
@@ -83,6 +84,7 @@ void frame(benchmark::State& state) {
       integrator.reset();
       map = std::make_unique<PackedMap>(paramsOf(v));
       map->setCollisionDistance(static_cast<float>(0.5 * v));
+      if (state.range(2) != 0) map->blockNewThings(static_cast<float>(0.5 * v + std::max(2 * v, 3 * kRangeNoise_m)));
       integrator = std::make_unique<ScanIntegrator>(*map);
       next = 0;
       state.ResumeTiming();
@@ -103,14 +105,12 @@ void frame(benchmark::State& state) {
   state.counters["leaves"] = leaves / count;
   state.counters["new_leaves"] = new_leaves / count;
   state.counters["user_ms"] = 1e3 * user_s / count;
+  state.counters["voted_leaves"] = static_cast<double>(map->votedLeafCount());
 }
 BENCHMARK(frame)
     ->Name("Frame")
-    ->ArgNames({"mm", "threads"})
-    ->Args({10, 1})
-    ->Args({10, 2})
-    ->Args({20, 1})
-    ->Args({20, 2})
+    ->ArgNames({"mm", "threads", "block"})
+    ->ArgsProduct({{10, 20}, {1, 2}, {0, 1}})
     ->Iterations(2 * kFrames)
     ->UseRealTime()
     ->Unit(benchmark::kMillisecond);

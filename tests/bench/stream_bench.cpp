@@ -20,7 +20,7 @@ int environment(const char* name, int fallback) {
   return value == nullptr ? fallback : std::atoi(value);
 }
 
-/// Args: voxel size in mm.
+/// Args: voxel size in mm; whether new things block.
 void exactStream(benchmark::State& state) {
   test::WalkOptions options;
   options.frames = environment("ACCESSVDB_BENCH_FRAMES", 300);
@@ -31,6 +31,7 @@ void exactStream(benchmark::State& state) {
   for ([[maybe_unused]] auto _ : state) {
     FieldParams params;
     params.tsdf.voxel_size_m = 0.001 * static_cast<double>(state.range(0));
+    params.change.mode = state.range(1) != 0 ? ChangeMode::Block : ChangeMode::Off;
     AccessibilityField field(ToolGeometry::builtin("builtin:pruner"), params);
     double tests = 0, dirty = 0, integrate = 0, mirror = 0, update = 0, score = 0, full = 0, ratio = 0;
     int frames = 0, samples = 0;
@@ -65,7 +66,11 @@ void exactStream(benchmark::State& state) {
     state.counters["score_ms"] = score / frames;
   }
 }
-BENCHMARK(exactStream)->Arg(50)->Arg(20)->Iterations(1)->Unit(benchmark::kSecond);
+BENCHMARK(exactStream)
+
+    ->ArgsProduct({{50, 20}, {0, 1}})
+    ->Iterations(1)
+    ->Unit(benchmark::kSecond);
 
 }  // namespace
 }  // namespace accessvdb

@@ -45,6 +45,8 @@ TEST_F(CommandLine, MapHasEveryDocumentedFlag) {
                            "--max-range",
                            "--min-range",
                            "--every",
+                           "--change",
+                           "--static",
                            "--profile",
                            "--policy",
                            "--directions",

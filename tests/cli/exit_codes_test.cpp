@@ -64,6 +64,9 @@ TEST_F(ExitCodes, Usage) {
   expectFailure({"--tau", "nan"}, 2);
   expectFailure({"--max-memory", "2Q"}, 2, "usage.bytes");
   expectFailure({"--profile", "best"}, 2, "usage.word");
+  expectFailure({"--change", "full"}, 2, "usage.word");  // a mode that does not exist is not offered
+  expectFailure({"--change", "block", "--static"}, 2, "usage.change");
+  expectFailure({"--change", "block", "--profile", "paper"}, 2, "usage.change");
   expectFailure({"--directions", "3"}, 2);
   expectFailure({"--every", "0"}, 2, "usage.every");
   expectFailure({"--view", "0,0,0"}, 2, "usage.view");

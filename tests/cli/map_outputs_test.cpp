@@ -212,6 +212,21 @@ TEST_F(MapOutputs, TheMirrorOfDistancesShowsInTheReportAndNowhereElse) {
   EXPECT_GT(with.at("memory").at("predicted_bytes"), without.at("memory").at("predicted_bytes"));
 }
 
+/// The mode is in the report and in every file's metadata; without it, nothing says that there is one.
+TEST_F(MapOutputs, NewThingsBlockUnlessTheWorldIsStill) {
+  ASSERT_EQ(runProgram(mapArguments()).exit_code, 0);
+  EXPECT_EQ(report().at("parameters").at("change"), "block");
+  EXPECT_NE(readText("out/points.ply").find("change block"), std::string::npos);
+  std::vector<std::string> still;
+  for (const std::vector<std::string>& flags : {std::vector<std::string>{"--static"}, {"--change", "off"}}) {
+    ASSERT_EQ(runProgram(mapArguments(flags)).exit_code, 0);
+    EXPECT_FALSE(report().at("parameters").contains("change"));
+    still.push_back(readText("out/points.ply") + readText("out/field.vdb") + readText("out/field_points.vdb"));
+  }
+  EXPECT_EQ(still[0], still[1]);
+  EXPECT_EQ(still[0].find("change block"), std::string::npos);
+}
+
 TEST_F(MapOutputs, SummaryIsSaidUnlessQuiet) {
   const std::string loud = runProgram(mapArguments()).err;
   for (const char* part : {"4 scans, 6400 returns, 100.0 % used", "surface points: accessible", "tool builtin:pencil",

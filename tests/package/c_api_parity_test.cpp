@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <filesystem>
 #include <fstream>
 #include <functional>
@@ -171,6 +172,29 @@ TEST(CApiParity, ASavedStateGoesOnLikeTheFieldItself) {
   cpp.update();
   ASSERT_EQ(accessvdb_field_update(c.handle, nullptr), ACCESSVDB_OK);
   expectSame(c.points(), cpp.snapshot());
+}
+
+TEST(CApiParity, StampsAreTheFieldsTime) {
+  accessvdb_params params = defaults();
+  params.voxel_size_m = 0.1;
+  const CField c("builtin:pencil", &params);
+  const std::vector<float> points_S = {2, 0, 0, 2, 0.1f, 0};
+  const std::vector<double> points_W = {2, 0, 0, 2, 0.1, 0}, origin_W = {0, 0, 0};
+  const auto T_W_S = rowMajor(Eigen::Isometry3d::Identity());
+  double latest_s = 0;
+  ASSERT_EQ(accessvdb_field_latest_stamp(c.handle, &latest_s), ACCESSVDB_OK);
+  EXPECT_TRUE(std::isnan(latest_s));
+  accessvdb_frame_stats stats = {};
+  stats.struct_size = sizeof stats;
+  ASSERT_EQ(accessvdb_field_integrate_scan_at(c.handle, points_S.data(), 2, T_W_S.data(), 7.5, &stats), ACCESSVDB_OK);
+  EXPECT_EQ(stats.points_used, 2u);
+  ASSERT_EQ(accessvdb_field_integrate_rays_at(c.handle, points_W.data(), 2, origin_W.data(), 1, 8.25, &stats),
+            ACCESSVDB_OK);
+  EXPECT_EQ(stats.points_used, 2u);
+  ASSERT_EQ(accessvdb_field_integrate_scan_at(c.handle, points_S.data(), 2, T_W_S.data(), 3, nullptr), ACCESSVDB_OK);
+  ASSERT_EQ(accessvdb_field_latest_stamp(c.handle, &latest_s), ACCESSVDB_OK);
+  EXPECT_EQ(latest_s, 8.25);
+  EXPECT_EQ(accessvdb_field_latest_stamp(c.handle, nullptr), ACCESSVDB_ERROR_USAGE);
 }
 
 TEST(CApiParity, ScansGiveTheSamePoints) {
@@ -343,6 +367,7 @@ TEST(CApiParity, EveryParameterArrives) {
       SET(seed, update.seed, 9),
       CHOOSE(region, tsdf.region, ACCESSVDB_REGION_FULL_CUBE, accessvdb::UpdateRegion::FullCube),
       CHOOSE(tool_form, scoring.form, ACCESSVDB_FORM_SURFACE_SAMPLES, accessvdb::ToolForm::SurfaceSamples),
+      CHOOSE(change, change.mode, ACCESSVDB_CHANGE_OFF, accessvdb::ChangeMode::Off),
       CHOOSE(policy, update.policy, ACCESSVDB_POLICY_PAPER, accessvdb::UpdatePolicy::Paper),
   };
 #undef SET
@@ -360,8 +385,12 @@ TEST(CApiParity, EveryParameterArrives) {
     const CField field("builtin:pencil", &c);
     ASSERT_NE(field.handle, nullptr);
     EXPECT_EQ(accessvdb_field_parameters(field.handle), cpp.resolved().describe());
-    for (const auto& [name, value] : lines(cpp.resolved().describe())) {
+    const auto changed = lines(cpp.resolved().describe());
+    for (const auto& [name, value] : changed) {
       if (!plain.contains(name) || plain.at(name) != value) reached.insert(name);
+    }
+    for (const auto& [name, value] : plain) {
+      if (!changed.contains(name)) reached.insert(name);  // some have no line when off
     }
   }
   // Ensures that a parameter added to C++ is not forgotten in C.

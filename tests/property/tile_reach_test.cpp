@@ -38,6 +38,7 @@ struct Scene {
   ToolGeometry tool;
   FieldParams params;
   Rays inside;
+  std::vector<Rays> later = {};  ///< scans after the first
 
   /// The middle of a voxel that lies `outside` voxels beyond the tile's last one.
   [[nodiscard]] double x_m(int outside) const { return (kTileVoxels - 1 + outside) * params.tsdf.voxel_size_m; }
@@ -76,6 +77,7 @@ std::vector<SurfacePoint> pointsInside(const Scene& scene, const Rays& outside, 
   Rays rays = scene.inside;
   rays.add(outside);
   field.integrateRays(rays.points_W, rays.sensors_W);
+  for (const Rays& scan : scene.later) field.integrateRays(scan.points_W, scan.sensors_W);
   field.update();
   std::vector<SurfacePoint> points;
   for (const SurfacePoint& point : field.snapshot().points) {
@@ -146,6 +148,43 @@ TEST(TileReach, OfAReturnThatClearsTheEndOfTheCorridor) {
     return wall;
   });
   EXPECT_GE(farthest, 2 * corridor_voxels - 1);
+}
+
+/// Whether a return is news depends on what the map holds in its voxel, and that on returns within tau of it: votes
+/// reach twice as far as samples. A thing appears within tau of the tool's far end, in space that only a wall behind it
+/// had shown to be free.
+TEST(TileReach, OfAWallBeforeWhichSomethingNewAppears) {
+  const double v = 0.05;
+  const int tool_voxels = 24, tau_voxels = 4;
+  Scene scene{boxTool({-0.02f, -0.04f, -0.04f}, {static_cast<float>(tool_voxels * v), 0.04f, 0.04f}),
+              paramsOf(v, tau_voxels * v),
+              {}};
+  scene.params.tsdf.cleared_end_tau = 0.7;
+  scene.params.tsdf.cleared_radius_voxels = 0.5;
+  scene.params.approach.arm_tau = {0.5, 0.55, 0.6};
+  scene.inside = plate(scene, 0, 0.3);
+  // A ceiling over the tool's far end, seen from below, shows that there is nothing yet.
+  for (int n = 0; n < 5 * 5 * kTimes; ++n) {
+    const double x_m = scene.x_m(tool_voxels - n % 5), y_m = scene.y_m() + v * (n / 5 % 5 - 2);
+    scene.inside.add({x_m, y_m, 3 * v}, {x_m, y_m, -10});
+  }
+  // The new thing faces away from the tile: behind it, voxels collide as far as tau.
+  Rays thing;
+  for (int n = 0; n < 25; ++n) {
+    const double x_m = scene.x_m(tool_voxels + tau_voxels - 1), y_m = scene.y_m() + v * (n % 5 - 2),
+                 z_m = v * (n / 5 - 2);
+    thing.add({x_m, y_m, z_m}, {x_m + 10, y_m, z_m});
+  }
+  scene.later = {thing, thing, thing};
+  const int farthest =
+      farthestThatMatters(scene, tool_voxels + tau_voxels, tool_voxels + 2 * tau_voxels + 4, [&](int d) {
+        Rays wall;
+        for (const Eigen::Vector3d& p_W : plate(scene, d, 0.4).points_W) {
+          for (int times = 0; times < 10; ++times) wall.add(p_W, {-10, p_W.y(), p_W.z()});
+        }
+        return wall;
+      });
+  EXPECT_GE(farthest, tool_voxels + 2 * tau_voxels - 1);
 }
 
 /// In voxels below 10 mm, normals look farther than a short tool.

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
+#include <limits>
 #include <set>
 #include <sstream>
 
@@ -59,7 +60,7 @@ class MapRun {
   void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
   std::size_t readResumed(io::ScanSequence& scans);
   [[nodiscard]] RunProgress progress(const io::ScanSequence& scans) const;
-  void integrate(const io::ScanRecord& record, AccessibilityField& field);
+  void integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field);
   void update(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
   void finish(const io::ScanSequence& scans, const AccessibilityField& field);
@@ -143,9 +144,9 @@ void MapRun::setParameters(const FieldParams& params) {
   }
 }
 
-void MapRun::integrate(const io::ScanRecord& record, AccessibilityField& field) {
-  const FrameStats stats = record.points_W.empty() ? field.integrateScan(record.points_S, record.T_W_S)
-                                                   : field.integrateRays(record.points_W, record.origins_W);
+void MapRun::integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field) {
+  const FrameStats stats = record.points_W.empty() ? field.integrateScan(record.points_S, record.T_W_S, stamp_s)
+                                                   : field.integrateRays(record.points_W, record.origins_W, stamp_s);
   report_.add(stats);
   report_.integrate.add(stats.integrate_ms);
   report_.mirror.add(stats.mirror_ms);
@@ -185,7 +186,7 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
   for (std::size_t step = first; step < scans.size() && stopSignal() == 0; ++step) {
     const io::ScanRecord record = scans.read(step);
     const auto begin = Clock::now();
-    integrate(record, field);
+    integrate(record, scans.stamp_s(step).value_or(std::numeric_limits<double>::quiet_NaN()), field);
     fresh = unshown = true;
     const bool frame_due = due(options_.exported.sequence);
     if (due(options_.update_every) || frame_due) {

@@ -40,6 +40,8 @@ constexpr std::array<std::pair<const char*, Profile>, 2> kProfiles = {
     {{"product", Profile::Product}, {"paper", Profile::Paper}}};
 constexpr std::array<std::pair<const char*, UpdatePolicy>, 2> kPolicies = {
     {{"exact", UpdatePolicy::Exact}, {"paper", UpdatePolicy::Paper}}};
+constexpr std::array<std::pair<const char*, ChangeMode>, 2> kChangeModes = {
+    {{"off", ChangeMode::Off}, {"block", ChangeMode::Block}}};
 constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
     {{"auto", BackendKind::Auto}, {"cpu", BackendKind::Cpu}, {"cuda", BackendKind::Cuda}}};
 
@@ -56,6 +58,9 @@ void addFieldOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--profile", &options.profile, "product or paper");
   addOrientationOptions(flags, options);
   flags.option("--knn", &options.knn, "neighbours of a normal; default by rule");
+  flags.option("--change", &options.change,
+               "how the map follows a world that changes: block (new things block at once; the default) or off");
+  flags.flag("--static", options.still, "the world is still: --change off");
 }
 
 void addMappingOptions(FlagParser& flags, MapOptions& options) {
@@ -209,6 +214,20 @@ io::ScanInputOptions scanInputOptions(const MapOptions& options) {
   return input;
 }
 
+namespace {
+
+/// What --change and --static say; nothing if neither is given.
+std::optional<ChangeMode> givenChange(const MapOptions& options) {
+  if (options.change.empty()) return options.still ? std::optional(ChangeMode::Off) : std::nullopt;
+  const ChangeMode mode = chooseWord("--change", options.change, kChangeModes);
+  if (options.still && mode != ChangeMode::Off) {
+    throw InvalidArgument("usage.change", "--change", "contradicts --static", "Omit one of them");
+  }
+  return mode;
+}
+
+}  // namespace
+
 FieldParams fieldParams(const MapOptions& options, std::optional<double> recorded_noise_m) {
   // Checked here although the library checks it too: everything below is derived from it.
   if (!(options.voxel_m > 0)) {
@@ -232,6 +251,13 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   if (!options.orientations.empty()) params.approach.orientations = OrientationSet::parse(options.orientations);
   if (options.corridor_m) params.approach.corridor_length_m = *options.corridor_m;
   if (options.knn) params.scoring.neighbours = *options.knn;
+  if (const auto change = givenChange(options)) {
+    if (*change != ChangeMode::Off && params.tsdf.region != UpdateRegion::DoubleCone) {
+      throw InvalidArgument("usage.change", "--change", "the paper's profile takes the world as still",
+                            "Omit it, or use --profile product");
+    }
+    params.change.mode = *change;
+  }
   if (!options.policy.empty()) params.update.policy = chooseWord("--policy", options.policy, kPolicies);
   params.backend = chooseWord("--device", options.common.device, kDevices);
   params.threads = options.common.threads;

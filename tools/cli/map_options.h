@@ -28,7 +28,7 @@ struct MapOptions {
   SensorOptions sensor;
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string checkpoint, checkpoint_every = "5m", resume;
-  std::string pose_format = "auto", profile = "product", policy, orientations;
+  std::string pose_format = "auto", profile = "product", policy, orientations, change;
   double voxel_m = 0.01;
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
   std::optional<int> directions, knn;
@@ -36,6 +36,7 @@ struct MapOptions {
   std::string tiles = "auto", bin_memory, origin;
   bool keep_rays = false, fresh = false, html = false;
   bool allow_truncated = false, sort_poses = false, no_clobber = false, print_config = false, mirror_distance = false;
+  bool still = false;  ///< --static
 };
 
 void addMapOptions(FlagParser& flags, MapOptions& options);

@@ -1,0 +1,69 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "tsdf/scan_news.h"
+
+#include <algorithm>
+#include <array>
+
+namespace accessvdb::internal {
+namespace {
+
+/// Caches inner nodes only, as PackedAccessor.
+using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
+
+void prefetchRead([[maybe_unused]] const void* address) {
+#if defined(__GNUC__)
+  __builtin_prefetch(address);
+#endif
+}
+
+/// A return on its way through the tree. Voxels are scattered over the map, so each step only asks for the memory that
+/// the next one reads, and all returns of a group take a step before any takes the next.
+struct Visit {
+  const PackedLowerNode* node;
+  const PackedLeaf* leaf;
+  const std::uint32_t* voxel;
+  openvdb::Index in_node, in_leaf;
+};
+constexpr std::size_t kGroup = 32;
+
+}  // namespace
+
+void markNews(const PackedMap& map, std::span<ReturnRay> rays) {
+  const NewsRule& rule = map.newsRule();
+  ConstAccessor accessor(map.tree());
+  std::array<Visit, kGroup> visits;
+  for (std::size_t first = 0; first < rays.size(); first += kGroup) {
+    const std::size_t count = std::min(kGroup, rays.size() - first);
+    for (std::size_t n = 0; n < count; ++n) {
+      const auto& base = rays[first + n].base_ijk;
+      const openvdb::Coord ijk(base[0], base[1], base[2]);
+      Visit& visit = visits[n];
+      visit = {accessor.probeConstNode<PackedLowerNode>(ijk), nullptr, nullptr, PackedLowerNode::coordToOffset(ijk),
+               PackedLeaf::coordToOffset(ijk)};
+      if (visit.node == nullptr) continue;
+      prefetchRead(visit.node->getTable() + visit.in_node);
+      prefetchRead(reinterpret_cast<const std::byte*>(&visit.node->getChildMask()) + visit.in_node / 8);
+    }
+    for (std::size_t n = 0; n < count; ++n) {
+      Visit& visit = visits[n];
+      if (visit.node == nullptr || !visit.node->isChildMaskOn(visit.in_node)) continue;
+      visit.leaf = visit.node->getTable()[visit.in_node].getChild();
+      prefetchRead(visit.leaf);
+    }
+    for (std::size_t n = 0; n < count; ++n) {
+      Visit& visit = visits[n];
+      if (visit.leaf == nullptr) continue;
+      const std::uint32_t* values = packedValues(*visit.leaf);
+      if (values == nullptr) continue;
+      visit.voxel = values + visit.in_leaf;
+      prefetchRead(visit.voxel);
+    }
+    for (std::size_t n = 0; n < count; ++n) {
+      const Visit& visit = visits[n];
+      rays[first + n].news = visit.voxel != nullptr && rule.isNews(*visit.voxel) ? 1 : 0;
+    }
+  }
+}
+
+}  // namespace accessvdb::internal
