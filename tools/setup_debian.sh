@@ -6,7 +6,8 @@
 #   setup_debian.sh           the small set: what the library and the program need
 #   setup_debian.sh --pcl     also PCL: its tests, its example, and accessvdb/pcl.h
 #   setup_debian.sh --python  also what the Python module needs
-#   setup_debian.sh --tests   also what the test suite needs, PCL and Python included; with npm, the packages of
+#   setup_debian.sh --live    also Fast DDS, for the verb live
+#   setup_debian.sh --tests   also what the test suite needs, all of these included; with npm, the packages of
 #                             tests/recordings/package.json in build/npm
 #   setup_debian.sh --all     everything
 #   setup_debian.sh --list [any of these]   prints the packages of the set, one per line, and installs nothing
@@ -28,8 +29,10 @@ packages=(
   libcli11-dev libtomlplusplus-dev                      # the command line
   libembree-dev libqhull-dev                            # simulate and evaluate
 )
+live=(libfastrtps-dev libfastcdr-dev)
 python=(python3-dev python3-numpy python3-pip python3-venv pybind11-dev)
-tests=(blender libgtest-dev libbenchmark-dev binutils bzip2 ccache mold clang-format dpkg-dev file libopenvdb-tools lz4
+tests=(blender libgtest-dev libbenchmark-dev binutils bzip2 ccache mold clang-format cyclonedds-dev cyclonedds-tools
+  dpkg-dev file libopenvdb-tools lz4
   mmdebstrap mypy python3-distributed python3-nav-msgs python3-openvdb python3-rosbag python3-sensor-msgs
   python3-tf2-msgs sqlite3 zstd)
 # Ubuntu's Chromium is a snap, which cannot be driven from outside; tests that draw pages are skipped there.
@@ -40,11 +43,12 @@ for argument in "$@"; do
     --list) list=true ;;
     --pcl) packages+=(libpcl-dev) ;;
     --python) packages+=("${python[@]}") ;;
+    --live) packages+=("${live[@]}") ;;
     --tests | --all)
       with_tests=true
-      packages+=(libpcl-dev "${python[@]}" "${tests[@]}")
+      packages+=(libpcl-dev "${python[@]}" "${live[@]}" "${tests[@]}")
       ;;
-    *) fail "unknown option '$argument'. Use --pcl, --python, --tests, --all, --list or nothing." ;;
+    *) fail "unknown option '$argument'. Use --pcl, --python, --live, --tests, --all, --list or nothing." ;;
   esac
 done
 mapfile -t packages < <(printf '%s\n' "${packages[@]}" | awk '!seen[$0]++')

@@ -19,6 +19,16 @@ namespace accessvdb::io {
 /// Auto looks at the file's name and content. Viewpoint: the VIEWPOINT line of each PCD.
 enum class PoseFormat { Auto, Tum, Kitti, Balm, Hba, Viewpoint };
 
+/// Whether the sensor's motion within a scan is removed: each return is placed by the pose at its own time. Auto: where
+/// returns have times and poses are dense enough; the matching rule says which.
+enum class Deskew { Auto, On, Off };
+
+/// How the frame of the poses is tilted: the world is turned so that z points up.
+struct Level {
+  bool from_imu = false;               ///< by the gravity that the recording's IMU felt at the start
+  double roll_rad = 0, pitch_rad = 0;  ///< else: of the frame that the poses are in, turned about y by pitch, then x
+};
+
 struct ScanInputOptions {
   std::filesystem::path scans = {};  ///< a folder of scans, one file, or a recording
   std::filesystem::path poses = {};  ///< may be empty (VIEWPOINT, ray cloud, sensor_at)
@@ -48,6 +58,11 @@ struct ScanInputOptions {
   std::optional<Eigen::Isometry3d> T_B_S = {};
   /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.
   std::optional<Eigen::AlignedBox3d> exclude_box_S = {};
+  Deskew deskew = Deskew::Auto;
+  std::optional<Level> level = {};
+  /// From the sensor to each point of clouds in the world frame whose true rays are not known: (0,0,-10) for a flight
+  /// above them. What is between is taken to be free.
+  std::optional<Eigen::Vector3d> ray_W = {};
 };
 
 /// Something about the input that is most likely a mistake, or a loss.
@@ -66,6 +81,8 @@ struct ScanRecord {
   std::string path;
   std::uint64_t truncated_points = 0;  ///< records announced by the header but missing in the file
   std::uint64_t excluded_points = 0;   ///< left out: inside ScanInputOptions::exclude_box_S
+  std::uint64_t unposed_points = 0;    ///< left out: no pose at their time, see Deskew
+  bool deskewed = false;               ///< each return has been placed by the pose at its own time
 };
 
 struct InputFile {
@@ -92,7 +109,8 @@ class ACCESSVDB_API ScanSequence {
   [[nodiscard]] const std::vector<std::string>& notices() const;   ///< frame, quaternion order, matching rule, repairs
   [[nodiscard]] const std::vector<ScanWarning>& warnings() const;  ///< not among the notices
   [[nodiscard]] std::string matchingRule() const;                  ///< one line, also part of the notices
-  [[nodiscard]] std::vector<std::string> paths() const;            ///< every file that is or will be read
+  [[nodiscard]] bool deskews() const;                    ///< motion within scans is removed, where poses cover a scan
+  [[nodiscard]] std::vector<std::string> paths() const;  ///< every file that is or will be read
   [[nodiscard]] std::optional<double> recordedRangeNoise_m() const;  ///< from range_noise.txt next to the scans, if any
   /// Memory that is held between reads: poses or the list of steps, a trajectory, the content of a compressed PCD.
   [[nodiscard]] std::uint64_t heldBytes() const;

@@ -35,6 +35,8 @@ try:
         FieldParams,
         FieldSnapshot,
         FrameStats,
+        LiveSession,
+        LiveStep,
         MemoryUse,
         PointAnswers,
         PointLabel,

@@ -14,6 +14,7 @@ PYBIND11_MODULE(_accessvdb, module) {
   bindSnapshot(module);
   bindAccessMap(module);
   bindAnswers(module);
+  bindLive(module);
   bindScans(module);
   bindField(module);
   bindStoredField(module);

@@ -15,6 +15,7 @@ void bindAnswers(pybind11::module_& module);
 void bindSnapshot(pybind11::module_& module);
 void bindAccessMap(pybind11::module_& module);
 void bindField(pybind11::module_& module);
+void bindLive(pybind11::module_& module);
 void bindScans(pybind11::module_& module);
 void bindStoredField(pybind11::module_& module);
 void bindRender(pybind11::module_& module);

@@ -20,6 +20,8 @@ namespace accessvdb::python {
 
 template <>
 inline constexpr std::array kWords<io::PoseFormat> = {"auto", "tum", "kitti", "balm", "hba", "viewpoint"};
+template <>
+inline constexpr std::array kWords<io::Deskew> = {"auto", "on", "off"};
 
 namespace {
 
@@ -30,6 +32,17 @@ struct LockedScans {
   explicit LockedScans(io::ScanSequence&& opened) : scans(std::move(opened)) {}
 };
 
+io::Level levelFrom(const py::object& level) {
+  if (py::isinstance<py::str>(level)) {
+    if (level.cast<std::string>() == "imu") return {.from_imu = true};
+    throw py::value_error("level must be \"imu\", or roll and pitch in radians");
+  }
+  if (!py::isinstance<py::sequence>(level) || py::len(level) != 2)
+    throw py::type_error("level must be \"imu\", or roll and pitch in radians");
+  const auto angles = py::reinterpret_borrow<py::sequence>(level);
+  return {false, numberFrom("level", angles[0]), numberFrom("level", angles[1])};
+}
+
 std::unique_ptr<LockedScans> openScans(
     const std::filesystem::path& scans, const std::optional<std::filesystem::path>& poses,
     const py::object& pose_format, const std::optional<std::filesystem::path>& calib, const py::object& sensor_at_W,
@@ -37,7 +50,8 @@ std::unique_ptr<LockedScans> openScans(
     const py::object& rays_per_step, const std::optional<std::filesystem::path>& trajectory,
     const py::object& time_offset_s, const std::optional<std::filesystem::path>& stations,
     const std::string& laz_command, const std::string& topic, const std::string& pose_topic,
-    const std::string& fixed_frame, const py::object& T_B_S, const py::object& exclude_box_S) {
+    const std::string& fixed_frame, const py::object& T_B_S, const py::object& exclude_box_S, const py::object& deskew,
+    const py::object& level, const py::object& ray_W) {
   io::ScanInputOptions options;
   options.scans = scans;
   if (poses) options.poses = *poses;
@@ -64,6 +78,9 @@ std::unique_ptr<LockedScans> openScans(
     options.exclude_box_S =
         Eigen::AlignedBox3d(vector3("exclude_box_S", corners[0]), vector3("exclude_box_S", corners[1]));
   }
+  options.deskew = settingFrom<io::Deskew>("deskew", deskew);
+  if (!level.is_none()) options.level = levelFrom(level);
+  if (!ray_W.is_none()) options.ray_W = vector3("ray_W", ray_W);
   return withoutLock([&] { return std::make_unique<LockedScans>(io::ScanSequence::open(options)); });
 }
 
@@ -105,7 +122,9 @@ void bindRecord(py::module_& module) {
       .def_readonly("stamp_s", &R::stamp_s)
       .def_readonly("path", &R::path)
       .def_readonly("truncated_points", &R::truncated_points)
-      .def_readonly("excluded_points", &R::excluded_points);
+      .def_readonly("excluded_points", &R::excluded_points)
+      .def_readonly("unposed_points", &R::unposed_points)
+      .def_readonly("deskewed", &R::deskewed);
 }
 
 }  // namespace
@@ -119,11 +138,16 @@ void bindScans(py::module_& module) {
            py::arg("rays_per_step") = 20000, py::arg("trajectory") = py::none(), py::arg("time_offset_s") = 0.0,
            py::arg("stations") = py::none(), py::arg("laz_command") = "", py::arg("topic") = "",
            py::arg("pose_topic") = "", py::arg("fixed_frame") = "", py::arg("T_B_S") = py::none(),
-           py::arg("exclude_box_S") = py::none(),
-           "scans: a folder of .pcd, .ply, .bin, .las or .laz files, one file, or a recording (.mcap, .db3, .bag). "
+           py::arg("exclude_box_S") = py::none(), py::arg("deskew") = "auto", py::arg("level") = py::none(),
+           py::arg("ray_W") = py::none(),
+           "scans: a folder of .pcd, .ply, .bin, .las, .laz or .ptx files, one file, or a recording (.mcap, .db3, "
+           ".bag). "
            "poses: TUM, KITTI, BALM or HBA. trajectory, stations: where the sensor was, for clouds in the world "
            "frame. topic, pose_topic, fixed_frame: for recordings. T_B_S: (4, 4), the sensor on what the poses "
-           "are of. exclude_box_S: two corners; returns between them are left out.")
+           "are of. exclude_box_S: two corners; returns between them are left out. deskew: auto, on or off. level: "
+           "\"imu\" "
+           "or (roll, pitch) of the poses' frame in radians. ray_W: from the sensor to every point of a cloud whose "
+           "rays are not known.")
       .def("__len__", [](const LockedScans& s) { return s.scans.size(); })
       .def("__getitem__", &readScan, py::arg("step"))
       .def("__iter__",

@@ -47,16 +47,39 @@ struct Field {
   std::uint64_t offset = 0;
 };
 
-/// The position in a point, from the fields that the message names.
+constexpr std::uint8_t kInt32 = 5, kUint32 = 6, kFloat32 = 7, kFloat64 = 8;
+
+std::optional<TimeField::Type> timeType(std::uint8_t type) {
+  switch (type) {
+    case kInt32:
+      return TimeField::Type::Int32;
+    case kUint32:
+      return TimeField::Type::Uint32;
+    case kFloat32:
+      return TimeField::Type::Float32;
+    case kFloat64:
+      return TimeField::Type::Float64;
+    default:
+      return std::nullopt;
+  }
+}
+
+/// Position and time in a point, from the fields that the message names.
 void readFields(MessageReader& reader, CloudMessage& cloud) {
-  constexpr std::uint8_t kFloat32 = 7, kFloat64 = 8;
   std::array<Field, 3> xyz;
+  std::size_t best = kPointTimeNames.size();
   const std::uint32_t count = reader.count(8);
   for (std::uint32_t i = 0; i < count; ++i) {
     const std::string_view name = reader.text();
     const std::uint64_t offset = reader.number<std::uint32_t>();
     const auto type = reader.number<std::uint8_t>();
-    (void)reader.number<std::uint32_t>();  // how many
+    const auto values = reader.number<std::uint32_t>();
+    const auto rank = static_cast<std::size_t>(std::find(kPointTimeNames.begin(), kPointTimeNames.end(), name) -
+                                               kPointTimeNames.begin());
+    if (const auto time_type = timeType(type); rank < best && time_type && values <= 1) {
+      best = rank;
+      cloud.time = TimeField{offset, *time_type, name};
+    }
     if (name.size() != 1 || name[0] < 'x' || name[0] > 'z') continue;
     xyz[static_cast<std::size_t>(name[0] - 'x')] = {true, type == kFloat32 || type == kFloat64, type == kFloat64,
                                                     offset};
@@ -88,6 +111,13 @@ void checkSizes(const CloudMessage& cloud) {
                        kAgain);
 }
 
+/// A time that is not inside of the points is none: nothing else depends on it.
+void checkTime(CloudMessage& cloud) {
+  if (!cloud.time) return;
+  const std::uint64_t bytes = cloud.time->type == TimeField::Type::Float64 ? 8 : 4;
+  if (cloud.time->offset + bytes > cloud.point_bytes) cloud.time.reset();
+}
+
 CloudMessage readPointCloud2(MessageReader& reader) {
   CloudMessage cloud;
   cloud.header = readHeader(reader);
@@ -100,6 +130,7 @@ CloudMessage readPointCloud2(MessageReader& reader) {
   cloud.row_bytes = reader.number<std::uint32_t>();
   cloud.data = reader.take(reader.count(1));
   checkSizes(cloud);
+  checkTime(cloud);
   return cloud;
 }
 
@@ -117,6 +148,7 @@ CloudMessage readLivox(MessageReader& reader) {
                        "announces " + std::to_string(announced) + " points and has " + std::to_string(cloud.columns),
                        kAgain);
   cloud.x = 4, cloud.y = 8, cloud.z = 12;
+  cloud.time = TimeField{0, TimeField::Type::Uint32, kPointTimeNames.front()};
   cloud.point_bytes = reader.wire() == Wire::Cdr ? 20 : kPoint;
   if (cloud.columns == 0) return cloud;
   // The last point is not filled up.
@@ -164,6 +196,18 @@ void appendAny(const CloudMessage& cloud, std::vector<Eigen::Matrix<To, 3, 1>>& 
   }
 }
 
+template <typename From>
+void appendTimesOf(const CloudMessage& cloud, std::vector<double>& times) {
+  for (std::uint64_t row = 0; row < cloud.rows; ++row) {
+    const char* point = cloud.data.data() + row * cloud.row_bytes + cloud.time->offset;
+    for (std::uint64_t column = 0; column < cloud.columns; ++column, point += cloud.point_bytes) {
+      From value;
+      std::memcpy(&value, point, sizeof value);
+      times.push_back(static_cast<double>(value));
+    }
+  }
+}
+
 }  // namespace
 
 std::optional<MessageKind> kindOf(std::string_view type) {
@@ -174,6 +218,7 @@ std::optional<MessageKind> kindOf(std::string_view type) {
   if (type == "nav_msgs/Odometry") return MessageKind::Odometry;
   if (type == "geometry_msgs/PoseStamped") return MessageKind::PoseStamped;
   if (type == "geometry_msgs/PoseWithCovarianceStamped") return MessageKind::PoseWithCovarianceStamped;
+  if (type == "sensor_msgs/Imu") return MessageKind::Imu;
   if (type == "tf2_msgs/TFMessage" || type == "tf/tfMessage") return MessageKind::Transforms;
   return std::nullopt;
 }
@@ -199,6 +244,21 @@ PoseMessage readPose(MessageKind kind, std::string_view bytes, Wire wire) {
   return pose;
 }
 
+ImuMessage readImu(std::string_view bytes, Wire wire) {
+  MessageReader reader(bytes, wire);
+  ImuMessage imu;
+  imu.header = readHeader(reader);
+  const auto skipCovariance = [&] {
+    for (int i = 0; i < 9; ++i) (void)reader.number<double>();
+  };
+  (void)readQuaternion(reader);
+  skipCovariance();
+  imu.turn_rad_s = readVector(reader);
+  skipCovariance();
+  imu.force = readVector(reader);
+  return imu;
+}
+
 std::vector<PoseMessage> readTransforms(std::string_view bytes, Wire wire) {
   constexpr std::size_t kLeastTransform = 64;
   MessageReader reader(bytes, wire);
@@ -214,5 +274,20 @@ std::vector<PoseMessage> readTransforms(std::string_view bytes, Wire wire) {
 
 void appendPoints(const CloudMessage& cloud, std::vector<Eigen::Vector3f>& points) { appendAny(cloud, points); }
 void appendPoints(const CloudMessage& cloud, std::vector<Eigen::Vector3d>& points) { appendAny(cloud, points); }
+
+void appendTimes(const CloudMessage& cloud, std::vector<double>& times) {
+  if (cloud.points() == 0) return;
+  times.reserve(times.size() + static_cast<std::size_t>(cloud.points()));
+  switch (cloud.time->type) {
+    case TimeField::Type::Int32:
+      return appendTimesOf<std::int32_t>(cloud, times);
+    case TimeField::Type::Uint32:
+      return appendTimesOf<std::uint32_t>(cloud, times);
+    case TimeField::Type::Float32:
+      return appendTimesOf<float>(cloud, times);
+    case TimeField::Type::Float64:
+      return appendTimesOf<double>(cloud, times);
+  }
+}
 
 }  // namespace accessvdb::bags

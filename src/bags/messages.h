@@ -5,6 +5,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <stdexcept>
@@ -14,12 +15,18 @@
 
 namespace accessvdb::bags {
 
-enum class MessageKind { PointCloud2, LivoxCustom, Odometry, PoseStamped, PoseWithCovarianceStamped, Transforms };
+enum class MessageKind { PointCloud2, LivoxCustom, Odometry, PoseStamped, PoseWithCovarianceStamped, Transforms, Imu };
 
 /// @param type  as Topic::type @return nothing for types that are not read
 [[nodiscard]] std::optional<MessageKind> kindOf(std::string_view type);
 [[nodiscard]] constexpr bool isCloud(MessageKind kind) {
   return kind == MessageKind::PointCloud2 || kind == MessageKind::LivoxCustom;
+}
+
+/// Whether it poses one frame in another.
+[[nodiscard]] constexpr bool isPose(MessageKind kind) {
+  return kind == MessageKind::Odometry || kind == MessageKind::PoseStamped ||
+         kind == MessageKind::PoseWithCovarianceStamped;
 }
 
 /// Thrown for a message that is not what its type says, or is not read: the caller knows the topic and the file.
@@ -51,6 +58,24 @@ struct PoseMessage {
   Eigen::Vector4d q = {1, 0, 0, 0};  ///< w x y z, as sent
 };
 
+struct ImuMessage {
+  Header header;
+  Eigen::Vector3d turn_rad_s = Eigen::Vector3d::Zero();
+  Eigen::Vector3d force = Eigen::Vector3d::Zero();  ///< specific force; m/s^2, or g from some drivers
+};
+
+/// Names under which drivers send the time of each point, the most specific first.
+inline constexpr std::array<std::string_view, 5> kPointTimeNames = {"offset_time", "timestamp", "timestamps", "time",
+                                                                    "t"};
+
+/// The time of each point, in the message's own unit.
+struct TimeField {
+  enum class Type { Int32, Uint32, Float32, Float64 };
+  std::uint64_t offset = 0;  ///< in a point
+  Type type = Type::Uint32;
+  std::string_view name;
+};
+
 /// A cloud whose points are all inside of its data: checked.
 struct CloudMessage {
   Header header;
@@ -58,6 +83,7 @@ struct CloudMessage {
   std::uint64_t row_bytes = 0, point_bytes = 0;
   std::uint64_t x = 0, y = 0, z = 0;  ///< offsets in a point
   bool doubles = false;               ///< float64, else float32
+  std::optional<TimeField> time;      ///< inside of the points: checked
   std::string_view data;
 
   [[nodiscard]] std::uint64_t points() const { return rows * columns; }
@@ -66,10 +92,13 @@ struct CloudMessage {
 /// @throws MessageError "recording.message", "recording.big_endian", "recording.fields", "recording.compression"
 [[nodiscard]] CloudMessage readCloud(MessageKind kind, std::string_view bytes, Wire wire);
 [[nodiscard]] PoseMessage readPose(MessageKind kind, std::string_view bytes, Wire wire);
+[[nodiscard]] ImuMessage readImu(std::string_view bytes, Wire wire);
 [[nodiscard]] std::vector<PoseMessage> readTransforms(std::string_view bytes, Wire wire);
 
 /// Appends all points, in the frame of the message. Values are passed on unchanged, NaN too.
 void appendPoints(const CloudMessage& cloud, std::vector<Eigen::Vector3f>& points);
 void appendPoints(const CloudMessage& cloud, std::vector<Eigen::Vector3d>& points);
+/// The time of each point; of a cloud that has them.
+void appendTimes(const CloudMessage& cloud, std::vector<double>& times);
 
 }  // namespace accessvdb::bags

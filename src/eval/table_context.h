@@ -61,6 +61,9 @@ void makeIncrementalTable(TableContext& context);
 void makeHprTable(TableContext& context);
 void makeProjectiveTable(TableContext& context);
 
+// table_of_motion.cpp: a sensor that moves while it scans.
+void makeMotionTable(TableContext& context);
+
 // table_of_pine.cpp: takes minutes to hours, so not part of "all".
 void makePineTable(TableContext& context);
 void makePineFormTable(TableContext& context);

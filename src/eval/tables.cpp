@@ -33,6 +33,7 @@ constexpr Table kTables[] = {
     {"unseen", true, makeUnseenTable},
     {"unfiltered", true, makeUnfilteredTable},
     {"incremental", true, makeIncrementalTable},
+    {"motion", true, makeMotionTable},
     {"hpr", true, makeHprTable},
     {"projective", true, makeProjectiveTable},
     {"pine", false, makePineTable},

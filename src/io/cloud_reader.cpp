@@ -31,6 +31,8 @@ std::unique_ptr<CloudReader> openCloud(const std::filesystem::path& path, ScanKi
       return openLaz(path, options);
     case ScanKind::Xyz:
       return openXyz(path, options);
+    case ScanKind::Ptx:
+      return openPtx(path, options);
     case ScanKind::Mcap:
     case ScanKind::RosBag:
     case ScanKind::Sqlite:

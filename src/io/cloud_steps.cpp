@@ -96,7 +96,7 @@ void CloudSteps::checkReader(const CloudTotals& totals, bool all_unit) {
     if (input_.files.size() == 1)
       throw UnusableInput("input.no_points", subject, "contains no points", "Use another file");
     notices_.push_back(subject + ": contains no points");
-  } else if (input_.read.rays && all_unit) {
+  } else if (input_.read.rays && input_.kind == ScanKind::Ply && all_unit) {
     throw UnusableInput("input.no_rays", subject,
                         "is not a ray cloud: its nx ny nz are all of length 1, as surface normals are",
                         "Provide poses, or a single sensor position with --sensor-at X,Y,Z");
@@ -126,6 +126,10 @@ void CloudSteps::append(const PointCloud& part, ScanRecord& record) {
       const auto sensor_W = sensorAt(part.stamps_s[i] + input_.time_offset_s);
       if (!sensor_W) continue;
       record.origins_W.push_back(*sensor_W);
+    } else if (input_.ray_W) {
+      record.origins_W.push_back(part.points[i] - *input_.ray_W);
+    } else if (!part.sensors.empty()) {
+      record.origins_W.push_back(part.sensors[i]);
     } else if (input_.read.rays) {
       record.origins_W.push_back(part.points[i] + part.ray_vectors[i]);
     }
@@ -148,7 +152,7 @@ ScanRecord CloudSteps::read(std::size_t step) {
   record.stamp_s = wanted.stamp_s.value_or(0);
   record.truncated_points = step == 0 ? truncated_points_ : 0;
   record.points_W.reserve(wanted.returns);
-  if (input_.read.rays || input_.trajectory) {
+  if (input_.read.rays || input_.trajectory || input_.ray_W) {
     record.origins_W.reserve(wanted.returns);
   } else {
     record.origins_W = {input_.sensors_W[wanted.file]};

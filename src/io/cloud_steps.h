@@ -18,14 +18,15 @@ namespace accessvdb::io {
 
 class TrajectoryCoverage;
 
-/// Where the sensor was: with ReadOptions::rays, each return has a vector to it; else the trajectory says it for each
-/// return's time; else it is one position for each file.
+/// Where the sensor was: with ReadOptions::rays, each return has a vector to it, or a position; else the trajectory
+/// says it for each return's time; else it is before each point by ray_W; else it is one position for each file.
 struct CloudInput {
   std::vector<std::filesystem::path> files = {};
   ScanKind kind = ScanKind::Ply;
   ReadOptions read = {};
   std::optional<Trajectory> trajectory = {};    ///< needs ReadOptions::times
   double time_offset_s = 0;                     ///< added to the cloud's stamps
+  std::optional<Eigen::Vector3d> ray_W = {};    ///< from the sensor to each point
   std::vector<Eigen::Vector3d> sensors_W = {};  ///< [files]
   std::size_t rays_per_step = 1;
   int every = 1;  ///< use every n-th step

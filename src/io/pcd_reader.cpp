@@ -7,6 +7,7 @@
 #include <array>
 
 #include "accessvdb/error.h"
+#include "bags/messages.h"
 #include "io/binary_records.h"
 #include "io/input_file.h"
 #include "io/pcd_header.h"
@@ -24,7 +25,12 @@ class PcdReader : public CloudReader {
  public:
   PcdReader(std::unique_ptr<ByteSource> source, PcdHeader header, const std::string& subject,
             const ReadOptions& options)
-      : source_(std::move(source)), header_(std::move(header)), subject_(subject), options_(options) {}
+      : source_(std::move(source)), header_(std::move(header)), subject_(subject), options_(options) {
+    for (const std::string_view name : bags::kPointTimeNames)
+      for (std::size_t i = 0; options.point_times && !time_ && i < header_.fields.size(); ++i)
+        if (header_.fields[i].name == name && header_.fields[i].count == 1) time_ = i;
+  }
+  [[nodiscard]] std::string timeField() const override { return time_ ? header_.fields[*time_].name : std::string(); }
   [[nodiscard]] Place place() const override { return {0, record_, 0}; }
   void seek(const Place& place) override { record_ = place.record; }
 
@@ -35,6 +41,7 @@ class PcdReader : public CloudReader {
   PcdHeader header_;
   std::string subject_;
   ReadOptions options_;
+  std::optional<std::size_t> time_;  ///< index into the header's fields
   std::uint64_t record_ = 0;
 };
 
@@ -82,7 +89,11 @@ class TextPcdReader final : public PcdReader {
     for (int axis = 0; axis < 3; ++axis)
       if (!parseNumber(tokens_[header_.fields[header_.xyz[axis]].first_value], point[axis]))
         lines_.fail("of the data has a coordinate that is not a number");
+    double time = 0;
+    if (time_ && !parseNumber(tokens_[header_.fields[*time_].first_value], time))
+      lines_.fail("of the data has a time that is not a number");
     part.points.push_back(point);
+    if (time_) part.times.push_back(time);
     ++record_;
     return true;
   }
@@ -127,9 +138,15 @@ class BinaryPcdReader final : public PcdReader {
       const PcdField& field = header_.fields[header_.xyz[axis]];
       columns[axis] = {field.offset_bytes, header_.record_bytes, field.type};
     }
+    Column time;
+    if (time_) {
+      time = {header_.fields[*time_].offset_bytes, header_.record_bytes, header_.fields[*time_].type};
+      part.times.resize(part.points.size());
+    }
     records_.forEach(*source_, record_, part.points.size(), [&](std::uint64_t i, const char* record) {
       for (int axis = 0; axis < 3; ++axis)
         part.points[i - first][axis] = loadScalar(record + columns[axis].begin, columns[axis].type, false);
+      if (time_) part.times[i - first] = loadScalar(record + time.begin, time.type, false);
     });
     record_ += part.points.size();
     if (part.points.size() < count) {
@@ -193,13 +210,18 @@ class CompressedPcdReader final : public PcdReader {
   PointCloud next(std::size_t count) override {
     PointCloud part;
     part.points.resize(static_cast<std::size_t>(std::min<std::uint64_t>(count, header_.points - record_)));
+    const auto value = [this](const PcdField& field, std::size_t i) {
+      return loadScalar(columns_of_all_.data() + field.offset_bytes * header_.points +
+                            (record_ + i) * field.count * scalarBytes(field.type),
+                        field.type, false);
+    };
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const PcdField& field = header_.fields[header_.xyz[axis]];
-      const Column column = {field.offset_bytes * header_.points, field.count * scalarBytes(field.type), field.type};
       for (std::size_t i = 0; i < part.points.size(); ++i)
-        part.points[i][static_cast<Eigen::Index>(axis)] =
-            loadScalar(columns_of_all_.data() + column.begin + (record_ + i) * column.step, column.type, false);
+        part.points[i][static_cast<Eigen::Index>(axis)] = value(field, i);
     }
+    for (std::size_t i = 0; time_ && i < part.points.size(); ++i)
+      part.times.push_back(value(header_.fields[*time_], i));
     record_ += part.points.size();
     return part;
   }

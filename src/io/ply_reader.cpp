@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "accessvdb/error.h"
+#include "bags/messages.h"
 #include "io/binary_records.h"
 #include "io/input_file.h"
 #include "io/ply_header.h"
@@ -38,6 +39,10 @@ struct VertexColumns {
     if (options.rays && !(property[3] && property[4] && property[5]))
       throw InputError("input.no_rays", subject, "is not a ray cloud: its points have no nx ny nz back to the sensor",
                        "Provide poses, or a single sensor position with --sensor-at X,Y,Z");
+    if (options.point_times)
+      for (const std::string_view name : bags::kPointTimeNames)
+        if (!property[kTime] && vertex.find(name) && !vertex.properties[*vertex.find(name)].list_length_type)
+          property[kTime] = vertex.find(name);
     if (!options.times) return;
     for (const char* const name : kTimeNames)
       if (!property[kTime]) property[kTime] = vertex.find(name);
@@ -67,6 +72,10 @@ class PlyCloudReader : public CloudReader {
     byte_ = place.byte;
     record_ = place.record;
   }
+  [[nodiscard]] std::string timeField() const override {
+    const auto& time = columns_.property[VertexColumns::kTime];
+    return options_.point_times && time ? vertex().properties[*time].name : std::string();
+  }
 
  protected:
   using Values = std::array<double, 8>;  ///< of one vertex, in the order of VertexColumns::kNames
@@ -80,7 +89,8 @@ class PlyCloudReader : public CloudReader {
     }
     part.points.emplace_back(value[0], value[1], value[2]);
     if (options_.rays) part.ray_vectors.emplace_back(value[3], value[4], value[5]);
-    if (columns_.property[VertexColumns::kTime]) part.stamps_s.push_back(value[VertexColumns::kTime]);
+    if (columns_.property[VertexColumns::kTime])
+      (options_.point_times ? part.times : part.stamps_s).push_back(value[VertexColumns::kTime]);
   }
   /// The end after all vertices, or after those that there are.
   void finish(PointCloud& part) {

@@ -18,7 +18,9 @@ namespace accessvdb::io {
 struct PointCloud {
   std::vector<Eigen::Vector3d> points;       ///< frame and units of the file
   std::vector<Eigen::Vector3d> ray_vectors;  ///< [n] sensor minus point, only with ReadOptions::rays
+  std::vector<Eigen::Vector3d> sensors;      ///< [n] PTX: where the scanner of each point was
   std::vector<double> stamps_s;              ///< [n] only with ReadOptions::rays or times, if the file has them
+  std::vector<double> times;                 ///< [n] only with ReadOptions::point_times: in the file's own unit
   std::uint64_t truncated_points = 0;        ///< records announced by the header but missing in the file
   std::uint64_t unbounded_rays = 0;          ///< skipped rays that hit nothing (ray clouds: alpha 0)
   std::uint64_t outside_points = 0;          ///< points outside the header's bounding box (LAS)
@@ -29,11 +31,12 @@ struct ReadOptions {
   bool allow_truncated = false;
   bool rays = false;             ///< PLY: nx ny nz are required, and lead back to the sensor
   bool times = false;            ///< a time for each point is required
+  bool point_times = false;      ///< PCD, PLY: the time of each point within a scan, if the file has it
   std::string laz_command = {};  ///< writes a LAZ file as LAS to its standard output, see decoder_pipe.h
 };
 
 /// The last three are recordings: many clouds and their poses in one file, see recording_steps.h.
-enum class ScanKind { Pcd, Ply, KittiBin, Las, Xyz, Laz, Mcap, RosBag, Sqlite };
+enum class ScanKind { Pcd, Ply, KittiBin, Las, Xyz, Laz, Ptx, Mcap, RosBag, Sqlite };
 
 /// Counts over all parts of a cloud.
 struct CloudTotals {
@@ -47,6 +50,7 @@ class CloudReader {
   /// Where the reader stands. Only a place of the same file may be returned to.
   struct Place {
     std::uint64_t byte = 0, record = 0, line = 0;
+    std::uint64_t section = 0, section_line = 0;  ///< PTX: where the header of the station begins
   };
 
   virtual ~CloudReader() = default;
@@ -63,6 +67,8 @@ class CloudReader {
   [[nodiscard]] virtual std::uint64_t expectedPoints() const { return 0; }
   /// Memory between parts that grows with the file; 0 for all but compressed PCD.
   [[nodiscard]] virtual std::uint64_t heldBytes() const { return 0; }
+  /// The field with the time of each point, with ReadOptions::point_times; empty if there is none.
+  [[nodiscard]] virtual std::string timeField() const { return {}; }
   /// What is to be told about the cloud as a whole. @param totals  over all its parts
   [[nodiscard]] virtual std::vector<std::string> notices(const CloudTotals& totals) const;
 };
@@ -77,6 +83,7 @@ class CloudReader {
 [[nodiscard]] std::unique_ptr<CloudReader> openKittiBin(const std::filesystem::path& path, const ReadOptions& options);
 [[nodiscard]] std::unique_ptr<CloudReader> openLas(const std::filesystem::path& path, const ReadOptions& options);
 [[nodiscard]] std::unique_ptr<CloudReader> openLaz(const std::filesystem::path& path, const ReadOptions& options);
+[[nodiscard]] std::unique_ptr<CloudReader> openPtx(const std::filesystem::path& path, const ReadOptions& options);
 [[nodiscard]] std::unique_ptr<CloudReader> openXyz(const std::filesystem::path& path, const ReadOptions& options);
 
 /// The whole file at once. @throws InputError naming the file

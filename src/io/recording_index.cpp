@@ -7,6 +7,7 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
+#include "io/deskew_choice.h"
 #include "io/input_file.h"
 
 namespace accessvdb::io {
@@ -73,6 +74,7 @@ class Indexer {
     const auto kind = bags::kindOf(topic.type);
     if (!kind || !bags::wireOf(topic.encoding)) return false;
     if (*kind == bags::MessageKind::Transforms) return true;
+    if (*kind == bags::MessageKind::Imu) return request_.imu;
     const std::string& name = bags::isCloud(*kind) ? request_.topic : request_.pose_topic;
     return name.empty() || name == topic.name;
   }
@@ -106,6 +108,8 @@ class Indexer {
         addCloud(topic, message);
       } else if (*topic.kind == bags::MessageKind::Transforms) {
         addTransforms(topic, message);
+      } else if (*topic.kind == bags::MessageKind::Imu) {
+        addImu(topic, message);
       } else {
         addPose(topic, message);
       }
@@ -142,6 +146,25 @@ class Indexer {
                           "has more than " + std::to_string(kMostClouds) + " clouds",
                           "Name one topic with --topic, or split the recording");
     topic.clouds.push_back({stampOf(topic, cloud.header.stamp_ns, message), message.place, file_, *frame});
+    if (request_.times) addTimes(topic, cloud);
+  }
+
+  void addTimes(IndexedTopic& topic, const bags::CloudMessage& cloud) {
+    if (!cloud.time || topic.spans.size() >= kTimedSamples) return;
+    topic.time_field = cloud.time->name;
+    points_.clear();
+    times_.clear();
+    bags::appendPoints(cloud, points_);
+    bags::appendTimes(cloud, times_);
+    if (const auto span = timeSpanOf(points_, times_, seconds(topic.clouds.back().stamp_ns)))
+      topic.spans.push_back(*span);
+  }
+
+  void addImu(IndexedTopic& topic, const bags::Message& message) {
+    const bags::ImuMessage imu = bags::readImu(message.bytes, *topic.wire);
+    (void)frameOf(topic, imu.header.frame);
+    if (topic.imu.size() >= kMostImuSamples) return;
+    topic.imu.push_back({stampOf(topic, imu.header.stamp_ns, message), imu.force, imu.turn_rad_s});
   }
 
   void addPose(IndexedTopic& topic, const bags::Message& message) {
@@ -192,6 +215,8 @@ class Indexer {
   std::vector<std::size_t> of_file_;  ///< [topic of the file] topic of the index
   std::uint32_t file_ = 0;
   std::size_t clouds_ = 0, poses_ = 0;
+  std::vector<Eigen::Vector3f> points_;  // of the cloud whose times are looked at
+  std::vector<double> times_;
 };
 
 }  // namespace

@@ -14,7 +14,9 @@
 #include "bags/messages.h"
 #include "bags/recording.h"
 #include "io/frame_tree.h"
+#include "io/levelling.h"
 #include "io/point_cloud.h"
+#include "io/point_times.h"
 #include "io/pose_track.h"
 
 namespace accessvdb::io {
@@ -41,6 +43,9 @@ struct IndexedTopic {
   std::vector<std::string> frames;          ///< of the headers, at most kMostFrameNames
   std::string child;                        ///< odometry: the frame that is posed
   std::vector<IndexedCloud> clouds;         ///< in the order of the files
+  std::string time_field;                   ///< of the points of the first cloud; empty without
+  std::vector<TimeSpan> spans;              ///< of the first clouds with returns that have times, kTimedSamples at most
+  std::vector<ImuSample> imu;               ///< the first ones, only with IndexRequest::imu
   PoseTrack poses;                          ///< of odometry and poses, finished
   std::uint64_t other_frames = 0;           ///< poses that were dropped: between other frames than the first one
   std::uint64_t unstamped = 0;              ///< messages without a time: that of their recording is used
@@ -48,9 +53,7 @@ struct IndexedTopic {
   std::uint64_t seen = 0;                   ///< messages until then
 
   [[nodiscard]] bool isReadCloud() const { return kind && wire && bags::isCloud(*kind); }
-  [[nodiscard]] bool isReadPose() const {
-    return kind && wire && !bags::isCloud(*kind) && *kind != bags::MessageKind::Transforms;
-  }
+  [[nodiscard]] bool isReadPose() const { return kind && wire && bags::isPose(*kind); }
   /// @throws InputError if a message could not be read
   void requireReadable(const std::string& subject) const;
 };
@@ -70,6 +73,8 @@ struct IndexRequest {
   ScanKind kind = ScanKind::Mcap;
   bool allow_truncated = false;
   std::string topic = {}, pose_topic = {};  ///< empty: all of them
+  bool times = false;                       ///< the times of points are looked at
+  bool imu = false;                         ///< measurements of an IMU are kept
   bool list_only = false;                   ///< clouds and poses are looked at, but not kept
 };
 

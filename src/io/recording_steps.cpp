@@ -7,10 +7,13 @@
 #include <cstdio>
 
 #include "accessvdb/error.h"
+#include "io/deskew_choice.h"
 #include "io/exclude_box.h"
 #include "io/input_file.h"
+#include "io/levelling.h"
 #include "io/pose_matching.h"
 #include "io/recording_topics.h"
+#include "io/scan_motion.h"
 
 namespace accessvdb::io {
 namespace {
@@ -48,13 +51,20 @@ std::string subjectOf(const std::vector<std::filesystem::path>& files) {
 
 RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, ScanKind kind,
                                const ScanInputOptions& options)
-    : files_(files), subject_(subjectOf(files)), T_B_S_(options.T_B_S), exclude_box_S_(options.exclude_box_S) {
+    : files_(files),
+      subject_(subjectOf(files)),
+      T_B_S_(options.T_B_S),
+      exclude_box_S_(options.exclude_box_S),
+      deskew_(options.deskew),
+      time_offset_s_(options.time_offset_s) {
   for (const auto& file : files_) recordings_.push_back(openRecording(file, kind, options.allow_truncated));
   RecordingIndex index = indexRecording({.files = files_,
                                          .kind = kind,
                                          .allow_truncated = options.allow_truncated,
                                          .topic = options.topic,
-                                         .pose_topic = options.pose_topic},
+                                         .pose_topic = options.pose_topic,
+                                         .times = options.deskew != Deskew::Off,
+                                         .imu = options.level && options.level->from_imu},
                                         recordings_);
   for (const std::string& line : index.cut_offs) warnings_.push_back({"recording.cut_off", line});
   IndexedTopic& cloud = chooseCloudTopic(index, options.topic, subject_);
@@ -78,7 +88,9 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
     notices_.push_back("recording: poses less than " + std::to_string(index.thinned_ns / 1'000'000) +
                        " ms after another are not used, to save memory");
   if (T_B_S_) rule_ += ", with --extrinsic";
+  if (options.level) level(index, *options.level);
   keepPosed(std::move(cloud.clouds), options);
+  chooseTimes(cloud);
 }
 
 void RecordingSteps::tellAboutClouds(const RecordingIndex& index, const IndexedTopic& cloud) {
@@ -131,6 +143,7 @@ void RecordingSteps::useOdometry(IndexedTopic& poses, const IndexedTopic& cloud,
     const auto moving = std::find_if_not(cloud.frames.begin(), cloud.frames.end(), isRegistered);
     child = moving == cloud.frames.end() ? kSensorFrame : *moving;
   }
+  child_ = child;
   const std::string whose = child == kSensorFrame ? "the sensor" : frameText(child);
   frames_.replace(parent, child, std::move(poses.poses));
   frames_.finish();
@@ -211,27 +224,113 @@ Eigen::Isometry3d RecordingSteps::onSensor(const Eigen::Isometry3d& T_W_B) const
   return T_B_S_ ? T_W_B * *T_B_S_ : T_W_B;
 }
 
-std::optional<RecordingSteps::Posed> RecordingSteps::poseOf(const IndexedCloud& cloud) const {
-  const FrameUse& use = uses_.at(cloud.frame);
+void RecordingSteps::level(const RecordingIndex& index, const Level& level) {
+  if (!level.from_imu) {
+    R_L_W_ = levellingOf(level.roll_rad, level.pitch_rad);
+    rule_ += ", turned level by --level";
+    return;
+  }
+  std::vector<Eigen::Vector3d> force_W;
+  for (const IndexedTopic& topic : index.topics) {
+    if (topic.imu.empty() || !force_W.empty()) continue;
+    std::string whose = topic.frames.front();
+    auto chain = frames_.chain(world_, whose);
+    if (!chain && !child_.empty()) {
+      whose = child_;
+      chain = frames_.chain(world_, whose);
+    }
+    std::optional<std::int64_t> first_ns;
+    for (const ImuSample& sample : topic.imu) {
+      std::optional<Eigen::Isometry3d> T_W_I;
+      if (file_) {
+        T_W_I = interpolatePose(file_->poses, seconds(sample.stamp_ns));
+      } else if (chain) {
+        T_W_I = frames_.at(*chain, sample.stamp_ns);
+      }
+      if (!T_W_I || !sample.force.allFinite()) continue;
+      if (!first_ns) first_ns = sample.stamp_ns;
+      constexpr std::int64_t kRest_ns = 1'000'000'000;
+      if (sample.stamp_ns - *first_ns <= kRest_ns) force_W.push_back(T_W_I->linear() * sample.force);
+    }
+    if (!force_W.empty())
+      rule_ += ", turned level by " + wordForMessage(topic.topic.name) +
+               (file_ ? std::string(", taken to be what the poses are of") : " in frame " + frameText(whose));
+  }
+  R_L_W_ = levellingOf(force_W, subject_);
+  rule_ += " (" + levelInWords(*R_L_W_) + ")";
+}
+
+void RecordingSteps::chooseTimes(const IndexedTopic& cloud) {
+  if (uses_.front().registered) return;  // without motion already
+  TimedScans timed;
+  timed.subject = subject_ + " " + wordForMessage(topic_);
+  timed.field = cloud.time_field;
+  timed.samples = cloud.spans;
+  if (cloud_kind_ == bags::MessageKind::LivoxCustom) timed.scale = TimeScale{1e-9, false};
+  timed.scans = steps_.size();
+  timed.covered = [this](const OffsetRange& range) {
+    const auto ns = [](double offset_s) { return static_cast<std::int64_t>(offset_s * 1e9); };
+    return static_cast<std::size_t>(std::count_if(steps_.begin(), steps_.end(), [&](const IndexedCloud& step) {
+      return poseAt(step.frame, step.stamp_ns + ns(range.first_s)) &&
+             poseAt(step.frame, step.stamp_ns + ns(range.last_s));
+    }));
+  };
+  const DeskewChoice choice = chooseDeskew(deskew_, timed);
+  scale_ = choice.scale;
+  rule_ += choice.words;
+}
+
+bool RecordingSteps::removeMotion(const IndexedCloud& indexed, const bags::CloudMessage& cloud, const Posed& posed,
+                                  ScanRecord& record) const {
+  if (!cloud.time) {
+    if (deskew_ != Deskew::On) return false;
+    throw UnusableInput("deskew.no_times", record.path,
+                        "the cloud at " + secondsText(indexed.stamp_ns) + " s has no times of points",
+                        "Leave out --deskew to use such clouds as they are");
+  }
+  std::vector<Eigen::Vector3f> points_S;
+  std::vector<double> times;
+  bags::appendPoints(cloud, points_S);
+  bags::appendTimes(cloud, times);
+  TimedScan scan = {points_S,        times,         *scale_, seconds(indexed.stamp_ns) - time_offset_s_,
+                    posed.T_W_cloud, exclude_box_S_};
+  MovedScan moved = io::removeMotion(scan, [&](std::int64_t ms) -> std::optional<Eigen::Isometry3d> {
+    const auto at = poseAt(indexed.frame, indexed.stamp_ns + ms * 1'000'000);
+    if (!at) return std::nullopt;
+    return at->T_W_cloud;
+  });
+  if (deskew_ != Deskew::On && !coversScan(moved)) return false;
+  takeMoved(std::move(moved), record);
+  return true;
+}
+
+std::optional<RecordingSteps::Posed> RecordingSteps::poseAt(std::uint32_t frame, std::int64_t stamp_ns) const {
+  const auto levelled = [this](Posed posed) {
+    if (!R_L_W_) return posed;
+    posed.T_W_cloud = *R_L_W_ * posed.T_W_cloud;
+    posed.T_W_sensor = *R_L_W_ * posed.T_W_sensor;
+    return posed;
+  };
+  const FrameUse& use = uses_.at(frame);
   Posed posed;
   if (file_) {
-    const auto T_W_B = interpolatePose(file_->poses, seconds(cloud.stamp_ns));
+    const auto T_W_B = interpolatePose(file_->poses, seconds(stamp_ns));
     if (!T_W_B) return std::nullopt;
     posed.T_W_sensor = onSensor(*T_W_B);
     if (!use.registered) posed.T_W_cloud = posed.T_W_sensor;
-    return posed;
+    return levelled(posed);
   }
-  const auto T_W_points = frames_.at(use.of_points, cloud.stamp_ns);
+  const auto T_W_points = frames_.at(use.of_points, stamp_ns);
   if (!T_W_points) return std::nullopt;
   if (!use.registered) {
     posed.T_W_cloud = posed.T_W_sensor = onSensor(*T_W_points);
-    return posed;
+    return levelled(posed);
   }
-  const auto T_W_B = frames_.at(use.of_sensor, cloud.stamp_ns);
+  const auto T_W_B = frames_.at(use.of_sensor, stamp_ns);
   if (!T_W_B) return std::nullopt;
   posed.T_W_cloud = *T_W_points;
   posed.T_W_sensor = onSensor(*T_W_B);
-  return posed;
+  return levelled(posed);
 }
 
 void RecordingSteps::keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options) {
@@ -282,6 +381,7 @@ ScanRecord RecordingSteps::read(std::size_t step) {
         bags::readCloud(cloud_kind_, recordings_[indexed.file]->read(indexed.place), wire_);
     record.T_W_S = posed->T_W_cloud;
     if (!uses_[indexed.frame].registered) {
+      if (scale_ && removeMotion(indexed, cloud, *posed, record)) return record;
       bags::appendPoints(cloud, record.points_S);
       if (exclude_box_S_)
         record.excluded_points = leaveOutInside(*exclude_box_S_, Eigen::Isometry3d::Identity(), record.points_S);

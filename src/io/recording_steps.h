@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "accessvdb/scan_io.h"
+#include "io/point_times.h"
 #include "io/pose_files.h"
 #include "io/recording_index.h"
 
@@ -26,6 +27,7 @@ class RecordingSteps {
   [[nodiscard]] ScanRecord read(std::size_t step);
   [[nodiscard]] double stamp_s(std::size_t step) const { return seconds(steps_.at(step).stamp_ns); }
   [[nodiscard]] const std::filesystem::path& path(std::size_t step) const { return files_[steps_.at(step).file]; }
+  [[nodiscard]] bool deskews() const { return scale_.has_value(); }
   [[nodiscard]] const std::string& rule() const { return rule_; }
   [[nodiscard]] const std::vector<std::string>& notices() const { return notices_; }
   [[nodiscard]] const std::vector<ScanWarning>& warnings() const { return warnings_; }
@@ -50,8 +52,15 @@ class RecordingSteps {
   void tellAboutClouds(const RecordingIndex& index, const IndexedTopic& cloud);
   void tellAboutOdometry(const IndexedTopic& poses, bool sort);
   void keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options);
+  void level(const RecordingIndex& index, const Level& level);
+  void chooseTimes(const IndexedTopic& cloud);
+  [[nodiscard]] bool removeMotion(const IndexedCloud& indexed, const bags::CloudMessage& cloud, const Posed& posed,
+                                  ScanRecord& record) const;
   [[nodiscard]] Eigen::Isometry3d onSensor(const Eigen::Isometry3d& T_W_B) const;
-  [[nodiscard]] std::optional<Posed> poseOf(const IndexedCloud& cloud) const;
+  [[nodiscard]] std::optional<Posed> poseAt(std::uint32_t frame, std::int64_t stamp_ns) const;
+  [[nodiscard]] std::optional<Posed> poseOf(const IndexedCloud& cloud) const {
+    return poseAt(cloud.frame, cloud.stamp_ns);
+  }
 
   std::vector<std::filesystem::path> files_;
   std::string subject_;                                       ///< the recording's name for messages
@@ -66,7 +75,12 @@ class RecordingSteps {
   std::optional<PoseFile> file_;  ///< instead of frames
   std::optional<Eigen::Isometry3d> T_B_S_;
   std::optional<Eigen::AlignedBox3d> exclude_box_S_;
-  std::string span_;  ///< of the poses, for messages
+  Deskew deskew_ = Deskew::Auto;
+  std::optional<TimeScale> scale_;  ///< motion within scans is removed
+  double time_offset_s_ = 0;
+  std::string child_;                     ///< the frame that the odometry poses
+  std::optional<Eigen::Matrix3d> R_L_W_;  ///< turns the frame of the poses level
+  std::string span_;                      ///< of the poses, for messages
   std::string rule_;
   std::vector<std::string> notices_;
   std::vector<ScanWarning> warnings_;

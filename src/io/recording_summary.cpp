@@ -45,7 +45,7 @@ RecordingSummary summarizeRecording(const std::filesystem::path& path) {
     shown.frames = indexed.frames;
     shown.child_frame = indexed.child;
     shown.cloud = indexed.isReadCloud();
-    shown.pose = indexed.kind && indexed.wire && !shown.cloud;
+    shown.pose = indexed.kind && indexed.wire && !shown.cloud && *indexed.kind != bags::MessageKind::Imu;
     if (indexed.error)
       shown.problem = std::string("message ") + std::to_string(indexed.seen) + " " + indexed.error->what();
     if (topic.messages > 0) {

@@ -15,7 +15,8 @@ namespace {
 namespace fs = std::filesystem;
 
 constexpr const char* kKnownKinds =
-    "Supported are .pcd, .ply, .bin (KITTI), .las, .laz, .xyz for one cloud, and the recordings .mcap, .db3 and .bag";
+    "Supported are .pcd, .ply, .bin (KITTI), .las, .laz, .ptx, .xyz for one cloud, and the recordings .mcap, .db3 and "
+    ".bag";
 
 std::string lowerExtension(const fs::path& path) {
   std::string extension = path.extension().string();
@@ -32,6 +33,7 @@ std::optional<ScanKind> kindOf(const fs::path& path) {
   if (extension == ".las") return ScanKind::Las;
   if (extension == ".laz") return ScanKind::Laz;
   if (extension == ".xyz") return ScanKind::Xyz;
+  if (extension == ".ptx") return ScanKind::Ptx;
   if (extension == ".mcap") return ScanKind::Mcap;
   if (extension == ".bag") return ScanKind::RosBag;
   if (extension == ".db3") return ScanKind::Sqlite;

@@ -49,6 +49,7 @@ ScanPoses fromPoseFile(const ScanFileList& scans, const ScanInputOptions& option
   result.notices = poses.notices;
   result.match = matchPoses(stems, poses, times, times_name, options.time_offset_s);
   result.stamped = poses.stamped;
+  if (poses.stamped) result.track = std::move(poses.poses);
   return result;
 }
 

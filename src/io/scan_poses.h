@@ -16,6 +16,7 @@ namespace accessvdb::io {
 struct ScanPoses {
   MatchResult match;
   bool stamped = false;                      ///< the match has time stamps
+  std::vector<PoseEntry> track;              ///< if stamped: all poses, in the order of their stamps
   std::vector<std::filesystem::path> files;  ///< read on the way: poses, calibration, times
   std::vector<std::string> notices;          ///< about the poses; those of the match are in the match
 };

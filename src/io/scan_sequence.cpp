@@ -9,12 +9,15 @@
 #include "accessvdb/scan_io.h"
 #include "io/cloud_steps.h"
 #include "io/decoder_pipe.h"
+#include "io/deskew_choice.h"
 #include "io/exclude_box.h"
 #include "io/input_file.h"
+#include "io/levelling.h"
 #include "io/point_cloud.h"
 #include "io/pose_checks.h"
 #include "io/recording_steps.h"
 #include "io/scan_files.h"
+#include "io/scan_motion.h"
 #include "io/scan_poses.h"
 #include "io/station_file.h"
 #include "io/text_lines.h"
@@ -26,6 +29,9 @@ namespace {
 constexpr std::size_t kMaxFileNotices = 20;
 /// Returns that are converted at once: few enough to stay in the cache.
 constexpr std::size_t kPart = 4096;
+
+/// Scans that are read when a sequence is opened, to learn what their times mean.
+constexpr std::size_t kFilesLookedAt = 5;
 
 /// Rounds to float; values beyond float become infinite, so that they are counted as such.
 float toFloat(double value) {
@@ -69,6 +75,17 @@ void checkOptions(const ScanInputOptions& options) {
       (!options.poses.empty() || options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty()))
     throw InvalidArgument("usage.stations", "--stations", "excludes --poses, --sensor-at, --trajectory and --calib",
                           "Use --stations for clouds in the world frame, --poses for scans in the scanner's");
+  if (options.level && !(std::abs(options.level->roll_rad) <= 4 && std::abs(options.level->pitch_rad) <= 4))
+    throw InvalidArgument("usage.level", "--level", "must be two finite angles", "Use ROLL,PITCH in degrees, or imu");
+  if (const auto& ray = options.ray_W) {
+    if (!(ray->norm() > 0 && ray->norm() <= 1e5))
+      throw InvalidArgument("usage.ray", "--ray", "must be a vector longer than 0, from the sensor to a point",
+                            "Use X,Y,Z in metres, for example 0,0,-10 for a flight above the cloud");
+    if (!options.poses.empty() || options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty() ||
+        !options.stations.empty())
+      throw InvalidArgument("usage.ray", "--ray", "excludes --poses, --sensor-at, --trajectory, --stations and --calib",
+                            "Omit it where it is known where the sensor was");
+  }
   if (!options.sensor_at_W) return;
   if (!options.sensor_at_W->allFinite())
     throw InvalidArgument("usage.sensor_at", "--sensor-at", "must be three finite numbers", "Use X,Y,Z in metres");
@@ -90,6 +107,18 @@ void checkKind(const ScanInputOptions& options, const ScanFileList& scans) {
     throw InvalidArgument("usage.recording", forMessage(scans.files.front().native()),
                           "is a recording, which excludes --sensor-at, --calib, --trajectory and --stations",
                           "Use its own poses, or --poses with a pose file in TUM format");
+  if (scans.kind == ScanKind::Ptx && (!options.poses.empty() || options.sensor_at_W || !options.trajectory.empty() ||
+                                      !options.stations.empty() || options.ray_W))
+    throw InvalidArgument("usage.ptx", forMessage(scans.files.front().native()),
+                          "has the scanners' poses in itself (PTX), which excludes --poses, --sensor-at, --trajectory, "
+                          "--stations and --ray",
+                          "Omit them");
+  if (options.ray_W && recording)
+    throw InvalidArgument("usage.recording", "--ray", "is for clouds in the world frame, not for recordings",
+                          "Omit it");
+  if (options.level && options.level->from_imu && !recording)
+    throw InvalidArgument("usage.level", "--level imu", "is for recordings (.mcap, .db3, .bag)",
+                          "Use --level ROLL,PITCH in degrees");
   if (options.time_offset_s != 0 && !recording && options.trajectory.empty() && options.poses.empty())
     throw InvalidArgument("usage.time_offset", "--time-offset", "is for times that are looked up in poses",
                           "Add --trajectory or --poses, or omit it");
@@ -113,6 +142,8 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   std::uint64_t input_bytes = 0;
   std::optional<CloudSteps> clouds;         ///< instead of poses: clouds in the world frame
   std::optional<RecordingSteps> recording;  ///< instead of both
+  std::vector<PoseEntry> track;             ///< of the sensor, if motion within scans is removed
+  std::optional<TimeScale> scale;           ///< motion within scans is removed
   std::vector<ScanWarning> warnings;
 
   [[nodiscard]] std::size_t size() const {
@@ -142,8 +173,12 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
 
   /// Clouds in the world frame.
   void openClouds(const ScanFileList& scans) {
-    if (options.T_B_S || options.exclude_box_S)
-      throw InvalidArgument("usage.sensor_frame", options.T_B_S ? "--extrinsic" : "--exclude-box",
+    if (options.T_B_S || options.exclude_box_S || options.level || options.deskew == Deskew::On)
+      throw InvalidArgument("usage.sensor_frame",
+                            options.T_B_S           ? "--extrinsic"
+                            : options.exclude_box_S ? "--exclude-box"
+                            : options.level         ? "--level"
+                                                    : "--deskew on",
                             "needs the sensor's frame, which clouds in the world frame do not have",
                             "Use scans in the sensor's frame, or a recording");
     CloudInput input{.files = scans.files,
@@ -168,9 +203,18 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       input.sensors_W = stations_W;
       rule = "matching: each file of the stations has its scanner's position (" + std::to_string(stations_W.size()) +
              " stations), world frame";
+    } else if (options.ray_W) {
+      input.ray_W = *options.ray_W;
+      rule = "matching: each point was seen along the given ray, world frame";
+      warnings.push_back({"scans.constant_ray",
+                          "--ray says from where each point was seen; nothing measured it, and where it is wrong, "
+                          "space counts as free that may not be"});
     } else if (options.sensor_at_W) {
       input.sensors_W = {*options.sensor_at_W};
       rule = "matching: one cloud in the world frame, seen from the given sensor position";
+    } else if (kind == ScanKind::Ptx) {
+      input.read.rays = true;
+      rule = "matching: each station of a PTX has its scanner's position and pose in its header, world frame";
     } else {
       input.read.rays = true;
       rule = "matching: ray cloud, each point has its own sensor position (point + nx ny nz), world frame";
@@ -197,35 +241,104 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     rule = found.match.rule;
     stamped = found.stamped;
     if (options.T_B_S) notices.push_back("poses: those of the sensor, by --extrinsic");
+    Eigen::Isometry3d T_L_W = Eigen::Isometry3d::Identity();
+    if (options.level) {
+      T_L_W.linear() = levellingOf(options.level->roll_rad, options.level->pitch_rad);
+      rule += ", turned level by --level (" + levelInWords(T_L_W.linear()) + ")";
+    }
+    const auto ofSensor = [&](Eigen::Isometry3d& T_W_S) {
+      if (options.T_B_S) T_W_S = T_W_S * *options.T_B_S;
+      if (options.level) T_W_S = T_L_W * T_W_S;
+    };
     for (std::size_t i = 0; i < found.match.scans.size(); i += static_cast<std::size_t>(options.every)) {
       poses.push_back(found.match.scans[i]);
-      if (options.T_B_S) poses.back().T_W_S = poses.back().T_W_S * *options.T_B_S;
+      ofSensor(poses.back().T_W_S);
       scan_files.push_back(scans.files[found.match.scans[i].scan]);
     }
+    track = std::move(found.track);
+    for (PoseEntry& pose : track) ofSensor(pose.T_W_S);
+    chooseTimes();
+    if (!scale) track = {};
+  }
+
+  /// Whether motion within scans can be removed.
+  void chooseTimes() {
+    TimedScans timed;
+    timed.subject = forMessage(scan_files.front().parent_path().native());
+    timed.scans = poses.size();
+    const bool timed_kind = kind == ScanKind::Pcd || kind == ScanKind::Ply;
+    timed.posed_by_time = stamped && !track.empty();
+    const bool looked = options.deskew != Deskew::Off && timed_kind && timed.posed_by_time;
+    const std::size_t stride = std::max<std::size_t>(1, poses.size() / kFilesLookedAt);
+    for (std::size_t step = 0; looked && step < poses.size(); step += stride) {
+      const auto reader = openScan(step);
+      if (timed.field.empty()) timed.field = reader->timeField();
+      if (reader->timeField().empty()) break;
+      const PointCloud cloud = readWhole(*reader);
+      if (const auto span = timeSpanOf(cloud.points, cloud.times, clockStamp_s(step))) timed.samples.push_back(*span);
+    }
+    timed.covered = [this](const OffsetRange& range) {
+      return static_cast<std::size_t>(std::count_if(poses.begin(), poses.end(), [&](const MatchedScan& scan) {
+        return interpolatePose(track, scan.stamp_s + range.first_s) &&
+               interpolatePose(track, scan.stamp_s + range.last_s);
+      }));
+    };
+    const DeskewChoice choice = chooseDeskew(options.deskew, timed);
+    scale = choice.scale;
+    rule += choice.words;
+  }
+
+  /// The stamp of a scan on the clock of its points.
+  [[nodiscard]] double clockStamp_s(std::size_t step) const { return poses[step].stamp_s - options.time_offset_s; }
+
+  [[nodiscard]] std::unique_ptr<CloudReader> openScan(std::size_t step) const {
+    return io::openCloud(scan_files[step], kind,
+                         {.allow_truncated = options.allow_truncated,
+                          .point_times = options.deskew != Deskew::Off,
+                          .laz_command = laz_command});
+  }
+
+  /// @return false if the scan has to be used as it is
+  bool removeMotion(const std::vector<double>& times, std::size_t step, ScanRecord& record) const {
+    if (times.size() != record.points_S.size()) {
+      if (options.deskew != Deskew::On) return false;
+      throw UnusableInput("deskew.no_times", forMessage(scan_files[step].native()), "has no times of points",
+                          "Leave out --deskew to use such scans as they are");
+    }
+    const double stamp_s = poses[step].stamp_s;
+    const TimedScan scan = {record.points_S, times, *scale, clockStamp_s(step), record.T_W_S, options.exclude_box_S};
+    MovedScan moved = io::removeMotion(
+        scan, [&](std::int64_t ms) { return interpolatePose(track, stamp_s + static_cast<double>(ms) * 1e-3); });
+    if (options.deskew != Deskew::On && !coversScan(moved)) return false;
+    record.points_S.clear();
+    takeMoved(std::move(moved), record);
+    return true;
   }
 
   ScanRecord readScan(std::size_t step) {
     const MatchedScan& pose = poses.at(step);
     const std::filesystem::path& path = scan_files[step];
-    const auto reader =
-        io::openCloud(path, kind, {.allow_truncated = options.allow_truncated, .laz_command = laz_command});
+    const auto reader = openScan(step);
     ScanRecord record;
     record.path = path.string();
     record.T_W_S = pose.T_W_S;
     record.stamp_s = pose.stamp_s;
     record.points_S.reserve(reader->expectedPoints());
     CloudTotals totals;
+    std::vector<double> times;
     for (std::size_t read = kPart; read == kPart;) {
       const PointCloud part = reader->next(kPart);
       for (const Eigen::Vector3d& p : part.points)
         record.points_S.emplace_back(toFloat(p[0]), toFloat(p[1]), toFloat(p[2]));
+      times.insert(times.end(), part.times.begin(), part.times.end());
       totals.add(part);
       read = part.points.size();
     }
     record.truncated_points = totals.truncated_points;
+    addFileNotices(reader->notices(totals));
+    if (scale && removeMotion(times, step, record)) return record;
     if (options.exclude_box_S)
       record.excluded_points = leaveOutInside(*options.exclude_box_S, Eigen::Isometry3d::Identity(), record.points_S);
-    addFileNotices(reader->notices(totals));
     return record;
   }
 };
@@ -255,7 +368,8 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
     throw InvalidArgument("usage.sensor_at", "--sensor-at",
                           "is for one cloud, but the folder contains " + std::to_string(scans.files.size()) + " scans",
                           "Use one file, or poses for all scans");
-  const bool ray_cloud = single && scans.kind == ScanKind::Ply && options.poses.empty();
+  const bool ray_cloud =
+      (single && scans.kind == ScanKind::Ply && options.poses.empty()) || scans.kind == ScanKind::Ptx || options.ray_W;
   checkKind(options, scans);
   if (isRecording(scans.kind)) {
     impl->openRecording(scans);
@@ -289,6 +403,8 @@ std::optional<double> ScanSequence::stamp_s(std::size_t step) const {
   return impl_->poses[step].stamp_s;
 }
 
+bool ScanSequence::deskews() const { return impl_->recording ? impl_->recording->deskews() : impl_->scale.has_value(); }
+
 std::string ScanSequence::path(std::size_t step) const {
   impl_->checkStep(step);
   if (impl_->recording) return impl_->recording->path(step).string();
@@ -308,8 +424,8 @@ std::vector<std::string> ScanSequence::paths() const {
 
 std::optional<double> ScanSequence::recordedRangeNoise_m() const { return impl_->range_noise_m; }
 std::uint64_t ScanSequence::heldBytes() const {
-  return impl_->poses.size() * sizeof(MatchedScan) + (impl_->clouds ? impl_->clouds->heldBytes() : 0) +
-         (impl_->recording ? impl_->recording->heldBytes() : 0);
+  return impl_->poses.size() * sizeof(MatchedScan) + impl_->track.capacity() * sizeof(PoseEntry) +
+         (impl_->clouds ? impl_->clouds->heldBytes() : 0) + (impl_->recording ? impl_->recording->heldBytes() : 0);
 }
 std::uint64_t ScanSequence::inputBytes() const { return impl_->input_bytes; }
 

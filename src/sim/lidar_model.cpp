@@ -62,6 +62,8 @@ void LidarModel::validate() const {
   }
 }
 
+double rayTime_s(const LidarModel& model, int ray) { return model.frame_period_s * ray / model.rays_per_frame; }
+
 Eigen::Vector3f rayDirection_S(const LidarModel& model, std::uint64_t frame, int ray) {
   if (model.pattern == LidarModel::Pattern::Spinning) {
     // Column by column as the head turns; ring 0 is the lowest. The encoder repeats the same grid in every turn.

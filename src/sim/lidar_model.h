@@ -22,6 +22,8 @@ struct LidarModel {
   double dropout = 0;        ///< share of returns lost, 0 .. 1; they read (0,0,0)
   double min_range_m = 0.05;
   double max_range_m = std::numeric_limits<double>::infinity();
+  /// The sensor moves while it measures a frame, evenly from its pose to the next one of the trajectory.
+  bool moves = false;
 
   /// "mid360" or "spinning". @throws InvalidArgument
   static LidarModel named(const std::string& name);
@@ -30,6 +32,9 @@ struct LidarModel {
   /// @throws InvalidArgument naming the field
   void validate() const;
 };
+
+/// When a ray is measured, since its frame began: one after the other over the whole frame.
+[[nodiscard]] double rayTime_s(const LidarModel& model, int ray);
 
 /// Unit direction of a ray in the sensor frame. @param frame  index over the whole run
 [[nodiscard]] Eigen::Vector3f rayDirection_S(const LidarModel& model, std::uint64_t frame, int ray);

@@ -15,6 +15,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "io/pose_matching.h"
 
 namespace accessvdb::sim {
 namespace {
@@ -51,9 +52,8 @@ bool isScanName(const std::string& file, int frames) {
 
 /// Replaces an earlier recording of at most as many frames. Other files are not removed, but refused: they would be
 /// taken for scans of this recording. Poses go first: none may seem to belong to a half-written recording.
-void clearFolder(const fs::path& scans, const fs::path& poses, int frames) {
+void clearFolder(const fs::path& scans, std::vector<fs::path> earlier, int frames) {
   std::error_code error;
-  std::vector<fs::path> earlier = {poses};
   for (const auto& entry : fs::directory_iterator(scans, error)) {
     const std::string file = entry.path().filename().string();
     if (isScanName(file, frames)) {
@@ -70,6 +70,19 @@ void clearFolder(const fs::path& scans, const fs::path& poses, int frames) {
   }
 }
 
+void writeTimedScan(const fs::path& path, const SimulatedFrame& frame) {
+  io::writeFileDurably(path, [&](std::ostream& out) {
+    const std::string n = std::to_string(frame.points_S.size());
+    out << "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z t\nSIZE 4 4 4 4\nTYPE F F F U\n"
+           "COUNT 1 1 1 1\nWIDTH "
+        << n << "\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS " << n << "\nDATA binary\n";
+    for (std::size_t i = 0; i < frame.points_S.size(); ++i) {
+      out.write(reinterpret_cast<const char*>(frame.points_S[i].data()), sizeof(Eigen::Vector3f));
+      out.write(reinterpret_cast<const char*>(&frame.times_ns[i]), sizeof(std::uint32_t));
+    }
+  });
+}
+
 void writeScan(const fs::path& path, const std::vector<Eigen::Vector3f>& points_S) {
   io::writeFileDurably(path, [&](std::ostream& out) {
     const std::string n = std::to_string(points_S.size());
@@ -81,12 +94,24 @@ void writeScan(const fs::path& path, const std::vector<Eigen::Vector3f>& points_
   });
 }
 
-std::string poseLine(const SimulatedFrame& frame) {
-  const Eigen::Vector3d t = frame.T_W_S.translation();
-  Eigen::Quaterniond q(frame.T_W_S.linear());
+std::string poseLine(double stamp_s, const Eigen::Isometry3d& T_W_S) {
+  const Eigen::Vector3d t = T_W_S.translation();
+  Eigen::Quaterniond q(T_W_S.linear());
   if (q.w() < 0) q.coeffs() = -q.coeffs();
-  return formatted("%.6f %.12g %.12g %.12g %.15g %.15g %.15g %.15g\n", frame.stamp_s, t.x(), t.y(), t.z(), q.x(), q.y(),
+  return formatted("%.6f %.12g %.12g %.12g %.15g %.15g %.15g %.15g\n", stamp_s, t.x(), t.y(), t.z(), q.x(), q.y(),
                    q.z(), q.w());
+}
+
+/// As odometry at 200 Hz would have them. The pose at the end of a frame is the first one of the next.
+std::string poseLines(const SimulatedFrame& frame, double period_s, bool last) {
+  constexpr double kSpacing_s = 0.005;
+  const int count = std::max(1, static_cast<int>(std::lround(period_s / kSpacing_s)));
+  std::string lines;
+  for (int i = 0; i < count + (last ? 1 : 0); ++i) {
+    const double share = static_cast<double>(i) / count;
+    lines += poseLine(frame.stamp_s + share * period_s, io::interpolateBetween(frame.T_W_S, frame.T_W_S_end, share));
+  }
+  return lines;
 }
 
 void writeText(const fs::path& path, const std::string& text) {
@@ -96,11 +121,12 @@ void writeText(const fs::path& path, const std::string& text) {
 }  // namespace
 
 int writeRecording(const fs::path& folder, const Simulator& simulator, const RecordingOptions& options) {
-  const fs::path scans = folder / "scans", poses = folder / "poses.txt";
+  const fs::path scans = folder / "scans", poses = folder / "poses.txt", times = folder / "times.txt";
   io::prepareOutputFolder(folder);
   io::prepareOutputFolder(scans);
   const int frames = simulator.frames();
-  clearFolder(scans, poses, frames);
+  clearFolder(scans, {poses, times}, frames);
+  const LidarModel& model = simulator.model();
 
   std::vector<std::string> lines(static_cast<std::size_t>(frames));
   // More threads than the machine has would only cause a warning from TBB.
@@ -112,8 +138,14 @@ int writeRecording(const fs::path& folder, const Simulator& simulator, const Rec
     arena.execute([&] {
       tbb::parallel_for(done, end, [&](int index) {
         const SimulatedFrame frame = simulator.frame(index);
-        lines[static_cast<std::size_t>(index)] = poseLine(frame);
-        writeScan(scans / scanName(index), frame.points_S);
+        std::string& of_frame = lines[static_cast<std::size_t>(index)];
+        if (!model.moves) {
+          of_frame = poseLine(frame.stamp_s, frame.T_W_S);
+          writeScan(scans / scanName(index), frame.points_S);
+          return;
+        }
+        of_frame = poseLines(frame, model.frame_period_s, index + 1 == frames);
+        writeTimedScan(scans / scanName(index), frame);
       });
     });
     done = end;
@@ -123,6 +155,11 @@ int writeRecording(const fs::path& folder, const Simulator& simulator, const Rec
   std::string text = "# stamp x y z qx qy qz qw, sensor to world, metres\n";
   for (int index = 0; index < done; ++index) text += lines[static_cast<std::size_t>(index)];
   writeText(folder / "range_noise.txt", formatted("%.9g\n", options.range_noise_m));
+  if (model.moves) {
+    std::string stamps;
+    for (int index = 0; index < done; ++index) stamps += formatted("%.6f\n", index * model.frame_period_s);
+    writeText(times, stamps);
+  }
   writeText(poses, text);
   return done;
 }

@@ -18,8 +18,9 @@ struct RecordingOptions {
 };
 
 /// Writes scans/000000.pcd ... (binary, x y z float32, sensor frame; (0,0,0) = no return), poses.txt (TUM: t x y z qx
-/// qy qz qw, sensor to world) and range_noise.txt into `folder`, each file whole or not at all. Poses come last and
-/// cover only the frames written, so that an interrupted recording can be used.
+/// qy qz qw, sensor to world) and range_noise.txt into `folder`, with LidarModel::moves also times.txt (one per scan;
+/// the poses are then 5 ms apart, and scans have a field t in ns since their begin), each file whole or not at all.
+/// Poses come last and cover only the frames written, so that an interrupted recording can be used.
 /// @return frames written; fewer than requested if `proceed` returned false
 /// @throws OutputError if a file cannot be written, or if scans of another recording are in the way
 int writeRecording(const std::filesystem::path& folder, const Simulator& simulator, const RecordingOptions& options);

@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "io/pose_matching.h"
 #include "sim/counter_random.h"
 
 namespace accessvdb::sim {
@@ -29,7 +30,7 @@ std::string place(const Eigen::Vector3d& p) {
 
 void requirePoses(const LidarModel& model, const Trajectory& trajectory) {
   model.validate();
-  if (trajectory.empty()) {
+  if (trajectory.size() < (model.moves ? 2 : 1)) {
     throw UnusableInput("sim.frames", "trajectory", "there are no frames to simulate", "Use at least one pose");
   }
   for (std::size_t i = 0; i < trajectory.size(); ++i) {
@@ -78,20 +79,33 @@ struct Simulator::Impl {
   }
 
   [[nodiscard]] SimulatedFrame emptyFrame(int index) const {
-    if (index < 0 || index >= static_cast<int>(trajectory.size())) {
+    if (index < 0 || index >= frames()) {
       throw InvalidArgument("sim.frame", "frame " + std::to_string(index),
-                            "there are only " + std::to_string(trajectory.size()) + " frames");
+                            "there are only " + std::to_string(frames()) + " frames");
     }
-    return {{}, trajectory[static_cast<std::size_t>(index)], index * model.frame_period_s};
+    const auto begin = static_cast<std::size_t>(index);
+    return {{}, trajectory[begin], trajectory[model.moves ? begin + 1 : begin], index * model.frame_period_s};
+  }
+
+  [[nodiscard]] int frames() const { return static_cast<int>(trajectory.size()) - (model.moves ? 1 : 0); }
+
+  /// Ranges of rays begin .. end, each from where the sensor is at its time.
+  void castMoving(const SimulatedFrame& frame, int begin, const std::vector<Eigen::Vector3f>& directions_S,
+                  std::vector<float>& ranges_m) const {
+    for (std::size_t i = 0; i < directions_S.size(); ++i) {
+      const double share = rayTime_s(model, begin + static_cast<int>(i)) / model.frame_period_s;
+      const Eigen::Isometry3d T_W_S = io::interpolateBetween(frame.T_W_S, frame.T_W_S_end, share);
+      const Eigen::Vector3f direction_W = (T_W_S.linear() * directions_S[i].cast<double>()).cast<float>();
+      caster.cast(T_W_S.translation(), {&direction_W, 1}, {&ranges_m[i], 1});
+    }
   }
 
   /// Rays begin .. end of a frame. @return [end - begin] returns in the sensor frame; zero = no return
-  [[nodiscard]] std::vector<Eigen::Vector3f> measure(int index, const Eigen::Isometry3d& T_W_S, int begin,
-                                                     int end) const {
+  [[nodiscard]] std::vector<Eigen::Vector3f> measure(int index, const SimulatedFrame& frame, int begin, int end) const {
     const auto frame_number = static_cast<std::uint64_t>(index);
     std::vector<Eigen::Vector3f> points_S(static_cast<std::size_t>(end - begin));
-    const Eigen::Matrix3d R_W_S = T_W_S.linear();
-    const Eigen::Vector3d origin_W = T_W_S.translation();
+    const Eigen::Matrix3d R_W_S = frame.T_W_S.linear();
+    const Eigen::Vector3d origin_W = frame.T_W_S.translation();
     tbb::parallel_for(tbb::blocked_range<int>(begin, end, kRaysPerTask), [&](const tbb::blocked_range<int>& rays) {
       std::vector<Eigen::Vector3f> directions_S(rays.size()), directions_W(rays.size());
       std::vector<float> ranges_m(rays.size());
@@ -100,7 +114,11 @@ struct Simulator::Impl {
         directions_S[i] = rayDirection_S(model, frame_number, ray);
         directions_W[i] = (R_W_S * directions_S[i].cast<double>()).cast<float>();
       }
-      caster.cast(origin_W, directions_W, ranges_m);
+      if (model.moves) {
+        castMoving(frame, rays.begin(), directions_S, ranges_m);
+      } else {
+        caster.cast(origin_W, directions_W, ranges_m);
+      }
       for (int ray = rays.begin(); ray < rays.end(); ++ray) {
         const auto i = static_cast<std::size_t>(ray - rays.begin());
         const float range_m = measured_m(ranges_m[i], frame_number, ray);
@@ -144,11 +162,15 @@ void Simulator::requireClearPath(const Trajectory& stations) const {
   }
 }
 
-int Simulator::frames() const { return static_cast<int>(impl_->trajectory.size()); }
+int Simulator::frames() const { return impl_->frames(); }
+const LidarModel& Simulator::model() const { return impl_->model; }
 
 SimulatedFrame Simulator::frame(int index) const {
   SimulatedFrame out = impl_->emptyFrame(index);
-  out.points_S = impl_->measure(index, out.T_W_S, 0, impl_->model.rays_per_frame);
+  const LidarModel& model = impl_->model;
+  out.points_S = impl_->measure(index, out, 0, model.rays_per_frame);
+  for (int ray = 0; model.moves && ray < model.rays_per_frame; ++ray)
+    out.times_ns.push_back(static_cast<std::uint32_t>(std::llround(1e9 * rayTime_s(model, ray))));
   return out;
 }
 
@@ -165,7 +187,7 @@ SimulatedFrame Simulator::frameOfReturns(int index, int returns) const {
     }
     // Batches of a fixed size: the rays in a frame do not depend on the threads.
     const int end = std::min(impl_->model.rays_per_frame, begin + returns);
-    for (const Eigen::Vector3f& point_S : impl_->measure(index, out.T_W_S, begin, end)) {
+    for (const Eigen::Vector3f& point_S : impl_->measure(index, out, begin, end)) {
       if (out.points_S.size() < wanted && !point_S.isZero(0)) out.points_S.push_back(point_S);
     }
   }

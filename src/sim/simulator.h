@@ -18,9 +18,11 @@
 namespace accessvdb::sim {
 
 struct SimulatedFrame {
-  std::vector<Eigen::Vector3f> points_S;  ///< [rays_per_frame] metres; exactly (0,0,0) = no return
-  Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
+  std::vector<Eigen::Vector3f> points_S;                    ///< [rays_per_frame] metres; exactly (0,0,0) = no return
+  Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();  ///< when it begins
+  Eigen::Isometry3d T_W_S_end = Eigen::Isometry3d::Identity();  ///< LidarModel::moves: when it ends; else as it begins
   double stamp_s = 0;
+  std::vector<std::uint32_t> times_ns = {};  ///< [points_S] since the stamp; only with LidarModel::moves
 };
 
 class Simulator {
@@ -38,11 +40,13 @@ class Simulator {
   /// @param stations  places along the path, close enough together that straight lines between them represent it
   /// @throws UnusableInput naming the position
   void requireClearPath(const Trajectory& stations) const;
+  /// One per pose; with LidarModel::moves one fewer, since the last pose ends the last frame.
   [[nodiscard]] int frames() const;
+  [[nodiscard]] const LidarModel& model() const;
   /// May be called from several threads at once; parallel internally. @throws InvalidArgument (index)
   [[nodiscard]] SimulatedFrame frame(int index) const;
   /// The first `returns` rays of a frame that hit something: a frame of fixed size, however much sky there is.
-  /// LidarModel::rays_per_frame limits the rays tried. @throws UnusableInput if fewer return
+  /// LidarModel::rays_per_frame limits the rays tried. Without times. @throws UnusableInput if fewer return
   [[nodiscard]] SimulatedFrame frameOfReturns(int index, int returns) const;
   /// The same for frames begin .. end, all at once. @throws like each of them
   [[nodiscard]] std::vector<SimulatedFrame> framesOfReturns(int begin, int end, int returns) const;

@@ -37,7 +37,7 @@ TEST_F(Evaluate, HelpNamesEveryTable) {
   const ProgramResult result = runProgram({"evaluate", "--help"});
   EXPECT_EQ(result.exit_code, 0);
   for (const char* table : {"oracle", "voxel", "projective", "clamping", "hpr", "noise", "frames", "directions",
-                            "incremental", "unseen", "ring", "unfiltered", "pine", "fast", "all"}) {
+                            "incremental", "unseen", "ring", "unfiltered", "motion", "pine", "fast", "all"}) {
     EXPECT_NE(result.out.find(table), std::string::npos) << table;
   }
 }

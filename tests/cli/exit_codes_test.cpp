@@ -102,7 +102,8 @@ TEST_F(ExitCodes, UsageBeforeAnythingIsKnown) {
   const ProgramResult verb = runProgram({"frobnicate"});
   EXPECT_EQ(verb.exit_code, 2);
   expectOneErrorLine(verb, "usage.verb");
-  EXPECT_NE(verb.err.find("map, tile, simulate, evaluate, bench, info, query, render and report"), std::string::npos)
+  EXPECT_NE(verb.err.find("map, tile, live, simulate, evaluate, bench, info, query, diff, render and report"),
+            std::string::npos)
       << verb.err;
   EXPECT_EQ(runProgram(std::vector<std::string>{}).exit_code, 2);
   for (const std::vector<std::string>& arguments : {std::vector<std::string>{"map", "--frobnicate"},

@@ -35,12 +35,14 @@ bags     std api eigen bzip2 lz4 sqlite zlib zstd
 io       std posix api grids eigen openvdb vdb tbb lzf openssl json bags
 picture  std api eigen tbb io png
 field    std posix api grids eigen openvdb vdb tbb launch hostdev tsdf mirror points update tool io
+live     std api grids eigen openvdb tbb tsdf io
 tiles    std posix api grids eigen openvdb vdb tbb launch hostdev points tool field io json
 report   std api eigen tool io zlib openssl json
 capi     std api eigen
 sim      std api grids eigen tbb field io embree
 eval     std api grids eigen tbb field sim io embree qhull png json picture
-tools    std posix api grids eigen cli toml json sim eval
+dds      std api eigen bags io fastdds
+tools    std posix api grids eigen cli toml json sim eval dds
 examples std posix api grids eigen cli cudart pcl pcl-header
 python   std api eigen pybind
 TABLE
@@ -98,7 +100,7 @@ check_includes() {
       n = split("nanovdb:nanovdb openvdb:openvdb tbb:tbb oneapi:tbb pcl:pcl lzf.h:lzf assimp:assimp Eigen:eigen unsupported:eigen " \
                 "cub:cudart thrust:cudart nv:cudart embree3:embree embree4:embree libqhull_r:qhull libqhullcpp:qhull png.h:png " \
                 "pybind11:pybind openssl:openssl immintrin.h:simd CLI:cli toml++:toml toml.hpp:toml nlohmann:json " \
-                "bzlib.h:bzip2 lz4frame.h:lz4 sqlite3.h:sqlite zlib.h:zlib zstd.h:zstd", pairs, " ")
+                "bzlib.h:bzip2 lz4frame.h:lz4 sqlite3.h:sqlite zlib.h:zlib zstd.h:zstd fastdds:fastdds fastrtps:fastdds", pairs, " ")
       for (i = 1; i <= n; ++i) { split(pairs[i], kv, ":"); third[kv[1]] = kv[2] }
       n = split("unistd.h malloc.h fcntl.h signal.h poll.h spawn.h termios.h dirent.h dlfcn.h pthread.h", names, " ")
       for (i = 1; i <= n; ++i) posix[names[i]] = 1

@@ -167,11 +167,52 @@ class Files(unittest.TestCase):
         behind = (records[1].points_S[:, 0] <= 0) & records[1].points_S.any(axis=1)
         self.assertEqual(moved.excluded_points, behind.sum())
         np.testing.assert_array_equal(moved.points_S, records[1].points_S[~behind])
-        for bad in ({"T_B_S": 2 * turned}, {"exclude_box_S": box[::-1]}, {"topic": "/points"}):
+        level = accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", level=(0.1, -0.2))[1]
+        roll = np.array([[1, 0, 0], [0, np.cos(0.1), -np.sin(0.1)], [0, np.sin(0.1), np.cos(0.1)]])
+        pitch = np.array([[np.cos(-0.2), 0, np.sin(-0.2)], [0, 1, 0], [-np.sin(-0.2), 0, np.cos(-0.2)]])
+        np.testing.assert_allclose(level.T_W_S[:3], pitch @ roll @ records[1].T_W_S[:3], atol=1e-12)
+        self.assertFalse(records[1].deskewed)
+        self.assertEqual(records[1].unposed_points, 0)
+        above = accessvdb.ScanSequence(scans_folder / "000000.pcd", ray_W=(0, 0, -5))[0]
+        np.testing.assert_array_equal(above.origins_W, above.points_W + (0, 0, 5))
+        for bad in (
+            {"T_B_S": 2 * turned},
+            {"exclude_box_S": box[::-1]},
+            {"topic": "/points"},
+            {"deskew": "on"},
+            {"deskew": "perhaps"},
+            {"level": "imu"},
+            {"level": (np.nan, 0)},
+        ):
             with self.subTest(bad), self.assertRaises(accessvdb.Error):
                 accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", **bad)
         with self.assertRaises(TypeError):
             accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", exclude_box_S=box[0])
+        with self.assertRaises(TypeError):
+            accessvdb.ScanSequence(scans_folder, scans_folder / "poses.txt", level=0.1)
+
+    def test_deskew(self):
+        """A sensor that flies along x at 2 m/s, over a point that stands still."""
+        folder = self.folder / "moving"
+        (folder / "scans").mkdir(parents=True)
+        times = np.arange(100, dtype=np.uint32) * 1_000_000
+        points = np.zeros(100, [("xyz", "<f4", 3), ("t", "<u4")])
+        points["t"] = times
+        points["xyz"] = np.array([3, 1, 0.5]) - np.outer(2e-9 * times, [1, 0, 0])
+        header = (
+            "FIELDS x y z t\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH 100\nHEIGHT 1\nPOINTS 100\nDATA binary\n"
+        )
+        (folder / "scans" / "100.0.pcd").write_bytes(header.encode() + points.tobytes())
+        (folder / "poses.txt").write_text("".join(f"{100 + i / 10} {0.2 * i} 0 0 0 0 0 1\n" for i in range(3)))
+        scans = accessvdb.ScanSequence(folder / "scans", folder / "poses.txt")
+        self.assertIn("by the pose at its own time", scans.matching_rule)
+        record = scans[0]
+        self.assertTrue(record.deskewed)
+        # Floats of 3 m are 2.4e-7 m apart.
+        np.testing.assert_allclose(record.points_W, np.tile([3, 1, 0.5], (100, 1)), atol=1e-6)
+        np.testing.assert_allclose(record.origins_W[:, 0], 2e-9 * times, atol=1e-9)
+        off = accessvdb.ScanSequence(folder / "scans", folder / "poses.txt", deskew="off")[0]
+        np.testing.assert_array_equal(off.points_S, points["xyz"])
 
     def test_recordings(self):
         """A database as rosbag2 writes it, here by sqlite3 and struct."""

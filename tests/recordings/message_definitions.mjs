@@ -30,6 +30,10 @@ const messages = {
     'std_msgs/Header header\nstring child_frame_id\ngeometry_msgs/PoseWithCovariance pose\n' +
     'geometry_msgs/TwistWithCovariance twist\n',
   'geometry_msgs/PoseStamped': 'std_msgs/Header header\ngeometry_msgs/Pose pose\n',
+  'sensor_msgs/Imu':
+    'std_msgs/Header header\ngeometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n' +
+    'geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n' +
+    'geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance\n',
   'tf2_msgs/TFMessage': 'geometry_msgs/TransformStamped[] transforms\n',
   'std_msgs/String': 'string data\n',
 };

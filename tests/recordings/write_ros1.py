@@ -64,7 +64,7 @@ def livox_message(types, header, points):
     message = types["livox_ros_driver/CustomMsg"](header=header, timebase=header.stamp.to_nsec(), lidar_id=1)
     message.rsvd = bytes(3)
     custom_point = types["livox_ros_driver/CustomPoint"]
-    message.points = [custom_point(1000 * i, *point, 7, 16, i % 4) for i, point in enumerate(points)]
+    message.points = [custom_point(0, *point, 7, 16, i % 4) for i, point in enumerate(points)]
     message.point_num = len(message.points)
     return message
 

@@ -5,13 +5,15 @@
 //   node write_ros2.mjs NPM_FOLDER SCANS OUT.mcap|OUT.db3 [name=value ...]
 // clouds: sensor | world | livox | none      layout: see scan_folder.mjs      poses: odometry | pose | tf | none | late | second | jump | back
 // compression: none | zstd | zstd-stream | lz4 | other      chunk: bytes, 0 = no chunks      index: yes | no
+// times: names the field of the points' times, where scans have a column t (scan_folder.mjs)
+// imu: x,y,z of what an IMU at rest feels in the first second, in the frame of the poses   imu_frame: its frame
 // second: adds another topic with clouds of that name         frame: of the clouds
 import { spawnSync } from 'node:child_process';
 import { writeFileSync } from 'node:fs';
 import { createRequire } from 'node:module';
 import { resolve } from 'node:path';
 import { definitionOf } from './message_definitions.mjs';
-import { cloudMessage, headerOf, livoxMessage, readScanFolder, xyz, xyzw } from './scan_folder.mjs';
+import { cloudMessage, headerOf, livoxMessage, readPoses, readScanFolder, xyz, xyzw } from './scan_folder.mjs';
 
 const [npm, folder, out, ...rest] = process.argv.slice(2);
 const wanted = Object.fromEntries(rest.map((word) => word.split(/=(.*)/s).slice(0, 2)));
@@ -56,12 +58,38 @@ function toWorld(scan) {
 }
 
 const scans = readScanFolder(folder);
+// More poses than scans: odometry that is faster than the scanner.
+const allPoses = readPoses(folder);
+const dense = poses === 'odometry' && allPoses.length > scans.length;
+if (dense)
+  for (const { stamp_ns, t, q } of allPoses)
+    add(...poseTopic, stamp_ns, {
+      header: headerOf(stamp_ns, 'camera_init'),
+      child_frame_id: 'body',
+      pose: { pose: { position: xyz(t), orientation: xyzw(q) }, covariance: new Float64Array(36) },
+      twist: { twist: { linear: xyz([0, 0, 0]), angular: xyz([0, 0, 0]) }, covariance: new Float64Array(36) },
+    });
+if (wanted.imu)
+  for (let i = 0; i < 200; ++i) {
+    const stamp_ns = scans[0].stamp_ns + BigInt(i) * 5_000_000n;
+    const noise = 0.05 * Math.sin(i);
+    const [x, y, z] = wanted.imu.split(',').map(Number);
+    add('/imu', 'sensor_msgs/Imu', stamp_ns, {
+      header: headerOf(stamp_ns, wanted.imu_frame ?? 'imu_link'),
+      orientation: xyzw([0, 0, 0, 1]),
+      orientation_covariance: new Float64Array(9),
+      angular_velocity: xyz([0, 0, 0]),
+      angular_velocity_covariance: new Float64Array(9),
+      linear_acceleration: xyz([x + noise, y - noise, z]),
+      linear_acceleration_covariance: new Float64Array(9),
+    });
+  }
 add('/chatter', 'std_msgs/String', scans[0].stamp_ns, { data: 'hello' });
 scans.forEach((scan, i) => {
   const points = world ? toWorld(scan) : scan.points;
   const cloud = livox
-    ? livoxMessage(scan.stamp_ns, frame, points)
-    : cloudMessage(scan.stamp_ns, frame, points, wanted.layout);
+    ? livoxMessage(scan.stamp_ns, frame, points, scan.times)
+    : cloudMessage(scan.stamp_ns, frame, points, wanted.layout, scan.times, wanted.times);
   const t = poses === 'jump' && i >= scans.length / 2 ? [scan.t[0] + 100, scan.t[1], scan.t[2]] : scan.t;
   const pose = { position: xyz(t), orientation: xyzw(scan.q) };
   const stamp_ns = poses === 'back' && i === 2 ? scan.stamp_ns - 300_000_000n : scan.stamp_ns;
@@ -72,7 +100,7 @@ scans.forEach((scan, i) => {
       transforms: [{ header, child_frame_id: 'base', transform: { translation: xyz(t), rotation: xyzw(scan.q) } }],
     });
   else if (poses === 'pose') add(...poseTopic, scan.stamp_ns, { header, pose });
-  else if (poseTopic && !(poses === 'late' && i < 2) && !(poses === 'second' && i % 2 === 1))
+  else if (poseTopic && !dense && !(poses === 'late' && i < 2) && !(poses === 'second' && i % 2 === 1))
     add(...poseTopic, scan.stamp_ns, {
       header,
       child_frame_id: 'body',

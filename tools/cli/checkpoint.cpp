@@ -44,7 +44,9 @@ std::map<std::string, std::string> readingOf(const MapOptions& options) {
                                                 {"sort_poses", options.sort_poses ? "true" : "false"}};
   // Later than the first checkpoints, which do not have them.
   for (const auto& given : givenRecordingOptions(options.recording)) reading.insert(given);
-  for (const auto& given : givenSensorOptions(options.sensor)) reading.insert(given);
+  for (const auto& given : givenSensorOptions(options.sensor))
+    if (given.first != "deskew") reading.insert(given);  // what it does counts: Checkpoints::readAs
+  if (!options.survey.ray.empty()) reading["ray"] = options.survey.ray;
   return reading;
 }
 
@@ -254,8 +256,14 @@ bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {
   return true;
 }
 
-void Checkpoints::requireSameReading(std::uint64_t steps) const {
+std::map<std::string, std::string> Checkpoints::reading() const {
   std::map<std::string, std::string> reading = readingOf(options_);
+  for (const auto& [key, value] : read_as_) reading[key] = value;
+  return reading;
+}
+
+void Checkpoints::requireSameReading(std::uint64_t steps) const {
+  std::map<std::string, std::string> reading = this->reading();
   for (const auto& [key, value] : reading_) reading.try_emplace(key, "");
   for (const auto& [key, value] : reading) {
     const auto before = reading_.find(key);
@@ -323,7 +331,7 @@ void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& 
                      {"points_used", progress.points_used},
                      {"dropped", progress.dropped},
                      {"frames", progress.frames},
-                     {"reading", readingOf(options_)},
+                     {"reading", reading()},
                      {"poses", jsonOf(progress.poses)},
                      {"scans", jsonOf(progress.scans)}};
   const std::string text = json.dump(1, ' ', false, Json::error_handler_t::replace);

@@ -52,6 +52,8 @@ class Checkpoints {
   /// @throws InputError "state.missing", "state.damaged"; UnusableInput "state.rules"; OutputError
   void prepare();
 
+  /// Says how the scans turned out to be read, beside what the options say.
+  void readAs(const std::string& key, const std::string& value) { read_as_[key] = value; }
   /// Where --resume goes on; nothing for a run from the beginning.
   [[nodiscard]] const std::optional<RunProgress>& resumed() const { return resumed_; }
   /// The field of resumed(). @throws UnusableInput "state.params", naming the first difference, "state.tool"
@@ -91,6 +93,9 @@ class Checkpoints {
   std::uint64_t generation_ = 0;     ///< of the last one in the folder
   std::uint64_t written_scans_ = 0;  ///< in the last one
   std::optional<RunProgress> resumed_;
+  [[nodiscard]] std::map<std::string, std::string> reading() const;
+
+  std::map<std::string, std::string> read_as_;
   std::map<std::string, std::string> reading_;  ///< of resumed()
   Clock::time_point last_ = Clock::now();
 };

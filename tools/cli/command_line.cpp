@@ -19,8 +19,8 @@
 namespace accessvdb::tools {
 namespace {
 
-constexpr const char* kVerbs[] = {"map",  "tile",  "evaluate", "simulate", "bench",
-                                  "info", "query", "diff",     "render",   "report"};
+constexpr const char* kVerbs[] = {"map",   "tile", "live",  "advise", "evaluate", "simulate",
+                                  "bench", "info", "query", "diff",   "render",   "report"};
 
 /// A TOML value as the text that would follow the flag; [1, 2, 3] becomes 1,2,3.
 std::optional<std::string> flagText(const toml::node& node) {
@@ -125,6 +125,38 @@ void checkCommonOptions(const CommonOptions& options) {
 #endif
 }
 
+namespace {
+
+void insertValue(toml::table& values, const std::string& key, const std::string& text) {
+  std::int64_t integer = 0;
+  double real = 0;
+  const char* end = text.data() + text.size();
+  if (auto parsed = std::from_chars(text.data(), end, integer); parsed.ec == std::errc() && parsed.ptr == end) {
+    values.insert(key, integer);
+  } else if (auto number = std::from_chars(text.data(), end, real); number.ec == std::errc() && number.ptr == end) {
+    values.insert(key, real);
+  } else {
+    values.insert(key, text);
+  }
+}
+
+}  // namespace
+
+std::string configEntry(const std::string& key, const std::string& text) {
+  if (text == "true" || text == "false") return key + " = " + text + "\n";
+  double number = 0;
+  const char* end = text.data() + text.size();
+  if (auto parsed = std::from_chars(text.data(), end, number); parsed.ec == std::errc() && parsed.ptr == end) {
+    char shortest[40];
+    return key + " = " + std::string(shortest, std::to_chars(shortest, shortest + sizeof shortest, number).ptr) + "\n";
+  }
+  toml::table values;
+  values.insert(key, text);
+  std::ostringstream out;
+  out << values << "\n";
+  return out.str();
+}
+
 std::string effectiveConfig(const FlagParser& flags) {
   toml::table values;
   for (const auto& [key, value] : flags.settings()) {
@@ -135,16 +167,7 @@ std::string effectiveConfig(const FlagParser& flags) {
     }
     const std::string& text = std::get<std::string>(value);
     if (text.empty()) continue;
-    std::int64_t integer = 0;
-    double real = 0;
-    const char* end = text.data() + text.size();
-    if (auto parsed = std::from_chars(text.data(), end, integer); parsed.ec == std::errc() && parsed.ptr == end) {
-      values.insert(key, integer);
-    } else if (auto number = std::from_chars(text.data(), end, real); number.ec == std::errc() && number.ptr == end) {
-      values.insert(key, real);
-    } else {
-      values.insert(key, text);
-    }
+    insertValue(values, key, text);
   }
   std::ostringstream out;
   out << "[" << flags.verb() << "]\n" << values << "\n";

@@ -33,6 +33,9 @@ void checkCommonOptions(const CommonOptions& options);
 /// The value of every option as a TOML table [VERB], in a form that --config reads back.
 [[nodiscard]] std::string effectiveConfig(const FlagParser& flags);
 
+/// One line of such a table: key = value, a number where the text is one, true or false.
+[[nodiscard]] std::string configEntry(const std::string& key, const std::string& text);
+
 /// Writes data to stdout completely, or fails. @throws OutputError
 void printData(const std::string& text);
 

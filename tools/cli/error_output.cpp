@@ -77,6 +77,10 @@ void Messages::warning(const std::string& id, const std::string& text) {
 
 void Messages::notice(const std::string& text) {
   notices_.push_back(text);
+  progress(text);
+}
+
+void Messages::progress(const std::string& text) const {
   if (quiet_) return;
   if (format_ == ErrorFormat::Json) {
     printLine(jsonLine({{"level", "notice"}, {"text", printable(text)}}));

@@ -34,6 +34,8 @@ class Messages {
   void warning(const std::string& id, const std::string& text);
   /// Printed unless --quiet.
   void notice(const std::string& text);
+  /// The same, but forgotten: for runs that go on for days.
+  void progress(const std::string& text) const;
 
   [[nodiscard]] bool quiet() const { return quiet_; }
   void setQuiet(bool quiet) { quiet_ = quiet; }

@@ -62,7 +62,6 @@ class MapRun {
   void integrate(const io::ScanRecord& record, AccessibilityField& field);
   void update(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
-  [[nodiscard]] Eigen::AlignedBox3d countPoints(const AccessibilityField& field, const SurfacePoints& points);
   void finish(const io::ScanSequence& scans, const AccessibilityField& field);
   void writeHtml(const ToolGeometry& tool);
   void saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field);
@@ -77,7 +76,7 @@ class MapRun {
   RunReport report_;
   SceneStatistics scene_;
   std::set<std::string> hashed_;
-  std::uint64_t truncated_points_ = 0, excluded_points_ = 0;
+  std::uint64_t truncated_points_ = 0, excluded_points_ = 0, unposed_points_ = 0;
   std::uint64_t frames_ = 0;  // frames of the sequence written
   bool refused_ = false;      // existing outputs must stay
   bool written_ = false;      // the field including its labels
@@ -159,6 +158,7 @@ void MapRun::integrate(const io::ScanRecord& record, AccessibilityField& field) 
   }
   truncated_points_ += record.truncated_points;
   excluded_points_ += record.excluded_points;
+  unposed_points_ += record.unposed_points;
   ++report_.scans;
 }
 
@@ -244,6 +244,7 @@ std::size_t MapRun::readResumed(io::ScanSequence& scans) {
       scene_.add(record);
       truncated_points_ += record.truncated_points;
       excluded_points_ += record.excluded_points;
+      unposed_points_ += record.unposed_points;
       hashInput(record.path);
     }
     if (stopSignal() == 0) checkpoints_.requireSameInputs(progress(scans));
@@ -260,31 +261,18 @@ std::size_t MapRun::readResumed(io::ScanSequence& scans) {
   return first;
 }
 
-/// Fills the report. @return the points' bounds, world frame
-Eigen::AlignedBox3d MapRun::countPoints(const AccessibilityField& field, const SurfacePoints& points) {
-  report_.memory = field.memoryUse();
-  report_.surface_points = points.size();
-  report_.labels = {};
-  report_.reasons = {};
-  Eigen::AlignedBox3d bounds_W;
-  for (std::size_t n = 0; n < points.size(); ++n) {
-    const SurfacePoint point = points.at(n);
-    ++report_.labels[static_cast<std::size_t>(point.label)];
-    ++report_.reasons[static_cast<std::size_t>(point.reason)];
-    bounds_W.extend(point.position_W);
-  }
-  return bounds_W;
-}
-
 void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& field) {
   const fs::path out = options_.out;
   if (stopSignal() == 0) {
     for (const std::string& path : scans.paths()) hashInput(path);
   }
   const auto points = field.points();
-  const Eigen::AlignedBox3d surface_W = countPoints(field, *points);
+  const Eigen::AlignedBox3d surface_W = countPoints(report_, field.memoryUse(), *points);
   if (excluded_points_ > 0)
     messages_.notice(std::to_string(excluded_points_) + " returns inside --exclude-box were left out");
+  if (unposed_points_ > 0)
+    messages_.notice(std::to_string(unposed_points_) +
+                     " returns were left out: there is no pose at the time at which each was measured");
   if (truncated_points_ > 0) {
     messages_.warning("input.truncated",
                       std::to_string(truncated_points_) + " points announced by the files are missing");
@@ -320,7 +308,7 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
   const fs::path out = options_.out;
   try {
     const auto points = field.unscoredPoints();
-    static_cast<void>(countPoints(field, *points));
+    static_cast<void>(countPoints(report_, field.memoryUse(), *points));
     writeFieldUnscored(field, out, writeOptions(options_.exported));
     io::renderField(out / "preview.png", *points, renderOptions(options_.picture));
     messages_.warning("device.unscored", "saved what was fused of " + std::to_string(report_.scans) + " of " +
@@ -352,6 +340,7 @@ int MapRun::run() {
   hashInput(options_.common.config);
   first_scan_input_ = report_.inputs.size();
   sayAboutScans(scans, messages_);
+  if (scans.deskews()) checkpoints_.readAs("deskewed", "true");
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
   setParameters(params);

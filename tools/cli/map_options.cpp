@@ -45,9 +45,7 @@ constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
 
 }  // namespace
 
-void addMappingOptions(FlagParser& flags, MapOptions& options) {
-  flags.option("--pose-format", &options.pose_format, "auto, tum, kitti, balm, hba or viewpoint");
-  flags.option("--calib", &options.calib, "KITTI calib.txt, if the poses are the camera's");
+void addFieldOptions(FlagParser& flags, MapOptions& options) {
   addToolOptions(flags, options.tool);
   flags.option("--voxel", &options.voxel_m, "edge of a voxel in metres");
   flags.option("--min-range", &options.min_range_m, "drop returns nearer than this, metres");
@@ -58,6 +56,12 @@ void addMappingOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--profile", &options.profile, "product or paper");
   addOrientationOptions(flags, options);
   flags.option("--knn", &options.knn, "neighbours of a normal; default by rule");
+}
+
+void addMappingOptions(FlagParser& flags, MapOptions& options) {
+  flags.option("--pose-format", &options.pose_format, "auto, tum, kitti, balm, hba or viewpoint");
+  flags.option("--calib", &options.calib, "KITTI calib.txt, if the poses are the camera's");
+  addFieldOptions(flags, options);
   flags.option("--every", &options.every, "use every n-th scan");
   flags.flag("--allow-truncated", options.allow_truncated, "keep the complete records of truncated files");
   flags.flag("--sort-poses", options.sort_poses, "accept poses whose stamps run backwards, by sorting them");
@@ -106,13 +110,17 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
   flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
 }
 
-void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out) {
+void addScanFlags(FlagParser& flags, MapOptions& options) {
   flags.option("--scans", &options.scans,
-               "folder of .pcd, .ply, .bin, .las or .laz scans, one file, or a recording (.mcap, .db3, .bag)");
+               "folder of .pcd, .ply, .bin, .las, .laz or .ptx scans, one file, or a recording (.mcap, .db3, .bag)");
   flags.option("--poses", &options.poses,
                "pose file; may be omitted for VIEWPOINT poses, ray clouds, recordings, --trajectory, --stations and "
                "--sensor-at");
   flags.option("--sensor-at", &options.sensor_at, "X,Y,Z of the one sensor position of one cloud in the world frame");
+}
+
+void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out) {
+  addScanFlags(flags, options);
   addMappingOptions(flags, options);
   flags.option(out, &options.out, "folder for field.vdb, field_points.vdb, points.ply, report.json, preview.png");
   flags.option("--policy", &options.policy, "how points to be scored again are chosen: exact or paper");

@@ -42,6 +42,11 @@ void addMapOptions(FlagParser& flags, MapOptions& options);
 /// All of them without description and common flags. @param out  "--out", or "OUT" for its place on the command line
 void addMapFlags(FlagParser& flags, MapOptions& options, const std::string& out);
 
+/// Adds the flags that say where scans and poses are.
+void addScanFlags(FlagParser& flags, MapOptions& options);
+/// Adds the flags for the tool and the map, for every verb that keeps a field.
+void addFieldOptions(FlagParser& flags, MapOptions& options);
+
 /// Adds the flags for reading and mapping scans, for every verb that maps scans.
 void addMappingOptions(FlagParser& flags, MapOptions& options);
 

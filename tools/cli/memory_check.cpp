@@ -56,7 +56,7 @@ class LocalRays {
   const std::vector<Ray>& of(const io::ScanRecord& record) {
     rays_.clear();
     const auto add = [&](const Eigen::Vector3d& o_W, const Eigen::Vector3d& p_W) {
-      if (!p_W.allFinite() || !o_W.allFinite()) return;
+      if (!p_W.allFinite() || !o_W.allFinite() || p_W == o_W) return;
       if (!origin_W_) origin_W_ = o_W;
       rays_.emplace_back((o_W - *origin_W_).cast<float>(), (p_W - *origin_W_).cast<float>());
     };

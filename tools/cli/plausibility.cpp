@@ -59,7 +59,8 @@ void SceneStatistics::add(const io::ScanRecord& record) {
   const std::size_t rays = record.points_W.size();
   for (std::size_t i = 0; i < rays; i += std::max<std::size_t>(1, rays / kReturnsSampled)) {
     const Eigen::Vector3d& origin_W = record.origins_W.size() == 1 ? record.origins_W[0] : record.origins_W.at(i);
-    if (record.points_W[i].allFinite() && origin_W.allFinite()) addReturn(origin_W, record.points_W[i]);
+    if (record.points_W[i].allFinite() && origin_W.allFinite() && record.points_W[i] != origin_W)
+      addReturn(origin_W, record.points_W[i]);
   }
   const std::size_t count = record.points_S.size();
   if (count == 0) return;

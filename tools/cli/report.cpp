@@ -42,7 +42,43 @@ Json jsonValue(const std::string& text) {
   return text;
 }
 
+Json jsonLive(const LiveReport& live) {
+  const LiveStatus& status = live.status;
+  Json dropped = Json::object();
+  for (int i = 0; i < kNumScanDrops; ++i) {
+    dropped[name(static_cast<ScanDrop>(i))] = status.dropped[static_cast<std::size_t>(i)];
+  }
+  return {
+      {"published", status.published},
+      {"taken", status.taken},
+      {"waiting", status.waiting},
+      {"dropped", dropped},
+      {"malformed", live.malformed},
+      {"lost", live.lost},
+      {"poses",
+       {{"received", status.poses},
+        {"invalid", status.poses_invalid},
+        {"repeated", status.poses_repeated},
+        {"backwards", status.poses_backwards},
+        {"other_frame", status.poses_other_frame}}},
+      {"frame", status.world_frame},
+      {"points_in", status.points_in},
+      {"points_used", status.points_used},
+      {"excluded_returns", status.excluded_returns},
+      {"surface_points", status.surface_points},
+      {"memory",
+       {{"bytes", status.memory_bytes},
+        {"limit_bytes", status.memory_limit_bytes},
+        {"full", status.memory_full},
+        {"left_out_returns", status.left_out_returns}}},
+      {"latency_ms", {{"p50", status.latency_p50_ms}, {"p99", status.latency_p99_ms}, {"max", status.latency_max_ms}}}};
+}
+
 }  // namespace
+
+std::string liveJson(const LiveReport& live) {
+  return jsonLive(live).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
 
 double StageTimes::mean() const {
   if (samples_ms_.empty()) return 0;
@@ -61,6 +97,21 @@ void RunReport::add(const FrameStats& stats) {
   points_in += stats.points_in;
   points_used += stats.points_used;
   for (int reason = 0; reason < kNumDropReasons; ++reason) dropped[reason] += stats.dropped[reason];
+}
+
+Eigen::AlignedBox3d countPoints(RunReport& report, const MemoryUse& memory, const SurfacePoints& points) {
+  report.memory = memory;
+  report.surface_points = points.size();
+  report.labels = {};
+  report.reasons = {};
+  Eigen::AlignedBox3d bounds_W;
+  for (std::size_t n = 0; n < points.size(); ++n) {
+    const SurfacePoint point = points.at(n);
+    ++report.labels[static_cast<std::size_t>(point.label)];
+    ++report.reasons[static_cast<std::size_t>(point.reason)];
+    bounds_W.extend(point.position_W);
+  }
+  return bounds_W;
 }
 
 std::uint64_t hostPeakBytes() {
@@ -141,6 +192,7 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
     json["tiles"]["poison"] = poison;
     json["partial"] = tiles.todo > 0;
   }
+  if (report.live) json["live"] = jsonLive(*report.live);
   Json warnings = Json::array();
   for (const auto& [id, text] : messages.warnings()) warnings.push_back({{"id", id}, {"text", text}});
   json["warnings"] = warnings;

@@ -3,7 +3,9 @@
 /// report.json: what a run of `map` read, did, used and wrote, even if it failed.
 #pragma once
 
+#include <Eigen/Geometry>
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <optional>
@@ -11,7 +13,9 @@
 #include <utility>
 #include <vector>
 
+#include "accessvdb/live_session.h"
 #include "accessvdb/scan_io.h"
+#include "accessvdb/surface_points.h"
 #include "accessvdb/tiles.h"
 #include "accessvdb/types.h"
 #include "error_output.h"
@@ -21,13 +25,23 @@ namespace accessvdb::tools {
 /// Milliseconds of one stage, or a count, one sample per call.
 class StageTimes {
  public:
-  void add(double ms) { samples_ms_.push_back(ms); }
+  /// @param most  samples that are kept, the last ones; 0 = all
+  explicit StageTimes(std::size_t most = 0) : most_(most) {}
+  void add(double ms) {
+    if (most_ == 0 || samples_ms_.size() < most_) {
+      samples_ms_.push_back(ms);
+    } else {
+      samples_ms_[next_] = ms;
+      next_ = (next_ + 1) % most_;
+    }
+  }
   [[nodiscard]] bool empty() const { return samples_ms_.empty(); }
   [[nodiscard]] double mean() const;
   /// Nearest rank; share in (0, 1]. 0 if there is no sample.
   [[nodiscard]] double percentile(double share) const;
 
  private:
+  std::size_t most_, next_ = 0;
   std::vector<double> samples_ms_;
 };
 
@@ -39,6 +53,13 @@ struct TilesReport {
   double seconds = 0;            ///< of all tiles, as if one process had run them
   std::uint64_t peak_bytes = 0;  ///< of the process that used most
   std::vector<tiles::Poison> poison;
+};
+
+/// What a live run adds.
+struct LiveReport {
+  LiveStatus status;
+  std::uint64_t malformed = 0;  ///< messages that are not what their type says
+  std::uint64_t lost = 0;       ///< messages that the middleware says did not arrive
 };
 
 struct RunReport {
@@ -62,10 +83,17 @@ struct RunReport {
   std::optional<std::uint64_t> predicted_bytes;
   MemoryUse memory;
   std::optional<TilesReport> tiles;
+  std::optional<LiveReport> live;
   std::optional<Failure> failure;
 
   void add(const FrameStats& stats);
 };
+
+/// Fills in what the points and the map are. @return the points' bounds, world frame
+Eigen::AlignedBox3d countPoints(RunReport& report, const MemoryUse& memory, const SurfacePoints& points);
+
+/// What a live run took, dropped and waited for, as in report.json and in the topic /accessvdb/status: a JSON object.
+[[nodiscard]] std::string liveJson(const LiveReport& live);
 
 /// Peak memory of the process.
 [[nodiscard]] std::uint64_t hostPeakBytes();

@@ -41,10 +41,29 @@ void addSensorOptions(FlagParser& flags, SensorOptions& options) {
                "degrees, turned about z by yaw, then y, then x; or X,Y,Z,QX,QY,QZ,QW");
   flags.option("--exclude-box", &options.exclude_box,
                "leave out returns inside X0,Y0,Z0,X1,Y1,Z1 in the sensor's frame, metres: the platform itself");
+  flags.option("--deskew", &options.deskew,
+               "remove the sensor's motion within a scan, by the times of its points: auto (where there are times and "
+               "poses), on (or refuse) or off");
+  flags.option("--level", &options.level,
+               "turn the map level where the odometry's frame is tilted: ROLL,PITCH of that frame in degrees, or imu "
+               "(recordings: by what sensor_msgs/Imu felt at rest at the start)");
 }
 
 void applySensorOptions(const SensorOptions& options, io::ScanInputOptions& input) {
   if (!options.extrinsic.empty()) input.T_B_S = parsePose("--extrinsic", options.extrinsic);
+  if (options.deskew != "auto" && options.deskew != "on" && options.deskew != "off")
+    throw InvalidArgument("usage.word", "--deskew", "\"" + options.deskew + "\" is not known",
+                          "Use one of auto, on, off");
+  input.deskew = options.deskew == "auto" ? io::Deskew::Auto
+                 : options.deskew == "on" ? io::Deskew::On
+                                          : io::Deskew::Off;
+  if (options.level == "imu") {
+    input.level = io::Level{.from_imu = true};
+  } else if (!options.level.empty()) {
+    constexpr double kRadians = std::numbers::pi / 180;
+    const std::vector<double> angles = parseNumbers("--level", options.level, {2}, "ROLL,PITCH in degrees, or imu");
+    input.level = io::Level{false, angles[0] * kRadians, angles[1] * kRadians};
+  }
   if (options.exclude_box.empty()) return;
   const std::vector<double> v = parseNumbers("--exclude-box", options.exclude_box, {6}, "X0,Y0,Z0,X1,Y1,Z1");
   input.exclude_box_S = Eigen::AlignedBox3d(Eigen::Vector3d(v[0], v[1], v[2]), Eigen::Vector3d(v[3], v[4], v[5]));
@@ -54,6 +73,8 @@ std::vector<std::pair<std::string, std::string>> givenSensorOptions(const Sensor
   std::vector<std::pair<std::string, std::string>> given;
   if (!options.extrinsic.empty()) given.emplace_back("extrinsic", options.extrinsic);
   if (!options.exclude_box.empty()) given.emplace_back("exclude_box", options.exclude_box);
+  if (options.deskew != "auto") given.emplace_back("deskew", options.deskew);
+  if (!options.level.empty()) given.emplace_back("level", options.level);
   return given;
 }
 

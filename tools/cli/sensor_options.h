@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The flags for a sensor on a platform: where it is, and what of the platform it sees.
+/// The flags for a sensor on a platform: where it is, how it moves and is tilted, and what of the platform it sees.
 #pragma once
 
 #include <string>
@@ -13,7 +13,8 @@
 namespace accessvdb::tools {
 
 struct SensorOptions {
-  std::string extrinsic, exclude_box;
+  std::string extrinsic, exclude_box, level;
+  std::string deskew = "auto";
 };
 
 void addSensorOptions(FlagParser& flags, SensorOptions& options);

@@ -49,9 +49,10 @@ ordered_json describe(const SimulateOptions& options, const SceneView& view, con
         {"min_range_m", model.min_range_m},
         {"max_range_m", std::isfinite(model.max_range_m) ? ordered_json(model.max_range_m) : ordered_json(nullptr)}}},
       {"trajectory", path.description},
-      {"frames", path.poses.size()},
+      {"frames", path.poses.size() - (model.moves ? 1 : 0)},
       {"frames_written", frames},
       {"seed", options.seed}};
+  if (model.moves) out["sensor"]["moves"] = true;
   if (scene.distance) out["scene"]["distance_error_m"] = scene.distance->errorBound_m();
   if (scene.name == "ring") out["scene"]["voxel_m"] = options.voxel_m;
   return out;
@@ -78,7 +79,7 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
   const std::filesystem::path out = options.out;
   io::prepareOutputFolder(out);
   const auto start = std::chrono::steady_clock::now();
-  Progress progress(messages, "simulating scans", path.poses.size());
+  Progress progress(messages, "simulating scans", static_cast<std::size_t>(simulator.frames()));
   sim::RecordingOptions recording{model.range_noise_m, options.common.threads, {}};
   recording.proceed = [&](int done) {
     if (done > 0) progress.show(static_cast<std::size_t>(done));
@@ -100,7 +101,7 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
   const int signal = stopSignal();
   if (signal == 0) return 0;
   messages.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") + " after " +
-                  std::to_string(frames) + " of " + std::to_string(path.poses.size()) + " scans");
+                  std::to_string(frames) + " of " + std::to_string(simulator.frames()) + " scans");
   return 128 + signal;
 }
 

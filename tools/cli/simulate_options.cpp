@@ -62,17 +62,23 @@ void refuseWith(const std::string& trajectory, bool given, const char* flag) {
                         "Omit it, or choose another trajectory");
 }
 
+/// A moving sensor ends its last scan at a pose of its own.
+int posesFor(const SimulateOptions& options, const SceneView& view) {
+  return options.frames.value_or(view.frames) + (options.moving ? 1 : 0);
+}
+
 SimulatedPath pathFromFile(const SimulateOptions& options) {
   SimulatedPath path;
   path.poses = sim::readTrajectory(options.trajectory);
-  const int available = static_cast<int>(path.poses.size()), wanted = options.frames.value_or(available);
+  const int more = options.moving ? 1 : 0;
+  const int available = static_cast<int>(path.poses.size()) - more, wanted = options.frames.value_or(available);
   if (wanted > available) {
     throw UnusableInput(
         "sim.frames", options.trajectory,
         "holds " + std::to_string(available) + " poses, but --frames asks for " + std::to_string(wanted),
         "Use fewer --frames");
   }
-  path.poses.resize(static_cast<std::size_t>(wanted));
+  path.poses.resize(static_cast<std::size_t>(wanted + more));
   path.stations = path.poses;
   path.description = {{"kind", "file"}, {"file", options.trajectory}};
   return path;
@@ -89,7 +95,7 @@ SimulatedPath pathOfWalk(const SimulateOptions& options, const SceneView& view, 
   if (!options.begin.empty()) begin_W = parseVector("--begin", options.begin);
   if (!options.end.empty()) end_W = parseVector("--end", options.end);
   SimulatedPath path;
-  path.poses = sim::walk(begin_W, end_W, options.pitch_deg * kDegree, options.frames.value_or(view.frames));
+  path.poses = sim::walk(begin_W, end_W, options.pitch_deg * kDegree, posesFor(options, view));
   path.stations = sim::walk(begin_W, end_W, 0, 2);
   path.description = {
       {"kind", "walk"}, {"begin_m", numbers(begin_W)}, {"end_m", numbers(end_W)}, {"pitch_deg", options.pitch_deg}};
@@ -112,7 +118,7 @@ SimulatedPath pathAroundObject(const SimulateOptions& options, const SceneView& 
     shape.azimuth_end_rad = shape.azimuth_begin_rad + *options.turns * kTurn;
     shape.sweeps = 1;
   }
-  const int frames = options.frames.value_or(view.frames);
+  const int frames = posesFor(options, view);
   SimulatedPath path;
   path.poses = level ? sim::orbit(shape, frames) : sim::helix(shape, frames);
   if (level) shape.azimuth_end_rad = shape.azimuth_begin_rad + kTurn;
@@ -162,6 +168,8 @@ void addSimulateOptions(FlagParser& flags, SimulateOptions& options) {
   flags.option("--dropout", &options.dropout, "share of returns that are lost, 0 to 1");
   flags.option("--min-range", &options.min_range_m, "nearer returns are lost, metres");
   flags.option("--max-range", &options.max_range_m, "farther returns are lost, metres; default: none");
+  flags.flag("--moving", options.moving,
+             "the sensor moves while it scans, 0.1 s each: scans get a field t, poses are 5 ms apart");
   flags.option("--out", &options.out, "output folder");
 }
 
@@ -212,6 +220,7 @@ sim::LidarModel lidarModel(const SimulateOptions& options) {
   model.range_noise_m = options.range_noise_m;
   model.dropout = options.dropout;
   model.min_range_m = options.min_range_m;
+  model.moves = options.moving;
   if (options.max_range_m) model.max_range_m = *options.max_range_m;
   model.validate();
   return model;

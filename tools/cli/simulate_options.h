@@ -25,6 +25,7 @@ struct SimulateOptions {
   double range_noise_m = 0, dropout = 0, min_range_m = 0.05;
   std::optional<double> max_range_m;
   std::uint64_t seed = 1;
+  bool moving = false;
 };
 
 void addSimulateOptions(FlagParser& flags, SimulateOptions& options);

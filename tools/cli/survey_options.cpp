@@ -5,6 +5,8 @@
 #include <array>
 #include <charconv>
 
+#include "options.h"
+
 namespace accessvdb::tools {
 
 void addSurveyOptions(FlagParser& flags, SurveyOptions& options) {
@@ -16,6 +18,9 @@ void addSurveyOptions(FlagParser& flags, SurveyOptions& options) {
                "seconds added to the times of clouds or scans before the trajectory or the poses are looked up");
   flags.option("--stations", &options.stations,
                "scanner positions, one line 'file x y z' for each cloud in the world frame");
+  flags.option("--ray", &options.ray,
+               "X,Y,Z from the sensor to every point of a cloud in the world frame whose rays are not known, metres: "
+               "0,0,-10 for a flight above it");
   flags.option(
       "--laz-command", &options.laz_command,
       "command that writes a LAZ file, its last argument, as LAS to standard output; default: laszip -stdout or "
@@ -27,6 +32,7 @@ void applySurveyOptions(const SurveyOptions& options, io::ScanInputOptions& inpu
   input.time_offset_s = options.time_offset_s;
   input.stations = options.stations;
   input.laz_command = options.laz_command;
+  if (!options.ray.empty()) input.ray_W = parseVector("--ray", options.ray);
 }
 
 std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const SurveyOptions& options) {
@@ -41,6 +47,7 @@ std::vector<std::pair<std::string, std::string>> givenSurveyOptions(const Survey
     given.emplace_back("time_offset", std::string(text.data(), end));
   }
   if (!options.stations.empty()) given.emplace_back("stations", options.stations);
+  if (!options.ray.empty()) given.emplace_back("ray", options.ray);
   if (!options.laz_command.empty()) given.emplace_back("laz_command", options.laz_command);
   return given;
 }

@@ -13,7 +13,7 @@
 namespace accessvdb::tools {
 
 struct SurveyOptions {
-  std::string trajectory, stations, laz_command;
+  std::string trajectory, stations, laz_command, ray;
   double time_offset_s = 0;
 };
 

@@ -30,7 +30,7 @@ constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis",
 constexpr const char* kOfAFlight[] = {"scans",     "poses",           "calib",      "pose-format", "sensor-at",
                                       "every",     "allow-truncated", "sort-poses", "trajectory",  "time-offset",
                                       "stations",  "laz-command",     "topic",      "pose-topic",  "fixed-frame",
-                                      "extrinsic", "exclude-box"};
+                                      "extrinsic", "exclude-box",     "level",      "ray"};
 
 constexpr std::uint64_t kMostBinBytes = std::uint64_t{1} << 30, kLeastBinBytes = std::uint64_t{32} << 20;
 /// Of the process without any map, and of one step of scans.
@@ -81,6 +81,8 @@ std::vector<tiles::PlannedInput> inputsOf(const PlanSources& sources) {
 tiles::Flight flightOf(const PlanSources& sources, const PlanSettings& settings) {
   tiles::Flight flight;
   flight.options = textOf(settings, kOfAFlight);
+  // What it does counts, not what was asked: other rays of the same files.
+  if (sources.scans.deskews()) flight.options += "deskewed true\n";
   flight.inputs = inputsOf(sources);
   for (std::size_t step = 0; step < sources.scans.size(); ++step) {
     const double stamp_s = sources.scans.stamp_s(step).value_or(0);
@@ -242,11 +244,12 @@ void appendFlight(const fs::path& out, const MapOptions& options, const FlagPars
   OpenJob open = openJob(out, options);
   PlanSettings settings = planSettings(flags);
   for (const auto& [key, value] : settings) {
-    if (isIn(kOfAFlight, key) || !flags.isSet(key)) continue;
+    if (isIn(kOfAFlight, key) || key == "deskew" || !flags.isSet(key)) continue;
     throw InvalidArgument("usage.append", "--" + key, "belongs to the plan that the flight is added to",
                           "Give the scans of the flight only");
   }
-  std::erase_if(settings, [](const auto& setting) { return !isIn(kOfAFlight, setting.first); });
+  std::erase_if(settings,
+                [](const auto& setting) { return !isIn(kOfAFlight, setting.first) && setting.first != "deskew"; });
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   sayAboutScans(scans, messages);
   const PlanSources sources = {options, settings, open.job.tool, scans, open.job.params};

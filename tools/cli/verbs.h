@@ -14,6 +14,8 @@ using Arguments = std::vector<std::string>;
 
 /// @return the exit code: 0, or 130/143 if a signal stopped the run
 int runMap(const Arguments& arguments, Messages& messages);
+int runAdvise(const Arguments& arguments, Messages& messages);
+int runLive(const Arguments& arguments, Messages& messages);
 int runEvaluate(const Arguments& arguments, Messages& messages);
 int runSimulate(const Arguments& arguments, Messages& messages);
 int runBench(const Arguments& arguments, Messages& messages);

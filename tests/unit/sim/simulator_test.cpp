@@ -44,6 +44,35 @@ double rangeAlong(const Vector3f& point, const Vector3f& direction, double toler
   return range;
 }
 
+/// Along a straight line at constant speed, where the place of each ray is known without interpolating poses.
+TEST(Simulator, MovesWhileItScans) {
+  const WallView view;
+  LidarModel model = LidarModel::named("mid360");
+  model.moves = true;
+  const Vector3d begin_W(2, -1, 0), end_W(2.5, 0.5, 0.2);
+  const Simulator simulator(view.scene, model, walk(begin_W, end_W, 0, 3), 1);
+  ASSERT_EQ(simulator.frames(), 2);
+  int returns = 0, off = 0;
+  for (int f = 0; f < 2; ++f) {
+    const SimulatedFrame frame = simulator.frame(f);
+    ASSERT_EQ(frame.times_ns.size(), frame.points_S.size());
+    EXPECT_EQ(frame.times_ns.front(), 0U);
+    EXPECT_EQ(frame.times_ns[10000], 50'000'000U);
+    for (std::size_t i = 0; i < frame.points_S.size(); ++i) {
+      if (frame.points_S[i].isZero(0)) continue;
+      const double way = (f + 1e-9 * frame.times_ns[i] / 0.1) / 2;
+      const Vector3d p_R = frame.T_W_S.linear() * frame.points_S[i].cast<double>();
+      // Float ranges of up to 25 m.
+      EXPECT_LT(std::abs(view.scene.distance->at(begin_W + way * (end_W - begin_W) + p_R)), 1e-5);
+      off += std::abs(view.scene.distance->at(frame.T_W_S.translation() + p_R)) > 0.01 ? 1 : 0;
+      ++returns;
+    }
+  }
+  EXPECT_GT(returns, 5000);
+  EXPECT_GT(off, returns / 2) << "else the sensor has not moved";
+  EXPECT_THROW(Simulator(view.scene, model, walk(begin_W, end_W, 0, 1), 1), UnusableInput);
+}
+
 TEST(Simulator, ReturnsLieOnTheSurfaceAndMissesAreExactlyZero) {
   const BenchmarkScene torus = benchmarkScene("torus", 0.002, 8);
   const Simulator simulator(torus.scene, LidarModel::named("mid360"), torus.trajectory, 1);

@@ -1,0 +1,176 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// An accessibility field that is fed while the scanner runs: scans and poses go in as they arrive, in whatever way
+/// they arrive; labels come out scan by scan.
+///
+///     LiveSession session(tool, params, options);
+///     // From the threads that receive:
+///     session.addPose({stamp_ns, p_W, q_W_B});
+///     session.addScan({stamp_ns, std::move(points_S)});
+///     // From one thread:
+///     while (running) {
+///       session.waitForWork(std::chrono::milliseconds(100));
+///       if (const auto step = session.step()) publish(step->changed);
+///     }
+///
+/// A scan waits until there are poses around its time. No more scans wait than LiveOptions::queue_scans: a further one
+/// drops the oldest. Every scan is taken, dropped for a reason that is counted, or still waiting:
+/// published = taken + dropped + waiting at any time.
+///
+/// The same sequence of calls gives the same bits, and the labels after a step are those of
+/// AccessibilityField::integrateScan() and update() for each scan that was taken, in that order: those of
+/// `accessvdb map --update-every 1`. Clocks only measure; nothing is decided by them.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+#include <array>
+#include <chrono>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/export.h"
+#include "accessvdb/params.h"
+#include "accessvdb/tool_geometry.h"
+#include "accessvdb/types.h"
+
+namespace accessvdb {
+
+/// Why a scan was not taken. Names in files and messages: name(ScanDrop).
+enum class ScanDrop : std::uint8_t {
+  QueueFull,   ///< newer scans came before there was time for it
+  NoPose,      ///< no poses around its time within 0.2 s, or a jump between them
+  OutOfOrder,  ///< not later than the scan before it
+  Unusable,    ///< no time, more returns than LiveOptions::most_returns
+  Failed       ///< the step that took it threw
+};
+inline constexpr int kNumScanDrops = 5;
+constexpr const char* name(ScanDrop reason) {
+  constexpr const char* kNames[kNumScanDrops] = {"queue_full", "no_pose", "out_of_order", "unusable", "failed"};
+  return kNames[static_cast<int>(reason)];
+}
+
+struct LiveOptions {
+  std::size_t queue_scans = 4;         ///< most scans that wait
+  std::size_t most_poses = 4000;       ///< poses that are remembered: 20 s at 200 Hz
+  std::size_t most_returns = 4000000;  ///< of one scan
+  /// Where the sensor is on what the poses are of (an IMU, a body): T_W_S becomes T_W_B * T_B_S.
+  std::optional<Eigen::Isometry3d> T_B_S = {};
+  /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.
+  std::optional<Eigen::AlignedBox3d> exclude_box_S = {};
+  /// Bytes of map, mirror and points (MemoryUse) from which on no new space is taken: returns where no leaf of the map
+  /// was at that moment are left out and counted; what is known goes on to be updated. 0 = no limit.
+  std::uint64_t memory_limit_bytes = 0;
+};
+
+/// The pose of the platform at one time.
+struct LivePose {
+  std::int64_t stamp_ns = 0;
+  Eigen::Vector3d p_W = Eigen::Vector3d::Zero();
+  Eigen::Quaterniond q_W_B = Eigen::Quaterniond::Identity();
+  /// Name of the world frame, where the sender gives one. The first pose decides; poses in others are not used.
+  std::string frame = {};
+};
+
+/// One scan. Its returns are in `points`, or in `points_double` if the sender has doubles.
+struct LiveScan {
+  std::int64_t stamp_ns = 0;
+  std::vector<Eigen::Vector3f> points = {};  ///< exactly (0,0,0) means "no return"
+  std::vector<Eigen::Vector3d> points_double = {};
+  /// Name of the frame of the points, where the sender gives one. If it is the frame that the poses are in, the points
+  /// are in the world already, and the pose only tells where the sensor was; otherwise they are in the sensor's frame.
+  std::string frame = {};
+};
+
+/// What one step() did.
+struct LiveStep {
+  std::uint64_t number = 0;  ///< of the scan: how many were published before it
+  std::int64_t stamp_ns = 0;
+  FrameStats fused;
+  UpdateStats scored;
+  std::uint64_t excluded_returns = 0;  ///< inside LiveOptions::exclude_box_S
+  std::uint64_t left_out_returns = 0;  ///< in new space, with the memory limit reached
+  double waited_ms = 0;                ///< from addScan() to the beginning of the step
+  double latency_ms = 0;               ///< from addScan() to labels
+  /// Points that are new, or whose label, reason or direction changed, in ascending order of their ids.
+  std::vector<SurfacePoint> changed;
+};
+
+struct DroppedScan {
+  std::uint64_t number = 0;  ///< as LiveStep::number
+  std::int64_t stamp_ns = 0;
+  ScanDrop reason = ScanDrop::QueueFull;
+};
+
+struct LiveStatus {
+  std::uint64_t published = 0;  ///< scans that were added
+  std::uint64_t taken = 0;
+  std::uint64_t waiting = 0;  ///< for a pose, for their turn, or for the end of a step
+  std::array<std::uint64_t, kNumScanDrops> dropped = {};
+
+  std::uint64_t poses = 0;              ///< that were added
+  std::uint64_t poses_invalid = 0;      ///< not finite, not a rotation, or without a usable time: not used
+  std::uint64_t poses_repeated = 0;     ///< of a time that was there already: not used
+  std::uint64_t poses_backwards = 0;    ///< earlier than the one before
+  std::uint64_t poses_other_frame = 0;  ///< in another frame than the first: not used
+
+  std::string world_frame = {};  ///< of the first pose
+
+  std::uint64_t points_in = 0, points_used = 0;  ///< returns of the scans taken
+  std::uint64_t excluded_returns = 0, left_out_returns = 0;
+  std::uint64_t surface_points = 0;
+  std::uint64_t memory_bytes = 0;  ///< of map, mirror and points after the last step
+  std::uint64_t memory_limit_bytes = 0;
+  bool memory_full = false;  ///< no new space is taken any more
+
+  /// From addScan() to labels, over the last 4096 scans taken.
+  double latency_p50_ms = 0, latency_p99_ms = 0, latency_max_ms = 0;
+
+  [[nodiscard]] std::uint64_t allDropped() const {
+    std::uint64_t sum = 0;
+    for (const std::uint64_t count : dropped) sum += count;
+    return sum;
+  }
+};
+
+/// addPose(), addScan(), endOfPoses(), waitForWork(), status() and takeDropped() may be called from any thread at any
+/// time; everything else from one thread at a time.
+class ACCESSVDB_API LiveSession {
+ public:
+  /// @throws InvalidArgument "live.queue", "live.poses", "live.window"; what AccessibilityField's constructor throws
+  LiveSession(const ToolGeometry& tool, const FieldParams& params = {}, const LiveOptions& options = {});
+  ~LiveSession();
+  LiveSession(LiveSession&&) noexcept;
+  LiveSession& operator=(LiveSession&&) noexcept;
+
+  /// Bad poses are counted, never used.
+  void addPose(const LivePose& pose);
+  /// Never waits for a step(). Bad scans are counted, never used.
+  void addScan(LiveScan scan);
+  /// No more poses will come: scans that wait for some are dropped. A later addPose() takes it back.
+  void endOfPoses();
+
+  /// Waits until step() has something to do, at most so long. @return whether it has
+  bool waitForWork(std::chrono::milliseconds at_most);
+  /// Fuses the oldest scan that has a pose, and scores what it changed.
+  /// @return nothing if no scan is ready
+  /// @throws what AccessibilityField::integrateScan() and update() throw; that scan then counts as failed
+  std::optional<LiveStep> step();
+
+  [[nodiscard]] LiveStatus status() const;
+  /// The scans dropped since the last call, the last 1024 at most; all are counted in status().
+  [[nodiscard]] std::vector<DroppedScan> takeDropped();
+  /// As of the last step().
+  [[nodiscard]] const AccessibilityField& field() const;
+
+ private:
+  struct Impl;
+  std::unique_ptr<Impl> impl_;
+};
+
+}  // namespace accessvdb

@@ -1,0 +1,200 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// LiveSession: scans and poses from any thread, steps from one.
+#include <pybind11/stl.h>
+#include <pybind11/stl/filesystem.h>
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <memory>
+#include <mutex>
+#include <string>
+
+#include "accessvdb/live_session.h"
+#include "bindings/arrays.h"
+#include "bindings/parts.h"
+#include "bindings/settings.h"
+#include "bindings/snapshot.h"
+
+namespace py = pybind11;
+
+namespace accessvdb::python {
+namespace {
+
+/// A session whose steps take turns, should several threads call them.
+class Session {
+ public:
+  Session(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& options)
+      : session_(tool, params, options) {}
+
+  /// Runs body(session) alone among steps, without the interpreter's lock.
+  template <typename Body>
+  auto inTurn(const Body& body) {
+    return withoutLock([&] {
+      const std::scoped_lock turn(turn_);
+      return body(session_);
+    });
+  }
+  /// For what may be called at any time.
+  template <typename Body>
+  auto atOnce(const Body& body) {
+    return withoutLock([&] { return body(session_); });
+  }
+
+ private:
+  std::mutex turn_;
+  LiveSession session_;
+};
+
+std::unique_ptr<Session> makeSession(const ToolGeometry& tool, const py::object& params, const py::object& queue_scans,
+                                     const py::object& most_poses, const py::object& memory_limit_bytes,
+                                     const py::object& T_B_S, const py::object& exclude_box_S) {
+  const FieldParams given = fieldParamsFrom(params);
+  LiveOptions options;
+  options.queue_scans = static_cast<std::size_t>(wholeNumberFrom("queue_scans", queue_scans, 0, 1'000'000));
+  options.most_poses = static_cast<std::size_t>(wholeNumberFrom("most_poses", most_poses, 0, 100'000'000));
+  options.memory_limit_bytes = largeNumberFrom("memory_limit_bytes", memory_limit_bytes);
+  if (!T_B_S.is_none()) options.T_B_S = poseOf("T_B_S", T_B_S);
+  if (!exclude_box_S.is_none()) {
+    const std::vector<double> box = numbers1("exclude_box_S", exclude_box_S, 6);
+    options.exclude_box_S =
+        Eigen::AlignedBox3d(Eigen::Vector3d(box[0], box[1], box[2]), Eigen::Vector3d(box[3], box[4], box[5]));
+  }
+  return withoutLock([&] { return std::make_unique<Session>(tool, given, options); });
+}
+
+void addPose(Session& session, std::int64_t stamp_ns, const py::object& p_W, const py::object& q_xyzw,
+             const std::string& frame) {
+  LivePose pose;
+  pose.stamp_ns = stamp_ns;
+  pose.p_W = vector3("p_W", p_W);
+  const std::vector<double> q = numbers1("q_xyzw", q_xyzw, 4);
+  pose.q_W_B = Eigen::Quaterniond(q[3], q[0], q[1], q[2]);
+  pose.frame = frame;
+  session.atOnce([&](LiveSession& s) { s.addPose(pose); });
+}
+
+void addScan(Session& session, std::int64_t stamp_ns, const py::object& points, const std::string& frame) {
+  LiveScan scan;
+  scan.stamp_ns = stamp_ns;
+  scan.frame = frame;
+  const bool doubles =
+      py::isinstance<py::array>(points) && points.cast<py::array>().dtype().is(py::dtype::of<double>());
+  if (doubles) {
+    const Positions given("points", points);
+    scan.points_double.assign(given.view().begin(), given.view().end());
+  } else {
+    const ScanPoints given("points", points);
+    scan.points.assign(given.view().begin(), given.view().end());
+  }
+  session.atOnce([&](LiveSession& s) { s.addScan(std::move(scan)); });
+}
+
+/// What a step did, with the changed points as columns.
+struct Step {
+  LiveStep done;
+  std::shared_ptr<FieldSnapshot> changed;
+};
+
+std::optional<Step> step(Session& session) {
+  return session.inTurn([](LiveSession& s) -> std::optional<Step> {
+    std::optional<LiveStep> done = s.step();
+    if (!done) return std::nullopt;
+    FieldSnapshot changed;
+    changed.points = std::move(done->changed);
+    changed.origin_W = s.field().origin_W();
+    changed.voxel_size_m = s.field().params().tsdf.voxel_size_m;
+    return Step{std::move(*done), keep(std::move(changed))};
+  });
+}
+
+py::dict status(Session& session) {
+  const LiveStatus now = session.atOnce([](LiveSession& s) { return s.status(); });
+  py::dict dropped;
+  for (int n = 0; n < kNumScanDrops; ++n)
+    dropped[name(static_cast<ScanDrop>(n))] = now.dropped[static_cast<std::size_t>(n)];
+  py::dict all;
+  all["published"] = now.published;
+  all["taken"] = now.taken;
+  all["waiting"] = now.waiting;
+  all["dropped"] = dropped;
+  all["poses"] = now.poses;
+  all["poses_invalid"] = now.poses_invalid;
+  all["poses_repeated"] = now.poses_repeated;
+  all["poses_backwards"] = now.poses_backwards;
+  all["poses_other_frame"] = now.poses_other_frame;
+  all["world_frame"] = now.world_frame;
+  all["points_in"] = now.points_in;
+  all["points_used"] = now.points_used;
+  all["excluded_returns"] = now.excluded_returns;
+  all["left_out_returns"] = now.left_out_returns;
+  all["surface_points"] = now.surface_points;
+  all["memory_bytes"] = now.memory_bytes;
+  all["memory_limit_bytes"] = now.memory_limit_bytes;
+  all["memory_full"] = now.memory_full;
+  all["latency_p50_ms"] = now.latency_p50_ms;
+  all["latency_p99_ms"] = now.latency_p99_ms;
+  all["latency_max_ms"] = now.latency_max_ms;
+  return all;
+}
+
+}  // namespace
+
+void bindLive(py::module_& module) {
+  py::class_<Step>(module, "LiveStep", "What LiveSession.step() did.")
+      .def_property_readonly("number", [](const Step& s) { return s.done.number; })
+      .def_property_readonly("stamp_ns", [](const Step& s) { return s.done.stamp_ns; })
+      .def_property_readonly("fused", [](const Step& s) { return s.done.fused; })
+      .def_property_readonly("scored", [](const Step& s) { return s.done.scored; })
+      .def_property_readonly("excluded_returns", [](const Step& s) { return s.done.excluded_returns; })
+      .def_property_readonly("left_out_returns", [](const Step& s) { return s.done.left_out_returns; })
+      .def_property_readonly("waited_ms", [](const Step& s) { return s.done.waited_ms; })
+      .def_property_readonly("latency_ms", [](const Step& s) { return s.done.latency_ms; })
+      .def_property_readonly(
+          "changed", [](const Step& s) { return s.changed; },
+          "FieldSnapshot of the points that are new, or whose label, reason or direction changed.")
+      .def("__repr__", [](const Step& s) {
+        return "<accessvdb.LiveStep: scan " + std::to_string(s.done.number) + ", " +
+               std::to_string(s.changed->points.size()) + " points changed>";
+      });
+
+  py::class_<Session>(module, "LiveSession",
+                      "A field that is fed while the scanner runs, by any transport. add_pose(), add_scan(), "
+                      "end_of_poses(), wait_for_work() and status() may be called from any thread at any time.")
+      .def(py::init(&makeSession), py::arg("tool"), py::arg("params") = py::none(), py::kw_only(),
+           py::arg("queue_scans") = 4, py::arg("most_poses") = 4000, py::arg("memory_limit_bytes") = 0,
+           py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(),
+           "params: as for AccessibilityField. T_B_S: (4, 4), where the sensor is on what the poses are of. "
+           "exclude_box_S: x0, y0, z0, x1, y1, z1 in the sensor's frame.")
+      .def("add_pose", &addPose, py::arg("stamp_ns"), py::arg("p_W"), py::arg("q_xyzw"), py::arg("frame") = "",
+           "The pose of the platform at one time. Bad poses are counted, never used.")
+      .def("add_scan", &addScan, py::arg("stamp_ns"), py::arg("points"), py::arg("frame") = "",
+           "One scan, (N, 3). In the sensor's frame, unless `frame` is that of the poses: then in the world frame.")
+      .def(
+          "end_of_poses", [](Session& session) { session.atOnce([](LiveSession& s) { s.endOfPoses(); }); },
+          "No more poses will come: scans that wait for some are dropped.")
+      .def(
+          "wait_for_work",
+          [](Session& session, const py::object& at_most_s) {
+            const double seconds = std::clamp(numberFrom("at_most_s", at_most_s), 0.0, 86400.0);
+            return session.atOnce([&](LiveSession& s) {
+              return s.waitForWork(std::chrono::milliseconds(static_cast<std::int64_t>(1000 * seconds)));
+            });
+          },
+          py::arg("at_most_s"), "Waits until step() has something to do, at most so long; whether it has.")
+      .def("step", &step, "Fuses and scores the oldest scan that has a pose: a LiveStep, or None if none is ready.")
+      .def("status", &status, "What was published, taken, dropped and waits; poses, memory, latency: a dict.")
+      .def(
+          "snapshot",
+          [](Session& session) { return session.inTurn([](LiveSession& s) { return keep(s.field().snapshot()); }); },
+          "All points with their labels, as of the last step.")
+      .def(
+          "write",
+          [](Session& session, const std::filesystem::path& folder) {
+            session.inTurn([&](LiveSession& s) { s.field().write(folder); });
+          },
+          py::arg("folder"), "Writes field.vdb, field_points.vdb and points.ply, each whole or not at all.");
+}
+
+}  // namespace accessvdb::python

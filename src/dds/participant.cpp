@@ -1,0 +1,305 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "dds/participant.h"
+
+#include <fastdds/rtps/transport/UDPv4TransportDescriptor.h>
+#include <fastrtps/utils/IPLocator.h>
+#include <algorithm>
+#include <array>
+#include <fastdds/dds/domain/DomainParticipant.hpp>
+#include <fastdds/dds/domain/DomainParticipantFactory.hpp>
+#include <fastdds/dds/domain/DomainParticipantListener.hpp>
+#include <fastdds/dds/log/Log.hpp>
+#include <fastdds/dds/publisher/DataWriter.hpp>
+#include <fastdds/dds/publisher/Publisher.hpp>
+#include <fastdds/dds/subscriber/DataReader.hpp>
+#include <fastdds/dds/subscriber/DataReaderListener.hpp>
+#include <fastdds/dds/subscriber/SampleInfo.hpp>
+#include <fastdds/dds/subscriber/Subscriber.hpp>
+#include <fastdds/dds/topic/Topic.hpp>
+#include <fastdds/dds/topic/TypeSupport.hpp>
+#include <map>
+#include <mutex>
+#include <optional>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "dds/incoming_messages.h"
+#include "dds/raw_type.h"
+
+namespace accessvdb::dds {
+namespace {
+
+namespace fast = eprosima::fastdds::dds;
+namespace rtps = eprosima::fastrtps::rtps;
+
+constexpr const char* kCloudType = "sensor_msgs::msg::dds_::PointCloud2_";
+constexpr const char* kTextType = "std_msgs::msg::dds_::String_";
+/// Odometry has about 700 bytes, and two names of up to 256.
+constexpr std::uint32_t kMostPoseBytes = 16U << 10;
+/// Messages of one topic that are held at once: the listener takes each when it arrives.
+constexpr int kHeldMessages = 4;
+
+/// Somebody who publishes a topic that is wanted.
+struct Sender {
+  std::string type;  ///< as DDS has it
+  bool reliable = false;
+};
+
+rtps::Locator_t loopback() {
+  rtps::Locator_t locator;
+  locator.kind = LOCATOR_KIND_UDPv4;
+  rtps::IPLocator::setIPv4(locator, 127, 0, 0, 1);
+  return locator;
+}
+
+fast::DomainParticipantQos participantQos(const ParticipantOptions& options) {
+  constexpr std::size_t kMostParticipants = 64, kMostEndpoints = 512;
+  constexpr std::uint32_t kSocketBytes = 4U << 20;  // the system may give less
+  fast::DomainParticipantQos qos;
+  qos.name("accessvdb");
+  qos.allocation().participants = {0, kMostParticipants, 1};
+  qos.allocation().readers = {0, kMostEndpoints, 1};
+  qos.allocation().writers = {0, kMostEndpoints, 1};
+  // Shared memory is left out: its versions differ between the releases of Fast DDS that ROS 2 comes with.
+  qos.transport().use_builtin_transports = false;
+  const auto udp = std::make_shared<eprosima::fastdds::rtps::UDPv4TransportDescriptor>();
+  udp->receiveBufferSize = kSocketBytes;
+  udp->sendBufferSize = kSocketBytes;
+  if (!options.network) {
+    // The loopback interface often has no multicast: the first participants of this machine are asked one by one.
+    constexpr std::uint32_t kAskedParticipants = 32;
+    udp->interfaceWhiteList.emplace_back("127.0.0.1");
+    udp->maxInitialPeersRange = kAskedParticipants;
+    rtps::BuiltinAttributes& discovery = qos.wire_protocol().builtin;
+    discovery.initialPeersList.push_back(loopback());
+    discovery.metatrafficUnicastLocatorList.push_back(loopback());
+  }
+  qos.transport().user_transports.push_back(udp);
+  return qos;
+}
+
+/// A topic that is subscribed to once it is found.
+class Subscription : public fast::DataReaderListener {
+ public:
+  using Decode = std::function<void(bags::MessageKind, std::string_view)>;
+  Subscription(std::string ros_topic, bool clouds, Decode decode)
+      : topic(std::move(ros_topic)), of_clouds(clouds), decode_(std::move(decode)) {}
+
+  [[nodiscard]] bool isWanted(bags::MessageKind sent) const {
+    return bags::isCloud(sent) == of_clouds && sent != bags::MessageKind::Transforms;
+  }
+
+  void on_data_available(fast::DataReader* from) override {
+    fast::SampleInfo info;
+    while (from->take_next_sample(&message_, &info) == ReturnCode_t::RETCODE_OK) {
+      if (!info.valid_data) continue;
+      std::string problem;
+      try {
+        decode_(kind, message_);
+      } catch (const std::exception& error) {  // of the message, or no memory for it
+        problem = error.what();
+      }
+      const std::scoped_lock locked(lock_);
+      ++state_.received;
+      if (problem.empty()) continue;
+      ++state_.malformed;
+      state_.last_problem = std::move(problem);
+    }
+  }
+  void on_subscription_matched(fast::DataReader*, const fast::SubscriptionMatchedStatus& status) override {
+    const std::scoped_lock locked(lock_);
+    state_.senders = static_cast<std::uint64_t>(std::max(status.current_count, 0));
+  }
+  void on_sample_lost(fast::DataReader*, const fast::SampleLostStatus& status) override {
+    const std::scoped_lock locked(lock_);
+    state_.lost = static_cast<std::uint64_t>(status.total_count);
+  }
+
+  void setType(const std::string& type) {
+    const std::scoped_lock locked(lock_);
+    state_.type = type;
+  }
+  [[nodiscard]] TopicState state() const {
+    const std::scoped_lock locked(lock_);
+    return state_;
+  }
+
+  const std::string topic;  ///< as ROS names it
+  const bool of_clouds;
+  bags::MessageKind kind = bags::MessageKind::PointCloud2;  ///< before there is a reader
+  fast::DataReader* reader = nullptr;
+  bool said_type = false;  ///< that it is of a type that is not read
+
+ private:
+  Decode decode_;
+  std::string message_;  ///< one thread of the middleware at a time calls a reader's listener
+  mutable std::mutex lock_;
+  TopicState state_;
+};
+
+/// Remembers who publishes what is wanted.
+class Discovery : public fast::DomainParticipantListener {
+ public:
+  void want(const std::string& topic) { found_[ddsTopic(topic)]; }
+
+  void on_publisher_discovery(fast::DomainParticipant*, rtps::WriterDiscoveryInfo&& writer) override {
+    const std::scoped_lock locked(lock_);
+    const auto wanted = found_.find(writer.info.topicName().to_string());
+    if (wanted == found_.end() || writer.status == rtps::WriterDiscoveryInfo::REMOVED_WRITER) return;
+    if (wanted->second) return;
+    wanted->second = Sender{writer.info.typeName().to_string(),
+                            writer.info.m_qos.m_reliability.kind == fast::RELIABLE_RELIABILITY_QOS};
+  }
+
+  /// The first one that was found since the last call.
+  [[nodiscard]] std::optional<Sender> take(const std::string& topic) {
+    const std::scoped_lock locked(lock_);
+    return std::exchange(found_[ddsTopic(topic)], std::nullopt);
+  }
+
+ private:
+  std::mutex lock_;
+  std::map<std::string, std::optional<Sender>> found_;  ///< by DDS topics, of which there are two
+};
+
+}  // namespace
+
+struct Participant::Impl {
+  Impl(const ParticipantOptions& given, Receivers receivers)
+      : options(given),
+        clouds(given.cloud_topic, true,
+               [to = std::move(receivers.scan)](bags::MessageKind kind, std::string_view cdr) {
+                 to(scanFrom(kind, cdr));
+               }),
+        poses(given.pose_topic, false, [to = std::move(receivers.pose)](bags::MessageKind kind, std::string_view cdr) {
+          to(poseFrom(kind, cdr));
+        }) {}
+
+  ~Impl() {
+    if (participant == nullptr) return;
+    participant->set_listener(nullptr);
+    participant->delete_contained_entities();
+    fast::DomainParticipantFactory::get_instance()->delete_participant(participant);
+  }
+
+  void join() {
+    fast::Log::ClearConsumers();  // this program says what matters in its own words
+    discovery.want(clouds.topic);
+    discovery.want(poses.topic);
+    participant = fast::DomainParticipantFactory::get_instance()->create_participant(
+        static_cast<std::uint32_t>(options.domain), participantQos(options), &discovery, fast::StatusMask::none());
+    if (participant == nullptr) fail("could not join the domain");
+    publisher = participant->create_publisher(fast::PUBLISHER_QOS_DEFAULT);
+    subscriber = participant->create_subscriber(fast::SUBSCRIBER_QOS_DEFAULT);
+    if (publisher == nullptr || subscriber == nullptr) fail("could not make its topics");
+    writers[0] = writer(Output::Points, kCloudType, /*latched=*/true, 1);
+    writers[1] = writer(Output::Changes, kCloudType, /*latched=*/false, 16);
+    writers[2] = writer(Output::Status, kTextType, /*latched=*/true, 1);
+  }
+
+  [[noreturn]] void fail(const std::string& problem) const {
+    throw ResourceLimit("dds.participant", "domain " + std::to_string(options.domain), problem,
+                        "Use another --domain, or end other programs that use DDS");
+  }
+
+  fast::Topic* topicOf(const std::string& ros_topic, const std::string& type, std::uint32_t most_bytes) {
+    if (participant->find_type(type).empty() &&
+        participant->register_type(fast::TypeSupport(new RawType(type, most_bytes))) != ReturnCode_t::RETCODE_OK)
+      return nullptr;
+    return participant->create_topic(ddsTopic(ros_topic), type, fast::TOPIC_QOS_DEFAULT);
+  }
+
+  /// @param latched  who comes later gets the last one
+  fast::DataWriter* writer(Output output, const char* type, bool latched, int depth) {
+    fast::DataWriterQos qos;
+    qos.reliability().kind = fast::RELIABLE_RELIABILITY_QOS;
+    qos.durability().kind = latched ? fast::TRANSIENT_LOCAL_DURABILITY_QOS : fast::VOLATILE_DURABILITY_QOS;
+    qos.history().kind = fast::KEEP_LAST_HISTORY_QOS;
+    qos.history().depth = depth;
+    qos.publish_mode().kind = fast::ASYNCHRONOUS_PUBLISH_MODE;  // sends from a thread of its own
+    qos.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
+    fast::Topic* topic = topicOf(kOutputTopics[static_cast<int>(output)], type, options.most_message_bytes);
+    fast::DataWriter* made = topic == nullptr ? nullptr : publisher->create_datawriter(topic, qos);
+    if (made == nullptr) fail("could not publish " + std::string(kOutputTopics[static_cast<int>(output)]));
+    return made;
+  }
+
+  void subscribe(Subscription& to, std::vector<std::string>& news) {
+    if (to.reader != nullptr || stopped) return;
+    const std::optional<Sender> sender = discovery.take(to.topic);
+    if (!sender) return;
+    const std::string type = rosType(sender->type);
+    const std::optional<bags::MessageKind> kind = bags::kindOf(type);
+    if (!kind || !to.isWanted(*kind)) {
+      if (!std::exchange(to.said_type, true))
+        news.push_back(to.topic + " is of type " + type.substr(0, 100) + ", which is not read here");
+      return;
+    }
+    fast::DataReaderQos qos;
+    qos.reliability().kind = sender->reliable ? fast::RELIABLE_RELIABILITY_QOS : fast::BEST_EFFORT_RELIABILITY_QOS;
+    qos.durability().kind = fast::VOLATILE_DURABILITY_QOS;
+    qos.history().kind = fast::KEEP_LAST_HISTORY_QOS;
+    qos.history().depth = kHeldMessages;
+    qos.resource_limits().max_samples = kHeldMessages;
+    qos.resource_limits().max_instances = 1;
+    qos.resource_limits().max_samples_per_instance = kHeldMessages;
+    qos.resource_limits().allocated_samples = kHeldMessages;
+    qos.resource_limits().extra_samples = kHeldMessages;  // being put together from fragments
+    // What a sender announces is not what is allocated: messages have their places before they come.
+    qos.endpoint().history_memory_policy = rtps::PREALLOCATED_MEMORY_MODE;
+    fast::Topic* topic = topicOf(to.topic, sender->type, to.of_clouds ? options.most_message_bytes : kMostPoseBytes);
+    if (topic == nullptr) fail("could not subscribe to " + to.topic);
+    to.kind = *kind;
+    to.setType(type);
+    to.reader = subscriber->create_datareader(topic, qos, &to);
+    if (to.reader == nullptr) fail("could not subscribe to " + to.topic);
+    news.push_back((to.of_clouds ? "clouds from " : "poses from ") + to.topic + " (" + type + ", " +
+                   (sender->reliable ? "reliable" : "best effort") + ")");
+  }
+
+  ParticipantOptions options;
+  Discovery discovery;
+  Subscription clouds, poses;
+  fast::DomainParticipant* participant = nullptr;
+  fast::Publisher* publisher = nullptr;
+  fast::Subscriber* subscriber = nullptr;
+  std::array<fast::DataWriter*, 3> writers = {};
+  bool stopped = false;
+};
+
+Participant::Participant(const ParticipantOptions& options, Receivers receivers)
+    : impl_(std::make_unique<Impl>(options, std::move(receivers))) {
+  impl_->join();
+}
+Participant::~Participant() = default;
+
+std::vector<std::string> Participant::poll() {
+  std::vector<std::string> news;
+  impl_->subscribe(impl_->clouds, news);
+  impl_->subscribe(impl_->poses, news);
+  return news;
+}
+
+void Participant::stopReceiving() {
+  impl_->stopped = true;
+  for (Subscription* subscription : {&impl_->clouds, &impl_->poses}) {
+    if (subscription->reader == nullptr) continue;
+    impl_->subscriber->delete_datareader(std::exchange(subscription->reader, nullptr));
+  }
+}
+
+bool Participant::publish(Output output, std::string cdr) {
+  return impl_->writers[static_cast<std::size_t>(output)]->write(&cdr);
+}
+
+std::uint64_t Participant::subscribers(Output output) const {
+  fast::PublicationMatchedStatus status;
+  impl_->writers[static_cast<std::size_t>(output)]->get_publication_matched_status(status);
+  return static_cast<std::uint64_t>(std::max(status.current_count, 0));
+}
+
+TopicState Participant::clouds() const { return impl_->clouds.state(); }
+TopicState Participant::poses() const { return impl_->poses.state(); }
+
+}  // namespace accessvdb::dds

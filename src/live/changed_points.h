@@ -1,0 +1,30 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which points are not what they were when they were last looked at.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "accessvdb/surface_points.h"
+
+namespace accessvdb::internal {
+
+class ChangedPoints {
+ public:
+  /// Compares with the call before. Scores and confidence change with nearly every scan and do not count.
+  /// @param points  all points of a field, of which the first ones are those of the call before
+  /// @return those that are new, or whose label, reason or direction changed, in the same order
+  [[nodiscard]] std::vector<SurfacePoint> since(const SurfacePoints& points);
+
+ private:
+  struct Seen {
+    PointLabel label;
+    PointReason reason;
+    std::uint16_t direction;
+    bool operator==(const Seen&) const = default;
+  };
+  std::vector<Seen> seen_;
+};
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,324 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "accessvdb/live_session.h"
+
+#include <algorithm>
+#include <cmath>
+#include <condition_variable>
+#include <deque>
+#include <limits>
+#include <mutex>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "accessvdb/surface_points.h"
+#include "io/exclude_box.h"
+#include "io/pose_track.h"
+#include "live/changed_points.h"
+#include "live/known_space.h"
+#include "live/pose_buffer.h"
+
+namespace accessvdb {
+namespace {
+
+using Clock = std::chrono::steady_clock;
+
+double millisecondsBetween(Clock::time_point from, Clock::time_point to) {
+  return std::chrono::duration<double, std::milli>(to - from).count();
+}
+
+FieldParams checked(const FieldParams& params, const LiveOptions& options) {
+  if (options.queue_scans < 1)
+    throw InvalidArgument("live.queue", "queue_scans", "must be 1 or more", "Leave it out for the default");
+  if (options.most_poses < 2)
+    throw InvalidArgument("live.poses", "most_poses", "must be 2 or more", "Leave it out for the default");
+  if (params.window) throw InvalidArgument("live.window", "window", "is for tiles, not for a live map", "Leave it out");
+  return params;
+}
+
+std::uint64_t bytesOf(const MemoryUse& use) {
+  return use.map_bytes + use.mirror_bytes + use.distance_mirror_bytes + use.point_host_bytes + use.point_device_bytes;
+}
+
+/// Values beyond float become infinite, and are then counted as not finite.
+Eigen::Vector3f asFloat(const Eigen::Vector3d& p) {
+  constexpr double kMost = std::numeric_limits<float>::max();
+  return p
+      .unaryExpr(
+          [](double v) { return std::abs(v) > kMost ? std::copysign(std::numeric_limits<double>::infinity(), v) : v; })
+      .cast<float>();
+}
+
+struct WaitingScan {
+  LiveScan scan;
+  std::uint64_t number = 0;
+  Clock::time_point arrived;
+};
+
+/// The last latencies, of which percentiles are asked for now and then.
+class Latencies {
+ public:
+  void add(double ms) {
+    if (last_.size() < kKept) {
+      last_.push_back(ms);
+    } else {
+      last_[next_] = ms;
+    }
+    next_ = (next_ + 1) % kKept;
+  }
+  /// Nearest rank. @param share  in (0, 1]
+  [[nodiscard]] double percentile(double share) const {
+    if (last_.empty()) return 0;
+    std::vector<double> sorted = last_;
+    const auto rank = static_cast<std::size_t>(std::ceil(share * static_cast<double>(sorted.size()))) - 1;
+    std::nth_element(sorted.begin(), sorted.begin() + static_cast<std::ptrdiff_t>(rank), sorted.end());
+    return sorted[rank];
+  }
+
+ private:
+  static constexpr std::size_t kKept = 4096;
+  std::vector<double> last_;
+  std::size_t next_ = 0;
+};
+
+}  // namespace
+
+struct ACCESSVDB_PRIVATE LiveSession::Impl {
+  Impl(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& given)
+      : options(given), field(tool, checked(params, given)), poses(given.most_poses) {
+    status.memory_limit_bytes = options.memory_limit_bytes;
+  }
+
+  struct Ready {
+    WaitingScan waiting;
+    Eigen::Isometry3d T_W_B;
+    bool registered = false;  ///< its points are in the world frame
+  };
+  /// A scan as rays, or as points in the sensor's frame with its pose.
+  struct Posed {
+    std::vector<Eigen::Vector3f> points_S;
+    std::vector<Eigen::Vector3d> points_W;
+    Eigen::Isometry3d T_W_S = Eigen::Isometry3d::Identity();
+    bool registered = false;
+  };
+
+  // With the lock held:
+
+  void drop(const WaitingScan& scan, ScanDrop reason) {
+    constexpr std::size_t kRemembered = 1024;
+    ++status.dropped[static_cast<std::size_t>(reason)];
+    if (dropped.size() == kRemembered) dropped.pop_front();
+    dropped.push_back({scan.number, scan.scan.stamp_ns, reason});
+  }
+
+  [[nodiscard]] bool isHopeless(std::int64_t stamp_ns) const { return ended || poses.isPast(stamp_ns); }
+
+  [[nodiscard]] bool hasWork() const {
+    if (queue.empty()) return false;
+    const std::int64_t stamp_ns = queue.front().scan.stamp_ns;
+    return isHopeless(stamp_ns) || poses.at(stamp_ns).has_value();
+  }
+
+  /// The oldest scan that has a pose, off the queue; those before it that will never have one are dropped.
+  std::optional<Ready> next() {
+    while (!queue.empty()) {
+      const std::int64_t stamp_ns = queue.front().scan.stamp_ns;
+      const auto T_W_B = poses.at(stamp_ns);
+      if (!T_W_B && !isHopeless(stamp_ns)) return std::nullopt;
+      WaitingScan waiting = std::move(queue.front());
+      queue.pop_front();
+      if (T_W_B) {
+        const bool registered = !waiting.scan.frame.empty() && world_frame && waiting.scan.frame == *world_frame;
+        return Ready{std::move(waiting), *T_W_B, registered};
+      }
+      drop(waiting, ScanDrop::NoPose);
+    }
+    return std::nullopt;
+  }
+
+  // Without it, from the one thread that takes steps:
+
+  [[nodiscard]] Posed posed(LiveScan scan, const Eigen::Isometry3d& T_W_B, bool registered, LiveStep& step) const {
+    Posed out;
+    out.registered = registered;
+    out.T_W_S = options.T_B_S ? T_W_B * *options.T_B_S : T_W_B;
+    if (registered) {
+      out.points_W = std::move(scan.points_double);
+      for (const Eigen::Vector3f& p : scan.points) out.points_W.push_back(p.cast<double>());
+    } else {
+      out.points_S = std::move(scan.points);
+      for (const Eigen::Vector3d& p : scan.points_double) out.points_S.push_back(asFloat(p));
+    }
+    if (options.exclude_box_S) {
+      step.excluded_returns =
+          registered ? io::leaveOutInside(*options.exclude_box_S, out.T_W_S.inverse(Eigen::Isometry), out.points_W)
+                     : io::leaveOutInside(*options.exclude_box_S, Eigen::Isometry3d::Identity(), out.points_S);
+    }
+    if (known) {
+      step.left_out_returns =
+          registered ? std::erase_if(out.points_W, [&](const Eigen::Vector3d& p_W) { return !known->contains(p_W); })
+                     : std::erase_if(out.points_S, [&](const Eigen::Vector3f& p_S) {
+                         return !known->contains(out.T_W_S * p_S.cast<double>().eval());
+                       });
+    }
+    return out;
+  }
+
+  void take(Ready ready, LiveStep& step) {
+    const Posed scan = posed(std::move(ready.waiting.scan), ready.T_W_B, ready.registered, step);
+    if (scan.registered) {
+      const std::array<Eigen::Vector3d, 1> origin_W = {scan.T_W_S.translation()};
+      step.fused = field.integrateRays(scan.points_W, origin_W);
+    } else {
+      step.fused = field.integrateScan(scan.points_S, scan.T_W_S);
+    }
+    step.scored = field.update();
+    step.changed = changes.since(*field.points());
+  }
+
+  /// Notes that memory is used up, once: the space that is known then is the space that is known from then on.
+  void checkMemory(std::uint64_t bytes) {
+    if (!known && options.memory_limit_bytes > 0 && bytes > options.memory_limit_bytes) known.emplace(field);
+  }
+
+  const LiveOptions options;
+  AccessibilityField field;
+  internal::ChangedPoints changes;
+  std::optional<internal::KnownSpace> known;  ///< since the memory limit was reached
+
+  mutable std::mutex lock;  ///< for all that follows
+  std::condition_variable arrived;
+  std::deque<WaitingScan> queue;
+  std::deque<DroppedScan> dropped;
+  internal::PoseBuffer poses;
+  std::optional<std::string> world_frame;
+  std::optional<std::int64_t> last_stamp_ns;  ///< of the last scan that was put in the queue
+  bool ended = false;
+  bool busy = false;  ///< a step has a scan
+  LiveStatus status;
+  Latencies latencies;
+  double latency_max_ms = 0;
+};
+
+LiveSession::LiveSession(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& options)
+    : impl_(std::make_unique<Impl>(tool, params, options)) {}
+LiveSession::~LiveSession() = default;
+LiveSession::LiveSession(LiveSession&&) noexcept = default;
+LiveSession& LiveSession::operator=(LiveSession&&) noexcept = default;
+
+void LiveSession::addPose(const LivePose& pose) {
+  {
+    const std::scoped_lock locked(impl_->lock);
+    ++impl_->status.poses;
+    impl_->ended = false;
+    if (impl_->world_frame && pose.frame != *impl_->world_frame) {
+      ++impl_->status.poses_other_frame;
+      return;
+    }
+    if (impl_->poses.add(pose.stamp_ns, pose.p_W, pose.q_W_B) && !impl_->world_frame) impl_->world_frame = pose.frame;
+  }
+  impl_->arrived.notify_all();
+}
+
+void LiveSession::addScan(LiveScan scan) {
+  {
+    const std::scoped_lock locked(impl_->lock);
+    WaitingScan waiting = {std::move(scan), impl_->status.published++, Clock::now()};
+    const std::int64_t stamp_ns = waiting.scan.stamp_ns;
+    const std::size_t returns = waiting.scan.points.size() + waiting.scan.points_double.size();
+    if (stamp_ns <= 0 || stamp_ns > io::kMostStamp_ns || returns > impl_->options.most_returns) {
+      impl_->drop(waiting, ScanDrop::Unusable);
+    } else if (impl_->last_stamp_ns && stamp_ns <= *impl_->last_stamp_ns) {
+      impl_->drop(waiting, ScanDrop::OutOfOrder);
+    } else {
+      impl_->last_stamp_ns = stamp_ns;
+      if (impl_->queue.size() == impl_->options.queue_scans) {
+        impl_->drop(impl_->queue.front(), ScanDrop::QueueFull);
+        impl_->queue.pop_front();
+      }
+      impl_->queue.push_back(std::move(waiting));
+    }
+  }
+  impl_->arrived.notify_all();
+}
+
+void LiveSession::endOfPoses() {
+  {
+    const std::scoped_lock locked(impl_->lock);
+    impl_->ended = true;
+  }
+  impl_->arrived.notify_all();
+}
+
+bool LiveSession::waitForWork(std::chrono::milliseconds at_most) {
+  std::unique_lock locked(impl_->lock);
+  return impl_->arrived.wait_for(locked, at_most, [this] { return impl_->hasWork(); });
+}
+
+std::optional<LiveStep> LiveSession::step() {
+  std::optional<Impl::Ready> ready;
+  {
+    const std::scoped_lock locked(impl_->lock);
+    ready = impl_->next();
+    impl_->busy = ready.has_value();
+  }
+  if (!ready) return std::nullopt;
+  LiveStep step;
+  step.number = ready->waiting.number;
+  step.stamp_ns = ready->waiting.scan.stamp_ns;
+  const Clock::time_point arrived = ready->waiting.arrived;
+  step.waited_ms = millisecondsBetween(arrived, Clock::now());
+  WaitingScan lost;  // what is left of it if the step fails
+  lost.number = step.number;
+  lost.scan.stamp_ns = step.stamp_ns;
+  try {
+    impl_->take(std::move(*ready), step);
+  } catch (...) {
+    const std::scoped_lock locked(impl_->lock);
+    impl_->busy = false;
+    impl_->drop(lost, ScanDrop::Failed);
+    throw;
+  }
+  step.latency_ms = millisecondsBetween(arrived, Clock::now());
+  const std::uint64_t bytes = bytesOf(impl_->field.memoryUse());
+  impl_->checkMemory(bytes);
+  const std::scoped_lock locked(impl_->lock);
+  LiveStatus& status = impl_->status;
+  impl_->busy = false;
+  ++status.taken;
+  status.points_in += step.fused.points_in;
+  status.points_used += step.fused.points_used;
+  status.excluded_returns += step.excluded_returns;
+  status.left_out_returns += step.left_out_returns;
+  status.surface_points = step.fused.surface_points;
+  status.memory_bytes = bytes;
+  status.memory_full = impl_->known.has_value();
+  impl_->latencies.add(step.latency_ms);
+  impl_->latency_max_ms = std::max(impl_->latency_max_ms, step.latency_ms);
+  return step;
+}
+
+LiveStatus LiveSession::status() const {
+  const std::scoped_lock locked(impl_->lock);
+  LiveStatus status = impl_->status;
+  status.waiting = impl_->queue.size() + (impl_->busy ? 1 : 0);
+  status.world_frame = impl_->world_frame.value_or("");
+  status.poses_invalid = impl_->poses.counts().invalid;
+  status.poses_repeated = impl_->poses.counts().repeated;
+  status.poses_backwards = impl_->poses.counts().backwards;
+  status.latency_p50_ms = impl_->latencies.percentile(0.5);
+  status.latency_p99_ms = impl_->latencies.percentile(0.99);
+  status.latency_max_ms = impl_->latency_max_ms;
+  return status;
+}
+
+std::vector<DroppedScan> LiveSession::takeDropped() {
+  const std::scoped_lock locked(impl_->lock);
+  std::vector<DroppedScan> dropped(impl_->dropped.begin(), impl_->dropped.end());
+  impl_->dropped.clear();
+  return dropped;
+}
+
+const AccessibilityField& LiveSession::field() const { return impl_->field; }
+
+}  // namespace accessvdb

@@ -1,0 +1,246 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What a live session does with too much, too late, too little and nonsense: a count, and no label that is wrong.
+#include <gtest/gtest.h>
+
+#include <limits>
+#include <set>
+#include <tuple>
+
+#include "accessvdb/error.h"
+#include "accessvdb/tsdf_volume.h"
+#include "live/live_stream.h"
+
+namespace accessvdb::live_test {
+namespace {
+
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+TEST(LiveLimits, DropTheOldestScan) {
+  const std::vector<Scan> scans = test::wallScans(3, 7, 200);
+  LiveOptions options;
+  options.queue_scans = 3;
+  LiveSession session(test::armTool(), coarseParams(), options);
+  for (std::size_t n = 0; n < scans.size(); ++n) {
+    session.addPose(poseOf(scans[n], n));
+    session.addScan(scanOf(scans[n], n));
+  }
+  EXPECT_EQ(session.status().waiting, 3U);
+  EXPECT_EQ(droppedFor(session, ScanDrop::QueueFull), 4U);
+  const std::vector<DroppedScan> dropped = session.takeDropped();
+  ASSERT_EQ(dropped.size(), 4U);
+  for (std::size_t n = 0; n < 4; ++n) {
+    EXPECT_EQ(dropped[n].number, n);
+    EXPECT_EQ(dropped[n].stamp_ns, stampOf(n));
+    EXPECT_EQ(dropped[n].reason, ScanDrop::QueueFull);
+  }
+  EXPECT_TRUE(session.takeDropped().empty());
+  while (session.step()) {
+  }
+  expectAllAccountedFor(session.status());
+  EXPECT_EQ(session.status().taken, 3U);
+  expectSameField(session.field(), fedDirectly(scans, {4, 5, 6}));
+}
+
+TEST(LiveLimits, DropScansThatWillNeverHaveAPose) {
+  const std::vector<Scan> scans = test::wallScans(3, 10, 200);
+  LiveOptions options;
+  options.queue_scans = 10;
+  LiveSession session(test::armTool(), coarseParams(), options);
+  for (std::size_t n = 0; n < scans.size(); ++n) session.addScan(scanOf(scans[n], n));
+  EXPECT_FALSE(session.step());
+  // Poses begin late (scan 2), have a gap (4, 5, 6), and end early (8).
+  for (const std::size_t n : {2, 3}) session.addPose(poseOf(scans[n], n));
+  session.addPose({stampOf(3) + 1'000'000, scans[3].T_W_S.translation(), Eigen::Quaterniond::Identity()});
+  session.addPose({stampOf(7) - 1'000'000, scans[7].T_W_S.translation(), Eigen::Quaterniond::Identity()});
+  for (const std::size_t n : {7, 8}) session.addPose(poseOf(scans[n], n));
+  std::vector<std::size_t> taken;
+  while (const auto step = session.step()) taken.push_back(step->number);
+  EXPECT_EQ(taken, (std::vector<std::size_t>{2, 3, 7, 8}));
+  EXPECT_EQ(droppedFor(session, ScanDrop::NoPose), 5U);
+  EXPECT_EQ(session.status().waiting, 1U);
+  EXPECT_FALSE(session.waitForWork(std::chrono::milliseconds(0)));
+  session.endOfPoses();
+  EXPECT_TRUE(session.waitForWork(std::chrono::milliseconds(0)));
+  EXPECT_FALSE(session.step());
+  EXPECT_EQ(droppedFor(session, ScanDrop::NoPose), 6U);
+  expectAllAccountedFor(session.status());
+  expectSameField(session.field(), fedDirectly(scans, taken));
+}
+
+TEST(LiveLimits, DoNotUsePosesThatJump) {
+  const std::vector<Scan> scans = test::wallScans(3, 1, 100);
+  LiveSession session(test::armTool(), coarseParams());
+  session.addPose({stampOf(0) - 50'000'000, {0, 0, 1}, Eigen::Quaterniond::Identity()});
+  session.addScan(scanOf(scans[0], 0));
+  session.addPose({stampOf(0) + 50'000'000, {20, 0, 1}, Eigen::Quaterniond::Identity()});  // 200 m/s
+  EXPECT_FALSE(session.step());
+  EXPECT_EQ(droppedFor(session, ScanDrop::NoPose), 1U);
+}
+
+TEST(LiveLimits, CountBadScansAndPoses) {
+  const std::vector<Scan> scans = test::wallScans(3, 3, 100);
+  LiveOptions options;
+  options.most_returns = 150;
+  LiveSession session(test::armTool(), coarseParams(), options);
+  LiveScan timeless = scanOf(scans[0], 0), far = scanOf(scans[0], 0), large = scanOf(scans[0], 0);
+  timeless.stamp_ns = 0;
+  far.stamp_ns = std::numeric_limits<std::int64_t>::max();
+  large.points.resize(151);
+  session.addScan(timeless);
+  session.addScan(far);
+  session.addScan(large);
+  EXPECT_EQ(droppedFor(session, ScanDrop::Unusable), 3U);
+  session.addScan(scanOf(scans[1], 1));
+  session.addScan(scanOf(scans[1], 1));  // again
+  session.addScan(scanOf(scans[0], 0));  // late
+  EXPECT_EQ(droppedFor(session, ScanDrop::OutOfOrder), 2U);
+
+  session.addPose({stampOf(1), {0, kNaN, 0}, Eigen::Quaterniond::Identity()});
+  session.addPose({stampOf(1), {0, 0, 0}, Eigen::Quaterniond(2, 0, 0, 0)});
+  session.addPose({stampOf(1), {0, 0, 0}, Eigen::Quaterniond(kNaN, 0, 0, 0)});
+  session.addPose({std::numeric_limits<std::int64_t>::min(), {0, 0, 0}, Eigen::Quaterniond::Identity()});
+  EXPECT_EQ(session.status().poses_invalid, 4U);
+  EXPECT_FALSE(session.waitForWork(std::chrono::milliseconds(0)));
+  LivePose pose = poseOf(scans[1], 1), other = pose;
+  pose.frame = "odom";
+  other.frame = "map";
+  session.addPose(pose);
+  session.addPose(other);
+  session.addPose(pose);
+  EXPECT_EQ(session.status().poses_other_frame, 1U);
+  EXPECT_EQ(session.status().poses_repeated, 1U);
+  pose.stamp_ns -= 1'000'000;
+  session.addPose(pose);
+  EXPECT_EQ(session.status().poses_backwards, 1U);
+  EXPECT_TRUE(session.step());
+  expectAllAccountedFor(session.status());
+  expectSameField(session.field(), fedDirectly(scans, {1}));
+}
+
+TEST(LiveLimits, ReturnsThatAreNotFiniteAreCountedAndNeverUsed) {
+  std::vector<Scan> scans = test::wallScans(3, 2, 200);
+  LiveSession session(test::armTool(), coarseParams());
+  for (std::size_t n = 0; n < scans.size(); ++n) {
+    session.addPose(poseOf(scans[n], n));
+    LiveScan scan = scanOf(scans[n], n);
+    for (const Eigen::Vector3f& p : scan.points) scan.points_double.push_back(p.cast<double>());
+    scan.points.clear();
+    scan.points_double.emplace_back(1e300, 0, 0);
+    scan.points_double.emplace_back(0, kNaN, 0);
+    session.addScan(std::move(scan));
+    const auto step = session.step();
+    ASSERT_TRUE(step);
+    EXPECT_EQ(step->fused.dropped[static_cast<std::size_t>(DropReason::NonFinite)], 2U);
+  }
+  expectSameField(session.field(), fedDirectly(scans, {0, 1}));
+}
+
+TEST(LiveLimits, EmptyScansAreTaken) {
+  LiveSession session(test::armTool(), coarseParams());
+  session.addPose({stampOf(0), {0, 0, 0}, Eigen::Quaterniond::Identity()});
+  session.addScan({stampOf(0)});
+  const auto step = session.step();
+  ASSERT_TRUE(step);
+  EXPECT_TRUE(step->changed.empty());
+  EXPECT_EQ(session.status().taken, 1U);
+}
+
+TEST(LiveLimits, RefuseOptionsThatCannotBe) {
+  const auto id = [](LiveOptions options, FieldParams params) -> std::string {
+    try {
+      const LiveSession session(test::armTool(), params, options);
+    } catch (const Error& error) {
+      return error.id();
+    }
+    return "";
+  };
+  LiveOptions no_queue, no_poses;
+  no_queue.queue_scans = 0;
+  no_poses.most_poses = 1;
+  FieldParams tile = coarseParams();
+  tile.origin_W = {0, 0, 0};
+  tile.window.emplace();
+  EXPECT_EQ(id(no_queue, coarseParams()), "live.queue");
+  EXPECT_EQ(id(no_poses, coarseParams()), "live.poses");
+  EXPECT_EQ(id({}, tile), "live.window");
+}
+
+/// Leaves of the map by brute force over its grids.
+std::set<std::tuple<int, int, int>> leavesOf(const AccessibilityField& field) {
+  std::set<std::tuple<int, int, int>> leaves;
+  const auto add = [&](const auto& grid) {
+    for (auto leaf = grid->tree().cbeginLeaf(); leaf; ++leaf)
+      leaves.insert({leaf->origin().x(), leaf->origin().y(), leaf->origin().z()});
+  };
+  add(field.volume().distance());
+  add(field.volume().cleared());
+  return leaves;
+}
+
+/// A wall in front of the sensor, whose place along y is given.
+Scan wallAt(double y_m, double x_m = 2) {
+  Scan scan;
+  scan.T_W_S.translation() = Eigen::Vector3d(0, y_m, 1);
+  for (int i = -20; i <= 20; ++i)
+    for (int k = -20; k <= 20; ++k)
+      scan.points_S.emplace_back(static_cast<float>(x_m), 0.025F * static_cast<float>(i),
+                                 0.025F * static_cast<float>(k));
+  return scan;
+}
+
+TEST(LiveLimits, OverTheMemoryLimitNoNewSpaceIsTakenButWhatIsKnownIsUpdated) {
+  LiveOptions options;
+  options.memory_limit_bytes = 1;  // reached by the first scan
+  LiveSession session(test::armTool(), coarseParams(), options);
+  const auto take = [&](const Scan& scan, std::size_t n) {
+    session.addPose(poseOf(scan, n));
+    session.addScan(scanOf(scan, n));
+    const auto step = session.step();
+    EXPECT_TRUE(step);
+    return *step;
+  };
+  EXPECT_EQ(take(wallAt(0), 0).left_out_returns, 0U);
+  EXPECT_TRUE(session.status().memory_full);
+  EXPECT_GT(session.status().memory_bytes, 1U);
+  const auto known = leavesOf(session.field());
+  const FieldSnapshot before = session.field().snapshot();
+
+  // A wall 20 m away: nothing of it is known, and nothing is taken.
+  const Scan far = wallAt(20);
+  EXPECT_EQ(take(far, 1).left_out_returns, far.points_S.size());
+  EXPECT_EQ(leavesOf(session.field()), known);
+  // Half of it in known space: exactly the returns in leaves that were there.
+  const Scan half = wallAt(0.5);
+  std::uint64_t outside = 0;
+  const Eigen::Vector3d origin_W = session.field().origin_W();
+  for (const Eigen::Vector3f& p_S : half.points_S) {
+    const Eigen::Vector3d p_L = half.T_W_S * p_S.cast<double>().eval() - origin_W;
+    const auto leaf = [&](int axis) { return static_cast<int>(std::floor(std::round(p_L[axis] / 0.05) / 8)) * 8; };
+    outside += known.contains({leaf(0), leaf(1), leaf(2)}) ? 0U : 1U;
+  }
+  EXPECT_GT(outside, 100U);
+  EXPECT_LT(outside, half.points_S.size() - 100);
+  EXPECT_EQ(take(half, 2).left_out_returns, outside);
+  EXPECT_EQ(session.status().left_out_returns, outside + far.points_S.size());
+  // What is known goes on to be updated: the wall gains weight.
+  for (std::size_t n = 3; n < 6; ++n) take(wallAt(0), n);
+  const FieldSnapshot after = session.field().snapshot();
+  ASSERT_GE(after.points.size(), before.points.size());
+  std::size_t heavier = 0;
+  for (std::size_t n = 0; n < before.points.size(); ++n) heavier += after.points[n].weight > before.points[n].weight;
+  EXPECT_EQ(heavier, before.points.size());
+  // And the map grows by no more than the leaves around what was known: however long it goes on.
+  for (std::size_t n = 6; n < 30; ++n) take(wallAt(0.05 * static_cast<double>(n)), n);
+  for (const auto& [x, y, z] : leavesOf(session.field())) {
+    bool near = false;
+    for (int dx = -8; dx <= 8; dx += 8)
+      for (int dy = -8; dy <= 8; dy += 8)
+        for (int dz = -8; dz <= 8; dz += 8) near = near || known.contains({x + dx, y + dy, z + dz});
+    EXPECT_TRUE(near) << x << " " << y << " " << z;
+  }
+  expectAllAccountedFor(session.status());
+}
+
+}  // namespace
+}  // namespace accessvdb::live_test

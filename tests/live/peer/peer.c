@@ -1,0 +1,282 @@
+/* Copyright Contributors to the AccessVDB project
+ * SPDX-License-Identifier: Apache-2.0
+ *
+ * A scanner and its odometry as a program of ROS 2 would publish them, over Cyclone DDS, and somebody who listens to a
+ * live map. Shares no code with the project.
+ *
+ *   live_peer STREAM domain=N rate=HZ [reliable=0|1] [first=N] [count=N] [die=N] [large=N] [listen=PREFIX] [wait_s=S]
+ *
+ * STREAM: for each scan int64 stamp_ns, 3 doubles, 4 doubles x y z w, uint32 n, n x 3 floats; little-endian.
+ * rate=0: as fast as it can. die=N: it is killed after N scans.
+ * large=N: after N scans comes one of 3 MB more, which is not counted. listen: writes PREFIX.status (the last one),
+ * PREFIX.points (the data of the last message with all points), PREFIX.changes (the data of all messages with changed
+ * points, one after the other). Prints "published N" at the end. */
+#include <dds/dds.h>
+#include <inttypes.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "ros_messages.h"
+
+typedef sensor_msgs_msg_dds__PointCloud2_ Cloud;
+typedef nav_msgs_msg_dds__Odometry_ Odometry;
+typedef std_msgs_msg_dds__String_ Text;
+
+static void check(dds_return_t code, const char* what) {
+  if (code >= 0) return;
+  fprintf(stderr, "live_peer: %s: %s\n", what, dds_strretcode(-code));
+  exit(1);
+}
+
+static double argument(int argc, char** argv, const char* name, double otherwise) {
+  for (int i = 2; i < argc; ++i) {
+    const size_t length = strlen(name);
+    if (strncmp(argv[i], name, length) == 0 && argv[i][length] == '=') return atof(argv[i] + length + 1);
+  }
+  return otherwise;
+}
+
+static const char* word(int argc, char** argv, const char* name) {
+  for (int i = 2; i < argc; ++i) {
+    const size_t length = strlen(name);
+    if (strncmp(argv[i], name, length) == 0 && argv[i][length] == '=') return argv[i] + length + 1;
+  }
+  return NULL;
+}
+
+static void need(size_t got, size_t wanted) {
+  if (got == wanted) return;
+  fprintf(stderr, "live_peer: the stream ends inside a scan\n");
+  exit(1);
+}
+
+static FILE* openOut(const char* prefix, const char* suffix) {
+  char path[1000];
+  snprintf(path, sizeof path, "%s.%s", prefix, suffix);
+  FILE* file = fopen(path, "wb");
+  if (file == NULL) {
+    perror(path);
+    exit(1);
+  }
+  return file;
+}
+
+struct Ears {
+  const char* prefix;
+  dds_entity_t points, changes, status;
+  int64_t last_points_ns;
+  FILE* changes_file;
+};
+
+static void listenTo(struct Ears* ears) {
+  if (ears->prefix == NULL) return;
+  void* sample = NULL;
+  dds_sample_info_t info;
+  while (dds_take(ears->status, &sample, &info, 1, 1) > 0) {
+    if (info.valid_data) {
+      FILE* file = openOut(ears->prefix, "status");
+      fputs(((Text*)sample)->data, file);
+      fclose(file);
+    }
+    dds_return_loan(ears->status, &sample, 1);
+    sample = NULL;
+  }
+  while (dds_take(ears->changes, &sample, &info, 1, 1) > 0) {
+    if (info.valid_data) {
+      const Cloud* cloud = sample;
+      fwrite(cloud->data._buffer, 1, cloud->data._length, ears->changes_file);
+      fflush(ears->changes_file);
+    }
+    dds_return_loan(ears->changes, &sample, 1);
+    sample = NULL;
+  }
+  while (dds_take(ears->points, &sample, &info, 1, 1) > 0) {
+    if (info.valid_data) {
+      const Cloud* cloud = sample;
+      ears->last_points_ns = (int64_t)cloud->header.stamp.sec * 1000000000 + cloud->header.stamp.nanosec;
+      FILE* file = openOut(ears->prefix, "points");
+      fwrite(cloud->data._buffer, 1, cloud->data._length, file);
+      fclose(file);
+      file = openOut(ears->prefix, "layout");
+      fprintf(file, "%s %u x %u, %u bytes per point:", cloud->header.frame_id, cloud->height, cloud->width,
+              cloud->point_step);
+      for (uint32_t i = 0; i < cloud->fields._length; ++i) {
+        fprintf(file, " %s@%u/%u", cloud->fields._buffer[i].name, cloud->fields._buffer[i].offset,
+                cloud->fields._buffer[i].datatype);
+      }
+      fclose(file);
+    }
+    dds_return_loan(ears->points, &sample, 1);
+    sample = NULL;
+  }
+}
+
+static uint32_t readersOf(dds_entity_t writer) {
+  dds_publication_matched_status_t status;
+  check(dds_get_publication_matched_status(writer, &status), "matched");
+  return status.current_count;
+}
+static uint32_t writersOf(dds_entity_t reader) {
+  dds_subscription_matched_status_t status;
+  check(dds_get_subscription_matched_status(reader, &status), "matched");
+  return status.current_count;
+}
+
+static void waitUntil(dds_time_t when, struct Ears* ears) {
+  for (dds_time_t now = dds_time(); now < when; now = dds_time()) {
+    listenTo(ears);
+    const dds_time_t left = when - now;
+    dds_sleepfor(left < DDS_MSECS(10) ? left : DDS_MSECS(10));
+  }
+}
+
+int main(int argc, char** argv) {
+  if (argc < 2) return 2;
+  FILE* stream = fopen(argv[1], "rb");
+  if (stream == NULL) {
+    perror(argv[1]);
+    return 1;
+  }
+  const double rate = argument(argc, argv, "rate", 10);
+  const long first = (long)argument(argc, argv, "first", 0), count = (long)argument(argc, argv, "count", 1e9),
+             die = (long)argument(argc, argv, "die", -1), large = (long)argument(argc, argv, "large", -1);
+  const dds_entity_t participant =
+      dds_create_participant((dds_domainid_t)argument(argc, argv, "domain", 0), NULL, NULL);
+  check(participant, "participant");
+
+  dds_qos_t* qos = dds_create_qos();
+  if (argument(argc, argv, "reliable", 1) > 0) {
+    dds_qset_reliability(qos, DDS_RELIABILITY_RELIABLE, DDS_SECS(60));
+    dds_qset_history(qos, DDS_HISTORY_KEEP_ALL, 0);
+  } else {
+    dds_qset_reliability(qos, DDS_RELIABILITY_BEST_EFFORT, 0);
+    dds_qset_history(qos, DDS_HISTORY_KEEP_LAST, 5);
+  }
+  const dds_entity_t cloud_topic =
+      dds_create_topic(participant, &sensor_msgs_msg_dds__PointCloud2__desc, "rt/livox/lidar", NULL, NULL);
+  const dds_entity_t odom_topic =
+      dds_create_topic(participant, &nav_msgs_msg_dds__Odometry__desc, "rt/Odometry", NULL, NULL);
+  check(cloud_topic, "topic of clouds");
+  check(odom_topic, "topic of odometry");
+  const dds_entity_t clouds = dds_create_writer(participant, cloud_topic, qos, NULL);
+  const dds_entity_t odometry = dds_create_writer(participant, odom_topic, qos, NULL);
+  check(clouds, "writer of clouds");
+  check(odometry, "writer of odometry");
+
+  struct Ears ears = {word(argc, argv, "listen"), 0, 0, 0, 0, NULL};
+  if (ears.prefix != NULL) {
+    dds_qos_t* reliable = dds_create_qos();
+    dds_qset_reliability(reliable, DDS_RELIABILITY_RELIABLE, DDS_SECS(1));
+    dds_qset_history(reliable, DDS_HISTORY_KEEP_ALL, 0);
+    const struct {
+      dds_entity_t* reader;
+      const dds_topic_descriptor_t* type;
+      const char* name;
+    } outputs[] = {{&ears.points, &sensor_msgs_msg_dds__PointCloud2__desc, "rt/accessvdb/points"},
+                   {&ears.changes, &sensor_msgs_msg_dds__PointCloud2__desc, "rt/accessvdb/changes"},
+                   {&ears.status, &std_msgs_msg_dds__String__desc, "rt/accessvdb/status"}};
+    for (int i = 0; i < 3; ++i) {
+      const dds_entity_t topic = dds_create_topic(participant, outputs[i].type, outputs[i].name, NULL, NULL);
+      check(topic, outputs[i].name);
+      *outputs[i].reader = dds_create_reader(participant, topic, reliable, NULL);
+      check(*outputs[i].reader, outputs[i].name);
+    }
+    dds_delete_qos(reliable);
+    ears.changes_file = openOut(ears.prefix, "changes");
+  }
+
+  const dds_time_t give_up = dds_time() + DDS_SECS(30);
+  while (readersOf(clouds) == 0 || readersOf(odometry) == 0 ||
+         (ears.prefix != NULL &&
+          (writersOf(ears.points) == 0 || writersOf(ears.changes) == 0 || writersOf(ears.status) == 0))) {
+    if (dds_time() > give_up) {
+      fprintf(stderr, "live_peer: nobody to talk to after 30 s\n");
+      return 1;
+    }
+    dds_sleepfor(DDS_MSECS(20));
+  }
+  // Both sides must have seen the match: the other one finds out a little later.
+  dds_sleepfor(DDS_MSECS(500));
+
+  sensor_msgs_msg_dds__PointField_ fields[3];
+  memset(fields, 0, sizeof fields);
+  char* names[3] = {"x", "y", "z"};
+  for (uint32_t i = 0; i < 3; ++i) {
+    fields[i].name = names[i];
+    fields[i].offset = 4 * i;
+    fields[i].datatype = 7;
+    fields[i].count = 1;
+  }
+  long number = 0, published = 0;
+  int64_t stamp_ns = 0;
+  const dds_time_t start = dds_time();
+  for (; published < count && fread(&stamp_ns, sizeof stamp_ns, 1, stream) == 1; ++number) {
+    double pose[7];
+    uint32_t points = 0;
+    need(fread(pose, sizeof(double), 7, stream), 7);
+    need(fread(&points, sizeof points, 1, stream), 1);
+    float* xyz = malloc(12 * (size_t)points + 1);
+    need(fread(xyz, 12, points, stream), points);
+    if (number >= first) {
+      if (rate > 0) waitUntil(start + (dds_time_t)(1e9 * (double)published / rate), &ears);
+      Odometry odom;
+      memset(&odom, 0, sizeof odom);
+      odom.header.stamp.sec = (int32_t)(stamp_ns / 1000000000);
+      odom.header.stamp.nanosec = (uint32_t)(stamp_ns % 1000000000);
+      odom.header.frame_id = "odom";
+      odom.child_frame_id = "body";
+      odom.pose.pose.position.x = pose[0];
+      odom.pose.pose.position.y = pose[1];
+      odom.pose.pose.position.z = pose[2];
+      odom.pose.pose.orientation.x = pose[3];
+      odom.pose.pose.orientation.y = pose[4];
+      odom.pose.pose.orientation.z = pose[5];
+      odom.pose.pose.orientation.w = pose[6];
+      check(dds_write(odometry, &odom), "odometry");
+      Cloud cloud;
+      memset(&cloud, 0, sizeof cloud);
+      cloud.header.stamp.sec = odom.header.stamp.sec;
+      cloud.header.stamp.nanosec = odom.header.stamp.nanosec;
+      cloud.header.frame_id = "body";
+      cloud.height = 1;
+      cloud.width = points;
+      cloud.fields._buffer = fields;
+      cloud.fields._length = cloud.fields._maximum = 3;
+      cloud.point_step = 12;
+      cloud.row_step = 12 * points;
+      cloud.data._buffer = (uint8_t*)xyz;
+      cloud.data._length = cloud.data._maximum = 12 * points;
+      cloud.is_dense = true;
+      check(dds_write(clouds, &cloud), "cloud");
+      ++published;
+      listenTo(&ears);
+      if (published == die) raise(SIGKILL);
+      if (published == large) {
+        const uint32_t count = 250000;
+        cloud.header.stamp.nanosec += 1000;
+        cloud.width = count;
+        cloud.row_step = 12 * count;
+        cloud.data._length = cloud.data._maximum = 12 * count;
+        cloud.data._buffer = calloc(count, 12);
+        check(dds_write(clouds, &cloud), "large cloud");
+        free(cloud.data._buffer);
+      }
+    }
+    free(xyz);
+  }
+  if (argument(argc, argv, "reliable", 1) > 0) {
+    check(dds_wait_for_acks(odometry, DDS_SECS(60)), "odometry did not arrive");
+    check(dds_wait_for_acks(clouds, DDS_SECS(60)), "clouds did not arrive");
+  }
+  // Until the map has shown the last scan.
+  const dds_time_t end = dds_time() + (dds_time_t)(1e9 * argument(argc, argv, "wait_s", 20));
+  while (ears.prefix != NULL && ears.last_points_ns != stamp_ns && dds_time() < end)
+    waitUntil(dds_time() + DDS_MSECS(50), &ears);
+  waitUntil(dds_time() + DDS_MSECS(300), &ears);
+  printf("published %ld\n", published);
+  check(dds_delete(participant), "end");
+  return 0;
+}

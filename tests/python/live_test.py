@@ -1,0 +1,125 @@
+# Copyright Contributors to the AccessVDB project
+# SPDX-License-Identifier: Apache-2.0
+"""A live session in Python gives what a field gives that is fed with the same scans, and accounts for every scan."""
+
+import tempfile
+import threading
+import unittest
+from pathlib import Path
+
+import numpy as np
+import walls
+
+import accessvdb
+
+FIRST_NS = 1_700_000_000_000_000_000
+UNTURNED = (0, 0, 0, 1)
+
+
+def stamp(n):
+    return FIRST_NS + n * 100_000_000
+
+
+def session(**options):
+    tool = accessvdb.ToolGeometry.builtin("builtin:pruner")
+    return accessvdb.LiveSession(tool, {"tsdf": {"voxel_size_m": walls.VOXEL_M}}, **options)
+
+
+def fed(numbers):
+    """A field that scored after each of these scans."""
+    field = accessvdb.AccessibilityField(
+        accessvdb.ToolGeometry.builtin("builtin:pruner"), {"tsdf": {"voxel_size_m": walls.VOXEL_M}}
+    )
+    for n in numbers:
+        T_W_S = walls.pose(y=0.2 * n)
+        field.integrate_scan(walls.scan(T_W_S, seed=n), T_W_S)
+        field.update()
+    return field.snapshot()
+
+
+class Live(unittest.TestCase):
+    def assert_same(self, a, b):
+        self.assertEqual(len(a), len(b))
+        for name in ("position_W", "label", "reason", "score", "direction", "confidence", "stability"):
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+    def send(self, live, n, **frame):
+        live.add_scan(stamp(n), walls.scan(walls.pose(y=0.2 * n), seed=n), **frame)
+        live.add_pose(stamp(n), (0, 0.2 * n, 0), UNTURNED, **frame)
+
+    def test_labels_are_those_of_a_field(self):
+        live = session()
+        known = {}
+        for n in range(4):
+            self.assertFalse(live.wait_for_work(0))
+            self.assertIsNone(live.step())
+            self.send(live, n)
+            self.assertTrue(live.wait_for_work(0))
+            step = live.step()
+            self.assertEqual((step.number, step.stamp_ns), (n, stamp(n)))
+            self.assertGreater(step.fused.points_used, 5000)
+            self.assertGreaterEqual(step.latency_ms, step.waited_ms)
+            known.update(zip(step.changed.id.tolist(), step.changed.label.tolist()))
+        expected = fed(range(4))
+        self.assert_same(live.snapshot(), expected)
+        self.assertEqual([known[i] for i in range(len(expected))], expected.label.tolist())
+        self.assertGreater(len(set(known.values())), 1)
+        with tempfile.TemporaryDirectory() as folder:
+            live.write(folder)
+            self.assertEqual(len(accessvdb.read_points_ply(Path(folder) / "points.ply")), len(expected))
+
+    def test_clouds_in_the_frame_of_the_poses_are_in_the_world(self):
+        live = session()
+        T_W_S = walls.pose(y=0.5)
+        points_W = walls.scan(T_W_S) + T_W_S[:3, 3]
+        live.add_scan(stamp(0), points_W, frame="odom")
+        live.add_pose(stamp(0), T_W_S[:3, 3], UNTURNED, frame="odom")
+        self.assertIsNotNone(live.step())
+        field = walls.field(frames=0)
+        field.integrate_rays(points_W, T_W_S[None, :3, 3])
+        field.update()
+        self.assert_same(live.snapshot(), field.snapshot())
+
+    def test_every_scan_is_accounted_for(self):
+        live = session(queue_scans=2)
+        sender = threading.Thread(target=lambda: [self.send(live, n) for n in range(30)])
+        sender.start()
+        taken = []
+        while sender.is_alive() or live.wait_for_work(0):
+            live.wait_for_work(0.01)
+            step = live.step()
+            if step is not None:
+                taken.append(step.number)
+        sender.join()
+        status = live.status()
+        self.assertEqual(status["published"], 30)
+        self.assertEqual(status["taken"], len(taken))
+        self.assertEqual(status["taken"] + sum(status["dropped"].values()), 30)
+        self.assert_same(live.snapshot(), fed(taken))
+
+    def test_what_cannot_be_used_is_counted_or_refused(self):
+        live = session(memory_limit_bytes=1)
+        live.add_pose(stamp(0), (0, float("nan"), 0), UNTURNED)
+        live.add_scan(0, np.zeros((1, 3)))
+        self.send(live, 0)
+        self.send(live, 0)
+        live.step()
+        status = live.status()
+        self.assertEqual(status["poses_invalid"], 1)
+        self.assertEqual(status["poses_repeated"], 1)
+        self.assertEqual(status["dropped"]["unusable"], 1)
+        self.assertEqual(status["dropped"]["out_of_order"], 1)
+        self.assertTrue(status["memory_full"])
+        live.add_scan(stamp(5), np.ones((3, 3), dtype=np.float32))
+        live.end_of_poses()
+        self.assertIsNone(live.step())
+        self.assertEqual(live.status()["dropped"]["no_pose"], 1)
+        for wrong in (lambda: session(queue_scans=0), lambda: session(queue_scans="four"),
+                      lambda: session(exclude_box_S=(1, 2)), lambda: live.add_pose(1, (0, 0), UNTURNED),
+                      lambda: live.add_pose(1, (0, 0, 0), (0, 0, 1)), lambda: live.add_scan(1, np.zeros((3, 2)))):
+            with self.assertRaises(accessvdb.InvalidArgument):
+                wrong()
+
+
+if __name__ == "__main__":
+    unittest.main()
