@@ -44,11 +44,15 @@ TEST_F(TileBytes, Orientations) {
   what_ = plus(what_, {"--orientations", "sphere:30"});
   succeed(map({"--tiles", "9"}));
   expectOnePiece();
-  // A list is compared by its content, wherever it is read from.
+}
+
+/// A list is compared by its content, wherever it is read from.
+TEST_F(TileBytes, AListOfOrientations) {
+  what_[1] = "builtin:pruner";
   const auto write = [&](const char* text) { std::ofstream(path("list.txt")) << "yaw pitch roll\n" << text; };
   write("0 0 0\n90 45 10\n180 -30 0\n270 90 0\n");
-  what_.back() = "list:" + path("list.txt");
-  succeed(plan({"--tiles", "9", "--fresh"}));
+  what_ = plus(what_, {"--orientations", "list:" + path("list.txt")});
+  succeed(plan({"--tiles", "9"}));
   succeed(step("bin"));
   write("# the same\n0 0 0\n90 45 10\n180 -30 0\n270 90 0\n0 0 0\n");
   succeed(step("run"));

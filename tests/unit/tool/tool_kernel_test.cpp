@@ -112,6 +112,23 @@ TEST(ToolKernel, IsTurnedByEveryOrientation) {
   }
 }
 
+/// Else a larger set could lower it, and take access away.
+TEST(ToolKernel, LimitsCollisionsByTheYawDirectionsForEverySet) {
+  const ToolGeometry tool = ToolGeometry::builtin("builtin:pruner");
+  FieldParams params = paramsFor(0.01, 3, 12);
+  const int of_yaw = ToolKernel::make(tool, params).collision_limit;
+  bool would_differ = false;
+  for (const OrientationSet& set : {OrientationSet::pitch(40, 40, 1), OrientationSet::sphere(45),
+                                    OrientationSet::of({orientationOf(10, 20, 30)})}) {
+    params.approach.orientations = set;
+    const ToolKernel kernel = ToolKernel::make(tool, params);
+    EXPECT_EQ(kernel.collision_limit, of_yaw) << set.text();
+    const auto fewest = *std::min_element(kernel.voxel_count.begin(), kernel.voxel_count.end());
+    would_differ = would_differ || static_cast<int>(0.005 * fewest) + 1 != of_yaw;
+  }
+  EXPECT_TRUE(would_differ);  // otherwise this would prove nothing
+}
+
 TEST(ToolKernel, TablesAgreeWithEachOther) {
   const FieldParams params = paramsFor(0.01, 3, 40);
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pruner");
