@@ -71,7 +71,7 @@ TEST(TruthOrientations, AreWhatTheDocumentSaysTheyAre) {
   }
 }
 
-TruthOptions optionsAt(double voxel_m) {
+TruthOptions optionsFor(double voxel_m) {
   FieldParams params;
   params.tsdf.voxel_size_m = voxel_m;
   params.tsdf.range_noise_m = 0;
@@ -81,7 +81,7 @@ TruthOptions optionsAt(double voxel_m) {
 TEST(GroundTruth, TheYawDirectionsByNameAndByListAreTheSame) {
   const sim::Scene scene = sim::tiltScene("open_box")->scene;
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
-  const TruthOptions by_number = optionsAt(0.002);
+  const TruthOptions by_number = optionsFor(0.002);
   TruthOptions by_list = by_number;
   by_list.orientations = truthOrientations("yaw", 180);
   std::vector<Vector3d> positions_W, normals_W;
@@ -96,8 +96,8 @@ TEST(GroundTruth, TheYawDirectionsByNameAndByListAreTheSame) {
 }
 
 /// docs/PAPER.md, "Ground truth", over orientations: without order, early end or tree.
-bool plainTruth(const sim::SignedDistance& distance, const ToolGeometry& tool, const TruthOptions& o, const Vector3d& s,
-                const Vector3d& normal) {
+bool plainTruthOver(const sim::SignedDistance& distance, const ToolGeometry& tool, const TruthOptions& o,
+                    const Vector3d& s, const Vector3d& normal) {
   bool any = false;
   for (const Matrix3d& R_WT : o.orientations) {
     const Eigen::Quaterniond turn(R_WT);
@@ -117,10 +117,10 @@ TEST(GroundTruth, EqualsThePlainLoopOverTiltedAndRolledTools) {
   for (const std::string& name : sim::tiltSceneNames()) {
     const sim::Scene scene = sim::tiltScene(name)->scene;
     const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
-    TruthOptions options = optionsAt(0.002);
+    TruthOptions options = optionsFor(0.002);
     options.surface_samples = 150;
     options.collision_limit = 2;
-    options.orientations = truthOrientations("sphere:30", 36);
+    options.orientations = truthOrientations("pitch:-40:40:40", 12);
     options.orientations.push_back(heldAt(20, 30, 40));
     const GroundTruth truth(scene.distance, tool, options);
     sim::CounterRandom random({5});
@@ -131,7 +131,7 @@ TEST(GroundTruth, EqualsThePlainLoopOverTiltedAndRolledTools) {
       if (!(std::abs(scene.distance->at(p)) < 1e-4)) continue;
       ++tried;
       const Vector3d normal = scene.distance->outwardNormal(p);
-      const bool expected = plainTruth(*scene.distance, tool, options, p, normal);
+      const bool expected = plainTruthOver(*scene.distance, tool, options, p, normal);
       EXPECT_EQ(truth.accessible(p, normal), expected) << name << " at " << p.transpose();
       accessible += expected ? 1 : 0;
     }
@@ -146,7 +146,7 @@ TEST(GroundTruth, OnTheFloorOfAConeWellTheFreeAxesAreACap) {
   // long as its middle line is 4 mm and the collision distance away from the rim: |61.2 cos t - 80 sin t| mm at a tilt
   // of t.
   const sim::Scene scene = sim::tiltScene("cone_well")->scene;
-  TruthOptions options = optionsAt(0.001);
+  TruthOptions options = optionsFor(0.001);
   options.collision_limit = 1;
   options.surface_samples = 20000;
   const double rim_m = 0.015 + 0.08 * std::tan(std::numbers::pi / 6);
@@ -188,7 +188,7 @@ TEST(GroundTruth, OnlyARolledToolComesToTheEndOfTheSlot) {
                                                           {4, 5, 7},
                                                           {4, 7, 6}},
                                                          "blade");
-  TruthOptions options = optionsAt(0.002);
+  TruthOptions options = optionsFor(0.002);
   std::vector<double> rolls_deg;
   for (int roll_deg = 0; roll_deg < 180; roll_deg += 5) {
     rolls_deg.push_back(roll_deg);
@@ -211,7 +211,7 @@ TEST(GroundTruth, OnlyARolledToolComesToTheEndOfTheSlot) {
 TEST(GroundTruth, MoreOrientationsNeverTakeAccessAway) {
   const sim::Scene scene = sim::tiltScene("branch_below")->scene;
   const ToolGeometry tool = ToolGeometry::builtin("builtin:pencil");
-  TruthOptions few = optionsAt(0.002), many = few;
+  TruthOptions few = optionsFor(0.002), many = few;
   few.orientations = truthOrientations("yaw", 36);
   many.orientations = truthOrientations("sphere:20+yaw", 36);
   const GroundTruth level(scene.distance, tool, few), all(scene.distance, tool, many);
@@ -228,7 +228,7 @@ TEST(GroundTruth, MoreOrientationsNeverTakeAccessAway) {
 }
 
 TEST(GroundTruth, RefusesWhatIsNoRotation) {
-  TruthOptions options = optionsAt(0.002);
+  TruthOptions options = optionsFor(0.002);
   options.orientations = {Matrix3d::Identity(), 1.001 * Matrix3d::Identity()};
   const sim::Scene scene = sim::makeSphere(0.05);
   EXPECT_THROW(GroundTruth(scene.distance, ToolGeometry::builtin("builtin:pencil"), options), InvalidArgument);
