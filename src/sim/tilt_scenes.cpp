@@ -24,8 +24,8 @@ constexpr double kInsideX_m = 0.06, kInsideY_m = 0.04, kFloor_m = -0.04, kRim_m 
 constexpr double kBarY_m = 0.03, kBarZ_m = 0.015, kBarX_m = 0.10, kRoofX_m = 0.07, kGap_m = 0.07;
 // cone_well: the floor's radius, and the wall's angle to the vertical
 constexpr double kWellFloor_m = 0.015, kWellBottom_m = -0.03, kWellTop_m = 0.05;
-// slot: a quarter of a pruner passes with its body, 125 x 50 mm, on edge
-constexpr double kSlotY_m = 0.0375, kSlotDepth_m = 0.20, kSlotZ_m = 0.08;
+// slot: a saw 0.12 m wide passes on edge only, except near the upper and the lower end
+constexpr double kSlotY_m = 0.0375, kSlotDepth_m = 0.15, kSlotZ_m = 0.12, kSlotMiddleZ_m = 0.05;
 
 Scene ofBoxes(std::string name, std::string description, std::vector<Box> boxes_W) {
   Scene scene;
@@ -102,7 +102,7 @@ Scene coneWell() {
 Scene slot() {
   const double y = kSlotY_m + kPlate_m;
   return ofBoxes("slot",
-                 "two walls 0.075 m apart, 0.2 m long, 0.16 m high, joined by a plate at one end; plates of 0.02 m",
+                 "two walls 0.075 m apart, 0.15 m long, 0.24 m high, joined by a plate at one end; plates of 0.02 m",
                  {Box(Vector3d(-kPlate_m, -y, -kSlotZ_m), Vector3d(0, y, kSlotZ_m)),
                   Box(Vector3d(-kPlate_m, -y, -kSlotZ_m), Vector3d(kSlotDepth_m, -kSlotY_m, kSlotZ_m)),
                   Box(Vector3d(-kPlate_m, kSlotY_m, -kSlotZ_m), Vector3d(kSlotDepth_m, y, kSlotZ_m))});
@@ -161,7 +161,8 @@ HiddenPart hiddenPart(const std::string& name, double margin_m, double slack_m) 
             Vector3d::UnitZ()};
   }
   if (name == "slot") {
-    return {"end of the slot", Box(Vector3d(-s, -kSlotY_m + m, -kSlotZ_m + m), Vector3d(s, kSlotY_m - m, kSlotZ_m - m)),
+    return {"end of the slot",
+            Box(Vector3d(-s, -kSlotY_m + m, -kSlotMiddleZ_m), Vector3d(s, kSlotY_m - m, kSlotMiddleZ_m)),
             Vector3d::UnitX()};
   }
   throw InvalidArgument("sim.scene", name, "has no part that only a tilted tool reaches");
