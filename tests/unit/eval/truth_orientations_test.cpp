@@ -121,8 +121,8 @@ TEST(GroundTruth, EqualsThePlainLoopOverTiltedAndRolledTools) {
     TruthOptions options = optionsFor(0.002);
     options.surface_samples = 150;
     options.collision_limit = 2;
-    options.orientations = truthOrientations("pitch:-40:40:40", 12);
-    options.orientations.push_back(heldAt(20, 30, 40));
+    options.orientations = {heldAt(20, 30, 40),   heldAt(200, -50, 10), heldAt(-75, 60, 90),
+                            heldAt(110, 75, -30), heldAt(0, 90, 15),    heldAt(280, 5, 0)};
     const GroundTruth truth(scene.distance, tool, options);
     sim::CounterRandom random({5});
     int accessible = 0, tried = 0;
