@@ -177,7 +177,7 @@ void addHidden(const TiltCase& tilt, const CheckedSet& set, const StoredScans& s
   }
   row.more.emplace_back("reachable_on_the_" + part.words, reachable);
   row.more.emplace_back("recall_there", percentOf(found, reachable));
-  if (set.method.isYaw()) row.must_hold = reachable > 0 && found == 0;
+  if (set.method.isYaw() && tilt.tool != kPrunerWords) row.must_hold = reachable > 0 && found == 0;
 }
 
 void makeRows(TableContext& context, const TiltCase& tilt, const ToolGeometry& tool) {
@@ -229,7 +229,7 @@ void makeOrientationsTable(TableContext& context) {
       makeRows(context, {scene, voxel_m, {yaw, pitch, sphere}}, pencil);
     }
     makeRows(context, {"slot", voxel_m, {yaw, pitch, sphere, rolledSet()}, "saw"}, saw());
-    makeRows(context, {"slot", voxel_m, {rolledSet()}, kPrunerWords}, quarterPruner());
+    makeRows(context, {"slot", voxel_m, {yaw, rolledSet()}, kPrunerWords}, quarterPruner());
     for (const char* scene : {"sphere_a", "torus"}) makeRows(context, {scene, voxel_m, {yaw, sphere}}, pencil);
   }
 }
