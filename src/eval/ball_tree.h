@@ -13,14 +13,18 @@ namespace accessvdb::eval {
 
 class CollisionField;
 
-/// The tool's position: tip at p_W, body along (cos, sin, 0).
+/// Where the tool is and how it is held.
 struct ToolPlacement {
   Eigen::Vector3d tip_W;
-  double cos_yaw, sin_yaw;
+  Eigen::Matrix3d R_WT;  ///< the body is along its first column
 
+  /// Summed in this order, so that zeros change nothing: a level tool is where it was before others could be held.
   [[nodiscard]] Eigen::Vector3d at(const Eigen::Vector3d& p_T) const {
-    return {tip_W.x() + cos_yaw * p_T.x() - sin_yaw * p_T.y(), tip_W.y() + sin_yaw * p_T.x() + cos_yaw * p_T.y(),
-            tip_W.z() + p_T.z()};
+    Eigen::Vector3d p_W;
+    for (int row = 0; row < 3; ++row) {
+      p_W[row] = tip_W[row] + R_WT(row, 0) * p_T.x() + R_WT(row, 1) * p_T.y() + R_WT(row, 2) * p_T.z();
+    }
+    return p_W;
   }
 };
 

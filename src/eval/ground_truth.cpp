@@ -8,13 +8,13 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <utility>
 
 #include "accessvdb/error.h"
 #include "eval/ball_tree.h"
 #include "eval/collision_field.h"
 #include "eval/tool_samples.h"
+#include "eval/truth_orientations.h"
 
 namespace accessvdb::eval {
 namespace {
@@ -43,7 +43,7 @@ TruthOptions truthOptions(const FieldParams& resolved) {
 struct GroundTruth::Impl {
   TruthOptions options;
   BallTree tool;
-  std::vector<Eigen::Vector2d> directions;
+  std::vector<Eigen::Matrix3d> orientations;  // R_WT; the first column is the axis
   // Exactly one of the two is set.
   std::shared_ptr<const sim::SignedDistance> distance;
   std::shared_ptr<const CollisionField> field;
@@ -53,9 +53,13 @@ struct GroundTruth::Impl {
     if (options.num_directions < 1 || options.surface_samples < 1 || options.collision_limit < 1) {
       throw InvalidArgument("truth.options", "", "directions, samples and collision limit must be positive");
     }
-    for (int d = 0; d < options.num_directions; ++d) {
-      const double yaw_rad = 2 * std::numbers::pi * d / options.num_directions;
-      directions.emplace_back(std::cos(yaw_rad), std::sin(yaw_rad));
+    orientations = options.orientations.empty() ? yawOrientations(options.num_directions) : options.orientations;
+    for (const Eigen::Matrix3d& R_WT : orientations) {
+      // Negated, so that NaN is refused.
+      constexpr double kRigid = 1e-9;
+      if (!((R_WT * R_WT.transpose() - Eigen::Matrix3d::Identity()).cwiseAbs().maxCoeff() < kRigid)) {
+        throw InvalidArgument("truth.options", "", "an orientation is no rotation");
+      }
     }
   }
 
@@ -65,11 +69,11 @@ struct GroundTruth::Impl {
     return !field->below(p_W, std::numeric_limits<double>::denorm_min());
   }
 
-  [[nodiscard]] bool free(const Eigen::Vector3d& position_W, const Eigen::Vector2d& a) const {
+  [[nodiscard]] bool free(const Eigen::Vector3d& position_W, const Eigen::Matrix3d& R_WT) const {
     for (const double along_m : options.arm_m) {
-      if (!outside({position_W.x() + along_m * a.x(), position_W.y() + along_m * a.y(), position_W.z()})) return false;
+      if (!outside(position_W + along_m * R_WT.col(0))) return false;
     }
-    const ToolPlacement placed{position_W, a.x(), a.y()};
+    const ToolPlacement placed{position_W, R_WT};
     const double r_c = options.collision_distance_m;
     const int limit = options.collision_limit;
     const int count =
@@ -98,18 +102,20 @@ GroundTruth::GroundTruth(std::shared_ptr<const CollisionField> field, const Tool
 GroundTruth::~GroundTruth() = default;
 GroundTruth::GroundTruth(GroundTruth&&) noexcept = default;
 
-bool GroundTruth::free(const Eigen::Vector3d& position_W, int direction) const {
-  return impl_->free(position_W, impl_->directions[static_cast<std::size_t>(direction)]);
+bool GroundTruth::free(const Eigen::Vector3d& position_W, int orientation) const {
+  return impl_->free(position_W, impl_->orientations[static_cast<std::size_t>(orientation)]);
 }
 
 bool GroundTruth::accessible(const Eigen::Vector3d& position_W, const Eigen::Vector3d& normal_W) const {
   if (!position_W.allFinite() || !normal_W.allFinite() || normal_W.isZero(0)) return false;
   const double cos_min = std::cos(impl_->options.normal_cone_rad);
-  // The order only affects speed, as any free direction will do: directions near the normal are the most likely.
+  // The order only affects speed, as any free orientation will do: axes near the normal are the most likely.
   std::vector<std::pair<double, int>> in_cone;
-  in_cone.reserve(impl_->directions.size());
-  for (std::size_t d = 0; d < impl_->directions.size(); ++d) {
-    const double cosine = impl_->directions[d].dot(normal_W.head<2>());
+  in_cone.reserve(impl_->orientations.size());
+  for (std::size_t d = 0; d < impl_->orientations.size(); ++d) {
+    const auto axis_W = impl_->orientations[d].col(0);
+    // In this order: a level axis adds nothing at the end.
+    const double cosine = axis_W.x() * normal_W.x() + axis_W.y() * normal_W.y() + axis_W.z() * normal_W.z();
     if (cosine >= cos_min) in_cone.emplace_back(-cosine, static_cast<int>(d));
   }
   std::sort(in_cone.begin(), in_cone.end());

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is really accessible: the tool against the exact distance of a scene (docs/PAPER.md, "Ground truth"). Shares no
-/// function with the method: its own samples of the tool, self-exclusion and directions, double throughout, no map,
+/// function with the method: its own samples of the tool, self-exclusion and orientations, double throughout, no map,
 /// no observations.
 #pragma once
 
@@ -20,13 +20,15 @@ namespace accessvdb::eval {
 class CollisionField;
 
 struct TruthOptions {
-  int num_directions = 180;                     ///< [D]
+  int num_directions = 180;  ///< [D] yaw directions, unless there are orientations
+  /// World from tool: what is tried in place of the yaw directions; several may share an axis. Empty = yaw.
+  std::vector<Eigen::Matrix3d> orientations = {};
   double normal_cone_rad = 1.2217304763960306;  ///< 70 degrees
   std::vector<double> arm_m;                    ///< distances along the direction that must be outside the object
   double collision_distance_m = 0.0005;         ///< [r_c] a sample closer than this collides
   double self_exclusion_m = 0.003;              ///< [r_s] samples within this of the tip are ignored
   int surface_samples = 1000;                   ///< [M]
-  int collision_limit = 5;                      ///< [n_c] fewest collisions that block a direction
+  int collision_limit = 5;                      ///< [n_c] fewest collisions that block an orientation
   std::uint64_t seed = 7;                       ///< for the samples
 };
 
@@ -45,13 +47,13 @@ class GroundTruth {
   GroundTruth(GroundTruth&&) noexcept;
 
   /// @param positions_W  [n] metres  @param normals_W  [n] unit; zero = none, then no direction is in the cone
-  /// @return [n] 1 = at least one direction is free
+  /// @return [n] 1 = at least one orientation is free
   [[nodiscard]] std::vector<std::uint8_t> accessible(std::span<const Eigen::Vector3d> positions_W,
                                                      std::span<const Eigen::Vector3d> normals_W) const;
   /// One point. Thread-safe.
   [[nodiscard]] bool accessible(const Eigen::Vector3d& position_W, const Eigen::Vector3d& normal_W) const;
-  /// One direction of one point: corridor and tool, without the cone around the normal.
-  [[nodiscard]] bool free(const Eigen::Vector3d& position_W, int direction) const;
+  /// One orientation of one point: corridor and tool, without the cone around the normal.
+  [[nodiscard]] bool free(const Eigen::Vector3d& position_W, int orientation) const;
 
  private:
   struct Impl;

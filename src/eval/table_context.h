@@ -66,6 +66,9 @@ void makeChangeTable(TableContext& context);
 // table_of_motion.cpp: a sensor that moves while it scans.
 void makeMotionTable(TableContext& context);
 
+// table_of_orientations.cpp: tools that tilt or roll.
+void makeOrientationsTable(TableContext& context);
+
 // table_of_pine.cpp: takes minutes to hours, so not part of "all".
 void makePineTable(TableContext& context);
 void makePineFormTable(TableContext& context);

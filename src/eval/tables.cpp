@@ -34,6 +34,7 @@ constexpr Table kTables[] = {
     {"unfiltered", true, makeUnfilteredTable},
     {"incremental", true, makeIncrementalTable},
     {"motion", true, makeMotionTable},
+    {"orientations", true, makeOrientationsTable},
     {"hpr", true, makeHprTable},
     {"projective", true, makeProjectiveTable},
     {"change", false, makeChangeTable},

@@ -9,6 +9,7 @@
 
 #include "accessvdb/error.h"
 #include "sim/angles.h"
+#include "sim/tilt_scenes.h"
 #include "sim/unseen_scene.h"
 
 namespace accessvdb::sim {
@@ -50,6 +51,7 @@ BenchmarkScene make(const std::string& name, double voxel_size_m) {
   if (name == "wall") return {makeBox({0.02, 0.28, 0.28}, "wall"), beside(0.6, 0.14, 35 * kDegree), 110, {}};
   if (name == "ring") return ring(voxel_size_m);
   if (const auto number = unseenNumber(name)) return unseenScene(*number);
+  if (auto tilted = tiltScene(name)) return std::move(*tilted);
   std::string known;
   for (const std::string& each : benchmarkSceneNames()) known += (known.empty() ? "" : ", ") + each;
   throw InvalidArgument("sim.scene", name, "is not a scene of the tables", "Use one of " + known);
@@ -69,6 +71,7 @@ BenchmarkScene benchmarkScene(const std::string& name, double voxel_size_m, int 
 std::vector<std::string> benchmarkSceneNames() {
   std::vector<std::string> names = {"torus", "sphere_a", "sphere_b", "box", "wall", "ring"};
   for (int number = 1; number <= kUnseenScenes; ++number) names.push_back("unseen_" + std::to_string(number));
+  for (const std::string& name : tiltSceneNames()) names.push_back(name);
   return names;
 }
 

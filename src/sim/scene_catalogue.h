@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The scenes of the paper's tables with their trajectories, and six unseen ones (docs/PAPER.md, "Scenes",
-/// "Trajectories").
+/// The scenes of the paper's tables with their trajectories, six unseen ones, and five for tools that tilt
+/// (docs/PAPER.md, "Scenes").
 #pragma once
 
 #include <string>
@@ -12,7 +12,7 @@
 namespace accessvdb::sim {
 
 /// "torus", "sphere_a", "sphere_b", "box", "wall", "ring" (thin: tube radius 1.5 v), or "unseen_1" .. "unseen_6",
-/// which are drawn from a fixed seed: no constant of the method was chosen from them.
+/// which are drawn from a fixed seed: no constant of the method was chosen from them; or those of tiltSceneNames().
 /// @param voxel_size_m  only the ring depends on it
 /// @param frames        0 = as in docs/PAPER.md; else the same path with that many frames
 /// @throws InvalidArgument naming the known ones; UnusableInput for a negative number of frames

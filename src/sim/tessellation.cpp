@@ -129,6 +129,39 @@ Tessellation tessellateSphere(double radius_m, double error_m) {
   return out;
 }
 
+Tessellation tessellateTurned(const std::vector<Eigen::Vector2d>& profile_m, double error_m) {
+  double reach_m = 0, farthest_m = 0;
+  for (const Eigen::Vector2d& corner : profile_m) {
+    reach_m = std::max(reach_m, corner.x());
+    farthest_m = std::max(farthest_m, corner.norm());
+  }
+  // A chord's middle is r (1 - cos(step / 2)) <= r step^2 / 8 inside its circle.
+  const int n = segments(std::sqrt(8 * error_m / reach_m));
+  Tessellation out;
+  out.error_m = reach_m * (1 - std::cos(0.5 * kTurn / n)) + roundingError_m(farthest_m);
+  /// First vertex of a corner's circle; on the axis the circle is one vertex.
+  std::vector<std::uint32_t> first;
+  const auto around = [&](std::size_t corner) { return profile_m[corner].x() > 0 ? n : 1; };
+  for (std::size_t corner = 0; corner < profile_m.size(); ++corner) {
+    first.push_back(static_cast<std::uint32_t>(out.mesh.vertices_W.size()));
+    for (int i = 0; i < around(corner); ++i) {
+      const double u = kTurn * i / n;
+      const Eigen::Vector2d& c = profile_m[corner];
+      out.mesh.vertices_W.emplace_back(Eigen::Vector3d(c.x() * std::cos(u), c.x() * std::sin(u), c.y()).cast<float>());
+    }
+  }
+  for (std::size_t corner = 0; corner + 1 < profile_m.size(); ++corner) {
+    const auto vertex = [&](std::size_t at, int i) { return first[at] + static_cast<std::uint32_t>(i % around(at)); };
+    for (int i = 0; i < n; ++i) {
+      const std::uint32_t a = vertex(corner, i), b = vertex(corner, i + 1);
+      const std::uint32_t c = vertex(corner + 1, i), d = vertex(corner + 1, i + 1);
+      if (a != b) out.mesh.triangles.push_back({a, b, c});
+      if (c != d) out.mesh.triangles.push_back({b, d, c});
+    }
+  }
+  return out;
+}
+
 Tessellation tessellateBox(const Eigen::Vector3d& size_m) {
   Tessellation out;
   out.error_m = roundingError_m(0.5 * size_m.maxCoeff());

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <vector>
 
 #include "sim/triangle_mesh.h"
 
@@ -17,6 +18,8 @@ struct Tessellation {
 /// All centred at the origin. @param error_m  target; met unless the mesh would exceed about 2 M triangles
 [[nodiscard]] Tessellation tessellateTorus(double major_radius_m, double minor_radius_m, double error_m);
 [[nodiscard]] Tessellation tessellateSphere(double radius_m, double error_m);
+/// A solid of revolution around the z axis. @param profile_m  as for TurnedDistance
+[[nodiscard]] Tessellation tessellateTurned(const std::vector<Eigen::Vector2d>& profile_m, double error_m);
 /// Two triangles per face; exact except for rounding to float.
 [[nodiscard]] Tessellation tessellateBox(const Eigen::Vector3d& size_m);
 

@@ -148,7 +148,7 @@ void addSimulateOptions(FlagParser& flags, SimulateOptions& options) {
   addCommonOptions(flags, options.common);
   flags.option("--scene", &options.scene,
                "torus, sphere, box, wall, ring, pine, a scene from the tables (sphere_a, sphere_b, unseen_1 to "
-               "unseen_6), or a mesh file");
+               "unseen_6, table_underside, open_box, branch_below, cone_well, slot), or a mesh file");
   flags.option("--mesh-unit", &options.mesh_unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
   flags.option("--voxel", &options.voxel_m, "ring: the radius of its tube is 1.5 such voxels, metres");
   flags.option("--tree-height", &options.tree_height_m, "pine: height of the tree, metres");

@@ -58,9 +58,10 @@ TEST(BallTree, CountsWhatCountingOneByOneGives) {
   const auto uniform = [&random](double low, double high) { return low + (high - low) * (random() * 0x1p-32); };
   int some = 0;
   for (int trial = 0; trial < 400; ++trial) {
-    const double yaw = uniform(-4, 4), threshold_m = uniform(-0.004, 0.02);
-    const ToolPlacement tool{
-        {uniform(-0.2, 0.2), uniform(-0.2, 0.2), uniform(-0.05, 0.05)}, std::cos(yaw), std::sin(yaw)};
+    const double threshold_m = uniform(-0.004, 0.02);
+    const Eigen::Vector3d axis = Eigen::Vector3d(uniform(-1, 1), uniform(-1, 1), uniform(-1, 1)).normalized();
+    const ToolPlacement tool{{uniform(-0.2, 0.2), uniform(-0.2, 0.2), uniform(-0.05, 0.05)},
+                             Eigen::AngleAxisd(uniform(-4, 4), axis).toRotationMatrix()};
     int expected = 0;
     for (const auto& p : samples) expected += torus.distance->at(tool.at(p)) < threshold_m ? 1 : 0;
     EXPECT_EQ(tree.countBelow(*torus.distance, tool, threshold_m, 100000), expected);
@@ -70,7 +71,7 @@ TEST(BallTree, CountsWhatCountingOneByOneGives) {
     some += expected > 0 && expected < 701 ? 1 : 0;
   }
   EXPECT_GT(some, 50);
-  EXPECT_EQ(BallTree({}).countBelow(*torus.distance, {{0, 0, 0}, 1, 0}, 1, 5), 0);
+  EXPECT_EQ(BallTree({}).countBelow(*torus.distance, {{0, 0, 0}, Eigen::Matrix3d::Identity()}, 1, 5), 0);
 }
 
 }  // namespace
