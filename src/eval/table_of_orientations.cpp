@@ -193,7 +193,8 @@ void makeRows(TableContext& context, const TiltCase& tilt, const ToolGeometry& t
     const Labelled points = label(context, *scans, tool, tilt.voxel_m, set);
     const double label_s = secondsFrom(start);
     const std::vector<std::uint8_t> truth = truthOver(set.truth, *scans, tool, points);
-    if (truth_of_full.empty()) truth_of_full = truthOver(tilt.sets.back().truth, *scans, tool, points);
+    if (truth_of_full.size() != points.found.size())
+      truth_of_full = truthOver(tilt.sets.back().truth, *scans, tool, points);
     TableRow row;
     row.table = "orientations";
     row.scene = tilt.scene;
