@@ -173,6 +173,8 @@ class CpuDueEvaluator final : public DueEvaluator {
   void evaluate(const DueTask* tasks, DueOutcome* outcomes, std::size_t count) override {
     const auto visit = [&](std::size_t n, const auto& tests) {
       using Evaluation = DueEvaluation<std::remove_cvref_t<decltype(tests)>, decltype(&nearestByYaw)>;
+      constexpr std::size_t kAhead = 4;
+      if (n + kAhead < count) prefetchPoint(tasks[n + kAhead].id);
       const DueTask& task = tasks[n];
       const typename Evaluation::Update constants = {update_.approach, update_.points, update_.rule, update_.scale,
                                                      &nearestByYaw};
@@ -204,6 +206,22 @@ class CpuDueEvaluator final : public DueEvaluator {
     std::vector<PlacedItems> placed;
     explicit Scratch(const WindowedTool& tool) : window(tool) {}
   };
+
+  /// A point's state is scattered over arrays, and points over their length.
+  void prefetchPoint([[maybe_unused]] std::uint32_t id) const {
+#if defined(__GNUC__)
+    const PointStateView& points = update_.points;
+    const auto words = static_cast<std::size_t>(points.direction_words);
+    __builtin_prefetch(points.position_L + 3 * std::size_t{id});
+    __builtin_prefetch(points.normal_L + 3 * std::size_t{id});
+    __builtin_prefetch(points.seen + words * id);
+    __builtin_prefetch(points.score + id);
+    __builtin_prefetch(points.direction + id);
+    __builtin_prefetch(points.label + id);
+    __builtin_prefetch(points.reason + id);
+    __builtin_prefetch(points.stability + id);
+#endif
+  }
 
   DueUpdate update_;
   ToolForWindows tool_;

@@ -63,26 +63,36 @@ struct NeighbourSums {
 
 inline constexpr std::int64_t kFewestForNormal = 3;
 
-/// Unit normal towards the sensor; zero if there are too few neighbours.
-/// @param to_sensor  from the point towards the mean sensor position, metres
-ACCESSVDB_HOSTDEV inline void neighbourNormal(const NeighbourSums& s, const float* to_sensor, float* normal) {
-  for (int axis = 0; axis < 3; ++axis) normal[axis] = 0;
-  if (s.count < kFewestForNormal) return;
-  // count^2 times the covariance: the eigenvectors are the same.
+/// count^2 times the covariance: the eigenvectors are the same. Zero if there are too few neighbours for a normal.
+ACCESSVDB_HOSTDEV inline Covariance neighbourCovariance(const NeighbourSums& s) {
   Covariance covariance;
+  if (s.count < kFewestForNormal) return covariance;
   covariance.xx = static_cast<double>(s.count * s.xx - s.x * s.x);
   covariance.xy = static_cast<double>(s.count * s.xy - s.x * s.y);
   covariance.xz = static_cast<double>(s.count * s.xz - s.x * s.z);
   covariance.yy = static_cast<double>(s.count * s.yy - s.y * s.y);
   covariance.yz = static_cast<double>(s.count * s.yz - s.y * s.z);
   covariance.zz = static_cast<double>(s.count * s.zz - s.z * s.z);
-  smallestEigenvector(covariance, normal);
+  return covariance;
+}
+
+/// Turns a normal towards the sensor. @param to_sensor  from the point towards the mean sensor position, metres
+ACCESSVDB_HOSTDEV inline void turnTowards(const float* to_sensor, float* normal) {
   const double side = static_cast<double>(normal[0]) * static_cast<double>(to_sensor[0]) +
                       static_cast<double>(normal[1]) * static_cast<double>(to_sensor[1]) +
                       static_cast<double>(normal[2]) * static_cast<double>(to_sensor[2]);
   if (side < 0) {
     for (int axis = 0; axis < 3; ++axis) normal[axis] = -normal[axis];
   }
+}
+
+/// Unit normal towards the sensor; zero if there are too few neighbours.
+/// @param to_sensor  as for turnTowards
+ACCESSVDB_HOSTDEV inline void neighbourNormal(const NeighbourSums& s, const float* to_sensor, float* normal) {
+  for (int axis = 0; axis < 3; ++axis) normal[axis] = 0;
+  if (s.count < kFewestForNormal) return;
+  smallestEigenvector(neighbourCovariance(s), normal);
+  turnTowards(to_sensor, normal);
 }
 
 }  // namespace accessvdb::kernels

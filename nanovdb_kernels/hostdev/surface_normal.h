@@ -14,42 +14,37 @@ struct Covariance {
   double xx = 0, xy = 0, xz = 0, yy = 0, yz = 0, zz = 0;
 };
 
-/// Cyclic Jacobi with a fixed number of sweeps: the same operations on every machine, only +, -, *, / and sqrt.
+/// One covariance at a time.
+namespace one_normal {
+
+using Real = double;
+using Flag = bool;
+ACCESSVDB_HOSTDEV inline Real real(double value) { return value; }
+ACCESSVDB_HOSTDEV inline Real plus(Real x, Real y) { return x + y; }
+ACCESSVDB_HOSTDEV inline Real minus(Real x, Real y) { return x - y; }
+ACCESSVDB_HOSTDEV inline Real times(Real x, Real y) { return x * y; }
+ACCESSVDB_HOSTDEV inline Real over(Real x, Real y) { return x / y; }
+ACCESSVDB_HOSTDEV inline Real root(Real x) { return sqrt(x); }
+ACCESSVDB_HOSTDEV inline Real negative(Real x) { return -x; }
+ACCESSVDB_HOSTDEV inline Real magnitude(Real x) { return x < 0 ? -x : x; }
+ACCESSVDB_HOSTDEV inline Real lower(Real x, Real y) { return x < y ? x : y; }
+ACCESSVDB_HOSTDEV inline Real higher(Real x, Real y) { return x > y ? x : y; }
+ACCESSVDB_HOSTDEV inline Flag isBelow(Real x, Real y) { return x < y; }
+ACCESSVDB_HOSTDEV inline Flag atMost(Real x, Real y) { return x <= y; }
+ACCESSVDB_HOSTDEV inline Flag differ(Real x, Real y) { return x != y; }
+ACCESSVDB_HOSTDEV inline Real choose(Flag flag, Real yes, Real no) { return flag ? yes : no; }
+ACCESSVDB_HOSTDEV inline bool areAll(Flag flag) { return flag; }
+ACCESSVDB_HOSTDEV inline bool areNone(Flag flag) { return !flag; }
+// What it is in terms of comes first.
+#include "hostdev/surface_normal_body.h"
+
+}  // namespace one_normal
+
 /// @param normal  unit eigenvector of the smallest eigenvalue; for equal eigenvalues, of the lower axis
 ACCESSVDB_HOSTDEV inline void smallestEigenvector(const Covariance& c, float* normal) {
-  double a[3][3] = {{c.xx, c.xy, c.xz}, {c.xy, c.yy, c.yz}, {c.xz, c.yz, c.zz}};
-  double v[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
-  constexpr int kSweeps = 8;  // quadratic convergence: 5 sweeps reach double precision
-  for (int sweep = 0; sweep < kSweeps; ++sweep) {
-    for (int p = 0; p < 2; ++p) {
-      for (int q = p + 1; q < 3; ++q) {
-        if (a[p][q] == 0) continue;
-        const double theta = (a[q][q] - a[p][p]) / (2 * a[p][q]);
-        const double sign = theta < 0 ? -1.0 : 1.0;
-        const double magnitude = theta < 0 ? -theta : theta;
-        const double t = magnitude > 1e150 ? 0.5 / theta : sign / (magnitude + sqrt(theta * theta + 1));
-        const double cosine = 1 / sqrt(t * t + 1), sine = t * cosine;
-        const int r = 3 - p - q;
-        const double apq = a[p][q];
-        a[p][p] -= t * apq;
-        a[q][q] += t * apq;
-        a[p][q] = a[q][p] = 0;
-        const double arp = a[r][p], arq = a[r][q];
-        a[r][p] = a[p][r] = cosine * arp - sine * arq;
-        a[r][q] = a[q][r] = sine * arp + cosine * arq;
-        for (int k = 0; k < 3; ++k) {
-          const double vkp = v[k][p], vkq = v[k][q];
-          v[k][p] = cosine * vkp - sine * vkq;
-          v[k][q] = sine * vkp + cosine * vkq;
-        }
-      }
-    }
-  }
-  int least = 0;
-  if (a[1][1] < a[least][least]) least = 1;
-  if (a[2][2] < a[least][least]) least = 2;
-  const double length = sqrt(v[0][least] * v[0][least] + v[1][least] * v[1][least] + v[2][least] * v[2][least]);
-  for (int k = 0; k < 3; ++k) normal[k] = static_cast<float>(v[k][least] / length);
+  double a[3][3] = {{c.xx, c.xy, c.xz}, {c.xy, c.yy, c.yz}, {c.xz, c.yz, c.zz}}, vector[3];
+  one_normal::smallestOf(a, vector);
+  for (int k = 0; k < 3; ++k) normal[k] = static_cast<float>(vector[k]);
 }
 
 }  // namespace accessvdb::kernels

@@ -3,6 +3,7 @@
 #include "points/nearest_points.h"
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cmath>
 
@@ -16,6 +17,14 @@ namespace {
 constexpr double kRoundingVoxels = 0.25;
 /// An offset in steps is off by half a step per axis; a ball in metres contains all points of a ball smaller by this.
 constexpr double kRoundingSteps = 1;
+
+/// std::popcount() is a call on x86-64 without the instruction of that name.
+constexpr std::array<std::uint8_t, 256> makeBitsOfByte() {
+  std::array<std::uint8_t, 256> bits = {};
+  for (unsigned byte = 0; byte < 256; ++byte) bits[byte] = static_cast<std::uint8_t>(std::popcount(byte));
+  return bits;
+}
+constexpr std::array<std::uint8_t, 256> kBitsOfByte = makeBitsOfByte();
 
 }  // namespace
 
@@ -90,20 +99,24 @@ void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
     // The part of the block that is in the box.
     const auto from = [&](std::size_t axis) { return std::max(0, low[axis] - block.leaf[axis] * 8); };
     const auto to = [&](std::size_t axis) { return std::min(7, high[axis] - block.leaf[axis] * 8); };
-    const std::uint64_t row = (0xffu << from(2)) & (0xffu >> (7 - to(2)));
-    std::uint64_t wanted = 0;  // y, z
-    for (int y = from(1); y <= to(1); ++y) wanted |= row << (8 * y);
-    const int x_low = from(0), x_high = to(0);
-    std::size_t first = 0;  // of the ids with this x
+    const std::uint32_t below = (1u << from(2)) - 1, wanted = (0xffu << from(2)) & (0xffu >> (7 - to(2)));
+    const int x_low = from(0), x_high = to(0), y_low = from(1), y_high = to(1);
+    const std::uint32_t* id = block.ids.data();  // first of the row
     for (int x = 0; x <= x_high; ++x) {
       const std::uint64_t occupied = block.occupied[static_cast<std::size_t>(x)];
-      if (x >= x_low) {
-        for (std::uint64_t bits = occupied & wanted; bits != 0; bits &= bits - 1) {
-          const std::uint64_t before = occupied & ((bits & (~bits + 1)) - 1);
-          ids_.push_back(block.ids[first + static_cast<std::size_t>(std::popcount(before))]);
-        }
+      if (x < x_low || occupied == 0) {
+        id += std::popcount(occupied);
+        continue;
       }
-      first += static_cast<std::size_t>(std::popcount(occupied));
+      for (int y = 0; y < 8; ++y) {
+        const auto row = static_cast<std::uint32_t>(occupied >> (8 * y)) & 0xffu;
+        if (y >= y_low && y <= y_high) {
+          const std::uint32_t* first = id + kBitsOfByte[row & below];
+          const std::uint32_t* last = first + kBitsOfByte[row & wanted];  // a few: a call would take longer
+          for (; first != last; ++first) ids_.push_back(*first);
+        }
+        id += kBitsOfByte[row];
+      }
     }
   });
   constexpr std::size_t kAhead = 12;  // points are scattered in memory

@@ -8,8 +8,10 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <utility>
 
 #include "hostdev/neighbour_rule.h"
+#include "points/normal_kernels.h"
 
 namespace accessvdb::internal {
 
@@ -28,7 +30,11 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
     std::uint32_t block, slot;
   };
   std::vector<Job> jobs(ids.size());
-  for (std::size_t n = 0; n < ids.size(); ++n) jobs[n] = {points_.blockOf(ids[n]), static_cast<std::uint32_t>(n)};
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), 1024), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      jobs[n] = {points_.blockOf(ids[n]), static_cast<std::uint32_t>(n)};
+    }
+  });
   tbb::parallel_sort(jobs.begin(), jobs.end(), [](const Job& a, const Job& b) {
     return a.block != b.block ? a.block < b.block : a.slot < b.slot;
   });
@@ -40,30 +46,55 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
   struct Scratch {
     NearestPoints nearest;
     std::vector<std::uint32_t> ids;
+    // Of those with enough neighbours for a normal.
+    std::vector<std::uint32_t> jobs;
+    std::vector<kernels::Covariance> covariances;
+    std::vector<float> normals;
+    explicit Scratch(NearestPoints&& search) : nearest(std::move(search)) {}
   };
+  const NormalKernels& normal_kernels = normalKernels();
   tbb::enumerable_thread_specific<Scratch> scratches([this] {
-    return Scratch{NearestPoints(points_, static_cast<std::size_t>(k_), kViewNeighbours, voxel_size_m_, radius_m_), {}};
+    return Scratch(NearestPoints(points_, static_cast<std::size_t>(k_), kViewNeighbours, voxel_size_m_, radius_m_));
   });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, begin.size() - 1), [&](const auto& range) {
     Scratch& scratch = scratches.local();
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
       scratch.ids.clear();
-      for (std::size_t n = begin[g]; n < begin[g + 1]; ++n) scratch.ids.push_back(ids[jobs[n].slot]);
+      for (std::size_t n = begin[g]; n < begin[g + 1]; ++n) {
+        scratch.ids.push_back(ids[jobs[n].slot]);
+        points_.prefetch(scratch.ids.back());
+      }
       const Index3& leaf = points_.index().blocks()[jobs[begin[g]].block].leaf;
+      scratch.jobs.clear();
+      scratch.covariances.clear();
       scratch.nearest.forEach(leaf, scratch.ids, [&](std::uint32_t n, std::span<const NearPoint> nearest) {
-        out[jobs[begin[g] + n].slot] = fromNearest(scratch.ids[n], nearest, scratch.nearest);
+        const auto job = static_cast<std::uint32_t>(begin[g] + n);
+        out[jobs[job].slot] = fromNearest(scratch.ids[n], nearest, scratch.nearest);
+        kernels::NeighbourSums sums;
+        for (const NearPoint& near : nearest) sums.add(near.offset);
+        if (sums.count < kernels::kFewestForNormal) return;
+        scratch.jobs.push_back(job);
+        scratch.covariances.push_back(kernels::neighbourCovariance(sums));
       });
+      scratch.normals.resize(3 * scratch.covariances.size());
+      normal_kernels.smallest_eigenvectors(scratch.covariances.data(), scratch.covariances.size(),
+                                           scratch.normals.data());
+      for (std::size_t n = 0; n < scratch.jobs.size(); ++n) {
+        const std::uint32_t slot = jobs[scratch.jobs[n]].slot;
+        float* normal = scratch.normals.data() + 3 * n;
+        kernels::turnTowards(points_.toSensor_L(ids[slot]).data(), normal);
+        out[slot].normal_L = Eigen::Map<const Eigen::Vector3f>(normal);
+      }
     }
   });
 }
 
+/// All but the normal.
 Neighbourhood NeighbourhoodSearch::fromNearest(std::uint32_t id, std::span<const NearPoint> nearest,
                                                const NearestPoints& search) const {
   Neighbourhood result;
-  kernels::NeighbourSums sums;
   std::int64_t farthest = nearest.size() < static_cast<std::size_t>(k_) ? search.radiusSquared() : 0;
   for (const NearPoint& near : nearest) {
-    sums.add(near.offset);
     farthest = std::max(farthest, near.squared_distance);
   }
   result.reach_m = kernels::neighbourReach_m(farthest, search.stepsPerMetre());
@@ -73,7 +104,6 @@ Neighbourhood NeighbourhoodSearch::fromNearest(std::uint32_t id, std::span<const
       result.seen = result.seen | points_.seen(nearest[n].id);
     }
   }
-  kernels::neighbourNormal(sums, points_.toSensor_L(id).data(), result.normal_L.data());
   return result;
 }
 

@@ -132,7 +132,7 @@ void PointStore::start(std::uint32_t id, const Eigen::Vector3f& first_L) {
   }
 }
 
-void PointStore::prefetchPoint(std::uint32_t id) const {
+void PointStore::prefetch(std::uint32_t id) const {
   prefetchRead(&first_L_[id]);
   prefetchRead(&pca_L_[id]);
   prefetchRead(&sums_[id], sizeof(ReturnSums));
@@ -159,7 +159,7 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
       const std::uint32_t id = touched.all[g];
-      if (g + kPointsAhead < range.end()) prefetchPoint(touched.all[g + kPointsAhead]);
+      if (g + kPointsAhead < range.end()) prefetch(touched.all[g + kPointsAhead]);
       if (id >= before) start(id, p_L[groups.first(g).index]);
       touched.before_L[g] = pca_L_[id];
       for (std::uint32_t m = groups.begin[g]; m < groups.begin[g + 1]; ++m) {

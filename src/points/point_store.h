@@ -73,6 +73,8 @@ class PointStore {
   [[nodiscard]] const SurfaceIndex& index() const { return index_; }
   [[nodiscard]] Index3 voxelOf(const Eigen::Vector3f& p_L) const;
 
+  /// Prefetches what is known of a point: it is scattered in memory.
+  void prefetch(std::uint32_t id) const;
   /// Index into index().blocks().
   [[nodiscard]] std::uint32_t blockOf(std::uint32_t id) const { return block_[id]; }
   [[nodiscard]] const Eigen::Vector3f& first_L(std::uint32_t id) const { return first_L_[id]; }
@@ -118,7 +120,6 @@ class PointStore {
   void addNew();
   void makeRoom();
   void start(std::uint32_t id, const Eigen::Vector3f& first_L);
-  void prefetchPoint(std::uint32_t id) const;
   /// @return true if its seen directions changed
   bool addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
   bool addSeen(std::uint32_t id, const DirectionMask& mask);

@@ -26,6 +26,7 @@
 #include "tsdf/leaf_fusion.h"
 #include "tsdf/packed_map.h"
 #include "tsdf/range_image.h"
+#include "tsdf/return_bins.h"
 
 namespace accessvdb::internal {
 

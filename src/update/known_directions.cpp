@@ -89,8 +89,11 @@ void KnownDirections::age(std::uint32_t block, std::span<const std::uint32_t> id
     wanted = wanted || less[w] != 0;
   }
   if (!wanted) return;
-  for (const std::uint32_t id : ids) {
-    std::uint64_t* const levels = levels_.row(id);
+  constexpr std::size_t kAhead = 6;  // points are scattered in memory
+  for (std::size_t n = 0; n < std::min(kAhead, ids.size()); ++n) prefetch(ids[n]);
+  for (std::size_t n = 0; n < ids.size(); ++n) {
+    if (n + kAhead < ids.size()) prefetch(ids[n + kAhead]);
+    std::uint64_t* const levels = levels_.row(ids[n]);
     for (std::size_t w = 0; w < words_; ++w) {
       if (less[w] != 0 && levels[w] != 0) levels[w] = kernels::known_word::lowered(levels[w], less[w]);
     }

@@ -140,13 +140,22 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
   const Group none = {block, 0, 0};
   const Group& group = group_of_block_[block] == kNone ? none : groups_[group_of_block_[block]];
   const NearKernels& kernels = nearKernels();
-  for (const std::uint32_t id : own.ids) {
+  constexpr std::size_t kAhead = 6;  // points are scattered in memory
+  const auto prefetch = [&](std::size_t n) {
+    if (n >= own.ids.size()) return;
+    prefetchRead(&scorer_.record(own.ids[n]), sizeof(PointRecord));
+    prefetchRead(&points.pca_L(own.ids[n]));
+  };
+  for (std::size_t n = 0; n < kAhead; ++n) prefetch(n);
+  for (std::size_t n = 0; n < own.ids.size(); ++n) {
+    prefetch(n + kAhead);
+    const std::uint32_t id = own.ids[n];
     const PointRecord& record = scorer_.record(id);
     if (!record.has_neighbourhood) continue;
     // A touched point itself: its mean, its seen directions or the mean sensor position have changed.
     const auto first = by_block_.begin() + group.begin, last = by_block_.begin() + group.end;
-    const auto at = std::lower_bound(first, last, id, [&](std::uint32_t n, std::uint32_t value) {
-      return touched_[n].id < value;  // touched_ is sorted by id, and so is each group
+    const auto at = std::lower_bound(first, last, id, [&](std::uint32_t at_place, std::uint32_t value) {
+      return touched_[at_place].id < value;  // touched_ is sorted by id, and so is each group
     });
     const bool is_touched = at != last && touched_[*at].id == id;
     if (is_touched || kernels.any_within(places.x(), places.y(), places.z(), places.lanes(), points.pca_L(id).data(),
@@ -188,23 +197,24 @@ void MovedPoints::refreshed(std::span<const std::uint32_t> ids) {
   any_known_ = any_known_ || !ids.empty();
   block_reach_m_.grow(blocks.size(), -1.0f);
   reached_.grow(blocks.size());
-  std::vector<std::uint32_t> changed;
-  for (const std::uint32_t id : ids) {
-    const std::uint32_t b = points.blockOf(id);
-    if (std::exchange(reached_[b], std::uint8_t{1}) == 0) changed.push_back(b);
-  }
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, changed.size()), [&](const auto& range) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), 1024), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      const std::uint32_t b = changed[n];
-      reached_[b] = 0;
-      float most_m = -1;
-      for (const std::uint32_t id : blocks[b].ids) {
-        const PointRecord& record = scorer_.record(id);
-        if (record.has_neighbourhood) most_m = std::max(most_m, record.reach_m);
-      }
-      block_reach_m_[b] = most_m;
+      std::atomic_ref<std::uint8_t> flag(reached_[points.blockOf(ids[n])]);
+      if (flag.load(std::memory_order_relaxed) == 0) flag.store(1, std::memory_order_relaxed);
     }
   });
+  tbb::parallel_for(tbb::blocked_range<std::uint32_t>(0, static_cast<std::uint32_t>(blocks.size()), 256),
+                    [&](const auto& range) {
+                      for (std::uint32_t b = range.begin(); b != range.end(); ++b) {
+                        if (std::exchange(reached_[b], std::uint8_t{0}) == 0) continue;
+                        float most_m = -1;
+                        for (const std::uint32_t id : blocks[b].ids) {
+                          const PointRecord& record = scorer_.record(id);
+                          if (record.has_neighbourhood) most_m = std::max(most_m, record.reach_m);
+                        }
+                        block_reach_m_[b] = most_m;
+                      }
+                    });
 }
 
 void MovedPoints::clear() {

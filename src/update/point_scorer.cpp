@@ -51,12 +51,24 @@ std::vector<std::uint32_t> PointScorer::refreshWeights(std::span<const std::uint
 }
 
 std::vector<std::uint32_t> PointScorer::takeConfident(std::vector<std::uint32_t>& fresh) {
-  refreshWeights(fresh);
-  std::vector<std::uint32_t> confident;
-  std::erase_if(fresh, [&](std::uint32_t id) {
-    if (confidentEnough(id)) confident.push_back(id);
-    return confidentEnough(id);
+  std::vector<std::uint16_t> weights(fresh.size());
+  reads_.weights(fresh, weights);
+  struct Part {
+    std::vector<std::uint32_t> confident, others;
+  };
+  std::vector<Part> parts((fresh.size() + kScoredPerTask - 1) / kScoredPerTask);
+  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t task) {
+    for (std::size_t n = task * kScoredPerTask; n < std::min(fresh.size(), (task + 1) * kScoredPerTask); ++n) {
+      records_[fresh[n]].weight = weights[n];
+      (isConfident(weights[n]) ? parts[task].confident : parts[task].others).push_back(fresh[n]);
+    }
   });
+  std::vector<std::uint32_t> confident;
+  fresh.clear();
+  for (const Part& part : parts) {
+    confident.insert(confident.end(), part.confident.begin(), part.confident.end());
+    fresh.insert(fresh.end(), part.others.begin(), part.others.end());
+  }
   return confident;
 }
 
@@ -94,22 +106,27 @@ PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uin
 }
 
 void PointScorer::upload(std::span<const std::uint32_t> ids) {
-  std::vector<kernels::PointInput> inputs(ids.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kScoredPerTask), [&](const auto& range) {
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      const std::uint32_t id = ids[n];
-      const PointRecord& record = records_[id];
-      kernels::PointInput& input = inputs[n];
-      input.id = id;
-      input.weight = record.weight;
-      for (int axis = 0; axis < 3; ++axis) {
-        input.position_L[axis] = points_.first_L(id)[axis];
-        input.normal_L[axis] = record.normal_L[axis];
+  // In parts, so that the memory in between stays small: fresh memory has to be cleared by the system first.
+  constexpr std::size_t kPart = 1 << 16;
+  std::vector<kernels::PointInput> inputs(std::min(ids.size(), kPart));
+  for (std::size_t first = 0; first < ids.size(); first += kPart) {
+    const std::size_t count = std::min(kPart, ids.size() - first);
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, kScoredPerTask), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        const std::uint32_t id = ids[first + n];
+        const PointRecord& record = records_[id];
+        kernels::PointInput& input = inputs[n];
+        input.id = id;
+        input.weight = record.weight;
+        for (int axis = 0; axis < 3; ++axis) {
+          input.position_L[axis] = points_.first_L(id)[axis];
+          input.normal_L[axis] = record.normal_L[axis];
+        }
+        input.seen = record.seen;
       }
-      input.seen = record.seen;
-    }
-  });
-  backend_.writePoints(device_.view(), inputs.data(), inputs.size());
+    });
+    backend_.writePoints(device_.view(), inputs.data(), count);
+  }
 }
 
 std::vector<kernels::ScoreResult> PointScorer::score(std::span<const kernels::ScoreItem> items,

@@ -79,18 +79,39 @@ TEST(DegenerateStream, AMillionReturnsInOneVoxelTakeTimeInProportion) {
   EXPECT_LT(many, 10 * some + 0.05) << "4 times as many returns; 16 times as long would be quadratic";
 }
 
-TEST(DegenerateStream, AllReturnsAtOneRange) {
+/// Evenly spread over a sphere of 3 m.
+std::vector<Eigen::Vector3f> atOneRange(int count) {
   std::vector<Eigen::Vector3f> scan;
-  constexpr int kReturns = 4000;
-  for (int n = 0; n < kReturns; ++n) {  // evenly spread over a sphere
-    const double z = 1 - (2 * n + 1.0) / kReturns, r = std::sqrt(1 - z * z), yaw = 2.399963229728653 * n;
+  for (int n = 0; n < count; ++n) {
+    const double z = 1 - (2 * n + 1.0) / count, r = std::sqrt(1 - z * z), yaw = 2.399963229728653 * n;
     scan.emplace_back((3 * Eigen::Vector3d(r * std::cos(yaw), r * std::sin(yaw), z)).cast<float>());
   }
+  return scan;
+}
+
+TEST(DegenerateStream, AllReturnsAtOneRange) {
+  const std::vector<Eigen::Vector3f> scan = atOneRange(4000);
   AccessibilityField field = makeField();
   const std::uint64_t first = testsOf(field, scan, 4);
   const std::uint64_t later = testsOf(field, scan, 4);
   EXPECT_GT(first, 1000u);
   EXPECT_LE(later, 2 * first) << "the same places again";
+}
+
+TEST(DegenerateStream, MoreReturnsAtOneRangeTakeTimeInProportion) {
+  const auto secondsFor = [](int count) {
+    AccessibilityField field = makeField();
+    const std::vector<Eigen::Vector3f> scan = atOneRange(count);
+    const double begin = cpuSeconds();
+    for (int frame = 0; frame < 3; ++frame) {
+      field.integrateScan(scan, Eigen::Isometry3d::Identity());
+      field.update();
+    }
+    return cpuSeconds() - begin;
+  };
+  // Up to 45 000 voxels: the larger scan makes at most four times as many points, each with more neighbours in reach.
+  const double some = secondsFor(4'000), many = secondsFor(16'000);
+  EXPECT_LT(many, 10 * some + 0.05) << "4 times as many returns; 16 times as long would be quadratic";
 }
 
 }  // namespace

@@ -1,7 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Recordings with bytes changed at random: an error or a result, never a crash, and never more memory than allowed.
-/// $ACCESSVDB_MUTATIONS is the number for each of the recordings, for long runs under sanitizers.
+/// For long runs under sanitizers: $ACCESSVDB_MUTATIONS is the number for each of the recordings, $ACCESSVDB_SEED gives
+/// other changes, and $ACCESSVDB_RECORDINGS is a folder in which a run with the writers leaves its recordings, and
+/// where a machine without them finds them.
 #include <sys/resource.h>
 
 #include <fstream>
@@ -61,6 +63,11 @@ class Mutator {
   std::mt19937 random_;
 };
 
+int numberFrom(const char* variable, int usual) {
+  const char* const text = std::getenv(variable);
+  return text != nullptr ? std::atoi(text) : usual;
+}
+
 long peakBytes() {
   rusage usage = {};
   ::getrusage(RUSAGE_SELF, &usage);
@@ -74,13 +81,27 @@ class RecordingMutations : public FlightTest {
     EXPECT_TRUE(IsSkipped() || (read_ > 0 && refused_ > 0)) << read_ << " read, " << refused_ << " refused";
   }
 
+  [[nodiscard]] static fs::path keptIn(const std::string& name) {
+    const char* const folder = std::getenv("ACCESSVDB_RECORDINGS");
+    return folder != nullptr ? fs::path(folder) / name : fs::path();
+  }
+  [[nodiscard]] static bool isKept(const std::string& name) { return fs::exists(keptIn(name)); }
+
+  /// Written by another program, unless one is kept.
+  [[nodiscard]] fs::path recording(const std::string& name, const std::string& options) const {
+    if (isKept(name)) return keptIn(name);
+    const fs::path made = write(name, options);
+    if (!keptIn(name).empty()) fs::copy(made, keptIn(name));
+    return made;
+  }
+
   void mutate(const fs::path& recording) {
-    const char* const wanted = std::getenv("ACCESSVDB_MUTATIONS");
-    const int count = wanted != nullptr ? std::atoi(wanted) : 60;
+    const int count = numberFrom("ACCESSVDB_MUTATIONS", 60);
     const std::string whole = contentOf(recording);
     ASSERT_GT(whole.size(), 100U);
     const fs::path file = folder_.path() / ("mutated" + recording.extension().string());
-    Mutator mutator(static_cast<unsigned>(whole.size()));
+    Mutator mutator(static_cast<unsigned>(whole.size()) +
+                    1000003U * static_cast<unsigned>(numberFrom("ACCESSVDB_SEED", 0)));
     const long before = peakBytes();
     for (int i = 0; i < count; ++i) {
       const std::string bytes = mutator(whole);
@@ -110,25 +131,25 @@ class RecordingMutations : public FlightTest {
 };
 
 TEST_F(RecordingMutations, OfMcapAreReadOrRefused) {
-  ACCESSVDB_NEED_ROS2_WRITER();
+  if (!isKept("c.mcap")) ACCESSVDB_NEED_ROS2_WRITER();
   writeFlight(4, 30);
-  mutate(write("a.mcap", "chunk=0"));
-  mutate(write("b.mcap", "compression=zstd chunk=700 layout=organised"));
-  mutate(write("c.mcap", "compression=lz4 clouds=livox index=no poses=tf"));
+  mutate(recording("a.mcap", "chunk=0"));
+  mutate(recording("b.mcap", "compression=zstd chunk=700 layout=organised"));
+  mutate(recording("c.mcap", "compression=lz4 clouds=livox index=no poses=tf"));
 }
 
 TEST_F(RecordingMutations, OfDatabasesAreReadOrRefused) {
-  ACCESSVDB_NEED_ROS2_WRITER();
+  if (!isKept("a.db3")) ACCESSVDB_NEED_ROS2_WRITER();
   writeFlight(4, 30);
-  mutate(write("a.db3", "poses=tf"));
+  mutate(recording("a.db3", "poses=tf"));
 }
 
 TEST_F(RecordingMutations, OfRosBagsAreReadOrRefused) {
-  ACCESSVDB_NEED_ROS1_WRITER();
+  if (!isKept("c.bag")) ACCESSVDB_NEED_ROS1_WRITER();
   writeFlight(4, 30);
-  mutate(write("a.bag", ""));
-  mutate(write("b.bag", "compression=lz4 chunk=700 clouds=livox"));
-  mutate(write("c.bag", "compression=bz2 poses=tf"));
+  mutate(recording("a.bag", ""));
+  mutate(recording("b.bag", "compression=lz4 chunk=700 clouds=livox"));
+  mutate(recording("c.bag", "compression=bz2 poses=tf"));
 }
 
 }  // namespace
