@@ -175,7 +175,9 @@ void addHidden(const TiltCase& tilt, const CheckedSet& set, const StoredScans& s
     ++reachable;
     found += points.found[n];
   }
-  row.more.emplace_back("reachable_on_the_" + part.words, reachable);
+  std::string key = "reachable_on_the_" + part.words;
+  std::replace(key.begin(), key.end(), ' ', '_');
+  row.more.emplace_back(key, reachable);
   row.more.emplace_back("recall_there", percentOf(found, reachable));
   if (set.method.isYaw() && tilt.tool != kPrunerWords) row.must_hold = reachable > 0 && found == 0;
 }
@@ -193,7 +195,8 @@ void makeRows(TableContext& context, const TiltCase& tilt, const ToolGeometry& t
     const Labelled points = label(context, *scans, tool, tilt.voxel_m, set);
     const double label_s = secondsFrom(start);
     const std::vector<std::uint8_t> truth = truthOver(set.truth, *scans, tool, points);
-    if (truth_of_full.empty()) truth_of_full = truthOver(tilt.sets.back().truth, *scans, tool, points);
+    if (truth_of_full.size() != points.found.size())
+      truth_of_full = truthOver(tilt.sets.back().truth, *scans, tool, points);
     TableRow row;
     row.table = "orientations";
     row.scene = tilt.scene;
@@ -208,7 +211,7 @@ void makeRows(TableContext& context, const TiltCase& tilt, const ToolGeometry& t
       row.more.emplace_back("missed_by_the_set_percent", missedBySet_percent(*scans, tool, points, truth));
     }
     if (has_hidden) addHidden(tilt, set, *scans, points, truth_of_full, row);
-    if (full && has_hidden && tilt.tool != kPrunerWords) row.must = Requirement::atLeast(99);
+    if (has_hidden && !set.method.isYaw() && tilt.tool != kPrunerWords) row.must = Requirement::atLeast(99);
     context.rows.push_back(row);
     char line[200];
     std::snprintf(line, sizeof line, "%s at %g mm, %s: %zu points, F1 %.2f (labels %.1f s, with truth %.1f s)",

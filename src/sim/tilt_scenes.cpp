@@ -25,7 +25,7 @@ constexpr double kBarY_m = 0.03, kBarZ_m = 0.015, kBarX_m = 0.10, kRoofX_m = 0.0
 // cone_well: the floor's radius, and the wall's angle to the vertical
 constexpr double kWellFloor_m = 0.015, kWellBottom_m = -0.03, kWellTop_m = 0.05;
 // slot: a saw 0.12 m wide passes on edge only, except near the upper and the lower end
-constexpr double kSlotY_m = 0.0375, kSlotDepth_m = 0.15, kSlotZ_m = 0.12, kSlotMiddleZ_m = 0.05;
+constexpr double kSlotY_m = 0.0375, kSlotDepth_m = 0.19, kSlotZ_m = 0.12, kSlotMiddleZ_m = 0.05;
 
 Scene ofBoxes(std::string name, std::string description, std::vector<Box> boxes_W) {
   Scene scene;
@@ -102,7 +102,7 @@ Scene coneWell() {
 Scene slot() {
   const double y = kSlotY_m + kPlate_m;
   return ofBoxes("slot",
-                 "two walls 0.075 m apart, 0.15 m long, 0.24 m high, joined by a plate at one end; plates of 0.02 m",
+                 "two walls 0.075 m apart, 0.19 m long, 0.24 m high, joined by a plate at one end; plates of 0.02 m",
                  {Box(Vector3d(-kPlate_m, -y, -kSlotZ_m), Vector3d(0, y, kSlotZ_m)),
                   Box(Vector3d(-kPlate_m, -y, -kSlotZ_m), Vector3d(kSlotDepth_m, -kSlotY_m, kSlotZ_m)),
                   Box(Vector3d(-kPlate_m, kSlotY_m, -kSlotZ_m), Vector3d(kSlotDepth_m, y, kSlotZ_m))});
