@@ -1,5 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
+#include <Eigen/LU>
 #include <array>
 #include <charconv>
 #include <cmath>
