@@ -221,6 +221,29 @@ void makeRows(TableContext& context, const TiltCase& tilt, const ToolGeometry& t
   }
 }
 
+/// Labels of coarser and coarser spheres against the truth over axes 2 degrees apart.
+void makeDensityRows(TableContext& context, const std::string& scene, double voxel_m, const ToolGeometry& tool) {
+  ScanRequest request;
+  request.scene = scene;
+  request.voxel_size_m = voxel_m;
+  const std::shared_ptr<const StoredScans> scans = context.scans.get(request);
+  std::vector<std::uint8_t> truth;  // the map's points are the same for every set
+  for (const char* text : {"sphere:12.5", "sphere:15", "sphere:20", "sphere:30", "sphere:45", "sphere:90"}) {
+    const CheckedSet set = setOf(text, 180);
+    const Labelled points = label(context, *scans, tool, voxel_m, set);
+    if (truth.size() != points.found.size())
+      truth = truthOver(truthOrientations("sphere:2", 180), *scans, tool, points);
+    TableRow row;
+    row.table = "orientations";
+    row.scene = scene;
+    row.method = "product";
+    row.variant = set.words + " against the truth over sphere:2";
+    row.voxel_m = voxel_m;
+    row.figures = compare(truth, points.found);
+    context.rows.push_back(row);
+  }
+}
+
 }  // namespace
 
 void makeOrientationsTable(TableContext& context) {
@@ -235,6 +258,7 @@ void makeOrientationsTable(TableContext& context) {
     makeRows(context, {"slot", voxel_m, {yaw, rolledSet()}, kPrunerWords}, quarterPruner());
     for (const char* scene : {"sphere_a", "torus"}) makeRows(context, {scene, voxel_m, {yaw, sphere}}, pencil);
   }
+  for (const char* scene : {"open_box", "branch_below", "cone_well"}) makeDensityRows(context, scene, 0.005, pencil);
 }
 
 }  // namespace accessvdb::eval
