@@ -186,11 +186,13 @@ void bindField(py::module_& module) {
   class_
       .def(py::init(&makeField), py::arg("tool"), py::arg("params") = py::none(),
            "params: FieldParams, or a dict of its fields: {\"tsdf\": {\"voxel_size_m\": 0.02}}.")
-      .def("integrate_scan", &integrateScan, py::arg("points_S"), py::arg("T_W_S"), py::arg("stamp_s") = py::none(),
+      .def("integrate_scan", &integrateScan, py::arg("points_S"), py::arg("T_W_S"), py::kw_only(),
+           py::arg("stamp_s") = py::none(),
            "Fuses one scan. points_S: (N, 3) in the sensor frame, metres; exactly (0, 0, 0) means no return. T_W_S: "
            "(4, 4) pose, sensor to world. Bad returns are counted, never used. stamp_s: time of the first return, in "
            "seconds of any clock.")
-      .def("integrate_rays", &integrateRays, py::arg("points_W"), py::arg("origins_W"), py::arg("stamp_s") = py::none(),
+      .def("integrate_rays", &integrateRays, py::arg("points_W"), py::arg("origins_W"), py::kw_only(),
+           py::arg("stamp_s") = py::none(),
            "Fuses rays: (N, 3) returns and (N, 3) or (1, 3) sensor positions, all in the world frame. stamp_s: time of "
            "the first return.")
       .def_property_readonly(

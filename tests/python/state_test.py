@@ -43,17 +43,17 @@ class State(unittest.TestCase):
         T_W_S = walls.pose(y=0.0)
         self.assertIsNone(field.latest_stamp_s)
         field.integrate_scan(walls.scan(T_W_S, seed=1), T_W_S)
-        field.integrate_scan(walls.scan(T_W_S, seed=2), T_W_S, float("nan"))
+        field.integrate_scan(walls.scan(T_W_S, seed=2), T_W_S, stamp_s=float("nan"))
         self.assertIsNone(field.latest_stamp_s)
         field.integrate_scan(walls.scan(T_W_S, seed=3), T_W_S, stamp_s=7.5)
-        field.integrate_rays([[2.0, 0, 0]], [[0.0, 0, 0]], 8.25)
-        field.integrate_scan(walls.scan(T_W_S, seed=4), T_W_S, 3)
+        field.integrate_rays([[2.0, 0, 0]], [[0.0, 0, 0]], stamp_s=8.25)
+        field.integrate_scan(walls.scan(T_W_S, seed=4), T_W_S, stamp_s=3)
         self.assertEqual(field.latest_stamp_s, 8.25)
         field.save_state(self.file)
         loaded = accessvdb.AccessibilityField.load_state(self.file, self.tool, backend="cpu", threads=1)
         self.assertEqual(loaded.latest_stamp_s, 8.25)
         with self.assertRaises(accessvdb.InvalidArgument):
-            field.integrate_scan(walls.scan(T_W_S, seed=5), T_W_S, "now")
+            field.integrate_scan(walls.scan(T_W_S, seed=5), T_W_S, stamp_s="now")
 
     def test_refusals(self):
         self.field.save_state(self.file)
