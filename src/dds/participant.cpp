@@ -218,6 +218,8 @@ struct Participant::Impl {
     qos.history().kind = fast::KEEP_LAST_HISTORY_QOS;
     qos.history().depth = depth;
     qos.publish_mode().kind = fast::ASYNCHRONOUS_PUBLISH_MODE;  // sends from a thread of its own
+    // A datagram that is lost, as in the burst of a large cloud, is noticed and sent again within this time.
+    qos.reliable_writer_qos().times.heartbeatPeriod = {0, 100'000'000};
     qos.endpoint().history_memory_policy = rtps::DYNAMIC_RESERVE_MEMORY_MODE;
     fast::Topic* topic = topicOf(kOutputTopics[static_cast<int>(output)], type, options.most_message_bytes);
     fast::DataWriter* made = topic == nullptr ? nullptr : publisher->create_datawriter(topic, qos);
