@@ -4,11 +4,14 @@
 /// elements, so no frame pays for all of them.
 #pragma once
 
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <type_traits>
 #include <vector>
 
 namespace accessvdb::internal {
@@ -30,7 +33,22 @@ class ChunkedArray {
   /// Grows to at least this size. New elements are as `new T` leaves them: numbers are not initialised, so that threads
   /// can initialise them in parallel.
   void growRaw(std::size_t size) {
-    while (chunks_.size() * kChunk < size) chunks_.push_back(std::make_unique_for_overwrite<T[]>(kChunk));
+    const std::size_t before = chunks_.size(), wanted = (size + kChunk - 1) / kChunk;
+    if (wanted > before) {
+      chunks_.resize(wanted);
+      try {
+        // The system clears fresh memory when it is first written: several threads do that sooner.
+        if (wanted - before < kFewChunks || std::is_trivially_default_constructible_v<T>) {
+          for (std::size_t n = before; n < wanted; ++n) chunks_[n] = std::make_unique_for_overwrite<T[]>(kChunk);
+        } else {
+          tbb::parallel_for(before, wanted,
+                            [&](std::size_t n) { chunks_[n] = std::make_unique_for_overwrite<T[]>(kChunk); });
+        }
+      } catch (...) {
+        chunks_.resize(before);
+        throw;
+      }
+    }
     size_ = std::max(size_, size);
   }
   /// The same, but sets the new elements to a value.
@@ -51,6 +69,8 @@ class ChunkedArray {
   }
 
  private:
+  static constexpr std::size_t kFewChunks = 4;
+
   std::vector<std::unique_ptr<T[]>> chunks_;
   std::size_t size_ = 0;
 };

@@ -6,6 +6,7 @@
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cmath>
@@ -16,11 +17,14 @@
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
 #include "points/prefetch.h"
+#include "points/radix_sort.h"
 
 namespace accessvdb::internal {
 namespace {
 
 constexpr std::size_t kPointsPerTask = 256;
+/// Returns of a scan; more are sorted by all threads.
+constexpr std::size_t kMostSortedByOne = std::size_t{1} << 17;
 /// Points are scattered in memory: each is prefetched this many points ahead of its use.
 constexpr std::size_t kPointsAhead = 6;
 constexpr double kOffsetSteps = 1 << 20;  // per voxel
@@ -63,14 +67,24 @@ void PointStore::group(std::span<const Eigen::Vector3f> p_L, std::span<const Eig
     const Eigen::Vector3f &p = p_L[n], &q = q_L[q_L.size() == 1 ? 0 : n];
     return std::make_tuple(p.x(), p.y(), p.z(), q.x(), q.y(), q.z());
   };
-  tbb::parallel_sort(returns, [&](const KeyedReturn& a, const KeyedReturn& b) {
-    return a.place != b.place ? a.place < b.place : values(a.index) < values(b.index);
-  });
+  if (returns.size() <= kMostSortedByOne) {
+    radixSort(returns, groups_.spare, [](const KeyedReturn& item) { return item.place; });
+  } else {
+    tbb::parallel_sort(returns, [](const KeyedReturn& a, const KeyedReturn& b) { return a.place < b.place; });
+  }
   groups_.begin.clear();
   for (std::size_t n = 0; n < returns.size(); ++n) {
     if (n == 0 || returns[n].place != returns[n - 1].place) groups_.begin.push_back(static_cast<std::uint32_t>(n));
   }
   groups_.begin.push_back(static_cast<std::uint32_t>(returns.size()));
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups_.size(), kPointsPerTask), [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) {
+      const auto begin = returns.begin() + groups_.begin[g], end = returns.begin() + groups_.begin[g + 1];
+      if (end - begin == 1) continue;
+      std::sort(begin, end,
+                [&](const KeyedReturn& a, const KeyedReturn& b) { return values(a.index) < values(b.index); });
+    }
+  });
 }
 
 void PointStore::locateGroups() {
@@ -373,7 +387,8 @@ std::uint64_t PointStore::bytes() const {
   return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_L_.bytes() + sums_.bytes() + seen_.bytes() +
          viewpoints_.bytes() + poses_.bytes() + bytesOf(touched_.all) + bytesOf(touched_.before_L) +
          bytesOf(touched_.views_changed) + bytesOf(touched_.news) + bytesOf(touched_.changed_blocks) +
-         bytesOf(groups_.returns) + bytesOf(groups_.begin) + bytesOf(voxels_) + bytesOf(places_) + bytesOf(added_);
+         bytesOf(groups_.returns) + bytesOf(groups_.spare) + bytesOf(groups_.begin) + bytesOf(voxels_) +
+         bytesOf(places_) + bytesOf(added_);
 }
 
 }  // namespace accessvdb::internal

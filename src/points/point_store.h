@@ -108,8 +108,8 @@ class PointStore {
   };
   /// The returns of a scan, grouped by voxel.
   struct ReturnGroups {
-    std::vector<KeyedReturn> returns;
-    std::vector<std::uint32_t> begin;  ///< [groups + 1] first of each group in returns
+    std::vector<KeyedReturn> returns, spare;  ///< spare: for sorting
+    std::vector<std::uint32_t> begin;         ///< [groups + 1] first of each group in returns
 
     [[nodiscard]] std::size_t size() const { return begin.size() - 1; }
     [[nodiscard]] const KeyedReturn& first(std::size_t group) const { return returns[begin[group]]; }

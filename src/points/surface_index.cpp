@@ -15,6 +15,8 @@ namespace {
 
 constexpr std::size_t kGroupsPerTask = 64;
 constexpr std::size_t kLocatedTogether = 32;
+/// Blocks are scattered in memory: each is prefetched this many groups ahead of its use, and its ids after it.
+constexpr std::size_t kGroupsAhead = 8, kIdsAhead = 4;
 
 bool testBit(const LeafBits& bits, std::size_t n) { return (bits[n >> 6] >> (n & 63) & 1u) != 0; }
 
@@ -72,10 +74,16 @@ void SurfaceIndex::locateFew(std::span<const Index3> voxels, std::span<Located> 
 }
 
 void SurfaceIndex::groupByLeaf(std::span<const NewVoxel> points) {
+  const auto sameLeaf = [](const Index3& a, const Index3& b) {
+    return (((a[0] ^ b[0]) | (a[1] ^ b[1]) | (a[2] ^ b[2])) & ~7) == 0;
+  };
   groups_.clear();
-  for (std::uint32_t n = 0; n < points.size(); ++n) {
-    if (n == 0 || parentOf(points[n].voxel) != parentOf(points[n - 1].voxel)) groups_.push_back({n, n});
-    groups_.back().end = n + 1;
+  const auto count = static_cast<std::uint32_t>(points.size());
+  for (std::uint32_t n = 0; n < count;) {
+    const std::uint32_t begin = n;
+    do ++n;
+    while (n < count && sameLeaf(points[n].voxel, points[begin].voxel));
+    groups_.push_back({begin, n});
   }
 }
 
@@ -176,6 +184,8 @@ void SurfaceIndex::insertAll(std::span<NewVoxel> points) {
   outgrown_.assign(groups.size(), nullptr);
   tbb::parallel_for(all, [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
+      if (g + kGroupsAhead < range.end()) prefetchRead(&blocks_[groups[g + kGroupsAhead].block], sizeof(PointBlock));
+      if (g + kIdsAhead < range.end()) prefetchRead(blocks_[groups[g + kIdsAhead].block].ids.data());
       if (groups[g].larger_run != nullptr) outgrown_[g] = blocks_[groups[g].block].ids.data();
       addTo(groups[g], points);
     }
