@@ -286,7 +286,7 @@ TEST(Rolls, AreCheckedAndDescribed) {
     return AccessibilityField(ToolGeometry::builtin("builtin:pruner"), paramsWith(set, rolls, 0.1)).params().describe();
   };
   EXPECT_EQ(described(OrientationSet::yaw(), 0).find("roll"), std::string::npos);
-  EXPECT_EQ(described(OrientationSet::pitch(0, 30, 30), 1).find("roll"), std::string::npos);
+  EXPECT_EQ(described(OrientationSet::pitch(30, 30, 1), 1).find("roll"), std::string::npos);
   EXPECT_NE(described(OrientationSet::sphere(45), 0).find("\norientations sphere:45\nrolls 6\n"), std::string::npos);
   EXPECT_NE(described(OrientationSet::yaw(), 3).find("\norientations yaw\nrolls 3\n"), std::string::npos);
 }

@@ -51,7 +51,7 @@ std::vector<Eigen::Vector2f> polygon(int corners, double radius_m, double first_
 }
 
 TEST(FoldAboutBody, IsThatOfTheCrossSection) {
-  for (const int corners : {3, 4, 5, 6, 11, 12, 24, 48, 97}) {
+  for (const int corners : {3, 4, 5, 6, 11, 12, 24, 48}) {
     EXPECT_EQ(foldAboutBody(prism(polygon(corners, 0.1))), corners);
   }
   EXPECT_EQ(foldAboutBody(prism({{-0.1f, -0.05f}, {0.1f, -0.05f}, {0.1f, 0.05f}, {-0.1f, 0.05f}})), 2);
