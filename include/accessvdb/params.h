@@ -21,7 +21,8 @@ enum class UpdatePolicy { Exact, Paper };  ///< how points to be scored again ar
 /// What follows when the world changes (docs/DESIGN.md, "A world that changes").
 ///   Off    the world is still: a thing that appears near old surfaces, or where it was free for long, blocks slowly
 ///   Block  new things block within a few scans, whatever was measured there before
-enum class ChangeMode { Off, Block };
+///   Full   what is gone opens by evidence, too, and free space ages (ChangeParams::free_for_s)
+enum class ChangeMode { Off, Block, Full };
 enum class BackendKind { Auto, Cpu, Cuda };  ///< where scoring runs
 /// Which voxels a return updates; Projective is a baseline for evaluation, see ProjectiveParams.
 enum class UpdateRegion { DoubleCone, FullCube, Projective };
@@ -70,6 +71,9 @@ struct ApproachParams {
   bool viewpoints = false;         ///< up to 8 stored viewpoints (paper) instead of the seen-direction mask
   /// The orientations that are tried, gravity frame. Others than yaw: at most 256, not for the paper's policy.
   OrientationSet orientations = {};
+  /// How many rolls about its axis the tool may take in each orientation, evenly over a turn or, of an n-fold symmetric
+  /// tool, over an n-th of one. 0 = rule: 1 for yaw, pitch, lists and turned tools, else 12 / n.
+  int rolls = 0;
 
   /// How many there are: num_directions for yaw. @throws as OrientationSet::orientations()
   [[nodiscard]] int directionCount() const { return orientations.count(num_directions); }
@@ -80,10 +84,10 @@ struct ScoringParams {
   double collision_distance_m = 0.0;   ///< [r_c] 0 = rule: 0.5 v
   double self_exclusion_voxels = 3.0;  ///< [r_s] in voxels
   ToolForm form = ToolForm::Voxels;
-  int surface_samples = 1000;        ///< [M], only for SurfaceSamples
-  int max_collisions = 0;            ///< [n_c - 1] most collisions of a free direction; 0 = rule (see ToolKernel)
-  int neighbours = 0;                ///< [k] of the normal's PCA; 0 = rule: 10; 30, 60, 100 from sigma = v/2, v, 2v
-  bool mean_positions = true;        ///< PCA on mean return positions (paper: first returns)
+  int surface_samples = 1000;  ///< [M], only for SurfaceSamples
+  int max_collisions = 0;      ///< [n_c - 1] most collisions of a free direction; 0 = rule (see ToolKernel); -1: none
+  int neighbours = 0;          ///< [k] of the normal's PCA; 0 = rule: 10; 30, 60, 100 from sigma = v/2, v, 2v
+  bool mean_positions = true;  ///< PCA on mean return positions (paper: first returns)
   bool join_neighbour_views = true;  ///< a point inherits the directions that its 10 nearest neighbours were seen from
   bool neighbourhood_weight = true;  ///< confidence from the largest weight of 3x3x3 voxels (paper: own voxel)
   double confidence_half_weight = 5.0;  ///< [k_c] c = w / (w + k_c)
@@ -104,6 +108,9 @@ struct UpdateParams {
 /// How the map follows a world that changes.
 struct ChangeParams {
   ChangeMode mode = ChangeMode::Block;  ///< Block only with UpdateRegion::DoubleCone; resolved() turns it off elsewhere
+  /// [T] seconds by the scans' stamps: free space that no ray has confirmed for T to 2 T is unknown again. Infinity: it
+  /// stays free. Finite only with ChangeMode::Full.
+  double free_for_s = std::numeric_limits<double>::infinity();
 };
 
 /// Everything that an AccessibilityField needs besides the tool.

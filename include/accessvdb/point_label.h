@@ -22,9 +22,10 @@ enum class PointReason : std::uint8_t {
   Unseen = 3,      ///< the point was never observed from a direction inside the cone
   Unknown = 4,     ///< the approach corridor runs through unobserved space
   Arm = 5,         ///< the approach corridor is obstructed
-  Tool = 6         ///< the tool would collide
+  Tool = 6,        ///< the tool would collide
+  Changed = 7      ///< what was here has gone (ChangeMode::Full)
 };
-inline constexpr int kNumPointReasons = 7;
+inline constexpr int kNumPointReasons = 8;
 
 /// Lower-case names as written to files: "unscored", "accessible", "blocked".
 constexpr const char* name(PointLabel label) {
@@ -32,9 +33,11 @@ constexpr const char* name(PointLabel label) {
   return kNames[static_cast<int>(label)];
 }
 
-/// Lower-case names as written to files: "none", "confidence", "normal", "unseen", "unknown", "arm", "tool".
+/// Lower-case names as written to files: "none", "confidence", "normal", "unseen", "unknown", "arm", "tool",
+/// "changed".
 constexpr const char* name(PointReason reason) {
-  constexpr const char* kNames[kNumPointReasons] = {"none", "confidence", "normal", "unseen", "unknown", "arm", "tool"};
+  constexpr const char* kNames[kNumPointReasons] = {"none",    "confidence", "normal", "unseen",
+                                                    "unknown", "arm",        "tool",   "changed"};
   return kNames[static_cast<int>(reason)];
 }
 

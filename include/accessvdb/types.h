@@ -70,6 +70,9 @@ struct SurfacePoint {
   Eigen::Vector3f direction_W = {0, 0, 0};
   float yaw_rad = 0;                       ///< of direction_W
   std::uint16_t direction = kNoDirection;  ///< its index; of yaw directions d, yaw = 2 pi d / D
+  std::uint8_t roll = 0;                   ///< index of the best roll in that direction
+  std::uint8_t tool = 0;                   ///< of several tools: the first that reaches the point, else the closest
+  std::uint32_t tools = 0;                 ///< of several tools: bit k is set if tool k reaches the point
   std::uint16_t score = kNoScore;          ///< fewest collisions of any direction
   float weight = 0;                        ///< [w] observations behind the confidence
   float confidence = 0;                    ///< [c] in [0, 1)

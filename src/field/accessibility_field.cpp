@@ -102,7 +102,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return points.index().find(points.voxelOf(p_L.cast<float>()));
   }
 
-  [[nodiscard]] internal::ScoredField scored() const { return {scorer, *backend, gate.origin_W(), core()}; }
+  [[nodiscard]] internal::ScoredField scored() const {
+    return {scorer, *backend, gate.origin_W(), setup.tool().rolls, core()};
+  }
   [[nodiscard]] internal::ViewedParts viewed() {
     steps.requireWhole();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
@@ -263,7 +265,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
     : impl_(makeArena(params.threads).execute([&] {
-        const FieldParams resolved = params.resolved();
+        FieldParams resolved = params.resolved();
+        resolved.approach.rolls = internal::toolRolls(tool, resolved.approach).count;
         return internal::onBackend(resolved.backend, [&](internal::ChosenBackend chosen) {
           return std::make_unique<Impl>(tool, resolved, std::move(chosen));
         });
@@ -353,7 +356,8 @@ FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) cons
       *tests = 0;
       for (const auto& result : results) *tests += result.tests;
     }
-    const internal::ScoredField again = {scorer, *impl_->backend, impl_->gate.origin_W(), impl_->core()};
+    const internal::ScoredField again = {scorer, *impl_->backend, impl_->gate.origin_W(), impl_->setup.tool().rolls,
+                                         impl_->core()};
     return internal::snapshotOf(*internal::scoredPoints(again, internal::PointStates::AsOfTheLastUpdate));
   });
 }

@@ -146,8 +146,9 @@ void visitTsdf(Code& code, Params& p) {
 template <typename Code, typename Params>
 void visitApproach(Code& code, Params& p) {
   auto& [num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine, viewpoints,
-         orientations] = p;
-  static_cast<void>(orientations);  // see visitOrientations
+         orientations, rolls] = p;
+  static_cast<void>(orientations);  // see visitRest
+  static_cast<void>(rolls);
   visitAll(code, num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine,
            viewpoints);
 }
@@ -189,7 +190,8 @@ void visitUpdate(Code& code, Params& p) {
 
 template <typename Code, typename Params>
 void visitChange(Code& code, Params& p) {
-  auto& [mode] = p;
+  auto& [mode, free_for_s] = p;
+  static_cast<void>(free_for_s);
   code.oneOf(mode, ChangeMode::Block);
 }
 
@@ -220,7 +222,8 @@ void visitFirst(Code& code, Head& head) {
 template <typename Code, typename Head>
 void visitRest(Code& code, Head& head) {
   visitParams(code, head.params);
-  if (head.schema == kOrientedStateSchema) visitOrientations(code, head.params.approach.orientations);
+  if (head.schema != kStateSchema) visitOrientations(code, head.params.approach.orientations);
+  if (head.schema == kRolledStateSchema) code(head.params.approach.rolls);
   if (code.has(head.origin_W)) {
     visitAll(code, (*head.origin_W)[0], (*head.origin_W)[1], (*head.origin_W)[2]);
   }
@@ -230,7 +233,7 @@ void visitRest(Code& code, Head& head) {
 }
 
 bool isPlausible(const StateHead& head) {
-  if ((head.schema == kStateSchema) != head.params.approach.orientations.isYaw()) return false;
+  if (head.schema != stateSchemaOf(head.params)) return false;
   if (head.params.update.policy == UpdatePolicy::Paper || head.params.tsdf.region == UpdateRegion::Projective) {
     return false;
   }
@@ -262,6 +265,7 @@ std::vector<char> bytesOf(const StateHead& head) {
 std::optional<StateHead> headFrom(const std::vector<char>& bytes) {
   Decoder decoder(bytes);
   StateHead head;
+  head.params.approach.rolls = 1;  // not the rule: files without a number are of tools that did not roll
   visitFirst(decoder, head);
   if (!decoder.ok()) return std::nullopt;
   if (!isStateSchema(head.schema) || head.rules_version != kRulesVersion) return head;

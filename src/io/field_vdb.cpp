@@ -2,11 +2,14 @@
 // SPDX-License-Identifier: Apache-2.0
 /// field.vdb: the surface as fogs, attributes and, if requested, a level set, and the map itself. Float, bool and vec3s
 /// grids only.
+#include <algorithm>
 #include <ostream>
 #include <utility>
 
 #include "accessvdb/tsdf_volume.h"
 #include "io/field_grids.h"
+#include "io/held_roll.h"
+#include "io/points_ply.h"
 #include "io/program_version.h"
 #include "io/surface_level_set.h"
 #include "io/surface_voxels.h"
@@ -29,8 +32,9 @@ struct GridNotes {
 /// The grids of field.vdb for one field and one set of options.
 class FieldGrids {
  public:
-  FieldGrids(const VolumeGrids& volume, const SurfacePoints& points, const io::WriteOptions& options)
-      : volume_(volume), points_(points), options_(options), surface_(points) {}
+  /// @param rolls  whether the tool rolls
+  FieldGrids(const VolumeGrids& volume, const SurfacePoints& points, const io::WriteOptions& options, bool rolls)
+      : volume_(volume), points_(points), options_(options), rolls_(rolls), surface_(points) {}
   [[nodiscard]] std::vector<LazyGrid> list() const;
 
  private:
@@ -63,10 +67,12 @@ class FieldGrids {
   [[nodiscard]] openvdb::GridBase::Ptr confidence() const;
   [[nodiscard]] openvdb::GridBase::Ptr score() const;
   [[nodiscard]] openvdb::GridBase::Ptr bestDirection() const;
+  [[nodiscard]] openvdb::GridBase::Ptr bestRoll() const;
 
   const VolumeGrids& volume_;
   const SurfacePoints& points_;
   const io::WriteOptions options_;
+  bool rolls_;
   const SurfaceVoxels surface_;
 };
 
@@ -96,6 +102,17 @@ openvdb::GridBase::Ptr FieldGrids::bestDirection() const {
                           "unit vector outwards along the tool's body; the tool travels against it", true});
 }
 
+openvdb::GridBase::Ptr FieldGrids::bestRoll() const {
+  const auto keep = [](const SurfacePoint& point) { return !point.direction_W.isZero(); };
+  const auto value = [](const SurfacePoint& point, std::uint32_t) {
+    return static_cast<float>(rollOf(point.orientation_WT) * kDegreesPerRadian);
+  };
+  return described(
+      surface_.grid<openvdb::FloatGrid>("best_roll", 0.0f, keep, value),
+      {openvdb::GRID_UNKNOWN, "degrees",
+       "how far the tool is turned about its body, 0 up to below 360; 0: its top as far up as it goes", false});
+}
+
 std::vector<LazyGrid> FieldGrids::list() const {
   const auto labelled = [](PointLabel label) {
     return [label](const SurfacePoint& point) { return point.label == label; };
@@ -107,6 +124,7 @@ std::vector<LazyGrid> FieldGrids::list() const {
   grids.push_back({"confidence", [this] { return confidence(); }});
   grids.push_back({"score", [this] { return score(); }});
   grids.push_back({"best_direction", [this] { return bestDirection(); }});
+  if (rolls_) grids.push_back({"best_roll", [this] { return bestRoll(); }});
   grids.push_back({"distance", [this] {
                      return described(
                          volume_.distance(),
@@ -137,7 +155,9 @@ std::vector<LazyGrid> FieldGrids::list() const {
 void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volume, const SurfacePoints& points,
                      const io::FieldMetadata& metadata, const io::WriteOptions& options) {
   openvdb::initialize();
-  const FieldGrids grids(volume, points, options);
+  const bool rolls =
+      std::any_of(metadata.begin(), metadata.end(), [](const auto& entry) { return entry.first == "rolls"; });
+  const FieldGrids grids(volume, points, options, rolls);
   const auto file_metadata = fieldMetadata(points, metadata, options);
   io::writeFileDurably(
       path, [&](std::ostream& stream) { writeGrids(stream, grids.list(), file_metadata, options.compression); });

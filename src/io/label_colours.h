@@ -43,6 +43,8 @@ constexpr Rgb colourOf(PointReason reason) {
       return {230, 159, 0};
     case PointReason::Tool:
       return {213, 94, 0};
+    case PointReason::Changed:
+      return {240, 228, 66};
   }
   return {150, 152, 156};
 }

@@ -25,9 +25,9 @@ struct PlyHeader {
   std::optional<double> voxel_size_m;
   // Parameters from the comments, if present: they determine what the columns do not contain.
   std::optional<double> num_directions, confidence_half_weight, stability_min;
-  bool oriented = false;  ///< with kPointsPlyOrientation
+  internal::PointsPlyColumns columns;
 
-  [[nodiscard]] std::size_t recordBytes() const { return internal::pointsPlyRecordBytes(oriented); }
+  [[nodiscard]] std::size_t recordBytes() const { return columns.recordBytes(); }
 };
 
 template <typename Number>
@@ -131,21 +131,23 @@ class PlyReader {
         fail("foreign", "has other elements or properties than the points of an accessibility field");
       }
     }
-    header.oriented = properties == kAllProperties;
-    if (!vertices || (properties != internal::kPointsPlyProperties.size() && !header.oriented)) {
+    header.columns.orientation = properties >= kAllProperties - 1;
+    header.columns.roll = properties == kAllProperties;
+    if (!vertices || (properties != internal::kPointsPlyProperties.size() && !header.columns.orientation)) {
       fail("foreign", "lacks properties of the points of an accessibility field");
     }
     return header;
   }
 
   static constexpr std::size_t kAllProperties =
-      internal::kPointsPlyProperties.size() + internal::kPointsPlyOrientation.size();
+      internal::kPointsPlyProperties.size() + internal::kPointsPlyOrientation.size() + 1;
   /// Whether that is the n-th property.
   static bool isProperty(std::size_t n, const std::string& type, const std::string& name) {
     constexpr std::size_t kFirst = internal::kPointsPlyProperties.size();
     if (n >= kAllProperties) return false;
-    const internal::PlyProperty& property =
-        n < kFirst ? internal::kPointsPlyProperties[n] : internal::kPointsPlyOrientation[n - kFirst];
+    const internal::PlyProperty& property = n < kFirst               ? internal::kPointsPlyProperties[n]
+                                            : n < kAllProperties - 1 ? internal::kPointsPlyOrientation[n - kFirst]
+                                                                     : internal::kPointsPlyRoll;
     return type == property.type && name == property.name;
   }
 
@@ -171,7 +173,7 @@ class PlyReader {
   }
 
   SurfacePoint parseRecord(const char* from, std::uint32_t index) const {
-    SurfacePoint point = internal::pointOfRecord(from, header_.oriented);
+    SurfacePoint point = internal::pointOfRecord(from, header_.columns);
     point.id = index;
     // A damaged file must not be taken for data.
     const bool finite = point.position_W.allFinite() && point.normal_W.allFinite() && point.direction_W.allFinite() &&
@@ -186,14 +188,14 @@ class PlyReader {
 
   /// Derives direction index, weight and the confident flag, which are not columns, from the parameters.
   static void complete(SurfacePoint& point, const PlyHeader& header) {
-    if (!header.oriented && !point.direction_W.isZero()) {
+    if (!header.columns.orientation && !point.direction_W.isZero()) {
       // Level, about the vertical.
       const double half_rad = 0.5 * static_cast<double>(point.yaw_rad);
       Eigen::Quaternionf& q = point.orientation_WT;
       q = {static_cast<float>(std::cos(half_rad)), 0, 0, static_cast<float>(std::sin(half_rad))};
       if (q.w() < 0) q.coeffs() = -q.coeffs();
     }
-    if (!header.oriented && header.num_directions && !point.direction_W.isZero()) {
+    if (!header.columns.orientation && header.num_directions && !point.direction_W.isZero()) {
       const double step = std::round(point.yaw_rad * internal::kDegreesPerRadian * *header.num_directions / 360.0);
       if (step >= 0 && step < *header.num_directions && step < kNoDirection) {
         point.direction = static_cast<std::uint16_t>(step);
@@ -250,7 +252,7 @@ PointsHeader visitPoints(const std::filesystem::path& path, const std::function<
 
 namespace accessvdb::internal {
 
-SurfacePoint pointOfRecord(const char* from, bool oriented) {
+SurfacePoint pointOfRecord(const char* from, const PointsPlyColumns& columns) {
   SurfacePoint point;
   for (int axis = 0; axis < 3; ++axis) point.position_W[axis] = io::take<double>(from);
   for (int axis = 0; axis < 3; ++axis) point.normal_W[axis] = io::take<float>(from);
@@ -262,11 +264,12 @@ SurfacePoint pointOfRecord(const char* from, bool oriented) {
   point.stability = io::take<float>(from);
   for (int axis = 0; axis < 3; ++axis) point.direction_W[axis] = io::take<float>(from);
   point.yaw_rad = static_cast<float>(io::take<float>(from) / kDegreesPerRadian);
-  if (!oriented) return point;
+  if (!columns.orientation) return point;
   float wxyz[4];
   for (float& part : wxyz) part = io::take<float>(from);
   point.orientation_WT = {wxyz[0], wxyz[1], wxyz[2], wxyz[3]};
   point.direction = io::take<std::uint16_t>(from);
+  if (columns.roll) point.roll = io::take<std::uint8_t>(from);
   return point;
 }
 

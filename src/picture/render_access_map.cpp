@@ -61,6 +61,8 @@ const char* meaning(PointReason reason) {
       return "unknown: the way was never seen";
     case PointReason::Arm:
       return "arm: the way is obstructed";
+    case PointReason::Changed:
+      return "changed: what was here has gone";
     case PointReason::Tool:
       break;
   }

@@ -17,7 +17,7 @@ namespace {
 constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
 constexpr const char* kCountLine = "element vertex ";
 constexpr const char* kComment = "comment ";
-constexpr const char* kOrientationLine = "property ushort orientation";
+constexpr const char *kOrientationLine = "property ushort orientation", *kRollLine = "property uchar roll";
 
 }  // namespace
 
@@ -76,7 +76,8 @@ PointsHeader readHeader(HashedFile& file) {
     bytes += header.lines.back().size();
     if (bytes > kLongestHeader) file.fail();
     const std::string& text = header.lines.back();
-    header.oriented = header.oriented || text == kOrientationLine;
+    header.columns.orientation = header.columns.orientation || text == kOrientationLine;
+    header.columns.roll = header.columns.roll || text == kRollLine;
     if (text.starts_with(kCountLine)) {
       std::from_chars(text.data() + std::strlen(kCountLine), text.data() + text.size(), header.points);
     }
