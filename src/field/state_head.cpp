@@ -9,7 +9,9 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "accessvdb/tool_spec.h"
 #include "field/rules_version.h"
+#include "hostdev/direction_mask.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -146,8 +148,9 @@ void visitTsdf(Code& code, Params& p) {
 template <typename Code, typename Params>
 void visitApproach(Code& code, Params& p) {
   auto& [num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine, viewpoints,
-         orientations] = p;
-  static_cast<void>(orientations);  // see visitOrientations
+         orientations, rolls] = p;
+  static_cast<void>(orientations);  // see visitRest
+  static_cast<void>(rolls);
   visitAll(code, num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine,
            viewpoints);
 }
@@ -189,7 +192,8 @@ void visitUpdate(Code& code, Params& p) {
 
 template <typename Code, typename Params>
 void visitChange(Code& code, Params& p) {
-  auto& [mode] = p;
+  auto& [mode, free_for_s] = p;
+  static_cast<void>(free_for_s);
   code.oneOf(mode, ChangeMode::Block);
 }
 
@@ -220,6 +224,12 @@ void visitFirst(Code& code, Head& head) {
 template <typename Code, typename Head>
 void visitRest(Code& code, Head& head) {
   visitParams(code, head.params);
+  if (head.tool_sha256.starts_with(kToolListMark)) {
+    code.size(head.tools, kMostTools);
+    for (auto& tool : head.tools) {
+      visitAll(code, tool.name, tool.sha256, tool.orientations, tool.rolls, tool.max_collisions, tool.view_words);
+    }
+  }
   if (head.schema == kOrientedStateSchema) visitOrientations(code, head.params.approach.orientations);
   if (code.has(head.origin_W)) {
     visitAll(code, (*head.origin_W)[0], (*head.origin_W)[1], (*head.origin_W)[2]);
@@ -231,6 +241,10 @@ void visitRest(Code& code, Head& head) {
 
 bool isPlausible(const StateHead& head) {
   if ((head.schema == kStateSchema) != head.params.approach.orientations.isYaw()) return false;
+  if (head.tool_sha256.starts_with(kToolListMark) != (head.tools.size() > 1)) return false;
+  for (const SavedTool& tool : head.tools) {
+    if (tool.view_words > kernels::kMaxDirectionWords) return false;
+  }
   if (head.params.update.policy == UpdatePolicy::Paper || head.params.tsdf.region == UpdateRegion::Projective) {
     return false;
   }
@@ -251,6 +265,12 @@ bool isPlausible(const StateHead& head) {
 }
 
 }  // namespace
+
+std::uint64_t viewBytesPerPoint(const StateHead& head) {
+  std::uint64_t bytes = 0;
+  for (const SavedTool& tool : head.tools) bytes += tool.view_words * sizeof(std::uint64_t);
+  return bytes;
+}
 
 std::vector<char> bytesOf(const StateHead& head) {
   Encoder encoder;
