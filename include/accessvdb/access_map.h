@@ -15,13 +15,14 @@
 
 namespace accessvdb {
 
-/// One orientation at one point.
+/// One direction at one point, in the roll with the fewest collisions.
 struct DirectionOutcome {
   Eigen::Vector3f direction_W = {0, 0, 0};  ///< unit, outwards along the tool's body
   Eigen::Quaternionf orientation_WT = Eigen::Quaternionf::Identity();
   /// None: free. Normal: too far from the normal, or there is none. Unseen, Unknown, Arm, Tool as for points.
   PointReason reason = PointReason::Normal;
-  std::uint16_t score = kNoScore;  ///< collisions of the tool; kNoScore if it was not tested
+  std::uint16_t score = kNoScore;  ///< collisions of the tool, of its best roll; kNoScore if it was not tested
+  std::uint8_t roll = 0;           ///< that roll, as SurfacePoint::roll
 };
 
 struct AccessMap {

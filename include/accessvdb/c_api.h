@@ -171,7 +171,7 @@ typedef struct accessvdb_params {
   /// by the call that it is passed to. NULL = yaw
   const char* orientations;
   int32_t change;  ///< ACCESSVDB_CHANGE_*; since version 5
-  int32_t reserved_change;
+  int32_t rolls;   ///< about the tool's body in each orientation, 0 = rule; since version 5
 } accessvdb_params;
 
 /// The product's defaults. Reads only struct_size.
@@ -214,7 +214,8 @@ typedef struct accessvdb_point {
   uint8_t label;       ///< ACCESSVDB_UNSCORED, ACCESSVDB_ACCESSIBLE, ACCESSVDB_BLOCKED
   uint8_t reason;      ///< ACCESSVDB_REASON_*
   uint8_t confident;   ///< 1: accessible, and confidence x stability is high
-  uint8_t reserved[5];
+  uint8_t roll;        ///< version 5: index of the best roll in that direction
+  uint8_t reserved[4];
   float orientation_WT[4];  ///< version 5: quaternion w x y z, world from tool, in that direction; 1 0 0 0 = none
 } accessvdb_point;
 

@@ -46,6 +46,7 @@ struct DevicePoints {
   const PointLabel* label = nullptr;         ///< [n]
   const PointReason* reason = nullptr;       ///< [n]
   std::uint32_t count = 0;                   ///< [n]
+  const std::uint8_t* roll = nullptr;        ///< [n] best roll in that direction; null if the tool does not roll
 };
 
 struct DeviceView {

@@ -62,10 +62,12 @@ struct WindowTests {
   [[nodiscard]] ArmResult arm(int d) const {
     return window.testArm(inputs.approach, d, position_L, inputs.map.inverse_voxel_size);
   }
-  [[nodiscard]] int collisions(int d, int stop_above) const {
-    return inputs.tool.use_samples
-               ? window.countSamples(inputs.tool, d, position_L, inputs.map.inverse_voxel_size, stop_above)
-               : window.countVoxels(d, point_ijk, stop_above);
+  [[nodiscard]] AxisCount collisions(int d, int stop_above) const {
+    return countAxis(inputs.tool.parts, d, stop_above, [&](int part, int stop) {
+      return inputs.tool.use_samples
+                 ? window.countSamples(inputs.tool, part, position_L, inputs.map.inverse_voxel_size, stop)
+                 : window.countVoxels(part, point_ijk, stop);
+    });
   }
 };
 

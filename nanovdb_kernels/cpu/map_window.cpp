@@ -12,7 +12,8 @@ MapWindow::MapWindow(const WindowedTool& tool, const WindowKernels& kernels)
   const std::size_t words = shape_.columnsOfVoxels() * static_cast<std::size_t>(shape_.words() + 1);
   for (std::vector<std::uint64_t>& bits : bits_) bits.assign(words, 0);
   filled_.assign(shape_.columnsOfLeaves(), 0);
-  ready_.assign((std::size_t{1} << (2 * shape_.xy_log2)) * kMaxDirectionWords, 0);
+  ready_words_ = static_cast<std::size_t>(tool.parts() + 63) / 64;
+  ready_.assign((std::size_t{1} << (2 * shape_.xy_log2)) * ready_words_, 0);
 }
 
 void MapWindow::moveTo(const OccupancyReader& map, const Coord& leaf) {
@@ -117,32 +118,32 @@ ArmResult MapWindow::testEach(const ApproachView& approach, int d, const float* 
   return {approach.num_arm, PointReason::None};
 }
 
-/// Copies what direction d may read from the point's leaf.
-void MapWindow::fillFor(int d, const Coord& point_ijk) {
+/// Copies what a part of the tool may read from the point's leaf.
+void MapWindow::fillFor(int part, const Coord& point_ijk) {
   const std::int32_t x = (point_ijk[0] - low_[0]) >> 3, y = (point_ijk[1] - low_[1]) >> 3,
                      last = (1 << shape_.xy_log2) - 1;
   const auto in_group =
       static_cast<std::size_t>(((x + shape_.low[0]) & last) << shape_.xy_log2 | ((y + shape_.low[1]) & last));
-  std::uint64_t& ready = ready_[in_group * kMaxDirectionWords + static_cast<std::size_t>(d >> 6)];
-  const std::uint64_t bit = std::uint64_t{1} << (d & 63);
+  std::uint64_t& ready = ready_[in_group * ready_words_ + static_cast<std::size_t>(part >> 6)];
+  const std::uint64_t bit = std::uint64_t{1} << (part & 63);
   if ((ready & bit) != 0) return;
   ready |= bit;
   const std::int32_t own = x * shape_.size[1] + y;
-  for (const std::int32_t offset : tool_.leaves(d)) {
+  for (const std::int32_t offset : tool_.leaves(part)) {
     const auto column = static_cast<std::size_t>(own + offset);
     if ((filled_[column] >> kCollides & 1u) == 0) fill(kCollides, column);
   }
 }
 
-int MapWindow::countVoxels(int d, const Coord& point_ijk, int stop_above) {
-  fillFor(d, point_ijk);
+int MapWindow::countVoxels(int part, const Coord& point_ijk, int stop_above) {
+  fillFor(part, point_ijk);
   const std::size_t plane = shape_.columnsOfVoxels();
   const std::uint64_t* column = bits_[kCollides].data() +
                                 static_cast<std::size_t>(point_ijk[0] - low_[0]) * shape_.stride() +
                                 static_cast<std::size_t>(point_ijk[1] - low_[1]);
   const bool single = shape_.words() == 1;
   int count = 0;
-  for (const WindowedTool::Layer& layer : tool_.layers(d)) {
+  for (const WindowedTool::Layer& layer : tool_.layers(part)) {
     const auto z = static_cast<std::uint32_t>(point_ijk[2] - low_[2] + layer.dz);
     const std::uint64_t* const map = column + (z >> 6) * plane;
     const WindowRun *const begin = tool_.runs() + layer.begin, *const end = tool_.runs() + layer.end;
@@ -154,11 +155,11 @@ int MapWindow::countVoxels(int d, const Coord& point_ijk, int stop_above) {
   return count;
 }
 
-int MapWindow::countSamples(const ToolKernelView& tool, int d, const float* position_L, float inverse_voxel_size,
+int MapWindow::countSamples(const ToolKernelView& tool, int part, const float* position_L, float inverse_voxel_size,
                             int stop_above) {
   int count = 0;
-  const float* end = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[d + 1]);
-  for (const float* t = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[d]); t != end; t += 3) {
+  const float* end = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[part + 1]);
+  for (const float* t = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[part]); t != end; t += 3) {
     const Coord ijk = voxelOf(position_L[0] + t[0], position_L[1] + t[1], position_L[2] + t[2], inverse_voxel_size);
     count += test(kCollides, ijk) ? 1 : 0;
     if (count > stop_above) return count;

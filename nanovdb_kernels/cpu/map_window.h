@@ -27,10 +27,10 @@ class MapWindow {
   [[nodiscard]] ArmResult testArm(const ApproachView& approach, int d, const float* position_L,
                                   float inverse_voxel_size);
   /// As countVoxelCollisions. @param point_ijk  in the group
-  [[nodiscard]] int countVoxels(int d, const Coord& point_ijk, int stop_above);
+  [[nodiscard]] int countVoxels(int part, const Coord& point_ijk, int stop_above);
   /// As countSampleCollisions. @param position_L  in the group
-  [[nodiscard]] int countSamples(const ToolKernelView& tool, int d, const float* position_L, float inverse_voxel_size,
-                                 int stop_above);
+  [[nodiscard]] int countSamples(const ToolKernelView& tool, int part, const float* position_L,
+                                 float inverse_voxel_size, int stop_above);
 
  private:
   enum Fact : std::uint8_t { kCollides, kArmFree };
@@ -40,7 +40,7 @@ class MapWindow {
   void fillCorridors();
   [[nodiscard]] ArmResult testEach(const ApproachView& approach, int d, const float* position_L,
                                    float inverse_voxel_size);
-  void fillFor(int d, const Coord& point_ijk);
+  void fillFor(int part, const Coord& point_ijk);
 
   const WindowedTool& tool_;
   const WindowKernels& kernels_;
@@ -50,7 +50,8 @@ class MapWindow {
   std::int32_t low_[3] = {0, 0, 0};     ///< lowest voxel
   std::vector<std::uint64_t> bits_[2];  ///< by fact: [words][x][y]
   std::vector<std::uint8_t> filled_;    ///< [x][y] of leaves: bit per fact
-  std::vector<std::uint64_t> ready_;    ///< [x][y of the leaf in its group] directions whose leaves are filled
+  std::size_t ready_words_ = 0;         ///< per leaf of a group
+  std::vector<std::uint64_t> ready_;    ///< [x][y of the leaf in its group] parts whose leaves are filled
 };
 
 }  // namespace accessvdb::kernels

@@ -88,7 +88,7 @@ std::vector<ToolWord> wordsOf(std::span<const VoxelColumn> columns, std::int32_t
 
 }  // namespace
 
-struct WindowedTool::Direction {
+struct WindowedTool::Part {
   std::vector<Layer> layers;
   std::vector<WindowRun> runs;
   std::vector<std::uint64_t> words;
@@ -102,24 +102,23 @@ WindowedTool::WindowedTool(const ToolKernelView& tool, const ApproachView& appro
   usable_ = true;
   makeCorridors(approach, inverse_voxel_size);
   if (tool.use_samples) return;
-  if (std::uint64_t{tool.column_begin[directions]} * sizeof(VoxelColumn) > kMostColumnBytes) {
+  const int parts = directions * tool.parts;
+  if (std::uint64_t{tool.column_begin[parts]} * sizeof(VoxelColumn) > kMostColumnBytes) {
     usable_ = false;
     return;
   }
-  std::vector<Direction> of_direction(static_cast<std::size_t>(directions));
-  tbb::parallel_for(0, directions, [&](int d) { of_direction[static_cast<std::size_t>(d)] = direction(tool, d); });
-  const auto reserve = [&](auto& list, auto Direction::*part) {
+  std::vector<Part> made(static_cast<std::size_t>(parts));
+  tbb::parallel_for(0, parts, [&](int part) { made[static_cast<std::size_t>(part)] = makePart(tool, part); });
+  const auto reserve = [&](auto& list, auto Part::*member) {
     std::size_t size = 0;
-    for (const Direction& from : of_direction) size += (from.*part).size();
+    for (const Part& from : made) size += (from.*member).size();
     list.reserve(size);
   };
-  reserve(layers_, &Direction::layers);
-  reserve(runs_, &Direction::runs);
-  reserve(words_, &Direction::words);
-  reserve(leaves_, &Direction::leaves);
-  layer_begin_ = {0};
-  leaf_begin_ = {0};
-  for (Direction& from : of_direction) {
+  reserve(layers_, &Part::layers);
+  reserve(runs_, &Part::runs);
+  reserve(words_, &Part::words);
+  reserve(leaves_, &Part::leaves);
+  for (Part& from : made) {
     const auto runs = static_cast<std::uint32_t>(runs_.size()), words = static_cast<std::uint32_t>(words_.size());
     for (const Layer& layer : from.layers) layers_.push_back({layer.dz, layer.begin + runs, layer.end + runs});
     for (const WindowRun& run : from.runs) runs_.push_back({run.offset, run.first + words, run.count});
@@ -134,13 +133,13 @@ WindowedTool::WindowedTool(const ToolKernelView& tool, const ApproachView& appro
 void WindowedTool::chooseShape(const ToolKernelView& tool, const ApproachView& approach, float inverse_voxel_size) {
   OffsetBox box;
   for (std::size_t axis = 0; axis < 3; ++axis) box.add(axis, 0, 0);
-  const int directions = approach.num_directions;
+  const int directions = approach.num_directions, parts = directions * tool.parts;
   if (tool.use_samples) {
-    for (std::uint32_t n = 0; n < tool.sample_begin[directions]; ++n) {
+    for (std::uint32_t n = 0; n < tool.sample_begin[parts]; ++n) {
       box.add(tool.samples + 3 * std::size_t{n}, inverse_voxel_size);
     }
   } else {
-    for (std::uint32_t n = 0; n < tool.column_begin[directions]; ++n) box.add(tool.columns[n]);
+    for (std::uint32_t n = 0; n < tool.column_begin[parts]; ++n) box.add(tool.columns[n]);
   }
   for (std::ptrdiff_t n = 0; n < std::ptrdiff_t{directions} * approach.num_arm; ++n) {
     box.add(approach.arm_offsets + 3 * n, inverse_voxel_size);
@@ -192,9 +191,10 @@ void WindowedTool::makeCorridors(const ApproachView& approach, float inverse_vox
   }
 }
 
-WindowedTool::Direction WindowedTool::direction(const ToolKernelView& tool, int d) const {
-  Direction made;
-  const std::span columns(tool.columns + tool.column_begin[d], tool.column_begin[d + 1] - tool.column_begin[d]);
+WindowedTool::Part WindowedTool::makePart(const ToolKernelView& tool, int part) const {
+  Part made;
+  const std::uint32_t begin = tool.column_begin[part], end = tool.column_begin[part + 1];
+  const std::span columns(tool.columns + begin, end - begin);
   OffsetBox box;
   for (const VoxelColumn& column : columns) box.add(column);
   if (box.empty()) return made;

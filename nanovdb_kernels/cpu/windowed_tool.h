@@ -50,13 +50,15 @@ class WindowedTool final : public PreparedTool {
   /// Whether there is a window; otherwise nothing else may be called.
   [[nodiscard]] bool usable() const { return usable_; }
   [[nodiscard]] const WindowShape& shape() const { return shape_; }
-  /// Voxel form: empty with samples.
-  [[nodiscard]] std::span<const Layer> layers(int d) const { return part(layers_, layer_begin_, d); }
+  /// Of a part (ToolKernelView). Voxel form: empty with samples.
+  [[nodiscard]] std::span<const Layer> layers(int part) const { return listOf(layers_, layer_begin_, part); }
   [[nodiscard]] const WindowRun* runs() const { return runs_.data(); }
   [[nodiscard]] const std::uint64_t* words() const { return words_.data(); }
   /// Columns of leaves that the tool may touch from anywhere in a leaf, in columns of leaves of a window from the
   /// leaf's. Voxel form only.
-  [[nodiscard]] std::span<const std::int32_t> leaves(int d) const { return part(leaves_, leaf_begin_, d); }
+  [[nodiscard]] std::span<const std::int32_t> leaves(int part) const { return listOf(leaves_, leaf_begin_, part); }
+  /// Of all directions, in the voxel form.
+  [[nodiscard]] int parts() const { return static_cast<int>(layer_begin_.size()) - 1; }
   /// The corridor of direction d. Empty unless all samples are at the height of the point.
   [[nodiscard]] std::span<const FlatSamples> corridor(int d) const {
     return std::span(corridors_).subspan(static_cast<std::size_t>(d) * corridor_length_, corridor_length_);
@@ -69,16 +71,16 @@ class WindowedTool final : public PreparedTool {
   [[nodiscard]] std::uint64_t bytes() const override;
 
  private:
-  struct Direction;
+  struct Part;
   template <typename T>
-  [[nodiscard]] static std::span<const T> part(const std::vector<T>& all, const std::vector<std::uint32_t>& begin,
-                                               int d) {
-    const auto n = static_cast<std::size_t>(d);
+  [[nodiscard]] static std::span<const T> listOf(const std::vector<T>& all, const std::vector<std::uint32_t>& begin,
+                                                 int part) {
+    const auto n = static_cast<std::size_t>(part);
     return std::span(all).subspan(begin[n], begin[n + 1] - begin[n]);
   }
   void makeCorridors(const ApproachView& approach, float inverse_voxel_size);
   void chooseShape(const ToolKernelView& tool, const ApproachView& approach, float inverse_voxel_size);
-  [[nodiscard]] Direction direction(const ToolKernelView& tool, int d) const;
+  [[nodiscard]] Part makePart(const ToolKernelView& tool, int part) const;
 
   bool usable_ = false;
   WindowShape shape_;
@@ -86,8 +88,8 @@ class WindowedTool final : public PreparedTool {
   std::vector<WindowRun> runs_;
   std::vector<std::uint64_t> words_;
   std::vector<std::int32_t> leaves_;
-  std::vector<std::uint32_t> layer_begin_, leaf_begin_;  ///< [D + 1]
-  std::vector<FlatSamples> corridors_;                   ///< [D x corridor_length_]
+  std::vector<std::uint32_t> layer_begin_ = {0}, leaf_begin_ = {0};  ///< [parts + 1]
+  std::vector<FlatSamples> corridors_;                               ///< [D x corridor_length_]
   std::size_t corridor_length_ = 0;
   LeafBox corridor_leaves_;
 };

@@ -4,8 +4,8 @@
 /// "Scoring").
 ///
 /// Directions are ranked by the stage that they reached (normal < unseen < arm or unknown < tool), then by corridor
-/// samples passed, then by lower count, smaller angle to the normal, lower d. The first one determines reason,
-/// direction and score.
+/// samples passed, then by lower count, smaller angle to the normal, lower d, lower roll. The first one determines
+/// reason, direction, roll and score.
 #pragma once
 
 #include "direction_filter.h"
@@ -18,6 +18,7 @@ struct ScoreItem {
   std::uint32_t id = 0;
   std::uint16_t known_score = kNoScore;          ///< count of known_direction, valid under the current map
   std::uint16_t known_direction = kNoDirection;  ///< kNoDirection: none is known
+  std::uint8_t known_roll = 0;                   ///< the first roll of known_direction that has known_score
   DirectionMask skip = {};                       ///< directions known not to change the outcome
   DirectionMask candidates = {};                 ///< directions that may be tried at all
   /// If set, a blocked point that stays blocked keeps its stored result: its closest direction may have been skipped.
@@ -32,6 +33,7 @@ struct ScoreResult {
   std::uint16_t direction = kNoDirection;
   PointReason reason = PointReason::Normal;  ///< None: a direction is free
   std::uint8_t scored = 0;                   ///< 0: the point has no normal
+  std::uint8_t roll = 0;                     ///< in `direction`; 0 if no tool was counted there
   std::uint8_t skipped = 0;                ///< admissible directions were skipped: reason and score cover only the rest
   std::uint16_t tests = 0;                 ///< directions tested
   DirectionMask arm_blocked = {};          ///< directions found blocked in the corridor
@@ -41,10 +43,11 @@ struct ScoreResult {
   PointLabel label = PointLabel::Unscored;
   std::uint16_t stored_score = kNoScore;
   std::uint16_t stored_direction = kNoDirection;
+  std::uint8_t stored_roll = 0;
 };
 
 /// @param tests  how a direction is tested at the point: tests.arm(d) as testArm, tests.collisions(d, stop_above) as
-///   countVoxelCollisions or countSampleCollisions
+///   countAxis
 /// @param walk  directions in the normal cone, as DirectionWalk and SortedWalk order them; those that are not
 /// candidates may be
 ///   missing, which only changes the reason of a point that has none
@@ -64,6 +67,7 @@ template <class Tests, class Walk>
       if (item.known_score < best_count) {
         best_count = item.known_score;
         result.direction = static_cast<std::uint16_t>(d);
+        result.roll = item.known_roll;
       }
       if (best_count == 0) break;
       continue;
@@ -85,8 +89,9 @@ template <class Tests, class Walk>
     }
     // Later directions must be strictly better, so counting may stop at the best so far: minimum and argmin stay exact.
     const int bound = best_count < item.known_score ? best_count : item.known_score;
-    const int counted = tests.collisions(d, bound);
-    const int count = counted < kNoScore ? counted : kNoScore - 1;  // kNoScore means that no direction got this far
+    const AxisCount counted = tests.collisions(d, bound);
+    // kNoScore means that no direction got this far.
+    const int count = counted.count < kNoScore ? counted.count : kNoScore - 1;
     if (count >= collision_limit) {
       result.tool_blocked.set(d);
       if (count < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(count);
@@ -94,6 +99,7 @@ template <class Tests, class Walk>
     if (count < best_count) {
       best_count = count;
       result.direction = static_cast<std::uint16_t>(d);
+      result.roll = static_cast<std::uint8_t>(counted.roll);
       if (count == 0) break;
     }
   }
@@ -119,10 +125,12 @@ struct MapTests {
   [[nodiscard]] ACCESSVDB_HOSTDEV ArmResult arm(int d) const {
     return testArm(map, approach, d, position_L, inverse_voxel_size);
   }
-  [[nodiscard]] ACCESSVDB_HOSTDEV int collisions(int d, int stop_above) const {
-    if (tool.use_samples) return countSampleCollisions(map, tool, d, position_L, inverse_voxel_size, stop_above);
+  [[nodiscard]] ACCESSVDB_HOSTDEV AxisCount collisions(int d, int stop_above) const {
     const Coord point_ijk = voxelOf(position_L[0], position_L[1], position_L[2], inverse_voxel_size);
-    return countVoxelCollisions(map, tool, d, point_ijk, stop_above);
+    return countAxis(tool.parts, d, stop_above, [&](int part, int stop) {
+      return tool.use_samples ? countSampleCollisions(map, tool, part, position_L, inverse_voxel_size, stop)
+                              : countVoxelCollisions(map, tool, part, point_ijk, stop);
+    });
   }
 };
 

@@ -91,14 +91,14 @@ struct NotingTests {
     (arm.reason == PointReason::None ? notes.arm_free : notes.arm_blocked).set(d);
     return arm;
   }
-  [[nodiscard]] ACCESSVDB_HOSTDEV int collisions(int d, int stop_above) const {
+  [[nodiscard]] ACCESSVDB_HOSTDEV AxisCount collisions(int d, int stop_above) const {
     const int least = knownCollisions(known, scale.levels, base, d);
-    if (least > stop_above) return least;
-    const int counted = tests.collisions(d, stop_above < scale.count_to - 1 ? scale.count_to - 1 : stop_above);
-    const int hits = counted < kNoScore ? counted : kNoScore - 1;
+    if (least > stop_above) return {least, 0};
+    const AxisCount counted = tests.collisions(d, stop_above < scale.count_to - 1 ? scale.count_to - 1 : stop_above);
+    const int hits = counted.count < kNoScore ? counted.count : kNoScore - 1;
     notes.counted.set(d);
     notes.least[d] = static_cast<std::uint16_t>(hits);
-    return hits;
+    return {hits, counted.roll};
   }
 };
 
@@ -129,6 +129,7 @@ struct DueOutcome {
   // The point's stored state.
   PointLabel label = PointLabel::Unscored;
   std::uint16_t score = kNoScore, direction = kNoDirection;
+  std::uint8_t roll = 0;
 };
 
 /// Evaluates one point. @tparam Tests  as for searchDirections
@@ -159,6 +160,7 @@ class DueEvaluation {
     outcome.label = update_.points.label[id_];
     outcome.score = update_.points.score[id_];
     outcome.direction = update_.points.direction[id_];
+    outcome.roll = static_cast<std::uint8_t>(update_.points.rollOf(id_));
     return outcome;
   }
 
@@ -171,6 +173,7 @@ class DueEvaluation {
     result.scored = 1;
     result.score = update_.points.score[id_];
     result.direction = update_.points.direction[id_];
+    result.roll = static_cast<std::uint8_t>(update_.points.rollOf(id_));
     result.reason = PointReason::None;
     updatePoint(update_.points, item, result, update_.rule);
   }
@@ -231,23 +234,26 @@ class DueEvaluation {
     const PointStateView& points = update_.points;
     const int limit = update_.rule.collision_limit, before = base();
     const bool accessible = points.label[id_] == PointLabel::Accessible;
-    int score = limit - 1, direction = kNoDirection;  // of a blocked point only free directions count
+    int score = limit - 1, direction = kNoDirection, roll = 0;  // of a blocked point only free directions count
     bool became_worse = false;
     if (accessible) {
       score = points.score[id_];
       direction = points.direction[id_];
+      roll = points.rollOf(id_);
       if (due.test_best != 0) {
         ++outcome.tests;
-        const int hits = testBest(due.test_best, direction, score);
-        if (hits >= limit) return false;
-        became_worse = hits > score;
-        score = hits;
+        const AxisCount found = testBest(due.test_best, direction, {score, roll});
+        if (found.count >= limit) return false;
+        became_worse = found.count > score;
+        score = found.count;
+        roll = found.roll;
       }
     }
     ScoreItem item;
     item.id = id_;
     item.known_score = static_cast<std::uint16_t>(score);
     item.known_direction = static_cast<std::uint16_t>(direction);
+    item.known_roll = static_cast<std::uint8_t>(roll);
     item.keep_reason = accessible ? 0 : 1;
     item.evidence = due.evidence;
     item.candidates = due.candidates;
@@ -263,6 +269,7 @@ class DueEvaluation {
       if (accessible) {
         result.score = static_cast<std::uint16_t>(score);
         result.direction = static_cast<std::uint16_t>(direction);
+        result.roll = static_cast<std::uint8_t>(roll);
         result.reason = PointReason::None;
       }
     }
@@ -271,10 +278,12 @@ class DueEvaluation {
   }
 
   /// Tests the best direction of an accessible point again.
+  /// @param stored  what is known of it
   /// @return its collisions, exact below the limit; kNoScore if its corridor is blocked
-  [[nodiscard]] ACCESSVDB_HOSTDEV int testBest(std::uint8_t test_best, int direction, int score) const {
-    if ((test_best & kTestArm) != 0 && tests_.arm(direction).reason != PointReason::None) return kNoScore;
-    return (test_best & kTestTool) != 0 ? tests_.collisions(direction, update_.rule.collision_limit - 1) : score;
+  [[nodiscard]] ACCESSVDB_HOSTDEV AxisCount testBest(std::uint8_t test_best, int direction,
+                                                     const AxisCount& stored) const {
+    if ((test_best & kTestArm) != 0 && tests_.arm(direction).reason != PointReason::None) return {kNoScore, 0};
+    return (test_best & kTestTool) != 0 ? tests_.collisions(direction, update_.rule.collision_limit - 1) : stored;
   }
 
   const Update& update_;

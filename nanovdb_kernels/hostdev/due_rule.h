@@ -37,6 +37,7 @@ struct StoredScore {
   PointLabel label;
   int direction;  ///< the best one, or the one that determined the reason; kNoDirection
   int score;
+  int roll = 0;  ///< in that direction
 };
 
 /// A point in its current state.
@@ -106,7 +107,9 @@ template <class Flips>
   const float best_cosine_before = cosToNormal(approach, best.direction, before.normal);
   if (accessible) {
     if (masks.worse_arm.test(best.direction)) due.test_best |= kTestArm;
-    if (masks.worse_tool.test(best.direction) || (score > 0 && masks.better_tool.test(best.direction))) {
+    // What became free may also let an earlier roll have as few collisions.
+    const bool may_improve = score > 0 || point.stored.roll > 0;
+    if (masks.worse_tool.test(best.direction) || (may_improve && masks.better_tool.test(best.direction))) {
       due.test_best |= kTestTool;
     }
   }

@@ -29,6 +29,7 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, const Sc
   if (result.scored == 0) {
     points.score[id] = kNoScore;
     points.direction[id] = kNoDirection;
+    if (points.roll != nullptr) points.roll[id] = 0;
     points.label[id] = PointLabel::Unscored;
     points.reason[id] = PointReason::Normal;
     return;
@@ -44,6 +45,7 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, const Sc
   if (!keeps && (!rule.keep_best || result.score < score_before || score_before == kNoScore)) {
     points.score[id] = result.score;
     points.direction[id] = result.direction;
+    if (points.roll != nullptr) points.roll[id] = result.roll;
     points.reason[id] = result.reason;
   }
   const bool accessible = points.score[id] < rule.collision_limit && (!rule.keep_best || a > rule.stability_min);
@@ -60,6 +62,7 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, const Sc
   result.label = points.label[id];
   result.stored_score = points.score[id];
   result.stored_direction = points.direction[id];
+  result.stored_roll = static_cast<std::uint8_t>(points.rollOf(id));
 }
 
 }  // namespace accessvdb::kernels

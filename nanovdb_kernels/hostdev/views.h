@@ -58,14 +58,21 @@ struct VoxelBox {
 };
 
 /// The tool in every direction d, tip at the origin, self-exclusion already applied.
+///
+/// A tool that may roll about its body has P = 1 + number of rolls parts per direction, d P .. d P + P - 1: first its
+/// core, the voxels that all rolls share (none of samples), then what each roll has besides. All parts of a direction
+/// together are the union of its rolls. Otherwise P = 1: a part is a direction.
 struct ToolKernelView {
-  const VoxelColumn* columns = nullptr;         ///< voxel form: columns of d are [column_begin[d], column_begin[d+1])
-  const std::uint32_t* column_begin = nullptr;  ///< [D + 1]
-  const float* samples = nullptr;               ///< sample form: 3 floats per sample, metres, rotated to d
-  const std::uint32_t* sample_begin = nullptr;  ///< [D + 1]
+  const VoxelColumn* columns = nullptr;         ///< voxel form: columns of part p: [column_begin[p], column_begin[p+1])
+  const std::uint32_t* column_begin = nullptr;  ///< [D P + 1]
+  const float* samples = nullptr;               ///< sample form: 3 floats per sample, metres, rotated to the part
+  const std::uint32_t* sample_begin = nullptr;  ///< [D P + 1]
   bool use_samples = false;
   std::uint16_t collision_limit = 1;  ///< [n_c] a direction is free if its count is below this
   VoxelBox reach = {};                ///< contains every voxel of every direction
+  int parts = 1;                      ///< [P] per direction
+
+  [[nodiscard]] ACCESSVDB_HOSTDEV int rolls() const { return parts == 1 ? 1 : parts - 1; }
 };
 
 /// A second copy of the tool's voxel form, to compare 64 of its voxels with 64 of a map leaf at a time. x, y: position
@@ -101,6 +108,9 @@ struct PointStateView {
   PointLabel* label = nullptr;         ///< [n]
   PointReason* reason = nullptr;       ///< [n]
   int direction_words = 0;             ///< words of `seen` per point
+  std::uint8_t* roll = nullptr;        ///< [n] best roll in the best direction; null: the tool does not roll
+
+  [[nodiscard]] ACCESSVDB_HOSTDEV int rollOf(std::uint32_t id) const { return roll != nullptr ? roll[id] : 0; }
 };
 
 static_assert(std::is_trivially_copyable_v<OccupancyView>);

@@ -68,6 +68,12 @@ void bindAccessMap(py::module_& module) {
             return rowsOf<std::uint16_t>(map, 1, [](const DirectionOutcome& o, std::uint16_t* to) { *to = o.score; });
           },
           "(D,) uint16, collisions of the tool, or NO_SCORE where it was not tested.")
+      .def_property_readonly(
+          "roll",
+          [](const M& map) {
+            return rowsOf<std::uint8_t>(map, 1, [](const DirectionOutcome& o, std::uint8_t* to) { *to = o.roll; });
+          },
+          "(D,) uint8, index of the roll with the fewest collisions; orientation_WT is that of this roll.")
       .def("__repr__", [](const M& map) {
         return "<accessvdb.AccessMap of point " + std::to_string(map.point.id) + ": " +
                std::to_string(map.reasons()[0]) + " of " + std::to_string(map.directions.size()) + " directions free>";

@@ -67,6 +67,7 @@ auto approachClass(py::module_& m) {
       .field("orientations", &P::orientations,
              "How the tool can be turned, degrees: \"yaw\", \"pitch:MIN:MAX:STEP\", \"sphere:STEP\", "
              "\"sphere:STEP+yaw\" or \"list:FILE\"; or rows of yaw, pitch, roll, or of a quaternion w, x, y, z.")
+      .field("rolls", &P::rolls, "How many rolls about its body the tool may take in each; 0 = rule.")
       .finish();
   return c;
 }

@@ -25,6 +25,7 @@ std::vector<Column> pointColumns() {
              "(N, 3) float32, unit, outwards along the tool's body; the tool travels along -direction_W."),
       column("yaw_rad", &P::yaw_rad, "(N,) float32, of direction_W."),
       column("direction", &P::direction, "(N,) uint16, index of the best direction, or NO_DIRECTION."),
+      column("roll", &P::roll, "(N,) uint8, index of the best roll in that direction."),
       column("score", &P::score, "(N,) uint16, fewest collisions of any direction, or NO_SCORE."),
       column("weight", &P::weight, "(N,) float32, [w] observations behind the confidence."),
       column("confidence", &P::confidence, "(N,) float32, [c] in [0, 1)."),
@@ -82,6 +83,7 @@ void bindSurfacePoint(py::module_& module) {
       .def_readonly("yaw_rad", &P::yaw_rad)
       .def_property_readonly("orientation_WT", [](const P& p) { return py::array_t<float>(4, wxyz(p).data()); })
       .def_readonly("direction", &P::direction)
+      .def_readonly("roll", &P::roll)
       .def_readonly("score", &P::score)
       .def_readonly("weight", &P::weight)
       .def_readonly("confidence", &P::confidence)

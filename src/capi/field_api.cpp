@@ -70,6 +70,7 @@ accessvdb_point pointToC(const SurfacePoint& p) {
   c.label = static_cast<std::uint8_t>(p.label);
   c.reason = static_cast<std::uint8_t>(p.reason);
   c.confident = p.confident;
+  c.roll = p.roll;
   const Eigen::Quaternionf& q = p.orientation_WT;
   const float wxyz[4] = {q.w(), q.x(), q.y(), q.z()};
   std::copy_n(wxyz, 4, c.orientation_WT);
@@ -245,7 +246,8 @@ int accessvdb_field_get_counts(accessvdb_field* field, accessvdb_counts* counts)
     c.points = snapshot.points.size();
     for (const SurfacePoint& point : snapshot.points) {
       ++c.labels[static_cast<std::size_t>(point.label)];
-      ++c.reasons[static_cast<std::size_t>(point.reason)];
+      const auto reason = static_cast<std::size_t>(point.reason);
+      if (reason < ACCESSVDB_NUM_REASONS) ++c.reasons[reason];
     }
     capi::writeSized(counts, size, c);
   });

@@ -38,6 +38,7 @@ FieldParams paramsFromC(const accessvdb_params& c) {
   a.coarse_to_fine = requireBool("coarse_to_fine", c.coarse_to_fine);
   a.viewpoints = requireBool("viewpoints", c.viewpoints);
   if (c.orientations != nullptr) a.orientations = OrientationSet::parse(c.orientations);
+  a.rolls = c.rolls;
   ScoringParams& s = p.scoring;
   s.collision_distance_m = c.collision_distance_m;
   s.self_exclusion_voxels = c.self_exclusion_voxels;
@@ -87,6 +88,7 @@ accessvdb_params paramsToC(const FieldParams& p) {
   c.corridor_length_m = a.corridor_length_m;
   c.coarse_to_fine = a.coarse_to_fine;
   c.viewpoints = a.viewpoints;
+  c.rolls = a.rolls;
   const ScoringParams& s = p.scoring;
   c.collision_distance_m = s.collision_distance_m;
   c.self_exclusion_voxels = s.self_exclusion_voxels;

@@ -30,30 +30,22 @@ struct CheckedSet {
   std::string words;
   OrientationSet method;
   int num_directions = 180;
+  int rolls = 1;
   std::vector<Eigen::Matrix3d> truth;
 };
 
 CheckedSet setOf(const std::string& text, int num_directions, const std::string& more = {}) {
-  CheckedSet set = {text + more, OrientationSet::parse(text), num_directions, truthOrientations(text, num_directions)};
+  CheckedSet set = {text + more, OrientationSet::parse(text), num_directions, 1,
+                    truthOrientations(text, num_directions)};
   set.words += " (" + std::to_string(set.truth.size()) + ")";
   return set;
 }
 
-/// The axes of sphere:30 with four rolls each, which cover a tool that looks the same after half a turn.
-CheckedSet rolledSet() {
-  CheckedSet set;
-  std::vector<ToolOrientation> list;
-  for (int pitch_deg = -90; pitch_deg <= 90; pitch_deg += 30) {
-    const int yaws = std::abs(pitch_deg) == 90 ? 1 : std::abs(pitch_deg) == 60 ? 8 : 12;
-    for (int n = 0; n < yaws; ++n) {
-      for (int roll_deg = 0; roll_deg < 180; roll_deg += 45) {
-        list.push_back(orientationOf(360.0 * n / yaws, pitch_deg, roll_deg));
-        set.truth.push_back(heldAt(360.0 * n / yaws, pitch_deg, roll_deg));
-      }
-    }
-  }
-  set.words = "the 54 axes of sphere:30 with 4 rolls (" + std::to_string(list.size()) + ")";
-  set.method = OrientationSet::of(std::move(list));
+/// The same with rolls, for tools that look the same after half a turn.
+CheckedSet rolledSetOf(const std::string& text, int rolls) {
+  CheckedSet set = {text + ", " + std::to_string(rolls) + " rolls", OrientationSet::parse(text), 180, rolls,
+                    rolled(truthOrientations(text, 180), rolls, 2)};
+  set.words += " (" + std::to_string(set.truth.size()) + ")";
   return set;
 }
 
@@ -102,6 +94,7 @@ Labelled label(TableContext& context, const StoredScans& scans, const ToolGeomet
   params.tsdf.range_noise_m = 0;
   params.approach.num_directions = set.num_directions;
   params.approach.orientations = set.method;
+  params.approach.rolls = set.rolls;
   params.backend = context.options.backend;
   params.threads = context.options.threads;
   AccessibilityField field(tool, params);
@@ -248,14 +241,15 @@ void makeDensityRows(TableContext& context, const std::string& scene, double vox
 
 void makeOrientationsTable(TableContext& context) {
   const CheckedSet yaw = setOf("yaw", 180), sphere = setOf("sphere:12.5", 180),
-                   pitch = setOf("pitch:-30:30:10", 36, ", 36 yaws");
+                   pitch = setOf("pitch:-30:30:10", 36, ", 36 yaws"), few_rolls = rolledSetOf("sphere:30", 4),
+                   rolls = rolledSetOf("sphere:12.5", 6);
   const ToolGeometry pencil = ToolGeometry::builtin("builtin:pencil");
   for (const double voxel_m : {0.005, 0.002}) {
     for (const char* scene : {"table_underside", "open_box", "branch_below", "cone_well"}) {
       makeRows(context, {scene, voxel_m, {yaw, pitch, sphere}}, pencil);
     }
-    makeRows(context, {"slot", voxel_m, {yaw, pitch, sphere, rolledSet()}, "saw"}, saw());
-    makeRows(context, {"slot", voxel_m, {yaw, rolledSet()}, kPrunerWords}, quarterPruner());
+    makeRows(context, {"slot", voxel_m, {yaw, pitch, sphere, few_rolls, rolls}, "saw"}, saw());
+    makeRows(context, {"slot", voxel_m, {yaw, few_rolls}, kPrunerWords}, quarterPruner());
     for (const char* scene : {"sphere_a", "torus"}) makeRows(context, {scene, voxel_m, {yaw, sphere}}, pencil);
   }
   for (const char* scene : {"open_box", "branch_below", "cone_well"}) makeDensityRows(context, scene, 0.005, pencil);

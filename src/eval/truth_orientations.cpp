@@ -75,6 +75,14 @@ Rotations yawOrientations(int num_directions) {
   return out;
 }
 
+Rotations rolled(const Rotations& orientations, int rolls, int fold) {
+  Rotations out;
+  for (const Eigen::Matrix3d& R_WT : orientations) {
+    for (int roll = 0; roll < rolls; ++roll) out.push_back(R_WT * heldAt(0, 0, 360.0 * roll / (rolls * fold)));
+  }
+  return out;
+}
+
 Rotations truthOrientations(const std::string& text, int num_directions) {
   double min_deg = 0, max_deg = 0, step_deg = 0;
   int read = 0;

@@ -16,5 +16,8 @@ namespace accessvdb::eval {
 /// "yaw", "pitch:MIN:MAX:STEP", "sphere:STEP" or "sphere:STEP+yaw", however many that are.
 /// @throws InvalidArgument "truth.orientations" for any other text
 [[nodiscard]] std::vector<Eigen::Matrix3d> truthOrientations(const std::string& text, int num_directions);
+/// Each of them turned about the tool's body, in `rolls` even steps over 1 / fold of a turn.
+[[nodiscard]] std::vector<Eigen::Matrix3d> rolled(const std::vector<Eigen::Matrix3d>& orientations, int rolls,
+                                                  int fold);
 
 }  // namespace accessvdb::eval

@@ -20,12 +20,14 @@ std::vector<DirectionOutcome> tryEveryDirection(PointScorer& scorer, const Scori
   tables.rule.keep_best = false;
   const kernels::ApproachView approach = setup.hostApproach();
   const Eigen::Vector3f normal = scorer.record(id).normal_L;
+  const ToolRolls& rolls = setup.tool().rolls;
+  const std::vector<ToolHeading> headings = toolHeadings(scorer.params().approach, rolls);
   std::vector<DirectionOutcome> outcomes;
-  for (const ToolHeading& heading : toolHeadings(scorer.params().approach)) {
+  for (std::size_t first = 0; first < headings.size(); first += static_cast<std::size_t>(rolls.count)) {
     const auto d = static_cast<int>(outcomes.size());
     DirectionOutcome& outcome = outcomes.emplace_back();
-    outcome.direction_W = heading.direction_W;
-    outcome.orientation_WT = heading.orientation_WT;
+    outcome.direction_W = headings[first].direction_W;
+    outcome.orientation_WT = headings[first].orientation_WT;
     const bool in_cone =
         !normal.isZero() && kernels::cosToNormal(approach, d, normal.data()) >= approach.normal_cos_min;
     if (!in_cone) continue;  // the search would only say that others are
@@ -35,6 +37,8 @@ std::vector<DirectionOutcome> tryEveryDirection(PointScorer& scorer, const Scori
     const kernels::ScoreResult result = scorer.score({&item, 1}, tables).front();
     outcome.reason = result.reason;
     outcome.score = result.score;
+    outcome.roll = result.roll;
+    outcome.orientation_WT = headings[first + result.roll].orientation_WT;
   }
   return outcomes;
 }

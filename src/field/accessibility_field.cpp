@@ -111,7 +111,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return points.index().find(points.voxelOf(p_L.cast<float>()));
   }
 
-  [[nodiscard]] internal::ScoredField scored() const { return {scorer, *backend, gate.origin_W(), core()}; }
+  [[nodiscard]] internal::ScoredField scored() const {
+    return {scorer, *backend, gate.origin_W(), setup.tool().rolls, core()};
+  }
   [[nodiscard]] internal::ViewedParts viewed() {
     steps.requireWhole();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
@@ -188,7 +190,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     internal::ScoringTables tables = setupOf(k).tables(mirror.grid());
     tables.rule.keep_best = false;
     for (const auto& result : again.score(items, tables)) tests += result.tests;
-    return internal::scoredPoints({again, *backend, gate.origin_W(), core()}, internal::PointStates::AsOfTheLastUpdate);
+    return internal::scoredPoints({again, *backend, gate.origin_W(), setupOf(k).tool().rolls, core()},
+                                  internal::PointStates::AsOfTheLastUpdate);
   }
   [[nodiscard]] std::unique_ptr<internal::PointScorer> freshScorer(std::size_t k) const {
     const internal::PointScorer& of_tool = scorerOf(k);
@@ -355,7 +358,7 @@ AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldPara
 AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params)
     : impl_(makeArena(params.threads).execute([&] {
         const std::vector<ToolSpec> list = namedTools(std::move(tools));
-        const FieldParams resolved = toolParams(list.front(), params).resolved();
+        const FieldParams resolved = internal::resolvedFor(list.front(), params);
         internal::requireManyTools(list, resolved);
         return internal::onBackend(resolved.backend, [&](internal::ChosenBackend chosen) {
           return std::make_unique<Impl>(list, resolved, std::move(chosen));

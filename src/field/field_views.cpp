@@ -71,7 +71,8 @@ DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) {
   view.distance_available = parts.distances.grid != nullptr;
   view.points = {state.position_L, state.normal_L,  state.stability,
                  state.score,      state.direction, state.weight,
-                 state.label,      state.reason,    parts.scorer.device().size()};
+                 state.label,      state.reason,    parts.scorer.device().size(),
+                 state.roll};
   view.direction_xy = parts.approach.direction_xy;
   view.axes_xyz = parts.approach.axes_xyz;
   view.num_directions = parts.approach.num_directions;

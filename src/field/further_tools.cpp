@@ -7,6 +7,7 @@
 
 #include "accessvdb/error.h"
 #include "field/point_weights.h"
+#include "tool/tool_rolls.h"
 #include "update/make_scheduler.h"
 
 namespace accessvdb::internal {
@@ -111,10 +112,16 @@ void requireManyTools(const std::vector<ToolSpec>& tools, const FieldParams& res
                         "Use the exact policy and the product profile, or one tool");
 }
 
+FieldParams resolvedFor(const ToolSpec& tool, const FieldParams& params) {
+  FieldParams resolved = toolParams(tool, params).resolved();
+  resolved.approach.rolls = toolRolls(tool.tool, resolved.approach).count;
+  return resolved;
+}
+
 FurtherTools::FurtherTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved, const Shared& shared)
     : shared_(shared) {
   for (std::size_t n = 1; n < tools.size(); ++n) {
-    const FieldParams params = toolParams(tools[n], resolved).resolved();
+    const FieldParams params = resolvedFor(tools[n], resolved);
     Tool& tool = *tools_.emplace_back(std::make_unique<Tool>(tools[n], params, shared.backend));
     while (tool.views_of < n && !sameDirections(toolParams(tools[tool.views_of], resolved), params)) ++tool.views_of;
     if (tool.views_of == n) {
@@ -162,7 +169,8 @@ std::vector<PointStore*> FurtherTools::ownStores() const {
 
 std::vector<ScoredField> FurtherTools::ofEach(const ScoredField& first) const {
   std::vector<ScoredField> fields = {first};
-  for (const auto& tool : tools_) fields.push_back({*tool->scorer, first.backend, first.origin_W, first.core});
+  for (const auto& tool : tools_)
+    fields.push_back({*tool->scorer, first.backend, first.origin_W, tool->setup.tool().rolls, first.core});
   return fields;
 }
 

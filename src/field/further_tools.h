@@ -23,6 +23,9 @@ namespace accessvdb::internal {
 /// @throws InvalidArgument "tool.policy"  for what only knows one tool
 void requireManyTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved);
 
+/// The parameters of a field with this tool alone, with every rule applied, its rolls included.
+[[nodiscard]] FieldParams resolvedFor(const ToolSpec& tool, const FieldParams& params);
+
 class FurtherTools {
  public:
   /// What they have in common with the first tool. All of it must outlive them.

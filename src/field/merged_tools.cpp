@@ -19,6 +19,7 @@ struct ToolState {
   std::vector<float> stability;
   std::vector<PointLabel> label;
   std::vector<PointReason> reason;
+  std::vector<std::uint8_t> roll;  ///< 0 if the tool does not roll
 
   ToolState(kernels::Backend& backend, const kernels::PointStateView& view, std::size_t size) {
     const auto fetch = [&](auto& to, const auto* from) {
@@ -30,6 +31,11 @@ struct ToolState {
     fetch(stability, view.stability);
     fetch(label, view.label);
     fetch(reason, view.reason);
+    if (view.roll != nullptr) {
+      fetch(roll, view.roll);
+    } else {
+      roll.assign(size, 0);
+    }
   }
 };
 
@@ -60,7 +66,9 @@ MergedTools::MergedTools(kernels::Backend& backend, std::span<const ViewedTool> 
   std::vector<ToolState> states;
   std::vector<int> first_direction;
   std::vector<float> axes;
+  bool rolls = false;
   for (const ViewedTool& tool : tools) {
+    rolls = rolls || tool.scorer.device().view().roll != nullptr;
     states.emplace_back(backend, tool.scorer.device().view(), size);
     first_direction.push_back(num_directions_);
     num_directions_ += tool.approach.num_directions;
@@ -80,6 +88,7 @@ MergedTools::MergedTools(kernels::Backend& backend, std::span<const ViewedTool> 
       merged.stability[n] = from.stability[n];
       merged.label[n] = from.label[n];
       merged.reason[n] = from.reason[n];
+      merged.roll[n] = from.roll[n];
       const std::uint16_t d = from.direction[n];
       merged.direction[n] = d == kNoDirection ? d : static_cast<std::uint16_t>(d + first_direction[best]);
     }
@@ -90,11 +99,13 @@ MergedTools::MergedTools(kernels::Backend& backend, std::span<const ViewedTool> 
   keep(memory_, merged.stability, stability_);
   keep(memory_, merged.label, label_);
   keep(memory_, merged.reason, reason_);
+  if (rolls) keep(memory_, merged.roll, roll_);
   view_.score = score_.data();
   view_.direction = direction_.data();
   view_.stability = stability_.data();
   view_.label = label_.data();
   view_.reason = reason_.data();
+  view_.roll = roll_.data();
 }
 
 }  // namespace accessvdb::internal

@@ -38,6 +38,7 @@ class MergedTools {
   int num_directions_ = 0;
   kernels::DeviceArray<float> d_axes_, stability_;
   kernels::DeviceArray<std::uint16_t> score_, direction_;
+  kernels::DeviceArray<std::uint8_t> roll_;  ///< only if a tool rolls
   kernels::DeviceArray<PointLabel> label_;
   kernels::DeviceArray<PointReason> reason_;
 };

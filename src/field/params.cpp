@@ -15,6 +15,7 @@ namespace accessvdb {
 namespace {
 
 constexpr std::int32_t kMostWindow_voxels = 1 << 20;
+constexpr int kMostRolls = 64;
 
 std::string text(double value) {
   char buffer[32];
@@ -66,11 +67,16 @@ void requireProjective(const ProjectiveParams& p, double voxel_size_m) {
 /// What the paper's policy cannot do, whose directions are a window around a yaw, and whose scores are kept.
 void requireOrientations(const FieldParams& p) {
   static_cast<void>(p.approach.directionCount());  // throws for a set that is none
-  if (p.approach.orientations.isYaw()) return;
-  if (p.update.policy == UpdatePolicy::Paper || p.approach.coarse_to_fine || p.approach.viewpoints) {
+  const bool paper = p.update.policy == UpdatePolicy::Paper || p.approach.coarse_to_fine || p.approach.viewpoints;
+  if (paper && !p.approach.orientations.isYaw()) {
     throw InvalidArgument("orientations.policy", "orientations " + p.approach.orientations.text(),
                           "the paper's policy, its coarse pass and its viewpoints only know yaw directions",
                           "Use the exact policy and the product profile, or orientations yaw");
+  }
+  if (paper && p.approach.rolls > 1) {
+    throw InvalidArgument("orientations.policy", "rolls " + std::to_string(p.approach.rolls),
+                          "the paper's policy, its coarse pass and its viewpoints know no rolls",
+                          "Use the exact policy and the product profile, or rolls 1");
   }
 }
 
@@ -142,6 +148,9 @@ FieldParams FieldParams::resolved() const {
   require("normal_cone_rad", a.normal_cone_rad, 0.01, std::numbers::pi / 2);
   require("observation_cos_min", a.observation_cos_min, -1, 1);
   for (const double f : a.arm_tau) require("arm_tau", f, 0, 100);
+  require("rolls", a.rolls, 0, kMostRolls, "Up to 64 rolls are supported; 0 chooses by rule");
+  // For a sphere the rule asks what the tool looks like.
+  if (a.rolls == 0 && a.orientations.kind != OrientationKind::Sphere) a.rolls = 1;
   require("corridor_length_m", a.corridor_length_m, 0, 50 * t.truncation_distance_m,
           "A corridor is at most 50 tau long");
   // Only space that rays passed counts as free, so the cleared band reaches as far as the corridor.
@@ -200,7 +209,11 @@ std::string FieldParams::describe() const {
   put("cleared_begin_tau", text(tsdf.cleared_begin_tau));
   put("cleared_end_tau", text(tsdf.cleared_end_tau));
   put("num_directions", std::to_string(approach.num_directions));
-  if (!approach.orientations.isYaw()) put("orientations", approach.orientations.text());
+  // Only where they say something: files of yaw are those from before there was a choice.
+  const bool by_rule = approach.rolls == 0 && approach.orientations.kind == OrientationKind::Sphere;
+  const bool rolls = approach.rolls > 1 || by_rule;
+  if (!approach.orientations.isYaw() || rolls) put("orientations", approach.orientations.text());
+  if (rolls) put("rolls", std::to_string(approach.rolls));
   put("normal_cone_rad", text(approach.normal_cone_rad));
   put("observation_cos_min", text(approach.observation_cos_min));
   put("arm_tau", text(approach.arm_tau[0]) + " " + text(approach.arm_tau[1]) + " " + text(approach.arm_tau[2]));

@@ -24,6 +24,7 @@ struct HostState {
   std::vector<float> stability, normal_L;
   std::vector<PointLabel> label;
   std::vector<PointReason> reason;
+  std::vector<std::uint8_t> roll;  ///< only if the tool rolls
 
   HostState() = default;  // for no points
   HostState(const PointScorer& scorer, kernels::Backend& backend, std::uint32_t begin, std::uint32_t end)
@@ -39,6 +40,7 @@ struct HostState {
     fetch(normal_L, view.normal_L, 3);
     fetch(label, view.label, 1);
     fetch(reason, view.reason, 1);
+    if (view.roll != nullptr) fetch(roll, view.roll, 1);
   }
 };
 
@@ -51,7 +53,8 @@ class ScoredPoints final : public SurfacePoints {
         state_(std::move(state)),
         first_(first),
         weights_(count),
-        headings_(toolHeadings(scorer_.params().approach)) {
+        rolls_(field.rolls.count),
+        headings_(toolHeadings(scorer_.params().approach, field.rolls)) {
     std::vector<std::uint32_t> ids(std::min(count, kWeightsPerBlock));
     for (std::uint32_t begin = 0; begin < count; begin += kWeightsPerBlock) {
       ids.resize(std::min(count - begin, kWeightsPerBlock));
@@ -74,7 +77,8 @@ class ScoredPoints final : public SurfacePoints {
   HostState state_;
   std::uint32_t first_;
   std::vector<std::uint16_t> weights_;
-  std::vector<ToolHeading> headings_;  ///< per direction
+  int rolls_;
+  std::vector<ToolHeading> headings_;  ///< per direction and roll
 };
 
 SurfacePoint ScoredPoints::at(std::size_t index) const {
@@ -93,7 +97,9 @@ SurfacePoint ScoredPoints::at(std::size_t index) const {
   point.label = state_.label[n];
   point.reason = state_.reason[n];
   if (point.direction != kNoDirection) {
-    const ToolHeading& heading = headings_[point.direction];
+    if (!state_.roll.empty()) point.roll = state_.roll[n];
+    const ToolHeading& heading =
+        headings_[std::size_t{point.direction} * static_cast<std::size_t>(rolls_) + point.roll];
     point.yaw_rad = heading.yaw_rad;
     point.direction_W = heading.direction_W;
     point.orientation_WT = heading.orientation_WT;

@@ -10,6 +10,7 @@
 
 #include "accessvdb/surface_points.h"
 #include "field/window_reach.h"
+#include "tool/tool_rolls.h"
 #include "update/point_scorer.h"
 
 namespace accessvdb::internal {
@@ -25,6 +26,7 @@ struct ScoredField {
   const PointScorer& scorer;
   kernels::Backend& backend;  ///< the one that holds the scorer's arrays
   Eigen::Vector3d origin_W;
+  ToolRolls rolls;
   std::optional<VoxelColumnBox> core = std::nullopt;  ///< of a tile, whose other points are not the user's
 };
 

@@ -230,7 +230,8 @@ void visitRest(Code& code, Head& head) {
       visitAll(code, tool.name, tool.sha256, tool.orientations, tool.rolls, tool.max_collisions, tool.view_words);
     }
   }
-  if (head.schema == kOrientedStateSchema) visitOrientations(code, head.params.approach.orientations);
+  if (head.schema != kStateSchema) visitOrientations(code, head.params.approach.orientations);
+  if (head.schema == kRolledStateSchema) code(head.params.approach.rolls);
   if (code.has(head.origin_W)) {
     visitAll(code, (*head.origin_W)[0], (*head.origin_W)[1], (*head.origin_W)[2]);
   }
@@ -240,7 +241,7 @@ void visitRest(Code& code, Head& head) {
 }
 
 bool isPlausible(const StateHead& head) {
-  if ((head.schema == kStateSchema) != head.params.approach.orientations.isYaw()) return false;
+  if (head.schema != stateSchemaOf(head.params)) return false;
   if (head.tool_sha256.starts_with(kToolListMark) != (head.tools.size() > 1)) return false;
   for (const SavedTool& tool : head.tools) {
     if (tool.view_words > kernels::kMaxDirectionWords) return false;
@@ -282,6 +283,7 @@ std::vector<char> bytesOf(const StateHead& head) {
 std::optional<StateHead> headFrom(const std::vector<char>& bytes) {
   Decoder decoder(bytes);
   StateHead head;
+  head.params.approach.rolls = 1;  // not the rule: files without a number are of tools that did not roll
   visitFirst(decoder, head);
   if (!decoder.ok()) return std::nullopt;
   if (!isStateSchema(head.schema) || head.rules_version != kRulesVersion) return head;

@@ -17,9 +17,16 @@ namespace accessvdb::internal {
 inline constexpr std::uint32_t kStateSchema = 3;
 /// The same with a set of orientations behind the parameters: of fields whose tool does not only turn in yaw.
 inline constexpr std::uint32_t kOrientedStateSchema = 4;
+/// The same with the number of rolls behind the orientations: of fields whose tool rolls.
+inline constexpr std::uint32_t kRolledStateSchema = 5;
 
 [[nodiscard]] constexpr bool isStateSchema(std::uint32_t schema) {
-  return schema == kStateSchema || schema == kOrientedStateSchema;
+  return schema == kStateSchema || schema == kOrientedStateSchema || schema == kRolledStateSchema;
+}
+/// @param params  of a field, where the number of rolls is known
+[[nodiscard]] inline std::uint32_t stateSchemaOf(const FieldParams& params) {
+  if (params.approach.rolls > 1) return kRolledStateSchema;
+  return params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema;
 }
 
 /// One of several tools.

@@ -122,7 +122,7 @@ void requireSavable(const FieldParams& params) {
 void writeState(const std::filesystem::path& file, StateHead head, const SavedParts& parts) {
   const auto& [map, points, views] = parts;
   requireSavable(head.params);
-  head.schema = head.params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema;
+  head.schema = stateSchemaOf(head.params);
   head.leaves = map.leaf_count;
   head.leaves_with_values = map.allocated_leaf_count;
   head.leaves_with_votes = map.votedLeafCount();

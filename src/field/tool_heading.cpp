@@ -27,10 +27,10 @@ ToolHeading headingOf(const ToolOrientation& orientation) {
 
 }  // namespace
 
-std::vector<ToolHeading> toolHeadings(const ApproachParams& resolved) {
+std::vector<ToolHeading> toolHeadings(const ApproachParams& resolved, const ToolRolls& rolls) {
   std::vector<ToolHeading> headings;
   for (const ToolOrientation& orientation : resolved.orientations.orientations(resolved.num_directions)) {
-    headings.push_back(headingOf(orientation));
+    for (int roll = 0; roll < rolls.count; ++roll) headings.push_back(headingOf(rolledBy(orientation, rolls, roll)));
   }
   return headings;
 }

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "accessvdb/params.h"
+#include "tool/tool_rolls.h"
 
 namespace accessvdb::internal {
 
@@ -17,7 +18,7 @@ struct ToolHeading {
   Eigen::Quaternionf orientation_WT = Eigen::Quaternionf::Identity();
 };
 
-/// One per direction.
-[[nodiscard]] std::vector<ToolHeading> toolHeadings(const ApproachParams& resolved);
+/// One per direction and roll: direction d with roll r is d rolls.count + r.
+[[nodiscard]] std::vector<ToolHeading> toolHeadings(const ApproachParams& resolved, const ToolRolls& rolls = {});
 
 }  // namespace accessvdb::internal

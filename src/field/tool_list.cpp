@@ -8,8 +8,10 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/tool_spec.h"
+#include "accessvdb/tool_tables.h"
 #include "io/input_file.h"
 #include "io/sha256.h"
+#include "tool/tool_rolls.h"
 
 namespace accessvdb {
 namespace {
@@ -90,7 +92,9 @@ std::string describeTools(const std::vector<ToolSpec>& tools, const FieldParams&
   for (const ToolSpec& spec : tools) {
     const std::string prefix = std::string("tool_").append(spec.name).append("_");
     out += prefix + "sha256 " + spec.tool.sha256() + "\n";
-    std::istringstream own(toolParams(spec, params).describe());
+    FieldParams of_tool = toolParams(spec, params);
+    of_tool.approach.rolls = internal::toolRolls(spec.tool, of_tool.approach).count;
+    std::istringstream own(of_tool.describe());
     for (std::string line; std::getline(own, line);) {
       if (!isOwn(line)) continue;
       out += prefix + line + "\n";
@@ -103,6 +107,17 @@ std::string describeTools(const std::vector<ToolSpec>& tools, const FieldParams&
   if (oriented) out += "orientations by_tool\n";
   if (rolled) out += "rolls by_tool\n";
   return out;
+}
+
+ToolTableBytes toolTableBytes(const std::vector<ToolSpec>& tools, const FieldParams& params) {
+  ToolTableBytes all = {0, 0};
+  for (const ToolSpec& spec : tools) {
+    const ToolTableBytes own = toolTableBytes(spec.tool, toolParams(spec, params));
+    all.making = std::max(all.making, all.held + own.making);  // one is made after the other
+    all.held += own.held;
+  }
+  all.making = std::max(all.making, all.held);
+  return all;
 }
 
 std::string toolListSha256(const std::vector<ToolSpec>& tools) {

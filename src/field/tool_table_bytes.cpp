@@ -19,22 +19,25 @@ namespace {
 /// Of yaw: quarter and half turns, and those between them: for most tools the fewest and the most columns.
 constexpr int kSampledDirections = 8;
 
-/// Box of all offsets, of every direction, in voxels from the point.
+/// Box of all offsets, of every direction and roll, in voxels from the point.
 struct OffsetBox {
   Eigen::Array3d low = {0, 0, 0}, high = {0, 0, 0};
   [[nodiscard]] double voxels() const { return (high - low + 1).prod(); }
 };
 
-OffsetBox offsetBoxOf(const ToolGeometry& tool, const FieldParams& resolved) {
+OffsetBox offsetBoxOf(const ToolGeometry& tool, const FieldParams& resolved, const internal::ToolRolls& rolls) {
   OffsetBox box;
   const double per_voxel = 1 / resolved.tsdf.voxel_size_m;
   for (const ToolOrientation& orientation :
        resolved.approach.orientations.orientations(resolved.approach.num_directions)) {
-    for (const Eigen::Vector3f& vertex : tool.vertices_T()) {
-      const Eigen::Array3d voxel =
-          (orientation.R_WT * vertex.cast<double>() * per_voxel + Eigen::Vector3d(0.5, 0.5, 0.5)).array().floor();
-      box.low = box.low.min(voxel);
-      box.high = box.high.max(voxel);
+    for (int roll = 0; roll < rolls.count; ++roll) {
+      const Eigen::Matrix3d R_WT = internal::rolledBy(orientation, rolls, roll).R_WT;
+      for (const Eigen::Vector3f& vertex : tool.vertices_T()) {
+        const Eigen::Array3d voxel =
+            (R_WT * vertex.cast<double>() * per_voxel + Eigen::Vector3d(0.5, 0.5, 0.5)).array().floor();
+        box.low = box.low.min(voxel);
+        box.high = box.high.max(voxel);
+      }
     }
   }
   return box;
@@ -49,7 +52,7 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
       internal::ToolKernel::sampled(tool, resolved, std::min(directions, kSampledDirections));
   const int sampled = kernel.num_directions;
   const double share = static_cast<double>(directions) / sampled;
-  const OffsetBox box = offsetBoxOf(tool, resolved);
+  const OffsetBox box = offsetBoxOf(tool, resolved, kernel.rolls);
   const bool yaw = resolved.approach.orientations.isYaw();
   const auto bytesOf = [](const auto& list) { return static_cast<double>(list.size() * sizeof(list[0])); };
   const double columns = share * bytesOf(kernel.columns);
@@ -96,7 +99,7 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
     held += share * static_cast<double>(prepared->bytes());
   }
   double making = held;
-  if (resolved.backend != BackendKind::Cpu && !kernel.use_samples) {
+  if (resolved.backend != BackendKind::Cpu && !kernel.use_samples && kernel.parts() == 1) {
     // As in ScoringSetup: slabs as they are found, and again in one list, which then goes to the GPU.
     constexpr auto kMost = static_cast<double>(internal::ToolSlabs::kMostBytes);
     const auto slabs = internal::ToolSlabs::make(kernel.view(), sampled, static_cast<std::uint64_t>(kMost / share));

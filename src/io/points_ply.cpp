@@ -38,8 +38,11 @@ std::string oneLine(std::string text) {
 }
 
 /// Files of yaw have the columns that they had from the start.
-bool isOriented(const FieldMetadata& metadata) {
-  return std::any_of(metadata.begin(), metadata.end(), [](const auto& entry) { return entry.first == "orientations"; });
+internal::PointsPlyColumns columnsOf(const FieldMetadata& metadata) {
+  const auto has = [&](const char* name) {
+    return std::any_of(metadata.begin(), metadata.end(), [&](const auto& entry) { return entry.first == name; });
+  };
+  return {has("orientations"), has("orientations") && has("rolls"), has("tools")};
 }
 
 void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldMetadata& metadata) {
@@ -56,8 +59,15 @@ void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldM
   for (const auto& property : internal::kPointsPlyProperties) {
     stream << "property " << property.type << " " << property.name << "\n";
   }
+  const internal::PointsPlyColumns columns = columnsOf(metadata);
   for (const auto& property : internal::kPointsPlyOrientation) {
-    if (isOriented(metadata)) stream << "property " << property.type << " " << property.name << "\n";
+    if (columns.orientation) stream << "property " << property.type << " " << property.name << "\n";
+  }
+  if (columns.roll) {
+    stream << "property " << internal::kPointsPlyRoll.type << " " << internal::kPointsPlyRoll.name << "\n";
+  }
+  for (const auto& property : internal::kPointsPlyTools) {
+    if (columns.tools) stream << "property " << property.type << " " << property.name << "\n";
   }
   stream << "end_header\n";
 }
@@ -68,7 +78,7 @@ char* put(char* to, const T& value) {
   return to + sizeof(T);
 }
 
-char* putRecord(char* to, const SurfacePoint& point, bool oriented) {
+char* putRecord(char* to, const SurfacePoint& point, const internal::PointsPlyColumns& columns) {
   for (int axis = 0; axis < 3; ++axis) to = put(to, point.position_W[axis]);
   for (int axis = 0; axis < 3; ++axis) to = put(to, point.normal_W[axis]);
   to = put(to, internal::colourOf(point.label));
@@ -79,10 +89,13 @@ char* putRecord(char* to, const SurfacePoint& point, bool oriented) {
   to = put(to, point.stability);
   for (int axis = 0; axis < 3; ++axis) to = put(to, point.direction_W[axis]);
   to = put(to, static_cast<float>(point.yaw_rad * internal::kDegreesPerRadian));
-  if (!oriented) return to;
-  const Eigen::Quaternionf& q = point.orientation_WT;
-  for (const float part : {q.w(), q.x(), q.y(), q.z()}) to = put(to, part);
-  return put(to, point.direction);
+  if (columns.orientation) {
+    const Eigen::Quaternionf& q = point.orientation_WT;
+    for (const float part : {q.w(), q.x(), q.y(), q.z()}) to = put(to, part);
+    to = put(to, point.direction);
+  }
+  if (columns.roll) to = put(to, point.roll);
+  return columns.tools ? put(put(to, point.tool), point.tools) : to;
 }
 
 }  // namespace
@@ -90,11 +103,11 @@ char* putRecord(char* to, const SurfacePoint& point, bool oriented) {
 void writePointsPly(const std::filesystem::path& path, const SurfacePoints& points, const FieldMetadata& metadata) {
   writeFileDurably(path, [&](std::ostream& stream) {
     writeHeader(stream, points, metadata);
-    const bool oriented = isOriented(metadata);
-    std::vector<char> block(internal::kPointsPlyRecordsPerBlock * internal::pointsPlyRecordBytes(oriented));
+    const internal::PointsPlyColumns columns = columnsOf(metadata);
+    std::vector<char> block(internal::kPointsPlyRecordsPerBlock * columns.recordBytes());
     char* to = block.data();
     for (std::size_t n = 0; n < points.size(); ++n) {
-      to = putRecord(to, points.at(n), oriented);
+      to = putRecord(to, points.at(n), columns);
       if (to == block.data() + block.size()) {
         stream.write(block.data(), static_cast<std::streamsize>(block.size()));
         to = block.data();

@@ -38,14 +38,29 @@ inline constexpr std::size_t kPointsPlyRecordBytes = 3 * 8 + 3 * 4 + 3 + 2 + 2 +
 /// Behind them, where the tool does not only turn in yaw: how it is held, world from tool, and the orientation's index.
 inline constexpr std::array<PlyProperty, 5> kPointsPlyOrientation = {
     {{"float", "qw"}, {"float", "qx"}, {"float", "qy"}, {"float", "qz"}, {"ushort", "orientation"}}};
-/// @param oriented  with kPointsPlyOrientation
-constexpr std::size_t pointsPlyRecordBytes(bool oriented) { return kPointsPlyRecordBytes + (oriented ? 4 * 4 + 2 : 0); }
+/// And behind those, where it rolls: the roll's index.
+inline constexpr PlyProperty kPointsPlyRoll = {"uchar", "roll"};
+
+/// Behind all those, of several tools: which one stands for the point, and a bit for each that reaches it.
+inline constexpr std::array<PlyProperty, 2> kPointsPlyTools = {{{"uchar", "tool"}, {"uint", "tools"}}};
+
+/// Which of these a file has.
+struct PointsPlyColumns {
+  bool orientation = false;  ///< kPointsPlyOrientation
+  bool roll = false;         ///< kPointsPlyRoll, only with orientation
+  bool tools = false;        ///< kPointsPlyTools
+
+  [[nodiscard]] constexpr std::size_t recordBytes() const {
+    return kPointsPlyRecordBytes + (orientation ? 4 * 4 + 2 : 0) + (roll ? 1 : 0) + (tools ? 1 + 4 : 0);
+  }
+  friend bool operator==(const PointsPlyColumns&, const PointsPlyColumns&) = default;
+};
 /// Read and written at a time.
 inline constexpr std::size_t kPointsPlyRecordsPerBlock = 16384;
 inline constexpr double kDegreesPerRadian = 57.295779513082320876798;
 
 /// The columns of a record, unchecked: weight and the confident flag are not among them, nor is the direction's index
 /// if it is not oriented.
-[[nodiscard]] SurfacePoint pointOfRecord(const char* record, bool oriented);
+[[nodiscard]] SurfacePoint pointOfRecord(const char* record, const PointsPlyColumns& columns);
 
 }  // namespace accessvdb::internal

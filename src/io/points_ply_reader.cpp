@@ -10,6 +10,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/tool_spec.h"
 #include "io/points_ply.h"
 
 namespace accessvdb::io {
@@ -25,9 +26,9 @@ struct PlyHeader {
   std::optional<double> voxel_size_m;
   // Parameters from the comments, if present: they determine what the columns do not contain.
   std::optional<double> num_directions, confidence_half_weight, stability_min;
-  bool oriented = false;  ///< with kPointsPlyOrientation
+  internal::PointsPlyColumns columns;
 
-  [[nodiscard]] std::size_t recordBytes() const { return internal::pointsPlyRecordBytes(oriented); }
+  [[nodiscard]] std::size_t recordBytes() const { return columns.recordBytes(); }
 };
 
 template <typename Number>
@@ -111,7 +112,7 @@ class PlyReader {
     if (readLine() != "ply") fail("malformed", "is not a PLY file");
     if (readLine() != "format binary_little_endian 1.0") fail("foreign", "is not a binary little endian PLY file");
     bool vertices = false;
-    std::size_t properties = 0;
+    std::vector<std::string> properties;
     for (std::string line = readLine(); line != "end_header"; line = readLine()) {
       const auto words = wordsOf(line);
       if (words.size() >= 3 && words[0] == "comment") {
@@ -125,28 +126,40 @@ class PlyReader {
         if (!count || *count >= INT32_MAX) fail("malformed", "has no usable number of vertices");
         header.count = *count;
         vertices = true;
-      } else if (words.size() == 3 && words[0] == "property" && isProperty(properties, words[1], words[2])) {
-        ++properties;
+      } else if (words.size() == 3 && words[0] == "property" && properties.size() < kMostProperties) {
+        properties.push_back(words[1] + " " + words[2]);
       } else if (words.empty() || words[0] != "comment") {
         fail("foreign", "has other elements or properties than the points of an accessibility field");
       }
     }
-    header.oriented = properties == kAllProperties;
-    if (!vertices || (properties != internal::kPointsPlyProperties.size() && !header.oriented)) {
-      fail("foreign", "lacks properties of the points of an accessibility field");
-    }
+    const auto columns = columnsOf(properties);
+    if (!vertices || !columns)
+      fail("foreign", "lacks properties of the points of an accessibility field, or has others");
+    header.columns = *columns;
     return header;
   }
 
-  static constexpr std::size_t kAllProperties =
-      internal::kPointsPlyProperties.size() + internal::kPointsPlyOrientation.size();
-  /// Whether that is the n-th property.
-  static bool isProperty(std::size_t n, const std::string& type, const std::string& name) {
-    constexpr std::size_t kFirst = internal::kPointsPlyProperties.size();
-    if (n >= kAllProperties) return false;
-    const internal::PlyProperty& property =
-        n < kFirst ? internal::kPointsPlyProperties[n] : internal::kPointsPlyOrientation[n - kFirst];
-    return type == property.type && name == property.name;
+  static constexpr std::size_t kMostProperties = 64;
+  /// @param properties  "type name" of each, in their order
+  static std::optional<internal::PointsPlyColumns> columnsOf(const std::vector<std::string>& properties) {
+    constexpr internal::PointsPlyColumns kKinds[] = {{false, false, false}, {true, false, false}, {true, true, false},
+                                                     {false, false, true},  {true, false, true},  {true, true, true}};
+    for (const internal::PointsPlyColumns& columns : kKinds) {
+      std::vector<std::string> expected;
+      const auto add = [&](const internal::PlyProperty& property) {
+        expected.push_back(std::string(property.type) + " " + property.name);
+      };
+      for (const auto& property : internal::kPointsPlyProperties) add(property);
+      for (const auto& property : internal::kPointsPlyOrientation) {
+        if (columns.orientation) add(property);
+      }
+      if (columns.roll) add(internal::kPointsPlyRoll);
+      for (const auto& property : internal::kPointsPlyTools) {
+        if (columns.tools) add(property);
+      }
+      if (properties == expected) return columns;
+    }
+    return std::nullopt;
   }
 
   /// Skips values that do not parse; required ones are checked later.
@@ -171,29 +184,30 @@ class PlyReader {
   }
 
   SurfacePoint parseRecord(const char* from, std::uint32_t index) const {
-    SurfacePoint point = internal::pointOfRecord(from, header_.oriented);
+    SurfacePoint point = internal::pointOfRecord(from, header_.columns);
     point.id = index;
     // A damaged file must not be taken for data.
     const bool finite = point.position_W.allFinite() && point.normal_W.allFinite() && point.direction_W.allFinite() &&
                         std::isfinite(point.confidence) && std::isfinite(point.stability) &&
                         std::isfinite(point.yaw_rad) && point.orientation_WT.coeffs().allFinite();
     if (!finite || static_cast<int>(point.label) >= kNumPointLabels ||
-        static_cast<int>(point.reason) >= kNumPointReasons) {
-      fail("malformed", "contains a non-finite value or an unknown label or reason in point " + std::to_string(index));
+        static_cast<int>(point.reason) >= kNumPointReasons || point.tool >= kMostTools) {
+      fail("malformed",
+           "contains a non-finite value or an unknown label, reason or tool in point " + std::to_string(index));
     }
     return point;
   }
 
   /// Derives direction index, weight and the confident flag, which are not columns, from the parameters.
   static void complete(SurfacePoint& point, const PlyHeader& header) {
-    if (!header.oriented && !point.direction_W.isZero()) {
+    if (!header.columns.orientation && !point.direction_W.isZero()) {
       // Level, about the vertical.
       const double half_rad = 0.5 * static_cast<double>(point.yaw_rad);
       Eigen::Quaternionf& q = point.orientation_WT;
       q = {static_cast<float>(std::cos(half_rad)), 0, 0, static_cast<float>(std::sin(half_rad))};
       if (q.w() < 0) q.coeffs() = -q.coeffs();
     }
-    if (!header.oriented && header.num_directions && !point.direction_W.isZero()) {
+    if (!header.columns.orientation && header.num_directions && !point.direction_W.isZero()) {
       const double step = std::round(point.yaw_rad * internal::kDegreesPerRadian * *header.num_directions / 360.0);
       if (step >= 0 && step < *header.num_directions && step < kNoDirection) {
         point.direction = static_cast<std::uint16_t>(step);
@@ -250,7 +264,7 @@ PointsHeader visitPoints(const std::filesystem::path& path, const std::function<
 
 namespace accessvdb::internal {
 
-SurfacePoint pointOfRecord(const char* from, bool oriented) {
+SurfacePoint pointOfRecord(const char* from, const PointsPlyColumns& columns) {
   SurfacePoint point;
   for (int axis = 0; axis < 3; ++axis) point.position_W[axis] = io::take<double>(from);
   for (int axis = 0; axis < 3; ++axis) point.normal_W[axis] = io::take<float>(from);
@@ -262,11 +276,17 @@ SurfacePoint pointOfRecord(const char* from, bool oriented) {
   point.stability = io::take<float>(from);
   for (int axis = 0; axis < 3; ++axis) point.direction_W[axis] = io::take<float>(from);
   point.yaw_rad = static_cast<float>(io::take<float>(from) / kDegreesPerRadian);
-  if (!oriented) return point;
-  float wxyz[4];
-  for (float& part : wxyz) part = io::take<float>(from);
-  point.orientation_WT = {wxyz[0], wxyz[1], wxyz[2], wxyz[3]};
-  point.direction = io::take<std::uint16_t>(from);
+  if (columns.orientation) {
+    float wxyz[4];
+    for (float& part : wxyz) part = io::take<float>(from);
+    point.orientation_WT = {wxyz[0], wxyz[1], wxyz[2], wxyz[3]};
+    point.direction = io::take<std::uint16_t>(from);
+  }
+  if (columns.roll) point.roll = io::take<std::uint8_t>(from);
+  if (columns.tools) {
+    point.tool = io::take<std::uint8_t>(from);
+    point.tools = io::take<std::uint32_t>(from);
+  }
   return point;
 }
 

@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "accessvdb/tiles.h"
+#include "io/points_ply.h"
 #include "io/sha256.h"
 
 namespace accessvdb::tiles {
@@ -45,7 +46,7 @@ class HashedFile {
 struct PointsHeader {
   std::vector<std::string> lines;  ///< up to and including end_header
   std::uint64_t points = 0;
-  bool oriented = false;                             ///< records have kPointsPlyOrientation
+  internal::PointsPlyColumns columns;                ///< of its records
   [[nodiscard]] io::FieldMetadata metadata() const;  ///< from its comments; without version, origin and voxel size
 };
 [[nodiscard]] PointsHeader readHeader(HashedFile& file);

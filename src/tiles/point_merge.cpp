@@ -38,7 +38,7 @@ class PointStream {
 
   /// @return false at the end
   [[nodiscard]] bool next() {
-    record_ = points_.take(internal::pointsPlyRecordBytes(header_.oriented));
+    record_ = points_.take(header_.columns.recordBytes());
     const char* order = orders_.take(sizeof(PointOrder));
     if ((record_ == nullptr) != (order == nullptr)) orders_.fail();
     if (record_ == nullptr) return false;
@@ -108,21 +108,20 @@ std::uint64_t mergePoints(const std::filesystem::path& out, const Plan& plan, co
       advance(n);
     }
   };
-  const bool oriented = streams.front().header().oriented;
+  const internal::PointsPlyColumns columns = streams.front().header().columns;
   for (const PointStream& tile : streams) {
-    if (tile.header().oriented == oriented) continue;
-    throw InputError("tile.damaged", out.string(), "has tiles with and without orientations",
+    if (tile.header().columns == columns) continue;
+    throw InputError("tile.damaged", out.string(), "has tiles with and without orientations, rolls or tools",
                      "Delete the folder of its tiles and run accessvdb tile run again");
   }
   io::writeFileDurably(file, [&](std::ostream& stream) {
     if (file.extension() == ".las") {
       internal::LasWriter writer(stream, lasContent(plan, tiles, points));
-      forEachRecord([&](const char* record) { writer.add(internal::pointOfRecord(record, oriented)); });
+      forEachRecord([&](const char* record) { writer.add(internal::pointOfRecord(record, columns)); });
     } else {
       writeHeader(stream, streams.front().header(), points, deviceOf(tiles));
-      forEachRecord([&](const char* record) {
-        stream.write(record, static_cast<std::streamsize>(internal::pointsPlyRecordBytes(oriented)));
-      });
+      forEachRecord(
+          [&](const char* record) { stream.write(record, static_cast<std::streamsize>(columns.recordBytes())); });
     }
   });
   return points;

@@ -12,6 +12,7 @@
 
 #include "accessvdb/error.h"
 #include "tool/surface_samples.h"
+#include "tool/voxel_runs.h"
 #include "tool/voxelize.h"
 #include "tool/yaw_direction.h"
 
@@ -58,7 +59,9 @@ double fewestColumns(const ToolGeometry& tool, double voxel_size_m, const Approa
 }
 
 /// @param columns  number for all directions, or an estimate
-[[noreturn]] void refuseColumns(const ToolGeometry& tool, double voxel_size_m, double columns) {
+[[noreturn]] void refuseColumns(const ToolGeometry& tool, const FieldParams& resolved, int rolls, double columns) {
+  const double voxel_size_m = resolved.tsdf.voxel_size_m;
+  const ApproachParams& approach = resolved.approach;
   constexpr double kGiB = 1073741824.0;
   const auto text = [](double value, const char* format) {
     char number[32];
@@ -67,12 +70,16 @@ double fewestColumns(const ToolGeometry& tool, double voxel_size_m, const Approa
   };
   // Columns grow at least with the square of 1 / v. Rounded up to whole tenths of a millimetre.
   const double fits_m = std::ceil(voxel_size_m * std::sqrt(columns / kMaxColumns) * 1e4) * 1e-4;
+  const bool rings =
+      approach.orientations.kind == OrientationKind::Sphere || approach.orientations.kind == OrientationKind::Pitch;
   throw ResourceLimit("tool.columns", tool.name(),
                       "at a voxel size of " + text(voxel_size_m, "%.6g") +
                           " m the tool's tables for all directions take " +
                           text(columns * sizeof(kernels::VoxelColumn) / kGiB, "%.1f") + " GiB; at most " +
                           text(kMaxColumns * sizeof(kernels::VoxelColumn) / kGiB, "%.0f") + " GiB can be handled",
-                      "Use --voxel " + text(fits_m, "%.6g") + " or larger, fewer directions or a smaller tool");
+                      "Use --voxel " + text(fits_m, "%.6g") + " or larger, " +
+                          (rings ? "a larger STEP of --orientations, " : "fewer directions, ") +
+                          (rolls > 1 ? "fewer --rolls than " + std::to_string(rolls) + " " : "") + "or a smaller tool");
 }
 
 std::uint16_t limited(double limit) { return std::uint16_t(std::clamp(limit, 1.0, 65534.0)); }
@@ -158,13 +165,14 @@ kernels::ToolKernelView ToolKernel::view() const {
           sample_begin.data(),
           use_samples,
           collision_limit,
-          {{min_ijk[0], min_ijk[1], min_ijk[2]}, {max_ijk[0], max_ijk[1], max_ijk[2]}}};
+          {{min_ijk[0], min_ijk[1], min_ijk[2]}, {max_ijk[0], max_ijk[1], max_ijk[2]}},
+          parts()};
 }
 
 ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolved) {
   ToolKernel kernel = sampled(tool, resolved, resolved.approach.directionCount());
   const bool by_rule = resolved.scoring.max_collisions == 0 && !kernel.use_samples;
-  if (by_rule && !resolved.approach.orientations.isYaw()) {
+  if (by_rule && !resolved.approach.orientations.isYaw()) {  // of yaw, voxel_count is without roll
     kernel.collision_limit = limitByRule(fewestYawVoxels(tool, resolved));
   }
   return kernel;
@@ -175,6 +183,7 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
   const int all_directions = resolved.approach.directionCount();
   const std::vector<ToolOrientation> orientations = sampledOrientations(resolved.approach, sampled);
   const auto num_directions = static_cast<int>(orientations.size());
+  const ToolRolls rolls = toolRolls(tool, resolved.approach);
   const auto D = std::size_t(num_directions);
   const double span_voxels =
       std::max(double(tool.reach_m()), (tool.max_T() - tool.min_T()).cast<double>().maxCoeff()) / v;
@@ -185,62 +194,87 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
                         "Use a larger --voxel, or check --tool-unit and --tool-tip");
   }
   if (const double fewest = fewestColumns(tool, v, resolved.approach); fewest > kMaxColumns) {
-    refuseColumns(tool, v, fewest);
+    refuseColumns(tool, resolved, rolls.count, fewest);
   }
 
   ToolKernel kernel;
   kernel.num_directions = num_directions;
+  kernel.rolls = rolls;
   kernel.voxel_count.resize(D);
-  std::vector<std::vector<kernels::VoxelColumn>> of_direction(D);
+  const auto P = std::size_t(kernel.parts());
+  std::vector<std::vector<kernels::VoxelColumn>> of_part(D * P);
   std::vector<Box> boxes(D);
   const auto makeDirection = [&](int d) {
-    std::vector<VoxelRun> runs = voxelize(rotated(tool.vertices_T(), orientations[static_cast<std::size_t>(d)], 1 / v),
-                                          tool.triangles(), tool.watertight());
-    const std::uint64_t all = countVoxels(runs), removed = removeBall(runs, exclusion);
-    for (const VoxelRun& run : runs) {
-      boxes[d].add(run.i, run.j, run.lo);
-      boxes[d].add(run.i, run.j, run.hi);
+    const auto voxelsOf = [&](int roll) {
+      const ToolOrientation held = rolledBy(orientations[static_cast<std::size_t>(d)], rolls, roll);
+      std::vector<VoxelRun> runs =
+          voxelize(rotated(tool.vertices_T(), held, 1 / v), tool.triangles(), tool.watertight());
+      const std::uint64_t all = countVoxels(runs), removed = removeBall(runs, exclusion);
+      for (const VoxelRun& run : runs) {
+        boxes[d].add(run.i, run.j, run.lo);
+        boxes[d].add(run.i, run.j, run.hi);
+      }
+      if (roll > 0) return runs;
+      kernel.voxel_count[d] =
+          std::uint32_t(std::min<std::uint64_t>(all - removed, std::numeric_limits<std::uint32_t>::max()));
+      if (d == 0 && all > 0) kernel.hidden_share = double(removed) / double(all);
+      return runs;
+    };
+    auto* const parts = of_part.data() + std::size_t(d) * P;
+    if (rolls.count == 1) {
+      parts[0] = packColumns(voxelsOf(0));
+      return;
     }
-    kernel.voxel_count[d] =
-        std::uint32_t(std::min<std::uint64_t>(all - removed, std::numeric_limits<std::uint32_t>::max()));
-    if (d == 0 && all > 0) kernel.hidden_share = double(removed) / double(all);
-    of_direction[d] = packColumns(runs);
+    std::vector<std::vector<VoxelRun>> of_roll(std::size_t(rolls.count));
+    for (int roll = 0; roll < rolls.count; ++roll) of_roll[std::size_t(roll)] = voxelsOf(roll);
+    std::vector<VoxelRun> core = of_roll[0];
+    for (const std::vector<VoxelRun>& runs : of_roll) core = sharedVoxels(core, runs);
+    parts[0] = packColumns(core);
+    for (std::size_t roll = 0; roll < of_roll.size(); ++roll) {
+      parts[roll + 1] = packColumns(voxelsWithout(of_roll[roll], core));
+    }
   };
   makeDirection(0);  // first, so that what does not fit is noticed before memory fills up
-  if (const double all = double(of_direction[0].size()) * all_directions; all > kMaxColumns) {
-    refuseColumns(tool, v, all);
+  std::size_t of_first = 0;
+  for (std::size_t part = 0; part < P; ++part) of_first += of_part[part].size();
+  if (const double all = double(of_first) * all_directions; all > kMaxColumns) {
+    refuseColumns(tool, resolved, rolls.count, all);
   }
   tbb::parallel_for(1, num_directions, makeDirection);
 
   std::size_t num_columns = 0;
   kernel.column_begin.push_back(0);
-  for (const auto& columns : of_direction) {
+  for (const auto& columns : of_part) {
     num_columns += columns.size();
-    if (double(num_columns) > kMaxColumns) refuseColumns(tool, v, double(num_columns));
+    if (double(num_columns) > kMaxColumns) refuseColumns(tool, resolved, rolls.count, double(num_columns));
     kernel.column_begin.push_back(std::uint32_t(num_columns));
   }
   kernel.columns.reserve(num_columns);
-  for (auto& columns : of_direction) {
+  for (auto& columns : of_part) {
     kernel.columns.insert(kernel.columns.end(), columns.begin(), columns.end());
     std::vector<kernels::VoxelColumn>().swap(columns);
   }
   Box box;
   for (std::size_t d = 0; d < D; ++d) {
-    if (kernel.voxel_count[d] == 0) continue;
+    if (boxes[d].low[0] > boxes[d].high[0]) continue;
     box.add(boxes[d].low[0], boxes[d].low[1], boxes[d].low[2]);
     box.add(boxes[d].high[0], boxes[d].high[1], boxes[d].high[2]);
   }
 
-  kernel.sample_begin.assign(D + 1, 0);
+  kernel.sample_begin.assign(D * P + 1, 0);
   kernel.use_samples = resolved.scoring.form == ToolForm::SurfaceSamples;
   if (kernel.use_samples) {
     std::vector<Eigen::Vector3d> samples =
         sampleSurface(tool.vertices_T(), tool.triangles(), resolved.scoring.surface_samples);
     std::erase_if(samples, [&](const Eigen::Vector3d& p) { return p.norm() <= exclusion * v; });
-    kernel.samples.reserve(3 * samples.size() * D);
-    for (int d = 0; d < num_directions; ++d) {
+    kernel.samples.reserve(3 * samples.size() * D * std::size_t(rolls.count));
+    for (std::size_t n = 0; n < D * std::size_t(rolls.count); ++n) {
+      const std::size_t d = n / std::size_t(rolls.count), roll = n % std::size_t(rolls.count);
+      const std::size_t part = P == 1 ? d : d * P + 1 + roll;
+      if (roll == 0) kernel.sample_begin[part] = std::uint32_t(kernel.samples.size() / 3);  // the core has none
+      const ToolOrientation held = rolledBy(orientations[d], rolls, int(roll));
       for (const Eigen::Vector3d& p : samples) {
-        const Eigen::Vector3d q = turned(orientations[static_cast<std::size_t>(d)].R_WT, p.x(), p.y(), p.z());
+        const Eigen::Vector3d q = turned(held.R_WT, p.x(), p.y(), p.z());
         int low[3], high[3];
         for (int a = 0; a < 3; ++a) {
           kernel.samples.push_back(float(q[a]));
@@ -251,7 +285,7 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
         box.add(low[0], low[1], low[2]);
         box.add(high[0], high[1], high[2]);
       }
-      kernel.sample_begin[std::size_t(d) + 1] = std::uint32_t(kernel.samples.size() / 3);
+      kernel.sample_begin[part + 1] = std::uint32_t(kernel.samples.size() / 3);
     }
   }
   if (box.low[0] <= box.high[0]) kernel.min_ijk = box.low, kernel.max_ijk = box.high;

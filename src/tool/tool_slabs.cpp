@@ -210,7 +210,7 @@ ToolSlabs joined(std::vector<Part>& parts) {
 }  // namespace
 
 ToolSlabs ToolSlabs::make(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes) {
-  if (tool.use_samples) return {};
+  if (tool.use_samples || tool.parts > 1) return {};
   std::vector<Part> parts(static_cast<std::size_t>(num_directions) * kSide);
   std::atomic<std::uint64_t> bytes{0};
   std::atomic<bool> fits{true};

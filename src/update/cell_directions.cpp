@@ -48,7 +48,7 @@ kernels::DirectionArc arcOf(const DirectionMask& mask, int num_directions) {
 
 CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_directions, int group_log2,
                                std::uint64_t most_bytes, bool as_sets) {
-  const std::uint32_t columns = tool.use_samples ? 0 : tool.column_begin[num_directions];
+  const std::uint32_t columns = tool.use_samples ? 0 : tool.column_begin[num_directions * tool.parts];
   if (columns == 0) return;
   Index3 last;
   low_.fill(std::numeric_limits<std::int32_t>::max());
@@ -70,7 +70,9 @@ CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_dire
   if (entries * sizeof(DirectionMask) > most_bytes) return;
   std::vector<DirectionMask> masks(entries);
   for (int d = 0; d < num_directions; ++d) {
-    for (std::uint32_t n = tool.column_begin[d]; n < tool.column_begin[d + 1]; ++n) {
+    // All parts of a direction: what is freed in the union of its rolls takes at most one from their minimum.
+    const int first = d * tool.parts;
+    for (std::uint32_t n = tool.column_begin[first]; n < tool.column_begin[first + tool.parts]; ++n) {
       const Ends ends = endsOf(tool.columns[n]);
       for (std::int32_t x = firstCell(ends.bottom[0]); x <= lastCell(ends.top[0]); ++x) {
         for (std::int32_t y = firstCell(ends.bottom[1]); y <= lastCell(ends.top[1]); ++y) {

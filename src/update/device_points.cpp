@@ -11,8 +11,8 @@ namespace {
 constexpr std::uint32_t kLeastGrowth = 1 << 16;
 }  // namespace
 
-DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words)
-    : memory_(backend), words_(direction_words) {}
+DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words, bool rolls)
+    : memory_(backend), words_(direction_words), rolls_(rolls) {}
 
 void DevicePoints::reserve(std::uint32_t size) {
   if (size <= capacity_) return;
@@ -31,6 +31,7 @@ void DevicePoints::reserve(std::uint32_t size) {
   grow(weight_, 1);
   grow(label_, 1);
   grow(reason_, 1);
+  if (rolls_) grow(roll_, 1);
   capacity_ = capacity;
 }
 
@@ -51,6 +52,7 @@ void DevicePoints::grow(std::uint32_t size) {
   weight_.upload(std::vector<std::uint16_t>(added, 0).data(), added, before);
   label_.upload(std::vector<PointLabel>(added, PointLabel::Unscored).data(), added, before);
   reason_.upload(std::vector<PointReason>(added, PointReason::Confidence).data(), added, before);
+  if (rolls_) roll_.upload(std::vector<std::uint8_t>(added, 0).data(), added, before);
 }
 
 kernels::PointStateView DevicePoints::view() const {
@@ -65,12 +67,13 @@ kernels::PointStateView DevicePoints::view() const {
   view.label = label_.data();
   view.reason = reason_.data();
   view.direction_words = words_;
+  if (rolls_) view.roll = roll_.data();
   return view;
 }
 
-std::uint64_t DevicePoints::bytesPerPoint(int direction_words) {
+std::uint64_t DevicePoints::bytesPerPoint(int direction_words, bool rolls) {
   return 6 * sizeof(float) + static_cast<std::uint64_t>(direction_words) * sizeof(std::uint64_t) +
-         3 * sizeof(std::uint16_t) + sizeof(float) + sizeof(PointLabel) + sizeof(PointReason);
+         3 * sizeof(std::uint16_t) + sizeof(float) + sizeof(PointLabel) + sizeof(PointReason) + (rolls ? 1 : 0);
 }
 
 }  // namespace accessvdb::internal

@@ -12,7 +12,8 @@ namespace accessvdb::internal {
 
 class DevicePoints {
  public:
-  DevicePoints(kernels::Backend& backend, int direction_words);
+  /// @param rolls  whether the tool may roll: the best roll of a point is part of its state
+  DevicePoints(kernels::Backend& backend, int direction_words, bool rolls = false);
   /// Grows to `size` points in chunks; new ones are unscored.
   void grow(std::uint32_t size);
   /// Like grow(), but new points are not initialised.
@@ -23,17 +24,19 @@ class DevicePoints {
   [[nodiscard]] std::uint32_t size() const { return size_; }
   [[nodiscard]] std::uint64_t bytes() const { return memory_.bytes(); }
   /// Bytes per point; at most 64 at D <= 192 (asserted in a test).
-  static std::uint64_t bytesPerPoint(int direction_words);
+  static std::uint64_t bytesPerPoint(int direction_words, bool rolls = false);
 
  private:
   kernels::CountedMemory memory_;
   int words_;
+  bool rolls_;
   std::uint32_t size_ = 0, capacity_ = 0;
   kernels::DeviceArray<float> position_L_, normal_L_, stability_;
   kernels::DeviceArray<std::uint64_t> seen_;
   kernels::DeviceArray<std::uint16_t> score_, direction_, weight_;
   kernels::DeviceArray<PointLabel> label_;
   kernels::DeviceArray<PointReason> reason_;
+  kernels::DeviceArray<std::uint8_t> roll_;  ///< only if the tool may roll
 };
 
 }  // namespace accessvdb::internal

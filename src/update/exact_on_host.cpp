@@ -148,7 +148,7 @@ class ExactOnHost final : public UpdateScheduler {
   }
   [[nodiscard]] kernels::StoredScore storedScore(std::uint32_t id) const {
     const PointRecord& record = scorer_.record(id);
-    return {record.label, record.direction, record.score};
+    return {record.label, record.direction, record.score, record.roll};
   }
 
   /// Evaluates everything that is due, cell by cell, except what has to wait: that goes to the backlog.

@@ -99,13 +99,15 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
                              double voxel_size_m, int group_log2) {
   const auto forEachOfTool = [&](const auto& visit) {
     for (int d = 0; d < approach.num_directions; ++d) {
+      // All parts of a direction: the union of its rolls.
+      const int first = d * tool.parts, end = first + tool.parts;
       if (tool.use_samples) {
-        for (std::uint32_t n = tool.sample_begin[d]; n < tool.sample_begin[d + 1]; ++n) {
+        for (std::uint32_t n = tool.sample_begin[first]; n < tool.sample_begin[end]; ++n) {
           const auto [low, high] = offsetBox(tool.samples + 3 * static_cast<std::size_t>(n), voxel_size_m);
           visit(d, low, high);
         }
       } else {
-        for (std::uint32_t n = tool.column_begin[d]; n < tool.column_begin[d + 1]; ++n) {
+        for (std::uint32_t n = tool.column_begin[first]; n < tool.column_begin[end]; ++n) {
           const kernels::VoxelColumn& c = tool.columns[n];
           const std::int32_t top = c.dz + 63 - std::countl_zero(c.bits);
           visit(d, Index3{c.dx, c.dy, c.dz}, Index3{c.dx, c.dy, top});

@@ -21,7 +21,7 @@ PointScorer::PointScorer(const PointStore& points, const FieldParams& resolved, 
       backend_(backend),
       reads_(std::move(reads)),
       search_(points, resolved),
-      device_(backend, (points.numDirections() + 63) / 64) {}
+      device_(backend, (points.numDirections() + 63) / 64, resolved.approach.rolls > 1) {}
 
 void PointScorer::grow() {
   device_.grow(points_.size());
@@ -165,6 +165,7 @@ std::vector<kernels::ScoreResult> PointScorer::score(std::span<const kernels::Sc
     record.label = results[n].label;
     record.score = results[n].stored_score;
     record.direction = results[n].stored_direction;
+    record.roll = results[n].stored_roll;
   }
   return results;
 }
@@ -178,6 +179,7 @@ void PointScorer::store(std::uint32_t id, const kernels::DueOutcome& outcome) {
   record.label = outcome.label;
   record.score = outcome.score;
   record.direction = outcome.direction;
+  record.roll = outcome.roll;
 }
 
 }  // namespace accessvdb::internal

@@ -53,6 +53,7 @@ struct PointRecord {
   std::uint16_t weight = 0;
   std::uint16_t score = kNoScore, direction = kNoDirection;
   PointLabel label = PointLabel::Unscored;
+  std::uint8_t roll = 0;
   bool has_neighbourhood = false;
 };
 

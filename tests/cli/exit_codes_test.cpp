@@ -87,6 +87,10 @@ TEST_F(ExitCodes, Orientations) {
   expectFailure({"--orientations", "pitch:-30:30:10"}, 5, "orientations.count");
   expectFailure({"--orientations", "sphere:15", "--profile", "paper"}, 2, "orientations.policy");
   expectFailure({"--orientations", "sphere:15", "--policy", "paper"}, 2, "orientations.policy");
+  expectFailure({"--rolls", "65"}, 2, "config.range");
+  expectFailure({"--rolls", "-1"}, 2, "config.range");
+  expectFailure({"--rolls", "2", "--profile", "paper"}, 2, "orientations.policy");
+  expectFailure({"--rolls", "2", "--policy", "paper"}, 2, "orientations.policy");
   expectFailure({"--orientations", "list:" + path("none.txt")}, 3, "input.missing");
   const std::pair<const char*, const char*> kLists[] = {
       {"empty.txt", ""}, {"numbers.txt", "yaw pitch roll\n1 2\n"}, {"norm.txt", "qw qx qy qz\n1 1 0 0\n"}};

@@ -86,6 +86,36 @@ TEST_F(MapOutputs, OfOrientationsSayHowTheToolIsHeld) {
   EXPECT_NE(config.out.find("orientations = 'sphere:15'"), std::string::npos) << config.out;
 }
 
+TEST_F(MapOutputs, OfRollsNameThem) {
+  const std::vector<std::string> rolling = {"--orientations", "sphere:30", "--rolls", "3"};
+  std::vector<std::string> saved = rolling;
+  saved.insert(saved.end(), {"--checkpoint", path("state")});
+  ASSERT_EQ(runProgram(mapArguments(saved)).exit_code, 0);
+  EXPECT_EQ(report().at("parameters").at("rolls"), "3");
+  const std::string ply = readText("out/points.ply");
+  EXPECT_NE(ply.find("\ncomment orientations sphere:30\ncomment rolls 3\n"), std::string::npos);
+  EXPECT_NE(ply.find("\nproperty ushort orientation\nproperty uchar roll\nend_header\n"), std::string::npos);
+  const ProgramResult info = runProgram({"info", path("out/field.vdb")});
+  EXPECT_NE(info.out.find("best_roll"), std::string::npos) << info.out;
+  // The same again, from the state; with another number of rolls it is another field.
+  const std::string points = readText("out/points.ply");
+  std::vector<std::string> resumed = rolling;
+  resumed.insert(resumed.end(), {"--resume", path("state")});
+  const ProgramResult again = runProgram(mapArguments(resumed));
+  ASSERT_EQ(again.exit_code, 0) << again.err;
+  EXPECT_EQ(readText("out/points.ply"), points);
+  resumed[3] = "4";
+  const ProgramResult other = runProgram(mapArguments(resumed));
+  EXPECT_EQ(other.exit_code, 4) << other.err;
+  EXPECT_NE(other.err.find("rolls was 3"), std::string::npos) << other.err;
+  // By rule the pencil, which is turned, has none.
+  ASSERT_EQ(runProgram(mapArguments({"--orientations", "sphere:30"})).exit_code, 0);
+  EXPECT_FALSE(report().at("parameters").contains("rolls"));
+  EXPECT_EQ(runProgram({"info", path("out/field.vdb")}).out.find("best_roll"), std::string::npos);
+  const ProgramResult config = runProgram(mapArguments({"--print-config", "--rolls", "4"}));
+  EXPECT_NE(config.out.find("rolls = 4"), std::string::npos) << config.out;
+}
+
 TEST_F(MapOutputs, AccessMapSaysWhatStopsEachDirection) {
   ASSERT_EQ(runProgram(mapArguments({"--orientations", "sphere:30", "--checkpoint", path("state")})).exit_code, 0);
   const auto query = [&](const std::string& map, const std::vector<std::string>& more) {

@@ -87,6 +87,7 @@ void expectSame(const accessvdb_point& c, const SurfacePoint& p) {
   ASSERT_EQ(c.confidence, p.confidence) << "point " << p.id;
   ASSERT_EQ(c.stability, p.stability) << "point " << p.id;
   ASSERT_EQ(c.direction, p.direction) << "point " << p.id;
+  ASSERT_EQ(c.roll, p.roll) << "point " << p.id;
   ASSERT_EQ(c.score, p.score) << "point " << p.id;
   ASSERT_EQ(c.label, static_cast<std::uint8_t>(p.label)) << "point " << p.id;
   ASSERT_EQ(c.reason, static_cast<std::uint8_t>(p.reason)) << "point " << p.id;
@@ -107,6 +108,7 @@ TEST(CApiParity, OrientationsAreThoseOfTheText) {
   params.voxel_size_m = 0.1;
   std::string text = "sphere:15";
   params.orientations = text.c_str();
+  EXPECT_EQ(params.rolls, 0);  // the rule
   FieldParams cpp_params = {.tsdf = {.voxel_size_m = 0.1}};
   cpp_params.approach.orientations = OrientationSet::sphere(15);
   AccessibilityField cpp(ToolGeometry::builtin("builtin:pruner"), cpp_params);
@@ -122,6 +124,10 @@ TEST(CApiParity, OrientationsAreThoseOfTheText) {
   cpp.update();
   ASSERT_EQ(accessvdb_field_update(c.handle, nullptr), ACCESSVDB_OK);
   expectSame(c.points(), cpp.snapshot());
+  EXPECT_EQ(cpp.params().approach.rolls, 6);
+  std::size_t rolled = 0;
+  for (const accessvdb_point& point : c.points()) rolled += point.roll > 0 ? 1 : 0;
+  EXPECT_GT(rolled, 10u);
   accessvdb_tool* tool = nullptr;
   accessvdb_field* field = nullptr;
   accessvdb_error error = {};

@@ -124,13 +124,39 @@ TEST_F(CudaScoring, OrientationsEqualTheCpuOnRandomMaps) {
   EXPECT_GT(tally.skipped, 500u);
 }
 
+/// A tool that rolls: the same numbers, and the same first roll.
+TEST_F(CudaScoring, RollsEqualTheCpu) {
+  for (const bool samples : {false, true}) {
+    for (const int rolls : {2, 6, 12}) {
+      SCOPED_TRACE(std::to_string(rolls) + " rolls");
+      Random random(static_cast<std::uint64_t>(60 + rolls));
+      FieldParams params;
+      params.tsdf.voxel_size_m = 0.05;
+      params.scoring.max_collisions = 12;
+      params.approach.orientations = OrientationSet::sphere(20);
+      params.approach.rolls = rolls;
+      params.scoring.form = samples ? ToolForm::SurfaceSamples : ToolForm::Voxels;
+      params.scoring.surface_samples = 100;
+      Tally tally;
+      const ScoringCase what = randomCase(random, ToolGeometry::builtin("builtin:pruner"), params, 600);
+      compare(what, everyWay(), tally);
+      EXPECT_GT(tally.cut_short, 50u);
+      ScoringRig cpu(kernels::makeCpuBackend(), what);
+      std::size_t rolled = 0;
+      for (const kernels::ScoreResult& result : cpu.score(what.items, false)) rolled += result.roll > 0 ? 1 : 0;
+      EXPECT_GT(rolled, 20u);
+    }
+  }
+}
+
 /// Small enough for the sanitizers, yet uses every kernel.
 TEST_F(CudaScoring, ShortRunOfEveryPath) {
-  for (const bool samples : {false, true}) {
+  for (const auto& [samples, rolls] : {std::pair{false, 1}, {true, 1}, {false, 3}, {true, 3}}) {
     Random random(31);
     FieldParams params;
     params.tsdf.voxel_size_m = 0.05;
     params.approach.num_directions = 36;
+    params.approach.rolls = rolls;
     params.scoring.form = samples ? ToolForm::SurfaceSamples : ToolForm::Voxels;
     params.scoring.surface_samples = 100;
     Tally tally;

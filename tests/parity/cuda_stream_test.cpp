@@ -37,12 +37,13 @@ struct StreamCase {
   double max_range_m = 8;
   double length_m = 4;
   const char* orientations = "yaw";
+  int rolls = 0;
 };
 void PrintTo(const StreamCase& c, std::ostream* out) {
   *out << c.tool << " at " << c.voxel_size_m << " m, " << (c.policy == UpdatePolicy::Exact ? "exact" : "paper") << ", "
        << (c.form == ToolForm::Voxels ? "voxels" : "samples") << (c.budget_points > 0 ? ", with a budget" : "")
        << (c.scans_an_update > 1 ? ", several scans an update" : "") << (c.neighbours > 0 ? ", many neighbours" : "")
-       << ", " << c.orientations;
+       << ", " << c.orientations << ", rolls " << c.rolls;
 }
 
 WalkGenerator walkOf(const StreamCase& c) {
@@ -65,6 +66,7 @@ FieldParams paramsOf(const StreamCase& c) {
   params.scoring.neighbours = c.neighbours;
   params.approach.num_directions = c.directions;
   params.approach.orientations = OrientationSet::parse(c.orientations);
+  params.approach.rolls = c.rolls;
   return params;
 }
 
@@ -250,6 +252,17 @@ INSTANTIATE_TEST_SUITE_P(
                    .form = ToolForm::SurfaceSamples,
                    .max_collisions = 3,
                    .orientations = "sphere:15"},
+        // One roll on slabs; by rule the pruner has six, on columns.
+        StreamCase{
+            .seed = 27, .tool = "builtin:pruner", .voxel_size_m = 0.05, .orientations = "sphere:12.5", .rolls = 1},
+        StreamCase{.seed = 28,
+                   .tool = "builtin:pruner",
+                   .voxel_size_m = 0.04,
+                   .max_collisions = 12,
+                   .scans_an_update = 2,
+                   .orientations = "sphere:20",
+                   .rolls = 12},
+        StreamCase{.seed = 29, .tool = "builtin:pruner", .voxel_size_m = 0.05, .directions = 36, .rolls = 4},
         // Groups of 2^3 blocks, in which a set of directions belongs to each leaf and cell.
         StreamCase{.seed = 25,
                    .tool = "builtin:pruner",

@@ -64,6 +64,7 @@ FieldParams randomParams(Random& random) {
 }
 
 void chooseOrientations(Random& random, ApproachParams& approach) {
+  if (random.below(3) == 0) approach.rolls = 1 + random.below(9);  // else by rule, which lets tools roll over spheres
   constexpr std::array<double, 4> kSteps = {12.5, 15, 30, 45};
   approach.num_directions = 36;
   switch (random.below(4)) {

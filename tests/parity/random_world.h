@@ -32,7 +32,7 @@ class Random {
 [[nodiscard]] std::vector<RayScan> randomScans(Random& random, double v);
 
 [[nodiscard]] FieldParams randomParams(Random& random);
-/// A set of orientations that is not yaw, and yaw directions to go with it.
+/// A set of orientations that is not yaw, yaw directions to go with it, and often rolls.
 void chooseOrientations(Random& random, ApproachParams& approach);
 
 [[nodiscard]] ToolGeometry randomTool(Random& random, double v);

@@ -20,12 +20,13 @@ namespace {
 
 struct Tally {
   std::array<std::uint64_t, kNumPointReasons> reasons = {};
-  std::uint64_t scores_above_zero = 0, normals = 0;
+  std::uint64_t scores_above_zero = 0, normals = 0, rolled = 0;
 };
 
+/// @param rolls  per direction: the oracle's directions are d rolls + roll
 /// @param everything  also reason, score and direction of blocked points, which only a single evaluation guarantees
-void expectEqual(const FieldSnapshot& snapshot, const std::vector<BruteForceResult>& expected, bool everything,
-                 const std::string& where) {
+void expectEqual(const FieldSnapshot& snapshot, const std::vector<BruteForceResult>& expected, int rolls,
+                 bool everything, const std::string& where) {
   ASSERT_EQ(snapshot.points.size(), expected.size()) << where;
   for (std::size_t id = 0; id < expected.size(); ++id) {
     const SurfacePoint& is = snapshot.points[id];
@@ -36,7 +37,8 @@ void expectEqual(const FieldSnapshot& snapshot, const std::vector<BruteForceResu
     if (!everything && is.label != PointLabel::Accessible) continue;
     ASSERT_EQ(name(is.reason), name(should.reason)) << where << " point " << id;
     ASSERT_EQ(is.score, should.score) << where << " point " << id << " " << name(is.reason);
-    ASSERT_EQ(is.direction, should.direction) << where << " point " << id << " " << name(is.reason);
+    const int direction = is.direction == kNoDirection ? kNoDirection : is.direction * rolls + is.roll;
+    ASSERT_EQ(direction, should.direction) << where << " point " << id << " " << name(is.reason);
   }
 }
 
@@ -88,7 +90,8 @@ void scoreWithSamples(const AccessibilityField& field, const BruteForceInput& in
     for (BruteForceDirection& d : directions) {
       if (!d.in_cone) continue;
       if (d.collisions == 0) {  // it reached the tool
-        const auto index = static_cast<std::size_t>(d.index);
+        const auto rolls = static_cast<std::size_t>(kernel.rolls.count), n_th = static_cast<std::size_t>(d.index);
+        const std::size_t index = rolls == 1 ? n_th : n_th / rolls * (rolls + 1) + 1 + n_th % rolls;
         for (std::size_t n = kernel.sample_begin[index]; n < kernel.sample_begin[index + 1]; ++n) {
           VoxelCoord voxel;
           for (std::size_t a = 0; a < 3; ++a) {
@@ -120,18 +123,26 @@ void expectAccessMapsEqual(const AccessibilityField& field, const FieldSnapshot&
     ASSERT_TRUE(map);
     ASSERT_EQ(map->point.id, id);
     ASSERT_EQ(map->collision_limit, input.collision_limit);
-    ASSERT_EQ(map->directions.size(), static_cast<std::size_t>(input.num_directions));
+    const int rolls = field.params().approach.rolls;
+    ASSERT_EQ(map->directions.size(), static_cast<std::size_t>(input.num_directions / rolls));
     if (expected[id].label == PointLabel::Unscored) continue;  // its normal is not published
     const auto directions =
         bruteForceDirections(input, input.points[id], expected[id].normal, expected[id].effective_seen);
+    std::vector<int> least(map->directions.size(), -1);  // of all rolls, the first that has it
     for (const BruteForceDirection& d : directions) {
-      const DirectionOutcome& outcome = map->directions[static_cast<std::size_t>(d.index)];
+      int& best = least[static_cast<std::size_t>(d.index / rolls)];
+      if (best < 0 || d.collisions < directions[static_cast<std::size_t>(best)].collisions) best = d.index;
+    }
+    for (const int best : least) {
+      const BruteForceDirection& d = directions[static_cast<std::size_t>(best)];
+      const DirectionOutcome& outcome = map->directions[static_cast<std::size_t>(best / rolls)];
       PointReason reason = d.collisions < input.collision_limit ? PointReason::None : PointReason::Tool;
       if (d.arm_blocked) reason = d.arm_unknown ? PointReason::Unknown : PointReason::Arm;
       if (!d.seen) reason = PointReason::Unseen;
       if (!d.in_cone) reason = PointReason::Normal;
       ASSERT_EQ(name(outcome.reason), name(reason)) << "point " << id << ", direction " << d.index;
       ASSERT_EQ(outcome.score, d.collisions < 0 ? kNoScore : d.collisions) << "point " << id;
+      ASSERT_EQ(outcome.roll, d.collisions < 0 ? 0 : best % rolls) << "point " << id;
     }
     const SurfacePoint after = *field.pointAt(snapshot.points[id].position_W);
     ASSERT_EQ(after.label, snapshot.points[id].label);
@@ -174,13 +185,15 @@ void checkSeed(std::uint64_t seed, bool samples, Tally& tally, bool oriented = f
   if (samples) scoreWithSamples(once, input, expected);
 
   const std::string where = "seed " + std::to_string(seed);
-  expectEqual(at_once, expected, true, where + ", one update");
-  expectEqual(field.evaluateFromScratch(), expected, true, where + ", from scratch");
-  expectEqual(field.snapshot(), expected, false, where + ", an update a scan");
+  const int rolls = field.params().approach.rolls;
+  expectEqual(at_once, expected, rolls, true, where + ", one update");
+  expectEqual(field.evaluateFromScratch(), expected, rolls, true, where + ", from scratch");
+  expectEqual(field.snapshot(), expected, rolls, false, where + ", an update a scan");
   if (!samples) expectAccessMapsEqual(once, at_once, input, expected);
   expectNormalsEqual(at_once, expected, tally);
   for (const BruteForceResult& result : expected) {
     ++tally.reasons[static_cast<std::size_t>(result.reason)];
+    if (result.direction != kNoDirection) tally.rolled += result.direction % rolls > 0 ? 1 : 0;
     tally.scores_above_zero += result.label == PointLabel::Accessible && result.score > 0 ? 1 : 0;
   }
 }
@@ -215,6 +228,7 @@ TEST(ScoringParity, OrientationsEqualBruteForceOnRandomMaps) {
     EXPECT_GT(tally.reasons[static_cast<std::size_t>(reason)], 40u) << name(reason);
   }
   EXPECT_GT(tally.scores_above_zero, 100u);
+  EXPECT_GT(tally.rolled, 100u);
 }
 
 }  // namespace

@@ -137,7 +137,10 @@ BruteForceInput oracleInput(const AccessibilityField& field, const std::vector<G
   BruteForceInput input;
   input.voxel_size_m = p.tsdf.voxel_size_m;
   input.collision_distance_m = static_cast<float>(p.scoring.collision_distance_m);
-  input.axes = referenceAxes(p.approach);
+  const auto rolls = static_cast<std::size_t>(p.approach.rolls);
+  for (const auto& axis : rolls > 1 ? axesOf(p.approach) : referenceAxes(p.approach)) {
+    input.axes.insert(input.axes.end(), rolls, axis);
+  }
   input.num_directions = input.axes.empty() ? p.approach.num_directions : static_cast<int>(input.axes.size());
   input.normal_cone_rad = p.approach.normal_cone_rad;
   input.arm_distances_m = armDistances(p);
@@ -150,11 +153,20 @@ BruteForceInput oracleInput(const AccessibilityField& field, const std::vector<G
   input.collision_limit = kernel.collision_limit;
   for (std::size_t d = 0; d < static_cast<std::size_t>(input.num_directions); ++d) {
     std::vector<VoxelCoord>& voxels = input.tool_voxels.emplace_back();
-    for (std::uint32_t n = kernel.column_begin[d]; n < kernel.column_begin[d + 1]; ++n) {
-      const kernels::VoxelColumn& column = kernel.columns[n];
-      for (int bit = 0; bit < 64; ++bit) {
-        if ((column.bits >> bit & 1) != 0) voxels.push_back({column.dx, column.dy, column.dz + bit});
+    const auto addPart = [&](std::size_t part) {
+      for (std::uint32_t n = kernel.column_begin[part]; n < kernel.column_begin[part + 1]; ++n) {
+        const kernels::VoxelColumn& column = kernel.columns[n];
+        for (int bit = 0; bit < 64; ++bit) {
+          if ((column.bits >> bit & 1) != 0) voxels.push_back({column.dx, column.dy, column.dz + bit});
+        }
       }
+    };
+    if (rolls == 1) {
+      addPart(d);
+    } else {
+      const std::size_t first = d / rolls * (rolls + 1);
+      addPart(first);  // the core
+      addPart(first + 1 + d % rolls);
     }
   }
   for (std::size_t id = 0; id < points.size(); ++id) {
@@ -164,7 +176,7 @@ BruteForceInput oracleInput(const AccessibilityField& field, const std::vector<G
     point.first_position_L = points[id].first_L;
     point.mean_position_L = points[id].mean_L;
     point.mean_sensor_L = points[id].sensor_L;
-    point.seen = points[id].seen;
+    for (const bool seen : points[id].seen) point.seen.insert(point.seen.end(), rolls, seen);
     if (!snapshot.points[id].normal_W.isZero()) point.given_normal = snapshot.points[id].normal_W;
   }
   return input;

@@ -34,7 +34,8 @@ struct GatheredPoint {
 [[nodiscard]] std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const FieldParams& resolved,
                                                       const Eigen::Vector3d& origin_W);
 
-/// Everything except the map. Normals are the snapshot's, if it has one.
+/// Everything except the map. Normals are the snapshot's, if it has one. Each roll of a direction is a direction of the
+/// oracle: d R + r, with R rolls.
 [[nodiscard]] BruteForceInput oracleInput(const AccessibilityField& field, const std::vector<GatheredPoint>& points,
                                           const FieldSnapshot& snapshot);
 

@@ -51,6 +51,7 @@ bool isAdmissible(const FieldParams& params, const kernels::PointInput& input, i
 
 ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldParams& params, int points) {
   ScoringCase out{params.resolved(), tool, {}, {}, {}};
+  out.params.approach.rolls = internal::toolRolls(tool, out.params.approach).count;
   const double v = out.params.tsdf.voxel_size_m;
   const int reach = std::min(static_cast<int>(std::ceil(tool.reach_m() / v / 8)), 12);
   const int centre[3] = {random.below(40) - 20, random.below(40) - 20, random.below(40) - 20};  // leaves; also negative
@@ -110,6 +111,7 @@ ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldPara
         isAdmissible(out.params, input, known, orientations[static_cast<std::size_t>(known)].R_WT.col(0)) &&
         item.candidates.test(known)) {
       item.known_direction = static_cast<std::uint16_t>(known);
+      item.known_roll = static_cast<std::uint8_t>(random.below(out.params.approach.rolls));
       item.known_score = static_cast<std::uint16_t>(random.below(3) == 0 ? 0 : random.below(40));
     }
     out.items.push_back(item);
@@ -125,7 +127,7 @@ ScoringRig::ScoringRig(std::unique_ptr<kernels::Backend> backend, const ScoringC
     : backend_(std::move(backend)),
       setup_(what.tool, what.params, *backend_),
       mirror_(backend_->makeArena(), what.params.tsdf.voxel_size_m),
-      points_(*backend_, (what.params.approach.directionCount() + 63) / 64) {
+      points_(*backend_, (what.params.approach.directionCount() + 63) / 64, setup_.tool().rolls.count > 1) {
   for (const auto& batch : what.changes) mirror_.apply(batch);
   points_.grow(static_cast<std::uint32_t>(what.inputs.size()));
   backend_->writePoints(points_.view(), what.inputs.data(), what.inputs.size());
@@ -165,6 +167,7 @@ StoredState ScoringRig::state() const {
   fetch(state.stability, view.stability);
   fetch(state.label, view.label);
   fetch(state.reason, view.reason);
+  if (view.roll != nullptr) fetch(state.roll, view.roll);
   return state;
 }
 
@@ -174,6 +177,7 @@ void expectSameResults(std::span<const kernels::ScoreResult> a, std::span<const 
     SCOPED_TRACE("item " + std::to_string(n));
     ASSERT_EQ(a[n].score, b[n].score);
     ASSERT_EQ(a[n].direction, b[n].direction);
+    ASSERT_EQ(a[n].roll, b[n].roll);
     ASSERT_EQ(a[n].reason, b[n].reason);
     ASSERT_EQ(a[n].scored, b[n].scored);
     ASSERT_EQ(a[n].skipped, b[n].skipped);
@@ -181,6 +185,7 @@ void expectSameResults(std::span<const kernels::ScoreResult> a, std::span<const 
     ASSERT_EQ(a[n].label, b[n].label);
     ASSERT_EQ(a[n].stored_score, b[n].stored_score);
     ASSERT_EQ(a[n].stored_direction, b[n].stored_direction);
+    ASSERT_EQ(a[n].stored_roll, b[n].stored_roll);
     for (int w = 0; w < kernels::kMaxDirectionWords; ++w) {
       ASSERT_EQ(a[n].arm_blocked.word[w], b[n].arm_blocked.word[w]) << w;
     }
@@ -201,8 +206,16 @@ void expectBlockedIsTrue(const ScoringRig& cpu, std::span<const kernels::ScoreIt
     for (int d = 0; d < request.approach.num_directions; ++d) {
       if (!results[n].tool_blocked.test(d)) continue;
       any = true;
-      const int count = tool.use_samples ? kernels::countSampleCollisions(map, tool, d, p, inverse, kNoStop)
-                                         : kernels::countVoxelCollisions(map, tool, d, ijk, kNoStop);
+      const auto countPart = [&](int part) {
+        return tool.use_samples ? kernels::countSampleCollisions(map, tool, part, p, inverse, kNoStop)
+                                : kernels::countVoxelCollisions(map, tool, part, ijk, kNoStop);
+      };
+      int count = countPart(d * tool.parts);
+      if (tool.parts > 1) {
+        int least = kNoStop;
+        for (int part = 1; part < tool.parts; ++part) least = std::min(least, countPart(d * tool.parts + part));
+        count += least;
+      }
       ASSERT_GE(count, static_cast<int>(results[n].least_blocked)) << "item " << n << ", direction " << d;
     }
     ASSERT_EQ(any, results[n].least_blocked != kNoScore) << n;
@@ -215,6 +228,7 @@ void expectBlockedIsTrue(const ScoringRig& cpu, std::span<const kernels::ScoreIt
 void expectSameState(const StoredState& a, const StoredState& b) {
   ASSERT_EQ(a.score, b.score);
   ASSERT_EQ(a.direction, b.direction);
+  ASSERT_EQ(a.roll, b.roll);
   ASSERT_EQ(a.label, b.label);
   ASSERT_EQ(a.reason, b.reason);
   ASSERT_EQ(a.stability.size(), b.stability.size());

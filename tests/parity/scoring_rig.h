@@ -31,6 +31,7 @@ struct ScoringCase {
 /// The stored state of all points.
 struct StoredState {
   std::vector<std::uint16_t> score, direction;
+  std::vector<std::uint8_t> roll;  ///< empty if the tool does not roll
   std::vector<float> stability;
   std::vector<PointLabel> label;
   std::vector<PointReason> reason;

@@ -167,6 +167,7 @@ void expectEqualToScratch(const AccessibilityField& field, const std::string& wh
     if (a.label != PointLabel::Accessible) continue;
     ASSERT_EQ(a.score, b.score) << when << ", point " << n;
     ASSERT_EQ(a.direction, b.direction) << when << ", point " << n;
+    ASSERT_EQ(a.roll, b.roll) << when << ", point " << n;
   }
 }
 
@@ -221,6 +222,7 @@ TEST(OrientationSets, StreamsEqualFromScratchAfterEveryUpdate) {
 /// Directions in the answers of every interface are those of the set.
 TEST(OrientationSets, AreWhatUsersSee) {
   FieldParams params = paramsWith(OrientationSet::sphere(15));
+  params.approach.rolls = 1;
   AccessibilityField field(armTool(), params);
   for (const Scan& scan : wallScans(5, 4, 1500)) field.integrateScan(scan.points_S, scan.T_W_S);
   field.update();

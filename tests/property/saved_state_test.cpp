@@ -187,11 +187,27 @@ TEST(SavedState, OfOrientationsGoesOnBitForBit) {
     stream.params.approach.orientations = orientations;
     expectVaried(expectGoesOn(stream, folder));
     const SavedState state = inspectState(folder / "a.avst");
-    EXPECT_EQ(state.params.describe(), stream.params.resolved().describe());
+    EXPECT_EQ(state.params.describe(), AccessibilityField(armTool(), stream.params).params().describe());
     ASSERT_EQ(state.params.approach.orientations.list.size(), orientations.list.size());
     for (std::size_t n = 0; n < orientations.list.size(); ++n) {
       EXPECT_EQ(state.params.approach.orientations.list[n].R_WT, orientations.list[n].R_WT);
     }
+  }
+}
+
+/// The number of rolls is part of the file where the tool rolls, whether it was chosen or follows from the rule.
+TEST(SavedState, OfAToolThatRollsGoesOnBitForBit) {
+  const ScratchFolder folder;
+  for (const auto& [orientations, rolls, stored] : {std::tuple{OrientationSet::sphere(30), 0, 12},
+                                                    {OrientationSet::sphere(30), 5, 5},
+                                                    {OrientationSet::yaw(), 3, 3},
+                                                    {OrientationSet::sphere(30), 1, 1}}) {
+    SCOPED_TRACE(orientations.text() + ", rolls " + std::to_string(rolls));
+    Stream stream = {cpuParams(), wallScans(7, 6, 1500), false, 3};
+    stream.params.approach.orientations = orientations;
+    stream.params.approach.rolls = rolls;
+    expectVaried(expectGoesOn(stream, folder));
+    EXPECT_EQ(inspectState(folder / "a.avst").params.approach.rolls, stored);
   }
 }
 

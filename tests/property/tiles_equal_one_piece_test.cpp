@@ -229,6 +229,21 @@ INSTANTIATE_TEST_SUITE_P(
         Case{.name = "sphere",
              .seed = 9,
              .change = [](FieldParams& p) { p.approach.orientations = OrientationSet::sphere(12.5); }},
+        Case{.name = "sphere_one_roll",
+             .seed = 9,
+             .change =
+                 [](FieldParams& p) {
+                   p.approach.orientations = OrientationSet::sphere(12.5);
+                   p.approach.rolls = 1;
+                 }},
+        Case{.name = "rolls",
+             .seed = 11,
+             .tool = "lopsided",
+             .change =
+                 [](FieldParams& p) {
+                   p.approach.orientations = OrientationSet::sphere(25);
+                   p.approach.rolls = 7;
+                 }},
         Case{.name = "pitch_samples",
              .seed = 10,
              .tool = "lopsided",

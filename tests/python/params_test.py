@@ -39,6 +39,7 @@ OTHER = {
         "coarse_to_fine": True,
         "viewpoints": True,
         "orientations": "sphere:15",
+        "rolls": 4,
     },
     "ScoringParams": {
         "collision_distance_m": 0.012,
@@ -150,9 +151,9 @@ class Params(unittest.TestCase):
             for field, value in OTHER[name].items():
                 described = lines(accessvdb.FieldParams(**{part: {field: value}}))
                 changed = {key for key in plain if plain[key] != described.get(key)}  # some have no line when off
-                if field == "orientations":  # only of those that are not yaw
+                if field in ("orientations", "rolls"):  # only of those that are not yaw, or roll
                     self.assertNotIn(field, plain)
-                    self.assertEqual(described[field], value)
+                    self.assertEqual(described[field], str(value))
                     continue
                 self.assertEqual(len(changed), 0 if field == "projective" else 1, field)
                 reached |= changed

@@ -22,6 +22,7 @@ COLUMNS = {
     "direction_W": (np.float32, 3),
     "yaw_rad": (np.float32, 1),
     "direction": (np.uint16, 1),
+    "roll": (np.uint8, 1),
     "score": (np.uint16, 1),
     "weight": (np.float32, 1),
     "confidence": (np.float32, 1),
@@ -92,6 +93,19 @@ class Snapshot(unittest.TestCase):
         np.testing.assert_allclose(axis[held], snapshot.direction_W[held], atol=1e-6)
         self.assertTrue((q[~held] == [1, 0, 0, 0]).all())
         self.assertGreater((abs(snapshot.direction_W[held][:, 2]) > 0.1).sum(), 50)
+
+    def test_rolls(self):
+        field = walls.field(approach={"orientations": "sphere:30", "rolls": 4})
+        snapshot = field.snapshot()
+        self.assertEqual(field.params.approach.rolls, 4)
+        self.assertGreater((snapshot.roll > 0).sum(), 0)
+        self.assertLess(snapshot.roll.max(), 4)
+        at = int(np.argmax(snapshot.roll > 0))
+        access = field.access_map(snapshot.position_W[at])
+        best = snapshot.direction[at]
+        self.assertEqual(access.roll.dtype, np.uint8)
+        self.assertEqual((access.roll[best], access.point.roll), (snapshot.roll[at], snapshot.roll[at]))
+        np.testing.assert_array_equal(access.orientation_WT[best], snapshot.orientation_WT[at])
 
     def test_access_map(self):
         field = walls.field(approach={"orientations": "sphere:30"})

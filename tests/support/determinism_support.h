@@ -56,10 +56,10 @@ inline bool same(float a, float b) { return std::bit_cast<std::uint32_t>(a) == s
 /// Compares what does not depend on the world's origin.
 inline bool sameVerdict(const SurfacePoint& a, const SurfacePoint& b) {
   return a.label == b.label && a.reason == b.reason && a.score == b.score && a.direction == b.direction &&
-         same(a.stability, b.stability) && same(a.weight, b.weight) && same(a.confidence, b.confidence) &&
-         same(a.normal_W.x(), b.normal_W.x()) && same(a.normal_W.y(), b.normal_W.y()) &&
-         same(a.normal_W.z(), b.normal_W.z()) && a.confident == b.confident && same(a.yaw_rad, b.yaw_rad) &&
-         a.direction_W == b.direction_W;
+         a.roll == b.roll && same(a.stability, b.stability) && same(a.weight, b.weight) &&
+         same(a.confidence, b.confidence) && same(a.normal_W.x(), b.normal_W.x()) &&
+         same(a.normal_W.y(), b.normal_W.y()) && same(a.normal_W.z(), b.normal_W.z()) && a.confident == b.confident &&
+         same(a.yaw_rad, b.yaw_rad) && a.direction_W == b.direction_W;
 }
 
 inline std::string text(const SurfacePoint& p) {

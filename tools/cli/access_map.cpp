@@ -51,7 +51,8 @@ Json jsonOfMap(const AccessMap& map) {
     directions.push_back({{"direction", threeOf(outcome.direction_W)},
                           {"orientation", {q.w(), q.x(), q.y(), q.z()}},
                           {"outcome", outcome.reason == PointReason::None ? "free" : name(outcome.reason)},
-                          {"score", outcome.score != kNoScore ? Json(outcome.score) : Json(nullptr)}});
+                          {"score", outcome.score != kNoScore ? Json(outcome.score) : Json(nullptr)},
+                          {"roll", outcome.score != kNoScore ? Json(outcome.roll) : Json(nullptr)}});
   }
   json["directions"] = directions;
   return json;

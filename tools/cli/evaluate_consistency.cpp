@@ -14,6 +14,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/tool_tables.h"
 #include "eval/consistency.h"
 #include "map_options.h"
 #include "memory_check.h"
@@ -216,7 +217,8 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   messages.notice(toolInWords(tool, options.tool));
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   sayAboutScans(scans, messages);
-  const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
+  FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
+  params.approach.rolls = rollsOf(tool, params.approach);
   // The three maps are made one at a time; the last, of all scans, needs the most.
   if (!checkMemory(options, tool, RunOutput::Labels, scans, {}, messages)) return stoppedBeforeResults(messages);
 

@@ -13,6 +13,7 @@
 #include "accessvdb/live_session.h"
 #include "accessvdb/render.h"
 #include "accessvdb/surface_points.h"
+#include "accessvdb/tool_tables.h"
 #include "dds/outgoing_messages.h"
 #include "dds/participant.h"
 #include "gpu_fallback.h"
@@ -261,11 +262,13 @@ void LiveRun::finish(const LiveSession& session) {
 
 int LiveRun::run() {
   checkLiveOptions(options_);
-  const FieldParams params = fieldParams(options_.map);
+  FieldParams params = fieldParams(options_.map);
   setParameters(params);
   claimOutputFolder();
   watchStopSignals();
   const ToolGeometry tool = loadTool(options_.map.tool);
+  params.approach.rolls = rollsOf(tool, params.approach);
+  setParameters(params);
   for (const std::string& path : {options_.map.tool.tool, options_.map.common.config}) {
     std::error_code status;
     if (fs::is_regular_file(path, status)) report_.inputs.push_back({path, io::sha256OfFile(path)});

@@ -14,6 +14,7 @@
 #include "accessvdb/field_export.h"
 #include "accessvdb/render.h"
 #include "accessvdb/surface_points.h"
+#include "accessvdb/tool_tables.h"
 #include "checkpoint.h"
 #include "gpu_fallback.h"
 #include "html_report.h"
@@ -344,7 +345,9 @@ int MapRun::run() {
   if (scans.deskews()) checkpoints_.readAs("deskewed", "true");
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
-  setParameters(params);
+  FieldParams of_field = params;  // a plan has them as they were given
+  of_field.approach.rolls = rollsOf(tool, params.approach);
+  setParameters(of_field);
   const PlanSources sources = {options_, settings_, tool, scans, params};
   const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
   if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
@@ -356,7 +359,7 @@ int MapRun::run() {
   if (memory) report_.predicted_bytes = memory->predicted_bytes;
   if (memory && memory->tile_voxels > 0) return inTiles(sources, memory->tile_voxels);
   AccessibilityField field =
-      checkpoints_.resumed() ? checkpoints_.load(tool, params) : AccessibilityField(tool, params);
+      checkpoints_.resumed() ? checkpoints_.load(tool, of_field) : AccessibilityField(tool, of_field);
   report_.device = field.deviceName();
   report_.device_note_id = field.deviceNoteId();
   report_.device_note = field.deviceNote();

@@ -80,6 +80,9 @@ void addOrientationOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--orientations", &options.orientations,
                "how the tool can be turned, in degrees: yaw (the default), pitch:MIN:MAX:STEP, sphere:STEP, "
                "sphere:STEP+yaw or list:FILE; at most 256 together");
+  flags.option("--rolls", &options.rolls,
+               "how many rolls about its body the tool may take in each orientation, 1 .. 64; default: 1, and for a "
+               "sphere 12 over a whole turn, fewer for a symmetric tool");
 }
 
 void sayOrientationNotes(const MapOptions& options, Messages& messages) {
@@ -249,6 +252,7 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   if (options.max_range_m) params.tsdf.max_range_m = *options.max_range_m;
   if (options.directions) params.approach.num_directions = *options.directions;
   if (!options.orientations.empty()) params.approach.orientations = OrientationSet::parse(options.orientations);
+  if (options.rolls) params.approach.rolls = *options.rolls;
   if (options.corridor_m) params.approach.corridor_length_m = *options.corridor_m;
   if (options.knn) params.scoring.neighbours = *options.knn;
   if (const auto change = givenChange(options)) {

@@ -90,6 +90,7 @@ Json jsonAnswer(const tiles::StoredAnswer& stored) {
       const Eigen::Quaternionf& q = point.orientation_WT;
       json["point"]["pitch_deg"] = pitchDegrees(point);
       json["point"]["orientation"] = {q.w(), q.x(), q.y(), q.z()};
+      json["point"]["roll"] = point.roll;
     }
     if (stored.tile) json["point"]["tile"] = stored.tile->name();
   }
@@ -116,8 +117,9 @@ std::string wordsOf(const tiles::StoredAnswer& stored) {
   text += line;
   if (isUpright(point)) return text;
   const Eigen::Quaternionf& q = point.orientation_WT;
-  std::snprintf(line, sizeof line, "  tool tilted: pitch %.1f degrees, orientation %.4f %.4f %.4f %.4f (w x y z)\n",
-                pitchDegrees(point), q.w(), q.x(), q.y(), q.z());
+  const std::string roll = point.roll > 0 ? ", roll " + std::to_string(point.roll) : "";
+  std::snprintf(line, sizeof line, "  tool tilted: pitch %.1f degrees%s, orientation %.4f %.4f %.4f %.4f (w x y z)\n",
+                pitchDegrees(point), roll.c_str(), q.w(), q.x(), q.y(), q.z());
   return text + line;
 }
 

@@ -41,6 +41,7 @@ __global__ void updatePoints(ScoreChunk chunk) {
   chunk.results[n].label = result.label;
   chunk.results[n].stored_score = result.stored_score;
   chunk.results[n].stored_direction = result.stored_direction;
+  chunk.results[n].stored_roll = result.stored_roll;
 }
 
 __global__ void writeInputs(PointStateView points, const PointInput* inputs, std::uint32_t count) {
@@ -82,7 +83,19 @@ __device__ Window makeWindow(const ScoreChunk& chunk, const WarpPoint& point, co
   }
 }
 
-template <class Window, bool kSamples>
+/// Counts parts of the tool at a warp's point.
+template <bool kSamples, class Window>
+__device__ auto partCounter(const ScoreChunk& chunk, const Window& window, const OccupancyReader& map,
+                            const WarpPoint& point, int lane) {
+  if constexpr (kSamples) {
+    return SampleCounter<Window>{window, map, chunk.tool, point.position_L, chunk.map.inverse_voxel_size, lane};
+  } else {
+    return ColumnCounter<Window>{window, chunk.tool, point.ijk, lane};
+  }
+}
+
+/// @tparam kRolls  whether the tool rolls
+template <class Window, bool kSamples, bool kRolls>
 __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(ScoreChunk chunk, WindowPlan plan) {
   __shared__ WarpMasks all_masks[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
@@ -102,11 +115,12 @@ __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(Score
         {window, map, inverse}, chunk.approach, searched, counter, chunk.tool.collision_limit, masks, lane};
     return searchByWarp(context, chunk.items[point.item]);
   };
+  const auto of_part = partCounter<kSamples>(chunk, window, map, point, lane);
   ScoreResult result;
-  if constexpr (kSamples) {
-    result = search(SampleCounter<Window>{window, map, chunk.tool, point.position_L, inverse, lane});
+  if constexpr (kRolls) {
+    result = search(RollCounter<std::decay_t<decltype(of_part)>, true>{of_part, chunk.tool.parts});
   } else {
-    result = search(ColumnCounter<Window>{window, chunk.tool, point.ijk, lane});
+    result = search(of_part);
   }
   ScoreResult& out = chunk.results[point.item];
   if (lane == 0) {
@@ -114,12 +128,14 @@ __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(Score
     out.direction = result.direction;
     out.reason = result.reason;
     out.scored = result.scored;
+    out.roll = result.roll;
     out.skipped = result.skipped;
     out.tests = result.tests;
     out.least_blocked = result.least_blocked;
     out.label = result.label;
     out.stored_score = result.stored_score;
     out.stored_direction = result.stored_direction;
+    out.stored_roll = result.stored_roll;
   }
   if (lane < kMaskWords32) {
     reinterpret_cast<std::uint32_t*>(out.arm_blocked.word)[lane] = result.scored != 0 ? masks.arm_blocked[lane] : 0;
@@ -139,7 +155,10 @@ __global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
   for (int d = 0; d < chunk.approach.num_directions; ++d) {
     __syncthreads();  // keeps the warps of a block together, so that one loads the tool into the cache for all
     int hits = 0;
-    if constexpr (kSamples) {
+    if (chunk.tool.parts > 1) {
+      hits =
+          countAxisByWarp(partCounter<kSamples>(chunk, window, map, point, lane), chunk.tool.parts, d, kNoStop).count;
+    } else if constexpr (kSamples) {
       hits =
           countSamplesByWarp(window, map, chunk.tool, d, point.position_L, chunk.map.inverse_voxel_size, kNoStop, lane);
     } else {
@@ -188,8 +207,10 @@ void allowShared(const void* kernel, int shared_bytes_per_block) {
 }
 template <class Window>
 void allowShared(int shared_bytes_per_block) {
-  for (const void* kernel : {reinterpret_cast<const void*>(&warpSearch<Window, false>),
-                             reinterpret_cast<const void*>(&warpSearch<Window, true>),
+  for (const void* kernel : {reinterpret_cast<const void*>(&warpSearch<Window, false, false>),
+                             reinterpret_cast<const void*>(&warpSearch<Window, true, false>),
+                             reinterpret_cast<const void*>(&warpSearch<Window, false, true>),
+                             reinterpret_cast<const void*>(&warpSearch<Window, true, true>),
                              reinterpret_cast<const void*>(&countAll<Window, false>),
                              reinterpret_cast<const void*>(&countAll<Window, true>)}) {
     allowShared(kernel, shared_bytes_per_block);
@@ -239,13 +260,15 @@ void launchPlainSearch(const ScoreChunk& chunk, cudaStream_t stream) {
 
 void launchWarpSearch(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream) {
   if (chunk.count == 0) return;
-  if (chunk.tool.use_samples) {
-    launchWarps(chunk, plan, stream, warpSearch<MapWindow<LeafWindow>, true>, warpSearch<MapWindow<LowerWindow>, true>,
-                warpSearch<TreeWindow, true>);
-  } else {
-    launchWarps(chunk, plan, stream, warpSearch<MapWindow<LeafWindow>, false>,
-                warpSearch<MapWindow<LowerWindow>, false>, warpSearch<TreeWindow, false>);
-  }
+  const auto launch = [&](auto samples, auto rolls) {
+    constexpr bool kSamples = decltype(samples)::value, kRolls = decltype(rolls)::value;
+    launchWarps(chunk, plan, stream, warpSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
+                warpSearch<MapWindow<LowerWindow>, kSamples, kRolls>, warpSearch<TreeWindow, kSamples, kRolls>);
+  };
+  const auto launchForm = [&](auto samples) {
+    chunk.tool.parts > 1 ? launch(samples, std::true_type()) : launch(samples, std::false_type());
+  };
+  chunk.tool.use_samples ? launchForm(std::true_type()) : launchForm(std::false_type());
   checkLaunch("warpSearch");
 }
 

@@ -77,19 +77,20 @@ __device__ int countColumnsByWarp(const Window& window, const VoxelColumn* colum
 
 /// countVoxelCollisions with one warp.
 template <int kTurns, class Window>
-__device__ int countVoxelsByWarp(const Window& window, const ToolKernelView& tool, int d, const Coord& point_ijk,
+__device__ int countVoxelsByWarp(const Window& window, const ToolKernelView& tool, int part, const Coord& point_ijk,
                                  int stop_above, int lane) {
-  return countColumnsByWarp<kTurns>(window, tool.columns, tool.column_begin[d], tool.column_begin[d + 1], point_ijk,
-                                    stop_above, lane);
+  return countColumnsByWarp<kTurns>(window, tool.columns, tool.column_begin[part], tool.column_begin[part + 1],
+                                    point_ijk, stop_above, lane);
 }
 
 /// countSampleCollisions with one warp.
 template <class Window>
-__device__ int countSamplesByWarp(const Window& window, const OccupancyReader& map, const ToolKernelView& tool, int d,
-                                  const float* position_L, float inverse_voxel_size, int stop_above, int lane) {
+__device__ int countSamplesByWarp(const Window& window, const OccupancyReader& map, const ToolKernelView& tool,
+                                  int part, const float* position_L, float inverse_voxel_size, int stop_above,
+                                  int lane) {
   int count = 0;
-  const std::uint32_t end = tool.sample_begin[d + 1];
-  for (std::uint32_t first = tool.sample_begin[d]; first < end; first += kWarp) {
+  const std::uint32_t end = tool.sample_begin[part + 1];
+  for (std::uint32_t first = tool.sample_begin[part]; first < end; first += kWarp) {
     const std::uint32_t n = first + static_cast<std::uint32_t>(lane);
     int mine = 0;
     if (n < end) {
@@ -121,12 +122,13 @@ __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader&
 }
 
 // How a search counts collisions. Results are exact up to `stop_above`. Beyond it, a `kPlain` counter returns the
-// number at which the plain rule stops, any other some number above `stop_above` that the collisions reach.
+// number at which the plain rule stops, any other some number above `stop_above` that the collisions reach. One that
+// `kRolls` counts by countAxis, and leaves the roll in `roll`.
 
 /// One column of voxels per lane.
 template <class Window>
 struct ColumnCounter {
-  static constexpr bool kPlain = true;
+  static constexpr bool kPlain = true, kRolls = false;
   const Window& window;
   const ToolKernelView& tool;
   const Coord& point_ijk;
@@ -139,7 +141,7 @@ struct ColumnCounter {
 /// One sample per lane.
 template <class Window>
 struct SampleCounter {
-  static constexpr bool kPlain = true;
+  static constexpr bool kPlain = true, kRolls = false;
   const Window& window;
   const OccupancyReader& map;
   const ToolKernelView& tool;
@@ -154,11 +156,33 @@ struct SampleCounter {
 /// Slab by slab. @tparam kThick  as for SlabCount
 template <bool kThick>
 struct SlabCounter {
-  static constexpr bool kPlain = false;
+  static constexpr bool kPlain = false, kRolls = false;
   SlabWork& work;  ///< for one point
   int lane;
 
   __device__ int operator()(int d, int stop_above) const { return countSlabs<kThick>(work, d, stop_above, lane); }
+};
+
+/// countAxis with one warp; out of line, because kernels that outgrow the instruction cache are slow.
+/// @tparam Counter  of parts: ColumnCounter or SampleCounter
+template <class Counter>
+__device__ __noinline__ AxisCount countAxisByWarp(const Counter& counter, int parts, int d, int stop_above) {
+  return countAxis(parts, d, stop_above, [&](int part, int stop) { return counter(part, stop); });
+}
+/// The tool in all of its rolls. @tparam kPlainly  whether it stops where the plain rule does, or says only what it has
+/// to: the numbers are the same, but what a search makes of them differs
+template <class Counter, bool kPlainly>
+struct RollCounter {
+  static constexpr bool kPlain = kPlainly, kRolls = true;
+  Counter counter;  ///< of parts
+  int parts;
+  mutable int roll = 0;  ///< of the last count; the same in all lanes
+
+  __device__ int operator()(int d, int stop_above) const {
+    const AxisCount found = countAxisByWarp(counter, parts, d, stop_above);
+    roll = found.roll;
+    return found.count;
+  }
 };
 
 /// Keeps counts below kNoScore, which means that no direction got this far.
@@ -204,7 +228,7 @@ struct MapAround {
 /// @tparam Known  known(d): a lower bound of the collisions of direction d; used only if the counter is not plain
 template <class Window, class Counter, class Known = NothingKnown>
 struct SearchContext {
-  static constexpr bool kPlain = Counter::kPlain;
+  static constexpr bool kPlain = Counter::kPlain, kRolls = Counter::kRolls;
   MapAround<Window> around;
   const ApproachView& approach;
   SearchPoint point;
@@ -280,6 +304,7 @@ class WarpSearch {
     __syncwarp();
     known_score_ = item.known_score;
     known_direction_ = item.known_direction;
+    known_roll_ = item.known_roll;
   }
 
   /// Tests the corridors of up to 32 directions, starting at masks.order[first].
@@ -327,7 +352,7 @@ class WarpSearch {
       const int at = __ffs(static_cast<int>(events)) - 1;
       const int d = __shfl_sync(kAllLanes, turn.mine, at);
       if ((turn.known >> at & 1u) != 0) {
-        takeIfLess(known_score_, d, result);
+        takeIfLess(known_score_, d, known_roll_, result);
       } else {
         const int bound = best_count_ < known_score_ ? best_count_ : known_score_;
         int hits = 0;
@@ -349,7 +374,7 @@ class WarpSearch {
           hits = belowNoScore(c_.counter(d, bound));
           note(d, hits, result);
         }
-        takeIfLess(hits, d, result);
+        takeIfLess(hits, d, lastRoll(), result);
       }
       if (best_count_ == 0) {
         done = true;
@@ -372,13 +397,24 @@ class WarpSearch {
       if (!is_better) continue;
       best_count_ = hits;
       result.direction = static_cast<std::uint16_t>(d);
+      result.roll = static_cast<std::uint8_t>(lastRoll());
     }
   }
 
-  __device__ void takeIfLess(int hits, int d, ScoreResult& result) {
+  /// Of the last count.
+  [[nodiscard]] __device__ int lastRoll() const {
+    if constexpr (Context::kRolls) {
+      return c_.counter.roll;
+    } else {
+      return 0;
+    }
+  }
+
+  __device__ void takeIfLess(int hits, int d, int roll, ScoreResult& result) {
     if (hits >= best_count_) return;
     best_count_ = hits;
     result.direction = static_cast<std::uint16_t>(d);
+    result.roll = static_cast<std::uint8_t>(roll);
   }
 
   __device__ void note(int d, int hits, ScoreResult& result) {
@@ -401,7 +437,7 @@ class WarpSearch {
   const Context& c_;
   WarpMasks& masks_;
   int lane_;
-  int known_score_ = kNoScore, known_direction_ = kNoDirection;
+  int known_score_ = kNoScore, known_direction_ = kNoDirection, known_roll_ = 0;
   int best_count_ = kNoScore, best_passed_ = -1;
   bool tool_reached_ = false, some_put_off_ = false;
 };

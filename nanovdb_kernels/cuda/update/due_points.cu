@@ -24,7 +24,7 @@ __device__ PointDirections directionsOf(const PointStateView& points, std::size_
 }
 
 __device__ StoredScore storedScore(const PointStateView& points, std::size_t id) {
-  return {points.label[id], points.direction[id], points.score[id]};
+  return {points.label[id], points.direction[id], points.score[id], points.rollOf(static_cast<std::uint32_t>(id))};
 }
 
 /// What flips mean for a point; read only if the rule asks.
@@ -61,6 +61,7 @@ __device__ void confirm(const PointStateView& points, const UpdateRule& rule, st
   result.scored = 1;
   result.score = points.score[id];
   result.direction = points.direction[id];
+  result.roll = static_cast<std::uint8_t>(points.rollOf(id));
   result.reason = PointReason::None;
   updatePoint(points, item, result, rule);
 }

@@ -20,7 +20,7 @@ constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
 constexpr unsigned kBlocksEach = 6;
 
 /// How tool collisions are counted. One kernel per form: code for the others would only take up instruction cache.
-enum class ToolForm { Slabs, ThickSlabs, Columns, Samples };
+enum class ToolForm { Slabs, ThickSlabs, Columns, Samples, RollingColumns, RollingSamples };
 template <ToolForm kForm>
 constexpr bool kHasSlabs = kForm == ToolForm::Slabs || kForm == ToolForm::ThickSlabs;
 
@@ -86,8 +86,12 @@ __device__ auto makeCounter(const DueSearch& search, const Window& window, const
     return SlabCounter<kForm == ToolForm::ThickSlabs>{scratch.slabs, lane};
   } else if constexpr (kForm == ToolForm::Columns) {
     return ColumnCounter<Window>{window, search.tool, point.ijk, lane};
-  } else {
+  } else if constexpr (kForm == ToolForm::Samples) {
     return SampleCounter<Window>{window, map, search.tool, point.position_L, search.map.inverse_voxel_size, lane};
+  } else {
+    constexpr auto kOfPart = kForm == ToolForm::RollingColumns ? ToolForm::Columns : ToolForm::Samples;
+    const auto of_part = makeCounter<kOfPart>(search, window, map, point, scratch, lane);
+    return RollCounter<std::decay_t<decltype(of_part)>, false>{of_part, search.tool.parts};
   }
 }
 
@@ -203,6 +207,7 @@ __device__ void askUnlessKnownWorse(const DueWork& work, std::size_t id, int mor
 /// What is known about the best direction of a point before others are tested.
 struct BestNow {
   int score, direction;
+  int roll = 0;               ///< in that direction
   int tests = 0;              ///< that it took itself
   bool became_worse = false;  ///< than it was; it may still be the best
   bool all_in_question = false;
@@ -237,6 +242,7 @@ struct DueEvaluation {
       item.id = static_cast<std::uint32_t>(point.id);
       item.known_score = static_cast<std::uint16_t>(best.score);
       item.known_direction = static_cast<std::uint16_t>(best.direction);
+      item.known_roll = static_cast<std::uint8_t>(best.roll);
       item.keep_reason = accessible ? 0 : 1;
       item.evidence = due.evidence;
       item.candidates = due.candidates;
@@ -256,6 +262,7 @@ struct DueEvaluation {
       if (accessible) {
         result.score = static_cast<std::uint16_t>(best.score);
         result.direction = static_cast<std::uint16_t>(best.direction);
+        result.roll = static_cast<std::uint8_t>(best.roll);
         result.reason = PointReason::None;
       }
     }
@@ -303,9 +310,13 @@ struct DueEvaluation {
     if (points.label[point.id] != PointLabel::Accessible) return best;
     best.score = points.score[point.id];
     best.direction = points.direction[point.id];
+    best.roll = points.rollOf(static_cast<std::uint32_t>(point.id));
     if (test_best == 0) return best;
     best.tests = 1;
     const int hits = testBest(test_best, best);
+    if constexpr (Counter::kRolls) {
+      if ((test_best & kTestTool) != 0) best.roll = counter.roll;
+    }
     best.became_worse = hits > best.score;
     best.all_in_question = hits >= limit;
     best.score = hits;
@@ -414,7 +425,14 @@ void launchDueSearch(const DueWork& work, const DueSearch& search, std::uint32_t
   if (max_busy == 0) return;
   orderDue<<<(max_busy + kThreads - 1) / kThreads, kThreads, 0, streams.main>>>(work.due);
   checkLaunch("orderDue");
-  if (search.window.kind != WindowPlan::Kind::Lowers) {
+  const bool rolls = search.tool.parts > 1;
+  if (rolls && search.window.kind != WindowPlan::Kind::Lowers) {
+    search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::RollingSamples>(work, search, streams)
+                            : launchSearches<TreeWindow, ToolForm::RollingColumns>(work, search, streams);
+  } else if (rolls) {
+    search.tool.use_samples ? launchSearches<BusyWindow, ToolForm::RollingSamples>(work, search, streams)
+                            : launchSearches<BusyWindow, ToolForm::RollingColumns>(work, search, streams);
+  } else if (search.window.kind != WindowPlan::Kind::Lowers) {
     search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::Samples>(work, search, streams)
                             : launchSearches<TreeWindow, ToolForm::Columns>(work, search, streams);
   } else if (search.tool.use_samples) {

@@ -61,6 +61,7 @@ __device__ void makePoint(const PointsView& points, const KnownView& known, cons
   state.weight[id] = 0;
   state.score[id] = kNoScore;
   state.direction[id] = kNoDirection;
+  if (state.roll != nullptr) state.roll[id] = 0;
   state.label[id] = PointLabel::Unscored;
   state.reason[id] = PointReason::Confidence;
 }

@@ -12,6 +12,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/orientations.h"
+#include "accessvdb/tool_tables.h"
 #include "eval/ground_truth.h"
 #include "eval/tool_samples.h"
 #include "sim/counter_random.h"
@@ -48,6 +49,23 @@ TEST(TruthOrientations, AreThoseOfTheLibraryInItsOrder) {
       }
     }
   }
+}
+
+/// In the order of the library's direction and roll.
+TEST(TruthOrientations, RollAsTheLibraryDoes) {
+  const ToolGeometry pruner = ToolGeometry::builtin("builtin:pruner");
+  ApproachParams approach;
+  approach.orientations = OrientationSet::sphere(30);
+  ASSERT_EQ(rollsOf(pruner, approach), 6);
+  const std::vector<Matrix3d> truth = rolled(truthOrientations("sphere:30", 180), 6, 2);
+  std::vector<ToolOrientation> library;
+  for (const ToolOrientation& axis : approach.orientations.orientations(180)) {
+    const double degrees = 180 / std::numbers::pi;
+    for (int roll = 0; roll < 6; ++roll) {
+      library.push_back(orientationOf(axis.yaw_rad * degrees, axis.pitch_rad * degrees, 30.0 * roll));
+    }
+  }
+  expectTheSame(truth, library, "rolls");
 }
 
 TEST(TruthOrientations, HaveTheSizesOfTheDocument) {

@@ -48,6 +48,9 @@ TEST(ToolTableBytes, AreWhatAFieldHolds) {
   oriented.approach.orientations = OrientationSet::sphere(12.5);
   expectHeld(pruner, oriented);
   expectHeld(tall, oriented);
+  oriented.approach.rolls = 1;
+  expectHeld(pruner, oriented);
+  oriented.approach.rolls = 0;
   oriented.approach.num_directions = 36;
   oriented.approach.orientations = OrientationSet::pitch(-30, 30, 10);
   expectHeld(pruner, oriented);

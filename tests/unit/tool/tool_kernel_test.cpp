@@ -80,6 +80,7 @@ TEST(ToolKernel, IsTurnedByEveryOrientation) {
   for (int n = 0; n < 40; ++n) list.push_back(orientationOf(77.0 * n, 90 * std::sin(3.0 * n), 31.0 * n));
   for (const OrientationSet& set : {OrientationSet::sphere(30), OrientationSet::of(list)}) {
     params.approach.orientations = set;
+    params.approach.rolls = 1;
     const ToolKernel kernel = ToolKernel::make(tool, params);
     const auto orientations = set.orientations(36);
     ASSERT_EQ(kernel.num_directions, static_cast<int>(orientations.size()));
