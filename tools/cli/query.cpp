@@ -4,8 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <sstream>
+#include <string>
+#include <vector>
 
 #include "access_map.h"
 #include "accessvdb/error.h"
