@@ -150,9 +150,9 @@ TEST(SeveralTools, AreEachAsAloneWithABudget) {
 
 /// Tools that share directions with one that is not the first.
 TEST(SeveralTools, ShareViewsInAnyOrder) {
-  std::vector<ToolSpec> tools = threeTools();
-  tools.push_back(spec(armTool(), OrientationSet::sphere(20), 5, "arm_too"));
-  std::swap(tools[0], tools[1]);
+  const std::vector<ToolSpec> three = threeTools();
+  const std::vector<ToolSpec> tools = {three[0], spec(armTool(), OrientationSet::sphere(20), 5, "arm_too"), three[1],
+                                       three[2]};
   expectStreamAsAlone(tools, paramsAt(0.05), 1);
 }
 

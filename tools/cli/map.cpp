@@ -292,6 +292,9 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   facts.tool_share_hidden = field.toolShareHidden();
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
   for (const std::string& line : toolsInWords(options_, field.tools())) messages_.notice(line);
+  for (const ReportedTool& tool : report_.tools) {
+    messages_.notice("tool " + tool.name + " reaches " + std::to_string(tool.accessible) + " points");
+  }
   for (const Warning& warning : findImplausible(facts)) messages_.warning(warning.id, warning.text);
   if (frames_ > 0) {
     messages_.notice("wrote a sequence of " + std::to_string(frames_) + " frames, " + frameName(1) + " to " +
@@ -349,6 +352,7 @@ int MapRun::run() {
   FieldParams of_field = params;  // a plan has them as they were given
   of_field.approach.rolls = rollsOf(tools.front().tool, params.approach);
   setParameters(of_field, tools);
+  report_.tools = reportedTools(options_, tools);
   const PlanSources sources = {options_, settings_, tools, scans, params};
   const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
   if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
@@ -361,6 +365,7 @@ int MapRun::run() {
   if (memory && memory->tile_voxels > 0) return inTiles(sources, memory->tile_voxels);
   AccessibilityField field =
       checkpoints_.resumed() ? checkpoints_.load(tools, of_field) : AccessibilityField(tools, of_field);
+  for (std::size_t k = 0; k < report_.tools.size(); ++k) report_.tools[k].collision_limit = field.collisionLimit(k);
   report_.device = field.deviceName();
   report_.device_note_id = field.deviceNoteId();
   report_.device_note = field.deviceNote();

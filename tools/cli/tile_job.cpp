@@ -164,13 +164,15 @@ PlanSettings planSettings(const FlagParser& flags) {
     if (text.empty() || text == "false") continue;
     std::error_code ignored;
     std::string absolute;
-    for (std::string value : valuesOf(text)) {
-      if (isIn(kPaths, key) && fs::exists(value, ignored)) value = absolutePath(value).string();
+    const std::vector<std::string> values = valuesOf(text);
+    for (std::size_t n = 0; n < values.size(); ++n) {
+      std::string each = values[n];
+      if (isIn(kPaths, key) && fs::exists(each, ignored)) each = absolutePath(each).string();
       constexpr std::string_view kList = "list:";
-      if (key == "orientations" && value.starts_with(kList) && value.size() > kList.size()) {
-        value = std::string(kList) + absolutePath(value.substr(kList.size())).string();
+      if (key == "orientations" && each.starts_with(kList) && each.size() > kList.size()) {
+        each = std::string(kList) + absolutePath(each.substr(kList.size())).string();
       }
-      absolute.append(absolute.empty() ? "" : "\n").append(value);
+      absolute.append(n == 0 ? "" : "\n").append(each);
     }
     settings.emplace_back(key, absolute);
   }

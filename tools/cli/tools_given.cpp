@@ -7,6 +7,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "accessvdb/tool_tables.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -154,6 +155,28 @@ std::vector<std::string> toolsInWords(const MapOptions& options, const std::vect
     lines.push_back(tools.size() == 1 ? line : std::to_string(k) + " " + tools[k].name + ": " + line);
   }
   return lines;
+}
+
+std::vector<ReportedTool> reportedTools(const MapOptions& options, const std::vector<ToolSpec>& tools) {
+  std::vector<ReportedTool> reported;
+  if (tools.size() == 1) return reported;
+  const std::vector<MapOptions> each = optionsOfEach(options);
+  for (std::size_t k = 0; k < tools.size(); ++k) {
+    const ToolOptions& given = each[k].tool;
+    ReportedTool tool;
+    tool.name = tools[k].name;
+    tool.tool = given.tool;
+    tool.unit = given.unit;
+    tool.tip = given.tip;
+    tool.axis = given.axis;
+    tool.up = given.up;
+    tool.sha256 = tools[k].tool.sha256();
+    tool.orientations = tools[k].orientations.text();
+    tool.rolls = rollsOf(tools[k].tool, toolParams(tools[k], {}).approach);
+    tool.max_collisions = tools[k].max_collisions;
+    reported.push_back(std::move(tool));
+  }
+  return reported;
 }
 
 int parseMaxCollisions(const std::string& text, double voxel_size_m) {

@@ -8,6 +8,7 @@
 
 #include "accessvdb/tool_spec.h"
 #include "map_options.h"
+#include "report.h"
 
 namespace accessvdb::tools {
 
@@ -38,6 +39,9 @@ void sayToolsNotes(const MapOptions& options, const std::vector<ToolSpec>& tools
 
 /// What each is, one line per tool.
 [[nodiscard]] std::vector<std::string> toolsInWords(const MapOptions& options, const std::vector<ToolSpec>& tools);
+
+/// For report.json; none of one tool. Limits are filled in by the caller.
+[[nodiscard]] std::vector<ReportedTool> reportedTools(const MapOptions& options, const std::vector<ToolSpec>& tools);
 
 /// --max-collisions: "auto", a number of voxels, or litres ("0.5l") in whole voxels.
 /// @return as ScoringParams::max_collisions  @throws InvalidArgument "usage.max_collisions"
