@@ -21,6 +21,7 @@
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
@@ -35,6 +36,7 @@ class SurfacePoints;
 struct AccessMap;
 class TsdfVolume;
 struct DeviceView;
+struct ToolSpec;
 namespace internal {
 struct FieldAccess;
 }
@@ -43,6 +45,11 @@ class ACCESSVDB_API AccessibilityField {
  public:
   /// @throws InvalidArgument (params), ResourceLimit (tool too large for the voxel size), DeviceError
   AccessibilityField(const ToolGeometry& tool, const FieldParams& params = {});
+  /// Several tools over one map: each point says which of them reach it (docs/tools.md), and each tool's result is that
+  /// of a field with it alone. Include tool_spec.h. @param params  for all; orientations, rolls and max_collisions are
+  /// each tool's own
+  /// @throws InvalidArgument "tool.count", "tool.name", "tool.policy" (the paper's policy knows one tool)
+  explicit AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params = {});
   ~AccessibilityField();
   AccessibilityField(AccessibilityField&&) noexcept;
   AccessibilityField& operator=(AccessibilityField&&) noexcept;
@@ -82,6 +89,9 @@ class ACCESSVDB_API AccessibilityField {
 
   /// All points with their labels, as of the last update(). Points that came later are unscored.
   [[nodiscard]] FieldSnapshot snapshot() const;
+  /// The same points as a field with one of the tools alone would have them.
+  /// @throws InvalidArgument "tool.index"
+  [[nodiscard]] FieldSnapshot toolSnapshot(std::size_t tool) const;
   /// The same points as the host alone knows them: position and weight, all unscored. Needs no device, so it can still
   /// be saved after one was lost or ran out of memory. @throws ResourceLimit "field.broken" after other failures
   [[nodiscard]] FieldSnapshot unscoredSnapshot() const;
@@ -100,6 +110,8 @@ class ACCESSVDB_API AccessibilityField {
   /// Why that point is as it is: every orientation tried by itself against the current map, see access_map.h. Changes
   /// nothing. Takes milliseconds and, for the time being, as much memory as the state of all points.
   [[nodiscard]] std::optional<AccessMap> accessMap(const Eigen::Vector3d& p_W) const;
+  /// The same for one of several tools. @throws InvalidArgument "tool.index"
+  [[nodiscard]] std::optional<AccessMap> accessMap(const Eigen::Vector3d& p_W, std::size_t tool) const;
 
   /// Batched queries, at points or along a robot arm: see batch_query.h. Valid until the field next changes.
   [[nodiscard]] BatchQuery batchQuery() const;
@@ -114,16 +126,18 @@ class ACCESSVDB_API AccessibilityField {
   [[nodiscard]] std::uint64_t revision() const;
 
   [[nodiscard]] const TsdfVolume& volume() const;
-  [[nodiscard]] const ToolGeometry& tool() const;
-  [[nodiscard]] const FieldParams& params() const;  ///< resolved
-  [[nodiscard]] Eigen::Vector3d origin_W() const;   ///< of the local frame; set by the first scan
+  [[nodiscard]] const ToolGeometry& tool() const;            ///< of several the first, as all that takes no tool
+  [[nodiscard]] const std::vector<ToolSpec>& tools() const;  ///< at least one; named
+  [[nodiscard]] const FieldParams& params() const;           ///< resolved
+  [[nodiscard]] Eigen::Vector3d origin_W() const;            ///< of the local frame; set by the first scan
   [[nodiscard]] MemoryUse memoryUse() const;
   [[nodiscard]] std::string deviceName() const;  ///< "cpu" or "cuda:NAME"
   [[nodiscard]] std::string deviceNote() const;  ///< why BackendKind::Auto is not on a GPU; else empty
   /// The id behind that note, as of an Error: "device.no_driver", "device.not_built", "device.architecture", ...
   [[nodiscard]] std::string deviceNoteId() const;
-  [[nodiscard]] double toolShareHidden() const;  ///< share of the tool inside the self-exclusion radius
-  [[nodiscard]] int collisionLimit() const;      ///< [n_c] fewest collisions that block a direction
+  [[nodiscard]] double toolShareHidden() const;              ///< share of the tool inside the self-exclusion radius
+  [[nodiscard]] int collisionLimit() const;                  ///< [n_c] fewest collisions that block a direction
+  [[nodiscard]] int collisionLimit(std::size_t tool) const;  ///< @throws InvalidArgument "tool.index"
 
   /// Writes all that later scans and updates depend on into one file, whole or not at all; loadState() goes on from it.
   /// Takes a few MB of memory. See docs/DESIGN.md, "Saved state".
@@ -138,6 +152,10 @@ class ACCESSVDB_API AccessibilityField {
   /// @throws UnusableInput "state.rules" (another program's rules made it), "state.tool" (it is of another tool)
   /// @throws as the constructor
   [[nodiscard]] static AccessibilityField loadState(const std::filesystem::path& file, const ToolGeometry& tool,
+                                                    BackendKind backend = BackendKind::Auto, int threads = 0);
+
+  /// The same for several tools, with the orientations and limits that they had.
+  [[nodiscard]] static AccessibilityField loadState(const std::filesystem::path& file, std::vector<ToolSpec> tools,
                                                     BackendKind backend = BackendKind::Auto, int threads = 0);
 
   /// Writes field.vdb, field_points.vdb and points.ply into a folder, each whole or not at all.

@@ -215,8 +215,11 @@ typedef struct accessvdb_point {
   uint8_t reason;      ///< ACCESSVDB_REASON_*
   uint8_t confident;   ///< 1: accessible, and confidence x stability is high
   uint8_t roll;        ///< version 5: index of the best roll in that direction
-  uint8_t reserved[4];
+  uint8_t tool;        ///< version 5: of several tools, the first that reaches the point, else the closest
+  uint8_t reserved[3];
   float orientation_WT[4];  ///< version 5: quaternion w x y z, world from tool, in that direction; 1 0 0 0 = none
+  uint32_t tools;           ///< version 5: of several tools, bit k is 1 if tool k reaches the point
+  uint32_t reserved_tools;
 } accessvdb_point;
 
 typedef struct accessvdb_counts {
@@ -358,6 +361,35 @@ ACCESSVDB_API const char* accessvdb_update_error_text(const accessvdb_update* up
 ACCESSVDB_API const char* accessvdb_update_error_id(const accessvdb_update* update) ACCESSVDB_C_NOEXCEPT;
 /// Waits for the update. NULL is allowed.
 ACCESSVDB_API void accessvdb_update_free(accessvdb_update* update) ACCESSVDB_C_NOEXCEPT;
+
+/* ---- several tools (since version 5); accessvdb/tool_spec.h has the rules ---------------------------------------- */
+
+/// A tool, and what a field asks of it. Arrays take sizeof(accessvdb_tool_spec) once. Begin with {0}.
+typedef struct accessvdb_tool_spec {
+  const accessvdb_tool* tool;  ///< copied
+  const char* name;            ///< letters, digits, _ and -, at most 32; NULL = from the tool's own
+  const char* orientations;    ///< as in accessvdb_params; NULL = yaw
+  int32_t rolls;               ///< 0 = rule
+  int32_t max_collisions;      ///< 0 = rule, -1 = none
+} accessvdb_tool_spec;
+
+/// Makes a field of up to 32 tools over one map. Each tool's result is that of a field with it alone.
+/// @param params  for all; their orientations, rolls and max_collisions are those of the tools. NULL: the defaults
+ACCESSVDB_API int accessvdb_field_create_tools(const accessvdb_tool_spec* tools, size_t spec_size, size_t tool_count,
+                                               const accessvdb_params* params, accessvdb_field** field,
+                                               accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
+/// accessvdb_field_load_state() for several tools, the same as those of the saved field.
+ACCESSVDB_API int accessvdb_field_load_state_tools(const char* file, const accessvdb_tool_spec* tools, size_t spec_size,
+                                                   size_t tool_count, int32_t backend, int32_t threads,
+                                                   accessvdb_field** field,
+                                                   accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
+/// Number of tools of a field; 0 for a bad handle.
+ACCESSVDB_API size_t accessvdb_field_tool_count(const accessvdb_field* field) ACCESSVDB_C_NOEXCEPT;
+/// Name of a tool; "" for a bad index.
+ACCESSVDB_API const char* accessvdb_field_tool_name(const accessvdb_field* field, size_t tool) ACCESSVDB_C_NOEXCEPT;
+/// accessvdb_field_take_snapshot() with the points as a field with this tool alone would have them.
+ACCESSVDB_API int accessvdb_field_take_tool_snapshot(accessvdb_field* field, size_t tool,
+                                                     size_t* point_count) ACCESSVDB_C_NOEXCEPT;
 
 #ifdef __cplusplus
 }  // extern "C"

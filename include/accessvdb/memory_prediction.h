@@ -15,6 +15,7 @@
 
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
+#include "accessvdb/tool_spec.h"
 #include "accessvdb/tool_tables.h"
 
 namespace accessvdb {
@@ -62,6 +63,9 @@ struct ACCESSVDB_API MemoryPrediction {
 
 /// Directions of which a point remembers something on the host: all with the exact policy, unless it runs on a GPU.
 [[nodiscard]] ACCESSVDB_API int rememberedDirections(const FieldParams& params);
+
+/// Of several tools: those of all of them, and as many more as take what a further tool keeps at a point besides.
+[[nodiscard]] ACCESSVDB_API int rememberedDirections(const std::vector<ToolSpec>& tools, const FieldParams& params);
 
 /// The peak of a run: while the tool's tables are made there is no map yet.
 /// @param without_tool  MemoryPrediction::bytes()

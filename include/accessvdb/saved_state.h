@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
@@ -14,8 +15,14 @@
 namespace accessvdb {
 
 struct SavedState {
+  /// One of several tools; see ToolSpec.
+  struct Tool {
+    std::string name, sha256, orientations;
+    int rolls = 0, max_collisions = 0;
+  };
   std::string version;                   ///< of the program that wrote it
-  std::string tool_sha256;               ///< ToolGeometry::sha256()
+  std::string tool_sha256;               ///< ToolGeometry::sha256(), or toolListSha256() of several tools
+  std::vector<Tool> tools;               ///< if there are several
   std::string sha256;                    ///< of its head; two states of one run differ in it
   FieldParams params;                    ///< resolved; backend and threads are defaults
   bool updated = false;                  ///< after an update(): loading it makes the labels again

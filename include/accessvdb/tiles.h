@@ -29,6 +29,7 @@
 #include "accessvdb/render.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tool_geometry.h"
+#include "accessvdb/tool_spec.h"
 #include "accessvdb/types.h"
 
 namespace accessvdb::tiles {
@@ -64,9 +65,9 @@ struct Flight {
 
 /// What is mapped. Two runs with equal plans make equal files.
 struct ACCESSVDB_API Plan {
-  std::string program;     ///< version of the library
-  std::string parameters;  ///< FieldParams::describe(), and options of the files that are written
-  std::string tool_name, tool_sha256;
+  std::string program;                  ///< version of the library
+  std::string parameters;               ///< FieldParams::describe(), and options of the files that are written
+  std::string tool_name, tool_sha256;   ///< of several tools their names, and toolListSha256()
   std::array<double, 3> origin_W = {};  ///< of the one piece, metres
   double voxel_size_m = 0;
   std::int32_t tile_voxels = 0;    ///< edge of a tile's core: FieldWindow::kEdge times a power of two
@@ -92,6 +93,8 @@ struct TileMargins {
 };
 /// @throws what building a field throws
 [[nodiscard]] ACCESSVDB_API TileMargins tileMargins(const ToolGeometry& tool, const FieldParams& params);
+/// For several tools: what the one that reaches farthest needs.
+[[nodiscard]] ACCESSVDB_API TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params);
 
 /// World position of the local frame that a field of all scans would have: the first usable sensor position, rounded.
 /// Reads steps until there is one. @throws UnusableInput "scans.no_returns"
@@ -134,6 +137,7 @@ struct Job {
   Plan plan;
   ToolGeometry tool;
   FieldParams params;
+  std::vector<ToolSpec> tools = {};  ///< if there are several, all of them; named
 };
 
 /// Reads the scans and sorts their returns by tile. Goes on after the last finished part of an earlier call.

@@ -4,10 +4,12 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
 #include "accessvdb/tool_geometry.h"
+#include "accessvdb/tool_spec.h"
 
 namespace accessvdb {
 
@@ -21,6 +23,10 @@ struct ToolTableBytes {
 /// memory of building the tables. BackendKind::Auto counts as the CPU, which needs more.
 /// @throws InvalidArgument (params), ResourceLimit "tool.span", "tool.columns" as the field would
 [[nodiscard]] ACCESSVDB_API ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& params);
+
+/// The same for several tools together.
+[[nodiscard]] ACCESSVDB_API ToolTableBytes toolTableBytes(const std::vector<ToolSpec>& tools,
+                                                          const FieldParams& params);
 
 /// How many rolls about its body this tool takes in each orientation: ApproachParams::rolls, or what the rule says.
 [[nodiscard]] ACCESSVDB_API int rollsOf(const ToolGeometry& tool, const ApproachParams& approach);

@@ -51,6 +51,7 @@ try:
         StoredTiles,
         SurfacePoint,
         ToolGeometry,
+        ToolSpec,
         TsdfParams,
         UpdateParams,
         UpdateStats,

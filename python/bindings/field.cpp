@@ -121,17 +121,52 @@ void bindTicket(py::module_& module) {
       });
 }
 
-std::unique_ptr<LockedField> makeField(const ToolGeometry& tool, const py::object& params) {
-  const FieldParams given = fieldParamsFrom(params);
-  return withoutLock([&] { return std::make_unique<LockedField>(tool, given); });
+/// @param tool   ToolGeometry or None  @param tools  sequence of ToolSpec and ToolGeometry, or None
+std::vector<ToolSpec> toolsFrom(const py::object& tools) {
+  std::vector<ToolSpec> specs;
+  for (const py::handle each : tools) {
+    if (py::isinstance<ToolGeometry>(each)) {
+      specs.push_back({each.cast<ToolGeometry>(), {}, 0, {}, 0});
+    } else if (py::isinstance<ToolSpec>(each)) {
+      specs.push_back(each.cast<ToolSpec>());
+    } else {
+      throw py::type_error("tools holds something that is neither a ToolSpec nor a ToolGeometry");
+    }
+  }
+  return specs;
 }
 
-std::unique_ptr<LockedField> loadState(const std::filesystem::path& file, const ToolGeometry& tool,
-                                       const py::object& backend, const py::object& threads) {
+/// @throws TypeError unless exactly one of them is given
+void requireOneOf(const py::object& tool, const py::object& tools) {
+  if (tool.is_none() == tools.is_none()) throw py::type_error("give either tool or tools");
+  if (!tool.is_none() && !py::isinstance<ToolGeometry>(tool)) throw py::type_error("tool is not a ToolGeometry");
+}
+
+std::unique_ptr<LockedField> makeField(const py::object& tool, const py::object& params, const py::object& tools) {
+  requireOneOf(tool, tools);
+  const FieldParams given = fieldParamsFrom(params);
+  if (tool.is_none()) {
+    std::vector<ToolSpec> specs = toolsFrom(tools);
+    return withoutLock([&] { return std::make_unique<LockedField>(std::move(specs), given); });
+  }
+  const auto one = tool.cast<ToolGeometry>();
+  return withoutLock([&] { return std::make_unique<LockedField>(one, given); });
+}
+
+std::unique_ptr<LockedField> loadState(const std::filesystem::path& file, const py::object& tool,
+                                       const py::object& tools, const py::object& backend, const py::object& threads) {
+  requireOneOf(tool, tools);
   const auto kind = settingFrom<BackendKind>("backend", backend);
   const int count = settingFrom<int>("threads", threads);
+  if (tool.is_none()) {
+    std::vector<ToolSpec> specs = toolsFrom(tools);
+    return withoutLock([&] {
+      return std::make_unique<LockedField>(AccessibilityField::loadState(file, std::move(specs), kind, count));
+    });
+  }
+  const auto one = tool.cast<ToolGeometry>();
   return withoutLock(
-      [&] { return std::make_unique<LockedField>(AccessibilityField::loadState(file, tool, kind, count)); });
+      [&] { return std::make_unique<LockedField>(AccessibilityField::loadState(file, one, kind, count)); });
 }
 
 /// None counts as missing, as every number that is not finite.
@@ -184,8 +219,11 @@ void bindField(py::module_& module) {
       "threads can run during long calls.");
   bindQueries(class_);
   class_
-      .def(py::init(&makeField), py::arg("tool"), py::arg("params") = py::none(),
-           "params: FieldParams, or a dict of its fields: {\"tsdf\": {\"voxel_size_m\": 0.02}}.")
+      .def(
+          py::init(&makeField), py::arg("tool") = py::none(), py::arg("params") = py::none(), py::kw_only(),
+          py::arg("tools") = py::none(),
+          "params: FieldParams, or a dict of its fields: {\"tsdf\": {\"voxel_size_m\": 0.02}}. tools: instead of tool, "
+          "up to 32 ToolSpec or ToolGeometry over one map; each tool's result is that of a field with it alone.")
       .def("integrate_scan", &integrateScan, py::arg("points_S"), py::arg("T_W_S"), py::kw_only(),
            py::arg("stamp_s") = py::none(),
            "Fuses one scan. points_S: (N, 3) in the sensor frame, metres; exactly (0, 0, 0) means no return. T_W_S: "
@@ -223,12 +261,19 @@ void bindField(py::module_& module) {
           py::arg("p_W"), "The SurfacePoint in the voxel that contains p_W, or None.")
       .def(
           "access_map",
-          [](F& f, const py::object& p_W) {
+          [](F& f, const py::object& p_W, std::size_t tool) {
             const Eigen::Vector3d position = vector3("p_W", p_W);
-            return f.run([&](AccessibilityField& field) { return field.accessMap(position); });
+            return f.run([&](AccessibilityField& field) { return field.accessMap(position, tool); });
           },
-          py::arg("p_W"),
-          "Why that point is as it is: an AccessMap with every orientation tried by itself; None if there is no point.")
+          py::arg("p_W"), py::arg("tool") = 0,
+          "Why that point is as it is: an AccessMap with every orientation tried by itself; None if there is no point. "
+          "tool: index of one of several.")
+      .def(
+          "tool_snapshot",
+          [](F& f, std::size_t tool) {
+            return f.run([&](AccessibilityField& field) { return field.toolSnapshot(tool); });
+          },
+          py::arg("tool"), "The points of snapshot() as a field with that one of several tools alone would have them.")
       .def("write", &writeTo<&writeField>, py::arg("folder"), py::kw_only(), py::arg("half_float") = false,
            py::arg("compression") = "auto", py::arg("up_axis") = "z", py::arg("surface") = false,
            "Writes field.vdb, field_points.vdb and points.ply, each whole or not at all.")
@@ -243,15 +288,18 @@ void bindField(py::module_& module) {
           py::arg("file"),
           "Writes all that later scans and updates depend on into one file, whole or not at all. load_state() goes on "
           "from it.")
-      .def_static("load_state", &loadState, py::arg("file"), py::arg("tool"), py::kw_only(),
-                  py::arg("backend") = "auto", py::arg("threads") = 0,
+      .def_static("load_state", &loadState, py::arg("file"), py::arg("tool") = py::none(), py::kw_only(),
+                  py::arg("tools") = py::none(), py::arg("backend") = "auto", py::arg("threads") = 0,
                   "A field that goes on where the saved one was, with its parameters: before its first update(), with "
-                  "the same bits as without the stop; after one, with the same labels. tool: that of the saved field.")
+                  "the same bits as without the stop; after one, with the same labels. tool, or tools: those of the "
+                  "saved field.")
       .def(
           "memory_use", [](F& f) { return f.run([](AccessibilityField& field) { return field.memoryUse(); }); },
           "Bytes by owner.")
       .def_property_readonly(
-          "tool", [](const F& f) { return f.constants().tool(); }, "The tool.")
+          "tool", [](const F& f) { return f.constants().tool(); }, "The tool; of several the first.")
+      .def_property_readonly(
+          "tools", [](const F& f) { return f.constants().tools(); }, "List of ToolSpec: all tools, with their names.")
       .def_property_readonly(
           "params", [](const F& f) { return f.constants().params(); }, "A copy of the parameters, every rule applied.")
       .def_property_readonly(

@@ -6,8 +6,10 @@
 
 #include <mutex>
 #include <utility>
+#include <vector>
 
 #include "accessvdb/accessibility_field.h"
+#include "accessvdb/tool_spec.h"
 #include "bindings/arrays.h"
 
 namespace accessvdb::python {
@@ -15,6 +17,7 @@ namespace accessvdb::python {
 class LockedField {
  public:
   LockedField(const ToolGeometry& tool, const FieldParams& params) : field_(tool, params) {}
+  LockedField(std::vector<ToolSpec> tools, const FieldParams& params) : field_(std::move(tools), params) {}
   explicit LockedField(AccessibilityField field) : field_(std::move(field)) {}
   LockedField(const LockedField&) = delete;
   LockedField& operator=(const LockedField&) = delete;

@@ -26,6 +26,9 @@ std::vector<Column> pointColumns() {
       column("yaw_rad", &P::yaw_rad, "(N,) float32, of direction_W."),
       column("direction", &P::direction, "(N,) uint16, index of the best direction, or NO_DIRECTION."),
       column("roll", &P::roll, "(N,) uint8, index of the best roll in that direction."),
+      column("tool", &P::tool,
+             "(N,) uint8, of several tools: the first that reaches the point, else the one that came closest."),
+      column("tools", &P::tools, "(N,) uint32, of several tools: bit k is set if tool k reaches the point."),
       column("score", &P::score, "(N,) uint16, fewest collisions of any direction, or NO_SCORE."),
       column("weight", &P::weight, "(N,) float32, [w] observations behind the confidence."),
       column("confidence", &P::confidence, "(N,) float32, [c] in [0, 1)."),
@@ -84,6 +87,8 @@ void bindSurfacePoint(py::module_& module) {
       .def_property_readonly("orientation_WT", [](const P& p) { return py::array_t<float>(4, wxyz(p).data()); })
       .def_readonly("direction", &P::direction)
       .def_readonly("roll", &P::roll)
+      .def_readonly("tool", &P::tool)
+      .def_readonly("tools", &P::tools)
       .def_readonly("score", &P::score)
       .def_readonly("weight", &P::weight)
       .def_readonly("confidence", &P::confidence)

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /// ToolGeometry.
 #include "accessvdb/tool_geometry.h"
+#include "accessvdb/tool_spec.h"
 
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
@@ -98,6 +99,25 @@ void bindTool(py::module_& module) {
       .def("__repr__", [](const ToolGeometry& t) {
         return "<accessvdb.ToolGeometry " + t.name() + ": " + std::to_string(t.vertices_T().size()) + " vertices, " +
                std::to_string(t.triangles().size()) + " triangles, reach " + std::to_string(t.reach_m()) + " m>";
+      });
+  py::class_<ToolSpec>(module, "ToolSpec", "One of several tools of a field, and what the field asks of it.")
+      .def(py::init([](const ToolGeometry& tool, const std::string& orientations, int rolls, const std::string& name,
+                       int max_collisions) {
+             return ToolSpec{tool, OrientationSet::parse(orientations), rolls, name, max_collisions};
+           }),
+           py::arg("tool"), py::kw_only(), py::arg("orientations") = "yaw", py::arg("rolls") = 0, py::arg("name") = "",
+           py::arg("max_collisions") = 0,
+           "orientations: as approach.orientations. rolls: 0 = rule. name: letters, digits, _ and -; \"\": from the "
+           "tool. max_collisions: 0 = rule, -1 = none.")
+      .def_readonly("tool", &ToolSpec::tool, "Its ToolGeometry.")
+      .def_property_readonly(
+          "orientations", [](const ToolSpec& spec) { return spec.orientations.text(); }, "As text.")
+      .def_readonly("rolls", &ToolSpec::rolls, "About its body in each orientation; 0 = rule.")
+      .def_readonly("name", &ToolSpec::name, "Its name in the results.")
+      .def_readonly("max_collisions", &ToolSpec::max_collisions,
+                    "Most collisions of a free direction; 0 = rule, -1 = none.")
+      .def("__repr__", [](const ToolSpec& spec) {
+        return "<accessvdb.ToolSpec " + spec.name + ": " + spec.tool.name() + ", " + spec.orientations.text() + ">";
       });
 }
 

@@ -71,6 +71,8 @@ accessvdb_point pointToC(const SurfacePoint& p) {
   c.reason = static_cast<std::uint8_t>(p.reason);
   c.confident = p.confident;
   c.roll = p.roll;
+  c.tool = p.tool;
+  c.tools = p.tools;
   const Eigen::Quaternionf& q = p.orientation_WT;
   const float wxyz[4] = {q.w(), q.x(), q.y(), q.z()};
   std::copy_n(wxyz, 4, c.orientation_WT);

@@ -11,6 +11,7 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/c_api.h"
+#include "accessvdb/tool_spec.h"
 #include "capi/boundary.h"
 
 namespace accessvdb::capi {
@@ -30,7 +31,9 @@ struct accessvdb_tool {
 
 struct accessvdb_field {
   explicit accessvdb_field(accessvdb::AccessibilityField made)
-      : field(std::move(made)), device(field.deviceName()), parameters(field.params().describe()) {}
+      : field(std::move(made)),
+        device(field.deviceName()),
+        parameters(accessvdb::describeTools(field.tools(), field.params())) {}
   std::uint32_t mark = accessvdb::capi::kFieldMark;
   std::atomic<bool> busy = false;  ///< a thread is inside a call
   accessvdb_error error = {};      ///< of the last failed call

@@ -12,13 +12,16 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
+#include "accessvdb/tool_spec.h"
 #include "accessvdb/tsdf_volume.h"
 #include "field/access_map.h"
 #include "field/backend_choice.h"
+#include "field/best_tool.h"
 #include "field/field_access.h"
 #include "field/field_clock.h"
 #include "field/field_steps.h"
 #include "field/field_views.h"
+#include "field/further_tools.h"
 #include "field/new_thing_margin.h"
 #include "field/point_weights.h"
 #include "field/rules_version.h"
@@ -31,7 +34,6 @@
 #include "launch/stopwatch.h"
 #include "mirror/nanovdb_mirror.h"
 #include "tsdf/scan_integrator.h"
-#include "update/make_scheduler.h"
 #include "update/run_beside.h"
 
 namespace accessvdb {
@@ -44,23 +46,26 @@ tbb::task_arena makeArena(int threads) {
 }  // namespace
 
 struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
-  Impl(const ToolGeometry& tool_geometry, const FieldParams& resolved, internal::ChosenBackend chosen_backend)
+  /// @param tools_named  at least one  @param resolved  for the first of them
+  Impl(std::vector<ToolSpec> tools_named, const FieldParams& resolved, internal::ChosenBackend chosen_backend)
       : params(resolved),
-        tool(tool_geometry),
+        tools(std::move(tools_named)),
+        tool(tools.front().tool),
         arena(makeArena(params.threads)),
         background_arena(makeArena(params.threads)),
         chosen(std::move(chosen_backend)),
         backend(chosen.backend.get()),
         setup(tool, params, *backend),
         volume(params.tsdf),
-        gate(params.tsdf, params.origin_W, returnsInWindow()),
         integrator(prepared(volume, params)),
         mirror(backend->makeArena(), params.tsdf.voxel_size_m),
         distance_mirror(makeDistanceMirror()),
         points(params, setup.directions_xy(), setup.axes_xyz()),
         reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight, core())),
         scorer(points, params, *backend, reads),
-        scheduler(internal::makeScheduler(scorer, {setup.hostTool(), setup.hostApproach()})),
+        further(tools, params, {volume.packed(), points, *backend, core()}),
+        gate(params.tsdf, params.origin_W, returnsInWindow()),
+        scheduler(further.makeSchedulers(scorer, setup)),
         steps(views) {
     static_assert(internal::ScanIntegrator::kParts <= internal::UpdateScheduler::kMostParts);
     integrator.noteDistances(distance_mirror != nullptr || scheduler->needs().distances);
@@ -75,7 +80,11 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
   std::optional<internal::VoxelColumnBox> returnsInWindow() const {
     if (!params.window) return std::nullopt;
-    return internal::returnsOf(*params.window, internal::windowReach(setup.tool(), params));
+    internal::WindowReach reach = internal::windowReach(setup.tool(), params);
+    for (std::size_t n = 0; n < further.size(); ++n) {
+      reach = internal::unionOf(reach, internal::windowReach(further[n].setup.tool(), further[n].params));
+    }
+    return internal::returnsOf(*params.window, reach);
   }
 
   std::unique_ptr<internal::DistanceMirror> makeDistanceMirror() {
@@ -110,7 +119,83 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const kernels::DistanceView distances = {distance_mirror ? distance_mirror->grid() : nullptr,
                                              tables.map.inverse_voxel_size};
-    return {volume.packed(), scorer, *backend, tables.map, distances, tables.approach, gate.origin_W()};
+    return {volume.packed(), scorer, *backend, tables.map, distances, tables.approach, gate.origin_W(), viewedTools()};
+  }
+  /// None if there is only one.
+  [[nodiscard]] std::vector<internal::ViewedTool> viewedTools() const {
+    std::vector<internal::ViewedTool> viewed;
+    if (further.empty()) return viewed;
+    viewed.push_back({scorer, setup.hostApproach(), setup.tool().collision_limit});
+    for (std::size_t n = 0; n < further.size(); ++n) {
+      const internal::ScoringSetup& own = further[n].setup;
+      viewed.push_back({*further[n].scorer, own.hostApproach(), own.tool().collision_limit});
+    }
+    return viewed;
+  }
+
+  /// The parts of a tool. @param k  below tools.size(), else @throws InvalidArgument "tool.index"
+  [[nodiscard]] const internal::ScoringSetup& setupOf(std::size_t k) const {
+    if (k >= tools.size()) {
+      throw InvalidArgument("tool.index", std::to_string(k),
+                            "is not one of the field's " + std::to_string(tools.size()) + " tools",
+                            "Count them from 0");
+    }
+    return k == 0 ? setup : further[k - 1].setup;
+  }
+  [[nodiscard]] const internal::PointScorer& scorerOf(std::size_t k) const {
+    return k == 0 ? scorer : *further[k - 1].scorer;
+  }
+  [[nodiscard]] std::vector<std::uint16_t> collisionLimits() const {
+    std::vector<std::uint16_t> limits;
+    for (std::size_t k = 0; k < tools.size(); ++k) limits.push_back(setupOf(k).tool().collision_limit);
+    return limits;
+  }
+  /// All points, with the state of the best tool at each.
+  [[nodiscard]] std::unique_ptr<const SurfacePoints> scoredPoints() const {
+    std::vector<std::unique_ptr<const SurfacePoints>> each;
+    for (const internal::ScoredField& field : further.ofEach(scored())) {
+      each.push_back(internal::scoredPoints(field, internal::PointStates::AsOfTheLastUpdate));
+    }
+    return pointsOf(std::move(each));
+  }
+  [[nodiscard]] std::unique_ptr<const SurfacePoints> pointsOf(
+      std::vector<std::unique_ptr<const SurfacePoints>> each) const {
+    if (each.size() == 1) return std::move(each.front());
+    return std::make_unique<internal::PointsOfTools>(std::move(each), collisionLimits());
+  }
+  [[nodiscard]] SurfacePoint scoredPoint(std::uint32_t id) const {
+    if (further.empty()) return internal::scoredPoint(scored(), id);
+    std::vector<SurfacePoint> each;
+    for (const internal::ScoredField& field : further.ofEach(scored())) {
+      each.push_back(internal::scoredPoint(field, id));
+    }
+    return internal::pointOfTools(each, collisionLimits());
+  }
+  /// The points of one tool, scored anew. @param tests  increased by those that it took
+  [[nodiscard]] std::unique_ptr<const SurfacePoints> fromScratch(std::size_t k, internal::PointScorer& again,
+                                                                 std::uint64_t& tests) const {
+    again.grow();
+    std::vector<std::uint32_t> ids(points.size());
+    std::iota(ids.begin(), ids.end(), 0u);
+    again.refreshWeights(ids);
+    std::erase_if(ids, [&](std::uint32_t id) { return !again.confidentEnough(id); });
+    again.refreshNeighbourhoods(ids);
+    again.upload(ids);
+    const kernels::DirectionMask all = kernels::allDirections(setupOf(k).tool().num_directions);
+    std::vector<kernels::ScoreItem> items(ids.size());
+    for (std::size_t n = 0; n < ids.size(); ++n) {
+      items[n].id = ids[n];
+      items[n].candidates = all;
+    }
+    internal::ScoringTables tables = setupOf(k).tables(mirror.grid());
+    tables.rule.keep_best = false;
+    for (const auto& result : again.score(items, tables)) tests += result.tests;
+    return internal::scoredPoints({again, *backend, gate.origin_W(), setupOf(k).tool().rolls, core()},
+                                  internal::PointStates::AsOfTheLastUpdate);
+  }
+  [[nodiscard]] std::unique_ptr<internal::PointScorer> freshScorer(std::size_t k) const {
+    const internal::PointScorer& of_tool = scorerOf(k);
+    return std::make_unique<internal::PointScorer>(of_tool.points(), of_tool.params(), *backend, of_tool.reads());
   }
 
   /// @param gated  returns the scan that passed the gate
@@ -199,7 +284,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     internal::StateHead head;
     head.rules_version = internal::kRulesVersion;
     head.version = ACCESSVDB_VERSION;
-    head.tool_sha256 = tool.sha256();
+    head.tool_sha256 = toolListSha256(tools);
+    head.tools = further.saved(tools);
     head.params = params;
     if (gate.hasOrigin()) head.origin_W = gate.origin_W();
     head.updated = updated;
@@ -216,6 +302,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
       mirror.apply(facts);
       if (distance_mirror) distance_mirror->apply(distances);
     });
+    state.readViews(points, further.ownStores());
     scheduler->noteRestored();
     scans = head.scans;
     clock = internal::FieldClock(head.latest_stamp_s);
@@ -240,20 +327,22 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   FieldParams params;
-  ToolGeometry tool;
+  std::vector<ToolSpec> tools;
+  const ToolGeometry& tool;  ///< the first
   tbb::task_arena arena;
   tbb::task_arena background_arena;  ///< of updateAsync(): a scan that waits for it may fill the other
   internal::ChosenBackend chosen;
   kernels::Backend* backend;
   internal::ScoringSetup setup;
   TsdfVolume volume;
-  internal::ScanGate gate;
   internal::ScanIntegrator integrator;
   internal::NanoVdbMirror mirror;
   std::unique_ptr<internal::DistanceMirror> distance_mirror;  ///< only for FieldParams::mirror_distance
   internal::PointStore points;
   internal::MapReads reads;
   internal::PointScorer scorer;
+  internal::FurtherTools further;
+  internal::ScanGate gate;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;
   double noted_ms = 0;      ///< noting what scans since the last update changed in the map
@@ -264,11 +353,15 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
 };
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
+    : AccessibilityField(
+          {{tool, params.approach.orientations, params.approach.rolls, {}, params.scoring.max_collisions}}, params) {}
+AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params)
     : impl_(makeArena(params.threads).execute([&] {
-        FieldParams resolved = params.resolved();
-        resolved.approach.rolls = internal::toolRolls(tool, resolved.approach).count;
+        const std::vector<ToolSpec> list = namedTools(std::move(tools));
+        const FieldParams resolved = internal::resolvedFor(list.front(), params);
+        internal::requireManyTools(list, resolved);
         return internal::onBackend(resolved.backend, [&](internal::ChosenBackend chosen) {
-          return std::make_unique<Impl>(tool, resolved, std::move(chosen));
+          return std::make_unique<Impl>(list, resolved, std::move(chosen));
         });
       })) {}
 AccessibilityField::~AccessibilityField() = default;
@@ -323,8 +416,16 @@ FieldSnapshot AccessibilityField::unscoredSnapshot() const {
 
 std::unique_ptr<const SurfacePoints> AccessibilityField::points() const {
   impl_->steps.requireWhole();
-  return impl_->arena.execute(
-      [&] { return internal::scoredPoints(impl_->scored(), internal::PointStates::AsOfTheLastUpdate); });
+  return impl_->arena.execute([&] { return impl_->scoredPoints(); });
+}
+
+FieldSnapshot AccessibilityField::toolSnapshot(std::size_t tool) const {
+  impl_->steps.requireWhole();
+  static_cast<void>(impl_->setupOf(tool));
+  return impl_->arena.execute([&] {
+    const auto fields = impl_->further.ofEach(impl_->scored());
+    return internal::snapshotOf(*internal::scoredPoints(fields[tool], internal::PointStates::AsOfTheLastUpdate));
+  });
 }
 
 std::unique_ptr<const SurfacePoints> AccessibilityField::unscoredPoints() const {
@@ -335,30 +436,15 @@ std::unique_ptr<const SurfacePoints> AccessibilityField::unscoredPoints() const 
 FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) const {
   impl_->steps.requireWhole();
   return impl_->arena.execute([&] {
-    internal::PointScorer scorer(impl_->points, impl_->params, *impl_->backend, impl_->reads);
-    scorer.grow();
-    std::vector<std::uint32_t> ids(impl_->points.size());
-    std::iota(ids.begin(), ids.end(), 0u);
-    scorer.refreshWeights(ids);
-    std::erase_if(ids, [&](std::uint32_t id) { return !scorer.confidentEnough(id); });
-    scorer.refreshNeighbourhoods(ids);
-    scorer.upload(ids);
-    const kernels::DirectionMask all = kernels::allDirections(impl_->setup.tool().num_directions);
-    std::vector<kernels::ScoreItem> items(ids.size());
-    for (std::size_t n = 0; n < ids.size(); ++n) {
-      items[n].id = ids[n];
-      items[n].candidates = all;
+    std::vector<std::unique_ptr<internal::PointScorer>> scorers;
+    std::vector<std::unique_ptr<const SurfacePoints>> each;
+    std::uint64_t all_tests = 0;
+    for (std::size_t k = 0; k < impl_->tools.size(); ++k) {
+      scorers.push_back(impl_->freshScorer(k));
+      each.push_back(impl_->fromScratch(k, *scorers.back(), all_tests));
     }
-    internal::ScoringTables tables = impl_->setup.tables(impl_->mirror.grid());
-    tables.rule.keep_best = false;
-    const auto results = scorer.score(items, tables);
-    if (tests != nullptr) {
-      *tests = 0;
-      for (const auto& result : results) *tests += result.tests;
-    }
-    const internal::ScoredField again = {scorer, *impl_->backend, impl_->gate.origin_W(), impl_->setup.tool().rolls,
-                                         impl_->core()};
-    return internal::snapshotOf(*internal::scoredPoints(again, internal::PointStates::AsOfTheLastUpdate));
+    if (tests != nullptr) *tests = all_tests;
+    return internal::snapshotOf(*impl_->pointsOf(std::move(each)));
   });
 }
 
@@ -366,17 +452,20 @@ std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p
   impl_->steps.requireWhole();
   const std::uint32_t id = impl_->idAt(p_W);
   if (id == internal::kNone) return std::nullopt;
-  return internal::scoredPoint(impl_->scored(), id);
+  return impl_->scoredPoint(id);
 }
 
-std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_W) const {
+std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_W) const { return accessMap(p_W, 0); }
+std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_W, std::size_t tool) const {
   impl_->steps.requireWhole();
+  const internal::ScoringSetup& setup = impl_->setupOf(tool);
   const std::uint32_t id = impl_->idAt(p_W);
   if (id == internal::kNone) return std::nullopt;
   return impl_->arena.execute([&] {
-    internal::PointScorer scorer(impl_->points, impl_->params, *impl_->backend, impl_->reads);
-    return AccessMap{internal::scoredPoint(impl_->scored(), id), collisionLimit(),
-                     internal::tryEveryDirection(scorer, impl_->setup, impl_->mirror.grid(), id)};
+    const auto scorer = impl_->freshScorer(tool);
+    return AccessMap{internal::scoredPoint(impl_->further.ofEach(impl_->scored())[tool], id),
+                     setup.tool().collision_limit,
+                     internal::tryEveryDirection(*scorer, setup, impl_->mirror.grid(), id)};
   });
 }
 
@@ -390,6 +479,7 @@ const TsdfVolume& AccessibilityField::volume() const {
   return impl_->volume;
 }
 const ToolGeometry& AccessibilityField::tool() const { return impl_->tool; }
+const std::vector<ToolSpec>& AccessibilityField::tools() const { return impl_->tools; }
 const FieldParams& AccessibilityField::params() const { return impl_->params; }
 Eigen::Vector3d AccessibilityField::origin_W() const { return impl_->gate.origin_W(); }
 std::string AccessibilityField::deviceName() const { return impl_->backend->name(); }
@@ -397,6 +487,7 @@ std::string AccessibilityField::deviceNote() const { return impl_->chosen.note; 
 std::string AccessibilityField::deviceNoteId() const { return impl_->chosen.note_id; }
 double AccessibilityField::toolShareHidden() const { return impl_->setup.tool().hidden_share; }
 int AccessibilityField::collisionLimit() const { return impl_->setup.tool().collision_limit; }
+int AccessibilityField::collisionLimit(std::size_t tool) const { return impl_->setupOf(tool).tool().collision_limit; }
 
 MemoryUse AccessibilityField::memoryUse() const {
   impl_->steps.settle();
@@ -407,9 +498,10 @@ MemoryUse AccessibilityField::memoryUse() const {
     use.distance_mirror_bytes = impl_->distance_mirror->usedBytes() + impl_->distance_mirror->hostBytes();
   }
   use.point_host_bytes = impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes() +
-                         impl_->views.bytes() + impl_->setup.hostBytes() + impl_->gate.bytes();
-  use.point_device_bytes =
-      impl_->scorer.device().bytes() + impl_->setup.deviceBytes() + impl_->scheduler->deviceBytes();
+                         impl_->views.bytes() + impl_->setup.hostBytes() + impl_->further.hostBytes() +
+                         impl_->gate.bytes();
+  use.point_device_bytes = impl_->scorer.device().bytes() + impl_->setup.deviceBytes() + impl_->further.deviceBytes() +
+                           impl_->scheduler->deviceBytes();
   use.device_peak_bytes = impl_->backend->peakBytes();
   use.leaves = impl_->volume.leafCount();
   use.active_voxels = impl_->volume.activeVoxelCount();
@@ -418,22 +510,23 @@ MemoryUse AccessibilityField::memoryUse() const {
 
 void AccessibilityField::saveState(const std::filesystem::path& file) const {
   impl_->steps.requireWhole();
-  impl_->arena.execute([&] { internal::writeState(file, impl_->stateHead(), impl_->volume.packed(), impl_->points); });
+  impl_->arena.execute([&] {
+    internal::writeState(file, impl_->stateHead(), {impl_->volume.packed(), impl_->points, impl_->further.ownStores()});
+  });
 }
 
 AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, const ToolGeometry& tool,
                                                  BackendKind backend, int threads) {
   internal::StateReader state(file);
-  if (state.head().tool_sha256 != tool.sha256()) {
-    throw UnusableInput("state.tool", file.string(), "is the state of a field for another tool",
-                        "Use the tool that it was made with, in the same pose, or start again");
-  }
-  FieldParams params = state.head().params;
-  params.backend = backend;
-  params.threads = threads;
-  AccessibilityField field(tool, params);
-  field.impl_->arena.execute([&] { field.impl_->restore(state); });
-  return field;
+  const FieldParams& saved = state.head().params;
+  const ToolSpec spec = {tool, saved.approach.orientations, saved.approach.rolls, {}, saved.scoring.max_collisions};
+  return internal::FieldAccess::load(state, {spec}, backend, threads);
+}
+
+AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, std::vector<ToolSpec> tools,
+                                                 BackendKind backend, int threads) {
+  internal::StateReader state(file);
+  return internal::FieldAccess::load(state, namedTools(std::move(tools)), backend, threads);
 }
 
 void AccessibilityField::write(const std::filesystem::path& folder) const { writeField(*this, folder, {}); }
@@ -442,6 +535,22 @@ FrameStats internal::FieldAccess::integrateLocal(AccessibilityField& field, std:
                                                  std::span<const Eigen::Vector3f> q_L) {
   return field.impl_->integrate(
       [&](FrameStats& stats) -> const GatedScan& { return field.impl_->gate.gateLocal(p_L, q_L, stats); });
+}
+
+AccessibilityField internal::FieldAccess::load(StateReader& state, const std::vector<ToolSpec>& tools,
+                                               BackendKind backend, int threads) {
+  if (state.head().tool_sha256 != toolListSha256(tools)) {
+    throw UnusableInput("state.tool", state.file().string(),
+                        state.head().tools.empty() && tools.size() == 1 ? "is the state of a field for another tool"
+                                                                        : "is the state of a field for other tools",
+                        "Use the tools that it was made with, in the same pose and order, or start again");
+  }
+  FieldParams params = state.head().params;
+  params.backend = backend;
+  params.threads = threads;
+  AccessibilityField field(tools, params);
+  field.impl_->arena.execute([&] { field.impl_->restore(state); });
+  return field;
 }
 
 const internal::PointStore& internal::FieldAccess::points(const AccessibilityField& field) {

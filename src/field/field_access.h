@@ -6,12 +6,14 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "accessvdb/accessibility_field.h"
 
 namespace accessvdb::internal {
 
 class PointStore;
+class StateReader;
 
 /// Exact counts of what the field holds so far.
 struct FieldCounts {
@@ -27,6 +29,9 @@ struct FieldAccess {
   /// are not checked again. @param q_L  [n] or [1] sensor positions
   static FrameStats integrateLocal(AccessibilityField& field, std::span<const Eigen::Vector3f> p_L,
                                    std::span<const Eigen::Vector3f> q_L);
+  /// @param tools  named @throws UnusableInput "state.tool" if the state is not of these
+  [[nodiscard]] static AccessibilityField load(StateReader& state, const std::vector<ToolSpec>& tools,
+                                               BackendKind backend, int threads);
   [[nodiscard]] static const PointStore& points(const AccessibilityField& field);
   [[nodiscard]] static FieldCounts counts(const AccessibilityField& field);
 };

@@ -8,6 +8,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/config.h"
 #include "accessvdb/surface_points.h"
+#include "accessvdb/tool_spec.h"
 #include "accessvdb/tsdf_volume.h"
 #include "field/field_files.h"
 #include "io/field_grids.h"
@@ -17,13 +18,24 @@ namespace {
 
 /// Version, tool, device and every effective parameter, in a fixed order.
 io::FieldMetadata metadataOf(const AccessibilityField& field) {
-  io::FieldMetadata metadata = {{"accessvdb_version", ACCESSVDB_VERSION},
-                                {"tool", field.tool().name()},
-                                {"tool_sha256", field.tool().sha256()},
-                                {"tool_reach_m", std::to_string(field.tool().reach_m())},
-                                {"collision_limit", std::to_string(field.collisionLimit())},
-                                {"device", field.deviceName()}};
-  const std::string description = field.params().describe();
+  const std::vector<ToolSpec>& tools = field.tools();
+  io::FieldMetadata metadata = {{"accessvdb_version", ACCESSVDB_VERSION}};
+  if (tools.size() == 1) {
+    metadata.insert(metadata.end(), {{"tool", field.tool().name()},
+                                     {"tool_sha256", field.tool().sha256()},
+                                     {"tool_reach_m", std::to_string(field.tool().reach_m())},
+                                     {"collision_limit", std::to_string(field.collisionLimit())}});
+  } else {
+    metadata.emplace_back("tool_sha256", toolListSha256(tools));
+  }
+  for (std::size_t k = 0; k < tools.size() && tools.size() > 1; ++k) {
+    const std::string prefix = std::string("tool_").append(tools[k].name);
+    metadata.insert(metadata.end(), {{prefix, tools[k].tool.name()},
+                                     {prefix + "_reach_m", std::to_string(tools[k].tool.reach_m())},
+                                     {prefix + "_collision_limit", std::to_string(field.collisionLimit(k))}});
+  }
+  metadata.emplace_back("device", field.deviceName());
+  const std::string description = describeTools(tools, field.params());
   for (std::size_t begin = 0; begin < description.size();) {
     const std::size_t end = description.find('\n', begin), blank = description.find(' ', begin);
     metadata.emplace_back(description.substr(begin, blank - begin), description.substr(blank + 1, end - blank - 1));

@@ -16,6 +16,15 @@ bool onHost(const kernels::Backend& backend) { return backend.name() == "cpu"; }
 FieldViews::FieldViews() : revision_(std::make_shared<std::atomic<std::uint64_t>>(0)) {}
 FieldViews::~FieldViews() { revision_->store(BatchQuery::Impl::kGone, std::memory_order_release); }
 
+const MergedTools& FieldViews::merged(const ViewedParts& parts) {
+  if (!merged_ || merged_revision_ != revision()) {
+    merged_.reset();  // avoids two of them at once
+    merged_ = std::make_unique<const MergedTools>(parts.backend, parts.tools);
+    merged_revision_ = revision();
+  }
+  return *merged_;
+}
+
 BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
   if (query_ && query_->current()) return BatchQuery(query_);
   query_.reset();  // avoids two copies of the state at once
@@ -25,9 +34,15 @@ BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
   auto impl = std::make_shared<BatchQuery::Impl>();
   impl->source.map = &parts.map;
   impl->source.index = &index_;
-  impl->source.state = std::make_shared<const HostPointState>(parts.backend, parts.scorer.device().view(),
-                                                              parts.scorer.device().size(), onHost(parts.backend));
+  const kernels::PointStateView state =
+      parts.tools.empty() ? parts.scorer.device().view() : arena.execute([&] { return merged(parts).view(); });
+  impl->source.state =
+      std::make_shared<const HostPointState>(parts.backend, state, parts.scorer.device().size(), onHost(parts.backend));
   impl->source.directions = directionVectors(parts.scorer.params().approach);
+  for (std::size_t k = 1; k < parts.tools.size(); ++k) {
+    const auto more = directionVectors(parts.tools[k].scorer.params().approach);
+    impl->source.directions.insert(impl->source.directions.end(), more.begin(), more.end());
+  }
   impl->source.origin_W = parts.origin_W;
   impl->source.voxel_size_m = static_cast<float>(voxel_size_m);
   impl->source.inverse_voxel_size = kernels::VoxelScale(voxel_size_m).inverse_float32;
@@ -38,7 +53,7 @@ BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
   return BatchQuery(query_);
 }
 
-DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) const {
+DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) {
   if (on_gpu && onHost(parts.backend)) {
     throw DeviceError("device.none", "cpu", "this field is not on a GPU, so it has no device memory to show",
                       "Use BackendKind::Cuda or hostView()");
@@ -48,7 +63,8 @@ DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) const {
                       "Use deviceView() in a kernel, or batchQuery() on the host");
   }
   parts.backend.waitForMirror();
-  const kernels::PointStateView state = parts.scorer.device().view();
+  const bool several = !parts.tools.empty();
+  const kernels::PointStateView state = several ? merged(parts).view() : parts.scorer.device().view();
   DeviceView view;
   view.map = parts.mirror;
   view.distance = parts.distances;
@@ -60,6 +76,11 @@ DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) const {
   view.direction_xy = parts.approach.direction_xy;
   view.axes_xyz = parts.approach.axes_xyz;
   view.num_directions = parts.approach.num_directions;
+  if (several) {
+    view.direction_xy = nullptr;
+    view.axes_xyz = merged(parts).axes_xyz();
+    view.num_directions = merged(parts).numDirections();
+  }
   view.voxel_size_m = static_cast<float>(parts.map.params().voxel_size_m);
   for (int axis = 0; axis < 3; ++axis) view.origin_W[axis] = parts.origin_W[axis];
   view.revision = revision();

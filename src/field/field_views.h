@@ -10,6 +10,7 @@
 
 #include "accessvdb/batch_query.h"
 #include "accessvdb/device_view.h"
+#include "field/merged_tools.h"
 #include "field/query_index.h"
 #include "field/query_source.h"
 #include "update/point_scorer.h"
@@ -25,6 +26,7 @@ struct ViewedParts {
   kernels::DistanceView distances;  ///< no grid if there is no mirror of them
   kernels::ApproachView approach;   ///< in the backend's memory
   Eigen::Vector3d origin_W;
+  std::vector<ViewedTool> tools = {};  ///< if there are several, all of them
 };
 
 /// One per field; one thread at a time.
@@ -41,14 +43,19 @@ class FieldViews {
 
   [[nodiscard]] BatchQuery query(const ViewedParts& parts, tbb::task_arena& arena);
   /// @throws DeviceError if the field's backend is not of this kind
-  [[nodiscard]] DeviceView view(const ViewedParts& parts, bool on_gpu) const;
+  [[nodiscard]] DeviceView view(const ViewedParts& parts, bool on_gpu);
 
   [[nodiscard]] std::uint64_t bytes() const { return index_.bytes(); }
 
  private:
+  /// Of several tools, for the field's present revision.
+  const MergedTools& merged(const ViewedParts& parts);
+
   std::shared_ptr<std::atomic<std::uint64_t>> revision_;
   QueryIndex index_;
   std::shared_ptr<const BatchQuery::Impl> query_;  ///< the last one
+  std::unique_ptr<const MergedTools> merged_;
+  std::uint64_t merged_revision_ = 0;
 };
 
 }  // namespace accessvdb::internal

@@ -161,7 +161,7 @@ FieldParams FieldParams::resolved() const {
   require("collision_distance_m", s.collision_distance_m, 1e-6, t.truncation_distance_m);
   require("self_exclusion_voxels", s.self_exclusion_voxels, 0, 100);
   require("surface_samples", s.surface_samples, 10, 1'000'000);
-  require("max_collisions", s.max_collisions, 0, 65000);
+  require("max_collisions", s.max_collisions, -1, 65000, "0 is the rule, -1 is none");
   if (s.neighbours == 0) s.neighbours = neighboursFor(t.range_noise_m, t.voxel_size_m);
   require("neighbours", s.neighbours, 3, 500);
   require("confidence_half_weight", s.confidence_half_weight, 0.01, 1000);

@@ -12,6 +12,9 @@ SavedState inspectState(const std::filesystem::path& file) {
   SavedState state;
   state.version = head.version;
   state.tool_sha256 = head.tool_sha256;
+  for (const internal::SavedTool& tool : head.tools) {
+    state.tools.push_back({tool.name, tool.sha256, tool.orientations, tool.rolls, tool.max_collisions});
+  }
   constexpr const char* kHex = "0123456789abcdef";
   for (const unsigned char byte : reader.headDigest()) {
     state.sha256 += kHex[byte >> 4];

@@ -9,7 +9,9 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "accessvdb/tool_spec.h"
 #include "field/rules_version.h"
+#include "hostdev/direction_mask.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -222,6 +224,12 @@ void visitFirst(Code& code, Head& head) {
 template <typename Code, typename Head>
 void visitRest(Code& code, Head& head) {
   visitParams(code, head.params);
+  if (head.tool_sha256.starts_with(kToolListMark)) {
+    code.size(head.tools, kMostTools);
+    for (auto& tool : head.tools) {
+      visitAll(code, tool.name, tool.sha256, tool.orientations, tool.rolls, tool.max_collisions, tool.view_words);
+    }
+  }
   if (head.schema != kStateSchema) visitOrientations(code, head.params.approach.orientations);
   if (head.schema == kRolledStateSchema) code(head.params.approach.rolls);
   if (code.has(head.origin_W)) {
@@ -234,6 +242,10 @@ void visitRest(Code& code, Head& head) {
 
 bool isPlausible(const StateHead& head) {
   if (head.schema != stateSchemaOf(head.params)) return false;
+  if (head.tool_sha256.starts_with(kToolListMark) != (head.tools.size() > 1)) return false;
+  for (const SavedTool& tool : head.tools) {
+    if (tool.view_words > kernels::kMaxDirectionWords) return false;
+  }
   if (head.params.update.policy == UpdatePolicy::Paper || head.params.tsdf.region == UpdateRegion::Projective) {
     return false;
   }
@@ -254,6 +266,12 @@ bool isPlausible(const StateHead& head) {
 }
 
 }  // namespace
+
+std::uint64_t viewBytesPerPoint(const StateHead& head) {
+  std::uint64_t bytes = 0;
+  for (const SavedTool& tool : head.tools) bytes += tool.view_words * sizeof(std::uint64_t);
+  return bytes;
+}
 
 std::vector<char> bytesOf(const StateHead& head) {
   Encoder encoder;

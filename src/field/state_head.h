@@ -29,11 +29,22 @@ inline constexpr std::uint32_t kRolledStateSchema = 5;
   return params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema;
 }
 
+/// One of several tools.
+struct SavedTool {
+  std::string name, sha256;  ///< ToolSpec::name, ToolGeometry::sha256()
+  std::string orientations;  ///< OrientationSet::text()
+  std::int32_t rolls = 0, max_collisions = 0;
+  std::uint32_t view_words = 0;  ///< of seen directions that are stored for it; 0: they are an earlier tool's
+};
+/// What a list of several tools is called in place of a tool's hash (toolListSha256).
+inline constexpr const char* kToolListMark = "tools:";
+
 struct StateHead {
   std::uint32_t schema = kStateSchema;
   std::uint32_t rules_version = 0;
   std::string version;                      ///< of the program, for people
-  std::string tool_sha256;                  ///< ToolGeometry::sha256()
+  std::string tool_sha256;                  ///< ToolGeometry::sha256(), or toolListSha256()
+  std::vector<SavedTool> tools;             ///< of a list
   FieldParams params;                       ///< resolved; backend and threads are not part of a state
   std::optional<Eigen::Vector3d> origin_W;  ///< once there is one
   bool updated = false;                     ///< after an update(): its labels have to be made again
@@ -42,6 +53,9 @@ struct StateHead {
   std::uint64_t leaves = 0, leaves_with_values = 0, leaves_with_votes = 0;
   std::uint64_t points = 0, poses = 0;
 };
+
+/// Of the seen directions of one point that are stored for further tools.
+[[nodiscard]] std::uint64_t viewBytesPerPoint(const StateHead& head);
 
 [[nodiscard]] std::vector<char> bytesOf(const StateHead& head);
 

@@ -74,9 +74,11 @@ void StateReader::readHead() {
   const bool small = head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValueBytes &&
                      head_.leaves_with_votes <= left / kLeafVoteBytes &&
                      head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes;
-  const std::uint64_t expected = kStateMagic.size() + 4 * kSectionFrameBytes + length + head_.leaves * kLeafBytes +
-                                 head_.leaves_with_values * kLeafValueBytes + head_.leaves_with_votes * kLeafVoteBytes +
-                                 head_.poses * kPoseBytes + head_.points * storedPointBytes(head_.params);
+  const std::uint64_t sections = head_.tools.empty() ? 4 : 5;
+  const std::uint64_t expected = kStateMagic.size() + sections * kSectionFrameBytes + length +
+                                 head_.leaves * kLeafBytes + head_.leaves_with_values * kLeafValueBytes +
+                                 head_.leaves_with_votes * kLeafVoteBytes + head_.poses * kPoseBytes +
+                                 head_.points * (storedPointBytes(head_.params) + viewBytesPerPoint(head_));
   if (!small || expected != in_.fileBytes()) {
     in_.refuse("it announces another size than the " + std::to_string(in_.fileBytes()) + " bytes of the file");
   }
@@ -86,6 +88,30 @@ void StateReader::readInto(PackedMap& map, PointStore& points, const TakeLeaves&
   readLeaves(map, take);
   readPoses(points);
   readPoints(points);
+}
+
+void StateReader::readViews(const PointStore& points, const std::vector<PointStore*>& stores) {
+  if (head_.tools.empty()) return;
+  if (in_.begin("views") != head_.points * viewBytesPerPoint(head_)) {
+    in_.refuse("its length is not that of the announced views");
+  }
+  std::vector<StoredPoint> block;
+  std::vector<std::uint64_t> seen;
+  for (PointStore* store : stores) {
+    const auto words = static_cast<std::size_t>((store->numDirections() + 63) / 64);
+    for (std::uint64_t first = 0; first < head_.points; first += kPointsRead) {
+      block.resize(std::min<std::uint64_t>(head_.points - first, kPointsRead));
+      seen.resize(block.size() * words);
+      in_.read(seen.data(), seen.size() * sizeof(seen[0]));
+      for (std::size_t n = 0; n < block.size(); ++n) {
+        block[n] = points.stored(static_cast<std::uint32_t>(first + n));
+        block[n].seen = {};
+        std::copy_n(seen.data() + n * words, words, block[n].seen.word);
+      }
+      if (!store->restore(block)) in_.refuse("a point has directions that its tool is not tried in");
+    }
+  }
+  in_.end();
 }
 
 void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {

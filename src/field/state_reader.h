@@ -7,6 +7,7 @@
 #include <filesystem>
 #include <functional>
 #include <span>
+#include <vector>
 
 #include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
@@ -32,6 +33,10 @@ class StateReader {
   /// Fills an empty map and an empty store. @param take  for the mirrors; the leaves are in the map by then
   /// @throws InputError "state.damaged"; then both are of no use any more
   void readInto(PackedMap& map, PointStore& points, const TakeLeaves& take);
+  /// Afterwards: fills the empty stores of further tools, which hold the same points, seen from other directions.
+  void readViews(const PointStore& points, const std::vector<PointStore*>& stores);
+
+  [[nodiscard]] const std::filesystem::path& file() const { return file_; }
 
  private:
   void readHead();

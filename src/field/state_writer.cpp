@@ -80,6 +80,25 @@ void writePoints(SectionWriter& out, const StateHead& head, const PointStore& po
   out.end();
 }
 
+/// Seen directions of the points in other stores, store by store.
+void writeViews(SectionWriter& out, const StateHead& head, const std::vector<PointStore*>& stores) {
+  out.begin("views", head.points * viewBytesPerPoint(head));
+  for (const PointStore* store : stores) {
+    const auto words = static_cast<std::size_t>((store->numDirections() + 63) / 64);
+    std::vector<std::uint64_t> block;
+    for (std::uint64_t first = 0; first < head.points; first += kPointsWritten) {
+      const std::size_t count = std::min<std::size_t>(head.points - first, kPointsWritten);
+      block.clear();
+      for (std::size_t n = 0; n < count; ++n) {
+        const DirectionMask seen = store->seen(static_cast<std::uint32_t>(first + n));
+        block.insert(block.end(), seen.word, seen.word + words);
+      }
+      out.write(block.data(), block.size() * sizeof(block[0]));
+    }
+  }
+  out.end();
+}
+
 }  // namespace
 
 std::uint64_t storedPointBytes(const FieldParams& params) {
@@ -100,7 +119,8 @@ void requireSavable(const FieldParams& params) {
   }
 }
 
-void writeState(const std::filesystem::path& file, StateHead head, const PackedMap& map, const PointStore& points) {
+void writeState(const std::filesystem::path& file, StateHead head, const SavedParts& parts) {
+  const auto& [map, points, views] = parts;
   requireSavable(head.params);
   head.schema = stateSchemaOf(head.params);
   head.leaves = map.leaf_count;
@@ -117,6 +137,7 @@ void writeState(const std::filesystem::path& file, StateHead head, const PackedM
     writeLeaves(out, head, map);
     writePoses(out, head, points);
     writePoints(out, head, points);
+    if (!head.tools.empty()) writeViews(out, head, views);
   });
 }
 

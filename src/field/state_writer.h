@@ -4,6 +4,7 @@
 #pragma once
 
 #include <filesystem>
+#include <vector>
 
 #include "field/state_head.h"
 #include "points/point_store.h"
@@ -25,8 +26,15 @@ inline constexpr std::uint64_t kPoseBytes = 3 * sizeof(float);
 /// @throws InvalidArgument "usage.checkpoint"  for fields whose results depend on more than a state holds
 void requireSavable(const FieldParams& params);
 
+/// What a state is made of.
+struct SavedParts {
+  const PackedMap& map;
+  const PointStore& points;
+  std::vector<PointStore*> views;  ///< of further tools: the same points, seen from other directions
+};
+
 /// @param head  its counts of leaves and points are filled in here
 /// @throws OutputError
-void writeState(const std::filesystem::path& file, StateHead head, const PackedMap& map, const PointStore& points);
+void writeState(const std::filesystem::path& file, StateHead head, const SavedParts& parts);
 
 }  // namespace accessvdb::internal

@@ -42,6 +42,10 @@ WindowReach windowReach(const ToolKernel& tool, const FieldParams& resolved) {
   return reach;
 }
 
+WindowReach unionOf(const WindowReach& a, const WindowReach& b) {
+  return {std::max(a.map, b.map), std::max(a.returns, b.returns), std::max(a.neighbours, b.neighbours)};
+}
+
 VoxelColumnBox coreOf(const FieldWindow& window) { return {window.core_low, window.core_high}; }
 
 VoxelColumnBox returnsOf(const FieldWindow& window, const WindowReach& reach) {

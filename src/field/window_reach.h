@@ -24,6 +24,8 @@ struct WindowReach {
   std::int32_t neighbours = 0;  ///< from a point to the farthest neighbour of its normal and its joined views
 };
 WindowReach windowReach(const ToolKernel& tool, const FieldParams& resolved);
+/// Of a field with several tools.
+WindowReach unionOf(const WindowReach& a, const WindowReach& b);
 
 /// A box of voxels, unbounded in z: low <= ijk < high.
 struct VoxelColumnBox {

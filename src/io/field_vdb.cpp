@@ -4,6 +4,8 @@
 /// grids only.
 #include <algorithm>
 #include <ostream>
+#include <sstream>
+#include <string>
 #include <utility>
 
 #include "accessvdb/tsdf_volume.h"
@@ -32,9 +34,13 @@ struct GridNotes {
 /// The grids of field.vdb for one field and one set of options.
 class FieldGrids {
  public:
-  /// @param rolls  whether the tool rolls
-  FieldGrids(const VolumeGrids& volume, const SurfacePoints& points, const io::WriteOptions& options, bool rolls)
-      : volume_(volume), points_(points), options_(options), rolls_(rolls), surface_(points) {}
+  /// What a field has besides.
+  struct Kind {
+    bool rolls = false;              ///< the tool rolls
+    std::vector<std::string> tools;  ///< names of several
+  };
+  FieldGrids(const VolumeGrids& volume, const SurfacePoints& points, const io::WriteOptions& options, Kind kind)
+      : volume_(volume), points_(points), options_(options), kind_(std::move(kind)), surface_(points) {}
   [[nodiscard]] std::vector<LazyGrid> list() const;
 
  private:
@@ -56,7 +62,7 @@ class FieldGrids {
   }
 
   template <typename Keep>
-  [[nodiscard]] LazyGrid fog(const char* name, const Keep& keep, const char* description) const {
+  [[nodiscard]] LazyGrid fog(const std::string& name, const Keep& keep, const char* description) const {
     return {name, [this, name, keep, description] {
               const auto one = [](const SurfacePoint&, std::uint32_t) { return 1.0f; };
               return described(surface_.grid<openvdb::FloatGrid>(name, 0.0f, keep, one),
@@ -68,11 +74,12 @@ class FieldGrids {
   [[nodiscard]] openvdb::GridBase::Ptr score() const;
   [[nodiscard]] openvdb::GridBase::Ptr bestDirection() const;
   [[nodiscard]] openvdb::GridBase::Ptr bestRoll() const;
+  [[nodiscard]] openvdb::GridBase::Ptr bestTool() const;
 
   const VolumeGrids& volume_;
   const SurfacePoints& points_;
   const io::WriteOptions options_;
-  bool rolls_;
+  Kind kind_;
   const SurfaceVoxels surface_;
 };
 
@@ -113,6 +120,14 @@ openvdb::GridBase::Ptr FieldGrids::bestRoll() const {
        "how far the tool is turned about its body, 0 up to below 360; 0: its top as far up as it goes", false});
 }
 
+openvdb::GridBase::Ptr FieldGrids::bestTool() const {
+  constexpr float kNoTool = -1.0f;
+  const auto value = [](const SurfacePoint& point, std::uint32_t) { return static_cast<float>(point.tool); };
+  return described(surface_.grid<openvdb::FloatGrid>("best_tool", kNoTool, keepAll, value),
+                   {openvdb::GRID_UNKNOWN, "index",
+                    "first tool that reaches the voxel, from 0; where none does, the one that came closest", false});
+}
+
 std::vector<LazyGrid> FieldGrids::list() const {
   const auto labelled = [](PointLabel label) {
     return [label](const SurfacePoint& point) { return point.label == label; };
@@ -124,7 +139,12 @@ std::vector<LazyGrid> FieldGrids::list() const {
   grids.push_back({"confidence", [this] { return confidence(); }});
   grids.push_back({"score", [this] { return score(); }});
   grids.push_back({"best_direction", [this] { return bestDirection(); }});
-  if (rolls_) grids.push_back({"best_roll", [this] { return bestRoll(); }});
+  if (kind_.rolls) grids.push_back({"best_roll", [this] { return bestRoll(); }});
+  if (!kind_.tools.empty()) grids.push_back({"best_tool", [this] { return bestTool(); }});
+  for (std::size_t k = 0; k < kind_.tools.size(); ++k) {
+    const auto reached = [k](const SurfacePoint& point) { return (point.tools >> k & 1) != 0; };
+    grids.push_back(fog("accessible_" + kind_.tools[k], reached, "1 in surface voxels that this tool can reach"));
+  }
   grids.push_back({"distance", [this] {
                      return described(
                          volume_.distance(),
@@ -155,9 +175,14 @@ std::vector<LazyGrid> FieldGrids::list() const {
 void writeFieldGrids(const std::filesystem::path& path, const VolumeGrids& volume, const SurfacePoints& points,
                      const io::FieldMetadata& metadata, const io::WriteOptions& options) {
   openvdb::initialize();
-  const bool rolls =
-      std::any_of(metadata.begin(), metadata.end(), [](const auto& entry) { return entry.first == "rolls"; });
-  const FieldGrids grids(volume, points, options, rolls);
+  FieldGrids::Kind kind;
+  for (const auto& [name, text] : metadata) {
+    kind.rolls = kind.rolls || name == "rolls";
+    if (name != "tools") continue;
+    std::istringstream names(text);
+    for (std::string tool; std::getline(names, tool, ',');) kind.tools.push_back(tool);
+  }
+  const FieldGrids grids(volume, points, options, std::move(kind));
   const auto file_metadata = fieldMetadata(points, metadata, options);
   io::writeFileDurably(
       path, [&](std::ostream& stream) { writeGrids(stream, grids.list(), file_metadata, options.compression); });

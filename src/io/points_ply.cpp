@@ -42,7 +42,7 @@ internal::PointsPlyColumns columnsOf(const FieldMetadata& metadata) {
   const auto has = [&](const char* name) {
     return std::any_of(metadata.begin(), metadata.end(), [&](const auto& entry) { return entry.first == name; });
   };
-  return {has("orientations"), has("orientations") && has("rolls")};
+  return {has("orientations"), has("orientations") && has("rolls"), has("tools")};
 }
 
 void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldMetadata& metadata) {
@@ -66,6 +66,9 @@ void writeHeader(std::ostream& stream, const SurfacePoints& points, const FieldM
   if (columns.roll) {
     stream << "property " << internal::kPointsPlyRoll.type << " " << internal::kPointsPlyRoll.name << "\n";
   }
+  for (const auto& property : internal::kPointsPlyTools) {
+    if (columns.tools) stream << "property " << property.type << " " << property.name << "\n";
+  }
   stream << "end_header\n";
 }
 
@@ -86,11 +89,13 @@ char* putRecord(char* to, const SurfacePoint& point, const internal::PointsPlyCo
   to = put(to, point.stability);
   for (int axis = 0; axis < 3; ++axis) to = put(to, point.direction_W[axis]);
   to = put(to, static_cast<float>(point.yaw_rad * internal::kDegreesPerRadian));
-  if (!columns.orientation) return to;
-  const Eigen::Quaternionf& q = point.orientation_WT;
-  for (const float part : {q.w(), q.x(), q.y(), q.z()}) to = put(to, part);
-  to = put(to, point.direction);
-  return columns.roll ? put(to, point.roll) : to;
+  if (columns.orientation) {
+    const Eigen::Quaternionf& q = point.orientation_WT;
+    for (const float part : {q.w(), q.x(), q.y(), q.z()}) to = put(to, part);
+    to = put(to, point.direction);
+  }
+  if (columns.roll) to = put(to, point.roll);
+  return columns.tools ? put(put(to, point.tool), point.tools) : to;
 }
 
 }  // namespace

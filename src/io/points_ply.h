@@ -41,13 +41,17 @@ inline constexpr std::array<PlyProperty, 5> kPointsPlyOrientation = {
 /// And behind those, where it rolls: the roll's index.
 inline constexpr PlyProperty kPointsPlyRoll = {"uchar", "roll"};
 
+/// Behind all those, of several tools: which one stands for the point, and a bit for each that reaches it.
+inline constexpr std::array<PlyProperty, 2> kPointsPlyTools = {{{"uchar", "tool"}, {"uint", "tools"}}};
+
 /// Which of these a file has.
 struct PointsPlyColumns {
   bool orientation = false;  ///< kPointsPlyOrientation
   bool roll = false;         ///< kPointsPlyRoll, only with orientation
+  bool tools = false;        ///< kPointsPlyTools
 
   [[nodiscard]] constexpr std::size_t recordBytes() const {
-    return kPointsPlyRecordBytes + (orientation ? 4 * 4 + 2 : 0) + (roll ? 1 : 0);
+    return kPointsPlyRecordBytes + (orientation ? 4 * 4 + 2 : 0) + (roll ? 1 : 0) + (tools ? 1 + 4 : 0);
   }
   friend bool operator==(const PointsPlyColumns&, const PointsPlyColumns&) = default;
 };

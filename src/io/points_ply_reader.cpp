@@ -10,6 +10,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/tool_spec.h"
 #include "io/points_ply.h"
 
 namespace accessvdb::io {
@@ -111,7 +112,7 @@ class PlyReader {
     if (readLine() != "ply") fail("malformed", "is not a PLY file");
     if (readLine() != "format binary_little_endian 1.0") fail("foreign", "is not a binary little endian PLY file");
     bool vertices = false;
-    std::size_t properties = 0;
+    std::vector<std::string> properties;
     for (std::string line = readLine(); line != "end_header"; line = readLine()) {
       const auto words = wordsOf(line);
       if (words.size() >= 3 && words[0] == "comment") {
@@ -125,30 +126,40 @@ class PlyReader {
         if (!count || *count >= INT32_MAX) fail("malformed", "has no usable number of vertices");
         header.count = *count;
         vertices = true;
-      } else if (words.size() == 3 && words[0] == "property" && isProperty(properties, words[1], words[2])) {
-        ++properties;
+      } else if (words.size() == 3 && words[0] == "property" && properties.size() < kMostProperties) {
+        properties.push_back(words[1] + " " + words[2]);
       } else if (words.empty() || words[0] != "comment") {
         fail("foreign", "has other elements or properties than the points of an accessibility field");
       }
     }
-    header.columns.orientation = properties >= kAllProperties - 1;
-    header.columns.roll = properties == kAllProperties;
-    if (!vertices || (properties != internal::kPointsPlyProperties.size() && !header.columns.orientation)) {
-      fail("foreign", "lacks properties of the points of an accessibility field");
-    }
+    const auto columns = columnsOf(properties);
+    if (!vertices || !columns)
+      fail("foreign", "lacks properties of the points of an accessibility field, or has others");
+    header.columns = *columns;
     return header;
   }
 
-  static constexpr std::size_t kAllProperties =
-      internal::kPointsPlyProperties.size() + internal::kPointsPlyOrientation.size() + 1;
-  /// Whether that is the n-th property.
-  static bool isProperty(std::size_t n, const std::string& type, const std::string& name) {
-    constexpr std::size_t kFirst = internal::kPointsPlyProperties.size();
-    if (n >= kAllProperties) return false;
-    const internal::PlyProperty& property = n < kFirst               ? internal::kPointsPlyProperties[n]
-                                            : n < kAllProperties - 1 ? internal::kPointsPlyOrientation[n - kFirst]
-                                                                     : internal::kPointsPlyRoll;
-    return type == property.type && name == property.name;
+  static constexpr std::size_t kMostProperties = 64;
+  /// @param properties  "type name" of each, in their order
+  static std::optional<internal::PointsPlyColumns> columnsOf(const std::vector<std::string>& properties) {
+    constexpr internal::PointsPlyColumns kKinds[] = {{false, false, false}, {true, false, false}, {true, true, false},
+                                                     {false, false, true},  {true, false, true},  {true, true, true}};
+    for (const internal::PointsPlyColumns& columns : kKinds) {
+      std::vector<std::string> expected;
+      const auto add = [&](const internal::PlyProperty& property) {
+        expected.push_back(std::string(property.type) + " " + property.name);
+      };
+      for (const auto& property : internal::kPointsPlyProperties) add(property);
+      for (const auto& property : internal::kPointsPlyOrientation) {
+        if (columns.orientation) add(property);
+      }
+      if (columns.roll) add(internal::kPointsPlyRoll);
+      for (const auto& property : internal::kPointsPlyTools) {
+        if (columns.tools) add(property);
+      }
+      if (properties == expected) return columns;
+    }
+    return std::nullopt;
   }
 
   /// Skips values that do not parse; required ones are checked later.
@@ -180,8 +191,9 @@ class PlyReader {
                         std::isfinite(point.confidence) && std::isfinite(point.stability) &&
                         std::isfinite(point.yaw_rad) && point.orientation_WT.coeffs().allFinite();
     if (!finite || static_cast<int>(point.label) >= kNumPointLabels ||
-        static_cast<int>(point.reason) >= kNumPointReasons) {
-      fail("malformed", "contains a non-finite value or an unknown label or reason in point " + std::to_string(index));
+        static_cast<int>(point.reason) >= kNumPointReasons || point.tool >= kMostTools) {
+      fail("malformed",
+           "contains a non-finite value or an unknown label, reason or tool in point " + std::to_string(index));
     }
     return point;
   }
@@ -264,12 +276,17 @@ SurfacePoint pointOfRecord(const char* from, const PointsPlyColumns& columns) {
   point.stability = io::take<float>(from);
   for (int axis = 0; axis < 3; ++axis) point.direction_W[axis] = io::take<float>(from);
   point.yaw_rad = static_cast<float>(io::take<float>(from) / kDegreesPerRadian);
-  if (!columns.orientation) return point;
-  float wxyz[4];
-  for (float& part : wxyz) part = io::take<float>(from);
-  point.orientation_WT = {wxyz[0], wxyz[1], wxyz[2], wxyz[3]};
-  point.direction = io::take<std::uint16_t>(from);
+  if (columns.orientation) {
+    float wxyz[4];
+    for (float& part : wxyz) part = io::take<float>(from);
+    point.orientation_WT = {wxyz[0], wxyz[1], wxyz[2], wxyz[3]};
+    point.direction = io::take<std::uint16_t>(from);
+  }
   if (columns.roll) point.roll = io::take<std::uint8_t>(from);
+  if (columns.tools) {
+    point.tool = io::take<std::uint8_t>(from);
+    point.tools = io::take<std::uint32_t>(from);
+  }
   return point;
 }
 

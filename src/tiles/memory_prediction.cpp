@@ -121,6 +121,20 @@ int rememberedDirections(const FieldParams& params) {
   return remembered ? params.approach.directionCount() : 0;
 }
 
+int rememberedDirections(const std::vector<ToolSpec>& tools, const FieldParams& params) {
+  // Record and state of a point for a tool; and its position, sums, views and block once more for tools that are tried
+  // in other directions than the first.
+  constexpr int kStateBytes = 136, kViewBytes = 144;
+  int bytes = 0;
+  for (std::size_t k = 0; k < tools.size(); ++k) {
+    bytes += rememberedDirections(toolParams(tools[k], params));
+    if (k == 0) continue;
+    bytes += kStateBytes;
+    if (tools[k].orientations.text() != tools.front().orientations.text()) bytes += kViewBytes;
+  }
+  return bytes;
+}
+
 MemoryPredictor::MemoryPredictor(const TsdfParams& params, int remembered_directions)
     : params_(params),
       remembered_directions_(remembered_directions),

@@ -17,7 +17,8 @@ namespace {
 constexpr std::size_t kLongestHeader = std::size_t{1} << 20;
 constexpr const char* kCountLine = "element vertex ";
 constexpr const char* kComment = "comment ";
-constexpr const char *kOrientationLine = "property ushort orientation", *kRollLine = "property uchar roll";
+constexpr const char *kOrientationLine = "property ushort orientation", *kRollLine = "property uchar roll",
+                     *kToolsLine = "property uint tools";
 
 }  // namespace
 
@@ -78,6 +79,7 @@ PointsHeader readHeader(HashedFile& file) {
     const std::string& text = header.lines.back();
     header.columns.orientation = header.columns.orientation || text == kOrientationLine;
     header.columns.roll = header.columns.roll || text == kRollLine;
+    header.columns.tools = header.columns.tools || text == kToolsLine;
     if (text.starts_with(kCountLine)) {
       std::from_chars(text.data() + std::strlen(kCountLine), text.data() + text.size(), header.points);
     }

@@ -111,7 +111,7 @@ std::uint64_t mergePoints(const std::filesystem::path& out, const Plan& plan, co
   const internal::PointsPlyColumns columns = streams.front().header().columns;
   for (const PointStream& tile : streams) {
     if (tile.header().columns == columns) continue;
-    throw InputError("tile.damaged", out.string(), "has tiles with and without orientations or rolls",
+    throw InputError("tile.damaged", out.string(), "has tiles with and without orientations, rolls or tools",
                      "Delete the folder of its tiles and run accessvdb tile run again");
   }
   io::writeFileDurably(file, [&](std::ostream& stream) {

@@ -97,8 +97,18 @@ Plan identified(Plan plan) {
 }
 
 TileMargins tileMargins(const ToolGeometry& tool, const FieldParams& params) {
-  const FieldParams resolved = params.resolved();
-  const auto reach = internal::windowReach(internal::ToolKernel::make(tool, resolved), resolved);
+  return tileMargins(
+      std::vector<ToolSpec>{
+          {tool, params.approach.orientations, params.approach.rolls, {}, params.scoring.max_collisions}},
+      params);
+}
+
+TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params) {
+  internal::WindowReach reach;
+  for (const ToolSpec& spec : tools) {
+    const FieldParams resolved = toolParams(spec, params).resolved();
+    reach = internal::unionOf(reach, internal::windowReach(internal::ToolKernel::make(spec.tool, resolved), resolved));
+  }
   const FieldWindow window = {{0, 0}, {FieldWindow::kEdge, FieldWindow::kEdge}};
   TileMargins margins;
   margins.returns_voxels = -internal::returnsOf(window, reach).low[0];

@@ -290,8 +290,8 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
   }
   if (box.low[0] <= box.high[0]) kernel.min_ijk = box.low, kernel.max_ijk = box.high;
 
-  if (resolved.scoring.max_collisions > 0) {
-    kernel.collision_limit = limited(double(resolved.scoring.max_collisions) + 1);
+  if (resolved.scoring.max_collisions != 0) {
+    kernel.collision_limit = limited(std::max(0.0, double(resolved.scoring.max_collisions)) + 1);
   } else if (kernel.use_samples) {
     kernel.collision_limit = kSampleCollisionLimit;
   } else {

@@ -17,16 +17,14 @@
 #include <iterator>
 #include <vector>
 
-#include "hostdev/cell_counts.h"
 #include "launch/stopwatch.h"
 #include "update/backlog.h"
 #include "update/corridor_offsets.h"
 #include "update/flip_columns.h"
-#include "update/flip_set.h"
 #include "update/known_directions.h"
 #include "update/leaf_footprint.h"
 #include "update/make_scheduler.h"
-#include "update/moved_points.h"
+#include "update/scan_changes.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -41,60 +39,58 @@ enum Asked : std::uint8_t {
 
 class ExactOnHost final : public UpdateScheduler {
  public:
-  ExactOnHost(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach)
+  /// @param changes  of the points and the map, possibly shared with the schedulers of other tools
+  ExactOnHost(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach,
+              std::shared_ptr<ScanChanges> changes)
       : scorer_(scorer),
+        changes_(std::move(changes)),
         approach_(approach),
         footprint_(tool, approach, scorer.params().tsdf.voxel_size_m, 0),
         corridors_(approach, scorer.params().tsdf.voxel_size_m),
         known_(tool, approach.num_directions, approach.axes_xyz != nullptr),
-        waits_(scorer.params().update.budget_points > 0),
-        moved_points_(scorer) {}
+        waits_(scorer.params().update.budget_points > 0) {
+    changes_->addReader();
+  }
 
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
                    std::span<const Eigen::Vector3f>) override {
-    moved_points_.note(touched);
+    if (leads()) changes_->noteReturns(touched);
   }
 
   void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
                    const MapChanges& changes) override {
-    if (!anything_scored_) return;  // nothing to invalidate yet
-    for (const auto& part : changes.facts) flips_.add(part);
+    if (leads()) changes_->noteFlips(changes.facts);
   }
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
+    changes_->refresh();
+    if (!leads()) {
+      scorer_.grow();
+      scorer_.adopt(changes_->scorer(), changes_->touched());
+      scorer_.adopt(changes_->scorer(), changes_->changed().ids);
+    }
     makeRoom();
-    const std::vector<std::uint32_t> crossed = findCrossed();
-    std::vector<std::uint32_t> moved;
-    std::ranges::set_union(moved_points_.find(), crossed, std::back_inserter(moved));
-    const PointScorer::Changed changed = scorer_.refreshNeighbourhoods(moved);
-    moved_points_.refreshed(moved);
-    scorer_.upload(changed.ids);  // includes those that crossed: they had no neighbourhood yet
     const kernels::Stopwatch scoring;
     const auto evaluator = scorer_.backend().makeDueEvaluator(scorer_.dueUpdate(known_.scale(), tables));
     FoundByThread found;
-    takeAllDue({changed, *evaluator}, found);
+    takeAllDue({changes_->changed(), *evaluator}, found);
     if (waits_) takeTurn(*evaluator, found);
-    flips_.clear();
-    moved_points_.clear();
-    stats.moved_points = moved.size();
-    stats.dirty_points = moved.size();
+    stats.moved_points = stats.dirty_points = leads() ? changes_->movedPoints() : 0;
+    changes_->finish();
     for (const Found& part : found) {
       stats.dirty_points += part.stats.dirty_points;
       stats.direction_tests += part.stats.direction_tests;
       stats.scored_points += part.stats.scored_points;
       stats.label_changes += part.stats.label_changes;
     }
-    anything_scored_ = anything_scored_ || stats.dirty_points > 0;
     stats.backlog = backlog_.size();
     stats.score_ms = scoring.milliseconds();
     return stats;
   }
 
   std::uint64_t bytes() const override {
-    return known_.bytes() + corridors_.bytes() + backlog_.bytes() + flips_.bytes() + moved_points_.bytes() +
-           changed_.bytes() + in_block_.bytes() + fresh_.capacity() * sizeof(std::uint32_t) +
-           freed_.capacity() * sizeof(std::uint64_t);
+    return known_.bytes() + corridors_.bytes() + backlog_.bytes() + (leads() ? changes_->bytes() : 0);
   }
 
  private:
@@ -137,23 +133,13 @@ class ExactOnHost final : public UpdateScheduler {
     }
   };
 
+  /// Of several schedulers that share changes, one is told of them.
+  [[nodiscard]] bool leads() const { return &changes_->scorer() == &scorer_; }
+
   void makeRoom() {
     const std::uint32_t points = scorer_.points().size();
-    const std::size_t blocks = scorer_.points().index().blocks().size();
-    scorer_.grow();
-    known_.grow(points, blocks);
+    known_.grow(points, scorer_.points().index().blocks().size());
     backlog_.grow(points);
-    changed_.grow(points, kNone);
-    in_block_.grow(blocks, 0);
-  }
-
-  /// Cause (e): points whose confidence crossed the bound. Weights only grow, so only points below it are checked.
-  std::vector<std::uint32_t> findCrossed() {
-    for (std::uint32_t id = known_points_; id < scorer_.points().size(); ++id) fresh_.push_back(id);
-    known_points_ = scorer_.points().size();
-    std::vector<std::uint32_t> crossed = scorer_.takeConfident(fresh_);
-    scorer_.refreshTouched(moved_points_.touched());  // cheap compared with the rest
-    return crossed;
   }
 
   [[nodiscard]] kernels::PointDirections directionsOf(std::uint32_t id) const {
@@ -167,28 +153,11 @@ class ExactOnHost final : public UpdateScheduler {
 
   /// Evaluates everything that is due, cell by cell, except what has to wait: that goes to the backlog.
   void takeAllDue(const Work& work, FoundByThread& found) {
-    const PointStore& points = scorer_.points();
-    const std::vector<std::uint32_t>& ids = work.changed.ids;
-    const std::vector<LeafChange>& changes = flips_.changes();
-    const auto each = [](std::size_t count, const auto& visit) {
-      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, kDuePerTask), [&](const auto& range) {
-        for (std::size_t n = range.begin(); n != range.end(); ++n) visit(n);
-      });
-    };
-    freed_.resize(changes.size());
-    each(changes.size(), [&](std::size_t n) { freed_[n] = kernels::countCells(changes[n].collides_off.data()); });
-    each(ids.size(), [&](std::size_t n) {
-      changed_[ids[n]] = static_cast<std::uint32_t>(n);
-      std::atomic_ref(in_block_[points.blockOf(ids[n])]).store(1, std::memory_order_relaxed);
-    });
-    if (!ids.empty() || !changes.empty()) {
-      tbb::parallel_for(std::uint32_t{0}, points.index().cells(),
+    const SurfaceIndex& index = scorer_.points().index();
+    if (!work.changed.ids.empty() || !changes_->flips().empty()) {
+      tbb::parallel_for(std::uint32_t{0}, index.cells(),
                         [&](std::uint32_t cell) { takeCell(cell, work, found.local()); });
     }
-    each(ids.size(), [&](std::size_t n) {
-      changed_[ids[n]] = kNone;
-      std::atomic_ref(in_block_[points.blockOf(ids[n])]).store(0, std::memory_order_relaxed);
-    });
     if (waits_) askInOrder(found);
   }
 
@@ -199,7 +168,7 @@ class ExactOnHost final : public UpdateScheduler {
     Index3 low = {}, high = {};  // leaves that points of the cell read
     for (std::size_t bit = 0; bit < 512; ++bit) {
       const std::uint32_t b = index.blockIn(cell, bit);
-      if (b == kNone || !moved_points_.anyIn(b)) continue;
+      if (b == kNone || !changes_->anyScoredIn(b)) continue;
       const Index3& leaf = index.blocks()[b].leaf;
       for (std::size_t axis = 0; axis < 3; ++axis) {
         const std::int32_t first = leaf[axis] + footprint_.low()[axis], last = leaf[axis] + footprint_.high()[axis];
@@ -207,10 +176,10 @@ class ExactOnHost final : public UpdateScheduler {
         high[axis] = found.blocks.empty() ? last : std::max(high[axis], last);
       }
       found.blocks.push_back(b);
-      any_changed = any_changed || in_block_[b] != 0;
+      any_changed = any_changed || changes_->changedIn(b);
     }
     if (found.blocks.empty()) return;
-    const bool flipped = !flips_.empty() && found.flips.fill(flips_, low, high);
+    const bool flipped = !changes_->flips().empty() && found.flips.fill(changes_->flips(), low, high);
     if (!flipped && !any_changed) return;
     for (const std::uint32_t b : found.blocks) takeBlock(b, flipped, work.changed, found);
     evaluate(work.evaluator, found);
@@ -221,12 +190,12 @@ class ExactOnHost final : public UpdateScheduler {
     const PointBlock& block = scorer_.points().index().blocks()[b];
     const AffectedDirections affected = flipped ? footprint_.affected(block.leaf, found.flips) : AffectedDirections{};
     const bool is_affected = any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm);
-    if (!is_affected && in_block_[b] == 0) return;
+    if (!is_affected && !changes_->changedIn(b)) return;
     constexpr std::size_t kAhead = 4;  // points are scattered in memory
     const auto prefetch = [&](std::size_t n) {
       if (n >= block.ids.size()) return;
       prefetchRead(&scorer_.record(block.ids[n]), sizeof(PointRecord));
-      prefetchRead(&changed_[block.ids[n]]);
+      changes_->prefetch(block.ids[n]);
       known_.prefetch(block.ids[n]);
     };
     for (std::size_t n = 0; n < kAhead; ++n) prefetch(n);
@@ -241,7 +210,7 @@ class ExactOnHost final : public UpdateScheduler {
     for (std::size_t word = 0; word < 8; ++word) {
       for (std::uint64_t bits = block.occupied[word]; bits != 0; bits &= bits - 1, ++n) {
         prefetch(n + kAhead);
-        const std::uint32_t id = block.ids[n], entry = changed_[id];
+        const std::uint32_t id = block.ids[n], entry = changes_->indexOf(id);
         const bool scored = scorer_.record(id).label != PointLabel::Unscored;
         if (scored && corridors) {
           if (one_by_one) masks.better_arm = freedFor(static_cast<int>(word), std::countr_zero(bits), found);
@@ -267,7 +236,7 @@ class ExactOnHost final : public UpdateScheduler {
       if (z + column.z_low > z || z + column.z_high < z) continue;
       found.flips.forEach(block.leaf[0] + column.dx, block.leaf[1] + column.dy, z, z, FlipKind::ArmFreeOn,
                           [&](std::int32_t, std::uint32_t change) {
-                            const LeafBits& freed = flips_.changes()[change].arm_free_on;
+                            const LeafBits& freed = changes_->flips().changes()[change].arm_free_on;
                             for (int x = 0; x < 8; ++x) {
                               for (std::uint64_t bits = freed[static_cast<std::size_t>(x)]; bits != 0;
                                    bits &= bits - 1) {
@@ -302,7 +271,8 @@ class ExactOnHost final : public UpdateScheduler {
                          z_high = leaf[2] + footprint_.toolColumns()[stack.end - 1].z_high;
       if ((flips.kindsIn(x, y, z_low, z_high) & bitOf(FlipKind::CollidesOff)) == 0) continue;
       flips.forEach(x, y, z_low, z_high, FlipKind::CollidesOff, [&](std::int32_t z, std::uint32_t change) {
-        freed.add(known_.cells(), approach_.num_directions, {column.dx, column.dy, z - leaf[2]}, freed_[change]);
+        freed.add(known_.cells(), approach_.num_directions, {column.dx, column.dy, z - leaf[2]},
+                  changes_->freed()[change]);
       });
     }
   }
@@ -387,26 +357,21 @@ class ExactOnHost final : public UpdateScheduler {
   }
 
   PointScorer& scorer_;
+  std::shared_ptr<ScanChanges> changes_;
   kernels::ApproachView approach_;
   LeafFootprint footprint_;
   CorridorOffsets corridors_;
   KnownDirections known_;
-  bool waits_;  ///< updates have a budget
-  MovedPoints moved_points_;
-  FlipSet flips_;
-  std::vector<std::uint64_t> freed_;     ///< of the flips' leaves: voxels that stopped colliding, by cell
-  std::vector<std::uint32_t> fresh_;     ///< below the confidence bound
-  Backlog backlog_;                      ///< points with something due
-  ChunkedArray<std::uint32_t> changed_;  ///< by id: index into PointScorer::Changed; kNone between updates
-  ChunkedArray<std::uint8_t> in_block_;  ///< by block: whether points changed; 0 between updates
-  std::uint32_t known_points_ = 0;
-  bool anything_scored_ = false;
+  bool waits_;       ///< updates have a budget
+  Backlog backlog_;  ///< points with something due
 };
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makeExactOnHost(PointScorer& scorer, const HostTables& tables) {
-  return std::make_unique<ExactOnHost>(scorer, tables.tool, tables.approach);
+std::unique_ptr<UpdateScheduler> makeExactOnHost(PointScorer& scorer, const HostTables& tables,
+                                                 std::shared_ptr<ScanChanges> changes) {
+  if (!changes) changes = std::make_shared<ScanChanges>(scorer);
+  return std::make_unique<ExactOnHost>(scorer, tables.tool, tables.approach, std::move(changes));
 }
 
 }  // namespace accessvdb::internal

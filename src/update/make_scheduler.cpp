@@ -4,11 +4,12 @@
 
 namespace accessvdb::internal {
 
-std::unique_ptr<UpdateScheduler> makeScheduler(PointScorer& scorer, const HostTables& tables) {
+std::unique_ptr<UpdateScheduler> makeScheduler(PointScorer& scorer, const HostTables& tables,
+                                               const std::shared_ptr<ScanChanges>& changes) {
   const bool paper = scorer.params().update.policy == UpdatePolicy::Paper;
   auto on_device = paper ? makePaperOnDevice(scorer) : makeExactOnDevice(scorer, tables);
   if (on_device != nullptr) return on_device;
-  return paper ? makePaperOnHost(scorer, tables.tool.collision_limit) : makeExactOnHost(scorer, tables);
+  return paper ? makePaperOnHost(scorer, tables.tool.collision_limit) : makeExactOnHost(scorer, tables, changes);
 }
 
 }  // namespace accessvdb::internal

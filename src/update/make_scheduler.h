@@ -10,6 +10,8 @@
 
 namespace accessvdb::internal {
 
+class ScanChanges;
+
 /// The tool and the corridor in host memory; the memory they point to must outlive the scheduler.
 struct HostTables {
   kernels::ToolKernelView tool;
@@ -17,10 +19,15 @@ struct HostTables {
 };
 
 /// The scheduler for the policy of scorer.params(): on the backend if it supports that, otherwise on the host.
-std::unique_ptr<UpdateScheduler> makeScheduler(PointScorer& scorer, const HostTables& tables);
+/// @param changes  shared by the schedulers of tools that are tried in the same directions; null: none. Of those, the
+///                 one of changes->scorer() has to be told of scans and updated before the others. Used on the host
+///                 only
+std::unique_ptr<UpdateScheduler> makeScheduler(PointScorer& scorer, const HostTables& tables,
+                                               const std::shared_ptr<ScanChanges>& changes = nullptr);
 
 /// docs/DESIGN.md, "Exact updates": labels equal those of a full evaluation of the current map.
-std::unique_ptr<UpdateScheduler> makeExactOnHost(PointScorer& scorer, const HostTables& tables);
+std::unique_ptr<UpdateScheduler> makeExactOnHost(PointScorer& scorer, const HostTables& tables,
+                                                 std::shared_ptr<ScanChanges> changes = nullptr);
 /// The same on a backend that decides itself what is due and keeps all state; null if this backend cannot.
 std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const HostTables& tables);
 

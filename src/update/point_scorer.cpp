@@ -105,6 +105,23 @@ PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uin
   return all;
 }
 
+void PointScorer::adopt(const PointScorer& from, std::span<const std::uint32_t> ids) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kScoredPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      const PointRecord& theirs = from.records_[ids[n]];
+      PointRecord& mine = records_[ids[n]];
+      mine.normal_L = theirs.normal_L;
+      mine.reach_m = theirs.reach_m;
+      mine.seen = theirs.seen;
+      mine.weight = theirs.weight;
+      mine.has_neighbourhood = theirs.has_neighbourhood;
+    }
+  });
+  std::vector<std::uint32_t> known(ids.begin(), ids.end());
+  std::erase_if(known, [&](std::uint32_t id) { return !records_[id].has_neighbourhood; });
+  upload(known);
+}
+
 void PointScorer::upload(std::span<const std::uint32_t> ids) {
   // In parts, so that the memory in between stays small: fresh memory has to be cleared by the system first.
   constexpr std::size_t kPart = 1 << 16;

@@ -84,6 +84,9 @@ class PointScorer {
   /// Reads the weights of touched points that have a neighbourhood, and sends them to the device, because views of the
   /// points show them.
   void refreshTouched(std::vector<std::uint32_t> touched);
+  /// Takes over what the refresh functions of a scorer of the same points found for these ids, and sends it to the
+  /// device. Those without a neighbourhood are left out.
+  void adopt(const PointScorer& from, std::span<const std::uint32_t> ids);
   /// Sends to the device what the refresh functions found for these ids.
   void upload(std::span<const std::uint32_t> ids);
 

@@ -31,6 +31,41 @@ TEST_F(TileBytes, OneCommandWithEveryToolTileSizeAndThreadCount) {
   }
 }
 
+TEST_F(TileBytes, SeveralTools) {
+  what_ = {"--tool",           "builtin:pencil",
+           "--tool",           "builtin:pruner",
+           "--tool",           "builtin:pencil",
+           "--tool-name",      "thin",
+           "--tool-name",      "arm",
+           "--tool-name",      "tilted",
+           "--orientations",   "yaw",
+           "--orientations",   "yaw",
+           "--orientations",   "sphere:30",
+           "--max-collisions", "0",
+           "--max-collisions", "auto",
+           "--max-collisions", "0.5l",
+           "--voxel",          "0.05",
+           "--device",         "cpu",
+           "--width",          "200",
+           "--height",         "100",
+           "--directions",     "36"};
+  succeed(map({"--tiles", "off"}, "one"));
+  succeed(plan({"--tiles", "6.4"}));
+  succeed(step("bin"));
+  succeed(step("run"));
+  succeed(step("merge", {"--points", path("all.ply"), "--vdb", path("all.vdb")}));
+  EXPECT_GE(tilesOf().size(), 4u);
+  expectSameFiles("all.ply", "one/points.ply");
+  expectSameFiles("all.vdb", "one/field.vdb");
+  const std::string grids = succeed({"info", path("one/field.vdb")});
+  for (const char* grid : {"best_tool", "accessible_thin", "accessible_arm", "accessible_tilted"}) {
+    EXPECT_NE(grids.find(grid), std::string::npos) << grid;
+  }
+  // Another order is another plan.
+  std::swap(what_[1], what_[3]);
+  refuse(plan({"--tiles", "6.4"}), 4, "plan.changed");
+}
+
 TEST_F(TileBytes, AnotherVoxelAndCorridor) {
   what_[1] = "builtin:pruner";
   what_[3] = "0.07";

@@ -18,6 +18,7 @@
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
+#include "accessvdb/tool_spec.h"
 #include "accessvdb/tsdf_volume.h"
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
@@ -97,8 +98,17 @@ ToolGeometry toolOf(const Case& test) {
   return ToolGeometry::builtin(test.tool);
 }
 
+/// "three": one that reaches far and does not come first, in other directions than the two before it.
+std::vector<ToolSpec> toolsOf(const Case& test, const FieldParams& params) {
+  const OrientationSet& set = params.approach.orientations;
+  if (test.tool != "three") return {{toolOf(test), set, params.approach.rolls, {}, params.scoring.max_collisions}};
+  return {{ToolGeometry::builtin("builtin:pencil"), OrientationSet::yaw(), 0, "pencil", -1},
+          {boxTool({-0.03f, -0.5f, -0.05f}, {0.35f, 0.07f, 0.31f}), OrientationSet::yaw(), 0, "lopsided", 4},
+          {ToolGeometry::builtin("builtin:pruner"), OrientationSet::sphere(30), 3, "pruner", 0}};
+}
+
 AccessibilityField fieldOf(const Case& test, const FieldParams& params, const World& world) {
-  AccessibilityField field(toolOf(test), params);
+  AccessibilityField field(toolsOf(test, params), params);
   for (const Step& step : world) {
     if (!step.points_W.empty()) field.integrateRays(step.points_W, step.sensors_W);
   }
@@ -147,7 +157,10 @@ std::size_t differences(const AccessibilityField& one, const FieldSnapshot& all,
   const auto expected = pointsIn(all, tile), found = pointsIn(part.snapshot(), tile);
   std::size_t count = std::max(expected.size(), found.size()) - std::min(expected.size(), found.size());
   for (std::size_t n = 0; n < std::min(expected.size(), found.size()); ++n) {
-    if (expected[n].position_W != found[n].position_W || !sameVerdict(expected[n], found[n])) ++count;
+    if (expected[n].position_W != found[n].position_W || !sameVerdict(expected[n], found[n]) ||
+        expected[n].tool != found[n].tool || expected[n].tools != found[n].tools) {
+      ++count;
+    }
   }
   const auto compare = [&](const auto& x, const auto& y) {
     const auto missing = [&](const auto& from, const auto& in, bool values) {
@@ -226,6 +239,7 @@ INSTANTIATE_TEST_SUITE_P(
         Case{.name = "pencil_20mm", .seed = 3, .voxel_size_m = 0.02, .tool = "builtin:pencil"},
         Case{.name = "lopsided_large_tiles", .seed = 4, .tile_voxels = 256, .tool = "lopsided"},
         Case{.name = "long_corridor", .seed = 5, .change = [](FieldParams& p) { p.approach.corridor_length_m = 1.5; }},
+        Case{.name = "three_tools", .seed = 10, .tool = "three"},
         Case{.name = "sphere",
              .seed = 9,
              .change = [](FieldParams& p) { p.approach.orientations = OrientationSet::sphere(12.5); }},

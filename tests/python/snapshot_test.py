@@ -23,6 +23,8 @@ COLUMNS = {
     "yaw_rad": (np.float32, 1),
     "direction": (np.uint16, 1),
     "roll": (np.uint8, 1),
+    "tool": (np.uint8, 1),
+    "tools": (np.uint32, 1),
     "score": (np.uint16, 1),
     "weight": (np.float32, 1),
     "confidence": (np.float32, 1),

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 #include "access_map.h"
+#include "tools_given.h"
 
 #include <cmath>
 #include <cstdio>
@@ -74,29 +75,52 @@ std::string outcomesInWords(const AccessMap& map) {
   return text;
 }
 
+/// The index of a tool by its name; without one, of the tool that stands for the point.
+std::size_t toolFor(const std::string& name, const AccessibilityField& field, const Eigen::Vector3d& p_W) {
+  if (name.empty()) {
+    const auto point = field.pointAt(p_W);
+    return point ? point->tool : 0;
+  }
+  for (std::size_t k = 0; k < field.tools().size(); ++k) {
+    if (field.tools()[k].name == name) return k;
+  }
+  throw InvalidArgument("usage.access_map", "--for-tool", "\"" + name + "\" is not one of the tools",
+                        "Use one of " + namesOf(field.tools()));
+}
+
 }  // namespace
 
 void drawAccessMap(const AccessMapOptions& options, const Eigen::Vector3d& p_W, Messages& messages) {
-  if (options.tool.tool.empty()) {
+  if (options.given.tool.tool.empty()) {
     throw InvalidArgument("usage.missing", "--tool", "is missing, with --access-map",
                           "Name the tool that the state was made with, in the same unit and pose");
   }
   const fs::path file = stateFile(options.map);
-  const ToolGeometry tool = loadTool(options.tool);
-  sayToolNotes(tool, messages);
+  const SavedState saved = inspectState(file);
+  MapOptions given = options.given;
+  given.voxel_m = saved.params.tsdf.voxel_size_m;
+  if (saved.tools.empty()) requireOneTool(given, "a state of one tool");
+  std::vector<ToolSpec> tools = loadTools(given);
+  sayToolsNotes(given, tools, messages);
+  // A state of one tool says itself how it is turned.
+  if (saved.tools.empty()) tools = onlyTool(tools.front().tool, saved.params);
   const BackendKind backend = options.common.device == "cpu"    ? BackendKind::Cpu
                               : options.common.device == "cuda" ? BackendKind::Cuda
                                                                 : BackendKind::Auto;
-  AccessibilityField field = AccessibilityField::loadState(file, tool, backend, options.common.threads);
-  while (!inspectState(file).updated && field.update().backlog > 0) {
+  AccessibilityField field = AccessibilityField::loadState(file, tools, backend, options.common.threads);
+  while (!saved.updated && field.update().backlog > 0) {
   }
-  const std::optional<AccessMap> map = field.accessMap(p_W);
+  const std::size_t chosen = toolFor(options.for_tool, field, p_W);
+  const std::optional<AccessMap> map = field.accessMap(p_W, chosen);
   if (!map) {
     throw InputError("query.no_point", numberText(p_W.x()) + "," + numberText(p_W.y()) + "," + numberText(p_W.z()),
                      "has no surface point in its voxel", "Use the position of a point, as query --at prints it");
   }
   io::renderAccessMap(options.picture, *map);
-  printData(options.json ? jsonOfMap(*map).dump(2) + "\n" : outcomesInWords(*map));
+  Json json = jsonOfMap(*map);
+  if (tools.size() > 1) json["tool"] = field.tools()[chosen].name;
+  const std::string heading = tools.size() > 1 ? "tool " + field.tools()[chosen].name + ": " : std::string();
+  printData(options.json ? json.dump(2) + "\n" : heading + outcomesInWords(*map));
 }
 
 }  // namespace accessvdb::tools

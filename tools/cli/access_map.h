@@ -7,14 +7,15 @@
 #include <string>
 
 #include "command_line.h"
-#include "options.h"
+#include "map_options.h"
 
 namespace accessvdb::tools {
 
 struct AccessMapOptions {
   CommonOptions common;
-  ToolOptions tool;
+  MapOptions given;          ///< the tools, with what belongs to each
   std::string map, picture;  ///< state file or folder of a checkpoint; PNG
+  std::string for_tool;      ///< name of one of several tools; empty: the one that stands for the point
   bool json = false;
 };
 

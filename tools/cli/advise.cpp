@@ -16,6 +16,7 @@
 #include "run_summary.h"
 #include "stop_signal.h"
 #include "tile_job.h"
+#include "tools_given.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -149,6 +150,7 @@ int runAdvise(const Arguments& arguments, Messages& messages) {
   flags.option("--out", &options.out, "file for the proposal; default: standard output");
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkAdviseOptions(options);
+  requireOneTool(options, "advise");
   watchStopSignals();
 
   const ToolGeometry tool = loadTool(options.tool);

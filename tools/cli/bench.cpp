@@ -25,6 +25,7 @@
 #include "report.h"
 #include "sim/simulator.h"
 #include "stop_signal.h"
+#include "tools_given.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -228,7 +229,7 @@ Json BenchRun::describe(const AccessibilityField& field) const {
                                                            : static_cast<int>(std::thread::hardware_concurrency())},
                {"voxel_m", params.tsdf.voxel_size_m},
                {"tau_m", params.tsdf.truncation_distance_m},
-               {"tool", field.tool().name()},
+               {"tool", field.tools().size() == 1 ? field.tool().name() : namesOf(field.tools())},
                {"tool_reach_m", field.tool().reach_m()},
                {"policy", params.update.policy == UpdatePolicy::Exact ? "exact" : "paper"},
                {"budget_points", params.update.budget_points},
@@ -286,13 +287,12 @@ void BenchRun::write(const Json& json) const {
 int BenchRun::run() {
   checkBenchOptions(options_);
   watchStopSignals();
-  const ToolGeometry tool = loadTool(options_.map.tool);
-  sayToolNotes(tool, messages_);
-  sayOrientationNotes(options_.map, messages_);
+  const std::vector<ToolSpec> tools = loadTools(options_.map);
+  sayToolsNotes(options_.map, tools, messages_);
   const FieldParams params = benchFieldParams(options_);
 
   // Makes the field before the forest, so that a missing device fails before the time to grow it is spent.
-  AccessibilityField field(tool, params);
+  AccessibilityField field(tools, params);
   sayWhyNotOnGpu(field, messages_);
   const auto simulating = Clock::now();
   const sim::Simulator simulator = makeSimulator(options_, scene_);

@@ -7,6 +7,7 @@
 
 #include "accessvdb/error.h"
 #include "options.h"
+#include "tools_given.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -50,7 +51,7 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
                "model shoots as solid bodies of this radius, metres, as a wide beam sees them; 0 = every needle");
   flags.option("--seed", &options.seed, "seed of the forest and the noise");
   options.map.tool.tool = "builtin:pruner";
-  addToolOptions(flags, options.map.tool);
+  addToolsOptions(flags, options.map);
   flags.option("--voxel", &options.map.voxel_m, "edge of a voxel in metres");
   flags.option("--tau", &options.map.tau, "truncation distance in metres, or in voxels (4v); default by rule");
   flags.option("--profile", &options.map.profile, "product or paper");

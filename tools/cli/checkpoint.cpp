@@ -224,7 +224,7 @@ void Checkpoints::readManifest() {
   resumed_ = std::move(progress);
 }
 
-AccessibilityField Checkpoints::load(const ToolGeometry& tool, const FieldParams& params) const {
+AccessibilityField Checkpoints::load(const std::vector<ToolSpec>& tools, const FieldParams& params) const {
   const auto before = linesOf(inspectState(from_).params), now = linesOf(params);
   for (std::size_t n = 0; n < std::min(before.size(), now.size()); ++n) {
     if (before[n] == now[n]) continue;
@@ -233,7 +233,7 @@ AccessibilityField Checkpoints::load(const ToolGeometry& tool, const FieldParams
                (before[n].first == now[n].first ? now[n].second : "replaced by " + now[n].first));
   }
   if (before.size() != now.size()) refuse("state.params", options_.resume, "other parameters were given");
-  return AccessibilityField::loadState(from_, tool, params.backend, params.threads);
+  return AccessibilityField::loadState(from_, tools, params.backend, params.threads);
 }
 
 bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {

@@ -57,7 +57,7 @@ class Checkpoints {
   /// Where --resume goes on; nothing for a run from the beginning.
   [[nodiscard]] const std::optional<RunProgress>& resumed() const { return resumed_; }
   /// The field of resumed(). @throws UnusableInput "state.params", naming the first difference, "state.tool"
-  [[nodiscard]] AccessibilityField load(const ToolGeometry& tool, const FieldParams& params) const;
+  [[nodiscard]] AccessibilityField load(const std::vector<ToolSpec>& tools, const FieldParams& params) const;
   /// Whether these are other scans than those of resumed(), to be added after them.
   /// @param paths  files of the scans, in order
   /// @throws UnusableInput "state.scans" if resumed() did not get to the end of its own, or most are in it already

@@ -23,14 +23,15 @@ constexpr const char* kVerbs[] = {"map",   "tile", "live",  "advise", "evaluate"
                                   "bench", "info", "query", "diff",   "render",   "report"};
 
 /// A TOML value as the text that would follow the flag; [1, 2, 3] becomes 1,2,3.
-std::optional<std::string> flagText(const toml::node& node) {
+/// @param between  of the elements of an array
+std::optional<std::string> flagText(const toml::node& node, const char* between = ",") {
   if (const auto* text = node.as_string()) return text->get();
   if (const auto* array = node.as_array()) {
     std::string joined;
     for (const toml::node& element : *array) {
       const auto part = flagText(element);
       if (!part) return std::nullopt;
-      joined += (joined.empty() ? "" : ",") + *part;
+      joined += (joined.empty() ? "" : between) + *part;
     }
     return joined;
   }
@@ -61,7 +62,7 @@ void applyTable(FlagParser& flags, const std::string& file, const toml::table& t
                             "Keys are the flags without the dashes; see accessvdb " + flags.verb() + " --help");
     }
     if (flags.isSet(key)) continue;  // a flag wins over any key, a key of [verb] over a top-level one
-    const auto text = flagText(node);
+    const auto text = flagText(node, flags.repeats(key) ? "\n" : ",");
     if (!text) throw InvalidArgument("config.value", file, "\"" + key + "\" has a value of the wrong kind");
     if (const auto problem = flags.set(key, *text)) {
       throw InvalidArgument("config.value", file, "\"" + key + "\": " + *problem);
@@ -167,7 +168,14 @@ std::string effectiveConfig(const FlagParser& flags) {
     }
     const std::string& text = std::get<std::string>(value);
     if (text.empty()) continue;
-    insertValue(values, key, text);
+    if (flags.repeats(key) && text.find('\n') != std::string::npos) {
+      toml::array each;
+      std::istringstream lines(text);
+      for (std::string line; std::getline(lines, line);) each.push_back(line);
+      values.insert(key, each);
+    } else {
+      insertValue(values, key, text);
+    }
   }
   std::ostringstream out;
   out << "[" << flags.verb() << "]\n" << values << "\n";

@@ -20,6 +20,7 @@
 #include "memory_check.h"
 #include "progress.h"
 #include "stop_signal.h"
+#include "tools_given.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -185,6 +186,7 @@ void checkOptions(const MapOptions& options) {
         std::tuple{"--out", options.out, "the folder for the results"}}) {
     if (value.empty()) throw InvalidArgument("usage.missing", flag, "is missing", std::string("Name ") + what);
   }
+  requireOneTool(options, "evaluate");
   if (options.every < 1) throw InvalidArgument("usage.every", "--every", "must be 1 or more");
   (void)scanInputOptions(options);
   (void)fieldParams(options);
@@ -220,7 +222,8 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
   params.approach.rolls = rollsOf(tool, params.approach);
   // The three maps are made one at a time; the last, of all scans, needs the most.
-  if (!checkMemory(options, tool, RunOutput::Labels, scans, {}, messages)) return stoppedBeforeResults(messages);
+  if (!checkMemory(options, onlyTool(tool, params), RunOutput::Labels, scans, {}, messages))
+    return stoppedBeforeResults(messages);
 
   std::optional<Progress> progress;
   eval::ConsistencyHooks hooks;

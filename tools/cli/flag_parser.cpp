@@ -28,6 +28,11 @@ void FlagParser::option(const std::string& name, Target value, const std::string
   std::visit([&](auto* target) { parser_->app.add_option(name, *target, help)->capture_default_str(); }, value);
 }
 
+void FlagParser::repeated(const std::string& name, std::string* value, const std::string& help) {
+  CLI::Option* option = parser_->app.add_option(name, *value, help)->capture_default_str();
+  option->multi_option_policy(CLI::MultiOptionPolicy::Join)->delimiter('\n');
+}
+
 void FlagParser::list(const std::string& name, std::vector<std::string>& values, const std::string& help,
                       std::optional<char> separator) {
   CLI::Option* option = parser_->app.add_option(name, values, help);
@@ -59,6 +64,11 @@ bool FlagParser::parse(const std::vector<std::string>& arguments) {
 
 bool FlagParser::has(const std::string& key) const { return parser_->app.get_option_no_throw("--" + key) != nullptr; }
 
+bool FlagParser::repeats(const std::string& key) const {
+  const CLI::Option* option = parser_->app.get_option_no_throw("--" + key);
+  return option != nullptr && option->get_multi_option_policy() == CLI::MultiOptionPolicy::Join;
+}
+
 bool FlagParser::isSet(const std::string& key) const { return parser_->app.count("--" + key) > 0; }
 
 std::optional<std::string> FlagParser::set(const std::string& key, const std::string& text) {
@@ -80,7 +90,10 @@ std::vector<FlagParser::Setting> FlagParser::settings() const {
     if (option->get_expected_max() == 0) {
       settings.push_back({key, option->count() > 0 && option->as<bool>()});
     } else {
-      settings.push_back({key, option->count() > 0 ? option->results().front() : option->get_default_str()});
+      const bool joins = option->get_multi_option_policy() == CLI::MultiOptionPolicy::Join;
+      std::string text = option->get_default_str();
+      if (option->count() > 0) text = joins ? option->as<std::string>() : option->results().front();
+      settings.push_back({key, text});
     }
   }
   return settings;

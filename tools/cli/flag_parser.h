@@ -25,6 +25,8 @@ class FlagParser {
   void describe(const std::string& verb, const std::string& purpose, const std::string& example);
   /// "--name" takes one value; a name without dashes takes its place on the command line.
   void option(const std::string& name, Target value, const std::string& help);
+  /// May be given several times: the value has a line end between two texts. In a file of settings, an array.
+  void repeated(const std::string& name, std::string* value, const std::string& help);
   /// May be given several times; with a separator also as one text: "a,b".
   void list(const std::string& name, std::vector<std::string>& values, const std::string& help,
             std::optional<char> separator = std::nullopt);
@@ -36,6 +38,8 @@ class FlagParser {
   /// @return false if --help was given  @throws InvalidArgument ("usage.option")
   [[nodiscard]] bool parse(const std::vector<std::string>& arguments);
 
+  /// Whether repeated() added it.
+  [[nodiscard]] bool repeats(const std::string& key) const;
   [[nodiscard]] bool has(const std::string& key) const;    ///< key: the name without dashes
   [[nodiscard]] bool isSet(const std::string& key) const;  ///< by parse() or set()
   /// @return what is wrong with the text, if anything  @pre has(key)

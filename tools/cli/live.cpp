@@ -21,6 +21,7 @@
 #include "report.h"
 #include "run_summary.h"
 #include "stop_signal.h"
+#include "tools_given.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {

@@ -8,6 +8,7 @@
 
 #include "accessvdb/error.h"
 #include "memory_check.h"
+#include "tools_given.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -68,6 +69,7 @@ void checkLiveOptions(const LiveRunOptions& options) {
         std::tuple{"--out", options.map.out, "the folder for the results"}}) {
     if (value.empty()) throw InvalidArgument("usage.missing", flag, "is missing", std::string("Name ") + what);
   }
+  requireOneTool(options.map, "live");
   requireTopic("--cloud", options.cloud);
   requireTopic("--odom", options.odom);
   if (options.cloud == options.odom)

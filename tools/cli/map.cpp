@@ -27,6 +27,7 @@
 #include "stop_signal.h"
 #include "tile_job.h"
 #include "tiled_map.h"
+#include "tools_given.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -55,7 +56,7 @@ class MapRun {
  private:
   void claimOutputFolder();
   void hashInput(const fs::path& path);
-  void setParameters(const FieldParams& params);
+  void setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools = {});
   int inTiles(const PlanSources& sources, std::int32_t chosen_voxels);
   int work(io::ScanSequence& scans, AccessibilityField& field);
   void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
@@ -65,7 +66,7 @@ class MapRun {
   void update(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
   void finish(const io::ScanSequence& scans, const AccessibilityField& field);
-  void writeHtml(const ToolGeometry& tool);
+  void writeHtml(const std::vector<ToolSpec>& tools);
   void saveUnscored(const io::ScanSequence& scans, const AccessibilityField& field);
 
   const MapOptions& options_;
@@ -116,15 +117,16 @@ void MapRun::hashInput(const fs::path& path) {
   report_.inputs.push_back({path.string(), io::sha256OfFile(path)});
 }
 
-void MapRun::setParameters(const FieldParams& params) {
+/// @param tools  none: they are not read yet
+void MapRun::setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools) {
   report_.parameters = {{"scans", options_.scans},
                         {"poses", options_.poses},
                         {"pose_format", options_.pose_format},
-                        {"tool", options_.tool.tool},
-                        {"tool_unit", options_.tool.unit},
-                        {"tool_tip", options_.tool.tip},
-                        {"tool_axis", options_.tool.axis},
-                        {"tool_up", options_.tool.up},
+                        {"tool", valuesInWords(options_.tool.tool)},
+                        {"tool_unit", valuesInWords(options_.tool.unit)},
+                        {"tool_tip", valuesInWords(options_.tool.tip)},
+                        {"tool_axis", valuesInWords(options_.tool.axis)},
+                        {"tool_up", valuesInWords(options_.tool.up)},
                         {"profile", options_.profile},
                         {"every", std::to_string(options_.every)},
                         {"update_every", std::to_string(options_.update_every)},
@@ -138,7 +140,7 @@ void MapRun::setParameters(const FieldParams& params) {
   for (const auto& given : givenSurveyOptions(options_.survey)) report_.parameters.push_back(given);
   for (const auto& given : givenRecordingOptions(options_.recording)) report_.parameters.push_back(given);
   for (const auto& given : givenSensorOptions(options_.sensor)) report_.parameters.push_back(given);
-  std::istringstream lines(params.describe());
+  std::istringstream lines(tools.empty() ? params.describe() : describeTools(tools, params));
   for (std::string line; std::getline(lines, line);) {
     const auto space = line.find(' ');
     if (space != std::string::npos) report_.parameters.emplace_back(line.substr(0, space), line.substr(space + 1));
@@ -289,7 +291,10 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   facts.tool_reach_m = field.tool().reach_m();
   facts.tool_share_hidden = field.toolShareHidden();
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
-  messages_.notice(toolInWords(field.tool(), options_.tool));
+  for (const std::string& line : toolsInWords(options_, field.tools())) messages_.notice(line);
+  for (const ReportedTool& tool : report_.tools) {
+    messages_.notice("tool " + tool.name + " reaches " + std::to_string(tool.accessible) + " points");
+  }
   for (const Warning& warning : findImplausible(facts)) messages_.warning(warning.id, warning.text);
   if (frames_ > 0) {
     messages_.notice("wrote a sequence of " + std::to_string(frames_) + " frames, " + frameName(1) + " to " +
@@ -328,10 +333,9 @@ int MapRun::run() {
   checkpoints_.prepare();
   watchStopSignals();
 
-  const ToolGeometry tool = loadTool(options_.tool);
-  hashInput(options_.tool.tool);
-  sayToolNotes(tool, messages_);
-  sayOrientationNotes(options_, messages_);
+  const std::vector<ToolSpec> tools = loadTools(options_);
+  for (const std::string& path : valuesOf(options_.tool.tool)) hashInput(path);
+  sayToolsNotes(options_, tools, messages_);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options_));
   for (const fs::path path : {options_.poses, options_.calib, options_.survey.trajectory, options_.survey.stations}) {
     const std::size_t before = report_.inputs.size();
@@ -346,20 +350,22 @@ int MapRun::run() {
 
   const FieldParams params = fieldParams(options_, scans.recordedRangeNoise_m());
   FieldParams of_field = params;  // a plan has them as they were given
-  of_field.approach.rolls = rollsOf(tool, params.approach);
-  setParameters(of_field);
-  const PlanSources sources = {options_, settings_, tool, scans, params};
+  of_field.approach.rolls = rollsOf(tools.front().tool, params.approach);
+  setParameters(of_field, tools);
+  report_.tools = reportedTools(options_, tools);
+  const PlanSources sources = {options_, settings_, tools, scans, params};
   const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
   if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
   std::optional<tiles::TileMargins> margins;
-  if (options_.tiles == "auto" && !whyNotInTiles(options_, params)) margins = tiles::tileMargins(tool, params);
+  if (options_.tiles == "auto" && !whyNotInTiles(options_, params)) margins = tiles::tileMargins(tools, params);
   const auto memory =
-      checkMemory(options_, tool, options_.exported.surface ? RunOutput::FieldWithSurface : RunOutput::Field, scans,
+      checkMemory(options_, tools, options_.exported.surface ? RunOutput::FieldWithSurface : RunOutput::Field, scans,
                   margins, messages_);
   if (memory) report_.predicted_bytes = memory->predicted_bytes;
   if (memory && memory->tile_voxels > 0) return inTiles(sources, memory->tile_voxels);
   AccessibilityField field =
-      checkpoints_.resumed() ? checkpoints_.load(tool, of_field) : AccessibilityField(tool, of_field);
+      checkpoints_.resumed() ? checkpoints_.load(tools, of_field) : AccessibilityField(tools, of_field);
+  for (std::size_t k = 0; k < report_.tools.size(); ++k) report_.tools[k].collision_limit = field.collisionLimit(k);
   report_.device = field.deviceName();
   report_.device_note_id = field.deviceNoteId();
   report_.device_note = field.deviceNote();
@@ -376,12 +382,12 @@ int MapRun::run() {
 int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
   const int exit_code = mapInTiles(sources, chosen_voxels, report_, messages_);
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
-  if (report_.tiles) writeHtml(sources.tool);
+  if (report_.tiles) writeHtml(sources.tools);
   return exit_code;
 }
 
 /// After report.json, which it shows.
-void MapRun::writeHtml(const ToolGeometry& tool) {
+void MapRun::writeHtml(const std::vector<ToolSpec>& tools) {
   PageSources sources;
   sources.html = fs::path(options_.out) / kPageFile;
   if (!options_.html) {
@@ -393,7 +399,7 @@ void MapRun::writeHtml(const ToolGeometry& tool) {
     return;
   }
   sources.folder = options_.out;
-  sources.tool = &tool;
+  if (tools.size() == 1) sources.tool = &tools.front().tool;  // the page draws one
   writePage(sources, messages_);
 }
 
@@ -416,7 +422,7 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
   }
   report_.exit_code = signal == 0 ? 0 : 128 + signal;
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
-  if (report_.points_used > 0) writeHtml(field.tool());
+  if (report_.points_used > 0) writeHtml(field.tools());
   return report_.exit_code;
 }
 

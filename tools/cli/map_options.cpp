@@ -14,6 +14,7 @@
 #include "accessvdb/field_io.h"
 #include "accessvdb/tiles.h"
 #include "checkpoint.h"
+#include "tools_given.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -48,7 +49,7 @@ constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
 }  // namespace
 
 void addFieldOptions(FlagParser& flags, MapOptions& options) {
-  addToolOptions(flags, options.tool);
+  addToolsOptions(flags, options);
   flags.option("--voxel", &options.voxel_m, "edge of a voxel in metres");
   flags.option("--min-range", &options.min_range_m, "drop returns nearer than this, metres");
   flags.option("--max-range", &options.max_range_m, "drop returns beyond this, metres");
@@ -77,12 +78,12 @@ void addMappingOptions(FlagParser& flags, MapOptions& options) {
 
 void addOrientationOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--directions", &options.directions, "yaw directions over 360 degrees, 4 .. 256");
-  flags.option("--orientations", &options.orientations,
-               "how the tool can be turned, in degrees: yaw (the default), pitch:MIN:MAX:STEP, sphere:STEP, "
-               "sphere:STEP+yaw or list:FILE; at most 256 together");
-  flags.option("--rolls", &options.rolls,
-               "how many rolls about its body the tool may take in each orientation, 1 .. 64; default: 1, and for a "
-               "sphere 12 over a whole turn, fewer for a symmetric tool");
+  flags.repeated("--orientations", &options.orientations,
+                 "how the tool can be turned, in degrees: yaw (the default), pitch:MIN:MAX:STEP, sphere:STEP, "
+                 "sphere:STEP+yaw or list:FILE; at most 256 together");
+  flags.repeated("--rolls", &options.rolls,
+                 "how many rolls about its body the tool may take in each orientation, 1 .. 64; default: 1, and for a "
+                 "sphere 12 over a whole turn, fewer for a symmetric tool");
 }
 
 void sayOrientationNotes(const MapOptions& options, Messages& messages) {
@@ -251,8 +252,11 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   if (options.min_range_m) params.tsdf.min_range_m = *options.min_range_m;
   if (options.max_range_m) params.tsdf.max_range_m = *options.max_range_m;
   if (options.directions) params.approach.num_directions = *options.directions;
-  if (!options.orientations.empty()) params.approach.orientations = OrientationSet::parse(options.orientations);
-  if (options.rolls) params.approach.rolls = *options.rolls;
+  // Of several tools, the first one's.
+  const MapOptions own = optionsOfEach(options).front();
+  if (!own.orientations.empty()) params.approach.orientations = OrientationSet::parse(own.orientations);
+  params.approach.rolls = parseRolls(own.rolls);
+  params.scoring.max_collisions = parseMaxCollisions(own.max_collisions, options.voxel_m);
   if (options.corridor_m) params.approach.corridor_length_m = *options.corridor_m;
   if (options.knn) params.scoring.neighbours = *options.knn;
   if (const auto change = givenChange(options)) {

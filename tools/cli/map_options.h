@@ -29,7 +29,7 @@ struct MapOptions {
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string checkpoint, checkpoint_every = "5m", resume;
   std::string pose_format = "auto", profile = "product", policy, orientations, change;
-  std::optional<int> rolls;
+  std::string tool_name, rolls, max_collisions;  ///< of several tools with line ends between: tools_given.h
   double voxel_m = 0.01;
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
   std::optional<int> directions, knn;

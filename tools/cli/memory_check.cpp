@@ -15,6 +15,7 @@
 #include "accessvdb/tool_tables.h"
 #include "progress.h"
 #include "stop_signal.h"
+#include "tools_given.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -39,8 +40,8 @@ class RaySample {
     stride_ *= 2;
   }
   [[nodiscard]] const std::vector<Ray>& rays() const { return rays_; }
-  [[nodiscard]] MemoryPrediction prediction(const FieldParams& params) const {
-    MemoryPredictor predictor(params.tsdf, rememberedDirections(params));
+  [[nodiscard]] MemoryPrediction prediction(const std::vector<ToolSpec>& tools, const FieldParams& params) const {
+    MemoryPredictor predictor(params.tsdf, rememberedDirections(tools, params));
     for (const auto& [o_L, p_L] : rays_) predictor.add(o_L.cast<double>(), p_L.cast<double>());
     return predictor.prediction();
   }
@@ -77,9 +78,9 @@ class LocalRays {
 /// One predictor per thread; the order of merging them does not matter.
 class ParallelPredictor {
  public:
-  ParallelPredictor(const FieldParams& params, int threads)
+  ParallelPredictor(const std::vector<ToolSpec>& tools, const FieldParams& params, int threads)
       : predictors_(threads > 0 ? static_cast<std::size_t>(threads) : std::max(1u, std::thread::hardware_concurrency()),
-                    MemoryPredictor(params.tsdf, rememberedDirections(params))) {}
+                    MemoryPredictor(params.tsdf, rememberedDirections(tools, params))) {}
   void add(const std::vector<Ray>& rays) {
     const std::size_t parts = std::clamp<std::size_t>(rays.size() / kReturnsAThread, 1, predictors_.size());
     const auto part = [&](std::size_t k) {
@@ -108,11 +109,11 @@ double roundedUp(double value) {
 }
 
 /// @param all  prediction for all rays
-double smallestFittingVoxel_m(MapOptions options, const ToolGeometry& tool, std::optional<double> noise_m,
+double smallestFittingVoxel_m(MapOptions options, const std::vector<ToolSpec>& tools, std::optional<double> noise_m,
                               const RaySample& sample, RunOutput output, const MemoryPrediction& all, double limit) {
   const double start_m = options.voxel_m;
   const auto sampledBytes = [&](const FieldParams& params) {
-    MemoryPrediction prediction = sample.prediction(params);
+    MemoryPrediction prediction = sample.prediction(tools, params);
     prediction.largest_step = all.largest_step;
     prediction.input_bytes = all.input_bytes;
     return prediction.bytes(output, options.mirror_distance);
@@ -123,7 +124,7 @@ double smallestFittingVoxel_m(MapOptions options, const ToolGeometry& tool, std:
     options.voxel_m = voxel_m;
     const FieldParams params = fieldParams(options, noise_m);
     const double rays = ratio * sampledBytes(params);
-    return rays <= limit && peakBytes(rays, toolTableBytes(tool, params)) <= limit;
+    return rays <= limit && peakBytes(rays, toolTableBytes(tools, params)) <= limit;
   };
   double low_m = start_m, high_m = start_m * kVoxelStep;
   while (high_m < kVoxelMax_m && !fits(high_m)) low_m = std::exchange(high_m, high_m * kVoxelStep);
@@ -142,8 +143,9 @@ double smallestFittingVoxel_m(MapOptions options, const ToolGeometry& tool, std:
 class TileChoice {
  public:
   /// @param ratio  all rays' prediction by the sample's, without what an empty map takes
-  TileChoice(const FieldParams& params, const tiles::TileMargins& margins, const RaySample& sample, double ratio)
-      : params_(params), margins_(margins), sample_(sample), ratio_(ratio) {}
+  TileChoice(const std::vector<ToolSpec>& tools, const FieldParams& params, const tiles::TileMargins& margins,
+             const RaySample& sample, double ratio)
+      : tools_(tools), params_(params), margins_(margins), sample_(sample), ratio_(ratio) {}
 
   [[nodiscard]] std::int32_t largestFitting(const ToolTableBytes& tables, double limit) const {
     std::int32_t edge = 0;
@@ -190,7 +192,7 @@ class TileChoice {
     }
     double most = 0;
     for (const auto& [tile, rays] : rays_of) {
-      MemoryPredictor predictor(params_.tsdf, rememberedDirections(params_));
+      MemoryPredictor predictor(params_.tsdf, rememberedDirections(tools_, params_));
       for (const std::uint32_t n : rays) {
         predictor.add(sample_.rays()[n].first.cast<double>(), sample_.rays()[n].second.cast<double>());
       }
@@ -199,6 +201,7 @@ class TileChoice {
     return most;
   }
 
+  const std::vector<ToolSpec>& tools_;
   const FieldParams& params_;
   tiles::TileMargins margins_;
   const RaySample& sample_;
@@ -212,14 +215,14 @@ std::optional<std::uint64_t> memoryLimit(const MapOptions& options) {
   return availableMemoryBytes();
 }
 
-std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeometry& tool, RunOutput output,
+std::optional<MemoryCheck> checkMemory(const MapOptions& options, const std::vector<ToolSpec>& tools, RunOutput output,
                                        io::ScanSequence& scans, const std::optional<tiles::TileMargins>& tiles,
                                        Messages& messages) {
   const std::optional<double> noise_m = scans.recordedRangeNoise_m();
   const bool limited = !options.max_memory.empty();
   const FieldParams params = fieldParams(options, noise_m);
-  const ToolTableBytes tables = toolTableBytes(tool, params);
-  ParallelPredictor predictor(params, options.common.threads);
+  const ToolTableBytes tables = toolTableBytes(tools, params);
+  ParallelPredictor predictor(tools, params, options.common.threads);
   RaySample sample;
   LocalRays rays;
   std::size_t stride = 1, largest_step = 0;
@@ -256,12 +259,12 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeom
   if (tiles) {
     // The sample touches fewer leaves than all rays do.
     const double fixed = MemoryPrediction{}.bytes(output);
-    const double ratio =
-        (predictor.prediction().bytes(output) - fixed) / std::max(1.0, sample.prediction(params).bytes(output) - fixed);
-    check.tile_voxels = TileChoice(params, *tiles, sample, ratio).largestFitting(tables, limit);
+    const double ratio = (predictor.prediction().bytes(output) - fixed) /
+                         std::max(1.0, sample.prediction(tools, params).bytes(output) - fixed);
+    check.tile_voxels = TileChoice(tools, params, *tiles, sample, ratio).largestFitting(tables, limit);
     if (check.tile_voxels > 0) return check;
   }
-  const double voxel_m = smallestFittingVoxel_m(options, tool, noise_m, sample, output, prediction, limit);
+  const double voxel_m = smallestFittingVoxel_m(options, tools, noise_m, sample, output, prediction, limit);
   throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
                       "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
                       voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits" +

@@ -10,6 +10,7 @@
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tiles.h"
 #include "accessvdb/tool_geometry.h"
+#include "accessvdb/tool_spec.h"
 #include "map_options.h"
 
 namespace accessvdb::tools {
@@ -25,7 +26,7 @@ struct MemoryCheck {
 /// @return nothing if a signal stopped it
 /// @throws ResourceLimit "limit.memory" with the smallest voxel that fits, "tool.span", "tool.columns"; InputError
 ///         while reading
-[[nodiscard]] std::optional<MemoryCheck> checkMemory(const MapOptions& options, const ToolGeometry& tool,
+[[nodiscard]] std::optional<MemoryCheck> checkMemory(const MapOptions& options, const std::vector<ToolSpec>& tools,
                                                      RunOutput output, io::ScanSequence& scans,
                                                      const std::optional<tiles::TileMargins>& tiles,
                                                      Messages& messages);

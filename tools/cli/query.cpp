@@ -4,8 +4,12 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <sstream>
+#include <string>
+#include <vector>
 
 #include "access_map.h"
 #include "accessvdb/error.h"
@@ -14,6 +18,7 @@
 #include "accessvdb/tiles.h"
 #include "command_line.h"
 #include "options.h"
+#include "tools_given.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -55,6 +60,32 @@ Answers answersFrom(const std::string& map, const std::vector<Eigen::Vector3d>& 
   return answers;
 }
 
+/// Names of several tools, from a folder of either kind; none of one tool.
+std::vector<std::string> toolNames(const std::string& map) {
+  std::filesystem::path folder = map;
+  if (tiles::hasIndex(folder)) {
+    const tiles::Index index = tiles::readIndex(folder);
+    if (index.tiles.empty()) return {};
+    folder = index.tiles.front().folder;
+  }
+  std::vector<std::string> names;
+  for (const auto& [name, text] : io::readPointsHeader(folder / "points.ply").metadata) {
+    if (name != "tools") continue;
+    std::istringstream each(text);
+    for (std::string tool; std::getline(each, tool, ',');) names.push_back(tool);
+  }
+  return names;
+}
+
+/// Of the tools that reach a point.
+std::vector<std::string> thoseThatReach(const SurfacePoint& point, const std::vector<std::string>& names) {
+  std::vector<std::string> reach;
+  for (std::size_t k = 0; k < names.size(); ++k) {
+    if ((point.tools >> k & 1) != 0) reach.push_back(names[k]);
+  }
+  return reach;
+}
+
 /// Whether the tool comes level and upright, as with yaw directions.
 bool isUpright(const SurfacePoint& point) {
   constexpr float kRounding = 1e-6f;  // of a quaternion in float32
@@ -66,7 +97,7 @@ double pitchDegrees(const SurfacePoint& point) {
   return std::asin(std::clamp(static_cast<double>(point.direction_W.z()), -1.0, 1.0)) * 180.0 / std::numbers::pi;
 }
 
-Json jsonAnswer(const tiles::StoredAnswer& stored) {
+Json jsonAnswer(const tiles::StoredAnswer& stored, const std::vector<std::string>& tools) {
   const io::StoredField::Answer& answer = stored.field;
   Json json = {{"at", jsonVector(answer.position_W)}, {"voxel", stateOf(answer)}};
   json["distance_m"] = answer.observed ? Json(answer.distance_m) : Json(nullptr);
@@ -92,12 +123,16 @@ Json jsonAnswer(const tiles::StoredAnswer& stored) {
       json["point"]["orientation"] = {q.w(), q.x(), q.y(), q.z()};
       json["point"]["roll"] = point.roll;
     }
+    if (point.tool < tools.size()) {
+      json["point"]["tool"] = tools[point.tool];
+      json["point"]["tools"] = thoseThatReach(point, tools);
+    }
     if (stored.tile) json["point"]["tile"] = stored.tile->name();
   }
   return json;
 }
 
-std::string wordsOf(const tiles::StoredAnswer& stored) {
+std::string wordsOf(const tiles::StoredAnswer& stored, const std::vector<std::string>& tools) {
   const io::StoredField::Answer& answer = stored.field;
   char line[512];
   std::snprintf(line, sizeof line, "at %.10g %.10g %.10g\n  voxel: %s, distance %s m, weight %.6g\n",
@@ -111,6 +146,11 @@ std::string wordsOf(const tiles::StoredAnswer& stored) {
                 name(point.label), name(point.reason),
                 point.score != kNoScore ? std::to_string(point.score).c_str() : "-", point.confidence);
   text += line;
+  if (point.tool < tools.size()) {
+    std::string reach;
+    for (const std::string& name : thoseThatReach(point, tools)) reach += " " + name;
+    text += "  tool " + tools[point.tool] + "; reached by" + (reach.empty() ? " none" : reach) + "\n";
+  }
   if (point.direction == kNoDirection) return text + "  no best direction\n";
   std::snprintf(line, sizeof line, "  best direction %.4f %.4f %.4f, yaw %.1f degrees\n", point.direction_W.x(),
                 point.direction_W.y(), point.direction_W.z(), yawDegrees(point));
@@ -142,7 +182,11 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   flags.option("--access-map", &access.picture,
                "PNG of all directions at one point, coloured by what stops each; --map is then the folder of "
                "map --checkpoint, or a state file");
-  addToolOptions(flags, access.tool);
+  addToolsOptions(flags, access.given);
+  addOrientationOptions(flags, access.given);
+  flags.option("--for-tool", &access.for_tool,
+               "with --access-map of several tools, given as to map: name of the one to draw; default: the one that "
+               "stands for the point");
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 
@@ -169,11 +213,13 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   }
   Json answers = Json::array();
   std::string text;
-  for (const tiles::StoredAnswer& answer : answersFrom(map, positions_W, messages)) {
+  const auto stored = answersFrom(map, positions_W, messages);
+  const std::vector<std::string> tools = toolNames(map);
+  for (const tiles::StoredAnswer& answer : stored) {
     if (json) {
-      answers.push_back(jsonAnswer(answer));
+      answers.push_back(jsonAnswer(answer, tools));
     } else {
-      text += wordsOf(answer);
+      text += wordsOf(answer, tools);
     }
   }
   printData(json ? answers.dump(2) + "\n" : text);

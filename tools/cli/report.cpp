@@ -104,11 +104,13 @@ Eigen::AlignedBox3d countPoints(RunReport& report, const MemoryUse& memory, cons
   report.surface_points = points.size();
   report.labels = {};
   report.reasons = {};
+  for (ReportedTool& tool : report.tools) tool.accessible = 0;
   Eigen::AlignedBox3d bounds_W;
   for (std::size_t n = 0; n < points.size(); ++n) {
     const SurfacePoint point = points.at(n);
     ++report.labels[static_cast<std::size_t>(point.label)];
     ++report.reasons[static_cast<std::size_t>(point.reason)];
+    for (std::size_t k = 0; k < report.tools.size(); ++k) report.tools[k].accessible += point.tools >> k & 1;
     bounds_W.extend(point.position_W);
   }
   return bounds_W;
@@ -164,6 +166,21 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
        {{"leaves", report.memory.leaves},
         {"active_voxels", report.memory.active_voxels},
         {"bytes", report.memory.map_bytes}}}};
+  for (const ReportedTool& tool : report.tools) {
+    json["tools"].push_back({{"name", tool.name},
+                             {"tool", tool.tool},
+                             {"tool_unit", tool.unit},
+                             {"tool_tip", tool.tip},
+                             {"tool_axis", tool.axis},
+                             {"tool_up", tool.up},
+                             {"sha256", tool.sha256},
+                             {"orientations", tool.orientations},
+                             {"rolls", tool.rolls},
+                             {"max_collisions", tool.max_collisions}});
+    if (report.tiles) continue;  // tile.json and field.vdb have the rest
+    json["tools"].back()["collision_limit"] = tool.collision_limit;
+    json["tools"].back()["accessible"] = tool.accessible;
+  }
   if (!report.distance_mirror.empty()) {
     json["timing_ms"]["distance_mirror"] = jsonTimes(report.distance_mirror);
     json["per_scan"]["distance_leaves"] = jsonTimes(report.distance_leaves);

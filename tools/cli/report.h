@@ -62,12 +62,20 @@ struct LiveReport {
   std::uint64_t lost = 0;       ///< messages that the middleware says did not arrive
 };
 
+/// One of several tools, as given.
+struct ReportedTool {
+  std::string name, tool, unit, tip, axis, up, sha256, orientations;
+  int rolls = 0, max_collisions = 0, collision_limit = 0;
+  std::uint64_t accessible = 0;  ///< points that it reaches
+};
+
 struct RunReport {
   int exit_code = 0;
   std::string device = "cpu";
   std::string device_note_id, device_note;                      ///< why --device auto is not on a GPU; else empty
   std::vector<std::pair<std::string, std::string>> parameters;  ///< flags as given, then every effective parameter
   std::vector<io::InputFile> inputs;
+  std::vector<ReportedTool> tools;  ///< if there are several
 
   std::optional<std::uint64_t> resumed_after_scans;  ///< of --resume; times are those of the scans after them
   std::uint64_t scans = 0, points_in = 0, points_used = 0;

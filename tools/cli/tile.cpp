@@ -18,6 +18,7 @@
 #include "stop_signal.h"
 #include "tile_job.h"
 #include "tiled_map.h"
+#include "tools_given.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -83,9 +84,8 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   checkMapOptions(options);
   io::prepareOutputFolder(options.out);
   if (options.fresh) removeTiles(options.out);
-  const ToolGeometry tool = loadTool(options.tool);
-  sayToolNotes(tool, messages);
-  sayOrientationNotes(options, messages);
+  const std::vector<ToolSpec> tools = loadTools(options);
+  sayToolsNotes(options, tools, messages);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   sayAboutScans(scans, messages);
   const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
@@ -93,11 +93,11 @@ int planTiles(const Arguments& arguments, Messages& messages) {
     throw InvalidArgument("usage.tiles", "tile plan", *reason, "Leave it out");
   }
   const PlanSettings settings = planSettings(flags);
-  const PlanSources sources = {options, settings, tool, scans, params};
+  const PlanSources sources = {options, settings, tools, scans, params};
   std::int32_t edge = 0;
   if (wantedTile_m(options) == 0 && !tiles::hasPlan(options.out)) {
-    const tiles::TileMargins margins = tiles::tileMargins(tool, params);
-    const auto memory = checkMemory(options, tool, RunOutput::Field, scans, margins, messages);
+    const tiles::TileMargins margins = tiles::tileMargins(tools, params);
+    const auto memory = checkMemory(options, tools, RunOutput::Field, scans, margins, messages);
     if (!memory) return 128 + stopSignal();
     // What fits in one piece is still to be shared: four tiles at least, unless they would be smaller than is useful.
     edge = memory->tile_voxels > 0 ? memory->tile_voxels : margins.least_tile_voxels * 4;

@@ -11,6 +11,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "memory_check.h"
+#include "tools_given.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -54,7 +55,7 @@ template <std::size_t kCount>
 std::string textOf(const PlanSettings& settings, const char* const (&list)[kCount]) {
   std::string text;
   for (const auto& [key, value] : settings) {
-    if (isIn(list, key) && !isIn(kPaths, key)) text += key + " " + value + "\n";
+    if (isIn(list, key) && !isIn(kPaths, key)) text += key + " " + valuesInWords(value) + "\n";
   }
   return text;
 }
@@ -70,10 +71,10 @@ std::vector<tiles::PlannedInput> inputsOf(const PlanSources& sources) {
     inputs.push_back({path.string(), fs::file_size(path), small ? io::sha256OfFile(path) : std::string()});
   };
   const SurveyOptions& survey = sources.options.survey;
-  for (const fs::path path :
-       {sources.options.poses, sources.options.calib, survey.trajectory, survey.stations, sources.options.tool.tool}) {
+  for (const fs::path path : {sources.options.poses, sources.options.calib, survey.trajectory, survey.stations}) {
     add(path, true);
   }
+  for (const std::string& path : valuesOf(sources.options.tool.tool)) add(path, true);
   for (const std::string& path : sources.scans.paths()) add(path, false);
   return inputs;
 }
@@ -118,7 +119,7 @@ std::uint64_t binBytes(const MapOptions& options) {
 tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
   const FieldParams& params = sources.params;
   const double voxel_m = params.tsdf.voxel_size_m;
-  const tiles::TileMargins margins = tiles::tileMargins(sources.tool, params);
+  const tiles::TileMargins margins = tiles::tileMargins(sources.tools, params);
   tiles::Plan plan;
   plan.program = ACCESSVDB_VERSION;
   PlanSettings settings = sources.settings;
@@ -130,9 +131,9 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
     settings.emplace_back(
         "origin", exactNumber((*origin_W)[0]) + "," + exactNumber((*origin_W)[1]) + "," + exactNumber((*origin_W)[2]));
   }
-  plan.parameters = params.describe() + textOf(settings, kOfTheResult);
-  plan.tool_name = sources.tool.name();
-  plan.tool_sha256 = sources.tool.sha256();
+  plan.parameters = describeTools(sources.tools, params) + textOf(settings, kOfTheResult);
+  plan.tool_name = sources.tools.size() == 1 ? sources.tools.front().tool.name() : namesOf(sources.tools);
+  plan.tool_sha256 = toolListSha256(sources.tools);
   plan.origin_W = params.origin_W ? *params.origin_W : tiles::originOf(sources.scans, params);
   plan.voxel_size_m = voxel_m;
   plan.tile_voxels = chosen_voxels > 0 ? chosen_voxels : edgeBelow(wantedTile_m(sources.options), margins, voxel_m);
@@ -162,12 +163,18 @@ PlanSettings planSettings(const FlagParser& flags) {
     std::string text = on != nullptr ? (*on ? "true" : "false") : std::get<std::string>(value);
     if (text.empty() || text == "false") continue;
     std::error_code ignored;
-    if (isIn(kPaths, key) && fs::exists(text, ignored)) text = absolutePath(text).string();
-    constexpr std::string_view kList = "list:";
-    if (key == "orientations" && text.starts_with(kList) && text.size() > kList.size()) {
-      text = std::string(kList) + absolutePath(text.substr(kList.size())).string();
+    std::string absolute;
+    const std::vector<std::string> values = valuesOf(text);
+    for (std::size_t n = 0; n < values.size(); ++n) {
+      std::string each = values[n];
+      if (isIn(kPaths, key) && fs::exists(each, ignored)) each = absolutePath(each).string();
+      constexpr std::string_view kList = "list:";
+      if (key == "orientations" && each.starts_with(kList) && each.size() > kList.size()) {
+        each = std::string(kList) + absolutePath(each.substr(kList.size())).string();
+      }
+      absolute.append(n == 0 ? "" : "\n").append(each);
     }
-    settings.emplace_back(key, text);
+    settings.emplace_back(key, absolute);
   }
   return settings;
 }
@@ -225,19 +232,23 @@ OpenJob openJob(const fs::path& out, const MapOptions& options) {
   planned.out = out.string();
   std::vector<MapOptions> flights;
   for (const tiles::Flight& flight : plan.flights) flights.push_back(optionsFrom(out, flight.settings));
-  ToolGeometry tool = loadTool(planned.tool);
+  std::vector<ToolSpec> specs = loadTools(planned);
   FieldParams params = fieldParams(planned);
   const auto changed = [&](const std::string& what) {
     throw UnusableInput("plan.changed", out.string(), what,
                         "Use what the plan was made with, or start again with --fresh");
   };
   if (plan.program != ACCESSVDB_VERSION) changed("was planned by version " + plan.program + " of accessvdb");
-  if (tool.sha256() != plan.tool_sha256) changed("was planned with another tool than " + planned.tool.tool + " is now");
-  if (plan.parameters != params.describe() + textOf(settings, kOfTheResult)) {
+  if (toolListSha256(specs) != plan.tool_sha256) {
+    changed("was planned with another tool than " + valuesInWords(planned.tool.tool) + " is now");
+  }
+  if (plan.parameters != describeTools(specs, params) + textOf(settings, kOfTheResult)) {
     changed("was planned with other parameters");
   }
   params.mirror_distance = false;  // only for kernels of a live map; takes memory that the prediction does not count
-  return {std::move(planned), std::move(flights), {out, std::move(plan), std::move(tool), std::move(params)}};
+  tiles::Job job = {out, std::move(plan), specs.front().tool, std::move(params)};
+  if (specs.size() > 1) job.tools = specs;
+  return {std::move(planned), std::move(flights), std::move(specs), std::move(job)};
 }
 
 void appendFlight(const fs::path& out, const MapOptions& options, const FlagParser& flags, Messages& messages) {
@@ -252,7 +263,7 @@ void appendFlight(const fs::path& out, const MapOptions& options, const FlagPars
                 [](const auto& setting) { return !isIn(kOfAFlight, setting.first) && setting.first != "deskew"; });
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   sayAboutScans(scans, messages);
-  const PlanSources sources = {options, settings, open.job.tool, scans, open.job.params};
+  const PlanSources sources = {options, settings, open.tools, scans, open.job.params};
   tiles::Plan& plan = open.job.plan;
   plan.flights.push_back(flightOf(sources, settings));
   tiles::writePlan(out, identified(plan));

@@ -24,7 +24,7 @@ using PlanSettings = std::vector<std::pair<std::string, std::string>>;
 struct PlanSources {
   const MapOptions& options;
   const PlanSettings& settings;
-  const ToolGeometry& tool;
+  const std::vector<ToolSpec>& tools;  ///< named
   io::ScanSequence& scans;
   FieldParams params;
 };
@@ -43,6 +43,7 @@ struct PlanSources {
 struct OpenJob {
   MapOptions options;               ///< of the first flight
   std::vector<MapOptions> flights;  ///< of each, to open its scans
+  std::vector<ToolSpec> tools;
   tiles::Job job;
 };
 [[nodiscard]] OpenJob openJob(const std::filesystem::path& out, const MapOptions& options);

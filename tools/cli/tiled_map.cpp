@@ -14,6 +14,7 @@
 #include "progress.h"
 #include "run_summary.h"
 #include "stop_signal.h"
+#include "tools_given.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -132,7 +133,8 @@ int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport
     throw InvalidArgument("usage.tiles", "--tiles " + options.tiles, *reason, "Leave it out, or use --tiles off");
   }
   if (options.update_every > 0) messages.notice("tiles are scored once at the end; --update-every changes nothing");
-  tiles::Job job = {options.out, {}, sources.tool, sources.params};
+  tiles::Job job = {options.out, {}, sources.tools.front().tool, sources.params};
+  if (sources.tools.size() > 1) job.tools = sources.tools;
   job.params.mirror_distance = false;  // only for kernels of this process
   job.plan = planOf(sources, chosen_voxels, messages);
   report.device.clear();

@@ -194,7 +194,7 @@ TEST(FieldParams, BoundsAreRefusedByName) {
   EXPECT_EQ(subjectOf([](FieldParams& p) { p.approach.num_directions = 256; }), "accepted");
   EXPECT_EQ(subjectOf([](FieldParams& p) { p.approach.normal_cone_rad = 1.6; }), "normal_cone_rad");
   EXPECT_EQ(subjectOf([](FieldParams& p) { p.approach.corridor_length_m = 5.1; }), "corridor_length_m");
-  EXPECT_EQ(subjectOf([](FieldParams& p) { p.scoring.max_collisions = -1; }), "max_collisions");
+  EXPECT_EQ(subjectOf([](FieldParams& p) { p.scoring.max_collisions = -2; }), "max_collisions");
   EXPECT_EQ(subjectOf([](FieldParams& p) { p.scoring.neighbours = 2; }), "neighbours");
   EXPECT_EQ(subjectOf([](FieldParams& p) { p.scoring.confidence_min = 1; }), "confidence_min");
   EXPECT_EQ(subjectOf([](FieldParams& p) { p.update.budget_points = -1; }), "budget_points");

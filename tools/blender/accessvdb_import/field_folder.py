@@ -62,17 +62,21 @@ def find_fields(path):
     return [find_field(os.path.join(os.path.dirname(index), folder)) for folder in folders]
 
 
-def tool_of_run(field):
-    """The tool that the run was computed for, as (mesh path or builtin name, ToolPose). Raises FieldError."""
+def tool_of_run(field, index=0):
+    """The tool that the run was computed for, as (mesh path or builtin name, ToolPose). Raises FieldError.
+
+    index  of several tools, the column `tool` of points.ply
+    """
     advice = "Choose a tool mesh, with its unit, tip, axis and up"
     if field.report is None:
         raise FieldError(f"{field.folder}: contains no report.json, so the run's tool is not known. {advice}")
     try:
         with open(field.report, encoding="utf-8") as stream:
-            parameters = json.load(stream)["parameters"]
+            report = json.load(stream)
+        parameters = report["tools"][index] if "tools" in report else report["parameters"]
         names = ("tool", "tool_unit", "tool_tip", "tool_axis", "tool_up")
         text = {name: str(parameters.get(name, "")) for name in names}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError):
         raise FieldError(f"{field.report}: cannot be read as the report of a run. {advice}") from None
     if not text["tool"]:
         raise FieldError(f"{field.report}: names no tool. {advice}")

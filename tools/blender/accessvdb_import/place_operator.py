@@ -23,7 +23,7 @@ class OBJECT_OT_accessvdb_place_tool(bpy.types.Operator):
 
     point: IntProperty(name="Point", default=-1, min=-1, description="Row of points.ply; -1: the selected vertex")
     source: EnumProperty(name="Tool", items=(
-        ("RUN", "The run's tool", "The tool, unit and pose that report.json names"),
+        ("RUN", "The run's tool", "The tool, unit and pose that report.json names; of several tools the best one there"),
         ("FILE", "Mesh file", "A mesh with the unit and pose below"),
         ("PENCIL", "Pencil", "builtin:pencil"),
         ("PRUNER", "Pruner", "builtin:pruner")))
@@ -56,7 +56,7 @@ class OBJECT_OT_accessvdb_place_tool(bpy.types.Operator):
             self._check_same_run(root, points)
             index = self.point if self.point >= 0 else _selected_vertex(context.active_object)
             matrix_L = placement_L(points, index)
-            mesh = self._mesh(field)
+            mesh = self._mesh(field, points.best_tool(index))
         except FieldError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -74,9 +74,9 @@ class OBJECT_OT_accessvdb_place_tool(bpy.types.Operator):
                                      "closest")
         return {"FINISHED"}
 
-    def _mesh(self, field):
+    def _mesh(self, field, best_tool):
         if self.source == "RUN":
-            return tool_mesh(*tool_of_run(field))
+            return tool_mesh(*tool_of_run(field, best_tool))
         if self.source == "FILE":
             if not self.tool:
                 raise FieldError("No tool mesh is chosen. Choose a file, or one of the other tools")

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from .materials import linear_from_srgb, point_material
-from .points_ply import NO_SCORE
+from .points_ply import NO_SCORE, TOOLS
 
 _BALL_SHARE = 0.5  # radius of a drawn point, as a share of the voxel size
 _SCORE_OF_NONE = -1  # as in the grid "score"
@@ -39,6 +39,9 @@ def _attributes(points):
     score[score == NO_SCORE] = _SCORE_OF_NONE
     colour = np.ones((len(points), 4), np.float32)
     colour[:, :3] = linear_from_srgb(points.columns("red", "green", "blue").astype(np.float64))
+    for name in TOOLS:
+        if name in records.dtype.names:
+            yield name, "INT", records[name].astype(np.int32)
     yield "label", "INT", records["label"].astype(np.int32)
     yield "reason", "INT", records["reason"].astype(np.int32)
     yield "score", "INT", score

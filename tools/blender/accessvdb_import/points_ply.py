@@ -18,6 +18,8 @@ COLUMNS = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "label", "re
            "stability", "dx", "dy", "dz", "yaw")
 #: Columns that files of other orientations than yaw have as well: world from tool.
 QUATERNION = ("qw", "qx", "qy", "qz")
+#: Columns of several tools: the one that stands for the point, and a bit for each that reaches it.
+TOOLS = ("tool", "tools")
 LABELS = ("unscored", "accessible", "blocked")
 REASONS = ("none", "confidence", "normal", "unseen", "unknown", "arm", "tool")
 #: Score of a point of which no direction reached the tool stage.
@@ -57,6 +59,10 @@ class Points:
     def has_orientations(self):
         """Whether the tool was not only turned about the vertical."""
         return all(name in self.records.dtype.names for name in QUATERNION)
+
+    def best_tool(self, index):
+        """Index of the tool that stands for a point; 0 where there is only one."""
+        return int(self.records["tool"][index]) if "tool" in self.records.dtype.names else 0
 
     def columns(self, *names):
         """(n, len(names)) array of the named columns."""
