@@ -146,7 +146,8 @@ void visitTsdf(Code& code, Params& p) {
 template <typename Code, typename Params>
 void visitApproach(Code& code, Params& p) {
   auto& [num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine, viewpoints,
-         orientations] = p;
+         orientations, rolls] = p;
+  static_cast<void>(rolls);
   static_cast<void>(orientations);  // see visitOrientations
   visitAll(code, num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine,
            viewpoints);
@@ -189,7 +190,8 @@ void visitUpdate(Code& code, Params& p) {
 
 template <typename Code, typename Params>
 void visitChange(Code& code, Params& p) {
-  auto& [mode] = p;
+  auto& [mode, free_for_s] = p;
+  static_cast<void>(free_for_s);
   code.oneOf(mode, ChangeMode::Block);
 }
 
