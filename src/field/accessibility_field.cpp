@@ -331,9 +331,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   std::unique_ptr<internal::PointScorer> scorer;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;
-  double noted_ms = 0;      ///< noting what scans since the last update changed in the map
-  std::uint64_t scans = 0;  ///< integrated
-  bool updated = false;     ///< at least once
+  double noted_ms = 0;          ///< noting what scans since the last update changed in the map
+  std::uint64_t scans = 0;      ///< integrated
+  bool updated = false;         ///< at least once
   bool labels_current = false;  ///< an update came after the last change of the map
   std::unique_ptr<internal::WhatIfTables> what_if_tables;  ///< made when first needed
   internal::FieldClock clock;

@@ -2,10 +2,14 @@
 // SPDX-License-Identifier: Apache-2.0
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <iterator>
 #include <limits>
+#include <map>
 #include <utility>
 
+#include "accessvdb/batch_query.h"
+#include "accessvdb/error.h"
 #include "accessvdb/what_if.h"
 #include "field/field_access.h"
 
@@ -126,6 +130,48 @@ class GreedyOrder {
 };
 
 }  // namespace
+
+LabelledSegments segmentsOf(const AccessibilityField& field, std::span<const Eigen::Vector3d> positions_W,
+                            std::span<const std::int64_t> labels) {
+  if (positions_W.size() != labels.size()) {
+    throw InvalidArgument("segments.sizes", "", "there must be one label per position", "Give arrays of one length");
+  }
+  LabelledSegments found;
+  std::vector<PointAnswer> answers(positions_W.size());
+  field.batchQuery().at(positions_W, answers);
+  // Two positions in a voxel are at most its diagonal apart.
+  const auto reach_m = static_cast<float>(std::sqrt(3.0) * field.params().tsdf.voxel_size_m);
+  std::vector<std::pair<std::uint32_t, std::int64_t>> votes;  // id, label
+  for (std::size_t n = 0; n < labels.size(); ++n) {
+    if (labels[n] <= 0) {
+      ++found.unlabelled;
+      continue;
+    }
+    if (answers[n].point_id == kNoPoint || !(answers[n].point_distance_m <= reach_m)) {
+      ++found.unmatched;
+      continue;
+    }
+    votes.emplace_back(answers[n].point_id, labels[n]);
+  }
+  std::sort(votes.begin(), votes.end());
+  std::map<std::int64_t, std::vector<std::uint32_t>> points_of;
+  for (std::size_t begin = 0; begin < votes.size();) {
+    const std::uint32_t id = votes[begin].first;
+    std::int64_t label = 0;
+    std::size_t most = 0;
+    while (begin < votes.size() && votes[begin].first == id) {
+      std::size_t end = begin;
+      while (end < votes.size() && votes[end] == votes[begin]) ++end;
+      if (end - begin > most) most = end - begin, label = votes[begin].second;
+      begin = end;
+    }
+    points_of[label].push_back(id);
+  }
+  for (auto& [label, ids] : points_of) {
+    found.segments.push_back({std::to_string(label), Region::points(std::move(ids))});
+  }
+  return found;
+}
 
 CutOrder orderCuts(const AccessibilityField& field, std::span<const Segment> segments, std::size_t most_cuts) {
   return GreedyOrder(field, segments).order(most_cuts);

@@ -47,9 +47,9 @@ class WeightWindow {
           const auto offset = static_cast<std::uint16_t>(PackedLeaf::coordToOffset(first));
           const bool holds_centre = x.holds(centre[0]) && y.holds(centre[1]) && z.holds(centre[2]);
           const std::int32_t to_centre = 64 * (centre[0] - x.first) + 8 * (centre[1] - y.first) + centre[2] - z.first;
-          part_[parts_++] = {node,      nullptr,   nullptr,   in_node,
-                             offset,    length(x), length(y), length(z),
-                             static_cast<std::int16_t>(holds_centre ? to_centre : kElsewhere)};
+          part_[parts_++] = {node,      nullptr,   nullptr,
+                             in_node,   offset,    length(x),
+                             length(y), length(z), static_cast<std::int16_t>(holds_centre ? to_centre : kElsewhere)};
         }
       }
     }

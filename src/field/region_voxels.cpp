@@ -196,7 +196,7 @@ LeafBits bitsOfPoints(const PackedLeaf& packed, const Region& region, std::int32
     if ((observed[n >> 6] & bit) == 0) continue;
     const auto local = static_cast<std::int32_t>(n);
     const Index3 voxel = {origin.x() + (local >> 6), origin.y() + (local >> 3 & 7), origin.z() + (local & 7)};
-    std::int64_t least = reach_squared + 1;
+    std::int64_t least = reach_squared;
     std::uint32_t nearest = kNone;
     for (const NearbyPoint& point : near) {
       const std::int64_t squared = squaredDistance(voxel, point.voxel);

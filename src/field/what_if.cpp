@@ -38,7 +38,8 @@ class Affected {
       const std::uint64_t counts = kernels::countCells(change.collides_off.data());
       for (std::int32_t cell = 0; cell < 8; ++cell) {
         if ((counts >> (8 * cell) & 0xff) == 0) continue;
-        freed_cells_.push_back({2 * leaf[0] + (cell >> 2 & 1), 2 * leaf[1] + (cell >> 1 & 1), 2 * leaf[2] + (cell & 1)});
+        freed_cells_.push_back(
+            {2 * leaf[0] + (cell >> 2 & 1), 2 * leaf[1] + (cell >> 1 & 1), 2 * leaf[2] + (cell & 1)});
       }
     }
     for (std::size_t axis = 0; axis < 3; ++axis) {  // blocks whose points read one of these leaves

@@ -67,7 +67,9 @@ Region ballRegion(const Eigen::Vector3d& centre, double radius_m) {
       const double polar = r == 0 ? 0 : r == kRings ? M_PI : M_PI * r / kRings, yaw = 2 * M_PI * a / kAround;
       const double ring = r == 0 || r == kRings ? 0 : std::sin(polar);
       vertices.push_back(centre + radius_m * Eigen::Vector3d(ring * std::cos(yaw), ring * std::sin(yaw),
-                                                             r == 0 ? 1 : r == kRings ? -1 : std::cos(polar)));
+                                                             r == 0        ? 1
+                                                             : r == kRings ? -1
+                                                                           : std::cos(polar)));
     }
   }
   const auto at = [](int r, int a) { return static_cast<std::uint32_t>(r * kAround + a % kAround); };
@@ -115,20 +117,41 @@ bool inRegion(const Region& region, const Eigen::Vector3d& p_W) {
   return std::abs(angle) > 2 * M_PI;
 }
 
-/// Of a set of points: brute force over all points.
-bool belongsToPoints(const AccessibilityField& field, const FieldSnapshot& snapshot, const Region& region,
+/// The map compares in float32.
+float collisionDistance_m(const AccessibilityField& field) {
+  return static_cast<float>(field.params().scoring.collision_distance_m);
+}
+
+/// Voxels of all points, by id. Positions on the face between two voxels belong to the one whose centre finds them.
+std::vector<Eigen::Vector3d> voxelsOfPoints(const AccessibilityField& field, const FieldSnapshot& snapshot) {
+  const double v = field.params().tsdf.voxel_size_m;
+  std::vector<Eigen::Vector3d> voxels;
+  for (const SurfacePoint& point : snapshot.points) {
+    const Eigen::Vector3d exact = (point.position_W - field.origin_W()) / v;
+    for (int corner = 0; corner < 8; ++corner) {
+      const Eigen::Vector3d shift(corner & 1, corner >> 1 & 1, corner >> 2);
+      const Eigen::Vector3d voxel = exact.array().floor().matrix() + shift;
+      const auto here = field.pointAt(field.origin_W() + v * voxel);
+      if (!here || here->id != point.id) continue;
+      voxels.push_back(voxel);
+      break;
+    }
+  }
+  return voxels;
+}
+
+/// Of a set of points: brute force over all points. @param points  their voxels
+bool belongsToPoints(const AccessibilityField& field, const std::vector<Eigen::Vector3d>& points, const Region& region,
                      const openvdb::Coord& ijk) {
   const double v = field.params().tsdf.voxel_size_m;
   const double reach = std::ceil(field.params().tsdf.truncation_distance_m / v - 1e-9) + 1;
   const VoxelState state = field.volume().at(ijk);
-  const bool collides =
-      state.weight > 0 && (state.blocked || !(state.distance_m >= field.params().scoring.collision_distance_m));
+  const bool collides = state.weight > 0 && (state.blocked || !(state.distance_m >= collisionDistance_m(field)));
   double least = std::numeric_limits<double>::infinity();
   std::uint32_t nearest = 0;
-  for (const SurfacePoint& point : snapshot.points) {
-    const Eigen::Vector3d voxel = ((point.position_W - field.origin_W()) / v).array().round();
-    const double squared = (voxel - Eigen::Vector3d(ijk.x(), ijk.y(), ijk.z())).squaredNorm();
-    if (squared < least) least = squared, nearest = point.id;  // ids ascend: the first of several stays
+  for (std::uint32_t id = 0; id < points.size(); ++id) {
+    const double squared = (points[id] - Eigen::Vector3d(ijk.x(), ijk.y(), ijk.z())).squaredNorm();
+    if (squared < least) least = squared, nearest = id;  // ids ascend: the first of several stays
   }
   const bool is_ours = std::binary_search(region.ids().begin(), region.ids().end(), nearest);
   return is_ours && (least == 0 || (collides && least <= reach * reach));
@@ -160,12 +183,14 @@ TEST(RemovedRegions, TakeOutExactlyTheirObservedVoxels) {
   for (std::uint64_t seed = 1; seed <= 12; ++seed) {
     AccessibilityField field = wallField(seed);
     const FieldSnapshot points = field.snapshot();
+    const std::vector<Eigen::Vector3d> voxels_of_points = voxelsOfPoints(field, points);
+    ASSERT_EQ(voxels_of_points.size(), points.points.size());
     const Region region = randomRegion(seed, points);
     const RemovedAs as = seed % 4 < 2 ? RemovedAs::Free : RemovedAs::Unknown;
     const auto before = voxelsOf(field);
     std::map<openvdb::Coord, bool> expected;
     for (const auto& [ijk, state] : before) {
-      expected[ijk] = region.kind() == Region::Kind::Points ? belongsToPoints(field, points, region, ijk)
+      expected[ijk] = region.kind() == Region::Kind::Points ? belongsToPoints(field, voxels_of_points, region, ijk)
                                                             : inRegion(region, centreOf(field, ijk));
     }
     Removal removal;
@@ -180,7 +205,7 @@ TEST(RemovedRegions, TakeOutExactlyTheirObservedVoxels) {
     for (const auto& [ijk, inside] : expected) {
       const VoxelState &was = before.at(ijk), now = field.volume().at(ijk);
       inside_voxels += inside ? 1 : 0;
-      const bool collided = was.blocked || !(was.distance_m >= field.params().scoring.collision_distance_m);
+      const bool collided = was.blocked || !(was.distance_m >= collisionDistance_m(field));
       colliding += inside && collided ? 1 : 0;
       if (!inside) {
         ASSERT_EQ(was.weight, now.weight) << "seed " << seed;
@@ -192,7 +217,7 @@ TEST(RemovedRegions, TakeOutExactlyTheirObservedVoxels) {
         ASSERT_TRUE(now.cleared);
         ASSERT_FALSE(now.blocked);
       } else {
-        ASSERT_EQ(now.weight, 1u);
+        ASSERT_EQ(now.weight, 1u) << "seed " << seed << " " << region.inWords();
         ASSERT_EQ(now.distance_m, was.distance_m);
         ASSERT_EQ(now.blocked, was.blocked);
       }
@@ -213,8 +238,7 @@ TEST(RemovedRegions, TakeOutExactlyTheirObservedVoxels) {
     }
     expectExact(field);
     for (const SurfacePoint& point : field.snapshot().points) {
-      const Eigen::Vector3d ijk =
-          ((point.position_W - field.origin_W()) / field.params().tsdf.voxel_size_m).array().round();
+      const Eigen::Vector3d& ijk = voxels_of_points[point.id];
       const bool gone = field.volume().at(openvdb::Coord(int(ijk.x()), int(ijk.y()), int(ijk.z()))).weight == 0;
       ASSERT_EQ(point.reason == PointReason::Changed, gone) << "seed " << seed << " point " << point.id;
       if (gone) {
@@ -272,16 +296,16 @@ TEST(RemovedRegions, UnknownOpensWithTheFirstScanThatSeesThroughIt) {
       std::uint64_t voxels = 0;
       for (const auto& [ijk, state] : voxelsOf(field)) {
         const Eigen::Vector3d p_W = centreOf(field, ijk);
-        if (p_W.x() > 1.5 && p_W.x() < 1.9 - v && std::abs(p_W.y()) < 0.05 && std::abs(p_W.z()) < 0.2) {
-          voxels += state.blocked || !(state.distance_m >= field.params().scoring.collision_distance_m) ? 1 : 0;
+        if (p_W.x() > 1.7 && p_W.x() < 1.88 && std::abs(p_W.y()) < 0.06 && std::abs(p_W.z()) < 0.2) {
+          voxels += state.blocked || !(state.distance_m >= collisionDistance_m(field)) ? 1 : 0;
         }
       }
       return voxels;
     };
     for (int n = 0; n < 60; ++n) field.integrateScan(scan(0), Eigen::Isometry3d::Identity());
-    for (int n = 0; n < 8; ++n) field.integrateScan(scan(1.9 - 2 * v), Eigen::Isometry3d::Identity());
+    for (int n = 0; n < 8; ++n) field.integrateScan(scan(2 - 3 * v), Eigen::Isometry3d::Identity());
     const std::uint64_t with_post = blocked();
-    ASSERT_GT(with_post, 20u);
+    ASSERT_GT(with_post, 15u);
     if (removed) field.removeRegion(Region::box({1.5, -0.3, -0.5}, {1.95, 0.3, 0.5}));
     EXPECT_EQ(blocked(), with_post) << "a removal as unknown opens nothing by itself";
     field.integrateScan(scan(0), Eigen::Isometry3d::Identity());
@@ -340,8 +364,8 @@ TEST(WhatIf, EqualsRemovingFromACopy) {
     EXPECT_LT(what_if.points_tried, before.points.size());
   }
   EXPECT_GT(cases, 15u);
-  EXPECT_GT(opened, 200u);
-  EXPECT_GT(tried, opened);
+  EXPECT_GT(opened, 100u);
+  EXPECT_GT(tried, 2 * opened);
 }
 
 /// A wall behind two gates, each of which hides its own part; between them a part that opens only if both go.
@@ -405,14 +429,17 @@ TEST(RemovedRegions, RefuseWhatIsNoRegion) {
   EXPECT_EQ(idOf([&] { static_cast<void>(Region::box({0, 0, kNaN}, {1, 1, 1})); }), "region.box");
   EXPECT_EQ(idOf([] { static_cast<void>(Region::box({0, 0, 2}, {1, 1, 1})); }), "region.box");
   EXPECT_EQ(idOf([] { static_cast<void>(Region::points({})); }), "region.empty");
-  EXPECT_EQ(idOf([] { static_cast<void>(Region::mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}})); }),
+  EXPECT_EQ(idOf([] {
+              static_cast<void>(Region::mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}));
+            }),
             "region.mesh");  // not closed
-  EXPECT_EQ(idOf([] { static_cast<void>(Region::mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 3}})); }),
+  EXPECT_EQ(idOf([] {
+              static_cast<void>(Region::mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 3}}));
+            }),
             "region.mesh");
   EXPECT_EQ(idOf([] { static_cast<void>(Region::mesh({}, {})); }), "region.mesh");
   EXPECT_EQ(idOf([&] {
-              static_cast<void>(Region::mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, kNaN}},
-                                             {{0, 1, 2}, {0, 2, 1}}));
+              static_cast<void>(Region::mesh({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, kNaN}}, {{0, 1, 2}, {0, 2, 1}}));
             }),
             "region.mesh");
   AccessibilityField field = wallField(1);
@@ -432,7 +459,7 @@ TEST(RemovedRegions, RefuseWhatIsNoRegion) {
 
   FieldParams tile = paramsFor(1);
   tile.origin_W = {{0, 0, 0}};
-  tile.window = FieldWindow{{0, 0}, {64, 64}};
+  tile.window = FieldWindow{{0, 0}, {128, 128}};
   AccessibilityField in_tile(armTool(), tile);
   EXPECT_EQ(idOf([&] { in_tile.removeRegion(all[0]); }), "region.unsupported");
 }

@@ -5,34 +5,18 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "accessvdb/access_map.h"
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
-#include "accessvdb/saved_state.h"
+#include "state_file.h"
 
 namespace accessvdb::tools {
 namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-/// The state in the folder of a checkpoint, or the file itself.
-fs::path stateFile(const std::string& map) {
-  std::error_code ignored;
-  if (!fs::is_directory(map, ignored)) return map;
-  const fs::path manifest = fs::path(map) / "state.json";
-  std::ifstream in(manifest);
-  const Json json = Json::parse(in, nullptr, false);
-  if (!in || !json.is_object() || !json.contains("generation") || !json["generation"].is_number_unsigned()) {
-    throw InvalidArgument("usage.access_map", map,
-                          "holds results, but no saved state, without which no direction can be tried again",
-                          "Run map with --checkpoint FOLDER, and name that folder");
-  }
-  return fs::path(map) / ("state-" + std::to_string(json["generation"].get<std::uint64_t>()) + ".avst");
-}
 
 Json threeOf(const auto& v) { return {v.x(), v.y(), v.z()}; }
 
@@ -76,19 +60,8 @@ std::string outcomesInWords(const AccessMap& map) {
 }  // namespace
 
 void drawAccessMap(const AccessMapOptions& options, const Eigen::Vector3d& p_W, Messages& messages) {
-  if (options.tool.tool.empty()) {
-    throw InvalidArgument("usage.missing", "--tool", "is missing, with --access-map",
-                          "Name the tool that the state was made with, in the same unit and pose");
-  }
-  const fs::path file = stateFile(options.map);
-  const ToolGeometry tool = loadTool(options.tool);
-  sayToolNotes(tool, messages);
-  const BackendKind backend = options.common.device == "cpu"    ? BackendKind::Cpu
-                              : options.common.device == "cuda" ? BackendKind::Cuda
-                                                                : BackendKind::Auto;
-  AccessibilityField field = AccessibilityField::loadState(file, tool, backend, options.common.threads);
-  while (!inspectState(file).updated && field.update().backlog > 0) {
-  }
+  const fs::path file = stateFile(options.map, "usage.access_map", "no direction can be tried again");
+  const AccessibilityField field = loadField(file, options.tool, options.common, messages);
   const std::optional<AccessMap> map = field.accessMap(p_W);
   if (!map) {
     throw InputError("query.no_point", numberText(p_W.x()) + "," + numberText(p_W.y()) + "," + numberText(p_W.z()),

@@ -1,0 +1,45 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "state_file.h"
+
+#include <cstdint>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "accessvdb/error.h"
+#include "accessvdb/saved_state.h"
+
+namespace accessvdb::tools {
+
+namespace fs = std::filesystem;
+
+fs::path stateFile(const std::string& map, const std::string& id, const std::string& why) {
+  std::error_code ignored;
+  if (!fs::is_directory(map, ignored)) return map;
+  std::ifstream in(fs::path(map) / "state.json");
+  const auto json = nlohmann::ordered_json::parse(in, nullptr, false);
+  if (!in || !json.is_object() || !json.contains("generation") || !json["generation"].is_number_unsigned()) {
+    throw InvalidArgument(id, map, "holds results, but no saved state, without which " + why,
+                          "Run map with --checkpoint FOLDER, and name that folder");
+  }
+  return fs::path(map) / ("state-" + std::to_string(json["generation"].get<std::uint64_t>()) + ".avst");
+}
+
+AccessibilityField loadField(const fs::path& state, const ToolOptions& tool_options, const CommonOptions& common,
+                             Messages& messages) {
+  if (tool_options.tool.empty()) {
+    throw InvalidArgument("usage.missing", "--tool", "is missing",
+                          "Name the tool that the state was made with, in the same unit and pose");
+  }
+  const ToolGeometry tool = loadTool(tool_options);
+  sayToolNotes(tool, messages);
+  const BackendKind backend = common.device == "cpu"    ? BackendKind::Cpu
+                              : common.device == "cuda" ? BackendKind::Cuda
+                                                        : BackendKind::Auto;
+  AccessibilityField field = AccessibilityField::loadState(state, tool, backend, common.threads);
+  while (!inspectState(state).updated && field.update().backlog > 0) {
+  }
+  return field;
+}
+
+}  // namespace accessvdb::tools
