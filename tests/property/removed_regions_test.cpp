@@ -147,10 +147,13 @@ bool belongsToPoints(const AccessibilityField& field, const std::vector<Eigen::V
   const double reach = std::ceil(field.params().tsdf.truncation_distance_m / v - 1e-9) + 1;
   const VoxelState state = field.volume().at(ijk);
   const bool collides = state.weight > 0 && (state.blocked || !(state.distance_m >= collisionDistance_m(field)));
+  const Eigen::Vector3d here(ijk.x(), ijk.y(), ijk.z());
+  const auto isNear = [&](std::uint32_t id) { return (points[id] - here).squaredNorm() <= reach * reach; };
+  if (std::none_of(region.ids().begin(), region.ids().end(), isNear)) return false;
   double least = std::numeric_limits<double>::infinity();
   std::uint32_t nearest = 0;
   for (std::uint32_t id = 0; id < points.size(); ++id) {
-    const double squared = (points[id] - Eigen::Vector3d(ijk.x(), ijk.y(), ijk.z())).squaredNorm();
+    const double squared = (points[id] - here).squaredNorm();
     if (squared < least) least = squared, nearest = id;  // ids ascend: the first of several stays
   }
   const bool is_ours = std::binary_search(region.ids().begin(), region.ids().end(), nearest);
