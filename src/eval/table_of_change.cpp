@@ -195,6 +195,8 @@ void makeChangeTable(TableContext& context) {
       context.rows.push_back(changeRow(context, name, mode));
     }
   }
+  makeCutRows(context);
+  drawFilms(context);
 }
 
 }  // namespace accessvdb::eval
