@@ -280,16 +280,19 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
 
   /// Switches bits of the mirror for a moment: a step, because one that fails half-way leaves obstacles out.
   WhatIf whatIf(const internal::VoxelSet& voxels) {
+    requireCurrentLabels();
+    const internal::WhatIfTables& tables = whatIfTables();
+    return steps.run([&] {
+      return internal::openedWithout({volume.packed(), *scorer, setup, tables, mirror, gate.origin_W()}, voxels);
+    });
+  }
+  void requireCurrentLabels() {
     requireRegions();
     steps.requireWhole();
     if (!labels_current) {
       throw InvalidArgument("region.stale", "", "the labels are not up to date, so it is unknown what is blocked now",
                             "Call update() first");
     }
-    const internal::WhatIfTables& tables = whatIfTables();
-    return steps.run([&] {
-      return internal::openedWithout({volume.packed(), *scorer, setup, tables, mirror, gate.origin_W()}, voxels);
-    });
   }
   const internal::WhatIfTables& whatIfTables() {
     if (!what_if_tables) {
@@ -392,6 +395,7 @@ Removal AccessibilityField::removeRegion(const Region& region, RemovedAs as) {
 }
 
 WhatIf AccessibilityField::whatIf(std::span<const Region> regions) const {
+  impl_->requireCurrentLabels();
   internal::VoxelSet voxels;
   for (const Region& region : regions) {
     voxels = internal::unionOf(voxels, internal::FieldAccess::voxelsOf(*this, region));
