@@ -32,7 +32,11 @@
 namespace accessvdb {
 
 class BatchQuery;
+class Region;
 class SurfacePoints;
+enum class RemovedAs : std::uint8_t;
+struct Removal;
+struct WhatIf;
 struct AccessMap;
 class TsdfVolume;
 struct DeviceView;
@@ -86,6 +90,17 @@ class ACCESSVDB_API AccessibilityField {
   /// Its errors come from UpdateTicket::wait(); other calls then throw "field.broken".
   /// @throws ResourceLimit "field.broken" after an earlier failure
   [[nodiscard]] UpdateTicket updateAsync();
+
+  /// Takes out of the map what lies in a region: a person says that it was cut, or has gone (region.h). Voxels of
+  /// RemovedAs::Unknown, the default, keep blocking until a scan sees through them; those of Free are free at once, and
+  /// their points unscored with reason `changed`. All points are unscored until the next update(), which scores all.
+  /// @throws UnusableInput "region.outside" (the map has observed nothing there), "region.ids" (no such points)
+  /// @throws InvalidArgument "region.unsupported" (a tile of a larger map, the paper's policy, projective fusion)
+  Removal removeRegion(const Region& region, RemovedAs as = RemovedAs{});
+  /// Which points would open if all that lies in the regions went (as RemovedAs::Free), without changing the map:
+  /// exactly those that removeRegion() and update() would open. Labels must be up to date: call update() first.
+  /// Ends the validity of views and queries, as an update does; see what_if.h. @throws as removeRegion()
+  [[nodiscard]] WhatIf whatIf(std::span<const Region> regions) const;
 
   /// All points with their labels, as of the last update(). Points that came later are unscored.
   [[nodiscard]] FieldSnapshot snapshot() const;

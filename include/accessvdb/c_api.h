@@ -345,6 +345,69 @@ ACCESSVDB_API int accessvdb_field_load_state(const char* file, const accessvdb_t
                                              int32_t threads, accessvdb_field** field,
                                              accessvdb_error* error) ACCESSVDB_C_NOEXCEPT;
 
+/* ---- parts of a map taken out by hand (since version 5); accessvdb/region.h and accessvdb/what_if.h have the rules --
+ */
+
+typedef enum accessvdb_region_kind {
+  ACCESSVDB_REGION_BOX = 0,    ///< voxels whose centres lie in it
+  ACCESSVDB_REGION_MESH = 1,   ///< a closed triangle mesh: voxels whose centres lie inside
+  ACCESSVDB_REGION_POINTS = 2  ///< surface points, with the colliding voxels that are nearest to them
+} accessvdb_region_kind;
+
+typedef enum accessvdb_removed_as {
+  ACCESSVDB_REMOVED_AS_UNKNOWN = 0,  ///< keeps blocking until a scan sees through it
+  ACCESSVDB_REMOVED_AS_FREE = 1
+} accessvdb_removed_as;
+
+/// Arrays take sizeof(accessvdb_region) once. What is not of its kind is not read.
+typedef struct accessvdb_region {
+  int32_t kind;  ///< ACCESSVDB_REGION_*
+  uint32_t reserved;
+  double min_W[3], max_W[3];  ///< of a box
+  const double* vertices_W;   ///< [3 x vertex_count], of a mesh
+  size_t vertex_count;
+  const uint32_t* triangles;  ///< [3 x triangle_count] indices of vertices, of a mesh
+  size_t triangle_count;
+  const uint32_t* ids;  ///< [id_count] accessvdb_point::id, of points
+  size_t id_count;
+} accessvdb_region;
+
+typedef struct accessvdb_removal {
+  uint32_t struct_size;
+  int32_t removed_as;         ///< ACCESSVDB_REMOVED_AS_*
+  uint64_t voxels;            ///< observed voxels of the region
+  uint64_t colliding_voxels;  ///< those that blocked the tool
+  uint64_t points;            ///< surface points in them
+  uint64_t flipped_voxels;    ///< voxels that scoring sees differently from now on
+} accessvdb_removal;
+
+typedef struct accessvdb_what_if {
+  uint32_t struct_size;
+  uint32_t reserved;
+  uint64_t opens;             ///< points that would become accessible
+  uint64_t voxels;            ///< observed voxels of the regions
+  uint64_t colliding_voxels;  ///< those that block the tool
+  uint64_t points_gone;       ///< surface points in them
+  uint64_t points_tried;
+  uint64_t direction_tests;
+  double choose_ms, score_ms;
+} accessvdb_what_if;
+
+/// Takes out of the map what lies in a region. All points are unscored until the next update.
+/// @param removed_as  ACCESSVDB_REMOVED_AS_*  @param removal  may be NULL
+ACCESSVDB_API int accessvdb_field_remove_region(accessvdb_field* field, const accessvdb_region* region,
+                                                size_t region_size, int32_t removed_as,
+                                                accessvdb_removal* removal) ACCESSVDB_C_NOEXCEPT;
+/// Which points would open if all that lies in the regions went; changes nothing. Needs labels that are up to date. The
+/// points are kept in the handle until the next call.
+/// @param regions  [region_count]  @param what_if  may be NULL
+ACCESSVDB_API int accessvdb_field_what_if(accessvdb_field* field, const accessvdb_region* regions, size_t region_size,
+                                          size_t region_count, accessvdb_what_if* what_if) ACCESSVDB_C_NOEXCEPT;
+/// Copies points [first, first + count) of those that the last accessvdb_field_what_if() found, by id, with label,
+/// direction and score as they would be. @param points  [count]
+ACCESSVDB_API int accessvdb_field_copy_opened(accessvdb_field* field, size_t first, size_t count,
+                                              accessvdb_point* points, size_t point_size) ACCESSVDB_C_NOEXCEPT;
+
 /* ---- updates that do not block (since version 4); accessvdb/accessibility_field.h, updateAsync, has the rules ---- */
 
 /// Begins what accessvdb_field_update() does on a thread of the library and returns, after an earlier one has ended.

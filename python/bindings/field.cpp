@@ -18,6 +18,7 @@
 #include "bindings/locked_field.h"
 #include "bindings/parts.h"
 #include "bindings/query.h"
+#include "bindings/regions.h"
 #include "bindings/settings.h"
 #include "bindings/snapshot.h"
 
@@ -218,6 +219,7 @@ void bindField(py::module_& module) {
       "Scans go in, labelled surface points come out. Calls from several threads take turns; other Python "
       "threads can run during long calls.");
   bindQueries(class_);
+  bindRegionCalls(class_);
   class_
       .def(
           py::init(&makeField), py::arg("tool") = py::none(), py::arg("params") = py::none(), py::kw_only(),

@@ -13,6 +13,7 @@ PYBIND11_MODULE(_accessvdb, module) {
   bindParams(module);
   bindSnapshot(module);
   bindAccessMap(module);
+  bindRegions(module);
   bindAnswers(module);
   bindLive(module);
   bindScans(module);

@@ -14,6 +14,7 @@ void bindParams(pybind11::module_& module);
 void bindAnswers(pybind11::module_& module);
 void bindSnapshot(pybind11::module_& module);
 void bindAccessMap(pybind11::module_& module);
+void bindRegions(pybind11::module_& module);
 void bindField(pybind11::module_& module);
 void bindLive(pybind11::module_& module);
 void bindScans(pybind11::module_& module);

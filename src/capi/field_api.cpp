@@ -15,6 +15,7 @@
 #include "capi/boundary.h"
 #include "capi/handles.h"
 #include "capi/params_from_c.h"
+#include "capi/points_out.h"
 #include "capi/update_stats_out.h"
 
 namespace capi = accessvdb::capi;
@@ -114,6 +115,21 @@ const accessvdb::FieldSnapshot& snapshotOf(const accessvdb_field* field) {
 }
 
 }  // namespace
+
+void accessvdb::capi::copyPoints(const std::vector<SurfacePoint>& all, const PointRange& range, accessvdb_point* points,
+                                 std::size_t point_size) {
+  const auto [first, count] = range;
+  requireSize("point_size", point_size, kPointBytes1);
+  requireArray("points", points, count, point_size, alignof(accessvdb_point));
+  if (first > all.size() || count > all.size() - first) {
+    throw InvalidArgument(
+        "snapshot.range", "",
+        std::to_string(count) + " points from " + std::to_string(first) + " on, of " + std::to_string(all.size()),
+        "The call that found them returns their number");
+  }
+  auto* out = reinterpret_cast<unsigned char*>(points);
+  for (std::size_t n = 0; n < count; ++n) writePoint(out + n * point_size, point_size, all[first + n]);
+}
 
 int accessvdb_params_defaults(accessvdb_params* params) noexcept {
   accessvdb_error unread = {};
@@ -225,19 +241,7 @@ int accessvdb_field_take_snapshot(accessvdb_field* field, std::size_t* point_cou
 
 int accessvdb_field_copy_points(accessvdb_field* field, std::size_t first, std::size_t count, accessvdb_point* points,
                                 std::size_t point_size) noexcept {
-  return onField(field, [&] {
-    capi::requireSize("point_size", point_size, kPointBytes1);
-    capi::requireArray("points", points, count, point_size, alignof(accessvdb_point));
-    const auto& all = snapshotOf(field).points;
-    if (first > all.size() || count > all.size() - first) {
-      throw InvalidArgument("snapshot.range", "",
-                            std::to_string(count) + " points from " + std::to_string(first) + " on, of a snapshot of " +
-                                std::to_string(all.size()),
-                            "accessvdb_field_take_snapshot returns their number");
-    }
-    auto* out = reinterpret_cast<unsigned char*>(points);
-    for (std::size_t n = 0; n < count; ++n) writePoint(out + n * point_size, point_size, all[first + n]);
-  });
+  return onField(field, [&] { capi::copyPoints(snapshotOf(field).points, {first, count}, points, point_size); });
 }
 
 int accessvdb_field_get_counts(accessvdb_field* field, accessvdb_counts* counts) noexcept {

@@ -8,6 +8,7 @@
 #include <optional>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/c_api.h"
@@ -40,6 +41,7 @@ struct accessvdb_field {
   accessvdb::AccessibilityField field;
   std::string device, parameters;
   std::optional<accessvdb::FieldSnapshot> snapshot;
+  std::vector<accessvdb::SurfacePoint> opened;  ///< of the last what-if
 };
 
 struct accessvdb_update {

@@ -63,6 +63,10 @@ void makeProjectiveTable(TableContext& context);
 
 // table_of_change.cpp: things that come and go.
 void makeChangeTable(TableContext& context);
+// table_of_cuts.cpp: part of it; what a cut would open, against scanning without what is cut.
+void makeCutRows(TableContext& context);
+// films_of_change.cpp: part of it; what the map says before, while and after things go.
+void drawFilms(TableContext& context);
 // table_of_motion.cpp: a sensor that moves while it scans.
 void makeMotionTable(TableContext& context);
 

@@ -171,7 +171,9 @@ TableRow changeRow(TableContext& context, const std::string& name, ChangeMode mo
       row.more.emplace_back("voxels_still_free_percent_after_10", percent(near.free_elsewhere, near.colliding));
       row.more.emplace_back("voxels_to_block", static_cast<double>(near.colliding));
       row.figures = againstTruth(follow.old(), scene, stamp_s);
-      if (mode == ChangeMode::Block && name != "cable") row.must_hold = still <= kMostStillAccessible_percent;
+      // What is thinner, or moves along what it leaves behind, is stated apart.
+      const bool measured = name == "bar" || name == "person";
+      if (mode == ChangeMode::Block && measured) row.must_hold = still <= kMostStillAccessible_percent;
     }
     follow.fuseUntil(gone);
   }
@@ -195,6 +197,8 @@ void makeChangeTable(TableContext& context) {
       context.rows.push_back(changeRow(context, name, mode));
     }
   }
+  makeCutRows(context);
+  drawFilms(context);
 }
 
 }  // namespace accessvdb::eval

@@ -28,7 +28,8 @@ std::vector<Eigen::Vector3d> someViewpoints(const std::vector<Eigen::Vector3d>& 
 void drawScenes(TableContext& context) {
   std::map<std::string, double> voxel_of_scene;
   for (const TableRow& row : context.rows) {
-    if (row.method != "product" || row.scene.starts_with("pine")) continue;  // not a benchmark scene
+    const bool benchmark = !row.scene.starts_with("pine") && row.table != "change";
+    if (row.method != "product" || !benchmark) continue;
     const auto [found, added] = voxel_of_scene.emplace(row.scene, row.voxel_m);
     if (!added && row.voxel_m == kBestVoxel_m) found->second = row.voxel_m;
   }

@@ -5,6 +5,7 @@
 
 #include <tbb/task_arena.h>
 
+#include <algorithm>
 #include <numeric>
 #include <utility>
 
@@ -12,8 +13,10 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_export.h"
+#include "accessvdb/region.h"
 #include "accessvdb/tool_spec.h"
 #include "accessvdb/tsdf_volume.h"
+#include "accessvdb/what_if.h"
 #include "field/access_map.h"
 #include "field/backend_choice.h"
 #include "field/best_tool.h"
@@ -24,12 +27,14 @@
 #include "field/further_tools.h"
 #include "field/new_thing_margin.h"
 #include "field/point_weights.h"
+#include "field/region_voxels.h"
 #include "field/rules_version.h"
 #include "field/scan_gate.h"
 #include "field/scored_points.h"
 #include "field/scoring_setup.h"
 #include "field/state_reader.h"
 #include "field/state_writer.h"
+#include "field/what_if.h"
 #include "launch/backend.h"
 #include "launch/stopwatch.h"
 #include "mirror/nanovdb_mirror.h"
@@ -62,10 +67,10 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         distance_mirror(makeDistanceMirror()),
         points(params, setup.directions_xy(), setup.axes_xyz()),
         reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight, core())),
-        scorer(points, params, *backend, reads),
+        scorer(std::make_unique<internal::PointScorer>(points, params, *backend, reads)),
         further(tools, params, {volume.packed(), points, *backend, core()}),
         gate(params.tsdf, params.origin_W, returnsInWindow()),
-        scheduler(further.makeSchedulers(scorer, setup)),
+        scheduler(further.makeSchedulers(*scorer, setup)),
         steps(views) {
     static_assert(internal::ScanIntegrator::kParts <= internal::UpdateScheduler::kMostParts);
     integrator.noteDistances(distance_mirror != nullptr || scheduler->needs().distances);
@@ -112,20 +117,20 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   [[nodiscard]] internal::ScoredField scored() const {
-    return {scorer, *backend, gate.origin_W(), setup.tool().rolls, core()};
+    return {*scorer, *backend, gate.origin_W(), setup.tool().rolls, core()};
   }
   [[nodiscard]] internal::ViewedParts viewed() {
     steps.requireWhole();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const kernels::DistanceView distances = {distance_mirror ? distance_mirror->grid() : nullptr,
                                              tables.map.inverse_voxel_size};
-    return {volume.packed(), scorer, *backend, tables.map, distances, tables.approach, gate.origin_W(), viewedTools()};
+    return {volume.packed(), *scorer, *backend, tables.map, distances, tables.approach, gate.origin_W(), viewedTools()};
   }
   /// None if there is only one.
   [[nodiscard]] std::vector<internal::ViewedTool> viewedTools() const {
     std::vector<internal::ViewedTool> viewed;
     if (further.empty()) return viewed;
-    viewed.push_back({scorer, setup.hostApproach(), setup.tool().collision_limit});
+    viewed.push_back({*scorer, setup.hostApproach(), setup.tool().collision_limit});
     for (std::size_t n = 0; n < further.size(); ++n) {
       const internal::ScoringSetup& own = further[n].setup;
       viewed.push_back({*further[n].scorer, own.hostApproach(), own.tool().collision_limit});
@@ -143,7 +148,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return k == 0 ? setup : further[k - 1].setup;
   }
   [[nodiscard]] const internal::PointScorer& scorerOf(std::size_t k) const {
-    return k == 0 ? scorer : *further[k - 1].scorer;
+    return k == 0 ? *scorer : *further[k - 1].scorer;
   }
   [[nodiscard]] std::vector<std::uint16_t> collisionLimits() const {
     std::vector<std::uint16_t> limits;
@@ -207,7 +212,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     steps.requireUnbroken();
     arena.execute([&] {
       const internal::GatedScan& scan = gated(stats);
-      if (!scan.p_L.empty()) steps.runBesideUpdate([&] { noting_ms = integrateStages(scan, stats); });
+      if (scan.p_L.empty()) return;
+      labels_current = false;
+      steps.runBesideUpdate([&] { noting_ms = integrateStages(scan, stats); });
     });
     ++scans;
     stats.surface_points = points.size();
@@ -259,13 +266,13 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   UpdateStats update() {
     const kernels::Stopwatch all;
     UpdateStats stats = arena.execute([&] { return steps.run([&] { return updateStages({}); }); });
-    updated = true;
+    updated = labels_current = true;
     stats.update_ms = all.milliseconds() - stats.score_ms + std::exchange(noted_ms, 0.0);
     return stats;
   }
 
   UpdateTicket updateAsync() {
-    updated = true;
+    updated = labels_current = true;
     const double noting_ms = std::exchange(noted_ms, 0.0);
     return steps.startUpdate([this, noting_ms](const internal::BackgroundUpdate::FreeMap& free_map) {
       const kernels::Stopwatch all;
@@ -310,6 +317,85 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     }
   }
 
+  void requireRegions() const {
+    if (params.window || params.update.policy != UpdatePolicy::Exact ||
+        params.tsdf.region == UpdateRegion::Projective) {
+      throw InvalidArgument("region.unsupported", "",
+                            "parts of a map can only be taken out of a map in one piece, of the exact policy",
+                            "Map the scene without tiles, with the default profile");
+    }
+  }
+  [[nodiscard]] internal::RegionPlace regionPlace() const { return {volume.packed(), points, gate.origin_W()}; }
+
+  Removal removeRegion(const Region& region, RemovedAs as) {
+    requireRegions();
+    steps.requireWhole();
+    const internal::VoxelSet voxels = internal::voxelsOf(region, regionPlace());
+    Removal removal;
+    removal.as = as;
+    removal.voxels = internal::countVoxels(voxels);
+    removal.points = internal::pointsIn(voxels, points).size();
+    for (const LeafChange& change : internal::flipsIfFree(volume.packed(), voxels)) {
+      removal.colliding_voxels += internal::countBits(change.collides_off);
+    }
+    steps.run([&] {
+      const std::vector<LeafChange> changes = as == RemovedAs::Free
+                                                  ? internal::removeAsFree(volume.packed(), voxels)
+                                                  : internal::removeAsUnknown(volume.packed(), voxels);
+      for (const LeafChange& change : changes) removal.flipped_voxels += internal::flippedVoxels(change);
+      mirror.apply(changes);
+      if (distance_mirror && as == RemovedAs::Free) mirrorAllDistances();
+      scoreAllAgain();
+    });
+    return removal;
+  }
+
+  /// That mirror cannot take a distance back, so it is made again.
+  void mirrorAllDistances() {
+    distance_mirror.reset();
+    distance_mirror = makeDistanceMirror();
+    internal::forEachDistanceLeaf(volume.packed(), [this](auto distances) { distance_mirror->apply(distances); });
+  }
+
+  /// Forgets the state of all points. Weights have fallen, which no scan does, and which no scheduler follows.
+  void scoreAllAgain() {
+    scheduler.reset();
+    scorer.reset();
+    scorer = std::make_unique<internal::PointScorer>(points, params, *backend, reads);
+    further.forget();
+    scheduler = further.makeSchedulers(*scorer, setup);
+    scheduler->noteRestored();
+    labels_current = false;
+  }
+
+  /// Switches bits of the mirror for a moment: a step, because one that fails half-way leaves obstacles out.
+  WhatIf whatIf(const internal::VoxelSet& voxels) {
+    requireCurrentLabels();
+    const internal::WhatIfTables& tables = whatIfTables();
+    return steps.run([&] {
+      return internal::openedWithout({volume.packed(), *scorer, setup, tables, mirror, gate.origin_W()}, voxels);
+    });
+  }
+  void requireCurrentLabels() {
+    requireRegions();
+    if (!further.empty()) {
+      throw InvalidArgument("region.tools", std::to_string(tools.size()) + " tools",
+                            "what a cut would open can only be asked of a field with one tool",
+                            "Map the scene with each tool alone");
+    }
+    steps.requireWhole();
+    if (!labels_current) {
+      throw InvalidArgument("region.stale", "", "the labels are not up to date, so it is unknown what is blocked now",
+                            "Call update() first");
+    }
+  }
+  const internal::WhatIfTables& whatIfTables() {
+    if (!what_if_tables) {
+      what_if_tables = std::make_unique<internal::WhatIfTables>(setup, params.tsdf.voxel_size_m);
+    }
+    return *what_if_tables;
+  }
+
   void mirrorFacts(const internal::IntegrationResult& result, FrameStats& stats) {
     const kernels::Stopwatch mirroring;
     mirror.applyParts(result.changes);
@@ -340,14 +426,16 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   std::unique_ptr<internal::DistanceMirror> distance_mirror;  ///< only for FieldParams::mirror_distance
   internal::PointStore points;
   internal::MapReads reads;
-  internal::PointScorer scorer;
+  std::unique_ptr<internal::PointScorer> scorer;
   internal::FurtherTools further;
   internal::ScanGate gate;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;
-  double noted_ms = 0;      ///< noting what scans since the last update changed in the map
-  std::uint64_t scans = 0;  ///< integrated
-  bool updated = false;     ///< at least once
+  double noted_ms = 0;          ///< noting what scans since the last update changed in the map
+  std::uint64_t scans = 0;      ///< integrated
+  bool updated = false;         ///< at least once
+  bool labels_current = false;  ///< an update came after the last change of the map
+  std::unique_ptr<internal::WhatIfTables> what_if_tables;  ///< made when first needed
   internal::FieldClock clock;
   internal::FieldSteps steps;  ///< the last member: destroyed first, it waits for an update of the others
 };
@@ -403,6 +491,19 @@ std::optional<double> AccessibilityField::latestStamp_s() const { return impl_->
 
 UpdateStats AccessibilityField::update() { return impl_->update(); }
 UpdateTicket AccessibilityField::updateAsync() { return impl_->updateAsync(); }
+
+Removal AccessibilityField::removeRegion(const Region& region, RemovedAs as) {
+  return impl_->arena.execute([&] { return impl_->removeRegion(region, as); });
+}
+
+WhatIf AccessibilityField::whatIf(std::span<const Region> regions) const {
+  impl_->requireCurrentLabels();
+  internal::VoxelSet voxels;
+  for (const Region& region : regions) {
+    voxels = internal::unionOf(voxels, internal::FieldAccess::voxelsOf(*this, region));
+  }
+  return internal::FieldAccess::whatIf(*this, voxels);
+}
 
 FieldSnapshot AccessibilityField::snapshot() const {
   impl_->steps.requireWhole();
@@ -497,10 +598,10 @@ MemoryUse AccessibilityField::memoryUse() const {
   if (impl_->distance_mirror) {
     use.distance_mirror_bytes = impl_->distance_mirror->usedBytes() + impl_->distance_mirror->hostBytes();
   }
-  use.point_host_bytes = impl_->points.bytes() + impl_->scorer.hostBytes() + impl_->scheduler->bytes() +
+  use.point_host_bytes = impl_->points.bytes() + impl_->scorer->hostBytes() + impl_->scheduler->bytes() +
                          impl_->views.bytes() + impl_->setup.hostBytes() + impl_->further.hostBytes() +
                          impl_->gate.bytes();
-  use.point_device_bytes = impl_->scorer.device().bytes() + impl_->setup.deviceBytes() + impl_->further.deviceBytes() +
+  use.point_device_bytes = impl_->scorer->device().bytes() + impl_->setup.deviceBytes() + impl_->further.deviceBytes() +
                            impl_->scheduler->deviceBytes();
   use.device_peak_bytes = impl_->backend->peakBytes();
   use.leaves = impl_->volume.leafCount();
@@ -556,6 +657,27 @@ AccessibilityField internal::FieldAccess::load(StateReader& state, const std::ve
 const internal::PointStore& internal::FieldAccess::points(const AccessibilityField& field) {
   field.impl_->steps.settle();
   return field.impl_->points;
+}
+
+internal::VoxelSet internal::FieldAccess::voxelsOf(const AccessibilityField& field, const Region& region) {
+  field.impl_->requireRegions();
+  field.impl_->steps.requireWhole();
+  return field.impl_->arena.execute([&] { return internal::voxelsOf(region, field.impl_->regionPlace()); });
+}
+
+std::int32_t internal::FieldAccess::leavesRead(const AccessibilityField& field) {
+  field.impl_->requireRegions();
+  field.impl_->steps.settle();
+  const LeafFootprint& footprint = field.impl_->whatIfTables().footprint;
+  std::int32_t most = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    most = std::max({most, -footprint.low()[axis], footprint.high()[axis]});
+  }
+  return most + 1;  // weights are read around a point, too
+}
+
+WhatIf internal::FieldAccess::whatIf(const AccessibilityField& field, const VoxelSet& voxels) {
+  return field.impl_->arena.execute([&] { return field.impl_->whatIf(voxels); });
 }
 
 internal::FieldCounts internal::FieldAccess::counts(const AccessibilityField& field) {

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What tiles need from a field beyond its public functions.
+/// What tiles and orders of cuts need from a field beyond its public functions.
 #pragma once
 
 #include <Eigen/Core>
@@ -9,6 +9,8 @@
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
+#include "accessvdb/what_if.h"
+#include "tsdf/removed_voxels.h"
 
 namespace accessvdb::internal {
 
@@ -34,6 +36,12 @@ struct FieldAccess {
                                                BackendKind backend, int threads);
   [[nodiscard]] static const PointStore& points(const AccessibilityField& field);
   [[nodiscard]] static FieldCounts counts(const AccessibilityField& field);
+
+  /// AccessibilityField::whatIf() in two steps. @throws as that
+  [[nodiscard]] static VoxelSet voxelsOf(const AccessibilityField& field, const Region& region);
+  [[nodiscard]] static WhatIf whatIf(const AccessibilityField& field, const VoxelSet& voxels);
+  /// Leaves within which a point may depend on a voxel, along any axis.
+  [[nodiscard]] static std::int32_t leavesRead(const AccessibilityField& field);
 };
 
 }  // namespace accessvdb::internal

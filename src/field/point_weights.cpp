@@ -45,7 +45,11 @@ class WeightWindow {
           prefetchRead(node->getTable() + in_node);
           prefetchRead(reinterpret_cast<const std::byte*>(&node->getChildMask()) + in_node / 8);
           const auto offset = static_cast<std::uint16_t>(PackedLeaf::coordToOffset(first));
-          part_[parts_++] = {node, nullptr, nullptr, in_node, offset, length(x), length(y), length(z)};
+          const bool holds_centre = x.holds(centre[0]) && y.holds(centre[1]) && z.holds(centre[2]);
+          const std::int32_t to_centre = 64 * (centre[0] - x.first) + 8 * (centre[1] - y.first) + centre[2] - z.first;
+          part_[parts_++] = {node,      nullptr,   nullptr,
+                             in_node,   offset,    length(x),
+                             length(y), length(z), static_cast<std::int16_t>(holds_centre ? to_centre : kElsewhere)};
         }
       }
     }
@@ -78,12 +82,14 @@ class WeightWindow {
     }
   }
 
-  /// Step 4. @return the largest weight
-  [[nodiscard]] std::uint16_t largest() const {
+  /// Step 4. @param needs_centre  0 if the central voxel has none: what was there has gone. @return the largest weight
+  [[nodiscard]] std::uint16_t largest(bool needs_centre) const {
     std::uint32_t most = 0;
+    bool centre = !needs_centre;
     for (int n = 0; n < parts_; ++n) {
       const Part& part = part_[static_cast<std::size_t>(n)];
       if (part.values == nullptr) continue;
+      if (part.to_centre != kElsewhere) centre = centre || weightOf(part.values[part.to_centre]) > 0;
       for (int x = 0; x < part.x; ++x) {
         for (int y = 0; y < part.y; ++y) {
           const std::uint32_t* row = part.values + 64 * x + 8 * y;
@@ -91,14 +97,16 @@ class WeightWindow {
         }
       }
     }
-    return static_cast<std::uint16_t>(most);
+    return static_cast<std::uint16_t>(centre ? most : 0);
   }
 
  private:
+  static constexpr std::int16_t kElsewhere = -1;
   static constexpr std::int32_t kLast = PackedLeaf::DIM - 1;
   struct Span {
     std::int32_t first = 0, last = -1;
     [[nodiscard]] bool empty() const { return first > last; }
+    [[nodiscard]] bool holds(std::int32_t x) const { return x >= first && x <= last; }
   };
   static std::int8_t length(const Span& span) { return static_cast<std::int8_t>(span.last - span.first + 1); }
   struct Part {
@@ -108,10 +116,15 @@ class WeightWindow {
     openvdb::Index in_node;       ///< index of the leaf
     std::uint16_t offset;         ///< offset of the first voxel in the leaf
     std::int8_t x, y, z;          ///< voxels
+    std::int16_t to_centre;       ///< offset of the central voxel from the first, or kElsewhere
   };
   std::array<Part, 8> part_;
   int parts_ = 0;
 };
+
+/// A point whose own voxel is not observed has no weight: its return observed it, so someone took it out of the map
+/// (removed_voxels.h). Projective fusion may leave the voxel of a return out.
+bool needsOwnVoxel(const PackedMap& map) { return map.params().region != UpdateRegion::Projective; }
 
 /// @param voxelOf  (n) -> Index3, for n in [begin, end)  @param take  (n, weight)
 template <typename VoxelOf, typename Take>
@@ -124,12 +137,13 @@ void readWeights(const PackedMap& map, int reach, std::size_t begin, std::size_t
   const auto due = [&](std::size_t n, std::size_t steps) {
     return n >= begin + steps * kApart && n < end + steps * kApart;
   };
+  const bool needs_centre = needsOwnVoxel(map);
   ConstAccessor accessor(map.tree());
   for (std::size_t n = begin; n < end + 3 * kApart; ++n) {
     if (due(n, 0)) windowOf(n).ask(accessor, voxelOf(n), reach);
     if (due(n, 1)) windowOf(n - kApart).find();
     if (due(n, 2)) windowOf(n - 2 * kApart).fetch();
-    if (due(n, 3)) take(n - 3 * kApart, windowOf(n - 3 * kApart).largest());
+    if (due(n, 3)) take(n - 3 * kApart, windowOf(n - 3 * kApart).largest(needs_centre));
   }
 }
 

@@ -88,6 +88,8 @@ SurfacePoint ScoredPoints::at(std::size_t index) const {
   point.weight = weights_[index];
   point.confidence =
       kernels::confidenceOf(weights_[index], static_cast<float>(scorer_.params().scoring.confidence_half_weight));
+  const bool gone = weights_[index] == 0 && scorer_.params().tsdf.region != UpdateRegion::Projective;
+  if (gone) point.reason = PointReason::Changed;             // point_weights.cpp: its voxel was taken out
   if (point.id - state_.first >= state_.size) return point;  // added after the last update
   const std::uint32_t n = point.id - state_.first;
   point.normal_W = Eigen::Vector3f(state_.normal_L.data() + std::size_t{3} * n);
@@ -95,7 +97,7 @@ SurfacePoint ScoredPoints::at(std::size_t index) const {
   point.direction = state_.direction[n];
   point.stability = state_.stability[n];
   point.label = state_.label[n];
-  point.reason = state_.reason[n];
+  if (!gone || point.label != PointLabel::Unscored) point.reason = state_.reason[n];
   if (point.direction != kNoDirection) {
     if (!state_.roll.empty()) point.roll = state_.roll[n];
     const ToolHeading& heading =

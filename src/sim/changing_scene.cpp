@@ -2,6 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/changing_scene.h"
 
+#include <algorithm>
+#include <cmath>
+#include <numbers>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -47,6 +50,7 @@ class NearestDistance final : public SignedDistance {
 
 constexpr double kBoard_m = 2.0, kBoardDepth_m = 0.1;  // of its front face, from the sensor
 constexpr double kChange_s = 30, kGone_s = 36;
+constexpr double kSway_m = 0.15, kSway_Hz = 0.5;
 
 ScenePart boxAt(const Eigen::Vector3d& size_m, const Eigen::Vector3d& centre_W, const std::string& name) {
   ScenePart part;
@@ -101,6 +105,29 @@ ChangingScene changingScene(const std::string& name, double voxel_size_m) {
     scene.first_new = 2;
     scene.parts.push_back(during(boxBefore(0.3, {0.04, 1, 0.04}, "branch"), 0, kChange_s));
     scene.description = "a branch 0.3 m before a board is cut";
+  } else if (name == "sway") {
+    ScenePart branch = boxBefore(0.3, {0.04, 1, 0.04}, "branch");
+    branch.offset_W = [](double stamp_s) {
+      const double swaying_s = std::clamp(stamp_s, kChange_s, kGone_s) - kChange_s;
+      return Eigen::Vector3d(0, 0, kSway_m * std::sin(2 * std::numbers::pi * kSway_Hz * swaying_s));
+    };
+    scene.parts.push_back(std::move(branch));
+    scene.description = "a branch 0.3 m before a board sways by 15 cm at 0.5 Hz";
+  } else if (name == "car") {
+    scene.gone_s = kChange_s + 3;
+    ScenePart car = during(boxBefore(1.0, {0.5, 1.6, 0.9}, "car"), 0, scene.gone_s);
+    car.scene = translated(car.scene, {0, 0, -0.5});
+    car.offset_W = [](double stamp_s) { return Eigen::Vector3d(0, std::max(0.0, stamp_s - kChange_s), 0); };
+    scene.parts.push_back(std::move(car));
+    scene.description = "a car, 0.5 m before a wall, leaves at 1 m/s";
+  } else if (name == "sky") {
+    scene.gone_s = kChange_s;
+    scene.first_new = 2;
+    scene.parts[0] = boxAt({kBoardDepth_m, 3, 0.9}, {kBoard_m + 0.5 * kBoardDepth_m, 0, -0.55}, "low board");
+    ScenePart branch = during(boxBefore(0.3, {0.04, 1, 0.04}, "branch"), 0, kChange_s);
+    branch.scene = translated(branch.scene, {0, 0, 0.25});
+    scene.parts.push_back(std::move(branch));
+    scene.description = "a branch with open sky behind it, above a board, is cut";
   } else {
     std::string known;
     for (const std::string& each : changingSceneNames()) known += (known.empty() ? "" : ", ") + each;
@@ -118,6 +145,6 @@ ChangingScene changingScene(const std::string& name, double voxel_size_m) {
   return scene;
 }
 
-std::vector<std::string> changingSceneNames() { return {"bar", "cable", "person", "branch"}; }
+std::vector<std::string> changingSceneNames() { return {"bar", "cable", "person", "branch", "sway", "car", "sky"}; }
 
 }  // namespace accessvdb::sim

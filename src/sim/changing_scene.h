@@ -46,6 +46,9 @@ struct ChangingScene {
 ///   "cable"    the same, 1 voxel thick, 4 voxels before it
 ///   "person"   a box 0.4 x 0.5 x 1.7 m crosses 0.8 m before it, at 1 m/s, from 30 s to 33 s
 ///   "branch"   nothing new: a branch 0.3 m before it, there from the beginning, is cut at 30 s
+///   "sway"     a branch 0.3 m before it, there from the beginning, sways up and down by 15 cm at 0.5 Hz
+///   "car"      a box 0.5 x 1.6 x 0.9 m, 0.5 m before it from the beginning, leaves at 1 m/s, from 30 s to 33 s
+///   "sky"      a branch above a lower board, nothing behind it, is cut at 30 s
 /// @throws InvalidArgument naming the known ones
 [[nodiscard]] ChangingScene changingScene(const std::string& name, double voxel_size_m);
 [[nodiscard]] std::vector<std::string> changingSceneNames();

@@ -137,17 +137,8 @@ void addInside(const std::vector<Eigen::Vector3d>& vertices, const std::vector<T
   }
 }
 
-}  // namespace
-
-std::vector<VoxelRun> voxelize(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& triangles,
-                               bool solid) {
-  std::vector<VoxelRun> runs;
-  for (const Triangle& t : triangles) {
-    Polygon triangle;
-    for (std::uint32_t v : t) triangle.add(vertices[v]);
-    addSurface(triangle, runs);
-  }
-  if (solid) addInside(vertices, triangles, runs);
+/// Sorted, those that touch or overlap joined.
+void joinRuns(std::vector<VoxelRun>& runs) {
   std::sort(runs.begin(), runs.end(), [](const VoxelRun& a, const VoxelRun& b) {
     return std::tie(a.i, a.j, a.lo, a.hi) < std::tie(b.i, b.j, b.lo, b.hi);
   });
@@ -160,6 +151,28 @@ std::vector<VoxelRun> voxelize(const std::vector<Eigen::Vector3d>& vertices, con
     }
   }
   runs.resize(kept);
+}
+
+}  // namespace
+
+std::vector<VoxelRun> voxelize(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& triangles,
+                               bool solid) {
+  std::vector<VoxelRun> runs;
+  for (const Triangle& t : triangles) {
+    Polygon triangle;
+    for (std::uint32_t v : t) triangle.add(vertices[v]);
+    addSurface(triangle, runs);
+  }
+  if (solid) addInside(vertices, triangles, runs);
+  joinRuns(runs);
+  return runs;
+}
+
+std::vector<VoxelRun> voxelsInside(const std::vector<Eigen::Vector3d>& vertices,
+                                   const std::vector<Triangle>& triangles) {
+  std::vector<VoxelRun> runs;
+  addInside(vertices, triangles, runs);
+  joinRuns(runs);
   return runs;
 }
 

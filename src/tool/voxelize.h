@@ -24,6 +24,11 @@ struct VoxelRun {
 std::vector<VoxelRun> voxelize(const std::vector<Eigen::Vector3d>& vertices,
                                const std::vector<std::array<std::uint32_t, 3>>& triangles, bool solid);
 
+/// Voxels whose centre has a winding number other than 0, whatever the surface touches.
+/// @param vertices  in voxels; the mesh must be closed  @return as voxelize()
+std::vector<VoxelRun> voxelsInside(const std::vector<Eigen::Vector3d>& vertices,
+                                   const std::vector<std::array<std::uint32_t, 3>>& triangles);
+
 /// Removes voxels with i*i + j*j + k*k <= radius*radius. @return number removed
 std::uint64_t removeBall(std::vector<VoxelRun>& runs, double radius);
 

@@ -6,34 +6,18 @@
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
-#include <fstream>
 #include <nlohmann/json.hpp>
 
 #include "accessvdb/access_map.h"
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/error.h"
-#include "accessvdb/saved_state.h"
+#include "state_file.h"
 
 namespace accessvdb::tools {
 namespace {
 
 namespace fs = std::filesystem;
 using Json = nlohmann::ordered_json;
-
-/// The state in the folder of a checkpoint, or the file itself.
-fs::path stateFile(const std::string& map) {
-  std::error_code ignored;
-  if (!fs::is_directory(map, ignored)) return map;
-  const fs::path manifest = fs::path(map) / "state.json";
-  std::ifstream in(manifest);
-  const Json json = Json::parse(in, nullptr, false);
-  if (!in || !json.is_object() || !json.contains("generation") || !json["generation"].is_number_unsigned()) {
-    throw InvalidArgument("usage.access_map", map,
-                          "holds results, but no saved state, without which no direction can be tried again",
-                          "Run map with --checkpoint FOLDER, and name that folder");
-  }
-  return fs::path(map) / ("state-" + std::to_string(json["generation"].get<std::uint64_t>()) + ".avst");
-}
 
 Json threeOf(const auto& v) { return {v.x(), v.y(), v.z()}; }
 
@@ -91,25 +75,9 @@ std::size_t toolFor(const std::string& name, const AccessibilityField& field, co
 }  // namespace
 
 void drawAccessMap(const AccessMapOptions& options, const Eigen::Vector3d& p_W, Messages& messages) {
-  if (options.given.tool.tool.empty()) {
-    throw InvalidArgument("usage.missing", "--tool", "is missing, with --access-map",
-                          "Name the tool that the state was made with, in the same unit and pose");
-  }
-  const fs::path file = stateFile(options.map);
-  const SavedState saved = inspectState(file);
-  MapOptions given = options.given;
-  given.voxel_m = saved.params.tsdf.voxel_size_m;
-  if (saved.tools.empty()) requireOneTool(given, "a state of one tool");
-  std::vector<ToolSpec> tools = loadTools(given);
-  sayToolsNotes(given, tools, messages);
-  // A state of one tool says itself how it is turned.
-  if (saved.tools.empty()) tools = onlyTool(tools.front().tool, saved.params);
-  const BackendKind backend = options.common.device == "cpu"    ? BackendKind::Cpu
-                              : options.common.device == "cuda" ? BackendKind::Cuda
-                                                                : BackendKind::Auto;
-  AccessibilityField field = AccessibilityField::loadState(file, tools, backend, options.common.threads);
-  while (!saved.updated && field.update().backlog > 0) {
-  }
+  const fs::path file = stateFile(options.map, "usage.access_map", "no direction can be tried again");
+  const AccessibilityField field = loadField(file, options.given, options.common, messages);
+  const bool several = field.tools().size() > 1;
   const std::size_t chosen = toolFor(options.for_tool, field, p_W);
   const std::optional<AccessMap> map = field.accessMap(p_W, chosen);
   if (!map) {
@@ -118,8 +86,8 @@ void drawAccessMap(const AccessMapOptions& options, const Eigen::Vector3d& p_W, 
   }
   io::renderAccessMap(options.picture, *map);
   Json json = jsonOfMap(*map);
-  if (tools.size() > 1) json["tool"] = field.tools()[chosen].name;
-  const std::string heading = tools.size() > 1 ? "tool " + field.tools()[chosen].name + ": " : std::string();
+  if (several) json["tool"] = field.tools()[chosen].name;
+  const std::string heading = several ? "tool " + field.tools()[chosen].name + ": " : std::string();
   printData(options.json ? json.dump(2) + "\n" : heading + outcomesInWords(*map));
 }
 

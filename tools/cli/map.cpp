@@ -22,6 +22,7 @@
 #include "memory_check.h"
 #include "plausibility.h"
 #include "progress.h"
+#include "region_options.h"
 #include "report.h"
 #include "run_summary.h"
 #include "stop_signal.h"
@@ -64,6 +65,7 @@ class MapRun {
   [[nodiscard]] RunProgress progress(const io::ScanSequence& scans) const;
   void integrate(const io::ScanRecord& record, double stamp_s, AccessibilityField& field);
   void update(AccessibilityField& field);
+  bool removeRegions(AccessibilityField& field);
   void writeFrame(const AccessibilityField& field);
   void finish(const io::ScanSequence& scans, const AccessibilityField& field);
   void writeHtml(const std::vector<ToolSpec>& tools);
@@ -172,6 +174,18 @@ void MapRun::update(AccessibilityField& field) {
   report_.score.add(stats.score_ms);
 }
 
+/// After the last checkpoint, which is of the scans alone. @return whether there was anything to remove
+bool MapRun::removeRegions(AccessibilityField& field) {
+  for (const std::string& text : options_.remove) {
+    const Region region = parseRegion(text);
+    const Removal removal = field.removeRegion(region, parseRemovedAs(options_.removed_as));
+    report_.removals.push_back({region.inWords(), removal});
+    messages_.notice("removed " + region.inWords() + " as " + name(removal.as) + ": " + std::to_string(removal.voxels) +
+                     " voxels, " + std::to_string(removal.points) + " points");
+  }
+  return !options_.remove.empty();
+}
+
 void MapRun::writeFrame(const AccessibilityField& field) {
   writeFieldFrame(field, fs::path(options_.out) / frameName(frames_ + 1), writeOptions(options_.exported));
   ++frames_;
@@ -208,6 +222,7 @@ void MapRun::integrateAll(io::ScanSequence& scans, AccessibilityField& field) {
   }
   progress.finish();
   if (report_.scans > before) checkpoints_.write(field, this->progress(scans));
+  if (stopSignal() == 0 && removeRegions(field)) fresh = true;
   if (fresh) {
     if (!messages_.quiet() && options_.update_every == 0) messages_.notice("scoring the surface points");
     update(field);

@@ -14,6 +14,7 @@
 #include "accessvdb/field_io.h"
 #include "accessvdb/tiles.h"
 #include "checkpoint.h"
+#include "region_options.h"
 #include "tools_given.h"
 
 namespace accessvdb::tools {
@@ -115,6 +116,11 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--checkpoint-every", &options.checkpoint_every,
                "time between checkpoints, for example 30s, 5m or 1h; 0 = only when stopped and after the last scan");
   flags.option("--resume", &options.resume, "go on from the checkpoint in this folder, and leave new ones there");
+  flags.list(
+      "--remove", options.remove,
+      std::string("what has gone since: taken out of the map after the last scan; may be repeated: ") + kRegionForms);
+  flags.option("--removed-as", &options.removed_as,
+               "what is known of that place now: unknown (blocks until a scan sees through it) or free");
   flags.flag("--html", options.html, "also write report.html: the result as one page for a browser");
   flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
 }
@@ -167,6 +173,8 @@ void checkMapOptions(const MapOptions& options) {
   (void)writeOptions(options.exported);
   (void)fieldParams(options);
   checkCheckpointOptions(options);
+  for (const std::string& region : options.remove) (void)parseRegion(region);
+  (void)parseRemovedAs(options.removed_as);
 }
 
 double wantedTile_m(const MapOptions& options) {

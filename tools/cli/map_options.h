@@ -6,6 +6,7 @@
 #include <array>
 #include <optional>
 #include <string>
+#include <vector>
 
 #include "accessvdb/params.h"
 #include "accessvdb/scan_io.h"
@@ -38,6 +39,8 @@ struct MapOptions {
   bool keep_rays = false, fresh = false, html = false;
   bool allow_truncated = false, sort_poses = false, no_clobber = false, print_config = false, mirror_distance = false;
   bool still = false;  ///< --static
+  std::vector<std::string> remove;
+  std::string removed_as = "unknown";
 };
 
 void addMapOptions(FlagParser& flags, MapOptions& options);

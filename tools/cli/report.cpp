@@ -192,6 +192,13 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
   }
   if (report.resumed_after_scans) json["resumed_after_scans"] = *report.resumed_after_scans;
   if (report.predicted_bytes) json["memory"]["predicted_bytes"] = *report.predicted_bytes;
+  for (const auto& [region, removal] : report.removals) {
+    json["removed"].push_back({{"region", region},
+                               {"as", name(removal.as)},
+                               {"voxels", removal.voxels},
+                               {"colliding_voxels", removal.colliding_voxels},
+                               {"points", removal.points}});
+  }
   if (report.tiles) {
     const TilesReport& tiles = *report.tiles;
     json["tiles"] = {{"tile_voxels", tiles.tile_voxels},

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "accessvdb/live_session.h"
+#include "accessvdb/region.h"
 #include "accessvdb/scan_io.h"
 #include "accessvdb/surface_points.h"
 #include "accessvdb/tiles.h"
@@ -69,6 +70,12 @@ struct ReportedTool {
   std::uint64_t accessible = 0;  ///< points that it reaches
 };
 
+/// What --remove took out of the map.
+struct RemovalReport {
+  std::string region;  ///< in words
+  Removal removal;
+};
+
 struct RunReport {
   int exit_code = 0;
   std::string device = "cpu";
@@ -90,6 +97,7 @@ struct RunReport {
   StageTimes distance_mirror, distance_leaves, distance_mirror_bytes;
   std::optional<std::uint64_t> predicted_bytes;
   MemoryUse memory;
+  std::vector<RemovalReport> removals;
   std::optional<TilesReport> tiles;
   std::optional<LiveReport> live;
   std::optional<Failure> failure;

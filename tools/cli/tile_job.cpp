@@ -182,6 +182,7 @@ PlanSettings planSettings(const FlagParser& flags) {
 std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldParams& params) {
   if (options.exported.surface) return "--surface needs all points at once";
   if (options.exported.sequence > 0) return "--sequence needs the whole map after each scan";
+  if (!options.remove.empty()) return "--remove needs a map in one piece";
   if (!options.checkpoint.empty() || !options.resume.empty()) {
     return "finished tiles are kept without --checkpoint, and the same command goes on with the others";
   }

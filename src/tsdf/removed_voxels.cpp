@@ -1,0 +1,180 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "tsdf/removed_voxels.h"
+
+#include <algorithm>
+#include <bit>
+
+#include "tsdf/leaf_facts.h"
+
+namespace accessvdb::internal {
+namespace {
+
+/// Calls visit(voxel in the leaf) for each voxel of the set.
+template <typename Visit>
+void forEachBit(const LeafBits& bits, const Visit& visit) {
+  for (std::size_t word = 0; word < bits.size(); ++word) {
+    for (std::uint64_t left = bits[word]; left != 0; left &= left - 1) {
+      visit(64 * word + static_cast<std::size_t>(std::countr_zero(left)));
+    }
+  }
+}
+
+bool anyFlip(const LeafChange& change) { return flippedVoxels(change) != 0; }
+
+/// Edits each leaf of the set. @param edit  (leaf, bits, its votes or nullptr)
+template <typename Edit>
+std::vector<LeafChange> edited(PackedMap& map, const VoxelSet& voxels, const Edit& edit) {
+  std::vector<LeafChange> changes;
+  for (const LeafVoxels& part : voxels) {
+    PackedLeaf* leaf = map.tree().probeLeaf(part.origin_ijk);
+    if (leaf == nullptr) continue;
+    const LeafChange before = factsOf(map, *leaf);
+    VoxelVotes* votes = leaf->transientData() == 0 ? nullptr : &map.votePool()->get(leaf->transientData());
+    edit(*leaf, part.bits, votes);
+    if (votes != nullptr && !votes->any()) {
+      map.votePool()->remove(leaf->transientData());
+      leaf->setTransientData(0);
+    }
+    const LeafChange after = factsOf(map, *leaf);
+    LeafChange change;
+    change.origin_ijk = before.origin_ijk;
+    for (std::size_t x = 0; x < 8; ++x) {
+      change.collides_on[x] = after.collides_on[x] & ~before.collides_on[x];
+      change.collides_off[x] = before.collides_on[x] & ~after.collides_on[x];
+      change.arm_free_on[x] = after.arm_free_on[x] & ~before.arm_free_on[x];
+      change.arm_free_off[x] = before.arm_free_on[x] & ~after.arm_free_on[x];
+    }
+    if (anyFlip(change)) changes.push_back(change);
+  }
+  return changes;
+}
+
+}  // namespace
+
+std::uint64_t countBits(const LeafBits& bits) {
+  std::uint64_t count = 0;
+  for (const std::uint64_t word : bits) count += static_cast<std::uint64_t>(std::popcount(word));
+  return count;
+}
+
+std::uint64_t countVoxels(const VoxelSet& voxels) {
+  std::uint64_t count = 0;
+  for (const LeafVoxels& part : voxels) count += countBits(part.bits);
+  return count;
+}
+
+std::uint64_t flippedVoxels(const LeafChange& change) {
+  LeafBits any;
+  for (std::size_t x = 0; x < 8; ++x) {
+    any[x] = change.collides_on[x] | change.collides_off[x] | change.arm_free_on[x] | change.arm_free_off[x];
+  }
+  return countBits(any);
+}
+
+VoxelSet unionOf(const VoxelSet& a, const VoxelSet& b) {
+  VoxelSet joined;
+  joined.reserve(a.size() + b.size());
+  auto from_a = a.begin();
+  auto from_b = b.begin();
+  while (from_a != a.end() || from_b != b.end()) {
+    const bool take_a = from_b == b.end() || (from_a != a.end() && from_a->origin_ijk <= from_b->origin_ijk);
+    const bool take_b = from_a == a.end() || (from_b != b.end() && from_b->origin_ijk <= from_a->origin_ijk);
+    LeafVoxels part = take_a ? *from_a : *from_b;
+    if (take_a && take_b) {
+      for (std::size_t x = 0; x < 8; ++x) part.bits[x] |= from_b->bits[x];
+    }
+    joined.push_back(part);
+    if (take_a) ++from_a;
+    if (take_b) ++from_b;
+  }
+  return joined;
+}
+
+bool contains(const VoxelSet& voxels, const openvdb::Coord& ijk) {
+  const openvdb::Coord origin(ijk.x() & ~7, ijk.y() & ~7, ijk.z() & ~7);
+  const auto part = std::lower_bound(voxels.begin(), voxels.end(), origin,
+                                     [](const LeafVoxels& leaf, const auto& at) { return leaf.origin_ijk < at; });
+  if (part == voxels.end() || part->origin_ijk != origin) return false;
+  const openvdb::Index voxel = PackedLeaf::coordToOffset(ijk);
+  return (part->bits[voxel >> 6] >> (voxel & 63) & 1) != 0;
+}
+
+void forEachDistanceLeaf(const PackedMap& map,
+                         const std::function<void(std::span<const DistanceChange> distances)>& take) {
+  constexpr std::size_t kLeavesPerPart = 4096;
+  constexpr std::uint32_t kAllRowPairs = ~std::uint32_t{0};
+  std::vector<const PackedLeaf*> leaves;
+  map.tree().getNodes(leaves);
+  std::vector<DistanceChange> part;
+  for (std::size_t n = 0; n < leaves.size(); ++n) {
+    const PackedLeaf& leaf = *leaves[n];
+    if (const std::uint32_t* values = packedValues(leaf)) {
+      const openvdb::Coord& origin = leaf.origin();
+      part.push_back({{origin.x(), origin.y(), origin.z()}, kAllRowPairs, values, map.blockedIn(leaf)});
+    }
+    if (part.size() < kLeavesPerPart && n + 1 < leaves.size()) continue;
+    take(part);
+    part.clear();
+  }
+}
+
+LeafBits observedIn(const PackedLeaf& leaf) {
+  LeafBits observed = {};
+  const std::uint32_t* packed = packedValues(leaf);
+  for (std::size_t n = 0; packed != nullptr && n < PackedLeaf::SIZE; ++n) {
+    observed[n >> 6] |= std::uint64_t{weightOf(packed[n]) > 0 ? 1u : 0u} << (n & 63);
+  }
+  return observed;
+}
+
+std::vector<LeafChange> flipsIfFree(const PackedMap& map, const VoxelSet& voxels) {
+  std::vector<LeafChange> changes;
+  for (const LeafVoxels& part : voxels) {
+    const PackedLeaf* leaf = map.tree().probeConstLeaf(part.origin_ijk);
+    if (leaf == nullptr) continue;
+    const LeafChange facts = factsOf(map, *leaf);
+    LeafChange change;
+    change.origin_ijk = facts.origin_ijk;
+    for (std::size_t x = 0; x < 8; ++x) {
+      change.collides_off[x] = part.bits[x] & facts.collides_on[x];
+      change.arm_free_on[x] = part.bits[x] & ~facts.arm_free_on[x];
+    }
+    if (anyFlip(change)) changes.push_back(change);
+  }
+  return changes;
+}
+
+std::vector<LeafChange> removeAsUnknown(PackedMap& map, const VoxelSet& voxels) {
+  return edited(map, voxels, [](PackedLeaf& leaf, const LeafBits& bits, VoxelVotes* votes) {
+    std::uint32_t* packed = packedValues(leaf);
+    forEachBit(bits, [&](std::size_t n) {
+      if (weightOf(packed[n]) > 0) packed[n] = packVoxel(meanOf(packed[n]), 1);
+    });
+    if (votes == nullptr) return;
+    for (std::size_t word = 0; word < bits.size(); ++word) {
+      const std::uint64_t blocked = votes->blocked(word), rest = ~bits[word];
+      votes->bit[0][word] = (votes->bit[0][word] & rest) | (blocked & bits[word]);  // 3: the last denial frees it
+      votes->bit[1][word] = (votes->bit[1][word] & rest) | (blocked & bits[word]);
+      votes->bit[2][word] &= rest;
+    }
+  });
+}
+
+std::vector<LeafChange> removeAsFree(PackedMap& map, const VoxelSet& voxels) {
+  return edited(map, voxels, [&map](PackedLeaf& leaf, const LeafBits& bits, VoxelVotes* votes) {
+    std::uint32_t* packed = packedValues(leaf);
+    forEachBit(bits, [&](std::size_t n) {
+      if (weightOf(packed[n]) == 0) return;
+      packed[n] = 0;
+      --map.observed_voxels;
+      leaf.getValueMask().setOn(static_cast<openvdb::Index>(n));
+    });
+    if (votes == nullptr) return;
+    for (LeafBits& plane : votes->bit) {
+      for (std::size_t word = 0; word < bits.size(); ++word) plane[word] &= ~bits[word];
+    }
+  });
+}
+
+}  // namespace accessvdb::internal
