@@ -387,7 +387,7 @@ std::optional<Compared> expectEqualsRemoving(const AccessibilityField& field, co
 TEST(WhatIf, EqualsRemovingFromACopy) {
   Compared all;
   std::uint64_t cases = 0;
-  for (std::uint64_t seed = 1; seed <= 72; ++seed) {
+  for (std::uint64_t seed = 1; seed <= 48; ++seed) {
     SCOPED_TRACE("seed " + std::to_string(seed));
     const AccessibilityField field = seed <= 24 ? wallField(seed) : doubtfulField(seed);
     const FieldSnapshot before = field.snapshot();
@@ -404,18 +404,30 @@ TEST(WhatIf, EqualsRemovingFromACopy) {
   EXPECT_GT(cases, 30u);
   EXPECT_GT(all.opened, 100u);
   EXPECT_GT(all.tried, 2 * all.opened);
-  EXPECT_GT(all.doubtful, 10u);
+  EXPECT_GT(all.doubtful, 5u);
 }
 
-/// Far beyond a short tool, only the corridor reads what goes.
+/// A level bar far before a wall, seen from above and below: only the corridor of a short tool reads it. Steep
+/// directions pass it, but there the tool meets the wall.
 TEST(WhatIf, OpensCorridors) {
   FieldParams params = paramsFor(2);
   params.tsdf.voxel_size_m = 0.02;
   params.approach.corridor_length_m = 0.9;
-  AccessibilityField field(toolFor(1), params);
-  for (const Scan& scan : wallScans(1, 6, 12000)) field.integrateScan(scan.points_S, scan.T_W_S);
+  AccessibilityField field(boxTool({0.0f, -0.035f, -0.035f}, {0.2f, 0.035f, 0.035f}), params);
+  for (double sensor_z = -1.2; sensor_z < 1.25; sensor_z += 0.2) {
+    std::vector<Eigen::Vector3f> points;
+    for (double z = -0.3; z < 0.3; z += 0.01) {
+      int column = 0;
+      for (double y = -1.6; y < 1.6; y += 0.02) {
+        const double bar = 0.54 + 0.03 * (++column % 3);  // deeper than samples of the corridor are apart
+        const double share = std::abs(sensor_z + (z - sensor_z) * bar) < 0.06 ? bar : 1;
+        points.emplace_back(float(2 * share), float(y * share), float((z - sensor_z) * share));
+      }
+    }
+    field.integrateScan(points, Eigen::Isometry3d(Eigen::Translation3d(0, 0, sensor_z)));
+  }
   field.update();
-  const auto compared = expectEqualsRemoving(field, {Region::box({0.9, 0.2, 0.2}, {1.7, 0.8, 1.8})});
+  const auto compared = expectEqualsRemoving(field, {Region::box({0.9, -2, -0.2}, {1.4, 2, 0.2})});
   ASSERT_TRUE(compared);
   EXPECT_GT(compared->opened, 20u);
 }
