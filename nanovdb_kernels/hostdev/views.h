@@ -51,6 +51,15 @@ struct SlabBox {
   std::int16_t dx = 0, leaf_dy = 0, slab_dz = 0, size_x = 0, size_y = 0, size_z = 0;
 };
 static_assert(sizeof(SlabBox) == 16);
+/// The slabs of a SlabBox at one x and y, from the lowest that is not empty to the highest. Tools that roll have so
+/// many boxes, most of them so empty, that their slabs are kept by row: the row at (x, y) is rows[first + (y - leaf_dy)
+/// size_x
+/// + x - dx], its slab at z is words[row.first + z - slab_dz - row.begin].
+struct SlabRow {
+  std::uint32_t first = 0;
+  std::uint16_t begin = 0, count = 0;
+};
+static_assert(sizeof(SlabRow) == 8);
 
 /// Box of voxels relative to the voxel of the surface point, inclusive. low > high: unknown.
 struct VoxelBox {
@@ -83,6 +92,7 @@ struct ToolSlabsView {
   const LeafColumn* columns = nullptr;   ///< those with full slabs first; within both kinds, near ones first
   const FullSlabs* full = nullptr;       ///< per column; null if there are few
   const std::uint32_t* begin = nullptr;  ///< [D x 8 x 8 + 1]: columns of direction d, x, y
+  const SlabRow* rows = nullptr;         ///< of tools that roll, whose parts take the place of directions; else null
 };
 
 /// Directions and the corridor: tables computed once on the host.

@@ -69,10 +69,12 @@ void ScoringSetup::loadSlabs() {
     auto columns = uploaded(memory_, slabs.columns);
     auto full = uploaded(memory_, slabs.full);
     auto begin = uploaded(memory_, slabs.begin);
+    auto rows = uploaded(memory_, slabs.rows);
     d_slab_words_ = std::move(words);
     d_slab_boxes_ = std::move(boxes);
     d_leaf_columns_ = std::move(columns);
     d_full_slabs_ = std::move(full);
+    d_slab_rows_ = std::move(rows);
     d_leaf_column_begin_ = std::move(begin);
   } catch (const ResourceLimit&) {
     return;
@@ -103,8 +105,8 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.tool.samples = d_samples_.data();
   tables.tool.sample_begin = d_sample_begin_.data();
   if (d_leaf_column_begin_.size() > 0) {
-    tables.slabs = {d_slab_words_.data(), d_slab_boxes_.data(), d_leaf_columns_.data(), d_full_slabs_.data(),
-                    d_leaf_column_begin_.data()};
+    tables.slabs = {d_slab_words_.data(), d_slab_boxes_.data(),        d_leaf_columns_.data(),
+                    d_full_slabs_.data(), d_leaf_column_begin_.data(), d_slab_rows_.data()};
   }
   tables.approach = hostApproach();
   if (tables.approach.axes_xyz == nullptr) {

@@ -42,6 +42,7 @@ class ScoringSetup {
   kernels::DeviceArray<kernels::VoxelColumn> d_columns_;
   kernels::DeviceArray<kernels::LeafColumn> d_leaf_columns_;
   kernels::DeviceArray<kernels::FullSlabs> d_full_slabs_;
+  kernels::DeviceArray<kernels::SlabRow> d_slab_rows_;
   kernels::DeviceArray<kernels::SlabBox> d_slab_boxes_;
   kernels::DeviceArray<std::uint64_t> d_slab_words_;
   kernels::DeviceArray<std::uint32_t> d_column_begin_, d_sample_begin_, d_leaf_column_begin_;

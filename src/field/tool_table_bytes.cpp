@@ -99,12 +99,14 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
     held += share * static_cast<double>(prepared->bytes());
   }
   double making = held;
-  if (resolved.backend != BackendKind::Cpu && !kernel.use_samples && kernel.parts() == 1) {
+  if (resolved.backend != BackendKind::Cpu && !kernel.use_samples) {
     // As in ScoringSetup: slabs as they are found, and again in one list, which then goes to the GPU.
     constexpr auto kMost = static_cast<double>(internal::ToolSlabs::kMostBytes);
     const auto slabs = internal::ToolSlabs::make(kernel.view(), sampled, static_cast<std::uint64_t>(kMost / share));
     making +=
-        2 * (slabs.empty() ? kMost : share * (bytesOf(slabs.words) + bytesOf(slabs.columns) + bytesOf(slabs.full)));
+        2 * (slabs.empty()
+                 ? kMost
+                 : share * (bytesOf(slabs.words) + bytesOf(slabs.columns) + bytesOf(slabs.full) + bytesOf(slabs.rows)));
   }
   if (resolved.update.policy == UpdatePolicy::Exact && on_host && !kernel.use_samples) {
     // The table of directions by cell: one cell more at either end of each axis.

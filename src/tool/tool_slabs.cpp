@@ -9,6 +9,7 @@
 #include <atomic>
 #include <bit>
 #include <cstdlib>
+#include <iterator>
 #include <limits>
 #include <optional>
 #include <span>
@@ -20,6 +21,7 @@ namespace {
 using kernels::FullSlabs;
 using kernels::LeafColumn;
 using kernels::SlabBox;
+using kernels::SlabRow;
 using kernels::VoxelColumn;
 
 constexpr int kLog2 = 3, kSide = 1 << kLog2;  // of a leaf
@@ -152,16 +154,36 @@ class Slabs {
   std::vector<std::uint64_t> words_;
 };
 
-/// The tables of a direction and a place y.
+/// The tables of a direction, or of a part of one, and a place y.
 struct Part {
   SlabBox box;
   std::vector<std::uint64_t> words;
+  std::vector<SlabRow> rows;                              ///< if by row; their `first` counts from the part's words
   std::array<std::vector<TouchedColumn>, kSide> columns;  ///< by x
 
   Part() = default;
   explicit Part(Slabs slabs) : box(slabs.box()) {
     for (std::size_t x = 0; x < kSide; ++x) columns[x] = slabs.leafColumns(static_cast<int>(x));
     words = slabs.takeWords();
+  }
+  /// Leaves out the empty slabs at the ends of rows.
+  void packRows() {
+    const auto size_z = static_cast<std::size_t>(box.size_z);
+    std::vector<std::uint64_t> packed;
+    for (std::size_t at = 0; at < words.size(); at += size_z) {
+      const auto row = words.begin() + static_cast<std::ptrdiff_t>(at), end = row + box.size_z;
+      const auto isAny = [](std::uint64_t slab) { return slab != 0; };
+      const auto low = std::find_if(row, end, isAny);
+      const auto high = std::find_if(std::make_reverse_iterator(end), std::make_reverse_iterator(low), isAny).base();
+      rows.push_back({static_cast<std::uint32_t>(packed.size()), static_cast<std::uint16_t>(low - row),
+                      static_cast<std::uint16_t>(high - low)});
+      packed.insert(packed.end(), low, high);
+    }
+    packed.shrink_to_fit();
+    words = std::move(packed);
+  }
+  [[nodiscard]] std::uint64_t slabBytes() const {
+    return words.size() * sizeof(std::uint64_t) + rows.size() * sizeof(SlabRow);
   }
   [[nodiscard]] std::uint64_t columnBytes() const {
     std::uint64_t sum = 0;
@@ -174,19 +196,24 @@ struct Part {
 /// Concatenates parts, freeing each on the way.
 ToolSlabs joined(std::vector<Part>& parts) {
   ToolSlabs all;
-  std::size_t num_words = 0, num_columns = 0;
+  std::size_t num_words = 0, num_columns = 0, num_rows = 0;
   for (const Part& part : parts) {
     num_words += part.words.size();
+    num_rows += part.rows.size();
     for (const auto& of_x : part.columns) num_columns += of_x.size();
   }
   all.words.reserve(num_words);
   all.columns.reserve(num_columns);
   all.full.reserve(num_columns);
+  all.rows.reserve(num_rows);
   for (Part& part : parts) {
-    part.box.first = static_cast<std::uint32_t>(all.words.size());
+    const auto first_word = static_cast<std::uint32_t>(all.words.size());
+    part.box.first = num_rows > 0 ? static_cast<std::uint32_t>(all.rows.size()) : first_word;
     all.words.insert(all.words.end(), part.words.begin(), part.words.end());
+    for (const SlabRow& row : part.rows) all.rows.push_back({row.first + first_word, row.begin, row.count});
     all.boxes.push_back(part.box);
     part.words = {};
+    part.rows = {};
   }
   all.begin.push_back(0);
   double num_slabs = 0, num_full = 0;
@@ -210,8 +237,9 @@ ToolSlabs joined(std::vector<Part>& parts) {
 }  // namespace
 
 ToolSlabs ToolSlabs::make(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes) {
-  if (tool.use_samples || tool.parts > 1) return {};
-  std::vector<Part> parts(static_cast<std::size_t>(num_directions) * kSide);
+  if (tool.use_samples) return {};
+  const bool by_row = tool.parts > 1;
+  std::vector<Part> parts(static_cast<std::size_t>(num_directions) * static_cast<std::size_t>(tool.parts) * kSide);
   std::atomic<std::uint64_t> bytes{0};
   std::atomic<bool> fits{true};
   /// Checks the limit before allocating.
@@ -226,8 +254,10 @@ ToolSlabs ToolSlabs::make(const kernels::ToolKernelView& tool, int num_direction
     const auto y = static_cast<int>(n % kSide);
     const std::optional<SlabBox> box = boxOf(columns, y);
     if (!box) fits = false;
-    if (!box || !reserve(wordsOf(*box) * sizeof(std::uint64_t))) return;
+    if (!box || (!by_row && !reserve(wordsOf(*box) * sizeof(std::uint64_t)))) return;
     parts[n] = Part(Slabs(columns, y, *box));
+    if (by_row) parts[n].packRows();
+    if (by_row && !reserve(parts[n].slabBytes())) return;
     if (!parts[n].canBeNumbered() || !reserve(parts[n].columnBytes())) fits = false;
   });
   if (!fits) return {};

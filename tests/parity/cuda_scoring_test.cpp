@@ -140,7 +140,6 @@ TEST_F(CudaScoring, RollsEqualTheCpu) {
       Tally tally;
       const ScoringCase what = randomCase(random, ToolGeometry::builtin("builtin:pruner"), params, 600);
       compare(what, everyWay(), tally);
-      EXPECT_GT(tally.cut_short, 50u);
       ScoringRig cpu(kernels::makeCpuBackend(), what);
       std::size_t rolled = 0;
       for (const kernels::ScoreResult& result : cpu.score(what.items, false)) rolled += result.roll > 0 ? 1 : 0;
@@ -161,7 +160,7 @@ TEST_F(CudaScoring, ShortRunOfEveryPath) {
     params.scoring.surface_samples = 100;
     Tally tally;
     compare(randomCase(random, ToolGeometry::builtin("builtin:pruner"), params, 150), everyWay(), tally);
-    EXPECT_GT(tally.cut_short, 5u);
+    if (rolls == 1) EXPECT_GT(tally.cut_short, 5u);
   }
 }
 

@@ -35,8 +35,8 @@ struct SlabWork {
 };
 
 /// The tool at one direction, placed at the voxel of a point.
-/// @tparam kThick  whether ToolSlabsView::full is set
-template <bool kThick>
+/// @tparam kThick  whether ToolSlabsView::full is set  @tparam kRows  whether ToolSlabsView::rows is
+template <bool kThick, bool kRows>
 class SlabCount {
  public:
   __device__ SlabCount(SlabWork& work, int d, int lane)
@@ -45,7 +45,12 @@ class SlabCount {
         busy_(work.busy),
         lane_(lane),
         box_(work.tool.boxes[8 * d + (point_ijk_[1] & 7)]) {
-    words_ = work.tool.words + box_.first;
+    words_ = work.tool.words;
+    if constexpr (kRows) {
+      rows_ = work.tool.rows + box_.first;
+    } else {
+      words_ += box_.first;
+    }
     const std::uint32_t* begin = work.tool.begin + (64 * d + 8 * (point_ijk_[0] & 7) + (point_ijk_[1] & 7));
     columns_ = work.tool.columns + begin[0];
     if constexpr (kThick) full_ = work.tool.full + begin[0];
@@ -154,10 +159,19 @@ class SlabCount {
     const int own_x = lane_ & 7, x = static_cast<int>(leaf.place >> 16) + own_x - 8,
               z = static_cast<int>(leaf.place & 0xff);
     const bool meets = n < listed && x >= 0 && x < box_.size_x;
-    const int word = (static_cast<int>(leaf.place >> 8 & 0xff) * box_.size_x + x) * box_.size_z + z;
-    const std::uint64_t upper = meets && z < box_.size_z ? words_[word] : 0,
-                        lower = meets && z > 0 && shift_ != 0 ? words_[word - 1] : 0,
-                        map = meets ? window_.slabOf(leaf.entry, own_x) : 0;
+    const int row = static_cast<int>(leaf.place >> 8 & 0xff) * box_.size_x + x;
+    std::uint64_t upper = 0, lower = 0;
+    if constexpr (kRows) {
+      const SlabRow slabs = meets ? rows_[row] : SlabRow{};
+      const int at = z - static_cast<int>(slabs.begin);
+      if (at >= 0 && at < slabs.count) upper = words_[slabs.first + static_cast<std::uint32_t>(at)];
+      if (at > 0 && at <= slabs.count && shift_ != 0) lower = words_[slabs.first + static_cast<std::uint32_t>(at) - 1];
+    } else {
+      const int word = row * box_.size_z + z;
+      upper = meets && z < box_.size_z ? words_[word] : 0;
+      lower = meets && z > 0 && shift_ != 0 ? words_[word - 1] : 0;
+    }
+    const std::uint64_t map = meets ? window_.slabOf(leaf.entry, own_x) : 0;
     return half(static_cast<std::uint32_t>(map), static_cast<std::uint32_t>(upper), static_cast<std::uint32_t>(lower)) +
            half(static_cast<std::uint32_t>(map >> 32), static_cast<std::uint32_t>(upper >> 32),
                 static_cast<std::uint32_t>(lower >> 32));
@@ -176,6 +190,7 @@ class SlabCount {
   int lane_;
   SlabBox box_;
   const std::uint64_t* words_;
+  const SlabRow* rows_;  ///< of the box; only with kRows
   const LeafColumn* columns_;
   const FullSlabs* full_;  ///< one per column; only if the tool is thick
   int num_columns_;
@@ -185,9 +200,9 @@ class SlabCount {
 
 /// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. All
 /// lanes call it. Not inlined, although it is most of the work: kernels larger than the instruction cache stall on it.
-template <bool kThick>
+template <bool kThick, bool kRows>
 static __device__ __noinline__ int countSlabs(SlabWork& work, int d, int stop_above, int lane) {
-  return SlabCount<kThick>(work, d, lane).upTo(stop_above);
+  return SlabCount<kThick, kRows>(work, d, lane).upTo(stop_above);
 }
 
 }  // namespace accessvdb::kernels

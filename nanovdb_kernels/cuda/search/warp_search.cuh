@@ -153,18 +153,18 @@ struct SampleCounter {
     return countSamplesByWarp(window, map, tool, d, position_L, inverse_voxel_size, stop_above, lane);
   }
 };
-/// Slab by slab. @tparam kThick  as for SlabCount
-template <bool kThick>
+/// Slab by slab. @tparam kThick, kRows  as for SlabCount
+template <bool kThick, bool kRows = false>
 struct SlabCounter {
   static constexpr bool kPlain = false, kRolls = false;
   SlabWork& work;  ///< for one point
   int lane;
 
-  __device__ int operator()(int d, int stop_above) const { return countSlabs<kThick>(work, d, stop_above, lane); }
+  __device__ int operator()(int d, int stop_above) const { return countSlabs<kThick, kRows>(work, d, stop_above, lane); }
 };
 
 /// countAxis with one warp; out of line, because kernels that outgrow the instruction cache are slow.
-/// @tparam Counter  of parts: ColumnCounter or SampleCounter
+/// @tparam Counter  of parts: SlabCounter, ColumnCounter or SampleCounter
 template <class Counter>
 __device__ __noinline__ AxisCount countAxisByWarp(const Counter& counter, int parts, int d, int stop_above) {
   return countAxis(parts, d, stop_above, [&](int part, int stop) { return counter(part, stop); });

@@ -20,9 +20,22 @@ constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
 constexpr unsigned kBlocksEach = 6;
 
 /// How tool collisions are counted. One kernel per form: code for the others would only take up instruction cache.
-enum class ToolForm { Slabs, ThickSlabs, Columns, Samples, RollingColumns, RollingSamples };
+enum class ToolForm {
+  Slabs,
+  ThickSlabs,
+  Columns,
+  Samples,
+  RollingSlabs,
+  RollingThickSlabs,
+  RollingColumns,
+  RollingSamples
+};
 template <ToolForm kForm>
-constexpr bool kHasSlabs = kForm == ToolForm::Slabs || kForm == ToolForm::ThickSlabs;
+constexpr bool kRolls = kForm >= ToolForm::RollingSlabs;
+template <ToolForm kForm>
+constexpr bool kHasThickSlabs = kForm == ToolForm::ThickSlabs || kForm == ToolForm::RollingThickSlabs;
+template <ToolForm kForm>
+constexpr bool kHasSlabs = kForm == ToolForm::Slabs || kForm == ToolForm::RollingSlabs || kHasThickSlabs<kForm>;
 
 extern __shared__ std::uint32_t nodes_of_windows[];
 
@@ -83,7 +96,12 @@ __device__ auto makeCounter(const DueSearch& search, const Window& window, const
   if constexpr (kHasSlabs<kForm>) {
     if (lane < 3) scratch.slabs.point_ijk[lane] = point.ijk[lane];
     __syncwarp();
-    return SlabCounter<kForm == ToolForm::ThickSlabs>{scratch.slabs, lane};
+    const SlabCounter<kHasThickSlabs<kForm>, kRolls<kForm>> counter{scratch.slabs, lane};
+    if constexpr (kRolls<kForm>) {
+      return RollCounter<std::decay_t<decltype(counter)>, false>{counter, search.tool.parts};
+    } else {
+      return counter;
+    }
   } else if constexpr (kForm == ToolForm::Columns) {
     return ColumnCounter<Window>{window, search.tool, point.ijk, lane};
   } else if constexpr (kForm == ToolForm::Samples) {
@@ -429,9 +447,12 @@ void launchDueSearch(const DueWork& work, const DueSearch& search, std::uint32_t
   if (rolls && search.window.kind != WindowPlan::Kind::Lowers) {
     search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::RollingSamples>(work, search, streams)
                             : launchSearches<TreeWindow, ToolForm::RollingColumns>(work, search, streams);
-  } else if (rolls) {
+  } else if (rolls && search.slabs.rows == nullptr) {
     search.tool.use_samples ? launchSearches<BusyWindow, ToolForm::RollingSamples>(work, search, streams)
                             : launchSearches<BusyWindow, ToolForm::RollingColumns>(work, search, streams);
+  } else if (rolls) {
+    search.slabs.full != nullptr ? launchSearches<BusyWindow, ToolForm::RollingThickSlabs>(work, search, streams)
+                                 : launchSearches<BusyWindow, ToolForm::RollingSlabs>(work, search, streams);
   } else if (search.window.kind != WindowPlan::Kind::Lowers) {
     search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::Samples>(work, search, streams)
                             : launchSearches<TreeWindow, ToolForm::Columns>(work, search, streams);

@@ -65,6 +65,17 @@ std::int32_t floorOf8(std::int32_t v) { return v >= 0 ? v / 8 : -((7 - v) / 8); 
 
 using Leaf = std::array<std::int32_t, 3>;
 
+/// The slab of a box at x, y, z of it.
+std::uint64_t slabIn(const ToolSlabs& slabs, const kernels::SlabBox& box, int x, int y, int z) {
+  const auto at = static_cast<std::uint32_t>(y * box.size_x + x);
+  if (slabs.rows.empty()) {
+    return slabs.words.at(box.first + at * static_cast<std::uint32_t>(box.size_z) + static_cast<std::uint32_t>(z));
+  }
+  const kernels::SlabRow& row = slabs.rows.at(box.first + at);
+  if (z < row.begin || z >= row.begin + row.count) return 0;
+  return slabs.words.at(row.first + static_cast<std::uint32_t>(z - row.begin));
+}
+
 /// Voxels of direction d relative to the point, read as a kernel reads them. @param point_y  y of its voxel
 VoxelSet voxelsIn(const ToolSlabs& slabs, std::size_t d, std::int32_t point_y) {
   const std::int32_t leaf_y = floorOf8(point_y);
@@ -73,8 +84,7 @@ VoxelSet voxelsIn(const ToolSlabs& slabs, std::size_t d, std::int32_t point_y) {
   for (int y = 0; y < box.size_y; ++y) {
     for (int x = 0; x < box.size_x; ++x) {
       for (int z = 0; z < box.size_z; ++z) {
-        const std::uint64_t slab =
-            slabs.words.at(box.first + static_cast<std::uint32_t>((y * box.size_x + x) * box.size_z + z));
+        const std::uint64_t slab = slabIn(slabs, box, x, y, z);
         for (int bit = 0; bit < 64; ++bit) {
           if ((slab >> bit & 1) == 0) continue;
           voxels.insert(
@@ -151,6 +161,26 @@ TEST(ToolSlabs, HoldTheVoxels) {
       }
     }
   }
+}
+
+/// The parts of a tool that rolls, by row: the same voxels and columns as if they were directions, in less memory.
+TEST(ToolSlabs, HoldThePartsOfAToolThatRollsByRow) {
+  const SplitTool tool = mixedTool(4);
+  const int parts = tool.numDirections();
+  ASSERT_GT(parts, 1);
+  kernels::ToolKernelView rolling = tool.view();
+  rolling.parts = parts;
+  const ToolSlabs by_box = ToolSlabs::make(tool.view(), parts, kNoLimit);
+  const ToolSlabs by_row = ToolSlabs::make(rolling, 1, kNoLimit);
+  EXPECT_FALSE(by_row.rows.empty());
+  EXPECT_TRUE(by_box.rows.empty());
+  ASSERT_EQ(by_row.boxes.size(), 8 * static_cast<std::size_t>(parts));
+  for (std::size_t part = 0; part < static_cast<std::size_t>(parts); ++part) {
+    for (int y = 0; y < 8; ++y) ASSERT_EQ(voxelsIn(by_row, part, y), tool.voxels[part]) << "part " << part;
+  }
+  EXPECT_EQ(by_row.begin, by_box.begin);
+  EXPECT_LT(by_row.words.size(), by_box.words.size() / 2);
+  for (const std::uint64_t word : {by_row.words.front(), by_row.words.back()}) EXPECT_NE(word, 0u);
 }
 
 /// Points at places of a leaf, near and far from the origin. @param step  1: at all positions
