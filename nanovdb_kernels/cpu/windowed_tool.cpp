@@ -118,6 +118,8 @@ WindowedTool::WindowedTool(const ToolKernelView& tool, const ApproachView& appro
   reserve(runs_, &Part::runs);
   reserve(words_, &Part::words);
   reserve(leaves_, &Part::leaves);
+  layer_begin_ = {0};
+  leaf_begin_ = {0};
   for (Part& from : made) {
     const auto runs = static_cast<std::uint32_t>(runs_.size()), words = static_cast<std::uint32_t>(words_.size());
     for (const Layer& layer : from.layers) layers_.push_back({layer.dz, layer.begin + runs, layer.end + runs});

@@ -58,7 +58,7 @@ class WindowedTool final : public PreparedTool {
   /// leaf's. Voxel form only.
   [[nodiscard]] std::span<const std::int32_t> leaves(int part) const { return listOf(leaves_, leaf_begin_, part); }
   /// Of all directions, in the voxel form.
-  [[nodiscard]] int parts() const { return static_cast<int>(layer_begin_.size()) - 1; }
+  [[nodiscard]] int parts() const { return layer_begin_.empty() ? 0 : static_cast<int>(layer_begin_.size()) - 1; }
   /// The corridor of direction d. Empty unless all samples are at the height of the point.
   [[nodiscard]] std::span<const FlatSamples> corridor(int d) const {
     return std::span(corridors_).subspan(static_cast<std::size_t>(d) * corridor_length_, corridor_length_);
@@ -88,8 +88,8 @@ class WindowedTool final : public PreparedTool {
   std::vector<WindowRun> runs_;
   std::vector<std::uint64_t> words_;
   std::vector<std::int32_t> leaves_;
-  std::vector<std::uint32_t> layer_begin_ = {0}, leaf_begin_ = {0};  ///< [parts + 1]
-  std::vector<FlatSamples> corridors_;                               ///< [D x corridor_length_]
+  std::vector<std::uint32_t> layer_begin_, leaf_begin_;  ///< [parts + 1]
+  std::vector<FlatSamples> corridors_;                   ///< [D x corridor_length_]
   std::size_t corridor_length_ = 0;
   LeafBox corridor_leaves_;
 };

@@ -91,7 +91,7 @@ TEST_F(MapOutputs, OfRollsNameThem) {
   std::vector<std::string> saved = rolling;
   saved.insert(saved.end(), {"--checkpoint", path("state")});
   ASSERT_EQ(runProgram(mapArguments(saved)).exit_code, 0);
-  EXPECT_EQ(report().at("parameters").at("rolls"), "3");
+  EXPECT_EQ(report().at("parameters").at("rolls"), 3);
   const std::string ply = readText("out/points.ply");
   EXPECT_NE(ply.find("\ncomment orientations sphere:30\ncomment rolls 3\n"), std::string::npos);
   EXPECT_NE(ply.find("\nproperty ushort orientation\nproperty uchar roll\nend_header\n"), std::string::npos);

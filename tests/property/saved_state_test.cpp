@@ -441,6 +441,11 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
       withHead([&](internal::StateHead& head) { head.params.tsdf.voxel_size_m = nan; }),
       withHead([](internal::StateHead& head) { head.params.update.policy = UpdatePolicy::Paper; }),
       withHead([](internal::StateHead& head) { head.params.tsdf.region = UpdateRegion::Projective; }),
+      withHead([](internal::StateHead& head) { head.schema = internal::kRolledStateSchema; }),  // without any
+      withHead([](internal::StateHead& head) {
+        head.schema = internal::kRolledStateSchema;
+        head.params.approach.rolls = 65;
+      }),
       withHead([&](internal::StateHead& head) { (*head.origin_W)[1] = nan; })};
   for (std::size_t n = 0; n < all.size(); ++n) {
     EXPECT_EQ(refusalOf(all[n]).rfind("state.damaged", 0), 0u) << n << ": " << refusalOf(all[n]);
@@ -450,7 +455,7 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
 TEST_F(DamagedState, IsRefusedForOtherRulesAndAnotherTool) {
   const std::string rules = withHead([](internal::StateHead& head) { head.rules_version += 1; });
   EXPECT_EQ(refusalOf(rules).rfind("state.rules", 0), 0u) << refusalOf(rules);
-  const std::string layout = withHead([](internal::StateHead& head) { head.schema += 2; });
+  const std::string layout = withHead([](internal::StateHead& head) { head.schema += 100; });
   EXPECT_EQ(refusalOf(layout).rfind("state.rules", 0), 0u) << refusalOf(layout);
   writeBytes(file(), good_);
   try {

@@ -46,7 +46,8 @@ TEST(ToolTableBytes, AreWhatAFieldHolds) {
   expectHeld(ToolGeometry::builtin("builtin:pencil"), paramsOf(0.002));
   FieldParams oriented = paramsOf(0.01);
   oriented.approach.orientations = OrientationSet::sphere(12.5);
-  expectHeld(pruner, oriented);
+  expectHeld(pruner, oriented);  // six rolls by rule
+  oriented.approach.rolls = 3;
   expectHeld(tall, oriented);
   oriented.approach.rolls = 1;
   expectHeld(pruner, oriented);

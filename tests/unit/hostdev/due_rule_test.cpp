@@ -242,5 +242,27 @@ TEST(DueRule, UnscoredPointsWaitForTheirNeighbourhood) {
   EXPECT_EQ(dueAfterWaiting(point, true, remembered).kind, DueKind::All);
 }
 
+/// A best direction without collisions cannot improve, but an earlier roll may come to have none either.
+TEST(DueRule, TheBestDirectionIsCountedAgainWhereAnEarlierRollMayBecomeAsGood) {
+  struct Freed {
+    GroupMasks freed;
+    [[nodiscard]] const GroupMasks& masks() const { return freed; }
+    [[nodiscard]] std::uint64_t notKnownWorse(int, std::uint64_t asked) const { return asked; }
+  };
+  World world(8);
+  PointDirections now = {};
+  now.normal[0] = 1;
+  now.seen.set(0);
+  Freed freed = {};
+  freed.freed.better_tool.set(0);
+  const auto dueAt = [&](int score, int roll) {
+    return dueAfterChange({world.approach(), {PointLabel::Accessible, 0, score, roll}, now}, now, false, freed);
+  };
+  EXPECT_EQ(dueAt(0, 0).kind, DueKind::Nothing);
+  EXPECT_EQ(dueAt(0, 2).kind, DueKind::Some);
+  EXPECT_EQ(dueAt(0, 2).test_best, kTestTool);
+  EXPECT_EQ(dueAt(1, 0).test_best, kTestTool);
+}
+
 }  // namespace
 }  // namespace accessvdb

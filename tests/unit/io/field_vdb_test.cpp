@@ -13,6 +13,7 @@
 #include <set>
 
 #include "accessvdb/error.h"
+#include "accessvdb/orientations.h"
 #include "accessvdb/tsdf_volume.h"
 #include "io/field_grids.h"
 #include "io/surface_voxels.h"
@@ -81,6 +82,41 @@ class FieldVdb : public ::testing::Test {
  protected:
   static void SetUpTestSuite() { openvdb::initialize(); }
 };
+
+/// The roll as held, whatever yaw and pitch are, also straight up and down.
+TEST_F(FieldVdb, HasTheRollWhereTheToolRolls) {
+  const ScratchFolder folder;
+  FieldSnapshot field = sampleField();
+  std::vector<float> rolls_deg;
+  for (std::size_t i = 0; i < field.points.size(); ++i) {
+    const double roll_deg = static_cast<double>(i * 30 % 360), pitch_deg = i % 7 == 0   ? 90
+                                                                           : i % 7 == 1 ? -90
+                                                                                        : 11.0 * (i % 7) - 33;
+    const ToolOrientation held =
+        orientationOf(std::abs(pitch_deg) == 90 ? 0 : 17.0 * static_cast<double>(i), pitch_deg, roll_deg);
+    Eigen::Quaterniond q(held.R_WT);
+    if (q.w() < 0) q.coeffs() = -q.coeffs();
+    field.points[i].orientation_WT = q.cast<float>();
+    rolls_deg.push_back(static_cast<float>(roll_deg));
+  }
+  const io::WriteOptions options;
+  internal::writeFieldGrids(folder / "yaw.vdb", sampleVolume(), SnapshotPoints(field), {}, options);
+  internal::writeFieldGrids(folder / "field.vdb", sampleVolume(), SnapshotPoints(field), {{"rolls", "12"}}, options);
+  EXPECT_THROW(static_cast<void>(readGrid<openvdb::FloatGrid>(folder / "yaw.vdb", "best_roll")), openvdb::KeyError);
+  const auto grid = readGrid<openvdb::FloatGrid>(folder / "field.vdb", "best_roll");
+  std::size_t compared = 0;
+  for (std::size_t i = 0; i < field.points.size(); ++i) {
+    const openvdb::Coord ijk = voxelOf(*grid, field.points[i]);
+    ASSERT_EQ(grid->tree().isValueOn(ijk), !field.points[i].direction_W.isZero());
+    if (!grid->tree().isValueOn(ijk)) continue;
+    const float found = grid->tree().getValue(ijk), difference = std::abs(found - rolls_deg[i]);
+    EXPECT_GE(found, 0);
+    EXPECT_LT(found, 360);
+    EXPECT_LT(std::min(difference, 360 - difference), 1e-3f) << i;  // a quaternion in float32
+    ++compared;
+  }
+  EXPECT_GT(compared, 100u);
+}
 
 TEST_F(FieldVdb, HoldsTheNamedGridsInOrderAndOfPlainTypes) {
   const ScratchFolder folder;

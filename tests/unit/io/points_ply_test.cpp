@@ -168,6 +168,32 @@ TEST(PointsPly, SaysHowTheToolIsHeldWhereItTilts) {
   EXPECT_THROW(static_cast<void>(io::readPointsPly(folder / "foreign.ply")), InputError);
 }
 
+/// A field whose tool also rolls: one more column, and otherwise the same records.
+TEST(PointsPly, NamesTheRollWhereTheToolRolls) {
+  const ScratchFolder folder;
+  FieldSnapshot field = sampleField();
+  for (std::size_t i = 0; i < field.points.size(); ++i) field.points[i].roll = static_cast<std::uint8_t>(i % 64);
+  io::FieldMetadata metadata = kMetadata;
+  metadata.emplace_back("orientations", "sphere:12.5");
+  io::writePointsPly(folder / "one.ply", field, metadata);
+  metadata.emplace_back("rolls", "64");
+  io::writePointsPly(folder / "points.ply", field, metadata);
+  const ParsedPly ply(contentOf(folder / "points.ply")), one(contentOf(folder / "one.ply"));
+  ASSERT_EQ(ply.names.size(), 24u);
+  EXPECT_EQ(ply.names.back(), "roll");
+  EXPECT_EQ(one.names.size(), 23u);
+  const FieldSnapshot back = io::readPointsPly(folder / "points.ply"), without = io::readPointsPly(folder / "one.ply");
+  for (std::size_t i = 0; i < field.points.size(); ++i) {
+    EXPECT_EQ(std::vector<double>(ply.rows[i].begin(), ply.rows[i].begin() + 23), one.rows[i]);
+    EXPECT_EQ(back.points[i].roll, i % 64);
+    EXPECT_EQ(back.points[i].direction, without.points[i].direction);
+    EXPECT_EQ(without.points[i].roll, 0);
+  }
+  const std::string whole = contentOf(folder / "points.ply");
+  std::ofstream(folder / "cut.ply", std::ios::binary) << whole.substr(0, whole.size() - 1);
+  EXPECT_THROW(static_cast<void>(io::readPointsPly(folder / "cut.ply")), InputError);
+}
+
 TEST(PointsPly, SameBytesInEveryLocale) {
   const ScratchFolder folder;
   io::writePointsPly(folder / "c.ply", sampleField(), kMetadata);
