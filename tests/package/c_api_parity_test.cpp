@@ -513,7 +513,9 @@ TEST(CApiParity, SeveralTools) {
   AccessibilityField expected({{ToolGeometry::builtin("builtin:pruner"), OrientationSet::yaw(), 0, "arm", -1},
                                {ToolGeometry::builtin("builtin:pencil"), OrientationSet::sphere(30), 0, {}, 0}},
                               given);
-  const WalkGenerator walk;
+  accessvdb::samples::WalkOptions options;
+  options.rays_per_frame = 1500;
+  const WalkGenerator walk(options);
   for (int n = 0; n < 3; ++n) {
     const WalkFrame frame = walk.frame(n);
     expected.integrateScan(frame.points_S, frame.T_W_S);
