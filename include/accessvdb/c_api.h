@@ -156,7 +156,7 @@ typedef struct accessvdb_params {
   double self_exclusion_voxels;
   int32_t tool_form;  ///< ACCESSVDB_FORM_*
   int32_t surface_samples;
-  int32_t max_collisions;                                              ///< 0 = rule
+  int32_t max_collisions;                                              ///< 0 = rule, -1 = none
   int32_t neighbours;                                                  ///< 0 = rule
   int32_t mean_positions, join_neighbour_views, neighbourhood_weight;  ///< 0 or 1
   int32_t policy;                                                      ///< ACCESSVDB_POLICY_*

@@ -34,7 +34,10 @@ namespace accessvdb {
 using kernels::Occupancy;
 using kernels::PathOccupancy;
 
-/// The surface points as of the last update(); index = SurfacePoint::id. Points added since are not here yet.
+/// The surface points as of the last update(); index = SurfacePoint::id. Points added since are not here yet. Of
+/// several tools, the state of the one that stands for each point (SurfacePoint::tool), with directions counted through
+/// all tools in their order; DeviceView::axes_xyz and num_directions are then those of all. Such a view is put together
+/// on the host when it is first taken after a change.
 struct DevicePoints {
   /// [3 n] x y z, metres, local frame: world minus DeviceView::origin_W. Not set if the reason is Confidence.
   const float* position_L = nullptr;

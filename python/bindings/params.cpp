@@ -79,7 +79,8 @@ auto scoringClass(py::module_& m) {
       .field("self_exclusion_voxels", &P::self_exclusion_voxels, "[r_s] In voxels.")
       .field("form", &P::form, "How tool collisions are counted: \"voxels\" or \"surface_samples\".")
       .field("surface_samples", &P::surface_samples, "[M] Only for form \"surface_samples\".")
-      .field("max_collisions", &P::max_collisions, "[n_c - 1] Most collisions of a free direction; 0 = rule.")
+      .field("max_collisions", &P::max_collisions,
+             "[n_c - 1] Most collisions of a free direction; 0 = rule, -1 = none.")
       .field("neighbours", &P::neighbours, "[k] Neighbours for the normal's PCA; 0 = rule.")
       .field("mean_positions", &P::mean_positions, "PCA on mean return positions; else on first returns.")
       .field("join_neighbour_views", &P::join_neighbour_views,

@@ -127,10 +127,15 @@ int rememberedDirections(const std::vector<ToolSpec>& tools, const FieldParams& 
   constexpr int kStateBytes = 136, kViewBytes = 144;
   int bytes = 0;
   for (std::size_t k = 0; k < tools.size(); ++k) {
-    bytes += rememberedDirections(toolParams(tools[k], params));
+    FieldParams of_tool = params;
+    of_tool.approach.orientations = tools[k].orientations;
+    bytes += rememberedDirections(of_tool);
     if (k == 0) continue;
     bytes += kStateBytes;
-    if (tools[k].orientations.text() != tools.front().orientations.text()) bytes += kViewBytes;
+    const OrientationSet &own = tools[k].orientations, &first = tools.front().orientations;
+    if (own.kind != first.kind || own.step_deg != first.step_deg || own.list.size() != first.list.size()) {
+      bytes += kViewBytes;  // or nearly so: it is an estimate
+    }
   }
   return bytes;
 }

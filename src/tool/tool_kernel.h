@@ -42,13 +42,12 @@ struct ToolKernel {
 
   /// Voxel form: voxel (i,j,k) belongs to the tool at direction d if its cell touches the surface of the rotated mesh
   /// or its centre is inside a watertight mesh; cells whose centre is within self_exclusion_voxels of the origin are
-  /// removed. collision_limit = max_collisions + 1 (1 for -1), by rule max(1, floor(0.005 x fewest voxels of any yaw d)) + 1. It
-  /// is that of the yaw directions without roll for every set of orientations: else more orientations could lower it,
-  /// and take access away.
-  /// With rolls, the parts of a direction are the voxels that all rolls share, and what each has besides.
-  /// Sample form: surface_samples points uniform on the surface from a fixed seed, rotated; those within
-  /// self_exclusion_voxels * v are removed; collision_limit = max_collisions + 1, by rule 5.
-  /// Makes both forms where useful (the voxel form always, for sizes and footprints). Parallel over directions.
+  /// removed. collision_limit = max_collisions + 1 (1 for -1), by rule max(1, floor(0.005 x fewest voxels of any yaw
+  /// d)) + 1. It is that of the yaw directions without roll for every set of orientations: else more orientations could
+  /// lower it, and take access away. With rolls, the parts of a direction are the voxels that all rolls share, and what
+  /// each has besides. Sample form: surface_samples points uniform on the surface from a fixed seed, rotated; those
+  /// within self_exclusion_voxels * v are removed; collision_limit = max_collisions + 1, by rule 5. Makes both forms
+  /// where useful (the voxel form always, for sizes and footprints). Parallel over directions.
   /// @throws ResourceLimit when the tool spans more than 30 000 voxels or needs more than 2^28 columns (4 GiB)
   static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved);
   /// The same for at most `sampled` of the orientations, evenly spread, in place of all: to estimate the memory for

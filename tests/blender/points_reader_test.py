@@ -9,6 +9,7 @@ import unittest
 
 import numpy as np
 
+from accessvdb_import.field_folder import FieldFolder, tool_of_run
 from accessvdb_import.points_ply import COLUMNS, FieldError, read_points
 from field_under_test import FIELD, POINTS, WORK, run_tests
 
@@ -43,6 +44,33 @@ class PointsReader(unittest.TestCase):
         labels = np.bincount(read_points(POINTS).records["label"], minlength=3)
         self.assertEqual(labels.tolist(), [counts["unscored"], counts["accessible"], counts["blocked"]])
         self.assertTrue(counts["accessible"] > 100 and counts["blocked"] > 100)
+
+    def test_the_tool_of_a_point_is_that_of_several(self):
+        folder = os.path.join(WORK, "several_tools")
+        os.makedirs(folder, exist_ok=True)
+
+        def with_tools(data):
+            end = data.index(b"end_header\n")
+            body = data[end + 11:]
+            rows = len(body) // _RECORD.size
+            tail = [struct.pack("<BI", row % 2, 1 << row % 2) for row in range(rows)]
+            records = b"".join(body[row * _RECORD.size:(row + 1) * _RECORD.size] + tail[row] for row in range(rows))
+            return data[:end] + b"property uchar tool\nproperty uint tools\nend_header\n" + records
+
+        points = read_points(altered(with_tools))
+        self.assertEqual([points.best_tool(row) for row in range(4)], [0, 1, 0, 1])
+        self.assertEqual(points.records["tools"][1], 2)
+        self.assertEqual(read_points(POINTS).best_tool(1), 0)
+        report = os.path.join(folder, "report.json")
+        names = ("tool_unit", "tool_tip", "tool_axis", "tool_up")
+        tools = [dict.fromkeys(names, "") | {"tool": "builtin:" + name} for name in ("pencil", "pruner")]
+        with open(report, "w", encoding="utf-8") as stream:
+            json.dump({"parameters": {"tool": "builtin:pencil, builtin:pruner"}, "tools": tools}, stream)
+        field = FieldFolder(folder, "", "", report)
+        self.assertEqual(tool_of_run(field, points.best_tool(1))[0], "builtin:pruner")
+        self.assertEqual(tool_of_run(field, points.best_tool(2))[0], "builtin:pencil")
+        with self.assertRaises(FieldError):
+            tool_of_run(field, 2)
 
     def assertRefused(self, path, words):
         with self.assertRaises(FieldError) as refusal:

@@ -104,7 +104,7 @@ std::vector<ToolSpec> toolsOf(const Case& test, const FieldParams& params) {
   if (test.tool != "three") return {{toolOf(test), set, params.approach.rolls, {}, params.scoring.max_collisions}};
   return {{ToolGeometry::builtin("builtin:pencil"), OrientationSet::yaw(), 0, "pencil", -1},
           {boxTool({-0.03f, -0.5f, -0.05f}, {0.35f, 0.07f, 0.31f}), OrientationSet::yaw(), 0, "lopsided", 4},
-          {ToolGeometry::builtin("builtin:pruner"), OrientationSet::sphere(30), 3, "pruner", 0}};
+          {boxTool({-0.1f, -0.06f, -0.05f}, {2.4f, 0.07f, 0.31f}), OrientationSet::sphere(30), 3, "long", 0}};
 }
 
 AccessibilityField fieldOf(const Case& test, const FieldParams& params, const World& world) {

@@ -45,6 +45,13 @@ std::optional<std::string> flagText(const toml::node& node, const char* between 
   return out.str();
 }
 
+/// Whether an array is one tip, axis or up of a tool, not one text for each of several tools.
+bool isOneVector(const std::string& key, const toml::node& node) {
+  const auto* array = node.as_array();
+  const bool numbers = array != nullptr && !array->empty() && array->front().is_number();
+  return numbers && (key == "tool-tip" || key == "tool-axis" || key == "tool-up");
+}
+
 /// Flags that say what to do with a configuration are no part of one.
 bool belongsInConfig(const std::string& key) { return key != "config" && key != "print-config" && key != "help"; }
 
@@ -62,7 +69,7 @@ void applyTable(FlagParser& flags, const std::string& file, const toml::table& t
                             "Keys are the flags without the dashes; see accessvdb " + flags.verb() + " --help");
     }
     if (flags.isSet(key)) continue;  // a flag wins over any key, a key of [verb] over a top-level one
-    const auto text = flagText(node, flags.repeats(key) ? "\n" : ",");
+    const auto text = flagText(node, flags.repeats(key) && !isOneVector(key, node) ? "\n" : ",");
     if (!text) throw InvalidArgument("config.value", file, "\"" + key + "\" has a value of the wrong kind");
     if (const auto problem = flags.set(key, *text)) {
       throw InvalidArgument("config.value", file, "\"" + key + "\": " + *problem);

@@ -23,6 +23,7 @@ ToolOptions toolOfRun(const fs::path& folder) {
   std::ifstream in(folder / "report.json");
   const nlohmann::json report = in ? nlohmann::json::parse(in, nullptr, false) : nlohmann::json();
   if (!report.is_object() || !report.contains("parameters") || !report["parameters"].is_object()) return tool;
+  if (report.contains("tools")) return tool;  // of several, the page draws none
   const auto text = [&](const char* key) {
     const auto found = report["parameters"].find(key);
     return found != report["parameters"].end() && found->is_string() ? found->get<std::string>() : std::string();

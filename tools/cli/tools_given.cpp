@@ -35,12 +35,11 @@ std::string valueOf(const char* flag, const std::vector<std::string>& given, std
 
 void addToolsOptions(FlagParser& flags, MapOptions& options) {
   flags.repeated("--tool", &options.tool.tool,
-                 "tool mesh, or builtin:pencil or builtin:pruner; several tools: once for each, at most 32");
+                 "tool mesh, or builtin:pencil or builtin:pruner; for several tools once for each, and the flags that "
+                 "belong to a tool once for all or once for each, in their order; - leaves one out");
   flags.repeated("--tool-name", &options.tool_name,
                  "name of a tool in the results, of letters, digits, _ and -; default: from its file");
-  flags.repeated("--tool-unit", &options.tool.unit,
-                 "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY). Of several tools, this and all flags "
-                 "below up to --max-collisions are given once for all, or once for each in their order; - for none");
+  flags.repeated("--tool-unit", &options.tool.unit, "unit of the mesh: m, cm, mm or in (required for STL, OBJ, PLY)");
   flags.repeated("--tool-tip", &options.tool.tip, "X,Y,Z of the tool's tip, in the mesh's own units and frame");
   flags.repeated("--tool-axis", &options.tool.axis,
                  "direction from the tip along the body, in the mesh's frame: X,Y,Z or x, -x, y ...");

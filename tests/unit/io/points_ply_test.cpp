@@ -26,6 +26,38 @@ const io::FieldMetadata kMetadata = {{"tool.name", "builtin:pruner\nelement vert
                                      {"scoring.confidence_half_weight", "5"},
                                      {"update.stability_min", "0.7"}};
 
+/// Every combination of what a field may have besides, and back.
+TEST(PointsPly, SeveralToolsAreTheLastColumns) {
+  const ScratchFolder folder;
+  FieldSnapshot field = sampleField();
+  for (std::size_t n = 0; n < field.points.size(); ++n) {
+    field.points[n].tool = static_cast<std::uint8_t>(n % 32);
+    field.points[n].tools = static_cast<std::uint32_t>(0x80000001u * (n + 1));
+  }
+  for (const bool oriented : {false, true}) {
+    io::FieldMetadata metadata = kMetadata;
+    metadata.emplace_back("tools", "a,b");
+    if (oriented) metadata.emplace_back("orientations", "by_tool");
+    if (oriented) metadata.emplace_back("rolls", "by_tool");
+    io::writePointsPly(folder / "points.ply", field, metadata);
+    const ParsedPly ply(contentOf(folder / "points.ply"));
+    ASSERT_EQ(ply.names.size(), oriented ? 26u : 20u);
+    EXPECT_EQ(ply.names[ply.names.size() - 2], "tool");
+    EXPECT_EQ(ply.names.back(), "tools");
+    const FieldSnapshot back = io::readPointsPly(folder / "points.ply");
+    ASSERT_EQ(back.points.size(), field.points.size());
+    for (std::size_t n = 0; n < back.points.size(); ++n) {
+      EXPECT_EQ(ply.rows[n][ply.names.size() - 2], field.points[n].tool);
+      EXPECT_EQ(ply.rows[n].back(), field.points[n].tools);
+      EXPECT_EQ(back.points[n].tool, field.points[n].tool);
+      EXPECT_EQ(back.points[n].tools, field.points[n].tools);
+    }
+  }
+  field.points.front().tool = 32;  // no field has so many
+  io::writePointsPly(folder / "points.ply", field, {{"tools", "a,b"}});
+  EXPECT_THROW((void)io::readPointsPly(folder / "points.ply"), InputError);
+}
+
 TEST(PointsPly, ColumnsAreThoseOfTheInterface) {
   const ScratchFolder folder;
   const FieldSnapshot field = sampleField();
