@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "field/field_views.h"
 
+#include <algorithm>
+
 #include "accessvdb/error.h"
 #include "field/batch_query_impl.h"
 #include "hostdev/voxel_scale.h"
@@ -25,8 +27,8 @@ BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
   auto impl = std::make_shared<BatchQuery::Impl>();
   impl->source.map = &parts.map;
   impl->source.index = &index_;
-  impl->source.state = std::make_shared<const HostPointState>(parts.backend, parts.scorer.device().view(),
-                                                              parts.scorer.device().size(), onHost(parts.backend));
+  impl->source.state = std::make_shared<const HostPointState>(
+      parts.backend, parts.scorer.device().view(), parts.scorer.device().size(), onHost(parts.backend), parts.gone);
   impl->source.directions = directionVectors(parts.scorer.params().approach);
   impl->source.origin_W = parts.origin_W;
   impl->source.voxel_size_m = static_cast<float>(voxel_size_m);
@@ -56,6 +58,13 @@ DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) const {
   view.points = {state.position_L, state.normal_L,  state.stability,
                  state.score,      state.direction, state.weight,
                  state.label,      state.reason,    parts.scorer.device().size()};
+  if (!on_gpu && std::ranges::find(parts.gone, 1) != parts.gone.end()) {
+    labels_.assign(view.points.label, view.points.label + view.points.count);
+    reasons_.assign(view.points.reason, view.points.reason + view.points.count);
+    markGone(parts.gone, labels_, reasons_);
+    view.points.label = labels_.data();
+    view.points.reason = reasons_.data();
+  }
   view.direction_xy = parts.approach.direction_xy;
   view.axes_xyz = parts.approach.axes_xyz;
   view.num_directions = parts.approach.num_directions;

@@ -25,6 +25,7 @@ struct ViewedParts {
   kernels::DistanceView distances;  ///< no grid if there is no mirror of them
   kernels::ApproachView approach;   ///< in the backend's memory
   Eigen::Vector3d origin_W;
+  std::span<const std::uint8_t> gone = {};  ///< by id: 1 if the point has gone
 };
 
 /// One per field; one thread at a time.
@@ -49,6 +50,8 @@ class FieldViews {
   std::shared_ptr<std::atomic<std::uint64_t>> revision_;
   QueryIndex index_;
   std::shared_ptr<const BatchQuery::Impl> query_;  ///< the last one
+  mutable std::vector<PointLabel> labels_;         ///< of the last view on the host, if points have gone
+  mutable std::vector<PointReason> reasons_;
 };
 
 }  // namespace accessvdb::internal

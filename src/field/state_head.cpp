@@ -146,8 +146,9 @@ void visitTsdf(Code& code, Params& p) {
 template <typename Code, typename Params>
 void visitApproach(Code& code, Params& p) {
   auto& [num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine, viewpoints,
-         orientations] = p;
+         orientations, rolls] = p;
   static_cast<void>(orientations);  // see visitOrientations
+  static_cast<void>(rolls);
   visitAll(code, num_directions, normal_cone_rad, observation_cos_min, arm_tau, corridor_length_m, coarse_to_fine,
            viewpoints);
 }
@@ -189,8 +190,9 @@ void visitUpdate(Code& code, Params& p) {
 
 template <typename Code, typename Params>
 void visitChange(Code& code, Params& p) {
-  auto& [mode] = p;
-  code.oneOf(mode, ChangeMode::Block);
+  auto& [mode, free_for_s] = p;
+  static_cast<void>(free_for_s);  // see visitFullChange
+  code.oneOf(mode, ChangeMode::Full);
 }
 
 template <typename Code, typename Params>
@@ -218,19 +220,34 @@ void visitFirst(Code& code, Head& head) {
 }
 
 template <typename Code, typename Head>
+void visitFullChange(Code& code, Head& head) {
+  visitAll(code, head.params.change.free_for_s, head.age_s, head.leaves_with_before, head.gone_scans, head.cell_blocks,
+           head.gone_points);
+}
+
+template <typename Code, typename Head>
 void visitRest(Code& code, Head& head) {
   visitParams(code, head.params);
-  if (head.schema == kOrientedStateSchema) visitOrientations(code, head.params.approach.orientations);
+  if (head.schema % kFullChangeSchema == kOrientedStateSchema) {
+    visitOrientations(code, head.params.approach.orientations);
+  }
   if (code.has(head.origin_W)) {
     visitAll(code, (*head.origin_W)[0], (*head.origin_W)[1], (*head.origin_W)[2]);
   }
   if (code.has(head.latest_stamp_s)) code(*head.latest_stamp_s);
   visitAll(code, head.updated, head.scans, head.leaves, head.leaves_with_values, head.leaves_with_votes, head.points,
            head.poses);
+  if (head.schema > kFullChangeSchema) visitFullChange(code, head);
 }
 
 bool isPlausible(const StateHead& head) {
-  if ((head.schema == kStateSchema) != head.params.approach.orientations.isYaw()) return false;
+  if ((head.schema % kFullChangeSchema == kStateSchema) != head.params.approach.orientations.isYaw()) return false;
+  const ChangeParams& change = head.params.change;
+  if ((head.schema > kFullChangeSchema) != (change.mode == ChangeMode::Full)) return false;
+  if (head.cell_blocks > head.points || head.gone_points > head.points) return false;
+  constexpr double kOldest_s = 1e18;  // far more scans than there can be, each 2 T later
+  if (!(head.age_s >= 0 && head.age_s <= kOldest_s) || head.leaves_with_before > head.leaves) return false;
+  if (!std::isfinite(change.free_for_s) && (head.age_s > 0 || head.leaves_with_before > 0)) return false;
   if (head.params.update.policy == UpdatePolicy::Paper || head.params.tsdf.region == UpdateRegion::Projective) {
     return false;
   }

@@ -17,9 +17,12 @@ namespace accessvdb::internal {
 inline constexpr std::uint32_t kStateSchema = 3;
 /// The same with a set of orientations behind the parameters: of fields whose tool does not only turn in yaw.
 inline constexpr std::uint32_t kOrientedStateSchema = 4;
+/// Added to either for ChangeMode::Full, whose states hold more.
+inline constexpr std::uint32_t kFullChangeSchema = 10;
 
 [[nodiscard]] constexpr bool isStateSchema(std::uint32_t schema) {
-  return schema == kStateSchema || schema == kOrientedStateSchema;
+  const std::uint32_t plain = schema > kFullChangeSchema ? schema - kFullChangeSchema : schema;
+  return plain == kStateSchema || plain == kOrientedStateSchema;
 }
 
 struct StateHead {
@@ -34,6 +37,11 @@ struct StateHead {
   std::optional<double> latest_stamp_s;     ///< of all scans; nothing while none had one
   std::uint64_t leaves = 0, leaves_with_values = 0, leaves_with_votes = 0;
   std::uint64_t points = 0, poses = 0;
+  // Only for ChangeMode::Full.
+  double age_s = 0;  ///< FreeGenerations::age_s()
+  std::uint64_t leaves_with_before = 0;
+  std::uint64_t gone_scans = 0;                    ///< GoneCells::scans()
+  std::uint64_t cell_blocks = 0, gone_points = 0;  ///< leaves with cells; points with something in GonePoints
 };
 
 [[nodiscard]] std::vector<char> bytesOf(const StateHead& head);

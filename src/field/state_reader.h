@@ -10,6 +10,8 @@
 
 #include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
+#include "change/gone_cells.h"
+#include "change/gone_points.h"
 #include "field/state_head.h"
 #include "field/state_sections.h"
 #include "points/point_store.h"
@@ -32,6 +34,8 @@ class StateReader {
   /// Fills an empty map and an empty store. @param take  for the mirrors; the leaves are in the map by then
   /// @throws InputError "state.damaged"; then both are of no use any more
   void readInto(PackedMap& map, PointStore& points, const TakeLeaves& take);
+  /// Next, for ChangeMode::Full. @throws as that does
+  void readGone(GoneCells& cells, GonePoints& points);
 
  private:
   void readHead();

@@ -28,7 +28,7 @@ struct MapOptions {
   SensorOptions sensor;
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string checkpoint, checkpoint_every = "5m", resume;
-  std::string pose_format = "auto", profile = "product", policy, orientations, change;
+  std::string pose_format = "auto", profile = "product", policy, orientations, change, free_for;
   double voxel_m = 0.01;
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
   std::optional<int> directions, knn;
@@ -36,7 +36,8 @@ struct MapOptions {
   std::string tiles = "auto", bin_memory, origin;
   bool keep_rays = false, fresh = false, html = false;
   bool allow_truncated = false, sort_poses = false, no_clobber = false, print_config = false, mirror_distance = false;
-  bool still = false;  ///< --static
+  bool still = false;      ///< --static
+  bool forgetful = false;  ///< live: --change full --free-for 60 unless something else is said
 };
 
 void addMapOptions(FlagParser& flags, MapOptions& options);
@@ -50,6 +51,11 @@ void addFieldOptions(FlagParser& flags, MapOptions& options);
 
 /// Adds the flags for reading and mapping scans, for every verb that maps scans.
 void addMappingOptions(FlagParser& flags, MapOptions& options);
+
+/// Adds the flags for a world that changes, for every verb that keeps a field.
+void addChangeOptions(FlagParser& flags, MapOptions& options);
+/// What is likely not meant, as a warning.
+void sayChangeNotes(const FieldParams& params, Messages& messages);
 
 /// Adds the flags for the tool's orientations, for every verb that keeps a field.
 void addOrientationOptions(FlagParser& flags, MapOptions& options);
