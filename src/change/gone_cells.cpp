@@ -2,6 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "change/gone_cells.h"
 
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -10,6 +13,7 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr int kCellEdge = 4;  // voxels
+constexpr std::size_t kHitsPerTask = 512;
 /// After so many scans, cells in which nothing is left to open are no longer walked.
 constexpr std::uint64_t kScansBetweenDrops = 16;
 
@@ -30,25 +34,34 @@ Index3 GoneCells::cellAt(CellPlace place) const {
   return {2 * leaf[0] + half(2), 2 * leaf[1] + half(1), 2 * leaf[2] + half(0)};
 }
 
-/// The cells with returns, each once. @param counts  receives the voxels with a return of each
-std::vector<GoneCells::CellPlace> GoneCells::cellsOf(std::span<const std::uint32_t> touched,
-                                                     std::vector<std::uint32_t>& counts) const {
-  std::vector<std::uint64_t> places(touched.size());
-  for (std::size_t n = 0; n < touched.size(); ++n) {
-    const std::size_t cell = cellOfBit(bitInParent(points_.voxelOf(points_.first_L(touched[n]))));
-    places[n] = std::uint64_t{points_.blockOf(touched[n])} * 8 + cell;
-  }
-  std::sort(places.begin(), places.end());
-  std::vector<CellPlace> cells;
-  counts.clear();
-  for (std::size_t n = 0; n < places.size(); ++n) {
-    if (n == 0 || places[n] != places[n - 1]) {
-      cells.push_back({static_cast<std::uint32_t>(places[n] / 8), static_cast<std::uint32_t>(places[n] % 8)});
-      counts.push_back(0);
+/// Each block once: the points come leaf by leaf.
+std::vector<GoneCells::BlockHits> GoneCells::hitsOf(std::span<const std::uint32_t> touched) const {
+  std::vector<std::uint8_t> cell(touched.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, touched.size(), kHitsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      cell[n] = static_cast<std::uint8_t>(cellOfBit(bitInParent(points_.voxelOf(points_.first_L(touched[n])))));
     }
-    ++counts.back();
+  });
+  std::vector<BlockHits> hits;
+  for (std::size_t n = 0; n < touched.size(); ++n) {
+    const std::uint32_t block = points_.blockOf(touched[n]);
+    if (hits.empty() || hits.back().block != block) hits.push_back({block, {}});
+    std::uint8_t& count = hits.back().counts[cell[n]];
+    if (count < 0xff) ++count;
   }
-  return cells;
+  return hits;
+}
+
+/// @param visit  (CellPlace, count), from several threads, but for the cells of a block from one
+template <typename Visit>
+void GoneCells::forEachHit(const std::vector<BlockHits>& hits, const Visit& visit) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, hits.size(), kHitsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      for (std::uint32_t cell = 0; cell < 8; ++cell) {
+        if (hits[n].counts[cell] > 0) visit(CellPlace{hits[n].block, cell}, hits[n].counts[cell]);
+      }
+    }
+  });
 }
 
 std::vector<OpenedLeaf> GoneCells::takeScan(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
@@ -56,21 +69,21 @@ std::vector<OpenedLeaf> GoneCells::takeScan(std::span<const Eigen::Vector3f> p_L
   grow();
   ++scans_;
   // A hit of the same scan wins, so it revokes verdicts first.
-  std::vector<std::uint32_t> counts;
-  const std::vector<CellPlace> hit = cellsOf(touched, counts);
-  for (const CellPlace place : hit) {
+  const std::vector<BlockHits> hit = hitsOf(touched);
+  forEachHit(hit, [this](CellPlace place, std::uint32_t) {
     CellRecord& cell = at(place);
-    if (cell.verdict == Verdict::Stands) continue;
+    if (cell.verdict == Verdict::Stands) return;
     cell.verdict = Verdict::Stands;
     refreshFlags(place);
-  }
+  });
   RayEvidence evidence = evidenceOf(map_, points_, shape_, {blocks_, suspect_, opening_}, p_L, q_L);
   std::vector<CellPlace> passed;
   addPasses(evidence.passes, passed);
-  for (std::size_t n = 0; n < hit.size(); ++n) {
-    at(hit[n]).addHits(counts[n]);
-    refreshFlags(hit[n]);
-  }
+  // With a hit, no cell is suspect, so no leaf is added to those that are.
+  forEachHit(hit, [this](CellPlace place, std::uint32_t count) {
+    at(place).addHits(count);
+    refreshFlags(place);
+  });
   // All counts before any verdict: verdicts do not depend on each other.
   std::vector<CellPlace> now_gone;
   for (const CellPlace place : passed) {

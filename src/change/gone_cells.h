@@ -8,6 +8,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <array>
 #include <cstdint>
 #include <optional>
 #include <span>
@@ -29,7 +30,7 @@ class GoneCells {
   GoneCells(const PackedMap& map, const PointStore& points, const TsdfParams& resolved);
 
   /// Takes in one scan, whose returns are in the store but not yet in the map.
-  /// @param touched  points that got a return
+  /// @param touched  points that got a return, in the order of their leaves
   /// @return the voxels that its rays open
   std::vector<OpenedLeaf> takeScan(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                    std::span<const std::uint32_t> touched);
@@ -54,8 +55,14 @@ class GoneCells {
   };
   [[nodiscard]] CellRecord& at(CellPlace place) { return blocks_[place.block].cells[place.cell]; }
   void grow() { blocks_.grow(points_.index().blocks().size()); }
-  [[nodiscard]] std::vector<CellPlace> cellsOf(std::span<const std::uint32_t> touched,
-                                               std::vector<std::uint32_t>& counts) const;
+  /// Voxels of a block with a return, cell by cell.
+  struct BlockHits {
+    std::uint32_t block;
+    std::array<std::uint8_t, 8> counts;
+  };
+  [[nodiscard]] std::vector<BlockHits> hitsOf(std::span<const std::uint32_t> touched) const;
+  template <typename Visit>
+  static void forEachHit(const std::vector<BlockHits>& hits, const Visit& visit);
   void addPasses(std::span<const Pass> passes, std::vector<CellPlace>& passed);
   [[nodiscard]] bool hasGone(CellPlace place) const;
   void refreshFlags(CellPlace place);

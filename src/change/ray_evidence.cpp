@@ -22,7 +22,11 @@ using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*
 constexpr std::size_t kRaysPerTask = 256;
 /// Of rays that are not needed for a suspect cell, one in so many is examined, chosen by the voxel of its return.
 constexpr std::uint64_t kOneIn = 4;
-constexpr double kDirectionStep = 0.1;        // two rays with directions nearer than this may be one line
+constexpr double kDirectionStep = 0.1;  // two rays with directions nearer than this may be one line
+/// A ray passes a place where a surface was within this, voxels. A mean is in its voxel, so that voxel's centre is
+/// within half a diagonal more; the rest is for the rounding of float32 at up to 2^20 voxels.
+constexpr double kNear = 0.5;
+constexpr float kFarthest2 = 1.4f * 1.4f;
 constexpr int kLeafEdge = 8, kWalkEdge = 64;  // voxels; points are indexed by 8^3 leaves
 
 std::uint64_t mixed(std::uint64_t hash, std::int64_t value) {
@@ -101,6 +105,18 @@ class Walk {
     if (asked == 0) return;
     const PackedLeaf* leaf = nullptr;
     const std::uint32_t* values = nullptr;
+    // The centre of the leaf's lowest voxel, from the point of the ray that comes nearest to the leaf's middle: small
+    // numbers, which float32 holds exactly enough.
+    double nearest = 0;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      nearest += (8.0 * block.leaf[axis] + 4 - ray.line.from[axis]) * ray.line.along[axis];
+    }
+    std::array<float, 3> corner, u;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const double at = ray.line.from[axis] + nearest * ray.line.along[axis];
+      corner[axis] = static_cast<float>(8.0 * block.leaf[axis] + 0.5 - at);
+      u[axis] = static_cast<float>(ray.line.along[axis]);
+    }
     std::uint32_t found = 0;
     std::size_t n = 0;
     for (std::size_t word = 0; word < 8; ++word) {
@@ -108,6 +124,11 @@ class Walk {
         const std::size_t bit = word << 6 | static_cast<std::size_t>(std::countr_zero(bits));
         const std::uint32_t own = 1u << cellOfBit(bit);
         if ((asked & own & ~found) == 0) continue;
+        // Means are scattered in memory: only those whose voxel comes near are read.
+        const float ex = corner[0] + static_cast<float>(bit >> 6), ey = corner[1] + static_cast<float>(bit >> 3 & 7),
+                    ez = corner[2] + static_cast<float>(bit & 7);
+        const float s = ex * u[0] + ey * u[1] + ez * u[2];
+        if (ex * ex + ey * ey + ez * ez - s * s > kFarthest2) continue;
         const Eigen::Vector3f& mean_L = points_.pca_L(block.ids[n]);
         double along = 0, distance2 = 0;
         for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -117,7 +138,6 @@ class Walk {
           distance2 += e * e;
         }
         distance2 -= along * along;
-        constexpr double kNear = 0.5;  // voxels
         if (!(along > 0 && along < end && distance2 <= kNear * kNear)) continue;
         if (leaf == nullptr) {
           leaf = leafAt(block.leaf);
