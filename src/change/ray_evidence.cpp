@@ -239,11 +239,7 @@ bool OpenCells::find(const Index3& cell) const {
   };
   std::uint32_t block = kNone;
   const std::size_t own = cellIn(cell, block);
-  if (block != kNone) {
-    const BlockCells& cells = places_.blocks[block];
-    if ((cells.gone >> own & 1) != 0) return true;
-    if (cells.cells[own].hits > 0) return false;  // it has points, and no verdict
-  }
+  if (block != kNone && (places_.blocks[block].gone >> own & 1) != 0) return true;
   bool near_gone = false;
   const std::int32_t reach = shape_.shadow_cells;
   Index3 at;

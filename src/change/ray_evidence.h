@@ -57,8 +57,8 @@ struct WalkPlaces {
                                      const WalkPlaces& places, std::span<const Eigen::Vector3f> p_L,
                                      std::span<const Eigen::Vector3f> q_L);
 
-/// Finds out whether a voxel of a cell may be opened: its cell has gone, or has no points, lies near one that has, and
-/// beside none that stands: the inside of what has gone, and its shadow. For one thread.
+/// Finds out whether a voxel of a cell may be opened: its cell has gone, or lies near one that has, and neither itself
+/// nor a cell beside it has a point that still collides: the inside of what has gone, and its shadow. For one thread.
 class OpenCells {
  public:
   OpenCells(const PackedMap& map, const PointStore& points, const WalkShape& shape, const WalkPlaces& places)

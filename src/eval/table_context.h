@@ -63,6 +63,7 @@ void makeProjectiveTable(TableContext& context);
 
 // table_of_change.cpp: things that come and go.
 void makeChangeTable(TableContext& context);
+void makeGoneTable(TableContext& context);
 // table_of_motion.cpp: a sensor that moves while it scans.
 void makeMotionTable(TableContext& context);
 

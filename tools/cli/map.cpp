@@ -396,8 +396,8 @@ void MapRun::requireStamps(const FieldParams& params, const io::ScanSequence& sc
   for (std::size_t n = 1; n < stamps_s.size(); ++n) far_apart += stamps_s[n] - stamps_s[n - 1] > free_for_s ? 1 : 0;
   if (2 * far_apart > stamps_s.size()) {
     messages_.warning("change.stamps", "most scans are more than " + numberText(free_for_s) +
-                                           " s apart, so all free space is forgotten between them; are their times in "
-                                           "seconds?");
+                                           " s apart, so all free space is forgotten between them; see that their "
+                                           "times are in seconds");
   }
 }
 
