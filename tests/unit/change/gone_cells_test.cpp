@@ -210,16 +210,17 @@ TEST(GoneCells, ManyEqualRaysAreOneLine) {
 TEST(GoneCells, RaysAlongAWallTakeNothingAway) {
   World world;
   Room room;
-  const float wall_x = 1.0f + 0.45f * kVoxel_m;  // in the voxels around x = 1 m
+  const float wall_x = 1.0f + 0.3f * kVoxel_m;  // in the voxels around x = 1 m
   for (int n = 0; n < 40; ++n) {
     Points returns;
     for (int k = 0; k < 400; ++k) returns.emplace_back(wall_x, room.uniform(-0.5f, 0.5f), room.uniform(-0.5f, 0.5f));
     world.scan(returns, {0, 0, 0});
   }
+  ASSERT_TRUE(world.collides({1, 0, 0}));
   for (int n = 0; n < 300; ++n) {
-    const Eigen::Vector3f sensor(1.0f - 0.1f * kVoxel_m, -3, 0);
+    const Eigen::Vector3f sensor(1.0f - 0.3f * kVoxel_m, -3, 0);
     Points returns;
-    for (int k = 0; k < 200; ++k) returns.emplace_back(1.0f - 0.1f * kVoxel_m, 3.0f, room.uniform(-0.4f, 0.4f));
+    for (int k = 0; k < 200; ++k) returns.emplace_back(1.0f - 0.3f * kVoxel_m, 3.0f, room.uniform(-0.4f, 0.4f));
     EXPECT_EQ(world.scan(returns, sensor), 0u);
   }
   EXPECT_EQ(world.cellsGone(), 0u);
