@@ -218,9 +218,10 @@ TEST(GoneCells, RaysAlongAWallTakeNothingAway) {
   }
   ASSERT_TRUE(world.collides({1, 0, 0}));
   for (int n = 0; n < 300; ++n) {
-    const Eigen::Vector3f sensor(1.0f - 0.3f * kVoxel_m, -3, 0);
+    // From many places, so that the rays are many lines.
+    const Eigen::Vector3f sensor(1.0f - room.uniform(0.28f, 0.4f) * kVoxel_m, -3, room.uniform(-0.6f, 0.6f));
     Points returns;
-    for (int k = 0; k < 200; ++k) returns.emplace_back(1.0f - 0.3f * kVoxel_m, 3.0f, room.uniform(-0.4f, 0.4f));
+    for (int k = 0; k < 200; ++k) returns.emplace_back(sensor.x(), 3.0f, room.uniform(-0.4f, 0.4f));
     EXPECT_EQ(world.scan(returns, sensor), 0u);
   }
   EXPECT_EQ(world.cellsGone(), 0u);
