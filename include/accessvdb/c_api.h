@@ -54,7 +54,8 @@ enum {  ///< why a point is not accessible; accessvdb/point_label.h explains the
   ACCESSVDB_REASON_UNKNOWN = 4,
   ACCESSVDB_REASON_ARM = 5,
   ACCESSVDB_REASON_TOOL = 6,
-  ACCESSVDB_NUM_REASONS = 7
+  ACCESSVDB_NUM_REASONS = 7,    ///< those of accessvdb_counts::reasons
+  ACCESSVDB_REASON_CHANGED = 7  ///< since version 5: only with ACCESSVDB_CHANGE_FULL, and counted by itself
 };
 enum { ACCESSVDB_NUM_DROP_REASONS = 5 };  ///< no return, non-finite, below min range, beyond max range, out of bounds
 enum {
@@ -67,7 +68,7 @@ enum {
 enum { ACCESSVDB_REGION_DOUBLE_CONE = 0, ACCESSVDB_REGION_FULL_CUBE = 1 };
 enum { ACCESSVDB_FORM_VOXELS = 0, ACCESSVDB_FORM_SURFACE_SAMPLES = 1 };
 enum { ACCESSVDB_POLICY_EXACT = 0, ACCESSVDB_POLICY_PAPER = 1 };
-enum { ACCESSVDB_CHANGE_OFF = 0, ACCESSVDB_CHANGE_BLOCK = 1 };
+enum { ACCESSVDB_CHANGE_OFF = 0, ACCESSVDB_CHANGE_BLOCK = 1, ACCESSVDB_CHANGE_FULL = 2 };
 enum { ACCESSVDB_BACKEND_AUTO = 0, ACCESSVDB_BACKEND_CPU = 1, ACCESSVDB_BACKEND_CUDA = 2 };
 
 /// What went wrong in a call that has no handle yet.
@@ -170,8 +171,9 @@ typedef struct accessvdb_params {
   /// Version 5. "yaw", "pitch:MIN:MAX:STEP", "sphere:STEP", "sphere:STEP+yaw" or "list:FILE", angles in degrees; read
   /// by the call that it is passed to. NULL = yaw
   const char* orientations;
-  int32_t change;  ///< ACCESSVDB_CHANGE_*; since version 5
-  int32_t rolls;   ///< about the tool's body in each orientation, 0 = rule; since version 5
+  int32_t change;     ///< ACCESSVDB_CHANGE_*; since version 5
+  int32_t rolls;      ///< about the tool's body in each orientation, 0 = rule; since version 5
+  double free_for_s;  ///< version 5: > 0, finite only with ACCESSVDB_CHANGE_FULL; infinity = free space stays free
 } accessvdb_params;
 
 /// The product's defaults. Reads only struct_size.
@@ -228,6 +230,7 @@ typedef struct accessvdb_counts {
   uint64_t points;
   uint64_t labels[ACCESSVDB_NUM_LABELS];
   uint64_t reasons[ACCESSVDB_NUM_REASONS];
+  uint64_t changed;  ///< since version 5: points with ACCESSVDB_REASON_CHANGED
 } accessvdb_counts;
 
 /// @param params  NULL: the defaults

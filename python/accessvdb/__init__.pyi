@@ -17,7 +17,7 @@ _Backend = Literal["auto", "cpu", "cuda"]
 _Region = Literal["double_cone", "full_cube", "projective"]
 _Form = Literal["voxels", "surface_samples"]
 _Policy = Literal["exact", "paper"]
-_Change = Literal["off", "block"]
+_Change = Literal["off", "block", "full"]
 _PoseFormat = Literal["auto", "tum", "kitti", "balm", "hba", "viewpoint"]
 _Deskew = Literal["auto", "on", "off"]
 _Compression = Literal["auto", "blosc", "zip", "none"]
@@ -64,6 +64,7 @@ class PointReason(enum.IntEnum):
     UNKNOWN = 4
     ARM = 5
     TOOL = 6
+    CHANGED = 7
 
 class ProjectiveParams:
     bin_rad: float
@@ -217,7 +218,8 @@ class UpdateParams:
 
 class ChangeParams:
     mode: _Change
-    def __init__(self, *, mode: _Change = ...) -> None: ...
+    free_for_s: float
+    def __init__(self, *, mode: _Change = ..., free_for_s: float = ...) -> None: ...
     def __copy__(self) -> ChangeParams: ...
     def __deepcopy__(self, memo: Dict[int, Any]) -> ChangeParams: ...
 

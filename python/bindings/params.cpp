@@ -109,8 +109,11 @@ auto updateClass(py::module_& m) {
 auto changeClass(py::module_& m) {
   SettingsClass<ChangeParams> c(m, "ChangeParams", "How the map follows a world that changes.");
   c.field("mode", &ChangeParams::mode,
-          "\"off\": the world is still; \"block\": new things block within a few scans. Off unless the region is "
-          "\"double_cone\".")
+          "\"off\": the world is still; \"block\": new things block within a few scans; \"full\": what is gone opens "
+          "by evidence, too. Off unless the region is \"double_cone\".")
+      .field("free_for_s", &ChangeParams::free_for_s,
+             "[T] seconds, by the stamps of the scans: free space that no ray has confirmed for T to 2 T is unknown "
+             "again. inf: it stays free. Finite only with \"full\".")
       .finish();
   return c;
 }

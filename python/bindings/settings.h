@@ -36,7 +36,7 @@ inline constexpr std::array kWords<ToolForm> = {"voxels", "surface_samples"};
 template <>
 inline constexpr std::array kWords<UpdatePolicy> = {"exact", "paper"};
 template <>
-inline constexpr std::array kWords<ChangeMode> = {"off", "block"};
+inline constexpr std::array kWords<ChangeMode> = {"off", "block", "full"};
 template <>
 inline constexpr std::array kWords<LengthUnit> = {"m", "cm", "mm", "in"};
 

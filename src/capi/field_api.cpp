@@ -252,8 +252,8 @@ int accessvdb_field_get_counts(accessvdb_field* field, accessvdb_counts* counts)
     c.points = snapshot.points.size();
     for (const SurfacePoint& point : snapshot.points) {
       ++c.labels[static_cast<std::size_t>(point.label)];
-      const auto reason = static_cast<std::size_t>(point.reason);
-      if (reason < ACCESSVDB_NUM_REASONS) ++c.reasons[reason];
+      ++(point.reason == accessvdb::PointReason::Changed ? c.changed
+                                                         : c.reasons[static_cast<std::size_t>(point.reason)]);
     }
     capi::writeSized(counts, size, c);
   });

@@ -59,7 +59,8 @@ FieldParams paramsFromC(const accessvdb_params& c) {
   u.requeue_motion_m = c.requeue_motion_m;
   u.stability_min = c.stability_min;
   u.seed = c.seed;
-  p.change.mode = static_cast<ChangeMode>(requireChoice("change", c.change, 0, ACCESSVDB_CHANGE_BLOCK));
+  p.change.mode = static_cast<ChangeMode>(requireChoice("change", c.change, 0, ACCESSVDB_CHANGE_FULL));
+  p.change.free_for_s = c.free_for_s;
   return p;
 }
 
@@ -110,6 +111,7 @@ accessvdb_params paramsToC(const FieldParams& p) {
   c.stability_min = u.stability_min;
   c.seed = u.seed;
   c.change = static_cast<std::int32_t>(p.change.mode);
+  c.free_for_s = p.change.free_for_s;
   return c;
 }
 

@@ -102,7 +102,7 @@ SceneRunner::SceneRunner(ScanStore& scans, BackendKind backend, int threads, Obs
     : scans_(scans), backend_(backend), threads_(threads), observer_(std::move(observer)), change_(change) {}
 
 std::shared_ptr<const EvaluatedRun> SceneRunner::run(RunRequest request) {
-  if (change_ == ChangeMode::Off) request.params.change.mode = ChangeMode::Off;
+  if (request.params.change.mode != ChangeMode::Off) request.params.change.mode = change_;
   const std::string key = describe(request);
   if (const auto found = runs_.find(key); found != runs_.end()) {
     if (!request.true_normals || !found->second->truth_exact.empty() || found->second->found.empty()) {

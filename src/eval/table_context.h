@@ -67,6 +67,7 @@ void makeChangeTable(TableContext& context);
 void makeCutRows(TableContext& context);
 // films_of_change.cpp: part of it; what the map says before, while and after things go.
 void drawFilms(TableContext& context);
+void makeGoneTable(TableContext& context);
 // table_of_motion.cpp: a sensor that moves while it scans.
 void makeMotionTable(TableContext& context);
 

@@ -38,6 +38,7 @@ constexpr Table kTables[] = {
     {"hpr", true, makeHprTable},
     {"projective", true, makeProjectiveTable},
     {"change", false, makeChangeTable},
+    {"gone", false, makeGoneTable},
     {"pine", false, makePineTable},
     {"pine_forms", false, makePineFormTable},
 };

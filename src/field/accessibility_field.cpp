@@ -6,8 +6,11 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <cmath>
+#include <limits>
 #include <numeric>
 #include <utility>
+#include <vector>
 
 #include "accessvdb/access_map.h"
 #include "accessvdb/config.h"
@@ -17,6 +20,8 @@
 #include "accessvdb/tool_spec.h"
 #include "accessvdb/tsdf_volume.h"
 #include "accessvdb/what_if.h"
+#include "change/gone_cells.h"
+#include "change/gone_points.h"
 #include "field/access_map.h"
 #include "field/backend_choice.h"
 #include "field/best_tool.h"
@@ -66,9 +71,11 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         mirror(backend->makeArena(), params.tsdf.voxel_size_m),
         distance_mirror(makeDistanceMirror()),
         points(params, setup.directions_xy(), setup.axes_xyz()),
-        reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight, core())),
+        map_reads(internal::makeMapReads(volume.packed(), points, params.scoring.neighbourhood_weight, core())),
+        gone_cells(makeGoneCells()),
+        reads(gone_cells ? internal::readsWithGone(map_reads, points, gone_points) : map_reads),
         scorer(std::make_unique<internal::PointScorer>(points, params, *backend, reads)),
-        further(tools, params, {volume.packed(), points, *backend, core()}),
+        further(tools, params, {volume.packed(), points, *backend, core(), gone_cells ? &gone_points : nullptr}),
         gate(params.tsdf, params.origin_W, returnsInWindow()),
         scheduler(further.makeSchedulers(*scorer, setup)),
         steps(views) {
@@ -100,11 +107,17 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
                                                       internal::DistanceMirror::kDefaultRootCapacity, leaves);
   }
 
+  std::unique_ptr<internal::GoneCells> makeGoneCells() const {
+    if (params.change.mode != ChangeMode::Full) return nullptr;
+    return std::make_unique<internal::GoneCells>(volume.packed(), points, params.tsdf);
+  }
+
   static internal::PackedMap& prepared(TsdfVolume& volume, const FieldParams& params) {
     volume.packed().setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
-    if (params.change.mode == ChangeMode::Block) {
+    if (params.change.mode != ChangeMode::Off) {
       volume.packed().blockNewThings(static_cast<float>(internal::farFromSurfaces_m(params)));
     }
+    if (std::isfinite(params.change.free_for_s)) volume.packed().ageFreeSpace(params.change.free_for_s);
     return volume.packed();
   }
 
@@ -117,14 +130,16 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   [[nodiscard]] internal::ScoredField scored() const {
-    return {*scorer, *backend, gate.origin_W(), setup.tool().rolls, core()};
+    return {*scorer, *backend, gate.origin_W(), setup.tool().rolls, core(), gone_points.published()};
   }
   [[nodiscard]] internal::ViewedParts viewed() {
     steps.requireWhole();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const kernels::DistanceView distances = {distance_mirror ? distance_mirror->grid() : nullptr,
                                              tables.map.inverse_voxel_size};
-    return {volume.packed(), *scorer, *backend, tables.map, distances, tables.approach, gate.origin_W(), viewedTools()};
+    return {volume.packed(), *scorer,       *backend,
+            tables.map,      distances,     tables.approach,
+            gate.origin_W(), viewedTools(), gone_points.published()};
   }
   /// None if there is only one.
   [[nodiscard]] std::vector<internal::ViewedTool> viewedTools() const {
@@ -195,8 +210,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     internal::ScoringTables tables = setupOf(k).tables(mirror.grid());
     tables.rule.keep_best = false;
     for (const auto& result : again.score(items, tables)) tests += result.tests;
-    return internal::scoredPoints({again, *backend, gate.origin_W(), setupOf(k).tool().rolls, core()},
-                                  internal::PointStates::AsOfTheLastUpdate);
+    const internal::ScoredField field = {
+        again, *backend, gate.origin_W(), setupOf(k).tool().rolls, core(), gone_points.published()};
+    return internal::scoredPoints(field, internal::PointStates::AsOfTheLastUpdate);
   }
   [[nodiscard]] std::unique_ptr<internal::PointScorer> freshScorer(std::size_t k) const {
     const internal::PointScorer& of_tool = scorerOf(k);
@@ -204,17 +220,23 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   /// @param gated  returns the scan that passed the gate
+  /// @param stamp_s  not finite: the scan has none
   template <typename Gated>
-  FrameStats integrate(const Gated& gated) {
+  FrameStats integrate(const Gated& gated, double stamp_s = std::numeric_limits<double>::quiet_NaN()) {
     const kernels::Stopwatch all;
     FrameStats stats;
     double noting_ms = 0;
     steps.requireUnbroken();
     arena.execute([&] {
       const internal::GatedScan& scan = gated(stats);
-      if (scan.p_L.empty()) return;
-      labels_current = false;
-      steps.runBesideUpdate([&] { noting_ms = integrateStages(scan, stats); });
+      const double passed_s = clock.note(stamp_s);
+      if (!scan.p_L.empty()) {
+        labels_current = false;
+        steps.runBesideUpdate([&] { noting_ms = integrateStages(scan, passed_s, stats); });
+      } else if (passed_s > 0 && volume.packed().agesFreeSpace()) {
+        labels_current = false;
+        steps.runBesideUpdate([&] { passTime(passed_s, stats); });
+      }
     });
     ++scans;
     stats.surface_points = points.size();
@@ -229,8 +251,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   ///
   /// An update may be running (updateAsync): sorting and binning the returns go on beside it, points and map wait until
   /// it no longer reads them, and all that the backend or the mirror sees waits for its end.
+  /// @param passed_s  since the latest scan
   /// @return time taken to note what the scan changed in the map; counts as the update's
-  double integrateStages(const internal::GatedScan& scan, FrameStats& stats) {
+  double integrateStages(const internal::GatedScan& scan, double passed_s, FrameStats& stats) {
     const internal::TouchedPoints* touched = nullptr;
     const auto add_returns = [&] {
       steps.waitForMap();
@@ -243,7 +266,17 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
       steps.joinUpdate();
       scheduler->noteReturns(*touched, scan.p_L, scan.q_L);
     };
-    const auto fuse = [&] { result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()}); };
+    std::vector<LeafChange> aged, opened;
+    const auto fuse = [&] {
+      aged = ageFreeSpace(passed_s);
+      opened = openWhatHasGone(scan, touched->all);
+      if (scheduler->needs().changes) {
+        for (const auto& changes : {aged, opened}) {
+          for (const LeafChange& change : changes) scheduler->noteChange(0, change);
+        }
+      }
+      result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()});
+    };
     internal::runBeside(note_returns, fuse);
     stats.touched_leaves = result.touched_leaves;
     stats.new_leaves = result.new_leaves;
@@ -251,16 +284,64 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     stats.cleared_updates = result.counts.cleared_updates;
     stats.flipped_voxels = result.counts.flipped_voxels;
     const kernels::Stopwatch noting;
-    scheduler->noteChanges(scan.p_L, scan.q_L, {result.changes, result.distances});
+    std::vector<std::span<const LeafChange>> changes = {aged, opened};
+    changes.insert(changes.end(), result.changes.begin(), result.changes.end());
+    scheduler->noteChanges(scan.p_L, scan.q_L, {changes, result.distances});
     const double noting_ms = noting.milliseconds();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const auto to_backend = [&] { scheduler->prepare(tables); };
     const auto to_mirror = [&] {
+      if (!aged.empty()) mirror.apply(aged);
+      if (!opened.empty()) mirror.apply(opened);
+      if (distance_mirror) mirrorOpened(opened);
       mirrorFacts(result, stats);
       if (distance_mirror) mirrorDistances(result, stats);
     };
     internal::runBeside(to_backend, to_mirror);
     return noting_ms;
+  }
+
+  /// @return where voxels are no longer free
+  std::vector<LeafChange> ageFreeSpace(double passed_s) {
+    internal::PackedMap& map = volume.packed();
+    return map.agesFreeSpace() ? map.generations()->pass(map, passed_s) : std::vector<LeafChange>{};
+  }
+
+  /// @return where rays opened voxels of what has gone
+  std::vector<LeafChange> openWhatHasGone(const internal::GatedScan& scan, std::span<const std::uint32_t> touched) {
+    std::vector<LeafChange> changes;
+    if (!gone_cells) return changes;
+    gone_points.noteReturns(touched);
+    const std::vector<internal::OpenedLeaf> opened = gone_cells->takeScan(scan.p_L, scan.q_L, touched);
+    gone_points.noteOpened(points, opened, map_reads.weights);
+    for (const internal::OpenedLeaf& leaf : opened) changes.push_back(internal::openVoxels(volume.packed(), leaf));
+    return changes;
+  }
+
+  /// Opened voxels are no longer observed. The leaves are as they are after the scan.
+  void mirrorOpened(std::span<const LeafChange> opened) {
+    std::vector<DistanceChange> distances;
+    for (const LeafChange& change : opened) {
+      const auto& [x, y, z] = change.origin_ijk;
+      const internal::PackedMap& map = volume.packed();
+      const internal::PackedLeaf* leaf = map.tree().probeConstLeaf({x, y, z});
+      distances.push_back({change.origin_ijk, ~std::uint32_t{0}, internal::packedValues(*leaf), map.blockedIn(*leaf)});
+    }
+    if (!distances.empty()) distance_mirror->apply(distances);
+  }
+
+  /// Time passes without a return.
+  void passTime(double passed_s, FrameStats& stats) {
+    steps.waitForMap();
+    steps.joinUpdate();
+    const std::vector<LeafChange> aged = ageFreeSpace(passed_s);
+    if (aged.empty()) return;
+    scheduler->noteChangesAlone(aged);
+    const kernels::Stopwatch mirroring;
+    mirror.apply(aged);
+    stats.changed_leaves += aged.size();
+    stats.mirror_bytes = mirror.lastTraffic().bytes_written;
+    stats.mirror_ms = mirroring.milliseconds();
   }
 
   UpdateStats update() {
@@ -283,6 +364,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   UpdateStats updateStages(const internal::BackgroundUpdate::FreeMap& free_map) {
+    gone_points.publish();
     scheduler->whenMapIsFree(free_map);
     return scheduler->update(setup.tables(mirror.grid()));
   }
@@ -298,6 +380,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     head.updated = updated;
     head.scans = scans;
     head.latest_stamp_s = clock.latest_s();
+    if (volume.packed().agesFreeSpace()) head.age_s = volume.packed().generations()->age_s();
     return head;
   }
 
@@ -310,9 +393,11 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
       if (distance_mirror) distance_mirror->apply(distances);
     });
     state.readViews(points, further.ownStores());
+    if (gone_cells) state.readGone(*gone_cells, gone_points);
     scheduler->noteRestored();
     scans = head.scans;
     clock = internal::FieldClock(head.latest_stamp_s);
+    if (volume.packed().agesFreeSpace()) volume.packed().generations()->restoreAge(head.age_s);
     while (head.updated && update().backlog > 0) {
     }
   }
@@ -425,7 +510,10 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   internal::NanoVdbMirror mirror;
   std::unique_ptr<internal::DistanceMirror> distance_mirror;  ///< only for FieldParams::mirror_distance
   internal::PointStore points;
-  internal::MapReads reads;
+  internal::MapReads map_reads;
+  std::unique_ptr<internal::GoneCells> gone_cells;  ///< only for ChangeMode::Full
+  internal::GonePoints gone_points;
+  internal::MapReads reads;  ///< what points see of the map
   std::unique_ptr<internal::PointScorer> scorer;
   internal::FurtherTools further;
   internal::ScanGate gate;
@@ -458,33 +546,31 @@ AccessibilityField& AccessibilityField::operator=(AccessibilityField&&) noexcept
 
 FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S,
                                              const Eigen::Isometry3d& T_W_S) {
-  return impl_->integrate(
-      [&](FrameStats& stats) -> const internal::GatedScan& { return impl_->gate.gate(points_S, T_W_S, stats); });
+  return integrateScan(points_S, T_W_S, std::numeric_limits<double>::quiet_NaN());
 }
 
 FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
                                              double stamp_s) {
-  const FrameStats stats = integrateScan(points_S, T_W_S);
-  impl_->clock.note(stamp_s);
-  return stats;
+  return impl_->integrate(
+      [&](FrameStats& stats) -> const internal::GatedScan& { return impl_->gate.gate(points_S, T_W_S, stats); },
+      stamp_s);
 }
 
 FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
                                              std::span<const Eigen::Vector3d> origins_W) {
+  return integrateRays(points_W, origins_W, std::numeric_limits<double>::quiet_NaN());
+}
+
+FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
+                                             std::span<const Eigen::Vector3d> origins_W, double stamp_s) {
   impl_->steps.requireUnbroken();
   if (impl_->params.tsdf.region == UpdateRegion::Projective) {
     throw InvalidArgument("projective.rays", "", "the projective baseline needs scans with one sensor pose",
                           "Use integrateScan()");
   }
   return impl_->integrate(
-      [&](FrameStats& stats) -> const internal::GatedScan& { return impl_->gate.gate(points_W, origins_W, stats); });
-}
-
-FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
-                                             std::span<const Eigen::Vector3d> origins_W, double stamp_s) {
-  const FrameStats stats = integrateRays(points_W, origins_W);
-  impl_->clock.note(stamp_s);
-  return stats;
+      [&](FrameStats& stats) -> const internal::GatedScan& { return impl_->gate.gate(points_W, origins_W, stats); },
+      stamp_s);
 }
 
 std::optional<double> AccessibilityField::latestStamp_s() const { return impl_->clock.latest_s(); }
@@ -600,7 +686,8 @@ MemoryUse AccessibilityField::memoryUse() const {
   }
   use.point_host_bytes = impl_->points.bytes() + impl_->scorer->hostBytes() + impl_->scheduler->bytes() +
                          impl_->views.bytes() + impl_->setup.hostBytes() + impl_->further.hostBytes() +
-                         impl_->gate.bytes();
+                         impl_->gate.bytes() + impl_->gone_points.bytes();
+  if (impl_->gone_cells) use.point_host_bytes += impl_->gone_cells->bytes();
   use.point_device_bytes = impl_->scorer->device().bytes() + impl_->setup.deviceBytes() + impl_->further.deviceBytes() +
                            impl_->scheduler->deviceBytes();
   use.device_peak_bytes = impl_->backend->peakBytes();
@@ -612,7 +699,9 @@ MemoryUse AccessibilityField::memoryUse() const {
 void AccessibilityField::saveState(const std::filesystem::path& file) const {
   impl_->steps.requireWhole();
   impl_->arena.execute([&] {
-    internal::writeState(file, impl_->stateHead(), {impl_->volume.packed(), impl_->points, impl_->further.ownStores()});
+    internal::SavedParts parts = {impl_->volume.packed(), impl_->points, impl_->further.ownStores(), {}};
+    if (impl_->gone_cells) parts.gone = internal::GoneState{impl_->gone_cells.get(), &impl_->gone_points};
+    internal::writeState(file, impl_->stateHead(), parts);
   });
 }
 

@@ -15,9 +15,18 @@ namespace accessvdb {
 namespace internal {
 
 HostPointState::HostPointState(kernels::Backend& backend, const kernels::PointStateView& view, std::uint32_t count,
-                               bool on_host)
+                               bool on_host, std::span<const std::uint8_t> gone)
     : score(view.score), direction(view.direction), label(view.label), reason(view.reason), size(count) {
-  if (on_host || size == 0) return;
+  if (size == 0) return;
+  if (on_host) {
+    if (std::ranges::find(gone, 1) == gone.end()) return;
+    label_copy.assign(label, label + size);
+    reason_copy.assign(reason, reason + size);
+    markGone(gone, label_copy, reason_copy);
+    label = label_copy.data();
+    reason = reason_copy.data();
+    return;
+  }
   const auto fetch = [&](auto& copy, auto*& from) {
     copy.resize(size);
     backend.download(copy.data(), from, size * sizeof(copy[0]));
@@ -27,6 +36,15 @@ HostPointState::HostPointState(kernels::Backend& backend, const kernels::PointSt
   fetch(direction_copy, direction);
   fetch(label_copy, label);
   fetch(reason_copy, reason);
+  markGone(gone, label_copy, reason_copy);
+}
+
+void markGone(std::span<const std::uint8_t> gone, std::span<PointLabel> labels, std::span<PointReason> reasons) {
+  for (std::size_t id = 0; id < std::min(gone.size(), labels.size()); ++id) {
+    if (gone[id] == 0) continue;
+    labels[id] = PointLabel::Unscored;
+    reasons[id] = PointReason::Changed;
+  }
 }
 
 std::vector<Eigen::Vector3f> directionVectors(const ApproachParams& resolved) {

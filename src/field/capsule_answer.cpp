@@ -19,10 +19,12 @@ struct Findings {
   bool unknown = false, collision = false;
 };
 
+bool hasBit(const LeafBits& bits, openvdb::Index n) { return (bits[n >> 6] >> (n & 63) & 1) != 0; }
+
 /// In a leaf where nothing was observed: does the capsule touch a voxel that is not cleared?
-bool touchesUnknown(const Capsule& capsule, const float* corner, const PackedLeaf* leaf, float reach2) {
+bool touchesUnknown(const Capsule& capsule, const float* corner, const LeafBits& cleared, float reach2) {
   for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
-    if (leaf != nullptr && leaf->isValueOn(n)) continue;
+    if (hasBit(cleared, n)) continue;
     const float x = corner[0] + static_cast<float>(n >> 6), y = corner[1] + static_cast<float>(n >> 3 & 7),
                 z = corner[2] + static_cast<float>(n & 7);
     if (nearestOnAxis(capsule, x, y, z).distance2 <= reach2) return true;
@@ -43,19 +45,23 @@ class CapsuleScan {
     for (int axis = 0; axis < 3; ++axis) corner[axis] = static_cast<float>(origin[axis] - capsule_.anchor[axis]);
     const std::uint32_t* values = leaf == nullptr ? nullptr : packedValues(*leaf);
     if (values == nullptr) {
-      if (!found_.unknown) found_.unknown = touchesUnknown(capsule_, corner, leaf, reach_ * reach_);
+      const LeafBits cleared = leaf == nullptr ? LeafBits{} : source_.map->confirmedIn(*leaf);
+      if (!found_.unknown) found_.unknown = touchesUnknown(capsule_, corner, cleared, reach_ * reach_);
       return;
     }
+    const LeafBits cleared = source_.map->confirmedIn(*leaf);
+    const bool ages = source_.map->agesFreeSpace();
     const VoxelVotes* votes = source_.map->votesOf(*leaf);
     for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
       const std::uint32_t packed = values[n];
       const bool observed = weightOf(packed) > 0;
-      if (!observed && (found_.unknown || leaf->isValueOn(n))) continue;
+      if (!observed && (found_.unknown || hasBit(cleared, n))) continue;
       const float x = corner[0] + static_cast<float>(n >> 6), y = corner[1] + static_cast<float>(n >> 3 & 7),
                   z = corner[2] + static_cast<float>(n & 7);
       const float distance2 = nearestOnAxis(capsule_, x, y, z).distance2;
       if (distance2 > reach_ * reach_) continue;
       if (observed) {
+        if (ages && !hasBit(cleared, n) && meanOf(packed) >= source_.map->collisionMean()) found_.unknown = true;
         meet(meanOf(packed), votes != nullptr && votes->blockedAt(n), x, y, z, std::sqrt(distance2));
       } else {
         found_.unknown = true;

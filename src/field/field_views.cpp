@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "field/field_views.h"
 
+#include <algorithm>
+
 #include "accessvdb/error.h"
 #include "field/batch_query_impl.h"
 #include "hostdev/voxel_scale.h"
@@ -36,8 +38,8 @@ BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
   impl->source.index = &index_;
   const kernels::PointStateView state =
       parts.tools.empty() ? parts.scorer.device().view() : arena.execute([&] { return merged(parts).view(); });
-  impl->source.state =
-      std::make_shared<const HostPointState>(parts.backend, state, parts.scorer.device().size(), onHost(parts.backend));
+  impl->source.state = std::make_shared<const HostPointState>(parts.backend, state, parts.scorer.device().size(),
+                                                              onHost(parts.backend), parts.gone);
   impl->source.directions = directionVectors(parts.scorer.params().approach);
   for (std::size_t k = 1; k < parts.tools.size(); ++k) {
     const auto more = directionVectors(parts.tools[k].scorer.params().approach);
@@ -73,6 +75,13 @@ DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) {
                  state.score,      state.direction, state.weight,
                  state.label,      state.reason,    parts.scorer.device().size(),
                  state.roll};
+  if (!on_gpu && std::ranges::find(parts.gone, 1) != parts.gone.end()) {
+    labels_.assign(view.points.label, view.points.label + view.points.count);
+    reasons_.assign(view.points.reason, view.points.reason + view.points.count);
+    markGone(parts.gone, labels_, reasons_);
+    view.points.label = labels_.data();
+    view.points.reason = reasons_.data();
+  }
   view.direction_xy = parts.approach.direction_xy;
   view.axes_xyz = parts.approach.axes_xyz;
   view.num_directions = parts.approach.num_directions;

@@ -26,7 +26,8 @@ struct ViewedParts {
   kernels::DistanceView distances;  ///< no grid if there is no mirror of them
   kernels::ApproachView approach;   ///< in the backend's memory
   Eigen::Vector3d origin_W;
-  std::vector<ViewedTool> tools = {};  ///< if there are several, all of them
+  std::vector<ViewedTool> tools = {};       ///< if there are several, all of them
+  std::span<const std::uint8_t> gone = {};  ///< by id: 1 if the point has gone
 };
 
 /// One per field; one thread at a time.
@@ -56,6 +57,8 @@ class FieldViews {
   std::shared_ptr<const BatchQuery::Impl> query_;  ///< the last one
   std::unique_ptr<const MergedTools> merged_;
   std::uint64_t merged_revision_ = 0;
+  mutable std::vector<PointLabel> labels_;  ///< of the last view on the host, if points have gone
+  mutable std::vector<PointReason> reasons_;
 };
 
 }  // namespace accessvdb::internal

@@ -61,6 +61,9 @@ class SchedulerOfTools final : public UpdateScheduler {
                    const MapChanges& changes) override {
     for (const Part& part : parts_) part.scheduler->noteChanges(p_L, q_L, changes);
   }
+  void noteChangesAlone(std::span<const LeafChange> facts) override {
+    for (const Part& part : parts_) part.scheduler->noteChangesAlone(facts);
+  }
   void noteRestored() override {
     for (const Part& part : parts_) part.scheduler->noteRestored();
   }
@@ -131,6 +134,7 @@ FurtherTools::FurtherTools(const std::vector<ToolSpec>& tools, const FieldParams
       tool.points = tool.views_of == 0 ? &shared.points : tools_[tool.views_of - 1]->points;
     }
     tool.reads = makeMapReads(shared.map, *tool.points, params.scoring.neighbourhood_weight, shared.core);
+    if (shared.gone != nullptr) tool.reads = readsWithGone(tool.reads, *tool.points, *shared.gone);
     makeScorer(tool);
   }
 }
@@ -170,7 +174,7 @@ std::vector<PointStore*> FurtherTools::ownStores() const {
 std::vector<ScoredField> FurtherTools::ofEach(const ScoredField& first) const {
   std::vector<ScoredField> fields = {first};
   for (const auto& tool : tools_)
-    fields.push_back({*tool->scorer, first.backend, first.origin_W, tool->setup.tool().rolls, first.core});
+    fields.push_back({*tool->scorer, first.backend, first.origin_W, tool->setup.tool().rolls, first.core, first.gone});
   return fields;
 }
 

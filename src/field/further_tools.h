@@ -34,6 +34,7 @@ class FurtherTools {
     PointStore& points;  ///< of the first tool
     kernels::Backend& backend;
     std::optional<VoxelColumnBox> core;  ///< as for makeMapReads()
+    const GonePoints* gone = nullptr;    ///< only for ChangeMode::Full
   };
   /// One of them.
   struct Tool {

@@ -80,6 +80,15 @@ void requireOrientations(const FieldParams& p) {
   }
 }
 
+void requireChange(const ChangeParams& change) {
+  if (change.free_for_s == std::numeric_limits<double>::infinity()) return;
+  require("free_for_s", change.free_for_s, 0.001, 1e9, "Give the seconds for which free space stays free, or infinity");
+  if (change.mode != ChangeMode::Full) {
+    throw InvalidArgument("config.change", "free_for_s", "is finite, which needs ChangeMode::Full",
+                          "Add --change full, or leave free_for_s at infinity");
+  }
+}
+
 void requireWindow(const FieldParams& p) {
   const auto refuse = [](const std::string& problem, const std::string& advice) {
     throw InvalidArgument("config.window", "window", problem, advice);
@@ -88,6 +97,9 @@ void requireWindow(const FieldParams& p) {
   if (p.update.policy == UpdatePolicy::Paper) {
     refuse("cannot be combined with the paper's update policy, which depends on the whole map",
            "Use UpdatePolicy::Exact");
+  }
+  if (p.change.mode == ChangeMode::Full) {
+    refuse("cannot be combined with ChangeMode::Full, whose rays reach beyond a tile", "Use ChangeMode::Block");
   }
   if (p.tsdf.region == UpdateRegion::Projective) {
     refuse("cannot be combined with projective fusion, which depends on whole scans", "Use another UpdateRegion");
@@ -109,7 +121,7 @@ FieldParams FieldParams::paper(double voxel_size_m) {
   p.tsdf.voxel_size_m = voxel_size_m;
   p.tsdf.range_noise_m = 0;
   p.tsdf.region = UpdateRegion::FullCube;
-  p.change.mode = ChangeMode::Off;
+  p.change = {ChangeMode::Off};
   p.tsdf.truncation_distance_m = std::max(4 * voxel_size_m, 0.02);
   p.tsdf.cleared_radius_voxels = 0;
   p.tsdf.cleared_begin_tau = 1;
@@ -172,7 +184,12 @@ FieldParams FieldParams::resolved() const {
   require("changed_voxel_radius_voxels", p.update.changed_voxel_radius_voxels, 0, 100);
   require("requeue_motion_m", p.update.requeue_motion_m, 0, 1000);
   require("stability_min", p.update.stability_min, 0, 1);
-  if (t.region != UpdateRegion::DoubleCone) p.change.mode = ChangeMode::Off;
+  requireChange(p.change);
+  if (t.region != UpdateRegion::DoubleCone) p.change = {ChangeMode::Off};
+  if (p.change.mode == ChangeMode::Full && p.update.policy == UpdatePolicy::Paper) {
+    throw InvalidArgument("config.change", "change full", "needs updates that follow the map in both directions",
+                          "Use UpdatePolicy::Exact (--policy exact)");
+  }
   require("threads", p.threads, 0, 4096);
   for (std::size_t axis = 0; p.origin_W && axis < 3; ++axis) require("origin_W", (*p.origin_W)[axis], -1e8, 1e8);
   if (p.window) requireWindow(p);
@@ -239,7 +256,8 @@ std::string FieldParams::describe() const {
   put("stability_min", text(update.stability_min));
   put("seed", std::to_string(update.seed));
   // Left out when off: files are then those that were written before there was a choice, to the last byte.
-  if (change.mode == ChangeMode::Block) put("change", "block");
+  if (change.mode != ChangeMode::Off) put("change", change.mode == ChangeMode::Block ? "block" : "full");
+  if (change.mode == ChangeMode::Full) put("free_for_s", text(change.free_for_s));
   return out;
 }
 

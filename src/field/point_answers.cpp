@@ -334,7 +334,9 @@ class Answerer {
 
   [[nodiscard]] PointAnswer answerOf(const Visit& visit) const {
     PointAnswer answer;
-    if (visit.leaf != nullptr) answer.cleared = visit.leaf->isValueOn(PackedLeaf::coordToOffset(coordOf(visit)));
+    if (visit.leaf != nullptr) {
+      answer.cleared = source_.map->isKnownFree(*visit.leaf, PackedLeaf::coordToOffset(coordOf(visit)));
+    }
     if (visit.packed != nullptr) answer.weight = static_cast<std::uint16_t>(weightOf(*visit.packed));
     if (answer.weight > 0) {
       const VoxelVotes* votes = source_.map->votesOf(*visit.leaf);
@@ -342,6 +344,10 @@ class Answerer {
       answer.distance_m = blocked ? 0 : source_.map->distanceOf(meanOf(*visit.packed));
     }
     answer.unknown = answer.weight == 0 && !answer.cleared;
+    // Where free space ages, what is far from every surface but was not confirmed for long is unknown again.
+    if (answer.weight > 0 && !answer.cleared && source_.map->agesFreeSpace()) {
+      answer.unknown = answer.distance_m >= source_.map->distanceOf(source_.map->collisionMean());
+    }
     if (visit.point == nullptr) return answer;
     const std::uint32_t id = visit.point->id;
     answer.point_id = id;

@@ -207,4 +207,23 @@ MapReads makeMapReads(const PackedMap& map, const PointStore& points, bool neigh
   return reads;
 }
 
+MapReads readsWithGone(const MapReads& map, const PointStore& points, const GonePoints& gone) {
+  MapReads reads = map;
+  reads.weights = [of_map = map.weights, &gone](std::span<const std::uint32_t> ids, std::span<std::uint16_t> weights) {
+    of_map(ids, weights);
+    if (gone.size() == 0) return;
+    for (std::size_t n = 0; n < ids.size(); ++n) weights[n] = std::max(weights[n], gone.leastWeight(ids[n]));
+  };
+  reads.weights_at = [of_map = map.weights_at, &points, &gone](std::span<const Index3> voxels,
+                                                               std::span<std::uint16_t> weights) {
+    of_map(voxels, weights);
+    if (gone.size() == 0) return;
+    for (std::size_t n = 0; n < voxels.size(); ++n) {
+      const std::uint32_t id = points.index().find(voxels[n]);
+      if (id != kNone) weights[n] = std::max(weights[n], gone.leastWeight(id));
+    }
+  };
+  return reads;
+}
+
 }  // namespace accessvdb::internal

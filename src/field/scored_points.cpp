@@ -50,6 +50,7 @@ class ScoredPoints final : public SurfacePoints {
   ScoredPoints(const ScoredField& field, HostState state, std::uint32_t first, std::uint32_t count)
       : scorer_(field.scorer),
         origin_W_(field.origin_W),
+        gone_(field.gone),
         state_(std::move(state)),
         first_(first),
         weights_(count),
@@ -74,6 +75,7 @@ class ScoredPoints final : public SurfacePoints {
  private:
   const PointScorer& scorer_;
   Eigen::Vector3d origin_W_;
+  std::span<const std::uint8_t> gone_;
   HostState state_;
   std::uint32_t first_;
   std::vector<std::uint16_t> weights_;
@@ -91,6 +93,10 @@ SurfacePoint ScoredPoints::at(std::size_t index) const {
   const bool gone = weights_[index] == 0 && scorer_.params().tsdf.region != UpdateRegion::Projective;
   if (gone) point.reason = PointReason::Changed;             // point_weights.cpp: its voxel was taken out
   if (point.id - state_.first >= state_.size) return point;  // added after the last update
+  if (point.id < gone_.size() && gone_[point.id] != 0) {
+    point.reason = PointReason::Changed;
+    return point;
+  }
   const std::uint32_t n = point.id - state_.first;
   point.normal_W = Eigen::Vector3f(state_.normal_L.data() + std::size_t{3} * n);
   point.score = state_.score[n];

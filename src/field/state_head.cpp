@@ -193,8 +193,8 @@ void visitUpdate(Code& code, Params& p) {
 template <typename Code, typename Params>
 void visitChange(Code& code, Params& p) {
   auto& [mode, free_for_s] = p;
-  static_cast<void>(free_for_s);
-  code.oneOf(mode, ChangeMode::Block);
+  static_cast<void>(free_for_s);  // see visitFullChange
+  code.oneOf(mode, ChangeMode::Full);
 }
 
 template <typename Code, typename Params>
@@ -222,6 +222,12 @@ void visitFirst(Code& code, Head& head) {
 }
 
 template <typename Code, typename Head>
+void visitFullChange(Code& code, Head& head) {
+  visitAll(code, head.params.change.free_for_s, head.age_s, head.leaves_with_before, head.gone_scans, head.cell_blocks,
+           head.gone_points);
+}
+
+template <typename Code, typename Head>
 void visitRest(Code& code, Head& head) {
   visitParams(code, head.params);
   if (head.tool_sha256.starts_with(kToolListMark)) {
@@ -230,14 +236,15 @@ void visitRest(Code& code, Head& head) {
       visitAll(code, tool.name, tool.sha256, tool.orientations, tool.rolls, tool.max_collisions, tool.view_words);
     }
   }
-  if (head.schema != kStateSchema) visitOrientations(code, head.params.approach.orientations);
-  if (head.schema == kRolledStateSchema) code(head.params.approach.rolls);
+  if (plainSchema(head.schema) != kStateSchema) visitOrientations(code, head.params.approach.orientations);
+  if (plainSchema(head.schema) == kRolledStateSchema) code(head.params.approach.rolls);
   if (code.has(head.origin_W)) {
     visitAll(code, (*head.origin_W)[0], (*head.origin_W)[1], (*head.origin_W)[2]);
   }
   if (code.has(head.latest_stamp_s)) code(*head.latest_stamp_s);
   visitAll(code, head.updated, head.scans, head.leaves, head.leaves_with_values, head.leaves_with_votes, head.points,
            head.poses);
+  if (head.schema > kFullChangeSchema) visitFullChange(code, head);
 }
 
 bool isPlausible(const StateHead& head) {
@@ -246,6 +253,11 @@ bool isPlausible(const StateHead& head) {
   for (const SavedTool& tool : head.tools) {
     if (tool.view_words > kernels::kMaxDirectionWords) return false;
   }
+  const ChangeParams& change = head.params.change;
+  if (head.cell_blocks > head.points || head.gone_points > head.points) return false;
+  constexpr double kOldest_s = 1e18;  // far more scans than there can be, each 2 T later
+  if (!(head.age_s >= 0 && head.age_s <= kOldest_s) || head.leaves_with_before > head.leaves) return false;
+  if (!std::isfinite(change.free_for_s) && (head.age_s > 0 || head.leaves_with_before > 0)) return false;
   if (head.params.update.policy == UpdatePolicy::Paper || head.params.tsdf.region == UpdateRegion::Projective) {
     return false;
   }

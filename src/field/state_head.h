@@ -19,14 +19,21 @@ inline constexpr std::uint32_t kStateSchema = 3;
 inline constexpr std::uint32_t kOrientedStateSchema = 4;
 /// The same with the number of rolls behind the orientations: of fields whose tool rolls.
 inline constexpr std::uint32_t kRolledStateSchema = 5;
+/// Added to any of them for ChangeMode::Full, whose states hold more.
+inline constexpr std::uint32_t kFullChangeSchema = 10;
 
+[[nodiscard]] constexpr std::uint32_t plainSchema(std::uint32_t schema) {
+  return schema > kFullChangeSchema ? schema - kFullChangeSchema : schema;
+}
 [[nodiscard]] constexpr bool isStateSchema(std::uint32_t schema) {
-  return schema == kStateSchema || schema == kOrientedStateSchema || schema == kRolledStateSchema;
+  const std::uint32_t plain = plainSchema(schema);
+  return plain == kStateSchema || plain == kOrientedStateSchema || plain == kRolledStateSchema;
 }
 /// @param params  of a field, where the number of rolls is known
 [[nodiscard]] inline std::uint32_t stateSchemaOf(const FieldParams& params) {
-  if (params.approach.rolls > 1) return kRolledStateSchema;
-  return params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema;
+  const std::uint32_t more = params.change.mode == ChangeMode::Full ? kFullChangeSchema : 0;
+  if (params.approach.rolls > 1) return kRolledStateSchema + more;
+  return (params.approach.orientations.isYaw() ? kStateSchema : kOrientedStateSchema) + more;
 }
 
 /// One of several tools.
@@ -52,6 +59,11 @@ struct StateHead {
   std::optional<double> latest_stamp_s;     ///< of all scans; nothing while none had one
   std::uint64_t leaves = 0, leaves_with_values = 0, leaves_with_votes = 0;
   std::uint64_t points = 0, poses = 0;
+  // Only for ChangeMode::Full.
+  double age_s = 0;  ///< FreeGenerations::age_s()
+  std::uint64_t leaves_with_before = 0;
+  std::uint64_t gone_scans = 0;                    ///< GoneCells::scans()
+  std::uint64_t cell_blocks = 0, gone_points = 0;  ///< leaves with cells; points with something in GonePoints
 };
 
 /// Of the seen directions of one point that are stored for further tools.

@@ -6,7 +6,9 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "field/rules_version.h"
@@ -73,12 +75,15 @@ void StateReader::readHead() {
   const std::uint64_t left = in_.fileBytes();
   const bool small = head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValueBytes &&
                      head_.leaves_with_votes <= left / kLeafVoteBytes &&
-                     head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes;
+                     head_.leaves_with_before <= left / kLeafBeforeBytes &&
+                     head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes &&
+                     head_.cell_blocks <= left / kLeafCellBytes && head_.gone_points <= left / kGonePointBytes;
   const std::uint64_t sections = head_.tools.empty() ? 4 : 5;
-  const std::uint64_t expected = kStateMagic.size() + sections * kSectionFrameBytes + length +
-                                 head_.leaves * kLeafBytes + head_.leaves_with_values * kLeafValueBytes +
-                                 head_.leaves_with_votes * kLeafVoteBytes + head_.poses * kPoseBytes +
-                                 head_.points * (storedPointBytes(head_.params) + viewBytesPerPoint(head_));
+  const std::uint64_t expected =
+      kStateMagic.size() + sections * kSectionFrameBytes + length + head_.leaves * kLeafBytes +
+      head_.leaves_with_values * kLeafValueBytes + head_.leaves_with_votes * kLeafVoteBytes +
+      head_.leaves_with_before * kLeafBeforeBytes + head_.poses * kPoseBytes +
+      head_.points * (storedPointBytes(head_.params) + viewBytesPerPoint(head_)) + goneStateBytes(head_);
   if (!small || expected != in_.fileBytes()) {
     in_.refuse("it announces another size than the " + std::to_string(in_.fileBytes()) + " bytes of the file");
   }
@@ -114,9 +119,57 @@ void StateReader::readViews(const PointStore& points, const std::vector<PointSto
   in_.end();
 }
 
+void StateReader::readGone(GoneCells& cells, GonePoints& points) {
+  if (in_.begin("cells") != head_.cell_blocks * kLeafCellBytes)
+    in_.refuse("its length is not that of the announced cells");
+  for (std::uint64_t n = 0; n < head_.cell_blocks; ++n) {
+    Index3 leaf;
+    LeafCells of_leaf;
+    std::array<char, sizeof(LeafCells)> bytes;
+    in_.read(leaf.data(), sizeof leaf);
+    in_.read(bytes.data(), bytes.size());
+    for (std::size_t c = 0; c < of_leaf.size(); ++c) {
+      CellRecord& cell = of_leaf[c];
+      std::uint16_t verdict = 0;
+      const char* from = bytes.data() + c * sizeof(CellRecord);
+      for (const auto& [to, size] : {std::pair<void*, std::size_t>{&cell.lines, sizeof cell.lines},
+                                     {&cell.hits, sizeof cell.hits},
+                                     {&cell.missed, sizeof cell.missed},
+                                     {&cell.emptied, sizeof cell.emptied},
+                                     {&cell.followed, sizeof cell.followed},
+                                     {&cell.scans, sizeof cell.scans},
+                                     {&verdict, sizeof verdict}}) {
+        std::memcpy(to, from, size);
+        from += size;
+      }
+      if (verdict > static_cast<std::uint16_t>(Verdict::Open)) in_.refuse("a cell has no such verdict");
+      cell.verdict = static_cast<Verdict>(verdict);
+    }
+    if (!cells.restore(leaf, of_leaf)) in_.refuse("a cell is there twice, has no points, or cannot be");
+  }
+  in_.end();
+  cells.restoreScans(head_.gone_scans);
+  if (in_.begin("gone") != head_.gone_points * kGonePointBytes) {
+    in_.refuse("its length is not that of the announced points");
+  }
+  std::uint64_t next = 0;
+  for (std::uint64_t n = 0; n < head_.gone_points; ++n) {
+    std::uint32_t record[2];
+    in_.read(record, sizeof record);
+    constexpr std::uint32_t kMostWeight = 0xffff;
+    if (record[0] < next || record[0] >= head_.points || record[1] >> 1 > kMostWeight) {
+      in_.refuse("a point is out of place");
+    }
+    points.restore(record[0], static_cast<std::uint16_t>(record[1] >> 1), (record[1] & 1) != 0);
+    next = std::uint64_t{record[0]} + 1;
+  }
+  in_.end();
+}
+
 void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
   if (in_.begin("leaves") != head_.leaves * kLeafBytes + head_.leaves_with_values * kLeafValueBytes +
-                                 head_.leaves_with_votes * kLeafVoteBytes) {
+                                 head_.leaves_with_votes * kLeafVoteBytes +
+                                 head_.leaves_with_before * kLeafBeforeBytes) {
     in_.refuse("its length is not that of the announced leaves");
   }
   std::vector<const PackedLeaf*> leaves;
@@ -138,21 +191,23 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
     take(facts, distances);
     leaves.clear();
   };
-  std::uint64_t with_values = 0, with_votes = 0;
+  std::uint64_t with_values = 0, with_votes = 0, with_before = 0;
   for (std::uint64_t n = 0; n < head_.leaves; ++n) {
     std::int32_t origin[3];
     std::uint32_t has = 0;
-    LeafBits cleared;
+    LeafBits cleared, before;
     VoxelVotes votes;
     alignas(64) std::uint32_t values[PackedLeaf::SIZE];
     in_.read(origin, sizeof origin);
     in_.read(&has, sizeof has);
     in_.read(cleared.data(), sizeof cleared);
-    const bool has_values = (has & kHasValues) != 0, has_votes = (has & kHasVotes) != 0;
+    const bool has_values = (has & kHasValues) != 0, has_votes = (has & kHasVotes) != 0,
+               has_before = (has & kHasBefore) != 0;
     with_values += has_values ? 1 : 0;
     with_votes += has_votes ? 1 : 0;
-    if ((has & ~(kHasValues | kHasVotes)) != 0 || with_values > head_.leaves_with_values ||
-        with_votes > head_.leaves_with_votes) {
+    with_before += has_before ? 1 : 0;
+    if ((has & ~(kHasValues | kHasVotes | kHasBefore)) != 0 || with_values > head_.leaves_with_values ||
+        with_votes > head_.leaves_with_votes || with_before > head_.leaves_with_before) {
       in_.refuse("it has too many values");
     }
     for (const std::int32_t x : origin) {
@@ -160,14 +215,16 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
     }
     if (has_values) in_.read(values, sizeof values);
     if (has_votes) in_.read(votes.bit.data(), kLeafVoteBytes);
+    if (has_before) in_.read(before.data(), kLeafBeforeBytes);
     const PackedLeaf* leaf = map.restoreLeaf({origin[0], origin[1], origin[2]}, cleared, has_values ? values : nullptr,
-                                             has_votes ? &votes : nullptr);
+                                             has_votes ? &votes : nullptr, has_before ? &before : nullptr);
     if (leaf == nullptr) in_.refuse("a leaf is there twice, or has voxels that no map has");
     leaves.push_back(leaf);
     if (leaves.size() == kLeavesRead) hand_over();
   }
   in_.end();
-  if (with_values != head_.leaves_with_values || with_votes != head_.leaves_with_votes) {
+  if (with_values != head_.leaves_with_values || with_votes != head_.leaves_with_votes ||
+      with_before != head_.leaves_with_before) {
     in_.refuse("it has too few values");
   }
   hand_over();

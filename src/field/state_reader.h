@@ -11,6 +11,8 @@
 
 #include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
+#include "change/gone_cells.h"
+#include "change/gone_points.h"
 #include "field/state_head.h"
 #include "field/state_sections.h"
 #include "points/point_store.h"
@@ -37,6 +39,8 @@ class StateReader {
   void readViews(const PointStore& points, const std::vector<PointStore*>& stores);
 
   [[nodiscard]] const std::filesystem::path& file() const { return file_; }
+  /// Next, for ChangeMode::Full. @throws as that does
+  void readGone(GoneCells& cells, GonePoints& points);
 
  private:
   void readHead();

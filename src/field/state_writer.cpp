@@ -6,7 +6,9 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <array>
 #include <cstring>
+#include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
@@ -21,12 +23,15 @@ int wordsOf(const FieldParams& params) { return (params.approach.directionCount(
 
 void writeLeaves(SectionWriter& out, const StateHead& head, const PackedMap& map) {
   out.begin("leaves", head.leaves * kLeafBytes + head.leaves_with_values * kLeafValueBytes +
-                          head.leaves_with_votes * kLeafVoteBytes);
+                          head.leaves_with_votes * kLeafVoteBytes + head.leaves_with_before * kLeafBeforeBytes);
   for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
     const std::int32_t origin[3] = {leaf->origin().x(), leaf->origin().y(), leaf->origin().z()};
     const std::uint32_t* values = packedValues(*leaf);
     const VoxelVotes* votes = map.votesOf(*leaf);
-    const std::uint32_t has = (values != nullptr ? kHasValues : 0) | (votes != nullptr ? kHasVotes : 0);
+    const LeafBits* before = map.beforeOf(*leaf);
+    if (before != nullptr && *before == LeafBits{}) before = nullptr;
+    const std::uint32_t has = (values != nullptr ? kHasValues : 0) | (votes != nullptr ? kHasVotes : 0) |
+                              (before != nullptr ? kHasBefore : 0);
     LeafBits cleared;
     for (openvdb::Index x = 0; x < 8; ++x) cleared[x] = leaf->getValueMask().getWord<std::uint64_t>(x);
     out.write(origin, sizeof origin);
@@ -34,6 +39,7 @@ void writeLeaves(SectionWriter& out, const StateHead& head, const PackedMap& map
     out.write(cleared.data(), sizeof cleared);
     if (values != nullptr) out.write(values, kLeafValueBytes);
     if (votes != nullptr) out.write(votes->bit.data(), kLeafVoteBytes);
+    if (before != nullptr) out.write(before->data(), kLeafBeforeBytes);
   }
   out.end();
 }
@@ -99,7 +105,51 @@ void writeViews(SectionWriter& out, const StateHead& head, const std::vector<Poi
   out.end();
 }
 
+void writeCells(SectionWriter& out, const StateHead& head, const GoneCells& cells, const PointStore& points) {
+  out.begin("cells", head.cell_blocks * kLeafCellBytes);
+  for (const std::uint32_t block : cells.blocksInOrder()) {
+    const Index3& leaf = points.index().blocks()[block].leaf;
+    out.write(leaf.data(), sizeof leaf);
+    // Field by field: what lies between them is not defined.
+    std::array<char, sizeof(LeafCells)> bytes = {};
+    for (std::size_t n = 0; n < 8; ++n) {
+      const CellRecord& cell = cells.cellsOf(block)[n];
+      const auto verdict = static_cast<std::uint16_t>(cell.verdict);
+      char* to = bytes.data() + n * sizeof(CellRecord);
+      for (const auto& [from, size] : {std::pair<const void*, std::size_t>{&cell.lines, sizeof cell.lines},
+                                       {&cell.hits, sizeof cell.hits},
+                                       {&cell.missed, sizeof cell.missed},
+                                       {&cell.emptied, sizeof cell.emptied},
+                                       {&cell.followed, sizeof cell.followed},
+                                       {&cell.scans, sizeof cell.scans},
+                                       {&verdict, sizeof verdict}}) {
+        std::memcpy(to, from, size);
+        to += size;
+      }
+    }
+    out.write(bytes.data(), bytes.size());
+  }
+  out.end();
+}
+
+bool isKept(const GonePoints& gone, std::uint32_t id) { return gone.leastWeight(id) != 0 || gone.isGone(id); }
+
+void writeGonePoints(SectionWriter& out, const StateHead& head, const GonePoints& gone) {
+  out.begin("gone", head.gone_points * kGonePointBytes);
+  for (std::uint32_t id = 0; id < gone.size(); ++id) {
+    if (!isKept(gone, id)) continue;
+    const std::uint32_t record[2] = {id, std::uint32_t{gone.leastWeight(id)} << 1 | (gone.isGone(id) ? 1u : 0u)};
+    out.write(record, sizeof record);
+  }
+  out.end();
+}
+
 }  // namespace
+
+std::uint64_t goneStateBytes(const StateHead& head) {
+  if (head.params.change.mode != ChangeMode::Full) return 0;
+  return 2 * kSectionFrameBytes + head.cell_blocks * kLeafCellBytes + head.gone_points * kGonePointBytes;
+}
 
 std::uint64_t storedPointBytes(const FieldParams& params) {
   const std::uint64_t own = 3 * sizeof(float) + 6 * sizeof(std::int64_t) + sizeof(std::uint32_t);
@@ -120,14 +170,20 @@ void requireSavable(const FieldParams& params) {
 }
 
 void writeState(const std::filesystem::path& file, StateHead head, const SavedParts& parts) {
-  const auto& [map, points, views] = parts;
+  const auto& [map, points, views, gone] = parts;
   requireSavable(head.params);
   head.schema = stateSchemaOf(head.params);
   head.leaves = map.leaf_count;
   head.leaves_with_values = map.allocated_leaf_count;
   head.leaves_with_votes = map.votedLeafCount();
+  head.leaves_with_before = map.agedLeafCount();
   head.points = points.size();
   head.poses = points.poses().size();
+  if (gone) {
+    head.gone_scans = gone->cells->scans();
+    head.cell_blocks = gone->cells->blocksInOrder().size();
+    for (std::uint32_t id = 0; id < gone->points->size(); ++id) head.gone_points += isKept(*gone->points, id) ? 1 : 0;
+  }
   io::writeFileDurably(file, [&](std::ostream& stream) {
     SectionWriter out(stream);
     const std::vector<char> bytes = bytesOf(head);
@@ -138,6 +194,10 @@ void writeState(const std::filesystem::path& file, StateHead head, const SavedPa
     writePoses(out, head, points);
     writePoints(out, head, points);
     if (!head.tools.empty()) writeViews(out, head, views);
+    if (gone) {
+      writeCells(out, head, *gone->cells, points);
+      writeGonePoints(out, head, *gone->points);
+    }
   });
 }
 

@@ -4,8 +4,11 @@
 #pragma once
 
 #include <filesystem>
+#include <optional>
 #include <vector>
 
+#include "change/gone_cells.h"
+#include "change/gone_points.h"
 #include "field/state_head.h"
 #include "points/point_store.h"
 #include "tsdf/packed_map.h"
@@ -15,13 +18,27 @@ namespace accessvdb::internal {
 /// Leaves are at multiples of 8 voxels within this, so that a mirror can hold them.
 inline constexpr std::int32_t kFarthestLeaf_voxels = 1 << 21;
 
-/// Bytes of a leaf, of its values and its votes if it has any, of a point, and of a sensor position.
+/// Bytes of a leaf, of its values, its votes, and what was free there before if it has any, of a point, and of a sensor
+/// position.
 inline constexpr std::uint64_t kLeafBytes = 3 * sizeof(std::int32_t) + sizeof(std::uint32_t) + sizeof(LeafBits);
 inline constexpr std::uint64_t kLeafValueBytes = PackedLeaf::SIZE * sizeof(std::uint32_t);
 inline constexpr std::uint64_t kLeafVoteBytes = sizeof(VoxelVotes::bit);
-inline constexpr std::uint32_t kHasValues = 1, kHasVotes = 2;  ///< flags of a leaf
+inline constexpr std::uint64_t kLeafBeforeBytes = sizeof(LeafBits);
+inline constexpr std::uint32_t kHasValues = 1, kHasVotes = 2, kHasBefore = 4;  ///< flags of a leaf
 inline constexpr std::uint64_t kPoseBytes = 3 * sizeof(float);
 [[nodiscard]] std::uint64_t storedPointBytes(const FieldParams& params);
+
+/// Of ChangeMode::Full: a leaf's cells, and a point of GonePoints.
+inline constexpr std::uint64_t kLeafCellBytes = 3 * sizeof(std::int32_t) + sizeof(LeafCells);
+inline constexpr std::uint64_t kGonePointBytes = 2 * sizeof(std::uint32_t);
+/// Bytes of all sections for ChangeMode::Full, with their frames; 0 for other modes.
+[[nodiscard]] std::uint64_t goneStateBytes(const StateHead& head);
+
+/// Evidence about what has gone.
+struct GoneState {
+  const GoneCells* cells;
+  const GonePoints* points;
+};
 
 /// @throws InvalidArgument "usage.checkpoint"  for fields whose results depend on more than a state holds
 void requireSavable(const FieldParams& params);
@@ -31,6 +48,7 @@ struct SavedParts {
   const PackedMap& map;
   const PointStore& points;
   std::vector<PointStore*> views;  ///< of further tools: the same points, seen from other directions
+  std::optional<GoneState> gone;   ///< only for ChangeMode::Full
 };
 
 /// @param head  its counts of leaves and points are filled in here

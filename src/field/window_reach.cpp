@@ -33,7 +33,7 @@ WindowReach windowReach(const ToolKernel& tool, const FieldParams& resolved) {
   reach.map = std::max(reach.map, voxels(armDistances(resolved).back(), resolved) + 1);
   const double band_m = t.cleared_end_tau * t.truncation_distance_m + t.cleared_radius_voxels * t.voxel_size_m;
   double returns_m = std::max(t.truncation_distance_m, band_m);
-  if (resolved.change.mode == ChangeMode::Block) {
+  if (resolved.change.mode != ChangeMode::Off) {
     // A voxel's votes depend on what the map held where a return within tau lies, and that on returns within tau of it.
     returns_m = std::max(returns_m, 2 * t.truncation_distance_m + t.voxel_size_m);
   }

@@ -117,6 +117,9 @@ std::vector<LegendRow> legendOf(const PointCounts& points, RenderColour colour) 
         std::pair{PointReason::Confidence, "confidence too low"}}) {
     rows.push_back({words, internal::colourOf(reason), reasons[static_cast<std::size_t>(reason)]});
   }
+  if (const std::uint64_t changed = reasons[static_cast<std::size_t>(PointReason::Changed)]; changed > 0) {
+    rows.push_back({"has gone", internal::colourOf(PointReason::Changed), changed});
+  }
   return rows;
 }
 

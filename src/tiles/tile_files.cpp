@@ -24,6 +24,8 @@ namespace fs = std::filesystem;
 constexpr const char* kManifest = "tile.json";
 constexpr const char* kAttempt = ".attempt-";
 constexpr int kNameAttempts = 100;
+/// Nothing is called gone in tiles.
+constexpr int kTileReasons = static_cast<int>(PointReason::Changed);
 
 fs::path tilesFolder(const fs::path& out) { return out / "tiles"; }
 fs::path splitMark(const fs::path& out, const TileId& id) { return tilesFolder(out) / (id.name() + ".split.json"); }
@@ -88,7 +90,7 @@ std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId
           .at(accessvdb::name(static_cast<PointLabel>(n)))
           .get_to(tile.labels[static_cast<std::size_t>(n)]);
     }
-    for (int n = 0; n < kNumPointReasons; ++n) {
+    for (int n = 0; n < kTileReasons; ++n) {
       json.at("reasons")
           .at(accessvdb::name(static_cast<PointReason>(n)))
           .get_to(tile.reasons[static_cast<std::size_t>(n)]);
@@ -108,7 +110,7 @@ void writeTile(const fs::path& folder, const Plan& plan, const Tile& tile) {
   for (int n = 0; n < kNumPointLabels; ++n) {
     labels[accessvdb::name(static_cast<PointLabel>(n))] = tile.labels[static_cast<std::size_t>(n)];
   }
-  for (int n = 0; n < kNumPointReasons; ++n) {
+  for (int n = 0; n < kTileReasons; ++n) {
     reasons[accessvdb::name(static_cast<PointReason>(n))] = tile.reasons[static_cast<std::size_t>(n)];
   }
   for (const auto& [name, sha256] : tile.sha256) files[name] = sha256;

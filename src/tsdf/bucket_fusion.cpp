@@ -96,7 +96,7 @@ void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, BucketChange
 /// The leaf's votes, or empty ones if the scan may vote; nullptr if neither.
 VoxelVotes* BucketFusion::votesFor(const LeafFusion& fusion, const PackedLeaf& leaf) {
   if (!map_.blocksNewThings()) return nullptr;
-  if (leaf.transientData() != 0) return &map_.votePool()->get(leaf.transientData());
+  if (const std::uint32_t number = map_.voteNumberOf(leaf)) return &map_.votePool()->get(number);
   if (!fusion.foundNews()) return nullptr;
   fresh_votes_ = {};
   return &fresh_votes_;
@@ -105,11 +105,12 @@ VoxelVotes* BucketFusion::votesFor(const LeafFusion& fusion, const PackedLeaf& l
 /// Only leaves with votes have a place for them.
 void BucketFusion::keepVotes(PackedLeaf& leaf, const VoxelVotes* votes) {
   const bool any = votes->any();
-  if (any && leaf.transientData() == 0) {
-    leaf.setTransientData(map_.votePool()->add(*votes));
-  } else if (!any && leaf.transientData() != 0) {
-    map_.votePool()->remove(leaf.transientData());
-    leaf.setTransientData(0);
+  const std::uint32_t number = map_.voteNumberOf(leaf);
+  if (any && number == 0) {
+    map_.setVoteNumber(leaf, map_.votePool()->add(*votes));
+  } else if (!any && number != 0) {
+    map_.votePool()->remove(number);
+    map_.setVoteNumber(leaf, 0);
   }
 }
 

@@ -6,13 +6,12 @@ namespace accessvdb::internal {
 
 LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf) {
   const std::uint32_t collision_mean = map.collisionMean();
-  const LeafBits blocked = map.blockedIn(leaf);
+  const LeafBits blocked = map.blockedIn(leaf), confirmed = map.confirmedIn(leaf);
   const openvdb::Coord& origin = leaf.origin();
   LeafChange facts;
   facts.origin_ijk = {origin.x(), origin.y(), origin.z()};
   const std::uint32_t* packed = packedValues(leaf);
   for (std::size_t x = 0; x < 8; ++x) {
-    const auto cleared = leaf.getValueMask().getWord<std::uint64_t>(static_cast<openvdb::Index>(x));
     std::uint64_t observed = 0, collides = 0;
     for (std::size_t n = 0; packed != nullptr && n < 64; ++n) {
       const std::uint32_t voxel = packed[64 * x + n];
@@ -22,7 +21,8 @@ LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf) {
     }
     collides |= blocked[x];
     facts.collides_on[x] = collides;
-    facts.arm_free_on[x] = (observed & ~collides) | (cleared & ~observed);
+    facts.arm_free_on[x] =
+        map.agesFreeSpace() ? confirmed[x] & ~collides : (observed & ~collides) | (confirmed[x] & ~observed);
   }
   return facts;
 }

@@ -126,10 +126,63 @@ bool LeafFusion::fold(PackedLeaf& leaf, VoxelVotes* votes, LeafChange& change, F
   const LeafTarget target = {packedValues(leaf), &leaf.getValueMask().template getWord<std::uint64_t>(0), votes,
                              &contra_};
   counts.cleared_updates += passes_;
-  const bool flipped = wide_ ? foldWide(target, constants_, change, counts)
-                             : kernels_.fold(target, constants_, touched_, sums_, passed_, change, counts);
+  bool flipped;
+  if (map_.agesFreeSpace()) {
+    flipped = foldAged(leaf, target, change, counts);
+  } else {
+    flipped = wide_ ? foldWide(target, constants_, change, counts)
+                    : kernels_.fold(target, constants_, touched_, sums_, passed_, change, counts);
+  }
   touched_ = 0;
   return flipped;
+}
+
+/// Where free space ages, an observed voxel is free for an arm only if a ray confirms it: one that passes, or samples
+/// that are free together. So what flips for the arm is found here, from what collides.
+bool LeafFusion::foldAged(const PackedLeaf& leaf, const LeafTarget& target, LeafChange& change, FoldCounts& counts) {
+  const LeafBits was_free = map_.confirmedIn(leaf);
+  LeafBits confirmed = passed_, collided = {};
+  if (wide_) {
+    markWideFree(confirmed);
+  } else {
+    kernels_.mark_measured_free(sums_, constants_, touched_, confirmed);
+  }
+  if (target.packed != nullptr) {
+    const std::uint32_t pairs = touched_ | kernels_.gained_pairs(confirmed, was_free);
+    kernels_.mark_colliding(target.packed, constants_, pairs, collided);
+    if (target.votes != nullptr) {
+      for (std::size_t x = 0; x < 8; ++x) collided[x] |= target.votes->blocked(x);
+    }
+  }
+  FoldCounts of_fold;
+  if (wide_) {
+    foldWide(target, constants_, change, of_fold);
+  } else {
+    kernels_.fold(target, constants_, touched_, sums_, passed_, change, of_fold);
+  }
+  counts.distance_updates += of_fold.distance_updates;
+  counts.newly_observed += of_fold.newly_observed;
+  std::uint64_t flipped = 0;
+  for (std::size_t x = 0; x < 8; ++x) {
+    target.cleared[x] |= confirmed[x];
+    const std::uint64_t collides = (collided[x] & ~change.collides_off[x]) | change.collides_on[x];
+    const std::uint64_t old_arm = was_free[x] & ~collided[x], now_arm = (was_free[x] | confirmed[x]) & ~collides;
+    change.arm_free_on[x] = now_arm & ~old_arm;
+    change.arm_free_off[x] = old_arm & ~now_arm;
+    const std::uint64_t any = change.collides_on[x] | change.collides_off[x] | (now_arm ^ old_arm);
+    flipped += static_cast<std::uint64_t>(std::popcount(any));
+  }
+  counts.flipped_voxels += flipped;
+  return flipped != 0;
+}
+
+/// As the kernels mark narrow sums.
+void LeafFusion::markWideFree(LeafBits& free) const {
+  const auto limit = static_cast<std::uint64_t>(constants_.collision_mean);
+  for (std::size_t n = 0; n < 512; ++n) {
+    const std::uint64_t samples = wide_sums_.samples[n];
+    if (samples > 0 && 16 * wide_sums_.distance[n] >= limit * samples) free[n >> 6] |= std::uint64_t{1} << (n & 63);
+  }
 }
 
 /// As the kernels judge narrow sums.

@@ -72,6 +72,8 @@ class LeafFusion {
   void flushSums();
   void clearSums();
   void markThinBand(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ray);
+  bool foldAged(const PackedLeaf& leaf, const LeafTarget& target, LeafChange& change, FoldCounts& counts);
+  void markWideFree(LeafBits& free) const;
   [[nodiscard]] ScanVerdict judgeWide(const LeafTarget& leaf, const KernelConstants& constants) const;
   bool foldWide(const LeafTarget& leaf, const KernelConstants& constants, LeafChange& change, FoldCounts& counts);
 

@@ -88,6 +88,12 @@ struct LeafKernels {
   std::uint32_t (*mark_band)(const ReturnInLeaf& ray, const KernelConstants& constants, LeafBits& passed);
   /// Pairs of rows with voxels that were passed and not cleared yet, one bit each.
   std::uint32_t (*gained_pairs)(const LeafBits& passed, const LeafBits& cleared);
+  /// Where free space ages, before fold(): marks the voxels whose samples, taken together, are free.
+  void (*mark_measured_free)(const LeafSums& sums, const KernelConstants& constants, std::uint32_t touched,
+                             LeafBits& free);
+  /// Marks the voxels that collide by their means. @param pairs  of rows to look at
+  void (*mark_colliding)(const std::uint32_t* packed, const KernelConstants& constants, std::uint32_t pairs,
+                         LeafBits& collides);
   /// Folds sums and passes into a leaf and resets the sums to zero.
   /// @param touched  pairs with samples  @return true if a fact flipped; then `change` is written
   bool (*fold)(const LeafTarget& leaf, const KernelConstants& constants, std::uint32_t touched, LeafSums& sums,

@@ -238,6 +238,29 @@ inline std::uint32_t gainedPairs(const LeafBits& passed, const LeafBits& cleared
   return pairsOf(gained);
 }
 
+inline void markMeasuredFree(const LeafSums& sums, const KernelConstants& c, std::uint32_t touched, LeafBits& free) {
+  for (std::uint32_t left = touched; left != 0; left &= left - 1) {
+    const int pair = std::countr_zero(left);
+    const Ints summed_up = loadInts(sums.packed.data() + 16 * pair);
+    const Ints count = shiftRight(summed_up, LeafSums::kDistanceBits);
+    const Ints sum = bitAnd(summed_up, allInts((1 << LeafSums::kDistanceBits) - 1));
+    // 16 sum / count >= collision mean; a sum has 24 bits, a mean 20, a count 8: no overflow.
+    const std::uint32_t collides = lessInts(shiftLeft(sum, 4), mulInts(allInts(c.collision_mean), count));
+    setPair(free, pair, lessInts(allInts(0), count) & ~collides);
+  }
+}
+
+inline void markColliding(const std::uint32_t* packed, const KernelConstants& c, std::uint32_t pairs,
+                          LeafBits& collides) {
+  for (std::uint32_t left = pairs; left != 0; left &= left - 1) {
+    const int pair = std::countr_zero(left);
+    const Ints old = loadInts(packed + 16 * pair);
+    const Ints weight = bitAnd(old, allInts(static_cast<std::int32_t>(kWeightMask)));
+    setPair(collides, pair,
+            lessInts(allInts(0), weight) & lessInts(shiftRight(old, kWeightBits), allInts(c.collision_mean)));
+  }
+}
+
 /// What the scan says, before it is folded, about the voxels that it may vote for or that have votes: others keep none.
 inline void judge(const LeafTarget& leaf, const LeafSums& sums, const KernelConstants& c, std::uint32_t touched,
                   ScanVerdict& scan) {

@@ -36,12 +36,78 @@ void PackedMap::blockNewThings(float far_m) {
   votes_ = std::make_unique<VotePool>();
 }
 
+void PackedMap::ageFreeSpace(double free_for_s) { generations_ = std::make_unique<FreeGenerations>(free_for_s); }
+
+/// Only leaves whose record says something have one. @param change  (AgedLeaf&)
+template <typename Change>
+void PackedMap::changeRecord(PackedLeaf& leaf, const Change& change) {
+  RecordPool<AgedLeaf>& records = generations_->records();
+  const std::uint32_t number = leaf.transientData();
+  AgedLeaf record = number == 0 ? AgedLeaf{} : records.get(number);
+  change(record);
+  if (record.any()) {
+    if (number == 0) {
+      leaf.setTransientData(records.add(record));
+    } else {
+      records.get(number) = record;
+    }
+  } else if (number != 0) {
+    records.remove(number);
+    leaf.setTransientData(0);
+  }
+}
+
+void PackedMap::setVoteNumber(PackedLeaf& leaf, std::uint32_t number) {
+  if (generations_ == nullptr) {
+    leaf.setTransientData(number);
+  } else {
+    changeRecord(leaf, [number](AgedLeaf& record) { record.votes = number; });
+  }
+}
+
+void PackedMap::setBefore(PackedLeaf& leaf, const LeafBits& before) {
+  changeRecord(leaf, [&before](AgedLeaf& record) { record.before = before; });
+}
+
+std::uint64_t PackedMap::agedLeafCount() const {
+  std::uint64_t count = 0;
+  if (generations_ == nullptr) return count;
+  for (auto leaf = tree_.cbeginLeaf(); leaf; ++leaf) {
+    const LeafBits* before = beforeOf(*leaf);
+    count += before != nullptr && *before != LeafBits{} ? 1 : 0;
+  }
+  return count;
+}
+
+LeafBits PackedMap::confirmedIn(const PackedLeaf& leaf) const {
+  LeafBits confirmed;
+  const LeafBits* before = beforeOf(leaf);
+  for (std::size_t x = 0; x < 8; ++x) {
+    confirmed[x] = leaf.getValueMask().getWord<std::uint64_t>(static_cast<openvdb::Index>(x));
+    if (before != nullptr) confirmed[x] |= (*before)[x];
+  }
+  return confirmed;
+}
+
+LeafBits PackedMap::collidingIn(const PackedLeaf& leaf) const {
+  LeafBits collides = blockedIn(leaf);
+  const std::uint32_t* packed = packedValues(leaf);
+  if (packed == nullptr) return collides;
+  for (std::size_t x = 0; x < 8; ++x) {
+    for (std::size_t n = 0; n < 64; ++n) {
+      const std::uint32_t voxel = packed[64 * x + n];
+      collides[x] |= std::uint64_t{weightOf(voxel) > 0 && meanOf(voxel) < collision_mean_ ? 1u : 0u} << n;
+    }
+  }
+  return collides;
+}
+
 VoxelState PackedMap::at(const openvdb::Coord& ijk) const {
   VoxelState state;
   state.distance_m = static_cast<float>(params_.truncation_distance_m);
   const PackedLeaf* leaf = tree_.probeConstLeaf(ijk);
   if (leaf == nullptr) return state;
-  state.cleared = leaf->isValueOn(ijk);
+  state.cleared = isKnownFree(*leaf, PackedLeaf::coordToOffset(ijk));
   if (const std::uint32_t* values = packedValues(*leaf)) {
     const std::uint32_t packed = values[PackedLeaf::coordToOffset(ijk)];
     state.weight = weightOf(packed);
@@ -56,7 +122,7 @@ VoxelState PackedMap::at(const openvdb::Coord& ijk) const {
 }
 
 PackedLeaf* PackedMap::restoreLeaf(const openvdb::Coord& origin_ijk, const LeafBits& cleared,
-                                   const std::uint32_t* packed, const VoxelVotes* votes) {
+                                   const std::uint32_t* packed, const VoxelVotes* votes, const LeafBits* before) {
   if (tree_.probeConstLeaf(origin_ijk) != nullptr) return nullptr;
   auto leaf = std::make_unique<PackedLeaf>(openvdb::PartialCreate(), origin_ijk);
   if (leaf->origin() != origin_ijk) return nullptr;
@@ -82,7 +148,11 @@ PackedLeaf* PackedMap::restoreLeaf(const openvdb::Coord& origin_ijk, const LeafB
       for (const LeafBits& bits : votes->bit) has |= bits[n >> 6] >> (n & 63) & 1;
       if (has != 0 && weightOf(packed[n]) == 0) return nullptr;  // only observed voxels have votes
     }
-    leaf->setTransientData(votes_->add(*votes));
+    setVoteNumber(*leaf, votes_->add(*votes));
+  }
+  if (before != nullptr) {
+    if (generations_ == nullptr || *before == LeafBits{}) return nullptr;
+    setBefore(*leaf, *before);
   }
   ++leaf_count;
   PackedLeaf* added = leaf.release();
@@ -94,6 +164,7 @@ std::uint64_t PackedMap::memoryBytes() const {
   std::uint64_t bytes =
       allocated_leaf_count * kObservedLeafBytes + (leaf_count - allocated_leaf_count) * kClearedLeafBytes;
   if (votes_ != nullptr) bytes += votes_->bytes();
+  if (generations_ != nullptr) bytes += generations_->records().bytes();
   const auto nodes = tree_.nodeCount();  // leaf, lower, upper, root
   if (nodes.size() >= 3) {
     bytes += nodes[1] * sizeof(PackedTree::RootNodeType::ChildNodeType::ChildNodeType);

@@ -3,7 +3,7 @@
 /// The authored map: one OpenVDB tree of 32-bit voxels instead of three grids.
 ///
 /// value  = mean distance in 20 bits | weight in 12 bits; 0 = unobserved
-/// active = cleared
+/// active = cleared; where free space ages: confirmed to be free in this generation (free_generations.h)
 ///
 /// A leaf that rays only passed through has no buffer (OpenVDB's PartialCreate): 112 bytes instead of 2.2 kB.
 /// Integration is bound by memory, so this, not arithmetic, decides its speed (docs/DESIGN.md, "The authored map").
@@ -20,6 +20,7 @@
 #include "accessvdb/leaf_change.h"
 #include "accessvdb/params.h"
 #include "accessvdb/voxel_state.h"
+#include "tsdf/free_generations.h"
 #include "tsdf/new_things.h"
 #include "tsdf/packed_voxel.h"
 #include "tsdf/vote_pool.h"
@@ -60,8 +61,15 @@ class PackedMap {
   [[nodiscard]] VotePool* votePool() { return votes_.get(); }
   /// The votes of a leaf; nullptr if it has none.
   [[nodiscard]] const VoxelVotes* votesOf(const PackedLeaf& leaf) const {
-    return leaf.transientData() == 0 ? nullptr : &votes_->get(leaf.transientData());
+    const std::uint32_t number = voteNumberOf(leaf);
+    return number == 0 ? nullptr : &votes_->get(number);
   }
+  /// Their number in votePool(); 0 if it has none.
+  [[nodiscard]] std::uint32_t voteNumberOf(const PackedLeaf& leaf) const {
+    const std::uint32_t number = leaf.transientData();
+    return number == 0 || generations_ == nullptr ? number : generations_->records().get(number).votes;
+  }
+  void setVoteNumber(PackedLeaf& leaf, std::uint32_t number);
   /// Leaves that have votes.
   [[nodiscard]] std::uint64_t votedLeafCount() const { return votes_ == nullptr ? 0 : votes_->size(); }
   /// Of all voxels of a leaf, those that votes block.
@@ -73,14 +81,39 @@ class PackedMap {
     return blocked;
   }
 
+  /// From now on, free space ages. For an empty map, after blockNewThings(). @param free_for_s  [T] > 0, finite
+  void ageFreeSpace(double free_for_s);
+  [[nodiscard]] bool agesFreeSpace() const { return generations_ != nullptr; }
+  /// nullptr unless ageFreeSpace() was called.
+  [[nodiscard]] FreeGenerations* generations() { return generations_.get(); }
+  [[nodiscard]] const FreeGenerations* generations() const { return generations_.get(); }
+  /// What was free in a leaf in the generation before; nullptr if nothing was, or if free space does not age.
+  [[nodiscard]] const LeafBits* beforeOf(const PackedLeaf& leaf) const {
+    if (generations_ == nullptr || leaf.transientData() == 0) return nullptr;
+    return &generations_->records().get(leaf.transientData()).before;
+  }
+  void setBefore(PackedLeaf& leaf, const LeafBits& before);
+  /// Leaves with something free in the generation before.
+  [[nodiscard]] std::uint64_t agedLeafCount() const;
+  /// Voxels that rays confirmed to be free and that have not aged since; without ageing, the cleared ones.
+  [[nodiscard]] LeafBits confirmedIn(const PackedLeaf& leaf) const;
+  /// Whether a voxel with this mean and weight counts as free for an arm. @param n  its place in the leaf
+  [[nodiscard]] bool isKnownFree(const PackedLeaf& leaf, openvdb::Index n) const {
+    if (leaf.isValueOn(n)) return true;
+    const LeafBits* before = beforeOf(leaf);
+    return before != nullptr && ((*before)[n >> 6] >> (n & 63) & 1) != 0;
+  }
+  /// Of all voxels of a leaf, those that collide.
+  [[nodiscard]] LeafBits collidingIn(const PackedLeaf& leaf) const;
+
   [[nodiscard]] VoxelState at(const openvdb::Coord& ijk) const;
 
   /// Puts a leaf of a saved map in place; the counts below include it. Leaves of one node are added fastest together.
   /// @param origin_ijk  multiples of 8  @param packed  [512], or nullptr for a leaf that is only cleared
-  /// @param votes  nullptr: none
+  /// @param votes, before  nullptr: none
   /// @return the leaf, or nullptr if there is one or a voxel is not one that this map can have
   PackedLeaf* restoreLeaf(const openvdb::Coord& origin_ijk, const LeafBits& cleared, const std::uint32_t* packed,
-                          const VoxelVotes* votes = nullptr);
+                          const VoxelVotes* votes = nullptr, const LeafBits* before = nullptr);
 
   std::uint64_t leaf_count = 0;            ///< all leaves
   std::uint64_t allocated_leaf_count = 0;  ///< those with a buffer
@@ -95,7 +128,10 @@ class PackedMap {
   std::uint32_t collision_mean_ = 0;
   NewsRule news_;
   std::unique_ptr<VotePool> votes_;
+  std::unique_ptr<FreeGenerations> generations_;
 
+  template <typename Change>
+  void changeRecord(PackedLeaf& leaf, const Change& change);
   [[nodiscard]] std::uint32_t leastMeanAt(float distance_m) const;
 };
 

@@ -30,11 +30,12 @@ std::vector<LeafChange> edited(PackedMap& map, const VoxelSet& voxels, const Edi
     PackedLeaf* leaf = map.tree().probeLeaf(part.origin_ijk);
     if (leaf == nullptr) continue;
     const LeafChange before = factsOf(map, *leaf);
-    VoxelVotes* votes = leaf->transientData() == 0 ? nullptr : &map.votePool()->get(leaf->transientData());
+    const std::uint32_t number = map.voteNumberOf(*leaf);
+    VoxelVotes* votes = number == 0 ? nullptr : &map.votePool()->get(number);
     edit(*leaf, part.bits, votes);
     if (votes != nullptr && !votes->any()) {
-      map.votePool()->remove(leaf->transientData());
-      leaf->setTransientData(0);
+      map.votePool()->remove(number);
+      map.setVoteNumber(*leaf, 0);
     }
     const LeafChange after = factsOf(map, *leaf);
     LeafChange change;

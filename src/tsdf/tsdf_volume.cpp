@@ -104,9 +104,13 @@ openvdb::FloatGrid::Ptr TsdfVolume::weight(const FieldWindow& tile) const {
 }
 
 openvdb::BoolGrid::Ptr TsdfVolume::cleared(const FieldWindow& tile) const {
-  return buildGrid<openvdb::BoolGrid>(*packed_, tile, "cleared", false, [](const PackedLeaf& from, auto& to) {
-    if (from.getValueMask().isOff()) return false;
-    for (auto it = from.cbeginValueOn(); it; ++it) to.setValueOn(it.pos(), true);
+  const internal::PackedMap& map = *packed_;
+  return buildGrid<openvdb::BoolGrid>(map, tile, "cleared", false, [&map](const PackedLeaf& from, auto& to) {
+    const LeafBits confirmed = map.confirmedIn(from);
+    if (confirmed == LeafBits{}) return false;
+    for (openvdb::Index n = 0; n < PackedLeaf::SIZE; ++n) {
+      if ((confirmed[n >> 6] >> (n & 63) & 1) != 0) to.setValueOn(n, true);
+    }
     return true;
   });
 }

@@ -79,6 +79,13 @@ class ExactOnDevice final : public UpdateScheduler {
     if (kernels::totalSize(flips_) > 2 * joined_flips_ + kMostFlips) joinFlips();
   }
 
+  // As if another scan had come: all flips are handed over again.
+  void noteChangesAlone(std::span<const LeafChange> facts) override {
+    flips_begun_ = false;
+    for (const LeafChange& change : facts) noteChange(0, change);
+    noteChanges({}, {}, {});
+  }
+
   void noteRestored() override { admission_.noteRestored(); }
 
   // If another scan comes before the update, all flips are handed over again.

@@ -18,7 +18,8 @@ namespace accessvdb::internal {
 
 /// What a scan changed in the map; valid until the next scan.
 struct MapChanges {
-  std::span<const std::span<const LeafChange>> facts;          ///< each leaf with flips at most once
+  /// Each leaf with flips at most once in each list, and the lists in the order in which they happened.
+  std::span<const std::span<const LeafChange>> facts;
   std::span<const std::span<const DistanceChange>> distances;  ///< likewise; empty unless Needs::distances
 };
 
@@ -47,6 +48,9 @@ class UpdateScheduler {
   /// Call when the map contains the returns, too: after noteReturns(), once per scan.
   virtual void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                            const MapChanges& changes) = 0;
+
+  /// Call instead of these when the map changed without a scan.
+  virtual void noteChangesAlone(std::span<const LeafChange> facts) { noteChanges({}, {}, {{&facts, 1}, {}}); }
 
   /// Call instead of these when the points and the map came from a saved state: nothing was scored yet, and all points
   /// count as new.

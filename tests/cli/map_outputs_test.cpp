@@ -257,6 +257,26 @@ TEST_F(MapOutputs, NewThingsBlockUnlessTheWorldIsStill) {
   EXPECT_EQ(still[0].find("change block"), std::string::npos);
 }
 
+/// Free space ages by the scans' times, which these have; what is likely not meant is said.
+TEST_F(MapOutputs, FreeSpaceAgesByTheScansTimes) {
+  ASSERT_EQ(runProgram(mapArguments({"--change", "full"})).exit_code, 0);
+  EXPECT_EQ(report().at("parameters").at("change"), "full");
+  EXPECT_EQ(report().at("parameters").at("free_for_s"), "inf");
+  const ProgramResult run = runProgram(mapArguments({"--change", "full", "--free-for", "5"}));
+  ASSERT_EQ(run.exit_code, 0) << run.err;
+  EXPECT_EQ(report().at("parameters").at("free_for_s"), 5);
+  EXPECT_NE(run.err.find("change.short"), std::string::npos) << run.err;
+  for (const char* bad : {"0", "nan", "soon", "1e999"}) {
+    const ProgramResult refused = runProgram(mapArguments({"--change", "full", "--free-for", bad}));
+    EXPECT_EQ(refused.exit_code, 2) << bad;
+    EXPECT_NE(refused.err.find("usage.free_for"), std::string::npos) << refused.err;
+  }
+  EXPECT_EQ(runProgram(mapArguments({"--free-for", "60"})).exit_code, 2);
+  const ProgramResult tiles = runProgram(mapArguments({"--change", "full", "--tiles", "5"}));
+  EXPECT_EQ(tiles.exit_code, 2);
+  EXPECT_NE(tiles.err.find("usage.tiles"), std::string::npos) << tiles.err;
+}
+
 TEST_F(MapOutputs, SummaryIsSaidUnlessQuiet) {
   const std::string loud = runProgram(mapArguments()).err;
   for (const char* part : {"4 scans, 6400 returns, 100.0 % used", "surface points: accessible", "tool builtin:pencil",

@@ -29,12 +29,13 @@ vdb      openvdb
 tsdf     std posix simd api grids eigen openvdb vdb tbb
 mirror   std posix api grids openvdb tbb launch hostdev
 points   std api eigen tbb launch hostdev simd
+change   std api eigen openvdb tbb launch hostdev tsdf points
 update   std api eigen tbb launch hostdev points
 tool     std posix api eigen tbb launch hostdev assimp openssl
 bags     std api eigen bzip2 lz4 sqlite zlib zstd
 io       std posix api grids eigen openvdb vdb tbb lzf openssl json bags
 picture  std api eigen tbb io png
-field    std posix api grids eigen openvdb vdb tbb launch hostdev tsdf mirror points update tool io
+field    std posix api grids eigen openvdb vdb tbb launch hostdev tsdf mirror points change update tool io
 live     std api grids eigen openvdb tbb tsdf io
 tiles    std posix api grids eigen openvdb vdb tbb launch hostdev points tool field io json
 report   std api eigen tool io zlib openssl json

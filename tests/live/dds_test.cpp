@@ -161,6 +161,7 @@ class LiveDds : public cli_test::ProgramTest {
                                           "--out", path("expected"), "--tiles",     "off",     "--update-every",
                                           "1"};
     for (const std::string& flag : fieldFlags()) arguments.push_back(flag);
+    for (const char* flag : {"--change", "full", "--free-for", "60"}) arguments.emplace_back(flag);  // as live does
     const ProgramResult result = runProgram(arguments);
     EXPECT_EQ(result.exit_code, 0) << result.err;
     return readText("expected/points.ply");

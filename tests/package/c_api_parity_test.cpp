@@ -9,6 +9,7 @@
 #include <filesystem>
 #include <fstream>
 #include <functional>
+#include <limits>
 #include <map>
 #include <set>
 #include <sstream>
@@ -247,7 +248,10 @@ TEST(CApiParity, ScansGiveTheSamePoints) {
     EXPECT_EQ(counts.labels[label], snapshot.count(static_cast<accessvdb::PointLabel>(label)));
   }
   const auto reasons = snapshot.reasons();
-  for (std::size_t reason = 0; reason < reasons.size(); ++reason) EXPECT_EQ(counts.reasons[reason], reasons[reason]);
+  for (std::size_t reason = 0; reason < ACCESSVDB_NUM_REASONS; ++reason) {
+    EXPECT_EQ(counts.reasons[reason], reasons[reason]);
+  }
+  EXPECT_EQ(counts.changed, reasons[ACCESSVDB_REASON_CHANGED]);
 }
 
 TEST(CApiParity, UpdatesThatDoNotBlockGiveTheSamePoints) {
@@ -402,6 +406,25 @@ TEST(CApiParity, EveryParameterArrives) {
   }
   // Ensures that a parameter added to C++ is not forgotten in C.
   for (const auto& [name, value] : plain) EXPECT_TRUE(reached.contains(name)) << name << " cannot be set from C";
+}
+
+TEST(CApiParity, FreeSpaceAges) {
+  accessvdb_params c = defaults();
+  EXPECT_EQ(c.free_for_s, std::numeric_limits<double>::infinity());
+  c.voxel_size_m = 0.1;
+  c.change = ACCESSVDB_CHANGE_FULL;
+  c.free_for_s = 45;
+  const CField field("builtin:pencil", &c);
+  ASSERT_NE(field.handle, nullptr);
+  const auto found = lines(accessvdb_field_parameters(field.handle));
+  EXPECT_EQ(found.at("change"), "full");
+  EXPECT_EQ(found.at("free_for_s"), "45");
+  for (const double bad : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
+    c.free_for_s = bad;
+    const CField refused("builtin:pencil", &c);
+    EXPECT_EQ(refused.handle, nullptr);
+  }
+  EXPECT_STREQ(accessvdb_reason_name(ACCESSVDB_REASON_CHANGED), "changed");
 }
 
 TEST(CApiParity, PaperParameters) {

@@ -63,7 +63,7 @@ OTHER = {
         "stability_min": 0.6,
         "seed": 2**64 - 1,
     },
-    "ChangeParams": {"mode": "off"},
+    "ChangeParams": {"mode": "off", "free_for_s": 45.0},
     "ProjectiveParams": {
         "bin_rad": 0.01,
         "in_front": True,
@@ -149,6 +149,10 @@ class Params(unittest.TestCase):
         reached = set()
         for part, name in PARTS.items():
             for field, value in OTHER[name].items():
+                if field == "free_for_s":  # only with "full"
+                    described = lines(accessvdb.FieldParams(change={"mode": "full", field: value}))
+                    self.assertEqual((described["change"], described[field]), ("full", "45"))
+                    continue
                 described = lines(accessvdb.FieldParams(**{part: {field: value}}))
                 changed = {key for key in plain if plain[key] != described.get(key)}  # some have no line when off
                 if field in ("orientations", "rolls"):  # only of those that are not yaw, or roll

@@ -172,7 +172,7 @@ void BenchRun::replay(const sim::Simulator& simulator, AccessibilityField& field
 void BenchRun::takeScan(const sim::SimulatedFrame& scan, AccessibilityField& field) {
   BenchFrame frame;
   const auto start = Clock::now();
-  frame.integration = field.integrateScan(scan.points_S, scan.T_W_S);
+  frame.integration = field.integrateScan(scan.points_S, scan.T_W_S, scan.stamp_s);
   if (options_.pipelined) {
     finishFrame();
     running_frame_ = frame;

@@ -77,7 +77,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   flags.option("--scan-cache", &cache,
                "folder that keeps simulated scans between runs; they are made again when they no "
                "longer match");
-  flags.option("--change", &change, "how the product's profile follows a world that changes: block or off");
+  flags.option("--change", &change, "how the product's profile follows a world that changes: block, off or full");
   flags.flag("--no-pictures", no_pictures, "leave out the pictures of the scenes");
   flags.flag("--consistency", consistency,
              "compare recorded scans with themselves instead; see evaluate --consistency --help");
@@ -89,11 +89,11 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   }
   if (out.empty()) throw InvalidArgument("usage.missing", "--out", "is missing", "Name a folder for the tables");
 
-  if (change != "block" && change != "off") {
-    throw InvalidArgument("usage.word", "--change", "\"" + change + "\" is not known", "Use block or off");
+  if (change != "block" && change != "off" && change != "full") {
+    throw InvalidArgument("usage.word", "--change", "\"" + change + "\" is not known", "Use block, off or full");
   }
   eval::TableOptions options;
-  options.change = change == "off" ? ChangeMode::Off : ChangeMode::Block;
+  options.change = change == "off" ? ChangeMode::Off : change == "full" ? ChangeMode::Full : ChangeMode::Block;
   options.tables = tables;
   eval::checkTableNames(tables);  // before any folder is created
   io::prepareOutputFolder(out);

@@ -275,6 +275,7 @@ int LiveRun::run() {
     if (fs::is_regular_file(path, status)) report_.inputs.push_back({path, io::sha256OfFile(path)});
   }
   sayToolNotes(tool, messages_);
+  sayChangeNotes(params, messages_);
   ScanLog log(options_.scan_log);
   LiveSession session(tool, params, sessionOptions(options_));
   report_.device = session.field().deviceName();

@@ -30,6 +30,7 @@ void requireTopic(const char* flag, const std::string& topic) {
 
 void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
   MapOptions& map = options.map;
+  map.forgetful = true;
   flags.describe("live",
                  "Labels while the scanner runs: clouds and odometry of ROS 2 in, labelled points out, over DDS.",
                  "accessvdb live --cloud /livox/lidar --odom /Odometry --tool builtin:pruner --voxel 0.05 --out out/\n"

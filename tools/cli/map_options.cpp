@@ -42,8 +42,10 @@ constexpr std::array<std::pair<const char*, Profile>, 2> kProfiles = {
     {{"product", Profile::Product}, {"paper", Profile::Paper}}};
 constexpr std::array<std::pair<const char*, UpdatePolicy>, 2> kPolicies = {
     {{"exact", UpdatePolicy::Exact}, {"paper", UpdatePolicy::Paper}}};
-constexpr std::array<std::pair<const char*, ChangeMode>, 2> kChangeModes = {
-    {{"off", ChangeMode::Off}, {"block", ChangeMode::Block}}};
+constexpr std::array<std::pair<const char*, ChangeMode>, 3> kChangeModes = {
+    {{"off", ChangeMode::Off}, {"block", ChangeMode::Block}, {"full", ChangeMode::Full}}};
+/// What live forgets after, and what is hardly ever meant: at 12 m a Mid-360 confirms a voxel of 10 mm every 3 s.
+constexpr double kFreeForLive_s = 60, kShortFreeFor_s = 10;
 constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
     {{"auto", BackendKind::Auto}, {"cpu", BackendKind::Cpu}, {"cuda", BackendKind::Cuda}}};
 
@@ -60,9 +62,7 @@ void addFieldOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--profile", &options.profile, "product or paper");
   addOrientationOptions(flags, options);
   flags.option("--knn", &options.knn, "neighbours of a normal; default by rule");
-  flags.option("--change", &options.change,
-               "how the map follows a world that changes: block (new things block at once; the default) or off");
-  flags.flag("--static", options.still, "the world is still: --change off");
+  addChangeOptions(flags, options);
 }
 
 void addMappingOptions(FlagParser& flags, MapOptions& options) {
@@ -123,6 +123,25 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
                "what is known of that place now: unknown (blocks until a scan sees through it) or free");
   flags.flag("--html", options.html, "also write report.html: the result as one page for a browser");
   flags.flag("--print-config", options.print_config, "print the effective configuration as TOML and exit");
+}
+
+void addChangeOptions(FlagParser& flags, MapOptions& options) {
+  flags.option("--change", &options.change,
+               std::string("how the map follows a world that changes: off, block (new things block at once") +
+                   (options.forgetful ? ") or full (and what has gone opens by evidence; the default)"
+                                      : "; the default) or full (and what has gone opens by evidence)"));
+  flags.flag("--static", options.still, "the world is still: --change off");
+  flags.option("--free-for", &options.free_for,
+               std::string("with --change full, seconds after which free space that no ray has confirmed is unknown "
+                           "again, by the scans' times; inf = never. Default: ") +
+                   (options.forgetful ? "60" : "inf"));
+}
+
+void sayChangeNotes(const FieldParams& params, Messages& messages) {
+  if (!(params.change.free_for_s < kShortFreeFor_s)) return;
+  messages.warning("change.short", "free space is forgotten after " + numberText(params.change.free_for_s) +
+                                       " s: what is looked at from some metres away is not confirmed as often; " +
+                                       "10 s or more are meant for --free-for");
 }
 
 void addScanFlags(FlagParser& flags, MapOptions& options) {
@@ -238,6 +257,25 @@ std::optional<ChangeMode> givenChange(const MapOptions& options) {
   return mode;
 }
 
+/// What --free-for says, or the verb's default.
+double freeFor_s(const MapOptions& options, ChangeMode mode) {
+  constexpr double kForever_s = std::numeric_limits<double>::infinity();
+  if (options.free_for.empty()) return options.forgetful && mode == ChangeMode::Full ? kFreeForLive_s : kForever_s;
+  if (options.free_for == "inf") return kForever_s;
+  double seconds = 0;
+  const char* end = options.free_for.data() + options.free_for.size();
+  const auto [rest, error] = std::from_chars(options.free_for.data(), end, seconds);
+  if (error != std::errc() || rest != end || !(seconds > 0) || !std::isfinite(seconds)) {
+    throw InvalidArgument("usage.free_for", "--free-for",
+                          "\"" + printable(options.free_for) + "\" is not a positive time in seconds",
+                          "Use for example 60, or inf for free space that stays free");
+  }
+  if (mode != ChangeMode::Full) {
+    throw InvalidArgument("usage.free_for", "--free-for", "is only for --change full", "Add --change full, or omit it");
+  }
+  return seconds;
+}
+
 }  // namespace
 
 FieldParams fieldParams(const MapOptions& options, std::optional<double> recorded_noise_m) {
@@ -267,13 +305,17 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   params.scoring.max_collisions = parseMaxCollisions(own.max_collisions, options.voxel_m);
   if (options.corridor_m) params.approach.corridor_length_m = *options.corridor_m;
   if (options.knn) params.scoring.neighbours = *options.knn;
-  if (const auto change = givenChange(options)) {
+  auto change = givenChange(options);
+  const bool can_forget = params.tsdf.region == UpdateRegion::DoubleCone && options.policy != "paper";
+  if (!change && options.forgetful && can_forget) change = ChangeMode::Full;
+  if (change) {
     if (*change != ChangeMode::Off && params.tsdf.region != UpdateRegion::DoubleCone) {
       throw InvalidArgument("usage.change", "--change", "the paper's profile takes the world as still",
                             "Omit it, or use --profile product");
     }
     params.change.mode = *change;
   }
+  params.change.free_for_s = freeFor_s(options, params.change.mode);
   if (!options.policy.empty()) params.update.policy = chooseWord("--policy", options.policy, kPolicies);
   params.backend = chooseWord("--device", options.common.device, kDevices);
   params.threads = options.common.threads;

@@ -29,7 +29,7 @@ struct MapOptions {
   SensorOptions sensor;
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string checkpoint, checkpoint_every = "5m", resume;
-  std::string pose_format = "auto", profile = "product", policy, orientations, change;
+  std::string pose_format = "auto", profile = "product", policy, orientations, change, free_for;
   std::string tool_name, rolls, max_collisions;  ///< of several tools with line ends between: tools_given.h
   double voxel_m = 0.01;
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
@@ -41,6 +41,7 @@ struct MapOptions {
   bool still = false;  ///< --static
   std::vector<std::string> remove;
   std::string removed_as = "unknown";
+  bool forgetful = false;  ///< live: --change full --free-for 60 unless something else is said
 };
 
 void addMapOptions(FlagParser& flags, MapOptions& options);
@@ -54,6 +55,11 @@ void addFieldOptions(FlagParser& flags, MapOptions& options);
 
 /// Adds the flags for reading and mapping scans, for every verb that maps scans.
 void addMappingOptions(FlagParser& flags, MapOptions& options);
+
+/// Adds the flags for a world that changes, for every verb that keeps a field.
+void addChangeOptions(FlagParser& flags, MapOptions& options);
+/// What is likely not meant, as a warning.
+void sayChangeNotes(const FieldParams& params, Messages& messages);
 
 /// Adds the flags for the tool's orientations, for every verb that keeps a field.
 void addOrientationOptions(FlagParser& flags, MapOptions& options);

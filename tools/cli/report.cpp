@@ -130,7 +130,11 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
   Json dropped = Json::object();
   for (int i = 0; i < kNumDropReasons; ++i) dropped[name(static_cast<DropReason>(i))] = report.dropped[i];
   Json reasons = Json::object();
-  for (int i = 1; i < kNumPointReasons; ++i) reasons[name(static_cast<PointReason>(i))] = report.reasons[i];
+  for (int i = 1; i < kNumPointReasons; ++i) {
+    const auto reason = static_cast<PointReason>(i);
+    if (reason == PointReason::Changed && report.reasons[i] == 0) continue;  // only --change full has any
+    reasons[name(reason)] = report.reasons[i];
+  }
   const auto count = [&](PointLabel label) { return report.labels[static_cast<int>(label)]; };
 
   Json json = {

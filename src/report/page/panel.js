@@ -66,6 +66,7 @@ function fillChips(facts, toggled) {
   for (const reason of REASON_ORDER) {
     const of_reason = (each) => each.reason === reason;
     const points = sumOf(facts, "points", of_reason), words = REASON_WORDS[reason];
+    if (reason === "changed" && points === 0) continue;  // only maps that let things go have any
     const chip = element("button", "chip",
         element("span", "name", swatch(REASON_COLOURS[reason]), words.name),
         element("span", "count", `${grouped(points)} · ${percent(points, total)} · ${areaText(sumOf(facts, "area_m2", of_reason))}`),

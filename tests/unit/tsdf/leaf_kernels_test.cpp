@@ -17,7 +17,7 @@ namespace {
 struct Bits {
   std::vector<std::uint32_t> touched, passes;
   std::vector<std::uint32_t> sums, gained, packed;
-  LeafBits passed = {}, cleared = {};
+  LeafBits passed = {}, cleared = {}, measured_free = {}, colliding = {};
   LeafChange change;
   bool flipped = false;
   FoldCounts counts;
@@ -66,6 +66,16 @@ Bits run(const LeafKernels& kernels, bool cone, unsigned seed) {
   LeafBits few = bits.passed;
   for (auto& word : few) word &= random() % 3 == 0 ? 0 : std::uint64_t{0xffff} << (16 * (random() % 4));
   bits.gained.push_back(kernels.gained_pairs(few, bits.cleared));
+  kernels.mark_measured_free(sums, constants, touched, bits.measured_free);
+  kernels.mark_colliding(packed.data(), constants, touched, bits.colliding);
+  for (std::size_t n = 0; n < 512; ++n) {  // in wider numbers
+    const std::uint64_t count = LeafSums::samplesOf(sums.packed[n]), sum = LeafSums::distanceOf(sums.packed[n]);
+    const auto limit = static_cast<std::uint64_t>(constants.collision_mean);
+    const bool looked_at = (touched >> (n / 16) & 1) != 0;
+    EXPECT_EQ(bits.measured_free[n >> 6] >> (n & 63) & 1, count > 0 && 16 * sum >= limit * count ? 1u : 0u);
+    EXPECT_EQ(bits.colliding[n >> 6] >> (n & 63) & 1,
+              looked_at && weightOf(packed[n]) > 0 && meanOf(packed[n]) < limit ? 1u : 0u);
+  }
   bits.flipped = kernels.fold({packed.data(), bits.cleared.data()}, constants, touched, sums, bits.passed, bits.change,
                               bits.counts);
   bits.packed = packed;
@@ -91,6 +101,8 @@ TEST(LeafKernels, EveryInstructionSetGivesTheSameBits) {
       ASSERT_EQ(bits.packed, expected.packed);
       ASSERT_EQ(bits.passed, expected.passed);
       ASSERT_EQ(bits.cleared, expected.cleared);
+      ASSERT_EQ(bits.measured_free, expected.measured_free);
+      ASSERT_EQ(bits.colliding, expected.colliding);
       ASSERT_EQ(bits.flipped, expected.flipped);
       ASSERT_EQ(bits.change.collides_on, expected.change.collides_on);
       ASSERT_EQ(bits.change.collides_off, expected.change.collides_off);

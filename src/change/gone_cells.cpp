@@ -1,0 +1,277 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "change/gone_cells.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numeric>
+
+namespace accessvdb::internal {
+namespace {
+
+constexpr int kCellEdge = 4;  // voxels
+constexpr std::size_t kHitsPerTask = 512;
+/// After so many scans, cells in which nothing is left to open are no longer walked.
+constexpr std::uint64_t kScansBetweenDrops = 16;
+
+}  // namespace
+
+GoneCells::GoneCells(const PackedMap& map, const PointStore& points, const TsdfParams& resolved)
+    : map_(map), points_(points) {
+  const double v = resolved.voxel_size_m, tau = resolved.truncation_distance_m / v, sigma = resolved.range_noise_m / v;
+  shape_.voxel_size_m = v;
+  shape_.margin = tau + 3 * sigma;
+  shape_.line_step = std::max(0.125, sigma);
+  shape_.shadow_cells = static_cast<std::int32_t>(std::ceil((tau + 1) / kCellEdge));
+}
+
+Index3 GoneCells::cellAt(CellPlace place) const {
+  const Index3& leaf = points_.index().blocks()[place.block].leaf;
+  const auto half = [&place](int bit) { return static_cast<std::int32_t>(place.cell >> bit & 1); };
+  return {2 * leaf[0] + half(2), 2 * leaf[1] + half(1), 2 * leaf[2] + half(0)};
+}
+
+/// Each block once: the points come leaf by leaf.
+std::vector<GoneCells::BlockHits> GoneCells::hitsOf(std::span<const std::uint32_t> touched) const {
+  std::vector<std::uint8_t> cell(touched.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, touched.size(), kHitsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      cell[n] = static_cast<std::uint8_t>(cellOfBit(bitInParent(points_.voxelOf(points_.first_L(touched[n])))));
+    }
+  });
+  std::vector<BlockHits> hits;
+  for (std::size_t n = 0; n < touched.size(); ++n) {
+    const std::uint32_t block = points_.blockOf(touched[n]);
+    if (hits.empty() || hits.back().block != block) hits.push_back({block, {}});
+    std::uint8_t& count = hits.back().counts[cell[n]];
+    if (count < 0xff) ++count;
+  }
+  return hits;
+}
+
+/// @param visit  (CellPlace, count), from several threads, but for the cells of a block from one
+template <typename Visit>
+void GoneCells::forEachHit(const std::vector<BlockHits>& hits, const Visit& visit) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, hits.size(), kHitsPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      for (std::uint32_t cell = 0; cell < 8; ++cell) {
+        if (hits[n].counts[cell] > 0) visit(CellPlace{hits[n].block, cell}, hits[n].counts[cell]);
+      }
+    }
+  });
+}
+
+std::vector<OpenedLeaf> GoneCells::takeScan(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                                            std::span<const std::uint32_t> touched) {
+  grow();
+  ++scans_;
+  // A hit of the same scan wins, so it revokes verdicts first.
+  const std::vector<BlockHits> hit = hitsOf(touched);
+  forEachHit(hit, [this](CellPlace place, std::uint32_t) {
+    CellRecord& cell = at(place);
+    if (cell.verdict == Verdict::Stands) return;
+    cell.verdict = Verdict::Stands;
+    refreshFlags(place);
+  });
+  RayEvidence evidence = evidenceOf(map_, points_, shape_, {blocks_, suspect_, opening_}, p_L, q_L);
+  std::vector<CellPlace> passed;
+  addPasses(evidence.passes, passed);
+  // With a hit, no cell is suspect, so no leaf is added to those that are.
+  forEachHit(hit, [this](CellPlace place, std::uint32_t count) {
+    at(place).addHits(count);
+    refreshFlags(place);
+  });
+  // All counts before any verdict: verdicts do not depend on each other.
+  std::vector<CellPlace> now_gone;
+  for (const CellPlace place : passed) {
+    if (hasGone(place)) now_gone.push_back(place);
+  }
+  for (const CellPlace place : now_gone) {
+    at(place).verdict = Verdict::Gone;
+    gone_.push_back(place);
+    walkAround(place);
+  }
+  for (const CellPlace place : passed) refreshFlags(place);
+  if (scans_ % kScansBetweenDrops == 0) dropWhatIsDone();
+  return std::move(evidence.opened);
+}
+
+/// @param passes  ascending  @param passed  receives their cells, each once
+void GoneCells::addPasses(std::span<const Pass> passes, std::vector<CellPlace>& passed) {
+  constexpr std::uint32_t kSampledOneIn = 4;  // the rays that are examined in cells that are not suspect
+  for (std::size_t n = 0; n < passes.size();) {
+    const std::uint64_t place = passes[n] >> 6;
+    std::uint64_t lines = 0;
+    for (; n < passes.size() && passes[n] >> 6 == place; ++n) lines |= std::uint64_t{1} << (passes[n] & 63);
+    passed.push_back({static_cast<std::uint32_t>(place / 8), static_cast<std::uint32_t>(place % 8)});
+    const bool all_rays = (blocks_[passed.back().block].suspect >> passed.back().cell & 1) != 0;
+    at(passed.back()).addPasses(lines, all_rays ? 1 : kSampledOneIn);
+  }
+}
+
+/// Whether the evidence is enough: the cell's own, or that of its neighbours, too.
+bool GoneCells::hasGone(CellPlace place) const {
+  const CellRecord& own = blocks_[place.block].cells[place.cell];
+  if (own.verdict != Verdict::Stands || own.scans < GoneRule::kScans) return false;
+  if (GoneRule::isEnough(GoneRule::kFactor, own.passes(), own.hits, own.missed)) return true;
+  std::uint64_t passes = 0, hits = 0, missed = 0;
+  const Index3 middle = cellAt(place);
+  Index3 cell;
+  for (cell[0] = middle[0] - 1; cell[0] <= middle[0] + 1; ++cell[0]) {
+    for (cell[1] = middle[1] - 1; cell[1] <= middle[1] + 1; ++cell[1]) {
+      for (cell[2] = middle[2] - 1; cell[2] <= middle[2] + 1; ++cell[2]) {
+        const std::uint32_t block = points_.index().blockAt({cell[0] >> 1, cell[1] >> 1, cell[2] >> 1});
+        if (block == kNone) continue;
+        const CellRecord& record = blocks_[block].cells[cellInLeaf(cell)];
+        if (record.hits > 0 && record.passes() == 0) return false;  // hit, and not passed since
+        passes += record.passes();
+        hits += record.hits;
+        missed += record.missed;
+      }
+    }
+  }
+  return GoneRule::isEnough(GoneRule::kPooledFactor, passes, hits, missed);
+}
+
+/// What the walk sees of a cell at a glance.
+void GoneCells::refreshFlags(CellPlace place) {
+  BlockCells& block = blocks_[place.block];
+  const CellRecord& cell = block.cells[place.cell];
+  const auto bit = static_cast<std::uint8_t>(1u << place.cell);
+  const bool suspect = GoneRule::isSuspect(cell);
+  if (suspect && block.suspect == 0) suspect_.add(points_.index().blocks()[place.block].leaf);
+  block.suspect = static_cast<std::uint8_t>(suspect ? block.suspect | bit : block.suspect & ~bit);
+  block.gone = static_cast<std::uint8_t>(cell.verdict != Verdict::Stands ? block.gone | bit : block.gone & ~bit);
+}
+
+/// Rays may open voxels in the leaves around a cell that has gone.
+void GoneCells::walkAround(CellPlace place) {
+  const Index3 cell = cellAt(place);
+  const std::int32_t reach = shape_.shadow_cells;
+  Index3 leaf;
+  for (leaf[0] = (cell[0] - reach) >> 1; leaf[0] <= (cell[0] + reach) >> 1; ++leaf[0]) {
+    for (leaf[1] = (cell[1] - reach) >> 1; leaf[1] <= (cell[1] + reach) >> 1; ++leaf[1]) {
+      for (leaf[2] = (cell[2] - reach) >> 1; leaf[2] <= (cell[2] + reach) >> 1; ++leaf[2]) opening_.add(leaf);
+    }
+  }
+}
+
+/// Cells with nothing left to open around them are walked no more. Also forgets leaves that are no longer suspect.
+void GoneCells::dropWhatIsDone() {
+  OpenCells open(map_, points_, shape_, {blocks_, suspect_, opening_});
+  const auto isDone = [&](CellPlace place) {
+    const Index3 middle = cellAt(place);
+    const std::int32_t reach = shape_.shadow_cells;
+    Index3 leaf;
+    for (leaf[0] = (middle[0] - reach) >> 1; leaf[0] <= (middle[0] + reach) >> 1; ++leaf[0]) {
+      for (leaf[1] = (middle[1] - reach) >> 1; leaf[1] <= (middle[1] + reach) >> 1; ++leaf[1]) {
+        for (leaf[2] = (middle[2] - reach) >> 1; leaf[2] <= (middle[2] + reach) >> 1; ++leaf[2]) {
+          const PackedLeaf* of_map = map_.tree().probeConstLeaf({8 * leaf[0], 8 * leaf[1], 8 * leaf[2]});
+          if (of_map == nullptr || packedValues(*of_map) == nullptr) continue;
+          const LeafBits collides = map_.collidingIn(*of_map);
+          std::uint32_t cells = 0;
+          for (std::size_t bit = 0; bit < 512; ++bit) {
+            if ((collides[bit >> 6] >> (bit & 63) & 1) != 0) cells |= 1u << cellOfBit(bit);
+          }
+          for (std::uint32_t n = 0; n < 8; ++n) {
+            if ((cells >> n & 1) == 0) continue;
+            const auto half = [n](int b) { return static_cast<std::int32_t>(n >> b & 1); };
+            if (open.mayOpen({2 * leaf[0] + half(2), 2 * leaf[1] + half(1), 2 * leaf[2] + half(0)})) return false;
+          }
+        }
+      }
+    }
+    return true;
+  };
+  std::erase_if(gone_, [this](CellPlace place) { return at(place).verdict != Verdict::Gone; });
+  std::vector<CellPlace> done;
+  for (const CellPlace place : gone_) {
+    if (isDone(place)) done.push_back(place);
+  }
+  for (const CellPlace place : done) at(place).verdict = Verdict::Open;
+  std::erase_if(gone_, [this](CellPlace place) { return at(place).verdict != Verdict::Gone; });
+  opening_.clear();
+  for (const CellPlace place : gone_) walkAround(place);
+  suspect_.clear();
+  for (std::uint32_t block = 0; block < blocks_.size(); ++block) {
+    if (blocks_[block].suspect != 0) suspect_.add(points_.index().blocks()[block].leaf);
+  }
+}
+
+std::vector<std::uint32_t> GoneCells::blocksInOrder() const {
+  std::vector<std::uint32_t> order(blocks_.size());
+  std::iota(order.begin(), order.end(), 0u);
+  const ChunkedArray<PointBlock>& blocks = points_.index().blocks();
+  std::sort(order.begin(), order.end(),
+            [&](std::uint32_t a, std::uint32_t b) { return blocks[a].leaf < blocks[b].leaf; });
+  return order;
+}
+
+bool GoneCells::restore(const Index3& leaf, const LeafCells& cells) {
+  grow();
+  const std::uint32_t block = points_.index().blockAt(leaf);
+  if (block == kNone || blocks_[block].cells != LeafCells{}) return false;
+  blocks_[block].cells = cells;
+  for (std::uint32_t n = 0; n < 8; ++n) {
+    const CellPlace place = {block, n};
+    const CellRecord& cell = at(place);
+    if (cell.verdict > Verdict::Open ||
+        std::max({cell.hits, cell.missed, cell.emptied, cell.followed}) > CellRecord::kMost) {
+      return false;
+    }
+    if (cell.verdict == Verdict::Gone) {
+      gone_.push_back(place);
+      walkAround(place);
+    }
+    refreshFlags(place);
+  }
+  return true;
+}
+
+std::optional<Verdict> GoneCells::verdictAt(const Index3& voxel) const {
+  const std::uint32_t block = points_.index().blockAt(parentOf(voxel));
+  if (block == kNone || block >= blocks_.size()) return std::nullopt;
+  const CellRecord& cell = blocks_[block].cells[cellOfBit(bitInParent(voxel))];
+  if (cell.hits == 0) return std::nullopt;
+  return cell.verdict;
+}
+
+std::uint64_t GoneCells::bytes() const {
+  return blocks_.bytes() + suspect_.bytes() + opening_.bytes() + gone_.capacity() * sizeof(CellPlace);
+}
+
+LeafChange openVoxels(PackedMap& map, const OpenedLeaf& opened) {
+  const openvdb::Coord origin(8 * opened.leaf[0], 8 * opened.leaf[1], 8 * opened.leaf[2]);
+  PackedLeaf& leaf = *map.tree().probeLeaf(origin);
+  std::uint32_t* values = packedValues(leaf);
+  const LeafBits collided = map.collidingIn(leaf);
+  LeafChange change;
+  change.origin_ijk = {origin.x(), origin.y(), origin.z()};
+  for (std::size_t x = 0; x < 8; ++x) {
+    const std::uint64_t voxels = opened.voxels[x];
+    for (std::uint64_t left = voxels; left != 0; left &= left - 1) {
+      std::uint32_t& voxel = values[64 * x + static_cast<std::size_t>(std::countr_zero(left))];
+      map.observed_voxels -= weightOf(voxel) > 0 ? 1 : 0;
+      voxel = 0;
+    }
+    change.collides_off[x] = collided[x] & voxels;
+    change.arm_free_on[x] = voxels;  // they collided, so they were not free
+    leaf.getValueMask().getWord<std::uint64_t>(static_cast<openvdb::Index>(x)) |= voxels;
+  }
+  if (const std::uint32_t number = map.voteNumberOf(leaf)) {  // only observed voxels have votes
+    VoxelVotes& votes = map.votePool()->get(number);
+    for (LeafBits& bits : votes.bit) {
+      for (std::size_t x = 0; x < 8; ++x) bits[x] &= ~opened.voxels[x];
+    }
+    if (!votes.any()) {
+      map.votePool()->remove(number);
+      map.setVoteNumber(leaf, 0);
+    }
+  }
+  return change;
+}
+
+}  // namespace accessvdb::internal

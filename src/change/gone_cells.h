@@ -1,0 +1,85 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// What has gone, by the evidence of rays that went through where it was and returned from behind (docs/DESIGN.md,
+/// "Gone by evidence").
+///
+/// Cells of 4^3 voxels that have surface points count returns and passes. A verdict changes no voxel: while it stands,
+/// each ray through a colliding voxel of the cell opens that very voxel, and one return in the cell revokes it.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <vector>
+
+#include "accessvdb/params.h"
+#include "change/cell_record.h"
+#include "change/leaf_flags.h"
+#include "change/ray_evidence.h"
+#include "points/chunked_array.h"
+#include "points/point_store.h"
+#include "tsdf/packed_map.h"
+
+namespace accessvdb::internal {
+
+class GoneCells {
+ public:
+  /// @param map, points  must outlive this
+  GoneCells(const PackedMap& map, const PointStore& points, const TsdfParams& resolved);
+
+  /// Takes in one scan, whose returns are in the store but not yet in the map.
+  /// @param touched  points that got a return, in the order of their leaves
+  /// @return the voxels that its rays open
+  std::vector<OpenedLeaf> takeScan(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
+                                   std::span<const std::uint32_t> touched);
+
+  /// Blocks of points, in an order that follows from their places: for a saved state.
+  [[nodiscard]] std::vector<std::uint32_t> blocksInOrder() const;
+  [[nodiscard]] const LeafCells& cellsOf(std::uint32_t block) const { return blocks_[block].cells; }
+  /// Scans so far: once in a while, what has nothing left to open is no longer walked.
+  [[nodiscard]] std::uint64_t scans() const { return scans_; }
+  void restoreScans(std::uint64_t scans) { scans_ = scans; }
+  /// Puts the cells of a saved state in place; the points come first. @param leaf  voxel index >> 3
+  /// @return false if there are no points, or cells that cannot be
+  [[nodiscard]] bool restore(const Index3& leaf, const LeafCells& cells);
+  /// The verdict on the cell of a voxel; nothing if it has no points.
+  [[nodiscard]] std::optional<Verdict> verdictAt(const Index3& voxel) const;
+
+  [[nodiscard]] std::uint64_t bytes() const;
+
+ private:
+  struct CellPlace {
+    std::uint32_t block, cell;
+  };
+  [[nodiscard]] CellRecord& at(CellPlace place) { return blocks_[place.block].cells[place.cell]; }
+  void grow() { blocks_.grow(points_.index().blocks().size()); }
+  /// Voxels of a block with a return, cell by cell.
+  struct BlockHits {
+    std::uint32_t block;
+    std::array<std::uint8_t, 8> counts;
+  };
+  [[nodiscard]] std::vector<BlockHits> hitsOf(std::span<const std::uint32_t> touched) const;
+  template <typename Visit>
+  static void forEachHit(const std::vector<BlockHits>& hits, const Visit& visit);
+  void addPasses(std::span<const Pass> passes, std::vector<CellPlace>& passed);
+  [[nodiscard]] bool hasGone(CellPlace place) const;
+  void refreshFlags(CellPlace place);
+  void walkAround(CellPlace place);
+  void dropWhatIsDone();
+  [[nodiscard]] Index3 cellAt(CellPlace place) const;
+
+  const PackedMap& map_;
+  const PointStore& points_;
+  WalkShape shape_;
+  std::uint64_t scans_ = 0;
+  ChunkedArray<BlockCells> blocks_;  ///< per block of points
+  LeafFlags suspect_, opening_;
+  std::vector<CellPlace> gone_;  ///< Verdict::Gone, in no order; others may be among them
+};
+
+/// Makes voxels of a leaf unobserved and confirmed to be free. @return what flipped
+LeafChange openVoxels(PackedMap& map, const OpenedLeaf& opened);
+
+}  // namespace accessvdb::internal
