@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "accessvdb/tool_spec.h"
+#include "change/gone_points.h"
 #include "field/scored_points.h"
 #include "field/scoring_setup.h"
 #include "field/state_head.h"
