@@ -18,13 +18,14 @@ struct ScoreItem {
   std::uint32_t id = 0;
   std::uint16_t known_score = kNoScore;          ///< count of known_direction, valid under the current map
   std::uint16_t known_direction = kNoDirection;  ///< kNoDirection: none is known
-  std::uint8_t known_roll = 0;                   ///< the first roll of known_direction that has known_score
   DirectionMask skip = {};                       ///< directions known not to change the outcome
   DirectionMask candidates = {};                 ///< directions that may be tried at all
   /// If set, a blocked point that stays blocked keeps its stored result: its closest direction may have been skipped.
   std::uint8_t keep_reason = 0;
   /// 0: evaluated only because the map changed, so an outcome equal to the stored one is no new evidence.
   std::uint8_t evidence = 1;
+  std::uint8_t known_roll = 0;  ///< the first roll of known_direction that has known_score
+  std::uint8_t unused = 0;      ///< no hole: items are copied in larger pieces
 };
 
 /// The outcome for one point.
@@ -41,9 +42,9 @@ struct ScoreResult {
   std::uint16_t least_blocked = kNoScore;  ///< each of tool_blocked has at least this many collisions
   // The point's stored state after the update (hostdev/point_update.h).
   PointLabel label = PointLabel::Unscored;
+  std::uint8_t stored_roll = 0;
   std::uint16_t stored_score = kNoScore;
   std::uint16_t stored_direction = kNoDirection;
-  std::uint8_t stored_roll = 0;
 };
 
 /// @param tests  how a direction is tested at the point: tests.arm(d) as testArm, tests.collisions(d, stop_above) as

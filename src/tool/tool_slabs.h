@@ -11,8 +11,8 @@
 
 namespace accessvdb::internal {
 
-/// Host-side tables behind a ToolSlabsView. Empty for tools of samples, and if they would take too much memory, which only
-/// costs time.
+/// Host-side tables behind a ToolSlabsView. Empty for tools of samples, and if they would take too much memory, which
+/// only costs time.
 struct ToolSlabs {
   /// Limit on their memory; above it, searches work without them.
   static constexpr std::uint64_t kMostBytes = std::uint64_t{512} << 20;

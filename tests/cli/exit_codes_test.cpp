@@ -64,7 +64,7 @@ TEST_F(ExitCodes, Usage) {
   expectFailure({"--tau", "nan"}, 2);
   expectFailure({"--max-memory", "2Q"}, 2, "usage.bytes");
   expectFailure({"--profile", "best"}, 2, "usage.word");
-  expectFailure({"--change", "full"}, 2, "usage.word");  // a mode that does not exist is not offered
+  expectFailure({"--change", "slow"}, 2, "usage.word");
   expectFailure({"--change", "block", "--static"}, 2, "usage.change");
   expectFailure({"--change", "block", "--profile", "paper"}, 2, "usage.change");
   expectFailure({"--directions", "3"}, 2);
@@ -109,8 +109,9 @@ TEST_F(ExitCodes, UsageBeforeAnythingIsKnown) {
   const ProgramResult verb = runProgram({"frobnicate"});
   EXPECT_EQ(verb.exit_code, 2);
   expectOneErrorLine(verb, "usage.verb");
-  EXPECT_NE(verb.err.find("map, tile, advise, live, simulate, evaluate, bench, info, query, diff, render and report"),
-            std::string::npos)
+  EXPECT_NE(
+      verb.err.find("map, tile, advise, live, simulate, evaluate, bench, info, query, diff, whatif, render and report"),
+      std::string::npos)
       << verb.err;
   EXPECT_EQ(runProgram(std::vector<std::string>{}).exit_code, 2);
   for (const std::vector<std::string>& arguments : {std::vector<std::string>{"map", "--frobnicate"},

@@ -421,8 +421,14 @@ TEST(CApiParity, FreeSpaceAges) {
   EXPECT_EQ(found.at("free_for_s"), "45");
   for (const double bad : {0.0, -1.0, std::numeric_limits<double>::quiet_NaN()}) {
     c.free_for_s = bad;
-    const CField refused("builtin:pencil", &c);
-    EXPECT_EQ(refused.handle, nullptr);
+    accessvdb_tool* tool = nullptr;
+    accessvdb_field* refused = nullptr;
+    accessvdb_error error = {};
+    error.struct_size = sizeof error;
+    ASSERT_EQ(accessvdb_tool_builtin("builtin:pencil", &tool, &error), ACCESSVDB_OK);
+    EXPECT_EQ(accessvdb_field_create(tool, &c, &refused, &error), ACCESSVDB_ERROR_USAGE);
+    EXPECT_EQ(refused, nullptr);
+    accessvdb_tool_free(tool);
   }
   EXPECT_STREQ(accessvdb_reason_name(ACCESSVDB_REASON_CHANGED), "changed");
 }

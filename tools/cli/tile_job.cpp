@@ -22,7 +22,7 @@ namespace fs = std::filesystem;
 constexpr const char* kNotOfThePlan[] = {
     "out",        "device",           "threads", "config", "quiet",     "error-format", "max-memory",
     "tiles",      "bin-memory",       "fresh",   "help",   "keep-rays", "no-clobber",   "print-config",
-    "checkpoint", "checkpoint-every", "resume",  "append", "html"};
+    "checkpoint", "checkpoint-every", "resume",  "append", "html",      "remove",       "removed-as"};
 constexpr const char* kPaths[] = {"scans", "poses", "calib", "tool", "origin", "trajectory", "stations"};
 /// Flags that change how the tool is read or what is written, beside the parameters of the field.
 constexpr const char* kOfTheResult[] = {"tool-unit", "tool-tip",    "tool-axis", "tool-up",

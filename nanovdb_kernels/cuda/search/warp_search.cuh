@@ -160,7 +160,9 @@ struct SlabCounter {
   SlabWork& work;  ///< for one point
   int lane;
 
-  __device__ int operator()(int d, int stop_above) const { return countSlabs<kThick, kRows>(work, d, stop_above, lane); }
+  __device__ int operator()(int d, int stop_above) const {
+    return countSlabs<kThick, kRows>(work, d, stop_above, lane);
+  }
 };
 
 /// countAxis with one warp; out of line, because kernels that outgrow the instruction cache are slow.

@@ -52,6 +52,7 @@ struct ParsedPly {
         if (type == "float") take(float{});
         if (type == "uchar") take(std::uint8_t{});
         if (type == "ushort") take(std::uint16_t{});
+        if (type == "uint") take(std::uint32_t{});
       }
     }
     EXPECT_EQ(at, bytes.data() + bytes.size());

@@ -259,7 +259,7 @@ TEST(PointsPly, DamageIsAnInputError) {
   bytes[body + 3 * 8 + 3 * 4 + 3] = 3;  // label
   refused(bytes);
   bytes = whole;
-  bytes[body + 3 * 8 + 3 * 4 + 4] = 7;  // reason
+  bytes[body + 3 * 8 + 3 * 4 + 4] = kNumPointReasons;  // reason
   refused(bytes);
   bytes = whole;
   const double nan = std::nan("");
