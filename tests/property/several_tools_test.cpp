@@ -9,6 +9,9 @@
 #include <algorithm>
 #include <array>
 #include <cstdlib>
+#include <fstream>
+#include <iterator>
+#include <string>
 
 #include "accessvdb/access_map.h"
 #include "accessvdb/batch_query.h"
@@ -120,8 +123,9 @@ void expectStreamAsAlone(const std::vector<ToolSpec>& tools, const FieldParams& 
   const std::vector<Scan> scans = wallScans(7, 9, 900);
   std::size_t others = 0;
   for (std::size_t n = 0; n < scans.size(); ++n) {
-    together.integrateScan(scans[n].points_S, scans[n].T_W_S);
-    for (AccessibilityField& field : alone) field.integrateScan(scans[n].points_S, scans[n].T_W_S);
+    const double stamp_s = 4.0 * static_cast<double>(n);
+    together.integrateScan(scans[n].points_S, scans[n].T_W_S, stamp_s);
+    for (AccessibilityField& field : alone) field.integrateScan(scans[n].points_S, scans[n].T_W_S, stamp_s);
     if (n % static_cast<std::size_t>(every) != 0) continue;
     together.update();
     for (AccessibilityField& field : alone) field.update();
@@ -140,6 +144,32 @@ TEST(SeveralTools, AreEachAsAloneInAStream) {
     params.threads = threads;
     expectStreamAsAlone(threeTools(), params, 1);
   }
+}
+
+/// Free space ages between the scans, and time passes without any.
+TEST(SeveralTools, AreEachAsAloneWhereTheMapForgets) {
+  FieldParams params = paramsAt(0.04);
+  params.change.mode = ChangeMode::Full;
+  params.change.free_for_s = 15;
+  expectStreamAsAlone(threeTools(), params, 2);
+
+  AccessibilityField together(threeTools(), params);
+  std::vector<AccessibilityField> alone = aloneOf(threeTools(), params);
+  const std::vector<Scan> scans = wallScans(7, 4, 900);
+  const auto at = [&](double stamp_s, std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S) {
+    together.integrateScan(points_S, T_W_S, stamp_s);
+    for (AccessibilityField& field : alone) field.integrateScan(points_S, T_W_S, stamp_s);
+  };
+  for (const Scan& scan : scans) at(1, scan.points_S, scan.T_W_S);
+  together.update();
+  for (AccessibilityField& field : alone) field.update();
+  const std::uint64_t before = together.snapshot().count(PointLabel::Accessible);
+  EXPECT_GT(before, 20u);
+  at(100, {}, scans.front().T_W_S);
+  together.update();
+  for (AccessibilityField& field : alone) field.update();
+  expectTogetherAsAlone(together, alone);
+  EXPECT_EQ(together.snapshot().count(PointLabel::Accessible), 0u);
 }
 
 TEST(SeveralTools, AreEachAsAloneWithABudget) {
@@ -334,6 +364,35 @@ TEST(SeveralTools, AreWhatUsersSee) {
   }
   EXPECT_THROW(static_cast<void>(field.accessMap({0, 0, 0}, 3)), InvalidArgument);
   EXPECT_THROW(static_cast<void>(field.toolSnapshot(3)), InvalidArgument);
+}
+
+TEST(SeveralTools, GoOnFromAStateOfAMapThatForgets) {
+  const ScratchFolder folder;
+  const std::vector<Scan> scans = wallScans(9, 8, 900);
+  FieldParams params = paramsAt(0.05);
+  params.change.mode = ChangeMode::Full;
+  params.change.free_for_s = 15;
+  AccessibilityField whole(threeTools(), params), first(threeTools(), params);
+  const auto add = [&](AccessibilityField& field, std::size_t n) {
+    field.integrateScan(scans[n].points_S, scans[n].T_W_S, 4.0 * static_cast<double>(n));
+  };
+  for (std::size_t n = 0; n < scans.size(); ++n) add(whole, n);
+  for (std::size_t n = 0; n < 5; ++n) add(first, n);
+  const auto file = folder.path() / "state";
+  first.saveState(file);
+  AccessibilityField second = AccessibilityField::loadState(file, threeTools(), testedBackend());
+  for (std::size_t n = 5; n < scans.size(); ++n) add(second, n);
+  whole.update();
+  second.update();
+  for (std::size_t k = 0; k < 3; ++k) expectSame(second.toolSnapshot(k), whole.toolSnapshot(k));
+  second.saveState(folder.path() / "second");
+  whole.saveState(folder.path() / "whole");
+  const auto bytesOf = [&](const char* name) {
+    std::ifstream in(folder.path() / name, std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(in), {});
+  };
+  EXPECT_GT(bytesOf("whole").size(), 1000u);
+  EXPECT_TRUE(bytesOf("second") == bytesOf("whole"));
 }
 
 TEST(SeveralTools, GoOnFromASavedState) {
