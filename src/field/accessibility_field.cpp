@@ -271,8 +271,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
       aged = ageFreeSpace(passed_s);
       opened = openWhatHasGone(scan, touched->all);
       if (scheduler->needs().changes) {
-        for (const auto& changes : {aged, opened}) {
-          for (const LeafChange& change : changes) scheduler->noteChange(0, change);
+        for (const std::vector<LeafChange>* changes : {&aged, &opened}) {
+          for (const LeafChange& change : *changes) scheduler->noteChange(0, change);
         }
       }
       result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()});

@@ -132,16 +132,10 @@ void StateReader::readGone(GoneCells& cells, GonePoints& points) {
       CellRecord& cell = of_leaf[c];
       std::uint16_t verdict = 0;
       const char* from = bytes.data() + c * sizeof(CellRecord);
-      for (const auto& [to, size] : {std::pair<void*, std::size_t>{&cell.lines, sizeof cell.lines},
-                                     {&cell.hits, sizeof cell.hits},
-                                     {&cell.missed, sizeof cell.missed},
-                                     {&cell.emptied, sizeof cell.emptied},
-                                     {&cell.followed, sizeof cell.followed},
-                                     {&cell.scans, sizeof cell.scans},
-                                     {&verdict, sizeof verdict}}) {
-        std::memcpy(to, from, size);
-        from += size;
-      }
+      visitStored(cell, verdict, [&from](auto& part) {
+        std::memcpy(&part, from, sizeof part);
+        from += sizeof part;
+      });
       if (verdict > static_cast<std::uint16_t>(Verdict::Open)) in_.refuse("a cell has no such verdict");
       cell.verdict = static_cast<Verdict>(verdict);
     }

@@ -110,22 +110,15 @@ void writeCells(SectionWriter& out, const StateHead& head, const GoneCells& cell
   for (const std::uint32_t block : cells.blocksInOrder()) {
     const Index3& leaf = points.index().blocks()[block].leaf;
     out.write(leaf.data(), sizeof leaf);
-    // Field by field: what lies between them is not defined.
     std::array<char, sizeof(LeafCells)> bytes = {};
     for (std::size_t n = 0; n < 8; ++n) {
       const CellRecord& cell = cells.cellsOf(block)[n];
       const auto verdict = static_cast<std::uint16_t>(cell.verdict);
       char* to = bytes.data() + n * sizeof(CellRecord);
-      for (const auto& [from, size] : {std::pair<const void*, std::size_t>{&cell.lines, sizeof cell.lines},
-                                       {&cell.hits, sizeof cell.hits},
-                                       {&cell.missed, sizeof cell.missed},
-                                       {&cell.emptied, sizeof cell.emptied},
-                                       {&cell.followed, sizeof cell.followed},
-                                       {&cell.scans, sizeof cell.scans},
-                                       {&verdict, sizeof verdict}}) {
-        std::memcpy(to, from, size);
-        to += size;
-      }
+      visitStored(cell, verdict, [&to](const auto& part) {
+        std::memcpy(to, &part, sizeof part);
+        to += sizeof part;
+      });
     }
     out.write(bytes.data(), bytes.size());
   }

@@ -30,6 +30,18 @@ inline constexpr std::uint64_t kPoseBytes = 3 * sizeof(float);
 
 /// Of ChangeMode::Full: a leaf's cells, and a point of GonePoints.
 inline constexpr std::uint64_t kLeafCellBytes = 3 * sizeof(std::int32_t) + sizeof(LeafCells);
+/// Calls visit(part) for all that a state holds of a cell, in its order. One by one: what lies between the parts of a
+/// CellRecord is not defined. @param verdict  std::uint16_t in place of the cell's own
+template <typename Cell, typename Number, typename Visit>
+void visitStored(Cell& cell, Number& verdict, const Visit& visit) {
+  visit(cell.lines);
+  visit(cell.hits);
+  visit(cell.missed);
+  visit(cell.emptied);
+  visit(cell.followed);
+  visit(cell.scans);
+  visit(verdict);
+}
 inline constexpr std::uint64_t kGonePointBytes = 2 * sizeof(std::uint32_t);
 /// Bytes of all sections for ChangeMode::Full, with their frames; 0 for other modes.
 [[nodiscard]] std::uint64_t goneStateBytes(const StateHead& head);
