@@ -51,24 +51,17 @@ std::vector<float> axesOf(const kernels::ApproachView& approach) {
   return axes;
 }
 
-template <typename T>
-void keep(kernels::DeviceMemory& memory, const std::vector<T>& host, kernels::DeviceArray<T>& array) {
-  if (host.empty()) return;
-  array = kernels::DeviceArray<T>(memory, host.size());
-  array.upload(host.data(), host.size());
-}
+bool rolls(const ViewedTool& tool) { return tool.scorer.device().view().roll != nullptr; }
 
 }  // namespace
 
 MergedTools::MergedTools(kernels::Backend& backend, std::span<const ViewedTool> tools)
-    : memory_(backend), view_(tools.front().scorer.device().view()) {
+    : memory_(backend), arrays_(memory_, tools.front().scorer.device().size(), std::ranges::any_of(tools, rolls)) {
   const std::size_t size = tools.front().scorer.device().size();
   std::vector<ToolState> states;
   std::vector<int> first_direction;
   std::vector<float> axes;
-  bool rolls = false;
   for (const ViewedTool& tool : tools) {
-    rolls = rolls || tool.scorer.device().view().roll != nullptr;
     states.emplace_back(backend, tool.scorer.device().view(), size);
     first_direction.push_back(num_directions_);
     num_directions_ += tool.approach.num_directions;
@@ -93,19 +86,16 @@ MergedTools::MergedTools(kernels::Backend& backend, std::span<const ViewedTool> 
       merged.direction[n] = d == kNoDirection ? d : static_cast<std::uint16_t>(d + first_direction[best]);
     }
   });
-  keep(memory_, axes, d_axes_);
-  keep(memory_, merged.score, score_);
-  keep(memory_, merged.direction, direction_);
-  keep(memory_, merged.stability, stability_);
-  keep(memory_, merged.label, label_);
-  keep(memory_, merged.reason, reason_);
-  if (rolls) keep(memory_, merged.roll, roll_);
-  view_.score = score_.data();
-  view_.direction = direction_.data();
-  view_.stability = stability_.data();
-  view_.label = label_.data();
-  view_.reason = reason_.data();
-  view_.roll = roll_.data();
+  d_axes_ = kernels::DeviceArray<float>(memory_, axes.size());
+  d_axes_.upload(axes.data(), axes.size());
+  const auto upload = [size](const auto& host, auto& array) { array.upload(host.data(), size); };
+  upload(merged.score, arrays_.score);
+  upload(merged.direction, arrays_.direction);
+  upload(merged.stability, arrays_.stability);
+  upload(merged.label, arrays_.label);
+  upload(merged.reason, arrays_.reason);
+  if (arrays_.roll.size() > 0) upload(merged.roll, arrays_.roll);
+  view_ = arrays_.in(tools.front().scorer.device().view());
 }
 
 }  // namespace accessvdb::internal

@@ -11,6 +11,7 @@
 
 #include "launch/counted_memory.h"
 #include "update/point_scorer.h"
+#include "update/scored_arrays.h"
 
 namespace accessvdb::internal {
 
@@ -34,13 +35,10 @@ class MergedTools {
 
  private:
   kernels::CountedMemory memory_;
+  ScoredArrays arrays_;
   kernels::PointStateView view_;
   int num_directions_ = 0;
-  kernels::DeviceArray<float> d_axes_, stability_;
-  kernels::DeviceArray<std::uint16_t> score_, direction_;
-  kernels::DeviceArray<std::uint8_t> roll_;  ///< only if a tool rolls
-  kernels::DeviceArray<PointLabel> label_;
-  kernels::DeviceArray<PointReason> reason_;
+  kernels::DeviceArray<float> d_axes_;
 };
 
 }  // namespace accessvdb::internal

@@ -16,6 +16,7 @@
 #include "hostdev/point_update.h"
 #include "launch/stopwatch.h"
 #include "update/flip_set.h"
+#include "update/scored_arrays.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -133,37 +134,6 @@ std::vector<kernels::ScoreItem> chooseItems(const WhatIfParts& parts, const Voxe
   return items;
 }
 
-/// Results of trying points go here, not into their state.
-class ScratchState {
- public:
-  ScratchState(kernels::Backend& backend, const kernels::PointStateView& state, std::size_t points)
-      : score_(backend, points),
-        direction_(backend, points),
-        stability_(backend, points),
-        label_(backend, points),
-        reason_(backend, points),
-        roll_(backend, state.roll != nullptr ? points : 0),
-        view_(state) {
-    const std::vector<PointLabel> blocked(points, PointLabel::Blocked);
-    label_.upload(blocked.data(), points);
-    view_.score = score_.data();
-    view_.direction = direction_.data();
-    view_.stability = stability_.data();
-    view_.label = label_.data();
-    view_.reason = reason_.data();
-    if (state.roll != nullptr) view_.roll = roll_.data();
-  }
-  [[nodiscard]] const kernels::PointStateView& view() const { return view_; }
-
- private:
-  kernels::DeviceArray<std::uint16_t> score_, direction_;
-  kernels::DeviceArray<float> stability_;
-  kernels::DeviceArray<PointLabel> label_;
-  kernels::DeviceArray<PointReason> reason_;
-  kernels::DeviceArray<std::uint8_t> roll_;
-  kernels::PointStateView view_;
-};
-
 /// The same flips the other way round.
 std::vector<LeafChange> undone(std::vector<LeafChange> changes) {
   for (LeafChange& change : changes) {
@@ -178,13 +148,17 @@ std::vector<kernels::ScoreResult> tryAgain(const WhatIfParts& parts, const std::
   std::vector<kernels::ScoreResult> results(items.size());
   if (items.empty()) return results;
   kernels::Backend& backend = parts.scorer.backend();
-  const ScratchState scratch(backend, parts.scorer.device().view(), parts.scorer.device().size());
+  // Results of trying points go here, not into their state.
+  const kernels::PointStateView state = parts.scorer.device().view();
+  ScoredArrays scratch(backend, parts.scorer.device().size(), state.roll != nullptr);
+  const std::vector<PointLabel> blocked(scratch.label.size(), PointLabel::Blocked);
+  scratch.label.upload(blocked.data(), blocked.size());
   const ScoringTables tables = parts.setup.tables(parts.mirror.grid());
   kernels::ScoreRequest request;
   request.map = tables.map;
   request.tool = tables.tool;
   request.approach = tables.approach;
-  request.points = scratch.view();
+  request.points = scratch.in(state);
   request.rule = tables.rule;
   request.rule.keep_best = false;
   request.prepared = tables.prepared;
