@@ -9,6 +9,8 @@
 #include <cmath>
 #include <numeric>
 
+#include "tsdf/removed_voxels.h"
+
 namespace accessvdb::internal {
 namespace {
 
@@ -244,34 +246,9 @@ std::uint64_t GoneCells::bytes() const {
 }
 
 LeafChange openVoxels(PackedMap& map, const OpenedLeaf& opened) {
-  const openvdb::Coord origin(8 * opened.leaf[0], 8 * opened.leaf[1], 8 * opened.leaf[2]);
-  PackedLeaf& leaf = *map.tree().probeLeaf(origin);
-  std::uint32_t* values = packedValues(leaf);
-  const LeafBits collided = map.collidingIn(leaf);
-  LeafChange change;
-  change.origin_ijk = {origin.x(), origin.y(), origin.z()};
-  for (std::size_t x = 0; x < 8; ++x) {
-    const std::uint64_t voxels = opened.voxels[x];
-    for (std::uint64_t left = voxels; left != 0; left &= left - 1) {
-      std::uint32_t& voxel = values[64 * x + static_cast<std::size_t>(std::countr_zero(left))];
-      map.observed_voxels -= weightOf(voxel) > 0 ? 1 : 0;
-      voxel = 0;
-    }
-    change.collides_off[x] = collided[x] & voxels;
-    change.arm_free_on[x] = voxels;  // they collided, so they were not free
-    leaf.getValueMask().getWord<std::uint64_t>(static_cast<openvdb::Index>(x)) |= voxels;
-  }
-  if (const std::uint32_t number = map.voteNumberOf(leaf)) {  // only observed voxels have votes
-    VoxelVotes& votes = map.votePool()->get(number);
-    for (LeafBits& bits : votes.bit) {
-      for (std::size_t x = 0; x < 8; ++x) bits[x] &= ~opened.voxels[x];
-    }
-    if (!votes.any()) {
-      map.votePool()->remove(number);
-      map.setVoteNumber(leaf, 0);
-    }
-  }
-  return change;
+  const Index3 origin = {8 * opened.leaf[0], 8 * opened.leaf[1], 8 * opened.leaf[2]};
+  const auto changes = removeAsFree(map, {{{origin[0], origin[1], origin[2]}, opened.voxels}});
+  return changes.empty() ? LeafChange{origin} : changes.front();
 }
 
 }  // namespace accessvdb::internal

@@ -21,7 +21,6 @@ namespace {
 
 constexpr std::uint64_t kMostHeadBytes = 1 << 16;
 constexpr std::size_t kLeavesRead = 1 << 12, kPointsRead = 1 << 14, kPosesRead = 1 << 12;
-constexpr std::uint32_t kAllRowPairs = ~std::uint32_t{0};
 
 /// @return whether one of the facts holds anywhere
 bool hasFacts(const LeafChange& facts) {
@@ -177,10 +176,7 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
     std::erase_if(facts, [](const LeafChange& change) { return !hasFacts(change); });
     distances.clear();
     for (const PackedLeaf* leaf : leaves) {
-      const std::uint32_t* values = packedValues(*leaf);
-      if (values == nullptr) continue;
-      const openvdb::Coord& origin = leaf->origin();
-      distances.push_back({{origin.x(), origin.y(), origin.z()}, kAllRowPairs, values, map.blockedIn(*leaf)});
+      if (packedValues(*leaf) != nullptr) distances.push_back(distancesOf(map, *leaf));
     }
     take(facts, distances);
     leaves.clear();

@@ -6,7 +6,6 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
-#include <bit>
 #include <span>
 #include <utility>
 
@@ -218,9 +217,7 @@ WhatIf openedWithout(const WhatIfParts& parts, const VoxelSet& voxels) {
   what_if.points_gone = pointsIn(voxels, parts.scorer.points()).size();
   const std::vector<LeafChange> changes = flipsIfFree(parts.map, voxels);
   for (const LeafChange& change : changes) {
-    for (const std::uint64_t word : change.collides_off) {
-      what_if.colliding_voxels += static_cast<std::uint64_t>(std::popcount(word));
-    }
+    what_if.colliding_voxels += countBits(change.collides_off);
   }
   const Affected affected(parts.tables, changes);
   std::vector<kernels::ScoreItem> items;

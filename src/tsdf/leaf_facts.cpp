@@ -5,26 +5,32 @@
 namespace accessvdb::internal {
 
 LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf) {
-  const std::uint32_t collision_mean = map.collisionMean();
-  const LeafBits blocked = map.blockedIn(leaf), confirmed = map.confirmedIn(leaf);
+  const LeafBits observed = observedIn(leaf), confirmed = map.confirmedIn(leaf);
   const openvdb::Coord& origin = leaf.origin();
   LeafChange facts;
   facts.origin_ijk = {origin.x(), origin.y(), origin.z()};
-  const std::uint32_t* packed = packedValues(leaf);
+  facts.collides_on = map.collidingIn(leaf);
   for (std::size_t x = 0; x < 8; ++x) {
-    std::uint64_t observed = 0, collides = 0;
-    for (std::size_t n = 0; packed != nullptr && n < 64; ++n) {
-      const std::uint32_t voxel = packed[64 * x + n];
-      const std::uint64_t seen = weightOf(voxel) > 0 ? 1 : 0, near = meanOf(voxel) < collision_mean ? seen : 0;
-      observed |= seen << n;
-      collides |= near << n;
-    }
-    collides |= blocked[x];
-    facts.collides_on[x] = collides;
+    const std::uint64_t free = ~facts.collides_on[x];
     facts.arm_free_on[x] =
-        map.agesFreeSpace() ? confirmed[x] & ~collides : (observed & ~collides) | (confirmed[x] & ~observed);
+        map.agesFreeSpace() ? confirmed[x] & free : (observed[x] & free) | (confirmed[x] & ~observed[x]);
   }
   return facts;
+}
+
+LeafBits observedIn(const PackedLeaf& leaf) {
+  LeafBits observed = {};
+  const std::uint32_t* packed = packedValues(leaf);
+  for (std::size_t n = 0; packed != nullptr && n < PackedLeaf::SIZE; ++n) {
+    observed[n >> 6] |= std::uint64_t{weightOf(packed[n]) > 0 ? 1u : 0u} << (n & 63);
+  }
+  return observed;
+}
+
+DistanceChange distancesOf(const PackedMap& map, const PackedLeaf& leaf) {
+  constexpr std::uint32_t kAllRowPairs = ~std::uint32_t{0};
+  const openvdb::Coord& origin = leaf.origin();
+  return {{origin.x(), origin.y(), origin.z()}, kAllRowPairs, packedValues(leaf), map.blockedIn(leaf)};
 }
 
 }  // namespace accessvdb::internal

@@ -3,6 +3,7 @@
 /// The two facts that scoring reads, of a whole leaf: for a mirror that has to be made from an existing map.
 #pragma once
 
+#include "accessvdb/distance_change.h"
 #include "accessvdb/leaf_change.h"
 #include "tsdf/packed_map.h"
 
@@ -10,5 +11,11 @@ namespace accessvdb::internal {
 
 /// What would have to flip if the leaf were new: collides_on and arm_free_on are its facts.
 [[nodiscard]] LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf);
+
+/// Of all voxels of a leaf, those that were observed.
+[[nodiscard]] LeafBits observedIn(const PackedLeaf& leaf);
+
+/// All distances of a leaf, as if each had changed. @param leaf  has values
+[[nodiscard]] DistanceChange distancesOf(const PackedMap& map, const PackedLeaf& leaf);
 
 }  // namespace accessvdb::internal

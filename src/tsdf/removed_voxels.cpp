@@ -104,29 +104,15 @@ bool contains(const VoxelSet& voxels, const openvdb::Coord& ijk) {
 void forEachDistanceLeaf(const PackedMap& map,
                          const std::function<void(std::span<const DistanceChange> distances)>& take) {
   constexpr std::size_t kLeavesPerPart = 4096;
-  constexpr std::uint32_t kAllRowPairs = ~std::uint32_t{0};
   std::vector<const PackedLeaf*> leaves;
   map.tree().getNodes(leaves);
   std::vector<DistanceChange> part;
   for (std::size_t n = 0; n < leaves.size(); ++n) {
-    const PackedLeaf& leaf = *leaves[n];
-    if (const std::uint32_t* values = packedValues(leaf)) {
-      const openvdb::Coord& origin = leaf.origin();
-      part.push_back({{origin.x(), origin.y(), origin.z()}, kAllRowPairs, values, map.blockedIn(leaf)});
-    }
+    if (packedValues(*leaves[n]) != nullptr) part.push_back(distancesOf(map, *leaves[n]));
     if (part.size() < kLeavesPerPart && n + 1 < leaves.size()) continue;
     take(part);
     part.clear();
   }
-}
-
-LeafBits observedIn(const PackedLeaf& leaf) {
-  LeafBits observed = {};
-  const std::uint32_t* packed = packedValues(leaf);
-  for (std::size_t n = 0; packed != nullptr && n < PackedLeaf::SIZE; ++n) {
-    observed[n >> 6] |= std::uint64_t{weightOf(packed[n]) > 0 ? 1u : 0u} << (n & 63);
-  }
-  return observed;
 }
 
 std::vector<LeafChange> flipsIfFree(const PackedMap& map, const VoxelSet& voxels) {

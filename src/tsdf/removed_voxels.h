@@ -38,9 +38,6 @@ using VoxelSet = std::vector<LeafVoxels>;
 void forEachDistanceLeaf(const PackedMap& map,
                          const std::function<void(std::span<const DistanceChange> distances)>& take);
 
-/// Of all voxels of a leaf, those that were observed.
-[[nodiscard]] LeafBits observedIn(const PackedLeaf& leaf);
-
 /// What would flip if these observed voxels became free: only for the better. Leaves without a flip are left out.
 [[nodiscard]] std::vector<LeafChange> flipsIfFree(const PackedMap& map, const VoxelSet& voxels);
 
