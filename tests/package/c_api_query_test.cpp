@@ -10,34 +10,15 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/batch_query.h"
 #include "accessvdb/c_api.h"
-#include "sample_scans/walk_generator.h"
+#include "package/walked_fields.h"
 
 namespace {
 
-using accessvdb::AccessibilityField;
-
-class CApiQuery : public testing::Test {
+class CApiQuery : public accessvdb::test::WalkedFields {
  protected:
   void SetUp() override {
-    accessvdb_tool* tool = nullptr;
-    ASSERT_EQ(accessvdb_tool_builtin("builtin:pencil", &tool, nullptr), ACCESSVDB_OK);
-    accessvdb_params params = {};
-    params.struct_size = sizeof params;
-    ASSERT_EQ(accessvdb_params_defaults(&params), ACCESSVDB_OK);
-    params.voxel_size_m = 0.1;
-    ASSERT_EQ(accessvdb_field_create(tool, &params, &c_, nullptr), ACCESSVDB_OK);
-    accessvdb_tool_free(tool);
-    const accessvdb::samples::WalkGenerator walk({.frames = 3, .rays_per_frame = 5000, .max_range_m = 8});
-    for (int n = 0; n < walk.frames(); ++n) {
-      const auto frame = walk.frame(n);
-      const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> pose = frame.T_W_S.matrix();
-      cpp_.integrateScan(frame.points_S, frame.T_W_S);
-      ASSERT_EQ(
-          accessvdb_field_integrate_scan(c_, frame.points_S[0].data(), frame.points_S.size(), pose.data(), nullptr),
-          ACCESSVDB_OK);
-    }
-    cpp_.update();
-    ASSERT_EQ(accessvdb_field_update(c_, nullptr), ACCESSVDB_OK);
+    WalkedFields::SetUp();
+    if (HasFatalFailure()) return;
     int n = 0;
     for (const auto& point : cpp_.snapshot().points) {  // at, beside and above the surface
       points_W_.emplace_back(point.position_W + Eigen::Vector3d(0.04 * (n % 5), 0.05 * (n % 3), 0.1 * (n % 4)));
@@ -50,16 +31,9 @@ class CApiQuery : public testing::Test {
     capsules_[5].radius_m = -1;
     ASSERT_GT(points_W_.size(), 500u);
   }
-  void TearDown() override { accessvdb_field_free(c_); }
 
-  void expectUsage(int code, const char* id) const {
-    EXPECT_EQ(code, ACCESSVDB_ERROR_USAGE);
-    EXPECT_STREQ(accessvdb_field_error_id(c_), id);
-  }
   static bool same(float a, float b) { return a == b || (std::isnan(a) && std::isnan(b)); }
 
-  accessvdb_field* c_ = nullptr;
-  AccessibilityField cpp_{accessvdb::ToolGeometry::builtin("builtin:pencil"), {.tsdf = {.voxel_size_m = 0.1}}};
   std::vector<Eigen::Vector3d> points_W_;
   std::vector<accessvdb_capsule> capsules_;
 };

@@ -9,36 +9,18 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/c_api.h"
 #include "accessvdb/what_if.h"
-#include "sample_scans/walk_generator.h"
+#include "package/walked_fields.h"
 
 namespace {
 
-using accessvdb::AccessibilityField;
 using accessvdb::Region;
 using accessvdb::RemovedAs;
 
-class CApiRegion : public testing::Test {
+class CApiRegion : public accessvdb::test::WalkedFields {
  protected:
   void SetUp() override {
-    accessvdb_tool* tool = nullptr;
-    ASSERT_EQ(accessvdb_tool_builtin("builtin:pencil", &tool, nullptr), ACCESSVDB_OK);
-    accessvdb_params params = {};
-    params.struct_size = sizeof params;
-    ASSERT_EQ(accessvdb_params_defaults(&params), ACCESSVDB_OK);
-    params.voxel_size_m = 0.1;
-    ASSERT_EQ(accessvdb_field_create(tool, &params, &c_, nullptr), ACCESSVDB_OK);
-    accessvdb_tool_free(tool);
-    const accessvdb::samples::WalkGenerator walk({.frames = 3, .rays_per_frame = 5000, .max_range_m = 8});
-    for (int n = 0; n < walk.frames(); ++n) {
-      const auto frame = walk.frame(n);
-      const Eigen::Matrix<double, 4, 4, Eigen::RowMajor> pose = frame.T_W_S.matrix();
-      cpp_.integrateScan(frame.points_S, frame.T_W_S);
-      ASSERT_EQ(
-          accessvdb_field_integrate_scan(c_, frame.points_S[0].data(), frame.points_S.size(), pose.data(), nullptr),
-          ACCESSVDB_OK);
-    }
-    cpp_.update();
-    ASSERT_EQ(accessvdb_field_update(c_, nullptr), ACCESSVDB_OK);
+    WalkedFields::SetUp();
+    if (HasFatalFailure()) return;
     const accessvdb::FieldSnapshot snapshot = cpp_.snapshot();
     for (const auto& point : snapshot.points) {
       if (point.reason == accessvdb::PointReason::Arm || point.reason == accessvdb::PointReason::Tool) {
@@ -47,12 +29,6 @@ class CApiRegion : public testing::Test {
       if ((point.position_W - centre_W_).norm() < 0.8) ids_.push_back(point.id);
     }
     ASSERT_FALSE(ids_.empty());
-  }
-  void TearDown() override { accessvdb_field_free(c_); }
-
-  void expectUsage(int code, const char* id) const {
-    EXPECT_EQ(code, ACCESSVDB_ERROR_USAGE);
-    EXPECT_STREQ(accessvdb_field_error_id(c_), id);
   }
   [[nodiscard]] accessvdb_region box(double half_m) const {
     accessvdb_region region = {};
@@ -64,8 +40,6 @@ class CApiRegion : public testing::Test {
     return region;
   }
 
-  AccessibilityField cpp_{accessvdb::ToolGeometry::builtin("builtin:pencil"), {.tsdf = {.voxel_size_m = 0.1}}};
-  accessvdb_field* c_ = nullptr;
   Eigen::Vector3d centre_W_ = {0, 0, 0};
   std::vector<std::uint32_t> ids_;
 };

@@ -26,10 +26,7 @@ namespace {
 constexpr double kVoxel_m = 0.04;
 
 /// ACCESSVDB_CHANGE_DEVICE=cuda: fields are on the GPU, but for those whose mirror is read on the host.
-BackendKind backend() {
-  const char* device = std::getenv("ACCESSVDB_CHANGE_DEVICE");
-  return device != nullptr && std::string(device) == "cuda" ? BackendKind::Cuda : BackendKind::Cpu;
-}
+BackendKind backend() { return backendNamedBy("ACCESSVDB_CHANGE_DEVICE"); }
 
 FieldParams paramsOf(ChangeMode mode) {
   FieldParams params;

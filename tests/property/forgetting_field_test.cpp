@@ -29,10 +29,7 @@ namespace {
 constexpr double kVoxel_m = 0.04, kForever_s = std::numeric_limits<double>::infinity();
 
 /// ACCESSVDB_CHANGE_DEVICE=cuda: fields are on the GPU, but for those whose mirror is read on the host.
-BackendKind backend() {
-  const char* device = std::getenv("ACCESSVDB_CHANGE_DEVICE");
-  return device != nullptr && std::string(device) == "cuda" ? BackendKind::Cuda : BackendKind::Cpu;
-}
+BackendKind backend() { return backendNamedBy("ACCESSVDB_CHANGE_DEVICE"); }
 
 FieldParams paramsOf(double free_for_s) {
   FieldParams params;

@@ -27,10 +27,7 @@ namespace accessvdb::test {
 namespace {
 
 /// ACCESSVDB_CHANGE_DEVICE=cuda: fields are on the GPU.
-BackendKind backend() {
-  const char* device = std::getenv("ACCESSVDB_CHANGE_DEVICE");
-  return device != nullptr && std::string(device) == "cuda" ? BackendKind::Cuda : BackendKind::Cpu;
-}
+BackendKind backend() { return backendNamedBy("ACCESSVDB_CHANGE_DEVICE"); }
 
 FieldParams paramsFor(std::uint64_t seed) {
   FieldParams params;

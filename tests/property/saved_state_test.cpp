@@ -71,10 +71,7 @@ FieldParams cpuParams(double voxel_size_m = 0.05) {
 }
 
 /// BackendKind::Cuda with ACCESSVDB_STATE_DEVICE=cuda: the loaded field is on the GPU, all others on the CPU.
-BackendKind loadBackend() {
-  const char* device = std::getenv("ACCESSVDB_STATE_DEVICE");
-  return device != nullptr && std::string(device) == "cuda" ? BackendKind::Cuda : BackendKind::Cpu;
-}
+BackendKind loadBackend() { return backendNamedBy("ACCESSVDB_STATE_DEVICE"); }
 
 Stream randomStream(std::uint64_t seed) {
   std::mt19937_64 random(seed);

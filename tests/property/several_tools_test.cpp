@@ -26,10 +26,7 @@ namespace accessvdb::test {
 namespace {
 
 /// ACCESSVDB_TEST_BACKEND=cuda runs them all on a GPU.
-BackendKind testedBackend() {
-  const char* name = std::getenv("ACCESSVDB_TEST_BACKEND");
-  return name != nullptr && std::string(name) == "cuda" ? BackendKind::Cuda : BackendKind::Cpu;
-}
+BackendKind testedBackend() { return backendNamedBy("ACCESSVDB_TEST_BACKEND"); }
 
 FieldParams paramsAt(double voxel_size_m) {
   FieldParams params;

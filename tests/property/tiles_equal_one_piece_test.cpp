@@ -180,10 +180,7 @@ std::size_t differences(const AccessibilityField& one, const FieldSnapshot& all,
 }
 
 /// ACCESSVDB_TILE_DEVICE=cuda: the tiles are scored on the GPU, the one piece always on the CPU.
-BackendKind tileBackend() {
-  const char* device = std::getenv("ACCESSVDB_TILE_DEVICE");
-  return device != nullptr && std::string(device) == "cuda" ? BackendKind::Cuda : BackendKind::Cpu;
-}
+BackendKind tileBackend() { return backendNamedBy("ACCESSVDB_TILE_DEVICE"); }
 
 /// The field that the tiles have to equal, and what they share with it.
 struct OnePiece {

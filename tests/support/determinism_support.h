@@ -7,6 +7,7 @@
 #include <openvdb/openvdb.h>
 
 #include <bit>
+#include <cstdlib>
 #include <random>
 #include <sstream>
 #include <string>
@@ -17,6 +18,12 @@
 #include "support/box_tool.h"
 
 namespace accessvdb::test {
+
+/// Cuda if the environment variable says "cuda": a test's fields are then on a GPU, as the test says.
+inline BackendKind backendNamedBy(const char* variable) {
+  const char* device = std::getenv(variable);
+  return device != nullptr && std::string(device) == "cuda" ? BackendKind::Cuda : BackendKind::Cpu;
+}
 
 struct Scan {
   std::vector<Eigen::Vector3f> points_S;
@@ -68,6 +75,26 @@ inline std::string text(const SurfacePoint& p) {
       << p.stability << ", normal " << p.normal_W.transpose();
   return out.str();
 }
+
+/// What a field with more ways to reach points has over one with fewer. None may lose access, or reach with more
+/// collisions.
+struct AccessGains {
+  std::size_t compared = 0, gained = 0, kept = 0;
+
+  void add(const FieldSnapshot& few, const FieldSnapshot& many) {
+    ASSERT_EQ(few.points.size(), many.points.size());
+    for (std::size_t n = 0; n < few.points.size(); ++n, ++compared) {
+      const bool by_few = few.points[n].label == PointLabel::Accessible,
+                 by_many = many.points[n].label == PointLabel::Accessible;
+      ASSERT_TRUE(!by_few || by_many) << "point " << n;
+      if (by_few) {
+        ASSERT_LE(many.points[n].score, few.points[n].score);
+      }
+      gained += !by_few && by_many ? 1 : 0;
+      kept += by_few ? 1 : 0;
+    }
+  }
+};
 
 inline void expectSame(const FieldSnapshot& a, const FieldSnapshot& b) {
   ASSERT_EQ(a.points.size(), b.points.size());
