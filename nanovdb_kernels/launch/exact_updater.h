@@ -25,10 +25,9 @@ struct DirectionArc {
   std::uint16_t count = 0;  ///< at most D
 };
 
-/// Constant tables in host memory, needed only while the updater is created.
-struct ExactTables {
-  NeighbourTables neighbours;
-  std::span<const FootprintColumn> tool_columns, arm_columns;  ///< for groups of neighbours.group_log2
+/// Constant tables of one tool in host memory, needed only while the updater is created.
+struct ToolTables {
+  std::span<const FootprintColumn> tool_columns, arm_columns;  ///< for groups of NeighbourTables::group_log2
   bool any_directions = false;                                 ///< they are not all yaws in order
   /// The inverse of the tool: [x][y][z] which directions may cover a cell of 4 x 4 x 4 voxels from a point somewhere in
   /// a group. The first entry is for the cell cell_low, in cells from the group's first one. Empty: unknown, and
@@ -36,6 +35,12 @@ struct ExactTables {
   std::span<const DirectionArc> cell_directions;
   std::span<const DirectionMask> cell_sets;  ///< in place of it, with any_directions
   std::int32_t cell_low[3] = {0, 0, 0}, cell_size[3] = {0, 0, 0};
+};
+/// The same for a tool, and for further ones that are tried in the same directions: what the updater knows about the
+/// points and about what changed, their neighbourhoods, normals and views included, it then has once for all of them.
+struct ExactTables : ToolTables {
+  NeighbourTables neighbours;
+  std::span<const ToolTables> further;
 };
 
 /// A leaf in which facts flipped: bit 0 collides on, 1 collides off, 2 arm free on, 3 arm free off.

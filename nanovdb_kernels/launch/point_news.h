@@ -55,21 +55,28 @@ struct PointWeight {
 /// Points that are new or changed; host memory, reusable on return.
 struct AdmitInput {
   PointStateView points;  ///< in the backend's memory, room for num_points
+  /// The same points' state for further tools (ExactTables::further), whose positions, normals, views and weights are
+  /// those of `points`: the same arrays.
+  std::span<const PointStateView> further;
   std::uint32_t num_points = 0, num_blocks = 0, num_groups = 0, num_slots = 0;
   std::span<const PointNews> news;
   std::span<const BlockNews> blocks;
   std::span<const std::uint32_t> block_ids;
 };
 
-/// What evaluating points reads. All views are in the backend's memory.
-struct ScoringInput {
-  OccupancyView map;
+/// What evaluating points for one tool reads. All views are in the backend's memory.
+struct ToolInput {
   ToolKernelView tool;
   ToolSlabsView slabs;
   ApproachView approach;
   PointStateView points;
   UpdateRule rule;
-  std::uint32_t budget_points = 0;  ///< most points evaluated per update, constant; 0: no limit
+};
+/// What evaluating points reads, for one tool or several.
+struct ScoringInput : ToolInput {
+  OccupancyView map;
+  std::uint32_t budget_points = 0;     ///< most points evaluated per update and tool, constant; 0: no limit
+  std::span<const ToolInput> further;  ///< of the tools of ExactTables::further, in their order
 };
 
 /// What the map says about the points since the last update; host memory, reusable on return.
@@ -78,6 +85,7 @@ struct ConfidenceNews {
   std::span<const PointWeight> crossed;  ///< points that became confident enough to be scored; ids differ
 };
 
+/// For all tools together.
 struct UpdateOutcome {
   std::uint64_t moved = 0;      ///< neighbourhoods computed
   std::uint64_t evaluated = 0;  ///< points examined

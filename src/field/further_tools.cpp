@@ -22,10 +22,11 @@ bool sameDirections(const FieldParams& a, const FieldParams& b) {
 /// Tells all tools' schedulers of what happens, and runs them one after the other.
 class SchedulerOfTools final : public UpdateScheduler {
  public:
+  /// Of one tool, or on a device of all that read the same points.
   struct Part {
     std::unique_ptr<UpdateScheduler> scheduler;
     const ScoringSetup& setup;
-    std::size_t views_of;  ///< the part whose points it reads
+    std::size_t views_of;  ///< the part that was told first of the points it reads
     PointStore* points;    ///< of its own; null: another's, or the field's
     const TouchedPoints* touched = nullptr;
   };
@@ -148,17 +149,35 @@ void FurtherTools::forget() {
 }
 
 std::unique_ptr<UpdateScheduler> FurtherTools::makeSchedulers(PointScorer& scorer, const ScoringSetup& setup) {
-  if (tools_.empty()) return makeScheduler(scorer, {setup.hostTool(), setup.hostApproach()});
-  std::vector<std::shared_ptr<ScanChanges>> changes = {std::make_shared<ScanChanges>(scorer)};
-  std::vector<SchedulerOfTools::Part> parts;
-  const auto add = [&](PointScorer& of_tool, const ScoringSetup& tables, std::size_t views_of, PointStore* own) {
-    parts.push_back(
-        {makeScheduler(of_tool, {tables.hostTool(), tables.hostApproach()}, changes[views_of]), tables, views_of, own});
+  const auto hostOf = [](const ScoringSetup& of_tool) {
+    return HostTables{of_tool.hostTool(), of_tool.hostApproach()};
   };
-  add(scorer, setup, 0, nullptr);
-  for (const auto& tool : tools_) {
-    changes.push_back(tool->own_points ? std::make_shared<ScanChanges>(*tool->scorer) : nullptr);
-    add(*tool->scorer, tool->setup, tool->views_of, tool->own_points.get());
+  if (tools_.empty()) return makeScheduler(scorer, hostOf(setup));
+  std::vector<SchedulerOfTools::Part> parts;
+  for (std::size_t first = 0; first <= tools_.size(); ++first) {  // the first tool of each store
+    if (first > 0 && !tools_[first - 1]->own_points) continue;
+    PointScorer& leader = first == 0 ? scorer : *tools_[first - 1]->scorer;
+    const ScoringSetup& of_leader = first == 0 ? setup : tools_[first - 1]->setup;
+    PointStore* const own = first == 0 ? nullptr : tools_[first - 1]->own_points.get();
+    const std::size_t store = parts.size();
+    std::vector<Tool*> others;
+    std::vector<FurtherTool> further;
+    for (std::size_t n = first; n < tools_.size(); ++n) {
+      Tool& tool = *tools_[n];
+      if (tool.own_points || tool.views_of != first) continue;
+      others.push_back(&tool);
+      further.push_back(
+          {*tool.scorer, hostOf(tool.setup), [&tool](const auto* mirror) { return tool.setup.tables(mirror); }});
+    }
+    if (auto on_device = makeExactOnDevice(leader, hostOf(of_leader), further)) {
+      parts.push_back({std::move(on_device), of_leader, store, own});
+      continue;
+    }
+    const auto changes = std::make_shared<ScanChanges>(leader);
+    parts.push_back({makeExactOnHost(leader, hostOf(of_leader), changes), of_leader, store, own});
+    for (Tool* tool : others) {
+      parts.push_back({makeExactOnHost(*tool->scorer, hostOf(tool->setup), changes), tool->setup, store, nullptr});
+    }
   }
   return std::make_unique<SchedulerOfTools>(std::move(parts));
 }

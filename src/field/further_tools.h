@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The tools of a field beside its first one. They read the same map and the same mirror; each has its own tables, its
-/// own state of the points and its own scheduler, so that its results are those of a field with it alone. Tools that
-/// are tried in the same directions share the points' views, and on the host also normals and what scans changed.
+/// own state of the points and its own evaluations, so that its results are those of a field with it alone. Tools that
+/// are tried in the same directions share the points' views, their normals, and what scans changed.
 #pragma once
 
 #include <memory>

@@ -34,14 +34,18 @@ kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int num_di
   return tables;
 }
 
-kernels::ScoringInput scoringInput(const PointScorer& scorer, const ScoringTables& tables) {
-  kernels::ScoringInput input;
-  input.map = tables.map;
+kernels::ToolInput toolInput(const PointScorer& scorer, const ScoringTables& tables) {
+  kernels::ToolInput input;
   input.tool = tables.tool;
   input.slabs = tables.slabs;
   input.approach = tables.approach;
   input.points = scorer.device().view();
   input.rule = tables.rule;
+  return input;
+}
+
+kernels::ScoringInput scoringInput(const PointScorer& scorer, const ScoringTables& tables) {
+  kernels::ScoringInput input = {toolInput(scorer, tables), tables.map, 0, {}};
   input.budget_points = static_cast<std::uint32_t>(scorer.params().update.budget_points);
   return input;
 }
@@ -58,8 +62,9 @@ UpdateStats statsOf(const kernels::UpdateOutcome& outcome) {
   return stats;
 }
 
-DeviceAdmission::DeviceAdmission(PointScorer& scorer, kernels::PointAdmission& updater, int group_log2)
-    : scorer_(scorer), updater_(updater), blocks_(group_log2), fresh_(scorer.points()) {
+DeviceAdmission::DeviceAdmission(PointScorer& scorer, kernels::PointAdmission& updater, int group_log2,
+                                 std::vector<PointScorer*> further)
+    : scorer_(scorer), further_(std::move(further)), updater_(updater), blocks_(group_log2), fresh_(scorer.points()) {
   while (least_weight_ < std::numeric_limits<std::uint16_t>::max() && !scorer_.isConfident(least_weight_)) {
     ++least_weight_;
   }
@@ -91,6 +96,11 @@ void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const 
   if (!scorer_.reads().reached(p_L, q_L, take)) fresh_.noteAll();
 }
 
+void DeviceAdmission::growState() {
+  scorer_.growDevice();
+  for (PointScorer* scorer : further_) scorer->growDevice();
+}
+
 void DeviceAdmission::complete() {
   if (std::exchange(scans_, 0) != 1) admitAll();
 }
@@ -113,6 +123,7 @@ void DeviceAdmission::know() {
 template <typename HandOver>
 void DeviceAdmission::admit(const HandOver& hand_over) {
   scorer_.reserveDevice();
+  for (PointScorer* scorer : further_) scorer->reserveDevice();
   tbb::this_task_arena::isolate(hand_over);
 }
 
@@ -176,9 +187,12 @@ void DeviceAdmission::readWeightsOf(std::span<const std::uint32_t> ids, std::vec
   for (std::size_t n = 0; n < ids.size(); ++n) points[n] = {ids[n], read_weights_[n]};
 }
 
-kernels::AdmitInput DeviceAdmission::input() const {
+kernels::AdmitInput DeviceAdmission::input() {
+  further_views_.clear();
+  for (const PointScorer* scorer : further_) further_views_.push_back(scorer->device().view());
   kernels::AdmitInput all;
   all.points = scorer_.device().view();
+  all.further = further_views_;
   all.num_points = scorer_.points().size();
   all.num_blocks = static_cast<std::uint32_t>(scorer_.points().index().blocks().size());
   all.num_groups = blocks_.groups();

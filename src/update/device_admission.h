@@ -19,14 +19,17 @@ namespace accessvdb::internal {
 
 /// Tables for an updater of any policy. @param group_log2  of its blocks
 kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int num_directions, int group_log2);
-/// What an update of any policy reads.
+/// What an update of any policy reads, of one tool.
+kernels::ToolInput toolInput(const PointScorer& scorer, const ScoringTables& tables);
 kernels::ScoringInput scoringInput(const PointScorer& scorer, const ScoringTables& tables);
 UpdateStats statsOf(const kernels::UpdateOutcome& outcome);
 
 class DeviceAdmission {
  public:
   /// @param scorer, updater  must outlive this  @param group_log2  same as the updater's
-  DeviceAdmission(PointScorer& scorer, kernels::PointAdmission& updater, int group_log2);
+  /// @param further  scorers that share the device with `scorer`
+  DeviceAdmission(PointScorer& scorer, kernels::PointAdmission& updater, int group_log2,
+                  std::vector<PointScorer*> further = {});
 
   /// Whether noteReturns() needs the next scan described (PointStore::describeTouched).
   [[nodiscard]] bool takesNews() const { return scans_ == 0; }
@@ -42,7 +45,7 @@ class DeviceAdmission {
   /// Whether the backend already has the points in their current state.
   [[nodiscard]] bool isAhead() const { return scans_ == 1; }
   /// Call before an update: makes room for the state of all points.
-  void growState() { scorer_.growDevice(); }
+  void growState();
   /// Call next: hands over what has not been handed over yet.
   void complete();
   /// Call next: reads the map's weights of the points, concurrently with backend work that does not need them.
@@ -61,7 +64,7 @@ class DeviceAdmission {
     Eigen::Vector3f before_L;  ///< at the last update
   };
 
-  [[nodiscard]] kernels::AdmitInput input() const;
+  [[nodiscard]] kernels::AdmitInput input();
   template <typename HandOver>
   void admit(const HandOver& hand_over);
   void admitBlocks(std::span<const std::uint32_t> changed);
@@ -72,6 +75,7 @@ class DeviceAdmission {
   void takeConfident();
 
   PointScorer& scorer_;
+  std::vector<PointScorer*> further_;
   kernels::PointAdmission& updater_;
   DeviceBlocks blocks_;
   std::uint32_t known_points_ = 0;             ///< admitted; higher ids are new
@@ -88,6 +92,7 @@ class DeviceAdmission {
   std::vector<kernels::PointNews> news_;
   std::vector<kernels::BlockNews> block_news_;
   std::vector<std::uint32_t> block_ids_;
+  std::vector<kernels::PointStateView> further_views_;  ///< of further_
 };
 
 }  // namespace accessvdb::internal

@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <vector>
 
+#include "accessvdb/error.h"
+
 namespace accessvdb::internal {
 namespace {
 /// State arrays grow by a quarter, but at least by this many points.
@@ -14,6 +16,13 @@ constexpr std::uint32_t kLeastGrowth = 1 << 16;
 DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words, bool rolls)
     : memory_(backend), words_(direction_words), rolls_(rolls) {}
 
+void DevicePoints::shareWith(const DevicePoints& owner) {
+  if (capacity_ > 0 || owner.words_ != words_) {
+    throw InternalError("points.share", "", "A tool came to share the state of points too late", "Please report this");
+  }
+  owner_ = &owner;
+}
+
 void DevicePoints::reserve(std::uint32_t size) {
   if (size <= capacity_) return;
   const std::uint32_t wanted = size + std::max(size / 4, kLeastGrowth);
@@ -22,13 +31,15 @@ void DevicePoints::reserve(std::uint32_t size) {
     array.growWithRoom(memory_, each * size, each * wanted, each * size_);
     capacity = std::min(capacity, static_cast<std::uint32_t>(array.size() / each));
   };
-  grow(position_L_, 3);
-  grow(normal_L_, 3);
-  grow(seen_, static_cast<std::size_t>(words_));
+  if (owner_ == nullptr) {
+    grow(position_L_, 3);
+    grow(normal_L_, 3);
+    grow(seen_, static_cast<std::size_t>(words_));
+    grow(weight_, 1);
+  }
   grow(stability_, 1);
   grow(score_, 1);
   grow(direction_, 1);
-  grow(weight_, 1);
   grow(label_, 1);
   grow(reason_, 1);
   if (rolls_) grow(roll_, 1);
@@ -44,12 +55,14 @@ void DevicePoints::grow(std::uint32_t size) {
   if (size <= size_) return;
   const std::uint32_t before = size_, added = size - size_;
   growRaw(size);
-  normal_L_.upload(std::vector<float>(std::size_t{3} * added, 0.0f).data(), std::size_t{3} * added,
-                   std::size_t{3} * before);
+  if (owner_ == nullptr) {
+    normal_L_.upload(std::vector<float>(std::size_t{3} * added, 0.0f).data(), std::size_t{3} * added,
+                     std::size_t{3} * before);
+    weight_.upload(std::vector<std::uint16_t>(added, 0).data(), added, before);
+  }
   stability_.upload(std::vector<float>(added, 1.0f).data(), added, before);
   score_.upload(std::vector<std::uint16_t>(added, kNoScore).data(), added, before);
   direction_.upload(std::vector<std::uint16_t>(added, kNoDirection).data(), added, before);
-  weight_.upload(std::vector<std::uint16_t>(added, 0).data(), added, before);
   label_.upload(std::vector<PointLabel>(added, PointLabel::Unscored).data(), added, before);
   reason_.upload(std::vector<PointReason>(added, PointReason::Confidence).data(), added, before);
   if (rolls_) roll_.upload(std::vector<std::uint8_t>(added, 0).data(), added, before);
@@ -57,13 +70,14 @@ void DevicePoints::grow(std::uint32_t size) {
 
 kernels::PointStateView DevicePoints::view() const {
   kernels::PointStateView view;
-  view.position_L = position_L_.data();
-  view.normal_L = normal_L_.data();
-  view.seen = seen_.data();
+  const DevicePoints& shared = owner_ != nullptr ? *owner_ : *this;
+  view.position_L = shared.position_L_.data();
+  view.normal_L = shared.normal_L_.data();
+  view.seen = shared.seen_.data();
+  view.weight = shared.weight_.data();
   view.score = score_.data();
   view.direction = direction_.data();
   view.stability = stability_.data();
-  view.weight = weight_.data();
   view.label = label_.data();
   view.reason = reason_.data();
   view.direction_words = words_;

@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The exact policy on a backend that decides itself what is due (launch/exact_updater.h): the host only reports which
 /// points are new, touched or now confident (device_admission.h), and in which leaves facts flipped. Without a budget
-/// the results equal those of exact_on_host.cpp.
+/// the results equal those of exact_on_host.cpp. All this is the same for tools that are tried in the same directions,
+/// so that one scheduler serves them.
 #include <tbb/parallel_for.h>
 #include <tbb/parallel_sort.h>
 
@@ -49,11 +50,21 @@ std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
   return sum;
 }
 
+std::vector<PointScorer*> scorersOf(std::span<const FurtherTool> tools) {
+  std::vector<PointScorer*> scorers;
+  for (const FurtherTool& tool : tools) scorers.push_back(&tool.scorer);
+  return scorers;
+}
+
 class ExactOnDevice final : public UpdateScheduler {
  public:
   /// @param group_log2  same as the updater's
-  ExactOnDevice(PointScorer& scorer, std::unique_ptr<kernels::ExactUpdater> updater, int group_log2)
-      : scorer_(scorer), updater_(std::move(updater)), admission_(scorer, *updater_, group_log2) {}
+  ExactOnDevice(PointScorer& scorer, std::span<const FurtherTool> further,
+                std::unique_ptr<kernels::ExactUpdater> updater, int group_log2)
+      : scorer_(scorer),
+        further_(further.begin(), further.end()),
+        updater_(std::move(updater)),
+        admission_(scorer, *updater_, group_log2, scorersOf(further)) {}
 
   // The backend finds neighbours while the map integrates the scan.
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
@@ -100,7 +111,7 @@ class ExactOnDevice final : public UpdateScheduler {
     admission_.growState();
     if (!begun) begin(tables);
     admission_.complete();
-    const kernels::ScoringInput input = scoringInput(scorer_, tables);
+    const kernels::ScoringInput input = inputOf(tables);
     const auto read_host = [&] {
       admission_.readWeights();
       admission_.know();
@@ -126,7 +137,17 @@ class ExactOnDevice final : public UpdateScheduler {
   void begin(const ScoringTables& tables) {
     std::array<std::span<const kernels::LeafFlips>, kMostParts> lists;
     std::ranges::copy(flips_, lists.begin());
-    updater_->begin(scoringInput(scorer_, tables), lists);
+    updater_->begin(inputOf(tables), lists);
+  }
+  /// Valid until the next call.
+  kernels::ScoringInput inputOf(const ScoringTables& tables) {
+    further_inputs_.clear();
+    for (const FurtherTool& tool : further_) {
+      further_inputs_.push_back(toolInput(tool.scorer, tool.tables(tables.map.grid)));
+    }
+    kernels::ScoringInput input = scoringInput(scorer_, tables);
+    input.further = further_inputs_;
+    return input;
   }
 
   void clearFlips() {
@@ -154,6 +175,8 @@ class ExactOnDevice final : public UpdateScheduler {
   }
 
   PointScorer& scorer_;
+  std::vector<FurtherTool> further_;
+  std::vector<kernels::ToolInput> further_inputs_;
   std::unique_ptr<kernels::ExactUpdater> updater_;
   DeviceAdmission admission_;
   bool anything_scored_ = false;
@@ -163,27 +186,52 @@ class ExactOnDevice final : public UpdateScheduler {
   std::size_t joined_flips_ = 0;                                   ///< their number after the last merge
 };
 
+/// A tool's tables in host memory, for as long as the updater is being made.
+class TablesOfTool {
+ public:
+  TablesOfTool(const HostTables& host, double voxel_size_m, int group_log2)
+      : any_directions_(host.approach.axes_xyz != nullptr),
+        footprint_(host.tool, host.approach, voxel_size_m, group_log2),
+        cells_(host.tool, host.approach.num_directions, group_log2, kMostCellTableBytes, any_directions_) {}
+
+  [[nodiscard]] kernels::ToolTables tables() const {
+    kernels::ToolTables tables;
+    tables.tool_columns = footprint_.toolColumns();
+    tables.arm_columns = footprint_.armColumns();
+    tables.any_directions = any_directions_;
+    tables.cell_directions = cells_.table();
+    tables.cell_sets = cells_.sets();
+    std::ranges::copy(cells_.low(), tables.cell_low);
+    std::ranges::copy(cells_.size(), tables.cell_size);
+    return tables;
+  }
+
+ private:
+  bool any_directions_;
+  LeafFootprint footprint_;
+  CellDirections cells_;
+};
+
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const HostTables& host) {
-  const auto& [tool, approach] = host;
+std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const HostTables& host,
+                                                   std::span<const FurtherTool> further) {
   const FieldParams& params = scorer.params();
   const double voxel_size_m = params.tsdf.voxel_size_m;
   const int group_log2 = blockGroupLog2(voxel_size_m);
-  const LeafFootprint footprint(tool, approach, voxel_size_m, group_log2);
-  kernels::ExactTables tables;
-  tables.neighbours = neighbourTables(params, approach.num_directions, group_log2);
-  tables.tool_columns = footprint.toolColumns();
-  tables.arm_columns = footprint.armColumns();
-  tables.any_directions = approach.axes_xyz != nullptr;
-  const CellDirections cells(tool, approach.num_directions, group_log2, kMostCellTableBytes, tables.any_directions);
-  tables.cell_directions = cells.table();
-  tables.cell_sets = cells.sets();
-  std::ranges::copy(cells.low(), tables.cell_low);
-  std::ranges::copy(cells.size(), tables.cell_size);
+  const TablesOfTool first(host, voxel_size_m, group_log2);
+  std::vector<std::unique_ptr<const TablesOfTool>> others;
+  std::vector<kernels::ToolTables> of_others;
+  for (const FurtherTool& tool : further) {
+    others.push_back(std::make_unique<TablesOfTool>(tool.host, voxel_size_m, group_log2));
+    of_others.push_back(others.back()->tables());
+  }
+  const kernels::ExactTables tables = {first.tables(),
+                                       neighbourTables(params, host.approach.num_directions, group_log2), of_others};
   auto updater = scorer.backend().makeExactUpdater(tables);
   if (updater == nullptr) return nullptr;
-  return std::make_unique<ExactOnDevice>(scorer, std::move(updater), group_log2);
+  for (const FurtherTool& tool : further) tool.scorer.shareDevice(scorer);
+  return std::make_unique<ExactOnDevice>(scorer, further, std::move(updater), group_log2);
 }
 
 }  // namespace accessvdb::internal

@@ -4,12 +4,11 @@
 
 namespace accessvdb::internal {
 
-std::unique_ptr<UpdateScheduler> makeScheduler(PointScorer& scorer, const HostTables& tables,
-                                               const std::shared_ptr<ScanChanges>& changes) {
+std::unique_ptr<UpdateScheduler> makeScheduler(PointScorer& scorer, const HostTables& tables) {
   const bool paper = scorer.params().update.policy == UpdatePolicy::Paper;
   auto on_device = paper ? makePaperOnDevice(scorer) : makeExactOnDevice(scorer, tables);
   if (on_device != nullptr) return on_device;
-  return paper ? makePaperOnHost(scorer, tables.tool.collision_limit) : makeExactOnHost(scorer, tables, changes);
+  return paper ? makePaperOnHost(scorer, tables.tool.collision_limit) : makeExactOnHost(scorer, tables);
 }
 
 }  // namespace accessvdb::internal

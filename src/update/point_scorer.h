@@ -65,6 +65,8 @@ class PointScorer {
   void grow();
   /// Like grow(), but only on the device and not initialised: for an updater that keeps state without the host.
   void growDevice() { device_.growRaw(points_.size()); }
+  /// From now on what a device keeps of the points for any tool is that of another tool's scorer (DevicePoints).
+  void shareDevice(const PointScorer& owner) { device_.shareWith(owner.device_); }
   /// Only makes room, so that the updater can begin: readers of the device do not see the new points until
   /// growDevice().
   void reserveDevice() { device_.reserve(points_.size()); }

@@ -88,13 +88,12 @@ __device__ void takeDue(const DueContext& context, std::uint32_t id, const Point
   }
 }
 
-__global__ void takeNeighbours(DueContext context, PointPart part, const Neighbourhood* neighbourhoods,
-                               std::uint32_t* changed_bits) {
+__global__ void storeNeighbours(PointsView points, PointPart part, Neighbourhood* neighbourhoods,
+                                std::uint32_t* changed_bits) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= part.count) return;
-  const PointsView& points = context.points;
   const std::uint32_t id = part.ids[part.first + n];
-  const Neighbourhood& found = neighbourhoods[n];
+  Neighbourhood& found = neighbourhoods[n];
   const PointDirections before = directionsOf(points.points, id);
   PointDirections now;
   for (std::size_t axis = 0; axis < 3; ++axis) now.normal[axis] = found.normal[axis];
@@ -113,7 +112,22 @@ __global__ void takeNeighbours(DueContext context, PointPart part, const Neighbo
   for (std::size_t axis = 0; axis < 3; ++axis) points.points.normal_L[3 * std::size_t{id} + axis] = now.normal[axis];
   const auto words = static_cast<std::size_t>(points.points.direction_words);
   for (std::size_t w = 0; w < words; ++w) points.points.seen[id * words + w] = now.seen.word[w];
-  takeDue(context, id, before, now, true);
+  for (std::size_t axis = 0; axis < 3; ++axis) found.normal[axis] = before.normal[axis];
+  found.seen = before.seen;
+}
+
+__device__ bool isSet(const std::uint32_t* bits, std::uint32_t id) { return (bits[id >> 5] >> (id & 31) & 1u) != 0; }
+
+__global__ void dueAfterMoves(DueContext context, PointPart part, const Neighbourhood* all_before,
+                              const std::uint32_t* changed_bits) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n >= part.count) return;
+  const std::uint32_t id = part.ids[part.first + n];
+  if (!isSet(changed_bits, id)) return;
+  PointDirections before;
+  for (std::size_t axis = 0; axis < 3; ++axis) before.normal[axis] = all_before[n].normal[axis];
+  before.seen = all_before[n].seen;
+  takeDue(context, id, before, directionsOf(context.points.points, id), true);
 }
 
 __global__ void dueByFlips(DueContext context, std::uint32_t first, std::uint32_t count,
@@ -123,7 +137,7 @@ __global__ void dueByFlips(DueContext context, std::uint32_t first, std::uint32_
   const std::uint32_t id = first + n;
   if (context.masks.affected[context.points.groupOf(id)] == 0) return;
   if (context.points.points.label[id] == PointLabel::Unscored) return;
-  if ((changed_bits[id >> 5] >> (id & 31) & 1u) != 0) return;  // already handed on
+  if (isSet(changed_bits, id)) return;  // already handed on
   const PointDirections now = directionsOf(context.points.points, id);
   takeDue(context, id, now, now, false);
 }
@@ -141,11 +155,18 @@ __global__ void afterWaiting(DueContext context, DeviceList<std::uint32_t> ids) 
 
 }  // namespace
 
-void launchTakeNeighbours(const DueContext& context, const PointPart& part, const Neighbourhood* neighbourhoods,
-                          std::uint32_t* changed_bits, cudaStream_t stream) {
+void launchStoreNeighbours(const PointsView& points, const PointPart& part, Neighbourhood* neighbourhoods,
+                           std::uint32_t* changed_bits, cudaStream_t stream) {
   if (part.count == 0) return;
-  takeNeighbours<<<blocksFor(part.count), kThreads, 0, stream>>>(context, part, neighbourhoods, changed_bits);
-  checkLaunch("takeNeighbours");
+  storeNeighbours<<<blocksFor(part.count), kThreads, 0, stream>>>(points, part, neighbourhoods, changed_bits);
+  checkLaunch("storeNeighbours");
+}
+
+void launchDueAfterMoves(const DueContext& context, const PointPart& part, const Neighbourhood* before,
+                         const std::uint32_t* changed_bits, cudaStream_t stream) {
+  if (part.count == 0) return;
+  dueAfterMoves<<<blocksFor(part.count), kThreads, 0, stream>>>(context, part, before, changed_bits);
+  checkLaunch("dueAfterMoves");
 }
 
 void launchDueByFlips(const DueContext& context, std::uint32_t first, std::uint32_t count,

@@ -9,20 +9,14 @@
 
 namespace accessvdb::kernels {
 
-void FlipTables::take(FlipLists flips, const FlipContext& context, DeviceCounters& counters, cudaStream_t stream) {
-  const std::uint32_t groups = context.groups.groups;
+FlipsView FlipTables::take(FlipLists flips, DeviceCounters& counters, cudaStream_t stream) {
   const std::size_t count = totalSize(flips);
-  view_.affected = nullptr;
-  if (count == 0 || groups == 0) return;
   const std::size_t capacity = std::bit_ceil(2 * count + 64);
   keys_.grow(memory_, capacity, 0);
   tiles_.grow(memory_, capacity, 0);
   next_.growWithRoom(memory_, count, roomFor(count), 0);
   fillBytes(keys_.data(), 0xff, capacity * sizeof(std::uint64_t), stream);
   fillBytes(&counters.data()->flip_tiles, 0, sizeof(std::uint32_t), stream);
-  masks_.growWithRoom(memory_, groups, roomFor(groups), 0);
-  affected_.growWithRoom(memory_, groups, roomFor(groups), 0);
-  masked_groups_ = groups;
   FlipsView by_place;
   by_place.hash = {keys_.data(), static_cast<std::uint32_t>(capacity - 1)};
   by_place.tile_at = tiles_.data();
@@ -40,18 +34,8 @@ void FlipTables::take(FlipLists flips, const FlipContext& context, DeviceCounter
   by_place.occupied = occupied_.data();
   by_place.kinds = kinds_.data();
   by_place.head = heads_.data();
-  view_ = {masks_.data(), affected_.data()};
   launchAddFlips(by_place, list.count, stream);
-  launchGroupMasks(context, by_place, view_, stream);
-}
-
-void FlipTables::addGroups(std::uint32_t groups, cudaStream_t stream) {
-  if (view_.affected == nullptr || groups == masked_groups_) return;
-  masks_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
-  affected_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
-  fillBytes(affected_.data() + masked_groups_, 0, groups - masked_groups_, stream);
-  view_ = {masks_.data(), affected_.data()};
-  masked_groups_ = groups;
+  return by_place;
 }
 
 }  // namespace accessvdb::kernels

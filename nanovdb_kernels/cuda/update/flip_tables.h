@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The flips of an update on the device: by place, and what they mean for groups of blocks.
+/// The flips of an update on the device, by place: the same for all tools.
 #pragma once
 
 #include <cuda_runtime_api.h>
@@ -18,23 +18,15 @@ class FlipTables {
  public:
   explicit FlipTables(DeviceMemory& memory) : memory_(memory) {}
 
-  /// Directions that the flips may have changed for the points of each group. Empty if there were no flips.
-  [[nodiscard]] const GroupMasksView& masks() const { return view_; }
-
-  /// Finds those directions, and ages what is known about them. Waits for the device, but returns before it is done.
-  void take(FlipLists flips, const FlipContext& context, DeviceCounters& counters, cudaStream_t stream);
-  /// Adds groups that are new since take(): nothing is known about their points that flips could change.
-  void addGroups(std::uint32_t groups, cudaStream_t stream);
+  /// Takes the flips, of which there is at least one. Waits for the device, but returns before it is done.
+  /// @return valid for work queued before the next call
+  [[nodiscard]] FlipsView take(FlipLists flips, DeviceCounters& counters, cudaStream_t stream);
 
  private:
   DeviceMemory& memory_;
-  GroupMasksView view_;
   Staging<LeafFlips> list_;
   DeviceArray<std::uint64_t> keys_, occupied_, kinds_;
   DeviceArray<std::uint32_t> heads_, next_, tiles_;
-  DeviceArray<GroupMasks> masks_;
-  DeviceArray<std::uint8_t> affected_;
-  std::uint32_t masked_groups_ = 0;
 };
 
 }  // namespace accessvdb::kernels

@@ -7,8 +7,8 @@
 
 namespace accessvdb::kernels {
 
-FootprintTable::FootprintTable(DeviceMemory& memory, const ExactTables& tables)
-    : group_log2_(tables.neighbours.group_log2) {
+FootprintTable::FootprintTable(DeviceMemory& memory, const ToolTables& tables, int group_log2)
+    : group_log2_(group_log2) {
   for (const std::span<const FootprintColumn> columns : {tables.tool_columns, tables.arm_columns}) {
     for (const FootprintColumn& c : columns) {
       const std::int32_t low[3] = {c.dx, c.dy, c.z_low}, high[3] = {c.dx, c.dy, c.z_high};

@@ -13,7 +13,7 @@ namespace accessvdb::kernels {
 
 class FootprintTable {
  public:
-  FootprintTable(DeviceMemory& memory, const ExactTables& tables);
+  FootprintTable(DeviceMemory& memory, const ToolTables& tables, int group_log2);
 
   [[nodiscard]] const FootprintView& view() const { return view_; }
   /// Everything that searches read around the voxel of a point: the tool, in whole slabs, and the corridor.

@@ -18,7 +18,8 @@ constexpr int kCountTo = 2;
 
 }  // namespace
 
-KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const ExactTables& tables)
+KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const ToolTables& tables,
+                         int num_directions)
     : memory_(memory) {
   if (tables.cell_directions.empty() && tables.cell_sets.empty()) return;
   const auto load = [&](auto& to, const auto& from) {
@@ -36,7 +37,7 @@ KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
   cells_.sets = cell_sets_.data();
   std::copy_n(tables.cell_low, 3, cells_.low);
   std::copy_n(tables.cell_size, 3, cells_.size);
-  view_.words = (tables.neighbours.num_directions + kKnownPerWord - 1) / kKnownPerWord;
+  view_.words = (num_directions + kKnownPerWord - 1) / kKnownPerWord;
   levels_ = std::make_unique<AddressRange>(std::move(context), kAddresses);
 }
 

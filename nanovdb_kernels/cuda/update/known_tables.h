@@ -19,7 +19,8 @@ namespace accessvdb::kernels {
 class KnownTables {
  public:
   /// Without the table of cells, or memory for it, nothing is remembered, which only costs time.
-  KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const ExactTables& tables);
+  KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const ToolTables& tables,
+              int num_directions);
 
   /// Valid until the next grow().
   [[nodiscard]] const KnownView& view() const { return view_; }

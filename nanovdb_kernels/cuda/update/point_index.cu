@@ -42,7 +42,22 @@ __global__ void rehash(BlockIndexView index) {
   if (block < index.blocks) enterBlock(index, block);
 }
 
-__device__ void makePoint(const PointsView& points, const KnownView& known, const PointNews& news) {
+/// Makes what each tool has of a point: nothing is known yet.
+__device__ void makeState(const PointStateView& state, const KnownView& known, std::size_t id) {
+  if (known.levels != nullptr) {
+    const auto words = static_cast<std::size_t>(known.words);
+    for (std::size_t w = 0; w < words; ++w) known.levels[id * words + w] = 0;
+  }
+  state.stability[id] = 1;
+  state.score[id] = kNoScore;
+  state.direction[id] = kNoDirection;
+  if (state.roll != nullptr) state.roll[id] = 0;
+  state.label[id] = PointLabel::Unscored;
+  state.reason[id] = PointReason::Confidence;
+}
+
+/// Makes what all tools share of a point.
+__device__ void makePoint(const PointsView& points, const PointNews& news) {
   const PointStateView& state = points.points;
   const std::size_t id = news.id;
   points.state.block[id] = news.block;
@@ -53,17 +68,7 @@ __device__ void makePoint(const PointsView& points, const KnownView& known, cons
   }
   const auto words = static_cast<std::size_t>(state.direction_words);
   for (std::size_t w = 0; w < words; ++w) state.seen[id * words + w] = 0;
-  if (known.levels != nullptr) {
-    const auto known_words = static_cast<std::size_t>(known.words);
-    for (std::size_t w = 0; w < known_words; ++w) known.levels[id * known_words + w] = 0;
-  }
-  state.stability[id] = 1;
   state.weight[id] = 0;
-  state.score[id] = kNoScore;
-  state.direction[id] = kNoDirection;
-  if (state.roll != nullptr) state.roll[id] = 0;
-  state.label[id] = PointLabel::Unscored;
-  state.reason[id] = PointReason::Confidence;
 }
 
 __device__ void addMoved(const MovedView& moved, std::uint32_t id) {
@@ -81,7 +86,8 @@ __global__ void admitPoints(PointsView points, MovedView moved, KnownView known,
   const NeighbourStateView& state = points.state;
   const std::size_t id = news.id;
   if (isnan(news.before_L[0])) {
-    makePoint(points, known, news);
+    makePoint(points, news);
+    makeState(points.points, known, id);
   } else if (state.reach_m[id] >= 0) {
     addMoved(moved, news.id);  // its mean, its seen directions or the mean sensor position has changed
   }
@@ -101,6 +107,11 @@ __global__ void admitPoints(PointsView points, MovedView moved, KnownView known,
   }
   place.next = atomicExch(places.head + news.block, at);
   if (place.next == kNoIndex) places.touched_blocks[atomicAdd(&moved.counters->touched_blocks, 1u)] = news.block;
+}
+
+__global__ void admitStates(PointStateView state, KnownView known, DeviceList<PointNews> all_news) {
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n < all_news.count && isnan(all_news.data[n].before_L[0])) makeState(state, known, all_news.data[n].id);
 }
 
 __global__ void setWeights(PointStateView points, DeviceList<PointWeight> weights) {
@@ -137,6 +148,13 @@ void launchAdmitPoints(const PointsView& points, const MovedView& moved, const K
   if (news.count == 0) return;
   admitPoints<<<blocksFor(news.count), kThreads, 0, stream>>>(points, moved, known, news, first_place);
   checkLaunch("admitPoints");
+}
+
+void launchAdmitStates(const PointStateView& state, const KnownView& known, DeviceList<PointNews> news,
+                       cudaStream_t stream) {
+  if (news.count == 0) return;
+  admitStates<<<blocksFor(news.count), kThreads, 0, stream>>>(state, known, news);
+  checkLaunch("admitStates");
 }
 
 void launchSetWeights(const PointStateView& points, DeviceList<PointWeight> weights, cudaStream_t stream) {

@@ -83,12 +83,14 @@ void PointTables::refreshIndex(std::uint32_t blocks) {
   index.blocks = blocks;
 }
 
-void PointTables::admit(const AdmitInput& input, const MovedView& moved, const KnownView& known,
-                        std::uint32_t first_place, cudaStream_t stream) {
+DeviceList<PointNews> PointTables::admit(const AdmitInput& input, const MovedView& moved, const KnownView& known,
+                                         std::uint32_t first_place, cudaStream_t stream) {
   const DeviceList<BlockNews> blocks = blocks_news_.send(input.blocks, memory_, stream);
   const DeviceList<std::uint32_t> ids = ids_news_.send(input.block_ids, memory_, stream);
   launchAdmitBlocks(view_, blocks, ids.data, stream);
-  launchAdmitPoints(view_, moved, known, news_.send(input.news, memory_, stream), first_place, stream);
+  const DeviceList<PointNews> news = news_.send(input.news, memory_, stream);
+  launchAdmitPoints(view_, moved, known, news, first_place, stream);
+  return news;
 }
 
 void PointTables::setWeights(std::span<const PointWeight> weights, cudaStream_t stream) {

@@ -29,9 +29,9 @@ class PointTables {
   /// Makes room for what is admitted.
   void grow(const AdmitInput& input, cudaStream_t stream);
   /// Admits it, once there is room. @param first_place  index of the news in moved.places, or kNoIndex: nothing has a
-  /// neighbourhood yet
-  void admit(const AdmitInput& input, const MovedView& moved, const KnownView& known, std::uint32_t first_place,
-             cudaStream_t stream);
+  /// neighbourhood yet  @return the news on the device, valid for work queued before the next call
+  DeviceList<PointNews> admit(const AdmitInput& input, const MovedView& moved, const KnownView& known,
+                              std::uint32_t first_place, cudaStream_t stream);
   void setWeights(std::span<const PointWeight> weights, cudaStream_t stream);
 
   /// Makes room to find the neighbourhoods of this many points in parts of up to kPart, and to keep those of a part.

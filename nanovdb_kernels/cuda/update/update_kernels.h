@@ -24,6 +24,9 @@ void launchRehash(const BlockIndexView& index, cudaStream_t stream);
 /// @param first_place  index into moved.places, or kNoIndex: nothing has a neighbourhood yet
 void launchAdmitPoints(const PointsView& points, const MovedView& moved, const KnownView& known,
                        DeviceList<PointNews> news, std::uint32_t first_place, cudaStream_t stream);
+/// Makes the state of new points for a further tool. @param known  of this tool
+void launchAdmitStates(const PointStateView& state, const KnownView& known, DeviceList<PointNews> news,
+                       cudaStream_t stream);
 void launchSetWeights(const PointStateView& points, DeviceList<PointWeight> weights, cudaStream_t stream);
 
 // moved_points.cu: finds points whose neighbourhoods may have changed.
@@ -47,7 +50,7 @@ void launchNotePrepared(MovedCounters* counters, std::uint32_t most, cudaStream_
 
 // flip_masks.cu: what flips mean for groups of blocks.
 
-/// Inputs of these kernels.
+/// Inputs of these kernels, of one tool.
 struct FlipContext {
   BlockIndexView index;
   GroupsView groups;
@@ -66,17 +69,20 @@ void launchGroupMasks(const FlipContext& context, const FlipsView& flips, const 
 
 // due_points.cu: decides what has to be evaluated.
 
-/// Inputs and outputs of these kernels.
+/// Inputs and outputs of these kernels, of one tool.
 struct DueContext {
   PointsView points;
   EvaluationView evaluation;
   GroupMasksView masks;
   DueView due;
 };
-/// Stores normals and seen directions of some moved points, and decides what is due at them.
-/// @param neighbourhoods  [part.count]
-void launchTakeNeighbours(const DueContext& context, const PointPart& part, const Neighbourhood* neighbourhoods,
-                          std::uint32_t* changed_bits, cudaStream_t stream);
+/// Stores normals and seen directions of some moved points. @param neighbourhoods  [part.count] in: those; out: what
+/// they were before, of the points that changed  @param changed_bits  out: which these are
+void launchStoreNeighbours(const PointsView& points, const PointPart& part, Neighbourhood* neighbourhoods,
+                           std::uint32_t* changed_bits, cudaStream_t stream);
+/// Decides what is due at those that changed. @param before  [part.count] from launchStoreNeighbours, like the bits
+void launchDueAfterMoves(const DueContext& context, const PointPart& part, const Neighbourhood* before,
+                         const std::uint32_t* changed_bits, cudaStream_t stream);
 /// Decides what is due at points [first, first + count) because of flips alone. @param changed_bits  points to skip
 void launchDueByFlips(const DueContext& context, std::uint32_t first, std::uint32_t count,
                       const std::uint32_t* changed_bits, cudaStream_t stream);

@@ -1,0 +1,118 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "cuda/update/tool_update.h"
+
+#include <algorithm>
+#include <utility>
+
+#include "cuda/memory/cuda_check.h"
+#include "launch/stopwatch.h"
+
+namespace accessvdb::kernels {
+namespace {
+
+/// Shared memory that a block gets without asking.
+constexpr int kPlainSharedBytes = 44 * 1024;
+
+int multiprocessorsOf(const DeviceContext& context) {
+  int count = 1;
+  ACCESSVDB_CUDA(cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, context.device()));
+  return count;
+}
+
+}  // namespace
+
+ToolUpdate::ToolUpdate(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& neighbours,
+                       const ToolTables& tables, DeviceCounters& counters)
+    : context_(std::move(context)),
+      counters_(counters),
+      footprint_(memory, tables, neighbours.group_log2),
+      known_(context_, memory, tables, neighbours.num_directions),
+      masks_(memory),
+      due_(memory, &counters.data()->search),
+      queue_(memory) {
+  search_.multiprocessors = multiprocessorsOf(*context_);
+}
+
+void ToolUpdate::grow(const AdmitInput& input) {
+  due_.growBlocks(input.num_blocks, stream());
+  known_.grow(input.num_points, input.num_groups, stream());
+}
+
+void ToolUpdate::takeFlips(const ToolInput& input, const PointsView& points, const FlipsView* flips) {
+  known_.setLimit(input.tool.collision_limit);
+  masks_.clear();
+  if (flips == nullptr) return;
+  const FlipContext context = {points.index,   points.groups, footprint_.view(),
+                               known_.cells(), known_.view(), input.approach.num_directions};
+  masks_.make(context, *flips, stream());
+}
+
+void ToolUpdate::choose(const ToolInput& input, const Setting& setting) {
+  setting_ = setting;
+  setting_.points.points = input.points;
+  evaluation_ = {input.approach, input.rule, known_.view()};
+  const std::uint32_t num_points = setting_.points.num_points;
+  masks_.addGroups(setting_.points.groups.groups, stream());
+  if (setting_.budget_points > 0) queue_.grow(num_points, stream());
+  due_.setWaiting(setting_.budget_points > 0 ? queue_.flags() : nullptr);
+  due_.growItems(num_points);
+  items_ = 0;
+  search_.map = setting_.map;
+  search_.tool = input.tool;
+  search_.slabs = input.slabs;
+  search_.tool.reach = footprint_.reachOfSearch();
+  // More than a block gets without asking would come out of the cache; each node takes two entries.
+  search_.window = planWindow(search_.tool, kPlainSharedBytes / BusyMapView::kEntries, false);
+  search_.busy = setting_.busy;
+}
+
+void ToolUpdate::takeMoved(const PointPart& part, const Neighbourhood* before) {
+  takeRoom(part.count, part.count);
+  launchDueAfterMoves(dueContext(), part, before, setting_.changed_bits, stream());
+}
+
+void ToolUpdate::takeFlipped() {
+  if (masks_.masks().affected == nullptr) return;
+  const std::uint32_t num_points = setting_.points.num_points;
+  for (std::uint32_t first = 0, part = 0; first < num_points; first += part) {
+    part = takeRoom(num_points - first, DueLists::kLeastItems);
+    launchDueByFlips(dueContext(), first, part, setting_.changed_bits, stream());
+  }
+}
+
+void ToolUpdate::takeTurn() {
+  if (setting_.budget_points == 0) return;
+  queue_.addFrom(setting_.points.num_points, {kAsked, kAsked}, stream());
+  const std::uint32_t turn = std::min(queue_.size(), setting_.budget_points);
+  for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
+    part = takeRoom(std::min(turn - first, kMovedPart), kMovedPart);
+    launchDueAfterWaiting(dueContext(), {queue_.ids() + first, part}, stream());
+  }
+  queue_.drop(turn, stream());
+}
+
+/// Reserves room for more items, as many as fit, but at least `at_least` or all. @return how many
+std::uint32_t ToolUpdate::takeRoom(std::uint32_t wanted, std::uint32_t at_least) {
+  const std::uint32_t least = std::min(wanted, at_least);
+  if (items_ + least > due_.capacity()) items_ = counters_.read(stream()).search.due;
+  if (items_ + least > due_.capacity()) evaluate();
+  const std::uint32_t taken = std::min(wanted, due_.capacity() - items_);
+  items_ += taken;
+  return taken;
+}
+
+void ToolUpdate::evaluate() {
+  const std::uint32_t busy = counters_.read(stream()).search.busy;
+  const Stopwatch scoring;
+  const DueWork work = {setting_.points, evaluation_, due_.ordered(setting_.points.index, busy, stream()),
+                        &counters_.data()->outcome};
+  launchDueSearch(work, search_, busy, {stream(), context_->priorityStream(), fork_.get(), join_.get()});
+  ACCESSVDB_CUDA(cudaStreamSynchronize(stream()));
+  score_ms_ += scoring.milliseconds();
+  items_ = 0;
+}
+
+double ToolUpdate::takeScore_ms() { return std::exchange(score_ms_, 0.0); }
+
+}  // namespace accessvdb::kernels
