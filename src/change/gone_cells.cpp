@@ -245,10 +245,10 @@ std::uint64_t GoneCells::bytes() const {
   return blocks_.bytes() + suspect_.bytes() + opening_.bytes() + gone_.capacity() * sizeof(CellPlace);
 }
 
-LeafChange openVoxels(PackedMap& map, const OpenedLeaf& opened) {
-  const Index3 origin = {8 * opened.leaf[0], 8 * opened.leaf[1], 8 * opened.leaf[2]};
-  const auto changes = removeAsFree(map, {{{origin[0], origin[1], origin[2]}, opened.voxels}});
-  return changes.empty() ? LeafChange{origin} : changes.front();
+std::vector<LeafChange> openVoxels(PackedMap& map, std::span<const OpenedLeaf> opened) {
+  VoxelSet voxels;
+  for (const auto& [leaf, bits] : opened) voxels.push_back({{8 * leaf[0], 8 * leaf[1], 8 * leaf[2]}, bits});
+  return removeAsFree(map, voxels);
 }
 
 }  // namespace accessvdb::internal

@@ -79,7 +79,7 @@ class GoneCells {
   std::vector<CellPlace> gone_;  ///< Verdict::Gone, in no order; others may be among them
 };
 
-/// Makes voxels of a leaf unobserved and confirmed to be free. @return what flipped
-LeafChange openVoxels(PackedMap& map, const OpenedLeaf& opened);
+/// Makes what a scan opened unobserved and confirmed to be free. @return what flipped
+std::vector<LeafChange> openVoxels(PackedMap& map, std::span<const OpenedLeaf> opened);
 
 }  // namespace accessvdb::internal

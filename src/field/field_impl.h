@@ -307,13 +307,11 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
 
   /// @return where rays opened voxels of what has gone
   std::vector<LeafChange> openWhatHasGone(const internal::GatedScan& scan, std::span<const std::uint32_t> touched) {
-    std::vector<LeafChange> changes;
-    if (!gone_cells) return changes;
+    if (!gone_cells) return {};
     gone_points.noteReturns(touched);
     const std::vector<internal::OpenedLeaf> opened = gone_cells->takeScan(scan.p_L, scan.q_L, touched);
     gone_points.noteOpened(points, opened, map_reads.weights);
-    for (const internal::OpenedLeaf& leaf : opened) changes.push_back(internal::openVoxels(volume.packed(), leaf));
-    return changes;
+    return internal::openVoxels(volume.packed(), opened);
   }
 
   /// Opened voxels are no longer observed. The leaves are as they are after the scan.

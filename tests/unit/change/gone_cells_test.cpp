@@ -45,8 +45,9 @@ class World {
   std::uint64_t scan(const Points& returns, const Eigen::Vector3f& sensor) {
     const std::vector<std::uint32_t>& touched = points_.addReturns(returns, {&sensor, 1}).all;
     std::uint64_t count = 0;
-    for (const OpenedLeaf& leaf : cells_->takeScan(returns, {&sensor, 1}, touched)) {
-      openVoxels(map_, leaf);
+    const std::vector<OpenedLeaf> opened = cells_->takeScan(returns, {&sensor, 1}, touched);
+    openVoxels(map_, opened);
+    for (const OpenedLeaf& leaf : opened) {
       for (const std::uint64_t word : leaf.voxels) count += static_cast<std::uint64_t>(std::popcount(word));
     }
     integrator_->integrate(returns, {&sensor, 1});
