@@ -3,6 +3,7 @@
 #include "field/further_tools.h"
 
 #include <algorithm>
+#include <span>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -149,34 +150,39 @@ void FurtherTools::forget() {
 }
 
 std::unique_ptr<UpdateScheduler> FurtherTools::makeSchedulers(PointScorer& scorer, const ScoringSetup& setup) {
-  const auto hostOf = [](const ScoringSetup& of_tool) {
-    return HostTables{of_tool.hostTool(), of_tool.hostApproach()};
+  struct OfTool {
+    PointScorer& scorer;
+    const ScoringSetup& setup;
+    std::size_t views_of;
+    PointStore* own_points;
+    [[nodiscard]] HostTables host() const { return {setup.hostTool(), setup.hostApproach()}; }
   };
-  if (tools_.empty()) return makeScheduler(scorer, hostOf(setup));
+  std::vector<OfTool> all = {{scorer, setup, 0, nullptr}};
+  if (tools_.empty()) return makeScheduler(scorer, all.front().host());
+  for (const auto& tool : tools_) {
+    all.push_back({*tool->scorer, tool->setup, tool->views_of, tool->own_points.get()});
+  }
   std::vector<SchedulerOfTools::Part> parts;
-  for (std::size_t first = 0; first <= tools_.size(); ++first) {  // the first tool of each store
-    if (first > 0 && !tools_[first - 1]->own_points) continue;
-    PointScorer& leader = first == 0 ? scorer : *tools_[first - 1]->scorer;
-    const ScoringSetup& of_leader = first == 0 ? setup : tools_[first - 1]->setup;
-    PointStore* const own = first == 0 ? nullptr : tools_[first - 1]->own_points.get();
+  for (std::size_t first = 0; first < all.size(); ++first) {
+    const OfTool& leader = all[first];
+    if (leader.views_of != first) continue;  // it reads the points of an earlier tool
     const std::size_t store = parts.size();
-    std::vector<Tool*> others;
     std::vector<FurtherTool> further;
-    for (std::size_t n = first; n < tools_.size(); ++n) {
-      Tool& tool = *tools_[n];
-      if (tool.own_points || tool.views_of != first) continue;
+    std::vector<const OfTool*> others;
+    for (const OfTool& tool : std::span(all).subspan(first + 1)) {
+      if (tool.views_of != first) continue;
       others.push_back(&tool);
       further.push_back(
-          {*tool.scorer, hostOf(tool.setup), [&tool](const auto* mirror) { return tool.setup.tables(mirror); }});
+          {tool.scorer, tool.host(), [&of_tool = tool.setup](const auto* mirror) { return of_tool.tables(mirror); }});
     }
-    if (auto on_device = makeExactOnDevice(leader, hostOf(of_leader), further)) {
-      parts.push_back({std::move(on_device), of_leader, store, own});
+    if (auto on_device = makeExactOnDevice(leader.scorer, leader.host(), further)) {
+      parts.push_back({std::move(on_device), leader.setup, store, leader.own_points});
       continue;
     }
-    const auto changes = std::make_shared<ScanChanges>(leader);
-    parts.push_back({makeExactOnHost(leader, hostOf(of_leader), changes), of_leader, store, own});
-    for (Tool* tool : others) {
-      parts.push_back({makeExactOnHost(*tool->scorer, hostOf(tool->setup), changes), tool->setup, store, nullptr});
+    const auto changes = std::make_shared<ScanChanges>(leader.scorer);
+    parts.push_back({makeExactOnHost(leader.scorer, leader.host(), changes), leader.setup, store, leader.own_points});
+    for (const OfTool* tool : others) {
+      parts.push_back({makeExactOnHost(tool->scorer, tool->host(), changes), tool->setup, store, nullptr});
     }
   }
   return std::make_unique<SchedulerOfTools>(std::move(parts));

@@ -220,12 +220,10 @@ std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const Ho
   const double voxel_size_m = params.tsdf.voxel_size_m;
   const int group_log2 = blockGroupLog2(voxel_size_m);
   const TablesOfTool first(host, voxel_size_m, group_log2);
-  std::vector<std::unique_ptr<const TablesOfTool>> others;
+  std::vector<TablesOfTool> others;
+  for (const FurtherTool& tool : further) others.emplace_back(tool.host, voxel_size_m, group_log2);
   std::vector<kernels::ToolTables> of_others;
-  for (const FurtherTool& tool : further) {
-    others.push_back(std::make_unique<TablesOfTool>(tool.host, voxel_size_m, group_log2));
-    of_others.push_back(others.back()->tables());
-  }
+  for (const TablesOfTool& tool : others) of_others.push_back(tool.tables());
   const kernels::ExactTables tables = {first.tables(),
                                        neighbourTables(params, host.approach.num_directions, group_log2), of_others};
   auto updater = scorer.backend().makeExactUpdater(tables);
