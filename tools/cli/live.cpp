@@ -303,17 +303,8 @@ int LiveRun::run() {
 }
 
 void LiveRun::reportFailure(const Failure& failure) {
-  if (options_.map.out.empty() || refused_) return;
-  report_.exit_code = failure.exit_code;
-  report_.failure = failure;
-  const fs::path path = fs::path(options_.map.out) / "report.json";
-  try {
-    if (options_.map.no_clobber && fs::exists(path)) return;
-    io::prepareOutputFolder(options_.map.out);
-    writeReport(path, report_, messages_);
-  } catch (const std::exception&) {
-    // The original failure is what the user needs to see; an unwritable folder often is that failure.
-  }
+  if (!options_.map.out.empty() && !refused_)
+    writeFailure(options_.map.out, options_.map.no_clobber, report_, failure, messages_);
 }
 
 }  // namespace
@@ -324,12 +315,7 @@ int runLive(const Arguments& arguments, Messages& messages) {
   addLiveOptions(flags, options);
   if (!parseCommandLine(flags, arguments, options.map.common, messages)) return 0;
   if (options.map.print_config) {
-    checkCommonOptions(options.map.common);
-    std::string text = "# accessvdb live: effective configuration, readable by --config\n" + effectiveConfig(flags) +
-                       "\n# What follows from it, rules applied:\n";
-    std::istringstream lines(fieldParams(options.map).describe());
-    for (std::string line; std::getline(lines, line);) text += "#   " + line + "\n";
-    printData(text);
+    printConfig(flags, options.map, "accessvdb live");
     return 0;
   }
   LiveRun run(options, messages);

@@ -473,17 +473,7 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
 }
 
 void MapRun::reportFailure(const Failure& failure) {
-  if (options_.out.empty() || refused_) return;
-  report_.exit_code = failure.exit_code;
-  report_.failure = failure;
-  const fs::path path = fs::path(options_.out) / "report.json";
-  try {
-    if (options_.no_clobber && fs::exists(path)) return;
-    io::prepareOutputFolder(options_.out);
-    writeReport(path, report_, messages_);
-  } catch (const std::exception&) {
-    // The original failure is what the user needs to see; an unwritable folder often is that failure.
-  }
+  if (!options_.out.empty() && !refused_) writeFailure(options_.out, options_.no_clobber, report_, failure, messages_);
 }
 
 }  // namespace
@@ -494,13 +484,7 @@ int runMap(const Arguments& arguments, Messages& messages) {
   addMapOptions(flags, options);
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   if (options.print_config) {
-    checkCommonOptions(options.common);
-    std::string text =
-        "# accessvdb map: effective configuration, readable by --config\n" + effectiveConfig(flags) +
-        "\n# What follows from it, rules applied (a range noise recorded next to the scans changes it):\n";
-    std::istringstream lines(fieldParams(options).describe());
-    for (std::string line; std::getline(lines, line);) text += "#   " + line + "\n";
-    printData(text);
+    printConfig(flags, options, "accessvdb map", " (a range noise recorded next to the scans changes it)");
     return 0;
   }
   MapRun run(options, planSettings(flags), messages);

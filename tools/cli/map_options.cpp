@@ -7,6 +7,7 @@
 #include <cmath>
 #include <filesystem>
 #include <limits>
+#include <sstream>
 #include <tuple>
 #include <utility>
 
@@ -322,6 +323,16 @@ FieldParams fieldParams(const MapOptions& options, std::optional<double> recorde
   params.mirror_distance = options.mirror_distance;
   params.origin_W = givenOrigin(options);
   return params.resolved();
+}
+
+void printConfig(const FlagParser& flags, const MapOptions& options, const std::string& verb,
+                 const std::string& reserve) {
+  checkCommonOptions(options.common);
+  std::string text = "# " + verb + ": effective configuration, readable by --config\n" + effectiveConfig(flags) +
+                     "\n# What follows from it, rules applied" + reserve + ":\n";
+  std::istringstream lines(fieldParams(options).describe());
+  for (std::string line; std::getline(lines, line);) text += "#   " + line + "\n";
+  printData(text);
 }
 
 }  // namespace accessvdb::tools

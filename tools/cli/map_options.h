@@ -86,4 +86,9 @@ void checkMapOptions(const MapOptions& options);
 /// @throws InvalidArgument
 [[nodiscard]] FieldParams fieldParams(const MapOptions& options, std::optional<double> recorded_noise_m = {});
 
+/// Prints the effective configuration as TOML, and what follows from it as comments.
+/// @param verb  with the program's name  @param reserve  what may change that
+void printConfig(const FlagParser& flags, const MapOptions& options, const std::string& verb,
+                 const std::string& reserve = {});
+
 }  // namespace accessvdb::tools

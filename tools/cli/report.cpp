@@ -235,4 +235,17 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
   io::writeFileDurably(path, [&](std::ostream& out) { out << text << "\n"; });
 }
 
+void writeFailure(const std::string& out, bool keep, RunReport report, const Failure& failure,
+                  const Messages& messages) {
+  report.exit_code = failure.exit_code;
+  report.failure = failure;
+  const std::filesystem::path path = std::filesystem::path(out) / "report.json";
+  try {
+    if (keep && std::filesystem::exists(path)) return;
+    io::prepareOutputFolder(out);
+    writeReport(path, report, messages);
+  } catch (const std::exception&) {
+  }
+}
+
 }  // namespace accessvdb::tools

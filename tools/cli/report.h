@@ -117,4 +117,10 @@ Eigen::AlignedBox3d countPoints(RunReport& report, const MemoryUse& memory, cons
 /// @throws OutputError
 void writeReport(const std::filesystem::path& path, const RunReport& report, const Messages& messages);
 
+/// Writes the report of a run that failed into its output folder, or nothing where that cannot be done: the original
+/// failure is what the user needs to see, and an unwritable folder often is that failure.
+/// @param keep  leave a report that is there already
+void writeFailure(const std::string& out, bool keep, RunReport report, const Failure& failure,
+                  const Messages& messages);
+
 }  // namespace accessvdb::tools
