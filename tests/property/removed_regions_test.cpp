@@ -1,17 +1,14 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Parts of a map that a person takes out: what the map holds afterwards, voxel by voxel; labels against a full
-/// evaluation; and what a cut would open against really removing it from a copy of the field.
+/// Parts of a map that a person takes out: what the map holds afterwards, voxel by voxel, and labels against a full
+/// evaluation.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
 #include <functional>
-#include <iterator>
 #include <limits>
 #include <map>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -21,93 +18,11 @@
 #include "accessvdb/tsdf_volume.h"
 #include "accessvdb/what_if.h"
 #include "support/determinism_support.h"
+#include "support/region_worlds.h"
 #include "support/scratch_folder.h"
 
 namespace accessvdb::test {
 namespace {
-
-/// ACCESSVDB_CHANGE_DEVICE=cuda: fields are on the GPU.
-BackendKind backend() { return backendNamedBy("ACCESSVDB_CHANGE_DEVICE"); }
-
-FieldParams paramsFor(std::uint64_t seed) {
-  FieldParams params;
-  params.tsdf.voxel_size_m = seed % 2 == 0 ? 0.05 : 0.04;
-  params.tsdf.range_noise_m = 0.01;
-  params.tsdf.clamp_min_m = seed % 3 == 0 ? -0.02 : 0.0;
-  params.backend = backend();
-  params.threads = 2;
-  params.approach.num_directions = seed % 2 == 0 ? 36 : 64;
-  if (seed % 4 == 3) {
-    params.approach.orientations = OrientationSet::pitch(-30, 30, 30);
-  }
-  return params;
-}
-
-/// Every third is so short that its corridor ends outside of it.
-ToolGeometry toolFor(std::uint64_t seed) {
-  return seed % 3 == 1 ? boxTool({0.0f, -0.03f, -0.03f}, {0.2f, 0.04f, 0.06f}) : armTool();
-}
-
-AccessibilityField wallField(std::uint64_t seed) {
-  AccessibilityField field(toolFor(seed), paramsFor(seed));
-  for (const Scan& scan : wallScans(seed, 6, 1200)) field.integrateScan(scan.points_S, scan.T_W_S);
-  field.update();
-  return field;
-}
-/// Few scans and a high bound: the confidence of many points hangs on single voxels.
-AccessibilityField doubtfulField(std::uint64_t seed) {
-  FieldParams params = paramsFor(seed);
-  params.scoring.confidence_min = 0.6;
-  AccessibilityField field(toolFor(seed), params);
-  for (const Scan& scan : wallScans(seed, 3, 900)) field.integrateScan(scan.points_S, scan.T_W_S);
-  field.update();
-  return field;
-}
-
-AccessibilityField copyOf(const AccessibilityField& field, const ScratchFolder& folder) {
-  field.saveState(folder / "copy.avst");
-  return AccessibilityField::loadState(folder / "copy.avst", field.tool(), backend(), 2);
-}
-
-/// A ball of triangles, outward.
-Region ballRegion(const Eigen::Vector3d& centre, double radius_m) {
-  constexpr int kRings = 12, kAround = 24;
-  std::vector<Eigen::Vector3d> vertices;
-  std::vector<std::array<std::uint32_t, 3>> triangles;
-  for (int r = 0; r <= kRings; ++r) {
-    for (int a = 0; a < kAround; ++a) {
-      const double polar = r == 0 ? 0 : r == kRings ? M_PI : M_PI * r / kRings, yaw = 2 * M_PI * a / kAround;
-      const double ring = r == 0 || r == kRings ? 0 : std::sin(polar);
-      vertices.push_back(centre + radius_m * Eigen::Vector3d(ring * std::cos(yaw), ring * std::sin(yaw),
-                                                             r == 0        ? 1
-                                                             : r == kRings ? -1
-                                                                           : std::cos(polar)));
-    }
-  }
-  const auto at = [](int r, int a) { return static_cast<std::uint32_t>(r * kAround + a % kAround); };
-  for (int r = 0; r < kRings; ++r) {
-    for (int a = 0; a < kAround; ++a) {
-      triangles.push_back({at(r, a), at(r + 1, a), at(r + 1, a + 1)});
-      triangles.push_back({at(r, a), at(r + 1, a + 1), at(r, a + 1)});
-    }
-  }
-  return Region::mesh(vertices, triangles);
-}
-
-/// Random boxes, balls and sets of points around the clutter of wallScans().
-Region randomRegion(std::uint64_t seed, const FieldSnapshot& field) {
-  std::mt19937_64 random(seed * 77 + 5);
-  const Eigen::Vector3d centre(uniform(random, 1.0, 2.0), uniform(random, -0.2, 1.2), uniform(random, 0.5, 1.5));
-  const Eigen::Vector3d half(uniform(random, 0.03, 0.3), uniform(random, 0.03, 0.3), uniform(random, 0.03, 0.5));
-  if (seed % 3 == 0) return Region::box(centre - half, centre + half);
-  if (seed % 3 == 1) return ballRegion(centre, uniform(random, 0.1, 0.35));
-  std::vector<std::uint32_t> ids;
-  for (const SurfacePoint& point : field.points) {
-    if ((point.position_W - centre).norm() < 0.3) ids.push_back(point.id);
-  }
-  if (ids.empty()) ids.push_back(field.points.front().id);
-  return Region::points(ids);
-}
 
 Eigen::Vector3d centreOf(const AccessibilityField& field, const openvdb::Coord& ijk) {
   return field.origin_W() + field.params().tsdf.voxel_size_m * Eigen::Vector3d(ijk.x(), ijk.y(), ijk.z());
@@ -179,17 +94,6 @@ std::map<openvdb::Coord, VoxelState> voxelsOf(const AccessibilityField& field) {
     voxels[voxel.getCoord()] = field.volume().at(voxel.getCoord());
   }
   return voxels;
-}
-
-void expectExact(const AccessibilityField& field) {
-  const FieldSnapshot now = field.snapshot(), scratch = field.evaluateFromScratch();
-  ASSERT_EQ(now.points.size(), scratch.points.size());
-  for (std::size_t n = 0; n < now.points.size(); ++n) {
-    ASSERT_EQ(now.points[n].label, scratch.points[n].label) << n;
-    if (now.points[n].label != PointLabel::Accessible) continue;
-    ASSERT_EQ(now.points[n].score, scratch.points[n].score) << n;
-    ASSERT_EQ(now.points[n].direction, scratch.points[n].direction) << n;
-  }
 }
 
 /// Every voxel of the map, against the region's definition.
@@ -330,150 +234,6 @@ TEST(RemovedRegions, UnknownOpensWithTheFirstScanThatSeesThroughIt) {
       EXPECT_GT(blocked(), with_post / 2) << "otherwise it takes five scans";
     }
   }
-}
-
-/// What a comparison met.
-struct Compared {
-  std::uint64_t opened = 0, tried = 0;
-  std::uint64_t doubtful = 0;  ///< blocked before; afterwards too little is known of them
-};
-/// What a cut would open, against a copy of the field with the regions removed: the same points, directions and scores.
-/// @return nothing if the regions hold nothing
-std::optional<Compared> expectEqualsRemoving(const AccessibilityField& field, const std::vector<Region>& regions) {
-  const ScratchFolder folder;
-  const FieldSnapshot before = field.snapshot();
-  AccessibilityField copy = copyOf(field, folder);
-  WhatIf what_if;
-  try {
-    what_if = field.whatIf(regions);
-  } catch (const UnusableInput& error) {
-    EXPECT_EQ(error.id(), "region.outside");
-    return std::nullopt;
-  }
-  for (const Region& region : regions) copy.removeRegion(region, RemovedAs::Free);
-  const FieldSnapshot after = copy.evaluateFromScratch();
-  Compared compared;
-  std::vector<SurfacePoint> expected;
-  for (std::size_t n = 0; n < before.points.size(); ++n) {
-    if (before.points[n].label != PointLabel::Blocked) continue;
-    if (after.points[n].label == PointLabel::Accessible) expected.push_back(after.points[n]);
-    compared.doubtful += after.points[n].reason == PointReason::Confidence ? 1 : 0;
-  }
-  EXPECT_EQ(what_if.opens.size(), expected.size());
-  for (std::size_t n = 0; n < std::min(expected.size(), what_if.opens.size()); ++n) {
-    const SurfacePoint &a = what_if.opens[n], &b = expected[n];
-    EXPECT_EQ(a.id, b.id);
-    EXPECT_EQ(a.direction, b.direction);
-    EXPECT_EQ(a.score, b.score);
-    EXPECT_EQ(a.position_W, b.position_W);
-    EXPECT_EQ(a.normal_W, b.normal_W);
-    EXPECT_EQ(a.weight, b.weight);
-    EXPECT_EQ(a.confidence, b.confidence);
-    EXPECT_EQ(a.direction_W, b.direction_W);
-    EXPECT_TRUE(a.orientation_WT.isApprox(b.orientation_WT, 0));
-  }
-  // It changed nothing.
-  expectSame(before, field.snapshot());
-  expectExact(field);
-  EXPECT_LT(what_if.points_tried, before.points.size());
-  compared.opened = expected.size();
-  compared.tried = what_if.points_tried;
-  return compared;
-}
-
-TEST(WhatIf, EqualsRemovingFromACopy) {
-  Compared all;
-  std::uint64_t cases = 0;
-  for (std::uint64_t seed = 1; seed <= 48; ++seed) {
-    SCOPED_TRACE("seed " + std::to_string(seed));
-    const AccessibilityField field = seed <= 24 ? wallField(seed) : doubtfulField(seed);
-    const FieldSnapshot before = field.snapshot();
-    std::vector<Region> regions = {randomRegion(seed, before)};
-    if (seed % 5 == 0) regions.push_back(randomRegion(seed + 100, before));
-    const std::optional<Compared> compared = expectEqualsRemoving(field, regions);
-    if (HasFailure()) return;
-    if (!compared) continue;
-    ++cases;
-    all.opened += compared->opened;
-    all.tried += compared->tried;
-    all.doubtful += compared->doubtful;
-  }
-  EXPECT_GT(cases, 30u);
-  EXPECT_GT(all.opened, 100u);
-  EXPECT_GT(all.tried, 2 * all.opened);
-  EXPECT_GT(all.doubtful, 5u);
-}
-
-/// A level bar far before a wall, seen from above and below: only the corridor of a short tool reads it. Steep
-/// directions pass it, but there the tool meets the wall.
-TEST(WhatIf, OpensCorridors) {
-  FieldParams params = paramsFor(2);
-  params.tsdf.voxel_size_m = 0.02;
-  params.approach.corridor_length_m = 0.9;
-  AccessibilityField field(boxTool({0.0f, -0.035f, -0.035f}, {0.2f, 0.035f, 0.035f}), params);
-  for (double sensor_z = -1.2; sensor_z < 1.25; sensor_z += 0.2) {
-    std::vector<Eigen::Vector3f> points;
-    for (double z = -0.3; z < 0.3; z += 0.01) {
-      int column = 0;
-      for (double y = -1.6; y < 1.6; y += 0.02) {
-        const double bar = 0.54 + 0.03 * (++column % 3);  // deeper than samples of the corridor are apart
-        const double share = std::abs(sensor_z + (z - sensor_z) * bar) < 0.06 ? bar : 1;
-        points.emplace_back(float(2 * share), float(y * share), float((z - sensor_z) * share));
-      }
-    }
-    field.integrateScan(points, Eigen::Isometry3d(Eigen::Translation3d(0, 0, sensor_z)));
-  }
-  field.update();
-  const auto compared = expectEqualsRemoving(field, {Region::box({0.9, -2, -0.2}, {1.4, 2, 0.2})});
-  ASSERT_TRUE(compared);
-  EXPECT_GT(compared->opened, 20u);
-}
-
-/// A wall behind two gates, each of which hides its own part; between them a part that opens only if both go.
-TEST(WhatIf, OrdersCutsGreedily) {
-  const AccessibilityField field = wallField(2);
-  const FieldSnapshot before = field.snapshot();
-  std::vector<Segment> segments;
-  for (int n = 0; n < 5; ++n) {
-    const double y = -0.4 + 0.4 * n;
-    segments.push_back({"part " + std::to_string(n), Region::box({0.9, y, 0.2}, {1.85, y + 0.4, 1.8})});
-  }
-  const CutOrder order = orderCuts(field, segments);
-  ASSERT_GE(order.cuts.size(), 2u);
-  EXPECT_EQ(order.cuts.size() + order.left.size(), segments.size());
-
-  // Each step against all what-ifs by brute force.
-  std::vector<Region> cut;
-  std::vector<std::uint32_t> opened;
-  std::vector<bool> used(segments.size(), false);
-  const auto idsWith = [&](const Region* more) {
-    std::vector<Region> regions = cut;
-    if (more != nullptr) regions.push_back(*more);
-    std::vector<std::uint32_t> ids;
-    for (const SurfacePoint& point : field.whatIf(regions).opens) ids.push_back(point.id);
-    return ids;
-  };
-  for (const Cut& step : order.cuts) {
-    std::size_t best = segments.size();
-    std::vector<std::uint32_t> best_ids;
-    for (std::size_t n = 0; n < segments.size(); ++n) {
-      if (used[n]) continue;
-      const std::vector<std::uint32_t> ids = idsWith(&segments[n].region);
-      if (best == segments.size() || ids.size() > best_ids.size()) best = n, best_ids = ids;
-    }
-    ASSERT_EQ(step.segment, best);
-    ASSERT_GT(best_ids.size(), opened.size());
-    std::vector<std::uint32_t> fresh;
-    std::ranges::set_difference(best_ids, opened, std::back_inserter(fresh));
-    EXPECT_EQ(step.opens, fresh);
-    used[best] = true;
-    cut.push_back(segments[best].region);
-    opened = best_ids;
-  }
-  for (const std::size_t n : order.left) EXPECT_LE(idsWith(&segments[n].region).size(), opened.size());
-  const CutOrder first = orderCuts(field, segments, 1);
-  ASSERT_EQ(first.cuts.size(), 1u);
-  EXPECT_EQ(first.cuts[0].segment, order.cuts[0].segment);
 }
 
 std::string idOf(const std::function<void()>& call) {
