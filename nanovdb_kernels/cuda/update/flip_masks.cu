@@ -127,6 +127,21 @@ class MasksOfWarp {
       if (lane_ == worse * kDirectionWords32 + n) bits_ |= all_worse;
     }
   }
+  /// Each lane adds its own directions to two masks. All lanes call it. @param is_any  whether this lane has any
+  __device__ void add(Mask better, const DirectionMask& for_better, Mask worse, const DirectionMask& for_worse,
+                      bool is_any) {
+    if (!__any_sync(kAllLanes, is_any)) return;
+#pragma unroll
+    for (int n = 0; n < kDirectionWords32; ++n) {
+      const auto wordOf = [n](const DirectionMask& mask) {
+        return static_cast<std::uint32_t>(mask.word[n / 2] >> (32 * (n & 1)));
+      };
+      const std::uint32_t all_better = __reduce_or_sync(kAllLanes, wordOf(for_better));
+      const std::uint32_t all_worse = __reduce_or_sync(kAllLanes, wordOf(for_worse));
+      if (lane_ == better * kDirectionWords32 + n) bits_ |= all_better;
+      if (lane_ == worse * kDirectionWords32 + n) bits_ |= all_worse;
+    }
+  }
   /// @return word n of a mask. All lanes call it, each with its own n
   [[nodiscard]] __device__ std::uint32_t word(Mask mask, int n) const {
     return __shfl_sync(kAllLanes, bits_, mask * kDirectionWords32 + n);
@@ -257,24 +272,49 @@ class GroupScan {
     const FootprintColumn *const tool = scope_.context.footprint.tool, *const arm = scope_.context.footprint.arm;
     const std::int32_t tool_low = lowest.tool != 0 ? tool[lowest.tool - 1].z_low : 0,
                        arm_low = lowest.arm != 0 ? arm[lowest.arm - 1].z_low : 0;
-    const auto mine = static_cast<std::uint32_t>((bits | bits >> 16 | bits >> 32 | bits >> 48) & 0xffffu);
-#pragma unroll 1
-    for (std::uint32_t left = __reduce_or_sync(kAllLanes, mine); left != 0; left &= left - 1) {
-      const int z = __ffs(static_cast<int>(left)) - 1;
-      std::uint32_t kinds = 0;
-      for (int kind = 0; kind < 4; ++kind) kinds |= static_cast<std::uint32_t>(bits >> (16 * kind + z) & 1u) << kind;
-      const auto at = [&](std::uint32_t first, std::uint32_t count, std::int32_t low) {
-        const std::int32_t n = dz + z - low;
-        return n >= 0 && static_cast<std::uint32_t>(n) < count ? first + static_cast<std::uint32_t>(n) : 0u;
-      };
-      const std::uint32_t of_tool = at(lowest.tool, height.tool, tool_low),
-                          of_arm = at(lowest.arm, height.arm, arm_low);
-      take(tool, of_tool, of_tool != 0 ? kinds : 0u, 2, 1, MasksOfWarp::kBetterTool, MasksOfWarp::kWorseTool);
-      take(arm, of_arm, of_arm != 0 ? kinds : 0u, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
-    }
-    const bool is_freed = lowest.tool != 0 && (bits >> 16 & 0xffffu) != 0;
+    const auto ofKind = [bits](int kind) { return static_cast<std::uint32_t>(bits >> (16 * kind)) & 0xffffu; };
+    takeStack({tool, lowest.tool, height.tool, tool_low - dz}, ofKind(1), ofKind(0), MasksOfWarp::kBetterTool,
+              MasksOfWarp::kWorseTool);
+    takeStack({arm, lowest.arm, height.arm, arm_low - dz}, ofKind(2), ofKind(3), MasksOfWarp::kBetterArm,
+              MasksOfWarp::kWorseArm);
+    const bool is_freed = lowest.tool != 0 && ofKind(1) != 0;
     freed_.add(is_freed ? column : kNoIndex, leaf_[2] + tool_low,
                leaf_[2] + tool_low + static_cast<std::int32_t>(height.tool) - 1);
+  }
+
+  /// Footprint columns of one leaf each, above each other.
+  struct Stack {
+    const FootprintColumn* columns;
+    std::uint32_t number, height;  ///< of the lowest: index + 1, or 0 for none; how many there are
+    std::int32_t from;             ///< the lowest leaf, counted from the first of the 16 leaves of a column of flips
+  };
+  /// Each lane goes through its own leaves: lanes differ in which of the 16 have flips. All lanes.
+  /// @param better, worse  leaves with a flip of that sign
+  __device__ void takeStack(const Stack& stack, std::uint32_t better, std::uint32_t worse,
+                            MasksOfWarp::Mask better_mask, MasksOfWarp::Mask worse_mask) {
+    DirectionMask for_better = {}, for_worse = {};
+    std::uint32_t left = stack.number != 0 ? (better | worse) & leavesFrom(stack.from, stack.height) : 0;
+    const bool is_any = left != 0;
+    for (; left != 0; left &= left - 1) {
+      const int z = __ffs(static_cast<int>(left)) - 1;
+      const DirectionMask& directions =
+          stack.columns[stack.number - 1 + static_cast<std::uint32_t>(z - stack.from)].directions;
+      const std::uint64_t is_better = 0 - std::uint64_t{better >> z & 1u},
+                          is_worse = 0 - std::uint64_t{worse >> z & 1u};
+#pragma unroll
+      for (int w = 0; w < kMaxDirectionWords; ++w) {
+        const std::uint64_t word = directions.word[w];
+        for_better.word[w] |= word & is_better;
+        for_worse.word[w] |= word & is_worse;
+      }
+    }
+    masks_.add(better_mask, for_better, worse_mask, for_worse, is_any);
+  }
+  /// Those of 16 leaves above each other that lie in `count` leaves from `from` on.
+  [[nodiscard]] __device__ static std::uint32_t leavesFrom(std::int32_t from, std::uint32_t count) {
+    const std::int32_t end = from + static_cast<std::int32_t>(count);
+    if (from > 15 || end <= 0) return 0;
+    return (0xffffu << (from > 0 ? from : 0)) & (0xffffu >> (end < 16 ? 16 - end : 0));
   }
 
   /// Kinds of flips that a footprint column meets. @param number  index + 1, or 0 for none
@@ -282,9 +322,10 @@ class GroupScan {
   [[nodiscard]] __device__ static std::uint32_t kindsIn(const FootprintColumn* columns, std::uint32_t number,
                                                         std::int32_t dz, std::uint64_t bits) {
     if (number == 0) return 0;
-    const std::int32_t from = columns[number - 1].z_low - dz, to = columns[number - 1].z_high - dz;
-    if (from > 15 || to < 0) return 0;
-    const std::uint32_t wanted = (0xffffu << (from > 0 ? from : 0)) & (0xffffu >> (to < 15 ? 15 - to : 0));
+    const FootprintColumn& column = columns[number - 1];
+    const std::uint32_t wanted =
+        leavesFrom(column.z_low - dz, static_cast<std::uint32_t>(column.z_high - column.z_low + 1));
+    if (wanted == 0) return 0;
     std::uint32_t kinds = 0;
     for (int kind = 0; kind < 4; ++kind) {
       if ((static_cast<std::uint32_t>(bits >> (16 * kind)) & wanted) != 0) kinds |= 1u << kind;
