@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "points/near_kernels.h"
 
+#include <cmath>
+
 // No standard library code inside the regions: an inline function compiled there could end up being used everywhere.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
 #define ACCESSVDB_X86_KERNELS 1
@@ -47,6 +49,10 @@ bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes
   return false;
 }
 
+#include "points/real_avx512.h"
+// What it is in terms of comes first.
+#include "points/near_kernels_body.h"
+
 }  // namespace accessvdb::internal::near_avx512
 #pragma GCC pop_options
 
@@ -84,9 +90,21 @@ bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes
   return false;
 }
 
+#include "points/real_avx2.h"
+// What it is in terms of comes first.
+#include "points/near_kernels_body.h"
+
 }  // namespace accessvdb::internal::near_avx2
 #pragma GCC pop_options
 #endif
+
+namespace accessvdb::internal::near_plain {
+
+#include "points/real_plain.h"
+// What it is in terms of comes first.
+#include "points/near_kernels_body.h"
+
+}  // namespace accessvdb::internal::near_plain
 
 namespace accessvdb::internal {
 namespace {
@@ -113,10 +131,28 @@ bool plainAnyWithin(const float* x, const float* y, const float* z, std::size_t 
   return false;
 }
 
-constexpr NearKernels kPlain = {"plain", plainWithin, plainAnyWithin};
+constexpr NearKernels kPlain = {"plain",
+                                plainWithin,
+                                plainAnyWithin,
+                                near_plain::measure,
+                                near_plain::countWithin,
+                                near_plain::listWithin,
+                                near_plain::sumsWithin};
 #if ACCESSVDB_X86_KERNELS
-constexpr NearKernels kAvx512 = {"avx512", near_avx512::within, near_avx512::anyWithin};
-constexpr NearKernels kAvx2 = {"avx2", near_avx2::within, near_avx2::anyWithin};
+constexpr NearKernels kAvx512 = {"avx512",
+                                 near_avx512::within,
+                                 near_avx512::anyWithin,
+                                 near_avx512::measure,
+                                 near_avx512::countWithin,
+                                 near_avx512::listWithin,
+                                 near_avx512::sumsWithin};
+constexpr NearKernels kAvx2 = {"avx2",
+                               near_avx2::within,
+                               near_avx2::anyWithin,
+                               near_avx2::measure,
+                               near_avx2::countWithin,
+                               near_avx2::listWithin,
+                               near_avx2::sumsWithin};
 #endif
 
 }  // namespace

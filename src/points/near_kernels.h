@@ -3,7 +3,8 @@
 /// The inner loops of neighbour searches, compiled for several instruction sets; one set is selected at run time.
 ///
 /// Squared distances use float32 arithmetic on the positions as they are: differences, products and sums each round
-/// once, so the relative error is below kFloatSlack. Callers decide with the exact distances.
+/// once, so the relative error is below kFloatSlack. Callers decide with the exact distances, which are whole numbers
+/// of steps (hostdev/neighbour_rule.h) and held by doubles.
 #pragma once
 
 #include <cstddef>
@@ -34,6 +35,21 @@ class NearPositions {
   std::size_t size_ = 0;
 };
 
+/// Candidates of a search and their offsets from its centre, in steps, as far as its kernels see them. Arrays have room
+/// for whole groups of kPadded.
+struct OffsetArrays {
+  static constexpr std::size_t kPadded = 8;
+  static constexpr double kDropped = 1e300;  ///< squared distance of what does not count
+  std::size_t count = 0;
+  float *x_m = nullptr, *y_m = nullptr, *z_m = nullptr;                 ///< positions; finite in the padding
+  double *x = nullptr, *y = nullptr, *z = nullptr, *squared = nullptr;  ///< filled by measure()
+};
+/// Sums over offsets, all of them whole numbers, and the largest squared distance.
+struct OffsetSums {
+  int count;
+  double x, y, z, xx, xy, xz, yy, yz, zz, farthest;
+};
+
 struct NearKernels {
   const char* name;
   /// Lists the positions with squared distance <= `squared` to c, ascending.
@@ -42,6 +58,14 @@ struct NearKernels {
                         float squared, std::uint32_t* found);
   /// Whether there is any such position.
   bool (*any_within)(const float* x, const float* y, const float* z, std::size_t lanes, const float* c, float squared);
+  /// Offsets of the candidates from c, rounded to steps as by neighbourOffset(). They must be less than a few radii
+  /// away.
+  void (*measure)(const OffsetArrays& offsets, const float* c, double steps_per_m);
+  /// Number of candidates with squared distance <= `most`.
+  std::size_t (*count_within)(const OffsetArrays& offsets, double most);
+  /// Lists them, ascending. @param found  room for all @return their number
+  std::size_t (*list_within)(const OffsetArrays& offsets, double most, std::uint32_t* found);
+  OffsetSums (*sums_within)(const OffsetArrays& offsets, double most);
 };
 
 /// The best set for this machine.

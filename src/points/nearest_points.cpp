@@ -28,12 +28,12 @@ constexpr std::array<std::uint8_t, 256> kBitsOfByte = makeBitsOfByte();
 
 }  // namespace
 
-NearestPoints::NearestPoints(const PointStore& points, std::size_t k, std::size_t in_front, double voxel_size_m,
+NearestPoints::NearestPoints(const PointStore& points, std::size_t k, std::size_t named, double voxel_size_m,
                              double radius_m, const NearKernels& kernels)
     : points_(points),
       kernels_(kernels),
       k_(k),
-      in_front_(in_front),
+      named_(named),
       voxel_size_m_(voxel_size_m),
       radius_m_(radius_m),
       steps_per_m_(kernels::neighbourStepsPerMetre(radius_m)),
@@ -129,22 +129,77 @@ void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
   found_.resize(positions_.lanes() + NearPositions::kLanes);
 }
 
-/// Lists all gathered points up to a squared distance.
-void NearestPoints::list(const Eigen::Vector3f& centre, std::int64_t squared) {
+/// Measures the gathered points that are about as near as this. @return how many are within the squared distance
+std::size_t NearestPoints::measure(const Eigen::Vector3f& centre, std::int64_t squared) {
   const double most_m = (std::sqrt(static_cast<double>(squared)) + kRoundingSteps) / steps_per_m_;
   const auto bound = static_cast<float>(most_m * most_m * (1 + 2.5 * static_cast<double>(kFloatSlack)));
-  const std::size_t count = kernels_.within(positions_.x(), positions_.y(), positions_.z(), positions_.lanes(),
-                                            centre.data(), bound, found_.data());
-  nearest_.clear();
-  for (std::size_t n = 0; n < count; ++n) {
-    const std::uint32_t at = found_[n];
-    const float position[3] = {positions_.x()[at], positions_.y()[at], positions_.z()[at]};
-    const kernels::NeighbourOffset offset = kernels::neighbourOffset(centre.data(), position, steps_per_m_);
-    if (offset.squared() <= squared) nearest_.push_back({offset.squared(), ids_[at], offset});
+  offsets_.count = kernels_.within(positions_.x(), positions_.y(), positions_.z(), positions_.lanes(), centre.data(),
+                                   bound, found_.data());
+  const std::size_t room = (offsets_.count + OffsetArrays::kPadded - 1) / OffsetArrays::kPadded * OffsetArrays::kPadded;
+  if (near_m_.size() < 3 * room) {
+    near_m_.resize(3 * room);
+    steps_.resize(4 * room);
+    listed_.resize(room);
   }
+  offsets_.x_m = near_m_.data(), offsets_.y_m = offsets_.x_m + room, offsets_.z_m = offsets_.y_m + room;
+  offsets_.x = steps_.data(), offsets_.y = offsets_.x + room, offsets_.z = offsets_.y + room;
+  offsets_.squared = offsets_.z + room;
+  for (std::size_t n = 0; n < offsets_.count; ++n) {
+    const std::uint32_t at = found_[n];
+    offsets_.x_m[n] = positions_.x()[at], offsets_.y_m[n] = positions_.y()[at], offsets_.z_m[n] = positions_.z()[at];
+  }
+  kernels_.measure(offsets_, centre.data(), steps_per_m_);
+  return kernels_.count_within(offsets_, static_cast<double>(squared));
 }
 
-/// Fills nearest_. @return false if points not yet gathered may be nearer
+/// The least squared distance within which there are n measured points or more.
+/// @param most  a squared distance  @param within  the number of points within it, at least n
+double NearestPoints::nth(std::size_t n, double most, std::size_t within) const {
+  double below = -1;  // fewer than n are within this
+  std::size_t fewer = 0;
+  for (int step = 0; within > n && most - below > 1; ++step) {
+    // On a surface the number of points grows with the squared distance. Halving now and then makes sure of an end.
+    const double share =
+        step % 4 == 3 ? 0.5 : (static_cast<double>(n - fewer) + 0.5) / static_cast<double>(within - fewer);
+    const double middle = std::clamp(std::floor(below + (most - below) * share), below + 1, most - 1);
+    const std::size_t count = kernels_.count_within(offsets_, middle);
+    if (count >= n) {
+      most = middle, within = count;
+    } else {
+      below = middle, fewer = count;
+    }
+  }
+  return most;
+}
+
+/// Of several points at the same distance, the lower ids are nearer.
+/// @param squared  their squared distance  @param more  how many of them no longer count
+void NearestPoints::dropFarthest(double squared, std::size_t more) {
+  std::size_t ties = 0;
+  for (std::size_t n = 0; n < offsets_.count; ++n) {
+    if (offsets_.squared[n] == squared) listed_[ties++] = static_cast<std::uint32_t>(n);
+  }
+  std::sort(listed_.begin(), listed_.begin() + static_cast<std::ptrdiff_t>(ties),
+            [this](std::uint32_t a, std::uint32_t b) { return ids_[found_[a]] > ids_[found_[b]]; });
+  for (std::size_t n = 0; n < more; ++n) offsets_.squared[listed_[n]] = OffsetArrays::kDropped;
+}
+
+/// Names the nearest. @param most  the squared distance of the farthest neighbour  @param within  number of neighbours
+void NearestPoints::name(double most, std::size_t within) {
+  const double bound = within > named_ ? nth(named_, most, within) : most;
+  const std::size_t count = kernels_.list_within(offsets_, bound, listed_.data());
+  const auto end = listed_.begin() + static_cast<std::ptrdiff_t>(count);
+  if (count > named_) {  // some are equally far away
+    std::sort(listed_.begin(), end, [this](std::uint32_t a, std::uint32_t b) {
+      const double of_a = offsets_.squared[a], of_b = offsets_.squared[b];
+      return of_a != of_b ? of_a < of_b : ids_[found_[a]] < ids_[found_[b]];
+    });
+  }
+  names_.resize(std::min(count, named_));
+  for (std::size_t n = 0; n < names_.size(); ++n) names_[n] = ids_[found_[listed_[n]]];
+}
+
+/// Fills neighbours_. @return false if points not yet gathered may be nearer
 bool NearestPoints::find(std::uint32_t id) {
   const Eigen::Vector3f& centre = points_.pca_L(id);
   const Eigen::Vector3d c = centre.cast<double>();
@@ -156,31 +211,34 @@ bool NearestPoints::find(std::uint32_t id) {
                                  ? radius_squared_
                                  : static_cast<std::int64_t>(covered_steps) * static_cast<std::int64_t>(covered_steps);
   std::int64_t squared = std::min(guess_, limit);
+  std::size_t within = 0;
   for (;;) {
-    list(centre, squared);
-    if (nearest_.size() >= k_) break;
+    within = measure(centre, squared);
+    if (within >= k_) break;
     if (squared >= limit) {
       if (!all_gathered) return false;
       break;
     }
     // On a surface the number of points grows with the squared distance.
-    const double missing = 1.3 * static_cast<double>(k_) / static_cast<double>(nearest_.size() + 1);
+    const double missing = 1.3 * static_cast<double>(k_) / static_cast<double>(within + 1);
     const double larger = static_cast<double>(squared + 1) * std::clamp(missing, 1.3, 4.0);
     squared = std::min(static_cast<std::int64_t>(larger), limit);
   }
-  const auto place = [this](std::size_t n) { return nearest_.begin() + static_cast<std::ptrdiff_t>(n); };
-  if (nearest_.size() > k_) {
-    std::nth_element(nearest_.begin(), place(k_), nearest_.end());
-    nearest_.resize(k_);
+  double most = static_cast<double>(squared);
+  if (within > k_) {
+    most = nth(k_, most, within);
+    within = kernels_.count_within(offsets_, most);
+    if (within > k_) dropFarthest(most, within - k_);
+    within = k_;
   }
-  if (nearest_.size() > in_front_) std::nth_element(nearest_.begin(), place(in_front_), nearest_.end());
-  if (nearest_.size() == k_) {
-    const std::int64_t farthest =
-        std::max_element(nearest_.begin(), nearest_.end(), [](const NearPoint& a, const NearPoint& b) {
-          return a.squared_distance < b.squared_distance;
-        })->squared_distance;
-    guess_ = farthest + farthest / 3;
-  }
+  const OffsetSums sums = kernels_.sums_within(offsets_, most);
+  const auto whole = [](double sum) { return static_cast<std::int64_t>(sum); };
+  neighbours_.sums = {sums.count,     whole(sums.x),  whole(sums.y),  whole(sums.z),  whole(sums.xx),
+                      whole(sums.xy), whole(sums.xz), whole(sums.yy), whole(sums.yz), whole(sums.zz)};
+  neighbours_.farthest = within < k_ ? radius_squared_ : whole(sums.farthest);
+  name(most, within);
+  neighbours_.nearest = names_;
+  if (within == k_) guess_ = neighbours_.farthest + neighbours_.farthest / 3;
   return true;
 }
 

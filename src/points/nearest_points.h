@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "hostdev/neighbour_rule.h"
@@ -18,26 +19,22 @@
 
 namespace accessvdb::internal {
 
-struct NearPoint {
-  std::int64_t squared_distance;  ///< steps^2
-  std::uint32_t id;
-  kernels::NeighbourOffset offset;  ///< from the point, steps
-
-  [[nodiscard]] bool operator<(const NearPoint& other) const {
-    return squared_distance != other.squared_distance ? squared_distance < other.squared_distance : id < other.id;
-  }
+/// The neighbours of a point, itself included.
+struct Neighbours {
+  kernels::NeighbourSums sums;             ///< of their offsets
+  std::int64_t farthest;                   ///< largest squared distance, steps^2
+  std::span<const std::uint32_t> nearest;  ///< ids of the nearest of them, in any order
 };
 
 /// Scratch memory of one thread.
 class NearestPoints {
  public:
   /// @param radius_m  no neighbour is farther away
-  /// @param in_front  this many of the nearest come first
-  NearestPoints(const PointStore& points, std::size_t k, std::size_t in_front, double voxel_size_m, double radius_m,
+  /// @param named  at most this many of them are named
+  NearestPoints(const PointStore& points, std::size_t k, std::size_t named, double voxel_size_m, double radius_m,
                 const NearKernels& kernels = nearKernels());
 
-  /// Calls visit(index into ids, nearest points) for each of some points of one block, in any order. The nearest points
-  /// include the point itself.
+  /// Calls visit(index into ids, neighbours) for each of some points of one block, in any order.
   template <typename Visit>
   void forEach(const Index3& leaf, std::span<const std::uint32_t> ids, const Visit& visit) {
     pending_.resize(ids.size());
@@ -51,7 +48,7 @@ class NearestPoints {
       std::size_t left = 0;
       for (const std::uint32_t n : pending_) {
         if (find(ids[n])) {
-          visit(n, std::span<const NearPoint>(nearest_));
+          visit(n, std::as_const(neighbours_));
         } else {
           pending_[left++] = n;
         }
@@ -61,18 +58,19 @@ class NearestPoints {
   }
 
   [[nodiscard]] double stepsPerMetre() const { return steps_per_m_; }
-  /// Largest squared distance of a neighbour, steps^2.
-  [[nodiscard]] std::int64_t radiusSquared() const { return radius_squared_; }
 
  private:
   void gather(const Index3& leaf, std::int32_t rings);
   void gatherNear(std::span<const std::uint32_t> ids);
   bool find(std::uint32_t id);
-  void list(const Eigen::Vector3f& centre, std::int64_t squared);
+  std::size_t measure(const Eigen::Vector3f& centre, std::int64_t squared);
+  double nth(std::size_t n, double most, std::size_t within) const;
+  void dropFarthest(double squared, std::size_t more);
+  void name(double most, std::size_t within);
 
   const PointStore& points_;
   const NearKernels& kernels_;
-  std::size_t k_, in_front_;
+  std::size_t k_, named_;
   double voxel_size_m_, radius_m_, steps_per_m_;
   std::int64_t radius_squared_;
   std::int32_t most_rings_;
@@ -82,7 +80,12 @@ class NearestPoints {
   NearPositions positions_;
   std::vector<std::uint32_t> ids_;  ///< of positions_
   std::vector<std::uint32_t> pending_, found_;
-  std::vector<NearPoint> nearest_;
+  // Of those in found_.
+  std::vector<float> near_m_;
+  std::vector<double> steps_;
+  OffsetArrays offsets_;
+  std::vector<std::uint32_t> listed_, names_;
+  Neighbours neighbours_;
 };
 
 }  // namespace accessvdb::internal

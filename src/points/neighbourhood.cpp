@@ -67,14 +67,12 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
       const Index3& leaf = points_.index().blocks()[jobs[begin[g]].block].leaf;
       scratch.jobs.clear();
       scratch.covariances.clear();
-      scratch.nearest.forEach(leaf, scratch.ids, [&](std::uint32_t n, std::span<const NearPoint> nearest) {
+      scratch.nearest.forEach(leaf, scratch.ids, [&](std::uint32_t n, const Neighbours& neighbours) {
         const auto job = static_cast<std::uint32_t>(begin[g] + n);
-        out[jobs[job].slot] = fromNearest(scratch.ids[n], nearest, scratch.nearest);
-        kernels::NeighbourSums sums;
-        for (const NearPoint& near : nearest) sums.add(near.offset);
-        if (sums.count < kernels::kFewestForNormal) return;
+        out[jobs[job].slot] = fromNeighbours(scratch.ids[n], neighbours, scratch.nearest.stepsPerMetre());
+        if (neighbours.sums.count < kernels::kFewestForNormal) return;
         scratch.jobs.push_back(job);
-        scratch.covariances.push_back(kernels::neighbourCovariance(sums));
+        scratch.covariances.push_back(kernels::neighbourCovariance(neighbours.sums));
       });
       scratch.normals.resize(3 * scratch.covariances.size());
       normal_kernels.smallest_eigenvectors(scratch.covariances.data(), scratch.covariances.size(),
@@ -90,19 +88,13 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
 }
 
 /// All but the normal.
-Neighbourhood NeighbourhoodSearch::fromNearest(std::uint32_t id, std::span<const NearPoint> nearest,
-                                               const NearestPoints& search) const {
+Neighbourhood NeighbourhoodSearch::fromNeighbours(std::uint32_t id, const Neighbours& neighbours,
+                                                  double steps_per_m) const {
   Neighbourhood result;
-  std::int64_t farthest = nearest.size() < static_cast<std::size_t>(k_) ? search.radiusSquared() : 0;
-  for (const NearPoint& near : nearest) {
-    farthest = std::max(farthest, near.squared_distance);
-  }
-  result.reach_m = kernels::neighbourReach_m(farthest, search.stepsPerMetre());
+  result.reach_m = kernels::neighbourReach_m(neighbours.farthest, steps_per_m);
   result.seen = points_.seen(id);
   if (join_views_) {
-    for (std::size_t n = 0; n < std::min(nearest.size(), kViewNeighbours); ++n) {
-      result.seen = result.seen | points_.seen(nearest[n].id);
-    }
+    for (const std::uint32_t near : neighbours.nearest) result.seen = result.seen | points_.seen(near);
   }
   return result;
 }

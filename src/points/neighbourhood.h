@@ -36,8 +36,7 @@ class NeighbourhoodSearch {
   [[nodiscard]] double radius_m() const { return radius_m_; }
 
  private:
-  [[nodiscard]] Neighbourhood fromNearest(std::uint32_t id, std::span<const NearPoint> nearest,
-                                          const NearestPoints& search) const;
+  [[nodiscard]] Neighbourhood fromNeighbours(std::uint32_t id, const Neighbours& neighbours, double steps_per_m) const;
 
   const PointStore& points_;
   int k_;

@@ -6,7 +6,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <array>
 
+#include "hostdev/neighbour_rule.h"
 #include "unit/points/random_points.h"
 
 namespace accessvdb::internal {
@@ -94,6 +96,74 @@ TEST_P(EveryNearKernel, EqualsThePlainOne) {
       return found;
     };
     ASSERT_EQ(list_of(*kernels), list_of(plain));
+  }
+}
+
+/// Candidates around a centre, as a search lays them out, with what the rule says of each.
+struct Candidates {
+  std::vector<float> metres;
+  std::vector<double> steps;
+  std::vector<kernels::NeighbourOffset> offsets;
+  OffsetArrays arrays;
+
+  Candidates(Random& random, std::size_t count, const Eigen::Vector3f& c, double half, double steps_per_m)
+      : metres(3 * (count + OffsetArrays::kPadded)), steps(4 * (count + OffsetArrays::kPadded), -1.0) {
+    const std::size_t room = count + OffsetArrays::kPadded;
+    arrays.count = count;
+    arrays.x_m = metres.data(), arrays.y_m = arrays.x_m + room, arrays.z_m = arrays.y_m + room;
+    arrays.x = steps.data(), arrays.y = arrays.x + room, arrays.z = arrays.y + room, arrays.squared = arrays.z + room;
+    for (std::size_t n = 0; n < count; ++n) {
+      const Eigen::Vector3f p = n == 0 ? c : Eigen::Vector3f(c + random.point(half));
+      arrays.x_m[n] = p.x(), arrays.y_m[n] = p.y(), arrays.z_m[n] = p.z();
+      offsets.push_back(kernels::neighbourOffset(c.data(), p.data(), steps_per_m));
+    }
+  }
+};
+
+TEST_P(EveryNearKernel, MeasuresAndSumsAsTheRuleDoes) {
+  Random random(3);
+  const double radius_m = 0.5, steps_per_m = kernels::neighbourStepsPerMetre(radius_m);
+  for (int trial = 0; trial < 300; ++trial) {
+    const Eigen::Vector3f c = random.point(trial % 4 == 0 ? 1e4 : 5);
+    const auto count = static_cast<std::size_t>(trial % 131);
+    const Candidates candidates(random, count, c, radius_m, steps_per_m);
+    const OffsetArrays& arrays = candidates.arrays;
+    kernels->measure(arrays, c.data(), steps_per_m);
+    for (std::size_t n = 0; n < count; ++n) {
+      const kernels::NeighbourOffset& offset = candidates.offsets[n];
+      ASSERT_EQ(arrays.x[n], static_cast<double>(offset.x));
+      ASSERT_EQ(arrays.y[n], static_cast<double>(offset.y));
+      ASSERT_EQ(arrays.z[n], static_cast<double>(offset.z));
+      ASSERT_EQ(arrays.squared[n], static_cast<double>(offset.squared()));
+    }
+    // Every third bound is one of the distances.
+    auto most = static_cast<std::int64_t>(random.uniform(0, 1) *
+                                          static_cast<double>(kernels::neighbourRadiusSquared(radius_m)));
+    if (trial % 3 == 0 && count > 0) most = candidates.offsets[count / 2].squared();
+    std::vector<std::uint32_t> expected;
+    kernels::NeighbourSums sums;
+    std::int64_t farthest = 0;
+    for (std::uint32_t n = 0; n < count; ++n) {
+      const kernels::NeighbourOffset& offset = candidates.offsets[n];
+      if (offset.squared() > most) continue;
+      expected.push_back(n);
+      sums.add(offset);
+      farthest = std::max(farthest, offset.squared());
+    }
+    std::vector<std::uint32_t> found(count);
+    const auto bound = static_cast<double>(most);
+    ASSERT_EQ(kernels->count_within(arrays, bound), expected.size());
+    found.resize(kernels->list_within(arrays, bound, found.data()));
+    ASSERT_EQ(found, expected);
+    const OffsetSums of_kernel = kernels->sums_within(arrays, bound);
+    const auto whole = [](double sum) { return static_cast<std::int64_t>(sum); };
+    ASSERT_EQ(of_kernel.count, sums.count);
+    ASSERT_EQ(whole(of_kernel.farthest), farthest);
+    ASSERT_EQ((std::array{whole(of_kernel.x), whole(of_kernel.y), whole(of_kernel.z)}),
+              (std::array{sums.x, sums.y, sums.z}));
+    ASSERT_EQ((std::array{whole(of_kernel.xx), whole(of_kernel.xy), whole(of_kernel.xz), whole(of_kernel.yy),
+                          whole(of_kernel.yz), whole(of_kernel.zz)}),
+              (std::array{sums.xx, sums.xy, sums.xz, sums.yy, sums.yz, sums.zz}));
   }
 }
 
