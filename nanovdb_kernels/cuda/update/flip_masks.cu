@@ -178,11 +178,14 @@ __device__ TileNear tileNear(const FlipsView& flips, std::uint64_t key, std::int
   return near;
 }
 
+/// Columns of flips that a warp lists at a time.
+constexpr int kMostListed = 256;
+
 /// Finds out with one warp what flips mean for a group.
+/// @tparam kByLeaf  whether the footprint has a set of directions for each leaf (FootprintView::heights)
+template <bool kByLeaf>
 class GroupScan {
  public:
-  static constexpr int kMostListed = 256;
-
   /// @param leaf  the group's first leaf  @param list  [kMostListed] shared by the warp
   __device__ GroupScan(const FlipScope& scope, const std::int32_t* leaf, std::uint16_t* list, MasksOfWarp& masks,
                        FreedLeaves& freed)
@@ -248,21 +251,27 @@ class GroupScan {
                          dz = __shfl_sync(kAllLanes, mine.dz, owner);
       const FootprintPlace at = there ? scope_.context.footprint.at(dx, dy) : FootprintPlace{};
       const std::uint64_t bits = there ? scope_.flips.kinds[column] : 0;
-      if (scope_.context.footprint.heights != nullptr) {
+      if constexpr (kByLeaf) {
         const FootprintPlace height = there ? scope_.context.footprint.heightAt(dx, dy) : FootprintPlace{};
         takeLeaves(at, height, dz, bits, column);
-        continue;
+      } else {
+        takeColumn(at, dz, bits, column);
       }
-      const std::uint32_t tool = kindsIn(scope_.context.footprint.tool, at.tool, dz, bits);
-      take(scope_.context.footprint.tool, at.tool, tool, 2, 1, MasksOfWarp::kBetterTool, MasksOfWarp::kWorseTool);
-      const bool is_freed = (tool & 2u) != 0;
-      const std::int32_t z_low = is_freed ? scope_.context.footprint.tool[at.tool - 1].z_low : 0,
-                         z_high = is_freed ? scope_.context.footprint.tool[at.tool - 1].z_high : 0;
-      freed_.add(is_freed ? column : kNoIndex, leaf_[2] + z_low, leaf_[2] + z_high);
-      const std::uint32_t arm = kindsIn(scope_.context.footprint.arm, at.arm, dz, bits);
-      take(scope_.context.footprint.arm, at.arm, arm, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
     }
     __syncwarp();  // the list is overwritten next
+  }
+
+  /// One column of flips per lane, with one set of directions for all of its leaves. All lanes.
+  __device__ void takeColumn(const FootprintPlace& at, std::int32_t dz, std::uint64_t bits, std::uint32_t column) {
+    const FootprintColumn *const of_tool = scope_.context.footprint.tool, *const of_arm = scope_.context.footprint.arm;
+    const std::uint32_t tool = kindsIn(of_tool, at.tool, dz, bits);
+    take(of_tool, at.tool, tool, 2, 1, MasksOfWarp::kBetterTool, MasksOfWarp::kWorseTool);
+    const bool is_freed = (tool & 2u) != 0;
+    const std::int32_t z_low = is_freed ? of_tool[at.tool - 1].z_low : 0,
+                       z_high = is_freed ? of_tool[at.tool - 1].z_high : 0;
+    freed_.add(is_freed ? column : kNoIndex, leaf_[2] + z_low, leaf_[2] + z_high);
+    const std::uint32_t arm = kindsIn(of_arm, at.arm, dz, bits);
+    take(of_arm, at.arm, arm, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
   }
 
   /// One column of flips per lane, with a set of directions for each of its leaves. All lanes.
@@ -350,9 +359,10 @@ class GroupScan {
 };
 
 /// One warp per group.
+template <bool kByLeaf>
 __global__ void groupMasks(FlipContext context, FlipsView flips, GroupMasksView out) {
   __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_freed[kWarps][FreedLeaves::kMost];
-  __shared__ std::uint16_t all_lists[kWarps][GroupScan::kMostListed];
+  __shared__ std::uint16_t all_lists[kWarps][kMostListed];
   const std::uint32_t group = blockIdx.x * kWarps + threadIdx.x / kWarp;
   if (group >= context.groups.groups) return;
   const int lane = static_cast<int>(threadIdx.x % kWarp);
@@ -365,7 +375,7 @@ __global__ void groupMasks(FlipContext context, FlipsView flips, GroupMasksView 
     __syncwarp();
     const FlipScope scope = {context, flips, lane};
     FreedLeaves freed(scope, leaf, all_freed[warp], steps);
-    GroupScan(scope, leaf, all_lists[warp], masks, freed).scanAll();
+    GroupScan<kByLeaf>(scope, leaf, all_lists[warp], masks, freed).scanAll();
     freed.count();
     if (steps != nullptr && masks.any(2)) {  // the better masks come first
       agePoints(context, group, steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), lane);
@@ -394,7 +404,13 @@ void launchGroupMasks(const FlipContext& context, const FlipsView& flips, const 
                       cudaStream_t stream) {
   const std::uint32_t groups = context.groups.groups;
   if (groups == 0) return;
-  groupMasks<<<(groups + kWarps - 1) / kWarps, kWarps * kWarp, 0, stream>>>(context, flips, masks);
+  const unsigned blocks = (groups + kWarps - 1) / kWarps;
+  // Each has only what it needs: code that is not used would cost registers.
+  if (context.footprint.heights != nullptr) {
+    groupMasks<true><<<blocks, kWarps * kWarp, 0, stream>>>(context, flips, masks);
+  } else {
+    groupMasks<false><<<blocks, kWarps * kWarp, 0, stream>>>(context, flips, masks);
+  }
   checkLaunch("groupMasks");
 }
 
