@@ -199,7 +199,8 @@ bool PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const 
     sums.sensor[axis] += std::llround(static_cast<double>(q_L[a]) * kSensorSteps);
   }
   ++sums.returns;
-  if (!params_.approach.viewpoints) return addSeen(id, directionsTowards(p_L, q_L));
+  if (isWide()) return addWideTowards(id, p_L, q_L);
+  if (!params_.approach.viewpoints) return addSeen(id, directionsTowards(p_L, q_L).word);
   Viewpoints& views = viewpoints_[id];
   if (views.count == Viewpoints::kMost) return false;
   for (std::uint32_t n = 0; n < views.count; ++n) {
@@ -209,14 +210,19 @@ bool PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const 
   return true;
 }
 
-bool PointStore::addSeen(std::uint32_t id, const DirectionMask& mask) {
+/// @param words  words_ of them, or more
+bool PointStore::addSeen(std::uint32_t id, std::span<const std::uint64_t> words) {
   std::uint64_t gained = 0;
-  for (int w = 0; w < words_; ++w) {
-    std::uint64_t& word = seen_[seenAt(id) + static_cast<std::size_t>(w)];
-    gained |= mask.word[w] & ~word;
-    word |= mask.word[w];
+  for (std::size_t w = 0; w < static_cast<std::size_t>(words_); ++w) {
+    std::uint64_t& word = seen_[seenAt(id) + w];
+    gained |= words[w] & ~word;
+    word |= words[w];
   }
   return gained != 0;
+}
+
+void PointStore::joinSeen(std::uint32_t id, std::span<std::uint64_t> words) const {
+  for (std::size_t w = 0; w < words.size(); ++w) words[w] |= seen_[seenAt(id) + w];
 }
 
 void PointStore::refreshMean(std::uint32_t id) {
@@ -268,8 +274,33 @@ DirectionMask PointStore::directionsTowards(const Eigen::Vector3f& from_L, const
   return mask;
 }
 
+/// As directionsTowards(), for a wide set: what a point was seen from goes into the store word by word.
+bool PointStore::addWideTowards(std::uint32_t id, const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L) {
+  const float dx = to_L.x() - from_L.x(), dy = to_L.y() - from_L.y(), dz = to_L.z() - from_L.z();
+  const float length = std::sqrt(dx * dx + dy * dy + dz * dz);
+  if (!(length > 0)) return false;
+  const float ux = dx / length, uy = dy / length, uz = dz / length;
+  const auto least = static_cast<float>(params_.approach.observation_cos_min);
+  std::uint64_t gained = 0;
+  for (std::size_t w = 0; w < static_cast<std::size_t>(words_); ++w) {
+    const float* const a = axes_xyz_.data() + 3 * 64 * w;
+    const std::size_t count = std::min<std::size_t>(64, num_directions_ - 64 * w);
+    std::array<std::uint8_t, 64> within = {};
+    for (std::size_t d = 0; d < count; ++d) {
+      within[d] = ux * a[3 * d] + uy * a[3 * d + 1] + uz * a[3 * d + 2] > least ? 1 : 0;
+    }
+    std::uint64_t mask = 0;
+    for (std::size_t d = 0; d < 64; d += 8) mask |= bitsOfBytes(within.data() + d) << d;
+    std::uint64_t& word = seen_[seenAt(id) + w];
+    gained |= mask & ~word;
+    word |= mask;
+  }
+  return gained != 0;
+}
+
 DirectionMask PointStore::seen(std::uint32_t id) const {
   DirectionMask mask = {};
+  if (isWide()) return mask;
   if (!params_.approach.viewpoints) {
     for (int w = 0; w < words_; ++w) mask.word[w] = seen_[seenAt(id) + static_cast<std::size_t>(w)];
     return mask;
@@ -295,9 +326,12 @@ kernels::PointNews PointStore::newsOf(std::uint32_t id, const Eigen::Vector3f& b
 }
 
 StoredPoint PointStore::stored(std::uint32_t id) const {
-  StoredPoint point = {first_L_[id], sums_[id], {}, {}};
+  StoredPoint point = {first_L_[id], sums_[id], {}, {}, {}};
   if (params_.approach.viewpoints) {
     point.views = viewpoints_[id];
+  } else if (isWide()) {
+    point.wide_seen.assign(static_cast<std::size_t>(words_), 0);
+    joinSeen(id, point.wide_seen);
   } else {
     point.seen = seen(id);
   }
@@ -325,6 +359,11 @@ bool PointStore::canBe(const StoredPoint& point) const {
       if (point.views.pose[n] >= poses_.size()) return false;
     }
     return true;
+  }
+  if (isWide()) {
+    const auto unused = static_cast<int>(64 * static_cast<std::size_t>(words_) - num_directions_);  // of the last word
+    return point.wide_seen.size() == static_cast<std::size_t>(words_) &&
+           (unused == 0 || point.wide_seen.back() >> (64 - unused) == 0);
   }
   const DirectionMask all = kernels::allDirections(static_cast<int>(num_directions_));
   for (int w = 0; w < words_; ++w) {
@@ -374,7 +413,7 @@ bool PointStore::restore(std::span<const StoredPoint> points) {
       if (params_.approach.viewpoints) {
         viewpoints_[id] = point.views;
       } else {
-        addSeen(id, point.seen);
+        addSeen(id, isWide() ? std::span<const std::uint64_t>(point.wide_seen) : point.seen.word);
       }
       refreshMean(id);
     }

@@ -1,0 +1,89 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The search of a wide set: the same rule (hostdev/direction_search.h) over more directions than a mask holds. All of
+/// them are candidates and none is known beforehand, so what it finds is the first of all by the documented order.
+#pragma once
+
+#include "hostdev/direction_search.h"
+
+namespace accessvdb::kernels {
+
+/// In place of a mask that all directions, or none, are in.
+template <bool kAll>
+struct FixedMask {
+  ACCESSVDB_HOSTDEV bool test(int) const { return kAll; }
+  ACCESSVDB_HOSTDEV void set(int) {}
+};
+
+/// As in ScoreResult.
+struct WideResult {
+  std::uint16_t score = kNoScore, direction = kNoDirection;
+  PointReason reason = PointReason::Normal;
+  std::uint8_t scored = 0, roll = 0, skipped = 0;
+  std::uint16_t tests = 0;
+  FixedMask<false> arm_blocked, tool_blocked;
+  std::uint16_t least_blocked = kNoScore;
+};
+
+/// As in ScoreItem.
+struct WideItem {
+  using Result = WideResult;
+
+  std::uint16_t known_score = kNoScore, known_direction = kNoDirection;
+  FixedMask<false> skip;
+  FixedMask<true> candidates;
+  std::uint8_t known_roll = 0;
+};
+
+using WideWalk = HeapWalk<kMostDirections, std::uint16_t>;
+
+/// One direction, if it lies in the normal cone.
+class SingleWalk {
+ public:
+  ACCESSVDB_HOSTDEV SingleWalk(const ApproachView& approach, const float* normal, int d)
+      : next_(cosToNormal(approach, d, normal) >= approach.normal_cos_min ? d : -1) {}
+  ACCESSVDB_HOSTDEV int next() {
+    const int d = next_;
+    next_ = -1;
+    return d;
+  }
+
+ private:
+  int next_;
+};
+
+/// @param tests  as for searchDirections  @param normal_L  not 0
+/// @param seen  [words of approach.num_directions]  @param item  its masks are not read
+template <class Tests>
+[[nodiscard]] ACCESSVDB_HOSTDEV inline ScoreResult searchWide(const Tests& tests, const ApproachView& approach,
+                                                              int collision_limit, const float* normal_L,
+                                                              const std::uint64_t* seen, const ScoreItem& item) {
+  WideItem wide;
+  wide.known_score = item.known_score;
+  wide.known_direction = item.known_direction;
+  wide.known_roll = item.known_roll;
+  const auto search = [&](auto&& walk) { return searchDirections(tests, collision_limit, walk, seen, wide); };
+  WideResult found;
+  bool all = item.only_direction < 0;
+  if (!all) {
+    found = search(SingleWalk(approach, normal_L, item.only_direction));
+    all = item.or_all != 0 && (found.reason != PointReason::None || found.score > item.known_score);
+  }
+  if (all) {
+    const std::uint16_t tests = found.tests;
+    if (item.or_all != 0) wide.known_score = kNoScore;
+    found = search(WideWalk(approach, normal_L));
+    found.tests = static_cast<std::uint16_t>(found.tests + tests);
+  }
+  ScoreResult result;
+  result.score = found.score;
+  result.direction = found.direction;
+  result.reason = found.reason;
+  result.scored = found.scored;
+  result.roll = found.roll;
+  result.tests = found.tests;
+  result.least_blocked = found.least_blocked;
+  return result;
+}
+
+}  // namespace accessvdb::kernels
