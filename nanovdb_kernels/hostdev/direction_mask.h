@@ -14,7 +14,7 @@ namespace accessvdb::kernels {
 inline constexpr int kMaxDirectionWords = 4;
 /// Most directions of a set. A *wide* set has more than a mask holds: it is searched from the beginning whenever
 /// anything changed, nothing is remembered of its directions, and only their seen bits are kept (hostdev/wide_search.h).
-inline constexpr int kMostMaskedDirections = 64 * kMaxDirectionWords, kMostDirections = 4096;
+inline constexpr int kMostMaskedDirections = 64 * kMaxDirectionWords, kMostWideDirections = 4096;
 ACCESSVDB_HOSTDEV inline bool isWide(int num_directions) { return num_directions > kMostMaskedDirections; }
 
 /// Position of the lowest set bit. @param bits  not 0

@@ -35,7 +35,7 @@ struct WideItem {
   std::uint8_t known_roll = 0;
 };
 
-using WideWalk = HeapWalk<kMostDirections, std::uint16_t>;
+using WideWalk = HeapWalk<kMostWideDirections, std::uint16_t>;
 
 /// One direction, if it lies in the normal cone.
 class SingleWalk {
@@ -70,10 +70,10 @@ template <class Tests>
     all = item.or_all != 0 && (found.reason != PointReason::None || found.score > item.known_score);
   }
   if (all) {
-    const std::uint16_t tests = found.tests;
+    const std::uint16_t tested = found.tests;
     if (item.or_all != 0) wide.known_score = kNoScore;
     found = search(WideWalk(approach, normal_L));
-    found.tests = static_cast<std::uint16_t>(found.tests + tests);
+    found.tests = static_cast<std::uint16_t>(found.tests + tested);
   }
   ScoreResult result;
   result.score = found.score;

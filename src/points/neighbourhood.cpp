@@ -115,7 +115,7 @@ Neighbourhood NeighbourhoodSearch::fromNearest(std::uint32_t id, std::span<const
 
 /// @param joined  of this point  @return whether that changed them
 bool NeighbourhoodSearch::joinWide(std::uint32_t id, std::span<const NearPoint> nearest, std::uint64_t* joined) const {
-  std::array<std::uint64_t, kernels::kMostDirections / 64> seen = {};
+  std::array<std::uint64_t, kernels::kMostWideDirections / 64> seen = {};
   const std::span<std::uint64_t> words = std::span(seen).first(static_cast<std::size_t>(points_.directionWords()));
   points_.joinSeen(id, words);
   if (join_views_) {

@@ -143,11 +143,10 @@ std::string pitchAdvice(const OrientationSet& set, int rings, int num_directions
   std::string advice;
   if (directions >= 4)
     advice = std::to_string(directions) + " yaw directions (--directions " + std::to_string(directions) + ")";
-  if (fitting > 1) {
-    const double step_deg = std::ceil((set.pitch_max_deg - set.pitch_min_deg) / (fitting - 1) * 100) / 100;
-    advice += (advice.empty() ? "" : " or ") + std::string("a STEP of ") + text(step_deg) + " degrees";
-  }
-  return advice.empty() ? "Use fewer yaw directions (--directions) and a larger STEP" : "Use " + advice;
+  static_assert(OrientationSet::kMost > 2 * kMostYaws, "some rings fit, whatever the number of yaws");
+  const double step_deg = std::ceil((set.pitch_max_deg - set.pitch_min_deg) / (fitting - 1) * 100) / 100;
+  advice += (advice.empty() ? "" : " or ") + std::string("a STEP of ") + text(step_deg) + " degrees";
+  return "Use " + advice;
 }
 
 void requireRange(const OrientationSet& set, int num_directions) {

@@ -28,10 +28,10 @@ namespace {
 constexpr std::size_t kPointsAtOnce = 1 << 16;
 
 /// Why a point is due.
-enum Asked : std::uint8_t {
-  kFlipped = 1,        ///< the map around it changed
-  kChangedItself = 2,  ///< its normal or its views did
-  kOnlyWorse = 4       ///< no flip can help
+enum DueBecause : std::uint8_t {
+  kMapFlipped = 1,        ///< the map around it changed
+  kPointChanged = 2,  ///< its normal or its views did
+  kFlippedOnlyForWorse = 4       ///< no flip can help
 };
 
 class WideOnHost final : public UpdateScheduler {
@@ -100,7 +100,7 @@ class WideOnHost final : public UpdateScheduler {
                       [&](std::uint32_t cell) { takeCell(cell, found.local()); });
     for (const Found& part : found) all.insert(all.end(), part.due.begin(), part.due.end());
     tbb::parallel_sort(all.begin(), all.end(), [](const DuePoint& a, const DuePoint& b) {
-      const bool a_itself = (a.asked & kChangedItself) != 0, b_itself = (b.asked & kChangedItself) != 0;
+      const bool a_itself = (a.asked & kPointChanged) != 0, b_itself = (b.asked & kPointChanged) != 0;
       return a_itself != b_itself ? a_itself : a.id < b.id;
     });
     return all;
@@ -131,23 +131,43 @@ class WideOnHost final : public UpdateScheduler {
 
   void takeBlock(std::uint32_t b, bool flipped, Found& found) const {
     const PointBlock& block = scorer_.points().index().blocks()[b];
-    const AffectedDirections affected = flipped ? footprint_.affected(block.leaf, found.flips) : AffectedDirections{};
-    const bool better = any(affected.better_tool | affected.better_arm);
-    const bool worse = any(affected.worse_tool | affected.worse_arm);
+    const FlipsRead read = flipped ? flipsRead(block.leaf, found.flips) : FlipsRead{};
     for (const std::uint32_t id : block.ids) {
       const bool changed = changes_->indexOf(id) != kNone;
       const bool scored = scorer_.record(id).label != PointLabel::Unscored;
-      int asked = changed ? kChangedItself : 0;
-      if (scored && (better || worse)) asked |= kFlipped;
-      if (asked == kFlipped && !better) asked |= kOnlyWorse;
+      int asked = changed ? kPointChanged : 0;
+      if (scored && read.any) asked |= kMapFlipped;
+      if (asked == kMapFlipped && !read.better) asked |= kFlippedOnlyForWorse;
       if (asked != 0) found.due.push_back({id, static_cast<std::uint8_t>(asked)});
     }
+  }
+
+  /// What flipped where directions of a block's points read.
+  struct FlipsRead {
+    bool any = false, better = false;  ///< better: it may help one of them
+  };
+  [[nodiscard]] FlipsRead flipsRead(const Index3& leaf, const FlipColumns& flips) const {
+    const auto kindsOf = [&](std::span<const kernels::FootprintColumn> columns) {
+      int kinds = 0;
+      for (const kernels::FootprintColumn& column : columns) {
+        const std::int32_t x = leaf[0] + column.dx, y = leaf[1] + column.dy;
+        if (any(column.directions) && flips.anyIn(x, y)) {
+          kinds |= flips.kindsIn(x, y, leaf[2] + column.z_low, leaf[2] + column.z_high);
+        }
+      }
+      return kinds;
+    };
+    // A corridor that stays blocked may be blocked for another reason: collisions count there, too.
+    const int tool = kindsOf(footprint_.toolColumns()) & (bitOf(FlipKind::CollidesOff) | bitOf(FlipKind::CollidesOn));
+    const int arm = kindsOf(footprint_.armColumns());
+    return {(tool | arm) != 0,
+            (tool & bitOf(FlipKind::CollidesOff)) != 0 || (arm & bitOf(FlipKind::ArmFreeOn)) != 0};
   }
 
   /// Those whose turn has come, of all that wait. What happened while they waited is not known any more.
   [[nodiscard]] std::vector<DuePoint> takeTurn(const std::vector<DuePoint>& due, int budget_points) {
     backlog_.grow(scorer_.points().size());
-    for (const DuePoint& point : due) backlog_.ask(point.id, static_cast<std::uint8_t>(point.asked & ~kOnlyWorse));
+    for (const DuePoint& point : due) backlog_.ask(point.id, static_cast<std::uint8_t>(point.asked & ~kFlippedOnlyForWorse));
     const Backlog::Turn turn = backlog_.take(budget_points);
     std::vector<DuePoint> taken;
     for (std::size_t n = 0; n < turn.ids.size(); ++n) taken.push_back({turn.ids[n], turn.asked[n]});
@@ -161,8 +181,8 @@ class WideOnHost final : public UpdateScheduler {
       const PointRecord& record = scorer_.record(due[n].id);
       before[n] = record.label;
       items[n].id = due[n].id;
-      items[n].evidence = (due[n].asked & kChangedItself) != 0 ? 1 : 0;
-      if ((due[n].asked & kOnlyWorse) == 0 || record.label != PointLabel::Accessible) continue;
+      items[n].evidence = (due[n].asked & kPointChanged) != 0 ? 1 : 0;
+      if ((due[n].asked & kFlippedOnlyForWorse) == 0 || record.label != PointLabel::Accessible) continue;
       items[n].only_direction = record.direction;
       items[n].known_score = record.score;
       items[n].or_all = 1;

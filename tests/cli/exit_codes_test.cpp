@@ -83,8 +83,9 @@ TEST_F(ExitCodes, Orientations) {
     SCOPED_TRACE(text);
     expectFailure({"--orientations", text}, 2, "orientations.range");
   }
-  expectFailure({"--orientations", "sphere:10"}, 5, "orientations.count");
-  expectFailure({"--orientations", "pitch:-30:30:10"}, 5, "orientations.count");
+  expectFailure({"--orientations", "sphere:3"}, 5, "orientations.count");
+  expectFailure({"--orientations", "pitch:-90:90:5"}, 5, "orientations.count");
+  expectFailure({"--orientations", "sphere:10", "--device", "cuda"}, 5, "orientations.device");
   expectFailure({"--orientations", "sphere:15", "--profile", "paper"}, 2, "orientations.policy");
   expectFailure({"--orientations", "sphere:15", "--policy", "paper"}, 2, "orientations.policy");
   expectFailure({"--rolls", "65"}, 2, "config.range");
@@ -100,7 +101,7 @@ TEST_F(ExitCodes, Orientations) {
     expectFailure({"--orientations", "list:" + path(name)}, 3, "orientations.malformed");
   }
   std::string many = "yaw pitch roll\n";
-  for (int n = 0; n < 1000; ++n) many += std::to_string(n * 0.25) + " 0 0\n";
+  for (int n = 0; n < 5000; ++n) many += std::to_string(n * 0.05) + " 0 0\n";
   writeText("many.txt", many);
   expectFailure({"--orientations", "list:" + path("many.txt")}, 5, "orientations.count");
 }
