@@ -14,7 +14,7 @@
 namespace accessvdb::test {
 namespace {
 
-const std::vector<double> kArm = {2.4, 5.0, 9.0};
+const std::vector<double> kWideArm_m = {2.4, 5.0, 9.0};
 
 /// A random map, a tool in many directions, and a point.
 struct WideScene {
@@ -26,15 +26,18 @@ struct WideScene {
   float position[3] = {0, 0, 0}, normal[3] = {0, 0, 0};
   int limit = 1;
 
-  WideScene(std::mt19937_64& random, int count) : directions(count), approach(count, kArm) {
-    approach.scatter(random, kArm);
-    constexpr int kObstacles[4] = {20, 400, 3000, 9000}, kHoles[4] = {0, 300, 3000, 16000};  // from open to closed
+  WideScene(std::mt19937_64& random, int count) : directions(count), approach(count, kWideArm_m) {
+    approach.scatter(random, kWideArm_m);
+    constexpr int kObstacles[4] = {20, 1000, 9000, 30000}, kHoles[3] = {0, 300, 6000};  // from open to closed
     for (int n = kObstacles[below(random, 4)]; n > 0; --n) {
       map.collide({below(random, 40) - 20, below(random, 40) - 20, below(random, 24) - 12});
     }
-    map.freeArm({-14, -14, -14}, {14, 14, 14});
-    for (int n = kHoles[below(random, 4)]; n > 0; --n) {
-      map.blockArm({below(random, 29) - 14, below(random, 29) - 14, below(random, 29) - 14});
+    const auto near = [&] { return Voxel{below(random, 29) - 14, below(random, 29) - 14, below(random, 29) - 14}; };
+    if (below(random, 3) == 0) {  // hardly a corridor
+      for (int n = 1500; n > 0; --n) map.freeArm(near());
+    } else {
+      map.freeArm({-14, -14, -14}, {14, 14, 14});
+      for (int n = kHoles[below(random, 3)]; n > 0; --n) map.blockArm(near());
     }
     for (int d = 0; d < directions; ++d) {
       for (int c = 1 + below(random, 6); c > 0; --c) {
@@ -65,18 +68,18 @@ struct WideScene {
   }
 };
 
-struct Tried {
+struct WideTried {
   int stage = 0, passed = 0, count = 0, d = 0;  ///< stage 0 unseen, 1 arm, 2 tool
   float dot = 0;
   PointReason reason = PointReason::Unseen;
   [[nodiscard]] auto rank() const { return std::make_tuple(-stage, -passed, count, -dot, d); }
 };
 
-std::vector<Tried> tryAll(const WideScene& scene) {
-  std::vector<Tried> tried;
+std::vector<WideTried> tryAll(const WideScene& scene) {
+  std::vector<WideTried> tried;
   for (int d = 0; d < scene.directions; ++d) {
     const float* axis = scene.approach.axes.data() + 3 * static_cast<std::ptrdiff_t>(d);
-    Tried t;
+    WideTried t;
     t.d = d;
     const float x_part = axis[0] * scene.normal[0], y_part = axis[1] * scene.normal[1],
                 z_part = axis[2] * scene.normal[2];
@@ -84,7 +87,7 @@ std::vector<Tried> tryAll(const WideScene& scene) {
     if (!(t.dot >= scene.approach.view.normal_cos_min)) continue;
     if (scene.isSeen(d)) {
       t.stage = 2;
-      for (std::size_t n = 0; n < kArm.size() && t.stage == 2; ++n) {
+      for (std::size_t n = 0; n < kWideArm_m.size() && t.stage == 2; ++n) {
         Voxel voxel;
         for (std::size_t a = 0; a < 3; ++a) {
           const float offset = scene.approach.offsets[static_cast<std::size_t>(d) * 9 + 3 * n + a];
@@ -114,13 +117,13 @@ std::vector<Tried> tryAll(const WideScene& scene) {
 }
 
 /// The first of all directions, or none if the cone is empty.
-std::optional<Tried> bestOf(const std::vector<Tried>& tried) {
+std::optional<WideTried> bestOf(const std::vector<WideTried>& tried) {
   if (tried.empty()) return std::nullopt;
   return *std::min_element(tried.begin(), tried.end(),
-                           [](const Tried& a, const Tried& b) { return a.rank() < b.rank(); });
+                           [](const WideTried& a, const WideTried& b) { return a.rank() < b.rank(); });
 }
 
-void expectIs(const kernels::ScoreResult& result, const std::optional<Tried>& best) {
+void expectIs(const kernels::ScoreResult& result, const std::optional<WideTried>& best) {
   ASSERT_EQ(result.scored, 1);
   ASSERT_STREQ(name(result.reason), name(best ? best->reason : PointReason::Normal));
   ASSERT_EQ(result.direction, best && best->stage > 0 ? best->d : kNoDirection);
@@ -132,11 +135,11 @@ TEST(SearchWide, IsTheFirstOfAllDirections) {
   std::array<int, kNumPointReasons> reasons = {};
   int beyond_a_mask = 0, beyond_a_byte_of_words = 0;
   for (const int directions : {257, 300, 512, 1000, 2906, kernels::kMostWideDirections}) {
-    for (int scene_number = 0; scene_number < 6; ++scene_number) {
+    for (int scene_number = 0; scene_number < 12; ++scene_number) {
       WideScene scene(random, directions);
-      for (int n = 0; n < 12; ++n) {
+      for (int n = 0; n < 8; ++n) {
         scene.aim(random);
-        const std::optional<Tried> best = bestOf(tryAll(scene));
+        const std::optional<WideTried> best = bestOf(tryAll(scene));
         expectIs(scene.search({}), best);
         if (HasFatalFailure()) return;
         ++reasons[static_cast<std::size_t>(best ? best->reason : PointReason::Normal)];
@@ -162,11 +165,11 @@ TEST(SearchWide, ConfirmsOrReplacesADirection) {
     WideScene scene(random, 300 + below(random, 500));
     for (int n = 0; n < 20; ++n) {
       scene.aim(random);
-      const std::vector<Tried> tried = tryAll(scene);
+      const std::vector<WideTried> tried = tryAll(scene);
       if (tried.empty()) continue;
-      const std::optional<Tried> best = bestOf(tried);
+      const std::optional<WideTried> best = bestOf(tried);
       kernels::ScoreItem item;
-      const Tried& some = tried[static_cast<std::size_t>(below(random, static_cast<int>(tried.size())))];
+      const WideTried& some = tried[static_cast<std::size_t>(below(random, static_cast<int>(tried.size())))];
       item.only_direction = some.d;
       expectIs(scene.search(item), some);
       ++alone;
