@@ -4,6 +4,8 @@
 /// them are candidates and none is known beforehand, so what it finds is the first of all by the documented order.
 #pragma once
 
+#include <optional>
+
 #include "hostdev/direction_search.h"
 
 namespace accessvdb::kernels {
@@ -35,14 +37,47 @@ struct WideItem {
   std::uint8_t known_roll = 0;
 };
 
-using WideWalk = HeapWalk<kMostWideDirections, std::uint16_t>;
+/// The order of SortedWalk, but the first direction that was seen comes before those that were not: mostly it is free,
+/// and then no heap has to be made. Host only.
+class WideWalk {
+ public:
+  WideWalk(const ApproachView& approach, const float* normal, const std::uint64_t* seen)
+      : approach_(approach), normal_(normal) {
+    float best = approach.normal_cos_min;
+    for (int w = 0; 64 * w < approach.num_directions; ++w) {
+      for (std::uint64_t bits = seen[w]; bits != 0; bits &= bits - 1) {
+        const int d = 64 * w + lowestBit(bits);
+        const float cosine = cosToNormal(approach, d, normal);
+        if (!(first_ < 0 ? cosine >= best : cosine > best)) continue;
+        best = cosine;
+        first_ = d;
+      }
+    }
+  }
+  int next() {
+    if (!started_ && first_ >= 0) {
+      started_ = true;
+      return first_;
+    }
+    if (!heap_) heap_.emplace(approach_, normal_);
+    const int d = heap_->next();
+    return d == first_ && d >= 0 ? heap_->next() : d;
+  }
+
+ private:
+  const ApproachView& approach_;
+  const float* normal_;
+  int first_ = -1;
+  bool started_ = false;
+  std::optional<HeapWalk<kMostWideDirections, std::uint16_t>> heap_;
+};
 
 /// One direction, if it lies in the normal cone.
 class SingleWalk {
  public:
-  ACCESSVDB_HOSTDEV SingleWalk(const ApproachView& approach, const float* normal, int d)
+  SingleWalk(const ApproachView& approach, const float* normal, int d)
       : next_(cosToNormal(approach, d, normal) >= approach.normal_cos_min ? d : -1) {}
-  ACCESSVDB_HOSTDEV int next() {
+  int next() {
     const int d = next_;
     next_ = -1;
     return d;
@@ -55,9 +90,8 @@ class SingleWalk {
 /// @param tests  as for searchDirections  @param normal_L  not 0
 /// @param seen  [words of approach.num_directions]  @param item  its masks are not read
 template <class Tests>
-[[nodiscard]] ACCESSVDB_HOSTDEV inline ScoreResult searchWide(const Tests& tests, const ApproachView& approach,
-                                                              int collision_limit, const float* normal_L,
-                                                              const std::uint64_t* seen, const ScoreItem& item) {
+[[nodiscard]] inline ScoreResult searchWide(const Tests& tests, const ApproachView& approach, int collision_limit,
+                                            const float* normal_L, const std::uint64_t* seen, const ScoreItem& item) {
   WideItem wide;
   wide.known_score = item.known_score;
   wide.known_direction = item.known_direction;
@@ -72,7 +106,7 @@ template <class Tests>
   if (all) {
     const std::uint16_t tested = found.tests;
     if (item.or_all != 0) wide.known_score = kNoScore;
-    found = search(WideWalk(approach, normal_L));
+    found = search(WideWalk(approach, normal_L, seen));
     found.tests = static_cast<std::uint16_t>(found.tests + tested);
   }
   ScoreResult result;

@@ -16,6 +16,7 @@
 #include "hostdev/direction_mask.h"
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
+#include "points/bits_of_bytes.h"
 #include "points/prefetch.h"
 #include "points/radix_sort.h"
 
@@ -31,13 +32,6 @@ constexpr double kOffsetSteps = 1 << 20;  // per voxel
 constexpr double kSensorSteps = 1 << 16;  // per metre
 /// Viewpoints nearer than this to a stored one are not stored (docs/PAPER_MAP.md, "Surface points").
 constexpr float kViewpointSpacing_m = 0.10f;
-
-/// Bit n of the lowest eight equals byte n, which is 0 or 1.
-std::uint64_t bitsOfBytes(const std::uint8_t* bytes) {
-  std::uint64_t all = 0;
-  for (int n = 0; n < 8; ++n) all |= std::uint64_t{bytes[n]} << (8 * n);
-  return all * 0x0102040810204080u >> 56;  // byte n is multiplied by 2^(56 - 7 n), and no two products share a bit
-}
 
 }  // namespace
 
@@ -221,10 +215,6 @@ bool PointStore::addSeen(std::uint32_t id, std::span<const std::uint64_t> words)
   return gained != 0;
 }
 
-void PointStore::joinSeen(std::uint32_t id, std::span<std::uint64_t> words) const {
-  for (std::size_t w = 0; w < words.size(); ++w) words[w] |= seen_[seenAt(id) + w];
-}
-
 void PointStore::refreshMean(std::uint32_t id) {
   if (!params_.scoring.mean_positions) {
     pca_L_[id] = first_L_[id];
@@ -272,30 +262,6 @@ DirectionMask PointStore::directionsTowards(const Eigen::Vector3f& from_L, const
     mask.word[d / 64] |= bitsOfBytes(within.data() + d) << d % 64;
   }
   return mask;
-}
-
-/// As directionsTowards(), for a wide set: what a point was seen from goes into the store word by word.
-bool PointStore::addWideTowards(std::uint32_t id, const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L) {
-  const float dx = to_L.x() - from_L.x(), dy = to_L.y() - from_L.y(), dz = to_L.z() - from_L.z();
-  const float length = std::sqrt(dx * dx + dy * dy + dz * dz);
-  if (!(length > 0)) return false;
-  const float ux = dx / length, uy = dy / length, uz = dz / length;
-  const auto least = static_cast<float>(params_.approach.observation_cos_min);
-  std::uint64_t gained = 0;
-  for (std::size_t w = 0; w < static_cast<std::size_t>(words_); ++w) {
-    const float* const a = axes_xyz_.data() + 3 * 64 * w;
-    const std::size_t count = std::min<std::size_t>(64, num_directions_ - 64 * w);
-    std::array<std::uint8_t, 64> within = {};
-    for (std::size_t d = 0; d < count; ++d) {
-      within[d] = ux * a[3 * d] + uy * a[3 * d + 1] + uz * a[3 * d + 2] > least ? 1 : 0;
-    }
-    std::uint64_t mask = 0;
-    for (std::size_t d = 0; d < 64; d += 8) mask |= bitsOfBytes(within.data() + d) << d;
-    std::uint64_t& word = seen_[seenAt(id) + w];
-    gained |= mask & ~word;
-    word |= mask;
-  }
-  return gained != 0;
 }
 
 DirectionMask PointStore::seen(std::uint32_t id) const {

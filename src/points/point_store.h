@@ -51,8 +51,8 @@ struct ReturnSums {
 struct StoredPoint {
   Eigen::Vector3f first_L;
   ReturnSums sums;
-  DirectionMask seen;  ///< its own; without viewpoints
-  Viewpoints views;    ///< with viewpoints
+  DirectionMask seen;                    ///< its own; without viewpoints
+  Viewpoints views;                      ///< with viewpoints
   std::vector<std::uint64_t> wide_seen;  ///< in place of `seen` for a wide set (kernels::isWide); empty otherwise
 };
 

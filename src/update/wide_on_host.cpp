@@ -29,9 +29,9 @@ constexpr std::size_t kPointsAtOnce = 1 << 16;
 
 /// Why a point is due.
 enum DueBecause : std::uint8_t {
-  kMapFlipped = 1,        ///< the map around it changed
-  kPointChanged = 2,  ///< its normal or its views did
-  kFlippedOnlyForWorse = 4       ///< no flip can help
+  kMapFlipped = 1,          ///< the map around it changed
+  kPointChanged = 2,        ///< its normal or its views did
+  kFlippedOnlyForWorse = 4  ///< no flip can help
 };
 
 class WideOnHost final : public UpdateScheduler {
@@ -160,14 +160,14 @@ class WideOnHost final : public UpdateScheduler {
     // A corridor that stays blocked may be blocked for another reason: collisions count there, too.
     const int tool = kindsOf(footprint_.toolColumns()) & (bitOf(FlipKind::CollidesOff) | bitOf(FlipKind::CollidesOn));
     const int arm = kindsOf(footprint_.armColumns());
-    return {(tool | arm) != 0,
-            (tool & bitOf(FlipKind::CollidesOff)) != 0 || (arm & bitOf(FlipKind::ArmFreeOn)) != 0};
+    return {(tool | arm) != 0, (tool & bitOf(FlipKind::CollidesOff)) != 0 || (arm & bitOf(FlipKind::ArmFreeOn)) != 0};
   }
 
   /// Those whose turn has come, of all that wait. What happened while they waited is not known any more.
   [[nodiscard]] std::vector<DuePoint> takeTurn(const std::vector<DuePoint>& due, int budget_points) {
     backlog_.grow(scorer_.points().size());
-    for (const DuePoint& point : due) backlog_.ask(point.id, static_cast<std::uint8_t>(point.asked & ~kFlippedOnlyForWorse));
+    for (const DuePoint& point : due)
+      backlog_.ask(point.id, static_cast<std::uint8_t>(point.asked & ~kFlippedOnlyForWorse));
     const Backlog::Turn turn = backlog_.take(budget_points);
     std::vector<DuePoint> taken;
     for (std::size_t n = 0; n < turn.ids.size(); ++n) taken.push_back({turn.ids[n], turn.asked[n]});

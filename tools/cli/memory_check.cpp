@@ -295,8 +295,7 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const std::vec
       [&](const MemoryPrediction& of_step) { return of_step.bytes(output, options.mirror_distance); }, limit);
   if (step_deg > 0) advice += ", or a STEP of " + numberText(step_deg) + " degrees in --orientations sphere";
   throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
-                      "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
-                      advice);
+                      "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit), advice);
 }
 
 }  // namespace accessvdb::tools
