@@ -197,6 +197,25 @@ TEST_F(ExitCodes, MemoryLimitNamesAVoxelThatFits) {
   expectFailure(limit, 5, "limit.memory");
 }
 
+/// Of a sphere also the STEP, at the same voxel size; the advice is followed.
+TEST_F(ExitCodes, MemoryLimitNamesAStepThatFits) {
+  const auto run = [&](const std::string& orientations) {
+    std::vector<std::string> arguments = mapArguments({"--voxel", "0.05", "--max-memory", "300M", "--tiles", "off",
+                                                       "--device", "cpu", "--orientations", orientations});
+    *(std::find(arguments.begin(), arguments.end(), "--tool") + 1) = "builtin:pruner";
+    return runProgram(arguments);
+  };
+  const ProgramResult result = run("sphere:3.8");
+  EXPECT_EQ(result.exit_code, 5) << result.err;
+  expectOneErrorLine(result, "limit.memory");
+  std::smatch step;
+  ASSERT_TRUE(std::regex_search(result.err, step, std::regex("a STEP of ([0-9.]+) degrees in --orientations sphere")))
+      << result.err;
+  EXPECT_GT(std::stod(step[1]), 3.8);
+  const ProgramResult fitting = run("sphere:" + step[1].str());
+  EXPECT_EQ(fitting.exit_code, 0) << fitting.err;
+}
+
 TEST_F(ExitCodes, DeviceThatIsNotThere) {
   setenv("CUDA_VISIBLE_DEVICES", "-1", 1);  // also on a machine that has one
   expectFailure({"--device", "cuda"}, 6);
