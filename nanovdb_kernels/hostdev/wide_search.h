@@ -4,8 +4,6 @@
 /// them are candidates and none is known beforehand, so what it finds is the first of all by the documented order.
 #pragma once
 
-#include <optional>
-
 #include "hostdev/direction_search.h"
 
 namespace accessvdb::kernels {
@@ -38,10 +36,10 @@ struct WideItem {
 };
 
 /// The order of SortedWalk, but the first direction that was seen comes before those that were not: mostly it is free,
-/// and then no heap has to be made. Host only.
+/// and then no heap has to be made.
 class WideWalk {
  public:
-  WideWalk(const ApproachView& approach, const float* normal, const std::uint64_t* seen)
+  ACCESSVDB_HOSTDEV WideWalk(const ApproachView& approach, const float* normal, const std::uint64_t* seen)
       : approach_(approach), normal_(normal) {
     float best = approach.normal_cos_min;
     for (int w = 0; 64 * w < approach.num_directions; ++w) {
@@ -54,22 +52,28 @@ class WideWalk {
       }
     }
   }
-  int next() {
+  ACCESSVDB_HOSTDEV int next() {
     if (!started_ && first_ >= 0) {
       started_ = true;
       return first_;
     }
-    if (!heap_) heap_.emplace(approach_, normal_);
-    const int d = heap_->next();
-    return d == first_ && d >= 0 ? heap_->next() : d;
+    if (!made_) heap_ = Heap(approach_, normal_);
+    made_ = true;
+    const int d = heap_.next();
+    return d == first_ && d >= 0 ? heap_.next() : d;
   }
 
  private:
+  using Heap = HeapWalk<kMostWideDirections, std::uint16_t>;
+  static_assert(std::is_trivially_copyable_v<Heap>);
+
   const ApproachView& approach_;
   const float* normal_;
   int first_ = -1;
-  bool started_ = false;
-  std::optional<HeapWalk<kMostWideDirections, std::uint16_t>> heap_;
+  bool started_ = false, made_ = false;
+  union {
+    Heap heap_;  ///< if made_
+  };
 };
 
 /// One direction, if it lies in the normal cone.
