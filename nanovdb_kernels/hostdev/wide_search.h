@@ -45,6 +45,7 @@ class WideWalk {
     for (int w = 0; 64 * w < approach.num_directions; ++w) {
       for (std::uint64_t bits = seen[w]; bits != 0; bits &= bits - 1) {
         const int d = 64 * w + lowestBit(bits);
+        if (d >= approach.num_directions) break;
         const float cosine = cosToNormal(approach, d, normal);
         if (!(first_ < 0 ? cosine >= best : cosine > best)) continue;
         best = cosine;
