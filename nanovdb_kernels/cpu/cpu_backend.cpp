@@ -18,6 +18,7 @@
 #include "cpu/host_arena.h"
 #include "cpu/map_window.h"
 #include "hostdev/place_key.h"
+#include "hostdev/wide_search.h"
 #include "launch/backend.h"
 #include "launch/due_update.h"
 
@@ -250,8 +251,11 @@ class CpuBackend final : public Backend {
   void copy(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
 
   void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) override {
+    PointStateView written = points;
+    // Of a wide set, whoever joins the seen directions writes them in place (src/points/neighbourhood.h).
+    if (points.direction_words > kMaxDirectionWords) written.direction_words = 0;
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 1024), [&](const auto& range) {
-      for (std::size_t n = range.begin(); n != range.end(); ++n) writePoint(points, inputs[n]);
+      for (std::size_t n = range.begin(); n != range.end(); ++n) writePoint(written, inputs[n]);
     });
   }
 
@@ -270,7 +274,9 @@ class CpuBackend final : public Backend {
       if (normal_L[0] != 0 || normal_L[1] != 0 || normal_L[2] != 0) {
         const std::uint64_t* seen =
             points.seen + std::size_t{item.id} * static_cast<std::size_t>(points.direction_words);
-        if (request.approach.axes_xyz != nullptr) {
+        if (isWide(request.approach.num_directions)) {
+          result = searchWide(tests, request.approach, request.tool.collision_limit, normal_L, seen, item);
+        } else if (request.approach.axes_xyz != nullptr) {
           SortedWalk walk(request.approach, normal_L);
           result = searchDirections(tests, request.tool.collision_limit, walk, seen, item);
         } else {

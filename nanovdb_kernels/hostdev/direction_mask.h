@@ -12,6 +12,11 @@ namespace accessvdb::kernels {
 
 /// Most words of a set: D <= 256.
 inline constexpr int kMaxDirectionWords = 4;
+/// Most directions of a set. A *wide* set has more than a mask holds: it is searched from the beginning whenever
+/// anything changed, nothing is remembered of its directions, and only their seen bits are kept
+/// (hostdev/wide_search.h).
+inline constexpr int kMostMaskedDirections = 64 * kMaxDirectionWords, kMostWideDirections = 4096;
+ACCESSVDB_HOSTDEV inline bool isWide(int num_directions) { return num_directions > kMostMaskedDirections; }
 
 /// Position of the lowest set bit. @param bits  not 0
 ACCESSVDB_HOSTDEV inline int lowestBit(std::uint64_t bits) {

@@ -13,8 +13,12 @@
 
 namespace accessvdb::kernels {
 
+struct ScoreResult;
+
 /// What to do with one point.
 struct ScoreItem {
+  using Result = ScoreResult;
+
   std::uint32_t id = 0;
   std::uint16_t known_score = kNoScore;          ///< count of known_direction, valid under the current map
   std::uint16_t known_direction = kNoDirection;  ///< kNoDirection: none is known
@@ -25,7 +29,10 @@ struct ScoreItem {
   /// 0: evaluated only because the map changed, so an outcome equal to the stored one is no new evidence.
   std::uint8_t evidence = 1;
   std::uint8_t known_roll = 0;  ///< the first roll of known_direction that has known_score
-  std::uint8_t unused = 0;      ///< no hole: items are copied in larger pieces
+  /// Of a wide set, which reads no masks: if set, no other direction is tried; with or_all, all are if it is blocked or
+  /// has more collisions than known_score.
+  std::uint8_t or_all = 0;
+  std::int32_t only_direction = -1;
 };
 
 /// The outcome for one point.
@@ -52,10 +59,12 @@ struct ScoreResult {
 /// @param walk  directions in the normal cone, as DirectionWalk and SortedWalk order them; those that are not
 /// candidates may be
 ///   missing, which only changes the reason of a point that has none
-template <class Tests, class Walk>
-[[nodiscard]] ACCESSVDB_HOSTDEV inline ScoreResult searchDirections(const Tests& tests, int collision_limit, Walk& walk,
-                                                                    const std::uint64_t* seen, const ScoreItem& item) {
-  ScoreResult result;
+/// @param item  a ScoreItem, or one that has no masks (hostdev/wide_search.h)
+template <class Tests, class Walk, class Item>
+[[nodiscard]] ACCESSVDB_HOSTDEV inline typename Item::Result searchDirections(const Tests& tests, int collision_limit,
+                                                                              Walk& walk, const std::uint64_t* seen,
+                                                                              const Item& item) {
+  typename Item::Result result;
   result.scored = 1;
 
   int best_count = kNoScore, best_passed = -1;

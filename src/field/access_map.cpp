@@ -33,7 +33,11 @@ std::vector<DirectionOutcome> tryEveryDirection(PointScorer& scorer, const Scori
     if (!in_cone) continue;  // the search would only say that others are
     kernels::ScoreItem item;
     item.id = id;
-    item.candidates.set(d);
+    if (kernels::isWide(approach.num_directions)) {
+      item.only_direction = d;
+    } else {
+      item.candidates.set(d);
+    }
     const kernels::ScoreResult result = scorer.score({&item, 1}, tables).front();
     outcome.reason = result.reason;
     outcome.score = result.score;

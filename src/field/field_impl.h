@@ -199,7 +199,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     std::erase_if(ids, [&](std::uint32_t id) { return !again.confidentEnough(id); });
     again.refreshNeighbourhoods(ids);
     again.upload(ids);
-    const kernels::DirectionMask all = kernels::allDirections(setupOf(k).tool().num_directions);
+    // Of a wide set, masks are not read.
+    const int masked = std::min(setupOf(k).tool().num_directions, kernels::kMostMaskedDirections);
+    const kernels::DirectionMask all = kernels::allDirections(masked);
     std::vector<kernels::ScoreItem> items(ids.size());
     for (std::size_t n = 0; n < ids.size(); ++n) {
       items[n].id = ids[n];

@@ -111,10 +111,33 @@ class SchedulerOfTools final : public UpdateScheduler {
 void requireManyTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved) {
   const bool paper =
       resolved.update.policy == UpdatePolicy::Paper || resolved.approach.coarse_to_fine || resolved.approach.viewpoints;
-  if (tools.size() == 1 || !paper) return;
-  throw InvalidArgument("tool.policy", std::to_string(tools.size()) + " tools",
-                        "the paper's policy, its coarse pass and its viewpoints only know one tool",
-                        "Use the exact policy and the product profile, or one tool");
+  if (tools.size() == 1) return;
+  if (paper) {
+    throw InvalidArgument("tool.policy", std::to_string(tools.size()) + " tools",
+                          "the paper's policy, its coarse pass and its viewpoints only know one tool",
+                          "Use the exact policy and the product profile, or one tool");
+  }
+  int directions = 0;
+  for (const ToolSpec& tool : tools) directions += toolParams(tool, resolved).approach.directionCount();
+  if (directions >= kNoDirection) {
+    throw ResourceLimit("orientations.count", std::to_string(tools.size()) + " tools",
+                        "have " + std::to_string(directions) + " orientations together; at most " +
+                            std::to_string(kNoDirection - 1) + " can be handled",
+                        "Use a larger STEP, or fewer tools");
+  }
+}
+
+std::optional<ResourceLimit> notOnGpu(const std::vector<ToolSpec>& tools, const FieldParams& resolved) {
+  for (const ToolSpec& tool : tools) {
+    const ApproachParams approach = toolParams(tool, resolved).approach;
+    const int directions = approach.directionCount();
+    if (directions <= OrientationSet::kMostOnGpu) continue;
+    return ResourceLimit("orientations.device", approach.orientations.text(),
+                         "has " + std::to_string(directions) + " orientations; a GPU handles at most " +
+                             std::to_string(OrientationSet::kMostOnGpu),
+                         "Use --device cpu, or fewer orientations, such as sphere:12.5");
+  }
+  return std::nullopt;
 }
 
 FieldParams resolvedFor(const ToolSpec& tool, const FieldParams& params) {

@@ -9,6 +9,7 @@
 #include <optional>
 #include <vector>
 
+#include "accessvdb/error.h"
 #include "accessvdb/tool_spec.h"
 #include "change/gone_points.h"
 #include "field/scored_points.h"
@@ -22,7 +23,11 @@
 namespace accessvdb::internal {
 
 /// @throws InvalidArgument "tool.policy"  for what only knows one tool
+/// @throws ResourceLimit "orientations.count"  for more directions of all tools than an index can name
 void requireManyTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved);
+
+/// "orientations.device": some tool has a wide set of directions, which no GPU is written for.
+[[nodiscard]] std::optional<ResourceLimit> notOnGpu(const std::vector<ToolSpec>& tools, const FieldParams& resolved);
 
 /// The parameters of a field with this tool alone, with every rule applied, its rolls included.
 [[nodiscard]] FieldParams resolvedFor(const ToolSpec& tool, const FieldParams& params);

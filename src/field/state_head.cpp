@@ -251,7 +251,7 @@ bool isPlausible(const StateHead& head) {
   if (head.schema != stateSchemaOf(head.params)) return false;
   if (head.tool_sha256.starts_with(kToolListMark) != (head.tools.size() > 1)) return false;
   for (const SavedTool& tool : head.tools) {
-    if (tool.view_words > kernels::kMaxDirectionWords) return false;
+    if (tool.view_words > kernels::kMostWideDirections / 64) return false;
   }
   const ChangeParams& change = head.params.change;
   if (head.cell_blocks > head.points || head.gone_points > head.points) return false;

@@ -19,7 +19,7 @@
 namespace accessvdb::internal {
 namespace {
 
-constexpr std::uint64_t kMostHeadBytes = 1 << 16;
+constexpr std::uint64_t kMostHeadBytes = 1 << 20;  // a list of 4096 orientations takes 96 bytes for each
 constexpr std::size_t kLeavesRead = 1 << 12, kPointsRead = 1 << 14, kPosesRead = 1 << 12;
 
 /// @return whether one of the facts holds anywhere
@@ -27,6 +27,14 @@ bool hasFacts(const LeafChange& facts) {
   std::uint64_t any = 0;
   for (std::size_t x = 0; x < 8; ++x) any |= facts.collides_on[x] | facts.arm_free_on[x];
   return any != 0;
+}
+
+/// Room for the seen directions of a point, all 0.
+std::uint64_t* seenOf(StoredPoint& point, std::size_t words) {
+  point.seen = {};
+  if (words <= static_cast<std::size_t>(kernels::kMaxDirectionWords)) return point.seen.word;
+  point.wide_seen.assign(words, 0);
+  return point.wide_seen.data();
 }
 
 /// @param words  of seen directions; 0 with viewpoints
@@ -44,7 +52,7 @@ StoredPoint pointFrom(const char* from, std::size_t words) {
     take(&point.views.count, sizeof point.views.count);
     take(point.views.pose.data(), sizeof point.views.pose);
   } else {
-    take(point.seen.word, words * sizeof(std::uint64_t));
+    take(seenOf(point, words), words * sizeof(std::uint64_t));
   }
   return point;
 }
@@ -109,8 +117,8 @@ void StateReader::readViews(const PointStore& points, const std::vector<PointSto
       in_.read(seen.data(), seen.size() * sizeof(seen[0]));
       for (std::size_t n = 0; n < block.size(); ++n) {
         block[n] = points.stored(static_cast<std::uint32_t>(first + n));
-        block[n].seen = {};
-        std::copy_n(seen.data() + n * words, words, block[n].seen.word);
+        block[n].wide_seen.clear();
+        std::copy_n(seen.data() + n * words, words, seenOf(block[n], words));
       }
       if (!store->restore(block)) in_.refuse("a point has directions that its tool is not tried in");
     }

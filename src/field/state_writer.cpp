@@ -64,7 +64,7 @@ void putPoint(const StoredPoint& point, std::size_t words, char* to) {
     put(&point.views.count, sizeof point.views.count);
     put(point.views.pose.data(), sizeof point.views.pose);
   } else {
-    put(point.seen.word, words * sizeof(std::uint64_t));
+    put(point.wide_seen.empty() ? point.seen.word : point.wide_seen.data(), words * sizeof(std::uint64_t));
   }
 }
 
@@ -96,8 +96,8 @@ void writeViews(SectionWriter& out, const StateHead& head, const std::vector<Poi
       const std::size_t count = std::min<std::size_t>(head.points - first, kPointsWritten);
       block.clear();
       for (std::size_t n = 0; n < count; ++n) {
-        const DirectionMask seen = store->seen(static_cast<std::uint32_t>(first + n));
-        block.insert(block.end(), seen.word, seen.word + words);
+        block.resize(block.size() + words);
+        store->joinSeen(static_cast<std::uint32_t>(first + n), std::span(block).last(words));
       }
       out.write(block.data(), block.size() * sizeof(block[0]));
     }

@@ -108,7 +108,7 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
                  ? kMost
                  : share * (bytesOf(slabs.words) + bytesOf(slabs.columns) + bytesOf(slabs.full) + bytesOf(slabs.rows)));
   }
-  if (resolved.update.policy == UpdatePolicy::Exact && on_host && !kernel.use_samples) {
+  if (resolved.update.policy == UpdatePolicy::Exact && on_host && !kernel.use_samples && !kernels::isWide(directions)) {
     // The table of directions by cell: one cell more at either end of each axis.
     const double table =
         static_cast<double>(yaw ? sizeof(kernels::DirectionArc) : sizeof(kernels::DirectionMask)) * box.voxels() / 64;

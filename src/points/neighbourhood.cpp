@@ -8,6 +8,7 @@
 #include <tbb/parallel_sort.h>
 
 #include <algorithm>
+#include <array>
 #include <utility>
 
 #include "hostdev/neighbour_rule.h"
@@ -24,7 +25,8 @@ NeighbourhoodSearch::NeighbourhoodSearch(const PointStore& points, const FieldPa
       voxel_size_m_(resolved.tsdf.voxel_size_m),
       radius_m_(neighbourRadius_m(resolved.tsdf.voxel_size_m)) {}
 
-void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out) const {
+void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out,
+                                  std::uint64_t* wide_seen) const {
   // Group by block: points of one block share the positions gathered around it.
   struct Job {
     std::uint32_t block, slot;
@@ -69,7 +71,12 @@ void NeighbourhoodSearch::compute(std::span<const std::uint32_t> ids, std::span<
       scratch.covariances.clear();
       scratch.nearest.forEach(leaf, scratch.ids, [&](std::uint32_t n, const Neighbours& neighbours) {
         const auto job = static_cast<std::uint32_t>(begin[g] + n);
-        out[jobs[job].slot] = fromNeighbours(scratch.ids[n], neighbours, scratch.nearest.stepsPerMetre());
+        Neighbourhood& found = out[jobs[job].slot] =
+            fromNeighbours(scratch.ids[n], neighbours, scratch.nearest.stepsPerMetre());
+        if (wide_seen != nullptr) {
+          const std::size_t row = std::size_t{scratch.ids[n]} * static_cast<std::size_t>(points_.directionWords());
+          found.wide_views_changed = joinWide(scratch.ids[n], neighbours, wide_seen + row);
+        }
         if (neighbours.sums.count < kernels::kFewestForNormal) return;
         scratch.jobs.push_back(job);
         scratch.covariances.push_back(kernels::neighbourCovariance(neighbours.sums));
@@ -97,6 +104,19 @@ Neighbourhood NeighbourhoodSearch::fromNeighbours(std::uint32_t id, const Neighb
     for (const std::uint32_t near : neighbours.nearest) result.seen = result.seen | points_.seen(near);
   }
   return result;
+}
+
+/// @param joined  of this point  @return whether that changed them
+bool NeighbourhoodSearch::joinWide(std::uint32_t id, const Neighbours& neighbours, std::uint64_t* joined) const {
+  std::array<std::uint64_t, kernels::kMostWideDirections / 64> seen = {};
+  const std::span<std::uint64_t> words = std::span(seen).first(static_cast<std::size_t>(points_.directionWords()));
+  points_.joinSeen(id, words);
+  if (join_views_) {
+    for (const std::uint32_t near : neighbours.nearest) points_.joinSeen(near, words);
+  }
+  if (std::equal(words.begin(), words.end(), joined)) return false;
+  std::copy(words.begin(), words.end(), joined);
+  return true;
 }
 
 }  // namespace accessvdb::internal

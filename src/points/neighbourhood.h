@@ -19,6 +19,7 @@ struct Neighbourhood {
   Eigen::Vector3f normal_L = {0, 0, 0};  ///< zero if fewer than three points are near
   DirectionMask seen = {};               ///< own directions joined with those of the nearest ten
   float reach_m = 0;                     ///< points farther away cannot change any of this
+  bool wide_views_changed = false;       ///< of a wide set: joined directions, which are written in place
 };
 
 /// Points that share their seen directions (docs/PAPER_MAP.md, "Normals": the 10 nearest, including the point itself).
@@ -31,12 +32,17 @@ class NeighbourhoodSearch {
   NeighbourhoodSearch(const PointStore& points, const FieldParams& resolved);
 
   /// Computes each id in parallel. @param ids  in any order; fastest if nearby points share blocks. @param out  [ids]
-  void compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out) const;
+  /// @param wide_seen  of a wide set, in place of Neighbourhood::seen: the joined directions of all points by id, in
+  /// host
+  ///   memory, each PointStore::directionWords(); those of the ids are brought up to date
+  void compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out,
+               std::uint64_t* wide_seen = nullptr) const;
 
   [[nodiscard]] double radius_m() const { return radius_m_; }
 
  private:
   [[nodiscard]] Neighbourhood fromNeighbours(std::uint32_t id, const Neighbours& neighbours, double steps_per_m) const;
+  [[nodiscard]] bool joinWide(std::uint32_t id, const Neighbours& neighbours, std::uint64_t* joined) const;
 
   const PointStore& points_;
   int k_;

@@ -16,6 +16,7 @@
 #include "hostdev/direction_mask.h"
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
+#include "points/bits_of_bytes.h"
 #include "points/prefetch.h"
 #include "points/radix_sort.h"
 
@@ -31,13 +32,6 @@ constexpr double kOffsetSteps = 1 << 20;  // per voxel
 constexpr double kSensorSteps = 1 << 16;  // per metre
 /// Viewpoints nearer than this to a stored one are not stored (docs/PAPER_MAP.md, "Surface points").
 constexpr float kViewpointSpacing_m = 0.10f;
-
-/// Bit n of the lowest eight equals byte n, which is 0 or 1.
-std::uint64_t bitsOfBytes(const std::uint8_t* bytes) {
-  std::uint64_t all = 0;
-  for (int n = 0; n < 8; ++n) all |= std::uint64_t{bytes[n]} << (8 * n);
-  return all * 0x0102040810204080u >> 56;  // byte n is multiplied by 2^(56 - 7 n), and no two products share a bit
-}
 
 }  // namespace
 
@@ -199,7 +193,8 @@ bool PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const 
     sums.sensor[axis] += std::llround(static_cast<double>(q_L[a]) * kSensorSteps);
   }
   ++sums.returns;
-  if (!params_.approach.viewpoints) return addSeen(id, directionsTowards(p_L, q_L));
+  if (isWide()) return addWideTowards(id, p_L, q_L);
+  if (!params_.approach.viewpoints) return addSeen(id, directionsTowards(p_L, q_L).word);
   Viewpoints& views = viewpoints_[id];
   if (views.count == Viewpoints::kMost) return false;
   for (std::uint32_t n = 0; n < views.count; ++n) {
@@ -209,12 +204,13 @@ bool PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const 
   return true;
 }
 
-bool PointStore::addSeen(std::uint32_t id, const DirectionMask& mask) {
+/// @param words  words_ of them, or more
+bool PointStore::addSeen(std::uint32_t id, std::span<const std::uint64_t> words) {
   std::uint64_t gained = 0;
-  for (int w = 0; w < words_; ++w) {
-    std::uint64_t& word = seen_[seenAt(id) + static_cast<std::size_t>(w)];
-    gained |= mask.word[w] & ~word;
-    word |= mask.word[w];
+  for (std::size_t w = 0; w < static_cast<std::size_t>(words_); ++w) {
+    std::uint64_t& word = seen_[seenAt(id) + w];
+    gained |= words[w] & ~word;
+    word |= words[w];
   }
   return gained != 0;
 }
@@ -270,6 +266,7 @@ DirectionMask PointStore::directionsTowards(const Eigen::Vector3f& from_L, const
 
 DirectionMask PointStore::seen(std::uint32_t id) const {
   DirectionMask mask = {};
+  if (isWide()) return mask;
   if (!params_.approach.viewpoints) {
     for (int w = 0; w < words_; ++w) mask.word[w] = seen_[seenAt(id) + static_cast<std::size_t>(w)];
     return mask;
@@ -295,9 +292,12 @@ kernels::PointNews PointStore::newsOf(std::uint32_t id, const Eigen::Vector3f& b
 }
 
 StoredPoint PointStore::stored(std::uint32_t id) const {
-  StoredPoint point = {first_L_[id], sums_[id], {}, {}};
+  StoredPoint point = {first_L_[id], sums_[id], {}, {}, {}};
   if (params_.approach.viewpoints) {
     point.views = viewpoints_[id];
+  } else if (isWide()) {
+    point.wide_seen.assign(static_cast<std::size_t>(words_), 0);
+    joinSeen(id, point.wide_seen);
   } else {
     point.seen = seen(id);
   }
@@ -325,6 +325,11 @@ bool PointStore::canBe(const StoredPoint& point) const {
       if (point.views.pose[n] >= poses_.size()) return false;
     }
     return true;
+  }
+  if (isWide()) {
+    const auto unused = static_cast<int>(64 * static_cast<std::size_t>(words_) - num_directions_);  // of the last word
+    return point.wide_seen.size() == static_cast<std::size_t>(words_) &&
+           (unused == 0 || point.wide_seen.back() >> (64 - unused) == 0);
   }
   const DirectionMask all = kernels::allDirections(static_cast<int>(num_directions_));
   for (int w = 0; w < words_; ++w) {
@@ -374,7 +379,7 @@ bool PointStore::restore(std::span<const StoredPoint> points) {
       if (params_.approach.viewpoints) {
         viewpoints_[id] = point.views;
       } else {
-        addSeen(id, point.seen);
+        addSeen(id, isWide() ? std::span<const std::uint64_t>(point.wide_seen) : point.seen.word);
       }
       refreshMean(id);
     }

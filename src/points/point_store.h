@@ -51,8 +51,9 @@ struct ReturnSums {
 struct StoredPoint {
   Eigen::Vector3f first_L;
   ReturnSums sums;
-  DirectionMask seen;  ///< its own; without viewpoints
-  Viewpoints views;    ///< with viewpoints
+  DirectionMask seen;                    ///< its own; without viewpoints
+  Viewpoints views;                      ///< with viewpoints
+  std::vector<std::uint64_t> wide_seen;  ///< in place of `seen` for a wide set (kernels::isWide); empty otherwise
 };
 
 class PointStore {
@@ -61,6 +62,11 @@ class PointStore {
   PointStore(const FieldParams& resolved, std::vector<float> direction_xy, std::vector<float> axes_xyz = {});
 
   [[nodiscard]] int numDirections() const { return static_cast<int>(num_directions_); }
+  /// Of seen directions, per point.
+  [[nodiscard]] int directionWords() const { return words_; }
+  /// Whether there are more directions than a DirectionMask holds. All masks of points are then empty, and joinSeen()
+  /// has what they were seen from.
+  [[nodiscard]] bool isWide() const { return kernels::isWide(numDirections()); }
 
   /// Whether addReturns() describes touched points for a backend that keeps them itself. This is cheaper while all
   /// threads are already working on the points than later.
@@ -87,6 +93,8 @@ class PointStore {
   }
   /// Directions that the point itself was seen from: the stored mask, or computed from its viewpoints.
   [[nodiscard]] DirectionMask seen(std::uint32_t id) const;
+  /// Adds the stored directions of a point, of a set of any size. @param words  [directionWords()]
+  void joinSeen(std::uint32_t id, std::span<std::uint64_t> words) const;
   /// A point in its current state. @param before_L  see kernels::PointNews
   [[nodiscard]] kernels::PointNews newsOf(std::uint32_t id, const Eigen::Vector3f& before_L) const;
   [[nodiscard]] const Viewpoints& viewpoints(std::uint32_t id) const { return viewpoints_[id]; }
@@ -122,11 +130,12 @@ class PointStore {
   void start(std::uint32_t id, const Eigen::Vector3f& first_L);
   /// @return true if its seen directions changed
   bool addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L, std::uint32_t pose);
-  bool addSeen(std::uint32_t id, const DirectionMask& mask);
+  bool addSeen(std::uint32_t id, std::span<const std::uint64_t> words);
   [[nodiscard]] std::size_t seenAt(std::uint32_t id) const {
     return std::size_t{id} * static_cast<std::size_t>(words_);
   }
   [[nodiscard]] DirectionMask directionsTowards(const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L) const;
+  bool addWideTowards(std::uint32_t id, const Eigen::Vector3f& from_L, const Eigen::Vector3f& to_L);
   void refreshMean(std::uint32_t id);
 
   FieldParams params_;

@@ -21,6 +21,7 @@ using internal::CosSin;
 constexpr double kRightAngle_deg = 90, kRadiansPerDegree = std::numbers::pi / 180;
 /// Quotients of degrees are meant as whole numbers if they are this near to one.
 constexpr double kWholeSlack = 1e-9;
+constexpr int kMostYaws = 256;
 
 std::string text(double value) {
   std::array<char, 32> buffer;
@@ -142,11 +143,10 @@ std::string pitchAdvice(const OrientationSet& set, int rings, int num_directions
   std::string advice;
   if (directions >= 4)
     advice = std::to_string(directions) + " yaw directions (--directions " + std::to_string(directions) + ")";
-  if (fitting > 1) {
-    const double step_deg = std::ceil((set.pitch_max_deg - set.pitch_min_deg) / (fitting - 1) * 100) / 100;
-    advice += (advice.empty() ? "" : " or ") + std::string("a STEP of ") + text(step_deg) + " degrees";
-  }
-  return advice.empty() ? "Use fewer yaw directions (--directions) and a larger STEP" : "Use " + advice;
+  static_assert(OrientationSet::kMost > 2 * kMostYaws, "some rings fit, whatever the number of yaws");
+  const double step_deg = std::ceil((set.pitch_max_deg - set.pitch_min_deg) / (fitting - 1) * 100) / 100;
+  advice += (advice.empty() ? "" : " or ") + std::string("a STEP of ") + text(step_deg) + " degrees";
+  return "Use " + advice;
 }
 
 void requireRange(const OrientationSet& set, int num_directions) {
@@ -165,7 +165,7 @@ void requireRange(const OrientationSet& set, int num_directions) {
     refuseRange("a step of " + text(set.step_deg) + " degrees", "Use a STEP of 1 .. 90 degrees");
   }
   if (set.kind == OrientationKind::List && set.list.empty()) refuseRange("an empty list", "List at least one");
-  if (!within(num_directions, 4, OrientationSet::kMost)) {
+  if (!within(num_directions, 4, kMostYaws)) {
     refuseRange(std::to_string(num_directions) + " yaw directions", "Use 4 .. 256");
   }
 }
@@ -247,7 +247,7 @@ std::vector<ToolOrientation> OrientationSet::orientations(int num_directions) co
       const std::vector<Ring> rings = pitchRings(*this, num_directions);
       const int count = static_cast<int>(rings.size()), size = sizeOf(rings);
       if (size > kMost) {
-        refuse(count < 4 * kMost ? std::to_string(size) : "more than a thousand",
+        refuse(count < 4 * kMost ? std::to_string(size) : "more than " + std::to_string(4 * kMost),
                pitchAdvice(*this, count, num_directions));
       }
       for (const Ring& ring : rings) addRing(ring, all);

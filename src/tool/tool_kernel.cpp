@@ -58,6 +58,16 @@ double fewestColumns(const ToolGeometry& tool, double voxel_size_m, const Approa
   return ground_m2 / (voxel_size_m * voxel_size_m) * approach.num_directions;
 }
 
+/// The least STEP, in whole quarters of a degree, with which the tables over a sphere fit. @param columns  with that of
+/// now, about evenly over all directions
+double fittingStep_deg(const ApproachParams& approach, double columns) {
+  const double each = columns / approach.directionCount();
+  OrientationSet set = approach.orientations;
+  set.step_deg = std::ceil(4 * set.step_deg) / 4;
+  while (set.step_deg < 90 && each * set.count(approach.num_directions) > kMaxColumns) set.step_deg += 0.25;
+  return set.step_deg;
+}
+
 /// @param columns  number for all directions, or an estimate
 [[noreturn]] void refuseColumns(const ToolGeometry& tool, const FieldParams& resolved, int rolls, double columns) {
   const double voxel_size_m = resolved.tsdf.voxel_size_m;
@@ -70,15 +80,17 @@ double fewestColumns(const ToolGeometry& tool, double voxel_size_m, const Approa
   };
   // Columns grow at least with the square of 1 / v. Rounded up to whole tenths of a millimetre.
   const double fits_m = std::ceil(voxel_size_m * std::sqrt(columns / kMaxColumns) * 1e4) * 1e-4;
-  const bool rings =
-      approach.orientations.kind == OrientationKind::Sphere || approach.orientations.kind == OrientationKind::Pitch;
+  std::string fewer = "fewer directions, ";
+  if (approach.orientations.kind == OrientationKind::Pitch) fewer = "a larger STEP of --orientations, ";
+  if (approach.orientations.kind == OrientationKind::Sphere) {
+    fewer = "a STEP of --orientations of " + text(fittingStep_deg(approach, columns), "%g") + " degrees or larger, ";
+  }
   throw ResourceLimit("tool.columns", tool.name(),
                       "at a voxel size of " + text(voxel_size_m, "%.6g") +
                           " m the tool's tables for all directions take " +
                           text(columns * sizeof(kernels::VoxelColumn) / kGiB, "%.1f") + " GiB; at most " +
                           text(kMaxColumns * sizeof(kernels::VoxelColumn) / kGiB, "%.0f") + " GiB can be handled",
-                      "Use --voxel " + text(fits_m, "%.6g") + " or larger, " +
-                          (rings ? "a larger STEP of --orientations, " : "fewer directions, ") +
+                      "Use --voxel " + text(fits_m, "%.6g") + " or larger, " + fewer +
                           (rolls > 1 ? "fewer --rolls than " + std::to_string(rolls) + " " : "") + "or a smaller tool");
 }
 

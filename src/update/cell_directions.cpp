@@ -71,7 +71,7 @@ CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_dire
   std::vector<DirectionMask> masks(entries);
   for (int d = 0; d < num_directions; ++d) {
     // All parts of a direction: what is freed in the union of its rolls takes at most one from their minimum.
-    const int first = d * tool.parts;
+    const int first = d * tool.parts, mark = kernels::isWide(num_directions) ? 0 : d;
     for (std::uint32_t n = tool.column_begin[first]; n < tool.column_begin[first + tool.parts]; ++n) {
       const Ends ends = endsOf(tool.columns[n]);
       for (std::int32_t x = firstCell(ends.bottom[0]); x <= lastCell(ends.top[0]); ++x) {
@@ -80,7 +80,7 @@ CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_dire
               static_cast<std::size_t>((x - low_[0]) * size_[1] + (y - low_[1])) * static_cast<std::size_t>(size_[2]) +
               static_cast<std::size_t>(firstCell(ends.bottom[2]) - low_[2]);
           for (std::int32_t z = firstCell(ends.bottom[2]); z <= lastCell(ends.top[2]); ++z, ++at) {
-            masks[at].set(d);
+            masks[at].set(mark);
           }
         }
       }

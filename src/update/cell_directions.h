@@ -15,6 +15,7 @@ namespace accessvdb::internal {
 
 class CellDirections {
  public:
+  /// Of a wide set (kernels::isWide), direction 0 stands for all of them.
   /// Empty if the table would exceed `most_bytes`, and for tools tested by samples (their voxels depend on where in its
   /// voxel the point lies). @param group_log2  same as for LeafFootprint
   /// @param as_sets  for directions of any kind; else they are yaws in order

@@ -15,6 +15,7 @@ constexpr std::int32_t kMostReach = 96;  // the table has 1.2 MB then; with smal
 }  // namespace
 
 CorridorOffsets::CorridorOffsets(const kernels::ApproachView& approach, double voxel_size_m) {
+  if (kernels::isWide(approach.num_directions)) return;
   const auto samples = static_cast<std::size_t>(approach.num_directions) * static_cast<std::size_t>(approach.num_arm);
   const auto voxels = [&](std::size_t n, std::size_t axis) {
     return static_cast<double>(approach.arm_offsets[3 * n + axis]) / voxel_size_m;

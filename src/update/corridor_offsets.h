@@ -17,7 +17,7 @@ namespace accessvdb::internal {
 
 class CorridorOffsets {
  public:
-  /// Empty if samples lie above or below the point, or if the table would exceed a few megabytes.
+  /// Empty if samples lie above or below the point, if the table would exceed a few megabytes, and for wide sets.
   CorridorOffsets(const kernels::ApproachView& approach, double voxel_size_m);
 
   [[nodiscard]] bool empty() const { return table_.empty(); }

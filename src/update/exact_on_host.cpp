@@ -371,6 +371,7 @@ class ExactOnHost final : public UpdateScheduler {
 std::unique_ptr<UpdateScheduler> makeExactOnHost(PointScorer& scorer, const HostTables& tables,
                                                  std::shared_ptr<ScanChanges> changes) {
   if (!changes) changes = std::make_shared<ScanChanges>(scorer);
+  if (kernels::isWide(tables.approach.num_directions)) return makeWideOnHost(scorer, tables, std::move(changes));
   return std::make_unique<ExactOnHost>(scorer, tables.tool, tables.approach, std::move(changes));
 }
 

@@ -124,12 +124,12 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
       }
     }
   };
-  const bool by_leaf = approach.axes_xyz != nullptr;
+  const bool by_leaf = approach.axes_xyz != nullptr, wide = kernels::isWide(approach.num_directions);
   const auto make = [&](const auto& forEach, Part& part) {
     OffsetsBox box;
     forEach([&](int, const Index3& low, const Index3& high) { box.add(low, high); });
     FootprintBuilder builder(box.low, box.high, (1 << group_log2) - 1);
-    forEach([&](int d, const Index3& low, const Index3& high) { builder.add(d, low, high); });
+    forEach([&](int d, const Index3& low, const Index3& high) { builder.add(wide ? 0 : d, low, high); });
     builder.spread();
     builder.forEachStack([&](std::int32_t x, std::int32_t y, std::span<const DirectionMask> masks) {
       std::size_t begin = 0, end = masks.size();

@@ -22,6 +22,7 @@ using AffectedDirections = kernels::GroupMasks;
 
 class LeafFootprint {
  public:
+  /// Of a wide set (kernels::isWide), direction 0 stands for all of them.
   /// @param tool, approach  host-side tables
   /// @param group_log2  points lie anywhere in a group of blocks, a cube with an edge of 2^group_log2 leaves, and
   /// columns are relative to its first leaf; 0: anywhere in a block

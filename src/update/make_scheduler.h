@@ -28,6 +28,9 @@ std::unique_ptr<UpdateScheduler> makeScheduler(PointScorer& scorer, const HostTa
 ///                 one of changes->scorer() has to be told of scans and updated before the others
 std::unique_ptr<UpdateScheduler> makeExactOnHost(PointScorer& scorer, const HostTables& tables,
                                                  std::shared_ptr<ScanChanges> changes = nullptr);
+/// The same for a wide set of directions (hostdev/wide_search.h).
+std::unique_ptr<UpdateScheduler> makeWideOnHost(PointScorer& scorer, const HostTables& tables,
+                                                std::shared_ptr<ScanChanges> changes);
 /// A tool beside the first of a scheduler on a device, tried in the same directions.
 struct FurtherTool {
   PointScorer& scorer;  ///< of the first one's points, new

@@ -80,14 +80,15 @@ void PointScorer::refreshTouched(std::vector<std::uint32_t> touched) {
 
 PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids) {
   std::vector<Neighbourhood> found(ids.size());
-  search_.compute(ids, found);
+  search_.compute(ids, found, points_.isWide() ? device_.view().seen : nullptr);
   const std::size_t tasks = (ids.size() + kScoredPerTask - 1) / kScoredPerTask;
   std::vector<Changed> of_task(tasks);
   tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
     Changed& changed = of_task[task];
     for (std::size_t n = task * kScoredPerTask; n < std::min(ids.size(), (task + 1) * kScoredPerTask); ++n) {
       PointRecord& record = records_[ids[n]];
-      if (!record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen)) {
+      if (!record.has_neighbourhood || record.normal_L != found[n].normal_L || !(record.seen == found[n].seen) ||
+          found[n].wide_views_changed) {
         changed.ids.push_back(ids[n]);
         changed.before.push_back({{record.normal_L.x(), record.normal_L.y(), record.normal_L.z()}, record.seen});
       }
@@ -115,6 +116,10 @@ void PointScorer::adopt(const PointScorer& from, std::span<const std::uint32_t> 
       mine.seen = theirs.seen;
       mine.weight = theirs.weight;
       mine.has_neighbourhood = theirs.has_neighbourhood;
+      if (points_.isWide()) {
+        const auto words = static_cast<std::size_t>(points_.directionWords());
+        std::copy_n(from.device_.view().seen + words * ids[n], words, device_.view().seen + words * ids[n]);
+      }
     }
   });
   std::vector<std::uint32_t> known(ids.begin(), ids.end());

@@ -49,7 +49,7 @@ struct ScoringTables {
 struct PointRecord {
   Eigen::Vector3f normal_L = {0, 0, 0};
   float reach_m = 0;        ///< Neighbourhood::reach_m
-  DirectionMask seen = {};  ///< joined
+  DirectionMask seen = {};  ///< joined; of a wide set empty, and DevicePoints has them
   std::uint16_t weight = 0;
   std::uint16_t score = kNoScore, direction = kNoDirection;
   PointLabel label = PointLabel::Unscored;

@@ -83,8 +83,9 @@ TEST_F(ExitCodes, Orientations) {
     SCOPED_TRACE(text);
     expectFailure({"--orientations", text}, 2, "orientations.range");
   }
-  expectFailure({"--orientations", "sphere:10"}, 5, "orientations.count");
-  expectFailure({"--orientations", "pitch:-30:30:10"}, 5, "orientations.count");
+  expectFailure({"--orientations", "sphere:3"}, 5, "orientations.count");
+  expectFailure({"--orientations", "pitch:-90:90:5"}, 5, "orientations.count");
+  expectFailure({"--orientations", "sphere:10", "--device", "cuda"}, 5, "orientations.device");
   expectFailure({"--orientations", "sphere:15", "--profile", "paper"}, 2, "orientations.policy");
   expectFailure({"--orientations", "sphere:15", "--policy", "paper"}, 2, "orientations.policy");
   expectFailure({"--rolls", "65"}, 2, "config.range");
@@ -100,7 +101,7 @@ TEST_F(ExitCodes, Orientations) {
     expectFailure({"--orientations", "list:" + path(name)}, 3, "orientations.malformed");
   }
   std::string many = "yaw pitch roll\n";
-  for (int n = 0; n < 1000; ++n) many += std::to_string(n * 0.25) + " 0 0\n";
+  for (int n = 0; n < 5000; ++n) many += std::to_string(n * 0.05) + " 0 0\n";
   writeText("many.txt", many);
   expectFailure({"--orientations", "list:" + path("many.txt")}, 5, "orientations.count");
 }
@@ -194,6 +195,25 @@ TEST_F(ExitCodes, MemoryLimitNamesAVoxelThatFits) {
   EXPECT_EQ(runProgram(mapArguments({"--max-memory", "193M", "--voxel", voxel[1]})).exit_code, 0);
   std::filesystem::remove_all(folder_ / "out");
   expectFailure(limit, 5, "limit.memory");
+}
+
+/// Of a sphere also the STEP, at the same voxel size; the advice is followed.
+TEST_F(ExitCodes, MemoryLimitNamesAStepThatFits) {
+  const auto run = [&](const std::string& orientations) {
+    std::vector<std::string> arguments = mapArguments({"--voxel", "0.05", "--max-memory", "300M", "--tiles", "off",
+                                                       "--device", "cpu", "--orientations", orientations});
+    *(std::find(arguments.begin(), arguments.end(), "--tool") + 1) = "builtin:pruner";
+    return runProgram(arguments);
+  };
+  const ProgramResult result = run("sphere:3.8");
+  EXPECT_EQ(result.exit_code, 5) << result.err;
+  expectOneErrorLine(result, "limit.memory");
+  std::smatch step;
+  ASSERT_TRUE(std::regex_search(result.err, step, std::regex("a STEP of ([0-9.]+) degrees in --orientations sphere")))
+      << result.err;
+  EXPECT_GT(std::stod(step[1]), 3.8);
+  const ProgramResult fitting = run("sphere:" + step[1].str());
+  EXPECT_EQ(fitting.exit_code, 0) << fitting.err;
 }
 
 TEST_F(ExitCodes, DeviceThatIsNotThere) {

@@ -116,6 +116,40 @@ TEST_F(MapOutputs, OfRollsNameThem) {
   EXPECT_NE(config.out.find("rolls = 4"), std::string::npos) << config.out;
 }
 
+/// Indices above a byte in the files, in a saved state and in the answers.
+TEST_F(MapOutputs, OfMoreDirectionsThanAMaskHolds) {
+  const std::vector<std::string> wide = {"--orientations", "sphere:5", "--device", "cpu"};
+  std::vector<std::string> saved = wide;
+  saved.insert(saved.end(), {"--checkpoint", path("state")});
+  const ProgramResult first = runProgram(mapArguments(saved));
+  ASSERT_EQ(first.exit_code, 0) << first.err;
+  const std::string ply = readText("out/points.ply"), end = "\nproperty ushort orientation\nend_header\n";
+  const std::size_t body = ply.find(end);
+  ASSERT_NE(body, std::string::npos);
+  const std::size_t count = std::stoul(ply.substr(ply.find("element vertex ") + 15));
+  const std::size_t each = (ply.size() - body - end.size()) / count;
+  ASSERT_EQ(body + end.size() + count * each, ply.size());
+  std::size_t beyond = 0;
+  for (std::size_t n = 0; n < count; ++n) {
+    const std::size_t at = body + end.size() + (n + 1) * each - 2;  // the last column, little endian
+    const unsigned orientation =
+        static_cast<unsigned char>(ply[at]) | static_cast<unsigned>(static_cast<unsigned char>(ply[at + 1])) << 8;
+    EXPECT_TRUE(orientation < 1666 || orientation == 65535) << orientation;
+    beyond += orientation > 255 && orientation < 1666 ? 1 : 0;
+  }
+  EXPECT_GT(beyond, 10u);
+  std::vector<std::string> resumed = wide;
+  resumed.insert(resumed.end(), {"--resume", path("state")});
+  ASSERT_EQ(runProgram(mapArguments(resumed)).exit_code, 0);
+  EXPECT_EQ(readText("out/points.ply"), ply);
+  const std::vector<std::string> arguments = mapArguments();
+  const std::string tool = *(std::find(arguments.begin(), arguments.end(), "--tool") + 1);
+  const ProgramResult why = runProgram({"query", "--map", path("state"), "--device", "cpu", "--tool", tool, "--at",
+                                        "2,0.1,0", "--access-map", path("why.png"), "--json"});
+  ASSERT_EQ(why.exit_code, 0) << why.err;
+  EXPECT_EQ(json::parse(why.out).at("directions").size(), 1666u);
+}
+
 TEST_F(MapOutputs, AccessMapSaysWhatStopsEachDirection) {
   ASSERT_EQ(runProgram(mapArguments({"--orientations", "sphere:30", "--checkpoint", path("state")})).exit_code, 0);
   const auto query = [&](const std::string& map, const std::vector<std::string>& more) {

@@ -135,7 +135,7 @@ TEST(CApiParity, OrientationsAreThoseOfTheText) {
   ASSERT_EQ(accessvdb_tool_builtin("builtin:pruner", &tool, &error), ACCESSVDB_OK);
   for (const auto& [bad, code, id] : {std::tuple{"all", ACCESSVDB_ERROR_USAGE, "orientations.text"},
                                       {"sphere:0", ACCESSVDB_ERROR_USAGE, "orientations.range"},
-                                      {"sphere:5", ACCESSVDB_ERROR_RESOURCE, "orientations.count"},
+                                      {"sphere:3", ACCESSVDB_ERROR_RESOURCE, "orientations.count"},
                                       {"list:/nowhere/list.txt", ACCESSVDB_ERROR_INPUT, "input.missing"}}) {
     params.orientations = bad;
     EXPECT_EQ(accessvdb_field_create(tool, &params, &field, &error), static_cast<int>(code)) << bad;

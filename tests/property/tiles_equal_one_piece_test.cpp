@@ -247,6 +247,14 @@ INSTANTIATE_TEST_SUITE_P(
                    p.approach.orientations = OrientationSet::sphere(12.5);
                    p.approach.rolls = 1;
                  }},
+        Case{.name = "wide",
+             .seed = 12,
+             .voxel_size_m = 0.08,
+             .change =
+                 [](FieldParams& p) {
+                   p.approach.orientations = OrientationSet::sphere(10);
+                   p.approach.rolls = 2;
+                 }},
         Case{.name = "rolls",
              .seed = 11,
              .tool = "lopsided",

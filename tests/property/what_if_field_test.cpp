@@ -94,6 +94,29 @@ TEST(WhatIf, EqualsRemovingFromACopy) {
   EXPECT_GT(all.doubtful, 5u);
 }
 
+/// With more directions than a mask holds, leaves and cells only tell whether a point is to be tried.
+TEST(WhatIf, OfAWideSetEqualsRemovingFromACopy) {
+  Compared all;
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    SCOPED_TRACE("seed " + std::to_string(seed));
+    FieldParams params = paramsFor(seed);
+    params.approach.orientations = seed % 2 == 0 ? OrientationSet::sphere(9) : OrientationSet::pitch(-40, 40, 16);
+    params.approach.rolls = seed % 2 == 0 ? 2 : 1;
+    params.backend = BackendKind::Cpu;
+    ASSERT_GT(params.approach.directionCount(), 256);
+    AccessibilityField field(toolFor(seed), params);
+    for (const Scan& scan : wallScans(seed, 5, 900)) field.integrateScan(scan.points_S, scan.T_W_S);
+    field.update();
+    const auto compared = expectEqualsRemoving(field, {randomRegion(seed, field.snapshot())});
+    if (HasFailure()) return;
+    if (!compared) continue;
+    all.opened += compared->opened;
+    all.tried += compared->tried;
+  }
+  EXPECT_GT(all.opened, 10u);
+  EXPECT_GT(all.tried, 2 * all.opened);
+}
+
 /// A level bar far before a wall, seen from above and below: only the corridor of a short tool reads it. Steep
 /// directions pass it, but there the tool meets the wall.
 TEST(WhatIf, OpensCorridors) {

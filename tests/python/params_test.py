@@ -184,7 +184,7 @@ class Params(unittest.TestCase):
         with self.assertRaises(accessvdb.InvalidArgument):
             accessvdb.FieldParams(approach={"orientations": "sphere:0"}).resolved()
         with self.assertRaises(accessvdb.ResourceLimit):
-            accessvdb.FieldParams(approach={"orientations": "sphere:5"}).resolved()
+            accessvdb.FieldParams(approach={"orientations": "sphere:3"}).resolved()
 
     def test_parts_are_references(self):
         params = accessvdb.FieldParams()

@@ -5,6 +5,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <thread>
 #include <utility>
@@ -139,6 +140,27 @@ double smallestFittingVoxel_m(MapOptions options, const std::vector<ToolSpec>& t
   return voxel_m;
 }
 
+/// The least STEP over the sphere, in whole quarters of a degree, with which the run fits at its voxel size.
+/// @return 0 if none does, or no tool is tried over a sphere
+double smallestFittingStep_deg(std::vector<ToolSpec> tools, const FieldParams& params, MemoryPrediction prediction,
+                               const std::function<double(const MemoryPrediction&)>& bytesOf, double limit) {
+  constexpr double kLargest_deg = 90, kGrowth = 1.2;
+  double step_deg = kLargest_deg;
+  for (const ToolSpec& tool : tools) {
+    if (tool.orientations.kind == OrientationKind::Sphere) step_deg = std::min(step_deg, tool.orientations.step_deg);
+  }
+  while (step_deg < kLargest_deg) {
+    step_deg = std::min(kLargest_deg, std::ceil(4 * kGrowth * step_deg) / 4);
+    for (ToolSpec& tool : tools) {
+      OrientationSet& set = tool.orientations;
+      if (set.kind == OrientationKind::Sphere) set.step_deg = std::max(set.step_deg, step_deg);
+    }
+    prediction.remembered_directions = rememberedDirections(tools, params);
+    if (peakBytes(bytesOf(prediction), toolTableBytes(tools, params)) <= limit) return step_deg;
+  }
+  return 0;
+}
+
 /// The largest tiles that fit, by the same sample. 0 if even the smallest do not.
 class TileChoice {
  public:
@@ -265,11 +287,15 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const std::vec
     if (check.tile_voxels > 0) return check;
   }
   const double voxel_m = smallestFittingVoxel_m(options, tools, noise_m, sample, output, prediction, limit);
+  std::string advice = voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits" +
+                                         (tiles ? " in one piece" : "")
+                                   : "No voxel size fits: allow more memory";
+  const double step_deg = smallestFittingStep_deg(
+      tools, params, prediction,
+      [&](const MemoryPrediction& of_step) { return of_step.bytes(output, options.mirror_distance); }, limit);
+  if (step_deg > 0) advice += ", or a STEP of " + numberText(step_deg) + " degrees in --orientations sphere";
   throw ResourceLimit("limit.memory", limited ? "--max-memory " + options.max_memory : std::string("memory"),
-                      "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit),
-                      voxel_m > 0 ? "Use --voxel " + numberText(voxel_m) + " or larger, the smallest that fits" +
-                                        (tiles ? " in one piece" : "")
-                                  : "No voxel size fits: allow more memory");
+                      "the run needs about " + bytesInWords(predicted) + ", more than " + bytesInWords(limit), advice);
 }
 
 }  // namespace accessvdb::tools

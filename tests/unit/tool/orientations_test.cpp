@@ -57,7 +57,9 @@ TEST(Orientations, AreAsManyAsDocumented) {
   EXPECT_EQ(count("sphere:12.5"), 254);
   EXPECT_EQ(count("sphere:90"), 6);
   EXPECT_EQ(count("pitch:0:0:1"), 180);
+  EXPECT_EQ(count("sphere:3.8", 180), 2906);
   EXPECT_EQ(count("pitch:-30:30:10", 36), 252);
+  EXPECT_EQ(count("pitch:-30:30:10", 180), 1260);
   EXPECT_EQ(count("pitch:0:90:45", 36), 73);             // straight down once
   EXPECT_EQ(count("pitch:-30:35:10", 8), 56);            // up to 30
   EXPECT_EQ(count("pitch:0:0.3:0.1", 4), 16);            // 0.3 / 0.1 is just below 3
@@ -66,6 +68,7 @@ TEST(Orientations, AreAsManyAsDocumented) {
 
 TEST(Orientations, AreThoseOfPlainTrigonometry) {
   for (const auto& [text, num_directions] : {std::pair{"sphere:12.5", 180},
+                                             {"sphere:3.8", 180},
                                              {"sphere:15", 36},
                                              {"sphere:90", 36},
                                              {"sphere:33", 4},
@@ -220,20 +223,21 @@ TEST(Orientations, SayWhatWouldFit) {
     }
     return std::string("fits");
   };
-  EXPECT_EQ(adviceOf("sphere:10", 180), "Use sphere:12.5 or a larger step");
-  EXPECT_EQ(adviceOf("sphere:12.5", 180), "fits");
-  EXPECT_EQ(adviceOf("sphere:12.25", 180), "Use sphere:12.5 or a larger step");
-  const std::string with_yaw = adviceOf("sphere:15+yaw", 180);
+  EXPECT_EQ(adviceOf("sphere:3", 180), "Use sphere:3.25 or a larger step");
+  EXPECT_EQ(adviceOf("sphere:3.25", 180), "fits");
+  EXPECT_EQ(adviceOf("sphere:3.1", 180), "Use sphere:3.25 or a larger step");
+  const std::string with_yaw = adviceOf("sphere:3.2+yaw", 180);
   ASSERT_TRUE(with_yaw.starts_with("Use sphere:"));
   const std::string fitting = with_yaw.substr(4, with_yaw.find(' ', 4) - 4);
   EXPECT_EQ(adviceOf(fitting, 180), "fits") << fitting;
-  EXPECT_EQ(adviceOf("pitch:-30:30:10", 180), "Use 36 yaw directions (--directions 36)");
-  EXPECT_EQ(adviceOf("pitch:-30:30:10", 36), "fits");
-  EXPECT_EQ(adviceOf("pitch:-30:30:10", 60), "Use 36 yaw directions (--directions 36) or a STEP of 20 degrees");
-  EXPECT_EQ(adviceOf("pitch:-30:30:20", 60), "fits");
-  EXPECT_EQ(adviceOf("pitch:-90:90:0.01", 4), "Use a STEP of 2.86 degrees");
-  EXPECT_EQ(adviceOf("pitch:-90:90:2.86", 4), "fits");
-  EXPECT_EQ(adviceOf("pitch:-80:80:0.1", 180), "Use fewer yaw directions (--directions) and a larger STEP");
+  EXPECT_EQ(adviceOf("pitch:-30:30:10", 180), "fits");
+  EXPECT_EQ(adviceOf("pitch:-90:90:5", 180), "Use 108 yaw directions (--directions 108) or a STEP of 8.58 degrees");
+  EXPECT_EQ(adviceOf("pitch:-90:90:5", 108), "fits");
+  EXPECT_EQ(adviceOf("pitch:-90:90:8.58", 180), "fits");
+  EXPECT_EQ(adviceOf("pitch:-90:90:0.01", 4), "Use a STEP of 0.18 degrees");
+  EXPECT_EQ(adviceOf("pitch:-90:90:0.18", 4), "fits");
+  EXPECT_EQ(adviceOf("pitch:-80:80:0.1", 180), "Use a STEP of 7.62 degrees");
+  EXPECT_EQ(adviceOf("pitch:-80:80:7.62", 180), "fits");
 }
 
 class OrientationList : public testing::Test {
@@ -277,7 +281,7 @@ TEST_F(OrientationList, RefusesWhatIsNone) {
   EXPECT_EQ(failureOfList("yaw pitch roll\n0 0 " + std::string(100000, '0')), malformed);
   EXPECT_EQ(failureOfList(std::string(1000, '\0')), malformed);
   std::string many = "yaw pitch roll\n";
-  for (int n = 0; n < 1'000'000; ++n) many += std::to_string(n % 360) + " " + std::to_string(n % 90) + " 0\n";
+  for (int n = 0; n < 1'000'000; ++n) many += std::to_string(n % 360) + " " + std::to_string(n % 89) + " 0\n";
   EXPECT_EQ(failureOfList(many), count);
   std::string repeated = "yaw pitch roll\n";
   for (int n = 0; n < 1'000'000; ++n) repeated += "1 2 3\n";

@@ -1,0 +1,212 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Exact updates of a wide set of directions (hostdev/wide_search.h), in the simplest way that is right: nothing is
+/// remembered of a point's directions but the best one, and a point is searched from the beginning once it changed or a
+/// flip lies where any direction reads. So everything that is stored equals a full evaluation of the current map.
+///
+/// One case needs no search: where flips can only hurt, the best direction of an accessible point stays the best one as
+/// long as it keeps its count.
+#include <tbb/enumerable_thread_specific.h>
+#include <tbb/parallel_for.h>
+#include <tbb/parallel_sort.h>
+
+#include <algorithm>
+#include <utility>
+#include <vector>
+
+#include "launch/stopwatch.h"
+#include "update/backlog.h"
+#include "update/flip_columns.h"
+#include "update/leaf_footprint.h"
+#include "update/make_scheduler.h"
+#include "update/scan_changes.h"
+
+namespace accessvdb::internal {
+namespace {
+
+/// Items and results of this many points are held at a time.
+constexpr std::size_t kPointsAtOnce = 1 << 16;
+
+/// Why a point is due.
+enum DueBecause : std::uint8_t {
+  kMapFlipped = 1,          ///< the map around it changed
+  kPointChanged = 2,        ///< its normal or its views did
+  kFlippedOnlyForWorse = 4  ///< no flip can help
+};
+
+class WideOnHost final : public UpdateScheduler {
+ public:
+  WideOnHost(PointScorer& scorer, const HostTables& tables, std::shared_ptr<ScanChanges> changes)
+      : scorer_(scorer),
+        changes_(std::move(changes)),
+        footprint_(tables.tool, tables.approach, scorer.params().tsdf.voxel_size_m, 0) {
+    changes_->addReader();
+  }
+
+  void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
+                   std::span<const Eigen::Vector3f>) override {
+    if (leads()) changes_->noteReturns(touched);
+  }
+  void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
+                   const MapChanges& changes) override {
+    if (leads()) changes_->noteFlips(changes.facts);
+  }
+
+  UpdateStats update(const ScoringTables& tables) override {
+    UpdateStats stats;
+    changes_->refresh();
+    if (!leads()) {
+      scorer_.grow();
+      scorer_.adopt(changes_->scorer(), changes_->touched());
+      scorer_.adopt(changes_->scorer(), changes_->changed().ids);
+    }
+    const kernels::Stopwatch scoring;
+    std::vector<DuePoint> due = findDue();
+    stats.moved_points = stats.dirty_points = leads() ? changes_->movedPoints() : 0;
+    changes_->finish();
+    if (const int budget_points = scorer_.params().update.budget_points; budget_points > 0) {
+      due = takeTurn(due, budget_points);
+    }
+    for (std::size_t first = 0; first < due.size(); first += kPointsAtOnce) {
+      evaluate(std::span(due).subspan(first, std::min(kPointsAtOnce, due.size() - first)), tables, stats);
+    }
+    stats.backlog = backlog_.size();
+    stats.score_ms = scoring.milliseconds();
+    return stats;
+  }
+
+  std::uint64_t bytes() const override { return backlog_.bytes() + (leads() ? changes_->bytes() : 0); }
+
+ private:
+  struct DuePoint {
+    std::uint32_t id;
+    std::uint8_t asked;
+  };
+  struct Found {
+    FlipColumns flips;
+    std::vector<std::uint32_t> blocks;  ///< of one cell
+    std::vector<DuePoint> due;
+  };
+
+  /// Of several schedulers that share changes, one is told of them.
+  [[nodiscard]] bool leads() const { return &changes_->scorer() == &scorer_; }
+
+  /// Points that changed themselves first, both by id.
+  [[nodiscard]] std::vector<DuePoint> findDue() const {
+    std::vector<DuePoint> all;
+    if (changes_->changed().ids.empty() && changes_->flips().empty()) return all;
+    tbb::enumerable_thread_specific<Found> found;
+    tbb::parallel_for(std::uint32_t{0}, scorer_.points().index().cells(),
+                      [&](std::uint32_t cell) { takeCell(cell, found.local()); });
+    for (const Found& part : found) all.insert(all.end(), part.due.begin(), part.due.end());
+    tbb::parallel_sort(all.begin(), all.end(), [](const DuePoint& a, const DuePoint& b) {
+      const bool a_itself = (a.asked & kPointChanged) != 0, b_itself = (b.asked & kPointChanged) != 0;
+      return a_itself != b_itself ? a_itself : a.id < b.id;
+    });
+    return all;
+  }
+
+  void takeCell(std::uint32_t cell, Found& found) const {
+    const SurfaceIndex& index = scorer_.points().index();
+    found.blocks.clear();
+    bool any_changed = false;
+    Index3 low = {}, high = {};  // leaves that points of the cell read
+    for (std::size_t bit = 0; bit < 512; ++bit) {
+      const std::uint32_t b = index.blockIn(cell, bit);
+      if (b == kNone || !changes_->anyScoredIn(b)) continue;
+      const Index3& leaf = index.blocks()[b].leaf;
+      for (std::size_t axis = 0; axis < 3; ++axis) {
+        const std::int32_t first = leaf[axis] + footprint_.low()[axis], last = leaf[axis] + footprint_.high()[axis];
+        low[axis] = found.blocks.empty() ? first : std::min(low[axis], first);
+        high[axis] = found.blocks.empty() ? last : std::max(high[axis], last);
+      }
+      found.blocks.push_back(b);
+      any_changed = any_changed || changes_->changedIn(b);
+    }
+    if (found.blocks.empty()) return;
+    const bool flipped = !changes_->flips().empty() && found.flips.fill(changes_->flips(), low, high);
+    if (!flipped && !any_changed) return;
+    for (const std::uint32_t b : found.blocks) takeBlock(b, flipped, found);
+  }
+
+  void takeBlock(std::uint32_t b, bool flipped, Found& found) const {
+    const PointBlock& block = scorer_.points().index().blocks()[b];
+    const FlipsRead read = flipped ? flipsRead(block.leaf, found.flips) : FlipsRead{};
+    for (const std::uint32_t id : block.ids) {
+      const bool changed = changes_->indexOf(id) != kNone;
+      const bool scored = scorer_.record(id).label != PointLabel::Unscored;
+      int asked = changed ? kPointChanged : 0;
+      if (scored && read.any) asked |= kMapFlipped;
+      if (asked == kMapFlipped && !read.better) asked |= kFlippedOnlyForWorse;
+      if (asked != 0) found.due.push_back({id, static_cast<std::uint8_t>(asked)});
+    }
+  }
+
+  /// What flipped where directions of a block's points read.
+  struct FlipsRead {
+    bool any = false, better = false;  ///< better: it may help one of them
+  };
+  [[nodiscard]] FlipsRead flipsRead(const Index3& leaf, const FlipColumns& flips) const {
+    const auto kindsOf = [&](std::span<const kernels::FootprintColumn> columns) {
+      int kinds = 0;
+      for (const kernels::FootprintColumn& column : columns) {
+        const std::int32_t x = leaf[0] + column.dx, y = leaf[1] + column.dy;
+        if (any(column.directions) && flips.anyIn(x, y)) {
+          kinds |= flips.kindsIn(x, y, leaf[2] + column.z_low, leaf[2] + column.z_high);
+        }
+      }
+      return kinds;
+    };
+    // A corridor that stays blocked may be blocked for another reason: collisions count there, too.
+    const int tool = kindsOf(footprint_.toolColumns()) & (bitOf(FlipKind::CollidesOff) | bitOf(FlipKind::CollidesOn));
+    const int arm = kindsOf(footprint_.armColumns());
+    return {(tool | arm) != 0, (tool & bitOf(FlipKind::CollidesOff)) != 0 || (arm & bitOf(FlipKind::ArmFreeOn)) != 0};
+  }
+
+  /// Those whose turn has come, of all that wait. What happened while they waited is not known any more.
+  [[nodiscard]] std::vector<DuePoint> takeTurn(const std::vector<DuePoint>& due, int budget_points) {
+    backlog_.grow(scorer_.points().size());
+    for (const DuePoint& point : due)
+      backlog_.ask(point.id, static_cast<std::uint8_t>(point.asked & ~kFlippedOnlyForWorse));
+    const Backlog::Turn turn = backlog_.take(budget_points);
+    std::vector<DuePoint> taken;
+    for (std::size_t n = 0; n < turn.ids.size(); ++n) taken.push_back({turn.ids[n], turn.asked[n]});
+    return taken;
+  }
+
+  void evaluate(std::span<const DuePoint> due, const ScoringTables& tables, UpdateStats& stats) {
+    std::vector<kernels::ScoreItem> items(due.size());
+    std::vector<PointLabel> before(due.size());
+    for (std::size_t n = 0; n < due.size(); ++n) {
+      const PointRecord& record = scorer_.record(due[n].id);
+      before[n] = record.label;
+      items[n].id = due[n].id;
+      items[n].evidence = (due[n].asked & kPointChanged) != 0 ? 1 : 0;
+      if ((due[n].asked & kFlippedOnlyForWorse) == 0 || record.label != PointLabel::Accessible) continue;
+      items[n].only_direction = record.direction;
+      items[n].known_score = record.score;
+      items[n].or_all = 1;
+    }
+    const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables);
+    stats.dirty_points += due.size();
+    for (std::size_t n = 0; n < due.size(); ++n) {
+      stats.direction_tests += results[n].tests;
+      stats.scored_points += results[n].tests > 0 ? 1 : 0;
+      stats.label_changes += results[n].label != before[n] ? 1 : 0;
+    }
+  }
+
+  PointScorer& scorer_;
+  std::shared_ptr<ScanChanges> changes_;
+  LeafFootprint footprint_;
+  Backlog backlog_;
+};
+
+}  // namespace
+
+std::unique_ptr<UpdateScheduler> makeWideOnHost(PointScorer& scorer, const HostTables& tables,
+                                                std::shared_ptr<ScanChanges> changes) {
+  return std::make_unique<WideOnHost>(scorer, tables, std::move(changes));
+}
+
+}  // namespace accessvdb::internal
