@@ -6,10 +6,9 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <numeric>
-
-#include "tsdf/removed_voxels.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -99,6 +98,40 @@ std::vector<OpenedLeaf> GoneCells::takeScan(std::span<const Eigen::Vector3f> p_L
   for (const CellPlace place : passed) refreshFlags(place);
   if (scans_ % kScansBetweenDrops == 0) dropWhatIsDone();
   return std::move(evidence.opened);
+}
+
+void GoneCells::noteRemoved(const VoxelSet& voxels) {
+  grow();
+  for (const LeafVoxels& part : voxels) {
+    const openvdb::Coord& origin = part.origin_ijk;
+    const std::uint32_t number = points_.index().blockAt({origin.x() >> 3, origin.y() >> 3, origin.z() >> 3});
+    if (number == kNone) continue;
+    const PackedLeaf* leaf = map_.tree().probeConstLeaf(origin);
+    const LeafBits& occupied = points_.index().blocks()[number].occupied;
+    const LeafBits collides = leaf == nullptr ? LeafBits{} : map_.collidingIn(*leaf);
+    std::uint32_t removed = 0, left = 0;  // cells with such a point
+    for (std::size_t word = 0; word < occupied.size(); ++word) {
+      for (std::uint64_t bits = occupied[word]; bits != 0; bits &= bits - 1) {
+        const std::uint64_t bit = bits & (~bits + 1);
+        const std::uint32_t cell = 1u << cellOfBit(word << 6 | static_cast<std::size_t>(std::countr_zero(bits)));
+        if ((part.bits[word] & bit) != 0) {
+          removed |= cell;
+        } else if ((collides[word] & bit) != 0) {
+          left |= cell;
+        }
+      }
+    }
+    for (std::uint32_t cells = removed; cells != 0; cells &= cells - 1) {
+      const CellPlace place = {number, static_cast<std::uint32_t>(std::countr_zero(cells))};
+      CellRecord& cell = at(place);
+      const Verdict before = cell.verdict;
+      cell = {};
+      if (before != Verdict::Stands || (left >> place.cell & 1) == 0) cell.verdict = Verdict::Gone;
+      if (cell.verdict == Verdict::Gone && before != Verdict::Gone) gone_.push_back(place);
+      if (cell.verdict == Verdict::Gone) walkAround(place);
+      refreshFlags(place);
+    }
+  }
 }
 
 /// @param passes  ascending  @param passed  receives their cells, each once

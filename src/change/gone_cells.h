@@ -21,6 +21,7 @@
 #include "points/chunked_array.h"
 #include "points/point_store.h"
 #include "tsdf/packed_map.h"
+#include "tsdf/removed_voxels.h"
 
 namespace accessvdb::internal {
 
@@ -34,6 +35,10 @@ class GoneCells {
   /// @return the voxels that its rays open
   std::vector<OpenedLeaf> takeScan(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                                    std::span<const std::uint32_t> touched);
+
+  /// A person says that these voxels are no longer what they were: what was counted in their cells is forgotten. Cells
+  /// in which nothing else stands have gone by that word: rays open what is left of them, and a return revokes it.
+  void noteRemoved(const VoxelSet& voxels);
 
   /// Blocks of points, in an order that follows from their places: for a saved state.
   [[nodiscard]] std::vector<std::uint32_t> blocksInOrder() const;

@@ -13,6 +13,7 @@
 
 #include "change/ray_evidence.h"
 #include "points/point_store.h"
+#include "tsdf/removed_voxels.h"
 
 namespace accessvdb::internal {
 
@@ -23,6 +24,9 @@ class GonePoints {
 
   /// Call before the voxels are opened.
   void noteOpened(const PointStore& points, std::span<const OpenedLeaf> opened, const ReadWeights& read);
+  /// A person took these voxels out: what was kept of the points around them is forgotten. @param as_free  the points
+  /// in them have gone; else they have when a ray opens their voxel
+  void noteRemoved(const PointStore& points, const VoxelSet& voxels, bool as_free);
   /// Points that got a return are there again.
   void noteReturns(std::span<const std::uint32_t> touched);
 
@@ -44,6 +48,7 @@ class GonePoints {
 
  private:
   void grow(std::uint32_t size);
+  void markGone(std::span<const std::uint32_t> ids);
 
   std::vector<std::uint16_t> least_weight_;
   std::vector<std::uint8_t> gone_, published_;  ///< 1: gone

@@ -4,9 +4,11 @@
 /// stand and are called gone all the same.
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <memory>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
@@ -170,6 +172,77 @@ TableRow standingRow(TableContext& context, double noise_m, double jitter_m) {
   return row;
 }
 
+/// After how many scans without the bar of the changing scene its voxels are what they were before it came: those at
+/// the bar, or within a voxel of it, that blocked when it went and had not blocked before.
+TableRow barRow(TableContext& context, ChangeMode mode) {
+  constexpr double kVoxel_m = 0.02, kTau_m = 0.1, kNoise_m = 0.005, kMostMedian_scans = 12;
+  const sim::ChangingScene scene = sim::changingScene("bar", kVoxel_m);
+  sim::LidarModel model = sim::LidarModel::named("mid360");
+  model.range_noise_m = kNoise_m;
+  const sim::Simulator simulator(scene, model, 1);
+  FieldParams params = paramsOf(context, kVoxel_m, kNoise_m);
+  params.tsdf.truncation_distance_m = kTau_m;
+  params.change.mode = mode;
+  AccessibilityField field(ToolGeometry::builtin("builtin:pruner"), params);
+  context.device = field.deviceName();
+  int next = 0;
+  const auto fuseUntil = [&](int scan) {
+    for (; next < scan; ++next) {
+      context.options.observer.checkStop();
+      const sim::SimulatedFrame frame = simulator.frame(next);
+      field.integrateScan(frame.points_S, frame.T_W_S, frame.stamp_s);
+    }
+  };
+  const auto r_c = static_cast<float>(field.params().scoring.collision_distance_m);
+  const auto factsAt = [&](const openvdb::Coord& ijk) {
+    const VoxelState state = field.volume().at(ijk);
+    const bool collides = state.weight > 0 && state.distance_m < r_c;
+    return std::pair(collides, state.weight > 0 ? !collides : state.cleared);
+  };
+  const auto scanAt = [&](double stamp_s) { return static_cast<int>(std::lround(stamp_s / model.frame_period_s)); };
+  const sim::ScenePart& bar = scene.parts[scene.first_new];
+  fuseUntil(scanAt(scene.change_s));
+  struct Voxel {
+    openvdb::Coord ijk;
+    std::pair<bool, bool> before;
+    int scans = 0;  ///< until it is as before
+  };
+  std::vector<Voxel> voxels;
+  const auto [low, high] = std::pair(openvdb::Coord(94, -28, -3), openvdb::Coord(102, 28, 3));
+  for (openvdb::CoordBBox::Iterator<true> at(openvdb::CoordBBox(low, high)); at; ++at) {
+    const openvdb::Coord& ijk = *at;
+    if (bar.scene.distance->at(kVoxel_m * Eigen::Vector3d(ijk.x(), ijk.y(), ijk.z())) > kVoxel_m) continue;
+    if (const auto facts = factsAt(ijk); !facts.first) voxels.push_back({ijk, facts});
+  }
+  const int gone = scanAt(scene.gone_s);
+  fuseUntil(gone);
+  std::erase_if(voxels, [&](const Voxel& voxel) { return !factsAt(voxel.ijk).first; });
+  for (int scans = 1; gone + scans <= simulator.frames(); ++scans) {
+    fuseUntil(gone + scans);
+    for (Voxel& voxel : voxels) {
+      if (voxel.scans == 0 && factsAt(voxel.ijk) == voxel.before) voxel.scans = scans;
+    }
+  }
+  std::vector<int> scans;
+  for (const Voxel& voxel : voxels) {
+    if (voxel.scans > 0) scans.push_back(voxel.scans);
+  }
+  std::sort(scans.begin(), scans.end());
+  // The rest has not come by the end: in the order of scans it is behind all others.
+  const auto within = [&](double share) {
+    const auto n = static_cast<std::size_t>(share * static_cast<double>(voxels.size() - 1));
+    return n < scans.size() ? static_cast<double>(scans[n]) : std::numeric_limits<double>::infinity();
+  };
+  TableRow row = rowOf("bar", mode == ChangeMode::Full ? "full" : "block", kVoxel_m);
+  row.more = {{"voxels", static_cast<double>(voxels.size())},
+              {"scans_until_as_before_median", within(0.5)},
+              {"scans_until_as_before_90_percent", within(0.9)},
+              {"not_as_before_at_the_end", static_cast<double>(voxels.size() - scans.size())},
+              {"scans_at_the_end", static_cast<double>(simulator.frames() - gone)}};
+  row.must_hold = !voxels.empty() && within(0.5) <= kMostMedian_scans;
+  return row;
+}
+
 }  // namespace
 
 void makeGoneTable(TableContext& context) {
@@ -179,6 +252,8 @@ void makeGoneTable(TableContext& context) {
     context.options.observer.say(line);
     context.rows.push_back(row);
   };
+  add(barRow(context, ChangeMode::Block));
+  add(barRow(context, ChangeMode::Full));
   add(personRow(context, 0.05, true));
   add(personRow(context, 0.05, false));
   add(personRow(context, 0.02, true));

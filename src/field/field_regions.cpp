@@ -27,6 +27,10 @@ Removal AccessibilityField::Impl::removeRegion(const Region& region, RemovedAs a
   steps.run([&] {
     const std::vector<LeafChange> changes = as == RemovedAs::Free ? internal::removeAsFree(volume.packed(), voxels)
                                                                   : internal::removeAsUnknown(volume.packed(), voxels);
+    if (gone_cells) {
+      gone_cells->noteRemoved(voxels);
+      gone_points.noteRemoved(points, voxels, as == RemovedAs::Free);
+    }
     for (const LeafChange& change : changes) removal.flipped_voxels += internal::flippedVoxels(change);
     mirror.apply(changes);
     if (distance_mirror && as == RemovedAs::Free) mirrorAllDistances();
@@ -58,7 +62,8 @@ WhatIf AccessibilityField::Impl::whatIf(const internal::VoxelSet& voxels) {
   requireCurrentLabels();
   const internal::WhatIfTables& tables = whatIfTables();
   return steps.run([&] {
-    return internal::openedWithout({volume.packed(), *scorer, setup, tables, mirror, gate.origin_W()}, voxels);
+    return internal::openedWithout(
+        {volume.packed(), *scorer, setup, tables, mirror, gate.origin_W(), gone_points.published()}, voxels);
   });
 }
 

@@ -6,6 +6,7 @@
 
 #include <memory>
 #include <optional>
+#include <span>
 
 #include "accessvdb/what_if.h"
 #include "field/scoring_setup.h"
@@ -32,6 +33,7 @@ struct WhatIfParts {
   const WhatIfTables& tables;
   NanoVdbMirror& mirror;
   Eigen::Vector3d origin_W;
+  std::span<const std::uint8_t> gone;  ///< points that have gone already are not 0; those beyond its end stand
 };
 
 /// @param voxels  observed
