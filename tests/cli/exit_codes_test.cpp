@@ -200,7 +200,7 @@ TEST_F(ExitCodes, MemoryLimitNamesAVoxelThatFits) {
 /// Of a sphere also the STEP, at the same voxel size; the advice is followed.
 TEST_F(ExitCodes, MemoryLimitNamesAStepThatFits) {
   const auto run = [&](const std::string& orientations) {
-    std::vector<std::string> arguments = mapArguments({"--voxel", "0.05", "--max-memory", "300M", "--tiles", "off",
+    std::vector<std::string> arguments = mapArguments({"--voxel", "0.05", "--max-memory", "215M", "--tiles", "off",
                                                        "--device", "cpu", "--orientations", orientations});
     *(std::find(arguments.begin(), arguments.end(), "--tool") + 1) = "builtin:pruner";
     return runProgram(arguments);
