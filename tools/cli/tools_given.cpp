@@ -128,11 +128,28 @@ std::vector<ToolSpec> loadTools(const MapOptions& options) {
   return namedTools(std::move(tools));
 }
 
+namespace {
+
+/// Tables of a fine mesh in many orientations take minutes on a few cores, before the first scan is read.
+void sayWhatTablesTake(const ToolSpec& tool, const Messages& messages) {
+  constexpr std::size_t kMany = 30'000'000;  // triangles turned: about 20 s of one core
+  const ApproachParams approach = toolParams(tool, {}).approach;
+  const auto orientations =
+      static_cast<std::size_t>(approach.directionCount()) * static_cast<std::size_t>(rollsOf(tool.tool, approach));
+  const std::size_t triangles = tool.tool.triangles().size();
+  if (orientations * triangles < kMany) return;
+  messages.progress("tool: tables for " + std::to_string(orientations) + " orientations of " +
+                    std::to_string(triangles) + " triangles; a mesh with fewer triangles than voxels is faster");
+}
+
+}  // namespace
+
 void sayToolsNotes(const MapOptions& options, const std::vector<ToolSpec>& tools, Messages& messages) {
   const std::vector<MapOptions> each = optionsOfEach(options);
   for (std::size_t k = 0; k < tools.size(); ++k) {
     sayToolNotes(tools[k].tool, messages);
     sayOrientationNotes(each[k], messages);
+    sayWhatTablesTake(tools[k], messages);
   }
 }
 
