@@ -13,6 +13,7 @@
 #include <cmath>
 
 #include "change/box_walk.h"
+#include "points/radix_sort.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -42,6 +43,31 @@ struct Ray {
   double length = 0;
   bool sampled = false;
 };
+
+/// Rays in an order in which those that follow each other have nearly the same direction. They go through the same
+/// cells, which are then in the cache: a sensor's own order may jump from side to side.
+template <typename From>
+std::vector<std::uint32_t> sideBySide(std::span<const Eigen::Vector3f> p_L, const From& from_L) {
+  constexpr float kSteps = 32;  // from 0 to 1, of a component of the direction
+  std::vector<std::uint64_t> keyed(p_L.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), 4 * kRaysPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      const Eigen::Vector3f ray = p_L[n] - from_L(n);
+      const float length = ray.norm();
+      std::uint64_t key = 0;
+      for (Eigen::Index axis = 0; axis < 3 && length > 0; ++axis) {
+        const auto step = static_cast<std::uint64_t>(kSteps * (1 + ray[axis] / length));
+        for (int bit = 0; bit < 7; ++bit) key |= (step >> bit & 1) << (3 * bit + axis);
+      }
+      keyed[n] = key << 32 | n;
+    }
+  });
+  std::vector<std::uint64_t> spare;
+  radixSort(keyed, spare, [](std::uint64_t ray) { return ray >> 32; });
+  std::vector<std::uint32_t> order(keyed.size());
+  std::ranges::transform(keyed, order.begin(), [](std::uint64_t key) { return static_cast<std::uint32_t>(key); });
+  return order;
+}
 
 /// A part of the rays, on one thread.
 class Walk {
@@ -86,12 +112,12 @@ class Walk {
     if (!ray.sampled && suspect == nullptr && opening == nullptr) return;
     const std::uint32_t number = index.cellAt(cell);
     if (number == kNone && opening == nullptr) return;
+    const LeafBits* with_points = number == kNone ? nullptr : &index.leavesIn(number);
     forEachBox(ray.line, kLeafEdge, begin, stop, [&](const Index3& leaf, double from, double to) {
       const std::size_t bit = bitInParent(leaf);
       const bool all = suspect != nullptr && hasBit(*suspect, bit);
-      if (number != kNone && (ray.sampled || all)) {
-        const std::uint32_t block = index.blockIn(number, bit);
-        if (block != kNone) pass(ray, block, end);
+      if (with_points != nullptr && (ray.sampled || all) && hasBit(*with_points, bit)) {
+        pass(ray, index.blockIn(number, bit), end);
       }
       if (opening != nullptr && hasBit(*opening, bit)) open(ray, leaf, from, to);
     });
@@ -259,10 +285,12 @@ bool OpenCells::find(const Index3& cell) const {
 
 RayEvidence evidenceOf(const PackedMap& map, const PointStore& points, const WalkShape& shape, const WalkPlaces& places,
                        std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L) {
+  const auto from_L = [&q_L](std::size_t n) -> const Eigen::Vector3f& { return q_L[q_L.size() == 1 ? 0 : n]; };
+  const std::vector<std::uint32_t> order = sideBySide(p_L, from_L);
   tbb::enumerable_thread_specific<Walk> walks([&] { return Walk(map, points, shape, places); });
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, p_L.size(), kRaysPerTask), [&](const auto& range) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, order.size(), kRaysPerTask), [&](const auto& range) {
     Walk& walk = walks.local();
-    for (std::size_t n = range.begin(); n != range.end(); ++n) walk.take(p_L[n], q_L[q_L.size() == 1 ? 0 : n]);
+    for (std::size_t n = range.begin(); n != range.end(); ++n) walk.take(p_L[order[n]], from_L(order[n]));
   });
   RayEvidence evidence;
   std::vector<OpenedLeaf> opened;

@@ -65,6 +65,8 @@ class SurfaceIndex {
   [[nodiscard]] std::uint32_t cells() const { return static_cast<std::uint32_t>(cells_.size()); }
   /// @param bit  of the leaf inside the cell. @return index into blocks(), or kNone
   [[nodiscard]] std::uint32_t blockIn(std::uint32_t cell, std::size_t bit) const { return cells_[cell].block[bit]; }
+  /// The leaves inside a cell that have a block. A cache line, where blockIn() reads one of its own for each leaf.
+  [[nodiscard]] const LeafBits& leavesIn(std::uint32_t cell) const { return cells_[cell].present; }
   [[nodiscard]] std::uint64_t bytes() const;
 
   /// Calls visit(block index) for every block with leaf coordinates in [low, high], in a fixed order.
