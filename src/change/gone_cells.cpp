@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <iterator>
 #include <numeric>
 
 namespace accessvdb::internal {
@@ -17,6 +18,8 @@ constexpr int kCellEdge = 4;  // voxels
 constexpr std::size_t kHitsPerTask = 512;
 /// After so many scans, cells in which nothing is left to open are no longer walked.
 constexpr std::uint64_t kScansBetweenDrops = 16;
+
+std::uint64_t blockOf(Pass pass) { return pass >> 9; }
 
 }  // namespace
 
@@ -78,24 +81,7 @@ std::vector<OpenedLeaf> GoneCells::takeScan(std::span<const Eigen::Vector3f> p_L
     refreshFlags(place);
   });
   RayEvidence evidence = evidenceOf(map_, points_, shape_, {blocks_, suspect_, opening_}, p_L, q_L);
-  std::vector<CellPlace> passed;
-  addPasses(evidence.passes, passed);
-  // With a hit, no cell is suspect, so no leaf is added to those that are.
-  forEachHit(hit, [this](CellPlace place, std::uint32_t count) {
-    at(place).addHits(count);
-    refreshFlags(place);
-  });
-  // All counts before any verdict: verdicts do not depend on each other.
-  std::vector<CellPlace> now_gone;
-  for (const CellPlace place : passed) {
-    if (hasGone(place)) now_gone.push_back(place);
-  }
-  for (const CellPlace place : now_gone) {
-    at(place).verdict = Verdict::Gone;
-    gone_.push_back(place);
-    walkAround(place);
-  }
-  for (const CellPlace place : passed) refreshFlags(place);
+  takePasses(evidence.passes, hit);
   if (scans_ % kScansBetweenDrops == 0) dropWhatIsDone();
   return std::move(evidence.opened);
 }
@@ -134,16 +120,62 @@ void GoneCells::noteRemoved(const VoxelSet& voxels) {
   }
 }
 
-/// @param passes  ascending  @param passed  receives their cells, each once
-void GoneCells::addPasses(std::span<const Pass> passes, std::vector<CellPlace>& passed) {
+/// Cuts passes into parts that threads take: a block is in one of them.
+std::vector<GoneCells::PassedBlocks> GoneCells::byBlocks(std::span<const Pass> passes) {
+  constexpr std::size_t kPassesPerTask = 1024;
+  std::vector<PassedBlocks> parts;
+  for (std::size_t begin = 0, end = 0; begin < passes.size(); begin = end) {
+    end = std::min(begin + kPassesPerTask, passes.size());
+    while (end < passes.size() && blockOf(passes[end]) == blockOf(passes[end - 1])) ++end;
+    parts.push_back({passes.subspan(begin, end - begin), {}, {}, {}});
+  }
+  return parts;
+}
+
+/// @param passes  of a scan, ascending  @param hit  by the same scan
+void GoneCells::takePasses(std::span<const Pass> passes, const std::vector<BlockHits>& hit) {
+  std::vector<PassedBlocks> parts = byBlocks(passes);
+  const auto forEachPart = [&parts](const auto& visit) {
+    tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t n) { visit(parts[n]); });
+  };
+  forEachPart([this](PassedBlocks& part) { addPasses(part); });
+  // With a hit, no cell is suspect, so no leaf is added to those that are.
+  forEachHit(hit, [this](CellPlace place, std::uint32_t count) {
+    at(place).addHits(count);
+    refreshFlags(place);
+  });
+  // All counts before any verdict: verdicts do not depend on each other.
+  forEachPart([this](PassedBlocks& part) {
+    std::ranges::copy_if(part.cells, std::back_inserter(part.gone), [this](CellPlace place) { return hasGone(place); });
+  });
+  for (const PassedBlocks& part : parts) {
+    for (const CellPlace place : part.gone) {
+      at(place).verdict = Verdict::Gone;
+      gone_.push_back(place);
+      walkAround(place);
+    }
+  }
+  forEachPart([this](PassedBlocks& part) {
+    for (const CellPlace place : part.cells) {
+      if (updateFlags(place)) part.suspect.push_back(points_.index().blocks()[place.block].leaf);
+    }
+  });
+  for (const PassedBlocks& part : parts) {
+    for (const Index3& leaf : part.suspect) suspect_.add(leaf);
+  }
+}
+
+void GoneCells::addPasses(PassedBlocks& passed) {
   constexpr std::uint32_t kSampledOneIn = 4;  // the rays that are examined in cells that are not suspect
+  const std::span<const Pass> passes = passed.passes;
   for (std::size_t n = 0; n < passes.size();) {
     const std::uint64_t place = passes[n] >> 6;
     std::uint64_t lines = 0;
     for (; n < passes.size() && passes[n] >> 6 == place; ++n) lines |= std::uint64_t{1} << (passes[n] & 63);
-    passed.push_back({static_cast<std::uint32_t>(place / 8), static_cast<std::uint32_t>(place % 8)});
-    const bool all_rays = (blocks_[passed.back().block].suspect >> passed.back().cell & 1) != 0;
-    at(passed.back()).addPasses(lines, all_rays ? 1 : kSampledOneIn);
+    const CellPlace cell = {static_cast<std::uint32_t>(place / 8), static_cast<std::uint32_t>(place % 8)};
+    const bool all_rays = (blocks_[cell.block].suspect >> cell.cell & 1) != 0;
+    at(cell).addPasses(lines, all_rays ? 1 : kSampledOneIn);
+    passed.cells.push_back(cell);
   }
 }
 
@@ -171,15 +203,20 @@ bool GoneCells::hasGone(CellPlace place) const {
   return GoneRule::isEnough(GoneRule::kPooledFactor, passes, hits, missed);
 }
 
-/// What the walk sees of a cell at a glance.
-void GoneCells::refreshFlags(CellPlace place) {
+/// What the walk sees of a cell at a glance. @return whether its leaf is new among the suspect ones
+bool GoneCells::updateFlags(CellPlace place) {
   BlockCells& block = blocks_[place.block];
   const CellRecord& cell = block.cells[place.cell];
   const auto bit = static_cast<std::uint8_t>(1u << place.cell);
   const bool suspect = GoneRule::isSuspect(cell);
-  if (suspect && block.suspect == 0) suspect_.add(points_.index().blocks()[place.block].leaf);
+  const bool is_first = suspect && block.suspect == 0;
   block.suspect = static_cast<std::uint8_t>(suspect ? block.suspect | bit : block.suspect & ~bit);
   block.gone = static_cast<std::uint8_t>(cell.verdict != Verdict::Stands ? block.gone | bit : block.gone & ~bit);
+  return is_first;
+}
+
+void GoneCells::refreshFlags(CellPlace place) {
+  if (updateFlags(place)) suspect_.add(points_.index().blocks()[place.block].leaf);
 }
 
 /// Rays may open voxels in the leaves around a cell that has gone.

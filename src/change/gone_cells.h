@@ -68,8 +68,18 @@ class GoneCells {
   [[nodiscard]] std::vector<BlockHits> hitsOf(std::span<const std::uint32_t> touched) const;
   template <typename Visit>
   static void forEachHit(const std::vector<BlockHits>& hits, const Visit& visit);
-  void addPasses(std::span<const Pass> passes, std::vector<CellPlace>& passed);
+  /// Passes through some blocks, all of those that there are, and what follows from them.
+  struct PassedBlocks {
+    std::span<const Pass> passes;  ///< ascending
+    std::vector<CellPlace> cells;  ///< those passed, each once
+    std::vector<CellPlace> gone;   ///< of these
+    std::vector<Index3> suspect;   ///< leaves that are new among the suspect ones
+  };
+  [[nodiscard]] static std::vector<PassedBlocks> byBlocks(std::span<const Pass> passes);
+  void takePasses(std::span<const Pass> passes, const std::vector<BlockHits>& hit);
+  void addPasses(PassedBlocks& passed);
   [[nodiscard]] bool hasGone(CellPlace place) const;
+  [[nodiscard]] bool updateFlags(CellPlace place);
   void refreshFlags(CellPlace place);
   void walkAround(CellPlace place);
   void dropWhatIsDone();
