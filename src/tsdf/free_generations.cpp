@@ -27,9 +27,12 @@ int phaseOf(std::int32_t x, std::int32_t y, std::int32_t z) {
   return static_cast<int>(hash >> 40 & (kPhases - 1));
 }
 
-/// A node of the tree, and how many generations have ended there.
-struct DueNode {
-  PackedLowerNode* node;
+/// Leaves that a thread takes at a time.
+constexpr std::size_t kAgedPerTask = 128;
+
+/// A leaf of a node, and how many generations have ended there.
+struct DueLeaf {
+  PackedLeaf* leaf;
   std::int64_t ended;
 };
 
@@ -71,21 +74,21 @@ std::vector<LeafChange> FreeGenerations::pass(PackedMap& map, double seconds) {
   age_s_ += std::min(seconds, 2 * free_for_s_);
   std::vector<PackedLowerNode*> nodes;
   map.tree().getNodes(nodes);
-  std::vector<DueNode> due;
+  // A few nodes per scan, with up to 4096 leaves each: shared out by leaf.
+  std::vector<DueLeaf> due;
   for (PackedLowerNode* node : nodes) {
     const openvdb::Coord& origin = node->origin();
     const std::int64_t ended =
         generationOf(origin.x(), origin.y(), origin.z()) - generationAt(before_s, origin.x(), origin.y(), origin.z());
-    if (ended > 0) due.push_back({node, ended});
+    if (ended <= 0) continue;
+    for (auto leaf = node->beginChildOn(); leaf; ++leaf) due.push_back({&*leaf, ended});
   }
   std::mutex mutex;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, due.size(), 1), [&](const auto& range) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, due.size(), kAgedPerTask), [&](const auto& range) {
     std::vector<LeafChange> found;
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      for (auto leaf = due[n].node->beginChildOn(); leaf; ++leaf) {
-        LeafChange change;
-        if (turn(map, *leaf, due[n].ended, change)) found.push_back(change);
-      }
+      LeafChange change;
+      if (turn(map, *due[n].leaf, due[n].ended, change)) found.push_back(change);
     }
     const std::lock_guard lock(mutex);
     changes.insert(changes.end(), found.begin(), found.end());
