@@ -112,9 +112,7 @@ void LeafFusion::prefetchValues(const PackedLeaf& leaf) const {
   if (packed == nullptr) return;
   std::uint32_t pairs = touched_;
   if (passes_ != 0) {  // fold() also looks at voxels cleared for the first time
-    LeafBits cleared;
-    for (openvdb::Index x = 0; x < 8; ++x) cleared[x] = leaf.getValueMask().getWord<std::uint64_t>(x);
-    pairs |= kernels_.gained_pairs(passed_, cleared);
+    pairs |= kernels_.gained_pairs(passed_, map_.confirmedIn(leaf));
   }
   for (; pairs != 0; pairs &= pairs - 1) __builtin_prefetch(packed + 16 * std::countr_zero(pairs), 1);
 }
@@ -155,10 +153,14 @@ bool LeafFusion::foldAged(const PackedLeaf& leaf, const LeafTarget& target, Leaf
     }
   }
   FoldCounts of_fold;
+  // What was free before this generation gains nothing: else its values would be read again in each generation.
+  LeafBits cleared = was_free;
+  LeafTarget values = target;
+  values.cleared = cleared.data();
   if (wide_) {
-    foldWide(target, constants_, change, of_fold);
+    foldWide(values, constants_, change, of_fold);
   } else {
-    kernels_.fold(target, constants_, touched_, sums_, passed_, change, of_fold);
+    kernels_.fold(values, constants_, touched_, sums_, passed_, change, of_fold);
   }
   counts.distance_updates += of_fold.distance_updates;
   counts.newly_observed += of_fold.newly_observed;
