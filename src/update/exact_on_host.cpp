@@ -20,11 +20,9 @@
 #include "launch/stopwatch.h"
 #include "update/backlog.h"
 #include "update/corridor_offsets.h"
-#include "update/flip_columns.h"
+#include "update/host_scheduler.h"
 #include "update/known_directions.h"
-#include "update/leaf_footprint.h"
 #include "update/make_scheduler.h"
-#include "update/scan_changes.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -37,39 +35,20 @@ enum Asked : std::uint8_t {
   kAskedByItself = 2  ///< the point itself changed, not only the map around it
 };
 
-class ExactOnHost final : public UpdateScheduler {
+class ExactOnHost final : public HostScheduler {
  public:
-  /// @param changes  of the points and the map, possibly shared with the schedulers of other tools
+  /// @param changes  possibly shared with the schedulers of other tools
   ExactOnHost(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach,
               std::shared_ptr<ScanChanges> changes)
-      : scorer_(scorer),
-        changes_(std::move(changes)),
+      : HostScheduler(scorer, LeafFootprint(tool, approach, scorer.params().tsdf.voxel_size_m, 0), std::move(changes)),
         approach_(approach),
-        footprint_(tool, approach, scorer.params().tsdf.voxel_size_m, 0),
         corridors_(approach, scorer.params().tsdf.voxel_size_m),
         known_(tool, approach.num_directions, approach.axes_xyz != nullptr),
-        waits_(scorer.params().update.budget_points > 0) {
-    changes_->addReader();
-  }
-
-  void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
-                   std::span<const Eigen::Vector3f>) override {
-    if (leads()) changes_->noteReturns(touched);
-  }
-
-  void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
-                   const MapChanges& changes) override {
-    if (leads()) changes_->noteFlips(changes.facts);
-  }
+        waits_(scorer.params().update.budget_points > 0) {}
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    changes_->refresh();
-    if (!leads()) {
-      scorer_.grow();
-      scorer_.adopt(changes_->scorer(), changes_->touched());
-      scorer_.adopt(changes_->scorer(), changes_->changed().ids);
-    }
+    takeChanges();
     makeRoom();
     const kernels::Stopwatch scoring;
     const auto evaluator = scorer_.backend().makeDueEvaluator(scorer_.dueUpdate(known_.scale(), tables));
@@ -106,8 +85,7 @@ class ExactOnHost final : public UpdateScheduler {
   };
   /// What one thread found, and its scratch memory.
   struct Found {
-    FlipColumns flips;
-    std::vector<std::uint32_t> blocks;            ///< of one cell
+    CellBlocks cell;
     std::array<std::vector<Column>, 8> freed_at;  ///< by height in the block: voxels that became free for a corridor
     std::vector<kernels::DueTask> tasks;
     std::vector<kernels::DueOutcome> outcomes;
@@ -132,9 +110,6 @@ class ExactOnHost final : public UpdateScheduler {
       return kernels::notKnownWorse(known, scale, w, asked);
     }
   };
-
-  /// Of several schedulers that share changes, one is told of them.
-  [[nodiscard]] bool leads() const { return &changes_->scorer() == &scorer_; }
 
   void makeRoom() {
     const std::uint32_t points = scorer_.points().size();
@@ -162,33 +137,15 @@ class ExactOnHost final : public UpdateScheduler {
   }
 
   void takeCell(std::uint32_t cell, const Work& work, Found& found) {
-    const SurfaceIndex& index = scorer_.points().index();
-    found.blocks.clear();
-    bool any_changed = false;
-    Index3 low = {}, high = {};  // leaves that points of the cell read
-    for (std::size_t bit = 0; bit < 512; ++bit) {
-      const std::uint32_t b = index.blockIn(cell, bit);
-      if (b == kNone || !changes_->anyScoredIn(b)) continue;
-      const Index3& leaf = index.blocks()[b].leaf;
-      for (std::size_t axis = 0; axis < 3; ++axis) {
-        const std::int32_t first = leaf[axis] + footprint_.low()[axis], last = leaf[axis] + footprint_.high()[axis];
-        low[axis] = found.blocks.empty() ? first : std::min(low[axis], first);
-        high[axis] = found.blocks.empty() ? last : std::max(high[axis], last);
-      }
-      found.blocks.push_back(b);
-      any_changed = any_changed || changes_->changedIn(b);
-    }
-    if (found.blocks.empty()) return;
-    const bool flipped = !changes_->flips().empty() && found.flips.fill(changes_->flips(), low, high);
-    if (!flipped && !any_changed) return;
-    for (const std::uint32_t b : found.blocks) takeBlock(b, flipped, work.changed, found);
+    if (!findBlocks(cell, found.cell)) return;
+    for (const std::uint32_t b : found.cell.blocks) takeBlock(b, work.changed, found);
     evaluate(work.evaluator, found);
   }
 
-  /// @param flipped  whether anything flipped around the cell
-  void takeBlock(std::uint32_t b, bool flipped, const PointScorer::Changed& changed, Found& found) {
+  void takeBlock(std::uint32_t b, const PointScorer::Changed& changed, Found& found) {
     const PointBlock& block = scorer_.points().index().blocks()[b];
-    const AffectedDirections affected = flipped ? footprint_.affected(block.leaf, found.flips) : AffectedDirections{};
+    const AffectedDirections affected =
+        found.cell.flipped ? footprint_.affected(block.leaf, found.cell.flips) : AffectedDirections{};
     const bool is_affected = any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm);
     if (!is_affected && !changes_->changedIn(b)) return;
     constexpr std::size_t kAhead = 4;  // points are scattered in memory
@@ -201,7 +158,7 @@ class ExactOnHost final : public UpdateScheduler {
     for (std::size_t n = 0; n < kAhead; ++n) prefetch(n);
     if (any(affected.better_tool)) {
       FreedVoxels freed;
-      countFreed(block.leaf, found.flips, freed);
+      countFreed(block.leaf, found.cell.flips, freed);
       known_.age(b, block.ids, freed, affected.better_tool);
     }
     const bool corridors = any(affected.better_arm), one_by_one = corridors && listFreed(block, found);
@@ -234,20 +191,20 @@ class ExactOnHost final : public UpdateScheduler {
     for (const kernels::FootprintColumn& column : footprint_.armColumns()) {
       const std::int32_t z = block.leaf[2];  // corridors stay at the height of the point
       if (z + column.z_low > z || z + column.z_high < z) continue;
-      found.flips.forEach(block.leaf[0] + column.dx, block.leaf[1] + column.dy, z, z, FlipKind::ArmFreeOn,
-                          [&](std::int32_t, std::uint32_t change) {
-                            const LeafBits& freed = changes_->flips().changes()[change].arm_free_on;
-                            for (int x = 0; x < 8; ++x) {
-                              for (std::uint64_t bits = freed[static_cast<std::size_t>(x)]; bits != 0;
-                                   bits &= bits - 1) {
-                                const int yz = std::countr_zero(bits);
-                                found.freed_at[static_cast<std::size_t>(yz & 7)].push_back(
-                                    {static_cast<std::int16_t>(8 * column.dx + x),
-                                     static_cast<std::int16_t>(8 * column.dy + (yz >> 3))});
-                                ++listed;
-                              }
-                            }
-                          });
+      found.cell.flips.forEach(block.leaf[0] + column.dx, block.leaf[1] + column.dy, z, z, FlipKind::ArmFreeOn,
+                               [&](std::int32_t, std::uint32_t change) {
+                                 const LeafBits& freed = changes_->flips().changes()[change].arm_free_on;
+                                 for (int x = 0; x < 8; ++x) {
+                                   for (std::uint64_t bits = freed[static_cast<std::size_t>(x)]; bits != 0;
+                                        bits &= bits - 1) {
+                                     const int yz = std::countr_zero(bits);
+                                     found.freed_at[static_cast<std::size_t>(yz & 7)].push_back(
+                                         {static_cast<std::int16_t>(8 * column.dx + x),
+                                          static_cast<std::int16_t>(8 * column.dy + (yz >> 3))});
+                                     ++listed;
+                                   }
+                                 }
+                               });
       if (listed * block.ids.size() > 8 * kMostPairs) return false;
     }
     return true;
@@ -356,10 +313,7 @@ class ExactOnHost final : public UpdateScheduler {
     });
   }
 
-  PointScorer& scorer_;
-  std::shared_ptr<ScanChanges> changes_;
   kernels::ApproachView approach_;
-  LeafFootprint footprint_;
   CorridorOffsets corridors_;
   KnownDirections known_;
   bool waits_;       ///< updates have a budget

@@ -16,10 +16,8 @@
 
 #include "launch/stopwatch.h"
 #include "update/backlog.h"
-#include "update/flip_columns.h"
-#include "update/leaf_footprint.h"
+#include "update/host_scheduler.h"
 #include "update/make_scheduler.h"
-#include "update/scan_changes.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -34,32 +32,15 @@ enum DueBecause : std::uint8_t {
   kFlippedOnlyForWorse = 4  ///< no flip can help
 };
 
-class WideOnHost final : public UpdateScheduler {
+class WideOnHost final : public HostScheduler {
  public:
   WideOnHost(PointScorer& scorer, const HostTables& tables, std::shared_ptr<ScanChanges> changes)
-      : scorer_(scorer),
-        changes_(std::move(changes)),
-        footprint_(tables.tool, tables.approach, scorer.params().tsdf.voxel_size_m, 0) {
-    changes_->addReader();
-  }
-
-  void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
-                   std::span<const Eigen::Vector3f>) override {
-    if (leads()) changes_->noteReturns(touched);
-  }
-  void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
-                   const MapChanges& changes) override {
-    if (leads()) changes_->noteFlips(changes.facts);
-  }
+      : HostScheduler(scorer, LeafFootprint(tables.tool, tables.approach, scorer.params().tsdf.voxel_size_m, 0),
+                      std::move(changes)) {}
 
   UpdateStats update(const ScoringTables& tables) override {
     UpdateStats stats;
-    changes_->refresh();
-    if (!leads()) {
-      scorer_.grow();
-      scorer_.adopt(changes_->scorer(), changes_->touched());
-      scorer_.adopt(changes_->scorer(), changes_->changed().ids);
-    }
+    takeChanges();
     const kernels::Stopwatch scoring;
     std::vector<DuePoint> due = findDue();
     stats.moved_points = stats.dirty_points = leads() ? changes_->movedPoints() : 0;
@@ -83,13 +64,9 @@ class WideOnHost final : public UpdateScheduler {
     std::uint8_t asked;
   };
   struct Found {
-    FlipColumns flips;
-    std::vector<std::uint32_t> blocks;  ///< of one cell
+    CellBlocks cell;
     std::vector<DuePoint> due;
   };
-
-  /// Of several schedulers that share changes, one is told of them.
-  [[nodiscard]] bool leads() const { return &changes_->scorer() == &scorer_; }
 
   /// Points that changed themselves first, both by id.
   [[nodiscard]] std::vector<DuePoint> findDue() const {
@@ -107,31 +84,13 @@ class WideOnHost final : public UpdateScheduler {
   }
 
   void takeCell(std::uint32_t cell, Found& found) const {
-    const SurfaceIndex& index = scorer_.points().index();
-    found.blocks.clear();
-    bool any_changed = false;
-    Index3 low = {}, high = {};  // leaves that points of the cell read
-    for (std::size_t bit = 0; bit < 512; ++bit) {
-      const std::uint32_t b = index.blockIn(cell, bit);
-      if (b == kNone || !changes_->anyScoredIn(b)) continue;
-      const Index3& leaf = index.blocks()[b].leaf;
-      for (std::size_t axis = 0; axis < 3; ++axis) {
-        const std::int32_t first = leaf[axis] + footprint_.low()[axis], last = leaf[axis] + footprint_.high()[axis];
-        low[axis] = found.blocks.empty() ? first : std::min(low[axis], first);
-        high[axis] = found.blocks.empty() ? last : std::max(high[axis], last);
-      }
-      found.blocks.push_back(b);
-      any_changed = any_changed || changes_->changedIn(b);
-    }
-    if (found.blocks.empty()) return;
-    const bool flipped = !changes_->flips().empty() && found.flips.fill(changes_->flips(), low, high);
-    if (!flipped && !any_changed) return;
-    for (const std::uint32_t b : found.blocks) takeBlock(b, flipped, found);
+    if (!findBlocks(cell, found.cell)) return;
+    for (const std::uint32_t b : found.cell.blocks) takeBlock(b, found);
   }
 
-  void takeBlock(std::uint32_t b, bool flipped, Found& found) const {
+  void takeBlock(std::uint32_t b, Found& found) const {
     const PointBlock& block = scorer_.points().index().blocks()[b];
-    const FlipsRead read = flipped ? flipsRead(block.leaf, found.flips) : FlipsRead{};
+    const FlipsRead read = found.cell.flipped ? flipsRead(block.leaf, found.cell.flips) : FlipsRead{};
     for (const std::uint32_t id : block.ids) {
       const bool changed = changes_->indexOf(id) != kNone;
       const bool scored = scorer_.record(id).label != PointLabel::Unscored;
@@ -166,8 +125,9 @@ class WideOnHost final : public UpdateScheduler {
   /// Those whose turn has come, of all that wait. What happened while they waited is not known any more.
   [[nodiscard]] std::vector<DuePoint> takeTurn(const std::vector<DuePoint>& due, int budget_points) {
     backlog_.grow(scorer_.points().size());
-    for (const DuePoint& point : due)
+    for (const DuePoint& point : due) {
       backlog_.ask(point.id, static_cast<std::uint8_t>(point.asked & ~kFlippedOnlyForWorse));
+    }
     const Backlog::Turn turn = backlog_.take(budget_points);
     std::vector<DuePoint> taken;
     for (std::size_t n = 0; n < turn.ids.size(); ++n) taken.push_back({turn.ids[n], turn.asked[n]});
@@ -196,9 +156,6 @@ class WideOnHost final : public UpdateScheduler {
     }
   }
 
-  PointScorer& scorer_;
-  std::shared_ptr<ScanChanges> changes_;
-  LeafFootprint footprint_;
   Backlog backlog_;
 };
 

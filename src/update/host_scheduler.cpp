@@ -1,0 +1,55 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "update/host_scheduler.h"
+
+#include <algorithm>
+#include <utility>
+
+namespace accessvdb::internal {
+
+HostScheduler::HostScheduler(PointScorer& scorer, LeafFootprint footprint, std::shared_ptr<ScanChanges> changes)
+    : scorer_(scorer), footprint_(std::move(footprint)), changes_(std::move(changes)) {
+  changes_->addReader();
+}
+
+void HostScheduler::noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
+                                std::span<const Eigen::Vector3f>) {
+  if (leads()) changes_->noteReturns(touched);
+}
+
+void HostScheduler::noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>,
+                                const MapChanges& changes) {
+  if (leads()) changes_->noteFlips(changes.facts);
+}
+
+void HostScheduler::takeChanges() {
+  changes_->refresh();
+  if (leads()) return;
+  scorer_.grow();
+  scorer_.adopt(changes_->scorer(), changes_->touched());
+  scorer_.adopt(changes_->scorer(), changes_->changed().ids);
+}
+
+bool HostScheduler::findBlocks(std::uint32_t cell, CellBlocks& found) const {
+  const SurfaceIndex& index = scorer_.points().index();
+  found.blocks.clear();
+  bool any_changed = false;
+  Index3 low = {}, high = {};  // leaves that points of the cell read
+  for (std::size_t bit = 0; bit < 512; ++bit) {
+    const std::uint32_t b = index.blockIn(cell, bit);
+    if (b == kNone || !changes_->anyScoredIn(b)) continue;
+    const Index3& leaf = index.blocks()[b].leaf;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const std::int32_t first = leaf[axis] + footprint_.low()[axis], last = leaf[axis] + footprint_.high()[axis];
+      low[axis] = found.blocks.empty() ? first : std::min(low[axis], first);
+      high[axis] = found.blocks.empty() ? last : std::max(high[axis], last);
+    }
+    found.blocks.push_back(b);
+    any_changed = any_changed || changes_->changedIn(b);
+  }
+  if (found.blocks.empty()) return false;
+  found.flipped = !changes_->flips().empty() && found.flips.fill(changes_->flips(), low, high);
+  return found.flipped || any_changed;
+}
+
+}  // namespace accessvdb::internal
