@@ -15,7 +15,7 @@ namespace {
 constexpr int kIdPlane = 0, kPositionPlane = 4, kStatePlane = 16, kDirectionPlane = 17, kScorePlane = 19,
               kConfidencePlane = 21, kNormalPlane = 22, kPlanes = 23;
 constexpr double kMostSteps = 1 << 30;
-constexpr std::size_t kMostWideDirections = kNoDirection;
+constexpr std::size_t kMostDirections = kNoDirection;
 constexpr int kNormalCells = 15;
 constexpr std::uint8_t kNoNormal = 255;
 
@@ -70,7 +70,7 @@ std::uint16_t PointPacker::indexOf(const SurfacePoint& point) {
   const auto [found, added] = index_of_.try_emplace({d.x(), d.y(), d.z(), q.w(), q.x(), q.y(), q.z()},
                                                     static_cast<std::uint16_t>(directions_W_.size()));
   if (added) {
-    if (directions_W_.size() == kMostWideDirections) {
+    if (directions_W_.size() == kMostDirections) {
       throw InputError("report.directions", "points.ply", "has more than 65535 different directions",
                        "Use a points.ply written by accessvdb map");
     }

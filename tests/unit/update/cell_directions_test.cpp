@@ -24,7 +24,7 @@ using test::VoxelSet;
 using test::within;
 
 constexpr std::uint64_t kAnySize = std::numeric_limits<std::uint64_t>::max();
-constexpr std::size_t kMostWideDirections = 64 * kernels::kMaxDirectionWords;
+constexpr std::size_t kMostDirections = 64 * kernels::kMaxDirectionWords;
 
 /// A bar in every direction, some of them missing, some with a block elsewhere: without gaps along z, where
 /// columns are not split.
@@ -64,8 +64,8 @@ SplitTool looseTool(int num_directions, std::uint64_t seed) {
 }
 
 /// By cell, in cells from the group's first one: directions with a voxel in it from a place of the group.
-std::map<Index3, std::bitset<kMostWideDirections>> coveringDirections(const SplitTool& tool, int group_log2) {
-  std::map<Index3, std::bitset<kMostWideDirections>> covering;
+std::map<Index3, std::bitset<kMostDirections>> coveringDirections(const SplitTool& tool, int group_log2) {
+  std::map<Index3, std::bitset<kMostDirections>> covering;
   const auto floorOfQuarter = [](std::int32_t v) { return (v - ((v % 4) + 4) % 4) / 4; };
   for (std::size_t d = 0; d < tool.voxels.size(); ++d) {
     for (const auto& v : tool.voxels[d]) {
@@ -92,7 +92,7 @@ bool holds(const kernels::DirectionArc& arc, int d, int num_directions) {
 }
 
 /// Tries all first directions. @return size of the smallest arc that contains a set
-int smallestCount(const std::bitset<kMostWideDirections>& set, int num_directions) {
+int smallestCount(const std::bitset<kMostDirections>& set, int num_directions) {
   int smallest = set.none() ? 0 : num_directions;
   for (int first = 0; first < num_directions; ++first) {
     int count = 0;
@@ -138,7 +138,7 @@ void checkArcs(const SplitTool& tool, int group_log2, bool exact) {
   ASSERT_EQ(cells.size(), (Index3{high[0] - low[0] + 1, high[1] - low[1] + 1, high[2] - low[2] + 1}));
   int around_zero = 0, partial = 0, none = 0;
   forEachCell(cells, [&](const Index3& cell, const kernels::DirectionArc& arc) {
-    const std::bitset<kMostWideDirections>& set = covering[cell];
+    const std::bitset<kMostDirections>& set = covering[cell];
     ASSERT_LT(int{arc.first}, D);
     ASSERT_LE(int{arc.count}, D);
     for (int d = 0; d < D; ++d) {
@@ -212,7 +212,7 @@ TEST(CellDirections, AreTheSmallestArcsOfAllSets) {
   std::mt19937_64 random(3);
   for (int bits = 1; bits < 1 << kFew; ++bits) {
     SplitTool tool;
-    std::bitset<kMostWideDirections> set;
+    std::bitset<kMostDirections> set;
     for (int d = 0; d < kFew; ++d) {
       VoxelSet voxels;
       if ((bits >> d & 1) != 0) {
