@@ -172,12 +172,11 @@ std::vector<kernels::ScoreResult> tryAgain(const WhatIfParts& parts, const std::
 }
 
 /// Observations behind a point's confidence once the voxels have gone, as point_weights.h has them.
-/// @param now  those before
-std::uint16_t weightWithout(const WhatIfParts& parts, const VoxelSet& voxels, std::uint32_t id, std::uint16_t now) {
+std::uint16_t weightWithout(const WhatIfParts& parts, const VoxelSet& voxels, std::uint32_t id) {
   const Index3 voxel = parts.scorer.points().voxelOf(parts.scorer.points().first_L(id));
   const std::int32_t reach = parts.scorer.params().scoring.neighbourhood_weight ? 1 : 0;
   float most = 0;
-  bool beside = false;  // else nothing changes; what rays have opened around it (gone_points.h) still counts, too
+  bool beside = false;
   for (std::int32_t x = -reach; x <= reach; ++x) {
     for (std::int32_t y = -reach; y <= reach; ++y) {
       for (std::int32_t z = -reach; z <= reach; ++z) {
@@ -190,7 +189,11 @@ std::uint16_t weightWithout(const WhatIfParts& parts, const VoxelSet& voxels, st
       }
     }
   }
-  return beside ? static_cast<std::uint16_t>(most) : now;
+  if (beside) return static_cast<std::uint16_t>(most);
+  // Nothing changes, and what rays have opened around the point (gone_points.h) still counts.
+  std::uint16_t now = 0;
+  parts.scorer.reads().weights({&id, 1}, {&now, 1});
+  return now;
 }
 
 SurfacePoint openedPoint(const WhatIfParts& parts, const kernels::ScoreResult& result, const ToolHeading& heading,
@@ -237,14 +240,10 @@ WhatIf openedWithout(const WhatIfParts& parts, const VoxelSet& voxels) {
   const ToolRolls& rolls = parts.setup.tool().rolls;
   const std::vector<ToolHeading> headings = toolHeadings(parts.scorer.params().approach, rolls);
   const auto half_weight = static_cast<float>(parts.scorer.params().scoring.confidence_half_weight);
-  std::vector<std::uint32_t> ids(items.size());
-  std::ranges::transform(items, ids.begin(), [](const kernels::ScoreItem& item) { return item.id; });
-  std::vector<std::uint16_t> weights(ids.size());
-  parts.scorer.reads().weights(ids, weights);
   for (std::size_t n = 0; n < items.size(); ++n) {
     what_if.direction_tests += results[n].tests;
     if (results[n].reason != PointReason::None || results[n].scored == 0) continue;
-    const std::uint16_t weight = weightWithout(parts, voxels, items[n].id, weights[n]);
+    const std::uint16_t weight = weightWithout(parts, voxels, items[n].id);
     if (!parts.scorer.isConfident(weight)) continue;
     const std::size_t held =
         std::size_t{results[n].direction} * static_cast<std::size_t>(rolls.count) + results[n].roll;
