@@ -4,6 +4,8 @@
 
 #include <cmath>
 
+#include "hostdev/surface_normal.h"
+
 // No standard library code inside the regions: an inline function compiled there could end up being used everywhere.
 #if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__)
 #define ACCESSVDB_X86_KERNELS 1

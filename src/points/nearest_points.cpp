@@ -224,14 +224,13 @@ bool NearestPoints::find(std::uint32_t id) {
     const double larger = static_cast<double>(squared + 1) * std::clamp(missing, 1.3, 4.0);
     squared = std::min(static_cast<std::int64_t>(larger), limit);
   }
-  double most = static_cast<double>(squared);
-  if (within > k_) {
-    most = nth(k_, most, within);
-    within = kernels_.count_within(offsets_, most);
-    if (within > k_) dropFarthest(most, within - k_);
-    within = k_;
+  const double most = within > k_ ? nth(k_, static_cast<double>(squared), within) : static_cast<double>(squared);
+  OffsetSums sums = kernels_.sums_within(offsets_, most);
+  if (const auto count = static_cast<std::size_t>(sums.count); count > k_) {  // some are equally far away
+    dropFarthest(most, count - k_);
+    sums = kernels_.sums_within(offsets_, most);
   }
-  const OffsetSums sums = kernels_.sums_within(offsets_, most);
+  within = static_cast<std::size_t>(sums.count);
   const auto whole = [](double sum) { return static_cast<std::int64_t>(sum); };
   neighbours_.sums = {sums.count,     whole(sums.x),  whole(sums.y),  whole(sums.z),  whole(sums.xx),
                       whole(sums.xy), whole(sums.xz), whole(sums.yy), whole(sums.yz), whole(sums.zz)};

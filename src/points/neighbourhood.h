@@ -33,8 +33,7 @@ class NeighbourhoodSearch {
 
   /// Computes each id in parallel. @param ids  in any order; fastest if nearby points share blocks. @param out  [ids]
   /// @param wide_seen  of a wide set, in place of Neighbourhood::seen: the joined directions of all points by id, in
-  /// host
-  ///   memory, each PointStore::directionWords(); those of the ids are brought up to date
+  /// host memory, each PointStore::directionWords(); those of the ids are brought up to date
   void compute(std::span<const std::uint32_t> ids, std::span<Neighbourhood> out,
                std::uint64_t* wide_seen = nullptr) const;
 
