@@ -8,13 +8,8 @@
 namespace accessvdb::test {
 
 inline WalkOptions parityWalk(std::uint64_t seed, int frames, int rays_per_frame) {
-  WalkOptions options;
-  options.frames = frames;
-  options.rays_per_frame = rays_per_frame;
+  WalkOptions options = shortWalk(frames, rays_per_frame);
   options.seed = seed;
-  options.range_noise_m = 0.02;
-  options.max_range_m = 8;
-  options.length_m = 4;
   options.offset_W = {-3, 2, 0};  // both signs of every coordinate
   return options;
 }

@@ -34,16 +34,6 @@ FieldParams paramsWith(const OrientationSet& orientations, int rolls, double vox
   return params;
 }
 
-WalkGenerator shortWalk(int frames) {
-  WalkOptions options;
-  options.frames = frames;
-  options.rays_per_frame = 1500;
-  options.range_noise_m = 0.02;
-  options.max_range_m = 8;
-  options.length_m = 4;
-  return WalkGenerator(options);
-}
-
 /// Every roll of every axis, the rolls of an axis one after the other.
 OrientationSet listOfEveryRoll(const AccessibilityField& field) {
   const ApproachParams& approach = field.params().approach;
@@ -100,7 +90,7 @@ TEST(Rolls, FindWhatAListOfEveryRollFinds) {
     of_list.approach.rolls = 1;
     of_list.backend = BackendKind::Cpu;
     AccessibilityField list(c.tool, of_list);
-    const WalkGenerator walk = shortWalk(7);
+    const WalkGenerator walk(shortWalk(7, 1500));
     for (int frame = 0; frame < 7; ++frame) {
       const auto scan = walk.frame(frame);
       field.integrateScan(scan.points_S, scan.T_W_S);
@@ -141,7 +131,7 @@ TEST(Rolls, OfStreamsEqualFromScratch) {
     params.update.budget_points = stream.budget;
     AccessibilityField field(ToolGeometry::builtin(stream.tool), params);
     ASSERT_GT(field.params().approach.rolls, 1);
-    const WalkGenerator walk = shortWalk(10);
+    const WalkGenerator walk(shortWalk(10, 1500));
     std::size_t rolled = 0;
     for (int frame = 0; frame < 10; ++frame) {
       const auto scan = walk.frame(frame);

@@ -99,16 +99,6 @@ void expectEqualToScratch(const AccessibilityField& field, const std::string& wh
   }
 }
 
-WalkGenerator shortWalk(int frames) {
-  WalkOptions options;
-  options.frames = frames;
-  options.rays_per_frame = 1000;
-  options.range_noise_m = 0.02;
-  options.max_range_m = 8;
-  options.length_m = 4;
-  return WalkGenerator(options);
-}
-
 TEST(WideSets, StreamsEqualFromScratchAfterEveryUpdate) {
   struct Stream {
     const char* orientations;
@@ -121,7 +111,7 @@ TEST(WideSets, StreamsEqualFromScratchAfterEveryUpdate) {
                                {"pitch:-30:30:10", "builtin:pruner", 0.08, 60, 1, 5, 0},
                                {"sphere:9", "builtin:pruner", 0.08, 180, 1, 3, 400}}) {
     SCOPED_TRACE(std::string(stream.orientations) + ", " + stream.tool);
-    const WalkGenerator walk = shortWalk(8);
+    const WalkGenerator walk(shortWalk(8, 1000));
     FieldParams params = paramsWith(OrientationSet::parse(stream.orientations), stream.voxel_size_m, stream.rolls);
     params.approach.num_directions = stream.num_directions;
     params.scoring.max_collisions = stream.max_collisions;

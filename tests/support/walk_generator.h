@@ -15,4 +15,15 @@ using samples::WalkGenerator;
 using samples::WalkOptions;
 using samples::writeScanFolder;
 
+/// A few metres past trees, for tests that map a walk several times.
+inline WalkOptions shortWalk(int frames, int rays_per_frame) {
+  WalkOptions options;
+  options.frames = frames;
+  options.rays_per_frame = rays_per_frame;
+  options.range_noise_m = 0.02;
+  options.max_range_m = 8;
+  options.length_m = 4;
+  return options;
+}
+
 }  // namespace accessvdb::test
