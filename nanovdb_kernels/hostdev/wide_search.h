@@ -4,6 +4,8 @@
 /// them are candidates and none is known beforehand, so what it finds is the first of all by the documented order.
 #pragma once
 
+#include <type_traits>
+
 #include "hostdev/direction_search.h"
 
 namespace accessvdb::kernels {

@@ -132,14 +132,14 @@ namespace {
 
 /// Tables of a fine mesh in many orientations take minutes on a few cores, before the first scan is read.
 void sayWhatTablesTake(const ToolSpec& tool, const Messages& messages) {
-  constexpr std::size_t kMany = 30'000'000;  // triangles turned: about 20 s of one core
+  constexpr std::size_t kMany = 30'000'000;  // triangles turned: about half a minute of one core
   const ApproachParams approach = toolParams(tool, {}).approach;
   const auto orientations =
       static_cast<std::size_t>(approach.directionCount()) * static_cast<std::size_t>(rollsOf(tool.tool, approach));
   const std::size_t triangles = tool.tool.triangles().size();
   if (orientations * triangles < kMany) return;
-  messages.progress("tool: tables for " + std::to_string(orientations) + " orientations of " +
-                    std::to_string(triangles) + " triangles; a mesh with fewer triangles than voxels is faster");
+  messages.progress("tool: making tables for " + std::to_string(orientations) + " orientations of " +
+                    std::to_string(triangles) + " triangles, which can take minutes; a coarser mesh takes less");
 }
 
 }  // namespace
