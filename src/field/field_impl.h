@@ -266,14 +266,14 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
       steps.joinUpdate();
       scheduler->noteReturns(*touched, scan.p_L, scan.q_L);
     };
-    std::vector<LeafChange> aged, opened;
+    std::vector<std::span<const LeafChange>> aged;
+    std::vector<LeafChange> opened;
     const auto fuse = [&] {
       aged = ageFreeSpace(passed_s);
       opened = openWhatHasGone(scan, touched->all);
       if (scheduler->needs().changes) {
-        for (const std::vector<LeafChange>* changes : {&aged, &opened}) {
-          for (const LeafChange& change : *changes) scheduler->noteChange(0, change);
-        }
+        scheduler->noteEachPart(aged);
+        for (const LeafChange& change : opened) scheduler->noteChange(0, change);
       }
       result = integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, gate.origin_W()});
     };
@@ -284,14 +284,15 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     stats.cleared_updates = result.counts.cleared_updates;
     stats.flipped_voxels = result.counts.flipped_voxels;
     const kernels::Stopwatch noting;
-    std::vector<std::span<const LeafChange>> changes = {aged, opened};
+    std::vector<std::span<const LeafChange>> changes = aged;
+    changes.emplace_back(opened);
     changes.insert(changes.end(), result.changes.begin(), result.changes.end());
     scheduler->noteChanges(scan.p_L, scan.q_L, {changes, result.distances});
     const double noting_ms = noting.milliseconds();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const auto to_backend = [&] { scheduler->prepare(tables); };
     const auto to_mirror = [&] {
-      if (!aged.empty()) mirror.apply(aged);
+      if (!aged.empty()) mirror.applyParts(aged);
       if (!opened.empty()) mirror.apply(opened);
       if (distance_mirror) mirrorOpened(opened);
       mirrorFacts(result, stats);
@@ -302,9 +303,10 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   /// @return where voxels are no longer free
-  std::vector<LeafChange> ageFreeSpace(double passed_s) {
+  std::vector<std::span<const LeafChange>> ageFreeSpace(double passed_s) {
     internal::PackedMap& map = volume.packed();
-    return map.agesFreeSpace() ? map.generations()->pass(map, passed_s) : std::vector<LeafChange>{};
+    if (!map.agesFreeSpace()) return {};
+    return map.generations()->pass(map, passed_s);
   }
 
   /// @return where rays opened voxels of what has gone
@@ -331,12 +333,12 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   void passTime(double passed_s, FrameStats& stats) {
     steps.waitForMap();
     steps.joinUpdate();
-    const std::vector<LeafChange> aged = ageFreeSpace(passed_s);
+    const std::vector<std::span<const LeafChange>> aged = ageFreeSpace(passed_s);
     if (aged.empty()) return;
     scheduler->noteChangesAlone(aged);
     const kernels::Stopwatch mirroring;
-    mirror.apply(aged);
-    stats.changed_leaves += aged.size();
+    mirror.applyParts(aged);
+    for (const auto& part : aged) stats.changed_leaves += part.size();
     stats.mirror_bytes = mirror.lastTraffic().bytes_written;
     stats.mirror_ms = mirroring.milliseconds();
   }

@@ -63,7 +63,7 @@ class SchedulerOfTools final : public UpdateScheduler {
                    const MapChanges& changes) override {
     for (const Part& part : parts_) part.scheduler->noteChanges(p_L, q_L, changes);
   }
-  void noteChangesAlone(std::span<const LeafChange> facts) override {
+  void noteChangesAlone(std::span<const std::span<const LeafChange>> facts) override {
     for (const Part& part : parts_) part.scheduler->noteChangesAlone(facts);
   }
   void noteRestored() override {

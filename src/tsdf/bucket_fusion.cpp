@@ -56,6 +56,12 @@ PackedLeaf* BucketFusion::leafOf(std::size_t group) const {
   return leaf;
 }
 
+/// Where free space ages, most leaves have a record beside their node.
+void BucketFusion::askForRecord(const PackedLeaf* leaf) const {
+  if (leaf == nullptr) return;
+  if (const LeafBits* before = map_.beforeOf(*leaf)) prefetch(before, sizeof(AgedLeaf));
+}
+
 PackedLeaf* BucketFusion::addLeaf(std::size_t group, BucketResult& result) {
   const std::uint32_t number = groups_.places[group].node();
   if (nodes_[number] == nullptr) {
@@ -123,11 +129,13 @@ void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const Return
   const std::size_t count = groups_.places.size();
   for (std::size_t g = 0; g < std::min(count, kEntryAhead); ++g) askForEntry(g);
   for (std::size_t g = 0; g < std::min(count, kLeafAhead); ++g) leaves_[g] = leafOf(g);
+  const bool ages = map_.agesFreeSpace();
   std::size_t summed = 0, folded = 0;  // leaves actually reached
   for (std::size_t g = 0; g < count; ++g) {
     if (g + kEntryAhead < count) askForEntry(g + kEntryAhead);
     PackedLeaf* leaf = leaves_[g % kLeafAhead];
     if (g + kLeafAhead < count) leaves_[g % kLeafAhead] = leafOf(g + kLeafAhead);
+    if (ages && g + kRecordAhead < count) askForRecord(leaves_[(g + kRecordAhead) % kLeafAhead]);
     if (summed - folded == kWaiting) {
       fold(fusions_[folded % kWaiting], waiting_[folded % kWaiting], changes, result);
       ++folded;

@@ -56,7 +56,7 @@ class BucketFusion {
 
  private:
   /// Leaves between two stations. Waiting leaves' sums stay in the first-level cache; 8 was as fast as 4.
-  static constexpr std::size_t kEntryAhead = 16, kLeafAhead = 8, kWaiting = 4;
+  static constexpr std::size_t kEntryAhead = 16, kLeafAhead = 8, kRecordAhead = 4, kWaiting = 4;
 
   /// A leaf whose sums are waiting to be folded.
   struct Waiting {
@@ -68,6 +68,7 @@ class BucketFusion {
   void locateNodes();
   void askForEntry(std::size_t group) const;
   [[nodiscard]] PackedLeaf* leafOf(std::size_t group) const;
+  void askForRecord(const PackedLeaf* leaf) const;
   PackedLeaf* addLeaf(std::size_t group, BucketResult& result);
   void fold(LeafFusion& fusion, const Waiting& waiting, BucketChanges& changes, BucketResult& result);
   VoxelVotes* votesFor(const LeafFusion& fusion, const PackedLeaf& leaf);

@@ -2,14 +2,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tsdf/free_generations.h"
 
-#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
-#include <mutex>
 
+#include "tsdf/leaf_fusion.h"
 #include "tsdf/packed_map.h"
 
 namespace accessvdb::internal {
@@ -27,8 +25,8 @@ int phaseOf(std::int32_t x, std::int32_t y, std::int32_t z) {
   return static_cast<int>(hash >> 40 & (kPhases - 1));
 }
 
-/// Leaves that a thread takes at a time.
-constexpr std::size_t kAgedPerTask = 128;
+/// How far ahead of its use a leaf, and then what it has beside the map, is asked for.
+constexpr std::size_t kLeafAhead = 12, kRecordAhead = 6;
 
 /// A leaf of a node, and how many generations have ended there.
 struct DueLeaf {
@@ -36,30 +34,55 @@ struct DueLeaf {
   std::int64_t ended;
 };
 
-/// @return whether a voxel is no longer free; then `change` says which
-bool turn(PackedMap& map, PackedLeaf& leaf, std::int64_t ended, LeafChange& change) {
-  LeafBits now, before = {}, lost;
-  for (openvdb::Index x = 0; x < 8; ++x) now[x] = leaf.getValueMask().getWord<std::uint64_t>(x);
-  if (const LeafBits* known = map.beforeOf(leaf)) before = *known;
-  std::uint64_t any_lost = 0;
-  for (std::size_t x = 0; x < 8; ++x) {
-    lost[x] = ended == 1 ? before[x] & ~now[x] : before[x] | now[x];
-    any_lost |= lost[x];
-  }
-  if (any_lost != 0) {
-    const LeafBits collides = map.collidingIn(leaf);
-    any_lost = 0;
-    change = {};
-    change.origin_ijk = {leaf.origin().x(), leaf.origin().y(), leaf.origin().z()};
-    for (std::size_t x = 0; x < 8; ++x) {
-      change.arm_free_off[x] = lost[x] & ~collides[x];
-      any_lost |= change.arm_free_off[x];
+using Records = RecordPool<AgedLeaf>;
+
+/// Lets leaves turn, one after the other. @return those in which a voxel is no longer free, into `changes`
+class Turning {
+ public:
+  Turning(PackedMap& map, Records& records, std::vector<LeafChange>& changes)
+      : map_(map), records_(records), changes_(changes) {}
+
+  void turn(std::span<const DueLeaf> due) {
+    for (std::size_t n = 0; n < due.size(); ++n) {
+      if (n + kLeafAhead < due.size()) prefetch(due[n + kLeafAhead].leaf, sizeof(PackedLeaf));
+      if (n + kRecordAhead < due.size()) {
+        if (const LeafBits* before = map_.beforeOf(*due[n + kRecordAhead].leaf)) prefetch(before, sizeof(AgedLeaf));
+      }
+      turn(*due[n].leaf, due[n].ended);
     }
   }
-  map.setBefore(leaf, ended == 1 ? now : LeafBits{});
-  for (openvdb::Index x = 0; x < 8; ++x) leaf.getValueMask().getWord<std::uint64_t>(x) = 0;
-  return any_lost != 0;
-}
+
+ private:
+  void turn(PackedLeaf& leaf, std::int64_t ended) {
+    LeafBits now, before = {}, lost;
+    for (openvdb::Index x = 0; x < 8; ++x) now[x] = leaf.getValueMask().getWord<std::uint64_t>(x);
+    if (const LeafBits* known = map_.beforeOf(leaf)) before = *known;
+    std::uint64_t any_lost = 0;
+    for (std::size_t x = 0; x < 8; ++x) {
+      lost[x] = ended == 1 ? before[x] & ~now[x] : before[x] | now[x];
+      any_lost |= lost[x];
+    }
+    if (any_lost != 0) noteLost(leaf, lost);
+    map_.setBefore(leaf, ended == 1 ? now : LeafBits{}, records_);
+    for (openvdb::Index x = 0; x < 8; ++x) leaf.getValueMask().getWord<std::uint64_t>(x) = 0;
+  }
+
+  void noteLost(const PackedLeaf& leaf, const LeafBits& lost) {
+    const LeafBits collides = map_.collidingIn(leaf);
+    LeafChange change;
+    change.origin_ijk = {leaf.origin().x(), leaf.origin().y(), leaf.origin().z()};
+    std::uint64_t any = 0;
+    for (std::size_t x = 0; x < 8; ++x) {
+      change.arm_free_off[x] = lost[x] & ~collides[x];
+      any |= change.arm_free_off[x];
+    }
+    if (any != 0) changes_.push_back(change);
+  }
+
+  PackedMap& map_;
+  Records::Batch records_;
+  std::vector<LeafChange>& changes_;
+};
 
 }  // namespace
 
@@ -67,9 +90,8 @@ std::int64_t FreeGenerations::generationAt(double age_s, std::int32_t x, std::in
   return static_cast<std::int64_t>(std::floor(age_s / free_for_s_ + static_cast<double>(phaseOf(x, y, z)) / kPhases));
 }
 
-std::vector<LeafChange> FreeGenerations::pass(PackedMap& map, double seconds) {
-  std::vector<LeafChange> changes;
-  if (!(seconds > 0)) return changes;
+std::vector<std::span<const LeafChange>> FreeGenerations::pass(PackedMap& map, double seconds) {
+  if (!(seconds > 0)) return {};
   const double before_s = age_s_;
   age_s_ += std::min(seconds, 2 * free_for_s_);
   std::vector<PackedLowerNode*> nodes;
@@ -83,17 +105,16 @@ std::vector<LeafChange> FreeGenerations::pass(PackedMap& map, double seconds) {
     if (ended <= 0) continue;
     for (auto leaf = node->beginChildOn(); leaf; ++leaf) due.push_back({&*leaf, ended});
   }
-  std::mutex mutex;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, due.size(), kAgedPerTask), [&](const auto& range) {
-    std::vector<LeafChange> found;
-    for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      LeafChange change;
-      if (turn(map, *due[n].leaf, due[n].ended, change)) found.push_back(change);
-    }
-    const std::lock_guard lock(mutex);
-    changes.insert(changes.end(), found.begin(), found.end());
+  tbb::parallel_for(std::size_t{0}, kParts, [&](std::size_t part) {
+    changes_[part].clear();
+    const std::size_t begin = due.size() * part / kParts, end = due.size() * (part + 1) / kParts;
+    Turning(map, records_, changes_[part]).turn(std::span(due).subspan(begin, end - begin));
   });
-  return changes;
+  std::vector<std::span<const LeafChange>> parts;
+  for (const std::vector<LeafChange>& part : changes_) {
+    if (!part.empty()) parts.emplace_back(part);
+  }
+  return parts;
 }
 
 }  // namespace accessvdb::internal

@@ -4,7 +4,30 @@
 
 #include <memory>
 
+#include "tsdf/leaf_kernels.h"
+
 namespace accessvdb::internal {
+namespace {
+
+/// Only leaves whose record says something have one. @param records  the pool, or a batch of it
+/// @param change  (AgedLeaf&)
+template <typename Records, typename Change>
+void changeRecord(Records& records, PackedLeaf& leaf, const Change& change) {
+  const std::uint32_t number = leaf.transientData();
+  if (number == 0) {
+    AgedLeaf record;
+    change(record);
+    if (record.any()) leaf.setTransientData(records.add(record));
+    return;
+  }
+  AgedLeaf& record = records.get(number);
+  change(record);
+  if (record.any()) return;
+  records.remove(number);
+  leaf.setTransientData(0);
+}
+
+}  // namespace
 
 PackedMap::PackedMap(const TsdfParams& resolved)
     : params_(resolved),
@@ -38,35 +61,19 @@ void PackedMap::blockNewThings(float far_m) {
 
 void PackedMap::ageFreeSpace(double free_for_s) { generations_ = std::make_unique<FreeGenerations>(free_for_s); }
 
-/// Only leaves whose record says something have one. @param change  (AgedLeaf&)
-template <typename Change>
-void PackedMap::changeRecord(PackedLeaf& leaf, const Change& change) {
-  RecordPool<AgedLeaf>& records = generations_->records();
-  const std::uint32_t number = leaf.transientData();
-  AgedLeaf record = number == 0 ? AgedLeaf{} : records.get(number);
-  change(record);
-  if (record.any()) {
-    if (number == 0) {
-      leaf.setTransientData(records.add(record));
-    } else {
-      records.get(number) = record;
-    }
-  } else if (number != 0) {
-    records.remove(number);
-    leaf.setTransientData(0);
-  }
-}
-
 void PackedMap::setVoteNumber(PackedLeaf& leaf, std::uint32_t number) {
   if (generations_ == nullptr) {
     leaf.setTransientData(number);
   } else {
-    changeRecord(leaf, [number](AgedLeaf& record) { record.votes = number; });
+    changeRecord(generations_->records(), leaf, [number](AgedLeaf& record) { record.votes = number; });
   }
 }
 
 void PackedMap::setBefore(PackedLeaf& leaf, const LeafBits& before) {
-  changeRecord(leaf, [&before](AgedLeaf& record) { record.before = before; });
+  changeRecord(generations_->records(), leaf, [&before](AgedLeaf& record) { record.before = before; });
+}
+void PackedMap::setBefore(PackedLeaf& leaf, const LeafBits& before, RecordPool<AgedLeaf>::Batch& records) {
+  changeRecord(records, leaf, [&before](AgedLeaf& record) { record.before = before; });
 }
 
 std::uint64_t PackedMap::agedLeafCount() const {
@@ -93,12 +100,9 @@ LeafBits PackedMap::collidingIn(const PackedLeaf& leaf) const {
   LeafBits collides = blockedIn(leaf);
   const std::uint32_t* packed = packedValues(leaf);
   if (packed == nullptr) return collides;
-  for (std::size_t x = 0; x < 8; ++x) {
-    for (std::size_t n = 0; n < 64; ++n) {
-      const std::uint32_t voxel = packed[64 * x + n];
-      collides[x] |= std::uint64_t{weightOf(voxel) > 0 && meanOf(voxel) < collision_mean_ ? 1u : 0u} << n;
-    }
-  }
+  KernelConstants constants = {};
+  constants.collision_mean = static_cast<std::int32_t>(collision_mean_);
+  leafKernels().mark_colliding(packed, constants, ~std::uint32_t{0}, collides);
   return collides;
 }
 

@@ -93,6 +93,8 @@ class PackedMap {
     return &generations_->records().get(leaf.transientData()).before;
   }
   void setBefore(PackedLeaf& leaf, const LeafBits& before);
+  /// The same with a batch of numbers of generations()->records().
+  void setBefore(PackedLeaf& leaf, const LeafBits& before, RecordPool<AgedLeaf>::Batch& records);
   /// Leaves with something free in the generation before.
   [[nodiscard]] std::uint64_t agedLeafCount() const;
   /// Voxels that rays confirmed to be free and that have not aged since; without ageing, the cleared ones.
@@ -130,8 +132,6 @@ class PackedMap {
   std::unique_ptr<VotePool> votes_;
   std::unique_ptr<FreeGenerations> generations_;
 
-  template <typename Change>
-  void changeRecord(PackedLeaf& leaf, const Change& change);
   [[nodiscard]] std::uint32_t leastMeanAt(float distance_m) const;
 };
 

@@ -91,9 +91,9 @@ class ExactOnDevice final : public UpdateScheduler {
   }
 
   // As if another scan had come: all flips are handed over again.
-  void noteChangesAlone(std::span<const LeafChange> facts) override {
+  void noteChangesAlone(std::span<const std::span<const LeafChange>> facts) override {
     flips_begun_ = false;
-    for (const LeafChange& change : facts) noteChange(0, change);
+    noteEachPart(facts);
     noteChanges({}, {}, {});
   }
 

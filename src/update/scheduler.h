@@ -3,7 +3,10 @@
 /// Which points are scored when: one interface for both policies.
 #pragma once
 
+#include <tbb/parallel_for.h>
+
 #include <Eigen/Core>
+#include <cstddef>
 #include <functional>
 #include <memory>
 #include <span>
@@ -45,12 +48,21 @@ class UpdateScheduler {
   /// with noteReturns(), but for each part by one thread at a time. @param part  below kMostParts
   virtual void noteChange(std::size_t /*part*/, const LeafChange& /*change*/) {}
   static constexpr std::size_t kMostParts = 256;
+  /// noteChange() for all of these, on several threads. @param parts  at most kMostParts
+  void noteEachPart(std::span<const std::span<const LeafChange>> parts) {
+    tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
+      for (const LeafChange& change : parts[part]) noteChange(part, change);
+    });
+  }
   /// Call when the map contains the returns, too: after noteReturns(), once per scan.
   virtual void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                            const MapChanges& changes) = 0;
 
   /// Call instead of these when the map changed without a scan.
-  virtual void noteChangesAlone(std::span<const LeafChange> facts) { noteChanges({}, {}, {{&facts, 1}, {}}); }
+  /// @param facts  in parts, as for noteChange(); each leaf at most once
+  virtual void noteChangesAlone(std::span<const std::span<const LeafChange>> facts) {
+    noteChanges({}, {}, {facts, {}});
+  }
 
   /// Call instead of these when the points and the map came from a saved state: nothing was scored yet, and all points
   /// count as new.

@@ -5,8 +5,10 @@
 /// Replays the same scans into fresh maps, round after round, and prints milliseconds per frame over the last frames:
 ///   fuse    ScanIntegrator::integrate, everything
 ///   points  PointStore::addReturns, the other part of the verb's `integrate`
+///   age     where free space ages: what a scan's stamp makes unknown
 /// and a hash of the map, which no optimisation may change. Options by environment: ACCESSVDB_BENCH_FRAMES (120),
 /// ACCESSVDB_BENCH_TIMED (100, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10), ACCESSVDB_BENCH_THREADS (0 = all),
+/// ACCESSVDB_BENCH_BLOCK (1; 0 = new things do not block), ACCESSVDB_BENCH_FREE_FOR_S (0 = for ever),
 /// ACCESSVDB_BENCH_ROUNDS (1), ACCESSVDB_BENCH_SCANS (a file that keeps the scans, as simulating them takes longer).
 #include <openvdb/openvdb.h>
 #include <sys/resource.h>
@@ -18,6 +20,7 @@
 #include <vector>
 
 #include "bench/pine_flight.h"
+#include "field/new_thing_margin.h"
 #include "launch/stopwatch.h"
 #include "points/point_store.h"
 #include "tsdf/scan_integrator.h"
@@ -60,18 +63,29 @@ std::uint64_t hashOf(const internal::PackedMap& map) {
   return hash;
 }
 
+constexpr double kPeriod_s = 0.1;  ///< of the scans
+
 void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel_size_m) {
   const FieldParams params = bench::flightParams(voxel_size_m);
   internal::PackedMap map(params.tsdf);
   map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
+  const int free_for_s = environment("ACCESSVDB_BENCH_FREE_FOR_S", 0);
+  if (environment("ACCESSVDB_BENCH_BLOCK", 1) != 0) {
+    map.blockNewThings(static_cast<float>(internal::farFromSurfaces_m(params)));
+  }
+  if (free_for_s > 0) map.ageFreeSpace(free_for_s);
   internal::ScanIntegrator integrator(map);
   internal::PointStore points(params, std::vector<float>(2 * static_cast<std::size_t>(params.approach.num_directions)));
-  std::vector<double> fuse_ms, points_ms;
-  double user_ms = 0, system_ms = 0, touched = 0, fresh = 0, updates = 0, passes = 0, changed = 0;
+  std::vector<double> fuse_ms, points_ms, age_ms;
+  double user_ms = 0, system_ms = 0, touched = 0, fresh = 0, updates = 0, passes = 0, changed = 0, aged = 0;
   std::uint64_t changes_hash = 0;
   const std::size_t first = scans.size() - static_cast<std::size_t>(timed);
   for (std::size_t n = 0; n < scans.size(); ++n) {
     const bench::FlightScan& scan = scans[n];
+    const kernels::Stopwatch ageing;
+    std::vector<std::span<const LeafChange>> aged_parts;
+    if (map.agesFreeSpace()) aged_parts = map.generations()->pass(map, kPeriod_s);
+    const double ageing_ms = ageing.milliseconds();
     const CpuTime before = CpuTime::now();
     const kernels::Stopwatch fusing;
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
@@ -94,6 +108,8 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     }
     if (n < first) continue;
     points_ms.push_back(adding_ms);
+    age_ms.push_back(ageing_ms);
+    for (const auto& part : aged_parts) aged += static_cast<double>(part.size()) / timed;
     fuse_ms.push_back(ms);
     user_ms += 1e3 * (after.user_s - before.user_s) / timed;
     system_ms += 1e3 * (after.system_s - before.system_s) / timed;
@@ -105,9 +121,11 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   }
   printTimes("fuse", fuse_ms);
   printTimes("points", points_ms);
+  if (map.agesFreeSpace()) printTimes("age", age_ms);
   std::printf("cpu     %8.2f user %8.2f system ms a frame in fuse\n", user_ms, system_ms);
   std::printf("a frame: %.0f leaves touched, %.0f new, %.0f changed, %.2f M distance, %.2f M cleared updates\n",
               touched, fresh, changed, 1e-6 * updates, 1e-6 * passes);
+  if (aged > 0) std::printf("a frame: %.0f leaves aged\n", aged);
   std::printf("map     %016llx changes %016llx, %llu leaves, %llu with values\n",
               static_cast<unsigned long long>(hashOf(map)), static_cast<unsigned long long>(changes_hash),
               static_cast<unsigned long long>(map.leaf_count),
