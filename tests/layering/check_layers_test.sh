@@ -1,16 +1,16 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Shows that each rule of check_layers.sh fires: plants one violation at a time in an otherwise clean tree.
+# Shows that each rule of check_layers.sh fires: plants one violation per file in an otherwise clean tree, and expects
+# one line per file, for its rule, and nothing else.
 set -euo pipefail
 checker=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/check_layers.sh
 tree=$(mktemp -d)
 trap 'rm -rf "$tree"' EXIT
 licence=$'// Copyright Contributors to the AccessVDB project\n// SPDX-License-Identifier: Apache-2.0'
-failures=0
+expected=()  # "file: rule" of each violation
 
 plant_clean_tree() {
-  rm -rf "${tree:?}"/*
   write include/accessvdb/types.h '#include <vector>' '#include <Eigen/Core>'
   write include/accessvdb/tsdf_volume.h '#include <openvdb/openvdb.h>' '#include "accessvdb/types.h"'
   write nanovdb_kernels/hostdev/nanovdb_compat.h '#include <nanovdb/NanoVDB.h>'
@@ -29,25 +29,16 @@ write() {  # write FILE LINE...
   { echo "$licence"; printf '%s\n' "${@:2}"; } >"$tree/$1"
 }
 
-expect() {  # expect RULE FILE LINE...: a clean tree plus this file breaks exactly this rule, in this file
-  plant_clean_tree
-  write "${@:2}"
-  report "$1" "$2"
-}
-
-report() {  # report RULE FILE
-  local output code=0
-  output=$("$checker" "$tree") || code=$?
-  if ((code != 1)) || [[ $(wc -l <<<"$output") -ne 1 || $output != "$2:"*": $1: "* ]]; then
-    echo "FAILED: rule '$1' on $2: exit code $code, output: ${output:-nothing}"
-    failures=$((failures + 1))
-  fi
+expect() {  # expect RULE FILE LINE...: this file breaks exactly this rule. "bad" in its name becomes a name of its own
+  local file=${2/bad/bad_${#expected[@]}}
+  write "$file" "${@:3}"
+  expected+=("$file: $1")
 }
 
 plant_clean_tree
 if ! output=$("$checker" "$tree"); then
   echo "FAILED: the clean tree is reported: $output"
-  failures=$((failures + 1))
+  exit 1
 fi
 
 for header in cuda_runtime.h nanovdb/NanoVDB.h tbb/task_arena.h pcl/point_types.h assimp/mesh.h openvdb/openvdb.h tsdf/map.h; do
@@ -115,14 +106,17 @@ expect quiet-library src/io/bad.cpp 'void f() { abort(); }'
 expect quiet-library src/io/bad.cpp 'void f() { std::cerr << 1; }'
 expect quiet-library include/accessvdb/bad.h 'inline void f() { printf(""); }'
 for name in src/io/utils.h src/common src/io/ply_helpers.cpp include/accessvdb/manager.h tests/core; do
-  plant_clean_tree
   mkdir -p "$tree/$name"
-  report name "$name"
+  expected+=("$name: name")
 done
-plant_clean_tree
-mkdir -p "$tree/src/io"
 printf '#pragma once\n' >"$tree/src/io/bare.h"
-report licence src/io/bare.h
+expected+=("src/io/bare.h: licence")
 
-((failures == 0)) || exit 1
+code=0
+output=$("$checker" "$tree") || code=$?
+said=$(sed -E 's/^([^:]*):[0-9]+: ([a-z-]+): .*/\1: \2/' <<<"$output" | LC_ALL=C sort)
+if ((code != 1)) || ! diff <(printf '%s\n' "${expected[@]}" | LC_ALL=C sort) - <<<"$said"; then
+  echo "FAILED: exit code $code; '<' was expected of the checker, '>' is what it says"
+  exit 1
+fi
 echo "every rule fires"
