@@ -35,6 +35,19 @@ struct CallConfiguration {
 };
 thread_local CallConfiguration configuration;
 
+/// Fields clear far more than these small maps use: whole pages of anonymous memory go back instead of being written.
+void zero(std::byte* to, std::size_t bytes) {
+  constexpr std::size_t kPage = 4096;
+  const std::size_t head = (kPage - reinterpret_cast<std::uintptr_t>(to) % kPage) % kPage;
+  const std::size_t pages = bytes < head ? 0 : (bytes - head) / kPage * kPage;
+  if (pages == 0 || madvise(to + head, pages, MADV_DONTNEED) != 0) {
+    std::memset(to, 0, bytes);
+    return;
+  }
+  std::memset(to, 0, head);
+  std::memset(to + head + pages, 0, bytes - head - pages);
+}
+
 }  // namespace
 
 extern "C" {
@@ -82,6 +95,7 @@ cudaError_t cudaMemcpyAsync(void* to, const void* from, std::size_t bytes, cudaM
   return std::memcpy(to, from, bytes), cudaSuccess;
 }
 cudaError_t cudaMemsetAsync(void* to, int value, std::size_t bytes, cudaStream_t) {
+  if (value == 0) return zero(static_cast<std::byte*>(to), bytes), cudaSuccess;
   return std::memset(to, value, bytes), cudaSuccess;
 }
 
