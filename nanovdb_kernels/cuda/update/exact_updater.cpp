@@ -35,7 +35,7 @@ class DeviceExactUpdater final : public ExactUpdater {
       : context_(std::move(context)),
         memory_(memory),
         counters_(memory_, stream()),
-        points_(memory_, tables.neighbours),
+        points_(context_, memory_, tables.neighbours),
         moved_(memory_, &counters_.data()->moved),
         flips_(memory_),
         busy_(memory_) {
@@ -127,6 +127,7 @@ class DeviceExactUpdater final : public ExactUpdater {
 
   std::uint64_t bytes() const override {
     std::uint64_t bytes = memory_.bytes();
+    bytes += points_.mappedBytes();
     for (const auto& tool : tools_) bytes += tool->mappedBytes();
     return bytes;
   }

@@ -5,14 +5,9 @@
 #include <algorithm>
 #include <utility>
 
-#include "cuda/memory/growing.h"
-
 namespace accessvdb::kernels {
 namespace {
 
-/// Addresses for the levels of points: 300 million at 180 directions. Memory is mapped as they grow, without copying:
-/// nothing else takes as much memory per point.
-constexpr std::uint64_t kAddresses = std::uint64_t{1} << 36;
 /// Collisions are counted up to this many times the limit, to remember them. Counting further did not pay off.
 constexpr int kCountTo = 2;
 
@@ -38,7 +33,8 @@ KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
   std::copy_n(tables.cell_low, 3, cells_.low);
   std::copy_n(tables.cell_size, 3, cells_.size);
   view_.words = (num_directions + kKnownPerWord - 1) / kKnownPerWord;
-  levels_ = std::make_unique<AddressRange>(std::move(context), kAddresses);
+  levels_.emplace(context);
+  freed_.emplace(std::move(context));
 }
 
 void KnownTables::setLimit(int collision_limit) {
@@ -47,12 +43,12 @@ void KnownTables::setLimit(int collision_limit) {
 }
 
 void KnownTables::grow(std::uint32_t points, std::uint32_t groups, cudaStream_t stream) {
-  if (levels_ == nullptr) return;
+  if (!levels_) return;
   const auto words = static_cast<std::size_t>(view_.words);
-  levels_->back(std::uint64_t{points} * words * sizeof(std::uint64_t));
-  view_.levels = static_cast<std::uint64_t*>(levels_->base());
-  growFilled(freed_, memory_, groups * words, 0, stream);
-  view_.freed = freed_.data();
+  levels_->grow(points * words);
+  view_.levels = levels_->data();
+  freed_->growFilled(groups * words, 0, stream);
+  view_.freed = freed_->data();
 }
 
 }  // namespace accessvdb::kernels

@@ -8,8 +8,9 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 
-#include "cuda/memory/address_range.h"
+#include "cuda/memory/range_array.h"
 #include "cuda/update/update_views.cuh"
 #include "launch/device_array.h"
 #include "launch/exact_updater.h"
@@ -31,14 +32,15 @@ class KnownTables {
   void grow(std::uint32_t points, std::uint32_t groups, cudaStream_t stream);
 
   /// Bytes not taken from `memory`.
-  [[nodiscard]] std::uint64_t mappedBytes() const { return levels_ != nullptr ? levels_->backedBytes() : 0; }
+  [[nodiscard]] std::uint64_t mappedBytes() const { return levels_ ? levels_->bytes() + freed_->bytes() : 0; }
 
  private:
   DeviceMemory& memory_;
   KnownView view_;
   CellTableView cells_;
-  std::unique_ptr<AddressRange> levels_;  ///< by id; null: nothing is remembered
-  DeviceArray<FreedWord> freed_;          ///< by group
+  // Nothing else takes as much memory. Without a value nothing is remembered.
+  std::optional<RangeArray<std::uint64_t>> levels_;  ///< by id
+  std::optional<RangeArray<FreedWord>> freed_;       ///< by group
   DeviceArray<DirectionArc> cell_directions_;
   DeviceArray<DirectionMask> cell_sets_;
 };

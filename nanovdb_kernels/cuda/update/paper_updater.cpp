@@ -29,7 +29,7 @@ class DevicePaperUpdater final : public PaperUpdater {
         memory_(memory),
         candidates_(tables.candidates),
         counters_(memory_, stream()),
-        points_(memory_, tables.neighbours),
+        points_(context_, memory_, tables.neighbours),
         queue_(memory_) {}
 
   void admit(const AdmitInput& input) override {
@@ -64,7 +64,7 @@ class DevicePaperUpdater final : public PaperUpdater {
     return outcome;
   }
 
-  std::uint64_t bytes() const override { return memory_.bytes(); }
+  std::uint64_t bytes() const override { return memory_.bytes() + points_.mappedBytes(); }
 
  private:
   [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }

@@ -11,8 +11,10 @@
 
 namespace accessvdb::kernels {
 
-PointTables::PointTables(DeviceMemory& memory, const NeighbourTables& tables)
-    : memory_(memory), words_(static_cast<std::size_t>((tables.num_directions + 63) / 64)) {
+PointTables::PointTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& tables)
+    : memory_(memory),
+      words_(static_cast<std::size_t>((tables.num_directions + 63) / 64)),
+      own_seen_(std::move(context)) {
   view_.groups.log2 = tables.group_log2;
   view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
   view_.rule.inverse_voxel_size = VoxelScale(tables.voxel_size_m).inverse;
@@ -43,7 +45,7 @@ void PointTables::growPoints(std::uint32_t points, std::size_t kept) {
   grow(block_, 1);
   grow(mean_, 3);
   grow(to_sensor_, 3);
-  grow(own_seen_, words_);
+  own_seen_.grow(points * words_);
   grow(reach_, 1);
 }
 

@@ -6,7 +6,9 @@
 #include <cuda_runtime_api.h>
 
 #include <cstdint>
+#include <memory>
 
+#include "cuda/memory/range_array.h"
 #include "cuda/memory/staging.h"
 #include "cuda/update/update_views.cuh"
 #include "launch/device_array.h"
@@ -19,12 +21,15 @@ class PointTables {
   /// Most points whose neighbours are found at a time.
   static constexpr std::uint32_t kPart = 1u << 17;
 
-  PointTables(DeviceMemory& memory, const NeighbourTables& tables);
+  PointTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& tables);
 
   /// Valid until the next grow().
   [[nodiscard]] const PointsView& view() const { return view_; }
   /// Sets the current arrays of the host's point state.
   void setState(const PointStateView& points) { view_.points = points; }
+
+  /// Bytes not taken from `memory`.
+  [[nodiscard]] std::uint64_t mappedBytes() const { return own_seen_.bytes(); }
 
   /// Makes room for what is admitted.
   void grow(const AdmitInput& input, cudaStream_t stream);
@@ -55,7 +60,7 @@ class PointTables {
   // By id.
   DeviceArray<std::uint32_t> block_;
   DeviceArray<float> mean_, to_sensor_, reach_;
-  DeviceArray<std::uint64_t> own_seen_;
+  RangeArray<std::uint64_t> own_seen_;
   // By block.
   DeviceArray<std::uint64_t> hash_keys_;
   DeviceArray<std::uint32_t> hash_blocks_, first_, count_, ids_, group_of_;
