@@ -13,6 +13,7 @@
 #include <limits>
 #include <optional>
 #include <span>
+#include <unordered_set>
 #include <utility>
 
 namespace accessvdb::internal {
@@ -193,6 +194,48 @@ struct Part {
   [[nodiscard]] bool canBeNumbered() const { return box.size_y <= kMostLeaves && box.size_z <= kMostLeaves; }
 };
 
+/// Words of rows, with those of equal rows kept once: of a set of rolls, two rows in three are like another.
+class SharedRows {
+ public:
+  /// @param words  outlives this; nothing else adds to it
+  explicit SharedRows(std::vector<std::uint64_t>& words) : words_(words), rows_(0, Hash{words}, Equal{words}) {}
+
+  /// @return where its words begin
+  std::uint32_t add(std::span<const std::uint64_t> row) {
+    const Row added = {static_cast<std::uint32_t>(words_.size()), static_cast<std::uint32_t>(row.size())};
+    words_.insert(words_.end(), row.begin(), row.end());
+    const auto [kept, is_new] = rows_.insert(added);
+    if (!is_new) words_.resize(added.first);
+    return kept->first;
+  }
+
+ private:
+  struct Row {
+    std::uint32_t first, count;
+  };
+  struct Hash {
+    const std::vector<std::uint64_t>& words;
+    std::size_t operator()(const Row& row) const {
+      std::uint64_t hash = row.count;
+      for (std::uint32_t n = 0; n < row.count; ++n) {
+        hash = (hash ^ words[row.first + n]) * 0x9e3779b97f4a7c15u;
+        hash ^= hash >> 29;
+      }
+      return hash;
+    }
+  };
+  struct Equal {
+    const std::vector<std::uint64_t>& words;
+    bool operator()(const Row& a, const Row& b) const {
+      const auto at = [this](const Row& row) { return words.begin() + row.first; };
+      return a.count == b.count && std::equal(at(a), at(a) + a.count, at(b));
+    }
+  };
+
+  std::vector<std::uint64_t>& words_;
+  std::unordered_set<Row, Hash, Equal> rows_;
+};
+
 /// Concatenates parts, freeing each on the way.
 ToolSlabs joined(std::vector<Part>& parts) {
   ToolSlabs all;
@@ -202,15 +245,22 @@ ToolSlabs joined(std::vector<Part>& parts) {
     num_rows += part.rows.size();
     for (const auto& of_x : part.columns) num_columns += of_x.size();
   }
-  all.words.reserve(num_words);
+  if (num_rows == 0) all.words.reserve(num_words);
   all.columns.reserve(num_columns);
   all.full.reserve(num_columns);
   all.rows.reserve(num_rows);
+  SharedRows shared(all.words);
   for (Part& part : parts) {
-    const auto first_word = static_cast<std::uint32_t>(all.words.size());
-    part.box.first = num_rows > 0 ? static_cast<std::uint32_t>(all.rows.size()) : first_word;
-    all.words.insert(all.words.end(), part.words.begin(), part.words.end());
-    for (const SlabRow& row : part.rows) all.rows.push_back({row.first + first_word, row.begin, row.count});
+    if (num_rows > 0) {
+      part.box.first = static_cast<std::uint32_t>(all.rows.size());
+      for (const SlabRow& row : part.rows) {
+        const std::span words(part.words.data() + row.first, row.count);
+        all.rows.push_back({row.count > 0 ? shared.add(words) : 0, row.begin, row.count});
+      }
+    } else {
+      part.box.first = static_cast<std::uint32_t>(all.words.size());
+      all.words.insert(all.words.end(), part.words.begin(), part.words.end());
+    }
     all.boxes.push_back(part.box);
     part.words = {};
     part.rows = {};

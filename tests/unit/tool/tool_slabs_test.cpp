@@ -174,6 +174,19 @@ TEST(ToolSlabs, HoldThePartsOfAToolThatRollsByRow) {
   const ToolSlabs by_row = ToolSlabs::make(rolling, 1, kNoLimit);
   EXPECT_FALSE(by_row.rows.empty());
   EXPECT_TRUE(by_box.rows.empty());
+  // Words of equal rows are kept once.
+  std::map<std::vector<std::uint64_t>, std::uint32_t> first_of;
+  std::size_t words = 0, shared = 0;
+  for (const kernels::SlabRow& row : by_row.rows) {
+    if (row.count == 0) continue;
+    const auto begin = by_row.words.begin() + row.first;
+    const auto [known, is_new] = first_of.try_emplace({begin, begin + row.count}, row.first);
+    EXPECT_EQ(known->second, row.first);
+    words += is_new ? row.count : 0u;
+    shared += is_new ? 0u : 1u;
+  }
+  EXPECT_EQ(words, by_row.words.size());
+  EXPECT_GT(shared, 20u);
   ASSERT_EQ(by_row.boxes.size(), 8 * static_cast<std::size_t>(parts));
   for (std::size_t part = 0; part < static_cast<std::size_t>(parts); ++part) {
     for (int y = 0; y < 8; ++y) ASSERT_EQ(voxelsIn(by_row, part, y), tool.voxels[part]) << "part " << part;
