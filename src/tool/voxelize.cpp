@@ -34,6 +34,12 @@ std::int32_t ceilOf(double x) {
 std::int32_t firstCell(double low) { return ceilOf(low - 0.5 - kTouch); }
 std::int32_t lastCell(double high) { return floorOf(high + 0.5 + kTouch); }
 
+/// The whole number nearest to x, of two either: where a bound on floor or ceil will do, this is faster than they are.
+std::int32_t nearest(double x) {
+  constexpr double kNoFraction = 6755399441055744;  // 1.5 x 2^52: the sum has whole numbers only
+  return static_cast<std::int32_t>(std::bit_cast<std::int64_t>(x + kNoFraction));
+}
+
 struct Range {
   double low, high;
 };
@@ -109,7 +115,7 @@ void addSurface(const Polygon& triangle, Voxels& voxels) {
 }
 
 /// [voxels] More than rounding can move a cut of a triangle: cuts are on segments between corners.
-constexpr double kRounding = 1e-9;
+constexpr double kMargin = kTouch + 1e-8;
 
 /// Fine meshes have many triangles per voxel, and most of them touch only voxels that others have touched already. That
 /// is quickly seen from above: by the triangle's box and plane, both wider than any rounding.
@@ -117,8 +123,8 @@ class Cover {
  public:
   Cover(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c) : a_(a), b_(b), c_(c) {
     for (int axis = 0; axis < 3; ++axis) {
-      low_[axis] = ceilOf(std::min({a[axis], b[axis], c[axis]}) - 0.5 - kTouch - kRounding);
-      high_[axis] = floorOf(std::max({a[axis], b[axis], c[axis]}) + 0.5 + kTouch + kRounding);
+      low_[axis] = nearest(std::min({a[axis], b[axis], c[axis]}) - kMargin);
+      high_[axis] = nearest(std::max({a[axis], b[axis], c[axis]}) + kMargin);
     }
   }
 
@@ -196,17 +202,28 @@ void addCrossings(const Eigen::Vector3d& p0, const Eigen::Vector3d& p1, const Ei
   }
 }
 
-/// Whether there is no whole number between low and high, whatever an interpolation between the two was rounded to.
-bool isBetweenCentres(double low, double high) { return floorOf(high + kRounding) < ceilOf(low - kRounding); }
+/// Whether addCrossings() may find any. Never wrongly false.
+bool mayCross(const Eigen::Vector3d& a, const Eigen::Vector3d& b, const Eigen::Vector3d& c) {
+  const std::int32_t j_first = nearest(std::min({a.y(), b.y(), c.y()}) - kMargin + 0.5),
+                     j_last = nearest(std::max({a.y(), b.y(), c.y()}) + kMargin - 0.5);
+  if (j_last < j_first) return false;
+  const std::int32_t i_first = nearest(std::min({a.x(), b.x(), c.x()}) - kMargin + 0.5),
+                     i_last = nearest(std::max({a.x(), b.x(), c.x()}) + kMargin - 0.5);
+  if (i_last < i_first) return false;
+  if (j_last > j_first || i_last > i_first) return true;
+  // One centre, and edges shorter than 3. It is on one side of all edges, but for rounding, or outside.
+  const double ax = a.x() - i_first, ay = a.y() - j_first, bx = b.x() - i_first, by = b.y() - j_first,
+               cx = c.x() - i_first, cy = c.y() - j_first;
+  const double ab = ax * by - ay * bx, bc = bx * cy - by * cx, ca = cx * ay - cy * ax;
+  return std::max({ab, bc, ca}) <= 10 * kMargin || std::min({ab, bc, ca}) >= -10 * kMargin;
+}
 
 template <typename Voxels>
 void addInside(const std::vector<Eigen::Vector3d>& vertices, const std::vector<Triangle>& triangles, Voxels& voxels) {
   std::vector<Crossing> crossings;
   for (const Triangle& t : triangles) {
     const Eigen::Vector3d &a = vertices[t[0]], &b = vertices[t[1]], &c = vertices[t[2]];
-    if (isBetweenCentres(std::min({a.y(), b.y(), c.y()}), std::max({a.y(), b.y(), c.y()}))) continue;
-    if (isBetweenCentres(std::min({a.x(), b.x(), c.x()}), std::max({a.x(), b.x(), c.x()}))) continue;
-    addCrossings(a, b, c, crossings);
+    if (mayCross(a, b, c)) addCrossings(a, b, c, crossings);
   }
   std::sort(crossings.begin(), crossings.end(), [](const Crossing& a, const Crossing& b) {
     return std::tie(a.i, a.j, a.z, a.sign) < std::tie(b.i, b.j, b.z, b.sign);
