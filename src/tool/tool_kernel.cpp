@@ -239,9 +239,8 @@ ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved, int
     }
     std::vector<std::vector<VoxelRun>> of_roll(R);
     // While it waits for the rolls, a thread begins no other direction, whose voxels would need memory, too.
-    tbb::this_task_arena::isolate([&] {
-      tbb::parallel_for(std::size_t{0}, R, [&](std::size_t roll) { of_roll[roll] = voxelsOf(d, roll); });
-    });
+    tbb::this_task_arena::isolate(
+        [&] { tbb::parallel_for(std::size_t{0}, R, [&](std::size_t roll) { of_roll[roll] = voxelsOf(d, roll); }); });
     std::vector<VoxelRun> core = of_roll[0];
     for (const std::vector<VoxelRun>& runs : of_roll) core = sharedVoxels(core, runs);
     parts[0] = packColumns(core);

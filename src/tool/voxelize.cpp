@@ -138,7 +138,8 @@ class Cover {
   /// Whether the voxels have all cells that addSurface() would add. Never wrongly true; only for small triangles, whose
   /// plane is known well, worth it.
   [[nodiscard]] bool isIn(const VoxelBitmap& voxels) const {
-    if (high_[0] - low_[0] > kMostSide || high_[1] - low_[1] > kMostSide || high_[2] - low_[2] > kMostSide) return false;
+    if (high_[0] - low_[0] > kMostSide || high_[1] - low_[1] > kMostSide || high_[2] - low_[2] > kMostSide)
+      return false;
     const Eigen::Vector3d u = b_ - a_, v = c_ - a_;
     const double nx = u.y() * v.z() - u.z() * v.y(), ny = u.z() * v.x() - u.x() * v.z(),
                  nz = u.x() * v.y() - u.y() * v.x();
