@@ -7,15 +7,18 @@
 #include <Eigen/Geometry>
 #include <array>
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <cstring>
 #include <numbers>
 #include <random>
 #include <set>
 #include <stdexcept>
+#include <thread>
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "tool/orientation_count.h"
 #include "tool/tool_kernel.h"
 #include "tool/voxel_runs.h"
 #include "unit/tool/test_meshes.h"
@@ -273,6 +276,32 @@ TEST(ToolKernel, TellsHowFarItIs) {
     ASSERT_EQ(told.columns.size(), untold.columns.size());
     EXPECT_EQ(std::memcmp(told.columns.data(), untold.columns.data(), sizeof(told.columns[0]) * told.columns.size()),
               0);
+  }
+}
+
+/// Also where threads come while another one tells.
+TEST(OrientationCount, TellsOfTheEndFromManyThreads) {
+  constexpr std::size_t kThreads = 8, kEach = 50;
+  for (int round = 0; round < 20; ++round) {
+    std::size_t before = 0;
+    std::atomic<int> inside{0};
+    const TableProgress slow = [&](std::size_t done, std::size_t total) {
+      EXPECT_EQ(++inside, 1);
+      EXPECT_GT(done, before);
+      EXPECT_EQ(total, kThreads * kEach);
+      before = done;
+      std::this_thread::sleep_for(std::chrono::microseconds(50));
+      --inside;
+    };
+    OrientationCount count(slow, kThreads * kEach);
+    std::vector<std::thread> threads;
+    for (std::size_t n = 0; n < kThreads; ++n) {
+      threads.emplace_back([&] {
+        for (std::size_t k = 0; k < kEach; ++k) count.addOne();
+      });
+    }
+    for (std::thread& thread : threads) thread.join();
+    EXPECT_EQ(before, kThreads * kEach);
   }
 }
 
