@@ -5,6 +5,7 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <set>
 #include <sstream>
@@ -374,9 +375,9 @@ int MapRun::run() {
   const PlanSources sources = {options_, settings_, tools, scans, params};
   const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
   if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
-  std::optional<tiles::TileMargins> margins;
+  std::function<tiles::TileMargins()> margins;
   if (options_.tiles == "auto" && !whyNotInTiles(options_, params)) {
-    margins = tiles::tileMargins(tools, params, tableProgress(messages_));
+    margins = [&] { return tiles::tileMargins(tools, params, tableProgress(messages_)); };
   }
   const auto memory =
       checkMemory(options_, tools, options_.exported.surface ? RunOutput::FieldWithSurface : RunOutput::Field, scans,

@@ -98,7 +98,8 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   std::int32_t edge = 0;
   if (wantedTile_m(options) == 0 && !tiles::hasPlan(options.out)) {
     const tiles::TileMargins margins = tiles::tileMargins(tools, params, tableProgress(messages));
-    const auto memory = checkMemory(options, tools, RunOutput::Field, scans, margins, messages);
+    const auto memory = checkMemory(
+        options, tools, RunOutput::Field, scans, [&] { return margins; }, messages);
     if (!memory) return 128 + stopSignal();
     // What fits in one piece is still to be shared: four tiles at least, unless they would be smaller than is useful.
     edge = memory->tile_voxels > 0 ? memory->tile_voxels : margins.least_tile_voxels * 4;
