@@ -159,7 +159,7 @@ class Cover {
   }
 
  private:
-  static constexpr std::int32_t kMostSide = 2;  ///< cells to either end
+  static constexpr std::int32_t kMostSide = 2;  ///< from the first cell to the last
 
   const Eigen::Vector3d &a_, &b_, &c_;
   std::array<std::int32_t, 3> low_, high_;
