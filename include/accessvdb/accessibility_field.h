@@ -25,6 +25,7 @@
 
 #include "accessvdb/export.h"
 #include "accessvdb/params.h"
+#include "accessvdb/table_progress.h"
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/types.h"
 #include "accessvdb/update_ticket.h"
@@ -51,9 +52,10 @@ class ACCESSVDB_API AccessibilityField {
   AccessibilityField(const ToolGeometry& tool, const FieldParams& params = {});
   /// Several tools over one map: each point says which of them reach it (docs/tools.md), and each tool's result is that
   /// of a field with it alone. Include tool_spec.h. @param params  for all; orientations, rolls and max_collisions are
-  /// each tool's own
+  /// each tool's own  @param progress  of the tools' tables (table_progress.h)
   /// @throws InvalidArgument "tool.count", "tool.name", "tool.policy" (the paper's policy knows one tool)
-  explicit AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params = {});
+  explicit AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params = {},
+                              const TableProgress& progress = {});
   ~AccessibilityField();
   AccessibilityField(AccessibilityField&&) noexcept;
   AccessibilityField& operator=(AccessibilityField&&) noexcept;
@@ -171,7 +173,8 @@ class ACCESSVDB_API AccessibilityField {
 
   /// The same for several tools, with the orientations and limits that they had.
   [[nodiscard]] static AccessibilityField loadState(const std::filesystem::path& file, std::vector<ToolSpec> tools,
-                                                    BackendKind backend = BackendKind::Auto, int threads = 0);
+                                                    BackendKind backend = BackendKind::Auto, int threads = 0,
+                                                    const TableProgress& progress = {});
 
   /// Writes field.vdb, field_points.vdb and points.ply into a folder, each whole or not at all.
   /// @throws OutputError

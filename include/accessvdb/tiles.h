@@ -28,6 +28,7 @@
 #include "accessvdb/params.h"
 #include "accessvdb/render.h"
 #include "accessvdb/scan_io.h"
+#include "accessvdb/table_progress.h"
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/tool_spec.h"
 #include "accessvdb/types.h"
@@ -93,8 +94,9 @@ struct TileMargins {
 };
 /// @throws what building a field throws
 [[nodiscard]] ACCESSVDB_API TileMargins tileMargins(const ToolGeometry& tool, const FieldParams& params);
-/// For several tools: what the one that reaches farthest needs.
-[[nodiscard]] ACCESSVDB_API TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params);
+/// For several tools: what the one that reaches farthest needs. @param progress  of their tables
+[[nodiscard]] ACCESSVDB_API TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params,
+                                                    const TableProgress& progress = {});
 
 /// World position of the local frame that a field of all scans would have: the first usable sensor position, rounded.
 /// Reads steps until there is one. @throws UnusableInput "scans.no_returns"

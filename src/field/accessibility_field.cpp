@@ -22,14 +22,16 @@ namespace accessvdb {
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
     : AccessibilityField(
           {{tool, params.approach.orientations, params.approach.rolls, {}, params.scoring.max_collisions}}, params) {}
-AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params)
+AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params,
+                                       const TableProgress& progress)
     : impl_(internal::makeArena(params.threads).execute([&] {
         const std::vector<ToolSpec> list = namedTools(std::move(tools));
         const FieldParams resolved = internal::resolvedFor(list.front(), params);
         internal::requireManyTools(list, resolved);
-        return internal::onBackend(
-            resolved.backend, internal::notOnGpu(list, resolved),
-            [&](internal::ChosenBackend chosen) { return std::make_unique<Impl>(list, resolved, std::move(chosen)); });
+        return internal::onBackend(resolved.backend, internal::notOnGpu(list, resolved),
+                                   [&](internal::ChosenBackend chosen) {
+                                     return std::make_unique<Impl>(list, resolved, std::move(chosen), progress);
+                                   });
       })) {}
 AccessibilityField::~AccessibilityField() = default;
 AccessibilityField::AccessibilityField(AccessibilityField&&) noexcept = default;
@@ -205,9 +207,9 @@ AccessibilityField AccessibilityField::loadState(const std::filesystem::path& fi
 }
 
 AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, std::vector<ToolSpec> tools,
-                                                 BackendKind backend, int threads) {
+                                                 BackendKind backend, int threads, const TableProgress& progress) {
   internal::StateReader state(file);
-  return internal::FieldAccess::load(state, namedTools(std::move(tools)), backend, threads);
+  return internal::FieldAccess::load(state, namedTools(std::move(tools)), backend, threads, progress);
 }
 
 void AccessibilityField::write(const std::filesystem::path& folder) const { writeField(*this, folder, {}); }
@@ -219,7 +221,7 @@ FrameStats internal::FieldAccess::integrateLocal(AccessibilityField& field, std:
 }
 
 AccessibilityField internal::FieldAccess::load(StateReader& state, const std::vector<ToolSpec>& tools,
-                                               BackendKind backend, int threads) {
+                                               BackendKind backend, int threads, const TableProgress& progress) {
   if (state.head().tool_sha256 != toolListSha256(tools)) {
     throw UnusableInput("state.tool", state.file().string(),
                         state.head().tools.empty() && tools.size() == 1 ? "is the state of a field for another tool"
@@ -229,7 +231,7 @@ AccessibilityField internal::FieldAccess::load(StateReader& state, const std::ve
   FieldParams params = state.head().params;
   params.backend = backend;
   params.threads = threads;
-  AccessibilityField field(tools, params);
+  AccessibilityField field(tools, params, progress);
   field.impl_->arena.execute([&] { field.impl_->restore(state); });
   return field;
 }

@@ -33,7 +33,7 @@ struct FieldAccess {
                                    std::span<const Eigen::Vector3f> q_L);
   /// @param tools  named @throws UnusableInput "state.tool" if the state is not of these
   [[nodiscard]] static AccessibilityField load(StateReader& state, const std::vector<ToolSpec>& tools,
-                                               BackendKind backend, int threads);
+                                               BackendKind backend, int threads, const TableProgress& progress = {});
   [[nodiscard]] static const PointStore& points(const AccessibilityField& field);
   [[nodiscard]] static FieldCounts counts(const AccessibilityField& field);
 

@@ -55,7 +55,8 @@ inline tbb::task_arena makeArena(int threads) {
 
 struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   /// @param tools_named  at least one  @param resolved  for the first of them
-  Impl(std::vector<ToolSpec> tools_named, const FieldParams& resolved, internal::ChosenBackend chosen_backend)
+  Impl(std::vector<ToolSpec> tools_named, const FieldParams& resolved, internal::ChosenBackend chosen_backend,
+       const TableProgress& progress)
       : params(resolved),
         tools(std::move(tools_named)),
         tool(tools.front().tool),
@@ -63,7 +64,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         background_arena(internal::makeArena(params.threads)),
         chosen(std::move(chosen_backend)),
         backend(chosen.backend.get()),
-        setup(tool, params, *backend),
+        setup(tool, params, *backend, progress),
         volume(params.tsdf),
         integrator(prepared(volume, params)),
         mirror(backend->makeArena(), params.tsdf.voxel_size_m),
@@ -73,7 +74,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         gone_cells(makeGoneCells()),
         reads(gone_cells ? internal::readsWithGone(map_reads, points, gone_points) : map_reads),
         scorer(std::make_unique<internal::PointScorer>(points, params, *backend, reads)),
-        further(tools, params, {volume.packed(), points, *backend, core(), gone_cells ? &gone_points : nullptr}),
+        further(tools, params, {volume.packed(), points, *backend, core(), gone_cells ? &gone_points : nullptr},
+                progress),
         gate(params.tsdf, params.origin_W, returnsInWindow()),
         scheduler(further.makeSchedulers(*scorer, setup)),
         steps(views) {

@@ -146,11 +146,12 @@ FieldParams resolvedFor(const ToolSpec& tool, const FieldParams& params) {
   return resolved;
 }
 
-FurtherTools::FurtherTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved, const Shared& shared)
+FurtherTools::FurtherTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved, const Shared& shared,
+                           const TableProgress& progress)
     : shared_(shared) {
   for (std::size_t n = 1; n < tools.size(); ++n) {
     const FieldParams params = resolvedFor(tools[n], resolved);
-    Tool& tool = *tools_.emplace_back(std::make_unique<Tool>(tools[n], params, shared.backend));
+    Tool& tool = *tools_.emplace_back(std::make_unique<Tool>(tools[n], params, shared.backend, progress));
     while (tool.views_of < n && !sameDirections(toolParams(tools[tool.views_of], resolved), params)) ++tool.views_of;
     if (tool.views_of == n) {
       tool.own_points = std::make_unique<PointStore>(params, tool.setup.directions_xy(), tool.setup.axes_xyz());

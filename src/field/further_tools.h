@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "accessvdb/table_progress.h"
 #include "accessvdb/tool_spec.h"
 #include "change/gone_points.h"
 #include "field/scored_points.h"
@@ -44,8 +45,8 @@ class FurtherTools {
   };
   /// One of them.
   struct Tool {
-    Tool(const ToolSpec& spec, const FieldParams& resolved, kernels::Backend& backend)
-        : params(resolved), setup(spec.tool, params, backend) {}
+    Tool(const ToolSpec& spec, const FieldParams& resolved, kernels::Backend& backend, const TableProgress& progress)
+        : params(resolved), setup(spec.tool, params, backend, progress) {}
 
     FieldParams params;  ///< resolved, as if it were alone
     ScoringSetup setup;
@@ -57,7 +58,8 @@ class FurtherTools {
   };
 
   /// @param tools  all of the field's, the first one included
-  FurtherTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved, const Shared& shared);
+  FurtherTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved, const Shared& shared,
+               const TableProgress& progress);
 
   [[nodiscard]] bool empty() const { return tools_.empty(); }
   [[nodiscard]] std::size_t size() const { return tools_.size(); }

@@ -32,9 +32,10 @@ std::vector<double> armDistances(const FieldParams& p) {
   return distances;
 }
 
-ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, kernels::Backend& backend)
+ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, kernels::Backend& backend,
+                           const TableProgress& progress)
     : params_(resolved),
-      tool_(ToolKernel::make(tool, resolved)),
+      tool_(ToolKernel::make(tool, resolved, progress)),
       directions_(DirectionTable::make(resolved.approach)),
       memory_(backend) {
   const std::vector<double> distances = armDistances(resolved);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "accessvdb/params.h"
+#include "accessvdb/table_progress.h"
 #include "launch/backend.h"
 #include "tool/tool_kernel.h"
 #include "tool/tool_slabs.h"
@@ -16,7 +17,8 @@ namespace accessvdb::internal {
 
 class ScoringSetup {
  public:
-  ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, kernels::Backend& backend);
+  ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved, kernels::Backend& backend,
+               const TableProgress& progress = {});
   ScoringSetup(const ScoringSetup&) = delete;
   ScoringSetup& operator=(const ScoringSetup&) = delete;
 

@@ -103,11 +103,12 @@ TileMargins tileMargins(const ToolGeometry& tool, const FieldParams& params) {
       params);
 }
 
-TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params) {
+TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params, const TableProgress& progress) {
   internal::WindowReach reach;
   for (const ToolSpec& spec : tools) {
     const FieldParams resolved = toolParams(spec, params).resolved();
-    reach = internal::unionOf(reach, internal::windowReach(internal::ToolKernel::make(spec.tool, resolved), resolved));
+    reach = internal::unionOf(
+        reach, internal::windowReach(internal::ToolKernel::make(spec.tool, resolved, progress), resolved));
   }
   const FieldWindow window = {{0, 0}, {FieldWindow::kEdge, FieldWindow::kEdge}};
   TileMargins margins;

@@ -3,6 +3,7 @@
 #include "tool/tool_kernel.h"
 
 #include <tbb/parallel_for.h>
+#include <tbb/task_arena.h>
 
 #include <algorithm>
 #include <cmath>
@@ -11,6 +12,7 @@
 #include <string>
 
 #include "accessvdb/error.h"
+#include "tool/orientation_count.h"
 #include "tool/surface_samples.h"
 #include "tool/voxel_runs.h"
 #include "tool/voxelize.h"
@@ -116,7 +118,7 @@ struct Box {
 };
 
 /// Voxels of the tool left after self-exclusion, at the yaw direction that has the fewest.
-std::uint32_t fewestYawVoxels(const ToolGeometry& tool, const FieldParams& resolved) {
+std::uint32_t fewestYawVoxels(const ToolGeometry& tool, const FieldParams& resolved, OrientationCount& count) {
   const std::vector<ToolOrientation> yaws = OrientationSet::yaw().orientations(resolved.approach.num_directions);
   std::vector<std::uint64_t> voxels(yaws.size());
   tbb::parallel_for(std::size_t{0}, yaws.size(), [&](std::size_t d) {
@@ -124,6 +126,7 @@ std::uint32_t fewestYawVoxels(const ToolGeometry& tool, const FieldParams& resol
                                           tool.triangles(), tool.watertight());
     removeBall(runs, resolved.scoring.self_exclusion_voxels);
     voxels[d] = countVoxels(runs);
+    count.addOne();
   });
   return static_cast<std::uint32_t>(std::min<std::uint64_t>(*std::min_element(voxels.begin(), voxels.end()),
                                                             std::numeric_limits<std::uint32_t>::max()));
@@ -181,21 +184,15 @@ kernels::ToolKernelView ToolKernel::view() const {
           parts()};
 }
 
-ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolved) {
-  ToolKernel kernel = sampled(tool, resolved, resolved.approach.directionCount());
-  const bool by_rule = resolved.scoring.max_collisions == 0 && !kernel.use_samples;
-  if (by_rule && !resolved.approach.orientations.isYaw()) {  // of yaw, voxel_count is without roll
-    kernel.collision_limit = limitByRule(fewestYawVoxels(tool, resolved));
-  }
-  return kernel;
-}
+namespace {
 
-ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& resolved, int sampled) {
+/// @param sampled  orientations, at most
+ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved, int sampled, const ToolRolls& rolls,
+                      OrientationCount& count) {
   const double v = resolved.tsdf.voxel_size_m, exclusion = resolved.scoring.self_exclusion_voxels;
   const int all_directions = resolved.approach.directionCount();
   const std::vector<ToolOrientation> orientations = sampledOrientations(resolved.approach, sampled);
   const auto num_directions = static_cast<int>(orientations.size());
-  const ToolRolls rolls = toolRolls(tool, resolved.approach);
   const auto D = std::size_t(num_directions);
   const double span_voxels =
       std::max(double(tool.reach_m()), (tool.max_T() - tool.min_T()).cast<double>().maxCoeff()) / v;
@@ -215,36 +212,39 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
   kernel.voxel_count.resize(D);
   const auto P = std::size_t(kernel.parts());
   std::vector<std::vector<kernels::VoxelColumn>> of_part(D * P);
-  std::vector<Box> boxes(D);
-  const auto makeDirection = [&](int d) {
-    const auto voxelsOf = [&](int roll) {
-      const ToolOrientation held = rolledBy(orientations[static_cast<std::size_t>(d)], rolls, roll);
-      std::vector<VoxelRun> runs =
-          voxelize(rotated(tool.vertices_T(), held, 1 / v), tool.triangles(), tool.watertight());
-      const std::uint64_t all = countVoxels(runs), removed = removeBall(runs, exclusion);
-      for (const VoxelRun& run : runs) {
-        boxes[d].add(run.i, run.j, run.lo);
-        boxes[d].add(run.i, run.j, run.hi);
-      }
-      if (roll > 0) return runs;
+  const auto R = std::size_t(rolls.count);
+  std::vector<Box> boxes(D * R);
+  const auto voxelsOf = [&](std::size_t d, std::size_t roll) {
+    const ToolOrientation held = rolledBy(orientations[d], rolls, int(roll));
+    std::vector<VoxelRun> runs = voxelize(rotated(tool.vertices_T(), held, 1 / v), tool.triangles(), tool.watertight());
+    const std::uint64_t all = countVoxels(runs), removed = removeBall(runs, exclusion);
+    Box& box = boxes[d * R + roll];
+    for (const VoxelRun& run : runs) {
+      box.add(run.i, run.j, run.lo);
+      box.add(run.i, run.j, run.hi);
+    }
+    if (roll == 0) {
       kernel.voxel_count[d] =
           std::uint32_t(std::min<std::uint64_t>(all - removed, std::numeric_limits<std::uint32_t>::max()));
       if (d == 0 && all > 0) kernel.hidden_share = double(removed) / double(all);
-      return runs;
-    };
-    auto* const parts = of_part.data() + std::size_t(d) * P;
-    if (rolls.count == 1) {
-      parts[0] = packColumns(voxelsOf(0));
+    }
+    count.addOne();
+    return runs;
+  };
+  const auto makeDirection = [&](std::size_t d) {
+    auto* const parts = of_part.data() + d * P;
+    if (R == 1) {
+      parts[0] = packColumns(voxelsOf(d, 0));
       return;
     }
-    std::vector<std::vector<VoxelRun>> of_roll(std::size_t(rolls.count));
-    for (int roll = 0; roll < rolls.count; ++roll) of_roll[std::size_t(roll)] = voxelsOf(roll);
+    std::vector<std::vector<VoxelRun>> of_roll(R);
+    // While it waits for the rolls, a thread begins no other direction, whose voxels would need memory, too.
+    tbb::this_task_arena::isolate(
+        [&] { tbb::parallel_for(std::size_t{0}, R, [&](std::size_t roll) { of_roll[roll] = voxelsOf(d, roll); }); });
     std::vector<VoxelRun> core = of_roll[0];
     for (const std::vector<VoxelRun>& runs : of_roll) core = sharedVoxels(core, runs);
     parts[0] = packColumns(core);
-    for (std::size_t roll = 0; roll < of_roll.size(); ++roll) {
-      parts[roll + 1] = packColumns(voxelsWithout(of_roll[roll], core));
-    }
+    for (std::size_t roll = 0; roll < R; ++roll) parts[roll + 1] = packColumns(voxelsWithout(of_roll[roll], core));
   };
   makeDirection(0);  // first, so that what does not fit is noticed before memory fills up
   std::size_t of_first = 0;
@@ -252,7 +252,7 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
   if (const double all = double(of_first) * all_directions; all > kMaxColumns) {
     refuseColumns(tool, resolved, rolls.count, all);
   }
-  tbb::parallel_for(1, num_directions, makeDirection);
+  tbb::parallel_for(std::size_t{1}, D, makeDirection);
 
   std::size_t num_columns = 0;
   kernel.column_begin.push_back(0);
@@ -267,10 +267,10 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
     std::vector<kernels::VoxelColumn>().swap(columns);
   }
   Box box;
-  for (std::size_t d = 0; d < D; ++d) {
-    if (boxes[d].low[0] > boxes[d].high[0]) continue;
-    box.add(boxes[d].low[0], boxes[d].low[1], boxes[d].low[2]);
-    box.add(boxes[d].high[0], boxes[d].high[1], boxes[d].high[2]);
+  for (const Box& own : boxes) {
+    if (own.low[0] > own.high[0]) continue;
+    box.add(own.low[0], own.low[1], own.low[2]);
+    box.add(own.high[0], own.high[1], own.high[2]);
   }
 
   kernel.sample_begin.assign(D * P + 1, 0);
@@ -279,9 +279,9 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
     std::vector<Eigen::Vector3d> samples =
         sampleSurface(tool.vertices_T(), tool.triangles(), resolved.scoring.surface_samples);
     std::erase_if(samples, [&](const Eigen::Vector3d& p) { return p.norm() <= exclusion * v; });
-    kernel.samples.reserve(3 * samples.size() * D * std::size_t(rolls.count));
-    for (std::size_t n = 0; n < D * std::size_t(rolls.count); ++n) {
-      const std::size_t d = n / std::size_t(rolls.count), roll = n % std::size_t(rolls.count);
+    kernel.samples.reserve(3 * samples.size() * D * R);
+    for (std::size_t n = 0; n < D * R; ++n) {
+      const std::size_t d = n / R, roll = n % R;
       const std::size_t part = P == 1 ? d : d * P + 1 + roll;
       if (roll == 0) kernel.sample_begin[part] = std::uint32_t(kernel.samples.size() / 3);  // the core has none
       const ToolOrientation held = rolledBy(orientations[d], rolls, int(roll));
@@ -310,6 +310,27 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
     kernel.collision_limit = limitByRule(*std::min_element(kernel.voxel_count.begin(), kernel.voxel_count.end()));
   }
   return kernel;
+}
+
+}  // namespace
+
+ToolKernel ToolKernel::make(const ToolGeometry& tool, const FieldParams& resolved, const TableProgress& progress) {
+  const ApproachParams& approach = resolved.approach;
+  const bool by_rule = resolved.scoring.max_collisions == 0 && resolved.scoring.form != ToolForm::SurfaceSamples;
+  const bool counts_yaw = by_rule && !approach.orientations.isYaw();  // of yaw, voxel_count is without roll
+  const ToolRolls rolls = toolRolls(tool, approach);
+  const int directions = approach.directionCount();
+  OrientationCount count(progress, std::size_t(directions) * std::size_t(rolls.count) +
+                                       (counts_yaw ? std::size_t(approach.num_directions) : 0));
+  ToolKernel kernel = makeKernel(tool, resolved, directions, rolls, count);
+  if (counts_yaw) kernel.collision_limit = limitByRule(fewestYawVoxels(tool, resolved, count));
+  return kernel;
+}
+
+ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& resolved, int sampled) {
+  const TableProgress nobody;
+  OrientationCount count(nobody, 0);
+  return makeKernel(tool, resolved, sampled, toolRolls(tool, resolved.approach), count);
 }
 
 }  // namespace accessvdb::internal

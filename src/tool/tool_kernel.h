@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "accessvdb/params.h"
+#include "accessvdb/table_progress.h"
 #include "accessvdb/tool_geometry.h"
 #include "hostdev/views.h"
 #include "tool/tool_rolls.h"
@@ -47,9 +48,9 @@ struct ToolKernel {
   /// lower it, and take access away. With rolls, the parts of a direction are the voxels that all rolls share, and what
   /// each has besides. Sample form: surface_samples points uniform on the surface from a fixed seed, rotated; those
   /// within self_exclusion_voxels * v are removed; collision_limit = max_collisions + 1, by rule 5. Makes both forms
-  /// where useful (the voxel form always, for sizes and footprints). Parallel over directions.
+  /// where useful (the voxel form always, for sizes and footprints). Parallel over orientations.
   /// @throws ResourceLimit when the tool spans more than 30 000 voxels or needs more than 2^28 columns (4 GiB)
-  static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved);
+  static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved, const TableProgress& progress = {});
   /// The same for at most `sampled` of the orientations, evenly spread, in place of all: to estimate the memory for
   /// all. The collision limit is not that of all.
   /// @throws ResourceLimit as make(), as far as these directions show

@@ -18,6 +18,7 @@
 #include "accessvdb/device_view.h"
 #include "accessvdb/error.h"
 #include "accessvdb/saved_state.h"
+#include "accessvdb/tool_tables.h"
 #include "parity/random_world.h"
 #include "support/determinism_support.h"
 #include "support/scratch_folder.h"
@@ -390,6 +391,30 @@ TEST(SeveralTools, GoOnFromAStateOfAMapThatForgets) {
   };
   EXPECT_GT(bytesOf("whole").size(), 1000u);
   EXPECT_TRUE(bytesOf("second") == bytesOf("whole"));
+}
+
+/// One tool after the other, each to its end; of sets other than yaw also the yaw directions that set the limit.
+TEST(SeveralTools, TellHowFarTheirTablesAre) {
+  const ScratchFolder folder;
+  const FieldParams params = paramsAt(0.05);
+  std::vector<std::size_t> expected;
+  for (const ToolSpec& tool : threeTools()) {
+    const ApproachParams approach = toolParams(tool, params).approach;
+    const bool by_rule = tool.max_collisions == 0 && !approach.orientations.isYaw();
+    expected.push_back(static_cast<std::size_t>(approach.directionCount() * rollsOf(tool.tool, approach) +
+                                                (by_rule ? approach.num_directions : 0)));
+  }
+  std::vector<std::size_t> ended;
+  const TableProgress progress = [&](std::size_t done, std::size_t total) {
+    EXPECT_LE(done, total);
+    if (done == total) ended.push_back(total);
+  };
+  AccessibilityField field(threeTools(), params, progress);
+  EXPECT_EQ(ended, expected);
+  ended.clear();
+  field.saveState(folder.path() / "state");
+  static_cast<void>(AccessibilityField::loadState(folder.path() / "state", threeTools(), testedBackend(), 0, progress));
+  EXPECT_EQ(ended, expected);
 }
 
 TEST(SeveralTools, GoOnFromASavedState) {

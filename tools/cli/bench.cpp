@@ -292,7 +292,7 @@ int BenchRun::run() {
   const FieldParams params = benchFieldParams(options_);
 
   // Makes the field before the forest, so that a missing device fails before the time to grow it is spent.
-  AccessibilityField field(tools, params);
+  AccessibilityField field(tools, params, tableProgress(messages_));
   sayWhyNotOnGpu(field, messages_);
   const auto simulating = Clock::now();
   const sim::Simulator simulator = makeSimulator(options_, scene_);

@@ -17,6 +17,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/saved_state.h"
+#include "progress.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -233,7 +234,7 @@ AccessibilityField Checkpoints::load(const std::vector<ToolSpec>& tools, const F
                (before[n].first == now[n].first ? now[n].second : "replaced by " + now[n].first));
   }
   if (before.size() != now.size()) refuse("state.params", options_.resume, "other parameters were given");
-  return AccessibilityField::loadState(from_, tools, params.backend, params.threads);
+  return AccessibilityField::loadState(from_, tools, params.backend, params.threads, tableProgress(messages_));
 }
 
 bool Checkpoints::addsOtherScans(const std::vector<std::string>& paths) const {

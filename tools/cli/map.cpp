@@ -5,6 +5,7 @@
 #include <cmath>
 #include <csignal>
 #include <filesystem>
+#include <functional>
 #include <limits>
 #include <set>
 #include <sstream>
@@ -374,15 +375,17 @@ int MapRun::run() {
   const PlanSources sources = {options_, settings_, tools, scans, params};
   const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
   if (wantedTile_m(options_) > 0 || goes_on) return inTiles(sources, 0);
-  std::optional<tiles::TileMargins> margins;
-  if (options_.tiles == "auto" && !whyNotInTiles(options_, params)) margins = tiles::tileMargins(tools, params);
+  std::function<tiles::TileMargins()> margins;
+  if (options_.tiles == "auto" && !whyNotInTiles(options_, params)) {
+    margins = [&] { return tiles::tileMargins(tools, params, tableProgress(messages_)); };
+  }
   const auto memory =
       checkMemory(options_, tools, options_.exported.surface ? RunOutput::FieldWithSurface : RunOutput::Field, scans,
                   margins, messages_);
   if (memory) report_.predicted_bytes = memory->predicted_bytes;
   if (memory && memory->tile_voxels > 0) return inTiles(sources, memory->tile_voxels);
-  AccessibilityField field =
-      checkpoints_.resumed() ? checkpoints_.load(tools, of_field) : AccessibilityField(tools, of_field);
+  AccessibilityField field = checkpoints_.resumed() ? checkpoints_.load(tools, of_field)
+                                                    : AccessibilityField(tools, of_field, tableProgress(messages_));
   for (std::size_t k = 0; k < report_.tools.size(); ++k) report_.tools[k].collision_limit = field.collisionLimit(k);
   report_.device = field.deviceName();
   report_.device_note_id = field.deviceNoteId();

@@ -238,7 +238,7 @@ std::optional<std::uint64_t> memoryLimit(const MapOptions& options) {
 }
 
 std::optional<MemoryCheck> checkMemory(const MapOptions& options, const std::vector<ToolSpec>& tools, RunOutput output,
-                                       io::ScanSequence& scans, const std::optional<tiles::TileMargins>& tiles,
+                                       io::ScanSequence& scans, const std::function<tiles::TileMargins()>& tiles,
                                        Messages& messages) {
   const std::optional<double> noise_m = scans.recordedRangeNoise_m();
   const bool limited = !options.max_memory.empty();
@@ -283,7 +283,7 @@ std::optional<MemoryCheck> checkMemory(const MapOptions& options, const std::vec
     const double fixed = MemoryPrediction{}.bytes(output);
     const double ratio = (predictor.prediction().bytes(output) - fixed) /
                          std::max(1.0, sample.prediction(tools, params).bytes(output) - fixed);
-    check.tile_voxels = TileChoice(tools, params, *tiles, sample, ratio).largestFitting(tables, limit);
+    check.tile_voxels = TileChoice(tools, params, tiles(), sample, ratio).largestFitting(tables, limit);
     if (check.tile_voxels > 0) return check;
   }
   const double voxel_m = smallestFittingVoxel_m(options, tools, noise_m, sample, output, prediction, limit);

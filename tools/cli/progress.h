@@ -7,13 +7,17 @@
 #include <cstddef>
 #include <string>
 
+#include "accessvdb/table_progress.h"
 #include "error_output.h"
 
 namespace accessvdb::tools {
 
+/// Whether a job that is done soon shows anything.
+enum class ShowShort { Yes, No };
+
 class Progress {
  public:
-  Progress(const Messages& messages, std::string label, std::size_t total);
+  Progress(const Messages& messages, std::string label, std::size_t total, ShowShort show_short = ShowShort::Yes);
   ~Progress() { finish(); }
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;
@@ -24,10 +28,13 @@ class Progress {
 
  private:
   using Clock = std::chrono::steady_clock;
-  bool enabled_, terminal_, open_line_ = false;
+  bool enabled_, terminal_, wait_, open_line_ = false;
   std::string label_;
   std::size_t total_;
   Clock::time_point start_, last_;
 };
+
+/// Shows tables of tools that take long. @param messages  must outlive it
+[[nodiscard]] TableProgress tableProgress(const Messages& messages);
 
 }  // namespace accessvdb::tools

@@ -8,6 +8,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/saved_state.h"
+#include "progress.h"
 #include "tools_given.h"
 
 namespace accessvdb::tools {
@@ -43,7 +44,8 @@ AccessibilityField loadField(const fs::path& state, const MapOptions& tool_optio
   const BackendKind backend = common.device == "cpu"    ? BackendKind::Cpu
                               : common.device == "cuda" ? BackendKind::Cuda
                                                         : BackendKind::Auto;
-  AccessibilityField field = AccessibilityField::loadState(state, tools, backend, common.threads);
+  AccessibilityField field =
+      AccessibilityField::loadState(state, tools, backend, common.threads, tableProgress(messages));
   while (!saved.updated && field.update().backlog > 0) {
   }
   return field;

@@ -14,6 +14,7 @@
 #include "accessvdb/surface_points.h"
 #include "command_line.h"
 #include "memory_check.h"
+#include "progress.h"
 #include "report.h"
 #include "stop_signal.h"
 #include "tile_job.h"
@@ -96,8 +97,9 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   const PlanSources sources = {options, settings, tools, scans, params};
   std::int32_t edge = 0;
   if (wantedTile_m(options) == 0 && !tiles::hasPlan(options.out)) {
-    const tiles::TileMargins margins = tiles::tileMargins(tools, params);
-    const auto memory = checkMemory(options, tools, RunOutput::Field, scans, margins, messages);
+    const tiles::TileMargins margins = tiles::tileMargins(tools, params, tableProgress(messages));
+    const auto memory = checkMemory(
+        options, tools, RunOutput::Field, scans, [&] { return margins; }, messages);
     if (!memory) return 128 + stopSignal();
     // What fits in one piece is still to be shared: four tiles at least, unless they would be smaller than is useful.
     edge = memory->tile_voxels > 0 ? memory->tile_voxels : margins.least_tile_voxels * 4;

@@ -11,6 +11,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "memory_check.h"
+#include "progress.h"
 #include "tools_given.h"
 
 namespace accessvdb::tools {
@@ -119,7 +120,7 @@ std::uint64_t binBytes(const MapOptions& options) {
 tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
   const FieldParams& params = sources.params;
   const double voxel_m = params.tsdf.voxel_size_m;
-  const tiles::TileMargins margins = tiles::tileMargins(sources.tools, params);
+  const tiles::TileMargins margins = tiles::tileMargins(sources.tools, params, tableProgress(messages));
   tiles::Plan plan;
   plan.program = ACCESSVDB_VERSION;
   PlanSettings settings = sources.settings;

@@ -130,9 +130,9 @@ std::vector<ToolSpec> loadTools(const MapOptions& options) {
 
 namespace {
 
-/// Tables of a fine mesh in many orientations take minutes on a few cores, before the first scan is read.
+/// Tables of a very fine mesh in many orientations take long, and that can be helped; progress alone does not say how.
 void sayWhatTablesTake(const ToolSpec& tool, const Messages& messages) {
-  constexpr std::size_t kMany = 30'000'000;  // triangles turned: about half a minute of one core
+  constexpr std::size_t kMany = 1'000'000'000;  // triangles turned: about a minute of one core
   const ApproachParams approach = toolParams(tool, {}).approach;
   const auto orientations =
       static_cast<std::size_t>(approach.directionCount()) * static_cast<std::size_t>(rollsOf(tool.tool, approach));

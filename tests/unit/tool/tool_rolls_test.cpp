@@ -6,13 +6,19 @@
 
 #include <Eigen/Geometry>
 #include <array>
+#include <atomic>
+#include <chrono>
 #include <cmath>
+#include <cstring>
 #include <numbers>
 #include <random>
 #include <set>
+#include <stdexcept>
+#include <thread>
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "tool/orientation_count.h"
 #include "tool/tool_kernel.h"
 #include "tool/voxel_runs.h"
 #include "unit/tool/test_meshes.h"
@@ -233,6 +239,79 @@ TEST(ToolKernel, LimitsCollisionsByTheToolWithoutRoll) {
   const int of_yaw = ToolKernel::make(tool, params).collision_limit;
   params.approach.rolls = 12;
   EXPECT_EQ(ToolKernel::make(tool, params).collision_limit, of_yaw);
+}
+
+/// Every orientation once, and those of yaw where the limit is theirs.
+TEST(ToolKernel, TellsHowFarItIs) {
+  const ToolGeometry tool = test::boxTool({0.0f, -0.01f, -0.05f}, {0.4f, 0.02f, 0.31f});
+  FieldParams params;
+  params.tsdf.voxel_size_m = 0.02;
+  params.approach.num_directions = 12;
+  struct Case {
+    OrientationSet set;
+    int rolls, max_collisions;
+    std::size_t orientations;
+  };
+  const Case cases[] = {{OrientationSet::yaw(), 1, 0, 12},
+                        {OrientationSet::yaw(), 5, 0, 60},
+                        {OrientationSet::sphere(90), 4, 0, 6 * 4 + 12},
+                        {OrientationSet::sphere(90), 4, 7, 6 * 4}};
+  for (const Case& c : cases) {
+    params.approach.orientations = c.set;
+    params.approach.rolls = c.rolls;
+    params.scoring.max_collisions = c.max_collisions;
+    std::size_t before = 0, calls = 0;
+    std::atomic<bool> inside{false};
+    const ToolKernel told = ToolKernel::make(tool, params, [&](std::size_t done, std::size_t total) {
+      EXPECT_FALSE(inside.exchange(true)) << "one call at a time";
+      EXPECT_GT(done, before);
+      EXPECT_EQ(total, c.orientations);
+      before = done;
+      ++calls;
+      inside = false;
+    });
+    EXPECT_EQ(before, c.orientations) << "the end is told";
+    EXPECT_GT(calls, 1u);
+    const ToolKernel untold = ToolKernel::make(tool, params);
+    ASSERT_EQ(told.columns.size(), untold.columns.size());
+    EXPECT_EQ(std::memcmp(told.columns.data(), untold.columns.data(), sizeof(told.columns[0]) * told.columns.size()),
+              0);
+  }
+}
+
+/// Also where threads come while another one tells.
+TEST(OrientationCount, TellsOfTheEndFromManyThreads) {
+  constexpr std::size_t kThreads = 8, kEach = 50;
+  for (int round = 0; round < 20; ++round) {
+    std::size_t before = 0;
+    std::atomic<int> inside{0};
+    const TableProgress slow = [&](std::size_t done, std::size_t total) {
+      EXPECT_EQ(++inside, 1);
+      EXPECT_GT(done, before);
+      EXPECT_EQ(total, kThreads * kEach);
+      before = done;
+      std::this_thread::sleep_for(std::chrono::microseconds(50));
+      --inside;
+    };
+    OrientationCount count(slow, kThreads * kEach);
+    std::vector<std::thread> threads;
+    for (std::size_t n = 0; n < kThreads; ++n) {
+      threads.emplace_back([&] {
+        for (std::size_t k = 0; k < kEach; ++k) count.addOne();
+      });
+    }
+    for (std::thread& thread : threads) thread.join();
+    EXPECT_EQ(before, kThreads * kEach);
+  }
+}
+
+TEST(ToolKernel, EndsWithWhatTheProgressThrows) {
+  const ToolGeometry tool = test::boxTool({0.0f, -0.01f, -0.05f}, {0.4f, 0.02f, 0.31f});
+  FieldParams params;
+  params.approach.orientations = OrientationSet::sphere(90);
+  params.approach.rolls = 4;
+  EXPECT_THROW((void)ToolKernel::make(tool, params, [](std::size_t, std::size_t) { throw std::runtime_error("stop"); }),
+               std::runtime_error);
 }
 
 /// Samples have no core, and every roll its own.

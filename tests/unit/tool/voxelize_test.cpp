@@ -8,8 +8,10 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <random>
 #include <set>
 #include <tuple>
+#include <utility>
 
 #include "test_meshes.h"
 #include "tool/mesh_repair.h"
@@ -158,6 +160,74 @@ TEST(Voxelize, AnyMeshEqualsTheTestOfEveryCell) {
             << "mesh of " << repaired.triangles.size() << " triangles, yaw " << yaw_rad << ", solid " << solid;
       }
     }
+  }
+}
+
+/// Each triangle's cells by themselves, for meshes with many small ones.
+Cells bruteForceByTriangle(const std::vector<Eigen::Vector3d>& v,
+                           const std::vector<std::array<std::uint32_t, 3>>& triangles, bool solid) {
+  Eigen::AlignedBox3d all;
+  Cells cells;
+  for (const auto& t : triangles) {
+    Eigen::AlignedBox3d own;
+    for (const std::uint32_t n : t) own.extend(v[n]);
+    all.extend(own);
+    const Eigen::Vector3i low = own.min().array().floor().cast<int>() - 1,
+                          high = own.max().array().ceil().cast<int>() + 1;
+    for (int i = low.x(); i <= high.x(); ++i) {
+      for (int j = low.y(); j <= high.y(); ++j) {
+        for (int k = low.z(); k <= high.z(); ++k) {
+          if (touches(v[t[0]], v[t[1]], v[t[2]], {i, j, k})) cells.insert({i, j, k});
+        }
+      }
+    }
+  }
+  for (int i = int(all.min().x()); solid && i <= all.max().x(); ++i) {
+    for (int j = int(all.min().y()); j <= all.max().y(); ++j) {
+      for (int k = int(all.min().z()); k <= all.max().z(); ++k) {
+        if (cells.count({i, j, k}) > 0) continue;
+        if (windingNumber(v, triangles, {double(i), double(j), double(k)}) != 0) cells.insert({i, j, k});
+      }
+    }
+  }
+  return cells;
+}
+
+/// Most triangles of such meshes touch nothing new, and are passed over: never one that does.
+TEST(Voxelize, FineMeshesEqualTheTestOfEveryCellInAnyOrientation) {
+  std::mt19937 random(4);
+  std::uniform_real_distribution<float> off(-0.4f, 0.4f);
+  const test::Mesh smooth = test::torus({0.3f, -0.2f, 0.1f}, 3.1, 1.3, 50, 30);
+  test::Mesh crumpled = smooth;  // closed still, with creases and folds everywhere
+  for (auto& p : crumpled.vertices) p += Eigen::Vector3f(off(random), off(random), off(random));
+  test::Mesh half = test::torus({0.3f, -0.2f, 0.1f}, 2.2, 0.9, 160, 90);
+  half.triangles.resize(half.triangles.size() / 2);
+  for (const test::Mesh* mesh : {&smooth, &std::as_const(crumpled), &std::as_const(half)}) {
+    for (const double turn_rad : {0.0, 1.1, 2.9}) {
+      std::vector<Eigen::Vector3d> v;
+      const Eigen::AngleAxisd R(turn_rad, Eigen::Vector3d(0.4, -1.2, turn_rad).normalized());
+      for (const auto& p : mesh->vertices) v.push_back(R * p.cast<double>());
+      const bool closed = mesh != &half;
+      for (const bool solid : {false, true}) {
+        if (solid && !closed) continue;
+        EXPECT_EQ(cellsOf(voxelize(v, mesh->triangles, solid)), bruteForceByTriangle(v, mesh->triangles, solid))
+            << "mesh of " << mesh->triangles.size() << " triangles, turn " << turn_rad << ", solid " << solid;
+      }
+    }
+  }
+}
+
+/// Meshes are collected as bits where their box is small, as runs otherwise: by each as by the other.
+TEST(Voxelize, LargeBoxesHoldTheSameVoxels) {
+  const test::Mesh near = test::torus({0.3f, -0.2f, 0.1f}, 9.1, 3.3, 60, 40),
+                   far = test::box({700, 700, 700}, {704, 704, 704});
+  test::Mesh both = near;
+  both.add(far);
+  for (const bool solid : {false, true}) {
+    Cells apart = cellsOf(voxelize(placed(near, 0.7), near.triangles, solid));
+    EXPECT_GT(apart.size(), 1000u);
+    apart.merge(cellsOf(voxelize(placed(far, 0.7), far.triangles, solid)));
+    EXPECT_EQ(cellsOf(voxelize(placed(both, 0.7), both.triangles, solid)), apart);
   }
 }
 
