@@ -59,7 +59,7 @@ class FurtherTools {
 
   /// @param tools  all of the field's, the first one included
   FurtherTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved, const Shared& shared,
-               const TableProgress& progress);
+               const TableProgress& progress = {});
 
   [[nodiscard]] bool empty() const { return tools_.empty(); }
   [[nodiscard]] std::size_t size() const { return tools_.size(); }
