@@ -8,7 +8,7 @@
 ///   age     where free space ages: what a scan's stamp makes unknown
 /// and a hash of the map, which no optimisation may change. Options by environment: ACCESSVDB_BENCH_FRAMES (120),
 /// ACCESSVDB_BENCH_TIMED (100, the last ones), ACCESSVDB_BENCH_VOXEL_MM (10), ACCESSVDB_BENCH_THREADS (0 = all),
-/// ACCESSVDB_BENCH_BLOCK (1; 0 = new things do not block), ACCESSVDB_BENCH_FREE_FOR_S (0 = for ever),
+/// ACCESSVDB_BENCH_BLOCK (1 = new things block; 0), ACCESSVDB_BENCH_FREE_FOR_S (0 = for ever),
 /// ACCESSVDB_BENCH_ROUNDS (1), ACCESSVDB_BENCH_SCANS (a file that keeps the scans, as simulating them takes longer).
 #include <openvdb/openvdb.h>
 #include <sys/resource.h>
@@ -63,14 +63,12 @@ std::uint64_t hashOf(const internal::PackedMap& map) {
   return hash;
 }
 
-constexpr double kPeriod_s = 0.1;  ///< of the scans
-
 void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel_size_m) {
   const FieldParams params = bench::flightParams(voxel_size_m);
   internal::PackedMap map(params.tsdf);
   map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
   const int free_for_s = environment("ACCESSVDB_BENCH_FREE_FOR_S", 0);
-  if (environment("ACCESSVDB_BENCH_BLOCK", 1) != 0) {
+  if (environment("ACCESSVDB_BENCH_BLOCK", 0) != 0) {
     map.blockNewThings(static_cast<float>(internal::farFromSurfaces_m(params)));
   }
   if (free_for_s > 0) map.ageFreeSpace(free_for_s);
@@ -84,7 +82,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     const bench::FlightScan& scan = scans[n];
     const kernels::Stopwatch ageing;
     std::vector<std::span<const LeafChange>> aged_parts;
-    if (map.agesFreeSpace()) aged_parts = map.generations()->pass(map, kPeriod_s);
+    if (map.agesFreeSpace()) aged_parts = map.generations()->pass(map, bench::kFlightPeriod_s);
     const double ageing_ms = ageing.milliseconds();
     const CpuTime before = CpuTime::now();
     const kernels::Stopwatch fusing;

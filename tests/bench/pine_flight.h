@@ -22,6 +22,7 @@ namespace accessvdb::bench {
 
 inline constexpr int kFlightReturns = 20000;    ///< per scan
 inline constexpr double kFlightNoise_m = 0.02;  ///< sigma of the ranges
+inline constexpr double kFlightPeriod_s = 0.1;  ///< of the scans
 inline constexpr double kFlightTau_m = 0.1;     ///< truncation distance of the published figures
 
 /// Parameters of a field that maps the flight, resolved.
@@ -41,21 +42,21 @@ struct FlightScan {
 
 /// The frame is that of the first pose, as in ScanGate.
 inline std::vector<FlightScan> simulateFlight(int frames) {
-  constexpr double kSpeed_m_s = 1, kPeriod_s = 0.1, kView_m = 30;
+  constexpr double kSpeed_m_s = 1, kView_m = 30;
   constexpr int kFramesAhead = 16;
   sim::ForestParams params;
-  params.path_length_m = kSpeed_m_s * kPeriod_s * frames;
+  params.path_length_m = kSpeed_m_s * kFlightPeriod_s * frames;
   params.view_m = kView_m;
   params.solid_foliage_m = 0.05;
   sim::Forest forest = sim::makeForest(params);
   sim::LidarModel sensor = sim::LidarModel::named("mid360");
   sensor.rays_per_frame = 8 * kFlightReturns;
-  sensor.frame_period_s = kPeriod_s;
+  sensor.frame_period_s = kFlightPeriod_s;
   sensor.range_noise_m = kFlightNoise_m;
   sensor.min_range_m = 0.2;
   sensor.max_range_m = kView_m;
   const sim::Simulator simulator(sim::RayCaster(std::move(forest.meshes), forest.placed), "forest", sensor,
-                                 sim::forestFlight(kSpeed_m_s, kPeriod_s, frames), 1);
+                                 sim::forestFlight(kSpeed_m_s, kFlightPeriod_s, frames), 1);
   std::vector<FlightScan> scans;
   Eigen::Vector3d origin_W = Eigen::Vector3d::Zero();
   for (int begin = 0; begin < frames; begin += kFramesAhead) {
