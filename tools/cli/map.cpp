@@ -26,6 +26,7 @@
 #include "region_options.h"
 #include "report.h"
 #include "run_summary.h"
+#include "scan_stamps.h"
 #include "stop_signal.h"
 #include "tile_job.h"
 #include "tiled_map.h"
@@ -59,7 +60,6 @@ class MapRun {
   void claimOutputFolder();
   void hashInput(const fs::path& path);
   void setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools = {});
-  void requireStamps(const FieldParams& params, const io::ScanSequence& scans);
   int inTiles(const PlanSources& sources, std::int32_t chosen_voxels);
   int work(io::ScanSequence& scans, AccessibilityField& field);
   void integrateAll(io::ScanSequence& scans, AccessibilityField& field);
@@ -370,7 +370,7 @@ int MapRun::run() {
   of_field.approach.rolls = rollsOf(tools.front().tool, params.approach);
   setParameters(of_field, tools);
   sayChangeNotes(params, messages_);
-  requireStamps(params, scans);
+  requireStamps(options_, params, scans, messages_);
   report_.tools = reportedTools(options_, tools);
   const PlanSources sources = {options_, settings_, tools, scans, params};
   const bool goes_on = options_.tiles == "auto" && tiles::hasPlan(options_.out);
@@ -397,34 +397,6 @@ int MapRun::run() {
     // Out of memory or lost; the caller reports the error itself.
     if (error.subject() == "cuda") saveUnscored(scans, field);
     throw;
-  }
-}
-
-/// Free space ages by the scans' times alone. @throws UnusableInput "stamp.missing"
-void MapRun::requireStamps(const FieldParams& params, const io::ScanSequence& scans) {
-  const double free_for_s = params.change.free_for_s;
-  if (!std::isfinite(free_for_s)) return;
-  std::vector<double> stamps_s;
-  for (std::size_t step = 0; step < scans.size(); ++step) {
-    const double stamp_s = scans.stamp_s(step).value_or(std::numeric_limits<double>::quiet_NaN());
-    if (std::isfinite(stamp_s)) stamps_s.push_back(stamp_s);
-  }
-  if (stamps_s.empty()) {
-    throw UnusableInput("stamp.missing", options_.scans,
-                        "has no scan with a time, which --free-for " + options_.free_for + " goes by",
-                        "Use poses with times, a trajectory or a recording, or leave --free-for out");
-  }
-  if (stamps_s.size() < scans.size()) {
-    messages_.warning("stamp.missing", std::to_string(scans.size() - stamps_s.size()) + " of " +
-                                           std::to_string(scans.size()) +
-                                           " scans have no time: for --free-for, none passes before them");
-  }
-  std::size_t far_apart = 0;
-  for (std::size_t n = 1; n < stamps_s.size(); ++n) far_apart += stamps_s[n] - stamps_s[n - 1] > free_for_s ? 1 : 0;
-  if (2 * far_apart > stamps_s.size()) {
-    messages_.warning("change.stamps", "most scans are more than " + numberText(free_for_s) +
-                                           " s apart, so all free space is forgotten between them; see that their "
-                                           "times are in seconds");
   }
 }
 
