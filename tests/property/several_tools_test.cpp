@@ -18,27 +18,13 @@
 #include "accessvdb/device_view.h"
 #include "accessvdb/error.h"
 #include "accessvdb/saved_state.h"
-#include "accessvdb/tool_tables.h"
 #include "parity/random_world.h"
+#include "property/several_tools.h"
 #include "support/determinism_support.h"
 #include "support/scratch_folder.h"
 
 namespace accessvdb::test {
 namespace {
-
-/// ACCESSVDB_TEST_BACKEND=cuda runs them all on a GPU.
-BackendKind testedBackend() { return backendNamedBy("ACCESSVDB_TEST_BACKEND"); }
-
-FieldParams paramsAt(double voxel_size_m) {
-  FieldParams params;
-  params.tsdf.voxel_size_m = voxel_size_m;
-  params.backend = testedBackend();
-  return params;
-}
-
-ToolSpec spec(ToolGeometry tool, OrientationSet orientations, int max_collisions, std::string name = {}) {
-  return {std::move(tool), std::move(orientations), 0, std::move(name), max_collisions};
-}
 
 /// The field of each tool alone.
 std::vector<AccessibilityField> aloneOf(const std::vector<ToolSpec>& tools, const FieldParams& params) {
@@ -106,12 +92,6 @@ std::size_t expectTogetherAsAlone(const AccessibilityField& together, const std:
     others += merged.points[n].tool > 0 ? 1 : 0;
   }
   return others;
-}
-
-std::vector<ToolSpec> threeTools() {
-  return {spec(armTool(), OrientationSet::yaw(), 40, "arm"),
-          spec(ToolGeometry::builtin("builtin:pencil"), OrientationSet::sphere(20), -1, "pencil"),
-          spec(ToolGeometry::builtin("builtin:pruner"), OrientationSet::yaw(), 0, "pruner")};
 }
 
 /// @param every  scans of an update
@@ -393,30 +373,6 @@ TEST(SeveralTools, GoOnFromAStateOfAMapThatForgets) {
   EXPECT_TRUE(bytesOf("second") == bytesOf("whole"));
 }
 
-/// One tool after the other, each to its end; of sets other than yaw also the yaw directions that set the limit.
-TEST(SeveralTools, TellHowFarTheirTablesAre) {
-  const ScratchFolder folder;
-  const FieldParams params = paramsAt(0.05);
-  std::vector<std::size_t> expected;
-  for (const ToolSpec& tool : threeTools()) {
-    const ApproachParams approach = toolParams(tool, params).approach;
-    const bool by_rule = tool.max_collisions == 0 && !approach.orientations.isYaw();
-    expected.push_back(static_cast<std::size_t>(approach.directionCount() * rollsOf(tool.tool, approach) +
-                                                (by_rule ? approach.num_directions : 0)));
-  }
-  std::vector<std::size_t> ended;
-  const TableProgress progress = [&](std::size_t done, std::size_t total) {
-    EXPECT_LE(done, total);
-    if (done == total) ended.push_back(total);
-  };
-  AccessibilityField field(threeTools(), params, progress);
-  EXPECT_EQ(ended, expected);
-  ended.clear();
-  field.saveState(folder.path() / "state");
-  static_cast<void>(AccessibilityField::loadState(folder.path() / "state", threeTools(), testedBackend(), 0, progress));
-  EXPECT_EQ(ended, expected);
-}
-
 TEST(SeveralTools, GoOnFromASavedState) {
   const ScratchFolder folder;
   const std::vector<Scan> scans = wallScans(9, 6, 900);
@@ -460,48 +416,6 @@ TEST(SeveralTools, GoOnFromASavedState) {
   other.pop_back();
   EXPECT_EQ(idOf(other), "state.tool");
   EXPECT_EQ(idOf({threeTools().front()}), "state.tool");
-}
-
-std::string idOfList(std::vector<ToolSpec> tools, FieldParams params = paramsAt(0.05)) {
-  try {
-    const AccessibilityField field(std::move(tools), params);
-  } catch (const Error& error) {
-    return error.id();
-  }
-  return "";
-}
-
-TEST(SeveralTools, BadListsAreRefused) {
-  const auto pencil = [](const std::string& name) {
-    return spec(ToolGeometry::builtin("builtin:pencil"), OrientationSet::yaw(), 0, name);
-  };
-  EXPECT_EQ(idOfList({}), "tool.count");
-  EXPECT_EQ(idOfList(std::vector<ToolSpec>(33, pencil(""))), "tool.count");
-  EXPECT_EQ(idOfList({pencil("a"), pencil("a")}), "tool.name");
-  for (const std::string odd : {" ", "a b", "a/b", "\xc3\xa4", "a.b", std::string(33, 'a').c_str()}) {
-    EXPECT_EQ(idOfList({pencil("a"), pencil(odd)}), "tool.name") << odd;
-  }
-  EXPECT_EQ(idOfList({pencil("Aa0_-"), pencil(std::string(32, 'a'))}), "");
-  FieldParams paper = FieldParams::paper(0.05);
-  paper.backend = BackendKind::Cpu;
-  EXPECT_EQ(idOfList({pencil("a"), pencil("b")}, paper), "tool.policy");
-  ToolSpec bad = pencil("b");
-  bad.max_collisions = -2;
-  EXPECT_EQ(idOfList({pencil("a"), bad}), "config.range");
-  bad.max_collisions = 0;
-  bad.orientations = OrientationSet::sphere(3);
-  EXPECT_EQ(idOfList({pencil("a"), bad}), "orientations.count");
-}
-
-TEST(SeveralTools, GetNamesOfTheirOwn) {
-  const ToolGeometry pencil = ToolGeometry::builtin("builtin:pencil");
-  const auto named =
-      namedTools({spec(pencil, {}, 0), spec(pencil, {}, 0), spec(pencil, {}, 0, "pencil_2"),
-                  spec(ToolGeometry::fromTriangles(pencil.vertices_T(), pencil.triangles(), "my tool.stl"), {}, 0)});
-  EXPECT_EQ(named[0].name, "pencil");
-  EXPECT_EQ(named[1].name, "pencil_3");
-  EXPECT_EQ(named[2].name, "pencil_2");
-  EXPECT_EQ(named[3].name, "my_tool");
 }
 
 }  // namespace
