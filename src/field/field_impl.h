@@ -80,6 +80,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         scheduler(further.makeSchedulers(*scorer, setup)),
         steps(views) {
     static_assert(internal::ScanIntegrator::kParts <= internal::UpdateScheduler::kMostParts);
+    static_assert(internal::FreeGenerations::kParts <= internal::UpdateScheduler::kMostParts);
     integrator.noteDistances(distance_mirror != nullptr || scheduler->needs().distances);
     if (!scheduler->needs().changes) return;
     integrator.visitChanges(

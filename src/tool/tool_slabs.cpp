@@ -194,7 +194,8 @@ struct Part {
   [[nodiscard]] bool canBeNumbered() const { return box.size_y <= kMostLeaves && box.size_z <= kMostLeaves; }
 };
 
-/// Words of rows, with those of equal rows kept once: of a set of rolls, two rows in three are like another.
+/// Words of rows, with those of equal rows kept once: of the rolls of `builtin:pruner`, two rows
+/// in three are like another.
 class SharedRows {
  public:
   /// @param words  outlives this; nothing else adds to it

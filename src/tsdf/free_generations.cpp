@@ -7,8 +7,8 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tsdf/leaf_fusion.h"
 #include "tsdf/packed_map.h"
+#include "tsdf/prefetch.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -36,7 +36,7 @@ struct DueLeaf {
 
 using Records = RecordPool<AgedLeaf>;
 
-/// Lets leaves turn, one after the other. @return those in which a voxel is no longer free, into `changes`
+/// Lets leaves turn, one after the other, and lists those in which a voxel is no longer free.
 class Turning {
  public:
   Turning(PackedMap& map, Records& records, std::vector<LeafChange>& changes)

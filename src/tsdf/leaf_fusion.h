@@ -14,6 +14,7 @@
 #include "accessvdb/leaf_change.h"
 #include "tsdf/leaf_kernels.h"
 #include "tsdf/packed_map.h"
+#include "tsdf/prefetch.h"
 #include "tsdf/return_region.h"
 
 namespace accessvdb::internal {
@@ -31,15 +32,6 @@ struct WideSums {
   std::array<std::uint64_t, 512> distance = {};
   std::array<std::uint32_t, 512> samples = {};
 };
-
-/// Prefetches memory; does nothing if the compiler does not support it.
-inline void prefetch([[maybe_unused]] const void* begin, [[maybe_unused]] std::size_t bytes) {
-#if defined(__GNUC__)
-  const auto* first = static_cast<const std::byte*>(begin);
-  for (std::size_t n = 0; n < bytes; n += 64) __builtin_prefetch(first + n, 1);
-  __builtin_prefetch(first + bytes - 1, 1);  // in case it does not start on a cache line
-#endif
-}
 
 class LeafFusion {
  public:

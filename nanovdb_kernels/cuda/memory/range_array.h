@@ -22,7 +22,7 @@ class RangeArray {
   static_assert(std::is_trivially_copyable_v<T>);
 
  public:
-  /// Addresses for one array: at 360 bytes per point, those of 190 million points.
+  /// Addresses for one array: those of the levels of 268 million points at 256 directions.
   static constexpr std::uint64_t kAddresses = std::uint64_t{1} << 36;
 
   /// @throws as AddressRange does
