@@ -40,17 +40,18 @@ Index3 GoneCells::cellAt(CellPlace place) const {
 
 /// Each block once: the points come leaf by leaf.
 std::vector<GoneCells::BlockHits> GoneCells::hitsOf(std::span<const std::uint32_t> touched) const {
-  std::vector<std::uint8_t> cell(touched.size());
+  std::vector<CellPlace> places(touched.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, touched.size(), kHitsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
-      cell[n] = static_cast<std::uint8_t>(cellOfBit(bitInParent(points_.voxelOf(points_.first_L(touched[n])))));
+      const auto cell =
+          static_cast<std::uint32_t>(cellOfBit(bitInParent(points_.voxelOf(points_.first_L(touched[n])))));
+      places[n] = {points_.blockOf(touched[n]), cell};
     }
   });
   std::vector<BlockHits> hits;
-  for (std::size_t n = 0; n < touched.size(); ++n) {
-    const std::uint32_t block = points_.blockOf(touched[n]);
-    if (hits.empty() || hits.back().block != block) hits.push_back({block, {}});
-    std::uint8_t& count = hits.back().counts[cell[n]];
+  for (const CellPlace place : places) {
+    if (hits.empty() || hits.back().block != place.block) hits.push_back({place.block, {}});
+    std::uint8_t& count = hits.back().counts[place.cell];
     if (count < 0xff) ++count;
   }
   return hits;
@@ -267,10 +268,12 @@ void GoneCells::dropWhatIsDone() {
   std::erase_if(gone_, [this](CellPlace place) { return at(place).verdict != Verdict::Gone; });
   opening_.clear();
   for (const CellPlace place : gone_) walkAround(place);
+  std::vector<Index3> suspect;
+  suspect_.forEach([&](const Index3& leaf) {
+    if (blocks_[points_.index().blockAt(leaf)].suspect != 0) suspect.push_back(leaf);
+  });
   suspect_.clear();
-  for (std::uint32_t block = 0; block < blocks_.size(); ++block) {
-    if (blocks_[block].suspect != 0) suspect_.add(points_.index().blocks()[block].leaf);
-  }
+  for (const Index3& leaf : suspect) suspect_.add(leaf);
 }
 
 std::vector<std::uint32_t> GoneCells::blocksInOrder() const {

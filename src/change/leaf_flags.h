@@ -3,6 +3,8 @@
 /// A set of leaves that rays look up on their way, 8^3 leaves at a time.
 #pragma once
 
+#include <bit>
+#include <cstddef>
 #include <cstdint>
 #include <vector>
 
@@ -17,27 +19,47 @@ class LeafFlags {
   /// @param leaf  voxel index >> 3
   void add(const Index3& leaf) {
     const auto [number, is_new] = cell_of_.insert(parentOf(leaf), static_cast<std::uint32_t>(cells_.size()));
-    if (is_new) cells_.emplace_back();
+    if (is_new) {
+      cells_.emplace_back();
+      places_.push_back(parentOf(leaf));
+    }
     const std::size_t bit = bitInParent(leaf);
     cells_[number][bit >> 6] |= std::uint64_t{1} << (bit & 63);
   }
   void clear() {
     if (cells_.empty()) return;
     cells_.clear();
+    places_.clear();
     cell_of_ = CellMap();
   }
   [[nodiscard]] bool empty() const { return cells_.empty(); }
+
+  /// @param visit  (leaf)
+  template <typename Visit>
+  void forEach(const Visit& visit) const {
+    for (std::size_t number = 0; number < cells_.size(); ++number) {
+      for (std::size_t word = 0; word < 8; ++word) {
+        for (std::uint64_t bits = cells_[number][word]; bits != 0; bits &= bits - 1) {
+          const std::size_t bit = word << 6 | static_cast<std::size_t>(std::countr_zero(bits));
+          visit(childOf(places_[number], bit));
+        }
+      }
+    }
+  }
 
   /// The leaves of a cell, one bit each; nullptr if there is none. @param cell  leaf >> 3
   [[nodiscard]] const LeafBits* in(const Index3& cell) const {
     const std::uint32_t number = cell_of_.find(cell);
     return number == CellMap::kNoCell ? nullptr : &cells_[number];
   }
-  [[nodiscard]] std::uint64_t bytes() const { return cells_.capacity() * sizeof(LeafBits) + cell_of_.bytes(); }
+  [[nodiscard]] std::uint64_t bytes() const {
+    return cells_.capacity() * sizeof(LeafBits) + places_.capacity() * sizeof(Index3) + cell_of_.bytes();
+  }
 
  private:
   CellMap cell_of_;
   std::vector<LeafBits> cells_;
+  std::vector<Index3> places_;  ///< of the cells
 };
 
 }  // namespace accessvdb::internal

@@ -248,9 +248,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return stats;
   }
 
-  /// Points come first, beside sorting the returns for the map: what their backend then starts runs while the map takes
-  /// in the scan, as does noting what an update has to know about the returns. While the backend starts on what changed
-  /// in the map, the mirror takes that in. Whatever is not hidden counts as integration.
+  /// Points come first, beside sorting the returns for the map and ageing it: what their backend then starts runs while
+  /// the map takes in the scan, as does noting what an update has to know about the returns. While the backend starts
+  /// on what changed in the map, the mirror takes that in. Whatever is not hidden counts as integration.
   ///
   /// An update may be running (updateAsync): sorting and binning the returns go on beside it, points and map wait until
   /// it no longer reads them, and all that the backend or the mirror sees waits for its end.
@@ -263,16 +263,22 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
       points.describeTouched(scheduler->needs().news);
       touched = &points.addReturns(scan.p_L, scan.q_L);
     };
-    internal::runBeside(add_returns, [&] { integrator.bin(scan.p_L, scan.q_L); });
+    std::vector<std::span<const LeafChange>> aged;
+    // What is news is judged before free space ages.
+    const auto bin_and_age = [&] {
+      integrator.bin(scan.p_L, scan.q_L);
+      if (!volume.packed().agesFreeSpace()) return;
+      steps.waitForMap();
+      aged = ageFreeSpace(passed_s);
+    };
+    internal::runBeside(add_returns, bin_and_age);
     internal::IntegrationResult result;
     const auto note_returns = [&] {
       steps.joinUpdate();
       scheduler->noteReturns(*touched, scan.p_L, scan.q_L);
     };
-    std::vector<std::span<const LeafChange>> aged;
     std::vector<LeafChange> opened;
     const auto fuse = [&] {
-      aged = ageFreeSpace(passed_s);
       opened = openWhatHasGone(scan, touched->all);
       if (scheduler->needs().changes) {
         scheduler->noteEachPart(aged);

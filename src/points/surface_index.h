@@ -133,6 +133,11 @@ inline std::size_t bitInParent(const Index3& i) {
   return static_cast<std::size_t>((i[0] & 7) << 6 | (i[1] & 7) << 3 | (i[2] & 7));
 }
 inline Index3 parentOf(const Index3& i) { return {i[0] >> 3, i[1] >> 3, i[2] >> 3}; }
+/// The voxel or block with this bit in its parent.
+inline Index3 childOf(const Index3& parent, std::size_t bit) {
+  const auto place = static_cast<std::int32_t>(bit);
+  return {8 * parent[0] + (place >> 6), 8 * parent[1] + (place >> 3 & 7), 8 * parent[2] + (place & 7)};
+}
 
 /// Sorts voxels by leaf, and within a leaf by bit. Voxels lie within +-2^20, leaves within +-2^17.
 inline std::uint64_t placeOf(const Index3& voxel) {

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tsdf/free_generations.h"
 
+#include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
@@ -27,6 +28,7 @@ int phaseOf(std::int32_t x, std::int32_t y, std::int32_t z) {
 
 /// How far ahead of its use a leaf, and then what it has beside the map, is asked for.
 constexpr std::size_t kLeafAhead = 12, kRecordAhead = 6;
+constexpr std::size_t kNodeAhead = 8, kNodesPerTask = 256;
 
 /// A leaf of a node, and how many generations have ended there.
 struct DueLeaf {
@@ -96,14 +98,21 @@ std::vector<std::span<const LeafChange>> FreeGenerations::pass(PackedMap& map, d
   age_s_ += std::min(seconds, 2 * free_for_s_);
   std::vector<PackedLowerNode*> nodes;
   map.tree().getNodes(nodes);
-  // A few nodes per scan, with up to 4096 leaves each: shared out by leaf.
+  // Thousands of nodes, each somewhere in memory, of which few are due.
+  std::vector<std::int64_t> ended(nodes.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, nodes.size(), kNodesPerTask), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) {
+      if (n + kNodeAhead < nodes.size()) prefetch(&nodes[n + kNodeAhead]->origin(), sizeof(openvdb::Coord));
+      const openvdb::Coord& origin = nodes[n]->origin();
+      ended[n] =
+          generationOf(origin.x(), origin.y(), origin.z()) - generationAt(before_s, origin.x(), origin.y(), origin.z());
+    }
+  });
+  // Up to 4096 leaves each: shared out by leaf.
   std::vector<DueLeaf> due;
-  for (PackedLowerNode* node : nodes) {
-    const openvdb::Coord& origin = node->origin();
-    const std::int64_t ended =
-        generationOf(origin.x(), origin.y(), origin.z()) - generationAt(before_s, origin.x(), origin.y(), origin.z());
-    if (ended <= 0) continue;
-    for (auto leaf = node->beginChildOn(); leaf; ++leaf) due.push_back({&*leaf, ended});
+  for (std::size_t n = 0; n < nodes.size(); ++n) {
+    if (ended[n] <= 0) continue;
+    for (auto leaf = nodes[n]->beginChildOn(); leaf; ++leaf) due.push_back({&*leaf, ended[n]});
   }
   tbb::parallel_for(std::size_t{0}, kParts, [&](std::size_t part) {
     changes_[part].clear();

@@ -164,16 +164,7 @@ bool LeafFusion::foldAged(const PackedLeaf& leaf, const LeafTarget& target, Leaf
   }
   counts.distance_updates += of_fold.distance_updates;
   counts.newly_observed += of_fold.newly_observed;
-  std::uint64_t flipped = 0;
-  for (std::size_t x = 0; x < 8; ++x) {
-    target.cleared[x] |= confirmed[x];
-    const std::uint64_t collides = (collided[x] & ~change.collides_off[x]) | change.collides_on[x];
-    const std::uint64_t old_arm = was_free[x] & ~collided[x], now_arm = (was_free[x] | confirmed[x]) & ~collides;
-    change.arm_free_on[x] = now_arm & ~old_arm;
-    change.arm_free_off[x] = old_arm & ~now_arm;
-    const std::uint64_t any = change.collides_on[x] | change.collides_off[x] | (now_arm ^ old_arm);
-    flipped += static_cast<std::uint64_t>(std::popcount(any));
-  }
+  const std::uint64_t flipped = kernels_.flip_arm({was_free, confirmed, collided}, target.cleared, change);
   counts.flipped_voxels += flipped;
   return flipped != 0;
 }

@@ -46,15 +46,15 @@ namespace {
 
 constexpr LeafKernels kPlain = {"plain",         plain::addDoubleCone, plain::addNews,          plain::addFullCube,
                                 plain::markBand, plain::gainedPairs,   plain::markMeasuredFree, plain::markColliding,
-                                plain::fold};
+                                plain::flipArm,  plain::fold};
 #if ACCESSVDB_X86_KERNELS
 constexpr LeafKernels kAvx512 = {
     "avx512",         avx512::addDoubleCone, avx512::addNews,          avx512::addFullCube,
     avx512::markBand, avx512::gainedPairs,   avx512::markMeasuredFree, avx512::markColliding,
-    avx512::fold};
+    avx512::flipArm,  avx512::fold};
 constexpr LeafKernels kAvx2 = {"avx2",         avx2::addDoubleCone, avx2::addNews,          avx2::addFullCube,
                                avx2::markBand, avx2::gainedPairs,   avx2::markMeasuredFree, avx2::markColliding,
-                               avx2::fold};
+                               avx2::flipArm,  avx2::fold};
 #endif
 
 }  // namespace

@@ -75,6 +75,13 @@ struct LeafTarget {
   const LeafBits* contra = nullptr;  ///< only with votes: ScanVerdict::contra
 };
 
+/// What a scan says about a leaf whose free space ages.
+struct AgedFacts {
+  const LeafBits& was_free;   ///< confirmed before the scan, in this generation or the one before
+  const LeafBits& confirmed;  ///< by the scan
+  const LeafBits& collided;   ///< before the scan, where that can matter
+};
+
 struct LeafKernels {
   const char* name;
   /// Adds the samples of one return to fewer than LeafSums::kMostSamples others.
@@ -94,6 +101,9 @@ struct LeafKernels {
   /// Marks the voxels that collide by their means. @param pairs  of rows to look at
   void (*mark_colliding)(const std::uint32_t* packed, const KernelConstants& constants, std::uint32_t pairs,
                          LeafBits& collides);
+  /// Where free space ages, after fold(): what flipped for the arm, in addition to what collides.
+  /// @param confirmed  [8] in this generation; added to  @return number of voxels in which a fact flipped
+  std::uint64_t (*flip_arm)(const AgedFacts& facts, std::uint64_t* confirmed, LeafChange& change);
   /// Folds sums and passes into a leaf and resets the sums to zero.
   /// @param touched  pairs with samples  @return true if a fact flipped; then `change` is written
   bool (*fold)(const LeafTarget& leaf, const KernelConstants& constants, std::uint32_t touched, LeafSums& sums,

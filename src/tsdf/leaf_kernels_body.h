@@ -261,6 +261,21 @@ inline void markColliding(const std::uint32_t* packed, const KernelConstants& c,
   }
 }
 
+inline std::uint64_t flipArm(const AgedFacts& facts, std::uint64_t* confirmed, LeafChange& change) {
+  std::uint64_t flipped = 0;
+  for (std::size_t x = 0; x < 8; ++x) {
+    confirmed[x] |= facts.confirmed[x];
+    const std::uint64_t collides = (facts.collided[x] & ~change.collides_off[x]) | change.collides_on[x];
+    const std::uint64_t old_arm = facts.was_free[x] & ~facts.collided[x];
+    const std::uint64_t now_arm = (facts.was_free[x] | facts.confirmed[x]) & ~collides;
+    change.arm_free_on[x] = now_arm & ~old_arm;
+    change.arm_free_off[x] = old_arm & ~now_arm;
+    const std::uint64_t any = change.collides_on[x] | change.collides_off[x] | (now_arm ^ old_arm);
+    flipped += static_cast<std::uint64_t>(std::popcount(any));
+  }
+  return flipped;
+}
+
 /// What the scan says, before it is folded, about the voxels that it may vote for or that have votes: others keep none.
 inline void judge(const LeafTarget& leaf, const LeafSums& sums, const KernelConstants& c, std::uint32_t touched,
                   ScanVerdict& scan) {
