@@ -139,7 +139,15 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
       const auto first = static_cast<std::uint32_t>(part.columns.size());
       const std::int32_t z_low = builder.lowZ() + static_cast<std::int32_t>(begin),
                          z_high = builder.lowZ() + static_cast<std::int32_t>(end) - 1;
-      if (by_leaf) {
+      if (wide) {  // one direction stands for all: leaves that follow each other are one column
+        for (std::size_t n = begin; n < end;) {
+          const std::size_t run = n;
+          while (n < end && any(masks[n])) ++n;
+          part.columns.push_back({x, y, builder.lowZ() + static_cast<std::int32_t>(run),
+                                  builder.lowZ() + static_cast<std::int32_t>(n) - 1, masks[run]});
+          while (n < end && !any(masks[n])) ++n;
+        }
+      } else if (by_leaf) {
         for (std::int32_t z = z_low; z <= z_high; ++z) {
           part.columns.push_back({x, y, z, z, masks[static_cast<std::size_t>(z - builder.lowZ())]});
         }

@@ -106,20 +106,22 @@ class WideOnHost final : public HostScheduler {
     bool any = false, better = false;  ///< better: it may help one of them
   };
   [[nodiscard]] FlipsRead flipsRead(const Index3& leaf, const FlipColumns& flips) const {
-    const auto kindsOf = [&](std::span<const kernels::FootprintColumn> columns) {
+    const auto kindsOf = [&](std::span<const kernels::FootprintColumn> columns, int better) {
       int kinds = 0;
       for (const kernels::FootprintColumn& column : columns) {
         const std::int32_t x = leaf[0] + column.dx, y = leaf[1] + column.dy;
-        if (any(column.directions) && flips.anyIn(x, y)) {
-          kinds |= flips.kindsIn(x, y, leaf[2] + column.z_low, leaf[2] + column.z_high);
-        }
+        if (!flips.anyIn(x, y)) continue;
+        kinds |= flips.kindsIn(x, y, leaf[2] + column.z_low, leaf[2] + column.z_high);
+        if ((kinds & better) != 0) break;  // the rest can say no more
       }
       return kinds;
     };
+    const int opens = bitOf(FlipKind::CollidesOff), clears = bitOf(FlipKind::ArmFreeOn);
     // A corridor that stays blocked may be blocked for another reason: collisions count there, too.
-    const int tool = kindsOf(footprint_.toolColumns()) & (bitOf(FlipKind::CollidesOff) | bitOf(FlipKind::CollidesOn));
-    const int arm = kindsOf(footprint_.armColumns());
-    return {(tool | arm) != 0, (tool & bitOf(FlipKind::CollidesOff)) != 0 || (arm & bitOf(FlipKind::ArmFreeOn)) != 0};
+    const int arm = kindsOf(footprint_.armColumns(), clears);
+    if ((arm & clears) != 0) return {true, true};
+    const int tool = kindsOf(footprint_.toolColumns(), opens) & (opens | bitOf(FlipKind::CollidesOn));
+    return {(tool | arm) != 0, (tool & opens) != 0};
   }
 
   /// Those whose turn has come, of all that wait. What happened while they waited is not known any more.
