@@ -176,9 +176,9 @@ if wanted sanitizers; then
   if [[ -z $sanitizer ]]; then
     record_step sanitizers failed "\"problem\": \"compute-sanitizer is missing\""
   else
-    # Streams: one with a thin tool, and four short ones: a tool counted by its slabs, voxels so small that blocks are
-    # taken in groups, a tool so thick that it takes leaves as a whole, and one that tilts and rolls. Two more with a
-    # queue: one per policy.
+    # Streams: one with a thin tool, and five short ones: a tool counted by its slabs, voxels so small that blocks are
+    # taken in groups, a tool so thick that it takes leaves as a whole, one that tilts and rolls, and a wide set. Two
+    # more with a queue: one per policy.
     checked=CudaScoring.ShortRunOfEveryPath:CudaScoring.NothingToScoreIsNothing:CudaMirror.ArenaTakesAnyBytes
     checked+=:CudaMemory.NothingIsAllocatedOnceWarm:CudaDistance.NothingIsAllocatedOnceWarm
     checked+=:ShortStream.HasAToolWithSlabsThatBlocks
@@ -186,6 +186,7 @@ if wanted sanitizers; then
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/1
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/2
     checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/3
+    checked+=:ShortStream/CudaStream.EqualsTheCpuAfterEveryUpdate/4:CudaWide.ShortRun
     checked+=:ShortStream/CudaStream.PipelinedEqualsTheCpu/0
     checked+=:ShortStream/CudaBudget.OnlyDelays/0:ShortStream/CudaPaper.EvaluatesTheSamePointsAsTheCpu/0
     expected=$(tr -cd : <<<":$checked" | wc -c)

@@ -36,8 +36,9 @@ enum class OrientationKind : std::uint8_t {
 /// A deterministic set of orientations: the same text gives the same bits. Order matters where orientations are equally
 /// good: the first one is taken.
 struct ACCESSVDB_API OrientationSet {
-  /// Most orientations of a set. With more than kMostOnGpu, a field works on the CPU only.
-  static constexpr int kMost = 4096, kMostOnGpu = 256;
+  /// Most orientations of a set. With more than kMostRemembered, updates take longer: of a point's directions nothing
+  /// is remembered but the best one.
+  static constexpr int kMost = 4096, kMostRemembered = 256;
 
   OrientationKind kind = OrientationKind::Yaw;
   double pitch_min_deg = 0, pitch_max_deg = 0;  ///< Pitch: of the rings, -90 .. 90

@@ -69,8 +69,8 @@ struct ApproachParams {
   double corridor_length_m = 0.0;  ///< [L] straight corridor kept free; beyond 2.25 tau sampled every tau
   bool coarse_to_fine = false;     ///< the paper's 20 degree pass and +-25 degree window; policy Paper only
   bool viewpoints = false;         ///< up to 8 stored viewpoints (paper) instead of the seen-direction mask
-  /// The orientations that are tried, gravity frame. Others than yaw: at most OrientationSet::kMost, and
-  /// on a GPU kMostOnGpu; not for the paper's policy.
+  /// The orientations that are tried, gravity frame. Others than yaw: at most OrientationSet::kMost; not for the
+  /// paper's policy.
   OrientationSet orientations = {};
   /// How many rolls about its axis the tool may take in each orientation, evenly over a turn or, of an n-fold symmetric
   /// tool, over an n-th of one. 0 = rule: 1 for yaw, pitch, lists and turned tools, else 12 / n.

@@ -251,12 +251,18 @@ class CpuBackend final : public Backend {
   void copy(void* to, const void* from, std::size_t bytes) override { std::memcpy(to, from, bytes); }
 
   void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) override {
-    PointStateView written = points;
-    // Of a wide set, whoever joins the seen directions writes them in place (src/points/neighbourhood.h).
-    if (points.direction_words > kMaxDirectionWords) written.direction_words = 0;
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 1024), [&](const auto& range) {
-      for (std::size_t n = range.begin(); n != range.end(); ++n) writePoint(written, inputs[n]);
+      for (std::size_t n = range.begin(); n != range.end(); ++n) writePoint(points, inputs[n]);
     });
+  }
+
+  bool hasHostMemory() const override { return true; }
+  void writeSeen(const PointStateView& points, const std::uint32_t* ids, const std::uint64_t* rows,
+                 std::size_t count) override {
+    const auto words = static_cast<std::size_t>(points.direction_words);
+    for (std::size_t n = 0; n < count; ++n) {
+      std::copy_n(rows + words * n, words, points.seen + words * std::size_t{ids[n]});
+    }
   }
 
   std::unique_ptr<PreparedTool> prepareTool(const ToolKernelView& tool, const ApproachView& approach,

@@ -147,10 +147,34 @@ class Implementation final : public CudaBackend {
         [](Slot&) {});
   }
 
+  void writeSeen(const PointStateView& points, const std::uint32_t* ids, const std::uint64_t* rows,
+                 std::size_t count) override {
+    const CurrentDevice current(context_->device());
+    const std::size_t row_bytes = static_cast<std::size_t>(points.direction_words) * sizeof(std::uint64_t);
+    const auto bytesOf = [&](std::size_t rows_of_chunk) { return rows_of_chunk * (row_bytes + sizeof(std::uint32_t)); };
+    inChunks(
+        count, [&](Slot& slot, std::uint32_t chunk) { reserve(slot, bytesOf(chunk), bytesOf(chunk)); },
+        [&](Slot& slot) {
+          const std::size_t words_bytes = slot.count * row_bytes, bytes = bytesOf(slot.count);
+          const std::size_t words = static_cast<std::size_t>(points.direction_words);
+          std::memcpy(slot.host.data(), rows + slot.first * words, words_bytes);
+          std::memcpy(slot.host.data() + words_bytes, ids + slot.first, bytes - words_bytes);
+          ACCESSVDB_CUDA(
+              cudaMemcpyAsync(slot.memory.data(), slot.host.data(), bytes, cudaMemcpyHostToDevice, slot.stream));
+          launchWriteSeen(points,
+                          {reinterpret_cast<const std::uint32_t*>(slot.memory.data() + words_bytes),
+                           reinterpret_cast<const std::uint64_t*>(slot.memory.data()), slot.count},
+                          slot.stream);
+        },
+        [](Slot&) {});
+  }
+
   void scorePoints(const ScoreRequest& request) override {
     search(request, sizeof(ScoreResult), request.results,
            [&](const ScoreChunk& chunk, const WindowPlan& window, const Slot& slot) {
-             if (options_.path == SearchPath::Plain) {
+             if (isWide(request.approach.num_directions)) {
+               launchWideSearch(chunk, window, context_->sharedBytesPerBlock(), slot.stream);
+             } else if (options_.path == SearchPath::Plain) {
                launchPlainSearch(chunk, slot.stream);
              } else {
                launchWarpSearch(chunk, window, slot.stream);

@@ -52,8 +52,13 @@ class Backend : public DeviceMemory {
   [[nodiscard]] virtual std::unique_ptr<MirrorArena> makeArena() = 0;
   /// Returns once any reader can read what the mirror's arena flushed.
   virtual void waitForMirror() {}
-  /// Writes what the host knows into the state arrays: position, normal, seen, weight.
+  /// Whether the state arrays are in host memory, where the host may write the seen directions of a wide set itself.
+  [[nodiscard]] virtual bool hasHostMemory() const { return false; }
+  /// Writes what the host knows into the state arrays: position, normal, seen, weight; of a wide set all but seen.
   virtual void writePoints(const PointStateView& points, const PointInput* inputs, std::size_t count) = 0;
+  /// Writes the seen directions of points of a wide set. @param rows  [count x PointStateView::direction_words]
+  virtual void writeSeen(const PointStateView& points, const std::uint32_t* ids, const std::uint64_t* rows,
+                         std::size_t count) = 0;
   virtual void scorePoints(const ScoreRequest& request) = 0;
   /// Only called if makeExactUpdater() gave null.
   [[nodiscard]] virtual std::unique_ptr<DueEvaluator> makeDueEvaluator(const DueUpdate& update) {

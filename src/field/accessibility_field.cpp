@@ -28,10 +28,9 @@ AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldP
         const std::vector<ToolSpec> list = namedTools(std::move(tools));
         const FieldParams resolved = internal::resolvedFor(list.front(), params);
         internal::requireManyTools(list, resolved);
-        return internal::onBackend(resolved.backend, internal::notOnGpu(list, resolved),
-                                   [&](internal::ChosenBackend chosen) {
-                                     return std::make_unique<Impl>(list, resolved, std::move(chosen), progress);
-                                   });
+        return internal::onBackend(resolved.backend, [&](internal::ChosenBackend chosen) {
+          return std::make_unique<Impl>(list, resolved, std::move(chosen), progress);
+        });
       })) {}
 AccessibilityField::~AccessibilityField() = default;
 AccessibilityField::AccessibilityField(AccessibilityField&&) noexcept = default;

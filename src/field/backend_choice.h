@@ -4,7 +4,6 @@
 #pragma once
 
 #include <memory>
-#include <optional>
 #include <string>
 #include <utility>
 
@@ -30,18 +29,12 @@ struct ChosenBackend {
 
 /// Makes something on a backend. Cpu and Cuda are taken literally. Auto takes a GPU, or the CPU if no GPU is usable or
 /// making fails on it: a card without room for the first tables is of no use either.
-/// @param only_on_cpu  why no GPU can do it; thrown for Cuda
 /// @param make  called with a ChosenBackend, at most twice
 template <typename Make>
-auto onBackend(BackendKind kind, const std::optional<ResourceLimit>& only_on_cpu, const Make& make)
-    -> decltype(make(ChosenBackend{})) {
-  if (kind == BackendKind::Cuda && only_on_cpu) throw *only_on_cpu;
+auto onBackend(BackendKind kind, const Make& make) -> decltype(make(ChosenBackend{})) {
   if (kind == BackendKind::Cuda) return make(cudaBackend());
   ChosenBackend cpu = cpuBackend();
-  if (kind == BackendKind::Auto && only_on_cpu) {
-    cpu.note_id = only_on_cpu->id();
-    cpu.note = only_on_cpu->problem();
-  } else if (kind == BackendKind::Auto) {
+  if (kind == BackendKind::Auto) {
     try {
       return make(cudaBackend());
     } catch (const Error& error) {

@@ -127,19 +127,6 @@ void requireManyTools(const std::vector<ToolSpec>& tools, const FieldParams& res
   }
 }
 
-std::optional<ResourceLimit> notOnGpu(const std::vector<ToolSpec>& tools, const FieldParams& resolved) {
-  for (const ToolSpec& tool : tools) {
-    const ApproachParams approach = toolParams(tool, resolved).approach;
-    const int directions = approach.directionCount();
-    if (directions <= OrientationSet::kMostOnGpu) continue;
-    return ResourceLimit("orientations.device", approach.orientations.text(),
-                         "has " + std::to_string(directions) + " orientations; a GPU handles at most " +
-                             std::to_string(OrientationSet::kMostOnGpu),
-                         "Use --device cpu, or fewer orientations, such as sphere:12.5");
-  }
-  return std::nullopt;
-}
-
 FieldParams resolvedFor(const ToolSpec& tool, const FieldParams& params) {
   FieldParams resolved = toolParams(tool, params).resolved();
   resolved.approach.rolls = toolRolls(tool.tool, resolved.approach).count;

@@ -27,9 +27,6 @@ namespace accessvdb::internal {
 /// @throws ResourceLimit "orientations.count"  for more directions of all tools than an index can name
 void requireManyTools(const std::vector<ToolSpec>& tools, const FieldParams& resolved);
 
-/// "orientations.device": some tool has a wide set of directions, which no GPU is written for.
-[[nodiscard]] std::optional<ResourceLimit> notOnGpu(const std::vector<ToolSpec>& tools, const FieldParams& resolved);
-
 /// The parameters of a field with this tool alone, with every rule applied, its rolls included.
 [[nodiscard]] FieldParams resolvedFor(const ToolSpec& tool, const FieldParams& params);
 

@@ -52,7 +52,9 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
   d_column_begin_ = uploaded(memory_, tool_.column_begin);
   d_samples_ = uploaded(memory_, tool_.samples);
   d_sample_begin_ = uploaded(memory_, tool_.sample_begin);
-  if (resolved.update.policy == UpdatePolicy::Exact && backend.usesToolSlabs()) loadSlabs();
+  // The search of a wide set counts by columns.
+  const bool by_slabs = backend.usesToolSlabs() && !kernels::isWide(tool_.num_directions);
+  if (resolved.update.policy == UpdatePolicy::Exact && by_slabs) loadSlabs();
   d_directions_ = uploaded(memory_, directions_.xy);
   d_axes_ = uploaded(memory_, directions_.axes_xyz);
   d_arm_offsets_ = uploaded(memory_, arm_offsets_);

@@ -99,7 +99,7 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
     held += share * static_cast<double>(prepared->bytes());
   }
   double making = held;
-  if (resolved.backend != BackendKind::Cpu && !kernel.use_samples) {
+  if (resolved.backend != BackendKind::Cpu && !kernel.use_samples && !kernels::isWide(directions)) {
     // As in ScoringSetup: slabs as they are found, and again in one list, which then goes to the GPU.
     constexpr auto kMost = static_cast<double>(internal::ToolSlabs::kMostBytes);
     const auto slabs = internal::ToolSlabs::make(kernel.view(), sampled, static_cast<std::uint64_t>(kMost / share));

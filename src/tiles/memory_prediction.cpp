@@ -119,10 +119,10 @@ double peakBytes(double without_tool, const ToolTableBytes& tool) {
 int rememberedDirections(const FieldParams& params) {
   const bool remembered = params.update.policy == UpdatePolicy::Exact && params.backend != BackendKind::Cuda;
   const int directions = params.approach.directionCount();
-  // Of more directions than a mask has, a point has two bits each and nothing else, on the CPU only; one of the two is
-  // in an array that grows by a quarter.
+  // Of more directions than a mask has, a point has two bits each and nothing else; one of the two is in an array that
+  // grows by a quarter.
   constexpr double kBitsEach = 2.25;
-  if (directions > OrientationSet::kMostOnGpu) {
+  if (directions > OrientationSet::kMostRemembered) {
     return static_cast<int>(directions * kBitsEach / 8 / kRememberedDirectionBytes);
   }
   return remembered ? directions : 0;

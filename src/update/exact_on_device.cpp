@@ -216,6 +216,8 @@ class TablesOfTool {
 
 std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const HostTables& host,
                                                    std::span<const FurtherTool> further) {
+  // Of a wide set the host decides what is due, and the device searches.
+  if (kernels::isWide(host.approach.num_directions)) return nullptr;
   const FieldParams& params = scorer.params();
   const double voxel_size_m = params.tsdf.voxel_size_m;
   const int group_log2 = blockGroupLog2(voxel_size_m);

@@ -26,6 +26,8 @@ PointScorer::PointScorer(const PointStore& points, const FieldParams& resolved, 
 void PointScorer::grow() {
   device_.grow(points_.size());
   records_.grow(points_.size());
+  if (keepsWideSeen())
+    wide_seen_.resize(std::size_t{points_.size()} * static_cast<std::size_t>(points_.directionWords()));
 }
 
 bool PointScorer::isConfident(std::uint16_t weight) const {
@@ -75,12 +77,12 @@ std::vector<std::uint32_t> PointScorer::takeConfident(std::vector<std::uint32_t>
 void PointScorer::refreshTouched(std::vector<std::uint32_t> touched) {
   std::erase_if(touched, [&](std::uint32_t id) { return !records_[id].has_neighbourhood; });
   refreshWeights(touched);
-  upload(touched);
+  uploadInputs(touched);
 }
 
 PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids) {
   std::vector<Neighbourhood> found(ids.size());
-  search_.compute(ids, found, points_.isWide() ? device_.view().seen : nullptr);
+  search_.compute(ids, found, points_.isWide() ? wideSeen() : nullptr);
   const std::size_t tasks = (ids.size() + kScoredPerTask - 1) / kScoredPerTask;
   std::vector<Changed> of_task(tasks);
   tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
@@ -118,7 +120,7 @@ void PointScorer::adopt(const PointScorer& from, std::span<const std::uint32_t> 
       mine.has_neighbourhood = theirs.has_neighbourhood;
       if (points_.isWide()) {
         const auto words = static_cast<std::size_t>(points_.directionWords());
-        std::copy_n(from.device_.view().seen + words * ids[n], words, device_.view().seen + words * ids[n]);
+        std::copy_n(from.wideSeen() + words * ids[n], words, wideSeen() + words * ids[n]);
       }
     }
   });
@@ -128,6 +130,26 @@ void PointScorer::adopt(const PointScorer& from, std::span<const std::uint32_t> 
 }
 
 void PointScorer::upload(std::span<const std::uint32_t> ids) {
+  uploadInputs(ids);
+  if (keepsWideSeen()) uploadWideSeen(ids);
+}
+
+void PointScorer::uploadWideSeen(std::span<const std::uint32_t> ids) {
+  constexpr std::size_t kPart = 1 << 14;
+  const auto words = static_cast<std::size_t>(points_.directionWords());
+  std::vector<std::uint64_t> rows(words * std::min(ids.size(), kPart));
+  for (std::size_t first = 0; first < ids.size(); first += kPart) {
+    const std::size_t count = std::min(kPart, ids.size() - first);
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, kScoredPerTask), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        std::copy_n(wideSeen() + words * ids[first + n], words, rows.data() + words * n);
+      }
+    });
+    backend_.writeSeen(device_.view(), ids.data() + first, rows.data(), count);
+  }
+}
+
+void PointScorer::uploadInputs(std::span<const std::uint32_t> ids) {
   // In parts, so that the memory in between stays small: fresh memory has to be cleared by the system first.
   constexpr std::size_t kPart = 1 << 16;
   std::vector<kernels::PointInput> inputs(std::min(ids.size(), kPart));

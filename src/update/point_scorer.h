@@ -110,9 +110,20 @@ class PointScorer {
   [[nodiscard]] const PointStore& points() const { return points_; }
   [[nodiscard]] const MapReads& reads() const { return reads_; }
   [[nodiscard]] const FieldParams& params() const { return params_; }
-  [[nodiscard]] std::uint64_t hostBytes() const { return records_.bytes(); }
+  [[nodiscard]] std::uint64_t hostBytes() const {
+    return records_.bytes() + wide_seen_.capacity() * sizeof(std::uint64_t);
+  }
 
  private:
+  /// Of a wide set, the host joins the seen directions, in the backend's memory if it can.
+  [[nodiscard]] bool keepsWideSeen() const { return points_.isWide() && !backend_.hasHostMemory(); }
+  [[nodiscard]] std::uint64_t* wideSeen() { return keepsWideSeen() ? wide_seen_.data() : device_.view().seen; }
+  [[nodiscard]] const std::uint64_t* wideSeen() const {
+    return keepsWideSeen() ? wide_seen_.data() : device_.view().seen;
+  }
+  void uploadInputs(std::span<const std::uint32_t> ids);
+  void uploadWideSeen(std::span<const std::uint32_t> ids);
+
   const PointStore& points_;
   FieldParams params_;
   kernels::Backend& backend_;
@@ -120,6 +131,7 @@ class PointScorer {
   NeighbourhoodSearch search_;
   DevicePoints device_;
   ChunkedArray<PointRecord> records_;
+  std::vector<std::uint64_t> wide_seen_;  ///< [points x words of a set] if keepsWideSeen()
 };
 
 }  // namespace accessvdb::internal

@@ -85,7 +85,6 @@ TEST_F(ExitCodes, Orientations) {
   }
   expectFailure({"--orientations", "sphere:3"}, 5, "orientations.count");
   expectFailure({"--orientations", "pitch:-90:90:5"}, 5, "orientations.count");
-  expectFailure({"--orientations", "sphere:10", "--device", "cuda"}, 5, "orientations.device");
   expectFailure({"--orientations", "sphere:15", "--profile", "paper"}, 2, "orientations.policy");
   expectFailure({"--orientations", "sphere:15", "--policy", "paper"}, 2, "orientations.policy");
   expectFailure({"--rolls", "65"}, 2, "config.range");

@@ -102,6 +102,15 @@ constexpr StreamCase kShortSphere = {.seed = 26,
                                      .rays_per_frame = 1500,
                                      .orientations = "sphere:30"};
 
+/// A short wide set, for the sanitizers.
+constexpr StreamCase kShortWide = {.seed = 33,
+                                   .tool = "builtin:pruner",
+                                   .voxel_size_m = 0.06,
+                                   .max_collisions = 1,
+                                   .frames = 4,
+                                   .rays_per_frame = 1500,
+                                   .orientations = "pitch:-10:10:10"};
+
 std::size_t blockedByTheTool(const FieldSnapshot& field) {
   return static_cast<std::size_t>(
       std::ranges::count(field.points, PointReason::Tool, [](const SurfacePoint& p) { return p.reason; }));
@@ -274,6 +283,15 @@ INSTANTIATE_TEST_SUITE_P(
                    .max_range_m = 2.5,
                    .length_m = 0.3,
                    .orientations = "sphere:30"},
+        // Wide sets: the host decides what is due.
+        StreamCase{.seed = 31, .tool = "builtin:pruner", .voxel_size_m = 0.06, .orientations = "sphere:9"},
+        StreamCase{.seed = 32,
+                   .tool = "builtin:pruner",
+                   .voxel_size_m = 0.05,
+                   .scans_an_update = 2,
+                   .frames = 8,
+                   .orientations = "sphere:3.8",
+                   .rolls = 1},
         // Yaw by the general way.
         StreamCase{.seed = 1, .tool = "builtin:pruner", .voxel_size_m = 0.05, .orientations = "pitch:0:0:1"}));
 
@@ -282,7 +300,7 @@ INSTANTIATE_TEST_SUITE_P(ThickTool, CudaStream, testing::Values(kThickTool));
 
 // tools/gpu_suite.sh runs it under compute-sanitizer.
 INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream,
-                         testing::Values(kShortStream, kShortGroups, kShortThickTool, kShortSphere));
+                         testing::Values(kShortStream, kShortGroups, kShortThickTool, kShortSphere, kShortWide));
 
 internal::ToolSlabs slabsOf(const StreamCase& c) {
   const auto kernel = internal::ToolKernel::make(ToolGeometry::builtin(c.tool), paramsOf(c).resolved());

@@ -50,7 +50,7 @@ bool isAdmissible(const FieldParams& params, const kernels::PointInput& input, i
 }  // namespace
 
 ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldParams& params, int points) {
-  ScoringCase out{params.resolved(), tool, {}, {}, {}};
+  ScoringCase out{params.resolved(), tool, {}, {}, {}, {}};
   out.params.approach.rolls = internal::toolRolls(tool, out.params.approach).count;
   const double v = out.params.tsdf.voxel_size_m;
   const int reach = std::min(static_cast<int>(std::ceil(tool.reach_m() / v / 8)), 12);
@@ -79,6 +79,7 @@ ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldPara
   const std::vector<ToolOrientation> orientations =
       out.params.approach.orientations.orientations(out.params.approach.num_directions);
   const int directions = static_cast<int>(orientations.size());
+  const bool is_wide = kernels::isWide(directions);
   for (int n = 0; n < points; ++n) {
     kernels::PointInput input;
     input.id = static_cast<std::uint32_t>(n);
@@ -92,17 +93,35 @@ ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldPara
       input.normal_L[1] = static_cast<float>(std::cos(pitch) * std::sin(yaw));
       input.normal_L[2] = static_cast<float>(std::sin(pitch));
     }
-    if (random.below(20) == 0) {  // towards a direction, where cosines tie
+    if (is_wide && random.below(20) == 0) {  // upwards: the cosines of all level directions tie
+      input.normal_L[0] = input.normal_L[1] = 0;
+      input.normal_L[2] = 1;
+    } else if (random.below(20) == 0) {  // towards a direction, where cosines tie
       input.normal_L[0] = static_cast<float>(random.below(3) - 1);
       input.normal_L[1] = static_cast<float>(random.below(3) - 1);
       input.normal_L[2] = 0;
     }
-    input.seen = randomMask(random, directions, random.below(10) == 0 ? 0.0 : random.uniform(0.2, 1.0));
+    const double share_seen = random.below(10) == 0 ? 0.0 : random.uniform(0.2, 1.0);
+    if (!is_wide) input.seen = randomMask(random, directions, share_seen);
+    for (int d = 0; is_wide && d < directions; ++d) {
+      if (d % 64 == 0) out.wide_seen.push_back(0);
+      if (random.uniform(0, 1) < share_seen) out.wide_seen.back() |= std::uint64_t{1} << (d % 64);
+    }
     out.inputs.push_back(input);
 
     if (random.below(10) == 0) continue;  // not requested
     kernels::ScoreItem item;
     item.id = input.id;
+    if (is_wide) {
+      if (random.below(2) == 0) {
+        item.only_direction = random.below(directions);
+        item.or_all = static_cast<std::uint8_t>(random.below(2));
+        // Without or_all, a count above it would only be a lower bound.
+        if (item.or_all != 0) item.known_score = static_cast<std::uint16_t>(random.below(20));
+      }
+      out.items.push_back(item);
+      continue;
+    }
     item.candidates = randomMask(random, directions, random.below(3) == 0 ? random.uniform(0, 1) : 2.0);
     if (random.below(2) == 0) item.skip = randomMask(random, directions, random.uniform(0, 0.7));
     const int known = random.below(directions);
@@ -131,6 +150,10 @@ ScoringRig::ScoringRig(std::unique_ptr<kernels::Backend> backend, const ScoringC
   for (const auto& batch : what.changes) mirror_.apply(batch);
   points_.grow(static_cast<std::uint32_t>(what.inputs.size()));
   backend_->writePoints(points_.view(), what.inputs.data(), what.inputs.size());
+  if (what.wide_seen.empty()) return;
+  std::vector<std::uint32_t> ids;
+  for (const kernels::PointInput& input : what.inputs) ids.push_back(input.id);
+  backend_->writeSeen(points_.view(), ids.data(), what.wide_seen.data(), ids.size());
 }
 
 kernels::ScoreRequest ScoringRig::request(bool keep_best) const {

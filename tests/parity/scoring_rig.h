@@ -22,10 +22,12 @@ struct ScoringCase {
   ToolGeometry tool;
   std::vector<std::vector<LeafChange>> changes;  ///< batches
   std::vector<kernels::PointInput> inputs;       ///< id = place
+  std::vector<std::uint64_t> wide_seen;          ///< of a wide set: seen directions, row by row
   std::vector<kernels::ScoreItem> items;         ///< ids differ
 };
 
-/// A random map around the tool's reach, points with random normals and views in it, and items of every kind.
+/// A random map around the tool's reach, points with random normals and views in it, and items of every kind that sets
+/// of this size know.
 [[nodiscard]] ScoringCase randomCase(Random& random, const ToolGeometry& tool, const FieldParams& params, int points);
 
 /// The stored state of all points.

@@ -272,25 +272,6 @@ TEST(WideSets, DoNotDependOnThreadsOrUpdates) {
   }
 }
 
-TEST(WideSets, AreForTheCpu) {
-  const auto make = [](BackendKind backend) {
-    FieldParams params = paramsWith(OrientationSet::sphere(9), 0.1);
-    params.backend = backend;
-    return AccessibilityField(ToolGeometry::builtin("builtin:pencil"), params);
-  };
-  try {
-    static_cast<void>(make(BackendKind::Cuda));
-    FAIL() << "nothing was refused";
-  } catch (const ResourceLimit& error) {
-    EXPECT_EQ(error.id(), "orientations.device");
-    EXPECT_NE(error.advice().find("--device cpu"), std::string::npos) << error.advice();
-  }
-  const AccessibilityField automatic = make(BackendKind::Auto);
-  EXPECT_EQ(automatic.deviceName(), "cpu");
-  EXPECT_EQ(automatic.deviceNoteId(), "orientations.device");
-  EXPECT_EQ(make(BackendKind::Cpu).deviceNoteId(), "");
-}
-
 /// Directions of all tools are numbered together, in 16 bits.
 TEST(WideSets, OfSeveralToolsAreLimitedTogether) {
   std::vector<ToolSpec> tools;

@@ -82,7 +82,7 @@ void addOrientationOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--directions", &options.directions, "yaw directions over 360 degrees, 4 .. 256");
   flags.repeated("--orientations", &options.orientations,
                  "how the tool can be turned, in degrees: yaw (the default), pitch:MIN:MAX:STEP, sphere:STEP, "
-                 "sphere:STEP+yaw or list:FILE; at most 4096 together, and 256 on a GPU");
+                 "sphere:STEP+yaw or list:FILE; at most 4096 together");
   flags.repeated("--rolls", &options.rolls,
                  "how many rolls about its body the tool may take in each orientation, 1 .. 64; default: 1, and for a "
                  "sphere 12 over a whole turn, fewer for a symmetric tool");

@@ -6,6 +6,7 @@
 #include <type_traits>
 
 #include "cuda/memory/cuda_check.h"
+#include "cuda/search/search_parts.cuh"
 #include "cuda/search/warp_search.cuh"
 #include "hostdev/point_update.h"
 
@@ -18,8 +19,6 @@ constexpr unsigned kWarps = 4;      ///< per block, with one warp per point
 constexpr unsigned kSearchBlocks = 6, kCountBlocks = 8;
 /// Limit per warp: 24 warps leave half of a multiprocessor's memory to the cache through which leaves are read.
 constexpr std::int64_t kMostLeafWindowBytes = 4 * 1024;
-
-unsigned blocksFor(std::uint32_t count, unsigned each) { return (count + each - 1) / each; }
 
 __global__ void plainSearch(ScoreChunk chunk) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
@@ -49,49 +48,10 @@ __global__ void writeInputs(PointStateView points, const PointInput* inputs, std
   if (n < count) writePoint(points, inputs[n]);
 }
 
-/// The point of this warp; a warp beyond the last point has none.
-struct WarpPoint {
-  bool there = false;
-  std::uint32_t item = 0;
-  std::size_t id = 0;
-  float position_L[3] = {0, 0, 0};
-  Coord ijk;
-
-  __device__ explicit WarpPoint(const ScoreChunk& chunk) {
-    const std::uint32_t n = blockIdx.x * kWarps + threadIdx.x / kWarp;
-    there = n < chunk.count;
-    if (!there) return;
-    item = chunk.order != nullptr ? chunk.order[n] : n;
-    id = chunk.items[item].id;
-    for (int axis = 0; axis < 3; ++axis) position_L[axis] = chunk.points.position_L[3 * id + axis];
-    ijk = voxelOf(position_L[0], position_L[1], position_L[2], chunk.map.inverse_voxel_size);
-  }
-};
-
-/// Dynamic shared memory: one window per warp.
-extern __shared__ std::uint32_t window_nodes[];
-
-/// Makes this warp's window around its point. All lanes call it.
-template <class Window>
-__device__ Window makeWindow(const ScoreChunk& chunk, const WarpPoint& point, const WindowPlan& plan, int lane) {
-  if constexpr (std::is_same_v<Window, TreeWindow>) {
-    return TreeWindow(chunk.map);
-  } else {
-    const Window window(window_nodes + threadIdx.x / kWarp * plan.entries(), plan.shape, chunk.map, point.ijk, lane);
-    __syncwarp();
-    return window;
-  }
-}
-
-/// Counts parts of the tool at a warp's point.
-template <bool kSamples, class Window>
-__device__ auto partCounter(const ScoreChunk& chunk, const Window& window, const OccupancyReader& map,
-                            const WarpPoint& point, int lane) {
-  if constexpr (kSamples) {
-    return SampleCounter<Window>{window, map, chunk.tool, point.position_L, chunk.map.inverse_voxel_size, lane};
-  } else {
-    return ColumnCounter<Window>{window, chunk.tool, point.ijk, lane};
-  }
+__global__ void writeRows(PointStateView points, SeenRows rows) {
+  const auto words = static_cast<std::uint32_t>(points.direction_words);
+  const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
+  if (n < rows.count * words) points.seen[std::size_t{rows.ids[n / words]} * words + n % words] = rows.words[n];
 }
 
 /// @tparam kRolls  whether the tool rolls
@@ -100,7 +60,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(Score
   __shared__ WarpMasks all_masks[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   WarpMasks& masks = all_masks[threadIdx.x / kWarp];
-  const WarpPoint point(chunk);
+  const WarpPoint point(chunk, kWarps);
   if (!point.there) return;
   const Window window = makeWindow<Window>(chunk, point, plan, lane);
   const OccupancyReader map(chunk.map);
@@ -148,7 +108,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
     countAll(ScoreChunk chunk, WindowPlan plan, std::uint16_t* counts) {
   constexpr int kNoStop = 0x7fffffff;
   const int lane = static_cast<int>(threadIdx.x % kWarp);
-  const WarpPoint point(chunk);
+  const WarpPoint point(chunk, kWarps);
   if (!point.there) return;
   const Window window = makeWindow<Window>(chunk, point, plan, lane);
   const OccupancyReader map(chunk.map);
@@ -171,40 +131,6 @@ __global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
   }
 }
 
-/// Launches a kernel with one warp per point and the window of the plan.
-template <class OfLeaves, class OfLowers, class OfTree, class... Arguments>
-void launchWarps(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream, OfLeaves* of_leaves,
-                 OfLowers* of_lowers, OfTree* of_tree, Arguments... arguments) {
-  const unsigned blocks = blocksFor(chunk.count, kWarps);
-  const auto bytes = static_cast<std::uint32_t>(kWarps * plan.entries() * sizeof(std::uint32_t));
-  const auto launch = [&](auto* kernel) {
-    kernel<<<blocks, kWarps * kWarp, bytes, stream>>>(chunk, plan, arguments...);
-  };
-  switch (plan.kind) {
-    case WindowPlan::Kind::Leaves:
-      launch(of_leaves);
-      break;
-    case WindowPlan::Kind::Lowers:
-      launch(of_lowers);
-      break;
-    case WindowPlan::Kind::None:
-      launch(of_tree);
-      break;
-  }
-}
-
-}  // namespace
-
-namespace {
-
-/// Blocks get more than 48 KB of shared memory only on request. Asks once, for the maximum: several fields of a process
-/// launch the same kernels.
-void allowShared(const void* kernel, int shared_bytes_per_block) {
-  cudaFuncAttributes attributes = {};
-  ACCESSVDB_CUDA(cudaFuncGetAttributes(&attributes, kernel));
-  const int rest = shared_bytes_per_block - static_cast<int>(attributes.sharedSizeBytes);
-  ACCESSVDB_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, rest));
-}
 template <class Window>
 void allowShared(int shared_bytes_per_block) {
   for (const void* kernel : {reinterpret_cast<const void*>(&warpSearch<Window, false, false>),
@@ -213,7 +139,7 @@ void allowShared(int shared_bytes_per_block) {
                              reinterpret_cast<const void*>(&warpSearch<Window, true, true>),
                              reinterpret_cast<const void*>(&countAll<Window, false>),
                              reinterpret_cast<const void*>(&countAll<Window, true>)}) {
-    allowShared(kernel, shared_bytes_per_block);
+    allowAllShared(kernel, shared_bytes_per_block);
   }
 }
 
@@ -225,6 +151,7 @@ void requireScoreKernels(int shared_bytes_per_block) {
   if (status == cudaSuccess) {
     allowShared<MapWindow<LeafWindow>>(shared_bytes_per_block);
     allowShared<MapWindow<LowerWindow>>(shared_bytes_per_block);
+    allowWideSearch(shared_bytes_per_block);
     return;
   }
   (void)cudaGetLastError();
@@ -262,7 +189,7 @@ void launchWarpSearch(const ScoreChunk& chunk, const WindowPlan& plan, cudaStrea
   if (chunk.count == 0) return;
   const auto launch = [&](auto samples, auto rolls) {
     constexpr bool kSamples = decltype(samples)::value, kRolls = decltype(rolls)::value;
-    launchWarps(chunk, plan, stream, warpSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
+    launchWarps(chunk, plan, {kWarps, 0, stream}, warpSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
                 warpSearch<MapWindow<LowerWindow>, kSamples, kRolls>, warpSearch<TreeWindow, kSamples, kRolls>);
   };
   const auto launchForm = [&](auto samples) {
@@ -281,13 +208,20 @@ void launchUpdate(const ScoreChunk& chunk, cudaStream_t stream) {
 void launchCount(const ScoreChunk& chunk, const WindowPlan& plan, std::uint16_t* counts, cudaStream_t stream) {
   if (chunk.count == 0) return;
   if (chunk.tool.use_samples) {
-    launchWarps(chunk, plan, stream, countAll<MapWindow<LeafWindow>, true>, countAll<MapWindow<LowerWindow>, true>,
-                countAll<TreeWindow, true>, counts);
+    launchWarps(chunk, plan, {kWarps, 0, stream}, countAll<MapWindow<LeafWindow>, true>,
+                countAll<MapWindow<LowerWindow>, true>, countAll<TreeWindow, true>, counts);
   } else {
-    launchWarps(chunk, plan, stream, countAll<MapWindow<LeafWindow>, false>, countAll<MapWindow<LowerWindow>, false>,
-                countAll<TreeWindow, false>, counts);
+    launchWarps(chunk, plan, {kWarps, 0, stream}, countAll<MapWindow<LeafWindow>, false>,
+                countAll<MapWindow<LowerWindow>, false>, countAll<TreeWindow, false>, counts);
   }
   checkLaunch("countAll");
+}
+
+void launchWriteSeen(const PointStateView& points, const SeenRows& rows, cudaStream_t stream) {
+  if (rows.count == 0) return;
+  const std::uint32_t words = rows.count * static_cast<std::uint32_t>(points.direction_words);
+  writeRows<<<blocksFor(words, kThreads), kThreads, 0, stream>>>(points, rows);
+  checkLaunch("writeRows");
 }
 
 void launchWrite(const PointStateView& points, const PointInput* inputs, std::uint32_t count, cudaStream_t stream) {

@@ -32,10 +32,21 @@ void requireScoreKernels(int shared_bytes_per_block);
 void launchPlainSearch(const ScoreChunk& chunk, cudaStream_t stream);
 /// The same with one warp per item. @param plan  from planWindow
 void launchWarpSearch(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream);
+/// Searches all items of a wide set, one warp per item. @param plan  from planWindow
+void launchWideSearch(const ScoreChunk& chunk, WindowPlan plan, int shared_bytes_per_block, cudaStream_t stream);
+/// Once per process and device, before it.
+void allowWideSearch(int shared_bytes_per_block);
 /// Updates the state of the points after a search, and stores it in the results.
 void launchUpdate(const ScoreChunk& chunk, cudaStream_t stream);
 /// Counts collisions in every direction of every point, without filter or early stop: counts [chunk.count x D].
 void launchCount(const ScoreChunk& chunk, const WindowPlan& plan, std::uint16_t* counts, cudaStream_t stream);
+/// Seen directions of points of a wide set.
+struct SeenRows {
+  const std::uint32_t* ids = nullptr;    ///< [count]
+  const std::uint64_t* words = nullptr;  ///< [count x PointStateView::direction_words]
+  std::uint32_t count = 0;
+};
+void launchWriteSeen(const PointStateView& points, const SeenRows& rows, cudaStream_t stream);
 void launchWrite(const PointStateView& points, const PointInput* inputs, std::uint32_t count, cudaStream_t stream);
 
 /// Orders items leaf by leaf. @param keys, sorted, order_in  scratch [count]

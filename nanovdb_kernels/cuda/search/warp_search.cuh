@@ -125,8 +125,8 @@ __device__ ArmResult testArmThrough(const Window& window, const OccupancyReader&
 // number at which the plain rule stops, any other some number above `stop_above` that the collisions reach. One that
 // `kRolls` counts by countAxis, and leaves the roll in `roll`.
 
-/// One column of voxels per lane.
-template <class Window>
+/// One column of voxels per lane. @tparam kTurns  columns in flight per lane
+template <class Window, int kTurns = 2>
 struct ColumnCounter {
   static constexpr bool kPlain = true, kRolls = false;
   const Window& window;
@@ -135,7 +135,7 @@ struct ColumnCounter {
   int lane;
 
   __device__ int operator()(int d, int stop_above) const {
-    return countVoxelsByWarp<2>(window, tool, d, point_ijk, stop_above, lane);
+    return countVoxelsByWarp<kTurns>(window, tool, d, point_ijk, stop_above, lane);
   }
 };
 /// One sample per lane.
