@@ -30,19 +30,22 @@ struct Choice {
   int budget_points = 0;
   std::uint64_t most_cases = kMostCases;
   bool as_the_cpu = true;  ///< the labels equal the CPU's after every update
+  const char* orientations = "yaw";
 };
 const Choice kExact = {"exact"};
 const Choice kChoices[] = {
     kExact,
     {"exact, by a queue", UpdatePolicy::Exact, 1'000'000, 60},
     {"exact, with a budget", UpdatePolicy::Exact, 300, 60, false},  // different points wait than on the CPU
-    {"paper, with a budget", UpdatePolicy::Paper, 300, 60}};
+    {"paper, with a budget", UpdatePolicy::Paper, 300, 60},
+    {"exact, with more directions than a mask holds", UpdatePolicy::Exact, 0, 60, true, "sphere:10"}};
 
 FieldParams paramsOn(BackendKind backend, const Choice& choice = kExact) {
   FieldParams params;
   params.tsdf.voxel_size_m = 0.05;
   params.update.policy = choice.policy;
   params.update.budget_points = choice.budget_points;
+  params.approach.orientations = OrientationSet::parse(choice.orientations);
   params.backend = backend;
   params.mirror_distance = true;  // its calls can fail like all others
   return params;
