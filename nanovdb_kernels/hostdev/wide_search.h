@@ -4,7 +4,7 @@
 /// them are candidates and none is known beforehand, so what it finds is the first of all by the documented order.
 #pragma once
 
-#include <type_traits>
+#include <cstdint>
 
 #include "hostdev/direction_search.h"
 
@@ -37,46 +37,103 @@ struct WideItem {
   std::uint8_t known_roll = 0;
 };
 
-/// The order of SortedWalk, but the first direction that was seen comes before those that were not: mostly it is free,
-/// and then no heap has to be made.
+/// Walks the directions that were seen and lie in the normal cone, in the order of SortedWalk. The others of the cone
+/// decide nothing but the reason of a point with none of those; then one of them is named.
+///
+/// Mostly the first direction is free, and then nothing is sorted. Else directions are put into bins of their cosine,
+/// and a bin is sorted when the walk gets there.
 class WideWalk {
  public:
-  ACCESSVDB_HOSTDEV WideWalk(const ApproachView& approach, const float* normal, const std::uint64_t* seen)
-      : approach_(approach), normal_(normal) {
-    float best = approach.normal_cos_min;
+  WideWalk(const ApproachView& approach, const float* normal, const std::uint64_t* seen)
+      : bins_per_cosine_(static_cast<float>(kBins) / (1.0f - approach.normal_cos_min + 1e-3f)) {
+    float best = -2;  // below any cosine
+    int count = 0;
     for (int w = 0; 64 * w < approach.num_directions; ++w) {
       for (std::uint64_t bits = seen[w]; bits != 0; bits &= bits - 1) {
         const int d = 64 * w + lowestBit(bits);
         if (d >= approach.num_directions) break;
         const float cosine = cosToNormal(approach, d, normal);
-        if (!(first_ < 0 ? cosine >= best : cosine > best)) continue;
-        best = cosine;
-        first_ = d;
+        if (!(cosine >= approach.normal_cos_min)) continue;
+        if (cosine > best) {
+          best = cosine;
+          first_ = count;
+        }
+        found_[count++] = {cosine, static_cast<std::uint16_t>(d)};
       }
     }
+    count_ = count;
+    if (count_ == 0) unseen_ = anyInCone(approach, normal);
   }
-  ACCESSVDB_HOSTDEV int next() {
-    if (!started_ && first_ >= 0) {
+
+  int next() {
+    if (!started_) {
       started_ = true;
-      return first_;
+      return count_ > 0 ? found_[first_].d : unseen_;
     }
-    if (!made_) heap_ = Heap(approach_, normal_);
-    made_ = true;
-    const int d = heap_.next();
-    return d == first_ && d >= 0 ? heap_.next() : d;
+    if (at_ == 0) fillBins();
+    if (++at_ >= count_) return -1;  // the first of all came before
+    while (at_ >= sorted_) sortBin();
+    return binned_[at_].d;
   }
 
  private:
-  using Heap = HeapWalk<kMostWideDirections, std::uint16_t>;
-  static_assert(std::is_trivially_copyable_v<Heap>);
-
-  const ApproachView& approach_;
-  const float* normal_;
-  int first_ = -1;
-  bool started_ = false, made_ = false;
-  union {
-    Heap heap_;  ///< if made_
+  static constexpr int kBins = 128;
+  struct Direction {
+    float cosine;
+    std::uint16_t d;
   };
+
+  [[nodiscard]] static bool before(const Direction& a, const Direction& b) {
+    return ranksBefore(a.cosine, a.d, b.cosine, b.d);
+  }
+  [[nodiscard]] static int anyInCone(const ApproachView& approach, const float* normal) {
+    for (int d = 0; d < approach.num_directions; ++d) {
+      if (cosToNormal(approach, d, normal) >= approach.normal_cos_min) return d;
+    }
+    return -1;
+  }
+  /// Never falls as the cosine falls, however it is rounded.
+  [[nodiscard]] int binOf(float cosine) const {
+    const int bin = static_cast<int>((1.0f - cosine) * bins_per_cosine_);
+    return bin < 0 ? 0 : bin < kBins ? bin : kBins - 1;
+  }
+
+  void fillBins() {
+    std::uint16_t next[kBins] = {};
+    for (int n = 0; n < count_; ++n) ++next[binOf(found_[n].cosine)];
+    std::uint16_t begin = 0;
+    for (int bin = 0; bin < kBins; ++bin) {
+      const std::uint16_t size = next[bin];
+      next[bin] = begin;
+      begin = bin_end_[bin] = static_cast<std::uint16_t>(begin + size);
+    }
+    for (int n = 0; n < count_; ++n) binned_[next[binOf(found_[n].cosine)]++] = found_[n];
+    if (count_ > 0) sortBin();
+  }
+  /// Sorts the first bin that is not.
+  void sortBin() {
+    while (bin_end_[bin_] == sorted_) ++bin_;
+    const int begin = sorted_, end = bin_end_[bin_];
+    constexpr int kGaps[] = {701, 301, 132, 57, 23, 10, 4, 1};  // Ciura's, for Shell's sort
+    for (const int gap : kGaps) {
+      for (int n = begin + gap; n < end; ++n) {
+        const Direction moved = binned_[n];
+        int at = n;
+        for (; at - gap >= begin && before(moved, binned_[at - gap]); at -= gap) binned_[at] = binned_[at - gap];
+        binned_[at] = moved;
+      }
+    }
+    sorted_ = bin_end_[bin_];
+  }
+
+  float bins_per_cosine_;
+  int count_ = 0, first_ = 0;  ///< of found_
+  int unseen_ = -1;            ///< a direction of the cone, if none that was seen is in it
+  bool started_ = false;
+  int at_ = 0, bin_ = 0, sorted_ = 0;  ///< place of the walk in binned_, bin to sort next, and how many are sorted
+  // Not initialised: most of it is never used.
+  Direction found_[kMostWideDirections], binned_[kMostWideDirections];
+  std::uint16_t bin_end_[kBins];
 };
 
 /// One direction, if it lies in the normal cone.

@@ -5,9 +5,12 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <optional>
 #include <tuple>
+#include <vector>
 
 #include "unit/hostdev/occupancy_fixture.h"
 
@@ -155,6 +158,59 @@ TEST(SearchWide, IsTheFirstOfAllDirections) {
   }
   EXPECT_GT(beyond_a_mask, 100);
   EXPECT_GT(beyond_a_byte_of_words, 20);
+}
+
+/// The whole order, with directions all over the sphere, so close together that most share a bin, and with one cosine.
+TEST(WideWalk, TakesSeenDirectionsByAngle) {
+  std::mt19937_64 random(41);
+  int large = 0, none_seen = 0, none_at_all = 0;
+  for (int round = 0; round < 300; ++round) {
+    const int directions = 257 + below(random, kernels::kMostWideDirections - 256);
+    const int kind = below(random, 3);
+    std::vector<float> axes;
+    for (int d = 0; d < directions; ++d) {
+      const double spread = kind == 0 ? 1 : 0.002;
+      Eigen::Vector3d axis(between(random, -spread, spread), between(random, -spread, spread),
+                           kind == 0   ? between(random, -1, 1)
+                           : kind == 1 ? 1.0
+                                       : 0.0);
+      if (kind == 2) axis.head<2>() += Eigen::Vector2d(1, 0);  // level
+      axis.normalize();
+      for (int n = 0; n < 3; ++n) axes.push_back(static_cast<float>(axis[n]));
+    }
+    kernels::ApproachView approach;
+    approach.num_directions = directions;
+    approach.axes_xyz = axes.data();
+    approach.normal_cos_min =
+        static_cast<float>(std::array{0.0, 0.3, 0.9, 0.99999}[static_cast<std::size_t>(below(random, 4))]);
+    const float up[3] = {0, 0, 1}, along[3] = {0.6f, 0, 0.8f};
+    const float* normal = below(random, 2) == 0 ? up : along;
+    std::vector<std::uint64_t> seen(static_cast<std::size_t>(directions + 63) / 64);
+    const int share = below(random, 4);
+    for (std::uint64_t& word : seen) word = share == 0 ? 0 : share == 1 ? random() & random() & random() : random();
+    std::vector<int> in_cone, expected;
+    for (int d = 0; d < directions; ++d) {
+      if (!(kernels::cosToNormal(approach, d, normal) >= approach.normal_cos_min)) continue;
+      in_cone.push_back(d);
+      if ((seen[static_cast<std::size_t>(d / 64)] >> (d % 64) & 1) != 0) expected.push_back(d);
+    }
+    std::ranges::sort(expected, [&](int d, int e) { return kernels::ranksBefore(approach, normal, d, e); });
+    kernels::WideWalk walk(approach, normal, seen.data());
+    if (expected.empty()) {
+      const int d = walk.next();
+      ASSERT_EQ(d >= 0, !in_cone.empty());
+      if (d >= 0) {
+        ASSERT_TRUE(std::ranges::find(in_cone, d) != in_cone.end());
+      }
+      ++(d >= 0 ? none_seen : none_at_all);
+    }
+    for (const int d : expected) ASSERT_EQ(walk.next(), d);
+    ASSERT_EQ(walk.next(), -1);
+    large += kind != 0 && expected.size() > 1000 ? 1 : 0;
+  }
+  EXPECT_GT(large, 20);
+  EXPECT_GT(none_seen, 20);
+  EXPECT_GT(none_at_all, 5);
 }
 
 /// The only direction by itself; and a best one that may have become worse, whose count is confirmed or replaced.
