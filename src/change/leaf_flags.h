@@ -3,7 +3,6 @@
 /// A set of leaves that rays look up on their way, 8^3 leaves at a time.
 #pragma once
 
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -11,6 +10,7 @@
 #include "accessvdb/leaf_change.h"
 #include "points/cell_map.h"
 #include "points/surface_index.h"
+#include "tsdf/leaf_bits.h"
 
 namespace accessvdb::internal {
 
@@ -38,12 +38,7 @@ class LeafFlags {
   template <typename Visit>
   void forEach(const Visit& visit) const {
     for (std::size_t number = 0; number < cells_.size(); ++number) {
-      for (std::size_t word = 0; word < 8; ++word) {
-        for (std::uint64_t bits = cells_[number][word]; bits != 0; bits &= bits - 1) {
-          const std::size_t bit = word << 6 | static_cast<std::size_t>(std::countr_zero(bits));
-          visit(childOf(places_[number], bit));
-        }
-      }
+      forEachBit(cells_[number], [&](std::size_t bit) { visit(childOf(places_[number], bit)); });
     }
   }
 

@@ -194,8 +194,7 @@ LeafBits bitsOfPoints(const PackedLeaf& packed, const Region& region, std::int32
   for (std::size_t n = 0; n < PackedLeaf::SIZE; ++n) {
     const std::uint64_t bit = std::uint64_t{1} << (n & 63);
     if ((observed[n >> 6] & bit) == 0) continue;
-    const auto local = static_cast<std::int32_t>(n);
-    const Index3 voxel = {origin.x() + (local >> 6), origin.y() + (local >> 3 & 7), origin.z() + (local & 7)};
+    const Index3 voxel = childOf(leaf, n);
     std::int64_t least = reach_squared;
     std::uint32_t nearest = kNone;
     for (const NearbyPoint& point : near) {

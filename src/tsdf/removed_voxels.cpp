@@ -5,20 +5,11 @@
 #include <algorithm>
 #include <bit>
 
+#include "tsdf/leaf_bits.h"
 #include "tsdf/leaf_facts.h"
 
 namespace accessvdb::internal {
 namespace {
-
-/// Calls visit(voxel in the leaf) for each voxel of the set.
-template <typename Visit>
-void forEachBit(const LeafBits& bits, const Visit& visit) {
-  for (std::size_t word = 0; word < bits.size(); ++word) {
-    for (std::uint64_t left = bits[word]; left != 0; left &= left - 1) {
-      visit(64 * word + static_cast<std::size_t>(std::countr_zero(left)));
-    }
-  }
-}
 
 bool anyFlip(const LeafChange& change) { return flippedVoxels(change) != 0; }
 

@@ -98,7 +98,6 @@ bool FlipSet::forEachIn(const Index3& low, const Index3& high, const Visit& visi
         const std::uint32_t number = cell_of_.find({cx, cy, cz});
         if (number == CellMap::kNoCell) continue;
         const Cell& cell = cells_[number];
-        const Index3 first = {cx * 8, cy * 8, cz * 8};
         for (std::size_t bit = 0; bit < 512; ++bit) {
           const std::uint64_t left = cell.present[bit >> 6] >> (bit & 63);
           if (left == 0) {
@@ -106,8 +105,7 @@ bool FlipSet::forEachIn(const Index3& low, const Index3& high, const Visit& visi
             continue;
           }
           bit += static_cast<std::size_t>(std::countr_zero(left));
-          const auto n = static_cast<std::int32_t>(bit);
-          const Index3 leaf = {first[0] + (n >> 6), first[1] + (n >> 3 & 7), first[2] + (n & 7)};
+          const Index3 leaf = childOf({cx, cy, cz}, bit);
           bool inside = true;
           for (std::size_t axis = 0; axis < 3; ++axis) {
             inside = inside && leaf[axis] >= low[axis] && leaf[axis] <= high[axis];
