@@ -90,17 +90,15 @@ class DirectionWalk {
   float up_cos_, down_cos_;
 };
 
-/// The same walk for directions of any kind: a heap of those in the normal cone. @tparam kMost  directions
-/// @tparam Index  holds any of them
-template <int kMost, class Index>
-class HeapWalk {
+/// The same walk for any set with a mask: a heap of the directions in the normal cone.
+class SortedWalk {
  public:
-  ACCESSVDB_HOSTDEV HeapWalk(const ApproachView& approach, const float* normal) {
+  ACCESSVDB_HOSTDEV SortedWalk(const ApproachView& approach, const float* normal) {
     for (int d = 0; d < approach.num_directions; ++d) {
       const float cosine = cosToNormal(approach, d, normal);
       if (!(cosine >= approach.normal_cos_min)) continue;
       cosine_[count_] = cosine;
-      direction_[count_] = static_cast<Index>(d);
+      direction_[count_] = static_cast<std::uint8_t>(d);
       ++count_;
     }
     for (int n = count_ / 2 - 1; n >= 0; --n) sink(n);
@@ -118,7 +116,7 @@ class HeapWalk {
   }
 
  private:
-  static_assert(kMost - 1 <= static_cast<Index>(-1), "an index holds any direction");
+  static_assert(kMostMaskedDirections <= 256, "an index holds any direction");
 
   [[nodiscard]] ACCESSVDB_HOSTDEV bool before(int m, int n) const {
     return ranksBefore(cosine_[m], direction_[m], cosine_[n], direction_[n]);
@@ -129,7 +127,7 @@ class HeapWalk {
       if (child + 1 < count_ && before(child + 1, child)) ++child;
       if (!before(child, n)) return;
       const float cosine = cosine_[n];
-      const Index direction = direction_[n];
+      const std::uint8_t direction = direction_[n];
       cosine_[n] = cosine_[child];
       direction_[n] = direction_[child];
       cosine_[child] = cosine;
@@ -138,11 +136,10 @@ class HeapWalk {
     }
   }
 
-  float cosine_[kMost];
-  Index direction_[kMost];
+  float cosine_[kMostMaskedDirections];
+  std::uint8_t direction_[kMostMaskedDirections];
   int count_ = 0;
 };
-using SortedWalk = HeapWalk<kMostMaskedDirections, std::uint8_t>;
 
 /// The directions of a small set that lie in the normal cone, as the walks order them.
 class FewDirections {

@@ -37,6 +37,20 @@ struct WideItem {
   std::uint8_t known_roll = 0;
 };
 
+/// Bins of the cosine to the normal, from the normal to the edge of its cone. A direction in an earlier bin ranks
+/// before all of a later one: binOf never falls as the cosine falls, however it is rounded.
+struct CosineBins {
+  static constexpr int kCount = 128;
+  float per_cosine;
+
+  ACCESSVDB_HOSTDEV explicit CosineBins(const ApproachView& approach)
+      : per_cosine(static_cast<float>(kCount) / (1.0f - approach.normal_cos_min + 1e-3f)) {}
+  [[nodiscard]] ACCESSVDB_HOSTDEV int binOf(float cosine) const {
+    const int bin = static_cast<int>((1.0f - cosine) * per_cosine);
+    return bin < 0 ? 0 : bin < kCount ? bin : kCount - 1;
+  }
+};
+
 /// Walks the directions that were seen and lie in the normal cone, in the order of SortedWalk. The others of the cone
 /// decide nothing but the reason of a point with none of those; then one of them is named.
 ///
@@ -44,8 +58,7 @@ struct WideItem {
 /// and a bin is sorted when the walk gets there.
 class WideWalk {
  public:
-  WideWalk(const ApproachView& approach, const float* normal, const std::uint64_t* seen)
-      : bins_per_cosine_(static_cast<float>(kBins) / (1.0f - approach.normal_cos_min + 1e-3f)) {
+  WideWalk(const ApproachView& approach, const float* normal, const std::uint64_t* seen) : bins_(approach) {
     float best = -2;  // below any cosine
     int count = 0;
     for (int w = 0; 64 * w < approach.num_directions; ++w) {
@@ -77,7 +90,6 @@ class WideWalk {
   }
 
  private:
-  static constexpr int kBins = 128;
   struct Direction {
     float cosine;
     std::uint16_t d;
@@ -92,22 +104,17 @@ class WideWalk {
     }
     return -1;
   }
-  /// Never falls as the cosine falls, however it is rounded.
-  [[nodiscard]] int binOf(float cosine) const {
-    const int bin = static_cast<int>((1.0f - cosine) * bins_per_cosine_);
-    return bin < 0 ? 0 : bin < kBins ? bin : kBins - 1;
-  }
 
   void fillBins() {
-    std::uint16_t next[kBins] = {};
-    for (int n = 0; n < count_; ++n) ++next[binOf(found_[n].cosine)];
+    std::uint16_t next[CosineBins::kCount] = {};
+    for (int n = 0; n < count_; ++n) ++next[bins_.binOf(found_[n].cosine)];
     std::uint16_t begin = 0;
-    for (int bin = 0; bin < kBins; ++bin) {
+    for (int bin = 0; bin < CosineBins::kCount; ++bin) {
       const std::uint16_t size = next[bin];
       next[bin] = begin;
       begin = bin_end_[bin] = static_cast<std::uint16_t>(begin + size);
     }
-    for (int n = 0; n < count_; ++n) binned_[next[binOf(found_[n].cosine)]++] = found_[n];
+    for (int n = 0; n < count_; ++n) binned_[next[bins_.binOf(found_[n].cosine)]++] = found_[n];
     if (count_ > 0) sortBin();
   }
   /// Sorts the first bin that is not.
@@ -126,14 +133,14 @@ class WideWalk {
     sorted_ = bin_end_[bin_];
   }
 
-  float bins_per_cosine_;
+  CosineBins bins_;
   int count_ = 0, first_ = 0;  ///< of found_
   int unseen_ = -1;            ///< a direction of the cone, if none that was seen is in it
   bool started_ = false;
   int at_ = 0, bin_ = 0, sorted_ = 0;  ///< place of the walk in binned_, bin to sort next, and how many are sorted
   // Not initialised: most of it is never used.
   Direction found_[kMostWideDirections], binned_[kMostWideDirections];
-  std::uint16_t bin_end_[kBins];
+  std::uint16_t bin_end_[CosineBins::kCount];
 };
 
 /// One direction, if it lies in the normal cone.

@@ -26,6 +26,11 @@ __device__ inline bool collidesSomewhere(const std::uint8_t* leaf) {
   return *reinterpret_cast<const std::uint64_t*>(leaf + kCellCountsBytes) != 0;
 }
 
+/// A thread among some that share out the entries of a window.
+struct Together {
+  int rank, threads;
+};
+
 /// Address arithmetic shared by both windows. Coordinates are voxels from the window's corner, never negative. To save
 /// registers the shape is not copied: it is a kernel argument or lies in shared memory.
 class WindowBase {
@@ -80,13 +85,13 @@ class LeafWindow : public WindowBase {
  public:
   static constexpr int kLog2 = kLeafLog2;
 
-  /// One warp calls it, and synchronises before it reads.
+  /// Some threads call it together, and synchronise before they read.
   __device__ LeafWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
-                        const Coord& point_ijk, int lane)
+                        const Coord& point_ijk, Together together)
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {
     const nanovdb::DefaultReadAccessor<bool> accessor(map.grid->tree().root());
     const int count = static_cast<int>(shape.nodes());
-    for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
+    for (int n = together.rank; n < count; n += together.threads) {
       const OccupancyLeaf* leaf = accessor.probeLeaf(originOf(n));
       std::uint32_t entry = 0;
       if (leaf != nullptr) {
@@ -131,11 +136,11 @@ class LowerWindow : public WindowBase {
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {}
   /// Like the constructor of LeafWindow.
   __device__ LowerWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
-                         const Coord& point_ijk, int lane)
+                         const Coord& point_ijk, Together together)
       : WindowBase(nodes, shape, map.grid, point_ijk, kLog2) {
     const auto& root = map.grid->tree().root();
     const int count = static_cast<int>(shape.nodes());
-    for (int n = lane; n < count; n += static_cast<int>(kWarp)) {
+    for (int n = together.rank; n < count; n += together.threads) {
       const Coord ijk = originOf(n);
       const auto key = OccupancyRoot::DataType::CoordToKey(ijk);
       std::uint32_t entry = 0;

@@ -60,9 +60,9 @@ __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(Score
   __shared__ WarpMasks all_masks[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   WarpMasks& masks = all_masks[threadIdx.x / kWarp];
-  const WarpPoint point(chunk, kWarps);
+  const SearchedPoint point = pointOfWarp(chunk, kWarps);
   if (!point.there) return;
-  const Window window = makeWindow<Window>(chunk, point, plan, lane);
+  const Window window = makeWarpWindow<Window>(chunk, point, plan, lane);
   const OccupancyReader map(chunk.map);
   const int words = chunk.points.direction_words;
   const float normal_L[3] = {chunk.points.normal_L[3 * point.id], chunk.points.normal_L[3 * point.id + 1],
@@ -108,9 +108,9 @@ __global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
     countAll(ScoreChunk chunk, WindowPlan plan, std::uint16_t* counts) {
   constexpr int kNoStop = 0x7fffffff;
   const int lane = static_cast<int>(threadIdx.x % kWarp);
-  const WarpPoint point(chunk, kWarps);
+  const SearchedPoint point = pointOfWarp(chunk, kWarps);
   if (!point.there) return;
-  const Window window = makeWindow<Window>(chunk, point, plan, lane);
+  const Window window = makeWarpWindow<Window>(chunk, point, plan, lane);
   const OccupancyReader map(chunk.map);
   for (int d = 0; d < chunk.approach.num_directions; ++d) {
     __syncthreads();  // keeps the warps of a block together, so that one loads the tool into the cache for all
@@ -189,8 +189,8 @@ void launchWarpSearch(const ScoreChunk& chunk, const WindowPlan& plan, cudaStrea
   if (chunk.count == 0) return;
   const auto launch = [&](auto samples, auto rolls) {
     constexpr bool kSamples = decltype(samples)::value, kRolls = decltype(rolls)::value;
-    launchWarps(chunk, plan, {kWarps, 0, stream}, warpSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
-                warpSearch<MapWindow<LowerWindow>, kSamples, kRolls>, warpSearch<TreeWindow, kSamples, kRolls>);
+    launchSearch(chunk, plan, {kWarps, 1, 0, stream}, warpSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
+                 warpSearch<MapWindow<LowerWindow>, kSamples, kRolls>, warpSearch<TreeWindow, kSamples, kRolls>);
   };
   const auto launchForm = [&](auto samples) {
     chunk.tool.parts > 1 ? launch(samples, std::true_type()) : launch(samples, std::false_type());
@@ -208,11 +208,11 @@ void launchUpdate(const ScoreChunk& chunk, cudaStream_t stream) {
 void launchCount(const ScoreChunk& chunk, const WindowPlan& plan, std::uint16_t* counts, cudaStream_t stream) {
   if (chunk.count == 0) return;
   if (chunk.tool.use_samples) {
-    launchWarps(chunk, plan, {kWarps, 0, stream}, countAll<MapWindow<LeafWindow>, true>,
-                countAll<MapWindow<LowerWindow>, true>, countAll<TreeWindow, true>, counts);
+    launchSearch(chunk, plan, {kWarps, 1, 0, stream}, countAll<MapWindow<LeafWindow>, true>,
+                 countAll<MapWindow<LowerWindow>, true>, countAll<TreeWindow, true>, counts);
   } else {
-    launchWarps(chunk, plan, {kWarps, 0, stream}, countAll<MapWindow<LeafWindow>, false>,
-                countAll<MapWindow<LowerWindow>, false>, countAll<TreeWindow, false>, counts);
+    launchSearch(chunk, plan, {kWarps, 1, 0, stream}, countAll<MapWindow<LeafWindow>, false>,
+                 countAll<MapWindow<LowerWindow>, false>, countAll<TreeWindow, false>, counts);
   }
   checkLaunch("countAll");
 }

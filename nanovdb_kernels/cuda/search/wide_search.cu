@@ -1,6 +1,10 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// searchWide (hostdev/wide_search.h) with one warp per point, and bit for bit the same result.
+/// searchWide (hostdev/wide_search.h) with one block per point, and bit for bit the same result.
+///
+/// The warps of a block take turns of 32 directions each, in the rule's order, and count the tool in those whose
+/// corridor is free. What they find goes into the block's memory together with its place in that order, so that the
+/// result does not depend on which warp was faster.
 #include <type_traits>
 
 #include "cuda/memory/cuda_check.h"
@@ -11,19 +15,57 @@
 namespace accessvdb::kernels {
 namespace {
 
-/// Per block. One: points differ so much that a block would wait for the slowest of its own.
-constexpr unsigned kWarps = 1;
-/// Blocks that a multiprocessor should hold: this limits the registers.
-constexpr unsigned kBlocks = 32;
+/// Blocks that a multiprocessor should hold. This limits the registers, but more warps save more than spilling costs.
+constexpr unsigned kBlocks = 12;
 /// One column in flight: with so many directions, the best so far ends most counts among the first columns.
 constexpr int kTurns = 1;
+
+/// Of a direction: where it stands in the order. Shifted into keys of which the least, or the largest, wins.
+constexpr int kPlaceBits = 12;
+static_assert(kMostWideDirections <= 1 << kPlaceBits);
+
+/// The fewest collisions so far, at the first place that has them.
+struct BestKey {
+  static constexpr std::uint64_t kNone = ~std::uint64_t{0};
+  std::uint64_t key = kNone;
+
+  __device__ static BestKey of(int hits, int place, int roll) {
+    return {static_cast<std::uint64_t>(hits) << 32 | static_cast<std::uint64_t>(place) << 8 |
+            static_cast<std::uint64_t>(roll)};
+  }
+  [[nodiscard]] __device__ bool there() const { return key != kNone; }
+  [[nodiscard]] __device__ int hits() const { return there() ? static_cast<int>(key >> 32) : kNoScore; }
+  [[nodiscard]] __device__ int place() const { return static_cast<int>(key >> 8 & 0xffffu); }
+  [[nodiscard]] __device__ int roll() const { return static_cast<int>(key & 0xffu); }
+};
+/// The corridor that got farthest, at the first place that got as far. 0: none.
+struct CorridorKey {
+  __device__ static std::uint32_t of(const ArmResult& arm, int place) {
+    return static_cast<std::uint32_t>(arm.passed + 1) << (kPlaceBits + 1) |
+           static_cast<std::uint32_t>((1 << kPlaceBits) - 1 - place) << 1 | (arm.reason == PointReason::Arm ? 1u : 0u);
+  }
+  [[nodiscard]] __device__ static int place(std::uint32_t key) {
+    return (1 << kPlaceBits) - 1 - static_cast<int>(key >> 1 & ((1u << kPlaceBits) - 1));
+  }
+  [[nodiscard]] __device__ static PointReason reason(std::uint32_t key) {
+    return (key & 1u) != 0 ? PointReason::Arm : PointReason::Unknown;
+  }
+};
+
+/// What the warps of a block have found, in shared memory.
+struct FoundSoFar {
+  unsigned long long best;   ///< BestKey
+  std::uint32_t corridor;    ///< CorridorKey
+  std::uint32_t next_place;  ///< of the next turn
+  int known_place;           ///< of the known direction, if a turn came upon it
+};
 
 /// What is known of a point's result beforehand.
 struct KnownBest {
   int score = kNoScore, direction = kNoDirection, roll = 0;
 };
 
-/// What a warp searches. @tparam Counter  as for SearchContext
+/// What a block searches. @tparam Counter  as for SearchContext
 template <class Window, class Counter>
 struct WideContext {
   MapAround<Window> around;
@@ -31,112 +73,108 @@ struct WideContext {
   const float* position_L;
   const Counter& counter;
   int limit;  ///< [n_c]
-  int lane;
+  FoundSoFar& found;
 };
 
-/// searchDirections for the directions of a list, with one warp. All lanes call it and get the same result.
+/// searchDirections for the directions of a list, with one block. All threads call it and get the same result.
 template <class Window, class Counter>
 class ListSearch {
  public:
   __device__ ListSearch(const WideContext<Window, Counter>& context, const KnownBest& known)
-      : c_(context), known_(known) {}
+      : c_(context), known_(known), lane_(WideBlock::lane()) {}
 
   /// @param order  [count] seen directions in the normal cone, in the order in which they are tried
   __device__ ScoreResult run(const std::uint16_t* order, int count, bool in_cone) {
-    ScoreResult result;
-    result.scored = 1;
-    bool done = false;
-#pragma unroll 1
-    for (int first = 0; first < count && !done; first += static_cast<int>(kWarp)) {
-      const int mine = first + c_.lane < count ? order[first + c_.lane] : -1;
-      const Turn turn = testCorridors(mine, result);
-      const unsigned upto = countNext(turn, done, result);
-      result.tests = static_cast<std::uint16_t>(result.tests + __popc((turn.blocked | turn.free) & upto));
+    if (threadIdx.x == 0) c_.found = {BestKey::kNone, 0, 0, kMostWideDirections};
+    __syncthreads();
+    while (true) {
+      const int first = takeTurn();
+      if (first >= count || isDecidedBefore(best(), first)) break;
+      const int mine = first + lane_ < count ? order[first + lane_] : -1;
+      countNext(first, mine, testCorridors(first, mine));
     }
-    if (!in_cone) {
-      result.reason = PointReason::Normal;
-    } else if (count == 0) {
-      result.reason = PointReason::Unseen;
-    } else if (best_count_ != kNoScore) {
-      result.score = static_cast<std::uint16_t>(best_count_);
-      result.reason = best_count_ < c_.limit ? PointReason::None : PointReason::Tool;
-    }
+    if (my_corridor_ != 0) atomicMax(&c_.found.corridor, my_corridor_);
+    __syncthreads();
+    const ScoreResult result = resultOf(order, count, in_cone);
+    __syncthreads();  // all have read
     return result;
   }
 
  private:
-  /// Up to 32 directions at a time, one per lane.
-  struct Turn {
-    int mine;                       ///< this lane's direction, or -1
-    unsigned known, blocked, free;  ///< masks of lanes, by state of their directions
-  };
+  __device__ int takeTurn() {
+    const std::uint32_t first = lane_ == 0 ? atomicAdd(&c_.found.next_place, kWarp) : 0;
+    return static_cast<int>(__shfl_sync(kAllLanes, first, 0));
+  }
+  /// The best of all warps. All lanes call it.
+  __device__ BestKey best() {
+    const unsigned long long key = lane_ == 0 ? atomicMin(&c_.found.best, BestKey::kNone) : 0;
+    return {__shfl_sync(kAllLanes, key, 0)};
+  }
+  /// The rule stops at a direction without collisions.
+  [[nodiscard]] __device__ static bool isDecidedBefore(const BestKey& best, int place) {
+    return best.hits() == 0 && best.place() < place;
+  }
 
-  __device__ Turn testCorridors(int mine, ScoreResult& result) {
-    Turn turn = {mine, 0, 0, 0};
+  /// @param mine  this lane's direction, or -1
+  /// @return lanes whose corridor is free, and whose direction is not the known one
+  __device__ unsigned testCorridors(int first, int mine) {
+    const int place = first + lane_;
     const bool is_known = mine >= 0 && mine == known_.direction, is_tested = mine >= 0 && !is_known;
     ArmResult arm = {0, PointReason::None};
     if (is_tested) {
       arm = testArmThrough(c_.around.window, c_.around.map, c_.approach, mine, c_.position_L,
                            c_.around.inverse_voxel_size);
     }
-    const bool is_blocked = arm.reason != PointReason::None;
-    turn.known = __ballot_sync(kAllLanes, is_known);
-    turn.blocked = __ballot_sync(kAllLanes, is_blocked);
-    turn.free = __ballot_sync(kAllLanes, is_tested && !is_blocked);
-
-    // A corridor is the closest outcome only as long as no direction has got as far as the tool.
-    const unsigned scored = turn.free | (known_.score < kNoScore ? turn.known : 0u);
-    const unsigned before_scored = scored == 0 ? kAllLanes : (scored & (0u - scored)) - 1;
-    if (!tool_reached_ && (turn.blocked & before_scored) != 0) {
-      const bool counts = is_blocked && (before_scored >> c_.lane & 1u) != 0;
-      const int most = __reduce_max_sync(kAllLanes, counts ? arm.passed : -1);
-      if (most > best_passed_) {
-        const int closest = __ffs(static_cast<int>(__ballot_sync(kAllLanes, counts && arm.passed == most))) - 1;
-        best_passed_ = most;
-        result.reason = static_cast<PointReason>(__shfl_sync(kAllLanes, static_cast<int>(arm.reason), closest));
-        result.direction = static_cast<std::uint16_t>(__shfl_sync(kAllLanes, mine, closest));
-      }
+    if (is_known) {
+      c_.found.known_place = place;
+      if (known_.score < kNoScore) atomicMin(&c_.found.best, BestKey::of(known_.score, place, known_.roll).key);
     }
-    tool_reached_ = tool_reached_ || scored != 0;
-    return turn;
+    const bool is_blocked = arm.reason != PointReason::None;
+    if (is_blocked) my_corridor_ = max(my_corridor_, CorridorKey::of(arm, place));
+    return __ballot_sync(kAllLanes, is_tested && !is_blocked);
   }
 
   /// Counts tool collisions in a turn's free directions, one after the other.
-  /// @param done  set if a direction without any collision was found
-  /// @return lanes whose directions the rule reaches
-  __device__ unsigned countNext(const Turn& turn, bool& done, ScoreResult& result) {
+  __device__ void countNext(int first, int mine, unsigned free) {
 #pragma unroll 1
-    for (unsigned events = turn.known | turn.free; events != 0; events &= events - 1) {
-      const int at = __ffs(static_cast<int>(events)) - 1;
-      const int d = __shfl_sync(kAllLanes, turn.mine, at);
-      if ((turn.known >> at & 1u) != 0) {
-        takeIfLess(known_.score, d, known_.roll, result);
-      } else {
-        const int hits = belowNoScore(c_.counter(d, min(best_count_, known_.score)));
-        if (hits >= c_.limit && hits < result.least_blocked) result.least_blocked = static_cast<std::uint16_t>(hits);
-        int roll = 0;
-        if constexpr (Counter::kRolls) roll = c_.counter.roll;
-        takeIfLess(hits, d, roll, result);
-      }
-      if (best_count_ == 0) {
-        done = true;
-        return (2u << at) - 1;
-      }
+    for (; free != 0; free &= free - 1) {
+      const int at = __ffs(static_cast<int>(free)) - 1, place = first + at;
+      const BestKey so_far = best();
+      if (isDecidedBefore(so_far, place)) return;
+      const int hits = belowNoScore(c_.counter(__shfl_sync(kAllLanes, mine, at), min(so_far.hits(), known_.score)));
+      if (hits > so_far.hits()) continue;
+      int roll = 0;
+      if constexpr (Counter::kRolls) roll = c_.counter.roll;
+      if (lane_ == 0) atomicMin(&c_.found.best, BestKey::of(hits, place, roll).key);
     }
-    return kAllLanes;
   }
 
-  __device__ void takeIfLess(int hits, int d, int roll, ScoreResult& result) {
-    if (hits >= best_count_) return;
-    best_count_ = hits;
-    result.direction = static_cast<std::uint16_t>(d);
-    result.roll = static_cast<std::uint8_t>(roll);
+  __device__ ScoreResult resultOf(const std::uint16_t* order, int count, bool in_cone) const {
+    ScoreResult result;
+    result.scored = 1;
+    const BestKey best = {c_.found.best};
+    const int reached = best.hits() == 0 ? best.place() + 1 : count;
+    result.tests = static_cast<std::uint16_t>(reached - (c_.found.known_place < reached ? 1 : 0));
+    if (!in_cone) {
+      result.reason = PointReason::Normal;
+    } else if (count == 0) {
+      result.reason = PointReason::Unseen;
+    } else if (best.there()) {
+      result.score = static_cast<std::uint16_t>(best.hits());
+      result.direction = order[best.place()];
+      result.roll = static_cast<std::uint8_t>(best.roll());
+      result.reason = best.hits() < c_.limit ? PointReason::None : PointReason::Tool;
+    } else if (c_.found.corridor != 0) {
+      result.direction = order[CorridorKey::place(c_.found.corridor)];
+      result.reason = CorridorKey::reason(c_.found.corridor);
+    }
+    return result;
   }
 
   const WideContext<Window, Counter>& c_;
   const KnownBest known_;
-  int best_count_ = kNoScore, best_passed_ = -1;
-  bool tool_reached_ = false;
+  const int lane_;
+  std::uint32_t my_corridor_ = 0;
 };
 
 /// What an item asks for (ScoreItem::only_direction, or_all), of a point with a normal.
@@ -144,40 +182,42 @@ template <class Window, class Counter>
 __device__ ScoreResult searchItem(const WideContext<Window, Counter>& context, const ScoreItem& item,
                                   const float* normal_L, const std::uint64_t* seen, const WideScratch& scratch) {
   KnownBest known = {item.known_score, item.known_direction, item.known_roll};
+  bool only_one = item.only_direction >= 0;
   std::uint16_t tested = 0;
-  if (item.only_direction >= 0) {
-    const int d = item.only_direction;
-    const bool in_cone = cosToNormal(context.approach, d, normal_L) >= context.approach.normal_cos_min;
-    const bool wanted = in_cone && (seen[d >> 6] >> (d & 63) & 1u) != 0;
-    if (context.lane == 0 && wanted) scratch.order[0] = static_cast<std::uint16_t>(d);
-    __syncwarp();
-    const ScoreResult found = ListSearch<Window, Counter>(context, known).run(scratch.order, wanted ? 1 : 0, in_cone);
-    __syncwarp();  // all have read the list
-    if (item.or_all == 0 || (found.reason == PointReason::None && found.score <= item.known_score)) return found;
+#pragma unroll 1
+  while (true) {
+    bool in_cone = false;
+    int count = 0;
+    if (only_one) {
+      const int d = item.only_direction;
+      in_cone = cosToNormal(context.approach, d, normal_L) >= context.approach.normal_cos_min;
+      count = in_cone && (seen[d >> 6] >> (d & 63) & 1u) != 0 ? 1 : 0;
+      if (threadIdx.x == 0 && count > 0) scratch.order[0] = static_cast<std::uint16_t>(d);
+    } else {
+      count = WideOrder(context.approach, normal_L, scratch).make(seen, in_cone);
+    }
+    ScoreResult found = ListSearch<Window, Counter>(context, known).run(scratch.order, count, in_cone);
+    found.tests = static_cast<std::uint16_t>(found.tests + tested);
+    const bool suffices = found.reason == PointReason::None && found.score <= item.known_score;
+    if (!only_one || item.or_all == 0 || suffices) return found;
     tested = found.tests;
     known.score = kNoScore;
+    only_one = false;
   }
-  bool in_cone = false;
-  const int count = WideOrder(context.approach, normal_L, scratch, context.lane).make(seen, in_cone);
-  ScoreResult found = ListSearch<Window, Counter>(context, known).run(scratch.order, count, in_cone);
-  found.tests = static_cast<std::uint16_t>(found.tests + tested);
-  return found;
 }
 
 template <class Window, bool kSamples, bool kRolls>
-__global__ void __launch_bounds__(kWarps* kWarp, kBlocks) wideSearch(ScoreChunk chunk, WindowPlan plan) {
-  const int lane = static_cast<int>(threadIdx.x % kWarp);
-  const WarpPoint point(chunk, kWarps);
-  if (!point.there) return;
-  const Window window = makeWindow<Window>(chunk, point, plan, lane);
-  const int directions = chunk.approach.num_directions;
-  const WideScratch scratch(window_nodes + kWarps * plan.entries() +
-                            threadIdx.x / kWarp * WideScratch::words(directions));
-  const OccupancyReader map(chunk.map);
+__global__ void __launch_bounds__(WideBlock::kThreads, kBlocks) wideSearch(ScoreChunk chunk, WindowPlan plan) {
+  __shared__ FoundSoFar found;
+  const SearchedPoint point(chunk, blockIdx.x);
+  ScoreResult result;
   const float normal_L[3] = {chunk.points.normal_L[3 * point.id], chunk.points.normal_L[3 * point.id + 1],
                              chunk.points.normal_L[3 * point.id + 2]};
-  ScoreResult result;
   if (normal_L[0] != 0 || normal_L[1] != 0 || normal_L[2] != 0) {
+    const Window window =
+        makeWindow<Window>(chunk, point, plan, window_nodes, {WideBlock::thread(), WideBlock::kThreads});
+    const OccupancyReader map(chunk.map);
+    const WideScratch scratch(window_nodes + plan.entries());
     const std::uint64_t* seen = chunk.points.seen + point.id * static_cast<std::size_t>(chunk.points.direction_words);
     const auto search = [&](const auto& counter) {
       const WideContext<Window, std::decay_t<decltype(counter)>> context = {{window, map, chunk.map.inverse_voxel_size},
@@ -185,17 +225,17 @@ __global__ void __launch_bounds__(kWarps* kWarp, kBlocks) wideSearch(ScoreChunk 
                                                                             point.position_L,
                                                                             counter,
                                                                             chunk.tool.collision_limit,
-                                                                            lane};
+                                                                            found};
       return searchItem(context, chunk.items[point.item], normal_L, seen, scratch);
     };
-    const auto of_part = partCounter<kSamples, kTurns>(chunk, window, map, point, lane);
+    const auto of_part = partCounter<kSamples, kTurns>(chunk, window, map, point, WideBlock::lane());
     if constexpr (kRolls) {
       result = search(RollCounter<std::decay_t<decltype(of_part)>, true>{of_part, chunk.tool.parts});
     } else {
       result = search(of_part);
     }
   }
-  if (lane == 0) chunk.results[point.item] = result;
+  if (threadIdx.x == 0) chunk.results[point.item] = result;
 }
 
 template <class Window>
@@ -220,14 +260,15 @@ void launchWideSearch(const ScoreChunk& chunk, WindowPlan plan, int shared_bytes
   if (chunk.count == 0) return;
   const auto list_bytes =
       static_cast<std::uint32_t>(WideScratch::words(chunk.approach.num_directions) * sizeof(std::uint32_t));
-  if (kWarps * (plan.entries() * sizeof(std::uint32_t) + list_bytes) >
+  if (plan.entries() * sizeof(std::uint32_t) + list_bytes + sizeof(FoundSoFar) >
       static_cast<std::size_t>(shared_bytes_per_block)) {
     plan = {};
   }
   const auto launch = [&](auto samples, auto rolls) {
     constexpr bool kSamples = decltype(samples)::value, kRolls = decltype(rolls)::value;
-    launchWarps(chunk, plan, {kWarps, list_bytes, stream}, wideSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
-                wideSearch<MapWindow<LowerWindow>, kSamples, kRolls>, wideSearch<TreeWindow, kSamples, kRolls>);
+    launchSearch(chunk, plan, {1, WideBlock::kWarps, list_bytes, stream},
+                 wideSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
+                 wideSearch<MapWindow<LowerWindow>, kSamples, kRolls>, wideSearch<TreeWindow, kSamples, kRolls>);
   };
   const auto launchForm = [&](auto samples) {
     chunk.tool.parts > 1 ? launch(samples, std::true_type()) : launch(samples, std::false_type());
