@@ -7,14 +7,18 @@
 
 namespace accessvdb::kernels {
 
-/// Cosine between direction d and a normal. For a level direction the third product adds 0, so both forms have the same
-/// bits.
+/// Cosine between yaw direction d and a normal.
+ACCESSVDB_HOSTDEV inline float yawCosToNormal(const ApproachView& approach, int d, const float* normal) {
+  return approach.direction_xy[2 * d] * normal[0] + approach.direction_xy[2 * d + 1] * normal[1];
+}
+/// Cosine between direction d of any set and a normal. For a level direction the third product adds 0, so both forms
+/// have the same bits.
 ACCESSVDB_HOSTDEV inline float cosToNormal(const ApproachView& approach, int d, const float* normal) {
   if (approach.axes_xyz != nullptr) {
     const float* axis = approach.axes_xyz + 3 * d;
     return axis[0] * normal[0] + axis[1] * normal[1] + axis[2] * normal[2];
   }
-  return approach.direction_xy[2 * d] * normal[0] + approach.direction_xy[2 * d + 1] * normal[1];
+  return yawCosToNormal(approach, d, normal);
 }
 
 /// Is direction d tried before e?
@@ -38,7 +42,7 @@ class DirectionWalk {
   ACCESSVDB_HOSTDEV DirectionWalk(const ApproachView& approach, const float* normal, int nearest)
       : approach_(approach), normal_{normal[0], normal[1], normal[2]} {
     up_ = nearest;
-    up_cos_ = cosToNormal(approach_, nearest, normal_);
+    up_cos_ = yawCosToNormal(approach_, nearest, normal_);
     down_ = nearest;
     stepDown();
     left_ = approach_.num_directions;
@@ -47,9 +51,9 @@ class DirectionWalk {
   /// The direction with the largest cosine to the normal; on ties, the lowest.
   ACCESSVDB_HOSTDEV static int nearestDirection(const ApproachView& approach, const float* normal) {
     int nearest = 0;
-    float best = cosToNormal(approach, 0, normal);
+    float best = yawCosToNormal(approach, 0, normal);
     for (int d = 1; d < approach.num_directions; ++d) {
-      const float c = cosToNormal(approach, d, normal);
+      const float c = yawCosToNormal(approach, d, normal);
       if (c > best) {
         best = c;
         nearest = d;
@@ -77,11 +81,11 @@ class DirectionWalk {
  private:
   ACCESSVDB_HOSTDEV void stepUp() {
     up_ = up_ + 1 == approach_.num_directions ? 0 : up_ + 1;
-    up_cos_ = cosToNormal(approach_, up_, normal_);
+    up_cos_ = yawCosToNormal(approach_, up_, normal_);
   }
   ACCESSVDB_HOSTDEV void stepDown() {
     down_ = down_ == 0 ? approach_.num_directions - 1 : down_ - 1;
-    down_cos_ = cosToNormal(approach_, down_, normal_);
+    down_cos_ = yawCosToNormal(approach_, down_, normal_);
   }
 
   const ApproachView& approach_;

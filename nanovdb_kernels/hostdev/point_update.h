@@ -41,27 +41,32 @@ ACCESSVDB_HOSTDEV inline void updatePoint(const PointStateView& points, const Sc
   float a = points.stability[id];
   if (was_free) a = free_now ? a + kRecovery * (1.0f - a) : a * kDecay;
 
+  std::uint16_t score = score_before, direction = direction_before;
+  PointReason reason = points.reason[id];
   const bool keeps = !rule.keep_best && item.keep_reason != 0 && !free_now && label_before == PointLabel::Blocked;
   if (!keeps && (!rule.keep_best || result.score < score_before || score_before == kNoScore)) {
-    points.score[id] = result.score;
-    points.direction[id] = result.direction;
+    score = result.score;
+    direction = result.direction;
+    reason = result.reason;
     if (points.roll != nullptr) points.roll[id] = result.roll;
-    points.reason[id] = result.reason;
   }
-  const bool accessible = points.score[id] < rule.collision_limit && (!rule.keep_best || a > rule.stability_min);
-  points.label[id] = accessible ? PointLabel::Accessible : PointLabel::Blocked;
+  const bool accessible = score < rule.collision_limit && (!rule.keep_best || a > rule.stability_min);
+  const PointLabel label = accessible ? PointLabel::Accessible : PointLabel::Blocked;
   if (accessible) {
-    points.reason[id] = PointReason::None;
-  } else if (points.reason[id] == PointReason::None) {
-    points.reason[id] = result.reason == PointReason::None ? PointReason::Tool : result.reason;
+    reason = PointReason::None;
+  } else if (reason == PointReason::None) {
+    reason = result.reason == PointReason::None ? PointReason::Tool : result.reason;
   }
-  if (item.evidence != 0 || points.label[id] != label_before || points.score[id] != score_before ||
-      points.direction[id] != direction_before) {
+  points.score[id] = score;
+  points.direction[id] = direction;
+  points.label[id] = label;
+  points.reason[id] = reason;
+  if (item.evidence != 0 || label != label_before || score != score_before || direction != direction_before) {
     points.stability[id] = a;
   }
-  result.label = points.label[id];
-  result.stored_score = points.score[id];
-  result.stored_direction = points.direction[id];
+  result.label = label;
+  result.stored_score = score;
+  result.stored_direction = direction;
   result.stored_roll = static_cast<std::uint8_t>(points.rollOf(id));
 }
 

@@ -17,10 +17,10 @@ __device__ inline bool testBit(const std::uint32_t* mask, int d) { return (mask[
 /// DirectionWalk::nearestDirection, a few directions per lane.
 __device__ inline int nearestByWarp(const ApproachView& approach, const float* normal, int lane) {
   int nearest = lane < approach.num_directions ? lane : 0;
-  float best = cosToNormal(approach, nearest, normal);
+  float best = yawCosToNormal(approach, nearest, normal);
 #pragma unroll 1
   for (int d = lane + static_cast<int>(kWarp); d < approach.num_directions; d += static_cast<int>(kWarp)) {
-    const float c = cosToNormal(approach, d, normal);
+    const float c = yawCosToNormal(approach, d, normal);
     if (c > best) {
       best = c;
       nearest = d;
@@ -59,7 +59,7 @@ __device__ inline int rankOf(const ApproachView& approach, const float* normal, 
     int other = is_up ? nearest - j : nearest + j;
     if (other < 0) other += count;
     if (other >= count) other -= count;
-    if (ranksBefore(cosToNormal(approach, other, normal), other, cosine, d)) ++rank;
+    if (ranksBefore(yawCosToNormal(approach, other, normal), other, cosine, d)) ++rank;
   }
   return rank;
 }
@@ -146,7 +146,7 @@ __device__ inline int orderByWarp(const ApproachView& approach, const float* nor
 #pragma unroll 1
     for (int first = 0; first < approach.num_directions; first += static_cast<int>(kWarp)) {
       const int d = first + lane;
-      const float cosine = d < approach.num_directions ? cosToNormal(approach, d, normal) : -2.0f;
+      const float cosine = d < approach.num_directions ? yawCosToNormal(approach, d, normal) : -2.0f;
       const bool inside = cosine >= approach.normal_cos_min;
       if (inside) order[rankOf(approach, normal, nearest, d, cosine)] = static_cast<std::uint8_t>(d);
       cone += __popc(__ballot_sync(kAllLanes, inside));

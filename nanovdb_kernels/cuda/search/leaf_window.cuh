@@ -254,4 +254,27 @@ class TreeWindow {
   OccupancyReader reader_;
 };
 
+/// Facts of a voxel, by a walk from the root: bit 0 = collides, bit 1 = free for the corridor.
+static __device__ __noinline__ std::uint32_t factsFromRoot(const OccupancyGrid* grid, int x, int y, int z) {
+  const nanovdb::DefaultReadAccessor<bool> accessor(grid->tree().root());
+  bool collides = false;
+  const bool is_free = accessor.probeValue(Coord(x, y, z), collides);
+  return (collides ? 1u : 0u) | (is_free ? 2u : 0u);
+}
+
+/// Answers like OccupancyReader, for the few voxels that no window holds. Out of line, and without a reader's memory of
+/// where it was: neither code nor registers are left for them in a search.
+class MapOutside {
+ public:
+  explicit __device__ MapOutside(const OccupancyView& view) : grid_(view.grid) {}
+  [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return (facts(ijk) & 1u) != 0; }
+  [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return (facts(ijk) & 2u) != 0; }
+
+ private:
+  [[nodiscard]] __device__ std::uint32_t facts(const Coord& ijk) const {
+    return factsFromRoot(grid_, ijk[0], ijk[1], ijk[2]);
+  }
+  const OccupancyGrid* grid_;
+};
+
 }  // namespace accessvdb::kernels

@@ -63,7 +63,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, kSearchBlocks) warpSearch(Score
   const SearchedPoint point = pointOfWarp(chunk, kWarps);
   if (!point.there) return;
   const Window window = makeWarpWindow<Window>(chunk, point, plan, lane);
-  const OccupancyReader map(chunk.map);
+  const MapOutside map(chunk.map);
   const int words = chunk.points.direction_words;
   const float normal_L[3] = {chunk.points.normal_L[3 * point.id], chunk.points.normal_L[3 * point.id + 1],
                              chunk.points.normal_L[3 * point.id + 2]};
@@ -111,7 +111,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, kCountBlocks)
   const SearchedPoint point = pointOfWarp(chunk, kWarps);
   if (!point.there) return;
   const Window window = makeWarpWindow<Window>(chunk, point, plan, lane);
-  const OccupancyReader map(chunk.map);
+  const MapOutside map(chunk.map);
   for (int d = 0; d < chunk.approach.num_directions; ++d) {
     __syncthreads();  // keeps the warps of a block together, so that one loads the tool into the cache for all
     int hits = 0;

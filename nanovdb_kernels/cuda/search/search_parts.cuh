@@ -65,7 +65,7 @@ __device__ Window makeWarpWindow(const ScoreChunk& chunk, const SearchedPoint& p
 
 /// Counts parts of the tool at a warp's point. @tparam kTurns  columns in flight per lane
 template <bool kSamples, int kTurns = 2, class Window>
-__device__ auto partCounter(const ScoreChunk& chunk, const Window& window, const OccupancyReader& map,
+__device__ auto partCounter(const ScoreChunk& chunk, const Window& window, const MapOutside& map,
                             const SearchedPoint& point, int lane) {
   if constexpr (kSamples) {
     return SampleCounter<Window>{window, map, chunk.tool, point.position_L, chunk.map.inverse_voxel_size, lane};

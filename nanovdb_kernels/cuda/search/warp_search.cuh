@@ -85,9 +85,8 @@ __device__ int countVoxelsByWarp(const Window& window, const ToolKernelView& too
 
 /// countSampleCollisions with one warp.
 template <class Window>
-__device__ int countSamplesByWarp(const Window& window, const OccupancyReader& map, const ToolKernelView& tool,
-                                  int part, const float* position_L, float inverse_voxel_size, int stop_above,
-                                  int lane) {
+__device__ int countSamplesByWarp(const Window& window, const MapOutside& map, const ToolKernelView& tool, int part,
+                                  const float* position_L, float inverse_voxel_size, int stop_above, int lane) {
   int count = 0;
   const std::uint32_t end = tool.sample_begin[part + 1];
   for (std::uint32_t first = tool.sample_begin[part]; first < end; first += kWarp) {
@@ -105,8 +104,8 @@ __device__ int countSamplesByWarp(const Window& window, const OccupancyReader& m
 
 /// testArm, one direction per lane.
 template <class Window>
-__device__ ArmResult testArmThrough(const Window& window, const OccupancyReader& map, const ApproachView& approach,
-                                    int d, const float* position_L, float inverse_voxel_size) {
+__device__ ArmResult testArmThrough(const Window& window, const MapOutside& map, const ApproachView& approach, int d,
+                                    const float* position_L, float inverse_voxel_size) {
   const float* offset = approach.arm_offsets + 3 * static_cast<std::int64_t>(d) * approach.num_arm;
 #pragma unroll 1
   for (int n = 0; n < approach.num_arm; ++n, offset += 3) {
@@ -143,7 +142,7 @@ template <class Window>
 struct SampleCounter {
   static constexpr bool kPlain = true, kRolls = false;
   const Window& window;
-  const OccupancyReader& map;
+  const MapOutside& map;
   const ToolKernelView& tool;
   const float* position_L;
   float inverse_voxel_size;
@@ -210,6 +209,19 @@ __device__ inline int takePutOff(WarpMasks& masks, int most, int lane) {
   return d;
 }
 
+/// ranksBefore, out of line: it is rarely asked, and kernels that outgrow the instruction cache are slow.
+static __device__ __noinline__ bool comesBefore(const float* direction_xy, const float* axes_xyz, float x, float y,
+                                                float z, int d, int e) {
+  ApproachView approach;
+  approach.direction_xy = direction_xy;
+  approach.axes_xyz = axes_xyz;
+  const float normal[3] = {x, y, z};
+  return ranksBefore(approach, normal, d, e);
+}
+__device__ inline bool comesBefore(const ApproachView& approach, const float* normal, int d, int e) {
+  return comesBefore(approach.direction_xy, approach.axes_xyz, normal[0], normal[1], normal[2], d, e);
+}
+
 /// The point that a warp searches.
 struct SearchPoint {
   const float* position_L;
@@ -222,7 +234,7 @@ struct SearchPoint {
 template <class Window>
 struct MapAround {
   const Window& window;
-  const OccupancyReader& map;  ///< for voxels outside the window
+  const MapOutside& map;  ///< for voxels outside the window
   float inverse_voxel_size;
 };
 
@@ -306,7 +318,7 @@ class WarpSearch {
     __syncwarp();
     known_score_ = item.known_score;
     known_direction_ = item.known_direction;
-    known_roll_ = item.known_roll;
+    if constexpr (Context::kRolls) known_roll_ = item.known_roll;
   }
 
   /// Tests the corridors of up to 32 directions, starting at masks.order[first].
@@ -395,11 +407,11 @@ class WarpSearch {
       __syncwarp();  // all have read
       if (hits > before) note(d, hits, result);
       const bool is_better = hits < best_count_ ||
-                             (hits == best_count_ && ranksBefore(c_.approach, c_.point.normal_L, d, result.direction));
+                             (hits == best_count_ && comesBefore(c_.approach, c_.point.normal_L, d, result.direction));
       if (!is_better) continue;
       best_count_ = hits;
       result.direction = static_cast<std::uint16_t>(d);
-      result.roll = static_cast<std::uint8_t>(lastRoll());
+      if constexpr (Context::kRolls) result.roll = static_cast<std::uint8_t>(lastRoll());
     }
   }
 
@@ -416,7 +428,7 @@ class WarpSearch {
     if (hits >= best_count_) return;
     best_count_ = hits;
     result.direction = static_cast<std::uint16_t>(d);
-    result.roll = static_cast<std::uint8_t>(roll);
+    if constexpr (Context::kRolls) result.roll = static_cast<std::uint8_t>(roll);
   }
 
   __device__ void note(int d, int hits, ScoreResult& result) {

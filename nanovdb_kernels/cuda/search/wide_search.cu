@@ -216,7 +216,7 @@ __global__ void __launch_bounds__(WideBlock::kThreads, kBlocks) wideSearch(Score
   if (normal_L[0] != 0 || normal_L[1] != 0 || normal_L[2] != 0) {
     const Window window =
         makeWindow<Window>(chunk, point, plan, window_nodes, {WideBlock::thread(), WideBlock::kThreads});
-    const OccupancyReader map(chunk.map);
+    const MapOutside map(chunk.map);
     const WideScratch scratch(window_nodes + plan.entries());
     const std::uint64_t* seen = chunk.points.seen + point.id * static_cast<std::size_t>(chunk.points.direction_words);
     const auto search = [&](const auto& counter) {

@@ -91,8 +91,8 @@ __device__ void prepareSlabs(const DueSearch& search, SlabWork& work) {
 
 /// Makes a point's collision counter. All lanes call it.
 template <ToolForm kForm, class Window>
-__device__ auto makeCounter(const DueSearch& search, const Window& window, const OccupancyReader& map,
-                            const DuePoint& point, WarpScratch& scratch, int lane) {
+__device__ auto makeCounter(const DueSearch& search, const Window& window, const MapOutside& map, const DuePoint& point,
+                            WarpScratch& scratch, int lane) {
   if constexpr (kHasSlabs<kForm>) {
     if (lane < 3) scratch.slabs.point_ijk[lane] = point.ijk[lane];
     __syncwarp();
@@ -155,17 +155,20 @@ struct KnownOfPoint {
 };
 
 /// Applies a result to its point. One lane calls it.
-__device__ void conclude(const DueWork& work, const ScoreItem& item, ScoreResult& result) {
+/// @return what the point's levels count from now
+__device__ int conclude(const DueWork& work, const ScoreItem& item, ScoreResult& result) {
   const PointStateView& points = work.points.points;
+  const UpdateRule& rule = work.evaluation.rule;
   const PointLabel before = points.label[item.id];
-  updatePoint(points, item, result, work.evaluation.rule);
+  updatePoint(points, item, result, rule);
   OutcomeCounters& counters = *work.outcome;
   atomicAdd(&counters.evaluated, 1ull);
   if (result.tests > 0) {
     atomicAdd(&counters.tests, static_cast<unsigned long long>(result.tests));
     atomicAdd(&counters.scored, 1ull);
   }
-  if (points.label[item.id] != before) atomicAdd(&counters.label_changes, 1ull);
+  if (result.label != before) atomicAdd(&counters.label_changes, 1ull);
+  return baseCollisions(result.label == PointLabel::Accessible, result.stored_score, rule.collision_limit);
 }
 
 /// What the point's levels count from.
@@ -180,11 +183,7 @@ __device__ void concludeAndLearn(const DueWork& work, WarpScratch& scratch, bool
                                  ScoreResult& result, int lane) {
   __syncwarp();  // all have read what is known about the point
   const ScoreItem& item = scratch.item;
-  int base = 0;
-  if (lane == 0) {
-    conclude(work, item, result);
-    base = baseOf(work, item.id);
-  }
+  const int base = lane == 0 ? conclude(work, item, result) : 0;
   learn(work, item.id, scratch.masks, searched, base_before, __shfl_sync(kAllLanes, base, 0), lane);
   __syncwarp();  // the scratch memory it has read is overwritten next
 }
@@ -392,7 +391,7 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
   WarpScratch& scratch = all_scratch[threadIdx.x / kWarp];
   if (kHasSlabs<kForm> && lane == 0) prepareSlabs(search, scratch.slabs);
   const std::uint32_t begin = range.begin != nullptr ? *range.begin : 0, count = *range.end - begin;
-  const OccupancyReader map(search.map);
+  const MapOutside map(search.map);
 #pragma unroll 1
   for (std::uint32_t n = takeNext(range.next, lane); n < count; n = takeNext(range.next, lane)) {
     const std::uint32_t which = range.list[begin + n];

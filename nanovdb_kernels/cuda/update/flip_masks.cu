@@ -17,6 +17,8 @@ constexpr unsigned kThreads = 256;
 /// Warps per block for groups. Few: some groups take long, others no time, and a block stays until its last warp is
 /// done.
 constexpr unsigned kWarps = 4;
+/// Blocks that a multiprocessor should hold: this limits the registers.
+constexpr unsigned kGroupBlocks = 8;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
 
@@ -61,10 +63,13 @@ struct FlipScope {
   int lane;
 };
 
+constexpr int kMostGathered = 128;
 /// Leaves in which voxels stopped colliding, gathered by a warp until there are enough to keep all lanes counting.
+/// @tparam kSets  as for countFreed
+template <bool kSets>
 class FreedLeaves {
  public:
-  static constexpr int kMost = 128;
+  static constexpr int kMost = kMostGathered;
 
   /// @param leaf  the group's first leaf  @param list  [kMost] shared by the warp
   /// @param steps  see countFreed; null: nothing is counted
@@ -90,7 +95,7 @@ class FreedLeaves {
     __syncwarp();
     all_ += static_cast<std::uint32_t>(count_);
     for (int i = lane_ >> 3; i < count_ && !tooMany(); i += static_cast<int>(kWarp) / 8) {
-      countFreed(scope_.context, leaf_, scope_.flips.list[list_[i]], lane_ & 7, steps_);
+      countFreed<kSets>(scope_.context, leaf_, scope_.flips.list[list_[i]], lane_ & 7, steps_);
     }
     __syncwarp();
     count_ = 0;
@@ -188,7 +193,7 @@ class GroupScan {
  public:
   /// @param leaf  the group's first leaf  @param list  [kMostListed] shared by the warp
   __device__ GroupScan(const FlipScope& scope, const std::int32_t* leaf, std::uint16_t* list, MasksOfWarp& masks,
-                       FreedLeaves& freed)
+                       FreedLeaves<kByLeaf>& freed)
       : scope_(scope), leaf_(leaf), list_(list), masks_(masks), freed_(freed), lane_(scope.lane) {}
 
   /// All lanes.
@@ -354,14 +359,15 @@ class GroupScan {
   const std::int32_t* leaf_;
   std::uint16_t* list_;
   MasksOfWarp& masks_;
-  FreedLeaves& freed_;
+  FreedLeaves<kByLeaf>& freed_;
   int lane_;
 };
 
 /// One warp per group.
 template <bool kByLeaf>
-__global__ void groupMasks(FlipContext context, FlipsView flips, GroupMasksView out) {
-  __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_freed[kWarps][FreedLeaves::kMost];
+__global__ void __launch_bounds__(kWarps* kWarp, kGroupBlocks)
+    groupMasks(FlipContext context, FlipsView flips, GroupMasksView out) {
+  __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_freed[kWarps][kMostGathered];
   __shared__ std::uint16_t all_lists[kWarps][kMostListed];
   const std::uint32_t group = blockIdx.x * kWarps + threadIdx.x / kWarp;
   if (group >= context.groups.groups) return;
@@ -374,7 +380,7 @@ __global__ void groupMasks(FlipContext context, FlipsView flips, GroupMasksView 
     for (int n = lane; n < 32 * kDirectionWords32; n += static_cast<int>(kWarp)) all_steps[warp][n] = 0;
     __syncwarp();
     const FlipScope scope = {context, flips, lane};
-    FreedLeaves freed(scope, leaf, all_freed[warp], steps);
+    FreedLeaves<kByLeaf> freed(scope, leaf, all_freed[warp], steps);
     GroupScan<kByLeaf>(scope, leaf, all_lists[warp], masks, freed).scanAll();
     freed.count();
     if (steps != nullptr && masks.any(2)) {  // the better masks come first

@@ -22,9 +22,8 @@ inline constexpr int kDirectionWords32 = 2 * kMaxDirectionWords;
 /// (agePoints).
 inline constexpr std::uint32_t kMostCountedLeaves = (1u << 31) / (8u << (3 * kCellLog2));
 
-/// countFreed for directions of any kind: a step up where a run of directions begins, down where it ends. Not inlined,
-/// for yaw's sake.
-static __device__ __noinline__ void stepSet(const DirectionMask& set, std::uint32_t count, std::uint32_t* steps) {
+/// countFreed for directions of any kind: a step up where a run of directions begins, down where it ends.
+static __device__ void stepSet(const DirectionMask& set, std::uint32_t count, std::uint32_t* steps) {
   std::uint64_t before = 0;
 #pragma unroll 1
   for (int w = 0; w < kMaxDirectionWords; ++w) {
@@ -40,11 +39,13 @@ static __device__ __noinline__ void stepSet(const DirectionMask& set, std::uint3
 }
 
 /// Adds the voxels that stopped colliding in one cell of a leaf. One lane per cell; `steps` is shared by the warp.
+/// @tparam kSets  whether the cells have a set of directions each (CellTableView::sets), or an arc
 /// @param leaf  first leaf of the points' group
 /// @param steps  [32 kDirectionWords32] upper bound of the voxels that stopped colliding in the tool at each direction,
 ///   minus that of the direction before, modulo 2^32
-__device__ inline void countFreed(const FlipContext& context, const std::int32_t* leaf, const LeafFlips& flip, int cell,
-                                  std::uint32_t* steps) {
+template <bool kSets>
+__device__ void countFreed(const FlipContext& context, const std::int32_t* leaf, const LeafFlips& flip, int cell,
+                           std::uint32_t* steps) {
   const auto counted = static_cast<std::uint32_t>(flip.freed >> (8 * cell)) & 0xffu;
   if (counted == 0) return;
   const CellTableView& cells = context.covering;
@@ -59,20 +60,20 @@ __device__ inline void countFreed(const FlipContext& context, const std::int32_t
   constexpr std::uint32_t kVoxelsOfCell = 1u << (3 * kCellLog2);
   static_assert(LeafFlips::kManyFreed >= kVoxelsOfCell);
   const std::uint32_t count = counted < kVoxelsOfCell ? counted : kVoxelsOfCell;
-  if (cells.sets != nullptr) {
+  if constexpr (kSets) {
     stepSet(cells.sets[entry], count, steps);
-    return;
-  }
-  const DirectionArc arc = cells.table[entry];
-  if (arc.count == 0) return;
-  const auto directions = static_cast<std::uint32_t>(context.num_directions);
-  const std::uint32_t end = arc.first + std::uint32_t{arc.count};
-  atomicAdd(steps + arc.first, count);
-  if (end < directions) {
-    atomicAdd(steps + end, 0u - count);
-  } else if (end > directions) {  // wraps around
-    atomicAdd(steps, count);
-    atomicAdd(steps + end - directions, 0u - count);
+  } else {
+    const DirectionArc arc = cells.table[entry];
+    if (arc.count == 0) return;
+    const auto directions = static_cast<std::uint32_t>(context.num_directions);
+    const std::uint32_t end = arc.first + std::uint32_t{arc.count};
+    atomicAdd(steps + arc.first, count);
+    if (end < directions) {
+      atomicAdd(steps + end, 0u - count);
+    } else if (end > directions) {  // wraps around
+      atomicAdd(steps, count);
+      atomicAdd(steps + end - directions, 0u - count);
+    }
   }
 }
 
