@@ -20,7 +20,7 @@ constexpr unsigned kBlocks = 12;
 /// One column in flight: with so many directions, the best so far ends most counts among the first columns.
 constexpr int kTurns = 1;
 
-/// Of a direction: where it stands in the order. Shifted into keys of which the least, or the largest, wins.
+/// Bits of a direction's place in the order, in keys of which the least or the largest wins.
 constexpr int kPlaceBits = 12;
 static_assert(kMostWideDirections <= 1 << kPlaceBits);
 
