@@ -187,15 +187,11 @@ void launchPlainSearch(const ScoreChunk& chunk, cudaStream_t stream) {
 
 void launchWarpSearch(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream) {
   if (chunk.count == 0) return;
-  const auto launch = [&](auto samples, auto rolls) {
+  launchByForm(chunk.tool, [&](auto samples, auto rolls) {
     constexpr bool kSamples = decltype(samples)::value, kRolls = decltype(rolls)::value;
     launchSearch(chunk, plan, {kWarps, 1, 0, stream}, warpSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
                  warpSearch<MapWindow<LowerWindow>, kSamples, kRolls>, warpSearch<TreeWindow, kSamples, kRolls>);
-  };
-  const auto launchForm = [&](auto samples) {
-    chunk.tool.parts > 1 ? launch(samples, std::true_type()) : launch(samples, std::false_type());
-  };
-  chunk.tool.use_samples ? launchForm(std::true_type()) : launchForm(std::false_type());
+  });
   checkLaunch("warpSearch");
 }
 

@@ -32,7 +32,7 @@ void requireScoreKernels(int shared_bytes_per_block);
 void launchPlainSearch(const ScoreChunk& chunk, cudaStream_t stream);
 /// The same with one warp per item. @param plan  from planWindow
 void launchWarpSearch(const ScoreChunk& chunk, const WindowPlan& plan, cudaStream_t stream);
-/// Searches all items of a wide set, one warp per item. @param plan  from planWindow
+/// Searches all items of a wide set, one block per item. @param plan  from planWindow
 void launchWideSearch(const ScoreChunk& chunk, WindowPlan plan, int shared_bytes_per_block, cudaStream_t stream);
 /// Once per process and device, before it.
 void allowWideSearch(int shared_bytes_per_block);

@@ -82,6 +82,16 @@ inline void allowAllShared(const void* kernel, int shared_bytes_per_block) {
   const int rest = shared_bytes_per_block - static_cast<int>(attributes.sharedSizeBytes);
   ACCESSVDB_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, rest));
 }
+
+/// Calls launch(samples, rolls) with constants that say how the tool is counted: std::true_type or std::false_type.
+template <class Launch>
+void launchByForm(const ToolKernelView& tool, const Launch& launch) {
+  const auto withForm = [&](auto samples) {
+    tool.parts > 1 ? launch(samples, std::true_type()) : launch(samples, std::false_type());
+  };
+  tool.use_samples ? withForm(std::true_type()) : withForm(std::false_type());
+}
+
 /// How a kernel that searches points is launched.
 struct SearchLaunch {
   unsigned points = 0;                ///< per block

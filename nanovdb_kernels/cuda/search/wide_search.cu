@@ -264,16 +264,12 @@ void launchWideSearch(const ScoreChunk& chunk, WindowPlan plan, int shared_bytes
       static_cast<std::size_t>(shared_bytes_per_block)) {
     plan = {};
   }
-  const auto launch = [&](auto samples, auto rolls) {
+  launchByForm(chunk.tool, [&](auto samples, auto rolls) {
     constexpr bool kSamples = decltype(samples)::value, kRolls = decltype(rolls)::value;
     launchSearch(chunk, plan, {1, WideBlock::kWarps, list_bytes, stream},
                  wideSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
                  wideSearch<MapWindow<LowerWindow>, kSamples, kRolls>, wideSearch<TreeWindow, kSamples, kRolls>);
-  };
-  const auto launchForm = [&](auto samples) {
-    chunk.tool.parts > 1 ? launch(samples, std::true_type()) : launch(samples, std::false_type());
-  };
-  chunk.tool.use_samples ? launchForm(std::true_type()) : launchForm(std::false_type());
+  });
   checkLaunch("wideSearch");
 }
 

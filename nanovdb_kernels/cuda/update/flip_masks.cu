@@ -63,15 +63,15 @@ struct FlipScope {
   int lane;
 };
 
+/// Leaves in which voxels stopped colliding that a warp gathers at a time.
 constexpr int kMostGathered = 128;
+
 /// Leaves in which voxels stopped colliding, gathered by a warp until there are enough to keep all lanes counting.
 /// @tparam kSets  as for countFreed
 template <bool kSets>
 class FreedLeaves {
  public:
-  static constexpr int kMost = kMostGathered;
-
-  /// @param leaf  the group's first leaf  @param list  [kMost] shared by the warp
+  /// @param leaf  the group's first leaf  @param list  [kMostGathered] shared by the warp
   /// @param steps  see countFreed; null: nothing is counted
   __device__ FreedLeaves(const FlipScope& scope, const std::int32_t* leaf, std::uint32_t* list, std::uint32_t* steps)
       : scope_(scope), leaf_(leaf), list_(list), steps_(steps), lane_(scope.lane) {}
@@ -86,7 +86,7 @@ class FreedLeaves {
       const unsigned all = __ballot_sync(kAllLanes, wanted);
       if (wanted) list_[count_ + __popc(all & ((1u << lane_) - 1u))] = n;
       count_ += __popc(all);
-      if (count_ > kMost - static_cast<int>(kWarp)) count();
+      if (count_ > kMostGathered - static_cast<int>(kWarp)) count();
       if (n != kNoIndex) n = scope_.flips.next[n];
     }
   }

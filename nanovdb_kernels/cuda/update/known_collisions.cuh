@@ -23,7 +23,7 @@ inline constexpr int kDirectionWords32 = 2 * kMaxDirectionWords;
 inline constexpr std::uint32_t kMostCountedLeaves = (1u << 31) / (8u << (3 * kCellLog2));
 
 /// countFreed for directions of any kind: a step up where a run of directions begins, down where it ends.
-static __device__ void stepSet(const DirectionMask& set, std::uint32_t count, std::uint32_t* steps) {
+__device__ inline void stepSet(const DirectionMask& set, std::uint32_t count, std::uint32_t* steps) {
   std::uint64_t before = 0;
 #pragma unroll 1
   for (int w = 0; w < kMaxDirectionWords; ++w) {
