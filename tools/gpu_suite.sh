@@ -234,8 +234,10 @@ fi
 
 # Rows of `accessvdb bench`: NAME, most SECONDS, and flags. On the GPU over 200 frames past bench_points surface points;
 # where places are seen again, also past the time when more than 6 % of the returns are new, but from frame 1 500 on in
-# any case. On the processor with few frames, as a laptop has time for.
-again="--frames 1700 --max-new-percent 6 --begin-by 1500"
+# any case; for the exact policy, with an update after every tenth scan until 20 frames before. On the processor with few
+# frames, as a laptop has time for.
+again="--frames 1720 --max-new-percent 6 --begin-by 1500"
+exact="--warm-up-update-every 10"
 paper="--policy paper --budget-points 20000"
 bench_rows="
 flight_20mm 65 --voxel 0.02 --tau 0.1 --frames 1200
@@ -253,15 +255,15 @@ flight_5mm_paper 90 --voxel 0.005 --tau 0.1 --frames 1200 $paper
 slow_20mm 90 --speed 0.045 --voxel 0.02 --tau 0.1 --frames 1700
 slow_10mm 90 --speed 0.1 --voxel 0.01 --tau 0.1 --frames 1200
 slow_5mm 120 --speed 0.1 --voxel 0.005 --tau 0.1 --frames 1200
-orbit_20mm 150 --path orbit --max-range 20 --voxel 0.02 --tau 0.1 $again
-orbit_10mm 180 --path orbit --max-range 10 --voxel 0.01 --tau 0.1 $again
-orbit_5mm 300 --path orbit --max-range 6 --voxel 0.005 --tau 0.1 $again
+orbit_20mm 150 --path orbit --max-range 20 --voxel 0.02 --tau 0.1 $again $exact
+orbit_10mm 180 --path orbit --max-range 10 --voxel 0.01 --tau 0.1 $again $exact
+orbit_5mm 300 --path orbit --max-range 6 --voxel 0.005 --tau 0.1 $again $exact
 orbit_20mm_paper 150 --path orbit --max-range 20 --voxel 0.02 --tau 0.1 $again $paper
 orbit_10mm_paper 180 --path orbit --max-range 10 --voxel 0.01 --tau 0.1 $again $paper
 orbit_5mm_paper 300 --path orbit --max-range 6 --voxel 0.005 --tau 0.1 $again $paper
-hover_20mm 150 --path hover --max-range 20 --voxel 0.02 --tau 0.1 $again
-hover_10mm 180 --path hover --max-range 10 --voxel 0.01 --tau 0.1 $again
-hover_5mm 300 --path hover --max-range 6 --voxel 0.005 --tau 0.1 $again
+hover_20mm 150 --path hover --max-range 20 --voxel 0.02 --tau 0.1 $again $exact
+hover_10mm 180 --path hover --max-range 10 --voxel 0.01 --tau 0.1 $again $exact
+hover_5mm 300 --path hover --max-range 6 --voxel 0.005 --tau 0.1 $again $exact
 hover_20mm_paper 150 --path hover --max-range 20 --voxel 0.02 --tau 0.1 $again $paper
 hover_10mm_paper 180 --path hover --max-range 10 --voxel 0.01 --tau 0.1 $again $paper
 hover_5mm_paper 300 --path hover --max-range 6 --voxel 0.005 --tau 0.1 $again $paper"

@@ -307,6 +307,47 @@ TEST_F(Bench, BeginsInAnyCaseByTheFrameThatWasAskedFor) {
   EXPECT_EQ(bench["stream"]["speed_m_s"], 0.01);
 }
 
+/// Leaving out updates before the timed part changes neither the stream nor the labels, and no timed frame is without.
+TEST_F(Bench, WarmsUpWithFewerUpdates) {
+  const Flags shortest = {
+      {"--frames", "60"}, {"--timed-frames", "3"},       {"--min-surface-points", "1000000"}, {"--begin-by", "30"},
+      {"--shortest", ""}, {"--out", path("every.json")}, {"--per-frame", path("every.csv")}};
+  Flags fewer = shortest;
+  fewer["--warm-up-update-every"] = "7";
+  fewer["--out"] = path("fewer.json");
+  fewer["--per-frame"] = path("fewer.csv");
+  Flags later = shortest;  // as many frames as with the 20 that come between
+  later["--begin-by"] = "50";
+  for (const Flags& flags : {later, fewer}) ASSERT_EQ(runProgram(arguments(flags)).exit_code, 0);
+  const json every = json::parse(readText("every.json")), few = json::parse(readText("fewer.json"));
+  EXPECT_EQ(every["warm_up_update_every"], 1);
+  EXPECT_EQ(few["warm_up_update_every"], 7);
+  EXPECT_EQ(few["frames"], 53);
+  EXPECT_EQ(few["surface_points"], every["surface_points"]);
+  EXPECT_EQ(few["labels_at_end"], every["labels_at_end"]);
+  EXPECT_EQ(few["per_frame"]["label_changes"], every["per_frame"]["label_changes"]);
+  std::string header;
+  const auto rows = numbersOf(readText("fewer.csv"), header);
+  for (std::size_t n = 0; n < rows.size(); ++n) {
+    EXPECT_EQ(rows[n][5] > 0, n >= 30 || (n + 1) % 7 == 0) << "score of frame " << n;
+  }
+}
+
+/// If the timed part never begins, the last frames are the timed ones: they have an update each, too.
+TEST_F(Bench, AWarmUpEndsBeforeTheLastFrames) {
+  const ProgramResult result = runProgram(arguments({{"--frames", "40"},
+                                                     {"--min-surface-points", "1000000"},
+                                                     {"--shortest", ""},
+                                                     {"--warm-up-update-every", "40"},
+                                                     {"--out", path("bench.json")},
+                                                     {"--per-frame", path("frames.csv")}}));
+  EXPECT_EQ(result.exit_code, 4) << result.err;
+  std::string header;
+  const auto rows = numbersOf(readText("frames.csv"), header);
+  ASSERT_EQ(rows.size(), 40u);
+  for (std::size_t n = 0; n < rows.size(); ++n) EXPECT_EQ(rows[n][5] > 0, n >= 40 - kTimed - 20) << n;
+}
+
 TEST_F(Bench, TooFewPointsIsCode4AndKeepsTheFigures) {
   const ProgramResult result =
       runProgram(arguments({{"--min-surface-points", "1000000"}, {"--out", path("bench.json")}}));
@@ -347,6 +388,13 @@ TEST_F(Bench, RefusesInOneLine) {
     Flags flags = shortest;
     flags["--begin-by"] = bad;
     expectRefused(flags, 2, "--begin-by");
+  }
+  expectRefused({{"--warm-up-update-every", "2"}}, 2, "--shortest");
+  for (const auto& [flag, value] : Flags{{"--budget-points", "9"}, {"--pipelined", ""}, {"--policy", "paper"}}) {
+    Flags flags = shortest;
+    flags["--warm-up-update-every"] = "2";
+    flags[flag] = value;
+    expectRefused(flags, 2, "--warm-up-update-every");
   }
   if (access("/dev/nvidiactl", F_OK) != 0) expectRefused({{"--device", "cuda"}}, 6, "cuda");
 }

@@ -37,6 +37,10 @@ using Json = nlohmann::ordered_json;
 /// Scans simulated at a time, before the clock starts: too few to affect the memory figures.
 constexpr int kScansAhead = 32;
 
+/// Frames with an update each before the timed part if frames before them had none: what the field remembers of
+/// points is then as old as it would be anyway.
+constexpr std::size_t kSettlingFrames = 20;
+
 /// Current memory of the process.
 std::uint64_t residentBytes() {
   std::ifstream statm("/proc/self/statm");
@@ -79,6 +83,7 @@ class BenchRun {
   [[nodiscard]] bool finished() const;
   [[nodiscard]] bool timedPartBegins() const;
   void noteTimedBegin(const AccessibilityField& field);
+  [[nodiscard]] bool updatesNext() const;
   /// Scans that the field has; the update of the last one may be running.
   [[nodiscard]] std::size_t taken() const { return record_.frames() + (running_.valid() ? 1 : 0); }
   /// Of the frames so far: if the stream stopped early, those since the timed part began.
@@ -111,8 +116,9 @@ class BenchRun {
   Clock::time_point frame_began_ = {};  ///< when the frame before ended
   std::string scene_;
   double simulation_s_ = 0;
-  std::uint64_t host_before_bytes_ = 0;    ///< when the stream begins: the simulator's memory
-  std::optional<std::size_t> timed_from_;  ///< first frame of the timed part, once it is known
+  std::uint64_t host_before_bytes_ = 0;       ///< when the stream begins: the simulator's memory
+  std::optional<std::size_t> settling_from_;  ///< first frame of those from which on each has an update
+  std::optional<std::size_t> timed_from_;     ///< first frame of the timed part, once it is known
   Json memory_at_timed_begin_ = nullptr;
 };
 
@@ -133,9 +139,23 @@ bool BenchRun::timedPartBegins() const {
   return share && *share <= *options_.max_new_percent;
 }
 
+/// Whether an update follows the next scan: long before the timed part, or the last frames if there is none, not
+/// always.
+bool BenchRun::updatesNext() const {
+  const std::size_t scans = taken() + 1, last = static_cast<std::size_t>(options_.timed_frames) + kSettlingFrames;
+  return settling_from_ || scans + last > static_cast<std::size_t>(options_.frames) ||
+         scans % static_cast<std::size_t>(options_.warm_up_update_every) == 0;
+}
+
 /// Notes memory when the timed part begins: with --min-surface-points, that is at the requested map size.
 void BenchRun::noteTimedBegin(const AccessibilityField& field) {
-  if (timed_from_ || !timedPartBegins()) return;
+  if (timed_from_) return;
+  if (!settling_from_) {
+    if (!timedPartBegins()) return;
+    settling_from_ = taken();
+  }
+  const std::size_t settling = options_.warm_up_update_every > 1 ? kSettlingFrames : 0;
+  if (taken() < *settling_from_ + settling) return;
   finishFrame();
   timed_from_ = record_.frames();
   const MemoryUse memory = field.memoryUse();
@@ -179,7 +199,7 @@ void BenchRun::takeScan(const sim::SimulatedFrame& scan, AccessibilityField& fie
     running_ = field.updateAsync();
     return;
   }
-  frame.update = field.update();
+  if (updatesNext()) frame.update = field.update();
   frame.frame_ms = 1e3 * secondsSince(start);
   record_.add(frame);
 }
@@ -234,6 +254,7 @@ Json BenchRun::describe(const AccessibilityField& field) const {
                {"policy", params.update.policy == UpdatePolicy::Exact ? "exact" : "paper"},
                {"budget_points", params.update.budget_points},
                {"pipelined", options_.pipelined},
+               {"warm_up_update_every", options_.warm_up_update_every},
                {"frames", record_.frames()},
                {"timed_frames", timed},
                {"points_per_frame", options_.points_per_frame},

@@ -39,6 +39,9 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
                "with --shortest, begin only when at most this share of the returns, over as many frames as are timed, "
                "made new points");
   flags.option("--begin-by", &options.begin_by, "with --shortest, begin after this many frames in any case");
+  flags.option("--warm-up-update-every", &options.warm_up_update_every,
+               "with --shortest, update only after every n-th scan until 20 frames before the timed part: gets there "
+               "sooner, with the same labels");
   flags.flag("--pipelined", options.pipelined,
              "fuse each scan while the one before is scored: measures frames per second, not the time to a label");
   flags.option("--points-per-frame", &options.points_per_frame, "exact number of returns per scan");
@@ -66,6 +69,36 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
   flags.option("--out", &options.out, "JSON file for the figures; default: standard output");
 }
 
+namespace {
+
+void requireWhole(const char* flag, int value, int most) {
+  if (value >= 1 && value <= most) return;
+  throw InvalidArgument("usage.number", flag, std::to_string(value) + " is outside 1 .. " + std::to_string(most),
+                        "See accessvdb bench --help");
+}
+
+/// Only where it cannot be seen in the labels: the paper's policy and points that wait depend on when updates were
+/// made.
+void checkWarmUp(const BenchOptions& options) {
+  constexpr const char* kFlag = "--warm-up-update-every";
+  requireWhole(kFlag, options.warm_up_update_every, kMostFrames);
+  if (options.warm_up_update_every == 1) return;
+  if (!options.shortest) {
+    throw InvalidArgument("usage.shortest", kFlag, "has no meaning without --shortest",
+                          "Add --shortest and --min-surface-points");
+  }
+  const bool exact = benchFieldParams(options).update.policy == UpdatePolicy::Exact;
+  if (!exact || options.budget_points > 0 || options.pipelined) {
+    throw InvalidArgument("usage.warm_up", kFlag,
+                          std::string("does not go with ") + (!exact                      ? "the paper's policy"
+                                                              : options.budget_points > 0 ? "--budget-points"
+                                                                                          : "--pipelined"),
+                          "Update after every scan");
+  }
+}
+
+}  // namespace
+
 void checkBenchOptions(const BenchOptions& options) {
   checkCommonOptions(options.map.common);
   if (options.scene != "pine") {
@@ -75,11 +108,6 @@ void checkBenchOptions(const BenchOptions& options) {
     throw InvalidArgument("usage.path", "--path", "\"" + options.path + "\" is not a path of bench",
                           "Use flight, orbit or hover");
   }
-  const auto requireWhole = [](const char* flag, int value, int most) {
-    if (value >= 1 && value <= most) return;
-    throw InvalidArgument("usage.number", flag, std::to_string(value) + " is outside 1 .. " + std::to_string(most),
-                          "See accessvdb bench --help");
-  };
   requireWhole("--frames", options.frames, kMostFrames);
   requireWhole("--timed-frames", options.timed_frames, kMostFrames);
   requireWhole("--points-per-frame", options.points_per_frame, kMostPoints);
@@ -97,6 +125,7 @@ void checkBenchOptions(const BenchOptions& options) {
                           "has no meaning without --shortest", "Add --shortest and --min-surface-points");
   }
   if (options.begin_by) requireWhole("--begin-by", *options.begin_by, options.frames - options.timed_frames);
+  checkWarmUp(options);
   if (options.budget_points < 0) {
     throw InvalidArgument("usage.number", "--budget-points", std::to_string(options.budget_points) + " is below 0",
                           "Use 0 for no limit");
