@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <span>
 
+#include "hostdev/freed_corridors.h"
 #include "launch/point_news.h"
 
 namespace accessvdb::kernels {
@@ -35,6 +36,10 @@ struct ToolTables {
   std::span<const DirectionArc> cell_directions;
   std::span<const DirectionMask> cell_sets;  ///< in place of it, with any_directions
   std::int32_t cell_low[3] = {0, 0, 0}, cell_size[3] = {0, 0, 0};
+  /// [x][y] CorridorView::table, for corridors at the height of their point. Empty: corridors that may have become free
+  /// are named for a group at a time.
+  std::span<const DirectionMask> corridors;
+  std::int32_t corridor_reach = 0;  ///< [voxels]
 };
 /// The same for a tool, and for further ones that are tried in the same directions: what the updater knows about the
 /// points and about what changed, their neighbourhoods, normals and views included, it then has once for all of them.
@@ -47,8 +52,10 @@ struct ExactTables : ToolTables {
 struct LeafFlips {
   static constexpr std::uint32_t kManyFreed = 255;
   std::int32_t leaf[3] = {0, 0, 0};
-  std::uint32_t kinds = 0;
+  std::uint16_t kinds = 0, freed_heights = 0;
   std::uint64_t freed = 0;  ///< voxels that stopped colliding, one byte per cell as in countCells(); 255: or more
+  // Voxels that became free for a corridor (FreedForArm). Apart, so that nothing is padded.
+  std::uint64_t freed_columns = 0;
 };
 
 /// Lists of flips; a leaf may be in several.

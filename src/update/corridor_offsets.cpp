@@ -10,11 +10,10 @@ namespace {
 
 /// Rounding of float32 positions far from the origin, in voxels; ScanGate admits coordinates up to where it is 0.16.
 constexpr double kCorridorRounding = 0.25;
-constexpr std::int32_t kMostReach = 96;  // the table has 1.2 MB then; with smaller voxels, leaves are small enough
 
 }  // namespace
 
-CorridorOffsets::CorridorOffsets(const kernels::ApproachView& approach, double voxel_size_m) {
+CorridorOffsets::CorridorOffsets(const kernels::ApproachView& approach, double voxel_size_m, std::int32_t most_reach) {
   if (kernels::isWide(approach.num_directions)) return;
   const auto samples = static_cast<std::size_t>(approach.num_directions) * static_cast<std::size_t>(approach.num_arm);
   const auto voxels = [&](std::size_t n, std::size_t axis) {
@@ -27,7 +26,7 @@ CorridorOffsets::CorridorOffsets(const kernels::ApproachView& approach, double v
     if (approach.arm_offsets[3 * n + 2] != 0) return;
     farthest = std::max({farthest, std::abs(voxels(n, 0)), std::abs(voxels(n, 1))});
   }
-  if (samples == 0 || !(farthest < kMostReach - 1)) return;
+  if (samples == 0 || !(farthest < most_reach - 1)) return;
   reach_ = high(farthest);
   const auto size = static_cast<std::size_t>(2 * reach_ + 1);
   table_.assign(size * size, kernels::DirectionMask{});

@@ -17,8 +17,11 @@ namespace accessvdb::internal {
 
 class CorridorOffsets {
  public:
-  /// Empty if samples lie above or below the point, if the table would exceed a few megabytes, and for wide sets.
-  CorridorOffsets(const kernels::ApproachView& approach, double voxel_size_m);
+  /// What pays off on a processor, in voxels: the table has 1.2 MB then. With smaller voxels, leaves are small enough.
+  static constexpr std::int32_t kMostReach = 96;
+
+  /// Empty if samples lie above or below the point, or farther away than `most_reach`, and for wide sets.
+  CorridorOffsets(const kernels::ApproachView& approach, double voxel_size_m, std::int32_t most_reach = kMostReach);
 
   [[nodiscard]] bool empty() const { return table_.empty(); }
   /// Offsets, in voxels, of x and of y: -reach() .. reach().
@@ -29,6 +32,7 @@ class CorridorOffsets {
     const auto size = static_cast<std::uint32_t>(2 * reach_ + 1);
     return x < size && y < size ? &table_[std::size_t{x} * size + y] : nullptr;
   }
+  [[nodiscard]] std::span<const kernels::DirectionMask> table() const { return table_; }  ///< [x][y]
   [[nodiscard]] std::uint64_t bytes() const { return table_.capacity() * sizeof(table_[0]); }
 
  private:

@@ -16,6 +16,7 @@
 #include "launch/lists.h"
 #include "update/block_groups.h"
 #include "update/cell_directions.h"
+#include "update/corridor_offsets.h"
 #include "update/device_admission.h"
 #include "update/flip_set.h"
 #include "update/leaf_footprint.h"
@@ -29,13 +30,15 @@ namespace {
 constexpr std::size_t kMostFlips = std::size_t{1} << 22;
 /// Memory limit of the table of directions by cell; beyond it, collisions are not remembered.
 constexpr std::uint64_t kMostCellTableBytes = std::uint64_t{256} << 20;
+/// In voxels: 8.4 MB.
+constexpr std::int32_t kMostCorridorReach = 256;
 
-std::uint32_t deviceKinds(const LeafChange& change) {
-  std::uint32_t kinds = 0;
+std::uint16_t deviceKinds(const LeafChange& change) {
+  std::uint16_t kinds = 0;
   for (const FlipKind kind : {FlipKind::CollidesOn, FlipKind::CollidesOff, FlipKind::ArmFreeOn, FlipKind::ArmFreeOff}) {
     std::uint64_t any = 0;
     for (const std::uint64_t word : bitsOf(change, kind)) any |= word;
-    if (any != 0) kinds |= bitOf(kind);
+    if (any != 0) kinds |= static_cast<std::uint16_t>(bitOf(kind));
   }
   return kinds;
 }
@@ -78,8 +81,12 @@ class ExactOnDevice final : public UpdateScheduler {
   void noteChange(std::size_t part, const LeafChange& change) override {
     if (!notes_flips_) return;
     const Index3 leaf = parentOf(change.origin_ijk);
-    flips_[part].push_back(
-        {{leaf[0], leaf[1], leaf[2]}, deviceKinds(change), kernels::countCells(change.collides_off.data())});
+    const kernels::FreedForArm freed = kernels::freedForArm(change.arm_free_on.data());
+    flips_[part].push_back({{leaf[0], leaf[1], leaf[2]},
+                            deviceKinds(change),
+                            static_cast<std::uint16_t>(freed.heights),
+                            kernels::countCells(change.collides_off.data()),
+                            freed.columns});
   }
 
   void noteChanges(std::span<const Eigen::Vector3f>, std::span<const Eigen::Vector3f>, const MapChanges&) override {
@@ -166,7 +173,9 @@ class ExactOnDevice final : public UpdateScheduler {
     for (const kernels::LeafFlips& flip : flips) {
       if (out > 0 && place(flips[out - 1]) == place(flip)) {
         flips[out - 1].kinds |= flip.kinds;
+        flips[out - 1].freed_heights |= flip.freed_heights;
         flips[out - 1].freed = joinedFreed(flips[out - 1].freed, flip.freed);
+        flips[out - 1].freed_columns |= flip.freed_columns;
       } else {
         flips[out++] = flip;
       }
@@ -192,7 +201,8 @@ class TablesOfTool {
   TablesOfTool(const HostTables& host, double voxel_size_m, int group_log2)
       : any_directions_(host.approach.axes_xyz != nullptr),
         footprint_(host.tool, host.approach, voxel_size_m, group_log2),
-        cells_(host.tool, host.approach.num_directions, group_log2, kMostCellTableBytes, any_directions_) {}
+        cells_(host.tool, host.approach.num_directions, group_log2, kMostCellTableBytes, any_directions_),
+        corridors_(host.approach, voxel_size_m, kMostCorridorReach) {}
 
   [[nodiscard]] kernels::ToolTables tables() const {
     kernels::ToolTables tables;
@@ -203,6 +213,8 @@ class TablesOfTool {
     tables.cell_sets = cells_.sets();
     std::ranges::copy(cells_.low(), tables.cell_low);
     std::ranges::copy(cells_.size(), tables.cell_size);
+    tables.corridors = corridors_.table();
+    tables.corridor_reach = corridors_.reach();
     return tables;
   }
 
@@ -210,6 +222,7 @@ class TablesOfTool {
   bool any_directions_;
   LeafFootprint footprint_;
   CellDirections cells_;
+  CorridorOffsets corridors_;
 };
 
 }  // namespace

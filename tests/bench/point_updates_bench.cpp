@@ -73,7 +73,7 @@ class Listener final : public kernels::ExactUpdater {
     phases_.end(kCrossed);
     for (const std::span<const kernels::LeafFlips>& part : flips_of_parts) {
       for (const kernels::LeafFlips& flips : part) {
-        std::uint64_t hash = mixed(flips.kinds, flips.freed);
+        std::uint64_t hash = mixed(mixed(flips.kinds, flips.freed), mixed(flips.freed_heights, flips.freed_columns));
         for (const std::int32_t axis : flips.leaf) hash = mixed(hash, static_cast<std::uint32_t>(axis));
         told_.flips_hash += hash;
       }

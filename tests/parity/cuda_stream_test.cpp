@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <cstdio>
 #include <set>
 #include <utility>
 
@@ -362,6 +363,42 @@ TEST(ThickTool, TakesLeavesAsAWholeAndBlocks) {
     EXPECT_GT(risen.same_direction, 5u);
     EXPECT_GT(risen.other_direction, 5u);
   }
+}
+
+/// Where places are seen again, the device knows blocked corridors as well as the processor does: it asks about one
+/// again only if a voxel of it may have become free. By leaf, it would test several times as many directions.
+class CudaSeenAgain : public GpuTest {};
+TEST_F(CudaSeenAgain, TestsHardlyMoreDirectionsThanTheCpu) {
+  const StreamCase c = {.seed = 14,
+                        .tool = "builtin:pruner",
+                        .voxel_size_m = 0.02,
+                        .frames = 24,
+                        .rays_per_frame = 6000,
+                        .max_range_m = 3,
+                        .length_m = 0.05};
+  FieldParams params = paramsOf(c);
+  params.backend = BackendKind::Cpu;
+  FieldParams on_gpu = params;
+  on_gpu.backend = BackendKind::Cuda;
+  const ToolGeometry tool = ToolGeometry::builtin(c.tool);
+  AccessibilityField cpu(tool, params), cuda(tool, on_gpu);
+  const WalkGenerator walk = walkOf(c);
+  std::uint64_t by_cpu = 0, by_cuda = 0;
+  for (int frame = 0; frame < c.frames; ++frame) {
+    const WalkFrame scan = walk.frame(frame);
+    for (AccessibilityField* field : {&cpu, &cuda}) field->integrateScan(scan.points_S, scan.T_W_S);
+    const UpdateStats a = cpu.update(), b = cuda.update();
+    ASSERT_EQ(a.label_changes, b.label_changes) << "frame " << frame;
+    if (frame < c.frames / 2) continue;
+    by_cpu += a.direction_tests;
+    by_cuda += b.direction_tests;
+  }
+  expectSame(cpu.snapshot(), cuda.snapshot());
+  EXPECT_GT(by_cpu, 10000u);
+  EXPECT_LT(by_cuda, 2 * by_cpu) << "of " << by_cpu;
+  RecordProperty("tests_by_cuda_percent", static_cast<int>(100 * by_cuda / by_cpu));
+  std::printf("tests: %llu on the processor, %llu on the device\n", static_cast<unsigned long long>(by_cpu),
+              static_cast<unsigned long long>(by_cuda));
 }
 
 /// Checks that they contain what they must show: groups of several blocks, and points of all kinds. Needs no GPU.

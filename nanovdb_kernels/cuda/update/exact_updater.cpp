@@ -52,8 +52,9 @@ class DeviceExactUpdater final : public ExactUpdater {
     FlipsView by_place;
     const bool any = points.groups.groups > 0 && totalSize(flips) > 0;
     if (any) by_place = flips_.take(flips, counters_, stream());
-    forEachTool(
-        input, [&](ToolUpdate& tool, const ToolInput& own) { tool.takeFlips(own, points, any ? &by_place : nullptr); });
+    forEachTool(input, [&](ToolUpdate& tool, const ToolInput& own) {
+      tool.takeFlips(own, points, any ? &by_place : nullptr, input.map.inverse_voxel_size);
+    });
   }
 
   void admit(const AdmitInput& input) override {

@@ -54,6 +54,7 @@ __global__ void addFlips(FlipsView flips, std::uint32_t count) {
   }
   atomicOr(reinterpret_cast<unsigned long long*>(flips.kinds + column), static_cast<unsigned long long>(bits));
   if (flip.freed != 0) flips.next[n] = atomicExch(flips.head + column, n);
+  if (flip.freed_columns != 0) flips.arm_next[n] = atomicExch(flips.arm_head + column, n);
 }
 
 /// What a lane needs to read this update's flips.
@@ -112,6 +113,59 @@ class FreedLeaves {
   int lane_, count_ = 0;
 };
 
+/// Gathers the leaves in which voxels became free for the corridors of a group's points, with a warp.
+class ArmLeaves {
+ public:
+  /// @param leaves  shared by the warp; null: nothing is gathered
+  __device__ ArmLeaves(FreedLeavesOfArm* leaves, int lane) : leaves_(leaves), lane_(lane) {}
+
+  /// Adds one column per lane, or none: kNoIndex. All lanes call it.
+  __device__ void add(std::uint32_t column) {
+    if (leaves_ == nullptr) return;
+    const unsigned all = __ballot_sync(kAllLanes, column != kNoIndex);
+    const int at = count_ + __popc(all & ((1u << lane_) - 1u));
+    if (column != kNoIndex && at < FreedLeavesOfArm::kMostColumns) leaves_->columns[at] = column;
+    count_ += __popc(all);
+  }
+  /// Lists the leaves in layers z_low .. z_high. All lanes call it.
+  /// @return null if there may be more
+  __device__ FreedLeavesOfArm* list(const FlipsView& flips, std::int32_t z_low, std::int32_t z_high) const {
+    if (leaves_ == nullptr || count_ > FreedLeavesOfArm::kMostColumns) return nullptr;
+    __syncwarp();
+    int listed = 0;
+    for (int first = 0; first < count_; first += static_cast<int>(kWarp)) {
+      std::uint32_t n = first + lane_ < count_ ? flips.arm_head[leaves_->columns[first + lane_]] : kNoIndex;
+      while (__any_sync(kAllLanes, n != kNoIndex)) {
+        const std::int32_t z = n != kNoIndex ? flips.list[n].leaf[2] : 0;
+        const bool wanted = n != kNoIndex && z >= z_low && z <= z_high;
+        const unsigned all = __ballot_sync(kAllLanes, wanted);
+        if (listed + __popc(all) > FreedLeavesOfArm::kMost) return nullptr;
+        if (wanted) leaves_->index[listed + __popc(all & ((1u << lane_) - 1u))] = n;
+        listed += __popc(all);
+        if (n != kNoIndex) n = flips.arm_next[n];
+      }
+    }
+    __syncwarp();
+    for (int first = 0; first < listed; first += static_cast<int>(kWarp)) {
+      const std::uint32_t heights =
+          first + lane_ < listed ? flips.list[leaves_->index[first + lane_]].freed_heights : 0;
+      std::uint32_t mine = 0;
+      for (int z = 0; z < 8; ++z) {
+        const unsigned all = __ballot_sync(kAllLanes, (heights >> z & 1u) != 0);
+        if (lane_ == z) mine = all;
+      }
+      if (lane_ < 8) leaves_->at_height[first / static_cast<int>(kWarp)][lane_] = mine;
+    }
+    if (lane_ == 0) leaves_->count = listed;
+    __syncwarp();
+    return leaves_;
+  }
+
+ private:
+  FreedLeavesOfArm* leaves_;
+  int lane_, count_ = 0;
+};
+
 /// The masks of a group, spread over a warp to save registers: lane n holds the n-th 32 bits of a GroupMasks.
 class MasksOfWarp {
  public:
@@ -150,6 +204,16 @@ class MasksOfWarp {
   /// @return word n of a mask. All lanes call it, each with its own n
   [[nodiscard]] __device__ std::uint32_t word(Mask mask, int n) const {
     return __shfl_sync(kAllLanes, bits_, mask * kDirectionWords32 + n);
+  }
+  /// Leaves only these in the better masks. All lanes call it.
+  __device__ void limitBetter(const Improvable& improvable) {
+    std::uint32_t arm = 0;  // word lane_ % kDirectionWords32
+#pragma unroll
+    for (int byte = 0; byte < 4; ++byte) {
+      arm |= __shfl_sync(kAllLanes, improvable.arm, (4 * lane_ + byte) & 31) << (8 * byte);
+    }
+    if (lane_ / kDirectionWords32 == kBetterTool) bits_ &= improvable.tool;
+    if (lane_ / kDirectionWords32 == kBetterArm) bits_ &= arm;
   }
   /// Whether the first `masks` of them hold any direction. All lanes call it.
   [[nodiscard]] __device__ bool any(int masks) const {
@@ -193,8 +257,8 @@ class GroupScan {
  public:
   /// @param leaf  the group's first leaf  @param list  [kMostListed] shared by the warp
   __device__ GroupScan(const FlipScope& scope, const std::int32_t* leaf, std::uint16_t* list, MasksOfWarp& masks,
-                       FreedLeaves<kByLeaf>& freed)
-      : scope_(scope), leaf_(leaf), list_(list), masks_(masks), freed_(freed), lane_(scope.lane) {}
+                       FreedLeaves<kByLeaf>& freed, ArmLeaves& arms)
+      : scope_(scope), leaf_(leaf), list_(list), masks_(masks), freed_(freed), arms_(arms), lane_(scope.lane) {}
 
   /// All lanes.
   __device__ void scanAll() {
@@ -277,6 +341,7 @@ class GroupScan {
     freed_.add(is_freed ? column : kNoIndex, leaf_[2] + z_low, leaf_[2] + z_high);
     const std::uint32_t arm = kindsIn(of_arm, at.arm, dz, bits);
     take(of_arm, at.arm, arm, 4, 8, MasksOfWarp::kBetterArm, MasksOfWarp::kWorseArm);
+    arms_.add((arm & 4u) != 0 ? column : kNoIndex);
   }
 
   /// One column of flips per lane, with a set of directions for each of its leaves. All lanes.
@@ -360,6 +425,7 @@ class GroupScan {
   std::uint16_t* list_;
   MasksOfWarp& masks_;
   FreedLeaves<kByLeaf>& freed_;
+  ArmLeaves& arms_;
   int lane_;
 };
 
@@ -369,6 +435,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, kGroupBlocks)
     groupMasks(FlipContext context, FlipsView flips, GroupMasksView out) {
   __shared__ std::uint32_t all_steps[kWarps][32 * kDirectionWords32], all_freed[kWarps][kMostGathered];
   __shared__ std::uint16_t all_lists[kWarps][kMostListed];
+  __shared__ FreedLeavesOfArm all_arm_leaves[kWarps];
   const std::uint32_t group = blockIdx.x * kWarps + threadIdx.x / kWarp;
   if (group >= context.groups.groups) return;
   const int lane = static_cast<int>(threadIdx.x % kWarp);
@@ -381,10 +448,15 @@ __global__ void __launch_bounds__(kWarps* kWarp, kGroupBlocks)
     __syncwarp();
     const FlipScope scope = {context, flips, lane};
     FreedLeaves<kByLeaf> freed(scope, leaf, all_freed[warp], steps);
-    GroupScan<kByLeaf>(scope, leaf, all_lists[warp], masks, freed).scanAll();
+    const bool by_corridor = !kByLeaf && steps != nullptr && context.corridors.table != nullptr;
+    ArmLeaves arms(by_corridor ? &all_arm_leaves[warp] : nullptr, lane);
+    GroupScan<kByLeaf>(scope, leaf, all_lists[warp], masks, freed, arms).scanAll();
     freed.count();
     if (steps != nullptr && masks.any(2)) {  // the better masks come first
-      agePoints(context, group, steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), lane);
+      const std::int32_t highest = leaf[2] + (1 << context.groups.log2) - 1;
+      const Ageing ageing = {steps, freed.tooMany(), masks.word(MasksOfWarp::kBetterArm, lane >> 2), flips.list,
+                             arms.list(flips, leaf[2], highest)};
+      masks.limitBetter(agePoints(context, group, ageing, lane));
     }
   }
   masks.store(out.masks[group]);

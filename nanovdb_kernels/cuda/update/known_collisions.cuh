@@ -158,54 +158,126 @@ __device__ void forEachPoint(const FlipContext& context, std::uint32_t group, in
   }
 }
 
+/// Leaves around a group in which voxels became free for a corridor, in memory that a warp shares.
+struct FreedLeavesOfArm {
+  static constexpr int kMost = 256, kMostColumns = 256;
+  std::uint32_t index[kMost];                 ///< in FlipsView::list
+  std::uint32_t at_height[kMost / kWarp][8];  ///< [n / 32][z] bit n % 32: voxels at this height became free
+  int count;
+  union {
+    std::uint32_t columns[kMostColumns];  ///< until the leaves are listed: columns of flips that hold them
+    DirectionMask of_point[kWarp];        ///< then: the directions that they concern, of 32 points
+  };
+};
+
+/// A leaf with more freed columns is taken as a whole.
+inline constexpr int kMostFreedColumns = 16;
+
+/// Directions of a point whose corridor may have become free. One lane calls it.
+__device__ inline DirectionMask freedCorridors(const FlipContext& context, const LeafFlips* flips,
+                                               const FreedLeavesOfArm& leaves, const std::int32_t* group_leaf,
+                                               std::uint32_t id) {
+  const float* p = context.position_L + 3 * std::size_t{id};
+  const Coord ijk = voxelOf(p[0], p[1], p[2], context.inverse_voxel_size);
+  DirectionMask directions = {};
+#pragma unroll 1
+  for (int first = 0; first < leaves.count; first += static_cast<int>(kWarp)) {
+#pragma unroll 1
+    for (std::uint32_t left = leaves.at_height[first / kWarp][ijk[2] & 7]; left != 0; left &= left - 1) {
+      const LeafFlips& flip = flips[leaves.index[first + __ffs(static_cast<int>(left)) - 1]];
+      if (flip.leaf[2] != ijk[2] >> 3) continue;
+      if (__popcll(flip.freed_columns) <= kMostFreedColumns) {
+        addFreedCorridors(context.corridors, flip.freed_columns, flip.leaf[0], flip.leaf[1], ijk, directions);
+      } else {
+        const FootprintPlace at = context.footprint.at(flip.leaf[0] - group_leaf[0], flip.leaf[1] - group_leaf[1]);
+        if (at.arm != 0) directions = directions | context.footprint.arm[at.arm - 1].directions;
+      }
+    }
+  }
+  return directions;
+}
+
+/// What flips mean for what is known about the points of a group.
+struct Ageing {
+  std::uint32_t* steps;      ///< see countFreed; overwritten
+  bool too_many;             ///< there are more leaves than kMostCountedLeaves: the steps are too low
+  std::uint32_t better_arm;  ///< directions 32 (lane / 4) .. + 31 whose corridor may have become free
+  const LeafFlips* flips;
+  FreedLeavesOfArm* leaves;  ///< says more about each of its points; null: unknown
+};
+
+/// What a group's flips for the better come to, more precisely than by leaf; spread over the warp.
+struct Improvable {
+  std::uint32_t tool;  ///< directions 32 lane .. 32 lane + 31; all beyond the last word
+  std::uint32_t arm;   ///< directions 8 lane .. 8 lane + 7
+};
+
 /// Ages what is known about the points of a group. One warp calls it.
-/// @param steps  see countFreed; overwritten
-/// @param too_many  there are more leaves than kMostCountedLeaves: the steps are too low
-/// @param better_arm  directions 32 (lane / 4) .. + 31 whose corridor may have become free
-__device__ inline void agePoints(const FlipContext& context, std::uint32_t group, std::uint32_t* steps, bool too_many,
-                                 std::uint32_t better_arm, int lane) {
+__device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t group, const Ageing& ageing,
+                                       int lane) {
   const KnownView& known = context.known;
   const int words = known.words;
+  std::uint32_t* const steps = ageing.steps;
   std::uint32_t sums[kDirectionWords32];
   sumSteps(steps, lane, sums);
   __syncwarp();  // all have read
+  Improvable improvable = {kAllLanes, 0};
 #pragma unroll
   for (int w = 0; w < kDirectionWords32; ++w) {
     steps[32 * w + lane] = 32 * w + lane < context.num_directions ? sums[w] : 0;
+    const unsigned some = __ballot_sync(kAllLanes, sums[w] != 0 || ageing.too_many);
+    if (lane == w) improvable.tool = some;
   }
   __syncwarp();
   // Lane n takes word n.
-  const std::uint64_t arms = known_word::spread(better_arm >> (8 * (lane & 3)) & 0xffu);
+  const std::uint32_t arms = ageing.better_arm >> (8 * (lane & 3)) & 0xffu;
   std::uint64_t less = 0;
-  bool wanted = false;
+  bool ages = false;
   if (lane < words) {
     FreedWord& counter = known.freed[group * static_cast<std::size_t>(words) + static_cast<std::size_t>(lane)];
     FreedWord freed = counter;
-    wanted = freed.add(steps + kKnownPerWord * lane, too_many, known.scale.log2, less) || arms != 0;
+    ages = freed.add(steps + kKnownPerWord * lane, ageing.too_many, known.scale.log2, less);
     counter = freed;
   }
-  if (!__any_sync(kAllLanes, wanted)) return;
+  if (!__any_sync(kAllLanes, ages || arms != 0)) return improvable;
+  const std::int32_t* const leaf = context.groups.leaf + 3 * static_cast<std::size_t>(group);
   forEachPoint(context, group, lane, [&](std::uint32_t id) {
+    if (ageing.leaves != nullptr) {
+      __syncwarp();  // all have read what is overwritten
+      if (id != kNoIndex) {
+        ageing.leaves->of_point[lane] = freedCorridors(context, ageing.flips, *ageing.leaves, leaf, id);
+      }
+      __syncwarp();
+    }
     // One point after the other, one word per lane; this many at a time, to hide memory latency.
     constexpr int kTogether = 8;
     const int points = __popc(__ballot_sync(kAllLanes, id != kNoIndex));
     for (int first = 0; first < points; first += kTogether) {
       std::uint64_t* levels[kTogether];
       std::uint64_t before[kTogether];
+      std::uint32_t freed[kTogether];
 #pragma unroll
       for (int i = 0; i < kTogether; ++i) {
         const std::uint32_t point = __shfl_sync(kAllLanes, id, first + i);
         levels[i] = known.levels + point * static_cast<std::size_t>(words) + lane;
-        before[i] = wanted && first + i < points ? *levels[i] : 0;
+        const bool there = lane < words && first + i < points;
+        freed[i] = there ? arms : 0;
+        if (there && ageing.leaves != nullptr) {
+          static_assert(sizeof(DirectionMask) == kWarp);
+          freed[i] = reinterpret_cast<const std::uint8_t*>(&ageing.leaves->of_point[first + i])[lane];
+        }
+        improvable.arm |= freed[i];
+        before[i] = there && (ages || freed[i] != 0) ? *levels[i] : 0;
       }
 #pragma unroll
       for (int i = 0; i < kTogether; ++i) {
         if (before[i] == 0) continue;  // nothing is known
-        const std::uint64_t after = known_word::lowered(before[i], less) & ~arms;
+        const std::uint64_t after = known_word::lowered(before[i], less) & ~known_word::spread(freed[i]);
         if (after != before[i]) *levels[i] = after;
       }
     }
   });
+  return improvable;
 }
 
 }  // namespace accessvdb::kernels

@@ -25,6 +25,7 @@ KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
   try {
     load(cell_directions_, tables.cell_directions);
     load(cell_sets_, tables.cell_sets);
+    load(corridor_table_, tables.corridors);
   } catch (const ResourceLimit&) {
     return;
   }
@@ -32,6 +33,7 @@ KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
   cells_.sets = cell_sets_.data();
   std::copy_n(tables.cell_low, 3, cells_.low);
   std::copy_n(tables.cell_size, 3, cells_.size);
+  corridors_ = {corridor_table_.data(), tables.corridor_reach};
   view_.words = (num_directions + kKnownPerWord - 1) / kKnownPerWord;
   levels_.emplace(context);
   freed_.emplace(std::move(context));

@@ -26,6 +26,7 @@ class KnownTables {
   /// Valid until the next grow().
   [[nodiscard]] const KnownView& view() const { return view_; }
   [[nodiscard]] const CellTableView& cells() const { return cells_; }
+  [[nodiscard]] const CorridorView& corridors() const { return corridors_; }
 
   void setLimit(int collision_limit);
   /// New points have no levels until they are admitted.
@@ -38,11 +39,12 @@ class KnownTables {
   DeviceMemory& memory_;
   KnownView view_;
   CellTableView cells_;
+  CorridorView corridors_;
   // Nothing else takes as much memory. Without a value nothing is remembered.
   std::optional<RangeArray<std::uint64_t>> levels_;  ///< by id
   std::optional<RangeArray<FreedWord>> freed_;       ///< by group
   DeviceArray<DirectionArc> cell_directions_;
-  DeviceArray<DirectionMask> cell_sets_;
+  DeviceArray<DirectionMask> cell_sets_, corridor_table_;
 };
 
 }  // namespace accessvdb::kernels

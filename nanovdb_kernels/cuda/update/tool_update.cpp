@@ -39,12 +39,14 @@ void ToolUpdate::grow(const AdmitInput& input) {
   known_.grow(input.num_points, input.num_groups, stream());
 }
 
-void ToolUpdate::takeFlips(const ToolInput& input, const PointsView& points, const FlipsView* flips) {
+void ToolUpdate::takeFlips(const ToolInput& input, const PointsView& points, const FlipsView* flips,
+                           float inverse_voxel_size) {
   known_.setLimit(input.tool.collision_limit);
   masks_.clear();
   if (flips == nullptr) return;
-  const FlipContext context = {points.index,   points.groups, footprint_.view(),
-                               known_.cells(), known_.view(), input.approach.num_directions};
+  const FlipContext context = {points.index,       points.groups,           footprint_.view(),
+                               known_.cells(),     known_.view(),           input.approach.num_directions,
+                               known_.corridors(), input.points.position_L, inverse_voxel_size};
   masks_.make(context, *flips, stream());
 }
 

@@ -37,7 +37,7 @@ class ToolUpdate {
   [[nodiscard]] const KnownView& known() const { return known_.view(); }
 
   /// Finds out what flips mean, and ages what is known. @param flips  null: there are none
-  void takeFlips(const ToolInput& input, const PointsView& points, const FlipsView* flips);
+  void takeFlips(const ToolInput& input, const PointsView& points, const FlipsView* flips, float inverse_voxel_size);
 
   /// What its tools share of an update.
   struct Setting {

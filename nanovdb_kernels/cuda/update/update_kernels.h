@@ -58,6 +58,9 @@ struct FlipContext {
   CellTableView covering;
   KnownView known;  ///< aged by the flips
   int num_directions = 0;
+  CorridorView corridors;
+  const float* position_L = nullptr;  ///< [3 n] by id
+  float inverse_voxel_size = 0;
 };
 /// Inserts the tiles of flips.list into the hash; counts them in *num_tiles.
 void launchFindTiles(const FlipsView& flips, std::uint32_t count, std::uint32_t* num_tiles, cudaStream_t stream);

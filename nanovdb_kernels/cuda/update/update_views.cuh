@@ -166,6 +166,8 @@ struct FlipsView {
   std::uint64_t* kinds = nullptr;                ///< [64 tiles]
   std::uint32_t* head = nullptr;                 ///< [64 tiles] first list entry in which voxels stopped colliding
   std::uint32_t* next = nullptr;                 ///< [list]
+  std::uint32_t* arm_head = nullptr;             ///< the same for leaves in which voxels became free for a corridor
+  std::uint32_t* arm_next = nullptr;
   const LeafFlips* list = nullptr;
 };
 struct GroupMasksView {

@@ -27,6 +27,8 @@ using test::Random;
 struct LeafFacts {
   std::uint32_t kinds = 0;
   std::array<std::uint32_t, 8> freed = {};  ///< voxels that stopped colliding, by cells of 4 x 4 x 4, x slowest
+  std::uint64_t freed_columns = 0;          ///< with voxels that became free for the arm, bit 8 x + y
+  std::uint32_t freed_heights = 0;          ///< bit z
   bool operator==(const LeafFacts&) const = default;
 };
 
@@ -55,6 +57,8 @@ class Listener final : public kernels::ExactUpdater {
       for (const kernels::LeafFlips& flips : part) {
         LeafFacts& facts = told_.flips[{flips.leaf[0], flips.leaf[1], flips.leaf[2]}];
         facts.kinds |= flips.kinds;
+        facts.freed_columns |= flips.freed_columns;
+        facts.freed_heights |= flips.freed_heights;
         for (std::size_t cell = 0; cell < 8; ++cell) facts.freed[cell] += flips.freed >> (8 * cell) & 0xff;
       }
     }
@@ -198,6 +202,10 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
               facts.kinds |= 1u << kind;
               const std::uint32_t x = bit >> 6, y = bit >> 3 & 7, z = bit & 7;
               if (kind == 1) ++facts.freed[(x / 4) * 4 + (y / 4) * 2 + z / 4];
+              if (kind == 2) {
+                facts.freed_columns |= std::uint64_t{1} << (8 * x + y);
+                facts.freed_heights |= 1u << z;
+              }
             }
           }
         }

@@ -161,6 +161,16 @@ TEST(CorridorOffsets, FindEverySample) {
     for (int other = 0; other < kYaws; ++other) empty += directions->test(other) ? 0 : 1;
   }
   EXPECT_GT(empty, 1000) << "otherwise the table would say nothing";
+  EXPECT_EQ(offsets.table().size(), static_cast<std::size_t>((2 * offsets.reach() + 1) * (2 * offsets.reach() + 1)));
+  const kernels::CorridorView view = {offsets.table().data(), offsets.reach()};
+  for (std::int32_t dx = -offsets.reach() - 1; dx <= offsets.reach() + 1; ++dx) {
+    for (std::int32_t dy = -offsets.reach() - 1; dy <= offsets.reach() + 1; ++dy) {
+      ASSERT_EQ(view.at(dx, dy), offsets.at(dx, dy)) << dx << ", " << dy;  // as a device looks it up
+    }
+  }
+  const test::ApproachFixture far(4, {5.0});
+  EXPECT_TRUE(CorridorOffsets(far.view, kVoxel).empty());
+  EXPECT_FALSE(CorridorOffsets(far.view, kVoxel, 256).empty());
   test::ApproachFixture tilted(4, {0.5});
   tilted.offsets[5] = 0.1f;
   EXPECT_TRUE(CorridorOffsets(tilted.view, kVoxel).empty());
