@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Prints README's table of frame times from a record of gpu_suite.sh, beside the figures that the paper prints:
+"""Prints README's table of frame times from records of gpu_suite.sh, beside the figures that the paper prints:
 
-    tools/speed_table.py docs/benchmarks/RECORD.json
+    tools/speed_table.py docs/benchmarks/RECORD.json [RECORD.json ...]
 
-A row that the record does not have is shown as "-". Only the standard library is needed.
+A figure is taken from the first of the records that has it; "-" if none has. Only the standard library is needed.
 """
 import json
 import sys
@@ -18,16 +18,23 @@ PAPER = {
 }
 PATHS = {
     "flight": "flight, never the same place twice",
+    "slow": "flight at 0.045 m/s (20 mm) or 0.1 m/s",
     "orbit": "orbit around a group of pines",
     "hover": "hovering",
 }
 PAPERS_BUDGET = 20000
 
 
+def path_of(row):
+    """Its name in PATHS; records made before --path have flights only."""
+    path = row["stream"].get("path", "flight")
+    return "slow" if path == "flight" and row["stream"]["speed_m_s"] < 1 else path
+
+
 def matches(row, path, voxel_mm, policy, pipelined):
-    """Whether a row of the record is the one of the table; records made before --path have flights only."""
+    """Whether a row of a record is the one of the table."""
     return (
-        row["stream"].get("path", "flight") == path
+        path_of(row) == path
         and round(1000 * row["voxel_m"]) == voxel_mm
         and abs(row["tau_m"] - 0.1) < 1e-9
         and row["policy"] == policy
@@ -61,6 +68,10 @@ def share_new(row):
     return f"{share:.0f} %" if share >= 10 else f"{share:.1f} %"
 
 
+def points(row):
+    return "-" if row is None else f"{row['surface_points']['timed_begin'] * 1e-6:.1f} M"
+
+
 def moved(row):
     if row is None or "moved_points" not in row["per_frame"]:
         return "-"
@@ -68,21 +79,24 @@ def moved(row):
 
 
 def main(arguments):
-    if len(arguments) != 1:
+    if not arguments:
         sys.exit(__doc__)
-    with open(arguments[0], encoding="utf-8") as file:
-        rows = json.load(file)["bench"]
+    rows = []
+    for record in arguments:
+        with open(record, encoding="utf-8") as file:
+            rows += json.load(file)["bench"]
     print(
-        "| milliseconds, mean (p95) | voxel | new points | points moved | exact | exact, pipelined, frames/s "
+        "| milliseconds, mean (p95) | voxel | points | new points | points moved | exact | exact, pipelined, frames/s "
         "| the paper's policy, 20 000 points | the paper, 3.2 M / 3.5 M points |"
     )
-    print("|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|")
     for path, name in PATHS.items():
         for voxel_mm, printed in PAPER.items():
             exact = find(rows, path, voxel_mm, "exact", False)
             cells = [
                 name,
                 f"{voxel_mm} mm",
+                points(exact),
                 share_new(exact),
                 moved(exact),
                 times(exact),
