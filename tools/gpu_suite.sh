@@ -234,8 +234,8 @@ fi
 
 # Rows of `accessvdb bench`: NAME, most SECONDS, and flags. On the GPU over 200 frames past bench_points surface points;
 # where places are seen again, also past the time when more than 6 % of the returns are new, but from frame 1 500 on in
-# any case; for the exact policy, with an update after every tenth scan until 20 frames before. On the processor with few
-# frames, as a laptop has time for.
+# any case; for the exact policy, with an update after every tenth scan until 20 frames before. On the processor with
+# few frames, as a laptop has time for.
 again="--frames 1720 --max-new-percent 6 --begin-by 1500"
 exact="--warm-up-update-every 10"
 paper="--policy paper --budget-points 20000"

@@ -18,7 +18,7 @@ PAPER = {
 }
 PATHS = {
     "flight": "flight, never the same place twice",
-    "slow": "flight at 0.045 m/s (20 mm) or 0.1 m/s",
+    "slow": "slow flight",  # with its speed
     "orbit": "orbit around a group of pines",
     "hover": "hovering",
 }
@@ -93,8 +93,9 @@ def main(arguments):
     for path, name in PATHS.items():
         for voxel_mm, printed in PAPER.items():
             exact = find(rows, path, voxel_mm, "exact", False)
+            at = f" at {exact['stream']['speed_m_s']:g} m/s" if path == "slow" and exact else ""
             cells = [
-                name,
+                name + at,
                 f"{voxel_mm} mm",
                 points(exact),
                 share_new(exact),

@@ -45,18 +45,18 @@ struct CorridorView {
   }
 };
 
-/// Whether a leaf has freed voxels at the height of a point. @param leaf_z  voxel index >> 3
-ACCESSVDB_HOSTDEV inline bool isFreedAt(const FreedForArm& freed, std::int32_t leaf_z, std::int32_t point_z) {
-  return point_z >> 3 == leaf_z && (freed.heights >> (point_z & 7) & 1u) != 0;
-}
+/// Columns of a leaf with voxels that became free.
+struct FreedColumns {
+  std::uint64_t columns;        ///< FreedForArm::columns
+  std::int32_t leaf_x, leaf_y;  ///< voxel index >> 3
+};
 
-/// Adds the directions of a point whose corridor may have a sample in a freed voxel of a leaf at its height.
-/// @param leaf_x, leaf_y  voxel index >> 3
-ACCESSVDB_HOSTDEV inline void addFreedCorridors(const CorridorView& corridors, std::uint64_t columns,
-                                                std::int32_t leaf_x, std::int32_t leaf_y, const Coord& point_ijk,
-                                                DirectionMask& directions) {
-  const std::int32_t x = 8 * leaf_x - point_ijk[0], y = 8 * leaf_y - point_ijk[1];
-  for (; columns != 0; columns &= columns - 1) {
+/// Adds the directions of a point whose corridor may have a sample in a freed voxel of a leaf.
+/// @param freed  of a leaf that has such voxels at the height of the point
+ACCESSVDB_HOSTDEV inline void addFreedCorridors(const CorridorView& corridors, const FreedColumns& freed,
+                                                const Coord& point_ijk, DirectionMask& directions) {
+  const std::int32_t x = 8 * freed.leaf_x - point_ijk[0], y = 8 * freed.leaf_y - point_ijk[1];
+  for (std::uint64_t columns = freed.columns; columns != 0; columns &= columns - 1) {
     const int column = lowestBit(columns);
     const DirectionMask* at = corridors.at(x + (column >> 3), y + (column & 7));
     if (at != nullptr) directions = directions | *at;

@@ -48,14 +48,14 @@ struct ExactTables : ToolTables {
   std::span<const ToolTables> further;
 };
 
-/// A leaf in which facts flipped: bit 0 collides on, 1 collides off, 2 arm free on, 3 arm free off.
+/// A leaf in which facts flipped.
 struct LeafFlips {
   static constexpr std::uint32_t kManyFreed = 255;
   std::int32_t leaf[3] = {0, 0, 0};
-  std::uint16_t kinds = 0, freed_heights = 0;
+  std::uint16_t kinds = 0;          ///< bit 0 collides on, 1 collides off, 2 arm free on, 3 arm free off
+  std::uint16_t freed_heights = 0;  ///< FreedForArm::heights
   std::uint64_t freed = 0;  ///< voxels that stopped colliding, one byte per cell as in countCells(); 255: or more
-  // Voxels that became free for a corridor (FreedForArm). Apart, so that nothing is padded.
-  std::uint64_t freed_columns = 0;
+  std::uint64_t freed_columns = 0;  ///< FreedForArm::columns; padding would make both together larger
 };
 
 /// Lists of flips; a leaf may be in several.

@@ -17,7 +17,8 @@ namespace accessvdb::internal {
 
 class CorridorOffsets {
  public:
-  /// What pays off on a processor, in voxels: the table has 1.2 MB then. With smaller voxels, leaves are small enough.
+  /// Longest reach, in voxels, for which the table pays off on a processor (1.2 MB). With smaller voxels, asking by
+  /// leaf is precise enough.
   static constexpr std::int32_t kMostReach = 96;
 
   /// Empty if samples lie above or below the point, or farther away than `most_reach`, and for wide sets.

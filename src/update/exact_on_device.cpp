@@ -115,8 +115,9 @@ class ExactOnDevice final : public UpdateScheduler {
 
   UpdateStats update(const ScoringTables& tables) override {
     const bool begun = std::exchange(flips_begun_, false);
-    admission_.growState();
+    // First what reads the points: growing may lose the state of those that came with the first of several scans.
     if (!begun) begin(tables);
+    admission_.growState();
     admission_.complete();
     const kernels::ScoringInput input = inputOf(tables);
     const auto read_host = [&] {

@@ -328,6 +328,7 @@ TEST_F(Bench, WarmsUpWithFewerUpdates) {
   EXPECT_EQ(few["per_frame"]["label_changes"], every["per_frame"]["label_changes"]);
   std::string header;
   const auto rows = numbersOf(readText("fewer.csv"), header);
+  ASSERT_EQ(rows.size(), 53u);
   for (std::size_t n = 0; n < rows.size(); ++n) {
     EXPECT_EQ(rows[n][5] > 0, n >= 30 || (n + 1) % 7 == 0) << "score of frame " << n;
   }
@@ -390,6 +391,11 @@ TEST_F(Bench, RefusesInOneLine) {
     expectRefused(flags, 2, "--begin-by");
   }
   expectRefused({{"--warm-up-update-every", "2"}}, 2, "--shortest");
+  Flags too_late = shortest;  // 30 frames, 4 of them timed, and 20 that come before
+  too_late["--frames"] = "30";
+  too_late["--begin-by"] = "7";
+  too_late["--warm-up-update-every"] = "2";
+  expectRefused(too_late, 2, "--begin-by");
   for (const auto& [flag, value] : Flags{{"--budget-points", "9"}, {"--pipelined", ""}, {"--policy", "paper"}}) {
     Flags flags = shortest;
     flags["--warm-up-update-every"] = "2";

@@ -37,10 +37,6 @@ using Json = nlohmann::ordered_json;
 /// Scans simulated at a time, before the clock starts: too few to affect the memory figures.
 constexpr int kScansAhead = 32;
 
-/// Frames with an update each before the timed part if frames before them had none: what the field remembers of
-/// points is then as old as it would be anyway.
-constexpr std::size_t kSettlingFrames = 20;
-
 /// Current memory of the process.
 std::uint64_t residentBytes() {
   std::ifstream statm("/proc/self/statm");
@@ -139,23 +135,24 @@ bool BenchRun::timedPartBegins() const {
   return share && *share <= *options_.max_new_percent;
 }
 
-/// Whether an update follows the next scan: long before the timed part, or the last frames if there is none, not
-/// always.
+/// Whether an update follows the next scan. Long before the timed part only every n-th has one. The last frames always
+/// have, in case that the timed part never begins.
 bool BenchRun::updatesNext() const {
-  const std::size_t scans = taken() + 1, last = static_cast<std::size_t>(options_.timed_frames) + kSettlingFrames;
+  const std::size_t scans = taken() + 1,
+                    last = static_cast<std::size_t>(options_.timed_frames + settlingFrames(options_));
   return settling_from_ || scans + last > static_cast<std::size_t>(options_.frames) ||
          scans % static_cast<std::size_t>(options_.warm_up_update_every) == 0;
 }
 
-/// Notes memory when the timed part begins: with --min-surface-points, that is at the requested map size.
+/// Begins the frames that settle, then the timed part, and notes memory there: with --min-surface-points, that is at
+/// the requested map size.
 void BenchRun::noteTimedBegin(const AccessibilityField& field) {
   if (timed_from_) return;
   if (!settling_from_) {
     if (!timedPartBegins()) return;
     settling_from_ = taken();
   }
-  const std::size_t settling = options_.warm_up_update_every > 1 ? kSettlingFrames : 0;
-  if (taken() < *settling_from_ + settling) return;
+  if (taken() < *settling_from_ + static_cast<std::size_t>(settlingFrames(options_))) return;
   finishFrame();
   timed_from_ = record_.frames();
   const MemoryUse memory = field.memoryUse();

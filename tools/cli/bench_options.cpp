@@ -38,10 +38,12 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
   flags.option("--max-new-percent", &options.max_new_percent,
                "with --shortest, begin only when at most this share of the returns, over as many frames as are timed, "
                "made new points");
-  flags.option("--begin-by", &options.begin_by, "with --shortest, begin after this many frames in any case");
-  flags.option("--warm-up-update-every", &options.warm_up_update_every,
-               "with --shortest, update only after every n-th scan until 20 frames before the timed part: gets there "
-               "sooner, with the same labels");
+  flags.option("--begin-by", &options.begin_by,
+               "with --shortest, begin after this many frames in any case; with --warm-up-update-every, 20 later");
+  flags.option(
+      "--warm-up-update-every", &options.warm_up_update_every,
+      "with --shortest and the exact policy, update only after every n-th scan until 20 frames before the timed "
+      "part: gets there sooner, with the same labels. Not with --budget-points or --pipelined");
   flags.flag("--pipelined", options.pipelined,
              "fuse each scan while the one before is scored: measures frames per second, not the time to a label");
   flags.option("--points-per-frame", &options.points_per_frame, "exact number of returns per scan");
@@ -78,7 +80,7 @@ void requireWhole(const char* flag, int value, int most) {
 }
 
 /// Only where it cannot be seen in the labels: the paper's policy and points that wait depend on when updates were
-/// made.
+/// made. Pipelined, each scan has an update that runs beside the next one.
 void checkWarmUp(const BenchOptions& options) {
   constexpr const char* kFlag = "--warm-up-update-every";
   requireWhole(kFlag, options.warm_up_update_every, kMostFrames);
@@ -124,8 +126,10 @@ void checkBenchOptions(const BenchOptions& options) {
     throw InvalidArgument("usage.shortest", options.max_new_percent ? "--max-new-percent" : "--begin-by",
                           "has no meaning without --shortest", "Add --shortest and --min-surface-points");
   }
-  if (options.begin_by) requireWhole("--begin-by", *options.begin_by, options.frames - options.timed_frames);
   checkWarmUp(options);
+  if (options.begin_by) {
+    requireWhole("--begin-by", *options.begin_by, options.frames - options.timed_frames - settlingFrames(options));
+  }
   if (options.budget_points < 0) {
     throw InvalidArgument("usage.number", "--budget-points", std::to_string(options.budget_points) + " is below 0",
                           "Use 0 for no limit");

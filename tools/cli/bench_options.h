@@ -13,6 +13,10 @@
 
 namespace accessvdb::tools {
 
+/// Frames with an update each before the timed part if frames before them had none: what the field remembers of
+/// points is then as old as it would be anyway.
+inline constexpr int kSettlingFrames = 20;
+
 struct BenchOptions {
   MapOptions map;  ///< common flags, tool and field settings; the other members are unused
   std::string scene = "pine", path = "flight", out, per_frame;
@@ -27,6 +31,11 @@ struct BenchOptions {
 };
 
 void addBenchOptions(FlagParser& flags, BenchOptions& options);
+
+/// Frames between the end of the warm-up and the timed part.
+[[nodiscard]] inline int settlingFrames(const BenchOptions& options) {
+  return options.warm_up_update_every > 1 ? kSettlingFrames : 0;
+}
 
 /// Checks what the flags alone determine. @throws InvalidArgument, DeviceError
 void checkBenchOptions(const BenchOptions& options);

@@ -187,7 +187,7 @@ __device__ inline DirectionMask freedCorridors(const FlipContext& context, const
       const LeafFlips& flip = flips[leaves.index[first + __ffs(static_cast<int>(left)) - 1]];
       if (flip.leaf[2] != ijk[2] >> 3) continue;
       if (__popcll(flip.freed_columns) <= kMostFreedColumns) {
-        addFreedCorridors(context.corridors, flip.freed_columns, flip.leaf[0], flip.leaf[1], ijk, directions);
+        addFreedCorridors(context.corridors, {flip.freed_columns, flip.leaf[0], flip.leaf[1]}, ijk, directions);
       } else {
         const FootprintPlace at = context.footprint.at(flip.leaf[0] - group_leaf[0], flip.leaf[1] - group_leaf[1]);
         if (at.arm != 0) directions = directions | context.footprint.arm[at.arm - 1].directions;
@@ -203,16 +203,18 @@ struct Ageing {
   bool too_many;             ///< there are more leaves than kMostCountedLeaves: the steps are too low
   std::uint32_t better_arm;  ///< directions 32 (lane / 4) .. + 31 whose corridor may have become free
   const LeafFlips* flips;
-  FreedLeavesOfArm* leaves;  ///< says more about each of its points; null: unknown
+  FreedLeavesOfArm* leaves;  ///< to decide point by point; null: `better_arm` decides for all
 };
 
-/// What a group's flips for the better come to, more precisely than by leaf; spread over the warp.
+/// Directions that may have become better at a point of a group: fewer than the masks by leaf name. Spread over the
+/// warp.
 struct Improvable {
-  std::uint32_t tool;  ///< directions 32 lane .. 32 lane + 31; all beyond the last word
+  std::uint32_t tool;  ///< directions 32 lane .. 32 lane + 31 in the first kDirectionWords32 lanes; all ones in others
   std::uint32_t arm;   ///< directions 8 lane .. 8 lane + 7
 };
 
-/// Ages what is known about the points of a group. One warp calls it.
+/// Ages what is known about the points of a group. One warp calls it. @return the directions that may have become
+/// better
 __device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t group, const Ageing& ageing,
                                        int lane) {
   const KnownView& known = context.known;

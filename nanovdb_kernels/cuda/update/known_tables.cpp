@@ -25,9 +25,12 @@ KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
   try {
     load(cell_directions_, tables.cell_directions);
     load(cell_sets_, tables.cell_sets);
-    load(corridor_table_, tables.corridors);
   } catch (const ResourceLimit&) {
     return;
+  }
+  try {
+    load(corridor_table_, tables.corridors);
+  } catch (const ResourceLimit&) {  // then blocked corridors are forgotten by leaf
   }
   cells_.table = cell_directions_.data();
   cells_.sets = cell_sets_.data();

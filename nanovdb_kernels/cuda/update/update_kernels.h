@@ -58,7 +58,7 @@ struct FlipContext {
   CellTableView covering;
   KnownView known;  ///< aged by the flips
   int num_directions = 0;
-  CorridorView corridors;
+  CorridorView corridors;             ///< table null: blocked corridors are forgotten by leaf
   const float* position_L = nullptr;  ///< [3 n] by id
   float inverse_voxel_size = 0;
 };

@@ -88,8 +88,9 @@ DirectionMask oneByOne(const Table& table, const LeafWords& words, const std::ar
 DirectionMask byRule(const Table& table, const LeafWords& words, const std::array<int, 3>& leaf, const Coord& point) {
   const kernels::FreedForArm freed = kernels::freedForArm(words.data());
   DirectionMask directions = {};
-  if (!kernels::isFreedAt(freed, leaf[2], point[2])) return directions;
-  kernels::addFreedCorridors(table.view(), freed.columns, leaf[0], leaf[1], point, directions);
+  if (point[2] >> 3 == leaf[2] && (freed.heights >> (point[2] & 7) & 1u) != 0) {
+    kernels::addFreedCorridors(table.view(), {freed.columns, leaf[0], leaf[1]}, point, directions);
+  }
   return directions;
 }
 
