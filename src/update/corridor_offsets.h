@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "hostdev/freed_corridors.h"
 #include "hostdev/views.h"
 #include "points/surface_index.h"
 
@@ -29,9 +30,7 @@ class CorridorOffsets {
   [[nodiscard]] std::int32_t reach() const { return reach_; }
   /// @return null if there is no direction
   [[nodiscard]] const kernels::DirectionMask* at(std::int32_t dx, std::int32_t dy) const {
-    const auto x = static_cast<std::uint32_t>(dx + reach_), y = static_cast<std::uint32_t>(dy + reach_);
-    const auto size = static_cast<std::uint32_t>(2 * reach_ + 1);
-    return x < size && y < size ? &table_[std::size_t{x} * size + y] : nullptr;
+    return kernels::CorridorView{table_.data(), reach_}.at(dx, dy);
   }
   [[nodiscard]] std::span<const kernels::DirectionMask> table() const { return table_; }  ///< [x][y]
   [[nodiscard]] std::uint64_t bytes() const { return table_.capacity() * sizeof(table_[0]); }

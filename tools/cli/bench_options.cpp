@@ -17,6 +17,30 @@ namespace {
 constexpr int kRaysPerReturn = 8, kRaysPerReturnOnOrbit = 24;
 constexpr int kMostFrames = 100'000, kMostPoints = 1'000'000;
 
+void requireWhole(const char* flag, int value, int most) {
+  if (value >= 1 && value <= most) return;
+  throw InvalidArgument("usage.number", flag, std::to_string(value) + " is outside 1 .. " + std::to_string(most),
+                        "See accessvdb bench --help");
+}
+
+/// Only where it cannot be seen in the labels: the paper's policy and points that wait depend on when updates were
+/// made. Pipelined, each scan has an update that runs beside the next one.
+void checkWarmUp(const BenchOptions& options) {
+  constexpr const char* kFlag = "--warm-up-update-every";
+  requireWhole(kFlag, options.warm_up_update_every, kMostFrames);
+  if (options.warm_up_update_every == 1) return;
+  if (!options.shortest) {
+    throw InvalidArgument("usage.shortest", kFlag, "has no meaning without --shortest",
+                          "Add --shortest and --min-surface-points");
+  }
+  const auto refuseWith = [&](bool given, const std::string& what) {
+    if (given) throw InvalidArgument("usage.warm_up", kFlag, "does not go with " + what, "Update after every scan");
+  };
+  refuseWith(benchFieldParams(options).update.policy != UpdatePolicy::Exact, "the paper's policy");
+  refuseWith(options.budget_points > 0, "--budget-points");
+  refuseWith(options.pipelined, "--pipelined");
+}
+
 }  // namespace
 
 void addBenchOptions(FlagParser& flags, BenchOptions& options) {
@@ -29,7 +53,8 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
   flags.option("--path", &options.path,
                "flight: along a lane, never the same place twice; orbit: laps of 5 m radius around a group of pines; "
                "hover: along the lane at 0.01 m/s");
-  flags.option("--frames", &options.frames, "number of scans, one update each");
+  flags.option("--frames", &options.frames,
+               "number of scans; an update follows each, unless --warm-up-update-every is given");
   flags.option("--timed-frames", &options.timed_frames, "number of last scans that the figures cover");
   flags.option("--min-surface-points", &options.min_surface_points,
                "fail if the map has fewer points when the timed part begins");
@@ -70,36 +95,6 @@ void addBenchOptions(FlagParser& flags, BenchOptions& options) {
   flags.option("--per-frame", &options.per_frame, "CSV file for the figures of every frame");
   flags.option("--out", &options.out, "JSON file for the figures; default: standard output");
 }
-
-namespace {
-
-void requireWhole(const char* flag, int value, int most) {
-  if (value >= 1 && value <= most) return;
-  throw InvalidArgument("usage.number", flag, std::to_string(value) + " is outside 1 .. " + std::to_string(most),
-                        "See accessvdb bench --help");
-}
-
-/// Only where it cannot be seen in the labels: the paper's policy and points that wait depend on when updates were
-/// made. Pipelined, each scan has an update that runs beside the next one.
-void checkWarmUp(const BenchOptions& options) {
-  constexpr const char* kFlag = "--warm-up-update-every";
-  requireWhole(kFlag, options.warm_up_update_every, kMostFrames);
-  if (options.warm_up_update_every == 1) return;
-  if (!options.shortest) {
-    throw InvalidArgument("usage.shortest", kFlag, "has no meaning without --shortest",
-                          "Add --shortest and --min-surface-points");
-  }
-  const bool exact = benchFieldParams(options).update.policy == UpdatePolicy::Exact;
-  if (!exact || options.budget_points > 0 || options.pipelined) {
-    throw InvalidArgument("usage.warm_up", kFlag,
-                          std::string("does not go with ") + (!exact                      ? "the paper's policy"
-                                                              : options.budget_points > 0 ? "--budget-points"
-                                                                                          : "--pipelined"),
-                          "Update after every scan");
-  }
-}
-
-}  // namespace
 
 void checkBenchOptions(const BenchOptions& options) {
   checkCommonOptions(options.map.common);

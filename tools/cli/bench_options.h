@@ -13,10 +13,6 @@
 
 namespace accessvdb::tools {
 
-/// Frames with an update each before the timed part if frames before them had none: what the field remembers of
-/// points is then as old as it would be anyway.
-inline constexpr int kSettlingFrames = 20;
-
 struct BenchOptions {
   MapOptions map;  ///< common flags, tool and field settings; the other members are unused
   std::string scene = "pine", path = "flight", out, per_frame;
@@ -32,9 +28,10 @@ struct BenchOptions {
 
 void addBenchOptions(FlagParser& flags, BenchOptions& options);
 
-/// Frames between the end of the warm-up and the timed part.
+/// Frames with an update each between a warm-up without and the timed part: what the field remembers of points is then
+/// as old as it would be anyway.
 [[nodiscard]] inline int settlingFrames(const BenchOptions& options) {
-  return options.warm_up_update_every > 1 ? kSettlingFrames : 0;
+  return options.warm_up_update_every > 1 ? 20 : 0;
 }
 
 /// Checks what the flags alone determine. @throws InvalidArgument, DeviceError

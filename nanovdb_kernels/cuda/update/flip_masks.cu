@@ -64,6 +64,12 @@ struct FlipScope {
   int lane;
 };
 
+/// Whether the n-th flipped leaf lies in layers z_low .. z_high. @param n  or kNoIndex: there is none
+__device__ bool isInLayers(const FlipsView& flips, std::uint32_t n, std::int32_t z_low, std::int32_t z_high) {
+  const std::int32_t z = n != kNoIndex ? flips.list[n].leaf[2] : 0;
+  return n != kNoIndex && z >= z_low && z <= z_high;
+}
+
 /// Leaves in which voxels stopped colliding that a warp gathers at a time.
 constexpr int kMostGathered = 128;
 
@@ -82,8 +88,7 @@ class FreedLeaves {
     if (steps_ == nullptr) return;
     std::uint32_t n = column != kNoIndex ? scope_.flips.head[column] : kNoIndex;
     while (__any_sync(kAllLanes, n != kNoIndex)) {
-      const std::int32_t z = n != kNoIndex ? scope_.flips.list[n].leaf[2] : 0;
-      const bool wanted = n != kNoIndex && z >= z_low && z <= z_high;
+      const bool wanted = isInLayers(scope_.flips, n, z_low, z_high);
       const unsigned all = __ballot_sync(kAllLanes, wanted);
       if (wanted) list_[count_ + __popc(all & ((1u << lane_) - 1u))] = n;
       count_ += __popc(all);
@@ -136,8 +141,7 @@ class ArmLeaves {
     for (int first = 0; first < count_; first += static_cast<int>(kWarp)) {
       std::uint32_t n = first + lane_ < count_ ? flips.arm_head[leaves_->columns[first + lane_]] : kNoIndex;
       while (__any_sync(kAllLanes, n != kNoIndex)) {
-        const std::int32_t z = n != kNoIndex ? flips.list[n].leaf[2] : 0;
-        const bool wanted = n != kNoIndex && z >= z_low && z <= z_high;
+        const bool wanted = isInLayers(flips, n, z_low, z_high);
         const unsigned all = __ballot_sync(kAllLanes, wanted);
         if (listed + __popc(all) > FreedLeavesOfArm::kMost) return nullptr;
         if (wanted) leaves_->index[listed + __popc(all & ((1u << lane_) - 1u))] = n;
