@@ -85,6 +85,7 @@ void DeviceContext::describeDevice() {
   ACCESSVDB_CUDA(cudaGetDeviceProperties(&properties, device_));
   name_ = properties.name;
   shared_bytes_per_block_ = static_cast<int>(properties.sharedMemPerBlockOptin);
+  multiprocessors_ = properties.multiProcessorCount;
 }
 
 void* DeviceContext::allocate(std::size_t bytes) {

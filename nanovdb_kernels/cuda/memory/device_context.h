@@ -36,6 +36,7 @@ class DeviceContext {
 
   [[nodiscard]] int device() const { return device_; }
   [[nodiscard]] const std::string& name() const { return name_; }
+  [[nodiscard]] int multiprocessors() const { return multiprocessors_; }
   [[nodiscard]] int sharedBytesPerBlock() const { return shared_bytes_per_block_; }
   [[nodiscard]] cudaStream_t stream() const { return stream_; }  ///< for all other work
   /// For mirror writes, work that needs only the mirror, and long searches. Has priority over stream().
@@ -58,7 +59,7 @@ class DeviceContext {
   void closeStreams() noexcept;
 
   int device_ = 0;
-  int shared_bytes_per_block_ = 0;
+  int shared_bytes_per_block_ = 0, multiprocessors_ = 1;
   std::string name_;
   std::uint64_t limit_bytes_;
   cudaStream_t stream_ = nullptr, priority_stream_ = nullptr;

@@ -27,7 +27,7 @@ namespace {
 constexpr std::uint32_t kMovedPart = PointTables::kPart;
 static_assert(kMovedPart <= ToolUpdate::kMovedPart);
 /// Most neighbourhoods found before the host knows how many are needed.
-constexpr std::uint32_t kMaxPrepared = 1u << 20;
+constexpr std::uint32_t kMaxPrepared = 1u << 21;
 
 class DeviceExactUpdater final : public ExactUpdater {
  public:
@@ -77,10 +77,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     neighbours_begun_ = true;
     moved_.find(points_.view(), stream());
     const std::uint32_t most = growPrepared();
-    for (std::uint32_t first = 0; first < most; first += kMovedPart) {
-      points_.makeNeighbourhoods(moved_.part(first, std::min(most - first, kMovedPart)), failed(),
-                                 prepared_.data() + first, stream());
-    }
+    points_.makeNeighbourhoods(moved_.view(), 0, most, prepared_.data(), stream());
     launchNotePrepared(&counters_.data()->moved, most, stream());
     ACCESSVDB_CUDA(cudaEventRecord(moved_found_.get(), stream()));
   }
@@ -96,8 +93,8 @@ class DeviceExactUpdater final : public ExactUpdater {
     const ToolUpdate::Setting setting = {points_.view(), input.map, makeBusy(input, found.mirror.lowers),
                                          input.budget_points, moved_.view().changed_bits};
     forEachTool(input, [&](ToolUpdate& tool, const ToolInput& own) { tool.choose(own, setting); });
-    takeMoved(0, found.moved.prepared, true);
-    takeMoved(found.moved.prepared, found.moved.moved, false);
+    takeMoved(0, found.moved.prepared, Neighbours::Prepared);
+    takeMoved(found.moved.prepared, found.moved.moved, Neighbours::ByCell);
     taken_ = found.moved.moved;
     for (const auto& tool : tools_) tool->takeFlipped();
   }
@@ -107,7 +104,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     points_.setWeights(news.weights, stream());
     moved_.addCrossed(news.crossed, points_.view().points, stream());
     const std::uint32_t moved = counters_.read(stream()).moved.moved;
-    takeMoved(taken_, moved, false);
+    takeMoved(taken_, moved, Neighbours::ByPoint);
     for (const auto& tool : tools_) tool->takeTurn();
     for (const auto& tool : tools_) tool->evaluate();
     const UpdateCounters done = counters_.read(stream());
@@ -171,18 +168,34 @@ class DeviceExactUpdater final : public ExactUpdater {
     return busy;
   }
 
+  /// How the neighbourhoods of moved points are made.
+  enum class Neighbours {
+    Prepared,  ///< findNeighbours() has made them
+    ByCell,    ///< for points near touched ones
+    ByPoint    ///< for those that became confident
+  };
   /// Stores the neighbourhoods of the moved points [begin, end), and lists what is due at them.
-  /// @param prepared  findNeighbours() made their neighbourhoods
-  void takeMoved(std::uint32_t begin, std::uint32_t end, bool prepared) {
-    if (!prepared && begin < end) points_.growParts(end - begin);
+  void takeMoved(std::uint32_t begin, std::uint32_t end, Neighbours neighbours) {
+    if (neighbours != Neighbours::Prepared && begin < end) points_.growParts(end - begin);
     for (std::uint32_t first = begin, count = 0; first < end; first += count) {
       count = std::min(end - first, kMovedPart);
       const PointPart part = moved_.part(first, count);
-      Neighbourhood* const found =
-          prepared ? prepared_.data() + first : points_.makeNeighbourhoods(part, failed(), stream());
+      Neighbourhood* const found = neighbourhoodsOf(part, neighbours);
       launchStoreNeighbours(points_.view(), part, found, moved_.view().changed_bits, stream());
       for (const auto& tool : tools_) tool->takeMoved(part, found);
     }
+  }
+
+  [[nodiscard]] Neighbourhood* neighbourhoodsOf(const PointPart& part, Neighbours neighbours) {
+    switch (neighbours) {
+      case Neighbours::Prepared:
+        return prepared_.data() + part.first;
+      case Neighbours::ByCell:
+        return points_.makeNeighbourhoods(moved_.view(), part, stream());
+      case Neighbours::ByPoint:
+        return points_.makeNeighbourhoods(part, failed(), stream());
+    }
+    return nullptr;
   }
 
   /// Makes room for neighbourhoods before the host knows how many: about as many as last time. Without memory update()

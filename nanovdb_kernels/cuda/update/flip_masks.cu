@@ -14,11 +14,11 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kThreads = 256;
-/// Warps per block for groups. Few: some groups take long, others no time, and a block stays until its last warp is
+/// Warps per block for groups. One: some groups take long, others no time, and a block stays until its last warp is
 /// done.
-constexpr unsigned kWarps = 4;
+constexpr unsigned kWarps = 1;
 /// Blocks that a multiprocessor should hold: this limits the registers.
-constexpr unsigned kGroupBlocks = 8;
+constexpr unsigned kGroupBlocks = 32;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
 
@@ -53,8 +53,8 @@ __global__ void addFlips(FlipsView flips, std::uint32_t count) {
     if ((flip.kinds >> kind & 1u) != 0) bits |= std::uint64_t{1} << (16 * kind + (flip.leaf[2] & 15));
   }
   atomicOr(reinterpret_cast<unsigned long long*>(flips.kinds + column), static_cast<unsigned long long>(bits));
-  if (flip.freed != 0) flips.next[n] = atomicExch(flips.head + column, n);
-  if (flip.freed_columns != 0) flips.arm_next[n] = atomicExch(flips.arm_head + column, n);
+  if (flip.freed != 0) flips.links[n] = {atomicExch(flips.head + column, n), flip.leaf[2]};
+  if (flip.freed_columns != 0) flips.arm_links[n] = {atomicExch(flips.arm_head + column, n), flip.leaf[2]};
 }
 
 /// What a lane needs to read this update's flips.
@@ -64,10 +64,16 @@ struct FlipScope {
   int lane;
 };
 
-/// Whether the n-th flipped leaf lies in layers z_low .. z_high. @param n  or kNoIndex: there is none
-__device__ bool isInLayers(const FlipsView& flips, std::uint32_t n, std::int32_t z_low, std::int32_t z_high) {
-  const std::int32_t z = n != kNoIndex ? flips.list[n].leaf[2] : 0;
-  return n != kNoIndex && z >= z_low && z <= z_high;
+/// Calls visit(n, whether it is wanted) with one flipped leaf of a column per lane; those in layers z_low .. z_high are
+/// wanted. All lanes call it, and visit. @param n  the first leaf, or kNoIndex: there is none
+template <class Visit>
+__device__ void forEachInLayers(const FlipLink* links, std::uint32_t n, std::int32_t z_low, std::int32_t z_high,
+                                const Visit& visit) {
+  while (__any_sync(kAllLanes, n != kNoIndex)) {
+    const FlipLink link = n != kNoIndex ? links[n] : FlipLink{kNoIndex, 0};
+    visit(n, n != kNoIndex && link.z >= z_low && link.z <= z_high);
+    n = link.next;
+  }
 }
 
 /// Leaves in which voxels stopped colliding that a warp gathers at a time.
@@ -86,15 +92,13 @@ class FreedLeaves {
   /// Adds the leaves of one column of flips per lane; kNoIndex: none. All lanes call it.
   __device__ void add(std::uint32_t column, std::int32_t z_low, std::int32_t z_high) {
     if (steps_ == nullptr) return;
-    std::uint32_t n = column != kNoIndex ? scope_.flips.head[column] : kNoIndex;
-    while (__any_sync(kAllLanes, n != kNoIndex)) {
-      const bool wanted = isInLayers(scope_.flips, n, z_low, z_high);
+    const std::uint32_t head = column != kNoIndex ? scope_.flips.head[column] : kNoIndex;
+    forEachInLayers(scope_.flips.links, head, z_low, z_high, [&](std::uint32_t n, bool wanted) {
       const unsigned all = __ballot_sync(kAllLanes, wanted);
       if (wanted) list_[count_ + __popc(all & ((1u << lane_) - 1u))] = n;
       count_ += __popc(all);
       if (count_ > kMostGathered - static_cast<int>(kWarp)) count();
-      if (n != kNoIndex) n = scope_.flips.next[n];
-    }
+    });
   }
   /// Counts what was gathered. All lanes call it.
   __device__ void count() {
@@ -139,16 +143,15 @@ class ArmLeaves {
     __syncwarp();
     int listed = 0;
     for (int first = 0; first < count_; first += static_cast<int>(kWarp)) {
-      std::uint32_t n = first + lane_ < count_ ? flips.arm_head[leaves_->columns[first + lane_]] : kNoIndex;
-      while (__any_sync(kAllLanes, n != kNoIndex)) {
-        const bool wanted = isInLayers(flips, n, z_low, z_high);
+      const std::uint32_t head = first + lane_ < count_ ? flips.arm_head[leaves_->columns[first + lane_]] : kNoIndex;
+      forEachInLayers(flips.arm_links, head, z_low, z_high, [&](std::uint32_t n, bool wanted) {
         const unsigned all = __ballot_sync(kAllLanes, wanted);
-        if (listed + __popc(all) > FreedLeavesOfArm::kMost) return nullptr;
-        if (wanted) leaves_->index[listed + __popc(all & ((1u << lane_) - 1u))] = n;
+        const int at = listed + __popc(all & ((1u << lane_) - 1u));
+        if (wanted && at < FreedLeavesOfArm::kMost) leaves_->index[at] = n;
         listed += __popc(all);
-        if (n != kNoIndex) n = flips.arm_next[n];
-      }
+      });
     }
+    if (listed > FreedLeavesOfArm::kMost) return nullptr;
     __syncwarp();
     for (int first = 0; first < listed; first += static_cast<int>(kWarp)) {
       const std::uint32_t heights =

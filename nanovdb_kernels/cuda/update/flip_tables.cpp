@@ -14,14 +14,14 @@ FlipsView FlipTables::take(FlipLists flips, DeviceCounters& counters, cudaStream
   const std::size_t capacity = std::bit_ceil(2 * count + 64);
   keys_.grow(memory_, capacity, 0);
   tiles_.grow(memory_, capacity, 0);
-  for (auto* next : {&next_, &arm_next_}) next->growWithRoom(memory_, count, roomFor(count), 0);
+  for (auto* links : {&links_, &arm_links_}) links->growWithRoom(memory_, count, roomFor(count), 0);
   fillBytes(keys_.data(), 0xff, capacity * sizeof(std::uint64_t), stream);
   fillBytes(&counters.data()->flip_tiles, 0, sizeof(std::uint32_t), stream);
   FlipsView by_place;
   by_place.hash = {keys_.data(), static_cast<std::uint32_t>(capacity - 1)};
   by_place.tile_at = tiles_.data();
-  by_place.next = next_.data();
-  by_place.arm_next = arm_next_.data();
+  by_place.links = links_.data();
+  by_place.arm_links = arm_links_.data();
   const DeviceList<LeafFlips> list = list_.send(flips, memory_, stream);
   by_place.list = list.data;
   launchFindTiles(by_place, list.count, &counters.data()->flip_tiles, stream);

@@ -26,7 +26,8 @@ class FlipTables {
   DeviceMemory& memory_;
   Staging<LeafFlips> list_;
   DeviceArray<std::uint64_t> keys_, occupied_, kinds_;
-  DeviceArray<std::uint32_t> heads_, next_, arm_heads_, arm_next_, tiles_;
+  DeviceArray<std::uint32_t> heads_, arm_heads_, tiles_;
+  DeviceArray<FlipLink> links_, arm_links_;
 };
 
 }  // namespace accessvdb::kernels

@@ -65,6 +65,28 @@ __device__ float squaredDistance(const float* a, const float* b) {
   return dx * dx + dy * dy + dz * dz;
 }
 
+/// Appends points of a block to the list, next to each other. All lanes call it.
+/// @param ids  of the block  @param mine  those of ids[32 * lane ...]
+__device__ void listMoved(const MovedView& moved, const std::uint32_t* ids, unsigned mine, unsigned lane) {
+  static_assert(kMostMovedInBlock <= kWarp * kWarp);
+  const std::uint32_t count = __reduce_add_sync(kAllLanes, static_cast<unsigned>(__popc(mine)));
+  if (count == 0) return;
+  std::uint32_t at = 0;
+  if (lane == 0) {
+    at = atomicAdd(&moved.counters->moved, count);
+    moved.blocks[atomicAdd(&moved.counters->moved_blocks, 1u)] = {at, count};
+  }
+  at = __shfl_sync(kAllLanes, at, 0);
+  for (unsigned turns = __ballot_sync(kAllLanes, mine != 0); turns != 0; turns &= turns - 1) {
+    const int turn = __ffs(static_cast<int>(turns)) - 1;
+    const unsigned all = __shfl_sync(kAllLanes, mine, turn);
+    if ((all >> lane & 1u) != 0) {
+      moved.ids[at + __popc(all & ((1u << lane) - 1u))] = ids[static_cast<unsigned>(turn) * kWarp + lane];
+    }
+    at += __popc(all);
+  }
+}
+
 /// One warp per reached block.
 __global__ void findMoved(PointsView points, MovedView moved) {
   __shared__ float all_places[kWarps][kMostPlaces][3];
@@ -97,20 +119,24 @@ __global__ void findMoved(PointsView points, MovedView moved) {
     const std::uint32_t there = count;
     const std::uint32_t first = points.index.first[block], count_here = points.index.count[block];
     float most_m = -1;
-    for (std::uint32_t i = lane; i < count_here; i += kWarp) {
-      const std::uint32_t id = points.index.ids[first + i];
-      const float reach_m = points.state.reach_m[id];
-      most_m = fmaxf(most_m, reach_m);
-      if (reach_m < 0) continue;
-      const float* mean = points.state.mean_L + 3 * static_cast<std::size_t>(id);
-      const float bound = reach_m * reach_m * kReachSlack;
-      bool is_moved = there > kMostPlaces;
-      for (std::uint32_t p = 0; p < there && !is_moved; ++p) is_moved = squaredDistance(mean, places[p]) <= bound;
-      if (!is_moved) continue;
-      const std::uint32_t bit = 1u << (id & 31);
-      if ((atomicOr(moved.bits + (id >> 5), bit) & bit) != 0) continue;
-      moved.ids[atomicAdd(&moved.counters->moved, 1u)] = id;
+    unsigned all_moved = 0;  // of the 32 points that begin at 32 * lane
+    for (std::uint32_t from = 0; from < count_here; from += kWarp) {
+      bool is_moved = false;
+      if (from + lane < count_here) {
+        const std::uint32_t id = points.index.ids[first + from + lane];
+        const float reach_m = points.state.reach_m[id];
+        most_m = fmaxf(most_m, reach_m);
+        const float* mean = points.state.mean_L + 3 * static_cast<std::size_t>(id);
+        const float bound = reach_m * reach_m * kReachSlack;
+        is_moved = there > kMostPlaces;
+        for (std::uint32_t p = 0; p < there && !is_moved; ++p) is_moved = squaredDistance(mean, places[p]) <= bound;
+        is_moved = is_moved && reach_m >= 0;
+        if (is_moved) atomicOr(moved.bits + (id >> 5), 1u << (id & 31));
+      }
+      const unsigned all = __ballot_sync(kAllLanes, is_moved);
+      if (from / kWarp == lane) all_moved = all;
     }
+    listMoved(moved, points.index.ids + first, all_moved, lane);
     for (int step = kWarp / 2; step > 0; step /= 2) most_m = fmaxf(most_m, __shfl_xor_sync(kAllLanes, most_m, step));
     if (lane == 0) points.index.reach_m[block] = most_m;  // smaller than before if points came closer together
     __syncwarp();

@@ -15,11 +15,13 @@ void MovedTables::grow(std::uint32_t points, std::uint32_t blocks, cudaStream_t 
   growFilled(changed_bits_, memory_, points / 32 + 1, 0, stream);
   growFilled(touched_blocks_, memory_, blocks, 0, stream);
   growFilled(reached_blocks_, memory_, blocks, 0, stream);
+  growFilled(blocks_, memory_, blocks, 0, stream);
   growFilled(head_, memory_, blocks, 0xff, stream);
   growFilled(reached_bits_, memory_, blocks / 32 + 1, 0, stream);
   view_.ids = ids_.data();
   view_.bits = bits_.data();
   view_.changed_bits = changed_bits_.data();
+  view_.blocks = blocks_.data();
   view_.places.head = head_.data();
   view_.places.touched_blocks = touched_blocks_.data();
   view_.places.reached_bits = reached_bits_.data();

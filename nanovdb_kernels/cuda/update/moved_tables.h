@@ -43,6 +43,7 @@ class MovedTables {
   DeviceArray<std::uint32_t> bits_, changed_bits_, ids_;
   // By block.
   DeviceArray<std::uint32_t> head_, touched_blocks_, reached_bits_, reached_blocks_;
+  DeviceArray<MovedBlock> blocks_;
   DeviceArray<Place> places_;
   Staging<PointWeight> crossed_;
 };

@@ -147,15 +147,12 @@ __device__ std::int64_t squareOf(double steps) {
   return whole * whole;
 }
 
+/// Finds the nearest points of one point with a warp. All lanes call it and get the same.
+/// @param guess  [steps] radius to begin with if it never had a neighbourhood  @param failed  as for launchNearest
 template <unsigned kRoom>
-__global__ void __launch_bounds__(kWarps* kWarp)
-    nearestPoints(PointsView points, PointPart part, double guess, std::uint32_t* failed, FoundNeighbours* found) {
-  extern __shared__ std::int64_t shared[];
-  const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
-  auto& list = reinterpret_cast<NearList<kRoom>*>(shared)[warp];
-  const std::uint32_t at = blockIdx.x * (blockDim.x / kWarp) + warp;
-  if (!part.holds(at)) return;
-  const std::uint32_t id = part.ids[part.first + at];
+__device__ FoundNeighbours findNearest(const PointsView& points, std::uint32_t id, double guess, NearList<kRoom>& list,
+                                       std::uint32_t* failed) {
+  const unsigned lane = threadIdx.x % kWarp;
   const NeighbourRuleView& rule = points.rule;
   const NearSearch<kRoom> search(points, id, list, lane);
   const auto wanted = static_cast<unsigned>(rule.neighbours);
@@ -190,7 +187,7 @@ __global__ void __launch_bounds__(kWarps* kWarp)
       // More points at a single distance than the list holds. Positions on a voxel grid have some hundred neighbours at
       // one distance, fewer than there is room for.
       if (lane == 0) atomicExch(failed, 1u);
-      return;
+      return {};
     }
   }
 
@@ -226,7 +223,42 @@ __global__ void __launch_bounds__(kWarps* kWarp)
     const auto high = __reduce_or_sync(kAllLanes, static_cast<unsigned>(seen.word[w] >> 32));
     seen.word[w] = static_cast<std::uint64_t>(high) << 32 | low | points.state.own_seen[id * words + w];
   }
-  if (lane == 0) found[at] = {sums, farthest, seen};
+  return {sums, farthest, seen};
+}
+
+/// One warp per point.
+template <unsigned kRoom>
+__global__ void __launch_bounds__(kWarps* kWarp)
+    nearestPoints(PointsView points, PointPart part, double guess, std::uint32_t* failed, FoundNeighbours* found) {
+  extern __shared__ std::int64_t shared[];
+  const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
+  auto& list = reinterpret_cast<NearList<kRoom>*>(shared)[warp];
+  const std::uint32_t at = blockIdx.x * (blockDim.x / kWarp) + warp;
+  if (!part.holds(at)) return;
+  const FoundNeighbours all = findNearest(points, part.ids[part.first + at], guess, list, failed);
+  if (lane == 0) found[at] = all;
+}
+
+__device__ void makeNeighbourhood(const PointsView& points, std::uint32_t id, const FoundNeighbours& found,
+                                  Neighbourhood& out) {
+  neighbourNormal(found.sums, points.state.to_sensor_L + 3 * static_cast<std::size_t>(id), out.normal);
+  out.reach_m = neighbourReach_m(found.farthest, points.rule.steps_per_m);
+  out.seen = found.seen;
+}
+
+/// One warp per point, as many as run at a time: few are left.
+template <unsigned kRoom>
+__global__ void __launch_bounds__(kWarps* kWarp) nearestOfLeft(PointsView points, MovedView moved, MovedRange range) {
+  extern __shared__ std::int64_t shared[];
+  const unsigned warp = threadIdx.x / kWarp, warps = blockDim.x / kWarp;
+  auto& list = reinterpret_cast<NearList<kRoom>*>(shared)[warp];
+  const std::uint32_t left = moved.counters->left;
+  for (std::uint32_t n = blockIdx.x * warps + warp; n < left; n += gridDim.x * warps) {
+    const std::uint32_t at = range.left[n], id = moved.ids[at];
+    const FoundNeighbours found = findNearest(points, id, 0, list, &moved.counters->failed);
+    if (threadIdx.x % kWarp == 0) makeNeighbourhood(points, id, found, range.to[at - range.begin]);
+    __syncwarp();  // the list is overwritten next
+  }
 }
 
 /// One thread per point, for serial work that a warp cannot share.
@@ -234,11 +266,7 @@ __global__ void makeNeighbourhoods(PointsView points, PointPart part, const Foun
                                    Neighbourhood* neighbourhoods) {
   const std::uint32_t n = blockIdx.x * blockDim.x + threadIdx.x;
   if (!part.holds(n)) return;
-  const float* to_sensor = points.state.to_sensor_L + 3 * static_cast<std::size_t>(part.ids[part.first + n]);
-  Neighbourhood& neighbourhood = neighbourhoods[n];
-  neighbourNormal(found[n].sums, to_sensor, neighbourhood.normal);
-  neighbourhood.reach_m = neighbourReach_m(found[n].farthest, points.rule.steps_per_m);
-  neighbourhood.seen = found[n].seen;
+  makeNeighbourhood(points, part.ids[part.first + n], found[n], neighbourhoods[n]);
 }
 
 __global__ void notePrepared(MovedCounters* counters, std::uint32_t most) {
@@ -257,21 +285,44 @@ void launch(const PointsView& points, const PointPart& part, unsigned warps, std
   checkLaunch("nearestPoints");
 }
 
+/// Whether a short list is enough.
+bool isShort(const NeighbourRuleView& rule) {
+  // Room for twice k and some more, within the 48 KB that every device has. Positions on a voxel grid may have many
+  // neighbours at one distance, more with a larger radius.
+  constexpr std::int64_t kFewAtOneDistance = 50;  // voxels
+  const double radius_voxels =
+      sqrt(static_cast<double>(rule.radius_squared)) / rule.steps_per_m * rule.inverse_voxel_size;
+  return rule.neighbours <= 120 && radius_voxels <= static_cast<double>(kFewAtOneDistance);
+}
+
+template <unsigned kRoom>
+void launchOfLeft(const PointsView& points, const MovedView& moved, const MovedRange& range, unsigned warps,
+                  unsigned blocks, cudaStream_t stream) {
+  nearestOfLeft<kRoom><<<blocks, warps * kWarp, warps * sizeof(NearList<kRoom>), stream>>>(points, moved, range);
+  checkLaunch("nearestOfLeft");
+}
+
 }  // namespace
 
 void launchNearest(const PointsView& points, const PointPart& part, std::uint32_t* failed, FoundNeighbours* found,
                    cudaStream_t stream) {
   if (part.count == 0) return;
-  // Room for twice k and some more, within the 48 KB that every device has. Positions on a voxel grid may have many
-  // neighbours at one distance, more with a larger radius.
-  constexpr std::int64_t kFewAtOneDistance = 50;  // voxels
-  const NeighbourRuleView& rule = points.rule;
-  const double radius_voxels =
-      sqrt(static_cast<double>(rule.radius_squared)) / rule.steps_per_m * rule.inverse_voxel_size;
-  if (rule.neighbours <= 120 && radius_voxels <= static_cast<double>(kFewAtOneDistance)) {
+  if (isShort(points.rule)) {
     launch<384>(points, part, kWarps, failed, found, stream);
   } else {
     launch<1536>(points, part, 2, failed, found, stream);
+  }
+}
+
+void launchNearestOfLeft(const PointsView& points, const MovedView& moved, const MovedRange& range, int multiprocessors,
+                         cudaStream_t stream) {
+  if (range.begin == range.end) return;
+  constexpr unsigned kBlocksEach = 8;
+  const unsigned blocks = static_cast<unsigned>(multiprocessors) * kBlocksEach;
+  if (isShort(points.rule)) {
+    launchOfLeft<384>(points, moved, range, kWarps, blocks, stream);
+  } else {
+    launchOfLeft<1536>(points, moved, range, 2, blocks, stream);
   }
 }
 

@@ -88,8 +88,6 @@ __global__ void admitPoints(PointsView points, MovedView moved, KnownView known,
   if (isnan(news.before_L[0])) {
     makePoint(points, news);
     makeState(points.points, known, id);
-  } else if (state.reach_m[id] >= 0) {
-    addMoved(moved, news.id);  // its mean, its seen directions or the mean sensor position has changed
   }
   for (std::size_t axis = 0; axis < 3; ++axis) {
     state.mean_L[3 * id + axis] = news.mean_L[axis];

@@ -14,6 +14,7 @@ namespace accessvdb::kernels {
 PointTables::PointTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& tables)
     : memory_(memory),
       words_(static_cast<std::size_t>((tables.num_directions + 63) / 64)),
+      multiprocessors_(context->multiprocessors()),
       own_seen_(std::move(context)) {
   view_.groups.log2 = tables.group_log2;
   view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
@@ -113,6 +114,19 @@ void PointTables::growFound(std::uint32_t points) { growForParts(found_, memory_
 void PointTables::growParts(std::uint32_t points) {
   growForParts(found_, memory_, points);
   growForParts(part_, memory_, points);
+}
+
+void PointTables::makeNeighbourhoods(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
+                                     cudaStream_t stream) {
+  // What is left over is listed where neighbours of single points would be found; there is room for many more.
+  const MovedRange range = {begin, end, to, reinterpret_cast<std::uint32_t*>(found_.data())};
+  launchNeighboursByCell(view_, moved, range, multiprocessors_, stream);
+  launchNearestOfLeft(view_, moved, range, multiprocessors_, stream);
+}
+
+Neighbourhood* PointTables::makeNeighbourhoods(const MovedView& moved, const PointPart& part, cudaStream_t stream) {
+  makeNeighbourhoods(moved, part.first, part.first + part.count, part_.data(), stream);
+  return part_.data();
 }
 
 Neighbourhood* PointTables::makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream) {

@@ -46,6 +46,11 @@ class PointTables {
   /// @param part  at most kPart points  @param failed  see launchNearest
   /// @return [part.count], kept until the next call
   Neighbourhood* makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream);
+  /// The same for moved points near touched ones.
+  Neighbourhood* makeNeighbourhoods(const MovedView& moved, const PointPart& part, cudaStream_t stream);
+  /// Needs room to find as many.
+  void makeNeighbourhoods(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
+                          cudaStream_t stream);
   /// @param to  [part.count]
   void makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, Neighbourhood* to, cudaStream_t stream);
 
@@ -56,6 +61,7 @@ class PointTables {
 
   DeviceMemory& memory_;
   std::size_t words_;
+  int multiprocessors_;
   PointsView view_;
   // By id.
   DeviceArray<std::uint32_t> block_;

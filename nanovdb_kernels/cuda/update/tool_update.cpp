@@ -14,12 +14,6 @@ namespace {
 /// Shared memory that a block gets without asking.
 constexpr int kPlainSharedBytes = 44 * 1024;
 
-int multiprocessorsOf(const DeviceContext& context) {
-  int count = 1;
-  ACCESSVDB_CUDA(cudaDeviceGetAttribute(&count, cudaDevAttrMultiProcessorCount, context.device()));
-  return count;
-}
-
 }  // namespace
 
 ToolUpdate::ToolUpdate(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& neighbours,
@@ -31,7 +25,7 @@ ToolUpdate::ToolUpdate(std::shared_ptr<DeviceContext> context, DeviceMemory& mem
       masks_(memory),
       due_(memory, &counters.data()->search),
       queue_(memory) {
-  search_.multiprocessors = multiprocessorsOf(*context_);
+  search_.multiprocessors = context_->multiprocessors();
 }
 
 void ToolUpdate::grow(const AdmitInput& input) {

@@ -37,7 +37,7 @@ void launchFindMoved(const PointsView& points, const MovedView& moved, std::uint
 void launchAddCrossed(const PointStateView& points, const MovedView& moved, DeviceList<PointWeight> crossed,
                       cudaStream_t stream);
 
-// nearest_points.cu: makes their neighbourhoods.
+// nearest_points.cu and cell_neighbours.cu: make their neighbourhoods.
 
 /// @param failed  set to 1 if some neighbours were not found  @param found  [part.count] out
 void launchNearest(const PointsView& points, const PointPart& part, std::uint32_t* failed, FoundNeighbours* found,
@@ -45,6 +45,13 @@ void launchNearest(const PointsView& points, const PointPart& part, std::uint32_
 /// @param found  from launchNearest for the same part  @param neighbourhoods  [part.count] out
 void launchMakeNeighbourhoods(const PointsView& points, const PointPart& part, const FoundNeighbours* found,
                               Neighbourhood* neighbourhoods, cudaStream_t stream);
+/// Makes the neighbourhoods of moved points that launchFindMoved has found. What it cannot make is left over.
+/// @param range  of the list; indices beyond its end are skipped
+void launchNeighboursByCell(const PointsView& points, const MovedView& moved, const MovedRange& range,
+                            int multiprocessors, cudaStream_t stream);
+/// Makes the neighbourhoods of the points that were left over. @param failed  as for launchNearest
+void launchNearestOfLeft(const PointsView& points, const MovedView& moved, const MovedRange& range, int multiprocessors,
+                         cudaStream_t stream);
 /// Sets counters.prepared, the number of moved points with neighbourhoods: `most`, or all if there are fewer.
 void launchNotePrepared(MovedCounters* counters, std::uint32_t most, cudaStream_t stream);
 

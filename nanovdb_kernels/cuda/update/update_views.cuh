@@ -27,6 +27,8 @@ struct OutcomeCounters {
 /// Counts of the points whose neighbourhoods may have changed.
 struct MovedCounters {
   std::uint32_t moved, touched_blocks, reached_blocks, failed, prepared;
+  std::uint32_t moved_blocks;      ///< length of MovedView::blocks
+  std::uint32_t next_block, left;  ///< of one search through them: the next one, and points left over
 };
 /// State of one search.
 struct SearchCounters {
@@ -120,10 +122,17 @@ struct PlacesView {
   std::uint32_t* reached_bits = nullptr;    ///< [blocks / 32]
   std::uint32_t* reached_blocks = nullptr;
 };
+/// Most points in a block, one per voxel.
+inline constexpr std::uint32_t kMostMovedInBlock = 512;
+/// Moved points of one block: `count` items of the list, from `first` on.
+struct MovedBlock {
+  std::uint32_t first = 0, count = 0;
+};
 struct MovedView {
   PlacesView places;
   std::uint32_t* ids = nullptr;           ///< list of moved points
   std::uint32_t* bits = nullptr;          ///< [n / 32] already on that list; null: no list is kept
+  MovedBlock* blocks = nullptr;           ///< [blocks] of the points near touched ones
   std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
   MovedCounters* counters = nullptr;
 };
@@ -153,9 +162,20 @@ struct Neighbourhood {
   float reach_m;
   DirectionMask seen;
 };
+/// Moved points [begin, end) of the list, and where their neighbourhoods go.
+struct MovedRange {
+  std::uint32_t begin = 0, end = 0;
+  Neighbourhood* to = nullptr;    ///< [end - begin]
+  std::uint32_t* left = nullptr;  ///< [end - begin] out: those of them that are left over
+};
 
 // FlipTables: what flips mean for groups of blocks.
 
+/// A flipped leaf of a column, and the next one.
+struct FlipLink {
+  std::uint32_t next;  ///< list entry, or kNoIndex
+  std::int32_t z;      ///< of the leaf
+};
 /// Flipped leaves in tiles of 8 x 8 columns. A column has 16 leaves above each other: one bit each, 16 bits per kind.
 struct FlipsView {
   static constexpr int kTileLog2 = 3;
@@ -165,9 +185,9 @@ struct FlipsView {
   std::uint64_t* occupied = nullptr;             ///< [tiles] columns with a flip, one bit each
   std::uint64_t* kinds = nullptr;                ///< [64 tiles]
   std::uint32_t* head = nullptr;                 ///< [64 tiles] first list entry in which voxels stopped colliding
-  std::uint32_t* next = nullptr;                 ///< [list]
+  FlipLink* links = nullptr;                     ///< [list]
   std::uint32_t* arm_head = nullptr;             ///< the same for leaves in which voxels became free for a corridor
-  std::uint32_t* arm_next = nullptr;
+  FlipLink* arm_links = nullptr;
   const LeafFlips* list = nullptr;
 };
 struct GroupMasksView {
