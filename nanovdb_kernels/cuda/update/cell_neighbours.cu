@@ -4,32 +4,28 @@
 /// around it, which a block of threads gathers once. The same neighbours as in nearest_points.cu, which takes the
 /// points for which this does not work out.
 ///
-/// Positions are integers, in fractions of a step from the corner of the box around the cell: what is below a fraction
-/// is cut off. An offset is rounded to whole steps (hostdev/neighbour_rule.h), so it stays the same as long as the
-/// centre has nothing below a fraction. Otherwise the point is left over.
+/// Their positions are integers, from the corner of the box around the cell (hostdev/near_positions.h). A point whose
+/// own position cannot be one is left over.
 #include "cuda/memory/cuda_check.h"
 #include "cuda/search/warp.cuh"
 #include "cuda/update/update_kernels.h"
+#include "hostdev/near_positions.h"
 
 namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
 /// Blocks that a multiprocessor should hold: this limits the registers.
-constexpr unsigned kBlocksEach = 6;
+constexpr unsigned kBlocksEach = 7;
 /// How far means may lie outside their voxel far from the origin, where float32 has 8 steps per voxel.
 constexpr double kRoundingVoxels = 0.25;
 /// Most points around a cell.
-constexpr int kMostNear = 1280;
+constexpr int kMostNear = 1024;
 /// Most points listed for one of its points, and how many of them a lane has.
 constexpr int kMostListed = 256, kEach = kMostListed / static_cast<int>(kWarp);
 /// Neighbourhoods that are collected before their normals are made, one per thread.
-constexpr std::uint32_t kBatch = kThreads;
+constexpr std::uint32_t kBatch = 64;
 constexpr int kCells = 8;  ///< of 4^3 voxels per block
-/// Positions have at most this many bits behind the step.
-constexpr int kMostFractionBits = 10;
-/// Positions closer to zero than this, but not zero, have more bits than a difference of doubles holds.
-constexpr float kTiny_m = 1.0f / (1 << 20);
 
 /// Sums of a point's neighbours. Shared memory has no constructors.
 struct RawSums {
@@ -55,8 +51,8 @@ struct Scratch {
   long long origin[3];
   std::uint32_t width[3];
   std::int32_t leaf_low[3], leaf_side[3];
-  double scale;  ///< fractions per metre
-  int fraction_bits;
+  double per_metre;  ///< PositionFractions
+  int bits;
   std::uint32_t num_near;
   bool is_left;  ///< the whole cell is left over, or divided if it is the block
 };
@@ -207,16 +203,17 @@ class CellSearch {
       my_low = static_cast<double>(all_low) * points_.rule.steps_per_m - reach_steps;
       my_high = static_cast<double>(all_high) * points_.rule.steps_per_m + reach_steps;
     }
-    // Differences must fit into 32 bits with a sign.
-    constexpr int kBits = 30;
-    const int whole_bits = __reduce_max_sync(kAllLanes, ilogb(my_high - my_low + 2) + 1);
-    const int bits = min(kMostFractionBits, kBits - whole_bits);
-    const double per_step = bits > 0 ? static_cast<double>(1 << bits) : 1;
+    double width_steps = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+      width_steps = fmax(width_steps, __shfl_sync(kAllLanes, my_high - my_low, axis));
+    }
+    const auto fractions = PositionFractions::forWidth(width_steps + 2, points_.rule.steps_per_m);
+    const double per_step = static_cast<double>(1 << fractions.bits);
     if (lane_ == 0) {
       s_.num_near = 0;
-      s_.is_left = bits < 1;
-      s_.fraction_bits = bits;
-      s_.scale = points_.rule.steps_per_m * per_step;
+      s_.is_left = fractions.bits == 0;
+      s_.bits = fractions.bits;
+      s_.per_metre = fractions.per_metre;
     }
     if (lane_ < 3) {
       const long long origin = __double2ll_rd(my_low * per_step);
@@ -268,8 +265,8 @@ class CellSearch {
       id = points_.index.ids[first + static_cast<std::uint32_t>(lane_)];
       const float* mean = meanOf(id);
       for (int axis = 0; axis < 3; ++axis) {
-        if (mean[axis] != 0 && fabsf(mean[axis]) < kTiny_m) s_.is_left = true;
-        const long long from = __double2ll_rd(static_cast<double>(mean[axis]) * s_.scale) - s_.origin[axis];
+        if (!hasExactOffsets(mean[axis])) s_.is_left = true;
+        const std::int64_t from = fractions().of(mean[axis]) - s_.origin[axis];
         is_there = is_there && static_cast<unsigned long long>(from) <= s_.width[axis];
         at[axis] = static_cast<std::int32_t>(from);
       }
@@ -284,10 +281,10 @@ class CellSearch {
     s_.near_id[place] = id;
   }
 
+  [[nodiscard]] __device__ PositionFractions fractions() const { return {s_.bits, s_.per_metre}; }
   /// The offset of a point around the cell from a centre.
   [[nodiscard]] __device__ NeighbourOffset offsetOf(int n, const std::int32_t* centre) const {
-    const int bits = s_.fraction_bits, half = 1 << (bits - 1);
-    const auto steps = [&](int axis) { return (s_.near[axis][n] - centre[axis] + half) >> bits; };
+    const auto steps = [&](int axis) { return fractions().offset(centre[axis], s_.near[axis][n]); };
     return {steps(0), steps(1), steps(2)};
   }
   [[nodiscard]] __device__ std::int64_t squaredOf(int n, const std::int32_t* centre) const {
@@ -308,10 +305,8 @@ class CellSearch {
     std::int32_t centre[3];
     bool is_whole = true;
     for (int axis = 0; axis < 3; ++axis) {
-      const double here = static_cast<double>(mean[axis]) * s_.scale;
-      const long long floored = __double2ll_rd(here);
-      is_whole = is_whole && static_cast<double>(floored) == here;
-      centre[axis] = static_cast<std::int32_t>(floored - s_.origin[axis]);
+      is_whole = is_whole && fractions().areExactAt(mean[axis]);
+      centre[axis] = static_cast<std::int32_t>(fractions().of(mean[axis]) - s_.origin[axis]);
     }
     if (!is_whole) return false;
     const std::int64_t bound = boundFor(points_.state.reach_m[id], rule);

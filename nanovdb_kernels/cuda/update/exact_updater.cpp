@@ -23,9 +23,7 @@
 namespace accessvdb::kernels {
 namespace {
 
-/// Most points whose neighbours are found at a time.
-constexpr std::uint32_t kMovedPart = PointTables::kPart;
-static_assert(kMovedPart <= ToolUpdate::kMovedPart);
+static_assert(PointTables::kPart <= ToolUpdate::kMovedPart);
 /// Most neighbourhoods found before the host knows how many are needed.
 constexpr std::uint32_t kMaxPrepared = 1u << 21;
 
@@ -176,12 +174,19 @@ class DeviceExactUpdater final : public ExactUpdater {
   };
   /// Stores the neighbourhoods of the moved points [begin, end), and lists what is due at them.
   void takeMoved(std::uint32_t begin, std::uint32_t end, Neighbours neighbours) {
-    if (neighbours != Neighbours::Prepared && begin < end) points_.growParts(end - begin);
+    const bool prepared = neighbours == Neighbours::Prepared;
+    if (prepared) {
+      launchStoreNeighbours(points_.view(), moved_.part(begin, end - begin), prepared_.data() + begin,
+                            moved_.view().changed_bits, stream());
+    } else if (begin < end) {
+      points_.growParts(end - begin);
+    }
+    const std::uint32_t most = prepared ? ToolUpdate::kMovedPart : PointTables::kPart;
     for (std::uint32_t first = begin, count = 0; first < end; first += count) {
-      count = std::min(end - first, kMovedPart);
+      count = std::min(end - first, most);
       const PointPart part = moved_.part(first, count);
       Neighbourhood* const found = neighbourhoodsOf(part, neighbours);
-      launchStoreNeighbours(points_.view(), part, found, moved_.view().changed_bits, stream());
+      if (!prepared) launchStoreNeighbours(points_.view(), part, found, moved_.view().changed_bits, stream());
       for (const auto& tool : tools_) tool->takeMoved(part, found);
     }
   }
@@ -203,7 +208,7 @@ class DeviceExactUpdater final : public ExactUpdater {
   std::uint32_t growPrepared() {
     const std::uint32_t expected = std::min(last_moved_ + last_moved_ / 8, kMaxPrepared);
     try {
-      points_.growFound(expected);
+      points_.growLeft(expected);
       prepared_.growWithRoom(memory_, expected, std::min<std::size_t>(roomFor(expected), kMaxPrepared), 0);
     } catch (const ResourceLimit&) {
       return 0;

@@ -110,16 +110,16 @@ void growForParts(DeviceArray<T>& array, DeviceMemory& memory, std::uint32_t poi
 
 }  // namespace
 
-void PointTables::growFound(std::uint32_t points) { growForParts(found_, memory_, points); }
+void PointTables::growLeft(std::uint32_t points) { left_.growWithRoom(memory_, points, roomFor(points), 0); }
 void PointTables::growParts(std::uint32_t points) {
   growForParts(found_, memory_, points);
   growForParts(part_, memory_, points);
+  growForParts(left_, memory_, points);
 }
 
 void PointTables::makeNeighbourhoods(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
                                      cudaStream_t stream) {
-  // What is left over is listed where neighbours of single points would be found; there is room for many more.
-  const MovedRange range = {begin, end, to, reinterpret_cast<std::uint32_t*>(found_.data())};
+  const MovedRange range = {begin, end, to, left_.data()};
   launchNeighboursByCell(view_, moved, range, multiprocessors_, stream);
   launchNearestOfLeft(view_, moved, range, multiprocessors_, stream);
 }

@@ -19,7 +19,7 @@ namespace accessvdb::kernels {
 class PointTables {
  public:
   /// Most points whose neighbours are found at a time.
-  static constexpr std::uint32_t kPart = 1u << 17;
+  static constexpr std::uint32_t kPart = 1u << 16;
 
   PointTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& tables);
 
@@ -41,14 +41,14 @@ class PointTables {
 
   /// Makes room to find the neighbourhoods of this many points in parts of up to kPart, and to keep those of a part.
   void growParts(std::uint32_t points);
-  /// Makes only the room to find them.
-  void growFound(std::uint32_t points);
+  /// Makes room to find those of moved points near touched ones.
+  void growLeft(std::uint32_t points);
   /// @param part  at most kPart points  @param failed  see launchNearest
   /// @return [part.count], kept until the next call
   Neighbourhood* makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream);
   /// The same for moved points near touched ones.
   Neighbourhood* makeNeighbourhoods(const MovedView& moved, const PointPart& part, cudaStream_t stream);
-  /// Needs room to find as many.
+  /// Needs room for as many.
   void makeNeighbourhoods(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
                           cudaStream_t stream);
   /// @param to  [part.count]
@@ -75,6 +75,7 @@ class PointTables {
   // By group.
   DeviceArray<std::int32_t> group_leaf_;
   DeviceArray<std::uint8_t> with_points_;
+  DeviceArray<std::uint32_t> left_;  ///< moved points whose neighbourhoods are not made cell by cell
   // For one part of the points.
   DeviceArray<FoundNeighbours> found_;
   DeviceArray<Neighbourhood> part_;

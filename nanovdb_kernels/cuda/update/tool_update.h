@@ -26,7 +26,7 @@ namespace accessvdb::kernels {
 class ToolUpdate {
  public:
   /// Most moved points for which room is taken at a time.
-  static constexpr std::uint32_t kMovedPart = DueLists::kLeastItems / 2;
+  static constexpr std::uint32_t kMovedPart = DueLists::kLeastItems;
 
   /// @param counters  its search and its outcome count there; must outlive this
   ToolUpdate(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& neighbours,
