@@ -54,7 +54,8 @@ struct Scratch {
   double per_metre;  ///< PositionFractions
   int bits;
   std::uint32_t num_near;
-  bool is_left;  ///< the whole cell is left over, or divided if it is the block
+  bool fits;              ///< whether positions around the cell do
+  std::uint32_t inexact;  ///< not 0: a point without exact offsets is around it
 };
 
 /// Makes the normals of a batch, one per thread. Not inlined: it is large.
@@ -103,9 +104,10 @@ class CellSearch {
       if (begin == end) continue;
       if (warp_ == 0) makeBox(begin, end);
       __syncthreads();
-      if (!s_.is_left) gather();
+      if (s_.fits) gather();
       __syncthreads();
-      const bool is_left = s_.is_left || s_.num_near > kMostNear;
+      // The whole cell is left over, or the block divided.
+      const bool is_left = !s_.fits || s_.inexact != 0 || s_.num_near > kMostNear;
       if (cell < 0 && is_left) {
         __syncthreads();  // all have read
         continue;
@@ -211,7 +213,8 @@ class CellSearch {
     const double per_step = static_cast<double>(1 << fractions.bits);
     if (lane_ == 0) {
       s_.num_near = 0;
-      s_.is_left = fractions.bits == 0;
+      s_.fits = fractions.bits > 0;
+      s_.inexact = 0;
       s_.bits = fractions.bits;
       s_.per_metre = fractions.per_metre;
     }
@@ -265,7 +268,7 @@ class CellSearch {
       id = points_.index.ids[first + static_cast<std::uint32_t>(lane_)];
       const float* mean = meanOf(id);
       for (int axis = 0; axis < 3; ++axis) {
-        if (!hasExactOffsets(mean[axis])) s_.is_left = true;
+        if (!hasExactOffsets(mean[axis])) atomicOr(&s_.inexact, 1u);
         const std::int64_t from = fractions().of(mean[axis]) - s_.origin[axis];
         is_there = is_there && static_cast<unsigned long long>(from) <= s_.width[axis];
         at[axis] = static_cast<std::int32_t>(from);
