@@ -314,8 +314,8 @@ class CellSearch {
     if (!is_whole) return false;
     const std::int64_t bound = boundFor(points_.state.reach_m[id], rule);
     const int listed = list(centre, bound), wanted = rule.neighbours;
+    __syncwarp();  // also if the point is left over: the next one's list is written where this one's was
     if (listed > kMostListed || (listed < wanted && bound < rule.radius_squared)) return false;
-    __syncwarp();
 #pragma unroll
     for (int i = 0; i < kEach; ++i) {
       squared_[i] = squaredOf(listedAt(i), centre);
