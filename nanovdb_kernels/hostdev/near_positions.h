@@ -41,14 +41,14 @@ struct PositionFractions {
     const double exactly = static_cast<double>(position_m) * per_metre;
     return std::floor(exactly) == exactly;
   }
-  /// neighbourOffset() along an axis. @param from, to  from the same origin; areExactAt(from)
+  /// neighbourOffset() along an axis, if bits > 0. @param from, to  from the same origin; areExactAt(from)
   [[nodiscard]] ACCESSVDB_HOSTDEV std::int32_t offset(std::int32_t from, std::int32_t to) const {
     return (to - from + (1 << (bits - 1))) >> bits;
   }
 };
 
-/// Whether neighbourOffset() is exact as far as this end is concerned: closer to zero, but not zero, a float has more
-/// bits than its difference from another one keeps as a double.
+/// Whether neighbourOffset() is exact as far as this end is concerned, up to 500 m away: closer to zero, but not zero,
+/// a float has more bits than its difference from another one keeps as a double.
 ACCESSVDB_HOSTDEV inline bool hasExactOffsets(float position_m) {
   constexpr float kTiny_m = 1.0f / (1 << 20);
   return position_m == 0 || position_m >= kTiny_m || position_m <= -kTiny_m;

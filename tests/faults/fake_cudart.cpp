@@ -61,6 +61,7 @@ cudaError_t cudaGetDeviceProperties(cudaDeviceProp* properties, int) {
   *properties = {};
   std::strcpy(properties->name, "a fake");
   properties->sharedMemPerBlockOptin = 99 * 1024;
+  properties->multiProcessorCount = 8;
   return cudaSuccess;
 }
 cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr attribute, int) {

@@ -245,7 +245,8 @@ INSTANTIATE_TEST_SUITE_P(
                                .max_collisions = 12,
                                .scans_an_update = 2,
                                .neighbours = 200,
-                               .directions = 256}));
+                               .directions = 256},
+                    StreamCase{.seed = 9, .tool = "builtin:pruner", .voxel_size_m = 0.05, .neighbours = 400}));
 
 INSTANTIATE_TEST_SUITE_P(
     Orientations, CudaStream,

@@ -6,6 +6,8 @@
 ///
 /// Their positions are integers, from the corner of the box around the cell (hostdev/near_positions.h). A point whose
 /// own position cannot be one is left over.
+#include <cstddef>
+
 #include "cuda/memory/cuda_check.h"
 #include "cuda/search/warp.cuh"
 #include "cuda/update/update_kernels.h"
@@ -573,6 +575,7 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
 void launchNeighboursByCell(const PointsView& points, const MovedView& moved, const MovedRange& range,
                             int multiprocessors, cudaStream_t stream) {
   if (range.begin == range.end) return;
+  static_assert(offsetof(MovedCounters, left) == offsetof(MovedCounters, next_block) + sizeof(std::uint32_t));
   ACCESSVDB_CUDA(cudaMemsetAsync(&moved.counters->next_block, 0, 2 * sizeof(std::uint32_t), stream));
   neighboursByCell<<<static_cast<unsigned>(multiprocessors) * kBlocksEach, kThreads, 0, stream>>>(points, moved, range);
   checkLaunch("neighboursByCell");

@@ -84,6 +84,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     const CurrentDevice current(context_->device());
     points_.setState(input.points);
     if (!neighbours_begun_) {
+      neighbours_begun_ = true;
       moved_.find(points_.view(), stream());
       ACCESSVDB_CUDA(cudaEventRecord(moved_found_.get(), stream()));
     }
@@ -235,7 +236,7 @@ class DeviceExactUpdater final : public ExactUpdater {
   DeviceArray<Neighbourhood> prepared_;  ///< of the first moved points, by findNeighbours()
   std::vector<std::unique_ptr<ToolUpdate>> tools_;
   bool any_known_ = false;         ///< whether any point has a neighbourhood
-  bool neighbours_begun_ = false;  ///< for what was admitted since the last update
+  bool neighbours_begun_ = false;  ///< what was admitted since the last update has had its moved points listed
   std::uint32_t last_moved_ = 0;
   std::uint32_t taken_ = 0;  ///< in this update: number of moved points that have taken over their neighbourhoods
 };

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Finds neighbourhoods that the touched points may have changed: a touched point matters to another only if its old or
-/// new mean lies no farther away than the k-th neighbour did (as in src/update/moved_points.h). Finding too many costs
-/// time but changes nothing.
+/// new mean lies no farther away than the k-th neighbour did (as in src/update/moved_points.h). So it always finds
+/// itself if it had neighbours. Finding too many costs time but changes nothing.
 #include <cfloat>
 
 #include "cuda/memory/cuda_check.h"

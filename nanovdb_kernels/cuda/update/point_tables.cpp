@@ -15,6 +15,7 @@ PointTables::PointTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
     : memory_(memory),
       words_(static_cast<std::size_t>((tables.num_directions + 63) / 64)),
       multiprocessors_(context->multiprocessors()),
+      by_cell_(tables.neighbours <= kMostNeighboursByCell),
       own_seen_(std::move(context)) {
   view_.groups.log2 = tables.group_log2;
   view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
@@ -110,7 +111,13 @@ void growForParts(DeviceArray<T>& array, DeviceMemory& memory, std::uint32_t poi
 
 }  // namespace
 
-void PointTables::growLeft(std::uint32_t points) { left_.growWithRoom(memory_, points, roomFor(points), 0); }
+void PointTables::growLeft(std::uint32_t points) {
+  if (by_cell_) {
+    left_.growWithRoom(memory_, points, roomFor(points), 0);
+  } else {
+    growForParts(found_, memory_, points);
+  }
+}
 void PointTables::growParts(std::uint32_t points) {
   growForParts(found_, memory_, points);
   growForParts(part_, memory_, points);
@@ -119,6 +126,13 @@ void PointTables::growParts(std::uint32_t points) {
 
 void PointTables::makeNeighbourhoods(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
                                      cudaStream_t stream) {
+  if (!by_cell_) {
+    for (std::uint32_t first = begin; first < end; first += kPart) {
+      const PointPart part = {moved.ids, &moved.counters->moved, first, std::min(end - first, kPart)};
+      makeNeighbourhoods(part, &moved.counters->failed, to + (first - begin), stream);
+    }
+    return;
+  }
   const MovedRange range = {begin, end, to, left_.data()};
   launchNeighboursByCell(view_, moved, range, multiprocessors_, stream);
   launchNearestOfLeft(view_, moved, range, multiprocessors_, stream);

@@ -18,7 +18,7 @@ namespace accessvdb::kernels {
 
 class PointTables {
  public:
-  /// Most points whose neighbours are found at a time.
+  /// Most points whose neighbours are found at a time, one by one.
   static constexpr std::uint32_t kPart = 1u << 16;
 
   PointTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& tables);
@@ -41,14 +41,14 @@ class PointTables {
 
   /// Makes room to find the neighbourhoods of this many points in parts of up to kPart, and to keep those of a part.
   void growParts(std::uint32_t points);
-  /// Makes room to find those of moved points near touched ones.
+  /// Makes room to find those of this many moved points near touched ones.
   void growLeft(std::uint32_t points);
   /// @param part  at most kPart points  @param failed  see launchNearest
   /// @return [part.count], kept until the next call
   Neighbourhood* makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream);
   /// The same for moved points near touched ones.
   Neighbourhood* makeNeighbourhoods(const MovedView& moved, const PointPart& part, cudaStream_t stream);
-  /// Needs room for as many.
+  /// Needs growLeft() for as many, or growParts().
   void makeNeighbourhoods(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
                           cudaStream_t stream);
   /// @param to  [part.count]
@@ -62,6 +62,7 @@ class PointTables {
   DeviceMemory& memory_;
   std::size_t words_;
   int multiprocessors_;
+  bool by_cell_;  ///< whether most neighbourhoods of moved points can be made cell by cell
   PointsView view_;
   // By id.
   DeviceArray<std::uint32_t> block_;

@@ -45,11 +45,14 @@ void launchNearest(const PointsView& points, const PointPart& part, std::uint32_
 /// @param found  from launchNearest for the same part  @param neighbourhoods  [part.count] out
 void launchMakeNeighbourhoods(const PointsView& points, const PointPart& part, const FoundNeighbours* found,
                               Neighbourhood* neighbourhoods, cudaStream_t stream);
+/// With more neighbours than this, most points would be left over by launchNeighboursByCell: it looks at a tenth more
+/// than that, or a sixth, and has room for 256.
+inline constexpr int kMostNeighboursByCell = 220;
 /// Makes the neighbourhoods of moved points that launchFindMoved has found. What it cannot make is left over.
 /// @param range  of the list; indices beyond its end are skipped
 void launchNeighboursByCell(const PointsView& points, const MovedView& moved, const MovedRange& range,
                             int multiprocessors, cudaStream_t stream);
-/// Makes the neighbourhoods of the points that were left over. @param failed  as for launchNearest
+/// Makes the neighbourhoods of the points that were left over. Sets counters.failed if some neighbours were not found.
 void launchNearestOfLeft(const PointsView& points, const MovedView& moved, const MovedRange& range, int multiprocessors,
                          cudaStream_t stream);
 /// Sets counters.prepared, the number of moved points with neighbourhoods: `most`, or all if there are fewer.
