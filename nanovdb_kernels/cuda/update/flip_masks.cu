@@ -14,11 +14,11 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kThreads = 256;
-/// Warps per block for groups. One: some groups take long, others no time, and a block stays until its last warp is
+/// Warps per block for groups. Few: some groups take long, others no time, and a block stays until its last warp is
 /// done.
-constexpr unsigned kWarps = 1;
-/// Blocks that a multiprocessor should hold: this limits the registers.
-constexpr unsigned kGroupBlocks = 32;
+constexpr unsigned kWarps = 2;
+/// Blocks that a multiprocessor should hold: this limits the registers. No architecture holds fewer blocks than this.
+constexpr unsigned kGroupBlocks = 16;
 
 unsigned blocksFor(std::uint64_t threads) { return static_cast<unsigned>((threads + kThreads - 1) / kThreads); }
 
