@@ -47,6 +47,15 @@ ACCESSVDB_HOSTDEV inline float neighbourReach_m(std::int64_t squared, double ste
   return static_cast<float>((sqrt(static_cast<double>(squared)) + 2.0) / steps_per_m);
 }
 
+/// How far means may lie outside their voxel far from the origin, where float32 has 8 steps per voxel.
+inline constexpr double kMeanRoundingVoxels = 0.25;
+
+/// How far to look for the neighbours of a point that had some before, in steps: somewhat farther than the last time.
+/// @param reach_m  neighbourReach_m() of the last time
+ACCESSVDB_HOSTDEV inline double neighbourSearchSteps(float reach_m, double steps_per_m) {
+  return 1.05 * static_cast<double>(reach_m) * steps_per_m;
+}
+
 /// Sums over the neighbours, including the point itself.
 struct NeighbourSums {
   std::int64_t count = 0;

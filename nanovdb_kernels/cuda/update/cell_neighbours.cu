@@ -19,8 +19,6 @@ namespace {
 constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
 /// Blocks that a multiprocessor should hold: this limits the registers.
 constexpr unsigned kBlocksEach = 7;
-/// How far means may lie outside their voxel far from the origin, where float32 has 8 steps per voxel.
-constexpr double kRoundingVoxels = 0.25;
 /// Most points around a cell.
 constexpr int kMostNear = 1024;
 /// Most points listed for one of its points, and how many of them a lane has.
@@ -78,13 +76,6 @@ __device__ std::int32_t orderedBits(float value) {
 }
 __device__ float fromOrderedBits(std::int32_t bits) { return __int_as_float(bits ^ ((bits >> 31) & 0x7fffffff)); }
 
-/// Largest squared distance that is searched: the reach of the last time, and some more. The same for both kernels.
-__device__ std::int64_t boundFor(float reach_m, const NeighbourRuleView& rule) {
-  const auto steps = static_cast<std::int64_t>(1.05 * static_cast<double>(reach_m) * rule.steps_per_m);
-  const std::int64_t bound = steps * steps;
-  return bound < rule.radius_squared ? bound : rule.radius_squared;
-}
-
 /// Makes the neighbourhoods of a block's moved points. All threads of a block share one.
 class CellSearch {
  public:
@@ -131,6 +122,12 @@ class CellSearch {
   [[nodiscard]] __device__ std::uint32_t idOf(std::uint32_t at) const { return moved_.ids[at]; }
   [[nodiscard]] __device__ const float* meanOf(std::uint32_t id) const {
     return points_.state.mean_L + 3 * static_cast<std::size_t>(id);
+  }
+
+  /// Largest squared distance that is searched. @param reach_m  of the last time
+  [[nodiscard]] __device__ std::int64_t boundFor(float reach_m) const {
+    const auto steps = static_cast<std::int64_t>(neighbourSearchSteps(reach_m, points_.rule.steps_per_m));
+    return min(steps * steps, points_.rule.radius_squared);
   }
 
   /// Takes points [begin, end) of the order, one warp each. All threads call it.
@@ -198,7 +195,7 @@ class CellSearch {
       reach = max(reach, __float_as_int(points_.state.reach_m[id]));  // not negative
     }
     reach = __reduce_max_sync(kAllLanes, reach);
-    const double reach_steps = sqrt(static_cast<double>(boundFor(__int_as_float(reach), points_.rule))) + 2;
+    const double reach_steps = sqrt(static_cast<double>(boundFor(__int_as_float(reach)))) + 2;
     double my_low = 0, my_high = 0;  // [steps] of axis `lane`
     for (int axis = 0; axis < 3; ++axis) {
       const float all_low = fromOrderedBits(__reduce_min_sync(kAllLanes, low[axis])),
@@ -229,8 +226,8 @@ class CellSearch {
       const auto leafAt = [&](double steps, double rounding) {
         return static_cast<std::int32_t>(floor((steps * voxels_per_step + 0.5 + rounding) / 8));
       };
-      s_.leaf_low[lane_] = leafAt(my_low, -kRoundingVoxels);
-      s_.leaf_side[lane_] = leafAt(my_high, kRoundingVoxels) - s_.leaf_low[lane_] + 1;
+      s_.leaf_low[lane_] = leafAt(my_low, -kMeanRoundingVoxels);
+      s_.leaf_side[lane_] = leafAt(my_high, kMeanRoundingVoxels) - s_.leaf_low[lane_] + 1;
     }
   }
 
@@ -257,8 +254,9 @@ class CellSearch {
         const int from = __ffs(static_cast<int>(left)) - 1;
         const std::uint32_t begin = __shfl_sync(kAllLanes, first, from), size = __shfl_sync(kAllLanes, count, from);
 #pragma unroll 1
-        for (std::uint32_t i = 0; i < size; i += kWarp)
+        for (std::uint32_t i = 0; i < size; i += kWarp) {
           gatherOne(begin + i, i + static_cast<std::uint32_t>(lane_) < size);
+        }
       }
     }
   }
@@ -293,12 +291,7 @@ class CellSearch {
     return {steps(0), steps(1), steps(2)};
   }
   [[nodiscard]] __device__ std::int64_t squaredOf(int n, const std::int32_t* centre) const {
-    const NeighbourOffset offset = offsetOf(n, centre);
-    const auto square = [](std::int64_t steps) {
-      const auto narrow = static_cast<std::int32_t>(steps);
-      return static_cast<std::int64_t>(narrow) * narrow;
-    };
-    return square(offset.x) + square(offset.y) + square(offset.z);
+    return offsetOf(n, centre).squared();
   }
 
   /// Finds the neighbours of a moved point with one warp, and stores all of its neighbourhood but the normal.
@@ -314,7 +307,7 @@ class CellSearch {
       centre[axis] = static_cast<std::int32_t>(fractions().of(mean[axis]) - s_.origin[axis]);
     }
     if (!is_whole) return false;
-    const std::int64_t bound = boundFor(points_.state.reach_m[id], rule);
+    const std::int64_t bound = boundFor(points_.state.reach_m[id]);
     const int listed = list(centre, bound), wanted = rule.neighbours;
     __syncwarp();  // also if the point is left over: the next one's list is written where this one's was
     if (listed > kMostListed || (listed < wanted && bound < rule.radius_squared)) return false;

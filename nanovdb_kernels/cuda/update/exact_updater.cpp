@@ -75,7 +75,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     neighbours_begun_ = true;
     moved_.find(points_.view(), stream());
     const std::uint32_t most = growPrepared();
-    points_.makeNeighbourhoods(moved_.view(), 0, most, prepared_.data(), stream());
+    points_.makeByCell(moved_.view(), 0, most, prepared_.data(), stream());
     launchNotePrepared(&counters_.data()->moved, most, stream());
     ACCESSVDB_CUDA(cudaEventRecord(moved_found_.get(), stream()));
   }
@@ -176,18 +176,13 @@ class DeviceExactUpdater final : public ExactUpdater {
   /// Stores the neighbourhoods of the moved points [begin, end), and lists what is due at them.
   void takeMoved(std::uint32_t begin, std::uint32_t end, Neighbours neighbours) {
     const bool prepared = neighbours == Neighbours::Prepared;
-    if (prepared) {
-      launchStoreNeighbours(points_.view(), moved_.part(begin, end - begin), prepared_.data() + begin,
-                            moved_.view().changed_bits, stream());
-    } else if (begin < end) {
-      points_.growParts(end - begin);
-    }
+    if (!prepared && begin < end) points_.growParts(end - begin);
     const std::uint32_t most = prepared ? ToolUpdate::kMovedPart : PointTables::kPart;
     for (std::uint32_t first = begin, count = 0; first < end; first += count) {
       count = std::min(end - first, most);
       const PointPart part = moved_.part(first, count);
       Neighbourhood* const found = neighbourhoodsOf(part, neighbours);
-      if (!prepared) launchStoreNeighbours(points_.view(), part, found, moved_.view().changed_bits, stream());
+      launchStoreNeighbours(points_.view(), part, found, moved_.view().changed_bits, stream());
       for (const auto& tool : tools_) tool->takeMoved(part, found);
     }
   }
@@ -197,7 +192,7 @@ class DeviceExactUpdater final : public ExactUpdater {
       case Neighbours::Prepared:
         return prepared_.data() + part.first;
       case Neighbours::ByCell:
-        return points_.makeNeighbourhoods(moved_.view(), part, stream());
+        return points_.makeByCell(moved_.view(), part, stream());
       case Neighbours::ByPoint:
         return points_.makeNeighbourhoods(part, failed(), stream());
     }

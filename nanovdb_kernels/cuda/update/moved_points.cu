@@ -15,8 +15,7 @@ namespace {
 constexpr unsigned kWarps = 4;
 /// Places that a warp keeps; if more lie near a block, all of its points count as moved.
 constexpr unsigned kMostPlaces = 512;
-/// How far means may lie outside their voxel far from the origin, where float32 has 8 steps per voxel.
-constexpr float kRoundingVoxels = 0.25f;
+constexpr auto kRoundingVoxels = static_cast<float>(kMeanRoundingVoxels);
 /// A squared distance in float32 is off by less than 5 x 2^-24 of its value, a squared reach by less than 2^-22.
 constexpr float kReachSlack = 1.000001f;
 

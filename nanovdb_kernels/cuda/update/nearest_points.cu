@@ -13,8 +13,6 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr unsigned kWarps = 4;
-/// How far means may lie outside their voxel far from the origin, where float32 has 8 steps per voxel.
-constexpr double kRoundingVoxels = 0.25;
 
 /// A warp's list of points.
 template <unsigned kRoom>
@@ -40,7 +38,7 @@ class NearSearch {
   __device__ unsigned list(std::int64_t bound) const {
     const NeighbourRuleView& rule = points_.rule;
     const double reach_voxels =
-        (sqrt(static_cast<double>(bound)) + 1) / rule.steps_per_m * rule.inverse_voxel_size + kRoundingVoxels;
+        (sqrt(static_cast<double>(bound)) + 1) / rule.steps_per_m * rule.inverse_voxel_size + kMeanRoundingVoxels;
     int low[3], side[3];
     double centre[3];  // [voxels]; leaf l holds [8 l - 1/2, 8 l + 7 1/2)
     for (int axis = 0; axis < 3; ++axis) {
@@ -158,8 +156,7 @@ __device__ FoundNeighbours findNearest(const PointsView& points, std::uint32_t i
   const auto wanted = static_cast<unsigned>(rule.neighbours);
 
   const float reach_m = points.state.reach_m[id];
-  std::int64_t bound =
-      reach_m >= 0 ? squareOf(1.05 * static_cast<double>(reach_m) * rule.steps_per_m) : squareOf(guess);
+  std::int64_t bound = reach_m >= 0 ? squareOf(neighbourSearchSteps(reach_m, rule.steps_per_m)) : squareOf(guess);
   if (bound > rule.radius_squared) bound = rule.radius_squared;
   std::int64_t too_small = -1, too_large = -1;
   unsigned listed = 0;
@@ -295,10 +292,11 @@ bool isShort(const NeighbourRuleView& rule) {
   return rule.neighbours <= 120 && radius_voxels <= static_cast<double>(kFewAtOneDistance);
 }
 
-template <unsigned kRoom>
-void launchOfLeft(const PointsView& points, const MovedView& moved, const MovedRange& range, unsigned warps,
-                  unsigned blocks, cudaStream_t stream) {
-  nearestOfLeft<kRoom><<<blocks, warps * kWarp, warps * sizeof(NearList<kRoom>), stream>>>(points, moved, range);
+template <unsigned kRoom, unsigned kWarpsEach>
+void launchOfLeft(const PointsView& points, const MovedView& moved, const MovedRange& range, unsigned blocks,
+                  cudaStream_t stream) {
+  nearestOfLeft<kRoom>
+      <<<blocks, kWarpsEach * kWarp, kWarpsEach * sizeof(NearList<kRoom>), stream>>>(points, moved, range);
   checkLaunch("nearestOfLeft");
 }
 
@@ -320,9 +318,9 @@ void launchNearestOfLeft(const PointsView& points, const MovedView& moved, const
   constexpr unsigned kBlocksEach = 8;
   const unsigned blocks = static_cast<unsigned>(multiprocessors) * kBlocksEach;
   if (isShort(points.rule)) {
-    launchOfLeft<384>(points, moved, range, kWarps, blocks, stream);
+    launchOfLeft<384, kWarps>(points, moved, range, blocks, stream);
   } else {
-    launchOfLeft<1536>(points, moved, range, 2, blocks, stream);
+    launchOfLeft<1536, 2>(points, moved, range, blocks, stream);
   }
 }
 

@@ -72,7 +72,6 @@ __device__ void makePoint(const PointsView& points, const PointNews& news) {
 }
 
 __device__ void addMoved(const MovedView& moved, std::uint32_t id) {
-  if (moved.bits == nullptr) return;
   const std::uint32_t bit = 1u << (id & 31);
   if ((atomicOr(moved.bits + (id >> 5), bit) & bit) != 0) return;
   moved.ids[atomicAdd(&moved.counters->moved, 1u)] = id;

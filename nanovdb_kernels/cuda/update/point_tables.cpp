@@ -124,8 +124,8 @@ void PointTables::growParts(std::uint32_t points) {
   growForParts(left_, memory_, points);
 }
 
-void PointTables::makeNeighbourhoods(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
-                                     cudaStream_t stream) {
+void PointTables::makeByCell(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
+                             cudaStream_t stream) {
   if (!by_cell_) {
     for (std::uint32_t first = begin; first < end; first += kPart) {
       const PointPart part = {moved.ids, &moved.counters->moved, first, std::min(end - first, kPart)};
@@ -138,8 +138,8 @@ void PointTables::makeNeighbourhoods(const MovedView& moved, std::uint32_t begin
   launchNearestOfLeft(view_, moved, range, multiprocessors_, stream);
 }
 
-Neighbourhood* PointTables::makeNeighbourhoods(const MovedView& moved, const PointPart& part, cudaStream_t stream) {
-  makeNeighbourhoods(moved, part.first, part.first + part.count, part_.data(), stream);
+Neighbourhood* PointTables::makeByCell(const MovedView& moved, const PointPart& part, cudaStream_t stream) {
+  makeByCell(moved, part.first, part.first + part.count, part_.data(), stream);
   return part_.data();
 }
 

@@ -47,10 +47,10 @@ class PointTables {
   /// @return [part.count], kept until the next call
   Neighbourhood* makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream);
   /// The same for moved points near touched ones.
-  Neighbourhood* makeNeighbourhoods(const MovedView& moved, const PointPart& part, cudaStream_t stream);
+  Neighbourhood* makeByCell(const MovedView& moved, const PointPart& part, cudaStream_t stream);
   /// Needs growLeft() for as many, or growParts().
-  void makeNeighbourhoods(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
-                          cudaStream_t stream);
+  void makeByCell(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
+                  cudaStream_t stream);
   /// @param to  [part.count]
   void makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, Neighbourhood* to, cudaStream_t stream);
 

@@ -131,7 +131,7 @@ struct MovedBlock {
 struct MovedView {
   PlacesView places;
   std::uint32_t* ids = nullptr;           ///< list of moved points
-  std::uint32_t* bits = nullptr;          ///< [n / 32] already on that list; null: no list is kept
+  std::uint32_t* bits = nullptr;          ///< [n / 32] already on that list
   MovedBlock* blocks = nullptr;           ///< [blocks] of the points near touched ones
   std::uint32_t* changed_bits = nullptr;  ///< [n / 32] already handed on for evaluation
   MovedCounters* counters = nullptr;
