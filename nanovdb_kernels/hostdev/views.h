@@ -33,28 +33,30 @@ struct VoxelColumn {
 };
 static_assert(sizeof(VoxelColumn) == 16);
 
-/// Stacked leaves of the map that the tool touches. x and y in leaves from the surface point's leaf; z in slabs of
-/// eight voxels, counted upwards from the point's voxel, so that one more leaf than slabs may be touched.
+/// Stacked leaves of the map that the tool touches, from the corner of a direction's SlabBox. One more leaf than slabs
+/// may be touched: slabs are counted upwards from the point's voxel, which may be anywhere in its leaf.
 struct LeafColumn {
-  std::int16_t leaf_dx, leaf_dy, slab_dz, count;
+  std::uint16_t x = 0;        ///< [voxels] of the leaves' first x, plus 8: they may begin before the box
+  std::uint8_t y = 0, z = 0;  ///< [leaves], [slabs]
+  std::uint8_t count = 0;     ///< slabs
+  std::uint8_t full = 0;      ///< first of a run of slabs that are full for all eight x of the leaf
+  std::uint8_t num_full = 0;  ///< of that run; 0 if the tool is thin
+  std::uint8_t unused = 0;
 };
 static_assert(sizeof(LeafColumn) == 8);
-/// A run of slabs of a LeafColumn that are full for all eight x of the leaf.
-struct FullSlabs {
-  std::uint8_t begin = 0, count = 0;
-};
 /// A box of slabs of the tool. Each has one x, the eight y of a leaf, eight z; bit 8 y + z. x in voxels, y in leaves, z
-/// in slabs from the point. The slab at (x, y, z) is words[first + n], n = ((y - leaf_dy) size_x + x - dx) size_z + z -
-/// slab_dz.
+/// in slabs from the point. The slab at (x, y, z) is words[first + n], n = ((y - leaf_dy) size_x + x - dx) (size_z + 1)
+/// + z
+/// - slab_dz. An empty slab before the first and behind each row is there to be read.
 struct SlabBox {
   std::uint32_t first = 0;
   std::int16_t dx = 0, leaf_dy = 0, slab_dz = 0, size_x = 0, size_y = 0, size_z = 0;
 };
 static_assert(sizeof(SlabBox) == 16);
 /// The slabs of a SlabBox at one x and y, from the lowest that is not empty to the highest. Tools that roll have so
-/// many boxes, most of them so empty, that their slabs are kept by row: the row at (x, y) is rows[first + (y - leaf_dy)
-/// size_x
-/// + x - dx], its slab at z is words[row.first + z - slab_dz - row.begin].
+/// many boxes, and tools in small voxels such large ones, most of them empty, that their slabs are kept by row: the row
+/// at (x, y) is rows[first + (y - leaf_dy) size_x + x - dx], its slab at z is words[row.first + z - slab_dz -
+/// row.begin].
 struct SlabRow {
   std::uint32_t first = 0;
   std::uint16_t begin = 0, count = 0;
@@ -85,14 +87,14 @@ struct ToolKernelView {
 };
 
 /// A second copy of the tool's voxel form, to compare 64 of its voxels with 64 of a map leaf at a time. x, y: position
-/// of the point's voxel in its leaf. All null if unavailable.
+/// of the point's voxel in its leaf. Parts of a tool that rolls take the place of directions. All null if unavailable.
 struct ToolSlabsView {
   const std::uint64_t* words = nullptr;
   const SlabBox* boxes = nullptr;        ///< [D x 8]: direction d, y
   const LeafColumn* columns = nullptr;   ///< those with full slabs first; within both kinds, near ones first
-  const FullSlabs* full = nullptr;       ///< per column; null if there are few
   const std::uint32_t* begin = nullptr;  ///< [D x 8 x 8 + 1]: columns of direction d, x, y
-  const SlabRow* rows = nullptr;         ///< of tools that roll, whose parts take the place of directions; else null
+  const SlabRow* rows = nullptr;         ///< if slabs are kept by row; else null
+  bool thick = false;                    ///< some columns have full slabs
 };
 
 /// Directions and the corridor: tables computed once on the host.

@@ -64,19 +64,18 @@ ScoringSetup::ScoringSetup(const ToolGeometry& tool, const FieldParams& resolved
 
 /// Without memory for them the search works without slabs, which only costs time.
 void ScoringSetup::loadSlabs() {
-  const ToolSlabs slabs = ToolSlabs::make(tool_.view(), tool_.num_directions, ToolSlabs::kMostBytes);
+  const ToolSlabs slabs = ToolSlabs::make(tool_.view(), tool_.num_directions, ToolSlabs::Limits());
   if (slabs.empty()) return;
   try {
     auto words = uploaded(memory_, slabs.words);
     auto boxes = uploaded(memory_, slabs.boxes);
     auto columns = uploaded(memory_, slabs.columns);
-    auto full = uploaded(memory_, slabs.full);
     auto begin = uploaded(memory_, slabs.begin);
     auto rows = uploaded(memory_, slabs.rows);
     d_slab_words_ = std::move(words);
     d_slab_boxes_ = std::move(boxes);
     d_leaf_columns_ = std::move(columns);
-    d_full_slabs_ = std::move(full);
+    slabs_are_thick_ = slabs.thick;
     d_slab_rows_ = std::move(rows);
     d_leaf_column_begin_ = std::move(begin);
   } catch (const ResourceLimit&) {
@@ -108,8 +107,8 @@ ScoringTables ScoringSetup::tables(const kernels::OccupancyGrid* grid) const {
   tables.tool.samples = d_samples_.data();
   tables.tool.sample_begin = d_sample_begin_.data();
   if (d_leaf_column_begin_.size() > 0) {
-    tables.slabs = {d_slab_words_.data(), d_slab_boxes_.data(),        d_leaf_columns_.data(),
-                    d_full_slabs_.data(), d_leaf_column_begin_.data(), d_slab_rows_.data()};
+    tables.slabs = {d_slab_words_.data(),        d_slab_boxes_.data(), d_leaf_columns_.data(),
+                    d_leaf_column_begin_.data(), d_slab_rows_.data(),  slabs_are_thick_};
   }
   tables.approach = hostApproach();
   if (tables.approach.axes_xyz == nullptr) {

@@ -43,7 +43,7 @@ class ScoringSetup {
   kernels::CountedMemory memory_;
   kernels::DeviceArray<kernels::VoxelColumn> d_columns_;
   kernels::DeviceArray<kernels::LeafColumn> d_leaf_columns_;
-  kernels::DeviceArray<kernels::FullSlabs> d_full_slabs_;
+  bool slabs_are_thick_ = false;
   kernels::DeviceArray<kernels::SlabRow> d_slab_rows_;
   kernels::DeviceArray<kernels::SlabBox> d_slab_boxes_;
   kernels::DeviceArray<std::uint64_t> d_slab_words_;

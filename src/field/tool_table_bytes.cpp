@@ -101,12 +101,10 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
   double making = held;
   if (resolved.backend != BackendKind::Cpu && !kernel.use_samples && !kernels::isWide(directions)) {
     // As in ScoringSetup: slabs as they are found, and again in one list, which then goes to the GPU.
-    constexpr auto kMost = static_cast<double>(internal::ToolSlabs::kMostBytes);
-    const auto slabs = internal::ToolSlabs::make(kernel.view(), sampled, static_cast<std::uint64_t>(kMost / share));
-    making +=
-        2 * (slabs.empty()
-                 ? kMost
-                 : share * (bytesOf(slabs.words) + bytesOf(slabs.columns) + bytesOf(slabs.full) + bytesOf(slabs.rows)));
+    constexpr internal::ToolSlabs::Limits kLimits;
+    const auto slabs = internal::ToolSlabs::make(kernel.view(), sampled, kLimits.dividedBy(share));
+    making += 2 * (slabs.empty() ? static_cast<double>(kLimits.bytes)
+                                 : share * (bytesOf(slabs.words) + bytesOf(slabs.columns) + bytesOf(slabs.rows)));
   }
   if (resolved.update.policy == UpdatePolicy::Exact && on_host && !kernel.use_samples && !kernels::isWide(directions)) {
     // The table of directions by cell: one cell more at either end of each axis.

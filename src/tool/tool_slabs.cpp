@@ -19,7 +19,6 @@
 namespace accessvdb::internal {
 namespace {
 
-using kernels::FullSlabs;
 using kernels::LeafColumn;
 using kernels::SlabBox;
 using kernels::SlabRow;
@@ -65,16 +64,12 @@ std::optional<SlabBox> boxOf(std::span<const VoxelColumn> columns, int y) {
   return box;
 }
 
-std::uint64_t wordsOf(const SlabBox& box) {
-  return static_cast<std::uint64_t>(box.size_x) * static_cast<std::uint64_t>(box.size_y) *
-         static_cast<std::uint64_t>(box.size_z);
-}
+/// Words of a row: its slabs and the empty one behind it.
+std::size_t rowWords(const SlabBox& box) { return static_cast<std::size_t>(box.size_z) + 1; }
 
-/// A vertical column of the map's leaves that the tool touches.
-struct TouchedColumn {
-  LeafColumn column = {};
-  FullSlabs full;
-};
+std::uint64_t wordsOf(const SlabBox& box) {
+  return static_cast<std::uint64_t>(box.size_x) * static_cast<std::uint64_t>(box.size_y) * rowWords(box);
+}
 
 /// The slabs of a direction, for a point at place y of its leaf.
 class Slabs {
@@ -90,33 +85,32 @@ class Slabs {
   /// The leaves that they touch for a point at place x of its leaf, from the lowest slab with a voxel to the highest.
   /// Columns with full leaves come first, and within each group the near ones: a search that stops at a number of
   /// collisions meets them early.
-  [[nodiscard]] std::vector<TouchedColumn> leafColumns(int x) const {
-    std::vector<TouchedColumn> list;
+  [[nodiscard]] std::vector<LeafColumn> leafColumns(int x) const {
+    std::vector<LeafColumn> list;
     const int begin = (box_.dx + x) >> kLog2, end = (box_.dx + box_.size_x - 1 + x) >> kLog2;
     for (int leaf_x = begin; box_.size_x > 0 && leaf_x <= end; ++leaf_x) {
-      for (int y = 0; y < box_.size_y; ++y) addColumn(leaf_x, leaf_x * kSide - x - box_.dx, y, list);
+      for (int y = 0; y < box_.size_y; ++y) addColumn(leaf_x * kSide - x - box_.dx, y, list);
     }
-    const auto place = [](const TouchedColumn& c) {
-      const int ring =
-          std::max(std::abs(static_cast<int>(c.column.leaf_dx)), std::abs(static_cast<int>(c.column.leaf_dy)));
-      return std::pair(c.full.count == 0, ring);
+    const auto place = [&](const LeafColumn& c) {
+      const int leaf_dx = (c.x - kSide + x + box_.dx) / kSide, leaf_dy = c.y + box_.leaf_dy;
+      return std::pair(c.num_full == 0, std::max(std::abs(leaf_dx), std::abs(leaf_dy)));
     };
     std::stable_sort(list.begin(), list.end(),
-                     [&](const TouchedColumn& a, const TouchedColumn& b) { return place(a) < place(b); });
+                     [&](const LeafColumn& a, const LeafColumn& b) { return place(a) < place(b); });
     return list;
   }
 
  private:
   [[nodiscard]] std::size_t index(int x, int y) const {
     return (static_cast<std::size_t>(y) * static_cast<std::size_t>(box_.size_x) + static_cast<std::size_t>(x)) *
-           static_cast<std::size_t>(box_.size_z);
+           rowWords(box_);
   }
   /// Slab at any x inside or outside the box.
   [[nodiscard]] std::uint64_t slabAt(int x, int y, int z) const {
     return x >= 0 && x < box_.size_x ? words_[index(x, y) + static_cast<std::size_t>(z)] : 0;
   }
   /// The column of a leaf whose eight x begin at `first` of the box, if the tool touches it.
-  void addColumn(int leaf_x, int first, int y, std::vector<TouchedColumn>& list) const {
+  void addColumn(int first, int y, std::vector<LeafColumn>& list) const {
     int low = box_.size_z, high = -1, run = 0, full_end = 0, full_count = 0;
     for (int z = 0; z < box_.size_z; ++z) {
       std::uint64_t any = 0, all = ~std::uint64_t{0};
@@ -135,12 +129,15 @@ class Slabs {
       }
     }
     if (high < low) return;
-    TouchedColumn touched;
-    touched.column = {narrow(leaf_x), narrow(y + box_.leaf_dy), narrow(low + box_.slab_dz), narrow(high - low + 1)};
-    // Boxes too high for it are discarded (canBeNumbered).
-    if (full_count > 0) touched.full.begin = static_cast<std::uint8_t>(full_end - full_count - low);
-    touched.full.count = static_cast<std::uint8_t>(full_count);
-    list.push_back(touched);
+    // Boxes too high or too wide for these numbers are discarded (canBeNumbered).
+    LeafColumn column;
+    column.x = static_cast<std::uint16_t>(first + kSide);
+    column.y = static_cast<std::uint8_t>(y);
+    column.z = static_cast<std::uint8_t>(low);
+    column.count = static_cast<std::uint8_t>(high - low + 1);
+    if (full_count > 0) column.full = static_cast<std::uint8_t>(full_end - full_count - low);
+    column.num_full = static_cast<std::uint8_t>(full_count);
+    list.push_back(column);
   }
   void add(const VoxelColumn& c, int place_y) {
     const int y = c.dy + place_y, row = y & (kSide - 1);
@@ -159,8 +156,8 @@ class Slabs {
 struct Part {
   SlabBox box;
   std::vector<std::uint64_t> words;
-  std::vector<SlabRow> rows;                              ///< if by row; their `first` counts from the part's words
-  std::array<std::vector<TouchedColumn>, kSide> columns;  ///< by x
+  std::vector<SlabRow> rows;                           ///< if by row; their `first` counts from the part's words
+  std::array<std::vector<LeafColumn>, kSide> columns;  ///< by x
 
   Part() = default;
   explicit Part(Slabs slabs) : box(slabs.box()) {
@@ -169,9 +166,8 @@ struct Part {
   }
   /// Leaves out the empty slabs at the ends of rows.
   void packRows() {
-    const auto size_z = static_cast<std::size_t>(box.size_z);
     std::vector<std::uint64_t> packed;
-    for (std::size_t at = 0; at < words.size(); at += size_z) {
+    for (std::size_t at = 0; at < words.size(); at += rowWords(box)) {
       const auto row = words.begin() + static_cast<std::ptrdiff_t>(at), end = row + box.size_z;
       const auto isAny = [](std::uint64_t slab) { return slab != 0; };
       const auto low = std::find_if(row, end, isAny);
@@ -188,7 +184,7 @@ struct Part {
   }
   [[nodiscard]] std::uint64_t columnBytes() const {
     std::uint64_t sum = 0;
-    for (const auto& of_x : columns) sum += of_x.size() * (sizeof(LeafColumn) + sizeof(FullSlabs));
+    for (const auto& of_x : columns) sum += of_x.size() * sizeof(LeafColumn);
     return sum;
   }
   [[nodiscard]] bool canBeNumbered() const { return box.size_y <= kMostLeaves && box.size_z <= kMostLeaves; }
@@ -246,9 +242,11 @@ ToolSlabs joined(std::vector<Part>& parts) {
     num_rows += part.rows.size();
     for (const auto& of_x : part.columns) num_columns += of_x.size();
   }
-  if (num_rows == 0) all.words.reserve(num_words);
+  if (num_rows == 0) {
+    all.words.reserve(num_words + 1);
+    all.words.push_back(0);  // in front of the first row
+  }
   all.columns.reserve(num_columns);
-  all.full.reserve(num_columns);
   all.rows.reserve(num_rows);
   SharedRows shared(all.words);
   for (Part& part : parts) {
@@ -271,42 +269,56 @@ ToolSlabs joined(std::vector<Part>& parts) {
   for (std::size_t first = 0; first < parts.size(); first += kSide) {
     for (std::size_t x = 0; x < kSide; ++x) {
       for (std::size_t y = 0; y < kSide; ++y) {
-        for (const TouchedColumn& touched : parts[first + y].columns[x]) {
-          all.columns.push_back(touched.column);
-          all.full.push_back(touched.full);
-          num_slabs += touched.column.count;
-          num_full += touched.full.count;
+        for (const LeafColumn& column : parts[first + y].columns[x]) {
+          all.columns.push_back(column);
+          num_slabs += column.count;
+          num_full += column.num_full;
         }
         all.begin.push_back(static_cast<std::uint32_t>(all.columns.size()));
       }
     }
   }
-  if (num_full < kLeastFullShare * num_slabs) all.full.clear();
+  all.thick = num_full > 0 && num_full >= kLeastFullShare * num_slabs;
   return all;
 }
 
 }  // namespace
 
-ToolSlabs ToolSlabs::make(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes) {
+ToolSlabs::Limits ToolSlabs::Limits::dividedBy(double share) const {
+  const auto part = [&](std::uint64_t limit) { return static_cast<std::uint64_t>(static_cast<double>(limit) / share); };
+  return {part(bytes), part(box_bytes)};
+}
+
+ToolSlabs ToolSlabs::make(const kernels::ToolKernelView& tool, int num_directions, const Limits& limits) {
   if (tool.use_samples) return {};
-  const bool by_row = tool.parts > 1;
   std::vector<Part> parts(static_cast<std::size_t>(num_directions) * static_cast<std::size_t>(tool.parts) * kSide);
-  std::atomic<std::uint64_t> bytes{0};
+  const auto columnsOf = [&](std::size_t n) {
+    const std::uint32_t begin = tool.column_begin[n / kSide], end = tool.column_begin[n / kSide + 1];
+    return std::span(tool.columns + begin, end - begin);
+  };
+  const auto placeOf = [](std::size_t n) { return static_cast<int>(n % kSide); };
+  std::atomic<std::uint64_t> box_bytes{0}, bytes{0};
   std::atomic<bool> fits{true};
+  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t n) {
+    if (const std::optional<SlabBox> box = boxOf(columnsOf(n), placeOf(n))) {
+      box_bytes.fetch_add(wordsOf(*box) * sizeof(std::uint64_t), std::memory_order_relaxed);
+    } else {
+      fits = false;
+    }
+  });
+  const bool by_row = tool.parts > 1 || box_bytes > limits.box_bytes;
   /// Checks the limit before allocating.
   const auto reserve = [&](std::uint64_t more) {
-    if (bytes.fetch_add(more, std::memory_order_relaxed) + more > most_bytes) fits = false;
+    if (bytes.fetch_add(more, std::memory_order_relaxed) + more > limits.bytes) fits = false;
     return fits.load();
   };
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t n) {
     if (!fits) return;
-    const std::uint32_t begin = tool.column_begin[n / kSide], end = tool.column_begin[n / kSide + 1];
-    const std::span columns(tool.columns + begin, end - begin);
-    const auto y = static_cast<int>(n % kSide);
-    const std::optional<SlabBox> box = boxOf(columns, y);
-    if (!box) fits = false;
-    if (!box || (!by_row && !reserve(wordsOf(*box) * sizeof(std::uint64_t)))) return;
-    parts[n] = Part(Slabs(columns, y, *box));
+    const std::optional<SlabBox> box = boxOf(columnsOf(n), placeOf(n));
+    const std::uint64_t of_box = wordsOf(*box) * sizeof(std::uint64_t);
+    if (of_box > limits.bytes) fits = false;
+    if (!fits || (!by_row && !reserve(of_box))) return;
+    parts[n] = Part(Slabs(columnsOf(n), placeOf(n), *box));
     if (by_row) parts[n].packRows();
     if (by_row && !reserve(parts[n].slabBytes())) return;
     if (!parts[n].canBeNumbered() || !reserve(parts[n].columnBytes())) fits = false;

@@ -14,20 +14,27 @@ namespace accessvdb::internal {
 /// Host-side tables behind a ToolSlabsView. Empty for tools of samples, and if they would take too much memory, which
 /// only costs time.
 struct ToolSlabs {
-  /// Limit on their memory; above it, searches work without them.
-  static constexpr std::uint64_t kMostBytes = std::uint64_t{512} << 20;
+  struct Limits {
+    /// On their memory; above it, searches work without them.
+    std::uint64_t bytes = std::uint64_t{512} << 20;
+    /// On the boxes; above it, slabs are kept by row. That takes a third of the memory, but one more read per slab,
+    /// which costs more than it spares as long as the boxes stay in the cache.
+    std::uint64_t box_bytes = std::uint64_t{128} << 20;
 
-  std::vector<std::uint64_t> words;
+    [[nodiscard]] Limits dividedBy(double share) const;
+  };
+
+  std::vector<std::uint64_t> words;     ///< begin with an empty one, unless kept by row
   std::vector<kernels::SlabBox> boxes;  ///< [D x 8]
   std::vector<kernels::LeafColumn> columns;
-  std::vector<kernels::FullSlabs> full;  ///< of each column; empty if there are few
-  std::vector<std::uint32_t> begin;      ///< [D x 8 x 8 + 1]
-  std::vector<kernels::SlabRow> rows;    ///< only of tools that roll
+  std::vector<std::uint32_t> begin;    ///< [D x 8 x 8 + 1]
+  std::vector<kernels::SlabRow> rows;  ///< of each box, if slabs are kept by row
+  bool thick = false;                  ///< enough slabs are full for looking them up to pay off
 
   [[nodiscard]] bool empty() const { return begin.empty(); }
 
   /// Parallel over directions, or the parts of all of them. @param tool  host memory
-  static ToolSlabs make(const kernels::ToolKernelView& tool, int num_directions, std::uint64_t most_bytes);
+  static ToolSlabs make(const kernels::ToolKernelView& tool, int num_directions, const Limits& limits);
 };
 
 }  // namespace accessvdb::internal

@@ -123,7 +123,7 @@ constexpr StreamCase kGroupsOf8 = {.seed = 10,
                                    .tool = "builtin:pruner",
                                    .voxel_size_m = 0.005,
                                    .max_collisions = 20,  // the rule would allow a few thousand
-                                   .directions = 36,
+                                   .directions = 80,      // enough for their slabs to be kept by row
                                    .frames = 10,
                                    .rays_per_frame = 8000,
                                    .range_noise_m = 0.01,
@@ -309,7 +309,7 @@ INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream,
 
 internal::ToolSlabs slabsOf(const StreamCase& c) {
   const auto kernel = internal::ToolKernel::make(ToolGeometry::builtin(c.tool), paramsOf(c).resolved());
-  return internal::ToolSlabs::make(kernel.view(), c.directions, internal::ToolSlabs::kMostBytes);
+  return internal::ToolSlabs::make(kernel.view(), c.directions, internal::ToolSlabs::Limits());
 }
 
 /// Points that stayed accessible while their score rose.
@@ -356,7 +356,7 @@ TEST(ShortStream, HasAToolWithSlabsThatBlocks) {
 TEST(ThickTool, TakesLeavesAsAWholeAndBlocks) {
   for (const auto& [c, tests] : {std::pair{kThickTool, 1000u}, {kShortThickTool, 100u}}) {
     const internal::ToolSlabs slabs = slabsOf(c);
-    EXPECT_EQ(slabs.full.size(), slabs.columns.size());
+    EXPECT_TRUE(slabs.thick);
     EXPECT_GT(slabs.columns.size(), 0u);
     Risen risen;  // then directions are compared with ones not known to be worse
     const FieldSnapshot snapshot = busyStream(c, tests, &risen);
@@ -365,6 +365,13 @@ TEST(ThickTool, TakesLeavesAsAWholeAndBlocks) {
     EXPECT_GT(risen.same_direction, 5u);
     EXPECT_GT(risen.other_direction, 5u);
   }
+}
+
+/// One of the streams counts slabs that are kept by row. Needs no GPU.
+TEST(GroupedStreams, HaveAToolWhoseSlabsAreKeptByRow) {
+  const internal::ToolSlabs slabs = slabsOf(kGroupsOf8);
+  EXPECT_FALSE(slabs.rows.empty());
+  EXPECT_TRUE(slabs.thick);
 }
 
 /// Where places are seen again, the device knows blocked corridors as well as the processor does: it asks about one

@@ -51,9 +51,9 @@ class WindowBase {
     return inside;
   }
 
-  /// Colliding voxels at x in a leaf: bit 8 y + z.
-  [[nodiscard]] static __device__ std::uint64_t slabIn(const std::uint8_t* leaf, int x) {
-    return reinterpret_cast<const std::uint64_t*>(leaf + kValueBytes)[x & 7];
+  /// [voxels] of a voxel from the window's corner.
+  [[nodiscard]] __device__ std::int32_t fromCorner(const Coord& ijk, int axis) const {
+    return ijk[axis] - origin_[axis];
   }
 
  protected:
@@ -187,18 +187,6 @@ class MapWindow : public Nodes {
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }
   [[nodiscard]] __device__ bool armFree(const Coord& ijk) const { return this->bit(ijk, kActiveBytes); }
 
-  /// Number of collisions in the leaf of a voxel; the leaf must exist.
-  [[nodiscard]] __device__ std::uint32_t collisionsIn(int x, int y, int z) const {
-    const auto cells = *reinterpret_cast<const std::uint64_t*>(leafAt(x, y, z) + kCellCountsBytes);
-    return __dp4a(static_cast<std::uint32_t>(cells), 0x01010101u,
-                  __dp4a(static_cast<std::uint32_t>(cells >> 32), 0x01010101u, 0u));
-  }
-  /// An existing leaf as a four-byte entry, and what collides at x in it: bit 8 y + z.
-  [[nodiscard]] __device__ std::uint32_t entryOf(int x, int y, int z) const { return this->offsetOf(leafAt(x, y, z)); }
-  [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
-    return WindowBase::slabIn(this->node(entry), x);
-  }
-
   /// Collisions of a tool column placed at a voxel, as countVoxelCollisions counts them. Two rows per iteration, so
   /// that their reads overlap.
   [[nodiscard]] __device__ int countColumn(const VoxelColumn& column, const Coord& point_ijk) const {
@@ -218,11 +206,6 @@ class MapWindow : public Nodes {
       bits >>= 8;
       z += 16;
     }
-  }
-
- private:
-  [[nodiscard]] __device__ const std::uint8_t* leafAt(int x, int y, int z) const {
-    return this->leafOf(x - this->origin_[0], y - this->origin_[1], z - this->origin_[2]);
   }
 };
 

@@ -15,10 +15,13 @@ namespace accessvdb::kernels {
 /// Leaves in which something collides, one list per warp.
 struct BusyLeaves {
   static constexpr int kTurn = 16;  ///< leaves of a column looked up at a time
-  static constexpr int kMost = 4 * static_cast<int>(kWarp);
-  struct Leaf {
-    std::uint32_t entry;  ///< the leaf's entry in the window
-    std::uint32_t place;  ///< (x + 8) << 16 | y << 8 | z, from the box of the direction's slabs
+  static constexpr int kMost = 2 * static_cast<int>(kWarp);
+  /// First a leaf is only `place`: LeafColumn::x << 16 | y << 8 | z.
+  struct alignas(16) Leaf {
+    std::uint32_t place;
+    std::uint32_t entry;  ///< BusyPlaces::entryOf
+    std::int32_t x;       ///< of its slab 0 in the box
+    std::int32_t at;      ///< of that slab: its word, or its row if slabs are kept by row
   };
   Leaf list[kMost];
 };
@@ -28,150 +31,176 @@ struct SlabWork {
   ToolSlabsView tool;
   OccupancyView map;
   WindowShape shape;
-  std::uint32_t* nodes;  ///< filled nodes of a BusyWindow of that shape
+  const std::uint32_t* nodes;  ///< filled nodes of a BusyWindow of that shape
   const std::uint16_t* busy_bits;
-  std::int32_t point_ijk[3];
+  std::int32_t in_window[3];  ///< [voxels] the point's voxel from the window's corner
   BusyLeaves busy;
 };
 
 /// The tool at one direction, placed at the voxel of a point.
-/// @tparam kThick  whether ToolSlabsView::full is set  @tparam kRows  whether ToolSlabsView::rows is
+/// @tparam kThick  whether ToolSlabsView::thick is set  @tparam kRows  whether ToolSlabsView::rows is
 template <bool kThick, bool kRows>
 class SlabCount {
  public:
   __device__ SlabCount(SlabWork& work, int d, int lane)
-      : point_ijk_(work.point_ijk[0], work.point_ijk[1], work.point_ijk[2]),
-        window_(work.nodes, work.shape, work.map, work.busy_bits, point_ijk_),
-        busy_(work.busy),
-        lane_(lane),
-        box_(work.tool.boxes[8 * d + (point_ijk_[1] & 7)]) {
+      : places_(work.nodes, work.shape, work.map, work.busy_bits), busy_(work.busy), lane_(lane) {
+    const int x = work.in_window[0], y = work.in_window[1], z = work.in_window[2];
+    const SlabBox box = work.tool.boxes[8 * d + (y & 7)];
     words_ = work.tool.words;
     if constexpr (kRows) {
-      rows_ = work.tool.rows + box_.first;
+      rows_ = work.tool.rows + box.first;
     } else {
-      words_ += box_.first;
+      words_ += box.first;
     }
-    const std::uint32_t* begin = work.tool.begin + (64 * d + 8 * (point_ijk_[0] & 7) + (point_ijk_[1] & 7));
+    const std::uint32_t* begin = work.tool.begin + (64 * d + 8 * (x & 7) + (y & 7));
     columns_ = work.tool.columns + begin[0];
-    if constexpr (kThick) full_ = work.tool.full + begin[0];
     num_columns_ = static_cast<int>(begin[1] - begin[0]);
+    size_x_ = box.size_x;
+    size_z_ = box.size_z;
+    corner_x_ = x + box.dx - 8;
+    corner_y_ = (y >> 3) + box.leaf_dy;
+    corner_z_ = (z >> 3) + box.slab_dz;
     // Tool slabs begin at the voxel of the point, map slabs at multiples of eight: a map leaf meets the lower part of
     // one tool slab in its bits shift .. 7, and the upper part of the slab below in its other bits.
-    shift_ = point_ijk_[2] & 7;
+    shift_ = z & 7;
     high_ = (0xffu << shift_ & 0xffu) * 0x01010101u;
   }
 
   /// Stops once the collisions exceed `stop_above`; exact up to there.
-  __device__ int upTo(int stop_above) const {
-    int count = 0;
+  __device__ int upTo(int stop_above) {
+    const int one_more = shift_ != 0 ? 1 : 0;
 #pragma unroll 1
-    for (int first = 0; first < num_columns_ && count <= stop_above; first += static_cast<int>(kWarp)) {
+    for (int first = 0; first < num_columns_; first += static_cast<int>(kWarp)) {
       const int n = first + lane_;
       const LeafColumn column = n < num_columns_ ? columns_[n] : LeafColumn{};
-      const int leaves = column.count > 0 && shift_ != 0 ? column.count + 1 : column.count;
-      const int most = __reduce_max_sync(kAllLanes, leaves);
-      const int from_x = 8 * column.leaf_dx - (point_ijk_[0] & 7) - box_.dx + 8, from_y = column.leaf_dy - box_.leaf_dy;
-      const auto place = static_cast<std::uint32_t>(from_x << 16 | from_y << 8 | (column.slab_dz - box_.slab_dz));
-      const Coord ijk = voxelAt(place);
+      const int leaves = column.count > 0 ? column.count + one_more : 0;
 #pragma unroll 1
-      for (int low = 0; low < most; low += BusyLeaves::kTurn) {
+      for (int low = 0; low < size_z_ + one_more; low += BusyLeaves::kTurn) {
         const int asked = min(max(leaves - low, 0), BusyLeaves::kTurn);
-        std::uint32_t found = asked > 0 ? window_.busyLeaves(ijk[0], ijk[1], ijk[2] + 8 * low, asked) : 0;
-        const std::uint32_t from = place + static_cast<std::uint32_t>(low);
+        const int z = column.z + low;
+        const std::uint32_t place = column.x << 16 | column.y << 8 | z;
+        std::uint32_t found =
+            asked > 0 ? places_.leavesAbove(leafX(column.x), corner_y_ + column.y, corner_z_ + z, asked) : 0;
         // Where much collides, leaves fully covered by the tool give many collisions at little cost.
         if constexpr (kThick) {
           if (__reduce_add_sync(kAllLanes, __popc(found)) >= kManyBusy) {
-            const std::uint32_t full = found & fullOf(n, low);
-            count += collisionsIn<true>(full, from);
-            if (count > stop_above) return count;
+            const std::uint32_t full = found & fullOf(column, low);
+            countWhole(full, place);
+            if (count_ > stop_above) return count_;
             found &= ~full;
           }
         }
-        count += collisionsIn<false>(found, from);
+        list(found, place);
+        if (listed_ >= kEnough) {
+          compareListed();
+          if (count_ > stop_above) return count_;
+        }
       }
     }
-    return count;
+    if (listed_ > 0) compareListed();
+    return count_;
   }
 
  private:
-  /// First voxel of the leaf at a BusyLeaves::Leaf::place, where its slab at x = 0 begins.
-  [[nodiscard]] __device__ Coord voxelAt(std::uint32_t place) const {
-    return Coord(point_ijk_[0] + box_.dx + static_cast<int>(place >> 16) - 8,
-                 (point_ijk_[1] & ~7) + 8 * (box_.leaf_dy + static_cast<int>(place >> 8 & 0xff)),
-                 (point_ijk_[2] & ~7) + 8 * (box_.slab_dz + static_cast<int>(place & 0xff)));
+  /// In leaves from the window's corner. @param x  LeafColumn::x
+  [[nodiscard]] __device__ int leafX(int x) const { return (corner_x_ + x) >> 3; }
+  [[nodiscard]] __device__ Coord leafAt(std::uint32_t place) const {
+    return Coord(leafX(static_cast<int>(place >> 16)), corner_y_ + static_cast<int>(place >> 8 & 0xff),
+                 corner_z_ + static_cast<int>(place & 0xff));
   }
-  /// Collisions in leaves of a column, one column per lane. All lanes call it. The leaves are listed first and then
-  /// shared among lanes: otherwise a lane with many leaves would pay the memory latency for each.
-  /// @tparam kWhole  the tool covers them fully  @param found  bit k: the k-th leaf above that at `place`
-  template <bool kWhole>
-  __device__ int collisionsIn(std::uint32_t found, std::uint32_t place) const {
-    int count = 0, listed = 0;
+
+  /// Lists leaves of a column, one column per lane. All lanes call it. They are listed first and then shared among
+  /// lanes: otherwise a lane with many leaves would pay the memory latency for each.
+  /// @param found  bit k: the k-th leaf above that at `place`
+  __device__ void list(std::uint32_t found, std::uint32_t place) {
 #pragma unroll 1
     for (unsigned any = __ballot_sync(kAllLanes, found != 0); any != 0; any = __ballot_sync(kAllLanes, found != 0)) {
+      if (listed_ > BusyLeaves::kMost - static_cast<int>(kWarp)) compareListed();
       if (found != 0) {
-        busy_.list[listed + __popc(any & ((1u << lane_) - 1u))].place =
-            place + static_cast<std::uint32_t>(__ffs(static_cast<int>(found)) - 1);
+        busy_.list[listed_ + __popc(any & ((1u << lane_) - 1u))].place = place + lowest(found);
         found &= found - 1;
       }
-      listed += __popc(any);
-      if (listed > BusyLeaves::kMost - static_cast<int>(kWarp)) {
-        count += collisionsInListed<kWhole>(listed);
-        listed = 0;
-      }
+      listed_ += __popc(any);
     }
-    return listed > 0 ? count + collisionsInListed<kWhole>(listed) : count;
   }
-  template <bool kWhole>
-  __device__ int collisionsInListed(int listed) const {
+  /// Counts leaves of a column that the tool covers fully, one column per lane. All lanes call it.
+  __device__ void countWhole(std::uint32_t full, std::uint32_t place) {
+    auto* const places = reinterpret_cast<std::uint32_t*>(busy_.list + listed_);  // behind what is listed
+    const int room = (BusyLeaves::kMost - listed_) * static_cast<int>(sizeof(BusyLeaves::Leaf) / sizeof(place));
+    int mine = 0, waiting = 0;
+    const auto countWaiting = [&] {
+      __syncwarp();
+#pragma unroll 1
+      for (int n = lane_; n < waiting; n += static_cast<int>(kWarp)) {
+        const Coord leaf = leafAt(places[n]);
+        mine += static_cast<int>(places_.collisionsIn(leaf[0], leaf[1], leaf[2]));
+      }
+      __syncwarp();
+      waiting = 0;
+    };
+#pragma unroll 1
+    for (unsigned any = __ballot_sync(kAllLanes, full != 0); any != 0; any = __ballot_sync(kAllLanes, full != 0)) {
+      if (waiting > room - static_cast<int>(kWarp)) countWaiting();
+      if (full != 0) {
+        places[waiting + __popc(any & ((1u << lane_) - 1u))] = place + lowest(full);
+        full &= full - 1;
+      }
+      waiting += __popc(any);
+    }
+    countWaiting();
+    count_ += __reduce_add_sync(kAllLanes, mine);
+  }
+  [[nodiscard]] static __device__ std::uint32_t lowest(std::uint32_t bits) {
+    return static_cast<std::uint32_t>(__ffs(static_cast<int>(bits)) - 1);
+  }
+
+  /// Counts the collisions in listed leaves. All lanes call it.
+  __device__ void compareListed() {
+    __syncwarp();
+#pragma unroll 1
+    for (int n = lane_; n < listed_; n += static_cast<int>(kWarp)) {
+      const std::uint32_t place = busy_.list[n].place;
+      const Coord leaf = leafAt(place);
+      BusyLeaves::Leaf& to = busy_.list[n];
+      to.entry = places_.entryOf(leaf[0], leaf[1], leaf[2]);
+      const int x = static_cast<int>(place >> 16) - 8, row = static_cast<int>(place >> 8 & 0xff) * size_x_ + x;
+      to.x = x;
+      to.at = kRows ? row : row * (size_z_ + 1) + static_cast<int>(place & 0xff);
+    }
     __syncwarp();
     int mine = 0;
 #pragma unroll 1
-    for (int n = lane_; n < listed; n += static_cast<int>(kWarp)) {
-      BusyLeaves::Leaf& leaf = busy_.list[n];
-      const Coord ijk = voxelAt(leaf.place);
-      if constexpr (kWhole) {
-        mine += static_cast<int>(window_.collisionsIn(ijk[0], ijk[1], ijk[2]));
-      } else {
-        leaf.entry = window_.entryOf(ijk[0], ijk[1], ijk[2]);
-      }
+    for (int first = 0; first < listed_; first += 2 * kAtATime) {
+      const int n = first + (lane_ >> 3);  // reads of two leaves overlap
+      mine += collisionsOf(n) + collisionsOf(n + kAtATime);
     }
-    __syncwarp();
-    if constexpr (!kWhole) {
-#pragma unroll 1
-      for (int first = 0; first < listed; first += 2 * kAtATime) {
-        const int n = first + (lane_ >> 3);  // reads of two leaves overlap
-        mine += collisionsOf(n, listed) + collisionsOf(n + kAtATime, listed);
-      }
-      __syncwarp();  // all have read the list
-    }
-    return __reduce_add_sync(kAllLanes, mine);
+    __syncwarp();  // all have read the list
+    listed_ = 0;
+    count_ += __reduce_add_sync(kAllLanes, mine);
   }
-  /// Which of the leaves low .. low + 15 of the n-th column the tool covers fully: those between two full slabs.
-  [[nodiscard]] __device__ std::uint32_t fullOf(int n, int low) const {
-    const FullSlabs full = n < num_columns_ ? full_[n] : FullSlabs{};
-    const int begin = full.begin + (shift_ != 0 ? 1 : 0), end = full.begin + full.count;
+  /// Which of the leaves low .. low + 15 of a column the tool covers fully: those between two full slabs.
+  [[nodiscard]] __device__ std::uint32_t fullOf(const LeafColumn& column, int low) const {
+    const int begin = column.full + (shift_ != 0 ? 1 : 0), end = column.full + column.num_full;
     return bitsUpTo(end - low) & ~bitsUpTo(begin - low);
   }
   [[nodiscard]] static __device__ std::uint32_t bitsUpTo(int n) { return (1u << min(max(n, 0), 31)) - 1u; }
-  /// Collisions in one of the eight slabs of the n-th leaf.
-  __device__ int collisionsOf(int n, int listed) const {
-    const BusyLeaves::Leaf leaf = n < listed ? busy_.list[n] : BusyLeaves::Leaf{0, 0};
-    const int own_x = lane_ & 7, x = static_cast<int>(leaf.place >> 16) + own_x - 8,
-              z = static_cast<int>(leaf.place & 0xff);
-    const bool meets = n < listed && x >= 0 && x < box_.size_x;
-    const int row = static_cast<int>(leaf.place >> 8 & 0xff) * box_.size_x + x;
+  /// Collisions in one of the eight slabs of the n-th listed leaf.
+  __device__ int collisionsOf(int n) const {
+    const BusyLeaves::Leaf leaf = busy_.list[n];
+    const int own_x = lane_ & 7;
+    const bool meets = n < listed_ && static_cast<unsigned>(leaf.x + own_x) < static_cast<unsigned>(size_x_);
     std::uint64_t upper = 0, lower = 0;
     if constexpr (kRows) {
-      const SlabRow slabs = meets ? rows_[row] : SlabRow{};
-      const int at = z - static_cast<int>(slabs.begin);
+      const SlabRow slabs = meets ? rows_[leaf.at + own_x] : SlabRow{};
+      const int at = static_cast<int>(leaf.place & 0xff) - static_cast<int>(slabs.begin);
       if (at >= 0 && at < slabs.count) upper = words_[slabs.first + static_cast<std::uint32_t>(at)];
       if (at > 0 && at <= slabs.count && shift_ != 0) lower = words_[slabs.first + static_cast<std::uint32_t>(at) - 1];
-    } else {
-      const int word = row * box_.size_z + z;
-      upper = meets && z < box_.size_z ? words_[word] : 0;
-      lower = meets && z > 0 && shift_ != 0 ? words_[word - 1] : 0;
+    } else if (meets) {
+      const std::uint64_t* slab = words_ + (leaf.at + own_x * (size_z_ + 1));
+      upper = slab[0];
+      lower = slab[-1];
     }
-    const std::uint64_t map = meets ? window_.slabOf(leaf.entry, own_x) : 0;
+    const std::uint64_t map = meets ? places_.slabOf(leaf.entry, own_x) : 0;
     return half(static_cast<std::uint32_t>(map), static_cast<std::uint32_t>(upper), static_cast<std::uint32_t>(lower)) +
            half(static_cast<std::uint32_t>(map >> 32), static_cast<std::uint32_t>(upper >> 32),
                 static_cast<std::uint32_t>(lower >> 32));
@@ -183,19 +212,20 @@ class SlabCount {
 
   static constexpr int kAtATime = static_cast<int>(kWarp) / 8;
   static constexpr int kManyBusy = 16;  ///< leaves of a turn in which something collides
+  static constexpr int kEnough = 32;    ///< listed leaves that are compared before more are looked up
 
-  Coord point_ijk_;
-  BusyWindow window_;
+  BusyPlaces places_;
   BusyLeaves& busy_;
   int lane_;
-  SlabBox box_;
   const std::uint64_t* words_;
   const SlabRow* rows_;  ///< of the box; only with kRows
   const LeafColumn* columns_;
-  const FullSlabs* full_;  ///< one per column; only if the tool is thick
   int num_columns_;
+  int size_x_, size_z_;                 ///< of the box
+  int corner_x_, corner_y_, corner_z_;  ///< of the box in the window, for LeafColumn: [voxels], [leaves], [leaves]
   int shift_;
   std::uint32_t high_;
+  int listed_ = 0, count_ = 0;
 };
 
 /// Collisions of the tool at direction d: exact up to `stop_above`, else some number above it that they reach. All

@@ -23,6 +23,8 @@ constexpr unsigned kBlocksEach = 6;
 enum class ToolForm {
   Slabs,
   ThickSlabs,
+  RowSlabs,
+  ThickRowSlabs,
   Columns,
   Samples,
   RollingSlabs,
@@ -33,9 +35,13 @@ enum class ToolForm {
 template <ToolForm kForm>
 constexpr bool kRolls = kForm >= ToolForm::RollingSlabs;
 template <ToolForm kForm>
-constexpr bool kHasThickSlabs = kForm == ToolForm::ThickSlabs || kForm == ToolForm::RollingThickSlabs;
+constexpr bool kHasThickSlabs =
+    kForm == ToolForm::ThickSlabs || kForm == ToolForm::ThickRowSlabs || kForm == ToolForm::RollingThickSlabs;
 template <ToolForm kForm>
-constexpr bool kHasSlabs = kForm == ToolForm::Slabs || kForm == ToolForm::RollingSlabs || kHasThickSlabs<kForm>;
+constexpr bool kHasRows = kForm == ToolForm::RowSlabs || kForm == ToolForm::ThickRowSlabs || kRolls<kForm>;
+template <ToolForm kForm>
+constexpr bool kHasSlabs =
+    kForm == ToolForm::Slabs || kForm == ToolForm::RowSlabs || kForm == ToolForm::RollingSlabs || kHasThickSlabs<kForm>;
 
 extern __shared__ std::uint32_t nodes_of_windows[];
 
@@ -94,9 +100,9 @@ template <ToolForm kForm, class Window>
 __device__ auto makeCounter(const DueSearch& search, const Window& window, const MapOutside& map, const DuePoint& point,
                             WarpScratch& scratch, int lane) {
   if constexpr (kHasSlabs<kForm>) {
-    if (lane < 3) scratch.slabs.point_ijk[lane] = point.ijk[lane];
+    if (lane < 3) scratch.slabs.in_window[lane] = window.fromCorner(point.ijk, lane);
     __syncwarp();
-    const SlabCounter<kHasThickSlabs<kForm>, kRolls<kForm>> counter{scratch.slabs, lane};
+    const SlabCounter<kHasThickSlabs<kForm>, kHasRows<kForm>> counter{scratch.slabs, lane};
     if constexpr (kRolls<kForm>) {
       return RollCounter<std::decay_t<decltype(counter)>, false>{counter, search.tool.parts};
     } else {
@@ -450,8 +456,8 @@ void launchDueSearch(const DueWork& work, const DueSearch& search, std::uint32_t
     search.tool.use_samples ? launchSearches<BusyWindow, ToolForm::RollingSamples>(work, search, streams)
                             : launchSearches<BusyWindow, ToolForm::RollingColumns>(work, search, streams);
   } else if (rolls) {
-    search.slabs.full != nullptr ? launchSearches<BusyWindow, ToolForm::RollingThickSlabs>(work, search, streams)
-                                 : launchSearches<BusyWindow, ToolForm::RollingSlabs>(work, search, streams);
+    search.slabs.thick ? launchSearches<BusyWindow, ToolForm::RollingThickSlabs>(work, search, streams)
+                       : launchSearches<BusyWindow, ToolForm::RollingSlabs>(work, search, streams);
   } else if (search.window.kind != WindowPlan::Kind::Lowers) {
     search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::Samples>(work, search, streams)
                             : launchSearches<TreeWindow, ToolForm::Columns>(work, search, streams);
@@ -459,7 +465,10 @@ void launchDueSearch(const DueWork& work, const DueSearch& search, std::uint32_t
     launchSearches<BusyWindow, ToolForm::Samples>(work, search, streams);
   } else if (search.slabs.begin == nullptr) {
     launchSearches<BusyWindow, ToolForm::Columns>(work, search, streams);
-  } else if (search.slabs.full != nullptr) {
+  } else if (search.slabs.rows != nullptr) {
+    search.slabs.thick ? launchSearches<BusyWindow, ToolForm::ThickRowSlabs>(work, search, streams)
+                       : launchSearches<BusyWindow, ToolForm::RowSlabs>(work, search, streams);
+  } else if (search.slabs.thick) {
     launchSearches<BusyWindow, ToolForm::ThickSlabs>(work, search, streams);
   } else {
     launchSearches<BusyWindow, ToolForm::Slabs>(work, search, streams);

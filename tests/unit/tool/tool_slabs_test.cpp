@@ -22,7 +22,8 @@ using test::SplitTool;
 using test::VoxelSet;
 using test::within;
 
-constexpr std::uint64_t kNoLimit = std::numeric_limits<std::uint64_t>::max();
+constexpr std::uint64_t kMost = std::numeric_limits<std::uint64_t>::max();
+constexpr ToolSlabs::Limits kNoLimit = {kMost, kMost};
 
 /// Overlapping boxes, with a few voxels missing and a few extra beside them.
 VoxelSet raggedVoxels(std::mt19937_64& random) {
@@ -69,7 +70,11 @@ using Leaf = std::array<std::int32_t, 3>;
 std::uint64_t slabIn(const ToolSlabs& slabs, const kernels::SlabBox& box, int x, int y, int z) {
   const auto at = static_cast<std::uint32_t>(y * box.size_x + x);
   if (slabs.rows.empty()) {
-    return slabs.words.at(box.first + at * static_cast<std::uint32_t>(box.size_z) + static_cast<std::uint32_t>(z));
+    const std::uint32_t row = box.first + at * (static_cast<std::uint32_t>(box.size_z) + 1);
+    // A kernel reads a slab below the row and one above it.
+    EXPECT_EQ(slabs.words.at(row - 1), 0u);
+    EXPECT_EQ(slabs.words.at(row + static_cast<std::uint32_t>(box.size_z)), 0u);
+    return slabs.words.at(row + static_cast<std::uint32_t>(z));
   }
   const kernels::SlabRow& row = slabs.rows.at(box.first + at);
   if (z < row.begin || z >= row.begin + row.count) return 0;
@@ -110,16 +115,18 @@ std::vector<Asked> leavesFor(const ToolSlabs& slabs, std::size_t d, const Leaf& 
     own[axis] = floorOf8(point[axis]);
     place[axis] = point[axis] - 8 * own[axis];
   }
+  const kernels::SlabBox& box = slabs.boxes.at(8 * d + static_cast<std::size_t>(place[1]));
   const auto list = 64 * d + 8 * static_cast<std::size_t>(place[0]) + static_cast<std::size_t>(place[1]);
   std::vector<Asked> leaves;
   for (std::uint32_t n = slabs.begin.at(list); n < slabs.begin.at(list + 1); ++n) {
     const kernels::LeafColumn& c = slabs.columns.at(n);
-    const kernels::FullSlabs full = slabs.full.empty() ? kernels::FullSlabs{} : slabs.full.at(n);
     const int one_more = place[2] != 0 ? 1 : 0;
+    const int leaf_x = floorOf8(point[0] + box.dx + c.x - 8);
+    EXPECT_EQ(8 * leaf_x, point[0] + box.dx + c.x - 8) << "not the first x of a leaf";
     for (int k = 0; k < c.count + one_more; ++k) {
-      leaves.push_back({{own[0] + c.leaf_dx, own[1] + c.leaf_dy, own[2] + c.slab_dz + k},
-                        full.count > 0,
-                        k >= full.begin + one_more && k < full.begin + full.count});
+      leaves.push_back({{leaf_x, own[1] + box.leaf_dy + c.y, own[2] + box.slab_dz + c.z + k},
+                        c.num_full > 0,
+                        k >= c.full + one_more && k < c.full + c.num_full});
     }
   }
   return leaves;
@@ -196,6 +203,22 @@ TEST(ToolSlabs, HoldThePartsOfAToolThatRollsByRow) {
   for (const std::uint64_t word : {by_row.words.front(), by_row.words.back()}) EXPECT_NE(word, 0u);
 }
 
+/// Boxes above their limit are kept by row as well, with the same voxels and columns.
+TEST(ToolSlabs, AreKeptByRowWhereTheirBoxesWouldBeLarge) {
+  const SplitTool tool = thickTool();
+  const ToolSlabs by_box = ToolSlabs::make(tool.view(), tool.numDirections(), kNoLimit);
+  const std::uint64_t box_bytes = (by_box.words.size() - 1) * sizeof(std::uint64_t);
+  EXPECT_TRUE(ToolSlabs::make(tool.view(), tool.numDirections(), {kMost, box_bytes}).rows.empty());
+  const ToolSlabs by_row = ToolSlabs::make(tool.view(), tool.numDirections(), {kMost, box_bytes - 1});
+  ASSERT_FALSE(by_row.rows.empty());
+  EXPECT_LT(by_row.words.size(), by_box.words.size());
+  EXPECT_EQ(by_row.begin, by_box.begin);
+  EXPECT_EQ(by_row.thick, by_box.thick);
+  for (std::size_t d = 0; d < tool.voxels.size(); ++d) {
+    for (int y = 0; y < 8; ++y) ASSERT_EQ(voxelsIn(by_row, d, y), tool.voxels[d]) << "direction " << d;
+  }
+}
+
 /// Points at places of a leaf, near and far from the origin. @param step  1: at all positions
 template <typename Check>
 void forEachPlace(std::mt19937_64& random, int step, const Check& check) {
@@ -214,14 +237,14 @@ TEST(ToolSlabs, NameEveryLeafThatTheToolTouchesOnceFullOnesAndNearOnesFirst) {
     ASSERT_EQ(slabs.begin.size(), 64 * directions + 1);
     ASSERT_EQ(slabs.begin.back(), slabs.columns.size());
     for (std::size_t d = 0; d < directions; ++d) {
-      forEachPlace(random, slabs.full.empty() ? 1 : 7, [&](const Leaf& point) {
+      forEachPlace(random, !slabs.thick ? 1 : 7, [&](const Leaf& point) {
         std::map<Leaf, int> touched = voxelsByLeaf(tool.voxels[d], point);
         std::set<Leaf> asked;
         std::pair<bool, int> before = {false, 0};
         for (const Asked& a : leavesFor(slabs, d, point)) {
           ASSERT_TRUE(asked.insert(a.leaf).second) << "a leaf twice";
           const int ring = std::max(std::abs(a.leaf[0] - floorOf8(point[0])), std::abs(a.leaf[1] - floorOf8(point[1])));
-          if (!slabs.full.empty()) {
+          if (slabs.thick) {
             ASSERT_GE(std::pair(!a.column_first, ring), before);
             before = {!a.column_first, ring};
             ++num_in_order;
@@ -241,7 +264,7 @@ TEST(ToolSlabs, TellWhichLeavesTheToolTakesAsAWhole) {
   std::mt19937_64 random(3);
   const SplitTool tool = thickTool();
   const ToolSlabs slabs = ToolSlabs::make(tool.view(), tool.numDirections(), kNoLimit);
-  ASSERT_EQ(slabs.full.size(), slabs.columns.size());
+  ASSERT_TRUE(slabs.thick);
   std::size_t full = 0, missed = 0;
   for (std::size_t d = 0; d < tool.voxels.size(); ++d) {
     forEachPlace(random, 7, [&](const Leaf& point) {
@@ -272,17 +295,17 @@ TEST(ToolSlabs, DoNotLookForFullLeavesOfThinTools) {
   tool.addDirection(plate, random);
   const ToolSlabs slabs = ToolSlabs::make(tool.view(), 1, kNoLimit);
   EXPECT_FALSE(slabs.empty());
-  EXPECT_TRUE(slabs.full.empty());
+  EXPECT_FALSE(slabs.thick);
 }
 
 TEST(ToolSlabs, StayEmptyWhereTheyWouldTakeTooMuchMemory) {
   const SplitTool tool = mixedTool(5);
   const ToolSlabs all = ToolSlabs::make(tool.view(), tool.numDirections(), kNoLimit);
-  const std::uint64_t bytes = all.columns.size() * (sizeof(kernels::LeafColumn) + sizeof(kernels::FullSlabs)) +
-                              all.words.size() * sizeof(std::uint64_t);
-  EXPECT_FALSE(ToolSlabs::make(tool.view(), tool.numDirections(), bytes).empty());
+  const std::uint64_t bytes =
+      all.columns.size() * sizeof(kernels::LeafColumn) + (all.words.size() - 1) * sizeof(std::uint64_t);
+  EXPECT_FALSE(ToolSlabs::make(tool.view(), tool.numDirections(), {bytes, kMost}).empty());
   for (const std::uint64_t most : {bytes - 1, bytes / 8, std::uint64_t{0}}) {
-    const ToolSlabs none = ToolSlabs::make(tool.view(), tool.numDirections(), most);
+    const ToolSlabs none = ToolSlabs::make(tool.view(), tool.numDirections(), {most, kMost});
     EXPECT_TRUE(none.empty() && none.words.empty() && none.columns.empty());
   }
 }
@@ -296,7 +319,7 @@ TEST(ToolSlabs, StayEmptyForToolsThatAreVeryLong) {
     kernels::ToolKernelView tool;
     tool.columns = ends;
     tool.column_begin = begin;
-    EXPECT_TRUE(ToolSlabs::make(tool, 1, 1 << 20).empty()) << end;
+    EXPECT_TRUE(ToolSlabs::make(tool, 1, {1 << 20, kMost}).empty()) << end;
     if (end > 20000) {
       EXPECT_TRUE(ToolSlabs::make(tool, 1, kNoLimit).empty()) << end;
     }
