@@ -3,6 +3,9 @@
 /// Which directions are admissible, and in which order they are tried (paper, "Approach directions").
 #pragma once
 
+#include <cmath>
+#include <numbers>
+
 #include "hostdev/views.h"
 
 namespace accessvdb::kernels {
@@ -19,6 +22,14 @@ ACCESSVDB_HOSTDEV inline float cosToNormal(const ApproachView& approach, int d, 
     return axis[0] * normal[0] + axis[1] * normal[1] + axis[2] * normal[2];
   }
   return yawCosToNormal(approach, d, normal);
+}
+
+/// Most of D yaw directions that lie within the cone of a normal: an arc of twice the cone, for level normals. On the
+/// host; one more for rounding.
+inline int mostInCone(int num_directions, double normal_cos_min) {
+  const double arc = std::acos(normal_cos_min) / std::numbers::pi * num_directions;
+  const int most = static_cast<int>(arc) + 2;
+  return most < num_directions ? most : num_directions;
 }
 
 /// Is direction d tried before e?

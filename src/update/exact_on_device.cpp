@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "hostdev/cell_counts.h"
+#include "hostdev/direction_filter.h"
 #include "launch/lists.h"
 #include "update/block_groups.h"
 #include "update/cell_directions.h"
@@ -201,6 +202,7 @@ class TablesOfTool {
  public:
   TablesOfTool(const HostTables& host, double voxel_size_m, int group_log2)
       : any_directions_(host.approach.axes_xyz != nullptr),
+        arc_(any_directions_ ? 0 : kernels::mostInCone(host.approach.num_directions, host.approach.normal_cos_min)),
         footprint_(host.tool, host.approach, voxel_size_m, group_log2),
         cells_(host.tool, host.approach.num_directions, group_log2, kMostCellTableBytes, any_directions_),
         corridors_(host.approach, voxel_size_m, kMostCorridorReach) {}
@@ -210,6 +212,7 @@ class TablesOfTool {
     tables.tool_columns = footprint_.toolColumns();
     tables.arm_columns = footprint_.armColumns();
     tables.any_directions = any_directions_;
+    tables.arc = arc_;
     tables.cell_directions = cells_.table();
     tables.cell_sets = cells_.sets();
     std::ranges::copy(cells_.low(), tables.cell_low);
@@ -221,6 +224,7 @@ class TablesOfTool {
 
  private:
   bool any_directions_;
+  int arc_;
   LeafFootprint footprint_;
   CellDirections cells_;
   CorridorOffsets corridors_;

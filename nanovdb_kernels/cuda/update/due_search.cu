@@ -131,25 +131,41 @@ __device__ std::uint32_t takeNext(std::uint32_t* next, int lane) {
 __device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& masks, bool searched, int before, int after,
                       int lane) {
   const KnownView& known = work.evaluation.known;
-  if (known.levels == nullptr || lane >= known.words) return;
+  if (known.levels == nullptr) return;
+  const KnownSlots& slots = known.slots;
+  const bool has_word = lane < slots.words;
   const int shift = 8 * (lane & 3);
-  const std::uint32_t counted = searched ? masks.counted[lane >> 2] >> shift & 0xffu : 0,
-                      arm_blocked = searched ? masks.arm_blocked[lane >> 2] >> shift & 0xffu : 0;
-  if ((counted | arm_blocked) == 0 && before == after) return;
-  const KnownLevels& scale = known.scale;
-  const KnownWord word(work.points, known, id, lane);
-  // Where the tool was counted, the corridor is free.
-  std::uint64_t levels = (word.levels & ~known_word::spread(counted)) | known_word::spread(arm_blocked);
-  if (before != after) levels = known_word::rebased(levels, after - before, scale.log2);
+  const std::uint32_t counted = searched && has_word ? masks.counted[lane >> 2] >> shift & 0xffu : 0,
+                      arm_blocked = searched && has_word ? masks.arm_blocked[lane >> 2] >> shift & 0xffu : 0;
+  const bool learns = (counted | arm_blocked) != 0 || (has_word && before != after);
+  const unsigned learning = __ballot_sync(kAllLanes, learns);
+  if (learning == 0) return;
+  bool writes = false;
+  std::uint64_t levels = 0;
+  if (learns) {
+    const KnownLevels& scale = known.scale;
+    const KnownWord word(work.points, known, id, lane);
+    // Where the tool was counted, the corridor is free.
+    levels = (word.levels & ~known_word::spread(counted)) | known_word::spread(arm_blocked);
+    if (before != after) levels = known_word::rebased(levels, after - before, scale.log2);
 #pragma unroll 1
-  for (std::uint32_t bits = counted; bits != 0; bits &= bits - 1) {
-    const int n = __ffs(static_cast<int>(bits)) - 1;
-    const std::uint32_t level = scale.levelOf(masks.least[lane * kKnownPerWord + n] - after, word.freed.count(n));
-    if (level > known_word::levelIn(levels, n)) levels = known_word::withLevel(levels, n, level);
+    for (std::uint32_t bits = counted; bits != 0; bits &= bits - 1) {
+      const int n = __ffs(static_cast<int>(bits)) - 1;
+      const std::uint32_t level = scale.levelOf(masks.least[lane * kKnownPerWord + n] - after, word.freed.count(n));
+      if (level > known_word::levelIn(levels, n)) levels = known_word::withLevel(levels, n, level);
+    }
+    writes = levels != word.levels;
   }
-  if (levels != word.levels) {
-    known.levels[id * static_cast<std::size_t>(known.words) + static_cast<std::size_t>(lane)] = levels;
+  if (known.notes != nullptr) {
+    // If two words need the same slot, the first one gets it.
+    const unsigned writing = __ballot_sync(kAllLanes, writes);
+    const auto isTaken = [&](int by) { return by >= 0 && (writing >> by & 1u) != 0; };
+    writes = writes && !isTaken(lane - slots.slots) && !isTaken(lane - 2 * slots.slots);
+    const std::uint32_t note = known.notes[id];
+    const std::uint32_t changes = __reduce_or_sync(kAllLanes, writes ? slots.changes(note, lane) : 0u);
+    if (lane == 0 && changes != 0) known.notes[id] = note ^ changes;
   }
+  if (writes) KnownWord::rowOf(known, id)[slots.slotOf(lane)] = levels;
 }
 
 /// What is known about a point's directions, for a search.
@@ -213,7 +229,7 @@ __device__ bool armIsFree(const MapAround<Window>& around, const ApproachView& a
 __device__ void askUnlessKnownWorse(const DueWork& work, std::size_t id, int more, DirectionMask& asked, int lane) {
   std::uint32_t worse = 0;
   const KnownView& known = work.evaluation.known;
-  if (known.levels != nullptr && lane < known.words) {
+  if (known.levels != nullptr && lane < known.slots.words) {
     const int log2 = known.scale.log2;
     const std::uint32_t steps = (static_cast<std::uint32_t>(more) + (1u << log2) - 1) >> log2;
     constexpr std::uint32_t kMost = KnownLevels::kMost - KnownLevels::kMostFreedSteps + 1;

@@ -6,8 +6,11 @@
 #include <cuda_runtime_api.h>
 
 #include <cstdint>
+#include <memory>
+#include <utility>
 
 #include "cuda/memory/growing.h"
+#include "cuda/memory/range_array.h"
 #include "cuda/update/update_kernels.h"
 #include "launch/device_array.h"
 
@@ -15,7 +18,11 @@ namespace accessvdb::kernels {
 
 class GroupMaskTable {
  public:
-  explicit GroupMaskTable(DeviceMemory& memory) : memory_(memory) {}
+  GroupMaskTable(std::shared_ptr<DeviceContext> context, DeviceMemory& memory)
+      : memory_(memory), masks_(std::move(context)) {}
+
+  /// Bytes not taken from `memory`.
+  [[nodiscard]] std::uint64_t mappedBytes() const { return masks_.bytes(); }
 
   /// Directions that the flips may have changed for the points of each group. Empty if there were no flips.
   [[nodiscard]] const GroupMasksView& masks() const { return view_; }
@@ -24,7 +31,7 @@ class GroupMaskTable {
   /// Finds those directions, and ages what is known about them. Only queues work.
   void make(const FlipContext& context, const FlipsView& flips, cudaStream_t stream) {
     masked_groups_ = context.groups.groups;
-    masks_.growWithRoom(memory_, masked_groups_, roomFor(masked_groups_), 0);
+    masks_.grow(masked_groups_);
     affected_.growWithRoom(memory_, masked_groups_, roomFor(masked_groups_), 0);
     view_ = {masks_.data(), affected_.data()};
     launchGroupMasks(context, flips, view_, stream);
@@ -32,7 +39,7 @@ class GroupMaskTable {
   /// Adds groups that are new since then: nothing is known about their points that flips could change.
   void addGroups(std::uint32_t groups, cudaStream_t stream) {
     if (view_.affected == nullptr || groups == masked_groups_) return;
-    masks_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
+    masks_.grow(groups);
     affected_.growWithRoom(memory_, groups, roomFor(groups), masked_groups_);
     fillBytes(affected_.data() + masked_groups_, 0, groups - masked_groups_, stream);
     view_ = {masks_.data(), affected_.data()};
@@ -42,7 +49,7 @@ class GroupMaskTable {
  private:
   DeviceMemory& memory_;
   GroupMasksView view_;
-  DeviceArray<GroupMasks> masks_;
+  RangeArray<GroupMasks> masks_;
   DeviceArray<std::uint8_t> affected_;
   std::uint32_t masked_groups_ = 0;
 };

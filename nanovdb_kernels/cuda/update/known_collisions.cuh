@@ -93,9 +93,16 @@ struct KnownWord {
   FreedWord freed;
 
   __device__ KnownWord(const PointsView& points, const KnownView& known, std::size_t id, int word) {
-    const auto words = static_cast<std::size_t>(known.words);
-    levels = known.levels[id * words + static_cast<std::size_t>(word)];
-    freed = known.freed[points.groups.of_block[points.state.block[id]] * words + static_cast<std::size_t>(word)];
+    const KnownSlots& slots = known.slots;
+    const std::uint64_t* const row = rowOf(known, id);
+    levels = row[slots.slotOf(word)];
+    if (known.notes != nullptr && !slots.holds(known.notes[id], word)) levels = 0;
+    freed = known.freed[points.groups.of_block[points.state.block[id]] * static_cast<std::size_t>(slots.words) +
+                        static_cast<std::size_t>(word)];
+  }
+  /// Where the levels of a point are.
+  [[nodiscard]] static __device__ std::uint64_t* rowOf(const KnownView& known, std::size_t id) {
+    return known.levels + id * static_cast<std::size_t>(known.slots.slots);
   }
 };
 
@@ -218,7 +225,8 @@ struct Improvable {
 __device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t group, const Ageing& ageing,
                                        int lane) {
   const KnownView& known = context.known;
-  const int words = known.words;
+  const KnownSlots& slots = known.slots;
+  const int words = slots.words;
   std::uint32_t* const steps = ageing.steps;
   std::uint32_t sums[kDirectionWords32];
   sumSteps(steps, lane, sums);
@@ -261,7 +269,7 @@ __device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t
 #pragma unroll
       for (int i = 0; i < kTogether; ++i) {
         const std::uint32_t point = __shfl_sync(kAllLanes, id, first + i);
-        levels[i] = known.levels + point * static_cast<std::size_t>(words) + lane;
+        levels[i] = KnownWord::rowOf(known, point) + slots.slotOf(lane);
         const bool there = lane < words && first + i < points;
         freed[i] = there ? arms : 0;
         if (there && ageing.leaves != nullptr) {
@@ -269,7 +277,9 @@ __device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t
           freed[i] = reinterpret_cast<const std::uint8_t*>(&ageing.leaves->of_point[first + i])[lane];
         }
         improvable.arm |= freed[i];
-        before[i] = there && (ages || freed[i] != 0) ? *levels[i] : 0;
+        const bool lowers = there && (ages || freed[i] != 0);
+        before[i] = lowers ? *levels[i] : 0;
+        if (known.notes != nullptr && lowers && !slots.holds(known.notes[point], lane)) before[i] = 0;
       }
 #pragma unroll
       for (int i = 0; i < kTogether; ++i) {

@@ -37,8 +37,9 @@ KnownTables::KnownTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
   std::copy_n(tables.cell_low, 3, cells_.low);
   std::copy_n(tables.cell_size, 3, cells_.size);
   corridors_ = {corridor_table_.data(), tables.corridor_reach};
-  view_.words = (num_directions + kKnownPerWord - 1) / kKnownPerWord;
+  view_.slots = KnownSlots::of(num_directions, tables.arc);
   levels_.emplace(context);
+  notes_.emplace(context);
   freed_.emplace(std::move(context));
 }
 
@@ -49,10 +50,13 @@ void KnownTables::setLimit(int collision_limit) {
 
 void KnownTables::grow(std::uint32_t points, std::uint32_t groups, cudaStream_t stream) {
   if (!levels_) return;
-  const auto words = static_cast<std::size_t>(view_.words);
-  levels_->grow(points * words);
+  levels_->grow(points * static_cast<std::size_t>(view_.slots.slots));
+  if (!view_.slots.all()) {
+    notes_->grow(points);
+    view_.notes = notes_->data();
+  }
   view_.levels = levels_->data();
-  freed_->growFilled(groups * words, 0, stream);
+  freed_->growFilled(groups * static_cast<std::size_t>(view_.slots.words), 0, stream);
   view_.freed = freed_->data();
 }
 

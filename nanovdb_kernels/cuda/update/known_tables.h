@@ -33,7 +33,9 @@ class KnownTables {
   void grow(std::uint32_t points, std::uint32_t groups, cudaStream_t stream);
 
   /// Bytes not taken from `memory`.
-  [[nodiscard]] std::uint64_t mappedBytes() const { return levels_ ? levels_->bytes() + freed_->bytes() : 0; }
+  [[nodiscard]] std::uint64_t mappedBytes() const {
+    return levels_ ? levels_->bytes() + notes_->bytes() + freed_->bytes() : 0;
+  }
 
  private:
   DeviceMemory& memory_;
@@ -42,6 +44,7 @@ class KnownTables {
   CorridorView corridors_;
   // Nothing else takes as much memory. Without a value nothing is remembered.
   std::optional<RangeArray<std::uint64_t>> levels_;  ///< by id
+  std::optional<RangeArray<std::uint32_t>> notes_;   ///< by id
   std::optional<RangeArray<FreedWord>> freed_;       ///< by group
   DeviceArray<DirectionArc> cell_directions_;
   DeviceArray<DirectionMask> cell_sets_, corridor_table_;

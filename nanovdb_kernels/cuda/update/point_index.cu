@@ -45,8 +45,9 @@ __global__ void rehash(BlockIndexView index) {
 /// Makes what each tool has of a point: nothing is known yet.
 __device__ void makeState(const PointStateView& state, const KnownView& known, std::size_t id) {
   if (known.levels != nullptr) {
-    const auto words = static_cast<std::size_t>(known.words);
+    const auto words = static_cast<std::size_t>(known.slots.slots);
     for (std::size_t w = 0; w < words; ++w) known.levels[id * words + w] = 0;
+    if (known.notes != nullptr) known.notes[id] = 0;
   }
   state.stability[id] = 1;
   state.score[id] = kNoScore;

@@ -22,7 +22,7 @@ ToolUpdate::ToolUpdate(std::shared_ptr<DeviceContext> context, DeviceMemory& mem
       counters_(counters),
       footprint_(memory, tables, neighbours.group_log2),
       known_(context_, memory, tables, neighbours.num_directions),
-      masks_(memory),
+      masks_(context_, memory),
       due_(memory, &counters.data()->search),
       queue_(memory) {
   search_.multiprocessors = context_->multiprocessors();

@@ -62,7 +62,7 @@ class ToolUpdate {
   /// Time spent evaluating since the last call.
   [[nodiscard]] double takeScore_ms();
   /// Bytes not taken from `memory`.
-  [[nodiscard]] std::uint64_t mappedBytes() const { return known_.mappedBytes(); }
+  [[nodiscard]] std::uint64_t mappedBytes() const { return known_.mappedBytes() + masks_.mappedBytes(); }
 
  private:
   [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }

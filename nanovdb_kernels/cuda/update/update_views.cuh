@@ -11,6 +11,7 @@
 #include "cuda/search/hash_view.cuh"
 #include "hostdev/due_rule.h"
 #include "hostdev/known_levels.h"
+#include "hostdev/known_slots.h"
 #include "hostdev/neighbour_rule.h"
 #include "hostdev/point_update.h"
 #include "hostdev/views.h"
@@ -232,9 +233,10 @@ struct CellTableView {
   std::int32_t low[3] = {0, 0, 0}, size[3] = {0, 0, 0};
 };
 struct KnownView {
-  std::uint64_t* levels = nullptr;  ///< [words n] by id; null: nothing is remembered
-  FreedWord* freed = nullptr;       ///< [words groups]
-  int words = 0;                    ///< words of eight directions per point
+  std::uint64_t* levels = nullptr;  ///< [slots.slots n] by id; null: nothing is remembered
+  std::uint32_t* notes = nullptr;   ///< [n] what the slots hold; null: each word has its own
+  FreedWord* freed = nullptr;       ///< [slots.words groups]
+  KnownSlots slots;                 ///< words of eight directions
   int count_to = 0;                 ///< collisions are counted up to here, to remember them
   KnownLevels scale;
 };

@@ -1,0 +1,57 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Where a point keeps the words of levels (known_levels.h) of its directions. It only tests directions within its
+/// cone, which are an arc. So it has fewer slots than there are words: word w belongs into slot w % slots, and the
+/// point notes which word each slot holds. What is not held is not known, which only costs time.
+#pragma once
+
+#include <cstdint>
+
+#include "hostdev/known_levels.h"
+#include "hostdev/nanovdb_compat.h"
+
+namespace accessvdb::kernels {
+
+struct KnownSlots {
+  /// Each slot has one digit of the note, which says how often the number of slots goes into its word.
+  static constexpr int kMostSlots = 16, kDigitBits = 2, kMostDigits = 3;
+
+  int words = 0;  ///< of all directions
+  int slots = 0;  ///< per point; as many as words: each word has its own, and nothing is noted
+
+  /// @param arc  most directions in a row that a point tests; 0: they may be any
+  ACCESSVDB_HOSTDEV static KnownSlots of(int num_directions, int arc) {
+    const int words = (num_directions + kKnownPerWord - 1) / kKnownPerWord;
+    if (arc <= 0) return {words, words};
+    // Words that hold a part of the arc. The last word may hold few directions.
+    const int most = (arc + kKnownPerWord - 2) / kKnownPerWord + (num_directions % kKnownPerWord != 0 ? 2 : 1);
+    constexpr int kSector = 4;  // words that a device reads at once
+    for (int slots = (most + kSector - 1) / kSector * kSector; slots < words && slots <= kMostSlots; slots += kSector) {
+      // An arc that passes from the last word to the first one must not need a slot twice.
+      const int last_digit = (words - 1) / slots;
+      if (last_digit < kMostDigits && most <= words - last_digit * slots) return {words, slots};
+    }
+    return {words, words};
+  }
+
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool all() const { return slots == words; }
+  [[nodiscard]] ACCESSVDB_HOSTDEV int slotOf(int word) const { return word - digitOf(word) * slots; }
+  /// Whether a word is in its slot, unless each has its own.
+  [[nodiscard]] ACCESSVDB_HOSTDEV bool holds(std::uint32_t note, int word) const {
+    return static_cast<int>(note >> (kDigitBits * slotOf(word)) & kDigit) == digitOf(word);
+  }
+  /// Bits of the note that change when the word comes into its slot.
+  [[nodiscard]] ACCESSVDB_HOSTDEV std::uint32_t changes(std::uint32_t note, int word) const {
+    const int shift = kDigitBits * slotOf(word);
+    return ((note >> shift & kDigit) ^ static_cast<std::uint32_t>(digitOf(word))) << shift;
+  }
+
+ private:
+  static constexpr std::uint32_t kDigit = (1u << kDigitBits) - 1;
+  /// word / slots, below kMostDigits, without a division.
+  [[nodiscard]] ACCESSVDB_HOSTDEV int digitOf(int word) const {
+    return (word >= slots ? 1 : 0) + (word >= 2 * slots ? 1 : 0);
+  }
+};
+
+}  // namespace accessvdb::kernels
