@@ -4,7 +4,6 @@
 #pragma once
 
 #include <cmath>
-#include <numbers>
 
 #include "hostdev/views.h"
 
@@ -24,10 +23,10 @@ ACCESSVDB_HOSTDEV inline float cosToNormal(const ApproachView& approach, int d, 
   return yawCosToNormal(approach, d, normal);
 }
 
-/// Most of D yaw directions that lie within the cone of a normal: an arc of twice the cone, for level normals. On the
-/// host; one more for rounding.
+/// The largest number of yaw directions within the cone of a normal: an arc of twice the cone, for level normals. On
+/// the host; one more for rounding.
 inline int mostInCone(int num_directions, double normal_cos_min) {
-  const double arc = std::acos(normal_cos_min) / std::numbers::pi * num_directions;
+  const double arc = std::acos(normal_cos_min) / std::acos(-1.0) * num_directions;
   const int most = static_cast<int>(arc) + 2;
   return most < num_directions ? most : num_directions;
 }

@@ -14,7 +14,7 @@ namespace accessvdb::kernels {
 
 struct KnownSlots {
   /// Each slot has one digit of the note, which says how often the number of slots goes into its word.
-  static constexpr int kMostSlots = 16, kDigitBits = 2, kMostDigits = 3;
+  static constexpr int kMostSlots = 16, kDigitBits = 2, kDigitValues = 3;
 
   int words = 0;  ///< of all directions
   int slots = 0;  ///< per point; as many as words: each word has its own, and nothing is noted
@@ -29,18 +29,18 @@ struct KnownSlots {
     for (int slots = (most + kSector - 1) / kSector * kSector; slots < words && slots <= kMostSlots; slots += kSector) {
       // An arc that passes from the last word to the first one must not need a slot twice.
       const int last_digit = (words - 1) / slots;
-      if (last_digit < kMostDigits && most <= words - last_digit * slots) return {words, slots};
+      if (last_digit < kDigitValues && most <= words - last_digit * slots) return {words, slots};
     }
     return {words, words};
   }
 
   [[nodiscard]] ACCESSVDB_HOSTDEV bool all() const { return slots == words; }
   [[nodiscard]] ACCESSVDB_HOSTDEV int slotOf(int word) const { return word - digitOf(word) * slots; }
-  /// Whether a word is in its slot, unless each has its own.
+  /// Whether a word is in its slot. Only if there are fewer slots than words.
   [[nodiscard]] ACCESSVDB_HOSTDEV bool holds(std::uint32_t note, int word) const {
     return static_cast<int>(note >> (kDigitBits * slotOf(word)) & kDigit) == digitOf(word);
   }
-  /// Bits of the note that change when the word comes into its slot.
+  /// Bits of the note that change when the word comes into its slot. Only if there are fewer slots than words.
   [[nodiscard]] ACCESSVDB_HOSTDEV std::uint32_t changes(std::uint32_t note, int word) const {
     const int shift = kDigitBits * slotOf(word);
     return ((note >> shift & kDigit) ^ static_cast<std::uint32_t>(digitOf(word))) << shift;
@@ -48,7 +48,7 @@ struct KnownSlots {
 
  private:
   static constexpr std::uint32_t kDigit = (1u << kDigitBits) - 1;
-  /// word / slots, below kMostDigits, without a division.
+  /// word / slots, below kDigitValues, without a division.
   [[nodiscard]] ACCESSVDB_HOSTDEV int digitOf(int word) const {
     return (word >= slots ? 1 : 0) + (word >= 2 * slots ? 1 : 0);
   }

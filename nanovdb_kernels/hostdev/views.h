@@ -39,15 +39,15 @@ struct LeafColumn {
   std::uint16_t x = 0;        ///< [voxels] of the leaves' first x, plus 8: they may begin before the box
   std::uint8_t y = 0, z = 0;  ///< [leaves], [slabs]
   std::uint8_t count = 0;     ///< slabs
-  std::uint8_t full = 0;      ///< first of a run of slabs that are full for all eight x of the leaf
-  std::uint8_t num_full = 0;  ///< of that run; 0 if the tool is thin
+  std::uint8_t full = 0;      ///< first of a run of slabs, counted from z, that are full for all eight x of the leaf
+  std::uint8_t num_full = 0;  ///< of that run; 0 if there is none. Only used if ToolSlabsView::thick
   std::uint8_t unused = 0;
 };
 static_assert(sizeof(LeafColumn) == 8);
 /// A box of slabs of the tool. Each has one x, the eight y of a leaf, eight z; bit 8 y + z. x in voxels, y in leaves, z
-/// in slabs from the point. The slab at (x, y, z) is words[first + n], n = ((y - leaf_dy) size_x + x - dx) (size_z + 1)
-/// + z
-/// - slab_dz. An empty slab before the first and behind each row is there to be read.
+/// in slabs from the point. If slabs are not kept by row, that at (x, y, z) is words[first + n],
+/// n = ((y - leaf_dy) size_x + x - dx) (size_z + 1) + z - slab_dz, and an empty slab before the first and behind each
+/// row is there to be read.
 struct SlabBox {
   std::uint32_t first = 0;
   std::int16_t dx = 0, leaf_dy = 0, slab_dz = 0, size_x = 0, size_y = 0, size_z = 0;
@@ -94,7 +94,7 @@ struct ToolSlabsView {
   const LeafColumn* columns = nullptr;   ///< those with full slabs first; within both kinds, near ones first
   const std::uint32_t* begin = nullptr;  ///< [D x 8 x 8 + 1]: columns of direction d, x, y
   const SlabRow* rows = nullptr;         ///< if slabs are kept by row; else null
-  bool thick = false;                    ///< some columns have full slabs
+  bool thick = false;                    ///< so many slabs are full that looking for them pays off
 };
 
 /// Directions and the corridor: tables computed once on the host.

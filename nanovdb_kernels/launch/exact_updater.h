@@ -30,7 +30,7 @@ struct DirectionArc {
 struct ToolTables {
   std::span<const FootprintColumn> tool_columns, arm_columns;  ///< for groups of NeighbourTables::group_log2
   bool any_directions = false;                                 ///< they are not all yaws in order
-  int arc = 0;                                                 ///< most of them within a point's cone; 0: unknown
+  int arc = 0;  ///< largest number of directions within a point's cone; 0: unknown
   /// The inverse of the tool: [x][y][z] which directions may cover a cell of 4 x 4 x 4 voxels from a point somewhere in
   /// a group. The first entry is for the cell cell_low, in cells from the group's first one. Empty: unknown, and
   /// collisions are not remembered.

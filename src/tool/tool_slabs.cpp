@@ -67,9 +67,11 @@ std::optional<SlabBox> boxOf(std::span<const VoxelColumn> columns, int y) {
 /// Words of a row: its slabs and the empty one behind it.
 std::size_t rowWords(const SlabBox& box) { return static_cast<std::size_t>(box.size_z) + 1; }
 
-std::uint64_t wordsOf(const SlabBox& box) {
-  return static_cast<std::uint64_t>(box.size_x) * static_cast<std::uint64_t>(box.size_y) * rowWords(box);
+std::uint64_t rowsOf(const SlabBox& box) {
+  return static_cast<std::uint64_t>(box.size_x) * static_cast<std::uint64_t>(box.size_y);
 }
+std::uint64_t wordsOf(const SlabBox& box) { return rowsOf(box) * rowWords(box); }
+bool canBeNumbered(const SlabBox& box) { return box.size_y <= kMostLeaves && box.size_z <= kMostLeaves; }
 
 /// The slabs of a direction, for a point at place y of its leaf.
 class Slabs {
@@ -129,7 +131,7 @@ class Slabs {
       }
     }
     if (high < low) return;
-    // Boxes too high or too wide for these numbers are discarded (canBeNumbered).
+    // None is too high or too wide for these numbers (canBeNumbered).
     LeafColumn column;
     column.x = static_cast<std::uint16_t>(first + kSide);
     column.y = static_cast<std::uint8_t>(y);
@@ -187,7 +189,6 @@ struct Part {
     for (const auto& of_x : columns) sum += of_x.size() * sizeof(LeafColumn);
     return sum;
   }
-  [[nodiscard]] bool canBeNumbered() const { return box.size_y <= kMostLeaves && box.size_z <= kMostLeaves; }
 };
 
 /// Words of rows, with those of equal rows kept once: of the rolls of `builtin:pruner`, two rows
@@ -297,16 +298,19 @@ ToolSlabs ToolSlabs::make(const kernels::ToolKernelView& tool, int num_direction
     return std::span(tool.columns + begin, end - begin);
   };
   const auto placeOf = [](std::size_t n) { return static_cast<int>(n % kSide); };
-  std::atomic<std::uint64_t> box_bytes{0}, bytes{0};
+  std::atomic<std::uint64_t> box_bytes{0}, row_bytes{0}, bytes{0};
   std::atomic<bool> fits{true};
   tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t n) {
-    if (const std::optional<SlabBox> box = boxOf(columnsOf(n), placeOf(n))) {
-      box_bytes.fetch_add(wordsOf(*box) * sizeof(std::uint64_t), std::memory_order_relaxed);
-    } else {
+    const std::optional<SlabBox> box = boxOf(columnsOf(n), placeOf(n));
+    if (!box || !canBeNumbered(*box)) {
       fits = false;
+      return;
     }
+    box_bytes.fetch_add(wordsOf(*box) * sizeof(std::uint64_t), std::memory_order_relaxed);
+    row_bytes.fetch_add(rowsOf(*box) * sizeof(SlabRow), std::memory_order_relaxed);
   });
   const bool by_row = tool.parts > 1 || box_bytes > limits.box_bytes;
+  if (!fits || (by_row && row_bytes > limits.bytes)) return {};
   /// Checks the limit before allocating.
   const auto reserve = [&](std::uint64_t more) {
     if (bytes.fetch_add(more, std::memory_order_relaxed) + more > limits.bytes) fits = false;
@@ -321,7 +325,7 @@ ToolSlabs ToolSlabs::make(const kernels::ToolKernelView& tool, int num_direction
     parts[n] = Part(Slabs(columnsOf(n), placeOf(n), *box));
     if (by_row) parts[n].packRows();
     if (by_row && !reserve(parts[n].slabBytes())) return;
-    if (!parts[n].canBeNumbered() || !reserve(parts[n].columnBytes())) fits = false;
+    if (!reserve(parts[n].columnBytes())) fits = false;
   });
   if (!fits) return {};
   return joined(parts);

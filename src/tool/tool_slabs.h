@@ -15,9 +15,9 @@ namespace accessvdb::internal {
 /// only costs time.
 struct ToolSlabs {
   struct Limits {
-    /// On their memory; above it, searches work without them.
+    /// Of all tables; above it, searches work without them.
     std::uint64_t bytes = std::uint64_t{512} << 20;
-    /// On the boxes; above it, slabs are kept by row. That takes a third of the memory, but one more read per slab,
+    /// Of the boxes; above it, slabs are kept by row. That takes a third of the memory, but one more read per slab,
     /// which costs more than it spares as long as the boxes stay in the cache.
     std::uint64_t box_bytes = std::uint64_t{128} << 20;
 
