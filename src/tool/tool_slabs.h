@@ -17,8 +17,8 @@ struct ToolSlabs {
   struct Limits {
     /// Of all tables; above it, searches work without them.
     std::uint64_t bytes = std::uint64_t{512} << 20;
-    /// Of the boxes; above it, slabs are kept by row. That takes a third of the memory, but one more read per slab,
-    /// which costs more than it spares as long as the boxes stay in the cache.
+    /// Of the boxes; above it, slabs are kept by row. That takes about a fifth of the memory, but one more read per
+    /// slab, which costs more than it spares as long as the boxes stay in the cache.
     std::uint64_t box_bytes = std::uint64_t{128} << 20;
 
     [[nodiscard]] Limits dividedBy(double share) const;
