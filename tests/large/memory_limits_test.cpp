@@ -62,18 +62,18 @@ TEST_F(TileMemory, ALongerWalkTakesNoMore) {
   writeWalk(folder_, walk);
   expectBelow(kLimit, {"--tiles", "off"});
   ASSERT_EQ(exit_code_, 5) << "it fits in one piece";
-  expectBelow(kLimit, {"--tiles", "6.4", "--bin-memory", "4M"});
+  // On one thread: on two the peak of the same walk differs by up to 9 % from run to run, as they meet or not, and on
+  // one by up to 3 %. What a walk has to take is the least of its peaks.
+  const Flags tiled = {"--tiles", "6.4", "--bin-memory", "4M", "--threads", "1"};
+  expectBelow(kLimit, tiled);
   ASSERT_EQ(exit_code_, 0);
-  const std::uint64_t once = peak_bytes_;
+  const double allowed = 1.05 * static_cast<double>(peak_bytes_);
   Walk longer = walk;
   longer.scans *= factor;
   writeWalk(folder_, longer);
-  // The peak of the same walk differs by up to 9 % from run to run, as threads meet or not. What a walk has to take
-  // is the least of its peaks.
   std::uint64_t least = std::numeric_limits<std::uint64_t>::max();
-  const double allowed = 1.05 * static_cast<double>(once);
-  for (int run = 0; run < 5 && static_cast<double>(least) > allowed; ++run) {
-    expectBelow(kLimit, {"--tiles", "6.4", "--bin-memory", "4M"});
+  for (int run = 0; run < 3 && static_cast<double>(least) > allowed; ++run) {
+    expectBelow(kLimit, tiled);
     ASSERT_EQ(exit_code_, 0);
     least = std::min(least, peak_bytes_);
   }
