@@ -55,19 +55,13 @@ int nearestByYaw(const ApproachView& approach, const float* normal) {
 /// Tests directions with the bits around a point's group. @tparam Inputs  ScoreRequest or DueUpdate
 template <class Inputs>
 struct WindowTests {
-  MapWindow& window;
+  MapWindow& window;  ///< stands at the point
   const Inputs& inputs;
-  const float* position_L;
-  Coord point_ijk;
 
-  [[nodiscard]] ArmResult arm(int d) const {
-    return window.testArm(inputs.approach, d, position_L, inputs.map.inverse_voxel_size);
-  }
+  [[nodiscard]] ArmResult arm(int d) const { return window.testArm(inputs.approach, d); }
   [[nodiscard]] AxisCount collisions(int d, int stop_above) const {
     return countAxis(inputs.tool.parts, d, stop_above, [&](int part, int stop) {
-      return inputs.tool.use_samples
-                 ? window.countSamples(inputs.tool, part, position_L, inputs.map.inverse_voxel_size, stop)
-                 : window.countVoxels(part, point_ijk, stop);
+      return inputs.tool.use_samples ? window.countSamples(inputs.tool, part, stop) : window.countVoxels(part, stop);
     });
   }
 };
@@ -128,7 +122,8 @@ void visitGroups(const Inputs& inputs, const Item* items, const PlacedItems* beg
     }
     for (std::size_t n = placed->begin; n != placed->end; ++n) {
       const std::uint32_t id = items[n].id;
-      visit(n, WindowTests<Inputs>{window, inputs, positionOf(inputs, id), voxelOfPoint(inputs, id)});
+      window.standAt(positionOf(inputs, id), voxelOfPoint(inputs, id), inputs.map.inverse_voxel_size);
+      visit(n, WindowTests<Inputs>{window, inputs});
     }
   }
 }
@@ -194,7 +189,9 @@ class CpuDueEvaluator final : public DueEvaluator {
     Scratch& scratch = scratch_.local();
     std::vector<PlacedItems>& placed = scratch.placed;
     placed.clear();
+    constexpr std::uint32_t kAhead = 8;
     for (std::uint32_t n = 0; n < count; ++n) {
+      if (n + kAhead < count) prefetchPosition(tasks[n + kAhead].id);
       const std::uint64_t group = groupOf(update_, (*tool_).shape(), tasks[n].id);
       if (placed.empty() || placed.back().group != group) placed.push_back({group, n, n});
       placed.back().end = n + 1;
@@ -210,6 +207,11 @@ class CpuDueEvaluator final : public DueEvaluator {
     explicit Scratch(const WindowedTool& tool) : window(tool) {}
   };
 
+  void prefetchPosition([[maybe_unused]] std::uint32_t id) const {
+#if defined(__GNUC__)
+    __builtin_prefetch(update_.points.position_L + 3 * std::size_t{id});
+#endif
+  }
   /// A point's state is scattered over arrays, and points over their length.
   void prefetchPoint([[maybe_unused]] std::uint32_t id) const {
 #if defined(__GNUC__)

@@ -28,6 +28,29 @@ void MapWindow::moveTo(const OccupancyReader& map, const Coord& leaf) {
   std::ranges::fill(ready_, std::uint64_t{0});
 }
 
+void MapWindow::standAt(const float* position_L, const Coord& point_ijk, float inverse_voxel_size) {
+  position_L_ = position_L;
+  inverse_voxel_size_ = inverse_voxel_size;
+  const std::int32_t x = point_ijk[0] - low_[0], y = point_ijk[1] - low_[1];
+  height_ = point_ijk[2] - low_[2];
+  column_ = static_cast<std::size_t>(x) * shape_.stride() + static_cast<std::size_t>(y);
+  leaf_column_ = (x >> 3) * shape_.size[1] + (y >> 3);
+  const std::int32_t last = (1 << shape_.xy_log2) - 1;
+  const auto in_group = static_cast<std::size_t>((((x >> 3) + shape_.low[0]) & last) << shape_.xy_log2 |
+                                                 (((y >> 3) + shape_.low[1]) & last));
+  own_ready_ = ready_.data() + in_group * ready_words_;
+  const WindowedTool::LeafBox& box = tool_.corridorLeaves();
+  samples_.words = bits_[kArmFree].data() + static_cast<std::size_t>(height_ >> 6) * shape_.columnsOfVoxels() +
+                   static_cast<std::size_t>(box.low_x) * 8 * shape_.stride() + static_cast<std::size_t>(box.low_y) * 8;
+  samples_.stride = static_cast<std::uint32_t>(shape_.stride());
+  samples_.bit = static_cast<unsigned>(height_) & 63;
+  samples_.low_x = low_[0] + box.low_x * 8, samples_.low_y = low_[1] + box.low_y * 8;
+  samples_.size_x = static_cast<std::uint32_t>(box.high_x - box.low_x + 1) * 8;
+  samples_.size_y = static_cast<std::uint32_t>(box.high_y - box.low_y + 1) * 8;
+  samples_.x_m = position_L[0], samples_.y_m = position_L[1];
+  samples_.inverse_voxel_size = inverse_voxel_size;
+}
+
 /// Copies a column of leaves.
 void MapWindow::fill(Fact fact, std::size_t column) {
   const auto x = static_cast<std::int32_t>(column / static_cast<std::size_t>(shape_.size[1]));
@@ -73,33 +96,21 @@ void MapWindow::fillCorridors() {
   corridors_filled_ = true;
 }
 
-ArmResult MapWindow::testArm(const ApproachView& approach, int d, const float* position_L, float inverse_voxel_size) {
+ArmResult MapWindow::testArm(const ApproachView& approach, int d) {
   const std::span<const FlatSamples> corridor = tool_.corridor(d);
-  if (corridor.empty()) return testEach(approach, d, position_L, inverse_voxel_size);
+  if (corridor.empty()) return testEach(approach, d);
   if (!corridors_filled_) fillCorridors();
-  const auto z = static_cast<std::uint32_t>(voxelIndex(position_L[2], inverse_voxel_size) - low_[2]);
-  const WindowedTool::LeafBox& box = tool_.corridorLeaves();
-  SampleWindow window;
-  window.words = bits_[kArmFree].data() + (z >> 6) * shape_.columnsOfVoxels() +
-                 static_cast<std::size_t>(box.low_x) * 8 * shape_.stride() + static_cast<std::size_t>(box.low_y) * 8;
-  window.stride = static_cast<std::uint32_t>(shape_.stride());
-  window.bit = z & 63;
-  window.low_x = low_[0] + box.low_x * 8, window.low_y = low_[1] + box.low_y * 8;
-  window.size_x = static_cast<std::uint32_t>(box.high_x - box.low_x + 1) * 8;
-  window.size_y = static_cast<std::uint32_t>(box.high_y - box.low_y + 1) * 8;
-  window.x_m = position_L[0], window.y_m = position_L[1];
-  window.inverse_voxel_size = inverse_voxel_size;
   int first = 0;
   for (const FlatSamples& samples : corridor) {
     const int left = approach.num_arm - first;
     const unsigned wanted = left < FlatSamples::kLanes ? (1u << left) - 1 : (1u << FlatSamples::kLanes) - 1;
-    const SampleBits found = kernels_.look_up(window, samples);
+    const SampleBits found = kernels_.look_up(samples_, samples);
     const unsigned blocked = wanted & ~(found.inside & found.set);
     if (blocked != 0) {
       const int n = std::countr_zero(blocked);
-      if ((found.inside >> n & 1u) == 0) return testEach(approach, d, position_L, inverse_voxel_size);
-      const Coord ijk =
-          voxelOf(position_L[0] + samples.x[n], position_L[1] + samples.y[n], position_L[2] + 0.0f, inverse_voxel_size);
+      if ((found.inside >> n & 1u) == 0) return testEach(approach, d);
+      const Coord ijk = voxelOf(position_L_[0] + samples.x[n], position_L_[1] + samples.y[n], position_L_[2] + 0.0f,
+                                inverse_voxel_size_);
       return {first + n, test(kCollides, ijk) ? PointReason::Arm : PointReason::Unknown};
     }
     first += FlatSamples::kLanes;
@@ -108,43 +119,36 @@ ArmResult MapWindow::testArm(const ApproachView& approach, int d, const float* p
 }
 
 /// One sample after the other.
-ArmResult MapWindow::testEach(const ApproachView& approach, int d, const float* position_L, float inverse_voxel_size) {
+ArmResult MapWindow::testEach(const ApproachView& approach, int d) {
   const float* offset = approach.arm_offsets + 3 * static_cast<std::int64_t>(d) * approach.num_arm;
   for (int n = 0; n < approach.num_arm; ++n, offset += 3) {
-    const Coord ijk =
-        voxelOf(position_L[0] + offset[0], position_L[1] + offset[1], position_L[2] + offset[2], inverse_voxel_size);
+    const Coord ijk = voxelOf(position_L_[0] + offset[0], position_L_[1] + offset[1], position_L_[2] + offset[2],
+                              inverse_voxel_size_);
     if (!test(kArmFree, ijk)) return {n, test(kCollides, ijk) ? PointReason::Arm : PointReason::Unknown};
   }
   return {approach.num_arm, PointReason::None};
 }
 
 /// Copies what a part of the tool may read from the point's leaf.
-void MapWindow::fillFor(int part, const Coord& point_ijk) {
-  const std::int32_t x = (point_ijk[0] - low_[0]) >> 3, y = (point_ijk[1] - low_[1]) >> 3,
-                     last = (1 << shape_.xy_log2) - 1;
-  const auto in_group =
-      static_cast<std::size_t>(((x + shape_.low[0]) & last) << shape_.xy_log2 | ((y + shape_.low[1]) & last));
-  std::uint64_t& ready = ready_[in_group * ready_words_ + static_cast<std::size_t>(part >> 6)];
+void MapWindow::fillFor(int part) {
+  std::uint64_t& ready = own_ready_[part >> 6];
   const std::uint64_t bit = std::uint64_t{1} << (part & 63);
   if ((ready & bit) != 0) return;
   ready |= bit;
-  const std::int32_t own = x * shape_.size[1] + y;
   for (const std::int32_t offset : tool_.leaves(part)) {
-    const auto column = static_cast<std::size_t>(own + offset);
+    const auto column = static_cast<std::size_t>(leaf_column_ + offset);
     if ((filled_[column] >> kCollides & 1u) == 0) fill(kCollides, column);
   }
 }
 
-int MapWindow::countVoxels(int part, const Coord& point_ijk, int stop_above) {
-  fillFor(part, point_ijk);
+int MapWindow::countVoxels(int part, int stop_above) {
+  fillFor(part);
   const std::size_t plane = shape_.columnsOfVoxels();
-  const std::uint64_t* column = bits_[kCollides].data() +
-                                static_cast<std::size_t>(point_ijk[0] - low_[0]) * shape_.stride() +
-                                static_cast<std::size_t>(point_ijk[1] - low_[1]);
+  const std::uint64_t* column = bits_[kCollides].data() + column_;
   const bool single = shape_.words() == 1;
   int count = 0;
   for (const WindowedTool::Layer& layer : tool_.layers(part)) {
-    const auto z = static_cast<std::uint32_t>(point_ijk[2] - low_[2] + layer.dz);
+    const auto z = static_cast<std::uint32_t>(height_ + layer.dz);
     const std::uint64_t* const map = column + (z >> 6) * plane;
     const WindowRun *const begin = tool_.runs() + layer.begin, *const end = tool_.runs() + layer.end;
     const int left = stop_above - count;
@@ -155,12 +159,11 @@ int MapWindow::countVoxels(int part, const Coord& point_ijk, int stop_above) {
   return count;
 }
 
-int MapWindow::countSamples(const ToolKernelView& tool, int part, const float* position_L, float inverse_voxel_size,
-                            int stop_above) {
+int MapWindow::countSamples(const ToolKernelView& tool, int part, int stop_above) {
   int count = 0;
   const float* end = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[part + 1]);
   for (const float* t = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[part]); t != end; t += 3) {
-    const Coord ijk = voxelOf(position_L[0] + t[0], position_L[1] + t[1], position_L[2] + t[2], inverse_voxel_size);
+    const Coord ijk = voxelOf(position_L_[0] + t[0], position_L_[1] + t[1], position_L_[2] + t[2], inverse_voxel_size_);
     count += test(kCollides, ijk) ? 1 : 0;
     if (count > stop_above) return count;
   }

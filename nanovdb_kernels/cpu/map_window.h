@@ -22,15 +22,15 @@ class MapWindow {
   /// Moves to another group or another state of the map, of which nothing is copied yet.
   /// @param map  must outlive the window's use  @param leaf  any leaf of the group, voxel index >> 3
   void moveTo(const OccupancyReader& map, const Coord& leaf);
+  /// What follows is about this point of the group. @param position_L  must stay  @param point_ijk  its voxel
+  void standAt(const float* position_L, const Coord& point_ijk, float inverse_voxel_size);
 
   /// Corridor of direction d, as testArm.
-  [[nodiscard]] ArmResult testArm(const ApproachView& approach, int d, const float* position_L,
-                                  float inverse_voxel_size);
-  /// As countVoxelCollisions. @param point_ijk  in the group
-  [[nodiscard]] int countVoxels(int part, const Coord& point_ijk, int stop_above);
-  /// As countSampleCollisions. @param position_L  in the group
-  [[nodiscard]] int countSamples(const ToolKernelView& tool, int part, const float* position_L,
-                                 float inverse_voxel_size, int stop_above);
+  [[nodiscard]] ArmResult testArm(const ApproachView& approach, int d);
+  /// As countVoxelCollisions.
+  [[nodiscard]] int countVoxels(int part, int stop_above);
+  /// As countSampleCollisions.
+  [[nodiscard]] int countSamples(const ToolKernelView& tool, int part, int stop_above);
 
  private:
   enum Fact : std::uint8_t { kCollides, kArmFree };
@@ -38,9 +38,8 @@ class MapWindow {
   [[nodiscard]] bool test(Fact fact, const Coord& ijk);
   void fill(Fact fact, std::size_t column);
   void fillCorridors();
-  [[nodiscard]] ArmResult testEach(const ApproachView& approach, int d, const float* position_L,
-                                   float inverse_voxel_size);
-  void fillFor(int part, const Coord& point_ijk);
+  [[nodiscard]] ArmResult testEach(const ApproachView& approach, int d);
+  void fillFor(int part);
 
   const WindowedTool& tool_;
   const WindowKernels& kernels_;
@@ -52,6 +51,14 @@ class MapWindow {
   std::vector<std::uint8_t> filled_;    ///< [x][y] of leaves: bit per fact
   std::size_t ready_words_ = 0;         ///< per leaf of a group
   std::vector<std::uint64_t> ready_;    ///< [x][y of the leaf in its group] parts whose leaves are filled
+  // Of the point.
+  const float* position_L_ = nullptr;
+  float inverse_voxel_size_ = 0;
+  std::int32_t height_ = 0;             ///< voxels above the window's lowest
+  std::size_t column_ = 0;              ///< of voxels
+  std::int32_t leaf_column_ = 0;        ///< of leaves
+  std::uint64_t* own_ready_ = nullptr;  ///< of ready_
+  SampleWindow samples_ = {};           ///< what its corridors may touch
 };
 
 }  // namespace accessvdb::kernels

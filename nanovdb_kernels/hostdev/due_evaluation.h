@@ -32,20 +32,6 @@ struct KnownScale {
   }
 };
 
-/// The `asked` directions that may be better than what the levels count from, and whose corridor is not known to be
-/// blocked. @param w, asked  directions 64 w .. 64 w + 63
-ACCESSVDB_HOSTDEV inline std::uint64_t notKnownWorse(const KnownPoint& known, const KnownLevels& scale, int w,
-                                                     std::uint64_t asked) {
-  for (int byte = 0; byte < 8 && asked >> (8 * byte) != 0; ++byte) {
-    if ((asked >> (8 * byte) & 0xffu) == 0) continue;
-    const std::uint64_t levels = known.levels[8 * w + byte];
-    if (levels == 0) continue;
-    const std::uint64_t worse = known_word::worse(levels, known.freed[8 * w + byte].lowestWithMore(scale.log2));
-    asked &= ~(worse << (8 * byte));
-  }
-  return asked;
-}
-
 /// Directions that may be in question if the best one has `more` collisions more than before.
 ACCESSVDB_HOSTDEV inline DirectionMask askedUnlessKnownWorse(const KnownPoint& known, const KnownLevels& scale,
                                                              int more) {
@@ -105,20 +91,30 @@ struct NotingTests {
 /// Remembers what an evaluation found out. @param before, after  baseCollisions
 ACCESSVDB_HOSTDEV inline void learn(const KnownPoint& known, const KnownLevels& scale, const SearchNotes& notes,
                                     int before, int after) {
-  for (int w = 0; w < known.words; ++w) {
+  const auto learnWord = [&](int w) {
     const auto of = [w](const DirectionMask& mask) {
       return static_cast<std::uint32_t>(mask.word[w >> 3] >> (8 * (w & 7))) & 0xffu;
     };
-    const std::uint32_t counted = of(notes.counted), arm_free = of(notes.arm_free), arm_blocked = of(notes.arm_blocked);
-    if ((arm_free | arm_blocked) == 0 && before == after) continue;
-    std::uint64_t levels = (known.levels[w] & ~known_word::spread(arm_free)) | known_word::spread(arm_blocked);
+    std::uint64_t levels =
+        (known.levels[w] & ~known_word::spread(of(notes.arm_free))) | known_word::spread(of(notes.arm_blocked));
     if (before != after) levels = known_word::rebased(levels, after - before, scale.log2);
-    for (std::uint32_t bits = counted; bits != 0; bits &= bits - 1) {
+    for (std::uint32_t bits = of(notes.counted); bits != 0; bits &= bits - 1) {
       const int n = lowestBit(bits);
       const std::uint32_t level = scale.levelOf(notes.least[w * kKnownPerWord + n] - after, known.freed[w].count(n));
       if (level > known_word::levelIn(levels, n)) levels = known_word::withLevel(levels, n, level);
     }
     known.levels[w] = levels;
+  };
+  if (before != after) {
+    for (int w = 0; w < known.words; ++w) learnWord(w);
+    return;
+  }
+  for (int i = 0; i < kMaxDirectionWords; ++i) {
+    for (std::uint64_t tested = notes.arm_free.word[i] | notes.arm_blocked.word[i]; tested != 0;) {
+      const int byte = lowestBit(tested) >> 3;
+      learnWord(8 * i + byte);
+      tested &= ~(std::uint64_t{0xff} << (8 * byte));
+    }
   }
 }
 

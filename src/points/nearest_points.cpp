@@ -3,7 +3,6 @@
 #include "points/nearest_points.h"
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 
@@ -17,14 +16,6 @@ namespace {
 constexpr double kRoundingVoxels = 0.25;
 /// An offset in steps is off by half a step per axis; a ball in metres contains all points of a ball smaller by this.
 constexpr double kRoundingSteps = 1;
-
-/// std::popcount() is a call on x86-64 without the instruction of that name.
-constexpr std::array<std::uint8_t, 256> makeBitsOfByte() {
-  std::array<std::uint8_t, 256> bits = {};
-  for (unsigned byte = 0; byte < 256; ++byte) bits[byte] = static_cast<std::uint8_t>(std::popcount(byte));
-  return bits;
-}
-constexpr std::array<std::uint8_t, 256> kBitsOfByte = makeBitsOfByte();
 
 }  // namespace
 
@@ -49,10 +40,11 @@ void NearestPoints::gather(const Index3& leaf, std::int32_t rings) {
   complete_ = rings == most_rings_;
   const double most_voxels = radius_m_ / voxel_size_m_ + 2 * kRoundingVoxels;
   points_.index().forEachBlock({leaf[0] - rings, leaf[1] - rings, leaf[2] - rings},
-                               {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings}, [&](std::uint32_t b) {
+                               {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings},
+                               [&](std::uint32_t b, const Index3& at) {
                                  double squared = 0;  // voxels between the two blocks
                                  for (std::size_t axis = 0; axis < 3; ++axis) {
-                                   const int blocks_between = std::abs(blocks[b].leaf[axis] - leaf[axis]) - 1;
+                                   const int blocks_between = std::abs(at[axis] - leaf[axis]) - 1;
                                    const double gap = std::max(0, blocks_between) * 8.0;
                                    squared += gap * gap;
                                  }
@@ -69,6 +61,29 @@ void NearestPoints::gather(const Index3& leaf, std::int32_t rings) {
     box_high_[a] = ((leaf[axis] + rings + 1) * 8 - 0.5 - kRoundingVoxels) * voxel_size_m_;
   }
   found_.resize(positions_.lanes() + NearPositions::kLanes);
+}
+
+/// Appends the ids of the part of a block that is in a box of voxels. @param low, high  inclusive
+void NearestPoints::listInBox(const PointBlock& block, const Index3& low, const Index3& high) {
+  const auto from = [&](std::size_t axis) { return std::max(0, low[axis] - block.leaf[axis] * 8); };
+  const auto to = [&](std::size_t axis) { return std::min(7, high[axis] - block.leaf[axis] * 8); };
+  constexpr std::uint64_t kEachRow = 0x0101010101010101u, kAll = ~std::uint64_t{0};
+  const std::uint64_t row = (0xffu << from(2)) & (0xffu >> (7 - to(2)));
+  const std::uint64_t plane = row * kEachRow & kAll << (8 * from(1)) & kAll >> (8 * (7 - to(1)));
+  const int x_low = from(0), x_high = to(0);
+  const std::uint32_t* id = block.ids.data();  // of the next set bit
+  for (int x = 0; x <= x_high; ++x) {
+    const std::uint64_t occupied = block.occupied[static_cast<std::size_t>(x)];
+    const std::uint64_t wanted = x < x_low ? 0 : occupied & plane;
+    if (wanted == 0) {
+      id += std::popcount(occupied);
+      continue;
+    }
+    // A few bits: counting those below would take longer.
+    for (std::uint64_t bits = occupied; bits != 0; bits &= bits - 1, ++id) {
+      if ((wanted & bits & -bits) != 0) ids_.push_back(*id);
+    }
+  }
 }
 
 /// Gathers what is as near to these points as the last neighbours were.
@@ -93,32 +108,22 @@ void NearestPoints::gatherNear(std::span<const std::uint32_t> ids) {
   positions_.clear();
   ids_.clear();
   complete_ = false;
+  // Blocks and their ids are scattered in memory, as points are.
   const auto& blocks = points_.index().blocks();
+  near_blocks_.clear();
   points_.index().forEachBlock(parentOf(low), parentOf(high), [&](std::uint32_t b) {
-    const PointBlock& block = blocks[b];
-    // The part of the block that is in the box.
-    const auto from = [&](std::size_t axis) { return std::max(0, low[axis] - block.leaf[axis] * 8); };
-    const auto to = [&](std::size_t axis) { return std::min(7, high[axis] - block.leaf[axis] * 8); };
-    const std::uint32_t below = (1u << from(2)) - 1, wanted = (0xffu << from(2)) & (0xffu >> (7 - to(2)));
-    const int x_low = from(0), x_high = to(0), y_low = from(1), y_high = to(1);
-    const std::uint32_t* id = block.ids.data();  // first of the row
-    for (int x = 0; x <= x_high; ++x) {
-      const std::uint64_t occupied = block.occupied[static_cast<std::size_t>(x)];
-      if (x < x_low || occupied == 0) {
-        id += std::popcount(occupied);
-        continue;
-      }
-      for (int y = 0; y < 8; ++y) {
-        const auto row = static_cast<std::uint32_t>(occupied >> (8 * y)) & 0xffu;
-        if (y >= y_low && y <= y_high) {
-          const std::uint32_t* first = id + kBitsOfByte[row & below];
-          const std::uint32_t* last = first + kBitsOfByte[row & wanted];  // a few: a call would take longer
-          for (; first != last; ++first) ids_.push_back(*first);
-        }
-        id += kBitsOfByte[row];
-      }
-    }
+    prefetchRead(&blocks[b], sizeof(PointBlock));
+    near_blocks_.push_back(b);
   });
+  constexpr std::size_t kBlocksAhead = 3;
+  const auto prefetchIds = [&](std::size_t n) {
+    if (n < near_blocks_.size()) prefetchRead(blocks[near_blocks_[n]].ids.data());
+  };
+  for (std::size_t n = 0; n < kBlocksAhead; ++n) prefetchIds(n);
+  for (std::size_t n = 0; n < near_blocks_.size(); ++n) {
+    prefetchIds(n + kBlocksAhead);
+    listInBox(blocks[near_blocks_[n]], low, high);
+  }
   constexpr std::size_t kAhead = 12;  // points are scattered in memory
   for (std::size_t n = 0; n < std::min(kAhead, ids_.size()); ++n) prefetchRead(&points_.pca_L(ids_[n]));
   for (std::size_t n = 0; n < ids_.size(); ++n) {

@@ -62,6 +62,7 @@ class NearestPoints {
  private:
   void gather(const Index3& leaf, std::int32_t rings);
   void gatherNear(std::span<const std::uint32_t> ids);
+  void listInBox(const PointBlock& block, const Index3& low, const Index3& high);
   bool find(std::uint32_t id);
   std::size_t measure(const Eigen::Vector3f& centre, std::int64_t squared);
   double nth(std::size_t n, double most, std::size_t within) const;
@@ -79,7 +80,7 @@ class NearestPoints {
   Eigen::Vector3d box_low_, box_high_;  ///< everything inside is gathered
   NearPositions positions_;
   std::vector<std::uint32_t> ids_;  ///< of positions_
-  std::vector<std::uint32_t> pending_, found_;
+  std::vector<std::uint32_t> pending_, found_, near_blocks_;
   // Of those in found_.
   std::vector<float> near_m_;
   std::vector<double> steps_;

@@ -10,6 +10,7 @@
 #include <bit>
 #include <cstdint>
 #include <span>
+#include <type_traits>
 #include <vector>
 
 #include "accessvdb/leaf_change.h"
@@ -22,8 +23,8 @@ namespace accessvdb::internal {
 using Index3 = std::array<std::int32_t, 3>;
 inline constexpr std::uint32_t kNone = ~std::uint32_t{0};
 
-/// The points of one leaf, sorted by voxel.
-struct PointBlock {
+/// The points of one leaf, sorted by voxel. Aligned so that it is read with two cache lines.
+struct alignas(32) PointBlock {
   Index3 leaf = {};              ///< voxel index >> 3
   std::uint32_t cell = kNone;    ///< number of its cell
   std::span<std::uint32_t> ids;  ///< in the order of the set bits; a run that only the index writes to
@@ -69,7 +70,8 @@ class SurfaceIndex {
   [[nodiscard]] const LeafBits& leavesIn(std::uint32_t cell) const { return cells_[cell].present; }
   [[nodiscard]] std::uint64_t bytes() const;
 
-  /// Calls visit(block index) for every block with leaf coordinates in [low, high], in a fixed order.
+  /// Calls visit(block index), or visit(block index, its leaf), for every block with leaf coordinates in [low, high],
+  /// in a fixed order. Reads no block.
   template <typename Visit>
   void forEachBlock(const Index3& low, const Index3& high, const Visit& visit) const {
     for (std::int32_t cx = low[0] >> 3; cx <= high[0] >> 3; ++cx) {
@@ -113,7 +115,13 @@ class SurfaceIndex {
       for (int y = from(1); y <= to(1); ++y) {
         auto row = static_cast<std::uint32_t>(cell.present[static_cast<std::size_t>(x)] >> (y * 8)) & row_mask;
         for (; row != 0; row &= row - 1) {
-          visit(cell.block[static_cast<std::size_t>(x * 64 + y * 8 + std::countr_zero(row))]);
+          const int z = std::countr_zero(row);
+          const std::uint32_t block = cell.block[static_cast<std::size_t>(x * 64 + y * 8 + z)];
+          if constexpr (std::is_invocable_v<Visit, std::uint32_t, const Index3&>) {
+            visit(block, Index3{c[0] * 8 + x, c[1] * 8 + y, c[2] * 8 + z});
+          } else {
+            visit(block);
+          }
         }
       }
     }

@@ -28,6 +28,8 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr std::size_t kDuePerTask = 256;
+/// Points whose memory is asked for ahead.
+constexpr std::size_t kPointsAhead = 6;
 
 /// What a point waits for in the backlog. What is due is decided when its turn comes.
 enum Asked : std::uint8_t {
@@ -101,13 +103,13 @@ class ExactOnHost final : public HostScheduler {
 
   /// What flips mean for a point; read only if the rule asks.
   struct FlipsOfPoint {
-    const kernels::KnownLevels& scale;
+    const KnownDirections::LowestLevels& lowest;
     const kernels::KnownPoint& known;
     const kernels::GroupMasks& masks_;
 
     [[nodiscard]] const kernels::GroupMasks& masks() const { return masks_; }
     [[nodiscard]] std::uint64_t notKnownWorse(int w, std::uint64_t asked) const {
-      return kernels::notKnownWorse(known, scale, w, asked);
+      return KnownDirections::notKnownWorse(known, lowest, w, asked);
     }
   };
 
@@ -138,8 +140,26 @@ class ExactOnHost final : public HostScheduler {
 
   void takeCell(std::uint32_t cell, const Work& work, Found& found) {
     if (!findBlocks(cell, found.cell)) return;
-    for (const std::uint32_t b : found.cell.blocks) takeBlock(b, work.changed, found);
+    // Blocks, their ids and what is known of their points are scattered in memory: each is asked for a block earlier.
+    const std::vector<std::uint32_t>& list = found.cell.blocks;
+    const ChunkedArray<PointBlock>& blocks = scorer_.points().index().blocks();
+    for (std::size_t n = 0; n < list.size(); ++n) {
+      if (n + 3 < list.size()) prefetchRead(&blocks[list[n + 3]], sizeof(PointBlock));
+      if (n + 2 < list.size()) prefetchRead(blocks[list[n + 2]].ids.data());
+      if (n + 1 < list.size()) {
+        const std::span<const std::uint32_t> ids = blocks[list[n + 1]].ids;
+        const bool changed = changes_->changedIn(list[n + 1]);
+        for (const std::uint32_t id : ids.first(std::min(ids.size(), kPointsAhead))) prefetchPoint(id, changed);
+      }
+      takeBlock(list[n], work.changed, found);
+    }
     evaluate(work.evaluator, found);
+  }
+
+  void prefetchPoint(std::uint32_t id, bool changed) {
+    prefetchRead(&scorer_.record(id));
+    if (changed) changes_->prefetch(id);
+    known_.prefetch(id);
   }
 
   void takeBlock(std::uint32_t b, const PointScorer::Changed& changed, Found& found) {
@@ -147,15 +167,8 @@ class ExactOnHost final : public HostScheduler {
     const AffectedDirections affected =
         found.cell.flipped ? footprint_.affected(block.leaf, found.cell.flips) : AffectedDirections{};
     const bool is_affected = any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm);
-    if (!is_affected && !changes_->changedIn(b)) return;
-    constexpr std::size_t kAhead = 4;  // points are scattered in memory
-    const auto prefetch = [&](std::size_t n) {
-      if (n >= block.ids.size()) return;
-      prefetchRead(&scorer_.record(block.ids[n]), sizeof(PointRecord));
-      changes_->prefetch(block.ids[n]);
-      known_.prefetch(block.ids[n]);
-    };
-    for (std::size_t n = 0; n < kAhead; ++n) prefetch(n);
+    const bool some_changed = changes_->changedIn(b);
+    if (!is_affected && !some_changed) return;
     if (any(affected.better_tool)) {
       FreedVoxels freed;
       countFreed(block.leaf, found.cell.flips, freed);
@@ -163,20 +176,21 @@ class ExactOnHost final : public HostScheduler {
     }
     const bool corridors = any(affected.better_arm), one_by_one = corridors && listFreed(block, found);
     kernels::GroupMasks masks = affected;
+    const KnownDirections::LowestLevels lowest = known_.lowestWithMore(b);
     std::size_t n = 0;
     for (std::size_t word = 0; word < 8; ++word) {
       for (std::uint64_t bits = block.occupied[word]; bits != 0; bits &= bits - 1, ++n) {
-        prefetch(n + kAhead);
-        const std::uint32_t id = block.ids[n], entry = changes_->indexOf(id);
+        if (n + kPointsAhead < block.ids.size()) prefetchPoint(block.ids[n + kPointsAhead], some_changed);
+        const std::uint32_t id = block.ids[n], entry = some_changed ? changes_->indexOf(id) : kNone;
         const bool scored = scorer_.record(id).label != PointLabel::Unscored;
         if (scored && corridors) {
           if (one_by_one) masks.better_arm = freedFor(static_cast<int>(word), std::countr_zero(bits), found);
           known_.forgetCorridors(id, masks.better_arm);
         }
         if (entry != kNone) {
-          takePoint({id, b, &changed.before[entry], masks}, found);
+          takePoint({id, b, &changed.before[entry], masks, lowest}, found);
         } else if (scored && is_affected) {
-          takePoint({id, b, nullptr, masks}, found);
+          takePoint({id, b, nullptr, masks, lowest}, found);
         }
       }
     }
@@ -239,18 +253,19 @@ class ExactOnHost final : public HostScheduler {
     std::uint32_t id, block;
     const kernels::PointDirections* before;  ///< its directions at the last update; null: they did not change
     const kernels::GroupMasks& masks;
+    const KnownDirections::LowestLevels& lowest;  ///< of its block
   };
   void takePoint(const Candidate& candidate, Found& found) {
     const std::uint32_t id = candidate.id;
     const bool changed = candidate.before != nullptr;
-    if (backlog_.holds(id)) {
+    if (waits_ && backlog_.holds(id)) {
       if (changed) found.asks.push_back({id, kAskedByItself, true});
       return;
     }
     const kernels::KnownPoint known = known_.of(id, candidate.block);
     const kernels::PointDirections now = directionsOf(id);
     const kernels::PointNow point = {approach_, storedScore(id), now};
-    const FlipsOfPoint flips = {known_.scale().levels, known, candidate.masks};
+    const FlipsOfPoint flips = {candidate.lowest, known, candidate.masks};
     const kernels::Due due = kernels::dueAfterChange(point, changed ? *candidate.before : now, changed, flips);
     if (due.kind == kernels::DueKind::Nothing) return;
     if (due.kind == kernels::DueKind::Confirm || !waits_) {
@@ -302,10 +317,12 @@ class ExactOnHost final : public HostScheduler {
       const kernels::GroupMasks no_masks = {};  // the rule asks for none
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         const std::uint32_t id = turn.ids[order[n]];
-        const kernels::KnownPoint known = known_.of(id, points.blockOf(id));
+        const std::uint32_t block = points.blockOf(id);
+        const kernels::KnownPoint known = known_.of(id, block);
+        const KnownDirections::LowestLevels lowest = known_.lowestWithMore(block);
         const kernels::PointDirections now = directionsOf(id);
         const kernels::PointNow point = {approach_, storedScore(id), now};
-        const FlipsOfPoint flips = {known_.scale().levels, known, no_masks};
+        const FlipsOfPoint flips = {lowest, known, no_masks};
         const bool evidence = (turn.asked[order[n]] & kAskedByItself) != 0;
         mine.tasks.push_back({id, kernels::dueAfterWaiting(point, evidence, flips), known});
       }

@@ -65,7 +65,7 @@ KnownDirections::KnownDirections(const kernels::ToolKernelView& tool, int num_di
       words_(static_cast<std::size_t>(num_directions + kernels::kKnownPerWord - 1) / kernels::kKnownPerWord),
       scale_(kernels::KnownScale::forLimit(tool.collision_limit)),
       cells_(tool, num_directions, 0, kMostCellTableBytes, any_directions),
-      levels_(words_),
+      levels_((words_ + known_rows::kWords - 1) / known_rows::kWords),
       freed_(words_) {}
 
 void KnownDirections::grow(std::size_t points, std::size_t blocks) {
@@ -73,35 +73,42 @@ void KnownDirections::grow(std::size_t points, std::size_t blocks) {
   freed_.grow(blocks);
 }
 
+KnownDirections::LowestLevels KnownDirections::lowestWithMore(std::uint32_t block) {
+  LowestLevels lowest;
+  lowest.fill(kernels::known_word::kEach);
+  const kernels::FreedWord* const freed = freed_.row(block);
+  for (std::size_t w = 0; w < words_; ++w) lowest[w] = freed[w].lowestWithMore(scale_.levels.log2);
+  return lowest;
+}
+
 void KnownDirections::age(std::uint32_t block, std::span<const std::uint32_t> ids, FreedVoxels& freed,
                           const DirectionMask& better_tool) {
-  std::array<std::uint64_t, FreedVoxels::kDirections / kernels::kKnownPerWord> less;
+  std::array<std::uint64_t, kMostWords> less = {};
   const std::uint32_t* sums = freed.sum(num_directions_);
-  bool wanted = false;
+  std::array<std::size_t, kMostWords / known_rows::kWords> wanted = {};  // first words of parts of a row
+  std::size_t parts = 0;
   for (std::size_t w = 0; w < words_; ++w) {
-    less[w] = 0;
     if (cells_.empty()) {
       const auto directions = static_cast<std::uint32_t>(better_tool.word[w >> 3] >> (8 * (w & 7))) & 0xffu;
       less[w] = (kernels::known_word::spread(directions) >> 7) * kernels::KnownLevels::kMost;
     } else if (freed.any()) {
       freed_.row(block)[w].add(sums + kernels::kKnownPerWord * w, freed.tooMany(), scale_.levels.log2, less[w]);
     }
-    wanted = wanted || less[w] != 0;
+    const std::size_t part = w / known_rows::kWords * known_rows::kWords;
+    if (less[w] != 0 && (parts == 0 || wanted[parts - 1] != part)) wanted[parts++] = part;
   }
-  if (!wanted) return;
-  constexpr std::size_t kAhead = 6;  // points are scattered in memory
+  if (parts == 0) return;
+  constexpr std::size_t kAhead = 8;  // points are scattered in memory
   for (std::size_t n = 0; n < std::min(kAhead, ids.size()); ++n) prefetch(ids[n]);
   for (std::size_t n = 0; n < ids.size(); ++n) {
     if (n + kAhead < ids.size()) prefetch(ids[n + kAhead]);
-    std::uint64_t* const levels = levels_.row(ids[n]);
-    for (std::size_t w = 0; w < words_; ++w) {
-      if (less[w] != 0 && levels[w] != 0) levels[w] = kernels::known_word::lowered(levels[w], less[w]);
-    }
+    std::uint64_t* const levels = levelsOf(ids[n]);
+    for (std::size_t p = 0; p < parts; ++p) known_rows::lower(levels + wanted[p], less.data() + wanted[p]);
   }
 }
 
 void KnownDirections::forgetCorridors(std::uint32_t id, const DirectionMask& better_arm) {
-  std::uint64_t* const levels = levels_.row(id);
+  std::uint64_t* const levels = levelsOf(id);
   for (std::size_t n = 0; n < kernels::kMaxDirectionWords; ++n) {
     if (better_arm.word[n] == 0) continue;
     for (std::size_t w = 8 * n; w < std::min(8 * n + 8, words_); ++w) {

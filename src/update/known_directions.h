@@ -6,6 +6,8 @@
 /// fewer. Counting too many costs time but changes nothing.
 #pragma once
 
+#include <tbb/parallel_for.h>
+
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -16,6 +18,7 @@
 #include "hostdev/due_evaluation.h"
 #include "points/prefetch.h"
 #include "update/cell_directions.h"
+#include "update/known_rows.h"
 
 namespace accessvdb::internal {
 
@@ -45,6 +48,7 @@ class KnownDirections {
   /// Memory limit of the table of directions by cell; beyond it, and for tools tested by samples, the directions that
   /// a flip may affect are forgotten.
   static constexpr std::uint64_t kMostCellTableBytes = std::uint64_t{256} << 20;
+  static constexpr std::size_t kMostWords = FreedVoxels::kDirections / kernels::kKnownPerWord;
 
   /// @param any_directions  they are not all yaws in order
   KnownDirections(const kernels::ToolKernelView& tool, int num_directions, bool any_directions = false);
@@ -52,9 +56,19 @@ class KnownDirections {
   /// Makes room; nothing is known about new points.
   void grow(std::size_t points, std::size_t blocks);
   [[nodiscard]] kernels::KnownPoint of(std::uint32_t id, std::uint32_t block) {
-    return {levels_.row(id), freed_.row(block), static_cast<int>(words_)};
+    return {levelsOf(id), freed_.row(block), static_cast<int>(words_)};
   }
-  void prefetch(std::uint32_t id) { prefetchRead(levels_.row(id), words_ * sizeof(std::uint64_t)); }
+  /// Of a block's points, for each direction: the lowest level that means more collisions than levels count from.
+  using LowestLevels = std::array<std::uint64_t, kMostWords>;
+  [[nodiscard]] LowestLevels lowestWithMore(std::uint32_t block);
+  /// The `asked` directions that may be better than what the levels count from, and whose corridor is not known to be
+  /// blocked. @param w, asked  directions 64 w .. 64 w + 63
+  [[nodiscard]] static std::uint64_t notKnownWorse(const kernels::KnownPoint& known, const LowestLevels& lowest, int w,
+                                                   std::uint64_t asked) {
+    const std::size_t first = known_rows::kWords * static_cast<std::size_t>(w);
+    return asked == 0 ? 0 : asked & ~known_rows::worse(known.levels + first, lowest.data() + first);
+  }
+  void prefetch(std::uint32_t id) { prefetchRead(levelsOf(id), words_ * sizeof(std::uint64_t)); }
   [[nodiscard]] const CellDirections& cells() const { return cells_; }
   [[nodiscard]] const kernels::KnownScale& scale() const { return scale_; }
 
@@ -74,7 +88,16 @@ class KnownDirections {
    public:
     explicit Rows(std::size_t length) : length_(length) {}
     void grow(std::size_t rows) {
-      while (chunks_.size() * kRows < rows) chunks_.push_back(std::make_unique<T[]>(kRows * length_));
+      const std::size_t before = chunks_.size(), wanted = (rows + kRows - 1) / kRows;
+      if (wanted <= before) return;
+      chunks_.resize(wanted);
+      try {
+        // The system clears fresh memory when it is first written: several threads do that sooner.
+        tbb::parallel_for(before, wanted, [&](std::size_t n) { chunks_[n] = std::make_unique<T[]>(kRows * length_); });
+      } catch (...) {
+        chunks_.resize(before);
+        throw;
+      }
     }
     [[nodiscard]] T* row(std::size_t n) { return chunks_[n / kRows].get() + n % kRows * length_; }
     [[nodiscard]] std::uint64_t bytes() const { return chunks_.size() * kRows * length_ * sizeof(T); }
@@ -85,11 +108,16 @@ class KnownDirections {
     std::vector<std::unique_ptr<T[]>> chunks_;
   };
 
+  struct alignas(64) Levels {
+    std::uint64_t words[known_rows::kWords] = {};
+  };
+  [[nodiscard]] std::uint64_t* levelsOf(std::uint32_t id) { return levels_.row(id)->words; }
+
   int num_directions_;
   std::size_t words_;
   kernels::KnownScale scale_;
   CellDirections cells_;
-  Rows<std::uint64_t> levels_;      ///< by id
+  Rows<Levels> levels_;             ///< by id
   Rows<kernels::FreedWord> freed_;  ///< by block
 };
 

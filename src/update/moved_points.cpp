@@ -58,18 +58,36 @@ const std::vector<std::uint32_t>& MovedPoints::touched() {
 
 void MovedPoints::groupByBlock() {
   const PointStore& points = scorer_.points();
-  by_block_.resize(touched_.size());
-  for (std::size_t n = 0; n < by_block_.size(); ++n) by_block_[n] = static_cast<std::uint32_t>(n);
-  const auto blockOf = [&](std::uint32_t n) { return points.blockOf(touched_[n].id); };
-  tbb::parallel_sort(by_block_.begin(), by_block_.end(), [&](std::uint32_t a, std::uint32_t b) {
-    return blockOf(a) != blockOf(b) ? blockOf(a) < blockOf(b) : a < b;
-  });
+  keys_.resize(touched_.size());
+  for (std::size_t n = 0; n < keys_.size(); ++n) keys_[n] = std::uint64_t{points.blockOf(touched_[n].id)} << 32 | n;
+  tbb::parallel_sort(keys_.begin(), keys_.end());
+  by_block_.resize(keys_.size());
   groups_.clear();
-  for (std::uint32_t n = 0; n < by_block_.size(); ++n) {
-    const std::uint32_t block = blockOf(by_block_[n]);
+  for (std::uint32_t n = 0; n < keys_.size(); ++n) {
+    by_block_[n] = static_cast<std::uint32_t>(keys_[n]);
+    const auto block = static_cast<std::uint32_t>(keys_[n] >> 32);
     if (groups_.empty() || groups_.back().block != block) groups_.push_back({block, n, n});
     groups_.back().end = n + 1;
   }
+  places_.resize(2 * touched_.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups_.size(), 64), [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) listPlaces(groups_[g]);
+  });
+}
+
+/// Where touched points are and were, of those that matter to others.
+void MovedPoints::listPlaces(Group& group) {
+  Eigen::Vector3f* place = places_.data() + 2 * std::size_t{group.begin};
+  for (std::uint32_t n = group.begin; n < group.end; ++n) {
+    const Touched& touched = touched_[by_block_[n]];
+    const Eigen::Vector3f& now_L = scorer_.points().pca_L(touched.id);
+    const bool is_new = std::isnan(touched.before_L.x());
+    const bool mean_moved = is_new || touched.before_L != now_L;
+    if (!mean_moved && touched.views_changed == 0) continue;
+    *place++ = now_L;
+    if (mean_moved && !is_new) *place++ = touched.before_L;
+  }
+  group.places = static_cast<std::uint32_t>(place - (places_.data() + 2 * std::size_t{group.begin}));
 }
 
 /// Visits blocks whose boxes lie within reach_m of the leaf's box, for the means of the points in both.
@@ -79,10 +97,10 @@ void MovedPoints::forEachNear(const Index3& leaf, float reach_m, const Visit& vi
   const float reach_voxels = reach_m / static_cast<float>(scorer_.params().tsdf.voxel_size_m) + 2 * kRoundingVoxels;
   const auto rings = static_cast<std::int32_t>(reach_voxels / 8) + 1;
   index.forEachBlock({leaf[0] - rings, leaf[1] - rings, leaf[2] - rings},
-                     {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings}, [&](std::uint32_t b) {
+                     {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings}, [&](std::uint32_t b, const Index3& at) {
                        float squared = 0;
                        for (std::size_t axis = 0; axis < 3; ++axis) {
-                         const int blocks_between = std::abs(index.blocks()[b].leaf[axis] - leaf[axis]) - 1;
+                         const int blocks_between = std::abs(at[axis] - leaf[axis]) - 1;
                          const float gap = static_cast<float>(std::max(0, blocks_between)) * 8;
                          squared += gap * gap;
                        }
@@ -123,30 +141,25 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
   const PointBlock& own = points.index().blocks()[block];
   const auto voxel_size_m = static_cast<float>(scorer_.params().tsdf.voxel_size_m);
   const float reach_voxels = block_reach_m_[block] / voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
+  constexpr std::size_t kAhead = 8;  // points are scattered in memory
+  const auto prefetch = [&](std::size_t n) {
+    if (n >= own.ids.size()) return;
+    prefetchRead(&scorer_.record(own.ids[n]));
+    prefetchRead(&points.pca_L(own.ids[n]));
+  };
+  for (std::size_t n = 0; n < kAhead; ++n) prefetch(n);
   places.clear();
   forEachNear(own.leaf, block_reach_m_[block], [&](std::uint32_t b, float squared_gap) {
     if (group_of_block_[b] == kNone || squared_gap > reach_voxels * reach_voxels) return;
     const Group& group = groups_[group_of_block_[b]];
-    for (std::uint32_t n = group.begin; n < group.end; ++n) {
-      const Touched& touched = touched_[by_block_[n]];
-      const Eigen::Vector3f& now_L = points.pca_L(touched.id);
-      const bool is_new = std::isnan(touched.before_L.x());
-      const bool mean_moved = is_new || touched.before_L != now_L;
-      if (!mean_moved && touched.views_changed == 0) continue;
-      places.add(now_L.x(), now_L.y(), now_L.z());
-      if (mean_moved && !is_new) places.add(touched.before_L.x(), touched.before_L.y(), touched.before_L.z());
+    const Eigen::Vector3f* const first = places_.data() + 2 * std::size_t{group.begin};
+    for (const Eigen::Vector3f* place = first; place != first + group.places; ++place) {
+      places.add(place->x(), place->y(), place->z());
     }
   });
-  const Group none = {block, 0, 0};
+  const Group none = {block, 0, 0, 0};
   const Group& group = group_of_block_[block] == kNone ? none : groups_[group_of_block_[block]];
   const NearKernels& kernels = nearKernels();
-  constexpr std::size_t kAhead = 6;  // points are scattered in memory
-  const auto prefetch = [&](std::size_t n) {
-    if (n >= own.ids.size()) return;
-    prefetchRead(&scorer_.record(own.ids[n]), sizeof(PointRecord));
-    prefetchRead(&points.pca_L(own.ids[n]));
-  };
-  for (std::size_t n = 0; n < kAhead; ++n) prefetch(n);
   for (std::size_t n = 0; n < own.ids.size(); ++n) {
     prefetch(n + kAhead);
     const std::uint32_t id = own.ids[n];
@@ -224,8 +237,8 @@ void MovedPoints::clear() {
 
 std::uint64_t MovedPoints::bytes() const {
   return touched_.capacity() * sizeof(Touched) + groups_.capacity() * sizeof(Group) + reached_.bytes() +
-         (ids_.capacity() + by_block_.capacity()) * sizeof(std::uint32_t) + group_of_block_.bytes() +
-         block_reach_m_.bytes();
+         (ids_.capacity() + by_block_.capacity()) * sizeof(std::uint32_t) + keys_.capacity() * sizeof(std::uint64_t) +
+         places_.capacity() * sizeof(Eigen::Vector3f) + group_of_block_.bytes() + block_reach_m_.bytes();
 }
 
 }  // namespace accessvdb::internal

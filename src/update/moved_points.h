@@ -51,10 +51,12 @@ class MovedPoints {
   /// The touched points of one block: [begin, end) of by_block_.
   struct Group {
     std::uint32_t block, begin, end;
+    std::uint32_t places = 0;  ///< where they are and were, from places_[2 * begin]
   };
 
   void joinTouched();
   void groupByBlock();
+  void listPlaces(Group& group);
   [[nodiscard]] std::vector<std::uint32_t> reachedBlocks();
   void findInBlock(std::uint32_t block, NearPositions& places, std::vector<std::uint32_t>& moved) const;
   template <typename Visit>
@@ -65,7 +67,9 @@ class MovedPoints {
   std::size_t joined_ = 0;  ///< this many at the front of touched_ are sorted, each id once
   std::vector<Touched> touched_;
   std::vector<std::uint32_t> ids_;
+  std::vector<std::uint64_t> keys_;      ///< block << 32 | index into touched_
   std::vector<std::uint32_t> by_block_;  ///< indices into touched_
+  std::vector<Eigen::Vector3f> places_;  ///< of groups
   std::vector<Group> groups_;
   ChunkedArray<std::uint32_t> group_of_block_;  ///< [blocks], kNone if nothing was touched
   ChunkedArray<std::uint8_t> reached_;          ///< [blocks], all zero between calls

@@ -80,8 +80,9 @@ void PointScorer::refreshTouched(std::vector<std::uint32_t> touched) {
   uploadInputs(touched);
 }
 
-PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids) {
-  std::vector<Neighbourhood> found(ids.size());
+PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids, Changed memory) {
+  if (found_.size() < ids.size()) found_.resize(ids.size() + ids.size() / 4);
+  const std::span<Neighbourhood> found = std::span(found_).first(ids.size());
   search_.compute(ids, found, points_.isWide() ? wideSeen() : nullptr);
   const std::size_t tasks = (ids.size() + kScoredPerTask - 1) / kScoredPerTask;
   std::vector<Changed> of_task(tasks);
@@ -100,11 +101,21 @@ PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uin
       record.has_neighbourhood = true;
     }
   });
-  Changed all;
-  for (const Changed& part : of_task) {
-    all.ids.insert(all.ids.end(), part.ids.begin(), part.ids.end());
-    all.before.insert(all.before.end(), part.before.begin(), part.before.end());
-  }
+  std::vector<std::size_t> begin(tasks + 1, 0);
+  for (std::size_t task = 0; task < tasks; ++task) begin[task + 1] = begin[task] + of_task[task].ids.size();
+  Changed all = std::move(memory);
+  const auto resize = [](auto& list, std::size_t size) {
+    list.clear();
+    if (list.capacity() < size) list.reserve(size + size / 4);
+    list.resize(size);
+  };
+  resize(all.ids, begin[tasks]);
+  resize(all.before, begin[tasks]);
+  tbb::parallel_for(std::size_t{0}, tasks, [&](std::size_t task) {
+    const auto first = static_cast<std::ptrdiff_t>(begin[task]);
+    std::copy(of_task[task].ids.begin(), of_task[task].ids.end(), all.ids.begin() + first);
+    std::copy(of_task[task].before.begin(), of_task[task].before.end(), all.before.begin() + first);
+  });
   return all;
 }
 
@@ -150,16 +161,15 @@ void PointScorer::uploadWideSeen(std::span<const std::uint32_t> ids) {
 }
 
 void PointScorer::uploadInputs(std::span<const std::uint32_t> ids) {
-  // In parts, so that the memory in between stays small: fresh memory has to be cleared by the system first.
-  constexpr std::size_t kPart = 1 << 16;
-  std::vector<kernels::PointInput> inputs(std::min(ids.size(), kPart));
+  constexpr std::size_t kPart = 1 << 16;  // so that the memory in between stays small
+  if (inputs_.size() < std::min(ids.size(), kPart)) inputs_.resize(std::min(ids.size(), kPart));
   for (std::size_t first = 0; first < ids.size(); first += kPart) {
     const std::size_t count = std::min(kPart, ids.size() - first);
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, kScoredPerTask), [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         const std::uint32_t id = ids[first + n];
         const PointRecord& record = records_[id];
-        kernels::PointInput& input = inputs[n];
+        kernels::PointInput& input = inputs_[n];
         input.id = id;
         input.weight = record.weight;
         for (int axis = 0; axis < 3; ++axis) {
@@ -169,7 +179,7 @@ void PointScorer::uploadInputs(std::span<const std::uint32_t> ids) {
         input.seen = record.seen;
       }
     });
-    backend_.writePoints(device_.view(), inputs.data(), count);
+    backend_.writePoints(device_.view(), inputs_.data(), count);
   }
 }
 

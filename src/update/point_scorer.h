@@ -14,6 +14,7 @@
 #include "launch/due_update.h"
 #include "points/neighbourhood.h"
 #include "points/point_store.h"
+#include "points/raw_vector.h"
 #include "update/device_points.h"
 
 namespace accessvdb::internal {
@@ -45,8 +46,8 @@ struct ScoringTables {
   const kernels::PreparedTool* prepared = nullptr;  ///< ScoreRequest::prepared
 };
 
-/// What the host stores of each point's state.
-struct PointRecord {
+/// What the host stores of each point's state: a cache line, because points are read at random.
+struct alignas(64) PointRecord {
   Eigen::Vector3f normal_L = {0, 0, 0};
   float reach_m = 0;        ///< Neighbourhood::reach_m
   DirectionMask seen = {};  ///< joined; of a wide set empty, and DevicePoints has them
@@ -79,10 +80,10 @@ class PointScorer {
   /// Points whose normal or seen directions changed, and what these were; zero if there were none.
   struct Changed {
     std::vector<std::uint32_t> ids;
-    std::vector<kernels::PointDirections> before;
+    RawVector<kernels::PointDirections> before;
   };
-  /// Recomputes the neighbourhoods. @param ids  ascending
-  Changed refreshNeighbourhoods(std::span<const std::uint32_t> ids);
+  /// Recomputes the neighbourhoods. @param ids  ascending  @param memory  of an earlier result, to be used again
+  Changed refreshNeighbourhoods(std::span<const std::uint32_t> ids, Changed memory = {});
   /// Reads the weights of touched points that have a neighbourhood, and sends them to the device, because views of the
   /// points show them.
   void refreshTouched(std::vector<std::uint32_t> touched);
@@ -111,7 +112,8 @@ class PointScorer {
   [[nodiscard]] const MapReads& reads() const { return reads_; }
   [[nodiscard]] const FieldParams& params() const { return params_; }
   [[nodiscard]] std::uint64_t hostBytes() const {
-    return records_.bytes() + wide_seen_.capacity() * sizeof(std::uint64_t);
+    return records_.bytes() + wide_seen_.capacity() * sizeof(std::uint64_t) +
+           found_.capacity() * sizeof(Neighbourhood) + inputs_.capacity() * sizeof(kernels::PointInput);
   }
 
  private:
@@ -132,6 +134,9 @@ class PointScorer {
   DevicePoints device_;
   ChunkedArray<PointRecord> records_;
   std::vector<std::uint64_t> wide_seen_;  ///< [points x words of a set] if keepsWideSeen()
+  // For one refresh; kept, because freshly allocated memory has to be cleared by the system first.
+  std::vector<Neighbourhood> found_;
+  std::vector<kernels::PointInput> inputs_;
 };
 
 }  // namespace accessvdb::internal

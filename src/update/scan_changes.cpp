@@ -41,7 +41,7 @@ void ScanChanges::refresh() {
   const std::vector<std::uint32_t> crossed = findCrossed();
   std::vector<std::uint32_t> moved;
   std::ranges::set_union(moved_points_.find(), crossed, std::back_inserter(moved));
-  changed_ = scorer_.refreshNeighbourhoods(moved);
+  changed_ = scorer_.refreshNeighbourhoods(moved, std::move(changed_));
   moved_points_.refreshed(moved);
   scorer_.upload(changed_.ids);  // includes those that crossed: they had no neighbourhood yet
   moved_count_ = moved.size();
@@ -63,7 +63,8 @@ void ScanChanges::finish() {
     index_of_[changed_.ids[n]] = kNone;
     std::atomic_ref(in_block_[points.blockOf(changed_.ids[n])]).store(0, std::memory_order_relaxed);
   });
-  changed_ = {};
+  changed_.ids.clear();
+  changed_.before.clear();
   touched_.clear();
   flips_.clear();
   moved_points_.clear();
@@ -82,7 +83,7 @@ std::vector<std::uint32_t> ScanChanges::findCrossed() {
 std::uint64_t ScanChanges::bytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return flips_.bytes() + moved_points_.bytes() + index_of_.bytes() + in_block_.bytes() + bytesOf(fresh_) +
-         bytesOf(freed_) + bytesOf(touched_);
+         bytesOf(freed_) + bytesOf(touched_) + bytesOf(changed_.ids) + bytesOf(changed_.before);
 }
 
 }  // namespace accessvdb::internal

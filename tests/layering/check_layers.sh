@@ -30,7 +30,7 @@ tsdf     std posix simd api grids eigen openvdb vdb tbb
 mirror   std posix api grids openvdb tbb launch hostdev
 points   std api eigen tbb launch hostdev simd
 change   std api eigen openvdb tbb launch hostdev tsdf points
-update   std api eigen tbb launch hostdev points
+update   std api eigen tbb launch hostdev points simd
 tool     std posix api eigen tbb launch hostdev assimp openssl
 bags     std api eigen bzip2 lz4 sqlite zlib zstd
 io       std posix api grids eigen openvdb vdb tbb lzf openssl json bags

@@ -120,8 +120,9 @@ Differences compare(std::uint64_t seed, bool spoil) {
           kernels::MapTests{reader, view, approach.view, p, map.inverseVoxelSize()}.collisions(d, stop);
       const kernels::Coord ijk(at[0], at[1], at[2]);
       window.moveTo(reader, kernels::Coord(at[0] >> 3, at[1] >> 3, at[2] >> 3));
-      const AxisCount by_window = kernels::countAxis(
-          view.parts, d, stop, [&](int part, int bound) { return window.countVoxels(part, ijk, bound); });
+      window.standAt(p, ijk, map.inverseVoxelSize());
+      const AxisCount by_window =
+          kernels::countAxis(view.parts, d, stop, [&](int part, int bound) { return window.countVoxels(part, bound); });
       const bool right = isRight(by_map, expected, stop) && isRight(by_window, expected, stop);
       out.wrong += right ? 0 : 1;
       out.exact += expected.count <= stop ? 1 : 0;

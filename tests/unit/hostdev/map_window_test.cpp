@@ -166,7 +166,11 @@ TEST(MapWindow, CountsTheToolVoxelsThatCollide) {
         const Voxel point = inGroup();
         const int d = below(random, 12), expected = world.collisions(d, point);
         const int stop = below(random, 2) == 0 ? below(random, expected + 3) : 1 << 30;
-        const int counted = window.countVoxels(d, kernels::Coord(point[0], point[1], point[2]), stop);
+        const float inverse = world.map.inverseVoxelSize();
+        const float p[3] = {static_cast<float>(point[0]) / inverse, static_cast<float>(point[1]) / inverse,
+                            static_cast<float>(point[2]) / inverse};
+        window.standAt(p, kernels::Coord(point[0], point[1], point[2]), inverse);
+        const int counted = window.countVoxels(d, stop);
         if (expected <= stop) {
           ASSERT_EQ(counted, expected) << round << " " << n;
         } else {
@@ -217,8 +221,9 @@ TEST(MapWindow, TestsCorridorsAndSamplesOneVoxelAtATime) {
       const float here[3] = {0, 0, 0};
       const Voxel own = voxelAt(here);
       window.moveTo(reader, kernels::Coord(own[0] >> 3, own[1] >> 3, own[2] >> 3));
+      window.standAt(p, kernels::Coord(own[0], own[1], own[2]), inverse);
       const int d = below(random, 12);
-      const kernels::ArmResult arm = window.testArm(approach, d, p, inverse);
+      const kernels::ArmResult arm = window.testArm(approach, d);
       int passed = 0;
       const float* offset = approach.arm_offsets + 3 * (d * approach.num_arm);
       while (passed < approach.num_arm && world.map.armFree(voxelAt(offset + 3 * passed))) ++passed;
@@ -235,7 +240,7 @@ TEST(MapWindow, TestsCorridorsAndSamplesOneVoxelAtATime) {
       for (std::uint32_t s = begin[static_cast<std::size_t>(d)]; s < begin[static_cast<std::size_t>(d) + 1]; ++s) {
         expected += world.map.collides(voxelAt(samples.data() + 3 * std::size_t{s})) ? 1 : 0;
       }
-      ASSERT_EQ(window.countSamples(tool, d, p, inverse, 1 << 30), expected);
+      ASSERT_EQ(window.countSamples(tool, d, 1 << 30), expected);
       hits += expected;
     }
   }

@@ -160,6 +160,8 @@ TEST(SurfaceIndex, VisitsTheBlocksOfABoxOnceEach) {
     const Index3 high = {low[0] + random.below(20), low[1] + random.below(20), low[2] + random.below(20)};
     std::multiset<Index3> visited;
     index.forEachBlock(low, high, [&](std::uint32_t block) { visited.insert(index.blocks()[block].leaf); });
+    index.forEachBlock(low, high,
+                       [&](std::uint32_t block, const Index3& leaf) { ASSERT_EQ(leaf, index.blocks()[block].leaf); });
     std::multiset<Index3> expected;
     for (const Index3& leaf : leaves) {
       bool inside = true;

@@ -104,7 +104,7 @@ TEST(KnownDirections, NeverPromiseMoreCollisionsThanThereAre) {
         for (const std::uint32_t id : ids) {
           const kernels::KnownPoint of = known.of(id, 0);
           const std::uint64_t all = kernels::allDirections(kYaws).word[0];
-          const std::uint64_t open = kernels::notKnownWorse(of, known.scale().levels, 0, all);
+          const std::uint64_t open = KnownDirections::notKnownWorse(of, known.lowestWithMore(0), 0, all);
           for (int d = 0; d < kYaws; ++d) {
             const int is = collisions(tool, d, points[id], colliding);
             const int least = kernels::knownCollisions(of, known.scale().levels, base, d);
@@ -136,8 +136,9 @@ TEST(KnownDirections, ForgetCorridorsThatMayBeFree) {
   better.set(17);
   known.forgetCorridors(1, better);
   const std::uint64_t all = kernels::allDirections(kYaws).word[0];
-  EXPECT_EQ(kernels::notKnownWorse(known.of(0, 0), known.scale().levels, 0, all), 0u);
-  EXPECT_EQ(kernels::notKnownWorse(known.of(1, 0), known.scale().levels, 0, all), better.word[0]);
+  const KnownDirections::LowestLevels lowest = known.lowestWithMore(0);
+  EXPECT_EQ(KnownDirections::notKnownWorse(known.of(0, 0), lowest, 0, all), 0u);
+  EXPECT_EQ(KnownDirections::notKnownWorse(known.of(1, 0), lowest, 0, all), better.word[0]);
 }
 
 TEST(CorridorOffsets, FindEverySample) {
