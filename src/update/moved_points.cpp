@@ -10,6 +10,7 @@
 #include <algorithm>
 #include <atomic>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 namespace accessvdb::internal {
@@ -178,29 +179,44 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
   }
 }
 
-std::vector<std::uint32_t> MovedPoints::find() {
+std::vector<std::uint32_t> MovedPoints::find(std::span<const std::uint32_t> others) {
   joinTouched();
-  if (touched_.empty() || !any_known_) return {};
-  const std::size_t block_count = scorer_.points().index().blocks().size();
-  block_reach_m_.grow(block_count, -1.0f);
-  group_of_block_.grow(block_count, kNone);
-  groupByBlock();
-  for (std::uint32_t g = 0; g < groups_.size(); ++g) group_of_block_[groups_[g].block] = g;
+  std::vector<std::uint32_t> reached;
+  if (!touched_.empty() && any_known_) {
+    const std::size_t block_count = scorer_.points().index().blocks().size();
+    block_reach_m_.grow(block_count, -1.0f);
+    group_of_block_.grow(block_count, kNone);
+    groupByBlock();
+    for (std::uint32_t g = 0; g < groups_.size(); ++g) group_of_block_[groups_[g].block] = g;
+    reached = reachedBlocks();
+  }
+  std::vector<std::uint64_t> keys(others.size());  // block << 32 | id
+  std::vector<std::uint32_t> blocks;
+  for (std::size_t n = 0; n < keys.size(); ++n) {
+    keys[n] = std::uint64_t{scorer_.points().blockOf(others[n])} << 32 | others[n];
+  }
+  tbb::parallel_sort(keys);
+  for (const std::uint64_t key : keys) blocks.push_back(static_cast<std::uint32_t>(key >> 32));
+  blocks.erase(std::unique(blocks.begin(), blocks.end()), blocks.end());
+  std::vector<std::uint32_t> all;
+  std::ranges::set_union(reached, blocks, std::back_inserter(all));
 
-  const std::vector<std::uint32_t> reached = reachedBlocks();
-  struct Found {
-    NearPositions places;
-    std::vector<std::uint32_t> moved;
-  };
-  tbb::enumerable_thread_specific<Found> found;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, reached.size()), [&](const auto& range) {
-    Found& mine = found.local();
-    for (std::size_t n = range.begin(); n != range.end(); ++n) findInBlock(reached[n], mine.places, mine.moved);
+  constexpr std::size_t kPerTask = 32;
+  std::vector<std::vector<std::uint32_t>> found((all.size() + kPerTask - 1) / kPerTask);
+  tbb::enumerable_thread_specific<NearPositions> places;
+  tbb::parallel_for(std::size_t{0}, found.size(), [&](std::size_t task) {
+    for (std::size_t n = task * kPerTask; n < std::min(all.size(), (task + 1) * kPerTask); ++n) {
+      const std::uint32_t b = all[n];
+      if (std::ranges::binary_search(reached, b)) findInBlock(b, places.local(), found[task]);
+      for (auto key = std::ranges::lower_bound(keys, std::uint64_t{b} << 32); key != keys.end() && *key >> 32 == b;
+           ++key) {
+        found[task].push_back(static_cast<std::uint32_t>(*key));
+      }
+    }
   });
   for (const Group& group : groups_) group_of_block_[group.block] = kNone;
   std::vector<std::uint32_t> moved;
-  for (const Found& part : found) moved.insert(moved.end(), part.moved.begin(), part.moved.end());
-  tbb::parallel_sort(moved);
+  for (const std::vector<std::uint32_t>& part : found) moved.insert(moved.end(), part.begin(), part.end());
   return moved;
 }
 

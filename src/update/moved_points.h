@@ -27,8 +27,9 @@ class MovedPoints {
   /// Ids of the points touched since the last clear(), ascending, each once.
   [[nodiscard]] const std::vector<std::uint32_t>& touched();
 
-  /// Points whose neighbourhood may no longer be valid, ascending.
-  [[nodiscard]] std::vector<std::uint32_t> find();
+  /// Points whose neighbourhood may no longer be valid, and others that have none yet: block by block, ascending, so
+  /// that nobody has to sort them.
+  [[nodiscard]] std::vector<std::uint32_t> find(std::span<const std::uint32_t> others = {});
 
   /// Marks the neighbourhoods of these points as valid again.
   void refreshed(std::span<const std::uint32_t> ids);

@@ -116,6 +116,7 @@ PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uin
     std::copy(of_task[task].ids.begin(), of_task[task].ids.end(), all.ids.begin() + first);
     std::copy(of_task[task].before.begin(), of_task[task].before.end(), all.before.begin() + first);
   });
+  if (!keepsMemoryFor(ids.size())) found_ = {};
   return all;
 }
 

@@ -82,7 +82,14 @@ class PointScorer {
     std::vector<std::uint32_t> ids;
     RawVector<kernels::PointDirections> before;
   };
-  /// Recomputes the neighbourhoods. @param ids  ascending  @param memory  of an earlier result, to be used again
+  /// Whether memory for changes of this many points is kept for the next scan: not that of a first update, or of one
+  /// after many scans.
+  [[nodiscard]] bool keepsMemoryFor(std::size_t changed) const {
+    constexpr std::size_t kMost = 1 << 18;
+    return changed <= kMost && changed <= points_.size() / 2;
+  }
+  /// Recomputes the neighbourhoods. @param ids  fastest block by block  @param memory  of an earlier result, to be used
+  /// again
   Changed refreshNeighbourhoods(std::span<const std::uint32_t> ids, Changed memory = {});
   /// Reads the weights of touched points that have a neighbourhood, and sends them to the device, because views of the
   /// points show them.

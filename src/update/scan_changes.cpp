@@ -7,7 +7,6 @@
 
 #include <algorithm>
 #include <atomic>
-#include <iterator>
 #include <utility>
 
 #include "hostdev/cell_counts.h"
@@ -38,9 +37,8 @@ void ScanChanges::refresh() {
   scorer_.grow();
   index_of_.grow(points.size(), kNone);
   in_block_.grow(points.index().blocks().size(), 0);
-  const std::vector<std::uint32_t> crossed = findCrossed();
-  std::vector<std::uint32_t> moved;
-  std::ranges::set_union(moved_points_.find(), crossed, std::back_inserter(moved));
+  // Points that crossed the bound have no neighbourhood yet, so they are none of those that moved.
+  const std::vector<std::uint32_t> moved = moved_points_.find(findCrossed());
   changed_ = scorer_.refreshNeighbourhoods(moved, std::move(changed_));
   moved_points_.refreshed(moved);
   scorer_.upload(changed_.ids);  // includes those that crossed: they had no neighbourhood yet
@@ -63,8 +61,12 @@ void ScanChanges::finish() {
     index_of_[changed_.ids[n]] = kNone;
     std::atomic_ref(in_block_[points.blockOf(changed_.ids[n])]).store(0, std::memory_order_relaxed);
   });
-  changed_.ids.clear();
-  changed_.before.clear();
+  if (scorer_.keepsMemoryFor(changed_.ids.size())) {
+    changed_.ids.clear();
+    changed_.before.clear();
+  } else {
+    changed_ = {};
+  }
   touched_.clear();
   flips_.clear();
   moved_points_.clear();

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <numeric>
+#include <span>
 
 #include "unit/points/random_points.h"
 
@@ -63,9 +64,16 @@ Outcome run(const Stream& stream, std::uint64_t seed) {
     }
     const std::uint32_t known = scorer.device().size();  // earlier ones have a neighbourhood
     scorer.grow();
-    const std::vector<std::uint32_t> moved = moved_points.find();
-    EXPECT_TRUE(std::is_sorted(moved.begin(), moved.end()));
+    // As if every third new point crossed the bound of confidence.
+    std::vector<std::uint32_t> others;
+    for (std::uint32_t id = known; id < points.size(); id += 3) others.push_back(id);
+    std::vector<std::uint32_t> moved = moved_points.find(others);
+    EXPECT_TRUE(std::ranges::is_sorted(moved, {}, [&](std::uint32_t id) { return points.blockOf(id); }));
+    std::ranges::sort(moved);
     EXPECT_EQ(std::adjacent_find(moved.begin(), moved.end()), moved.end());
+    const auto first_new = std::ranges::lower_bound(moved, known);
+    EXPECT_TRUE(std::ranges::equal(std::span(first_new, moved.end()), others));
+    moved.erase(first_new, moved.end());
     std::vector<std::uint32_t> ids(points.size());
     std::iota(ids.begin(), ids.end(), 0u);
     std::vector<Neighbourhood> now(ids.size());
