@@ -61,7 +61,8 @@ struct ACCESSVDB_API MemoryPrediction {
   [[nodiscard]] double bytes(RunOutput output, bool with_distances = false) const;
 };
 
-/// Directions of which a point remembers something on the host: all with the exact policy, unless it runs on a GPU.
+/// What a point remembers of directions on the host, as a number of directions that take as much memory: a few more
+/// than all with the exact policy, because memory is taken by the cache line; none if that runs on a GPU.
 [[nodiscard]] ACCESSVDB_API int rememberedDirections(const FieldParams& params);
 
 /// Of several tools: those of all of them, and as many more as take what a further tool keeps at a point besides.

@@ -22,7 +22,8 @@ class MapWindow {
   /// Moves to another group or another state of the map, of which nothing is copied yet.
   /// @param map  must outlive the window's use  @param leaf  any leaf of the group, voxel index >> 3
   void moveTo(const OccupancyReader& map, const Coord& leaf);
-  /// What follows is about this point of the group. @param position_L  must stay  @param point_ijk  its voxel
+  /// All later calls are about this point, which lies in the group. Call it again after moveTo().
+  /// @param position_L  must stay valid until the next call  @param point_ijk  its voxel
   void standAt(const float* position_L, const Coord& point_ijk, float inverse_voxel_size);
 
   /// Corridor of direction d, as testArm.
@@ -51,14 +52,14 @@ class MapWindow {
   std::vector<std::uint8_t> filled_;    ///< [x][y] of leaves: bit per fact
   std::size_t ready_words_ = 0;         ///< per leaf of a group
   std::vector<std::uint64_t> ready_;    ///< [x][y of the leaf in its group] parts whose leaves are filled
-  // Of the point.
+  // Of the current point.
   const float* position_L_ = nullptr;
   float inverse_voxel_size_ = 0;
   std::int32_t height_ = 0;             ///< voxels above the window's lowest
-  std::size_t column_ = 0;              ///< of voxels
-  std::int32_t leaf_column_ = 0;        ///< of leaves
-  std::uint64_t* own_ready_ = nullptr;  ///< of ready_
-  SampleWindow samples_ = {};           ///< what its corridors may touch
+  std::size_t column_ = 0;              ///< index of its column of voxels
+  std::int32_t leaf_column_ = 0;        ///< index of its column of leaves
+  std::uint64_t* own_ready_ = nullptr;  ///< the words of its leaf in ready_
+  SampleWindow samples_ = {};           ///< where its corridors are looked up
 };
 
 }  // namespace accessvdb::kernels

@@ -79,7 +79,7 @@ void NearestPoints::listInBox(const PointBlock& block, const Index3& low, const 
       id += std::popcount(occupied);
       continue;
     }
-    // A few bits: counting those below would take longer.
+    // There are only a few bits, so going through them is faster than counting those below each one.
     for (std::uint64_t bits = occupied; bits != 0; bits &= bits - 1, ++id) {
       if ((wanted & bits & -bits) != 0) ids_.push_back(*id);
     }

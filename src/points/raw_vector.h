@@ -13,7 +13,8 @@ namespace accessvdb::internal {
 
 template <typename T>
 struct RawAllocator : std::allocator<T> {
-  static_assert(std::is_trivially_default_constructible_v<T>, "others would be constructed by one thread");
+  static_assert(std::is_trivially_default_constructible_v<T>,
+                "other types have constructors, which one thread would run");
   template <typename U>
   struct rebind {
     using other = RawAllocator<U>;

@@ -23,7 +23,7 @@ namespace accessvdb::internal {
 using Index3 = std::array<std::int32_t, 3>;
 inline constexpr std::uint32_t kNone = ~std::uint32_t{0};
 
-/// The points of one leaf, sorted by voxel. Aligned so that it is read with two cache lines.
+/// The points of one leaf, sorted by voxel. Aligned so that each lies in only two cache lines.
 struct alignas(32) PointBlock {
   Index3 leaf = {};              ///< voxel index >> 3
   std::uint32_t cell = kNone;    ///< number of its cell

@@ -28,7 +28,7 @@ constexpr double kMirrorLeafBytes = 400;                 // NanoVDB leaf of the 
 constexpr double kNodeBytes = 33.8e3 + 33.9e3 + 16.9e3;  // node above leaves: authored, mirror, the host's copy of it
 // A surface point with its state, in the store and its indices, and what it remembers of each direction. BALM at 100,
 // 50, 30 and 20 mm takes 90 to 96 % of what is predicted then.
-constexpr double kStoredPointBytes = 340, kRememberedDirectionBytes = 1.31;
+constexpr double kStoredPointBytes = 340, kRememberedDirectionBytes = 1.4;
 // Mirror of distances, from its layout alone: leaf and the host's stamp of it, node and the host's copy of it.
 constexpr double kDistanceLeafBytes = 2144 + 4, kDistanceNodeBytes = 33.9e3 + 16.9e3;
 // field.vdb: one float grid at a time, and the points in the order of its leaves. `surface` has several leaves per leaf
@@ -125,8 +125,9 @@ int rememberedDirections(const FieldParams& params) {
   if (directions > OrientationSet::kMostRemembered) {
     return static_cast<int>(directions * kBitsEach / 8 / kRememberedDirectionBytes);
   }
-  constexpr int kPerLine = 64;  // a point remembers them in whole cache lines
-  return remembered ? (directions + kPerLine - 1) / kPerLine * kPerLine : 0;
+  // A byte of each is in whole cache lines, the rest in words of eight.
+  const auto roundUp = [&](int to) { return (directions + to - 1) / to * to; };
+  return remembered ? directions + static_cast<int>((roundUp(64) - roundUp(8)) / kRememberedDirectionBytes) : 0;
 }
 
 int rememberedDirections(const std::vector<ToolSpec>& tools, const FieldParams& params) {

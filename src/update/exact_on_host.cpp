@@ -15,9 +15,11 @@
 #include <atomic>
 #include <bit>
 #include <iterator>
+#include <span>
 #include <vector>
 
 #include "launch/stopwatch.h"
+#include "points/prefetch.h"
 #include "update/backlog.h"
 #include "update/corridor_offsets.h"
 #include "update/host_scheduler.h"
@@ -28,7 +30,7 @@ namespace accessvdb::internal {
 namespace {
 
 constexpr std::size_t kDuePerTask = 256;
-/// Points whose memory is asked for ahead.
+/// How many points ahead of the current one are prefetched.
 constexpr std::size_t kPointsAhead = 6;
 
 /// What a point waits for in the backlog. What is due is decided when its turn comes.
@@ -85,9 +87,17 @@ class ExactOnHost final : public HostScheduler {
   struct Column {
     std::int16_t dx, dy;
   };
+  /// A block of points in which something may be due.
+  struct DueBlock {
+    std::uint32_t block;
+    bool changed;  ///< points of it
+    bool flipped;  ///< the map, for some of its directions
+    AffectedDirections affected;
+  };
   /// What one thread found, and its scratch memory.
   struct Found {
     CellBlocks cell;
+    std::vector<DueBlock> due;
     std::array<std::vector<Column>, 8> freed_at;  ///< by height in the block: voxels that became free for a corridor
     std::vector<kernels::DueTask> tasks;
     std::vector<kernels::DueOutcome> outcomes;
@@ -140,20 +150,41 @@ class ExactOnHost final : public HostScheduler {
 
   void takeCell(std::uint32_t cell, const Work& work, Found& found) {
     if (!findBlocks(cell, found.cell)) return;
-    // Blocks, their ids and what is known of their points are scattered in memory: each is asked for a block earlier.
-    const std::vector<std::uint32_t>& list = found.cell.blocks;
+    listDue(found);
+    // The ids of a block and what is known of its points are scattered in memory. So they are prefetched in steps: the
+    // ids two blocks ahead, the first points one block ahead.
     const ChunkedArray<PointBlock>& blocks = scorer_.points().index().blocks();
-    for (std::size_t n = 0; n < list.size(); ++n) {
-      if (n + 3 < list.size()) prefetchRead(&blocks[list[n + 3]], sizeof(PointBlock));
-      if (n + 2 < list.size()) prefetchRead(blocks[list[n + 2]].ids.data());
-      if (n + 1 < list.size()) {
-        const std::span<const std::uint32_t> ids = blocks[list[n + 1]].ids;
-        const bool changed = changes_->changedIn(list[n + 1]);
-        for (const std::uint32_t id : ids.first(std::min(ids.size(), kPointsAhead))) prefetchPoint(id, changed);
-      }
-      takeBlock(list[n], work.changed, found);
+    const std::vector<DueBlock>& due = found.due;
+    const auto prefetchIds = [&](std::size_t n) {
+      if (n < due.size()) prefetchRead(blocks[due[n].block].ids.data());
+    };
+    const auto prefetchPoints = [&](std::size_t n) {
+      if (n >= due.size()) return;
+      const std::span<const std::uint32_t> ids = blocks[due[n].block].ids;
+      for (const std::uint32_t id : ids.first(std::min(ids.size(), kPointsAhead))) prefetchPoint(id, due[n].changed);
+    };
+    prefetchIds(0);
+    prefetchIds(1);
+    prefetchPoints(0);
+    for (std::size_t n = 0; n < due.size(); ++n) {
+      prefetchIds(n + 2);
+      prefetchPoints(n + 1);
+      takeBlock(due[n], work.changed, found);
     }
     evaluate(work.evaluator, found);
+  }
+
+  /// Lists the blocks of a cell in which something may be due.
+  void listDue(Found& found) const {
+    found.due.clear();
+    for (const std::uint32_t b : found.cell.blocks) {
+      const Index3& leaf = scorer_.points().index().blocks()[b].leaf;
+      DueBlock due = {b, changes_->changedIn(b), false, {}};
+      if (found.cell.flipped) due.affected = footprint_.affected(leaf, found.cell.flips);
+      const AffectedDirections& by = due.affected;
+      due.flipped = any(by.better_tool | by.better_arm | by.worse_tool | by.worse_arm);
+      if (due.changed || due.flipped) found.due.push_back(due);
+    }
   }
 
   void prefetchPoint(std::uint32_t id, bool changed) {
@@ -162,13 +193,10 @@ class ExactOnHost final : public HostScheduler {
     known_.prefetch(id);
   }
 
-  void takeBlock(std::uint32_t b, const PointScorer::Changed& changed, Found& found) {
+  void takeBlock(const DueBlock& due, const PointScorer::Changed& changed, Found& found) {
+    const std::uint32_t b = due.block;
     const PointBlock& block = scorer_.points().index().blocks()[b];
-    const AffectedDirections affected =
-        found.cell.flipped ? footprint_.affected(block.leaf, found.cell.flips) : AffectedDirections{};
-    const bool is_affected = any(affected.better_tool | affected.better_arm | affected.worse_tool | affected.worse_arm);
-    const bool some_changed = changes_->changedIn(b);
-    if (!is_affected && !some_changed) return;
+    const AffectedDirections& affected = due.affected;
     if (any(affected.better_tool)) {
       FreedVoxels freed;
       countFreed(block.leaf, found.cell.flips, freed);
@@ -180,8 +208,8 @@ class ExactOnHost final : public HostScheduler {
     std::size_t n = 0;
     for (std::size_t word = 0; word < 8; ++word) {
       for (std::uint64_t bits = block.occupied[word]; bits != 0; bits &= bits - 1, ++n) {
-        if (n + kPointsAhead < block.ids.size()) prefetchPoint(block.ids[n + kPointsAhead], some_changed);
-        const std::uint32_t id = block.ids[n], entry = some_changed ? changes_->indexOf(id) : kNone;
+        if (n + kPointsAhead < block.ids.size()) prefetchPoint(block.ids[n + kPointsAhead], due.changed);
+        const std::uint32_t id = block.ids[n], entry = due.changed ? changes_->indexOf(id) : kNone;
         const bool scored = scorer_.record(id).label != PointLabel::Unscored;
         if (scored && corridors) {
           if (one_by_one) masks.better_arm = freedFor(static_cast<int>(word), std::countr_zero(bits), found);
@@ -189,7 +217,7 @@ class ExactOnHost final : public HostScheduler {
         }
         if (entry != kNone) {
           takePoint({id, b, &changed.before[entry], masks, lowest}, found);
-        } else if (scored && is_affected) {
+        } else if (scored && due.flipped) {
           takePoint({id, b, nullptr, masks, lowest}, found);
         }
       }

@@ -58,7 +58,8 @@ class KnownDirections {
   [[nodiscard]] kernels::KnownPoint of(std::uint32_t id, std::uint32_t block) {
     return {levelsOf(id), freed_.row(block), static_cast<int>(words_)};
   }
-  /// Of a block's points, for each direction: the lowest level that means more collisions than levels count from.
+  /// For each direction, the lowest level that guarantees more collisions than the base (baseCollisions()). The same
+  /// for all points of a block.
   using LowestLevels = std::array<std::uint64_t, kMostWords>;
   [[nodiscard]] LowestLevels lowestWithMore(std::uint32_t block);
   /// The `asked` directions that may be better than what the levels count from, and whose corridor is not known to be

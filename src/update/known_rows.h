@@ -14,7 +14,8 @@
 
 namespace accessvdb::internal::known_rows {
 
-/// Rows have a multiple of this many words: levels of the 64 directions of a mask's word, and a cache line.
+/// A row is a multiple of this many words long. They hold the 64 directions of one word of a mask, and fill a cache
+/// line.
 inline constexpr std::size_t kWords = 8;
 
 /// known_word::worse() of 64 directions. @param levels, lowest  [kWords]

@@ -13,6 +13,8 @@
 #include <iterator>
 #include <utility>
 
+#include "points/prefetch.h"
+
 namespace accessvdb::internal {
 namespace {
 
@@ -181,6 +183,7 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
 
 std::vector<std::uint32_t> MovedPoints::find(std::span<const std::uint32_t> others) {
   joinTouched();
+  groups_.clear();
   std::vector<std::uint32_t> reached;
   if (!touched_.empty() && any_known_) {
     const std::size_t block_count = scorer_.points().index().blocks().size();
@@ -196,8 +199,10 @@ std::vector<std::uint32_t> MovedPoints::find(std::span<const std::uint32_t> othe
     keys[n] = std::uint64_t{scorer_.points().blockOf(others[n])} << 32 | others[n];
   }
   tbb::parallel_sort(keys);
-  for (const std::uint64_t key : keys) blocks.push_back(static_cast<std::uint32_t>(key >> 32));
-  blocks.erase(std::unique(blocks.begin(), blocks.end()), blocks.end());
+  for (const std::uint64_t key : keys) {
+    const auto block = static_cast<std::uint32_t>(key >> 32);
+    if (blocks.empty() || blocks.back() != block) blocks.push_back(block);
+  }
   std::vector<std::uint32_t> all;
   std::ranges::set_union(reached, blocks, std::back_inserter(all));
 
@@ -247,7 +252,11 @@ void MovedPoints::refreshed(std::span<const std::uint32_t> ids) {
 }
 
 void MovedPoints::clear() {
-  touched_.clear();
+  if (scorer_.keepsMemoryFor(touched_.size())) {
+    touched_.clear();
+  } else {
+    touched_ = {}, ids_ = {}, keys_ = {}, by_block_ = {}, places_ = {}, groups_ = {};
+  }
   joined_ = 0;
 }
 

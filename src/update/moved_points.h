@@ -27,8 +27,9 @@ class MovedPoints {
   /// Ids of the points touched since the last clear(), ascending, each once.
   [[nodiscard]] const std::vector<std::uint32_t>& touched();
 
-  /// Points whose neighbourhood may no longer be valid, and others that have none yet: block by block, ascending, so
-  /// that nobody has to sort them.
+  /// Points whose neighbourhood may no longer be valid, and `others`: in order of their blocks, and in no particular
+  /// order within a block. Neighbourhoods are computed fastest that way.
+  /// @param others  each once, and none of them with a neighbourhood
   [[nodiscard]] std::vector<std::uint32_t> find(std::span<const std::uint32_t> others = {});
 
   /// Marks the neighbourhoods of these points as valid again.
@@ -52,7 +53,7 @@ class MovedPoints {
   /// The touched points of one block: [begin, end) of by_block_.
   struct Group {
     std::uint32_t block, begin, end;
-    std::uint32_t places = 0;  ///< where they are and were, from places_[2 * begin]
+    std::uint32_t places = 0;  ///< number of their entries in places_, which begin at 2 * begin
   };
 
   void joinTouched();
@@ -70,7 +71,7 @@ class MovedPoints {
   std::vector<std::uint32_t> ids_;
   std::vector<std::uint64_t> keys_;      ///< block << 32 | index into touched_
   std::vector<std::uint32_t> by_block_;  ///< indices into touched_
-  std::vector<Eigen::Vector3f> places_;  ///< of groups
+  std::vector<Eigen::Vector3f> places_;  ///< old and new means of touched points, group by group
   std::vector<Group> groups_;
   ChunkedArray<std::uint32_t> group_of_block_;  ///< [blocks], kNone if nothing was touched
   ChunkedArray<std::uint8_t> reached_;          ///< [blocks], all zero between calls

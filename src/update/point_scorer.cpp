@@ -6,6 +6,7 @@
 #include <tbb/parallel_for.h>
 
 #include <algorithm>
+#include <utility>
 
 #include "hostdev/direction_filter.h"
 
@@ -81,7 +82,8 @@ void PointScorer::refreshTouched(std::vector<std::uint32_t> touched) {
 }
 
 PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uint32_t> ids, Changed memory) {
-  if (found_.size() < ids.size()) found_.resize(ids.size() + ids.size() / 4);
+  const bool keep = keepsMemoryFor(ids.size());
+  if (found_.size() < ids.size()) found_.resize(keep ? ids.size() + ids.size() / 4 : ids.size());
   const std::span<Neighbourhood> found = std::span(found_).first(ids.size());
   search_.compute(ids, found, points_.isWide() ? wideSeen() : nullptr);
   const std::size_t tasks = (ids.size() + kScoredPerTask - 1) / kScoredPerTask;
@@ -104,9 +106,9 @@ PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uin
   std::vector<std::size_t> begin(tasks + 1, 0);
   for (std::size_t task = 0; task < tasks; ++task) begin[task + 1] = begin[task] + of_task[task].ids.size();
   Changed all = std::move(memory);
-  const auto resize = [](auto& list, std::size_t size) {
+  const auto resize = [keep](auto& list, std::size_t size) {
     list.clear();
-    if (list.capacity() < size) list.reserve(size + size / 4);
+    if (list.capacity() < size) list.reserve(keep ? size + size / 4 : size);
     list.resize(size);
   };
   resize(all.ids, begin[tasks]);
@@ -116,7 +118,7 @@ PointScorer::Changed PointScorer::refreshNeighbourhoods(std::span<const std::uin
     std::copy(of_task[task].ids.begin(), of_task[task].ids.end(), all.ids.begin() + first);
     std::copy(of_task[task].before.begin(), of_task[task].before.end(), all.before.begin() + first);
   });
-  if (!keepsMemoryFor(ids.size())) found_ = {};
+  if (!keep) found_ = {};
   return all;
 }
 

@@ -82,14 +82,15 @@ class PointScorer {
     std::vector<std::uint32_t> ids;
     RawVector<kernels::PointDirections> before;
   };
-  /// Whether memory for changes of this many points is kept for the next scan: not that of a first update, or of one
-  /// after many scans.
+  /// Whether to keep the memory that changes of this many points took. After a first update, or one after many scans,
+  /// it is given back.
   [[nodiscard]] bool keepsMemoryFor(std::size_t changed) const {
     constexpr std::size_t kMost = 1 << 18;
     return changed <= kMost && changed <= points_.size() / 2;
   }
-  /// Recomputes the neighbourhoods. @param ids  fastest block by block  @param memory  of an earlier result, to be used
-  /// again
+  /// Recomputes the neighbourhoods.
+  /// @param ids  each once, in any order; fastest if points of a block follow each other
+  /// @param memory  an earlier result whose memory may be used again; its content is lost
   Changed refreshNeighbourhoods(std::span<const std::uint32_t> ids, Changed memory = {});
   /// Reads the weights of touched points that have a neighbourhood, and sends them to the device, because views of the
   /// points show them.

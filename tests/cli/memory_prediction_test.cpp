@@ -133,6 +133,23 @@ TEST(MemoryPrediction, ThePeakIsOfTheToolOrOfTheMap) {
   EXPECT_EQ(peakBytes(1e9, {1'000'000'000, 3'000'000'000}), 3.142e9);
 }
 
+TEST(MemoryPrediction, APointRemembersDirectionsByTheCacheLine) {
+  FieldParams params;
+  params.backend = BackendKind::Cpu;
+  const auto remembered = [&](int directions) {
+    params.approach.num_directions = directions;
+    return rememberedDirections(params);
+  };
+  EXPECT_EQ(remembered(256), 256);  // four lines, all of them used
+  EXPECT_EQ(remembered(180), 185);  // 23 of 24 words
+  EXPECT_EQ(remembered(20), 48);    // 3 of 8 words
+  params.backend = BackendKind::Cuda;
+  EXPECT_EQ(remembered(180), 0);
+  params.backend = BackendKind::Cpu;
+  params.update.policy = UpdatePolicy::Paper;
+  EXPECT_EQ(remembered(180), 0);
+}
+
 TEST(MemoryPrediction, MachineTellsWhatItHas) {
   const auto available = availableMemoryBytes();
   ASSERT_TRUE(available.has_value());

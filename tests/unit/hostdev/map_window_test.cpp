@@ -187,7 +187,7 @@ TEST(MapWindow, CountsTheToolVoxelsThatCollide) {
 
 TEST(MapWindow, TestsCorridorsAndSamplesOneVoxelAtATime) {
   std::mt19937_64 random(4);
-  int free = 0, hits = 0;
+  int free = 0, hits = 0, stayed = 0;
   std::array<int, 2> blocked = {};
   for (int round = 0; round < 12; ++round) {
     WindowWorld world(random, 64);
@@ -206,6 +206,7 @@ TEST(MapWindow, TestsCorridorsAndSamplesOneVoxelAtATime) {
     const WindowedTool windowed(tool, world.approach.view, inverse);
     MapWindow window(windowed);
     const kernels::ApproachView& approach = world.approach.view;
+    std::array<std::int32_t, 3> last_group = {};
     for (int n = 0; n < 500; ++n) {
       float p[3];
       for (std::size_t axis = 0; axis < 3; ++axis) {
@@ -220,7 +221,16 @@ TEST(MapWindow, TestsCorridorsAndSamplesOneVoxelAtATime) {
       };
       const float here[3] = {0, 0, 0};
       const Voxel own = voxelAt(here);
-      window.moveTo(reader, kernels::Coord(own[0] >> 3, own[1] >> 3, own[2] >> 3));
+      // Points of the same group follow each other without a move.
+      const std::array<std::int32_t, 3> group = {own[0] >> (3 + windowed.shape().xy_log2),
+                                                 own[1] >> (3 + windowed.shape().xy_log2),
+                                                 own[2] >> (3 + windowed.shape().z_log2)};
+      if (n == 0 || group != last_group) {
+        window.moveTo(reader, kernels::Coord(own[0] >> 3, own[1] >> 3, own[2] >> 3));
+      } else {
+        ++stayed;
+      }
+      last_group = group;
       window.standAt(p, kernels::Coord(own[0], own[1], own[2]), inverse);
       const int d = below(random, 12);
       const kernels::ArmResult arm = window.testArm(approach, d);
@@ -248,6 +258,7 @@ TEST(MapWindow, TestsCorridorsAndSamplesOneVoxelAtATime) {
   EXPECT_GT(blocked[0], 10);
   EXPECT_GT(blocked[1], 10);
   EXPECT_GT(hits, 100);
+  EXPECT_GT(stayed, 100);
 }
 
 TEST(WindowedTool, IsNotUsableIfTheWindowWouldBeTooLarge) {
