@@ -82,6 +82,11 @@ def run(out, arguments):
         sys.stdin.buffer.read()
         log(out, {"step": "stopped", "tile": tile})
         sys.exit(143)
+    if word == "beside":  # until so many have started, and a little longer, in case there are more
+        end = time.monotonic() + 20
+        while (out / "log").read_text().count('"step": "run"') < int(values[0]) and time.monotonic() < end:
+            time.sleep(0.02)
+        time.sleep(0.2)
     if word == "sleep":
         time.sleep(float(values[0]))
     if word != "nothing":

@@ -266,7 +266,8 @@ class Tiles(unittest.TestCase):
 
     def test_gpus(self):
         names = [f"{n}_0" for n in range(18)]
-        child = self.start({name: ["sleep 0.2"] for name in names}, "--gpus", "0,2,GPU-5f", "--per-gpu", "2")
+        # The first ones wait until there are six, however long a busy machine takes to start them.
+        child = self.start({name: ["beside 6"] for name in names}, "--gpus", "0,2,GPU-5f", "--per-gpu", "2")
         self.finish(child, 0)
         events = sorted([(e["at"], 1, e["gpu"]) for e in self.log("run")] + [(e["at"], -1, e["gpu"]) for e in self.log("end")])
         busy, most, total = {}, {}, []
