@@ -217,7 +217,7 @@ class CpuDueEvaluator final : public DueEvaluator {
 #if defined(__GNUC__)
     const PointStateView& points = update_.points;
     const auto words = static_cast<std::size_t>(points.direction_words);
-    __builtin_prefetch(points.position_L + 3 * std::size_t{id});
+    prefetchPosition(id);
     __builtin_prefetch(points.normal_L + 3 * std::size_t{id});
     __builtin_prefetch(points.seen + words * id);
     __builtin_prefetch(points.score + id);

@@ -14,6 +14,10 @@ MapWindow::MapWindow(const WindowedTool& tool, const WindowKernels& kernels)
   filled_.assign(shape_.columnsOfLeaves(), 0);
   ready_words_ = static_cast<std::size_t>(tool.parts() + 63) / 64;
   ready_.assign((std::size_t{1} << (2 * shape_.xy_log2)) * ready_words_, 0);
+  const WindowedTool::LeafBox& box = tool_.corridorLeaves();
+  samples_.stride = static_cast<std::uint32_t>(shape_.stride());
+  samples_.size_x = static_cast<std::uint32_t>(box.high_x - box.low_x + 1) * 8;
+  samples_.size_y = static_cast<std::uint32_t>(box.high_y - box.low_y + 1) * 8;
 }
 
 void MapWindow::moveTo(const OccupancyReader& map, const Coord& leaf) {
@@ -24,13 +28,14 @@ void MapWindow::moveTo(const OccupancyReader& map, const Coord& leaf) {
     const std::int32_t first = leaf[static_cast<std::int32_t>(axis)] >> log2[axis] << log2[axis];
     low_[axis] = (first + shape_.low[axis]) * 8;
   }
+  samples_.low_x = low_[0] + tool_.corridorLeaves().low_x * 8;
+  samples_.low_y = low_[1] + tool_.corridorLeaves().low_y * 8;
   std::ranges::fill(filled_, std::uint8_t{0});
   std::ranges::fill(ready_, std::uint64_t{0});
 }
 
 void MapWindow::standAt(const float* position_L, const Coord& point_ijk, float inverse_voxel_size) {
   position_L_ = position_L;
-  inverse_voxel_size_ = inverse_voxel_size;
   const std::int32_t x = point_ijk[0] - low_[0], y = point_ijk[1] - low_[1];
   height_ = point_ijk[2] - low_[2];
   column_ = static_cast<std::size_t>(x) * shape_.stride() + static_cast<std::size_t>(y);
@@ -42,11 +47,7 @@ void MapWindow::standAt(const float* position_L, const Coord& point_ijk, float i
   const WindowedTool::LeafBox& box = tool_.corridorLeaves();
   samples_.words = bits_[kArmFree].data() + static_cast<std::size_t>(height_ >> 6) * shape_.columnsOfVoxels() +
                    static_cast<std::size_t>(box.low_x) * 8 * shape_.stride() + static_cast<std::size_t>(box.low_y) * 8;
-  samples_.stride = static_cast<std::uint32_t>(shape_.stride());
   samples_.bit = static_cast<unsigned>(height_) & 63;
-  samples_.low_x = low_[0] + box.low_x * 8, samples_.low_y = low_[1] + box.low_y * 8;
-  samples_.size_x = static_cast<std::uint32_t>(box.high_x - box.low_x + 1) * 8;
-  samples_.size_y = static_cast<std::uint32_t>(box.high_y - box.low_y + 1) * 8;
   samples_.x_m = position_L[0], samples_.y_m = position_L[1];
   samples_.inverse_voxel_size = inverse_voxel_size;
 }
@@ -110,7 +111,7 @@ ArmResult MapWindow::testArm(const ApproachView& approach, int d) {
       const int n = std::countr_zero(blocked);
       if ((found.inside >> n & 1u) == 0) return testEach(approach, d);
       const Coord ijk = voxelOf(position_L_[0] + samples.x[n], position_L_[1] + samples.y[n], position_L_[2] + 0.0f,
-                                inverse_voxel_size_);
+                                samples_.inverse_voxel_size);
       return {first + n, test(kCollides, ijk) ? PointReason::Arm : PointReason::Unknown};
     }
     first += FlatSamples::kLanes;
@@ -123,7 +124,7 @@ ArmResult MapWindow::testEach(const ApproachView& approach, int d) {
   const float* offset = approach.arm_offsets + 3 * static_cast<std::int64_t>(d) * approach.num_arm;
   for (int n = 0; n < approach.num_arm; ++n, offset += 3) {
     const Coord ijk = voxelOf(position_L_[0] + offset[0], position_L_[1] + offset[1], position_L_[2] + offset[2],
-                              inverse_voxel_size_);
+                              samples_.inverse_voxel_size);
     if (!test(kArmFree, ijk)) return {n, test(kCollides, ijk) ? PointReason::Arm : PointReason::Unknown};
   }
   return {approach.num_arm, PointReason::None};
@@ -163,7 +164,8 @@ int MapWindow::countSamples(const ToolKernelView& tool, int part, int stop_above
   int count = 0;
   const float* end = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[part + 1]);
   for (const float* t = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[part]); t != end; t += 3) {
-    const Coord ijk = voxelOf(position_L_[0] + t[0], position_L_[1] + t[1], position_L_[2] + t[2], inverse_voxel_size_);
+    const Coord ijk =
+        voxelOf(position_L_[0] + t[0], position_L_[1] + t[1], position_L_[2] + t[2], samples_.inverse_voxel_size);
     count += test(kCollides, ijk) ? 1 : 0;
     if (count > stop_above) return count;
   }

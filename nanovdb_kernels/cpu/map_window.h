@@ -54,7 +54,6 @@ class MapWindow {
   std::vector<std::uint64_t> ready_;    ///< [x][y of the leaf in its group] parts whose leaves are filled
   // Of the current point.
   const float* position_L_ = nullptr;
-  float inverse_voxel_size_ = 0;
   std::int32_t height_ = 0;             ///< voxels above the window's lowest
   std::size_t column_ = 0;              ///< index of its column of voxels
   std::int32_t leaf_column_ = 0;        ///< index of its column of leaves

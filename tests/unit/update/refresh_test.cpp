@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a refresh of neighbourhoods says of changes: of a wide set, a point that is seen from another side counts as
-/// changed although its normal stays.
+/// Which points a refresh of neighbourhoods calls changed, also with memory of an earlier refresh; and of a wide set
+/// those that are seen from another side although their normals stay.
 #include <gtest/gtest.h>
 
 #include <numeric>
