@@ -36,9 +36,9 @@ struct KnownSlots {
 
   [[nodiscard]] ACCESSVDB_HOSTDEV bool all() const { return slots == words; }
   [[nodiscard]] ACCESSVDB_HOSTDEV int slotOf(int word) const { return word - digitOf(word) * slots; }
-  /// Whether a word is in its slot. Only if there are fewer slots than words.
+  /// Whether a word is in its slot. @param note  of the point; any if each word has its own slot
   [[nodiscard]] ACCESSVDB_HOSTDEV bool holds(std::uint32_t note, int word) const {
-    return static_cast<int>(note >> (kDigitBits * slotOf(word)) & kDigit) == digitOf(word);
+    return all() || static_cast<int>(note >> (kDigitBits * slotOf(word)) & kDigit) == digitOf(word);
   }
   /// Bits of the note that change when the word comes into its slot. Only if there are fewer slots than words.
   [[nodiscard]] ACCESSVDB_HOSTDEV std::uint32_t changes(std::uint32_t note, int word) const {

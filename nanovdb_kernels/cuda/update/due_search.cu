@@ -140,18 +140,20 @@ __device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& mask
   const bool learns = (counted | arm_blocked) != 0 || (has_word && before != after);
   const unsigned learning = __ballot_sync(kAllLanes, learns);
   if (learning == 0) return;
+  const KnownRow row(work.points, known, id);
   bool writes = false;
   std::uint64_t levels = 0;
   if (learns) {
     const KnownLevels& scale = known.scale;
-    const KnownWord word(work.points, known, id, lane);
+    const KnownWord word = row.wordOf(slots, lane);
     // Where the tool was counted, the corridor is free.
     levels = (word.levels & ~known_word::spread(counted)) | known_word::spread(arm_blocked);
     if (before != after) levels = known_word::rebased(levels, after - before, scale.log2);
 #pragma unroll 1
     for (std::uint32_t bits = counted; bits != 0; bits &= bits - 1) {
       const int n = __ffs(static_cast<int>(bits)) - 1;
-      const std::uint32_t level = scale.levelOf(masks.least[lane * kKnownPerWord + n] - after, word.freed.count(n));
+      const std::uint32_t level =
+          scale.levelOf(masks.least[lane * kKnownPerWord + n] - after, word.freed.count(n));
       if (level > known_word::levelIn(levels, n)) levels = known_word::withLevel(levels, n, level);
     }
     writes = levels != word.levels;
@@ -161,11 +163,10 @@ __device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& mask
     const unsigned writing = __ballot_sync(kAllLanes, writes);
     const auto isTaken = [&](int by) { return by >= 0 && (writing >> by & 1u) != 0; };
     writes = writes && !isTaken(lane - slots.slots) && !isTaken(lane - 2 * slots.slots);
-    const std::uint32_t note = known.notes[id];
-    const std::uint32_t changes = __reduce_or_sync(kAllLanes, writes ? slots.changes(note, lane) : 0u);
-    if (lane == 0 && changes != 0) known.notes[id] = note ^ changes;
+    const std::uint32_t changes = __reduce_or_sync(kAllLanes, writes ? slots.changes(row.note, lane) : 0u);
+    if (lane == 0 && changes != 0) known.notes[id] = row.note ^ changes;
   }
-  if (writes) KnownWord::rowOf(known, id)[slots.slotOf(lane)] = levels;
+  if (writes) row.levels[slots.slotOf(lane)] = levels;
 }
 
 /// What is known about a point's directions, for a search.
@@ -233,7 +234,7 @@ __device__ void askUnlessKnownWorse(const DueWork& work, std::size_t id, int mor
     const int log2 = known.scale.log2;
     const std::uint32_t steps = (static_cast<std::uint32_t>(more) + (1u << log2) - 1) >> log2;
     constexpr std::uint32_t kMost = KnownLevels::kMost - KnownLevels::kMostFreedSteps + 1;
-    const KnownWord word(work.points, known, id, lane);
+    const KnownWord word = KnownRow(work.points, known, id).wordOf(known.slots, lane);
     // No level guarantees more than kMost steps; beyond that only corridors count.
     const std::uint64_t lowest = steps <= kMost ? word.freed.lowestWithMore(log2) + known_word::kEach * steps
                                                 : known_word::kEach * (KnownLevels::kMost + 1);

@@ -91,18 +91,29 @@ __device__ inline void sumSteps(const std::uint32_t* steps, int lane, std::uint3
 struct KnownWord {
   std::uint64_t levels;
   FreedWord freed;
+};
 
-  __device__ KnownWord(const PointsView& points, const KnownView& known, std::size_t id, int word) {
-    const KnownSlots& slots = known.slots;
-    const std::uint64_t* const row = rowOf(known, id);
-    levels = row[slots.slotOf(word)];
-    if (known.notes != nullptr && !slots.holds(known.notes[id], word)) levels = 0;
-    freed = known.freed[points.groups.of_block[points.state.block[id]] * static_cast<std::size_t>(slots.words) +
-                        static_cast<std::size_t>(word)];
+/// Where what is known about a point is.
+struct KnownRow {
+  std::uint64_t* levels;   ///< [slots.slots]
+  const FreedWord* freed;  ///< [slots.words] of its group
+  std::uint32_t note;      ///< what the slots hold
+
+  __device__ KnownRow(const PointsView& points, const KnownView& known, std::size_t id)
+      : levels(levelsOf(known, id)),
+        freed(known.freed +
+              points.groupOf(static_cast<std::uint32_t>(id)) * static_cast<std::size_t>(known.slots.words)),
+        note(noteOf(known, id)) {}
+
+  [[nodiscard]] __device__ KnownWord wordOf(const KnownSlots& slots, int word) const {
+    return {slots.holds(note, word) ? levels[slots.slotOf(word)] : 0, freed[word]};
   }
-  /// Where the levels of a point are.
-  [[nodiscard]] static __device__ std::uint64_t* rowOf(const KnownView& known, std::size_t id) {
+
+  [[nodiscard]] static __device__ std::uint64_t* levelsOf(const KnownView& known, std::size_t id) {
     return known.levels + id * static_cast<std::size_t>(known.slots.slots);
+  }
+  [[nodiscard]] static __device__ std::uint32_t noteOf(const KnownView& known, std::size_t id) {
+    return known.notes != nullptr ? known.notes[id] : 0;
   }
 };
 
@@ -111,11 +122,12 @@ struct KnownWord {
 /// @param w, asked  directions 64 w .. 64 w + 63
 __device__ inline std::uint64_t notKnownWorse(const PointsView& points, const KnownView& known, std::size_t id, int w,
                                               std::uint64_t asked) {
-  if (known.levels == nullptr) return asked;
+  if (known.levels == nullptr || asked == 0) return asked;
+  const KnownRow row(points, known, id);
 #pragma unroll 1
   for (int byte = 0; byte < 8 && asked >> (8 * byte) != 0; ++byte) {
     if ((asked >> (8 * byte) & 0xffu) == 0) continue;
-    const KnownWord word(points, known, id, 8 * w + byte);
+    const KnownWord word = row.wordOf(known.slots, 8 * w + byte);
     const std::uint64_t worse = known_word::worse(word.levels, word.freed.lowestWithMore(known.scale.log2));
     asked &= ~(worse << (8 * byte));
   }
@@ -127,7 +139,7 @@ __device__ inline std::uint64_t notKnownWorse(const PointsView& points, const Kn
 __device__ inline int knownCollisions(const PointsView& points, const KnownView& known, std::size_t id, int base,
                                       int d) {
   if (known.levels == nullptr) return 0;
-  const KnownWord word(points, known, id, d / kKnownPerWord);
+  const KnownWord word = KnownRow(points, known, id).wordOf(known.slots, d / kKnownPerWord);
   const int n = d % kKnownPerWord;
   const std::uint32_t level = known_word::levelIn(word.levels, n);
   if (level == 0) return 0;
@@ -269,7 +281,7 @@ __device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t
 #pragma unroll
       for (int i = 0; i < kTogether; ++i) {
         const std::uint32_t point = __shfl_sync(kAllLanes, id, first + i);
-        levels[i] = KnownWord::rowOf(known, point) + slots.slotOf(lane);
+        levels[i] = KnownRow::levelsOf(known, point) + slots.slotOf(lane);
         const bool there = lane < words && first + i < points;
         freed[i] = there ? arms : 0;
         if (there && ageing.leaves != nullptr) {
@@ -279,7 +291,7 @@ __device__ inline Improvable agePoints(const FlipContext& context, std::uint32_t
         improvable.arm |= freed[i];
         const bool lowers = there && (ages || freed[i] != 0);
         before[i] = lowers ? *levels[i] : 0;
-        if (known.notes != nullptr && lowers && !slots.holds(known.notes[point], lane)) before[i] = 0;
+        if (lowers && !slots.holds(KnownRow::noteOf(known, point), lane)) before[i] = 0;
       }
 #pragma unroll
       for (int i = 0; i < kTogether; ++i) {

@@ -69,7 +69,10 @@ TEST(KnownSlots, NoteWhatEachSlotHolds) {
 TEST(KnownSlots, GiveEachWordItsOwnIfDirectionsMayBeAny) {
   const KnownSlots slots = KnownSlots::of(200, 0);
   EXPECT_TRUE(slots.all());
-  for (int word = 0; word < slots.words; ++word) EXPECT_EQ(slots.slotOf(word), word);
+  for (int word = 0; word < slots.words; ++word) {
+    EXPECT_EQ(slots.slotOf(word), word);
+    EXPECT_TRUE(slots.holds(0, word));
+  }
 }
 
 /// As many directions as a walk visits at most.
