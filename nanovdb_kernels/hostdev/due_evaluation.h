@@ -53,7 +53,7 @@ ACCESSVDB_HOSTDEV inline int knownCollisions(const KnownPoint& known, const Know
   const int w = d / kKnownPerWord, n = d % kKnownPerWord;
   const std::uint32_t level = known_word::levelIn(known.levels[w], n);
   if (level == 0) return 0;
-  const int collisions = base + scale.collisionsOf(level, known.freed[w].count(n));
+  const int collisions = base + scale.collisionsOf(level, known.freed[w].count(n, scale.log2));
   return collisions > 0 ? collisions : 0;
 }
 
@@ -100,7 +100,8 @@ ACCESSVDB_HOSTDEV inline void learn(const KnownPoint& known, const KnownLevels& 
     if (before != after) levels = known_word::rebased(levels, after - before, scale.log2);
     for (std::uint32_t bits = of(notes.counted); bits != 0; bits &= bits - 1) {
       const int n = lowestBit(bits);
-      const std::uint32_t level = scale.levelOf(notes.least[w * kKnownPerWord + n] - after, known.freed[w].count(n));
+      const std::uint32_t level =
+          scale.levelOf(notes.least[w * kKnownPerWord + n] - after, known.freed[w].count(n, scale.log2));
       if (level > known_word::levelIn(levels, n)) levels = known_word::withLevel(levels, n, level);
     }
     known.levels[w] = levels;

@@ -32,7 +32,7 @@ struct KnownLevels {
   /// Fastest on flights with tools of a few hundred to half a million voxels: short steps, provided that levels reach
   /// several times the limit, but no shorter than the amount by which counting overshoots.
   static KnownLevels forLimit(int collision_limit) {
-    constexpr int kOvershootLog2 = 3, kMostLog2 = 10;  // kMostFreedSteps of the longest step fit into 16 bits
+    constexpr int kOvershootLog2 = 3, kMostLog2 = 10;
     KnownLevels levels;
     const auto atLeastSteps = [&](int steps) { return collision_limit >= steps << levels.log2; };
     while (levels.log2 < kOvershootLog2 && atLeastSteps(8)) ++levels.log2;
@@ -109,22 +109,23 @@ ACCESSVDB_HOSTDEV inline std::uint64_t rebased(std::uint64_t word, int more, int
 }  // namespace known_word
 
 /// Upper bounds on the voxels that stopped colliding in each of a word's directions since levels were last lowered.
-struct alignas(16) FreedWord {
-  /// Direction 2 i is in the lower 16 bits of pairs[i], 2 i + 1 in the upper.
-  std::uint32_t pairs[kKnownPerWord / 2] = {};
+/// Counted in eighths of a step, rounded up, so that one byte suffices: whole steps are what ages levels. If a step has
+/// less than eight collisions, each voxel counts.
+struct FreedWord {
+  std::uint64_t bytes = 0;  ///< of direction n: bits 8 n .. 8 n + 7
 
-  [[nodiscard]] ACCESSVDB_HOSTDEV int count(int n) const {
-    return static_cast<int>(pairs[n >> 1] >> (16 * (n & 1)) & 0xffffu);
+  /// Voxels that a unit stands for, as a power of two.
+  [[nodiscard]] ACCESSVDB_HOSTDEV static int unitLog2(int log2) { return log2 > kUnitsLog2 ? log2 - kUnitsLog2 : 0; }
+
+  /// In voxels.
+  [[nodiscard]] ACCESSVDB_HOSTDEV int count(int n, int log2) const {
+    return static_cast<int>(units(n) << unitLog2(log2));
   }
   /// The lowest levels that mean more collisions than the base, one byte each.
   [[nodiscard]] ACCESSVDB_HOSTDEV std::uint64_t lowestWithMore(int log2) const {
-    constexpr std::uint32_t kSteps = (2 * KnownLevels::kMostFreedSteps - 1) * 0x00010001u;
-    const auto two = [&](std::uint32_t pair) {
-      const std::uint32_t steps = pair >> log2 & kSteps;  // drops bits shifted down from the upper half
-      return (steps | steps >> 8) & 0xffffu;
-    };
-    const std::uint32_t low = two(pairs[0]) | two(pairs[1]) << 16, high = two(pairs[2]) | two(pairs[3]) << 16;
-    return (std::uint64_t{high} << 32 | low) + known_word::kEach;
+    const int shift = log2 - unitLog2(log2);
+    const std::uint64_t kept = known_word::kEach * (0xffu >> shift);  // without bits from the byte above
+    return (bytes >> shift & kept) + known_word::kEach;
   }
 
   /// Adds newly freed voxels. Once one direction has kMostFreedSteps (or with `forget`), levels have to be lowered.
@@ -133,20 +134,30 @@ struct alignas(16) FreedWord {
   /// @return whether levels have to be lowered
   ACCESSVDB_HOSTDEV bool add(const std::uint32_t* more, bool forget, int log2, std::uint64_t& steps) {
     constexpr std::uint32_t kAll = KnownLevels::kMost;
+    const int unit = unitLog2(log2), shift = log2 - unit;
     bool lower = forget;
     std::uint32_t sums[kKnownPerWord];
     for (int n = 0; n < kKnownPerWord; ++n) {
-      sums[n] = static_cast<std::uint32_t>(count(n)) + more[n];
-      lower = lower || sums[n] >> log2 >= KnownLevels::kMostFreedSteps;
+      sums[n] = units(n) + ((more[n] + (1u << unit) - 1) >> unit);
+      lower = lower || sums[n] >> shift >= KnownLevels::kMostFreedSteps;
     }
     steps = 0;
     for (int n = 0; n < kKnownPerWord && lower; ++n) {
-      const std::uint32_t whole = sums[n] >> log2, taken = forget || whole > kAll ? kAll : whole;
+      const std::uint32_t whole = sums[n] >> shift, taken = forget || whole > kAll ? kAll : whole;
       steps |= std::uint64_t{taken} << (8 * n);
-      sums[n] -= whole << log2;  // beyond the highest level, nothing stays known
+      sums[n] -= whole << shift;  // beyond the highest level, nothing stays known
     }
-    for (int i = 0; i < kKnownPerWord / 2; ++i) pairs[i] = sums[2 * i] | sums[2 * i + 1] << 16;
+    bytes = 0;
+    for (int n = 0; n < kKnownPerWord; ++n) bytes |= std::uint64_t{sums[n]} << (8 * n);
     return lower;
+  }
+
+ private:
+  static constexpr int kUnitsLog2 = 3;  ///< per step
+  static_assert(KnownLevels::kMostFreedSteps << kUnitsLog2 <= 1u << 8);
+
+  [[nodiscard]] ACCESSVDB_HOSTDEV std::uint32_t units(int n) const {
+    return static_cast<std::uint32_t>(bytes >> (8 * n)) & 0xffu;
   }
 };
 

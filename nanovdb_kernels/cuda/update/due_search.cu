@@ -153,7 +153,7 @@ __device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& mask
     for (std::uint32_t bits = counted; bits != 0; bits &= bits - 1) {
       const int n = __ffs(static_cast<int>(bits)) - 1;
       const std::uint32_t level =
-          scale.levelOf(masks.least[lane * kKnownPerWord + n] - after, word.freed.count(n));
+          scale.levelOf(masks.least[lane * kKnownPerWord + n] - after, word.freed.count(n, scale.log2));
       if (level > known_word::levelIn(levels, n)) levels = known_word::withLevel(levels, n, level);
     }
     writes = levels != word.levels;

@@ -143,7 +143,7 @@ __device__ inline int knownCollisions(const PointsView& points, const KnownView&
   const int n = d % kKnownPerWord;
   const std::uint32_t level = known_word::levelIn(word.levels, n);
   if (level == 0) return 0;
-  const int collisions = base + known.scale.collisionsOf(level, word.freed.count(n));
+  const int collisions = base + known.scale.collisionsOf(level, word.freed.count(n, known.scale.log2));
   return collisions > 0 ? collisions : 0;
 }
 
