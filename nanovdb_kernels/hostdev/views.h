@@ -35,7 +35,7 @@ static_assert(sizeof(VoxelColumn) == 16);
 
 /// Stacked leaves of the map that the tool touches, from the corner of a direction's SlabBox. One more leaf than slabs
 /// may be touched: slabs are counted upwards from the point's voxel, which may be anywhere in its leaf.
-struct LeafColumn {
+struct alignas(8) LeafColumn {
   std::uint16_t x = 0;        ///< [voxels] of the leaves' first x, plus 8: they may begin before the box
   std::uint8_t y = 0, z = 0;  ///< [leaves], [slabs]
   std::uint8_t count = 0;     ///< slabs
@@ -48,7 +48,7 @@ static_assert(sizeof(LeafColumn) == 8);
 /// in slabs from the point. If slabs are not kept by row, that at (x, y, z) is words[first + n],
 /// n = ((y - leaf_dy) size_x + x - dx) (size_z + 1) + z - slab_dz, and an empty slab before the first and behind each
 /// row is there to be read.
-struct SlabBox {
+struct alignas(16) SlabBox {
   std::uint32_t first = 0;
   std::int16_t dx = 0, leaf_dy = 0, slab_dz = 0, size_x = 0, size_y = 0, size_z = 0;
 };
@@ -57,7 +57,7 @@ static_assert(sizeof(SlabBox) == 16);
 /// many boxes, and tools in small voxels such large ones, most of them empty, that their slabs are kept by row: the row
 /// at (x, y) is rows[first + (y - leaf_dy) size_x + x - dx], its slab at z is words[row.first + z - slab_dz -
 /// row.begin].
-struct SlabRow {
+struct alignas(8) SlabRow {
   std::uint32_t first = 0;
   std::uint16_t begin = 0, count = 0;
 };

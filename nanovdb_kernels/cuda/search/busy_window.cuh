@@ -7,6 +7,7 @@
 
 #include "cuda/search/busy_map.h"
 #include "cuda/search/leaf_window.cuh"
+#include "cuda/search/read_entry.cuh"
 
 namespace accessvdb::kernels {
 
@@ -64,11 +65,11 @@ class BusyPlaces {
   }
   /// What collides at x in it: bit 8 y + z.
   [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
-    return reinterpret_cast<const std::uint64_t*>(node(entry) + kValueBytes)[x];
+    return readEntry(reinterpret_cast<const std::uint64_t*>(node(entry) + kValueBytes) + x);
   }
   /// Number of collisions in it.
   [[nodiscard]] __device__ std::uint32_t collisionsIn(int x, int y, int z) const {
-    const auto cells = *reinterpret_cast<const std::uint64_t*>(leafAt(x, y, z) + kCellCountsBytes);
+    const std::uint64_t cells = readEntry(reinterpret_cast<const std::uint64_t*>(leafAt(x, y, z) + kCellCountsBytes));
     return __dp4a(static_cast<std::uint32_t>(cells), 0x01010101u,
                   __dp4a(static_cast<std::uint32_t>(cells >> 32), 0x01010101u, 0u));
   }
@@ -79,7 +80,7 @@ class BusyPlaces {
   }
   [[nodiscard]] __device__ std::uint32_t bitsOf(std::uint32_t n, std::uint32_t column) const {
     const std::uint32_t number = numbers_[n];
-    return number != kNoIndex ? bits_[std::size_t{number} * BusyMapView::kColumns + column] : 0;
+    return number != kNoIndex ? readEntry(bits_ + (std::size_t{number} * BusyMapView::kColumns + column)) : 0;
   }
   [[nodiscard]] __device__ const std::uint8_t* node(std::uint32_t at) const {
     return grid_ + static_cast<std::uint64_t>(at) * kNodeBytes;
@@ -87,7 +88,7 @@ class BusyPlaces {
   [[nodiscard]] __device__ const std::uint8_t* leafAt(int x, int y, int z) const {
     const std::uint8_t* lower = node(nodes_[index(x, y, z)]);
     const int place = (x & 15) << 8 | (y & 15) << 4 | (z & 15);
-    return lower + reinterpret_cast<const std::int64_t*>(lower + kLowerTableBytes)[place];
+    return lower + readEntry(reinterpret_cast<const std::uint64_t*>(lower + kLowerTableBytes) + place);
   }
 
   const std::uint32_t *nodes_, *numbers_;

@@ -45,7 +45,7 @@ class SlabCount {
   __device__ SlabCount(SlabWork& work, int d, int lane)
       : places_(work.nodes, work.shape, work.map, work.busy_bits), busy_(work.busy), lane_(lane) {
     const int x = work.in_window[0], y = work.in_window[1], z = work.in_window[2];
-    const SlabBox box = work.tool.boxes[8 * d + (y & 7)];
+    const SlabBox box = readEntry(work.tool.boxes + (8 * d + (y & 7)));
     words_ = work.tool.words;
     if constexpr (kRows) {
       rows_ = work.tool.rows + box.first;
@@ -53,8 +53,9 @@ class SlabCount {
       words_ += box.first;
     }
     const std::uint32_t* begin = work.tool.begin + (64 * d + 8 * (x & 7) + (y & 7));
-    columns_ = work.tool.columns + begin[0];
-    num_columns_ = static_cast<int>(begin[1] - begin[0]);
+    const std::uint32_t first = readEntry(begin);
+    columns_ = work.tool.columns + first;
+    num_columns_ = static_cast<int>(readEntry(begin + 1) - first);
     size_x_ = box.size_x;
     size_z_ = box.size_z;
     corner_x_ = x + box.dx - 8;
@@ -72,7 +73,7 @@ class SlabCount {
 #pragma unroll 1
     for (int first = 0; first < num_columns_; first += static_cast<int>(kWarp)) {
       const int n = first + lane_;
-      const LeafColumn column = n < num_columns_ ? columns_[n] : LeafColumn{};
+      const LeafColumn column = n < num_columns_ ? readEntry(columns_ + n) : LeafColumn{};
       const int leaves = column.count > 0 ? column.count + one_more : 0;
 #pragma unroll 1
       for (int low = 0; low < size_z_ + one_more; low += BusyLeaves::kTurn) {
@@ -191,14 +192,15 @@ class SlabCount {
     const bool meets = n < listed_ && static_cast<unsigned>(leaf.x + own_x) < static_cast<unsigned>(size_x_);
     std::uint64_t upper = 0, lower = 0;
     if constexpr (kRows) {
-      const SlabRow slabs = meets ? rows_[leaf.at + own_x] : SlabRow{};
+      const SlabRow slabs = meets ? readEntry(rows_ + (leaf.at + own_x)) : SlabRow{};
       const int at = static_cast<int>(leaf.place & 0xff) - static_cast<int>(slabs.begin);
-      if (at >= 0 && at < slabs.count) upper = words_[slabs.first + static_cast<std::uint32_t>(at)];
-      if (at > 0 && at <= slabs.count && shift_ != 0) lower = words_[slabs.first + static_cast<std::uint32_t>(at) - 1];
+      const std::uint64_t* const slab = words_ + (slabs.first + static_cast<std::uint32_t>(at));
+      if (at >= 0 && at < slabs.count) upper = readEntry(slab);
+      if (at > 0 && at <= slabs.count && shift_ != 0) lower = readEntry(slab - 1);
     } else if (meets) {
       const std::uint64_t* slab = words_ + (leaf.at + own_x * (size_z_ + 1));
-      upper = slab[0];
-      lower = slab[-1];
+      upper = readEntry(slab);
+      lower = readEntry(slab - 1);
     }
     const std::uint64_t map = meets ? places_.slabOf(leaf.entry, own_x) : 0;
     return half(static_cast<std::uint32_t>(map), static_cast<std::uint32_t>(upper), static_cast<std::uint32_t>(lower)) +
