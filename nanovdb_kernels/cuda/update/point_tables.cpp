@@ -63,7 +63,7 @@ void PointTables::growBlocks(const AdmitInput& input, cudaStream_t stream) {
   grow(group_of_, 1);
   growFilled(ids_, memory_, input.num_slots, 0, stream);
   if (hash_keys_.size() < 2 * std::size_t{blocks}) {
-    const std::size_t capacity = std::bit_ceil(std::size_t{4} * blocks + 1024);
+    const std::size_t capacity = std::bit_ceil(std::size_t{3} * blocks + 1024);
     hash_keys_ = DeviceArray<std::uint64_t>();
     hash_blocks_ = DeviceArray<std::uint32_t>();
     hash_keys_.grow(memory_, capacity, 0);
