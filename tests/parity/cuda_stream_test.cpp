@@ -137,11 +137,11 @@ constexpr StreamCase kGroupsOf64 = {.seed = 11,
                                     .range_noise_m = 0.01,
                                     .max_range_m = 2.5,
                                     .length_m = 0.3};
-/// A short version for the sanitizers.
+/// A short version for the sanitizers, with so many directions that a point has fewer slots than words.
 constexpr StreamCase kShortGroups = {.seed = 2,
                                      .tool = "builtin:pencil",
                                      .voxel_size_m = 0.005,
-                                     .directions = 36,
+                                     .directions = 120,
                                      .frames = 5,
                                      .rays_per_frame = 6000,
                                      .range_noise_m = 0.01,
