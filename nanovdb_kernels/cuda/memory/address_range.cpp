@@ -13,9 +13,9 @@ namespace accessvdb::kernels {
 namespace {
 
 constexpr std::uint64_t kLeastReserve = std::uint64_t(1) << 30;
-// Each step costs about a millisecond and may leave up to its size unused.
-constexpr std::uint64_t kLeastStep = std::uint64_t(16) << 20;
-constexpr std::uint64_t kMostStep = std::uint64_t(64) << 20;
+// Each step costs time, and may leave up to its size unused.
+constexpr std::uint64_t kLeastStep = std::uint64_t(4) << 20;
+constexpr std::uint64_t kMostStep = std::uint64_t(32) << 20;
 
 std::uint64_t roundUp(std::uint64_t bytes, std::uint64_t unit) { return (bytes + unit - 1) / unit * unit; }
 
@@ -120,7 +120,7 @@ void AddressRange::back(std::uint64_t bytes) {
   const CurrentDevice current(context_->device());
   pieces_.reserve(pieces_.size() + 1);
   const std::uint64_t needed = roundUp(bytes, granularity_) - backed_;
-  const std::uint64_t step = std::clamp(backed_ / 4, kLeastStep, kMostStep);
+  const std::uint64_t step = std::clamp(backed_ / 8, kLeastStep, kMostStep);
   const std::uint64_t wanted = std::min(std::max(needed, roundUp(step, granularity_)), reserved_ - backed_);
   try {
     mapMore(wanted);

@@ -11,12 +11,17 @@
 
 namespace accessvdb::kernels {
 
-PointTables::PointTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& tables)
+PointTables::PointTables(const std::shared_ptr<DeviceContext>& context, DeviceMemory& memory,
+                         const NeighbourTables& tables)
     : memory_(memory),
       words_(static_cast<std::size_t>((tables.num_directions + 63) / 64)),
       multiprocessors_(context->multiprocessors()),
       by_cell_(tables.neighbours <= kMostNeighboursByCell),
-      own_seen_(std::move(context)) {
+      block_(context),
+      mean_(context),
+      to_sensor_(context),
+      reach_(context),
+      own_seen_(context) {
   view_.groups.log2 = tables.group_log2;
   view_.rule.voxel_size_m = static_cast<float>(tables.voxel_size_m);
   view_.rule.inverse_voxel_size = VoxelScale(tables.voxel_size_m).inverse;
@@ -27,7 +32,7 @@ PointTables::PointTables(std::shared_ptr<DeviceContext> context, DeviceMemory& m
 }
 
 void PointTables::grow(const AdmitInput& input, cudaStream_t stream) {
-  growPoints(input.num_points, view_.num_points);
+  growPoints(input.num_points);
   growBlocks(input, stream);
   growFilled(with_points_, memory_, input.num_groups, 0, stream);
   growFilled(group_leaf_, memory_, std::size_t{3} * input.num_groups, 0, stream);
@@ -40,15 +45,12 @@ void PointTables::grow(const AdmitInput& input, cudaStream_t stream) {
   view_.state = {block_.data(), mean_.data(), to_sensor_.data(), own_seen_.data(), reach_.data()};
 }
 
-void PointTables::growPoints(std::uint32_t points, std::size_t kept) {
-  const auto grow = [&](auto& array, std::size_t each) {
-    array.growWithRoom(memory_, points * each, roomFor(points) * each, kept * each);
-  };
-  grow(block_, 1);
-  grow(mean_, 3);
-  grow(to_sensor_, 3);
+void PointTables::growPoints(std::uint32_t points) {
+  block_.grow(points);
+  mean_.grow(std::size_t{3} * points);
+  to_sensor_.grow(std::size_t{3} * points);
   own_seen_.grow(points * words_);
-  grow(reach_, 1);
+  reach_.grow(points);
 }
 
 void PointTables::growBlocks(const AdmitInput& input, cudaStream_t stream) {

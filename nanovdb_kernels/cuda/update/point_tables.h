@@ -21,7 +21,7 @@ class PointTables {
   /// Most points whose neighbours are found at a time, one by one.
   static constexpr std::uint32_t kPart = 1u << 16;
 
-  PointTables(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& tables);
+  PointTables(const std::shared_ptr<DeviceContext>& context, DeviceMemory& memory, const NeighbourTables& tables);
 
   /// Valid until the next grow().
   [[nodiscard]] const PointsView& view() const { return view_; }
@@ -29,7 +29,9 @@ class PointTables {
   void setState(const PointStateView& points) { view_.points = points; }
 
   /// Bytes not taken from `memory`.
-  [[nodiscard]] std::uint64_t mappedBytes() const { return own_seen_.bytes(); }
+  [[nodiscard]] std::uint64_t mappedBytes() const {
+    return block_.bytes() + mean_.bytes() + to_sensor_.bytes() + own_seen_.bytes() + reach_.bytes();
+  }
 
   /// Makes room for what is admitted.
   void grow(const AdmitInput& input, cudaStream_t stream);
@@ -55,7 +57,7 @@ class PointTables {
   void makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, Neighbourhood* to, cudaStream_t stream);
 
  private:
-  void growPoints(std::uint32_t points, std::size_t kept);
+  void growPoints(std::uint32_t points);
   void growBlocks(const AdmitInput& input, cudaStream_t stream);
   void refreshIndex(std::uint32_t blocks);
 
@@ -65,8 +67,8 @@ class PointTables {
   bool by_cell_;  ///< whether most neighbourhoods of moved points can be made cell by cell
   PointsView view_;
   // By id.
-  DeviceArray<std::uint32_t> block_;
-  DeviceArray<float> mean_, to_sensor_, reach_;
+  RangeArray<std::uint32_t> block_;
+  RangeArray<float> mean_, to_sensor_, reach_;
   RangeArray<std::uint64_t> own_seen_;
   // By block.
   DeviceArray<std::uint64_t> hash_keys_;
