@@ -61,11 +61,11 @@ class BusyPlaces {
 
   /// A leaf in which something collides, in four bytes.
   [[nodiscard]] __device__ std::uint32_t entryOf(int x, int y, int z) const {
-    return static_cast<std::uint32_t>(static_cast<std::uint64_t>(leafAt(x, y, z) - grid_) / kNodeBytes);
+    return offsetOfNode(grid_, leafAt(x, y, z));
   }
   /// What collides at x in it: bit 8 y + z.
   [[nodiscard]] __device__ std::uint64_t slabOf(std::uint32_t entry, int x) const {
-    return readEntry(reinterpret_cast<const std::uint64_t*>(node(entry) + kValueBytes) + x);
+    return readEntry(reinterpret_cast<const std::uint64_t*>(nodeAt(grid_, entry) + kValueBytes) + x);
   }
   /// Number of collisions in it.
   [[nodiscard]] __device__ std::uint32_t collisionsIn(int x, int y, int z) const {
@@ -82,11 +82,8 @@ class BusyPlaces {
     const std::uint32_t number = numbers_[n];
     return number != kNoIndex ? readEntry(bits_ + (std::size_t{number} * BusyMapView::kColumns + column)) : 0;
   }
-  [[nodiscard]] __device__ const std::uint8_t* node(std::uint32_t at) const {
-    return grid_ + static_cast<std::uint64_t>(at) * kNodeBytes;
-  }
   [[nodiscard]] __device__ const std::uint8_t* leafAt(int x, int y, int z) const {
-    const std::uint8_t* lower = node(nodes_[index(x, y, z)]);
+    const std::uint8_t* lower = nodeAt(grid_, nodes_[index(x, y, z)]);
     const int place = (x & 15) << 8 | (y & 15) << 4 | (z & 15);
     return lower + readEntry(reinterpret_cast<const std::uint64_t*>(lower + kLowerTableBytes) + place);
   }

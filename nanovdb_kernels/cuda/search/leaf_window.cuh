@@ -21,6 +21,14 @@ inline constexpr std::uint32_t kActiveBytes = offsetof(OccupancyLeaf::DataType, 
 inline constexpr std::uint32_t kLowerTableBytes = offsetof(OccupancyLower::DataType, mTable);
 inline constexpr int kLeafLog2 = 3, kLowerLog2 = 7;
 
+[[nodiscard]] __device__ inline const std::uint8_t* nodeAt(const std::uint8_t* grid, std::uint32_t offset) {
+  return grid + static_cast<std::uint64_t>(offset) * kNodeBytes;
+}
+[[nodiscard]] __device__ inline std::uint32_t offsetOfNode(const std::uint8_t* grid, const void* node) {
+  return static_cast<std::uint32_t>(static_cast<std::uint64_t>(static_cast<const std::uint8_t*>(node) - grid) /
+                                    kNodeBytes);
+}
+
 /// Whether anything in a leaf collides, by its cell counts.
 __device__ inline bool collidesSomewhere(const std::uint8_t* leaf) {
   return *reinterpret_cast<const std::uint64_t*>(leaf + kCellCountsBytes) != 0;
@@ -65,13 +73,8 @@ class WindowBase {
     return Coord(origin_[0] + (xy / shape_.size[1] << log2_), origin_[1] + (xy % shape_.size[1] << log2_),
                  origin_[2] + (z << log2_));
   }
-  [[nodiscard]] __device__ const std::uint8_t* node(std::uint32_t at) const {
-    return grid_ + static_cast<std::uint64_t>(at) * kNodeBytes;
-  }
-  [[nodiscard]] __device__ std::uint32_t offsetOf(const void* node) const {
-    return static_cast<std::uint32_t>(static_cast<std::uint64_t>(static_cast<const std::uint8_t*>(node) - grid_) /
-                                      kNodeBytes);
-  }
+  [[nodiscard]] __device__ const std::uint8_t* node(std::uint32_t offset) const { return nodeAt(grid_, offset); }
+  [[nodiscard]] __device__ std::uint32_t offsetOf(const void* node) const { return offsetOfNode(grid_, node); }
 
   std::uint32_t* nodes_;
   const WindowShape& shape_;

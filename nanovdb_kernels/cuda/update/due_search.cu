@@ -138,8 +138,7 @@ __device__ void learn(const DueWork& work, std::size_t id, const WarpMasks& mask
   const std::uint32_t counted = searched && has_word ? masks.counted[lane >> 2] >> shift & 0xffu : 0,
                       arm_blocked = searched && has_word ? masks.arm_blocked[lane >> 2] >> shift & 0xffu : 0;
   const bool learns = (counted | arm_blocked) != 0 || (has_word && before != after);
-  const unsigned learning = __ballot_sync(kAllLanes, learns);
-  if (learning == 0) return;
+  if (!__any_sync(kAllLanes, learns)) return;
   const KnownRow row(work.points, known, id);
   bool writes = false;
   std::uint64_t levels = 0;

@@ -262,10 +262,21 @@ constexpr int kMostListed = 256;
 template <bool kByLeaf>
 class GroupScan {
  public:
+  /// Where it puts what it finds.
+  struct Found {
+    MasksOfWarp& masks;
+    FreedLeaves<kByLeaf>& freed;
+    ArmLeaves& arms;
+  };
   /// @param leaf  the group's first leaf  @param list  [kMostListed] shared by the warp
-  __device__ GroupScan(const FlipScope& scope, const std::int32_t* leaf, std::uint16_t* list, MasksOfWarp& masks,
-                       FreedLeaves<kByLeaf>& freed, ArmLeaves& arms)
-      : scope_(scope), leaf_(leaf), list_(list), masks_(masks), freed_(freed), arms_(arms), lane_(scope.lane) {}
+  __device__ GroupScan(const FlipScope& scope, const std::int32_t* leaf, std::uint16_t* list, const Found& found)
+      : scope_(scope),
+        leaf_(leaf),
+        list_(list),
+        masks_(found.masks),
+        freed_(found.freed),
+        arms_(found.arms),
+        lane_(scope.lane) {}
 
   /// All lanes.
   __device__ void scanAll() {
@@ -457,7 +468,7 @@ __global__ void __launch_bounds__(kWarps* kWarp, kGroupBlocks)
     FreedLeaves<kByLeaf> freed(scope, leaf, all_freed[warp], steps);
     const bool by_corridor = !kByLeaf && steps != nullptr && context.corridors.table != nullptr;
     ArmLeaves arms(by_corridor ? &all_arm_leaves[warp] : nullptr, lane);
-    GroupScan<kByLeaf>(scope, leaf, all_lists[warp], masks, freed, arms).scanAll();
+    GroupScan<kByLeaf>(scope, leaf, all_lists[warp], {masks, freed, arms}).scanAll();
     freed.count();
     if (steps != nullptr && masks.any(2)) {  // the better masks come first
       const std::int32_t highest = leaf[2] + (1 << context.groups.log2) - 1;

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <utility>
 
 #include "cuda/memory/growing.h"
 #include "cuda/update/update_kernels.h"
@@ -66,10 +67,12 @@ void PointTables::growBlocks(const AdmitInput& input, cudaStream_t stream) {
   growFilled(ids_, memory_, input.num_slots, 0, stream);
   if (hash_keys_.size() < 2 * std::size_t{blocks}) {
     const std::size_t capacity = std::bit_ceil(std::size_t{3} * blocks + 1024);
+    // Both or none, if memory is short.
     hash_keys_ = DeviceArray<std::uint64_t>();
     hash_blocks_ = DeviceArray<std::uint32_t>();
-    hash_keys_.grow(memory_, capacity, 0);
-    hash_blocks_.grow(memory_, capacity, 0);
+    DeviceArray<std::uint64_t> keys(memory_, capacity);
+    hash_blocks_ = DeviceArray<std::uint32_t>(memory_, capacity);
+    hash_keys_ = std::move(keys);
     fillBytes(hash_keys_.data(), 0xff, hash_keys_.bytes(), stream);
     refreshIndex(kept);
     launchRehash(view_.index, stream);
