@@ -260,13 +260,13 @@ orbit_10mm 180 --path orbit --max-range 10 --voxel 0.01 --tau 0.1 $again $exact
 orbit_5mm 300 --path orbit --max-range 6 --voxel 0.005 --tau 0.1 $again $exact
 orbit_20mm_paper 150 --path orbit --max-range 20 --voxel 0.02 --tau 0.1 $again $paper
 orbit_10mm_paper 180 --path orbit --max-range 10 --voxel 0.01 --tau 0.1 $again $paper
-orbit_5mm_paper 300 --path orbit --max-range 6 --voxel 0.005 --tau 0.1 $again $paper
+orbit_5mm_paper 480 --path orbit --max-range 6 --voxel 0.005 --tau 0.1 $again $paper
 hover_20mm 150 --path hover --max-range 20 --voxel 0.02 --tau 0.1 $again $exact
 hover_10mm 180 --path hover --max-range 10 --voxel 0.01 --tau 0.1 $again $exact
 hover_5mm 300 --path hover --max-range 6 --voxel 0.005 --tau 0.1 $again $exact
 hover_20mm_paper 150 --path hover --max-range 20 --voxel 0.02 --tau 0.1 $again $paper
 hover_10mm_paper 180 --path hover --max-range 10 --voxel 0.01 --tau 0.1 $again $paper
-hover_5mm_paper 300 --path hover --max-range 6 --voxel 0.005 --tau 0.1 $again $paper"
+hover_5mm_paper 480 --path hover --max-range 6 --voxel 0.005 --tau 0.1 $again $paper"
 cpu_rows="
 cpu_50mm_1t 240 --threads 1 --voxel 0.05 --frames 40 --timed-frames 15
 cpu_50mm_2t 150 --threads 2 --voxel 0.05 --frames 40 --timed-frames 15
