@@ -52,12 +52,18 @@ TEST_F(TileKills, GoOnToTheSameBytes) {
 
   int hits = 0;
   for (int n = 0; n < kills && !HasFailure(); ++n) {
-    const KilledStep& step_killed = steps[static_cast<std::size_t>(n) % steps.size()];
+    KilledStep& step_killed = steps[static_cast<std::size_t>(n) % steps.size()];
     SCOPED_TRACE(step_killed.name + ", kill " + std::to_string(n) + " of seed " + std::to_string(seed));
-    copy(step_killed.before, "out");
-    fs::remove(path("all.vdb"));
     const double share = std::uniform_real_distribution<double>(0, 0.95)(random);
-    const Ending ending = runToItsEnd(step_killed.arguments, share * step_killed.seconds);
+    Ending ending;
+    // If the kill comes too late, because the machine was slower when the step was timed, it comes sooner the next
+    // time.
+    for (int tries = 0; tries < 3 && !ending.killed; ++tries) {
+      copy(step_killed.before, "out");
+      fs::remove(path("all.vdb"));
+      ending = runToItsEnd(step_killed.arguments, share * step_killed.seconds);
+      if (!ending.killed) step_killed.seconds = std::min(step_killed.seconds, ending.seconds);
+    }
     hits += ending.killed ? 1 : 0;
     EXPECT_TRUE(ending.killed || ending.exit_code == 0);
 
