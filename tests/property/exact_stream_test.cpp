@@ -105,7 +105,10 @@ INSTANTIATE_TEST_SUITE_P(
                          .voxel_size_m = 0.06,
                          .max_collisions = 0,
                          .every = 2,
-                         .confidence_min = 0.0}));
+                         .confidence_min = 0.0},
+                    // So many collisions that freed voxels are counted by twos (FreedWord).
+                    Case{
+                        .seed = 7, .tool = "builtin:pruner", .voxel_size_m = 0.02, .max_collisions = 400, .every = 1}));
 
 /// Random clutter near the sensor: many flips both ways, few returns per voxel.
 TEST(ExactStream, EqualsFromScratchOnRandomClutter) {
