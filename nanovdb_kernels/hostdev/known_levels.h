@@ -32,7 +32,7 @@ struct KnownLevels {
   /// Fastest on flights with tools of a few hundred to half a million voxels: short steps, provided that levels reach
   /// several times the limit, but no shorter than the amount by which counting overshoots.
   static KnownLevels forLimit(int collision_limit) {
-    constexpr int kOvershootLog2 = 3, kMostLog2 = 10;
+    constexpr int kOvershootLog2 = 3, kMostLog2 = 10;  // the highest limit, 2^16 - 1, is 64 of the longest steps
     KnownLevels levels;
     const auto atLeastSteps = [&](int steps) { return collision_limit >= steps << levels.log2; };
     while (levels.log2 < kOvershootLog2 && atLeastSteps(8)) ++levels.log2;
@@ -110,7 +110,7 @@ ACCESSVDB_HOSTDEV inline std::uint64_t rebased(std::uint64_t word, int more, int
 
 /// Upper bounds on the voxels that stopped colliding in each of a word's directions since levels were last lowered.
 /// Counted in eighths of a step, rounded up, so that one byte suffices: whole steps are what ages levels. If a step has
-/// less than eight collisions, each voxel counts.
+/// at most eight collisions, each voxel counts.
 struct FreedWord {
   std::uint64_t bytes = 0;  ///< of direction n: bits 8 n .. 8 n + 7
 
@@ -129,7 +129,7 @@ struct FreedWord {
   }
 
   /// Adds newly freed voxels. Once one direction has kMostFreedSteps (or with `forget`), levels have to be lowered.
-  /// @param more  [kKnownPerWord]; each below 2^32 - 2^16   @param forget  lower by so much that nothing stays known
+  /// @param more  [kKnownPerWord]; each below 2^32 - 2^8   @param forget  lower by so much that nothing stays known
   /// @param steps  out: by how much, one byte each
   /// @return whether levels have to be lowered
   ACCESSVDB_HOSTDEV bool add(const std::uint32_t* more, bool forget, int log2, std::uint64_t& steps) {

@@ -11,7 +11,7 @@
 
 namespace accessvdb::kernels {
 
-/// All lanes call each function.
+/// All lanes call each function but idOf().
 class NearestOfList {
  public:
   /// Most points listed for one point, and how many of them a lane has.
