@@ -11,6 +11,9 @@
 #include <set>
 #include <utility>
 
+#include "hostdev/direction_filter.h"
+#include "hostdev/known_levels.h"
+#include "hostdev/known_slots.h"
 #include "parity/gpu_test.h"
 #include "parity/parity_walk.h"
 #include "support/determinism_support.h"
@@ -147,6 +150,10 @@ constexpr StreamCase kShortGroups = {.seed = 2,
                                      .range_noise_m = 0.01,
                                      .max_range_m = 2,
                                      .length_m = 0.1};
+
+/// A limit so high that a step of what is remembered has more than eight collisions, and freed voxels are not counted
+/// one by one (FreedWord).
+constexpr StreamCase kHighLimit = {.seed = 7, .tool = "builtin:pruner", .voxel_size_m = 0.02, .max_collisions = 400};
 
 AccessibilityField fieldOn(const StreamCase& c, BackendKind backend) {
   FieldParams params = paramsOf(c);
@@ -302,6 +309,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 INSTANTIATE_TEST_SUITE_P(GroupedStreams, CudaStream, testing::Values(kGroupsOf8, kGroupsOf64));
 INSTANTIATE_TEST_SUITE_P(ThickTool, CudaStream, testing::Values(kThickTool));
+INSTANTIATE_TEST_SUITE_P(HighLimit, CudaStream, testing::Values(kHighLimit));
 
 // tools/gpu_suite.sh runs it under compute-sanitizer.
 INSTANTIATE_TEST_SUITE_P(ShortStream, CudaStream,
@@ -365,6 +373,21 @@ TEST(ThickTool, TakesLeavesAsAWholeAndBlocks) {
     EXPECT_GT(risen.same_direction, 5u);
     EXPECT_GT(risen.other_direction, 5u);
   }
+}
+
+/// Needs no GPU.
+TEST(HighLimit, CountsFreedVoxelsByMoreThanOne) {
+  EXPECT_GT(kernels::FreedWord::unitLog2(kernels::KnownLevels::forLimit(kHighLimit.max_collisions).log2), 0);
+  const FieldSnapshot snapshot = busyStream(kHighLimit, 500);
+  expectVaried(snapshot);
+  EXPECT_GT(blockedByTheTool(snapshot), 50u);
+}
+
+/// The short stream of groups has fewer slots than words (KnownSlots). Needs no GPU.
+TEST(GroupedStreams, HavePointsWithFewerSlotsThanWords) {
+  const FieldParams params = paramsOf(kShortGroups).resolved();
+  const int arc = kernels::mostInCone(kShortGroups.directions, std::cos(params.approach.normal_cone_rad));
+  EXPECT_FALSE(kernels::KnownSlots::of(kShortGroups.directions, arc).all());
 }
 
 /// One of the streams counts slabs that are kept by row. Needs no GPU.
