@@ -8,6 +8,7 @@
 #include <cstdint>
 
 #include "cuda/search/busy_window.cuh"
+#include "cuda/search/read_entry.cuh"
 #include "hostdev/views.h"
 
 namespace accessvdb::kernels {

@@ -100,9 +100,6 @@ class CellSearch {
 
  private:
   [[nodiscard]] __device__ std::uint32_t idOf(std::uint32_t at) const { return moved_.ids[at]; }
-  [[nodiscard]] __device__ const float* meanOf(std::uint32_t id) const {
-    return points_.state.mean_L + 3 * static_cast<std::size_t>(id);
-  }
 
   /// Takes points [begin, end) of the order, one warp each. All threads call it.
   __device__ void takePoints(std::uint32_t begin, std::uint32_t end, bool is_left) {
@@ -128,7 +125,7 @@ class CellSearch {
     if (threadIdx.x <= kCells) s_.begin[threadIdx.x] = 0;
     __syncthreads();
     const auto cellOf = [&](std::uint32_t n) {
-      const float* mean = meanOf(idOf(s_.first + n));
+      const float* mean = points_.meanOf(idOf(s_.first + n));
       std::uint32_t cell = 0;
       for (int axis = 0; axis < 3; ++axis) {
         const auto voxel =
@@ -159,7 +156,7 @@ class CellSearch {
   __device__ bool search(std::uint32_t at) {
     const NeighbourRuleView& rule = points_.rule;
     const std::uint32_t id = idOf(at);
-    const float* mean = meanOf(id);
+    const float* mean = points_.meanOf(id);
     const PositionFractions fractions = s_.near.fractions();
     std::int32_t centre[3];
     bool is_whole = true;
@@ -170,7 +167,7 @@ class CellSearch {
     if (!is_whole) return false;
     const std::int64_t bound = searchBound(rule, points_.state.reach_m[id]);
     NearestOfList list(s_.near, s_.listed[warp_], lane_);
-    const int listed = list.list(centre, bound), wanted = rule.neighbours;
+    const int listed = list.listWithin(centre, bound), wanted = rule.neighbours;
     __syncwarp();  // also if the point is left over: the next one's list is written where this one's was
     if (listed > NearestOfList::kMostListed || (listed < wanted && bound < rule.radius_squared)) return false;
     list.measure(centre, listed);

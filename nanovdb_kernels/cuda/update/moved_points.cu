@@ -125,7 +125,7 @@ __global__ void findMoved(PointsView points, MovedView moved) {
         const std::uint32_t id = points.index.ids[first + from + lane];
         const float reach_m = points.state.reach_m[id];
         most_m = fmaxf(most_m, reach_m);
-        const float* mean = points.state.mean_L + 3 * static_cast<std::size_t>(id);
+        const float* mean = points.meanOf(id);
         const float bound = reach_m * reach_m * kReachSlack;
         is_moved = there > kMostPlaces;
         for (std::uint32_t p = 0; p < there && !is_moved; ++p) is_moved = squaredDistance(mean, places[p]) <= bound;

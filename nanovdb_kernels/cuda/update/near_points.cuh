@@ -75,7 +75,7 @@ class PointGatherer {
 #pragma unroll 1
     for (std::uint32_t n = static_cast<std::uint32_t>(lane_); n < count; n += kWarp) {
       const std::uint32_t id = idOf(n);
-      const float* mean = meanOf(id);
+      const float* mean = points_.meanOf(id);
       for (int axis = 0; axis < 3; ++axis) {
         low[axis] = min(low[axis], orderedBits(mean[axis]));
         high[axis] = max(high[axis], orderedBits(mean[axis]));
@@ -150,16 +150,13 @@ class PointGatherer {
   }
 
  private:
-  [[nodiscard]] __device__ const float* meanOf(std::uint32_t id) const {
-    return points_.state.mean_L + 3 * static_cast<std::size_t>(id);
-  }
   /// One point per lane.
   __device__ void gatherOne(std::uint32_t first, bool is_there) {
     std::uint32_t id = 0;
     std::int32_t at[3] = {0, 0, 0};
     if (is_there) {
       id = points_.index.ids[first + static_cast<std::uint32_t>(lane_)];
-      const float* mean = meanOf(id);
+      const float* mean = points_.meanOf(id);
       for (int axis = 0; axis < 3; ++axis) {
         if (!hasExactOffsets(mean[axis])) atomicOr(&near_.inexact, 1u);
         const std::int64_t from = near_.fractions().of(mean[axis]) - near_.origin[axis];

@@ -22,7 +22,7 @@ class NearestOfList {
       : near_(near), list_(list), lane_(lane) {}
 
   /// Lists the points up to a squared distance. @return their number, even if not all fit
-  [[nodiscard]] __device__ int list(const std::int32_t* centre, std::int64_t bound) const {
+  [[nodiscard]] __device__ int listWithin(const std::int32_t* centre, std::int64_t bound) const {
     int count = 0;
     const int near = static_cast<int>(near_.count);
     for (int first = 0; first < near; first += static_cast<int>(kWarp)) {

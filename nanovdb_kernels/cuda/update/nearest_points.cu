@@ -32,7 +32,7 @@ template <unsigned kRoom>
 class NearSearch {
  public:
   __device__ NearSearch(const PointsView& points, std::uint32_t id, NearList<kRoom>& list, unsigned lane)
-      : points_(points), list_(list), lane_(lane), centre_(points.state.mean_L + 3 * static_cast<std::size_t>(id)) {}
+      : points_(points), list_(list), lane_(lane), centre_(points.meanOf(id)) {}
 
   /// Lists all points up to a squared distance. @return their number, even if not all fit
   __device__ unsigned list(std::int64_t bound) const {
@@ -125,7 +125,7 @@ class NearSearch {
   }
 
   __device__ NeighbourOffset offsetOf(std::uint32_t id) const {
-    return neighbourOffset(centre_, points_.state.mean_L + 3 * static_cast<std::size_t>(id), points_.rule.steps_per_m);
+    return neighbourOffset(centre_, points_.meanOf(id), points_.rule.steps_per_m);
   }
 
  private:

@@ -105,6 +105,9 @@ struct PointsView {
 
 #if defined(__CUDACC__)
   [[nodiscard]] __device__ std::uint32_t groupOf(std::uint32_t id) const { return groups.of_block[state.block[id]]; }
+  [[nodiscard]] __device__ const float* meanOf(std::uint32_t id) const {
+    return state.mean_L + 3 * static_cast<std::size_t>(id);
+  }
 #endif
 };
 
