@@ -55,7 +55,8 @@ TEST(SeveralTools, BadListsAreRefused) {
   EXPECT_EQ(idOfList({}), "tool.count");
   EXPECT_EQ(idOfList(std::vector<ToolSpec>(33, pencil(""))), "tool.count");
   EXPECT_EQ(idOfList({pencil("a"), pencil("a")}), "tool.name");
-  for (const std::string odd : {" ", "a b", "a/b", "\xc3\xa4", "a.b", std::string(33, 'a').c_str()}) {
+  const std::string too_long(33, 'a');
+  for (const std::string& odd : std::vector<std::string>{" ", "a b", "a/b", "\xc3\xa4", "a.b", too_long}) {
     EXPECT_EQ(idOfList({pencil("a"), pencil(odd)}), "tool.name") << odd;
   }
   EXPECT_EQ(idOfList({pencil("Aa0_-"), pencil(std::string(32, 'a'))}), "");
