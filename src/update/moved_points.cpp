@@ -25,6 +25,35 @@ constexpr float kRoundingVoxels = 0.25f;
 /// A reach is rounded to float32 before it is squared.
 constexpr float kReachSlack = 1 + 4 * kFloatSlack;
 
+/// Points, listed block by block.
+class PointsByBlock {
+ public:
+  PointsByBlock(const PointStore& points, std::span<const std::uint32_t> ids) : keys_(ids.size()) {
+    for (std::size_t n = 0; n < keys_.size(); ++n) keys_[n] = std::uint64_t{points.blockOf(ids[n])} << 32 | ids[n];
+    tbb::parallel_sort(keys_);
+  }
+
+  /// The blocks that have any of the points, ascending.
+  [[nodiscard]] std::vector<std::uint32_t> blocks() const {
+    std::vector<std::uint32_t> blocks;
+    for (const std::uint64_t key : keys_) {
+      const auto block = static_cast<std::uint32_t>(key >> 32);
+      if (blocks.empty() || blocks.back() != block) blocks.push_back(block);
+    }
+    return blocks;
+  }
+
+  void appendOf(std::uint32_t block, std::vector<std::uint32_t>& ids) const {
+    const std::uint64_t first = std::uint64_t{block} << 32;
+    for (auto key = std::ranges::lower_bound(keys_, first); key != keys_.end() && *key >> 32 == block; ++key) {
+      ids.push_back(static_cast<std::uint32_t>(*key));
+    }
+  }
+
+ private:
+  std::vector<std::uint64_t> keys_;  ///< block << 32 | id, ascending
+};
+
 }  // namespace
 
 void MovedPoints::note(const TouchedPoints& touched) {
@@ -193,18 +222,9 @@ std::vector<std::uint32_t> MovedPoints::find(std::span<const std::uint32_t> othe
     for (std::uint32_t g = 0; g < groups_.size(); ++g) group_of_block_[groups_[g].block] = g;
     reached = reachedBlocks();
   }
-  std::vector<std::uint64_t> keys(others.size());  // block << 32 | id
-  std::vector<std::uint32_t> blocks;
-  for (std::size_t n = 0; n < keys.size(); ++n) {
-    keys[n] = std::uint64_t{scorer_.points().blockOf(others[n])} << 32 | others[n];
-  }
-  tbb::parallel_sort(keys);
-  for (const std::uint64_t key : keys) {
-    const auto block = static_cast<std::uint32_t>(key >> 32);
-    if (blocks.empty() || blocks.back() != block) blocks.push_back(block);
-  }
+  const PointsByBlock waiting(scorer_.points(), others);
   std::vector<std::uint32_t> all;
-  std::ranges::set_union(reached, blocks, std::back_inserter(all));
+  std::ranges::set_union(reached, waiting.blocks(), std::back_inserter(all));
 
   constexpr std::size_t kPerTask = 32;
   std::vector<std::vector<std::uint32_t>> found((all.size() + kPerTask - 1) / kPerTask);
@@ -213,10 +233,7 @@ std::vector<std::uint32_t> MovedPoints::find(std::span<const std::uint32_t> othe
     for (std::size_t n = task * kPerTask; n < std::min(all.size(), (task + 1) * kPerTask); ++n) {
       const std::uint32_t b = all[n];
       if (std::ranges::binary_search(reached, b)) findInBlock(b, places.local(), found[task]);
-      for (auto key = std::ranges::lower_bound(keys, std::uint64_t{b} << 32); key != keys.end() && *key >> 32 == b;
-           ++key) {
-        found[task].push_back(static_cast<std::uint32_t>(*key));
-      }
+      waiting.appendOf(b, found[task]);
     }
   });
   for (const Group& group : groups_) group_of_block_[group.block] = kNone;
