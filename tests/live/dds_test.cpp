@@ -4,8 +4,10 @@
 /// that were taken, every scan is accounted for, and what is published says the same as the files.
 ///
 /// ACCESSVDB_LIVE_SCANS=600 makes the long runs of docs/live.md.
+#include <fcntl.h>
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/file.h>
 #include <unistd.h>
 
 #include <cstdlib>
@@ -44,6 +46,35 @@ void stayOnLoopback() {
          1);
 }
 
+/// A domain of DDS that no other test on this machine uses as long as this object lives.
+class OwnDomain {
+ public:
+  OwnDomain() {
+    constexpr int kFirst = 10, kCount = 90;  // ports of higher domains may be taken
+    for (int tries = 0; tries < kCount && lock_ < 0; ++tries) {
+      number_ = kFirst + (getpid() + tries) % kCount;
+      const std::string name = "accessvdb_dds_" + std::to_string(number_);
+      const int file = open((fs::temp_directory_path() / name).c_str(), O_CREAT | O_RDWR | O_CLOEXEC, 0666);
+      if (file >= 0 && flock(file, LOCK_EX | LOCK_NB) == 0) {
+        lock_ = file;
+      } else if (file >= 0) {
+        close(file);
+      }
+    }
+  }
+  OwnDomain(const OwnDomain&) = delete;
+  OwnDomain& operator=(const OwnDomain&) = delete;
+  ~OwnDomain() {
+    if (lock_ >= 0) close(lock_);
+  }
+  [[nodiscard]] bool found() const { return lock_ >= 0; }
+  [[nodiscard]] std::string number() const { return std::to_string(number_); }
+
+ private:
+  int lock_ = -1;
+  int number_ = 0;
+};
+
 struct SentScan {
   std::string file;
   std::int64_t stamp_ns = 0;
@@ -56,8 +87,7 @@ class LiveDds : public cli_test::ProgramTest {
     ProgramTest::SetUp();
     stayOnLoopback();
     unsetenv("ROS_DOMAIN_ID");
-    // Tests run beside each other, and beside whatever else is on this machine. Ports of higher domains may be taken.
-    domain_ = std::to_string(10 + getpid() % 90);
+    ASSERT_TRUE(own_domain_.found()) << "all domains are taken";
   }
 
   /// Simulated scans, and the stream of them that the peer sends.
@@ -102,9 +132,10 @@ class LiveDds : public cli_test::ProgramTest {
   /// Runs the program, the peers once it is ready, and then stops it.
   ProgramResult live(const std::vector<std::string>& peers, const std::vector<std::string>& more = {},
                      int signal = SIGINT) {
-    std::vector<std::string> arguments = {"live",     "--cloud",    "/livox/lidar",   "--odom", "/Odometry",
-                                          "--domain", domain_,      "--points-every", "0.2",    "--status-every",
-                                          "0.2",      "--scan-log", path("log"),      "--out",  path("out")};
+    std::vector<std::string> arguments = {
+        "live",           "--cloud", "/livox/lidar",   "--odom", "/Odometry",  "--domain",  own_domain_.number(),
+        "--points-every", "0.2",     "--status-every", "0.2",    "--scan-log", path("log"), "--out",
+        path("out")};
     for (const auto& part : {fieldFlags(), more}) arguments.insert(arguments.end(), part.begin(), part.end());
     cli_test::ProgramSetup setup;
     setup.arguments = arguments;
@@ -118,11 +149,12 @@ class LiveDds : public cli_test::ProgramTest {
     return result;
   }
   std::string peer(const std::string& more) const {
-    return std::string(ACCESSVDB_LIVE_PEER) + " '" + path("stream") + "' domain=" + domain_ + " " + more + " >>'" +
-           path("peers") + "' 2>&1";
+    return std::string(ACCESSVDB_LIVE_PEER) + " '" + path("stream") + "' domain=" + own_domain_.number() + " " + more +
+           " >>'" + path("peers") + "' 2>&1";
   }
   std::string garbage(const std::string& more) const {
-    return std::string(ACCESSVDB_GARBAGE_PEER) + " domain=" + domain_ + " " + more + " >>'" + path("peers") + "' 2>&1";
+    return std::string(ACCESSVDB_GARBAGE_PEER) + " domain=" + own_domain_.number() + " " + more + " >>'" +
+           path("peers") + "' 2>&1";
   }
 
   void expectPeersEndedWell() {
@@ -185,7 +217,7 @@ class LiveDds : public cli_test::ProgramTest {
     EXPECT_EQ(live["waiting"], 0);
   }
 
-  std::string domain_;
+  OwnDomain own_domain_;
   std::vector<SentScan> sent_;
   std::vector<int> peer_codes_;
   json report_;
@@ -366,6 +398,7 @@ TEST_F(LiveDds, BadOptionsAreRefused) {
   EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--queue", "0"}), "usage.queue");
   EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--max-message", "2G"}), "usage.max_message");
   EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--points-every", "-1"}), "usage.interval");
+  EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b", "--level", "imu"}), "usage.option");  // only for files
   setenv("ROS_DOMAIN_ID", "many", 1);
   EXPECT_EQ(refusal({"--cloud", "/a", "--odom", "/b"}), "usage.domain");
   unsetenv("ROS_DOMAIN_ID");

@@ -76,6 +76,7 @@ void addMappingOptions(FlagParser& flags, MapOptions& options) {
   addSurveyOptions(flags, options.survey);
   addRecordingOptions(flags, options.recording);
   addSensorOptions(flags, options.sensor);
+  addMotionOptions(flags, options.sensor);
 }
 
 void addOrientationOptions(FlagParser& flags, MapOptions& options) {

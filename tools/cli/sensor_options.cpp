@@ -41,6 +41,9 @@ void addSensorOptions(FlagParser& flags, SensorOptions& options) {
                "degrees, turned about z by yaw, then y, then x; or X,Y,Z,QX,QY,QZ,QW");
   flags.option("--exclude-box", &options.exclude_box,
                "leave out returns inside X0,Y0,Z0,X1,Y1,Z1 in the sensor's frame, metres: the platform itself");
+}
+
+void addMotionOptions(FlagParser& flags, SensorOptions& options) {
   flags.option("--deskew", &options.deskew,
                "remove the sensor's motion within a scan, by the times of its points: auto (where there are times and "
                "poses), on (or refuse) or off");

@@ -17,7 +17,10 @@ struct SensorOptions {
   std::string deskew = "auto";
 };
 
+/// Where the sensor is, and what it sees of the platform.
 void addSensorOptions(FlagParser& flags, SensorOptions& options);
+/// How it moves and is tilted: only where scans come from files.
+void addMotionOptions(FlagParser& flags, SensorOptions& options);
 
 /// @throws InvalidArgument naming the flag
 void applySensorOptions(const SensorOptions& options, io::ScanInputOptions& input);
