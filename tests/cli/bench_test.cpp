@@ -408,11 +408,8 @@ TEST_F(Bench, RefusesInOneLine) {
 TEST_F(Bench, AStoppedRunKeepsTheFiguresOfWhatItDid) {
   ProgramSetup setup;
   setup.arguments = arguments({{"--frames", "20000"}, {"--out", path("bench.json")}});
-  setup.signal_after = "scene: planted forest";
-  setup.act = [](pid_t process) {
-    usleep(1'500'000);
-    kill(process, SIGINT);
-  };
+  setup.signal_after = "replaying";  // said once there are frames
+  setup.act = [](pid_t process) { kill(process, SIGINT); };
   const ProgramResult stopped = runProgram(setup);
   ASSERT_EQ(stopped.exit_code, 130) << stopped.err;
   const json bench = json::parse(readText("bench.json"));

@@ -21,10 +21,10 @@ if [[ $1 == make ]]; then
   if [[ -z $(find "$archive" -type f -mtime -7 2>/dev/null) ]]; then
     # The archive that this machine installs packages from.
     mirror=$(apt-get indextargets --format '$(RELEASE) $(REPO_URI)' 'Created-By: Packages' 2>/dev/null |
-      awk -v suite="$suite" '$1 == suite && $2 ~ /\/(debian|ubuntu)\/?$/ { print $2; exit }')
+      awk -v suite="$suite" '$1 == suite && $2 ~ /\/(debian|ubuntu)\/?$/ && !n++ { print $2 }')
     components=main
     [[ $mirror != */ubuntu* ]] || components=main,universe
-    mmdebstrap --format=tar --variant=minbase --include=apt "--components=$components" "$suite" "$archive.tmp" ${mirror:+"$mirror"} >"$archive.log" 2>&1 ||
+    timeout 500 mmdebstrap --format=tar --variant=minbase --include=apt "--components=$components" "$suite" "$archive.tmp" ${mirror:+"$mirror"} >"$archive.log" 2>&1 ||
       { tail -n 5 "$archive.log"; rm -f "$archive.tmp"; skip "no root could be made, see above"; }
     mv "$archive.tmp" "$archive"
   fi
@@ -74,6 +74,9 @@ case $1 in
     cp "$WORK"/packages/*.deb "$root/tmp/"
     update
     # shellcheck disable=SC2016  # the shell inside expands the patterns
+    inside sh -c 'apt-get install --download-only -y -qq --no-install-recommends /tmp/accessvdb_*.deb' >"$root/log" 2>&1 ||
+      ! grep -q 'Failed to fetch' "$root/log" || { tail -n 5 "$root/log"; skip "packages cannot be fetched"; }
+    # shellcheck disable=SC2016
     inside sh -c 'apt-get install -y -qq --no-install-recommends /tmp/accessvdb_*.deb' >"$root/log" 2>&1 ||
       { tail -n 20 "$root/log"; echo "accessvdb could not be installed"; exit 1; }
     strip -o "$root/tmp/make_sample_scans" "$MAKE_SAMPLE_SCANS"

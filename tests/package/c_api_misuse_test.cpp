@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "accessvdb/c_api.h"
+#include "support/scratch_folder.h"
 
 namespace {
 
@@ -381,7 +382,8 @@ TEST_F(CApiMisuse, StatesThatCannotBeSavedOrLoaded) {
   expectRefused(accessvdb_field_load_state("state", tool_, 7, 0, &field, &error), ACCESSVDB_ERROR_USAGE, "c_api.value");
   expectRefused(accessvdb_field_load_state("/no/such/state", tool_, kCpu, 0, &field, &error), ACCESSVDB_ERROR_INPUT,
                 "input.missing");
-  const std::filesystem::path path = std::filesystem::temp_directory_path() / "accessvdb_c_api_misuse.avst";
+  const accessvdb::test::ScratchFolder folder;
+  const std::filesystem::path path = folder / "state.avst";
   const std::string file = path.string();
   ASSERT_EQ(integrate(), ACCESSVDB_OK);
   ASSERT_EQ(accessvdb_field_save_state(field_, file.c_str()), ACCESSVDB_OK);
@@ -395,7 +397,6 @@ TEST_F(CApiMisuse, StatesThatCannotBeSavedOrLoaded) {
   std::filesystem::resize_file(path, 300);
   expectRefused(accessvdb_field_load_state(file.c_str(), tool_, kCpu, 0, &field, &error), ACCESSVDB_ERROR_INPUT,
                 "state.damaged");
-  std::filesystem::remove(path);
 }
 
 TEST_F(CApiMisuse, TwoThreadsOnOneField) {

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <filesystem>
 #include <functional>
 #include <limits>
 #include <map>
@@ -20,6 +19,7 @@
 #include "accessvdb/c_api.h"
 #include "accessvdb/tool_spec.h"
 #include "sample_scans/walk_generator.h"
+#include "support/scratch_folder.h"
 
 namespace {
 
@@ -148,7 +148,8 @@ TEST(CApiParity, ASavedStateGoesOnLikeTheFieldItself) {
   const WalkGenerator walk({.frames = 5, .rays_per_frame = 6000, .range_noise_m = 0.01, .seed = 12});
   accessvdb_params params = defaults();
   params.voxel_size_m = 0.1;
-  const std::string file = (std::filesystem::temp_directory_path() / "accessvdb_c_api_parity.avst").string();
+  const accessvdb::test::ScratchFolder folder;
+  const std::string file = (folder / "state.avst").string();
   const auto integrate = [&](accessvdb_field* field, int n) {
     const WalkFrame frame = walk.frame(n);
     ASSERT_EQ(accessvdb_field_integrate_scan(field, frame.points_S[0].data(), frame.points_S.size(),
@@ -173,7 +174,6 @@ TEST(CApiParity, ASavedStateGoesOnLikeTheFieldItself) {
         << error.text;
     accessvdb_tool_free(tool);
   }
-  std::filesystem::remove(file);
   EXPECT_EQ(accessvdb_field_parameters(c.handle), cpp.params().describe());
   cpp.update();
   ASSERT_EQ(accessvdb_field_update(c.handle, nullptr), ACCESSVDB_OK);

@@ -187,7 +187,7 @@ class Tiles(unittest.TestCase):
         driver.send_signal(signal.SIGTERM)
         self.finish(driver, 143)
         self.assertIn("stopped; the same command goes on from here", self.stderr)
-        until(lambda: not started(), "the processes end", 5)
+        until(lambda: not started(), "the processes end")
         before = self.done()
         self.assertLess(before, self.total())
 
@@ -198,7 +198,7 @@ class Tiles(unittest.TestCase):
         child, worker = started()[0]
         self.assertIn(worker, [process.pid for process in cluster.workers])
         os.kill(worker, signal.SIGKILL)
-        until(lambda: parent(child) is None, "the child of a killed worker ends", 5)
+        until(lambda: parent(child) is None, "the child of a killed worker ends")
         quick(1000)
         until(lambda: self.done() > before, "the others go on")
 
@@ -207,7 +207,7 @@ class Tiles(unittest.TestCase):
         until(lambda: len(started()) == 2, "two processes at a time")
         driver.kill()
         self.finish(driver, -9)
-        until(lambda: not started(), "the processes of a killed driver end", 5)
+        until(lambda: not started(), "the processes of a killed driver end")
 
         # A scheduler that is killed ends the driver with one line.
         driver = self.start("--scheduler", address)
@@ -215,9 +215,9 @@ class Tiles(unittest.TestCase):
         begin = time.monotonic()
         cluster.scheduler.kill()
         self.finish(driver, 6)
-        self.assertLess(time.monotonic() - begin, 10)
+        self.assertLess(time.monotonic() - begin, 30)
         self.assertRegex(self.stderr.splitlines()[-1], r"^accessvdb: error\[scheduler.lost\] tcp:.*Start it again and run")
-        until(lambda: not started(), "the processes without a scheduler end", 15)
+        until(lambda: not started(), "the processes without a scheduler end")
         self.assertLess(self.done(), self.total())
 
         # The same command goes on, here with a cluster of its own, which a worker of another machine joins.

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """accessvdb.tiles with a program that fails as it is told: what is retried, split, given up; locks, signals, GPUs."""
 
+import contextlib
 import fcntl
 import importlib.util
 import json
@@ -259,7 +260,7 @@ class Tiles(unittest.TestCase):
             until(lambda: any(alive(entry["pid"]) for entry in self.log("bin")), "the step bin")
             driver.send_signal(number)
             self.finish(driver, code)
-            until(lambda: not any(alive(entry["pid"]) for entry in self.log("bin")), "its end", 5)
+            until(lambda: not any(alive(entry["pid"]) for entry in self.log("bin")), "its end")
         self.assertEqual(self.log("run"), [])
 
     # ---- GPUs ---------------------------------------------------------------------------------------------------------
@@ -311,7 +312,10 @@ class Tiles(unittest.TestCase):
     def test_no_port_is_open_to_others(self):
         driver = self.start({"0_0": ["wait"]}, "--workers", "1")
         until(lambda: self.log("run"), "a process")
-        sockets = {os.readlink(f) for f in Path(f"/proc/{driver.pid}/fd").iterdir() if os.path.islink(f)}
+        sockets = set()
+        for file in Path(f"/proc/{driver.pid}/fd").iterdir():
+            with contextlib.suppress(FileNotFoundError):  # closed in the meantime
+                sockets.add(os.readlink(file))
         listening = []
         for table in ("tcp", "tcp6"):
             for line in Path(f"/proc/{driver.pid}/net/{table}").read_text().splitlines()[1:]:

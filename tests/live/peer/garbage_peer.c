@@ -62,7 +62,7 @@ int main(int argc, char** argv) {
     fprintf(stderr, "live_garbage_peer: nobody to talk to after 30 s\n");
     return 1;
   }
-  dds_sleepfor(DDS_MSECS(500));
+  dds_sleepfor(DDS_MSECS(1500));
 
   /* What follows the stamp's seconds, which the length of the sequence stands for: nanoseconds, a frame of four
    * letters, 1 x 2^32-1 points, a billion fields. */

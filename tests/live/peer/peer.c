@@ -199,7 +199,7 @@ int main(int argc, char** argv) {
     dds_sleepfor(DDS_MSECS(20));
   }
   // Both sides must have seen the match: the other one finds out a little later.
-  dds_sleepfor(DDS_MSECS(500));
+  dds_sleepfor(DDS_MSECS(1500));
 
   sensor_msgs_msg_dds__PointField_ fields[3];
   memset(fields, 0, sizeof fields);
@@ -275,7 +275,7 @@ int main(int argc, char** argv) {
   const dds_time_t end = dds_time() + (dds_time_t)(1e9 * argument(argc, argv, "wait_s", 20));
   while (ears.prefix != NULL && ears.last_points_ns != stamp_ns && dds_time() < end)
     waitUntil(dds_time() + DDS_MSECS(50), &ears);
-  waitUntil(dds_time() + DDS_MSECS(1000), &ears);  // for a message that was lost and is sent again
+  waitUntil(dds_time() + DDS_MSECS(2000), &ears);  // for a message that was lost and is sent again
   printf("published %ld\n", published);
   check(dds_delete(participant), "end");
   return 0;
