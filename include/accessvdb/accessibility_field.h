@@ -112,7 +112,7 @@ class ACCESSVDB_API AccessibilityField {
   /// The same points as the host alone knows them: position and weight, all unscored. Needs no device, so it can still
   /// be saved after one was lost or ran out of memory. @throws ResourceLimit "field.broken" after other failures
   [[nodiscard]] FieldSnapshot unscoredSnapshot() const;
-  /// The points of snapshot() and unscoredSnapshot() in less memory: 24 bytes per point, or 2, instead of 96. They
+  /// The points of snapshot() and unscoredSnapshot() in less memory: 24 bytes per point, or 2, instead of 112. They
   /// read from this field: use them before the next call that changes it. @throws as those do
   [[nodiscard]] std::unique_ptr<const SurfacePoints> points() const;
   [[nodiscard]] std::unique_ptr<const SurfacePoints> unscoredPoints() const;

@@ -55,7 +55,7 @@ enum {  ///< why a point is not accessible; accessvdb/point_label.h explains the
   ACCESSVDB_REASON_ARM = 5,
   ACCESSVDB_REASON_TOOL = 6,
   ACCESSVDB_NUM_REASONS = 7,    ///< those of accessvdb_counts::reasons
-  ACCESSVDB_REASON_CHANGED = 7  ///< since version 5: only with ACCESSVDB_CHANGE_FULL, and counted by itself
+  ACCESSVDB_REASON_CHANGED = 7  ///< since version 5: has gone, by rays or by removal as free; counted by itself
 };
 enum { ACCESSVDB_NUM_DROP_REASONS = 5 };  ///< no return, non-finite, below min range, beyond max range, out of bounds
 enum {
@@ -89,7 +89,7 @@ ACCESSVDB_API const char* accessvdb_version(void) ACCESSVDB_C_NOEXCEPT;
 ACCESSVDB_API uint32_t accessvdb_c_api_version(void) ACCESSVDB_C_NOEXCEPT;
 /// "unscored", "accessible", "blocked"; "?" for other numbers.
 ACCESSVDB_API const char* accessvdb_label_name(int32_t label) ACCESSVDB_C_NOEXCEPT;
-/// "none", "confidence", "normal", "unseen", "unknown", "arm", "tool"; "?" for other numbers.
+/// "none", "confidence", "normal", "unseen", "unknown", "arm", "tool", "changed"; "?" for other numbers.
 ACCESSVDB_API const char* accessvdb_reason_name(int32_t reason) ACCESSVDB_C_NOEXCEPT;
 
 /* ---- the tool: metres, tip at the origin, +x from the tip along the body, +z up ---------------------------------- */

@@ -23,7 +23,7 @@ enum class PointReason : std::uint8_t {
   Unknown = 4,     ///< the approach corridor runs through unobserved space
   Arm = 5,         ///< the approach corridor is obstructed
   Tool = 6,        ///< the tool would collide
-  Changed = 7      ///< what was here has gone (ChangeMode::Full)
+  Changed = 7      ///< what was here has gone (ChangeMode::Full) or was removed as free
 };
 inline constexpr int kNumPointReasons = 8;
 

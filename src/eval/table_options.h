@@ -13,7 +13,8 @@
 namespace accessvdb::eval {
 
 struct TableOptions {
-  std::vector<std::string> tables;  ///< names, "all" (every table but the pine) or "fast" (a subset in minutes)
+  /// Names, "all" (every table but the pine) or "fast" (a few rows, in less than a minute).
+  std::vector<std::string> tables;
   BackendKind backend = BackendKind::Auto;
   int threads = 0;                        ///< 0 = all
   ChangeMode change = ChangeMode::Block;  ///< of the product's profile
