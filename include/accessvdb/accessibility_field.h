@@ -66,7 +66,7 @@ class ACCESSVDB_API AccessibilityField {
   /// @throws UnusableInput for a pose that is not finite or not rigid; nothing has changed then
   FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S);
   /// @param stamp_s  time of the scan's first return, seconds of any clock. A number that is not finite counts as
-  ///                 missing, one that is earlier than the latest so far counts as that one.
+  ///                 missing; in place of one that is earlier than the latest so far, the latest is used.
   FrameStats integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S, double stamp_s);
 
   /// Fuses rays that each have their own origin (ray clouds), or one origin for all.

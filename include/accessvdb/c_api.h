@@ -251,7 +251,7 @@ ACCESSVDB_API int accessvdb_field_integrate_scan(accessvdb_field* field, const f
                                                  const double* T_W_S,
                                                  accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;
 /// The same for a scan whose first return has this time, in seconds of any clock (since version 5). A stamp that is not
-/// finite counts as missing, one that is earlier than the latest so far as that one.
+/// finite counts as missing; in place of one that is earlier than the latest so far, the latest is used.
 ACCESSVDB_API int accessvdb_field_integrate_scan_at(accessvdb_field* field, const float* points_S, size_t point_count,
                                                     const double* T_W_S, double stamp_s,
                                                     accessvdb_frame_stats* stats) ACCESSVDB_C_NOEXCEPT;

@@ -59,12 +59,12 @@ struct LiveOptions {
   std::size_t queue_scans = 4;         ///< most scans that wait
   std::size_t most_poses = 4000;       ///< poses that are remembered: 20 s at 200 Hz
   std::size_t most_returns = 4000000;  ///< of one scan
-  /// Where the sensor is on what the poses are of (an IMU, a body): T_W_S becomes T_W_B * T_B_S.
+  /// Pose of the sensor in the frame whose poses are given (an IMU, a body): T_W_S becomes T_W_B * T_B_S.
   std::optional<Eigen::Isometry3d> T_B_S = {};
   /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.
   std::optional<Eigen::AlignedBox3d> exclude_box_S = {};
-  /// Bytes of map, mirror and points (MemoryUse) from which on no new space is taken: returns where no leaf of the map
-  /// was at that moment are left out and counted; what is known goes on to be updated. 0 = no limit.
+  /// Bytes of map, mirror and points (MemoryUse) from which the map no longer grows: returns where it has no leaf yet
+  /// are left out and counted; what it has is still updated. 0 = no limit.
   std::uint64_t memory_limit_bytes = 0;
 };
 

@@ -2,9 +2,9 @@
 // SPDX-License-Identifier: Apache-2.0
 /// How much memory a run will take, told before the work starts.
 ///
-/// Memory follows four counts: leaves that some return's double cone touches (they hold distances), leaves that only
+/// Memory follows five counts: leaves that some return's double cone touches (they hold distances), leaves that only
 /// a cleared band touches, nodes above the leaves (of 128^3 voxels each, as large as 15 leaves and often nearly empty),
-/// and surface voxels (one point each). All are numbers of distinct things over all returns, so they are estimated by
+/// surface voxels (one point each), and leaves that have any of those. All are numbers of distinct things over all returns, so they are estimated by
 /// HyperLogLog counters: 64 KiB for any number of returns, and threads can merge theirs.
 #pragma once
 
@@ -61,11 +61,11 @@ struct ACCESSVDB_API MemoryPrediction {
   [[nodiscard]] double bytes(RunOutput output, bool with_distances = false) const;
 };
 
-/// What a point remembers of directions on the host, as a number of directions that take as much memory: a few more
-/// than all with the exact policy, because memory is taken by the cache line; none if that runs on a GPU.
+/// Host memory for what a point remembers of directions, in units of one direction: with the exact policy a few more
+/// than there are, because whole cache lines are taken, and only a few for large sets; none if a GPU remembers.
 [[nodiscard]] ACCESSVDB_API int rememberedDirections(const FieldParams& params);
 
-/// Of several tools: those of all of them, and as many more as take what a further tool keeps at a point besides.
+/// The same for several tools: their sum, plus what each further tool keeps per point, in the same unit.
 [[nodiscard]] ACCESSVDB_API int rememberedDirections(const std::vector<ToolSpec>& tools, const FieldParams& params);
 
 /// The peak of a run: while the tool's tables are made there is no map yet.

@@ -54,7 +54,7 @@ struct ScanInputOptions {
   std::string topic = {}, pose_topic = {};
   /// Recordings: the frame of the result. Empty: the one that the odometry is in, or the top of the transforms.
   std::string fixed_frame = {};
-  /// Where the sensor is on what the poses are of (an IMU, a body): T_W_S becomes T_W_B * T_B_S.
+  /// Pose of the sensor in the frame whose poses are given (an IMU, a body): T_W_S becomes T_W_B * T_B_S.
   std::optional<Eigen::Isometry3d> T_B_S = {};
   /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.
   std::optional<Eigen::AlignedBox3d> exclude_box_S = {};

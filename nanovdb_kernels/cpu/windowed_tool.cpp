@@ -13,7 +13,7 @@
 namespace accessvdb::kernels {
 namespace {
 
-/// Points of a group share a window: four columns of leaves side by side, as much more as they read around them.
+/// Points of a group share a window: 2 x 2 columns of leaves, and all that their searches read around them.
 constexpr int kGroupXyLog2 = 1, kMostGroupZLog2 = 3;
 /// Rounding of float32 positions far from the origin, in voxels. A sample that falls outside the box all the same is
 /// read from the map itself.

@@ -54,8 +54,8 @@ class WindowedTool final : public PreparedTool {
   [[nodiscard]] std::span<const Layer> layers(int part) const { return listOf(layers_, layer_begin_, part); }
   [[nodiscard]] const WindowRun* runs() const { return runs_.data(); }
   [[nodiscard]] const std::uint64_t* words() const { return words_.data(); }
-  /// Columns of leaves that the tool may touch from anywhere in a leaf, in columns of leaves of a window from the
-  /// leaf's. Voxel form only.
+  /// Columns of leaves that a part of the tool may touch, wherever in its leaf the point is: offsets in the window from
+  /// the column of that leaf. Voxel form only.
   [[nodiscard]] std::span<const std::int32_t> leaves(int part) const { return listOf(leaves_, leaf_begin_, part); }
   /// Of all directions, in the voxel form.
   [[nodiscard]] int parts() const { return layer_begin_.empty() ? 0 : static_cast<int>(layer_begin_.size()) - 1; }

@@ -35,7 +35,7 @@ ACCESSVDB_HOSTDEV inline Flag differ(Real x, Real y) { return x != y; }
 ACCESSVDB_HOSTDEV inline Real choose(Flag flag, Real yes, Real no) { return flag ? yes : no; }
 ACCESSVDB_HOSTDEV inline bool areAll(Flag flag) { return flag; }
 ACCESSVDB_HOSTDEV inline bool areNone(Flag flag) { return !flag; }
-// What it is in terms of comes first.
+// Uses what is defined above.
 #include "hostdev/surface_normal_body.h"
 
 }  // namespace one_normal

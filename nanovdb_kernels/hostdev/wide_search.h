@@ -10,7 +10,7 @@
 
 namespace accessvdb::kernels {
 
-/// In place of a mask that all directions, or none, are in.
+/// Stands in for a mask that holds all directions (kAll) or none.
 template <bool kAll>
 struct FixedMask {
   ACCESSVDB_HOSTDEV bool test(int) const { return kAll; }
@@ -84,7 +84,7 @@ class WideWalk {
       return count_ > 0 ? found_[first_].d : unseen_;
     }
     if (at_ == 0) fillBins();
-    if (++at_ >= count_) return -1;  // the first of all came before
+    if (++at_ >= count_) return -1;  // place 0, the best direction, was the first to be returned
     while (at_ >= sorted_) sortBin();
     return binned_[at_].d;
   }

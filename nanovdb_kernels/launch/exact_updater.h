@@ -42,8 +42,8 @@ struct ToolTables {
   std::span<const DirectionMask> corridors;
   std::int32_t corridor_reach = 0;  ///< [voxels]
 };
-/// The same for a tool, and for further ones that are tried in the same directions: what the updater knows about the
-/// points and about what changed, their neighbourhoods, normals and views included, it then has once for all of them.
+/// The tables of a tool, and of further ones that are tried in the same directions. Points, their neighbourhoods,
+/// normals and views, and what changed are then kept once for all of them.
 struct ExactTables : ToolTables {
   NeighbourTables neighbours;
   std::span<const ToolTables> further;

@@ -165,7 +165,7 @@ void bindLive(py::module_& module) {
       .def(py::init(&makeSession), py::arg("tool"), py::arg("params") = py::none(), py::kw_only(),
            py::arg("queue_scans") = 4, py::arg("most_poses") = 4000, py::arg("memory_limit_bytes") = 0,
            py::arg("T_B_S") = py::none(), py::arg("exclude_box_S") = py::none(),
-           "params: as for AccessibilityField. T_B_S: (4, 4), where the sensor is on what the poses are of. "
+           "params: as for AccessibilityField. T_B_S: (4, 4), the sensor in the frame whose poses are given. "
            "exclude_box_S: x0, y0, z0, x1, y1, z1 in the sensor's frame.")
       .def("add_pose", &addPose, py::arg("stamp_ns"), py::arg("p_W"), py::arg("q_xyzw"), py::arg("frame") = "",
            "The pose of the platform at one time. Bad poses are counted, never used.")

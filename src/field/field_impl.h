@@ -248,9 +248,9 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return stats;
   }
 
-  /// Points come first, beside sorting the returns for the map and ageing it: what their backend then starts runs while
-  /// the map takes in the scan, as does noting what an update has to know about the returns. While the backend starts
-  /// on what changed in the map, the mirror takes that in. Whatever is not hidden counts as integration.
+  /// Returns are added to the points while they are sorted for the map and the map ages. Then the backend starts on the
+  /// points while the map fuses the scan, and what an update has to know about the returns is noted; last, it starts on
+  /// the changes while the mirror takes them in. Only time that is not hidden counts as integration.
   ///
   /// An update may be running (updateAsync): sorting and binning the returns go on beside it, points and map wait until
   /// it no longer reads them, and all that the backend or the mirror sees waits for its end.

@@ -8,7 +8,7 @@ namespace accessvdb {
 void AccessibilityField::Impl::requireRegions() const {
   if (params.window || params.update.policy != UpdatePolicy::Exact || params.tsdf.region == UpdateRegion::Projective) {
     throw InvalidArgument("region.unsupported", "",
-                          "parts of a map can only be taken out of a map in one piece, of the exact policy",
+                          "regions need a map in one piece, the exact policy, and no projective fusion",
                           "Map the scene without tiles, with the default profile");
   }
 }
@@ -71,7 +71,7 @@ void AccessibilityField::Impl::requireCurrentLabels() {
   requireRegions();
   if (!further.empty()) {
     throw InvalidArgument("region.tools", std::to_string(tools.size()) + " tools",
-                          "what a cut would open can only be asked of a field with one tool",
+                          "what a cut would open can only be computed for a field with one tool",
                           "Map the scene with each tool alone");
   }
   steps.requireWhole();

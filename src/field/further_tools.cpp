@@ -114,7 +114,7 @@ void requireManyTools(const std::vector<ToolSpec>& tools, const FieldParams& res
   if (tools.size() == 1) return;
   if (paper) {
     throw InvalidArgument("tool.policy", std::to_string(tools.size()) + " tools",
-                          "the paper's policy, its coarse pass and its viewpoints only know one tool",
+                          "the paper's policy, its coarse pass and its viewpoints support only one tool",
                           "Use the exact policy and the product profile, or one tool");
   }
   int directions = 0;

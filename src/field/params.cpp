@@ -70,12 +70,12 @@ void requireOrientations(const FieldParams& p) {
   const bool paper = p.update.policy == UpdatePolicy::Paper || p.approach.coarse_to_fine || p.approach.viewpoints;
   if (paper && !p.approach.orientations.isYaw()) {
     throw InvalidArgument("orientations.policy", "orientations " + p.approach.orientations.text(),
-                          "the paper's policy, its coarse pass and its viewpoints only know yaw directions",
+                          "the paper's policy, its coarse pass and its viewpoints support only yaw directions",
                           "Use the exact policy and the product profile, or orientations yaw");
   }
   if (paper && p.approach.rolls > 1) {
     throw InvalidArgument("orientations.policy", "rolls " + std::to_string(p.approach.rolls),
-                          "the paper's policy, its coarse pass and its viewpoints know no rolls",
+                          "the paper's policy, its coarse pass and its viewpoints do not support rolls",
                           "Use the exact policy and the product profile, or rolls 1");
   }
 }

@@ -13,7 +13,7 @@
 
 namespace accessvdb::internal {
 
-/// Layout of the file. Raise it when a section changes; a program reads its own number only.
+/// Layout of the file. Raise it when a section changes: isStateSchema() says which numbers this program reads.
 inline constexpr std::uint32_t kStateSchema = 3;
 /// The same with a set of orientations behind the parameters: of fields whose tool does not only turn in yaw.
 inline constexpr std::uint32_t kOrientedStateSchema = 4;

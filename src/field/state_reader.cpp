@@ -92,7 +92,7 @@ void StateReader::readHead() {
       head_.leaves_with_before * kLeafBeforeBytes + head_.poses * kPoseBytes +
       head_.points * (storedPointBytes(head_.params) + viewBytesPerPoint(head_)) + goneStateBytes(head_);
   if (!small || expected != in_.fileBytes()) {
-    in_.refuse("it announces another size than the " + std::to_string(in_.fileBytes()) + " bytes of the file");
+    in_.refuse("its counts do not match the file's size of " + std::to_string(in_.fileBytes()) + " bytes");
   }
 }
 
@@ -105,7 +105,7 @@ void StateReader::readInto(PackedMap& map, PointStore& points, const TakeLeaves&
 void StateReader::readViews(const PointStore& points, const std::vector<PointStore*>& stores) {
   if (head_.tools.empty()) return;
   if (in_.begin("views") != head_.points * viewBytesPerPoint(head_)) {
-    in_.refuse("its length is not that of the announced views");
+    in_.refuse("its length does not match the number of views in the head");
   }
   std::vector<StoredPoint> block;
   std::vector<std::uint64_t> seen;
@@ -128,7 +128,7 @@ void StateReader::readViews(const PointStore& points, const std::vector<PointSto
 
 void StateReader::readGone(GoneCells& cells, GonePoints& points) {
   if (in_.begin("cells") != head_.cell_blocks * kLeafCellBytes)
-    in_.refuse("its length is not that of the announced cells");
+    in_.refuse("its length does not match the number of cells in the head");
   for (std::uint64_t n = 0; n < head_.cell_blocks; ++n) {
     Index3 leaf;
     LeafCells of_leaf;
@@ -143,15 +143,15 @@ void StateReader::readGone(GoneCells& cells, GonePoints& points) {
         std::memcpy(&part, from, sizeof part);
         from += sizeof part;
       });
-      if (verdict > static_cast<std::uint16_t>(Verdict::Open)) in_.refuse("a cell has no such verdict");
+      if (verdict > static_cast<std::uint16_t>(Verdict::Open)) in_.refuse("a cell has an unknown verdict");
       cell.verdict = static_cast<Verdict>(verdict);
     }
-    if (!cells.restore(leaf, of_leaf)) in_.refuse("a cell is there twice, has no points, or cannot be");
+    if (!cells.restore(leaf, of_leaf)) in_.refuse("a cell occurs twice, has no points, or is invalid");
   }
   in_.end();
   cells.restoreScans(head_.gone_scans);
   if (in_.begin("gone") != head_.gone_points * kGonePointBytes) {
-    in_.refuse("its length is not that of the announced points");
+    in_.refuse("its length does not match the number of points in the head");
   }
   std::uint64_t next = 0;
   for (std::uint64_t n = 0; n < head_.gone_points; ++n) {
@@ -171,7 +171,7 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
   if (in_.begin("leaves") != head_.leaves * kLeafBytes + head_.leaves_with_values * kLeafValueBytes +
                                  head_.leaves_with_votes * kLeafVoteBytes +
                                  head_.leaves_with_before * kLeafBeforeBytes) {
-    in_.refuse("its length is not that of the announced leaves");
+    in_.refuse("its length does not match the number of leaves in the head");
   }
   std::vector<const PackedLeaf*> leaves;
   std::vector<LeafChange> facts;
@@ -229,7 +229,7 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
 }
 
 void StateReader::readPoses(PointStore& points) {
-  if (in_.begin("poses") != head_.poses * kPoseBytes) in_.refuse("its length is not that of the announced positions");
+  if (in_.begin("poses") != head_.poses * kPoseBytes) in_.refuse("its length does not match the number of positions in the head");
   std::vector<Eigen::Vector3f> poses_L;
   for (std::uint64_t first = 0; first < head_.poses; first += kPosesRead) {
     poses_L.resize(std::min<std::uint64_t>(head_.poses - first, kPosesRead));
@@ -246,7 +246,7 @@ void StateReader::readPoints(PointStore& points) {
   const std::size_t each = storedPointBytes(head_.params);
   const ApproachParams& approach = head_.params.approach;
   const std::size_t words = approach.viewpoints ? 0 : (static_cast<std::size_t>(approach.directionCount()) + 63) / 64;
-  if (in_.begin("points") != head_.points * each) in_.refuse("its length is not that of the announced points");
+  if (in_.begin("points") != head_.points * each) in_.refuse("its length does not match the number of points in the head");
   std::vector<char> bytes;
   std::vector<StoredPoint> block;
   for (std::uint64_t first = 0; first < head_.points; first += kPointsRead) {

@@ -106,7 +106,7 @@ std::uint64_t SectionReader::begin(std::string_view name) {
   std::uint64_t bytes = 0;
   readRaw(found.data(), found.size());
   readRaw(&bytes, sizeof bytes);
-  if (found != padded(name)) refuse("another name stands in its place");
+  if (found != padded(name)) refuse("another section is in its place");
   if (bytes > file_left_ || file_left_ - bytes < before_.size()) refuse("it is longer than the file");
   sha256_ = hashAfter(before_, found, bytes);
   at_ = end_ = 0;
@@ -138,7 +138,7 @@ void SectionReader::read(void* to, std::size_t bytes) {
 }
 
 Sha256::Digest SectionReader::end() {
-  if (at_ != end_ || left_ != 0) refuse("it is longer than what it announces");
+  if (at_ != end_ || left_ != 0) refuse("it has more content than expected");
   Sha256::Digest stored = {};
   readRaw(stored.data(), stored.size());
   before_ = sha256_->digest();

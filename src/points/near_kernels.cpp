@@ -52,7 +52,7 @@ bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes
 }
 
 #include "points/real_avx512.h"
-// What it is in terms of comes first.
+// Uses what is defined above.
 #include "points/near_kernels_body.h"
 
 }  // namespace accessvdb::internal::near_avx512
@@ -93,7 +93,7 @@ bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes
 }
 
 #include "points/real_avx2.h"
-// What it is in terms of comes first.
+// Uses what is defined above.
 #include "points/near_kernels_body.h"
 
 }  // namespace accessvdb::internal::near_avx2
@@ -103,7 +103,7 @@ bool anyWithin(const float* x, const float* y, const float* z, std::size_t lanes
 namespace accessvdb::internal::near_plain {
 
 #include "points/real_plain.h"
-// What it is in terms of comes first.
+// Uses what is defined above.
 #include "points/near_kernels_body.h"
 
 }  // namespace accessvdb::internal::near_plain

@@ -16,7 +16,7 @@
 namespace accessvdb::internal::normals_avx512 {
 
 #include "points/real_avx512.h"
-// What it is in terms of comes first.
+// Uses what is defined above.
 #include "hostdev/surface_normal_body.h"
 #include "points/normal_kernels_body.h"
 
@@ -28,7 +28,7 @@ namespace accessvdb::internal::normals_avx512 {
 namespace accessvdb::internal::normals_avx2 {
 
 #include "points/real_avx2.h"
-// What it is in terms of comes first.
+// Uses what is defined above.
 #include "hostdev/surface_normal_body.h"
 #include "points/normal_kernels_body.h"
 

@@ -3,7 +3,7 @@
 /// Fuses the leaves of one bucket into the map, and links the new ones.
 ///
 /// Memory access is the cost: a scan reaches several hundred thousand scattered leaves. So a leaf passes several
-/// stations, with those of a few other leaves in between: each station's data is prefetched at the previous one.
+/// stages, with those of a few other leaves in between: each stage's data is prefetched in the one before it.
 ///   1. its entry in the table of the node above it is prefetched;
 ///   2. the entry is read, and the leaf prefetched;
 ///   3. its returns are summed, and the values under the sums prefetched;
@@ -55,7 +55,7 @@ class BucketFusion {
             BucketResult& result);
 
  private:
-  /// Leaves between two stations. Waiting leaves' sums stay in the first-level cache; 8 was as fast as 4.
+  /// How many leaves ahead of its use data is asked for. Waiting leaves' sums stay in the first-level cache; 8 was as fast as 4.
   static constexpr std::size_t kEntryAhead = 16, kLeafAhead = 8, kRecordAhead = 4, kWaiting = 4;
 
   /// A leaf whose sums are waiting to be folded.

@@ -4,8 +4,8 @@
 ///
 /// Time is cut into generations of length T. A leaf has two masks: the voxels that a ray has confirmed to be free in
 /// this generation (*now*, the active bits of the leaf), and those of the generation before (*before*, in a record
-/// beside the map). A voxel counts as free while it is in one of them. When a generation ends, *before* becomes *now*,
-/// and *now* becomes empty: two generations without a ray, and the voxel is unknown.
+/// beside the map). A voxel counts as free while it is in one of them. When a generation ends, *now* moves into
+/// *before* and starts empty again: after two generations without a ray, the voxel is unknown.
 ///
 /// All leaves of a node of the tree (128^3 voxels) turn together; when, depends on the node's coordinates and on the
 /// stamps of the scans alone, spread over T so that no scan turns everything. Ages take freedom away, nothing else:

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Records of the leaves that have one: few leaves of a map, so beside it.
+/// Records that not every leaf has, kept beside the map: a leaf refers to its own by a number.
 #pragma once
 
 #include <tbb/concurrent_vector.h>
@@ -35,7 +35,7 @@ class RecordPool {
     free_.push_back(number);
   }
 
-  /// For a thread that adds and removes many: takes numbers from the pool by the dozen, so that threads do not wait for
+  /// For a thread that adds and removes many: takes numbers from the pool 64 at a time, so that threads do not wait for
   /// each other at every record. Numbers that are left go back when it is destroyed; until then size() counts them.
   class Batch {
    public:

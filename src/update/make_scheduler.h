@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The four schedulers, and which one a field gets.
+/// The schedulers, and which one a field gets.
 #pragma once
 
 #include <functional>

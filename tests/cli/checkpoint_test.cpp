@@ -217,7 +217,7 @@ TEST_F(CheckpointedRun, RefusesWhatIsNotTheSameRun) {
   std::ofstream(first, std::ios::binary) << good;
   EXPECT_EQ(map("out", resume).exit_code, 0) << "nothing was lost";
   std::ofstream(folder_ / "scans" / "000103.000000.pcd", std::ios::binary) << good;
-  expectRefused(resume, 4, "state.scans", "has another content than");
+  expectRefused(resume, 4, "state.scans", "has different content from");
 }
 
 TEST_F(CheckpointedRun, RefusesADamagedCheckpoint) {

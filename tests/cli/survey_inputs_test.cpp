@@ -165,7 +165,7 @@ TEST_F(SurveyInputs, ACheckpointIsOfOneTrajectoryAndClock) {
   writeText("other.txt", readText("walk.txt") + "# another\n");
   const ProgramResult other = run("other.txt", "0", "--resume");
   EXPECT_EQ(other.exit_code, 4) << other.err;
-  EXPECT_NE(other.err.find("other.txt has another content"), std::string::npos) << other.err;
+  EXPECT_NE(other.err.find("other.txt has different content"), std::string::npos) << other.err;
   EXPECT_EQ(run("walk.txt", "0", "--resume").exit_code, 0);
 }
 

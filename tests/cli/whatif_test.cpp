@@ -130,7 +130,7 @@ TEST_F(WhatIfVerb, OrdersCuts) {
   const ProgramResult cloud = ask({"--segments", path("cloud.ply"), "--json"});
   ASSERT_EQ(cloud.exit_code, 0) << cloud.err;
   EXPECT_NE(cloud.err.find("2 segments; of " + std::to_string(cloud_points_ + 2) +
-                           " points, 1 are of no segment and 1 at no point of the map"),
+                           " points, 1 without a segment and 1 far from every point of the map"),
             std::string::npos)
       << cloud.err;
   const Json by_point = Json::parse(cloud.out);

@@ -216,10 +216,10 @@ void Checkpoints::readManifest() {
     }
     reading_ = json.at("reading").get<std::map<std::string, std::string>>();
   } catch (const Json::exception&) {
-    throw damaged("does not say what the manifest of a checkpoint has to");
+    throw damaged("has missing or malformed entries");
   }
   if (progress.next_step == 0 || progress.next_step > progress.steps || progress.scans.empty()) {
-    throw damaged("does not fit together");
+    throw damaged("has counts of steps and scans that contradict each other");
   }
   if (continuesInPlace()) written_scans_ = progress.scansFused();
   resumed_ = std::move(progress);
@@ -283,12 +283,12 @@ void Checkpoints::requireSameInputs(const RunProgress& now) const {
     for (std::size_t n = 0; n < std::min(before.size(), files.size()); ++n) {
       if (before[n].sha256 == files[n].sha256) continue;
       refuse("state.scans", options_.resume,
-             what + " " + files[n].path + " has another content than " + before[n].path + " had");
+             what + " " + files[n].path + " has different content from " + before[n].path);
     }
     if (before.size() == files.size()) return;
     refuse("state.scans", options_.resume,
-           "there are " + std::to_string(files.size()) + " files with " + what + "s where " +
-               std::to_string(before.size()) + " were read");
+           "there are " + std::to_string(files.size()) + " files with " + what + "s now, and " +
+               std::to_string(before.size()) + " were read before");
   };
   compare("pose", resumed_->poses, now.poses);
   compare("scan", resumed_->scans, now.scans);

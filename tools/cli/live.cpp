@@ -193,9 +193,9 @@ void LiveRun::publishStatus(const LiveSession& session, dds::Participant& partic
   report_.live = LiveReport{session.status(), clouds.malformed + poses.malformed, clouds.lost + poses.lost};
   participant.publish(dds::Output::Status, dds::textMessage(liveJson(*report_.live)));
   if (report_.live->status.memory_full && !std::exchange(said_full_, true)) {
-    messages_.warning("live.memory_full",
-                      "map and points take " + bytesInWords(static_cast<double>(report_.live->status.memory_bytes)) +
-                          ", the limit: no new space is taken; what is known goes on to be updated");
+    messages_.warning("live.memory_full", "map and points take " +
+                                              bytesInWords(static_cast<double>(report_.live->status.memory_bytes)) +
+                                              ", the limit: the map no longer grows; what it has is still updated");
   }
 }
 

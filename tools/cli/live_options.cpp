@@ -43,7 +43,7 @@ void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
   flags.option("--queue", &options.queue, "most scans that wait; a further one drops the oldest");
   flags.option("--max-message", &options.max_message, "largest cloud that is accepted, for example 16M");
   flags.option("--max-memory", &map.max_memory,
-               "limit on the memory of map and points, for example 2G; over it no new space is taken. Default: seven "
+               "limit on the memory of map and points, for example 2G; beyond it the map does not grow. Default: seven "
                "eighths of what the machine can give");
   flags.option("--points-every", &options.points_every_s, "seconds between messages with all points; 0 = never");
   flags.option("--status-every", &options.status_every_s, "seconds between messages about the run");

@@ -23,7 +23,7 @@ constexpr Verb kVerbs[] = {
     {"map", "scans, poses and a tool in; the accessibility field out", runMap},
     {"tile", "the same for maps larger than memory, step by step", runTile},
     {"advise", "what to map given scans with: voxel, range noise, tau, tiles", runAdvise},
-    {"live", "the same while the scanner runs: topics of ROS 2 in and out", runLive},
+    {"live", "labels while the scanner runs: topics of ROS 2 in and out", runLive},
     {"simulate", "scans of a known scene, for trying things out", runSimulate},
     {"evaluate", "the tables: simulated scans against exact ground truth", runEvaluate},
     {"bench", "a simulated flight through pines, every stage timed", runBench},

@@ -129,9 +129,9 @@ void addMapOptions(FlagParser& flags, MapOptions& options) {
 
 void addChangeOptions(FlagParser& flags, MapOptions& options) {
   flags.option("--change", &options.change,
-               std::string("how the map follows a world that changes: off, block (new things block at once") +
-                   (options.forgetful ? ") or full (and what has gone opens by evidence; the default)"
-                                      : "; the default) or full (and what has gone opens by evidence)"));
+               std::string("how the map follows a world that changes: off, block (new things block after a few scans") +
+                   (options.forgetful ? ") or full (what rays show to be gone opens, too; the default)"
+                                      : "; the default) or full (what rays show to be gone opens, too)"));
   flags.flag("--static", options.still, "the world is still: --change off");
   flags.option("--free-for", &options.free_for,
                std::string("with --change full, seconds after which free space that no ray has confirmed is unknown "

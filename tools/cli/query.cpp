@@ -185,8 +185,8 @@ int runQuery(const Arguments& arguments, Messages& messages) {
   addToolsOptions(flags, access.given);
   addOrientationOptions(flags, access.given);
   flags.option("--for-tool", &access.for_tool,
-               "with --access-map of several tools, given as to map: name of the one to draw; default: the one that "
-               "stands for the point");
+               "with --access-map and several tools, given as for map: name of the tool to draw; default: the first "
+               "that reaches the point, else the one that comes closest");
   if (!parseCommandLine(flags, arguments, common, messages)) return 0;
   checkCommonOptions(common);
 

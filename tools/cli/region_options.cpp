@@ -34,9 +34,10 @@ std::vector<std::uint32_t> idsIn(const std::string& text, const std::string& sub
       ids.push_back(id);
       continue;
     }
-    if (from_file) throw InputError("input.malformed", subject, "\"" + word + "\" is not an id", "Write one id a line");
+    if (from_file)
+      throw InputError("input.malformed", subject, "\"" + word + "\" is not an id", "Write one id per line");
     throw InvalidArgument("usage.remove", "--remove", "\"" + word + "\" is not an id",
-                          "Write ids:1,2,3, or ids:FILE with one id a line");
+                          "Write ids:1,2,3, or ids:FILE with one id per line");
   }
   return ids;
 }
@@ -104,12 +105,12 @@ std::vector<Segment> readSegments(const std::string& path, const AccessibilityFi
   const io::LabelledCloud cloud = io::readLabelledCloud(path);
   LabelledSegments found = segmentsOf(field, cloud.positions_W, cloud.segments);
   if (found.segments.empty()) {
-    throw UnusableInput("segments.none", path, "no point of it with a segment is at a point of the map",
+    throw UnusableInput("segments.none", path, "none of its points with a segment is near a point of the map",
                         "Give the cloud in the map's world frame, in metres, with segments above 0");
   }
   messages.notice(std::to_string(found.segments.size()) + " segments; of " + std::to_string(cloud.segments.size()) +
-                  " points, " + std::to_string(found.unlabelled) + " are of no segment and " +
-                  std::to_string(found.unmatched) + " at no point of the map");
+                  " points, " + std::to_string(found.unlabelled) + " without a segment and " +
+                  std::to_string(found.unmatched) + " far from every point of the map");
   return std::move(found.segments);
 }
 

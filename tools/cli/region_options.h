@@ -14,7 +14,7 @@ namespace accessvdb::tools {
 
 /// For --help.
 inline constexpr const char* kRegionForms =
-    "box:X0,Y0,Z0,X1,Y1,Z1, mesh:FILE (closed, in metres, world frame) or ids:1,2,3 or ids:FILE (one id a line)";
+    "box:X0,Y0,Z0,X1,Y1,Z1, mesh:FILE (closed, in metres, world frame) or ids:1,2,3 or ids:FILE (one id per line)";
 
 /// @throws InvalidArgument "usage.remove", "region.box", "region.empty"; UnusableInput "region.mesh"; InputError
 [[nodiscard]] Region parseRegion(const std::string& text);

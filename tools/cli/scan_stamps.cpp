@@ -22,13 +22,13 @@ void requireStamps(const MapOptions& options, const FieldParams& params, const i
   }
   if (stamps_s.empty()) {
     throw UnusableInput("stamp.missing", options.scans,
-                        "has no scan with a time, which --free-for " + options.free_for + " goes by",
+                        "has no scan with a time, which --free-for " + options.free_for + " needs",
                         "Use poses with times, a trajectory or a recording, or leave --free-for out");
   }
   if (stamps_s.size() < scans.size()) {
     messages.warning("stamp.missing", std::to_string(scans.size() - stamps_s.size()) + " of " +
                                           std::to_string(scans.size()) +
-                                          " scans have no time: for --free-for, none passes before them");
+                                          " scans have no time: free space does not age before them");
   }
   std::size_t far_apart = 0;
   for (std::size_t n = 1; n < stamps_s.size(); ++n) far_apart += stamps_s[n] - stamps_s[n - 1] > free_for_s ? 1 : 0;

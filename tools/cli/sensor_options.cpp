@@ -36,9 +36,10 @@ Eigen::Isometry3d parsePose(const std::string& flag, const std::string& text) {
 }  // namespace
 
 void addSensorOptions(FlagParser& flags, SensorOptions& options) {
-  flags.option("--extrinsic", &options.extrinsic,
-               "where the sensor is on what the poses are of (an IMU, a body): X,Y,Z,ROLL,PITCH,YAW in metres and "
-               "degrees, turned about z by yaw, then y, then x; or X,Y,Z,QX,QY,QZ,QW");
+  flags.option(
+      "--extrinsic", &options.extrinsic,
+      "pose of the sensor in the frame whose poses are given (an IMU, a body): X,Y,Z,ROLL,PITCH,YAW in metres and "
+      "degrees, turned about z by yaw, then y, then x; or X,Y,Z,QX,QY,QZ,QW");
   flags.option("--exclude-box", &options.exclude_box,
                "leave out returns inside X0,Y0,Z0,X1,Y1,Z1 in the sensor's frame, metres: the platform itself");
 }

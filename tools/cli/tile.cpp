@@ -91,7 +91,7 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   sayAboutScans(scans, messages);
   const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
   if (const auto reason = whyNotInTiles(options, params)) {
-    throw InvalidArgument("usage.tiles", "tile plan", *reason, "Leave it out");
+    throw InvalidArgument("usage.tiles", "tile plan", *reason, "Leave that option out");
   }
   const PlanSettings settings = planSettings(flags);
   const PlanSources sources = {options, settings, tools, scans, params};
@@ -241,7 +241,7 @@ int mergeTiles(const Arguments& arguments, Messages& messages) {
   const std::size_t left = status.todo.size();
   if (left > 0 && options.partial) {
     messages.warning("tile.unfinished", std::to_string(left) + " tiles are not finished, the first is " +
-                                            status.todo.front().name() + "; this is the rest");
+                                            status.todo.front().name() + "; only the others are merged");
   } else if (left > 0) {
     throw UnusableInput("tile.unfinished", open.job.out.string(),
                         std::to_string(left) + " tiles are not finished, the first is " + status.todo.front().name(),

@@ -101,8 +101,8 @@ std::int32_t edgeBelow(double wanted_m, const tiles::TileMargins& margins, doubl
   const double wanted_voxels = wanted_m / voxel_m * (1 + 1e-9);
   if (wanted_voxels < margins.least_tile_voxels) {
     throw InvalidArgument("usage.tiles", "--tiles " + numberText(wanted_m),
-                          "is smaller than two margins of " + numberText(margins.returns_voxels * voxel_m) +
-                              " m that each tile of this tool needs around it",
+                          "is less than twice the margin of " + numberText(margins.returns_voxels * voxel_m) +
+                              " m that every tile needs on each side with this tool",
                           "Use --tiles " + numberText(least_m) + " or larger");
   }
   std::int32_t edge = margins.least_tile_voxels;

@@ -130,7 +130,8 @@ int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport
   const auto begin = Clock::now();
   const MapOptions& options = sources.options;
   if (const auto reason = whyNotInTiles(options, sources.params)) {
-    throw InvalidArgument("usage.tiles", "--tiles " + options.tiles, *reason, "Leave it out, or use --tiles off");
+    throw InvalidArgument("usage.tiles", "--tiles " + options.tiles, *reason,
+                          "Leave that option out, or use --tiles off");
   }
   if (options.update_every > 0) messages.notice("tiles are scored once at the end; --update-every changes nothing");
   tiles::Job job = {options.out, {}, sources.tools.front().tool, sources.params};

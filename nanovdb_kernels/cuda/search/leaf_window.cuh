@@ -34,7 +34,7 @@ __device__ inline bool collidesSomewhere(const std::uint8_t* leaf) {
   return *reinterpret_cast<const std::uint64_t*>(leaf + kCellCountsBytes) != 0;
 }
 
-/// A thread among some that share out the entries of a window.
+/// One of the threads that fill a window together.
 struct Together {
   int rank, threads;
 };
@@ -248,8 +248,8 @@ static __device__ __noinline__ std::uint32_t factsFromRoot(const OccupancyGrid* 
   return (collides ? 1u : 0u) | (is_free ? 2u : 0u);
 }
 
-/// Answers like OccupancyReader, for the few voxels that no window holds. Out of line, and without a reader's memory of
-/// where it was: neither code nor registers are left for them in a search.
+/// Answers like OccupancyReader, for the few voxels that no window holds. Not inlined, and without a
+/// reader's memory of where it was: a search has neither instruction cache nor registers to spare.
 class MapOutside {
  public:
   explicit __device__ MapOutside(const OccupancyView& view) : grid_(view.grid) {}

@@ -19,7 +19,7 @@ namespace accessvdb::kernels {
 /// Shared memory of a searching warp. In masks, direction d is bit d % 32 of word d / 32.
 struct WarpMasks {
   std::uint32_t allowed[kMaskWords32];       ///< seen and candidate
-  std::uint32_t skip[kMaskWords32];          ///< known to be blocked
+  std::uint32_t skip[kMaskWords32];          ///< known not to change the outcome
   std::uint32_t arm_blocked[kMaskWords32];   ///< found blocked in the corridor
   std::uint32_t tool_blocked[kMaskWords32];  ///< found blocked by the tool
   std::uint32_t put_off[kMaskWords32];       ///< certainly blocked, but not counted yet

@@ -20,7 +20,7 @@ namespace accessvdb::kernels {
 /// @throw InternalError  some neighbours were not found
 inline void requireNeighbours(const MovedCounters& counters) {
   if (counters.failed == 0) return;
-  throw InternalError("update.neighbours", "cuda", "more points at one distance than a map can hold",
+  throw InternalError("update.neighbours", "cuda", "more points at the same distance than the search has room for",
                       "Please report this, and use --device cpu");
 }
 

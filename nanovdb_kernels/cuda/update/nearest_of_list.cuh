@@ -68,14 +68,14 @@ class NearestOfList {
   /// Of this lane's i-th point of the list.
   [[nodiscard]] __device__ std::uint32_t idOf(int i) const { return near_.id[listedAt(i)]; }
 
-  /// The `wanted` smallest. @param upper  holds more than `wanted`, all with different squared distances or not
+  /// The `wanted` smallest. @param upper  holds more than `wanted`; some may be equally far away
   /// @param guess  of the bound; negative: none
   __device__ Bound leastOf(const Bound& upper, int wanted, std::int64_t guess) const {
     std::int64_t low = -1, high = upper.squared;  // `wanted` lies between their counts
     int count_low = 0, count_high = upper.count;
 #pragma unroll 1
     for (bool halves = false; high - low > 1; halves = !halves) {
-      // Nearly as many per step everywhere: a share of the steps is close, but only halving is sure to end.
+      // Counts grow about evenly with the bound, so interpolation comes close; only halving is sure to end.
       std::int64_t middle = guess;
       if (middle <= low || middle >= high) {
         const float share = static_cast<float>(wanted - count_low) / static_cast<float>(count_high - count_low);

@@ -42,7 +42,7 @@ __global__ void rehash(BlockIndexView index) {
   if (block < index.blocks) enterBlock(index, block);
 }
 
-/// Makes what each tool has of a point: nothing is known yet.
+/// Initialises the state that a tool keeps for a point: nothing is known yet.
 __device__ void makeState(const PointStateView& state, const KnownView& known, std::size_t id) {
   if (known.levels != nullptr) {
     const auto words = static_cast<std::size_t>(known.slots.slots);
@@ -57,7 +57,7 @@ __device__ void makeState(const PointStateView& state, const KnownView& known, s
   state.reason[id] = PointReason::Confidence;
 }
 
-/// Makes what all tools share of a point.
+/// Initialises the state of a point that all tools share.
 __device__ void makePoint(const PointsView& points, const PointNews& news) {
   const PointStateView& state = points.points;
   const std::size_t id = news.id;
@@ -121,7 +121,7 @@ __global__ void addCrossed(PointStateView points, MovedView moved, DeviceList<Po
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= crossed.count) return;
   const PointWeight& point = crossed.data[n];
-  points.weight[point.id] = point.weight;  // the returns that count may be its neighbours'
+  points.weight[point.id] = point.weight;  // returns in voxels beside it may have raised it
   addMoved(moved, point.id);
 }
 
