@@ -176,12 +176,19 @@ MemoryUse AccessibilityField::memoryUse() const {
   if (impl_->distance_mirror) {
     use.distance_mirror_bytes = impl_->distance_mirror->usedBytes() + impl_->distance_mirror->hostBytes();
   }
-  use.point_host_bytes = impl_->points.bytes() + impl_->scorer->hostBytes() + impl_->scheduler->bytes() +
-                         impl_->views.bytes() + impl_->setup.hostBytes() + impl_->further.hostBytes() +
-                         impl_->gate.bytes() + impl_->gone_points.bytes();
+  use.point_host_bytes = impl_->points.bytes() + impl_->views.bytes() + impl_->setup.hostBytes() +
+                         impl_->further.hostBytes() + impl_->gate.bytes() + impl_->gone_points.bytes();
   if (impl_->gone_cells) use.point_host_bytes += impl_->gone_cells->bytes();
-  use.point_device_bytes = impl_->scorer->device().bytes() + impl_->setup.deviceBytes() + impl_->further.deviceBytes() +
-                           impl_->scheduler->deviceBytes();
+  use.point_device_bytes = impl_->setup.deviceBytes() + impl_->further.deviceBytes();
+  // A device that fails while removeRegion() makes these again leaves a field without them.
+  if (impl_->scorer) {
+    use.point_host_bytes += impl_->scorer->hostBytes();
+    use.point_device_bytes += impl_->scorer->device().bytes();
+  }
+  if (impl_->scheduler) {
+    use.point_host_bytes += impl_->scheduler->bytes();
+    use.point_device_bytes += impl_->scheduler->deviceBytes();
+  }
   use.device_peak_bytes = impl_->backend->peakBytes();
   use.leaves = impl_->volume.leafCount();
   use.active_voxels = impl_->volume.activeVoxelCount();

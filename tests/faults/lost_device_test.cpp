@@ -90,6 +90,26 @@ TEST_F(LostDevice, WhileFusingSavesTheScansBefore) {
   EXPECT_TRUE(fusing);
 }
 
+/// What is kept on the device is made again after a removal. Whichever of its allocations fails, the run says so.
+TEST_F(LostDevice, WhileRemovingIsSaidAndSavesToo) {
+  bool ended = false, saved = false;
+  for (int nth = 1; nth <= 200 && !ended; ++nth) {
+    SCOPED_TRACE(nth);
+    std::filesystem::remove_all(folder_ / "out");
+    const ProgramResult result =
+        runWith(std::to_string(nth) + " 2 cuMemAddressReserve lost",
+                {"--device", "cuda", "--remove", "box:1.9,-0.5,-0.5,2.1,0.5,0.5", "--width", "160", "--height", "120"});
+    ended = result.exit_code == 0;
+    if (ended) break;
+    EXPECT_EQ(result.exit_code, 5) << result.signal << result.err;
+    EXPECT_EQ(errorLines(result.err), 1) << result.err;
+    const auto counts = report().at("counts");
+    saved = counts.at("scans") == 4 && listing("out") == kAll;
+  }
+  EXPECT_TRUE(ended) << "none of them belongs to the removal";
+  EXPECT_TRUE(saved) << "the last one does";
+}
+
 TEST_F(LostDevice, FramesOfASequenceStay) {
   // Each update waits for an event twice: for what moved, and for the map of busy leaves. On a fake device no point is
   // ever due, so there is no search.
