@@ -100,8 +100,8 @@ class ACCESSVDB_API AccessibilityField {
   /// @throws InvalidArgument "region.unsupported" (a tile of a larger map, the paper's policy, projective fusion)
   Removal removeRegion(const Region& region, RemovedAs as = RemovedAs{});
   /// Which points would open if all that lies in the regions went (as RemovedAs::Free), without changing the map:
-  /// exactly those that removeRegion() and update() would open. Labels must be up to date: call update() first.
-  /// Ends the validity of views and queries, as an update does; see what_if.h. @throws as removeRegion()
+  /// exactly those that removeRegion() and update() would open. Labels must be up to date: update() has left no
+  /// backlog. Ends the validity of views and queries, as an update does; see what_if.h. @throws as removeRegion()
   [[nodiscard]] WhatIf whatIf(std::span<const Region> regions) const;
 
   /// All points with their labels, as of the last update(). Points that came later are unscored.

@@ -150,7 +150,7 @@ void bindRegionCalls(py::class_<LockedField>& field) {
           },
           py::arg("regions"),
           "Which points would open if all that lies in the regions went; changes nothing. Needs labels that are up to "
-          "date: call update() first.")
+          "date: call update() until its backlog is 0.")
       .def(
           "order_cuts",
           [](LockedField& f, const std::vector<Region>& segments, const py::object& most_cuts) {

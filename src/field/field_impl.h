@@ -126,7 +126,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   [[nodiscard]] std::uint32_t idAt(const Eigen::Vector3d& p_W) const {
     if (!p_W.allFinite()) return internal::kNone;
     const Eigen::Vector3d p_L = p_W - gate.origin_W();
-    if (!(p_L.lpNorm<Eigen::Infinity>() <= 1e6 * params.tsdf.voxel_size_m)) return internal::kNone;
+    if (!(p_L.lpNorm<Eigen::Infinity>() <= internal::kFarthestVoxel * params.tsdf.voxel_size_m)) return internal::kNone;
     return points.index().find(points.voxelOf(p_L.cast<float>()));
   }
 
@@ -356,17 +356,20 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     const kernels::Stopwatch all;
     UpdateStats stats = arena.execute([&] { return steps.run([&] { return updateStages({}); }); });
     updated = labels_current = true;
+    backlog = stats.backlog;
     stats.update_ms = all.milliseconds() - stats.score_ms + std::exchange(noted_ms, 0.0);
     return stats;
   }
 
   UpdateTicket updateAsync() {
+    steps.requireWhole();
     updated = labels_current = true;
     const double noting_ms = std::exchange(noted_ms, 0.0);
     return steps.startUpdate([this, noting_ms](const internal::BackgroundUpdate::FreeMap& free_map) {
       const kernels::Stopwatch all;
       UpdateStats stats = background_arena.execute([&] { return updateStages(free_map); });
       stats.update_ms = all.milliseconds() - stats.score_ms + noting_ms;
+      backlog = stats.backlog;
       return stats;
     });
   }
@@ -462,6 +465,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   std::uint64_t scans = 0;      ///< integrated
   bool updated = false;         ///< at least once
   bool labels_current = false;  ///< an update came after the last change of the map
+  std::uint64_t backlog = 0;    ///< points that the last update left; one that runs may write it
   std::unique_ptr<internal::WhatIfTables> what_if_tables;  ///< made when first needed
   internal::FieldClock clock;
   internal::FieldSteps steps;  ///< the last member: destroyed first, it waits for an update of the others

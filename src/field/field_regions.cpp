@@ -75,9 +75,9 @@ void AccessibilityField::Impl::requireCurrentLabels() {
                           "Map the scene with each tool alone");
   }
   steps.requireWhole();
-  if (!labels_current) {
+  if (!labels_current || backlog > 0) {
     throw InvalidArgument("region.stale", "", "the labels are not up to date, so it is unknown what is blocked now",
-                          "Call update() first");
+                          backlog > 0 ? "Call update() until its backlog is 0" : "Call update() first");
   }
 }
 

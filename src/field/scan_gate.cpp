@@ -11,6 +11,7 @@
 #include "accessvdb/error.h"
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
+#include "points/surface_index.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -18,7 +19,6 @@ namespace {
 /// Local positions are rounded to this, so that shifting the world by whole voxels does not change their last bits.
 constexpr double kPositionStep_m = 0x1.0p-20;
 /// Voxel indices fit into 21 bits, with room for tau, the tool and the corridor around them.
-constexpr double kMostVoxels = 1000000;
 /// Largest deviation of R^T R from the identity.
 constexpr double kRigidTolerance = 1e-6;
 /// No survey frame has larger coordinates (the Earth's circumference is 4e7 m); doubles still resolve 10 nm there.
@@ -58,7 +58,7 @@ ScanGate::Checked ScanGate::check(const Eigen::Vector3d& p_L, const Eigen::Vecto
   if (!(range > 0)) return dropped(DropReason::NoReturn);
   if (range < params_.min_range_m) return dropped(DropReason::BelowMinRange);
   if (range > params_.max_range_m) return dropped(DropReason::BeyondMaxRange);
-  const double bound = kMostVoxels * params_.voxel_size_m;
+  const double bound = kFarthestVoxel * params_.voxel_size_m;
   if (!(p_L.lpNorm<Eigen::Infinity>() <= bound) || !(q_L.lpNorm<Eigen::Infinity>() <= bound)) {
     return dropped(DropReason::OutOfBounds);
   }
@@ -135,7 +135,7 @@ const GatedScan& ScanGate::gateLocal(std::span<const Eigen::Vector3f> p_L, std::
   startScan(Eigen::Matrix3d::Identity());
   stats.points_in += p_L.size();
   const bool own = q_L.size() > 1;
-  const float bound = static_cast<float>(kMostVoxels * params_.voxel_size_m);
+  const float bound = static_cast<float>(kFarthestVoxel * params_.voxel_size_m);
   const auto inside = [bound](const Eigen::Vector3f& x) {
     return x.lpNorm<Eigen::Infinity>() <= bound && x.allFinite();
   };

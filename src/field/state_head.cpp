@@ -255,8 +255,10 @@ bool isPlausible(const StateHead& head) {
   }
   const ChangeParams& change = head.params.change;
   if (head.cell_blocks > head.points || head.gone_points > head.points) return false;
-  constexpr double kOldest_s = 1e18;  // far more scans than there can be, each 2 T later
-  if (!(head.age_s >= 0 && head.age_s <= kOldest_s) || head.leaves_with_before > head.leaves) return false;
+  // Each scan ages a map by 2 T at most. Above that, doubles would not tell short times from none.
+  constexpr double kMostGenerations = 2 * 4294967296.0;
+  if (!(head.age_s >= 0 && head.age_s <= kMostGenerations * change.free_for_s)) return false;
+  if (head.leaves_with_before > head.leaves) return false;
   if (!std::isfinite(change.free_for_s) && (head.age_s > 0 || head.leaves_with_before > 0)) return false;
   if (head.params.update.policy == UpdatePolicy::Paper || head.params.tsdf.region == UpdateRegion::Projective) {
     return false;

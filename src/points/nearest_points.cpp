@@ -42,12 +42,7 @@ void NearestPoints::gather(const Index3& leaf, std::int32_t rings) {
   points_.index().forEachBlock({leaf[0] - rings, leaf[1] - rings, leaf[2] - rings},
                                {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings},
                                [&](std::uint32_t b, const Index3& at) {
-                                 double squared = 0;  // voxels between the two blocks
-                                 for (std::size_t axis = 0; axis < 3; ++axis) {
-                                   const int blocks_between = std::abs(at[axis] - leaf[axis]) - 1;
-                                   const double gap = std::max(0, blocks_between) * 8.0;
-                                   squared += gap * gap;
-                                 }
+                                 const auto squared = static_cast<double>(gapSquared(at, leaf));
                                  if (squared > most_voxels * most_voxels) return;
                                  for (const std::uint32_t id : blocks[b].ids) {
                                    const Eigen::Vector3f& p = points_.pca_L(id);

@@ -185,14 +185,16 @@ bool PointStore::addToPoint(std::uint32_t id, const Eigen::Vector3f& p_L, const 
                             std::uint32_t pose) {
   const Index3 voxel = voxelOf(p_L);
   ReturnSums& sums = sums_[id];
-  for (std::size_t axis = 0; axis < 3; ++axis) {
-    const double centre = voxel[axis] * params_.tsdf.voxel_size_m;
-    const auto a = static_cast<Eigen::Index>(axis);
-    sums.offset[axis] +=
-        std::llround((static_cast<double>(p_L[a]) - centre) / params_.tsdf.voxel_size_m * kOffsetSteps);
-    sums.sensor[axis] += std::llround(static_cast<double>(q_L[a]) * kSensorSteps);
+  if (sums.returns != std::numeric_limits<std::uint32_t>::max()) {  // else one more does not move the mean
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      const double centre = voxel[axis] * params_.tsdf.voxel_size_m;
+      const auto a = static_cast<Eigen::Index>(axis);
+      sums.offset[axis] +=
+          std::llround((static_cast<double>(p_L[a]) - centre) / params_.tsdf.voxel_size_m * kOffsetSteps);
+      sums.sensor[axis] += std::llround(static_cast<double>(q_L[a]) * kSensorSteps);
+    }
+    ++sums.returns;
   }
-  ++sums.returns;
   if (isWide()) return addWideTowards(id, p_L, q_L);
   if (!params_.approach.viewpoints) return addSeen(id, directionsTowards(p_L, q_L).word);
   Viewpoints& views = viewpoints_[id];
@@ -310,9 +312,9 @@ void PointStore::restorePoses(std::span<const Eigen::Vector3f> poses_L) {
 
 /// Whether addReturns() could have made this point.
 bool PointStore::canBe(const StoredPoint& point) const {
-  constexpr double kMostVoxels = 1 << 20;  // the gate takes 10^6
-  const double bound_m = kMostVoxels * params_.tsdf.voxel_size_m;
-  if (!point.first_L.allFinite() || !(point.first_L.lpNorm<Eigen::Infinity>() < bound_m)) return false;
+  const auto farthest_m = static_cast<float>(kFarthestVoxel * params_.tsdf.voxel_size_m);
+  if (!point.first_L.allFinite() || !(point.first_L.lpNorm<Eigen::Infinity>() <= farthest_m)) return false;
+  const double bound_m = (kFarthestVoxel + 1) * params_.tsdf.voxel_size_m;  // sensor positions, rounded to steps
   const double returns = point.sums.returns;
   if (returns == 0) return false;
   for (std::size_t axis = 0; axis < 3; ++axis) {

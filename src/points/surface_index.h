@@ -141,11 +141,23 @@ inline std::size_t bitInParent(const Index3& i) {
   return static_cast<std::size_t>((i[0] & 7) << 6 | (i[1] & 7) << 3 | (i[2] & 7));
 }
 inline Index3 parentOf(const Index3& i) { return {i[0] >> 3, i[1] >> 3, i[2] >> 3}; }
+/// Square of the distance between two blocks, in voxels that lie between them.
+inline std::int64_t gapSquared(const Index3& a, const Index3& b) {
+  std::int64_t squared = 0;
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    const std::int64_t blocks_between = std::abs(std::int64_t{a[axis]} - b[axis]) - 1;
+    if (blocks_between > 0) squared += 64 * blocks_between * blocks_between;
+  }
+  return squared;
+}
 /// The voxel or block with this bit in its parent.
 inline Index3 childOf(const Index3& parent, std::size_t bit) {
   const auto place = static_cast<std::int32_t>(bit);
   return {8 * parent[0] + (place >> 6), 8 * parent[1] + (place >> 3 & 7), 8 * parent[2] + (place & 7)};
 }
+
+/// Returns lie at most this many voxels from the map's local origin, on each axis.
+inline constexpr double kFarthestVoxel = 1e6;
 
 /// Sorts voxels by leaf, and within a leaf by bit. Voxels lie within +-2^20, leaves within +-2^17.
 inline std::uint64_t placeOf(const Index3& voxel) {

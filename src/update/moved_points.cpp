@@ -129,15 +129,8 @@ void MovedPoints::forEachNear(const Index3& leaf, float reach_m, const Visit& vi
   const float reach_voxels = reach_m / static_cast<float>(scorer_.params().tsdf.voxel_size_m) + 2 * kRoundingVoxels;
   const auto rings = static_cast<std::int32_t>(reach_voxels / 8) + 1;
   index.forEachBlock({leaf[0] - rings, leaf[1] - rings, leaf[2] - rings},
-                     {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings}, [&](std::uint32_t b, const Index3& at) {
-                       float squared = 0;
-                       for (std::size_t axis = 0; axis < 3; ++axis) {
-                         const int blocks_between = std::abs(at[axis] - leaf[axis]) - 1;
-                         const float gap = static_cast<float>(std::max(0, blocks_between)) * 8;
-                         squared += gap * gap;
-                       }
-                       visit(b, squared);
-                     });
+                     {leaf[0] + rings, leaf[1] + rings, leaf[2] + rings},
+                     [&](std::uint32_t b, const Index3& at) { visit(b, static_cast<float>(gapSquared(at, leaf))); });
 }
 
 /// Blocks with a point that some touched point may affect, ascending.

@@ -285,6 +285,25 @@ TEST(RemovedRegions, RefuseWhatIsNoRegion) {
   EXPECT_EQ(idOf([&] { in_tile.removeRegion(all[0]); }), "region.unsupported");
 }
 
+/// Points that a budget left over keep an old label: a what-if would say that they open.
+TEST(RemovedRegions, WhatIfWaitsForTheBacklog) {
+  const std::vector<Region> part = {Region::box({1.4, 0.3, 0.2}, {1.7, 0.7, 1.8})};
+  for (const bool async : {false, true}) {
+    FieldParams params = paramsFor(1);
+    params.update.budget_points = 300;
+    AccessibilityField field(toolFor(1), params);
+    for (const Scan& scan : wallScans(1, 6, 1200)) field.integrateScan(scan.points_S, scan.T_W_S);
+    const auto update = [&] { return async ? field.updateAsync().wait() : field.update(); };
+    int left = 0;
+    for (; update().backlog > 0; ++left) {
+      ASSERT_EQ(idOf([&] { static_cast<void>(field.whatIf(part)); }), "region.stale");
+    }
+    EXPECT_GT(left, 1);
+    const AccessibilityField whole = wallField(1);
+    EXPECT_EQ(field.whatIf(part).opens.size(), whole.whatIf(part).opens.size());
+  }
+}
+
 /// The mirror of distances, which no label depends on, follows a removal.
 TEST(RemovedRegions, TheMirrorOfDistancesFollows) {
   for (const RemovedAs as : {RemovedAs::Free, RemovedAs::Unknown}) {

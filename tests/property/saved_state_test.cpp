@@ -449,6 +449,28 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
   }
 }
 
+/// An age at which doubles no longer tell a tenth of a second from none: space would stay free for ever.
+TEST_F(DamagedState, IsRefusedIfItIsOlderThanScansCanMakeIt) {
+  const auto read = [&](double age_s, double free_for_s) {
+    const Place place = placeOf("head");
+    const std::string bytes = good_.substr(place.begin, place.bytes);
+    internal::StateHead head = *internal::headFrom({bytes.begin(), bytes.end()});
+    head.params.change.mode = ChangeMode::Full;
+    head.params.change.free_for_s = free_for_s;
+    head.params = head.params.resolved();
+    head.schema = internal::kStateSchema + internal::kFullChangeSchema;
+    head.age_s = age_s;
+    return internal::headFrom(internal::bytesOf(head)).has_value();
+  };
+  EXPECT_TRUE(read(3600, 60));
+  EXPECT_TRUE(read(1e9, 60));
+  EXPECT_FALSE(read(1e12, 60));
+  EXPECT_TRUE(read(1e6, 0.001));
+  EXPECT_FALSE(read(1e7, 0.001));
+  EXPECT_FALSE(read(std::numeric_limits<double>::quiet_NaN(), 60));
+  EXPECT_FALSE(read(1, std::numeric_limits<double>::infinity()));
+}
+
 TEST_F(DamagedState, IsRefusedForOtherRulesAndAnotherTool) {
   const std::string rules = withHead([](internal::StateHead& head) { head.rules_version += 1; });
   EXPECT_EQ(refusalOf(rules).rfind("state.rules", 0), 0u) << refusalOf(rules);

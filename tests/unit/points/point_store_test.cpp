@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <limits>
 #include <map>
 #include <numeric>
 #include <tuple>
@@ -151,6 +152,45 @@ TEST(PointStore, FirstReturnsWhereMeansAreOff) {
   ASSERT_EQ(store.size(), 1u);
   EXPECT_EQ(store.first_L(0), Eigen::Vector3f(0.1f, 0.4f, -0.3f));
   EXPECT_EQ(store.pca_L(0), store.first_L(0));
+}
+
+TEST(PointStore, RestoresWhatAGateLetsThroughAndNothingElse) {
+  const float v = 0.05f;
+  const FieldParams params = pointParams(v);
+  PointStore store(params, directionTable(36));
+  store.addReturns(std::vector<Eigen::Vector3f>{{0.01f, 0, 0}}, std::vector<Eigen::Vector3f>{{2, 0, 0}});
+  const auto restores = [&](const Eigen::Vector3f& first_L) {
+    StoredPoint point = store.stored(0);
+    point.first_L = first_L;
+    return PointStore(params, directionTable(36)).restore(std::vector<StoredPoint>{point});
+  };
+  EXPECT_TRUE(restores({0.01f, 0, 0}));
+  EXPECT_TRUE(restores({0, static_cast<float>(1e6 * v), 0}));
+  EXPECT_FALSE(restores({0, static_cast<float>(1.00001e6 * v), 0}));
+  EXPECT_FALSE(restores({0, 0, -1048576 * v}));  // whose leaf does not fit into placeOf()
+}
+
+/// A further return adds nothing to the sums: a count that began again at 0 would have no mean.
+TEST(PointStore, CountsNoFurtherThan32Bits) {
+  const FieldParams params = pointParams(1);
+  const std::vector<Eigen::Vector3f> p = {{0.25f, 0, 0}}, q = {{5, 0, 0}};
+  PointStore store(params, directionTable(36));
+  store.addReturns(p, q);
+  StoredPoint point = store.stored(0);
+  constexpr std::uint32_t kMost = std::numeric_limits<std::uint32_t>::max();
+  for (std::size_t axis = 0; axis < 3; ++axis) {
+    point.sums.offset[axis] *= kMost - 1;
+    point.sums.sensor[axis] *= kMost - 1;
+  }
+  point.sums.returns = kMost - 1;
+  PointStore full(params, directionTable(36));
+  ASSERT_TRUE(full.restore(std::vector<StoredPoint>{point}));
+  for (int n = 0; n < 3; ++n) full.addReturns(p, q);
+  EXPECT_EQ(full.stored(0).sums.returns, kMost);
+  EXPECT_EQ(full.pca_L(0), store.pca_L(0));
+  EXPECT_EQ(full.meanSensor_L(0), store.meanSensor_L(0));
+  full.addReturns(p, std::vector<Eigen::Vector3f>{{-5, 0, 0}});
+  EXPECT_TRUE(full.seen(0).test(18));  // what it is seen from still counts
 }
 
 /// docs/PAPER_MAP.md, "Surface points": a viewpoint is stored if none is closer than 0.10 m, up to eight, and none
