@@ -10,8 +10,8 @@
 #include "launch/backend.h"
 #include "tool/tool_kernel.h"
 #include "tool/tool_slabs.h"
+#include "update/cell_directions.h"
 #include "update/corridor_offsets.h"
-#include "update/known_directions.h"
 
 namespace accessvdb {
 namespace {
@@ -108,9 +108,11 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
   }
   if (resolved.update.policy == UpdatePolicy::Exact && on_host && !kernel.use_samples && !kernels::isWide(directions)) {
     // The table of directions by cell: one cell more at either end of each axis.
-    const double table =
-        static_cast<double>(yaw ? sizeof(kernels::DirectionArc) : sizeof(kernels::DirectionMask)) * box.voxels() / 64;
-    if (table <= static_cast<double>(internal::KnownDirections::kMostCellTableBytes)) held += table;
+    const double cells = box.voxels() / 64, masks = static_cast<double>(sizeof(kernels::DirectionMask)) * cells;
+    if (masks <= static_cast<double>(internal::CellDirections::kMostBytes)) {
+      held += yaw ? static_cast<double>(sizeof(kernels::DirectionArc)) * cells : masks;
+      making = std::max(making, held + (yaw ? masks : 0));
+    }
   }
   return {static_cast<std::uint64_t>(held), static_cast<std::uint64_t>(std::max(held, making))};
 }

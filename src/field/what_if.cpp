@@ -21,7 +21,6 @@ namespace accessvdb::internal {
 namespace {
 
 /// Memory limit of the table of directions by cell; beyond it, leaves decide alone.
-constexpr std::uint64_t kMostCellTableBytes = std::uint64_t{256} << 20;
 
 /// Which directions may read a voxel that goes, for all points of a block.
 class Affected {
@@ -218,7 +217,7 @@ SurfacePoint openedPoint(const WhatIfParts& parts, const kernels::ScoreResult& r
 
 WhatIfTables::WhatIfTables(const ScoringSetup& setup, double voxel_size_m)
     : footprint(setup.hostTool(), setup.hostApproach(), voxel_size_m, 0),
-      cells(setup.hostTool(), setup.tool().num_directions, 0, kMostCellTableBytes, /*as_sets=*/true) {}
+      cells(setup.hostTool(), setup.tool().num_directions, 0, /*as_sets=*/true) {}
 
 WhatIf openedWithout(const WhatIfParts& parts, const VoxelSet& voxels) {
   const kernels::Stopwatch choosing;

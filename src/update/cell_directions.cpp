@@ -46,8 +46,8 @@ kernels::DirectionArc arcOf(const DirectionMask& mask, int num_directions) {
 
 }  // namespace
 
-CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_directions, int group_log2,
-                               std::uint64_t most_bytes, bool as_sets) {
+CellDirections::CellDirections(const kernels::ToolKernelView& tool, int num_directions, int group_log2, bool as_sets,
+                               std::uint64_t most_bytes) {
   const std::uint32_t columns = tool.use_samples ? 0 : tool.column_begin[num_directions * tool.parts];
   if (columns == 0) return;
   Index3 last;

@@ -15,12 +15,15 @@ namespace accessvdb::internal {
 
 class CellDirections {
  public:
+  /// While a table is made, it takes a mask per entry, whatever it keeps.
+  static constexpr std::uint64_t kMostBytes = std::uint64_t{256} << 20;
+
   /// Of a wide set (kernels::isWide), direction 0 stands for all of them.
-  /// Empty if the table would exceed `most_bytes`, and for tools tested by samples (their voxels depend on where in its
+  /// Empty if the masks would exceed `most_bytes`, and for tools tested by samples (their voxels depend on where in its
   /// voxel the point lies). @param group_log2  same as for LeafFootprint
   /// @param as_sets  for directions of any kind; else they are yaws in order
-  CellDirections(const kernels::ToolKernelView& tool, int num_directions, int group_log2, std::uint64_t most_bytes,
-                 bool as_sets = false);
+  CellDirections(const kernels::ToolKernelView& tool, int num_directions, int group_log2, bool as_sets = false,
+                 std::uint64_t most_bytes = kMostBytes);
 
   [[nodiscard]] bool empty() const { return table_.empty() && sets_.empty(); }
   /// Box of all offsets, in cells from the first cell of the group.

@@ -29,20 +29,8 @@ namespace {
 
 /// Flipped leaves are merged once this many wait, so that a long period without updates takes bounded memory.
 constexpr std::size_t kMostFlips = std::size_t{1} << 22;
-/// Memory limit of the table of directions by cell; beyond it, collisions are not remembered.
-constexpr std::uint64_t kMostCellTableBytes = std::uint64_t{256} << 20;
 /// In voxels: 8.4 MB.
 constexpr std::int32_t kMostCorridorReach = 256;
-
-std::uint16_t deviceKinds(const LeafChange& change) {
-  std::uint16_t kinds = 0;
-  for (const FlipKind kind : {FlipKind::CollidesOn, FlipKind::CollidesOff, FlipKind::ArmFreeOn, FlipKind::ArmFreeOff}) {
-    std::uint64_t any = 0;
-    for (const std::uint64_t word : bitsOf(change, kind)) any |= word;
-    if (any != 0) kinds |= static_cast<std::uint16_t>(bitOf(kind));
-  }
-  return kinds;
-}
 
 /// Adds two counts of freed voxels, cell by cell.
 std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
@@ -84,7 +72,7 @@ class ExactOnDevice final : public UpdateScheduler {
     const Index3 leaf = parentOf(change.origin_ijk);
     const kernels::FreedForArm freed = kernels::freedForArm(change.arm_free_on.data());
     flips_[part].push_back({{leaf[0], leaf[1], leaf[2]},
-                            deviceKinds(change),
+                            kindsOf(change),
                             static_cast<std::uint16_t>(freed.heights),
                             kernels::countCells(change.collides_off.data()),
                             freed.columns});
@@ -204,7 +192,7 @@ class TablesOfTool {
       : any_directions_(host.approach.axes_xyz != nullptr),
         arc_(any_directions_ ? 0 : kernels::mostInCone(host.approach.num_directions, host.approach.normal_cos_min)),
         footprint_(host.tool, host.approach, voxel_size_m, group_log2),
-        cells_(host.tool, host.approach.num_directions, group_log2, kMostCellTableBytes, any_directions_),
+        cells_(host.tool, host.approach.num_directions, group_log2, any_directions_),
         corridors_(host.approach, voxel_size_m, kMostCorridorReach) {}
 
   [[nodiscard]] kernels::ToolTables tables() const {

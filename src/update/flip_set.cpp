@@ -15,6 +15,8 @@ bool any(const LeafBits& bits) {
   return all != 0;
 }
 
+}  // namespace
+
 std::uint8_t kindsOf(const LeafChange& change) {
   std::uint8_t kinds = 0;
   for (const FlipKind kind : {FlipKind::CollidesOn, FlipKind::CollidesOff, FlipKind::ArmFreeOn, FlipKind::ArmFreeOff}) {
@@ -22,8 +24,6 @@ std::uint8_t kindsOf(const LeafChange& change) {
   }
   return kinds;
 }
-
-}  // namespace
 
 void FlipSet::add(std::span<const LeafChange> changes) {
   for (const LeafChange& change : changes) {

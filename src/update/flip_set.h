@@ -35,6 +35,9 @@ inline const LeafBits& bitsOf(const LeafChange& change, FlipKind kind) {
   return change.arm_free_off;
 }
 
+/// bitOf() of each kind of flip in the leaf.
+[[nodiscard]] std::uint8_t kindsOf(const LeafChange& change);
+
 class FlipSet {
  public:
   /// Merges with existing entries: a voxel that flips back and forth counts as flipped both ways, which is safe but

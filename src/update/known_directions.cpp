@@ -64,7 +64,7 @@ KnownDirections::KnownDirections(const kernels::ToolKernelView& tool, int num_di
     : num_directions_(num_directions),
       words_(static_cast<std::size_t>(num_directions + kernels::kKnownPerWord - 1) / kernels::kKnownPerWord),
       scale_(kernels::KnownScale::forLimit(tool.collision_limit)),
-      cells_(tool, num_directions, 0, kMostCellTableBytes, any_directions),
+      cells_(tool, num_directions, 0, any_directions),
       levels_((words_ + known_rows::kWords - 1) / known_rows::kWords),
       freed_(words_) {}
 

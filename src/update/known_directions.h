@@ -29,7 +29,6 @@ class FreedVoxels {
   /// So that no 32-bit sum overflows: a leaf has 512 voxels, and counters may hold as much again.
   static constexpr std::uint32_t kMostLeaves = 1u << 21;
 
-  void clear() { *this = {}; }
   /// @param freed  of a leaf: voxels by cell as in countCells()  @param offset  of the leaf, in leaves from the block
   void add(const CellDirections& cells, int num_directions, const Index3& offset, std::uint64_t freed);
   /// Turns steps into sums. @return [kDirections]
@@ -47,7 +46,6 @@ class KnownDirections {
  public:
   /// Memory limit of the table of directions by cell; beyond it, and for tools tested by samples, the directions that
   /// a flip may affect are forgotten.
-  static constexpr std::uint64_t kMostCellTableBytes = std::uint64_t{256} << 20;
   static constexpr std::size_t kMostWords = FreedVoxels::kDirections / kernels::kKnownPerWord;
 
   /// @param any_directions  they are not all yaws in order

@@ -42,7 +42,9 @@ TEST(ToolTableBytes, AreWhatAFieldHolds) {
   expectHeld(pruner, paramsOf(0.01, 4));    // fewer than are sampled
   expectHeld(pruner, paramsOf(0.004, 48));  // the table of directions by offset fits
   expectHeld(pruner, paramsOf(0.003, 24));  // and here it does not
-  expectHeld(tall, paramsOf(0.01, 90));     // columns of more than 64 voxels
+  // Neither here: kept, it would take 4 bytes per entry, but 32 while it is made.
+  expectHeld(test::boxTool({2.9f, -0.01f, -1.5f}, {3.0f, 0.01f, 1.5f}), paramsOf(0.005, 24));
+  expectHeld(tall, paramsOf(0.01, 90));  // columns of more than 64 voxels
   expectHeld(ToolGeometry::builtin("builtin:pencil"), paramsOf(0.002));
   FieldParams oriented = paramsOf(0.01);
   oriented.approach.orientations = OrientationSet::sphere(12.5);

@@ -121,7 +121,7 @@ void forEachCell(const CellDirections& cells, const Visit& visit) {
 void checkArcs(const SplitTool& tool, int group_log2, bool exact) {
   SCOPED_TRACE("group of 2^" + std::to_string(group_log2) + " leaves");
   const int D = tool.numDirections();
-  const CellDirections cells(tool.view(), D, group_log2, kAnySize);
+  const CellDirections cells(tool.view(), D, group_log2, false, kAnySize);
   ASSERT_FALSE(cells.empty());
   ASSERT_EQ(cells.table().size(), static_cast<std::size_t>(cells.size()[0]) *
                                       static_cast<std::size_t>(cells.size()[1]) *
@@ -184,7 +184,7 @@ TEST(CellDirections, OfAnyKindAreTheSets) {
     SCOPED_TRACE(D);
     const SplitTool tool = barTool(D, static_cast<std::uint64_t>(D) + 7);
     for (const int group_log2 : {0, 1}) {
-      const CellDirections cells(tool.view(), D, group_log2, kAnySize, true);
+      const CellDirections cells(tool.view(), D, group_log2, true, kAnySize);
       ASSERT_FALSE(cells.empty());
       ASSERT_TRUE(cells.table().empty());
       auto covering = coveringDirections(tool, group_log2);
@@ -221,7 +221,7 @@ TEST(CellDirections, AreTheSmallestArcsOfAllSets) {
       }
       tool.addDirection(voxels, random);
     }
-    const CellDirections cells(tool.view(), kFew, 0, kAnySize);
+    const CellDirections cells(tool.view(), kFew, 0, false, kAnySize);
     ASSERT_FALSE(cells.empty());
     for (const kernels::DirectionArc& arc : cells.table()) {
       ASSERT_EQ(int{arc.count}, smallestCount(set, kFew)) << bits;
@@ -234,18 +234,19 @@ TEST(CellDirections, AreTheSmallestArcsOfAllSets) {
 
 TEST(CellDirections, StayEmptyWhereTheyWouldBeTooLargeAndForSamples) {
   const SplitTool tool = barTool(20, 4);
-  const CellDirections all(tool.view(), 20, 0, kAnySize);
-  const std::uint64_t bytes = all.table().size() * sizeof(kernels::DirectionArc);
+  const CellDirections all(tool.view(), 20, 0, false, kAnySize);
+  const std::uint64_t bytes = all.table().size() * sizeof(DirectionMask);  // while it is made
   ASSERT_GT(bytes, 0u);
-  EXPECT_TRUE(CellDirections(tool.view(), 20, 0, bytes - 1).empty());
-  EXPECT_TRUE(CellDirections(tool.view(), 20, 0, 0).empty());
+  EXPECT_FALSE(CellDirections(tool.view(), 20, 0, false, bytes).empty());
+  EXPECT_TRUE(CellDirections(tool.view(), 20, 0, false, bytes - 1).empty());
+  EXPECT_TRUE(CellDirections(tool.view(), 20, 0, false, 0).empty());
   kernels::ToolKernelView samples = tool.view();
   samples.use_samples = true;
-  EXPECT_TRUE(CellDirections(samples, 20, 0, kAnySize).empty());
+  EXPECT_TRUE(CellDirections(samples, 20, 0, false, kAnySize).empty());
   std::mt19937_64 random(5);
   SplitTool nothing;
   for (int d = 0; d < 20; ++d) nothing.addDirection({}, random);
-  EXPECT_TRUE(CellDirections(nothing.view(), 20, 0, kAnySize).empty());
+  EXPECT_TRUE(CellDirections(nothing.view(), 20, 0, false, kAnySize).empty());
 }
 
 }  // namespace
