@@ -68,11 +68,14 @@ BackgroundUpdate::~BackgroundUpdate() {
 }
 
 UpdateTicket BackgroundUpdate::start(Work work) {
-  running_ = std::make_shared<UpdateState>();
-  UpdateTicket ticket(running_);
+  // The thread comes first: a ticket of work that never begins would wait for ever.
   try {
     if (!thread_.joinable()) thread_ = std::thread([this] { serve(); });
-  } catch (const std::system_error&) {
+  } catch (const std::exception&) {  // no more threads, or no memory for one
+  }
+  running_ = std::make_shared<UpdateState>();
+  UpdateTicket ticket(running_);
+  if (!thread_.joinable()) {
     run(work, *running_);
     return ticket;
   }
