@@ -4,8 +4,9 @@
 ///
 /// Memory follows five counts: leaves that some return's double cone touches (they hold distances), leaves that only
 /// a cleared band touches, nodes above the leaves (of 128^3 voxels each, as large as 15 leaves and often nearly empty),
-/// surface voxels (one point each), and leaves that have any of those. All are numbers of distinct things over all returns, so they are estimated by
-/// HyperLogLog counters: 64 KiB for any number of returns, and threads can merge theirs.
+/// surface voxels (one point each), and leaves that have any of those. All are numbers of distinct things over all
+/// returns, so they are estimated by HyperLogLog counters: 64 KiB for any number of returns, and threads can merge
+/// theirs.
 #pragma once
 
 #include <Eigen/Core>

@@ -21,7 +21,6 @@
 namespace accessvdb::kernels {
 
 using OccupancyGrid = nanovdb::NanoGrid<bool>;
-using OccupancyTree = nanovdb::NanoTree<bool>;
 using OccupancyRoot = nanovdb::NanoRoot<bool>;
 using OccupancyUpper = nanovdb::NanoUpper<bool>;
 using OccupancyLower = nanovdb::NanoLower<bool>;

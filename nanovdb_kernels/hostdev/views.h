@@ -15,9 +15,6 @@
 
 namespace accessvdb::kernels {
 
-/// Most samples along the approach corridor.
-inline constexpr int kMaxArmSamples = 64;
-
 /// The map as needed for scoring: value bit = collides, active bit = arm_free. A missing leaf means: tool free, arm
 /// blocked.
 struct OccupancyView {

@@ -10,7 +10,6 @@
 namespace accessvdb::internal {
 namespace {
 
-using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
 using kernels::Capsule;
 
 /// What the walk has found so far, in voxels.
@@ -96,7 +95,7 @@ CapsuleAnswer answerCapsule(const QuerySource& source, const CapsuleQuery& query
   Capsule capsule;
   if (!makeCapsule(a_L.data(), b_L.data(), query.radius_m, source.inverse_voxel_size, capsule)) return answer;
   CapsuleScan scan(source, capsule);
-  ConstAccessor map(source.map->tree());
+  ConstPackedAccessor map(source.map->tree());
   kernels::Coord origin;
   for (kernels::CapsuleLeaves leaves(capsule); leaves.next(origin);) {
     const openvdb::Coord ijk(origin[0], origin[1], origin[2]);

@@ -11,7 +11,7 @@
 namespace accessvdb::internal {
 namespace {
 
-bool onHost(const kernels::Backend& backend) { return backend.name() == "cpu"; }
+bool onHost(const kernels::Backend& backend) { return backend.hasHostMemory(); }
 
 }  // namespace
 

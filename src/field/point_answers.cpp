@@ -17,8 +17,6 @@ namespace accessvdb::internal {
 namespace {
 
 using Block = QueryIndex::Block;
-using LowerNode = PackedTree::RootNodeType::ChildNodeType::ChildNodeType;
-using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
 
 constexpr std::size_t kGroup = 32;
 constexpr int kReach = kPointRadiusVoxels;
@@ -29,7 +27,7 @@ constexpr float kCellHalf = 0.5f + 0.07f;
 struct Visit {
   Eigen::Vector3d p_L;
   double distance_m;
-  const LowerNode* lower;
+  const PackedLowerNode* lower;
   const PackedLeaf* leaf;
   const std::uint32_t* packed;
   const QueryIndex::Cell* cell;        ///< the cell of its own block
@@ -97,8 +95,8 @@ class Answerer {
       prefetchRead(&visit.cell->present);
       prefetchRead(visit.cell->block + bitInParent(leaf));
     }
-    if ((visit.lower = map_.probeConstNode<LowerNode>(coordOf(visit))) != nullptr) {
-      const openvdb::Index n = LowerNode::coordToOffset(coordOf(visit));
+    if ((visit.lower = map_.probeConstNode<PackedLowerNode>(coordOf(visit))) != nullptr) {
+      const openvdb::Index n = PackedLowerNode::coordToOffset(coordOf(visit));
       prefetchRead(visit.lower->getTable() + n);
       prefetchRead(reinterpret_cast<const char*>(&visit.lower->getChildMask()) + n / 8);
     }
@@ -106,7 +104,7 @@ class Answerer {
 
   void findNodes(Visit& visit) {
     if (visit.lower != nullptr) {
-      const openvdb::Index n = LowerNode::coordToOffset(coordOf(visit));
+      const openvdb::Index n = PackedLowerNode::coordToOffset(coordOf(visit));
       if (visit.lower->isChildMaskOn(n)) {
         visit.leaf = visit.lower->getTable()[n].getChild();
         prefetchRead(visit.leaf, sizeof(PackedLeaf));
@@ -364,7 +362,7 @@ class Answerer {
 
   const QuerySource& source_;
   const std::vector<Block>& blocks_;
-  ConstAccessor map_;
+  ConstPackedAccessor map_;
   CellCache cells_;
   std::array<Visit, kGroup> group_;
 };

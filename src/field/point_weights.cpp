@@ -17,7 +17,6 @@ namespace accessvdb::internal {
 namespace {
 
 /// Like PackedAccessor: inner nodes only.
-using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
 constexpr std::size_t kPointsPerTask = 256;
 
 /// The (2 reach + 1)^3 voxels around one, in the leaves that contain them: at most two along each axis. Read in four
@@ -26,7 +25,7 @@ constexpr std::size_t kPointsPerTask = 256;
 class WeightWindow {
  public:
   /// Step 1: the leaves' positions, and the nodes of the tree above them.
-  void ask(ConstAccessor& map, const Index3& centre, int reach) {
+  void ask(ConstPackedAccessor& map, const Index3& centre, int reach) {
     std::array<std::array<Span, 2>, 3> spans;
     for (std::size_t axis = 0; axis < 3; ++axis) {
       const std::int32_t low = centre[axis] - reach, high = centre[axis] + reach;
@@ -138,7 +137,7 @@ void readWeights(const PackedMap& map, int reach, std::size_t begin, std::size_t
     return n >= begin + steps * kApart && n < end + steps * kApart;
   };
   const bool needs_centre = needsOwnVoxel(map);
-  ConstAccessor accessor(map.tree());
+  ConstPackedAccessor accessor(map.tree());
   for (std::size_t n = begin; n < end + 3 * kApart; ++n) {
     if (due(n, 0)) windowOf(n).ask(accessor, voxelOf(n), reach);
     if (due(n, 1)) windowOf(n - kApart).find();

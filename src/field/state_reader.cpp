@@ -229,7 +229,8 @@ void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
 }
 
 void StateReader::readPoses(PointStore& points) {
-  if (in_.begin("poses") != head_.poses * kPoseBytes) in_.refuse("its length does not match the number of positions in the head");
+  if (in_.begin("poses") != head_.poses * kPoseBytes)
+    in_.refuse("its length does not match the number of positions in the head");
   std::vector<Eigen::Vector3f> poses_L;
   for (std::uint64_t first = 0; first < head_.poses; first += kPosesRead) {
     poses_L.resize(std::min<std::uint64_t>(head_.poses - first, kPosesRead));
@@ -246,7 +247,8 @@ void StateReader::readPoints(PointStore& points) {
   const std::size_t each = storedPointBytes(head_.params);
   const ApproachParams& approach = head_.params.approach;
   const std::size_t words = approach.viewpoints ? 0 : (static_cast<std::size_t>(approach.directionCount()) + 63) / 64;
-  if (in_.begin("points") != head_.points * each) in_.refuse("its length does not match the number of points in the head");
+  if (in_.begin("points") != head_.points * each)
+    in_.refuse("its length does not match the number of points in the head");
   std::vector<char> bytes;
   std::vector<StoredPoint> block;
   for (std::uint64_t first = 0; first < head_.points; first += kPointsRead) {

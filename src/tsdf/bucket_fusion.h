@@ -55,7 +55,8 @@ class BucketFusion {
             BucketResult& result);
 
  private:
-  /// How many leaves ahead of its use data is asked for. Waiting leaves' sums stay in the first-level cache; 8 was as fast as 4.
+  /// How many leaves ahead of its use data is asked for. Waiting leaves' sums stay in the first-level cache; 8 was as
+  /// fast as 4.
   static constexpr std::size_t kEntryAhead = 16, kLeafAhead = 8, kRecordAhead = 4, kWaiting = 4;
 
   /// A leaf whose sums are waiting to be folded.

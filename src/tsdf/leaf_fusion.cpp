@@ -39,25 +39,20 @@ void LeafFusion::flushSums() {
 }
 
 void LeafFusion::markThinBand(const std::array<std::int32_t, 3>& origin_ijk, const ReturnRay& ray) {
-  // Paper: the voxels nearest to samples every v/2 along the ray.
   int last = -1;
-  for (int m = 1;; ++m) {
-    const float s = shape_.band_begin + 0.5f * static_cast<float>(m);
-    if (!(s <= std::min(shape_.band_end, ray.range))) break;
+  forEachThinBandVoxel(shape_, ray, [&](const std::array<std::int32_t, 3>& ijk) {
     std::array<int, 3> local;
     bool inside = true;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      local[axis] = static_cast<int>(std::floor(ray.offset[axis] + s * ray.to_sensor[axis] + 0.5f)) -
-                    (origin_ijk[axis] - ray.base_ijk[axis]);
+      local[axis] = ijk[axis] - (origin_ijk[axis] - ray.base_ijk[axis]);
       inside = inside && local[axis] >= 0 && local[axis] < 8;
     }
-    if (!inside) continue;
     const int voxel = local[0] << 6 | local[1] << 3 | local[2];
-    if (voxel == last) continue;  // two samples in one voxel; a straight line never returns
+    if (!inside || voxel == last) return;  // two samples in one voxel; a straight line never returns
     last = voxel;
     passed_[static_cast<std::size_t>(voxel >> 6)] |= std::uint64_t{1} << (voxel & 63);
     ++passes_;
-  }
+  });
 }
 
 bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::span<const LeafEntry> entries,

@@ -33,6 +33,7 @@ using PackedLowerNode = PackedTree::RootNodeType::ChildNodeType::ChildNodeType; 
 /// Caches inner nodes only. OpenVDB's default accessors also cache the leaf's buffer, and thereby allocate an
 /// uninitialised one for leaves without: never use them on this tree.
 using PackedAccessor = openvdb::tree::ValueAccessor2<PackedTree, /*IsSafe=*/false, 1, 2>;
+using ConstPackedAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
 static_assert(PackedLeaf::LOG2DIM == 3, "masks and rows assume 8x8x8 leaves");
 
 class PackedMap {

@@ -26,7 +26,7 @@ class RangeImage {
   /// @param bin_rad  edge of a bin; adjusted slightly so that a whole number fills the circle
   explicit RangeImage(double bin_rad);
 
-  /// Replaces the image. @param points_S  [n] metres, sensor frame, none at the sensor
+  /// Replaces the image. @param p_L  [n] returns, none at the sensor  @param q_L  sensor; both local frame, metres
   void fill(std::span<const Eigen::Vector3f> p_L, const Eigen::Vector3f& q_L, const Eigen::Matrix3d& R_W_S,
             double voxel_size_m);
 

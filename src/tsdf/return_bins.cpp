@@ -101,19 +101,12 @@ void forEachReachedLeaf(const RegionShape& shape, const RegionSlices& slices, co
     return;
   }
   LeafKey last = ~LeafKey{0};
-  for (int m = 1;; ++m) {  // the same samples as LeafFusion's
-    const float s = shape.band_begin + 0.5f * static_cast<float>(m);
-    if (!(s <= std::min(shape.band_end, ray.range))) break;
-    std::int32_t leaf[3];
-    for (int axis = 0; axis < 3; ++axis) {
-      leaf[axis] = (ray.base_ijk[axis] +
-                    static_cast<std::int32_t>(std::floor(ray.offset[axis] + s * ray.to_sensor[axis] + 0.5f))) >>
-                   3;
-    }
-    const LeafKey key = leafKeyOf(leaf[0], leaf[1], leaf[2]);
+  forEachThinBandVoxel(shape, ray, [&](const std::array<std::int32_t, 3>& voxel) {
+    const auto leafOf = [&](std::size_t axis) { return (ray.base_ijk[axis] + voxel[axis]) >> 3; };
+    const LeafKey key = leafKeyOf(leafOf(0), leafOf(1), leafOf(2));
     if (key != last) visit(key, LeafEntry{index << 1 | LeafEntry::kBand});  // a straight line never returns
     last = key;
-  }
+  });
 }
 
 void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays) {

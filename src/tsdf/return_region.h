@@ -48,6 +48,22 @@ struct RegionShape {
   [[nodiscard]] bool thinBand() const { return band_radius <= 0; }
 };
 
+/// Visits the voxels of a thin band, in order from the return: those nearest to samples every v/2 along the ray. One
+/// may come twice in a row. @param visit  (ijk relative to ray.base_ijk)
+template <typename Visit>
+void forEachThinBandVoxel(const RegionShape& shape, const ReturnRay& ray, const Visit& visit) {
+  const float end = std::min(shape.band_end, ray.range);
+  for (int m = 1;; ++m) {
+    const float s = shape.band_begin + 0.5f * static_cast<float>(m);
+    if (!(s <= end)) return;
+    std::array<std::int32_t, 3> voxel;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+      voxel[axis] = static_cast<std::int32_t>(std::floor(ray.offset[axis] + s * ray.to_sensor[axis] + 0.5f));
+    }
+    visit(voxel);
+  }
+}
+
 /// Slack of the conservative bounds against rounding, in voxels.
 inline constexpr float kSlack = 1e-3f;
 /// Radius of the ball around the return that is always updated (|x-p| <= v), in voxels.

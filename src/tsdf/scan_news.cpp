@@ -9,7 +9,6 @@ namespace accessvdb::internal {
 namespace {
 
 /// Caches inner nodes only, as PackedAccessor.
-using ConstAccessor = openvdb::tree::ValueAccessor2<const PackedTree, /*IsSafe=*/false, 1, 2>;
 
 void prefetchRead([[maybe_unused]] const void* address) {
 #if defined(__GNUC__)
@@ -31,7 +30,7 @@ constexpr std::size_t kGroup = 32;
 
 void markNews(const PackedMap& map, std::span<ReturnRay> rays) {
   const NewsRule& rule = map.newsRule();
-  ConstAccessor accessor(map.tree());
+  ConstPackedAccessor accessor(map.tree());
   std::array<Visit, kGroup> visits;
   for (std::size_t first = 0; first < rays.size(); first += kGroup) {
     const std::size_t count = std::min(kGroup, rays.size() - first);

@@ -2,7 +2,6 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "accessvdb/tsdf_volume.h"
 
-#include <openvdb/tree/NodeManager.h>
 #include <tbb/blocked_range.h>
 #include <tbb/parallel_for.h>
 

@@ -22,9 +22,6 @@ inline int blockGroupLog2(double voxel_size_m) {
   return log2;
 }
 
-/// How many voxels a point may be from the lowest one of its group, on each axis.
-inline std::int32_t lastVoxelOfGroup(int group_log2) { return (8 << group_log2) - 1; }
-
 /// Numbers groups in the order in which their blocks arrive.
 class BlockGroups {
  public:

@@ -36,11 +36,6 @@ bool PointScorer::isConfident(std::uint16_t weight) const {
          static_cast<float>(params_.scoring.confidence_min);
 }
 
-bool PointScorer::admissible(std::uint32_t id, std::uint16_t d, const kernels::ApproachView& approach) const {
-  if (d == kNoDirection || !records_[id].seen.test(d)) return false;
-  return kernels::cosToNormal(approach, d, records_[id].normal_L.data()) >= approach.normal_cos_min;
-}
-
 std::vector<std::uint32_t> PointScorer::refreshWeights(std::span<const std::uint32_t> ids) {
   std::vector<std::uint16_t> weights(ids.size());
   reads_.weights(ids, weights);

@@ -113,7 +113,6 @@ class PointScorer {
   [[nodiscard]] bool confidentEnough(std::uint32_t id) const { return isConfident(records_[id].weight); }
   /// Whether this many observations are enough for a point to be scored.
   [[nodiscard]] bool isConfident(std::uint16_t weight) const;
-  [[nodiscard]] bool admissible(std::uint32_t id, std::uint16_t d, const kernels::ApproachView& approach) const;
   [[nodiscard]] const DevicePoints& device() const { return device_; }
   [[nodiscard]] kernels::Backend& backend() const { return backend_; }
   [[nodiscard]] const PointStore& points() const { return points_; }
