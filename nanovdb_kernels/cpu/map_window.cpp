@@ -121,13 +121,7 @@ ArmResult MapWindow::testArm(const ApproachView& approach, int d) {
 
 /// One sample after the other.
 ArmResult MapWindow::testEach(const ApproachView& approach, int d) {
-  const float* offset = approach.arm_offsets + 3 * static_cast<std::int64_t>(d) * approach.num_arm;
-  for (int n = 0; n < approach.num_arm; ++n, offset += 3) {
-    const Coord ijk = voxelOf(position_L_[0] + offset[0], position_L_[1] + offset[1], position_L_[2] + offset[2],
-                              samples_.inverse_voxel_size);
-    if (!test(kArmFree, ijk)) return {n, test(kCollides, ijk) ? PointReason::Arm : PointReason::Unknown};
-  }
-  return {approach.num_arm, PointReason::None};
+  return kernels::testArm(Facts{*this}, approach, d, position_L_, samples_.inverse_voxel_size);
 }
 
 /// Copies what a part of the tool may read from the point's leaf.
@@ -161,15 +155,7 @@ int MapWindow::countVoxels(int part, int stop_above) {
 }
 
 int MapWindow::countSamples(const ToolKernelView& tool, int part, int stop_above) {
-  int count = 0;
-  const float* end = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[part + 1]);
-  for (const float* t = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[part]); t != end; t += 3) {
-    const Coord ijk =
-        voxelOf(position_L_[0] + t[0], position_L_[1] + t[1], position_L_[2] + t[2], samples_.inverse_voxel_size);
-    count += test(kCollides, ijk) ? 1 : 0;
-    if (count > stop_above) return count;
-  }
-  return count;
+  return countSampleCollisions(Facts{*this}, tool, part, position_L_, samples_.inverse_voxel_size, stop_above);
 }
 
 }  // namespace accessvdb::kernels

@@ -35,6 +35,12 @@ class MapWindow {
 
  private:
   enum Fact : std::uint8_t { kCollides, kArmFree };
+  /// The map through the window, for the rules in hostdev.
+  struct Facts {
+    MapWindow& window;
+    [[nodiscard]] bool collides(const Coord& ijk) const { return window.test(kCollides, ijk); }
+    [[nodiscard]] bool armFree(const Coord& ijk) const { return window.test(kArmFree, ijk); }
+  };
 
   [[nodiscard]] bool test(Fact fact, const Coord& ijk);
   void fill(Fact fact, std::size_t column);

@@ -24,8 +24,10 @@ struct ArmResult {
   PointReason reason;  ///< None if free; Arm: an obstacle; Unknown: unobserved and never cleared
 };
 
-ACCESSVDB_HOSTDEV inline ArmResult testArm(const OccupancyReader& map, const ApproachView& approach, int d,
-                                           const float* position_L, float inverse_voxel_size) {
+/// @param map  armFree(ijk), collides(ijk)
+template <class Map>
+ACCESSVDB_HOSTDEV inline ArmResult testArm(const Map& map, const ApproachView& approach, int d, const float* position_L,
+                                           float inverse_voxel_size) {
   const float* offset = approach.arm_offsets + 3 * static_cast<std::int64_t>(d) * approach.num_arm;
   for (int n = 0; n < approach.num_arm; ++n, offset += 3) {
     const Coord ijk =
@@ -97,7 +99,9 @@ ACCESSVDB_HOSTDEV inline int countVoxelCollisions(const OccupancyReader& map, co
 }
 
 /// Colliding samples of a part of the tool's surface, placed at the point (paper, "Tool kernel").
-ACCESSVDB_HOSTDEV inline int countSampleCollisions(const OccupancyReader& map, const ToolKernelView& tool, int part,
+/// @param map  collides(ijk)
+template <class Map>
+ACCESSVDB_HOSTDEV inline int countSampleCollisions(const Map& map, const ToolKernelView& tool, int part,
                                                    const float* position_L, float inverse_voxel_size, int stop_above) {
   int count = 0;
   const float* end = tool.samples + 3 * static_cast<std::int64_t>(tool.sample_begin[part + 1]);
