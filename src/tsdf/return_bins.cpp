@@ -6,14 +6,14 @@
 
 #include <algorithm>
 #include <bit>
-#include <cmath>
+
+#include "tsdf/leaf_walk.h"
 
 namespace accessvdb::internal {
 namespace {
 
 /// Small enough that many threads get equal shares of one scan.
 constexpr std::size_t kReturnsPerChunk = 256;
-constexpr std::int64_t kKeyBias = 1 << 20;
 
 std::uint64_t mix(std::uint64_t key) {
   key ^= key >> 31;
@@ -22,7 +22,7 @@ std::uint64_t mix(std::uint64_t key) {
 }
 
 constexpr std::uint64_t kInNode = std::uint64_t{kNodeEdge - 1} * (1 | 1ull << 21 | 1ull << 42);
-static_assert(kKeyBias % kNodeEdge == 0, "the key of a node's lowest leaf has zeros for its place");
+static_assert(kLeafKeyBias % kNodeEdge == 0, "the key of a node's lowest leaf has zeros for its place");
 
 LeafKey nodeOf(LeafKey key) { return key & ~kInNode; }
 
@@ -36,78 +36,47 @@ std::uint32_t placeInNode(LeafKey key) {
 std::size_t bucketOf(LeafKey key) { return mix(nodeOf(key)) >> 56; }
 static_assert(ReturnBins::kBuckets == 256, "bucketOf() takes eight bits");
 
-/// std::floor() is a call on x86-64 without SSE4.1.
-std::int32_t floorOf(float value) {
-  const auto n = static_cast<std::int32_t>(value);
-  return n - (static_cast<float>(n) > value ? 1 : 0);
-}
-
-/// First and last leaf along an axis, for voxels with offsets in [low, high] from the return.
-struct LeafSpan {
-  std::int32_t first, last;
-};
-LeafSpan leafSpan(const ReturnRay& ray, int axis, Interval offsets) {
-  const auto low = -floorOf(-(offsets.low + ray.offset[axis]));
-  const auto high = floorOf(offsets.high + ray.offset[axis]);
-  return {(ray.base_ijk[axis] + low) >> 3, (ray.base_ijk[axis] + high) >> 3};
-}
-
-/// Visits the leaves of one part (cone or band) layer by layer across the ray's dominant axis.
-template <typename Across, typename Visit>
-void visitLayers(const ReturnRay& ray, const RegionSlices& slices, Interval along, const Across& across,
-                 const Visit& visit) {
-  if (along.empty()) return;
-  const int a = slices.dominantAxis(), b = slices.axisB(), c = slices.axisC();
-  const LeafSpan layers = leafSpan(ray, a, along);
-  for (std::int32_t layer = layers.first; layer <= layers.last; ++layer) {
-    const float first = static_cast<float>(layer * 8 - ray.base_ijk[a]) - ray.offset[a];
-    const Interval slice = {std::max(along.low, first), std::min(along.high, first + 7.0f)};
-    if (slice.empty()) continue;
-    const LeafSpan rows = leafSpan(ray, b, across(slice, 0)), columns = leafSpan(ray, c, across(slice, 1));
-    std::array<std::int32_t, 3> leaf;
-    leaf[a] = layer;
-    for (leaf[b] = rows.first; leaf[b] <= rows.last; ++leaf[b]) {
-      for (leaf[c] = columns.first; leaf[c] <= columns.last; ++leaf[c]) visit(leafKeyOf(leaf[0], leaf[1], leaf[2]));
-    }
-  }
-}
-
 }  // namespace
-
-LeafKey leafKeyOf(std::int32_t x, std::int32_t y, std::int32_t z) {
-  return static_cast<LeafKey>(x + kKeyBias) << 42 | static_cast<LeafKey>(y + kKeyBias) << 21 |
-         static_cast<LeafKey>(z + kKeyBias);
-}
 
 std::array<std::int32_t, 3> originOf(LeafKey key) {
   constexpr std::uint64_t kAxis = (1ull << 21) - 1;
   const auto axis = [&](int shift) {
-    return static_cast<std::int32_t>(static_cast<std::int64_t>(key >> shift & kAxis) - kKeyBias) * 8;
+    return static_cast<std::int32_t>(static_cast<std::int64_t>(key >> shift & kAxis) - kLeafKeyBias) * 8;
   };
   return {axis(42), axis(21), axis(0)};
 }
 
+namespace {
+
 /// Calls visit(LeafKey, LeafEntry) for every leaf that the return's region may reach. Conservative.
 template <typename Visit>
-void forEachReachedLeaf(const RegionShape& shape, const RegionSlices& slices, const ReturnRay& ray, std::uint32_t index,
-                        const Visit& visit) {
+void forEachEntry(const RegionShape& shape, const RegionSlices& slices, const ReturnRay& ray, std::uint32_t index,
+                  const Visit& visit) {
+  const auto entryOf = [&](LeafEntry entry) {
+    return [&visit, entry](const std::array<std::int32_t, 3>& leaf) {
+      visit(leafKeyOf(leaf[0], leaf[1], leaf[2]), entry);
+    };
+  };
+  const LeafEntry cone = {index << 1}, band = {index << 1 | LeafEntry::kBand};
   visitLayers(
-      ray, slices, slices.coneAlong(), [&](Interval slice, int n) { return slices.coneAcross(slice, n); },
-      [&](LeafKey key) { visit(key, LeafEntry{index << 1}); });
+      slices, ray, slices.coneAlong(), 0, [&](Interval slice, int n) { return slices.coneAcross(slice, n); },
+      entryOf(cone));
   if (!shape.thinBand()) {
     visitLayers(
-        ray, slices, slices.bandAlong(), [&](Interval slice, int n) { return slices.bandAcross(slice, n); },
-        [&](LeafKey key) { visit(key, LeafEntry{index << 1 | LeafEntry::kBand}); });
+        slices, ray, slices.bandAlong(), 0, [&](Interval slice, int n) { return slices.bandAcross(slice, n); },
+        entryOf(band));
     return;
   }
   LeafKey last = ~LeafKey{0};
   forEachThinBandVoxel(shape, ray, [&](const std::array<std::int32_t, 3>& voxel) {
     const auto leafOf = [&](std::size_t axis) { return (ray.base_ijk[axis] + voxel[axis]) >> 3; };
     const LeafKey key = leafKeyOf(leafOf(0), leafOf(1), leafOf(2));
-    if (key != last) visit(key, LeafEntry{index << 1 | LeafEntry::kBand});  // a straight line never returns
+    if (key != last) visit(key, band);  // a straight line never returns
     last = key;
   });
 }
+
+}  // namespace
 
 void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays) {
   chunk_count_ = (rays.size() + kReturnsPerChunk - 1) / kReturnsPerChunk;
@@ -120,7 +89,7 @@ void ReturnBins::bin(const RegionShape& shape, std::span<ReturnRay> rays) {
       const RegionSlices slices(shape, rays[i]);
       rays[i].cone_x = slices.coneX();
       rays[i].band_x = slices.bandX();
-      forEachReachedLeaf(shape, slices, rays[i], static_cast<std::uint32_t>(i), [&](LeafKey key, LeafEntry entry) {
+      forEachEntry(shape, slices, rays[i], static_cast<std::uint32_t>(i), [&](LeafKey key, LeafEntry entry) {
         chunk[bucketOf(key)].push_back({key, entry});
       });
     }

@@ -19,7 +19,11 @@ namespace accessvdb::internal {
 
 /// A leaf's coordinates divided by 8, packed into 63 bits.
 using LeafKey = std::uint64_t;
-LeafKey leafKeyOf(std::int32_t leaf_x, std::int32_t leaf_y, std::int32_t leaf_z);
+inline constexpr std::int64_t kLeafKeyBias = 1 << 20;
+inline LeafKey leafKeyOf(std::int32_t leaf_x, std::int32_t leaf_y, std::int32_t leaf_z) {
+  return static_cast<LeafKey>(leaf_x + kLeafKeyBias) << 42 | static_cast<LeafKey>(leaf_y + kLeafKeyBias) << 21 |
+         static_cast<LeafKey>(leaf_z + kLeafKeyBias);
+}
 std::array<std::int32_t, 3> originOf(LeafKey key);
 
 /// Leaves along each edge of the tree node above them, and in the whole node.
