@@ -362,16 +362,16 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   UpdateTicket updateAsync() {
-    steps.requireWhole();
-    updated = labels_current = true;
     const double noting_ms = std::exchange(noted_ms, 0.0);
-    return steps.startUpdate([this, noting_ms](const internal::BackgroundUpdate::FreeMap& free_map) {
+    UpdateTicket ticket = steps.startUpdate([this, noting_ms](const internal::BackgroundUpdate::FreeMap& free_map) {
       const kernels::Stopwatch all;
       UpdateStats stats = background_arena.execute([&] { return updateStages(free_map); });
       stats.update_ms = all.milliseconds() - stats.score_ms + noting_ms;
       backlog = stats.backlog;
       return stats;
     });
+    updated = labels_current = true;
+    return ticket;
   }
 
   UpdateStats updateStages(const internal::BackgroundUpdate::FreeMap& free_map) {
