@@ -1,0 +1,225 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Saved states that are damaged: a file that differs anywhere, or that no field can have written, is refused.
+#include <gtest/gtest.h>
+
+#include <cstring>
+#include <functional>
+#include <limits>
+#include <random>
+#include <sstream>
+#include <string>
+#include <vector>
+
+#include "accessvdb/error.h"
+#include "accessvdb/saved_state.h"
+#include "field/state_head.h"
+#include "field/state_sections.h"
+#include "property/state_streams.h"
+#include "support/scratch_folder.h"
+
+namespace accessvdb::test {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// A small state, for damage.
+class DamagedState : public testing::Test {
+ protected:
+  void SetUp() override {
+    Stream stream = {cpuParams(0.1), wallScans(6, 2, 60), true, 0};
+    stream.params.approach.num_directions = 8;
+    stream.params.approach.viewpoints = true;  // so that there are sensor positions
+    AccessibilityField field(pen(), stream.params);
+    integrate(field, stream, 0, 2);
+    field.saveState(file());
+    good_ = bytesOf(file());
+  }
+  static ToolGeometry pen() { return boxTool({0, -0.1f, -0.1f}, {0.4f, 0.1f, 0.1f}); }
+  [[nodiscard]] fs::path file() const { return folder_ / "state.avst"; }
+  void load() const { (void)AccessibilityField::loadState(file(), pen(), BackendKind::Cpu, 1); }
+
+  /// @return id and text of the error  @param bytes  of the file
+  std::string refusalOf(const std::string& bytes) const {
+    writeBytes(file(), bytes);
+    try {
+      load();
+    } catch (const InputError& error) {
+      return error.id() + " " + error.what();
+    } catch (const UnusableInput& error) {
+      return error.id() + " " + error.what();
+    }
+    return "";
+  }
+
+  /// Begin and length of the content of a section.
+  struct Place {
+    std::size_t begin, bytes;
+  };
+  [[nodiscard]] Place placeOf(const std::string& name) const {
+    std::size_t at = internal::kStateMagic.size();
+    while (at < good_.size()) {
+      std::uint64_t bytes = 0;
+      std::memcpy(&bytes, good_.data() + at + 8, 8);
+      if (std::string(good_.c_str() + at) == name) return {at + 16, bytes};
+      at += internal::kSectionFrameBytes + bytes;
+    }
+    ADD_FAILURE() << "no section " << name;
+    return {0, 0};
+  }
+  /// The state with contents changed and the hashes made anew. @param change  (name, content)
+  [[nodiscard]] std::string rehashed(const std::function<void(const std::string&, std::string&)>& change) const {
+    std::ostringstream out;
+    internal::SectionWriter writer(out);
+    for (const std::string name : {"head", "leaves", "poses", "points"}) {
+      const Place place = placeOf(name);
+      std::string content = good_.substr(place.begin, place.bytes);
+      change(name, content);
+      writer.begin(name, content.size());
+      writer.write(content.data(), content.size());
+      writer.end();
+    }
+    return out.str();
+  }
+  [[nodiscard]] std::string withHead(const std::function<void(internal::StateHead&)>& change) const {
+    return rehashed([&](const std::string& name, std::string& content) {
+      if (name != "head") return;
+      auto head = internal::headFrom({content.begin(), content.end()});
+      ASSERT_TRUE(head);
+      change(*head);
+      const std::vector<char> bytes = internal::bytesOf(*head);
+      content.assign(bytes.begin(), bytes.end());
+    });
+  }
+
+  ScratchFolder folder_;
+  std::string good_;
+};
+
+TEST_F(DamagedState, IsRefusedWhereverAByteDiffers) {
+  EXPECT_NO_THROW(load());
+  EXPECT_EQ(rehashed([](const auto&, auto&) {}), good_);
+  std::mt19937_64 random(7);
+  for (int n = 0; n < 300; ++n) {
+    const std::size_t at = n < 200 ? random() % good_.size() : random() % 600;  // more of them in the head
+    std::string bad = good_;
+    bad[at] = static_cast<char>(bad[at] ^ (1 << random() % 8));
+    ASSERT_NE(refusalOf(bad), "") << "byte " << at << " of " << good_.size();
+  }
+}
+
+TEST_F(DamagedState, IsRefusedIfTruncatedOrTooLong) {
+  std::mt19937_64 random(8);
+  for (int n = 0; n < 100; ++n) {
+    const std::size_t kept = n < 80 ? random() % good_.size() : static_cast<std::size_t>(n - 80);
+    ASSERT_NE(refusalOf(good_.substr(0, kept)), "") << kept;
+  }
+  EXPECT_NE(refusalOf(good_ + "x"), "");
+  EXPECT_NE(refusalOf(good_ + good_), "");
+  EXPECT_NE(refusalOf("PLY"), "");
+}
+
+TEST_F(DamagedState, NamesTheSection) {
+  for (const std::string name : {"head", "leaves", "poses", "points"}) {
+    const Place place = placeOf(name);
+    ASSERT_GT(place.bytes, 0u);
+    std::string bad = good_;
+    bad[place.begin + place.bytes + 5] ^= 1;  // of the hash
+    EXPECT_EQ(refusalOf(bad).rfind("state.damaged", 0), 0u);
+    EXPECT_NE(refusalOf(bad).find("\"" + name + "\""), std::string::npos) << refusalOf(bad);
+  }
+  EXPECT_EQ(refusalOf("not a state, but long enough").rfind("state.format", 0), 0u);
+}
+
+/// With right hashes, so that only the checks of the values are left.
+TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
+  const auto at = [&](const std::string& section, std::size_t offset, const auto& value) {
+    return rehashed([&](const std::string& name, std::string& content) {
+      if (name == section) std::memcpy(content.data() + offset, &value, sizeof value);
+    });
+  };
+  const std::string leaf_again = rehashed([](const std::string& name, std::string& content) {
+    if (name != "leaves") return;  // the origin of the first leaf once more, where the second one begins
+    std::uint32_t values = 0;
+    std::memcpy(&values, content.data() + 12, 4);
+    const std::size_t second = 80 + (values == 1 ? 2048u : 0u);
+    std::memcpy(content.data() + second, content.data(), 12);
+  });
+  const std::size_t point_bytes = 12 + 48 + 4 + 36;
+  const std::string point_again = rehashed([&](const std::string& name, std::string& content) {
+    if (name == "points") std::memcpy(content.data() + point_bytes, content.data(), 12);
+  });
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const std::vector<std::string> all = {
+      leaf_again,
+      point_again,
+      at("leaves", 0, std::int32_t{3}),
+      at("leaves", 0, std::int32_t{1 << 30}),
+      at("leaves", 12, std::uint32_t{2}),
+      at("poses", 0, nan),
+      at("points", 0, nan),
+      at("points", 4, 1e9f),
+      at("points", 12, std::int64_t{1} << 62),
+      at("points", 36, std::int64_t{1} << 62),
+      at("points", 60, std::uint32_t{0}),
+      at("points", 64, std::uint32_t{9}),
+      at("points", 68, ~std::uint32_t{0}),
+      withHead([](internal::StateHead& head) { head.points += 1; }),
+      withHead([](internal::StateHead& head) { head.points = std::uint64_t{1} << 40; }),
+      withHead([](internal::StateHead& head) { head.leaves = ~std::uint64_t{0}; }),
+      withHead([](internal::StateHead& head) { head.leaves_with_values = std::uint64_t{1} << 60; }),
+      withHead([](internal::StateHead& head) { head.poses = std::uint64_t{1} << 61; }),
+      withHead([](internal::StateHead& head) { head.params.tsdf.voxel_size_m = -1; }),
+      withHead([&](internal::StateHead& head) { head.params.tsdf.voxel_size_m = nan; }),
+      withHead([](internal::StateHead& head) { head.params.update.policy = UpdatePolicy::Paper; }),
+      withHead([](internal::StateHead& head) { head.params.tsdf.region = UpdateRegion::Projective; }),
+      withHead([](internal::StateHead& head) { head.schema = internal::kRolledStateSchema; }),  // without any
+      withHead([](internal::StateHead& head) {
+        head.schema = internal::kRolledStateSchema;
+        head.params.approach.rolls = 65;
+      }),
+      withHead([&](internal::StateHead& head) { (*head.origin_W)[1] = nan; })};
+  for (std::size_t n = 0; n < all.size(); ++n) {
+    EXPECT_EQ(refusalOf(all[n]).rfind("state.damaged", 0), 0u) << n << ": " << refusalOf(all[n]);
+  }
+}
+
+/// An age at which doubles no longer tell a tenth of a second from none: space would stay free for ever.
+TEST_F(DamagedState, IsRefusedIfItIsOlderThanScansCanMakeIt) {
+  const auto read = [&](double age_s, double free_for_s) {
+    const Place place = placeOf("head");
+    const std::string bytes = good_.substr(place.begin, place.bytes);
+    internal::StateHead head = *internal::headFrom({bytes.begin(), bytes.end()});
+    head.params.change.mode = ChangeMode::Full;
+    head.params.change.free_for_s = free_for_s;
+    head.params = head.params.resolved();
+    head.schema = internal::kStateSchema + internal::kFullChangeSchema;
+    head.age_s = age_s;
+    return internal::headFrom(internal::bytesOf(head)).has_value();
+  };
+  EXPECT_TRUE(read(3600, 60));
+  EXPECT_TRUE(read(1e9, 60));
+  EXPECT_FALSE(read(1e12, 60));
+  EXPECT_TRUE(read(1e6, 0.001));
+  EXPECT_FALSE(read(1e7, 0.001));
+  EXPECT_FALSE(read(std::numeric_limits<double>::quiet_NaN(), 60));
+  EXPECT_FALSE(read(1, std::numeric_limits<double>::infinity()));
+}
+
+TEST_F(DamagedState, IsRefusedForOtherRulesAndAnotherTool) {
+  const std::string rules = withHead([](internal::StateHead& head) { head.rules_version += 1; });
+  EXPECT_EQ(refusalOf(rules).rfind("state.rules", 0), 0u) << refusalOf(rules);
+  const std::string layout = withHead([](internal::StateHead& head) { head.schema += 100; });
+  EXPECT_EQ(refusalOf(layout).rfind("state.rules", 0), 0u) << refusalOf(layout);
+  writeBytes(file(), good_);
+  try {
+    (void)AccessibilityField::loadState(file(), armTool(), BackendKind::Cpu);
+    ADD_FAILURE() << "another tool was accepted";
+  } catch (const UnusableInput& error) {
+    EXPECT_EQ(error.id(), "state.tool");
+  }
+  EXPECT_THROW((void)AccessibilityField::loadState(folder_ / "none", pen()), InputError);
+}
+
+}  // namespace
+}  // namespace accessvdb::test
