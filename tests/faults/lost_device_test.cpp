@@ -99,15 +99,17 @@ TEST_F(LostDevice, WhileRemovingIsSaidAndSavesToo) {
     const ProgramResult result =
         runWith(std::to_string(nth) + " 2 cuMemAddressReserve lost",
                 {"--device", "cuda", "--remove", "box:1.9,-0.5,-0.5,2.1,0.5,0.5", "--width", "160", "--height", "120"});
-    ended = result.exit_code == 0;
-    if (ended) break;
+    if (result.exit_code == 0) {
+      ended = true;
+      continue;
+    }
     EXPECT_EQ(result.exit_code, 5) << result.signal << result.err;
     EXPECT_EQ(errorLines(result.err), 1) << result.err;
     const auto counts = report().at("counts");
     saved = counts.at("scans") == 4 && listing("out") == kAll;
   }
-  EXPECT_TRUE(ended) << "none of them belongs to the removal";
-  EXPECT_TRUE(saved) << "the last one does";
+  EXPECT_TRUE(ended) << "more than 200 allocations";
+  EXPECT_TRUE(saved) << "the last one does not belong to the removal";
 }
 
 TEST_F(LostDevice, FramesOfASequenceStay) {
