@@ -75,6 +75,22 @@ class ACCESSVDB_API AccessibilityField {
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W);
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
                            double stamp_s);
+  /// From now on the map and the list of points take no new memory. Where a return would need some, it is left out, and
+  /// the voxels that it would have changed block: they collide and are not free for an arm, and points whose neighbours
+  /// may lie there are unscored with reason `confidence`. What the map has a place for is fused as if it grew. So at
+  /// every moment the accessible points are among those of a field that grows. Part of a saved state is what was left
+  /// out, not that the map stopped growing.
+  /// @param most_left_out_leaves  leaves (8^3 voxels) in which single voxels are kept, 350 bytes each with their share
+  /// of
+  ///                              the mirror; beyond, all points near them are unscored
+  /// @throws InvalidArgument "projective.limit" with projective fusion
+  void stopGrowing(std::size_t most_left_out_leaves = std::size_t{1} << 17);
+  [[nodiscard]] bool grows() const;
+  /// Returns that this field will never get, although there were some, lay at most so far from these positions: from
+  /// the next update() on, points whose labels may depend on them are unscored with reason `confidence`, for good.
+  /// @param radius_m  0 .. 1e6  @throws InvalidArgument "left_out.radius"
+  void leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m);
+
   /// The field's time: the latest stamp of a scan. It never runs backwards, and is no clock of this machine: the same
   /// input gives the same bytes at any time. Nothing while no scan had a stamp.
   [[nodiscard]] std::optional<double> latestStamp_s() const;

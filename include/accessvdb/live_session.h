@@ -13,13 +13,16 @@
 ///       if (const auto step = session.step()) publish(step->changed);
 ///     }
 ///
-/// A scan waits until there are poses around its time. No more scans wait than LiveOptions::queue_scans: a further one
-/// drops the oldest. Every scan is taken, dropped for a reason that is counted, or still waiting:
-/// published = taken + dropped + waiting at any time.
+/// A scan waits until there are poses around its time. If more than LiveOptions::queue_scans wait, the oldest are fused
+/// without labels of their own, so that a slow machine falls back in labels, not in what it knows. Every scan is taken,
+/// dropped for a reason that is counted, or still waiting: published = taken + dropped + waiting at any time.
 ///
-/// The same sequence of calls gives the same bits, and the labels after a step are those of
+/// The same sequence of calls gives the same bits, and the labels after a step that is not late are those of
 /// AccessibilityField::integrateScan() and update() for each scan that was taken, in that order: those of
 /// `accessvdb map --update-every 1`. Clocks only measure; nothing is decided by them.
+///
+/// What is left out blocks: a return for which there was no memory or no time never makes a point accessible
+/// (AccessibilityField::stopGrowing(), leaveOut()). Only returns without a pose are merely counted.
 #pragma once
 
 #include <Eigen/Core>
@@ -43,7 +46,7 @@ namespace accessvdb {
 
 /// Why a scan was not taken. Names in files and messages: name(ScanDrop).
 enum class ScanDrop : std::uint8_t {
-  QueueFull,   ///< newer scans came before there was time for it
+  QueueFull,   ///< there was not even time to fuse it: points near its returns are unscored from then on
   NoPose,      ///< no poses around its time within 0.2 s, or a jump between them
   OutOfOrder,  ///< not later than the scan before it
   Unusable,    ///< no time, more returns than LiveOptions::most_returns
@@ -56,15 +59,16 @@ constexpr const char* name(ScanDrop reason) {
 }
 
 struct LiveOptions {
-  std::size_t queue_scans = 4;         ///< most scans that wait
-  std::size_t most_poses = 4000;       ///< poses that are remembered: 20 s at 200 Hz
-  std::size_t most_returns = 4000000;  ///< of one scan
+  std::size_t queue_scans = 4;                  ///< if more wait, the oldest are only fused
+  std::size_t most_waiting_returns = 16000000;  ///< of all scans that wait, 192 MB: a further scan drops the oldest
+  std::size_t most_poses = 4000;                ///< poses that are remembered: 20 s at 200 Hz
+  std::size_t most_returns = 4000000;           ///< of one scan
   /// Pose of the sensor in the frame whose poses are given (an IMU, a body): T_W_S becomes T_W_B * T_B_S.
   std::optional<Eigen::Isometry3d> T_B_S = {};
   /// Returns inside this box, in the sensor's frame, are left out: they are from the platform itself.
   std::optional<Eigen::AlignedBox3d> exclude_box_S = {};
-  /// Bytes of map, mirror and points (MemoryUse) from which the map no longer grows: returns where it has no leaf yet
-  /// are left out and counted; what it has is still updated. 0 = no limit.
+  /// Bytes of map, mirror and points (MemoryUse) from which the map no longer grows (AccessibilityField::stopGrowing):
+  /// returns for which it has no place are left out, counted, and block; what it has is still updated. 0 = no limit.
   std::uint64_t memory_limit_bytes = 0;
 };
 
@@ -94,7 +98,8 @@ struct LiveStep {
   FrameStats fused;
   UpdateStats scored;
   std::uint64_t excluded_returns = 0;  ///< inside LiveOptions::exclude_box_S
-  std::uint64_t left_out_returns = 0;  ///< in new space, with the memory limit reached
+  std::uint64_t left_out_returns = 0;  ///< no place for them, with the memory limit reached
+  bool late = false;                   ///< only fused: labels come with a later step
   double waited_ms = 0;                ///< from addScan() to the beginning of the step
   double latency_ms = 0;               ///< from addScan() to labels
   /// Points that are new, or whose label, reason or direction changed, in ascending order of their ids.
@@ -122,7 +127,9 @@ struct LiveStatus {
   std::string world_frame = {};  ///< of the first pose
 
   std::uint64_t points_in = 0, points_used = 0;  ///< returns of the scans taken
-  std::uint64_t excluded_returns = 0, left_out_returns = 0;
+  std::uint64_t late = 0;                        ///< of taken: only fused, since too many waited
+  std::uint64_t excluded_returns = 0;
+  std::uint64_t left_out_returns = 0;  ///< no memory, or no time: the returns of scans dropped as queue_full, too
   std::uint64_t surface_points = 0;
   std::uint64_t memory_bytes = 0;  ///< of map, mirror and points after the last step
   std::uint64_t memory_limit_bytes = 0;

@@ -45,6 +45,7 @@ struct FrameStats {
   std::uint64_t distance_mirror_bytes = 0;  ///< written to it
   std::uint64_t surface_points = 0;         ///< in the field after this scan
   std::uint64_t flipped_voxels = 0;         ///< voxels in which a fact that scoring reads flipped
+  std::uint64_t left_out_returns = 0;       ///< of points_used: those for which a map that no longer grows has no place
 };
 
 /// What one update() did.

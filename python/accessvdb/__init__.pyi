@@ -653,9 +653,13 @@ class LiveStep:
     @property
     def scored(self) -> UpdateStats: ...
     @property
+    def late(self) -> bool:
+        """Only fused, since more than queue_scans waited: labels come with a later step."""
+    @property
     def excluded_returns(self) -> int: ...
     @property
-    def left_out_returns(self) -> int: ...
+    def left_out_returns(self) -> int:
+        """Returns for which there was no memory: they block."""
     @property
     def waited_ms(self) -> float: ...
     @property

@@ -117,6 +117,7 @@ py::dict status(Session& session) {
   py::dict all;
   all["published"] = now.published;
   all["taken"] = now.taken;
+  all["late"] = now.late;
   all["waiting"] = now.waiting;
   all["dropped"] = dropped;
   all["poses"] = now.poses;
@@ -147,6 +148,7 @@ void bindLive(py::module_& module) {
       .def_property_readonly("stamp_ns", [](const Step& s) { return s.done.stamp_ns; })
       .def_property_readonly("fused", [](const Step& s) { return s.done.fused; })
       .def_property_readonly("scored", [](const Step& s) { return s.done.scored; })
+      .def_property_readonly("late", [](const Step& s) { return s.done.late; })
       .def_property_readonly("excluded_returns", [](const Step& s) { return s.done.excluded_returns; })
       .def_property_readonly("left_out_returns", [](const Step& s) { return s.done.left_out_returns; })
       .def_property_readonly("waited_ms", [](const Step& s) { return s.done.waited_ms; })

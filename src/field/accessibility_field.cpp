@@ -177,7 +177,8 @@ MemoryUse AccessibilityField::memoryUse() const {
     use.distance_mirror_bytes = impl_->distance_mirror->usedBytes() + impl_->distance_mirror->hostBytes();
   }
   use.point_host_bytes = impl_->points.bytes() + impl_->views.bytes() + impl_->setup.hostBytes() +
-                         impl_->further.hostBytes() + impl_->gate.bytes() + impl_->gone_points.bytes();
+                         impl_->further.hostBytes() + impl_->gate.bytes() + impl_->gone_points.bytes() +
+                         impl_->left_out.bytes();
   if (impl_->gone_cells) use.point_host_bytes += impl_->gone_cells->bytes();
   use.point_device_bytes = impl_->setup.deviceBytes() + impl_->further.deviceBytes();
   // A device that fails while removeRegion() makes these again leaves a field without them.
@@ -198,7 +199,8 @@ MemoryUse AccessibilityField::memoryUse() const {
 void AccessibilityField::saveState(const std::filesystem::path& file) const {
   impl_->steps.requireWhole();
   impl_->arena.execute([&] {
-    internal::SavedParts parts = {impl_->volume.packed(), impl_->points, impl_->further.ownStores(), {}};
+    internal::SavedParts parts = {
+        impl_->volume.packed(), impl_->points, impl_->further.ownStores(), {}, impl_->left_out};
     if (impl_->gone_cells) parts.gone = internal::GoneState{impl_->gone_cells.get(), &impl_->gone_points};
     internal::writeState(file, impl_->stateHead(), parts);
   });

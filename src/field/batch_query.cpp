@@ -9,20 +9,21 @@
 
 #include "accessvdb/error.h"
 #include "field/batch_query_impl.h"
+#include "field/left_out_points.h"
 #include "field/tool_heading.h"
 
 namespace accessvdb {
 namespace internal {
 
 HostPointState::HostPointState(kernels::Backend& backend, const kernels::PointStateView& view, std::uint32_t count,
-                               bool on_host, std::span<const std::uint8_t> gone)
+                               bool on_host, std::span<const std::uint8_t> withheld)
     : score(view.score), direction(view.direction), label(view.label), reason(view.reason), size(count) {
   if (size == 0) return;
   if (on_host) {
-    if (std::ranges::find(gone, 1) == gone.end()) return;
+    if (!anyWithheld(withheld)) return;
     label_copy.assign(label, label + size);
     reason_copy.assign(reason, reason + size);
-    markGone(gone, label_copy, reason_copy);
+    markWithheld(withheld, label_copy, reason_copy);
     label = label_copy.data();
     reason = reason_copy.data();
     return;
@@ -36,14 +37,19 @@ HostPointState::HostPointState(kernels::Backend& backend, const kernels::PointSt
   fetch(direction_copy, direction);
   fetch(label_copy, label);
   fetch(reason_copy, reason);
-  markGone(gone, label_copy, reason_copy);
+  markWithheld(withheld, label_copy, reason_copy);
 }
 
-void markGone(std::span<const std::uint8_t> gone, std::span<PointLabel> labels, std::span<PointReason> reasons) {
-  for (std::size_t id = 0; id < std::min(gone.size(), labels.size()); ++id) {
-    if (gone[id] == 0) continue;
+bool anyWithheld(std::span<const std::uint8_t> withheld) {
+  return std::ranges::any_of(withheld, [](std::uint8_t why) { return why != 0; });
+}
+
+void markWithheld(std::span<const std::uint8_t> withheld, std::span<PointLabel> labels,
+                  std::span<PointReason> reasons) {
+  for (std::size_t id = 0; id < std::min(withheld.size(), labels.size()); ++id) {
+    if (withheld[id] == 0) continue;
     labels[id] = PointLabel::Unscored;
-    reasons[id] = PointReason::Changed;
+    reasons[id] = reasonOf(withheld[id]);
   }
 }
 

@@ -27,6 +27,7 @@
 #include "field/field_steps.h"
 #include "field/field_views.h"
 #include "field/further_tools.h"
+#include "field/left_out_points.h"
 #include "field/new_thing_margin.h"
 #include "field/point_weights.h"
 #include "field/region_voxels.h"
@@ -76,6 +77,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         scorer(std::make_unique<internal::PointScorer>(points, params, *backend, reads)),
         further(tools, params, {volume.packed(), points, *backend, core(), gone_cells ? &gone_points : nullptr},
                 progress),
+        left_out(reachOfTools(), params.tsdf.voxel_size_m),
         gate(params.tsdf, params.origin_W, returnsInWindow()),
         scheduler(further.makeSchedulers(*scorer, setup)),
         steps(views) {
@@ -91,13 +93,16 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     if (!params.window) return std::nullopt;
     return internal::coreOf(*params.window);
   }
-  std::optional<internal::VoxelColumnBox> returnsInWindow() const {
-    if (!params.window) return std::nullopt;
+  internal::WindowReach reachOfTools() const {
     internal::WindowReach reach = internal::windowReach(setup.tool(), params);
     for (std::size_t n = 0; n < further.size(); ++n) {
       reach = internal::unionOf(reach, internal::windowReach(further[n].setup.tool(), further[n].params));
     }
-    return internal::returnsOf(*params.window, reach);
+    return reach;
+  }
+  std::optional<internal::VoxelColumnBox> returnsInWindow() const {
+    if (!params.window) return std::nullopt;
+    return internal::returnsOf(*params.window, reachOfTools());
   }
 
   std::unique_ptr<internal::DistanceMirror> makeDistanceMirror() {
@@ -131,16 +136,17 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   [[nodiscard]] internal::ScoredField scored() const {
-    return {*scorer, *backend, gate.origin_W(), setup.tool().rolls, core(), gone_points.published()};
+    return {*scorer, *backend, gate.origin_W(), setup.tool().rolls, core(), withheld()};
   }
+  /// Points that are unscored whatever their state says.
+  [[nodiscard]] std::span<const std::uint8_t> withheld() const { return left_out.withheld(gone_points.published()); }
   [[nodiscard]] internal::ViewedParts viewed() {
     steps.requireWhole();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const kernels::DistanceView distances = {distance_mirror ? distance_mirror->grid() : nullptr,
                                              tables.map.inverse_voxel_size};
-    return {volume.packed(), *scorer,       *backend,
-            tables.map,      distances,     tables.approach,
-            gate.origin_W(), viewedTools(), gone_points.published()};
+    return {volume.packed(), *scorer,         *backend,      tables.map, distances,
+            tables.approach, gate.origin_W(), viewedTools(), withheld()};
   }
   /// None if there is only one.
   [[nodiscard]] std::vector<internal::ViewedTool> viewedTools() const {
@@ -213,8 +219,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     internal::ScoringTables tables = setupOf(k).tables(mirror.grid());
     tables.rule.keep_best = false;
     for (const auto& result : again.score(items, tables)) tests += result.tests;
-    const internal::ScoredField field = {
-        again, *backend, gate.origin_W(), setupOf(k).tool().rolls, core(), gone_points.published()};
+    const internal::ScoredField field = {again, *backend, gate.origin_W(), setupOf(k).tool().rolls, core(), withheld()};
     return internal::scoredPoints(field, internal::PointStates::AsOfTheLastUpdate);
   }
   [[nodiscard]] std::unique_ptr<internal::PointScorer> freshScorer(std::size_t k) const {
@@ -258,10 +263,12 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   /// @return time taken to note what the scan changed in the map; counts as the update's
   double integrateStages(const internal::GatedScan& scan, double passed_s, FrameStats& stats) {
     const internal::TouchedPoints* touched = nullptr;
+    const internal::GatedScan* placed = &scan;  // what can become points
     const auto add_returns = [&] {
       steps.waitForMap();
       points.describeTouched(scheduler->needs().news);
-      touched = &points.addReturns(scan.p_L, scan.q_L);
+      if (!volume.packed().grows()) placed = &placedReturns(scan, stats);
+      touched = &points.addReturns(placed->p_L, placed->q_L);
     };
     std::vector<std::span<const LeafChange>> aged;
     // What is news is judged before free space ages.
@@ -275,7 +282,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     internal::IntegrationResult result;
     const auto note_returns = [&] {
       steps.joinUpdate();
-      scheduler->noteReturns(*touched, scan.p_L, scan.q_L);
+      scheduler->noteReturns(*touched, placed->p_L, placed->q_L);
     };
     std::vector<LeafChange> opened;
     const auto fuse = [&] {
@@ -292,11 +299,12 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     stats.distance_updates = result.counts.distance_updates;
     stats.cleared_updates = result.counts.cleared_updates;
     stats.flipped_voxels = result.counts.flipped_voxels;
+    if (!result.left_out.empty()) noteLeftOut(result.left_out);
     const kernels::Stopwatch noting;
     std::vector<std::span<const LeafChange>> changes = aged;
     changes.emplace_back(opened);
     changes.insert(changes.end(), result.changes.begin(), result.changes.end());
-    scheduler->noteChanges(scan.p_L, scan.q_L, {changes, result.distances});
+    scheduler->noteChanges(placed->p_L, placed->q_L, {changes, result.distances});
     const double noting_ms = noting.milliseconds();
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     const auto to_backend = [&] { scheduler->prepare(tables); };
@@ -311,6 +319,11 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     return noting_ms;
   }
 
+  // field_left_out.cpp: returns for which the map has no place.
+  const internal::GatedScan& placedReturns(const internal::GatedScan& scan, FrameStats& stats);
+  void noteLeftOut(std::span<const openvdb::Coord> leaves);
+  void restoreLeftOut(internal::StateReader& state);
+
   /// @return where voxels are no longer free
   std::vector<std::span<const LeafChange>> ageFreeSpace(double passed_s) {
     internal::PackedMap& map = volume.packed();
@@ -322,7 +335,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   std::vector<LeafChange> openWhatHasGone(const internal::GatedScan& scan, std::span<const std::uint32_t> touched) {
     if (!gone_cells) return {};
     gone_points.noteReturns(touched);
-    const std::vector<internal::OpenedLeaf> opened = gone_cells->takeScan(scan.p_L, scan.q_L, touched);
+    std::vector<internal::OpenedLeaf> opened = gone_cells->takeScan(scan.p_L, scan.q_L, touched);
+    left_out.keepShut(opened);
     gone_points.noteOpened(points, opened, map_reads.weights);
     return internal::openVoxels(volume.packed(), opened);
   }
@@ -376,6 +390,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
 
   UpdateStats updateStages(const internal::BackgroundUpdate::FreeMap& free_map) {
     gone_points.publish();
+    left_out.publish(points, volume.packed().leftOut(), gone_points.published(), gate.origin_W());
     scheduler->whenMapIsFree(free_map);
     return scheduler->update(setup.tables(mirror.grid()));
   }
@@ -405,6 +420,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     });
     state.readViews(points, further.ownStores());
     if (gone_cells) state.readGone(*gone_cells, gone_points);
+    restoreLeftOut(state);
     scheduler->noteRestored();
     scans = head.scans;
     clock = internal::FieldClock(head.latest_stamp_s);
@@ -458,6 +474,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   internal::MapReads reads;  ///< what points see of the map
   std::unique_ptr<internal::PointScorer> scorer;
   internal::FurtherTools further;
+  internal::LeftOutPoints left_out;
+  internal::GatedScan placed_scan;  ///< kept so that memory is reused
   internal::ScanGate gate;
   std::unique_ptr<internal::UpdateScheduler> scheduler;
   internal::FieldViews views;

@@ -62,8 +62,8 @@ WhatIf AccessibilityField::Impl::whatIf(const internal::VoxelSet& voxels) {
   requireCurrentLabels();
   const internal::WhatIfTables& tables = whatIfTables();
   return steps.run([&] {
-    return internal::openedWithout(
-        {volume.packed(), *scorer, setup, tables, mirror, gate.origin_W(), gone_points.published()}, voxels);
+    return internal::openedWithout({volume.packed(), *scorer, setup, tables, mirror, gate.origin_W(), withheld()},
+                                   voxels);
   });
 }
 

@@ -39,7 +39,7 @@ BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
   const kernels::PointStateView state =
       parts.tools.empty() ? parts.scorer.device().view() : arena.execute([&] { return merged(parts).view(); });
   impl->source.state = std::make_shared<const HostPointState>(parts.backend, state, parts.scorer.device().size(),
-                                                              onHost(parts.backend), parts.gone);
+                                                              onHost(parts.backend), parts.withheld);
   impl->source.directions = directionVectors(parts.scorer.params().approach);
   for (std::size_t k = 1; k < parts.tools.size(); ++k) {
     const auto more = directionVectors(parts.tools[k].scorer.params().approach);
@@ -53,6 +53,25 @@ BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
   impl->revision = revision();
   query_ = std::move(impl);
   return BatchQuery(query_);
+}
+
+/// The view gets labels of its own: the backend keeps those that it found, which it compares with later.
+void FieldViews::withhold(const ViewedParts& parts, DeviceView& view) {
+  const std::size_t count = view.points.count;
+  labels_.resize(count);
+  reasons_.resize(count);
+  parts.backend.download(labels_.data(), view.points.label, count * sizeof(PointLabel));
+  parts.backend.download(reasons_.data(), view.points.reason, count * sizeof(PointReason));
+  markWithheld(parts.withheld, labels_, reasons_);
+  view.points.label = labels_.data();
+  view.points.reason = reasons_.data();
+  if (onHost(parts.backend)) return;
+  device_labels_.grow(parts.backend, count, 0);
+  device_reasons_.grow(parts.backend, count, 0);
+  device_labels_.upload(labels_.data(), count);
+  device_reasons_.upload(reasons_.data(), count);
+  view.points.label = device_labels_.data();
+  view.points.reason = device_reasons_.data();
 }
 
 DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) {
@@ -75,13 +94,7 @@ DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) {
                  state.score,      state.direction, state.weight,
                  state.label,      state.reason,    parts.scorer.device().size(),
                  state.roll};
-  if (!on_gpu && std::ranges::find(parts.gone, 1) != parts.gone.end()) {
-    labels_.assign(view.points.label, view.points.label + view.points.count);
-    reasons_.assign(view.points.reason, view.points.reason + view.points.count);
-    markGone(parts.gone, labels_, reasons_);
-    view.points.label = labels_.data();
-    view.points.reason = reasons_.data();
-  }
+  if (anyWithheld(parts.withheld)) withhold(parts, view);
   view.direction_xy = parts.approach.direction_xy;
   view.axes_xyz = parts.approach.axes_xyz;
   view.num_directions = parts.approach.num_directions;

@@ -13,6 +13,7 @@
 #include "field/merged_tools.h"
 #include "field/query_index.h"
 #include "field/query_source.h"
+#include "launch/device_array.h"
 #include "update/point_scorer.h"
 
 namespace accessvdb::internal {
@@ -26,8 +27,8 @@ struct ViewedParts {
   kernels::DistanceView distances;  ///< no grid if there is no mirror of them
   kernels::ApproachView approach;   ///< in the backend's memory
   Eigen::Vector3d origin_W;
-  std::vector<ViewedTool> tools = {};       ///< if there are several, all of them
-  std::span<const std::uint8_t> gone = {};  ///< by id: 1 if the point has gone
+  std::vector<ViewedTool> tools = {};           ///< if there are several, all of them
+  std::span<const std::uint8_t> withheld = {};  ///< by id, see LeftOutPoints
 };
 
 /// One per field; one thread at a time.
@@ -57,8 +58,12 @@ class FieldViews {
   std::shared_ptr<const BatchQuery::Impl> query_;  ///< the last one
   std::unique_ptr<const MergedTools> merged_;
   std::uint64_t merged_revision_ = 0;
-  mutable std::vector<PointLabel> labels_;  ///< of the last view on the host, if points have gone
-  mutable std::vector<PointReason> reasons_;
+  void withhold(const ViewedParts& parts, DeviceView& view);
+
+  std::vector<PointLabel> labels_;  ///< of the last view, if points are withheld
+  std::vector<PointReason> reasons_;
+  kernels::DeviceArray<PointLabel> device_labels_;  ///< the same where the view is on a GPU
+  kernels::DeviceArray<PointReason> device_reasons_;
 };
 
 }  // namespace accessvdb::internal

@@ -29,13 +29,14 @@ struct HostPointState {
   std::vector<PointLabel> label_copy;
   std::vector<PointReason> reason_copy;
 
-  /// @param on_host  the view's arrays can be read here  @param gone  by id: 1 if the point has gone
+  /// @param on_host  the view's arrays can be read here  @param withheld  by id, see LeftOutPoints
   HostPointState(kernels::Backend& backend, const kernels::PointStateView& view, std::uint32_t count, bool on_host,
-                 std::span<const std::uint8_t> gone);
+                 std::span<const std::uint8_t> withheld);
 };
 
-/// Points that have gone are unscored, whatever was found when they were last scored. @param gone  by id; 1: it has
-void markGone(std::span<const std::uint8_t> gone, std::span<PointLabel> labels, std::span<PointReason> reasons);
+/// Points that are withheld are unscored, whatever was found when they were last scored. @param withheld  by id
+[[nodiscard]] bool anyWithheld(std::span<const std::uint8_t> withheld);
+void markWithheld(std::span<const std::uint8_t> withheld, std::span<PointLabel> labels, std::span<PointReason> reasons);
 
 /// Everything that a query reads; it all stays in place until the field next changes.
 struct QuerySource {

@@ -10,6 +10,7 @@
 #include <span>
 #include <utility>
 
+#include "field/left_out_points.h"
 #include "field/tool_heading.h"
 
 namespace accessvdb::internal {
@@ -50,7 +51,7 @@ class ScoredPoints final : public SurfacePoints {
   ScoredPoints(const ScoredField& field, HostState state, std::uint32_t first, std::uint32_t count)
       : scorer_(field.scorer),
         origin_W_(field.origin_W),
-        gone_(field.gone),
+        withheld_(field.withheld),
         state_(std::move(state)),
         first_(first),
         weights_(count),
@@ -75,7 +76,7 @@ class ScoredPoints final : public SurfacePoints {
  private:
   const PointScorer& scorer_;
   Eigen::Vector3d origin_W_;
-  std::span<const std::uint8_t> gone_;
+  std::span<const std::uint8_t> withheld_;
   HostState state_;
   std::uint32_t first_;
   std::vector<std::uint16_t> weights_;
@@ -93,8 +94,8 @@ SurfacePoint ScoredPoints::at(std::size_t index) const {
   const bool gone = weights_[index] == 0 && scorer_.params().tsdf.region != UpdateRegion::Projective;
   if (gone) point.reason = PointReason::Changed;             // point_weights.cpp: its voxel was taken out
   if (point.id - state_.first >= state_.size) return point;  // added after the last update
-  if (point.id < gone_.size() && gone_[point.id] != 0) {
-    point.reason = PointReason::Changed;
+  if (point.id < withheld_.size() && withheld_[point.id] != 0) {
+    point.reason = reasonOf(withheld_[point.id]);
     return point;
   }
   const std::uint32_t n = point.id - state_.first;

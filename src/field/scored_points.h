@@ -29,7 +29,7 @@ struct ScoredField {
   Eigen::Vector3d origin_W;
   ToolRolls rolls;
   std::optional<VoxelColumnBox> core = std::nullopt;  ///< of a tile, whose other points are not the user's
-  std::span<const std::uint8_t> gone = {};            ///< by id: 1 if it has gone; later points have not
+  std::span<const std::uint8_t> withheld = {};        ///< by id, see LeftOutPoints; later points are not
 };
 
 /// All points, those of the core for a tile. Labels, scores and weights are copied, 24 bytes per point; positions are

@@ -14,11 +14,11 @@
 namespace accessvdb::internal {
 
 /// Layout of the file. Raise it when a section changes: isStateSchema() says which numbers this program reads.
-inline constexpr std::uint32_t kStateSchema = 3;
+inline constexpr std::uint32_t kStateSchema = 6;
 /// The same with a set of orientations behind the parameters: of fields whose tool does not only turn in yaw.
-inline constexpr std::uint32_t kOrientedStateSchema = 4;
+inline constexpr std::uint32_t kOrientedStateSchema = 7;
 /// The same with the number of rolls behind the orientations: of fields whose tool rolls.
-inline constexpr std::uint32_t kRolledStateSchema = 5;
+inline constexpr std::uint32_t kRolledStateSchema = 8;
 /// Added to any of them for ChangeMode::Full, whose states hold more.
 inline constexpr std::uint32_t kFullChangeSchema = 10;
 
@@ -59,6 +59,9 @@ struct StateHead {
   std::optional<double> latest_stamp_s;     ///< of all scans; nothing while none had one
   std::uint64_t leaves = 0, leaves_with_values = 0, leaves_with_votes = 0;
   std::uint64_t points = 0, poses = 0;
+  std::uint64_t left_out_leaves = 0;  ///< LeftOutVoxels
+  std::uint64_t closed_cells = 0;     ///< LeftOutPoints
+  std::uint32_t closed_doublings = 0;
   // Only for ChangeMode::Full.
   double age_s = 0;  ///< FreeGenerations::age_s()
   std::uint64_t leaves_with_before = 0;

@@ -13,6 +13,7 @@
 #include "accessvdb/leaf_change.h"
 #include "change/gone_cells.h"
 #include "change/gone_points.h"
+#include "field/left_out_points.h"
 #include "field/state_head.h"
 #include "field/state_sections.h"
 #include "points/point_store.h"
@@ -41,6 +42,8 @@ class StateReader {
   [[nodiscard]] const std::filesystem::path& file() const { return file_; }
   /// Next, for ChangeMode::Full. @throws as that does
   void readGone(GoneCells& cells, GonePoints& points);
+  /// Last. @throws as that does
+  void readLeftOut(LeftOutVoxels& voxels, LeftOutPoints& points);
 
  private:
   void readHead();

@@ -137,6 +137,17 @@ void writeGonePoints(SectionWriter& out, const StateHead& head, const GonePoints
   out.end();
 }
 
+void writeLeftOut(SectionWriter& out, const LeftOutVoxels& voxels, const LeftOutPoints& points) {
+  out.begin("leftout", voxels.leaves() * kLeftOutLeafBytes + points.closedCells().size() * kClosedCellBytes);
+  for (const auto& [ijk, bits] : voxels.inOrder()) {
+    const std::int32_t origin[3] = {ijk.x(), ijk.y(), ijk.z()};
+    out.write(origin, sizeof origin);
+    out.write(bits.data(), sizeof bits);
+  }
+  for (const LeftOutPoints::Cell& cell : points.closedCells()) out.write(cell.data(), kClosedCellBytes);
+  out.end();
+}
+
 }  // namespace
 
 std::uint64_t goneStateBytes(const StateHead& head) {
@@ -163,7 +174,7 @@ void requireSavable(const FieldParams& params) {
 }
 
 void writeState(const std::filesystem::path& file, StateHead head, const SavedParts& parts) {
-  const auto& [map, points, views, gone] = parts;
+  const auto& [map, points, views, gone, left_out] = parts;
   requireSavable(head.params);
   head.schema = stateSchemaOf(head.params);
   head.leaves = map.leaf_count;
@@ -172,6 +183,9 @@ void writeState(const std::filesystem::path& file, StateHead head, const SavedPa
   head.leaves_with_before = map.agedLeafCount();
   head.points = points.size();
   head.poses = points.poses().size();
+  head.left_out_leaves = map.leftOut().leaves();
+  head.closed_cells = left_out.closedCells().size();
+  head.closed_doublings = left_out.doublings();
   if (gone) {
     head.gone_scans = gone->cells->scans();
     head.cell_blocks = gone->cells->blocksInOrder().size();
@@ -191,6 +205,7 @@ void writeState(const std::filesystem::path& file, StateHead head, const SavedPa
       writeCells(out, head, *gone->cells, points);
       writeGonePoints(out, head, *gone->points);
     }
+    writeLeftOut(out, map.leftOut(), left_out);
   });
 }
 

@@ -9,6 +9,7 @@
 
 #include "change/gone_cells.h"
 #include "change/gone_points.h"
+#include "field/left_out_points.h"
 #include "field/state_head.h"
 #include "points/point_store.h"
 #include "tsdf/packed_map.h"
@@ -43,6 +44,9 @@ void visitStored(Cell& cell, Number& verdict, const Visit& visit) {
   visit(verdict);
 }
 inline constexpr std::uint64_t kGonePointBytes = 2 * sizeof(std::uint32_t);
+/// Of what was left out: a leaf's voxels, and a closed cell.
+inline constexpr std::uint64_t kLeftOutLeafBytes = 3 * sizeof(std::int32_t) + sizeof(LeafBits);
+inline constexpr std::uint64_t kClosedCellBytes = sizeof(LeftOutPoints::Cell);
 /// Bytes of all sections for ChangeMode::Full, with their frames; 0 for other modes.
 [[nodiscard]] std::uint64_t goneStateBytes(const StateHead& head);
 
@@ -61,6 +65,7 @@ struct SavedParts {
   const PointStore& points;
   std::vector<PointStore*> views;  ///< of further tools: the same points, seen from other directions
   std::optional<GoneState> gone;   ///< only for ChangeMode::Full
+  const LeftOutPoints& left_out;
 };
 
 /// @param head  its counts of leaves and points are filled in here

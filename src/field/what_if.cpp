@@ -119,7 +119,7 @@ std::vector<kernels::ScoreItem> chooseItems(const WhatIfParts& parts, const Voxe
       bool chosen = false;
       for (const std::uint32_t id : block.ids) {
         if (id >= labels.size() || labels[id] != PointLabel::Blocked) continue;
-        if (id < parts.gone.size() && parts.gone[id] != 0) continue;
+        if (id < parts.withheld.size() && parts.withheld[id] != 0) continue;
         if (!std::exchange(chosen, true)) item.candidates = affected.directions(block.leaf);
         if (!any(item.candidates)) break;
         if (std::binary_search(gone.begin(), gone.end(), id)) continue;

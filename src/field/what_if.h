@@ -33,7 +33,7 @@ struct WhatIfParts {
   const WhatIfTables& tables;
   NanoVdbMirror& mirror;
   Eigen::Vector3d origin_W;
-  std::span<const std::uint8_t> gone;  ///< points that have gone already are not 0; those beyond its end stand
+  std::span<const std::uint8_t> withheld;  ///< points that stay unscored are not 0 (LeftOutPoints); by id
 };
 
 /// @param voxels  observed

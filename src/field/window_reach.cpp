@@ -31,6 +31,7 @@ WindowReach windowReach(const ToolKernel& tool, const FieldParams& resolved) {
     reach.map = std::max({reach.map, std::abs(tool.min_ijk[axis]), std::abs(tool.max_ijk[axis])});
   }
   reach.map = std::max(reach.map, voxels(armDistances(resolved).back(), resolved) + 1);
+  reach.height = std::max({std::abs(tool.min_ijk[2]), std::abs(tool.max_ijk[2]), reach.map});
   const double band_m = t.cleared_end_tau * t.truncation_distance_m + t.cleared_radius_voxels * t.voxel_size_m;
   double returns_m = std::max(t.truncation_distance_m, band_m);
   if (resolved.change.mode != ChangeMode::Off) {
@@ -42,8 +43,14 @@ WindowReach windowReach(const ToolKernel& tool, const FieldParams& resolved) {
   return reach;
 }
 
+std::int32_t WindowReach::influence() const {
+  constexpr std::int32_t kCells = 8;  // as in left_out_points.cpp
+  return std::max(std::max(map, height) + returns, neighbours) + kCells;
+}
+
 WindowReach unionOf(const WindowReach& a, const WindowReach& b) {
-  return {std::max(a.map, b.map), std::max(a.returns, b.returns), std::max(a.neighbours, b.neighbours)};
+  return {std::max(a.map, b.map), std::max(a.returns, b.returns), std::max(a.neighbours, b.neighbours),
+          std::max(a.height, b.height)};
 }
 
 VoxelColumnBox coreOf(const FieldWindow& window) { return {window.core_low, window.core_high}; }

@@ -17,11 +17,15 @@ namespace accessvdb::internal {
 
 struct ToolKernel;
 
-/// In voxels, along x and y.
+/// In voxels, along x and y unless it says otherwise.
 struct WindowReach {
   std::int32_t map = 0;         ///< from a point to the farthest voxel that its score or weight reads
   std::int32_t returns = 0;     ///< from a return to the farthest voxel that it changes
   std::int32_t neighbours = 0;  ///< from a point to the farthest neighbour of its normal and its joined views
+  std::int32_t height = 0;      ///< as map, along z
+
+  /// Along any axis: from a return to the farthest point whose label may depend on it.
+  [[nodiscard]] std::int32_t influence() const;
 };
 WindowReach windowReach(const ToolKernel& tool, const FieldParams& resolved);
 /// Of a field with several tools.

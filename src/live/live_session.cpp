@@ -15,7 +15,7 @@
 #include "io/exclude_box.h"
 #include "io/pose_track.h"
 #include "live/changed_points.h"
-#include "live/known_space.h"
+#include "live/lost_returns.h"
 #include "live/pose_buffer.h"
 
 namespace accessvdb {
@@ -30,6 +30,10 @@ double millisecondsBetween(Clock::time_point from, Clock::time_point to) {
 FieldParams checked(const FieldParams& params, const LiveOptions& options) {
   if (options.queue_scans < 1)
     throw InvalidArgument("live.queue", "queue_scans", "must be 1 or more", "Leave it out for the default");
+  if (options.memory_limit_bytes > 0 && params.tsdf.region == UpdateRegion::Projective) {
+    throw InvalidArgument("projective.limit", "memory_limit_bytes",
+                          "the projective baseline cannot keep a map from growing", "Use another UpdateRegion");
+  }
   if (options.most_poses < 2)
     throw InvalidArgument("live.poses", "most_poses", "must be 2 or more", "Leave it out for the default");
   if (params.window) throw InvalidArgument("live.window", "window", "is for tiles, not for a live map", "Leave it out");
@@ -48,6 +52,8 @@ Eigen::Vector3f asFloat(const Eigen::Vector3d& p) {
           [](double v) { return std::abs(v) > kMost ? std::copysign(std::numeric_limits<double>::infinity(), v) : v; })
       .cast<float>();
 }
+
+std::size_t returnsOf(const LiveScan& scan) { return scan.points.size() + scan.points_double.size(); }
 
 struct WaitingScan {
   LiveScan scan;
@@ -85,14 +91,16 @@ class Latencies {
 
 struct ACCESSVDB_PRIVATE LiveSession::Impl {
   Impl(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& given)
-      : options(given), field(tool, checked(params, given)), poses(given.most_poses) {
+      : options(given), field(tool, checked(params, given)), lost(lostCube_m()), poses(given.most_poses) {
     status.memory_limit_bytes = options.memory_limit_bytes;
   }
 
   struct Ready {
     WaitingScan waiting;
     Eigen::Isometry3d T_W_B;
-    bool registered = false;  ///< its points are in the world frame
+    bool registered = false;     ///< its points are in the world frame
+    bool late = false;           ///< so many wait behind it that it gets no labels of its own
+    internal::LostReturns lost;  ///< since the scan before
   };
   /// A scan as rays, or as points in the sensor's frame with its pose.
   struct Posed {
@@ -102,6 +110,8 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     bool registered = false;
   };
 
+  [[nodiscard]] double lostCube_m() const { return 8 * field.params().tsdf.voxel_size_m; }
+
   // With the lock held:
 
   void drop(const WaitingScan& scan, ScanDrop reason) {
@@ -109,6 +119,29 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     ++status.dropped[static_cast<std::size_t>(reason)];
     if (dropped.size() == kRemembered) dropped.pop_front();
     dropped.push_back({scan.number, scan.scan.stamp_ns, reason});
+  }
+
+  /// There is no time for a scan. If it has a pose, what it saw must block.
+  void lose(const WaitingScan& waiting) {
+    drop(waiting, ScanDrop::QueueFull);
+    const auto T_W_B = poses.at(waiting.scan.stamp_ns);
+    if (!T_W_B) return;
+    const LiveScan& scan = waiting.scan;
+    const bool registered = isRegistered(scan);
+    const Eigen::Isometry3d T = registered      ? Eigen::Isometry3d::Identity()
+                                : options.T_B_S ? *T_W_B * *options.T_B_S
+                                                : *T_W_B;
+    for (const Eigen::Vector3f& p : scan.points) {
+      if (registered || !p.isZero(0)) lost.add(T * p.cast<double>().eval());
+    }
+    for (const Eigen::Vector3d& p : scan.points_double) {
+      if (registered || !p.isZero(0)) lost.add(T * p);
+    }
+    status.left_out_returns += scan.points.size() + scan.points_double.size();
+  }
+
+  [[nodiscard]] bool isRegistered(const LiveScan& scan) const {
+    return !scan.frame.empty() && world_frame && scan.frame == *world_frame;
   }
 
   [[nodiscard]] bool isHopeless(std::int64_t stamp_ns) const { return ended || poses.isPast(stamp_ns); }
@@ -127,9 +160,14 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
       if (!T_W_B && !isHopeless(stamp_ns)) return std::nullopt;
       WaitingScan waiting = std::move(queue.front());
       queue.pop_front();
+      waiting_returns -= returnsOf(waiting.scan);
       if (T_W_B) {
-        const bool registered = !waiting.scan.frame.empty() && world_frame && waiting.scan.frame == *world_frame;
-        return Ready{std::move(waiting), *T_W_B, registered};
+        // Those behind are in order of time: if this one has a pose, all before it have one or never will.
+        const bool late =
+            queue.size() >= options.queue_scans && poses.at(queue[options.queue_scans - 1].scan.stamp_ns).has_value();
+        const bool registered = isRegistered(waiting.scan);
+        return Ready{std::move(waiting), *T_W_B, registered, late,
+                     std::exchange(lost, internal::LostReturns(lostCube_m()))};
       }
       drop(waiting, ScanDrop::NoPose);
     }
@@ -154,18 +192,12 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
           registered ? io::leaveOutInside(*options.exclude_box_S, out.T_W_S.inverse(Eigen::Isometry), out.points_W)
                      : io::leaveOutInside(*options.exclude_box_S, Eigen::Isometry3d::Identity(), out.points_S);
     }
-    if (known) {
-      step.left_out_returns =
-          registered ? std::erase_if(out.points_W, [&](const Eigen::Vector3d& p_W) { return !known->contains(p_W); })
-                     : std::erase_if(out.points_S, [&](const Eigen::Vector3f& p_S) {
-                         return !known->contains(out.T_W_S * p_S.cast<double>().eval());
-                       });
-    }
     return out;
   }
 
   void take(Ready ready, LiveStep& step) {
     const double stamp_s = 1e-9 * static_cast<double>(ready.waiting.scan.stamp_ns);
+    if (!ready.lost.empty()) field.leaveOut(ready.lost.centres_W(), ready.lost.radius_m());
     const Posed scan = posed(std::move(ready.waiting.scan), ready.T_W_B, ready.registered, step);
     if (scan.registered) {
       const std::array<Eigen::Vector3d, 1> origin_W = {scan.T_W_S.translation()};
@@ -173,23 +205,25 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     } else {
       step.fused = field.integrateScan(scan.points_S, scan.T_W_S, stamp_s);
     }
+    step.left_out_returns = step.fused.left_out_returns;
+    if (step.late) return;
     step.scored = field.update();
     step.changed = changes.since(*field.points());
   }
 
-  /// Notes that memory is used up, once: the space that is known then is the space that is known from then on.
   void checkMemory(std::uint64_t bytes) {
-    if (!known && options.memory_limit_bytes > 0 && bytes > options.memory_limit_bytes) known.emplace(field);
+    if (field.grows() && options.memory_limit_bytes > 0 && bytes > options.memory_limit_bytes) field.stopGrowing();
   }
 
   const LiveOptions options;
   AccessibilityField field;
   internal::ChangedPoints changes;
-  std::optional<internal::KnownSpace> known;  ///< since the memory limit was reached
 
   mutable std::mutex lock;  ///< for all that follows
   std::condition_variable arrived;
   std::deque<WaitingScan> queue;
+  std::size_t waiting_returns = 0;  ///< of all scans in it
+  internal::LostReturns lost;       ///< of scans that there was no time for, until the next step
   std::deque<DroppedScan> dropped;
   internal::PoseBuffer poses;
   std::optional<std::string> world_frame;
@@ -226,17 +260,19 @@ void LiveSession::addScan(LiveScan scan) {
     const std::scoped_lock locked(impl_->lock);
     WaitingScan waiting = {std::move(scan), impl_->status.published++, Clock::now()};
     const std::int64_t stamp_ns = waiting.scan.stamp_ns;
-    const std::size_t returns = waiting.scan.points.size() + waiting.scan.points_double.size();
+    const std::size_t returns = returnsOf(waiting.scan);
     if (stamp_ns <= 0 || stamp_ns > io::kMostStamp_ns || returns > impl_->options.most_returns) {
       impl_->drop(waiting, ScanDrop::Unusable);
     } else if (impl_->last_stamp_ns && stamp_ns <= *impl_->last_stamp_ns) {
       impl_->drop(waiting, ScanDrop::OutOfOrder);
     } else {
       impl_->last_stamp_ns = stamp_ns;
-      if (impl_->queue.size() == impl_->options.queue_scans) {
-        impl_->drop(impl_->queue.front(), ScanDrop::QueueFull);
+      while (!impl_->queue.empty() && impl_->waiting_returns + returns > impl_->options.most_waiting_returns) {
+        impl_->lose(impl_->queue.front());
+        impl_->waiting_returns -= returnsOf(impl_->queue.front().scan);
         impl_->queue.pop_front();
       }
+      impl_->waiting_returns += returns;
       impl_->queue.push_back(std::move(waiting));
     }
   }
@@ -267,6 +303,7 @@ std::optional<LiveStep> LiveSession::step() {
   LiveStep step;
   step.number = ready->waiting.number;
   step.stamp_ns = ready->waiting.scan.stamp_ns;
+  step.late = ready->late;
   const Clock::time_point arrived = ready->waiting.arrived;
   step.waited_ms = millisecondsBetween(arrived, Clock::now());
   WaitingScan lost;  // what is left of it if the step fails
@@ -287,13 +324,14 @@ std::optional<LiveStep> LiveSession::step() {
   LiveStatus& status = impl_->status;
   impl_->busy = false;
   ++status.taken;
+  status.late += step.late ? 1 : 0;
   status.points_in += step.fused.points_in;
   status.points_used += step.fused.points_used;
   status.excluded_returns += step.excluded_returns;
   status.left_out_returns += step.left_out_returns;
   status.surface_points = step.fused.surface_points;
   status.memory_bytes = bytes;
-  status.memory_full = impl_->known.has_value();
+  status.memory_full = !impl_->field.grows();
   impl_->latencies.add(step.latency_ms);
   impl_->latency_max_ms = std::max(impl_->latency_max_ms, step.latency_ms);
   return step;

@@ -2,8 +2,11 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tsdf/bucket_fusion.h"
 
+#include <bit>
 #include <span>
 #include <utility>
+
+#include "tsdf/leaf_facts.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -77,26 +80,76 @@ PackedLeaf* BucketFusion::addLeaf(std::size_t group, BucketResult& result) {
 }
 
 void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, BucketChanges& changes, BucketResult& result) {
-  PackedLeaf* leaf = waiting.leaf != nullptr ? waiting.leaf : addLeaf(waiting.group, result);
-  if (fusion.hasSamples() && leaf->buffer().empty()) {
-    allocateZeroed(*leaf);
-    ++result.allocated;
-  }
-  const std::uint32_t touched_pairs = fusion.touchedPairs();
-  VoxelVotes* votes = votesFor(fusion, *leaf);
   LeafChange change;
-  const bool flipped = fusion.fold(*leaf, votes, change, result.counts);
-  if (votes != nullptr) keepVotes(*leaf, votes);
-  if (changes.wants_distances && touched_pairs != 0) {
-    const openvdb::Coord& origin = leaf->origin();
-    changes.distances.push_back({{origin.x(), origin.y(), origin.z()},
-                                 touched_pairs,
-                                 packedValues(std::as_const(*leaf)),
-                                 map_.blockedIn(*leaf)});
+  bool flipped;
+  if (!map_.grows() || !map_.leftOut().empty()) {
+    flipped = foldBesideLeftOut(fusion, waiting, change, changes, result);
+  } else {
+    PackedLeaf* leaf = waiting.leaf != nullptr ? waiting.leaf : addLeaf(waiting.group, result);
+    flipped = foldInto(*leaf, fusion, change, changes, result);
   }
   if (!flipped) return;
   if (changes.visit) changes.visit(change);
   changes.facts.push_back(change);
+}
+
+/// @return whether a fact flipped; then `change` says which
+bool BucketFusion::foldInto(PackedLeaf& leaf, LeafFusion& fusion, LeafChange& change, BucketChanges& changes,
+                            BucketResult& result) {
+  if (fusion.hasSamples() && leaf.buffer().empty()) {
+    allocateZeroed(leaf);
+    ++result.allocated;
+  }
+  const std::uint32_t touched_pairs = fusion.touchedPairs();
+  VoxelVotes* votes = votesFor(fusion, leaf);
+  const bool flipped = fusion.fold(leaf, votes, change, result.counts);
+  if (votes != nullptr) keepVotes(leaf, votes);
+  if (changes.wants_distances && touched_pairs != 0) {
+    const openvdb::Coord& origin = leaf.origin();
+    changes.distances.push_back(
+        {{origin.x(), origin.y(), origin.z()}, touched_pairs, packedValues(std::as_const(leaf)), map_.blockedIn(leaf)});
+  }
+  return flipped;
+}
+
+/// The same where returns are, or have been, left out: a leaf's facts are those of the map, except that what was left
+/// out in it blocks. A return that is fused in a voxel takes the place of what was left out there.
+bool BucketFusion::foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting, LeafChange& change,
+                                     BucketChanges& changes, BucketResult& result) {
+  PackedLeaf* leaf = waiting.leaf;
+  if (!map_.grows() && leaf == nullptr && !fusion.hasSamples()) return false;  // passes make nothing block
+  const bool has_place = map_.grows() || (leaf != nullptr && (!leaf->buffer().empty() || !fusion.hasSamples()));
+  const openvdb::Coord origin = coordOf(groups_.originOf(waiting.group));
+  const LeafBits* found = map_.leftOut().find(origin);
+  if (has_place && found == nullptr) {
+    if (leaf == nullptr) leaf = addLeaf(waiting.group, result);
+    return foldInto(*leaf, fusion, change, changes, result);
+  }
+  const LeafBits before = found != nullptr ? *found : LeafBits{};
+  const LeafBits sampled = fusion.sampled();
+  LeafBits after;
+  for (std::size_t x = 0; x < 8; ++x) after[x] = has_place ? before[x] & ~sampled[x] : before[x] | sampled[x];
+  const LeafChange old = leaf != nullptr ? factsOf(map_, *leaf) : LeafChange{};
+  const std::uint64_t flipped_before = result.counts.flipped_voxels;
+  if (!has_place) fusion.dropSamples();
+  if (has_place && leaf == nullptr) leaf = addLeaf(waiting.group, result);
+  if (leaf != nullptr) static_cast<void>(foldInto(*leaf, fusion, change, changes, result));
+  const LeafChange now = leaf != nullptr ? factsOf(map_, *leaf) : LeafChange{};
+  if (after != before) result.left_out.emplace_back(origin, after);
+  if (!map_.leftOut().keeps()) after = before;
+  std::uint64_t flips = 0;  // in place of those that foldInto() counted
+  for (std::size_t x = 0; x < 8; ++x) {
+    const std::uint64_t collided = old.collides_on[x] | before[x], collides = now.collides_on[x] | after[x];
+    const std::uint64_t was_free = old.arm_free_on[x] & ~before[x], is_free = now.arm_free_on[x] & ~after[x];
+    change.collides_on[x] = collides & ~collided;
+    change.collides_off[x] = collided & ~collides;
+    change.arm_free_on[x] = is_free & ~was_free;
+    change.arm_free_off[x] = was_free & ~is_free;
+    flips += static_cast<std::uint64_t>(std::popcount((collides ^ collided) | (is_free ^ was_free)));
+  }
+  result.counts.flipped_voxels = flipped_before + flips;
+  change.origin_ijk = {origin.x(), origin.y(), origin.z()};
+  return flips != 0;
 }
 
 /// The leaf's votes, or empty ones if the scan may vote; nullptr if neither.

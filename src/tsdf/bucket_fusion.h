@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "accessvdb/distance_change.h"
@@ -30,6 +31,8 @@ struct BucketResult {
   std::uint64_t touched = 0, allocated = 0, new_leaves = 0;
   /// With their leaves, but not yet in the tree: linking changes nodes that other buckets read.
   std::vector<std::unique_ptr<PackedLowerNode>> new_nodes;
+  /// Leaves in which what is left out has changed, with all their voxels that are left out from now on.
+  std::vector<std::pair<openvdb::Coord, LeafBits>> left_out;
 };
 
 /// The leaves of one bucket with flipped facts and, if requested, those with changed distances.
@@ -72,6 +75,9 @@ class BucketFusion {
   void askForRecord(const PackedLeaf* leaf) const;
   PackedLeaf* addLeaf(std::size_t group, BucketResult& result);
   void fold(LeafFusion& fusion, const Waiting& waiting, BucketChanges& changes, BucketResult& result);
+  bool foldInto(PackedLeaf& leaf, LeafFusion& fusion, LeafChange& change, BucketChanges& changes, BucketResult& result);
+  bool foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting, LeafChange& change, BucketChanges& changes,
+                         BucketResult& result);
   VoxelVotes* votesFor(const LeafFusion& fusion, const PackedLeaf& leaf);
   void keepVotes(PackedLeaf& leaf, const VoxelVotes* votes);
 

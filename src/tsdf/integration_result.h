@@ -3,6 +3,8 @@
 /// What goes into fusing a scan besides its returns, and what comes out.
 #pragma once
 
+#include <openvdb/math/Coord.h>
+
 #include <Eigen/Core>
 #include <cstdint>
 #include <span>
@@ -23,6 +25,8 @@ struct IntegrationResult {
   std::vector<std::span<const LeafChange>> changes;
   /// Leaves with changed distances, likewise; empty unless requested (ScanIntegrator::noteDistances).
   std::vector<std::span<const DistanceChange>> distances;
+  /// Lowest voxels of the leaves in which more was left out than before; only in a map that no longer grows.
+  std::vector<openvdb::Coord> left_out;
 };
 
 /// The sensor's pose during a scan; only the projective baseline uses it.

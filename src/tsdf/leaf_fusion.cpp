@@ -102,6 +102,24 @@ bool LeafFusion::accumulate(const std::array<std::int32_t, 3>& origin_ijk, std::
   return touched_ != 0 || passes_ != 0;
 }
 
+LeafBits LeafFusion::sampled() const {
+  LeafBits bits = {};
+  for (std::size_t n = 0; n < 512; ++n) {
+    const bool any = wide_ ? wide_sums_.samples[n] != 0
+                           : (touched_ >> (n / 16) & 1) != 0 && LeafSums::samplesOf(sums_.packed[n]) != 0;
+    bits[n >> 6] |= std::uint64_t{any ? 1u : 0u} << (n & 63);
+  }
+  return bits;
+}
+
+void LeafFusion::dropSamples() {
+  clearSums();
+  wide_ = false;
+  touched_ = 0;
+  contra_ = {};
+  found_news_ = false;
+}
+
 void LeafFusion::prefetchValues(const PackedLeaf& leaf) const {
   const std::uint32_t* packed = packedValues(leaf);
   if (packed == nullptr) return;

@@ -57,6 +57,11 @@ class LeafFusion {
   /// @param votes  of the leaf, or those that it may get; nullptr if it has none and foundNews() is false
   bool fold(PackedLeaf& leaf, VoxelVotes* votes, LeafChange& change, FoldCounts& counts);
 
+  /// Voxels with samples, until fold() or dropSamples().
+  [[nodiscard]] LeafBits sampled() const;
+  /// Leaves only what passed through: the leaf has no place for values.
+  void dropSamples();
+
   /// Whether accumulate() met a return that is news in a voxel where it collides.
   [[nodiscard]] bool foundNews() const { return found_news_; }
 

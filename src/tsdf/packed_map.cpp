@@ -169,6 +169,7 @@ std::uint64_t PackedMap::memoryBytes() const {
       allocated_leaf_count * kObservedLeafBytes + (leaf_count - allocated_leaf_count) * kClearedLeafBytes;
   if (votes_ != nullptr) bytes += votes_->bytes();
   if (generations_ != nullptr) bytes += generations_->records().bytes();
+  if (!left_out_.empty()) bytes += left_out_.bytes();
   const auto nodes = tree_.nodeCount();  // leaf, lower, upper, root
   if (nodes.size() >= 3) {
     bytes += nodes[1] * sizeof(PackedTree::RootNodeType::ChildNodeType::ChildNodeType);

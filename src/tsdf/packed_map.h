@@ -21,6 +21,7 @@
 #include "accessvdb/params.h"
 #include "accessvdb/voxel_state.h"
 #include "tsdf/free_generations.h"
+#include "tsdf/left_out_voxels.h"
 #include "tsdf/new_things.h"
 #include "tsdf/packed_voxel.h"
 #include "tsdf/vote_pool.h"
@@ -109,6 +110,19 @@ class PackedMap {
   /// Of all voxels of a leaf, those that collide.
   [[nodiscard]] LeafBits collidingIn(const PackedLeaf& leaf) const;
 
+  /// From now on no leaf is added and none gets values: where a scan would need one, it is left out and blocks. Leaves
+  /// that have values go on exactly as if the map grew.
+  /// @param most_left_out_leaves  so many keep their voxels
+  void stopGrowing(std::size_t most_left_out_leaves) {
+    grows_ = false;
+    left_out_.keepMost(most_left_out_leaves);
+  }
+  [[nodiscard]] bool grows() const { return grows_; }
+  /// Whether returns can become points in a leaf.
+  [[nodiscard]] bool hasPlaceFor(const openvdb::Coord& ijk, ConstPackedAccessor& accessor) const;
+  [[nodiscard]] LeftOutVoxels& leftOut() { return left_out_; }
+  [[nodiscard]] const LeftOutVoxels& leftOut() const { return left_out_; }
+
   [[nodiscard]] VoxelState at(const openvdb::Coord& ijk) const;
 
   /// Puts a leaf of a saved map in place; the counts below include it. Leaves of one node are added fastest together.
@@ -132,9 +146,19 @@ class PackedMap {
   NewsRule news_;
   std::unique_ptr<VotePool> votes_;
   std::unique_ptr<FreeGenerations> generations_;
+  bool grows_ = true;
+  LeftOutVoxels left_out_;
 
   [[nodiscard]] std::uint32_t leastMeanAt(float distance_m) const;
 };
+
+inline bool PackedMap::hasPlaceFor(const openvdb::Coord& ijk, ConstPackedAccessor& accessor) const {
+  if (grows_) return true;
+  const auto* node = accessor.probeConstNode<PackedLowerNode>(ijk);
+  if (node == nullptr) return false;
+  const openvdb::Index n = PackedLowerNode::coordToOffset(ijk);
+  return node->isChildMaskOn(n) && !node->getTable()[n].getChild()->buffer().empty();
+}
 
 /// Bytes that a leaf costs, including malloc's word for the node (buffers come from the pool); asserted in a test.
 inline constexpr std::uint64_t kClearedLeafBytes = (sizeof(PackedLeaf) + sizeof(void*) + 15) / 16 * 16;

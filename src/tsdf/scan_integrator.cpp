@@ -112,6 +112,10 @@ IntegrationResult ScanIntegrator::integrate(std::span<const Eigen::Vector3f> p_L
     result.counts.newly_observed += bucket.counts.newly_observed;
     result.counts.flipped_voxels += bucket.counts.flipped_voxels;
     map_.allocated_leaf_count += bucket.allocated;
+    for (const auto& [origin, voxels] : bucket.left_out) {
+      if (!map_.grows()) result.left_out.push_back(origin);
+      map_.leftOut().set(origin, voxels);
+    }
   }
   for (const auto& changes : changes_) {
     if (!changes.facts.empty()) result.changes.emplace_back(changes.facts);

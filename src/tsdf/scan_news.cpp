@@ -30,6 +30,8 @@ constexpr std::size_t kGroup = 32;
 
 void markNews(const PackedMap& map, std::span<ReturnRay> rays) {
   const NewsRule& rule = map.newsRule();
+  // Where the map has no place for values, it does not know whether a return is news, and no vote may be missing.
+  const std::uint32_t without_values = map.grows() ? 0 : 1;
   ConstPackedAccessor accessor(map.tree());
   std::array<Visit, kGroup> visits;
   for (std::size_t first = 0; first < rays.size(); first += kGroup) {
@@ -60,7 +62,7 @@ void markNews(const PackedMap& map, std::span<ReturnRay> rays) {
     }
     for (std::size_t n = 0; n < count; ++n) {
       const Visit& visit = visits[n];
-      rays[first + n].news = visit.voxel != nullptr && rule.isNews(*visit.voxel) ? 1 : 0;
+      rays[first + n].news = visit.voxel == nullptr ? without_values : rule.isNews(*visit.voxel) ? 1 : 0;
     }
   }
 }

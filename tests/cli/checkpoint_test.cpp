@@ -228,7 +228,7 @@ TEST_F(CheckpointedRun, RefusesADamagedCheckpoint) {
   std::string bad = state;
   bad[bad.size() - 40] ^= 1;
   std::ofstream(stateFile(), std::ios::binary) << bad;
-  expectRefused(resume, 3, "state.damaged", "section \"points\"");
+  expectRefused(resume, 3, "state.damaged", "section \"leftout\"");
   std::ofstream(stateFile(), std::ios::binary) << state.substr(0, state.size() / 2);
   expectRefused(resume, 3, "state.damaged", "section \"head\"");
   std::ofstream(stateFile(), std::ios::binary) << state;

@@ -166,7 +166,7 @@ class LiveDds : public cli_test::ProgramTest {
     std::vector<SentScan> scans;
     std::ifstream log(path("log"));
     for (std::string line; std::getline(log, line);) {
-      if (line.find(" taken ") == std::string::npos) continue;
+      if (line.find(" taken ") == std::string::npos && line.find(" late ") == std::string::npos) continue;
       const std::int64_t stamp_ns = std::stoll(line);
       const auto n = static_cast<std::size_t>((stamp_ns - kFirst_ns) / 100'000'000);
       scans.push_back(sent_.at(n));
@@ -204,7 +204,16 @@ class LiveDds : public cli_test::ProgramTest {
     const std::vector<SentScan> scans = taken();
     EXPECT_EQ(scans.size(), static_cast<std::size_t>(report_["live"]["taken"]));
     ASSERT_FALSE(scans.empty());
-    EXPECT_TRUE(readText("out/points.ply") == mapped(scans));
+    const bool same = readText("out/points.ply") == mapped(scans);
+    EXPECT_TRUE(same || report_["live"]["late"] > 0);
+    // How often labels were asked for decides what a blocked point came closest with, but no label.
+    const FieldSnapshot got = io::readPointsPly(path("out/points.ply")),
+                        expected = io::readPointsPly(path("expected/points.ply"));
+    ASSERT_EQ(got.points.size(), expected.points.size());
+    for (std::size_t n = 0; n < got.points.size(); ++n) {
+      ASSERT_EQ(got.points[n].position_W, expected.points[n].position_W);
+      ASSERT_EQ(got.points[n].label, expected.points[n].label);
+    }
     EXPECT_GT(report_["counts"]["accessible"], 100);
     EXPECT_GT(report_["counts"]["blocked"], 100);
   }
@@ -290,12 +299,13 @@ TEST_F(LiveDds, EveryScanIsAccountedForAtTenPerSecond) {
   expectLabelsOfMap();
 }
 
-TEST_F(LiveDds, ScansThatComeMuchTooFastAreDroppedAndCounted) {
+TEST_F(LiveDds, ScansThatComeMuchTooFastAreFusedAndCounted) {
   simulate(scanCount(40));
   const ProgramResult result = live({peer("rate=0")}, {"--queue", "2"});
   EXPECT_EQ(result.exit_code, 128 + SIGINT) << result.err;
   expectPeersEndedWell();
   expectAllAccountedFor(sent_.size());
+  EXPECT_GT(report_["live"]["late"], 0);
   expectLabelsOfMap();
 }
 

@@ -12,9 +12,11 @@
 #include <vector>
 
 #include "accessvdb/error.h"
+#include "accessvdb/leaf_change.h"
 #include "accessvdb/saved_state.h"
 #include "field/state_head.h"
 #include "field/state_sections.h"
+#include "field/state_writer.h"
 #include "property/state_streams.h"
 #include "support/scratch_folder.h"
 
@@ -31,7 +33,10 @@ class DamagedState : public testing::Test {
     stream.params.approach.num_directions = 8;
     stream.params.approach.viewpoints = true;  // so that there are sensor positions
     AccessibilityField field(pen(), stream.params);
-    integrate(field, stream, 0, 2);
+    integrate(field, stream, 0, 1);
+    field.stopGrowing();
+    integrate(field, stream, 1, 2);
+    field.leaveOut(std::vector<Eigen::Vector3d>{{5, 5, 5}}, 0);
     field.saveState(file());
     good_ = bytesOf(file());
   }
@@ -71,7 +76,7 @@ class DamagedState : public testing::Test {
   [[nodiscard]] std::string rehashed(const std::function<void(const std::string&, std::string&)>& change) const {
     std::ostringstream out;
     internal::SectionWriter writer(out);
-    for (const std::string name : {"head", "leaves", "poses", "points"}) {
+    for (const std::string name : {"head", "leaves", "poses", "points", "leftout"}) {
       const Place place = placeOf(name);
       std::string content = good_.substr(place.begin, place.bytes);
       change(name, content);
@@ -120,7 +125,7 @@ TEST_F(DamagedState, IsRefusedIfTruncatedOrTooLong) {
 }
 
 TEST_F(DamagedState, NamesTheSection) {
-  for (const std::string name : {"head", "leaves", "poses", "points"}) {
+  for (const std::string name : {"head", "leaves", "poses", "points", "leftout"}) {
     const Place place = placeOf(name);
     ASSERT_GT(place.bytes, 0u);
     std::string bad = good_;
@@ -149,10 +154,27 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
   const std::string point_again = rehashed([&](const std::string& name, std::string& content) {
     if (name == "points") std::memcpy(content.data() + point_bytes, content.data(), 12);
   });
+  const Place left_out = placeOf("leftout");
+  const std::size_t cell = left_out.bytes - sizeof(internal::LeftOutPoints::Cell);
+  const std::string left_out_again = rehashed([&](const std::string& name, std::string& content) {
+    if (name == "leftout") std::memcpy(content.data() + internal::kLeftOutLeafBytes, content.data(), 12);
+  });
+  const std::string nothing_left_out = rehashed([&](const std::string& name, std::string& content) {
+    if (name == "leftout") std::memset(content.data() + 12, 0, sizeof(LeafBits));
+  });
   const float nan = std::numeric_limits<float>::quiet_NaN();
   const std::vector<std::string> all = {
       leaf_again,
       point_again,
+      left_out_again,
+      nothing_left_out,
+      at("leftout", 0, std::int32_t{3}),
+      at("leftout", 4, std::int32_t{1 << 30}),
+      at("leftout", cell, std::numeric_limits<std::int64_t>::min()),
+      at("leftout", cell + 16, std::int64_t{1} << 60),
+      withHead([](internal::StateHead& head) { head.left_out_leaves = std::uint64_t{1} << 60; }),
+      withHead([](internal::StateHead& head) { head.closed_cells += 1; }),
+      withHead([](internal::StateHead& head) { head.closed_doublings = 4000; }),
       at("leaves", 0, std::int32_t{3}),
       at("leaves", 0, std::int32_t{1 << 30}),
       at("leaves", 12, std::uint32_t{2}),

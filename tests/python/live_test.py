@@ -94,8 +94,11 @@ class Live(unittest.TestCase):
         status = live.status()
         self.assertEqual(status["published"], 30)
         self.assertEqual(status["taken"], len(taken))
-        self.assertEqual(status["taken"] + sum(status["dropped"].values()), 30)
-        self.assert_same(live.snapshot(), fed(taken))
+        self.assertEqual(status["taken"], 30)
+        # How many were late decides what a blocked point came closest with, but no label.
+        now, expected = live.snapshot(), fed(taken)
+        np.testing.assert_array_equal(now.position_W, expected.position_W)
+        np.testing.assert_array_equal(now.label, expected.label)
 
     def test_what_cannot_be_used_is_counted_or_refused(self):
         live = session(memory_limit_bytes=1)

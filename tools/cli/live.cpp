@@ -39,7 +39,8 @@ constexpr auto kWordsEvery = std::chrono::seconds(5);
 
 double secondsSince(Clock::time_point start) { return std::chrono::duration<double>(Clock::now() - start).count(); }
 
-/// A line per scan: its time in nanoseconds, and "taken" with what it took, or why it was not taken.
+/// A line per scan: its time in nanoseconds, and "taken" or "late" (only fused) with what it took, or why it was
+/// dropped.
 class ScanLog {
  public:
   explicit ScanLog(const std::string& path) : path_(path) {
@@ -51,8 +52,8 @@ class ScanLog {
   void taken(const LiveStep& step) {
     if (path_.empty()) return;
     char text[160];
-    std::snprintf(text, sizeof text, "%lld taken %.3f %.3f %zu\n", static_cast<long long>(step.stamp_ns),
-                  step.waited_ms, step.latency_ms, step.changed.size());
+    std::snprintf(text, sizeof text, "%lld %s %.3f %.3f %zu\n", static_cast<long long>(step.stamp_ns),
+                  step.late ? "late" : "taken", step.waited_ms, step.latency_ms, step.changed.size());
     out_ << text << std::flush;
     check();
   }
@@ -195,7 +196,8 @@ void LiveRun::publishStatus(const LiveSession& session, dds::Participant& partic
   if (report_.live->status.memory_full && !std::exchange(said_full_, true)) {
     messages_.warning("live.memory_full", "map and points take " +
                                               bytesInWords(static_cast<double>(report_.live->status.memory_bytes)) +
-                                              ", the limit: the map no longer grows; what it has is still updated");
+                                              ", the limit: the map no longer grows, and what it has no place for "
+                                              "blocks; what it has is still updated");
   }
 }
 

@@ -40,7 +40,7 @@ void addLiveOptions(FlagParser& flags, LiveRunOptions& options) {
   flags.option("--odom", &options.odom, "topic with the poses: nav_msgs/Odometry or geometry_msgs/PoseStamped");
   flags.option("--domain", &options.domain, "domain of DDS, 0 .. 232; default: ROS_DOMAIN_ID, else 0");
   flags.flag("--network", options.network, "use all network interfaces; without it nothing leaves this machine");
-  flags.option("--queue", &options.queue, "most scans that wait; a further one drops the oldest");
+  flags.option("--queue", &options.queue, "if more scans wait, the oldest are fused without labels of their own");
   flags.option("--max-message", &options.max_message, "largest cloud that is accepted, for example 16M");
   flags.option("--max-memory", &map.max_memory,
                "limit on the memory of map and points, for example 2G; beyond it the map does not grow. Default: seven "

@@ -51,6 +51,7 @@ Json jsonLive(const LiveReport& live) {
   return {
       {"published", status.published},
       {"taken", status.taken},
+      {"late", status.late},
       {"waiting", status.waiting},
       {"dropped", dropped},
       {"malformed", live.malformed},

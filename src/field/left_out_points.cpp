@@ -1,0 +1,158 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/left_out_points.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace accessvdb::internal {
+namespace {
+
+/// No position of a return is farther from the world's origin, in cells: doubles have 2^53 steps.
+constexpr double kFarthestCell = 0x1p52;
+constexpr std::uint32_t kMostDoublings = 60;
+/// What has gone is judged by cells of 4 voxels and those beside them (change/gone_cells.h).
+constexpr std::int32_t kCells = 8;
+
+}  // namespace
+
+LeftOutPoints::LeftOutPoints(const WindowReach& reach, double voxel_size_m)
+    : neighbours_(reach.neighbours),
+      near_leaves_((std::max(reach.neighbours, reach.returns + kCells) + 7) / 8),
+      edge_m_(reach.influence() * voxel_size_m) {}
+
+std::size_t LeftOutPoints::Hash::operator()(const Cell& cell) const {
+  std::uint64_t hash = 0;
+  for (const std::int64_t x : cell) hash = (hash ^ static_cast<std::uint64_t>(x)) * 0x9e3779b97f4a7c15ull;
+  return static_cast<std::size_t>(hash ^ hash >> 29);
+}
+
+void LeftOutPoints::noteLeaves(std::span<const openvdb::Coord> origins) {
+  for (const openvdb::Coord& origin : origins) {
+    const Index3 middle = {origin.x() >> 3, origin.y() >> 3, origin.z() >> 3};
+    Index3 leaf;
+    for (leaf[0] = middle[0] - near_leaves_; leaf[0] <= middle[0] + near_leaves_; ++leaf[0]) {
+      for (leaf[1] = middle[1] - near_leaves_; leaf[1] <= middle[1] + near_leaves_; ++leaf[1]) {
+        for (leaf[2] = middle[2] - near_leaves_; leaf[2] <= middle[2] + near_leaves_; ++leaf[2]) near_.add(leaf);
+      }
+    }
+  }
+}
+
+bool LeftOutPoints::isNear(const Index3& leaf) const {
+  const LeafBits* near = near_.in(parentOf(leaf));
+  const std::size_t bit = bitInParent(leaf);
+  return near != nullptr && ((*near)[bit >> 6] >> (bit & 63) & 1) != 0;
+}
+
+void LeftOutPoints::keepShut(std::vector<OpenedLeaf>& opened) const {
+  if (near_.empty()) return;
+  std::erase_if(opened, [this](const OpenedLeaf& leaf) { return isNear(leaf.leaf); });
+}
+
+void LeftOutPoints::closeCell(const Cell& cell) {
+  if (!closed_.insert(cell).second) return;
+  for (std::int64_t n = 0; n < 27; ++n) {
+    shadow_.insert({cell[0] + n / 9 - 1, cell[1] + n / 3 % 3 - 1, cell[2] + n % 3 - 1});
+  }
+}
+
+/// Larger cells close more, and there are fewer of them.
+void LeftOutPoints::doubleCells() {
+  const std::set<Cell> small = std::move(closed_);
+  closed_.clear();
+  shadow_.clear();
+  edge_m_ *= 2;
+  ++doublings_;
+  for (const Cell& cell : small) closeCell({cell[0] >> 1, cell[1] >> 1, cell[2] >> 1});
+}
+
+void LeftOutPoints::close(const Eigen::Vector3d& centre_W, double radius_m) {
+  while (radius_m > edge_m_ && doublings_ < kMostDoublings) doubleCells();
+  const auto cellOf = [this](double x) { return std::floor(x / edge_m_); };
+  const Eigen::Array3d low = (centre_W.array() - radius_m).unaryExpr(cellOf);
+  const Eigen::Array3d high = (centre_W.array() + radius_m).unaryExpr(cellOf);
+  if (!(low.abs().maxCoeff() < kFarthestCell) || !(high.abs().maxCoeff() < kFarthestCell)) return;
+  Cell cell;
+  const auto first = [&low](Eigen::Index axis) { return static_cast<std::int64_t>(low[axis]); };
+  const auto last = [&high](Eigen::Index axis) { return static_cast<std::int64_t>(high[axis]); };
+  for (cell[0] = first(0); cell[0] <= last(0); ++cell[0]) {
+    for (cell[1] = first(1); cell[1] <= last(1); ++cell[1]) {
+      for (cell[2] = first(2); cell[2] <= last(2); ++cell[2]) closeCell(cell);
+    }
+  }
+  while (closed_.size() > kMostCells && doublings_ < kMostDoublings) doubleCells();
+}
+
+bool LeftOutPoints::restoreCells(std::uint32_t doublings, const std::vector<Cell>& cells) {
+  if (doublings > kMostDoublings || cells.size() > kMostCells) return false;
+  for (; doublings_ < doublings; ++doublings_) edge_m_ *= 2;
+  for (const Cell& cell : cells) {
+    for (const std::int64_t x : cell) {
+      if (!(std::abs(static_cast<double>(x)) < kFarthestCell)) return false;
+    }
+    closeCell(cell);
+  }
+  return closed_.size() == cells.size();
+}
+
+bool LeftOutPoints::reachesLeftOut(const Index3& voxel, const LeftOutVoxels& voxels) const {
+  const auto low = [&](std::size_t axis) { return voxel[axis] - neighbours_; };
+  const auto high = [&](std::size_t axis) { return voxel[axis] + neighbours_; };
+  Index3 leaf;
+  for (leaf[0] = low(0) >> 3; leaf[0] <= high(0) >> 3; ++leaf[0]) {
+    for (leaf[1] = low(1) >> 3; leaf[1] <= high(1) >> 3; ++leaf[1]) {
+      for (leaf[2] = low(2) >> 3; leaf[2] <= high(2) >> 3; ++leaf[2]) {
+        const LeafBits* bits = voxels.find({8 * leaf[0], 8 * leaf[1], 8 * leaf[2]});
+        if (bits == nullptr) continue;
+        const auto from = [&](std::size_t axis) { return std::max(low(axis) - 8 * leaf[axis], 0); };
+        const auto to = [&](std::size_t axis) { return std::min(high(axis) - 8 * leaf[axis], 7); };
+        const std::uint64_t row = (0xffu << from(2)) & (0xffu >> (7 - to(2)));
+        std::uint64_t rows = 0;
+        for (std::int32_t y = from(1); y <= to(1); ++y) rows |= row << (8 * y);
+        for (std::int32_t x = from(0); x <= to(0); ++x) {
+          if (((*bits)[static_cast<std::size_t>(x)] & rows) != 0) return true;
+        }
+      }
+    }
+  }
+  return false;
+}
+
+void LeftOutPoints::publish(const PointStore& points, const LeftOutVoxels& voxels,
+                            const std::vector<std::uint8_t>& gone, const Eigen::Vector3d& origin_W) {
+  any_ = !voxels.empty() || !closed_.empty();
+  if (!any_) return;
+  withheld_ = gone;
+  withheld_.resize(std::max<std::size_t>(points.size(), gone.size()), 0);
+  if (!voxels.empty()) {
+    const ChunkedArray<PointBlock>& blocks = points.index().blocks();
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, blocks.size(), 256), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        const PointBlock& block = blocks[n];
+        if (!isNear(block.leaf)) continue;
+        for (const std::uint32_t id : block.ids) {
+          if (reachesLeftOut(points.voxelOf(points.first_L(id)), voxels)) withheld_[id] = kLeftOut;
+        }
+      }
+    });
+  }
+  if (closed_.empty()) return;
+  tbb::parallel_for(tbb::blocked_range<std::uint32_t>(0, points.size(), 4096), [&](const auto& range) {
+    for (std::uint32_t id = range.begin(); id != range.end(); ++id) {
+      const Eigen::Vector3d p_W = origin_W + points.first_L(id).template cast<double>();
+      const auto cellOf = [&](Eigen::Index axis) { return static_cast<std::int64_t>(std::floor(p_W[axis] / edge_m_)); };
+      if (shadow_.contains({cellOf(0), cellOf(1), cellOf(2)})) withheld_[id] = kLeftOut;
+    }
+  });
+}
+
+std::uint64_t LeftOutPoints::bytes() const {
+  constexpr std::uint64_t kSetNode = sizeof(Cell) + 4 * sizeof(void*), kHashNode = sizeof(Cell) + 3 * sizeof(void*);
+  return near_.bytes() + closed_.size() * kSetNode + shadow_.size() * kHashNode + withheld_.capacity();
+}
+
+}  // namespace accessvdb::internal

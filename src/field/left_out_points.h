@@ -1,0 +1,85 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Which points may not be accessible because of returns that were left out (docs/DESIGN.md, "What is left out
+/// blocks"): those whose neighbour search reaches a voxel that is left out, and, where not even voxels are kept, those
+/// whose label could depend on anything there. Laid over the state of the points when it is read, as what has gone is.
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <functional>
+#include <set>
+#include <span>
+#include <unordered_set>
+#include <vector>
+
+#include "accessvdb/point_label.h"
+#include "change/leaf_flags.h"
+#include "change/ray_evidence.h"
+#include "field/window_reach.h"
+#include "points/point_store.h"
+#include "tsdf/left_out_voxels.h"
+
+namespace accessvdb::internal {
+
+class LeftOutPoints {
+ public:
+  /// Values of withheld(), beside 0.
+  static constexpr std::uint8_t kGone = 1, kLeftOut = 2;
+
+  LeftOutPoints(const WindowReach& reach, double voxel_size_m);
+
+  /// More was left out in these leaves. @param origins  lowest voxels
+  void noteLeaves(std::span<const openvdb::Coord> origins);
+  /// Takes away what may not be opened: what has gone is judged by the returns around, and some are missing here.
+  void keepShut(std::vector<OpenedLeaf>& opened) const;
+  /// Returns were left out at most this far from a position, and no voxel says where. Positions that are not finite are
+  /// no returns.
+  void close(const Eigen::Vector3d& centre_W, double radius_m);
+
+  /// At each update. @param gone  GonePoints::published()
+  void publish(const PointStore& points, const LeftOutVoxels& voxels, const std::vector<std::uint8_t>& gone,
+               const Eigen::Vector3d& origin_W);
+  /// By id, as of the last publish(): 0, kGone or kLeftOut. Later points are neither.
+  [[nodiscard]] std::span<const std::uint8_t> withheld(const std::vector<std::uint8_t>& gone) const {
+    return any_ ? std::span<const std::uint8_t>(withheld_) : std::span<const std::uint8_t>(gone);
+  }
+
+  using Cell = std::array<std::int64_t, 3>;
+  /// Cubes of the world in which nothing is accessible, nor beside them.
+  [[nodiscard]] const std::set<Cell>& closedCells() const { return closed_; }
+  /// Of them: the base edge, doubled so many times.
+  [[nodiscard]] std::uint32_t doublings() const { return doublings_; }
+  /// @return false if no field can have such cells
+  [[nodiscard]] bool restoreCells(std::uint32_t doublings, const std::vector<Cell>& cells);
+  [[nodiscard]] std::uint64_t bytes() const;
+
+  static constexpr std::size_t kMostCells = std::size_t{1} << 16;
+  static constexpr double kLargestRadius_m = 1e6;
+
+ private:
+  struct Hash {
+    std::size_t operator()(const Cell& cell) const;
+  };
+  [[nodiscard]] bool isNear(const Index3& leaf) const;
+  void closeCell(const Cell& cell);
+  void doubleCells();
+  [[nodiscard]] bool reachesLeftOut(const Index3& voxel, const LeftOutVoxels& voxels) const;
+
+  std::int32_t neighbours_, near_leaves_;
+  double edge_m_;
+  std::uint32_t doublings_ = 0;
+  LeafFlags near_;                         ///< leaves at most so many from one with voxels left out
+  std::set<Cell> closed_;                  ///< in order: files do not depend on when they came
+  std::unordered_set<Cell, Hash> shadow_;  ///< closed cells and those beside them
+  std::vector<std::uint8_t> withheld_;
+  bool any_ = false;
+};
+
+/// Why a point that is withheld is unscored: the surface has gone, or too little of it is in the map.
+[[nodiscard]] constexpr PointReason reasonOf(std::uint8_t withheld) {
+  return withheld == LeftOutPoints::kGone ? PointReason::Changed : PointReason::Confidence;
+}
+
+}  // namespace accessvdb::internal
