@@ -77,7 +77,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
         scorer(std::make_unique<internal::PointScorer>(points, params, *backend, reads)),
         further(tools, params, {volume.packed(), points, *backend, core(), gone_cells ? &gone_points : nullptr},
                 progress),
-        left_out(reachOfTools(), params.tsdf.voxel_size_m),
+        left_out(reachOfTools(), params),
         gate(params.tsdf, params.origin_W, returnsInWindow()),
         scheduler(further.makeSchedulers(*scorer, setup)),
         steps(views) {
@@ -322,6 +322,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   // field_left_out.cpp: returns for which the map has no place.
   const internal::GatedScan& placedReturns(const internal::GatedScan& scan, FrameStats& stats);
   void noteLeftOut(std::span<const openvdb::Coord> leaves);
+  void keepShut(std::span<const internal::OpenedLeaf> opened, std::vector<LeafChange>& changes);
   void restoreLeftOut(internal::StateReader& state);
 
   /// @return where voxels are no longer free
@@ -335,10 +336,11 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   std::vector<LeafChange> openWhatHasGone(const internal::GatedScan& scan, std::span<const std::uint32_t> touched) {
     if (!gone_cells) return {};
     gone_points.noteReturns(touched);
-    std::vector<internal::OpenedLeaf> opened = gone_cells->takeScan(scan.p_L, scan.q_L, touched);
-    left_out.keepShut(opened);
+    const std::vector<internal::OpenedLeaf> opened = gone_cells->takeScan(scan.p_L, scan.q_L, touched);
     gone_points.noteOpened(points, opened, map_reads.weights);
-    return internal::openVoxels(volume.packed(), opened);
+    std::vector<LeafChange> changes = internal::openVoxels(volume.packed(), opened);
+    if (!volume.packed().leftOut().empty()) keepShut(opened, changes);
+    return changes;
   }
 
   /// Opened voxels are no longer observed. The leaves are as they are after the scan.

@@ -14,15 +14,21 @@ namespace {
 /// No position of a return is farther from the world's origin, in cells: doubles have 2^53 steps.
 constexpr double kFarthestCell = 0x1p52;
 constexpr std::uint32_t kMostDoublings = 60;
-/// What has gone is judged by cells of 4 voxels and those beside them (change/gone_cells.h).
-constexpr std::int32_t kCells = 8;
+/// What has gone is judged by cells of 4 voxels and those beside them (change/gone_cells.h), and one that opens counts
+/// for those beside it.
+constexpr std::int32_t kCells = 12;
 
 }  // namespace
 
-LeftOutPoints::LeftOutPoints(const WindowReach& reach, double voxel_size_m)
-    : neighbours_(reach.neighbours),
-      near_leaves_((std::max(reach.neighbours, reach.returns + kCells) + 7) / 8),
-      edge_m_(reach.influence() * voxel_size_m) {}
+LeftOutPoints::LeftOutPoints(const WindowReach& reach, const FieldParams& resolved)
+    : reach_(reach.neighbours), edge_m_(reach.influence() * resolved.tsdf.voxel_size_m) {
+  if (resolved.change.mode == ChangeMode::Full) {
+    // GoneCells: a shadow is opened up to tau and a voxel from a cell that has gone.
+    const double shadow = std::ceil(resolved.tsdf.truncation_distance_m / resolved.tsdf.voxel_size_m) + 1;
+    reach_ = std::max(reach_, static_cast<std::int32_t>(shadow) + kCells);
+  }
+  near_leaves_ = (reach_ + 7) / 8;
+}
 
 std::size_t LeftOutPoints::Hash::operator()(const Cell& cell) const {
   std::uint64_t hash = 0;
@@ -48,9 +54,13 @@ bool LeftOutPoints::isNear(const Index3& leaf) const {
   return near != nullptr && ((*near)[bit >> 6] >> (bit & 63) & 1) != 0;
 }
 
-void LeftOutPoints::keepShut(std::vector<OpenedLeaf>& opened) const {
-  if (near_.empty()) return;
-  std::erase_if(opened, [this](const OpenedLeaf& leaf) { return isNear(leaf.leaf); });
+LeafBits LeftOutPoints::nearLeftOut(const OpenedLeaf& opened, const LeftOutVoxels& voxels) const {
+  LeafBits near = {};
+  if (near_.empty() || !isNear(opened.leaf)) return near;
+  forEachBit(opened.voxels, [&](std::size_t bit) {
+    if (reachesLeftOut(childOf(opened.leaf, bit), voxels)) near[bit >> 6] |= std::uint64_t{1} << (bit & 63);
+  });
+  return near;
 }
 
 void LeftOutPoints::closeCell(const Cell& cell) {
@@ -100,8 +110,8 @@ bool LeftOutPoints::restoreCells(std::uint32_t doublings, const std::vector<Cell
 }
 
 bool LeftOutPoints::reachesLeftOut(const Index3& voxel, const LeftOutVoxels& voxels) const {
-  const auto low = [&](std::size_t axis) { return voxel[axis] - neighbours_; };
-  const auto high = [&](std::size_t axis) { return voxel[axis] + neighbours_; };
+  const auto low = [&](std::size_t axis) { return voxel[axis] - reach_; };
+  const auto high = [&](std::size_t axis) { return voxel[axis] + reach_; };
   Index3 leaf;
   for (leaf[0] = low(0) >> 3; leaf[0] <= high(0) >> 3; ++leaf[0]) {
     for (leaf[1] = low(1) >> 3; leaf[1] <= high(1) >> 3; ++leaf[1]) {

@@ -28,12 +28,12 @@ class LeftOutPoints {
   /// Values of withheld(), beside 0.
   static constexpr std::uint8_t kGone = 1, kLeftOut = 2;
 
-  LeftOutPoints(const WindowReach& reach, double voxel_size_m);
+  LeftOutPoints(const WindowReach& reach, const FieldParams& resolved);
 
   /// More was left out in these leaves. @param origins  lowest voxels
   void noteLeaves(std::span<const openvdb::Coord> origins);
-  /// Takes away what may not be opened: what has gone is judged by the returns around, and some are missing here.
-  void keepShut(std::vector<OpenedLeaf>& opened) const;
+  /// Of these voxels, those around which returns are missing by which it is judged what has gone.
+  [[nodiscard]] LeafBits nearLeftOut(const OpenedLeaf& opened, const LeftOutVoxels& voxels) const;
   /// Returns were left out at most this far from a position, and no voxel says where. Positions that are not finite are
   /// no returns.
   void close(const Eigen::Vector3d& centre_W, double radius_m);
@@ -67,7 +67,9 @@ class LeftOutPoints {
   void doubleCells();
   [[nodiscard]] bool reachesLeftOut(const Index3& voxel, const LeftOutVoxels& voxels) const;
 
-  std::int32_t neighbours_, near_leaves_;
+  std::int32_t
+      reach_;  ///< [voxels] from a point to the farthest return that decides on its normal, or whether it is gone
+  std::int32_t near_leaves_;
   double edge_m_;
   std::uint32_t doublings_ = 0;
   LeafFlags near_;                         ///< leaves at most so many from one with voxels left out

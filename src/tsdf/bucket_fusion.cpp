@@ -113,7 +113,8 @@ bool BucketFusion::foldInto(PackedLeaf& leaf, LeafFusion& fusion, LeafChange& ch
 }
 
 /// The same where returns are, or have been, left out: a leaf's facts are those of the map, except that what was left
-/// out in it blocks. A return that is fused in a voxel takes the place of what was left out there.
+/// out in it blocks. Once the map grows again, a return that is fused in a voxel takes the place of what was left out
+/// there.
 bool BucketFusion::foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting, LeafChange& change,
                                      BucketChanges& changes, BucketResult& result) {
   PackedLeaf* leaf = waiting.leaf;
@@ -128,7 +129,10 @@ bool BucketFusion::foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting,
   const LeafBits before = found != nullptr ? *found : LeafBits{};
   const LeafBits sampled = fusion.sampled();
   LeafBits after;
-  for (std::size_t x = 0; x < 8; ++x) after[x] = has_place ? before[x] & ~sampled[x] : before[x] | sampled[x];
+  for (std::size_t x = 0; x < 8; ++x) {
+    const std::uint64_t replaced = map_.grows() ? sampled[x] : 0, left_out = has_place ? 0 : sampled[x];
+    after[x] = (before[x] & ~replaced) | left_out;
+  }
   const LeafChange old = leaf != nullptr ? factsOf(map_, *leaf) : LeafChange{};
   const std::uint64_t flipped_before = result.counts.flipped_voxels;
   if (!has_place) fusion.dropSamples();

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "accessvdb/accessibility_field.h"
+#include "accessvdb/device_view.h"
 #include "accessvdb/tool_spec.h"
 #include "support/determinism_support.h"
 
@@ -40,17 +41,20 @@ struct SeenBox {
 
 /// Boxes that come and go before a wall, and a sensor that walks past and looks now here, now there.
 struct LimitedWorld {
+  /// Long enough for votes against what was watched, and for things to be gone by the evidence of rays.
+  static bool isLong(std::uint64_t number) { return number % 4 == 0; }
   explicit LimitedWorld(std::uint64_t seed) : random(seed) {
     boxes.push_back({{2, -3, -2}, {2.2, 3, 2}});
     const int others = 2 + static_cast<int>(random() % 6);
     for (int n = 0; n < others; ++n) {
-      const Eigen::Array3d low(uniform(random, 0.6, 1.9), uniform(random, -1.5, 1.5), uniform(random, -1, 1));
+      const double nearest_m = random() % 2 == 0 ? 0.6 : 1.7;  // half of them close to the wall
+      const Eigen::Array3d low(uniform(random, nearest_m, 1.95), uniform(random, -1.5, 1.5), uniform(random, -1, 1));
       const Eigen::Array3d size(uniform(random, 0.05, 0.4), uniform(random, 0.05, 0.6), uniform(random, 0.05, 0.9));
-      const int first = static_cast<int>(random() % 12);
-      boxes.push_back({low, low + size, first < 4 ? 0 : first, first + 2 + static_cast<int>(random() % 14)});
+      const int first = static_cast<int>(random() % 16);
+      boxes.push_back({low, low + size, first < 4 ? 0 : first, first + 4 + static_cast<int>(random() % 14)});
     }
     noise_m = random() % 2 == 0 ? 0.003 : 0.03;
-    returns = 150 + static_cast<int>(random() % 500);
+    returns = (isLong(seed) ? 1500 : 150) + static_cast<int>(random() % 500);
   }
 
   Scan scan(int number) {
@@ -85,8 +89,8 @@ inline FieldParams limitedWorldParams(std::uint64_t world) {
   params.tsdf.voxel_size_m = world % 2 == 0 ? 0.05 : 0.08;
   params.tsdf.range_noise_m = 0.01;
   constexpr ChangeMode kModes[] = {ChangeMode::Off, ChangeMode::Block, ChangeMode::Full};
-  params.change.mode = kModes[world / 2 % 3];
-  if (params.change.mode == ChangeMode::Full && world % 4 < 2) params.change.free_for_s = 0.5;
+  params.change.mode = LimitedWorld::isLong(world) ? kModes[1 + world / 8 % 2] : kModes[world / 2 % 3];
+  if (params.change.mode == ChangeMode::Full && world % 5 < 2) params.change.free_for_s = 0.5;
   params.approach.num_directions = 36;
   params.threads = 1;
   params.backend = BackendKind::Cpu;
@@ -94,8 +98,21 @@ inline FieldParams limitedWorldParams(std::uint64_t world) {
 }
 
 struct LimitCounts {
-  std::size_t limited = 0, unlimited = 0, left_out = 0, steps = 0;
+  std::size_t limited = 0, unlimited = 0, left_out = 0, steps = 0, gone = 0, voxels = 0;
 };
+
+/// The map's facts, too, around the points: what labels hide today, another tool would meet.
+inline void expectFactsAmong(const AccessibilityField& limited, const AccessibilityField& unlimited,
+                             std::mt19937_64& random, LimitCounts& counts) {
+  const DeviceView few = limited.hostView(), all = unlimited.hostView();
+  for (const SurfacePoint& point : unlimited.snapshot().points) {
+    Eigen::Vector3d p_W = point.position_W;
+    for (Eigen::Index axis = 0; axis < 3; ++axis) p_W[axis] += uniform(random, -0.3, 0.3);
+    ASSERT_TRUE(!all.collides(p_W.data()) || few.collides(p_W.data())) << p_W.transpose();
+    ASSERT_TRUE(!few.armFree(p_W.data()) || all.armFree(p_W.data())) << p_W.transpose();
+    ++counts.voxels;
+  }
+}
 
 /// Every accessible point of the limited field is one of the other.
 inline void expectAmong(const AccessibilityField& limited, const AccessibilityField& unlimited, LimitCounts& counts) {
@@ -131,10 +148,11 @@ inline void expectContained(std::uint64_t number, BackendKind backend, LimitCoun
   AccessibilityField unlimited(tools, params), limited(tools, limited_params);
   std::optional<AccessibilityField> twin;  // on the CPU
   if (backend != BackendKind::Cpu) twin.emplace(tools, params);
-  constexpr int kScans = 16;
-  const int full_after = 1 + static_cast<int>(number / 6 % 6);
+  const bool is_long = LimitedWorld::isLong(number);
+  const int scans = is_long ? 32 : 12;
+  const int full_after = 1 + static_cast<int>(number / 6 % 6) * (is_long ? 3 : 1);
   constexpr std::size_t kMost[] = {std::size_t{1} << 17, std::size_t{1} << 17, 12, 0};
-  for (int n = 0; n < kScans; ++n) {
+  for (int n = 0; n < scans; ++n) {
     const Scan scan = world.scan(n);
     if (n == full_after) limited.stopGrowing(kMost[number / 36 % 4]);
     if (n == full_after && twin) twin->stopGrowing(kMost[number / 36 % 4]);
@@ -159,7 +177,13 @@ inline void expectContained(std::uint64_t number, BackendKind backend, LimitCoun
       }
     }
     if (testing::Test::HasFatalFailure()) return;
+    const bool keeps_voxels = number / 36 % 4 < 2;
+    if (backend == BackendKind::Cpu && keeps_voxels && n % 4 == 3) {
+      expectFactsAmong(limited, unlimited, world.random, counts);
+    }
+    if (testing::Test::HasFatalFailure()) return;
   }
+  for (const SurfacePoint& point : unlimited.snapshot().points) counts.gone += point.reason == PointReason::Changed;
   const FieldSnapshot now = limited.snapshot(), scratch = limited.evaluateFromScratch();
   for (std::size_t n = 0; n < now.points.size(); ++n) ASSERT_EQ(now.points[n].label, scratch.points[n].label) << n;
 }
