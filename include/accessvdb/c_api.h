@@ -215,7 +215,7 @@ typedef struct accessvdb_point {
   uint16_t score;      ///< fewest collisions of any direction; 65535 = no direction reached the tool test
   uint8_t label;       ///< ACCESSVDB_UNSCORED, ACCESSVDB_ACCESSIBLE, ACCESSVDB_BLOCKED
   uint8_t reason;      ///< ACCESSVDB_REASON_*
-  uint8_t confident;   ///< 1: accessible, and confidence x stability is high
+  uint8_t confident;   ///< 1: accessible, confidence x stability is high, and no point waits
   uint8_t roll;        ///< version 5: index of the best roll in that direction
   uint8_t tool;        ///< version 5: of several tools, the first that reaches the point, else the closest
   uint8_t reserved[3];

@@ -136,7 +136,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   [[nodiscard]] internal::ScoredField scored() const {
-    return {*scorer, *backend, gate.origin_W(), setup.tool().rolls, core(), withheld()};
+    return {*scorer, *backend, gate.origin_W(), setup.tool().rolls, core(), backlog > 0, withheld()};
   }
   /// Points that are unscored whatever their state says.
   [[nodiscard]] std::span<const std::uint8_t> withheld() const { return left_out.withheld(gone_points.published()); }
@@ -219,7 +219,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     internal::ScoringTables tables = setupOf(k).tables(mirror.grid());
     tables.rule.keep_best = false;
     for (const auto& result : again.score(items, tables)) tests += result.tests;
-    const internal::ScoredField field = {again, *backend, gate.origin_W(), setupOf(k).tool().rolls, core(), withheld()};
+    const internal::ScoredField field = {again,  *backend, gate.origin_W(), setupOf(k).tool().rolls,
+                                         core(), false,    withheld()};
     return internal::scoredPoints(field, internal::PointStates::AsOfTheLastUpdate);
   }
   [[nodiscard]] std::unique_ptr<internal::PointScorer> freshScorer(std::size_t k) const {

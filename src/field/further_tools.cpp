@@ -210,8 +210,8 @@ std::vector<PointStore*> FurtherTools::ownStores() const {
 std::vector<ScoredField> FurtherTools::ofEach(const ScoredField& first) const {
   std::vector<ScoredField> fields = {first};
   for (const auto& tool : tools_)
-    fields.push_back(
-        {*tool->scorer, first.backend, first.origin_W, tool->setup.tool().rolls, first.core, first.withheld});
+    fields.push_back({*tool->scorer, first.backend, first.origin_W, tool->setup.tool().rolls, first.core,
+                      first.some_wait, first.withheld});
   return fields;
 }
 

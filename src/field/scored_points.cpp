@@ -51,6 +51,7 @@ class ScoredPoints final : public SurfacePoints {
   ScoredPoints(const ScoredField& field, HostState state, std::uint32_t first, std::uint32_t count)
       : scorer_(field.scorer),
         origin_W_(field.origin_W),
+        some_wait_(field.some_wait),
         withheld_(field.withheld),
         state_(std::move(state)),
         first_(first),
@@ -76,6 +77,7 @@ class ScoredPoints final : public SurfacePoints {
  private:
   const PointScorer& scorer_;
   Eigen::Vector3d origin_W_;
+  bool some_wait_;
   std::span<const std::uint8_t> withheld_;
   HostState state_;
   std::uint32_t first_;
@@ -113,7 +115,7 @@ SurfacePoint ScoredPoints::at(std::size_t index) const {
     point.direction_W = heading.direction_W;
     point.orientation_WT = heading.orientation_WT;
   }
-  point.confident = point.label == PointLabel::Accessible &&
+  point.confident = point.label == PointLabel::Accessible && !some_wait_ &&
                     point.confidence * point.stability > static_cast<float>(scorer_.params().update.stability_min);
   return point;
 }

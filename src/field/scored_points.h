@@ -29,6 +29,7 @@ struct ScoredField {
   Eigen::Vector3d origin_W;
   ToolRolls rolls;
   std::optional<VoxelColumnBox> core = std::nullopt;  ///< of a tile, whose other points are not the user's
+  bool some_wait = false;                             ///< the last update left a backlog: no label is certain
   std::span<const std::uint8_t> withheld = {};        ///< by id, see LeftOutPoints; later points are not
 };
 

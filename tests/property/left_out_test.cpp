@@ -166,6 +166,25 @@ TEST(LeftOut, ASavedStateGoesOnAsIfThereHadBeenNoStop) {
   }
 }
 
+/// A budget delays, and leaves nothing out. But a label whose turn has not come is not certain.
+TEST(LeftOut, NoPointIsConfidentWhileOneWaits) {
+  FieldParams params = panelParams();
+  params.update.budget_points = 40;
+  AccessibilityField field(rod(), params);
+  const std::vector<Scan> scans = wallThenPanel(10);
+  const auto confident = [&] {
+    const FieldSnapshot now = field.snapshot();
+    return std::ranges::count_if(now.points, [](const SurfacePoint& p) { return p.confident; });
+  };
+  for (const Scan& scan : scans) field.integrateScan(scan.points_S, scan.T_W_S);
+  UpdateStats stats = field.update();
+  ASSERT_GT(stats.backlog, 0u);
+  EXPECT_GT(field.snapshot().count(PointLabel::Accessible), 0u);
+  EXPECT_EQ(confident(), 0);
+  while (stats.backlog > 0) stats = field.update();
+  EXPECT_GT(confident(), 100);
+}
+
 /// With memory again, a return that is fused takes the place of what was left out there.
 TEST(LeftOut, AFieldThatGrowsAgainTakesInWhatItSees) {
   const ScratchFolder folder;
