@@ -166,6 +166,46 @@ TEST(LeftOut, ASavedStateGoesOnAsIfThereHadBeenNoStop) {
   }
 }
 
+/// A post goes. Rays open it, but not beside a thing that was left out: had that been taken in, the verdict could be
+/// another.
+TEST(LeftOut, WhatIsGoneBesideAThingThatWasLeftOutStaysShut) {
+  FieldParams params = limitedWorldParams(8);
+  ASSERT_EQ(params.change.mode, ChangeMode::Full);
+  params.tsdf.voxel_size_m = 0.04;
+  params.change.free_for_s = std::numeric_limits<double>::infinity();
+  const auto opened = [&](bool with_thing) {
+    std::mt19937_64 random(5);
+    const SeenBox wall = {{2, -3, -2}, {2.2, 3, 2}}, post = {{1.15, -0.35, -2}, {1.2, -0.05, 2}},
+                  thing = {{1.15, 0.2, -2}, {1.2, 0.5, 2}};
+    AccessibilityField field(rod(), params);
+    for (int n = 0; n < 40; ++n) {
+      if (n == 12) field.stopGrowing();
+      const Eigen::Array3d from(uniform(random, -0.02, 0.02), uniform(random, -0.2, 0.2), uniform(random, -0.2, 0.2));
+      Scan scan;
+      scan.T_W_S.translation() = from.matrix();
+      for (int k = 0; k < 2500; ++k) {
+        const Eigen::Array3d along = Eigen::Array3d(2, uniform(random, -0.9, 0.9), uniform(random, -0.5, 0.5)) - from;
+        double nearest = wall.entry(from, along);
+        if (n < 12) nearest = std::min(nearest, post.entry(from, along));
+        if (n >= 12 && with_thing) nearest = std::min(nearest, thing.entry(from, along));
+        scan.points_S.push_back((nearest * along).matrix().cast<float>());
+      }
+      const FrameStats stats = field.integrateScan(scan.points_S, scan.T_W_S, 0.1 * n);
+      field.update();
+      EXPECT_EQ(stats.left_out_returns > 100, n >= 12 && with_thing) << n;
+    }
+    std::size_t open = 0;
+    for (const SurfacePoint& point : field.snapshot().points) {
+      if (point.position_W.x() > 1.4 || point.position_W.y() > 0) continue;
+      open += field.hostView().collides(point.position_W.data()) ? 0 : 1;
+    }
+    return open;
+  };
+  const std::size_t alone = opened(false), beside = opened(true);
+  EXPECT_GT(alone, 50u);
+  EXPECT_LT(beside, alone / 4);
+}
+
 /// A budget delays, and leaves nothing out. But a label whose turn has not come is not certain.
 TEST(LeftOut, NoPointIsConfidentWhileOneWaits) {
   FieldParams params = panelParams();
