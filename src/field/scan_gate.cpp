@@ -9,7 +9,7 @@
 #include <cmath>
 
 #include "accessvdb/error.h"
-#include "hostdev/occupancy_query.h"
+#include "hostdev/position_voxel.h"
 #include "hostdev/voxel_scale.h"
 #include "points/surface_index.h"
 
@@ -62,7 +62,8 @@ ScanGate::Checked ScanGate::check(const Eigen::Vector3d& p_L, const Eigen::Vecto
   if (!(p_L.lpNorm<Eigen::Infinity>() <= bound) || !(q_L.lpNorm<Eigen::Infinity>() <= bound)) {
     return dropped(DropReason::OutOfBounds);
   }
-  return checkLocal(p_L.cast<float>(), q_L.cast<float>());
+  const auto stored = [this](double x_m) { return kernels::storedCoordinate(x_m, inverse_voxel_size_); };
+  return checkLocal({stored(p_L.x()), stored(p_L.y()), stored(p_L.z())}, q_L.cast<float>());
 }
 
 ScanGate::Checked ScanGate::checkLocal(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) const {

@@ -13,6 +13,8 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
+#include "hostdev/position_voxel.h"
+#include "hostdev/voxel_scale.h"
 
 namespace accessvdb::io {
 namespace {
@@ -143,9 +145,10 @@ class EarlierPoints {
   /// Beyond 2^30 voxels, where no map reaches, all share the outermost ones.
   [[nodiscard]] Voxel voxelOf(const Eigen::Vector3d& p_W) const {
     constexpr double kLast = 1 << 30;
+    const double inverse = kernels::VoxelScale(voxel_size_m_).inverse_float32;
     Voxel voxel;
     for (int axis = 0; axis < 3; ++axis) {
-      const double place = std::floor((p_W[axis] - origin_W_[axis]) / voxel_size_m_ + 0.5);
+      const double place = kernels::voxelOfCoordinate(p_W[axis] - origin_W_[axis], inverse);
       voxel[axis] = static_cast<std::int32_t>(std::clamp(place, -kLast, kLast));
     }
     return voxel;

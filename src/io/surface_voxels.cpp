@@ -10,6 +10,8 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
+#include "hostdev/position_voxel.h"
+#include "hostdev/voxel_scale.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -26,9 +28,10 @@ std::tuple<openvdb::Int32, openvdb::Int32, openvdb::Int32> leafKey(const openvdb
 }  // namespace
 
 openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m) {
+  const double inverse = kernels::VoxelScale(voxel_size_m).inverse_float32;
   openvdb::Coord ijk;
   for (int axis = 0; axis < 3; ++axis) {
-    const double index = std::floor(p_L[axis] / voxel_size_m + 0.5);
+    const double index = kernels::voxelOfCoordinate(p_L[axis], inverse);
     if (!(std::abs(index) <= kMaxVoxelIndex)) {
       throw InvalidArgument("position.range", "",
                             "position (" + std::to_string(p_L.x()) + ", " + std::to_string(p_L.y()) + ", " +
