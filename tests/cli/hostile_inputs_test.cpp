@@ -155,6 +155,7 @@ TEST_F(HostileInputs, TextThatIsNotUtf8) {
   plan.insert(plan.begin(), {"tile", "plan", path("tiled")});
   const auto out = std::find(plan.begin(), plan.end(), "--out");
   plan.erase(out, out + 2);
+  plan.push_back("--quiet");
   expectRefused(runProgram(plan), 4, "plan.name");
   std::vector<std::string> missing = named("\xff");
   missing.push_back("--error-format=json");

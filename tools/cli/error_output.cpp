@@ -59,10 +59,11 @@ std::string inFlags(std::string text, bool is_name) {
   return text;
 }
 
+/// Problems are left as they are: those of states and plans list parameters by the names that files have them by.
 Failure inFlags(const Error& error) {
   const bool is_name = error.code() == ErrorCode::Usage;
-  return {error.exitCode(), error.id(), is_name ? inFlags(error.subject(), true) : error.subject(),
-          inFlags(error.problem(), false), inFlags(error.advice(), false)};
+  return {error.exitCode(), error.id(), is_name ? inFlags(error.subject(), true) : error.subject(), error.problem(),
+          inFlags(error.advice(), false)};
 }
 
 std::string sentence(const std::string& text) { return text.empty() || text.back() == '.' ? text : text + "."; }
