@@ -13,8 +13,7 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
-#include "hostdev/position_voxel.h"
-#include "hostdev/voxel_scale.h"
+#include "io/voxel_rule.h"
 
 namespace accessvdb::io {
 namespace {
@@ -145,10 +144,9 @@ class EarlierPoints {
   /// Beyond 2^30 voxels, where no map reaches, all share the outermost ones.
   [[nodiscard]] Voxel voxelOf(const Eigen::Vector3d& p_W) const {
     constexpr double kLast = 1 << 30;
-    const double inverse = kernels::VoxelScale(voxel_size_m_).inverse_float32;
     Voxel voxel;
     for (int axis = 0; axis < 3; ++axis) {
-      const double place = kernels::voxelOfCoordinate(p_W[axis] - origin_W_[axis], inverse);
+      const double place = internal::voxelOfCoordinate(p_W[axis] - origin_W_[axis], voxel_size_m_);
       voxel[axis] = static_cast<std::int32_t>(std::clamp(place, -kLast, kLast));
     }
     return voxel;

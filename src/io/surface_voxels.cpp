@@ -10,8 +10,7 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
-#include "hostdev/position_voxel.h"
-#include "hostdev/voxel_scale.h"
+#include "io/voxel_rule.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -28,10 +27,9 @@ std::tuple<openvdb::Int32, openvdb::Int32, openvdb::Int32> leafKey(const openvdb
 }  // namespace
 
 openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m) {
-  const double inverse = kernels::VoxelScale(voxel_size_m).inverse_float32;
   openvdb::Coord ijk;
   for (int axis = 0; axis < 3; ++axis) {
-    const double index = kernels::voxelOfCoordinate(p_L[axis], inverse);
+    const double index = voxelOfCoordinate(p_L[axis], voxel_size_m);
     if (!(std::abs(index) <= kMaxVoxelIndex)) {
       throw InvalidArgument("position.range", "",
                             "position (" + std::to_string(p_L.x()) + ", " + std::to_string(p_L.y()) + ", " +

@@ -6,8 +6,7 @@
 #include <cmath>
 
 #include "accessvdb/tsdf_volume.h"
-#include "hostdev/position_voxel.h"
-#include "hostdev/voxel_scale.h"
+#include "io/voxel_rule.h"
 #include "tsdf/packed_map.h"
 
 namespace accessvdb::internal {
@@ -30,8 +29,7 @@ std::uint64_t keyOf(std::int64_t x, std::int64_t y, std::int64_t z) {
 }  // namespace
 
 KnownSpace::KnownSpace(const AccessibilityField& field)
-    : origin_W_(field.origin_W()),
-      voxels_per_m_(kernels::VoxelScale(field.params().tsdf.voxel_size_m).inverse_float32) {
+    : origin_W_(field.origin_W()), voxel_size_m_(field.params().tsdf.voxel_size_m) {
   const PackedMap& map = field.volume().packed();
   leaves_.reserve(map.leaf_count);
   for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
@@ -45,7 +43,7 @@ KnownSpace::KnownSpace(const AccessibilityField& field)
 bool KnownSpace::contains(const Eigen::Vector3d& p_W) const {
   constexpr double kMostVoxel = static_cast<double>(kMostLeaf) * 8 - 1;
   const Eigen::Vector3d p_L = p_W - origin_W_;
-  const auto voxelOf = [this](double x_m) { return kernels::voxelOfCoordinate(x_m, voxels_per_m_); };
+  const auto voxelOf = [this](double x_m) { return voxelOfCoordinate(x_m, voxel_size_m_); };
   const Eigen::Vector3d voxel(voxelOf(p_L.x()), voxelOf(p_L.y()), voxelOf(p_L.z()));
   if (!(voxel.cwiseAbs().maxCoeff() <= kMostVoxel) || !voxel.allFinite()) return false;
   const auto leaf = [&](int axis) { return static_cast<std::int64_t>(voxel[axis]) >> 3; };

@@ -21,7 +21,7 @@ class KnownSpace {
 
  private:
   Eigen::Vector3d origin_W_;
-  double voxels_per_m_;
+  double voxel_size_m_;
   std::vector<std::uint64_t> leaves_;  ///< keys, sorted
 };
 

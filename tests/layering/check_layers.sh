@@ -33,10 +33,10 @@ change   std api eigen openvdb tbb launch hostdev tsdf points
 update   std api eigen tbb launch hostdev points simd
 tool     std posix api eigen tbb launch hostdev assimp openssl
 bags     std api eigen bzip2 lz4 sqlite zlib zstd
-io       std posix api grids eigen openvdb vdb tbb hostdev lzf openssl json bags
+io       std posix api grids eigen openvdb vdb tbb lzf openssl json bags
 picture  std api eigen tbb io png
 field    std posix api grids eigen openvdb vdb tbb launch hostdev tsdf mirror points change update tool io
-live     std api grids eigen openvdb tbb hostdev tsdf io
+live     std api grids eigen openvdb tbb tsdf io
 tiles    std posix api grids eigen openvdb vdb tbb launch hostdev points tool field io json
 report   std api eigen tool io zlib openssl json
 capi     std api eigen
