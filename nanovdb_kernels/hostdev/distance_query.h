@@ -7,6 +7,7 @@
 #include <limits>
 
 #include "capsule.h"
+#include "position_voxel.h"
 
 namespace accessvdb::kernels {
 
@@ -25,9 +26,7 @@ ACCESSVDB_HOSTDEV inline float distanceAt(const DistanceView& map, const double*
   if (map.grid == nullptr || !hasVoxel(p_L, map.inverse_voxel_size)) return kNoDistance;
   const nanovdb::DefaultReadAccessor<float> reader(map.grid->tree().root());
   float distance_m = 0;
-  const bool observed = reader.probeValue(voxelOf(static_cast<float>(p_L[0]), static_cast<float>(p_L[1]),
-                                                  static_cast<float>(p_L[2]), map.inverse_voxel_size),
-                                          distance_m);
+  const bool observed = reader.probeValue(voxelOfPosition(p_L, map.inverse_voxel_size), distance_m);
   return observed ? distance_m : kNoDistance;
 }
 

@@ -4,6 +4,7 @@
 #pragma once
 
 #include "capsule.h"
+#include "position_voxel.h"
 
 namespace accessvdb::kernels {
 
@@ -24,8 +25,7 @@ ACCESSVDB_HOSTDEV inline Occupancy occupancyOf(const OccupancyReader& reader, co
 ACCESSVDB_HOSTDEV inline Occupancy occupancyAt(const OccupancyView& map, const double* p_L) {
   if (!hasVoxel(p_L, map.inverse_voxel_size)) return Occupancy::Unknown;
   const OccupancyReader reader(map);
-  return occupancyOf(reader, voxelOf(static_cast<float>(p_L[0]), static_cast<float>(p_L[1]), static_cast<float>(p_L[2]),
-                                     map.inverse_voxel_size));
+  return occupancyOf(reader, voxelOfPosition(p_L, map.inverse_voxel_size));
 }
 
 /// What a capsule touches.

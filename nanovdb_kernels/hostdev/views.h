@@ -2,7 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// What the rules read: trivially copyable, non-owning views that are passed to kernels by value.
 ///
-/// Frame L: the local frame, world minus the recorded origin, metres, float32. Voxel of p_L: round(p_L / v).
+/// Frame L: the local frame, world minus the recorded origin, metres, float32. Voxel of p_L: round(p_L / v), on
+/// faces see position_voxel.h.
 #pragma once
 
 #include <cstddef>

@@ -92,7 +92,8 @@ py::array_t<Scalar, py::array::c_style> realArray(const char* name, const py::ob
 template py::array_t<float, py::array::c_style> realArray(const char*, const py::object&, py::ssize_t, py::ssize_t);
 template py::array_t<double, py::array::c_style> realArray(const char*, const py::object&, py::ssize_t, py::ssize_t);
 
-ScanPoints::ScanPoints(const char* name, const py::object& value) {
+ScanPoints::ScanPoints(const char* name, const py::object& value, bool or_none) {
+  if (or_none && py::len_hint(value) == 0 && numbers(name, value).ndim() == 1) return;
   if (py::isinstance<py::array>(value) && isOfType<float>(value)) {
     const auto array = realArray<float>(name, value, kAnyNumber, 3);
     view_ = rows(array);
@@ -136,6 +137,9 @@ Eigen::Isometry3d poseOf(const char* name, const py::object& value) {
   Eigen::Isometry3d pose;
   pose.matrix() = Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(array.data());
   if (pose.matrix().row(3) != Eigen::RowVector4d(0, 0, 0, 1)) {
+    if (!pose.matrix().allFinite()) {
+      throw UnusableInput("pose.last_row", name, "the pose is not finite", "Leave out scans whose pose is not known");
+    }
     throw UnusableInput("pose.last_row", name, "the last row of a pose is not 0 0 0 1",
                         "The position is there in a transposed matrix");
   }

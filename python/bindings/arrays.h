@@ -37,7 +37,8 @@ inline constexpr pybind11::ssize_t kAnyNumber = -1;  ///< any number of rows
 /// Points in the frame of a scan: [n x 3], float32 read in place, other types rounded to it.
 class ACCESSVDB_PRIVATE ScanPoints {
  public:
-  ScanPoints(const char* name, const pybind11::object& value);
+  /// @param or_none  [] is taken, too: no points. It has no columns that could be wrong.
+  ScanPoints(const char* name, const pybind11::object& value, bool or_none);
   [[nodiscard]] std::span<const Eigen::Vector3f> view() const { return view_; }
 
  private:

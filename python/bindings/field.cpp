@@ -177,7 +177,7 @@ double stampFrom(const py::object& stamp_s) {
 
 FrameStats integrateScan(LockedField& field, const py::object& points_S, const py::object& T_W_S,
                          const py::object& stamp_s) {
-  const ScanPoints points("points_S", points_S);
+  const ScanPoints points("points_S", points_S, true);
   const Eigen::Isometry3d pose = poseOf("T_W_S", T_W_S);
   const double stamp = stampFrom(stamp_s);
   return field.run([&](AccessibilityField& f) { return f.integrateScan(points.view(), pose, stamp); });

@@ -85,7 +85,7 @@ void addScan(Session& session, std::int64_t stamp_ns, const py::object& points, 
     const Positions given("points", points);
     scan.points_double.assign(given.view().begin(), given.view().end());
   } else {
-    const ScanPoints given("points", points);
+    const ScanPoints given("points", points, false);
     scan.points.assign(given.view().begin(), given.view().end());
   }
   session.atOnce([&](LiveSession& s) { s.addScan(std::move(scan)); });

@@ -53,7 +53,7 @@ std::vector<std::array<std::uint32_t, 3>> trianglesFrom(const py::object& value)
 }
 
 ToolGeometry fromTriangles(const py::object& vertices_T, const py::object& triangles, const std::string& name) {
-  const ScanPoints vertices("vertices_T", vertices_T);
+  const ScanPoints vertices("vertices_T", vertices_T, false);
   auto corners = trianglesFrom(triangles);
   return withoutLock([&] {
     return ToolGeometry::fromTriangles({vertices.view().begin(), vertices.view().end()}, std::move(corners), name);

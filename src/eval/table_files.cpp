@@ -175,7 +175,9 @@ void writeTablesJson(const std::filesystem::path& path, const TableResults& resu
   json["finished"] = results.finished;
   json["rows"] = Json::array();
   for (const TableRow& row : results.rows) json["rows"].push_back(toJson(row));
-  io::writeFileDurably(path, [&json](std::ostream& out) { out << json.dump(1) << "\n"; });
+  io::writeFileDurably(path, [&json](std::ostream& out) {
+    out << json.dump(1, ' ', false, decltype(json)::error_handler_t::replace) << "\n";
+  });
 }
 
 void writeTablesMarkdown(const std::filesystem::path& path, const TableResults& results, const TableOrigin& origin) {

@@ -16,6 +16,7 @@
 #include "field/access_map.h"
 #include "field/field_access.h"
 #include "field/field_impl.h"
+#include "field/thread_count.h"
 
 namespace accessvdb {
 
@@ -24,7 +25,7 @@ AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldPara
           {{tool, params.approach.orientations, params.approach.rolls, {}, params.scoring.max_collisions}}, params) {}
 AccessibilityField::AccessibilityField(std::vector<ToolSpec> tools, const FieldParams& params,
                                        const TableProgress& progress)
-    : impl_(internal::makeArena(params.threads).execute([&] {
+    : impl_(internal::makeArena(internal::requireThreads(params.threads)).execute([&] {
         const std::vector<ToolSpec> list = namedTools(std::move(tools));
         const FieldParams resolved = internal::resolvedFor(list.front(), params);
         internal::requireManyTools(list, resolved);

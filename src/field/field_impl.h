@@ -132,7 +132,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     if (!p_W.allFinite()) return internal::kNone;
     const Eigen::Vector3d p_L = p_W - gate.origin_W();
     if (!(p_L.lpNorm<Eigen::Infinity>() <= internal::kFarthestVoxel * params.tsdf.voxel_size_m)) return internal::kNone;
-    return points.index().find(points.voxelOf(p_L.cast<float>()));
+    return points.index().find(points.voxelOf(p_L));
   }
 
   [[nodiscard]] internal::ScoredField scored() const {

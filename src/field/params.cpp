@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "field/thread_count.h"
 
 namespace accessvdb {
 namespace {
@@ -85,7 +86,7 @@ void requireChange(const ChangeParams& change) {
   require("free_for_s", change.free_for_s, 0.001, 1e9, "Give the seconds for which free space stays free, or infinity");
   if (change.mode != ChangeMode::Full) {
     throw InvalidArgument("config.change", "free_for_s", "is finite, which needs ChangeMode::Full",
-                          "Add --change full, or leave free_for_s at infinity");
+                          "Use ChangeMode::Full, or leave free_for_s at infinity");
   }
 }
 
@@ -115,6 +116,11 @@ void requireWindow(const FieldParams& p) {
 }
 
 }  // namespace
+
+int internal::requireThreads(int threads) {
+  require("threads", threads, 0, kMostThreads, "0 uses all");
+  return threads;
+}
 
 FieldParams FieldParams::paper(double voxel_size_m) {
   FieldParams p;
@@ -188,9 +194,9 @@ FieldParams FieldParams::resolved() const {
   if (t.region != UpdateRegion::DoubleCone) p.change = {ChangeMode::Off};
   if (p.change.mode == ChangeMode::Full && p.update.policy == UpdatePolicy::Paper) {
     throw InvalidArgument("config.change", "change full", "needs updates that follow the map in both directions",
-                          "Use UpdatePolicy::Exact (--policy exact)");
+                          "Use UpdatePolicy::Exact");
   }
-  require("threads", p.threads, 0, 4096);
+  internal::requireThreads(p.threads);
   for (std::size_t axis = 0; p.origin_W && axis < 3; ++axis) require("origin_W", (*p.origin_W)[axis], -1e8, 1e8);
   if (p.window) requireWindow(p);
   requireOrientations(p);

@@ -11,6 +11,7 @@
 
 #include "field/query_source.h"
 #include "hostdev/capsule.h"
+#include "hostdev/position_voxel.h"
 #include "points/prefetch.h"
 
 namespace accessvdb::internal {
@@ -87,8 +88,8 @@ class Answerer {
     visit.inside = kernels::hasVoxel(visit.p_L.data(), source_.inverse_voxel_size);
     if (!visit.inside) return;
     for (std::size_t axis = 0; axis < 3; ++axis) {
-      const auto x = static_cast<float>(visit.p_L[static_cast<Eigen::Index>(axis)]);
-      visit.voxel[axis] = kernels::voxelIndex(x, source_.inverse_voxel_size);
+      const double x_m = visit.p_L[static_cast<Eigen::Index>(axis)];
+      visit.voxel[axis] = static_cast<std::int32_t>(kernels::voxelOfCoordinate(x_m, source_.inverse_voxel_size));
     }
     const Index3 leaf = parentOf(visit.voxel);
     if ((visit.cell = cells_.at(parentOf(leaf))) != nullptr) {

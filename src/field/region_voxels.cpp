@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "accessvdb/error.h"
+#include "hostdev/position_voxel.h"
 #include "tool/voxelize.h"
 #include "tsdf/leaf_facts.h"
 
@@ -25,14 +26,15 @@ struct IndexBox {
 /// Coordinates of a map lie within +-10^6 voxels (ScanGate).
 std::int32_t clamped(double voxels) { return static_cast<std::int32_t>(std::clamp(voxels, -2e6, 2e6)); }
 
-/// Voxels whose centres lie between two corners.
+/// Voxels whose centres lie between two corners, faces included: within rounding of one is on it.
 IndexBox boxBetween(const Eigen::Vector3d& min_W, const Eigen::Vector3d& max_W, const RegionPlace& place) {
   const double v = place.map.params().voxel_size_m;
   IndexBox box;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     const auto a = static_cast<Eigen::Index>(axis);
-    box.low[axis] = clamped(std::ceil((min_W[a] - place.origin_W[a]) / v));
-    box.high[axis] = clamped(std::floor((max_W[a] - place.origin_W[a]) / v));
+    const double low = (min_W[a] - place.origin_W[a]) / v, high = (max_W[a] - place.origin_W[a]) / v;
+    box.low[axis] = clamped(std::ceil(low - kernels::roundingAtFaces(low, 1 / v)));
+    box.high[axis] = clamped(std::floor(high + kernels::roundingAtFaces(high, 1 / v)));
   }
   return box;
 }

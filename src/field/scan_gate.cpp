@@ -9,7 +9,7 @@
 #include <cmath>
 
 #include "accessvdb/error.h"
-#include "hostdev/occupancy_query.h"
+#include "hostdev/position_voxel.h"
 #include "hostdev/voxel_scale.h"
 #include "points/surface_index.h"
 
@@ -62,7 +62,8 @@ ScanGate::Checked ScanGate::check(const Eigen::Vector3d& p_L, const Eigen::Vecto
   if (!(p_L.lpNorm<Eigen::Infinity>() <= bound) || !(q_L.lpNorm<Eigen::Infinity>() <= bound)) {
     return dropped(DropReason::OutOfBounds);
   }
-  return checkLocal(p_L.cast<float>(), q_L.cast<float>());
+  const auto stored = [this](double x_m) { return kernels::storedCoordinate(x_m, inverse_voxel_size_); };
+  return checkLocal({stored(p_L.x()), stored(p_L.y()), stored(p_L.z())}, q_L.cast<float>());
 }
 
 ScanGate::Checked ScanGate::checkLocal(const Eigen::Vector3f& p_L, const Eigen::Vector3f& q_L) const {
@@ -111,9 +112,11 @@ const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3f> points_S, const
   const Eigen::Matrix3d R = T_W_S.linear();
   const Eigen::Vector3d t = T_W_S.translation();
   const double skew = (R.transpose() * R - Eigen::Matrix3d::Identity()).lpNorm<Eigen::Infinity>();
-  if (!t.allFinite() || !R.allFinite() || !(t.lpNorm<Eigen::Infinity>() <= kFarthest_m) || !(skew <= kRigidTolerance) ||
-      !(R.determinant() > 0)) {
-    throw UnusableInput("pose.not_rigid", "", "a sensor pose is not finite and rigid, or beyond 1e8 m",
+  if (!t.allFinite() || !R.allFinite()) {
+    throw UnusableInput("pose.not_rigid", "", "a sensor pose is not finite", "Leave out scans whose pose is not known");
+  }
+  if (!(t.lpNorm<Eigen::Infinity>() <= kFarthest_m) || !(skew <= kRigidTolerance) || !(R.determinant() > 0)) {
+    throw UnusableInput("pose.not_rigid", "", "a sensor pose is not rigid, or beyond 1e8 m",
                         "Use unit quaternions or orthonormal matrices");
   }
   setOrigin(t);
@@ -164,8 +167,7 @@ const GatedScan& ScanGate::gate(std::span<const Eigen::Vector3d> points_W, std::
     return x.lpNorm<Eigen::Infinity>() <= kFarthest_m && x.allFinite();
   };
   if (!own && !plausible(origins_W.front())) {
-    throw UnusableInput("pose.not_finite", "", "the sensor position is not finite, or beyond 1e8 m",
-                        "Check --sensor-at");
+    throw UnusableInput("pose.not_finite", "", "the sensor position is not finite, or beyond 1e8 m", "Check origins_W");
   }
   for (std::size_t n = 0; n < points_W.size() && !have_origin_; ++n) {
     const Eigen::Vector3d& q = origins_W[own ? n : 0];

@@ -165,7 +165,7 @@ void requireSavable(const FieldParams& params) {
   if (params.update.policy == UpdatePolicy::Paper) {
     throw InvalidArgument("usage.checkpoint", "policy",
                           "the paper's update policy depends on the field's history, which a state does not hold",
-                          "Use UpdatePolicy::Exact (--policy exact)");
+                          "Use UpdatePolicy::Exact");
   }
   if (params.tsdf.region == UpdateRegion::Projective) {
     throw InvalidArgument("usage.checkpoint", "region", "the projective baseline cannot be saved",

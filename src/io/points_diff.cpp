@@ -13,6 +13,7 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
+#include "io/voxel_rule.h"
 
 namespace accessvdb::io {
 namespace {
@@ -145,7 +146,7 @@ class EarlierPoints {
     constexpr double kLast = 1 << 30;
     Voxel voxel;
     for (int axis = 0; axis < 3; ++axis) {
-      const double place = std::floor((p_W[axis] - origin_W_[axis]) / voxel_size_m_ + 0.5);
+      const double place = internal::voxelOfCoordinate(p_W[axis] - origin_W_[axis], voxel_size_m_);
       voxel[axis] = static_cast<std::int32_t>(std::clamp(place, -kLast, kLast));
     }
     return voxel;

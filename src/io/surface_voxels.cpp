@@ -10,6 +10,7 @@
 #include <tuple>
 
 #include "accessvdb/error.h"
+#include "io/voxel_rule.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -28,7 +29,7 @@ std::tuple<openvdb::Int32, openvdb::Int32, openvdb::Int32> leafKey(const openvdb
 openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m) {
   openvdb::Coord ijk;
   for (int axis = 0; axis < 3; ++axis) {
-    const double index = std::floor(p_L[axis] / voxel_size_m + 0.5);
+    const double index = voxelOfCoordinate(p_L[axis], voxel_size_m);
     if (!(std::abs(index) <= kMaxVoxelIndex)) {
       throw InvalidArgument("position.range", "",
                             "position (" + std::to_string(p_L.x()) + ", " + std::to_string(p_L.y()) + ", " +

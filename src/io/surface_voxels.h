@@ -17,7 +17,7 @@
 
 namespace accessvdb::internal {
 
-/// The voxel whose centre, indexToWorld(ijk), is nearest: floor(x / v + 0.5) on each axis, in double.
+/// The voxel of a position (voxel_rule.h): the one whose centre, indexToWorld(ijk), is nearest.
 /// @param p_L  local frame, metres. @throws InvalidArgument for a position that has no voxel (non-finite, too far)
 [[nodiscard]] openvdb::Coord voxelAt(const Eigen::Vector3d& p_L, double voxel_size_m);
 

@@ -14,7 +14,7 @@
 #include <tuple>
 
 #include "hostdev/direction_mask.h"
-#include "hostdev/occupancy_query.h"
+#include "hostdev/position_voxel.h"
 #include "hostdev/voxel_scale.h"
 #include "points/bits_of_bytes.h"
 #include "points/prefetch.h"
@@ -45,6 +45,11 @@ PointStore::PointStore(const FieldParams& resolved, std::vector<float> direction
 
 Index3 PointStore::voxelOf(const Eigen::Vector3f& p_L) const {
   const auto ijk = kernels::voxelOf(p_L.x(), p_L.y(), p_L.z(), inverse_voxel_size_);
+  return {ijk[0], ijk[1], ijk[2]};
+}
+
+Index3 PointStore::voxelOf(const Eigen::Vector3d& p_L) const {
+  const auto ijk = kernels::voxelOfPosition(p_L.data(), inverse_voxel_size_);
   return {ijk[0], ijk[1], ijk[2]};
 }
 

@@ -77,7 +77,10 @@ class PointStore {
 
   [[nodiscard]] std::uint32_t size() const { return static_cast<std::uint32_t>(first_L_.size()); }
   [[nodiscard]] const SurfaceIndex& index() const { return index_; }
+  /// Of a stored position.
   [[nodiscard]] Index3 voxelOf(const Eigen::Vector3f& p_L) const;
+  /// Of any position within kFarthestVoxel.
+  [[nodiscard]] Index3 voxelOf(const Eigen::Vector3d& p_L) const;
 
   /// Prefetches what is known of a point: it is scattered in memory.
   void prefetch(std::uint32_t id) const;

@@ -7,6 +7,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/surface_points.h"
 #include "accessvdb/tiles.h"
+#include "field/thread_count.h"
 #include "io/field_grids.h"
 #include "tiles/point_file.h"
 #include "tiles/tile_files.h"
@@ -66,6 +67,7 @@ void mergeGrids(const GridMerge& merge) {
   const internal::VolumeGrids grids = {[&] { return joined<openvdb::FloatGrid>(merge.out, merge.tiles, "distance"); },
                                        [&] { return joined<openvdb::FloatGrid>(merge.out, merge.tiles, "weight"); },
                                        [&] { return joined<openvdb::BoolGrid>(merge.out, merge.tiles, "cleared"); }};
+  internal::requireThreads(merge.threads);
   tbb::task_arena arena(merge.threads > 0 ? merge.threads : static_cast<int>(tbb::task_arena::automatic));
   arena.execute([&] { internal::writeFieldGrids(merge.file, grids, SnapshotPoints(points), metadata, merge.files); });
 }

@@ -31,7 +31,8 @@ void HashedFile::fail() const {
 }
 
 void HashedFile::refill() {
-  std::memmove(buffer_.data(), buffer_.data() + begin_, end_ - begin_);
+  std::copy(buffer_.begin() + static_cast<std::ptrdiff_t>(begin_), buffer_.begin() + static_cast<std::ptrdiff_t>(end_),
+            buffer_.begin());
   end_ -= std::exchange(begin_, 0);
   buffer_.resize(block_bytes_);
   std::ifstream stream(path_, std::ios::binary);

@@ -117,7 +117,9 @@ void ShardBuffer::write(const std::filesystem::path& path, const std::string& pl
                                   index.truncated_points, index.dropped,  entries.size()};
     std::vector<char> text(sizeof index_head + entries.size() * sizeof(IndexEntry));
     std::memcpy(text.data(), &index_head, sizeof index_head);
-    std::memcpy(text.data() + sizeof index_head, entries.data(), entries.size() * sizeof(IndexEntry));
+    if (!entries.empty()) {  // no address may be null, even for no bytes
+      std::memcpy(text.data() + sizeof index_head, entries.data(), entries.size() * sizeof(IndexEntry));
+    }
     stream.write(text.data(), static_cast<std::streamsize>(text.size()));
     put(stream, Tail{place, text.size(), digestOf(text.data(), text.size()), kMagic});
   });

@@ -88,7 +88,13 @@ std::size_t Plan::flightOf(std::uint64_t step) const {
 Plan identified(Plan plan) {
   plan.ids.clear();
   for (std::size_t flights = 1; flights <= plan.flights.size(); ++flights) {
-    const std::string text = content(plan, flights).dump();
+    std::string text;
+    try {
+      text = content(plan, flights).dump();
+    } catch (const Json::exception&) {  // replaced bytes would name other files when the plan is read again
+      throw UnusableInput("plan.name", "",
+                          "a name of a scan, its folder or the tool is not UTF-8, as plan.json must be", "Rename it");
+    }
     internal::Sha256 sha256;
     sha256.update(text.data(), text.size());
     plan.ids.push_back(internal::hexOf(sha256.digest()));

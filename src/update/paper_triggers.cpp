@@ -73,7 +73,7 @@ void PaperTriggers::noteSample(std::span<const Eigen::Vector3f> p_L, std::span<c
     std::vector<std::uint32_t>& found = sampled.local();
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       const Eigen::Vector3d& x_L = voxels_L[n];
-      const Index3 leaf = parentOf(points.voxelOf(x_L.cast<float>()));
+      const Index3 leaf = parentOf(points.voxelOf(x_L));
       const auto takeNear = [&](std::uint32_t b) {
         for (const std::uint32_t id : points.index().blocks()[b].ids) {
           if ((points.first_L(id).cast<double>() - x_L).norm() <= radius_m) found.push_back(id);

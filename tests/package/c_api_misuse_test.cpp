@@ -219,6 +219,7 @@ TEST_F(CApiMisuse, Parameters) {
   refused([](auto& p) { p.policy = 17; }, "policy");
   refused([](auto& p) { p.viewpoints = 2; }, "viewpoints");
   refused([](auto& p) { p.threads = -1; }, "threads");
+  refused([](auto& p) { p.threads = 70000; }, "threads");
   auto params = sized<accessvdb_params>();
   EXPECT_EQ(accessvdb_params_paper(kNan, &params), ACCESSVDB_ERROR_USAGE);
 }
@@ -236,6 +237,7 @@ TEST_F(CApiMisuse, Poses) {
   pose = kIdentity;
   pose[15] = std::numeric_limits<double>::quiet_NaN();
   expectError(integrate(pose.data()), ACCESSVDB_ERROR_UNUSABLE, "pose.last_row");
+  EXPECT_NE(std::string(accessvdb_field_error_text(field_)).find("is not finite"), std::string::npos);
   std::size_t points = 1;
   ASSERT_EQ(accessvdb_field_take_snapshot(field_, &points), ACCESSVDB_OK);
   EXPECT_EQ(points, 0u);

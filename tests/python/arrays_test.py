@@ -73,6 +73,10 @@ class GoodArrays(unittest.TestCase):
         self.assertEqual(result(whole)[1], result(whole.astype(np.float32))[1])
 
     def test_no_points(self):
+        for none in ([], (), np.empty(0), np.empty((0, 3)), np.empty(0, np.float32), np.empty((0, 3), np.float32)):
+            with self.subTest(repr(none)):
+                stats = empty_field().integrate_scan(none, T_W_S)
+                self.assertEqual((stats.points_in, stats.points_used), (0, 0))
         stats = empty_field().integrate_scan(np.empty((0, 3), np.float32), T_W_S)
         self.assertEqual((stats.points_in, stats.points_used), (0, 0))
 
@@ -159,7 +163,8 @@ class Misuse(unittest.TestCase):
         field = empty_field()
         for bad, text in MISUSE:
             with self.subTest(repr(bad)[:60]):
-                self.assertEqual(self.refused(text, field.integrate_scan, bad, T_W_S).subject, "points_S")
+                if not isinstance(bad, list) or bad:  # [] is a scan of no points
+                    self.assertEqual(self.refused(text, field.integrate_scan, bad, T_W_S).subject, "points_S")
                 self.assertEqual(self.refused(text, field.integrate_rays, bad, np.zeros((1, 3))).subject, "points_W")
                 self.assertEqual(self.refused(text, field.integrate_rays, POINTS, bad).subject, "origins_W")
                 self.assertEqual(self.refused(text, field.query, bad).subject, "points_W")
@@ -185,12 +190,15 @@ class Misuse(unittest.TestCase):
             with self.subTest(repr(bad)[:60]):
                 self.assertEqual(self.refused("", field.integrate_scan, POINTS, bad).subject, "T_W_S")
         self.refused("shape (3, 4) instead of (4, 4)", field.integrate_scan, POINTS, np.eye(4)[:3])
-        for spoil in (np.nan, np.inf, 1e9):
-            bad = np.eye(4)
-            bad[0, 3] = spoil
-            with self.assertRaises(accessvdb.UnusableInput):
-                field.integrate_scan(POINTS, bad)
-        for bad in (2 * np.eye(4), np.diag([1.0, 1, -1, 1]), np.zeros((4, 4)), walls.pose(x=5).T):
+        for row, column in np.ndindex(4, 4):
+            for spoil in (np.nan, np.inf):
+                bad = np.eye(4)
+                bad[row, column] = spoil
+                with self.assertRaisesRegex(accessvdb.UnusableInput, "pose is not finite"):
+                    field.integrate_scan(POINTS, bad)
+        with self.assertRaisesRegex(accessvdb.UnusableInput, "pose is not finite"):
+            field.integrate_scan(POINTS, np.full((4, 4), np.nan))
+        for bad in (walls.pose(x=1e9), 2 * np.eye(4), np.diag([1.0, 1, -1, 1]), np.zeros((4, 4)), walls.pose(x=5).T):
             with self.assertRaises(accessvdb.UnusableInput):
                 field.integrate_scan(POINTS, bad)
         self.assertEqual(len(field.snapshot()), 0)

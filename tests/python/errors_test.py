@@ -60,6 +60,11 @@ class Errors(unittest.TestCase):
             accessvdb.InvalidArgument, "config.range", accessvdb.AccessibilityField, pencil, {"tsdf": {"voxel_size_m": 0}}
         )
         self.assertEqual(error.subject, "voxel_size_m")
+        for threads in (-1, 4097, 70_000):
+            error = self.raised(
+                accessvdb.InvalidArgument, "config.range", accessvdb.AccessibilityField, pencil, {"threads": threads}
+            )
+            self.assertEqual(error.subject, "threads")
         self.raised(accessvdb.InputError, r"\w\.\w", accessvdb.ToolGeometry.from_mesh, "no such file.stl", "mm")
         flat = np.zeros((3, 3))
         self.raised(accessvdb.UnusableInput, "tool", accessvdb.ToolGeometry.from_triangles, flat, [[0, 1, 2]])

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 #include "access_map.h"
+#include "json_text.h"
 #include "tools_given.h"
 
 #include <cmath>
@@ -88,7 +89,7 @@ void drawAccessMap(const AccessMapOptions& options, const Eigen::Vector3d& p_W, 
   Json json = jsonOfMap(*map);
   if (several) json["tool"] = field.tools()[chosen].name;
   const std::string heading = several ? "tool " + field.tools()[chosen].name + ": " : std::string();
-  printData(options.json ? json.dump(2) + "\n" : heading + outcomesInWords(*map));
+  printData(options.json ? jsonText(json, 2) + "\n" : heading + outcomesInWords(*map));
 }
 
 }  // namespace accessvdb::tools

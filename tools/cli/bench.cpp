@@ -21,6 +21,7 @@
 #include "bench_options.h"
 #include "bench_record.h"
 #include "gpu_fallback.h"
+#include "json_text.h"
 #include "progress.h"
 #include "report.h"
 #include "sim/simulator.h"
@@ -291,7 +292,7 @@ Json BenchRun::describe(const AccessibilityField& field) const {
 }
 
 void BenchRun::write(const Json& json) const {
-  const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  const std::string text = jsonText(json, 2) + "\n";
   if (!options_.per_frame.empty()) {
     io::writeFileDurably(options_.per_frame, [&](std::ostream& out) { out << record_.csv(); });
   }

@@ -17,6 +17,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "accessvdb/saved_state.h"
+#include "json_text.h"
 #include "progress.h"
 
 namespace accessvdb::tools {
@@ -335,7 +336,7 @@ void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& 
                      {"reading", reading()},
                      {"poses", jsonOf(progress.poses)},
                      {"scans", jsonOf(progress.scans)}};
-  const std::string text = json.dump(1, ' ', false, Json::error_handler_t::replace);
+  const std::string text = jsonText(json, 1);
   io::writeFileDurably(folder_ / kManifest, [&](std::ostream& out) { out << text << "\n"; });
   generation_ = generation;
   removeStates(generation);

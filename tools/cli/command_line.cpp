@@ -19,6 +19,11 @@
 namespace accessvdb::tools {
 namespace {
 
+/// More than any configuration of ours has. The parser's tables nest as deep as keys have parts, and it walks them
+/// recursively; there is at most one part for each dot, and for each of the arrays and tables that it counts itself.
+constexpr std::size_t kMostConfigBytes = std::size_t{1} << 20;
+constexpr std::ptrdiff_t kMostConfigDots = 10'000;
+
 constexpr const char* kVerbs[] = {"map",   "tile", "live",  "advise", "evaluate", "simulate",
                                   "bench", "info", "query", "diff",   "render",   "report"};
 
@@ -84,9 +89,16 @@ void applyConfig(FlagParser& flags, const std::string& file) {
     throw InputError("config.unreadable", file, std::string("cannot be read: ") + std::strerror(errno),
                      "Check the path");
   }
+  std::string text(kMostConfigBytes + 1, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  if (text.size() > kMostConfigBytes || std::count(text.begin(), text.end(), '.') > kMostConfigDots) {
+    throw InvalidArgument("config.size", file, "is larger than 1 MiB, or has more than 10000 dots",
+                          "A configuration has one short line for each flag; --print-config writes one");
+  }
   toml::table table;
   try {
-    table = toml::parse(in, file);
+    table = toml::parse(text, file);
   } catch (const toml::parse_error& error) {
     std::ostringstream problem;
     problem << "line " << error.source().begin.line << " is not TOML: " << error.description();
@@ -121,7 +133,9 @@ void checkCommonOptions(const CommonOptions& options) {
     throw InvalidArgument("usage.device", "--device", "\"" + options.device + "\" is not a device",
                           "Use auto, cpu or cuda");
   }
-  if (options.threads < 0) throw InvalidArgument("usage.threads", "--threads", "cannot be negative", "Use 0 for all");
+  if (options.threads < 0 || options.threads > 4096) {
+    throw InvalidArgument("usage.threads", "--threads", "must be in 0 .. 4096", "Use 0 for all");
+  }
   if (options.error_format != "text" && options.error_format != "json") {
     throw InvalidArgument("usage.error_format", "--error-format", "\"" + options.error_format + "\" is not a format",
                           "Use text or json");

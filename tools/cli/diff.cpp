@@ -8,6 +8,7 @@
 #include "accessvdb/points_diff.h"
 #include "accessvdb/tiles.h"
 #include "command_line.h"
+#include "json_text.h"
 #include "options.h"
 #include "verbs.h"
 
@@ -119,10 +120,11 @@ int runDiff(const Arguments& arguments, Messages& messages) {
     const fs::path folder = out;
     io::writeDiffPly(folder / "diff.ply", diff);
     io::writeDiffVdb(folder / "diff.vdb", diff);
-    io::writeFileDurably(folder / "diff.json", [&](std::ostream& stream) { stream << jsonDiff(diff).dump(2) << "\n"; });
+    io::writeFileDurably(folder / "diff.json",
+                         [&](std::ostream& stream) { stream << jsonText(jsonDiff(diff), 2) << "\n"; });
     messages.notice("wrote diff.ply, diff.vdb and diff.json into " + out);
   }
-  printData(json ? jsonDiff(diff).dump(2) + "\n" : wordsOf(diff));
+  printData(json ? jsonText(jsonDiff(diff), 2) + "\n" : wordsOf(diff));
   return 0;
 }
 

@@ -16,6 +16,7 @@
 #include "accessvdb/field_io.h"
 #include "accessvdb/tool_tables.h"
 #include "eval/consistency.h"
+#include "json_text.h"
 #include "map_options.h"
 #include "memory_check.h"
 #include "progress.h"
@@ -174,7 +175,7 @@ void writeJson(const fs::path& path, const ConsistencyResult& result, const Fiel
       {"comparisons", Json::array({jsonOf("even", "odd", result.even_odd), jsonOf("even", "all", result.even_all),
                                    jsonOf("odd", "all", result.odd_all)})}};
   // Paths are bytes and need not be UTF-8.
-  const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
+  const std::string text = jsonText(json, 2) + "\n";
   io::writeFileDurably(path, [&](std::ostream& out) { out << text; });
 }
 

@@ -5,10 +5,43 @@
 #include <CLI/App.hpp>
 #include <CLI/Config.hpp>
 #include <CLI/Formatter.hpp>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
 
 #include "accessvdb/error.h"
 
 namespace accessvdb::tools {
+
+namespace {
+
+/// Numbers are decimal, or the words inf and nan, which the ranges of most flags leave out. The parser's own conversion
+/// also reads hexadecimal, octal and blanks, and takes what is too large for infinity.
+std::string whyNoNumber(const std::string& text) {
+  if (text == "inf" || text == "-inf" || text == "nan") return {};
+  const auto is = [](char c, const char* set) { return c != '\0' && std::strchr(set, c) != nullptr; };
+  constexpr const char* kDigits = "0123456789";
+  const char* at = text.c_str();
+  const auto digits = [&] {
+    const char* const first = at;
+    while (is(*at, kDigits)) ++at;
+    return at - first;
+  };
+  if (is(*at, "+-")) ++at;
+  const auto whole = digits();
+  const auto part = *at == '.' ? (++at, digits()) : 0;
+  bool good = whole + part > 0;
+  if (good && is(*at, "eE")) {
+    if (is(*++at, "+-")) ++at;
+    good = digits() > 0;
+  }
+  good = good && at == text.c_str() + text.size();
+  const bool leading_zero = whole > 1 && text[text.find_first_of(kDigits)] == '0' && part == 0;
+  if (good && !leading_zero && std::isfinite(std::strtod(text.c_str(), nullptr))) return {};
+  return "\"" + text + "\" is not a decimal number";
+}
+
+}  // namespace
 
 struct FlagParser::Parser {
   CLI::App app;
@@ -25,7 +58,9 @@ void FlagParser::describe(const std::string& verb, const std::string& purpose, c
 }
 
 void FlagParser::option(const std::string& name, Target value, const std::string& help) {
-  std::visit([&](auto* target) { parser_->app.add_option(name, *target, help)->capture_default_str(); }, value);
+  const auto add = [&](auto* target) { return parser_->app.add_option(name, *target, help)->capture_default_str(); };
+  CLI::Option* option = std::visit([&](auto* target) -> CLI::Option* { return add(target); }, value);
+  if (!std::holds_alternative<std::string*>(value)) option->check(whyNoNumber, "");
 }
 
 void FlagParser::repeated(const std::string& name, std::string* value, const std::string& help) {

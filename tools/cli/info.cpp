@@ -11,6 +11,7 @@
 #include "accessvdb/recording_info.h"
 #include "accessvdb/tiles.h"
 #include "command_line.h"
+#include "json_text.h"
 #include "options.h"
 #include "verbs.h"
 
@@ -67,7 +68,9 @@ Json describeReport(const fs::path& path) {
   return report;
 }
 
-std::string text(const Json& value) { return printable(value.is_string() ? value.get<std::string>() : value.dump()); }
+std::string text(const Json& value) {
+  return printable(value.is_string() ? value.get<std::string>() : jsonText(value, -1));
+}
 
 std::string wordsOfVdb(const Json& vdb) {
   std::string words = text(vdb["path"]) + "\n";
@@ -220,13 +223,13 @@ int runInfo(const Arguments& arguments, Messages& messages) {
     const io::RecordingSummary recording = io::summarizeRecording(path);
     for (const std::string& warning : recording.warnings) messages.warning("recording.cut_off", warning);
     result = describeRecording(recording);
-    printData(json ? result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n" : wordsOfRecording(recording));
+    printData(json ? jsonText(result, 2) + "\n" : wordsOfRecording(recording));
     return 0;
   }
   if (!fs::is_directory(path, status)) {
     result = describeVdb(path);
     warnIfEmpty(result, messages);
-    printData(json ? result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n" : wordsOfVdb(result));
+    printData(json ? jsonText(result, 2) + "\n" : wordsOfVdb(result));
     return 0;
   }
   const fs::path folder = path;
@@ -250,7 +253,7 @@ int runInfo(const Arguments& arguments, Messages& messages) {
     throw InputError("input.no_field", path, "the folder contains neither field.vdb nor report.json",
                      "Name the --out folder of accessvdb map, or a .vdb file");
   }
-  printData(json ? result.dump(2, ' ', false, Json::error_handler_t::replace) + "\n" : words);
+  printData(json ? jsonText(result, 2) + "\n" : words);
   return 0;
 }
 

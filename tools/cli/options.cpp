@@ -15,6 +15,8 @@ namespace accessvdb::tools {
 namespace {
 
 constexpr int kMaxPicture_px = 16384;
+/// Of coordinates, in any unit that is used: beyond what the library takes as a position, nothing is meant.
+constexpr double kFarthest = 1e8;
 
 /// Reads one finite number from the front of text.
 std::optional<double> takeNumber(std::string_view& text) {
@@ -41,8 +43,8 @@ Eigen::Vector3d parseVector(const std::string& flag, const std::string& text) {
   for (int axis = 0; axis < 3; ++axis) {
     const auto number = takeNumber(rest);
     const bool comma = axis < 2;
-    if (!number || (comma ? rest.empty() || rest.front() != ',' : !rest.empty())) {
-      throw InvalidArgument("usage.vector", flag, "\"" + text + "\" is not three finite numbers",
+    if (!number || std::abs(*number) > kFarthest || (comma ? rest.empty() || rest.front() != ',' : !rest.empty())) {
+      throw InvalidArgument("usage.vector", flag, "\"" + text + "\" is not three finite numbers within 1e8",
                             "Write X,Y,Z without spaces, for example -0.1,0,0");
     }
     value[axis] = *number;
@@ -58,7 +60,7 @@ std::vector<double> parseNumbers(const std::string& flag, const std::string& tex
   bool good = true;
   while (good) {
     const auto number = takeNumber(rest);
-    good = number.has_value();
+    good = number.has_value() && std::abs(*number) <= kFarthest;
     if (good) numbers.push_back(*number);
     if (!good || rest.empty()) break;
     good = rest.front() == ',';
@@ -66,7 +68,7 @@ std::vector<double> parseNumbers(const std::string& flag, const std::string& tex
   }
   if (!good || std::count(counts.begin(), counts.end(), numbers.size()) == 0)
     throw InvalidArgument("usage.numbers", flag, "\"" + text + "\" is not " + form,
-                          "Write finite numbers without spaces");
+                          "Write finite numbers within 1e8, without spaces");
   return numbers;
 }
 

@@ -17,6 +17,7 @@
 #include "accessvdb/scan_io.h"
 #include "accessvdb/tiles.h"
 #include "command_line.h"
+#include "json_text.h"
 #include "options.h"
 #include "tools_given.h"
 #include "verbs.h"
@@ -222,7 +223,7 @@ int runQuery(const Arguments& arguments, Messages& messages) {
       text += wordsOf(answer, tools);
     }
   }
-  printData(json ? answers.dump(2) + "\n" : text);
+  printData(json ? jsonText(answers, 2) + "\n" : text);
   return 0;
 }
 

@@ -14,6 +14,8 @@
 #include "accessvdb/config.h"
 #include "accessvdb/field_io.h"
 
+#include "json_text.h"
+
 namespace accessvdb::tools {
 namespace {
 
@@ -77,9 +79,7 @@ Json jsonLive(const LiveReport& live) {
 
 }  // namespace
 
-std::string liveJson(const LiveReport& live) {
-  return jsonLive(live).dump(-1, ' ', false, Json::error_handler_t::replace);
-}
+std::string liveJson(const LiveReport& live) { return jsonText(jsonLive(live), -1); }
 
 double StageTimes::mean() const {
   if (samples_ms_.empty()) return 0;
@@ -232,7 +232,7 @@ void writeReport(const std::filesystem::path& path, const RunReport& report, con
                      {"problem", report.failure->problem},
                      {"advice", report.failure->advice}};
   }
-  const std::string text = json.dump(2, ' ', false, Json::error_handler_t::replace);
+  const std::string text = jsonText(json, 2);
   io::writeFileDurably(path, [&](std::ostream& out) { out << text << "\n"; });
 }
 

@@ -11,6 +11,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "json_text.h"
 #include "options.h"
 #include "progress.h"
 #include "sim/mesh_ply.h"
@@ -90,8 +91,7 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   sim::writeMeshPly(out / "scene.ply", view.scene.mesh);
   io::writeFileDurably(out / "scene.json", [&](std::ostream& stream) {
-    stream << describe(options, view, model, path, frames).dump(2, ' ', false, ordered_json::error_handler_t::replace)
-           << "\n";
+    stream << jsonText(describe(options, view, model, path, frames), 2) << "\n";
   });
 
   const double rays = static_cast<double>(frames) * model.rays_per_frame;

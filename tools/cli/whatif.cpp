@@ -10,6 +10,7 @@
 #include "accessvdb/field_io.h"
 #include "accessvdb/what_if.h"
 #include "command_line.h"
+#include "json_text.h"
 #include "map_options.h"
 #include "region_options.h"
 #include "state_file.h"
@@ -175,10 +176,11 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
   if (!options.out.empty()) {
     const fs::path out = options.out;
     io::writePointsPly(out / "whatif.ply", answer.opens, {{"tool", field.tool().name()}});
-    io::writeFileDurably(out / "whatif.json", [&](std::ostream& stream) { stream << answer.json.dump(2) << "\n"; });
+    io::writeFileDurably(out / "whatif.json",
+                         [&](std::ostream& stream) { stream << jsonText(answer.json, 2) << "\n"; });
     messages.notice("wrote whatif.ply and whatif.json into " + options.out);
   }
-  printData(options.json ? answer.json.dump(2) + "\n" : answer.words);
+  printData(options.json ? jsonText(answer.json, 2) + "\n" : answer.words);
   return 0;
 }
 

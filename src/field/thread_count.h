@@ -1,0 +1,14 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// How many threads a field may be given.
+#pragma once
+
+namespace accessvdb::internal {
+
+/// TBB keeps a slot for each thread of an arena, and crashes where it has no memory for them.
+inline constexpr int kMostThreads = 4096;
+
+/// @param threads  0 = all  @return threads  @throws InvalidArgument "config.range", before TBB is asked
+int requireThreads(int threads);
+
+}  // namespace accessvdb::internal
