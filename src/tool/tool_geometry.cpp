@@ -13,6 +13,7 @@
 
 #include "accessvdb/error.h"
 #include "tool/builtin_tools.h"
+#include "tool/mesh_openings.h"
 #include "tool/mesh_reader.h"
 #include "tool/mesh_repair.h"
 
@@ -105,7 +106,20 @@ Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject) {
   return rows;
 }
 
-std::vector<std::string> notesOf(const internal::RepairedMesh& mesh) {
+/// @param size_m  largest extent
+std::string openNote(const internal::RepairedMesh& mesh, double size_m) {
+  const internal::MeshOpenings openings = internal::findOpenings(mesh.vertices, mesh.triangles);
+  if (!openings.any()) return "the faces cannot all face outwards: all that they enclose counts as tool";
+  const std::string edges = "the mesh is open (" + std::to_string(mesh.open_edges) + " open edges, ";
+  if (openings.width_m > internal::kWidestOpening * size_m) {
+    return edges +
+           (std::isfinite(openings.width_m) ? number(openings.width_m) + " m wide" : "a sheet with no other side") +
+           "), too far to close it: only its surface counts as tool, and what that encloses";
+  }
+  return edges + number(openings.width_m) + " m wide): the openings are closed, and what is shut in counts as tool";
+}
+
+std::vector<std::string> notesOf(const internal::RepairedMesh& mesh, double size_m) {
   std::vector<std::string> notes;
   if (mesh.zero_area > 0) notes.push_back(std::to_string(mesh.zero_area) + " triangles without area removed");
   if (mesh.zero_area_kept > 0) {
@@ -116,10 +130,7 @@ std::vector<std::string> notesOf(const internal::RepairedMesh& mesh) {
     notes.push_back(std::to_string(mesh.flipped) + " triangles flipped to agree with their neighbours");
   if (mesh.welded_by_tolerance)
     notes.push_back("vertices closer than a millionth of the mesh's size joined to close it");
-  if (!mesh.watertight) {
-    notes.push_back("mesh is not watertight (" + std::to_string(mesh.open_edges) +
-                    " open edges): only its surface counts as tool, not its inside");
-  }
+  if (!mesh.watertight) notes.push_back(openNote(mesh, size_m));
   return notes;
 }
 
@@ -233,20 +244,20 @@ ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T
                         "Export the tool as a surface of triangles or polygons");
   }
   ToolGeometry tool;
-  tool.vertices_T_ = std::move(mesh.vertices);
-  tool.triangles_ = std::move(mesh.triangles);
   tool.watertight_ = mesh.watertight;
   tool.name_ = std::move(name);
-  tool.min_T_ = tool.max_T_ = tool.vertices_T_[0];
+  tool.min_T_ = tool.max_T_ = mesh.vertices[0];
   double reach_m = 0;
-  for (const Eigen::Vector3f& p : tool.vertices_T_) {
+  for (const Eigen::Vector3f& p : mesh.vertices) {
     tool.min_T_ = tool.min_T_.cwiseMin(p);
     tool.max_T_ = tool.max_T_.cwiseMax(p);
     reach_m = std::max(reach_m, p.cast<double>().norm());
   }
   tool.reach_m_ = float(reach_m);
+  tool.notes_ = notesOf(mesh, (tool.max_T_ - tool.min_T_).cast<double>().maxCoeff());
+  tool.vertices_T_ = std::move(mesh.vertices);
+  tool.triangles_ = std::move(mesh.triangles);
   tool.sha256_ = digestOf(tool.vertices_T_, tool.triangles_);
-  tool.notes_ = notesOf(mesh);
   for (std::string& note : tipWarnings(placeOfTip(tool), {})) tool.notes_.push_back(std::move(note));
   return tool;
 }
