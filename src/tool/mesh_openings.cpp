@@ -16,6 +16,8 @@ using Triangle = std::array<std::uint32_t, 3>;
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 /// What is missing need not be flat: a part that bends lies farther from the rim than the ball that fits between.
 constexpr double kBend = 1.5;
+/// A corner may be missing, too: so far it may stand out from where its neighbours are, as a share of half the width.
+constexpr double kBulge = 0.5;
 /// Torn copies of a vertex may all have moved away from where it was.
 constexpr double kTorn = 1.5;
 /// Pairs of places and edges that are compared, at most: about a second. Beyond it, the width counts as not known.
@@ -159,10 +161,15 @@ double leastDistance(const Eigen::Vector3d& place, const Rim& rim) {
   return (0.5 * (rim.a + rim.b) - place).norm() - 0.5 * (rim.b - rim.a).norm();
 }
 
+struct HalfWidth {
+  double m;
+  bool between_loops;
+};
+
 /// Half the widest opening that a loop of rims bounds. An opening may have two rims: a seam all around a tool. Then
 /// each place of one has the other in front of it, and that is as wide as it is.
-double halfWidth(const std::vector<Rim>& rims, const std::vector<std::uint32_t>& loop,
-                 const std::vector<std::uint32_t>& of) {
+HalfWidth halfWidth(const std::vector<Rim>& rims, const std::vector<std::uint32_t>& loop,
+                    const std::vector<std::uint32_t>& of) {
   const std::size_t places = std::size_t(std::clamp(128.0 / double(loop.size()), 1.0, 15.0)) | 1;  // with the middle
   Eigen::Vector3d centre = Eigen::Vector3d::Zero();
   double length = 0;
@@ -193,7 +200,7 @@ double halfWidth(const std::vector<Rim>& rims, const std::vector<std::uint32_t>&
       across = std::max(across, facing);
     }
   }
-  return std::min(within, across);
+  return {std::min(within, across), across < within};
 }
 
 }  // namespace
@@ -219,10 +226,15 @@ MeshOpenings findOpenings(const std::vector<Eigen::Vector3f>& vertices, const st
   for (std::size_t begin = 0, end; begin < order.size(); begin = end) {
     for (end = begin; end < order.size() && of[order[end]] == of[order[begin]];) ++end;
     const std::vector<std::uint32_t> loop(order.begin() + std::ptrdiff_t(begin), order.begin() + std::ptrdiff_t(end));
-    const double half_m = too_many ? kInfinity : halfWidth(rims, loop, of);
-    openings.width_m = std::max(openings.width_m, 2 * half_m);
-    const double radius_m = 2 * half_m <= widest_m ? kBend * half_m + openings.tear_m : 0;
-    for (const std::uint32_t n : loop) openings.rims.push_back({{rims[n].low, rims[n].high}, radius_m});
+    const HalfWidth half = too_many ? HalfWidth{kInfinity, false} : halfWidth(rims, loop, of);
+    openings.width_m = std::max(openings.width_m, 2 * half.m);
+    Opening opening;
+    for (const std::uint32_t n : loop) opening.rims.push_back({rims[n].low, rims[n].high});
+    if (2 * half.m <= widest_m) {
+      opening.radius_m = kBend * half.m + openings.tear_m;
+      opening.bulge_m = (half.between_loops ? kBend : kBulge) * half.m + openings.tear_m;
+    }
+    openings.openings.push_back(std::move(opening));
   }
   return openings;
 }

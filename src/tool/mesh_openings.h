@@ -10,14 +10,14 @@
 
 namespace accessvdb::internal {
 
-/// An edge at which the surface ends.
-struct RimEdge {
-  std::array<std::uint32_t, 2> vertices;
-  double radius_m;  ///< what is missing beyond it is nearer than this to a rim of the same opening; 0: not known
+struct Opening {
+  std::vector<std::array<std::uint32_t, 2>> rims;  ///< edges at which the surface ends
+  double radius_m = 0;                             ///< what is missing is nearer than this to a rim; 0: not known
+  double bulge_m = 0;  ///< and no farther than this outside all planes that have all rims on one side
 };
 
 struct MeshOpenings {
-  std::vector<RimEdge> rims;
+  std::vector<Opening> openings;
   double tear_m = 0;   ///< vertices that were one are at most so far apart, and the surface that far from where it was
   double width_m = 0;  ///< of the widest opening; 0: none, infinity: a sheet, which has no other side
 

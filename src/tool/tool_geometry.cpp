@@ -40,6 +40,18 @@ std::string triple(const Eigen::Vector3d& p, const char* between) {
   return number(p.x()) + between + number(p.y()) + between + number(p.z());
 }
 
+/// A file's name may hold anything, and the tool's name goes into headers of files, line by line.
+std::string escaped(const std::string& name) {
+  std::string text;
+  for (const char c : name) {
+    const auto byte = static_cast<unsigned char>(c);
+    char code[8];
+    std::snprintf(code, sizeof code, "\\x%02x", byte);
+    text += byte < 0x20 || byte == 0x7f ? std::string(code) : std::string(1, c);
+  }
+  return text;
+}
+
 /// Counts are written little endian and coordinates as their bits, so that the digest is platform-independent.
 std::string digestOf(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& triangles) {
   static_assert(sizeof(Eigen::Vector3f) == 12 && sizeof(Triangle) == 12);
@@ -80,7 +92,7 @@ double distanceToOrigin(const Eigen::Vector3d& a, const Eigen::Vector3d& b, cons
 }
 
 /// Rows: the tool frame's axes in the mesh's axes.
-Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject) {
+Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject, std::vector<std::string>& notes) {
   for (const Eigen::Vector3d& p : {pose.axis, pose.up, pose.tip.value_or(Eigen::Vector3d::Zero())}) {
     if (!p.allFinite()) {
       throw InvalidArgument("tool.pose", subject, "the tool's tip, axis or up is not finite",
@@ -92,12 +104,16 @@ Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject) {
     throw InvalidArgument("tool.pose", subject, "the tool's axis or up is zero",
                           "Use directions such as --tool-axis 1,0,0 --tool-up 0,0,1");
   }
-  const Eigen::Vector3d x = pose.axis / axis_length, up = pose.up / up_length, z = up - up.dot(x) * x;
+  const Eigen::Vector3d x = pose.axis / axis_length, up = pose.up / up_length;
+  Eigen::Vector3d z = up - up.dot(x) * x;
   if (!(z.norm() > 1e-6)) {
-    throw InvalidArgument(
-        "tool.pose", subject,
-        "the tool's axis (" + triple(pose.axis, ",") + ") and up (" + triple(pose.up, ",") + ") are parallel",
-        "Choose a --tool-up that is not along --tool-axis");
+    // A tool that stands on end in its own frame: +x, or what is least along the axis.
+    Eigen::Index least = 0;
+    x.cwiseAbs().minCoeff(&least);
+    const Eigen::Vector3d other = Eigen::Vector3d::Unit(least);
+    z = other - other.dot(x) * x;
+    notes.push_back("the axis (" + triple(pose.axis, ",") + ") is along up (" + triple(pose.up, ",") + "): (" +
+                    triple(other, ",") + ") of the mesh is up instead; --tool-up chooses another");
   }
   Eigen::Matrix3d rows;
   rows.row(0) = x;
@@ -148,19 +164,20 @@ struct TipPlace {
 };
 
 /// Centre of the end of a tool: of the box around the vertices that are within a hundredth of its length from the end.
-/// @param side  -1: the end with the lowest x, 1: that with the highest
-Eigen::Vector3d endOf(const ToolGeometry& tool, int side) {
-  const double end = side < 0 ? tool.min_T().x() : tool.max_T().x();
-  const double slack_m = 0.01 * (tool.max_T().x() - tool.min_T().x());
+/// @param axis  0, 1, 2: x, y, z  @param side  -1: the end with the lowest coordinate, 1: that with the highest
+Eigen::Vector3d endOf(const ToolGeometry& tool, Eigen::Index axis, int side) {
+  const double end = side < 0 ? tool.min_T()[axis] : tool.max_T()[axis];
+  const double slack_m = 0.01 * (tool.max_T()[axis] - tool.min_T()[axis]);
   Eigen::Vector3d low = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
   for (const Eigen::Vector3f& vertex : tool.vertices_T()) {
     const Eigen::Vector3d p = vertex.cast<double>();
-    if (std::abs(p.x() - end) > slack_m) continue;
+    if (std::abs(p[axis] - end) > slack_m) continue;
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
-  const Eigen::Vector3d centre = (low + high) / 2;
-  return {end, centre.y(), centre.z()};
+  Eigen::Vector3d centre = (low + high) / 2;
+  centre[axis] = end;
+  return centre;
 }
 
 TipPlace placeOfTip(const ToolGeometry& tool) {
@@ -177,32 +194,31 @@ TipPlace placeOfTip(const ToolGeometry& tool) {
   }
   place.centroid_x_m = moment / area;
   place.size_m = (tool.max_T() - tool.min_T()).cast<double>().maxCoeff();
-  place.likely_tip_T = endOf(tool, place.isWrongWay() ? 1 : -1);
+  place.likely_tip_T = endOf(tool, 0, place.isWrongWay() ? 1 : -1);
   return place;
 }
 
 /// How warnings about a tip name the likely one: in the mesh's own units and frame, where that is known.
 struct TipWords {
   bool tip_given = true;
-  std::string likely_tip, opposite_axis;  ///< values of --tool-tip and --tool-axis; empty: not known
+  std::array<std::string, 2> ends;  ///< flags for either end of the longest extent; empty: not known
 };
 
 /// What looks like a wrong tip or axis, in words.
 std::vector<std::string> tipWarnings(const TipPlace& place, const TipWords& words) {
-  const std::string tip =
-      words.likely_tip.empty() ? "check the tip" : "the tip is probably --tool-tip=" + words.likely_tip;
+  const std::string likely =
+      "; the tip is probably at one end of the longest extent, and the other may be the mount: " + words.ends[0] +
+      ", or " + words.ends[1];
   if (place.isWrongWay()) {
     return {"warning: the tool's centroid is " + number(-place.centroid_x_m) +
-            " m on the far side of the tip, in the direction in which the tool approaches; " +
-            (words.opposite_axis.empty() ? "check the axis (from the tip along the body) and the tip"
-                                         : "the axis (from the tip along the body) is probably --tool-axis=" +
-                                               words.opposite_axis + ", and " + tip)};
+            " m on the far side of the tip, in the direction in which the tool approaches" +
+            (words.ends[0].empty() ? "; check the axis (from the tip along the body) and the tip" : likely)};
   }
   if (place.isOff(words.tip_given ? kTipGapShare : kDefaultTipGapShare)) {
     return {"warning: " +
             std::string(words.tip_given ? "the tip" : "the mesh's origin, which is the tip unless --tool-tip is set,") +
-            " is " + number(place.gap_m) + " m away from the nearest part of the mesh; " + tip +
-            (words.likely_tip.empty() ? " and the unit" : ", or check --tool-unit")};
+            " is " + number(place.gap_m) + " m away from the nearest part of the mesh" +
+            (words.ends[0].empty() ? "; check the tip and the unit" : likely + "; or check --tool-unit")};
   }
   return {};
 }
@@ -245,7 +261,7 @@ ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T
   }
   ToolGeometry tool;
   tool.watertight_ = mesh.watertight;
-  tool.name_ = std::move(name);
+  tool.name_ = escaped(name);
   tool.min_T_ = tool.max_T_ = mesh.vertices[0];
   double reach_m = 0;
   for (const Eigen::Vector3f& p : mesh.vertices) {
@@ -265,12 +281,14 @@ ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T
 ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::optional<LengthUnit> unit,
                                     const ToolPose& pose) {
   const std::string subject = path.string();
-  const Eigen::Matrix3d R_T_M = rotationOf(pose, subject);
+  std::vector<std::string> pose_notes;
+  const Eigen::Matrix3d R_T_M = rotationOf(pose, subject, pose_notes);
   const internal::FileMesh mesh = internal::readMeshFile(path);
 
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3f& p : mesh.vertices) box.extend(p.cast<double>());
   std::vector<std::string> notes = mesh.notes;
+  notes.insert(notes.end(), pose_notes.begin(), pose_notes.end());
   // The vertices' unit may differ from the file's; the tip is in the file's.
   const double file_units_per_vertex_unit =
       mesh.metres_per_file_unit > 0 ? mesh.metres_per_vertex_unit / mesh.metres_per_file_unit : 1.0;
@@ -313,11 +331,20 @@ ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::opti
   std::erase_if(tool.notes_, [](const std::string& note) { return note.starts_with("warning: "); });
   tool.notes_.insert(tool.notes_.begin(), notes.begin(), notes.end());
   const TipPlace place = placeOfTip(tool);
-  Eigen::Vector3d likely_tip_M = R_T_M.transpose() * place.likely_tip_T / metres_per_file_unit + tip_M;
-  for (double& x : likely_tip_M) {
-    if (std::abs(x) * metres_per_file_unit < 1e-6 * place.size_m) x = 0;  // what the rotation's rounding left
+  TipWords words = {pose.tip.has_value(), {}};
+  Eigen::Index longest = 0;
+  (tool.max_T_ - tool.min_T_).maxCoeff(&longest);
+  for (const int side : {-1, 1}) {
+    Eigen::Vector3d end_M = R_T_M.transpose() * endOf(tool, longest, side) / metres_per_file_unit + tip_M;
+    Eigen::Vector3d axis_M = R_T_M.transpose() * (-side * Eigen::Vector3d::Unit(longest));
+    for (double& x : end_M) {
+      if (std::abs(x) * metres_per_file_unit < 1e-6 * place.size_m) x = 0;  // what the rotation's rounding left
+    }
+    for (double& x : axis_M) {
+      if (std::abs(x) < 1e-6) x = 0;
+    }
+    words.ends[side < 0 ? 0 : 1] = "--tool-tip=" + triple(end_M, ",") + " --tool-axis=" + triple(axis_M, ",");
   }
-  const TipWords words = {pose.tip.has_value(), triple(likely_tip_M, ","), triple(-pose.axis, ",")};
   for (std::string& warning : tipWarnings(place, words)) tool.notes_.push_back(std::move(warning));
   return tool;
 }

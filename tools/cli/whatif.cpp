@@ -152,6 +152,7 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
   addCommonOptions(flags, options.common);
   flags.option("STATE", &options.state, "folder of map --checkpoint, or a state file");
   addToolsOptions(flags, options.given);
+  addDoubtfulToolOptions(flags, options.given);
   flags.list("--remove", options.remove, std::string("what would go; may be repeated: ") + kRegionForms);
   flags.option("--segments", &options.segments,
                "what can be cut: .ply with a property segment of each point (0: none), or text with a line \"name "
