@@ -183,7 +183,6 @@ int runQuery(const Arguments& arguments, Messages& messages) {
                "PNG of all directions at one point, coloured by what stops each; --map is then the folder of "
                "map --checkpoint, or a state file");
   addToolsOptions(flags, access.given);
-  addDoubtfulToolOptions(flags, access.given);
   addOrientationOptions(flags, access.given);
   flags.option("--for-tool", &access.for_tool,
                "with --access-map and several tools, given as for map: name of the tool to draw; default: the first "

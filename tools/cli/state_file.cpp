@@ -39,7 +39,6 @@ AccessibilityField loadField(const fs::path& state, const MapOptions& tool_optio
   if (saved.tools.empty()) requireOneTool(given, "a state of one tool");
   std::vector<ToolSpec> tools = loadTools(given);
   sayToolsNotes(given, tools, messages);
-  requireClosedTools(given, tools);
   // A state of one tool says itself how it is turned.
   if (saved.tools.empty()) tools = onlyTool(tools.front().tool, saved.params);
   const BackendKind backend = common.device == "cpu"    ? BackendKind::Cpu
@@ -47,7 +46,6 @@ AccessibilityField loadField(const fs::path& state, const MapOptions& tool_optio
                                                         : BackendKind::Auto;
   AccessibilityField field =
       AccessibilityField::loadState(state, tools, backend, common.threads, tableProgress(messages));
-  requireShownTools(given, tools, field.params(), field.toolShareHidden(), messages);
   while (!saved.updated && field.update().backlog > 0) {
   }
   return field;

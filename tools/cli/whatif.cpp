@@ -168,6 +168,8 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
   if (!options.out.empty()) io::prepareOutputFolder(options.out);
 
   const AccessibilityField field = loadField(file, options.given, options.common, messages);
+  requireClosedTools(options.given, field.tools());
+  requireShownTools(options.given, field.tools(), field.params(), field.toolShareHidden(), messages);
   Answer answer = options.segments.empty()
                       ? answerRegions(field, regions)
                       : answerSegments(field, readSegments(options.segments, field, messages), options.cuts);
