@@ -167,7 +167,7 @@ if wanted realdata; then
 balm_pruner scans_poses_balm/alidarPose.csv --scans DATA/scans_poses_balm --poses DATA/scans_poses_balm/alidarPose.csv --tool builtin:pruner --voxel 0.05
 balm_updates scans_poses_balm/alidarPose.csv --scans DATA/scans_poses_balm --poses DATA/scans_poses_balm/alidarPose.csv --tool builtin:pruner --voxel 0.05 --update-every 2 --directions 60
 kitti kitti_00/poses.txt --scans DATA/kitti_00/velodyne --poses DATA/kitti_00/poses.txt --calib DATA/kitti_00/calib.txt --tool builtin:pruner --voxel 0.1
-mid360_frame livox_mid360/frame_20240509061326.pcd --scans DATA/livox_mid360/frame_20240509061326.pcd --sensor-at 0,0,0 --tool builtin:pencil --voxel 0.05
+mid360_frame livox_mid360/frame_20240509061326.pcd --scans DATA/livox_mid360/frame_20240509061326.pcd --sensor-at 0,0,0 --tool builtin:pencil --voxel 0.05 --allow-hidden-tool
 CASES
 fi
 

@@ -457,6 +457,15 @@ ACCESSVDB_API const char* accessvdb_field_tool_name(const accessvdb_field* field
 ACCESSVDB_API int accessvdb_field_take_tool_snapshot(accessvdb_field* field, size_t tool,
                                                      size_t* point_count) ACCESSVDB_C_NOEXCEPT;
 
+/* ---- what is wrong with a tool (since version 5); accessvdb/tool_tables.h has the rules -------------------------- */
+
+/// Width of the widest opening of a tool's surface, metres: 0 if it is closed, infinity for a sheet. Openings of up to
+/// a quarter of the tool's size are closed; of a tool that is wider open only the surface counts. NaN for a bad handle.
+ACCESSVDB_API double accessvdb_tool_opening_m(const accessvdb_tool* tool) ACCESSVDB_C_NOEXCEPT;
+/// The largest share of a tool, of all and turned in any way, that is so near its tip that collisions there do not
+/// count. If it is more than a half, labels say little.
+ACCESSVDB_API int accessvdb_field_tool_share_hidden(accessvdb_field* field, double* share) ACCESSVDB_C_NOEXCEPT;
+
 #ifdef __cplusplus
 }  // extern "C"
 #endif

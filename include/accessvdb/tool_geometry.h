@@ -23,7 +23,7 @@ enum class LengthUnit { Metre, Centimetre, Millimetre, Inch };
 struct ToolPose {
   std::optional<Eigen::Vector3d> tip;  ///< interaction point; default: the origin of the mesh file
   Eigen::Vector3d axis = {1, 0, 0};    ///< from the tip along the body
-  Eigen::Vector3d up = {0, 0, 1};      ///< becomes +z as far as it is perpendicular to the axis
+  Eigen::Vector3d up = {0, 0, 1};      ///< becomes +z as far as it is across the axis; if it is along it, x, y or z is
 };
 
 class ACCESSVDB_API ToolGeometry {
@@ -31,14 +31,14 @@ class ACCESSVDB_API ToolGeometry {
   /// Reads STL, OBJ, PLY, OFF, DAE, glTF or GLB through assimp, in a child process with limits on time and memory.
   /// @param unit  required for formats without one (STL, OBJ, PLY, OFF); overrides the others'
   /// @throws InputError (unreadable, malformed), UnusableInput (no faces, non-finite, size outside 1 mm .. 20 m),
-  ///         InvalidArgument (no unit given but one is needed; zero or parallel axis and up)
+  ///         InvalidArgument (no unit given but one is needed; axis or up of zero)
   static ToolGeometry fromMesh(const std::filesystem::path& path, std::optional<LengthUnit> unit,
                                const ToolPose& pose = {});
   /// From vertices in metres in the tool frame and triangles of vertex indices.
   static ToolGeometry fromTriangles(std::vector<Eigen::Vector3f> vertices_T,
                                     std::vector<std::array<std::uint32_t, 3>> triangles, std::string name);
-  /// "builtin:pencil" (0.15 m long, 8 mm thick, 20 mm conical tip) or "builtin:pruner" (an arm with a reach of about
-  /// 0.6 m and a body behind it). @throws InvalidArgument for any other name.
+  /// "builtin:pencil" (0.15 m long, 8 mm thick, 20 mm conical tip) or "builtin:pruner" (an arm of 0.6 m
+  /// before a body of 0.5 m; its farthest vertex is 1.13 m from the tip). @throws InvalidArgument for any other name.
   static ToolGeometry builtin(const std::string& name);
 
   [[nodiscard]] const std::vector<Eigen::Vector3f>& vertices_T() const { return vertices_T_; }

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What a field makes of a tool: how much memory its tables will take, predicted before they are built, and its rolls.
+/// What a field makes of a tool: how much memory its tables will take, predicted before they are built, its rolls, and
+/// what is wrong with it.
 #pragma once
 
 #include <cstdint>
@@ -30,5 +31,16 @@ struct ToolTableBytes {
 
 /// How many rolls about its body this tool takes in each orientation: ApproachParams::rolls, or what the rule says.
 [[nodiscard]] ACCESSVDB_API int rollsOf(const ToolGeometry& tool, const ApproachParams& approach);
+
+/// Width of the widest opening of a tool's surface: 0 if it is closed, infinity where it is a sheet without another
+/// side. Openings of up to a quarter of the tool's size are closed: its voxels contain those that it would have without
+/// them. Of a tool that is wide open only the surface counts, and what that encloses.
+[[nodiscard]] ACCESSVDB_API double openingWidth_m(const ToolGeometry& tool);
+[[nodiscard]] ACCESSVDB_API bool isWideOpen(const ToolGeometry& tool);
+
+/// The largest share of the tool's voxels, in any of its orientations and rolls, that is so near its tip that
+/// collisions there do not count (self-exclusion). Of a tool that hides more than half, labels say little. It takes
+/// about the time of building the tables; AccessibilityField::toolShareHidden() knows it already.
+[[nodiscard]] ACCESSVDB_API double toolShareHidden(const ToolGeometry& tool, const FieldParams& params);
 
 }  // namespace accessvdb

@@ -316,7 +316,9 @@ void bindField(py::module_& module) {
       .def_property_readonly(
           "tool_share_hidden",
           [](F& f) { return f.run([](AccessibilityField& field) { return field.toolShareHidden(); }); },
-          "Share of the tool inside the self-exclusion radius.")
+          "The largest share of a tool, turned in any way, that is inside the self-exclusion radius; above 0.5 labels "
+          "say "
+          "little.")
       .def_property_readonly(
           "collision_limit",
           [](F& f) { return f.run([](AccessibilityField& field) { return field.collisionLimit(); }); },

@@ -3,6 +3,7 @@
 /// ToolGeometry.
 #include "accessvdb/tool_geometry.h"
 #include "accessvdb/tool_spec.h"
+#include "accessvdb/tool_tables.h"
 
 #include <pybind11/stl.h>
 #include <pybind11/stl/filesystem.h>
@@ -91,6 +92,10 @@ void bindTool(py::module_& module) {
       .def_property_readonly("sha256", &ToolGeometry::sha256, "Of vertices and triangles.")
       .def_property_readonly("notes", &ToolGeometry::notes, "Repairs and oddities, in words.")
       .def_property_readonly("watertight", &ToolGeometry::watertight)
+      .def_property_readonly(
+          "opening_m", [](const ToolGeometry& t) { return openingWidth_m(t); },
+          "Width of the widest opening of its surface: 0 = closed, inf = a sheet. Up to a quarter of its size it is "
+          "closed.")
       .def_property_readonly(
           "min_T", [](const ToolGeometry& t) { return arrayOf(t.min_T()); }, "Lowest corner, metres.")
       .def_property_readonly(

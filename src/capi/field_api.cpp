@@ -227,6 +227,13 @@ int accessvdb_field_latest_stamp(accessvdb_field* field, double* stamp_s) noexce
   });
 }
 
+int accessvdb_field_tool_share_hidden(accessvdb_field* field, double* share) noexcept {
+  return onField(field, [&] {
+    capi::requirePointer("share", share);
+    *share = field->field.toolShareHidden();
+  });
+}
+
 int accessvdb_field_update(accessvdb_field* field, accessvdb_update_stats* stats) noexcept {
   return onField(field, [&] {
     const capi::UpdateStatsOut out(stats);

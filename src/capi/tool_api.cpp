@@ -3,6 +3,7 @@
 /// Tools in C.
 #include <array>
 #include <cstring>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -11,6 +12,7 @@
 
 #include "accessvdb/c_api.h"
 #include "accessvdb/tool_geometry.h"
+#include "accessvdb/tool_tables.h"
 #include "capi/boundary.h"
 #include "capi/handles.h"
 
@@ -98,6 +100,15 @@ int accessvdb_tool_get_info(const accessvdb_tool* tool, accessvdb_tool_info* inf
     out.reach_m = geometry.reach_m();
     capi::writeSized(info, size, out);
   });
+}
+
+double accessvdb_tool_opening_m(const accessvdb_tool* tool) noexcept {
+  if (!capi::isTool(tool)) return std::numeric_limits<double>::quiet_NaN();
+  try {
+    return accessvdb::openingWidth_m(tool->tool);
+  } catch (...) {  // no memory: not known to be closed
+    return std::numeric_limits<double>::infinity();
+  }
 }
 
 const char* accessvdb_tool_name(const accessvdb_tool* tool) noexcept {

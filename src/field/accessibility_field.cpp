@@ -165,7 +165,13 @@ Eigen::Vector3d AccessibilityField::origin_W() const { return impl_->gate.origin
 std::string AccessibilityField::deviceName() const { return impl_->backend->name(); }
 std::string AccessibilityField::deviceNote() const { return impl_->chosen.note; }
 std::string AccessibilityField::deviceNoteId() const { return impl_->chosen.note_id; }
-double AccessibilityField::toolShareHidden() const { return impl_->setup.tool().hidden_share; }
+double AccessibilityField::toolShareHidden() const {
+  double share = 0;
+  for (std::size_t k = 0; k < impl_->tools.size(); ++k) {
+    share = std::max(share, impl_->setupOf(k).tool().hidden_share);
+  }
+  return share;
+}
 int AccessibilityField::collisionLimit() const { return impl_->setup.tool().collision_limit; }
 int AccessibilityField::collisionLimit(std::size_t tool) const { return impl_->setupOf(tool).tool().collision_limit; }
 

@@ -117,4 +117,8 @@ ToolTableBytes toolTableBytes(const ToolGeometry& tool, const FieldParams& param
   return {static_cast<std::uint64_t>(held), static_cast<std::uint64_t>(std::max(held, making))};
 }
 
+double toolShareHidden(const ToolGeometry& tool, const FieldParams& params) {
+  return internal::largestHiddenShare(tool, params.resolved());
+}
+
 }  // namespace accessvdb

@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "report/text_coding.h"
-#include "tool/voxelize.h"
+#include "tool/tool_solid.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -85,8 +85,7 @@ Json filledCells(const ToolGeometry& tool, const ToolCells& cells) {
 
   std::vector<Eigen::Vector3d> vertices;
   for (const Eigen::Vector3f& vertex : tool.vertices_T()) vertices.push_back(vertex.cast<double>() / edge_m);
-  std::vector<VoxelRun> runs = voxelize(vertices, tool.triangles(), tool.watertight());
-  removeBall(runs, cells.self_exclusion_voxels / scale);
+  const std::vector<VoxelRun> runs = ToolSolid(tool).voxels(vertices, edge_m, cells.self_exclusion_voxels / scale).runs;
   std::array<std::int32_t, 3> low = {0, 0, 0}, high = {-1, -1, -1};
   for (std::size_t n = 0; n < runs.size(); ++n) {
     const std::array<std::int32_t, 3> from = {runs[n].i, runs[n].j, runs[n].lo},

@@ -166,8 +166,11 @@ void closeAndOrient(RepairedMesh& mesh) {
   mesh.watertight = !edges.empty() && ((manifold && orientShells(mesh, edges)) || balanced);
 }
 
+/// A triangle that is there both ways round: a surface that was exported with two sides encloses nothing.
+enum class BackSides { Keep, Drop };
+
 RepairedMesh join(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& triangles,
-                  const std::vector<std::uint32_t>& target, bool keep_zero_area) {
+                  const std::vector<std::uint32_t>& target, bool keep_zero_area, BackSides backs) {
   RepairedMesh mesh;
   std::vector<std::uint32_t> index(vertices.size(), kUnset);
   std::set<Triangle> seen;
@@ -182,7 +185,9 @@ RepairedMesh join(const std::vector<Eigen::Vector3f>& vertices, const std::vecto
       ++mesh.zero_area_kept;
     }
     std::rotate(w.begin(), std::min_element(w.begin(), w.end()), w.end());
-    if (!seen.insert(w).second) {
+    Triangle known = w;
+    if (backs == BackSides::Drop && known[1] > known[2]) std::swap(known[1], known[2]);
+    if (!seen.insert(known).second) {
       ++mesh.duplicates;
       continue;
     }
@@ -199,16 +204,15 @@ RepairedMesh join(const std::vector<Eigen::Vector3f>& vertices, const std::vecto
   return mesh;
 }
 
-}  // namespace
-
-RepairedMesh repairMesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& triangles) {
+RepairedMesh repaired(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& triangles,
+                      BackSides backs) {
   const std::vector<std::uint32_t> exact = weldExact(vertices);
-  RepairedMesh mesh = join(vertices, triangles, exact, false);
+  RepairedMesh mesh = join(vertices, triangles, exact, false, backs);
   if (mesh.watertight || mesh.triangles.empty()) return mesh;
 
   // A triangle without area may join two others: dropping it would open the surface.
   if (mesh.zero_area > 0) {
-    RepairedMesh with_all = join(vertices, triangles, exact, true);
+    RepairedMesh with_all = join(vertices, triangles, exact, true, backs);
     if (with_all.watertight) return with_all;
   }
   Eigen::AlignedBox3d box;
@@ -216,13 +220,23 @@ RepairedMesh repairMesh(const std::vector<Eigen::Vector3f>& vertices, const std:
   const double tolerance = kWeldTolerance * box.sizes().maxCoeff();
   const std::vector<std::uint32_t> near = weldNear(vertices, tolerance);
   for (bool keep_zero_area : {false, true}) {
-    RepairedMesh welded = join(vertices, triangles, near, keep_zero_area);
+    RepairedMesh welded = join(vertices, triangles, near, keep_zero_area, backs);
     if (welded.watertight) {
       welded.welded_by_tolerance = true;
       return welded;
     }
   }
   return mesh;
+}
+
+}  // namespace
+
+RepairedMesh repairMesh(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& triangles) {
+  RepairedMesh mesh = repaired(vertices, triangles, BackSides::Drop);
+  if (mesh.watertight || mesh.duplicates == 0 || mesh.duplicates >= mesh.triangles.size()) return mesh;
+  // A fin of a closed body may have two sides and no thickness.
+  RepairedMesh with_backs = repaired(vertices, triangles, BackSides::Keep);
+  return with_backs.watertight ? with_backs : mesh;
 }
 
 }  // namespace accessvdb::internal

@@ -18,7 +18,7 @@ struct RepairedMesh {
   bool welded_by_tolerance = false;  ///< closed only after joining vertices closer than kWeldTolerance
   std::uint64_t zero_area = 0;       ///< triangles without area; dropped
   std::uint64_t zero_area_kept = 0;  ///< the same, kept because they close the surface
-  std::uint64_t duplicates = 0;      ///< equal triangles beyond the first; dropped
+  std::uint64_t duplicates = 0;      ///< equal triangles beyond the first, either way round; dropped
   std::uint64_t flipped = 0;         ///< triangles flipped to agree with their neighbours
   std::uint64_t open_edges = 0;      ///< edges that keep the surface from being closed
 };

@@ -13,6 +13,7 @@
 
 #include "accessvdb/error.h"
 #include "tool/builtin_tools.h"
+#include "tool/mesh_openings.h"
 #include "tool/mesh_reader.h"
 #include "tool/mesh_repair.h"
 
@@ -37,6 +38,18 @@ std::string number(double value) {
 
 std::string triple(const Eigen::Vector3d& p, const char* between) {
   return number(p.x()) + between + number(p.y()) + between + number(p.z());
+}
+
+/// A file's name may hold anything, and the tool's name goes into headers of files, line by line.
+std::string escaped(const std::string& name) {
+  std::string text;
+  for (const char c : name) {
+    const auto byte = static_cast<unsigned char>(c);
+    char code[8];
+    std::snprintf(code, sizeof code, "\\x%02x", byte);
+    text += byte < 0x20 || byte == 0x7f ? std::string(code) : std::string(1, c);
+  }
+  return text;
 }
 
 /// Counts are written little endian and coordinates as their bits, so that the digest is platform-independent.
@@ -79,7 +92,7 @@ double distanceToOrigin(const Eigen::Vector3d& a, const Eigen::Vector3d& b, cons
 }
 
 /// Rows: the tool frame's axes in the mesh's axes.
-Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject) {
+Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject, std::vector<std::string>& notes) {
   for (const Eigen::Vector3d& p : {pose.axis, pose.up, pose.tip.value_or(Eigen::Vector3d::Zero())}) {
     if (!p.allFinite()) {
       throw InvalidArgument("tool.pose", subject, "the tool's tip, axis or up is not finite",
@@ -91,12 +104,16 @@ Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject) {
     throw InvalidArgument("tool.pose", subject, "the tool's axis or up is zero",
                           "Use directions such as --tool-axis 1,0,0 --tool-up 0,0,1");
   }
-  const Eigen::Vector3d x = pose.axis / axis_length, up = pose.up / up_length, z = up - up.dot(x) * x;
+  const Eigen::Vector3d x = pose.axis / axis_length, up = pose.up / up_length;
+  Eigen::Vector3d z = up - up.dot(x) * x;
   if (!(z.norm() > 1e-6)) {
-    throw InvalidArgument(
-        "tool.pose", subject,
-        "the tool's axis (" + triple(pose.axis, ",") + ") and up (" + triple(pose.up, ",") + ") are parallel",
-        "Choose a --tool-up that is not along --tool-axis");
+    // A tool that stands on end in its own frame: +x, or what is least along the axis.
+    Eigen::Index least = 0;
+    x.cwiseAbs().minCoeff(&least);
+    const Eigen::Vector3d other = Eigen::Vector3d::Unit(least);
+    z = other - other.dot(x) * x;
+    notes.push_back("the axis (" + triple(pose.axis, ",") + ") is along up (" + triple(pose.up, ",") + "): (" +
+                    triple(other, ",") + ") of the mesh is up instead; --tool-up chooses another");
   }
   Eigen::Matrix3d rows;
   rows.row(0) = x;
@@ -105,7 +122,20 @@ Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject) {
   return rows;
 }
 
-std::vector<std::string> notesOf(const internal::RepairedMesh& mesh) {
+/// @param size_m  largest extent
+std::string openNote(const internal::RepairedMesh& mesh, double size_m) {
+  const internal::MeshOpenings openings = internal::findOpenings(mesh.vertices, mesh.triangles);
+  if (!openings.any()) return "the faces cannot all face outwards: all that they enclose counts as tool";
+  const std::string edges = "the mesh is open (" + std::to_string(mesh.open_edges) + " open edges, ";
+  if (openings.width_m > internal::kWidestOpening * size_m) {
+    return edges +
+           (std::isfinite(openings.width_m) ? number(openings.width_m) + " m wide" : "a sheet with no other side") +
+           "), too far to close it: only its surface counts as tool, and what that encloses";
+  }
+  return edges + number(openings.width_m) + " m wide): the openings are closed, and what is shut in counts as tool";
+}
+
+std::vector<std::string> notesOf(const internal::RepairedMesh& mesh, double size_m) {
   std::vector<std::string> notes;
   if (mesh.zero_area > 0) notes.push_back(std::to_string(mesh.zero_area) + " triangles without area removed");
   if (mesh.zero_area_kept > 0) {
@@ -116,10 +146,7 @@ std::vector<std::string> notesOf(const internal::RepairedMesh& mesh) {
     notes.push_back(std::to_string(mesh.flipped) + " triangles flipped to agree with their neighbours");
   if (mesh.welded_by_tolerance)
     notes.push_back("vertices closer than a millionth of the mesh's size joined to close it");
-  if (!mesh.watertight) {
-    notes.push_back("mesh is not watertight (" + std::to_string(mesh.open_edges) +
-                    " open edges): only its surface counts as tool, not its inside");
-  }
+  if (!mesh.watertight) notes.push_back(openNote(mesh, size_m));
   return notes;
 }
 
@@ -137,19 +164,20 @@ struct TipPlace {
 };
 
 /// Centre of the end of a tool: of the box around the vertices that are within a hundredth of its length from the end.
-/// @param side  -1: the end with the lowest x, 1: that with the highest
-Eigen::Vector3d endOf(const ToolGeometry& tool, int side) {
-  const double end = side < 0 ? tool.min_T().x() : tool.max_T().x();
-  const double slack_m = 0.01 * (tool.max_T().x() - tool.min_T().x());
+/// @param axis  0, 1, 2: x, y, z  @param side  -1: the end with the lowest coordinate, 1: that with the highest
+Eigen::Vector3d endOf(const ToolGeometry& tool, Eigen::Index axis, int side) {
+  const double end = side < 0 ? tool.min_T()[axis] : tool.max_T()[axis];
+  const double slack_m = 0.01 * (tool.max_T()[axis] - tool.min_T()[axis]);
   Eigen::Vector3d low = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity()), high = -low;
   for (const Eigen::Vector3f& vertex : tool.vertices_T()) {
     const Eigen::Vector3d p = vertex.cast<double>();
-    if (std::abs(p.x() - end) > slack_m) continue;
+    if (std::abs(p[axis] - end) > slack_m) continue;
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
-  const Eigen::Vector3d centre = (low + high) / 2;
-  return {end, centre.y(), centre.z()};
+  Eigen::Vector3d centre = (low + high) / 2;
+  centre[axis] = end;
+  return centre;
 }
 
 TipPlace placeOfTip(const ToolGeometry& tool) {
@@ -166,32 +194,31 @@ TipPlace placeOfTip(const ToolGeometry& tool) {
   }
   place.centroid_x_m = moment / area;
   place.size_m = (tool.max_T() - tool.min_T()).cast<double>().maxCoeff();
-  place.likely_tip_T = endOf(tool, place.isWrongWay() ? 1 : -1);
+  place.likely_tip_T = endOf(tool, 0, place.isWrongWay() ? 1 : -1);
   return place;
 }
 
 /// How warnings about a tip name the likely one: in the mesh's own units and frame, where that is known.
 struct TipWords {
   bool tip_given = true;
-  std::string likely_tip, opposite_axis;  ///< values of --tool-tip and --tool-axis; empty: not known
+  std::array<std::string, 2> ends;  ///< flags for either end of the longest extent; empty: not known
 };
 
 /// What looks like a wrong tip or axis, in words.
 std::vector<std::string> tipWarnings(const TipPlace& place, const TipWords& words) {
-  const std::string tip =
-      words.likely_tip.empty() ? "check the tip" : "the tip is probably --tool-tip=" + words.likely_tip;
+  const std::string likely =
+      "; the tip is probably at one end of the longest extent, and the other may be the mount: " + words.ends[0] +
+      ", or " + words.ends[1];
   if (place.isWrongWay()) {
     return {"warning: the tool's centroid is " + number(-place.centroid_x_m) +
-            " m on the far side of the tip, in the direction in which the tool approaches; " +
-            (words.opposite_axis.empty() ? "check the axis (from the tip along the body) and the tip"
-                                         : "the axis (from the tip along the body) is probably --tool-axis=" +
-                                               words.opposite_axis + ", and " + tip)};
+            " m on the far side of the tip, in the direction in which the tool approaches" +
+            (words.ends[0].empty() ? "; check the axis (from the tip along the body) and the tip" : likely)};
   }
   if (place.isOff(words.tip_given ? kTipGapShare : kDefaultTipGapShare)) {
     return {"warning: " +
             std::string(words.tip_given ? "the tip" : "the mesh's origin, which is the tip unless --tool-tip is set,") +
-            " is " + number(place.gap_m) + " m away from the nearest part of the mesh; " + tip +
-            (words.likely_tip.empty() ? " and the unit" : ", or check --tool-unit")};
+            " is " + number(place.gap_m) + " m away from the nearest part of the mesh" +
+            (words.ends[0].empty() ? "; check the tip and the unit" : likely + "; or check --tool-unit")};
   }
   return {};
 }
@@ -233,20 +260,20 @@ ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T
                         "Export the tool as a surface of triangles or polygons");
   }
   ToolGeometry tool;
-  tool.vertices_T_ = std::move(mesh.vertices);
-  tool.triangles_ = std::move(mesh.triangles);
   tool.watertight_ = mesh.watertight;
-  tool.name_ = std::move(name);
-  tool.min_T_ = tool.max_T_ = tool.vertices_T_[0];
+  tool.name_ = escaped(name);
+  tool.min_T_ = tool.max_T_ = mesh.vertices[0];
   double reach_m = 0;
-  for (const Eigen::Vector3f& p : tool.vertices_T_) {
+  for (const Eigen::Vector3f& p : mesh.vertices) {
     tool.min_T_ = tool.min_T_.cwiseMin(p);
     tool.max_T_ = tool.max_T_.cwiseMax(p);
     reach_m = std::max(reach_m, p.cast<double>().norm());
   }
   tool.reach_m_ = float(reach_m);
+  tool.notes_ = notesOf(mesh, (tool.max_T_ - tool.min_T_).cast<double>().maxCoeff());
+  tool.vertices_T_ = std::move(mesh.vertices);
+  tool.triangles_ = std::move(mesh.triangles);
   tool.sha256_ = digestOf(tool.vertices_T_, tool.triangles_);
-  tool.notes_ = notesOf(mesh);
   for (std::string& note : tipWarnings(placeOfTip(tool), {})) tool.notes_.push_back(std::move(note));
   return tool;
 }
@@ -254,12 +281,14 @@ ToolGeometry ToolGeometry::fromTriangles(std::vector<Eigen::Vector3f> vertices_T
 ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::optional<LengthUnit> unit,
                                     const ToolPose& pose) {
   const std::string subject = path.string();
-  const Eigen::Matrix3d R_T_M = rotationOf(pose, subject);
+  std::vector<std::string> pose_notes;
+  const Eigen::Matrix3d R_T_M = rotationOf(pose, subject, pose_notes);
   const internal::FileMesh mesh = internal::readMeshFile(path);
 
   Eigen::AlignedBox3d box;
   for (const Eigen::Vector3f& p : mesh.vertices) box.extend(p.cast<double>());
   std::vector<std::string> notes = mesh.notes;
+  notes.insert(notes.end(), pose_notes.begin(), pose_notes.end());
   // The vertices' unit may differ from the file's; the tip is in the file's.
   const double file_units_per_vertex_unit =
       mesh.metres_per_file_unit > 0 ? mesh.metres_per_vertex_unit / mesh.metres_per_file_unit : 1.0;
@@ -302,11 +331,20 @@ ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::opti
   std::erase_if(tool.notes_, [](const std::string& note) { return note.starts_with("warning: "); });
   tool.notes_.insert(tool.notes_.begin(), notes.begin(), notes.end());
   const TipPlace place = placeOfTip(tool);
-  Eigen::Vector3d likely_tip_M = R_T_M.transpose() * place.likely_tip_T / metres_per_file_unit + tip_M;
-  for (double& x : likely_tip_M) {
-    if (std::abs(x) * metres_per_file_unit < 1e-6 * place.size_m) x = 0;  // what the rotation's rounding left
+  TipWords words = {pose.tip.has_value(), {}};
+  Eigen::Index longest = 0;
+  (tool.max_T_ - tool.min_T_).maxCoeff(&longest);
+  for (const int side : {-1, 1}) {
+    Eigen::Vector3d end_M = R_T_M.transpose() * endOf(tool, longest, side) / metres_per_file_unit + tip_M;
+    Eigen::Vector3d axis_M = R_T_M.transpose() * (-side * Eigen::Vector3d::Unit(longest));
+    for (double& x : end_M) {
+      if (std::abs(x) * metres_per_file_unit < 1e-6 * place.size_m) x = 0;  // what the rotation's rounding left
+    }
+    for (double& x : axis_M) {
+      if (std::abs(x) < 1e-6) x = 0;
+    }
+    words.ends[side < 0 ? 0 : 1] = "--tool-tip=" + triple(end_M, ",") + " --tool-axis=" + triple(axis_M, ",");
   }
-  const TipWords words = {pose.tip.has_value(), triple(likely_tip_M, ","), triple(-pose.axis, ",")};
   for (std::string& warning : tipWarnings(place, words)) tool.notes_.push_back(std::move(warning));
   return tool;
 }

@@ -14,6 +14,7 @@
 #include "accessvdb/error.h"
 #include "tool/orientation_count.h"
 #include "tool/surface_samples.h"
+#include "tool/tool_solid.h"
 #include "tool/voxel_runs.h"
 #include "tool/voxelize.h"
 #include "tool/yaw_direction.h"
@@ -117,15 +118,19 @@ struct Box {
   }
 };
 
+double hiddenShare(const SolidVoxels& voxels) {
+  return voxels.all > 0 ? 1 - double(countVoxels(voxels.runs)) / double(voxels.all) : 0;
+}
+
 /// Voxels of the tool left after self-exclusion, at the yaw direction that has the fewest.
 std::uint32_t fewestYawVoxels(const ToolGeometry& tool, const FieldParams& resolved, OrientationCount& count) {
   const std::vector<ToolOrientation> yaws = OrientationSet::yaw().orientations(resolved.approach.num_directions);
   std::vector<std::uint64_t> voxels(yaws.size());
+  const ToolSolid solid(tool);
+  const double v = resolved.tsdf.voxel_size_m;
   tbb::parallel_for(std::size_t{0}, yaws.size(), [&](std::size_t d) {
-    std::vector<VoxelRun> runs = voxelize(rotated(tool.vertices_T(), yaws[d], 1 / resolved.tsdf.voxel_size_m),
-                                          tool.triangles(), tool.watertight());
-    removeBall(runs, resolved.scoring.self_exclusion_voxels);
-    voxels[d] = countVoxels(runs);
+    voxels[d] =
+        solid.voxels(rotated(tool.vertices_T(), yaws[d], 1 / v), v, resolved.scoring.self_exclusion_voxels).counted;
     count.addOne();
   });
   return static_cast<std::uint32_t>(std::min<std::uint64_t>(*std::min_element(voxels.begin(), voxels.end()),
@@ -214,10 +219,12 @@ ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved, int
   std::vector<std::vector<kernels::VoxelColumn>> of_part(D * P);
   const auto R = std::size_t(rolls.count);
   std::vector<Box> boxes(D * R);
+  std::vector<double> hidden(D * R, 0);
+  const ToolSolid solid(tool);
   const auto voxelsOf = [&](std::size_t d, std::size_t roll) {
     const ToolOrientation held = rolledBy(orientations[d], rolls, int(roll));
-    std::vector<VoxelRun> runs = voxelize(rotated(tool.vertices_T(), held, 1 / v), tool.triangles(), tool.watertight());
-    const std::uint64_t all = countVoxels(runs), removed = removeBall(runs, exclusion);
+    SolidVoxels voxels = solid.voxels(rotated(tool.vertices_T(), held, 1 / v), v, exclusion);
+    std::vector<VoxelRun>& runs = voxels.runs;
     Box& box = boxes[d * R + roll];
     for (const VoxelRun& run : runs) {
       box.add(run.i, run.j, run.lo);
@@ -225,11 +232,11 @@ ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved, int
     }
     if (roll == 0) {
       kernel.voxel_count[d] =
-          std::uint32_t(std::min<std::uint64_t>(all - removed, std::numeric_limits<std::uint32_t>::max()));
-      if (d == 0 && all > 0) kernel.hidden_share = double(removed) / double(all);
+          std::uint32_t(std::min<std::uint64_t>(voxels.counted, std::numeric_limits<std::uint32_t>::max()));
     }
+    hidden[d * R + roll] = hiddenShare(voxels);
     count.addOne();
-    return runs;
+    return std::move(runs);
   };
   const auto makeDirection = [&](std::size_t d) {
     auto* const parts = of_part.data() + d * P;
@@ -300,6 +307,7 @@ ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved, int
       kernel.sample_begin[part + 1] = std::uint32_t(kernel.samples.size() / 3);
     }
   }
+  kernel.hidden_share = *std::max_element(hidden.begin(), hidden.end());
   if (box.low[0] <= box.high[0]) kernel.min_ijk = box.low, kernel.max_ijk = box.high;
 
   if (resolved.scoring.max_collisions != 0) {
@@ -331,6 +339,22 @@ ToolKernel ToolKernel::sampled(const ToolGeometry& tool, const FieldParams& reso
   const TableProgress nobody;
   OrientationCount count(nobody, 0);
   return makeKernel(tool, resolved, sampled, toolRolls(tool, resolved.approach), count);
+}
+
+double largestHiddenShare(const ToolGeometry& tool, const FieldParams& resolved) {
+  const ToolRolls rolls = toolRolls(tool, resolved.approach);
+  const std::vector<ToolOrientation> orientations =
+      resolved.approach.orientations.orientations(resolved.approach.num_directions);
+  const ToolSolid solid(tool);
+  const double v = resolved.tsdf.voxel_size_m;
+  const auto R = std::size_t(rolls.count);
+  std::vector<double> hidden(orientations.size() * R);
+  tbb::parallel_for(std::size_t{0}, hidden.size(), [&](std::size_t n) {
+    const ToolOrientation held = rolledBy(orientations[n / R], rolls, int(n % R));
+    hidden[n] =
+        hiddenShare(solid.voxels(rotated(tool.vertices_T(), held, 1 / v), v, resolved.scoring.self_exclusion_voxels));
+  });
+  return *std::max_element(hidden.begin(), hidden.end());
 }
 
 }  // namespace accessvdb::internal

@@ -29,11 +29,12 @@ struct ToolKernel {
   std::vector<std::uint32_t> column_begin;  ///< [D P + 1], P parts per direction
   std::vector<float> samples;               ///< [3 sum]
   std::vector<std::uint32_t> sample_begin;  ///< [D P + 1]
-  std::vector<std::uint32_t> voxel_count;   ///< [D] voxels left after self-exclusion, at roll 0
+  std::vector<std::uint32_t>
+      voxel_count;  ///< [D] voxels left after self-exclusion, at roll 0, that count for the limit
   /// Box of all voxels (or sample voxels) of all directions, relative to the point's voxel.
   std::array<int, 3> min_ijk = {}, max_ijk = {};
-  double hidden_share = 0;            ///< share of the tool's voxels at d = 0 that self-exclusion removes
-  int num_directions = 0;             ///< [D] as many orientations as there are tables of
+  double hidden_share = 0;  ///< of the tool's voxels, removed by self-exclusion; the largest of all directions
+  int num_directions = 0;   ///< [D] as many orientations as there are tables of
   std::uint16_t collision_limit = 1;  ///< [n_c] see make()
   bool use_samples = false;
   ToolRolls rolls;  ///< in each direction
@@ -42,13 +43,14 @@ struct ToolKernel {
   [[nodiscard]] kernels::ToolKernelView view() const;
 
   /// Voxel form: voxel (i,j,k) belongs to the tool at direction d if its cell touches the surface of the rotated mesh
-  /// or its centre is inside a watertight mesh; cells whose centre is within self_exclusion_voxels of the origin are
-  /// removed. collision_limit = max_collisions + 1 (1 for -1), by rule max(1, floor(0.005 x fewest voxels of any yaw
-  /// d)) + 1. It is that of the yaw directions without roll for every set of orientations: else more orientations could
-  /// lower it, and take access away. With rolls, the parts of a direction are the voxels that all rolls share, and what
-  /// each has besides. Sample form: surface_samples points uniform on the surface from a fixed seed, rotated; those
-  /// within self_exclusion_voxels * v are removed; collision_limit = max_collisions + 1, by rule 5. Makes both forms
-  /// where useful (the voxel form always, for sizes and footprints). Parallel over orientations.
+  /// or its centre is inside a closed mesh, see ToolSolid; cells whose centre is within self_exclusion_voxels of the
+  /// origin are removed. collision_limit = max_collisions + 1 (1 for -1), by rule max(1, floor(0.005 x fewest voxels of
+  /// any yaw d)) + 1. It is that of the yaw directions without roll for every set of orientations: else more
+  /// orientations could lower it, and take access away. With rolls, the parts of a direction are the voxels that all
+  /// rolls share, and what each has besides. Sample form: surface_samples points uniform on the surface from a fixed
+  /// seed, rotated; those within self_exclusion_voxels * v are removed; collision_limit = max_collisions + 1, by
+  /// rule 5. Makes both forms where useful (the voxel form always, for sizes and footprints). Parallel over
+  /// orientations.
   /// @throws ResourceLimit when the tool spans more than 30 000 voxels or needs more than 2^28 columns (4 GiB)
   static ToolKernel make(const ToolGeometry& tool, const FieldParams& resolved, const TableProgress& progress = {});
   /// The same for at most `sampled` of the orientations, evenly spread, in place of all: to estimate the memory for
@@ -56,5 +58,8 @@ struct ToolKernel {
   /// @throws ResourceLimit as make(), as far as these directions show
   static ToolKernel sampled(const ToolGeometry& tool, const FieldParams& resolved, int sampled);
 };
+
+/// ToolKernel::hidden_share, without the tables.
+[[nodiscard]] double largestHiddenShare(const ToolGeometry& tool, const FieldParams& resolved);
 
 }  // namespace accessvdb::internal

@@ -12,6 +12,7 @@
 #include <vector>
 
 #include "accessvdb/tool_tables.h"
+#include "tool/mesh_openings.h"
 #include "tool/yaw_direction.h"
 
 namespace accessvdb::internal {
@@ -82,10 +83,15 @@ int foldAboutBody(const ToolGeometry& tool) {
   std::ranges::sort(vertices, [](const auto& a, const auto& b) { return std::norm(across(a)) > std::norm(across(b)); });
   const double radius_m = vertices.empty() ? 0 : std::abs(across(vertices.front()));
   if (!(radius_m > 0)) return kMostFold;  // all on the axis
-  const NearVertices near(vertices, kTolerance * radius_m);
+  // What is missing of a tool whose openings are closed must not give it other rolls than the whole tool has.
+  MeshOpenings openings;
+  if (!tool.watertight()) openings = findOpenings(tool.vertices_T(), tool.triangles());
+  const double size_m = (tool.max_T() - tool.min_T()).cast<double>().maxCoeff();
+  const bool closes = openings.any() && openings.width_m <= kWidestOpening * size_m;
+  const NearVertices near(vertices, kTolerance * radius_m + openings.tear_m);
   const SurfaceMoments moments(tool);
   for (int fold = kMostFold; fold >= 2; --fold) {
-    if (!moments.allow(fold, radius_m)) continue;
+    if (!closes && !moments.allow(fold, radius_m)) continue;
     const std::complex<double> turn = std::polar(1.0, 2 * std::numbers::pi / fold);
     // Those farthest out first: most candidates end with the first vertex.
     if (std::ranges::all_of(vertices, [&](const auto& p) { return near.anyAt(p.x(), across(p) * turn); })) return fold;

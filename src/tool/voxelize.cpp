@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "tool/voxel_bitmap.h"
+#include "tool/voxel_runs.h"
 
 namespace accessvdb::internal {
 namespace {
@@ -31,8 +32,9 @@ std::int32_t ceilOf(double x) {
   return n + (x > n);
 }
 
-std::int32_t firstCell(double low) { return ceilOf(low - 0.5 - kTouch); }
-std::int32_t lastCell(double high) { return floorOf(high + 0.5 + kTouch); }
+/// @param touch  widens the cells  [voxels]
+std::int32_t firstCell(double low, double touch = kTouch) { return ceilOf(low - 0.5 - touch); }
+std::int32_t lastCell(double high, double touch = kTouch) { return floorOf(high + 0.5 + touch); }
 
 /// The whole number nearest to x, of two either: where a bound on floor or ceil will do, this is faster than they are.
 std::int32_t nearest(double x) {
@@ -89,27 +91,27 @@ const Polygon& cut(const Polygon& in, double bound, Polygon& out) {
 
 /// Cuts out a layer of cells. @param space  for the result, and for what is between
 template <int axis>
-const Polygon& slab(const Polygon& in, std::int32_t cell, std::array<Polygon, 2>& space) {
-  const Polygon& below = cut<axis, 1>(in, cell + 0.5 + kTouch, space[0]);
-  return cut<axis, -1>(below, -(cell - 0.5 - kTouch), space[1]);
+const Polygon& slab(const Polygon& in, std::int32_t cell, double touch, std::array<Polygon, 2>& space) {
+  const Polygon& below = cut<axis, 1>(in, cell + 0.5 + touch, space[0]);
+  return cut<axis, -1>(below, -(cell - 0.5 - touch), space[1]);
 }
 
 /// The triangle is convex, so its part above one ground cell is too, and that part's z range gives all cells.
 template <typename Voxels>
-void addSurface(const Polygon& triangle, Voxels& voxels) {
+void addSurface(const Polygon& triangle, Voxels& voxels, double touch = kTouch) {
   std::array<Polygon, 2> row_space, part_space;
   const Range x = triangle.range(0);
-  const std::int32_t i_first = firstCell(x.low), i_last = lastCell(x.high);
+  const std::int32_t i_first = firstCell(x.low, touch), i_last = lastCell(x.high, touch);
   for (std::int32_t i = i_first; i <= i_last; ++i) {
-    const Polygon& row = i_first == i_last ? triangle : slab<0>(triangle, i, row_space);
+    const Polygon& row = i_first == i_last ? triangle : slab<0>(triangle, i, touch, row_space);
     if (row.size == 0) continue;
     const Range y = row.range(1);
-    const std::int32_t j_first = firstCell(y.low), j_last = lastCell(y.high);
+    const std::int32_t j_first = firstCell(y.low, touch), j_last = lastCell(y.high, touch);
     for (std::int32_t j = j_first; j <= j_last; ++j) {
-      const Polygon& part = j_first == j_last ? row : slab<1>(row, j, part_space);
+      const Polygon& part = j_first == j_last ? row : slab<1>(row, j, touch, part_space);
       if (part.size == 0) continue;
       const Range z = part.range(2);
-      voxels.add({i, j, firstCell(z.low), lastCell(z.high)});
+      voxels.add({i, j, firstCell(z.low, touch), lastCell(z.high, touch)});
     }
   }
 }
@@ -248,22 +250,6 @@ struct RunList {
   void add(const VoxelRun& run) { runs.push_back(run); }
 };
 
-/// Sorted, those that touch or overlap joined.
-void joinRuns(std::vector<VoxelRun>& runs) {
-  std::sort(runs.begin(), runs.end(), [](const VoxelRun& a, const VoxelRun& b) {
-    return std::tie(a.i, a.j, a.lo, a.hi) < std::tie(b.i, b.j, b.lo, b.hi);
-  });
-  std::size_t kept = 0;
-  for (const VoxelRun& run : runs) {
-    if (kept > 0 && runs[kept - 1].i == run.i && runs[kept - 1].j == run.j && run.lo <= runs[kept - 1].hi + 1) {
-      runs[kept - 1].hi = std::max(runs[kept - 1].hi, run.hi);
-    } else {
-      runs[kept++] = run;
-    }
-  }
-  runs.resize(kept);
-}
-
 /// All cells that vertices can touch, and one more on each side for rounding. Nothing if there are too many.
 std::optional<VoxelBitmap::Box> smallBoxOf(const std::vector<Eigen::Vector3d>& vertices) {
   VoxelBitmap::Box box;
@@ -312,6 +298,19 @@ std::vector<VoxelRun> voxelize(const std::vector<Eigen::Vector3d>& vertices, con
   }
   RunList voxels;
   addAll(vertices, triangles, solid, voxels);
+  joinRuns(voxels.runs);
+  return std::move(voxels.runs);
+}
+
+std::vector<VoxelRun> touchedVoxels(const std::vector<Eigen::Vector3d>& vertices,
+                                    const std::vector<Triangle>& triangles, double margin) {
+  if (margin == 0) return voxelize(vertices, triangles, false);
+  RunList voxels;
+  for (const Triangle& t : triangles) {
+    Polygon triangle;
+    for (std::uint32_t v : t) triangle.add(vertices[v]);
+    addSurface(triangle, voxels, kTouch + margin);
+  }
   joinRuns(voxels.runs);
   return std::move(voxels.runs);
 }

@@ -24,6 +24,11 @@ struct VoxelRun {
 std::vector<VoxelRun> voxelize(const std::vector<Eigen::Vector3d>& vertices,
                                const std::vector<std::array<std::uint32_t, 3>>& triangles, bool solid);
 
+/// Voxels that the surface touches, or a place that is nearer to it than the margin along each axis.
+/// @param vertices, margin  in voxels  @return as voxelize()
+std::vector<VoxelRun> touchedVoxels(const std::vector<Eigen::Vector3d>& vertices,
+                                    const std::vector<std::array<std::uint32_t, 3>>& triangles, double margin);
+
 /// Voxels whose centre has a winding number other than 0, whatever the surface touches.
 /// @param vertices  in voxels; the mesh must be closed  @return as voxelize()
 std::vector<VoxelRun> voxelsInside(const std::vector<Eigen::Vector3d>& vertices,

@@ -36,9 +36,18 @@ TEST_F(MemoryMeasured, RecordedScansTakeWhatWasPredicted) {
       (given != nullptr ? std::string(given) : std::string(ACCESSVDB_SOURCE_DIR) + "/../shared/data") +
       "/scans_poses_balm";
   if (!std::filesystem::exists(scans)) GTEST_SKIP() << "no test data: " << scans;
-  std::vector<std::string> arguments = {
-      "map",          "--scans", scans,     "--poses", scans + "/alidarPose.csv", "--tool", "builtin:pencil",
-      "--directions", "4",       "--voxel", "0.05"};
+  std::vector<std::string> arguments = {"map",
+                                        "--scans",
+                                        scans,
+                                        "--poses",
+                                        scans + "/alidarPose.csv",
+                                        "--tool",
+                                        "builtin:pencil",
+                                        "--allow-hidden-tool",
+                                        "--directions",
+                                        "4",
+                                        "--voxel",
+                                        "0.05"};
   EXPECT_NEAR(ratio(arguments), 1, kTrusted);
   arguments.back() = "0.02";
   // Every third scan, so that this one stays short.
@@ -58,7 +67,7 @@ TEST_F(MemoryMeasured, AScanOfManyReturnsTakesWhatWasPredicted) {
   }
   writeText("scan.bin", points);
   const std::vector<std::string> arguments = {"map",     "--scans", path("scan.bin"), "--tool", "builtin:pencil",
-                                              "--voxel", "0.2",     "--directions",   "4"};
+                                              "--voxel", "0.2",     "--directions",   "4",      "--allow-hidden-tool"};
   EXPECT_NEAR(ratio(arguments), 1, kTrusted);
 }
 

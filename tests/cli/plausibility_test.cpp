@@ -38,7 +38,7 @@ class Plausibility : public ::testing::Test {
   }
   std::vector<std::string> found() const {
     RunFacts facts{report_, scene_, surface_W_, origin_W_, 0.01, {tool_m_, 0.1 * tool_m_, 0.1 * tool_m_},
-                   tool_m_, hidden_};
+                   tool_m_, level_};
     std::vector<std::string> ids;
     for (const Warning& warning : findImplausible(facts)) {
       ids.push_back(warning.id);
@@ -52,7 +52,8 @@ class Plausibility : public ::testing::Test {
   SceneStatistics scene_ = scenery();
   Eigen::AlignedBox3d surface_W_;
   Eigen::Vector3d origin_W_ = {0, 0, 1};
-  double tool_m_ = 0.6, hidden_ = 0.05;
+  double tool_m_ = 0.6;
+  bool level_ = true;
 };
 
 TEST_F(Plausibility, OrdinaryRunIsNotWarnedAbout) { EXPECT_TRUE(found().empty()); }
@@ -60,6 +61,31 @@ TEST_F(Plausibility, OrdinaryRunIsNotWarnedAbout) { EXPECT_TRUE(found().empty())
 TEST_F(Plausibility, AllBlocked) {
   report_.labels[static_cast<int>(PointLabel::Accessible)] = 0;
   EXPECT_EQ(found(), only("result.all_blocked"));
+}
+
+TEST_F(Plausibility, AdviceWhereAllIsBlockedFitsTheReason) {
+  report_.labels[static_cast<int>(PointLabel::Accessible)] = 0;
+  const auto adviceFor = [&](PointReason reason, bool level) {
+    report_.reasons = {};
+    report_.reasons[static_cast<int>(reason)] = 300;
+    const RunFacts facts{report_, scene_, surface_W_, origin_W_, 0.01, {0.6, 0.1, 0.1}, 0.6, level};
+    return findImplausible(facts).at(0).text;
+  };
+  const auto has = [](const std::string& text, const std::string& part) { return text.find(part) != text.npos; };
+  EXPECT_TRUE(has(adviceFor(PointReason::Unseen, true), "--orientations"));
+  EXPECT_FALSE(has(adviceFor(PointReason::Unseen, false), "--orientations"));
+  EXPECT_TRUE(has(adviceFor(PointReason::Confidence, true), "more scans"));
+  EXPECT_TRUE(has(adviceFor(PointReason::Tool, true), "tip, axis and unit"));
+}
+
+TEST_F(Plausibility, TheOpenSkyIsNoMistake) {
+  report_.dropped[static_cast<int>(DropReason::NoReturn)] = 4750;
+  EXPECT_TRUE(found().empty());
+  ASSERT_TRUE(openSkyNotice(report_));
+  EXPECT_EQ(openSkyNotice(report_)->substr(0, 4), "95 %");
+  // Of what did come back, most is out of range.
+  report_.dropped[static_cast<int>(DropReason::BeyondMaxRange)] = 200;
+  EXPECT_EQ(found(), only("input.most_dropped"));
 }
 
 TEST_F(Plausibility, NothingScored) {
@@ -104,9 +130,10 @@ TEST_F(Plausibility, ToolInTheWrongUnit) {
   EXPECT_EQ(found(), only("tool.unit"));
 }
 
-TEST_F(Plausibility, HiddenTool) {
-  hidden_ = 0.31;
-  EXPECT_EQ(found(), only("tool.hidden"));
+TEST(HiddenTool, IsWarnedOfFromThreeTenthsOn) {
+  EXPECT_FALSE(hiddenToolWarning(0.29));
+  ASSERT_TRUE(hiddenToolWarning(0.31));
+  EXPECT_EQ(hiddenToolWarning(0.31)->id, "tool.hidden");
 }
 
 TEST_F(Plausibility, HugeCoordinates) {

@@ -141,9 +141,9 @@ void ProgramTest::writeBoxTool(double length, double width) const {
 }
 
 std::vector<std::string> ProgramTest::mapArguments(const std::vector<std::string>& more) const {
-  std::vector<std::string> arguments = {"map",      "--scans",        path("scans"), "--poses", path("poses.txt"),
-                                        "--tool",   "builtin:pencil", "--voxel",     "0.05",    "--out",
-                                        path("out")};
+  std::vector<std::string> arguments = {
+      "map",     "--scans", path("scans"), "--poses",   path("poses.txt"),    "--tool", "builtin:pencil",
+      "--voxel", "0.05",    "--out",       path("out"), "--allow-hidden-tool"};
   for (std::size_t i = 0; i < more.size(); ++i) {
     // Replaces an existing flag, because giving it twice is an error.
     const auto known = std::find(arguments.begin(), arguments.end(), more[i]);

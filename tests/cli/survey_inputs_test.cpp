@@ -99,9 +99,10 @@ class SurveyInputs : public ProgramTest {
     return points;
   }
   ProgramResult map(const std::string& out, std::vector<std::string> arguments) {
-    for (const std::string& word : {std::string("--tool"), std::string("builtin:pencil"), std::string("--voxel"),
-                                    std::string("0.05"), std::string("--directions"), std::string("8"),
-                                    std::string("--device"), std::string("cpu"), std::string("--out"), path(out)})
+    for (const std::string& word :
+         {std::string("--tool"), std::string("builtin:pencil"), std::string("--voxel"), std::string("0.05"),
+          std::string("--directions"), std::string("8"), std::string("--device"), std::string("cpu"),
+          std::string("--allow-hidden-tool"), std::string("--out"), path(out)})
       arguments.push_back(word);
     arguments.insert(arguments.begin(), "map");
     return runProgram(arguments);
@@ -155,7 +156,8 @@ TEST_F(SurveyInputs, LazGivesTheFilesOfLas) {
 TEST_F(SurveyInputs, ACheckpointIsOfOneTrajectoryAndClock) {
   const auto run = [&](const std::string& trajectory, const std::string& offset, const std::string& verb) {
     return runProgram({"map", "--scans", path("walk.las"), "--trajectory", path(trajectory), "--time-offset", offset,
-                       "--tool", "builtin:pencil", "--voxel", "0.05", "--out", path("out"), verb, path("cp")});
+                       "--tool", "builtin:pencil", "--voxel", "0.05", "--allow-hidden-tool", "--out", path("out"), verb,
+                       path("cp")});
   };
   const ProgramResult first = run("walk.txt", "0", "--checkpoint");
   ASSERT_EQ(first.exit_code, 0) << first.err;

@@ -36,7 +36,8 @@ class TiledTest : public cli_test::ProgramTest {
 
   /// Flags that say what is mapped: scans_ and, where given, others.
   Flags scans_,
-      what_ = {"--tool", "builtin:pencil", "--voxel", "0.05", "--device", "cpu", "--width", "200", "--height", "100"};
+      what_ = {"--tool", "builtin:pencil",     "--voxel", "0.05", "--device", "cpu", "--width", "200", "--height",
+               "100",    "--allow-hidden-tool"};
 
   [[nodiscard]] Flags plus(Flags flags, const Flags& more) const;
   [[nodiscard]] Flags map(const Flags& more, const std::string& out = "out") const;   ///< arguments of map

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -15,6 +16,7 @@
 #include "accessvdb/accessibility_field.h"
 #include "accessvdb/c_api.h"
 #include "accessvdb/tool_spec.h"
+#include "accessvdb/tool_tables.h"
 #include "sample_scans/walk_generator.h"
 
 namespace {
@@ -47,12 +49,42 @@ TEST(CApiParity, ToolOfTriangles) {
   EXPECT_EQ(info.triangle_count, cpp.triangles().size());
   EXPECT_EQ(info.reach_m, cpp.reach_m());
   EXPECT_EQ(info.watertight != 0, cpp.watertight());
+  EXPECT_EQ(accessvdb_tool_opening_m(from_triangles), 0);
   for (int axis = 0; axis < 3; ++axis) {
     EXPECT_EQ(info.min_T[axis], cpp.min_T()[axis]);
     EXPECT_EQ(info.max_T[axis], cpp.max_T()[axis]);
   }
   accessvdb_tool_free(from_triangles);
   accessvdb_tool_free(builtin);
+}
+
+TEST(CApiParity, WhatIsWrongWithATool) {
+  const ToolGeometry pruner = ToolGeometry::builtin("builtin:pruner");
+  accessvdb_tool* open = nullptr;
+  ASSERT_EQ(accessvdb_tool_from_triangles(pruner.vertices_T()[0].data(), pruner.vertices_T().size(),
+                                          pruner.triangles()[0].data(), pruner.triangles().size() - 1, "open", &open,
+                                          nullptr),
+            ACCESSVDB_OK);
+  EXPECT_GT(accessvdb_tool_opening_m(open), 0.1);
+  EXPECT_TRUE(std::isnan(accessvdb_tool_opening_m(nullptr)));
+  accessvdb_params params = {};
+  params.struct_size = sizeof params;
+  ASSERT_EQ(accessvdb_params_defaults(&params), ACCESSVDB_OK);
+  params.voxel_size_m = 0.05;
+  accessvdb_field* field = nullptr;
+  ASSERT_EQ(accessvdb_field_create(open, &params, &field, nullptr), ACCESSVDB_OK);
+  double share = -1;
+  ASSERT_EQ(accessvdb_field_tool_share_hidden(field, &share), ACCESSVDB_OK);
+  const ToolGeometry cpp = ToolGeometry::fromTriangles(
+      pruner.vertices_T(), {pruner.triangles().begin(), pruner.triangles().end() - 1}, "open");
+  FieldParams cpp_params;
+  cpp_params.tsdf.voxel_size_m = 0.05;
+  EXPECT_EQ(share, AccessibilityField(cpp, cpp_params).toolShareHidden());
+  EXPECT_EQ(share, accessvdb::toolShareHidden(cpp, cpp_params));
+  EXPECT_GT(share, 0);
+  EXPECT_EQ(accessvdb_field_tool_share_hidden(field, nullptr), ACCESSVDB_ERROR_USAGE);
+  accessvdb_field_free(field);
+  accessvdb_tool_free(open);
 }
 
 /// A box of 40 x 20 x 10 units, so that units, tip and axes can be distinguished.

@@ -273,6 +273,8 @@ class Files(unittest.TestCase):
         np.testing.assert_allclose(tool.min_T, [0, -0.005, -0.01], atol=1e-7)
         np.testing.assert_allclose(tool.max_T, [0.04, 0.005, 0.01], atol=1e-7)
         self.assertTrue(tool.watertight)
+        self.assertEqual(tool.opening_m, 0)
+        self.assertGreater(accessvdb.ToolGeometry.from_triangles(tool.vertices_T, tool.triangles[1:]).opening_m, 0.001)
         with self.assertRaisesRegex(accessvdb.InvalidArgument, "unit"):
             accessvdb.ToolGeometry.from_mesh(path)
         for bad in ({"unit": "km"}, {"unit": 3}, {"unit": "m", "axis": (0, 0, 0)}, {"unit": "m", "tip": (1, 2)}):

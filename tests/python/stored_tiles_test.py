@@ -25,7 +25,8 @@ class StoredTiles(unittest.TestCase):
         shutil.rmtree(WORK, ignore_errors=True)
         WORK.mkdir(parents=True)
         program("simulate", "--scene", "pine", "--frames", "6", "--out", WORK / "tree")
-        scans = ["--scans", WORK / "tree/scans", "--poses", WORK / "tree/poses.txt", "--tool", "builtin:pencil"]
+        scans = ["--scans", WORK / "tree/scans", "--poses", WORK / "tree/poses.txt", "--tool", "builtin:pencil",
+                 "--allow-hidden-tool"]
         for out, tiles in (("one", "off"), ("tiled", "6.4")):
             program("map", *scans, "--voxel", "0.05", "--device", "cpu", "--tiles", tiles, "--out", WORK / out)
         cls.one = accessvdb.StoredField(WORK / "one")

@@ -19,7 +19,7 @@ SOURCE = Path(os.environ["SOURCE"])
 WORK = Path(os.environ["WORK"], "tiles_cluster")
 PROGRAM = os.environ["PROGRAM"]
 MAP = ["--scans", str(WORK / "scans"), "--poses", str(WORK / "scans/poses.txt"), "--tool", "builtin:pencil"]
-MAP += ["--voxel", "0.1", "--quiet"]
+MAP += ["--voxel", "0.1", "--quiet", "--allow-hidden-tool"]
 # The program, but it notes who has started it, and from the N-th tile on waits, N in the file "quick", until N is larger
 # or standard input ends. So whoever is killed is killed while tiles run. Ends where the folder is gone. The tile that the
 # file "bad" names crashes.

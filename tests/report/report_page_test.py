@@ -113,7 +113,7 @@ class ReportPage(unittest.TestCase):
 
         # A page that no longer belongs to the files beside it is named.
         mapped = run("map", "--device", "cpu", "--scans", scans / "scans", "--poses", scans / "poses.txt", "--tool",
-                     "builtin:pencil", "--voxel", 0.05, "--out", out)
+                     "builtin:pencil", "--voxel", 0.05, "--allow-hidden-tool", "--out", out)
         self.assertIn("warning[output.old_report]", mapped.stderr)
 
         tiled = self.root / "tiled"

@@ -27,10 +27,10 @@ constexpr double kReturnsLookedAt = 2e7;
 /// Returns around a point for a confidence of one half, which also makes a normal of the tool's scale.
 constexpr double kReturnsWanted = 5;
 constexpr double kShareWanted = 0.9;
-constexpr double kVoxels_m[] = {0.001, 0.002, 0.003, 0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1};
 
 struct Proposal {
   double voxel_m = 0, spacing_m = 0, share_seen = 0;
+  double most_voxel_m = 0;  ///< for the tool
   bool voxel_by_noise = false;
   std::optional<PlaneNoise> measured;
   double range_noise_m = 0, tau_m = 0;
@@ -63,9 +63,21 @@ std::size_t strideFor(io::ScanSequence& scans) {
   return static_cast<std::size_t>(std::max(1.0, std::ceil(all / kReturnsLookedAt)));
 }
 
-Proposal propose(const MapOptions& options, const CloudSurvey& survey, std::size_t stride,
+/// At larger voxels the tool itself would vanish. @throws UnusableInput "tool.hidden"  if it does at all
+double mostVoxel_m(const MapOptions& options, const ToolGeometry& tool) {
+  const double most_m = voxelThatShows_m(tool, fieldParams(options), std::end(kVoxels_m)[-1]);
+  if (most_m > 0) return most_m;
+  throw UnusableInput("tool.hidden", tool.name(),
+                      "more than half of the tool is within 3 voxels of its tip at every voxel size, and collisions "
+                      "there do not count",
+                      "Check --tool-unit and --tool-tip");
+}
+
+/// @param most_voxel_m  for the tool
+Proposal propose(const MapOptions& options, double most_voxel_m, const CloudSurvey& survey, std::size_t stride,
                  std::optional<double> recorded_noise_m) {
   Proposal proposal;
+  proposal.most_voxel_m = most_voxel_m;
   proposal.spacing_m = survey.spacing_m();
   proposal.measured = survey.noise();
   proposal.range_noise_m = options.range_noise_m ? *options.range_noise_m
@@ -73,6 +85,7 @@ Proposal propose(const MapOptions& options, const CloudSurvey& survey, std::size
                            : recorded_noise_m    ? *recorded_noise_m
                                                  : TsdfParams{}.range_noise_m;
   for (const double voxel_m : kVoxels_m) {
+    if (voxel_m > most_voxel_m) break;
     proposal.voxel_m = voxel_m;
     proposal.voxel_by_noise = voxel_m < proposal.range_noise_m;
     if (proposal.voxel_by_noise) continue;
@@ -102,7 +115,8 @@ std::string commented(const FlagParser& flags, const MapOptions& options, const 
   text += "\n# Points are " + metres(proposal.spacing_m) + " from their nearest neighbour; with these voxels " +
           percentText(proposal.share_seen) + " of them have " + numberText(kReturnsWanted) +
           " returns or more in the 27 voxels around.\n# No smaller than the range noise: below it, surfaces are rough "
-          "and normals need many more points.\n" +
+          "and normals need many more points.\n# No larger than " +
+          metres(proposal.most_voxel_m) + " either: more than half of the tool would vanish in its tip.\n" +
           configEntry("voxel", numberText(proposal.voxel_m));
   text += "\n# Standard deviation of the ranges, metres. ";
   if (options.range_noise_m) {
@@ -154,6 +168,8 @@ int runAdvise(const Arguments& arguments, Messages& messages) {
   watchStopSignals();
 
   const ToolGeometry tool = loadTool(options.tool);
+  sayToolNotes(tool, messages);
+  const double most_voxel_m = mostVoxel_m(options, tool);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   sayAboutScans(scans, messages);
   const std::size_t stride = strideFor(scans);
@@ -162,7 +178,7 @@ int runAdvise(const Arguments& arguments, Messages& messages) {
     return 128 + stopSignal();
   if (survey.returns() == 0)
     throw UnusableInput("scans.no_returns", options.scans, "has no returns", "Check the scans");
-  Proposal proposal = propose(options, survey, stride, scans.recordedRangeNoise_m());
+  Proposal proposal = propose(options, most_voxel_m, survey, stride, scans.recordedRangeNoise_m());
 
   MapOptions proposed = options;
   proposed.voxel_m = proposal.voxel_m;

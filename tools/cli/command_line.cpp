@@ -29,14 +29,14 @@ constexpr const char* kVerbs[] = {"map",   "tile", "live",  "advise", "evaluate"
 
 /// A TOML value as the text that would follow the flag; [1, 2, 3] becomes 1,2,3.
 /// @param between  of the elements of an array
-std::optional<std::string> flagText(const toml::node& node, const char* between = ",") {
+std::optional<std::string> flagText(const toml::node& node, const std::string& between = ",") {
   if (const auto* text = node.as_string()) return text->get();
   if (const auto* array = node.as_array()) {
     std::string joined;
     for (const toml::node& element : *array) {
       const auto part = flagText(element);
       if (!part) return std::nullopt;
-      joined += (joined.empty() ? "" : between) + *part;
+      joined += (joined.empty() ? std::string() : between) + *part;
     }
     return joined;
   }
@@ -74,7 +74,8 @@ void applyTable(FlagParser& flags, const std::string& file, const toml::table& t
                             "Keys are the flags without the dashes; see accessvdb " + flags.verb() + " --help");
     }
     if (flags.isSet(key)) continue;  // a flag wins over any key, a key of [verb] over a top-level one
-    const auto text = flagText(node, flags.repeats(key) && !isOneVector(key, node) ? "\n" : ",");
+    const auto text =
+        flagText(node, flags.repeats(key) && !isOneVector(key, node) ? std::string(1, kBetweenValues) : ",");
     if (!text) throw InvalidArgument("config.value", file, "\"" + key + "\" has a value of the wrong kind");
     if (const auto problem = flags.set(key, *text)) {
       throw InvalidArgument("config.value", file, "\"" + key + "\": " + *problem);
@@ -189,10 +190,10 @@ std::string effectiveConfig(const FlagParser& flags) {
     }
     const std::string& text = std::get<std::string>(value);
     if (text.empty()) continue;
-    if (flags.repeats(key) && text.find('\n') != std::string::npos) {
+    if (flags.repeats(key) && text.find(kBetweenValues) != std::string::npos) {
       toml::array each;
       std::istringstream lines(text);
-      for (std::string line; std::getline(lines, line);) each.push_back(line);
+      for (std::string line; std::getline(lines, line, kBetweenValues);) each.push_back(line);
       values.insert(key, each);
     } else {
       insertValue(values, key, text);

@@ -65,7 +65,7 @@ void FlagParser::option(const std::string& name, Target value, const std::string
 
 void FlagParser::repeated(const std::string& name, std::string* value, const std::string& help) {
   CLI::Option* option = parser_->app.add_option(name, *value, help)->capture_default_str();
-  option->multi_option_policy(CLI::MultiOptionPolicy::Join)->delimiter('\n');
+  option->multi_option_policy(CLI::MultiOptionPolicy::Join)->delimiter(kBetweenValues);
 }
 
 void FlagParser::list(const std::string& name, std::vector<std::string>& values, const std::string& help,

@@ -13,6 +13,9 @@
 
 namespace accessvdb::tools {
 
+/// Between the values of a flag that is given several times. Not a line end, which may be in the name of a file.
+inline constexpr char kBetweenValues = '\x1f';
+
 class FlagParser {
  public:
   FlagParser();
@@ -25,7 +28,7 @@ class FlagParser {
   void describe(const std::string& verb, const std::string& purpose, const std::string& example);
   /// "--name" takes one value; a name without dashes takes its place on the command line.
   void option(const std::string& name, Target value, const std::string& help);
-  /// May be given several times: the value has a line end between two texts. In a file of settings, an array.
+  /// May be given several times: the value has kBetweenValues between two texts. In a file of settings, an array.
   void repeated(const std::string& name, std::string* value, const std::string& help);
   /// May be given several times; with a separator also as one text: "a,b".
   void list(const std::string& name, std::vector<std::string>& values, const std::string& help,

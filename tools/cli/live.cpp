@@ -277,9 +277,12 @@ int LiveRun::run() {
     if (fs::is_regular_file(path, status)) report_.inputs.push_back({path, io::sha256OfFile(path)});
   }
   sayToolNotes(tool, messages_);
+  requireClosedTools(options_.map, onlyTool(tool, params));
   sayChangeNotes(params, messages_);
   ScanLog log(options_.scan_log);
   LiveSession session(tool, params, sessionOptions(options_));
+  requireShownTools(options_.map, session.field().tools(), session.field().params(), session.field().toolShareHidden(),
+                    messages_);
   report_.device = session.field().deviceName();
   report_.device_note_id = session.field().deviceNoteId();
   report_.device_note = session.field().deviceNote();

@@ -306,7 +306,8 @@ void MapRun::finish(const io::ScanSequence& scans, const AccessibilityField& fie
   RunFacts facts{report_, scene_, surface_W, field.origin_W(), points->voxel_size_m()};
   facts.tool_size_m = (field.tool().max_T() - field.tool().min_T()).cast<double>();
   facts.tool_reach_m = field.tool().reach_m();
-  facts.tool_share_hidden = field.toolShareHidden();
+  facts.level_approaches = std::all_of(field.tools().begin(), field.tools().end(),
+                                       [](const ToolSpec& tool) { return tool.orientations.isYaw(); });
   for (const std::string& line : summarizeRun(facts)) messages_.notice(line);
   for (const std::string& line : toolsInWords(options_, field.tools())) messages_.notice(line);
   for (const ReportedTool& tool : report_.tools) {
@@ -353,6 +354,7 @@ int MapRun::run() {
   const std::vector<ToolSpec> tools = loadTools(options_);
   for (const std::string& path : valuesOf(options_.tool.tool)) hashInput(path);
   sayToolsNotes(options_, tools, messages_);
+  requireClosedTools(options_, tools);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options_));
   for (const fs::path path : {options_.poses, options_.calib, options_.survey.trajectory, options_.survey.stations}) {
     const std::size_t before = report_.inputs.size();
@@ -386,6 +388,7 @@ int MapRun::run() {
   if (memory && memory->tile_voxels > 0) return inTiles(sources, memory->tile_voxels);
   AccessibilityField field = checkpoints_.resumed() ? checkpoints_.load(tools, of_field)
                                                     : AccessibilityField(tools, of_field, tableProgress(messages_));
+  requireShownTools(options_, tools, field.params(), field.toolShareHidden(), messages_);
   for (std::size_t k = 0; k < report_.tools.size(); ++k) report_.tools[k].collision_limit = field.collisionLimit(k);
   report_.device = field.deviceName();
   report_.device_note_id = field.deviceNoteId();

@@ -54,6 +54,7 @@ constexpr std::array<std::pair<const char*, BackendKind>, 3> kDevices = {
 
 void addFieldOptions(FlagParser& flags, MapOptions& options) {
   addToolsOptions(flags, options);
+  addDoubtfulToolOptions(flags, options);
   flags.option("--voxel", &options.voxel_m, "edge of a voxel in metres");
   flags.option("--min-range", &options.min_range_m, "drop returns nearer than this, metres");
   flags.option("--max-range", &options.max_range_m, "drop returns beyond this, metres");

@@ -30,7 +30,7 @@ struct MapOptions {
   std::string scans, poses, out, calib, sensor_at, tau, max_memory;
   std::string checkpoint, checkpoint_every = "5m", resume;
   std::string pose_format = "auto", profile = "product", policy, orientations, change, free_for;
-  std::string tool_name, rolls, max_collisions;  ///< of several tools with line ends between: tools_given.h
+  std::string tool_name, rolls, max_collisions;  ///< of several tools of each, see tools_given.h
   double voxel_m = 0.01;
   std::optional<double> min_range_m, max_range_m, range_noise_m, corridor_m;
   std::optional<int> directions, knn;
@@ -39,6 +39,7 @@ struct MapOptions {
   bool keep_rays = false, fresh = false, html = false;
   bool allow_truncated = false, sort_poses = false, no_clobber = false, print_config = false, mirror_distance = false;
   bool still = false;  ///< --static
+  bool allow_open_tool = false, allow_hidden_tool = false;
   std::vector<std::string> remove;
   std::string removed_as = "unknown";
   bool forgetful = false;  ///< live: --change full --free-for 60 unless something else is said

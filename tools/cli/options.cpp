@@ -164,6 +164,8 @@ void sayToolNotes(const ToolGeometry& tool, Messages& messages) {
   for (const std::string& note : tool.notes()) {
     if (note.starts_with(mark)) {
       messages.warning("tool.pose", "tool: " + note.substr(mark.size()) + "; see accessvdb render --tool");
+    } else if (note.starts_with("the mesh is open")) {
+      messages.warning("tool.open", "tool: " + note);
     } else {
       messages.notice("tool: " + note);
     }

@@ -3,8 +3,10 @@
 #include "plausibility.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
+#include <utility>
 
 #include "options.h"
 
@@ -48,6 +50,20 @@ double medianOf(std::vector<double> values) {
   return *middle;
 }
 
+/// What helps where no point is accessible.
+std::string adviceFor(PointReason reason, bool level_approaches) {
+  if (reason == PointReason::Confidence) return "Use more scans, so that surfaces are observed more often";
+  if (reason == PointReason::Changed) return "What was there has gone: map without --change full, or use later scans";
+  if (level_approaches && (reason == PointReason::Unseen || reason == PointReason::Normal)) {
+    return "The tool comes from the side only, in level directions: let it tilt with --orientations, for example "
+           "sphere:20";
+  }
+  if (reason == PointReason::Unseen || reason == PointReason::Normal || reason == PointReason::Unknown) {
+    return "Use scans from more sides, from where the tool would come";
+  }
+  return "Check the tool's tip, axis and unit (accessvdb render --tool shows them)";
+}
+
 }  // namespace
 
 void SceneStatistics::addReturn(const Eigen::Vector3d& origin_W, const Eigen::Vector3d& p_W) {
@@ -87,6 +103,27 @@ double SceneStatistics::medianRange_m() const {
 
 double SceneStatistics::medianOverlap() const { return medianOf(overlaps_); }
 
+std::optional<Warning> toolUnitWarning(const Eigen::Vector3d& size_m) {
+  const double tool_m = size_m.maxCoeff();
+  if (tool_m <= kHandToolMax_m && tool_m >= kToolMin_m) return std::nullopt;
+  return Warning{"tool.unit", "the tool is " + numberText(tool_m) +
+                                  " m long: it looks like a mesh read in the wrong unit. Check --tool-unit"};
+}
+
+std::optional<std::string> openSkyNotice(const RunReport& report) {
+  const auto empty = static_cast<double>(report.dropped[static_cast<int>(DropReason::NoReturn)]);
+  const auto rays = static_cast<double>(report.points_in);
+  if (!(empty > kDroppedMax * rays)) return std::nullopt;
+  return percent(empty / rays) + " of the rays came back from nowhere (no_return), as those into the open sky do";
+}
+
+std::optional<Warning> hiddenToolWarning(double share) {
+  if (!(share > kHiddenMax)) return std::nullopt;
+  return Warning{"tool.hidden", percent(share) +
+                                    " of the tool is so near its tip that collisions there are not counted "
+                                    "(self-exclusion, 3 voxels). Use a smaller --voxel for this tool"};
+}
+
 std::vector<Warning> findImplausible(const RunFacts& facts) {
   std::vector<Warning> found;
   const auto warn = [&](const char* id, const std::string& text) { found.push_back({id, text}); };
@@ -101,15 +138,19 @@ std::vector<Warning> findImplausible(const RunFacts& facts) {
   } else if (accessible == 0) {
     const auto worst = std::max_element(report.reasons.begin() + 1, report.reasons.end()) - report.reasons.begin();
     warn("result.all_blocked", std::string("no point is accessible; the most frequent reason is \"") +
-                                   name(static_cast<PointReason>(worst)) +
-                                   "\". Check the tool's tip, axis and unit (accessvdb render --tool shows them)");
+                                   name(static_cast<PointReason>(worst)) + "\". " +
+                                   adviceFor(static_cast<PointReason>(worst), facts.level_approaches));
   }
 
+  // Where nothing came back there is nothing to drop.
+  std::array<std::uint64_t, kNumDropReasons> dropped_for = report.dropped;
+  const std::uint64_t returns =
+      report.points_in - std::exchange(dropped_for[static_cast<int>(DropReason::NoReturn)], 0);
   std::uint64_t dropped = 0;
-  for (const std::uint64_t count : report.dropped) dropped += count;
-  if (report.points_in > 0 && static_cast<double>(dropped) > kDroppedMax * static_cast<double>(report.points_in)) {
-    const auto worst = std::max_element(report.dropped.begin(), report.dropped.end()) - report.dropped.begin();
-    warn("input.most_dropped", percent(static_cast<double>(dropped) / static_cast<double>(report.points_in)) +
+  for (const std::uint64_t count : dropped_for) dropped += count;
+  if (returns > 0 && static_cast<double>(dropped) > kDroppedMax * static_cast<double>(returns)) {
+    const auto worst = std::max_element(dropped_for.begin(), dropped_for.end()) - dropped_for.begin();
+    warn("input.most_dropped", percent(static_cast<double>(dropped) / static_cast<double>(returns)) +
                                    " of the returns were dropped, most of them as \"" +
                                    name(static_cast<DropReason>(worst)) +
                                    "\". Check --min-range, --max-range and the scans");
@@ -160,16 +201,7 @@ std::vector<Warning> findImplausible(const RunFacts& facts) {
                                          "metadata, points.ply keeps world coordinates in double precision");
     }
   }
-  const double tool_m = facts.tool_size_m.maxCoeff();
-  if (tool_m > kHandToolMax_m || tool_m < kToolMin_m) {
-    warn("tool.unit", "the tool is " + numberText(tool_m) +
-                          " m long: it looks like a mesh read in the wrong unit. Check --tool-unit");
-  }
-  if (facts.tool_share_hidden > kHiddenMax) {
-    warn("tool.hidden", percent(facts.tool_share_hidden) +
-                            " of the tool is so near its tip that collisions there are not counted (self-exclusion, 3 "
-                            "voxels). Use a smaller --voxel for this tool");
-  }
+  if (const auto warning = toolUnitWarning(facts.tool_size_m)) found.push_back(*warning);
   return found;
 }
 

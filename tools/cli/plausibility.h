@@ -6,6 +6,7 @@
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <unordered_set>
 #include <vector>
@@ -44,13 +45,19 @@ struct RunFacts {
   double voxel_size_m = 0;
   Eigen::Vector3d tool_size_m = {0, 0, 0};
   double tool_reach_m = 0;
-  double tool_share_hidden = 0;
+  bool level_approaches = false;  ///< no tool is tilted
 };
 
 struct Warning {
   std::string id, text;
 };
 
+/// "tool.unit" of a tool that no hand holds. @param size_m  along each axis
+[[nodiscard]] std::optional<Warning> toolUnitWarning(const Eigen::Vector3d& size_m);
+/// A sensor that mostly sees the open sky: nothing is wrong, but it is said, because it may be unexpected.
+[[nodiscard]] std::optional<std::string> openSkyNotice(const RunReport& report);
+/// "tool.hidden" from three tenths on. @param share  of the tool
+[[nodiscard]] std::optional<Warning> hiddenToolWarning(double share);
 [[nodiscard]] std::vector<Warning> findImplausible(const RunFacts& facts);
 
 }  // namespace accessvdb::tools

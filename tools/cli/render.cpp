@@ -10,6 +10,7 @@
 #include "accessvdb/tiles.h"
 #include "command_line.h"
 #include "options.h"
+#include "plausibility.h"
 #include "tiled_map.h"
 #include "verbs.h"
 
@@ -53,6 +54,8 @@ int runRender(const Arguments& arguments, Messages& messages) {
   } else {
     const ToolGeometry tool = loadTool(tool_options);
     sayToolNotes(tool, messages);
+    const Eigen::Vector3d size_m = (tool.max_T() - tool.min_T()).cast<double>();
+    if (const auto warning = toolUnitWarning(size_m)) messages.warning(warning->id, warning->text);
     messages.notice(toolInWords(tool, tool_options));
     io::renderTool(out, tool, render);
   }

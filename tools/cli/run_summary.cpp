@@ -39,6 +39,7 @@ std::vector<std::string> summarizeRun(const RunFacts& facts) {
   std::vector<std::string> lines;
   lines.push_back(std::to_string(report.scans) + " scans, " + std::to_string(report.points_in) + " returns, " +
                   share(report.points_used, report.points_in) + " used; dropped: " + droppedInWords(report));
+  if (const auto notice = openSkyNotice(report)) lines.push_back(*notice);
   std::string labels = std::to_string(report.surface_points) + " surface points";
   for (const PointLabel label : {PointLabel::Accessible, PointLabel::Blocked, PointLabel::Unscored}) {
     const std::uint64_t count = report.labels[static_cast<int>(label)];

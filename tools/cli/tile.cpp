@@ -87,6 +87,7 @@ int planTiles(const Arguments& arguments, Messages& messages) {
   if (options.fresh) removeTiles(options.out);
   const std::vector<ToolSpec> tools = loadTools(options);
   sayToolsNotes(options, tools, messages);
+  requireClosedTools(options, tools);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   sayAboutScans(scans, messages);
   const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());

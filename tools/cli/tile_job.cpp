@@ -10,6 +10,7 @@
 #include "accessvdb/config.h"
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/tool_tables.h"
 #include "memory_check.h"
 #include "progress.h"
 #include "tools_given.h"
@@ -120,6 +121,11 @@ std::uint64_t binBytes(const MapOptions& options) {
 tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
   const FieldParams& params = sources.params;
   const double voxel_m = params.tsdf.voxel_size_m;
+  double hidden = 0;
+  for (const ToolSpec& tool : sources.tools) {
+    hidden = std::max(hidden, toolShareHidden(tool.tool, toolParams(tool, params)));
+  }
+  requireShownTools(sources.options, sources.tools, params, hidden, messages);
   const tiles::TileMargins margins = tiles::tileMargins(sources.tools, params, tableProgress(messages));
   tiles::Plan plan;
   plan.program = ACCESSVDB_VERSION;
@@ -173,7 +179,7 @@ PlanSettings planSettings(const FlagParser& flags) {
       if (key == "orientations" && each.starts_with(kList) && each.size() > kList.size()) {
         each = std::string(kList) + absolutePath(each.substr(kList.size())).string();
       }
-      absolute.append(n == 0 ? "" : "\n").append(each);
+      absolute.append(n == 0 ? 0 : 1, kBetweenValues).append(each);
     }
     settings.emplace_back(key, absolute);
   }

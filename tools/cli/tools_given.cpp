@@ -4,15 +4,19 @@
 
 #include <charconv>
 #include <cmath>
+#include <iterator>
 #include <utility>
 
 #include "accessvdb/error.h"
 #include "accessvdb/tool_tables.h"
+#include "plausibility.h"
 
 namespace accessvdb::tools {
 namespace {
 
 constexpr int kMostCollisions = 65000;
+/// What labels need of the tool: less of it tells little about what the rest would touch.
+constexpr double kMostHidden = 0.5;
 /// In place of a value: the tool has none of its own.
 constexpr const char* kNone = "-";
 
@@ -51,11 +55,62 @@ void addToolsOptions(FlagParser& flags, MapOptions& options) {
       "in litres, for example 0.5l");
 }
 
+void addDoubtfulToolOptions(FlagParser& flags, MapOptions& options) {
+  flags.flag("--allow-open-tool", options.allow_open_tool,
+             "go on with a mesh that has openings wider than a quarter of its size: only its surface counts");
+  flags.flag("--allow-hidden-tool", options.allow_hidden_tool,
+             "go on with a tool of which more than half is so near its tip that collisions there do not count");
+}
+
+void requireClosedTools(const MapOptions& options, const std::vector<ToolSpec>& tools) {
+  if (options.allow_open_tool) return;
+  for (const ToolSpec& tool : tools) {
+    if (!isWideOpen(tool.tool)) continue;
+    const double width_m = openingWidth_m(tool.tool);
+    throw UnusableInput("tool.open", tool.tool.name(),
+                        "the mesh has an opening " +
+                            (std::isfinite(width_m) ? numberText(width_m) + " m wide" : "with no other side") +
+                            ", more than a quarter of its size, so what is inside is not known",
+                        "Close the mesh, or give --allow-open-tool to count only its surface");
+  }
+}
+
+double voxelThatShows_m(const ToolGeometry& tool, FieldParams params, double most_m) {
+  for (auto voxel_m = std::rbegin(kVoxels_m); voxel_m != std::rend(kVoxels_m); ++voxel_m) {
+    if (*voxel_m > most_m) continue;
+    params.tsdf.voxel_size_m = *voxel_m;
+    params.tsdf.truncation_distance_m = 0;  // by rule: it was for another voxel
+    if (toolShareHidden(tool, params) <= kMostHidden) return *voxel_m;
+  }
+  return 0;
+}
+
+void requireShownTools(const MapOptions& options, const std::vector<ToolSpec>& tools, const FieldParams& params,
+                       double share, Messages& messages) {
+  if (share <= kMostHidden || options.allow_hidden_tool) {
+    if (const auto warning = hiddenToolWarning(share)) messages.warning(warning->id, warning->text);
+    return;
+  }
+  const double voxel_m = params.tsdf.voxel_size_m;
+  for (const ToolSpec& tool : tools) {
+    const FieldParams own = toolParams(tool, params);
+    if (tools.size() > 1 && toolShareHidden(tool.tool, own) <= kMostHidden) continue;
+    const double shows_m = voxelThatShows_m(tool.tool, own, voxel_m);
+    throw UnusableInput("tool.hidden", tool.tool.name(),
+                        "at a voxel of " + numberText(voxel_m) + " m, " + numberText(std::round(100 * share)) +
+                            " % of the tool is so near its tip that collisions there are not counted (" +
+                            numberText(params.scoring.self_exclusion_voxels) + " voxels)",
+                        (shows_m > 0 ? "Use --voxel " + numberText(shows_m) + " or smaller, or a larger tool"
+                                     : std::string("Use a larger tool, or check --tool-unit")) +
+                            "; --allow-hidden-tool goes on all the same");
+  }
+}
+
 std::vector<std::string> valuesOf(const std::string& repeated) {
   std::vector<std::string> values;
   if (repeated.empty()) return values;
   for (std::size_t begin = 0; begin <= repeated.size();) {
-    const std::size_t end = std::min(repeated.find('\n', begin), repeated.size());
+    const std::size_t end = std::min(repeated.find(kBetweenValues, begin), repeated.size());
     values.push_back(repeated.substr(begin, end - begin));
     begin = end + 1;
   }

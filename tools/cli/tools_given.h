@@ -12,11 +12,27 @@
 
 namespace accessvdb::tools {
 
+/// Edges of voxels that are proposed.
+inline constexpr double kVoxels_m[] = {0.001, 0.002, 0.003, 0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 0.2, 0.3, 0.5, 1};
+
 /// Adds --tool and the flags that belong to one, each of which may be repeated. --orientations and --rolls are added by
 /// addOrientationOptions().
 void addToolsOptions(FlagParser& flags, MapOptions& options);
 
-/// The values of a repeated flag, which holds them with line ends between.
+/// Adds --allow-open-tool and --allow-hidden-tool, for verbs whose labels such a tool would make worthless.
+void addDoubtfulToolOptions(FlagParser& flags, MapOptions& options);
+/// @throws UnusableInput "tool.open"  if one has an opening too wide to be closed, unless --allow-open-tool
+void requireClosedTools(const MapOptions& options, const std::vector<ToolSpec>& tools);
+/// Warns, too, where a tool hides less, but much.
+/// @param params  of the field  @param share  the largest of all tools: AccessibilityField::toolShareHidden()
+/// @throws UnusableInput "tool.hidden"  if it is more than half, unless --allow-hidden-tool
+void requireShownTools(const MapOptions& options, const std::vector<ToolSpec>& tools, const FieldParams& params,
+                       double share, Messages& messages);
+/// The largest of the usual edges of voxels, no larger than `most_m`, at which the tool hides no more than half of
+/// itself; 0: none.
+[[nodiscard]] double voxelThatShows_m(const ToolGeometry& tool, FieldParams params, double most_m);
+
+/// The values of a repeated flag, which holds them with kBetweenValues between.
 [[nodiscard]] std::vector<std::string> valuesOf(const std::string& repeated);
 /// For people: with commas.
 [[nodiscard]] std::string valuesInWords(const std::string& repeated);

@@ -153,6 +153,7 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
   addCommonOptions(flags, options.common);
   flags.option("STATE", &options.state, "folder of map --checkpoint, or a state file");
   addToolsOptions(flags, options.given);
+  addDoubtfulToolOptions(flags, options.given);
   flags.list("--remove", options.remove, std::string("what would go; may be repeated: ") + kRegionForms);
   flags.option("--segments", &options.segments,
                "what can be cut: .ply with a property segment of each point (0: none), or text with a line \"name "
@@ -168,6 +169,8 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
   if (!options.out.empty()) io::prepareOutputFolder(options.out);
 
   const AccessibilityField field = loadField(file, options.given, options.common, messages);
+  requireClosedTools(options.given, field.tools());
+  requireShownTools(options.given, field.tools(), field.params(), field.toolShareHidden(), messages);
   Answer answer = options.segments.empty()
                       ? answerRegions(field, regions)
                       : answerSegments(field, readSegments(options.segments, field, messages), options.cuts);

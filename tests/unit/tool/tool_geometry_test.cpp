@@ -185,7 +185,9 @@ TEST(ToolGeometry, ADefaultTipOffTheMeshIsWarnedOfWithTheLikelyOne) {
   const ToolGeometry tool = ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, {});
   EXPECT_TRUE(
       hasNote(tool, "warning: the mesh's origin, which is the tip unless --tool-tip is set, is 0.04031 m away"));
-  EXPECT_TRUE(hasNote(tool, "--tool-tip=20,40,0,"));
+  EXPECT_TRUE(hasNote(tool,
+                      "the other may be the mount: --tool-tip=20,40,0 --tool-axis=1,0,0, or --tool-tip=320,40,0 "
+                      "--tool-axis=-1,0,0; or check --tool-unit"));
   // A tip that somebody chose may be a little off: 35 mm of 300 is not, 25 mm is.
   const auto chosen = [&](double y) {
     return ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, {.tip = Eigen::Vector3d(20, y, 0)});
@@ -201,9 +203,23 @@ TEST(ToolGeometry, AnAxisThatRunsTheWrongWayIsWarnedOfWithTheLikelyOne) {
   ToolPose pose = {.tip = Eigen::Vector3d(320, 40, 0)};
   const ToolGeometry tool = ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, pose);
   EXPECT_TRUE(hasNote(tool, "warning: the tool's centroid is 0.15 m on the far side of the tip"));
-  EXPECT_TRUE(hasNote(tool, "--tool-axis=-1,0,0, and the tip is probably --tool-tip=320,40,0"));
+  EXPECT_TRUE(hasNote(tool, "--tool-tip=20,40,0 --tool-axis=1,0,0, or --tool-tip=320,40,0 --tool-axis=-1,0,0"));
   pose.axis = -pose.axis;  // what was suggested
   EXPECT_FALSE(hasNote(ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, pose), "warning"));
+}
+
+TEST(ToolGeometry, AnAxisAlongUpPicksAnotherUp) {
+  const test::ScratchFolder folder;
+  const auto bar = writeBar(folder);
+  ToolPose pose = {.tip = Eigen::Vector3d(0, 0, 5), .axis = {0, 0, -1}};
+  const ToolGeometry tool = ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, pose);
+  EXPECT_TRUE(hasNote(tool, "(1,0,0) of the mesh is up instead"));
+  EXPECT_TRUE(tool.min_T().isApprox(Eigen::Vector3f(0, 0.035f, 0.02f), 1e-5f)) << tool.min_T().transpose();
+  EXPECT_TRUE(tool.max_T().isApprox(Eigen::Vector3f(0.01f, 0.045f, 0.32f), 1e-5f)) << tool.max_T().transpose();
+}
+
+TEST(ToolGeometry, ControlCharactersInANameAreEscaped) {
+  EXPECT_EQ(ToolGeometry::fromTriangles(kBox.vertices, kBox.triangles, "a\nb\x7f").name(), "a\\x0ab\\x7f");
 }
 
 TEST(ToolGeometry, BuiltInToolsAreNotWarnedOf) {

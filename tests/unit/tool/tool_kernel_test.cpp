@@ -156,7 +156,12 @@ TEST(ToolKernel, TablesAgreeWithEachOther) {
   }
   EXPECT_EQ(kernel.min_ijk, low);
   EXPECT_EQ(kernel.max_ijk, high);
-  EXPECT_NEAR(kernel.hidden_share, 1.0 - double(kernel.voxel_count[0]) / double(whole.voxel_count[0]), 1e-12);
+  double hidden = 0;  // where it is most
+  for (std::size_t d = 0; d < 40; ++d) {
+    hidden = std::max(hidden, 1.0 - double(kernel.voxel_count[d]) / double(whole.voxel_count[d]));
+  }
+  EXPECT_NEAR(kernel.hidden_share, hidden, 1e-12);
+  EXPECT_GT(hidden, 1.0 - double(kernel.voxel_count[0]) / double(whole.voxel_count[0]));
   EXPECT_EQ(whole.hidden_share, 0.0);
   EXPECT_EQ(kernel.collision_limit, int(0.005 * fewest) + 1);
   EXPECT_GT(kernel.collision_limit, 100);
