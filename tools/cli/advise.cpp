@@ -17,6 +17,7 @@
 #include "stop_signal.h"
 #include "tile_job.h"
 #include "tools_given.h"
+#include "output_files.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -152,9 +153,11 @@ int runAdvise(const Arguments& arguments, Messages& messages) {
   checkAdviseOptions(options);
   requireOneTool(options, "advise");
   watchStopSignals();
+  requireNoInputs({options.out}, namedInputs(options));
 
   const ToolGeometry tool = loadTool(options.tool);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  requireNoInputs({options.out}, inputsWith(options, scans));
   sayAboutScans(scans, messages);
   const std::size_t stride = strideFor(scans);
   CloudSurvey survey;

@@ -26,6 +26,7 @@
 #include "sim/simulator.h"
 #include "stop_signal.h"
 #include "tools_given.h"
+#include "output_files.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -305,6 +306,7 @@ void BenchRun::write(const Json& json) const {
 int BenchRun::run() {
   checkBenchOptions(options_);
   watchStopSignals();
+  requireNoInputs({options_.out, options_.per_frame}, namedInputs(options_.map));
   const std::vector<ToolSpec> tools = loadTools(options_.map);
   sayToolsNotes(options_.map, tools, messages_);
   const FieldParams params = benchFieldParams(options_);

@@ -9,6 +9,7 @@
 #include "accessvdb/tiles.h"
 #include "command_line.h"
 #include "options.h"
+#include "output_files.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -109,7 +110,11 @@ int runDiff(const Arguments& arguments, Messages& messages) {
   if (before.empty() || after.empty()) {
     throw InvalidArgument("usage.missing", "diff", "needs two folders", "Name the earlier map, then the later one");
   }
-  if (!out.empty()) io::prepareOutputFolder(out);
+  if (!out.empty()) {
+    requireNoInputs(inFolder(out, {"diff.ply", "diff.vdb", "diff.json"}),
+                    joined(joined(filesOfMap(before), filesOfMap(after)), {common.config}));
+    io::prepareOutputFolder(out);
+  }
 
   const io::PointsDiff diff = io::diffPoints(pointFilesOf(before, messages), pointFilesOf(after, messages));
   for (const std::string& parameter : diff.other_parameters) {

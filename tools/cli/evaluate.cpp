@@ -13,6 +13,7 @@
 #include "evaluate_consistency.h"
 #include "options.h"
 #include "stop_signal.h"
+#include "output_files.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -96,6 +97,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   options.change = change == "off" ? ChangeMode::Off : change == "full" ? ChangeMode::Full : ChangeMode::Block;
   options.tables = tables;
   eval::checkTableNames(tables);  // before any folder is created
+  requireNoInputs(inFolder(out, {"tables.json", "tables.md"}), {common.config});
   io::prepareOutputFolder(out);
   watchStopSignals();
   options.threads = common.threads;
@@ -121,7 +123,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   if (results.failure) std::rethrow_exception(results.failure);
   if (!results.stopped) return 0;
   const int signal = stopSignal();
-  messages.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") +
+  messages.notice(std::string("stopped by ") + stopSignalName() +
                   (results.rows.empty() ? "; nothing to save" : "; finished rows are saved"));
   return 128 + signal;
 }

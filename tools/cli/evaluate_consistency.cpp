@@ -20,6 +20,7 @@
 #include "memory_check.h"
 #include "progress.h"
 #include "stop_signal.h"
+#include "output_files.h"
 #include "tools_given.h"
 
 namespace accessvdb::tools {
@@ -193,7 +194,7 @@ void checkOptions(const MapOptions& options) {
 }
 
 int stoppedBeforeResults(Messages& messages) {
-  messages.notice("stopped by " + std::string(stopSignal() == SIGINT ? "SIGINT" : "SIGTERM") + "; nothing to save");
+  messages.notice(std::string("stopped by ") + stopSignalName() + "; nothing to save");
   return 128 + stopSignal();
 }
 
@@ -210,7 +211,8 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   addConsistencyOptions(flags, options, consistency);
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkOptions(options);
-  io::prepareOutputFolder(options.out);
+  const Paths outputs = inFolder(options.out, {"consistency.json", "consistency.md"});
+  requireNoInputs(outputs, namedInputs(options));
   watchStopSignals();
 
   const ToolGeometry tool = loadTool(options.tool);
@@ -218,6 +220,8 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   sayOrientationNotes(options, messages);
   messages.notice(toolInWords(tool, options.tool));
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  requireNoInputs(outputs, inputsWith(options, scans));
+  io::prepareOutputFolder(options.out);
   sayAboutScans(scans, messages);
   FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
   params.approach.rolls = rollsOf(tool, params.approach);

@@ -10,6 +10,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/html_report.h"
 #include "command_line.h"
+#include "output_files.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -92,6 +93,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
                           "must be " + std::to_string(io::HtmlReportOptions::kLeastPoints) + " or more");
   }
   const auto drawn = toolToDraw(tool_options, map);
+  requireNoInputs({out}, joined(joined(filesOfTools(drawn.value_or(ToolOptions())), {common.config}), filesOfMap(map)));
   std::optional<ToolGeometry> tool;
   if (drawn) {
     tool = loadTool(*drawn);
