@@ -366,6 +366,7 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
 int MapRun::run() {
   checkMapOptions(options_);
   setParameters(fieldParams(options_));
+  if (wantedTile_m(options_) > 0) requireTilesPossible(options_, fieldParams(options_));
   claimOutputFolder();
   checkpoints_.prepare();
   watchStopSignals();
