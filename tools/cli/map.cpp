@@ -110,7 +110,6 @@ void MapRun::claimOutputFolder() {
     }
   }
   requireNoInputs(outputs(), namedInputs(options_));
-  requireOwn(outputs());
   if (options_.tiles == "off" && !options_.fresh && tiles::hasPlan(out)) {
     refused_ = true;
     throw UnusableInput("plan.changed", out.string(), "holds tiles of another run",
@@ -126,10 +125,11 @@ Paths MapRun::outputs() const {
   return inFolder(options_.out, names);
 }
 
-/// --fresh, once it is known which files are read.
+/// Checks all outputs once it is known which files are read; then --fresh.
 void MapRun::clearOutputFolder(const Paths& inputs) {
   const fs::path out = options_.out;
   requireNoInputs(outputs(), inputs);
+  requireOwn(outputs());
   if (!options_.fresh) return;
   requireNoInputsInTiles(out, inputs);
   tiles::removePlan(out);

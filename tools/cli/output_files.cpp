@@ -137,7 +137,7 @@ Paths inFolder(const fs::path& folder, const std::vector<std::string>& names) {
 
 Paths filesOfMap(const fs::path& map) {
   std::error_code error;
-  if (!fs::is_directory(map, error)) return {map};
+  if (!fs::is_directory(map, error)) return {map, map.parent_path() / "state.json"};
   Paths paths = inFolder(map, {"field.vdb", "field_points.vdb", "points.ply", "points.las", "report.json", "field.json",
                                "plan.json", "rays.json", "state.json"});
   for (const auto& entry : fs::directory_iterator(map, error)) {

@@ -29,7 +29,7 @@ void requireOwn(const Paths& outputs);
 
 [[nodiscard]] Paths joined(Paths paths, const Paths& more);
 [[nodiscard]] Paths inFolder(const std::filesystem::path& folder, const std::vector<std::string>& names);
-/// What a verb may read of a map, in one piece or in tiles, or of a checkpoint; or the file itself.
+/// What a verb may read of a map, in one piece or in tiles, or of a checkpoint; or one state and its manifest.
 [[nodiscard]] Paths filesOfMap(const std::filesystem::path& map);
 /// Meshes of one or several tools.
 [[nodiscard]] Paths filesOfTools(const ToolOptions& tool);

@@ -88,6 +88,7 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
   addSimulateOptions(flags, options);
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkSimulateOptions(options);
+  requireOwnRecording(options);
   watchStopSignals();
 
   const sim::LidarModel model = lidarModel(options);
@@ -99,7 +100,6 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
   simulator.requireClearPath(path.stations);
 
   const std::filesystem::path out = options.out;
-  requireOwnRecording(options);
   io::prepareOutputFolder(out);
   // First, so that what a killed run leaves is known to be a recording of ours.
   const auto writeDescription = [&](int frames) {
