@@ -326,7 +326,8 @@ std::uint64_t writeBody(int fd, bool seekable, const std::filesystem::path& path
 /// A stream cannot be replaced by a rename: it is written in place, without the guarantee.
 void writeInPlace(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body) {
   // Without O_TRUNC: standard output may be a file that others have written to before.
-  const int fd = isStandardOutput(path) ? ::dup(STDOUT_FILENO) : ::open(path.c_str(), O_WRONLY | O_CLOEXEC | O_NONBLOCK);
+  const int fd =
+      isStandardOutput(path) ? ::dup(STDOUT_FILENO) : ::open(path.c_str(), O_WRONLY | O_CLOEXEC | O_NONBLOCK);
   if (fd < 0) throwOutputError(errno, path, "open it for writing");
   try {
     writeBody(fd, false, path, body);

@@ -21,8 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr std::string_view kReplaced = "-replaced", kPoison = ".poison.json",
-                           kSplit = ".split.json", kTemp = ".tmp";
+constexpr std::string_view kReplaced = "-replaced", kPoison = ".poison.json", kSplit = ".split.json", kTemp = ".tmp";
 /// In the order in which they are deleted.
 constexpr std::array kManifests = {"field.json", "rays.json", "plan.json"};
 constexpr std::size_t kTempDigits = 16;
@@ -113,7 +112,8 @@ bool isMark(const fs::path& file, const std::string& name) {
 
 bool isTempOfMark(const std::string& name) {
   const std::string poison = std::string(kPoison).append(kTemp);  // of accessvdb.tiles
-  if (name.starts_with(".") && name.ends_with(poison)) return isTileName(name.substr(1, name.size() - 1 - poison.size()));
+  if (name.starts_with(".") && name.ends_with(poison))
+    return isTileName(name.substr(1, name.size() - 1 - poison.size()));
   const std::string target = targetOfTemp(name);
   return target == "probe" || (target.ends_with(kSplit) && isTileName(target.substr(0, target.size() - kSplit.size())));
 }
@@ -246,7 +246,8 @@ void removePlan(const fs::path& out) {
   std::vector<OwnFiles> all = {{}, ownTiles(out), ownRays(out), {}};
   for (const char* name : kManifests) {
     std::error_code error;
-    if (fs::exists(out / name, error)) (name == kManifests.front() ? all.front() : all.back()).files.push_back(out / name);
+    if (fs::exists(out / name, error))
+      (name == kManifests.front() ? all.front() : all.back()).files.push_back(out / name);
   }
   for (const OwnFiles& own : all) {
     if (const auto left = removeOwn(own)) {

@@ -18,7 +18,7 @@ namespace accessvdb::tiles {
 
 struct OwnFiles {
   std::vector<std::filesystem::path> files;
-  std::vector<std::filesystem::path> folders;  ///< that held them, inner ones first
+  std::vector<std::filesystem::path> folders;    ///< that held them, inner ones first
   std::optional<std::filesystem::path> foreign;  ///< the first one that is not ours
 };
 

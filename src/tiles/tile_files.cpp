@@ -114,20 +114,20 @@ void writeTile(const fs::path& folder, const Plan& plan, const Tile& tile) {
   for (const auto& [name, sha256] : tile.sha256) files[name] = sha256;
   const FieldWindow window = tile.id.window(plan.tile_voxels);
   writeJson(folder / kTileManifest, {{"plan", plan.id()},
-                                 {"tile", tile.id.name()},
-                                 {"core_low", window.core_low},
-                                 {"core_high", window.core_high},
-                                 {"device", tile.device},
-                                 {"returns", tile.returns},
-                                 {"points", tile.points},
-                                 {"leaves", tile.leaves},
-                                 {"labels", labels},
-                                 {"reasons", reasons},
-                                 {"min_W", tile.min_W},
-                                 {"max_W", tile.max_W},
-                                 {"seconds", tile.seconds},
-                                 {"peak_bytes", tile.peak_bytes},
-                                 {"files", files}});
+                                     {"tile", tile.id.name()},
+                                     {"core_low", window.core_low},
+                                     {"core_high", window.core_high},
+                                     {"device", tile.device},
+                                     {"returns", tile.returns},
+                                     {"points", tile.points},
+                                     {"leaves", tile.leaves},
+                                     {"labels", labels},
+                                     {"reasons", reasons},
+                                     {"min_W", tile.min_W},
+                                     {"max_W", tile.max_W},
+                                     {"seconds", tile.seconds},
+                                     {"peak_bytes", tile.peak_bytes},
+                                     {"files", files}});
 }
 
 bool isSplit(const fs::path& out, const Plan& plan, const TileId& id) {

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Random folders of scans, links, results of ours and files of others, and one command on each: whatever it does, every
-/// file that it did not make is there afterwards as it was. Longer: ACCESSVDB_FILE_TREES=10000, and from another start
-/// with ACCESSVDB_FILE_TREES_SEED.
+/// Random folders of scans, links, results of ours and files of others, and one command on each: whatever it does,
+/// every file that it did not make is there afterwards as it was. Longer: ACCESSVDB_FILE_TREES=10000, and from another
+/// start with ACCESSVDB_FILE_TREES_SEED.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -31,7 +31,8 @@ class FileTrees : public ProgramTest {
     writePoses(2);
     writeBoxTool(0.9, 0.1);
     fs::create_directories(path("material"));
-    for (const char* name : {"scans", "poses.txt", "tool.obj"}) fs::rename(path(name), path(std::string("material/") + name));
+    for (const char* name : {"scans", "poses.txt", "tool.obj"})
+      fs::rename(path(name), path(std::string("material/") + name));
     const Flags made = given(path("material/scans"), path("material/poses.txt"), path("material/tool.obj"));
     make("piece", with({"map", "--out", path("material/piece"), "--html", "--checkpoint", path("material/cp")}, made));
     make("tiled", with({"map", "--out", path("material/tiled"), "--tiles", "12.8", "--keep-rays"}, made));
@@ -104,9 +105,11 @@ class FileTrees : public ProgramTest {
       fs::copy_file(entry.path(), to);
       keep(to);
     }
-    poses_ = oneOf<std::string>({"poses.txt", "out/poses.txt", "out/rays/poses.txt", "out/report.json", "cp/state-9.avst"});
+    poses_ =
+        oneOf<std::string>({"poses.txt", "out/poses.txt", "out/rays/poses.txt", "out/report.json", "cp/state-9.avst"});
     tool_ = oneOf<std::string>({"tool.obj", "out/tool.obj", "out/tiles/tool.obj"});
-    for (const auto& [file, from] : {std::pair{&poses_, "material/poses.txt"}, std::pair{&tool_, "material/tool.obj"}}) {
+    for (const auto& [file, from] :
+         {std::pair{&poses_, "material/poses.txt"}, std::pair{&tool_, "material/tool.obj"}}) {
       const fs::path to = path("tree/" + *file);
       if (!place(to)) continue;
       fs::copy_file(path(from), to);
@@ -123,15 +126,39 @@ class FileTrees : public ProgramTest {
   }
 
   void placeForeign() {
-    static const std::vector<std::string> kFolders = {"",           "/rays",     "/tiles",    "/tiles/0_0", "/tiles/7_7",
-                                                      "/tiles/-1_0", "/pictures", "/scans",    "/rays/deep",
-                                                      "/tiles/.0_0.attempt-x"};
-    static const std::vector<std::string> kNames = {
-        "notes.txt",    ".hidden",     "points.ply",  "points.las",          "field.vdb",      "field_points.vdb",
-        "report.json",  "report.html", "field.json",  "rays.json",           "plan.json",      "shard-000000.rays",
-        "tile.json",    "order.bin",   "0_0.split.json", "0_0.poison.json",  "state.json",     "state-2.avst",
-        "all.ply",      "scan.laz",    "whatif.json", "merged_points.ply",   ".x.tmp",         "tiles",
-        "rays",         "preview.png", "0_0",         ".0_0.attempt-17",     "scene.json",     "poses.txt"};
+    static const std::vector<std::string> kFolders = {
+        "",          "/rays",  "/tiles",     "/tiles/0_0",           "/tiles/7_7", "/tiles/-1_0",
+        "/pictures", "/scans", "/rays/deep", "/tiles/.0_0.attempt-x"};
+    static const std::vector<std::string> kNames = {"notes.txt",
+                                                    ".hidden",
+                                                    "points.ply",
+                                                    "points.las",
+                                                    "field.vdb",
+                                                    "field_points.vdb",
+                                                    "report.json",
+                                                    "report.html",
+                                                    "field.json",
+                                                    "rays.json",
+                                                    "plan.json",
+                                                    "shard-000000.rays",
+                                                    "tile.json",
+                                                    "order.bin",
+                                                    "0_0.split.json",
+                                                    "0_0.poison.json",
+                                                    "state.json",
+                                                    "state-2.avst",
+                                                    "all.ply",
+                                                    "scan.laz",
+                                                    "whatif.json",
+                                                    "merged_points.ply",
+                                                    ".x.tmp",
+                                                    "tiles",
+                                                    "rays",
+                                                    "preview.png",
+                                                    "0_0",
+                                                    ".0_0.attempt-17",
+                                                    "scene.json",
+                                                    "poses.txt"};
     const std::string folder = below(6) == 0 ? "cp" : "out" + oneOf(kFolders);
     const std::string name = oneOf(kNames);
     // A picture beside results of ours is taken for theirs.
@@ -139,10 +166,17 @@ class FileTrees : public ProgramTest {
     const fs::path to = fs::path(path("tree/" + folder)) / name;
     if (!place(to)) return;
     switch (below(5)) {
-      case 0: fs::create_symlink(path("tree/outside/a.bin"), to); break;
-      case 1: fs::create_hard_link(path("tree/outside/b.txt"), to); break;
-      case 2: fs::create_directory_symlink(path("tree/outside"), to); break;
-      default: std::ofstream(to) << "mine " << random_();
+      case 0:
+        fs::create_symlink(path("tree/outside/a.bin"), to);
+        break;
+      case 1:
+        fs::create_hard_link(path("tree/outside/b.txt"), to);
+        break;
+      case 2:
+        fs::create_directory_symlink(path("tree/outside"), to);
+        break;
+      default:
+        std::ofstream(to) << "mine " << random_();
     }
     keep(to);
   }
@@ -157,19 +191,30 @@ class FileTrees : public ProgramTest {
     const Flags small = {"--width", "64", "--height", "48"};
     switch (below(14)) {
       case 0:
-      case 1: return with(with({"map", "--out", out}, with(inputs, small)), fresh);
+      case 1:
+        return with(with({"map", "--out", out}, with(inputs, small)), fresh);
       case 2:
       case 3:
-      case 4: return with(with({"map", "--out", out, "--tiles", "12.8"}, with(inputs, small)), fresh);
-      case 5: return with(with({"map", "--out", out, "--checkpoint", path("tree/cp")}, with(inputs, small)), fresh);
-      case 6: return with(with({"map", "--out", out, "--resume", path("tree/cp"), "--html"}, inputs), small);
-      case 7: return with(with({"tile", "plan", out, "--tiles", "12.8"}, inputs), fresh);
-      case 8: return {"tile", "bin", out};
-      case 9: return {"tile", "run", out};
-      case 10: return {"tile", "merge", out, "--vdb", path("tree/all.vdb")};
-      case 11: return with(with({"render", "--map", out, "--out", out + "/points.ply"}, small), {"--quiet"});
-      case 12: return {"diff", out, path("material/piece"), "--out", path("tree/changes")};
-      default: return with(with({"advise", "--out", target}, inputs), {"--quiet"});
+      case 4:
+        return with(with({"map", "--out", out, "--tiles", "12.8"}, with(inputs, small)), fresh);
+      case 5:
+        return with(with({"map", "--out", out, "--checkpoint", path("tree/cp")}, with(inputs, small)), fresh);
+      case 6:
+        return with(with({"map", "--out", out, "--resume", path("tree/cp"), "--html"}, inputs), small);
+      case 7:
+        return with(with({"tile", "plan", out, "--tiles", "12.8"}, inputs), fresh);
+      case 8:
+        return {"tile", "bin", out};
+      case 9:
+        return {"tile", "run", out};
+      case 10:
+        return {"tile", "merge", out, "--vdb", path("tree/all.vdb")};
+      case 11:
+        return with(with({"render", "--map", out, "--out", out + "/points.ply"}, small), {"--quiet"});
+      case 12:
+        return {"diff", out, path("material/piece"), "--out", path("tree/changes")};
+      default:
+        return with(with({"advise", "--out", target}, inputs), {"--quiet"});
     }
   }
 
@@ -180,7 +225,8 @@ class FileTrees : public ProgramTest {
 };
 
 TEST_F(FileTrees, NothingOfOthersIsLost) {
-  const std::uint64_t trees = numberFrom("ACCESSVDB_FILE_TREES", 300), seed = numberFrom("ACCESSVDB_FILE_TREES_SEED", 1);
+  const std::uint64_t trees = numberFrom("ACCESSVDB_FILE_TREES", 300),
+                      seed = numberFrom("ACCESSVDB_FILE_TREES_SEED", 1);
   std::map<int, int> codes;
   for (std::uint64_t tree = seed; tree < seed + trees; ++tree) {
     random_.seed(tree);

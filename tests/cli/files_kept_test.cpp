@@ -70,9 +70,10 @@ class KeptFiles : public ProgramTest {
 };
 
 TEST_F(KeptFiles, TheOnlyCloudIsNotReplacedByItsMap) {
-  writeText("s/points.ply",
-            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
-            "2 0 0\n2 0.1 0\n2 0 0.1\n");
+  writeText(
+      "s/points.ply",
+      "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+      "2 0 0\n2 0.1 0\n2 0 0.1\n");
   const auto with = [&](const std::string& scans, const std::string& out) {
     return map({"--scans", scans, "--poses", "", "--sensor-at", "0,0,0", "--out", out});
   };
@@ -252,8 +253,8 @@ TEST_F(KeptFiles, VerbsThatReadScansDoNotReplaceThem) {
     expectInput(advise);
     fs::create_directories(path("tables"));
     fs::create_hard_link(file, path("tables/consistency.md"));
-    Flags evaluate = {"evaluate", "--consistency", "--scans", path("scans"), "--poses", path("poses.txt"),
-                      "--voxel",  "0.05",          "--out",   path("tables")};
+    Flags evaluate = {"evaluate",        "--consistency", "--scans", path("scans"), "--poses",
+                      path("poses.txt"), "--voxel",       "0.05",    "--out",       path("tables")};
     for (const std::string& flag : tool()) evaluate.push_back(flag);
     expectInput(evaluate);
     fs::remove_all(path("tables"));
@@ -304,7 +305,8 @@ TEST_F(KeptFiles, ACheckpointOfAnotherRunStays) {
   succeed(map({"--checkpoint", path("cp")}));
   const auto before = snapshotOf(folder_ / "cp");
   for (const char* voxel : {"0.05", "0.04"}) {
-    const ProgramResult result = runProgram(map({"--out", path("other"), "--voxel", voxel, "--checkpoint", path("cp")}));
+    const ProgramResult result =
+        runProgram(map({"--out", path("other"), "--voxel", voxel, "--checkpoint", path("cp")}));
     EXPECT_EQ(result.exit_code, 4) << result.err;
     EXPECT_NE(result.err.find("error[state.other]"), std::string::npos) << result.err;
     EXPECT_TRUE(snapshotOf(folder_ / "cp") == before);
@@ -369,7 +371,8 @@ TEST_F(KeptFiles, PipesAreNoInputs) {
   ASSERT_EQ(::mkfifo(path("out/points.ply").c_str(), 0600), 0);
   for (const Flags& arguments :
        {Flags{"render", "--map", path("out"), "--out", path("p.png")}, Flags{"diff", path("out"), path("out")},
-        Flags{"report", "--map", path("out"), "--out", path("p.html")}, Flags{"query", "--map", path("out"), "--at", "2,0,0"},
+        Flags{"report", "--map", path("out"), "--out", path("p.html")},
+        Flags{"query", "--map", path("out"), "--at", "2,0,0"},
         map({"--out", path("given"), "--origin", path("out")})}) {
     const ProgramResult result = runProgram(arguments);
     EXPECT_EQ(result.exit_code, 3) << arguments.front() << ": " << result.err;

@@ -46,8 +46,8 @@ TEST_F(StopSignal, HangupWritesACheckpoint) {
   ASSERT_EQ(stopped.exit_code, 128 + SIGHUP) << stopped.err;
   EXPECT_NE(stopped.err.find("stopped by SIGHUP"), std::string::npos) << stopped.err;
   EXPECT_TRUE(fs::exists(folder_ / "out" / "points.ply")) << "the finished part is saved";
-  const ProgramResult resumed = runProgram(
-      mapArguments({"--tool", path("tool.obj"), "--tool-unit", "m", "--resume", path("cp"), "--quiet"}));
+  const ProgramResult resumed =
+      runProgram(mapArguments({"--tool", path("tool.obj"), "--tool-unit", "m", "--resume", path("cp"), "--quiet"}));
   EXPECT_EQ(resumed.exit_code, 0) << resumed.err;
 }
 

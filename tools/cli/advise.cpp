@@ -12,12 +12,12 @@
 #include "cloud_survey.h"
 #include "map_options.h"
 #include "memory_check.h"
+#include "output_files.h"
 #include "progress.h"
 #include "run_summary.h"
 #include "stop_signal.h"
 #include "tile_job.h"
 #include "tools_given.h"
-#include "output_files.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {

@@ -21,12 +21,12 @@
 #include "bench_options.h"
 #include "bench_record.h"
 #include "gpu_fallback.h"
+#include "output_files.h"
 #include "progress.h"
 #include "report.h"
 #include "sim/simulator.h"
 #include "stop_signal.h"
 #include "tools_given.h"
-#include "output_files.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {

@@ -12,8 +12,8 @@
 #include "eval/tables.h"
 #include "evaluate_consistency.h"
 #include "options.h"
-#include "stop_signal.h"
 #include "output_files.h"
+#include "stop_signal.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {

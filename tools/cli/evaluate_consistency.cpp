@@ -18,9 +18,9 @@
 #include "eval/consistency.h"
 #include "map_options.h"
 #include "memory_check.h"
+#include "output_files.h"
 #include "progress.h"
 #include "stop_signal.h"
-#include "output_files.h"
 #include "tools_given.h"
 
 namespace accessvdb::tools {

@@ -18,11 +18,11 @@
 #include "dds/participant.h"
 #include "gpu_fallback.h"
 #include "live_options.h"
+#include "output_files.h"
 #include "report.h"
 #include "run_summary.h"
 #include "stop_signal.h"
 #include "tools_given.h"
-#include "output_files.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {

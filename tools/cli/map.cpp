@@ -122,6 +122,13 @@ Paths MapRun::outputs() const {
   std::vector<std::string> names(std::begin(kOutputs), std::end(kOutputs));
   if (options_.exported.points_format == "las") names.emplace_back("points.las");
   if (options_.html) names.emplace_back(kPageFile);
+  std::error_code error;
+  if (options_.exported.sequence > 0) {  // some of these will be frames
+    for (const auto& entry : fs::directory_iterator(options_.out, error)) {
+      const std::string name = entry.path().filename().string();
+      if (name.starts_with("field_") && name.ends_with(".vdb")) names.push_back(name);
+    }
+  }
   return inFolder(options_.out, names);
 }
 
@@ -451,9 +458,9 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
   integrateAll(scans, field);
   const int signal = stopSignal();
   if (signal != 0) {
-    messages_.notice(std::string("stopped by ") + stopSignalName() + " after " +
-                     std::to_string(report_.scans) + " of " + std::to_string(earlier_.earlier_scans + scans.size()) +
-                     " scans" + (report_.points_used > 0 ? "; saving the finished part" : "; nothing to save"));
+    messages_.notice(std::string("stopped by ") + stopSignalName() + " after " + std::to_string(report_.scans) +
+                     " of " + std::to_string(earlier_.earlier_scans + scans.size()) + " scans" +
+                     (report_.points_used > 0 ? "; saving the finished part" : "; nothing to save"));
     checkpoints_.sayHowToGoOn();
   }
   if (report_.points_used > 0) {

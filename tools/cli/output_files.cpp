@@ -104,14 +104,22 @@ bool isOwn(const fs::path& output) {
   if (output.extension() == ".png") {
     return std::ranges::any_of(inFolder(output.parent_path(), {"report.json", "points.ply", "field.json"}), isOwn);
   }
-  constexpr std::size_t kBeginning = std::size_t{1} << 16;
-  std::string beginning(kBeginning, '\0');
+  constexpr std::size_t kPart = std::size_t{1} << 16;
   std::ifstream in(output, std::ios::binary);
-  in.read(beginning.data(), static_cast<std::streamsize>(beginning.size()));
-  beginning.resize(static_cast<std::size_t>(in.gcount()));
-  const auto says = [&](const char* word) { return beginning.find(word) != std::string::npos; };
-  if (output.extension() == ".json") return says("\"schema\"") && (says("\"version\"") || says("\"sha256\""));
-  return lowerCase(beginning).find("accessvdb") != std::string::npos;
+  const auto part = [&] {
+    std::string text(kPart, '\0');
+    in.read(text.data(), static_cast<std::streamsize>(text.size()));
+    text.resize(static_cast<std::size_t>(in.gcount()));
+    return text;
+  };
+  const std::string beginning = part();
+  if (output.extension() != ".json") return lowerCase(beginning).find("accessvdb") != std::string::npos;
+  // Of a run, with the version; or of tiles, with a hash at the end.
+  const std::uintmax_t bytes = fs::file_size(output, error);
+  in.clear();
+  in.seekg(static_cast<std::streamoff>(bytes - std::min<std::uintmax_t>(bytes, kPart)));
+  return beginning.find("\"schema\"") != std::string::npos &&
+         (beginning.find("\"version\"") != std::string::npos || part().find("\"sha256\"") != std::string::npos);
 }
 
 void requireOwn(const Paths& outputs) {

@@ -17,7 +17,8 @@ using Paths = std::vector<std::filesystem::path>;
 /// a hard link. Standard output and /dev/null are no such outputs.
 /// @throws InvalidArgument "output.is_input"; OutputError "output.is_folder", "output.not_a_file"
 void requireNoInputs(const Paths& outputs, const Paths& inputs);
-/// For a run in tiles: its files in OUT are no inputs, and none lies in OUT/rays or OUT/tiles, which it fills and clears.
+/// For a run in tiles: its files in OUT are no inputs, and none lies in OUT/rays or OUT/tiles, which it fills and
+/// clears.
 /// @throws InvalidArgument "output.is_input"
 void requireNoInputsInTiles(const std::filesystem::path& out, const Paths& inputs);
 /// Files whose names this program chose, not the user: those that exist have to be results of ours.

@@ -128,8 +128,8 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
                   " M rays/s), poses.txt, range_noise.txt, scene.ply and scene.json into " + out.string());
   const int signal = stopSignal();
   if (signal == 0) return 0;
-  messages.notice(std::string("stopped by ") + stopSignalName() + " after " +
-                  std::to_string(frames) + " of " + std::to_string(simulator.frames()) + " scans");
+  messages.notice(std::string("stopped by ") + stopSignalName() + " after " + std::to_string(frames) + " of " +
+                  std::to_string(simulator.frames()) + " scans");
   return 128 + signal;
 }
 
