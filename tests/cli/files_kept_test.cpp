@@ -317,6 +317,22 @@ TEST_F(KeptFiles, ACheckpointOfAnotherRunStays) {
   EXPECT_EQ(readText("foreign/state.json"), "{}");
 }
 
+/// As a run leaves them that is killed between its first state and the manifest, and between a later one and its.
+TEST_F(KeptFiles, StatesOfKilledRunsAreCleared) {
+  succeed(map({"--checkpoint", path("cp")}));
+  const std::string state = readText("cp/state-1.avst"), manifest = readText("cp/state.json");
+  writeText("cp/state-2.avst", state);
+  succeed(map({"--resume", path("cp")}));
+  EXPECT_EQ(listing("cp"), (Flags{"state-1.avst", "state.json"}));
+
+  writeText("cp/state.json", R"({"schema": 1, "generation": 0, "next": 1})");
+  const ProgramResult none = runProgram(map({"--resume", path("cp")}));
+  EXPECT_EQ(none.exit_code, 3) << none.err;
+  EXPECT_NE(none.err.find("error[state.missing]"), std::string::npos) << none.err;
+  succeed(map({"--resume", path("cp"), "--checkpoint", path("cp")}));
+  EXPECT_EQ(listing("cp"), (Flags{"state-1.avst", "state.json"}));
+}
+
 TEST_F(KeptFiles, StatesThatNoManifestNamesStay) {
   for (const char* name : {"cp/state-1.avst", "cp/state-2.avst", "cp/state-7.avst"}) writeText(name, "mine");
   succeed(map({"--checkpoint", path("cp")}));

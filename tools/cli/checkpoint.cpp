@@ -85,6 +85,15 @@ Json parsed(const fs::path& manifest) {
   return Json::parse(in, nullptr, false);
 }
 
+/// Also if it cannot be read. The first manifest only announces the first state, so that what is left of a run that is
+/// killed between the two is known to be ours.
+bool holdsCheckpoint(const fs::path& folder) {
+  std::error_code error;
+  if (!fs::exists(fs::symlink_status(folder / kManifest, error))) return false;
+  const Json json = parsed(folder / kManifest);
+  return !json.is_object() || !json.contains("schema") || !json.contains("generation") || json["generation"] != 0;
+}
+
 [[noreturn]] void refuse(const std::string& id, const fs::path& folder, const std::string& problem) {
   throw UnusableInput(id, folder.string(), problem, "Repeat the run as it was, or start again without --resume");
 }
@@ -136,8 +145,7 @@ void Checkpoints::prepare() {
   folder_ = options_.checkpoint.empty() ? options_.resume : options_.checkpoint;
   if (folder_.empty()) return;
   if (!options_.resume.empty()) {
-    std::error_code status;
-    if (fs::exists(fs::path(options_.resume) / kManifest, status)) {
+    if (holdsCheckpoint(options_.resume)) {
       readManifest();
     } else if (options_.checkpoint.empty() || !continuesInPlace()) {
       throw InputError(
@@ -162,8 +170,7 @@ void Checkpoints::prepare() {
 /// A checkpoint that this run does not continue is somebody's work, and so is a manifest that we did not write.
 void Checkpoints::refuseOthers() const {
   const fs::path manifest = folder_ / kManifest;
-  std::error_code error;
-  if (!fs::exists(fs::symlink_status(manifest, error)) || (resumed_ && continuesInPlace())) return;
+  if (!holdsCheckpoint(folder_) || (resumed_ && continuesInPlace())) return;
   if (options_.no_clobber) {
     throw OutputError("output.exists", manifest.string(), "exists, and --no-clobber was given",
                       "Use --resume to continue it, or choose another --checkpoint folder");
@@ -306,6 +313,8 @@ void Checkpoints::write(const AccessibilityField& field, const RunProgress& prog
   } catch (const InputError& error) {
     messages_.warning("checkpoint.failed", std::string("the checkpoint cannot be read: ") + error.what());
   }
+  std::error_code ignored;
+  if (generation_ == 0) fs::remove(folder_ / kManifest, ignored);  // it announces a state that has failed
   last_ = Clock::now();
 }
 
@@ -316,6 +325,11 @@ void Checkpoints::sayHowToGoOn() const {
 
 void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& progress) {
   const std::uint64_t generation = freeAfter(generation_);
+  const auto writeManifest = [&](const Json& json) {
+    const std::string text = json.dump(1, ' ', false, Json::error_handler_t::replace);
+    io::writeFileDurably(folder_ / kManifest, [&](std::ostream& out) { out << text << "\n"; });
+  };
+  if (generation_ == 0) writeManifest({{"schema", kManifestSchema}, {"generation", 0}, {"next", generation}});
   field.saveState(state(generation));
   const Json json = {{"schema", kManifestSchema},
                      {"version", ACCESSVDB_VERSION},
@@ -334,8 +348,7 @@ void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& 
                      {"reading", reading()},
                      {"poses", jsonOf(progress.poses)},
                      {"scans", jsonOf(progress.scans)}};
-  const std::string text = json.dump(1, ' ', false, Json::error_handler_t::replace);
-  io::writeFileDurably(folder_ / kManifest, [&](std::ostream& out) { out << text << "\n"; });
+  writeManifest(json);
   if (generation_ > 0) removeState(generation_);
   generation_ = generation;
 }

@@ -22,7 +22,8 @@ fs::path stateFile(const std::string& map, const std::string& id, const std::str
   std::ifstream in;
   if (fs::is_regular_file(manifest, ignored)) in.open(manifest);
   const auto json = nlohmann::ordered_json::parse(in, nullptr, false);
-  if (!in || !json.is_object() || !json.contains("generation") || !json["generation"].is_number_unsigned()) {
+  if (!in || !json.is_object() || !json.contains("generation") || !json["generation"].is_number_unsigned() ||
+      json["generation"] == 0) {
     throw InvalidArgument(id, map, "holds results, but no saved state, without which " + why,
                           "Run map with --checkpoint FOLDER, and name that folder");
   }
