@@ -199,6 +199,33 @@ TEST_F(KeptFiles, ResultsOfOthersAreNotReplaced) {
   succeed(map({"--tiles", "6.4"}));
 }
 
+TEST_F(KeptFiles, ResultsOfOtherVerbsAreReplacedIfTheyAreOurs) {
+  succeed(map({"--checkpoint", path("cp")}));
+  Flags what_if = {"whatif", path("cp"), "--remove", "box:1.9,-0.1,-0.1,2.1,0.1,0.1", "--out", path("made")};
+  Flags evaluate = {"evaluate",        "--consistency", "--scans", path("scans"), "--poses",
+                    path("poses.txt"), "--voxel",       "0.05",    "--out",       path("made")};
+  for (const std::string& flag : tool()) {
+    what_if.push_back(flag);
+    evaluate.push_back(flag);
+  }
+  const Flags diff = {"diff", path("out"), path("out"), "--out", path("made")};
+  for (int run = 0; run < 2; ++run) {
+    for (const Flags& arguments : {diff, what_if, evaluate}) succeed(arguments);
+  }
+  for (const auto& [name, arguments] : {std::pair{"diff.ply", diff},
+                                        {"diff.vdb", diff},
+                                        {"diff.json", diff},
+                                        {"whatif.ply", what_if},
+                                        {"whatif.json", what_if},
+                                        {"consistency.json", evaluate},
+                                        {"consistency.md", evaluate}}) {
+    const std::string file = std::string("made/") + name, ours = readText(file);
+    writeText(file, "mine");
+    expectRefused(arguments, 7, "output.foreign");
+    writeText(file, ours);
+  }
+}
+
 TEST_F(KeptFiles, VerbsThatReadAMapDoNotReplaceIt) {
   succeed(map({"--checkpoint", path("cp")}));
   for (const char* name : {"points.ply", "field.vdb", "field_points.vdb", "report.json"}) {

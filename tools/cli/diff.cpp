@@ -111,8 +111,9 @@ int runDiff(const Arguments& arguments, Messages& messages) {
     throw InvalidArgument("usage.missing", "diff", "needs two folders", "Name the earlier map, then the later one");
   }
   if (!out.empty()) {
-    requireNoInputs(inFolder(out, {"diff.ply", "diff.vdb", "diff.json"}),
-                    joined(joined(filesOfMap(before), filesOfMap(after)), {common.config}));
+    const Paths outputs = inFolder(out, {"diff.ply", "diff.vdb", "diff.json"});
+    requireNoInputs(outputs, joined(joined(filesOfMap(before), filesOfMap(after)), {common.config}));
+    requireOwn(outputs);
     io::prepareOutputFolder(out);
   }
 

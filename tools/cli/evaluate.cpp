@@ -97,7 +97,9 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   options.change = change == "off" ? ChangeMode::Off : change == "full" ? ChangeMode::Full : ChangeMode::Block;
   options.tables = tables;
   eval::checkTableNames(tables);  // before any folder is created
-  requireNoInputs(inFolder(out, {"tables.json", "tables.md"}), {common.config});
+  const Paths outputs = inFolder(out, {"tables.json", "tables.md"});
+  requireNoInputs(outputs, {common.config});
+  requireOwn(outputs);
   io::prepareOutputFolder(out);
   watchStopSignals();
   options.threads = common.threads;

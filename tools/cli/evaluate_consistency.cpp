@@ -221,6 +221,7 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   messages.notice(toolInWords(tool, options.tool));
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
   requireNoInputs(outputs, inputsWith(options, scans));
+  requireOwn(outputs);
   io::prepareOutputFolder(options.out);
   sayAboutScans(scans, messages);
   FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());

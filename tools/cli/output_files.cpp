@@ -114,12 +114,15 @@ bool isOwn(const fs::path& output) {
   };
   const std::string beginning = part();
   if (output.extension() != ".json") return lowerCase(beginning).find("accessvdb") != std::string::npos;
-  // Of a run, with the version; or of tiles, with a hash at the end.
   const std::uintmax_t bytes = fs::file_size(output, error);
   in.clear();
   in.seekg(static_cast<std::streamoff>(bytes - std::min<std::uintmax_t>(bytes, kPart)));
-  return beginning.find("\"schema\"") != std::string::npos &&
-         (beginning.find("\"version\"") != std::string::npos || part().find("\"sha256\"") != std::string::npos);
+  const std::string text = beginning + part();
+  const auto has = [&](const char* key) {
+    return text.find(std::string("\"").append(key) + "\"") != std::string::npos;
+  };
+  // Of a run, with the version; of tiles, with a hash at the end; of diff; of whatif.
+  return (has("schema") && (has("version") || has("sha256"))) || has("points_before") || has("tool_sha256");
 }
 
 void requireOwn(const Paths& outputs) {

@@ -168,8 +168,9 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
   if (!options.out.empty()) {
     options.given.common = options.common;
     options.given.remove = options.remove;
-    requireNoInputs(inFolder(options.out, {"whatif.ply", "whatif.json"}),
-                    joined(joined(namedInputs(options.given), {options.segments}), filesOfMap(options.state)));
+    const Paths outputs = inFolder(options.out, {"whatif.ply", "whatif.json"});
+    requireNoInputs(outputs, joined(joined(namedInputs(options.given), {options.segments}), filesOfMap(options.state)));
+    requireOwn(outputs);
     io::prepareOutputFolder(options.out);
   }
 
