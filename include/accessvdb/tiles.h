@@ -195,6 +195,12 @@ struct Status {
 /// @throws InputError "tile.damaged" for a damaged manifest
 [[nodiscard]] ACCESSVDB_API Status status(const std::filesystem::path& out, const Plan& plan, const Binned& rays);
 
+/// Checks that rays/ and tiles/ hold nothing but what these functions wrote, before they write or delete there.
+/// @throws OutputError "output.foreign", naming one that they did not
+ACCESSVDB_API void requireOwnFolders(const std::filesystem::path& out);
+/// Deletes a plan with its rays and tiles, file by file, and nothing else.
+/// @throws OutputError "output.foreign" before anything is deleted
+ACCESSVDB_API void removePlan(const std::filesystem::path& out);
 /// Deletes what killed processes left among the tiles.
 ACCESSVDB_API void removeLeftovers(const std::filesystem::path& out);
 

@@ -9,6 +9,7 @@ import errno
 import fcntl
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -124,7 +125,8 @@ def mark_poison(out: str, tile: str, code: int, reason: str) -> None:
 def forget_poison(out: str) -> None:
     """All tiles are to be tried again."""
     for mark in Path(out, "tiles").glob("*.poison.json"):
-        mark.unlink(missing_ok=True)
+        if re.fullmatch(r"-?\d+_-?\d+(\.[0-3]+)?\.poison\.json", mark.name) and not mark.is_symlink():
+            mark.unlink(missing_ok=True)
 
 
 @dataclass

@@ -9,6 +9,7 @@
 #include <signal.h>
 #include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <unistd.h>
 
 #include <array>
@@ -29,6 +30,7 @@
 
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
+#include "accessvdb/output_file.h"
 
 namespace accessvdb::io {
 namespace {
@@ -183,6 +185,20 @@ std::filesystem::path folderOf(const std::filesystem::path& path) {
   return path.has_parent_path() ? path.parent_path() : std::filesystem::path(".");
 }
 
+/// "/dev/stdout" and the like, also where it leads to a file.
+bool isStandardOutput(const std::filesystem::path& path) {
+  struct stat target, out;
+  return ::stat(path.c_str(), &target) == 0 && ::fstat(STDOUT_FILENO, &out) == 0 && target.st_dev == out.st_dev &&
+         target.st_ino == out.st_ino;
+}
+
+/// The devices that take everything or nothing, and never block.
+bool isSink(const struct stat& info) {
+  constexpr unsigned kMemoryDevices = 1, kNull = 3, kFull = 7;  // Linux, Documentation/admin-guide/devices.txt
+  return S_ISCHR(info.st_mode) && major(info.st_rdev) == kMemoryDevices &&
+         (minor(info.st_rdev) == kNull || minor(info.st_rdev) == kFull);
+}
+
 std::string randomHex() {
   std::random_device device;
   const std::uint64_t bits = (static_cast<std::uint64_t>(device()) << 32) | device();
@@ -307,9 +323,11 @@ std::uint64_t writeBody(int fd, bool seekable, const std::filesystem::path& path
   return buffer.fileSize();
 }
 
-/// Devices and pipes cannot be replaced by a rename: they are written in place, without the guarantee.
+/// A stream cannot be replaced by a rename: it is written in place, without the guarantee.
 void writeInPlace(const std::filesystem::path& path, const std::function<void(std::ostream&)>& body) {
-  const int fd = ::open(path.c_str(), O_WRONLY | O_CLOEXEC);
+  // Without O_TRUNC: standard output may be a file that others have written to before.
+  const int fd =
+      isStandardOutput(path) ? ::dup(STDOUT_FILENO) : ::open(path.c_str(), O_WRONLY | O_CLOEXEC | O_NONBLOCK);
   if (fd < 0) throwOutputError(errno, path, "open it for writing");
   try {
     writeBody(fd, false, path, body);
@@ -371,15 +389,29 @@ void writeFileDurably(const std::filesystem::path& path, const std::function<voi
   if (!path.has_filename()) {
     throw OutputError("output.name", path.string(), "is not the name of a file", "Give the name of a file");
   }
-  struct stat info;
-  if (::stat(path.c_str(), &info) == 0) {
-    if (S_ISDIR(info.st_mode)) {
-      throw OutputError("output.is_folder", path.string(), "is a folder", "Give the name of a file");
-    }
-    if (!S_ISREG(info.st_mode)) return writeInPlace(path, body);
-  }
+  requireOutputFile(path);
+  if (isStream(path)) return writeInPlace(path, body);
   TempFile temp(path);
   temp.commit(writeBody(temp.fd(), true, path, body));
+}
+
+bool isStream(const std::filesystem::path& path) {
+  struct stat info;
+  return ::stat(path.c_str(), &info) == 0 && (isSink(info) || isStandardOutput(path));
+}
+
+void requireOutputFile(const std::filesystem::path& path) {
+  struct stat info;
+  if (::stat(path.c_str(), &info) != 0 || isStream(path)) return;
+  if (S_ISDIR(info.st_mode)) {
+    throw OutputError("output.is_folder", path.string(), "is a folder", "Give the name of a file");
+  }
+  // A name such as /dev/stderr may lead to a regular file, but is itself no place for one.
+  std::error_code error;
+  const std::string folder = std::filesystem::canonical(folderOf(path), error).string();
+  if (S_ISREG(info.st_mode) && folder != "/dev" && !folder.starts_with("/proc/")) return;
+  throw OutputError("output.not_a_file", path.string(), "is a pipe, a socket or a device",
+                    "Give the name of a regular file, or write to standard output");
 }
 
 void prepareOutputFolder(const std::filesystem::path& folder) {

@@ -33,8 +33,10 @@ void writeJson(const std::filesystem::path& path, Json json) {
 
 void readJson(const std::filesystem::path& path, const std::string& what,
               const std::function<void(const Json&)>& take) {
-  std::ifstream stream(path, std::ios::binary);
-  if (!stream)
+  std::error_code error;
+  std::ifstream stream;
+  if (std::filesystem::is_regular_file(path, error)) stream.open(path, std::ios::binary);  // a pipe could block
+  if (!stream.is_open())
     throw InputError(what + ".missing", path.string(), "cannot be opened",
                      "Run the step before it first: accessvdb tile --help lists them");
   try {

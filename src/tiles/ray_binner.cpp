@@ -12,6 +12,7 @@
 #include "hostdev/occupancy_query.h"
 #include "hostdev/voxel_scale.h"
 #include "tiles/json_file.h"
+#include "tiles/own_files.h"
 #include "tiles/ray_files.h"
 #include "tiles/ray_shard.h"
 #include "tiles/tile_grid.h"
@@ -199,8 +200,9 @@ std::vector<io::InputFile> Binner::inputs(const std::vector<io::InputFile>& befo
   return inputs;
 }
 
-/// The end of the shards that are whole, from the first step on. Deletes all files after them.
-std::uint64_t endOfWhole(const fs::path& folder, const Plan& plan) {
+/// The end of the shards that are whole, from the first step on. Deletes our files after them.
+std::uint64_t endOfWhole(const fs::path& out, const Plan& plan) {
+  const fs::path folder = raysFolder(out);
   std::set<std::string> whole;
   std::uint64_t step = 0;
   for (bool more = true; more && step < plan.steps();) {
@@ -215,8 +217,8 @@ std::uint64_t endOfWhole(const fs::path& folder, const Plan& plan) {
     }
   }
   std::error_code ignored;
-  for (const auto& entry : fs::directory_iterator(folder, ignored)) {
-    if (!whole.contains(entry.path().filename().string())) fs::remove(entry.path(), ignored);
+  for (const fs::path& file : ownRays(out).files) {
+    if (!whole.contains(file.filename().string())) fs::remove(file, ignored);
   }
   return step;
 }
@@ -228,6 +230,7 @@ Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Wat
     throw InvalidArgument("usage.flights", "bin", "needs the scans of each flight of the plan");
   }
   const fs::path folder = raysFolder(job.out);
+  refuseForeign(ownRays(job.out));
   io::prepareOutputFolder(folder);
   Binner binner(job, flights, watch);
   std::vector<io::InputFile> before;
@@ -239,7 +242,7 @@ Binned bin(const Job& job, std::span<io::ScanSequence* const> flights, const Wat
     for (const ShardRange& range : missing) {
       if (!binner.binTo(range.first_step, range.end_step)) return {};
     }
-  } else if (!binner.binTo(endOfWhole(folder, job.plan), job.plan.steps())) {
+  } else if (!binner.binTo(endOfWhole(job.out, job.plan), job.plan.steps())) {
     return {};
   }
   return writeBinned(job.out, job.plan, binner.inputs(before));

@@ -7,6 +7,7 @@
 
 #include "accessvdb/error.h"
 #include "tiles/json_file.h"
+#include "tiles/own_files.h"
 
 namespace accessvdb::tiles {
 namespace {
@@ -162,11 +163,8 @@ std::vector<TileRays> raysOf(const fs::path& out, const Plan& plan, const TileIn
 }
 
 void removeRays(const fs::path& out) {
-  std::error_code error;
-  fs::remove_all(raysFolder(out), error);
-  if (error) {
-    throw OutputError("output.write", raysFolder(out).string(), "cannot be deleted (" + error.message() + ")",
-                      "Delete it yourself");
+  if (const auto left = removeOwn(ownRays(out))) {
+    throw OutputError("output.write", left->string(), "cannot be deleted", "Delete it yourself");
   }
 }
 

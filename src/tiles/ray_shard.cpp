@@ -68,6 +68,13 @@ std::string shardName(std::uint64_t first_step) {
   return "shard-" + digits + ".rays";
 }
 
+bool beginsAsShard(const std::filesystem::path& file) {
+  std::array<char, kMagic.size()> beginning = {};
+  std::ifstream stream(file, std::ios::binary);
+  stream.read(beginning.data(), beginning.size());
+  return stream && beginning == kMagic;
+}
+
 void ShardBuffer::append(Rays& rays, const void* data, std::size_t bytes) {
   const auto* from = static_cast<const std::byte*>(data);
   while (bytes > 0) {

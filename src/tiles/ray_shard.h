@@ -97,5 +97,7 @@ class SegmentReader {
 
 /// "shard-000012.rays" for the shard whose first step is 12.
 [[nodiscard]] std::string shardName(std::uint64_t first_step);
+/// Whether a file begins as every shard does, of whatever plan.
+[[nodiscard]] bool beginsAsShard(const std::filesystem::path& file);
 
 }  // namespace accessvdb::tiles

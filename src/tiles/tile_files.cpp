@@ -15,14 +15,13 @@
 #include "accessvdb/error.h"
 #include "accessvdb/field_io.h"
 #include "tiles/json_file.h"
+#include "tiles/own_files.h"
 
 namespace accessvdb::tiles {
 namespace {
 
 namespace fs = std::filesystem;
 
-constexpr const char* kManifest = "tile.json";
-constexpr const char* kAttempt = ".attempt-";
 constexpr int kNameAttempts = 100;
 /// Nothing is called gone in tiles.
 constexpr int kTileReasons = static_cast<int>(PointReason::Changed);
@@ -42,7 +41,7 @@ struct FolderLock {
 };
 
 FolderLock lockOf(const fs::path& folder) {
-  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  const int fd = ::open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
   if (fd < 0) return {-1, true};
   if (::flock(fd, LOCK_EX | LOCK_NB) == 0) return {fd, false};
   const bool taken = errno == EWOULDBLOCK;
@@ -54,11 +53,10 @@ FolderLock lockOf(const fs::path& folder) {
 void removeAttempts(const fs::path& out) {
   std::error_code ignored;
   for (const auto& entry : fs::directory_iterator(tilesFolder(out), ignored)) {
-    const std::string name = entry.path().filename().string();
-    if (!name.starts_with(".") || name.find(kAttempt) == std::string::npos) continue;
+    if (!isAttemptName(entry.path().filename().string())) continue;
     const FolderLock lock = lockOf(entry.path());
     if (lock.fd < 0) continue;
-    fs::remove_all(entry.path(), ignored);
+    removeOwn(ownFilesOfTile(entry.path()));
     ::close(lock.fd);
   }
 }
@@ -73,7 +71,7 @@ bool isOf(const Plan& plan, std::size_t flights, const std::string& id) {
 fs::path tileFolder(const fs::path& out, const TileId& id) { return tilesFolder(out) / id.name(); }
 
 std::optional<Tile> readTile(const fs::path& out, const Plan& plan, const TileId& id, std::uint32_t flights) {
-  const fs::path manifest = tileFolder(out, id) / kManifest;
+  const fs::path manifest = tileFolder(out, id) / kTileManifest;
   std::error_code ignored;
   if (!fs::exists(manifest, ignored)) return std::nullopt;
   Tile tile;
@@ -115,21 +113,21 @@ void writeTile(const fs::path& folder, const Plan& plan, const Tile& tile) {
   }
   for (const auto& [name, sha256] : tile.sha256) files[name] = sha256;
   const FieldWindow window = tile.id.window(plan.tile_voxels);
-  writeJson(folder / kManifest, {{"plan", plan.id()},
-                                 {"tile", tile.id.name()},
-                                 {"core_low", window.core_low},
-                                 {"core_high", window.core_high},
-                                 {"device", tile.device},
-                                 {"returns", tile.returns},
-                                 {"points", tile.points},
-                                 {"leaves", tile.leaves},
-                                 {"labels", labels},
-                                 {"reasons", reasons},
-                                 {"min_W", tile.min_W},
-                                 {"max_W", tile.max_W},
-                                 {"seconds", tile.seconds},
-                                 {"peak_bytes", tile.peak_bytes},
-                                 {"files", files}});
+  writeJson(folder / kTileManifest, {{"plan", plan.id()},
+                                     {"tile", tile.id.name()},
+                                     {"core_low", window.core_low},
+                                     {"core_high", window.core_high},
+                                     {"device", tile.device},
+                                     {"returns", tile.returns},
+                                     {"points", tile.points},
+                                     {"leaves", tile.leaves},
+                                     {"labels", labels},
+                                     {"reasons", reasons},
+                                     {"min_W", tile.min_W},
+                                     {"max_W", tile.max_W},
+                                     {"seconds", tile.seconds},
+                                     {"peak_bytes", tile.peak_bytes},
+                                     {"files", files}});
 }
 
 bool isSplit(const fs::path& out, const Plan& plan, const TileId& id) {
@@ -170,7 +168,7 @@ AttemptFolder::AttemptFolder(const fs::path& out, const TileId& id) : out_(out),
   std::random_device random;
   for (int n = 0; n < kNameAttempts && !error; ++n) {
     const std::string number = std::to_string(std::uint64_t{random()} << 32 | random());
-    path_ = tilesFolder(out) / std::string(".").append(id.name()).append(kAttempt).append(number);
+    path_ = tilesFolder(out) / std::string(".").append(id.name()).append(kAttemptMark).append(number);
     if (!fs::create_directory(path_, error)) continue;
     const FolderLock lock = lockOf(path_);
     lock_ = lock.fd;
@@ -183,8 +181,7 @@ AttemptFolder::AttemptFolder(const fs::path& out, const TileId& id) : out_(out),
 }
 
 AttemptFolder::~AttemptFolder() {
-  std::error_code ignored;
-  if (!placed_) fs::remove_all(path_, ignored);
+  if (!placed_) removeOwn(ownFilesOfTile(path_));
   if (lock_ >= 0) ::close(lock_);
 }
 
@@ -195,11 +192,13 @@ void AttemptFolder::putInPlace(const Plan& plan, std::uint32_t flights) {
   if (error && fs::exists(target)) {
     if (readTile(out_, plan, id_, flights)) return;
     // Left by an older plan, or from before the last flight. A rename takes it away at once, so nobody sees half of it.
+    const OwnFiles before = ownFilesOfTile(target);
+    refuseForeign(before);
     const fs::path aside = path_.string() + "-replaced";
     std::error_code ignored;
     fs::rename(target, aside, ignored);
     fs::rename(path_, target, error);
-    fs::remove_all(aside, ignored);
+    removeOwn(ownFilesOfTile(aside));
   }
   placed_ = !error;
   if (placed_) removePoison(out_, id_);

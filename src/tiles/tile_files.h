@@ -17,6 +17,7 @@ inline constexpr const char* kLasFile = "points.las";
 inline constexpr const char* kGridsFile = "field.vdb";
 inline constexpr const char* kPointGridFile = "field_points.vdb";
 inline constexpr const char* kOrderFile = "order.bin";
+inline constexpr const char* kTileManifest = "tile.json";
 
 [[nodiscard]] std::filesystem::path tileFolder(const std::filesystem::path& out, const TileId& id);
 

@@ -12,6 +12,7 @@
 #include "cloud_survey.h"
 #include "map_options.h"
 #include "memory_check.h"
+#include "output_files.h"
 #include "progress.h"
 #include "run_summary.h"
 #include "stop_signal.h"
@@ -166,11 +167,13 @@ int runAdvise(const Arguments& arguments, Messages& messages) {
   checkAdviseOptions(options);
   requireOneTool(options, "advise");
   watchStopSignals();
+  requireNoInputs({options.out}, namedInputs(options));
 
   const ToolGeometry tool = loadTool(options.tool);
   sayToolNotes(tool, messages);
   const double most_voxel_m = mostVoxel_m(options, tool);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  requireNoInputs({options.out}, inputsWith(options, scans));
   sayAboutScans(scans, messages);
   const std::size_t stride = strideFor(scans);
   CloudSurvey survey;

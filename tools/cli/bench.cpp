@@ -22,6 +22,7 @@
 #include "bench_record.h"
 #include "gpu_fallback.h"
 #include "json_text.h"
+#include "output_files.h"
 #include "progress.h"
 #include "report.h"
 #include "sim/simulator.h"
@@ -306,6 +307,7 @@ void BenchRun::write(const Json& json) const {
 int BenchRun::run() {
   checkBenchOptions(options_);
   watchStopSignals();
+  requireNoInputs({options_.out, options_.per_frame}, namedInputs(options_.map));
   const std::vector<ToolSpec> tools = loadTools(options_.map);
   sayToolsNotes(options_.map, tools, messages_);
   const FieldParams params = benchFieldParams(options_);

@@ -78,23 +78,21 @@ std::vector<io::InputFile> filesFrom(const Json& list) {
   return files;
 }
 
-/// N of "state-N.avst".
-std::optional<std::uint64_t> generationOf(const std::string& name) {
-  const std::string before = "state-", after = ".avst";
-  if (!name.starts_with(before) || !name.ends_with(after) || name.size() <= before.size() + after.size()) return {};
-  std::uint64_t number = 0;
-  const char *first = name.data() + before.size(), *last = name.data() + name.size() - after.size();
-  const auto [end, status] = std::from_chars(first, last, number);
-  if (status != std::errc() || end != last) return {};
-  return number;
-}
-
 /// @return no object if that is not what the file holds, or there is none
 Json parsed(const fs::path& manifest) {
   std::error_code status;
   if (fs::file_size(manifest, status) > kMostManifestBytes || status) return {};
   std::ifstream in(manifest);
   return Json::parse(in, nullptr, false);
+}
+
+/// Also if it cannot be read. The first manifest only announces the first state, so that what is left of a run that is
+/// killed between the two is known to be ours.
+bool holdsCheckpoint(const fs::path& folder) {
+  std::error_code error;
+  if (!fs::exists(fs::symlink_status(folder / kManifest, error))) return false;
+  const Json json = parsed(folder / kManifest);
+  return !json.is_object() || !json.contains("schema") || !json.contains("generation") || json["generation"] != 0;
 }
 
 [[noreturn]] void refuse(const std::string& id, const fs::path& folder, const std::string& problem) {
@@ -148,8 +146,7 @@ void Checkpoints::prepare() {
   folder_ = options_.checkpoint.empty() ? options_.resume : options_.checkpoint;
   if (folder_.empty()) return;
   if (!options_.resume.empty()) {
-    std::error_code status;
-    if (fs::exists(fs::path(options_.resume) / kManifest, status)) {
+    if (holdsCheckpoint(options_.resume)) {
       readManifest();
     } else if (options_.checkpoint.empty() || !continuesInPlace()) {
       throw InputError(
@@ -157,24 +154,31 @@ void Checkpoints::prepare() {
           "Run without --resume; --checkpoint and --resume with the same folder start where there is none");
     }
   }
+  refuseOthers();
   io::prepareOutputFolder(folder_);
-  // A state of which no manifest speaks is what a killed run left.
-  std::optional<std::uint64_t> kept;
   const Json json = parsed(folder_ / kManifest);
-  if (json.is_object() && json.contains("generation") && json["generation"].is_number_unsigned()) {
-    kept = json["generation"].get<std::uint64_t>();
-    generation_ = *kept;
-    if (!resumed_ && options_.no_clobber) {
-      throw OutputError("output.exists", (folder_ / kManifest).string(), "exists, and --no-clobber was given",
-                        "Use --resume to continue it, or choose another --checkpoint folder");
-    }
-    if (!resumed_) {
-      messages_.warning("checkpoint.replaced", folder_.string() +
-                                                   " holds the checkpoint of another run, which this one "
-                                                   "will replace; --resume would continue it");
-    }
+  if (!json.is_object()) return;
+  const auto generation = [&](const char* key) -> std::uint64_t {
+    return json.contains(key) && json[key].is_number_unsigned() ? json[key].get<std::uint64_t>() : 0;
+  };
+  generation_ = generation("generation");
+  // What a killed run left: the one before, or the next one.
+  for (const char* key : {"before", "next"}) {
+    if (generation(key) != generation_) removeState(generation(key));
   }
-  removeStates(kept);
+}
+
+/// A checkpoint that this run does not continue is somebody's work, and so is a manifest that we did not write.
+void Checkpoints::refuseOthers() const {
+  const fs::path manifest = folder_ / kManifest;
+  if (!holdsCheckpoint(folder_) || (resumed_ && continuesInPlace())) return;
+  if (options_.no_clobber) {
+    throw OutputError("output.exists", manifest.string(), "exists, and --no-clobber was given",
+                      "Use --resume to continue it, or choose another --checkpoint folder");
+  }
+  throw UnusableInput("state.other", folder_.string(),
+                      "holds the checkpoint of another run, which this one would replace",
+                      "Continue it with --resume, choose another --checkpoint folder, or delete it yourself");
 }
 
 fs::path Checkpoints::state(std::uint64_t generation) const {
@@ -310,6 +314,8 @@ void Checkpoints::write(const AccessibilityField& field, const RunProgress& prog
   } catch (const InputError& error) {
     messages_.warning("checkpoint.failed", std::string("the checkpoint cannot be read: ") + error.what());
   }
+  std::error_code ignored;
+  if (generation_ == 0) fs::remove(folder_ / kManifest, ignored);  // it announces a state that has failed
   last_ = Clock::now();
 }
 
@@ -319,11 +325,18 @@ void Checkpoints::sayHowToGoOn() const {
 }
 
 void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& progress) {
-  const std::uint64_t generation = generation_ + 1;
+  const std::uint64_t generation = freeAfter(generation_);
+  const auto writeManifest = [&](const Json& json) {
+    const std::string text = jsonText(json, 1);
+    io::writeFileDurably(folder_ / kManifest, [&](std::ostream& out) { out << text << "\n"; });
+  };
+  if (generation_ == 0) writeManifest({{"schema", kManifestSchema}, {"generation", 0}, {"next", generation}});
   field.saveState(state(generation));
   const Json json = {{"schema", kManifestSchema},
                      {"version", ACCESSVDB_VERSION},
                      {"generation", generation},
+                     {"before", generation_},
+                     {"next", freeAfter(generation)},
                      {"head_sha256", inspectState(state(generation)).sha256},
                      {"earlier_scans", progress.earlier_scans},
                      {"earlier", jsonOf(progress.earlier)},
@@ -336,17 +349,27 @@ void Checkpoints::writeBoth(const AccessibilityField& field, const RunProgress& 
                      {"reading", reading()},
                      {"poses", jsonOf(progress.poses)},
                      {"scans", jsonOf(progress.scans)}};
-  const std::string text = jsonText(json, 1);
-  io::writeFileDurably(folder_ / kManifest, [&](std::ostream& out) { out << text << "\n"; });
+  writeManifest(json);
+  if (generation_ > 0) removeState(generation_);
   generation_ = generation;
-  removeStates(generation);
 }
 
-void Checkpoints::removeStates(std::optional<std::uint64_t> kept) const {
-  std::error_code ignored;
-  for (const auto& entry : fs::directory_iterator(folder_, ignored)) {
-    const auto generation = generationOf(entry.path().filename().string());
-    if (generation && generation != kept) fs::remove(entry.path(), ignored);
+std::uint64_t Checkpoints::freeAfter(std::uint64_t generation) const {
+  std::error_code error;
+  do {
+    ++generation;
+  } while (fs::exists(fs::symlink_status(state(generation), error)));
+  return generation;
+}
+
+/// Only one that a manifest names, and that is a whole state: others may have put a file of that name there since.
+void Checkpoints::removeState(std::uint64_t generation) const {
+  std::error_code error;
+  if (generation == 0 || !fs::is_regular_file(fs::symlink_status(state(generation), error))) return;
+  try {
+    (void)inspectState(state(generation));
+    fs::remove(state(generation), error);
+  } catch (const Error&) {  // not ours
   }
 }
 

@@ -49,7 +49,7 @@ class Checkpoints {
   Checkpoints(const MapOptions& options, Messages& messages) : options_(options), messages_(messages) {}
 
   /// Makes the folder, removes what killed runs left in it, and reads the checkpoint of --resume.
-  /// @throws InputError "state.missing", "state.damaged"; UnusableInput "state.rules"; OutputError
+  /// @throws InputError "state.missing", "state.damaged"; UnusableInput "state.rules", "state.other"; OutputError
   void prepare();
 
   /// Says how the scans turned out to be read, beside what the options say.
@@ -82,7 +82,9 @@ class Checkpoints {
   void readManifest();
   [[nodiscard]] bool continuesInPlace() const;
   void writeBoth(const AccessibilityField& field, const RunProgress& progress);
-  void removeStates(std::optional<std::uint64_t> kept) const;
+  void refuseOthers() const;
+  [[nodiscard]] std::uint64_t freeAfter(std::uint64_t generation) const;
+  void removeState(std::uint64_t generation) const;
   [[nodiscard]] std::filesystem::path state(std::uint64_t generation) const;
 
   const MapOptions& options_;

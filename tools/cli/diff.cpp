@@ -10,6 +10,7 @@
 #include "command_line.h"
 #include "json_text.h"
 #include "options.h"
+#include "output_files.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -110,7 +111,12 @@ int runDiff(const Arguments& arguments, Messages& messages) {
   if (before.empty() || after.empty()) {
     throw InvalidArgument("usage.missing", "diff", "needs two folders", "Name the earlier map, then the later one");
   }
-  if (!out.empty()) io::prepareOutputFolder(out);
+  if (!out.empty()) {
+    const Paths outputs = inFolder(out, {"diff.ply", "diff.vdb", "diff.json"});
+    requireNoInputs(outputs, joined(joined(filesOfMap(before), filesOfMap(after)), {common.config}));
+    requireOwn(outputs);
+    io::prepareOutputFolder(out);
+  }
 
   const io::PointsDiff diff = io::diffPoints(pointFilesOf(before, messages), pointFilesOf(after, messages));
   for (const std::string& parameter : diff.other_parameters) {

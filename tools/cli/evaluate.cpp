@@ -12,6 +12,7 @@
 #include "eval/tables.h"
 #include "evaluate_consistency.h"
 #include "options.h"
+#include "output_files.h"
 #include "stop_signal.h"
 #include "verbs.h"
 
@@ -96,6 +97,9 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   options.change = change == "off" ? ChangeMode::Off : change == "full" ? ChangeMode::Full : ChangeMode::Block;
   options.tables = tables;
   eval::checkTableNames(tables);  // before any folder is created
+  const Paths outputs = inFolder(out, {"tables.json", "tables.md"});
+  requireNoInputs(outputs, {common.config});
+  requireOwn(outputs);
   io::prepareOutputFolder(out);
   watchStopSignals();
   options.threads = common.threads;
@@ -121,7 +125,7 @@ int runEvaluate(const Arguments& arguments, Messages& messages) {
   if (results.failure) std::rethrow_exception(results.failure);
   if (!results.stopped) return 0;
   const int signal = stopSignal();
-  messages.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") +
+  messages.notice(std::string("stopped by ") + stopSignalName() +
                   (results.rows.empty() ? "; nothing to save" : "; finished rows are saved"));
   return 128 + signal;
 }

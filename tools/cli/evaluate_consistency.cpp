@@ -19,6 +19,7 @@
 #include "json_text.h"
 #include "map_options.h"
 #include "memory_check.h"
+#include "output_files.h"
 #include "progress.h"
 #include "stop_signal.h"
 #include "tools_given.h"
@@ -194,7 +195,7 @@ void checkOptions(const MapOptions& options) {
 }
 
 int stoppedBeforeResults(Messages& messages) {
-  messages.notice("stopped by " + std::string(stopSignal() == SIGINT ? "SIGINT" : "SIGTERM") + "; nothing to save");
+  messages.notice(std::string("stopped by ") + stopSignalName() + "; nothing to save");
   return 128 + stopSignal();
 }
 
@@ -211,7 +212,8 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   addConsistencyOptions(flags, options, consistency);
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkOptions(options);
-  io::prepareOutputFolder(options.out);
+  const Paths outputs = inFolder(options.out, {"consistency.json", "consistency.md"});
+  requireNoInputs(outputs, namedInputs(options));
   watchStopSignals();
 
   const ToolGeometry tool = loadTool(options.tool);
@@ -219,6 +221,9 @@ int runConsistency(const Arguments& arguments, Messages& messages) {
   sayOrientationNotes(options, messages);
   messages.notice(toolInWords(tool, options.tool));
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  requireNoInputs(outputs, inputsWith(options, scans));
+  requireOwn(outputs);
+  io::prepareOutputFolder(options.out);
   sayAboutScans(scans, messages);
   FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
   params.approach.rolls = rollsOf(tool, params.approach);

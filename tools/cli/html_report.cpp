@@ -10,6 +10,7 @@
 #include "accessvdb/error.h"
 #include "accessvdb/html_report.h"
 #include "command_line.h"
+#include "output_files.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -20,8 +21,10 @@ namespace fs = std::filesystem;
 /// What report.json says that the run's tool was; empty without a readable one.
 ToolOptions toolOfRun(const fs::path& folder) {
   ToolOptions tool;
-  std::ifstream in(folder / "report.json");
-  const nlohmann::json report = in ? nlohmann::json::parse(in, nullptr, false) : nlohmann::json();
+  std::error_code error;
+  std::ifstream in;
+  if (fs::is_regular_file(folder / "report.json", error)) in.open(folder / "report.json");
+  const nlohmann::json report = in.is_open() ? nlohmann::json::parse(in, nullptr, false) : nlohmann::json();
   if (!report.is_object() || !report.contains("parameters") || !report["parameters"].is_object()) return tool;
   if (report.contains("tools")) return tool;  // of several, the page draws none
   const auto text = [&](const char* key) {
@@ -92,6 +95,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
                           "must be " + std::to_string(io::HtmlReportOptions::kLeastPoints) + " or more");
   }
   const auto drawn = toolToDraw(tool_options, map);
+  requireNoInputs({out}, joined(joined(filesOfTools(drawn.value_or(ToolOptions())), {common.config}), filesOfMap(map)));
   std::optional<ToolGeometry> tool;
   if (drawn) {
     tool = loadTool(*drawn);

@@ -18,6 +18,7 @@
 #include "dds/participant.h"
 #include "gpu_fallback.h"
 #include "live_options.h"
+#include "output_files.h"
 #include "report.h"
 #include "run_summary.h"
 #include "stop_signal.h"
@@ -118,6 +119,9 @@ void LiveRun::claimOutputFolder() {
                         "Choose another --out folder");
     }
   }
+  const Paths outputs = inFolder(out, {std::begin(kOutputs), std::end(kOutputs)});
+  requireNoInputs(joined(outputs, {options_.scan_log}), namedInputs(options_.map));
+  requireOwn(outputs);
   io::prepareOutputFolder(out);
 }
 
@@ -297,7 +301,7 @@ int LiveRun::run() {
     receive(session, participant, log);
   }
   const int signal = stopSignal();
-  messages_.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") + " after " +
+  messages_.notice(std::string("stopped by ") + stopSignalName() + " after " +
                    numberText(std::round(secondsSince(start_))) + " s: " + std::to_string(report_.scans) + " of " +
                    std::to_string(report_.live->status.published) + " scans taken" +
                    (report_.points_used > 0 ? "" : "; nothing to save"));
@@ -308,6 +312,7 @@ int LiveRun::run() {
 }
 
 void LiveRun::reportFailure(const Failure& failure) {
+  if (failure.id == "output.is_input" || failure.id == "output.foreign") return;
   if (!options_.map.out.empty() && !refused_)
     writeFailure(options_.map.out, options_.map.no_clobber, report_, failure, messages_);
 }

@@ -21,6 +21,7 @@
 #include "html_report.h"
 #include "map_options.h"
 #include "memory_check.h"
+#include "output_files.h"
 #include "plausibility.h"
 #include "progress.h"
 #include "region_options.h"
@@ -58,6 +59,8 @@ class MapRun {
 
  private:
   void claimOutputFolder();
+  [[nodiscard]] Paths outputs() const;
+  void clearOutputFolder(const Paths& inputs);
   void hashInput(const fs::path& path);
   void setParameters(const FieldParams& params, const std::vector<ToolSpec>& tools = {});
   int inTiles(const PlanSources& sources, std::int32_t chosen_voxels);
@@ -106,13 +109,37 @@ void MapRun::claimOutputFolder() {
                         "Choose another --out folder");
     }
   }
-  io::prepareOutputFolder(out);
-  if (options_.fresh) removeTiles(out);
-  if (options_.tiles == "off" && tiles::hasPlan(out)) {
+  requireNoInputs(outputs(), namedInputs(options_));
+  if (options_.tiles == "off" && !options_.fresh && tiles::hasPlan(out)) {
     refused_ = true;
     throw UnusableInput("plan.changed", out.string(), "holds tiles of another run",
                         "Use another folder, or --fresh to delete them");
   }
+  io::prepareOutputFolder(out);
+}
+
+Paths MapRun::outputs() const {
+  std::vector<std::string> names(std::begin(kOutputs), std::end(kOutputs));
+  if (options_.exported.points_format == "las") names.emplace_back("points.las");
+  if (options_.html) names.emplace_back(kPageFile);
+  std::error_code error;
+  if (options_.exported.sequence > 0) {  // some of these will be frames
+    for (const auto& entry : fs::directory_iterator(options_.out, error)) {
+      const std::string name = entry.path().filename().string();
+      if (name.starts_with("field_") && name.ends_with(".vdb")) names.push_back(name);
+    }
+  }
+  return inFolder(options_.out, names);
+}
+
+/// Checks all outputs once it is known which files are read; then --fresh.
+void MapRun::clearOutputFolder(const Paths& inputs) {
+  const fs::path out = options_.out;
+  requireNoInputs(outputs(), inputs);
+  requireOwn(outputs());
+  if (!options_.fresh) return;
+  requireNoInputsInTiles(out, inputs);
+  tiles::removePlan(out);
 }
 
 void MapRun::hashInput(const fs::path& path) {
@@ -347,6 +374,7 @@ void MapRun::saveUnscored(const io::ScanSequence& scans, const AccessibilityFiel
 int MapRun::run() {
   checkMapOptions(options_);
   setParameters(fieldParams(options_));
+  if (wantedTile_m(options_) > 0) requireTilesPossible(options_, fieldParams(options_));
   claimOutputFolder();
   checkpoints_.prepare();
   watchStopSignals();
@@ -364,6 +392,7 @@ int MapRun::run() {
   }
   hashInput(options_.common.config);
   first_scan_input_ = report_.inputs.size();
+  clearOutputFolder(inputsWith(options_, scans));
   sayAboutScans(scans, messages_);
   if (scans.deskews()) checkpoints_.readAs("deskewed", "true");
 
@@ -404,6 +433,7 @@ int MapRun::run() {
 }
 
 int MapRun::inTiles(const PlanSources& sources, std::int32_t chosen_voxels) {
+  requireNoInputsInTiles(options_.out, inputsWith(options_, sources.scans));
   const int exit_code = mapInTiles(sources, chosen_voxels, report_, messages_);
   writeReport(fs::path(options_.out) / "report.json", report_, messages_);
   if (report_.tiles) writeHtml(sources.tools);
@@ -431,9 +461,9 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
   integrateAll(scans, field);
   const int signal = stopSignal();
   if (signal != 0) {
-    messages_.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") + " after " +
-                     std::to_string(report_.scans) + " of " + std::to_string(earlier_.earlier_scans + scans.size()) +
-                     " scans" + (report_.points_used > 0 ? "; saving the finished part" : "; nothing to save"));
+    messages_.notice(std::string("stopped by ") + stopSignalName() + " after " + std::to_string(report_.scans) +
+                     " of " + std::to_string(earlier_.earlier_scans + scans.size()) + " scans" +
+                     (report_.points_used > 0 ? "; saving the finished part" : "; nothing to save"));
     checkpoints_.sayHowToGoOn();
   }
   if (report_.points_used > 0) {
@@ -451,6 +481,8 @@ int MapRun::work(io::ScanSequence& scans, AccessibilityField& field) {
 }
 
 void MapRun::reportFailure(const Failure& failure) {
+  // The folder stays as it was, without a report.
+  if (failure.id == "output.is_input" || failure.id == "output.foreign") return;
   if (!options_.out.empty() && !refused_) writeFailure(options_.out, options_.no_clobber, report_, failure, messages_);
 }
 

@@ -19,6 +19,7 @@
 #include "command_line.h"
 #include "json_text.h"
 #include "options.h"
+#include "output_files.h"
 #include "tools_given.h"
 #include "verbs.h"
 
@@ -206,6 +207,8 @@ int runQuery(const Arguments& arguments, Messages& messages) {
       throw InvalidArgument("usage.access_map", "--access-map",
                             "draws one point, not " + std::to_string(positions_W.size()), "Give one --at X,Y,Z");
     }
+    access.given.common = common;
+    requireNoInputs({access.picture}, joined(joined(namedInputs(access.given), {points_file}), filesOfMap(map)));
     access.common = common;
     access.map = map;
     access.json = json;

@@ -10,6 +10,7 @@
 #include "accessvdb/tiles.h"
 #include "command_line.h"
 #include "options.h"
+#include "output_files.h"
 #include "plausibility.h"
 #include "tiled_map.h"
 #include "verbs.h"
@@ -39,6 +40,7 @@ int runRender(const Arguments& arguments, Messages& messages) {
   }
   if (out.empty()) throw InvalidArgument("usage.missing", "--out", "is missing", "Name the PNG file to write");
   const io::RenderOptions render = renderOptions(picture);
+  requireNoInputs({out}, joined(joined(filesOfTools(tool_options), {common.config}), filesOfMap(map)));
   if (!map.empty()) {
     bool empty = true;
     if (tiles::hasIndex(map)) {

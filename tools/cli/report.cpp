@@ -13,6 +13,7 @@
 
 #include "accessvdb/config.h"
 #include "accessvdb/field_io.h"
+#include "output_files.h"
 
 #include "json_text.h"
 
@@ -242,7 +243,7 @@ void writeFailure(const std::string& out, bool keep, RunReport report, const Fai
   report.failure = failure;
   const std::filesystem::path path = std::filesystem::path(out) / "report.json";
   try {
-    if (keep && std::filesystem::exists(path)) return;
+    if (std::filesystem::exists(path) && (keep || !isOwn(path))) return;
     io::prepareOutputFolder(out);
     writeReport(path, report, messages);
   } catch (const std::exception&) {

@@ -13,6 +13,7 @@
 #include "accessvdb/field_io.h"
 #include "json_text.h"
 #include "options.h"
+#include "output_files.h"
 #include "progress.h"
 #include "sim/mesh_ply.h"
 #include "sim/recording.h"
@@ -59,6 +60,27 @@ ordered_json describe(const SimulateOptions& options, const SceneView& view, con
   return out;
 }
 
+/// An earlier recording is replaced, which scene.json tells from scans of a real sensor.
+void requireOwnRecording(const SimulateOptions& options) {
+  namespace fs = std::filesystem;
+  const fs::path out = options.out;
+  Paths outputs = inFolder(out, {"poses.txt", "times.txt", "range_noise.txt", "scene.ply"});
+  std::error_code error;
+  for (const auto& entry : fs::directory_iterator(out / "scans", error)) {
+    if (!entry.path().filename().string().starts_with(".")) outputs.push_back(entry.path());
+  }
+  const fs::path manifest = out / "scene.json";
+  requireNoInputs(joined(outputs, {manifest}), {options.scene, options.trajectory, options.common.config});
+  requireOwn({manifest});
+  if (isOwn(manifest)) return;
+  for (const fs::path& output : outputs) {
+    if (!fs::exists(fs::symlink_status(output, error))) continue;
+    throw OutputError("output.foreign", output.string(),
+                      "would be replaced, but is of no recording that accessvdb simulated (there is no scene.json)",
+                      "Choose another output folder, or move this file away; nothing was changed");
+  }
+}
+
 }  // namespace
 
 int runSimulate(const Arguments& arguments, Messages& messages) {
@@ -67,6 +89,7 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
   addSimulateOptions(flags, options);
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkSimulateOptions(options);
+  requireOwnRecording(options);
   watchStopSignals();
 
   const sim::LidarModel model = lidarModel(options);
@@ -79,6 +102,13 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
 
   const std::filesystem::path out = options.out;
   io::prepareOutputFolder(out);
+  // First, so that what a killed run leaves is known to be a recording of ours.
+  const auto writeDescription = [&](int frames) {
+    io::writeFileDurably(out / "scene.json", [&](std::ostream& stream) {
+      stream << jsonText(describe(options, view, model, path, frames), 2) << "\n";
+    });
+  };
+  writeDescription(0);
   const auto start = std::chrono::steady_clock::now();
   Progress progress(messages, "simulating scans", static_cast<std::size_t>(simulator.frames()));
   sim::RecordingOptions recording{model.range_noise_m, options.common.threads, {}};
@@ -90,9 +120,7 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
   progress.finish();
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   sim::writeMeshPly(out / "scene.ply", view.scene.mesh);
-  io::writeFileDurably(out / "scene.json", [&](std::ostream& stream) {
-    stream << jsonText(describe(options, view, model, path, frames), 2) << "\n";
-  });
+  writeDescription(frames);
 
   const double rays = static_cast<double>(frames) * model.rays_per_frame;
   messages.notice("wrote " + std::to_string(frames) + " scans, " + numberText(rays / 1e6) + " M rays in " +
@@ -100,8 +128,8 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
                   " M rays/s), poses.txt, range_noise.txt, scene.ply and scene.json into " + out.string());
   const int signal = stopSignal();
   if (signal == 0) return 0;
-  messages.notice("stopped by " + std::string(signal == SIGINT ? "SIGINT" : "SIGTERM") + " after " +
-                  std::to_string(frames) + " of " + std::to_string(simulator.frames()) + " scans");
+  messages.notice(std::string("stopped by ") + stopSignalName() + " after " + std::to_string(frames) + " of " +
+                  std::to_string(simulator.frames()) + " scans");
   return 128 + signal;
 }
 

@@ -18,9 +18,12 @@ namespace fs = std::filesystem;
 fs::path stateFile(const std::string& map, const std::string& id, const std::string& why) {
   std::error_code ignored;
   if (!fs::is_directory(map, ignored)) return map;
-  std::ifstream in(fs::path(map) / "state.json");
+  const fs::path manifest = fs::path(map) / "state.json";
+  std::ifstream in;
+  if (fs::is_regular_file(manifest, ignored)) in.open(manifest);
   const auto json = nlohmann::ordered_json::parse(in, nullptr, false);
-  if (!in || !json.is_object() || !json.contains("generation") || !json["generation"].is_number_unsigned()) {
+  if (!in || !json.is_object() || !json.contains("generation") || !json["generation"].is_number_unsigned() ||
+      json["generation"] == 0) {
     throw InvalidArgument(id, map, "holds results, but no saved state, without which " + why,
                           "Run map with --checkpoint FOLDER, and name that folder");
   }

@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <csignal>
+#include <cstdio>
 #include <filesystem>
+#include <random>
 #include <thread>
 #include <utility>
 
@@ -14,6 +16,7 @@
 #include "accessvdb/surface_points.h"
 #include "command_line.h"
 #include "memory_check.h"
+#include "output_files.h"
 #include "progress.h"
 #include "report.h"
 #include "stop_signal.h"
@@ -55,6 +58,15 @@ tiles::Binned raysOf(const tiles::Job& job) {
                    "Run accessvdb tile bin " + job.out.string() + " first");
 }
 
+/// What the plan was made from, and what is made from it.
+Paths inputsOf(const tiles::Plan& plan) {
+  Paths inputs;
+  for (const tiles::Flight& flight : plan.flights) {
+    for (const tiles::PlannedInput& input : flight.inputs) inputs.emplace_back(input.path);
+  }
+  return inputs;
+}
+
 /// A parent that dies closes our standard input, whatever kills it.
 void stopWithStandardInput() {
   std::thread([] {
@@ -83,12 +95,14 @@ int planTiles(const Arguments& arguments, Messages& messages) {
     return 0;
   }
   checkMapOptions(options);
-  io::prepareOutputFolder(options.out);
-  if (options.fresh) removeTiles(options.out);
+  requireNoInputsInTiles(options.out, namedInputs(options));
   const std::vector<ToolSpec> tools = loadTools(options);
   sayToolsNotes(options, tools, messages);
   requireClosedTools(options, tools);
   io::ScanSequence scans = io::ScanSequence::open(scanInputOptions(options));
+  requireNoInputsInTiles(options.out, inputsWith(options, scans));
+  io::prepareOutputFolder(options.out);
+  if (options.fresh) tiles::removePlan(options.out);
   sayAboutScans(scans, messages);
   const FieldParams params = fieldParams(options, scans.recordedRangeNoise_m());
   if (const auto reason = whyNotInTiles(options, params)) {
@@ -118,6 +132,7 @@ int binScans(const Arguments& arguments, Messages& messages) {
   io::prepareOutputFolder(options.map.out);
   watchStopSignals();
   const OpenJob open = openJob(options.map.out, options.map);
+  requireNoInputsInTiles(open.job.out, inputsOf(open.job.plan));
   const OpenScans scans(open, messages);
   return binWithProgress(open.job, scans.flights(), messages).complete ? 0 : 128 + stopSignal();
 }
@@ -136,6 +151,7 @@ int runTiles(const Arguments& arguments, Messages& messages) {
   watchStopSignals();
   if (options.stop_with_stdin) stopWithStandardInput();
   const OpenJob open = openJob(options.map.out, options.map);
+  requireNoInputsInTiles(open.job.out, inputsOf(open.job.plan));
   const tiles::Binned rays = raysOf(open.job);
   if (wanted.empty()) wanted = tiles::status(open.job.out, open.job.plan, rays).todo;
   const tiles::RunLimits limits = {memoryLimit(options.map).value_or(0), writeOptions(open.options.exported)};
@@ -189,10 +205,19 @@ int showStatus(const Arguments& arguments, Messages& messages) {
   return 0;
 }
 
-/// The points that --vdb without --points needs for itself; an earlier, killed process may have left them.
+/// The points that --vdb without --points needs for itself. Named as files that are being written, of which
+/// io::prepareOutputFolder() removes what a killed process left.
 class PointsForGrids {
  public:
-  explicit PointsForGrids(fs::path path) : path_(std::move(path)) {}
+  explicit PointsForGrids(const fs::path& folder) {
+    std::random_device random;
+    std::error_code ignored;
+    do {
+      char name[64];
+      std::snprintf(name, sizeof name, ".merged_points.ply.%08x%08x.tmp", random(), random());
+      path_ = folder / name;
+    } while (fs::exists(fs::symlink_status(path_, ignored)));
+  }
   ~PointsForGrids() {
     std::error_code ignored;
     fs::remove(path_, ignored);
@@ -213,12 +238,29 @@ void mergeFiles(const OpenJob& open, const StepOptions& options, const tiles::St
   const fs::path named = options.points;
   if (!named.empty()) messages.notice("wrote " + std::to_string(merge(named)) + " points into " + named.string());
   if (options.vdb.empty()) return;
-  const PointsForGrids own(open.job.out / "merged_points.ply");
+  const PointsForGrids own(open.job.out);
   const bool have_ply = !named.empty() && named.extension() != ".las";
   if (!have_ply) merge(own.path());
   tiles::mergeGrids({open.job.out, status.done, have_ply ? named : own.path(), options.vdb,
                      writeOptions(open.options.exported), options.map.common.threads});
   messages.notice("wrote all grids into " + options.vdb);
+}
+
+/// The tiles themselves are inputs, too; files of one piece in the same folder are not.
+void requireNoInputsOfMerge(const OpenJob& open, const StepOptions& options) {
+  const fs::path& out = open.job.out;
+  const Paths planned = inputsOf(open.job.plan);
+  requireNoInputsInTiles(out, planned);
+  Paths read = filesOfMap(out);
+  std::erase_if(read, [&](const fs::path& path) {
+    return path.parent_path() == out && path.extension() != ".json";  // an earlier merge of the same name
+  });
+  Paths named;
+  for (const std::string& file : {options.points, options.vdb}) {
+    if (!file.empty()) named.emplace_back(file);
+  }
+  requireNoInputs(named, joined(planned, read));
+  requireOwn(inFolder(out, {"preview.png", "report.json"}));
 }
 
 int mergeTiles(const Arguments& arguments, Messages& messages) {
@@ -237,6 +279,7 @@ int mergeTiles(const Arguments& arguments, Messages& messages) {
   io::prepareOutputFolder(options.map.out);
   watchStopSignals();
   const OpenJob open = openJob(options.map.out, options.map);
+  requireNoInputsOfMerge(open, options);
   const tiles::Binned rays = raysOf(open.job);
   const tiles::Status status = tiles::status(open.job.out, open.job.plan, rays);
   const std::size_t left = status.todo.size();

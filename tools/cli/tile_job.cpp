@@ -12,6 +12,7 @@
 #include "accessvdb/field_io.h"
 #include "accessvdb/tool_tables.h"
 #include "memory_check.h"
+#include "output_files.h"
 #include "progress.h"
 #include "tools_given.h"
 
@@ -156,8 +157,9 @@ tiles::Plan newPlan(const PlanSources& sources, std::int32_t chosen_voxels, Mess
 /// Files that a run in one piece left: they are of another run than the tiles. Later ones may be merged from these.
 void removePieces(const fs::path& out) {
   std::error_code ignored;
-  for (const char* file : {"field.vdb", "field_points.vdb", "points.ply", "points.las"})
-    fs::remove(out / file, ignored);
+  for (const fs::path& file : inFolder(out, {"field.vdb", "field_points.vdb", "points.ply", "points.las"})) {
+    if (isOwn(file)) fs::remove(file, ignored);
+  }
 }
 
 }  // namespace
@@ -203,6 +205,7 @@ std::optional<std::string> whyNotInTiles(const MapOptions& options, const FieldP
 tiles::Plan planOf(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages) {
   const fs::path out = sources.options.out;
   if (!tiles::hasPlan(out)) {
+    tiles::requireOwnFolders(out);
     const tiles::Plan plan = identified(newPlan(sources, chosen_voxels, messages));
     if (!sources.options.no_clobber) removePieces(out);
     tiles::writePlan(out, plan);
@@ -293,18 +296,6 @@ OpenScans::OpenScans(const OpenJob& open, Messages& messages) {
                         "Restore the scans, or start again with --fresh");
   }
   for (io::ScanSequence& scans : scans_) pointers_.push_back(&scans);
-}
-
-void removeTiles(const fs::path& out) {
-  std::error_code error;
-  // The plan last: while it is there, the rest is known to belong to it.
-  for (const char* name : {"field.json", "tiles", "rays", "rays.json", "plan.json"}) {
-    fs::remove_all(out / name, error);
-    if (error) {
-      throw OutputError("output.write", (out / name).string(), "cannot be deleted (" + error.message() + ")",
-                        "Check the folder's permissions");
-    }
-  }
 }
 
 }  // namespace accessvdb::tools

@@ -35,7 +35,8 @@ struct PlanSources {
 /// The plan of these sources, written into the folder, or the one that is there if it is the same: sizes of that one
 /// are kept where none are given.
 /// @param chosen_voxels  edge of a tile that the prediction of memory chose; 0 takes --tiles
-/// @throws InvalidArgument "usage.tiles"; UnusableInput "plan.changed"; what reading the scans throws
+/// @throws InvalidArgument "usage.tiles"; UnusableInput "plan.changed"; OutputError "output.foreign"; what reading the
+///         scans throws
 [[nodiscard]] tiles::Plan planOf(const PlanSources& sources, std::int32_t chosen_voxels, Messages& messages);
 
 /// Opens what the plan in the folder names. Only flags that say how to run are taken from `options`: device, threads,
@@ -64,8 +65,5 @@ class OpenScans {
   std::vector<io::ScanSequence> scans_;
   std::vector<io::ScanSequence*> pointers_;
 };
-
-/// Deletes what an earlier run in tiles left: --fresh.
-void removeTiles(const std::filesystem::path& out);
 
 }  // namespace accessvdb::tools

@@ -126,13 +126,17 @@ void requireRoomForGrids(const tiles::Status& status, std::optional<std::uint64_
                       "Load the field.vdb of each tile instead: they share one index space");
 }
 
-int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport& report, Messages& messages) {
-  const auto begin = Clock::now();
-  const MapOptions& options = sources.options;
-  if (const auto reason = whyNotInTiles(options, sources.params)) {
+void requireTilesPossible(const MapOptions& options, const FieldParams& params) {
+  if (const auto reason = whyNotInTiles(options, params)) {
     throw InvalidArgument("usage.tiles", "--tiles " + options.tiles, *reason,
                           "Leave that option out, or use --tiles off");
   }
+}
+
+int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport& report, Messages& messages) {
+  const auto begin = Clock::now();
+  const MapOptions& options = sources.options;
+  requireTilesPossible(options, sources.params);
   if (options.update_every > 0) messages.notice("tiles are scored once at the end; --update-every changes nothing");
   tiles::Job job = {options.out, {}, sources.tools.front().tool, sources.params};
   if (sources.tools.size() > 1) job.tools = sources.tools;

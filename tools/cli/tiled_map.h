@@ -43,6 +43,9 @@ void writeResult(const TiledResult& result, RunReport& report, Messages& message
 /// @throws ResourceLimit "limit.memory" if one field.vdb of all tiles would not fit
 void requireRoomForGrids(const tiles::Status& status, std::optional<std::uint64_t> limit_bytes);
 
+/// @throws InvalidArgument "usage.tiles"
+void requireTilesPossible(const MapOptions& options, const FieldParams& params);
+
 /// @param chosen_voxels  edge of a tile that the prediction of memory chose; 0 takes --tiles
 /// @return 0, or 128 + the signal that stopped it
 int mapInTiles(const PlanSources& sources, std::int32_t chosen_voxels, RunReport& report, Messages& messages);

@@ -12,6 +12,7 @@
 #include "command_line.h"
 #include "json_text.h"
 #include "map_options.h"
+#include "output_files.h"
 #include "region_options.h"
 #include "state_file.h"
 #include "tools_given.h"
@@ -166,7 +167,14 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
   std::vector<Region> regions;
   for (const std::string& text : options.remove) regions.push_back(parseRegion(text));
   const fs::path file = stateFile(options.state, "usage.whatif", "nothing can be tried again");
-  if (!options.out.empty()) io::prepareOutputFolder(options.out);
+  if (!options.out.empty()) {
+    options.given.common = options.common;
+    options.given.remove = options.remove;
+    const Paths outputs = inFolder(options.out, {"whatif.ply", "whatif.json"});
+    requireNoInputs(outputs, joined(joined(namedInputs(options.given), {options.segments}), filesOfMap(options.state)));
+    requireOwn(outputs);
+    io::prepareOutputFolder(options.out);
+  }
 
   const AccessibilityField field = loadField(file, options.given, options.common, messages);
   requireClosedTools(options.given, field.tools());
