@@ -168,7 +168,7 @@ class ACCESSVDB_API AccessibilityField {
   [[nodiscard]] std::string deviceNote() const;  ///< why BackendKind::Auto is not on a GPU; else empty
   /// The id behind that note, as of an Error: "device.no_driver", "device.not_built", "device.architecture", ...
   [[nodiscard]] std::string deviceNoteId() const;
-  [[nodiscard]] double toolShareHidden() const;              ///< inside the self-exclusion radius: the most of any tool, turned in any way
+  [[nodiscard]] double toolShareHidden() const;              ///< inside the self-exclusion; of all tools and turns
   [[nodiscard]] int collisionLimit() const;                  ///< [n_c] fewest collisions that block a direction
   [[nodiscard]] int collisionLimit(std::size_t tool) const;  ///< @throws InvalidArgument "tool.index"
 

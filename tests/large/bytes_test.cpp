@@ -48,8 +48,8 @@ TEST_F(TileBytes, SeveralTools) {
            "--device",         "cpu",
            "--width",          "200",
            "--height",         "100",
-           "--directions",     "36",
-           "--allow-hidden-tool"};
+           "--directions",     "36"};
+  what_.emplace_back("--allow-hidden-tool");
   succeed(map({"--tiles", "off"}, "one"));
   succeed(plan({"--tiles", "6.4"}));
   succeed(step("bin"));

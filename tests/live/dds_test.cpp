@@ -414,6 +414,13 @@ TEST_F(LiveDds, BadOptionsAreRefused) {
   unsetenv("ROS_DOMAIN_ID");
 }
 
+TEST_F(LiveDds, AToolThatVanishesIsRefused) {
+  const ProgramResult result = runProgram({"live", "--cloud", "/a", "--odom", "/b", "--tool", "builtin:pencil",
+                                           "--voxel", "0.05", "--device", "cpu", "--out", path("out")});
+  EXPECT_EQ(result.exit_code, 4) << result.err;
+  EXPECT_NE(result.err.find("error[tool.hidden]"), std::string::npos) << result.err;
+}
+
 TEST_F(LiveDds, TheEffectiveConfigurationIsReadBack) {
   const ProgramResult printed = runProgram({"live", "--cloud", "/a", "--odom", "/b", "--tool", "builtin:pencil",
                                             "--out", path("out"), "--queue", "7", "--print-config"});
