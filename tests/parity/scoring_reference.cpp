@@ -21,6 +21,20 @@ Eigen::Vector3d toLocal(const Eigen::Vector3d& p_W, const Eigen::Vector3d& origi
   return p;
 }
 
+/// Faces belong to the voxel above. Positions are kept so far from faces that no rounding moves them across: two steps
+/// of 2^-20 m, and five roundings of float32.
+struct PlacedCoordinate {
+  std::int32_t voxel;
+  float x_m;
+};
+PlacedCoordinate placed(double x_m, double v) {
+  const double per_m = static_cast<float>(1.0 / v), x = x_m * per_m;
+  const double slack = per_m / 524288 + std::abs(x) * 5 / 16777216;
+  const double voxel = std::floor(x + 0.5 + slack / 2), most = 0.5 - slack;
+  const double kept = std::clamp(x - voxel, -most, most);
+  return {static_cast<std::int32_t>(voxel), static_cast<float>(kept == x - voxel ? x_m : (voxel + kept) / per_m)};
+}
+
 using Axes = std::vector<std::array<double, 3>>;
 
 Axes axesOf(const ApproachParams& approach) {
@@ -79,11 +93,12 @@ std::vector<GatheredPoint> gatherPoints(const std::vector<RayScan>& scans, const
     std::vector<Return> returns;
     for (std::size_t n = 0; n < scan.points_W.size(); ++n) {
       Return r;
-      r.p = toLocal(scan.points_W[n], origin_W).cast<float>();
+      const Eigen::Vector3d p_L = toLocal(scan.points_W[n], origin_W);
       r.q = toLocal(scan.origins_W[n], origin_W).cast<float>();
       for (int a = 0; a < 3; ++a) {
-        const float scaled = r.p[a] * static_cast<float>(1.0 / v);
-        r.voxel[static_cast<std::size_t>(a)] = static_cast<std::int32_t>(std::floor(scaled + 0.5f));
+        const PlacedCoordinate at = placed(p_L[a], v);
+        r.voxel[static_cast<std::size_t>(a)] = at.voxel;
+        r.p[a] = at.x_m;
       }
       returns.push_back(r);
     }

@@ -129,7 +129,7 @@ TEST_F(RecordingLabels, OfRecordedScansEqualThoseOfFiles) {
     poses += text;
   }
   writeText("flight/poses.txt", poses);
-  const std::vector<std::string> coarse = {"--voxel", "0.4", "--tool", "builtin:pruner"};
+  const std::vector<std::string> coarse = {"--voxel", "0.4", "--tool", "builtin:pruner", "--allow-hidden-tool"};
   const std::vector<std::string> files = {"--scans", path("flight/scans"), "--poses", path("flight/poses.txt")};
   const auto run = [&](const std::string& out, const std::vector<std::string>& inputs) {
     std::vector<std::string> arguments = {"map", "--device", "cpu", "--tiles", "off", "--out", path(out)};
