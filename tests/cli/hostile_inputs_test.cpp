@@ -135,9 +135,9 @@ TEST_F(HostileInputs, TextThatIsNotUtf8) {
   std::filesystem::rename(path("scans"), path("sc\xff"
                                               "ans"));
   const auto named = [this](const std::string& scans) {
-    return std::vector<std::string>{
-        "map",   "--scans",   path(scans), "--poses", path("poses.txt"),    "--tool", "builtin:pencil",
-        "--out", path("odd"), "--voxel",   "0.05",    "--allow-hidden-tool"};
+    return std::vector<std::string>{"map",    "--scans",        path(scans), "--poses",   path("poses.txt"),
+                                    "--tool", "builtin:pencil", "--out",     path("odd"), "--voxel",
+                                    "0.01"};
   };
   ASSERT_EQ(runProgram(named("sc\xff"
                              "ans"))
