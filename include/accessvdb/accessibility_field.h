@@ -75,12 +75,12 @@ class ACCESSVDB_API AccessibilityField {
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W);
   FrameStats integrateRays(std::span<const Eigen::Vector3d> points_W, std::span<const Eigen::Vector3d> origins_W,
                            double stamp_s);
-  /// From now on the map and the list of points take no new memory. Where a return would need some, it is left out, and
+  /// From now on the map gets no leaf and no leaf gets values. Where a return would need some, it is left out, and
   /// the voxels that it would have changed block: they collide and are not free for an arm, and points whose neighbours
   /// may lie there are unscored with reason `confidence`. What the map has a place for is fused as if it grew. So at
   /// every moment the accessible points are among those of a field that grows. Part of a saved state is what was left
   /// out, not that the map stopped growing.
-  /// @param most_left_out_leaves  leaves (8^3 voxels) in which single voxels are kept, 350 bytes each with their share
+  /// @param most_left_out_leaves  leaves of 8^3 voxels in which single voxels are kept, 350 bytes each with their share
   /// of
   ///                              the mirror; beyond, all points near them are unscored
   /// @throws InvalidArgument "projective.limit" with projective fusion

@@ -80,7 +80,8 @@ struct SurfacePoint {
   float stability = 1;                     ///< [a] in [0, 1]
   PointLabel label = PointLabel::Unscored;
   PointReason reason = PointReason::Confidence;
-  /// Accessible, c*a above UpdateParams::stability_min, and the last update() left no point waiting (its backlog is 0).
+  /// Accessible, c*a above UpdateParams::stability_min, and an update() came after the last scan and left no point
+  /// waiting (its backlog is 0).
   bool confident = false;
   /// World from tool, w >= 0: how the tool is held in that direction. Identity if there is none.
   Eigen::Quaternionf orientation_WT = Eigen::Quaternionf::Identity();

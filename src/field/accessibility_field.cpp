@@ -143,9 +143,14 @@ std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_
   if (id == internal::kNone) return std::nullopt;
   return impl_->arena.execute([&] {
     const auto scorer = impl_->freshScorer(tool);
-    return AccessMap{internal::scoredPoint(impl_->further.ofEach(impl_->scored())[tool], id),
+    AccessMap map = {internal::scoredPoint(impl_->further.ofEach(impl_->scored())[tool], id),
                      setup.tool().collision_limit,
                      internal::tryEveryDirection(*scorer, setup, impl_->mirror.grid(), id)};
+    const std::uint8_t why = id < impl_->withheld().size() ? impl_->withheld()[id] : 0;
+    for (DirectionOutcome& outcome : map.directions) {
+      if (why != 0 && outcome.reason == PointReason::None) outcome.reason = internal::reasonOf(why);
+    }
+    return map;
   });
 }
 

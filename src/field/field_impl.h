@@ -136,7 +136,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   }
 
   [[nodiscard]] internal::ScoredField scored() const {
-    return {*scorer, *backend, gate.origin_W(), setup.tool().rolls, core(), backlog > 0, withheld()};
+    return {*scorer, *backend, gate.origin_W(), setup.tool().rolls, core(), backlog > 0 || !labels_current, withheld()};
   }
   /// Points that are unscored whatever their state says.
   [[nodiscard]] std::span<const std::uint8_t> withheld() const { return left_out.withheld(gone_points.published()); }

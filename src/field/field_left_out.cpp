@@ -21,10 +21,10 @@ void AccessibilityField::leaveOut(std::span<const Eigen::Vector3d> centres_W, do
   if (!(radius_m >= 0 && radius_m <= internal::LeftOutPoints::kLargestRadius_m)) {
     throw InvalidArgument("left_out.radius", "radius_m", "must be 0 .. 1000000 m", "Pass one in metres");
   }
-  impl_->steps.requireWhole();
-  impl_->views.expire();
-  impl_->labels_current = false;
-  for (const Eigen::Vector3d& centre_W : centres_W) impl_->left_out.close(centre_W, radius_m);
+  impl_->steps.run([&] {
+    impl_->labels_current = false;
+    for (const Eigen::Vector3d& centre_W : centres_W) impl_->left_out.close(centre_W, radius_m);
+  });
 }
 
 bool AccessibilityField::grows() const { return impl_->volume.packed().grows(); }
@@ -49,7 +49,7 @@ const internal::GatedScan& AccessibilityField::Impl::placedReturns(const interna
 /// @param leaves  in which more was left out
 void AccessibilityField::Impl::noteLeftOut(std::span<const openvdb::Coord> leaves) {
   internal::LeftOutVoxels& voxels = volume.packed().leftOut();
-  left_out.noteLeaves(leaves);
+  if (voxels.keeps()) left_out.noteLeaves(leaves);
   const double v = params.tsdf.voxel_size_m;
   const auto close = [&](const openvdb::Coord& origin) {
     const Eigen::Vector3d middle_L = v * (Eigen::Vector3d(origin.x(), origin.y(), origin.z()).array() + 3.5).matrix();
@@ -58,6 +58,7 @@ void AccessibilityField::Impl::noteLeftOut(std::span<const openvdb::Coord> leave
   if (voxels.leaves() > voxels.most()) {
     for (const auto& [origin, bits] : voxels.inOrder()) close(origin);
     voxels.stopKeeping();
+    left_out.forgetLeaves();
   } else if (!voxels.keeps()) {
     std::ranges::for_each(leaves, close);
   }

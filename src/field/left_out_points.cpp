@@ -14,9 +14,6 @@ namespace {
 /// No position of a return is farther from the world's origin, in cells: doubles have 2^53 steps.
 constexpr double kFarthestCell = 0x1p52;
 constexpr std::uint32_t kMostDoublings = 60;
-/// What has gone is judged by cells of 4 voxels and those beside them (change/gone_cells.h), and one that opens counts
-/// for those beside it.
-constexpr std::int32_t kCells = 12;
 
 }  // namespace
 
@@ -25,7 +22,7 @@ LeftOutPoints::LeftOutPoints(const WindowReach& reach, const FieldParams& resolv
   if (resolved.change.mode == ChangeMode::Full) {
     // GoneCells: a shadow is opened up to tau and a voxel from a cell that has gone.
     const double shadow = std::ceil(resolved.tsdf.truncation_distance_m / resolved.tsdf.voxel_size_m) + 1;
-    reach_ = std::max(reach_, static_cast<std::int32_t>(shadow) + kCells);
+    reach_ = std::max(reach_, static_cast<std::int32_t>(shadow) + WindowReach::kGoneCells);
   }
   near_leaves_ = (reach_ + 7) / 8;
 }
@@ -64,10 +61,11 @@ LeafBits LeftOutPoints::nearLeftOut(const OpenedLeaf& opened, const LeftOutVoxel
 }
 
 void LeftOutPoints::closeCell(const Cell& cell) {
-  if (!closed_.insert(cell).second) return;
+  if (closed_.contains(cell)) return;
   for (std::int64_t n = 0; n < 27; ++n) {
     shadow_.insert({cell[0] + n / 9 - 1, cell[1] + n / 3 % 3 - 1, cell[2] + n % 3 - 1});
   }
+  closed_.insert(cell);  // last: what is closed has its shadow
 }
 
 /// Larger cells close more, and there are fewer of them.

@@ -32,6 +32,8 @@ class LeftOutPoints {
 
   /// More was left out in these leaves. @param origins  lowest voxels
   void noteLeaves(std::span<const openvdb::Coord> origins);
+  /// No voxels are kept any more.
+  void forgetLeaves() { near_.clear(); }
   /// Of these voxels, those around which returns are missing by which it is judged what has gone.
   [[nodiscard]] LeafBits nearLeftOut(const OpenedLeaf& opened, const LeftOutVoxels& voxels) const;
   /// Returns were left out at most this far from a position, and no voxel says where. Positions that are not finite are

@@ -44,8 +44,7 @@ WindowReach windowReach(const ToolKernel& tool, const FieldParams& resolved) {
 }
 
 std::int32_t WindowReach::influence() const {
-  constexpr std::int32_t kCells = 12;  // as in left_out_points.cpp
-  return std::max(std::max(map, height) + returns, neighbours) + kCells;
+  return std::max(std::max(map, height) + returns, neighbours) + kGoneCells;
 }
 
 WindowReach unionOf(const WindowReach& a, const WindowReach& b) {

@@ -24,6 +24,9 @@ struct WindowReach {
   std::int32_t neighbours = 0;  ///< from a point to the farthest neighbour of its normal and its joined views
   std::int32_t height = 0;      ///< as map, along z
 
+  /// What has gone is judged by cells of 4 voxels and those beside them (change/gone_cells.h), and one that opens
+  /// counts for those beside it.
+  static constexpr std::int32_t kGoneCells = 12;
   /// Along any axis: from a return to the farthest point whose label may depend on it.
   [[nodiscard]] std::int32_t influence() const;
 };

@@ -89,6 +89,13 @@ class Latencies {
 
 }  // namespace
 
+/// As AccessibilityField::leaveOut() takes it, and farther than any return.
+constexpr double kFarthestReturn_m = 1e6;
+/// More scans than that are not remembered until their poses come.
+constexpr std::size_t kMostUnplaced = 64;
+/// After so many scans that were only fused, one is scored in any case.
+constexpr int kMostLate = 16;
+
 struct ACCESSVDB_PRIVATE LiveSession::Impl {
   Impl(const ToolGeometry& tool, const FieldParams& params, const LiveOptions& given)
       : options(given), field(tool, checked(params, given)), lost(lostCube_m()), poses(given.most_poses) {
@@ -121,23 +128,45 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     dropped.push_back({scan.number, scan.scan.stamp_ns, reason});
   }
 
-  /// There is no time for a scan. If it has a pose, what it saw must block.
+  /// There is no time for a scan. If it has a pose, or will have one, what it saw must block.
   void lose(const WaitingScan& waiting) {
     drop(waiting, ScanDrop::QueueFull);
-    const auto T_W_B = poses.at(waiting.scan.stamp_ns);
-    if (!T_W_B) return;
     const LiveScan& scan = waiting.scan;
     const bool registered = isRegistered(scan);
-    const Eigen::Isometry3d T = registered      ? Eigen::Isometry3d::Identity()
-                                : options.T_B_S ? *T_W_B * *options.T_B_S
-                                                : *T_W_B;
-    for (const Eigen::Vector3f& p : scan.points) {
-      if (registered || !p.isZero(0)) lost.add(T * p.cast<double>().eval());
+    const auto T_W_B = poses.at(scan.stamp_ns);
+    if (!registered && !T_W_B && isHopeless(scan.stamp_ns)) return;
+    internal::LostReturns in_sensor(lostCube_m());
+    internal::LostReturns& where = registered ? lost : in_sensor;
+    const auto add = [&](const Eigen::Vector3d& p) {
+      const double range_m = p.norm();
+      const double most_m = registered ? kFarthestReturn_m : field.params().tsdf.max_range_m;
+      if (range_m > 0 && range_m <= most_m) where.add(p);  // what the field would drop is no return
+    };
+    for (const Eigen::Vector3f& p : scan.points) add(p.cast<double>());
+    for (const Eigen::Vector3d& p : scan.points_double) add(p);
+    status.left_out_returns += returnsOf(scan);
+    if (registered) return;
+    if (T_W_B) {
+      place(in_sensor, *T_W_B);
+      return;
     }
-    for (const Eigen::Vector3d& p : scan.points_double) {
-      if (registered || !p.isZero(0)) lost.add(T * p);
-    }
-    status.left_out_returns += scan.points.size() + scan.points_double.size();
+    if (unplaced.size() == kMostUnplaced) unplaced.pop_front();
+    unplaced.emplace_back(scan.stamp_ns, std::move(in_sensor));
+  }
+
+  void place(const internal::LostReturns& in_sensor, const Eigen::Isometry3d& T_W_B) {
+    const Eigen::Isometry3d T_W_S = options.T_B_S ? T_W_B * *options.T_B_S : T_W_B;
+    for (const Eigen::Vector3d& centre_S : in_sensor.centres_W()) lost.add(T_W_S * centre_S, in_sensor.radius_m());
+  }
+
+  /// What lost scans saw, as far as their poses are known by now, for the step that follows.
+  internal::LostReturns takeLost() {
+    std::erase_if(unplaced, [this](const auto& scan) {
+      const auto T_W_B = poses.at(scan.first);
+      if (T_W_B) place(scan.second, *T_W_B);
+      return T_W_B || isHopeless(scan.first);
+    });
+    return std::exchange(lost, internal::LostReturns(lostCube_m()));
   }
 
   [[nodiscard]] bool isRegistered(const LiveScan& scan) const {
@@ -163,11 +192,12 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
       waiting_returns -= returnsOf(waiting.scan);
       if (T_W_B) {
         // Those behind are in order of time: if this one has a pose, all before it have one or never will.
-        const bool late =
-            queue.size() >= options.queue_scans && poses.at(queue[options.queue_scans - 1].scan.stamp_ns).has_value();
+        const bool late = queue.size() >= options.queue_scans &&
+                          poses.at(queue[options.queue_scans - 1].scan.stamp_ns).has_value() && lost.empty() &&
+                          late_in_a_row < kMostLate;
+        late_in_a_row = late ? late_in_a_row + 1 : 0;
         const bool registered = isRegistered(waiting.scan);
-        return Ready{std::move(waiting), *T_W_B, registered, late,
-                     std::exchange(lost, internal::LostReturns(lostCube_m()))};
+        return Ready{std::move(waiting), *T_W_B, registered, late, takeLost()};
       }
       drop(waiting, ScanDrop::NoPose);
     }
@@ -195,9 +225,24 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
     return out;
   }
 
+  void leaveOut(const internal::LostReturns& returns) {
+    if (!returns.empty()) field.leaveOut(returns.centres_W(), std::min(returns.radius_m(), kFarthestReturn_m));
+  }
+
+  /// A step failed. If the field did not break, it does not know what the scan saw: everything in its range is closed.
+  void leaveOutAround(const Eigen::Isometry3d& T_W_B) {
+    try {
+      const double range_m =
+          field.params().tsdf.max_range_m + (options.T_B_S ? options.T_B_S->translation().norm() : 0);
+      field.leaveOut(std::array<Eigen::Vector3d, 1>{T_W_B.translation()}, std::min(range_m, kFarthestReturn_m));
+      static_cast<void>(field.update());
+    } catch (const Error&) {  // it is broken, and answers nothing
+    }
+  }
+
   void take(Ready ready, LiveStep& step) {
     const double stamp_s = 1e-9 * static_cast<double>(ready.waiting.scan.stamp_ns);
-    if (!ready.lost.empty()) field.leaveOut(ready.lost.centres_W(), ready.lost.radius_m());
+    leaveOut(ready.lost);
     const Posed scan = posed(std::move(ready.waiting.scan), ready.T_W_B, ready.registered, step);
     if (scan.registered) {
       const std::array<Eigen::Vector3d, 1> origin_W = {scan.T_W_S.translation()};
@@ -224,6 +269,9 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
   std::deque<WaitingScan> queue;
   std::size_t waiting_returns = 0;  ///< of all scans in it
   internal::LostReturns lost;       ///< of scans that there was no time for, until the next step
+  /// The same of scans whose poses are not there yet: times, and returns in the frame of their sensor.
+  std::deque<std::pair<std::int64_t, internal::LostReturns>> unplaced;
+  int late_in_a_row = 0;
   std::deque<DroppedScan> dropped;
   internal::PoseBuffer poses;
   std::optional<std::string> world_frame;
@@ -299,7 +347,18 @@ std::optional<LiveStep> LiveSession::step() {
     ready = impl_->next();
     impl_->busy = ready.has_value();
   }
-  if (!ready) return std::nullopt;
+  if (!ready) {
+    internal::LostReturns lost(impl_->lostCube_m());
+    {
+      const std::scoped_lock locked(impl_->lock);
+      lost = impl_->takeLost();
+    }
+    if (!lost.empty()) {
+      impl_->leaveOut(lost);
+      static_cast<void>(impl_->field.update());
+    }
+    return std::nullopt;
+  }
   LiveStep step;
   step.number = ready->waiting.number;
   step.stamp_ns = ready->waiting.scan.stamp_ns;
@@ -309,9 +368,11 @@ std::optional<LiveStep> LiveSession::step() {
   WaitingScan lost;  // what is left of it if the step fails
   lost.number = step.number;
   lost.scan.stamp_ns = step.stamp_ns;
+  const Eigen::Isometry3d T_W_B = ready->T_W_B;
   try {
     impl_->take(std::move(*ready), step);
   } catch (...) {
+    impl_->leaveOutAround(T_W_B);
     const std::scoped_lock locked(impl_->lock);
     impl_->busy = false;
     impl_->drop(lost, ScanDrop::Failed);

@@ -2,15 +2,17 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "live/lost_returns.h"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
 namespace accessvdb::internal {
 
-void LostReturns::add(const Eigen::Vector3d& p_W) {
+void LostReturns::add(const Eigen::Vector3d& p_W, double spread_m) {
   constexpr double kFarthest = 0x1p52;
   const Eigen::Vector3d cube = (p_W / edge_m_).array().floor();
   if (!(cube.lpNorm<Eigen::Infinity>() < kFarthest)) return;
+  spread_m_ = std::max(spread_m_, spread_m);
   cubes_.insert(
       {static_cast<std::int64_t>(cube.x()), static_cast<std::int64_t>(cube.y()), static_cast<std::int64_t>(cube.z())});
   while (cubes_.size() > kMostCubes) {

@@ -20,16 +20,16 @@ class LostReturns {
   /// @param edge_m  of the first cubes
   explicit LostReturns(double edge_m) : edge_m_(edge_m) {}
 
-  /// Positions that are not finite are no returns.
-  void add(const Eigen::Vector3d& p_W);
+  /// Positions that are not finite are no returns. @param spread_m  the return may lie so far from there
+  void add(const Eigen::Vector3d& p_W, double spread_m = 0);
   [[nodiscard]] bool empty() const { return cubes_.empty(); }
   /// Every return lay at most radius_m() from one of these.
   [[nodiscard]] std::vector<Eigen::Vector3d> centres_W() const;
-  [[nodiscard]] double radius_m() const { return 0.8661 * edge_m_; }  // half a diagonal, rounded up
+  [[nodiscard]] double radius_m() const { return 0.8661 * edge_m_ + spread_m_; }  // half a diagonal, rounded up
 
  private:
   using Cube = std::array<std::int64_t, 3>;
-  double edge_m_;
+  double edge_m_, spread_m_ = 0;
   std::set<Cube> cubes_;
 };
 

@@ -181,7 +181,10 @@ AttemptFolder::AttemptFolder(const fs::path& out, const TileId& id) : out_(out),
 }
 
 AttemptFolder::~AttemptFolder() {
-  if (!placed_) removeOwn(ownFilesOfTile(path_));
+  try {
+    if (!placed_) removeOwn(ownFilesOfTile(path_));
+  } catch (const std::exception&) {  // what is left is cleared by the next run
+  }
   if (lock_ >= 0) ::close(lock_);
 }
 

@@ -98,10 +98,10 @@ SolidVoxels ToolSolid::voxels(const std::vector<Eigen::Vector3d>& vertices, doub
   }
   joinRuns(solid.runs);
   const std::vector<VoxelRun> enclosed = enclosedBy(solid.runs);
-  for (std::vector<VoxelRun>* runs : {&solid.runs, &certain}) {
-    runs->insert(runs->end(), enclosed.begin(), enclosed.end());
-    joinRuns(*runs);
-  }
+  solid.runs.insert(solid.runs.end(), enclosed.begin(), enclosed.end());
+  joinRuns(solid.runs);
+  // What is enclosed blocks, but may be a cavity that the whole tool does not fill: it does not count for the limit.
+  joinRuns(certain);
   solid.all = countVoxels(solid.runs);
   removeBall(solid.runs, self_exclusion_voxels);
   removeBall(certain, self_exclusion_voxels);

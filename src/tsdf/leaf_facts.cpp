@@ -18,6 +18,17 @@ LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf) {
   return facts;
 }
 
+LeafChange factsWithLeftOut(const PackedMap& map, const PackedLeaf& leaf) {
+  LeafChange facts = factsOf(map, leaf);
+  if (map.leftOut().empty()) return facts;
+  const LeafBits* left_out = map.leftOut().find(leaf.origin());
+  for (std::size_t x = 0; left_out != nullptr && x < 8; ++x) {
+    facts.collides_on[x] |= (*left_out)[x];
+    facts.arm_free_on[x] &= ~(*left_out)[x];
+  }
+  return facts;
+}
+
 LeafBits observedIn(const PackedLeaf& leaf) {
   LeafBits observed = {};
   const std::uint32_t* packed = packedValues(leaf);

@@ -11,6 +11,8 @@ namespace accessvdb::internal {
 
 /// What would have to flip if the leaf were new: collides_on and arm_free_on are its facts.
 [[nodiscard]] LeafChange factsOf(const PackedMap& map, const PackedLeaf& leaf);
+/// The same, with what was left out in it (LeftOutVoxels).
+[[nodiscard]] LeafChange factsWithLeftOut(const PackedMap& map, const PackedLeaf& leaf);
 
 /// Of all voxels of a leaf, those that were observed.
 [[nodiscard]] LeafBits observedIn(const PackedLeaf& leaf);

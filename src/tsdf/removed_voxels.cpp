@@ -20,7 +20,7 @@ std::vector<LeafChange> edited(PackedMap& map, const VoxelSet& voxels, const Edi
   for (const LeafVoxels& part : voxels) {
     PackedLeaf* leaf = map.tree().probeLeaf(part.origin_ijk);
     if (leaf == nullptr) continue;
-    const LeafChange before = factsOf(map, *leaf);
+    const LeafChange before = factsWithLeftOut(map, *leaf);
     const std::uint32_t number = map.voteNumberOf(*leaf);
     VoxelVotes* votes = number == 0 ? nullptr : &map.votePool()->get(number);
     edit(*leaf, part.bits, votes);
@@ -28,7 +28,7 @@ std::vector<LeafChange> edited(PackedMap& map, const VoxelSet& voxels, const Edi
       map.votePool()->remove(number);
       map.setVoteNumber(*leaf, 0);
     }
-    const LeafChange after = factsOf(map, *leaf);
+    const LeafChange after = factsWithLeftOut(map, *leaf);
     LeafChange change;
     change.origin_ijk = before.origin_ijk;
     for (std::size_t x = 0; x < 8; ++x) {
@@ -112,11 +112,13 @@ std::vector<LeafChange> flipsIfFree(const PackedMap& map, const VoxelSet& voxels
     const PackedLeaf* leaf = map.tree().probeConstLeaf(part.origin_ijk);
     if (leaf == nullptr) continue;
     const LeafChange facts = factsOf(map, *leaf);
+    const LeafBits* left_out = map.leftOut().find(part.origin_ijk);
     LeafChange change;
     change.origin_ijk = facts.origin_ijk;
     for (std::size_t x = 0; x < 8; ++x) {
-      change.collides_off[x] = part.bits[x] & facts.collides_on[x];
-      change.arm_free_on[x] = part.bits[x] & ~facts.arm_free_on[x];
+      const std::uint64_t may = left_out == nullptr ? part.bits[x] : part.bits[x] & ~(*left_out)[x];
+      change.collides_off[x] = may & facts.collides_on[x];
+      change.arm_free_on[x] = may & ~facts.arm_free_on[x];
     }
     if (anyFlip(change)) changes.push_back(change);
   }

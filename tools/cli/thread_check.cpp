@@ -4,6 +4,7 @@
 /// others beside it (TBB), and abort where they cannot. Only the program's own pre-initialisation comes before theirs;
 /// there the C library works, that of C++ does not.
 #include <pthread.h>
+#include <sched.h>
 #include <unistd.h>
 
 #include <cstdio>
@@ -49,7 +50,8 @@ bool wantsJson(int argc, char** argv) {
 }
 
 void requireThreads(int argc, char** argv, char**) {
-  const long processors = sysconf(_SC_NPROCESSORS_ONLN);
+  cpu_set_t usable;
+  const long processors = sched_getaffinity(0, sizeof usable, &usable) == 0 ? CPU_COUNT(&usable) : 1;
   const int wanted =
       kOfLibraries + (processors < kMost - kOfLibraries ? static_cast<int>(processors) : kMost - kOfLibraries);
   const int count = startable(wanted);

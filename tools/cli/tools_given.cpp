@@ -94,10 +94,11 @@ void requireShownTools(const MapOptions& options, const std::vector<ToolSpec>& t
   const double voxel_m = params.tsdf.voxel_size_m;
   for (const ToolSpec& tool : tools) {
     const FieldParams own = toolParams(tool, params);
-    if (tools.size() > 1 && toolShareHidden(tool.tool, own) <= kMostHidden) continue;
+    const double of_tool = tools.size() > 1 ? toolShareHidden(tool.tool, own) : share;
+    if (of_tool <= kMostHidden) continue;
     const double shows_m = voxelThatShows_m(tool.tool, own, voxel_m);
     throw UnusableInput("tool.hidden", tool.tool.name(),
-                        "at a voxel of " + numberText(voxel_m) + " m, " + numberText(std::round(100 * share)) +
+                        "at a voxel of " + numberText(voxel_m) + " m, " + numberText(std::round(100 * of_tool)) +
                             " % of the tool is so near its tip that collisions there are not counted (" +
                             numberText(params.scoring.self_exclusion_voxels) + " voxels)",
                         (shows_m > 0 ? "Use --voxel " + numberText(shows_m) + " or smaller, or a larger tool"
