@@ -36,6 +36,31 @@ void RgbImage::fillRectangle(int x0, int y0, int x1, int y1, const Rgb& colour, 
   }
 }
 
+namespace {
+
+/// Who made it, as PNG has it: a tEXt chunk.
+void nameWriter(std::vector<std::uint8_t>& png) {
+  constexpr char kText[] = "tEXtSoftware\0AccessVDB";  // without the final 0
+  constexpr std::size_t kBytes = sizeof kText - 1;
+  const auto put = [](std::vector<std::uint8_t>& to, std::uint32_t value) {
+    for (int shift = 24; shift >= 0; shift -= 8) to.push_back(static_cast<std::uint8_t>(value >> shift));
+  };
+  std::vector<std::uint8_t> chunk;
+  put(chunk, kBytes - 4);
+  std::uint32_t crc = ~std::uint32_t{0};
+  for (std::size_t n = 0; n < kBytes; ++n) {
+    const auto byte = static_cast<std::uint8_t>(kText[n]);
+    chunk.push_back(byte);
+    crc ^= byte;
+    for (int bit = 0; bit < 8; ++bit) crc = (crc >> 1) ^ ((crc & 1) != 0 ? 0xedb88320u : 0u);
+  }
+  put(chunk, ~crc);
+  constexpr std::ptrdiff_t kHeader = 8 + 25;  // signature and IHDR: so that it is found without reading the picture
+  png.insert(png.begin() + kHeader, chunk.begin(), chunk.end());
+}
+
+}  // namespace
+
 void writePng(const std::filesystem::path& path, const RgbImage& image) {
   png_image png = {};
   png.version = PNG_IMAGE_VERSION;
@@ -51,8 +76,10 @@ void writePng(const std::filesystem::path& path, const RgbImage& image) {
     throw OutputError("output.png", path.string(), "the picture cannot be encoded (" + why + ")",
                       "Use a smaller picture");
   }
+  encoded.resize(size);
+  nameWriter(encoded);
   io::writeFileDurably(path, [&](std::ostream& stream) {
-    stream.write(reinterpret_cast<const char*>(encoded.data()), static_cast<std::streamsize>(size));
+    stream.write(reinterpret_cast<const char*>(encoded.data()), static_cast<std::streamsize>(encoded.size()));
   });
 }
 

@@ -81,6 +81,9 @@ std::vector<Rim> rimsOf(const std::vector<Eigen::Vector3f>& vertices, const std:
   return rims;
 }
 
+/// Vertices apart by less than this share of their reach were one, whatever else is near: at a corner many meet.
+constexpr double kSurelyOne = 0.05;
+
 /// Joins vertices on rims that are nearer to each other than half of each one's shortest edge.
 /// @return how far they are apart, at most
 double joinTorn(const std::vector<Eigen::Vector3f>& vertices, const std::vector<Triangle>& triangles,
@@ -122,7 +125,8 @@ double joinTorn(const std::vector<Eigen::Vector3f>& vertices, const std::vector<
   }
   // The far corners of two needles may be within reach of each other, but they have nearer ones.
   for (const Pair& pair : pairs) {
-    if (pair.apart_m <= 2 * std::max(nearest_m[pair.a], nearest_m[pair.b])) group.join(pair.a, pair.b);
+    const bool is_near = pair.apart_m <= kSurelyOne * std::min(reach_m[pair.a], reach_m[pair.b]);
+    if (is_near || pair.apart_m <= 2 * std::max(nearest_m[pair.a], nearest_m[pair.b])) group.join(pair.a, pair.b);
   }
   std::vector<Eigen::AlignedBox3d> boxes(vertices.size());
   double tear_m = 0;

@@ -422,5 +422,54 @@ TEST_F(KeptFiles, PipesAreNoInputs) {
   }
 }
 
+/// Results are known by what our writers put where. To speak of accessvdb, or to have keys that many files have, is not
+/// enough.
+TEST_F(KeptFiles, FilesThatOnlySpeakOfAccessVdbAreKept) {
+  const struct {
+    const char *name, *content;
+    Flags flags;
+  } all[] = {{"report.json", "{\"schema\": \"https://my/schema\", \"version\": 3, \"measurements\": [1, 2]}", {}},
+             {"report.html", "<html>My site report. Mapping was done with AccessVDB.</html>", {"--html"}},
+             {"points.ply", "ply\nformat ascii 1.0\ncomment exported from /home/me/accessvdb/scan1\nend_header\n", {}},
+             {"points.ply",
+              "ply\nformat ascii 1.0\ncomment exported from /home/me/accessvdb/scan1\nend_header\n",
+              {"--tiles", "6.4"}},
+             {"preview.png", "\x89PNG\r\n\x1a\n of the AccessVDB stand", {}}};
+  for (const auto& [name, content, flags] : all) {
+    fs::remove_all(path("out"));
+    fs::create_directories(path("out"));
+    writeText(std::string("out/") + name, content);
+    expectRefused(map(flags), 7, "output.foreign");
+  }
+  // Ours alone, without the others beside it.
+  fs::remove_all(path("out"));
+  succeed(map());
+  for (const char* name : {"report.json", "points.ply", "field.vdb", "field_points.vdb"})
+    fs::remove(path("out") + "/" + name);
+  succeed(map());
+}
+
+TEST_F(KeptFiles, FilesThatAMeshRefersToAreInputs) {
+  succeed(map());
+  std::ofstream(path("tool.obj"), std::ios::app) << "\nmtllib tool.mtl\n";
+  writeText("tool.mtl", "newmtl steel\n");
+  Flags render = {"render", "--out", path("tool.mtl")};
+  const Flags of = tool();
+  render.insert(render.end(), of.begin(), of.end());
+  expectInput(render);
+}
+
+TEST_F(KeptFiles, ScansBehindALinkAreNotSimulatedOver) {
+  const Flags simulate = {"simulate", "--scene", "box", "--frames", "2", "--out", path("so")};
+  succeed(simulate);
+  succeed(simulate);
+  fs::remove_all(path("so/scans"));
+  fs::create_directory_symlink(path("scans"), path("so/scans"));
+  expectRefused(simulate, 7, "output.foreign");
+  fs::remove(path("so/scans"));
+  writeText("so/scene.json", "{\"schema\": 1, \"version\": \"my scene\"}");
+  expectRefused(simulate, 7, "output.foreign");
+}
+
 }  // namespace
 }  // namespace accessvdb::cli_test

@@ -82,8 +82,27 @@ TEST(LiveLimits, WhatThereWasNoTimeForBlocks) {
   EXPECT_EQ(accessible(session.field()), 0U);
   expectAllAccountedFor(session.status());
 
+  // It goes before its pose is there, and no scan follows that has one.
+  LiveSession early(rod(), coarseParams(), options);
+  for (std::size_t n = 0; n < 10; ++n) {
+    const Scan scan = wallOrPanel(static_cast<int>(n), false);
+    early.addPose(poseOf(scan, n));
+    early.addScan(scanOf(scan, n));
+    ASSERT_TRUE(early.step());
+  }
+  ASSERT_GT(accessible(early.field()), 100U);
+  for (std::size_t n = 10; n < 15; ++n) early.addScan(scanOf(wallOrPanel(static_cast<int>(n), n == 10), n));
+  EXPECT_EQ(droppedFor(early, ScanDrop::QueueFull), 1U);
+  EXPECT_EQ(early.status().left_out_returns, 3600U);
+  early.addPose(poseOf(wallOrPanel(0, true), 10));
+  early.endOfPoses();
+  EXPECT_FALSE(early.step());
+  EXPECT_EQ(accessible(early.field()), 0U);
+  expectAllAccountedFor(early.status());
+
   // Without a pose nobody knows where it was: it is only counted.
   LiveSession lost(rod(), coarseParams(), options);
+  lost.endOfPoses();
   for (std::size_t n = 0; n < 6; ++n) lost.addScan(scanOf(wallOrPanel(0, true), n));
   EXPECT_EQ(droppedFor(lost, ScanDrop::QueueFull), 2U);
   EXPECT_EQ(lost.status().left_out_returns, 0U);

@@ -8,6 +8,8 @@
 #include <fstream>
 #include <iterator>
 #include <map>
+#include <nlohmann/json.hpp>
+#include <string_view>
 #include <utility>
 
 #include "accessvdb/error.h"
@@ -98,31 +100,46 @@ void requireNoInputsInTiles(const fs::path& out, const Paths& inputs) {
                   inputs);
 }
 
+/// The keys that a JSON file of each kind has at its top.
+bool isOwnJson(const fs::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  const nlohmann::json json = nlohmann::json::parse(in, nullptr, false);
+  const std::vector<std::vector<const char*>> kinds = {
+      {"schema", "version", "parameters", "inputs", "counts"},    // a run
+      {"schema", "plan", "tile_voxels", "sha256"},                // the index of tiles
+      {"schema", "program", "flights", "sha256"},                 // a plan
+      {"plan", "shards", "sha256"},                               // its rays
+      {"match", "points_before", "points_after", "transitions"},  // diff
+      {"tool_sha256", "removed"},
+      {"tool_sha256", "cuts"},                                         // whatif
+      {"schema", "version", "scene", "trajectory", "frames_written"},  // simulate
+      {"schema", "origin", "finished", "rows"}};                       // evaluate
+  return json.is_object() && std::ranges::any_of(kinds, [&json](const auto& keys) {
+           return std::ranges::all_of(keys, [&json](const char* key) { return json.contains(key); });
+         });
+}
+
+/// By what our writers put where: a file that only speaks of accessvdb is not ours.
 bool isOwn(const fs::path& output) {
   std::error_code error;
   if (!fs::is_regular_file(output, error)) return false;
-  if (output.extension() == ".png") {
-    return std::ranges::any_of(inFolder(output.parent_path(), {"report.json", "points.ply", "field.json"}), isOwn);
-  }
-  constexpr std::size_t kPart = std::size_t{1} << 16;
+  const std::string kind = lowerCase(output.extension().string());
+  if (kind == ".json") return isOwnJson(output);
   std::ifstream in(output, std::ios::binary);
-  const auto part = [&] {
-    std::string text(kPart, '\0');
-    in.read(text.data(), static_cast<std::streamsize>(text.size()));
-    text.resize(static_cast<std::size_t>(in.gcount()));
-    return text;
+  std::string text(std::size_t{1} << 16, '\0');
+  in.read(text.data(), static_cast<std::streamsize>(text.size()));
+  text.resize(static_cast<std::size_t>(in.gcount()));
+  const auto begins = [&text](std::string_view with, std::size_t at = 0) {
+    return text.size() >= at + with.size() && std::string_view(text).substr(at, with.size()) == with;
   };
-  const std::string beginning = part();
-  if (output.extension() != ".json") return lowerCase(beginning).find("accessvdb") != std::string::npos;
-  const std::uintmax_t bytes = fs::file_size(output, error);
-  in.clear();
-  in.seekg(static_cast<std::streamoff>(bytes - std::min<std::uintmax_t>(bytes, kPart)));
-  const std::string text = beginning + part();
-  const auto has = [&](const char* key) {
-    return text.find(std::string("\"").append(key) + "\"") != std::string::npos;
-  };
-  // Of a run, with the version; of tiles, with a hash at the end; of diff; of whatif.
-  return (has("schema") && (has("version") || has("sha256"))) || has("points_before") || has("tool_sha256");
+  const auto has = [&text](std::string_view words) { return std::string_view(text).find(words) != std::string::npos; };
+  if (kind == ".ply") return begins("ply\n") && text.find("\ncomment AccessVDB ") < 64;
+  if (kind == ".las") return begins("LASF") && begins("AccessVDB", 26);
+  if (kind == ".vdb") return begins(" BDV") && has("accessvdb_version");
+  if (kind == ".html") return begins("<!DOCTYPE html>\n<!-- Copyright Contributors to the AccessVDB project");
+  if (kind == ".png") return begins("\x89PNG") && has(std::string_view("Software\0AccessVDB", 18));
+  if (kind == ".md") return has("- command: accessvdb evaluate");
+  return false;
 }
 
 void requireOwn(const Paths& outputs) {
@@ -159,9 +176,38 @@ Paths filesOfMap(const fs::path& map) {
   return paths;
 }
 
+/// What a mesh refers to: materials of an .obj, buffers and pictures of a .gltf.
+std::vector<std::string> filesNamedIn(const fs::path& mesh) {
+  std::vector<std::string> names;
+  const std::string kind = lowerCase(mesh.extension().string());
+  std::error_code error;
+  if ((kind != ".obj" && kind != ".gltf") || !fs::is_regular_file(mesh, error)) return names;
+  std::ifstream in(mesh, std::ios::binary);
+  if (kind == ".obj") {
+    for (std::string line; std::getline(in, line);) {
+      if (!line.starts_with("mtllib ")) continue;
+      while (!line.empty() && (line.back() == '\r' || line.back() == ' ')) line.pop_back();
+      names.push_back(line.substr(std::string_view("mtllib ").size()));
+    }
+    return names;
+  }
+  const nlohmann::json json = nlohmann::json::parse(in, nullptr, false);
+  for (const char* list : {"buffers", "images"}) {
+    if (!json.is_object() || !json.contains(list) || !json[list].is_array()) continue;
+    for (const auto& part : json[list]) {
+      if (part.is_object() && part.contains("uri") && part["uri"].is_string()) names.push_back(part["uri"]);
+    }
+  }
+  std::erase_if(names, [](const std::string& name) { return name.starts_with("data:"); });
+  return names;
+}
+
 Paths filesOfTools(const ToolOptions& tool) {
   Paths paths;
-  for (const std::string& mesh : valuesOf(tool.tool)) paths.emplace_back(mesh);
+  for (const std::string& mesh : valuesOf(tool.tool)) {
+    paths.emplace_back(mesh);
+    for (const std::string& name : filesNamedIn(mesh)) paths.push_back(fs::path(mesh).parent_path() / name);
+  }
   return paths;
 }
 

@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// accessvdb simulate: scans of a scene, as a recorder would write them.
+#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <csignal>
@@ -72,12 +73,19 @@ void requireOwnRecording(const SimulateOptions& options) {
   const fs::path manifest = out / "scene.json";
   requireNoInputs(joined(outputs, {manifest}), {options.scene, options.trajectory, options.common.config});
   requireOwn({manifest});
-  if (isOwn(manifest)) return;
+  if (isOwn(manifest) && !fs::is_symlink(out / "scans", error)) {
+    // Numbered scans alone are replaced; one that is a link leads elsewhere.
+    const auto scan = std::ranges::find_if(outputs, [&](const fs::path& output) {
+      return output.parent_path() == out / "scans" && fs::is_symlink(output, error);
+    });
+    if (scan == outputs.end()) return;
+  }
   for (const fs::path& output : outputs) {
     if (!fs::exists(fs::symlink_status(output, error))) continue;
-    throw OutputError("output.foreign", output.string(),
-                      "would be replaced, but is of no recording that accessvdb simulated (there is no scene.json)",
-                      "Choose another output folder, or move this file away; nothing was changed");
+    throw OutputError(
+        "output.foreign", output.string(),
+        "would be replaced, but is no file that accessvdb simulated (without scene.json, or through a link)",
+        "Choose another output folder, or move this file away; nothing was changed");
   }
 }
 

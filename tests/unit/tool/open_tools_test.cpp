@@ -304,5 +304,30 @@ TEST(OpenTools, ASheetIsWideOpen) {
   EXPECT_TRUE(isWideOpen(toolOf(sheet)));
 }
 
+/// As some programs write them: each triangle with corners of its own, a little apart. Where many meet, some are much
+/// nearer to each other than to the rest.
+TEST(OpenTools, FacesThatAreNowhereWeldedAreNotRefused) {
+  std::mt19937_64 random(3);
+  for (const test::Mesh& whole : {cone(0.4, 0.1, 12), hook(), builtin("builtin:pruner")}) {
+    for (const double apart_m : {1e-6, 1e-5}) {
+      for (int n = 0; n < 8; ++n) {
+        std::uniform_real_distribution<double> jitter(-apart_m, apart_m);
+        test::Mesh torn;
+        for (const auto& t : whole.triangles) {
+          for (const std::uint32_t v : t) {
+            const Eigen::Vector3d moved(jitter(random), jitter(random), jitter(random));
+            torn.vertices.push_back(whole.vertices[v] + moved.cast<float>());
+          }
+          const auto last = std::uint32_t(torn.vertices.size());
+          torn.triangles.push_back({last - 3, last - 2, last - 1});
+        }
+        const ToolGeometry tool = ToolGeometry::fromTriangles(torn.vertices, torn.triangles, "torn");
+        EXPECT_GT(openingWidth_m(tool), 0) << apart_m;
+        EXPECT_FALSE(isWideOpen(tool)) << apart_m << " " << openingWidth_m(tool);
+      }
+    }
+  }
+}
+
 }  // namespace
 }  // namespace accessvdb
