@@ -47,7 +47,8 @@ void readJson(const std::filesystem::path& path, const std::string& what,
   } catch (const Json::exception&) {
     // Neither read nor as expected: damaged as well.
   }
-  throw InputError(what + ".damaged", path.string(), "is damaged", "Delete it and run this step again");
+  throw InputError(what + ".damaged", path.string(), "is damaged, or another program's",
+                   "Move it away and run this step again");
 }
 
 }  // namespace accessvdb::tiles

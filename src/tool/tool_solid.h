@@ -26,7 +26,7 @@ class ToolSolid {
 
   /// Of a closed tool as voxelize(). Of an open one at least those that it would have if it were closed: what the
   /// surface touches, what may be missing near its rims, and all that the two enclose; openings of more than a quarter
-  /// of its size stay open. Nine tenths of what it surely has count: closing must not let it touch more.
+  /// of its size stay open. Nine tenths of what its surface touches count: closing must not let it touch more.
   /// @param vertices  in voxels, one for each of the tool
   /// @param self_exclusion_voxels  0 or more: voxels within it of the tip are left out; negative: none
   [[nodiscard]] SolidVoxels voxels(const std::vector<Eigen::Vector3d>& vertices, double voxel_size_m,

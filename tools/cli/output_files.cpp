@@ -113,7 +113,8 @@ bool isOwnJson(const fs::path& file) {
       {"tool_sha256", "removed"},
       {"tool_sha256", "cuts"},                                         // whatif
       {"schema", "version", "scene", "trajectory", "frames_written"},  // simulate
-      {"schema", "origin", "finished", "rows"}};                       // evaluate
+      {"schema", "origin", "finished", "rows"},
+      {"schema", "version", "command", "maps", "comparisons"}};  // its --consistency                       // evaluate
   return json.is_object() && std::ranges::any_of(kinds, [&json](const auto& keys) {
            return std::ranges::all_of(keys, [&json](const char* key) { return json.contains(key); });
          });
@@ -137,8 +138,14 @@ bool isOwn(const fs::path& output) {
   if (kind == ".las") return begins("LASF") && begins("AccessVDB", 26);
   if (kind == ".vdb") return begins(" BDV") && has("accessvdb_version");
   if (kind == ".html") return begins("<!DOCTYPE html>\n<!-- Copyright Contributors to the AccessVDB project");
-  if (kind == ".png") return begins("\x89PNG") && has(std::string_view("Software\0AccessVDB", 18));
-  if (kind == ".md") return has("- command: accessvdb evaluate");
+  if (kind == ".png") {
+    if (begins("\x89PNG") && has(std::string_view("Software\0AccessVDB", 18))) return true;
+    // Pictures of earlier versions have no mark; a run writes its report after its picture.
+    const fs::path report = output.parent_path() / "report.json";
+    return isOwnJson(report) && fs::last_write_time(output, error) <= fs::last_write_time(report, error);
+  }
+  if (kind == ".md")
+    return has("- command: accessvdb evaluate") || begins("# Consistency of labels from recorded scans");
   return false;
 }
 

@@ -4,7 +4,6 @@
 /// others beside it (TBB), and abort where they cannot. Only the program's own pre-initialisation comes before theirs;
 /// there the C library works, that of C++ does not.
 #include <pthread.h>
-#include <sched.h>
 #include <unistd.h>
 
 #include <cstdio>
