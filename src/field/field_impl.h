@@ -323,7 +323,7 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
   // field_left_out.cpp: returns for which the map has no place.
   const internal::GatedScan& placedReturns(const internal::GatedScan& scan, FrameStats& stats);
   void noteLeftOut(std::span<const openvdb::Coord> leaves);
-  void keepShut(std::span<const internal::OpenedLeaf> opened, std::vector<LeafChange>& changes);
+  void keepShut(std::span<const internal::OpenedLeaf> opened);
   void restoreLeftOut(internal::StateReader& state);
 
   /// @return where voxels are no longer free
@@ -339,9 +339,8 @@ struct ACCESSVDB_PRIVATE AccessibilityField::Impl {
     gone_points.noteReturns(touched);
     const std::vector<internal::OpenedLeaf> opened = gone_cells->takeScan(scan.p_L, scan.q_L, touched);
     gone_points.noteOpened(points, opened, map_reads.weights);
-    std::vector<LeafChange> changes = internal::openVoxels(volume.packed(), opened);
-    if (!volume.packed().leftOut().empty()) keepShut(opened, changes);
-    return changes;
+    if (!volume.packed().leftOut().empty()) keepShut(opened);
+    return internal::openVoxels(volume.packed(), opened);
   }
 
   /// Opened voxels are no longer observed. The leaves are as they are after the scan.

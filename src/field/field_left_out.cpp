@@ -65,33 +65,22 @@ void AccessibilityField::Impl::noteLeftOut(std::span<const openvdb::Coord> leave
 }
 
 /// What has gone is judged by the returns around, and where some are missing, a ray that opens a voxel may be wrong. So
-/// the map opens it, and it blocks as if it had been left out. @param changes  what opened; without these voxels after
-/// it
-void AccessibilityField::Impl::keepShut(std::span<const internal::OpenedLeaf> opened,
-                                        std::vector<LeafChange>& changes) {
+/// before the map opens such voxels, they are left out: they collided, and go on to do so.
+void AccessibilityField::Impl::keepShut(std::span<const internal::OpenedLeaf> opened) {
   internal::LeftOutVoxels& voxels = volume.packed().leftOut();
-  std::vector<std::pair<openvdb::Coord, LeafBits>>
-      shut;  // before any of them is left out: no opening depends on others
+  // All are judged before any is left out: none depends on another.
+  std::vector<std::pair<openvdb::Coord, LeafBits>> shut;
   for (const internal::OpenedLeaf& leaf : opened) {
     const LeafBits near = left_out.nearLeftOut(leaf, voxels);
-    if (near != LeafBits{})
-      shut.emplace_back(openvdb::Coord(8 * leaf.leaf[0], 8 * leaf.leaf[1], 8 * leaf.leaf[2]), near);
+    if (near == LeafBits{}) continue;
+    shut.emplace_back(openvdb::Coord(8 * leaf.leaf[0], 8 * leaf.leaf[1], 8 * leaf.leaf[2]), near);
   }
-  for (const auto& [origin, bits] : shut) {
-    LeafBits all = bits;
+  for (auto& [origin, bits] : shut) {
     if (const LeafBits* before = voxels.find(origin)) {
-      for (std::size_t x = 0; x < 8; ++x) all[x] |= (*before)[x];
+      for (std::size_t x = 0; x < 8; ++x) bits[x] |= (*before)[x];
     }
-    voxels.set(origin, all);
+    voxels.set(origin, bits);
     left_out.noteLeaves(std::span(&origin, 1));
-    const std::array<std::int32_t, 3> origin_ijk = {origin.x(), origin.y(), origin.z()};
-    for (LeafChange& change : changes) {
-      if (change.origin_ijk != origin_ijk) continue;
-      for (std::size_t x = 0; x < 8; ++x) {
-        change.collides_off[x] &= ~bits[x];
-        change.arm_free_on[x] &= ~bits[x];
-      }
-    }
   }
 }
 

@@ -191,13 +191,14 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
       queue.pop_front();
       waiting_returns -= returnsOf(waiting.scan);
       if (T_W_B) {
+        internal::LostReturns lost_now = takeLost();
         // Those behind are in order of time: if this one has a pose, all before it have one or never will.
         const bool late = queue.size() >= options.queue_scans &&
-                          poses.at(queue[options.queue_scans - 1].scan.stamp_ns).has_value() && lost.empty() &&
+                          poses.at(queue[options.queue_scans - 1].scan.stamp_ns).has_value() && lost_now.empty() &&
                           late_in_a_row < kMostLate;
         late_in_a_row = late ? late_in_a_row + 1 : 0;
         const bool registered = isRegistered(waiting.scan);
-        return Ready{std::move(waiting), *T_W_B, registered, late, takeLost()};
+        return Ready{std::move(waiting), *T_W_B, registered, late, std::move(lost_now)};
       }
       drop(waiting, ScanDrop::NoPose);
     }
@@ -236,7 +237,7 @@ struct ACCESSVDB_PRIVATE LiveSession::Impl {
           field.params().tsdf.max_range_m + (options.T_B_S ? options.T_B_S->translation().norm() : 0);
       field.leaveOut(std::array<Eigen::Vector3d, 1>{T_W_B.translation()}, std::min(range_m, kFarthestReturn_m));
       static_cast<void>(field.update());
-    } catch (const Error&) {  // it is broken, and answers nothing
+    } catch (const std::exception&) {  // it is broken, and answers nothing
     }
   }
 

@@ -131,6 +131,14 @@ bool isOwnOrMissing(const fs::path& manifest) {
   }
 }
 
+/// @return whether there is a folder to look into; a link or a file in its place is foreign
+bool isThere(const fs::path& folder, OwnFiles& own) {
+  std::error_code error;
+  if (!fs::exists(fs::symlink_status(folder, error))) return false;
+  if (!isRealFolder(folder)) own.foreign = folder;
+  return !own.foreign;
+}
+
 }  // namespace
 
 bool isAttemptName(const std::string& name) {
@@ -144,12 +152,7 @@ bool isAttemptName(const std::string& name) {
 OwnFiles ownRays(const fs::path& out) {
   const fs::path folder = raysFolder(out);
   OwnFiles own;
-  std::error_code error;
-  if (!fs::exists(fs::symlink_status(folder, error))) return own;
-  if (!isRealFolder(folder)) {
-    own.foreign = folder;
-    return own;
-  }
+  if (!isThere(folder, own)) return own;
   std::map<std::string, std::uint64_t> listed;  // and their sizes
   try {
     const Json rays = objectIn(out / "rays.json");
@@ -191,12 +194,7 @@ OwnFiles ownFilesOfTile(const fs::path& folder) {
 OwnFiles ownTiles(const fs::path& out) {
   const fs::path folder = out / "tiles";
   OwnFiles own;
-  std::error_code error;
-  if (!fs::exists(fs::symlink_status(folder, error))) return own;
-  if (!isRealFolder(folder)) {
-    own.foreign = folder;
-    return own;
-  }
+  if (!isThere(folder, own)) return own;
   for (const fs::path& entry : entriesOf(folder)) {
     const std::string name = entry.filename().string();
     if (isRealFolder(entry) && (isTileName(name) || isAttemptName(name))) {
