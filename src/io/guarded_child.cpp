@@ -4,6 +4,7 @@
 
 #include <fcntl.h>
 #include <poll.h>
+#include <pthread.h>
 #include <signal.h>
 #include <sys/resource.h>
 #include <sys/wait.h>
@@ -43,6 +44,33 @@ void sendAll(int fd, const std::string& text) {
   }
 }
 
+struct ChildJob {
+  int fd;
+  const std::function<std::string()>* run;
+};
+
+/// Set in the child only.
+const ChildJob* job_of_child = nullptr;
+
+/// The thread has no handler of exceptions, so that a throw calls this where it happens: nothing is unwound.
+[[noreturn]] void sendFailure() {
+  std::string answer(1, kFailure);
+  try {
+    std::rethrow_exception(std::current_exception());
+  } catch (const std::exception& error) {
+    answer += error.what();
+  } catch (...) {
+    answer += "unknown error";
+  }
+  sendAll(job_of_child->fd, answer);
+  ::_exit(0);
+}
+
+extern "C" void* runJob(void*) {
+  sendAll(job_of_child->fd, kAnswer + (*job_of_child->run)());
+  ::_exit(0);
+}
+
 [[noreturn]] void runChild(int fd, const ChildLimits& limits, const std::function<std::string()>& job) {
   const int null = ::open("/dev/null", O_RDWR | O_CLOEXEC);
   if (null >= 0) {
@@ -57,16 +85,12 @@ void sendAll(int fd, const std::string& text) {
     !defined(__SANITIZE_THREAD__)  // their shadow memory takes terabytes of address space
   limitResource(RLIMIT_AS, mappedBytes() + limits.extra_memory_bytes);
 #endif
-  std::string answer(1, kFailure);
-  try {
-    answer = kAnswer + job();
-  } catch (const std::exception& error) {
-    answer += error.what();
-  } catch (...) {
-    answer += "unknown error";
-  }
-  sendAll(fd, answer);
-  ::_exit(0);
+  const ChildJob here = {fd, &job};
+  job_of_child = &here;
+  std::set_terminate(sendFailure);
+  pthread_t thread;
+  if (pthread_create(&thread, nullptr, runJob, nullptr) == 0) pthread_join(thread, nullptr);
+  ::_exit(1);
 }
 
 /// Reads until the child closes its end; false on time-out or if the answer is too long.

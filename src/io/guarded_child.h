@@ -21,6 +21,9 @@ struct ChildResult {
 };
 
 /// Forks, runs `job` there, silently, and returns its text. A crash, a time-out or an exception becomes ok = false.
+/// The child has none of this process's other threads, but every lock that they held, so a job must not need TBB:
+/// no parallel function, and no OpenVDB tree with nodes may be freed (Tree::clear() is parallel, RootNode::clear() is
+/// not). An exception that the job does not catch ends the child without unwinding, hence frees no tree either.
 [[nodiscard]] ChildResult runInChild(const ChildLimits& limits, const std::function<std::string()>& job);
 
 }  // namespace accessvdb::internal

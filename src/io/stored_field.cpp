@@ -85,7 +85,7 @@ MapGrids readGrids(const std::filesystem::path& path) {
 MapGrids readGridsGuarded(const std::filesystem::path& path) {
   const auto limits = internal::limitsForVdb(internal::checkVdbFile(path));
   const auto trial = internal::runInChild(limits, [&path] {
-    static_cast<void>(readGrids(path));
+    static_cast<void>(new MapGrids(readGrids(path)));  // never freed: see runInChild()
     return std::string();
   });
   if (!trial.ok) throwNotAField(path, trial.text + "; it contains " + internal::vdbInWords(path));

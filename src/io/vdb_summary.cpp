@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is inside any .vdb file. Trees are read in a child process: a crash there is a message here.
-#include <tbb/global_control.h>
+#include <openvdb/tools/Count.h>
 
 #include <array>
 #include <cmath>
@@ -69,7 +69,8 @@ Pairs pairsOf(const openvdb::MetaMap& map) {
   return pairs;
 }
 
-json summaryOf(const openvdb::GridBase& grid) {
+/// Empties the grid at the end: see runInChild().
+json summaryOf(openvdb::GridBase& grid) {
   json summary;
   summary["name"] = grid.getName();
   summary["type"] = grid.type();
@@ -78,11 +79,15 @@ json summaryOf(const openvdb::GridBase& grid) {
   const openvdb::Vec3d voxel = grid.voxelSize();
   for (int axis = 0; axis < 3; ++axis) summary["voxel"].push_back(std::isfinite(voxel[axis]) ? voxel[axis] : 0.0);
   openvdb::CoordBBox box(openvdb::Coord(0), openvdb::Coord(0));
-  const openvdb::TreeBase& tree = grid.baseTree();
-  if (!tree.evalActiveVoxelBoundingBox(box)) box = openvdb::CoordBBox(openvdb::Coord(0), openvdb::Coord(0));
-  summary["voxels"] = tree.activeVoxelCount();
-  summary["leaves"] = tree.leafCount();
-  summary["bytes"] = tree.memUsage();
+  const bool known = grid.apply<openvdb::GridTypes>([&](auto& typed) {
+    auto& tree = typed.tree();
+    if (!tree.evalActiveVoxelBoundingBox(box)) box = openvdb::CoordBBox(openvdb::Coord(0), openvdb::Coord(0));
+    summary["voxels"] = openvdb::tools::countActiveVoxels(tree, /*threaded=*/false);
+    summary["leaves"] = tree.leafCount();
+    summary["bytes"] = openvdb::tools::memUsage(tree, /*threaded=*/false);
+    tree.root().clear();
+  });
+  if (!known) throw std::runtime_error("grid '" + grid.getName() + "' has the unknown type " + grid.type());
   summary["min"] = {box.min().x(), box.min().y(), box.min().z()};
   summary["max"] = {box.max().x(), box.max().y(), box.max().z()};
   summary["metadata"] = pairsOf(grid);
@@ -91,10 +96,8 @@ json summaryOf(const openvdb::GridBase& grid) {
 
 /// Reads grids one at a time, so that a file of many grids does not need the memory of all.
 std::string summariseInChild(const std::filesystem::path& path) {
-  // The parent's worker threads do not exist in a forked child.
-  const tbb::global_control one_thread(tbb::global_control::max_allowed_parallelism, 1);
   openvdb::initialize();
-  openvdb::io::File file(path.string());
+  openvdb::io::File& file = *new openvdb::io::File(path.string());  // never freed: see runInChild()
   file.open(false);
   json summary = {{"grids", json::array()}};
   if (const auto metadata = file.getMetadata()) summary["metadata"] = pairsOf(*metadata);
