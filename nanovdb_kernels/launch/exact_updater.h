@@ -42,11 +42,11 @@ struct ToolTables {
   std::span<const DirectionMask> corridors;
   std::int32_t corridor_reach = 0;  ///< [voxels]
 };
-/// The tables of a tool, and of further ones that are tried in the same directions. Points, their neighbourhoods,
-/// normals and views, and what changed are then kept once for all of them.
-struct ExactTables : ToolTables {
+/// The tables of tools that are tried in the same directions. Points, their neighbourhoods, normals and views, and what
+/// changed are kept once for all of them.
+struct ExactTables {
+  std::span<const ToolTables> tools;  ///< at least one
   NeighbourTables neighbours;
-  std::span<const ToolTables> further;
 };
 
 /// A leaf in which facts flipped.

@@ -54,10 +54,9 @@ struct PointWeight {
 
 /// Points that are new or changed; host memory, reusable on return.
 struct AdmitInput {
-  PointStateView points;  ///< in the backend's memory, room for num_points
-  /// The same points' state for further tools (ExactTables::further), whose positions, normals, views and weights are
-  /// those of `points`: the same arrays.
-  std::span<const PointStateView> further;
+  /// Per tool, in the backend's memory, with room for num_points. Positions, normals, views and weights are the same
+  /// arrays for all tools.
+  std::span<const PointStateView> states;
   std::uint32_t num_points = 0, num_blocks = 0, num_groups = 0, num_slots = 0;
   std::span<const PointNews> news;
   std::span<const BlockNews> blocks;
@@ -72,11 +71,11 @@ struct ToolInput {
   PointStateView points;
   UpdateRule rule;
 };
-/// What evaluating points reads, for one tool or several.
-struct ScoringInput : ToolInput {
+/// What evaluating points reads.
+struct ScoringInput {
+  std::span<const ToolInput> tools;  ///< in the order of ExactTables::tools
   OccupancyView map;
-  std::uint32_t budget_points = 0;     ///< most points evaluated per update and tool, constant; 0: no limit
-  std::span<const ToolInput> further;  ///< of the tools of ExactTables::further, in their order
+  std::uint32_t budget_points = 0;  ///< most points evaluated per update and tool, constant; 0: no limit
 };
 
 /// What the map says about the points since the last update; host memory, reusable on return.

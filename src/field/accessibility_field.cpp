@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The public calls of a field; what they run is in field_impl.h.
+/// The public calls of a field.
 #include "accessvdb/accessibility_field.h"
 
 #include <algorithm>
@@ -13,12 +13,19 @@
 #include "accessvdb/field_export.h"
 #include "accessvdb/tsdf_volume.h"
 #include "accessvdb/what_if.h"
-#include "field/access_map.h"
 #include "field/field_access.h"
-#include "field/field_impl.h"
+#include "field/field_parts.h"
+#include "field/frame_loop.h"
+#include "field/query/answers.h"
+#include "field/regions/field_regions.h"
+#include "field/state/field_state.h"
 #include "field/thread_count.h"
 
 namespace accessvdb {
+
+struct ACCESSVDB_PRIVATE AccessibilityField::Impl : internal::FieldParts {
+  using FieldParts::FieldParts;
+};
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)
     : AccessibilityField(
@@ -44,9 +51,10 @@ FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> po
 
 FrameStats AccessibilityField::integrateScan(std::span<const Eigen::Vector3f> points_S, const Eigen::Isometry3d& T_W_S,
                                              double stamp_s) {
-  return impl_->integrate(
-      [&](FrameStats& stats) -> const internal::GatedScan& { return impl_->gate.gate(points_S, T_W_S, stats); },
-      stamp_s);
+  const internal::GateScan gate = [&](FrameStats& stats) -> const internal::GatedScan& {
+    return impl_->gate.gate(points_S, T_W_S, stats);
+  };
+  return internal::integrateScan(*impl_, gate, stamp_s);
 }
 
 FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> points_W,
@@ -61,22 +69,44 @@ FrameStats AccessibilityField::integrateRays(std::span<const Eigen::Vector3d> po
     throw InvalidArgument("projective.rays", "", "the projective baseline needs scans with one sensor pose",
                           "Use integrateScan()");
   }
-  return impl_->integrate(
-      [&](FrameStats& stats) -> const internal::GatedScan& { return impl_->gate.gate(points_W, origins_W, stats); },
-      stamp_s);
+  const internal::GateScan gate = [&](FrameStats& stats) -> const internal::GatedScan& {
+    return impl_->gate.gate(points_W, origins_W, stats);
+  };
+  return internal::integrateScan(*impl_, gate, stamp_s);
 }
 
 std::optional<double> AccessibilityField::latestStamp_s() const { return impl_->clock.latest_s(); }
 
-UpdateStats AccessibilityField::update() { return impl_->update(); }
-UpdateTicket AccessibilityField::updateAsync() { return impl_->updateAsync(); }
+UpdateStats AccessibilityField::update() { return internal::updateLabels(*impl_); }
+UpdateTicket AccessibilityField::updateAsync() { return internal::updateLabelsAsync(*impl_); }
+
+void AccessibilityField::stopGrowing(std::size_t most_left_out_leaves) {
+  if (impl_->params.tsdf.region == UpdateRegion::Projective) {
+    throw InvalidArgument("projective.limit", "", "the projective baseline cannot keep a map from growing",
+                          "Use another UpdateRegion");
+  }
+  impl_->steps.requireWhole();
+  impl_->map.stopGrowing(most_left_out_leaves);
+}
+
+bool AccessibilityField::grows() const { return impl_->map.grows(); }
+
+void AccessibilityField::leaveOut(std::span<const Eigen::Vector3d> centres_W, double radius_m) {
+  if (!(radius_m >= 0 && radius_m <= internal::LeftOutPoints::kLargestRadius_m)) {
+    throw InvalidArgument("left_out.radius", "radius_m", "must be 0 .. 1000000 m", "Pass one in metres");
+  }
+  impl_->steps.run([&] {
+    impl_->labels.current = false;
+    for (const Eigen::Vector3d& centre_W : centres_W) impl_->left_out_points.close(centre_W, radius_m);
+  });
+}
 
 Removal AccessibilityField::removeRegion(const Region& region, RemovedAs as) {
-  return impl_->arena.execute([&] { return impl_->removeRegion(region, as); });
+  return impl_->arena.execute([&] { return internal::removeRegion(*impl_, region, as); });
 }
 
 WhatIf AccessibilityField::whatIf(std::span<const Region> regions) const {
-  impl_->requireCurrentLabels();
+  internal::requireCurrentLabels(*impl_);
   internal::VoxelSet voxels;
   for (const Region& region : regions) {
     voxels = internal::unionOf(voxels, internal::FieldAccess::voxelsOf(*this, region));
@@ -96,75 +126,56 @@ FieldSnapshot AccessibilityField::unscoredSnapshot() const {
 
 std::unique_ptr<const SurfacePoints> AccessibilityField::points() const {
   impl_->steps.requireWhole();
-  return impl_->arena.execute([&] { return impl_->scoredPoints(); });
+  return impl_->arena.execute([&] { return internal::scoredPoints(*impl_); });
 }
 
 FieldSnapshot AccessibilityField::toolSnapshot(std::size_t tool) const {
   impl_->steps.requireWhole();
-  static_cast<void>(impl_->setupOf(tool));
-  return impl_->arena.execute([&] {
-    const auto fields = impl_->further.ofEach(impl_->scored());
-    return internal::snapshotOf(*internal::scoredPoints(fields[tool], internal::PointStates::AsOfTheLastUpdate));
-  });
+  const internal::ScoredField scored = internal::scoredFor(*impl_, tool);
+  return impl_->arena.execute(
+      [&] { return internal::snapshotOf(*internal::scoredPoints(scored, internal::PointStates::AsOfTheLastUpdate)); });
 }
 
 std::unique_ptr<const SurfacePoints> AccessibilityField::unscoredPoints() const {
   impl_->steps.requireHostWhole();
-  return impl_->arena.execute([&] { return internal::scoredPoints(impl_->scored(), internal::PointStates::None); });
+  return impl_->arena.execute(
+      [&] { return internal::scoredPoints(internal::scoredFor(*impl_, 0), internal::PointStates::None); });
 }
 
 FieldSnapshot AccessibilityField::evaluateFromScratch(std::uint64_t* tests) const {
   impl_->steps.requireWhole();
-  return impl_->arena.execute([&] {
-    std::vector<std::unique_ptr<internal::PointScorer>> scorers;
-    std::vector<std::unique_ptr<const SurfacePoints>> each;
-    std::uint64_t all_tests = 0;
-    for (std::size_t k = 0; k < impl_->tools.size(); ++k) {
-      scorers.push_back(impl_->freshScorer(k));
-      each.push_back(impl_->fromScratch(k, *scorers.back(), all_tests));
-    }
-    if (tests != nullptr) *tests = all_tests;
-    return internal::snapshotOf(*impl_->pointsOf(std::move(each)));
-  });
+  return impl_->arena.execute([&] { return internal::evaluatedFromScratch(*impl_, tests); });
 }
 
 std::optional<SurfacePoint> AccessibilityField::pointAt(const Eigen::Vector3d& p_W) const {
   impl_->steps.requireWhole();
-  const std::uint32_t id = impl_->idAt(p_W);
+  const std::uint32_t id = internal::idAt(*impl_, p_W);
   if (id == internal::kNone) return std::nullopt;
-  return impl_->scoredPoint(id);
+  return internal::scoredPoint(*impl_, id);
 }
 
 std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_W) const { return accessMap(p_W, 0); }
 std::optional<AccessMap> AccessibilityField::accessMap(const Eigen::Vector3d& p_W, std::size_t tool) const {
   impl_->steps.requireWhole();
-  const internal::ScoringSetup& setup = impl_->setupOf(tool);
-  const std::uint32_t id = impl_->idAt(p_W);
+  static_cast<void>(impl_->tools.at(tool));
+  const std::uint32_t id = internal::idAt(*impl_, p_W);
   if (id == internal::kNone) return std::nullopt;
-  return impl_->arena.execute([&] {
-    const auto scorer = impl_->freshScorer(tool);
-    AccessMap map = {internal::scoredPoint(impl_->further.ofEach(impl_->scored())[tool], id),
-                     setup.tool().collision_limit,
-                     internal::tryEveryDirection(*scorer, setup, impl_->mirror.grid(), id)};
-    const std::uint8_t why = id < impl_->withheld().size() ? impl_->withheld()[id] : 0;
-    for (DirectionOutcome& outcome : map.directions) {
-      if (why != 0 && outcome.reason == PointReason::None) outcome.reason = internal::reasonOf(why);
-    }
-    return map;
-  });
+  return impl_->arena.execute([&] { return internal::accessMapOf(*impl_, id, tool); });
 }
 
-BatchQuery AccessibilityField::batchQuery() const { return impl_->views.query(impl_->viewed(), impl_->arena); }
-DeviceView AccessibilityField::deviceView() const { return impl_->views.view(impl_->viewed(), true); }
-DeviceView AccessibilityField::hostView() const { return impl_->views.view(impl_->viewed(), false); }
+BatchQuery AccessibilityField::batchQuery() const {
+  return impl_->views.query(internal::viewedParts(*impl_), impl_->arena);
+}
+DeviceView AccessibilityField::deviceView() const { return impl_->views.view(internal::viewedParts(*impl_), true); }
+DeviceView AccessibilityField::hostView() const { return impl_->views.view(internal::viewedParts(*impl_), false); }
 std::uint64_t AccessibilityField::revision() const { return impl_->views.revision(); }
 
 const TsdfVolume& AccessibilityField::volume() const {
   impl_->steps.settle();
   return impl_->volume;
 }
-const ToolGeometry& AccessibilityField::tool() const { return impl_->tool; }
-const std::vector<ToolSpec>& AccessibilityField::tools() const { return impl_->tools; }
+const ToolGeometry& AccessibilityField::tool() const { return impl_->tools.specs().front().tool; }
+const std::vector<ToolSpec>& AccessibilityField::tools() const { return impl_->tools.specs(); }
 const FieldParams& AccessibilityField::params() const { return impl_->params; }
 Eigen::Vector3d AccessibilityField::origin_W() const { return impl_->gate.origin_W(); }
 std::string AccessibilityField::deviceName() const { return impl_->backend->name(); }
@@ -172,32 +183,23 @@ std::string AccessibilityField::deviceNote() const { return impl_->chosen.note; 
 std::string AccessibilityField::deviceNoteId() const { return impl_->chosen.note_id; }
 double AccessibilityField::toolShareHidden() const {
   double share = 0;
-  for (std::size_t k = 0; k < impl_->tools.size(); ++k) {
-    share = std::max(share, impl_->setupOf(k).tool().hidden_share);
-  }
+  for (const auto& tool : impl_->tools) share = std::max(share, tool->setup.tool().hidden_share);
   return share;
 }
-int AccessibilityField::collisionLimit() const { return impl_->setup.tool().collision_limit; }
-int AccessibilityField::collisionLimit(std::size_t tool) const { return impl_->setupOf(tool).tool().collision_limit; }
+int AccessibilityField::collisionLimit() const { return collisionLimit(0); }
+int AccessibilityField::collisionLimit(std::size_t tool) const { return impl_->tools.at(tool).collisionLimit(); }
 
 MemoryUse AccessibilityField::memoryUse() const {
   impl_->steps.settle();
   MemoryUse use;
   use.map_bytes = impl_->volume.memoryBytes();
-  use.mirror_bytes = impl_->mirror.usedBytes() + impl_->mirror.hostBytes();
-  if (impl_->distance_mirror) {
-    use.distance_mirror_bytes = impl_->distance_mirror->usedBytes() + impl_->distance_mirror->hostBytes();
-  }
-  use.point_host_bytes = impl_->points.bytes() + impl_->views.bytes() + impl_->setup.hostBytes() +
-                         impl_->further.hostBytes() + impl_->gate.bytes() + impl_->gone_points.bytes() +
-                         impl_->left_out.bytes();
+  use.mirror_bytes = impl_->mirrors.factBytes();
+  use.distance_mirror_bytes = impl_->mirrors.distanceBytes();
+  use.point_host_bytes = impl_->tools.hostBytes() + impl_->views.bytes() + impl_->gate.bytes() +
+                         impl_->gone_points.bytes() + impl_->left_out_points.bytes();
   if (impl_->gone_cells) use.point_host_bytes += impl_->gone_cells->bytes();
-  use.point_device_bytes = impl_->setup.deviceBytes() + impl_->further.deviceBytes();
-  // A device that fails while removeRegion() makes these again leaves a field without them.
-  if (impl_->scorer) {
-    use.point_host_bytes += impl_->scorer->hostBytes();
-    use.point_device_bytes += impl_->scorer->device().bytes();
-  }
+  use.point_device_bytes = impl_->tools.deviceBytes();
+  // A device that fails while removeRegion() makes it again leaves a field without it.
   if (impl_->scheduler) {
     use.point_host_bytes += impl_->scheduler->bytes();
     use.point_device_bytes += impl_->scheduler->deviceBytes();
@@ -210,12 +212,7 @@ MemoryUse AccessibilityField::memoryUse() const {
 
 void AccessibilityField::saveState(const std::filesystem::path& file) const {
   impl_->steps.requireWhole();
-  impl_->arena.execute([&] {
-    internal::SavedParts parts = {
-        impl_->volume.packed(), impl_->points, impl_->further.ownStores(), {}, impl_->left_out};
-    if (impl_->gone_cells) parts.gone = internal::GoneState{impl_->gone_cells.get(), &impl_->gone_points};
-    internal::writeState(file, impl_->stateHead(), parts);
-  });
+  impl_->arena.execute([&] { internal::saveState(*impl_, file); });
 }
 
 AccessibilityField AccessibilityField::loadState(const std::filesystem::path& file, const ToolGeometry& tool,
@@ -236,8 +233,10 @@ void AccessibilityField::write(const std::filesystem::path& folder) const { writ
 
 FrameStats internal::FieldAccess::integrateLocal(AccessibilityField& field, std::span<const Eigen::Vector3f> p_L,
                                                  std::span<const Eigen::Vector3f> q_L) {
-  return field.impl_->integrate(
-      [&](FrameStats& stats) -> const GatedScan& { return field.impl_->gate.gateLocal(p_L, q_L, stats); });
+  const GateScan gate = [&](FrameStats& stats) -> const GatedScan& {
+    return field.impl_->gate.gateLocal(p_L, q_L, stats);
+  };
+  return internal::integrateScan(*field.impl_, gate);
 }
 
 AccessibilityField internal::FieldAccess::load(StateReader& state, const std::vector<ToolSpec>& tools,
@@ -252,7 +251,7 @@ AccessibilityField internal::FieldAccess::load(StateReader& state, const std::ve
   params.backend = backend;
   params.threads = threads;
   AccessibilityField field(tools, params, progress);
-  field.impl_->arena.execute([&] { field.impl_->restore(state); });
+  field.impl_->arena.execute([&] { restoreState(*field.impl_, state); });
   return field;
 }
 
@@ -262,15 +261,15 @@ const internal::PointStore& internal::FieldAccess::points(const AccessibilityFie
 }
 
 internal::VoxelSet internal::FieldAccess::voxelsOf(const AccessibilityField& field, const Region& region) {
-  field.impl_->requireRegions();
+  requireRegions(*field.impl_);
   field.impl_->steps.requireWhole();
-  return field.impl_->arena.execute([&] { return internal::voxelsOf(region, field.impl_->regionPlace()); });
+  return field.impl_->arena.execute([&] { return voxelsIn(*field.impl_, region); });
 }
 
 std::int32_t internal::FieldAccess::leavesRead(const AccessibilityField& field) {
-  field.impl_->requireRegions();
+  requireRegions(*field.impl_);
   field.impl_->steps.settle();
-  const LeafFootprint& footprint = field.impl_->whatIfTables().footprint;
+  const LeafFootprint& footprint = whatIfTables(*field.impl_).footprint;
   std::int32_t most = 0;
   for (std::size_t axis = 0; axis < 3; ++axis) {
     most = std::max({most, -footprint.low()[axis], footprint.high()[axis]});
@@ -279,12 +278,12 @@ std::int32_t internal::FieldAccess::leavesRead(const AccessibilityField& field) 
 }
 
 WhatIf internal::FieldAccess::whatIf(const AccessibilityField& field, const VoxelSet& voxels) {
-  return field.impl_->arena.execute([&] { return field.impl_->whatIf(voxels); });
+  return field.impl_->arena.execute([&] { return internal::whatIf(*field.impl_, voxels); });
 }
 
 internal::FieldCounts internal::FieldAccess::counts(const AccessibilityField& field) {
   field.impl_->steps.settle();
-  const PackedMap& map = field.impl_->volume.packed();
+  const PackedMap& map = field.impl_->map;
   FieldCounts counts;
   counts.distance_leaves = map.allocated_leaf_count;
   counts.cleared_leaves = map.leaf_count - map.allocated_leaf_count;

@@ -10,7 +10,7 @@
 #include "accessvdb/error.h"
 #include "field/backend_choice.h"
 #include "field/background_update.h"
-#include "field/field_views.h"
+#include "field/query/field_views.h"
 
 namespace accessvdb::internal {
 

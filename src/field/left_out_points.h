@@ -17,7 +17,7 @@
 #include "accessvdb/point_label.h"
 #include "change/leaf_flags.h"
 #include "change/ray_evidence.h"
-#include "field/window_reach.h"
+#include "field/tools/window_reach.h"
 #include "points/point_store.h"
 #include "tsdf/left_out_voxels.h"
 

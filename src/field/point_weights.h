@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "change/gone_points.h"
-#include "field/window_reach.h"
+#include "field/tools/window_reach.h"
 #include "tsdf/packed_map.h"
 #include "update/point_scorer.h"
 

@@ -10,7 +10,7 @@
 #include "accessvdb/field_io.h"
 #include "accessvdb/tiles.h"
 #include "field/scan_gate.h"
-#include "field/window_reach.h"
+#include "field/tools/window_reach.h"
 #include "io/sha256.h"
 #include "tiles/json_file.h"
 #include "tool/tool_kernel.h"

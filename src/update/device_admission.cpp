@@ -34,19 +34,16 @@ kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int num_di
   return tables;
 }
 
-kernels::ToolInput toolInput(const PointScorer& scorer, const ScoringTables& tables) {
-  kernels::ToolInput input;
-  input.tool = tables.tool;
-  input.slabs = tables.slabs;
-  input.approach = tables.approach;
-  input.points = scorer.device().view();
-  input.rule = tables.rule;
-  return input;
-}
-
-kernels::ScoringInput scoringInput(const PointScorer& scorer, const ScoringTables& tables) {
-  kernels::ScoringInput input = {toolInput(scorer, tables), tables.map, 0, {}};
-  input.budget_points = static_cast<std::uint32_t>(scorer.params().update.budget_points);
+kernels::ScoringInput ScoringInputs::of(const kernels::OccupancyGrid* mirror) {
+  kernels::ScoringInput input;
+  inputs_.clear();
+  for (const ScheduledTool& tool : tools_) {
+    const ScoringTables tables = tool.tables(mirror);
+    inputs_.push_back({tables.tool, tables.slabs, tables.approach, tool.scorer.device().view(), tables.rule});
+    input.map = tables.map;
+  }
+  input.tools = inputs_;
+  input.budget_points = static_cast<std::uint32_t>(tools_.front().scorer.params().update.budget_points);
   return input;
 }
 
@@ -62,9 +59,12 @@ UpdateStats statsOf(const kernels::UpdateOutcome& outcome) {
   return stats;
 }
 
-DeviceAdmission::DeviceAdmission(PointScorer& scorer, kernels::PointAdmission& updater, int group_log2,
-                                 std::vector<PointScorer*> further)
-    : scorer_(scorer), further_(std::move(further)), updater_(updater), blocks_(group_log2), fresh_(scorer.points()) {
+DeviceAdmission::DeviceAdmission(std::vector<PointScorer*> scorers, kernels::PointAdmission& updater, int group_log2)
+    : scorers_(std::move(scorers)),
+      scorer_(*scorers_.front()),
+      updater_(updater),
+      blocks_(group_log2),
+      fresh_(scorer_.points()) {
   while (least_weight_ < std::numeric_limits<std::uint16_t>::max() && !scorer_.isConfident(least_weight_)) {
     ++least_weight_;
   }
@@ -97,8 +97,7 @@ void DeviceAdmission::noteReturns(const TouchedPoints& touched, std::span<const 
 }
 
 void DeviceAdmission::growState() {
-  scorer_.growDevice();
-  for (PointScorer* scorer : further_) scorer->growDevice();
+  for (PointScorer* scorer : scorers_) scorer->growDevice();
 }
 
 void DeviceAdmission::complete() {
@@ -122,8 +121,7 @@ void DeviceAdmission::know() {
 /// follows.
 template <typename HandOver>
 void DeviceAdmission::admit(const HandOver& hand_over) {
-  scorer_.reserveDevice();
-  for (PointScorer* scorer : further_) scorer->reserveDevice();
+  for (PointScorer* scorer : scorers_) scorer->reserveDevice();
   tbb::this_task_arena::isolate(hand_over);
 }
 
@@ -188,11 +186,10 @@ void DeviceAdmission::readWeightsOf(std::span<const std::uint32_t> ids, std::vec
 }
 
 kernels::AdmitInput DeviceAdmission::input() {
-  further_views_.clear();
-  for (const PointScorer* scorer : further_) further_views_.push_back(scorer->device().view());
+  states_.clear();
+  for (const PointScorer* scorer : scorers_) states_.push_back(scorer->device().view());
   kernels::AdmitInput all;
-  all.points = scorer_.device().view();
-  all.further = further_views_;
+  all.states = states_;
   all.num_points = scorer_.points().size();
   all.num_blocks = static_cast<std::uint32_t>(scorer_.points().index().blocks().size());
   all.num_groups = blocks_.groups();

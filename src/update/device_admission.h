@@ -14,22 +14,32 @@
 #include "update/device_blocks.h"
 #include "update/fresh_points.h"
 #include "update/point_scorer.h"
+#include "update/scheduled_tool.h"
 
 namespace accessvdb::internal {
 
 /// Tables for an updater of any policy. @param group_log2  of its blocks
 kernels::NeighbourTables neighbourTables(const FieldParams& resolved, int num_directions, int group_log2);
-/// What an update of any policy reads, of one tool.
-kernels::ToolInput toolInput(const PointScorer& scorer, const ScoringTables& tables);
-kernels::ScoringInput scoringInput(const PointScorer& scorer, const ScoringTables& tables);
+/// What an update of any policy reads.
+class ScoringInputs {
+ public:
+  /// @param tools  the same for all updates
+  explicit ScoringInputs(std::vector<ScheduledTool> tools) : tools_(std::move(tools)) {}
+
+  /// @param mirror  in the backend's memory  @return valid until the next call
+  [[nodiscard]] kernels::ScoringInput of(const kernels::OccupancyGrid* mirror);
+
+ private:
+  std::vector<ScheduledTool> tools_;
+  std::vector<kernels::ToolInput> inputs_;
+};
 UpdateStats statsOf(const kernels::UpdateOutcome& outcome);
 
 class DeviceAdmission {
  public:
-  /// @param scorer, updater  must outlive this  @param group_log2  same as the updater's
-  /// @param further  scorers that share the device with `scorer`
-  DeviceAdmission(PointScorer& scorer, kernels::PointAdmission& updater, int group_log2,
-                  std::vector<PointScorer*> further = {});
+  /// @param scorers  at least one, which share the device; they and the updater must outlive this
+  /// @param group_log2  same as the updater's
+  DeviceAdmission(std::vector<PointScorer*> scorers, kernels::PointAdmission& updater, int group_log2);
 
   /// Whether noteReturns() needs the next scan described (PointStore::describeTouched).
   [[nodiscard]] bool takesNews() const { return scans_ == 0; }
@@ -74,8 +84,8 @@ class DeviceAdmission {
   void findCrossed();
   void takeConfident();
 
-  PointScorer& scorer_;
-  std::vector<PointScorer*> further_;
+  std::vector<PointScorer*> scorers_;
+  PointScorer& scorer_;  ///< the first, for what all of them share
   kernels::PointAdmission& updater_;
   DeviceBlocks blocks_;
   std::uint32_t known_points_ = 0;             ///< admitted; higher ids are new
@@ -92,7 +102,7 @@ class DeviceAdmission {
   std::vector<kernels::PointNews> news_;
   std::vector<kernels::BlockNews> block_news_;
   std::vector<std::uint32_t> block_ids_;
-  std::vector<kernels::PointStateView> further_views_;  ///< of further_
+  std::vector<kernels::PointStateView> states_;  ///< of scorers_
 };
 
 }  // namespace accessvdb::internal

@@ -42,21 +42,19 @@ std::uint64_t joinedFreed(std::uint64_t a, std::uint64_t b) {
   return sum;
 }
 
-std::vector<PointScorer*> scorersOf(std::span<const FurtherTool> tools) {
+std::vector<PointScorer*> scorersOf(std::span<const ScheduledTool> tools) {
   std::vector<PointScorer*> scorers;
-  for (const FurtherTool& tool : tools) scorers.push_back(&tool.scorer);
+  for (const ScheduledTool& tool : tools) scorers.push_back(&tool.scorer);
   return scorers;
 }
 
 class ExactOnDevice final : public UpdateScheduler {
  public:
   /// @param group_log2  same as the updater's
-  ExactOnDevice(PointScorer& scorer, std::span<const FurtherTool> further,
-                std::unique_ptr<kernels::ExactUpdater> updater, int group_log2)
-      : scorer_(scorer),
-        further_(further.begin(), further.end()),
+  ExactOnDevice(std::span<const ScheduledTool> tools, std::unique_ptr<kernels::ExactUpdater> updater, int group_log2)
+      : inputs_({tools.begin(), tools.end()}),
         updater_(std::move(updater)),
-        admission_(scorer, *updater_, group_log2, scorersOf(further)) {}
+        admission_(scorersOf(tools), *updater_, group_log2) {}
 
   // The backend finds neighbours while the map integrates the scan.
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
@@ -96,19 +94,19 @@ class ExactOnDevice final : public UpdateScheduler {
   void noteRestored() override { admission_.noteRestored(); }
 
   // If another scan comes before the update, all flips are handed over again.
-  void prepare(const ScoringTables& tables) override {
+  void prepare(const kernels::OccupancyGrid* mirror) override {
     if (!admission_.isAhead()) return;
-    begin(tables);
+    begin(mirror);
     flips_begun_ = true;
   }
 
-  UpdateStats update(const ScoringTables& tables) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
     const bool begun = std::exchange(flips_begun_, false);
     // First what reads the points: growing may lose the state of those that came with the first of several scans.
-    if (!begun) begin(tables);
+    if (!begun) begin(mirror);
     admission_.growState();
     admission_.complete();
-    const kernels::ScoringInput input = inputOf(tables);
+    const kernels::ScoringInput input = inputs_.of(mirror);
     const auto read_host = [&] {
       admission_.readWeights();
       admission_.know();
@@ -131,20 +129,10 @@ class ExactOnDevice final : public UpdateScheduler {
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
 
  private:
-  void begin(const ScoringTables& tables) {
+  void begin(const kernels::OccupancyGrid* mirror) {
     std::array<std::span<const kernels::LeafFlips>, kMostParts> lists;
     std::ranges::copy(flips_, lists.begin());
-    updater_->begin(inputOf(tables), lists);
-  }
-  /// Valid until the next call.
-  kernels::ScoringInput inputOf(const ScoringTables& tables) {
-    further_inputs_.clear();
-    for (const FurtherTool& tool : further_) {
-      further_inputs_.push_back(toolInput(tool.scorer, tool.tables(tables.map.grid)));
-    }
-    kernels::ScoringInput input = scoringInput(scorer_, tables);
-    input.further = further_inputs_;
-    return input;
+    updater_->begin(inputs_.of(mirror), lists);
   }
 
   void clearFlips() {
@@ -173,9 +161,7 @@ class ExactOnDevice final : public UpdateScheduler {
     flips.resize(out);
   }
 
-  PointScorer& scorer_;
-  std::vector<FurtherTool> further_;
-  std::vector<kernels::ToolInput> further_inputs_;
+  ScoringInputs inputs_;
   std::unique_ptr<kernels::ExactUpdater> updater_;
   DeviceAdmission admission_;
   bool anything_scored_ = false;
@@ -220,24 +206,21 @@ class TablesOfTool {
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makeExactOnDevice(PointScorer& scorer, const HostTables& host,
-                                                   std::span<const FurtherTool> further) {
+std::unique_ptr<UpdateScheduler> makeExactOnDevice(std::span<const ScheduledTool> tools) {
+  PointScorer& scorer = tools.front().scorer;
+  const int num_directions = tools.front().host.approach.num_directions;
   // Of a wide set the host decides what is due, and the device searches.
-  if (kernels::isWide(host.approach.num_directions)) return nullptr;
+  if (kernels::isWide(num_directions)) return nullptr;
   const FieldParams& params = scorer.params();
-  const double voxel_size_m = params.tsdf.voxel_size_m;
-  const int group_log2 = blockGroupLog2(voxel_size_m);
-  const TablesOfTool first(host, voxel_size_m, group_log2);
-  std::vector<TablesOfTool> others;
-  for (const FurtherTool& tool : further) others.emplace_back(tool.host, voxel_size_m, group_log2);
-  std::vector<kernels::ToolTables> of_others;
-  for (const TablesOfTool& tool : others) of_others.push_back(tool.tables());
-  const kernels::ExactTables tables = {first.tables(),
-                                       neighbourTables(params, host.approach.num_directions, group_log2), of_others};
-  auto updater = scorer.backend().makeExactUpdater(tables);
+  const int group_log2 = blockGroupLog2(params.tsdf.voxel_size_m);
+  std::vector<TablesOfTool> made;
+  for (const ScheduledTool& tool : tools) made.emplace_back(tool.host, params.tsdf.voxel_size_m, group_log2);
+  std::vector<kernels::ToolTables> tables;
+  for (const TablesOfTool& tool : made) tables.push_back(tool.tables());
+  auto updater = scorer.backend().makeExactUpdater({tables, neighbourTables(params, num_directions, group_log2)});
   if (updater == nullptr) return nullptr;
-  for (const FurtherTool& tool : further) tool.scorer.shareDevice(scorer);
-  return std::make_unique<ExactOnDevice>(scorer, further, std::move(updater), group_log2);
+  for (const ScheduledTool& tool : tools.subspan(1)) tool.scorer.shareDevice(scorer);
+  return std::make_unique<ExactOnDevice>(tools, std::move(updater), group_log2);
 }
 
 }  // namespace accessvdb::internal

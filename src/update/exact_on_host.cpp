@@ -42,20 +42,19 @@ enum Asked : std::uint8_t {
 class ExactOnHost final : public HostScheduler {
  public:
   /// @param changes  possibly shared with the schedulers of other tools
-  ExactOnHost(PointScorer& scorer, const kernels::ToolKernelView& tool, const kernels::ApproachView& approach,
-              std::shared_ptr<ScanChanges> changes)
-      : HostScheduler(scorer, LeafFootprint(tool, approach, scorer.params().tsdf.voxel_size_m, 0), std::move(changes)),
-        approach_(approach),
-        corridors_(approach, scorer.params().tsdf.voxel_size_m),
-        known_(tool, approach.num_directions, approach.axes_xyz != nullptr),
-        waits_(scorer.params().update.budget_points > 0) {}
+  ExactOnHost(const ScheduledTool& tool, std::shared_ptr<ScanChanges> changes)
+      : HostScheduler(tool, std::move(changes)),
+        approach_(tool.host.approach),
+        corridors_(approach_, scorer_.params().tsdf.voxel_size_m),
+        known_(tool.host.tool, approach_.num_directions, approach_.axes_xyz != nullptr),
+        waits_(scorer_.params().update.budget_points > 0) {}
 
-  UpdateStats update(const ScoringTables& tables) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
     UpdateStats stats;
     takeChanges();
     makeRoom();
     const kernels::Stopwatch scoring;
-    const auto evaluator = scorer_.backend().makeDueEvaluator(scorer_.dueUpdate(known_.scale(), tables));
+    const auto evaluator = scorer_.backend().makeDueEvaluator(scorer_.dueUpdate(known_.scale(), tables_(mirror)));
     FoundByThread found;
     takeAllDue({changes_->changed(), *evaluator}, found);
     if (waits_) takeTurn(*evaluator, found);
@@ -367,11 +366,10 @@ class ExactOnHost final : public HostScheduler {
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makeExactOnHost(PointScorer& scorer, const HostTables& tables,
-                                                 std::shared_ptr<ScanChanges> changes) {
-  if (!changes) changes = std::make_shared<ScanChanges>(scorer);
-  if (kernels::isWide(tables.approach.num_directions)) return makeWideOnHost(scorer, tables, std::move(changes));
-  return std::make_unique<ExactOnHost>(scorer, tables.tool, tables.approach, std::move(changes));
+std::unique_ptr<UpdateScheduler> makeExactOnHost(const ScheduledTool& tool, std::shared_ptr<ScanChanges> changes) {
+  if (!changes) changes = std::make_shared<ScanChanges>(tool.scorer);
+  if (kernels::isWide(tool.host.approach.num_directions)) return makeWideOnHost(tool, std::move(changes));
+  return std::make_unique<ExactOnHost>(tool, std::move(changes));
 }
 
 }  // namespace accessvdb::internal

@@ -7,8 +7,11 @@
 
 namespace accessvdb::internal {
 
-HostScheduler::HostScheduler(PointScorer& scorer, LeafFootprint footprint, std::shared_ptr<ScanChanges> changes)
-    : scorer_(scorer), footprint_(std::move(footprint)), changes_(std::move(changes)) {
+HostScheduler::HostScheduler(const ScheduledTool& tool, std::shared_ptr<ScanChanges> changes)
+    : scorer_(tool.scorer),
+      tables_(tool.tables),
+      footprint_(tool.host.tool, tool.host.approach, scorer_.params().tsdf.voxel_size_m, 0),
+      changes_(std::move(changes)) {
   changes_->addReader();
 }
 

@@ -12,21 +12,22 @@
 #include "update/flip_columns.h"
 #include "update/leaf_footprint.h"
 #include "update/scan_changes.h"
+#include "update/scheduled_tool.h"
 #include "update/scheduler.h"
 
 namespace accessvdb::internal {
 
 class HostScheduler : public UpdateScheduler {
  public:
+  /// @param changes  of the points and the map, possibly shared with the schedulers of other tools
+  HostScheduler(const ScheduledTool& tool, std::shared_ptr<ScanChanges> changes);
+
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L) override;
   void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                    const MapChanges& changes) override;
 
  protected:
-  /// @param changes  of the points and the map, possibly shared with the schedulers of other tools
-  HostScheduler(PointScorer& scorer, LeafFootprint footprint, std::shared_ptr<ScanChanges> changes);
-
   /// Of several schedulers that share changes, one is told of them.
   [[nodiscard]] bool leads() const { return &changes_->scorer() == &scorer_; }
   /// Brings points and neighbourhoods up to date: finds them, or takes over what the leading scheduler found.
@@ -43,6 +44,7 @@ class HostScheduler : public UpdateScheduler {
   [[nodiscard]] bool findBlocks(std::uint32_t cell, CellBlocks& found) const;
 
   PointScorer& scorer_;
+  std::function<ScoringTables(const kernels::OccupancyGrid* mirror)> tables_;
   LeafFootprint footprint_;
   std::shared_ptr<ScanChanges> changes_;
 };

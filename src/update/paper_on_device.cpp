@@ -19,8 +19,11 @@ namespace {
 class PaperOnDevice final : public UpdateScheduler {
  public:
   /// @param group_log2  same as the updater's
-  PaperOnDevice(PointScorer& scorer, std::unique_ptr<kernels::PaperUpdater> updater, int group_log2)
-      : scorer_(scorer), updater_(std::move(updater)), admission_(scorer, *updater_, group_log2), triggers_(scorer) {}
+  PaperOnDevice(const ScheduledTool& tool, std::unique_ptr<kernels::PaperUpdater> updater, int group_log2)
+      : inputs_({tool}),
+        updater_(std::move(updater)),
+        admission_({&tool.scorer}, *updater_, group_log2),
+        triggers_(tool.scorer) {}
 
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                    std::span<const Eigen::Vector3f> q_L) override {
@@ -34,13 +37,13 @@ class PaperOnDevice final : public UpdateScheduler {
     triggers_.note(p_L, q_L, changes.distances);
   }
 
-  UpdateStats update(const ScoringTables& tables) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
     admission_.growState();
     admission_.complete();
     admission_.readWeights();
     const PaperRequests asked = triggers_.take();
     const kernels::TriggeredPoints triggered = {asked.jumped, asked.sampled, asked.blocked};
-    const kernels::ScoringInput input = scoringInput(scorer_, tables);
+    const kernels::ScoringInput input = inputs_.of(mirror);
     kernels::UpdateOutcome outcome;
     const auto leave_host = [&] {
       admission_.know();
@@ -56,7 +59,7 @@ class PaperOnDevice final : public UpdateScheduler {
   std::uint64_t deviceBytes() const override { return updater_->bytes(); }
 
  private:
-  PointScorer& scorer_;
+  ScoringInputs inputs_;
   std::unique_ptr<kernels::PaperUpdater> updater_;
   DeviceAdmission admission_;
   PaperTriggers triggers_;
@@ -64,14 +67,15 @@ class PaperOnDevice final : public UpdateScheduler {
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makePaperOnDevice(PointScorer& scorer) {
+std::unique_ptr<UpdateScheduler> makePaperOnDevice(const ScheduledTool& tool) {
+  const PointScorer& scorer = tool.scorer;
   const int group_log2 = blockGroupLog2(scorer.params().tsdf.voxel_size_m);
   kernels::PaperTables tables;
   tables.neighbours = neighbourTables(scorer.params(), scorer.points().numDirections(), group_log2);
   tables.candidates = coarseToFineRule(scorer.params());
   auto updater = scorer.backend().makePaperUpdater(tables);
   if (updater == nullptr) return nullptr;
-  return std::make_unique<PaperOnDevice>(scorer, std::move(updater), group_log2);
+  return std::make_unique<PaperOnDevice>(tool, std::move(updater), group_log2);
 }
 
 }  // namespace accessvdb::internal

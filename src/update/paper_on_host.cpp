@@ -24,8 +24,11 @@ namespace {
 
 class PaperOnHost final : public UpdateScheduler {
  public:
-  PaperOnHost(PointScorer& scorer, std::uint16_t collision_limit)
-      : scorer_(scorer), triggers_(scorer), directions_(scorer, collision_limit) {}
+  explicit PaperOnHost(const ScheduledTool& tool)
+      : scorer_(tool.scorer),
+        tables_(tool.tables),
+        triggers_(scorer_),
+        directions_(scorer_, tool.host.tool.collision_limit) {}
 
   void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f>,
                    std::span<const Eigen::Vector3f>) override {
@@ -38,7 +41,7 @@ class PaperOnHost final : public UpdateScheduler {
     triggers_.note(p_L, q_L, changes.distances);
   }
 
-  UpdateStats update(const ScoringTables& tables) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
     UpdateStats stats;
     scorer_.grow();
     enqueueAll();
@@ -58,7 +61,7 @@ class PaperOnHost final : public UpdateScheduler {
     }
     mapIsFree();  // scoring reads the mirror and what was uploaded
     const kernels::Stopwatch scoring;
-    const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables);
+    const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables_(mirror));
     for (std::size_t n = 0; n < results.size(); ++n) {
       stats.direction_tests += results[n].tests;
       stats.scored_points += results[n].tests > 0 ? 1 : 0;
@@ -91,6 +94,7 @@ class PaperOnHost final : public UpdateScheduler {
   }
 
   PointScorer& scorer_;
+  std::function<ScoringTables(const kernels::OccupancyGrid* mirror)> tables_;
   PaperTriggers triggers_;
   CandidateDirections directions_;
   Backlog backlog_;
@@ -101,8 +105,8 @@ class PaperOnHost final : public UpdateScheduler {
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makePaperOnHost(PointScorer& scorer, std::uint16_t collision_limit) {
-  return std::make_unique<PaperOnHost>(scorer, collision_limit);
+std::unique_ptr<UpdateScheduler> makePaperOnHost(const ScheduledTool& tool) {
+  return std::make_unique<PaperOnHost>(tool);
 }
 
 }  // namespace accessvdb::internal

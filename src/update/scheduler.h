@@ -69,11 +69,11 @@ class UpdateScheduler {
   virtual void noteRestored() {}
 
   /// Lets the backend begin with the noted changes; the mirror may not have them yet. After noteChanges(), at most once
-  /// per scan; if not called, update() does this. @param tables  the same as for update()
-  virtual void prepare(const ScoringTables& /*tables*/) {}
+  /// per scan; if not called, update() does this. @param mirror  in the backend's memory, the same as for update()
+  virtual void prepare(const kernels::OccupancyGrid* /*mirror*/) {}
 
   /// Scores what is due. Fills in score_ms; the field attributes the rest of the update's time to update_ms.
-  virtual UpdateStats update(const ScoringTables& tables) = 0;
+  virtual UpdateStats update(const kernels::OccupancyGrid* mirror) = 0;
   /// Called in the next updates, from any thread, once they no longer read the points and the map on the host, nor what
   /// noteChange() writes; not all schedulers call it. @param free_map  may be empty
   void whenMapIsFree(std::function<void()> free_map) { free_map_ = std::move(free_map); }

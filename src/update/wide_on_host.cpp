@@ -34,12 +34,11 @@ enum DueBecause : std::uint8_t {
 
 class WideOnHost final : public HostScheduler {
  public:
-  WideOnHost(PointScorer& scorer, const HostTables& tables, std::shared_ptr<ScanChanges> changes)
-      : HostScheduler(scorer, LeafFootprint(tables.tool, tables.approach, scorer.params().tsdf.voxel_size_m, 0),
-                      std::move(changes)) {}
+  using HostScheduler::HostScheduler;
 
-  UpdateStats update(const ScoringTables& tables) override {
+  UpdateStats update(const kernels::OccupancyGrid* mirror) override {
     UpdateStats stats;
+    const ScoringTables tables = tables_(mirror);
     takeChanges();
     const kernels::Stopwatch scoring;
     std::vector<DuePoint> due = findDue();
@@ -163,9 +162,8 @@ class WideOnHost final : public HostScheduler {
 
 }  // namespace
 
-std::unique_ptr<UpdateScheduler> makeWideOnHost(PointScorer& scorer, const HostTables& tables,
-                                                std::shared_ptr<ScanChanges> changes) {
-  return std::make_unique<WideOnHost>(scorer, tables, std::move(changes));
+std::unique_ptr<UpdateScheduler> makeWideOnHost(const ScheduledTool& tool, std::shared_ptr<ScanChanges> changes) {
+  return std::make_unique<WideOnHost>(tool, std::move(changes));
 }
 
 }  // namespace accessvdb::internal

@@ -19,7 +19,7 @@
 #include "accessvdb/error.h"
 #include "cuda/cuda_backend.h"
 #include "field/point_weights.h"
-#include "field/scoring_setup.h"
+#include "field/tools/scoring_setup.h"
 #include "mirror/nanovdb_mirror.h"
 #include "sample_scans/walk_generator.h"
 #include "support/box_tool.h"

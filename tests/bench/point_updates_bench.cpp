@@ -18,6 +18,7 @@
 #include <tbb/task_arena.h>
 
 #include <algorithm>
+#include <array>
 #include <chrono>
 #include <cstdio>
 #include <memory>
@@ -26,7 +27,7 @@
 
 #include "bench/pine_flight.h"
 #include "field/point_weights.h"
-#include "field/scoring_setup.h"
+#include "field/tools/scoring_setup.h"
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "update/make_scheduler.h"
@@ -143,7 +144,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
   internal::PointStore points(params, setup.directions_xy());
   internal::PointScorer scorer(points, params, backend,
                                internal::makeMapReads(map, points, params.scoring.neighbourhood_weight));
-  const auto scheduler = internal::makeExactOnDevice(scorer, {setup.hostTool(), setup.hostApproach()});
+  const auto scheduler = internal::makeScheduler(std::array{setup.scheduledFor(scorer)});
   integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
   Told first_told;
   for (std::size_t n = 0; n < scans.size(); ++n) {
@@ -162,7 +163,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     phases.end(kReached);
     scheduler->noteChanges(scan.p_L, {&scan.q_L, 1}, {result.changes, {}});
     phases.end(kFlips);
-    scheduler->update({});
+    scheduler->update(nullptr);
     phases.end(kRest);
   }
   for (int phase = 0; phase < kPhases; ++phase) {

@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "accessvdb/leaf_change.h"
-#include "field/scoring_setup.h"
+#include "field/tools/scoring_setup.h"
 #include "launch/backend.h"
 #include "mirror/nanovdb_mirror.h"
 #include "parity/random_world.h"

@@ -14,9 +14,9 @@
 #include "accessvdb/error.h"
 #include "accessvdb/leaf_change.h"
 #include "accessvdb/saved_state.h"
-#include "field/state_head.h"
-#include "field/state_sections.h"
-#include "field/state_writer.h"
+#include "field/state/state_head.h"
+#include "field/state/state_sections.h"
+#include "field/state/state_writer.h"
 #include "property/state_streams.h"
 #include "support/scratch_folder.h"
 

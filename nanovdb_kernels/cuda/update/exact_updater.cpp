@@ -32,15 +32,14 @@ class DeviceExactUpdater final : public ExactUpdater {
   DeviceExactUpdater(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const ExactTables& tables)
       : context_(std::move(context)),
         memory_(memory),
-        counters_(memory_, stream()),
+        counters_(countersOf(tables.tools.size())),
         points_(context_, memory_, tables.neighbours),
-        moved_(memory_, &counters_.data()->moved),
+        moved_(memory_, &shared().data()->moved),
         flips_(memory_),
         busy_(memory_) {
-    addTool(tables, tables.neighbours, counters_);
-    for (const ToolTables& tool : tables.further) {
-      further_counters_.push_back(std::make_unique<DeviceCounters>(memory_, stream()));
-      addTool(tool, tables.neighbours, *further_counters_.back());
+    for (std::size_t k = 0; k < tables.tools.size(); ++k) {
+      tools_.push_back(
+          std::make_unique<ToolUpdate>(context_, memory_, tables.neighbours, tables.tools[k], *counters_[k]));
     }
   }
 
@@ -49,7 +48,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     const PointsView& points = points_.view();
     FlipsView by_place;
     const bool any = points.groups.groups > 0 && totalSize(flips) > 0;
-    if (any) by_place = flips_.take(flips, counters_, stream());
+    if (any) by_place = flips_.take(flips, shared(), stream());
     forEachTool(input, [&](ToolUpdate& tool, const ToolInput& own) {
       tool.takeFlips(own, points, any ? &by_place : nullptr, input.map.inverse_voxel_size);
     });
@@ -66,7 +65,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     const DeviceList<PointNews> news =
         points_.admit(input, moved_.view(), tools_.front()->known(), first_place, stream());
     for (std::size_t k = 1; k < tools_.size(); ++k) {
-      launchAdmitStates(input.further[k - 1], tools_[k]->known(), news, stream());
+      launchAdmitStates(input.states[k], tools_[k]->known(), news, stream());
     }
   }
 
@@ -76,13 +75,13 @@ class DeviceExactUpdater final : public ExactUpdater {
     moved_.find(points_.view(), stream());
     const std::uint32_t most = growPrepared();
     points_.makeByCell(moved_.view(), 0, most, prepared_.data(), stream());
-    launchNotePrepared(&counters_.data()->moved, most, stream());
+    launchNotePrepared(&shared().data()->moved, most, stream());
     ACCESSVDB_CUDA(cudaEventRecord(moved_found_.get(), stream()));
   }
 
   void choose(const ScoringInput& input) override {
     const CurrentDevice current(context_->device());
-    points_.setState(input.points);
+    points_.setState(input.tools.front().points);
     if (!neighbours_begun_) {
       neighbours_begun_ = true;
       moved_.find(points_.view(), stream());
@@ -102,15 +101,15 @@ class DeviceExactUpdater final : public ExactUpdater {
     const CurrentDevice current(context_->device());
     points_.setWeights(news.weights, stream());
     moved_.addCrossed(news.crossed, points_.view().points, stream());
-    const std::uint32_t moved = counters_.read(stream()).moved.moved;
+    const std::uint32_t moved = shared().read(stream()).moved.moved;
     takeMoved(taken_, moved, Neighbours::ByPoint);
     for (const auto& tool : tools_) tool->takeTurn();
     for (const auto& tool : tools_) tool->evaluate();
-    const UpdateCounters done = counters_.read(stream());
+    std::vector<UpdateCounters> done;
+    for (const auto& counters : counters_) done.push_back(counters->read(stream()));
     UpdateOutcome outcome;
-    outcome.moved = done.moved.moved;
-    add(done.outcome, outcome);
-    for (const auto& counters : further_counters_) add(counters->read(stream()).outcome, outcome);
+    outcome.moved = done.front().moved.moved;
+    for (const UpdateCounters& of_tool : done) add(of_tool.outcome, outcome);
     for (const auto& tool : tools_) {
       outcome.waiting += tool->waiting();
       outcome.score_ms += tool->takeScore_ms();
@@ -118,7 +117,7 @@ class DeviceExactUpdater final : public ExactUpdater {
     any_known_ = any_known_ || moved > 0;
     last_moved_ = moved;
     reset();
-    requireNeighbours(done.moved);
+    requireNeighbours(done.front().moved);
     return outcome;
   }
 
@@ -131,15 +130,18 @@ class DeviceExactUpdater final : public ExactUpdater {
 
  private:
   [[nodiscard]] cudaStream_t stream() const { return context_->stream(); }
-  [[nodiscard]] std::uint32_t* failed() const { return &counters_.data()->moved.failed; }
+  [[nodiscard]] std::uint32_t* failed() const { return &shared().data()->moved.failed; }
 
-  void addTool(const ToolTables& tables, const NeighbourTables& neighbours, DeviceCounters& counters) {
-    tools_.push_back(std::make_unique<ToolUpdate>(context_, memory_, neighbours, tables, counters));
+  [[nodiscard]] DeviceCounters& shared() const { return *counters_.front(); }
+
+  [[nodiscard]] std::vector<std::unique_ptr<DeviceCounters>> countersOf(std::size_t tools) {
+    std::vector<std::unique_ptr<DeviceCounters>> counters;
+    for (std::size_t k = 0; k < tools; ++k) counters.push_back(std::make_unique<DeviceCounters>(memory_, stream()));
+    return counters;
   }
   template <typename Visit>
   void forEachTool(const ScoringInput& input, const Visit& visit) {
-    visit(*tools_.front(), input);
-    for (std::size_t k = 1; k < tools_.size(); ++k) visit(*tools_[k], input.further[k - 1]);
+    for (std::size_t k = 0; k < tools_.size(); ++k) visit(*tools_[k], input.tools[k]);
   }
   static void add(const OutcomeCounters& counted, UpdateOutcome& outcome) {
     outcome.evaluated += counted.evaluated;
@@ -154,14 +156,14 @@ class DeviceExactUpdater final : public ExactUpdater {
   [[nodiscard]] UpdateCounters readMirror(const ScoringInput& input) {
     const cudaStream_t beside = context_->priorityStream();
     ACCESSVDB_CUDA(cudaStreamWaitEvent(beside, moved_found_.get()));
-    launchCountLowers(input.map.grid, &counters_.data()->mirror.lowers, beside);
-    return counters_.read(beside);
+    launchCountLowers(input.map.grid, &shared().data()->mirror.lowers, beside);
+    return shared().read(beside);
   }
 
   /// Lists the parts of the map with anything in them, also concurrently with the work of begin().
   [[nodiscard]] BusyMapView makeBusy(const ScoringInput& input, std::uint32_t lowers) {
     const cudaStream_t beside = context_->priorityStream();
-    const BusyMapView busy = busy_.make(input.map.grid, lowers, &counters_.data()->mirror.listed_lowers, beside);
+    const BusyMapView busy = busy_.make(input.map.grid, lowers, &shared().data()->mirror.listed_lowers, beside);
     ACCESSVDB_CUDA(cudaEventRecord(busy_made_.get(), beside));
     ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), busy_made_.get()));
     return busy;
@@ -213,8 +215,7 @@ class DeviceExactUpdater final : public ExactUpdater {
   }
 
   void reset() {
-    counters_.clear(stream());
-    for (const auto& counters : further_counters_) counters->clear(stream());
+    for (const auto& counters : counters_) counters->clear(stream());
     moved_.clear(stream());
     neighbours_begun_ = false;
   }
@@ -222,8 +223,7 @@ class DeviceExactUpdater final : public ExactUpdater {
   std::shared_ptr<DeviceContext> context_;
   CountedMemory memory_;
   OwnedEvent moved_found_{cudaEventDisableTiming}, busy_made_{cudaEventDisableTiming};
-  DeviceCounters counters_;  ///< of the first tool, and of all tools together
-  std::vector<std::unique_ptr<DeviceCounters>> further_counters_;
+  std::vector<std::unique_ptr<DeviceCounters>> counters_;  ///< per tool; the first also counts what all tools share
   PointTables points_;
   MovedTables moved_;
   FlipTables flips_;

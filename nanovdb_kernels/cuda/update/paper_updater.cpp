@@ -42,7 +42,7 @@ class DevicePaperUpdater final : public PaperUpdater {
   UpdateOutcome update(const ScoringInput& input, const ConfidenceNews& news,
                        const TriggeredPoints& triggered) override {
     const CurrentDevice current(context_->device());
-    points_.setState(input.points);
+    points_.setState(input.tools.front().points);
     points_.setWeights(news.weights, stream());
     points_.setWeights(news.crossed, stream());  // the returns that count may be their neighbours'
     counters_.clear(stream());
@@ -87,7 +87,7 @@ class DevicePaperUpdater final : public PaperUpdater {
   void evaluate(const ScoringInput& input, std::uint32_t turn, UpdateOutcome& outcome) {
     growTurn(turn);
     const bool with_hints = candidates_.on && any_resolved_;
-    if (with_hints) findHints(turn, input.rule.collision_limit);
+    if (with_hints) findHints(turn, input.tools.front().rule.collision_limit);
     std::uint32_t* const failed = &counters_.data()->moved.failed;
     for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
       part = std::min(turn - first, PointTables::kPart);
@@ -110,12 +110,13 @@ class DevicePaperUpdater final : public PaperUpdater {
   }
 
   void score(const ScoringInput& input, const PaperTurn& turn) {
+    const ToolInput& tool = input.tools.front();
     ScoreChunk chunk;
     chunk.map = input.map;
-    chunk.tool = input.tool;
-    chunk.approach = input.approach;
-    chunk.points = input.points;
-    chunk.rule = input.rule;
+    chunk.tool = tool.tool;
+    chunk.approach = tool.approach;
+    chunk.points = tool.points;
+    chunk.rule = tool.rule;
     chunk.items = turn.items;
     chunk.results = turn.results;
     chunk.count = turn.count;
@@ -124,9 +125,9 @@ class DevicePaperUpdater final : public PaperUpdater {
     launchLeafOrder(chunk, lists, lists + turn.count, lists + 2 * turn.count, lists + 3 * turn.count,
                     order_scratch_.data(), scratch_bytes, stream());
     chunk.order = lists + 3 * turn.count;
-    launchWarpSearch(chunk, planWindow(input.tool, context_->sharedBytesPerBlock(), true), stream());
+    launchWarpSearch(chunk, planWindow(tool.tool, context_->sharedBytesPerBlock(), true), stream());
     launchUpdate(chunk, stream());
-    launchTallyTurn(turn, input.rule.collision_limit, counters_.data(), stream());
+    launchTallyTurn(turn, tool.rule.collision_limit, counters_.data(), stream());
   }
 
   /// Makes room to evaluate this many points, part by part.

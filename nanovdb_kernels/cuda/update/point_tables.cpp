@@ -41,7 +41,7 @@ void PointTables::grow(const AdmitInput& input, cudaStream_t stream) {
   view_.groups.with_points = with_points_.data();
   view_.groups.leaf = group_leaf_.data();
   view_.groups.groups = input.num_groups;
-  view_.points = input.points;
+  view_.points = input.states.front();
   view_.num_points = input.num_points;
   view_.state = {block_.data(), mean_.data(), to_sensor_.data(), own_seen_.data(), reach_.data()};
 }

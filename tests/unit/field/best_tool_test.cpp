@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Which of several tools stands for a point.
-#include "field/best_tool.h"
+#include "field/tools/best_tool.h"
 
 #include <gtest/gtest.h>
 

@@ -12,7 +12,7 @@
 #include <utility>
 
 #include "field/point_weights.h"
-#include "field/scoring_setup.h"
+#include "field/tools/scoring_setup.h"
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/points/random_points.h"
@@ -162,7 +162,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   const ScoringSetup setup(tool, params, backend);
   PointStore points(params, setup.directions_xy());
   PointScorer scorer(points, params, backend, makeMapReads(map, points, c.neighbourhood_weight));
-  const auto scheduler = makeExactOnDevice(scorer, {setup.hostTool(), setup.hostApproach()});
+  const auto scheduler = makeScheduler(std::array{setup.scheduledFor(scorer)});
   ASSERT_NE(scheduler, nullptr);
   ASSERT_TRUE(scheduler->needs().changes);
   integrator.visitChanges([&](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
@@ -190,7 +190,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);
       scheduler->noteChanges(p, q, {result.changes, {}});
-      if (c.ahead) scheduler->prepare({});
+      if (c.ahead) scheduler->prepare(nullptr);
       for (const auto& part : result.changes) {
         for (const LeafChange& change : part) {
           LeafFacts& facts = flips[parentOf(change.origin_ijk)];
@@ -211,7 +211,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
         }
       }
     }
-    scheduler->update({});
+    scheduler->update(nullptr);
 
     // Confident: exactly those whose weight is now sufficient and was not before.
     std::set<std::uint32_t> crossed;

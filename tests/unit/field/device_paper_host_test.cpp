@@ -11,7 +11,7 @@
 #include <vector>
 
 #include "field/point_weights.h"
-#include "field/scoring_setup.h"
+#include "field/tools/scoring_setup.h"
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/points/random_points.h"
@@ -93,7 +93,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
   const ScoringSetup setup(tool, params, backend);
   PointStore points(params, setup.directions_xy());
   PointScorer scorer(points, params, backend, makeMapReads(map, points, params.scoring.neighbourhood_weight));
-  const auto scheduler = makePaperOnDevice(scorer);
+  const auto scheduler = makePaperOnDevice(setup.scheduledFor(scorer));
   ASSERT_NE(scheduler, nullptr);
   ASSERT_TRUE(scheduler->needs().distances);
 
@@ -140,7 +140,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
       if (fired_L && (q - *fired_L).norm() > 1.5f) moved = true;
       if (!fired_L || (q - *fired_L).norm() > 1.5f) fired_L = q;
     }
-    const UpdateStats stats = scheduler->update({});
+    const UpdateStats stats = scheduler->update(nullptr);
     EXPECT_EQ(stats.dirty_points, 7u);
     EXPECT_EQ(stats.backlog, 11u);
     EXPECT_EQ(told.budget_points, 40u);
@@ -164,7 +164,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
   EXPECT_GT(fired, 1u);
   EXPECT_GT(quiet, 1u);
   // Nothing new, so nothing is requested.
-  static_cast<void>(scheduler->update({}));
+  static_cast<void>(scheduler->update(nullptr));
   EXPECT_TRUE(told.crossed.empty() && told.jumped.empty() && told.sampled.empty() && !told.all_blocked);
 }
 

@@ -9,8 +9,8 @@
 #include <utility>
 #include <vector>
 
-#include "field/further_tools.h"
 #include "field/point_weights.h"
+#include "field/tools/tools_of_field.h"
 #include "support/listening_backend.h"
 #include "tsdf/scan_integrator.h"
 #include "unit/points/random_points.h"
@@ -20,7 +20,7 @@ namespace {
 
 /// One updater, and what it was told last.
 struct ToldOfTools {
-  std::size_t further = 0;  ///< tools beside its first
+  std::size_t tools = 0;
   int directions = 0;
   std::size_t points = 0, flips = 0;
   std::vector<kernels::PointStateView> admitted;  ///< of each tool
@@ -32,8 +32,7 @@ class ToolsListener final : public kernels::ExactUpdater {
   explicit ToolsListener(ToldOfTools& told) : told_(told) {}
   void admit(const kernels::AdmitInput& input) override {
     told_.points += input.news.size();
-    told_.admitted = {input.points};
-    told_.admitted.insert(told_.admitted.end(), input.further.begin(), input.further.end());
+    told_.admitted.assign(input.states.begin(), input.states.end());
   }
   void findNeighbours() override {}
   void begin(const kernels::ScoringInput& input, kernels::FlipLists flips) override {
@@ -51,9 +50,7 @@ class ToolsListener final : public kernels::ExactUpdater {
 
  private:
   static std::vector<kernels::ToolInput> toolsOf(const kernels::ScoringInput& input) {
-    std::vector<kernels::ToolInput> tools = {input};
-    tools.insert(tools.end(), input.further.begin(), input.further.end());
-    return tools;
+    return {input.tools.begin(), input.tools.end()};
   }
   ToldOfTools& told_;
 };
@@ -62,22 +59,20 @@ ToolSpec spec(const char* name, OrientationSet orientations) {
   return {ToolGeometry::builtin(std::string("builtin:") + name), std::move(orientations), 0, name, 0};
 }
 
-/// A field's first and further tools with the updaters that they asked for, without the field.
+/// A field's tools with the updaters that they asked for, without the field.
 class ToolsOnDevice : public testing::Test {
  protected:
   ToolsOnDevice() {
     FieldParams params;
     params.tsdf.voxel_size_m = 0.05;
     params.tsdf.range_noise_m = 0;
-    resolved_ = resolvedFor(tools_.front(), params);
-    map_ = std::make_unique<PackedMap>(resolved_.tsdf);
-    map_->setCollisionDistance(static_cast<float>(resolved_.scoring.collision_distance_m));
-    setup_ = std::make_unique<ScoringSetup>(tools_.front().tool, resolved_, backend_);
-    points_ = std::make_unique<PointStore>(resolved_, setup_->directions_xy(), setup_->axes_xyz());
-    scorer_ = std::make_unique<PointScorer>(*points_, resolved_, backend_, makeMapReads(*map_, *points_, true));
-    further_ = std::make_unique<FurtherTools>(tools_, resolved_,
-                                              FurtherTools::Shared{*map_, *points_, backend_, std::nullopt, nullptr});
-    scheduler_ = further_->makeSchedulers(*scorer_, *setup_);
+    const FieldParams resolved = resolvedFor(specs_.front(), params);
+    map_ = std::make_unique<PackedMap>(resolved.tsdf);
+    map_->setCollisionDistance(static_cast<float>(resolved.scoring.collision_distance_m));
+    tools_ =
+        std::make_unique<ToolsOfField>(specs_, resolved, ToolsOfField::Shared{*map_, backend_, std::nullopt, nullptr});
+    points_ = tools_->front().points;
+    scheduler_ = tools_->makeScheduler();
   }
 
   UpdateStats scanAndUpdate() {
@@ -91,39 +86,35 @@ class ToolsOnDevice : public testing::Test {
     scheduler_->noteReturns(points_->addReturns(p, q), p, q);
     const IntegrationResult result = integrator.integrate(p, q);
     scheduler_->noteChanges(p, q, {result.changes, {}});
-    scheduler_->prepare(setup_->tables(nullptr));
-    return scheduler_->update(setup_->tables(nullptr));
+    scheduler_->prepare(nullptr);
+    return scheduler_->update(nullptr);
   }
 
-  std::vector<ToolSpec> tools_ = {spec("pencil", OrientationSet::yaw()), spec("pruner", OrientationSet::sphere(30)),
+  std::vector<ToolSpec> specs_ = {spec("pencil", OrientationSet::yaw()), spec("pruner", OrientationSet::sphere(30)),
                                   spec("pruner", OrientationSet::yaw()), spec("pencil", OrientationSet::sphere(30))};
   std::vector<std::unique_ptr<ToldOfTools>> told_;
   test::ListeningBackend backend_{[this](const kernels::ExactTables& tables) {
     told_.push_back(std::make_unique<ToldOfTools>());
-    told_.back()->further = tables.further.size();
+    told_.back()->tools = tables.tools.size();
     told_.back()->directions = tables.neighbours.num_directions;
-    EXPECT_FALSE(tables.tool_columns.empty());
-    for (const kernels::ToolTables& tool : tables.further) {
-      EXPECT_EQ(tool.any_directions, tables.any_directions);
+    for (const kernels::ToolTables& tool : tables.tools) {
+      EXPECT_EQ(tool.any_directions, tables.tools.front().any_directions);
       EXPECT_FALSE(tool.tool_columns.empty());
     }
     return std::make_unique<ToolsListener>(*told_.back());
   }};
   std::uint32_t seed_ = 0;  ///< of the scan before
-  FieldParams resolved_;
   std::unique_ptr<PackedMap> map_;
-  std::unique_ptr<ScoringSetup> setup_;
-  std::unique_ptr<PointStore> points_;
-  std::unique_ptr<PointScorer> scorer_;
-  std::unique_ptr<FurtherTools> further_;
+  std::unique_ptr<ToolsOfField> tools_;
+  PointStore* points_ = nullptr;  ///< the first tool's
   std::unique_ptr<UpdateScheduler> scheduler_;
 };
 
 TEST_F(ToolsOnDevice, OfTheSameDirectionsAreOneUpdaters) {
   ASSERT_EQ(told_.size(), 2u);
   EXPECT_EQ(told_[0]->directions, 180);
-  EXPECT_EQ(told_[1]->directions, (*further_)[0].setup.tool().num_directions);
-  for (const auto& told : told_) EXPECT_EQ(told->further, 1u);
+  EXPECT_EQ(told_[1]->directions, tools_->at(1).setup.tool().num_directions);
+  for (const auto& told : told_) EXPECT_EQ(told->tools, 2u);
   EXPECT_EQ(scheduler_->deviceBytes(), 2000u);
 }
 
@@ -138,19 +129,16 @@ TEST_F(ToolsOnDevice, AreToldOnceAndEachWithItsOwnTables) {
   EXPECT_GT(told_[0]->flips, 0u);
   EXPECT_EQ(told_[0]->flips, told_[1]->flips);
 
-  const ScoringSetup* const setups[2][2] = {{setup_.get(), &(*further_)[1].setup},
-                                            {&(*further_)[0].setup, &(*further_)[2].setup}};
-  const PointScorer* const scorers[2][2] = {{scorer_.get(), (*further_)[1].scorer.get()},
-                                            {(*further_)[0].scorer.get(), (*further_)[2].scorer.get()}};
+  const ToolScoring* const of_updater[2][2] = {{&tools_->at(0), &tools_->at(2)}, {&tools_->at(1), &tools_->at(3)}};
   for (std::size_t n = 0; n < 2; ++n) {
     for (const auto* inputs : {&told_[n]->begun, &told_[n]->chosen, &told_[n]->updated}) {
       ASSERT_EQ(inputs->size(), 2u);
       for (std::size_t k = 0; k < 2; ++k) {
-        const ScoringTables expected = setups[n][k]->tables(nullptr);
+        const ScoringTables expected = of_updater[n][k]->setup.tables(nullptr);
         EXPECT_EQ((*inputs)[k].tool.columns, expected.tool.columns);
         EXPECT_EQ((*inputs)[k].tool.collision_limit, expected.tool.collision_limit);
         EXPECT_EQ((*inputs)[k].approach.arm_offsets, expected.approach.arm_offsets);
-        EXPECT_EQ((*inputs)[k].points.label, scorers[n][k]->device().view().label);
+        EXPECT_EQ((*inputs)[k].points.label, of_updater[n][k]->scorer->device().view().label);
       }
     }
     EXPECT_NE(told_[n]->updated[0].tool.columns, told_[n]->updated[1].tool.columns);
@@ -175,7 +163,7 @@ TEST_F(ToolsOnDevice, ShareWhatNoToolDecidesAndNothingElse) {
   EXPECT_NE(told_[0]->admitted[0].position_L, told_[1]->admitted[0].position_L);
   EXPECT_NE(told_[0]->admitted[0].seen, told_[1]->admitted[0].seen);
   // The scorers are as large as their points, and say what they hold themselves.
-  const DevicePoints &owner = scorer_->device(), &sharing = (*further_)[1].scorer->device();
+  const DevicePoints &owner = tools_->at(0).scorer->device(), &sharing = tools_->at(2).scorer->device();
   EXPECT_EQ(sharing.size(), points_->size());
   EXPECT_EQ(owner.bytes() - sharing.bytes(), sharing.bytes() / 10 * (12 + 12 + 24 + 2));
 }

@@ -1,0 +1,63 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/field_parts.h"
+
+#include <cmath>
+#include <utility>
+
+#include "field/new_thing_margin.h"
+#include "field/point_weights.h"
+
+namespace accessvdb::internal {
+namespace {
+
+PackedMap& prepared(TsdfVolume& volume, const FieldParams& params) {
+  PackedMap& map = volume.packed();
+  map.setCollisionDistance(static_cast<float>(params.scoring.collision_distance_m));
+  if (params.change.mode != ChangeMode::Off) map.blockNewThings(static_cast<float>(farFromSurfaces_m(params)));
+  if (std::isfinite(params.change.free_for_s)) map.ageFreeSpace(params.change.free_for_s);
+  return map;
+}
+
+std::optional<VoxelColumnBox> returnsInWindow(const FieldParams& params, const WindowReach& reach) {
+  if (!params.window) return std::nullopt;
+  return returnsOf(*params.window, reach);
+}
+
+}  // namespace
+
+FieldParts::FieldParts(std::vector<ToolSpec> specs, const FieldParams& resolved, ChosenBackend chosen_backend,
+                       const TableProgress& progress)
+    : params(resolved),
+      arena(makeArena(params.threads)),
+      background_arena(makeArena(params.threads)),
+      chosen(std::move(chosen_backend)),
+      backend(chosen.backend.get()),
+      volume(params.tsdf),
+      map(prepared(volume, params)),
+      integrator(map),
+      mirrors(*backend, map, params),
+      tools(std::move(specs), params,
+            {map, *backend, core(), params.change.mode == ChangeMode::Full ? &gone_points : nullptr}, progress),
+      points(*tools.front().points),
+      map_reads(makeMapReads(map, points, params.scoring.neighbourhood_weight, core())),
+      gone_cells(params.change.mode == ChangeMode::Full ? std::make_unique<GoneCells>(map, points, params.tsdf)
+                                                        : nullptr),
+      left_out_points(tools.reach(), params),
+      gate(params.tsdf, params.origin_W, returnsInWindow(params, tools.reach())),
+      left_out(map, points, gate, left_out_points),
+      scheduler(tools.makeScheduler()),
+      steps(views) {
+  static_assert(ScanIntegrator::kParts <= UpdateScheduler::kMostParts);
+  static_assert(FreeGenerations::kParts <= UpdateScheduler::kMostParts);
+  integrator.noteDistances(mirrors.mirrorsDistances() || scheduler->needs().distances);
+  if (!scheduler->needs().changes) return;
+  integrator.visitChanges([this](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
+}
+
+std::optional<VoxelColumnBox> FieldParts::core() const {
+  if (!params.window) return std::nullopt;
+  return coreOf(*params.window);
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,83 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The parts of a field, and how they are put together. What happens to them: frame_loop.h (scans and updates),
+/// query/answers.h, regions/field_regions.h and state/field_state.h.
+#pragma once
+
+#include <tbb/task_arena.h>
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "accessvdb/accessibility_field.h"
+#include "accessvdb/tsdf_volume.h"
+#include "change/gone_cells.h"
+#include "change/gone_points.h"
+#include "field/backend_choice.h"
+#include "field/field_clock.h"
+#include "field/field_steps.h"
+#include "field/left_out_points.h"
+#include "field/left_out_returns.h"
+#include "field/mirrors.h"
+#include "field/query/field_views.h"
+#include "field/regions/what_if.h"
+#include "field/scan_gate.h"
+#include "field/tools/tools_of_field.h"
+#include "tsdf/scan_integrator.h"
+#include "update/scheduler.h"
+
+namespace accessvdb::internal {
+
+inline tbb::task_arena makeArena(int threads) {
+  return tbb::task_arena(threads > 0 ? threads : static_cast<int>(tbb::task_arena::automatic));
+}
+
+/// How far the labels are behind the map.
+struct LabelState {
+  double noted_ms = 0;        ///< noting what scans since the last update changed in the map
+  std::uint64_t scans = 0;    ///< integrated
+  bool updated = false;       ///< at least once
+  bool current = false;       ///< an update came after the last change of the map
+  std::uint64_t backlog = 0;  ///< points that the last update left; one that runs may write it
+};
+
+struct FieldParts {
+  /// @param specs  named, at least one  @param resolved  for the first of them
+  FieldParts(std::vector<ToolSpec> specs, const FieldParams& resolved, ChosenBackend chosen_backend,
+             const TableProgress& progress);
+
+  /// Of a tile, whose other points are not the user's.
+  [[nodiscard]] std::optional<VoxelColumnBox> core() const;
+  /// Points that are unscored whatever their state says; by id.
+  [[nodiscard]] std::span<const std::uint8_t> withheld() const {
+    return left_out_points.withheld(gone_points.published());
+  }
+
+  FieldParams params;  ///< resolved, for the first tool
+  tbb::task_arena arena;
+  tbb::task_arena background_arena;  ///< of updateAsync(): a scan that waits for it may fill the other
+  ChosenBackend chosen;
+  kernels::Backend* backend;
+  TsdfVolume volume;
+  PackedMap& map;
+  ScanIntegrator integrator;
+  Mirrors mirrors;
+  GonePoints gone_points;
+  ToolsOfField tools;
+  PointStore& points;  ///< the first tool's, to which the frame loop adds returns
+  MapReads map_reads;  ///< what points see of the map; where something has gone, see the tools' reads
+  std::unique_ptr<GoneCells> gone_cells;  ///< only for ChangeMode::Full
+  LeftOutPoints left_out_points;
+  ScanGate gate;
+  LeftOutReturns left_out;
+  FieldClock clock;
+  std::unique_ptr<UpdateScheduler> scheduler;
+  FieldViews views;
+  LabelState labels;
+  std::unique_ptr<WhatIfTables> what_if_tables;  ///< made when first needed
+  FieldSteps steps;  ///< the last member: destroyed first, it waits for an update of the others
+};
+
+}  // namespace accessvdb::internal

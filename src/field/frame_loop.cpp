@@ -1,0 +1,152 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/frame_loop.h"
+
+#include <utility>
+#include <vector>
+
+#include "launch/stopwatch.h"
+#include "update/run_beside.h"
+
+namespace accessvdb::internal {
+namespace {
+
+/// @return where voxels are no longer free
+std::vector<std::span<const LeafChange>> ageFreeSpace(FieldParts& field, double passed_s) {
+  field.steps.waitForMap();
+  return field.map.generations()->pass(field.map, passed_s);
+}
+
+/// @return where rays opened voxels of what has gone
+std::vector<LeafChange> openWhatHasGone(FieldParts& field, const GatedScan& scan,
+                                        std::span<const std::uint32_t> touched) {
+  if (!field.gone_cells) return {};
+  field.gone_points.noteReturns(touched);
+  const std::vector<OpenedLeaf> opened = field.gone_cells->takeScan(scan.p_L, scan.q_L, touched);
+  field.gone_points.noteOpened(field.points, opened, field.map_reads.weights);
+  field.left_out.keepShut(opened);
+  return openVoxels(field.map, opened);
+}
+
+void countFused(const IntegrationResult& fused, FrameStats& stats) {
+  stats.touched_leaves = fused.touched_leaves;
+  stats.new_leaves = fused.new_leaves;
+  stats.distance_updates = fused.counts.distance_updates;
+  stats.cleared_updates = fused.counts.cleared_updates;
+  stats.flipped_voxels = fused.counts.flipped_voxels;
+}
+
+/// Gate > points beside bins > age, open, fuse beside the backend's first look at the points > scheduler beside
+/// mirrors. Only time that is not hidden counts as integration.
+///
+/// An update may be running (updateLabelsAsync): sorting and binning the returns go on beside it, points and map wait
+/// until it no longer reads them, and all that the backend or a mirror sees waits for its end.
+/// @param passed_s  since the latest scan
+/// @return time taken to note what the scan changed in the map; counts as the update's
+double takeScan(FieldParts& field, const GatedScan& scan, double passed_s, FrameStats& stats) {
+  UpdateScheduler& scheduler = *field.scheduler;
+  MapChangesOfScan changes;
+
+  const GatedScan* placed = &scan;  // what can become points
+  const TouchedPoints* touched = nullptr;
+  const auto add_points = [&] {
+    field.steps.waitForMap();
+    field.points.describeTouched(scheduler.needs().news);
+    placed = &field.left_out.placed(scan, stats);
+    touched = &field.points.addReturns(placed->p_L, placed->q_L);
+  };
+  // What is news is judged before free space ages.
+  const auto bin_and_age = [&] {
+    field.integrator.bin(scan.p_L, scan.q_L);
+    if (field.map.agesFreeSpace()) changes.aged = ageFreeSpace(field, passed_s);
+  };
+  runBeside(add_points, bin_and_age);
+
+  const auto note_points = [&] {
+    field.steps.joinUpdate();
+    scheduler.noteReturns(*touched, placed->p_L, placed->q_L);
+  };
+  const auto open_and_fuse = [&] {
+    changes.opened = openWhatHasGone(field, scan, touched->all);
+    if (scheduler.needs().changes) {
+      scheduler.noteEachPart(changes.aged);
+      for (const LeafChange& change : changes.opened) scheduler.noteChange(0, change);
+    }
+    changes.fused = field.integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, field.gate.origin_W()});
+  };
+  runBeside(note_points, open_and_fuse);
+  countFused(changes.fused, stats);
+  field.left_out.note(changes.fused.left_out);
+
+  const kernels::Stopwatch noting;
+  scheduler.noteChanges(placed->p_L, placed->q_L, {changes.facts(), changes.fused.distances});
+  const double noting_ms = noting.milliseconds();
+  runBeside([&] { scheduler.prepare(field.mirrors.grid()); }, [&] { field.mirrors.take(changes, stats); });
+  return noting_ms;
+}
+
+/// Time passes without a return.
+void passTime(FieldParts& field, double passed_s, FrameStats& stats) {
+  field.steps.joinUpdate();
+  const std::vector<std::span<const LeafChange>> aged = ageFreeSpace(field, passed_s);
+  if (aged.empty()) return;
+  field.scheduler->noteChangesAlone(aged);
+  field.mirrors.takeAged(aged, stats);
+}
+
+UpdateStats update(FieldParts& field, const BackgroundUpdate::FreeMap& free_map) {
+  field.gone_points.publish();
+  field.left_out_points.publish(field.points, field.map.leftOut(), field.gone_points.published(),
+                                field.gate.origin_W());
+  field.scheduler->whenMapIsFree(free_map);
+  const UpdateStats stats = field.scheduler->update(field.mirrors.grid());
+  field.labels.backlog = stats.backlog;
+  return stats;
+}
+
+}  // namespace
+
+FrameStats integrateScan(FieldParts& field, const GateScan& gate, double stamp_s) {
+  const kernels::Stopwatch all;
+  FrameStats stats;
+  double noting_ms = 0;
+  field.steps.requireUnbroken();
+  field.arena.execute([&] {
+    const GatedScan& scan = gate(stats);
+    const double passed_s = field.clock.note(stamp_s);
+    if (!scan.p_L.empty()) {
+      field.labels.current = false;
+      field.steps.runBesideUpdate([&] { noting_ms = takeScan(field, scan, passed_s, stats); });
+    } else if (passed_s > 0 && field.map.agesFreeSpace()) {
+      field.labels.current = false;
+      field.steps.runBesideUpdate([&] { passTime(field, passed_s, stats); });
+    }
+  });
+  ++field.labels.scans;
+  stats.surface_points = field.points.size();
+  field.labels.noted_ms += noting_ms;
+  stats.integrate_ms = all.milliseconds() - stats.mirror_ms - noting_ms;
+  return stats;
+}
+
+UpdateStats updateLabels(FieldParts& field) {
+  const kernels::Stopwatch all;
+  UpdateStats stats = field.arena.execute([&] { return field.steps.run([&] { return update(field, {}); }); });
+  field.labels.updated = field.labels.current = true;
+  stats.update_ms = all.milliseconds() - stats.score_ms + std::exchange(field.labels.noted_ms, 0.0);
+  return stats;
+}
+
+UpdateTicket updateLabelsAsync(FieldParts& field) {
+  const double noting_ms = std::exchange(field.labels.noted_ms, 0.0);
+  UpdateTicket ticket = field.steps.startUpdate([&field, noting_ms](const BackgroundUpdate::FreeMap& free_map) {
+    const kernels::Stopwatch all;
+    UpdateStats stats = field.background_arena.execute([&] { return update(field, free_map); });
+    stats.update_ms = all.milliseconds() - stats.score_ms + noting_ms;
+    return stats;
+  });
+  field.labels.updated = field.labels.current = true;
+  return ticket;
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,122 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/query/answers.h"
+
+#include <algorithm>
+#include <numeric>
+#include <utility>
+#include <vector>
+
+#include "accessvdb/error.h"
+#include "field/query/access_map.h"
+#include "field/tools/best_tool.h"
+
+namespace accessvdb::internal {
+namespace {
+
+using PointsOfEach = std::vector<std::unique_ptr<const SurfacePoints>>;
+
+std::unique_ptr<const SurfacePoints> pointsOf(const FieldParts& field, PointsOfEach each) {
+  if (each.size() == 1) return std::move(each.front());
+  return std::make_unique<PointsOfTools>(std::move(each), field.tools.collisionLimits());
+}
+
+std::unique_ptr<PointScorer> freshScorer(const FieldParts& field, const ToolScoring& tool) {
+  return std::make_unique<PointScorer>(*tool.points, tool.params, *field.backend, tool.reads);
+}
+
+/// The points of one tool, scored by `again`. @param tests  increased by those that it took
+std::unique_ptr<const SurfacePoints> fromScratch(const FieldParts& field, std::size_t tool, PointScorer& again,
+                                                 std::uint64_t& tests) {
+  const ScoringSetup& setup = field.tools.at(tool).setup;
+  again.grow();
+  std::vector<std::uint32_t> ids(field.points.size());
+  std::iota(ids.begin(), ids.end(), 0u);
+  again.refreshWeights(ids);
+  std::erase_if(ids, [&](std::uint32_t id) { return !again.confidentEnough(id); });
+  again.refreshNeighbourhoods(ids);
+  again.upload(ids);
+  // Masks of a wide set are not read.
+  const int masked = std::min(setup.tool().num_directions, kernels::kMostMaskedDirections);
+  const kernels::DirectionMask all = kernels::allDirections(masked);
+  std::vector<kernels::ScoreItem> items(ids.size());
+  for (std::size_t n = 0; n < ids.size(); ++n) {
+    items[n].id = ids[n];
+    items[n].candidates = all;
+  }
+  ScoringTables tables = setup.tables(field.mirrors.grid());
+  tables.rule.keep_best = false;
+  for (const auto& result : again.score(items, tables)) tests += result.tests;
+  const ScoredField scored = {again,        *field.backend, field.gate.origin_W(), setup.tool().rolls,
+                              field.core(), false,          field.withheld()};
+  return scoredPoints(scored, PointStates::AsOfTheLastUpdate);
+}
+
+}  // namespace
+
+std::uint32_t idAt(const FieldParts& field, const Eigen::Vector3d& p_W) {
+  if (!p_W.allFinite()) return kNone;
+  const Eigen::Vector3d p_L = p_W - field.gate.origin_W();
+  if (!(p_L.lpNorm<Eigen::Infinity>() <= kFarthestVoxel * field.params.tsdf.voxel_size_m)) return kNone;
+  return field.points.index().find(field.points.voxelOf(p_L));
+}
+
+ScoredField scoredFor(const FieldParts& field, std::size_t tool) {
+  const ToolScoring& scoring = field.tools.at(tool);
+  return {*scoring.scorer,       *field.backend,
+          field.gate.origin_W(), scoring.setup.tool().rolls,
+          field.core(),          field.labels.backlog > 0 || !field.labels.current,
+          field.withheld()};
+}
+
+std::unique_ptr<const SurfacePoints> scoredPoints(const FieldParts& field) {
+  PointsOfEach each;
+  for (std::size_t k = 0; k < field.tools.size(); ++k) {
+    each.push_back(scoredPoints(scoredFor(field, k), PointStates::AsOfTheLastUpdate));
+  }
+  return pointsOf(field, std::move(each));
+}
+
+SurfacePoint scoredPoint(const FieldParts& field, std::uint32_t id) {
+  std::vector<SurfacePoint> each;
+  for (std::size_t k = 0; k < field.tools.size(); ++k) each.push_back(scoredPoint(scoredFor(field, k), id));
+  return pointOfTools(each, field.tools.collisionLimits());
+}
+
+FieldSnapshot evaluatedFromScratch(const FieldParts& field, std::uint64_t* tests) {
+  std::vector<std::unique_ptr<PointScorer>> scorers;  // the points refer to them
+  PointsOfEach each;
+  std::uint64_t all_tests = 0;
+  for (std::size_t k = 0; k < field.tools.size(); ++k) {
+    scorers.push_back(freshScorer(field, field.tools.at(k)));
+    each.push_back(fromScratch(field, k, *scorers.back(), all_tests));
+  }
+  if (tests != nullptr) *tests = all_tests;
+  return snapshotOf(*pointsOf(field, std::move(each)));
+}
+
+AccessMap accessMapOf(const FieldParts& field, std::uint32_t id, std::size_t tool) {
+  const ToolScoring& scoring = field.tools.at(tool);
+  const auto scorer = freshScorer(field, scoring);
+  AccessMap map = {scoredPoint(scoredFor(field, tool), id), scoring.collisionLimit(),
+                   tryEveryDirection(*scorer, scoring.setup, field.mirrors.grid(), id)};
+  const std::uint8_t why = id < field.withheld().size() ? field.withheld()[id] : 0;
+  for (DirectionOutcome& outcome : map.directions) {
+    if (why != 0 && outcome.reason == PointReason::None) outcome.reason = reasonOf(why);
+  }
+  return map;
+}
+
+ViewedParts viewedParts(FieldParts& field) {
+  field.steps.requireWhole();
+  std::vector<ViewedTool> tools;
+  for (const auto& tool : field.tools) {
+    tools.push_back({*tool->scorer, tool->setup.hostApproach(), tool->collisionLimit()});
+  }
+  const ScoringTables tables = field.tools.front().setup.tables(field.mirrors.grid());
+  const kernels::DistanceView distances = {field.mirrors.distanceGrid(), tables.map.inverse_voxel_size};
+  return {field.map,       *field.backend,        tables.map,       distances,
+          tables.approach, field.gate.origin_W(), std::move(tools), field.withheld()};
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,73 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// The views that a field returns: batch queries on the host, views for kernels. Knows when they expire.
+#pragma once
+
+#include <tbb/task_arena.h>
+
+#include <atomic>
+#include <memory>
+
+#include "accessvdb/batch_query.h"
+#include "accessvdb/device_view.h"
+#include "field/query/merged_tools.h"
+#include "field/query/query_index.h"
+#include "field/query/query_source.h"
+#include "launch/device_array.h"
+#include "update/point_scorer.h"
+
+namespace accessvdb::internal {
+
+/// The parts of a field that views show.
+struct ViewedParts {
+  const PackedMap& map;
+  kernels::Backend& backend;
+  kernels::OccupancyView mirror;
+  kernels::DistanceView distances;  ///< no grid if there is no mirror of them
+  kernels::ApproachView approach;   ///< in the backend's memory
+  Eigen::Vector3d origin_W;
+  std::vector<ViewedTool> tools;
+  std::span<const std::uint8_t> withheld = {};  ///< by id, see LeftOutPoints
+
+  /// Its scorer has what does not depend on the tool.
+  [[nodiscard]] const PointScorer& scorer() const { return tools.front().scorer; }
+};
+
+/// One per field; one thread at a time.
+class FieldViews {
+ public:
+  FieldViews();
+  ~FieldViews();
+  FieldViews(const FieldViews&) = delete;
+  FieldViews& operator=(const FieldViews&) = delete;
+
+  /// Call before the field changes: all existing views become out of date.
+  void expire() { revision_->fetch_add(1, std::memory_order_acq_rel); }
+  [[nodiscard]] std::uint64_t revision() const { return revision_->load(std::memory_order_acquire); }
+
+  [[nodiscard]] BatchQuery query(const ViewedParts& parts, tbb::task_arena& arena);
+  /// @throws DeviceError if the field's backend is not of this kind
+  [[nodiscard]] DeviceView view(const ViewedParts& parts, bool on_gpu);
+
+  [[nodiscard]] std::uint64_t bytes() const { return index_.bytes(); }
+
+ private:
+  /// Of several tools, for the field's present revision.
+  const MergedTools& merged(const ViewedParts& parts);
+  /// Of the tool, or merged, in the backend's memory.
+  kernels::PointStateView stateOf(const ViewedParts& parts);
+
+  std::shared_ptr<std::atomic<std::uint64_t>> revision_;
+  QueryIndex index_;
+  std::shared_ptr<const BatchQuery::Impl> query_;  ///< the last one
+  std::unique_ptr<const MergedTools> merged_;
+  std::uint64_t merged_revision_ = 0;
+  void withhold(const ViewedParts& parts, DeviceView& view);
+
+  std::vector<PointLabel> labels_;  ///< of the last view, if points are withheld
+  std::vector<PointReason> reasons_;
+  kernels::DeviceArray<PointLabel> device_labels_;  ///< the same where the view is on a GPU
+  kernels::DeviceArray<PointReason> device_reasons_;
+};
+
+}  // namespace accessvdb::internal

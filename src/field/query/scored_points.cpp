@@ -1,0 +1,169 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/query/scored_points.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <numeric>
+#include <span>
+#include <utility>
+
+#include "field/left_out_points.h"
+#include "field/tools/tool_heading.h"
+
+namespace accessvdb::internal {
+namespace {
+
+constexpr std::uint32_t kWeightsPerBlock = 1 << 16;
+
+/// A slice of the state arrays on the host. Ids beyond its end were added after the last update.
+struct HostState {
+  std::uint32_t first = 0, size = 0;
+  std::vector<std::uint16_t> score, direction;
+  std::vector<float> stability, normal_L;
+  std::vector<PointLabel> label;
+  std::vector<PointReason> reason;
+  std::vector<std::uint8_t> roll;  ///< only if the tool rolls
+
+  HostState() = default;  // for no points
+  HostState(const PointScorer& scorer, kernels::Backend& backend, std::uint32_t begin, std::uint32_t end)
+      : first(begin), size(std::min(end, scorer.device().size()) - std::min(begin, scorer.device().size())) {
+    const kernels::PointStateView view = scorer.device().view();
+    const auto fetch = [&](auto& to, const auto* from, std::size_t values_per_point) {
+      to.resize(values_per_point * size);
+      if (size > 0) backend.download(to.data(), from + values_per_point * begin, to.size() * sizeof(to[0]));
+    };
+    fetch(score, view.score, 1);
+    fetch(direction, view.direction, 1);
+    fetch(stability, view.stability, 1);
+    fetch(normal_L, view.normal_L, 3);
+    fetch(label, view.label, 1);
+    fetch(reason, view.reason, 1);
+    if (view.roll != nullptr) fetch(roll, view.roll, 1);
+  }
+};
+
+/// The points whose ids are first, first + 1 ...
+class ScoredPoints final : public SurfacePoints {
+ public:
+  ScoredPoints(const ScoredField& field, HostState state, std::uint32_t first, std::uint32_t count)
+      : scorer_(field.scorer),
+        origin_W_(field.origin_W),
+        some_wait_(field.some_wait),
+        withheld_(field.withheld),
+        state_(std::move(state)),
+        first_(first),
+        weights_(count),
+        rolls_(field.rolls.count),
+        headings_(toolHeadings(scorer_.params().approach, field.rolls)) {
+    std::vector<std::uint32_t> ids(std::min(count, kWeightsPerBlock));
+    for (std::uint32_t begin = 0; begin < count; begin += kWeightsPerBlock) {
+      ids.resize(std::min(count - begin, kWeightsPerBlock));
+      std::iota(ids.begin(), ids.end(), first + begin);
+      scorer_.reads().weights(ids, std::span(weights_).subspan(begin, ids.size()));
+    }
+  }
+
+  [[nodiscard]] std::size_t size() const override { return weights_.size(); }
+  [[nodiscard]] SurfacePoint at(std::size_t index) const override;
+  [[nodiscard]] Eigen::Vector3d position_W(std::size_t index) const override {
+    return origin_W_ + scorer_.points().first_L(first_ + static_cast<std::uint32_t>(index)).cast<double>();
+  }
+  [[nodiscard]] Eigen::Vector3d origin_W() const override { return origin_W_; }
+  [[nodiscard]] double voxel_size_m() const override { return scorer_.params().tsdf.voxel_size_m; }
+
+ private:
+  const PointScorer& scorer_;
+  Eigen::Vector3d origin_W_;
+  bool some_wait_;
+  std::span<const std::uint8_t> withheld_;
+  HostState state_;
+  std::uint32_t first_;
+  std::vector<std::uint16_t> weights_;
+  int rolls_;
+  std::vector<ToolHeading> headings_;  ///< per direction and roll
+};
+
+SurfacePoint ScoredPoints::at(std::size_t index) const {
+  SurfacePoint point;
+  point.id = first_ + static_cast<std::uint32_t>(index);
+  point.position_W = position_W(index);
+  point.weight = weights_[index];
+  point.confidence =
+      kernels::confidenceOf(weights_[index], static_cast<float>(scorer_.params().scoring.confidence_half_weight));
+  const bool gone = weights_[index] == 0 && scorer_.params().tsdf.region != UpdateRegion::Projective;
+  if (gone) point.reason = PointReason::Changed;             // point_weights.cpp: its voxel was taken out
+  if (point.id - state_.first >= state_.size) return point;  // added after the last update
+  if (point.id < withheld_.size() && withheld_[point.id] != 0) {
+    point.reason = reasonOf(withheld_[point.id]);
+    return point;
+  }
+  const std::uint32_t n = point.id - state_.first;
+  point.normal_W = Eigen::Vector3f(state_.normal_L.data() + std::size_t{3} * n);
+  point.score = state_.score[n];
+  point.direction = state_.direction[n];
+  point.stability = state_.stability[n];
+  point.label = state_.label[n];
+  if (!gone || point.label != PointLabel::Unscored) point.reason = state_.reason[n];
+  if (point.direction != kNoDirection) {
+    if (!state_.roll.empty()) point.roll = state_.roll[n];
+    const ToolHeading& heading =
+        headings_[std::size_t{point.direction} * static_cast<std::size_t>(rolls_) + point.roll];
+    point.yaw_rad = heading.yaw_rad;
+    point.direction_W = heading.direction_W;
+    point.orientation_WT = heading.orientation_WT;
+  }
+  point.confident = point.label == PointLabel::Accessible && !some_wait_ &&
+                    point.confidence * point.stability > static_cast<float>(scorer_.params().update.stability_min);
+  return point;
+}
+
+/// The points of a tile's core.
+class CorePoints final : public SurfacePoints {
+ public:
+  CorePoints(std::unique_ptr<const ScoredPoints> all, const PointStore& store, const VoxelColumnBox& core)
+      : all_(std::move(all)) {
+    for (std::uint32_t id = 0; id < all_->size(); ++id) {
+      if (core.contains(store.voxelOf(store.first_L(id)))) ids_.push_back(id);
+    }
+  }
+
+  [[nodiscard]] std::size_t size() const override { return ids_.size(); }
+  [[nodiscard]] SurfacePoint at(std::size_t index) const override { return all_->at(ids_[index]); }
+  [[nodiscard]] Eigen::Vector3d position_W(std::size_t index) const override { return all_->position_W(ids_[index]); }
+  [[nodiscard]] Eigen::Vector3d origin_W() const override { return all_->origin_W(); }
+  [[nodiscard]] double voxel_size_m() const override { return all_->voxel_size_m(); }
+
+ private:
+  std::unique_ptr<const ScoredPoints> all_;
+  std::vector<std::uint32_t> ids_;
+};
+
+}  // namespace
+
+std::unique_ptr<const SurfacePoints> scoredPoints(const ScoredField& field, PointStates states) {
+  const std::uint32_t count = field.scorer.points().size();
+  HostState state = states == PointStates::None ? HostState() : HostState(field.scorer, field.backend, 0, count);
+  auto all = std::make_unique<ScoredPoints>(field, std::move(state), 0, count);
+  if (!field.core) return all;
+  return std::make_unique<CorePoints>(std::move(all), field.scorer.points(), *field.core);
+}
+
+FieldSnapshot snapshotOf(const SurfacePoints& points) {
+  FieldSnapshot snapshot;
+  snapshot.origin_W = points.origin_W();
+  snapshot.voxel_size_m = points.voxel_size_m();
+  snapshot.points.resize(points.size());
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, points.size(), 1024), [&](const auto& range) {
+    for (std::size_t n = range.begin(); n != range.end(); ++n) snapshot.points[n] = points.at(n);
+  });
+  return snapshot;
+}
+
+SurfacePoint scoredPoint(const ScoredField& field, std::uint32_t id) {
+  return ScoredPoints(field, HostState(field.scorer, field.backend, id, id + 1), id, 1).at(0);
+}
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,53 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/state/field_state.h"
+
+#include <span>
+
+#include "accessvdb/config.h"
+#include "field/frame_loop.h"
+#include "field/state/rules_version.h"
+#include "field/state/state_writer.h"
+
+namespace accessvdb::internal {
+namespace {
+
+StateHead headOf(const FieldParts& field) {
+  StateHead head;
+  head.rules_version = kRulesVersion;
+  head.version = ACCESSVDB_VERSION;
+  head.tool_sha256 = toolListSha256(field.tools.specs());
+  head.tools = field.tools.saved();
+  head.params = field.params;
+  if (field.gate.hasOrigin()) head.origin_W = field.gate.origin_W();
+  head.updated = field.labels.updated;
+  head.scans = field.labels.scans;
+  head.latest_stamp_s = field.clock.latest_s();
+  if (field.map.agesFreeSpace()) head.age_s = field.map.generations()->age_s();
+  return head;
+}
+
+}  // namespace
+
+void saveState(const FieldParts& field, const std::filesystem::path& file) {
+  SavedParts parts = {field.map, field.tools.stores(), {}, field.left_out_points};
+  if (field.gone_cells) parts.gone = GoneState{field.gone_cells.get(), &field.gone_points};
+  writeState(file, headOf(field), parts);
+}
+
+void restoreState(FieldParts& field, StateReader& state) {
+  const StateHead& head = state.head();
+  if (head.origin_W) field.gate.restoreOrigin(*head.origin_W);
+  state.readInto(field.map, field.tools.stores(),
+                 [&](auto facts, auto distances) { field.mirrors.take(facts, distances); });
+  if (field.gone_cells) state.readGone(*field.gone_cells, field.gone_points);
+  field.left_out.restore(state, field.mirrors);
+  field.scheduler->noteRestored();
+  field.labels.scans = head.scans;
+  field.clock = FieldClock(head.latest_stamp_s);
+  if (field.map.agesFreeSpace()) field.map.generations()->restoreAge(head.age_s);
+  while (head.updated && updateLabels(field).backlog > 0) {
+  }
+}
+
+}  // namespace accessvdb::internal

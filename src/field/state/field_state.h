@@ -1,0 +1,18 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// A field's state as a whole: what is saved of it, and how a new field takes it over.
+#pragma once
+
+#include <filesystem>
+
+#include "field/field_parts.h"
+#include "field/state/state_reader.h"
+
+namespace accessvdb::internal {
+
+/// @throws OutputError, InvalidArgument "usage.checkpoint"
+void saveState(const FieldParts& field, const std::filesystem::path& file);
+/// Only for a new field. @throws InputError "state.damaged"; then the field is of no use any more
+void restoreState(FieldParts& field, StateReader& state);
+
+}  // namespace accessvdb::internal

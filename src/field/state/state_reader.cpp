@@ -1,0 +1,293 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/state/state_reader.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "field/state/rules_version.h"
+#include "field/state/state_writer.h"
+#include "io/input_file.h"
+#include "tsdf/leaf_facts.h"
+
+namespace accessvdb::internal {
+namespace {
+
+constexpr std::uint64_t kMostHeadBytes = 1 << 20;  // a list of 4096 orientations takes 96 bytes for each
+constexpr std::size_t kLeavesRead = 1 << 12, kPointsRead = 1 << 14, kPosesRead = 1 << 12;
+
+/// @return whether one of the facts holds anywhere
+bool hasFacts(const LeafChange& facts) {
+  std::uint64_t any = 0;
+  for (std::size_t x = 0; x < 8; ++x) any |= facts.collides_on[x] | facts.arm_free_on[x];
+  return any != 0;
+}
+
+/// Room for the seen directions of a point, all 0.
+std::uint64_t* seenOf(StoredPoint& point, std::size_t words) {
+  point.seen = {};
+  if (words <= static_cast<std::size_t>(kernels::kMaxDirectionWords)) return point.seen.word;
+  point.wide_seen.assign(words, 0);
+  return point.wide_seen.data();
+}
+
+/// @param words  of seen directions; 0 with viewpoints
+StoredPoint pointFrom(const char* from, std::size_t words) {
+  StoredPoint point = {};
+  const auto take = [&from](void* to, std::size_t bytes) {
+    std::memcpy(to, from, bytes);
+    from += bytes;
+  };
+  take(point.first_L.data(), 3 * sizeof(float));
+  take(point.sums.offset.data(), sizeof point.sums.offset);
+  take(point.sums.sensor.data(), sizeof point.sums.sensor);
+  take(&point.sums.returns, sizeof point.sums.returns);
+  if (words == 0) {
+    take(&point.views.count, sizeof point.views.count);
+    take(point.views.pose.data(), sizeof point.views.pose);
+  } else {
+    take(seenOf(point, words), words * sizeof(std::uint64_t));
+  }
+  return point;
+}
+
+}  // namespace
+
+StateReader::StateReader(const std::filesystem::path& file) : file_(file), in_(file) { readHead(); }
+
+void StateReader::readHead() {
+  const std::uint64_t length = in_.begin("head");
+  if (length > kMostHeadBytes) in_.refuse("it is too long");
+  std::vector<char> bytes(length);
+  in_.read(bytes.data(), bytes.size());
+  head_digest_ = in_.end();
+  const std::optional<StateHead> head = headFrom(bytes);
+  if (!head) in_.refuse("it holds values that no field has");
+  head_ = *head;
+  if (!isStateSchema(head_.schema) || head_.rules_version != kRulesVersion) {
+    throw UnusableInput("state.rules", io::forMessage(file_.native()),
+                        "was written by version " + io::wordForMessage(head_.version) + " with rules " +
+                            std::to_string(head_.rules_version) + " in layout " + std::to_string(head_.schema) +
+                            "; this program has rules " + std::to_string(kRulesVersion) + " and layout " +
+                            std::to_string(kStateSchema),
+                        "Start again from the scans, or use the program that wrote it");
+  }
+  // No product overflows: ids and file sizes bound the factors.
+  const std::uint64_t left = in_.fileBytes();
+  const bool small = head_.leaves <= left / kLeafBytes && head_.leaves_with_values <= left / kLeafValueBytes &&
+                     head_.leaves_with_votes <= left / kLeafVoteBytes &&
+                     head_.leaves_with_before <= left / kLeafBeforeBytes &&
+                     head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes &&
+                     head_.cell_blocks <= left / kLeafCellBytes && head_.gone_points <= left / kGonePointBytes &&
+                     head_.left_out_leaves <= left / kLeftOutLeafBytes && head_.closed_cells <= left / kClosedCellBytes;
+  const std::uint64_t sections = head_.tools.empty() ? 5 : 6;
+  const std::uint64_t expected =
+      kStateMagic.size() + sections * kSectionFrameBytes + length + head_.leaves * kLeafBytes +
+      head_.leaves_with_values * kLeafValueBytes + head_.leaves_with_votes * kLeafVoteBytes +
+      head_.leaves_with_before * kLeafBeforeBytes + head_.poses * kPoseBytes +
+      head_.points * (storedPointBytes(head_.params) + viewBytesPerPoint(head_)) + goneStateBytes(head_) +
+      head_.left_out_leaves * kLeftOutLeafBytes + head_.closed_cells * kClosedCellBytes;
+  if (!small || expected != in_.fileBytes()) {
+    in_.refuse("its counts do not match the file's size of " + std::to_string(in_.fileBytes()) + " bytes");
+  }
+}
+
+void StateReader::readInto(PackedMap& map, const std::vector<PointStore*>& stores, const TakeLeaves& take) {
+  PointStore& points = *stores.front();
+  readLeaves(map, take);
+  readPoses(points);
+  readPoints(points);
+  readViews(points, std::span(stores).subspan(1));
+}
+
+void StateReader::readViews(const PointStore& points, std::span<PointStore* const> stores) {
+  if (head_.tools.empty()) return;
+  if (in_.begin("views") != head_.points * viewBytesPerPoint(head_)) {
+    in_.refuse("its length does not match the number of views in the head");
+  }
+  std::vector<StoredPoint> block;
+  std::vector<std::uint64_t> seen;
+  for (PointStore* store : stores) {
+    const auto words = static_cast<std::size_t>((store->numDirections() + 63) / 64);
+    for (std::uint64_t first = 0; first < head_.points; first += kPointsRead) {
+      block.resize(std::min<std::uint64_t>(head_.points - first, kPointsRead));
+      seen.resize(block.size() * words);
+      in_.read(seen.data(), seen.size() * sizeof(seen[0]));
+      for (std::size_t n = 0; n < block.size(); ++n) {
+        block[n] = points.stored(static_cast<std::uint32_t>(first + n));
+        block[n].wide_seen.clear();
+        std::copy_n(seen.data() + n * words, words, seenOf(block[n], words));
+      }
+      if (!store->restore(block)) in_.refuse("a point has directions that its tool is not tried in");
+    }
+  }
+  in_.end();
+}
+
+void StateReader::readGone(GoneCells& cells, GonePoints& points) {
+  if (in_.begin("cells") != head_.cell_blocks * kLeafCellBytes)
+    in_.refuse("its length does not match the number of cells in the head");
+  for (std::uint64_t n = 0; n < head_.cell_blocks; ++n) {
+    Index3 leaf;
+    LeafCells of_leaf;
+    std::array<char, sizeof(LeafCells)> bytes;
+    in_.read(leaf.data(), sizeof leaf);
+    in_.read(bytes.data(), bytes.size());
+    for (std::size_t c = 0; c < of_leaf.size(); ++c) {
+      CellRecord& cell = of_leaf[c];
+      std::uint16_t verdict = 0;
+      const char* from = bytes.data() + c * sizeof(CellRecord);
+      visitStored(cell, verdict, [&from](auto& part) {
+        std::memcpy(&part, from, sizeof part);
+        from += sizeof part;
+      });
+      if (verdict > static_cast<std::uint16_t>(Verdict::Open)) in_.refuse("a cell has an unknown verdict");
+      cell.verdict = static_cast<Verdict>(verdict);
+    }
+    if (!cells.restore(leaf, of_leaf)) in_.refuse("a cell occurs twice, has no points, or is invalid");
+  }
+  in_.end();
+  cells.restoreScans(head_.gone_scans);
+  if (in_.begin("gone") != head_.gone_points * kGonePointBytes) {
+    in_.refuse("its length does not match the number of points in the head");
+  }
+  std::uint64_t next = 0;
+  for (std::uint64_t n = 0; n < head_.gone_points; ++n) {
+    std::uint32_t record[2];
+    in_.read(record, sizeof record);
+    constexpr std::uint32_t kMostWeight = 0xffff;
+    if (record[0] < next || record[0] >= head_.points || record[1] >> 1 > kMostWeight) {
+      in_.refuse("a point is out of place");
+    }
+    points.restore(record[0], static_cast<std::uint16_t>(record[1] >> 1), (record[1] & 1) != 0);
+    next = std::uint64_t{record[0]} + 1;
+  }
+  in_.end();
+}
+
+void StateReader::readLeftOut(LeftOutVoxels& voxels, LeftOutPoints& points) {
+  if (in_.begin("leftout") != head_.left_out_leaves * kLeftOutLeafBytes + head_.closed_cells * kClosedCellBytes)
+    in_.refuse("its length does not match the numbers in the head");
+  for (std::uint64_t n = 0; n < head_.left_out_leaves; ++n) {
+    std::int32_t origin[3];
+    LeafBits bits;
+    in_.read(origin, sizeof origin);
+    in_.read(bits.data(), sizeof bits);
+    for (const std::int32_t x : origin) {
+      if (x % 8 != 0 || x < -kFarthestLeaf_voxels || x > kFarthestLeaf_voxels) in_.refuse("a leaf is out of place");
+    }
+    const openvdb::Coord ijk(origin[0], origin[1], origin[2]);
+    if (bits == LeafBits{} || voxels.find(ijk) != nullptr) in_.refuse("a leaf is empty or there twice");
+    voxels.set(ijk, bits);
+  }
+  std::vector<LeftOutPoints::Cell> cells(head_.closed_cells);
+  for (LeftOutPoints::Cell& cell : cells) in_.read(cell.data(), kClosedCellBytes);
+  if (!points.restoreCells(head_.closed_doublings, cells)) in_.refuse("a cell is there twice or out of place");
+  in_.end();
+}
+
+void StateReader::readLeaves(PackedMap& map, const TakeLeaves& take) {
+  if (in_.begin("leaves") != head_.leaves * kLeafBytes + head_.leaves_with_values * kLeafValueBytes +
+                                 head_.leaves_with_votes * kLeafVoteBytes +
+                                 head_.leaves_with_before * kLeafBeforeBytes) {
+    in_.refuse("its length does not match the number of leaves in the head");
+  }
+  std::vector<const PackedLeaf*> leaves;
+  std::vector<LeafChange> facts;
+  std::vector<DistanceChange> distances;
+  const auto hand_over = [&] {
+    facts.resize(leaves.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, leaves.size(), 64), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) facts[n] = factsOf(map, *leaves[n]);
+    });
+    std::erase_if(facts, [](const LeafChange& change) { return !hasFacts(change); });
+    distances.clear();
+    for (const PackedLeaf* leaf : leaves) {
+      if (packedValues(*leaf) != nullptr) distances.push_back(distancesOf(map, *leaf));
+    }
+    take(facts, distances);
+    leaves.clear();
+  };
+  std::uint64_t with_values = 0, with_votes = 0, with_before = 0;
+  for (std::uint64_t n = 0; n < head_.leaves; ++n) {
+    std::int32_t origin[3];
+    std::uint32_t has = 0;
+    LeafBits cleared, before;
+    VoxelVotes votes;
+    alignas(64) std::uint32_t values[PackedLeaf::SIZE];
+    in_.read(origin, sizeof origin);
+    in_.read(&has, sizeof has);
+    in_.read(cleared.data(), sizeof cleared);
+    const bool has_values = (has & kHasValues) != 0, has_votes = (has & kHasVotes) != 0,
+               has_before = (has & kHasBefore) != 0;
+    with_values += has_values ? 1 : 0;
+    with_votes += has_votes ? 1 : 0;
+    with_before += has_before ? 1 : 0;
+    if ((has & ~(kHasValues | kHasVotes | kHasBefore)) != 0 || with_values > head_.leaves_with_values ||
+        with_votes > head_.leaves_with_votes || with_before > head_.leaves_with_before) {
+      in_.refuse("it has too many values");
+    }
+    for (const std::int32_t x : origin) {
+      if (x % 8 != 0 || x < -kFarthestLeaf_voxels || x > kFarthestLeaf_voxels) in_.refuse("a leaf is out of place");
+    }
+    if (has_values) in_.read(values, sizeof values);
+    if (has_votes) in_.read(votes.bit.data(), kLeafVoteBytes);
+    if (has_before) in_.read(before.data(), kLeafBeforeBytes);
+    const PackedLeaf* leaf = map.restoreLeaf({origin[0], origin[1], origin[2]}, cleared, has_values ? values : nullptr,
+                                             has_votes ? &votes : nullptr, has_before ? &before : nullptr);
+    if (leaf == nullptr) in_.refuse("a leaf is there twice, or has voxels that no map has");
+    leaves.push_back(leaf);
+    if (leaves.size() == kLeavesRead) hand_over();
+  }
+  in_.end();
+  if (with_values != head_.leaves_with_values || with_votes != head_.leaves_with_votes ||
+      with_before != head_.leaves_with_before) {
+    in_.refuse("it has too few values");
+  }
+  hand_over();
+}
+
+void StateReader::readPoses(PointStore& points) {
+  if (in_.begin("poses") != head_.poses * kPoseBytes)
+    in_.refuse("its length does not match the number of positions in the head");
+  std::vector<Eigen::Vector3f> poses_L;
+  for (std::uint64_t first = 0; first < head_.poses; first += kPosesRead) {
+    poses_L.resize(std::min<std::uint64_t>(head_.poses - first, kPosesRead));
+    in_.read(poses_L.data(), poses_L.size() * kPoseBytes);
+    for (const Eigen::Vector3f& q_L : poses_L) {
+      if (!q_L.allFinite()) in_.refuse("a sensor position is not finite");
+    }
+    points.restorePoses(poses_L);
+  }
+  in_.end();
+}
+
+void StateReader::readPoints(PointStore& points) {
+  const std::size_t each = storedPointBytes(head_.params);
+  const ApproachParams& approach = head_.params.approach;
+  const std::size_t words = approach.viewpoints ? 0 : (static_cast<std::size_t>(approach.directionCount()) + 63) / 64;
+  if (in_.begin("points") != head_.points * each)
+    in_.refuse("its length does not match the number of points in the head");
+  std::vector<char> bytes;
+  std::vector<StoredPoint> block;
+  for (std::uint64_t first = 0; first < head_.points; first += kPointsRead) {
+    block.resize(std::min<std::uint64_t>(head_.points - first, kPointsRead));
+    bytes.resize(block.size() * each);
+    in_.read(bytes.data(), bytes.size());
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, block.size(), 512), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        block[n] = pointFrom(bytes.data() + n * each, words);
+      }
+    });
+    if (!points.restore(block)) in_.refuse("a point is there twice, or is not one that a field can have");
+  }
+  in_.end();
+}
+
+}  // namespace accessvdb::internal

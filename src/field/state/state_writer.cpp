@@ -1,0 +1,213 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/state/state_writer.h"
+
+#include <tbb/blocked_range.h>
+#include <tbb/parallel_for.h>
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+#include <utility>
+
+#include "accessvdb/error.h"
+#include "accessvdb/field_io.h"
+#include "field/state/state_sections.h"
+
+namespace accessvdb::internal {
+namespace {
+
+constexpr std::size_t kPointsWritten = 1 << 14;
+
+int wordsOf(const FieldParams& params) { return (params.approach.directionCount() + 63) / 64; }
+
+void writeLeaves(SectionWriter& out, const StateHead& head, const PackedMap& map) {
+  out.begin("leaves", head.leaves * kLeafBytes + head.leaves_with_values * kLeafValueBytes +
+                          head.leaves_with_votes * kLeafVoteBytes + head.leaves_with_before * kLeafBeforeBytes);
+  for (auto leaf = map.tree().cbeginLeaf(); leaf; ++leaf) {
+    const std::int32_t origin[3] = {leaf->origin().x(), leaf->origin().y(), leaf->origin().z()};
+    const std::uint32_t* values = packedValues(*leaf);
+    const VoxelVotes* votes = map.votesOf(*leaf);
+    const LeafBits* before = map.beforeOf(*leaf);
+    if (before != nullptr && *before == LeafBits{}) before = nullptr;
+    const std::uint32_t has = (values != nullptr ? kHasValues : 0) | (votes != nullptr ? kHasVotes : 0) |
+                              (before != nullptr ? kHasBefore : 0);
+    LeafBits cleared;
+    for (openvdb::Index x = 0; x < 8; ++x) cleared[x] = leaf->getValueMask().getWord<std::uint64_t>(x);
+    out.write(origin, sizeof origin);
+    out.write(&has, sizeof has);
+    out.write(cleared.data(), sizeof cleared);
+    if (values != nullptr) out.write(values, kLeafValueBytes);
+    if (votes != nullptr) out.write(votes->bit.data(), kLeafVoteBytes);
+    if (before != nullptr) out.write(before->data(), kLeafBeforeBytes);
+  }
+  out.end();
+}
+
+void writePoses(SectionWriter& out, const StateHead& head, const PointStore& points) {
+  out.begin("poses", head.poses * kPoseBytes);
+  for (std::size_t n = 0; n < points.poses().size(); ++n) out.write(points.poses()[n].data(), kPoseBytes);
+  out.end();
+}
+
+/// @param words  of seen directions; 0 with viewpoints
+void putPoint(const StoredPoint& point, std::size_t words, char* to) {
+  const auto put = [&to](const void* data, std::size_t bytes) {
+    std::memcpy(to, data, bytes);
+    to += bytes;
+  };
+  put(point.first_L.data(), 3 * sizeof(float));
+  put(point.sums.offset.data(), sizeof point.sums.offset);
+  put(point.sums.sensor.data(), sizeof point.sums.sensor);
+  put(&point.sums.returns, sizeof point.sums.returns);
+  if (words == 0) {
+    put(&point.views.count, sizeof point.views.count);
+    put(point.views.pose.data(), sizeof point.views.pose);
+  } else {
+    put(point.wide_seen.empty() ? point.seen.word : point.wide_seen.data(), words * sizeof(std::uint64_t));
+  }
+}
+
+void writePoints(SectionWriter& out, const StateHead& head, const PointStore& points) {
+  const std::size_t bytes = storedPointBytes(head.params);
+  const std::size_t words = head.params.approach.viewpoints ? 0 : static_cast<std::size_t>(wordsOf(head.params));
+  out.begin("points", head.points * bytes);
+  std::vector<char> block;
+  for (std::size_t first = 0; first < head.points; first += kPointsWritten) {
+    const std::size_t count = std::min<std::size_t>(head.points - first, kPointsWritten);
+    block.resize(count * bytes);
+    tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, 512), [&](const auto& range) {
+      for (std::size_t n = range.begin(); n != range.end(); ++n) {
+        putPoint(points.stored(static_cast<std::uint32_t>(first + n)), words, block.data() + n * bytes);
+      }
+    });
+    out.write(block.data(), block.size());
+  }
+  out.end();
+}
+
+/// Seen directions of the points in other stores, store by store.
+void writeViews(SectionWriter& out, const StateHead& head, std::span<PointStore* const> stores) {
+  out.begin("views", head.points * viewBytesPerPoint(head));
+  for (const PointStore* store : stores) {
+    const auto words = static_cast<std::size_t>((store->numDirections() + 63) / 64);
+    std::vector<std::uint64_t> block;
+    for (std::uint64_t first = 0; first < head.points; first += kPointsWritten) {
+      const std::size_t count = std::min<std::size_t>(head.points - first, kPointsWritten);
+      block.clear();
+      for (std::size_t n = 0; n < count; ++n) {
+        block.resize(block.size() + words);
+        store->joinSeen(static_cast<std::uint32_t>(first + n), std::span(block).last(words));
+      }
+      out.write(block.data(), block.size() * sizeof(block[0]));
+    }
+  }
+  out.end();
+}
+
+void writeCells(SectionWriter& out, const StateHead& head, const GoneCells& cells, const PointStore& points) {
+  out.begin("cells", head.cell_blocks * kLeafCellBytes);
+  for (const std::uint32_t block : cells.blocksInOrder()) {
+    const Index3& leaf = points.index().blocks()[block].leaf;
+    out.write(leaf.data(), sizeof leaf);
+    std::array<char, sizeof(LeafCells)> bytes = {};
+    for (std::size_t n = 0; n < 8; ++n) {
+      const CellRecord& cell = cells.cellsOf(block)[n];
+      const auto verdict = static_cast<std::uint16_t>(cell.verdict);
+      char* to = bytes.data() + n * sizeof(CellRecord);
+      visitStored(cell, verdict, [&to](const auto& part) {
+        std::memcpy(to, &part, sizeof part);
+        to += sizeof part;
+      });
+    }
+    out.write(bytes.data(), bytes.size());
+  }
+  out.end();
+}
+
+bool isKept(const GonePoints& gone, std::uint32_t id) { return gone.leastWeight(id) != 0 || gone.isGone(id); }
+
+void writeGonePoints(SectionWriter& out, const StateHead& head, const GonePoints& gone) {
+  out.begin("gone", head.gone_points * kGonePointBytes);
+  for (std::uint32_t id = 0; id < gone.size(); ++id) {
+    if (!isKept(gone, id)) continue;
+    const std::uint32_t record[2] = {id, std::uint32_t{gone.leastWeight(id)} << 1 | (gone.isGone(id) ? 1u : 0u)};
+    out.write(record, sizeof record);
+  }
+  out.end();
+}
+
+void writeLeftOut(SectionWriter& out, const LeftOutVoxels& voxels, const LeftOutPoints& points) {
+  out.begin("leftout", voxels.leaves() * kLeftOutLeafBytes + points.closedCells().size() * kClosedCellBytes);
+  for (const auto& [ijk, bits] : voxels.inOrder()) {
+    const std::int32_t origin[3] = {ijk.x(), ijk.y(), ijk.z()};
+    out.write(origin, sizeof origin);
+    out.write(bits.data(), sizeof bits);
+  }
+  for (const LeftOutPoints::Cell& cell : points.closedCells()) out.write(cell.data(), kClosedCellBytes);
+  out.end();
+}
+
+}  // namespace
+
+std::uint64_t goneStateBytes(const StateHead& head) {
+  if (head.params.change.mode != ChangeMode::Full) return 0;
+  return 2 * kSectionFrameBytes + head.cell_blocks * kLeafCellBytes + head.gone_points * kGonePointBytes;
+}
+
+std::uint64_t storedPointBytes(const FieldParams& params) {
+  const std::uint64_t own = 3 * sizeof(float) + 6 * sizeof(std::int64_t) + sizeof(std::uint32_t);
+  if (params.approach.viewpoints) return own + sizeof(Viewpoints);
+  return own + static_cast<std::uint64_t>(wordsOf(params)) * sizeof(std::uint64_t);
+}
+
+void requireSavable(const FieldParams& params) {
+  if (params.update.policy == UpdatePolicy::Paper) {
+    throw InvalidArgument("usage.checkpoint", "policy",
+                          "the paper's update policy depends on the field's history, which a state does not hold",
+                          "Use UpdatePolicy::Exact");
+  }
+  if (params.tsdf.region == UpdateRegion::Projective) {
+    throw InvalidArgument("usage.checkpoint", "region", "the projective baseline cannot be saved",
+                          "Use another UpdateRegion");
+  }
+}
+
+void writeState(const std::filesystem::path& file, StateHead head, const SavedParts& parts) {
+  const auto& [map, stores, gone, left_out] = parts;
+  const PointStore& points = *stores.front();
+  requireSavable(head.params);
+  head.schema = stateSchemaOf(head.params);
+  head.leaves = map.leaf_count;
+  head.leaves_with_values = map.allocated_leaf_count;
+  head.leaves_with_votes = map.votedLeafCount();
+  head.leaves_with_before = map.agedLeafCount();
+  head.points = points.size();
+  head.poses = points.poses().size();
+  head.left_out_leaves = map.leftOut().leaves();
+  head.closed_cells = left_out.closedCells().size();
+  head.closed_doublings = left_out.doublings();
+  if (gone) {
+    head.gone_scans = gone->cells->scans();
+    head.cell_blocks = gone->cells->blocksInOrder().size();
+    for (std::uint32_t id = 0; id < gone->points->size(); ++id) head.gone_points += isKept(*gone->points, id) ? 1 : 0;
+  }
+  io::writeFileDurably(file, [&](std::ostream& stream) {
+    SectionWriter out(stream);
+    const std::vector<char> bytes = bytesOf(head);
+    out.begin("head", bytes.size());
+    out.write(bytes.data(), bytes.size());
+    out.end();
+    writeLeaves(out, head, map);
+    writePoses(out, head, points);
+    writePoints(out, head, points);
+    if (!head.tools.empty()) writeViews(out, head, std::span(stores).subspan(1));
+    if (gone) {
+      writeCells(out, head, *gone->cells, points);
+      writeGonePoints(out, head, *gone->points);
+    }
+    writeLeftOut(out, map.leftOut(), left_out);
+  });
+}
+
+}  // namespace accessvdb::internal

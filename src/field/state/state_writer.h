@@ -1,0 +1,74 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+/// Writes the state of a field into one file (docs/DESIGN.md, "Saved state").
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <vector>
+
+#include "change/gone_cells.h"
+#include "change/gone_points.h"
+#include "field/left_out_points.h"
+#include "field/state/state_head.h"
+#include "points/point_store.h"
+#include "tsdf/packed_map.h"
+
+namespace accessvdb::internal {
+
+/// Leaves are at multiples of 8 voxels within this, so that a mirror can hold them.
+inline constexpr std::int32_t kFarthestLeaf_voxels = 1 << 21;
+
+/// Bytes of a leaf, of its values, its votes, and what was free there before if it has any, of a point, and of a sensor
+/// position.
+inline constexpr std::uint64_t kLeafBytes = 3 * sizeof(std::int32_t) + sizeof(std::uint32_t) + sizeof(LeafBits);
+inline constexpr std::uint64_t kLeafValueBytes = PackedLeaf::SIZE * sizeof(std::uint32_t);
+inline constexpr std::uint64_t kLeafVoteBytes = sizeof(VoxelVotes::bit);
+inline constexpr std::uint64_t kLeafBeforeBytes = sizeof(LeafBits);
+inline constexpr std::uint32_t kHasValues = 1, kHasVotes = 2, kHasBefore = 4;  ///< flags of a leaf
+inline constexpr std::uint64_t kPoseBytes = 3 * sizeof(float);
+[[nodiscard]] std::uint64_t storedPointBytes(const FieldParams& params);
+
+/// Of ChangeMode::Full: a leaf's cells, and a point of GonePoints.
+inline constexpr std::uint64_t kLeafCellBytes = 3 * sizeof(std::int32_t) + sizeof(LeafCells);
+/// Calls visit(part) for all that a state holds of a cell, in its order. One by one: what lies between the parts of a
+/// CellRecord is not defined. @param verdict  std::uint16_t in place of the cell's own
+template <typename Cell, typename Number, typename Visit>
+void visitStored(Cell& cell, Number& verdict, const Visit& visit) {
+  visit(cell.lines);
+  visit(cell.hits);
+  visit(cell.missed);
+  visit(cell.emptied);
+  visit(cell.followed);
+  visit(cell.scans);
+  visit(verdict);
+}
+inline constexpr std::uint64_t kGonePointBytes = 2 * sizeof(std::uint32_t);
+/// Of what was left out: a leaf's voxels, and a closed cell.
+inline constexpr std::uint64_t kLeftOutLeafBytes = 3 * sizeof(std::int32_t) + sizeof(LeafBits);
+inline constexpr std::uint64_t kClosedCellBytes = sizeof(LeftOutPoints::Cell);
+/// Bytes of all sections for ChangeMode::Full, with their frames; 0 for other modes.
+[[nodiscard]] std::uint64_t goneStateBytes(const StateHead& head);
+
+/// Evidence about what has gone.
+struct GoneState {
+  const GoneCells* cells;
+  const GonePoints* points;
+};
+
+/// @throws InvalidArgument "usage.checkpoint"  for fields whose results depend on more than a state holds
+void requireSavable(const FieldParams& params);
+
+/// What a state is made of.
+struct SavedParts {
+  const PackedMap& map;
+  std::vector<PointStore*> stores;  ///< of the tools: the same points, seen from other directions
+  std::optional<GoneState> gone;    ///< only for ChangeMode::Full
+  const LeftOutPoints& left_out;
+};
+
+/// @param head  its counts of leaves and points are filled in here
+/// @throws OutputError
+void writeState(const std::filesystem::path& file, StateHead head, const SavedParts& parts);
+
+}  // namespace accessvdb::internal

@@ -1,0 +1,66 @@
+// Copyright Contributors to the AccessVDB project
+// SPDX-License-Identifier: Apache-2.0
+#include "field/tools/best_tool.h"
+
+#include <array>
+
+#include "accessvdb/tool_spec.h"
+
+namespace accessvdb::internal {
+namespace {
+
+/// How far a tool came: the larger, the closer. The two reasons of the corridor are one stage.
+int stageOf(PointReason reason) {
+  switch (reason) {
+    case PointReason::Tool:
+      return 3;
+    case PointReason::Arm:
+    case PointReason::Unknown:
+      return 2;
+    case PointReason::Unseen:
+      return 1;
+    default:
+      return 0;
+  }
+}
+
+/// Whether a came strictly closer than b. None of them reaches the point.
+bool cameCloser(const ToolVerdict& a, const ToolVerdict& b) {
+  const int stage_a = stageOf(a.reason), stage_b = stageOf(b.reason);
+  if (stage_a != stage_b) return stage_a > stage_b;
+  if (a.score == kNoScore || b.score == kNoScore) return a.score != kNoScore && b.score == kNoScore;
+  return std::uint32_t{a.score} * b.collision_limit < std::uint32_t{b.score} * a.collision_limit;
+}
+
+}  // namespace
+
+std::size_t bestTool(std::span<const ToolVerdict> tools) {
+  std::size_t closest = 0;
+  for (std::size_t k = 0; k < tools.size(); ++k) {
+    if (tools[k].label == PointLabel::Accessible) return k;
+    if (cameCloser(tools[k], tools[closest])) closest = k;
+  }
+  return closest;
+}
+
+SurfacePoint pointOfTools(std::span<const SurfacePoint> tools, std::span<const std::uint16_t> collision_limits) {
+  std::array<ToolVerdict, kMostTools> verdicts;
+  std::uint32_t reach = 0;
+  for (std::size_t k = 0; k < tools.size(); ++k) {
+    verdicts[k] = {tools[k].label, tools[k].reason, tools[k].score, collision_limits[k]};
+    if (tools[k].label == PointLabel::Accessible) reach |= std::uint32_t{1} << k;
+  }
+  const std::size_t best = bestTool(std::span(verdicts).first(tools.size()));
+  SurfacePoint point = tools[best];
+  point.tool = static_cast<std::uint8_t>(best);
+  point.tools = reach;
+  return point;
+}
+
+SurfacePoint PointsOfTools::at(std::size_t index) const {
+  std::array<SurfacePoint, kMostTools> points;
+  for (std::size_t k = 0; k < tools_.size(); ++k) points[k] = tools_[k]->at(index);
+  return pointOfTools(std::span(points).first(tools_.size()), limits_);
+}
+
+}  // namespace accessvdb::internal
