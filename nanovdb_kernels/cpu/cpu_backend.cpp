@@ -104,7 +104,7 @@ struct PlacedItems {
 };
 
 template <class Inputs>
-std::uint64_t groupOf(const Inputs& inputs, const WindowShape& shape, std::uint32_t id) {
+std::uint64_t groupOf(const Inputs& inputs, const WindowBox& shape, std::uint32_t id) {
   const Coord ijk = voxelOfPoint(inputs, id);
   const int xy = 3 + shape.xy_log2, z = 3 + shape.z_log2;
   return placeKey(ijk[0] >> xy, ijk[1] >> xy, ijk[2] >> z);

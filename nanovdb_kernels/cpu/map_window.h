@@ -50,7 +50,7 @@ class MapWindow {
 
   const WindowedTool& tool_;
   const WindowKernels& kernels_;
-  const WindowShape shape_;
+  const WindowBox shape_;
   const OccupancyReader* map_ = nullptr;
   bool corridors_filled_ = false;
   std::int32_t low_[3] = {0, 0, 0};     ///< lowest voxel

@@ -16,7 +16,7 @@
 namespace accessvdb::kernels {
 
 /// What the points of a group of leaves may read: a box of leaves around it. The same for all groups.
-struct WindowShape {
+struct WindowBox {
   int xy_log2 = 0, z_log2 = 0;                   ///< edges of a group, in leaves
   std::array<std::int32_t, 3> low = {};          ///< of the box, in leaves from the first leaf of the group
   std::array<std::int32_t, 3> size = {1, 1, 1};  ///< in leaves
@@ -49,7 +49,7 @@ class WindowedTool final : public PreparedTool {
 
   /// Whether there is a window; otherwise nothing else may be called.
   [[nodiscard]] bool usable() const { return usable_; }
-  [[nodiscard]] const WindowShape& shape() const { return shape_; }
+  [[nodiscard]] const WindowBox& shape() const { return shape_; }
   /// Of a part (ToolKernelView). Voxel form: empty with samples.
   [[nodiscard]] std::span<const Layer> layers(int part) const { return listOf(layers_, layer_begin_, part); }
   [[nodiscard]] const WindowRun* runs() const { return runs_.data(); }
@@ -83,7 +83,7 @@ class WindowedTool final : public PreparedTool {
   [[nodiscard]] Part makePart(const ToolKernelView& tool, int part) const;
 
   bool usable_ = false;
-  WindowShape shape_;
+  WindowBox shape_;
   std::vector<Layer> layers_;
   std::vector<WindowRun> runs_;
   std::vector<std::uint64_t> words_;

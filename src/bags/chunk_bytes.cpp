@@ -117,25 +117,25 @@ std::string unpackBz2(std::string_view packed, std::uint64_t declared, ByteBuffe
 
 }  // namespace
 
-std::optional<Compression> compressionFrom(std::string_view word) {
-  if (word.empty() || word == "none") return Compression::None;
-  if (word == "zstd") return Compression::Zstd;
-  if (word == "lz4") return Compression::Lz4;
-  if (word == "bz2") return Compression::Bz2;
+std::optional<ChunkCompression> compressionFrom(std::string_view word) {
+  if (word.empty() || word == "none") return ChunkCompression::None;
+  if (word == "zstd") return ChunkCompression::Zstd;
+  if (word == "lz4") return ChunkCompression::Lz4;
+  if (word == "bz2") return ChunkCompression::Bz2;
   return std::nullopt;
 }
 
-std::string unpack(Compression compression, std::string_view packed, std::uint64_t declared, ByteBuffer& out) {
+std::string unpack(ChunkCompression compression, std::string_view packed, std::uint64_t declared, ByteBuffer& out) {
   switch (compression) {
-    case Compression::None:
+    case ChunkCompression::None:
       if (packed.size() != declared) return tooFew(declared, packed.size());
       std::copy(packed.begin(), packed.end(), out.reset(packed.size()));
       return {};
-    case Compression::Zstd:
+    case ChunkCompression::Zstd:
       return unpackZstd(packed, declared, out);
-    case Compression::Lz4:
+    case ChunkCompression::Lz4:
       return unpackLz4(packed, declared, out);
-    case Compression::Bz2:
+    case ChunkCompression::Bz2:
       return unpackBz2(packed, declared, out);
   }
   return kDamaged;

@@ -16,14 +16,14 @@ namespace accessvdb::bags {
 /// No recorder writes larger chunks or messages: the usual size is 1 to 4 MiB.
 inline constexpr std::uint64_t kMostChunkBytes = std::uint64_t{1} << 30;
 
-enum class Compression { None, Zstd, Lz4, Bz2 };
+enum class ChunkCompression { None, Zstd, Lz4, Bz2 };
 
 /// "", "none", "zstd", "lz4", "bz2"; nothing for other words.
-[[nodiscard]] std::optional<Compression> compressionFrom(std::string_view word);
+[[nodiscard]] std::optional<ChunkCompression> compressionFrom(std::string_view word);
 
 /// @param declared  bytes that the chunk says it has; at most kMostChunkBytes
 /// @return what is wrong with the chunk, in words; empty if `out` holds exactly that many bytes
-[[nodiscard]] std::string unpack(Compression compression, std::string_view packed, std::uint64_t declared,
+[[nodiscard]] std::string unpack(ChunkCompression compression, std::string_view packed, std::uint64_t declared,
                                  ByteBuffer& out);
 
 }  // namespace accessvdb::bags

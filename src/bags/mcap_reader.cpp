@@ -174,10 +174,10 @@ class McapReader final : public Recording {
     if (std::max(declared, packed_bytes) > kMostChunkBytes)
       throw Damage{"recording.chunk",
                    "a chunk declares " + std::to_string(std::max(declared, packed_bytes)) + " bytes, more than 1 GiB"};
-    const std::optional<Compression> compression = compressionFrom(word);
+    const std::optional<ChunkCompression> compression = compressionFrom(word);
     if (!compression)
       throw Damage{"recording.compression", "a chunk is compressed by '" + wordFrom(word) + "', which is not known"};
-    const bool plain = *compression == Compression::None && packed_bytes == declared;
+    const bool plain = *compression == ChunkCompression::None && packed_bytes == declared;
     ByteBuffer& target = plain ? unpacked_ : packed_;
     input_->read(at + kRecordHead + begin, target.reset(static_cast<std::size_t>(packed_bytes)),
                  static_cast<std::size_t>(packed_bytes));

@@ -196,10 +196,10 @@ class RosBagReader final : public Recording {
     if (std::max(declared, record.data_bytes) > kMostChunkBytes)
       throw Damage{"recording.chunk", "a chunk declares " + std::to_string(std::max(declared, record.data_bytes)) +
                                           " bytes, more than 1 GiB"};
-    const std::optional<Compression> compression = compressionFrom(word);
+    const std::optional<ChunkCompression> compression = compressionFrom(word);
     if (!compression)
       throw Damage{"recording.compression", "a chunk is compressed by '" + wordFrom(word) + "', which is not known"};
-    const bool plain = *compression == Compression::None && record.data_bytes == declared;
+    const bool plain = *compression == ChunkCompression::None && record.data_bytes == declared;
     input_->read(record.data, (plain ? unpacked_ : packed_).reset(record.data_bytes), record.data_bytes);
     if (plain) return;
     const std::string problem = unpack(*compression, packed_.view(), declared, unpacked_);

@@ -22,12 +22,12 @@ struct TableContext {
 };
 
 /// A table row for a run, judged with the method's own normals; the caller fills in the rest.
-inline TableRow rowOf(const char* table, const RunRequest& request, const EvaluatedRun& run, Column column,
+inline TableRow rowOf(const char* table, const RunRequest& request, const EvaluatedRun& run, TableColumn column,
                       std::string variant = {}) {
   TableRow row;
   row.table = table;
   row.scene = request.scans.scene;
-  row.method = column == Column::Paper ? "paper" : "product";
+  row.method = column == TableColumn::Paper ? "paper" : "product";
   row.variant = std::move(variant);
   row.column = column;
   row.voxel_m = request.params.tsdf.voxel_size_m;

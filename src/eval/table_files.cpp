@@ -39,7 +39,7 @@ Json toJson(const TableRow& row) {
                {"scene", row.scene},
                {"method", row.method},
                {"variant", row.variant},
-               {"profile", row.column == Column::Paper ? "paper" : "product"},
+               {"profile", row.column == TableColumn::Paper ? "paper" : "product"},
                {"voxel_m", row.voxel_m},
                {"n", row.figures.points()},
                {"gt_accessible_percent", row.figures.truthPercent()},
@@ -109,7 +109,7 @@ std::vector<Line> pairUp(const std::vector<TableRow>& rows, const std::string& t
   for (const TableRow& row : rows) {
     if (row.table != table) continue;
     const auto slot = [&row](Line& line) -> const TableRow*& {
-      return row.column == Column::Paper ? line.paper : line.product;
+      return row.column == TableColumn::Paper ? line.paper : line.product;
     };
     const auto found = std::find_if(lines.begin(), lines.end(),
                                     [&](Line& line) { return sameCase(line.any(), row) && slot(line) == nullptr; });

@@ -141,7 +141,7 @@ TableRow pineRow(const char* table, const PineCase& which, std::string variant, 
   row.table = table;
   row.scene = "pine, seed " + std::to_string(which.seed);
   row.method = "product";
-  row.column = Column::Product;
+  row.column = TableColumn::Product;
   row.voxel_m = kVoxel_m;
   row.variant = (which.range_noise_m > 0 ? "range noise 20 mm" : "no noise") + std::move(variant);
   row.figures = figures;

@@ -33,13 +33,13 @@ struct Requirement {
   }
 };
 
-enum class Column { Paper, Product };  ///< which profile's constants the method used
+enum class TableColumn { Paper, Product };  ///< which profile's constants the method used
 
 struct TableRow {
   std::string table, scene;
   std::string method;   ///< "paper", "product", "hpr", "projective ..."
   std::string variant;  ///< what differs from the profile, in words; empty = nothing
-  Column column = Column::Product;
+  TableColumn column = TableColumn::Product;
   double voxel_m = 0;
   Confusion figures;
   PaperFigures paper;

@@ -67,7 +67,7 @@ void makeHprTable(TableContext& context) {
   for (const Printed& expect : printed) {
     const RunRequest request = paperRun(expect.scene, 0.001);
     const auto run = context.runner.run(request);
-    TableRow row = rowOf("hpr", request, *run, Column::Paper);
+    TableRow row = rowOf("hpr", request, *run, TableColumn::Paper);
     row.method = "hpr";
     row.variant = std::to_string(expect.viewpoints) + " viewpoints";
     row.figures = compare(run->truth_shared,
@@ -84,7 +84,7 @@ void makeProjectiveTable(TableContext& context) {
                               const PaperFigures& printed) {
     const auto scans = context.scans.get({scene, voxel_m, 0, 0, 1});
     const RunRequest request = projectiveRun(scene, voxel_m, variant, scans->benchmark.scene.mesh);
-    TableRow row = rowOf("projective", request, *context.runner.run(request), Column::Paper);
+    TableRow row = rowOf("projective", request, *context.runner.run(request), TableColumn::Paper);
     row.method = std::string("projective: ") + variant.name;
     row.paper = printed;
     context.rows.push_back(row);

@@ -22,13 +22,13 @@ struct Expectation {
 
 void addProfiles(TableContext& context, const char* table, const Expectation& expect) {
   const RunRequest paper = paperRun(expect.scene, expect.voxel_m);
-  TableRow row = rowOf(table, paper, *context.runner.run(paper), Column::Paper);
+  TableRow row = rowOf(table, paper, *context.runner.run(paper), TableColumn::Paper);
   row.paper = expect.printed;
   row.must = expect.paper_must;
   context.rows.push_back(row);
 
   const RunRequest product = productRun(expect.scene, expect.voxel_m);
-  row = rowOf(table, product, *context.runner.run(product), Column::Product);
+  row = rowOf(table, product, *context.runner.run(product), TableColumn::Product);
   row.paper = expect.printed;
   row.must = expect.product_must;
   context.rows.push_back(row);
@@ -40,7 +40,7 @@ void addThickCarve(TableContext& context, const char* table, const Expectation& 
   RunRequest request = paperRun(expect.scene, expect.voxel_m);
   request.params.tsdf.cleared_radius_voxels = 1;
   TableRow row =
-      rowOf(table, request, *context.runner.run(request), Column::Paper, "cleared band one voxel around the ray");
+      rowOf(table, request, *context.runner.run(request), TableColumn::Paper, "cleared band one voxel around the ray");
   row.paper = expect.printed;
   row.must = expect.paper_must;
   context.rows.push_back(row);
@@ -50,7 +50,7 @@ void addThickCarve(TableContext& context, const char* table, const Expectation& 
 void addAllDirections(TableContext& context, const char* table, const Expectation& expect) {
   RunRequest request = paperRun(expect.scene, expect.voxel_m);
   request.params.approach.coarse_to_fine = false;
-  TableRow row = rowOf(table, request, *context.runner.run(request), Column::Paper, "all 180 directions");
+  TableRow row = rowOf(table, request, *context.runner.run(request), TableColumn::Paper, "all 180 directions");
   row.paper = expect.printed;
   row.must = expect.paper_must;
   context.rows.push_back(row);
@@ -106,21 +106,21 @@ void makeUnseenTable(TableContext& context) {
       const std::string scene = "unseen_" + std::to_string(number);
       if (voxel_m > 0.001) {
         const RunRequest paper = paperRun(scene, voxel_m);
-        context.rows.push_back(rowOf("unseen", paper, *context.runner.run(paper), Column::Paper));
+        context.rows.push_back(rowOf("unseen", paper, *context.runner.run(paper), TableColumn::Paper));
       }
       const RunRequest product = productRun(scene, voxel_m);
-      context.rows.push_back(rowOf("unseen", product, *context.runner.run(product), Column::Product));
+      context.rows.push_back(rowOf("unseen", product, *context.runner.run(product), TableColumn::Product));
     }
   }
 }
 
 void makeFramesTable(TableContext& context) {
   for (const int frames : {1000, 250, 60, 20}) {
-    for (const Column column : {Column::Paper, Column::Product}) {
-      RunRequest request = column == Column::Paper ? paperRun("torus", 0.002) : productRun("torus", 0.002);
+    for (const TableColumn column : {TableColumn::Paper, TableColumn::Product}) {
+      RunRequest request = column == TableColumn::Paper ? paperRun("torus", 0.002) : productRun("torus", 0.002);
       request.scans.frames = frames;
       TableRow row = rowOf("frames", request, *context.runner.run(request), column, std::to_string(frames) + " frames");
-      if (column == Column::Product && frames == 60) row.must = Requirement::atLeast(99);
+      if (column == TableColumn::Product && frames == 60) row.must = Requirement::atLeast(99);
       context.rows.push_back(row);
     }
   }
@@ -131,17 +131,17 @@ void makeNoiseTable(TableContext& context) {
     const double sigma_m = times_voxel * voxel_m;
     RunRequest paper = paperRun(scene, voxel_m);
     paper.scans.range_noise_m = sigma_m;
-    for (const Column column : {Column::Paper, Column::Product}) {
+    for (const TableColumn column : {TableColumn::Paper, TableColumn::Product}) {
       // The full cube at 1 mm takes minutes; 2 mm shows the same.
-      if (column == Column::Paper && voxel_m < 0.002) continue;
-      RunRequest request = column == Column::Paper ? paper : productRun(scene, voxel_m, sigma_m);
+      if (column == TableColumn::Paper && voxel_m < 0.002) continue;
+      RunRequest request = column == TableColumn::Paper ? paper : productRun(scene, voxel_m, sigma_m);
       request.true_normals = true;
       const auto run = context.runner.run(request);
       TableRow row = rowOf("noise", request, *run, column, timesVoxel(times_voxel) + ", shared normals");
       context.rows.push_back(row);
       row.variant = timesVoxel(times_voxel) + ", true normals";
       row.figures = run->exact();
-      if (column == Column::Product && must) row.must = Requirement::atLeast(*must);
+      if (column == TableColumn::Product && must) row.must = Requirement::atLeast(*must);
       context.rows.push_back(row);
     }
   };
@@ -160,7 +160,7 @@ void makeUnfilteredTable(TableContext& context) {
   for (const char* scene : {"torus", "sphere_a", "sphere_b", "box", "wall"}) {
     RunRequest product = productRun(scene, 0.001);
     product.params.scoring.confidence_min = 0;
-    TableRow row = rowOf("unfiltered", product, *context.runner.run(product), Column::Product);
+    TableRow row = rowOf("unfiltered", product, *context.runner.run(product), TableColumn::Product);
     row.must = Requirement::atLeast(99.5);
     context.rows.push_back(row);
   }

@@ -8,8 +8,8 @@ namespace {
 
 using Figure = Requirement::Figure;
 
-RunRequest profileRun(Column column, const std::string& scene, double voxel_m) {
-  return column == Column::Paper ? paperRun(scene, voxel_m) : productRun(scene, voxel_m);
+RunRequest profileRun(TableColumn column, const std::string& scene, double voxel_m) {
+  return column == TableColumn::Paper ? paperRun(scene, voxel_m) : productRun(scene, voxel_m);
 }
 
 /// Distance samples down to -tau (the paper's ablation).
@@ -26,13 +26,13 @@ void makeClampingTable(TableContext& context) {
   for (const char* scene : {"torus", "sphere_a", "sphere_b"}) {
     const bool is_torus = std::string(scene) == "torus";
     for (const bool clamped : {true, false}) {
-      for (const Column column : {Column::Paper, Column::Product}) {
+      for (const TableColumn column : {TableColumn::Paper, TableColumn::Product}) {
         RunRequest request = profileRun(column, scene, 0.002);
         if (!clamped) request = unclamped(request);
         TableRow row = rowOf("clamping", request, *context.runner.run(request), column,
                              clamped ? "clamp [0, tau]" : "clamp [-tau, tau]");
         row.paper = is_torus ? (clamped ? torus : torus_open) : (clamped ? sphere : sphere_open);
-        if (column == Column::Paper && is_torus) {
+        if (column == TableColumn::Paper && is_torus) {
           row.must = clamped ? Requirement::near(Figure::F1, 85.1, 4) : Requirement::near(Figure::Recall, 80.3, 4);
         }
         context.rows.push_back(row);
@@ -43,7 +43,7 @@ void makeClampingTable(TableContext& context) {
     RunRequest request = unclamped(paperRun(scene, 0.002));
     request.params.scoring.surface_samples = 5000;
     request.params.scoring.max_collisions = 5 * 5 - 1;
-    TableRow row = rowOf("clamping", request, *context.runner.run(request), Column::Paper,
+    TableRow row = rowOf("clamping", request, *context.runner.run(request), TableColumn::Paper,
                          "clamp [-tau, tau], 25 of 5000 tool samples block");
     row.paper = is_torus ? torus_open : sphere_open;
     if (is_torus) row.must = Requirement::near(Figure::Recall, 80.3, 4);
@@ -53,12 +53,12 @@ void makeClampingTable(TableContext& context) {
 
 void makeRingTable(TableContext& context) {
   for (const bool clamped : {true, false}) {
-    for (const Column column : {Column::Paper, Column::Product}) {
+    for (const TableColumn column : {TableColumn::Paper, TableColumn::Product}) {
       RunRequest request = profileRun(column, "ring", 0.002);
       if (!clamped) request = unclamped(request);
       TableRow row = rowOf("ring", request, *context.runner.run(request), column,
                            clamped ? "clamp [0, tau]" : "clamp [-tau, tau]");
-      if (column == Column::Product && clamped) row.must = Requirement::atLeast(99);
+      if (column == TableColumn::Product && clamped) row.must = Requirement::atLeast(99);
       context.rows.push_back(row);
     }
   }
@@ -66,7 +66,7 @@ void makeRingTable(TableContext& context) {
 
 void makeDirectionsTable(TableContext& context) {
   for (const char* scene : {"torus", "box"}) {
-    for (const Column column : {Column::Paper, Column::Product}) {
+    for (const TableColumn column : {TableColumn::Paper, TableColumn::Product}) {
       for (const int directions : {180, 90, 36, 18}) {
         RunRequest request = profileRun(column, scene, 0.002);
         request.params.approach.num_directions = directions;
@@ -76,8 +76,8 @@ void makeDirectionsTable(TableContext& context) {
       }
     }
     const RunRequest coarse = paperRun(scene, 0.002);
-    context.rows.push_back(
-        rowOf("directions", coarse, *context.runner.run(coarse), Column::Paper, "20 degree pass of 180 directions"));
+    context.rows.push_back(rowOf("directions", coarse, *context.runner.run(coarse), TableColumn::Paper,
+                                 "20 degree pass of 180 directions"));
   }
 }
 
@@ -87,7 +87,7 @@ void makeFormTable(TableContext& context) {
       for (const ToolForm form : {ToolForm::Voxels, ToolForm::SurfaceSamples}) {
         RunRequest request = productRun(scene, voxel_m);
         request.params.scoring.form = form;
-        context.rows.push_back(rowOf("form", request, *context.runner.run(request), Column::Product,
+        context.rows.push_back(rowOf("form", request, *context.runner.run(request), TableColumn::Product,
                                      form == ToolForm::Voxels ? "tool as voxels" : "tool as 1000 surface samples"));
       }
     }
@@ -96,10 +96,10 @@ void makeFormTable(TableContext& context) {
 
 void makeIncrementalTable(TableContext& context) {
   for (const char* scene : {"torus", "sphere_a"}) {
-    for (const Column column : {Column::Paper, Column::Product}) {
+    for (const TableColumn column : {TableColumn::Paper, TableColumn::Product}) {
       for (const int every : {10, 1}) {
         // The paper's policy scores thousands of points per update; one per frame takes minutes and shows nothing new.
-        if (column == Column::Paper && every == 1) continue;
+        if (column == TableColumn::Paper && every == 1) continue;
         RunRequest request = profileRun(column, scene, 0.002);
         request.update_every = every;
         // Compared with a batch over all directions, so that only the policies differ.
@@ -111,7 +111,7 @@ void makeIncrementalTable(TableContext& context) {
         row.more = {{"labels_unlike_batch", static_cast<double>(run->labels_unlike_scratch)},
                     {"direction_tests", static_cast<double>(run->direction_tests)},
                     {"update_seconds", run->update_s}};
-        if (column == Column::Product) row.must_hold = run->labels_unlike_scratch == 0;
+        if (column == TableColumn::Product) row.must_hold = run->labels_unlike_scratch == 0;
         context.rows.push_back(row);
       }
     }

@@ -14,7 +14,7 @@
 #include "accessvdb/tsdf_volume.h"
 #include "accessvdb/what_if.h"
 #include "field/field_access.h"
-#include "field/field_parts.h"
+#include "field/field_stages.h"
 #include "field/frame_loop.h"
 #include "field/query/answers.h"
 #include "field/regions/field_regions.h"
@@ -23,8 +23,8 @@
 
 namespace accessvdb {
 
-struct ACCESSVDB_PRIVATE AccessibilityField::Impl : internal::FieldParts {
-  using FieldParts::FieldParts;
+struct ACCESSVDB_PRIVATE AccessibilityField::Impl : internal::FieldStages {
+  using FieldStages::FieldStages;
 };
 
 AccessibilityField::AccessibilityField(const ToolGeometry& tool, const FieldParams& params)

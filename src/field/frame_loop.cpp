@@ -12,13 +12,13 @@ namespace accessvdb::internal {
 namespace {
 
 /// @return where voxels are no longer free
-std::vector<std::span<const LeafChange>> ageFreeSpace(FieldParts& field, double passed_s) {
+std::vector<std::span<const LeafChange>> ageFreeSpace(FieldStages& field, double passed_s) {
   field.steps.waitForMap();
   return field.map.generations()->pass(field.map, passed_s);
 }
 
 /// @return where rays opened voxels of what has gone
-std::vector<LeafChange> openWhatHasGone(FieldParts& field, const GatedScan& scan,
+std::vector<LeafChange> openWhatHasGone(FieldStages& field, const GatedScan& scan,
                                         std::span<const std::uint32_t> touched) {
   if (!field.gone_cells) return {};
   field.gone_points.noteReturns(touched);
@@ -43,7 +43,7 @@ void countFused(const IntegrationResult& fused, FrameStats& stats) {
 /// until it no longer reads them, and all that the backend or a mirror sees waits for its end.
 /// @param passed_s  since the latest scan
 /// @return time taken to note what the scan changed in the map; counts as the update's
-double takeScan(FieldParts& field, const GatedScan& scan, double passed_s, FrameStats& stats) {
+double takeScan(FieldStages& field, const GatedScan& scan, double passed_s, FrameStats& stats) {
   UpdateScheduler& scheduler = *field.scheduler;
   MapChangesOfScan changes;
 
@@ -86,7 +86,7 @@ double takeScan(FieldParts& field, const GatedScan& scan, double passed_s, Frame
 }
 
 /// Time passes without a return.
-void passTime(FieldParts& field, double passed_s, FrameStats& stats) {
+void passTime(FieldStages& field, double passed_s, FrameStats& stats) {
   field.steps.joinUpdate();
   const std::vector<std::span<const LeafChange>> aged = ageFreeSpace(field, passed_s);
   if (aged.empty()) return;
@@ -94,7 +94,7 @@ void passTime(FieldParts& field, double passed_s, FrameStats& stats) {
   field.mirrors.takeAged(aged, stats);
 }
 
-UpdateStats update(FieldParts& field, const BackgroundUpdate::FreeMap& free_map) {
+UpdateStats update(FieldStages& field, const BackgroundUpdate::FreeMap& free_map) {
   field.gone_points.publish();
   field.left_out_points.publish(field.points, field.map.leftOut(), field.gone_points.published(),
                                 field.gate.origin_W());
@@ -106,7 +106,7 @@ UpdateStats update(FieldParts& field, const BackgroundUpdate::FreeMap& free_map)
 
 }  // namespace
 
-FrameStats integrateScan(FieldParts& field, const GateScan& gate, double stamp_s) {
+FrameStats integrateScan(FieldStages& field, const GateScan& gate, double stamp_s) {
   const kernels::Stopwatch all;
   FrameStats stats;
   double noting_ms = 0;
@@ -129,7 +129,7 @@ FrameStats integrateScan(FieldParts& field, const GateScan& gate, double stamp_s
   return stats;
 }
 
-UpdateStats updateLabels(FieldParts& field) {
+UpdateStats updateLabels(FieldStages& field) {
   const kernels::Stopwatch all;
   UpdateStats stats = field.arena.execute([&] { return field.steps.run([&] { return update(field, {}); }); });
   field.labels.updated = field.labels.current = true;
@@ -137,7 +137,7 @@ UpdateStats updateLabels(FieldParts& field) {
   return stats;
 }
 
-UpdateTicket updateLabelsAsync(FieldParts& field) {
+UpdateTicket updateLabelsAsync(FieldStages& field) {
   const double noting_ms = std::exchange(field.labels.noted_ms, 0.0);
   UpdateTicket ticket = field.steps.startUpdate([&field, noting_ms](const BackgroundUpdate::FreeMap& free_map) {
     const kernels::Stopwatch all;

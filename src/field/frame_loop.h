@@ -6,7 +6,7 @@
 #include <functional>
 #include <limits>
 
-#include "field/field_parts.h"
+#include "field/field_stages.h"
 
 namespace accessvdb::internal {
 
@@ -14,11 +14,11 @@ namespace accessvdb::internal {
 using GateScan = std::function<const GatedScan&(FrameStats& stats)>;
 
 /// Takes a scan into map, points and mirrors. @param stamp_s  not finite: the scan has none
-FrameStats integrateScan(FieldParts& field, const GateScan& gate,
+FrameStats integrateScan(FieldStages& field, const GateScan& gate,
                          double stamp_s = std::numeric_limits<double>::quiet_NaN());
 
 /// Brings the labels up to date, at once or on a thread of its own.
-UpdateStats updateLabels(FieldParts& field);
-UpdateTicket updateLabelsAsync(FieldParts& field);
+UpdateStats updateLabels(FieldStages& field);
+UpdateTicket updateLabelsAsync(FieldStages& field);
 
 }  // namespace accessvdb::internal

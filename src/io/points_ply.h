@@ -10,39 +10,39 @@
 
 namespace accessvdb::internal {
 
-struct PlyProperty {
+struct PointProperty {
   const char* type;
   const char* name;
 };
 
 /// In this order, packed, little endian.
-inline constexpr std::array<PlyProperty, 18> kPointsPlyProperties = {{{"double", "x"},
-                                                                      {"double", "y"},
-                                                                      {"double", "z"},
-                                                                      {"float", "nx"},
-                                                                      {"float", "ny"},
-                                                                      {"float", "nz"},
-                                                                      {"uchar", "red"},
-                                                                      {"uchar", "green"},
-                                                                      {"uchar", "blue"},
-                                                                      {"uchar", "label"},
-                                                                      {"uchar", "reason"},
-                                                                      {"ushort", "score"},
-                                                                      {"float", "confidence"},
-                                                                      {"float", "stability"},
-                                                                      {"float", "dx"},
-                                                                      {"float", "dy"},
-                                                                      {"float", "dz"},
-                                                                      {"float", "yaw"}}};
+inline constexpr std::array<PointProperty, 18> kPointsPlyProperties = {{{"double", "x"},
+                                                                        {"double", "y"},
+                                                                        {"double", "z"},
+                                                                        {"float", "nx"},
+                                                                        {"float", "ny"},
+                                                                        {"float", "nz"},
+                                                                        {"uchar", "red"},
+                                                                        {"uchar", "green"},
+                                                                        {"uchar", "blue"},
+                                                                        {"uchar", "label"},
+                                                                        {"uchar", "reason"},
+                                                                        {"ushort", "score"},
+                                                                        {"float", "confidence"},
+                                                                        {"float", "stability"},
+                                                                        {"float", "dx"},
+                                                                        {"float", "dy"},
+                                                                        {"float", "dz"},
+                                                                        {"float", "yaw"}}};
 inline constexpr std::size_t kPointsPlyRecordBytes = 3 * 8 + 3 * 4 + 3 + 2 + 2 + 6 * 4;
 /// Behind them, where the tool does not only turn in yaw: how it is held, world from tool, and the orientation's index.
-inline constexpr std::array<PlyProperty, 5> kPointsPlyOrientation = {
+inline constexpr std::array<PointProperty, 5> kPointsPlyOrientation = {
     {{"float", "qw"}, {"float", "qx"}, {"float", "qy"}, {"float", "qz"}, {"ushort", "orientation"}}};
 /// And behind those, where it rolls: the roll's index.
-inline constexpr PlyProperty kPointsPlyRoll = {"uchar", "roll"};
+inline constexpr PointProperty kPointsPlyRoll = {"uchar", "roll"};
 
 /// Behind all those, of several tools: which one stands for the point, and a bit for each that reaches it.
-inline constexpr std::array<PlyProperty, 2> kPointsPlyTools = {{{"uchar", "tool"}, {"uint", "tools"}}};
+inline constexpr std::array<PointProperty, 2> kPointsPlyTools = {{{"uchar", "tool"}, {"uint", "tools"}}};
 
 /// Which of these a file has.
 struct PointsPlyColumns {

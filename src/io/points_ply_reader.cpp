@@ -19,7 +19,7 @@ namespace {
 constexpr std::size_t kMaxHeaderBytes = std::size_t{1} << 20;
 constexpr const char* kAdvice = "Use a points.ply written by accessvdb map";
 
-struct PlyHeader {
+struct FieldPlyHeader {
   std::uint64_t count = 0;
   FieldMetadata metadata;  ///< of the comments, without version, origin and voxel size
   std::optional<Eigen::Vector3d> origin_W;
@@ -107,8 +107,8 @@ class PlyReader {
     return line;
   }
 
-  PlyHeader readHeader() {
-    PlyHeader header;
+  FieldPlyHeader readHeader() {
+    FieldPlyHeader header;
     if (readLine() != "ply") fail("malformed", "is not a PLY file");
     if (readLine() != "format binary_little_endian 1.0") fail("foreign", "is not a binary little endian PLY file");
     bool vertices = false;
@@ -146,7 +146,7 @@ class PlyReader {
                                                      {false, false, true},  {true, false, true},  {true, true, true}};
     for (const internal::PointsPlyColumns& columns : kKinds) {
       std::vector<std::string> expected;
-      const auto add = [&](const internal::PlyProperty& property) {
+      const auto add = [&](const internal::PointProperty& property) {
         expected.push_back(std::string(property.type) + " " + property.name);
       };
       for (const auto& property : internal::kPointsPlyProperties) add(property);
@@ -163,7 +163,7 @@ class PlyReader {
   }
 
   /// Skips values that do not parse; required ones are checked later.
-  static void readComment(const std::vector<std::string>& words, PlyHeader& header) {
+  static void readComment(const std::vector<std::string>& words, FieldPlyHeader& header) {
     // Parameter names begin with their stage: "scoring.confidence_half_weight".
     const std::string name = words[1].substr(words[1].rfind('.') + 1);
     const auto value = numberIn<double>(words[2]);
@@ -199,7 +199,7 @@ class PlyReader {
   }
 
   /// Derives direction index, weight and the confident flag, which are not columns, from the parameters.
-  static void complete(SurfacePoint& point, const PlyHeader& header) {
+  static void complete(SurfacePoint& point, const FieldPlyHeader& header) {
     if (!header.columns.orientation && !point.direction_W.isZero()) {
       // Level, about the vertical.
       const double half_rad = 0.5 * static_cast<double>(point.yaw_rad);
@@ -225,7 +225,7 @@ class PlyReader {
 
   std::string path_;
   std::ifstream stream_;
-  PlyHeader header_;
+  FieldPlyHeader header_;
   std::uint64_t size_ = 0, header_bytes_ = 0;
 };
 

@@ -19,12 +19,12 @@ constexpr int kWidth_px = 1120, kHeight_px = 720;
 constexpr double kRadius_px = 236;
 constexpr Rgb kPaper = {249, 249, 247}, kDisc = {233, 233, 230}, kRim = {170, 172, 176};
 
-struct Place {
+struct Placement {
   double x, y;
 };
 
 /// Covers the pixels whose centre is between two radii of a place, smoothed over a pixel.
-void drawRing(RgbImage& image, const Place& at, double inner_px, double outer_px, const Rgb& colour) {
+void drawRing(RgbImage& image, const Placement& at, double inner_px, double outer_px, const Rgb& colour) {
   const int reach = static_cast<int>(std::ceil(outer_px)) + 1;
   const int x0 = static_cast<int>(std::lround(at.x)), y0 = static_cast<int>(std::lround(at.y));
   for (int y = y0 - reach; y <= y0 + reach; ++y) {
@@ -36,12 +36,12 @@ void drawRing(RgbImage& image, const Place& at, double inner_px, double outer_px
     }
   }
 }
-void drawDot(RgbImage& image, const Place& at, double radius_px, const Rgb& colour) {
+void drawDot(RgbImage& image, const Placement& at, double radius_px, const Rgb& colour) {
   drawRing(image, at, -1, radius_px, colour);
 }
 
 /// Lambert's azimuthal projection of half a sphere, whose area is true: a pole is in the middle, the equator the rim.
-Place projected(const Eigen::Vector3f& direction, const Place& middle) {
+Placement projected(const Eigen::Vector3f& direction, const Placement& middle) {
   const double up = std::abs(static_cast<double>(direction.z()));
   const double scale = kRadius_px * std::sqrt(1 / (1 + std::min(up, 1.0)));
   return {middle.x + scale * static_cast<double>(direction.x()), middle.y - scale * static_cast<double>(direction.y())};
@@ -94,7 +94,7 @@ void drawLegend(RgbImage& image, const AccessMap& map) {
 
 void renderAccessMap(const std::filesystem::path& png, const AccessMap& map) {
   RgbImage image(kWidth_px, kHeight_px, kPaper);
-  const Place upper = {kWidth_px / 4.0, 350}, lower = {3 * kWidth_px / 4.0, 350};
+  const Placement upper = {kWidth_px / 4.0, 350}, lower = {3 * kWidth_px / 4.0, 350};
   for (const auto& [middle, title] : {std::pair{upper, "from above"}, std::pair{lower, "from below"}}) {
     drawDot(image, middle, kRadius_px + 10, kDisc);
     drawRing(image, middle, kRadius_px - 1, kRadius_px, kRim);
@@ -108,14 +108,14 @@ void renderAccessMap(const std::filesystem::path& png, const AccessMap& map) {
     const float z = outcome.direction_W.z();
     for (const bool above : {true, false}) {
       if (above ? z < 0 : z > 0) continue;  // a level direction is on both rims
-      const Place at = projected(outcome.direction_W, above ? upper : lower);
+      const Placement at = projected(outcome.direction_W, above ? upper : lower);
       drawDot(image, at, dot_px, internal::colourOf(outcome.reason));
       if (d == map.point.direction) drawRing(image, at, dot_px + 1, dot_px + 4, internal::kInk);
     }
   }
   const Eigen::Vector3f& normal = map.point.normal_W;
   if (!normal.isZero()) {
-    const Place at = projected(normal, normal.z() >= 0 ? upper : lower);
+    const Placement at = projected(normal, normal.z() >= 0 ? upper : lower);
     for (int n = -7; n <= 7; ++n) {  // a cross
       for (int thick = 0; thick < 2; ++thick) {
         image.set(static_cast<int>(at.x) + n, static_cast<int>(at.y) + thick, internal::kInk);

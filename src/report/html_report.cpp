@@ -93,7 +93,7 @@ class Page {
 
   void writePoints(std::ostream& out) {
     internal::VoxelThinning thinning(folder_.origin_W, result_.cell_m);
-    internal::PointPacker packer(folder_.origin_W, step_m(), [&](const internal::PointBlock& block) {
+    internal::PointPacker packer(folder_.origin_W, step_m(), [&](const internal::PackedBlock& block) {
       out << "<script type=\"text/plain\" class=\"points\">" << block.base64 << "</script>\n";
       blocks_.push_back({{"tile", block.tile}, {"points", block.points}, {"base", block.base}});
     });

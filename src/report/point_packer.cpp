@@ -45,7 +45,7 @@ std::uint8_t octahedralByte(const Eigen::Vector3f& normal) {
   return static_cast<std::uint8_t>(kNormalCells * cell(uv.y()) + cell(uv.x()));
 }
 
-PointPacker::PointPacker(const Eigen::Vector3d& origin_W, double step_m, std::function<void(PointBlock)> write)
+PointPacker::PointPacker(const Eigen::Vector3d& origin_W, double step_m, std::function<void(PackedBlock)> write)
     : origin_W_(origin_W), step_m_(step_m), write_(std::move(write)), planes_(kPlanes) {
   for (std::string& plane : planes_) plane.reserve(kPointsPerBlock);
 }

@@ -26,7 +26,7 @@
 
 namespace accessvdb::internal {
 
-struct PointBlock {
+struct PackedBlock {
   std::string tile;
   std::uint32_t points = 0;
   std::array<std::int64_t, 3> base = {};  ///< position of the first point, in steps from the origin
@@ -39,7 +39,7 @@ class PointPacker {
 
   /// @param step_m  positions are rounded to multiples of it
   /// @param write   called for each block when it is complete
-  PointPacker(const Eigen::Vector3d& origin_W, double step_m, std::function<void(PointBlock)> write);
+  PointPacker(const Eigen::Vector3d& origin_W, double step_m, std::function<void(PackedBlock)> write);
 
   /// Points of a tile come one after the other, with rising ids.
   /// @throws InputError for a position that is more than 2^30 steps away, or too many directions
@@ -58,8 +58,8 @@ class PointPacker {
 
   Eigen::Vector3d origin_W_;
   double step_m_;
-  std::function<void(PointBlock)> write_;
-  PointBlock block_;
+  std::function<void(PackedBlock)> write_;
+  PackedBlock block_;
   std::int64_t last_id_ = -1;
   std::array<std::int64_t, 3> last_ = {};
   std::vector<std::string> planes_;

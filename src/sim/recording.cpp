@@ -120,7 +120,7 @@ void writeText(const fs::path& path, const std::string& text) {
 
 }  // namespace
 
-int writeRecording(const fs::path& folder, const Simulator& simulator, const RecordingOptions& options) {
+int writeRecording(const fs::path& folder, const Simulator& simulator, const SimulatedRecordingOptions& options) {
   const fs::path scans = folder / "scans", poses = folder / "poses.txt", times = folder / "times.txt";
   io::prepareOutputFolder(folder);
   io::prepareOutputFolder(scans);

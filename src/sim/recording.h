@@ -10,7 +10,7 @@
 
 namespace accessvdb::sim {
 
-struct RecordingOptions {
+struct SimulatedRecordingOptions {
   double range_noise_m = 0;  ///< written next to the scans, for `map` to read
   int threads = 0;           ///< 0 = all
   /// Called between frames, from one thread, with the number written so far; false ends the recording.
@@ -23,6 +23,7 @@ struct RecordingOptions {
 /// Poses come last and cover only the frames written, so that an interrupted recording can be used.
 /// @return frames written; fewer than requested if `proceed` returned false
 /// @throws OutputError if a file cannot be written, or if scans of another recording are in the way
-int writeRecording(const std::filesystem::path& folder, const Simulator& simulator, const RecordingOptions& options);
+int writeRecording(const std::filesystem::path& folder, const Simulator& simulator,
+                   const SimulatedRecordingOptions& options);
 
 }  // namespace accessvdb::sim

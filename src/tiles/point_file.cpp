@@ -70,8 +70,8 @@ std::string HashedFile::line() {
   return text;
 }
 
-PointsHeader readHeader(HashedFile& file) {
-  PointsHeader header;
+TilePointsHeader readHeader(HashedFile& file) {
+  TilePointsHeader header;
   std::size_t bytes = 0;
   do {
     header.lines.push_back(file.line());
@@ -88,7 +88,7 @@ PointsHeader readHeader(HashedFile& file) {
   return header;
 }
 
-io::FieldMetadata PointsHeader::metadata() const {
+io::FieldMetadata TilePointsHeader::metadata() const {
   io::FieldMetadata metadata;
   for (const std::string& text : lines) {
     if (!text.starts_with(kComment)) continue;

@@ -43,13 +43,13 @@ class HashedFile {
 };
 
 /// What points.ply says before its records.
-struct PointsHeader {
+struct TilePointsHeader {
   std::vector<std::string> lines;  ///< up to and including end_header
   std::uint64_t points = 0;
   internal::PointsPlyColumns columns;                ///< of its records
   [[nodiscard]] io::FieldMetadata metadata() const;  ///< from its comments; without version, origin and voxel size
 };
-[[nodiscard]] PointsHeader readHeader(HashedFile& file);
+[[nodiscard]] TilePointsHeader readHeader(HashedFile& file);
 
 /// Of the file in the tile's folder. @throws InputError "tile.damaged" if the manifest does not name it
 [[nodiscard]] HashedFile openOf(const std::filesystem::path& out, const Tile& tile, const std::string& name,

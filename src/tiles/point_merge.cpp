@@ -32,7 +32,7 @@ class PointStream {
     if (header_.points != tile.points) points_.fail();
   }
 
-  [[nodiscard]] const PointsHeader& header() const { return header_; }
+  [[nodiscard]] const TilePointsHeader& header() const { return header_; }
   [[nodiscard]] const PointOrder& order() const { return order_; }
   [[nodiscard]] const char* record() const { return record_; }
 
@@ -51,13 +51,14 @@ class PointStream {
 
  private:
   HashedFile points_, orders_;
-  PointsHeader header_;
+  TilePointsHeader header_;
   PointOrder order_;
   const char* record_ = nullptr;
   bool started_ = false;
 };
 
-void writeHeader(std::ostream& stream, const PointsHeader& header, std::uint64_t points, const std::string& device) {
+void writeHeader(std::ostream& stream, const TilePointsHeader& header, std::uint64_t points,
+                 const std::string& device) {
   for (const std::string& line : header.lines) {
     if (line.starts_with("element vertex ")) {
       stream << "element vertex " << std::to_string(points);

@@ -104,7 +104,7 @@ Binned writeBinned(const fs::path& out, const Plan& plan, const std::vector<io::
     result.points_used += index.points_used;
     result.truncated_points += index.truncated_points;
     for (std::size_t n = 0; n < index.dropped.size(); ++n) result.dropped[n] += index.dropped[n];
-    for (const Segment& segment : index.segments) {
+    for (const ShardSegment& segment : index.segments) {
       TileReturns& tile = tiles[segment.tile];
       tile.id = {segment.tile.first, segment.tile.second, {}};
       tile.returns += segment.returns;
@@ -151,7 +151,7 @@ std::vector<TileRays> raysOf(const fs::path& out, const Plan& plan, const TileIn
                          const fs::path file = raysFolder(out) / shardName(shard.first_step);
                          const ShardIndex index = readShardIndex(file, shardPlanId(plan, shard.first_step));
                          requireSteps(index, shard, file);
-                         for (const Segment& segment : index.segments) {
+                         for (const ShardSegment& segment : index.segments) {
                            if (segment.tile == tile) rays.push_back({file, segment});
                          }
                        }

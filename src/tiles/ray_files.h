@@ -29,7 +29,7 @@ Binned writeBinned(const std::filesystem::path& out, const Plan& plan, const std
 /// Where a tile's returns are, in the order of the steps.
 struct TileRays {
   std::filesystem::path shard;
-  Segment segment;
+  ShardSegment segment;
 };
 /// @throws InputError "rays.missing", "rays.damaged"
 [[nodiscard]] std::vector<TileRays> raysOf(const std::filesystem::path& out, const Plan& plan, const TileIndex& tile);

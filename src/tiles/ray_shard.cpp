@@ -181,7 +181,7 @@ ShardIndex readShardIndex(const std::filesystem::path& path, const std::string& 
   return index;
 }
 
-SegmentReader::SegmentReader(const std::filesystem::path& path, const Segment& segment)
+SegmentReader::SegmentReader(const std::filesystem::path& path, const ShardSegment& segment)
     : path_(path), segment_(segment), stream_(path, std::ios::binary), left_(segment.bytes) {
   stream_.seekg(static_cast<std::streamoff>(segment.begin));
 }

@@ -30,7 +30,7 @@ namespace accessvdb::tiles {
 using TileIndex = std::pair<std::int32_t, std::int32_t>;  ///< x, y
 using Digest = internal::Sha256::Digest;
 
-struct Segment {
+struct ShardSegment {
   TileIndex tile;
   std::uint64_t begin = 0, bytes = 0, returns = 0;
   Digest sha256 = {};
@@ -41,7 +41,7 @@ struct ShardIndex {
   std::uint64_t first_step = 0, end_step = 0;
   std::uint64_t points_in = 0, points_used = 0, truncated_points = 0;
   std::array<std::uint64_t, kNumDropReasons> dropped = {};
-  std::vector<Segment> segments;  ///< sorted by tile
+  std::vector<ShardSegment> segments;  ///< sorted by tile
 };
 
 /// Returns of consecutive steps in memory, by tile.
@@ -80,7 +80,7 @@ struct RayBlock {
 /// The blocks of one segment, one after the other.
 class SegmentReader {
  public:
-  SegmentReader(const std::filesystem::path& path, const Segment& segment);
+  SegmentReader(const std::filesystem::path& path, const ShardSegment& segment);
   /// @return false at the end, when the hash has been found right  @throws InputError "rays.damaged"
   [[nodiscard]] bool next(RayBlock& block);
   [[noreturn]] void fail() const;
@@ -88,7 +88,7 @@ class SegmentReader {
  private:
   void take(void* to, std::size_t bytes);
   std::filesystem::path path_;
-  Segment segment_;
+  ShardSegment segment_;
   std::ifstream stream_;
   std::uint64_t left_;
   internal::Sha256 sha256_;

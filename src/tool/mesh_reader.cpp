@@ -43,7 +43,7 @@ constexpr std::size_t kMaxErrorBytes = 1024;
 constexpr const char* kMainFile = "tool_mesh";  // the name under which assimp sees the bytes; not a path, for safety
 
 /// What the child sends first; then floats and indices, or the text of an error.
-struct Header {
+struct ChildHeader {
   std::uint64_t magic, failed, vertices, triangles, file_faces, dropped_faces, text_bytes;
 };
 constexpr std::uint64_t kMagic = 0x61767462'6d657368u;
@@ -237,13 +237,13 @@ void limitChild() {
   }
   problem.resize(std::min(problem.size(), kMaxErrorBytes));
   const bool failed = !problem.empty();
-  const Header header = {kMagic,
-                         failed,
-                         failed ? 0 : mesh.vertices.size() / 3,
-                         failed ? 0 : mesh.indices.size() / 3,
-                         mesh.file_faces,
-                         mesh.dropped_faces,
-                         problem.size()};
+  const ChildHeader header = {kMagic,
+                              failed,
+                              failed ? 0 : mesh.vertices.size() / 3,
+                              failed ? 0 : mesh.indices.size() / 3,
+                              mesh.file_faces,
+                              mesh.dropped_faces,
+                              problem.size()};
   const bool sent = writeAll(fd, &header, sizeof header) && writeAll(fd, problem.data(), problem.size()) &&
                     (failed || (writeAll(fd, mesh.vertices.data(), 4 * mesh.vertices.size()) &&
                                 writeAll(fd, mesh.indices.data(), 4 * mesh.indices.size())));
@@ -347,7 +347,7 @@ FileMesh readMeshFile(const std::filesystem::path& path) {
   if (!child.started()) {
     throw ResourceLimit("tool.fork", subject, "could not start a process to read the mesh", "Free some memory");
   }
-  Header header = {};
+  ChildHeader header = {};
   if (!child.read(&header, sizeof header)) throw malformed(child.epitaph());
   if (header.magic != kMagic || header.text_bytes > kMaxErrorBytes || header.vertices > kMaxVertices ||
       header.triangles > kMaxTriangles) {

@@ -13,17 +13,17 @@ namespace {
 constexpr std::uint32_t kLeastGrowth = 1 << 16;
 }  // namespace
 
-DevicePoints::DevicePoints(kernels::Backend& backend, int direction_words, bool rolls)
+PointsOnDevice::PointsOnDevice(kernels::Backend& backend, int direction_words, bool rolls)
     : memory_(backend), words_(direction_words), rolls_(rolls) {}
 
-void DevicePoints::shareWith(const DevicePoints& owner) {
+void PointsOnDevice::shareWith(const PointsOnDevice& owner) {
   if (capacity_ > 0 || owner.words_ != words_) {
     throw InternalError("points.share", "", "A tool came to share the state of points too late", "Please report this");
   }
   owner_ = &owner;
 }
 
-void DevicePoints::reserve(std::uint32_t size) {
+void PointsOnDevice::reserve(std::uint32_t size) {
   if (size <= capacity_) return;
   const std::uint32_t wanted = size + std::max(size / 4, kLeastGrowth);
   std::uint32_t capacity = wanted;  // of the smallest array, if memory is short
@@ -46,12 +46,12 @@ void DevicePoints::reserve(std::uint32_t size) {
   capacity_ = capacity;
 }
 
-void DevicePoints::growRaw(std::uint32_t size) {
+void PointsOnDevice::growRaw(std::uint32_t size) {
   reserve(size);
   size_ = std::max(size_, size);
 }
 
-void DevicePoints::grow(std::uint32_t size) {
+void PointsOnDevice::grow(std::uint32_t size) {
   if (size <= size_) return;
   const std::uint32_t before = size_, added = size - size_;
   growRaw(size);
@@ -68,9 +68,9 @@ void DevicePoints::grow(std::uint32_t size) {
   if (rolls_) roll_.upload(std::vector<std::uint8_t>(added, 0).data(), added, before);
 }
 
-kernels::PointStateView DevicePoints::view() const {
+kernels::PointStateView PointsOnDevice::view() const {
   kernels::PointStateView view;
-  const DevicePoints& shared = owner_ != nullptr ? *owner_ : *this;
+  const PointsOnDevice& shared = owner_ != nullptr ? *owner_ : *this;
   view.position_L = shared.position_L_.data();
   view.normal_L = shared.normal_L_.data();
   view.seen = shared.seen_.data();
@@ -85,7 +85,7 @@ kernels::PointStateView DevicePoints::view() const {
   return view;
 }
 
-std::uint64_t DevicePoints::bytesPerPoint(int direction_words, bool rolls) {
+std::uint64_t PointsOnDevice::bytesPerPoint(int direction_words, bool rolls) {
   return 6 * sizeof(float) + static_cast<std::uint64_t>(direction_words) * sizeof(std::uint64_t) +
          3 * sizeof(std::uint16_t) + sizeof(float) + sizeof(PointLabel) + sizeof(PointReason) + (rolls ? 1 : 0);
 }

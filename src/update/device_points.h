@@ -10,13 +10,13 @@
 
 namespace accessvdb::internal {
 
-class DevicePoints {
+class PointsOnDevice {
  public:
   /// @param rolls  whether the tool may roll: the best roll of a point is part of its state
-  DevicePoints(kernels::Backend& backend, int direction_words, bool rolls = false);
+  PointsOnDevice(kernels::Backend& backend, int direction_words, bool rolls = false);
   /// From now on positions, normals, seen directions and weights are those of `owner`, which must outlive this, has the
   /// same points and as many words, and grows first. Only while this has no points.
-  void shareWith(const DevicePoints& owner);
+  void shareWith(const PointsOnDevice& owner);
   /// Grows to `size` points in chunks; new ones are unscored.
   void grow(std::uint32_t size);
   /// Like grow(), but new points are not initialised.
@@ -33,7 +33,7 @@ class DevicePoints {
   kernels::CountedMemory memory_;
   int words_;
   bool rolls_;
-  const DevicePoints* owner_ = nullptr;  ///< null: this owns all arrays
+  const PointsOnDevice* owner_ = nullptr;  ///< null: this owns all arrays
   std::uint32_t size_ = 0, capacity_ = 0;
   kernels::DeviceArray<float> position_L_, normal_L_, stability_;
   kernels::DeviceArray<std::uint64_t> seen_;

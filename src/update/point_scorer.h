@@ -50,7 +50,7 @@ struct ScoringTables {
 struct alignas(64) PointRecord {
   Eigen::Vector3f normal_L = {0, 0, 0};
   float reach_m = 0;        ///< Neighbourhood::reach_m
-  DirectionMask seen = {};  ///< joined; of a wide set empty, and DevicePoints has them
+  DirectionMask seen = {};  ///< joined; of a wide set empty, and PointsOnDevice has them
   std::uint16_t weight = 0;
   std::uint16_t score = kNoScore, direction = kNoDirection;
   PointLabel label = PointLabel::Unscored;
@@ -66,7 +66,7 @@ class PointScorer {
   void grow();
   /// Like grow(), but only on the device and not initialised: for an updater that keeps state without the host.
   void growDevice() { device_.growRaw(points_.size()); }
-  /// From now on what a device keeps of the points for any tool is that of another tool's scorer (DevicePoints).
+  /// From now on what a device keeps of the points for any tool is that of another tool's scorer (PointsOnDevice).
   void shareDevice(const PointScorer& owner) { device_.shareWith(owner.device_); }
   /// Only makes room, so that the updater can begin: readers of the device do not see the new points until
   /// growDevice().
@@ -113,7 +113,7 @@ class PointScorer {
   [[nodiscard]] bool confidentEnough(std::uint32_t id) const { return isConfident(records_[id].weight); }
   /// Whether this many observations are enough for a point to be scored.
   [[nodiscard]] bool isConfident(std::uint16_t weight) const;
-  [[nodiscard]] const DevicePoints& device() const { return device_; }
+  [[nodiscard]] const PointsOnDevice& device() const { return device_; }
   [[nodiscard]] kernels::Backend& backend() const { return backend_; }
   [[nodiscard]] const PointStore& points() const { return points_; }
   [[nodiscard]] const MapReads& reads() const { return reads_; }
@@ -138,7 +138,7 @@ class PointScorer {
   kernels::Backend& backend_;
   MapReads reads_;
   NeighbourhoodSearch search_;
-  DevicePoints device_;
+  PointsOnDevice device_;
   ChunkedArray<PointRecord> records_;
   std::vector<std::uint64_t> wide_seen_;  ///< [points x words of a set] if keepsWideSeen()
   // For one refresh; kept, because freshly allocated memory has to be cleared by the system first.

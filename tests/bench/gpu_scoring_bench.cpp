@@ -113,7 +113,7 @@ class World {
   internal::PackedMap map_;
   internal::PointStore store_;
   internal::NanoVdbMirror cuda_mirror_, cpu_mirror_;
-  internal::DevicePoints cuda_points_, cpu_points_;
+  internal::PointsOnDevice cuda_points_, cpu_points_;
   std::vector<std::uint32_t> ids_;  ///< with enough observations
   std::vector<double> mirror_ms_, apply_ms_, cpu_mirror_ms_, mirror_bytes_, mirror_leaves_;
   int frames_ = 0;
@@ -260,7 +260,7 @@ class Bench {
     return items;
   }
   static kernels::ScoreRequest requestOf(const internal::ScoringSetup& setup, const internal::NanoVdbMirror& mirror,
-                                         const internal::DevicePoints& points,
+                                         const internal::PointsOnDevice& points,
                                          const std::vector<kernels::ScoreItem>& items) {
     const internal::ScoringTables tables = setup.tables(mirror.grid());
     kernels::ScoreRequest request;

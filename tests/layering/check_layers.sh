@@ -140,6 +140,34 @@ check_names() {
   find "${folders[@]}" -name '* *' | sed 's/$/:1: name: has a blank/'
 }
 
+# A type that a header defines has a name of its own, in whatever namespace: two in one namespace are one to the linker,
+# which keeps the functions of either, and two elsewhere are one to the reader. Nested types, and those that only one
+# source file knows, may be called alike; so may the lanes of the instruction sets, which are one vocabulary.
+check_types() {
+  # shellcheck disable=SC2046
+  awk '
+    match($0, /^(template <.*> *)?(class|struct|union|enum class|enum) +(([A-Z_]+|(alignas|[A-Z_]+)\([^)]*\)) +)*[A-Z][A-Za-z0-9]*(::[A-Z][A-Za-z0-9]*)?( final)? *(:[^:;][^;]*)?(\{.*)?$/) {
+      name = $0
+      sub(/^template <.*> +(class|struct|union) /, "", name)
+      sub(/^(class|struct|union|enum class|enum) +/, "", name)
+      while (sub(/^([A-Z_]+|(alignas|[A-Z_]+)\([^)]*\)) +/, "", name)) {}
+      if (name ~ /^[A-Za-z0-9]+::/) next  # nested: Field::Impl
+      sub(/[^A-Za-z0-9].*/, "", name)
+      if (FILENAME ~ /^(examples|python)\//) next  # programs of their own
+      if (FILENAME ~ /\/lanes_[a-z0-9]+\.h$/) next
+      where[++found] = FILENAME ":" FNR
+      type[found] = name
+      if (FILENAME ~ /\.(h|cuh)$/) in_header[name] = 1
+      if (!(name in first)) first[name] = where[found]
+    }
+    END {
+      for (n = 1; n <= found; ++n) {
+        if (!(type[n] in in_header) || first[type[n]] == where[n]) continue
+        print where[n] ": type-name: " type[n] " is also in " first[type[n]]
+      }
+    }' $(sources)
+}
+
 # Lines of code without // comments and without string contents, as "file:line:code".
 code_lines() {
   # shellcheck disable=SC2046  # one word per file, as above
@@ -165,7 +193,7 @@ check_licence() {
        END { for (file in lines) if (lines[file] < 2) print file ":2: licence: no SPDX line" }' $(sources)
 }
 
-violations=$(check_includes; check_names; check_code; check_licence)
+violations=$(check_includes; check_names; check_types; check_code; check_licence)
 if [[ -n $violations ]]; then
   echo "$violations"
   exit 1

@@ -17,6 +17,11 @@ plant_clean_tree() {
   write nanovdb_kernels/hostdev/views.h '#include <cstdint>' '#include "accessvdb/point_label.h"' '#include "nanovdb_compat.h"'
   write nanovdb_kernels/launch/backend.h '#include <memory>' '#include "hostdev/views.h"'
   write nanovdb_kernels/cpu/cpu_backend.cpp '#include <tbb/parallel_for.h>' '#include "launch/backend.h"' '#include <sys/mman.h>'
+  write include/accessvdb/map.h 'class ACCESSVDB_API Map : public Base {' 'struct Map::Impl {' 'class Reader;'
+  write src/tsdf/lanes_avx2.h 'struct Lanes {'
+  write src/tsdf/lanes_plain.h 'struct Lanes {'
+  write src/tool/mesh.cpp 'struct Reader {' 'struct Own {'
+  write src/field/own.cpp 'struct Own {' '  struct Map {'
   write src/tsdf/map.cpp '#include <tbb/parallel_for.h>' '#include <openvdb/openvdb.h>' '#include "tsdf/map.h"' '// exit(1)'
   write src/tool/mesh_reader.cpp '#include <assimp/scene.h>' '#include <unistd.h>' 'void f() { _exit(1); g("abort()"); }'
   write src/field/field.cpp '#include "tsdf/map.h"' '#include "launch/backend.h"'
@@ -45,6 +50,11 @@ for header in cuda_runtime.h nanovdb/NanoVDB.h tbb/task_arena.h pcl/point_types.
   rule=layer
   [[ $header == nanovdb/* ]] && rule=nanovdb-once
   expect "$rule" include/accessvdb/bad.h "#include <$header>"
+done
+for type in 'struct Map {' 'class Map final : public Base {' 'enum class Map { A };' 'enum Map : char {' 'struct alignas(32) Map {' \
+  'template <class T> struct Map {' 'struct Map'; do
+  expect type-name src/report/bad.h "$type"
+  expect type-name src/report/bad.cpp "$type"
 done
 expect layer include/accessvdb/bad.h '#include "accessvdb/pcl.h"'
 expect layer src/io/bad.cpp '#include "accessvdb/pcl.h"'

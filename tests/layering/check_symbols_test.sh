@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Shows that check_symbols.sh fires, on three small objects: check_symbols_test.sh COMPILER
+# Shows that check_symbols.sh and check_type_names.sh fire, on small objects: check_symbols_test.sh COMPILER
 set -euo pipefail
-checker=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/check_symbols.sh
+here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+checker=$here/check_symbols.sh
 compiler=${1:?usage: check_symbols_test.sh COMPILER}
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
@@ -21,4 +22,13 @@ for object in calls inlined; do
   fi
   grep -q "$object.o uses OpenVDB" "$folder/out" || { echo "FAILED: the report does not name '$object'"; exit 1; }
 done
+
+compile first <<<'namespace accessvdb::io { struct Map { void f(); }; void Map::f() {} } namespace { struct Map {}; void f(Map*) {} }'
+compile other <<<'namespace accessvdb { struct Map; void f(const Map&) {} namespace io { struct Own {}; void g(Own) {} } }'
+"$here/check_type_names.sh" "$folder/first.o" || { echo "FAILED: one type is reported"; exit 1; }
+if "$here/check_type_names.sh" "$folder/first.o" "$folder/other.o" >"$folder/out"; then
+  echo "FAILED: two types of one name are not reported"
+  exit 1
+fi
+[[ $(<"$folder/out") == "type-name: Map is accessvdb::"* ]] || { echo "FAILED: $(<"$folder/out")"; exit 1; }
 echo "every rule fires"

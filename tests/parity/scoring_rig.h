@@ -55,7 +55,7 @@ class ScoringRig {
   std::unique_ptr<kernels::Backend> backend_;
   internal::ScoringSetup setup_;
   internal::NanoVdbMirror mirror_;
-  internal::DevicePoints points_;
+  internal::PointsOnDevice points_;
 };
 
 /// Field for field, except which blocked directions were counted far enough to be known as such: that is up to the

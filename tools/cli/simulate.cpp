@@ -119,7 +119,7 @@ int runSimulate(const Arguments& arguments, Messages& messages) {
   writeDescription(0);
   const auto start = std::chrono::steady_clock::now();
   Progress progress(messages, "simulating scans", static_cast<std::size_t>(simulator.frames()));
-  sim::RecordingOptions recording{model.range_noise_m, options.common.threads, {}};
+  sim::SimulatedRecordingOptions recording{model.range_noise_m, options.common.threads, {}};
   recording.proceed = [&](int done) {
     if (done > 0) progress.show(static_cast<std::size_t>(done));
     return stopSignal() == 0;

@@ -12,14 +12,14 @@
 namespace accessvdb::kernels {
 
 /// The nodes above the leaves, as in LowerWindow, and the bits of their leaves.
-class BusyWindow : public MapWindow<LowerWindow> {
+class BusyWindow : public WindowReader<LowerWindow> {
  public:
   static constexpr int kEntries = BusyMapView::kEntries;
 
   /// One warp calls it, and synchronises before it reads. @param nodes  kEntries words per node of the shape
   __device__ BusyWindow(std::uint32_t* nodes, const WindowShape& shape, const OccupancyView& map,
                         const BusyMapView& busy, const Coord& point_ijk, int lane)
-      : MapWindow<LowerWindow>(nodes, shape, map, point_ijk) {
+      : WindowReader<LowerWindow>(nodes, shape, map, point_ijk) {
     const int count = static_cast<int>(shape.nodes());
     std::uint32_t* numbers = nodes + count;
     for (int n = lane; n < count; n += static_cast<int>(kWarp)) {

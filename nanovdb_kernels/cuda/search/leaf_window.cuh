@@ -184,7 +184,7 @@ class LowerWindow : public WindowBase {
 
 /// Answers like OccupancyReader, for voxels inside the window.
 template <class Nodes>
-class MapWindow : public Nodes {
+class WindowReader : public Nodes {
  public:
   using Nodes::Nodes;
   [[nodiscard]] __device__ bool collides(const Coord& ijk) const { return this->bit(ijk, kValueBytes); }

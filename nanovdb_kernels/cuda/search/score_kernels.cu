@@ -149,8 +149,8 @@ void requireScoreKernels(int shared_bytes_per_block) {
   cudaFuncAttributes attributes = {};
   const cudaError_t status = cudaFuncGetAttributes(&attributes, reinterpret_cast<const void*>(&plainSearch));
   if (status == cudaSuccess) {
-    allowShared<MapWindow<LeafWindow>>(shared_bytes_per_block);
-    allowShared<MapWindow<LowerWindow>>(shared_bytes_per_block);
+    allowShared<WindowReader<LeafWindow>>(shared_bytes_per_block);
+    allowShared<WindowReader<LowerWindow>>(shared_bytes_per_block);
     allowWideSearch(shared_bytes_per_block);
     return;
   }
@@ -189,8 +189,8 @@ void launchWarpSearch(const ScoreChunk& chunk, const WindowPlan& plan, cudaStrea
   if (chunk.count == 0) return;
   launchByForm(chunk.tool, [&](auto samples, auto rolls) {
     constexpr bool kSamples = decltype(samples)::value, kRolls = decltype(rolls)::value;
-    launchSearch(chunk, plan, {kWarps, 1, 0, stream}, warpSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
-                 warpSearch<MapWindow<LowerWindow>, kSamples, kRolls>, warpSearch<TreeWindow, kSamples, kRolls>);
+    launchSearch(chunk, plan, {kWarps, 1, 0, stream}, warpSearch<WindowReader<LeafWindow>, kSamples, kRolls>,
+                 warpSearch<WindowReader<LowerWindow>, kSamples, kRolls>, warpSearch<TreeWindow, kSamples, kRolls>);
   });
   checkLaunch("warpSearch");
 }
@@ -204,11 +204,11 @@ void launchUpdate(const ScoreChunk& chunk, cudaStream_t stream) {
 void launchCount(const ScoreChunk& chunk, const WindowPlan& plan, std::uint16_t* counts, cudaStream_t stream) {
   if (chunk.count == 0) return;
   if (chunk.tool.use_samples) {
-    launchSearch(chunk, plan, {kWarps, 1, 0, stream}, countAll<MapWindow<LeafWindow>, true>,
-                 countAll<MapWindow<LowerWindow>, true>, countAll<TreeWindow, true>, counts);
+    launchSearch(chunk, plan, {kWarps, 1, 0, stream}, countAll<WindowReader<LeafWindow>, true>,
+                 countAll<WindowReader<LowerWindow>, true>, countAll<TreeWindow, true>, counts);
   } else {
-    launchSearch(chunk, plan, {kWarps, 1, 0, stream}, countAll<MapWindow<LeafWindow>, false>,
-                 countAll<MapWindow<LowerWindow>, false>, countAll<TreeWindow, false>, counts);
+    launchSearch(chunk, plan, {kWarps, 1, 0, stream}, countAll<WindowReader<LeafWindow>, false>,
+                 countAll<WindowReader<LowerWindow>, false>, countAll<TreeWindow, false>, counts);
   }
   checkLaunch("countAll");
 }

@@ -251,8 +251,8 @@ void allowShared(int shared_bytes_per_block) {
 }  // namespace
 
 void allowWideSearch(int shared_bytes_per_block) {
-  allowShared<MapWindow<LeafWindow>>(shared_bytes_per_block);
-  allowShared<MapWindow<LowerWindow>>(shared_bytes_per_block);
+  allowShared<WindowReader<LeafWindow>>(shared_bytes_per_block);
+  allowShared<WindowReader<LowerWindow>>(shared_bytes_per_block);
   allowShared<TreeWindow>(shared_bytes_per_block);
 }
 
@@ -267,8 +267,8 @@ void launchWideSearch(const ScoreChunk& chunk, WindowPlan plan, int shared_bytes
   launchByForm(chunk.tool, [&](auto samples, auto rolls) {
     constexpr bool kSamples = decltype(samples)::value, kRolls = decltype(rolls)::value;
     launchSearch(chunk, plan, {1, WideBlock::kWarps, list_bytes, stream},
-                 wideSearch<MapWindow<LeafWindow>, kSamples, kRolls>,
-                 wideSearch<MapWindow<LowerWindow>, kSamples, kRolls>, wideSearch<TreeWindow, kSamples, kRolls>);
+                 wideSearch<WindowReader<LeafWindow>, kSamples, kRolls>,
+                 wideSearch<WindowReader<LowerWindow>, kSamples, kRolls>, wideSearch<TreeWindow, kSamples, kRolls>);
   });
   checkLaunch("wideSearch");
 }

@@ -191,7 +191,7 @@ class CellSearch {
       s_.batch.at[place] = at;
     }
     list.sum(centre, nearest, s_.batch.of[__shfl_sync(kAllLanes, place, 0)].sums());
-    Neighbourhood& out = range_.to[at - range_.begin];
+    FoundNeighbourhood& out = range_.to[at - range_.begin];
     const std::int64_t farthest = listed < wanted ? rule.radius_squared : list.farthestOf(nearest);
     if (lane_ == 0) out.reach_m = neighbourReach_m(farthest, rule.steps_per_m);
     storeSeen(id, list, sharing, out.seen);

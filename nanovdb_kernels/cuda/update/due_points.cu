@@ -88,12 +88,12 @@ __device__ void takeDue(const DueContext& context, std::uint32_t id, const Point
   }
 }
 
-__global__ void storeNeighbours(PointsView points, PointPart part, Neighbourhood* neighbourhoods,
+__global__ void storeNeighbours(PointsView points, PointPart part, FoundNeighbourhood* neighbourhoods,
                                 std::uint32_t* changed_bits) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= part.count) return;
   const std::uint32_t id = part.ids[part.first + n];
-  Neighbourhood& found = neighbourhoods[n];
+  FoundNeighbourhood& found = neighbourhoods[n];
   const PointDirections before = directionsOf(points.points, id);
   PointDirections now;
   for (std::size_t axis = 0; axis < 3; ++axis) now.normal[axis] = found.normal[axis];
@@ -118,7 +118,7 @@ __global__ void storeNeighbours(PointsView points, PointPart part, Neighbourhood
 
 __device__ bool isSet(const std::uint32_t* bits, std::uint32_t id) { return (bits[id >> 5] >> (id & 31) & 1u) != 0; }
 
-__global__ void dueAfterMoves(DueContext context, PointPart part, const Neighbourhood* all_before,
+__global__ void dueAfterMoves(DueContext context, PointPart part, const FoundNeighbourhood* all_before,
                               const std::uint32_t* changed_bits) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= part.count) return;
@@ -155,14 +155,14 @@ __global__ void afterWaiting(DueContext context, DeviceList<std::uint32_t> ids) 
 
 }  // namespace
 
-void launchStoreNeighbours(const PointsView& points, const PointPart& part, Neighbourhood* neighbourhoods,
+void launchStoreNeighbours(const PointsView& points, const PointPart& part, FoundNeighbourhood* neighbourhoods,
                            std::uint32_t* changed_bits, cudaStream_t stream) {
   if (part.count == 0) return;
   storeNeighbours<<<blocksFor(part.count), kThreads, 0, stream>>>(points, part, neighbourhoods, changed_bits);
   checkLaunch("storeNeighbours");
 }
 
-void launchDueAfterMoves(const DueContext& context, const PointPart& part, const Neighbourhood* before,
+void launchDueAfterMoves(const DueContext& context, const PointPart& part, const FoundNeighbourhood* before,
                          const std::uint32_t* changed_bits, cudaStream_t stream) {
   if (part.count == 0) return;
   dueAfterMoves<<<blocksFor(part.count), kThreads, 0, stream>>>(context, part, before, changed_bits);

@@ -20,28 +20,15 @@ constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
 constexpr unsigned kBlocksEach = 6;
 
 /// How tool collisions are counted. One kernel per form: code for the others would only take up instruction cache.
-enum class ToolForm {
-  Slabs,
-  ThickSlabs,
-  RowSlabs,
-  ThickRowSlabs,
-  Columns,
-  Samples,
-  RollingSlabs,
-  RollingThickSlabs,
-  RollingColumns,
-  RollingSamples
+struct CountForm {
+  enum class Of { Columns, Samples, Slabs };
+  Of of;
+  bool rolls = false;  ///< the tool has parts that roll
+  bool thick = false;  ///< slabs: of more than one layer
+  bool rows = false;   ///< slabs: with rows; always if the tool rolls
+
+  [[nodiscard]] constexpr bool bySlabs() const { return of == Of::Slabs; }
 };
-template <ToolForm kForm>
-constexpr bool kRolls = kForm >= ToolForm::RollingSlabs;
-template <ToolForm kForm>
-constexpr bool kHasThickSlabs =
-    kForm == ToolForm::ThickSlabs || kForm == ToolForm::ThickRowSlabs || kForm == ToolForm::RollingThickSlabs;
-template <ToolForm kForm>
-constexpr bool kHasRows = kForm == ToolForm::RowSlabs || kForm == ToolForm::ThickRowSlabs || kRolls<kForm>;
-template <ToolForm kForm>
-constexpr bool kHasSlabs =
-    kForm == ToolForm::Slabs || kForm == ToolForm::RowSlabs || kForm == ToolForm::RollingSlabs || kHasThickSlabs<kForm>;
 
 extern __shared__ std::uint32_t nodes_of_windows[];
 
@@ -96,26 +83,21 @@ __device__ void prepareSlabs(const DueSearch& search, SlabWork& work) {
 }
 
 /// Makes a point's collision counter. All lanes call it.
-template <ToolForm kForm, class Window>
+template <CountForm kForm, class Window>
 __device__ auto makeCounter(const DueSearch& search, const Window& window, const MapOutside& map, const DuePoint& point,
                             WarpScratch& scratch, int lane) {
-  if constexpr (kHasSlabs<kForm>) {
-    if (lane < 3) scratch.slabs.in_window[lane] = window.fromCorner(point.ijk, lane);
-    __syncwarp();
-    const SlabCounter<kHasThickSlabs<kForm>, kHasRows<kForm>> counter{scratch.slabs, lane};
-    if constexpr (kRolls<kForm>) {
-      return RollCounter<std::decay_t<decltype(counter)>, false>{counter, search.tool.parts};
-    } else {
-      return counter;
-    }
-  } else if constexpr (kForm == ToolForm::Columns) {
-    return ColumnCounter<Window>{window, search.tool, point.ijk, lane};
-  } else if constexpr (kForm == ToolForm::Samples) {
-    return SampleCounter<Window>{window, map, search.tool, point.position_L, search.map.inverse_voxel_size, lane};
-  } else {
-    constexpr auto kOfPart = kForm == ToolForm::RollingColumns ? ToolForm::Columns : ToolForm::Samples;
+  if constexpr (kForm.rolls) {
+    constexpr CountForm kOfPart = {kForm.of, false, kForm.thick, kForm.rows};
     const auto of_part = makeCounter<kOfPart>(search, window, map, point, scratch, lane);
     return RollCounter<std::decay_t<decltype(of_part)>, false>{of_part, search.tool.parts};
+  } else if constexpr (kForm.bySlabs()) {
+    if (lane < 3) scratch.slabs.in_window[lane] = window.fromCorner(point.ijk, lane);
+    __syncwarp();
+    return SlabCounter<kForm.thick, kForm.rows>{scratch.slabs, lane};
+  } else if constexpr (kForm.of == CountForm::Of::Columns) {
+    return ColumnCounter<Window>{window, search.tool, point.ijk, lane};
+  } else {
+    return SampleCounter<Window>{window, map, search.tool, point.position_L, search.map.inverse_voxel_size, lane};
   }
 }
 
@@ -254,7 +236,7 @@ struct BestNow {
 
 /// Evaluates one point with one warp. All lanes call it.
 template <class Window, class Counter>
-struct DueEvaluation {
+struct WarpEvaluation {
   const DueWork& work;
   const DueSearch& search;
   MapAround<Window> around;
@@ -404,14 +386,14 @@ struct DueRange {
 };
 
 /// @tparam kAll  whether the items need all directions or only some
-template <class Window, ToolForm kForm, bool kAll>
+template <class Window, CountForm kForm, bool kAll>
 __global__ void __launch_bounds__(kThreads, kBlocksEach)
     evaluateDue(const __grid_constant__ DueWork work, const __grid_constant__ DueSearch search,
                 const __grid_constant__ DueRange range) {
   __shared__ WarpScratch all_scratch[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   WarpScratch& scratch = all_scratch[threadIdx.x / kWarp];
-  if (kHasSlabs<kForm> && lane == 0) prepareSlabs(search, scratch.slabs);
+  if (kForm.bySlabs() && lane == 0) prepareSlabs(search, scratch.slabs);
   const std::uint32_t begin = range.begin != nullptr ? *range.begin : 0, count = *range.end - begin;
   const MapOutside map(search.map);
 #pragma unroll 1
@@ -421,7 +403,7 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
     const DuePoint point(work.points.points, item.id, search.map.inverse_voxel_size);
     const Window window = makeDueWindow<Window>(search, point.ijk, lane);
     const auto counter = makeCounter<kForm>(search, window, map, point, scratch, lane);
-    const DueEvaluation<Window, std::decay_t<decltype(counter)>> evaluation = {
+    const WarpEvaluation<Window, std::decay_t<decltype(counter)>> evaluation = {
         work, search, {window, map, search.map.inverse_voxel_size}, point, counter, scratch, lane};
     if constexpr (kAll) {
       evaluation.searchAll(item.due);
@@ -432,7 +414,7 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
   }
 }
 
-template <class Window, ToolForm kForm>
+template <class Window, CountForm kForm>
 void launchSearches(const DueWork& work, const DueSearch& search, const DueStreams& streams) {
   // Persistent blocks: as many as run at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
@@ -464,31 +446,25 @@ void launchDueSearch(const DueWork& work, const DueSearch& search, std::uint32_t
   if (max_busy == 0) return;
   orderDue<<<(max_busy + kThreads - 1) / kThreads, kThreads, 0, streams.main>>>(work.due);
   checkLaunch("orderDue");
-  const bool rolls = search.tool.parts > 1;
-  if (rolls && search.window.kind != WindowPlan::Kind::Lowers) {
-    search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::RollingSamples>(work, search, streams)
-                            : launchSearches<TreeWindow, ToolForm::RollingColumns>(work, search, streams);
-  } else if (rolls && search.slabs.rows == nullptr) {
-    search.tool.use_samples ? launchSearches<BusyWindow, ToolForm::RollingSamples>(work, search, streams)
-                            : launchSearches<BusyWindow, ToolForm::RollingColumns>(work, search, streams);
-  } else if (rolls) {
-    search.slabs.thick ? launchSearches<BusyWindow, ToolForm::RollingThickSlabs>(work, search, streams)
-                       : launchSearches<BusyWindow, ToolForm::RollingSlabs>(work, search, streams);
-  } else if (search.window.kind != WindowPlan::Kind::Lowers) {
-    search.tool.use_samples ? launchSearches<TreeWindow, ToolForm::Samples>(work, search, streams)
-                            : launchSearches<TreeWindow, ToolForm::Columns>(work, search, streams);
-  } else if (search.tool.use_samples) {
-    launchSearches<BusyWindow, ToolForm::Samples>(work, search, streams);
-  } else if (search.slabs.begin == nullptr) {
-    launchSearches<BusyWindow, ToolForm::Columns>(work, search, streams);
-  } else if (search.slabs.rows != nullptr) {
-    search.slabs.thick ? launchSearches<BusyWindow, ToolForm::ThickRowSlabs>(work, search, streams)
-                       : launchSearches<BusyWindow, ToolForm::RowSlabs>(work, search, streams);
-  } else if (search.slabs.thick) {
-    launchSearches<BusyWindow, ToolForm::ThickSlabs>(work, search, streams);
-  } else {
-    launchSearches<BusyWindow, ToolForm::Slabs>(work, search, streams);
-  }
+  launchByForm(search.tool, [&](auto samples, auto rolls) {
+    using enum CountForm::Of;
+    constexpr CountForm kForm = {samples ? Samples : Columns, rolls};
+    if (search.window.kind != WindowPlan::Kind::Lowers) return launchSearches<TreeWindow, kForm>(work, search, streams);
+    if constexpr (!samples) {
+      if (search.slabs.rows != nullptr) {
+        return search.slabs.thick
+                   ? launchSearches<BusyWindow, CountForm{Slabs, rolls, true, true}>(work, search, streams)
+                   : launchSearches<BusyWindow, CountForm{Slabs, rolls, false, true}>(work, search, streams);
+      }
+    }
+    if constexpr (!samples && !rolls) {
+      if (search.slabs.begin != nullptr) {
+        return search.slabs.thick ? launchSearches<BusyWindow, CountForm{Slabs, false, true}>(work, search, streams)
+                                  : launchSearches<BusyWindow, CountForm{Slabs}>(work, search, streams);
+      }
+    }
+    launchSearches<BusyWindow, kForm>(work, search, streams);
+  });
   ACCESSVDB_CUDA(cudaMemsetAsync(work.due.counters, 0, sizeof(SearchCounters), streams.main));
 }
 

@@ -183,13 +183,13 @@ class DeviceExactUpdater final : public ExactUpdater {
     for (std::uint32_t first = begin, count = 0; first < end; first += count) {
       count = std::min(end - first, most);
       const PointPart part = moved_.part(first, count);
-      Neighbourhood* const found = neighbourhoodsOf(part, neighbours);
+      FoundNeighbourhood* const found = neighbourhoodsOf(part, neighbours);
       launchStoreNeighbours(points_.view(), part, found, moved_.view().changed_bits, stream());
       for (const auto& tool : tools_) tool->takeMoved(part, found);
     }
   }
 
-  [[nodiscard]] Neighbourhood* neighbourhoodsOf(const PointPart& part, Neighbours neighbours) {
+  [[nodiscard]] FoundNeighbourhood* neighbourhoodsOf(const PointPart& part, Neighbours neighbours) {
     switch (neighbours) {
       case Neighbours::Prepared:
         return prepared_.data() + part.first;
@@ -228,7 +228,7 @@ class DeviceExactUpdater final : public ExactUpdater {
   MovedTables moved_;
   FlipTables flips_;
   BusyTable busy_;
-  DeviceArray<Neighbourhood> prepared_;  ///< of the first moved points, by findNeighbours()
+  DeviceArray<FoundNeighbourhood> prepared_;  ///< of the first moved points, by findNeighbours()
   std::vector<std::unique_ptr<ToolUpdate>> tools_;
   bool any_known_ = false;         ///< whether any point has a neighbourhood
   bool neighbours_begun_ = false;  ///< what was admitted since the last update has had its moved points listed

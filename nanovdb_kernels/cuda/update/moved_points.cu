@@ -109,7 +109,7 @@ __global__ void findMoved(PointsView points, MovedView moved) {
     forEachNear(points.index, leaf, reach_voxels, lane, [&](std::uint32_t near, float) {
       if (near == kNoIndex) return;
       for (std::uint32_t at = moved.places.head[near]; at != kNoIndex; at = moved.places.places[at].next) {
-        const Place& place = moved.places.places[at];
+        const TouchedPlace& place = moved.places.places[at];
         add(place.now_L);
         if (!isnan(place.before_L[0])) add(place.before_L);
       }

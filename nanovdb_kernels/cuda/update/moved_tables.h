@@ -44,7 +44,7 @@ class MovedTables {
   // By block.
   DeviceArray<std::uint32_t> head_, touched_blocks_, reached_bits_, reached_blocks_;
   DeviceArray<MovedBlock> blocks_;
-  DeviceArray<Place> places_;
+  DeviceArray<TouchedPlace> places_;
   Staging<PointWeight> crossed_;
 };
 

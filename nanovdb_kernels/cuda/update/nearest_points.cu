@@ -237,7 +237,7 @@ __global__ void __launch_bounds__(kWarps* kWarp)
 }
 
 __device__ void makeNeighbourhood(const PointsView& points, std::uint32_t id, const FoundNeighbours& found,
-                                  Neighbourhood& out) {
+                                  FoundNeighbourhood& out) {
   neighbourNormal(found.sums, points.state.to_sensor_L + 3 * static_cast<std::size_t>(id), out.normal);
   out.reach_m = neighbourReach_m(found.farthest, points.rule.steps_per_m);
   out.seen = found.seen;
@@ -260,7 +260,7 @@ __global__ void __launch_bounds__(kWarps* kWarp) nearestOfLeft(PointsView points
 
 /// One thread per point, for serial work that a warp cannot share.
 __global__ void makeNeighbourhoods(PointsView points, PointPart part, const FoundNeighbours* found,
-                                   Neighbourhood* neighbourhoods) {
+                                   FoundNeighbourhood* neighbourhoods) {
   const std::uint32_t n = blockIdx.x * blockDim.x + threadIdx.x;
   if (!part.holds(n)) return;
   makeNeighbourhood(points, part.ids[part.first + n], found[n], neighbourhoods[n]);
@@ -325,7 +325,7 @@ void launchNearestOfLeft(const PointsView& points, const MovedView& moved, const
 }
 
 void launchMakeNeighbourhoods(const PointsView& points, const PointPart& part, const FoundNeighbours* found,
-                              Neighbourhood* neighbourhoods, cudaStream_t stream) {
+                              FoundNeighbourhood* neighbourhoods, cudaStream_t stream) {
   if (part.count == 0) return;
   constexpr unsigned kThreads = 256;
   makeNeighbourhoods<<<(part.count + kThreads - 1) / kThreads, kThreads, 0, stream>>>(points, part, found,

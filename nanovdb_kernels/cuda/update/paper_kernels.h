@@ -16,13 +16,13 @@ namespace accessvdb::kernels {
 /// Points that are evaluated together, at most PointTables::kPart.
 struct PaperTurn {
   std::uint32_t count = 0;
-  const std::uint32_t* ids = nullptr;             ///< [count]
-  const Neighbourhood* neighbourhoods = nullptr;  ///< [count]
-  const std::uint16_t* hints = nullptr;           ///< [count] best direction of the nearest resolved point; null: none
-  ScoreItem* items = nullptr;                     ///< [count]
-  ScoreResult* results = nullptr;                 ///< [count]
-  PointLabel* labels_before = nullptr;            ///< [count]
-  std::uint8_t* flags = nullptr;                  ///< [n] by id, WaitingFlag
+  const std::uint32_t* ids = nullptr;                  ///< [count]
+  const FoundNeighbourhood* neighbourhoods = nullptr;  ///< [count]
+  const std::uint16_t* hints = nullptr;  ///< [count] best direction of the nearest resolved point; null: none
+  ScoreItem* items = nullptr;            ///< [count]
+  ScoreResult* results = nullptr;        ///< [count]
+  PointLabel* labels_before = nullptr;   ///< [count]
+  std::uint8_t* flags = nullptr;         ///< [n] by id, WaitingFlag
 };
 
 /// Decides whose direction is a hint for others.

@@ -75,7 +75,7 @@ __global__ void takeTurn(PointsView points, CoarseToFine rule, PaperTurn turn) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= turn.count) return;
   const std::size_t id = turn.ids[n];
-  const Neighbourhood& found = turn.neighbourhoods[n];
+  const FoundNeighbourhood& found = turn.neighbourhoods[n];
   turn.flags[id] &= static_cast<std::uint8_t>(~kWaiting);
   points.state.reach_m[id] = found.reach_m;
   for (std::size_t axis = 0; axis < 3; ++axis) points.points.normal_L[3 * id + axis] = found.normal[axis];

@@ -98,7 +98,7 @@ __global__ void admitPoints(PointsView points, MovedView moved, KnownView known,
   if (first_place == kNoIndex) return;
   const PlacesView& places = moved.places;
   const std::uint32_t at = first_place + n;
-  Place& place = places.places[at];
+  TouchedPlace& place = places.places[at];
   for (int axis = 0; axis < 3; ++axis) {
     place.now_L[axis] = news.mean_L[axis];
     place.before_L[axis] = news.before_L[axis];

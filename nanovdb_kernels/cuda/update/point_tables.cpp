@@ -129,7 +129,7 @@ void PointTables::growParts(std::uint32_t points) {
   growForParts(left_, memory_, points);
 }
 
-void PointTables::makeByCell(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
+void PointTables::makeByCell(const MovedView& moved, std::uint32_t begin, std::uint32_t end, FoundNeighbourhood* to,
                              cudaStream_t stream) {
   if (!by_cell_) {
     for (std::uint32_t first = begin; first < end; first += kPart) {
@@ -143,17 +143,17 @@ void PointTables::makeByCell(const MovedView& moved, std::uint32_t begin, std::u
   launchNearestOfLeft(view_, moved, range, multiprocessors_, stream);
 }
 
-Neighbourhood* PointTables::makeByCell(const MovedView& moved, const PointPart& part, cudaStream_t stream) {
+FoundNeighbourhood* PointTables::makeByCell(const MovedView& moved, const PointPart& part, cudaStream_t stream) {
   makeByCell(moved, part.first, part.first + part.count, part_.data(), stream);
   return part_.data();
 }
 
-Neighbourhood* PointTables::makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream) {
+FoundNeighbourhood* PointTables::makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream) {
   makeNeighbourhoods(part, failed, part_.data(), stream);
   return part_.data();
 }
 
-void PointTables::makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, Neighbourhood* to,
+void PointTables::makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, FoundNeighbourhood* to,
                                      cudaStream_t stream) {
   launchNearest(view_, part, failed, found_.data(), stream);
   launchMakeNeighbourhoods(view_, part, found_.data(), to, stream);

@@ -47,14 +47,14 @@ class PointTables {
   void growLeft(std::uint32_t points);
   /// @param part  at most kPart points  @param failed  see launchNearest
   /// @return [part.count], kept until the next call
-  Neighbourhood* makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream);
+  FoundNeighbourhood* makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream);
   /// The same for moved points near touched ones.
-  Neighbourhood* makeByCell(const MovedView& moved, const PointPart& part, cudaStream_t stream);
+  FoundNeighbourhood* makeByCell(const MovedView& moved, const PointPart& part, cudaStream_t stream);
   /// Needs growLeft() for as many, or growParts().
-  void makeByCell(const MovedView& moved, std::uint32_t begin, std::uint32_t end, Neighbourhood* to,
+  void makeByCell(const MovedView& moved, std::uint32_t begin, std::uint32_t end, FoundNeighbourhood* to,
                   cudaStream_t stream);
   /// @param to  [part.count]
-  void makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, Neighbourhood* to, cudaStream_t stream);
+  void makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, FoundNeighbourhood* to, cudaStream_t stream);
 
  private:
   void growPoints(std::uint32_t points);
@@ -81,7 +81,7 @@ class PointTables {
   DeviceArray<std::uint32_t> left_;  ///< moved points whose neighbourhoods are not made cell by cell
   // For one part of the points.
   DeviceArray<FoundNeighbours> found_;
-  DeviceArray<Neighbourhood> part_;
+  DeviceArray<FoundNeighbourhood> part_;
   Staging<PointNews> news_;
   Staging<BlockNews> blocks_news_;
   Staging<std::uint32_t> ids_news_;

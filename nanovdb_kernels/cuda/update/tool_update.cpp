@@ -63,7 +63,7 @@ void ToolUpdate::choose(const ToolInput& input, const Setting& setting) {
   search_.busy = setting_.busy;
 }
 
-void ToolUpdate::takeMoved(const PointPart& part, const Neighbourhood* before) {
+void ToolUpdate::takeMoved(const PointPart& part, const FoundNeighbourhood* before) {
   takeRoom(part.count, part.count);
   launchDueAfterMoves(dueContext(), part, before, setting_.changed_bits, stream());
 }

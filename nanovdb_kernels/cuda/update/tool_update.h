@@ -50,7 +50,7 @@ class ToolUpdate {
   /// Sets what the rest of this update reads. Calls no kernel.
   void choose(const ToolInput& input, const Setting& setting);
   /// Lists what is due at some moved points, at most kMovedPart. @param before  from launchStoreNeighbours
-  void takeMoved(const PointPart& part, const Neighbourhood* before);
+  void takeMoved(const PointPart& part, const FoundNeighbourhood* before);
   /// Lists what is due because of flips alone.
   void takeFlipped();
   /// Lists what is due at the first points in the queue; only with a budget.

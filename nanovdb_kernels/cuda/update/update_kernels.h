@@ -44,7 +44,7 @@ void launchNearest(const PointsView& points, const PointPart& part, std::uint32_
                    cudaStream_t stream);
 /// @param found  from launchNearest for the same part  @param neighbourhoods  [part.count] out
 void launchMakeNeighbourhoods(const PointsView& points, const PointPart& part, const FoundNeighbours* found,
-                              Neighbourhood* neighbourhoods, cudaStream_t stream);
+                              FoundNeighbourhood* neighbourhoods, cudaStream_t stream);
 /// With more neighbours than this, most points would be left over by launchNeighboursByCell: it looks at a tenth more
 /// than that, or a sixth, and has room for 256.
 inline constexpr int kMostNeighboursByCell = 220;
@@ -91,10 +91,10 @@ struct DueContext {
 };
 /// Stores normals and seen directions of some moved points. @param neighbourhoods  [part.count] in: those; out: what
 /// they were before, of the points that changed  @param changed_bits  out: which these are
-void launchStoreNeighbours(const PointsView& points, const PointPart& part, Neighbourhood* neighbourhoods,
+void launchStoreNeighbours(const PointsView& points, const PointPart& part, FoundNeighbourhood* neighbourhoods,
                            std::uint32_t* changed_bits, cudaStream_t stream);
 /// Decides what is due at those that changed. @param before  [part.count] from launchStoreNeighbours, like the bits
-void launchDueAfterMoves(const DueContext& context, const PointPart& part, const Neighbourhood* before,
+void launchDueAfterMoves(const DueContext& context, const PointPart& part, const FoundNeighbourhood* before,
                          const std::uint32_t* changed_bits, cudaStream_t stream);
 /// Decides what is due at points [first, first + count) because of flips alone. @param changed_bits  points to skip
 void launchDueByFlips(const DueContext& context, std::uint32_t first, std::uint32_t count,

@@ -114,13 +114,13 @@ struct PointsView {
 // MovedTables: points whose neighbourhoods may have changed.
 
 /// Where a touched point was and is.
-struct Place {
+struct TouchedPlace {
   float now_L[3], before_L[3];  ///< before: NaN if the point is new
   std::uint32_t next;           ///< next in the same block, or kNoIndex
 };
 /// Touched points by block.
 struct PlacesView {
-  Place* places = nullptr;
+  TouchedPlace* places = nullptr;
   std::uint32_t* head = nullptr;            ///< [blocks] kNoIndex if nothing was touched
   std::uint32_t* touched_blocks = nullptr;  ///< blocks with a head
   std::uint32_t* reached_bits = nullptr;    ///< [blocks / 32]
@@ -161,7 +161,7 @@ struct FoundNeighbours {
   DirectionMask seen;
 };
 /// The neighbourhood made from that.
-struct Neighbourhood {
+struct FoundNeighbourhood {
   float normal[3];
   float reach_m;
   DirectionMask seen;
@@ -169,8 +169,8 @@ struct Neighbourhood {
 /// Moved points [begin, end) of the list, and where their neighbourhoods go.
 struct MovedRange {
   std::uint32_t begin = 0, end = 0;
-  Neighbourhood* to = nullptr;    ///< [end - begin]
-  std::uint32_t* left = nullptr;  ///< [end - begin] out: those of them that are left over
+  FoundNeighbourhood* to = nullptr;  ///< [end - begin]
+  std::uint32_t* left = nullptr;     ///< [end - begin] out: those of them that are left over
 };
 
 // FlipTables: what flips mean for groups of blocks.

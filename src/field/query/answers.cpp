@@ -16,17 +16,17 @@ namespace {
 
 using PointsOfEach = std::vector<std::unique_ptr<const SurfacePoints>>;
 
-std::unique_ptr<const SurfacePoints> pointsOf(const FieldParts& field, PointsOfEach each) {
+std::unique_ptr<const SurfacePoints> pointsOf(const FieldStages& field, PointsOfEach each) {
   if (each.size() == 1) return std::move(each.front());
   return std::make_unique<PointsOfTools>(std::move(each), field.tools.collisionLimits());
 }
 
-std::unique_ptr<PointScorer> freshScorer(const FieldParts& field, const ToolScoring& tool) {
+std::unique_ptr<PointScorer> freshScorer(const FieldStages& field, const ToolScoring& tool) {
   return std::make_unique<PointScorer>(*tool.points, tool.params, *field.backend, tool.reads);
 }
 
 /// The points of one tool, scored by `again`. @param tests  increased by those that it took
-std::unique_ptr<const SurfacePoints> fromScratch(const FieldParts& field, std::size_t tool, PointScorer& again,
+std::unique_ptr<const SurfacePoints> fromScratch(const FieldStages& field, std::size_t tool, PointScorer& again,
                                                  std::uint64_t& tests) {
   const ScoringSetup& setup = field.tools.at(tool).setup;
   again.grow();
@@ -54,14 +54,14 @@ std::unique_ptr<const SurfacePoints> fromScratch(const FieldParts& field, std::s
 
 }  // namespace
 
-std::uint32_t idAt(const FieldParts& field, const Eigen::Vector3d& p_W) {
+std::uint32_t idAt(const FieldStages& field, const Eigen::Vector3d& p_W) {
   if (!p_W.allFinite()) return kNone;
   const Eigen::Vector3d p_L = p_W - field.gate.origin_W();
   if (!(p_L.lpNorm<Eigen::Infinity>() <= kFarthestVoxel * field.params.tsdf.voxel_size_m)) return kNone;
   return field.points.index().find(field.points.voxelOf(p_L));
 }
 
-ScoredField scoredFor(const FieldParts& field, std::size_t tool) {
+ScoredField scoredFor(const FieldStages& field, std::size_t tool) {
   const ToolScoring& scoring = field.tools.at(tool);
   return {*scoring.scorer,       *field.backend,
           field.gate.origin_W(), scoring.setup.tool().rolls,
@@ -69,7 +69,7 @@ ScoredField scoredFor(const FieldParts& field, std::size_t tool) {
           field.withheld()};
 }
 
-std::unique_ptr<const SurfacePoints> scoredPoints(const FieldParts& field) {
+std::unique_ptr<const SurfacePoints> scoredPoints(const FieldStages& field) {
   PointsOfEach each;
   for (std::size_t k = 0; k < field.tools.size(); ++k) {
     each.push_back(scoredPoints(scoredFor(field, k), PointStates::AsOfTheLastUpdate));
@@ -77,13 +77,13 @@ std::unique_ptr<const SurfacePoints> scoredPoints(const FieldParts& field) {
   return pointsOf(field, std::move(each));
 }
 
-SurfacePoint scoredPoint(const FieldParts& field, std::uint32_t id) {
+SurfacePoint scoredPoint(const FieldStages& field, std::uint32_t id) {
   std::vector<SurfacePoint> each;
   for (std::size_t k = 0; k < field.tools.size(); ++k) each.push_back(scoredPoint(scoredFor(field, k), id));
   return pointOfTools(each, field.tools.collisionLimits());
 }
 
-FieldSnapshot evaluatedFromScratch(const FieldParts& field, std::uint64_t* tests) {
+FieldSnapshot evaluatedFromScratch(const FieldStages& field, std::uint64_t* tests) {
   std::vector<std::unique_ptr<PointScorer>> scorers;  // the points refer to them
   PointsOfEach each;
   std::uint64_t all_tests = 0;
@@ -95,7 +95,7 @@ FieldSnapshot evaluatedFromScratch(const FieldParts& field, std::uint64_t* tests
   return snapshotOf(*pointsOf(field, std::move(each)));
 }
 
-AccessMap accessMapOf(const FieldParts& field, std::uint32_t id, std::size_t tool) {
+AccessMap accessMapOf(const FieldStages& field, std::uint32_t id, std::size_t tool) {
   const ToolScoring& scoring = field.tools.at(tool);
   const auto scorer = freshScorer(field, scoring);
   AccessMap map = {scoredPoint(scoredFor(field, tool), id), scoring.collisionLimit(),
@@ -107,7 +107,7 @@ AccessMap accessMapOf(const FieldParts& field, std::uint32_t id, std::size_t too
   return map;
 }
 
-ViewedParts viewedParts(FieldParts& field) {
+ViewedParts viewedParts(FieldStages& field) {
   field.steps.requireWhole();
   std::vector<ViewedTool> tools;
   for (const auto& tool : field.tools) {

@@ -9,26 +9,26 @@
 
 #include "accessvdb/access_map.h"
 #include "accessvdb/surface_points.h"
-#include "field/field_parts.h"
+#include "field/field_stages.h"
 #include "field/query/scored_points.h"
 
 namespace accessvdb::internal {
 
 /// Of the point in the voxel that contains p_W; kNone if there is none.
-[[nodiscard]] std::uint32_t idAt(const FieldParts& field, const Eigen::Vector3d& p_W);
+[[nodiscard]] std::uint32_t idAt(const FieldStages& field, const Eigen::Vector3d& p_W);
 
 /// The points of one tool. @throws InvalidArgument "tool.index"
-[[nodiscard]] ScoredField scoredFor(const FieldParts& field, std::size_t tool);
+[[nodiscard]] ScoredField scoredFor(const FieldStages& field, std::size_t tool);
 /// All points, with the state of the best tool at each.
-[[nodiscard]] std::unique_ptr<const SurfacePoints> scoredPoints(const FieldParts& field);
-[[nodiscard]] SurfacePoint scoredPoint(const FieldParts& field, std::uint32_t id);
+[[nodiscard]] std::unique_ptr<const SurfacePoints> scoredPoints(const FieldStages& field);
+[[nodiscard]] SurfacePoint scoredPoint(const FieldStages& field, std::uint32_t id);
 
 /// All points, scored anew. @param tests  if not null, how many (point, direction) tests that took
-[[nodiscard]] FieldSnapshot evaluatedFromScratch(const FieldParts& field, std::uint64_t* tests);
+[[nodiscard]] FieldSnapshot evaluatedFromScratch(const FieldStages& field, std::uint64_t* tests);
 /// @throws InvalidArgument "tool.index"
-[[nodiscard]] AccessMap accessMapOf(const FieldParts& field, std::uint32_t id, std::size_t tool);
+[[nodiscard]] AccessMap accessMapOf(const FieldStages& field, std::uint32_t id, std::size_t tool);
 
 /// What views show. @throws ResourceLimit "field.broken"
-[[nodiscard]] ViewedParts viewedParts(FieldParts& field);
+[[nodiscard]] ViewedParts viewedParts(FieldStages& field);
 
 }  // namespace accessvdb::internal

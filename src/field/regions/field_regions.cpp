@@ -12,7 +12,7 @@ namespace accessvdb::internal {
 namespace {
 
 /// Forgets the state of all points. Weights have fallen, which no scan does, and which no scheduler follows.
-void scoreAllAgain(FieldParts& field) {
+void scoreAllAgain(FieldStages& field) {
   field.scheduler.reset();
   field.tools.forget();
   field.scheduler = field.tools.makeScheduler();
@@ -22,7 +22,7 @@ void scoreAllAgain(FieldParts& field) {
 
 }  // namespace
 
-void requireRegions(const FieldParts& field) {
+void requireRegions(const FieldStages& field) {
   const FieldParams& params = field.params;
   if (params.window || params.update.policy != UpdatePolicy::Exact || params.tsdf.region == UpdateRegion::Projective) {
     throw InvalidArgument("region.unsupported", "",
@@ -31,7 +31,7 @@ void requireRegions(const FieldParts& field) {
   }
 }
 
-void requireCurrentLabels(FieldParts& field) {
+void requireCurrentLabels(FieldStages& field) {
   requireRegions(field);
   if (field.tools.size() > 1) {
     throw InvalidArgument("region.tools", std::to_string(field.tools.size()) + " tools",
@@ -45,11 +45,11 @@ void requireCurrentLabels(FieldParts& field) {
   }
 }
 
-VoxelSet voxelsIn(const FieldParts& field, const Region& region) {
+VoxelSet voxelsIn(const FieldStages& field, const Region& region) {
   return voxelsOf(region, {field.map, field.points, field.gate.origin_W()});
 }
 
-Removal removeRegion(FieldParts& field, const Region& region, RemovedAs as) {
+Removal removeRegion(FieldStages& field, const Region& region, RemovedAs as) {
   requireRegions(field);
   field.steps.requireWhole();
   const VoxelSet voxels = voxelsIn(field, region);
@@ -74,7 +74,7 @@ Removal removeRegion(FieldParts& field, const Region& region, RemovedAs as) {
   return removal;
 }
 
-WhatIf whatIf(FieldParts& field, const VoxelSet& voxels) {
+WhatIf whatIf(FieldStages& field, const VoxelSet& voxels) {
   requireCurrentLabels(field);
   const WhatIfTables& tables = whatIfTables(field);
   const ToolScoring& tool = field.tools.front();
@@ -85,7 +85,7 @@ WhatIf whatIf(FieldParts& field, const VoxelSet& voxels) {
   });
 }
 
-const WhatIfTables& whatIfTables(FieldParts& field) {
+const WhatIfTables& whatIfTables(FieldStages& field) {
   if (!field.what_if_tables) {
     field.what_if_tables = std::make_unique<WhatIfTables>(field.tools.front().setup, field.params.tsdf.voxel_size_m);
   }

@@ -12,7 +12,7 @@
 namespace accessvdb::internal {
 namespace {
 
-StateHead headOf(const FieldParts& field) {
+StateHead headOf(const FieldStages& field) {
   StateHead head;
   head.rules_version = kRulesVersion;
   head.version = ACCESSVDB_VERSION;
@@ -29,13 +29,13 @@ StateHead headOf(const FieldParts& field) {
 
 }  // namespace
 
-void saveState(const FieldParts& field, const std::filesystem::path& file) {
+void saveState(const FieldStages& field, const std::filesystem::path& file) {
   SavedParts parts = {field.map, field.tools.stores(), {}, field.left_out_points};
   if (field.gone_cells) parts.gone = GoneState{field.gone_cells.get(), &field.gone_points};
   writeState(file, headOf(field), parts);
 }
 
-void restoreState(FieldParts& field, StateReader& state) {
+void restoreState(FieldStages& field, StateReader& state) {
   const StateHead& head = state.head();
   if (head.origin_W) field.gate.restoreOrigin(*head.origin_W);
   state.readInto(field.map, field.tools.stores(),

@@ -5,14 +5,14 @@
 
 #include <filesystem>
 
-#include "field/field_parts.h"
+#include "field/field_stages.h"
 #include "field/state/state_reader.h"
 
 namespace accessvdb::internal {
 
 /// @throws OutputError, InvalidArgument "usage.checkpoint"
-void saveState(const FieldParts& field, const std::filesystem::path& file);
+void saveState(const FieldStages& field, const std::filesystem::path& file);
 /// Only for a new field. @throws InputError "state.damaged"; then the field is of no use any more
-void restoreState(FieldParts& field, StateReader& state);
+void restoreState(FieldStages& field, StateReader& state);
 
 }  // namespace accessvdb::internal

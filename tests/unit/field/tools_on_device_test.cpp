@@ -163,7 +163,7 @@ TEST_F(ToolsOnDevice, ShareWhatNoToolDecidesAndNothingElse) {
   EXPECT_NE(told_[0]->admitted[0].position_L, told_[1]->admitted[0].position_L);
   EXPECT_NE(told_[0]->admitted[0].seen, told_[1]->admitted[0].seen);
   // The scorers are as large as their points, and say what they hold themselves.
-  const DevicePoints &owner = tools_->at(0).scorer->device(), &sharing = tools_->at(2).scorer->device();
+  const PointsOnDevice &owner = tools_->at(0).scorer->device(), &sharing = tools_->at(2).scorer->device();
   EXPECT_EQ(sharing.size(), points_->size());
   EXPECT_EQ(owner.bytes() - sharing.bytes(), sharing.bytes() / 10 * (12 + 12 + 24 + 2));
 }

@@ -9,20 +9,20 @@
 namespace accessvdb::internal {
 namespace {
 
-TEST(DevicePoints, AtMost64BytesAPointUpTo192Directions) {
-  EXPECT_LE(DevicePoints::bytesPerPoint(3), 64u);
-  EXPECT_EQ(DevicePoints::bytesPerPoint(4), DevicePoints::bytesPerPoint(3) + 8);
+TEST(PointsOnDevice, AtMost64BytesAPointUpTo192Directions) {
+  EXPECT_LE(PointsOnDevice::bytesPerPoint(3), 64u);
+  EXPECT_EQ(PointsOnDevice::bytesPerPoint(4), PointsOnDevice::bytesPerPoint(3) + 8);
   // The reported size is the allocated one.
   const auto backend = kernels::makeCpuBackend();
-  DevicePoints points(*backend, 3);
+  PointsOnDevice points(*backend, 3);
   points.grow(1000);
-  EXPECT_EQ(points.bytes() % DevicePoints::bytesPerPoint(3), 0u);
-  EXPECT_GE(points.bytes(), 1000 * DevicePoints::bytesPerPoint(3));
+  EXPECT_EQ(points.bytes() % PointsOnDevice::bytesPerPoint(3), 0u);
+  EXPECT_GE(points.bytes(), 1000 * PointsOnDevice::bytesPerPoint(3));
 }
 
-TEST(DevicePoints, GrowthKeepsValuesAndNewPointsAreUnscored) {
+TEST(PointsOnDevice, GrowthKeepsValuesAndNewPointsAreUnscored) {
   const auto backend = kernels::makeCpuBackend();
-  DevicePoints points(*backend, 2);
+  PointsOnDevice points(*backend, 2);
   std::uint32_t size = 0;
   const auto expectFresh = [](const kernels::PointStateView& view, std::uint32_t id) {
     ASSERT_EQ(view.score[id], kNoScore);

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-#include "field/field_parts.h"
+#include "field/field_stages.h"
 
 #include <cmath>
 #include <utility>
@@ -26,8 +26,8 @@ std::optional<VoxelColumnBox> returnsInWindow(const FieldParams& params, const W
 
 }  // namespace
 
-FieldParts::FieldParts(std::vector<ToolSpec> specs, const FieldParams& resolved, ChosenBackend chosen_backend,
-                       const TableProgress& progress)
+FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolved, ChosenBackend chosen_backend,
+                         const TableProgress& progress)
     : params(resolved),
       arena(makeArena(params.threads)),
       background_arena(makeArena(params.threads)),
@@ -55,7 +55,7 @@ FieldParts::FieldParts(std::vector<ToolSpec> specs, const FieldParams& resolved,
   integrator.visitChanges([this](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });
 }
 
-std::optional<VoxelColumnBox> FieldParts::core() const {
+std::optional<VoxelColumnBox> FieldStages::core() const {
   if (!params.window) return std::nullopt;
   return coreOf(*params.window);
 }

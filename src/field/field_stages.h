@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The parts of a field, and how they are put together. What happens to them: frame_loop.h (scans and updates),
+/// The stages of a field, and how they are put together. What happens to them: frame_loop.h (scans and updates),
 /// query/answers.h, regions/field_regions.h and state/field_state.h.
 #pragma once
 
@@ -43,10 +43,10 @@ struct LabelState {
   std::uint64_t backlog = 0;  ///< points that the last update left; one that runs may write it
 };
 
-struct FieldParts {
+struct FieldStages {
   /// @param specs  named, at least one  @param resolved  for the first of them
-  FieldParts(std::vector<ToolSpec> specs, const FieldParams& resolved, ChosenBackend chosen_backend,
-             const TableProgress& progress);
+  FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolved, ChosenBackend chosen_backend,
+              const TableProgress& progress);
 
   /// Of a tile, whose other points are not the user's.
   [[nodiscard]] std::optional<VoxelColumnBox> core() const;
