@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-"""Prints README's table of frame times from records of gpu_suite.sh, beside the figures that the paper prints:
+"""Prints the table of frame times in docs/benchmarks/README.md from records of gpu_suite.sh, beside the paper's:
 
     tools/speed_table.py docs/benchmarks/RECORD.json [RECORD.json ...]
 

@@ -173,7 +173,7 @@ class ACCESSVDB_API AccessibilityField {
   [[nodiscard]] int collisionLimit(std::size_t tool) const;  ///< @throws InvalidArgument "tool.index"
 
   /// Writes all that later scans and updates depend on into one file, whole or not at all; loadState() goes on from it.
-  /// Takes a few MB of memory. See docs/DESIGN.md, "Saved state".
+  /// Takes a few MB of memory. See docs/design/state.md, "Saved state".
   /// @throws InvalidArgument "usage.checkpoint" (the paper's update policy, projective fusion), OutputError
   void saveState(const std::filesystem::path& file) const;
   /// A field that goes on where the saved one was. If that one had not been updated, everything that follows has the

@@ -16,9 +16,9 @@
 
 namespace accessvdb {
 
-enum class Profile { Product, Paper };     ///< the two columns of docs/DESIGN.md, "Two profiles"
+enum class Profile { Product, Paper };     ///< the two columns of docs/PAPER_MAP.md, "Two profiles"
 enum class UpdatePolicy { Exact, Paper };  ///< how points to be scored again are chosen
-/// What follows when the world changes (docs/DESIGN.md, "A world that changes").
+/// What follows when the world changes (docs/design/change.md, "A world that changes").
 ///   Off    the world is still: a thing that appears near old surfaces, or where it was free for long, blocks slowly
 ///   Block  new things block within a few scans, whatever was measured there before
 ///   Full   what is gone opens by evidence, too, and free space ages (ChangeParams::free_for_s)
@@ -124,7 +124,7 @@ struct ACCESSVDB_API FieldParams {
   BackendKind backend = BackendKind::Auto;
   int threads = 0;  ///< 0 = all
   /// Keeps a second live mirror, of the map's distances, for DeviceView::distanceAt(). Scoring does not need it and no
-  /// result depends on it; it costs time and memory (docs/DESIGN.md, "The mirror of distances").
+  /// result depends on it; it costs time and memory (docs/design/mirror.md, "The mirror of distances").
   bool mirror_distance = false;
   /// [m] World position of the local frame, rounded to whole voxels, in place of the first sensor's position. Fields
   /// with the same origin have the same voxels.

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// A part of a map, named by a person: what was cut, or what might be (AccessibilityField::removeRegion(), whatIf()).
-/// The rules are in docs/DESIGN.md, "By hand".
+/// The rules are in docs/design/change.md, "By hand".
 #pragma once
 
 #include <Eigen/Core>

@@ -2,9 +2,10 @@
 // SPDX-License-Identifier: Apache-2.0
 /// The map: an unbounded, sparse OpenVDB volume of truncated signed distances, weights and cleared flags.
 ///
-/// While being authored, all three are one OpenVDB tree (docs/DESIGN.md, "The authored map"); distance(), weight() and
-/// cleared() return ordinary OpenVDB grids. The value of voxel ijk is at indexToWorld(ijk), its cell is +-v/2 around it
-/// (OpenVDB's convention). Grids are in the local frame: metres, z up, offset by origin_W from the world's origin.
+/// While being authored, all three are one OpenVDB tree (docs/design/map.md, "The authored map"); distance(), weight()
+/// and cleared() return ordinary OpenVDB grids. The value of voxel ijk is at indexToWorld(ijk), the voxel is +-v/2
+/// around it (OpenVDB's convention). Grids are in the local frame: metres, z up, offset by origin_W from the world's
+/// origin.
 #pragma once
 
 #include <openvdb/openvdb.h>

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What would a cut open? Which points the tool would reach if parts of the map went, without changing it
-/// (AccessibilityField::whatIf()), and in which order to cut. docs/DESIGN.md, "By hand".
+/// (AccessibilityField::whatIf()), and in which order to cut. docs/design/change.md, "By hand".
 #pragma once
 
 #include <Eigen/Core>

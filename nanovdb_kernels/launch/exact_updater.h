@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The exact policy run entirely by a backend: which points are due, their neighbourhoods and their scores, all in
-/// arrays that stay on the device (docs/DESIGN.md, "Exact updates", "The two backends").
+/// arrays that stay on the device (docs/DESIGN.md, "Exact updates"; docs/design/gpu.md, "The two backends").
 #pragma once
 
 #include <cstdint>

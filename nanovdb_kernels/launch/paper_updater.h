@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// The paper's policy run entirely by a backend: its queue, neighbourhoods and scores, all in arrays that stay on the
-/// device (docs/DESIGN.md, "The two backends").
+/// device (docs/design/gpu.md, "The two backends").
 #pragma once
 
 #include <cstdint>

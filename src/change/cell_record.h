@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What is known of a cell of 4^3 voxels that has surface points: how often rays returned from it, and how many passed
-/// (docs/DESIGN.md, "Gone by evidence").
+/// (docs/design/change.md, "Gone by evidence").
 #pragma once
 
 #include <algorithm>

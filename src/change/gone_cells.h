@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// What has gone, by the evidence of rays that went through where it was and returned from behind (docs/DESIGN.md,
-/// "Gone by evidence").
+/// What has gone, by the evidence of rays that went through where it was and returned from behind
+/// (docs/design/change.md, "Gone by evidence").
 ///
 /// Cells of 4^3 voxels that have surface points count returns and passes. A verdict changes no voxel: while it stands,
 /// each ray through a colliding voxel of the cell opens that very voxel, and one return in the cell revokes it.

@@ -1,8 +1,9 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which points may not be accessible because of returns that were left out (docs/DESIGN.md, "What is left out
-/// blocks"): those whose neighbour search reaches a voxel that is left out, and, where not even voxels are kept, those
-/// whose label could depend on anything there. Laid over the state of the points when it is read, as what has gone is.
+/// Which points may not be accessible because of returns that were left out
+/// (docs/design/left_out.md, "What is left out blocks"): those whose neighbour search reaches a voxel that is left out,
+/// and, where not even voxels are kept, those whose label could depend on anything there. Laid over the state of the
+/// points when it is read, as what has gone is.
 #pragma once
 
 #include <Eigen/Core>

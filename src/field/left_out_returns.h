@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Returns that are left out because the map may not grow: which they are, and what blocks in their place
-/// (docs/DESIGN.md, "What is left out blocks").
+/// (docs/design/left_out.md, "What is left out blocks").
 #pragma once
 
 #include <span>

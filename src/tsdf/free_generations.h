@@ -1,6 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Free space ages: what no ray has confirmed for T to 2 T is unknown again (docs/DESIGN.md, "Free space that ages").
+/// Free space ages: what no ray has confirmed for T to 2 T is unknown again
+/// (docs/design/change.md, "Free space that ages").
 ///
 /// Time is cut into generations of length T. A leaf has two masks: the voxels that a ray has confirmed to be free in
 /// this generation (*now*, the active bits of the leaf), and those of the generation before (*before*, in a record

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Voxels in which returns had to be left out, because the map may no longer grow (PackedMap::stopGrowing). They count
-/// as colliding and not as free for an arm: what is not in the map must not make a point accessible (docs/DESIGN.md,
-/// "What is left out blocks").
+/// as colliding and not as free for an arm: what is not in the map must not make a point accessible
+/// (docs/design/left_out.md, "What is left out blocks").
 #pragma once
 
 #include <openvdb/math/Coord.h>

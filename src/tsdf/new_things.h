@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// New things block: what lets a thing that appears where the map says "free" block within a few scans, although the
-/// mean distances there follow slowly (docs/DESIGN.md, "New things").
+/// mean distances there follow slowly (docs/design/change.md, "New things").
 ///
 /// A voxel has 0 .. 7 votes beside its mean distance. A *return is news* if the map, as it was before the scan, says
 /// that its own voxel is free and far from every surface. A scan votes for a voxel if a sample of such a return

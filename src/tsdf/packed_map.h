@@ -6,7 +6,7 @@
 /// active = cleared; where free space ages: confirmed to be free in this generation (free_generations.h)
 ///
 /// A leaf that rays only passed through has no buffer (OpenVDB's PartialCreate): 112 bytes instead of 2.2 kB.
-/// Integration is bound by memory, so this, not arithmetic, decides its speed (docs/DESIGN.md, "The authored map").
+/// Integration is bound by memory, so this, not arithmetic, decides its speed (docs/design/map.md, "The authored map").
 #pragma once
 
 #include <openvdb/tree/Tree.h>

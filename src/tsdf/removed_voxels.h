@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Voxels that a person takes out of the map (docs/DESIGN.md, "By hand").
+/// Voxels that a person takes out of the map (docs/design/change.md, "By hand").
 ///
 ///   Unknown  mean kept, weight 1; voxels that votes block keep so many that one denial frees them. No fact flips.
 ///   Free     weight 0, cleared, no votes

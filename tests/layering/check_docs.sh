@@ -2,7 +2,7 @@
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
 # Everything that documents, sources and scripts cite is in the repository. check_docs.sh [ROOT]
-# - documents: link targets, and paths in backticks that begin with a folder of the repository;
+# - documents: link targets, headings that links name, and paths in backticks that begin with a folder of the repository;
 # - all texts: no SPEC, INTERFACE or issue number; X.md in capitals or below docs/ is a document, and `docs/X.md,
 #   "Heading"` has that heading. Names in lower case without a folder, such as tables.md, are files that a program writes.
 set -euo pipefail
@@ -19,6 +19,32 @@ for document in ./*.md docs/*.md docs/*/*.md; do
       sed 's/^`/. /' || true
   )
 done
+
+# Links to a heading: GitHub's name of it is its words in lower case, joined by hyphens, without punctuation.
+while read -r problem; do
+  echo "$problem"
+  missing=1
+done < <(awk '
+  function resolved(from, to,   parts, n, i, path, kept) {  # "docs/a/../b.md" -> "docs/b.md"
+    path = from
+    if (to != "") { sub(/[^\/]*$/, "", path); path = path to }
+    n = split(path, parts, "/"); kept = 0; path = ""
+    for (i = 1; i <= n; ++i) { if (parts[i] == "..") --kept; else if (parts[i] != ".") parts[++kept] = parts[i] }
+    for (i = 1; i <= kept; ++i) path = path (i > 1 ? "/" : "") parts[i]
+    return path
+  }
+  FNR == 1 { code = 0; self = resolved(FILENAME, ""); known[self] = 1 }
+  /^```/ { code = !code }
+  !code && /^#+ / {
+    name = tolower($0); sub(/^#+ */, "", name); gsub(/\]\([^)]*\)/, "", name); gsub(/[^a-z0-9_ -]/, "", name); gsub(/ /, "-", name)
+    heading[self "#" name] = 1
+  }
+  { for (rest = $0; match(rest, /\]\([^)#: ]*#[^) ]+\)/); rest = substr(rest, RSTART + RLENGTH)) {
+      split(substr(rest, RSTART + 2, RLENGTH - 3), link, "#")
+      wanted[++count] = resolved(self, link[1]) "#" link[2]; text[count] = FILENAME ": \047" link[1] "#" link[2] "\047 is no heading"
+  } }
+  END { for (i = 1; i <= count; ++i) { split(wanted[i], link, "#"); if (link[1] in known && !(wanted[i] in heading)) print text[i] } }
+' ./*.md docs/*.md docs/*/*.md)
 
 texts=(./*.md ./CMakeLists.tx[t] ./*.cff)  # globs: a tree may lack any of them
 for folder in .ci cmake docs examples include nanovdb_kernels python src tests tools; do

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Copyright Contributors to the AccessVDB project
 # SPDX-License-Identifier: Apache-2.0
-# Shows that check_docs.sh fires on a dead link, a dead path, and a citation of something missing, and on nothing else.
+# Shows that check_docs.sh fires on a dead link, a missing heading, a dead path, and a citation of something missing, and on nothing else.
 set -euo pipefail
 checker=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/check_docs.sh
 tree=$(mktemp -d)
@@ -25,6 +25,10 @@ expect() {  # expect EXIT_CODE DOCUMENT TEXT
 {
   expect 0 README.md 'See [b](docs/b.md#part), [web](https://example.org/x.md) and `src/io/ply.cpp`; also `./src/io`.'
   expect 1 README.md 'See [c](docs/c.md).'
+  expect 0 README.md 'See [scoring](docs/MAP.md#scoring-a-point).'
+  expect 1 README.md 'See [scoring](docs/MAP.md#scoring).'
+  expect 0 docs/a.md $'## A `b`, [c](b.md): d_e\nSee [itself](#a-b-c-d_e) and [up](../docs/MAP.md#the-map).'
+  expect 1 docs/a.md 'See [itself](#a).'
   expect 1 README.md 'See ![picture](docs/none.png).'
   expect 1 README.md 'See `src/io/las.cpp`.'
   expect 0 docs/a.md 'See [b](b.md), [up](../src/io/ply.cpp) and `src/io/ply.cpp`.'

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What a person takes out of a map that forgets: nothing that was known of it decides what comes after. Compared with
-/// fields that never saw it, and with the rules in docs/DESIGN.md, "By hand".
+/// fields that never saw it, and with the rules in docs/design/change.md, "By hand".
 #include <gtest/gtest.h>
 
 #include <algorithm>

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which voxels of a map belong to a region (docs/DESIGN.md, "By hand").
+/// Which voxels of a map belong to a region (docs/design/change.md, "By hand").
 #pragma once
 
 #include "accessvdb/region.h"

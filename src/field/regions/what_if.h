@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Which points would open if some voxels went (docs/DESIGN.md, "By hand"): their bits are switched in the mirror, the
-/// blocked points that read them are tried again, and the bits are switched back.
+/// Which points would open if some voxels went (docs/design/change.md, "By hand"): their bits are switched in the
+/// mirror, the blocked points that read them are tried again, and the bits are switched back.
 #pragma once
 
 #include <memory>

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Writes the state of a field into one file (docs/DESIGN.md, "Saved state").
+/// Writes the state of a field into one file (docs/design/state.md, "Saved state").
 #pragma once
 
 #include <filesystem>
