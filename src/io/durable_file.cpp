@@ -50,17 +50,17 @@ constexpr std::time_t kStaleTempAge_s = 3600;
     case EDQUOT:
       throw OutputError("output.disk_full", path.string(),
                         "the disk is full (" + text + " after " + std::to_string(bytes_written) + " bytes)",
-                        "Free some space or choose another --out folder");
+                        "Free some space or choose another folder for the output");
     case EFBIG:
       throw OutputError("output.too_large", path.string(),
                         "the file would pass the size limit of this process or file system (" + text + " after " +
                             std::to_string(bytes_written) + " bytes)",
-                        "Raise the limit (ulimit -f) or choose another --out folder");
+                        "Raise the limit (ulimit -f) or choose another folder for the output");
     case EACCES:
     case EPERM:
     case EROFS:
       throw OutputError("output.permission", path.string(), "cannot " + doing + " (" + text + ")",
-                        "Choose an --out folder that you may write to");
+                        "Choose a folder for the output that you may write to");
     default:
       throw OutputError("output.write", path.string(), "cannot " + doing + " (" + text + ")",
                         "Check the folder and the disk, then run again");
@@ -378,7 +378,7 @@ bool lockFolder(const std::filesystem::path& folder) {
   ::close(fd);
   if (error == EWOULDBLOCK) {
     throw OutputError("output.locked", folder.string(), "another process is writing into this folder",
-                      "Wait for it, or choose another --out folder");
+                      "Wait for it, or choose another folder for the output");
   }
   return false;
 }
