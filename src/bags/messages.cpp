@@ -86,10 +86,11 @@ void readFields(MessageReader& reader, CloudMessage& cloud) {
   }
   for (const Field& field : xyz) {
     if (!field.found)
-      throw MessageError("recording.fields", "has no fields x, y and z", "Name another topic with --topic");
+      throw MessageError("recording.fields", "has no fields x, y and z",
+                         "Name another topic with ScanInputOptions::topic");
     if (!field.usable || field.doubles != xyz[0].doubles)
       throw MessageError("recording.fields", "has x, y and z that are not all float32 or all float64",
-                         "Name another topic with --topic");
+                         "Name another topic with ScanInputOptions::topic");
   }
   cloud.doubles = xyz[0].doubles;
   cloud.x = xyz[0].offset, cloud.y = xyz[1].offset, cloud.z = xyz[2].offset;

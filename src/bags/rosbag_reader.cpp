@@ -126,7 +126,7 @@ class RosBagReader final : public Recording {
   [[noreturn]] void refuse(std::uint64_t at, const Damage& damage) const {
     const bool otherwise = damage.id == "recording.damaged" || damage.id == "recording.chunk";
     throw InputError(damage.id, open_.subject, "byte " + std::to_string(at) + ": " + damage.problem,
-                     otherwise ? "Copy the file again, or use --allow-truncated to read what comes before"
+                     otherwise ? "Copy the file again, or use allow_truncated to read what comes before"
                      : damage.id == "recording.encrypted" ? "Decrypt it: rosbag decrypt"
                                                           : "Convert it: rosbag compress --lz4");
   }

@@ -102,7 +102,7 @@ class SqliteReader final : public Recording {
         other ? "recording.format" : "recording.damaged", open_.subject,
         other ? "is not an SQLite database, as .db3 recordings are" : "cannot be read: " + wordFrom(reason),
         other ? "Check the file's name, or copy it again"
-              : "Copy the file again, or use --allow-truncated to read what comes before");
+              : "Copy the file again, or use allow_truncated to read what comes before");
   }
 
   [[nodiscard]] Statement prepare(const char* query) const {

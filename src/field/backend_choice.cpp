@@ -12,7 +12,7 @@ ChosenBackend cudaBackend() {
 #ifdef ACCESSVDB_HAS_CUDA
   return {kernels::makeCudaBackend(), "", ""};
 #else
-  throw DeviceError("device.not_built", "cuda", "this build has no CUDA backend", "Use --device cpu");
+  throw DeviceError("device.not_built", "cuda", "this build has no CUDA backend", "Use BackendKind::Cpu");
 #endif
 }
 

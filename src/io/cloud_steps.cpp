@@ -99,7 +99,7 @@ void CloudSteps::checkReader(const CloudTotals& totals, bool all_unit) {
   } else if (input_.read.rays && input_.kind == ScanKind::Ply && all_unit) {
     throw UnusableInput("input.no_rays", subject,
                         "is not a ray cloud: its nx ny nz are all of length 1, as surface normals are",
-                        "Provide poses, or a single sensor position with --sensor-at X,Y,Z");
+                        "Provide poses, or a single sensor position with sensor_at_W X,Y,Z");
   }
   if (totals.unbounded_rays != 0)
     notices_.push_back(subject + ": " + std::to_string(totals.unbounded_rays) +

@@ -265,7 +265,7 @@ class DecoderSource final : public ByteSource {
   [[noreturn]] void fail(const std::string& problem) const {
     throw InputError("input.decoder", forMessage(path_.native()),
                      "the decoder '" + forMessage(command_, 256) + "' " + problem,
-                     "Try the command by hand, name another with --laz-command, or convert the file to LAS");
+                     "Try the command by hand, name another with laz_command, or convert the file to LAS");
   }
 
   std::filesystem::path path_;

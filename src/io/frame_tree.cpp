@@ -23,7 +23,7 @@ std::size_t FrameTree::frame(std::string_view name) {
   if (const auto known = index_.find(key); known != index_.end()) return known->second;
   if (frames_.size() >= kMostFrames)
     throw ResourceLimit("limit.recording", "transforms", "name more than " + std::to_string(kMostFrames) + " frames",
-                        "Record fewer frames, or use --poses with a pose file");
+                        "Record fewer frames, or use ScanInputOptions::poses with a pose file");
   index_.emplace(key, frames_.size());
   frames_.emplace_back();
   frames_.back().name = key;

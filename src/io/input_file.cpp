@@ -113,7 +113,7 @@ std::uint64_t recordsAvailable(const std::string& subject, std::uint64_t promise
                        (countable ? " (" + std::to_string(promised * record_bytes) + " bytes)" : std::string()) +
                        " but " + std::to_string(available_bytes) + " bytes follow: " + std::to_string(complete) +
                        " complete points",
-                   "Use --allow-truncated to keep " + std::to_string(complete) + " points");
+                   "Use allow_truncated to keep " + std::to_string(complete) + " points");
 }
 
 }  // namespace accessvdb::io

@@ -23,7 +23,7 @@ class KittiBinReader final : public CloudReader {
       throw InputError("input.truncated", forMessage(path.native()),
                        std::to_string(bytes) + " bytes is not a multiple of 16 (record " + std::to_string(points) +
                            ", byte " + std::to_string(points * kRecordBytes) + ")",
-                       "Use --allow-truncated to keep " + std::to_string(points) + " complete points");
+                       "Use allow_truncated to keep " + std::to_string(points) + " complete points");
     truncated_points_ = 1;
   }
 

@@ -26,10 +26,11 @@ Eigen::Matrix3d levellingOf(double roll_rad, double pitch_rad) {
 
 Eigen::Matrix3d levellingOf(const std::vector<Eigen::Vector3d>& force_W, const std::string& subject) {
   if (force_W.size() < kLeastSamples)
-    throw UnusableInput("level.no_imu", subject,
-                        "has " + std::to_string(force_W.size()) + " measurements of an IMU with a pose at the start; " +
-                            std::to_string(kLeastSamples) + " are needed to find what is up",
-                        "Record sensor_msgs/Imu from before the start, or give --level ROLL,PITCH in degrees");
+    throw UnusableInput(
+        "level.no_imu", subject,
+        "has " + std::to_string(force_W.size()) + " measurements of an IMU with a pose at the start; " +
+            std::to_string(kLeastSamples) + " are needed to find what is up",
+        "Record sensor_msgs/Imu from before the start, or give ScanInputOptions::level ROLL,PITCH in degrees");
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   for (const Eigen::Vector3d& force : force_W) mean += force;
   mean /= static_cast<double>(force_W.size());
@@ -38,7 +39,7 @@ Eigen::Matrix3d levellingOf(const std::vector<Eigen::Vector3d>& force_W, const s
   const double spread = std::sqrt(square / static_cast<double>(force_W.size()));
   if (!(mean.norm() > 0) || !(spread <= kRestSpread * mean.norm()))
     throw UnusableInput("level.moving", subject, "its IMU is not at rest at the start, so gravity cannot be told",
-                        "Give --level ROLL,PITCH in degrees, or start at rest");
+                        "Give ScanInputOptions::level ROLL,PITCH in degrees, or start at rest");
   return Eigen::Quaterniond::FromTwoVectors(mean, Eigen::Vector3d::UnitZ()).toRotationMatrix();
 }
 

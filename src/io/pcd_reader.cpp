@@ -106,7 +106,7 @@ class TextPcdReader final : public PcdReader {
                        "the header announces " + std::to_string(header_.points) + " points but the " +
                            std::to_string(bodyBytes()) + " bytes of text after it contain " + std::to_string(record_) +
                            " complete points",
-                       "Use --allow-truncated to keep " + std::to_string(record_) + " points");
+                       "Use allow_truncated to keep " + std::to_string(record_) + " points");
   }
 
   LineReader lines_;

@@ -22,7 +22,7 @@ namespace {
       "input.truncated", subject,
       "the header announces " + std::to_string(element.count) + " of '" + wordForMessage(element.name) +
           "' but the file ends after " + std::to_string(complete) + " complete ones",
-      vertex ? "Use --allow-truncated to keep " + std::to_string(complete) + " points" : "Copy the file again");
+      vertex ? "Use allow_truncated to keep " + std::to_string(complete) + " points" : "Copy the file again");
 }
 
 /// Names under which programs write the time of a point, the most specific first.
@@ -38,7 +38,7 @@ struct VertexColumns {
     for (std::size_t i = 0; i < (options.rays ? kNames.size() : 3); ++i) property[i] = vertex.find(kNames[i]);
     if (options.rays && !(property[3] && property[4] && property[5]))
       throw InputError("input.no_rays", subject, "is not a ray cloud: its points have no nx ny nz back to the sensor",
-                       "Provide poses, or a single sensor position with --sensor-at X,Y,Z");
+                       "Provide poses, or a single sensor position with sensor_at_W X,Y,Z");
     if (options.point_times)
       for (const std::string_view name : bags::kPointTimeNames)
         if (!property[kTime] && vertex.find(name) && !vertex.properties[*vertex.find(name)].list_length_type)

@@ -73,7 +73,7 @@ std::vector<std::string> checkComparable(const PointsHeader& a, const PointsHead
     throw UnusableInput(
         "diff.voxel", "",
         "the maps have voxels of " + millimetres(a.voxel_size_m) + " and " + millimetres(b.voxel_size_m),
-        "Map both with the same --voxel");
+        "Map both with the same voxel_size_m");
   }
   const auto tool_a = valueOf(a.metadata, "tool_sha256"), tool_b = valueOf(b.metadata, "tool_sha256");
   if (!tool_a || !tool_b || *tool_a != *tool_b) {

@@ -110,7 +110,7 @@ std::int32_t stored(double x_W, double origin_W) {
   const double steps = std::round((x_W - origin_W) / kLasScale_m);
   if (!(std::abs(steps) < std::numeric_limits<std::int32_t>::max())) {
     throw OutputError("output.las_range", "points.las", "cannot store a point farther than 214 km from the origin",
-                      "Use --points-format ply");
+                      "Use points_format ply");
   }
   return static_cast<std::int32_t>(steps);
 }

@@ -64,7 +64,7 @@ void requireWidth(const std::vector<Row>& rows, std::size_t width, const std::st
       throw InputError("input.malformed", subject,
                        "line " + std::to_string(row.line) + " has " + std::to_string(row.values.size()) +
                            " numbers, but this format needs " + std::to_string(width),
-                       "Check the line and --pose-format");
+                       "Check the line and pose_format");
 }
 
 void readTum(const std::vector<Row>& rows, PoseFile& file, PoseChecker& checker) {
@@ -123,7 +123,7 @@ void readBalm(const std::vector<Row>& rows, PoseFile& file, PoseChecker& checker
       throw InputError(
           "input.malformed", file.subject,
           "line " + std::to_string(rows[i + 3].line) + " does not begin with 0 0 0 as the last row of a pose must",
-          "Check the line and --pose-format");
+          "Check the line and pose_format");
     PoseEntry pose;
     pose.T_W_S = checker.fromMatrix(matrixOf(m.data()), rows[i].line);
     pose.stamp_s = last[3];
@@ -179,7 +179,7 @@ void checkStamps(PoseFile& file, bool sort_poses) {
     if (!sort_poses)
       throw UnusableInput("poses.reversed", file.subject,
                           "line " + std::to_string((reversed + 1)->line) + " is earlier than the pose before it",
-                          "Use --sort-poses to sort them by time");
+                          "Use sort_poses to sort them by time");
     std::stable_sort(poses.begin(), poses.end(),
                      [](const PoseEntry& a, const PoseEntry& b) { return a.stamp_s < b.stamp_s; });
     file.notices.push_back("poses: sorted by their time stamps");
@@ -236,14 +236,16 @@ PoseFile readPoseFile(const std::filesystem::path& path, PoseFormat format, cons
     if (file.format != PoseFormat::Kitti)
       throw InvalidArgument("usage.calib", file.subject,
                             "a calibration applies to KITTI poses, but these have another format",
-                            "Omit --calib or use --pose-format kitti");
+                            "Omit ScanInputOptions::calib or use pose_format kitti");
     applyCalibration(calib, file);
   } else if (file.format == PoseFormat::Kitti) {
     std::error_code error;
     const bool calib_near = std::filesystem::exists(path.parent_path() / "calib.txt", error);
     file.notices.push_back(
         std::string("poses: KITTI, 3x4 matrices, taken as poses of the scanner itself, sensor to world") +
-        (calib_near ? "; there is a calib.txt next to them: pass it with --calib if they are camera poses" : ""));
+        (calib_near
+             ? "; there is a calib.txt next to them: pass it with ScanInputOptions::calib if they are camera poses"
+             : ""));
   }
   return file;
 }

@@ -87,7 +87,7 @@ MatchResult matchByStamp(const std::vector<std::string>& stems, const std::vecto
 
 void refuseOffset(double time_offset_s) {
   if (time_offset_s != 0)
-    throw InvalidArgument("usage.time_offset", "--time-offset", "has no effect: these scans and poses have no times",
+    throw InvalidArgument("usage.time_offset", "time_offset_s", "has no effect: these scans and poses have no times",
                           "Omit it, or name the scans by their times");
 }
 

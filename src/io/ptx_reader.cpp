@@ -135,7 +135,7 @@ class PtxReader final : public CloudReader {
       if (allow_truncated_) return false;
       throw InputError("input.truncated", lines_.subject(),
                        "ends " + std::to_string(left_) + " points before the end of its last station",
-                       "Use --allow-truncated to keep what there is");
+                       "Use allow_truncated to keep what there is");
     }
     if (tokens_.size() != 4 && tokens_.size() != 7)
       lines_.fail("has " + std::to_string(tokens_.size()) + " values instead of x y z intensity or these and r g b");

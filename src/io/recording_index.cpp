@@ -139,12 +139,12 @@ class Indexer {
     const auto frame = frameOf(topic, cloud.header.frame);
     if (!frame)
       throw bags::MessageError("recording.message", "is in the 65th frame of its topic",
-                               "Name another topic with --topic");
+                               "Name another topic with ScanInputOptions::topic");
     if (request_.list_only) return;
     if (++clouds_ > kMostClouds)
       throw ResourceLimit("limit.recording", forMessage(request_.files[file_].native()),
                           "has more than " + std::to_string(kMostClouds) + " clouds",
-                          "Name one topic with --topic, or split the recording");
+                          "Name one topic with ScanInputOptions::topic, or split the recording");
     topic.clouds.push_back({stampOf(topic, cloud.header.stamp_ns, message), message.place, file_, *frame});
     if (request_.times) addTimes(topic, cloud);
   }
@@ -205,7 +205,7 @@ class Indexer {
       if (index_.thinned_ns > kLastThinning_ns)
         throw ResourceLimit("limit.recording", forMessage(request_.files[file_].native()),
                             "has more poses than the " + std::to_string(kMostPoses) + " that are kept",
-                            "Name one topic with --pose-topic, or use --poses with a pose file");
+                            "Name one topic with pose_topic, or use ScanInputOptions::poses with a pose file");
     }
   }
 

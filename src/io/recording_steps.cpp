@@ -87,7 +87,7 @@ RecordingSteps::RecordingSteps(const std::vector<std::filesystem::path>& files, 
   if (index.thinned_ns > 0)
     notices_.push_back("recording: poses less than " + std::to_string(index.thinned_ns / 1'000'000) +
                        " ms after another are not used, to save memory");
-  if (T_B_S_) rule_ += ", with --extrinsic";
+  if (T_B_S_) rule_ += ", with T_B_S";
   if (options.level) level(index, *options.level);
   keepPosed(std::move(cloud.clouds), options);
   chooseTimes(cloud);
@@ -106,7 +106,8 @@ void RecordingSteps::tellAboutClouds(const RecordingIndex& index, const IndexedT
 
 void RecordingSteps::usePoseFile(const IndexedTopic& cloud, const ScanInputOptions& options) {
   if (!options.pose_topic.empty())
-    throw InvalidArgument("usage.pose_topic", "--pose-topic", "and --poses exclude each other", "Omit one of the two");
+    throw InvalidArgument("usage.pose_topic", "pose_topic", "and ScanInputOptions::poses exclude each other",
+                          "Omit one of the two");
   file_ = readPoseFile(options.poses, options.pose_format, {}, options.sort_poses);
   if (!file_->stamped)
     throw UnusableInput("poses.no_stamps", file_->subject, "has no time stamps, which the clouds of a recording need",
@@ -125,10 +126,11 @@ FrameTree::Chain RecordingSteps::requireChain(const std::string& leaf) const {
   if (auto chain = frames_.chain(world_, leaf)) return *std::move(chain);
   std::string edges;
   for (const std::string& edge : frames_.edges(20)) edges += (edges.empty() ? "" : ", ") + wordForMessage(edge);
-  throw UnusableInput("recording.frames", subject_,
-                      "frame " + frameText(leaf) + " of " + wordForMessage(topic_) + " is not connected to frame " +
-                          frameText(world_) + "; known are " + (edges.empty() ? "none" : edges),
-                      "Record /tf and /tf_static, choose another --pose-topic or --fixed-frame, or use --poses");
+  throw UnusableInput(
+      "recording.frames", subject_,
+      "frame " + frameText(leaf) + " of " + wordForMessage(topic_) + " is not connected to frame " + frameText(world_) +
+          "; known are " + (edges.empty() ? "none" : edges),
+      "Record /tf and /tf_static, choose another pose_topic or fixed_frame, or use ScanInputOptions::poses");
 }
 
 void RecordingSteps::useOdometry(IndexedTopic& poses, const IndexedTopic& cloud, const ScanInputOptions& options) {
@@ -168,11 +170,11 @@ void RecordingSteps::tellAboutOdometry(const IndexedTopic& poses, bool sort) {
   const std::string name = wordForMessage(poses.topic.name);
   const PoseTrack::Counts& counts = poses.poses.counts();
   if (poses.poses.empty())
-    throw UnusableInput("poses.none", subject_, name + " has no valid pose", "Choose another --pose-topic");
+    throw UnusableInput("poses.none", subject_, name + " has no valid pose", "Choose another pose_topic");
   if (counts.backwards > 0 && !sort)
     throw UnusableInput("poses.reversed", subject_,
                         name + " runs backwards in time " + std::to_string(counts.backwards) + " times",
-                        "Use --sort-poses to sort it by time");
+                        "Use sort_poses to sort it by time");
   span_ = std::to_string(poses.poses.size()) + " poses from " + spanText(poses.poses.first_ns(), poses.poses.last_ns());
   const auto tell = [&](std::uint64_t count, const std::string& what) {
     if (count > 0) notices_.push_back("poses: " + std::to_string(count) + " of " + name + " " + what);
@@ -191,9 +193,8 @@ void RecordingSteps::tellAboutOdometry(const IndexedTopic& poses, bool sort) {
 
 void RecordingSteps::useTransforms(const IndexedTopic& cloud) {
   if (T_B_S_)
-    throw InvalidArgument("usage.extrinsic", "--extrinsic",
-                          "is for odometry and poses: transforms pose the sensor itself",
-                          "Omit it, or choose odometry with --pose-topic");
+    throw InvalidArgument("usage.extrinsic", "T_B_S", "is for odometry and poses: transforms pose the sensor itself",
+                          "Omit it, or choose odometry with pose_topic");
   frames_.finish();
   if (world_.empty()) {
     const auto top = frames_.top(cloud.frames.front());
@@ -204,7 +205,7 @@ void RecordingSteps::useTransforms(const IndexedTopic& cloud) {
       throw UnusableInput("poses.none", subject_,
                           wordForMessage(topic_) + " is in frame " + frameText(frame) +
                               ", which does not move, and nothing says where the sensor was",
-                          "Record the odometry too, or choose another --topic");
+                          "Record the odometry too, or choose another ScanInputOptions::topic");
     uses_.push_back({.of_points = requireChain(frame)});
   }
   rule_ = "matching: " + wordForMessage(topic_) + " is in frame " + frameText(cloud.frames.front()) +
@@ -227,7 +228,7 @@ Eigen::Isometry3d RecordingSteps::onSensor(const Eigen::Isometry3d& T_W_B) const
 void RecordingSteps::level(const RecordingIndex& index, const Level& level) {
   if (!level.from_imu) {
     R_L_W_ = levellingOf(level.roll_rad, level.pitch_rad);
-    rule_ += ", turned level by --level";
+    rule_ += ", turned level by ScanInputOptions::level";
     return;
   }
   std::vector<Eigen::Vector3d> force_W;
@@ -286,7 +287,7 @@ bool RecordingSteps::removeMotion(const IndexedCloud& indexed, const bags::Cloud
     if (deskew_ != Deskew::On) return false;
     throw UnusableInput("deskew.no_times", record.path,
                         "the cloud at " + secondsText(indexed.stamp_ns) + " s has no times of points",
-                        "Leave out --deskew to use such clouds as they are");
+                        "Leave out ScanInputOptions::deskew to use such clouds as they are");
   }
   std::vector<Eigen::Vector3f> points_S;
   std::vector<double> times;
@@ -336,7 +337,7 @@ std::optional<RecordingSteps::Posed> RecordingSteps::poseAt(std::uint32_t frame,
 void RecordingSteps::keepPosed(std::vector<IndexedCloud> clouds, const ScanInputOptions& options) {
   constexpr double kMostOffset_s = 4e9;
   if (!(std::abs(options.time_offset_s) <= kMostOffset_s))
-    throw InvalidArgument("usage.time_offset", "--time-offset", "is more than a century", "Use seconds");
+    throw InvalidArgument("usage.time_offset", "time_offset_s", "is more than a century", "Use seconds");
   const auto offset_ns = static_cast<std::int64_t>(std::llround(options.time_offset_s * 1e9));
   for (IndexedCloud& cloud : clouds) cloud.stamp_ns += offset_ns;
   const auto earlier = [](const IndexedCloud& a, const IndexedCloud& b) { return a.stamp_ns < b.stamp_ns; };

@@ -75,7 +75,7 @@ IndexedTopic* onlyOf(const Topics& topics, const IndexedTopic& cloud, const std:
       near.push_back(topic);
   if (near.size() == 1) return near.front();
   throw UnusableInput("recording.several_poses", subject, "has several topics with poses: " + list(topics),
-                      "Choose one with --pose-topic, or the transforms with --pose-topic /tf");
+                      "Choose one with pose_topic, or the transforms with pose_topic /tf");
 }
 
 }  // namespace
@@ -87,7 +87,8 @@ std::string topicInWords(const IndexedTopic& topic) {
 
 IndexedTopic& chooseCloudTopic(RecordingIndex& index, const std::string& wanted, const std::string& subject) {
   if (!wanted.empty())
-    return named(index, wanted, subject, "--topic", "sensor_msgs/PointCloud2 and livox_ros_driver2/CustomMsg",
+    return named(index, wanted, subject, "ScanInputOptions::topic",
+                 "sensor_msgs/PointCloud2 and livox_ros_driver2/CustomMsg",
                  [](const IndexedTopic& topic) { return topic.isReadCloud(); });
   const Topics clouds = cloudsIn(index);
   if (clouds.empty())
@@ -102,7 +103,7 @@ IndexedTopic& chooseCloudTopic(RecordingIndex& index, const std::string& wanted,
     if (isRegistered(*cloud, index)) registered.push_back(cloud);
   if (registered.size() == 1) return *registered.front();
   throw UnusableInput("recording.several_clouds", subject, "has several topics with clouds: " + list(clouds),
-                      "Choose one with --topic");
+                      "Choose one with ScanInputOptions::topic");
 }
 
 IndexedTopic* choosePoseTopic(RecordingIndex& index, const IndexedTopic& cloud, const std::string& wanted,
@@ -111,7 +112,7 @@ IndexedTopic* choosePoseTopic(RecordingIndex& index, const IndexedTopic& cloud, 
     return topic.kind == bags::MessageKind::Transforms && topic.wire.has_value();
   };
   if (!wanted.empty()) {
-    IndexedTopic& topic = named(index, wanted, subject, "--pose-topic",
+    IndexedTopic& topic = named(index, wanted, subject, "pose_topic",
                                 "nav_msgs/Odometry, geometry_msgs/PoseStamped, geometry_msgs/PoseWithCovarianceStamped "
                                 "and tf2_msgs/TFMessage",
                                 [&](const IndexedTopic& t) { return t.isReadPose() || isTransforms(t); });
@@ -124,7 +125,7 @@ IndexedTopic* choosePoseTopic(RecordingIndex& index, const IndexedTopic& cloud, 
   if (!index.transforms.empty()) return nullptr;
   if (!others.empty()) return onlyOf(others, cloud, subject);
   throw UnusableInput("poses.none", subject, "has no odometry, poses or transforms",
-                      "Use --poses with a pose file in TUM format, on the recording's clock");
+                      "Use ScanInputOptions::poses with a pose file in TUM format, on the recording's clock");
 }
 
 }  // namespace accessvdb::io

@@ -74,7 +74,7 @@ ScanPoses fromViewpoints(const ScanFileList& scans, bool asked) {
   if (!asked && scans.files.size() > 1 && identity == scans.files.size())
     throw UnusableInput("poses.none", forMessage(scans.folder.native()),
                         "there is no pose file and no scan has a VIEWPOINT other than the identity",
-                        "Use --poses; for a static sensor, with identical poses");
+                        "Use ScanInputOptions::poses; for a static sensor, with identical poses");
   result.match.rule = "matching: each scan has its pose in its VIEWPOINT line";
   result.notices.push_back("poses: PCD VIEWPOINT, sensor to world, quaternion order w x y z");
   if (missing != 0)
@@ -98,7 +98,7 @@ ScanPoses posesForScans(const ScanFileList& scans, const ScanInputOptions& optio
   if (!options.poses.empty()) return fromPoseFile(scans, options);
   if (!options.calib.empty())
     throw InvalidArgument("usage.calib", forMessage(options.calib.native()), "a calibration needs a pose file",
-                          "Add --poses");
+                          "Add ScanInputOptions::poses");
   if (scans.kind == ScanKind::Pcd &&
       (options.pose_format == PoseFormat::Auto || options.pose_format == PoseFormat::Viewpoint))
     return fromViewpoints(scans, options.pose_format == PoseFormat::Viewpoint);
@@ -109,7 +109,7 @@ ScanPoses posesForScans(const ScanFileList& scans, const ScanInputOptions& optio
     return result;
   }
   throw UnusableInput("poses.none", forMessage(scans.folder.native()), "there are no poses for these scans",
-                      "Use --poses, or for one cloud --sensor-at X,Y,Z");
+                      "Use ScanInputOptions::poses, or for one cloud sensor_at_W X,Y,Z");
 }
 
 }  // namespace accessvdb::io

@@ -59,69 +59,80 @@ std::optional<double> readRangeNoise(const std::filesystem::path& path) {
 }
 
 void checkOptions(const ScanInputOptions& options) {
-  if (options.every < 1) throw InvalidArgument("usage.every", "--every", "must be at least 1", "1 uses all scans");
+  if (options.every < 1)
+    throw InvalidArgument("usage.every", "ScanInputOptions::every", "must be at least 1", "1 uses all scans");
   if (options.rays_per_step < 1)
     throw InvalidArgument("usage.rays_per_step", "rays_per_step", "must be at least 1", "The default is 20000");
   if (!std::isfinite(options.time_offset_s))
-    throw InvalidArgument("usage.time_offset", "--time-offset", "must be a finite number", "Use seconds");
-  if (options.T_B_S) (void)PoseChecker("--extrinsic").fromMatrix(options.T_B_S->matrix().topRows<3>(), 0);
+    throw InvalidArgument("usage.time_offset", "time_offset_s", "must be a finite number", "Use seconds");
+  if (options.T_B_S) (void)PoseChecker("T_B_S").fromMatrix(options.T_B_S->matrix().topRows<3>(), 0);
   if (const auto& box = options.exclude_box_S; box && !(box->sizes().minCoeff() > 0 && box->sizes().allFinite()))
-    throw InvalidArgument("usage.exclude_box", "--exclude-box", "must have a finite size above 0 along each axis",
+    throw InvalidArgument("usage.exclude_box", "exclude_box_S", "must have a finite size above 0 along each axis",
                           "Use X0,Y0,Z0,X1,Y1,Z1, the lower corner first");
   if (!options.trajectory.empty() && (!options.poses.empty() || options.sensor_at_W || !options.calib.empty()))
-    throw InvalidArgument("usage.trajectory", "--trajectory", "excludes --poses, --sensor-at and --calib",
-                          "Use --trajectory for a cloud in the world frame, --poses for scans in the sensor's");
+    throw InvalidArgument("usage.trajectory", "ScanInputOptions::trajectory",
+                          "excludes ScanInputOptions::poses, sensor_at_W and ScanInputOptions::calib",
+                          "Use ScanInputOptions::trajectory for a cloud in the world frame, ScanInputOptions::poses "
+                          "for scans in the sensor's");
   if (!options.stations.empty() &&
       (!options.poses.empty() || options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty()))
-    throw InvalidArgument("usage.stations", "--stations", "excludes --poses, --sensor-at, --trajectory and --calib",
-                          "Use --stations for clouds in the world frame, --poses for scans in the scanner's");
+    throw InvalidArgument(
+        "usage.stations", "ScanInputOptions::stations",
+        "excludes ScanInputOptions::poses, sensor_at_W, ScanInputOptions::trajectory and ScanInputOptions::calib",
+        "Use ScanInputOptions::stations for clouds in the world frame, ScanInputOptions::poses for scans in the "
+        "scanner's");
   if (options.level && !(std::abs(options.level->roll_rad) <= 4 && std::abs(options.level->pitch_rad) <= 4))
-    throw InvalidArgument("usage.level", "--level", "must be two finite angles", "Use ROLL,PITCH in degrees, or imu");
+    throw InvalidArgument("usage.level", "ScanInputOptions::level", "must be two finite angles",
+                          "Use ROLL,PITCH in degrees, or imu");
   if (const auto& ray = options.ray_W) {
     if (!(ray->norm() > 0 && ray->norm() <= 1e5))
-      throw InvalidArgument("usage.ray", "--ray", "must be a vector longer than 0, from the sensor to a point",
+      throw InvalidArgument("usage.ray", "ray_W", "must be a vector longer than 0, from the sensor to a point",
                             "Use X,Y,Z in metres, for example 0,0,-10 for a flight above the cloud");
     if (!options.poses.empty() || options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty() ||
         !options.stations.empty())
-      throw InvalidArgument("usage.ray", "--ray", "excludes --poses, --sensor-at, --trajectory, --stations and --calib",
+      throw InvalidArgument("usage.ray", "ray_W",
+                            "excludes ScanInputOptions::poses, sensor_at_W, ScanInputOptions::trajectory, "
+                            "ScanInputOptions::stations and ScanInputOptions::calib",
                             "Omit it where it is known where the sensor was");
   }
   if (!options.sensor_at_W) return;
   if (!options.sensor_at_W->allFinite())
-    throw InvalidArgument("usage.sensor_at", "--sensor-at", "must be three finite numbers", "Use X,Y,Z in metres");
+    throw InvalidArgument("usage.sensor_at", "sensor_at_W", "must be three finite numbers", "Use X,Y,Z in metres");
   if (!options.poses.empty())
-    throw InvalidArgument("usage.sensor_at", "--sensor-at", "and a pose file exclude each other",
+    throw InvalidArgument("usage.sensor_at", "sensor_at_W", "and a pose file exclude each other",
                           "Omit one of the two");
 }
 
 /// What is for one kind of scans only.
 void checkKind(const ScanInputOptions& options, const ScanFileList& scans) {
   const bool recording = isRecording(scans.kind);
-  for (const auto& [flag, value] : {std::pair("--topic", &options.topic),
-                                    {"--pose-topic", &options.pose_topic},
-                                    {"--fixed-frame", &options.fixed_frame}})
+  for (const auto& [flag, value] : {std::pair("ScanInputOptions::topic", &options.topic),
+                                    {"pose_topic", &options.pose_topic},
+                                    {"fixed_frame", &options.fixed_frame}})
     if (!recording && !value->empty())
       throw InvalidArgument("usage.recording", flag, "is for recordings (.mcap, .db3, .bag)", "Omit it");
   if (recording &&
       (options.sensor_at_W || !options.calib.empty() || !options.trajectory.empty() || !options.stations.empty()))
     throw InvalidArgument("usage.recording", forMessage(scans.files.front().native()),
-                          "is a recording, which excludes --sensor-at, --calib, --trajectory and --stations",
-                          "Use its own poses, or --poses with a pose file in TUM format");
+                          "is a recording, which excludes sensor_at_W, ScanInputOptions::calib, "
+                          "ScanInputOptions::trajectory and ScanInputOptions::stations",
+                          "Use its own poses, or ScanInputOptions::poses with a pose file in TUM format");
   if (scans.kind == ScanKind::Ptx && (!options.poses.empty() || options.sensor_at_W || !options.trajectory.empty() ||
                                       !options.stations.empty() || options.ray_W))
     throw InvalidArgument("usage.ptx", forMessage(scans.files.front().native()),
-                          "has the scanners' poses in itself (PTX), which excludes --poses, --sensor-at, --trajectory, "
-                          "--stations and --ray",
+                          "has the scanners' poses in itself (PTX), which excludes ScanInputOptions::poses, "
+                          "sensor_at_W, ScanInputOptions::trajectory, "
+                          "ScanInputOptions::stations and ray_W",
                           "Omit them");
   if (options.ray_W && recording)
-    throw InvalidArgument("usage.recording", "--ray", "is for clouds in the world frame, not for recordings",
+    throw InvalidArgument("usage.recording", "ray_W", "is for clouds in the world frame, not for recordings",
                           "Omit it");
   if (options.level && options.level->from_imu && !recording)
-    throw InvalidArgument("usage.level", "--level imu", "is for recordings (.mcap, .db3, .bag)",
-                          "Use --level ROLL,PITCH in degrees");
+    throw InvalidArgument("usage.level", "Level::from_imu", "is for recordings (.mcap, .db3, .bag)",
+                          "Use ScanInputOptions::level ROLL,PITCH in degrees");
   if (options.time_offset_s != 0 && !recording && options.trajectory.empty() && options.poses.empty())
-    throw InvalidArgument("usage.time_offset", "--time-offset", "is for times that are looked up in poses",
-                          "Add --trajectory or --poses, or omit it");
+    throw InvalidArgument("usage.time_offset", "time_offset_s", "is for times that are looked up in poses",
+                          "Add ScanInputOptions::trajectory or ScanInputOptions::poses, or omit it");
 }
 
 }  // namespace
@@ -166,7 +177,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     if (laz_command.empty())
       throw InputError("input.unsupported", forMessage(first.native()),
                        "is compressed (LAZ), and no decoder was found: neither laszip nor las2las is in PATH",
-                       "Name one with --laz-command, or convert it: laszip -i IN.laz -o OUT.las, or pdal translate "
+                       "Name one with laz_command, or convert it: laszip -i IN.laz -o OUT.las, or pdal translate "
                        "IN.laz OUT.las");
     notices.push_back("scans: LAZ is decoded by '" + forMessage(laz_command) + "'");
   }
@@ -175,10 +186,10 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
   void openClouds(const ScanFileList& scans) {
     if (options.T_B_S || options.exclude_box_S || options.level || options.deskew == Deskew::On)
       throw InvalidArgument("usage.sensor_frame",
-                            options.T_B_S           ? "--extrinsic"
-                            : options.exclude_box_S ? "--exclude-box"
-                            : options.level         ? "--level"
-                                                    : "--deskew on",
+                            options.T_B_S           ? "T_B_S"
+                            : options.exclude_box_S ? "exclude_box_S"
+                            : options.level         ? "ScanInputOptions::level"
+                                                    : "Deskew::On",
                             "needs the sensor's frame, which clouds in the world frame do not have",
                             "Use scans in the sensor's frame, or a recording");
     CloudInput input{.files = scans.files,
@@ -189,8 +200,9 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
                      .every = options.every};
     if (!options.trajectory.empty()) {
       if (kind != ScanKind::Las && kind != ScanKind::Laz && kind != ScanKind::Ply)
-        throw InvalidArgument("usage.trajectory", "--trajectory", "needs a time for each return",
-                              "Use .las, .laz or .ply in the world frame; for scans in the sensor's frame --poses");
+        throw InvalidArgument(
+            "usage.trajectory", "ScanInputOptions::trajectory", "needs a time for each return",
+            "Use .las, .laz or .ply in the world frame; for scans in the sensor's frame ScanInputOptions::poses");
       input.read.times = true;
       input.trajectory = Trajectory::read(options.trajectory, options.sort_poses);
       other_files.push_back(options.trajectory);
@@ -207,7 +219,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
       input.ray_W = *options.ray_W;
       rule = "matching: each point was seen along the given ray, world frame";
       warnings.push_back({"scans.constant_ray",
-                          "--ray says from where each point was seen; nothing measured it, and where it is wrong, "
+                          "ray_W says from where each point was seen; nothing measured it, and where it is wrong, "
                           "space counts as free that may not be"});
     } else if (options.sensor_at_W) {
       input.sensors_W = {*options.sensor_at_W};
@@ -240,11 +252,11 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     other_files = std::move(found.files);
     rule = found.match.rule;
     stamped = found.stamped;
-    if (options.T_B_S) notices.push_back("poses: those of the sensor, by --extrinsic");
+    if (options.T_B_S) notices.push_back("poses: those of the sensor, by T_B_S");
     Eigen::Isometry3d T_L_W = Eigen::Isometry3d::Identity();
     if (options.level) {
       T_L_W.linear() = levellingOf(options.level->roll_rad, options.level->pitch_rad);
-      rule += ", turned level by --level (" + levelInWords(T_L_W.linear()) + ")";
+      rule += ", turned level by ScanInputOptions::level (" + levelInWords(T_L_W.linear()) + ")";
     }
     const auto ofSensor = [&](Eigen::Isometry3d& T_W_S) {
       if (options.T_B_S) T_W_S = T_W_S * *options.T_B_S;
@@ -303,7 +315,7 @@ struct ACCESSVDB_PRIVATE ScanSequence::Impl {
     if (times.size() != record.points_S.size()) {
       if (options.deskew != Deskew::On) return false;
       throw UnusableInput("deskew.no_times", forMessage(scan_files[step].native()), "has no times of points",
-                          "Leave out --deskew to use such scans as they are");
+                          "Leave out ScanInputOptions::deskew to use such scans as they are");
     }
     const double stamp_s = poses[step].stamp_s;
     const TimedScan scan = {record.points_S, times, *scale, clockStamp_s(step), record.T_W_S, options.exclude_box_S};
@@ -365,7 +377,7 @@ ScanSequence ScanSequence::open(const ScanInputOptions& options) {
   if (scans.kind == ScanKind::Laz) impl->chooseDecoder(scans.files.front());
   const bool single = scans.files.size() == 1;
   if (options.sensor_at_W && !single && !isRecording(scans.kind))
-    throw InvalidArgument("usage.sensor_at", "--sensor-at",
+    throw InvalidArgument("usage.sensor_at", "sensor_at_W",
                           "is for one cloud, but the folder contains " + std::to_string(scans.files.size()) + " scans",
                           "Use one file, or poses for all scans");
   const bool ray_cloud =

@@ -93,8 +93,9 @@ StationList readStations(const std::filesystem::path& scans, const std::filesyst
     list.positions_W.push_back(station.p_W);
   }
   if (list.scans.files.empty())
-    throw UnusableInput("stations.missing", subject, "has no line for " + forMessage(scans.native()),
-                        "Write one line 'file x y z' for each scan; names are relative to the folder of --scans");
+    throw UnusableInput(
+        "stations.missing", subject, "has no line for " + forMessage(scans.native()),
+        "Write one line 'file x y z' for each scan; names are relative to the folder of ScanInputOptions::scans");
   if (!whole_folder) return list;
   list.scans.folder = scans;
   list.scans.whole_folder = true;

@@ -13,7 +13,7 @@ namespace accessvdb::io {
 namespace {
 
 constexpr int kSearchVoxels = 3;
-constexpr const char* kAdvice = "Use the --out folder of an accessvdb map run";
+constexpr const char* kAdvice = "Use the output folder of an accessvdb map run";
 
 struct MapGrids {
   openvdb::FloatGrid::Ptr distance, weight;

@@ -98,7 +98,7 @@ std::vector<Trajectory::Node> checkedNodes(std::vector<TimedRow>& rows, const st
     if (!sort)
       throw UnusableInput("trajectory.reversed", subject,
                           "line " + std::to_string((reversed + 1)->line) + " is earlier than the position before it",
-                          "Use --sort-poses to sort them by time");
+                          "Use sort_poses to sort them by time");
     std::stable_sort(rows.begin(), rows.end(), earlier);
     notices.push_back("trajectory: sorted by time");
   }

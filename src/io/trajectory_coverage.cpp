@@ -84,8 +84,8 @@ std::string adviceForCoverage(const std::vector<double>& stamps_s, const Traject
   if (!stamps_s.empty() && static_cast<double>(inside) >= kCovered * static_cast<double>(stamps_s.size()))
     return "Export the trajectory with a position every 0.2 s or more often";
   if (const auto likely = likelyClockOffset(stamps_s, trajectory))
-    return "Use --time-offset " + offsetText(time_offset_s + likely->offset_s) + ", if " + likely->reason;
-  return "Use the whole trajectory of this survey, on the cloud's clock or with --time-offset";
+    return "Use time_offset_s " + offsetText(time_offset_s + likely->offset_s) + ", if " + likely->reason;
+  return "Use the whole trajectory of this survey, on the cloud's clock or with time_offset_s";
 }
 
 }  // namespace
@@ -145,7 +145,7 @@ void TrajectoryCoverage::check(const Trajectory& trajectory, double time_offset_
   const double share = static_cast<double>(covered_) / static_cast<double>(returns_);
   const std::string spans =
       any_finite_ ? "the cloud's times are " + secondsText(first_s_) + " to " + secondsText(last_s_) + " s" +
-                        (time_offset_s == 0 ? "" : " (--time-offset " + offsetText(time_offset_s) + " added)") +
+                        (time_offset_s == 0 ? "" : " (time_offset_s " + offsetText(time_offset_s) + " added)") +
                         ", the trajectory's " + secondsText(trajectory.first_s()) + " to " +
                         secondsText(trajectory.last_s()) + " s"
                   : "the cloud's times are not numbers";

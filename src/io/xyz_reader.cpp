@@ -30,7 +30,7 @@ class XyzReader final : public CloudReader {
         if (!allow_truncated_)
           throw InputError("input.truncated", lines_.subject(),
                            "the last line (" + std::to_string(lines_.number()) + ") is incomplete",
-                           "Use --allow-truncated to keep " + std::to_string(points_) + " points");
+                           "Use allow_truncated to keep " + std::to_string(points_) + " points");
         part.truncated_points = 1;
         break;
       }

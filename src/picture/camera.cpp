@@ -42,7 +42,7 @@ Range robustRange(std::vector<float>& values) {
 Camera cameraTowards(const io::RenderOptions& options, int scale) {
   const double length = options.view_W.norm();
   if (!(length > 0) || !std::isfinite(length)) {
-    throw InvalidArgument("render.view", "--view", "the view direction is zero or not finite",
+    throw InvalidArgument("render.view", "view_W", "the view direction is zero or not finite",
                           "Use top, iso or X,Y,Z towards the viewer");
   }
   for (const int size : {options.width_px, options.height_px}) {

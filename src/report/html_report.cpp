@@ -221,7 +221,7 @@ HtmlReport writeHtmlReport(const std::filesystem::path& html, const std::filesys
   }
   std::error_code status;
   if (!std::filesystem::is_directory(folder, status)) {
-    throw InputError("input.no_field", folder.string(), "is not a folder", "Name the --out folder of accessvdb map");
+    throw InputError("input.no_field", folder.string(), "is not a folder", "Name the output folder of accessvdb map");
   }
   Page page(folder, options);
   writeFileDurably(html, [&](std::ostream& out) { page.write(out); });

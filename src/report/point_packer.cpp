@@ -56,7 +56,7 @@ std::array<std::int64_t, 3> PointPacker::stepsOf(const Eigen::Vector3d& p_W) con
     const double exact = (p_W[axis] - origin_W_[axis]) / step_m_;
     if (!(std::abs(exact) < kMostSteps)) {
       throw InputError("report.extent", "points.ply", "has a point too far from the field's origin to be drawn",
-                       "Check the poses and --max-range of the run");
+                       "Check the poses and max_range_m of the run");
     }
     steps[static_cast<std::size_t>(axis)] = std::llround(exact);
   }

@@ -23,8 +23,8 @@ void replaceAll(std::string& text, const std::string& from, const std::string& t
   std::string id = error.id(), problem = error.problem(), advice = error.advice();
   if (id.starts_with("tool.")) id.replace(0, 4, "scene");
   for (std::string* text : {&problem, &advice}) {
-    replaceAll(*text, "--tool-unit", "--mesh-unit");
-    replaceAll(*text, "the path of --tool", "the path of --scene");
+    replaceAll(*text, "LengthUnit", "--mesh-unit");
+    replaceAll(*text, "the path of ToolGeometry::fromMesh", "the path of --scene");
     replaceAll(*text, "the tool mesh", "the mesh");
     replaceAll(*text, "the tool", "the mesh");
     replaceAll(*text, ", or builtin:pencil or builtin:pruner", "");
@@ -66,7 +66,8 @@ Scene makeMeshScene(const std::filesystem::path& path, std::optional<LengthUnit>
   scene.description = "mesh " + mesh.name() + text + mesh.sha256();
   for (const std::string& note : mesh.notes()) {
     // Repairs matter here too; the tool's tip does not.
-    if (note.find("tool") == std::string::npos) scene.description += "; " + note;
+    if (note.find("tool") == std::string::npos && note.find("ToolPose") == std::string::npos)
+      scene.description += "; " + note;
   }
 
   std::string why_not;

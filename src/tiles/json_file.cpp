@@ -38,7 +38,7 @@ void readJson(const std::filesystem::path& path, const std::string& what,
   if (std::filesystem::is_regular_file(path, error)) stream.open(path, std::ios::binary);  // a pipe could block
   if (!stream.is_open())
     throw InputError(what + ".missing", path.string(), "cannot be opened",
-                     "Run the step before it first: accessvdb tile --help lists them");
+                     "Run the step before it first; they are plan, bin, run and merge");
   try {
     Json json = Json::parse(stream);
     const std::string digest = json.at(kDigest);

@@ -164,7 +164,7 @@ class Binner {
   }
   [[noreturn]] static void refuseChanged(const std::string& path) {
     throw UnusableInput("plan.changed", path, "has changed since the plan was made",
-                        "Restore it, or start again with --fresh");
+                        "Restore it, or start again with tiles::removePlan");
   }
   void noteRead(const std::string& path) {
     const std::string whole = fs::absolute(path).lexically_normal().string();

@@ -162,7 +162,7 @@ Plan readPlan(const std::filesystem::path& out) {
   readJson(planFile(out), "plan", [&](const Json& json) {
     if (json.at("schema").get<int>() != kSchema) {
       throw UnusableInput("plan.version", planFile(out).string(), "was written by another version of accessvdb",
-                          "Use that version, or start again with --fresh");
+                          "Use that version, or start again with tiles::removePlan");
     }
     json.at("id").get_to(id);
     json.at("program").get_to(plan.program);
@@ -189,7 +189,7 @@ Plan readPlan(const std::filesystem::path& out) {
   const bool usable = edges > 0 && plan.tile_voxels % FieldWindow::kEdge == 0 && (edges & (edges - 1)) == 0;
   plan = identified(std::move(plan));
   if (!usable || plan.flights.empty() || plan.id() != id) {
-    throw InputError("plan.damaged", planFile(out).string(), "is damaged", "Start again with --fresh");
+    throw InputError("plan.damaged", planFile(out).string(), "is damaged", "Start again with tiles::removePlan");
   }
   return plan;
 }
@@ -197,7 +197,7 @@ Plan readPlan(const std::filesystem::path& out) {
 void requireSame(const Plan& wanted, const Plan& found, const std::filesystem::path& out) {
   const auto refuse = [&](const std::string& difference) {
     throw UnusableInput("plan.changed", out.string(), "holds tiles of another run: " + difference,
-                        "Use the same scans, tool and parameters, another folder, or --fresh");
+                        "Use the same scans, tool and parameters, another folder, or tiles::removePlan");
   };
   if (wanted.program != found.program) refuse("version " + found.program + " instead of " + wanted.program);
   if (wanted.parameters != found.parameters) refuse(firstDifference(found.parameters, wanted.parameters));

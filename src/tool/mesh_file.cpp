@@ -245,7 +245,9 @@ MeshFile openMeshFile(const std::filesystem::path& path) {
 
   std::string problem;
   std::optional<std::string> bytes = readRegularFile(path, kMaxMeshFileBytes, problem);
-  if (!bytes) throw InputError("input.unreadable", subject, "the tool mesh " + problem, "Check the path of --tool");
+  if (!bytes)
+    throw InputError("input.unreadable", subject, "the tool mesh " + problem,
+                     "Check the path of ToolGeometry::fromMesh");
   file.format = formatOf(file.extension, subject);
   file.bytes = std::move(*bytes);
   const std::string_view all = file.bytes;

@@ -133,7 +133,7 @@ std::string sphereAdvice(bool with_yaw, int num_directions) {
       return "Use sphere:" + text(step_deg) + (with_yaw ? "+yaw" : "") + " or a larger step";
     }
   }
-  return "Use fewer yaw directions (--directions)";
+  return "Use fewer yaw directions (num_directions)";
 }
 
 /// @param rings  of the set
@@ -142,7 +142,7 @@ std::string pitchAdvice(const OrientationSet& set, int rings, int num_directions
   const int fitting = OrientationSet::kMost / num_directions;  // rings that fit
   std::string advice;
   if (directions >= 4)
-    advice = std::to_string(directions) + " yaw directions (--directions " + std::to_string(directions) + ")";
+    advice = std::to_string(directions) + " yaw directions (num_directions " + std::to_string(directions) + ")";
   static_assert(OrientationSet::kMost > 2 * kMostYaws, "some rings fit, whatever the number of yaws");
   const double step_deg = std::ceil((set.pitch_max_deg - set.pitch_min_deg) / (fitting - 1) * 100) / 100;
   advice += (advice.empty() ? "" : " or ") + std::string("a STEP of ") + text(step_deg) + " degrees";

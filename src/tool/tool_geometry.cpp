@@ -96,13 +96,13 @@ Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject, std
   for (const Eigen::Vector3d& p : {pose.axis, pose.up, pose.tip.value_or(Eigen::Vector3d::Zero())}) {
     if (!p.allFinite()) {
       throw InvalidArgument("tool.pose", subject, "the tool's tip, axis or up is not finite",
-                            "Set --tool-tip, --tool-axis and --tool-up to three numbers each");
+                            "Set ToolPose::tip, ToolPose::axis and ToolPose::up to three numbers each");
     }
   }
   const double axis_length = pose.axis.stableNorm(), up_length = pose.up.stableNorm();
   if (!(axis_length > 0) || !(up_length > 0)) {
     throw InvalidArgument("tool.pose", subject, "the tool's axis or up is zero",
-                          "Use directions such as --tool-axis 1,0,0 --tool-up 0,0,1");
+                          "Use directions such as ToolPose::axis 1,0,0 ToolPose::up 0,0,1");
   }
   const Eigen::Vector3d x = pose.axis / axis_length, up = pose.up / up_length;
   Eigen::Vector3d z = up - up.dot(x) * x;
@@ -113,7 +113,7 @@ Eigen::Matrix3d rotationOf(const ToolPose& pose, const std::string& subject, std
     const Eigen::Vector3d other = Eigen::Vector3d::Unit(least);
     z = other - other.dot(x) * x;
     notes.push_back("the axis (" + triple(pose.axis, ",") + ") is along up (" + triple(pose.up, ",") + "): (" +
-                    triple(other, ",") + ") of the mesh is up instead; --tool-up chooses another");
+                    triple(other, ",") + ") of the mesh is up instead; ToolPose::up chooses another");
   }
   Eigen::Matrix3d rows;
   rows.row(0) = x;
@@ -215,10 +215,11 @@ std::vector<std::string> tipWarnings(const TipPlace& place, const TipWords& word
             (words.ends[0].empty() ? "; check the axis (from the tip along the body) and the tip" : likely)};
   }
   if (place.isOff(words.tip_given ? kTipGapShare : kDefaultTipGapShare)) {
-    return {"warning: " +
-            std::string(words.tip_given ? "the tip" : "the mesh's origin, which is the tip unless --tool-tip is set,") +
-            " is " + number(place.gap_m) + " m away from the nearest part of the mesh" +
-            (words.ends[0].empty() ? "; check the tip and the unit" : likely + "; or check --tool-unit")};
+    return {
+        "warning: " +
+        std::string(words.tip_given ? "the tip" : "the mesh's origin, which is the tip unless ToolPose::tip is set,") +
+        " is " + number(place.gap_m) + " m away from the nearest part of the mesh" +
+        (words.ends[0].empty() ? "; check the tip and the unit" : likely + "; or check LengthUnit")};
   }
   return {};
 }
@@ -305,14 +306,14 @@ ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::opti
     throw InvalidArgument(
         "tool.unit", subject,
         "this mesh format has no length unit; its extents are " + triple(extents, " x ") + " in the file's units",
-        "Specify it: --tool-unit m, cm, mm or in");
+        "Specify it: LengthUnit m, cm, mm or in");
   }
   const double size_m = extents.maxCoeff() * metres_per_file_unit;
   if (!(size_m >= kMinSize_m && size_m <= kMaxSize_m)) {
     throw UnusableInput("tool.size", subject,
                         "the tool would be " + number(size_m) + " m large (" + triple(extents, " x ") +
                             " in the file's units); 0.001 to 20 m is plausible",
-                        "Check --tool-unit: m, cm, mm or in");
+                        "Check LengthUnit: m, cm, mm or in");
   }
 
   const Eigen::Vector3d tip_M = pose.tip.value_or(Eigen::Vector3d::Zero());
@@ -343,7 +344,7 @@ ToolGeometry ToolGeometry::fromMesh(const std::filesystem::path& path, std::opti
     for (double& x : axis_M) {
       if (std::abs(x) < 1e-6) x = 0;
     }
-    words.ends[side < 0 ? 0 : 1] = "--tool-tip=" + triple(end_M, ",") + " --tool-axis=" + triple(axis_M, ",");
+    words.ends[side < 0 ? 0 : 1] = "ToolPose::tip=" + triple(end_M, ",") + " ToolPose::axis=" + triple(axis_M, ",");
   }
   for (std::string& warning : tipWarnings(place, words)) tool.notes_.push_back(std::move(warning));
   return tool;

@@ -84,17 +84,18 @@ double fittingStep_deg(const ApproachParams& approach, double columns) {
   // Columns grow at least with the square of 1 / v. Rounded up to whole tenths of a millimetre.
   const double fits_m = std::ceil(voxel_size_m * std::sqrt(columns / kMaxColumns) * 1e4) * 1e-4;
   std::string fewer = "fewer directions, ";
-  if (approach.orientations.kind == OrientationKind::Pitch) fewer = "a larger STEP of --orientations, ";
+  if (approach.orientations.kind == OrientationKind::Pitch) fewer = "a larger STEP of ApproachParams::orientations, ";
   if (approach.orientations.kind == OrientationKind::Sphere) {
-    fewer = "a STEP of --orientations of " + text(fittingStep_deg(approach, columns), "%g") + " degrees or larger, ";
+    fewer = "a STEP of ApproachParams::orientations of " + text(fittingStep_deg(approach, columns), "%g") +
+            " degrees or larger, ";
   }
-  throw ResourceLimit("tool.columns", tool.name(),
-                      "at a voxel size of " + text(voxel_size_m, "%.6g") +
-                          " m the tool's tables for all directions take " +
-                          text(columns * sizeof(kernels::VoxelColumn) / kGiB, "%.1f") + " GiB; at most " +
-                          text(kMaxColumns * sizeof(kernels::VoxelColumn) / kGiB, "%.0f") + " GiB can be handled",
-                      "Use --voxel " + text(fits_m, "%.6g") + " or larger, " + fewer +
-                          (rolls > 1 ? "fewer --rolls than " + std::to_string(rolls) + " " : "") + "or a smaller tool");
+  throw ResourceLimit(
+      "tool.columns", tool.name(),
+      "at a voxel size of " + text(voxel_size_m, "%.6g") + " m the tool's tables for all directions take " +
+          text(columns * sizeof(kernels::VoxelColumn) / kGiB, "%.1f") + " GiB; at most " +
+          text(kMaxColumns * sizeof(kernels::VoxelColumn) / kGiB, "%.0f") + " GiB can be handled",
+      "Use voxel_size_m " + text(fits_m, "%.6g") + " or larger, " + fewer +
+          (rolls > 1 ? "fewer ApproachParams::rolls than " + std::to_string(rolls) + " " : "") + "or a smaller tool");
 }
 
 std::uint16_t limited(double limit) { return std::uint16_t(std::clamp(limit, 1.0, 65534.0)); }
@@ -205,7 +206,7 @@ ToolKernel makeKernel(const ToolGeometry& tool, const FieldParams& resolved, int
     throw ResourceLimit("tool.span", tool.name(),
                         "the tool spans " + std::to_string(std::llround(std::min(span_voxels, 1e15))) +
                             " voxels; at most 30000 can be handled",
-                        "Use a larger --voxel, or check --tool-unit and --tool-tip");
+                        "Use a larger voxel_size_m, or check LengthUnit and ToolPose::tip");
   }
   if (const double fewest = fewestColumns(tool, v, resolved.approach); fewest > kMaxColumns) {
     refuseColumns(tool, resolved, rolls.count, fewest);

@@ -201,5 +201,57 @@ TEST_F(HostileInputs, MessagesNameFlags) {
   }
 }
 
+/// So do the readers of scans and tools, whatever they say and where: subject, problem, advice, warning or notice.
+TEST_F(HostileInputs, MessagesAboutFilesNameFlags) {
+  writeBoxTool(0.9, 0.1);
+  writeText("far.obj", "v 9 9 9\nv 10 9 9\nv 9 10 9\nv 9 9 10\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n");
+  writeText("short.pcd", readText("scans/000100.000000.pcd").substr(0, 20'000));
+  writeText("stairs.txt", "101 0 0 0 0 0 0 1\n100 0 0 0 0 0 0 1\n");
+  struct Case {
+    std::vector<std::string> flags;
+    int code;
+    const char* said;
+  };
+  const std::vector<Case> cases = {
+      {{"--every", "0"}, 2, "] --every: must be"},
+      {{"--ray", "0,0,-1"}, 2, "] --ray: excludes --poses, --sensor-at, --trajectory, --stations and --calib."},
+      {{"--level", "imu"}, 2, "] --level imu: is for recordings (.mcap, .db3, .bag). Use --level ROLL,PITCH"},
+      {{"--topic", "/points"}, 2, "] --topic: is for recordings"},
+      {{"--trajectory", path("poses.txt")}, 2, "] --trajectory: excludes --poses"},
+      {{"--deskew", "on"}, 4, "as --deskew on asks"},
+      {{"--deskew", "off"}, 0, "motion within a scan is not removed: --deskew off"},
+      {{"--extrinsic", "0,0,0.1"}, 0, "those of the sensor, by --extrinsic"},
+      {{"--poses", path("stairs.txt")}, 4, "Use --sort-poses"},
+      {{"--scans", path("short.pcd"), "--sensor-at", "0,0,0", "--poses", ""}, 3, "Use --allow-truncated to keep"},
+      {{"--tool", path("tool.obj")}, 2, "Specify it: --tool-unit m, cm, mm or in"},
+      {{"--tool", path("tool.obj"), "--tool-unit", "m", "--tool-axis", "0,0,1"}, 0, "--tool-up chooses another"},
+      {{"--tool", path("far.obj"), "--tool-unit", "m"}, 0, "unless --tool-tip is set"},
+      {{"--tool", path("none.obj"), "--tool-unit", "m"}, 3, "Check the path of --tool"},
+      {{"--orientations", "pitch:-90:90:5"}, 5, "(--directions 108)"},
+      {{"--remove", "box:1,1,1,0,0,0"}, 2, "] --remove: the corners of a box"}};
+  for (const Case& c : cases) {
+    SCOPED_TRACE(c.flags[0] + " " + c.flags[1]);
+    const ProgramResult result = runProgram(mapArguments(c.flags));
+    EXPECT_EQ(result.exit_code, c.code) << result.err;
+    EXPECT_NE(result.err.find(c.said), std::string::npos) << result.err;
+    for (const char* name : {"::", "_m:", "_m ", "_W ", "_W:", "_S ", "T_B_S", "allow_", "sort_", "LengthUnit"}) {
+      EXPECT_EQ(result.err.find(name), std::string::npos) << name << " in " << result.err;
+    }
+  }
+  // The voxel that is proposed has another truncation distance.
+  const ProgramResult hidden = runProgram(arguments({"--voxel", "5", "--quiet"}));
+  expectRefused(hidden, 4, "tool.hidden");
+  EXPECT_NE(hidden.err.find("Use --voxel 0.2 or smaller"), std::string::npos) << hidden.err;
+  ProgramSetup small;
+  small.arguments = mapArguments({"--quiet"});
+  small.file_size_limit = 1000;
+  const ProgramResult large = runProgram(small);
+  EXPECT_EQ(large.exit_code, 7);
+  EXPECT_NE(large.err.find("or choose another --out folder."), std::string::npos) << large.err;
+  // Names of files are no parameters.
+  const ProgramResult missing = runProgram(mapArguments({"--tool", path("view_W/ray_W.obj"), "--tool-unit", "m"}));
+  EXPECT_NE(missing.err.find("view_W/ray_W.obj: "), std::string::npos) << missing.err;
+}
+
 }  // namespace
 }  // namespace accessvdb::cli_test

@@ -186,6 +186,19 @@ check_code() {
     sed -E 's/^([^:]*:[0-9]+):.*/\1: quiet-library: ends the process, resets the device or prints/' || true
 }
 
+# Messages of the library name its parameters; the program says which flags they are (tools/cli/error_output.cpp).
+check_flags_in_messages() {
+  # shellcheck disable=SC2046  # one word per file, as above
+  awk '/^[[:space:]]*\/\// { next }
+       FILENAME !~ /^(include|nanovdb_kernels|src)\// || FILENAME ~ /^src\/(eval|sim|dds)\// { next }
+       {
+         sub(/\/\/[^"]*$/, "")
+         gsub(/rosbag compress --lz4/, "")  # a flag of another program
+         for (line = $0; match(line, /"([^"\\]|\\.)*"/); line = substr(line, RSTART + RLENGTH))
+           if (substr(line, RSTART, RLENGTH) ~ /--[a-z]/) { print FILENAME ":" FNR ": flag: the library names a flag"; break }
+       }' $(sources)
+}
+
 check_licence() {
   # shellcheck disable=SC2046
   awk 'FNR == 2 && !/SPDX-License-Identifier: Apache-2.0/ { print FILENAME ":2: licence: no SPDX line" }
@@ -193,7 +206,7 @@ check_licence() {
        END { for (file in lines) if (lines[file] < 2) print file ":2: licence: no SPDX line" }' $(sources)
 }
 
-violations=$(check_includes; check_names; check_types; check_code; check_licence)
+violations=$(check_includes; check_names; check_types; check_code; check_flags_in_messages; check_licence)
 if [[ -n $violations ]]; then
   echo "$violations"
   exit 1

@@ -24,6 +24,8 @@ plant_clean_tree() {
   write src/field/own.cpp 'struct Own {' '  struct Map {'
   write src/tsdf/map.cpp '#include <tbb/parallel_for.h>' '#include <openvdb/openvdb.h>' '#include "tsdf/map.h"' '// exit(1)'
   write src/tool/mesh_reader.cpp '#include <assimp/scene.h>' '#include <unistd.h>' 'void f() { _exit(1); g("abort()"); }'
+  write src/bags/convert.cpp '// "--flag"' 'f("rosbag compress --lz4"); --i; g("a"); // or --voxel'
+  write src/sim/flags.cpp 'f("--frames");'
   write src/field/field.cpp '#include "tsdf/map.h"' '#include "launch/backend.h"'
   write tools/cli/map.cpp '#include <CLI/CLI.hpp>' '#include "accessvdb/types.h"' 'int main() { std::cout << 1; }'
   write tests/parity/mirror_test.cpp '#include <nanovdb/util/OpenToNanoVDB.h>' 'auto h = nanovdb::openToNanoVDB(g);'
@@ -57,6 +59,9 @@ for type in 'struct Map {' 'class Map final : public Base {' 'enum class Map { A
   expect type-name src/report/bad.cpp "$type"
 done
 expect layer include/accessvdb/bad.h '#include "accessvdb/pcl.h"'
+for file in include/accessvdb/bad.h nanovdb_kernels/launch/bad.h src/io/bad.cpp; do
+  expect flag "$file" 'f("Use " + g(1), "or --voxel 0.1");'
+done
 expect layer src/io/bad.cpp '#include "accessvdb/pcl.h"'
 expect layer tools/cli/bad.cpp '#include "accessvdb/pcl.h"'
 expect layer python/bindings/bad.cpp '#include <openvdb/openvdb.h>'

@@ -93,7 +93,7 @@ TEST_F(RecordingMotion, IsLeftWhereItCannotBeRemoved) {
     const fs::path still = write("still.mcap", clouds);
     EXPECT_FALSE(ScanSequence::open({.scans = still}).deskews()) << clouds;
     expectError([&] { (void)ScanSequence::open({.scans = still, .deskew = Deskew::On}); }, ErrorCode::Unusable,
-                "deskew.no_times", {"--deskew on"});
+                "deskew.no_times", {"Deskew::On"});
   }
   EXPECT_FALSE(ScanSequence::open({.scans = write("world.mcap", "clouds=world"), .deskew = Deskew::On}).deskews());
 }
@@ -124,7 +124,7 @@ TEST_F(RecordingMotion, IsTurnedLevelByTheImu) {
     EXPECT_LT((scans.read(4).T_W_S.linear() * q.inverse() * up_W - Eigen::Vector3d::UnitZ()).norm(), 2e-4);
   }
   expectError([&] { (void)ScanSequence::open({.scans = write("b.mcap", ""), .level = io::Level{.from_imu = true}}); },
-              ErrorCode::Unusable, "level.no_imu", {"--level ROLL,PITCH"});
+              ErrorCode::Unusable, "level.no_imu", {"ScanInputOptions::level ROLL,PITCH"});
   expectError(
       [&] {
         (void)ScanSequence::open({.scans = folder_.path() / "scans",

@@ -29,7 +29,8 @@ TEST_F(RecordingRefusals, NamesTheTopicsToChooseFrom) {
   ACCESSVDB_NEED_ROS2_WRITER();
   writeFlight(3, 20);
   const fs::path two = write("two.mcap", "second=/other");
-  expect({.scans = two}, ErrorCode::Unusable, "recording.several_clouds", {"/points", "/other", "--topic"});
+  expect({.scans = two}, ErrorCode::Unusable, "recording.several_clouds",
+         {"/points", "/other", "ScanInputOptions::topic"});
   EXPECT_EQ(ScanSequence::open({.scans = two, .topic = "/other"}).size(), 3U);
   expect({.scans = two, .topic = "/third"}, ErrorCode::Input, "recording.topic", {"/third", "/points", "/other"});
   expect({.scans = two, .topic = "/Odometry"}, ErrorCode::Input, "recording.topic", {"nav_msgs/Odometry", "/points"});
@@ -37,7 +38,8 @@ TEST_F(RecordingRefusals, NamesTheTopicsToChooseFrom) {
          {"/Odometry"});
   expect({.scans = write("none.mcap", "clouds=none")}, ErrorCode::Unusable, "recording.no_clouds", {"/Odometry"});
   expect({.scans = write("json.mcap", "encoding=json")}, ErrorCode::Unusable, "recording.no_clouds", {"/points"});
-  expect({.scans = write("unposed.mcap", "poses=none")}, ErrorCode::Unusable, "poses.none", {"--poses"});
+  expect({.scans = write("unposed.mcap", "poses=none")}, ErrorCode::Unusable, "poses.none",
+         {"ScanInputOptions::poses"});
 }
 
 TEST_F(RecordingRefusals, NamesFramesThatDoNotConnect) {
@@ -54,7 +56,7 @@ TEST_F(RecordingRefusals, SaysWhatIsWrongWithThePoses) {
   ACCESSVDB_NEED_ROS2_WRITER();
   writeFlight(6, 20);
   const fs::path back = write("back.mcap", "poses=back");
-  expect({.scans = back}, ErrorCode::Unusable, "poses.reversed", {"--sort-poses", "1 times"});
+  expect({.scans = back}, ErrorCode::Unusable, "poses.reversed", {"sort_poses", "1 times"});
   EXPECT_GT(ScanSequence::open({.scans = back, .sort_poses = true}).size(), 2U);
   const fs::path poses = folder_.write("other.txt", "5 0 0 0 0 0 0 1\n5.1 0 0 0 0 0 0 1\n");
   expect({.scans = write("a.mcap", ""), .poses = poses}, ErrorCode::Unusable, "poses.no_overlap",
@@ -74,7 +76,8 @@ TEST_F(RecordingRefusals, NamesTheMessageThatCannotBeRead) {
 TEST_F(RecordingRefusals, IsForRecordingsOnly) {
   writeFlight(3, 20);
   const fs::path scans = folder_.path() / "scans", poses = folder_.path() / "poses.txt";
-  expect({.scans = scans, .poses = poses, .topic = "/points"}, ErrorCode::Usage, "usage.recording", {"--topic"});
+  expect({.scans = scans, .poses = poses, .topic = "/points"}, ErrorCode::Usage, "usage.recording",
+         {"ScanInputOptions::topic"});
   const fs::path bag = folder_.write("a.mcap", kMcapMagic);
   expect({.scans = bag, .trajectory = poses}, ErrorCode::Usage, "usage.recording");
   expect({.scans = bag, .sensor_at_W = Eigen::Vector3d::Zero()}, ErrorCode::Usage, "usage.recording");
@@ -99,7 +102,7 @@ TEST_F(RecordingRefusals, OfChunksThatAreNotWhatTheyDeclare) {
   expectBytes("a.mcap", kMcapMagic + mcapChunk("zstd", text, 5000), "recording.chunk", {"damaged"});
   expectBytes("a.mcap", kMcapMagic + mcapChunk("gzip", text, 5000), "recording.compression", {"gzip"});
   expectBytes("a.mcap", kMcapMagic + mcapRecord(6, "short"), "recording.damaged");
-  expectBytes("a.mcap", kMcapMagic + std::string(20, '\0'), "recording.damaged", {"byte 8", "--allow-truncated"});
+  expectBytes("a.mcap", kMcapMagic + std::string(20, '\0'), "recording.damaged", {"byte 8", "allow_truncated"});
   expectBytes("a.mcap", kMcapMagic + mcapMessage(7, text), "recording.damaged", {"channel 7"});
   // 100 bytes, each of a method: zeros of 1 MiB by zstd and bzip2 (written by their programs).
   for (const auto& [word, program] : {std::pair("zstd", "zstd -c"),

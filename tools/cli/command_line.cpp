@@ -9,6 +9,7 @@
 #include <charconv>
 #include <cstdio>
 #include <cstring>
+#include <filesystem>
 #include <fstream>
 #include <optional>
 #include <sstream>
@@ -18,6 +19,8 @@
 
 namespace accessvdb::tools {
 namespace {
+
+namespace fs = std::filesystem;
 
 /// More than any configuration of ours has. The parser's tables nest as deep as keys have parts, and it walks them
 /// recursively; there is at most one part for each dot, and for each of the arrays and tables that it counts itself.
@@ -84,6 +87,10 @@ void applyTable(FlagParser& flags, const std::string& file, const toml::table& t
 }
 
 void applyConfig(FlagParser& flags, const std::string& file) {
+  std::error_code status;
+  if (fs::is_other(fs::status(file, status))) {  // opening a pipe could block for ever
+    throw InputError("input.not_a_file", file, "is not a regular file", "Use the path of a regular file");
+  }
   std::ifstream in(file);
   if (in.is_open() && in.peek() == std::ifstream::traits_type::eof() && in.bad()) errno = EISDIR;
   if (!in.is_open() || in.bad()) {

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "error_output.h"
 
+#include <algorithm>
 #include <cctype>
 #include <cstdio>
 #include <new>
@@ -21,37 +22,84 @@ void printLine(const std::string& line) { std::fprintf(stderr, "%s\n", line.c_st
 
 std::string jsonLine(const nlohmann::ordered_json& value) { return jsonText(value, -1); }
 
-/// Names of the library's parameters and values, and the program's flags for them.
-constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {{"voxel_size_m", "--voxel"},
-                                                                     {"range_noise_m", "--range-noise"},
-                                                                     {"truncation_distance_m", "--tau"},
-                                                                     {"min_range_m", "--min-range"},
-                                                                     {"max_range_m", "--max-range"},
-                                                                     {"num_directions", "--directions"},
-                                                                     {"rolls", "--rolls"},
-                                                                     {"corridor_length_m", "--corridor"},
-                                                                     {"max_collisions", "--max-collisions"},
-                                                                     {"neighbours", "--knn"},
-                                                                     {"threads", "--threads"},
-                                                                     {"origin_W", "--origin"},
-                                                                     {"origins_W", "--sensor-at"},
-                                                                     {"free_for_s", "--free-for"},
-                                                                     {"ChangeMode::Off", "--change off"},
-                                                                     {"ChangeMode::Block", "--change block"},
-                                                                     {"ChangeMode::Full", "--change full"},
-                                                                     {"UpdatePolicy::Exact", "--policy exact"},
-                                                                     {"UpdatePolicy::Paper", "--policy paper"}};
+/// Names of the library's parameters and values, and the program's flags for them. Names that are ordinary words have
+/// their struct before them.
+constexpr std::pair<std::string_view, std::string_view> kFlagOf[] = {
+    {"voxel_size_m", "--voxel"},
+    {"range_noise_m", "--range-noise"},
+    {"truncation_distance_m", "--tau"},
+    {"min_range_m", "--min-range"},
+    {"max_range_m", "--max-range"},
+    {"num_directions", "--directions"},
+    {"rolls", "--rolls"},
+    {"ApproachParams::rolls", "--rolls"},
+    {"ApproachParams::orientations", "--orientations"},
+    {"corridor_length_m", "--corridor"},
+    {"max_collisions", "--max-collisions"},
+    {"neighbours", "--knn"},
+    {"threads", "--threads"},
+    {"origin_W", "--origin"},
+    {"origins_W", "--sensor-at"},
+    {"free_for_s", "--free-for"},
+    {"BackendKind::Cpu", "--device cpu"},
+    {"ChangeMode::Off", "--change off"},
+    {"ChangeMode::Block", "--change block"},
+    {"ChangeMode::Full", "--change full"},
+    {"UpdatePolicy::Exact", "--policy exact"},
+    {"UpdatePolicy::Paper", "--policy paper"},
+    {"LengthUnit", "--tool-unit"},
+    {"ToolGeometry::fromMesh", "--tool"},
+    {"ToolPose::tip", "--tool-tip"},
+    {"ToolPose::axis", "--tool-axis"},
+    {"ToolPose::up", "--tool-up"},
+    {"Region::box", "--remove"},
+    {"ScanInputOptions::scans", "--scans"},
+    {"ScanInputOptions::poses", "--poses"},
+    {"ScanInputOptions::calib", "--calib"},
+    {"ScanInputOptions::every", "--every"},
+    {"ScanInputOptions::trajectory", "--trajectory"},
+    {"ScanInputOptions::stations", "--stations"},
+    {"ScanInputOptions::topic", "--topic"},
+    {"ScanInputOptions::level", "--level"},
+    {"ScanInputOptions::deskew", "--deskew"},
+    {"Level::from_imu", "--level imu"},
+    {"Deskew::On", "--deskew on"},
+    {"Deskew::Off", "--deskew off"},
+    {"pose_format", "--pose-format"},
+    {"sensor_at_W", "--sensor-at"},
+    {"allow_truncated", "--allow-truncated"},
+    {"sort_poses", "--sort-poses"},
+    {"time_offset_s", "--time-offset"},
+    {"laz_command", "--laz-command"},
+    {"pose_topic", "--pose-topic"},
+    {"fixed_frame", "--fixed-frame"},
+    {"T_B_S", "--extrinsic"},
+    {"exclude_box_S", "--exclude-box"},
+    {"ray_W", "--ray"},
+    {"view_W", "--view"},
+    {"points_format", "--points-format"},
+    {"another folder for the output", "another --out folder"},
+    {"a folder for the output", "an --out folder"},
+    {"saveState()", "map --checkpoint"},
+    {"tiles::removePlan", "--fresh"}};
 
-bool isNamePart(char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_' || c == ':' || c == '-'; }
+bool isNamePart(char c) { return std::isalnum(static_cast<unsigned char>(c)) != 0 || c == '_' || c == '-' || c == '/'; }
+
+/// Whether a name ends before this text: what goes on is a longer name, or the name of a file.
+bool endsBefore(std::string_view text) {
+  if (text.empty()) return true;
+  return !isNamePart(text[0]) && !text.starts_with("::") &&
+         (text[0] != '.' || text.size() == 1 || !isNamePart(text[1]));
+}
 
 /// The text with the library's names replaced, where they are whole words.
 /// @param is_name  all of it is a name; else "rolls", "threads" and "neighbours" are only words
 std::string inFlags(std::string text, bool is_name) {
   for (const auto& [name, flag] : kFlagOf) {
-    if (!is_name && name.find_first_of("_:") == std::string_view::npos) continue;
+    if (!is_name && std::all_of(name.begin(), name.end(), [](char c) { return c >= 'a' && c <= 'z'; })) continue;
     for (std::size_t at = 0; (at = text.find(name, at)) != std::string::npos;) {
-      const std::size_t end = at + name.size();
-      const bool whole = (at == 0 || !isNamePart(text[at - 1])) && (end == text.size() || !isNamePart(text[end]));
+      const bool begins = at == 0 || (!isNamePart(text[at - 1]) && text[at - 1] != ':');
+      const bool whole = begins && endsBefore(std::string_view(text).substr(at + name.size()));
       if (whole) text.replace(at, name.size(), flag);
       at += whole ? flag.size() : name.size();
     }
@@ -59,11 +107,11 @@ std::string inFlags(std::string text, bool is_name) {
   return text;
 }
 
-/// Problems are left as they are: those of states and plans list parameters by the names that files have them by.
+/// Problems of states and plans are left as they are: they list parameters by the names that files have them by.
 Failure inFlags(const Error& error) {
-  const bool is_name = error.code() == ErrorCode::Usage;
-  return {error.exitCode(), error.id(), is_name ? inFlags(error.subject(), true) : error.subject(), error.problem(),
-          inFlags(error.advice(), false)};
+  const bool of_files = error.id().starts_with("state.") || error.id().starts_with("plan.");
+  return {error.exitCode(), error.id(), inFlags(error.subject(), error.code() == ErrorCode::Usage),
+          of_files ? error.problem() : inFlags(error.problem(), false), inFlags(error.advice(), false)};
 }
 
 std::string sentence(const std::string& text) { return text.empty() || text.back() == '.' ? text : text + "."; }
@@ -122,7 +170,8 @@ void Messages::error(const Failure& failure) const {
   printLine(line);
 }
 
-void Messages::warning(const std::string& id, const std::string& text) {
+void Messages::warning(const std::string& id, const std::string& of_library) {
+  const std::string text = inFlags(of_library, false);
   warnings_.emplace_back(id, text);
   if (format_ == ErrorFormat::Json) {
     printLine(jsonLine({{"level", "warning"}, {"id", id}, {"text", printable(text)}}));
@@ -132,12 +181,13 @@ void Messages::warning(const std::string& id, const std::string& text) {
 }
 
 void Messages::notice(const std::string& text) {
-  notices_.push_back(text);
+  notices_.push_back(inFlags(text, false));
   progress(text);
 }
 
-void Messages::progress(const std::string& text) const {
+void Messages::progress(const std::string& of_library) const {
   if (quiet_) return;
+  const std::string text = inFlags(of_library, false);
   if (format_ == ErrorFormat::Json) {
     printLine(jsonLine({{"level", "notice"}, {"text", printable(text)}}));
   } else {

@@ -79,7 +79,9 @@ double voxelThatShows_m(const ToolGeometry& tool, FieldParams params, double mos
   for (auto voxel_m = std::rbegin(kVoxels_m); voxel_m != std::rend(kVoxels_m); ++voxel_m) {
     if (*voxel_m > most_m) continue;
     params.tsdf.voxel_size_m = *voxel_m;
-    params.tsdf.truncation_distance_m = 0;  // by rule: it was for another voxel
+    params.tsdf.truncation_distance_m = 0;  // by rule: these were for another voxel
+    params.scoring.collision_distance_m = 0;
+    params.approach.corridor_length_m = 0;
     if (toolShareHidden(tool, params) <= kMostHidden) return *voxel_m;
   }
   return 0;

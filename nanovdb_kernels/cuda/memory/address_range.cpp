@@ -45,7 +45,7 @@ struct Driver {
     ACCESSVDB_CUDA(cudaGetDriverEntryPointByVersion(name, &address, 12000, cudaEnableDefault, &found));
     if (found != cudaDriverEntryPointSuccess || address == nullptr) {
       throw DeviceError("device.old_driver", "cuda", std::string("the NVIDIA driver has no ") + name,
-                        "Install a newer driver, or use --device cpu");
+                        "Install a newer driver, or use BackendKind::Cpu");
     }
     return reinterpret_cast<Function>(address);
   }
@@ -55,7 +55,7 @@ void check(CUresult status, const char* call) {
   if (status == CUDA_SUCCESS) return;
   if (status == CUDA_ERROR_OUT_OF_MEMORY) throwDeviceMemory(std::string("no device memory left (") + call + ")");
   throw DeviceError("device.failed", "cuda", std::string(call) + " failed with code " + std::to_string(status),
-                    "Check the GPU (nvidia-smi), or use --device cpu");
+                    "Check the GPU (nvidia-smi), or use BackendKind::Cpu");
 }
 
 CUmemAllocationProp propertiesOf(int device) {
@@ -80,7 +80,7 @@ AddressRange::AddressRange(std::shared_ptr<DeviceContext> context, std::uint64_t
         "cuDeviceGetAttribute");
   if (can_map == 0) {
     throw DeviceError("device.no_mapping", "cuda", context_->name() + " cannot map device memory by itself",
-                      "Use another GPU, or --device cpu");
+                      "Use another GPU, or BackendKind::Cpu");
   }
   const CUmemAllocationProp properties = propertiesOf(context_->device());
   std::size_t granularity = 0;

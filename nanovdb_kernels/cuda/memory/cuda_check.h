@@ -15,7 +15,7 @@ namespace accessvdb::kernels {
 /// Reports that device memory ran out. A caller that can manage with less may retry.
 [[noreturn]] inline void throwDeviceMemory(const std::string& what) {
   throw ResourceLimit("memory.device", "cuda", what,
-                      "Use a larger voxel size, free the GPU of other work, or --device cpu");
+                      "Use a larger voxel size, free the GPU of other work, or BackendKind::Cpu");
 }
 
 /// @throw ResourceLimit  out of device memory; the device is still usable
@@ -26,7 +26,7 @@ inline void checkCuda(cudaError_t status, const char* call) {
   if (status == cudaErrorMemoryAllocation) throwDeviceMemory(std::string("no device memory left (") + call + ")");
   throw DeviceError("device.failed", "cuda",
                     std::string(call) + " failed: " + cudaGetErrorName(status) + ", " + cudaGetErrorString(status),
-                    "Check the GPU (nvidia-smi), or use --device cpu");
+                    "Check the GPU (nvidia-smi), or use BackendKind::Cpu");
 }
 
 /// Reports launch errors of the preceding kernel.

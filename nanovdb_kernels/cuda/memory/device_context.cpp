@@ -20,22 +20,22 @@ std::string versionText(int version) {
 void requireDriverAndDevice() {
   int driver = 0, runtime = 0, devices = 0;
   if (cudaDriverGetVersion(&driver) != cudaSuccess || driver == 0) {
-    refuse("device.no_driver", "no NVIDIA driver is installed", "Install one, or use --device cpu");
+    refuse("device.no_driver", "no NVIDIA driver is installed", "Install one, or use BackendKind::Cpu");
   }
   ACCESSVDB_CUDA(cudaRuntimeGetVersion(&runtime));
   const cudaError_t status = cudaGetDeviceCount(&devices);
   if (status == cudaErrorInsufficientDriver) {
     refuse("device.old_driver",
            "the NVIDIA driver knows CUDA " + versionText(driver) + ", this program needs " + versionText(runtime),
-           "Install a newer driver, or use --device cpu");
+           "Install a newer driver, or use BackendKind::Cpu");
   }
   if (status == cudaErrorNoDevice || (status == cudaSuccess && devices == 0)) {
     refuse("device.missing", "no NVIDIA GPU can be used here",
-           "Check nvidia-smi and CUDA_VISIBLE_DEVICES, or use --device cpu");
+           "Check nvidia-smi and CUDA_VISIBLE_DEVICES, or use BackendKind::Cpu");
   }
   if (status != cudaSuccess) {
     refuse("device.failed", std::string("the NVIDIA driver does not start: ") + cudaGetErrorString(status),
-           "Check nvidia-smi, or use --device cpu");
+           "Check nvidia-smi, or use BackendKind::Cpu");
   }
 }
 
@@ -65,7 +65,7 @@ DeviceContext::DeviceContext(std::uint64_t memory_limit_bytes) : limit_bytes_(me
     ACCESSVDB_CUDA(cudaEventCreateWithFlags(&mirror_ready_, cudaEventDisableTiming));
   } catch (const ResourceLimit& error) {
     closeStreams();
-    refuse("device.memory", error.problem(), "Free the GPU of other work, or use --device cpu");
+    refuse("device.memory", error.problem(), "Free the GPU of other work, or use BackendKind::Cpu");
   } catch (...) {
     closeStreams();
     throw;

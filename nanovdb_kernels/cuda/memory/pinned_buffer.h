@@ -34,7 +34,7 @@ class PinnedBuffer {
     reset();
     if (!allocate(bytes)) {
       throw ResourceLimit("memory.pinned", "cuda", "no host memory left for transfers to the GPU",
-                          "Free memory, or use --device cpu");
+                          "Free memory, or use BackendKind::Cpu");
     }
   }
 

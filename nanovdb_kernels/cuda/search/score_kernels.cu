@@ -158,7 +158,7 @@ void requireScoreKernels(int shared_bytes_per_block) {
   if (status == cudaErrorNoKernelImageForDevice || status == cudaErrorInvalidDeviceFunction ||
       status == cudaErrorUnsupportedPtxVersion) {
     throw DeviceError("device.architecture", "cuda", "this program was not built for the architecture of this GPU",
-                      "Build with its number in ACCESSVDB_CUDA_ARCHITECTURES, or use --device cpu");
+                      "Build with its number in ACCESSVDB_CUDA_ARCHITECTURES, or use BackendKind::Cpu");
   }
   checkCuda(status, "cudaFuncGetAttributes");
 }

@@ -21,7 +21,7 @@ namespace accessvdb::kernels {
 inline void requireNeighbours(const MovedCounters& counters) {
   if (counters.failed == 0) return;
   throw InternalError("update.neighbours", "cuda", "more points at the same distance than the search has room for",
-                      "Please report this, and use --device cpu");
+                      "Please report this, and use BackendKind::Cpu");
 }
 
 class DeviceCounters {

@@ -49,7 +49,8 @@ bool isClosed(const std::vector<Triangle>& triangles) {
 
 Region Region::box(const Eigen::Vector3d& min_W, const Eigen::Vector3d& max_W) {
   if (!min_W.allFinite() || !max_W.allFinite() || !(min_W.array() <= max_W.array()).all()) {
-    throw InvalidArgument("region.box", "", "the corners of a box must be finite, none of the first above the second",
+    throw InvalidArgument("region.box", "Region::box",
+                          "the corners of a box must be finite, none of the first above the second",
                           "Give XMIN,YMIN,ZMIN,XMAX,YMAX,ZMAX in the world frame, in metres");
   }
   Region region(Kind::Box);

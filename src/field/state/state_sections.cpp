@@ -83,7 +83,7 @@ SectionReader::SectionReader(std::filesystem::path file)
   if (file_left_ >= magic.size()) readRaw(magic.data(), magic.size());
   if (std::string_view(magic.data(), magic.size()) != kStateMagic) {
     throw InputError("state.format", io::forMessage(file_.native()), "is not a saved state of AccessVDB",
-                     "Name a file that saveState() or map --checkpoint wrote");
+                     "Name a file that saveState() wrote");
   }
 }
 

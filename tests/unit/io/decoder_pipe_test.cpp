@@ -115,7 +115,7 @@ TEST(DecoderPipe, NamesWhatTheCommandDidWrong) {
           [&] { (void)readCloud(path, ScanKind::Laz, {.allow_truncated = allow_truncated, .laz_command = command}); },
           ErrorCode::Input, id, words);
   };
-  refuse("echo no licence >&2; exit 3", "input.decoder", {"a.laz", "exit code 3", "no licence", "--laz-command"});
+  refuse("echo no licence >&2; exit 3", "input.decoder", {"a.laz", "exit code 3", "no licence", "laz_command"});
   refuse("cat \"$1\"; exit 1", "input.decoder", {"exit code 1"});
   refuse("head -c 250 \"$1\"; exit 9", "input.decoder", {"exit code 9"});
   refuse("head -c 250 \"$1\"; kill -9 $$", "input.decoder", {"signal 9"});
@@ -209,7 +209,7 @@ TEST(DecoderPipe, FindsTheUsualDecodersButNoneAmongTheScans) {
   for (const std::string& relative : {std::string(), std::string(":"), std::string("."), std::string("./:../scans:")}) {
     const Path current(relative);
     EXPECT_EQ(findLazDecoder(), "");
-    expectError([&] { (void)open(); }, ErrorCode::Input, "input.unsupported", {"a.laz", "laszip", "--laz-command"});
+    expectError([&] { (void)open(); }, ErrorCode::Input, "input.unsupported", {"a.laz", "laszip", "laz_command"});
     expectError(
         [&] {
           (void)ScanSequence::open(

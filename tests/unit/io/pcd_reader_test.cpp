@@ -60,7 +60,7 @@ TEST(PcdReader, BelievesPointsWhereWidthAndHeightAreZero) {
         (void)readPcd(folder.write("b.pcd", text + floats({1, 2, 3, 4, 5})), {});
       },
       ErrorCode::Input, "input.truncated",
-      {"b.pcd", "2 points (24 bytes)", "20 bytes", "1 complete", "--allow-truncated"});
+      {"b.pcd", "2 points (24 bytes)", "20 bytes", "1 complete", "allow_truncated"});
 }
 
 TEST(PcdReader, PassesBadValuesOnAndAcceptsAnEmptyCloud) {

@@ -97,7 +97,7 @@ TEST(PlyReader, FollowsTheRayCloudConvention) {
       [&] {
         (void)readPly(folder.write("b.ply", header("ascii", "1") + "1 2 3\n"), {false, true});
       },
-      ErrorCode::Input, "input.no_rays", {"nx ny nz", "--sensor-at"});
+      ErrorCode::Input, "input.no_rays", {"nx ny nz", "sensor_at_W"});
 }
 
 TEST(PlyReader, RefusesWhatIsNoPly) {

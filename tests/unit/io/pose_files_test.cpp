@@ -104,7 +104,7 @@ TEST(PoseFiles, RefusesBadPosesNamingTheLine) {
   refuse(tum({good, "2 0 0 0 0 0 0 0"}), ErrorCode::Unusable, "poses.bad_quaternion", {"line 2"});
   refuse(tum({good, "2 0 0 0 0 0 0 1.011"}), ErrorCode::Unusable, "poses.bad_quaternion", {"line 2"});
   refuse(tum({good, "1 0.1 0 0 0 0 0 1"}), ErrorCode::Unusable, "poses.duplicate", {"lines 1 and 2"});
-  refuse(tum({"2 0 0 0 0 0 0 1", good}), ErrorCode::Unusable, "poses.reversed", {"line 2", "--sort-poses"});
+  refuse(tum({"2 0 0 0 0 0 0 1", good}), ErrorCode::Unusable, "poses.reversed", {"line 2", "sort_poses"});
   refuse("1 0 0 0 0 1 0 0 0 0 -1 0\n", ErrorCode::Unusable, "poses.bad_rotation", {"line 1", "determinant -1"});
   refuse("1 0 0 0 0 1 0 0 0 0 1.006 0\n", ErrorCode::Unusable, "poses.bad_rotation");
   refuse("1,0,0,0\n0,1,0,0\n0,0,1,0\n0,0.1,0,5\n", ErrorCode::Input, "input.malformed", {"line 4"});

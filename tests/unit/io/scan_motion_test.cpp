@@ -178,7 +178,7 @@ TEST_F(MovingFiles, OfEveryFieldAndUnitGiveTheWall) {
   std::filesystem::remove_all(folder_ / "scans");
   writePly();
   expectRemoved(open());
-  expectAsToday(open(Deskew::Off), "--deskew off");
+  expectAsToday(open(Deskew::Off), "Deskew::Off");
 }
 
 /// As odometry at the rate of the scans has them: the motion between is a straight line and an even turn.
@@ -194,7 +194,7 @@ TEST_F(MovingFiles, WithoutTimesOrPosesAreUsedAsTheyAre) {
   writePoses(0.005);
   writePcd("intensity", 1);
   expectAsToday(open(), "its points have no times");
-  expectError([&] { (void)open(Deskew::On); }, ErrorCode::Unusable, "deskew.no_times", {"--deskew on", "no times"});
+  expectError([&] { (void)open(Deskew::On); }, ErrorCode::Unusable, "deskew.no_times", {"Deskew::On", "no times"});
   (void)folder_.write("poses.txt", scanner_.poses(0.1 * kScans, 0.3));
   writePcd("t", 1e-9);
   ScanSequence sparse = open();

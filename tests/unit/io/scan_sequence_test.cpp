@@ -103,7 +103,7 @@ TEST(ScanSequence, TakesPosesFromViewpoints) {
   (void)folder.write("i/a.pcd", pcd("1 0 0"));
   (void)folder.write("i/b.pcd", pcd("1 0 0", "0 0 0 1 0 0 0"));
   expectError([&] { (void)ScanSequence::open({.scans = folder.path() / "i"}); }, ErrorCode::Unusable, "poses.none",
-              {"--poses"});
+              {"ScanInputOptions::poses"});
   EXPECT_EQ(ScanSequence::open({.scans = folder.path() / "i", .pose_format = PoseFormat::Viewpoint}).size(), 2U);
   EXPECT_EQ(ScanSequence::open({.scans = folder.path() / "i/a.pcd"}).size(), 1U);
   (void)folder.write("z/a.pcd", pcd("1 0 0", "0 0 0 0 0 0 0"));
@@ -215,7 +215,7 @@ TEST(ScanSequence, RefusesInputsWithoutScansOrPoses) {
   refuse(folder.path() / "none", ErrorCode::Input, "input.missing");
   refuse(folder.path(), ErrorCode::Input, "input.no_scans");
   refuse(folder.write("a.txt", "1 2 3"), ErrorCode::Input, "input.unsupported", {".pcd"});
-  refuse(folder.write("b.xyz", "1 2 3\n"), ErrorCode::Unusable, "poses.none", {"--sensor-at"});
+  refuse(folder.write("b.xyz", "1 2 3\n"), ErrorCode::Unusable, "poses.none", {"sensor_at_W"});
   refuse(folder.write("p/0.ply", "x"), ErrorCode::Input, "input.malformed");
   (void)folder.write("p/1.ply", "x");
   refuse(folder.path() / "p", ErrorCode::Unusable, "poses.none");
@@ -293,7 +293,7 @@ TEST(ScanSequence, RealKittiScansWithCalibration) {
   for (std::size_t i = 0; i < 6; ++i) EXPECT_EQ(scans.read(i).points_S.size(), kPoints[i]);
   EXPECT_NEAR(scans.read(5).T_W_S.translation()[0], 5 * 0.86, 0.1);  // README: 0.86 m per frame along +x
   const ScanSequence without = ScanSequence::open({.scans = folder, .poses = folder / "poses.txt"});
-  EXPECT_TRUE(anyContains(without.notices(), "--calib"));
+  EXPECT_TRUE(anyContains(without.notices(), "ScanInputOptions::calib"));
 }
 
 TEST(ScanSequence, RealCloudsWithOneSensor) {

@@ -92,7 +92,7 @@ TEST(Trajectory, RefusesWhatIsNotATrajectory) {
   refuse("time,lat,lon,height\n1,49,8,100\n", ErrorCode::Unusable, "trajectory.geographic", {"projection"});
   refuse("1 2 nan 4\n", ErrorCode::Unusable, "trajectory.non_finite", {"line 1"});
   refuse("inf 2 3 4\n", ErrorCode::Unusable, "trajectory.non_finite", {"line 1"});
-  refuse("1 2 3 4\n3 2 3 4\n2 2 3 4\n", ErrorCode::Unusable, "trajectory.reversed", {"line 3", "--sort-poses"});
+  refuse("1 2 3 4\n3 2 3 4\n2 2 3 4\n", ErrorCode::Unusable, "trajectory.reversed", {"line 3", "sort_poses"});
   refuse("1 2 3 4\n1 2 3 5\n", ErrorCode::Unusable, "trajectory.duplicate", {"lines 1 and 2"});
   expectError([&] { (void)Trajectory::read(folder / "none.txt", false); }, ErrorCode::Input, "input.missing");
 
@@ -199,7 +199,7 @@ TEST_P(TrajectoryClock, NamesTheOffsetAndItWorks) {
   const auto path = folder.write("t.txt", trajectoryText(clock.trajectory_begin_s, 81));  // 10 s
   const auto cloud = folder.write("c.las", test::timedLas(pointsFrom(clock.cloud_begin_s, 300)));
   expectError([&] { (void)ScanSequence::open({.scans = cloud, .trajectory = path}); }, ErrorCode::Unusable,
-              "trajectory.coverage", {"--time-offset " + std::string(clock.offset) + ","});
+              "trajectory.coverage", {"time_offset_s " + std::string(clock.offset) + ","});
   ScanSequence scans =
       ScanSequence::open({.scans = cloud, .trajectory = path, .time_offset_s = std::stod(clock.offset)});
   // 1e-6 s, the rounding of 1.7e9 s in doubles, at 2.3 m/s.
@@ -228,8 +228,8 @@ TEST(Trajectory, GuessesNoOffsetForAnotherRecording) {
     } catch (const UnusableInput& error) {
       EXPECT_EQ(error.id(), "trajectory.coverage");
       EXPECT_NE(std::string(error.what()).find("0.0 %"), std::string::npos) << error.what();
-      EXPECT_EQ(std::string(error.what()).find("--time-offset -"), std::string::npos) << error.what();
-      EXPECT_EQ(std::string(error.what()).find("--time-offset 6"), std::string::npos) << error.what();
+      EXPECT_EQ(std::string(error.what()).find("time_offset_s -"), std::string::npos) << error.what();
+      EXPECT_EQ(std::string(error.what()).find("time_offset_s 6"), std::string::npos) << error.what();
     }
   }
 }
@@ -279,7 +279,7 @@ TEST(Trajectory, NeedsTimesOfSufficientPrecision) {
     expectError([&] { (void)ScanSequence::open({.scans = cloud, .trajectory = path, .time_offset_s = bad}); },
                 ErrorCode::Usage, "usage.time_offset");
   expectError([&] { (void)ScanSequence::open({.scans = cloud, .time_offset_s = 1}); }, ErrorCode::Usage,
-              "usage.time_offset", {"--trajectory"});
+              "usage.time_offset", {"ScanInputOptions::trajectory"});
 }
 
 }  // namespace

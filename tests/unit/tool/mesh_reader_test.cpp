@@ -262,11 +262,11 @@ TEST_F(MeshReader, MirroredNodeStillFacesOutwards) {
 
 TEST_F(MeshReader, RefusesPosesAndUnitsThatMakeNoSense) {
   const fs::path path = write("a.stl", stl(sample(), 1));
-  expectRefused<InvalidArgument>(path, "tool.unit", "--tool-unit", {});
+  expectRefused<InvalidArgument>(path, "tool.unit", "LengthUnit", {});
   expectRefused<InvalidArgument>(path, "tool.unit", "0.4809", {});  // the extents as a hint
   expectRefused<InvalidArgument>(path, "tool.pose", "zero", LengthUnit::Metre, {{}, {0, 0, 0}, {0, 0, 1}});
   expectRefused<InvalidArgument>(path, "tool.pose", "finite", LengthUnit::Metre, {{}, {std::nan(""), 0, 1}, {0, 0, 1}});
-  expectRefused<UnusableInput>(write("large.stl", stl(sample(), 1000)), "tool.size", "--tool-unit");
+  expectRefused<UnusableInput>(write("large.stl", stl(sample(), 1000)), "tool.size", "LengthUnit");
   expectRefused<UnusableInput>(path, "tool.size", "m large", LengthUnit::Millimetre);
 }
 

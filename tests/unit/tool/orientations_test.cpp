@@ -231,7 +231,7 @@ TEST(Orientations, SayWhatWouldFit) {
   const std::string fitting = with_yaw.substr(4, with_yaw.find(' ', 4) - 4);
   EXPECT_EQ(adviceOf(fitting, 180), "fits") << fitting;
   EXPECT_EQ(adviceOf("pitch:-30:30:10", 180), "fits");
-  EXPECT_EQ(adviceOf("pitch:-90:90:5", 180), "Use 108 yaw directions (--directions 108) or a STEP of 8.58 degrees");
+  EXPECT_EQ(adviceOf("pitch:-90:90:5", 180), "Use 108 yaw directions (num_directions 108) or a STEP of 8.58 degrees");
   EXPECT_EQ(adviceOf("pitch:-90:90:5", 108), "fits");
   EXPECT_EQ(adviceOf("pitch:-90:90:8.58", 180), "fits");
   EXPECT_EQ(adviceOf("pitch:-90:90:0.01", 4), "Use a STEP of 0.18 degrees");

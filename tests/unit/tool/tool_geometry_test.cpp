@@ -184,10 +184,11 @@ TEST(ToolGeometry, ADefaultTipOffTheMeshIsWarnedOfWithTheLikelyOne) {
   const auto bar = writeBar(folder);
   const ToolGeometry tool = ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, {});
   EXPECT_TRUE(
-      hasNote(tool, "warning: the mesh's origin, which is the tip unless --tool-tip is set, is 0.04031 m away"));
-  EXPECT_TRUE(hasNote(tool,
-                      "the other may be the mount: --tool-tip=20,40,0 --tool-axis=1,0,0, or --tool-tip=320,40,0 "
-                      "--tool-axis=-1,0,0; or check --tool-unit"));
+      hasNote(tool, "warning: the mesh's origin, which is the tip unless ToolPose::tip is set, is 0.04031 m away"));
+  EXPECT_TRUE(
+      hasNote(tool,
+              "the other may be the mount: ToolPose::tip=20,40,0 ToolPose::axis=1,0,0, or ToolPose::tip=320,40,0 "
+              "ToolPose::axis=-1,0,0; or check LengthUnit"));
   // A tip that somebody chose may be a little off: 35 mm of 300 is not, 25 mm is.
   const auto chosen = [&](double y) {
     return ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, {.tip = Eigen::Vector3d(20, y, 0)});
@@ -203,7 +204,8 @@ TEST(ToolGeometry, AnAxisThatRunsTheWrongWayIsWarnedOfWithTheLikelyOne) {
   ToolPose pose = {.tip = Eigen::Vector3d(320, 40, 0)};
   const ToolGeometry tool = ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, pose);
   EXPECT_TRUE(hasNote(tool, "warning: the tool's centroid is 0.15 m on the far side of the tip"));
-  EXPECT_TRUE(hasNote(tool, "--tool-tip=20,40,0 --tool-axis=1,0,0, or --tool-tip=320,40,0 --tool-axis=-1,0,0"));
+  EXPECT_TRUE(
+      hasNote(tool, "ToolPose::tip=20,40,0 ToolPose::axis=1,0,0, or ToolPose::tip=320,40,0 ToolPose::axis=-1,0,0"));
   pose.axis = -pose.axis;  // what was suggested
   EXPECT_FALSE(hasNote(ToolGeometry::fromMesh(bar, LengthUnit::Millimetre, pose), "warning"));
 }

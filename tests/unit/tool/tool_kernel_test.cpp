@@ -280,7 +280,7 @@ TEST(ToolKernel, RefusesTablesOfMoreThanFourGibibytes) {
     EXPECT_EQ(error.id(), "tool.columns");
     EXPECT_NE(error.problem().find("at a voxel size of 0.0008 m"), std::string::npos) << error.what();
     EXPECT_NE(error.problem().find("take 4.3 GiB; at most 4 GiB"), std::string::npos) << error.what();
-    EXPECT_NE(error.advice().find("Use --voxel 0.0009 or larger"), std::string::npos) << error.what();
+    EXPECT_NE(error.advice().find("Use voxel_size_m 0.0009 or larger"), std::string::npos) << error.what();
   }
   // The advised size fits: its first direction shows the total.
   const ToolKernel few = ToolKernel::make(pruner, paramsFor(0.0009, 3, 4));

@@ -354,7 +354,7 @@ TEST(ToolKernel, SaysThatFewerRollsWouldFit) {
     EXPECT_EQ(error.id(), "tool.columns");
     const std::string text = error.what();
     EXPECT_NE(text.find("STEP"), std::string::npos) << text;
-    EXPECT_NE(text.find("--rolls"), std::string::npos) << text;
+    EXPECT_NE(text.find("ApproachParams::rolls"), std::string::npos) << text;
   }
 }
 
