@@ -52,7 +52,7 @@ int nearestByYaw(const ApproachView& approach, const float* normal) {
   return nearest;
 }
 
-/// Tests directions with the bits around a point's group. @tparam Inputs  ScoreRequest or DueUpdate
+/// Tests directions with the bits around a point. @tparam Inputs  ScoreRequest or DueUpdate
 template <class Inputs>
 struct WindowTests {
   MapWindow& window;  ///< stands at the point
@@ -93,30 +93,30 @@ Coord voxelOfPoint(const Inputs& inputs, std::uint32_t id) {
   return voxelOf(p[0], p[1], p[2], inputs.map.inverse_voxel_size);
 }
 
-/// Items [begin, end) with the place of their group.
+/// Items [begin, end) with the place of their window.
 struct PlacedItems {
-  std::uint64_t group;
+  std::uint64_t window;
   std::uint32_t begin, end;
 
   [[nodiscard]] bool operator<(const PlacedItems& other) const {
-    return group != other.group ? group < other.group : begin < other.begin;
+    return window != other.window ? window < other.window : begin < other.begin;
   }
 };
 
 template <class Inputs>
-std::uint64_t groupOf(const Inputs& inputs, const WindowBox& shape, std::uint32_t id) {
+std::uint64_t windowOf(const Inputs& inputs, const WindowBox& shape, std::uint32_t id) {
   const Coord ijk = voxelOfPoint(inputs, id);
   const int xy = 3 + shape.xy_log2, z = 3 + shape.z_log2;
   return placeKey(ijk[0] >> xy, ijk[1] >> xy, ijk[2] >> z);
 }
 
-/// Calls visit(n, tests) for items of one group after those of another.
+/// Calls visit(n, tests) for items of one window after those of another.
 template <class Inputs, class Item, class Visit>
-void visitGroups(const Inputs& inputs, const Item* items, const PlacedItems* begin, const PlacedItems* end,
-                 MapWindow& window, const Visit& visit) {
+void visitByWindow(const Inputs& inputs, const Item* items, const PlacedItems* begin, const PlacedItems* end,
+                   MapWindow& window, const Visit& visit) {
   const OccupancyReader map(inputs.map);
   for (const PlacedItems* placed = begin; placed != end; ++placed) {
-    if (placed == begin || placed->group != placed[-1].group) {
+    if (placed == begin || placed->window != placed[-1].window) {
       const Coord first = voxelOfPoint(inputs, items[placed->begin].id);
       window.moveTo(map, Coord(first[0] >> 3, first[1] >> 3, first[2] >> 3));
     }
@@ -147,19 +147,19 @@ void forEachItem(const ScoreRequest& request, const Visit& visit) {
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, request.count, 1024), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       const auto index = static_cast<std::uint32_t>(n);
-      placed[n] = {groupOf(request, (*tool).shape(), request.items[n].id), index, index + 1};
+      placed[n] = {windowOf(request, (*tool).shape(), request.items[n].id), index, index + 1};
     }
   });
   tbb::parallel_sort(placed);
   std::vector<std::size_t> begin;
   for (std::size_t n = 0; n < placed.size(); ++n) {
-    if (n == 0 || placed[n].group != placed[n - 1].group || n - begin.back() >= kItemsPerWindow) begin.push_back(n);
+    if (n == 0 || placed[n].window != placed[n - 1].window || n - begin.back() >= kItemsPerWindow) begin.push_back(n);
   }
   begin.push_back(placed.size());
   tbb::enumerable_thread_specific<MapWindow> windows([&] { return MapWindow(*tool); });
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, begin.size() - 1), [&](const auto& range) {
-    visitGroups(request, request.items, placed.data() + begin[range.begin()], placed.data() + begin[range.end()],
-                windows.local(), visit);
+    visitByWindow(request, request.items, placed.data() + begin[range.begin()], placed.data() + begin[range.end()],
+                  windows.local(), visit);
   });
 }
 
@@ -192,12 +192,12 @@ class CpuDueEvaluator final : public DueEvaluator {
     constexpr std::uint32_t kAhead = 8;
     for (std::uint32_t n = 0; n < count; ++n) {
       if (n + kAhead < count) prefetchPosition(tasks[n + kAhead].id);
-      const std::uint64_t group = groupOf(update_, (*tool_).shape(), tasks[n].id);
-      if (placed.empty() || placed.back().group != group) placed.push_back({group, n, n});
+      const std::uint64_t window = windowOf(update_, (*tool_).shape(), tasks[n].id);
+      if (placed.empty() || placed.back().window != window) placed.push_back({window, n, n});
       placed.back().end = n + 1;
     }
     std::sort(placed.begin(), placed.end());
-    visitGroups(update_, tasks, placed.data(), placed.data() + placed.size(), scratch.window, visit);
+    visitByWindow(update_, tasks, placed.data(), placed.data() + placed.size(), scratch.window, visit);
   }
 
  private:

@@ -41,9 +41,9 @@ void MapWindow::standAt(const float* position_L, const Coord& point_ijk, float i
   column_ = static_cast<std::size_t>(x) * shape_.stride() + static_cast<std::size_t>(y);
   leaf_column_ = (x >> 3) * shape_.size[1] + (y >> 3);
   const std::int32_t last = (1 << shape_.xy_log2) - 1;
-  const auto in_group = static_cast<std::size_t>((((x >> 3) + shape_.low[0]) & last) << shape_.xy_log2 |
-                                                 (((y >> 3) + shape_.low[1]) & last));
-  own_ready_ = ready_.data() + in_group * ready_words_;
+  const auto in_window = static_cast<std::size_t>((((x >> 3) + shape_.low[0]) & last) << shape_.xy_log2 |
+                                                  (((y >> 3) + shape_.low[1]) & last));
+  own_ready_ = ready_.data() + in_window * ready_words_;
   const WindowedTool::LeafBox& box = tool_.corridorLeaves();
   samples_.words = bits_[kArmFree].data() + static_cast<std::size_t>(height_ >> 6) * shape_.columnsOfVoxels() +
                    static_cast<std::size_t>(box.low_x) * 8 * shape_.stride() + static_cast<std::size_t>(box.low_y) * 8;

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The two facts of the voxels around a group of points, as columns of 64-bit words: bit z of word (x, y). The points
-/// of the group share it, so the map's tree is walked once per leaf instead of once per row of voxels and direction.
+/// The two facts of the voxels around adjacent points, as columns of 64-bit words: bit z of word (x, y). The points
+/// share it, so the map's tree is walked once per leaf instead of once per row of voxels and direction.
 /// Leaves are copied when they are first needed.
 #pragma once
 
@@ -19,10 +19,10 @@ class MapWindow {
   /// @param tool  must outlive this
   explicit MapWindow(const WindowedTool& tool, const WindowKernels& kernels = windowKernels());
 
-  /// Moves to another group or another state of the map, of which nothing is copied yet.
-  /// @param map  must outlive the window's use  @param leaf  any leaf of the group, voxel index >> 3
+  /// Moves to other points or another state of the map, of which nothing is copied yet.
+  /// @param map  must outlive the window's use  @param leaf  any of their leaves, voxel index >> 3
   void moveTo(const OccupancyReader& map, const Coord& leaf);
-  /// All later calls are about this point, which lies in the group. Call it again after moveTo().
+  /// All later calls are about this point, which is one of them. Call it again after moveTo().
   /// @param position_L  must stay valid until the next call  @param point_ijk  its voxel
   void standAt(const float* position_L, const Coord& point_ijk, float inverse_voxel_size);
 
@@ -56,8 +56,8 @@ class MapWindow {
   std::int32_t low_[3] = {0, 0, 0};     ///< lowest voxel
   std::vector<std::uint64_t> bits_[2];  ///< by fact: [words][x][y]
   std::vector<std::uint8_t> filled_;    ///< [x][y] of leaves: bit per fact
-  std::size_t ready_words_ = 0;         ///< per leaf of a group
-  std::vector<std::uint64_t> ready_;    ///< [x][y of the leaf in its group] parts whose leaves are filled
+  std::size_t ready_words_ = 0;         ///< per inner leaf
+  std::vector<std::uint64_t> ready_;    ///< [x][y of the inner leaf] parts whose leaves are filled
   // Of the current point.
   const float* position_L_ = nullptr;
   std::int32_t height_ = 0;             ///< voxels above the window's lowest

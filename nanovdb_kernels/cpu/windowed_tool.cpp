@@ -13,7 +13,7 @@
 namespace accessvdb::kernels {
 namespace {
 
-/// Points of a group share a window: 2 x 2 columns of leaves, and all that their searches read around them.
+/// Points of inner leaves share a window: 2 x 2 columns of leaves, and all that their searches read around them.
 constexpr int kGroupXyLog2 = 1, kMostGroupZLog2 = 3;
 /// Rounding of float32 positions far from the origin, in voxels. A sample that falls outside the box all the same is
 /// read from the map itself.
@@ -146,7 +146,7 @@ void WindowedTool::chooseShape(const ToolKernelView& tool, const ApproachView& a
   for (std::ptrdiff_t n = 0; n < std::ptrdiff_t{directions} * approach.num_arm; ++n) {
     box.add(approach.arm_offsets + 3 * n, inverse_voxel_size);
   }
-  // A point may lie anywhere in its leaf, and its leaf anywhere in the group.
+  // A point may lie anywhere in its leaf, and its leaf anywhere among the inner ones.
   const auto fit = [&](std::size_t axis, int log2) {
     shape_.low[axis] = box.low[axis] >> 3;
     shape_.size[axis] = ((box.high[axis] + 7) >> 3) - shape_.low[axis] + (1 << log2);
@@ -173,7 +173,7 @@ void WindowedTool::makeCorridors(const ApproachView& approach, float inverse_vox
     box.add(approach.arm_offsets + 3 * n, inverse_voxel_size);
   }
   if (box.empty()) return;
-  // From anywhere in the group, in leaves of the window.
+  // From any inner leaf, in leaves of the window.
   const auto first = [&](std::size_t axis) { return (box.low[axis] >> 3) - shape_.low[axis]; };
   const auto last = [&](std::size_t axis) {
     return ((box.high[axis] + 7) >> 3) - shape_.low[axis] + (1 << shape_.xy_log2) - 1;

@@ -15,10 +15,10 @@
 
 namespace accessvdb::kernels {
 
-/// What the points of a group of leaves may read: a box of leaves around it. The same for all groups.
+/// What the points of some inner leaves may read: a box of leaves around these. The same everywhere.
 struct WindowBox {
-  int xy_log2 = 0, z_log2 = 0;                   ///< edges of a group, in leaves
-  std::array<std::int32_t, 3> low = {};          ///< of the box, in leaves from the first leaf of the group
+  int xy_log2 = 0, z_log2 = 0;                   ///< edges of the inner leaves
+  std::array<std::int32_t, 3> low = {};          ///< of the box, in leaves from the first inner leaf
   std::array<std::int32_t, 3> size = {1, 1, 1};  ///< in leaves
   /// Words per column of voxels; a window holds one more, which stays 0.
   [[nodiscard]] std::int32_t words() const { return (size[2] + 7) / 8; }

@@ -8,7 +8,7 @@
 #include <span>
 
 #include "hostdev/freed_corridors.h"
-#include "launch/point_news.h"
+#include "launch/point_delta.h"
 
 namespace accessvdb::kernels {
 
@@ -78,7 +78,7 @@ class ExactUpdater : public PointAdmission {
   /// working on it.
   virtual void choose(const ScoringInput& input) = 0;
   /// Brings neighbourhoods, labels, directions and scores up to date with the map and the admitted points.
-  virtual UpdateOutcome update(const ScoringInput& input, const ConfidenceNews& news) = 0;
+  virtual UpdateOutcome update(const ScoringInput& input, const ConfidenceDelta& confidence) = 0;
 };
 
 }  // namespace accessvdb::kernels

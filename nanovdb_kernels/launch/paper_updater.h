@@ -8,7 +8,7 @@
 #include <span>
 
 #include "hostdev/paper_rule.h"
-#include "launch/point_news.h"
+#include "launch/point_delta.h"
 
 namespace accessvdb::kernels {
 
@@ -29,7 +29,7 @@ struct TriggeredPoints {
 /// An update is any number of admit(), then update(). Neighbours are those at the time a point is evaluated.
 class PaperUpdater : public PointAdmission {
  public:
-  virtual UpdateOutcome update(const ScoringInput& input, const ConfidenceNews& news,
+  virtual UpdateOutcome update(const ScoringInput& input, const ConfidenceDelta& confidence,
                                const TriggeredPoints& triggered) = 0;
 };
 

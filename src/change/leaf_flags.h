@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "accessvdb/leaf_change.h"
-#include "points/cell_map.h"
+#include "points/place_map.h"
 #include "points/surface_index.h"
 #include "tsdf/leaf_bits.h"
 
@@ -18,43 +18,44 @@ class LeafFlags {
  public:
   /// @param leaf  voxel index >> 3
   void add(const Index3& leaf) {
-    const auto [number, is_new] = cell_of_.insert(parentOf(leaf), static_cast<std::uint32_t>(cells_.size()));
+    const auto [number, is_new] =
+        leaf_group_of_.insert(parentOf(leaf), static_cast<std::uint32_t>(leaf_groups_.size()));
     if (is_new) {
-      cells_.emplace_back();
+      leaf_groups_.emplace_back();
       places_.push_back(parentOf(leaf));
     }
     const std::size_t bit = bitInParent(leaf);
-    cells_[number][bit >> 6] |= std::uint64_t{1} << (bit & 63);
+    leaf_groups_[number][bit >> 6] |= std::uint64_t{1} << (bit & 63);
   }
   void clear() {
-    if (cells_.empty()) return;
-    cells_.clear();
+    if (leaf_groups_.empty()) return;
+    leaf_groups_.clear();
     places_.clear();
-    cell_of_ = CellMap();
+    leaf_group_of_ = PlaceMap();
   }
-  [[nodiscard]] bool empty() const { return cells_.empty(); }
+  [[nodiscard]] bool empty() const { return leaf_groups_.empty(); }
 
   /// @param visit  (leaf)
   template <typename Visit>
   void forEach(const Visit& visit) const {
-    for (std::size_t number = 0; number < cells_.size(); ++number) {
-      forEachBit(cells_[number], [&](std::size_t bit) { visit(childOf(places_[number], bit)); });
+    for (std::size_t number = 0; number < leaf_groups_.size(); ++number) {
+      forEachBit(leaf_groups_[number], [&](std::size_t bit) { visit(childOf(places_[number], bit)); });
     }
   }
 
-  /// The leaves of a cell, one bit each; nullptr if there is none. @param cell  leaf >> 3
-  [[nodiscard]] const LeafBits* in(const Index3& cell) const {
-    const std::uint32_t number = cell_of_.find(cell);
-    return number == CellMap::kNoCell ? nullptr : &cells_[number];
+  /// The leaves of a leaf group, one bit each; nullptr if there is none. @param leaf_group  leaf >> 3
+  [[nodiscard]] const LeafBits* in(const Index3& leaf_group) const {
+    const std::uint32_t number = leaf_group_of_.find(leaf_group);
+    return number == PlaceMap::kAbsent ? nullptr : &leaf_groups_[number];
   }
   [[nodiscard]] std::uint64_t bytes() const {
-    return cells_.capacity() * sizeof(LeafBits) + places_.capacity() * sizeof(Index3) + cell_of_.bytes();
+    return leaf_groups_.capacity() * sizeof(LeafBits) + places_.capacity() * sizeof(Index3) + leaf_group_of_.bytes();
   }
 
  private:
-  CellMap cell_of_;
-  std::vector<LeafBits> cells_;
-  std::vector<Index3> places_;  ///< of the cells
+  PlaceMap leaf_group_of_;
+  std::vector<LeafBits> leaf_groups_;
+  std::vector<Index3> places_;  ///< of the leaf groups
 };
 
 }  // namespace accessvdb::internal

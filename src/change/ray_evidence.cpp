@@ -97,20 +97,21 @@ class Walk {
     for (const std::int32_t x : points_.voxelOf(p_L)) hash = mixed(hash, x);
     ray.sampled = (hash >> 40) % kOneIn == 0;
     if (!ray.sampled && places_.suspect.empty() && places_.opening.empty()) return;
-    forEachBox(ray.line, kWalkEdge, 0, end,
-               [&](const Index3& cell, double begin, double stop) { crossCell(ray, cell, begin, stop, end); });
+    forEachBox(ray.line, kWalkEdge, 0, end, [&](const Index3& leaf_group, double begin, double stop) {
+      crossLeafGroup(ray, leaf_group, begin, stop, end);
+    });
   }
 
   std::vector<Pass> passes;
   std::vector<OpenedLeaf> opened;
 
  private:
-  void crossCell(const Ray& ray, const Index3& cell, double begin, double stop, double end) {
+  void crossLeafGroup(const Ray& ray, const Index3& leaf_group, double begin, double stop, double end) {
     const SurfaceIndex& index = points_.index();
-    const LeafBits* suspect = places_.suspect.empty() ? nullptr : places_.suspect.in(cell);
-    const LeafBits* opening = places_.opening.empty() ? nullptr : places_.opening.in(cell);
+    const LeafBits* suspect = places_.suspect.empty() ? nullptr : places_.suspect.in(leaf_group);
+    const LeafBits* opening = places_.opening.empty() ? nullptr : places_.opening.in(leaf_group);
     if (!ray.sampled && suspect == nullptr && opening == nullptr) return;
-    const std::uint32_t number = index.cellAt(cell);
+    const std::uint32_t number = index.leafGroupAt(leaf_group);
     if (number == kNone && opening == nullptr) return;
     const LeafBits* with_points = number == kNone ? nullptr : &index.leavesIn(number);
     forEachBox(ray.line, kLeafEdge, begin, stop, [&](const Index3& leaf, double from, double to) {
@@ -236,7 +237,7 @@ class Walk {
 
 bool OpenCells::mayOpen(const Index3& cell) {
   const std::uint32_t known = known_.find(cell);
-  if (known != CellMap::kNoCell) return known == 1;
+  if (known != PlaceMap::kAbsent) return known == 1;
   const bool may = find(cell);
   known_.insert(cell, may ? 1 : 0);
   return may;

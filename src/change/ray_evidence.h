@@ -73,7 +73,7 @@ class OpenCells {
   const PointStore& points_;
   const WalkShape& shape_;
   WalkPlaces places_;
-  CellMap known_;  ///< 0: no, 1: yes
+  PlaceMap known_;  ///< 0: no, 1: yes
 };
 
 }  // namespace accessvdb::internal

@@ -227,7 +227,7 @@ struct Participant::Impl {
     return made;
   }
 
-  void subscribe(Subscription& to, std::vector<std::string>& news) {
+  void subscribe(Subscription& to, std::vector<std::string>& notices) {
     if (to.reader != nullptr || stopped) return;
     const std::optional<Sender> sender = discovery.take(to.topic);
     if (!sender) return;
@@ -235,7 +235,7 @@ struct Participant::Impl {
     const std::optional<bags::MessageKind> kind = bags::kindOf(type);
     if (!kind || !to.isWanted(*kind)) {
       if (!std::exchange(to.said_type, true))
-        news.push_back(to.topic + " is of type " + type.substr(0, 100) + ", which is not read here");
+        notices.push_back(to.topic + " is of type " + type.substr(0, 100) + ", which is not read here");
       return;
     }
     fast::DataReaderQos qos;
@@ -256,8 +256,8 @@ struct Participant::Impl {
     to.setType(type);
     to.reader = subscriber->create_datareader(topic, qos, &to);
     if (to.reader == nullptr) fail("could not subscribe to " + to.topic);
-    news.push_back((to.of_clouds ? "clouds from " : "poses from ") + to.topic + " (" + type + ", " +
-                   (sender->reliable ? "reliable" : "best effort") + ")");
+    notices.push_back((to.of_clouds ? "clouds from " : "poses from ") + to.topic + " (" + type + ", " +
+                      (sender->reliable ? "reliable" : "best effort") + ")");
   }
 
   ParticipantOptions options;
@@ -277,10 +277,10 @@ Participant::Participant(const ParticipantOptions& options, Receivers receivers)
 Participant::~Participant() = default;
 
 std::vector<std::string> Participant::poll() {
-  std::vector<std::string> news;
-  impl_->subscribe(impl_->clouds, news);
-  impl_->subscribe(impl_->poses, news);
-  return news;
+  std::vector<std::string> notices;
+  impl_->subscribe(impl_->clouds, notices);
+  impl_->subscribe(impl_->poses, notices);
+  return notices;
 }
 
 void Participant::stopReceiving() {

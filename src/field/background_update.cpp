@@ -13,7 +13,7 @@ namespace accessvdb {
 struct internal::UpdateState {
   std::mutex mutex;
   std::condition_variable changed;
-  bool map_free = false, done = false;
+  bool map_released = false, done = false;
   UpdateStats stats;
   std::exception_ptr error;
 
@@ -110,7 +110,7 @@ void BackgroundUpdate::run(const Work& work, UpdateState& state) {
     stats = work([&state] {
       {
         const std::scoped_lock lock(state.mutex);
-        state.map_free = true;
+        state.map_released = true;
       }
       state.changed.notify_all();
     });
@@ -121,7 +121,7 @@ void BackgroundUpdate::run(const Work& work, UpdateState& state) {
     const std::scoped_lock lock(state.mutex);
     state.stats = stats;
     state.error = error;
-    state.map_free = state.done = true;
+    state.map_released = state.done = true;
   }
   state.changed.notify_all();
 }
@@ -129,7 +129,7 @@ void BackgroundUpdate::run(const Work& work, UpdateState& state) {
 void BackgroundUpdate::waitForMap() const {
   if (!running_) return;
   std::unique_lock lock(running_->mutex);
-  running_->changed.wait(lock, [this] { return running_->map_free; });
+  running_->changed.wait(lock, [this] { return running_->map_released; });
 }
 
 std::exception_ptr BackgroundUpdate::take() {

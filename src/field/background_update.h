@@ -19,9 +19,9 @@ namespace accessvdb::internal {
 
 class BackgroundUpdate {
  public:
-  using FreeMap = std::function<void()>;
+  using ReleaseMap = std::function<void()>;
   /// Calls its argument, from any thread, once it no longer reads the points and the map on the host; or never.
-  using Work = std::function<UpdateStats(const FreeMap& free_map)>;
+  using Work = std::function<UpdateStats(const ReleaseMap& release_map)>;
 
   BackgroundUpdate() = default;
   /// Waits for the update, if one is running.

@@ -19,7 +19,7 @@ PackedMap& prepared(TsdfVolume& volume, const FieldParams& params) {
   return map;
 }
 
-std::optional<VoxelColumnBox> returnsInWindow(const FieldParams& params, const WindowReach& reach) {
+std::optional<VoxelColumnBox> returnsInWindow(const FieldParams& params, const WindowMargins& reach) {
   if (!params.window) return std::nullopt;
   return returnsOf(*params.window, reach);
 }
@@ -43,13 +43,13 @@ FieldStages::FieldStages(std::vector<ToolSpec> specs, const FieldParams& resolve
       map_reads(makeMapReads(map, points, params.scoring.neighbourhood_weight, core())),
       gone_cells(params.change.mode == ChangeMode::Full ? std::make_unique<GoneCells>(map, points, params.tsdf)
                                                         : nullptr),
-      left_out_points(tools.reach(), params),
-      gate(params.tsdf, params.origin_W, returnsInWindow(params, tools.reach())),
+      left_out_points(tools.margins(), params),
+      gate(params.tsdf, params.origin_W, returnsInWindow(params, tools.margins())),
       left_out(map, points, gate, left_out_points),
       scheduler(tools.makeScheduler()),
       steps(views) {
-  static_assert(ScanIntegrator::kParts <= UpdateScheduler::kMostParts);
-  static_assert(FreeGenerations::kParts <= UpdateScheduler::kMostParts);
+  static_assert(ScanIntegrator::kLists <= UpdateScheduler::kMostLists);
+  static_assert(FreeGenerations::kLists <= UpdateScheduler::kMostLists);
   integrator.noteDistances(mirrors.mirrorsDistances() || scheduler->needs().distances);
   if (!scheduler->needs().changes) return;
   integrator.visitChanges([this](std::size_t part, const LeafChange& change) { scheduler->noteChange(part, change); });

@@ -51,7 +51,7 @@ double takeScan(FieldStages& field, const GatedScan& scan, double passed_s, Fram
   const TouchedPoints* touched = nullptr;
   const auto add_points = [&] {
     field.steps.waitForMap();
-    field.points.describeTouched(scheduler.needs().news);
+    field.points.describeTouched(scheduler.needs().deltas);
     placed = &field.left_out.placed(scan, stats);
     touched = &field.points.addReturns(placed->p_L, placed->q_L);
   };
@@ -69,7 +69,7 @@ double takeScan(FieldStages& field, const GatedScan& scan, double passed_s, Fram
   const auto open_and_fuse = [&] {
     changes.opened = openWhatHasGone(field, scan, touched->all);
     if (scheduler.needs().changes) {
-      scheduler.noteEachPart(changes.aged);
+      scheduler.noteEachList(changes.aged);
       for (const LeafChange& change : changes.opened) scheduler.noteChange(0, change);
     }
     changes.fused = field.integrator.integrate(scan.p_L, scan.q_L, {scan.R_W_S, field.gate.origin_W()});
@@ -94,11 +94,11 @@ void passTime(FieldStages& field, double passed_s, FrameStats& stats) {
   field.mirrors.takeAged(aged, stats);
 }
 
-UpdateStats update(FieldStages& field, const BackgroundUpdate::FreeMap& free_map) {
+UpdateStats update(FieldStages& field, const BackgroundUpdate::ReleaseMap& release_map) {
   field.gone_points.publish();
   field.left_out_points.publish(field.points, field.map.leftOut(), field.gone_points.published(),
                                 field.gate.origin_W());
-  field.scheduler->whenMapIsFree(free_map);
+  field.scheduler->whenMapIsReleased(release_map);
   const UpdateStats stats = field.scheduler->update(field.mirrors.grid());
   field.labels.backlog = stats.backlog;
   return stats;
@@ -139,9 +139,9 @@ UpdateStats updateLabels(FieldStages& field) {
 
 UpdateTicket updateLabelsAsync(FieldStages& field) {
   const double noting_ms = std::exchange(field.labels.noted_ms, 0.0);
-  UpdateTicket ticket = field.steps.startUpdate([&field, noting_ms](const BackgroundUpdate::FreeMap& free_map) {
+  UpdateTicket ticket = field.steps.startUpdate([&field, noting_ms](const BackgroundUpdate::ReleaseMap& release_map) {
     const kernels::Stopwatch all;
-    UpdateStats stats = field.background_arena.execute([&] { return update(field, free_map); });
+    UpdateStats stats = field.background_arena.execute([&] { return update(field, release_map); });
     stats.update_ms = all.milliseconds() - stats.score_ms + noting_ms;
     return stats;
   });

@@ -11,25 +11,25 @@
 namespace accessvdb::internal {
 namespace {
 
-/// No position of a return is farther from the world's origin, in cells: doubles have 2^53 steps.
-constexpr double kFarthestCell = 0x1p52;
+/// No position of a return is farther from the world's origin, in cubes: doubles have 2^53 steps.
+constexpr double kFarthestCube = 0x1p52;
 constexpr std::uint32_t kMostDoublings = 60;
 
 }  // namespace
 
-LeftOutPoints::LeftOutPoints(const WindowReach& reach, const FieldParams& resolved)
+LeftOutPoints::LeftOutPoints(const WindowMargins& reach, const FieldParams& resolved)
     : reach_(reach.neighbours), edge_m_(reach.influence() * resolved.tsdf.voxel_size_m) {
   if (resolved.change.mode == ChangeMode::Full) {
     // GoneCells: a shadow is opened up to tau and a voxel from a cell that has gone.
     const double shadow = std::ceil(resolved.tsdf.truncation_distance_m / resolved.tsdf.voxel_size_m) + 1;
-    reach_ = std::max(reach_, static_cast<std::int32_t>(shadow) + WindowReach::kGoneCells);
+    reach_ = std::max(reach_, static_cast<std::int32_t>(shadow) + WindowMargins::kGoneCells);
   }
   near_leaves_ = (reach_ + 7) / 8;
 }
 
-std::size_t LeftOutPoints::Hash::operator()(const Cell& cell) const {
+std::size_t LeftOutPoints::Hash::operator()(const Cube& cube) const {
   std::uint64_t hash = 0;
-  for (const std::int64_t x : cell) hash = (hash ^ static_cast<std::uint64_t>(x)) * 0x9e3779b97f4a7c15ull;
+  for (const std::int64_t x : cube) hash = (hash ^ static_cast<std::uint64_t>(x)) * 0x9e3779b97f4a7c15ull;
   return static_cast<std::size_t>(hash ^ hash >> 29);
 }
 
@@ -60,51 +60,51 @@ LeafBits LeftOutPoints::nearLeftOut(const OpenedLeaf& opened, const LeftOutVoxel
   return near;
 }
 
-void LeftOutPoints::closeCell(const Cell& cell) {
-  if (closed_.contains(cell)) return;
+void LeftOutPoints::closeCube(const Cube& cube) {
+  if (closed_.contains(cube)) return;
   for (std::int64_t n = 0; n < 27; ++n) {
-    shadow_.insert({cell[0] + n / 9 - 1, cell[1] + n / 3 % 3 - 1, cell[2] + n % 3 - 1});
+    shadow_.insert({cube[0] + n / 9 - 1, cube[1] + n / 3 % 3 - 1, cube[2] + n % 3 - 1});
   }
-  closed_.insert(cell);  // last: what is closed has its shadow
+  closed_.insert(cube);  // last: what is closed has its shadow
 }
 
-/// Larger cells close more, and there are fewer of them.
-void LeftOutPoints::doubleCells() {
-  const std::set<Cell> small = std::move(closed_);
+/// Larger cubes close more, and there are fewer of them.
+void LeftOutPoints::doubleCubes() {
+  const std::set<Cube> small = std::move(closed_);
   closed_.clear();
   shadow_.clear();
   edge_m_ *= 2;
   ++doublings_;
-  for (const Cell& cell : small) closeCell({cell[0] >> 1, cell[1] >> 1, cell[2] >> 1});
+  for (const Cube& cube : small) closeCube({cube[0] >> 1, cube[1] >> 1, cube[2] >> 1});
 }
 
 void LeftOutPoints::close(const Eigen::Vector3d& centre_W, double radius_m) {
-  while (radius_m > edge_m_ && doublings_ < kMostDoublings) doubleCells();
-  const auto cellOf = [this](double x) { return std::floor(x / edge_m_); };
-  const Eigen::Array3d low = (centre_W.array() - radius_m).unaryExpr(cellOf);
-  const Eigen::Array3d high = (centre_W.array() + radius_m).unaryExpr(cellOf);
-  if (!(low.abs().maxCoeff() < kFarthestCell) || !(high.abs().maxCoeff() < kFarthestCell)) return;
-  Cell cell;
+  while (radius_m > edge_m_ && doublings_ < kMostDoublings) doubleCubes();
+  const auto cubeOf = [this](double x) { return std::floor(x / edge_m_); };
+  const Eigen::Array3d low = (centre_W.array() - radius_m).unaryExpr(cubeOf);
+  const Eigen::Array3d high = (centre_W.array() + radius_m).unaryExpr(cubeOf);
+  if (!(low.abs().maxCoeff() < kFarthestCube) || !(high.abs().maxCoeff() < kFarthestCube)) return;
+  Cube cube;
   const auto first = [&low](Eigen::Index axis) { return static_cast<std::int64_t>(low[axis]); };
   const auto last = [&high](Eigen::Index axis) { return static_cast<std::int64_t>(high[axis]); };
-  for (cell[0] = first(0); cell[0] <= last(0); ++cell[0]) {
-    for (cell[1] = first(1); cell[1] <= last(1); ++cell[1]) {
-      for (cell[2] = first(2); cell[2] <= last(2); ++cell[2]) closeCell(cell);
+  for (cube[0] = first(0); cube[0] <= last(0); ++cube[0]) {
+    for (cube[1] = first(1); cube[1] <= last(1); ++cube[1]) {
+      for (cube[2] = first(2); cube[2] <= last(2); ++cube[2]) closeCube(cube);
     }
   }
-  while (closed_.size() > kMostCells && doublings_ < kMostDoublings) doubleCells();
+  while (closed_.size() > kMostCubes && doublings_ < kMostDoublings) doubleCubes();
 }
 
-bool LeftOutPoints::restoreCells(std::uint32_t doublings, const std::vector<Cell>& cells) {
-  if (doublings > kMostDoublings || cells.size() > kMostCells) return false;
+bool LeftOutPoints::restoreCubes(std::uint32_t doublings, const std::vector<Cube>& cubes) {
+  if (doublings > kMostDoublings || cubes.size() > kMostCubes) return false;
   for (; doublings_ < doublings; ++doublings_) edge_m_ *= 2;
-  for (const Cell& cell : cells) {
-    for (const std::int64_t x : cell) {
-      if (!(std::abs(static_cast<double>(x)) < kFarthestCell)) return false;
+  for (const Cube& cube : cubes) {
+    for (const std::int64_t x : cube) {
+      if (!(std::abs(static_cast<double>(x)) < kFarthestCube)) return false;
     }
-    closeCell(cell);
+    closeCube(cube);
   }
-  return closed_.size() == cells.size();
+  return closed_.size() == cubes.size();
 }
 
 bool LeftOutPoints::reachesLeftOut(const Index3& voxel, const LeftOutVoxels& voxels) const {
@@ -152,14 +152,14 @@ void LeftOutPoints::publish(const PointStore& points, const LeftOutVoxels& voxel
   tbb::parallel_for(tbb::blocked_range<std::uint32_t>(0, points.size(), 4096), [&](const auto& range) {
     for (std::uint32_t id = range.begin(); id != range.end(); ++id) {
       const Eigen::Vector3d p_W = origin_W + points.first_L(id).template cast<double>();
-      const auto cellOf = [&](Eigen::Index axis) { return static_cast<std::int64_t>(std::floor(p_W[axis] / edge_m_)); };
-      if (shadow_.contains({cellOf(0), cellOf(1), cellOf(2)})) withheld_[id] = kLeftOut;
+      const auto cubeOf = [&](Eigen::Index axis) { return static_cast<std::int64_t>(std::floor(p_W[axis] / edge_m_)); };
+      if (shadow_.contains({cubeOf(0), cubeOf(1), cubeOf(2)})) withheld_[id] = kLeftOut;
     }
   });
 }
 
 std::uint64_t LeftOutPoints::bytes() const {
-  constexpr std::uint64_t kSetNode = sizeof(Cell) + 4 * sizeof(void*), kHashNode = sizeof(Cell) + 3 * sizeof(void*);
+  constexpr std::uint64_t kSetNode = sizeof(Cube) + 4 * sizeof(void*), kHashNode = sizeof(Cube) + 3 * sizeof(void*);
   return near_.bytes() + closed_.size() * kSetNode + shadow_.size() * kHashNode + withheld_.capacity();
 }
 

@@ -18,7 +18,7 @@
 #include "accessvdb/point_label.h"
 #include "change/leaf_flags.h"
 #include "change/ray_evidence.h"
-#include "field/tools/window_reach.h"
+#include "field/tools/window_margins.h"
 #include "points/point_store.h"
 #include "tsdf/left_out_voxels.h"
 
@@ -29,7 +29,7 @@ class LeftOutPoints {
   /// Values of withheld(), beside 0.
   static constexpr std::uint8_t kGone = 1, kLeftOut = 2;
 
-  LeftOutPoints(const WindowReach& reach, const FieldParams& resolved);
+  LeftOutPoints(const WindowMargins& reach, const FieldParams& resolved);
 
   /// More was left out in these leaves. @param origins  lowest voxels
   void noteLeaves(std::span<const openvdb::Coord> origins);
@@ -49,25 +49,25 @@ class LeftOutPoints {
     return any_ ? std::span<const std::uint8_t>(withheld_) : std::span<const std::uint8_t>(gone);
   }
 
-  using Cell = std::array<std::int64_t, 3>;
+  using Cube = std::array<std::int64_t, 3>;
   /// Cubes of the world in which nothing is accessible, nor beside them.
-  [[nodiscard]] const std::set<Cell>& closedCells() const { return closed_; }
+  [[nodiscard]] const std::set<Cube>& closedCubes() const { return closed_; }
   /// Of them: the base edge, doubled so many times.
   [[nodiscard]] std::uint32_t doublings() const { return doublings_; }
-  /// @return false if no field can have such cells
-  [[nodiscard]] bool restoreCells(std::uint32_t doublings, const std::vector<Cell>& cells);
+  /// @return false if no field can have such cubes
+  [[nodiscard]] bool restoreCubes(std::uint32_t doublings, const std::vector<Cube>& cubes);
   [[nodiscard]] std::uint64_t bytes() const;
 
-  static constexpr std::size_t kMostCells = std::size_t{1} << 16;
+  static constexpr std::size_t kMostCubes = std::size_t{1} << 16;
   static constexpr double kLargestRadius_m = 1e6;
 
  private:
   struct Hash {
-    std::size_t operator()(const Cell& cell) const;
+    std::size_t operator()(const Cube& cube) const;
   };
   [[nodiscard]] bool isNear(const Index3& leaf) const;
-  void closeCell(const Cell& cell);
-  void doubleCells();
+  void closeCube(const Cube& cube);
+  void doubleCubes();
   [[nodiscard]] bool reachesLeftOut(const Index3& voxel, const LeftOutVoxels& voxels) const;
 
   std::int32_t
@@ -76,8 +76,8 @@ class LeftOutPoints {
   double edge_m_;
   std::uint32_t doublings_ = 0;
   LeafFlags near_;                         ///< leaves at most so many from one with voxels left out
-  std::set<Cell> closed_;                  ///< in order: files do not depend on when they came
-  std::unordered_set<Cell, Hash> shadow_;  ///< closed cells and those beside them
+  std::set<Cube> closed_;                  ///< in order: files do not depend on when they came
+  std::unordered_set<Cube, Hash> shadow_;  ///< closed cubes and those beside them
   std::vector<std::uint8_t> withheld_;
   bool any_ = false;
 };

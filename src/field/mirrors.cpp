@@ -23,10 +23,10 @@ std::unique_ptr<DistanceMirror> Mirrors::makeDistances() const {
 }
 
 void Mirrors::take(const MapChangesOfScan& changes, FrameStats& stats) {
-  if (!changes.aged.empty()) facts_.applyParts(changes.aged);
+  if (!changes.aged.empty()) facts_.applyLists(changes.aged);
   if (!changes.opened.empty()) facts_.apply(changes.opened);
   const kernels::Stopwatch mirroring;
-  facts_.applyParts(changes.fused.changes);
+  facts_.applyLists(changes.fused.changes);
   for (const auto& part : changes.fused.changes) stats.changed_leaves += part.size();
   stats.mirror_bytes = facts_.lastTraffic().bytes_written;
   stats.mirror_ms = mirroring.milliseconds();
@@ -41,7 +41,7 @@ void Mirrors::takeDistances(const MapChangesOfScan& changes, FrameStats& stats) 
   }
   if (!opened.empty()) distances_->apply(opened);
   const kernels::Stopwatch mirroring;
-  distances_->applyParts(changes.fused.distances);
+  distances_->applyLists(changes.fused.distances);
   for (const auto& part : changes.fused.distances) stats.distance_leaves += part.size();
   stats.distance_mirror_bytes = distances_->lastTraffic().bytes_written;
   stats.distance_mirror_ms = mirroring.milliseconds();
@@ -49,7 +49,7 @@ void Mirrors::takeDistances(const MapChangesOfScan& changes, FrameStats& stats) 
 
 void Mirrors::takeAged(std::span<const std::span<const LeafChange>> aged, FrameStats& stats) {
   const kernels::Stopwatch mirroring;
-  facts_.applyParts(aged);
+  facts_.applyLists(aged);
   for (const auto& part : aged) stats.changed_leaves += part.size();
   stats.mirror_bytes = facts_.lastTraffic().bytes_written;
   stats.mirror_ms = mirroring.milliseconds();

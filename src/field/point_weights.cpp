@@ -46,7 +46,7 @@ class WeightWindow {
           const auto offset = static_cast<std::uint16_t>(PackedLeaf::coordToOffset(first));
           const bool holds_centre = x.holds(centre[0]) && y.holds(centre[1]) && z.holds(centre[2]);
           const std::int32_t to_centre = 64 * (centre[0] - x.first) + 8 * (centre[1] - y.first) + centre[2] - z.first;
-          part_[parts_++] = {node,      nullptr,   nullptr,
+          rows_[parts_++] = {node,      nullptr,   nullptr,
                              in_node,   offset,    length(x),
                              length(y), length(z), static_cast<std::int16_t>(holds_centre ? to_centre : kElsewhere)};
         }
@@ -58,11 +58,11 @@ class WeightWindow {
   void find() {
     int found = 0;
     for (int n = 0; n < parts_; ++n) {
-      Part& part = part_[static_cast<std::size_t>(n)];
-      if (!part.node->isChildMaskOn(part.in_node)) continue;
-      part.leaf = part.node->getTable()[part.in_node].getChild();
-      prefetchRead(part.leaf);
-      part_[static_cast<std::size_t>(found++)] = part;
+      LeafRows& rows = rows_[static_cast<std::size_t>(n)];
+      if (!rows.node->isChildMaskOn(rows.in_node)) continue;
+      rows.leaf = rows.node->getTable()[rows.in_node].getChild();
+      prefetchRead(rows.leaf);
+      rows_[static_cast<std::size_t>(found++)] = rows;
     }
     parts_ = found;
   }
@@ -70,13 +70,13 @@ class WeightWindow {
   /// Step 3: their values.
   void fetch() {
     for (int n = 0; n < parts_; ++n) {
-      Part& part = part_[static_cast<std::size_t>(n)];
-      part.values = packedValues(*part.leaf);
-      if (part.values == nullptr) continue;
-      part.values += part.offset;
-      for (int x = 0; x < part.x; ++x) {  // a cache line holds two rows
-        for (int y = 0; y < part.y; y += 2) prefetchRead(part.values + 64 * x + 8 * y);
-        prefetchRead(part.values + 64 * x + 8 * (part.y - 1));
+      LeafRows& rows = rows_[static_cast<std::size_t>(n)];
+      rows.values = packedValues(*rows.leaf);
+      if (rows.values == nullptr) continue;
+      rows.values += rows.offset;
+      for (int x = 0; x < rows.x; ++x) {  // a cache line holds two rows
+        for (int y = 0; y < rows.y; y += 2) prefetchRead(rows.values + 64 * x + 8 * y);
+        prefetchRead(rows.values + 64 * x + 8 * (rows.y - 1));
       }
     }
   }
@@ -86,13 +86,13 @@ class WeightWindow {
     std::uint32_t most = 0;
     bool centre = !needs_centre;
     for (int n = 0; n < parts_; ++n) {
-      const Part& part = part_[static_cast<std::size_t>(n)];
-      if (part.values == nullptr) continue;
-      if (part.to_centre != kElsewhere) centre = centre || weightOf(part.values[part.to_centre]) > 0;
-      for (int x = 0; x < part.x; ++x) {
-        for (int y = 0; y < part.y; ++y) {
-          const std::uint32_t* row = part.values + 64 * x + 8 * y;
-          for (int z = 0; z < part.z; ++z) most = std::max(most, weightOf(row[z]));
+      const LeafRows& rows = rows_[static_cast<std::size_t>(n)];
+      if (rows.values == nullptr) continue;
+      if (rows.to_centre != kElsewhere) centre = centre || weightOf(rows.values[rows.to_centre]) > 0;
+      for (int x = 0; x < rows.x; ++x) {
+        for (int y = 0; y < rows.y; ++y) {
+          const std::uint32_t* row = rows.values + 64 * x + 8 * y;
+          for (int z = 0; z < rows.z; ++z) most = std::max(most, weightOf(row[z]));
         }
       }
     }
@@ -108,7 +108,7 @@ class WeightWindow {
     [[nodiscard]] bool holds(std::int32_t x) const { return x >= first && x <= last; }
   };
   static std::int8_t length(const Span& span) { return static_cast<std::int8_t>(span.last - span.first + 1); }
-  struct Part {
+  struct LeafRows {
     const PackedLowerNode* node;
     const PackedLeaf* leaf;
     const std::uint32_t* values;  ///< values of its first voxel
@@ -117,7 +117,7 @@ class WeightWindow {
     std::int8_t x, y, z;          ///< voxels
     std::int16_t to_centre;       ///< offset of the central voxel from the first, or kElsewhere
   };
-  std::array<Part, 8> part_;
+  std::array<LeafRows, 8> rows_;
   int parts_ = 0;
 };
 

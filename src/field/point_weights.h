@@ -6,7 +6,7 @@
 #include <optional>
 
 #include "change/gone_points.h"
-#include "field/tools/window_reach.h"
+#include "field/tools/window_margins.h"
 #include "tsdf/packed_map.h"
 #include "update/point_scorer.h"
 

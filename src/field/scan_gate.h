@@ -14,7 +14,7 @@
 
 #include "accessvdb/params.h"
 #include "accessvdb/types.h"
-#include "field/tools/window_reach.h"
+#include "field/tools/window_margins.h"
 
 namespace accessvdb::internal {
 

@@ -18,7 +18,7 @@ struct DistanceLeaves {
   static constexpr const char* kGridName = "distance";
   static constexpr auto kGridType = nanovdb::GridType::Float;
   static constexpr auto kPatch = kernels::PatchKind::Distances;
-  static constexpr std::uint32_t kBlock = 32;  ///< changes that a thread takes at a time: 64 KB of rows at most
+  static constexpr std::uint32_t kBatch = 32;  ///< changes that a thread takes at a time: 64 KB of rows at most
 
   DistanceCode code = {};
   float background_m = 0;  ///< for what was never observed

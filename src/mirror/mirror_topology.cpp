@@ -23,7 +23,7 @@ constexpr std::uint32_t kMissing = kNoNode - 1;
 constexpr std::uint64_t kNoPlace = ~std::uint64_t{0};
 constexpr int kEntryBits = 12;
 static_assert(InternalShadow<4>::kSize == 1u << kEntryBits);
-constexpr std::size_t kMinBlocksPerTask = 8;
+constexpr std::size_t kMinBatchesPerTask = 8;
 
 template <class Change>
 Coord originOf(const Change& change) {
@@ -70,17 +70,17 @@ MirrorTopology<Leaves>::MirrorTopology(kernels::MirrorArena& arena, std::uint32_
 
 template <class Leaves>
 template <class Act>
-void MirrorTopology<Leaves>::forEachBlock(const Act& act) {
-  forEachIndex(0, blocks_.size(), kMinBlocksPerTask, [&](std::size_t b) { act(blocks_[b]); });
+void MirrorTopology<Leaves>::forEachBatch(const Act& act) {
+  forEachIndex(0, batches_.size(), kMinBatchesPerTask, [&](std::size_t b) { act(batches_[b]); });
 }
 
 template <class Leaves>
-void MirrorTopology<Leaves>::locate(ChangeParts parts) {
-  change_count_ = divide<Leaves>(parts, blocks_);
+void MirrorTopology<Leaves>::locate(ChangeLists lists) {
+  change_count_ = divide<Leaves>(lists, batches_);
   if (locateOnce()) return;
-  merged_ = mergedByLeaf<Leaves>(parts);
+  merged_ = mergedByLeaf<Leaves>(lists);
   const std::span<const Change> joined = merged_;
-  change_count_ = divide<Leaves>({&joined, 1}, blocks_);
+  change_count_ = divide<Leaves>({&joined, 1}, batches_);
   if (!locateOnce()) {
     throw InternalError("mirror.leaf_twice", "", "A leaf occurred twice where none can", "Please report this");
   }
@@ -93,30 +93,30 @@ bool MirrorTopology<Leaves>::locateOnce() {
   added_leaves_.clear();
   slots_.resize(change_count_);
   places_.resize(change_count_);
-  forEachBlock([&](ChangeBlock& block) { locateBlock(block); });
-  const auto all = [this](bool ChangeBlock::*flag) {
-    return std::all_of(blocks_.begin(), blocks_.end(), [&](const ChangeBlock& block) { return block.*flag; });
+  forEachBatch([&](ChangeBatch& batch) { locateBatch(batch); });
+  const auto all = [this](bool ChangeBatch::*flag) {
+    return std::all_of(batches_.begin(), batches_.end(), [&](const ChangeBatch& batch) { return batch.*flag; });
   };
-  if (!all(&ChangeBlock::aligned)) {
+  if (!all(&ChangeBatch::aligned)) {
     throw InternalError("mirror.leaf_origin", "", "A changed leaf does not begin at a multiple of 8 voxels",
                         "Please report this");
   }
-  if (!all(&ChangeBlock::once)) return false;
+  if (!all(&ChangeBatch::once)) return false;
   std::uint32_t added = 0;
-  for (ChangeBlock& block : blocks_) {
-    block.first_added = added;
-    added += block.added;
+  for (ChangeBatch& batch : batches_) {
+    batch.first_added = added;
+    added += batch.added;
   }
   if (added == 0) return true;
-  for (const ChangeBlock& block : blocks_) {
-    if (block.lacks_lower) addLowersOf(block);
+  for (const ChangeBatch& batch : batches_) {
+    if (batch.lacks_lower) addLowersOf(batch);
   }
   reserveLeaves(added);
   added_leaves_.resize(added);
-  forEachBlock([&](ChangeBlock& block) { claimLeaves(block); });
+  forEachBatch([&](ChangeBatch& batch) { claimLeaves(batch); });
   // A change without bits counts if another change adds the same leaf.
-  if (all(&ChangeBlock::once)) forEachBlock([&](ChangeBlock& block) { block.once = missesNothing(block); });
-  if (!all(&ChangeBlock::once)) {
+  if (all(&ChangeBatch::once)) forEachBatch([&](ChangeBatch& batch) { batch.once = missesNothing(batch); });
+  if (!all(&ChangeBatch::once)) {
     for (const AddedNode& leaf : added_leaves_) {
       if (leaf.parent != kNoNode) lowers_[leaf.parent].unlink(leaf.entry);
     }
@@ -128,71 +128,71 @@ bool MirrorTopology<Leaves>::locateOnce() {
 }
 
 template <class Leaves>
-void MirrorTopology<Leaves>::locateBlock(ChangeBlock& block) noexcept {
+void MirrorTopology<Leaves>::locateBatch(ChangeBatch& batch) noexcept {
   const auto find = [this](const Coord& ijk) { return findLower(ijk); };
   LastLower last(find);
   std::int32_t any = 0;
-  std::uint32_t* const slots = slots_.data() + block.begin;
-  std::uint64_t* const places = places_.data() + block.begin;
+  std::uint32_t* const slots = slots_.data() + batch.begin;
+  std::uint64_t* const places = places_.data() + batch.begin;
   const auto linkAt = [this](std::uint64_t place) -> const std::uint32_t& {
     return lowers_[static_cast<std::uint32_t>(place >> kEntryBits)].child_plus_one[place % Lower::kSize];
   };
   const auto chunkOf = [this](std::uint32_t slot) -> LeafChunk& { return chunks_[slot / LeafChunk::kSize]; };
   // Runs each step for all, so that fetches from scattered memory overlap.
-  for (std::uint32_t n = 0; n < block.count; ++n) {
-    const Coord ijk = originOf(block.changes[n]);
+  for (std::uint32_t n = 0; n < batch.count; ++n) {
+    const Coord ijk = originOf(batch.changes[n]);
     any |= ijk[0] | ijk[1] | ijk[2];
     const std::uint32_t lower = last.of(ijk);
     places[n] = lower == kNoNode ? kNoPlace : std::uint64_t{lower} << kEntryBits | LowerOfAny::CoordToOffset(ijk);
     if (lower != kNoNode) prefetch(&linkAt(places[n]));
   }
-  block.aligned = (any & 7) == 0;
-  block.once = true;
-  block.added = 0;
-  block.lacks_lower = block.skips = false;
-  for (std::uint32_t n = 0; n < block.count; ++n) {
+  batch.aligned = (any & 7) == 0;
+  batch.once = true;
+  batch.added = 0;
+  batch.lacks_lower = batch.skips = false;
+  for (std::uint32_t n = 0; n < batch.count; ++n) {
     slots[n] = places[n] == kNoPlace ? kNoNode : linkAt(places[n]) - 1;
     if (slots[n] != kNoNode) {
       prefetch(&chunkOf(slots[n]).call[slots[n] % LeafChunk::kSize]);
-    } else if (Leaves::adds(block.changes[n])) {
+    } else if (Leaves::adds(batch.changes[n])) {
       slots[n] = kMissing;
-      ++block.added;
-      block.lacks_lower = block.lacks_lower || places[n] == kNoPlace;
+      ++batch.added;
+      batch.lacks_lower = batch.lacks_lower || places[n] == kNoPlace;
     } else {
-      block.skips = true;
+      batch.skips = true;
     }
   }
-  for (std::uint32_t n = 0; n < block.count; ++n) {
-    if (slots[n] < kMissing) block.once = chunkOf(slots[n]).comesFirst(slots[n], call_) && block.once;
+  for (std::uint32_t n = 0; n < batch.count; ++n) {
+    if (slots[n] < kMissing) batch.once = chunkOf(slots[n]).comesFirst(slots[n], call_) && batch.once;
   }
 }
 
-/// Gives the block's new leaves their slots, in the order of the changes.
+/// Gives the batch's new leaves their slots, in the order of the changes.
 template <class Leaves>
-void MirrorTopology<Leaves>::claimLeaves(ChangeBlock& block) noexcept {
-  std::uint32_t added = block.first_added;
-  for (std::uint32_t n = 0; block.added > 0 && n < block.count; ++n) {
-    std::uint32_t& slot = slots_[block.begin + n];
+void MirrorTopology<Leaves>::claimLeaves(ChangeBatch& batch) noexcept {
+  std::uint32_t added = batch.first_added;
+  for (std::uint32_t n = 0; batch.added > 0 && n < batch.count; ++n) {
+    std::uint32_t& slot = slots_[batch.begin + n];
     if (slot != kMissing) continue;
-    const std::uint64_t place = places_[block.begin + n];
+    const std::uint64_t place = places_[batch.begin + n];
     const auto lower = static_cast<std::uint32_t>(place >> kEntryBits);
     const auto entry = static_cast<std::uint32_t>(place % Lower::kSize);
     slot = leaf_count_ + added;
     if (lowers_[lower].link(entry, slot)) {
       added_leaves_[added] = {lower, entry};
     } else {
-      block.once = false;
+      batch.once = false;
     }
     ++added;
   }
 }
 
-/// Whether the changes of the block that found no leaf still find none.
+/// Whether the changes of the batch that found no leaf still find none.
 template <class Leaves>
-bool MirrorTopology<Leaves>::missesNothing(const ChangeBlock& block) const noexcept {
-  for (std::uint32_t n = 0; block.skips && n < block.count; ++n) {
-    if (slots_[block.begin + n] != kNoNode) continue;
-    const Coord ijk = originOf(block.changes[n]);
+bool MirrorTopology<Leaves>::missesNothing(const ChangeBatch& batch) const noexcept {
+  for (std::uint32_t n = 0; batch.skips && n < batch.count; ++n) {
+    if (slots_[batch.begin + n] != kNoNode) continue;
+    const Coord ijk = originOf(batch.changes[n]);
     const std::uint32_t lower = findLower(ijk);
     if (lower != kNoNode && lowers_[lower].child(LowerOfAny::CoordToOffset(ijk)) != kNoNode) return false;
   }
@@ -200,11 +200,11 @@ bool MirrorTopology<Leaves>::missesNothing(const ChangeBlock& block) const noexc
 }
 
 template <class Leaves>
-void MirrorTopology<Leaves>::addLowersOf(const ChangeBlock& block) {
-  for (std::uint32_t n = 0; n < block.count; ++n) {
-    std::uint64_t& place = places_[block.begin + n];
-    if (slots_[block.begin + n] != kMissing || place != kNoPlace) continue;
-    const Coord ijk = originOf(block.changes[n]);
+void MirrorTopology<Leaves>::addLowersOf(const ChangeBatch& batch) {
+  for (std::uint32_t n = 0; n < batch.count; ++n) {
+    std::uint64_t& place = places_[batch.begin + n];
+    if (slots_[batch.begin + n] != kMissing || place != kNoPlace) continue;
+    const Coord ijk = originOf(batch.changes[n]);
     std::uint32_t lower = findLower(ijk);
     if (lower == kNoNode) lower = addLower(ijk);
     place = std::uint64_t{lower} << kEntryBits | LowerOfAny::CoordToOffset(ijk);
@@ -288,7 +288,7 @@ template <class Leaves>
 std::uint64_t MirrorTopology<Leaves>::hostBytes() const noexcept {
   return chunks_.bytes() + lowers_.bytes() + (chunk_offsets_.capacity() + places_.capacity()) * sizeof(std::uint64_t) +
          uppers_.size() * sizeof(Upper) + root_table_.bytes() + slots_.capacity() * sizeof(std::uint32_t) +
-         blocks_.capacity() * sizeof(ChangeBlock) + merged_.capacity() * sizeof(Change) +
+         batches_.capacity() * sizeof(ChangeBatch) + merged_.capacity() * sizeof(Change) +
          (added_leaves_.capacity() + added_lowers_.capacity() + added_uppers_.capacity()) * sizeof(AddedNode);
 }
 

@@ -10,7 +10,7 @@
 
 #include "hostdev/nanovdb_compat.h"
 #include "launch/mirror_arena.h"
-#include "mirror/change_blocks.h"
+#include "mirror/change_batches.h"
 #include "mirror/host_topology.h"
 #include "mirror/node_pool.h"
 
@@ -27,8 +27,8 @@ template <class Leaves>
 class MirrorTopology {
  public:
   using Change = typename Leaves::Change;
-  using ChangeBlock = internal::ChangeBlock<Leaves>;
-  using ChangeParts = internal::ChangeParts<Leaves>;
+  using ChangeBatch = internal::ChangeBatch<Leaves>;
+  using ChangeLists = internal::ChangeLists<Leaves>;
   using Lower = InternalShadow<4>;
   using Upper = InternalShadow<5>;
   static constexpr std::uint64_t kLeafBytes = sizeof(typename nanovdb::NanoLeaf<typename Leaves::Build>::DataType);
@@ -41,10 +41,10 @@ class MirrorTopology {
   /// added stay in the lists of added ones.
   /// @throw ResourceLimit  `map.root_tiles`, or the arena cannot grow
   /// @throw InternalError  an origin that is not a multiple of 8
-  void locate(ChangeParts parts);
+  void locate(ChangeLists lists);
 
   /// The changes of the last locate(): as given, or merged if leaves occurred more than once.
-  [[nodiscard]] const std::vector<ChangeBlock>& blocks() const noexcept { return blocks_; }
+  [[nodiscard]] const std::vector<ChangeBatch>& batches() const noexcept { return batches_; }
   [[nodiscard]] std::uint32_t changeCount() const noexcept { return change_count_; }
   /// Leaf of the n-th change, or kNoNode if it has none and needs none.
   [[nodiscard]] std::uint32_t slot(std::uint32_t n) const noexcept { return slots_[n]; }
@@ -76,17 +76,17 @@ class MirrorTopology {
 
  private:
   [[nodiscard]] bool locateOnce();
-  void locateBlock(ChangeBlock& block) noexcept;
-  void claimLeaves(ChangeBlock& block) noexcept;
-  [[nodiscard]] bool missesNothing(const ChangeBlock& block) const noexcept;
-  void addLowersOf(const ChangeBlock& block);
+  void locateBatch(ChangeBatch& batch) noexcept;
+  void claimLeaves(ChangeBatch& batch) noexcept;
+  [[nodiscard]] bool missesNothing(const ChangeBatch& batch) const noexcept;
+  void addLowersOf(const ChangeBatch& batch);
   void reserveLeaves(std::uint32_t count);
   std::uint64_t allocate(std::uint64_t bytes);
   std::uint32_t addUpper(const nanovdb::Coord& ijk, std::uint64_t key);
   std::uint32_t addLower(const nanovdb::Coord& ijk);
   [[nodiscard]] std::uint32_t findLower(const nanovdb::Coord& ijk) const noexcept;
   template <class Act>
-  void forEachBlock(const Act& act);
+  void forEachBatch(const Act& act);
 
   kernels::MirrorArena& arena_;
   std::uint32_t root_capacity_;
@@ -102,7 +102,7 @@ class MirrorTopology {
   std::size_t published_chunks_ = 0;
 
   // State of the last call.
-  std::vector<ChangeBlock> blocks_;
+  std::vector<ChangeBatch> batches_;
   std::uint32_t change_count_ = 0;
   std::vector<std::uint32_t> slots_;
   std::vector<std::uint64_t> places_;  ///< place of the change's leaf: lower node << 12 | entry

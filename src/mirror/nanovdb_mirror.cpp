@@ -21,8 +21,8 @@ namespace {
 using kernels::ArenaFill;
 using kernels::LeafPatch;
 
-/// Below these numbers of small writes or blocks of changes, several threads do not pay off.
-constexpr std::size_t kLeastWrites = 1024, kLeastBlocks = 8;
+/// Below these numbers of small writes or batches of changes, several threads do not pay off.
+constexpr std::size_t kLeastWrites = 1024, kLeastBatches = 8;
 /// Number of leaves whose voxels are prefetched, because they are scattered in memory.
 constexpr std::uint32_t kLookAhead = 8;
 
@@ -34,10 +34,10 @@ template <class Leaves>
 class NanoMirror<Leaves>::Impl {
  public:
   using Bytes = GridLayout<typename Leaves::Build>;
-  using ChangeBlock = internal::ChangeBlock<Leaves>;
+  using ChangeBatch = internal::ChangeBatch<Leaves>;
 
   Impl(std::unique_ptr<kernels::MirrorArena> arena, double voxel_size_m, std::uint32_t root_capacity, Leaves leaves);
-  void applyParts(ChangeParts<Leaves> parts);
+  void applyLists(ChangeLists<Leaves> lists);
 
   std::unique_ptr<kernels::MirrorArena> arena_;
   MirrorTopology<Leaves> topology_;
@@ -84,13 +84,13 @@ NanoMirror<Leaves>::Impl::Impl(std::unique_ptr<kernels::MirrorArena> arena, doub
 }
 
 template <class Leaves>
-void NanoMirror<Leaves>::Impl::applyParts(ChangeParts<Leaves> parts) {
+void NanoMirror<Leaves>::Impl::applyLists(ChangeLists<Leaves> lists) {
   traffic_ = {};
   if (writing_) {
     throw InternalError("mirror.half_written", "", "An earlier call failed while writing to the mirror",
                         "Make a new mirror");
   }
-  topology_.locate(parts);
+  topology_.locate(lists);
   owns_word_.reserve(std::max(topology_.addedLeaves().size(), topology_.addedLowers().size()));
   owners_.reserve(owns_word_.capacity());
   writing_ = true;
@@ -166,22 +166,22 @@ void NanoMirror<Leaves>::Impl::publishChanges() {
 template <class Leaves>
 void NanoMirror<Leaves>::Impl::changeInPlace(std::byte* memory) {
   std::atomic<std::uint64_t> patched = 0, bytes = 0;
-  const std::vector<ChangeBlock>& blocks = topology_.blocks();
-  forEachIndex(0, blocks.size(), kLeastBlocks, [&](std::size_t b) {
-    const ChangeBlock& block = blocks[b];
+  const std::vector<ChangeBatch>& batches = topology_.batches();
+  forEachIndex(0, batches.size(), kLeastBatches, [&](std::size_t b) {
+    const ChangeBatch& batch = batches[b];
     const auto leafOf = [&](std::uint32_t n) -> std::byte* {
-      const std::uint32_t slot = topology_.slot(block.begin + n);
+      const std::uint32_t slot = topology_.slot(batch.begin + n);
       return slot == kNoNode ? nullptr : memory + topology_.leafOffset(slot);
     };
     std::uint64_t patched_here = 0, bytes_here = 0;
-    for (std::uint32_t n = 0; n < block.count; ++n) {
-      if (n + kLookAhead < block.count) {
+    for (std::uint32_t n = 0; n < batch.count; ++n) {
+      if (n + kLookAhead < batch.count) {
         const std::byte* ahead = leafOf(n + kLookAhead);
-        if (ahead != nullptr) leaves_.prefetch(ahead, block.changes[n + kLookAhead]);
+        if (ahead != nullptr) leaves_.prefetch(ahead, batch.changes[n + kLookAhead]);
       }
       std::byte* const leaf = leafOf(n);
       if (leaf == nullptr) continue;
-      bytes_here += leaves_.changeInPlace(leaf, block.changes[n]);
+      bytes_here += leaves_.changeInPlace(leaf, batch.changes[n]);
       ++patched_here;
     }
     patched += patched_here;
@@ -193,38 +193,38 @@ void NanoMirror<Leaves>::Impl::changeInPlace(std::byte* memory) {
 
 template <class Leaves>
 void NanoMirror<Leaves>::Impl::stagePatches() {
-  const std::vector<ChangeBlock>& blocks = topology_.blocks();
-  for (std::size_t begin = 0; begin < blocks.size();) {
-    const std::uint32_t first = blocks[begin].begin;
+  const std::vector<ChangeBatch>& batches = topology_.batches();
+  for (std::size_t begin = 0; begin < batches.size();) {
+    const std::uint32_t first = batches[begin].begin;
     const kernels::StagedPatches room = arena_->stagePatches(topology_.changeCount() - first, Leaves::kPatch);
     std::size_t end = begin;
     std::uint32_t count = 0;
-    while (end < blocks.size() && count + blocks[end].count <= room.count) count += blocks[end++].count;
+    while (end < batches.size() && count + batches[end].count <= room.count) count += batches[end++].count;
     std::atomic<std::uint32_t> words = 0;
     std::atomic<std::uint64_t> patched = 0;
-    forEachIndex(begin, end, kLeastBlocks, [&](std::size_t b) {
-      const ChangeBlock& block = blocks[b];
-      LeafPatch* const list = room.list + (block.begin - first);
+    forEachIndex(begin, end, kLeastBatches, [&](std::size_t b) {
+      const ChangeBatch& batch = batches[b];
+      LeafPatch* const list = room.list + (batch.begin - first);
       std::uint32_t words_here = 0, patched_here = 0;
-      for (std::uint32_t n = 0; n < block.count; ++n) {
-        const std::uint32_t slot = topology_.slot(block.begin + n);
+      for (std::uint32_t n = 0; n < batch.count; ++n) {
+        const std::uint32_t slot = topology_.slot(batch.begin + n);
         LeafPatch patch;
         if (slot != kNoNode) {
           patch.leaf = static_cast<std::uint32_t>(topology_.leafOffset(slot) / LeafPatch::kUnit);
-          patch.mask = leaves_.maskOf(block.changes[n]);
+          patch.mask = leaves_.maskOf(batch.changes[n]);
           patch.first_word = words_here;
           words_here += static_cast<std::uint32_t>(std::popcount(patch.mask));
           ++patched_here;
         }
         list[n] = patch;
       }
-      // The place of a block's words depends on the threads; the resulting leaves do not.
+      // The place of a batch's words depends on the threads; the resulting leaves do not.
       const std::uint32_t place = words.fetch_add(words_here, std::memory_order_relaxed);
       std::byte* to = room.words + std::size_t{place} * kernels::wordBytes(Leaves::kPatch);
-      for (std::uint32_t n = 0; n < block.count; ++n) {
-        if (n + kLookAhead < block.count) leaves_.prefetchWords(block.changes[n + kLookAhead]);
+      for (std::uint32_t n = 0; n < batch.count; ++n) {
+        if (n + kLookAhead < batch.count) leaves_.prefetchWords(batch.changes[n + kLookAhead]);
         list[n].first_word += place;
-        to = leaves_.copyWords(block.changes[n], list[n].mask, to);
+        to = leaves_.copyWords(batch.changes[n], list[n].mask, to);
       }
       patched.fetch_add(patched_here, std::memory_order_relaxed);
     });
@@ -377,11 +377,11 @@ NanoMirror<Leaves>::~NanoMirror() = default;
 
 template <class Leaves>
 void NanoMirror<Leaves>::apply(std::span<const Change> changes) {
-  impl_->applyParts({&changes, 1});
+  impl_->applyLists({&changes, 1});
 }
 template <class Leaves>
-void NanoMirror<Leaves>::applyParts(std::span<const std::span<const Change>> parts) {
-  impl_->applyParts(parts);
+void NanoMirror<Leaves>::applyLists(std::span<const std::span<const Change>> lists) {
+  impl_->applyLists(lists);
 }
 
 template <class Leaves>

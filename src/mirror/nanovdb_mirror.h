@@ -55,8 +55,8 @@ class NanoMirror {
   /// @throw InternalError  an origin that is not a multiple of 8; an earlier call failed while writing
   /// @throw DeviceError
   void apply(std::span<const Change> changes);
-  /// All parts as one call: one flush of the arena for any number of parts.
-  void applyParts(std::span<const std::span<const Change>> parts);
+  /// All lists as one call: one flush of the arena for any number of them.
+  void applyLists(std::span<const std::span<const Change>> lists);
 
   /// In the arena's address space; constant for the mirror's lifetime.
   [[nodiscard]] const Grid* grid() const noexcept;

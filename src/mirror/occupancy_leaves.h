@@ -17,7 +17,7 @@ struct OccupancyLeaves {
   static constexpr const char* kGridName = "occupancy";
   static constexpr auto kGridType = nanovdb::GridType::Boolean;
   static constexpr auto kPatch = kernels::PatchKind::Bits;
-  static constexpr std::uint32_t kBlock = 256;  ///< changes that a thread takes at a time
+  static constexpr std::uint32_t kBatch = 256;  ///< changes that a thread takes at a time
 
   /// Whether an empty leaf would have bits after `change`.
   [[nodiscard]] static bool adds(const LeafChange& change) noexcept {

@@ -168,7 +168,7 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
 
   touched.before_L.resize(groups.size());
   touched.views_changed.assign(groups.size(), 0);
-  touched.news.resize(describe_touched_ ? groups.size() : 0);
+  touched.deltas.resize(describe_touched_ ? groups.size() : 0);
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
       const std::uint32_t id = touched.all[g];
@@ -180,7 +180,7 @@ const TouchedPoints& PointStore::addReturns(std::span<const Eigen::Vector3f> p_L
         if (addToPoint(id, p_L[i], q_L[sensor], first_pose + sensor)) touched.views_changed[g] = 1;
       }
       refreshMean(id);
-      if (describe_touched_) touched.news[g] = newsOf(id, touched.before_L[g]);
+      if (describe_touched_) touched.deltas[g] = deltaOf(id, touched.before_L[g]);
     }
   });
   return touched;
@@ -283,19 +283,19 @@ DirectionMask PointStore::seen(std::uint32_t id) const {
   return mask;
 }
 
-kernels::PointNews PointStore::newsOf(std::uint32_t id, const Eigen::Vector3f& before_L) const {
+kernels::PointDelta PointStore::deltaOf(std::uint32_t id, const Eigen::Vector3f& before_L) const {
   const auto copy3 = [](const Eigen::Vector3f& from, float* to) {
     for (Eigen::Index axis = 0; axis < 3; ++axis) to[axis] = from[axis];
   };
-  kernels::PointNews news;
-  news.id = id;
-  news.block = block_[id];
-  copy3(first_L_[id], news.position_L);
-  copy3(pca_L_[id], news.mean_L);
-  copy3(toSensor_L(id), news.to_sensor_L);
-  copy3(before_L, news.before_L);
-  news.seen = seen(id);
-  return news;
+  kernels::PointDelta delta;
+  delta.id = id;
+  delta.block = block_[id];
+  copy3(first_L_[id], delta.position_L);
+  copy3(pca_L_[id], delta.mean_L);
+  copy3(toSensor_L(id), delta.to_sensor_L);
+  copy3(before_L, delta.before_L);
+  delta.seen = seen(id);
+  return delta;
 }
 
 StoredPoint PointStore::stored(std::uint32_t id) const {
@@ -398,7 +398,7 @@ std::uint64_t PointStore::bytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return index_.bytes() + block_.bytes() + first_L_.bytes() + pca_L_.bytes() + sums_.bytes() + seen_.bytes() +
          viewpoints_.bytes() + poses_.bytes() + bytesOf(touched_.all) + bytesOf(touched_.before_L) +
-         bytesOf(touched_.views_changed) + bytesOf(touched_.news) + bytesOf(touched_.changed_blocks) +
+         bytesOf(touched_.views_changed) + bytesOf(touched_.deltas) + bytesOf(touched_.changed_blocks) +
          bytesOf(groups_.returns) + bytesOf(groups_.spare) + bytesOf(groups_.begin) + bytesOf(voxels_) +
          bytesOf(places_) + bytesOf(added_);
 }

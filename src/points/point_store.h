@@ -15,7 +15,7 @@
 
 #include "accessvdb/params.h"
 #include "hostdev/views.h"
-#include "launch/point_news.h"
+#include "launch/point_delta.h"
 #include "points/surface_index.h"
 
 namespace accessvdb::internal {
@@ -36,7 +36,7 @@ struct TouchedPoints {
   std::vector<std::uint8_t> views_changed;  ///< of each: whether the scan changed its seen directions
   std::size_t new_points = 0;
   // Only after describeTouched(true).
-  std::vector<kernels::PointNews> news;       ///< each as it is after the scan; before_L as above
+  std::vector<kernels::PointDelta> deltas;    ///< each as it is after the scan; before_L as above
   std::vector<std::uint32_t> changed_blocks;  ///< those with new points, in no order
 };
 
@@ -98,8 +98,8 @@ class PointStore {
   [[nodiscard]] DirectionMask seen(std::uint32_t id) const;
   /// Adds the stored directions of a point, of a set of any size. @param words  [directionWords()]
   void joinSeen(std::uint32_t id, std::span<std::uint64_t> words) const;
-  /// A point in its current state. @param before_L  see kernels::PointNews
-  [[nodiscard]] kernels::PointNews newsOf(std::uint32_t id, const Eigen::Vector3f& before_L) const;
+  /// A point in its current state. @param before_L  see kernels::PointDelta
+  [[nodiscard]] kernels::PointDelta deltaOf(std::uint32_t id, const Eigen::Vector3f& before_L) const;
   [[nodiscard]] const Viewpoints& viewpoints(std::uint32_t id) const { return viewpoints_[id]; }
   [[nodiscard]] const ChunkedArray<Eigen::Vector3f>& poses() const { return poses_; }
 

@@ -2,8 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /// Finds the surface point in a voxel, and the points near a position.
 ///
-/// Points are grouped in blocks of 8x8x8 voxels (the leaves of the map), blocks in cells of 8x8x8 blocks. Only cells
-/// are hashed, so walking a neighbourhood costs a few look-ups, no matter how large the map is.
+/// Points are grouped in blocks of 8x8x8 voxels (the leaves of the map), blocks in leaf groups of 8x8x8 blocks. Only
+/// leaf groups are hashed, so walking a neighbourhood costs a few look-ups, no matter how large the map is.
 #pragma once
 
 #include <array>
@@ -14,9 +14,9 @@
 #include <vector>
 
 #include "accessvdb/leaf_change.h"
-#include "points/cell_map.h"
 #include "points/chunked_array.h"
 #include "points/id_runs.h"
+#include "points/place_map.h"
 
 namespace accessvdb::internal {
 
@@ -25,10 +25,10 @@ inline constexpr std::uint32_t kNone = ~std::uint32_t{0};
 
 /// The points of one leaf, sorted by voxel. Aligned so that each lies in only two cache lines.
 struct alignas(32) PointBlock {
-  Index3 leaf = {};              ///< voxel index >> 3
-  std::uint32_t cell = kNone;    ///< number of its cell
-  std::span<std::uint32_t> ids;  ///< in the order of the set bits; a run that only the index writes to
-  LeafBits occupied = {};        ///< voxels with a point
+  Index3 leaf = {};                  ///< voxel index >> 3
+  std::uint32_t leaf_group = kNone;  ///< number of its leaf group
+  std::span<std::uint32_t> ids;      ///< in the order of the set bits; a run that only the index writes to
+  LeafBits occupied = {};            ///< voxels with a point
 };
 
 /// A point to be inserted into the index.
@@ -61,13 +61,16 @@ class SurfaceIndex {
   [[nodiscard]] const ChunkedArray<PointBlock>& blocks() const { return blocks_; }
   /// Index into blocks(), or kNone.
   [[nodiscard]] std::uint32_t blockAt(const Index3& leaf) const;
-  /// Cells are numbered in order of arrival. @param cell  leaf >> 3. @return its number or kNone
-  [[nodiscard]] std::uint32_t cellAt(const Index3& cell) const { return cell_of_.find(cell); }
-  [[nodiscard]] std::uint32_t cells() const { return static_cast<std::uint32_t>(cells_.size()); }
-  /// @param bit  of the leaf inside the cell. @return index into blocks(), or kNone
-  [[nodiscard]] std::uint32_t blockIn(std::uint32_t cell, std::size_t bit) const { return cells_[cell].block[bit]; }
-  /// The leaves inside a cell that have a block. A cache line, where blockIn() reads one of its own for each leaf.
-  [[nodiscard]] const LeafBits& leavesIn(std::uint32_t cell) const { return cells_[cell].present; }
+  /// Leaf groups are numbered in order of arrival. @param leaf_group  leaf >> 3. @return its number or kNone
+  [[nodiscard]] std::uint32_t leafGroupAt(const Index3& leaf_group) const { return leaf_group_of_.find(leaf_group); }
+  [[nodiscard]] std::uint32_t leafGroups() const { return static_cast<std::uint32_t>(leaf_groups_.size()); }
+  /// @param bit  of the leaf inside the leaf group. @return index into blocks(), or kNone
+  [[nodiscard]] std::uint32_t blockIn(std::uint32_t leaf_group, std::size_t bit) const {
+    return leaf_groups_[leaf_group].block[bit];
+  }
+  /// The leaves inside a leaf group that have a block. A cache line, where blockIn() reads one of its own for each
+  /// leaf.
+  [[nodiscard]] const LeafBits& leavesIn(std::uint32_t leaf_group) const { return leaf_groups_[leaf_group].present; }
   [[nodiscard]] std::uint64_t bytes() const;
 
   /// Calls visit(block index), or visit(block index, its leaf), for every block with leaf coordinates in [low, high],
@@ -77,46 +80,47 @@ class SurfaceIndex {
     for (std::int32_t cx = low[0] >> 3; cx <= high[0] >> 3; ++cx) {
       for (std::int32_t cy = low[1] >> 3; cy <= high[1] >> 3; ++cy) {
         for (std::int32_t cz = low[2] >> 3; cz <= high[2] >> 3; ++cz) {
-          const std::uint32_t found = cell_of_.find({cx, cy, cz});
+          const std::uint32_t found = leaf_group_of_.find({cx, cy, cz});
           if (found == kNone) continue;
-          visitCell(cells_[found], {cx, cy, cz}, low, high, visit);
+          visitLeafGroup(leaf_groups_[found], {cx, cy, cz}, low, high, visit);
         }
       }
     }
   }
 
  private:
-  struct Cell {
+  struct LeafGroup {
     LeafBits present = {};
     std::array<std::uint32_t, 512> block;
   };
   /// New points of one block: [begin, end) of the points inserted together.
-  struct Group {
+  struct Addition {
     std::uint32_t begin, end;
-    std::uint32_t cell = kNone, block = kNone;
+    std::uint32_t leaf_group = kNone, block = kNone;
     std::uint32_t ids_before = 0;
     std::uint32_t* larger_run = nullptr;  ///< set if the block's own run is too small
   };
-  void groupByLeaf(std::span<const NewVoxel> points);
-  void findBlock(Group& group, std::span<const NewVoxel> points) const;
+  void listAdditions(std::span<const NewVoxel> points);
+  void findBlock(Addition& addition, std::span<const NewVoxel> points) const;
   void locateFew(std::span<const Index3> voxels, std::span<Located> found) const;
-  void makeBlocks(std::span<Group> groups, std::span<const NewVoxel> points);
-  void takeRuns(std::span<Group> groups);
+  void makeBlocks(std::span<Addition> additions, std::span<const NewVoxel> points);
+  void takeRuns(std::span<Addition> additions);
   /// Safe in parallel for different blocks.
-  void addTo(const Group& group, std::span<NewVoxel> points);
+  void addTo(const Addition& addition, std::span<NewVoxel> points);
 
   template <typename Visit>
-  static void visitCell(const Cell& cell, const Index3& c, const Index3& low, const Index3& high, const Visit& visit) {
+  static void visitLeafGroup(const LeafGroup& leaf_group, const Index3& c, const Index3& low, const Index3& high,
+                             const Visit& visit) {
     const auto from = [&](int axis) { return std::max(0, low[axis] - c[axis] * 8); };
     const auto to = [&](int axis) { return std::min(7, high[axis] - c[axis] * 8); };
     const int z0 = from(2), z1 = to(2);
     const auto row_mask = static_cast<std::uint32_t>((0xffu << z0) & (0xffu >> (7 - z1)));
     for (int x = from(0); x <= to(0); ++x) {
       for (int y = from(1); y <= to(1); ++y) {
-        auto row = static_cast<std::uint32_t>(cell.present[static_cast<std::size_t>(x)] >> (y * 8)) & row_mask;
+        auto row = static_cast<std::uint32_t>(leaf_group.present[static_cast<std::size_t>(x)] >> (y * 8)) & row_mask;
         for (; row != 0; row &= row - 1) {
           const int z = std::countr_zero(row);
-          const std::uint32_t block = cell.block[static_cast<std::size_t>(x * 64 + y * 8 + z)];
+          const std::uint32_t block = leaf_group.block[static_cast<std::size_t>(x * 64 + y * 8 + z)];
           if constexpr (std::is_invocable_v<Visit, std::uint32_t, const Index3&>) {
             visit(block, Index3{c[0] * 8 + x, c[1] * 8 + y, c[2] * 8 + z});
           } else {
@@ -127,12 +131,12 @@ class SurfaceIndex {
     }
   }
 
-  CellMap cell_of_;
-  ChunkedArray<Cell> cells_;
+  PlaceMap leaf_group_of_;
+  ChunkedArray<LeafGroup> leaf_groups_;
   ChunkedArray<PointBlock> blocks_;
   IdRuns runs_;
   // For one insertAll(); kept, because freshly allocated memory has to be cleared by the system first.
-  std::vector<Group> groups_;
+  std::vector<Addition> additions_;
   std::vector<std::uint32_t*> outgrown_;
 };
 

@@ -10,7 +10,7 @@
 #include "accessvdb/field_io.h"
 #include "accessvdb/tiles.h"
 #include "field/scan_gate.h"
-#include "field/tools/window_reach.h"
+#include "field/tools/window_margins.h"
 #include "io/sha256.h"
 #include "tiles/json_file.h"
 #include "tool/tool_kernel.h"
@@ -110,11 +110,11 @@ TileMargins tileMargins(const ToolGeometry& tool, const FieldParams& params) {
 }
 
 TileMargins tileMargins(const std::vector<ToolSpec>& tools, const FieldParams& params, const TableProgress& progress) {
-  internal::WindowReach reach;
+  internal::WindowMargins reach;
   for (const ToolSpec& spec : tools) {
     const FieldParams resolved = toolParams(spec, params).resolved();
     reach = internal::unionOf(
-        reach, internal::windowReach(internal::ToolKernel::make(spec.tool, resolved, progress), resolved));
+        reach, internal::windowMargins(internal::ToolKernel::make(spec.tool, resolved, progress), resolved));
   }
   const FieldWindow window = {{0, 0}, {FieldWindow::kEdge, FieldWindow::kEdge}};
   TileMargins margins;

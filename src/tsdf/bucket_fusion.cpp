@@ -37,21 +37,21 @@ BucketFusion::BucketFusion(PackedMap& map, const RegionShape& shape) : map_(map)
 
 void BucketFusion::locateNodes() {
   nodes_.clear();
-  for (const LeafKey key : groups_.nodes) {
+  for (const LeafKey key : bucket_leaves_.nodes) {
     nodes_.push_back(map_.tree().root().probeNode<PackedLowerNode>(coordOf(originOf(key))));
   }
 }
 
-void BucketFusion::askForEntry(std::size_t group) const {
-  const LeafPlace place = groups_.places[group];
+void BucketFusion::askForEntry(std::size_t in_bucket) const {
+  const LeafPlace place = bucket_leaves_.places[in_bucket];
   const PackedLowerNode* node = nodes_[place.node()];
   if (node == nullptr) return;
   prefetch(node->getTable() + place.inNode(), sizeof(Entry));
   prefetch(reinterpret_cast<const std::byte*>(&node->getChildMask()) + place.inNode() / 8, 1);
 }
 
-PackedLeaf* BucketFusion::leafOf(std::size_t group) const {
-  const LeafPlace place = groups_.places[group];
+PackedLeaf* BucketFusion::leafOf(std::size_t in_bucket) const {
+  const LeafPlace place = bucket_leaves_.places[in_bucket];
   const PackedLowerNode* node = nodes_[place.node()];
   if (node == nullptr || !node->isChildMaskOn(place.inNode())) return nullptr;
   PackedLeaf* leaf = node->getTable()[place.inNode()].getChild();
@@ -65,14 +65,14 @@ void BucketFusion::askForRecord(const PackedLeaf* leaf) const {
   if (const LeafBits* before = map_.beforeOf(*leaf)) prefetch(before, sizeof(AgedLeaf));
 }
 
-PackedLeaf* BucketFusion::addLeaf(std::size_t group, BucketResult& result) {
-  const std::uint32_t number = groups_.places[group].node();
+PackedLeaf* BucketFusion::addLeaf(std::size_t in_bucket, BucketResult& result) {
+  const std::uint32_t number = bucket_leaves_.places[in_bucket].node();
   if (nodes_[number] == nullptr) {
     result.new_nodes.push_back(
-        std::make_unique<PackedLowerNode>(coordOf(originOf(groups_.nodes[number])), map_.tree().background()));
+        std::make_unique<PackedLowerNode>(coordOf(originOf(bucket_leaves_.nodes[number])), map_.tree().background()));
     nodes_[number] = result.new_nodes.back().get();
   }
-  auto leaf = std::make_unique<PackedLeaf>(openvdb::PartialCreate(), coordOf(groups_.originOf(group)));
+  auto leaf = std::make_unique<PackedLeaf>(openvdb::PartialCreate(), coordOf(bucket_leaves_.originOf(in_bucket)));
   PackedLeaf* added = leaf.get();
   nodes_[number]->addChild(leaf.release());
   ++result.new_leaves;
@@ -85,7 +85,7 @@ void BucketFusion::fold(LeafFusion& fusion, const Waiting& waiting, BucketChange
   if (!map_.grows() || !map_.leftOut().empty()) {
     flipped = foldBesideLeftOut(fusion, waiting, change, changes, result);
   } else {
-    PackedLeaf* leaf = waiting.leaf != nullptr ? waiting.leaf : addLeaf(waiting.group, result);
+    PackedLeaf* leaf = waiting.leaf != nullptr ? waiting.leaf : addLeaf(waiting.in_bucket, result);
     flipped = foldInto(*leaf, fusion, change, changes, result);
   }
   if (!flipped) return;
@@ -120,10 +120,10 @@ bool BucketFusion::foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting,
   PackedLeaf* leaf = waiting.leaf;
   if (!map_.grows() && leaf == nullptr && !fusion.hasSamples()) return false;  // passes make nothing block
   const bool has_place = map_.grows() || (leaf != nullptr && (!leaf->buffer().empty() || !fusion.hasSamples()));
-  const openvdb::Coord origin = coordOf(groups_.originOf(waiting.group));
+  const openvdb::Coord origin = coordOf(bucket_leaves_.originOf(waiting.in_bucket));
   const LeafBits* found = map_.leftOut().find(origin);
   if (has_place && found == nullptr) {
-    if (leaf == nullptr) leaf = addLeaf(waiting.group, result);
+    if (leaf == nullptr) leaf = addLeaf(waiting.in_bucket, result);
     return foldInto(*leaf, fusion, change, changes, result);
   }
   const LeafBits before = found != nullptr ? *found : LeafBits{};
@@ -136,7 +136,7 @@ bool BucketFusion::foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting,
   const LeafChange old = leaf != nullptr ? factsOf(map_, *leaf) : LeafChange{};
   const std::uint64_t flipped_before = result.counts.flipped_voxels;
   if (!has_place) fusion.dropSamples();
-  if (has_place && leaf == nullptr) leaf = addLeaf(waiting.group, result);
+  if (has_place && leaf == nullptr) leaf = addLeaf(waiting.in_bucket, result);
   if (leaf != nullptr) static_cast<void>(foldInto(*leaf, fusion, change, changes, result));
   const LeafChange now = leaf != nullptr ? factsOf(map_, *leaf) : LeafChange{};
   if (after != before) result.left_out.emplace_back(origin, after);
@@ -181,9 +181,9 @@ void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const Return
                         BucketResult& result) {
   changes.facts.clear();
   changes.distances.clear();
-  bins.group(bucket, groups_);
+  bins.group(bucket, bucket_leaves_);
   locateNodes();
-  const std::size_t count = groups_.places.size();
+  const std::size_t count = bucket_leaves_.places.size();
   for (std::size_t g = 0; g < std::min(count, kEntryAhead); ++g) askForEntry(g);
   for (std::size_t g = 0; g < std::min(count, kLeafAhead); ++g) leaves_[g] = leafOf(g);
   const bool ages = map_.agesFreeSpace();
@@ -197,10 +197,10 @@ void BucketFusion::fuse(const ReturnBins& bins, std::size_t bucket, const Return
       fold(fusions_[folded % kWaiting], waiting_[folded % kWaiting], changes, result);
       ++folded;
     }
-    const std::span<const LeafEntry> entries(groups_.entries.data() + groups_.begin[g],
-                                             groups_.begin[g + 1] - groups_.begin[g]);
+    const std::span<const LeafEntry> entries(bucket_leaves_.entries.data() + bucket_leaves_.begin[g],
+                                             bucket_leaves_.begin[g + 1] - bucket_leaves_.begin[g]);
     LeafFusion& fusion = fusions_[summed % kWaiting];
-    if (!fusion.accumulate(groups_.originOf(g), entries, rays)) continue;
+    if (!fusion.accumulate(bucket_leaves_.originOf(g), entries, rays)) continue;
     if (leaf != nullptr) {
       fusion.prefetchValues(*leaf);
       if (const VoxelVotes* votes = map_.votesOf(*leaf)) prefetch(votes, sizeof(VoxelVotes));

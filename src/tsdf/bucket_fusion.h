@@ -65,15 +65,15 @@ class BucketFusion {
   /// A leaf whose sums are waiting to be folded.
   struct Waiting {
     PackedLeaf* leaf = nullptr;  ///< nullptr: it is new
-    std::uint32_t group = 0;
+    std::uint32_t in_bucket = 0;
   };
   using Entry = PackedLowerNode::UnionType;
 
   void locateNodes();
-  void askForEntry(std::size_t group) const;
-  [[nodiscard]] PackedLeaf* leafOf(std::size_t group) const;
+  void askForEntry(std::size_t in_bucket) const;
+  [[nodiscard]] PackedLeaf* leafOf(std::size_t in_bucket) const;
   void askForRecord(const PackedLeaf* leaf) const;
-  PackedLeaf* addLeaf(std::size_t group, BucketResult& result);
+  PackedLeaf* addLeaf(std::size_t in_bucket, BucketResult& result);
   void fold(LeafFusion& fusion, const Waiting& waiting, BucketChanges& changes, BucketResult& result);
   bool foldInto(PackedLeaf& leaf, LeafFusion& fusion, LeafChange& change, BucketChanges& changes, BucketResult& result);
   bool foldBesideLeftOut(LeafFusion& fusion, const Waiting& waiting, LeafChange& change, BucketChanges& changes,
@@ -82,8 +82,8 @@ class BucketFusion {
   void keepVotes(PackedLeaf& leaf, const VoxelVotes* votes);
 
   PackedMap& map_;
-  LeafGroups groups_;
-  std::vector<PackedLowerNode*> nodes_;  ///< [groups_.nodes] nullptr if the tree has none yet
+  BucketLeaves bucket_leaves_;
+  std::vector<PackedLowerNode*> nodes_;  ///< [bucket_leaves_.nodes] nullptr if the tree has none yet
   std::array<PackedLeaf*, kLeafAhead> leaves_ = {};
   std::array<Waiting, kWaiting> waiting_ = {};
   std::vector<LeafFusion> fusions_;  ///< [kWaiting]

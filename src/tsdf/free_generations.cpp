@@ -114,9 +114,9 @@ std::vector<std::span<const LeafChange>> FreeGenerations::pass(PackedMap& map, d
     if (ended[n] <= 0) continue;
     for (auto leaf = nodes[n]->beginChildOn(); leaf; ++leaf) due.push_back({&*leaf, ended[n]});
   }
-  tbb::parallel_for(std::size_t{0}, kParts, [&](std::size_t part) {
+  tbb::parallel_for(std::size_t{0}, kLists, [&](std::size_t part) {
     changes_[part].clear();
-    const std::size_t begin = due.size() * part / kParts, end = due.size() * (part + 1) / kParts;
+    const std::size_t begin = due.size() * part / kLists, end = due.size() * (part + 1) / kLists;
     Turning(map, records_, changes_[part]).turn(std::span(due).subspan(begin, end - begin));
   });
   std::vector<std::span<const LeafChange>> parts;

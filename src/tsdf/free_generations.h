@@ -44,10 +44,10 @@ class FreeGenerations {
 
   /// Lets time pass, at most 2 T: after that, nothing of what was confirmed before is left. NaN and what is not
   /// positive counts as 0.
-  /// @return the leaves in which voxels are no longer free, each at most once, in at most kParts parts; valid until the
+  /// @return the leaves in which voxels are no longer free, each at most once, in at most kLists lists; valid until the
   ///         next call
   std::vector<std::span<const LeafChange>> pass(PackedMap& map, double seconds);
-  static constexpr std::size_t kParts = 64;
+  static constexpr std::size_t kLists = 64;
 
   /// Which generation a node is in. @param x, y, z  its lowest voxel, multiples of 128
   [[nodiscard]] std::int64_t generationOf(std::int32_t x, std::int32_t y, std::int32_t z) const {
@@ -66,7 +66,7 @@ class FreeGenerations {
 
   double free_for_s_, age_s_ = 0;
   RecordPool<AgedLeaf> records_;
-  std::array<std::vector<LeafChange>, kParts> changes_;  ///< kept so that memory is reused
+  std::array<std::vector<LeafChange>, kLists> changes_;  ///< kept so that memory is reused
 };
 
 }  // namespace accessvdb::internal

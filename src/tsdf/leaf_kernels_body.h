@@ -6,16 +6,16 @@
 alignas(64) constexpr float kLaneZ[16] = {0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 2, 3, 4, 5, 6, 7};
 alignas(64) constexpr float kLaneY[16] = {0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1};
 
-/// e along x, and the parts of s and |e|^2 that depend only on x; and those that depend only on y and z, for the four
+/// e along x, and the terms of s and |e|^2 that depend only on x; and those that depend only on y and z, for the four
 /// pairs of rows of a slab. Loaded from memory, a float fills all lanes at no cost.
-struct Parts {
+struct Terms {
   alignas(32) float ex[8], sx[8], ex2[8];
   Floats s[4], e2[4];
   Mask in_cube[4];
 };
 
 /// Slabs inside the region's box, first and last. Rows are not cut: a loop of fixed length is cheaper.
-struct Reach {
+struct SlabRange {
   int x0, x1;
 };
 
@@ -24,18 +24,18 @@ inline int floorOf(float value) {
   return n - (static_cast<float>(n) > value ? 1 : 0);
 }
 
-inline Reach reachOf(const ReturnInLeaf& ray) {
+inline SlabRange slabsOf(const ReturnInLeaf& ray) {
   const float x = ray.leaf[0] - ray.offset[0];
   const int x0 = -floorOf(x - ray.box_x.low), x1 = floorOf(ray.box_x.high - x);
   return {x0 > 0 ? x0 : 0, x1 < 7 ? x1 : 7};
 }
 
-inline void setParts(const ReturnInLeaf& ray, float tau, Parts& parts) {
+inline void setTerms(const ReturnInLeaf& ray, float tau, Terms& terms) {
   for (int x = 0; x < 8; ++x) {
     const float ex = (ray.leaf[0] + static_cast<float>(x)) - ray.offset[0];
-    parts.ex[x] = ex;
-    parts.sx[x] = ex * ray.to_sensor[0];
-    parts.ex2[x] = ex * ex;
+    terms.ex[x] = ex;
+    terms.sx[x] = ex * ray.to_sensor[0];
+    terms.ex2[x] = ex * ex;
   }
   const Floats ez = sub(add(all(ray.leaf[2]), loadFloats(kLaneZ)), all(ray.offset[2]));
   const Floats sz = mul(ez, all(ray.to_sensor[2])), ez2 = mul(ez, ez);
@@ -43,9 +43,9 @@ inline void setParts(const ReturnInLeaf& ray, float tau, Parts& parts) {
   for (int pair = 0; pair < 4; ++pair) {
     const Floats y = add(all(static_cast<float>(2 * pair)), loadFloats(kLaneY));
     const Floats ey = sub(add(all(ray.leaf[1]), y), all(ray.offset[1]));
-    parts.s[pair] = add(mul(ey, all(ray.to_sensor[1])), sz);
-    parts.e2[pair] = add(mul(ey, ey), ez2);
-    parts.in_cube[pair] = atMost(in_z, absolute(ey), all(tau));
+    terms.s[pair] = add(mul(ey, all(ray.to_sensor[1])), sz);
+    terms.e2[pair] = add(mul(ey, ey), ez2);
+    terms.in_cube[pair] = atMost(in_z, absolute(ey), all(tau));
   }
 }
 
@@ -83,19 +83,19 @@ inline bool reachesOwnBall(const ReturnInLeaf& ray) {
   return e2 <= kOwnVoxelRadius + kSlack;
 }
 
-inline Inside insideDoubleCone(const ReturnInLeaf& ray, const KernelConstants& c, const Parts& parts) {
-  const Reach reach = reachOf(ray);
+inline Inside insideDoubleCone(const ReturnInLeaf& ray, const KernelConstants& c, const Terms& terms) {
+  const SlabRange slabs = slabsOf(ray);
   const Floats cos2 = all(c.cone_cos_squared), one = all(1.0f);
   const bool own_ball = reachesOwnBall(ray);
   Inside inside;
-  for (int x = reach.x0; x <= reach.x1; ++x) {
-    if (!(std::fabs(parts.ex[x]) <= c.tau)) continue;
-    const Floats sx = all(parts.sx[x]), ex2 = all(parts.ex2[x]);
+  for (int x = slabs.x0; x <= slabs.x1; ++x) {
+    if (!(std::fabs(terms.ex[x]) <= c.tau)) continue;
+    const Floats sx = all(terms.sx[x]), ex2 = all(terms.ex2[x]);
     std::uint64_t bits = 0;
     for (int y = 0; y < 4; ++y) {
-      const Floats s = add(sx, parts.s[y]), e2 = add(ex2, parts.e2[y]);
-      std::uint32_t in_pair = greater(parts.in_cube[y], mul(s, s), mul(cos2, e2));
-      if (own_ball) in_pair |= atMost(parts.in_cube[y], e2, one);
+      const Floats s = add(sx, terms.s[y]), e2 = add(ex2, terms.e2[y]);
+      std::uint32_t in_pair = greater(terms.in_cube[y], mul(s, s), mul(cos2, e2));
+      if (own_ball) in_pair |= atMost(terms.in_cube[y], e2, one);
       bits |= static_cast<std::uint64_t>(in_pair) << (16 * y);
     }
     inside.slabs[static_cast<std::size_t>(x)] = bits;
@@ -113,14 +113,14 @@ inline void addSamples(std::uint32_t inside, Ints sample, int pair, LeafSums& su
 /// @param contra  nullptr, or where to mark the voxels whose sample collides
 [[gnu::always_inline]] inline std::uint32_t addDoubleConeTo(const ReturnInLeaf& ray, const KernelConstants& c,
                                                             LeafSums& sums, LeafBits* contra) {
-  Parts parts;
-  setParts(ray, c.tau, parts);
-  const Inside inside = insideDoubleCone(ray, c, parts);
+  Terms terms;
+  setTerms(ray, c.tau, terms);
+  const Inside inside = insideDoubleCone(ray, c, terms);
   const Floats range = all(ray.range), range_squared = mul(range, range), two_range = add(range, range);
   const Floats zero = all(0.0f);
   for (std::uint32_t left = inside.pairs; left != 0; left &= left - 1) {
     const int pair = std::countr_zero(left), x = pair >> 2, y = pair & 3;
-    const Floats s = add(all(parts.sx[x]), parts.s[y]), e2 = add(all(parts.ex2[x]), parts.e2[y]);
+    const Floats s = add(all(terms.sx[x]), terms.s[y]), e2 = add(all(terms.ex2[x]), terms.e2[y]);
     const Floats two_rs = mul(two_range, s);  // a doubled number: nothing is rounded
     const Floats to_sensor = squareRoot(most(add(sub(range_squared, two_rs), e2), zero));
     const Ints sample = sampleOf(two_rs, e2, to_sensor, range, c);
@@ -141,21 +141,21 @@ inline std::uint32_t addNews(const ReturnInLeaf& ray, const KernelConstants& c, 
 }
 
 inline std::uint32_t addFullCube(const ReturnInLeaf& ray, const KernelConstants& c, LeafSums& sums) {
-  const Reach reach = reachOf(ray);
-  Parts parts;
-  setParts(ray, c.tau, parts);
+  const SlabRange slabs = slabsOf(ray);
+  Terms terms;
+  setTerms(ray, c.tau, terms);
   const Floats range = all(ray.range), range_squared = mul(range, range), two_range = add(range, range);
   const Floats zero = all(0.0f);
   std::uint32_t touched = 0;
-  for (int x = reach.x0; x <= reach.x1; ++x) {
-    if (!(std::fabs(parts.ex[x]) <= c.tau)) continue;
-    const Floats sx = all(parts.sx[x]), ex2 = all(parts.ex2[x]);
+  for (int x = slabs.x0; x <= slabs.x1; ++x) {
+    if (!(std::fabs(terms.ex[x]) <= c.tau)) continue;
+    const Floats sx = all(terms.sx[x]), ex2 = all(terms.ex2[x]);
     for (int y = 0; y < 4; ++y) {
-      if (parts.in_cube[y] == 0) continue;
-      const Floats s = add(sx, parts.s[y]), e2 = add(ex2, parts.e2[y]);
+      if (terms.in_cube[y] == 0) continue;
+      const Floats s = add(sx, terms.s[y]), e2 = add(ex2, terms.e2[y]);
       const Floats two_rs = mul(two_range, s);  // a doubled number: nothing is rounded
       const Floats to_sensor = squareRoot(most(add(sub(range_squared, two_rs), e2), zero));
-      const std::uint32_t inside = greater(parts.in_cube[y], sub(range, s), mul(all(c.cone_cos), to_sensor));
+      const std::uint32_t inside = greater(terms.in_cube[y], sub(range, s), mul(all(c.cone_cos), to_sensor));
       if (inside == 0) continue;
       const int pair = 4 * x + y;
       addSamples(inside, sampleOf(two_rs, e2, to_sensor, range, c), pair, sums);
@@ -166,17 +166,17 @@ inline std::uint32_t addFullCube(const ReturnInLeaf& ray, const KernelConstants&
 }
 
 inline std::uint32_t markBand(const ReturnInLeaf& ray, const KernelConstants& c, LeafBits& passed) {
-  const Reach reach = reachOf(ray);
-  Parts parts;
-  setParts(ray, c.tau, parts);
+  const SlabRange slabs = slabsOf(ray);
+  Terms terms;
+  setTerms(ray, c.tau, terms);
   const Floats begin = all(c.band_begin), end = all(c.band_end < ray.range ? c.band_end : ray.range);
   const Floats radius2 = all(c.band_radius_squared);
   std::uint32_t count = 0;
-  for (int x = reach.x0; x <= reach.x1; ++x) {
-    const Floats sx = all(parts.sx[x]), ex2 = all(parts.ex2[x]);
+  for (int x = slabs.x0; x <= slabs.x1; ++x) {
+    const Floats sx = all(terms.sx[x]), ex2 = all(terms.ex2[x]);
     std::uint64_t word = 0;
     for (int y = 0; y < 4; ++y) {
-      const Floats s = add(sx, parts.s[y]), e2 = add(ex2, parts.e2[y]);
+      const Floats s = add(sx, terms.s[y]), e2 = add(ex2, terms.e2[y]);
       const std::uint32_t inside = atMost(atMost(greater(s, begin), s, end), sub(e2, mul(s, s)), radius2);
       word |= static_cast<std::uint64_t>(inside) << (16 * y);
     }

@@ -158,7 +158,7 @@ class NodeNumbers {
 
 }  // namespace
 
-void ReturnBins::group(std::size_t bucket, LeafGroups& groups) const {
+void ReturnBins::group(std::size_t bucket, BucketLeaves& groups) const {
   groups.nodes.clear();
   groups.places.clear();
   groups.begin.clear();

@@ -39,7 +39,7 @@ struct LeafPlace {
 
 /// The leaves of one bucket with their entries, grouped by node and within a node ordered by place: neighbours in a
 /// node's table are neighbours here.
-struct LeafGroups {
+struct BucketLeaves {
   std::vector<LeafKey> nodes;        ///< [nodes] key of each node's lowest leaf
   std::vector<LeafPlace> places;     ///< [leaves]
   std::vector<std::uint32_t> begin;  ///< [leaves + 1] into entries
@@ -66,7 +66,7 @@ class ReturnBins {
   [[nodiscard]] std::size_t pairCount(std::size_t bucket) const { return pair_counts_[bucket]; }
 
   /// Groups one bucket; safe to call for different buckets at the same time.
-  void group(std::size_t bucket, LeafGroups& groups) const;
+  void group(std::size_t bucket, BucketLeaves& groups) const;
 
  private:
   struct Pair {

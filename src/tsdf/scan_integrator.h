@@ -33,9 +33,9 @@ class ScanIntegrator {
   void noteDistances(bool wanted);
 
   /// Called with the changes that integrate() will return, as soon as they are known. From several threads, but for
-  /// those of a part from one at a time; part < kParts.
-  using ChangeVisitor = std::function<void(std::size_t part, const LeafChange& change)>;
-  static constexpr std::size_t kParts = ReturnBins::kBuckets;
+  /// those of a list from one at a time; list < kLists.
+  using ChangeVisitor = std::function<void(std::size_t list, const LeafChange& change)>;
+  static constexpr std::size_t kLists = ReturnBins::kBuckets;
   void visitChanges(const ChangeVisitor& visit);
 
   /// Sorts the returns without changing the map; integrate() must get the same ones next. Otherwise it sorts them.

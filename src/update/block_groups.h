@@ -1,14 +1,14 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Groups of blocks (launch/point_news.h): small voxels make many blocks, and flips affect adjacent blocks in nearly
+/// Groups of blocks (launch/point_delta.h): small voxels make many blocks, and flips affect adjacent blocks in nearly
 /// the same way. So a backend looks at cubes of blocks at once.
 #pragma once
 
 #include <algorithm>
 #include <cstdint>
 
-#include "launch/point_news.h"
-#include "points/cell_map.h"
+#include "launch/point_delta.h"
+#include "points/place_map.h"
 #include "points/surface_index.h"
 
 namespace accessvdb::internal {
@@ -40,7 +40,7 @@ class BlockGroups {
 
  private:
   int log2_;
-  CellMap number_of_;
+  PlaceMap number_of_;
   std::uint32_t size_ = 0;
 };
 

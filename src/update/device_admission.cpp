@@ -19,7 +19,7 @@ namespace accessvdb::internal {
 namespace {
 
 /// Most points and blocks handed over at a time.
-constexpr std::size_t kMostNews = 1 << 16, kMostBlocks = 1 << 14;
+constexpr std::size_t kMostDeltas = 1 << 16, kMostBlocks = 1 << 14;
 
 }  // namespace
 
@@ -72,14 +72,14 @@ DeviceAdmission::DeviceAdmission(std::vector<PointScorer*> scorers, kernels::Poi
 
 bool DeviceAdmission::handOver(const TouchedPoints& touched) {
   if (++scans_ != 1) return false;
-  if (touched.news.size() != touched.all.size()) {
+  if (touched.deltas.size() != touched.all.size()) {
     throw InternalError("admission.not_described", "", "A scan came without a description of the points it touched",
                         "Please report this");
   }
   ids_ = touched.all;
   admit([&] {
     admitBlocks(touched.changed_blocks);
-    admitPoints(touched.news);
+    admitPoints(touched.deltas);
   });
   return true;
 }
@@ -128,18 +128,18 @@ void DeviceAdmission::admit(const HandOver& hand_over) {
 void DeviceAdmission::admitBlocks(std::span<const std::uint32_t> changed) {
   for (std::size_t first = 0; first < changed.size(); first += kMostBlocks) {
     const std::size_t count = std::min(changed.size() - first, kMostBlocks);
-    blocks_.news(changed.subspan(first, count), scorer_.points().index().blocks(), block_news_, block_ids_);
+    blocks_.deltas(changed.subspan(first, count), scorer_.points().index().blocks(), block_deltas_, block_ids_);
     kernels::AdmitInput part = input();
-    part.blocks = block_news_;
+    part.blocks = block_deltas_;
     part.block_ids = block_ids_;
     updater_.admit(part);
   }
 }
 
-void DeviceAdmission::admitPoints(std::span<const kernels::PointNews> news) {
-  for (std::size_t first = 0; first < news.size(); first += kMostNews) {
+void DeviceAdmission::admitPoints(std::span<const kernels::PointDelta> deltas) {
+  for (std::size_t first = 0; first < deltas.size(); first += kMostDeltas) {
     kernels::AdmitInput part = input();
-    part.news = news.subspan(first, std::min(news.size() - first, kMostNews));
+    part.deltas = deltas.subspan(first, std::min(deltas.size() - first, kMostDeltas));
     updater_.admit(part);
   }
 }
@@ -157,16 +157,16 @@ void DeviceAdmission::admitAll() {
     tbb::parallel_sort(changed);
     changed.erase(std::unique(changed.begin(), changed.end()), changed.end());
     admitBlocks(changed);
-    for (std::size_t first = 0; first < ids_.size(); first += kMostNews) {
-      news_.resize(std::min(ids_.size() - first, kMostNews));
-      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, news_.size(), 256), [&](const auto& range) {
+    for (std::size_t first = 0; first < ids_.size(); first += kMostDeltas) {
+      deltas_.resize(std::min(ids_.size() - first, kMostDeltas));
+      tbb::parallel_for(tbb::blocked_range<std::size_t>(0, deltas_.size(), 256), [&](const auto& range) {
         const Eigen::Vector3f none = Eigen::Vector3f::Constant(std::numeric_limits<float>::quiet_NaN());
         for (std::size_t n = range.begin(); n != range.end(); ++n) {
           const std::size_t at = first + n;
-          news_[n] = points.newsOf(ids_[at], at < touched_.size() ? touched_[at].before_L : none);
+          deltas_[n] = points.deltaOf(ids_[at], at < touched_.size() ? touched_[at].before_L : none);
         }
       });
-      admitPoints(news_);
+      admitPoints(deltas_);
     }
   });
 }
@@ -229,7 +229,7 @@ std::uint64_t DeviceAdmission::bytes() const {
   const auto bytesOf = [](const auto& list) { return list.capacity() * sizeof(list[0]); };
   return blocks_.bytes() + fresh_.bytes() + is_touched_.bytes() + bytesOf(touched_) + bytesOf(reached_.voxels) +
          bytesOf(reached_.blocks) + bytesOf(ids_) + bytesOf(weights_) + bytesOf(crossed_) + bytesOf(read_weights_) +
-         bytesOf(news_) + bytesOf(block_news_) + bytesOf(block_ids_);
+         bytesOf(deltas_) + bytesOf(block_deltas_) + bytesOf(block_ids_);
 }
 
 }  // namespace accessvdb::internal

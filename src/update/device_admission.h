@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// Tells a backend that keeps the points itself (launch/point_news.h) about them, for any policy: which points are new,
-/// touched, or now confident.
+/// Tells a backend that keeps the points itself (launch/point_delta.h) about them, for any policy: which points are
+/// new, touched, or now confident.
 #pragma once
 
 #include <Eigen/Core>
@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "accessvdb/types.h"
-#include "launch/point_news.h"
+#include "launch/point_delta.h"
 #include "update/device_blocks.h"
 #include "update/fresh_points.h"
 #include "update/point_scorer.h"
@@ -42,7 +42,7 @@ class DeviceAdmission {
   DeviceAdmission(std::vector<PointScorer*> scorers, kernels::PointAdmission& updater, int group_log2);
 
   /// Whether noteReturns() needs the next scan described (PointStore::describeTouched).
-  [[nodiscard]] bool takesNews() const { return scans_ == 0; }
+  [[nodiscard]] bool takesDeltas() const { return scans_ == 0; }
   /// Call when a scan's returns are in the store. Hands over those of the first scan since the last update, so that the
   /// backend can begin. If another scan comes before the update, that work is wasted: everything is handed over again.
   /// @return whether they were handed over
@@ -61,7 +61,7 @@ class DeviceAdmission {
   /// Call next: reads the map's weights of the points, concurrently with backend work that does not need them.
   void readWeights();
   /// What was read, for the backend's update; valid until the next readWeights().
-  [[nodiscard]] kernels::ConfidenceNews news() const { return {weights_, crossed_}; }
+  [[nodiscard]] kernels::ConfidenceDelta confidence() const { return {weights_, crossed_}; }
   /// Call after readWeights(), also concurrently with the backend's update: from then on the new points count as known,
   /// and the update reads neither points nor map on the host.
   void know();
@@ -78,7 +78,7 @@ class DeviceAdmission {
   template <typename HandOver>
   void admit(const HandOver& hand_over);
   void admitBlocks(std::span<const std::uint32_t> changed);
-  void admitPoints(std::span<const kernels::PointNews> news);
+  void admitPoints(std::span<const kernels::PointDelta> deltas);
   void admitAll();
   void readWeightsOf(std::span<const std::uint32_t> ids, std::vector<kernels::PointWeight>& points);
   void findCrossed();
@@ -99,8 +99,8 @@ class DeviceAdmission {
   std::vector<kernels::PointWeight> weights_;  ///< per entry of ids_
   std::vector<kernels::PointWeight> crossed_;  ///< points that became confident since the last update
   std::vector<std::uint16_t> read_weights_;    ///< used by readWeightsOf()
-  std::vector<kernels::PointNews> news_;
-  std::vector<kernels::BlockNews> block_news_;
+  std::vector<kernels::PointDelta> deltas_;
+  std::vector<kernels::BlockDelta> block_deltas_;
   std::vector<std::uint32_t> block_ids_;
   std::vector<kernels::PointStateView> states_;  ///< of scorers_
 };

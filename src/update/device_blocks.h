@@ -13,7 +13,7 @@
 #include <span>
 #include <vector>
 
-#include "launch/point_news.h"
+#include "launch/point_delta.h"
 #include "points/surface_index.h"
 #include "update/block_groups.h"
 
@@ -25,23 +25,23 @@ class DeviceBlocks {
   explicit DeviceBlocks(int group_log2) : groups_(group_log2) {}
 
   /// Describes blocks whose points have changed. @param changed  each once
-  /// @param blocks  all of them  @param news, ids  out, in that order
-  void news(std::span<const std::uint32_t> changed, const ChunkedArray<PointBlock>& blocks,
-            std::vector<kernels::BlockNews>& news, std::vector<std::uint32_t>& ids) {
-    news.resize(changed.size());
+  /// @param blocks  all of them  @param deltas, ids  out, in that order
+  void deltas(std::span<const std::uint32_t> changed, const ChunkedArray<PointBlock>& blocks,
+              std::vector<kernels::BlockDelta>& deltas, std::vector<std::uint32_t>& ids) {
+    deltas.resize(changed.size());
     const tbb::blocked_range<std::size_t> all(0, changed.size(), kBlocksPerTask);
     tbb::parallel_for(all, [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         const PointBlock& block = blocks[changed[n]];
-        news[n] = {};
-        news[n].block = changed[n];
-        news[n].count = static_cast<std::uint32_t>(block.ids.size());
-        for (std::size_t axis = 0; axis < 3; ++axis) news[n].leaf[axis] = block.leaf[axis];
+        deltas[n] = {};
+        deltas[n].block = changed[n];
+        deltas[n].count = static_cast<std::uint32_t>(block.ids.size());
+        for (std::size_t axis = 0; axis < 3; ++axis) deltas[n].leaf[axis] = block.leaf[axis];
       }
     });
     runs_.grow(blocks.size());
     std::uint32_t source = 0;
-    for (kernels::BlockNews& block : news) {
+    for (kernels::BlockDelta& block : deltas) {
       block.source = source;
       source += block.count;
       Run& run = runs_[block.block];
@@ -56,7 +56,7 @@ class DeviceBlocks {
     ids.resize(source);
     tbb::parallel_for(all, [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
-        std::ranges::copy(blocks[changed[n]].ids, ids.begin() + static_cast<std::ptrdiff_t>(news[n].source));
+        std::ranges::copy(blocks[changed[n]].ids, ids.begin() + static_cast<std::ptrdiff_t>(deltas[n].source));
       }
     });
   }

@@ -64,12 +64,12 @@ class ExactOnDevice final : public UpdateScheduler {
     admission_.noteReturns(touched, p_L, q_L);
   }
 
-  Needs needs() const override { return {.news = admission_.takesNews(), .changes = true}; }
-  void noteChange(std::size_t part, const LeafChange& change) override {
+  Needs needs() const override { return {.deltas = admission_.takesDeltas(), .changes = true}; }
+  void noteChange(std::size_t list, const LeafChange& change) override {
     if (!notes_flips_) return;
     const Index3 leaf = parentOf(change.origin_ijk);
     const kernels::FreedForArm freed = kernels::freedForArm(change.arm_free_on.data());
-    flips_[part].push_back({{leaf[0], leaf[1], leaf[2]},
+    flips_[list].push_back({{leaf[0], leaf[1], leaf[2]},
                             kindsOf(change),
                             static_cast<std::uint16_t>(freed.heights),
                             kernels::countCells(change.collides_off.data()),
@@ -87,7 +87,7 @@ class ExactOnDevice final : public UpdateScheduler {
   // As if another scan had come: all flips are handed over again.
   void noteChangesAlone(std::span<const std::span<const LeafChange>> facts) override {
     flips_begun_ = false;
-    noteEachPart(facts);
+    noteEachList(facts);
     noteChanges({}, {}, {});
   }
 
@@ -112,10 +112,10 @@ class ExactOnDevice final : public UpdateScheduler {
       admission_.know();
       clearFlips();
       notes_flips_ = true;
-      mapIsFree();  // from here on the next scan may come, and note its flips
+      releaseMap();  // from here on the next scan may come, and note its flips
     };
     runBeside([&] { updater_->choose(input); }, read_host);
-    const kernels::UpdateOutcome outcome = updater_->update(input, admission_.news());
+    const kernels::UpdateOutcome outcome = updater_->update(input, admission_.confidence());
     anything_scored_ = anything_scored_ || outcome.evaluated > 0;
     return statsOf(outcome);
   }
@@ -130,7 +130,7 @@ class ExactOnDevice final : public UpdateScheduler {
 
  private:
   void begin(const kernels::OccupancyGrid* mirror) {
-    std::array<std::span<const kernels::LeafFlips>, kMostParts> lists;
+    std::array<std::span<const kernels::LeafFlips>, kMostLists> lists;
     std::ranges::copy(flips_, lists.begin());
     updater_->begin(inputs_.of(mirror), lists);
   }
@@ -140,7 +140,7 @@ class ExactOnDevice final : public UpdateScheduler {
     joined_flips_ = 0;
   }
   void joinFlips() {
-    tbb::parallel_for(std::size_t{0}, kMostParts, [&](std::size_t n) { join(flips_[n]); });
+    tbb::parallel_for(std::size_t{0}, kMostLists, [&](std::size_t n) { join(flips_[n]); });
     joined_flips_ = kernels::totalSize(flips_);
   }
   static void join(std::vector<kernels::LeafFlips>& flips) {
@@ -167,7 +167,7 @@ class ExactOnDevice final : public UpdateScheduler {
   bool anything_scored_ = false;
   bool notes_flips_ = false;  ///< an update has scored something, or may be doing so
   bool flips_begun_ = false;  ///< prepare() was called since the last scan
-  std::array<std::vector<kernels::LeafFlips>, kMostParts> flips_;  ///< since the last update, by part of the map
+  std::array<std::vector<kernels::LeafFlips>, kMostLists> flips_;  ///< since the last update, by list
   std::size_t joined_flips_ = 0;                                   ///< their number after the last merge
 };
 

@@ -95,7 +95,7 @@ class ExactOnHost final : public HostScheduler {
   };
   /// What one thread found, and its scratch memory.
   struct Found {
-    CellBlocks cell;
+    LeafGroupBlocks leaf_group;
     std::vector<DueBlock> due;
     std::array<std::vector<Column>, 8> freed_at;  ///< by height in the block: voxels that became free for a corridor
     std::vector<kernels::DueTask> tasks;
@@ -137,18 +137,18 @@ class ExactOnHost final : public HostScheduler {
     return {record.label, record.direction, record.score, record.roll};
   }
 
-  /// Evaluates everything that is due, cell by cell, except what has to wait: that goes to the backlog.
+  /// Evaluates everything that is due, leaf group by leaf group, except what has to wait: that goes to the backlog.
   void takeAllDue(const Work& work, FoundByThread& found) {
     const SurfaceIndex& index = scorer_.points().index();
     if (!work.changed.ids.empty() || !changes_->flips().empty()) {
-      tbb::parallel_for(std::uint32_t{0}, index.cells(),
-                        [&](std::uint32_t cell) { takeCell(cell, work, found.local()); });
+      tbb::parallel_for(std::uint32_t{0}, index.leafGroups(),
+                        [&](std::uint32_t leaf_group) { takeLeafGroup(leaf_group, work, found.local()); });
     }
     if (waits_) askInOrder(found);
   }
 
-  void takeCell(std::uint32_t cell, const Work& work, Found& found) {
-    if (!findBlocks(cell, found.cell)) return;
+  void takeLeafGroup(std::uint32_t leaf_group, const Work& work, Found& found) {
+    if (!findBlocks(leaf_group, found.leaf_group)) return;
     listDue(found);
     // The ids of a block and what is known of its points are scattered in memory. So they are prefetched in steps: the
     // ids two blocks ahead, the first points one block ahead.
@@ -173,13 +173,13 @@ class ExactOnHost final : public HostScheduler {
     evaluate(work.evaluator, found);
   }
 
-  /// Lists the blocks of a cell in which something may be due.
+  /// Lists the blocks of a leaf group in which something may be due.
   void listDue(Found& found) const {
     found.due.clear();
-    for (const std::uint32_t b : found.cell.blocks) {
+    for (const std::uint32_t b : found.leaf_group.blocks) {
       const Index3& leaf = scorer_.points().index().blocks()[b].leaf;
       DueBlock due = {b, changes_->changedIn(b), false, {}};
-      if (found.cell.flipped) due.affected = footprint_.affected(leaf, found.cell.flips);
+      if (found.leaf_group.flipped) due.affected = footprint_.affected(leaf, found.leaf_group.flips);
       const AffectedDirections& by = due.affected;
       due.flipped = any(by.better_tool | by.better_arm | by.worse_tool | by.worse_arm);
       if (due.changed || due.flipped) found.due.push_back(due);
@@ -198,7 +198,7 @@ class ExactOnHost final : public HostScheduler {
     const AffectedDirections& affected = due.affected;
     if (any(affected.better_tool)) {
       FreedVoxels freed;
-      countFreed(block.leaf, found.cell.flips, freed);
+      countFreed(block.leaf, found.leaf_group.flips, freed);
       known_.age(b, block.ids, freed, affected.better_tool);
     }
     const bool corridors = any(affected.better_arm), one_by_one = corridors && listFreed(block, found);
@@ -232,20 +232,20 @@ class ExactOnHost final : public HostScheduler {
     for (const kernels::FootprintColumn& column : footprint_.armColumns()) {
       const std::int32_t z = block.leaf[2];  // corridors stay at the height of the point
       if (z + column.z_low > z || z + column.z_high < z) continue;
-      found.cell.flips.forEach(block.leaf[0] + column.dx, block.leaf[1] + column.dy, z, z, FlipKind::ArmFreeOn,
-                               [&](std::int32_t, std::uint32_t change) {
-                                 const LeafBits& freed = changes_->flips().changes()[change].arm_free_on;
-                                 for (int x = 0; x < 8; ++x) {
-                                   for (std::uint64_t bits = freed[static_cast<std::size_t>(x)]; bits != 0;
-                                        bits &= bits - 1) {
-                                     const int yz = std::countr_zero(bits);
-                                     found.freed_at[static_cast<std::size_t>(yz & 7)].push_back(
-                                         {static_cast<std::int16_t>(8 * column.dx + x),
-                                          static_cast<std::int16_t>(8 * column.dy + (yz >> 3))});
-                                     ++listed;
-                                   }
-                                 }
-                               });
+      found.leaf_group.flips.forEach(block.leaf[0] + column.dx, block.leaf[1] + column.dy, z, z, FlipKind::ArmFreeOn,
+                                     [&](std::int32_t, std::uint32_t change) {
+                                       const LeafBits& freed = changes_->flips().changes()[change].arm_free_on;
+                                       for (int x = 0; x < 8; ++x) {
+                                         for (std::uint64_t bits = freed[static_cast<std::size_t>(x)]; bits != 0;
+                                              bits &= bits - 1) {
+                                           const int yz = std::countr_zero(bits);
+                                           found.freed_at[static_cast<std::size_t>(yz & 7)].push_back(
+                                               {static_cast<std::int16_t>(8 * column.dx + x),
+                                                static_cast<std::int16_t>(8 * column.dy + (yz >> 3))});
+                                           ++listed;
+                                         }
+                                       }
+                                     });
       if (listed * block.ids.size() > 8 * kMostPairs) return false;
     }
     return true;

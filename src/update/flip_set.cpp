@@ -30,21 +30,22 @@ void FlipSet::add(std::span<const LeafChange> changes) {
     const std::uint8_t kinds = kindsOf(change);
     if (kinds == 0) continue;
     const Index3 leaf = parentOf(change.origin_ijk);
-    const auto [number, is_new] = cell_of_.insert(parentOf(leaf), static_cast<std::uint32_t>(cells_.size()));
-    if (is_new) cells_.emplace_back();
-    Cell& cell = cells_[number];
+    const auto [number, is_new] =
+        leaf_group_of_.insert(parentOf(leaf), static_cast<std::uint32_t>(leaf_groups_.size()));
+    if (is_new) leaf_groups_.emplace_back();
+    LeafGroup& leaf_group = leaf_groups_[number];
     const std::size_t bit = bitInParent(leaf);
-    std::uint64_t& present = cell.present[bit >> 6];
+    std::uint64_t& present = leaf_group.present[bit >> 6];
     const std::uint64_t own = std::uint64_t{1} << (bit & 63);
     if ((present & own) == 0) {
       present |= own;
-      cell.change[bit] = static_cast<std::uint32_t>(changes_.size());
+      leaf_group.change[bit] = static_cast<std::uint32_t>(changes_.size());
       changes_.push_back(change);
       kinds_.push_back(kinds);
       continue;
     }
-    LeafChange& known = changes_[cell.change[bit]];
-    std::uint8_t& known_kinds = kinds_[cell.change[bit]];
+    LeafChange& known = changes_[leaf_group.change[bit]];
+    std::uint8_t& known_kinds = kinds_[leaf_group.change[bit]];
     known_kinds = static_cast<std::uint8_t>(known_kinds | kinds);
     join(known.collides_on, change.collides_on);
     join(known.collides_off, change.collides_off);
@@ -57,8 +58,8 @@ void FlipSet::clear() {
   if (changes_.empty()) return;
   changes_.clear();
   kinds_.clear();
-  cells_.clear();
-  cell_of_ = CellMap();
+  leaf_groups_.clear();
+  leaf_group_of_ = PlaceMap();
 }
 
 }  // namespace accessvdb::internal

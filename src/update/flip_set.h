@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "accessvdb/leaf_change.h"
-#include "points/cell_map.h"
+#include "points/place_map.h"
 #include "points/surface_index.h"
 
 namespace accessvdb::internal {
@@ -65,30 +65,30 @@ class FlipSet {
   bool forEachIn(const Index3& low, const Index3& high, const Visit& visit) const;
   [[nodiscard]] const std::vector<LeafChange>& changes() const { return changes_; }
   [[nodiscard]] std::uint64_t bytes() const {
-    return changes_.capacity() * sizeof(LeafChange) + kinds_.capacity() + cells_.capacity() * sizeof(Cell) +
-           cell_of_.bytes();
+    return changes_.capacity() * sizeof(LeafChange) + kinds_.capacity() + leaf_groups_.capacity() * sizeof(LeafGroup) +
+           leaf_group_of_.bytes();
   }
 
  private:
   /// 8 x 8 x 8 leaves.
-  struct Cell {
+  struct LeafGroup {
     LeafBits present = {};
     std::array<std::uint32_t, 512> change;  ///< index into changes_, where present
   };
 
   std::vector<LeafChange> changes_;
   std::vector<std::uint8_t> kinds_;  ///< of changes_
-  std::vector<Cell> cells_;
-  CellMap cell_of_;
+  std::vector<LeafGroup> leaf_groups_;
+  PlaceMap leaf_group_of_;
 };
 
 inline FlipSet::Flipped FlipSet::at(const Index3& leaf) const {
   if (changes_.empty()) return {nullptr, 0};
-  const std::uint32_t cell = cell_of_.find(parentOf(leaf));
-  if (cell == CellMap::kNoCell) return {nullptr, 0};
+  const std::uint32_t leaf_group = leaf_group_of_.find(parentOf(leaf));
+  if (leaf_group == PlaceMap::kAbsent) return {nullptr, 0};
   const std::size_t bit = bitInParent(leaf);
-  if ((cells_[cell].present[bit >> 6] >> (bit & 63) & 1u) == 0) return {nullptr, 0};
-  const std::uint32_t change = cells_[cell].change[bit];
+  if ((leaf_groups_[leaf_group].present[bit >> 6] >> (bit & 63) & 1u) == 0) return {nullptr, 0};
+  const std::uint32_t change = leaf_groups_[leaf_group].change[bit];
   return {&changes_[change], kinds_[change]};
 }
 
@@ -98,11 +98,11 @@ bool FlipSet::forEachIn(const Index3& low, const Index3& high, const Visit& visi
   for (std::int32_t cx = low[0] >> 3; cx <= high[0] >> 3; ++cx) {
     for (std::int32_t cy = low[1] >> 3; cy <= high[1] >> 3; ++cy) {
       for (std::int32_t cz = low[2] >> 3; cz <= high[2] >> 3; ++cz) {
-        const std::uint32_t number = cell_of_.find({cx, cy, cz});
-        if (number == CellMap::kNoCell) continue;
-        const Cell& cell = cells_[number];
+        const std::uint32_t number = leaf_group_of_.find({cx, cy, cz});
+        if (number == PlaceMap::kAbsent) continue;
+        const LeafGroup& leaf_group = leaf_groups_[number];
         for (std::size_t bit = 0; bit < 512; ++bit) {
-          const std::uint64_t left = cell.present[bit >> 6] >> (bit & 63);
+          const std::uint64_t left = leaf_group.present[bit >> 6] >> (bit & 63);
           if (left == 0) {
             bit |= 63;
             continue;
@@ -115,7 +115,7 @@ bool FlipSet::forEachIn(const Index3& low, const Index3& high, const Visit& visi
           }
           if (!inside) continue;
           any = true;
-          visit(leaf, cell.change[bit], kinds_[cell.change[bit]]);
+          visit(leaf, leaf_group.change[bit], kinds_[leaf_group.change[bit]]);
         }
       }
     }

@@ -15,7 +15,7 @@ namespace {
 
 constexpr std::size_t kPointsPerTask = 512, kLeavesPerTask = 256;
 
-/// Several threads may work on the leaves and points of one cell.
+/// Several threads may work on the leaves and points of one leaf group.
 bool setBit(LeafBits& bits, std::size_t n) {
   const std::uint64_t bit = std::uint64_t{1} << (n & 63);
   return (std::atomic_ref(bits[n >> 6]).fetch_or(bit, std::memory_order_relaxed) & bit) == 0;
@@ -36,14 +36,14 @@ bool noneOf(LeafBits& bits) {
 
 void FreshPoints::add(std::span<const std::uint32_t> ids) {
   const SurfaceIndex& index = points_.index();
-  cells_.grow(index.cells());
+  leaf_groups_.grow(index.leafGroups());
   of_blocks_.grow(index.blocks().size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, ids.size(), kPointsPerTask), [&](const auto& range) {
     for (std::size_t n = range.begin(); n != range.end(); ++n) {
       const std::uint32_t block = points_.blockOf(ids[n]);
       setBit(of_blocks_[block], bitInParent(points_.voxelOf(points_.first_L(ids[n]))));
       const PointBlock& place = index.blocks()[block];
-      setBit(cells_[place.cell].fresh, bitInParent(place.leaf));
+      setBit(leaf_groups_[place.leaf_group].fresh, bitInParent(place.leaf));
     }
   });
 }
@@ -51,19 +51,19 @@ void FreshPoints::add(std::span<const std::uint32_t> ids) {
 void FreshPoints::noteReached(std::span<const Index3> leaves) {
   if (all_reached_) return;
   std::vector<LeafCode>& reached = reached_.local();
-  Index3 cell = {};
+  Index3 leaf_group = {};
   std::uint32_t number = kNone;
   bool any = false;
   for (const Index3& leaf : leaves) {
     const Index3 here = parentOf(leaf);
-    if (!any || here != cell) {  // a return's leaves are consecutive
+    if (!any || here != leaf_group) {  // a return's leaves are consecutive
       any = true;
-      cell = here;
-      number = points_.index().cellAt(cell);
+      leaf_group = here;
+      number = points_.index().leafGroupAt(leaf_group);
     }
-    if (number >= cells_.size()) continue;  // no points, or none admitted yet
+    if (number >= leaf_groups_.size()) continue;  // no points, or none admitted yet
     const std::size_t bit = bitInParent(leaf);
-    FreshCell& of = cells_[number];
+    FreshLeafGroup& of = leaf_groups_[number];
     if (!testBit(of.fresh, bit) || testBit(of.reached, bit) || !setBit(of.reached, bit)) continue;
     reached.push_back(LeafCode{number} << 9 | bit);
   }
@@ -77,9 +77,9 @@ void FreshPoints::takeReached(FreshPlaces& places) {
   }
   if (all_reached_) {
     leaves.clear();
-    for (std::size_t cell = 0; cell < cells_.size(); ++cell) {
+    for (std::size_t leaf_group = 0; leaf_group < leaf_groups_.size(); ++leaf_group) {
       for (std::size_t bit = 0; bit < 512; ++bit) {
-        if (testBit(cells_[cell].fresh, bit)) leaves.push_back(LeafCode{cell} << 9 | bit);
+        if (testBit(leaf_groups_[leaf_group].fresh, bit)) leaves.push_back(LeafCode{leaf_group} << 9 | bit);
       }
     }
   }
@@ -93,10 +93,10 @@ void FreshPoints::takeReached(FreshPlaces& places) {
     FreshPlaces& found = of_task[task];
     const std::size_t end = std::min(leaves.size(), (task + 1) * kLeavesPerTask);
     for (std::size_t n = task * kLeavesPerTask; n < end; ++n) {
-      const auto cell = static_cast<std::uint32_t>(leaves[n] >> 9);
+      const auto leaf_group = static_cast<std::uint32_t>(leaves[n] >> 9);
       const std::size_t bit = leaves[n] & 511;
-      clearBit(cells_[cell].reached, bit);
-      const std::uint32_t block = points_.index().blockIn(cell, bit);
+      clearBit(leaf_groups_[leaf_group].reached, bit);
+      const std::uint32_t block = points_.index().blockIn(leaf_group, bit);
       const Index3 leaf = points_.index().blocks()[block].leaf;
       for (std::size_t x = 0; x < 8; ++x) {
         for (std::uint64_t bits = of_blocks_[block][x]; bits != 0; bits &= bits - 1) {
@@ -127,13 +127,13 @@ void FreshPoints::remove(const FreshPlaces& places, std::span<const std::uint32_
       // Whichever thread removes the last one sees that nothing is left.
       if (!noneOf(of_blocks_[block])) continue;
       const PointBlock& place = points_.index().blocks()[block];
-      clearBit(cells_[place.cell].fresh, bitInParent(place.leaf));
+      clearBit(leaf_groups_[place.leaf_group].fresh, bitInParent(place.leaf));
     }
   });
 }
 
 std::uint64_t FreshPoints::bytes() const {
-  std::uint64_t bytes = cells_.bytes() + of_blocks_.bytes();
+  std::uint64_t bytes = leaf_groups_.bytes() + of_blocks_.bytes();
   for (const std::vector<LeafCode>& of_thread : reached_) bytes += of_thread.capacity() * sizeof(LeafCode);
   return bytes;
 }

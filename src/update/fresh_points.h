@@ -42,17 +42,17 @@ class FreshPoints {
   [[nodiscard]] std::uint64_t bytes() const;
 
  private:
-  /// State of one cell of the index.
-  struct FreshCell {
+  /// State of one leaf group of the index.
+  struct FreshLeafGroup {
     LeafBits fresh = {};    ///< leaves with fresh points
     LeafBits reached = {};  ///< those of them that were reached
   };
-  /// Cell number << 9 | bit of the leaf.
+  /// leaf group number << 9 | bit of the leaf.
   using LeafCode = std::uint64_t;
 
   const PointStore& points_;
-  ChunkedArray<FreshCell> cells_;     ///< by cell number
-  ChunkedArray<LeafBits> of_blocks_;  ///< [blocks] voxels with a fresh point
+  ChunkedArray<FreshLeafGroup> leaf_groups_;  ///< by leaf group number
+  ChunkedArray<LeafBits> of_blocks_;          ///< [blocks] voxels with a fresh point
   tbb::enumerable_thread_specific<std::vector<LeafCode>> reached_;
   bool all_reached_ = false;
 };

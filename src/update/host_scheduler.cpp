@@ -33,13 +33,13 @@ void HostScheduler::takeChanges() {
   scorer_.adopt(changes_->scorer(), changes_->changed().ids);
 }
 
-bool HostScheduler::findBlocks(std::uint32_t cell, CellBlocks& found) const {
+bool HostScheduler::findBlocks(std::uint32_t leaf_group, LeafGroupBlocks& found) const {
   const SurfaceIndex& index = scorer_.points().index();
   found.blocks.clear();
   bool any_changed = false;
-  Index3 low = {}, high = {};  // leaves that points of the cell read
+  Index3 low = {}, high = {};  // leaves that points of the leaf group read
   for (std::size_t bit = 0; bit < 512; ++bit) {
-    const std::uint32_t b = index.blockIn(cell, bit);
+    const std::uint32_t b = index.blockIn(leaf_group, bit);
     if (b == kNone || !changes_->anyScoredIn(b)) continue;
     const Index3& leaf = index.blocks()[b].leaf;
     for (std::size_t axis = 0; axis < 3; ++axis) {

@@ -1,7 +1,7 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// What exact schedulers on the host share: what a scan changed, possibly with those of other tools, and which blocks
-/// of a cell that may concern.
+/// of a leaf group that may concern.
 #pragma once
 
 #include <cstdint>
@@ -33,15 +33,15 @@ class HostScheduler : public UpdateScheduler {
   /// Brings points and neighbourhoods up to date: finds them, or takes over what the leading scheduler found.
   void takeChanges();
 
-  /// Blocks of a cell with points that were scored or changed, and what flipped around them. Scratch memory of a
+  /// Blocks of a leaf group with points that were scored or changed, and what flipped around them. Scratch memory of a
   /// thread.
-  struct CellBlocks {
+  struct LeafGroupBlocks {
     FlipColumns flips;
     std::vector<std::uint32_t> blocks;
     bool flipped = false;  ///< anything did
   };
-  /// @return false if nothing changed in the cell or around it
-  [[nodiscard]] bool findBlocks(std::uint32_t cell, CellBlocks& found) const;
+  /// @return false if nothing changed in the leaf group or around it
+  [[nodiscard]] bool findBlocks(std::uint32_t leaf_group, LeafGroupBlocks& found) const;
 
   PointScorer& scorer_;
   std::function<ScoringTables(const kernels::OccupancyGrid* mirror)> tables_;

@@ -125,7 +125,7 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
     }
   };
   const bool by_leaf = approach.axes_xyz != nullptr, wide = kernels::isWide(approach.num_directions);
-  const auto make = [&](const auto& forEach, Part& part) {
+  const auto make = [&](const auto& forEach, Stacks& part) {
     OffsetsBox box;
     forEach([&](int, const Index3& low, const Index3& high) { box.add(low, high); });
     FootprintBuilder builder(box.low, box.high, (1 << group_log2) - 1);
@@ -161,7 +161,7 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
   };
   make(forEachOfTool, tool_);
   make(forEachOfArm, arm_);
-  for (const Part* part : {&tool_, &arm_}) {
+  for (const Stacks* part : {&tool_, &arm_}) {
     for (const kernels::FootprintColumn& column : part->columns) {
       low_ = {std::min(low_[0], column.dx), std::min(low_[1], column.dy), std::min(low_[2], column.z_low)};
       high_ = {std::max(high_[0], column.dx), std::max(high_[1], column.dy), std::max(high_[2], column.z_high)};
@@ -171,7 +171,7 @@ LeafFootprint::LeafFootprint(const kernels::ToolKernelView& tool, const kernels:
 
 AffectedDirections LeafFootprint::affected(const Index3& block_leaf, const FlipColumns& flips) const {
   AffectedDirections affected = {};
-  const auto scan = [&](const Part& part, FlipKind better_kind, FlipKind worse_kind, DirectionMask& better,
+  const auto scan = [&](const Stacks& part, FlipKind better_kind, FlipKind worse_kind, DirectionMask& better,
                         DirectionMask& worse) {
     for (const Stack& stack : part.stacks) {
       const kernels::FootprintColumn& lowest = part.columns[stack.begin];

@@ -49,11 +49,11 @@ class LeafFootprint {
   [[nodiscard]] AffectedDirections affected(const Index3& block_leaf, const FlipColumns& flips) const;
 
  private:
-  struct Part {
+  struct Stacks {
     std::vector<kernels::FootprintColumn> columns;
     std::vector<Stack> stacks;
   };
-  Part tool_, arm_;
+  Stacks tool_, arm_;
   Index3 low_ = {}, high_ = {};  ///< box of all columns, relative to the first leaf
 };
 

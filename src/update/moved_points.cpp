@@ -94,23 +94,23 @@ void MovedPoints::groupByBlock() {
   for (std::size_t n = 0; n < keys_.size(); ++n) keys_[n] = std::uint64_t{points.blockOf(touched_[n].id)} << 32 | n;
   tbb::parallel_sort(keys_.begin(), keys_.end());
   by_block_.resize(keys_.size());
-  groups_.clear();
+  touched_blocks_.clear();
   for (std::uint32_t n = 0; n < keys_.size(); ++n) {
     by_block_[n] = static_cast<std::uint32_t>(keys_[n]);
     const auto block = static_cast<std::uint32_t>(keys_[n] >> 32);
-    if (groups_.empty() || groups_.back().block != block) groups_.push_back({block, n, n});
-    groups_.back().end = n + 1;
+    if (touched_blocks_.empty() || touched_blocks_.back().block != block) touched_blocks_.push_back({block, n, n});
+    touched_blocks_.back().end = n + 1;
   }
   places_.resize(2 * touched_.size());
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups_.size(), 64), [&](const auto& range) {
-    for (std::size_t g = range.begin(); g != range.end(); ++g) listPlaces(groups_[g]);
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, touched_blocks_.size(), 64), [&](const auto& range) {
+    for (std::size_t g = range.begin(); g != range.end(); ++g) listPlaces(touched_blocks_[g]);
   });
 }
 
 /// Where touched points are and were, of those that matter to others.
-void MovedPoints::listPlaces(Group& group) {
-  Eigen::Vector3f* place = places_.data() + 2 * std::size_t{group.begin};
-  for (std::uint32_t n = group.begin; n < group.end; ++n) {
+void MovedPoints::listPlaces(TouchedBlock& touched_block) {
+  Eigen::Vector3f* place = places_.data() + 2 * std::size_t{touched_block.begin};
+  for (std::uint32_t n = touched_block.begin; n < touched_block.end; ++n) {
     const Touched& touched = touched_[by_block_[n]];
     const Eigen::Vector3f& now_L = scorer_.points().pca_L(touched.id);
     const bool is_new = std::isnan(touched.before_L.x());
@@ -119,7 +119,7 @@ void MovedPoints::listPlaces(Group& group) {
     *place++ = now_L;
     if (mean_moved && !is_new) *place++ = touched.before_L;
   }
-  group.places = static_cast<std::uint32_t>(place - (places_.data() + 2 * std::size_t{group.begin}));
+  touched_block.places = static_cast<std::uint32_t>(place - (places_.data() + 2 * std::size_t{touched_block.begin}));
 }
 
 /// Visits blocks whose boxes lie within reach_m of the leaf's box, for the means of the points in both.
@@ -141,10 +141,10 @@ std::vector<std::uint32_t> MovedPoints::reachedBlocks() {
   float most_m = -1;
   for (std::size_t b = 0; b < block_reach_m_.size(); ++b) most_m = std::max(most_m, block_reach_m_[b]);
   tbb::enumerable_thread_specific<std::vector<std::uint32_t>> found;
-  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, groups_.size()), [&](const auto& range) {
+  tbb::parallel_for(tbb::blocked_range<std::size_t>(0, touched_blocks_.size()), [&](const auto& range) {
     std::vector<std::uint32_t>& mine = found.local();
     for (std::size_t g = range.begin(); g != range.end(); ++g) {
-      forEachNear(blocks[groups_[g].block].leaf, most_m, [&](std::uint32_t b, float squared_gap) {
+      forEachNear(blocks[touched_blocks_[g].block].leaf, most_m, [&](std::uint32_t b, float squared_gap) {
         if (!anyIn(b)) return;
         const float reach_voxels = block_reach_m_[b] / voxel_size_m * kReachSlack + 2 * kRoundingVoxels;
         if (squared_gap > reach_voxels * reach_voxels) return;
@@ -175,15 +175,16 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
   for (std::size_t n = 0; n < kAhead; ++n) prefetch(n);
   places.clear();
   forEachNear(own.leaf, block_reach_m_[block], [&](std::uint32_t b, float squared_gap) {
-    if (group_of_block_[b] == kNone || squared_gap > reach_voxels * reach_voxels) return;
-    const Group& group = groups_[group_of_block_[b]];
-    const Eigen::Vector3f* const first = places_.data() + 2 * std::size_t{group.begin};
-    for (const Eigen::Vector3f* place = first; place != first + group.places; ++place) {
+    if (touched_block_of_[b] == kNone || squared_gap > reach_voxels * reach_voxels) return;
+    const TouchedBlock& touched_block = touched_blocks_[touched_block_of_[b]];
+    const Eigen::Vector3f* const first = places_.data() + 2 * std::size_t{touched_block.begin};
+    for (const Eigen::Vector3f* place = first; place != first + touched_block.places; ++place) {
       places.add(place->x(), place->y(), place->z());
     }
   });
-  const Group none = {block, 0, 0, 0};
-  const Group& group = group_of_block_[block] == kNone ? none : groups_[group_of_block_[block]];
+  const TouchedBlock none = {block, 0, 0, 0};
+  const TouchedBlock& touched_block =
+      touched_block_of_[block] == kNone ? none : touched_blocks_[touched_block_of_[block]];
   const NearKernels& kernels = nearKernels();
   for (std::size_t n = 0; n < own.ids.size(); ++n) {
     prefetch(n + kAhead);
@@ -191,9 +192,9 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
     const PointRecord& record = scorer_.record(id);
     if (!record.has_neighbourhood) continue;
     // A touched point itself: its mean, its seen directions or the mean sensor position have changed.
-    const auto first = by_block_.begin() + group.begin, last = by_block_.begin() + group.end;
+    const auto first = by_block_.begin() + touched_block.begin, last = by_block_.begin() + touched_block.end;
     const auto at = std::lower_bound(first, last, id, [&](std::uint32_t at_place, std::uint32_t value) {
-      return touched_[at_place].id < value;  // touched_ is sorted by id, and so is each group
+      return touched_[at_place].id < value;  // touched_ is sorted by id, and so is each touched_block
     });
     const bool is_touched = at != last && touched_[*at].id == id;
     if (is_touched || kernels.any_within(places.x(), places.y(), places.z(), places.lanes(), points.pca_L(id).data(),
@@ -205,14 +206,14 @@ void MovedPoints::findInBlock(std::uint32_t block, NearPositions& places, std::v
 
 std::vector<std::uint32_t> MovedPoints::find(std::span<const std::uint32_t> others) {
   joinTouched();
-  groups_.clear();
+  touched_blocks_.clear();
   std::vector<std::uint32_t> reached;
   if (!touched_.empty() && any_known_) {
     const std::size_t block_count = scorer_.points().index().blocks().size();
     block_reach_m_.grow(block_count, -1.0f);
-    group_of_block_.grow(block_count, kNone);
+    touched_block_of_.grow(block_count, kNone);
     groupByBlock();
-    for (std::uint32_t g = 0; g < groups_.size(); ++g) group_of_block_[groups_[g].block] = g;
+    for (std::uint32_t g = 0; g < touched_blocks_.size(); ++g) touched_block_of_[touched_blocks_[g].block] = g;
     reached = reachedBlocks();
   }
   const PointsByBlock waiting(scorer_.points(), others);
@@ -229,7 +230,7 @@ std::vector<std::uint32_t> MovedPoints::find(std::span<const std::uint32_t> othe
       waiting.appendOf(b, found[task]);
     }
   });
-  for (const Group& group : groups_) group_of_block_[group.block] = kNone;
+  for (const TouchedBlock& touched_block : touched_blocks_) touched_block_of_[touched_block.block] = kNone;
   std::vector<std::uint32_t> moved;
   for (const std::vector<std::uint32_t>& part : found) moved.insert(moved.end(), part.begin(), part.end());
   return moved;
@@ -265,15 +266,15 @@ void MovedPoints::clear() {
   if (scorer_.keepsMemoryFor(touched_.size())) {
     touched_.clear();
   } else {
-    touched_ = {}, ids_ = {}, keys_ = {}, by_block_ = {}, places_ = {}, groups_ = {};
+    touched_ = {}, ids_ = {}, keys_ = {}, by_block_ = {}, places_ = {}, touched_blocks_ = {};
   }
   joined_ = 0;
 }
 
 std::uint64_t MovedPoints::bytes() const {
-  return touched_.capacity() * sizeof(Touched) + groups_.capacity() * sizeof(Group) + reached_.bytes() +
+  return touched_.capacity() * sizeof(Touched) + touched_blocks_.capacity() * sizeof(TouchedBlock) + reached_.bytes() +
          (ids_.capacity() + by_block_.capacity()) * sizeof(std::uint32_t) + keys_.capacity() * sizeof(std::uint64_t) +
-         places_.capacity() * sizeof(Eigen::Vector3f) + group_of_block_.bytes() + block_reach_m_.bytes();
+         places_.capacity() * sizeof(Eigen::Vector3f) + touched_block_of_.bytes() + block_reach_m_.bytes();
 }
 
 }  // namespace accessvdb::internal

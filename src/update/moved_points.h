@@ -51,14 +51,14 @@ class MovedPoints {
     Eigen::Vector3f before_L;  ///< pca_L() at the last update; NaN for newer points
   };
   /// The touched points of one block: [begin, end) of by_block_.
-  struct Group {
+  struct TouchedBlock {
     std::uint32_t block, begin, end;
     std::uint32_t places = 0;  ///< number of their entries in places_, which begin at 2 * begin
   };
 
   void joinTouched();
   void groupByBlock();
-  void listPlaces(Group& group);
+  void listPlaces(TouchedBlock& touched_block);
   [[nodiscard]] std::vector<std::uint32_t> reachedBlocks();
   void findInBlock(std::uint32_t block, NearPositions& places, std::vector<std::uint32_t>& moved) const;
   template <typename Visit>
@@ -71,11 +71,11 @@ class MovedPoints {
   std::vector<std::uint32_t> ids_;
   std::vector<std::uint64_t> keys_;      ///< block << 32 | index into touched_
   std::vector<std::uint32_t> by_block_;  ///< indices into touched_
-  std::vector<Eigen::Vector3f> places_;  ///< old and new means of touched points, group by group
-  std::vector<Group> groups_;
-  ChunkedArray<std::uint32_t> group_of_block_;  ///< [blocks], kNone if nothing was touched
-  ChunkedArray<std::uint8_t> reached_;          ///< [blocks], all zero between calls
-  ChunkedArray<float> block_reach_m_;           ///< [blocks] largest reach of its points, negative if none has one
+  std::vector<Eigen::Vector3f> places_;  ///< old and new means of touched points, block by block
+  std::vector<TouchedBlock> touched_blocks_;
+  ChunkedArray<std::uint32_t> touched_block_of_;  ///< [blocks], kNone if nothing was touched
+  ChunkedArray<std::uint8_t> reached_;            ///< [blocks], all zero between calls
+  ChunkedArray<float> block_reach_m_;             ///< [blocks] largest reach of its points, negative if none has one
 };
 
 }  // namespace accessvdb::internal

@@ -31,7 +31,7 @@ class PaperOnDevice final : public UpdateScheduler {
     admission_.noteReturns(touched, p_L, q_L);
   }
 
-  Needs needs() const override { return {.news = admission_.takesNews(), .distances = true}; }
+  Needs needs() const override { return {.deltas = admission_.takesDeltas(), .distances = true}; }
   void noteChanges(std::span<const Eigen::Vector3f> p_L, std::span<const Eigen::Vector3f> q_L,
                    const MapChanges& changes) override {
     triggers_.note(p_L, q_L, changes.distances);
@@ -47,9 +47,9 @@ class PaperOnDevice final : public UpdateScheduler {
     kernels::UpdateOutcome outcome;
     const auto leave_host = [&] {
       admission_.know();
-      mapIsFree();
+      releaseMap();
     };
-    runBeside([&] { outcome = updater_->update(input, admission_.news(), triggered); }, leave_host);
+    runBeside([&] { outcome = updater_->update(input, admission_.confidence(), triggered); }, leave_host);
     UpdateStats stats = statsOf(outcome);
     stats.moved_points = stats.dirty_points;  // each point's neighbourhood is made when its turn comes
     return stats;

@@ -59,7 +59,7 @@ class PaperOnHost final : public UpdateScheduler {
       items[n].candidates = directions_.candidates(work[n]);
       labels_before[n] = scorer_.record(work[n]).label;
     }
-    mapIsFree();  // scoring reads the mirror and what was uploaded
+    releaseMap();  // scoring reads the mirror and what was uploaded
     const kernels::Stopwatch scoring;
     const std::vector<kernels::ScoreResult> results = scorer_.score(items, tables_(mirror));
     for (std::size_t n = 0; n < results.size(); ++n) {

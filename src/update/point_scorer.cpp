@@ -51,21 +51,21 @@ std::vector<std::uint32_t> PointScorer::refreshWeights(std::span<const std::uint
 std::vector<std::uint32_t> PointScorer::takeConfident(std::vector<std::uint32_t>& fresh) {
   std::vector<std::uint16_t> weights(fresh.size());
   reads_.weights(fresh, weights);
-  struct Part {
+  struct Admitted {
     std::vector<std::uint32_t> confident, others;
   };
-  std::vector<Part> parts((fresh.size() + kScoredPerTask - 1) / kScoredPerTask);
-  tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t task) {
+  std::vector<Admitted> of_tasks((fresh.size() + kScoredPerTask - 1) / kScoredPerTask);
+  tbb::parallel_for(std::size_t{0}, of_tasks.size(), [&](std::size_t task) {
     for (std::size_t n = task * kScoredPerTask; n < std::min(fresh.size(), (task + 1) * kScoredPerTask); ++n) {
       records_[fresh[n]].weight = weights[n];
-      (isConfident(weights[n]) ? parts[task].confident : parts[task].others).push_back(fresh[n]);
+      (isConfident(weights[n]) ? of_tasks[task].confident : of_tasks[task].others).push_back(fresh[n]);
     }
   });
   std::vector<std::uint32_t> confident;
   fresh.clear();
-  for (const Part& part : parts) {
-    confident.insert(confident.end(), part.confident.begin(), part.confident.end());
-    fresh.insert(fresh.end(), part.others.begin(), part.others.end());
+  for (const Admitted& admitted : of_tasks) {
+    confident.insert(confident.end(), admitted.confident.begin(), admitted.confident.end());
+    fresh.insert(fresh.end(), admitted.others.begin(), admitted.others.end());
   }
   return confident;
 }
@@ -144,11 +144,11 @@ void PointScorer::upload(std::span<const std::uint32_t> ids) {
 }
 
 void PointScorer::uploadWideSeen(std::span<const std::uint32_t> ids) {
-  constexpr std::size_t kPart = 1 << 14;
+  constexpr std::size_t kChunk = 1 << 14;
   const auto words = static_cast<std::size_t>(points_.directionWords());
-  std::vector<std::uint64_t> rows(words * std::min(ids.size(), kPart));
-  for (std::size_t first = 0; first < ids.size(); first += kPart) {
-    const std::size_t count = std::min(kPart, ids.size() - first);
+  std::vector<std::uint64_t> rows(words * std::min(ids.size(), kChunk));
+  for (std::size_t first = 0; first < ids.size(); first += kChunk) {
+    const std::size_t count = std::min(kChunk, ids.size() - first);
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, kScoredPerTask), [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         std::copy_n(wideSeen() + words * ids[first + n], words, rows.data() + words * n);
@@ -159,10 +159,10 @@ void PointScorer::uploadWideSeen(std::span<const std::uint32_t> ids) {
 }
 
 void PointScorer::uploadInputs(std::span<const std::uint32_t> ids) {
-  constexpr std::size_t kPart = 1 << 16;  // so that the memory in between stays small
-  if (inputs_.size() < std::min(ids.size(), kPart)) inputs_.resize(std::min(ids.size(), kPart));
-  for (std::size_t first = 0; first < ids.size(); first += kPart) {
-    const std::size_t count = std::min(kPart, ids.size() - first);
+  constexpr std::size_t kChunk = 1 << 16;  // so that the memory in between stays small
+  if (inputs_.size() < std::min(ids.size(), kChunk)) inputs_.resize(std::min(ids.size(), kChunk));
+  for (std::size_t first = 0; first < ids.size(); first += kChunk) {
+    const std::size_t count = std::min(kChunk, ids.size() - first);
     tbb::parallel_for(tbb::blocked_range<std::size_t>(0, count, kScoredPerTask), [&](const auto& range) {
       for (std::size_t n = range.begin(); n != range.end(); ++n) {
         const std::uint32_t id = ids[first + n];

@@ -28,7 +28,7 @@ struct MapChanges {
 
 /// What a scheduler needs to be told.
 struct Needs {
-  bool news = false;       ///< for the next scan: noteReturns() needs PointStore::describeTouched()
+  bool deltas = false;     ///< for the next scan: noteReturns() needs PointStore::describeTouched()
   bool changes = false;    ///< always: each change of the map via noteChange(), before noteChanges()
   bool distances = false;  ///< always: MapChanges::distances
 };
@@ -45,13 +45,13 @@ class UpdateScheduler {
   virtual void noteReturns(const TouchedPoints& touched, std::span<const Eigen::Vector3f> p_L,
                            std::span<const Eigen::Vector3f> q_L) = 0;
   /// Reports what flipped in one leaf while the map integrates the scan. Called from several threads, also concurrently
-  /// with noteReturns(), but for each part by one thread at a time. @param part  below kMostParts
-  virtual void noteChange(std::size_t /*part*/, const LeafChange& /*change*/) {}
-  static constexpr std::size_t kMostParts = 256;
-  /// noteChange() for all of these, on several threads. @param parts  at most kMostParts
-  void noteEachPart(std::span<const std::span<const LeafChange>> parts) {
-    tbb::parallel_for(std::size_t{0}, parts.size(), [&](std::size_t part) {
-      for (const LeafChange& change : parts[part]) noteChange(part, change);
+  /// with noteReturns(), but for each list by one thread at a time. @param list  below kMostLists
+  virtual void noteChange(std::size_t /*list*/, const LeafChange& /*change*/) {}
+  static constexpr std::size_t kMostLists = 256;
+  /// noteChange() for all of these, on several threads. @param lists  at most kMostLists
+  void noteEachList(std::span<const std::span<const LeafChange>> lists) {
+    tbb::parallel_for(std::size_t{0}, lists.size(), [&](std::size_t list) {
+      for (const LeafChange& change : lists[list]) noteChange(list, change);
     });
   }
   /// Call when the map contains the returns, too: after noteReturns(), once per scan.
@@ -59,7 +59,7 @@ class UpdateScheduler {
                            const MapChanges& changes) = 0;
 
   /// Call instead of these when the map changed without a scan.
-  /// @param facts  in parts, as for noteChange(); each leaf at most once
+  /// @param facts  in lists, as for noteChange(); each leaf at most once
   virtual void noteChangesAlone(std::span<const std::span<const LeafChange>> facts) {
     noteChanges({}, {}, {facts, {}});
   }
@@ -75,20 +75,20 @@ class UpdateScheduler {
   /// Scores what is due. Fills in score_ms; the field attributes the rest of the update's time to update_ms.
   virtual UpdateStats update(const kernels::OccupancyGrid* mirror) = 0;
   /// Called in the next updates, from any thread, once they no longer read the points and the map on the host, nor what
-  /// noteChange() writes; not all schedulers call it. @param free_map  may be empty
-  void whenMapIsFree(std::function<void()> free_map) { free_map_ = std::move(free_map); }
+  /// noteChange() writes; not all schedulers call it. @param release_map  may be empty
+  void whenMapIsReleased(std::function<void()> release_map) { release_map_ = std::move(release_map); }
 
   [[nodiscard]] virtual std::uint64_t bytes() const = 0;
   /// In the backend's memory, without the state of the points.
   [[nodiscard]] virtual std::uint64_t deviceBytes() const { return 0; }
 
  protected:
-  void mapIsFree() const {
-    if (free_map_) free_map_();
+  void releaseMap() const {
+    if (release_map_) release_map_();
   }
 
  private:
-  std::function<void()> free_map_;
+  std::function<void()> release_map_;
 };
 
 }  // namespace accessvdb::internal

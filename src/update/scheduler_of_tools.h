@@ -29,7 +29,7 @@ class SchedulerOfTools final : public UpdateScheduler {
     Needs all;
     for (const Part& part : parts_) {
       const Needs needs = part.scheduler->needs();
-      all.news = all.news || needs.news;
+      all.deltas = all.deltas || needs.deltas;
       all.changes = all.changes || needs.changes;
       all.distances = all.distances || needs.distances;
     }
@@ -40,7 +40,7 @@ class SchedulerOfTools final : public UpdateScheduler {
                    std::span<const Eigen::Vector3f> q_L) override {
     for (Part& part : parts_) {
       if (part.adds_returns != nullptr) {
-        part.adds_returns->describeTouched(part.scheduler->needs().news);
+        part.adds_returns->describeTouched(part.scheduler->needs().deltas);
         part.touched = &part.adds_returns->addReturns(p_L, q_L);
       } else {
         part.touched = part.views_of == 0 ? &touched : parts_[part.views_of].touched;
@@ -70,7 +70,7 @@ class SchedulerOfTools final : public UpdateScheduler {
     UpdateStats all;
     for (const Part& part : parts_) {
       const bool last = &part == &parts_.back();
-      part.scheduler->whenMapIsFree(last ? std::function<void()>([this] { mapIsFree(); }) : nullptr);
+      part.scheduler->whenMapIsReleased(last ? std::function<void()>([this] { releaseMap(); }) : nullptr);
       const UpdateStats stats = part.scheduler->update(mirror);
       all.dirty_points += stats.dirty_points;
       all.scored_points += stats.scored_points;

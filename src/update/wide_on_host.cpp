@@ -63,7 +63,7 @@ class WideOnHost final : public HostScheduler {
     std::uint8_t asked;
   };
   struct Found {
-    CellBlocks cell;
+    LeafGroupBlocks leaf_group;
     std::vector<DuePoint> due;
   };
 
@@ -72,8 +72,8 @@ class WideOnHost final : public HostScheduler {
     std::vector<DuePoint> all;
     if (changes_->changed().ids.empty() && changes_->flips().empty()) return all;
     tbb::enumerable_thread_specific<Found> found;
-    tbb::parallel_for(std::uint32_t{0}, scorer_.points().index().cells(),
-                      [&](std::uint32_t cell) { takeCell(cell, found.local()); });
+    tbb::parallel_for(std::uint32_t{0}, scorer_.points().index().leafGroups(),
+                      [&](std::uint32_t leaf_group) { takeLeafGroup(leaf_group, found.local()); });
     for (const Found& part : found) all.insert(all.end(), part.due.begin(), part.due.end());
     tbb::parallel_sort(all.begin(), all.end(), [](const DuePoint& a, const DuePoint& b) {
       const bool a_itself = (a.asked & kPointChanged) != 0, b_itself = (b.asked & kPointChanged) != 0;
@@ -82,14 +82,14 @@ class WideOnHost final : public HostScheduler {
     return all;
   }
 
-  void takeCell(std::uint32_t cell, Found& found) const {
-    if (!findBlocks(cell, found.cell)) return;
-    for (const std::uint32_t b : found.cell.blocks) takeBlock(b, found);
+  void takeLeafGroup(std::uint32_t leaf_group, Found& found) const {
+    if (!findBlocks(leaf_group, found.leaf_group)) return;
+    for (const std::uint32_t b : found.leaf_group.blocks) takeBlock(b, found);
   }
 
   void takeBlock(std::uint32_t b, Found& found) const {
     const PointBlock& block = scorer_.points().index().blocks()[b];
-    const FlipsRead read = found.cell.flipped ? flipsRead(block.leaf, found.cell.flips) : FlipsRead{};
+    const FlipsRead read = found.leaf_group.flipped ? flipsRead(block.leaf, found.leaf_group.flips) : FlipsRead{};
     for (const std::uint32_t id : block.ids) {
       const bool changed = changes_->indexOf(id) != kNone;
       const bool scored = scorer_.record(id).label != PointLabel::Unscored;

@@ -136,7 +136,7 @@ class World {
       const internal::IntegrationResult result = integrator.integrate(p_L, {&q_L, 1});
       store_.addReturns(p_L, {&q_L, 1});
       const auto start = Clock::now();
-      cuda_mirror_.applyParts(result.changes);
+      cuda_mirror_.applyLists(result.changes);
       apply_ms_.push_back(millisecondsSince(start));
       cuda.finish();
       mirror_ms_.push_back(millisecondsSince(start));
@@ -144,7 +144,7 @@ class World {
       mirror_leaves_.push_back(
           static_cast<double>(cuda_mirror_.lastTraffic().leaves_added + cuda_mirror_.lastTraffic().leaves_patched));
       const auto cpu_start = Clock::now();
-      cpu_mirror_.applyParts(result.changes);
+      cpu_mirror_.applyLists(result.changes);
       cpu_mirror_ms_.push_back(millisecondsSince(cpu_start));
       ++frames_;
     }

@@ -123,14 +123,14 @@ void run() {
     const bench::FlightScan& scan = scans[static_cast<std::size_t>(n)];
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
     const Moment start = Moment::now();
-    in_place.applyParts(result.changes);
+    in_place.applyLists(result.changes);
     const Moment between = Moment::now();
     arena.located = arena.patched = {};
-    staged.applyParts(result.changes);
+    staged.applyLists(result.changes);
     const Moment end = Moment::now();
-    distances_in_place.applyParts(result.distances);
+    distances_in_place.applyLists(result.distances);
     const Moment distances_placed = Moment::now();
-    distances_staged.applyParts(result.distances);
+    distances_staged.applyLists(result.distances);
     const Moment distances_end = Moment::now();
     if (n < frames - timed) continue;
     distances_place.add(end, distances_placed);

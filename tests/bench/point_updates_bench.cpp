@@ -57,8 +57,8 @@ struct Phases {
 };
 
 struct Told {
-  std::uint64_t news = 0, blocks = 0, block_ids = 0, crossed = 0, flips = 0;  ///< counts
-  std::uint64_t news_hash = 0, weights_hash = 0, crossed_hash = 0, flips_hash = 0;
+  std::uint64_t deltas = 0, blocks = 0, block_ids = 0, crossed = 0, flips = 0;  ///< counts
+  std::uint64_t deltas_hash = 0, weights_hash = 0, crossed_hash = 0, flips_hash = 0;
 };
 
 std::uint64_t mixed(std::uint64_t hash, std::uint64_t value) {
@@ -85,24 +85,24 @@ class Listener final : public kernels::ExactUpdater {
   void findNeighbours() override {}
   void choose(const kernels::ScoringInput&) override {}
   void admit(const kernels::AdmitInput& input) override {
-    phases_.end(input.news.empty() ? kBlocks : kPoints);
-    for (const kernels::PointNews& news : input.news) {
-      std::uint64_t hash = mixed(1, news.id);
+    phases_.end(input.deltas.empty() ? kBlocks : kPoints);
+    for (const kernels::PointDelta& delta : input.deltas) {
+      std::uint64_t hash = mixed(1, delta.id);
       for (int axis = 0; axis < 3; ++axis) {
-        hash = mixed(hash, bitsOf(news.position_L[axis]));
-        hash = mixed(hash, bitsOf(news.mean_L[axis]));
-        hash = mixed(hash, news.before_L[0] != news.before_L[0] ? 1 : bitsOf(news.before_L[axis]));
-        hash = mixed(hash, bitsOf(news.to_sensor_L[axis]));
+        hash = mixed(hash, bitsOf(delta.position_L[axis]));
+        hash = mixed(hash, bitsOf(delta.mean_L[axis]));
+        hash = mixed(hash, delta.before_L[0] != delta.before_L[0] ? 1 : bitsOf(delta.before_L[axis]));
+        hash = mixed(hash, bitsOf(delta.to_sensor_L[axis]));
       }
-      for (const std::uint64_t word : news.seen.word) hash = mixed(hash, word);
-      told_.news_hash += hash;
+      for (const std::uint64_t word : delta.seen.word) hash = mixed(hash, word);
+      told_.deltas_hash += hash;
     }
-    told_.news += input.news.size();
+    told_.deltas += input.deltas.size();
     told_.blocks += input.blocks.size();
     told_.block_ids += input.block_ids.size();
     phases_.begin();
   }
-  kernels::UpdateOutcome update(const kernels::ScoringInput&, const kernels::ConfidenceNews& input) override {
+  kernels::UpdateOutcome update(const kernels::ScoringInput&, const kernels::ConfidenceDelta& input) override {
     phases_.end(kCrossed);
     for (const kernels::PointWeight& point : input.weights) {
       told_.weights_hash += mixed(mixed(8, point.id), point.weight);
@@ -156,7 +156,7 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     const internal::IntegrationResult result = integrator.integrate(scan.p_L, {&scan.q_L, 1});
     phases.nextFrame();
     phases.begin();
-    points.describeTouched(scheduler->needs().news);
+    points.describeTouched(scheduler->needs().deltas);
     const internal::TouchedPoints& touched = points.addReturns(scan.p_L, {&scan.q_L, 1});
     phases.end(kReturns);
     scheduler->noteReturns(touched, scan.p_L, {&scan.q_L, 1});
@@ -170,15 +170,15 @@ void replay(const std::vector<bench::FlightScan>& scans, int timed, double voxel
     print(kPhaseNames[phase], phases.clock_ms[phase], phases.processor_ms[phase]);
   }
   const auto each = [&](std::uint64_t now, std::uint64_t before) { return static_cast<double>(now - before) / timed; };
-  std::printf("a frame: %.0f news, %.0f blocks with %.0f ids, %.0f crossed, %.0f flipped leaves\n",
-              each(told.news, first_told.news), each(told.blocks, first_told.blocks),
+  std::printf("a frame: %.0f deltas, %.0f blocks with %.0f ids, %.0f crossed, %.0f flipped leaves\n",
+              each(told.deltas, first_told.deltas), each(told.blocks, first_told.blocks),
               each(told.block_ids, first_told.block_ids), each(told.crossed, first_told.crossed),
               each(told.flips, first_told.flips));
   std::printf("points %u in %zu blocks, host bytes a point %.1f (store), %.1f (scheduler)\n", points.size(),
               points.index().blocks().size(), static_cast<double>(points.bytes()) / points.size(),
               static_cast<double>(scheduler->bytes()) / points.size());
-  std::printf("hashes: news %016llx weights %016llx crossed %016llx flips %016llx\n",
-              static_cast<unsigned long long>(told.news_hash), static_cast<unsigned long long>(told.weights_hash),
+  std::printf("hashes: deltas %016llx weights %016llx crossed %016llx flips %016llx\n",
+              static_cast<unsigned long long>(told.deltas_hash), static_cast<unsigned long long>(told.weights_hash),
               static_cast<unsigned long long>(told.crossed_hash), static_cast<unsigned long long>(told.flips_hash));
 }
 

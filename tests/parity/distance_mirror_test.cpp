@@ -261,8 +261,8 @@ TEST(DistanceMirrorContract, StagedOrInPlaceTheMemoryHoldsTheSameBytes) {
           std::span<const DistanceChange>(changes).subspan(at, std::min<std::size_t>(333, changes.size() - at)));
     }
     if (round >= 3) parts.push_back(parts.front());
-    in_place->applyParts(parts);
-    staged->applyParts(parts);
+    in_place->applyLists(parts);
+    staged->applyLists(parts);
     ASSERT_GT(changes.size(), 800u);
     ASSERT_EQ(in_place->lastTraffic().leaves_added, staged->lastTraffic().leaves_added);
     ASSERT_EQ(in_place->lastTraffic().leaves_patched, staged->lastTraffic().leaves_patched);

@@ -150,8 +150,8 @@ TEST(MirrorContract, StagedOrInPlaceTheMemoryHoldsTheSameBytes) {
           std::span<const LeafChange>(changes).subspan(at, std::min<std::size_t>(333, changes.size() - at)));
     }
     if (round >= 4) parts.push_back(parts.front());
-    in_place.applyParts(parts);
-    staged.applyParts(parts);
+    in_place.applyLists(parts);
+    staged.applyLists(parts);
     ASSERT_GT(changes.size(), 3000u);
     ASSERT_EQ(walkTree(*staged.grid()).problem, "");
     ASSERT_EQ(in_place.lastTraffic().leaves_added, staged.lastTraffic().leaves_added);

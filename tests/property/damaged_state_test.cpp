@@ -155,7 +155,7 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
     if (name == "points") std::memcpy(content.data() + point_bytes, content.data(), 12);
   });
   const Place left_out = placeOf("leftout");
-  const std::size_t cell = left_out.bytes - sizeof(internal::LeftOutPoints::Cell);
+  const std::size_t cell = left_out.bytes - sizeof(internal::LeftOutPoints::Cube);
   const std::string left_out_again = rehashed([&](const std::string& name, std::string& content) {
     if (name == "leftout") std::memcpy(content.data() + internal::kLeftOutLeafBytes, content.data(), 12);
   });
@@ -173,7 +173,7 @@ TEST_F(DamagedState, IsRefusedForValuesThatNoFieldHas) {
       at("leftout", cell, std::numeric_limits<std::int64_t>::min()),
       at("leftout", cell + 16, std::int64_t{1} << 60),
       withHead([](internal::StateHead& head) { head.left_out_leaves = std::uint64_t{1} << 60; }),
-      withHead([](internal::StateHead& head) { head.closed_cells += 1; }),
+      withHead([](internal::StateHead& head) { head.closed_cubes += 1; }),
       withHead([](internal::StateHead& head) { head.closed_doublings = 4000; }),
       at("leaves", 0, std::int32_t{3}),
       at("leaves", 0, std::int32_t{1 << 30}),

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// One scene for each reach of src/field/tools/window_reach.h: a tile's point whose label depends on a single thing
+/// One scene for each reach of src/field/tools/window_margins.h: a tile's point whose label depends on a single thing
 /// outside of the tile, moved outwards voxel by voxel. The tile has to equal one piece at every distance, also at the
 /// farthest that matters, which follows from the method and is not read from the library.
 #include <gtest/gtest.h>

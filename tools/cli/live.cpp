@@ -177,9 +177,9 @@ void LiveRun::takeReady(LiveSession& session, dds::Participant& participant, Sca
 /// All points, if somebody listens and has not had them.
 void LiveRun::publishPoints(const LiveSession& session, dds::Participant& participant) {
   const std::uint64_t listeners = participant.subscribers(dds::Output::Points);
-  const bool news = report_.scans != sent_after_scans_ || listeners > sent_to_;
+  const bool changed = report_.scans != sent_after_scans_ || listeners > sent_to_;
   sent_to_ = listeners;
-  if (listeners == 0 || !news || report_.scans == 0) return;
+  if (listeners == 0 || !changed || report_.scans == 0) return;
   const auto points = session.field().points();
   if (points->size() > kMostSentPoints) {
     if (!std::exchange(said_many_, true)) {
@@ -231,7 +231,7 @@ void LiveRun::receive(LiveSession& session, dds::Participant& participant, ScanL
     return true;
   };
   while (stopSignal() == 0) {
-    for (const std::string& news : participant.poll()) messages_.notice(news);
+    for (const std::string& notice : participant.poll()) messages_.notice(notice);
     session.waitForWork(std::chrono::milliseconds(50));
     takeReady(session, participant, log);
     if (options_.points_every_s > 0 && due(points_at, options_.points_every_s)) publishPoints(session, participant);

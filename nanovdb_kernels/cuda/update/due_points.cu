@@ -88,7 +88,7 @@ __device__ void takeDue(const DueContext& context, std::uint32_t id, const Point
   }
 }
 
-__global__ void storeNeighbours(PointsView points, PointPart part, FoundNeighbourhood* neighbourhoods,
+__global__ void storeNeighbours(PointsView points, PointChunk part, FoundNeighbourhood* neighbourhoods,
                                 std::uint32_t* changed_bits) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= part.count) return;
@@ -118,7 +118,7 @@ __global__ void storeNeighbours(PointsView points, PointPart part, FoundNeighbou
 
 __device__ bool isSet(const std::uint32_t* bits, std::uint32_t id) { return (bits[id >> 5] >> (id & 31) & 1u) != 0; }
 
-__global__ void dueAfterMoves(DueContext context, PointPart part, const FoundNeighbourhood* all_before,
+__global__ void dueAfterMoves(DueContext context, PointChunk part, const FoundNeighbourhood* all_before,
                               const std::uint32_t* changed_bits) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
   if (n >= part.count) return;
@@ -155,14 +155,14 @@ __global__ void afterWaiting(DueContext context, DeviceList<std::uint32_t> ids) 
 
 }  // namespace
 
-void launchStoreNeighbours(const PointsView& points, const PointPart& part, FoundNeighbourhood* neighbourhoods,
+void launchStoreNeighbours(const PointsView& points, const PointChunk& part, FoundNeighbourhood* neighbourhoods,
                            std::uint32_t* changed_bits, cudaStream_t stream) {
   if (part.count == 0) return;
   storeNeighbours<<<blocksFor(part.count), kThreads, 0, stream>>>(points, part, neighbourhoods, changed_bits);
   checkLaunch("storeNeighbours");
 }
 
-void launchDueAfterMoves(const DueContext& context, const PointPart& part, const FoundNeighbourhood* before,
+void launchDueAfterMoves(const DueContext& context, const PointChunk& part, const FoundNeighbourhood* before,
                          const std::uint32_t* changed_bits, cudaStream_t stream) {
   if (part.count == 0) return;
   dueAfterMoves<<<blocksFor(part.count), kThreads, 0, stream>>>(context, part, before, changed_bits);

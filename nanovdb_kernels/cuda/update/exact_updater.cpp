@@ -23,7 +23,7 @@
 namespace accessvdb::kernels {
 namespace {
 
-static_assert(PointTables::kPart <= ToolUpdate::kMovedPart);
+static_assert(PointTables::kChunk <= ToolUpdate::kMovedChunk);
 /// Most neighbourhoods found before the host knows how many are needed.
 constexpr std::uint32_t kMaxPrepared = 1u << 21;
 
@@ -58,14 +58,14 @@ class DeviceExactUpdater final : public ExactUpdater {
     const CurrentDevice current(context_->device());
     if (neighbours_begun_) reset();
     const std::uint32_t first_place =
-        any_known_ ? moved_.addPlaces(static_cast<std::uint32_t>(input.news.size())) : kNoIndex;
+        any_known_ ? moved_.addPlaces(static_cast<std::uint32_t>(input.deltas.size())) : kNoIndex;
     points_.grow(input, stream());
     moved_.grow(input.num_points, input.num_blocks, stream());
     for (const auto& tool : tools_) tool->grow(input);
-    const DeviceList<PointNews> news =
+    const DeviceList<PointDelta> deltas =
         points_.admit(input, moved_.view(), tools_.front()->known(), first_place, stream());
     for (std::size_t k = 1; k < tools_.size(); ++k) {
-      launchAdmitStates(input.states[k], tools_[k]->known(), news, stream());
+      launchAdmitStates(input.states[k], tools_[k]->known(), deltas, stream());
     }
   }
 
@@ -97,10 +97,10 @@ class DeviceExactUpdater final : public ExactUpdater {
     for (const auto& tool : tools_) tool->takeFlipped();
   }
 
-  UpdateOutcome update(const ScoringInput& /*input*/, const ConfidenceNews& news) override {
+  UpdateOutcome update(const ScoringInput& /*input*/, const ConfidenceDelta& confidence) override {
     const CurrentDevice current(context_->device());
-    points_.setWeights(news.weights, stream());
-    moved_.addCrossed(news.crossed, points_.view().points, stream());
+    points_.setWeights(confidence.weights, stream());
+    moved_.addCrossed(confidence.crossed, points_.view().points, stream());
     const std::uint32_t moved = shared().read(stream()).moved.moved;
     takeMoved(taken_, moved, Neighbours::ByPoint);
     for (const auto& tool : tools_) tool->takeTurn();
@@ -178,18 +178,18 @@ class DeviceExactUpdater final : public ExactUpdater {
   /// Stores the neighbourhoods of the moved points [begin, end), and lists what is due at them.
   void takeMoved(std::uint32_t begin, std::uint32_t end, Neighbours neighbours) {
     const bool prepared = neighbours == Neighbours::Prepared;
-    if (!prepared && begin < end) points_.growParts(end - begin);
-    const std::uint32_t most = prepared ? ToolUpdate::kMovedPart : PointTables::kPart;
+    if (!prepared && begin < end) points_.growChunks(end - begin);
+    const std::uint32_t most = prepared ? ToolUpdate::kMovedChunk : PointTables::kChunk;
     for (std::uint32_t first = begin, count = 0; first < end; first += count) {
       count = std::min(end - first, most);
-      const PointPart part = moved_.part(first, count);
+      const PointChunk part = moved_.part(first, count);
       FoundNeighbourhood* const found = neighbourhoodsOf(part, neighbours);
       launchStoreNeighbours(points_.view(), part, found, moved_.view().changed_bits, stream());
       for (const auto& tool : tools_) tool->takeMoved(part, found);
     }
   }
 
-  [[nodiscard]] FoundNeighbourhood* neighbourhoodsOf(const PointPart& part, Neighbours neighbours) {
+  [[nodiscard]] FoundNeighbourhood* neighbourhoodsOf(const PointChunk& part, Neighbours neighbours) {
     switch (neighbours) {
       case Neighbours::Prepared:
         return prepared_.data() + part.first;

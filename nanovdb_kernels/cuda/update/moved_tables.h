@@ -21,7 +21,7 @@ class MovedTables {
   /// Valid until the next grow() or addPlaces().
   [[nodiscard]] const MovedView& view() const { return view_; }
   /// Points [first, first + count) of the list. Indices beyond its end are skipped.
-  [[nodiscard]] PointPart part(std::uint32_t first, std::uint32_t count) const {
+  [[nodiscard]] PointChunk part(std::uint32_t first, std::uint32_t count) const {
     return {view_.ids, &view_.counters->moved, first, count};
   }
 

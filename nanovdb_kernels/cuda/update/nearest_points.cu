@@ -226,7 +226,7 @@ __device__ FoundNeighbours findNearest(const PointsView& points, std::uint32_t i
 /// One warp per point.
 template <unsigned kRoom>
 __global__ void __launch_bounds__(kWarps* kWarp)
-    nearestPoints(PointsView points, PointPart part, double guess, std::uint32_t* failed, FoundNeighbours* found) {
+    nearestPoints(PointsView points, PointChunk part, double guess, std::uint32_t* failed, FoundNeighbours* found) {
   extern __shared__ std::int64_t shared[];
   const unsigned warp = threadIdx.x / kWarp, lane = threadIdx.x % kWarp;
   auto& list = reinterpret_cast<NearList<kRoom>*>(shared)[warp];
@@ -259,7 +259,7 @@ __global__ void __launch_bounds__(kWarps* kWarp) nearestOfLeft(PointsView points
 }
 
 /// One thread per point, for serial work that a warp cannot share.
-__global__ void makeNeighbourhoods(PointsView points, PointPart part, const FoundNeighbours* found,
+__global__ void makeNeighbourhoods(PointsView points, PointChunk part, const FoundNeighbours* found,
                                    FoundNeighbourhood* neighbourhoods) {
   const std::uint32_t n = blockIdx.x * blockDim.x + threadIdx.x;
   if (!part.holds(n)) return;
@@ -271,7 +271,7 @@ __global__ void notePrepared(MovedCounters* counters, std::uint32_t most) {
 }
 
 template <unsigned kRoom>
-void launch(const PointsView& points, const PointPart& part, unsigned warps, std::uint32_t* failed,
+void launch(const PointsView& points, const PointChunk& part, unsigned warps, std::uint32_t* failed,
             FoundNeighbours* found, cudaStream_t stream) {
   const std::size_t bytes = warps * sizeof(NearList<kRoom>);
   // The same guess as on the CPU: half of k voxels on a surface.
@@ -302,7 +302,7 @@ void launchOfLeft(const PointsView& points, const MovedView& moved, const MovedR
 
 }  // namespace
 
-void launchNearest(const PointsView& points, const PointPart& part, std::uint32_t* failed, FoundNeighbours* found,
+void launchNearest(const PointsView& points, const PointChunk& part, std::uint32_t* failed, FoundNeighbours* found,
                    cudaStream_t stream) {
   if (part.count == 0) return;
   if (isShort(points.rule)) {
@@ -324,7 +324,7 @@ void launchNearestOfLeft(const PointsView& points, const MovedView& moved, const
   }
 }
 
-void launchMakeNeighbourhoods(const PointsView& points, const PointPart& part, const FoundNeighbours* found,
+void launchMakeNeighbourhoods(const PointsView& points, const PointChunk& part, const FoundNeighbours* found,
                               FoundNeighbourhood* neighbourhoods, cudaStream_t stream) {
   if (part.count == 0) return;
   constexpr unsigned kThreads = 256;

@@ -13,7 +13,7 @@
 
 namespace accessvdb::kernels {
 
-/// Points that are evaluated together, at most PointTables::kPart.
+/// Points that are evaluated together, at most PointTables::kChunk.
 struct PaperTurn {
   std::uint32_t count = 0;
   const std::uint32_t* ids = nullptr;                  ///< [count]

@@ -39,14 +39,14 @@ class DevicePaperUpdater final : public PaperUpdater {
     points_.admit(input, {}, {}, kNoIndex, stream());
   }
 
-  UpdateOutcome update(const ScoringInput& input, const ConfidenceNews& news,
+  UpdateOutcome update(const ScoringInput& input, const ConfidenceDelta& confidence,
                        const TriggeredPoints& triggered) override {
     const CurrentDevice current(context_->device());
     points_.setState(input.tools.front().points);
-    points_.setWeights(news.weights, stream());
-    points_.setWeights(news.crossed, stream());  // the returns that count may be their neighbours'
+    points_.setWeights(confidence.weights, stream());
+    points_.setWeights(confidence.crossed, stream());  // the returns that count may be their neighbours'
     counters_.clear(stream());
-    enqueue(news.crossed, triggered);
+    enqueue(confidence.crossed, triggered);
     const std::uint32_t budget = input.budget_points,
                         turn = budget > 0 ? std::min(queue_.size(), budget) : queue_.size();
     ACCESSVDB_CUDA(cudaStreamWaitEvent(stream(), context_->mirrorReady()));
@@ -90,7 +90,7 @@ class DevicePaperUpdater final : public PaperUpdater {
     if (with_hints) findHints(turn, input.tools.front().rule.collision_limit);
     std::uint32_t* const failed = &counters_.data()->moved.failed;
     for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
-      part = std::min(turn - first, PointTables::kPart);
+      part = std::min(turn - first, PointTables::kChunk);
       PaperTurn of_part;
       of_part.count = part;
       of_part.ids = queue_.ids() + first;
@@ -133,10 +133,10 @@ class DevicePaperUpdater final : public PaperUpdater {
   /// Makes room to evaluate this many points, part by part.
   void growTurn(std::uint32_t turn) {
     if (candidates_.on) hints_.growWithRoom(memory_, turn, roomFor(turn), 0);
-    const std::uint32_t part = std::min(turn, PointTables::kPart);
-    points_.growParts(part);
+    const std::uint32_t part = std::min(turn, PointTables::kChunk);
+    points_.growChunks(part);
     const auto grow = [&](auto& array, std::size_t each) {
-      array.growWithRoom(memory_, each * part, each * std::min<std::size_t>(roomFor(part), PointTables::kPart), 0);
+      array.growWithRoom(memory_, each * part, each * std::min<std::size_t>(roomFor(part), PointTables::kChunk), 0);
     };
     grow(items_, 1);
     grow(results_, 1);
@@ -151,9 +151,9 @@ class DevicePaperUpdater final : public PaperUpdater {
 
   /// Finds hints for the whole turn: all points see what was known before the first is evaluated.
   void findHints(std::uint32_t turn, std::uint16_t collision_limit) {
-    for (std::uint32_t first = 0; first < turn; first += PointTables::kPart) {
+    for (std::uint32_t first = 0; first < turn; first += PointTables::kChunk) {
       launchFindHints(points_.view(), {candidates_, collision_limit},
-                      {queue_.ids() + first, std::min(turn - first, PointTables::kPart)}, hints_.data() + first,
+                      {queue_.ids() + first, std::min(turn - first, PointTables::kChunk)}, hints_.data() + first,
                       stream());
     }
   }

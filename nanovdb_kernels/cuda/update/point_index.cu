@@ -18,23 +18,23 @@ __device__ void enterBlock(const BlockIndexView& index, std::uint32_t block) {
 }
 
 /// One warp per block.
-__global__ void admitBlocks(BlockIndexView index, GroupsView groups, DeviceList<BlockNews> blocks,
+__global__ void admitBlocks(BlockIndexView index, GroupsView groups, DeviceList<BlockDelta> blocks,
                             const std::uint32_t* block_ids) {
   const std::uint32_t n = (blockIdx.x * kThreads + threadIdx.x) / kWarp, lane = threadIdx.x % kWarp;
   if (n >= blocks.count) return;
-  const BlockNews& news = blocks.data[n];
-  for (std::uint32_t i = lane; i < news.count; i += kWarp) index.ids[news.first + i] = block_ids[news.source + i];
+  const BlockDelta& delta = blocks.data[n];
+  for (std::uint32_t i = lane; i < delta.count; i += kWarp) index.ids[delta.first + i] = block_ids[delta.source + i];
   if (lane != 0) return;
-  index.first[news.block] = news.first;
-  index.count[news.block] = news.count;
-  if (news.is_new == 0) return;
-  for (int axis = 0; axis < 3; ++axis) index.leaf[3 * static_cast<std::size_t>(news.block) + axis] = news.leaf[axis];
-  index.reach_m[news.block] = -1;
-  groups.of_block[news.block] = news.group;
+  index.first[delta.block] = delta.first;
+  index.count[delta.block] = delta.count;
+  if (delta.is_new == 0) return;
+  for (int axis = 0; axis < 3; ++axis) index.leaf[3 * static_cast<std::size_t>(delta.block) + axis] = delta.leaf[axis];
+  index.reach_m[delta.block] = -1;
+  groups.of_block[delta.block] = delta.group;
   for (int axis = 0; axis < 3; ++axis) {  // every block of a group writes the same
-    groups.leaf[3 * static_cast<std::size_t>(news.group) + axis] = news.leaf[axis] >> groups.log2 << groups.log2;
+    groups.leaf[3 * static_cast<std::size_t>(delta.group) + axis] = delta.leaf[axis] >> groups.log2 << groups.log2;
   }
-  enterBlock(index, news.block);
+  enterBlock(index, delta.block);
 }
 
 __global__ void rehash(BlockIndexView index) {
@@ -58,13 +58,13 @@ __device__ void makeState(const PointStateView& state, const KnownView& known, s
 }
 
 /// Initialises the state of a point that all tools share.
-__device__ void makePoint(const PointsView& points, const PointNews& news) {
+__device__ void makePoint(const PointsView& points, const PointDelta& delta) {
   const PointStateView& state = points.points;
-  const std::size_t id = news.id;
-  points.state.block[id] = news.block;
+  const std::size_t id = delta.id;
+  points.state.block[id] = delta.block;
   points.state.reach_m[id] = -1;
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    state.position_L[3 * id + axis] = news.position_L[axis];
+    state.position_L[3 * id + axis] = delta.position_L[axis];
     state.normal_L[3 * id + axis] = 0;
   }
   const auto words = static_cast<std::size_t>(state.direction_words);
@@ -78,38 +78,38 @@ __device__ void addMoved(const MovedView& moved, std::uint32_t id) {
   moved.ids[atomicAdd(&moved.counters->moved, 1u)] = id;
 }
 
-__global__ void admitPoints(PointsView points, MovedView moved, KnownView known, DeviceList<PointNews> all_news,
+__global__ void admitPoints(PointsView points, MovedView moved, KnownView known, DeviceList<PointDelta> deltas,
                             std::uint32_t first_place) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
-  if (n >= all_news.count) return;
-  const PointNews& news = all_news.data[n];
+  if (n >= deltas.count) return;
+  const PointDelta& delta = deltas.data[n];
   const NeighbourStateView& state = points.state;
-  const std::size_t id = news.id;
-  if (isnan(news.before_L[0])) {
-    makePoint(points, news);
+  const std::size_t id = delta.id;
+  if (isnan(delta.before_L[0])) {
+    makePoint(points, delta);
     makeState(points.points, known, id);
   }
   for (std::size_t axis = 0; axis < 3; ++axis) {
-    state.mean_L[3 * id + axis] = news.mean_L[axis];
-    state.to_sensor_L[3 * id + axis] = news.to_sensor_L[axis];
+    state.mean_L[3 * id + axis] = delta.mean_L[axis];
+    state.to_sensor_L[3 * id + axis] = delta.to_sensor_L[axis];
   }
   const auto words = static_cast<std::size_t>(points.points.direction_words);
-  for (std::size_t w = 0; w < words; ++w) state.own_seen[id * words + w] = news.seen.word[w];
+  for (std::size_t w = 0; w < words; ++w) state.own_seen[id * words + w] = delta.seen.word[w];
   if (first_place == kNoIndex) return;
   const PlacesView& places = moved.places;
   const std::uint32_t at = first_place + n;
   TouchedPlace& place = places.places[at];
   for (int axis = 0; axis < 3; ++axis) {
-    place.now_L[axis] = news.mean_L[axis];
-    place.before_L[axis] = news.before_L[axis];
+    place.now_L[axis] = delta.mean_L[axis];
+    place.before_L[axis] = delta.before_L[axis];
   }
-  place.next = atomicExch(places.head + news.block, at);
-  if (place.next == kNoIndex) places.touched_blocks[atomicAdd(&moved.counters->touched_blocks, 1u)] = news.block;
+  place.next = atomicExch(places.head + delta.block, at);
+  if (place.next == kNoIndex) places.touched_blocks[atomicAdd(&moved.counters->touched_blocks, 1u)] = delta.block;
 }
 
-__global__ void admitStates(PointStateView state, KnownView known, DeviceList<PointNews> all_news) {
+__global__ void admitStates(PointStateView state, KnownView known, DeviceList<PointDelta> deltas) {
   const std::uint32_t n = blockIdx.x * kThreads + threadIdx.x;
-  if (n < all_news.count && isnan(all_news.data[n].before_L[0])) makeState(state, known, all_news.data[n].id);
+  if (n < deltas.count && isnan(deltas.data[n].before_L[0])) makeState(state, known, deltas.data[n].id);
 }
 
 __global__ void setWeights(PointStateView points, DeviceList<PointWeight> weights) {
@@ -127,7 +127,7 @@ __global__ void addCrossed(PointStateView points, MovedView moved, DeviceList<Po
 
 }  // namespace
 
-void launchAdmitBlocks(const PointsView& points, DeviceList<BlockNews> blocks, const std::uint32_t* block_ids,
+void launchAdmitBlocks(const PointsView& points, DeviceList<BlockDelta> blocks, const std::uint32_t* block_ids,
                        cudaStream_t stream) {
   if (blocks.count == 0) return;
   admitBlocks<<<blocksFor(std::uint64_t{blocks.count} * kWarp), kThreads, 0, stream>>>(points.index, points.groups,
@@ -142,16 +142,16 @@ void launchRehash(const BlockIndexView& index, cudaStream_t stream) {
 }
 
 void launchAdmitPoints(const PointsView& points, const MovedView& moved, const KnownView& known,
-                       DeviceList<PointNews> news, std::uint32_t first_place, cudaStream_t stream) {
-  if (news.count == 0) return;
-  admitPoints<<<blocksFor(news.count), kThreads, 0, stream>>>(points, moved, known, news, first_place);
+                       DeviceList<PointDelta> deltas, std::uint32_t first_place, cudaStream_t stream) {
+  if (deltas.count == 0) return;
+  admitPoints<<<blocksFor(deltas.count), kThreads, 0, stream>>>(points, moved, known, deltas, first_place);
   checkLaunch("admitPoints");
 }
 
-void launchAdmitStates(const PointStateView& state, const KnownView& known, DeviceList<PointNews> news,
+void launchAdmitStates(const PointStateView& state, const KnownView& known, DeviceList<PointDelta> deltas,
                        cudaStream_t stream) {
-  if (news.count == 0) return;
-  admitStates<<<blocksFor(news.count), kThreads, 0, stream>>>(state, known, news);
+  if (deltas.count == 0) return;
+  admitStates<<<blocksFor(deltas.count), kThreads, 0, stream>>>(state, known, deltas);
   checkLaunch("admitStates");
 }
 

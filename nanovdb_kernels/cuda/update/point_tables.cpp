@@ -92,14 +92,14 @@ void PointTables::refreshIndex(std::uint32_t blocks) {
   index.blocks = blocks;
 }
 
-DeviceList<PointNews> PointTables::admit(const AdmitInput& input, const MovedView& moved, const KnownView& known,
-                                         std::uint32_t first_place, cudaStream_t stream) {
-  const DeviceList<BlockNews> blocks = blocks_news_.send(input.blocks, memory_, stream);
-  const DeviceList<std::uint32_t> ids = ids_news_.send(input.block_ids, memory_, stream);
+DeviceList<PointDelta> PointTables::admit(const AdmitInput& input, const MovedView& moved, const KnownView& known,
+                                          std::uint32_t first_place, cudaStream_t stream) {
+  const DeviceList<BlockDelta> blocks = block_deltas_.send(input.blocks, memory_, stream);
+  const DeviceList<std::uint32_t> ids = block_ids_.send(input.block_ids, memory_, stream);
   launchAdmitBlocks(view_, blocks, ids.data, stream);
-  const DeviceList<PointNews> news = news_.send(input.news, memory_, stream);
-  launchAdmitPoints(view_, moved, known, news, first_place, stream);
-  return news;
+  const DeviceList<PointDelta> deltas = deltas_.send(input.deltas, memory_, stream);
+  launchAdmitPoints(view_, moved, known, deltas, first_place, stream);
+  return deltas;
 }
 
 void PointTables::setWeights(std::span<const PointWeight> weights, cudaStream_t stream) {
@@ -109,9 +109,9 @@ void PointTables::setWeights(std::span<const PointWeight> weights, cudaStream_t 
 namespace {
 
 template <typename T>
-void growForParts(DeviceArray<T>& array, DeviceMemory& memory, std::uint32_t points) {
-  const std::size_t part = std::min(points, PointTables::kPart);
-  if (array.size() < part) array.grow(memory, std::min<std::size_t>(roomFor(part), PointTables::kPart), 0);
+void growForChunks(DeviceArray<T>& array, DeviceMemory& memory, std::uint32_t points) {
+  const std::size_t part = std::min(points, PointTables::kChunk);
+  if (array.size() < part) array.grow(memory, std::min<std::size_t>(roomFor(part), PointTables::kChunk), 0);
 }
 
 }  // namespace
@@ -120,20 +120,20 @@ void PointTables::growLeft(std::uint32_t points) {
   if (by_cell_) {
     left_.growWithRoom(memory_, points, roomFor(points), 0);
   } else {
-    growForParts(found_, memory_, points);
+    growForChunks(found_, memory_, points);
   }
 }
-void PointTables::growParts(std::uint32_t points) {
-  growForParts(found_, memory_, points);
-  growForParts(part_, memory_, points);
-  growForParts(left_, memory_, points);
+void PointTables::growChunks(std::uint32_t points) {
+  growForChunks(found_, memory_, points);
+  growForChunks(part_, memory_, points);
+  growForChunks(left_, memory_, points);
 }
 
 void PointTables::makeByCell(const MovedView& moved, std::uint32_t begin, std::uint32_t end, FoundNeighbourhood* to,
                              cudaStream_t stream) {
   if (!by_cell_) {
-    for (std::uint32_t first = begin; first < end; first += kPart) {
-      const PointPart part = {moved.ids, &moved.counters->moved, first, std::min(end - first, kPart)};
+    for (std::uint32_t first = begin; first < end; first += kChunk) {
+      const PointChunk part = {moved.ids, &moved.counters->moved, first, std::min(end - first, kChunk)};
       makeNeighbourhoods(part, &moved.counters->failed, to + (first - begin), stream);
     }
     return;
@@ -143,17 +143,18 @@ void PointTables::makeByCell(const MovedView& moved, std::uint32_t begin, std::u
   launchNearestOfLeft(view_, moved, range, multiprocessors_, stream);
 }
 
-FoundNeighbourhood* PointTables::makeByCell(const MovedView& moved, const PointPart& part, cudaStream_t stream) {
+FoundNeighbourhood* PointTables::makeByCell(const MovedView& moved, const PointChunk& part, cudaStream_t stream) {
   makeByCell(moved, part.first, part.first + part.count, part_.data(), stream);
   return part_.data();
 }
 
-FoundNeighbourhood* PointTables::makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream) {
+FoundNeighbourhood* PointTables::makeNeighbourhoods(const PointChunk& part, std::uint32_t* failed,
+                                                    cudaStream_t stream) {
   makeNeighbourhoods(part, failed, part_.data(), stream);
   return part_.data();
 }
 
-void PointTables::makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, FoundNeighbourhood* to,
+void PointTables::makeNeighbourhoods(const PointChunk& part, std::uint32_t* failed, FoundNeighbourhood* to,
                                      cudaStream_t stream) {
   launchNearest(view_, part, failed, found_.data(), stream);
   launchMakeNeighbourhoods(view_, part, found_.data(), to, stream);

@@ -12,14 +12,14 @@
 #include "cuda/memory/staging.h"
 #include "cuda/update/update_views.cuh"
 #include "launch/device_array.h"
-#include "launch/point_news.h"
+#include "launch/point_delta.h"
 
 namespace accessvdb::kernels {
 
 class PointTables {
  public:
   /// Most points whose neighbours are found at a time, one by one.
-  static constexpr std::uint32_t kPart = 1u << 16;
+  static constexpr std::uint32_t kChunk = 1u << 16;
 
   PointTables(const std::shared_ptr<DeviceContext>& context, DeviceMemory& memory, const NeighbourTables& tables);
 
@@ -35,26 +35,26 @@ class PointTables {
 
   /// Makes room for what is admitted.
   void grow(const AdmitInput& input, cudaStream_t stream);
-  /// Admits it, once there is room. @param first_place  index of the news in moved.places, or kNoIndex: nothing has a
-  /// neighbourhood yet  @return the news on the device, valid for work queued before the next call
-  DeviceList<PointNews> admit(const AdmitInput& input, const MovedView& moved, const KnownView& known,
-                              std::uint32_t first_place, cudaStream_t stream);
+  /// Admits it, once there is room. @param first_place  index of the first delta in moved.places, or kNoIndex: nothing
+  /// has a neighbourhood yet  @return the deltas on the device, valid for work queued before the next call
+  DeviceList<PointDelta> admit(const AdmitInput& input, const MovedView& moved, const KnownView& known,
+                               std::uint32_t first_place, cudaStream_t stream);
   void setWeights(std::span<const PointWeight> weights, cudaStream_t stream);
 
-  /// Makes room to find the neighbourhoods of this many points in parts of up to kPart, and to keep those of a part.
-  void growParts(std::uint32_t points);
+  /// Makes room to find the neighbourhoods of this many points in chunks of up to kChunk, and to keep those of a chunk.
+  void growChunks(std::uint32_t points);
   /// Makes room to find those of this many moved points near touched ones.
   void growLeft(std::uint32_t points);
-  /// @param part  at most kPart points  @param failed  see launchNearest
+  /// @param part  at most kChunk points  @param failed  see launchNearest
   /// @return [part.count], kept until the next call
-  FoundNeighbourhood* makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, cudaStream_t stream);
+  FoundNeighbourhood* makeNeighbourhoods(const PointChunk& part, std::uint32_t* failed, cudaStream_t stream);
   /// The same for moved points near touched ones.
-  FoundNeighbourhood* makeByCell(const MovedView& moved, const PointPart& part, cudaStream_t stream);
-  /// Needs growLeft() for as many, or growParts().
+  FoundNeighbourhood* makeByCell(const MovedView& moved, const PointChunk& part, cudaStream_t stream);
+  /// Needs growLeft() for as many, or growChunks().
   void makeByCell(const MovedView& moved, std::uint32_t begin, std::uint32_t end, FoundNeighbourhood* to,
                   cudaStream_t stream);
   /// @param to  [part.count]
-  void makeNeighbourhoods(const PointPart& part, std::uint32_t* failed, FoundNeighbourhood* to, cudaStream_t stream);
+  void makeNeighbourhoods(const PointChunk& part, std::uint32_t* failed, FoundNeighbourhood* to, cudaStream_t stream);
 
  private:
   void growPoints(std::uint32_t points);
@@ -82,9 +82,9 @@ class PointTables {
   // For one part of the points.
   DeviceArray<FoundNeighbours> found_;
   DeviceArray<FoundNeighbourhood> part_;
-  Staging<PointNews> news_;
-  Staging<BlockNews> blocks_news_;
-  Staging<std::uint32_t> ids_news_;
+  Staging<PointDelta> deltas_;
+  Staging<BlockDelta> block_deltas_;
+  Staging<std::uint32_t> block_ids_;
   Staging<PointWeight> weights_;
 };
 

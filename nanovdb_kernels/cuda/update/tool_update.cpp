@@ -63,7 +63,7 @@ void ToolUpdate::choose(const ToolInput& input, const Setting& setting) {
   search_.busy = setting_.busy;
 }
 
-void ToolUpdate::takeMoved(const PointPart& part, const FoundNeighbourhood* before) {
+void ToolUpdate::takeMoved(const PointChunk& part, const FoundNeighbourhood* before) {
   takeRoom(part.count, part.count);
   launchDueAfterMoves(dueContext(), part, before, setting_.changed_bits, stream());
 }
@@ -82,7 +82,7 @@ void ToolUpdate::takeTurn() {
   queue_.addFrom(setting_.points.num_points, {kAsked, kAsked}, stream());
   const std::uint32_t turn = std::min(queue_.size(), setting_.budget_points);
   for (std::uint32_t first = 0, part = 0; first < turn; first += part) {
-    part = takeRoom(std::min(turn - first, kMovedPart), kMovedPart);
+    part = takeRoom(std::min(turn - first, kMovedChunk), kMovedChunk);
     launchDueAfterWaiting(dueContext(), {queue_.ids() + first, part}, stream());
   }
   queue_.drop(turn, stream());

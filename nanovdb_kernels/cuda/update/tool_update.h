@@ -26,7 +26,7 @@ namespace accessvdb::kernels {
 class ToolUpdate {
  public:
   /// Most moved points for which room is taken at a time.
-  static constexpr std::uint32_t kMovedPart = DueLists::kLeastItems;
+  static constexpr std::uint32_t kMovedChunk = DueLists::kLeastItems;
 
   /// @param counters  its search and its outcome count there; must outlive this
   ToolUpdate(std::shared_ptr<DeviceContext> context, DeviceMemory& memory, const NeighbourTables& neighbours,
@@ -49,8 +49,8 @@ class ToolUpdate {
   };
   /// Sets what the rest of this update reads. Calls no kernel.
   void choose(const ToolInput& input, const Setting& setting);
-  /// Lists what is due at some moved points, at most kMovedPart. @param before  from launchStoreNeighbours
-  void takeMoved(const PointPart& part, const FoundNeighbourhood* before);
+  /// Lists what is due at some moved points, at most kMovedChunk. @param before  from launchStoreNeighbours
+  void takeMoved(const PointChunk& part, const FoundNeighbourhood* before);
   /// Lists what is due because of flips alone.
   void takeFlipped();
   /// Lists what is due at the first points in the queue; only with a budget.

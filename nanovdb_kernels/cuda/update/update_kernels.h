@@ -16,16 +16,16 @@ namespace accessvdb::kernels {
 // point_index.cu: admits points.
 
 /// Stores the id lists of blocks, and inserts new blocks into the hash.
-void launchAdmitBlocks(const PointsView& points, DeviceList<BlockNews> blocks, const std::uint32_t* block_ids,
+void launchAdmitBlocks(const PointsView& points, DeviceList<BlockDelta> blocks, const std::uint32_t* block_ids,
                        cudaStream_t stream);
 /// Inserts all blocks into an empty hash.
 void launchRehash(const BlockIndexView& index, cudaStream_t stream);
 /// Stores the state of new and touched points. Nothing is known about directions of new ones.
 /// @param first_place  index into moved.places, or kNoIndex: nothing has a neighbourhood yet
 void launchAdmitPoints(const PointsView& points, const MovedView& moved, const KnownView& known,
-                       DeviceList<PointNews> news, std::uint32_t first_place, cudaStream_t stream);
+                       DeviceList<PointDelta> deltas, std::uint32_t first_place, cudaStream_t stream);
 /// Makes the state of new points for a further tool. @param known  of this tool
-void launchAdmitStates(const PointStateView& state, const KnownView& known, DeviceList<PointNews> news,
+void launchAdmitStates(const PointStateView& state, const KnownView& known, DeviceList<PointDelta> deltas,
                        cudaStream_t stream);
 void launchSetWeights(const PointStateView& points, DeviceList<PointWeight> weights, cudaStream_t stream);
 
@@ -40,10 +40,10 @@ void launchAddCrossed(const PointStateView& points, const MovedView& moved, Devi
 // nearest_points.cu and cell_neighbours.cu: make their neighbourhoods.
 
 /// @param failed  set to 1 if some neighbours were not found  @param found  [part.count] out
-void launchNearest(const PointsView& points, const PointPart& part, std::uint32_t* failed, FoundNeighbours* found,
+void launchNearest(const PointsView& points, const PointChunk& part, std::uint32_t* failed, FoundNeighbours* found,
                    cudaStream_t stream);
 /// @param found  from launchNearest for the same part  @param neighbourhoods  [part.count] out
-void launchMakeNeighbourhoods(const PointsView& points, const PointPart& part, const FoundNeighbours* found,
+void launchMakeNeighbourhoods(const PointsView& points, const PointChunk& part, const FoundNeighbours* found,
                               FoundNeighbourhood* neighbourhoods, cudaStream_t stream);
 /// With more neighbours than this, most points would be left over by launchNeighboursByCell: it looks at a tenth more
 /// than that, or a sixth, and has room for 256.
@@ -91,10 +91,10 @@ struct DueContext {
 };
 /// Stores normals and seen directions of some moved points. @param neighbourhoods  [part.count] in: those; out: what
 /// they were before, of the points that changed  @param changed_bits  out: which these are
-void launchStoreNeighbours(const PointsView& points, const PointPart& part, FoundNeighbourhood* neighbourhoods,
+void launchStoreNeighbours(const PointsView& points, const PointChunk& part, FoundNeighbourhood* neighbourhoods,
                            std::uint32_t* changed_bits, cudaStream_t stream);
 /// Decides what is due at those that changed. @param before  [part.count] from launchStoreNeighbours, like the bits
-void launchDueAfterMoves(const DueContext& context, const PointPart& part, const FoundNeighbourhood* before,
+void launchDueAfterMoves(const DueContext& context, const PointChunk& part, const FoundNeighbourhood* before,
                          const std::uint32_t* changed_bits, cudaStream_t stream);
 /// Decides what is due at points [first, first + count) because of flips alone. @param changed_bits  points to skip
 void launchDueByFlips(const DueContext& context, std::uint32_t first, std::uint32_t count,

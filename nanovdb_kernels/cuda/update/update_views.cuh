@@ -142,7 +142,7 @@ struct MovedView {
 };
 
 /// Points [first, first + count) of a list on the device.
-struct PointPart {
+struct PointChunk {
   const std::uint32_t* ids = nullptr;
   const std::uint32_t* length = nullptr;  ///< of the list; items beyond are skipped. Null: the list is long enough
   std::uint32_t first = 0, count = 0;

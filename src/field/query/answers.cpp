@@ -107,7 +107,7 @@ AccessMap accessMapOf(const FieldStages& field, std::uint32_t id, std::size_t to
   return map;
 }
 
-ViewedParts viewedParts(FieldStages& field) {
+ViewInputs viewedParts(FieldStages& field) {
   field.steps.requireWhole();
   std::vector<ViewedTool> tools;
   for (const auto& tool : field.tools) {

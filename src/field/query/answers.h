@@ -29,6 +29,6 @@ namespace accessvdb::internal {
 [[nodiscard]] AccessMap accessMapOf(const FieldStages& field, std::uint32_t id, std::size_t tool);
 
 /// What views show. @throws ResourceLimit "field.broken"
-[[nodiscard]] ViewedParts viewedParts(FieldStages& field);
+[[nodiscard]] ViewInputs viewedParts(FieldStages& field);
 
 }  // namespace accessvdb::internal

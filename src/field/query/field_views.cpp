@@ -18,7 +18,7 @@ bool onHost(const kernels::Backend& backend) { return backend.hasHostMemory(); }
 FieldViews::FieldViews() : revision_(std::make_shared<std::atomic<std::uint64_t>>(0)) {}
 FieldViews::~FieldViews() { revision_->store(BatchQuery::Impl::kGone, std::memory_order_release); }
 
-const MergedTools& FieldViews::merged(const ViewedParts& parts) {
+const MergedTools& FieldViews::merged(const ViewInputs& parts) {
   if (!merged_ || merged_revision_ != revision()) {
     merged_.reset();  // avoids two of them at once
     merged_ = std::make_unique<const MergedTools>(parts.backend, parts.tools);
@@ -27,11 +27,11 @@ const MergedTools& FieldViews::merged(const ViewedParts& parts) {
   return *merged_;
 }
 
-kernels::PointStateView FieldViews::stateOf(const ViewedParts& parts) {
+kernels::PointStateView FieldViews::stateOf(const ViewInputs& parts) {
   return parts.tools.size() == 1 ? parts.scorer().device().view() : merged(parts).view();
 }
 
-BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
+BatchQuery FieldViews::query(const ViewInputs& parts, tbb::task_arena& arena) {
   if (query_ && query_->current()) return BatchQuery(query_);
   query_.reset();  // avoids two copies of the state at once
   const PointStore& points = parts.scorer().points();
@@ -58,7 +58,7 @@ BatchQuery FieldViews::query(const ViewedParts& parts, tbb::task_arena& arena) {
 }
 
 /// The view gets labels of its own: the backend keeps those that it found, which it compares with later.
-void FieldViews::withhold(const ViewedParts& parts, DeviceView& view) {
+void FieldViews::withhold(const ViewInputs& parts, DeviceView& view) {
   const std::size_t count = view.points.count;
   labels_.resize(count);
   reasons_.resize(count);
@@ -76,7 +76,7 @@ void FieldViews::withhold(const ViewedParts& parts, DeviceView& view) {
   view.points.reason = device_reasons_.data();
 }
 
-DeviceView FieldViews::view(const ViewedParts& parts, bool on_gpu) {
+DeviceView FieldViews::view(const ViewInputs& parts, bool on_gpu) {
   if (on_gpu && onHost(parts.backend)) {
     throw DeviceError("device.none", "cpu", "this field is not on a GPU, so it has no device memory to show",
                       "Use BackendKind::Cuda or hostView()");

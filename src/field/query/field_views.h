@@ -19,7 +19,7 @@
 namespace accessvdb::internal {
 
 /// The parts of a field that views show.
-struct ViewedParts {
+struct ViewInputs {
   const PackedMap& map;
   kernels::Backend& backend;
   kernels::OccupancyView mirror;
@@ -45,24 +45,24 @@ class FieldViews {
   void expire() { revision_->fetch_add(1, std::memory_order_acq_rel); }
   [[nodiscard]] std::uint64_t revision() const { return revision_->load(std::memory_order_acquire); }
 
-  [[nodiscard]] BatchQuery query(const ViewedParts& parts, tbb::task_arena& arena);
+  [[nodiscard]] BatchQuery query(const ViewInputs& parts, tbb::task_arena& arena);
   /// @throws DeviceError if the field's backend is not of this kind
-  [[nodiscard]] DeviceView view(const ViewedParts& parts, bool on_gpu);
+  [[nodiscard]] DeviceView view(const ViewInputs& parts, bool on_gpu);
 
   [[nodiscard]] std::uint64_t bytes() const { return index_.bytes(); }
 
  private:
   /// Of several tools, for the field's present revision.
-  const MergedTools& merged(const ViewedParts& parts);
+  const MergedTools& merged(const ViewInputs& parts);
   /// Of the tool, or merged, in the backend's memory.
-  kernels::PointStateView stateOf(const ViewedParts& parts);
+  kernels::PointStateView stateOf(const ViewInputs& parts);
 
   std::shared_ptr<std::atomic<std::uint64_t>> revision_;
   QueryIndex index_;
   std::shared_ptr<const BatchQuery::Impl> query_;  ///< the last one
   std::unique_ptr<const MergedTools> merged_;
   std::uint64_t merged_revision_ = 0;
-  void withhold(const ViewedParts& parts, DeviceView& view);
+  void withhold(const ViewInputs& parts, DeviceView& view);
 
   std::vector<PointLabel> labels_;  ///< of the last view, if points are withheld
   std::vector<PointReason> reasons_;

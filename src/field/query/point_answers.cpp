@@ -31,37 +31,37 @@ struct Visit {
   const PackedLowerNode* lower;
   const PackedLeaf* leaf;
   const std::uint32_t* packed;
-  const QueryIndex::Cell* cell;        ///< the cell of its own block
-  const Block* own;                    ///< its own block
-  const QueryIndex::Entry* point;      ///< the point that answers
-  std::array<const Block*, 8> blocks;  ///< those within reach, if its voxel has no point
+  const QueryIndex::LeafGroup* leaf_group;  ///< the leaf group of its own block
+  const Block* own;                         ///< its own block
+  const QueryIndex::Entry* point;           ///< the point that answers
+  std::array<const Block*, 8> blocks;       ///< those within reach, if its voxel has no point
   Index3 voxel;
   int block_count;
   bool inside;
 };
 
-/// Looks up the cells of point blocks, mostly that of the last call.
-class CellCache {
+/// Looks up the leaf groups of point blocks, mostly that of the last call.
+class LeafGroupCache {
  public:
-  explicit CellCache(const QueryIndex& index) : index_(index) {}
-  const QueryIndex::Cell* at(const Index3& cell) {
-    if (cell != key_) {
-      key_ = cell;
-      cell_ = index_.cellAt(cell);
+  explicit LeafGroupCache(const QueryIndex& index) : index_(index) {}
+  const QueryIndex::LeafGroup* at(const Index3& leaf_group) {
+    if (leaf_group != key_) {
+      key_ = leaf_group;
+      leaf_group_ = index_.leafGroupAt(leaf_group);
     }
-    return cell_;
+    return leaf_group_;
   }
 
  private:
   const QueryIndex& index_;
-  Index3 key_ = {1 << 30, 0, 0};  // no cell
-  const QueryIndex::Cell* cell_ = nullptr;
+  Index3 key_ = {1 << 30, 0, 0};  // no leaf group
+  const QueryIndex::LeafGroup* leaf_group_ = nullptr;
 };
 
 class Answerer {
  public:
   explicit Answerer(const QuerySource& source)
-      : source_(source), blocks_(source.index->blocks()), map_(source.map->tree()), cells_(*source.index) {}
+      : source_(source), blocks_(source.index->blocks()), map_(source.map->tree()), leaf_groups_(*source.index) {}
 
   void answer(std::span<const Eigen::Vector3d> points_W, std::span<PointAnswer> answers) {
     const std::size_t count = points_W.size();
@@ -81,7 +81,7 @@ class Answerer {
     visit.lower = nullptr;
     visit.leaf = nullptr;
     visit.packed = nullptr;
-    visit.cell = nullptr;
+    visit.leaf_group = nullptr;
     visit.own = nullptr;
     visit.point = nullptr;
     visit.block_count = 0;
@@ -92,9 +92,9 @@ class Answerer {
       visit.voxel[axis] = static_cast<std::int32_t>(kernels::voxelOfCoordinate(x_m, source_.inverse_voxel_size));
     }
     const Index3 leaf = parentOf(visit.voxel);
-    if ((visit.cell = cells_.at(parentOf(leaf))) != nullptr) {
-      prefetchRead(&visit.cell->present);
-      prefetchRead(visit.cell->block + bitInParent(leaf));
+    if ((visit.leaf_group = leaf_groups_.at(parentOf(leaf))) != nullptr) {
+      prefetchRead(&visit.leaf_group->present);
+      prefetchRead(visit.leaf_group->block + bitInParent(leaf));
     }
     if ((visit.lower = map_.probeConstNode<PackedLowerNode>(coordOf(visit))) != nullptr) {
       const openvdb::Index n = PackedLowerNode::coordToOffset(coordOf(visit));
@@ -111,10 +111,10 @@ class Answerer {
         prefetchRead(visit.leaf, sizeof(PackedLeaf));
       }
     }
-    if (visit.cell != nullptr) {
+    if (visit.leaf_group != nullptr) {
       const std::size_t bit = bitInParent(parentOf(visit.voxel));
-      if (visit.cell->has(bit)) {
-        visit.own = &blocks_[visit.cell->block[bit]];
+      if (visit.leaf_group->has(bit)) {
+        visit.own = &blocks_[visit.leaf_group->block[bit]];
         prefetchRead(visit.own, sizeof(Block));
       }
     }
@@ -146,15 +146,15 @@ class Answerer {
       high[axis] = (visit.voxel[axis] + kReach) >> 3;
     }
     if (parentOf(low) == parentOf(high)) {
-      if (visit.cell != nullptr) findBlocksIn(*visit.cell, low, high, visit);
+      if (visit.leaf_group != nullptr) findBlocksIn(*visit.leaf_group, low, high, visit);
       return;
     }
     for (leaf[0] = low[0]; leaf[0] <= high[0]; ++leaf[0]) {
       for (leaf[1] = low[1]; leaf[1] <= high[1]; ++leaf[1]) {
         for (leaf[2] = low[2]; leaf[2] <= high[2]; ++leaf[2]) {
-          const QueryIndex::Cell* cell = cells_.at(parentOf(leaf));
+          const QueryIndex::LeafGroup* leaf_group = leaf_groups_.at(parentOf(leaf));
           const std::size_t bit = bitInParent(leaf);
-          if (cell != nullptr && cell->has(bit)) takeBlock(cell->block[bit], visit);
+          if (leaf_group != nullptr && leaf_group->has(bit)) takeBlock(leaf_group->block[bit], visit);
         }
       }
     }
@@ -166,15 +166,16 @@ class Answerer {
     prefetchRead(block, sizeof(Block));
   }
 
-  /// The same if one cell contains them all, as is usual: rows of its bits.
-  void findBlocksIn(const QueryIndex::Cell& cell, const Index3& low, const Index3& high, Visit& visit) const {
+  /// The same if one leaf group contains them all, as is usual: rows of its bits.
+  void findBlocksIn(const QueryIndex::LeafGroup& leaf_group, const Index3& low, const Index3& high,
+                    Visit& visit) const {
     const std::uint32_t row_mask = (0xffu << (low[2] & 7)) & (0xffu >> (7 - (high[2] & 7)));
     for (std::int32_t x = low[0]; x <= high[0]; ++x) {
-      const std::uint64_t word = cell.present[static_cast<std::size_t>(x & 7)];
+      const std::uint64_t word = leaf_group.present[static_cast<std::size_t>(x & 7)];
       for (std::int32_t y = low[1]; y <= high[1]; ++y) {
         const int row = (y & 7) * 8;
         for (auto bits = static_cast<std::uint32_t>(word >> row) & row_mask; bits != 0; bits &= bits - 1) {
-          takeBlock(cell.block[(x & 7) * 64 + row + std::countr_zero(bits)], visit);
+          takeBlock(leaf_group.block[(x & 7) * 64 + row + std::countr_zero(bits)], visit);
         }
       }
     }
@@ -241,7 +242,7 @@ class Answerer {
 
   /// Nearest point within reach. Searches outwards in shells of voxels around the position's own, and stops when a
   /// shell cannot contain a nearer one. Inside a shell, the most promising voxel is read first; the points of the
-  /// others are read only if their cells come nearer than the best.
+  /// others are read only if their voxels come nearer than the best.
   class NearestSearch {
    public:
     NearestSearch(const QuerySource& source, Visit& visit) : source_(source), visit_(visit) {
@@ -364,7 +365,7 @@ class Answerer {
   const QuerySource& source_;
   const std::vector<Block>& blocks_;
   ConstPackedAccessor map_;
-  CellCache cells_;
+  LeafGroupCache leaf_groups_;
   std::array<Visit, kGroup> group_;
 };
 

@@ -11,22 +11,22 @@ namespace accessvdb::internal {
 
 void QueryIndex::place(const Slot& slot) {
   std::size_t n = slotOf(slot.key);
-  while (slots_[n].cell != nullptr) n = (n + 1) & (slots_.size() - 1);
+  while (slots_[n].leaf_group != nullptr) n = (n + 1) & (slots_.size() - 1);
   slots_[n] = slot;
 }
 
-QueryIndex::Cell& QueryIndex::cellFor(const Index3& cell) {
-  if (const Cell* found = cellAt(cell)) return const_cast<Cell&>(*found);
-  if (2 * (cells_.size() + 1) > slots_.size()) {
+QueryIndex::LeafGroup& QueryIndex::leafGroupFor(const Index3& leaf_group) {
+  if (const LeafGroup* found = leafGroupAt(leaf_group)) return const_cast<LeafGroup&>(*found);
+  if (2 * (leaf_groups_.size() + 1) > slots_.size()) {
     std::vector<Slot> before(std::max<std::size_t>(64, 2 * slots_.size()));
     before.swap(slots_);
     for (const Slot& slot : before) {
-      if (slot.cell != nullptr) place(slot);
+      if (slot.leaf_group != nullptr) place(slot);
     }
   }
-  cells_.push_back(std::make_unique<Cell>());
-  place({kernels::placeKey(cell[0], cell[1], cell[2]), cells_.back().get()});
-  return *cells_.back();
+  leaf_groups_.push_back(std::make_unique<LeafGroup>());
+  place({kernels::placeKey(leaf_group[0], leaf_group[1], leaf_group[2]), leaf_groups_.back().get()});
+  return *leaf_groups_.back();
 }
 
 void QueryIndex::extend(const PointStore& points) {
@@ -34,9 +34,9 @@ void QueryIndex::extend(const PointStore& points) {
   for (std::size_t n = blocks_.size(); n < sources.size(); ++n) {
     const Index3& leaf = sources[n].leaf;
     const std::size_t bit = bitInParent(leaf);
-    Cell& cell = cellFor(parentOf(leaf));
-    cell.present[bit >> 6] |= std::uint64_t{1} << (bit & 63);
-    cell.block[bit] = static_cast<std::uint32_t>(n);
+    LeafGroup& leaf_group = leafGroupFor(parentOf(leaf));
+    leaf_group.present[bit >> 6] |= std::uint64_t{1} << (bit & 63);
+    leaf_group.block[bit] = static_cast<std::uint32_t>(n);
   }
   blocks_.resize(sources.size());
   tbb::parallel_for(tbb::blocked_range<std::size_t>(0, sources.size(), 256), [&](const auto& range) {
@@ -63,7 +63,7 @@ void QueryIndex::extend(const PointStore& points) {
 
 std::uint64_t QueryIndex::bytes() const {
   std::uint64_t bytes =
-      cells_.size() * sizeof(Cell) + slots_.capacity() * sizeof(Slot) + blocks_.capacity() * sizeof(Block);
+      leaf_groups_.size() * sizeof(LeafGroup) + slots_.capacity() * sizeof(Slot) + blocks_.capacity() * sizeof(Block);
   for (const Block& block : blocks_) bytes += block.entries.capacity() * sizeof(Entry);
   return bytes;
 }

@@ -1,8 +1,8 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
 /// Which points are around a voxel, laid out for millions of look-ups per second: the same grouping as SurfaceIndex
-/// (blocks of 8^3 voxels, cells of 8^3 blocks), but with cells in a flat hash table and positions inside the blocks,
-/// because reading them anywhere else costs a cache miss each.
+/// (blocks of 8^3 voxels, leaf groups of 8^3 blocks), but with leaf groups in a flat hash table and positions inside
+/// the blocks, because reading them anywhere else costs a cache miss each.
 #pragma once
 
 #include <array>
@@ -35,8 +35,8 @@ class QueryIndex {
       return entries[below[bit >> 6] + std::size_t(std::popcount(occupied[bit >> 6] & lower))];
     }
   };
-  /// Which blocks of the cell hold points, and their indices into blocks().
-  struct alignas(64) Cell {
+  /// Which blocks of the leaf group hold points, and their indices into blocks().
+  struct alignas(64) LeafGroup {
     LeafBits present = {};
     std::uint32_t block[512] = {};
 
@@ -48,12 +48,12 @@ class QueryIndex {
 
   [[nodiscard]] const std::vector<Block>& blocks() const { return blocks_; }
 
-  /// The cell (8^3 blocks) with these coordinates, or nullptr.
-  [[nodiscard]] const Cell* cellAt(const Index3& cell) const {
+  /// The leaf group (8^3 blocks) with these coordinates, or nullptr.
+  [[nodiscard]] const LeafGroup* leafGroupAt(const Index3& leaf_group) const {
     if (slots_.empty()) return nullptr;
-    const std::uint64_t key = kernels::placeKey(cell[0], cell[1], cell[2]);
+    const std::uint64_t key = kernels::placeKey(leaf_group[0], leaf_group[1], leaf_group[2]);
     for (std::size_t n = slotOf(key);; n = (n + 1) & (slots_.size() - 1)) {
-      if (slots_[n].cell == nullptr || slots_[n].key == key) return slots_[n].cell;
+      if (slots_[n].leaf_group == nullptr || slots_[n].key == key) return slots_[n].leaf_group;
     }
   }
   [[nodiscard]] std::uint64_t bytes() const;
@@ -61,16 +61,16 @@ class QueryIndex {
  private:
   struct Slot {
     std::uint64_t key = 0;
-    Cell* cell = nullptr;
+    LeafGroup* leaf_group = nullptr;
   };
   [[nodiscard]] std::size_t slotOf(std::uint64_t key) const {
     key *= 0x9E3779B97F4A7C15u;
     return (key ^ key >> 32) & (slots_.size() - 1);
   }
-  Cell& cellFor(const Index3& cell);
+  LeafGroup& leafGroupFor(const Index3& leaf_group);
   void place(const Slot& slot);
 
-  std::vector<std::unique_ptr<Cell>> cells_;
+  std::vector<std::unique_ptr<LeafGroup>> leaf_groups_;
   std::vector<Slot> slots_;  ///< linear probing, at most half full
   std::vector<Block> blocks_;
 };

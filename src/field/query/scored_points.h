@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "accessvdb/surface_points.h"
-#include "field/tools/window_reach.h"
+#include "field/tools/window_margins.h"
 #include "tool/tool_rolls.h"
 #include "update/point_scorer.h"
 

@@ -101,7 +101,7 @@ std::vector<PointLabel> labelsOf(const PointScorer& scorer) {
 }
 
 /// Blocked points that may open, with the directions that may.
-std::vector<kernels::ScoreItem> chooseItems(const WhatIfParts& parts, const VoxelSet& voxels,
+std::vector<kernels::ScoreItem> chooseItems(const WhatIfInputs& parts, const VoxelSet& voxels,
                                             const Affected& affected) {
   const PointStore& points = parts.scorer.points();
   const std::vector<PointLabel> labels = labelsOf(parts.scorer);
@@ -142,7 +142,7 @@ std::vector<LeafChange> undone(std::vector<LeafChange> changes) {
   return changes;
 }
 
-std::vector<kernels::ScoreResult> tryAgain(const WhatIfParts& parts, const std::vector<LeafChange>& changes,
+std::vector<kernels::ScoreResult> tryAgain(const WhatIfInputs& parts, const std::vector<LeafChange>& changes,
                                            const std::vector<kernels::ScoreItem>& items) {
   std::vector<kernels::ScoreResult> results(items.size());
   if (items.empty()) return results;
@@ -171,7 +171,7 @@ std::vector<kernels::ScoreResult> tryAgain(const WhatIfParts& parts, const std::
 }
 
 /// Observations behind a point's confidence once the voxels have gone, as point_weights.h has them.
-std::uint16_t weightWithout(const WhatIfParts& parts, const VoxelSet& voxels, std::uint32_t id) {
+std::uint16_t weightWithout(const WhatIfInputs& parts, const VoxelSet& voxels, std::uint32_t id) {
   const Index3 voxel = parts.scorer.points().voxelOf(parts.scorer.points().first_L(id));
   const std::int32_t reach = parts.scorer.params().scoring.neighbourhood_weight ? 1 : 0;
   float most = 0;
@@ -195,7 +195,7 @@ std::uint16_t weightWithout(const WhatIfParts& parts, const VoxelSet& voxels, st
   return now;
 }
 
-SurfacePoint openedPoint(const WhatIfParts& parts, const kernels::ScoreResult& result, const ToolHeading& heading,
+SurfacePoint openedPoint(const WhatIfInputs& parts, const kernels::ScoreResult& result, const ToolHeading& heading,
                          std::uint32_t id) {
   SurfacePoint point;
   point.id = id;
@@ -219,7 +219,7 @@ WhatIfTables::WhatIfTables(const ScoringSetup& setup, double voxel_size_m)
     : footprint(setup.hostTool(), setup.hostApproach(), voxel_size_m, 0),
       cells(setup.hostTool(), setup.tool().num_directions, 0, /*as_sets=*/true) {}
 
-WhatIf openedWithout(const WhatIfParts& parts, const VoxelSet& voxels) {
+WhatIf openedWithout(const WhatIfInputs& parts, const VoxelSet& voxels) {
   const kernels::Stopwatch choosing;
   WhatIf what_if;
   what_if.voxels = countVoxels(voxels);

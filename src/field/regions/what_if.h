@@ -26,7 +26,7 @@ struct WhatIfTables {
 };
 
 /// The parts of a field that are read, and the mirror, which is as it was afterwards.
-struct WhatIfParts {
+struct WhatIfInputs {
   const PackedMap& map;
   const PointScorer& scorer;
   const ScoringSetup& setup;
@@ -38,6 +38,6 @@ struct WhatIfParts {
 
 /// @param voxels  observed
 /// @throws whatever the mirror or the backend throws; then the mirror may lack obstacles, and must not be used again
-[[nodiscard]] WhatIf openedWithout(const WhatIfParts& parts, const VoxelSet& voxels);
+[[nodiscard]] WhatIf openedWithout(const WhatIfInputs& parts, const VoxelSet& voxels);
 
 }  // namespace accessvdb::internal

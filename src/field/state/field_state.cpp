@@ -30,7 +30,7 @@ StateHead headOf(const FieldStages& field) {
 }  // namespace
 
 void saveState(const FieldStages& field, const std::filesystem::path& file) {
-  SavedParts parts = {field.map, field.tools.stores(), {}, field.left_out_points};
+  StateInputs parts = {field.map, field.tools.stores(), {}, field.left_out_points};
   if (field.gone_cells) parts.gone = GoneState{field.gone_cells.get(), &field.gone_points};
   writeState(file, headOf(field), parts);
 }

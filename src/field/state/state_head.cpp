@@ -243,7 +243,7 @@ void visitRest(Code& code, Head& head) {
   }
   if (code.has(head.latest_stamp_s)) code(*head.latest_stamp_s);
   visitAll(code, head.updated, head.scans, head.leaves, head.leaves_with_values, head.leaves_with_votes, head.points,
-           head.poses, head.left_out_leaves, head.closed_cells, head.closed_doublings);
+           head.poses, head.left_out_leaves, head.closed_cubes, head.closed_doublings);
   if (head.schema > kFullChangeSchema) visitFullChange(code, head);
 }
 

@@ -60,7 +60,7 @@ struct StateHead {
   std::uint64_t leaves = 0, leaves_with_values = 0, leaves_with_votes = 0;
   std::uint64_t points = 0, poses = 0;
   std::uint64_t left_out_leaves = 0;  ///< LeftOutVoxels
-  std::uint64_t closed_cells = 0;     ///< LeftOutPoints
+  std::uint64_t closed_cubes = 0;     ///< LeftOutPoints
   std::uint32_t closed_doublings = 0;
   // Only for ChangeMode::Full.
   double age_s = 0;  ///< FreeGenerations::age_s()

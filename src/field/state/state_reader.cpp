@@ -85,14 +85,14 @@ void StateReader::readHead() {
                      head_.leaves_with_before <= left / kLeafBeforeBytes &&
                      head_.points <= left / storedPointBytes(head_.params) && head_.poses <= left / kPoseBytes &&
                      head_.cell_blocks <= left / kLeafCellBytes && head_.gone_points <= left / kGonePointBytes &&
-                     head_.left_out_leaves <= left / kLeftOutLeafBytes && head_.closed_cells <= left / kClosedCellBytes;
+                     head_.left_out_leaves <= left / kLeftOutLeafBytes && head_.closed_cubes <= left / kClosedCubeBytes;
   const std::uint64_t sections = head_.tools.empty() ? 5 : 6;
   const std::uint64_t expected =
       kStateMagic.size() + sections * kSectionFrameBytes + length + head_.leaves * kLeafBytes +
       head_.leaves_with_values * kLeafValueBytes + head_.leaves_with_votes * kLeafVoteBytes +
       head_.leaves_with_before * kLeafBeforeBytes + head_.poses * kPoseBytes +
       head_.points * (storedPointBytes(head_.params) + viewBytesPerPoint(head_)) + goneStateBytes(head_) +
-      head_.left_out_leaves * kLeftOutLeafBytes + head_.closed_cells * kClosedCellBytes;
+      head_.left_out_leaves * kLeftOutLeafBytes + head_.closed_cubes * kClosedCubeBytes;
   if (!small || expected != in_.fileBytes()) {
     in_.refuse("its counts do not match the file's size of " + std::to_string(in_.fileBytes()) + " bytes");
   }
@@ -172,7 +172,7 @@ void StateReader::readGone(GoneCells& cells, GonePoints& points) {
 }
 
 void StateReader::readLeftOut(LeftOutVoxels& voxels, LeftOutPoints& points) {
-  if (in_.begin("leftout") != head_.left_out_leaves * kLeftOutLeafBytes + head_.closed_cells * kClosedCellBytes)
+  if (in_.begin("leftout") != head_.left_out_leaves * kLeftOutLeafBytes + head_.closed_cubes * kClosedCubeBytes)
     in_.refuse("its length does not match the numbers in the head");
   for (std::uint64_t n = 0; n < head_.left_out_leaves; ++n) {
     std::int32_t origin[3];
@@ -186,9 +186,9 @@ void StateReader::readLeftOut(LeftOutVoxels& voxels, LeftOutPoints& points) {
     if (bits == LeafBits{} || voxels.find(ijk) != nullptr) in_.refuse("a leaf is empty or there twice");
     voxels.set(ijk, bits);
   }
-  std::vector<LeftOutPoints::Cell> cells(head_.closed_cells);
-  for (LeftOutPoints::Cell& cell : cells) in_.read(cell.data(), kClosedCellBytes);
-  if (!points.restoreCells(head_.closed_doublings, cells)) in_.refuse("a cell is there twice or out of place");
+  std::vector<LeftOutPoints::Cube> cubes(head_.closed_cubes);
+  for (LeftOutPoints::Cube& cube : cubes) in_.read(cube.data(), kClosedCubeBytes);
+  if (!points.restoreCubes(head_.closed_doublings, cubes)) in_.refuse("a cell is there twice or out of place");
   in_.end();
 }
 

@@ -138,13 +138,13 @@ void writeGonePoints(SectionWriter& out, const StateHead& head, const GonePoints
 }
 
 void writeLeftOut(SectionWriter& out, const LeftOutVoxels& voxels, const LeftOutPoints& points) {
-  out.begin("leftout", voxels.leaves() * kLeftOutLeafBytes + points.closedCells().size() * kClosedCellBytes);
+  out.begin("leftout", voxels.leaves() * kLeftOutLeafBytes + points.closedCubes().size() * kClosedCubeBytes);
   for (const auto& [ijk, bits] : voxels.inOrder()) {
     const std::int32_t origin[3] = {ijk.x(), ijk.y(), ijk.z()};
     out.write(origin, sizeof origin);
     out.write(bits.data(), sizeof bits);
   }
-  for (const LeftOutPoints::Cell& cell : points.closedCells()) out.write(cell.data(), kClosedCellBytes);
+  for (const LeftOutPoints::Cube& cube : points.closedCubes()) out.write(cube.data(), kClosedCubeBytes);
   out.end();
 }
 
@@ -173,7 +173,7 @@ void requireSavable(const FieldParams& params) {
   }
 }
 
-void writeState(const std::filesystem::path& file, StateHead head, const SavedParts& parts) {
+void writeState(const std::filesystem::path& file, StateHead head, const StateInputs& parts) {
   const auto& [map, stores, gone, left_out] = parts;
   const PointStore& points = *stores.front();
   requireSavable(head.params);
@@ -185,7 +185,7 @@ void writeState(const std::filesystem::path& file, StateHead head, const SavedPa
   head.points = points.size();
   head.poses = points.poses().size();
   head.left_out_leaves = map.leftOut().leaves();
-  head.closed_cells = left_out.closedCells().size();
+  head.closed_cubes = left_out.closedCubes().size();
   head.closed_doublings = left_out.doublings();
   if (gone) {
     head.gone_scans = gone->cells->scans();

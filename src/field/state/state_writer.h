@@ -46,7 +46,7 @@ void visitStored(Cell& cell, Number& verdict, const Visit& visit) {
 inline constexpr std::uint64_t kGonePointBytes = 2 * sizeof(std::uint32_t);
 /// Of what was left out: a leaf's voxels, and a closed cell.
 inline constexpr std::uint64_t kLeftOutLeafBytes = 3 * sizeof(std::int32_t) + sizeof(LeafBits);
-inline constexpr std::uint64_t kClosedCellBytes = sizeof(LeftOutPoints::Cell);
+inline constexpr std::uint64_t kClosedCubeBytes = sizeof(LeftOutPoints::Cube);
 /// Bytes of all sections for ChangeMode::Full, with their frames; 0 for other modes.
 [[nodiscard]] std::uint64_t goneStateBytes(const StateHead& head);
 
@@ -60,7 +60,7 @@ struct GoneState {
 void requireSavable(const FieldParams& params);
 
 /// What a state is made of.
-struct SavedParts {
+struct StateInputs {
   const PackedMap& map;
   std::vector<PointStore*> stores;  ///< of the tools: the same points, seen from other directions
   std::optional<GoneState> gone;    ///< only for ChangeMode::Full
@@ -69,6 +69,6 @@ struct SavedParts {
 
 /// @param head  its counts of leaves and points are filled in here
 /// @throws OutputError
-void writeState(const std::filesystem::path& file, StateHead head, const SavedParts& parts);
+void writeState(const std::filesystem::path& file, StateHead head, const StateInputs& parts);
 
 }  // namespace accessvdb::internal

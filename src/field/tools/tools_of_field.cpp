@@ -71,10 +71,10 @@ const ToolScoring& ToolsOfField::at(std::size_t k) const {
                         "is not one of the field's " + std::to_string(size()) + " tools", "Count them from 0");
 }
 
-WindowReach ToolsOfField::reach() const {
-  WindowReach reach = windowReach(front().setup.tool(), front().params);
-  for (const auto& tool : tools_) reach = unionOf(reach, windowReach(tool->setup.tool(), tool->params));
-  return reach;
+WindowMargins ToolsOfField::margins() const {
+  WindowMargins margins = windowMargins(front().setup.tool(), front().params);
+  for (const auto& tool : tools_) margins = unionOf(margins, windowMargins(tool->setup.tool(), tool->params));
+  return margins;
 }
 
 std::vector<std::uint16_t> ToolsOfField::collisionLimits() const {

@@ -15,7 +15,7 @@
 #include "change/gone_points.h"
 #include "field/state/state_head.h"
 #include "field/tools/scoring_setup.h"
-#include "field/tools/window_reach.h"
+#include "field/tools/window_margins.h"
 #include "tsdf/packed_map.h"
 #include "update/scheduler.h"
 
@@ -68,7 +68,7 @@ class ToolsOfField {
   [[nodiscard]] const std::vector<ToolSpec>& specs() const { return specs_; }
 
   /// How far the results of any of them depend on what is around.
-  [[nodiscard]] WindowReach reach() const;
+  [[nodiscard]] WindowMargins margins() const;
   [[nodiscard]] std::vector<std::uint16_t> collisionLimits() const;
 
   /// Forgets the state of all points. The scheduler has to be made again.

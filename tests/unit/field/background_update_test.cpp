@@ -55,10 +55,10 @@ TEST(BackgroundUpdate, FreesTheMapBeforeItsEnd) {
   for (std::uint64_t n = 1; n <= 3; ++n) {
     std::promise<void> free_now, end_now;
     std::atomic<bool> freed = false;
-    const UpdateTicket ticket = background.start([&](const BackgroundUpdate::FreeMap& free_map) {
+    const UpdateTicket ticket = background.start([&](const BackgroundUpdate::ReleaseMap& release_map) {
       free_now.get_future().wait();
       freed = true;
-      free_map();
+      release_map();
       end_now.get_future().wait();
       return scored(n);
     });
@@ -81,7 +81,7 @@ TEST(BackgroundUpdate, FreesTheMapBeforeItsEnd) {
 
 TEST(BackgroundUpdate, EndingFreesTheMap) {
   BackgroundUpdate background;
-  const UpdateTicket ticket = background.start([](const BackgroundUpdate::FreeMap&) { return scored(4); });
+  const UpdateTicket ticket = background.start([](const BackgroundUpdate::ReleaseMap&) { return scored(4); });
   background.waitForMap();
   EXPECT_TRUE(ticket.done());
   EXPECT_EQ(ticket.wait().scored_points, 4u);
@@ -93,13 +93,13 @@ TEST(BackgroundUpdate, AllUpdatesRunOnOneThread) {
   {
     BackgroundUpdate background;
     for (int n = 0; n < 5; ++n) {
-      last = background.start([&](const BackgroundUpdate::FreeMap&) {
+      last = background.start([&](const BackgroundUpdate::ReleaseMap&) {
         threads.push_back(std::this_thread::get_id());
         return scored(5);
       });
       EXPECT_EQ(background.take(), nullptr);
     }
-    last = background.start([&](const BackgroundUpdate::FreeMap&) {
+    last = background.start([&](const BackgroundUpdate::ReleaseMap&) {
       std::this_thread::sleep_for(std::chrono::milliseconds(30));
       threads.push_back(std::this_thread::get_id());
       return scored(6);
@@ -119,8 +119,8 @@ TEST(BackgroundUpdate, TicketsInOtherThreads) {
   std::vector<std::thread> waiting;
   std::atomic<std::uint64_t> sum = 0;
   for (std::uint64_t n = 1; n <= 20; ++n) {
-    waiting.emplace_back([&sum, ticket = background.start([n](const BackgroundUpdate::FreeMap& free_map) {
-      free_map();
+    waiting.emplace_back([&sum, ticket = background.start([n](const BackgroundUpdate::ReleaseMap& release_map) {
+      release_map();
       return scored(n);
     })] { sum += ticket.wait().scored_points; });
     background.waitForMap();
@@ -150,8 +150,8 @@ TEST(FieldSteps, TheTicketReportsTheError) {
       FieldSteps steps(views);
       steps.requireWhole();
       const std::uint64_t revision = views.revision();
-      const UpdateTicket ticket = steps.startUpdate([&](const BackgroundUpdate::FreeMap& free_map) {
-        free_map();
+      const UpdateTicket ticket = steps.startUpdate([&](const BackgroundUpdate::ReleaseMap& release_map) {
+        release_map();
         failure.fail();
         return UpdateStats{};
       });
@@ -185,8 +185,8 @@ TEST(FieldSteps, TheTicketReportsTheError) {
 TEST(FieldSteps, AScanThatFailsBesideAnUpdate) {
   FieldViews views;
   FieldSteps steps(views);
-  const UpdateTicket ticket = steps.startUpdate([&](const BackgroundUpdate::FreeMap& free_map) -> UpdateStats {
-    free_map();
+  const UpdateTicket ticket = steps.startUpdate([&](const BackgroundUpdate::ReleaseMap& release_map) -> UpdateStats {
+    release_map();
     throw DeviceError("device.lost", "cuda", "is gone", "Start again");
   });
   EXPECT_EQ(idOf([&] {

@@ -34,11 +34,11 @@ struct LeafFacts {
 
 /// What the updater was told since the last update, and the index of blocks as on a device.
 struct Told {
-  std::vector<kernels::PointNews> news;
+  std::vector<kernels::PointDelta> deltas;
   std::vector<kernels::PointWeight> weights, crossed;
   bool neighbours_begun = false;
   bool begun_before_update = false;
-  int news_parts = 0, block_parts = 0;  ///< hand-overs so far
+  int delta_calls = 0, block_parts = 0;  ///< hand-overs so far
   std::map<Index3, LeafFacts> flips;
   std::vector<std::uint32_t> slots;  ///< ids
   struct Block {
@@ -68,12 +68,12 @@ class Listener final : public kernels::ExactUpdater {
     told_.neighbours_begun = true;
   }
   void admit(const kernels::AdmitInput& input) override {
-    if (std::exchange(told_.neighbours_begun, false)) told_.news.clear();
-    told_.news.insert(told_.news.end(), input.news.begin(), input.news.end());
-    told_.news_parts += input.news.empty() ? 0 : 1;
+    if (std::exchange(told_.neighbours_begun, false)) told_.deltas.clear();
+    told_.deltas.insert(told_.deltas.end(), input.deltas.begin(), input.deltas.end());
+    told_.delta_calls += input.deltas.empty() ? 0 : 1;
     told_.block_parts += input.blocks.empty() ? 0 : 1;
     told_.slots.resize(std::max<std::size_t>(told_.slots.size(), input.num_slots), kNone);
-    for (const kernels::BlockNews& block : input.blocks) {
+    for (const kernels::BlockDelta& block : input.blocks) {
       EXPECT_EQ(told_.blocks.contains(block.block) ? 0u : 1u, block.is_new);
       EXPECT_LT(block.block, input.num_blocks);
       EXPECT_LT(block.group, input.num_groups);
@@ -84,9 +84,9 @@ class Listener final : public kernels::ExactUpdater {
     }
   }
   void choose(const kernels::ScoringInput&) override {}
-  kernels::UpdateOutcome update(const kernels::ScoringInput&, const kernels::ConfidenceNews& news) override {
-    told_.weights.assign(news.weights.begin(), news.weights.end());
-    told_.crossed.assign(news.crossed.begin(), news.crossed.end());
+  kernels::UpdateOutcome update(const kernels::ScoringInput&, const kernels::ConfidenceDelta& confidence) override {
+    told_.weights.assign(confidence.weights.begin(), confidence.weights.end());
+    told_.crossed.assign(confidence.crossed.begin(), confidence.crossed.end());
     told_.begun_before_update = std::exchange(told_.neighbours_begun, false);
     kernels::UpdateOutcome outcome;
     outcome.evaluated = 1;
@@ -172,7 +172,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   std::map<std::uint32_t, Eigen::Vector3f> means;  // at the last update
   std::size_t late = 0, waiting = 0, touched_known = 0;
   for (int update = 0; update < c.updates; ++update) {
-    told.news.clear();
+    told.deltas.clear();
     std::set<std::uint32_t> touched_ids;
     std::map<Index3, LeafFacts> flips;
     for (int scan = 0; scan < c.scans_an_update; ++scan) {
@@ -185,7 +185,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
         if (c.rays || n == 0) q.push_back(random.point(2) + Eigen::Vector3f(0, 0, 4));
       }
       const IntegrationResult result = integrator.integrate(p, q);
-      points.describeTouched(scheduler->needs().news);
+      points.describeTouched(scheduler->needs().deltas);
       const TouchedPoints touched = points.addReturns(p, q);
       touched_ids.insert(touched.all.begin(), touched.all.end());
       scheduler->noteReturns(touched, p, q);
@@ -233,19 +233,19 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
 
     // News: the touched points, each once, with their current state and previous position.
     std::set<std::uint32_t> told_ids;
-    for (const kernels::PointNews& news : told.news) {
-      ASSERT_TRUE(told_ids.insert(news.id).second);
-      ASSERT_EQ(news.block, points.blockOf(news.id));
+    for (const kernels::PointDelta& delta : told.deltas) {
+      ASSERT_TRUE(told_ids.insert(delta.id).second);
+      ASSERT_EQ(delta.block, points.blockOf(delta.id));
       const auto vector = [](const float* x) { return Eigen::Vector3f(x[0], x[1], x[2]); };
-      ASSERT_EQ(vector(news.position_L), points.first_L(news.id));
-      ASSERT_EQ(vector(news.mean_L), points.pca_L(news.id));
-      ASSERT_EQ(vector(news.to_sensor_L), points.toSensor_L(news.id));
-      ASSERT_TRUE(news.seen == points.seen(news.id));
-      const auto old = means.find(news.id);
+      ASSERT_EQ(vector(delta.position_L), points.first_L(delta.id));
+      ASSERT_EQ(vector(delta.mean_L), points.pca_L(delta.id));
+      ASSERT_EQ(vector(delta.to_sensor_L), points.toSensor_L(delta.id));
+      ASSERT_TRUE(delta.seen == points.seen(delta.id));
+      const auto old = means.find(delta.id);
       if (old == means.end()) {
-        ASSERT_TRUE(std::isnan(news.before_L[0]));
+        ASSERT_TRUE(std::isnan(delta.before_L[0]));
       } else {
-        ASSERT_EQ(vector(news.before_L), old->second);
+        ASSERT_EQ(vector(delta.before_L), old->second);
         ++touched_known;
       }
     }
@@ -274,7 +274,7 @@ TEST_P(DeviceHost, TellsWhatPlainRulesFind) {
   EXPECT_GT(waiting, 500u);
   EXPECT_GT(touched_known, 50u);
   if (c.spread_m > 1) {
-    EXPECT_GE(told.news_parts, 2 * c.updates);
+    EXPECT_GE(told.delta_calls, 2 * c.updates);
     EXPECT_GT(told.block_parts, c.updates);
   }
 }

@@ -34,9 +34,9 @@ class PaperListener final : public kernels::PaperUpdater {
  public:
   explicit PaperListener(ToldOfPaper& told) : told_(told) {}
   void admit(const kernels::AdmitInput&) override {}
-  kernels::UpdateOutcome update(const kernels::ScoringInput& input, const kernels::ConfidenceNews& news,
+  kernels::UpdateOutcome update(const kernels::ScoringInput& input, const kernels::ConfidenceDelta& confidence,
                                 const kernels::TriggeredPoints& triggered) override {
-    told_.crossed.assign(news.crossed.begin(), news.crossed.end());
+    told_.crossed.assign(confidence.crossed.begin(), confidence.crossed.end());
     told_.jumped.assign(triggered.jumped.begin(), triggered.jumped.end());
     told_.sampled.assign(triggered.sampled.begin(), triggered.sampled.end());
     told_.all_blocked = triggered.all_blocked;
@@ -116,7 +116,7 @@ TEST_P(DevicePaperHost, TellsWhatTheTriggersAskFor) {
       ++scans;
       const Eigen::Vector3f q = random.point(1) + Eigen::Vector3f(0, 0, 4);
       const IntegrationResult result = integrator.integrate(p, {&q, 1});
-      points.describeTouched(scheduler->needs().news);
+      points.describeTouched(scheduler->needs().deltas);
       const TouchedPoints touched = points.addReturns(p, {&q, 1});
       scheduler->noteReturns(touched, p, {&q, 1});
       const bool unchanged = GetParam().first_changes_nothing && points.size() == touched.new_points;

@@ -31,7 +31,7 @@ class ToolsListener final : public kernels::ExactUpdater {
  public:
   explicit ToolsListener(ToldOfTools& told) : told_(told) {}
   void admit(const kernels::AdmitInput& input) override {
-    told_.points += input.news.size();
+    told_.points += input.deltas.size();
     told_.admitted.assign(input.states.begin(), input.states.end());
   }
   void findNeighbours() override {}
@@ -40,7 +40,7 @@ class ToolsListener final : public kernels::ExactUpdater {
     told_.begun = toolsOf(input);
   }
   void choose(const kernels::ScoringInput& input) override { told_.chosen = toolsOf(input); }
-  kernels::UpdateOutcome update(const kernels::ScoringInput& input, const kernels::ConfidenceNews&) override {
+  kernels::UpdateOutcome update(const kernels::ScoringInput& input, const kernels::ConfidenceDelta&) override {
     told_.updated = toolsOf(input);
     kernels::UpdateOutcome outcome;
     outcome.evaluated = 1;
@@ -82,7 +82,7 @@ class ToolsOnDevice : public testing::Test {
     std::vector<Eigen::Vector3f> p;
     for (int n = 0; n < 400; ++n) p.push_back(random.point(1));
     const std::vector<Eigen::Vector3f> q = {{0, static_cast<float>(seed_), 4}};
-    points_->describeTouched(scheduler_->needs().news);
+    points_->describeTouched(scheduler_->needs().deltas);
     scheduler_->noteReturns(points_->addReturns(p, q), p, q);
     const IntegrationResult result = integrator.integrate(p, q);
     scheduler_->noteChanges(p, q, {result.changes, {}});

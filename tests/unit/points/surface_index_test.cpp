@@ -95,8 +95,8 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
         ASSERT_EQ(one_by_one.blockAt(parentOf(point.voxel)), block);
         ASSERT_EQ(at_once.blockAt(parentOf(point.voxel)), block);
         ASSERT_EQ(point.block, block);
-        const Index3 cell = parentOf(parentOf(point.voxel));
-        ASSERT_EQ(at_once.cellAt(cell), one_by_one.cellAt(cell));
+        const Index3 leaf_group = parentOf(parentOf(point.voxel));
+        ASSERT_EQ(at_once.leafGroupAt(leaf_group), one_by_one.leafGroupAt(leaf_group));
       }
       std::set<std::uint32_t> changed;
       for (const NewVoxel& point : points) changed.insert(point.block);
@@ -104,7 +104,7 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
       at_once.blocksOfLastInsert(last);
       ASSERT_EQ(std::set<std::uint32_t>(last.begin(), last.end()), changed);
       ASSERT_EQ(last.size(), changed.size());
-      ASSERT_EQ(at_once.cells(), one_by_one.cells());
+      ASSERT_EQ(at_once.leafGroups(), one_by_one.leafGroups());
       ASSERT_EQ(at_once.blocks().size(), one_by_one.blocks().size());
       for (std::size_t b = 0; b < at_once.blocks().size(); ++b) {
         const PointBlock& a = at_once.blocks()[b];
@@ -114,11 +114,11 @@ TEST(SurfaceIndex, InsertingAllAtOnceEqualsOneByOne) {
         const PointBlock& o = one_by_one.blocks()[other];
         ASSERT_EQ(a.occupied, o.occupied);
         ASSERT_TRUE(std::ranges::equal(a.ids, o.ids));
-        ASSERT_EQ(a.cell, at_once.cellAt(parentOf(a.leaf)));
-        ASSERT_EQ(at_once.blockIn(a.cell, bitInParent(a.leaf)), b);
+        ASSERT_EQ(a.leaf_group, at_once.leafGroupAt(parentOf(a.leaf)));
+        ASSERT_EQ(at_once.blockIn(a.leaf_group, bitInParent(a.leaf)), b);
       }
     }
-    ASSERT_EQ(at_once.cellAt({1 << 19, 0, 0}), kNone);
+    ASSERT_EQ(at_once.leafGroupAt({1 << 19, 0, 0}), kNone);
     if (extent == 20) {
       ASSERT_GT(next_id, 4 * at_once.blocks().size());  // blocks of many points
     }

@@ -32,7 +32,7 @@ TEST(DeviceBlocks, NumberGroupsByPlace) {
     std::map<Index3, std::uint32_t> group_at;
     std::set<std::uint32_t> numbers, told;
     std::uint32_t next_id = 0;
-    std::vector<kernels::BlockNews> news;
+    std::vector<kernels::BlockDelta> deltas;
     std::vector<std::uint32_t> ids;
     for (int batch = 0; batch < 10; ++batch) {
       std::set<std::uint32_t> changed;
@@ -42,9 +42,9 @@ TEST(DeviceBlocks, NumberGroupsByPlace) {
       }
       std::vector<std::uint32_t> in_any_order(changed.begin(), changed.end());
       if (batch % 2 == 1) std::ranges::reverse(in_any_order);
-      blocks.news(in_any_order, index.blocks(), news, ids);
-      ASSERT_EQ(news.size(), in_any_order.size());
-      for (const kernels::BlockNews& block : news) {
+      blocks.deltas(in_any_order, index.blocks(), deltas, ids);
+      ASSERT_EQ(deltas.size(), in_any_order.size());
+      for (const kernels::BlockDelta& block : deltas) {
         ASSERT_EQ(block.is_new != 0, told.insert(block.block).second);
         if (block.is_new == 0) continue;
         const Index3 place = {floorOf(8 * block.leaf[0]), floorOf(8 * block.leaf[1]), floorOf(8 * block.leaf[2])};

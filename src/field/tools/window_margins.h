@@ -18,7 +18,7 @@ namespace accessvdb::internal {
 struct ToolKernel;
 
 /// In voxels, along x and y unless it says otherwise.
-struct WindowReach {
+struct WindowMargins {
   std::int32_t map = 0;         ///< from a point to the farthest voxel that its score or weight reads
   std::int32_t returns = 0;     ///< from a return to the farthest voxel that it changes
   std::int32_t neighbours = 0;  ///< from a point to the farthest neighbour of its normal and its joined views
@@ -30,9 +30,9 @@ struct WindowReach {
   /// Along any axis: from a return to the farthest point whose label may depend on it.
   [[nodiscard]] std::int32_t influence() const;
 };
-WindowReach windowReach(const ToolKernel& tool, const FieldParams& resolved);
+WindowMargins windowMargins(const ToolKernel& tool, const FieldParams& resolved);
 /// Of a field with several tools.
-WindowReach unionOf(const WindowReach& a, const WindowReach& b);
+WindowMargins unionOf(const WindowMargins& a, const WindowMargins& b);
 
 /// A box of voxels, unbounded in z: low <= ijk < high.
 struct VoxelColumnBox {
@@ -43,6 +43,6 @@ struct VoxelColumnBox {
 };
 VoxelColumnBox coreOf(const FieldWindow& window);
 /// Voxels whose returns a window needs.
-VoxelColumnBox returnsOf(const FieldWindow& window, const WindowReach& reach);
+VoxelColumnBox returnsOf(const FieldWindow& window, const WindowMargins& margins);
 
 }  // namespace accessvdb::internal

@@ -1,6 +1,6 @@
 // Copyright Contributors to the AccessVDB project
 // SPDX-License-Identifier: Apache-2.0
-/// The changes of one call, in blocks handed to threads.
+/// The changes of one call, in batches handed to threads.
 #pragma once
 
 #include <tbb/parallel_for.h>
@@ -14,17 +14,17 @@ namespace accessvdb::internal {
 
 /// Changes of leaves of one kind (occupancy_leaves.h, distance_leaves.h).
 template <class Leaves>
-using ChangeParts = std::span<const std::span<const typename Leaves::Change>>;
+using ChangeLists = std::span<const std::span<const typename Leaves::Change>>;
 
 template <class Leaves>
-struct ChangeBlock {
+struct ChangeBatch {
   using Change = typename Leaves::Change;
-  static constexpr std::uint32_t kMost = Leaves::kBlock;
+  static constexpr std::uint32_t kMost = Leaves::kBatch;
   const Change* changes = nullptr;
   std::uint32_t count = 0;
   std::uint32_t begin = 0;  ///< earlier changes of the call
   // Filled while the leaves are located.
-  std::uint32_t added = 0, first_added = 0;  ///< leaves that this block adds; those that earlier blocks add
+  std::uint32_t added = 0, first_added = 0;  ///< leaves that this batch adds; those that earlier batches add
   bool lacks_lower = false;                  ///< a node above one of them is missing too
   bool skips = false;                        ///< has changes without a leaf and without bits
   bool aligned = true;                       ///< its origins are multiples of 8
@@ -33,14 +33,14 @@ struct ChangeBlock {
 
 /// @return number of changes
 template <class Leaves>
-std::uint32_t divide(ChangeParts<Leaves> parts, std::vector<ChangeBlock<Leaves>>& blocks) {
-  using ChangeBlock = ChangeBlock<Leaves>;
-  blocks.clear();
+std::uint32_t divide(ChangeLists<Leaves> lists, std::vector<ChangeBatch<Leaves>>& batches) {
+  using ChangeBatch = ChangeBatch<Leaves>;
+  batches.clear();
   std::uint32_t total = 0;
-  for (const auto& part : parts) {
-    for (std::size_t at = 0; at < part.size(); at += ChangeBlock::kMost) {
-      const auto count = static_cast<std::uint32_t>(std::min<std::size_t>(part.size() - at, ChangeBlock::kMost));
-      blocks.push_back({part.data() + at, count, total});
+  for (const auto& list : lists) {
+    for (std::size_t at = 0; at < list.size(); at += ChangeBatch::kMost) {
+      const auto count = static_cast<std::uint32_t>(std::min<std::size_t>(list.size() - at, ChangeBatch::kMost));
+      batches.push_back({list.data() + at, count, total});
       total += count;
     }
   }
@@ -61,10 +61,10 @@ void forEachIndex(std::size_t begin, std::size_t end, std::size_t least, const A
 /// Merges all changes of a leaf into one, in their order. For calls where leaves occur more than once, which a single
 /// scan never produces: not fast.
 template <class Leaves>
-std::vector<typename Leaves::Change> mergedByLeaf(ChangeParts<Leaves> parts) {
+std::vector<typename Leaves::Change> mergedByLeaf(ChangeLists<Leaves> lists) {
   using Change = typename Leaves::Change;
   std::vector<Change> merged;
-  for (const auto& part : parts) merged.insert(merged.end(), part.begin(), part.end());
+  for (const auto& list : lists) merged.insert(merged.end(), list.begin(), list.end());
   std::stable_sort(merged.begin(), merged.end(),
                    [](const Change& a, const Change& b) { return a.origin_ijk < b.origin_ijk; });
   std::size_t kept = 0;

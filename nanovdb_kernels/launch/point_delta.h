@@ -27,7 +27,7 @@ struct NeighbourTables {
 };
 
 /// A point that is new, or that a scan touched since the last update.
-struct PointNews {
+struct PointDelta {
   std::uint32_t id = 0, block = 0;
   float position_L[3] = {0, 0, 0};  ///< first return
   float mean_L[3] = {0, 0, 0};      ///< what neighbourhoods are based on
@@ -37,7 +37,7 @@ struct PointNews {
 };
 
 /// A leaf of the map with surface points, new or with more points than before.
-struct BlockNews {
+struct BlockDelta {
   std::uint32_t block = 0;
   std::int32_t leaf[3] = {0, 0, 0};    ///< voxel index >> 3
   std::uint32_t first = 0, count = 0;  ///< its ids are in slots [first, first + count)
@@ -58,8 +58,8 @@ struct AdmitInput {
   /// arrays for all tools.
   std::span<const PointStateView> states;
   std::uint32_t num_points = 0, num_blocks = 0, num_groups = 0, num_slots = 0;
-  std::span<const PointNews> news;
-  std::span<const BlockNews> blocks;
+  std::span<const PointDelta> deltas;
+  std::span<const BlockDelta> blocks;
   std::span<const std::uint32_t> block_ids;
 };
 
@@ -79,7 +79,7 @@ struct ScoringInput {
 };
 
 /// What the map says about the points since the last update; host memory, reusable on return.
-struct ConfidenceNews {
+struct ConfidenceDelta {
   std::span<const PointWeight> weights;  ///< of the admitted points
   std::span<const PointWeight> crossed;  ///< points that became confident enough to be scored; ids differ
 };
