@@ -407,7 +407,74 @@ TEST_F(KeptFiles, PipesDevicesAndFoldersAreNoOutputs) {
   EXPECT_TRUE(fs::is_symlink("/dev/stdout")) << "the name itself was replaced";
 }
 
+/// Only the second one would be left.
+TEST_F(KeptFiles, TwoOutputsAreNotOneFile) {
+  const auto refuse = [this](const Flags& arguments) { expectRefused(arguments, 2, "output.twice"); };
+  refuse({"bench", "--out", path("x"), "--per-frame", path("x")});
+  refuse({"bench", "--out", path("x"), "--per-frame", path("./scans/../x")});
+  writeText("x", "mine");
+  fs::create_hard_link(path("x"), path("hard"));
+  fs::create_symlink(path("x"), path("soft"));
+  fs::create_directory_symlink(folder_, path("folder"));
+  for (const char* other : {"x", "hard", "soft", "folder/x", "folder/soft"}) {
+    refuse({"bench", "--out", path("x"), "--per-frame", path(other)});
+    refuse({"bench", "--out", path(other), "--per-frame", path("x")});
+  }
+  succeed(map({"--tiles", "6.4"}));
+  for (const char* other : {"all", "./all", "folder/all"}) {
+    refuse({"tile", "merge", path("out"), "--points", path("all"), "--vdb", path(other)});
+  }
+  refuse({"tile", "merge", path("out"), "--points", path("out/preview.png")});
+  refuse({"tile", "merge", path("out"), "--vdb", path("folder/out/preview.png")});
+  succeed({"tile", "merge", path("out"), "--points", path("all.ply"), "--vdb", path("all.vdb")});
+}
+
+TEST_F(KeptFiles, NothingIsMergedIntoTheTiles) {
+  succeed(map({"--tiles", "6.4", "--keep-rays"}));
+  fs::create_directory_symlink(path("out/tiles"), path("linked"));
+  for (const std::string& file : {std::string("out/tiles/all"), firstTile() + "/all", std::string("out/rays/all"),
+                                  std::string("linked/all"), std::string("scans/../out/tiles/../tiles/all")}) {
+    expectInput({"tile", "merge", path("out"), "--points", path(file + ".ply")});
+    expectInput({"tile", "merge", path("out"), "--vdb", path(file + ".vdb")});
+  }
+  succeed({"tile", "merge", path("out"), "--points", path("out/all.ply")});
+}
+
+TEST_F(KeptFiles, AForeignPlanIsNotReplaced) {
+  for (const char* content : {"{}", "mine", ""}) {
+    writeText("out/plan.json", content);
+    for (const char* tiles : {"off", "auto", "6.4"}) {
+      expectRefused(map({"--fresh", "--tiles", tiles}), 7, "output.foreign");
+    }
+    expectRefused(plan({"--fresh", "--tiles", "6.4"}), 7, "output.foreign");
+  }
+}
+
 /// A pipe that nobody writes into must not be waited for.
+TEST_F(KeptFiles, PipesAndDevicesNamedByFlagsAreNoInputs) {
+  ASSERT_EQ(::mkfifo(path("pipe").c_str(), 0600), 0);
+  fs::copy_file(path("tool.obj"), path("mesh.obj"));
+  for (const std::string& file : {path("pipe"), std::string("/dev/zero"), std::string("/dev/null")}) {
+    for (const std::string verb : {"map", "advise", "live", "simulate", "evaluate", "bench", "info", "query", "diff",
+                                   "render", "report", "whatif", "tile plan"}) {
+      const Flags words = verb == "tile plan" ? Flags{"tile", "plan"} : Flags{verb};
+      Flags config = words;
+      config.insert(config.end(), {"--config", file});
+      expectRefused(config, 3, "input.not_a_file");
+    }
+    for (const Flags& flags :
+         {Flags{"--scans", file}, Flags{"--poses", file}, Flags{"--calib", file},
+          Flags{"--poses", "", "--trajectory", file}, Flags{"--poses", "", "--stations", file}, Flags{"--tool", file},
+          Flags{"--orientations", "list:" + file}, Flags{"--remove", "mesh:" + file}, Flags{"--remove", "ids:" + file},
+          Flags{"--resume", file}, Flags{"--origin", file}}) {
+      SCOPED_TRACE(file + " " + flags[flags.size() - 2]);
+      const ProgramResult result = runProgram(map(flags));
+      EXPECT_GT(result.exit_code, 1) << result.err;
+      EXPECT_LT(result.exit_code, 5) << result.err;
+    }
+  }
+}
+
 TEST_F(KeptFiles, PipesAreNoInputs) {
   succeed(map());
   fs::remove(path("out/points.ply"));

@@ -126,7 +126,7 @@ Paths MapRun::outputs() const {
   if (options_.exported.sequence > 0) {  // some of these will be frames
     for (const auto& entry : fs::directory_iterator(options_.out, error)) {
       const std::string name = entry.path().filename().string();
-      if (name.starts_with("field_") && name.ends_with(".vdb")) names.push_back(name);
+      if (name != "field_points.vdb" && name.starts_with("field_") && name.ends_with(".vdb")) names.push_back(name);
     }
   }
   return inFolder(options_.out, names);

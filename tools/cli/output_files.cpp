@@ -52,26 +52,64 @@ void addAllIn(const fs::path& folder, Paths& paths) {
   }
 }
 
+/// Where the file is or would be, without links in its folders; empty if that cannot be said.
+fs::path placeOf(const fs::path& file) {
+  std::error_code error;
+  const fs::path place = fs::weakly_canonical(fs::absolute(file, error), error);
+  return error || file.empty() ? fs::path() : place;
+}
+
+/// The first of the files that lies in the folder, or below it; null: none.
+const fs::path* firstWithin(const fs::path& folder, const Paths& files) {
+  const fs::path whole = placeOf(folder);
+  const auto lies = [&](const fs::path& file) {
+    const fs::path place = placeOf(file);
+    return !place.empty() && std::mismatch(whole.begin(), whole.end(), place.begin(), place.end()).first == whole.end();
+  };
+  const auto found = whole.empty() ? files.end() : std::ranges::find_if(files, lies);
+  return found == files.end() ? nullptr : &*found;
+}
+
 /// @throws InvalidArgument "output.is_input" for an input in one of the folders
 void requireOutside(const Paths& folders, const Paths& inputs) {
   for (const fs::path& folder : folders) {
-    std::error_code error;
-    const fs::path whole = fs::canonical(folder, error);
-    if (error) continue;
-    for (const fs::path& input : inputs) {
-      const fs::path path = input.empty() ? fs::path() : fs::canonical(input, error);
-      if (error || path.empty()) continue;
-      if (std::mismatch(whole.begin(), whole.end(), path.begin(), path.end()).first != whole.end()) continue;
-      throw InvalidArgument("output.is_input", folder.string(),
-                            "is filled and cleared by this run, but " + input.string() + " is read from it",
-                            "Choose another output folder, or move the input; nothing was changed");
-    }
+    const fs::path* input = firstWithin(folder, inputs);
+    if (input == nullptr) continue;
+    throw InvalidArgument("output.is_input", folder.string(),
+                          "is filled and cleared by this run, but " + input->string() + " is read from it",
+                          "Choose another output folder, or move the input; nothing was changed");
   }
 }
 
 }  // namespace
 
+void requireDistinct(const Paths& outputs) {
+  std::map<fs::path, const fs::path*> by_place;
+  std::map<FileId, const fs::path*> by_id;
+  for (const fs::path& output : outputs) {
+    if (output.empty() || io::isStream(output)) continue;
+    const fs::path* other = by_place.emplace(placeOf(output), &output).first->second;
+    if (const auto id = idOf(output); id && other == &output) other = by_id.emplace(*id, &output).first->second;
+    if (other == &output) continue;
+    throw InvalidArgument("output.twice", output.string(),
+                          "is to hold two outputs of this run" +
+                              (*other == output ? std::string() : "; the other one is named " + other->string()),
+                          "Choose another name for one of them; nothing was changed");
+  }
+}
+
+void requireNotInTiles(const fs::path& out, const Paths& outputs) {
+  for (const fs::path& folder : inFolder(out, {"rays", "tiles"})) {
+    const fs::path* output = firstWithin(folder, outputs);
+    if (output == nullptr) continue;
+    throw InvalidArgument("output.is_input", output->string(),
+                          "would be written into " + folder.string() + ", which this run reads",
+                          "Choose another folder; nothing was changed");
+  }
+}
+
 void requireNoInputs(const Paths& outputs, const Paths& inputs) {
+  requireDistinct(outputs);
   std::map<FileId, const fs::path*> written;
   for (const fs::path& output : outputs) {
     if (output.empty() || io::isStream(output)) continue;
@@ -102,6 +140,8 @@ void requireNoInputsInTiles(const fs::path& out, const Paths& inputs) {
 
 /// The keys that a JSON file of each kind has at its top.
 bool isOwnJson(const fs::path& file) {
+  std::error_code error;
+  if (!fs::is_regular_file(file, error)) return false;
   std::ifstream in(file, std::ios::binary);
   const nlohmann::json json = nlohmann::json::parse(in, nullptr, false);
   const std::vector<std::vector<const char*>> kinds = {

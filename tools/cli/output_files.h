@@ -13,9 +13,15 @@ namespace accessvdb::tools {
 
 using Paths = std::vector<std::filesystem::path>;
 
-/// Outputs that exist and are one of the inputs, whatever they are called: the same file by another spelling, a link or
-/// a hard link. Standard output and /dev/null are no such outputs.
-/// @throws InvalidArgument "output.is_input"; OutputError "output.is_folder", "output.not_a_file"
+/// Two outputs under one name, whatever it is called, of which only the last would be left.
+/// @throws InvalidArgument "output.twice"
+void requireDistinct(const Paths& outputs);
+/// Outputs that the user named do not go among the tiles of a map.
+/// @throws InvalidArgument "output.is_input"
+void requireNotInTiles(const std::filesystem::path& out, const Paths& outputs);
+/// Outputs that are distinct, but exist and are one of the inputs, whatever they are called: the same file by another
+/// spelling, a link or a hard link. Standard output and /dev/null are no such outputs.
+/// @throws InvalidArgument "output.twice", "output.is_input"; OutputError "output.is_folder", "output.not_a_file"
 void requireNoInputs(const Paths& outputs, const Paths& inputs);
 /// For a run in tiles: its files in OUT are no inputs, and none lies in OUT/rays or OUT/tiles, which it fills and
 /// clears.

@@ -260,7 +260,10 @@ void requireNoInputsOfMerge(const OpenJob& open, const StepOptions& options) {
     if (!file.empty()) named.emplace_back(file);
   }
   requireNoInputs(named, joined(planned, read));
-  requireOwn(inFolder(out, {"preview.png", "report.json"}));
+  requireNotInTiles(out, named);
+  const Paths own = inFolder(out, {"preview.png", "report.json"});
+  requireDistinct(joined(named, own));
+  requireOwn(own);
 }
 
 int mergeTiles(const Arguments& arguments, Messages& messages) {
