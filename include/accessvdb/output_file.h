@@ -16,4 +16,8 @@ namespace accessvdb::io {
 /// @throws OutputError "output.is_folder"; "output.not_a_file" for pipes, sockets and devices, which could block
 ACCESSVDB_API void requireOutputFile(const std::filesystem::path& path);
 
+/// For handlers of signals that end the process: deletes the temporary files that are being written. What they were to
+/// replace stays as it is.
+ACCESSVDB_API void removeUnfinishedFiles() noexcept;
+
 }  // namespace accessvdb::io

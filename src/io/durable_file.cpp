@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include <array>
+#include <atomic>
 #include <cerrno>
 #include <chrono>
 #include <cstdio>
@@ -243,6 +244,43 @@ void removeStaleTempsOf(const std::filesystem::path& target) {
   }
 }
 
+/// Names of temporary files where a signal handler can read them: it may neither lock nor allocate. More files at a
+/// time than there is room for are left to removeStaleTemps().
+class UnfinishedFiles {
+ public:
+  /// @return the place of the name, or none
+  std::size_t add(const std::filesystem::path& path) {
+    for (std::size_t n = 0; n < names_.size() && path.native().size() < kMostBytes; ++n) {
+      Name& name = names_[n];
+      if (name.taken.exchange(true)) continue;
+      std::memcpy(name.text, path.c_str(), path.native().size() + 1);
+      name.written = true;
+      return n;
+    }
+    return names_.size();
+  }
+  void remove(std::size_t place) {
+    if (place == names_.size()) return;
+    names_[place].written = false;
+    names_[place].taken = false;
+  }
+  void unlinkAll() const {
+    for (const Name& name : names_) {
+      if (name.written) ::unlink(name.text);
+    }
+  }
+
+ private:
+  static constexpr std::size_t kMostBytes = 4096;
+  struct Name {
+    std::atomic<bool> taken = false, written = false;
+    char text[kMostBytes] = {};
+  };
+  static_assert(std::atomic<bool>::is_always_lock_free);
+  std::array<Name, 16> names_;
+};
+UnfinishedFiles unfinished_files;
+
 /// The temporary file of one target; unlinked unless it was renamed.
 class TempFile {
  public:
@@ -252,7 +290,10 @@ class TempFile {
       temp_ = folderOf(target) /
               std::string(".").append(target.filename().string()).append(".").append(randomHex()).append(".tmp");
       fd_ = ::open(temp_.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
-      if (fd_ >= 0 && markAsWritten(fd_)) return;
+      if (fd_ >= 0 && markAsWritten(fd_)) {
+        unfinished_ = unfinished_files.add(temp_);
+        return;
+      }
       if (fd_ >= 0) {
         ::close(std::exchange(fd_, -1));
       } else if (errno != EEXIST && errno != EINTR) {
@@ -264,6 +305,7 @@ class TempFile {
   ~TempFile() {
     if (fd_ >= 0) ::close(fd_);
     if (!renamed_) ::unlink(temp_.c_str());
+    unfinished_files.remove(unfinished_);
   }
   TempFile(const TempFile&) = delete;
   TempFile& operator=(const TempFile&) = delete;
@@ -300,6 +342,7 @@ class TempFile {
   }
 
   std::filesystem::path target_, temp_;
+  std::size_t unfinished_ = 0;
   int fd_ = -1;
   bool renamed_ = false;
 };
@@ -413,6 +456,8 @@ void requireOutputFile(const std::filesystem::path& path) {
   throw OutputError("output.not_a_file", path.string(), "is a pipe, a socket or a device",
                     "Give the name of a regular file, or write to standard output");
 }
+
+void removeUnfinishedFiles() noexcept { unfinished_files.unlinkAll(); }
 
 void prepareOutputFolder(const std::filesystem::path& folder) {
   std::error_code error;

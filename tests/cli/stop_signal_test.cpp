@@ -58,6 +58,53 @@ TEST_F(StopSignal, HangupIsIgnoredUnderNohup) {
   EXPECT_EQ(result.exit_code, 0) << result.err;
 }
 
+/// Verbs that only compute and then write: one line, a code, and nothing of what was being written.
+TEST_F(StopSignal, LeavesNoHalfWrittenFile) {
+  writeWallScans(4, 120);
+  writePoses();
+  writeBoxTool(0.9, 0.1);
+  const std::vector<std::string> tool = {"--tool", path("tool.obj"), "--tool-unit", "m"};
+  const auto with = [&](std::vector<std::string> arguments) {
+    arguments.insert(arguments.end(), tool.begin(), tool.end());
+    return arguments;
+  };
+  const ProgramResult mapped = runProgram(mapArguments(
+      {"--voxel", "0.01", "--tool", path("tool.obj"), "--tool-unit", "m", "--checkpoint", path("cp"), "--quiet"}));
+  ASSERT_EQ(mapped.exit_code, 0) << mapped.err;
+  fs::create_directories(path("new"));
+  const std::vector<std::string> verbs[] = {
+      with({"report", "--map", path("out"), "--out", path("new/x.html")}),
+      with({"render", "--width", "4000", "--height", "4000", "--out", path("new/x.png")}),
+      with({"whatif", path("cp"), "--remove", "box:1.9,-1,-1,2.1,0,1", "--out", path("new")})};
+  for (const auto& arguments : verbs) {
+    SCOPED_TRACE(arguments.front());
+    ProgramSetup setup;
+    setup.arguments = arguments;
+    setup.signal_after = "accessvdb: ";
+    bool written = false;
+    setup.act = [&](pid_t process) {
+      siginfo_t ended = {};
+      while (!written && waitid(P_PID, static_cast<id_t>(process), &ended, WEXITED | WNOHANG | WNOWAIT) == 0 &&
+             ended.si_pid == 0) {
+        for (const std::string& name : listing("new")) written = written || name.ends_with(".tmp");
+      }
+      kill(process, SIGTERM);
+    };
+    // A file may be written before the test sees that it is.
+    ProgramResult stopped;
+    for (int n = 0; n < 50 && stopped.exit_code != 128 + SIGTERM; ++n) {
+      fs::remove_all(path("new"));
+      fs::create_directories(path("new"));
+      written = false;
+      stopped = runProgram(setup);
+    }
+    EXPECT_TRUE(written);
+    EXPECT_EQ(stopped.exit_code, 128 + SIGTERM) << stopped.err;
+    EXPECT_NE(stopped.err.find("accessvdb: stopped by SIGTERM"), std::string::npos) << stopped.err;
+    for (const std::string& name : listing("new")) EXPECT_FALSE(name.ends_with(".tmp")) << name;
+  }
+}
+
 /// The decoder of LAZ files writes nothing for two minutes.
 TEST_F(StopSignal, EndsARunThatWaitsForAnotherProgram) {
   writeText("scans/a.laz", "LASF");

@@ -11,6 +11,7 @@
 #include "json_text.h"
 #include "options.h"
 #include "output_files.h"
+#include "stop_signal.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -122,6 +123,7 @@ int runDiff(const Arguments& arguments, Messages& messages) {
   for (const std::string& parameter : diff.other_parameters) {
     messages.warning("diff.parameters", "the maps were made with different parameters: " + parameter);
   }
+  endOnStopSignals(messages);
   if (!out.empty()) {
     const fs::path folder = out;
     io::writeDiffPly(folder / "diff.ply", diff);

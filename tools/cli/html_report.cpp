@@ -11,6 +11,7 @@
 #include "accessvdb/html_report.h"
 #include "command_line.h"
 #include "output_files.h"
+#include "stop_signal.h"
 #include "verbs.h"
 
 namespace accessvdb::tools {
@@ -94,6 +95,7 @@ int runReport(const Arguments& arguments, Messages& messages) {
     throw InvalidArgument("usage.max_points", "--max-points",
                           "must be " + std::to_string(io::HtmlReportOptions::kLeastPoints) + " or more");
   }
+  endOnStopSignals(messages);
   const auto drawn = toolToDraw(tool_options, map);
   requireNoInputs({out}, joined(joined(filesOfTools(drawn.value_or(ToolOptions())), {common.config}), filesOfMap(map)));
   std::optional<ToolGeometry> tool;

@@ -12,6 +12,7 @@
 #include "options.h"
 #include "output_files.h"
 #include "plausibility.h"
+#include "stop_signal.h"
 #include "tiled_map.h"
 #include "verbs.h"
 
@@ -39,6 +40,7 @@ int runRender(const Arguments& arguments, Messages& messages) {
                           "See accessvdb render --help");
   }
   if (out.empty()) throw InvalidArgument("usage.missing", "--out", "is missing", "Name the PNG file to write");
+  endOnStopSignals(messages);
   const io::RenderOptions render = renderOptions(picture);
   requireNoInputs({out}, joined(joined(filesOfTools(tool_options), {common.config}), filesOfMap(map)));
   if (!map.empty()) {

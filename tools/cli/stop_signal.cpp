@@ -7,6 +7,9 @@
 #include <atomic>
 #include <csignal>
 #include <ctime>
+#include <string_view>
+
+#include "accessvdb/output_file.h"
 
 namespace accessvdb::tools {
 namespace {
@@ -49,13 +52,46 @@ void remember(int signal) {
   alarm(kPatience_s);
 }
 
+// What endClean() has to know.
+std::atomic<pid_t> own_process = 0;
+std::atomic<bool> json_lines = false, quiet = false;
+
+void write(std::string_view text) {
+  if (::write(STDERR_FILENO, text.data(), text.size()) < 0) return;  // nobody is left to tell
+}
+
+/// Of two threads that handle signals the first one ends the program.
+void endClean(int signal) {
+  int none = 0;
+  if (getpid() != own_process) return endBy(signal);  // a child that reads a mesh
+  if (!stop_signal.compare_exchange_strong(none, signal)) return;
+  io::removeUnfinishedFiles();
+  if (!quiet) {
+    write(json_lines ? "{\"level\":\"notice\",\"text\":\"stopped by " : "accessvdb: stopped by ");
+    write(stopSignalName());
+    write(json_lines ? "; no half-written file is left\"}\n" : "; no half-written file is left\n");
+  }
+  _exit(128 + signal);
+}
+
+void handleWith(void (*handler)(int)) {
+  std::signal(SIGINT, handler);
+  std::signal(SIGTERM, handler);
+  if (std::signal(SIGHUP, handler) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);
+}
+
 }  // namespace
 
 void watchStopSignals() {
   std::signal(SIGALRM, lookAgain);
-  std::signal(SIGINT, remember);
-  std::signal(SIGTERM, remember);
-  if (std::signal(SIGHUP, remember) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);
+  handleWith(remember);
+}
+
+void endOnStopSignals(const Messages& messages) {
+  own_process = getpid();
+  json_lines = messages.format() == ErrorFormat::Json;
+  quiet = messages.quiet();
+  handleWith(endClean);
 }
 
 int stopSignal() {

@@ -15,6 +15,7 @@
 #include "output_files.h"
 #include "region_options.h"
 #include "state_file.h"
+#include "stop_signal.h"
 #include "tools_given.h"
 #include "verbs.h"
 
@@ -164,6 +165,7 @@ int runWhatIf(const Arguments& arguments, Messages& messages) {
   flags.flag("--json", options.json, "print the answer as JSON");
   if (!parseCommandLine(flags, arguments, options.common, messages)) return 0;
   checkOptions(options);
+  endOnStopSignals(messages);
   std::vector<Region> regions;
   for (const std::string& text : options.remove) regions.push_back(parseRegion(text));
   const fs::path file = stateFile(options.state, "usage.whatif", "nothing can be tried again");
