@@ -456,7 +456,7 @@ TEST_F(KeptFiles, PipesAndDevicesNamedByFlagsAreNoInputs) {
   fs::copy_file(path("tool.obj"), path("mesh.obj"));
   for (const std::string& file : {path("pipe"), std::string("/dev/zero"), std::string("/dev/null")}) {
     for (const std::string verb : {"map", "advise", "live", "simulate", "evaluate", "bench", "info", "query", "diff",
-                                    "render", "report", "whatif", "tile plan"}) {
+                                   "render", "report", "whatif", "tile plan"}) {
       const Flags words = verb == "tile plan" ? Flags{"tile", "plan"} : Flags{verb};
       Flags config = words;
       config.insert(config.end(), {"--config", file});
