@@ -7,6 +7,7 @@
 #include <type_traits>
 
 #include "cuda/memory/cuda_check.h"
+#include "cuda/search/launch_by_form.h"
 #include "cuda/search/leaf_window.cuh"
 #include "cuda/search/score_kernels.h"
 #include "cuda/search/warp_search.cuh"
@@ -81,15 +82,6 @@ inline void allowAllShared(const void* kernel, int shared_bytes_per_block) {
   ACCESSVDB_CUDA(cudaFuncGetAttributes(&attributes, kernel));
   const int rest = shared_bytes_per_block - static_cast<int>(attributes.sharedSizeBytes);
   ACCESSVDB_CUDA(cudaFuncSetAttribute(kernel, cudaFuncAttributeMaxDynamicSharedMemorySize, rest));
-}
-
-/// Calls launch(samples, rolls) with constants that say how the tool is counted: std::true_type or std::false_type.
-template <class Launch>
-void launchByForm(const ToolKernelView& tool, const Launch& launch) {
-  const auto withForm = [&](auto samples) {
-    tool.parts > 1 ? launch(samples, std::true_type()) : launch(samples, std::false_type());
-  };
-  tool.use_samples ? withForm(std::true_type()) : withForm(std::false_type());
 }
 
 /// How a kernel that searches points is launched.

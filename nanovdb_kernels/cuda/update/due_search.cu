@@ -7,6 +7,7 @@
 
 #include "cuda/memory/cuda_check.h"
 #include "cuda/search/busy_window.cuh"
+#include "cuda/search/launch_by_form.h"
 #include "cuda/search/warp_search.cuh"
 #include "cuda/update/known_collisions.cuh"
 #include "cuda/update/update_kernels.h"
@@ -18,17 +19,6 @@ constexpr unsigned kWarps = 4, kThreads = kWarps * kWarp;
 /// Blocks that a multiprocessor should hold. More gain nothing: warps read much of the map, and evict each other's data
 /// from the cache.
 constexpr unsigned kBlocksEach = 6;
-
-/// How tool collisions are counted. One kernel per form: code for the others would only take up instruction cache.
-struct CountForm {
-  enum class Of { Columns, Samples, Slabs };
-  Of of;
-  bool rolls = false;  ///< the tool has parts that roll
-  bool thick = false;  ///< slabs: of more than one layer
-  bool rows = false;   ///< slabs: with rows; always if the tool rolls
-
-  [[nodiscard]] constexpr bool bySlabs() const { return of == Of::Slabs; }
-};
 
 extern __shared__ std::uint32_t nodes_of_windows[];
 
@@ -83,18 +73,17 @@ __device__ void prepareSlabs(const DueSearch& search, SlabWork& work) {
 }
 
 /// Makes a point's collision counter. All lanes call it.
-template <CountForm kForm, class Window>
+template <class Form, class Window>
 __device__ auto makeCounter(const DueSearch& search, const Window& window, const MapOutside& map, const DuePoint& point,
                             WarpScratch& scratch, int lane) {
-  if constexpr (kForm.rolls) {
-    constexpr CountForm kOfPart = {kForm.of, false, kForm.thick, kForm.rows};
-    const auto of_part = makeCounter<kOfPart>(search, window, map, point, scratch, lane);
+  if constexpr (Form::rolls) {
+    const auto of_part = makeCounter<typename Form::OfPart>(search, window, map, point, scratch, lane);
     return RollCounter<std::decay_t<decltype(of_part)>, false>{of_part, search.tool.parts};
-  } else if constexpr (kForm.bySlabs()) {
+  } else if constexpr (Form::by_slabs) {
     if (lane < 3) scratch.slabs.in_window[lane] = window.fromCorner(point.ijk, lane);
     __syncwarp();
-    return SlabCounter<kForm.thick, kForm.rows>{scratch.slabs, lane};
-  } else if constexpr (kForm.of == CountForm::Of::Columns) {
+    return SlabCounter<Form::thick, Form::rows>{scratch.slabs, lane};
+  } else if constexpr (Form::by_columns) {
     return ColumnCounter<Window>{window, search.tool, point.ijk, lane};
   } else {
     return SampleCounter<Window>{window, map, search.tool, point.position_L, search.map.inverse_voxel_size, lane};
@@ -386,14 +375,14 @@ struct DueRange {
 };
 
 /// @tparam kAll  whether the items need all directions or only some
-template <class Window, CountForm kForm, bool kAll>
+template <class Window, class Form, bool kAll>
 __global__ void __launch_bounds__(kThreads, kBlocksEach)
     evaluateDue(const __grid_constant__ DueWork work, const __grid_constant__ DueSearch search,
                 const __grid_constant__ DueRange range) {
   __shared__ WarpScratch all_scratch[kWarps];
   const int lane = static_cast<int>(threadIdx.x % kWarp);
   WarpScratch& scratch = all_scratch[threadIdx.x / kWarp];
-  if (kForm.bySlabs() && lane == 0) prepareSlabs(search, scratch.slabs);
+  if (Form::by_slabs && lane == 0) prepareSlabs(search, scratch.slabs);
   const std::uint32_t begin = range.begin != nullptr ? *range.begin : 0, count = *range.end - begin;
   const MapOutside map(search.map);
 #pragma unroll 1
@@ -402,7 +391,7 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
     const ListedDue& item = work.due.items[which];
     const DuePoint point(work.points.points, item.id, search.map.inverse_voxel_size);
     const Window window = makeDueWindow<Window>(search, point.ijk, lane);
-    const auto counter = makeCounter<kForm>(search, window, map, point, scratch, lane);
+    const auto counter = makeCounter<Form>(search, window, map, point, scratch, lane);
     const WarpEvaluation<Window, std::decay_t<decltype(counter)>> evaluation = {
         work, search, {window, map, search.map.inverse_voxel_size}, point, counter, scratch, lane};
     if constexpr (kAll) {
@@ -414,7 +403,7 @@ __global__ void __launch_bounds__(kThreads, kBlocksEach)
   }
 }
 
-template <class Window, CountForm kForm>
+template <class Window, class Form>
 void launchSearches(const DueWork& work, const DueSearch& search, const DueStreams& streams) {
   // Persistent blocks: as many as run at a time.
   const unsigned blocks = static_cast<unsigned>(search.multiprocessors) * kBlocksEach;
@@ -430,13 +419,13 @@ void launchSearches(const DueWork& work, const DueSearch& search, const DueStrea
                                  cudaMemcpyDeviceToDevice, streams.main));
   ACCESSVDB_CUDA(cudaEventRecord(streams.fork, streams.main));
   ACCESSVDB_CUDA(cudaStreamWaitEvent(streams.beside, streams.fork));
-  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, streams.beside>>>(work, search, whole);
+  evaluateDue<Window, Form, true><<<blocks, kThreads, bytes, streams.beside>>>(work, search, whole);
   checkLaunch("evaluateDue");
   ACCESSVDB_CUDA(cudaEventRecord(streams.join, streams.beside));
-  evaluateDue<Window, kForm, false><<<blocks, kThreads, bytes, streams.main>>>(work, search, some);
+  evaluateDue<Window, Form, false><<<blocks, kThreads, bytes, streams.main>>>(work, search, some);
   checkLaunch("evaluateDue");
   ACCESSVDB_CUDA(cudaStreamWaitEvent(streams.main, streams.join));
-  evaluateDue<Window, kForm, true><<<blocks, kThreads, bytes, streams.main>>>(work, search, added);
+  evaluateDue<Window, Form, true><<<blocks, kThreads, bytes, streams.main>>>(work, search, added);
   checkLaunch("evaluateDue");
 }
 
@@ -447,23 +436,20 @@ void launchDueSearch(const DueWork& work, const DueSearch& search, std::uint32_t
   orderDue<<<(max_busy + kThreads - 1) / kThreads, kThreads, 0, streams.main>>>(work.due);
   checkLaunch("orderDue");
   launchByForm(search.tool, [&](auto samples, auto rolls) {
-    using enum CountForm::Of;
-    constexpr CountForm kForm = {samples ? Samples : Columns, rolls};
-    if (search.window.kind != WindowPlan::Kind::Lowers) return launchSearches<TreeWindow, kForm>(work, search, streams);
+    using Form = CountForm<samples ? CountOf::Samples : CountOf::Columns, rolls>;
+    if (search.window.kind != WindowPlan::Kind::Lowers) return launchSearches<TreeWindow, Form>(work, search, streams);
+    const auto bySlabs = [&](auto rows) {
+      search.slabs.thick
+          ? launchSearches<BusyWindow, CountForm<CountOf::Slabs, rolls, true, rows>>(work, search, streams)
+          : launchSearches<BusyWindow, CountForm<CountOf::Slabs, rolls, false, rows>>(work, search, streams);
+    };
     if constexpr (!samples) {
-      if (search.slabs.rows != nullptr) {
-        return search.slabs.thick
-                   ? launchSearches<BusyWindow, CountForm{Slabs, rolls, true, true}>(work, search, streams)
-                   : launchSearches<BusyWindow, CountForm{Slabs, rolls, false, true}>(work, search, streams);
-      }
+      if (search.slabs.rows != nullptr) return bySlabs(std::true_type());
     }
     if constexpr (!samples && !rolls) {
-      if (search.slabs.begin != nullptr) {
-        return search.slabs.thick ? launchSearches<BusyWindow, CountForm{Slabs, false, true}>(work, search, streams)
-                                  : launchSearches<BusyWindow, CountForm{Slabs}>(work, search, streams);
-      }
+      if (search.slabs.begin != nullptr) return bySlabs(std::false_type());
     }
-    launchSearches<BusyWindow, kForm>(work, search, streams);
+    launchSearches<BusyWindow, Form>(work, search, streams);
   });
   ACCESSVDB_CUDA(cudaMemsetAsync(work.due.counters, 0, sizeof(SearchCounters), streams.main));
 }
